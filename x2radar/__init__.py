@@ -1,0 +1,1 @@
+"""Pet-immune radar alarm: the driver. See README.md."""

@@ -1,0 +1,109 @@
+"""Messages to frames: the one place that knows which messages carry an echo.
+
+Raw RF frames, X4 style down-converted float frames, baseband I/Q and baseband
+amplitude/phase all become a `Frame` with its axis; every other message is none.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from x2radar.frame import CounterTracker, FastTimeAxis, Frame, Step, read_only
+from x2radar.messages import BasebandAp, BasebandIq, Data, Message
+from x2radar.settings import RadarSettings
+from x2radar.wire_ids import ContentId
+
+Samples = NDArray[np.float32] | NDArray[np.complex64]
+
+
+class FrameAssembler:
+    """Build frames from messages, with unwrapped counters.
+
+    Parameters
+    ----------
+    settings : RadarSettings
+        What the module was told; gives raw frames their axis, because they carry none.
+    """
+
+    def __init__(self, settings: RadarSettings) -> None:
+        self._settings = settings
+        self._counter = CounterTracker()
+        self._axes: dict[tuple[float, ...], FastTimeAxis] = {}
+        self.n_repeated = 0
+
+    def frame(self, message: Message, t_mono_s: float) -> Frame | None:
+        """Return the frame in `message`, or None when it holds none or repeats the last.
+
+        Parameters
+        ----------
+        message : Message
+            Anything that a module sends.
+        t_mono_s : float
+            When it was complete, on the host's monotonic clock.
+
+        Returns
+        -------
+        Frame or None
+            Samples are float32 for RF frames and complex64 for baseband, read-only.
+        """
+        match message:
+            case BasebandIq():
+                axis = self._baseband_axis(message)
+                samples: Samples = np.empty(message.i.size, np.complex64)
+                samples.real, samples.imag = message.i, message.q
+                counter = message.counter
+            case BasebandAp():
+                axis = self._baseband_axis(message)
+                samples = np.empty(message.amplitude.size, np.complex64)
+                samples.real = message.amplitude * np.cos(message.phase)
+                samples.imag = message.amplitude * np.sin(message.phase)
+                counter = message.counter
+            case Data(content_id=ContentId.RAW_FRAME) if message.values.dtype == np.float32:
+                axis = self._rf_axis(message.values.size)
+                samples, counter = message.values, message.info
+            case _:
+                return None
+        if samples.size == 0:
+            return None
+        step, lost = self._counter.update(counter)
+        if step is Step.REPEAT:
+            self.n_repeated += 1
+            return None
+        read_only(samples)
+        restarted = step is Step.RESTART
+        return Frame(samples, counter, self._counter.index, lost, restarted, axis, t_mono_s)
+
+    def _rf_axis(self, n_range: int) -> FastTimeAxis:
+        key = (float(n_range),)
+        if key not in self._axes:
+            s = self._settings
+            self._axes[key] = FastTimeAxis(
+                kind="rf",
+                n_range=n_range,
+                bin_length_m=s.bin_length_m,
+                range_offset_m=s.range_offset_m,
+                carrier_hz=s.carrier_hz,
+                bandwidth_hz=s.bandwidth_hz,
+                sample_rate_hz=s.sample_rate_hz,
+            )
+        return self._axes[key]
+
+    def _baseband_axis(self, message: BasebandIq | BasebandAp) -> FastTimeAxis:
+        n_range = message.i.size if isinstance(message, BasebandIq) else message.amplitude.size
+        key = (
+            float(n_range),
+            message.bin_length_m,
+            message.range_offset_m,
+            message.carrier_hz,
+            message.sample_rate_hz,
+        )
+        if key not in self._axes:
+            self._axes[key] = FastTimeAxis(
+                kind="baseband",
+                n_range=n_range,
+                bin_length_m=message.bin_length_m,
+                range_offset_m=message.range_offset_m,
+                carrier_hz=message.carrier_hz,
+                bandwidth_hz=self._settings.bandwidth_hz,
+                sample_rate_hz=message.sample_rate_hz,
+            )
+        return self._axes[key]

@@ -1,0 +1,329 @@
+"""Packets to typed messages and back; layouts are tables, not code.
+
+A `Layout` row names a message class, the bytes it begins with, the struct format of its
+fixed fields, and its arrays with the count that rules them. `encode` and `decode_*` read
+the same rows, so the simulated module and the host cannot disagree. Two messages have a
+shape of their own (REPLY and DATA); they stand at the end.
+
+Host and module use the same first bytes for different things (10 is APPCOMMAND and ACK),
+so there are two decoders: `decode_command` for what a host sends and `decode_response` for
+what a module sends. Arrays come out read-only and share the packet's memory.
+"""
+
+import struct
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from x2radar.errors import MessageError
+from x2radar.messages import (
+    Ack,
+    BasebandAp,
+    BasebandIq,
+    Data,
+    ErrorReply,
+    GetMode,
+    GetSystemInfo,
+    LoadProfile,
+    Message,
+    Ping,
+    Pong,
+    PresenceStatus,
+    Reply,
+    Reset,
+    RespirationStatus,
+    SetBaudRate,
+    SetDetectionZone,
+    SetLed,
+    SetMode,
+    SetOutput,
+    SetSensitivity,
+    SetSysFloat,
+    SetSysInt,
+    SleepStatus,
+    SystemMessage,
+    Unknown,
+)
+from x2radar.wire_ids import PING_SEED, DataType
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """How one message lies in a packet.
+
+    Attributes
+    ----------
+    cls : type
+        The message class; its fields come in wire order, arrays last.
+    prefix : bytes
+        First bytes of the packet.
+    head : str
+        Struct format (little-endian) of the fixed fields and counts.
+    counts : tuple of int
+        Positions within `head` that hold array lengths and are no fields.
+    arrays : tuple of (int, str)
+        For each array: which of `counts` rules it, and its dtype.
+    tail : bool
+        Further bytes may follow and are ignored.
+    """
+
+    cls: type[Message]
+    prefix: bytes
+    head: str = ""
+    counts: tuple[int, ...] = ()
+    arrays: tuple[tuple[int, str], ...] = ()
+    tail: bool = False
+
+
+_IQ_HEAD = "IIffff"
+_TWO_FLOATS = ((0, "<f4"), (0, "<f4"))
+
+
+def _app(message_id: int) -> bytes:
+    return b"\x50" + message_id.to_bytes(4, "little")
+
+
+def _app_command(item_id: int) -> bytes:
+    return b"\x10\x10" + item_id.to_bytes(4, "little")
+
+
+COMMANDS: tuple[Layout, ...] = (
+    Layout(Ping, b"\x01", "I"),
+    Layout(Reset, b"\x22"),
+    Layout(SetMode, b"\x20", "B"),
+    Layout(GetMode, b"\x26"),
+    Layout(LoadProfile, b"\x21", "I"),
+    Layout(SetLed, b"\x24", "BB"),
+    Layout(SetDetectionZone, _app_command(0x96A10A1C), "ff"),
+    Layout(SetSensitivity, _app_command(0x10A5112B), "I"),
+    Layout(SetBaudRate, b"\x90\x80", "I"),
+    Layout(GetSystemInfo, b"\x90\x58", "B"),
+    Layout(SetSysInt, b"\x90\x51", "Ii"),
+    Layout(SetSysFloat, b"\x90\x52", "If"),
+)
+"""What a host sends. `SetOutput` carries its count in the middle and stands in `encode`."""
+
+RESPONSES: tuple[Layout, ...] = (
+    Layout(Pong, b"\x01", "I"),
+    Layout(Ack, b"\x10"),
+    Layout(SystemMessage, b"\x30", "I", tail=True),
+    Layout(RespirationStatus, _app(0x2375FE26), "IIIffI"),
+    Layout(SleepStatus, _app(0x2375A16C), "IIffIff"),
+    Layout(PresenceStatus, _app(0x991A52BE), "IffI"),
+    Layout(BasebandIq, _app(0x0C), _IQ_HEAD, (1,), _TWO_FLOATS),
+    Layout(BasebandAp, _app(0x0D), _IQ_HEAD, (1,), _TWO_FLOATS),
+)
+"""What a module sends, but for REPLY, DATA and ERROR, which have shapes of their own."""
+
+_OLD_BASEBAND: dict[int, type[Message]] = {0x0C: BasebandIq, 0x0D: BasebandAp}
+_STRUCTS = {row.head: struct.Struct("<" + row.head) for row in COMMANDS + RESPONSES}
+_BY_CLASS = {row.cls: row for row in COMMANDS + RESPONSES}
+_COMMAND_ROWS = {row.prefix: row for row in COMMANDS}
+_RESPONSE_ROWS = {row.prefix: row for row in RESPONSES}
+_SET_OUTPUT = struct.Struct("<BBIII")
+_FOUR_WORDS = struct.Struct("<BBII")
+
+
+def encode(message: Message) -> bytes:
+    """Return the packet data of any message.
+
+    Parameters
+    ----------
+    message : Message
+        A message of this module.
+
+    Returns
+    -------
+    bytes
+        Data for `x2radar.framing.encode`.
+
+    Raises
+    ------
+    MessageError
+        If a field does not fit its place on the wire.
+    """
+    try:
+        match message:
+            case SetOutput(ref, value, count):
+                return _SET_OUTPUT.pack(0x90, 0x71, ref, count, value)
+            case ErrorReply(code):
+                return struct.pack("<BI", 0x20, code)
+            case Data():
+                return _encode_data(message)
+            case Reply():
+                return _encode_reply(message)
+            case Unknown(data):
+                return data
+            case _:
+                return _pack(_BY_CLASS[type(message)], message)
+    except (struct.error, TypeError, ValueError, OverflowError) as err:
+        msg = f"{message!r} does not fit the wire: {err}"
+        raise MessageError(msg) from err
+
+
+def decode_command(data: bytes) -> Message:
+    """Read what a host sends; raise MessageError if it is cut short."""
+    if data[:2] == b"\x90\x71" and len(data) == _SET_OUTPUT.size:
+        _, _, ref, count, value = _SET_OUTPUT.unpack(data)
+        return SetOutput(ref, value, count)
+    return _decode(data, _COMMAND_ROWS, (6, 2, 1))
+
+
+def decode_response(data: bytes) -> Message:
+    """Read what a module sends; raise MessageError if it is cut short.
+
+    Parameters
+    ----------
+    data : bytes
+        Data of one packet.
+
+    Returns
+    -------
+    Message
+        `Unknown` when no row describes the packet.
+    """
+    first = data[:1]
+    if first == b"\xa0":
+        return _decode_data(data)
+    if first == b"\x11":
+        return _decode_reply(data)
+    if first == b"\x20" and len(data) in {2, 5}:
+        return ErrorReply(int.from_bytes(data[1:], "little"))
+    return _decode(data, _RESPONSE_ROWS, (5, 1))
+
+
+def decode_any(data: bytes) -> Message:
+    """Read a packet of unknown direction, as in a trace of both.
+
+    A host's command wins only where its bytes cannot be a module's: a ping carries the
+    ping's seed, set mode and application commands have other lengths than ERROR and ACK.
+    """
+    as_command = (
+        data[:5] == b"\x01" + PING_SEED.to_bytes(4, "little")
+        or (data[:1] == b"\x20" and len(data) == 2)
+        or (data[:1] == b"\x10" and len(data) > 1)
+        or data[:1] in {b"\x21", b"\x22", b"\x24", b"\x26", b"\x90"}
+    )
+    return decode_command(data) if as_command else decode_response(data)
+
+
+def _decode(data: bytes, rows: dict[bytes, Layout], lengths: tuple[int, ...]) -> Message:
+    for length in lengths:
+        row = rows.get(data[:length])
+        if row is not None:
+            return _unpack(row, row.cls, data, len(row.prefix))
+    return Unknown(data)
+
+
+def _unpack(row: Layout, cls: type[Message], data: bytes, at: int) -> Message:
+    head = _STRUCTS[row.head]
+    try:
+        fields = head.unpack_from(data, at)
+        at += head.size
+        counts = [fields[k] for k in row.counts]
+        arrays = []
+        for which, dtype in row.arrays:
+            arrays.append(np.frombuffer(data, dtype, counts[which], at))
+            at += arrays[-1].nbytes
+    except (struct.error, ValueError) as err:
+        msg = f"{cls.__name__} cut short: {len(data)} bytes ({err})"
+        raise MessageError(msg) from err
+    if at != len(data) and not row.tail:
+        msg = f"{cls.__name__} has {len(data) - at} bytes too many"
+        raise MessageError(msg)
+    scalars = [f for k, f in enumerate(fields) if k not in row.counts]
+    return cls(*scalars, *arrays)
+
+
+def _pack(row: Layout, message: Message) -> bytes:
+    values: list[Any] = [getattr(message, name) for name in message.__dataclass_fields__]  # type: ignore[attr-defined]
+    n_arrays = len(row.arrays)
+    scalars = values[: len(values) - n_arrays]
+    arrays = [
+        np.ascontiguousarray(a, dtype)
+        for a, (_, dtype) in zip(values[len(scalars) :], row.arrays, strict=True)
+    ]
+    for which, position in enumerate(row.counts):
+        sizes = {a.size for a, (w, _) in zip(arrays, row.arrays, strict=True) if w == which}
+        if len(sizes) != 1:
+            msg = f"arrays of unequal length {sorted(sizes)}"
+            raise ValueError(msg)
+        scalars.insert(position, sizes.pop())
+    return b"".join([row.prefix, _STRUCTS[row.head].pack(*scalars), *(a.tobytes() for a in arrays)])
+
+
+def _decode_data(data: bytes) -> Message:
+    """DATA: A0, type, content id, info, [count, elements]; the old baseband form as well."""
+    try:
+        _, kind, content_id, info = _FOUR_WORDS.unpack_from(data)
+        if kind == DataType.BASEBAND_OLD and content_id in _OLD_BASEBAND:
+            cls = _OLD_BASEBAND[content_id]
+            # info is the frame counter: from there on the fields are those of APPDATA.
+            return _unpack(_BY_CLASS[cls], cls, data, 6)
+        dtype = {DataType.FLOAT: "<f4", DataType.BYTE: "u1"}.get(kind)  # type: ignore[call-overload]
+        if dtype is None:
+            return Unknown(data)
+        n = struct.unpack_from("<I", data, 10)[0] if len(data) > 10 else 0
+        values = np.frombuffer(data, dtype, n, 14) if n else np.empty(0, dtype)
+    except (struct.error, ValueError) as err:
+        msg = f"Data cut short: {len(data)} bytes ({err})"
+        raise MessageError(msg) from err
+    if n and 14 + values.nbytes != len(data):
+        msg = f"Data has {len(data) - 14 - values.nbytes} bytes too many"
+        raise MessageError(msg)
+    values.flags.writeable = False
+    return Data(content_id, info, values)
+
+
+def _encode_data(message: Data) -> bytes:
+    kind = DataType.BYTE if message.values.dtype == np.uint8 else DataType.FLOAT
+    dtype = "u1" if kind is DataType.BYTE else "<f4"
+    head = _FOUR_WORDS.pack(0xA0, kind, message.content_id, message.info)
+    if message.values.size == 0:
+        return head
+    values = np.ascontiguousarray(message.values, dtype)
+    return head + struct.pack("<I", values.size) + values.tobytes()
+
+
+_REPLY_TYPES: dict[int, tuple[str, int]] = {
+    DataType.BYTE: ("B", 1),
+    DataType.INT: ("i", 4),
+    DataType.FLOAT: ("f", 4),
+    DataType.STRING: ("", 1),
+}
+
+
+def _decode_reply(data: bytes) -> Message:
+    """REPLY: 11, type, content id, info, [count, elements], element size (not for INT)."""
+    try:
+        _, kind, content_id, info = _FOUR_WORDS.unpack_from(data)
+        if kind not in _REPLY_TYPES:
+            return Unknown(data)
+        code, size = _REPLY_TYPES[kind]
+        n = struct.unpack_from("<I", data, 10)[0] if len(data) >= 14 else 0
+        body = data[14 : 14 + n * size]
+        if len(body) != n * size:
+            msg = f"Reply cut short: {len(body)} of {n * size} bytes"
+            raise MessageError(msg)
+        if kind == DataType.STRING:
+            return Reply(content_id, info, body.rstrip(b"\0").decode("utf-8", "replace"))
+        return Reply(content_id, info, struct.unpack(f"<{n}{code}", body))
+    except struct.error as err:
+        msg = f"Reply cut short: {len(data)} bytes ({err})"
+        raise MessageError(msg) from err
+
+
+def _encode_reply(message: Reply) -> bytes:
+    value = message.value
+    if isinstance(value, str):
+        kind, body = DataType.STRING, value.encode()
+        n = len(body)
+    else:
+        n = len(value)
+        kind = DataType.FLOAT if any(isinstance(v, float) for v in value) else DataType.INT
+        body = struct.pack(f"<{n}{_REPLY_TYPES[kind][0]}", *value)
+    head = _FOUR_WORDS.pack(0x11, kind, message.content_id, message.info)
+    counted = struct.pack("<I", n) + body if n else b""
+    size = b"" if kind is DataType.INT else bytes([_REPLY_TYPES[kind][1]])
+    return head + counted + size

@@ -1,0 +1,98 @@
+"""Every error the driver raises on purpose.
+
+The tree::
+
+    X2RadarError                    base; carries the exit code of the commands
+     +-- SettingsError              (also ValueError) a setting the module cannot take
+     +-- PortError                  a port cannot be opened
+     |    +-- PortNotFound          nothing there
+     |    +-- PortDenied            there, but no permission
+     |    +-- PortBusy              somebody else holds it
+     +-- TransportClosed            the port went away while it was open
+     +-- ReadTimeout                (also TimeoutError) nothing came within the deadline
+     +-- ProtocolError              bytes that break the wire format
+     |    +-- MessageError          a sound packet whose content makes no sense
+     +-- DeviceError                the module answered with an error, or not at all
+     |    +-- SafeModeError         the module is in fail-safe mode and refuses commands
+     |    +-- RestartRequired       the module must be reset before it obeys
+     +-- RecordingError             a file is missing, damaged or no recording
+     +-- SceneError                 a scene does not exist or makes no sense
+
+Any other exception that leaves this package is a bug.
+"""
+
+
+class X2RadarError(Exception):
+    """Base of all errors raised on purpose; `exit_code` is what a command ends with."""
+
+    exit_code = 1
+
+
+class SettingsError(X2RadarError, ValueError):
+    """A setting that the module cannot take; the message names every faulty field."""
+
+    exit_code = 2
+
+
+class PortError(X2RadarError):
+    """A port cannot be opened."""
+
+    exit_code = 66
+
+
+class PortNotFound(PortError):
+    """No such port."""
+
+
+class PortDenied(PortError):
+    """The port exists, but this user may not open it."""
+
+    exit_code = 77
+
+
+class PortBusy(PortError):
+    """The port is locked by another program."""
+
+
+class TransportClosed(X2RadarError):
+    """The far end or the port itself went away while it was open."""
+
+    exit_code = 3
+
+
+class ReadTimeout(X2RadarError, TimeoutError):
+    """Nothing arrived within the deadline."""
+
+    exit_code = 3
+
+
+class ProtocolError(X2RadarError):
+    """Bytes that break the wire format."""
+
+
+class MessageError(ProtocolError):
+    """A packet with a good checksum whose content cannot be read."""
+
+
+class DeviceError(X2RadarError):
+    """The module refused a command, or did not answer it."""
+
+
+class SafeModeError(DeviceError):
+    """The module is in fail-safe mode (protocol: 10 crashes in 5 minutes)."""
+
+
+class RestartRequired(DeviceError):
+    """The module wants a reset before it takes the command (error 0x22)."""
+
+
+class RecordingError(X2RadarError):
+    """A recording is missing, unreadable or not a recording."""
+
+    exit_code = 66
+
+
+class SceneError(X2RadarError):
+    """A scene does not exist, or its file names something impossible."""
+
+    exit_code = 66

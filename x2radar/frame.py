@@ -1,0 +1,170 @@
+"""Frame: one fast-time record with its axes, and the counter that orders frames.
+
+Owns the unwrapping of the module's frame counter. A lost, repeated or restarted count is
+stated, never hidden: `CounterTracker` says for every frame how many are missing before it.
+"""
+
+from dataclasses import dataclass
+from enum import Enum
+from functools import lru_cache
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Kind = Literal["rf", "baseband"]
+_WRAP = 1 << 32
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FastTimeAxis:
+    """Where the samples of a frame lie, and what they are.
+
+    Attributes
+    ----------
+    kind : {'rf', 'baseband'}
+        Real samples at the RF sampling rate, or complex baseband.
+    n_range : int
+        Range bins in a frame.
+    bin_length_m : float
+        Range of one bin, in metres.
+    range_offset_m : float
+        Range of bin 0, in metres.
+    carrier_hz : float
+        Centre frequency of the pulse, in hertz.
+    bandwidth_hz : float
+        Bandwidth of the pulse at -10 dB, in hertz; 0 when unknown.
+    sample_rate_hz : float
+        Rate of the RF sampler, in hertz; 0 when unknown.
+    phase_sign : int
+        -1 when the baseband phase falls with range, exp(-j 4 pi R / lambda); +1 otherwise.
+    """
+
+    kind: Kind
+    n_range: int
+    bin_length_m: float
+    range_offset_m: float
+    carrier_hz: float
+    bandwidth_hz: float = 0.0
+    sample_rate_hz: float = 0.0
+    phase_sign: int = -1
+
+    @property
+    def range_m(self) -> NDArray[np.float64]:
+        """Range of every bin, in metres: ndarray, shape (n_range,), float64, read-only."""
+        return _range_m(self.n_range, self.bin_length_m, self.range_offset_m)
+
+
+@lru_cache(maxsize=32)
+def _range_m(n_range: int, bin_length_m: float, range_offset_m: float) -> NDArray[np.float64]:
+    axis = range_offset_m + bin_length_m * np.arange(n_range)
+    axis.flags.writeable = False
+    return axis
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Frame:
+    """One fast-time record from the module.
+
+    Attributes
+    ----------
+    samples : ndarray, shape (n_range,), float32 (rf) or complex64 (baseband)
+        The echo per range bin, in the module's own unit. Read-only.
+    counter : int
+        Frame number as the module counts it.
+    index : int
+        Unwrapped number since the stream's first frame, lost frames included; from 0.
+    lost : int
+        Frames missing directly before this one.
+    restarted : bool
+        The counter jumped in a way that no loss explains: how much time passed is unknown.
+    axis : FastTimeAxis
+        What the samples are and where they lie; `frame.axis.range_m` is the range axis.
+    t_mono_s : float
+        Host's monotonic clock when the frame was complete, in seconds; 0 in recordings.
+    """
+
+    samples: NDArray[np.float32] | NDArray[np.complex64]
+    counter: int
+    index: int
+    lost: int
+    restarted: bool
+    axis: FastTimeAxis
+    t_mono_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class StreamInfo:
+    """What holds for every frame of a stream.
+
+    Attributes
+    ----------
+    axis : FastTimeAxis
+        Axes of the frames.
+    frame_rate_hz : float
+        Frames per second of stream time.
+    device : str
+        What sends the frames, for people.
+    """
+
+    axis: FastTimeAxis
+    frame_rate_hz: float
+    device: str
+
+
+class Step(Enum):
+    """How a frame's counter follows the one before."""
+
+    FIRST = "first"
+    NEXT = "next"
+    GAP = "gap"
+    REPEAT = "repeat"
+    RESTART = "restart"
+
+
+class CounterTracker:
+    """Unwrap a 32-bit frame counter and name every irregularity.
+
+    Parameters
+    ----------
+    longest_gap : int
+        More missing frames than this are taken for a restart of the module.
+    """
+
+    def __init__(self, longest_gap: int = 36_000) -> None:
+        self._longest_gap = longest_gap
+        self._last: int | None = None
+        self.index = -1
+
+    def update(self, counter: int) -> tuple[Step, int]:
+        """Take the next counter; `index` then holds the frame's unwrapped number.
+
+        Parameters
+        ----------
+        counter : int
+            Counter of the frame just received, 0 to 2**32 - 1.
+
+        Returns
+        -------
+        step : Step
+            How the counter follows. A repeat leaves `index` as it was.
+        lost : int
+            Frames missing in between, 0 unless the step is `Step.GAP`.
+        """
+        last, self._last = self._last, counter
+        if last is None:
+            self.index = 0
+            return Step.FIRST, 0
+        ahead = (counter - last) % _WRAP
+        if ahead == 0:
+            return Step.REPEAT, 0
+        if ahead - 1 > self._longest_gap:
+            self.index += 1
+            return Step.RESTART, 0
+        self.index += ahead
+        return (Step.NEXT, 0) if ahead == 1 else (Step.GAP, ahead - 1)
+
+
+def read_only(samples: NDArray[np.float32] | NDArray[np.complex64]) -> None:
+    """Make an array read-only in place, as all arrays that leave the driver are."""
+    samples.flags.writeable = False

@@ -1,0 +1,135 @@
+"""A port string becomes a radar: serial ports, pyserial URLs and ``sim:`` scenes.
+
+``/dev/ttyACM0``, ``socket://host:port`` or ``sim:SCENE?key=value&key=value``. Values are
+percent-encoded. Keys of ``sim:`` are seed (0), rate (60, frames per second) and kind
+(rf or baseband); of serial ports: rate and kind.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from urllib.parse import parse_qsl, unquote
+
+from x2radar.device import X2Radar
+from x2radar.errors import SettingsError
+from x2radar.settings import RadarSettings
+from x2radar.sim.host import connect
+from x2radar.sim.module import SimulatedModule
+from x2radar.sim.scene import load_scene
+from x2radar.transport import SerialTransport, Transport
+
+_KINDS = {"rf": "rf", "baseband": "iq"}
+SIM_KEYS = frozenset({"seed", "rate", "kind"})
+SERIAL_KEYS = frozenset({"rate", "kind"})
+
+
+@dataclass(frozen=True, slots=True)
+class PortSpec:
+    """A port string, taken apart.
+
+    Attributes
+    ----------
+    scheme : str
+        'sim', 'replay' or 'serial' (also pyserial URLs).
+    target : str
+        Scene, file, device path or URL.
+    options : mapping of str to str
+        The keys behind the question mark.
+    """
+
+    scheme: str
+    target: str
+    options: Mapping[str, str] = field(default_factory=dict)
+
+
+def parse_port(text: str) -> PortSpec:
+    """Take a port string apart.
+
+    Raises
+    ------
+    SettingsError
+        If a key is given twice or without a value.
+    """
+    target, _, query = text.partition("?")
+    try:
+        pairs = parse_qsl(query, keep_blank_values=True, strict_parsing=bool(query))
+    except ValueError as err:
+        msg = f"port '{text}': behind '?' come key=value pairs joined by '&'"
+        raise SettingsError(msg) from err
+    options = dict(pairs)
+    if len(options) != len(pairs):
+        msg = f"port '{text}': a key is given twice"
+        raise SettingsError(msg)
+    for scheme in ("sim", "replay"):
+        if target.startswith(scheme + ":"):
+            rest = unquote(target[len(scheme) + 1 :])
+            if not rest:
+                msg = f"port '{text}': nothing behind '{scheme}:'"
+                raise SettingsError(msg)
+            return PortSpec(scheme, rest, options)
+    return PortSpec("serial", target, options)
+
+
+def check_options(spec: PortSpec, known: frozenset[str]) -> None:
+    """Raise SettingsError if `spec` has a key that is not in `known`."""
+    for key in spec.options:
+        if key not in known:
+            msg = f"port key '{key}': unknown; known are {', '.join(sorted(known))}"
+            raise SettingsError(msg)
+
+
+def number_option(spec: PortSpec, key: str, default: float) -> float:
+    """Return a numeric option; raise SettingsError if it is no number."""
+    text = spec.options.get(key)
+    if text is None:
+        return default
+    try:
+        return float(text)
+    except ValueError as err:
+        msg = f"port key '{key}': '{text}' is not a number"
+        raise SettingsError(msg) from err
+
+
+def make_radar(
+    spec: PortSpec, *, speed: float | None = 1.0, settings: RadarSettings | None = None
+) -> X2Radar:
+    """Return the radar that a port string names, not opened yet.
+
+    Parameters
+    ----------
+    spec : PortSpec
+        From `parse_port`; 'sim' or 'serial'.
+    speed : float or None
+        For ``sim:``, scene seconds per real second; None is as fast as it is read.
+    settings : RadarSettings, optional
+        Instead of those that rate and kind ask for.
+
+    Returns
+    -------
+    X2Radar
+        Call `open`, or use it as a context manager.
+
+    Raises
+    ------
+    SettingsError, SceneError
+        If the string names something unknown or impossible.
+    """
+    check_options(spec, SIM_KEYS if spec.scheme == "sim" else SERIAL_KEYS)
+    if settings is None:
+        kind = spec.options.get("kind", "rf")
+        if kind not in _KINDS:
+            msg = f"port key 'kind': '{kind}'; known are {', '.join(_KINDS)}"
+            raise SettingsError(msg)
+        rate_hz = number_option(spec, "rate", 60.0)
+        settings = RadarSettings.for_frame_rate(rate_hz, output=_KINDS[kind])
+    return X2Radar(_connector(spec, speed), settings, name=f"{spec.scheme}:{spec.target}")
+
+
+def _connector(spec: PortSpec, speed: float | None) -> Callable[[], Transport]:
+    if spec.scheme == "serial":
+        return lambda: SerialTransport(spec.target)
+    seed = number_option(spec, "seed", 0)
+    if seed < 0 or seed % 1:
+        msg = f"port key 'seed': {seed:g} must be a whole number from 0 up"
+        raise SettingsError(msg)
+    scene = load_scene(spec.target)
+    return lambda: connect(lambda: SimulatedModule(scene, int(seed)), speed)

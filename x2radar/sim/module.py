@@ -1,0 +1,302 @@
+"""The simulated module: the far end of the byte protocol, without I/O.
+
+Feed it the host's bytes with `receive`, tell it the time with `advance`, and send what
+`data_to_send` returns. It boots, answers, obeys settings and streams the echoes of a scene
+as a real X2 would send them; it owns neither a port nor a clock.
+
+Not simulated: profiles' own detections (respiration, sleep, presence), the UART's rate, the
+time that a UART needs for a byte.
+"""
+
+from collections import deque
+
+import numpy as np
+
+from x2radar import framing
+from x2radar.codec import decode_command, encode
+from x2radar.errors import MessageError, SettingsError
+from x2radar.frame import FastTimeAxis
+from x2radar.framing import Packet, PacketDecoder
+from x2radar.messages import (
+    Ack,
+    BasebandAp,
+    BasebandIq,
+    Data,
+    ErrorReply,
+    GetSystemInfo,
+    LoadProfile,
+    Message,
+    Ping,
+    Pong,
+    Reply,
+    Reset,
+    SetBaudRate,
+    SetDetectionZone,
+    SetLed,
+    SetMode,
+    SetOutput,
+    SetSensitivity,
+    SetSysFloat,
+    SetSysInt,
+    SystemMessage,
+    Unknown,
+)
+from x2radar.settings import RadarSettings
+from x2radar.sim.pulse import LinkBudget, baseband_echo, rf_echo
+from x2radar.sim.receiver import Receiver
+from x2radar.sim.scene import Scene, SceneClock, StaticPoint
+from x2radar.wire_ids import (
+    PING_SEED,
+    BasebandOutput,
+    ContentId,
+    ErrorCode,
+    InfoItem,
+    Mode,
+    OutputRef,
+    PongCode,
+    Profile,
+    SysCfg,
+    SystemCode,
+)
+
+RESET_DELAY_S = 0.05
+BOOT_S = 0.05
+LATEST_S = 2.0
+_BLOCK = 16
+_FOREVER_S = float("inf")
+
+_INFO = {
+    InfoItem.ITEM_NUMBER: "SIM-X2",
+    InfoItem.ORDER_CODE: "X2M-SIM",
+    InfoItem.FIRMWARE_ID: "x2radar simulated module",
+    InfoItem.VERSION: "1.0.0",
+    InfoItem.BUILD: "0",
+    InfoItem.SERIAL_NUMBER: "000000000000",
+}
+_SYS_FIELDS = {
+    SysCfg.PULSES_PER_STEP: "pulses_per_step",
+    SysCfg.ITERATIONS: "iterations",
+    SysCfg.DAC_STEP: "dac_step",
+    SysCfg.DAC_MIN: "dac_min",
+    SysCfg.DAC_MAX: "dac_max",
+    SysCfg.PG_SELECT: "pulse_generator",
+    SysCfg.FPS: "frame_rate_hz",
+    SysCfg.FRAME_STITCH: "frame_stitch",
+    SysCfg.SAMPLE_DELAY: "sample_delay_s",
+}
+
+
+class EchoStream:
+    """Frames of a scene as the receiver sees them, one after another.
+
+    Parameters
+    ----------
+    scene : Scene
+        What is in front of the radar.
+    seed : int
+        Draws and noise follow from it.
+    settings : RadarSettings
+        As the host configured them.
+    """
+
+    def __init__(self, scene: Scene, seed: int, settings: RadarSettings) -> None:
+        kind = "rf" if settings.output == "rf" else "baseband"
+        self.axis = FastTimeAxis(
+            kind=kind,
+            n_range=settings.n_range,
+            bin_length_m=settings.bin_length_m,
+            range_offset_m=settings.range_offset_m,
+            carrier_hz=settings.carrier_hz,
+            bandwidth_hz=settings.bandwidth_hz,
+            sample_rate_hz=settings.sample_rate_hz,
+        )
+        self._budget = LinkBudget()
+        rng = np.random.default_rng([seed, 0x4E01])
+        self._receiver = Receiver(settings, self.axis, self._budget, rng)
+        self._clock = SceneClock(scene, seed, settings.frame_rate_hz)
+        self._static = self._static_echo(scene.clutter)
+        self._block: deque[np.ndarray] = deque()
+
+    def next(self) -> np.ndarray:
+        """Return the next frame: shape (n_range,), float32 RF or complex64 baseband."""
+        if not self._block:
+            block = self._clock.next_block(_BLOCK)
+            amplitude = self._budget.amplitude(block.range_m, block.rcs_m2, self.axis)
+            if self.axis.kind == "rf":
+                frames = rf_echo(block.range_m, amplitude, self.axis)
+                frames += self._static
+                self._block.extend(self._receiver.rf(frames))
+            else:
+                echo = baseband_echo(block.range_m, amplitude, self.axis) + self._static
+                self._block.extend(self._receiver.baseband(echo))
+        return self._block.popleft()
+
+    def _static_echo(self, points: tuple[StaticPoint, ...]) -> np.ndarray:
+        range_m = np.array([[p.range_m for p in points]])
+        amplitude = self._budget.amplitude(
+            range_m, np.array([p.rcs_m2 for p in points]), self.axis
+        )
+        echo = rf_echo if self.axis.kind == "rf" else baseband_echo
+        return np.asarray(echo(range_m, amplitude, self.axis)[0])
+
+
+class SimulatedModule:
+    """An X2 module in software.
+
+    Parameters
+    ----------
+    scene : Scene
+        What it looks at; it starts from the beginning whenever the stream starts.
+    seed : int
+        Same seed, same bytes.
+    """
+
+    def __init__(self, scene: Scene, seed: int = 0) -> None:
+        self._scene = scene
+        self._seed = seed
+        self._decoder = PacketDecoder()
+        self._out = bytearray()
+        self._now_s = 0.0
+        self._reset_due_s = _FOREVER_S
+        self._ready_due_s = _FOREVER_S
+        self._frame_due_s = _FOREVER_S
+        self.n_skipped = 0
+        self._power_up()
+
+    def _power_up(self) -> None:
+        self._fields: dict[str, float] = {}
+        self._output = BasebandOutput.OFF
+        self._booted = True
+        self._stream: EchoStream | None = None
+        self._counter = 0
+        self._frame_due_s = _FOREVER_S
+
+    @property
+    def next_due_s(self) -> float:
+        """Time of what the module does next by itself, in seconds; inf for nothing."""
+        return min(self._reset_due_s, self._ready_due_s, self._frame_due_s)
+
+    @property
+    def is_streaming(self) -> bool:
+        """Whether frames are being sent."""
+        return self._stream is not None
+
+    def receive(self, data: bytes) -> None:
+        """Take bytes from the host and answer every whole packet in them."""
+        for item in self._decoder.feed(data):
+            if not self._booted:
+                continue
+            if not isinstance(item, Packet):
+                # As the firmware's parser: damaged packets are dropped without an answer.
+                continue
+            try:
+                command = decode_command(item.data)
+            except MessageError:
+                command = Unknown(item.data)
+            self._send(self._answer(command))
+
+    def advance(self, now_s: float) -> None:
+        """Do what is due until `now_s` (module time, in seconds, never going back).
+
+        A module whose host does not read for more than `LATEST_S` loses frames, as a real
+        one does: its counter goes on.
+        """
+        self._now_s = max(self._now_s, now_s)
+        if self._reset_due_s <= self._now_s:
+            self._power_up()
+            self._booted = False
+            self._reset_due_s, self._ready_due_s = _FOREVER_S, self._reset_due_s + BOOT_S
+            self._send(SystemMessage(SystemCode.BOOTING))
+        if self._ready_due_s <= self._now_s:
+            self._booted = True
+            self._ready_due_s = _FOREVER_S
+            self._send(SystemMessage(SystemCode.READY))
+        while self._stream is not None and self._frame_due_s <= self._now_s:
+            frame = self._stream.next()
+            self._counter = (self._counter + 1) & 0xFFFFFFFF
+            if self._now_s - self._frame_due_s > LATEST_S:
+                self.n_skipped += 1
+            else:
+                self._send(self._frame_message(frame))
+            self._frame_due_s += 1.0 / self._fields.get("frame_rate_hz", 60.0)
+
+    def data_to_send(self) -> bytes:
+        """Return the bytes that go to the host now, and forget them."""
+        data = bytes(self._out)
+        self._out.clear()
+        return data
+
+    def _send(self, message: Message) -> None:
+        self._out += framing.encode(encode(message))
+
+    def _answer(self, command: Message) -> Message:
+        match command:
+            case Ping(seed) if seed == PING_SEED:
+                return Pong(PongCode.READY)
+            case Reset():
+                self._reset_due_s = self._now_s + RESET_DELAY_S
+                return Ack()
+            case SetMode(mode):
+                return self._set_mode(mode)
+            case SetSysInt(ref, value) | SetSysFloat(ref, value):
+                return self._set_field(ref, value)
+            case SetOutput(OutputRef.BASEBAND, value, 1) if value in set(BasebandOutput):
+                self._output = BasebandOutput(value)
+                return Ack()
+            case GetSystemInfo(item) if item in _INFO:
+                return Reply(0x58, item, _INFO[InfoItem(item)])
+            case LoadProfile(app_id):
+                return Ack() if app_id in set(Profile) else ErrorReply(ErrorCode.APP_INVALID)
+            case SetLed() | SetDetectionZone() | SetSensitivity() | SetBaudRate():
+                return Ack()
+            case _:
+                return ErrorReply(ErrorCode.NOT_RECOGNIZED)
+
+    def _set_field(self, ref: int, value: float) -> Message:
+        if ref not in set(SysCfg):
+            return ErrorReply(ErrorCode.COMMAND_FAILED)
+        name = _SYS_FIELDS.get(SysCfg(ref))
+        if name is not None:
+            self._fields[name] = value
+        return Ack()
+
+    def _set_mode(self, mode: int) -> Message:
+        if mode != Mode.MANUAL:
+            self._stream = None
+            self._frame_due_s = _FOREVER_S
+            return Ack() if mode in set(Mode) else ErrorReply(ErrorCode.COMMAND_FAILED)
+        try:
+            settings = RadarSettings(**self._typed_fields(), output=self._output_name())
+        except SettingsError:
+            return ErrorReply(ErrorCode.COMMAND_FAILED)
+        self._stream = EchoStream(self._scene, self._seed, settings)
+        self._counter = 0
+        self._frame_due_s = self._now_s
+        return Ack()
+
+    def _typed_fields(self) -> dict[str, float]:
+        return {
+            name: value if name in {"frame_rate_hz", "sample_delay_s"} else int(value)
+            for name, value in self._fields.items()
+        }
+
+    def _output_name(self) -> str:
+        if self._output is BasebandOutput.OFF:
+            return "rf"
+        return "iq" if self._output is BasebandOutput.IQ else "ap"
+
+    def _frame_message(self, frame: np.ndarray) -> Message:
+        if self._output is BasebandOutput.OFF:
+            return Data(ContentId.RAW_FRAME, self._counter, frame)
+        assert self._stream is not None  # noqa: S101 - called while streaming
+        axis = self._stream.axis
+        head = (
+            self._counter,
+            axis.bin_length_m,
+            axis.sample_rate_hz,
+            axis.carrier_hz,
+            axis.range_offset_m,
+        )
+        if self._output is BasebandOutput.IQ:
+            return BasebandIq(*head, frame.real, frame.imag)
+        return BasebandAp(*head, np.abs(frame), np.angle(frame))

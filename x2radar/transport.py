@@ -1,0 +1,241 @@
+"""Byte pipes: a serial port or pyserial URL, a pair in memory, a pseudo-terminal.
+
+One contract for all of them (`Transport`): `read` waits for the first bytes and returns
+what is there, an empty result means that the time is over; `write` sends everything;
+both raise `TransportClosed` once the far end or the port is gone. A transport carries
+bytes and knows nothing about packets.
+"""
+
+import errno
+import os
+import select
+import threading
+import time
+from collections import deque
+from pathlib import Path
+from typing import Protocol
+
+import serial
+
+from x2radar.errors import PortBusy, PortDenied, PortError, PortNotFound, TransportClosed
+
+READ_SIZE = 1 << 16
+
+
+class Transport(Protocol):
+    """A two-way byte pipe."""
+
+    def read(self, timeout_s: float) -> bytes:
+        """Return the bytes that are there; wait up to `timeout_s` for the first one.
+
+        Raises TransportClosed when the pipe has ended and everything was read.
+        """
+        ...
+
+    def write(self, data: bytes) -> None:
+        """Send all of `data`; raises TransportClosed when nobody can receive it."""
+        ...
+
+    def close(self) -> None:
+        """Close this end; a second call does nothing."""
+        ...
+
+
+class SerialTransport:
+    """A serial port, or anything that pyserial has a URL for.
+
+    Parameters
+    ----------
+    url : str
+        ``/dev/ttyACM0``, ``COM3``, ``socket://host:port``, ``rfc2217://host:port`` …
+    baud : int
+        Rate of a UART; USB ports ignore it.
+
+    Raises
+    ------
+    PortNotFound, PortDenied, PortBusy, PortError
+        If the port cannot be opened. It is locked exclusively while it is open.
+    """
+
+    def __init__(self, url: str, baud: int = 115_200) -> None:
+        native = "://" not in url
+        try:
+            self._serial = serial.serial_for_url(
+                url, baudrate=baud, timeout=0, write_timeout=5, **({"exclusive": True} if native else {})
+            )
+        except (serial.SerialException, OSError, ValueError) as err:
+            raise _port_error(url, err) from err
+        self.url = url
+
+    @property
+    def is_usb(self) -> bool:
+        """Whether the port sits on USB and so vanishes while its module restarts."""
+        device = Path("/sys/class/tty") / Path(self.url).name / "device"
+        return device.exists() and "/usb" in str(device.resolve())
+
+    def read(self, timeout_s: float) -> bytes:
+        """As in `Transport`."""
+        try:
+            waiting = self._serial.in_waiting
+            if not waiting:
+                self._serial.timeout = timeout_s
+                first: bytes = self._serial.read(1)
+                if not first:
+                    return b""
+                self._serial.timeout = 0
+                return first + self._serial.read(max(self._serial.in_waiting, 0) or 0)
+            self._serial.timeout = 0
+            data: bytes = self._serial.read(min(waiting, READ_SIZE))
+        except (serial.SerialException, OSError, TypeError) as err:
+            # TypeError: pyserial reads from a descriptor that another thread has closed.
+            msg = f"{self.url}: the port is gone ({err})"
+            raise TransportClosed(msg) from err
+        return data
+
+    def write(self, data: bytes) -> None:
+        """As in `Transport`."""
+        try:
+            self._serial.write(data)
+        except (serial.SerialException, OSError, TypeError) as err:
+            msg = f"{self.url}: the port is gone ({err})"
+            raise TransportClosed(msg) from err
+
+    def close(self) -> None:
+        """As in `Transport`."""
+        self._serial.close()
+
+
+def _port_error(url: str, err: Exception) -> PortError:
+    number = getattr(err, "errno", None)
+    text = str(err)
+    if number in {errno.EACCES, errno.EPERM} or "Permission denied" in text:
+        cure = "add yourself to the group 'dialout' (log in again), or use a udev rule"
+        return PortDenied(f"{url}: permission denied; {cure}")
+    if number == errno.EBUSY or "exclusively lock" in text or "Resource busy" in text:
+        return PortBusy(f"{url}: in use by another program; close that program first")
+    if number in {errno.ENOENT, errno.ENXIO, errno.ENODEV} or "No such file" in text:
+        return PortNotFound(f"{url}: no such port; is the module plugged in?")
+    return PortError(f"{url}: cannot be opened: {text}")
+
+
+class _Pipe:
+    """One direction of a memory pair: bounded, so that a fast writer waits."""
+
+    def __init__(self, capacity: int) -> None:
+        self._capacity = capacity
+        self._chunks: deque[bytes] = deque()
+        self._size = 0
+        self._closed = False
+        self._changed = threading.Condition()
+
+    def put(self, data: bytes) -> None:
+        with self._changed:
+            self._changed.wait_for(lambda: self._closed or self._size < self._capacity)
+            if self._closed:
+                msg = "the far end of the memory pair is closed"
+                raise TransportClosed(msg)
+            self._chunks.append(data)
+            self._size += len(data)
+            self._changed.notify_all()
+
+    def get(self, timeout_s: float) -> bytes:
+        with self._changed:
+            if not self._chunks and not self._closed and timeout_s > 0:
+                self._changed.wait_for(lambda: self._closed or self._chunks, timeout_s)
+            if self._chunks:
+                data = b"".join(self._chunks)
+                self._chunks.clear()
+                self._size = 0
+                self._changed.notify_all()
+                return data
+            if self._closed:
+                msg = "the far end of the memory pair is closed"
+                raise TransportClosed(msg)
+            return b""
+
+    def close(self) -> None:
+        with self._changed:
+            self._closed = True
+            self._changed.notify_all()
+
+
+class MemoryTransport:
+    """One end of a pair in memory; made by `memory_pair`."""
+
+    is_usb = False
+
+    def __init__(self, incoming: _Pipe, outgoing: _Pipe) -> None:
+        self._incoming = incoming
+        self._outgoing = outgoing
+
+    def read(self, timeout_s: float) -> bytes:
+        """As in `Transport`."""
+        return self._incoming.get(timeout_s)
+
+    def write(self, data: bytes) -> None:
+        """As in `Transport`; waits while the far end is `capacity` bytes behind."""
+        if data:
+            self._outgoing.put(data)
+
+    def close(self) -> None:
+        """As in `Transport`; closes both directions."""
+        self._incoming.close()
+        self._outgoing.close()
+
+
+def memory_pair(capacity: int = 1 << 17) -> tuple[MemoryTransport, MemoryTransport]:
+    """Return two connected ends; each waits to write while `capacity` bytes are unread."""
+    there, back = _Pipe(capacity), _Pipe(capacity)
+    return MemoryTransport(there, back), MemoryTransport(back, there)
+
+
+class PtyTransport:
+    """The master side of a pseudo-terminal; `path` is what the other program opens.
+
+    The slave side is kept open here, so that a program which closes it and opens it again
+    (as a driver does that restarts a module) finds the same terminal.
+    """
+
+    is_usb = False
+
+    def __init__(self) -> None:
+        import tty  # noqa: PLC0415 - not on Windows, where everything else here works
+
+        self._master, self._slave = os.openpty()
+        tty.setraw(self._slave)
+        os.set_blocking(self._master, False)
+        self.path = os.ttyname(self._slave)
+
+    def read(self, timeout_s: float) -> bytes:
+        """As in `Transport`."""
+        if self._master < 0:
+            msg = "the pseudo-terminal is closed"
+            raise TransportClosed(msg)
+        ready, _, _ = select.select([self._master], [], [], max(timeout_s, 0))
+        return os.read(self._master, READ_SIZE) if ready else b""
+
+    def write(self, data: bytes) -> None:
+        """As in `Transport`; waits while the terminal's buffer is full."""
+        left = memoryview(data)
+        while left:
+            left = left[self.write_some(left, 1.0) :]
+
+    def write_some(self, data: bytes | memoryview, timeout_s: float) -> int:
+        """Send what the terminal takes within `timeout_s`; return how many bytes that was."""
+        if self._master < 0:
+            msg = "the pseudo-terminal is closed"
+            raise TransportClosed(msg)
+        _, ready, _ = select.select([], [self._master], [], timeout_s)
+        return os.write(self._master, data) if ready else 0
+
+    def close(self) -> None:
+        """As in `Transport`."""
+        for descriptor in (self._master, self._slave):
+            if descriptor >= 0:
+                os.close(descriptor)
+        self._master = self._slave = -1
+
+
+def wait_s(seconds: float) -> None:
+    """Sleep; here so that tests of the device can pass another clock and another sleep."""
+    time.sleep(seconds)
