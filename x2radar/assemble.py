@@ -59,7 +59,7 @@ class FrameAssembler:
                 counter = message.counter
             case Data(content_id=ContentId.RAW_FRAME) if message.values.dtype == np.float32:
                 axis = self._rf_axis(message.values.size)
-                samples, counter = message.values, message.info
+                samples, counter = message.values.astype(np.float32, copy=False), message.info
             case _:
                 return None
         if samples.size == 0:

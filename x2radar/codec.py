@@ -250,18 +250,20 @@ def _pack(row: Layout, message: Message) -> bytes:
             msg = f"arrays of unequal length {sorted(sizes)}"
             raise ValueError(msg)
         scalars.insert(position, sizes.pop())
-    return b"".join([row.prefix, _STRUCTS[row.head].pack(*scalars), *(a.tobytes() for a in arrays)])
+    return b"".join(
+        [row.prefix, _STRUCTS[row.head].pack(*scalars), *(a.tobytes() for a in arrays)]
+    )
 
 
 def _decode_data(data: bytes) -> Message:
-    """DATA: A0, type, content id, info, [count, elements]; the old baseband form as well."""
+    """Read DATA: A0, type, content id, info, [count, elements]; the old baseband form as well."""
     try:
         _, kind, content_id, info = _FOUR_WORDS.unpack_from(data)
         if kind == DataType.BASEBAND_OLD and content_id in _OLD_BASEBAND:
             cls = _OLD_BASEBAND[content_id]
             # info is the frame counter: from there on the fields are those of APPDATA.
             return _unpack(_BY_CLASS[cls], cls, data, 6)
-        dtype = {DataType.FLOAT: "<f4", DataType.BYTE: "u1"}.get(kind)  # type: ignore[call-overload]
+        dtype = {DataType.FLOAT: "<f4", DataType.BYTE: "u1"}.get(kind)
         if dtype is None:
             return Unknown(data)
         n = struct.unpack_from("<I", data, 10)[0] if len(data) > 10 else 0
@@ -295,7 +297,7 @@ _REPLY_TYPES: dict[int, tuple[str, int]] = {
 
 
 def _decode_reply(data: bytes) -> Message:
-    """REPLY: 11, type, content id, info, [count, elements], element size (not for INT)."""
+    """Read REPLY: 11, type, content id, info, [count, elements], element size (not for INT)."""
     try:
         _, kind, content_id, info = _FOUR_WORDS.unpack_from(data)
         if kind not in _REPLY_TYPES:

@@ -116,6 +116,7 @@ class X2Radar:
         self._transport: Transport | None = None
         self._assembler = FrameAssembler(self.settings)
         self._ready_frames: deque[Frame] = deque()
+        self._heard_ready = False
         self.n_damaged = 0
         self.stream: StreamInfo | None = None
 
@@ -211,6 +212,7 @@ class X2Radar:
             transport.close()
 
     def _reset(self) -> None:
+        self._heard_ready = False
         for _ in range(RETRIES):
             if self._ask(Reset(), self._deadlines.reply_s) is not None:
                 break
@@ -238,9 +240,13 @@ class X2Radar:
                 return
 
     def _wait_ready(self) -> None:
-        give_up_s = time.monotonic() + self._deadlines.ready_s
-        while time.monotonic() < give_up_s:
-            if self._heard_ready(self._deadlines.ping_every_s):
+        now_s = time.monotonic()
+        give_up_s = now_s + self._deadlines.ready_s
+        while now_s < give_up_s:
+            ping_s = now_s + self._deadlines.ping_every_s
+            while not self._heard_ready and (now_s := time.monotonic()) < ping_s:
+                self._pump(ping_s - now_s)
+            if self._heard_ready:
                 return
             pong = self._ask(Ping(), self._deadlines.ping_every_s)
             if isinstance(pong, Pong):
@@ -249,16 +255,9 @@ class X2Radar:
                 if pong.code == PongCode.SAFE_MODE:
                     msg = f"{self.name} is in fail-safe mode: power it off and on again"
                     raise SafeModeError(msg)
+            now_s = time.monotonic()
         msg = f"{self.name}: not ready {self._deadlines.ready_s:g} s after a reset"
         raise DeviceError(msg)
-
-    def _heard_ready(self, wait_s: float) -> bool:
-        deadline_s = time.monotonic() + wait_s
-        while (left_s := deadline_s - time.monotonic()) > 0:
-            for message in self._pump(left_s):
-                if isinstance(message, SystemMessage) and message.code == SystemCode.READY:
-                    return True
-        return False
 
     def _configure(self) -> None:
         s = self.settings
@@ -293,12 +292,11 @@ class X2Radar:
             if left_s <= 0:
                 self._session.give_up()
                 return None
-            for message in self._pump(min(left_s, _READ_S)):
-                if isinstance(message, Answered):
-                    return message.reply
+            for answer in self._pump(min(left_s, _READ_S)):
+                return answer.reply
 
-    def _pump(self, wait_s: float) -> list[Message | Answered]:
-        """Move bytes once; keep frames, raise refusals, return what else came."""
+    def _pump(self, wait_s: float) -> list[Answered]:
+        """Move bytes once; keep frames, raise refusals, return the replies."""
         if self._transport is None:
             msg = f"{self.name} is not open"
             raise TransportClosed(msg)
@@ -307,22 +305,26 @@ class X2Radar:
         if data := self._transport.read(wait_s):
             self._session.receive(data)
         arrived_s = time.monotonic()
-        others: list[Message | Answered] = []
+        answers: list[Answered] = []
         while (event := self._session.next_event()) is not None:
-            match event:
-                case Answered():
-                    others.append(event)
-                case Refused(refused, code):
-                    _refuse(self.name, refused, code)
-                case Damaged():
-                    self.n_damaged += 1
-                case Received(message):
-                    frame = self._assembler.frame(message, arrived_s)
-                    if frame is not None:
-                        self._ready_frames.append(frame)
-                    else:
-                        others.append(message)
-        return others
+            if isinstance(event, Answered):
+                answers.append(event)
+            else:
+                self._take(event, arrived_s)
+        return answers
+
+    def _take(self, event: Received | Refused | Damaged, arrived_s: float) -> None:
+        match event:
+            case Refused(command, code):
+                _refuse(self.name, command, code)
+            case Damaged():
+                self.n_damaged += 1
+            case Received(SystemMessage(SystemCode.READY)):
+                self._heard_ready = True
+            case Received(message):
+                frame = self._assembler.frame(message, arrived_s)
+                if frame is not None:
+                    self._ready_frames.append(frame)
 
 
 def _refuse(name: str, command: Message, code: int) -> None:

@@ -57,7 +57,9 @@ class FastTimeAxis:
 
 @lru_cache(maxsize=32)
 def _range_m(n_range: int, bin_length_m: float, range_offset_m: float) -> NDArray[np.float64]:
-    axis = range_offset_m + bin_length_m * np.arange(n_range)
+    axis: NDArray[np.float64] = range_offset_m + bin_length_m * np.arange(
+        n_range, dtype=np.float64
+    )
     axis.flags.writeable = False
     return axis
 

@@ -12,13 +12,21 @@ What a line does to them, and what `PacketDecoder` does about it:
 
 * a byte lost or flipped: the checksum fails, or a start flag shows up inside the packet.
   The packet is dropped, and reading goes on at that start flag, else behind the end flag.
-* junk between packets: skipped up to the next start flag, and counted.
-* a length that lies: a length packet must be followed by a start flag; if it is not, only
-  its header is dropped and the bytes inside it are searched again.
+* an end flag that became a 7F: it hides the next start flag, and two packets look like one.
+  Where both halves have a right checksum they are taken apart again, and none is lost.
+* junk between packets: skipped up to the next start flag, and counted. After a fault and
+  until the next good packet, nothing says whether a 7F before a start flag is an escape or
+  the end of the junk; such flags are tried too.
+* a length that lies: a length packet must be followed by a start; if it is not, only its
+  header is dropped and the bytes inside it are searched again, also when the packet was
+  handed out before the next byte arrived.
 * an end flag that is lost: the packet ends at the next start flag or at `MAX_PACKET`.
 
+So one damaged byte costs at most the packet it hits, if that is an escaped one. A length
+packet has no checksum: a wrong length that happens to end at another start is believed.
+
 Some hosts and modules send the checksum unescaped; a 7D or 7F directly before the end flag
-is read that way when the checksum then is right.
+is read that way when the checksum then is right (a 7F: once the next start flag arrives).
 
 The decoder never raises; it owns no port and no clock, and its buffer is bounded.
 """
@@ -43,6 +51,7 @@ _ESC = b"\x7f"
 _ESC_ESC = b"\x7f\x7f"
 _ESC_START = b"\x7f\x7d"
 _ESC_END = b"\x7f\x7e"
+_FAST_START = bytes([START, FAST])
 
 
 class Packing(Enum):
@@ -61,6 +70,10 @@ class Fault(Enum):
     INCOMPLETE_PACKET = "incomplete packet"
     OUT_OF_BUFFER = "packet too long"
     JUNK = "junk between packets"
+
+
+_MERGED = frozenset({Fault.JUNK, Fault.OUT_OF_BUFFER})
+"""Faults that are one however many steps they took; the others each stand for a packet."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,12 +140,15 @@ def encode(data: bytes, packing: Packing = Packing.ESCAPED) -> bytes:
     Raises
     ------
     ProtocolError
-        If `data` is empty or longer than `MAX_PACKET`.
+        If `data` is empty, longer than `MAX_PACKET`, or would be read as another packing.
     """
     if not 0 < len(data) <= MAX_PACKET - LENGTH_HEADER:
         msg = f"a packet holds 1 to {MAX_PACKET - LENGTH_HEADER} bytes, not {len(data)}"
         raise ProtocolError(msg)
     if packing is Packing.ESCAPED:
+        if data[0] == FAST:
+            msg = "an escaped packet cannot begin with 51: that is the fast packing's mark"
+            raise ProtocolError(msg)
         return _START + escape(data + bytes([checksum(data)])) + _END
     length = len(data).to_bytes(4, "little")
     if packing is Packing.LENGTH:
@@ -147,17 +163,23 @@ class PacketDecoder:
     def __init__(self) -> None:
         self._buffer = bytearray()
         self._scanned = 0
+        self._given_out = 0
+        self._end_may_follow = False
+        self._hunting = False
         self._out: list[Packet | LineFault] = []
 
     @property
     def n_buffered(self) -> int:
         """Bytes held back because their packet is not complete; at most `MAX_PACKET` + 1 read."""
-        return len(self._buffer)
+        return len(self._buffer) - self._given_out
 
     def reset(self) -> None:
         """Forget what is buffered, as after a reopened port."""
         self._buffer.clear()
         self._scanned = 0
+        self._given_out = 0
+        self._end_may_follow = False
+        self._hunting = False
 
     def feed(self, data: bytes | bytearray) -> list[Packet | LineFault]:
         """Take the next bytes; return what they complete, in order.
@@ -176,7 +198,8 @@ class PacketDecoder:
         done = 0
         while (used := self._step(done)) > 0:
             done += used
-            self._scanned = done
+            # No end flag before `_scanned`: true of the bytes, whatever packet they are in.
+            self._scanned = max(self._scanned, done)
         del self._buffer[:done]
         self._scanned = max(0, self._scanned - done)
         out, self._out = self._out, []
@@ -188,76 +211,120 @@ class PacketDecoder:
         left = len(buffer) - at
         if left == 0:
             return 0
+        end_may_follow, self._end_may_follow = self._end_may_follow, False
         if buffer[at] == START:
             if left > 1 and buffer[at + 1] == FAST:
                 return self._fast(at, left)
             return self._escaped(at, left)
         if buffer.startswith(LENGTH_START, at):
             return self._length(at, left)
+        if end_may_follow and buffer[at] == END:
+            return 1
         return self._junk(at, left)
 
+    def _emit(self, data: bytes, packing: Packing = Packing.ESCAPED) -> None:
+        self._out.append(Packet(data, packing))
+        self._hunting = False
+
     def _drop(self, fault: Fault, n_bytes: int) -> int:
-        self._out.append(LineFault(fault, n_bytes))
+        self._hunting = True
+        last = self._out[-1] if self._out else None
+        if isinstance(last, LineFault) and last.fault is fault and fault in _MERGED:
+            self._out[-1] = LineFault(fault, last.n_bytes + n_bytes)
+        else:
+            self._out.append(LineFault(fault, n_bytes))
         return n_bytes
 
     def _junk(self, at: int, left: int) -> int:
-        start = self._next_start(at)
-        if start < 0:
-            keep = _tail_of_length_start(self._buffer, at)
-            return self._drop(Fault.JUNK, left - keep) if left > keep else 0
-        return self._drop(Fault.JUNK, start - at)
-
-    def _next_start(self, at: int) -> int:
-        """Find the next start flag while hunting; a flag behind an escape is data."""
         buffer = self._buffer
-        length = buffer.find(LENGTH_START, at)
-        start = buffer.find(_START, at)
-        while start > 0 and start > at and buffer[start - 1] == ESC:
-            start = buffer.find(_START, start + 1)
-        if length < 0 or start < 0:
-            return max(length, start)
-        return min(length, start)
+        starts = (buffer.find(_START, at + 1), buffer.find(LENGTH_START, at + 1))
+        start = min((s for s in starts if s > 0), default=-1)
+        if start > 0:
+            return self._drop(Fault.JUNK, start - at)
+        keep = _tail_of_length_start(buffer, at)
+        return self._drop(Fault.JUNK, left - keep) if left > keep else 0
 
     def _escaped(self, at: int, left: int) -> int:
         buffer = self._buffer
         end = buffer.find(_END, max(at + 1, self._scanned))
         while end >= 0 and buffer[end - 1] == ESC and self._is_escaped(end, at):
-            if end + 1 < len(buffer) and buffer[end + 1] in (START, LENGTH_START[0]):
-                body = bytes(buffer[at + 1 : end - 1])
-                data = unescape(body)
-                if data and checksum(data) == ESC and not _has_start(body):
-                    self._out.append(Packet(data))
-                    return end + 1 - at
+            # In a sound packet no bare start flag follows an escaped end flag.
+            if buffer[end + 1 : end + 2] == _START and self._bare_checksum(at, end - 1):
+                return end + 1 - at
             end = buffer.find(_END, end + 1)
         if end < 0:
             return self._unfinished(at, left)
         body = bytes(buffer[at + 1 : end])
         if _START in body and _has_start(body):
-            if body.endswith(_START) and not _has_start(body[:-1]):
-                data = unescape(body[:-1])
-                if data and checksum(data) == START:
-                    self._out.append(Packet(data))
-                    return end + 1 - at
-            return self._drop(Fault.LOST_BYTES, _last_start(body) + 1)
+            return self._overrun(at, end, body)
         data = unescape(body)
-        size = end + 1 - at
-        if len(data) < 2:
-            return self._drop(Fault.INCOMPLETE_PACKET, size)
-        if checksum(data):
-            return self._drop(Fault.CRC_ERROR, size)
-        self._out.append(Packet(data[:-1]))
-        return size
+        if len(data) > 1 and not checksum(data):
+            self._emit(data[:-1])
+            return end + 1 - at
+        return self._damaged(at, end, body, data)
 
     def _unfinished(self, at: int, left: int) -> int:
         if left <= MAX_PACKET:
             # Everything up to here holds no end flag; a lone ESC at the end may still guard one.
             self._scanned = max(at + 1, len(self._buffer) - 1)
             return 0
-        return self._drop(Fault.OUT_OF_BUFFER, self._resume_after(at))
+        return self._drop(Fault.OUT_OF_BUFFER, 1)
 
-    def _resume_after(self, at: int) -> int:
-        start = self._next_start(at + 1)
-        return (start if start > 0 else len(self._buffer)) - at
+    def _bare_checksum(self, at: int, flag: int) -> bool:
+        """Take the packet at `at` if the byte at `flag` is its checksum, sent unescaped."""
+        body = bytes(self._buffer[at + 1 : flag])
+        data = unescape(body)
+        if not data or _has_start(body) or checksum(data) != self._buffer[flag]:
+            return False
+        self._emit(data)
+        return True
+
+    def _overrun(self, at: int, end: int, body: bytes) -> int:
+        """Deal with a start flag inside a packet: go on there, or behind a bare checksum."""
+        if body.endswith(_START) and self._bare_checksum(at, end - 1):
+            return end + 1 - at
+        inner = self._raw_start(at, end)
+        if inner > 0:
+            return self._drop(Fault.LOST_BYTES, inner - at)
+        last = _last_start(body)
+        if last == len(body) - 1:
+            # It may be the bare checksum of the packet that begins one start flag earlier.
+            before = _last_start(body[:-1])
+            last = before if before >= 0 else last
+        return self._drop(Fault.LOST_BYTES, last + 1)
+
+    def _damaged(self, at: int, end: int, body: bytes, data: bytes) -> int:
+        """Drop a packet with a wrong checksum, or the part before a packet hidden in it."""
+        inner = self._raw_start(at, end)
+        if inner > 0:
+            return self._drop(Fault.CRC_ERROR, inner - at)
+        split = _hidden_start(data, one_sided=self._hunting)
+        if split >= 0:
+            flags = np.flatnonzero(np.frombuffer(body, np.uint8) == START)
+            flag = int(flags[data.count(_START, 0, split)])
+            before = data[:split]
+            if len(before) > 1 and not checksum(before):
+                self._emit(before[:-1])
+                self._drop(Fault.LOST_BYTES, 1)
+            else:
+                self._drop(Fault.CRC_ERROR, flag + 1)
+            return flag + 1
+        fault = Fault.CRC_ERROR if len(data) > 1 else Fault.INCOMPLETE_PACKET
+        return self._drop(fault, end + 1 - at)
+
+    def _raw_start(self, at: int, end: int) -> int:
+        """Return where in a broken packet another one may begin whose end is no flag, or -1."""
+        buffer = self._buffer
+        found = -1
+        for start, skip in ((LENGTH_START, 4), (_FAST_START, 2)):
+            inner = buffer.find(start, at + 1, end)
+            while inner > 0:
+                n = int.from_bytes(buffer[inner + skip : inner + skip + 4], "little")
+                if 0 < n <= MAX_PACKET:
+                    found = inner if found < 0 else min(found, inner)
+                    break
+                inner = buffer.find(start, inner + 1, end)
+        return found
 
     def _is_escaped(self, flag: int, at: int) -> bool:
         """Say whether the byte at `flag` is preceded by an odd run of escapes."""
@@ -276,10 +343,16 @@ class PacketDecoder:
         size = LENGTH_HEADER + n
         if left < size:
             return 0
-        if left > size and buffer[at + size] not in (START, LENGTH_START[0]):
+        given_out, self._given_out = self._given_out, 0
+        follows = bytes(buffer[at + size : at + size + len(LENGTH_START)])
+        if not (follows.startswith(_START) or LENGTH_START.startswith(follows)):
             return self._drop(Fault.LOST_BYTES, 1)
-        self._out.append(Packet(bytes(buffer[at + LENGTH_HEADER : at + size]), Packing.LENGTH))
-        return size
+        if not given_out:
+            self._emit(bytes(buffer[at + LENGTH_HEADER : at + size]), Packing.LENGTH)
+        if follows.startswith((_START, LENGTH_START)):
+            return size
+        self._given_out = size
+        return 0
 
     def _fast(self, at: int, left: int) -> int:
         if left < FAST_HEADER:
@@ -288,14 +361,15 @@ class PacketDecoder:
         n = int.from_bytes(buffer[at + 2 : at + 6], "little")
         size = FAST_HEADER + n + 1
         if n == 0 or size > MAX_PACKET:
-            return self._drop(Fault.OUT_OF_BUFFER, 1)
+            return self._escaped(at, left)
         if left < size:
             return 0
         body = bytes(buffer[at + 1 : at + size])
         if checksum(body):
-            return self._drop(Fault.CRC_ERROR, self._resume_after(at))
-        self._out.append(Packet(body[5:-1], Packing.FAST))
-        return size + (1 if left > size and buffer[at + size] == END else 0)
+            return self._escaped(at, left)
+        self._emit(body[5:-1], Packing.FAST)
+        self._end_may_follow = True
+        return size
 
 
 def _has_start(body: bytes) -> bool:
@@ -314,6 +388,34 @@ def _last_start(body: bytes) -> int:
             break
         at = body.rfind(_START, 0, at)
     return at
+
+
+def _hidden_start(data: bytes, *, one_sided: bool) -> int:
+    """Find the start flag in `data` that divides it into two packets.
+
+    Parameters
+    ----------
+    data : bytes
+        Unescaped bytes between a start and an end flag, checksums included.
+    one_sided : bool
+        Take also a flag where only the packet behind it has a right checksum.
+
+    Returns
+    -------
+    int
+        Index of the flag, -1 for none.
+    """
+    values = np.frombuffer(data, np.uint8)
+    flags = np.flatnonzero(values[:-2] == START)
+    if flags.size == 0:
+        return -1
+    until = np.bitwise_xor.accumulate(values)
+    # The packet behind a flag: 7D ^ its bytes is 0. What stands before it: the same, and the
+    # flag itself is a 7D.
+    behind = flags[(until[flags] ^ until[-1]) == START]
+    both = behind[until[behind] == 0]
+    found = both if both.size or not one_sided else behind
+    return int(found[0]) if found.size else -1
 
 
 def _tail_of_length_start(buffer: bytearray, at: int) -> int:

@@ -20,6 +20,7 @@ import serial
 from x2radar.errors import PortBusy, PortDenied, PortError, PortNotFound, TransportClosed
 
 READ_SIZE = 1 << 16
+WRITE_TIMEOUT_S = 5.0
 
 
 class Transport(Protocol):
@@ -58,11 +59,12 @@ class SerialTransport:
     """
 
     def __init__(self, url: str, baud: int = 115_200) -> None:
-        native = "://" not in url
         try:
-            self._serial = serial.serial_for_url(
-                url, baudrate=baud, timeout=0, write_timeout=5, **({"exclusive": True} if native else {})
-            )
+            if "://" in url:
+                self._serial = serial.serial_for_url(url, baudrate=baud, timeout=0)
+            else:
+                self._serial = serial.Serial(url, baudrate=baud, timeout=0, exclusive=True)
+            self._serial.write_timeout = WRITE_TIMEOUT_S
         except (serial.SerialException, OSError, ValueError) as err:
             raise _port_error(url, err) from err
         self.url = url

@@ -70,8 +70,13 @@ def connect(make: Callable[[], SimulatedModule], speed: float | None) -> MemoryT
         The host's end; closing it ends the thread.
     """
     near, far = memory_pair()
-    thread = threading.Thread(
-        target=serve, args=(make(), far), kwargs={"speed": speed}, name="sim-module", daemon=True
-    )
-    thread.start()
+
+    def run() -> None:
+        try:
+            serve(make(), far, speed=speed)
+        finally:
+            # Whatever ended the module, its host must see a closed port, not a silent one.
+            far.close()
+
+    threading.Thread(target=run, name="sim-module", daemon=True).start()
     return near

@@ -9,13 +9,14 @@ time that a UART needs for a byte.
 """
 
 from collections import deque
+from typing import Any
 
 import numpy as np
 
 from x2radar import framing
 from x2radar.codec import decode_command, encode
 from x2radar.errors import MessageError, SettingsError
-from x2radar.frame import FastTimeAxis
+from x2radar.frame import FastTimeAxis, Kind
 from x2radar.framing import Packet, PacketDecoder
 from x2radar.messages import (
     Ack,
@@ -100,7 +101,7 @@ class EchoStream:
     """
 
     def __init__(self, scene: Scene, seed: int, settings: RadarSettings) -> None:
-        kind = "rf" if settings.output == "rf" else "baseband"
+        kind: Kind = "rf" if settings.output == "rf" else "baseband"
         self.axis = FastTimeAxis(
             kind=kind,
             n_range=settings.n_range,
@@ -266,7 +267,7 @@ class SimulatedModule:
             self._frame_due_s = _FOREVER_S
             return Ack() if mode in set(Mode) else ErrorReply(ErrorCode.COMMAND_FAILED)
         try:
-            settings = RadarSettings(**self._typed_fields(), output=self._output_name())
+            settings = self._settings()
         except SettingsError:
             return ErrorReply(ErrorCode.COMMAND_FAILED)
         self._stream = EchoStream(self._scene, self._seed, settings)
@@ -274,11 +275,12 @@ class SimulatedModule:
         self._frame_due_s = self._now_s
         return Ack()
 
-    def _typed_fields(self) -> dict[str, float]:
-        return {
+    def _settings(self) -> RadarSettings:
+        known: dict[str, Any] = {
             name: value if name in {"frame_rate_hz", "sample_delay_s"} else int(value)
             for name, value in self._fields.items()
         }
+        return RadarSettings(**known, output=self._output_name())
 
     def _output_name(self) -> str:
         if self._output is BasebandOutput.OFF:

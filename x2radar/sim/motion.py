@@ -62,7 +62,11 @@ class Variation:
 
 
 def _dog_like(
-    *, torso: tuple[float, float, float], limb: tuple[float, float, float], x_m: float, hind_m: float
+    *,
+    torso: tuple[float, float, float],
+    limb: tuple[float, float, float],
+    x_m: float,
+    hind_m: float,
 ) -> tuple[Scatterer, ...]:
     (torso_hz, torso_m, torso_rcs), (limb_hz, limb_m, limb_rcs) = torso, limb
     legs = [
@@ -146,7 +150,17 @@ def ranges(body: tuple[Scatterer, ...], t_s: Array) -> tuple[Array, Array]:
     """
     table = np.array(
         [
-            (p.x_m, p.y_m, p.z_m, p.vy_mps, p.gait_hz, p.phase_rad, p.swing_m, p.swing3_m, p.rcs_m2)
+            (
+                p.x_m,
+                p.y_m,
+                p.z_m,
+                p.vy_mps,
+                p.gait_hz,
+                p.phase_rad,
+                p.swing_m,
+                p.swing3_m,
+                p.rcs_m2,
+            )
             for p in body
         ]
     ).reshape(-1, 9)

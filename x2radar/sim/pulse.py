@@ -5,6 +5,7 @@ centre, not its start, defines the delay, so that the range axis reads true. Onl
 within five sigma of an echo are computed, where the pulse has fallen to 4e-6 (-108 dB).
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -105,7 +106,7 @@ def rf_echo(range_m: Array, amplitude: Array, axis: FastTimeAxis) -> NDArray[np.
         return np.asarray(envelope * np.cos(2 * np.pi * axis.carrier_hz * since_s))
 
     out = np.zeros((len(range_m), axis.n_range), np.float32)
-    _add_local(out, range_m, amplitude, axis, sigma_s, shape)
+    _add_local(out, range_m, amplitude, axis, reach_s=REACH_SIGMA * sigma_s, shape=shape)
     return out
 
 
@@ -135,14 +136,22 @@ def baseband_echo(range_m: Array, amplitude: Array, axis: FastTimeAxis) -> NDArr
         return np.asarray(np.exp(since_s**2 * (-0.5 / sigma_s**2)))
 
     out = np.zeros((len(range_m), axis.n_range), np.complex64)
-    _add_local(out, range_m, phasor, axis, sigma_s, shape)
+    _add_local(out, range_m, phasor, axis, reach_s=REACH_SIGMA * sigma_s, shape=shape)
     return out
 
 
-def _add_local(out, range_m, amplitude, axis, sigma_s, shape):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+def _add_local(
+    out: NDArray[np.float32] | NDArray[np.complex64],
+    range_m: Array,
+    amplitude: Array | NDArray[np.complex128],
+    axis: FastTimeAxis,
+    *,
+    reach_s: float,
+    shape: Callable[[Array], Array],
+) -> None:
     """Add every scatterer's echo to the bins it touches; others cost nothing."""
     bin_s = 2 * axis.bin_length_m / SPEED_OF_LIGHT_MPS
-    half = int(np.ceil(REACH_SIGMA * sigma_s / bin_s))
+    half = int(np.ceil(reach_s / bin_s))
     offsets = np.arange(-half, half + 1)
     position = (range_m - axis.range_offset_m) / axis.bin_length_m
     seen = (position > -half) & (position < axis.n_range - 1 + half)

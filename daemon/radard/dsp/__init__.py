@@ -1,1 +1,1 @@
-"""Placeholder."""
+"""Signal processing: array in, array out, no state."""

@@ -1,0 +1,256 @@
+"""Classifier: a model bundle, checked, and FeatureSet to class probabilities.
+
+A bundle is three files: NAME.onnx (weights), NAME.json (sidecar) and NAME.md (card). The
+sidecar says which features go in, with which settings, for which streams the network was
+trained, and the hash of the weights. Nothing is guessed: what does not fit is refused.
+"""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radard.errors import BundleError, ModelMismatch
+from radard.features import FeatureSet, FeatureSettings, feature_shape
+from x2radar.frame import FastTimeAxis
+
+SCHEMA = 1
+CLASSES = ("human", "pet", "other")
+_STREAM_KEYS = ("frame_rate_hz", "bin_length_m", "carrier_hz", "bandwidth_hz")
+
+
+@dataclass(frozen=True, slots=True)
+class ModelInput:
+    """One input of the network: its name, its shape without batch, the feature it takes."""
+
+    name: str
+    shape: tuple[int, ...]
+    feature: str
+
+
+@dataclass(frozen=True, slots=True)
+class Bundle:
+    """A sidecar, read and checked.
+
+    Attributes
+    ----------
+    name : str
+        Name of the bundle.
+    onnx : bytes
+        The network, its hash compared.
+    inputs : tuple of ModelInput
+        What the network takes.
+    features : FeatureSettings
+        How that is made.
+    stream : mapping of str to (float, float)
+        Range of frame_rate_hz, bin_length_m, carrier_hz and bandwidth_hz it was made for.
+    classes : tuple of str
+        Order of the network's outputs.
+    temperature : float
+        Logits are divided by it.
+    pet_limit : float
+        The alarm stays off only above this probability of pet and other together.
+    policy : str
+        'window' or 'fused'.
+    """
+
+    name: str
+    onnx: bytes
+    inputs: tuple[ModelInput, ...]
+    features: FeatureSettings
+    stream: Mapping[str, tuple[float, float]]
+    classes: tuple[str, ...]
+    temperature: float
+    pet_limit: float
+    policy: str
+
+    def check_stream(self, axis: FastTimeAxis, frame_rate_hz: float) -> None:
+        """Raise ModelMismatch, naming every misfit, if the stream is not what it was made for.
+
+        A bandwidth that the stream does not know (0) is not held against it.
+        """
+        values = {
+            "frame_rate_hz": frame_rate_hz,
+            "bin_length_m": axis.bin_length_m,
+            "carrier_hz": axis.carrier_hz,
+            "bandwidth_hz": axis.bandwidth_hz,
+        }
+        misfits = [
+            f"{key} is {values[key]:.4g}, it takes {low:.4g} to {high:.4g}"
+            for key, (low, high) in self.stream.items()
+            if not low <= values[key] <= high and not (key == "bandwidth_hz" and values[key] == 0)
+        ]
+        if misfits:
+            msg = f"model '{self.name}' does not fit this stream: {'; '.join(misfits)}"
+            raise ModelMismatch(msg)
+
+
+def bundle_names() -> tuple[str, ...]:
+    """Return the names of the bundles that came with this installation."""
+    folder = resources.files("radard.models")
+    return tuple(sorted(f.name[:-5] for f in folder.iterdir() if f.name.endswith(".onnx")))
+
+
+def load_bundle(name: str) -> Bundle:
+    """Read a bundle by name, or by the path of its .onnx or .json file.
+
+    Raises
+    ------
+    BundleError
+        If a file is missing or unreadable.
+    ModelMismatch
+        If the sidecar makes no sense or the weights are not those it names.
+    """
+    if name in bundle_names():
+        folder = resources.files("radard.models")
+        return _read(
+            name, (folder / f"{name}.json").read_bytes, (folder / f"{name}.onnx").read_bytes
+        )
+    path = Path(name)
+    if path.suffix not in {".onnx", ".json"}:
+        known = ", ".join(bundle_names()) or "none"
+        msg = f"no model '{name}'; installed are {known}; a file must end in .onnx"
+        raise BundleError(msg)
+    return _read(
+        path.stem, path.with_suffix(".json").read_bytes, path.with_suffix(".onnx").read_bytes
+    )
+
+
+def _read(name: str, sidecar: Any, weights: Any) -> Bundle:
+    try:
+        raw = json.loads(sidecar())
+        onnx = weights()
+    except OSError as err:
+        msg = f"model '{name}': cannot read {err.filename}: {err.strerror}"
+        raise BundleError(msg) from err
+    except ValueError as err:
+        msg = f"model '{name}': the sidecar is not JSON: {err}"
+        raise BundleError(msg) from err
+    try:
+        return _parse(raw, onnx)
+    except (KeyError, TypeError, ValueError) as err:
+        msg = f"model '{name}': the sidecar lacks or garbles {err}"
+        raise ModelMismatch(msg) from err
+
+
+def _parse(raw: dict[str, Any], onnx: bytes) -> Bundle:
+    name = str(raw["name"])
+    if raw["schema"] != SCHEMA:
+        msg = f"model '{name}': sidecar schema {raw['schema']}, this radard reads {SCHEMA}"
+        raise ModelMismatch(msg)
+    if hashlib.sha256(onnx).hexdigest() != raw["onnx_sha256"]:
+        msg = f"model '{name}': the weights are not those of the sidecar (sha256 differs)"
+        raise ModelMismatch(msg)
+    classes = tuple(raw["classes"])
+    if not {"human", "pet"} <= set(classes) <= set(CLASSES):
+        msg = f"model '{name}': classes {classes}; human and pet are needed, other is allowed"
+        raise ModelMismatch(msg)
+    features = FeatureSettings.from_mapping(raw["features"])
+    inputs = tuple(ModelInput(i["name"], tuple(i["shape"]), i["feature"]) for i in raw["inputs"])
+    for item in inputs:
+        made = feature_shape(item.feature, features)
+        if item.shape != made:
+            msg = f"model '{name}': input {item.name} is {item.shape}, {item.feature} is {made}"
+            raise ModelMismatch(msg)
+    stream = {key: (float(low), float(high)) for key, (low, high) in raw["stream"].items()}
+    if set(stream) != set(_STREAM_KEYS):
+        msg = f"model '{name}': stream needs the keys {', '.join(_STREAM_KEYS)}"
+        raise ModelMismatch(msg)
+    return Bundle(
+        name,
+        onnx,
+        inputs,
+        features,
+        stream,
+        classes,
+        float(raw["temperature"]),
+        float(raw["pet_limit"]),
+        str(raw["policy"]),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Probabilities:
+    """Calibrated probabilities of one window; they sum to one within 1e-6."""
+
+    human: float
+    pet: float
+    other: float
+
+
+class Classifier:
+    """Run a bundle's network.
+
+    Parameters
+    ----------
+    bundle : Bundle
+        From `load_bundle`.
+
+    Raises
+    ------
+    ModelMismatch
+        If the network is unreadable or its inputs or outputs are not the sidecar's.
+    """
+
+    def __init__(self, bundle: Bundle) -> None:
+        self.bundle = bundle
+        # Here, because `--model none` must not pay for it.
+        import onnxruntime as ort  # noqa: PLC0415
+
+        options = ort.SessionOptions()
+        # One thread and no spinning: on so small a network anything else only burns a core.
+        options.intra_op_num_threads = 1
+        options.inter_op_num_threads = 1
+        options.add_session_config_entry("session.intra_op.allow_spinning", "0")
+        options.log_severity_level = 3
+        try:
+            self._session = ort.InferenceSession(
+                bundle.onnx, options, providers=["CPUExecutionProvider"]
+            )
+        except Exception as err:
+            msg = f"model '{bundle.name}': onnxruntime cannot load it: {err}"
+            raise ModelMismatch(msg) from err
+        wanted = {i.name: [1, *i.shape] for i in bundle.inputs}
+        found = {i.name: [1, *i.shape[1:]] for i in self._session.get_inputs()}
+        n_out = self._session.get_outputs()[0].shape[-1]
+        if wanted != found or n_out != len(bundle.classes):
+            msg = (
+                f"model '{bundle.name}': the network takes {found} and gives {n_out} classes, "
+                f"the sidecar says {wanted} and {len(bundle.classes)}"
+            )
+            raise ModelMismatch(msg)
+
+    @property
+    def feature_names(self) -> tuple[str, ...]:
+        """Features that `classify` needs."""
+        return tuple(i.feature for i in self.bundle.inputs)
+
+    def classify(self, features: FeatureSet) -> Probabilities:
+        """Return the probabilities of one window.
+
+        Raises
+        ------
+        ModelMismatch
+            If the network's answer is not finite: the caller must treat that as a fault.
+        """
+        feed = {i.name: features.inputs[i.feature][None] for i in self.bundle.inputs}
+        logits = np.asarray(self._session.run(None, feed)[0][0], np.float64)
+        if not np.isfinite(logits).all():
+            msg = f"model '{self.bundle.name}' answered {logits}"
+            raise ModelMismatch(msg)
+        by_class = dict(
+            zip(self.bundle.classes, softmax(logits / self.bundle.temperature), strict=True)
+        )
+        return Probabilities(*(float(by_class.get(name, 0.0)) for name in CLASSES))
+
+
+def softmax(logits: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return exp(x) / sum exp(x) of a vector, without overflow for any finite input."""
+    e = np.exp(logits - logits.max())
+    return np.asarray(e / e.sum())

@@ -1,0 +1,77 @@
+"""Decision: gate and probabilities become a label and the alarm.
+
+The rule: with the gate open, alarm unless p_pet + p_other > pet_limit. `other` are trained
+harmless motions only; motion that resembles nothing counts as human, because the limit is
+then not reached. Policy `window` applies the rule to each window alone (the seed's rule).
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from radard.classifier import Probabilities
+from radard.gate import GateReading
+
+Label = Literal["human", "pet", "other", "pending", "none", "invalid"]
+GateState = Literal["open", "closed", "invalid"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Decision:
+    """What was decided on one dwell.
+
+    Attributes
+    ----------
+    seq : int
+        Number of the decision, from 1.
+    t_s : float
+        Stream time at the end of the dwell, in seconds.
+    gate : {'open', 'closed', 'invalid'}
+        Whether something moves; invalid when too many frames are missing.
+    reading : GateReading or None
+        Powers and range; None when invalid.
+    window, fused : Probabilities or None
+        Of this window, and of the evidence over windows; None unless the gate is open and
+        a model is loaded.
+    label : str or None
+        Who moves; None without a model while the gate is open.
+    alarm : bool
+        The verdict of this decision.
+    frames, dropped : int
+        Frames in the dwell and frames missing in it.
+    t_mono_s : float
+        When the dwell's last frame arrived, on the host's monotonic clock.
+    """
+
+    seq: int
+    t_s: float
+    gate: GateState
+    reading: GateReading | None
+    window: Probabilities | None
+    fused: Probabilities | None
+    label: Label | None
+    alarm: bool
+    frames: int
+    dropped: int
+    t_mono_s: float = 0.0
+
+
+def judge(p: Probabilities, pet_limit: float) -> tuple[Label, bool]:
+    """Apply the rule to one set of probabilities.
+
+    Parameters
+    ----------
+    p : Probabilities
+        Of one window, or fused.
+    pet_limit : float
+        Probability of pet and other together above which there is no alarm.
+
+    Returns
+    -------
+    label : {'human', 'pet', 'other'}
+        Human whenever the alarm is on.
+    alarm : bool
+        The verdict.
+    """
+    if p.pet + p.other > pet_limit:
+        return ("pet" if p.pet >= p.other else "other"), False
+    return "human", True

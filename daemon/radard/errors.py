@@ -1,0 +1,50 @@
+"""Every error the daemon raises on purpose, beside those of the driver.
+
+The tree::
+
+    RadardError              base; carries the exit code of the commands
+     +-- UsageError          (also ValueError) an option or value that makes no sense
+     +-- ConfigError         a configuration file or variable is wrong
+     +-- BundleError         a model bundle is missing or unreadable
+     +-- ModelMismatch       a bundle whose hash, shapes or stream ranges do not fit
+     +-- OutputError         a sink cannot keep what it is given
+     +-- FeatureError        (also ValueError) an array that a DSP routine cannot take
+"""
+
+
+class RadardError(Exception):
+    """Base of all errors raised on purpose; `exit_code` is what the command ends with."""
+
+    exit_code = 1
+
+
+class UsageError(RadardError, ValueError):
+    """An option or value that makes no sense."""
+
+    exit_code = 2
+
+
+class ConfigError(RadardError):
+    """A configuration file or environment variable is wrong."""
+
+    exit_code = 78
+
+
+class BundleError(RadardError):
+    """A model bundle is missing or unreadable."""
+
+    exit_code = 66
+
+
+class ModelMismatch(RadardError):
+    """A bundle that does not fit the stream, or is not what its sidecar says."""
+
+    exit_code = 4
+
+
+class OutputError(RadardError):
+    """A sink cannot keep what it is given."""
+
+
+class FeatureError(RadardError, ValueError):
+    """An array that a signal-processing routine cannot take."""

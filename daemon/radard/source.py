@@ -1,0 +1,230 @@
+"""A --port string becomes frames: serial, ``sim:`` or ``replay:``, live ones with recovery.
+
+A source yields frames and, through `on_notice`, says when the device is lost and found. It
+opens before the first frame is asked for, so that faults of the port come at start.
+"""
+
+import random
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from itertools import chain
+from typing import Protocol
+
+from radard.errors import UsageError
+from x2radar.device import X2Radar
+from x2radar.errors import DeviceError, PortError, ReadTimeout, RecordingError, TransportClosed
+from x2radar.frame import Frame, StreamInfo
+from x2radar.ports import PortSpec, check_options, make_radar, number_option, parse_port
+
+Notify = Callable[[str, str], None]
+REPLAY_KEYS = frozenset({"start", "loop"})
+BACKOFF_FIRST_S = 0.25
+BACKOFF_MOST_S = 10.0
+
+
+class FrameSource(Protocol):
+    """Where frames come from."""
+
+    @property
+    def stream(self) -> StreamInfo:
+        """Axis and rate of the frames."""
+        ...
+
+    @property
+    def is_live(self) -> bool:
+        """Whether frames come from a device now (a simulated one is live)."""
+        ...
+
+    def frames(self) -> Iterator[Frame]:
+        """Yield frames until the source ends."""
+        ...
+
+    def close(self) -> None:
+        """Let go of the port or file; frames() then ends."""
+        ...
+
+
+def parse_speed(text: str, *, replay: bool) -> float | None:
+    """Return stream seconds per real second; None is as fast as possible.
+
+    Raises UsageError unless `text` is auto, realtime, max or a number above zero.
+    """
+    if text == "auto":
+        return None if replay else 1.0
+    if text in {"realtime", "max"}:
+        return 1.0 if text == "realtime" else None
+    try:
+        factor = float(text)
+    except ValueError:
+        factor = 0.0
+    if not 0 < factor < 1e6:
+        msg = f"--speed '{text}': use realtime, max or a factor above 0"
+        raise UsageError(msg)
+    return factor
+
+
+def open_source(
+    port: str,
+    *,
+    speed: str = "auto",
+    wait: bool = False,
+    quit_on_loss: bool = False,
+    on_notice: Notify = lambda _kind, _reason: None,
+) -> FrameSource:
+    """Open what a port string names.
+
+    Parameters
+    ----------
+    port : str
+        As --port takes it.
+    speed : str
+        As --speed takes it.
+    wait : bool
+        Wait for a port that is absent or denied, instead of raising.
+    quit_on_loss : bool
+        Raise when the device goes away later, instead of waiting for it.
+    on_notice : callable
+        Called with ('lost' or 'found', reason) from the thread that reads frames.
+
+    Returns
+    -------
+    FrameSource
+        Open, with its stream known.
+
+    Raises
+    ------
+    X2RadarError, UsageError
+        If the port, scene or recording cannot be opened.
+    """
+    spec = parse_port(port)
+    factor = parse_speed(speed, replay=spec.scheme == "replay")
+    if spec.scheme == "replay":
+        return ReplaySource(spec, factor)
+    return LiveSource(make_radar(spec, speed=factor), wait, quit_on_loss, on_notice)
+
+
+class LiveSource:
+    """Frames of a device, which is opened again when it was lost."""
+
+    is_live = True
+
+    def __init__(self, radar: X2Radar, wait: bool, quit_on_loss: bool, on_notice: Notify) -> None:
+        self._radar = radar
+        self._quit_on_loss = quit_on_loss
+        self._on_notice = on_notice
+        self._closed = False
+        self._first, self._rest = self._start(wait=wait)
+        self.stream: StreamInfo = StreamInfo(
+            self._first.axis, radar.settings.frame_rate_hz, radar.name
+        )
+
+    def frames(self) -> Iterator[Frame]:
+        """Yield frames; after a loss, the first one is marked as a restart.
+
+        Raises
+        ------
+        TransportClosed, ReadTimeout, DeviceError
+            If the device is lost and is not waited for.
+        """
+        first, rest = self._first, self._rest
+        offset, index = 0, -1
+        while True:
+            try:
+                for frame in chain([first], rest):
+                    index = frame.index + offset
+                    moved = frame if not offset else replace(frame, index=index)
+                    if frame is first and offset:
+                        moved = replace(moved, restarted=True)
+                    yield moved
+            except (TransportClosed, ReadTimeout, DeviceError) as err:
+                if self._closed:
+                    return
+                if self._quit_on_loss:
+                    raise
+                self._on_notice("lost", str(err))
+                self._radar.close()
+            if self._closed:
+                return
+            first, rest = self._start(wait=True)
+            offset = index + 1
+            self._on_notice("found", f"{self._radar.name} answers again")
+
+    def close(self) -> None:
+        """As in `FrameSource`."""
+        self._closed = True
+        self._radar.close()
+
+    def _start(self, *, wait: bool) -> tuple[Frame, Iterator[Frame]]:
+        pause_s = BACKOFF_FIRST_S
+        while True:
+            try:
+                self._radar.open()
+                frames = self._radar.frames()
+                return next(frames), frames
+            except (PortError, TransportClosed, ReadTimeout, DeviceError) as err:
+                self._radar.close()
+                if not wait or self._closed:
+                    raise
+                self._on_notice("lost", str(err))
+            # Jitter keeps several daemons on one hub from knocking at the same time.
+            time.sleep(pause_s * random.uniform(0.8, 1.2))  # noqa: S311 - no secret
+            pause_s = min(2 * pause_s, BACKOFF_MOST_S)
+
+
+class ReplaySource:
+    """Frames of a recording, paced by their stream time."""
+
+    is_live = False
+
+    def __init__(self, spec: PortSpec, speed: float | None) -> None:
+        check_options(spec, REPLAY_KEYS)
+        self._start_s = number_option(spec, "start", 0.0)
+        if self._start_s < 0:
+            msg = f"port key 'start': {self._start_s:g} is negative"
+            raise UsageError(msg)
+        self._loop = number_option(spec, "loop", 0.0) > 0
+        # Late: live sources must not wait for h5py at start.
+        from x2radar.xethru import open_recording  # noqa: PLC0415
+
+        self._reader = open_recording(spec.target)
+        self._speed = speed
+        self._closed = False
+        self.warning = self._reader.warning
+        end_s = self._reader.n_frames / self._reader.stream.frame_rate_hz
+        if self._start_s >= end_s:
+            msg = f"{spec.target}: start={self._start_s:g} is behind its end ({end_s:.1f} s)"
+            raise RecordingError(msg)
+
+    @property
+    def stream(self) -> StreamInfo:
+        """As in `FrameSource`."""
+        return self._reader.stream
+
+    def frames(self) -> Iterator[Frame]:
+        """Yield the recording's frames, again and again with loop=1."""
+        rate_hz = self.stream.frame_rate_hz
+        begun_s, first_index, offset = time.monotonic(), None, 0
+        index = -1
+        while True:
+            start_s = self._start_s if offset == 0 else 0.0
+            for n, frame in enumerate(self._reader.frames(start_s)):
+                if self._closed:
+                    return
+                index = frame.index + offset
+                moved = frame if not offset else replace(frame, index=index, lost=0)
+                if first_index is None:
+                    first_index = index
+                if self._speed is not None:
+                    due_s = begun_s + (index - first_index) / rate_hz / self._speed
+                    time.sleep(max(0.0, due_s - time.monotonic()))
+                    moved = replace(moved, t_mono_s=time.monotonic())
+                # Where one round ends and the next begins, time does not go on smoothly.
+                yield replace(moved, restarted=True) if offset and n == 0 else moved
+            if not self._loop:
+                return
+            offset = index + 1
+
+    def close(self) -> None:
+        """As in `FrameSource`."""
+        self._closed = True

@@ -1,0 +1,159 @@
+"""Export: torch to ONNX, parity with onnxruntime, sidecar and card."""
+
+import hashlib
+import json
+import logging
+import warnings
+from dataclasses import asdict, dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnx
+import onnxruntime as ort
+import torch
+from numpy.typing import NDArray
+
+from radard.classifier import SCHEMA
+from radard.features import FeatureSettings
+
+PARITY = 1e-5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BundleSpec:
+    """What the sidecar and the card say beside the network.
+
+    Attributes
+    ----------
+    name : str
+        Name of the bundle.
+    feature : str
+        Feature that goes in.
+    settings : FeatureSettings
+        How it is made.
+    stream : dict of str to (float, float)
+        Ranges of streams it was made for.
+    classes : tuple of str
+        Order of the outputs.
+    temperature : float
+        Logits are divided by it.
+    training : dict
+        Recipe, command and seed.
+    metrics : dict
+        Measured on data that training never saw.
+    """
+
+    name: str
+    feature: str
+    settings: FeatureSettings
+    stream: dict[str, tuple[float, float]]
+    classes: tuple[str, ...]
+    temperature: float
+    training: dict[str, Any]
+    metrics: dict[str, Any]
+
+
+def to_onnx(net: torch.nn.Module, n_in: int) -> bytes:
+    """Return the network as ONNX with a free batch size, without traces of this machine."""
+    net.eval()
+    example = torch.zeros(2, n_in)
+    logging.getLogger("torch.onnx").setLevel(logging.ERROR)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        program = torch.onnx.export(
+            net,
+            (example,),
+            dynamo=True,
+            external_data=False,
+            verbose=False,
+            input_names=["features"],
+            output_names=["logits"],
+            dynamic_shapes=({0: torch.export.Dim("batch")},),
+        )
+    assert program is not None  # noqa: S101 - dynamo=True returns a program
+    model = program.model_proto
+    # The exporter notes source files and stack traces; the bundle must not carry them.
+    del model.metadata_props[:]
+    del model.graph.metadata_props[:]
+    model.doc_string = model.graph.doc_string = ""
+    for item in (*model.graph.node, *model.graph.value_info, *model.graph.input):
+        item.doc_string = ""
+        if hasattr(item, "metadata_props"):
+            del item.metadata_props[:]
+    for item in (*model.graph.output, *model.graph.initializer):
+        item.doc_string = ""
+        if hasattr(item, "metadata_props"):
+            del item.metadata_props[:]
+    onnx.checker.check_model(model)
+    return bytes(model.SerializeToString(deterministic=True))
+
+
+def parity(net: torch.nn.Module, onnx_bytes: bytes, x: NDArray[np.float32]) -> float:
+    """Return the largest difference of any logit between torch and onnxruntime."""
+    session = ort.InferenceSession(onnx_bytes, providers=["CPUExecutionProvider"])
+    ours = session.run(None, {"features": x})[0]
+    with torch.no_grad():
+        theirs = net(torch.from_numpy(x)).numpy()
+    return float(np.abs(np.asarray(ours) - theirs).max())
+
+
+def write_bundle(folder: Path, spec: BundleSpec, onnx_bytes: bytes, n_in: int) -> None:
+    """Write NAME.onnx, NAME.json and NAME.md, each at once or not at all."""
+    sidecar = {
+        "schema": SCHEMA,
+        "name": spec.name,
+        "onnx_sha256": hashlib.sha256(onnx_bytes).hexdigest(),
+        "inputs": [{"name": "features", "shape": [n_in], "feature": spec.feature}],
+        "features": asdict(spec.settings),
+        "stream": {key: list(value) for key, value in spec.stream.items()},
+        "classes": list(spec.classes),
+        "temperature": spec.temperature,
+        "pet_limit": 0.8,
+        "policy": "window",
+        "training": {
+            **spec.training,
+            "versions": {name: version(name) for name in ("torch", "onnx", "numpy", "x2radar")},
+        },
+        "metrics": spec.metrics,
+    }
+    folder.mkdir(parents=True, exist_ok=True)
+    for suffix, data in (
+        (".onnx", onnx_bytes),
+        (".json", (json.dumps(sidecar, indent=2) + "\n").encode()),
+        (".md", _card(sidecar, len(onnx_bytes)).encode()),
+    ):
+        part = folder / f"{spec.name}{suffix}.part"
+        part.write_bytes(data)
+        part.replace(folder / f"{spec.name}{suffix}")
+
+
+def _card(sidecar: dict[str, Any], n_bytes: int) -> str:
+    rows = "\n".join(f"| {key} | {value} |" for key, value in sidecar["metrics"].items())
+    stream = "\n".join(f"| {k} | {lo:g} to {hi:g} |" for k, (lo, hi) in sidecar["stream"].items())
+    training = sidecar["training"]
+    return f"""# Model `{sidecar["name"]}`
+
+{training["recipe"]}
+
+Made by one command (same seed, same file on one machine):
+
+    {training["command"]}
+
+Measured on windows that training never saw, drawn from the same simulated bodies. They say
+nothing about real people and pets.
+
+| measure | value |
+|---|---|
+{rows}
+
+For streams of
+
+| | |
+|---|---|
+{stream}
+
+Classes: {", ".join(sidecar["classes"])}. No alarm above {sidecar["pet_limit"]:g} pet. Policy
+`{sidecar["policy"]}`. Input `{sidecar["inputs"][0]["feature"]}`, {n_bytes} bytes of weights.
+"""

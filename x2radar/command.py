@@ -1,0 +1,81 @@
+"""What the three commands share: one-line errors, exit codes, the parser that keeps them.
+
+0 clean, also after SIGINT and SIGTERM; 1 runtime failure; 2 usage; further codes stand in
+the `exit_code` of the errors themselves.
+"""
+
+import argparse
+import os
+import sys
+import traceback
+from collections.abc import Callable, Sequence
+from importlib.metadata import PackageNotFoundError, version
+from typing import NoReturn
+
+
+class Parser(argparse.ArgumentParser):
+    """An argument parser whose errors are one line."""
+
+    def error(self, message: str) -> NoReturn:
+        """Print one line and end with exit code 2."""
+        self.exit(2, f"{self.prog}: {message}; see {self.prog} --help\n")
+
+
+def new_parser(prog: str, description: str, examples: str) -> Parser:
+    """Return a parser with --version, --debug and examples at the end of its help."""
+    parser = Parser(
+        prog=prog,
+        description=description,
+        epilog=examples,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="version", version=f"%(prog)s {installed_version()}")
+    parser.add_argument("--debug", action="store_true", help="show a traceback with errors")
+    return parser
+
+
+def installed_version() -> str:
+    """Return the version of the installed distribution, or 'unknown'."""
+    try:
+        return version("x2radar")
+    except PackageNotFoundError:
+        return "unknown"
+
+
+def run_command(
+    prog: str, body: Callable[[Sequence[str]], int], argv: Sequence[str] | None = None
+) -> int:
+    """Run a command's body and turn what it raises into one line and an exit code.
+
+    Parameters
+    ----------
+    prog : str
+        Name of the command.
+    body : callable
+        Takes the arguments, returns the exit code.
+    argv : sequence of str, optional
+        Arguments; the process' own by default.
+
+    Returns
+    -------
+    int
+        The exit code.
+    """
+    args = list(sys.argv[1:] if argv is None else argv)
+    try:
+        code = body(args)
+        sys.stdout.flush()
+    except KeyboardInterrupt:
+        return 0
+    except BrokenPipeError:
+        # The reader of our output has gone, as with `| head`: nothing is left to say.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except Exception as err:  # noqa: BLE001 - the last line of defence of a command
+        if "--debug" in args:
+            traceback.print_exc()
+        known = getattr(err, "exit_code", None)
+        text = str(err) if known is not None else f"internal error: {err!r}; --debug shows more"
+        print(f"{prog}: {' '.join(text.split())}", file=sys.stderr)  # noqa: T201 - the one line
+        return known if isinstance(known, int) else 1
+    return code

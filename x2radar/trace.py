@@ -1,0 +1,93 @@
+"""Traces of the wire: text with hex bytes, or raw bytes, to readable messages."""
+
+import re
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from x2radar.codec import decode_any
+from x2radar.errors import MessageError
+from x2radar.framing import LineFault, PacketDecoder
+from x2radar.messages import Message
+
+_COMMENT = re.compile(r"//.*|#.*")
+# Four bytes at least, the shortest packet. A label in front is fine (`Read: 0x7d ...`);
+# prose that quotes some bytes is not.
+_PREFIXED_LINE = re.compile(r"(?:.*:)?\s*((?:0[xX][0-9a-fA-F]{2}[\s,]*){4,})")
+_PREFIXED = re.compile(r"0[xX]([0-9a-fA-F]{2})")
+_BARE_LINE = re.compile(r"\s*((?:[0-9a-fA-F]{2}[\s,]*){4,})")
+_BARE = re.compile(r"[0-9a-fA-F]{2}")
+
+
+def read_trace(data: bytes) -> bytes:
+    """Return the wire's bytes from a trace file.
+
+    Parameters
+    ----------
+    data : bytes
+        Raw bytes, or text with lines of hex bytes: ``0x7d 0x10``, also behind a label
+        that ends in a colon, or nothing but ``7d 10``. What follows ``//`` or ``#`` is a
+        comment; lines with anything else are prose and left out.
+
+    Returns
+    -------
+    bytes
+        The bytes in order; `data` itself when it is no such text.
+    """
+    try:
+        text = data.decode("ascii")
+    except UnicodeDecodeError:
+        return data
+    out = bytearray()
+    for line in text.splitlines():
+        body = _COMMENT.sub("", line)
+        if match := _PREFIXED_LINE.fullmatch(body):
+            pairs = _PREFIXED.findall(match[1])
+        elif match := _BARE_LINE.fullmatch(body):
+            pairs = _BARE.findall(match[1])
+        else:
+            continue
+        out += bytes(int(pair, 16) for pair in pairs)
+    return bytes(out) or data
+
+
+def describe(data: bytes) -> Iterator[dict[str, Any]]:
+    """Yield one JSON-safe object for every packet and every stretch of dropped bytes.
+
+    Parameters
+    ----------
+    data : bytes
+        The wire's bytes, both directions mixed.
+
+    Yields
+    ------
+    dict
+        ``{"message": name, ...fields}`` or ``{"fault": why, "n_bytes": n}``. Arrays become
+        lists.
+    """
+    decoder = PacketDecoder()
+    for item in decoder.feed(data):
+        if isinstance(item, LineFault):
+            yield {"fault": item.fault.value, "n_bytes": item.n_bytes}
+            continue
+        try:
+            yield _message(decode_any(item.data))
+        except MessageError as err:
+            yield {"fault": str(err), "n_bytes": len(item.data)}
+    if decoder.n_buffered:
+        yield {"fault": "incomplete packet at the end", "n_bytes": decoder.n_buffered}
+
+
+def _message(message: Message) -> dict[str, Any]:
+    out: dict[str, Any] = {"message": type(message).__name__}
+    for name in getattr(message, "__dataclass_fields__", {}):
+        value = getattr(message, name)
+        if isinstance(value, np.ndarray):
+            value = [None if not np.isfinite(v) else float(v) for v in value]
+        elif isinstance(value, bytes):
+            value = value.hex(" ")
+        elif isinstance(value, float) and not np.isfinite(value):
+            value = None
+        out[name] = value
+    return out
