@@ -1,13 +1,13 @@
 """Messages to frames: the one place that knows which messages carry an echo.
 
-Raw RF frames, X4 style down-converted float frames, baseband I/Q and baseband
-amplitude/phase all become a `Frame` with its axis; every other message is none.
+Raw RF frames, baseband I/Q and baseband amplitude/phase all become a `Frame` with its axis;
+every other message is none.
 """
 
 import numpy as np
 from numpy.typing import NDArray
 
-from x2radar.frame import CounterTracker, FastTimeAxis, Frame, Step, read_only
+from x2radar.frame import CounterTracker, FastTimeAxis, Frame, Kind, Step, read_only
 from x2radar.messages import BasebandAp, BasebandIq, Data, Message
 from x2radar.settings import RadarSettings
 from x2radar.wire_ids import ContentId
@@ -27,7 +27,8 @@ class FrameAssembler:
     def __init__(self, settings: RadarSettings) -> None:
         self._settings = settings
         self._counter = CounterTracker()
-        self._axes: dict[tuple[float, ...], FastTimeAxis] = {}
+        self._axis_key: tuple[Kind | float, ...] = ()
+        self._axis: FastTimeAxis | None = None
         self.n_repeated = 0
 
     def frame(self, message: Message, t_mono_s: float) -> Frame | None:
@@ -59,7 +60,9 @@ class FrameAssembler:
                 counter = message.counter
             case Data(content_id=ContentId.RAW_FRAME) if message.values.dtype == np.float32:
                 axis = self._rf_axis(message.values.size)
-                samples, counter = message.values.astype(np.float32, copy=False), message.info
+                # Behind its header the packet's memory is not aligned; users' libraries mind.
+                samples = np.require(message.values, np.float32, "A")
+                counter = message.info
             case _:
                 return None
         if samples.size == 0:
@@ -73,37 +76,34 @@ class FrameAssembler:
         return Frame(samples, counter, self._counter.index, lost, restarted, axis, t_mono_s)
 
     def _rf_axis(self, n_range: int) -> FastTimeAxis:
-        key = (float(n_range),)
-        if key not in self._axes:
-            s = self._settings
-            self._axes[key] = FastTimeAxis(
-                kind="rf",
-                n_range=n_range,
-                bin_length_m=s.bin_length_m,
-                range_offset_m=s.range_offset_m,
-                carrier_hz=s.carrier_hz,
-                bandwidth_hz=s.bandwidth_hz,
-                sample_rate_hz=s.sample_rate_hz,
-            )
-        return self._axes[key]
+        s = self._settings
+        return self._cached_axis(
+            "rf", n_range, s.bin_length_m, s.range_offset_m, s.carrier_hz, s.sample_rate_hz
+        )
 
     def _baseband_axis(self, message: BasebandIq | BasebandAp) -> FastTimeAxis:
-        n_range = message.i.size if isinstance(message, BasebandIq) else message.amplitude.size
-        key = (
-            float(n_range),
+        return self._cached_axis(
+            "baseband",
+            message.i.size if isinstance(message, BasebandIq) else message.amplitude.size,
             message.bin_length_m,
             message.range_offset_m,
             message.carrier_hz,
             message.sample_rate_hz,
         )
-        if key not in self._axes:
-            self._axes[key] = FastTimeAxis(
-                kind="baseband",
+
+    def _cached_axis(self, kind: Kind, n_range: int, *numbers: float) -> FastTimeAxis:
+        """Return the last axis while nothing changes, so that frames share one."""
+        key = (kind, n_range, *numbers)
+        if self._axis is None or self._axis_key != key:
+            bin_length_m, range_offset_m, carrier_hz, sample_rate_hz = numbers
+            self._axis_key = key
+            self._axis = FastTimeAxis(
+                kind=kind,
                 n_range=n_range,
-                bin_length_m=message.bin_length_m,
-                range_offset_m=message.range_offset_m,
-                carrier_hz=message.carrier_hz,
+                bin_length_m=bin_length_m,
+                range_offset_m=range_offset_m,
+                carrier_hz=carrier_hz,
                 bandwidth_hz=self._settings.bandwidth_hz,
-                sample_rate_hz=message.sample_rate_hz,
+                sample_rate_hz=sample_rate_hz,
             )
-        return self._axes[key]
+        return self._axis

@@ -123,6 +123,7 @@ _COMMAND_ROWS = {row.prefix: row for row in COMMANDS}
 _RESPONSE_ROWS = {row.prefix: row for row in RESPONSES}
 _SET_OUTPUT = struct.Struct("<BBIII")
 _FOUR_WORDS = struct.Struct("<BBII")
+_DATA_TYPES: dict[int, str] = {DataType.FLOAT: "<f4", DataType.BYTE: "u1"}
 
 
 def encode(message: Message) -> bytes:
@@ -157,21 +158,13 @@ def encode(message: Message) -> bytes:
                 return data
             case _:
                 return _pack(_BY_CLASS[type(message)], message)
-    except (struct.error, TypeError, ValueError, OverflowError) as err:
+    except (struct.error, KeyError, TypeError, ValueError, OverflowError) as err:
         msg = f"{message!r} does not fit the wire: {err}"
         raise MessageError(msg) from err
 
 
 def decode_command(data: bytes) -> Message:
-    """Read what a host sends; raise MessageError if it is cut short."""
-    if data[:2] == b"\x90\x71" and len(data) == _SET_OUTPUT.size:
-        _, _, ref, count, value = _SET_OUTPUT.unpack(data)
-        return SetOutput(ref, value, count)
-    return _decode(data, _COMMAND_ROWS, (6, 2, 1))
-
-
-def decode_response(data: bytes) -> Message:
-    """Read what a module sends; raise MessageError if it is cut short.
+    """Read what a host sends.
 
     Parameters
     ----------
@@ -182,13 +175,45 @@ def decode_response(data: bytes) -> Message:
     -------
     Message
         `Unknown` when no row describes the packet.
+
+    Raises
+    ------
+    MessageError
+        If the packet is shorter or longer than its row says.
+    """
+    if data[:2] == b"\x90\x71":
+        return _decode_set_output(data)
+    return _decode(data, _COMMAND_ROWS, (6, 2, 1))
+
+
+def decode_response(data: bytes) -> Message:
+    """Read what a module sends.
+
+    Parameters
+    ----------
+    data : bytes
+        Data of one packet.
+
+    Returns
+    -------
+    Message
+        `Unknown` when no row describes the packet.
+
+    Raises
+    ------
+    MessageError
+        If the packet is shorter or longer than its row, or its counts, say.
     """
     first = data[:1]
     if first == b"\xa0":
         return _decode_data(data)
     if first == b"\x11":
         return _decode_reply(data)
-    if first == b"\x20" and len(data) in {2, 5}:
+    if first == b"\x20":
+        # Documented as a u32; some hosts' tests have a single byte.
+        if len(data) not in {2, 5}:
+            msg = f"ErrorReply has {len(data)} bytes instead of 2 or 5"
+            raise MessageError(msg)
         return ErrorReply(int.from_bytes(data[1:], "little"))
     return _decode(data, _RESPONSE_ROWS, (5, 1))
 
@@ -208,6 +233,18 @@ def decode_any(data: bytes) -> Message:
     return decode_command(data) if as_command else decode_response(data)
 
 
+def _decode_set_output(data: bytes) -> Message:
+    """APP_SETINT: 90 71, reference, count, values; more than one value is `Unknown`."""
+    if len(data) < _SET_OUTPUT.size:
+        msg = f"SetOutput cut short: {len(data)} bytes"
+        raise MessageError(msg)
+    _, _, ref, count, value = _SET_OUTPUT.unpack_from(data)
+    if len(data) != _SET_OUTPUT.size + 4 * (count - 1):
+        msg = f"SetOutput has {len(data)} bytes, but {count} values"
+        raise MessageError(msg)
+    return SetOutput(ref, value, count) if count == 1 else Unknown(data)
+
+
 def _decode(data: bytes, rows: dict[bytes, Layout], lengths: tuple[int, ...]) -> Message:
     for length in lengths:
         row = rows.get(data[:length])
@@ -224,7 +261,7 @@ def _unpack(row: Layout, cls: type[Message], data: bytes, at: int) -> Message:
         counts = [fields[k] for k in row.counts]
         arrays = []
         for which, dtype in row.arrays:
-            arrays.append(np.frombuffer(data, dtype, counts[which], at))
+            arrays.append(_array(data, dtype, counts[which], at))
             at += arrays[-1].nbytes
     except (struct.error, ValueError) as err:
         msg = f"{cls.__name__} cut short: {len(data)} bytes ({err})"
@@ -234,6 +271,13 @@ def _unpack(row: Layout, cls: type[Message], data: bytes, at: int) -> Message:
         raise MessageError(msg)
     scalars = [f for k, f in enumerate(fields) if k not in row.counts]
     return cls(*scalars, *arrays)
+
+
+def _array(data: bytes, dtype: str, n: int, at: int) -> Any:
+    """Return `n` elements from `at` on as a read-only view; ValueError if they are not there."""
+    array = np.frombuffer(data, dtype, n, at)
+    array.flags.writeable = False
+    return array
 
 
 def _pack(row: Layout, message: Message) -> bytes:
@@ -263,18 +307,17 @@ def _decode_data(data: bytes) -> Message:
             cls = _OLD_BASEBAND[content_id]
             # info is the frame counter: from there on the fields are those of APPDATA.
             return _unpack(_BY_CLASS[cls], cls, data, 6)
-        dtype = {DataType.FLOAT: "<f4", DataType.BYTE: "u1"}.get(kind)
+        dtype = _DATA_TYPES.get(kind)
         if dtype is None:
             return Unknown(data)
-        n = struct.unpack_from("<I", data, 10)[0] if len(data) > 10 else 0
-        values = np.frombuffer(data, dtype, n, 14) if n else np.empty(0, dtype)
+        n, at = (struct.unpack_from("<I", data, 10)[0], 14) if len(data) > 10 else (0, 10)
+        values = _array(data, dtype, n, at)
     except (struct.error, ValueError) as err:
         msg = f"Data cut short: {len(data)} bytes ({err})"
         raise MessageError(msg) from err
-    if n and 14 + values.nbytes != len(data):
-        msg = f"Data has {len(data) - 14 - values.nbytes} bytes too many"
+    if at + values.nbytes != len(data):
+        msg = f"Data has {len(data) - at - values.nbytes} bytes too many"
         raise MessageError(msg)
-    values.flags.writeable = False
     return Data(content_id, info, values)
 
 
@@ -297,23 +340,24 @@ _REPLY_TYPES: dict[int, tuple[str, int]] = {
 
 
 def _decode_reply(data: bytes) -> Message:
-    """Read REPLY: 11, type, content id, info, [count, elements], element size (not for INT)."""
+    """REPLY: 11, type, content id, info, [count, elements], element size (not for INT)."""
     try:
         _, kind, content_id, info = _FOUR_WORDS.unpack_from(data)
         if kind not in _REPLY_TYPES:
             return Unknown(data)
         code, size = _REPLY_TYPES[kind]
-        n = struct.unpack_from("<I", data, 10)[0] if len(data) >= 14 else 0
-        body = data[14 : 14 + n * size]
-        if len(body) != n * size:
-            msg = f"Reply cut short: {len(body)} of {n * size} bytes"
-            raise MessageError(msg)
-        if kind == DataType.STRING:
-            return Reply(content_id, info, body.rstrip(b"\0").decode("utf-8", "replace"))
-        return Reply(content_id, info, struct.unpack(f"<{n}{code}", body))
+        # Without elements there is no count; the element size is optional, see above.
+        n, at = (struct.unpack_from("<I", data, 10)[0], 14) if len(data) > 11 else (0, 10)
     except struct.error as err:
         msg = f"Reply cut short: {len(data)} bytes ({err})"
         raise MessageError(msg) from err
+    body = data[at : at + n * size]
+    if len(body) != n * size or len(data) - at - len(body) > 1:
+        msg = f"Reply has {len(data) - at} bytes for {n} elements of {size} bytes"
+        raise MessageError(msg)
+    if kind == DataType.STRING:
+        return Reply(content_id, info, body.rstrip(b"\0").decode("utf-8", "replace"))
+    return Reply(content_id, info, struct.unpack(f"<{n}{code}", body))
 
 
 def _encode_reply(message: Reply) -> bytes:

@@ -146,6 +146,8 @@ class X2Radar:
         TransportClosed
             If the port goes away meanwhile.
         """
+        self.close()
+        self._session.reset()
         self._transport = self._connect()
         try:
             self._reset()
@@ -308,6 +310,9 @@ class X2Radar:
         answers: list[Answered] = []
         while (event := self._session.next_event()) is not None:
             if isinstance(event, Answered):
+                if isinstance(event.command, Reset):
+                    # A READY from before it says nothing about the restart.
+                    self._heard_ready = False
                 answers.append(event)
             else:
                 self._take(event, arrived_s)

@@ -12,8 +12,6 @@ What a line does to them, and what `PacketDecoder` does about it:
 
 * a byte lost or flipped: the checksum fails, or a start flag shows up inside the packet.
   The packet is dropped, and reading goes on at that start flag, else behind the end flag.
-* an end flag that became a 7F: it hides the next start flag, and two packets look like one.
-  Where both halves have a right checksum they are taken apart again, and none is lost.
 * junk between packets: skipped up to the next start flag, and counted. After a fault and
   until the next good packet, nothing says whether a 7F before a start flag is an escape or
   the end of the junk; such flags are tried too.
@@ -22,8 +20,10 @@ What a line does to them, and what `PacketDecoder` does about it:
   handed out before the next byte arrived.
 * an end flag that is lost: the packet ends at the next start flag or at `MAX_PACKET`.
 
-So one damaged byte costs at most the packet it hits, if that is an escaped one. A length
-packet has no checksum: a wrong length that happens to end at another start is believed.
+So one damaged byte costs at most one escaped packet, but for an end flag that became a 7F:
+it hides the start flag behind it, and the checksum of two sound packets joined like that is
+right, so both go out as one. A length packet has no checksum: a wrong length that happens to
+end at another start is believed.
 
 Some hosts and modules send the checksum unescaped; a 7D or 7F directly before the end flag
 is read that way when the checksum then is right (a 7F: once the next start flag arrives).
@@ -140,21 +140,25 @@ def encode(data: bytes, packing: Packing = Packing.ESCAPED) -> bytes:
     Raises
     ------
     ProtocolError
-        If `data` is empty, longer than `MAX_PACKET`, or would be read as another packing.
+        If `data` is empty, takes more than `MAX_PACKET` bytes on the wire, or would be read as
+        another packing.
     """
-    if not 0 < len(data) <= MAX_PACKET - LENGTH_HEADER:
-        msg = f"a packet holds 1 to {MAX_PACKET - LENGTH_HEADER} bytes, not {len(data)}"
-        raise ProtocolError(msg)
-    if packing is Packing.ESCAPED:
-        if data[0] == FAST:
-            msg = "an escaped packet cannot begin with 51: that is the fast packing's mark"
-            raise ProtocolError(msg)
-        return _START + escape(data + bytes([checksum(data)])) + _END
     length = len(data).to_bytes(4, "little")
-    if packing is Packing.LENGTH:
-        return LENGTH_START + length + b"\x00" + data
-    body = bytes([FAST]) + length + data
-    return _START + body + bytes([checksum(body)]) + _END
+    match packing:
+        case Packing.ESCAPED:
+            packet = _START + escape(data + bytes([checksum(data)])) + _END
+        case Packing.LENGTH:
+            packet = LENGTH_START + length + b"\x00" + data
+        case _:
+            body = bytes([FAST]) + length + data
+            packet = _START + body + bytes([checksum(body)]) + _END
+    if not data or len(packet) > MAX_PACKET:
+        msg = f"a packet takes up to {MAX_PACKET} bytes and is not empty: {len(data)} bytes given"
+        raise ProtocolError(msg)
+    if packing is Packing.ESCAPED and data[0] == FAST:
+        msg = "an escaped packet cannot begin with 51: that is the fast packing's mark"
+        raise ProtocolError(msg)
+    return packet
 
 
 class PacketDecoder:
@@ -237,8 +241,11 @@ class PacketDecoder:
 
     def _junk(self, at: int, left: int) -> int:
         buffer = self._buffer
-        starts = (buffer.find(_START, at + 1), buffer.find(LENGTH_START, at + 1))
-        start = min((s for s in starts if s > 0), default=-1)
+        start = buffer.find(_START, at + 1)
+        # Looking no further than the start flag keeps a line full of flags from costing n squared.
+        length = buffer.find(LENGTH_START, at + 1, start if start > 0 else at + left)
+        if length > 0:
+            start = length
         if start > 0:
             return self._drop(Fault.JUNK, start - at)
         keep = _tail_of_length_start(buffer, at)
@@ -283,32 +290,24 @@ class PacketDecoder:
         """Deal with a start flag inside a packet: go on there, or behind a bare checksum."""
         if body.endswith(_START) and self._bare_checksum(at, end - 1):
             return end + 1 - at
-        inner = self._raw_start(at, end)
-        if inner > 0:
-            return self._drop(Fault.LOST_BYTES, inner - at)
         last = _last_start(body)
         if last == len(body) - 1:
             # It may be the bare checksum of the packet that begins one start flag earlier.
             before = _last_start(body[:-1])
             last = before if before >= 0 else last
-        return self._drop(Fault.LOST_BYTES, last + 1)
+        inner = self._raw_start(at, at + 1 + last)
+        return self._drop(Fault.LOST_BYTES, inner - at if inner > 0 else last + 1)
 
     def _damaged(self, at: int, end: int, body: bytes, data: bytes) -> int:
         """Drop a packet with a wrong checksum, or the part before a packet hidden in it."""
         inner = self._raw_start(at, end)
         if inner > 0:
             return self._drop(Fault.CRC_ERROR, inner - at)
-        split = _hidden_start(data, one_sided=self._hunting)
-        if split >= 0:
+        hidden = _hidden_start(data) if self._hunting and len(data) > 2 else -1
+        if hidden >= 0:
             flags = np.flatnonzero(np.frombuffer(body, np.uint8) == START)
-            flag = int(flags[data.count(_START, 0, split)])
-            before = data[:split]
-            if len(before) > 1 and not checksum(before):
-                self._emit(before[:-1])
-                self._drop(Fault.LOST_BYTES, 1)
-            else:
-                self._drop(Fault.CRC_ERROR, flag + 1)
-            return flag + 1
+            flag = int(flags[data.count(_START, 0, hidden)])
+            return self._drop(Fault.CRC_ERROR, flag + 1)
         fault = Fault.CRC_ERROR if len(data) > 1 else Fault.INCOMPLETE_PACKET
         return self._drop(fault, end + 1 - at)
 
@@ -320,7 +319,8 @@ class PacketDecoder:
             inner = buffer.find(start, at + 1, end)
             while inner > 0:
                 n = int.from_bytes(buffer[inner + skip : inner + skip + 4], "little")
-                if 0 < n <= MAX_PACKET:
+                escaped = start is _FAST_START and buffer[inner - 1] == ESC
+                if 0 < n <= MAX_PACKET and not escaped:
                     found = inner if found < 0 else min(found, inner)
                     break
                 inner = buffer.find(start, inner + 1, end)
@@ -390,31 +390,15 @@ def _last_start(body: bytes) -> int:
     return at
 
 
-def _hidden_start(data: bytes, *, one_sided: bool) -> int:
-    """Find the start flag in `data` that divides it into two packets.
+def _hidden_start(data: bytes) -> int:
+    """Return the first place in unescaped `data` where a sound packet begins, or -1.
 
-    Parameters
-    ----------
-    data : bytes
-        Unescaped bytes between a start and an end flag, checksums included.
-    one_sided : bool
-        Take also a flag where only the packet behind it has a right checksum.
-
-    Returns
-    -------
-    int
-        Index of the flag, -1 for none.
+    `data` reaches to an end flag, checksum included.
     """
     values = np.frombuffer(data, np.uint8)
     flags = np.flatnonzero(values[:-2] == START)
-    if flags.size == 0:
-        return -1
     until = np.bitwise_xor.accumulate(values)
-    # The packet behind a flag: 7D ^ its bytes is 0. What stands before it: the same, and the
-    # flag itself is a 7D.
-    behind = flags[(until[flags] ^ until[-1]) == START]
-    both = behind[until[behind] == 0]
-    found = both if both.size or not one_sided else behind
+    found = flags[until[flags] ^ until[-1] == START]
     return int(found[0]) if found.size else -1
 
 

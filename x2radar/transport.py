@@ -6,12 +6,13 @@ both raise `TransportClosed` once the far end or the port is gone. A transport c
 bytes and knows nothing about packets.
 """
 
+import contextlib
 import errno
 import os
 import select
 import threading
-import time
 from collections import deque
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Protocol
 
@@ -21,6 +22,7 @@ from x2radar.errors import PortBusy, PortDenied, PortError, PortNotFound, Transp
 
 READ_SIZE = 1 << 16
 WRITE_TIMEOUT_S = 5.0
+TTY_CLASS = Path("/sys/class/tty")
 
 
 class Transport(Protocol):
@@ -67,32 +69,47 @@ class SerialTransport:
             self._serial.write_timeout = WRITE_TIMEOUT_S
         except (serial.SerialException, OSError, ValueError) as err:
             raise _port_error(url, err) from err
+        self._is_socket = url.startswith("socket://")
         self.url = url
 
     @property
     def is_usb(self) -> bool:
         """Whether the port sits on USB and so vanishes while its module restarts."""
-        device = Path("/sys/class/tty") / Path(self.url).name / "device"
+        # Names that udev gives, such as those in /dev/serial/by-id, are links.
+        device = TTY_CLASS / Path(self.url).resolve().name / "device"
         return device.exists() and "/usb" in str(device.resolve())
 
     def read(self, timeout_s: float) -> bytes:
         """As in `Transport`."""
+        first = b""
         try:
-            waiting = self._serial.in_waiting
-            if not waiting:
-                self._serial.timeout = timeout_s
-                first: bytes = self._serial.read(1)
+            if not self._serial.in_waiting:
+                self._set_timeout(timeout_s)
+                first = self._serial.read(1)
                 if not first:
                     return b""
-                self._serial.timeout = 0
-                return first + self._serial.read(max(self._serial.in_waiting, 0) or 0)
-            self._serial.timeout = 0
-            data: bytes = self._serial.read(min(waiting, READ_SIZE))
+            return first + self._read_what_is_there()
         except (serial.SerialException, OSError, TypeError) as err:
             # TypeError: pyserial reads from a descriptor that another thread has closed.
+            if first:
+                # What was read counts; the next read meets the end again.
+                return first
             msg = f"{self.url}: the port is gone ({err})"
             raise TransportClosed(msg) from err
+
+    def _read_what_is_there(self) -> bytes:
+        waiting = self._serial.in_waiting
+        if waiting and self._is_socket:
+            # pyserial says 1 for any number of bytes on a socket.
+            self._set_timeout(0)
+            waiting = READ_SIZE
+        data: bytes = self._serial.read(min(waiting, READ_SIZE))
         return data
+
+    def _set_timeout(self, timeout_s: float) -> None:
+        # pyserial configures the whole port anew for this, over rfc2217 through the network.
+        if self._serial.timeout != timeout_s:
+            self._serial.timeout = timeout_s
 
     def write(self, data: bytes) -> None:
         """As in `Transport`."""
@@ -155,9 +172,12 @@ class _Pipe:
                 raise TransportClosed(msg)
             return b""
 
-    def close(self) -> None:
+    def close(self, *, forget: bool = False) -> None:
         with self._changed:
             self._closed = True
+            if forget:
+                self._chunks.clear()
+                self._size = 0
             self._changed.notify_all()
 
 
@@ -177,11 +197,11 @@ class MemoryTransport:
     def write(self, data: bytes) -> None:
         """As in `Transport`; waits while the far end is `capacity` bytes behind."""
         if data:
-            self._outgoing.put(data)
+            self._outgoing.put(bytes(data))
 
     def close(self) -> None:
         """As in `Transport`; closes both directions."""
-        self._incoming.close()
+        self._incoming.close(forget=True)
         self._outgoing.close()
 
 
@@ -210,11 +230,9 @@ class PtyTransport:
 
     def read(self, timeout_s: float) -> bytes:
         """As in `Transport`."""
-        if self._master < 0:
-            msg = "the pseudo-terminal is closed"
-            raise TransportClosed(msg)
-        ready, _, _ = select.select([self._master], [], [], max(timeout_s, 0))
-        return os.read(self._master, READ_SIZE) if ready else b""
+        with self._open_master() as master:
+            ready, _, _ = select.select([master], [], [], max(timeout_s, 0))
+            return os.read(master, READ_SIZE) if ready else b""
 
     def write(self, data: bytes) -> None:
         """As in `Transport`; waits while the terminal's buffer is full."""
@@ -224,20 +242,27 @@ class PtyTransport:
 
     def write_some(self, data: bytes | memoryview, timeout_s: float) -> int:
         """Send what the terminal takes within `timeout_s`; return how many bytes that was."""
-        if self._master < 0:
-            msg = "the pseudo-terminal is closed"
-            raise TransportClosed(msg)
-        _, ready, _ = select.select([], [self._master], [], timeout_s)
-        return os.write(self._master, data) if ready else 0
+        with self._open_master() as master:
+            _, ready, _ = select.select([], [master], [], timeout_s)
+            try:
+                return os.write(master, data) if ready else 0
+            except BlockingIOError:
+                return 0
+
+    @contextlib.contextmanager
+    def _open_master(self) -> Iterator[int]:
+        """Lend the master's descriptor; closed before or meanwhile means TransportClosed."""
+        try:
+            # select refuses -1 with a ValueError.
+            yield self._master
+        except (OSError, ValueError) as err:
+            msg = f"{self.path}: the pseudo-terminal is closed"
+            raise TransportClosed(msg) from err
 
     def close(self) -> None:
         """As in `Transport`."""
-        for descriptor in (self._master, self._slave):
+        descriptors = self._master, self._slave
+        self._master = self._slave = -1
+        for descriptor in descriptors:
             if descriptor >= 0:
                 os.close(descriptor)
-        self._master = self._slave = -1
-
-
-def wait_s(seconds: float) -> None:
-    """Sleep; here so that tests of the device can pass another clock and another sleep."""
-    time.sleep(seconds)

@@ -45,9 +45,10 @@ class GateSection(_Section):
     """When something counts as moving."""
 
     threshold_db: float = Field(8.0, ge=0, le=60, description="over the noise floor")
-    adapt_db: float = Field(25.0, ge=0, le=60, description="most that the floor may learn")
-    memory_s: float = Field(30.0, ge=1, le=3600, description="how long quiet is remembered")
-    learn_after_s: float = Field(15.0, ge=1, le=3600, description="no learning before")
+    adapt_db: float = Field(40.0, ge=0, le=60, description="most that a bin may learn")
+    memory_s: float = Field(60.0, ge=1, le=3600, description="how long a dwell is remembered")
+    learn_s: float = Field(20.0, ge=1, le=3600, description="motion in place before learning")
+    in_place_m: float = Field(0.2, gt=0, le=2, description="what counts as in place")
 
 
 class DecisionSection(_Section):

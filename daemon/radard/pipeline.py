@@ -76,7 +76,8 @@ class Pipeline:
                 threshold_db=g.threshold_db,
                 adapt_db=g.adapt_db,
                 memory_s=g.memory_s,
-                learn_after_s=g.learn_after_s,
+                learn_s=g.learn_s,
+                in_place_m=g.in_place_m,
             ),
             HOP_S,
         )

@@ -1,0 +1,96 @@
+"""Streams, dwells and pipelines that several test files build."""
+
+import io
+import json
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import redirect_stderr, redirect_stdout
+
+import numpy as np
+
+from radard.cli import main as radard_main
+from radard.ring import Dwell, DwellShape, FrameRing
+from x2radar.frame import FastTimeAxis, Frame
+
+BASEBAND = FastTimeAxis(
+    kind="baseband",
+    n_range=64,
+    bin_length_m=0.0293,
+    range_offset_m=0.6,
+    carrier_hz=6.8e9,
+    bandwidth_hz=2.3e9,
+    sample_rate_hz=41e9,
+)
+
+
+def noise(n_slow: int, n_range: int = 64, *, seed: int = 0, sigma: float = 1.0) -> np.ndarray:
+    """Complex white noise of power sigma**2, shape (n_slow, n_range), complex64."""
+    rng = np.random.default_rng(seed)
+    parts = rng.standard_normal((n_slow, n_range, 2)) * (sigma / np.sqrt(2))
+    return (parts[..., 0] + 1j * parts[..., 1]).astype(np.complex64)
+
+
+def walker(n_slow: int, rate_hz: float, *, speed_mps: float, start_m: float, level: float):
+    """A point that approaches at `speed_mps`, shape (n_slow, 64), complex64."""
+    range_m = start_m - speed_mps * np.arange(n_slow) / rate_hz
+    bins = BASEBAND.range_m
+    envelope = np.exp(-0.5 * ((bins - range_m[:, None]) / 0.045) ** 2)
+    phase = np.exp(-4j * np.pi * range_m[:, None] * 6.8e9 / 299_792_458.0)
+    return (level * envelope * phase).astype(np.complex64)
+
+
+def dwell_of(frames: np.ndarray, rate_hz: float = 60.0, *, lost: Sequence[int] = ()) -> Dwell:
+    """A dwell made of `frames`; rows in `lost` repeat the row before and are not valid."""
+    rows = frames.copy()
+    valid = np.ones(len(rows), np.bool_)
+    for k in sorted(lost):
+        valid[k] = False
+        if k:
+            rows[k] = rows[k - 1]
+    runs = "".join("x" if not v else " " for v in valid).split()
+    longest = max((len(run) for run in runs), default=0)
+    return Dwell(rows, valid, BASEBAND, rate_hz, len(rows) / rate_hz, len(lost), longest / rate_hz)
+
+
+def frames_of(samples: np.ndarray, axis: FastTimeAxis = BASEBAND) -> Iterator[Frame]:
+    """Frames without losses."""
+    for k, row in enumerate(samples):
+        yield Frame(row, k + 1, k, 0, False, axis)
+
+
+def copy_ring(n_slow: int, rate_hz: float, hop_s: float = 1.0) -> FrameRing:
+    """A ring that takes baseband as it is."""
+    shape = DwellShape(n_slow=n_slow, hop_s=hop_s, frame_rate_hz=rate_hz)
+
+    def copy(samples, out):
+        out[...] = samples
+
+    return FrameRing(BASEBAND, copy, shape)
+
+
+def run_radard(*argv: str) -> tuple[int, list[dict], str]:
+    """Run the command in this process: exit code, JSON records, stderr."""
+    out, err = io.StringIO(), io.StringIO()
+    with redirect_stdout(out), redirect_stderr(err):
+        try:
+            code = radard_main(list(argv))
+        except SystemExit as stop:
+            code = stop.code if isinstance(stop.code, int) else 1
+    lines = out.getvalue().splitlines()
+    records = [json.loads(line) for line in lines if line.startswith("{")]
+    return code, records, err.getvalue()
+
+
+def stable(records: Sequence[dict]) -> list[dict]:
+    """The records without their wall-clock fields."""
+    wall = {"time", "latency_ms"}
+    return [
+        {k: v for k, v in record.items() if k not in wall}
+        for record in records
+        if record["type"] != "hello"
+    ]
+
+
+def python() -> str:
+    """The interpreter that runs the tests."""
+    return sys.executable

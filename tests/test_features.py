@@ -1,0 +1,55 @@
+import numpy as np
+import pytest
+
+from radard.errors import ModelMismatch
+from radard.features import FEATURES, FeatureSettings, extract, feature_shape
+from tests.radar_helpers import dwell_of, noise, walker
+
+SETTINGS = FeatureSettings(n_profile=64)
+
+
+def test_shapes_are_as_announced():
+    dwell = dwell_of(noise(147))
+    made = extract(dwell, SETTINGS, tuple(FEATURES)).inputs
+    for name, array in made.items():
+        assert array.shape == feature_shape(name, SETTINGS)
+        assert array.dtype == np.float32
+    assert feature_shape("seed_type1", FeatureSettings()) == (784,)
+    assert feature_shape("seed_type2", FeatureSettings()) == (1176,)
+
+
+def test_type2_is_profile_then_type1():
+    dwell = dwell_of(noise(147) + walker(147, 60, speed_mps=0.5, start_m=2, level=30))
+    made = extract(dwell, SETTINGS, ("seed_type1", "seed_type2")).inputs
+    assert np.array_equal(made["seed_type2"][64:], made["seed_type1"])
+
+
+@pytest.mark.parametrize("lost", [[0], [146], [60, 61], [20, 90]])
+def test_lost_frames_hardly_move_the_features(lost):
+    frames = noise(147) + walker(147, 60, speed_mps=0.5, start_m=2, level=30)
+    whole = extract(dwell_of(frames), SETTINGS, ()).spectrogram
+    masked = extract(dwell_of(frames, lost=lost), SETTINGS, ()).spectrogram
+    untouched = [i for i in range(120) if not any(i <= k < i + 28 for k in lost)]
+    assert masked[:, untouched] == pytest.approx(whole[:, untouched])
+    touched = [i for i in range(120) if i not in untouched]
+    mean = whole[:, untouched].mean(axis=1, keepdims=True)
+    assert masked[:, touched] == pytest.approx(np.repeat(mean, len(touched), axis=1), rel=1e-5)
+
+
+def test_features_own_their_memory():
+    dwell = dwell_of(noise(147))
+    features = extract(dwell, SETTINGS, ("seed_type2",))
+    before = features.inputs["seed_type2"].copy()
+    dwell.frames[:] = 0
+    assert np.array_equal(features.inputs["seed_type2"], before)
+
+
+@pytest.mark.parametrize("raw", [{"n_cpis": 3}, {"n_cpi": 2.5}, {"n_cpi": True}, {"dwell_s": "x"}])
+def test_foreign_settings_are_refused(raw):
+    with pytest.raises(ModelMismatch, match="features"):
+        FeatureSettings.from_mapping(raw)
+
+
+def test_unknown_feature():
+    with pytest.raises(ModelMismatch, match="nope"):
+        feature_shape("nope", SETTINGS)

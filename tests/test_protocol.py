@@ -1,0 +1,177 @@
+"""The session: which reply belongs to which command."""
+
+import numpy as np
+import pytest
+
+from x2radar import framing
+from x2radar.codec import encode
+from x2radar.errors import MessageError, ProtocolError
+from x2radar.messages import (
+    Ack,
+    Data,
+    ErrorReply,
+    GetMode,
+    GetSystemInfo,
+    LoadProfile,
+    Message,
+    Ping,
+    Pong,
+    Reply,
+    Reset,
+    SetMode,
+    SystemMessage,
+    Unknown,
+)
+from x2radar.protocol import Answered, Damaged, Event, Received, Refused, Session
+from x2radar.wire_ids import ErrorCode, Mode, PongCode, SystemCode
+
+RUN = SetMode(Mode.RUN)
+PONG = Pong(PongCode.READY)
+
+
+def wire(*messages: Message) -> bytes:
+    return b"".join(framing.encode(encode(m)) for m in messages)
+
+
+def events(session: Session, data: bytes = b"") -> list[Event]:
+    session.receive(data)
+    out = []
+    while (event := session.next_event()) is not None:
+        out.append(event)
+    return out
+
+
+def waiting_for(command: Message) -> Session:
+    session = Session()
+    session.send(command)
+    assert session.outstanding == command
+    return session
+
+
+def test_command_becomes_bytes_once() -> None:
+    session = waiting_for(Ping())
+    assert session.data_to_send() == bytes.fromhex("7d 01 ae ea aa ee 7c 7e")
+    assert session.data_to_send() == b""
+
+
+@pytest.mark.parametrize(
+    ("command", "reply"),
+    [
+        (RUN, Ack()),
+        (Reset(), Ack()),
+        (LoadProfile(1), Ack()),
+        (Ping(), PONG),
+        (GetSystemInfo(2), Reply(0x58, 2, "firmware")),
+        (GetMode(), Reply(0, 0, (1,))),
+    ],
+    ids=lambda m: type(m).__name__,
+)
+def test_reply_answers_its_command(command: Message, reply: Message) -> None:
+    session = waiting_for(command)
+    assert events(session, wire(reply)) == [Answered(command, reply)]
+    assert session.outstanding is None
+    session.send(command)
+
+
+def test_reply_that_comes_byte_by_byte() -> None:
+    session = waiting_for(Ping())
+    pieces = wire(PONG)
+    assert [e for k in range(len(pieces)) for e in events(session, pieces[k : k + 1])] == [
+        Answered(Ping(), PONG)
+    ]
+
+
+def test_data_between_a_command_and_its_reply() -> None:
+    session = waiting_for(RUN)
+    ready = SystemMessage(SystemCode.READY)
+    frame = Data(0, 1, np.ones(3, np.float32))
+    first, second, third, fourth = events(session, wire(frame, ready, Ack(), frame))
+    assert isinstance(first, Received)
+    assert isinstance(first.message, Data)
+    assert second == Received(ready)
+    assert third == Answered(RUN, Ack())
+    assert isinstance(fourth, Received)
+
+
+@pytest.mark.parametrize(
+    ("command", "other"), [(Ping(), Ack()), (RUN, PONG), (GetSystemInfo(1), Ack())]
+)
+def test_another_reply_type_is_no_answer(command: Message, other: Message) -> None:
+    session = waiting_for(command)
+    assert events(session, wire(other)) == [Received(other)]
+    assert session.outstanding == command
+
+
+def test_extra_ack_is_passed_on() -> None:
+    session = waiting_for(RUN)
+    assert events(session, wire(Ack(), Ack())) == [Answered(RUN, Ack()), Received(Ack())]
+
+
+def test_refusal() -> None:
+    session = waiting_for(RUN)
+    assert events(session, wire(ErrorReply(ErrorCode.BUSY))) == [Refused(RUN, ErrorCode.BUSY)]
+    assert session.outstanding is None
+
+
+def test_error_that_no_command_waits_for() -> None:
+    error = ErrorReply(ErrorCode.BUSY)
+    assert events(Session(), wire(error)) == [Received(error)]
+
+
+def test_damaged_bytes_do_not_end_the_wait() -> None:
+    session = waiting_for(RUN)
+    bad = bytearray(wire(Ack()))
+    bad[-2] ^= 1
+    assert events(session, b"\x01\x02" + bytes(bad) + wire(Ack())) == [
+        Damaged("junk between packets", 2),
+        Damaged("crc error", 4),
+        Answered(RUN, Ack()),
+    ]
+
+
+def test_sound_packet_with_broken_content_is_damaged() -> None:
+    session = waiting_for(Ping())
+    (event,) = events(session, framing.encode(b"\x01\x02"))
+    assert isinstance(event, Damaged)
+    assert "Pong cut short" in event.reason
+    assert event.n_bytes == 2
+    assert session.outstanding == Ping()
+
+
+def test_unknown_packet_is_received() -> None:
+    assert events(Session(), framing.encode(b"\xb0\x01")) == [Received(Unknown(b"\xb0\x01"))]
+
+
+def test_second_command_is_refused_while_one_waits() -> None:
+    session = waiting_for(RUN)
+    with pytest.raises(ProtocolError, match="not answered yet"):
+        session.send(Ping())
+    assert session.outstanding == RUN
+    assert session.data_to_send() == wire(RUN)
+
+
+def test_command_that_does_not_fit_the_wire_leaves_nothing_behind() -> None:
+    session = Session()
+    with pytest.raises(MessageError):
+        session.send(SetMode(300))
+    assert session.outstanding is None
+    assert session.data_to_send() == b""
+
+
+def test_give_up_allows_the_next_command() -> None:
+    session = waiting_for(Ping())
+    session.give_up()
+    assert session.outstanding is None
+    session.send(RUN)
+    # The late pong is nobody's any more.
+    assert events(session, wire(PONG, Ack())) == [Received(PONG), Answered(RUN, Ack())]
+
+
+def test_reset_forgets_everything() -> None:
+    session = waiting_for(RUN)
+    session.receive(wire(Ack()) + wire(PONG)[:4])
+    session.reset()
+    assert session.next_event() is None
+    assert session.outstanding is None
+    assert session.data_to_send() == b""
+    assert events(session, wire(PONG)) == [Received(PONG)]

@@ -1,0 +1,374 @@
+"""One contract for every byte pipe, and the errors of ports that do not open."""
+
+import errno
+import os
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+import serial
+
+from x2radar import transport as transport_module
+from x2radar.errors import PortBusy, PortDenied, PortError, PortNotFound, TransportClosed
+from x2radar.transport import (
+    PtyTransport,
+    SerialTransport,
+    Transport,
+    memory_pair,
+)
+
+Ends = tuple[Transport, Transport]
+LONG_S = 10.0
+
+
+class SocketEnd:
+    """The far end of a TCP connection: a socket with a transport's methods."""
+
+    def __init__(self, connection: socket.socket) -> None:
+        self._socket = connection
+
+    def read(self, timeout_s: float) -> bytes:
+        self._socket.settimeout(timeout_s)
+        try:
+            return self._socket.recv(1 << 16)
+        except TimeoutError:
+            return b""
+
+    def write(self, data: bytes) -> None:
+        self._socket.settimeout(LONG_S)
+        self._socket.sendall(data)
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+@contextmanager
+def memory_ends() -> Iterator[Ends]:
+    yield memory_pair()
+
+
+@contextmanager
+def pty_ends() -> Iterator[Ends]:
+    far = PtyTransport()
+    yield SerialTransport(far.path), far
+
+
+@contextmanager
+def socket_ends() -> Iterator[Ends]:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        near = SerialTransport(f"socket://127.0.0.1:{server.getsockname()[1]}")
+        connection, _ = server.accept()
+        yield near, SocketEnd(connection)
+
+
+@pytest.fixture(params=[memory_ends, pty_ends, socket_ends], ids=["memory", "pty", "socket"])
+def ends(request: pytest.FixtureRequest) -> Iterator[Ends]:
+    with request.param() as (near, far):
+        yield near, far
+        near.close()
+        far.close()
+
+
+def read_all(end: Transport, n_bytes: int) -> bytes:
+    out = bytearray()
+    give_up_s = time.monotonic() + LONG_S
+    while len(out) < n_bytes and time.monotonic() < give_up_s:
+        out += end.read(0.5)
+    return bytes(out)
+
+
+def in_thread(work: Callable[[], object]) -> threading.Thread:
+    thread = threading.Thread(target=work, daemon=True)
+    thread.start()
+    return thread
+
+
+def read_until_closed(end: Transport) -> bytes:
+    out = bytearray()
+    with pytest.raises(TransportClosed):
+        while True:
+            out += end.read(1.0)
+    return bytes(out)
+
+
+# ---------------------------------------------------------------- the contract
+
+ALL_BYTES = bytes(range(256))
+
+
+def test_data_both_ways(ends: Ends) -> None:
+    near, far = ends
+    near.write(ALL_BYTES)
+    assert read_all(far, 256) == ALL_BYTES
+    far.write(ALL_BYTES[::-1])
+    assert read_all(near, 256) == ALL_BYTES[::-1]
+
+
+def test_timeout_gives_nothing(ends: Ends) -> None:
+    near, _ = ends
+    started_s = time.monotonic()
+    assert near.read(0.05) == b""
+    assert 0.04 < time.monotonic() - started_s < 2
+    assert near.read(0) == b""
+
+
+def test_read_returns_at_once_what_is_there(ends: Ends) -> None:
+    near, far = ends
+    far.write(b"abc")
+    assert near.read(LONG_S)[:1] == b"a"
+    read_all(near, 0)
+
+
+def test_read_wakes_up_for_the_first_byte(ends: Ends) -> None:
+    near, far = ends
+    timer = threading.Timer(0.05, far.write, [b"z"])
+    timer.start()
+    started_s = time.monotonic()
+    assert near.read(LONG_S) == b"z"
+    assert time.monotonic() - started_s < LONG_S / 2
+    timer.join()
+
+
+def test_empty_write_sends_nothing(ends: Ends) -> None:
+    near, far = ends
+    near.write(b"")
+    near.write(b"x")
+    assert read_all(far, 1) == b"x"
+
+
+@pytest.mark.parametrize("near_writes", [True, False])
+def test_big_transfer_keeps_its_order(ends: Ends, near_writes: bool) -> None:
+    writer, reader = ends if near_writes else ends[::-1]
+    data = b"".join(k.to_bytes(4, "big") for k in range(100_000))
+    thread = in_thread(lambda: [writer.write(data[k : k + 7000]) for k in range(0, 400_000, 7000)])
+    assert read_all(reader, len(data)) == data
+    thread.join(LONG_S)
+    assert not thread.is_alive()
+
+
+def test_reads_are_not_byte_by_byte(ends: Ends) -> None:
+    near, far = ends
+    far.write(bytes(3000))
+    sizes = []
+    while sum(sizes) < 3000:
+        sizes.append(len(near.read(1.0)))
+    assert len(sizes) < 30
+
+
+def test_far_end_closes(ends: Ends) -> None:
+    near, far = ends
+    far.close()
+    assert read_until_closed(near) == b""
+    with pytest.raises(TransportClosed):
+        near.read(0)
+
+
+def test_far_end_closes_while_near_waits(ends: Ends) -> None:
+    near, far = ends
+    timer = threading.Timer(0.05, far.close)
+    timer.start()
+    started_s = time.monotonic()
+    with pytest.raises(TransportClosed):
+        near.read(LONG_S)
+    assert time.monotonic() - started_s < LONG_S / 2
+    timer.join()
+
+
+def test_write_to_a_closed_far_end(ends: Ends) -> None:
+    near, far = ends
+    far.close()
+    with pytest.raises(TransportClosed):
+        # A socket notices with the answer to the first bytes that it sends.
+        for _ in range(50):
+            near.write(b"x" * 1000)
+            time.sleep(0.002)
+
+
+def test_close_twice(ends: Ends) -> None:
+    for end in ends:
+        end.close()
+        end.close()
+
+
+def test_use_after_close(ends: Ends) -> None:
+    near, far = ends
+    far.write(b"unread")
+    near.close()
+    with pytest.raises(TransportClosed):
+        near.read(0.01)
+    with pytest.raises(TransportClosed):
+        near.write(b"x")
+
+
+# ---------------------------------------------------------------- what one of them does
+
+
+@pytest.mark.parametrize("make", [memory_ends, socket_ends], ids=["memory", "socket"])
+@pytest.mark.parametrize("last", [b"x", b"last words" * 100])
+def test_what_was_sent_before_the_end_is_read(make: Callable, last: bytes) -> None:
+    with make() as (near, far):
+        far.write(last)
+        far.close()
+        assert read_until_closed(near) == last
+        near.close()
+
+
+def test_bytes_that_come_while_near_waits_and_then_the_end() -> None:
+    with socket_ends() as (near, far):
+        timer = threading.Timer(0.05, lambda: (far.write(b"x"), far.close()))
+        timer.start()
+        assert read_until_closed(near) == b"x"
+        timer.join()
+        near.close()
+
+
+def test_memory_pair_holds_a_fast_writer_back() -> None:
+    near, far = memory_pair(capacity=10)
+    near.write(bytes(10))
+    thread = in_thread(lambda: near.write(b"more"))
+    thread.join(0.05)
+    assert thread.is_alive()
+    assert far.read(0) == bytes(10)
+    assert read_all(far, 4) == b"more"
+    thread.join(LONG_S)
+
+
+def test_memory_pair_lets_a_waiting_writer_go_when_it_closes() -> None:
+    near, far = memory_pair(capacity=1)
+    near.write(b"x")
+    raised = []
+
+    def write() -> None:
+        try:
+            near.write(b"y")
+        except TransportClosed as err:
+            raised.append(err)
+
+    thread = in_thread(write)
+    far.close()
+    thread.join(LONG_S)
+    assert raised
+
+
+def test_memory_pair_copies_what_may_still_change() -> None:
+    near, far = memory_pair()
+    data = bytearray(b"abc")
+    near.write(data)
+    data[0] = 0
+    assert far.read(0) == b"abc"
+
+
+def test_pty_survives_a_program_that_opens_it_again() -> None:
+    far = PtyTransport()
+    for text in (b"one", b"two"):
+        near = SerialTransport(far.path)
+        near.write(text)
+        assert read_all(far, 3) == text
+        near.close()
+    far.close()
+
+
+def test_pty_writes_what_fits() -> None:
+    far = PtyTransport()
+    n_bytes = 0
+    while n := far.write_some(bytes(4096), 0.0):
+        n_bytes += n
+    assert n_bytes > 0
+    near = SerialTransport(far.path)
+    assert len(read_all(near, n_bytes)) == n_bytes
+    near.close()
+    far.close()
+
+
+def test_pty_write_waits_for_room() -> None:
+    far = PtyTransport()
+    near = SerialTransport(far.path)
+    thread = in_thread(lambda: far.write(bytes(100_000)))
+    assert len(read_all(near, 100_000)) == 100_000
+    thread.join(LONG_S)
+    near.close()
+    far.close()
+
+
+def test_only_a_port_on_usb_is_usb(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    far = PtyTransport()
+    link = tmp_path / "usb-XeThru-port0"
+    link.symlink_to(far.path)
+    near = SerialTransport(str(link))
+    assert near.url == str(link)
+    assert not near.is_usb
+    assert not far.is_usb
+    # The kernel's view of a device on USB, built by hand.
+    bus = tmp_path / "devices" / "usb1" / "1-1"
+    bus.mkdir(parents=True)
+    tty = tmp_path / "class" / Path(far.path).name
+    tty.mkdir(parents=True)
+    (tty / "device").symlink_to(bus)
+    monkeypatch.setattr(transport_module, "TTY_CLASS", tmp_path / "class")
+    assert near.is_usb
+    near.close()
+    far.close()
+
+
+# ---------------------------------------------------------------- ports that do not open
+
+
+def test_missing_port(tmp_path: Path) -> None:
+    with pytest.raises(PortNotFound, match="plugged in"):
+        SerialTransport(str(tmp_path / "ttyNONE"))
+
+
+def test_second_opening_of_a_port() -> None:
+    far = PtyTransport()
+    near = SerialTransport(far.path)
+    with pytest.raises(PortBusy, match="in use by another program"):
+        SerialTransport(far.path)
+    near.close()
+    SerialTransport(far.path).close()
+    far.close()
+
+
+def test_file_that_is_no_port(tmp_path: Path) -> None:
+    file = tmp_path / "file"
+    file.write_text("")
+    with pytest.raises(PortError) as caught:
+        SerialTransport(str(file))
+    assert type(caught.value) is PortError
+
+
+def test_nobody_listens() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+    with pytest.raises(PortError, match="cannot be opened"):
+        SerialTransport(f"socket://127.0.0.1:{port}")
+
+
+@pytest.mark.parametrize("url", ["nonsense://x", "socket://nowhere"])
+def test_impossible_url(url: str) -> None:
+    with pytest.raises(PortError, match="cannot be opened"):
+        SerialTransport(url)
+
+
+@pytest.mark.parametrize(
+    ("error", "kind", "exit_code"),
+    [
+        (PermissionError(errno.EACCES, os.strerror(errno.EACCES)), PortDenied, 77),
+        (serial.SerialException(errno.EPERM, "could not open port"), PortDenied, 77),
+        (serial.SerialException("could not open port: Permission denied"), PortDenied, 77),
+        (OSError(errno.EBUSY, os.strerror(errno.EBUSY)), PortBusy, 66),
+        (serial.SerialException("Could not exclusively lock port x"), PortBusy, 66),
+        (FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT)), PortNotFound, 66),
+        (OSError(errno.ENXIO, os.strerror(errno.ENXIO)), PortNotFound, 66),
+        (serial.SerialException("[Errno 2] No such file or directory"), PortNotFound, 66),
+        (ValueError("invalid URL"), PortError, 66),
+    ],
+)
+def test_foreign_errors_get_their_class(error: Exception, kind: type, exit_code: int) -> None:
+    mapped = transport_module._port_error("/dev/ttyACM0", error)
+    assert type(mapped) is kind
+    assert mapped.exit_code == exit_code
+    assert str(mapped).startswith("/dev/ttyACM0: ")
