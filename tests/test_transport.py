@@ -89,10 +89,18 @@ def in_thread(work: Callable[[], object]) -> threading.Thread:
 
 def read_until_closed(end: Transport) -> bytes:
     out = bytearray()
-    with pytest.raises(TransportClosed):
+    try:
         while True:
             out += end.read(1.0)
-    return bytes(out)
+    except TransportClosed:
+        return bytes(out)
+
+
+def write_until_closed(end: Transport) -> None:
+    # A socket notices with the answer to the first bytes that it sends.
+    for _ in range(500):
+        end.write(b"x" * 1000)
+        time.sleep(0.002)
 
 
 # ---------------------------------------------------------------- the contract
@@ -119,8 +127,9 @@ def test_timeout_gives_nothing(ends: Ends) -> None:
 def test_read_returns_at_once_what_is_there(ends: Ends) -> None:
     near, far = ends
     far.write(b"abc")
+    started_s = time.monotonic()
     assert near.read(LONG_S)[:1] == b"a"
-    read_all(near, 0)
+    assert time.monotonic() - started_s < LONG_S / 2
 
 
 def test_read_wakes_up_for_the_first_byte(ends: Ends) -> None:
@@ -182,10 +191,7 @@ def test_write_to_a_closed_far_end(ends: Ends) -> None:
     near, far = ends
     far.close()
     with pytest.raises(TransportClosed):
-        # A socket notices with the answer to the first bytes that it sends.
-        for _ in range(50):
-            near.write(b"x" * 1000)
-            time.sleep(0.002)
+        write_until_closed(near)
 
 
 def test_close_twice(ends: Ends) -> None:
@@ -274,11 +280,12 @@ def test_pty_survives_a_program_that_opens_it_again() -> None:
 
 def test_pty_writes_what_fits() -> None:
     far = PtyTransport()
+    # Opened first: a serial port drops what came before it was opened.
+    near = SerialTransport(far.path)
     n_bytes = 0
     while n := far.write_some(bytes(4096), 0.0):
         n_bytes += n
     assert n_bytes > 0
-    near = SerialTransport(far.path)
     assert len(read_all(near, n_bytes)) == n_bytes
     near.close()
     far.close()

@@ -6,9 +6,12 @@ the `exit_code` of the errors themselves.
 
 import argparse
 import os
+import signal
 import sys
+import threading
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from importlib.metadata import PackageNotFoundError, version
 from typing import NoReturn
 
@@ -18,7 +21,7 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Print one line and end with exit code 2."""
-        self.exit(2, f"{self.prog}: {message}; see {self.prog} --help\n")
+        self.exit(2, f"{self.prog}: {' '.join(message.split())}; see {self.prog} --help\n")
 
 
 def new_parser(prog: str, description: str, examples: str) -> Parser:
@@ -63,7 +66,8 @@ def run_command(
     """
     args = list(sys.argv[1:] if argv is None else argv)
     try:
-        code = body(args)
+        with _sigterm_interrupts():
+            code = body(args)
         sys.stdout.flush()
     except KeyboardInterrupt:
         return 0
@@ -79,3 +83,17 @@ def run_command(
         print(f"{prog}: {' '.join(text.split())}", file=sys.stderr)  # noqa: T201 - the one line
         return known if isinstance(known, int) else 1
     return code
+
+
+@contextmanager
+def _sigterm_interrupts() -> Iterator[None]:
+    """Let SIGTERM end a command as SIGINT does, where nobody else has a say in it."""
+    in_main = threading.current_thread() is threading.main_thread()
+    if not in_main or signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL:
+        yield
+        return
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)

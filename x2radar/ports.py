@@ -5,6 +5,7 @@ percent-encoded. Keys of ``sim:`` are seed (0), rate (60, frames per second) and
 (rf or baseband); of serial ports: rate and kind.
 """
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from urllib.parse import parse_qsl, unquote
@@ -113,6 +114,9 @@ def make_radar(
     SettingsError, SceneError
         If the string names something unknown or impossible.
     """
+    if spec.scheme == "replay":
+        msg = f"port 'replay:{spec.target}': a recording is no radar that can be opened"
+        raise SettingsError(msg)
     check_options(spec, SIM_KEYS if spec.scheme == "sim" else SERIAL_KEYS)
     if settings is None:
         kind = spec.options.get("kind", "rf")
@@ -127,9 +131,10 @@ def make_radar(
 def _connector(spec: PortSpec, speed: float | None) -> Callable[[], Transport]:
     if spec.scheme == "serial":
         return lambda: SerialTransport(spec.target)
-    seed = number_option(spec, "seed", 0)
-    if seed < 0 or seed % 1:
-        msg = f"port key 'seed': {seed:g} must be a whole number from 0 up"
+    text = spec.options.get("seed", "0")
+    # Not as a float, which takes large seeds for their neighbours.
+    if not re.fullmatch(r"[0-9]{1,20}", text):
+        msg = f"port key 'seed': '{text}' must be a whole number from 0 up"
         raise SettingsError(msg)
-    scene = load_scene(spec.target)
-    return lambda: connect(lambda: SimulatedModule(scene, int(seed)), speed)
+    seed, scene = int(text), load_scene(spec.target)
+    return lambda: connect(lambda: SimulatedModule(scene, seed), speed)

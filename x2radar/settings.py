@@ -7,7 +7,8 @@ into commands.
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from numbers import Integral, Real
+from typing import Any, NamedTuple
 
 from x2radar.errors import SettingsError
 
@@ -41,6 +42,16 @@ PULSE_GENERATORS: tuple[PulseGenerator, ...] = tuple(
         (8.8, 3.10, -16.4),
         (9.1, 3.10, -16.7),
     )
+)
+
+_WHOLE = (
+    ("frame_stitch", 1, 5),
+    ("pulse_generator", 0, len(PULSE_GENERATORS) - 1),
+    ("dac_min", 0, DAC_TOP),
+    ("dac_max", 0, DAC_TOP),
+    ("dac_step", 1, 1024),
+    ("pulses_per_step", 1, 65535),
+    ("iterations", 1, 65535),
 )
 
 
@@ -94,30 +105,30 @@ class RadarSettings:
             for name, good, rule in (
                 (
                     "frame_rate_hz",
-                    1 <= self.frame_rate_hz <= 1000 and self.frame_rate_hz % 1 == 0,
+                    _is_number(self.frame_rate_hz, 1, 1000) and self.frame_rate_hz % 1 == 0,
                     "must be a whole number, 1 to 1000 (the module takes an integer)",
                 ),
-                ("frame_stitch", 1 <= self.frame_stitch <= 5, "must be 1 to 5"),
                 (
-                    "pulse_generator",
-                    0 <= self.pulse_generator < len(PULSE_GENERATORS),
-                    f"must be 0 to {len(PULSE_GENERATORS) - 1}",
+                    "sample_delay_s",
+                    _is_number(self.sample_delay_s, 0, 200e-9),
+                    "must be 0 to 200e-9",
                 ),
-                ("sample_delay_s", 0 <= self.sample_delay_s <= 200e-9, "must be 0 to 200e-9"),
-                ("dac_min", 0 <= self.dac_min <= DAC_TOP, f"must be 0 to {DAC_TOP}"),
                 (
-                    "dac_max",
-                    self.dac_min < self.dac_max <= DAC_TOP,
-                    f"must be above dac_min and at most {DAC_TOP}",
+                    "sample_rate_hz",
+                    _is_number(self.sample_rate_hz, 1e9, 100e9),
+                    "must be 1e9 to 100e9",
                 ),
-                ("dac_step", 1 <= self.dac_step <= 1024, "must be 1 to 1024"),
-                ("pulses_per_step", 1 <= self.pulses_per_step <= 65535, "must be 1 to 65535"),
-                ("iterations", 1 <= self.iterations <= 65535, "must be 1 to 65535"),
-                ("sample_rate_hz", 1e9 <= self.sample_rate_hz <= 100e9, "must be 1e9 to 100e9"),
                 ("output", self.output in {"rf", "iq", "ap"}, "must be rf, iq or ap"),
             )
             if not good
         ]
+        faults += [
+            f"{name} = {getattr(self, name)!r}: must be a whole number, {low} to {high}"
+            for name, low, high in _WHOLE
+            if not _is_whole(getattr(self, name), low, high)
+        ]
+        if not faults and self.dac_max <= self.dac_min:
+            faults.append(f"dac_max = {self.dac_max}: must be above dac_min = {self.dac_min}")
         if not faults and self.sweep_s * self.frame_rate_hz > 1:
             most = self._most_pulses()
             faults.append(
@@ -198,3 +209,11 @@ class RadarSettings:
 
     def _most_pulses(self) -> int:
         return int(PRF_HZ / (self.frame_rate_hz * self.frame_stitch * self.n_steps))
+
+
+def _is_number(value: Any, low: float, high: float) -> bool:
+    return isinstance(value, Real) and low <= float(value) <= high
+
+
+def _is_whole(value: Any, low: int, high: int) -> bool:
+    return isinstance(value, Integral) and low <= int(value) <= high

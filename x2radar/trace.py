@@ -1,5 +1,6 @@
 """Traces of the wire: text with hex bytes, or raw bytes, to readable messages."""
 
+import math
 import re
 from collections.abc import Iterator
 from typing import Any
@@ -36,7 +37,7 @@ def read_trace(data: bytes) -> bytes:
         The bytes in order; `data` itself when it is no such text.
     """
     try:
-        text = data.decode("ascii")
+        text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
         return data
     out = bytearray()
@@ -64,7 +65,7 @@ def describe(data: bytes) -> Iterator[dict[str, Any]]:
     ------
     dict
         ``{"message": name, ...fields}`` or ``{"fault": why, "n_bytes": n}``. Arrays become
-        lists.
+        lists, numbers that JSON has no word for become null.
     """
     decoder = PacketDecoder()
     for item in decoder.feed(data):
@@ -83,11 +84,17 @@ def _message(message: Message) -> dict[str, Any]:
     out: dict[str, Any] = {"message": type(message).__name__}
     for name in getattr(message, "__dataclass_fields__", {}):
         value = getattr(message, name)
-        if isinstance(value, np.ndarray):
-            value = [None if not np.isfinite(v) else float(v) for v in value]
-        elif isinstance(value, bytes):
-            value = value.hex(" ")
-        elif isinstance(value, float) and not np.isfinite(value):
-            value = None
-        out[name] = value
+        out[name] = _json_safe(value)
     return out
+
+
+def _json_safe(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
+    if isinstance(value, list | tuple):
+        return [_json_safe(v) for v in value]
+    if isinstance(value, bytes):
+        return value.hex(" ")
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

@@ -121,7 +121,11 @@ class SerialTransport:
 
     def close(self) -> None:
         """As in `Transport`."""
+        # pyserial 3.5 leaves a socket open whose far end went first.
+        leaked = getattr(self._serial, "_socket", None)
         self._serial.close()
+        if leaked is not None:
+            leaked.close()
 
 
 def _port_error(url: str, err: Exception) -> PortError:

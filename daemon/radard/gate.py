@@ -48,7 +48,7 @@ class GateSettings:
         Motion slower than one cycle in this time counts as clutter, in seconds.
     """
 
-    threshold_db: float = 8.0
+    threshold_db: float = 6.0
     adapt_db: float = 40.0
     memory_s: float = 60.0
     learn_s: float = 20.0

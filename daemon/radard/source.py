@@ -185,7 +185,7 @@ class ReplaySource:
             raise UsageError(msg)
         self._loop = number_option(spec, "loop", 0.0) > 0
         # Late: live sources must not wait for h5py at start.
-        from x2radar.xethru import open_recording  # noqa: PLC0415
+        from x2radar.open_recording import open_recording  # noqa: PLC0415
 
         self._reader = open_recording(spec.target)
         self._speed = speed

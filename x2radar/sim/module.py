@@ -5,7 +5,8 @@ Feed it the host's bytes with `receive`, tell it the time with `advance`, and se
 as a real X2 would send them; it owns neither a port nor a clock.
 
 Not simulated: profiles' own detections (respiration, sleep, presence), the UART's rate, the
-time that a UART needs for a byte.
+time that a UART needs for a byte. Settings and output hold from the next start of the
+stream; what is changed while it runs does not touch it.
 """
 
 from collections import deque
@@ -85,6 +86,12 @@ _SYS_FIELDS = {
     SysCfg.FRAME_STITCH: "frame_stitch",
     SysCfg.SAMPLE_DELAY: "sample_delay_s",
 }
+# Amplitude or phase alone make no frame and are refused.
+_OUTPUTS: dict[int, str] = {
+    BasebandOutput.OFF: "rf",
+    BasebandOutput.IQ: "iq",
+    BasebandOutput.AMPLITUDE_PHASE: "ap",
+}
 
 
 class EchoStream:
@@ -102,6 +109,7 @@ class EchoStream:
 
     def __init__(self, scene: Scene, seed: int, settings: RadarSettings) -> None:
         kind: Kind = "rf" if settings.output == "rf" else "baseband"
+        self.settings = settings
         self.axis = FastTimeAxis(
             kind=kind,
             n_range=settings.n_range,
@@ -166,7 +174,7 @@ class SimulatedModule:
 
     def _power_up(self) -> None:
         self._fields: dict[str, float] = {}
-        self._output = BasebandOutput.OFF
+        self._output = _OUTPUTS[BasebandOutput.OFF]
         self._booted = True
         self._stream: EchoStream | None = None
         self._counter = 0
@@ -218,8 +226,8 @@ class SimulatedModule:
             if self._now_s - self._frame_due_s > LATEST_S:
                 self.n_skipped += 1
             else:
-                self._send(self._frame_message(frame))
-            self._frame_due_s += 1.0 / self._fields.get("frame_rate_hz", 60.0)
+                self._send(self._frame_message(self._stream, frame))
+            self._frame_due_s += 1.0 / self._stream.settings.frame_rate_hz
 
     def data_to_send(self) -> bytes:
         """Return the bytes that go to the host now, and forget them."""
@@ -241,8 +249,8 @@ class SimulatedModule:
                 return self._set_mode(mode)
             case SetSysInt(ref, value) | SetSysFloat(ref, value):
                 return self._set_field(ref, value)
-            case SetOutput(OutputRef.BASEBAND, value, 1) if value in set(BasebandOutput):
-                self._output = BasebandOutput(value)
+            case SetOutput(OutputRef.BASEBAND, value, 1) if value in _OUTPUTS:
+                self._output = _OUTPUTS[value]
                 return Ack()
             case GetSystemInfo(item) if item in _INFO:
                 return Reply(0x58, item, _INFO[InfoItem(item)])
@@ -255,6 +263,8 @@ class SimulatedModule:
 
     def _set_field(self, ref: int, value: float) -> Message:
         if ref not in set(SysCfg):
+            return ErrorReply(ErrorCode.COMMAND_FAILED)
+        if not np.isfinite(value):
             return ErrorReply(ErrorCode.COMMAND_FAILED)
         name = _SYS_FIELDS.get(SysCfg(ref))
         if name is not None:
@@ -280,18 +290,12 @@ class SimulatedModule:
             name: value if name in {"frame_rate_hz", "sample_delay_s"} else int(value)
             for name, value in self._fields.items()
         }
-        return RadarSettings(**known, output=self._output_name())
+        return RadarSettings(**known, output=self._output)
 
-    def _output_name(self) -> str:
-        if self._output is BasebandOutput.OFF:
-            return "rf"
-        return "iq" if self._output is BasebandOutput.IQ else "ap"
-
-    def _frame_message(self, frame: np.ndarray) -> Message:
-        if self._output is BasebandOutput.OFF:
+    def _frame_message(self, stream: EchoStream, frame: np.ndarray) -> Message:
+        axis = stream.axis
+        if axis.kind == "rf":
             return Data(ContentId.RAW_FRAME, self._counter, frame)
-        assert self._stream is not None  # noqa: S101 - called while streaming
-        axis = self._stream.axis
         head = (
             self._counter,
             axis.bin_length_m,
@@ -299,6 +303,6 @@ class SimulatedModule:
             axis.carrier_hz,
             axis.range_offset_m,
         )
-        if self._output is BasebandOutput.IQ:
+        if stream.settings.output == "iq":
             return BasebandIq(*head, frame.real, frame.imag)
         return BasebandAp(*head, np.abs(frame), np.angle(frame))

@@ -60,7 +60,8 @@ class Receiver:
     def baseband(self, echo: NDArray[np.complex64]) -> NDArray[np.complex64]:
         """Return baseband frames, shape (n_slow, n_range), complex64, with filtered noise.
 
-        Quantisation is left out: after the module's filter it lies 40 dB under the noise.
+        Quantisation is left out: with the settings for 60 Hz it lies 57 dB under the noise,
+        with those for 1000 Hz still 33 dB.
         """
         assert self._baseband_filter is not None  # noqa: S101 - set for this kind of axis
         n_fft = self._baseband_filter.size

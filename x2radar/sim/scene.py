@@ -90,7 +90,8 @@ def load_scene(name: str) -> Scene:
     if name.endswith((".yaml", ".yml")):
         try:
             text = Path(name).read_text(encoding="utf-8")
-        except (OSError, UnicodeDecodeError) as err:
+        except (OSError, ValueError) as err:
+            # ValueError: bytes that are no UTF-8, or a name that no file can have.
             msg = f"{name}: cannot read the scene file ({err})"
             raise SceneError(msg) from err
         return _parse(text, Path(name).stem, name)
@@ -105,7 +106,8 @@ def load_scene(name: str) -> Scene:
 def _parse(text: str, name: str, where: str) -> Scene:
     try:
         raw = yaml.safe_load(text)
-    except yaml.YAMLError as err:
+    except (yaml.YAMLError, ValueError, RecursionError) as err:
+        # ValueError: a date that does not exist, or a number of thousands of digits.
         msg = f"{where}: not YAML: {' '.join(str(err).split())}"
         raise SceneError(msg) from err
     top = _mapping(raw, where, {"description", "steps", "clutter"})
@@ -114,18 +116,22 @@ def _parse(text: str, name: str, where: str) -> Scene:
         msg = f"{where}: steps: must be a list with at least one step"
         raise SceneError(msg)
     parsed = tuple(_step(item, f"{where}: steps[{k}]") for k, item in enumerate(steps))
-    clutter = top.get("clutter") or []
+    clutter = [] if top.get("clutter") is None else top["clutter"]
     if not isinstance(clutter, list):
         msg = f"{where}: clutter: must be a list"
         raise SceneError(msg)
     points = tuple(_point(item, f"{where}: clutter[{k}]") for k, item in enumerate(clutter))
-    return Scene(name, str(top.get("description", "")).strip(), parsed, points)
+    description = "" if top.get("description") is None else top["description"]
+    if not isinstance(description, str):
+        msg = f"{where}: description: must be text"
+        raise SceneError(msg)
+    return Scene(name, " ".join(description.split()), parsed, points)
 
 
 def _step(raw: Any, where: str) -> SceneStep:
     item = _mapping(raw, where, {"body", "duration_s"})
     body = item.get("body")
-    if body is not None and body not in SEED_BODIES:
+    if body is not None and (not isinstance(body, str) or body not in SEED_BODIES):
         msg = f"{where}.body: no body '{body}'; known are {', '.join(SEED_BODIES)}"
         raise SceneError(msg)
     return SceneStep(body, _number(item, "duration_s", where, 0.1, LONGEST_STEP_S))
@@ -155,7 +161,8 @@ def _number(item: dict[str, Any], key: str, where: str, low: float, high: float)
         msg = f"{where}.{key}: must be a number"
         raise SceneError(msg)
     if not low <= value <= high:
-        msg = f"{where}.{key}: {value:g} is not in {low:g} to {high:g}"
+        # Not :g, which a whole number beyond 1e308 does not take.
+        msg = f"{where}.{key}: {value} is not in {low:g} to {high:g}"
         raise SceneError(msg)
     return float(value)
 
