@@ -248,13 +248,18 @@ class RecordingReader:
             If a chunk cannot be read.
         """
         tracker = CounterTracker()
+        begun = False
         n_block = max(1, round(self.stream.frame_rate_hz))
         for first in range(0, self.n_frames, n_block):
             last = min(first + n_block, self.n_frames)
             counters = self._read("counter", first, last).astype(np.int64) & 0xFFFFFFFF
             late = self._read("t_s", first, last) >= start_s - 1e-9
+            if begun:
+                late[:] = True
+            begun = begun or bool(late.any())
+            np.logical_or.accumulate(late, out=late)
             # Also what lies before the start is counted: file time is kept.
-            samples = self._samples(first, last) if late.any() else None
+            samples = self._samples(first, last) if begun else None
             for k, counter in enumerate(counters.tolist()):
                 step, lost = tracker.update(counter)
                 if step is Step.REPEAT or samples is None or not late[k]:

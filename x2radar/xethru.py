@@ -83,8 +83,9 @@ class XethruReader:
         meta_file = files[0].parent / META
         meta = _read_meta(meta_file) if meta_file.is_file() else None
         self.started_utc = meta.started_utc if meta else ""
+        axis = self._axis()
         rate_hz = frame_rate_hz or self._measured_rate(meta)
-        self.stream = StreamInfo(self._axis(), rate_hz, f"XeThru {kind} recording")
+        self.stream = StreamInfo(axis, rate_hz, f"XeThru {kind} recording")
         self.warning = "; ".join(self._warnings) or None
 
     def frames(self, start_s: float = 0.0) -> Iterator[Frame]:

@@ -272,10 +272,12 @@ class SimulatedModule:
         return Ack()
 
     def _set_mode(self, mode: int) -> Message:
+        if mode not in set(Mode):
+            return ErrorReply(ErrorCode.COMMAND_FAILED)
         if mode != Mode.MANUAL:
             self._stream = None
             self._frame_due_s = _FOREVER_S
-            return Ack() if mode in set(Mode) else ErrorReply(ErrorCode.COMMAND_FAILED)
+            return Ack()
         try:
             settings = self._settings()
         except SettingsError:
