@@ -26,6 +26,7 @@ def decision(t_s, *, alarm=False, invalid=False, human=0.0):
         alarm=alarm,
         frames=10,
         dropped=5 if invalid else 0,
+        fault="5 frames missing" if invalid else "",
     )
 
 

@@ -30,21 +30,16 @@ from x2radar.messages import (
     Pong,
     Reset,
     SetMode,
-    SetOutput,
-    SetSysFloat,
-    SetSysInt,
     SystemMessage,
 )
 from x2radar.protocol import Answered, Damaged, Received, Refused, Session
 from x2radar.settings import RadarSettings
+from x2radar.startup import startup_commands
 from x2radar.transport import SerialTransport, Transport
 from x2radar.wire_ids import (
-    BasebandOutput,
     ErrorCode,
     Mode,
-    OutputRef,
     PongCode,
-    SysCfg,
     SystemCode,
 )
 
@@ -262,27 +257,13 @@ class X2Radar:
         raise DeviceError(msg)
 
     def _configure(self) -> None:
-        s = self.settings
-        self.command(SetMode(Mode.IDLE))
-        for ref, value in (
-            (SysCfg.PG_SELECT, s.pulse_generator),
-            (SysCfg.FRAME_STITCH, s.frame_stitch),
-            (SysCfg.DAC_MIN, s.dac_min),
-            (SysCfg.DAC_MAX, s.dac_max),
-            (SysCfg.DAC_STEP, s.dac_step),
-            (SysCfg.PULSES_PER_STEP, s.pulses_per_step),
-            (SysCfg.ITERATIONS, s.iterations),
-            (SysCfg.FPS, round(s.frame_rate_hz)),
-        ):
-            self.command(SetSysInt(ref, value))
-        self.command(SetSysFloat(SysCfg.SAMPLE_DELAY, s.sample_delay_s))
-        outputs = {"rf": BasebandOutput.OFF, "iq": BasebandOutput.IQ}
-        output = outputs.get(s.output, BasebandOutput.AMPLITUDE_PHASE)
-        self.command(SetOutput(OutputRef.BASEBAND, output))
-        self._assembler = FrameAssembler(s)
+        *before, start = startup_commands(self.settings)
+        for command in before:
+            self.command(command)
+        self._assembler = FrameAssembler(self.settings)
         self._ready_frames.clear()
         self.stream = None
-        self.command(SetMode(Mode.MANUAL))
+        self.command(start)
 
     def _ask(self, command: Message, wait_s: float) -> Message | None:
         """Send `command`; return its reply, or None when none came in time."""

@@ -31,11 +31,7 @@ def _body(argv: Sequence[str]) -> int:
     if argv and argv[0] == "config":
         return _config(argv[1:])
     args = _parser().parse_args(argv)
-    level = logging.WARNING - 10 * args.verbose + 10 * args.quiet
-    form = "%(levelname)s %(name)s: %(message)s"
-    if args.log_format == "json":
-        form = '{"level":"%(levelname)s","logger":"%(name)s","message":"%(message)s"}'
-    logging.basicConfig(level=level, format=form, stream=sys.stderr)
+    _start_logging(args.verbose - args.quiet, as_json=args.log_format == "json")
     if args.duration is not None and not 0 < args.duration < 1e9:
         msg = f"--duration {args.duration:g}: must be above 0, in seconds"
         raise UsageError(msg)
@@ -51,6 +47,27 @@ def _body(argv: Sequence[str]) -> int:
             stdout_is_terminal=sys.stdout.isatty(),
         ),
     )
+
+
+class _JsonFormatter(logging.Formatter):
+    """One JSON object a line."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        """Return the line of one log record."""
+        fields = {
+            "time": self.formatTime(record),
+            "level": record.levelname.lower(),
+            "logger": record.name,
+            "message": record.getMessage(),
+        }
+        return json.dumps(fields)
+
+
+def _start_logging(more: int, *, as_json: bool) -> None:
+    handler = logging.StreamHandler(sys.stderr)
+    text = logging.Formatter("%(levelname)s %(name)s: %(message)s")
+    handler.setFormatter(_JsonFormatter() if as_json else text)
+    logging.basicConfig(level=logging.WARNING - 10 * more, handlers=[handler], force=True)
 
 
 def _options(args: Any) -> dict[str, Any]:

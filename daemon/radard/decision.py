@@ -38,6 +38,8 @@ class Decision:
         The verdict of this decision.
     frames, dropped : int
         Frames in the dwell and frames missing in it.
+    fault : str
+        Why the window is invalid; empty otherwise.
     t_mono_s : float
         When the dwell's last frame arrived, on the host's monotonic clock.
     """
@@ -52,6 +54,7 @@ class Decision:
     alarm: bool
     frames: int
     dropped: int
+    fault: str = ""
     t_mono_s: float = 0.0
 
 

@@ -57,9 +57,9 @@ class EventTracker:
         """Take a decision and the dwell it was made on."""
         invalid = decision.gate == "invalid"
         p_human = decision.fused.human if decision.fused else 0.0
-        reason: str | None = f"{decision.dropped} frames missing"
         t_s = decision.t_s
-        events = self._follow("fault", reason if invalid else None, t_s=t_s, dwell=dwell)
+        fault = decision.fault if invalid else None
+        events = self._follow("fault", fault, t_s=t_s, dwell=dwell)
         if invalid:
             # Nobody was seen to leave: an alarm outlives the windows that cannot be judged.
             return events

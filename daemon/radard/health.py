@@ -26,7 +26,7 @@ class Health:
     def on_decision(self, decision: Decision) -> Status | None:
         """Take a decision."""
         if decision.gate == "invalid":
-            return self._go("degraded", f"{decision.dropped} frames missing")
+            return self._go("degraded", decision.fault)
         return self._go("online", "")
 
     def on_notice(self, notice: Notice) -> Status | None:

@@ -23,6 +23,7 @@ from radard.classifier import Classifier, Probabilities
 from radard.config import Config
 from radard.decision import Decision, Label, judge
 from radard.dsp.downconvert import DownConverter
+from radard.errors import FeatureError, ModelMismatch
 from radard.features import FeatureSettings, extract
 from radard.gate import Gate, GateSettings
 from radard.ring import Dwell, DwellShape, FrameRing
@@ -106,21 +107,8 @@ class Pipeline:
             Numbered from 1.
         """
         self._seq += 1
-        n_slow = len(dwell.frames)
-        common = {"frames": n_slow - dwell.n_lost, "dropped": dwell.n_lost}
         if not dwell.is_whole:
-            return Decision(
-                seq=self._seq,
-                t_s=dwell.t_s,
-                gate="invalid",
-                reading=None,
-                window=None,
-                fused=None,
-                label="invalid",
-                alarm=False,
-                t_mono_s=dwell.t_mono_s,
-                **common,
-            )
+            return self._invalid(dwell, f"{dwell.n_lost} frames missing")
         reading = self._gate.read(dwell)
         window: Probabilities | None = None
         label: Label | None = None
@@ -129,7 +117,11 @@ class Pipeline:
             label = "none"
         elif self.classifier is not None:
             names = self.classifier.feature_names
-            window = self.classifier.classify(extract(dwell, self._features, names))
+            try:
+                window = self.classifier.classify(extract(dwell, self._features, names))
+            except (ModelMismatch, FeatureError) as err:
+                # No verdict is better announced than guessed.
+                return self._invalid(dwell, str(err))
             label, alarm = judge(window, self.pet_limit)
         return Decision(
             seq=self._seq,
@@ -140,8 +132,25 @@ class Pipeline:
             fused=window,
             label=label,
             alarm=alarm,
+            frames=len(dwell.frames) - dwell.n_lost,
+            dropped=dwell.n_lost,
             t_mono_s=dwell.t_mono_s,
-            **common,
+        )
+
+    def _invalid(self, dwell: Dwell, fault: str) -> Decision:
+        return Decision(
+            seq=self._seq,
+            t_s=dwell.t_s,
+            gate="invalid",
+            reading=None,
+            window=None,
+            fused=None,
+            label="invalid",
+            alarm=False,
+            frames=len(dwell.frames) - dwell.n_lost,
+            dropped=dwell.n_lost,
+            fault=fault,
+            t_mono_s=dwell.t_mono_s,
         )
 
 

@@ -158,7 +158,8 @@ def _mapping(raw: Any, where: str, known: set[str]) -> dict[str, Any]:
 def _number(item: dict[str, Any], key: str, where: str, low: float, high: float) -> float:
     value = item.get(key)
     if isinstance(value, bool) or not isinstance(value, (int, float)):
-        msg = f"{where}.{key}: must be a number"
+        # YAML takes 2.5e3 for text; with a sign, as in 2.5e+3, it is a number.
+        msg = f"{where}.{key}: must be a number, not {value!r}"
         raise SceneError(msg)
     if not low <= value <= high:
         # Not :g, which a whole number beyond 1e308 does not take.

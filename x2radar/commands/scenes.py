@@ -1,0 +1,18 @@
+"""`x2radar scenes`: list what can be simulated."""
+
+import argparse
+
+from x2radar.commands import Commands
+from x2radar.sim.scene import builtin_scenes
+
+
+def register(commands: Commands) -> None:
+    """Add the subcommand."""
+    parser = commands.add_parser("scenes", help="list the built-in scenes")
+    parser.set_defaults(run=_run)
+
+
+def _run(_args: argparse.Namespace) -> int:
+    for scene in builtin_scenes():
+        print(f"{scene.name:<10} {scene.description}")
+    return 0
