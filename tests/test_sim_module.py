@@ -1,5 +1,4 @@
 import math
-import struct
 
 import numpy as np
 import pytest
@@ -79,7 +78,7 @@ def fps(rate_hz):
     return SetSysInt(SysCfg.FPS, rate_hz)
 
 
-def frames(m, n, rate_hz=60):
+def frames(m, n):
     """Start the stream if it does not run, and return the next `n` frame messages."""
     if not m.is_streaming:
         assert ask(m, MANUAL) == [Ack()]
@@ -352,7 +351,7 @@ def test_frames_do_not_depend_on_when_the_host_looks():
     for m in (a, b):
         ask(m, MANUAL)
     a.advance(0.9)
-    for t in np.arange(0, 0.9, 0.01).tolist() + [0.9]:
+    for t in [*np.arange(0, 0.9, 0.01).tolist(), 0.9]:
         b.advance(t)
     assert a.data_to_send() == b.data_to_send()
 
@@ -403,7 +402,8 @@ def test_iq_and_ap_are_the_same_frames():
     ask(ap, output(BasebandOutput.AMPLITUDE_PHASE))
     for a, b in zip(frames(iq, 5), frames(ap, 5), strict=True):
         whole = a.i + 1j * a.q
-        assert np.abs(whole - b.amplitude * np.exp(1j * b.phase)).max() < 2e-6
+        error = np.abs(whole - b.amplitude * np.exp(1j * b.phase)).max()
+        assert error < 1e-6 * b.amplitude.max()
         assert b.amplitude.min() >= 0
 
 
@@ -527,9 +527,6 @@ def test_time_never_goes_back():
 
 def test_counter_wraps():
     m = module(EMPTY)
-    ask(m, MANUAL)
-    m.advance(0.0)
-    m._counter = 0xFFFFFFFF
-    assert [f.info for f in frames(m, 2)][-2:] != []
-    packet = framing.encode(encode(Data(0, 0xFFFFFFFF, np.zeros(1, np.float32))))
-    assert struct.pack("<I", 0xFFFFFFFF) in packet
+    frames(m, 1)
+    m._counter = 0xFFFFFFFE  # 2.3 years of frames later
+    assert [f.info for f in frames(m, 3)] == [0xFFFFFFFF, 0, 1]

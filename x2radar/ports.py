@@ -48,9 +48,12 @@ def parse_port(text: str) -> PortSpec:
     Raises
     ------
     SettingsError
-        If a key is given twice or without a value.
+        If a key is given twice or without a value, or nothing stands before the keys.
     """
     target, _, query = text.partition("?")
+    if not target:
+        msg = f"port '{text}': no port in front of '?'" if text else "port '': no port given"
+        raise SettingsError(msg)
     try:
         pairs = parse_qsl(query, keep_blank_values=True, strict_parsing=bool(query))
     except ValueError as err:

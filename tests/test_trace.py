@@ -1,0 +1,199 @@
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from x2radar import framing
+from x2radar.codec import encode
+from x2radar.framing import Packing
+from x2radar.messages import (
+    Ack,
+    BasebandAp,
+    Data,
+    Ping,
+    Pong,
+    Reply,
+    RespirationStatus,
+    SetDetectionZone,
+    SetMode,
+    SystemMessage,
+)
+from x2radar.trace import describe, read_trace
+from x2radar.wire_ids import Mode, PongCode, SystemCode
+
+PING = framing.encode(encode(Ping()))
+PONG = framing.encode(encode(Pong(PongCode.READY)))
+
+
+def spaced(data, form="{:02x}", between=" "):
+    return between.join(form.format(b) for b in data)
+
+
+# ---------------------------------------------------------------- text
+
+
+@pytest.mark.parametrize("form", ["0x{:02x}", "0x{:02X}", "0X{:02x}", "{:02x}", "{:02X}"])
+@pytest.mark.parametrize("between", [" ", ", ", ",", "\t", "  "])
+def test_forms_of_hex_text(form, between):
+    assert read_trace(spaced(PING, form, between).encode()) == PING
+
+
+def test_bytes_without_spaces():
+    assert read_trace(PING.hex().encode()) == PING
+    assert read_trace(spaced(PING, "0x{:02x}", "").encode()) == PING
+
+
+@pytest.mark.parametrize("newline", ["\n", "\r\n", "\r"])
+def test_a_trace_with_prose_labels_and_comments(newline):
+    lines = [
+        "A session with a module, 7d and all",
+        "",
+        "# sent first",
+        f"Write: {spaced(PING, '0x{:02x}')}  // ping",
+        f"12:30:01.5 Read: {spaced(PONG[:4], '0x{:02x}')}",
+        spaced(PONG[4:]) + " # the rest",
+        "// 7d 7d 7d 7d 7d",
+        "The module said 0x7d 0x10 0x6d 0x7e and stopped.",
+        "Bytes: 0x7d 0x10 0x6d",  # too short for a packet
+        "7d 10 6d",
+        "0x7d 0x1 0x2 0x3 0x4",
+        "7d 10 6d 7e ...",
+    ]
+    assert read_trace(newline.join(lines).encode()) == PING + PONG
+
+
+def test_text_beyond_ascii():
+    lines = [
+        "Mitschnitt vom Gerät — 3 m Abstand",
+        f"Gerät → Wirt: {spaced(PONG, '0x{:02x}')} # schön",
+    ]
+    for mark in ("", "\ufeff"):
+        assert read_trace((mark + "\n".join(lines)).encode()) == PONG
+    assert read_trace(("\ufeff" + spaced(PONG)).encode()) == PONG
+
+
+def test_raw_bytes_are_left_alone():
+    raw = PING + PONG + framing.encode(encode(Data(0, 1, np.ones(100, np.float32))))
+    assert read_trace(raw) == raw
+    ack = framing.encode(encode(Ack()))  # by chance ASCII
+    assert ack.isascii()
+    assert read_trace(ack) == ack
+
+
+def test_text_without_any_bytes_is_taken_as_it_is():
+    assert read_trace(b"only words\n") == b"only words\n"
+    assert read_trace(b"") == b""
+
+
+@given(st.binary(min_size=4, max_size=200), st.integers(4, 40))
+def test_any_bytes_come_back_from_their_hex_text(data, width):
+    rows = [data[k : k + width] for k in range(0, len(data) - len(data) % width, width)]
+    text = "\n".join(f"Read: {spaced(row, '0x{:02x}')}" for row in rows)
+    assert read_trace(text.encode()) == (b"".join(rows) or text.encode())
+
+
+def test_a_long_line_is_read_in_time():
+    row = b"0x7d " * 50_000
+    assert len(read_trace(row)) == 50_000
+    assert read_trace(row + b"x") == row + b"x"
+    assert read_trace(b":" * 20_000) == b":" * 20_000
+
+
+# ---------------------------------------------------------------- messages
+
+
+def described(*messages):
+    items = list(describe(b"".join(framing.encode(encode(m)) for m in messages)))
+    # What json would write is valid for everyone: no NaN, no Infinity.
+    return json.loads(json.dumps(items, allow_nan=False))
+
+
+def test_both_directions_are_read():
+    items = described(
+        Ping(), Pong(PongCode.READY), SetMode(Mode.MANUAL), Ack(), SystemMessage(SystemCode.READY)
+    )
+    assert [i["message"] for i in items] == ["Ping", "Pong", "SetMode", "Ack", "SystemMessage"]
+    assert items[2] == {"message": "SetMode", "mode": 0x12}
+    assert items[4]["code"] == 0x11
+
+
+def test_arrays_texts_and_numbers():
+    rf = np.array([1, np.nan, -np.inf, 0.5], np.float32)
+    data, raw, reply, floats, zone = described(
+        Data(0, 7, rf),
+        Data(3, 8, np.array([1, 255], np.uint8)),
+        Reply(0x58, 1, "X2M200"),
+        Reply(0x11, 2, (1.5, float("nan"), float("inf"))),
+        SetDetectionZone(0.5, float("nan")),
+    )
+    assert data == {
+        "message": "Data",
+        "content_id": 0,
+        "info": 7,
+        "values": [1.0, None, None, 0.5],
+    }
+    assert raw["values"] == [1, 255]
+    assert reply["value"] == "X2M200"
+    assert floats["value"] == [1.5, None, None]
+    assert zone == {"message": "SetDetectionZone", "start_m": 0.5, "end_m": None}
+
+
+def test_every_packing_and_every_field():
+    status = RespirationStatus(3, 0, 15, 1.5, 0.25, 8)
+    line = framing.encode(encode(status), Packing.FAST) + PING
+    items = list(describe(line))
+    assert items[0] == {
+        "message": "RespirationStatus",
+        "counter": 3,
+        "state": 0,
+        "state_data": 15,
+        "distance_m": 1.5,
+        "movement_mm": 0.25,
+        "signal_quality": 8,
+    }
+    ap = BasebandAp(1, 0.05, 3.9e10, 7e9, 0.4, np.ones(2, np.float32), np.zeros(2, np.float32))
+    [item] = described(ap)
+    assert item["amplitude"] == [1.0, 1.0]
+    assert list(item)[:2] == ["message", "counter"]
+
+
+def test_unknown_packets_are_shown_as_hex():
+    items = list(describe(framing.encode(b"\xee\x01\x02")))
+    assert items == [{"message": "Unknown", "data": "ee 01 02"}]
+
+
+# ---------------------------------------------------------------- damage
+
+
+def test_damaged_packets_are_reported_in_place():
+    broken = bytearray(PING)
+    broken[2] ^= 1
+    items = list(describe(PONG + bytes(broken) + PONG))
+    assert [i.get("message") for i in items] == ["Pong", None, "Pong"]
+    assert items[1] == {"fault": "crc error", "n_bytes": len(PING)}
+
+
+def test_junk_and_a_cut_end_are_reported():
+    items = list(describe(b"\x00\x01\x02" + PING + PONG[:-2]))
+    assert items[0] == {"fault": "junk between packets", "n_bytes": 3}
+    assert items[1]["message"] == "Ping"
+    assert items[2] == {"fault": "incomplete packet at the end", "n_bytes": len(PONG) - 2}
+
+
+def test_sound_packets_without_sense_are_reported():
+    [item] = describe(framing.encode(b"\x90\x51\x01"))
+    assert item["n_bytes"] == 3
+    assert "SetSysInt" in item["fault"]
+
+
+def test_nothing_says_nothing():
+    assert list(describe(b"")) == []
+
+
+@given(st.binary(max_size=400))
+def test_any_bytes_are_described_as_json(data):
+    items = list(describe(data))
+    json.dumps(items, allow_nan=False)
+    assert sum(i["n_bytes"] for i in items if "fault" in i) <= len(data)
