@@ -1,8 +1,8 @@
 """A port string becomes a radar: serial ports, pyserial URLs and ``sim:`` scenes.
 
 ``/dev/ttyACM0``, ``socket://host:port`` or ``sim:SCENE?key=value&key=value``. Values are
-percent-encoded. Keys of ``sim:`` are seed (0), rate (60, frames per second) and kind
-(rf or baseband); of serial ports: rate and kind.
+percent-encoded. Keys of ``sim:`` are seed (0), rate (60, frames per second), kind (rf or
+baseband) and fault (kind:value, `x2radar.sim.faults`); of serial ports: rate and kind.
 """
 
 import re
@@ -13,13 +13,14 @@ from urllib.parse import parse_qsl, unquote
 from x2radar.device import X2Radar
 from x2radar.errors import SettingsError
 from x2radar.settings import RadarSettings
+from x2radar.sim.faults import parse_faults
 from x2radar.sim.host import connect
 from x2radar.sim.module import SimulatedModule
 from x2radar.sim.scene import load_scene
 from x2radar.transport import SerialTransport, Transport
 
 _KINDS = {"rf": "rf", "baseband": "iq"}
-SIM_KEYS = frozenset({"seed", "rate", "kind"})
+SIM_KEYS = frozenset({"seed", "rate", "kind", "fault"})
 SERIAL_KEYS = frozenset({"rate", "kind"})
 
 
@@ -140,4 +141,5 @@ def _connector(spec: PortSpec, speed: float | None) -> Callable[[], Transport]:
         msg = f"port key 'seed': '{text}' must be a whole number from 0 up"
         raise SettingsError(msg)
     seed, scene = int(text), load_scene(spec.target)
-    return lambda: connect(lambda: SimulatedModule(scene, seed), speed)
+    faults = parse_faults(spec.options["fault"]) if "fault" in spec.options else None
+    return lambda: connect(lambda: SimulatedModule(scene, seed, faults), speed)

@@ -1,15 +1,16 @@
-"""Traces of the wire: text with hex bytes, or raw bytes, to readable messages."""
+"""Traces of the wire to readable messages: text with hex bytes, raw bytes, captures."""
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
 
-from x2radar.codec import decode_any
+from x2radar.capture import FROM_MODULE, OPENED, TO_MODULE, Capture
+from x2radar.codec import decode_any, decode_command, decode_response
 from x2radar.errors import MessageError
-from x2radar.framing import LineFault, PacketDecoder
+from x2radar.framing import LineFault, Packet, PacketDecoder
 from x2radar.messages import Message
 
 _COMMENT = re.compile(r"//.*|#.*")
@@ -69,15 +70,49 @@ def describe(data: bytes) -> Iterator[dict[str, Any]]:
     """
     decoder = PacketDecoder()
     for item in decoder.feed(data):
-        if isinstance(item, LineFault):
-            yield {"fault": item.fault.value, "n_bytes": item.n_bytes}
-            continue
-        try:
-            yield _message(decode_any(item.data))
-        except MessageError as err:
-            yield {"fault": str(err), "n_bytes": len(item.data)}
+        yield _describe(item, decode_any)
     if decoder.n_buffered:
         yield {"fault": "incomplete packet at the end", "n_bytes": decoder.n_buffered}
+
+
+def describe_capture(capture: Capture) -> Iterator[dict[str, Any]]:
+    """Yield what `describe` does for a wire capture, with time and direction in front.
+
+    Yields
+    ------
+    dict
+        ``{"t_s": seconds, "direction": "from_module" or "to_module", ...}``; the time is
+        that of the packet's last byte. Where the port was opened or closed,
+        ``{"t_s": seconds, "port": "opened" or "closed"}``. What a capture lacks at its end
+        comes last, as a fault.
+    """
+    ways: dict[int, tuple[str, PacketDecoder, Callable[[bytes], Message]]] = {
+        FROM_MODULE: ("from_module", PacketDecoder(), decode_response),
+        TO_MODULE: ("to_module", PacketDecoder(), decode_command),
+    }
+    t_s = 0.0
+    for kind, t_s, data in capture.chunks():
+        if kind not in ways:
+            yield {"t_s": t_s, "port": "opened" if kind == OPENED else "closed"}
+            continue
+        direction, decoder, decode = ways[kind]
+        for item in decoder.feed(data):
+            yield {"t_s": t_s, "direction": direction, **_describe(item, decode)}
+    for direction, decoder, _ in ways.values():
+        if n := decoder.n_buffered:
+            about = {"t_s": t_s, "direction": direction}
+            yield {**about, "fault": "incomplete packet at the end", "n_bytes": n}
+    if capture.warning:
+        yield {"t_s": t_s, "fault": capture.warning}
+
+
+def _describe(item: Packet | LineFault, decode: Callable[[bytes], Message]) -> dict[str, Any]:
+    if isinstance(item, LineFault):
+        return {"fault": item.fault.value, "n_bytes": item.n_bytes}
+    try:
+        return _message(decode(item.data))
+    except MessageError as err:
+        return {"fault": str(err), "n_bytes": len(item.data)}
 
 
 def _message(message: Message) -> dict[str, Any]:

@@ -8,28 +8,50 @@ records back to back::
                   f32 I[n], f32 Q[n]
     baseband_ap   the same with amplitude and phase
 
-A datafloat record carries no axis: an X4 module's values are assumed and said so. Amplitude
-of baseband_ap is taken as amplitude; X4 documents call it power, X2 clients do not.
+Recordings that we wrote (`x2radar.formats.xethru_writer`) carry exact axis, rate and device as
+JSON in the meta file's user header. A datafloat record carries no axis: an X4 module's values
+are assumed and said so. Amplitude of baseband_ap is taken as amplitude; X4 documents call it
+power, X2 clients do not.
 """
 
+import json
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from x2radar.blocks import (
+    NO_OVERRIDES,
+    BlockReader,
+    Label,
+    Overrides,
+    Samples,
+    as_samples,
+    rows_per_block,
+)
 from x2radar.errors import RecordingError
-from x2radar.frame import CounterTracker, FastTimeAxis, Frame, Kind, Step, StreamInfo, read_only
+from x2radar.frame import FastTimeAxis, Kind, StreamInfo
 
 META = "xethru_recording_meta.dat"
-_META_MAGIC = 0xA0B1C2D3
-_META_HEAD = 0x55
-_ENTRY = struct.Struct("<BIQQI")
+META_MAGIC = 0xA0B1C2D3
+META_HEAD = 0x55
+ENTRY = np.dtype(
+    [
+        ("kind", "u1"),
+        ("type", "<u4"),
+        ("size", "<u8"),
+        ("start", "<u8"),
+        ("end", "<u8"),
+        ("ms", "<u4"),
+    ]
+)
 _KINDS = ("datafloat", "baseband_iq", "baseband_ap")
-_DATA_BITS = {"baseband_ap": 0x1, "baseband_iq": 0x2, "datafloat": 0x400}
+DATA_BITS = {"baseband_ap": 0x1, "baseband_iq": 0x2, "datafloat": 0x400}
 X4_BIN_LENGTH_M = 1.5e8 / 2.916e9
 X4_CARRIER_HZ = 7.29e9
 X4_BANDWIDTH_HZ = 1.4e9
@@ -40,10 +62,11 @@ _MOST_BINS = 1 << 14
 @dataclass(frozen=True, slots=True)
 class _Meta:
     started_utc: str
-    times_ms: dict[int, NDArray[np.int64]]
+    times_ms: Mapping[int, NDArray[np.int64]]
+    ours: Mapping[str, Any]
 
 
-class XethruReader:
+class XethruReader(BlockReader):
     """Read a recording folder or one of its data files.
 
     Parameters
@@ -52,6 +75,8 @@ class XethruReader:
         Folder, or a ``.dat`` file in it.
     frame_rate_hz : float, optional
         Instead of the rate that the meta file's times give.
+    overrides : Overrides
+        Instead of what the files say; its frame rate goes before `frame_rate_hz`.
 
     Attributes
     ----------
@@ -70,8 +95,14 @@ class XethruReader:
         If nothing readable is there; one line that says what.
     """
 
-    def __init__(self, path: Path | str, frame_rate_hz: float | None = None) -> None:
+    def __init__(
+        self,
+        path: Path | str,
+        frame_rate_hz: float | None = None,
+        overrides: Overrides = NO_OVERRIDES,
+    ) -> None:
         self._path = Path(path)
+        self._overrides = overrides
         kind, files = _data_files(self._path)
         self._warnings: list[str] = []
         self._kind = kind
@@ -83,35 +114,56 @@ class XethruReader:
         meta_file = files[0].parent / META
         meta = _read_meta(meta_file) if meta_file.is_file() else None
         self.started_utc = meta.started_utc if meta else ""
+        self._ours = meta.ours if meta else {}
         axis = self._axis()
-        rate_hz = frame_rate_hz or self._measured_rate(meta)
-        self.stream = StreamInfo(axis, rate_hz, f"XeThru {kind} recording")
+        rate_hz = overrides.frame_rate_hz or frame_rate_hz or self._rate(meta)
+        device = str(self.device.get("name", f"XeThru {kind} recording"))
+        self.stream = overrides.apply(StreamInfo(axis, rate_hz, device))
         self.warning = "; ".join(self._warnings) or None
+        self._first = np.cumsum([0, *(len(part) for part in self._parts)]).tolist()
 
-    def frames(self, start_s: float = 0.0) -> Iterator[Frame]:
-        """Yield frames as `x2radar.recording.RecordingReader.frames` does."""
-        tracker = CounterTracker()
-        for part in self._parts:
-            for record in part:
-                counter = int(record["counter"])
-                step, lost = tracker.update(counter)
-                late = tracker.index / self.stream.frame_rate_hz >= start_s - 1e-9
-                if step is Step.REPEAT or not late:
-                    continue
-                samples = self._complex(record)
-                yield Frame(
-                    samples, counter, tracker.index, lost, step is Step.RESTART, self.stream.axis
-                )
+    @property
+    def device(self) -> Mapping[str, Any]:
+        """As the user header says, if it is ours."""
+        known = self._ours.get("device")
+        return known if isinstance(known, dict) else {}
 
-    def _complex(self, record: np.void) -> NDArray[np.complex64]:
-        first, second = record["a"], record["b"]
-        samples = np.empty(first.size, np.complex64)
+    @property
+    def settings(self) -> Mapping[str, Any]:
+        """As the user header says, if it is ours."""
+        known = self._ours.get("settings")
+        return known if isinstance(known, dict) else {}
+
+    @property
+    def labels(self) -> list[Label]:
+        """As the user header says, if it is ours."""
+        return [(float(t0), float(t1), str(text)) for t0, t1, text in self._ours.get("labels", [])]
+
+    def ranges(self) -> Iterator[tuple[int, int]]:
+        """See `BlockReader`; a block lies in one file."""
+        n_block = rows_per_block(self.stream.axis)
+        for offset, part in zip(self._first, self._parts, strict=False):
+            for first in range(0, len(part), n_block):
+                yield offset + first, offset + min(first + n_block, len(part))
+
+    def read_counters(self, first: int, last: int) -> NDArray[Any]:
+        """See `BlockReader`."""
+        return np.asarray(self._records(first, last)["counter"])
+
+    def read_samples(self, first: int, last: int) -> Samples:
+        """See `BlockReader`."""
+        records = self._records(first, last)
+        one, two = records["a"], records["b"]
+        samples = np.empty(one.shape, np.complex64)
         if self._kind == "baseband_ap":
-            samples.real, samples.imag = first * np.cos(second), first * np.sin(second)
+            samples.real, samples.imag = one * np.cos(two), one * np.sin(two)
         else:
-            samples.real, samples.imag = first, second
-        read_only(samples)
-        return samples
+            samples.real, samples.imag = one, two
+        return as_samples(samples, "baseband")
+
+    def _records(self, first: int, last: int) -> NDArray[np.void]:
+        k = int(np.searchsorted(self._first, first, side="right")) - 1
+        return np.asarray(self._parts[k][first - self._first[k] : last - self._first[k]])
 
     def _map(self, file: Path) -> NDArray[np.void]:
         """Return the file's records as a memory-mapped structured array."""
@@ -167,17 +219,31 @@ class XethruReader:
         return FastTimeAxis(
             kind=kind,
             n_range=n,
-            bin_length_m=float(first["bin"]),
-            range_offset_m=float(first["offset"]),
-            carrier_hz=float(first["carrier"]),
-            sample_rate_hz=float(first["rate"]),
+            bin_length_m=self._exact("bin_length_m", first["bin"]),
+            range_offset_m=self._exact("range_offset_m", first["offset"]),
+            carrier_hz=self._exact("carrier_hz", first["carrier"]),
+            sample_rate_hz=self._exact("sample_rate_hz", first["rate"]),
+            bandwidth_hz=self._number("bandwidth_hz"),
         )
+
+    def _number(self, name: str) -> float:
+        """Return a number of our user header, 0 without it."""
+        value = self._ours.get(name, 0.0)
+        return float(value) if isinstance(value, int | float) else 0.0
+
+    def _exact(self, name: str, stored: np.float32) -> float:
+        """Return the user header's number where it is what the record holds, rounded."""
+        value = self._number(name)
+        return value if np.float32(value) == stored else float(stored)
+
+    def _rate(self, meta: _Meta | None) -> float:
+        return self._number("frame_rate_hz") or self._measured_rate(meta)
 
     def _measured_rate(self, meta: _Meta | None) -> float:
         if meta is None:
             msg = f"{self._path}: the frame rate is unknown without {META}"
             raise RecordingError(msg)
-        times_ms = meta.times_ms.get(_DATA_BITS[self._kind], np.empty(0, np.int64))
+        times_ms = meta.times_ms.get(DATA_BITS[self._kind], np.empty(0, np.int64))
         counters = np.concatenate([part["counter"] for part in self._parts]).astype(np.int64)
         n = min(len(times_ms), len(counters))
         if n < 2 or times_ms[n - 1] <= times_ms[0]:
@@ -210,32 +276,40 @@ def _data_files(path: Path) -> tuple[str, list[Path]]:
 
 
 def _read_meta(file: Path) -> _Meta:
-    """Read start time and the record times of every data type.
-
-    Entries are walked to the end; the first that is no record ends them.
-    """
+    """Read start time, our user header, and the record times of every data type."""
     data = file.read_bytes()[:_LONGEST_META]
     try:
         magic, _version, start_ms = struct.unpack_from("<IIQ", data)
-        if magic != _META_MAGIC:
+        if magic != META_MAGIC:
             msg = f"{file}: not a XeThru meta file"
             raise RecordingError(msg)
-        (n_id,) = struct.unpack_from("<I", data, _META_HEAD)
-        at = _META_HEAD + 4 + n_id
+        (n_id,) = struct.unpack_from("<I", data, META_HEAD)
+        at = META_HEAD + 4 + n_id
         (n_header,) = struct.unpack_from("<I", data, at)
         at += 4 + n_header
     except struct.error as err:
         msg = f"{file}: cut off"
         raise RecordingError(msg) from err
-    times: dict[int, list[int]] = {}
-    while at + _ENTRY.size <= len(data) and data[at] in {1, 2}:
-        kind, data_type, _size, _start, _end = _ENTRY.unpack_from(data, at)
-        (ms,) = struct.unpack_from("<I", data, at + 29) if at + 33 <= len(data) else (0,)
-        if kind == 1:
-            times.setdefault(data_type, []).append(ms)
-        at += 33
-    started = datetime.fromtimestamp(start_ms / 1e3, UTC) if start_ms < 1 << 43 else None
-    return _Meta(
-        started.isoformat(timespec="milliseconds").replace("+00:00", "Z") if started else "",
-        {key: np.array(value, np.int64) for key, value in times.items()},
-    )
+    # Entries are walked to the end; the first that is no record ends them.
+    n_most = max(0, len(data) - at) // ENTRY.itemsize
+    entries = np.frombuffer(data, ENTRY, n_most, offset=at if n_most else 0)
+    strange = np.flatnonzero((entries["kind"] != 1) & (entries["kind"] != 2))
+    entries = entries[: strange[0]] if strange.size else entries
+    entries = entries[entries["kind"] == 1]
+    times = {
+        int(bit): entries["ms"][entries["type"] == bit].astype(np.int64)
+        for bit in np.unique(entries["type"])
+    }
+    ours = _our_header(data[at - n_header : at])
+    started = datetime.fromtimestamp(start_ms / 1e3, UTC) if 0 < start_ms < 1 << 43 else None
+    text = started.isoformat(timespec="milliseconds").replace("+00:00", "Z") if started else ""
+    return _Meta(str(ours.get("started_utc", text)), times, ours)
+
+
+def _our_header(header: bytes) -> Mapping[str, Any]:
+    """Return what we wrote into the user header; nothing if it is somebody else's."""
+    try:
+        ours = json.loads(header)["x2radar"]
+    except (ValueError, KeyError, TypeError):
+        return {}
+    return ours if isinstance(ours, dict) else {}

@@ -1,27 +1,33 @@
-"""`x2radar decode`: a byte trace as one JSON object a packet."""
+"""`x2radar decode`: a byte trace or wire capture as one JSON object a packet."""
 
 import argparse
 import json
 from pathlib import Path
 
+from x2radar.capture import MAGIC, Capture
 from x2radar.commands import Commands
 from x2radar.errors import RecordingError
-from x2radar.trace import describe, read_trace
+from x2radar.trace import describe, describe_capture, read_trace
 
 
 def register(commands: Commands) -> None:
     """Add the subcommand."""
     parser = commands.add_parser("decode", help="print a byte trace as one JSON object a packet")
-    parser.add_argument("file", type=Path, help="hex text or raw bytes")
+    parser.add_argument("file", type=Path, help="hex text, raw bytes or a wire capture")
     parser.set_defaults(run=_run)
 
 
 def _run(args: argparse.Namespace) -> int:
     try:
-        data = args.file.read_bytes()
+        with args.file.open("rb") as file:
+            data = file.read(len(MAGIC))
+            if data != MAGIC:
+                data += file.read()
     except OSError as err:
         msg = f"{args.file}: cannot be read: {err.strerror}"
         raise RecordingError(msg) from err
-    for item in describe(read_trace(data)):
+    is_capture = data == MAGIC
+    items = describe_capture(Capture(args.file)) if is_capture else describe(read_trace(data))
+    for item in items:
         print(json.dumps(item))
     return 0

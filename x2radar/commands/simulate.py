@@ -4,6 +4,7 @@ import argparse
 
 from x2radar.commands import Commands, parse_speed
 from x2radar.errors import SettingsError
+from x2radar.sim.faults import describe_faults, parse_faults
 from x2radar.sim.host import serve
 from x2radar.sim.module import SimulatedModule
 from x2radar.sim.scene import load_scene
@@ -12,11 +13,17 @@ from x2radar.transport import PtyTransport
 
 def register(commands: Commands) -> None:
     """Add the subcommand."""
-    parser = commands.add_parser("simulate", help="serve a simulated module on a pseudo-terminal")
+    parser = commands.add_parser(
+        "simulate",
+        help="serve a simulated module on a pseudo-terminal",
+        epilog=f"faults, with the unit of their value:\n{describe_faults()}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     parser.add_argument("--scene", default="demo", help="built-in scene or YAML file (demo)")
     parser.add_argument("--seed", type=int, default=0, help="same seed, same frames (0)")
     parser.add_argument("--pty", action="store_true", required=True, help="print a device path")
     parser.add_argument("--speed", default="realtime", help="realtime, max or a factor")
+    parser.add_argument("--fault", metavar="KIND:VALUE,...", help="how it misbehaves")
     parser.set_defaults(run=_run)
 
 
@@ -24,7 +31,8 @@ def _run(args: argparse.Namespace) -> int:
     if args.seed < 0:
         msg = f"--seed {args.seed}: must be a whole number from 0 up"
         raise SettingsError(msg)
-    module = SimulatedModule(load_scene(args.scene), args.seed)
+    faults = parse_faults(args.fault) if args.fault is not None else None
+    module = SimulatedModule(load_scene(args.scene), args.seed, faults)
     speed = parse_speed(args.speed)
     pty = PtyTransport()
     print(pty.path, flush=True)

@@ -50,8 +50,11 @@ def serve(
             else:
                 now_s = (time.monotonic() - started_s) * speed
             module.advance(now_s)
-            if out := module.data_to_send():
+            while out := module.data_to_send():
                 transport.write(out)
+            if module.has_hung_up:
+                transport.close()
+                return
 
 
 def connect(make: Callable[[], SimulatedModule], speed: float | None) -> MemoryTransport:

@@ -44,8 +44,10 @@ from x2radar.messages import (
     Unknown,
 )
 from x2radar.settings import RadarSettings
+from x2radar.sim.faults import Dice, FaultPlan
+from x2radar.sim.line import Line
 from x2radar.sim.pulse import LinkBudget, baseband_echo, rf_echo
-from x2radar.sim.receiver import Receiver
+from x2radar.sim.receiver import MIDDLE, Receiver
 from x2radar.sim.scene import Scene, SceneClock, StaticPoint
 from x2radar.wire_ids import (
     PING_SEED,
@@ -64,6 +66,7 @@ from x2radar.wire_ids import (
 RESET_DELAY_S = 0.05
 BOOT_S = 0.05
 LATEST_S = 2.0
+SPIKE = 900.0  # far beyond the 0 to 100 of a frame
 _BLOCK = 16
 _FOREVER_S = float("inf")
 
@@ -158,14 +161,20 @@ class SimulatedModule:
         What it looks at; it starts from the beginning whenever the stream starts.
     seed : int
         Same seed, same bytes.
+    faults : FaultPlan, optional
+        How it misbehaves.
     """
 
-    def __init__(self, scene: Scene, seed: int = 0) -> None:
+    def __init__(self, scene: Scene, seed: int = 0, faults: FaultPlan | None = None) -> None:
         self._scene = scene
         self._seed = seed
         self._decoder = PacketDecoder()
-        self._out = bytearray()
+        self._plan = faults or FaultPlan()
+        self._dice = Dice(self._plan, seed)
+        self._line = Line(self._plan, self._dice)
         self._now_s = 0.0
+        self._booted_s = 0.0
+        self._resume: RadarSettings | None = None
         self._reset_due_s = _FOREVER_S
         self._ready_due_s = _FOREVER_S
         self._frame_due_s = _FOREVER_S
@@ -178,12 +187,18 @@ class SimulatedModule:
         self._booted = True
         self._stream: EchoStream | None = None
         self._counter = 0
-        self._frame_due_s = _FOREVER_S
+        self._frame_due_s = self._streaming_since_s = _FOREVER_S
 
     @property
     def next_due_s(self) -> float:
         """Time of what the module does next by itself, in seconds; inf for nothing."""
-        return min(self._reset_due_s, self._ready_due_s, self._frame_due_s)
+        own_s = min(self._reset_due_s, self._ready_due_s, self._frame_due_s)
+        return min(own_s, self._line.next_due_s)
+
+    @property
+    def has_hung_up(self) -> bool:
+        """Whether the port must close now."""
+        return self._has_streamed_for("hang_up")
 
     @property
     def is_streaming(self) -> bool:
@@ -202,7 +217,8 @@ class SimulatedModule:
                 command = decode_command(item.data)
             except MessageError:
                 command = Unknown(item.data)
-            self._send(self._answer(command))
+            reply = self._refusal(command) or self._answer(command)
+            self._send(reply, late_s=self._plan.value("slow_ack"))
 
     def advance(self, now_s: float) -> None:
         """Do what is due until `now_s` (module time, in seconds, never going back).
@@ -217,32 +233,90 @@ class SimulatedModule:
             self._reset_due_s, self._ready_due_s = _FOREVER_S, self._reset_due_s + BOOT_S
             self._send(SystemMessage(SystemCode.BOOTING))
         if self._ready_due_s <= self._now_s:
-            self._booted = True
+            self._booted, self._booted_s = True, self._ready_due_s
             self._ready_due_s = _FOREVER_S
-            self._send(SystemMessage(SystemCode.READY))
+            if not (self._plan.value("not_ready") or self._plan.value("safe_mode")):
+                self._send(SystemMessage(SystemCode.READY))
+            if self._resume is not None:
+                # A module that was running loads what it ran and streams again by itself.
+                self._start(self._resume)
         while self._stream is not None and self._frame_due_s <= self._now_s:
-            frame = self._stream.next()
-            self._counter = (self._counter + 1) & 0xFFFFFFFF
-            if self._now_s - self._frame_due_s > LATEST_S:
-                self.n_skipped += 1
-            else:
-                self._send(self._frame_message(self._stream, frame))
-            self._frame_due_s += 1.0 / self._stream.settings.frame_rate_hz
+            self._next_frame(self._stream)
 
     def data_to_send(self) -> bytes:
-        """Return the bytes that go to the host now, and forget them."""
-        data = bytes(self._out)
-        self._out.clear()
+        """Return the bytes that go to the host now, and forget them.
+
+        Call it until it returns nothing: a faulty line gives its output in pieces.
+        """
+        data = self._line.take(self._now_s)
+        if not self._plan.value("split"):
+            while piece := self._line.take(self._now_s):
+                data += piece
         return data
 
-    def _send(self, message: Message) -> None:
-        self._out += framing.encode(encode(message))
+    def _next_frame(self, stream: EchoStream) -> None:
+        frame = stream.next()
+        rate_hz = stream.settings.frame_rate_hz
+        due_s, self._frame_due_s = self._frame_due_s, self._frame_due_s + 1.0 / rate_hz
+        self._counter = (self._counter + 1) & 0xFFFFFFFF
+        if self._dice.falls("counter_restart"):
+            self._counter = 1
+        if self._dice.falls("reboot"):
+            self._resume = stream.settings
+            self._stream = None
+            self._frame_due_s, self._reset_due_s = _FOREVER_S, due_s
+            return
+        if self._now_s - due_s > LATEST_S:
+            self.n_skipped += 1
+            return
+        if self._dice.falls("drop_frames"):
+            return
+        message = self._frame_message(stream, self._as_converted(frame))
+        late_s = self._line.frame_lateness_s(self._counter, rate_hz)
+        for _ in range(1 + self._dice.falls("duplicate")):
+            self._send(message, late_s=late_s)
+
+    def _as_converted(self, frame: np.ndarray) -> np.ndarray:
+        """Put in what a misbehaving converter does to a frame."""
+        if level := self._plan.value("clip"):
+            middle = MIDDLE if frame.dtype == np.float32 else 0.0
+            reach = np.float32(level * MIDDLE)
+            parts = np.clip(frame.view(np.float32) - middle, -reach, reach) + np.float32(middle)
+            frame = parts.view(frame.dtype)
+        if self._dice.falls("spike"):
+            rng = self._dice.generator("spike")
+            frame = frame.copy()
+            frame[rng.integers(0, frame.size, 3)] += np.float32(SPIKE)
+        return frame
+
+    def _has_streamed_for(self, kind: str) -> bool:
+        limit_s = self._plan.value(kind)
+        return limit_s > 0 and self._now_s - self._streaming_since_s >= limit_s
+
+    def _send(self, message: Message, *, late_s: float = 0.0) -> None:
+        if not self._has_streamed_for("silent"):
+            self._line.put(framing.encode(encode(message)), self._now_s, late_s=late_s)
+
+    def _refusal(self, command: Message) -> Message | None:
+        """Return what a module in trouble answers, or None when it obeys."""
+        if self._plan.value("safe_mode"):
+            if isinstance(command, Ping):
+                return Pong(PongCode.SAFE_MODE)
+            return None if isinstance(command, Reset) else ErrorReply(ErrorCode.COMMAND_FAILED)
+        if isinstance(command, Ping):
+            is_ready = self._now_s - self._booted_s >= self._plan.value("not_ready")
+            return None if is_ready else Pong(PongCode.NOT_READY)
+        if self._dice.falls("error_reply"):
+            return ErrorReply(ErrorCode.COMMAND_FAILED)
+        return None
 
     def _answer(self, command: Message) -> Message:
         match command:
             case Ping(seed) if seed == PING_SEED:
                 return Pong(PongCode.READY)
             case Reset():
+                # A host that resets configures anew; only a reboot of its own resumes.
+                self._resume = None
                 self._reset_due_s = self._now_s + RESET_DELAY_S
                 return Ack()
             case SetMode(mode):
@@ -275,17 +349,19 @@ class SimulatedModule:
         if mode not in set(Mode):
             return ErrorReply(ErrorCode.COMMAND_FAILED)
         if mode != Mode.MANUAL:
-            self._stream = None
+            self._stream = self._resume = None
             self._frame_due_s = _FOREVER_S
             return Ack()
         try:
-            settings = self._settings()
+            self._start(self._settings())
         except SettingsError:
             return ErrorReply(ErrorCode.COMMAND_FAILED)
+        return Ack()
+
+    def _start(self, settings: RadarSettings) -> None:
         self._stream = EchoStream(self._scene, self._seed, settings)
         self._counter = 0
-        self._frame_due_s = self._now_s
-        return Ack()
+        self._frame_due_s = self._streaming_since_s = self._now_s
 
     def _settings(self) -> RadarSettings:
         known: dict[str, Any] = {

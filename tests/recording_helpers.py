@@ -1,0 +1,82 @@
+"""Recordings and commands that the tests of files and formats share."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from tests.radar_helpers import BASEBAND, noise
+from x2radar.blocks import Block, unwrap
+from x2radar.command import new_parser, run_command
+from x2radar.commands import convert, decode, info, record
+from x2radar.frame import FastTimeAxis, StreamInfo
+from x2radar.recording_writer import RecordingWriter, write_labels
+from x2radar.settings import RadarSettings
+
+RATE_HZ = 60.25
+SETTINGS = RadarSettings()
+RF = FastTimeAxis(
+    kind="rf",
+    n_range=48,
+    bin_length_m=SETTINGS.bin_length_m,
+    range_offset_m=SETTINGS.range_offset_m,
+    carrier_hz=SETTINGS.carrier_hz,
+    bandwidth_hz=SETTINGS.bandwidth_hz,
+    sample_rate_hz=SETTINGS.sample_rate_hz,
+)
+AXES = {"rf": RF, "baseband": BASEBAND}
+COUNTERS = [4294967290, 4294967291, 4294967294, 3, 4, 4, 5, 900_000_000, 900_000_001]
+LABELS = [(0.0, 0.05, "human"), (0.05, 0.1125, "dog")]
+
+
+def quanta(n, n_range=48, seed=0):
+    """RF samples that a chip with the default settings can send, float32."""
+    count = np.random.default_rng(seed).integers(0, 2048 * 256, (n, n_range))
+    return (count * (4 / 256) * (100 / 8192)).astype(np.float32)
+
+
+def make(path, kind="baseband", counters=None, *, samples=None, rate_hz=RATE_HZ, **attributes):
+    """An HDF5 recording with everything in it that one can hold; returns path and samples."""
+    counters = np.arange(1, 151) if counters is None else np.asarray(counters)
+    axis = AXES[kind]
+    if samples is None:
+        samples = quanta(len(counters)) if kind == "rf" else noise(len(counters))
+    axis = replace(axis, n_range=samples.shape[1])
+    about = {
+        "started_utc": "2026-03-01T12:30:00.250Z",
+        "device": {"name": "module 7", "serial": "42"},
+        "settings": {"dac_min": 0, "dac_step": 4, "iterations": 16, "pulses_per_step": 16}
+        | {"dac_max": 8191, "sample_delay_s": 4e-9},
+    } | attributes
+    with RecordingWriter(path, StreamInfo(axis, rate_hz, "module 7"), **about) as writer:
+        t_s = unwrap(counters).index / rate_hz
+        writer.write_block(Block(samples, counters.astype(np.uint32), t_s))
+    write_labels(path, LABELS)
+    return path, samples
+
+
+def content(reader):
+    """All samples, counters and times of a reader."""
+    blocks = list(reader.blocks())
+    return tuple(
+        np.concatenate([getattr(block, name) for block in blocks])
+        for name in ("samples", "counter", "t_s")
+    )
+
+
+def run(capsys, *argv):
+    """Exit code, stdout and stderr of one of the file commands."""
+
+    def body(args):
+        parser = new_parser("x2radar", "test", "")
+        commands = parser.add_subparsers(required=True, metavar="COMMAND")
+        for module in (record, convert, decode, info):
+            module.register(commands)
+        parsed = parser.parse_args(args)
+        return parsed.run(parsed)
+
+    try:
+        code = run_command("x2radar", body, [str(a) for a in argv])
+    except SystemExit as stop:
+        code = stop.code
+    out, err = capsys.readouterr()
+    return code, out, err

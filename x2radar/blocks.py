@@ -1,0 +1,298 @@
+"""Blocks of frames: how every file format hands its frames to the rest.
+
+A reader knows how to fetch counters, times and samples of frames `first` to `last`;
+`BlockReader` makes blocks and `Frame` objects of that, so that losses, repeats, restarts
+and the start in the middle mean the same whatever file they come from. At no time more
+than one block of samples is held.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from x2radar.errors import RecordingError
+from x2radar.frame import FastTimeAxis, Frame, StreamInfo, read_only
+
+Samples = NDArray[np.float32] | NDArray[np.complex64]
+Label = tuple[float, float, str]
+SAMPLE_DTYPES: dict[str, type[np.float32 | np.complex64]] = {
+    "rf": np.float32,
+    "baseband": np.complex64,
+}
+SPEED_OF_LIGHT_MPS = 299_792_458.0
+BLOCK_BYTES = 1 << 21
+LONGEST_GAP = 36_000
+_WRAP = 1 << 32
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Block:
+    """Consecutive frames as arrays.
+
+    Attributes
+    ----------
+    samples : ndarray, shape (n, n_range), float32 (rf) or complex64 (baseband)
+        The frames.
+    counter : ndarray, shape (n,), uint32
+        As the module counted them.
+    t_s : ndarray, shape (n,), float64
+        Time since the recording's first frame, in seconds.
+    """
+
+    samples: Samples
+    counter: NDArray[np.uint32]
+    t_s: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Steps:
+    """What `unwrap` found, each of shape (n,)."""
+
+    index: NDArray[np.int64]
+    lost: NDArray[np.int64]
+    restarted: NDArray[np.bool_]
+    repeated: NDArray[np.bool_]
+
+
+def unwrap(counter: NDArray[Any], last: int | None = None, index: int = -1) -> Steps:
+    """Unwrap many 32-bit counters at once, as `x2radar.frame.CounterTracker` does one by one.
+
+    Parameters
+    ----------
+    counter : ndarray, shape (n,)
+        Whole numbers, 0 to 2**32 - 1.
+    last : int, optional
+        The counter before; None at the beginning of a stream.
+    index : int
+        Unwrapped number of `last`.
+
+    Returns
+    -------
+    Steps
+        Unwrapped numbers, frames lost before each, restarts and repeats.
+    """
+    now = np.asarray(counter).astype(np.int64)
+    before = np.empty_like(now)
+    before[1:] = now[:-1]
+    if now.size:
+        before[0] = now[0] - 1 if last is None else last
+    ahead = (now - before) % _WRAP
+    repeated = ahead == 0
+    restarted = ahead - 1 > LONGEST_GAP
+    lost = np.where(repeated | restarted, 0, ahead - 1)
+    stride = np.where(restarted, 1, ahead)
+    return Steps(index + np.cumsum(stride), lost, restarted, repeated)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Overrides:
+    """What the user knows better than the file; None leaves the file's value.
+
+    Attributes
+    ----------
+    frame_rate_hz, bin_length_m, range_offset_m, carrier_hz, bandwidth_hz, sample_rate_hz : float
+        As in `FastTimeAxis` and `StreamInfo`. A sample rate alone also sets the bin length
+        of RF frames, c / (2 fs).
+    """
+
+    frame_rate_hz: float | None = None
+    bin_length_m: float | None = None
+    range_offset_m: float | None = None
+    carrier_hz: float | None = None
+    bandwidth_hz: float | None = None
+    sample_rate_hz: float | None = None
+
+    def apply(self, stream: StreamInfo) -> StreamInfo:
+        """Return `stream` with what is set here."""
+        changes: dict[str, Any] = {}
+        for name in FastTimeAxis.__dataclass_fields__:
+            value = getattr(self, name, None)
+            if value is not None:
+                changes[name] = value
+        by_rate = self.sample_rate_hz is not None and self.bin_length_m is None
+        if by_rate and self.sample_rate_hz and stream.axis.kind == "rf":
+            changes["bin_length_m"] = SPEED_OF_LIGHT_MPS / (2 * self.sample_rate_hz)
+        return replace(
+            stream,
+            axis=replace(stream.axis, **changes),
+            frame_rate_hz=self.frame_rate_hz or stream.frame_rate_hz,
+        )
+
+
+NO_OVERRIDES = Overrides()
+
+
+class BlockReader:
+    """Base of all readers of recordings.
+
+    Attributes
+    ----------
+    stream : StreamInfo
+        Axes and rate.
+    n_frames : int
+        Frames in the recording.
+    started_utc : str
+        Wall clock of the first frame, ISO 8601; empty when unknown.
+    device, settings : mapping
+        What the recording says about its module; may be empty.
+    labels : list of (t0_s, t1_s, label)
+        Labelled stretches; empty when there are none.
+    warning : str or None
+        What is odd about the recording, for people.
+    """
+
+    stream: StreamInfo
+    n_frames: int
+    started_utc: str = ""
+    warning: str | None = None
+    _overrides: Overrides = NO_OVERRIDES
+
+    def __enter__(self) -> Self:
+        """Return the reader."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close the recording."""
+        self.close()
+
+    @property
+    def device(self) -> Mapping[str, Any]:
+        """What the recording says about its module."""
+        return {"name": self.stream.device}
+
+    @property
+    def settings(self) -> Mapping[str, Any]:
+        """The module's settings, as far as the recording holds them."""
+        return {}
+
+    @property
+    def labels(self) -> list[Label]:
+        """Labelled stretches (t0_s, t1_s, label)."""
+        return []
+
+    def close(self) -> None:
+        """Let go of the file."""
+
+    def blocks(self, *, samples: bool = True) -> Iterator[Block]:
+        """Yield the recording block by block, repeated frames included.
+
+        Parameters
+        ----------
+        samples : bool
+            False leaves the samples out (shape (n, 0)), for a look at the counters.
+
+        Raises
+        ------
+        RecordingError
+            If a part of the file cannot be read.
+        """
+        for first, last, counter, _, t_s in self._walk():
+            rows = self.read_samples(first, last) if samples else self._no_samples(last - first)
+            yield Block(rows, counter.astype(np.uint32), t_s)
+
+    def frames(self, start_s: float = 0.0) -> Iterator[Frame]:
+        """Yield the frames in order.
+
+        Parameters
+        ----------
+        start_s : float
+            Begin with the first frame at or behind this time of the file, in seconds.
+
+        Yields
+        ------
+        Frame
+            `index` counts from the file's first frame, losses included, wherever reading
+            begins; repeated counters are skipped, as the driver does.
+
+        Raises
+        ------
+        RecordingError
+            If a part of the file cannot be read.
+        """
+        axis = self.stream.axis
+        begun = False
+        for first, last, counter, steps, t_s in self._walk():
+            # What lies before the start is counted too: file time is kept.
+            skip = 0
+            if not begun:
+                late = t_s >= start_s - 1e-9
+                if not late.any():
+                    continue
+                begun = True
+                skip = int(late.argmax())
+            samples = self.read_samples(first, last)
+            rows = zip(
+                counter.tolist(),
+                steps.index.tolist(),
+                steps.lost.tolist(),
+                steps.restarted.tolist(),
+                steps.repeated.tolist(),
+                strict=True,
+            )
+            for k, (number, index, lost, restarted, repeated) in enumerate(rows):
+                if k >= skip and not repeated:
+                    yield Frame(samples[k], number, index, lost, restarted, axis)
+
+    def _walk(
+        self,
+    ) -> Iterator[tuple[int, int, NDArray[np.int64], Steps, NDArray[np.float64]]]:
+        before: int | None = None
+        index = -1
+        for first, last in self.ranges():
+            counter = self.read_counters(first, last).astype(np.int64) % _WRAP
+            steps = unwrap(counter, before, index)
+            before, index = int(counter[-1]), int(steps.index[-1])
+            t_s = None if self._overrides.frame_rate_hz else self.read_times(first, last)
+            if t_s is None:
+                t_s = steps.index / self.stream.frame_rate_hz
+            yield first, last, counter, steps, t_s
+
+    def ranges(self) -> Iterator[tuple[int, int]]:
+        """Yield the borders of the blocks."""
+        n_block = rows_per_block(self.stream.axis)
+        for first in range(0, self.n_frames, n_block):
+            yield first, min(first + n_block, self.n_frames)
+
+    def read_counters(self, first: int, last: int) -> NDArray[Any]:
+        """Return the counters of these frames, whole numbers."""
+        raise NotImplementedError
+
+    def read_times(self, first: int, last: int) -> NDArray[np.float64] | None:  # noqa: ARG002
+        """Return the times of these frames in seconds; None to count them with the rate."""
+        return None
+
+    def read_samples(self, first: int, last: int) -> Samples:
+        """Return these frames, shape (last - first, n_range), read-only."""
+        raise NotImplementedError
+
+    def _no_samples(self, n: int) -> Samples:
+        return as_samples(np.empty((n, 0)), self.stream.axis.kind)
+
+
+def rows_per_block(axis: FastTimeAxis, block_bytes: int = BLOCK_BYTES) -> int:
+    """Return how many frames make a block of about `block_bytes`."""
+    row_bytes = axis.n_range * np.dtype(SAMPLE_DTYPES[axis.kind]).itemsize
+    return max(1, block_bytes // row_bytes)
+
+
+def as_samples(array: NDArray[Any], kind: str) -> Samples:
+    """Return `array` as contiguous, read-only samples of this kind; a copy if need be."""
+    samples: Any = np.ascontiguousarray(np.asarray(array), SAMPLE_DTYPES[kind])
+    if samples.flags.writeable:
+        read_only(samples)
+    out: Samples = samples
+    return out
+
+
+def refuse(path: object, why: str) -> RecordingError:
+    """Return the error that says in one line what is wrong with a file."""
+    return RecordingError(f"{path}: {why}")
