@@ -12,10 +12,9 @@ from x2radar.messages import (
     BasebandIq,
     Data,
     Message,
-    PresenceStatus,
-    RespirationStatus,
     Unknown,
 )
+from x2radar.messages_status import PresenceStatus, RespirationStatus
 from x2radar.settings import RadarSettings
 from x2radar.wire_ids import ContentId
 

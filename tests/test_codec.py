@@ -10,17 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as np_st
 
-from x2radar import messages
-from x2radar.codec import (
-    COMMANDS,
-    RESPONSES,
-    Layout,
-    decode_any,
-    decode_command,
-    decode_response,
-    encode,
-)
+from x2radar import framing, messages, messages_expert, messages_status
+from x2radar.codec import decode_any, decode_command, decode_response, encode
 from x2radar.errors import MessageError
+from x2radar.layouts import COMMANDS, RESPONSES, VARIANTS, Layout
 from x2radar.messages import (
     Ack,
     BasebandAp,
@@ -33,10 +26,8 @@ from x2radar.messages import (
     Message,
     Ping,
     Pong,
-    PresenceStatus,
     Reply,
     Reset,
-    RespirationStatus,
     SetBaudRate,
     SetDetectionZone,
     SetLed,
@@ -45,10 +36,10 @@ from x2radar.messages import (
     SetSensitivity,
     SetSysFloat,
     SetSysInt,
-    SleepStatus,
     SystemMessage,
     Unknown,
 )
+from x2radar.messages_status import PresenceStatus, RespirationStatus, SleepStatus
 from x2radar.wire_ids import (
     BasebandOutput,
     ErrorCode,
@@ -129,13 +120,18 @@ def float_arrays(n: int) -> st.SearchStrategy:
     return np_st.arrays("<f4", n, elements=st.floats(width=32))
 
 
+def arrays_of(n: int, dtype: str) -> st.SearchStrategy:
+    return float_arrays(n) if dtype == "<f4" else np_st.arrays(dtype, n)
+
+
 def messages_of(row: Layout) -> st.SearchStrategy[Message]:
     """Draw every field of a row from what its place on the wire can hold."""
     scalars = [FIELD[code] for k, code in enumerate(row.head) if k not in row.counts]
     if not row.arrays:
         return st.builds(row.cls, *scalars)
-    return st.integers(0, 20).flatmap(
-        lambda n: st.builds(row.cls, *scalars, *(float_arrays(n) for _ in row.arrays))
+    lengths = st.tuples(*(st.integers(0, 20) for _ in row.counts))
+    return lengths.flatmap(
+        lambda n: st.builds(row.cls, *scalars, *(arrays_of(n[k], dt) for k, dt in row.arrays))
     )
 
 
@@ -171,10 +167,13 @@ data_messages = st.builds(
     st.one_of(st.integers(0, 20).flatmap(float_arrays), np_st.arrays("u1", st.integers(0, 20))),
 )
 command_messages = st.one_of(
-    *(messages_of(row) for row in COMMANDS), st.builds(SetOutput, u32, u32)
+    *(messages_of(row) for row in (*COMMANDS, VARIANTS[0])), st.builds(SetOutput, u32, u32)
 )
 response_messages = st.one_of(
-    *(messages_of(row) for row in RESPONSES), replies, data_messages, st.builds(ErrorReply, u32)
+    *(messages_of(row) for row in (*RESPONSES, VARIANTS[1])),
+    replies,
+    data_messages,
+    st.builds(ErrorReply, u32),
 )
 
 
@@ -274,10 +273,10 @@ def test_reply_forms_that_only_modules_send(wire: str, value: object) -> None:
     "wire",
     [
         "",
-        "02 f0 5e b9 a2",
+        "c0 00",
         "a0 50 01 00 00 00 02 00 00 00 ff",
         "11 50 01 00 00 00 02 00 00 00 ff",
-        "50 1e fa 3b 72 00",
+        "50 6b a1 75 23 00",
     ],
 )
 def test_what_no_row_describes_is_kept(wire: str) -> None:
@@ -293,9 +292,12 @@ def test_several_output_values_are_kept_as_unknown() -> None:
 
 def test_every_message_class_is_in_a_table_or_tested_by_itself() -> None:
     classes = {
-        c for c in vars(messages).values() if isinstance(c, type) and issubclass(c, Message)
+        c
+        for module in (messages, messages_status, messages_expert)
+        for c in vars(module).values()
+        if isinstance(c, type) and issubclass(c, Message)
     }
-    rows = {row.cls for row in COMMANDS + RESPONSES}
+    rows = {row.cls for row in COMMANDS + RESPONSES + VARIANTS}
     assert classes - rows == {Message, SetOutput, ErrorReply, Data, Reply, Unknown}
 
 
@@ -363,27 +365,48 @@ def test_fields_that_do_not_fit_raise_message_error(message: Message) -> None:
         encode(message)
 
 
+SAME_PREFIX = [
+    row
+    for row in COMMANDS + RESPONSES
+    if any(row.prefix == other.prefix for other in VARIANTS) and not row.arrays
+]
+
+
 @given(command_messages, st.binary(min_size=1, max_size=5))
 def test_cut_and_over_long_commands(message: Message, more: bytes) -> None:
     data = encode(message)
-    known = 2 if data[0] in {0x10, 0x90} else 1
-    for k in range(6 if data[0] == 0x10 else known, len(data)):
+    for k in range(prefix_length(data), len(data)):
+        if not is_variant(data[:k]):
+            with pytest.raises(MessageError):
+                decode_command(data[:k])
+    if not is_variant(data + more):
         with pytest.raises(MessageError):
-            decode_command(data[:k])
-    with pytest.raises(MessageError):
-        decode_command(data + more)
+            decode_command(data + more)
+
+
+def prefix_length(data: bytes) -> int:
+    """Return how many bytes tell which command it is."""
+    if data[:2] == b"\x90\x71":
+        return 2
+    return max(len(row.prefix) for row in COMMANDS if data.startswith(row.prefix))
+
+
+def is_variant(data: bytes) -> bool:
+    """Say whether the bytes are another message of the same prefix, known by its length."""
+    whole = [(row.prefix, struct.calcsize("<" + row.head)) for row in (*SAME_PREFIX, *VARIANTS)]
+    return any(data.startswith(p) and len(data) == len(p) + size for p, size in whole)
 
 
 @given(response_messages, st.binary(min_size=2, max_size=5))
 def test_cut_and_over_long_responses(message: Message, more: bytes) -> None:
     data = encode(message)
     for k in range(5 if data[0] == 0x50 else 1, len(data)):
-        if not is_whole(data, k):
+        if not is_whole(data, k) and not is_variant(data[:k]):
             with pytest.raises(MessageError):
                 decode_response(data[:k])
     if isinstance(message, SystemMessage):
         assert decode_response(data + more) == message
-    elif not has_no_elements(message):
+    elif not has_no_elements(message) and not is_variant(data + more):
         with pytest.raises(MessageError):
             decode_response(data + more)
 
@@ -452,3 +475,69 @@ def test_any_bytes_raise_nothing_but_message_error(first: bytes, rest: bytes) ->
     for read in (decode_command, decode_response, decode_any):
         with contextlib.suppress(MessageError):
             assert isinstance(read(first + rest), Message)
+
+
+VECTORS = {
+    # command: (bytes of the whole packet, also printed by an outside source)
+    "ping": (Ping(), "7d 01 ae ea aa ee 7c 7e", True),
+    "reset": (Reset(), "7d 22 5f 7e", True),
+    "run": (SetMode(Mode.RUN), "7d 20 01 5c 7e", True),
+    "idle": (SetMode(Mode.IDLE), "7d 20 11 4c 7e", True),
+    "manual": (SetMode(Mode.MANUAL), "7d 20 12 4f 7e", True),
+    "stop": (SetMode(Mode.STOP), "7d 20 13 4e 7e", True),
+    "load respiration": (
+        LoadProfile(Profile.RESPIRATION),
+        "7d 21 d6 a2 23 14 1f 7e",
+        True,
+    ),
+    "load sleep": (LoadProfile(Profile.SLEEP), "7d 21 17 7b f1 00 c1 7e", True),
+    "load presence": (LoadProfile(Profile.PRESENCE), "7d 21 12 89 28 00 ef 7e", False),
+    "led full": (SetLed(Led.FULL), "7d 24 02 00 5b 7e", True),
+    "led off": (SetLed(Led.OFF), "7d 24 00 00 59 7e", False),
+    "zone 1.8 to 2.5": (
+        SetDetectionZone(1.8, 2.5),
+        "7d 10 10 1c 0a a1 96 66 66 e6 3f 00 00 20 40 e5 7e",
+        True,
+    ),
+    "zone 0.4 to 2.0": (
+        SetDetectionZone(0.4, 2.0),
+        "7d 10 10 1c 0a a1 96 cd cc cc 3e 00 00 00 40 ef 7e",
+        False,
+    ),
+    "sensitivity 9": (SetSensitivity(9), "7d 10 10 2b 11 a5 10 09 00 00 00 fb 7e", True),
+    "baseband off": (
+        SetOutput(OutputRef.BASEBAND, 0),
+        "7d 90 71 10 00 00 00 01 00 00 00 00 00 00 00 8d 7e",
+        False,
+    ),
+    "baseband iq": (
+        SetOutput(OutputRef.BASEBAND, 1),
+        "7d 90 71 10 00 00 00 01 00 00 00 01 00 00 00 8c 7e",
+        False,
+    ),
+    "baseband ap": (
+        SetOutput(OutputRef.BASEBAND, 2),
+        "7d 90 71 10 00 00 00 01 00 00 00 02 00 00 00 8f 7e",
+        False,
+    ),
+    "baud 921600": (SetBaudRate(921_600), "7d 90 80 00 10 0e 00 73 7e", False),
+    "firmware id": (GetSystemInfo(InfoItem.FIRMWARE_ID), "7d 90 58 02 b7 7e", False),
+    "x4 20 fps": (
+        messages_expert.X4SetFrameRate(20.0),
+        "7d 50 10 10 00 00 00 00 00 a0 41 cc 7e",
+        True,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", VECTORS)
+def test_commands_are_byte_equal_to_the_documents(name: str) -> None:
+    command, wire, _ = VECTORS[name]
+    assert framing.encode(encode(command)) == bytes.fromhex(wire)
+    assert decode_any(encode(command)) == decode_command(encode(command))
+
+
+def test_how_many_commands_an_outside_source_prints() -> None:
+    # docs/hardware.md states these counts.
+    assert len(VECTORS) == 20
+    assert sum(outside for _, _, outside in VECTORS.values()) == 12

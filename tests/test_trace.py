@@ -15,11 +15,11 @@ from x2radar.messages import (
     Ping,
     Pong,
     Reply,
-    RespirationStatus,
     SetDetectionZone,
     SetMode,
     SystemMessage,
 )
+from x2radar.messages_status import RespirationStatus
 from x2radar.trace import describe, read_trace
 from x2radar.wire_ids import Mode, PongCode, SystemCode
 

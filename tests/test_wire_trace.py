@@ -20,7 +20,6 @@ from x2radar.messages import (
     Pong,
     Reply,
     Reset,
-    RespirationStatus,
     SetDetectionZone,
     SetLed,
     SetMode,
@@ -29,6 +28,7 @@ from x2radar.messages import (
     SystemMessage,
     Unknown,
 )
+from x2radar.messages_status import RespirationStatus
 from x2radar.wire_ids import Mode, Profile
 
 OWN = Path(__file__).parent / "data" / "trace.txt"

@@ -11,116 +11,34 @@ what a module sends. Arrays come out read-only and share the packet's memory.
 """
 
 import struct
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from x2radar.errors import MessageError
+from x2radar.layouts import COMMANDS, RESPONSES, VARIANTS, Layout
 from x2radar.messages import (
-    Ack,
     BasebandAp,
     BasebandIq,
     Data,
     ErrorReply,
-    GetMode,
-    GetSystemInfo,
-    LoadProfile,
     Message,
-    Ping,
-    Pong,
-    PresenceStatus,
     Reply,
-    Reset,
-    RespirationStatus,
-    SetBaudRate,
-    SetDetectionZone,
-    SetLed,
-    SetMode,
     SetOutput,
-    SetSensitivity,
-    SetSysFloat,
-    SetSysInt,
-    SleepStatus,
-    SystemMessage,
     Unknown,
 )
 from x2radar.wire_ids import PING_SEED, DataType
 
-
-@dataclass(frozen=True, slots=True)
-class Layout:
-    """How one message lies in a packet.
-
-    Attributes
-    ----------
-    cls : type
-        The message class; its fields come in wire order, arrays last.
-    prefix : bytes
-        First bytes of the packet.
-    head : str
-        Struct format (little-endian) of the fixed fields and counts.
-    counts : tuple of int
-        Positions within `head` that hold array lengths and are no fields.
-    arrays : tuple of (int, str)
-        For each array: which of `counts` rules it, and its dtype.
-    tail : bool
-        Further bytes may follow and are ignored.
-    """
-
-    cls: type[Message]
-    prefix: bytes
-    head: str = ""
-    counts: tuple[int, ...] = ()
-    arrays: tuple[tuple[int, str], ...] = ()
-    tail: bool = False
-
-
-_IQ_HEAD = "IIffff"
-_TWO_FLOATS = ((0, "<f4"), (0, "<f4"))
-
-
-def _app(message_id: int) -> bytes:
-    return b"\x50" + message_id.to_bytes(4, "little")
-
-
-def _app_command(item_id: int) -> bytes:
-    return b"\x10\x10" + item_id.to_bytes(4, "little")
-
-
-COMMANDS: tuple[Layout, ...] = (
-    Layout(Ping, b"\x01", "I"),
-    Layout(Reset, b"\x22"),
-    Layout(SetMode, b"\x20", "B"),
-    Layout(GetMode, b"\x26"),
-    Layout(LoadProfile, b"\x21", "I"),
-    Layout(SetLed, b"\x24", "BB"),
-    Layout(SetDetectionZone, _app_command(0x96A10A1C), "ff"),
-    Layout(SetSensitivity, _app_command(0x10A5112B), "I"),
-    Layout(SetBaudRate, b"\x90\x80", "I"),
-    Layout(GetSystemInfo, b"\x90\x58", "B"),
-    Layout(SetSysInt, b"\x90\x51", "Ii"),
-    Layout(SetSysFloat, b"\x90\x52", "If"),
-)
-"""What a host sends. `SetOutput` carries its count in the middle and stands in `encode`."""
-
-RESPONSES: tuple[Layout, ...] = (
-    Layout(Pong, b"\x01", "I"),
-    Layout(Ack, b"\x10"),
-    Layout(SystemMessage, b"\x30", "I", tail=True),
-    Layout(RespirationStatus, _app(0x2375FE26), "IIIffI"),
-    Layout(SleepStatus, _app(0x2375A16C), "IIffIff"),
-    Layout(PresenceStatus, _app(0x991A52BE), "IffI"),
-    Layout(BasebandIq, _app(0x0C), _IQ_HEAD, (1,), _TWO_FLOATS),
-    Layout(BasebandAp, _app(0x0D), _IQ_HEAD, (1,), _TWO_FLOATS),
-)
-"""What a module sends, but for REPLY, DATA and ERROR, which have shapes of their own."""
-
 _OLD_BASEBAND: dict[int, type[Message]] = {0x0C: BasebandIq, 0x0D: BasebandAp}
-_STRUCTS = {row.head: struct.Struct("<" + row.head) for row in COMMANDS + RESPONSES}
-_BY_CLASS = {row.cls: row for row in COMMANDS + RESPONSES}
+_ALL = COMMANDS + RESPONSES + VARIANTS
+_STRUCTS = {row.head: struct.Struct("<" + row.head) for row in _ALL}
+_BY_CLASS = {row.cls: row for row in _ALL}
+_BY_LENGTH = {(row.prefix, len(row.prefix) + _STRUCTS[row.head].size): row for row in VARIANTS}
 _COMMAND_ROWS = {row.prefix: row for row in COMMANDS}
 _RESPONSE_ROWS = {row.prefix: row for row in RESPONSES}
+_X4_DRIVER = (b"\x50\x10", b"\x50\x11", b"\x50\x20")
+_LONGEST_X4 = 14
+_ONLY_COMMANDS = tuple(bytes([b]) for b in b"\x02\x21\x22\x24\x25\x26\x40\x41\x90\xb0")
 _SET_OUTPUT = struct.Struct("<BBIII")
 _FOUR_WORDS = struct.Struct("<BBII")
 _DATA_TYPES: dict[int, str] = {DataType.FLOAT: "<f4", DataType.BYTE: "u1"}
@@ -222,13 +140,15 @@ def decode_any(data: bytes) -> Message:
     """Read a packet of unknown direction, as in a trace of both.
 
     A host's command wins only where its bytes cannot be a module's: a ping carries the
-    ping's seed, set mode and application commands have other lengths than ERROR and ACK.
+    ping's seed; set mode, application commands and those of the X4 driver have other lengths
+    than ERROR, ACK and the messages of profiles.
     """
     as_command = (
         data[:5] == b"\x01" + PING_SEED.to_bytes(4, "little")
-        or (data[:1] == b"\x20" and len(data) == 2)
+        or (data[:1] == b"\x20" and len(data) in {2, 3})
         or (data[:1] == b"\x10" and len(data) > 1)
-        or data[:1] in {b"\x21", b"\x22", b"\x24", b"\x26", b"\x90"}
+        or (data[:2] in _X4_DRIVER and len(data) <= _LONGEST_X4)
+        or data[:1] in _ONLY_COMMANDS
     )
     return decode_command(data) if as_command else decode_response(data)
 
@@ -247,8 +167,10 @@ def _decode_set_output(data: bytes) -> Message:
 
 def _decode(data: bytes, rows: dict[bytes, Layout], lengths: tuple[int, ...]) -> Message:
     for length in lengths:
-        row = rows.get(data[:length])
+        prefix = data[:length]
+        row = rows.get(prefix)
         if row is not None:
+            row = _BY_LENGTH.get((prefix, len(data)), row)
             return _unpack(row, row.cls, data, len(row.prefix))
     return Unknown(data)
 

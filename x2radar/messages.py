@@ -145,41 +145,6 @@ class SystemMessage(Message):
     code: int
 
 
-@dataclass(frozen=True, slots=True)
-class RespirationStatus(Message):
-    """Status of the respiration and sleep profiles, 20 times a second."""
-
-    counter: int
-    state: int
-    state_data: int
-    distance_m: float
-    movement_mm: float
-    signal_quality: int
-
-
-@dataclass(frozen=True, slots=True)
-class SleepStatus(Message):
-    """Status of the sleep profile, once a second."""
-
-    counter: int
-    state: int
-    respirations_per_min: float
-    distance_m: float
-    signal_quality: int
-    movement_slow: float
-    movement_fast: float
-
-
-@dataclass(frozen=True, slots=True)
-class PresenceStatus(Message):
-    """Status of the presence profile (X2M300); it carries no counter."""
-
-    presence: int
-    distance_m: float
-    detection_value: float
-    signal_quality: int
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class BasebandIq(Message):
     """One frame of complex baseband as two arrays, shape (n,), float32."""
