@@ -4,10 +4,12 @@ import sys
 from collections.abc import Sequence
 
 from x2radar.command import new_parser, run_command
-from x2radar.commands import convert, decode, info, record, scenes, simulate
+from x2radar.commands import convert, decode, info, ports, record, scenes, selftest, simulate
 
 _EXAMPLES = """\
 examples:
+  x2radar ports --probe                       which port has a module
+  x2radar selftest --port /dev/ttyACM0        is it in order?
   x2radar scenes                              what can be simulated
   x2radar simulate --scene human --pty        a module to open like a real one
   x2radar record --port sim:dog --duration 10 dog.h5
@@ -15,7 +17,7 @@ examples:
   x2radar convert dog.h5 dog.npz              between recording formats
   x2radar decode trace.txt                    a byte trace as JSON Lines
 """
-_COMMANDS = (scenes, simulate, info, record, convert, decode)
+_COMMANDS = (ports, selftest, scenes, simulate, info, record, convert, decode)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -91,7 +91,7 @@ class X2Radar:
     Examples
     --------
     >>> with X2Radar(lambda: SerialTransport("/dev/ttyACM0")) as radar:  # doctest: +SKIP
-    ...     for frame in radar.frames():
+    ...     for frame in radar:
     ...         print(frame.index, frame.samples.shape)
     """
 
@@ -128,6 +128,10 @@ class X2Radar:
     ) -> None:
         """Close the module."""
         self.close()
+
+    def __iter__(self) -> Iterator[Frame]:
+        """Yield frames; see `frames`."""
+        return self.frames()
 
     def open(self) -> None:
         """Connect, reset, configure and start the stream.

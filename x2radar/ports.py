@@ -1,8 +1,9 @@
 """A port string becomes a radar: serial ports, pyserial URLs and ``sim:`` scenes.
 
-``/dev/ttyACM0``, ``socket://host:port`` or ``sim:SCENE?key=value&key=value``. Values are
-percent-encoded. Keys of ``sim:`` are seed (0), rate (60, frames per second), kind (rf or
-baseband) and fault (kind:value, `x2radar.sim.faults`); of serial ports: rate and kind.
+``/dev/ttyACM0``, ``socket://host:port``, ``auto`` (the only port that answers) or
+``sim:SCENE?key=value&key=value``. Values are percent-encoded. Keys of ``sim:`` are seed (0),
+rate (60, frames per second), kind (rf or baseband) and fault (kind:value, see
+`x2radar.sim.faults`); of serial ports: rate and kind.
 """
 
 import re
@@ -11,6 +12,7 @@ from dataclasses import dataclass, field
 from urllib.parse import parse_qsl, unquote
 
 from x2radar.device import X2Radar
+from x2radar.discovery import find_module
 from x2radar.errors import SettingsError
 from x2radar.settings import RadarSettings
 from x2radar.sim.faults import parse_faults
@@ -134,6 +136,9 @@ def make_radar(
 
 def _connector(spec: PortSpec, speed: float | None) -> Callable[[], Transport]:
     if spec.scheme == "serial":
+        if spec.target == "auto":
+            # Asked at every connection: a module that was unplugged may come back elsewhere.
+            return lambda: SerialTransport(find_module())
         return lambda: SerialTransport(spec.target)
     text = spec.options.get("seed", "0")
     # Not as a float, which takes large seeds for their neighbours.

@@ -1,15 +1,24 @@
 """The numbers of the module's protocol, as one table.
 
-Sources: XTAN-11 rev C, mcp_wrapper 1.3.1 and the module firmware's public headers
-(documented); names ending in a comment `inferred` are readings of ours, see
-docs/hardware.md.
+Sources: XTAN-11 rev C, mcp_wrapper 1.3.1 and the module firmware's public headers. What is
+a reading of ours is said so here and listed in docs/hardware.md.
 """
 
-from enum import IntEnum
+from enum import IntEnum, IntFlag
 
 PING_SEED = 0xEEAAEAAE
-USER_KEY_BASEBAND_IQ = 0x0000000C
-USER_KEY_BASEBAND_AP = 0x0000000D
+BAUD_RATES = (
+    *(9600, 19_200, 38_400, 115_200, 230_400, 460_800, 500_000, 576_000, 921_600),
+    *(1_000_000, 2_000_000, 3_000_000, 4_000_000),
+)
+"""Rates that the firmware's headers allow; 115,200 is what a module starts with."""
+
+
+class BootloaderKey(IntEnum):
+    """Argument of start bootloader, of older and newer firmware."""
+
+    OLD = 0xA2B95EF0
+    NEW = 0xA2B96EF1
 
 
 class PongCode(IntEnum):
@@ -28,6 +37,7 @@ class Mode(IntEnum):
     IDLE = 0x11
     MANUAL = 0x12
     STOP = 0x13  # X4 only
+    REG = 0x50  # with a submode
 
 
 class Led(IntEnum):
@@ -52,6 +62,17 @@ class Profile(IntEnum):
     HEART_RATE = 0x6B5C1609
     PRESENCE_2 = 0x014D4AB8
     PRESENCE_3 = 0x114D4AB8
+    HIGH_BAY = 0xD0F2862D
+    DECIM = 0x9BB3A2C6
+    RADAR = 0x57DABF09
+
+
+class AppItem(IntEnum):
+    """What application commands set and get."""
+
+    DETECTION_ZONE = 0x96A10A1C
+    DETECTION_ZONE_LIMITS = 0x96A10A1D
+    SENSITIVITY = 0x10A5112B
 
 
 class InfoItem(IntEnum):
@@ -141,12 +162,113 @@ class DataType(IntEnum):
 
 
 class ContentId(IntEnum):
-    """Content of a data message."""
+    """Content of a data message; under `DataType.USER` 1, 3 and 5 mean something else."""
 
     RAW_FRAME = 0
     I = 1  # noqa: E741 - the field's own name
     Q = 2
     IQ_LEGACY = 3
     ENVELOPE = 4
+    DOPPLER_FFT_IN = 5
+    DOPPLER_FFT_OUT = 6
+    PULSE_DOPPLER_MATRIX = 7
+    NOISE_MAP = 8
+    FRAME_STORAGE_I = 9
+    FRAME_STORAGE_Q = 10
+    RAW_FLASH_FRAME = 11
     BASEBAND_IQ = 0x0C
     BASEBAND_AP = 0x0D
+
+
+class UserContent(IntEnum):
+    """Content of a data message of type `DataType.USER`."""
+
+    CONFIGURATION = 1
+    RADAR_SETTINGS = 3
+    PERFORMANCE = 5
+
+
+class AppMessage(IntEnum):
+    """What an application's message is, after its first byte."""
+
+    BASEBAND_IQ = 0x0C
+    BASEBAND_AP = 0x0D
+    PULSE_DOPPLER = 0x10
+    PULSE_DOPPLER_BYTES = 0x11
+    NOISE_MAP = 0x12
+    NOISE_MAP_BYTES = 0x13
+    VITAL_SIGNS = 0x20020102
+    RESPIRATION = 0x2375FE26
+    RESPIRATION_EXT = 0x2375A16B
+    SLEEP = 0x2375A16C
+    PARAMETER_FILE = 0x32BA7623
+    DECIM = 0x327645AA
+    SLEEP_STAGE = 0x41083A02
+    RESPIRATION_MOVING_LIST = 0x610A3B00
+    RESPIRATION_DETECTION_LIST = 0x610A3B02
+    PRESENCE_SINGLE = 0x723BFA1E
+    PRESENCE_MOVING_LIST = 0x723BFA1F
+    PRESENCE = 0x991A52BE
+    NORMALISED_MOVEMENT_LIST = 0xC3A331CF
+
+
+class RespirationState(IntEnum):
+    """State of the respiration and sleep profiles."""
+
+    BREATHING = 0
+    MOVEMENT = 1
+    MOVEMENT_TRACKING = 2
+    NO_MOVEMENT = 3
+    INITIALISING = 4
+    ERROR = 5
+    UNKNOWN = 6
+    HEART_RATE = 7
+
+
+class PresenceState(IntEnum):
+    """State of the X4's presence profile; the X2M300's is 0 or 1."""
+
+    NONE = 0
+    PRESENCE = 1
+    INITIALISING = 2
+    UNKNOWN = 3
+
+
+class NoiseMapControl(IntFlag):
+    """Bits of noise map control."""
+
+    USE_STORED = 1
+    ADAPTIVE = 2
+    INITIALISE_ON_RESET = 4
+
+
+class DebugLevel(IntEnum):
+    """Argument of debug level."""
+
+    NONE = 0
+    ERROR = 1
+    WARNING = 2
+    INFO = 3
+    DEBUG = 4
+
+
+class X4Setting(IntEnum):
+    """What the X4 driver's set, get, write and read name."""
+
+    FPS = 0x10
+    PULSES_PER_STEP = 0x11
+    ITERATIONS = 0x12
+    DOWN_CONVERSION = 0x13
+    FRAME_AREA = 0x14
+    DAC_STEP = 0x15
+    DAC_MIN = 0x16
+    DAC_MAX = 0x17
+    FRAME_AREA_OFFSET = 0x18
+    ENABLE = 0x19
+    TX_CENTRE_FREQUENCY = 0x20
+    TX_POWER = 0x21
+    SPI_REGISTER = 0x22
+    PIF_REGISTER = 0x23
+    XIF_REGISTER = 0x24
+    PRF_DIV = 0x25
+    FRAME_BIN_COUNT = 0x26

@@ -1,0 +1,110 @@
+import json
+import threading
+
+import pytest
+
+from x2radar.cli import main
+from x2radar.discovery import answers, find_module, list_ports
+from x2radar.errors import PortNotFound
+from x2radar.recording import RecordingReader
+from x2radar.sim.faults import FaultPlan
+from x2radar.sim.host import serve
+from x2radar.sim.module import SimulatedModule
+from x2radar.sim.scene import load_scene
+from x2radar.transport import PtyTransport, SerialTransport
+
+
+class Served:
+    """A simulated module on a pseudo-terminal, or a terminal with nobody behind it."""
+
+    def __init__(self, module=None):
+        self.pty = PtyTransport()
+        self.path = self.pty.path
+        self.stop = threading.Event()
+        self.thread = None
+        if module is not None:
+            self.thread = threading.Thread(
+                target=serve, args=(module, self.pty), kwargs={"stop": self.stop.is_set}
+            )
+            self.thread.start()
+
+    def close(self):
+        self.stop.set()
+        if self.thread:
+            self.thread.join()
+        self.pty.close()
+
+
+@pytest.fixture
+def module():
+    served = Served(SimulatedModule(load_scene("empty")))
+    yield served
+    served.close()
+
+
+@pytest.fixture
+def nobody():
+    served = Served()
+    yield served
+    served.close()
+
+
+def test_a_module_answers_and_nobody_does_not(module, nobody):
+    assert answers(module.path)
+    assert not answers(nobody.path, 0.05)
+    assert find_module([nobody.path, module.path], 0.2) == module.path
+
+
+def test_a_module_in_safe_mode_is_found_too():
+    served = Served(SimulatedModule(load_scene("empty"), 0, FaultPlan({"safe_mode": 1.0})))
+    assert answers(served.path)
+    served.close()
+
+
+def test_none_several_and_busy_ports_are_named(module, nobody):
+    with pytest.raises(PortNotFound, match="there is no serial port"):
+        find_module([])
+    with pytest.raises(PortNotFound, match=f"asked: {nobody.path}"):
+        find_module([nobody.path], 0.05)
+    other = Served(SimulatedModule(load_scene("empty")))
+    with pytest.raises(PortNotFound, match="modules answer on"):
+        find_module([module.path, other.path])
+    other.close()
+    held = SerialTransport(module.path)
+    with pytest.raises(PortNotFound, match="in use"):
+        find_module([module.path])
+    held.close()
+    with pytest.raises(PortNotFound, match="cannot be opened"):
+        find_module(["/dev/ttyNONE"])
+
+
+def test_ports_command(capsys):
+    assert main(["ports", "--json"]) == 0
+    rows = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert [row["path"] for row in rows] == [row.path for row in list_ports()]
+    assert main(["ports"]) == 0
+
+
+def test_selftest_reports_and_records(tmp_path, capsys):
+    out = tmp_path / "mine.h5"
+    argv = ["selftest", "--port", "sim:empty", "--duration", "1.2"]
+    assert main([*argv, "--json", "--out", str(out)]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert report["figures"]["frames"] == 72
+    assert report["figures"]["noise_sigma"] == pytest.approx(0.04, rel=0.05)
+    assert report["figures"]["frame_rate_reached_hz"] == pytest.approx(60, rel=0.1)
+    assert report["info"]["order_code"] == "X2M-SIM"
+    assert {verdict for verdict, _ in report["verdicts"]} <= {"pass", "warn"}
+    assert RecordingReader(out).n_frames == 72
+    assert main([*argv, "--out", str(out)]) == 66
+    assert "never overwritten" in capsys.readouterr().err
+
+
+def test_selftest_says_what_is_wrong(capsys):
+    port = "sim:empty?fault=drop_frames:0.2,spike:0.1,junk:0.1"
+    assert main(["selftest", "--port", port, "--duration", "1.5"]) == 0
+    text = capsys.readouterr().out
+    assert "FAIL" in text
+    assert "frames lost" in text
+    assert "beyond full scale" in text
+    assert "damaged stretches" in text
