@@ -99,7 +99,7 @@ def test_unknown_keys_name_the_known_ones():
         check_options(spec, SIM_KEYS)
     with pytest.raises(SettingsError, match="'speed': unknown"):
         make_radar(spec)
-    with pytest.raises(SettingsError, match="'seed': unknown; known are kind, rate"):
+    with pytest.raises(SettingsError, match="'seed': unknown; known are device, kind, rate"):
         make_radar(parse_port("/dev/ttyACM0?seed=1"))
 
 

@@ -12,6 +12,7 @@ from x2radar.errors import X2RadarError
 from x2radar.frame import FastTimeAxis, Frame, StreamInfo
 from x2radar.ports import make_radar, parse_port
 from x2radar.settings import RadarSettings
+from x2radar.settings_x4 import ModuleSettings, X4Settings
 
 __all__ = [
     "Deadlines",
@@ -21,12 +22,13 @@ __all__ = [
     "StreamInfo",
     "X2Radar",
     "X2RadarError",
+    "X4Settings",
     "open",
 ]
 
 
 def open(  # noqa: A001 - x2radar.open reads as the file of a radar
-    port: str, settings: RadarSettings | None = None, *, speed: float | None = 1.0
+    port: str, settings: ModuleSettings | None = None, *, speed: float | None = 1.0
 ) -> X2Radar:
     """Open a radar and start its stream.
 
@@ -34,7 +36,7 @@ def open(  # noqa: A001 - x2radar.open reads as the file of a radar
     ----------
     port : str
         ``/dev/ttyACM0``, a pyserial URL, or ``sim:SCENE?seed=1``.
-    settings : RadarSettings, optional
+    settings : RadarSettings or X4Settings, optional
         What to configure; otherwise what the port string asks for.
     speed : float or None
         For ``sim:``, scene seconds per real second; None is as fast as it is read.

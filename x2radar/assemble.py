@@ -4,12 +4,14 @@ Raw RF frames, baseband I/Q and baseband amplitude/phase all become a `Frame` wi
 every other message is none.
 """
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from x2radar.frame import CounterTracker, FastTimeAxis, Frame, Kind, Step, read_only
 from x2radar.messages import BasebandAp, BasebandIq, Data, Message
-from x2radar.settings import RadarSettings
+from x2radar.settings_x4 import ModuleSettings
 from x2radar.wire_ids import ContentId
 
 Samples = NDArray[np.float32] | NDArray[np.complex64]
@@ -20,11 +22,11 @@ class FrameAssembler:
 
     Parameters
     ----------
-    settings : RadarSettings
+    settings : RadarSettings or X4Settings
         What the module was told; gives raw frames their axis, because they carry none.
     """
 
-    def __init__(self, settings: RadarSettings) -> None:
+    def __init__(self, settings: ModuleSettings) -> None:
         self._settings = settings
         self._counter = CounterTracker()
         self._axis_key: tuple[Kind | float, ...] = ()
@@ -59,9 +61,8 @@ class FrameAssembler:
                 samples.imag = message.amplitude * np.sin(message.phase)
                 counter = message.counter
             case Data(content_id=ContentId.RAW_FRAME) if message.values.dtype == np.float32:
-                axis = self._rf_axis(message.values.size)
-                # Behind its header the packet's memory is not aligned; users' libraries mind.
-                samples = np.require(message.values, np.float32, "A")
+                samples = self._raw(message.values)
+                axis = self._raw_axis(samples.size)
                 counter = message.info
             case _:
                 return None
@@ -75,10 +76,23 @@ class FrameAssembler:
         restarted = step is Step.RESTART
         return Frame(samples, counter, self._counter.index, lost, restarted, axis, t_mono_s)
 
-    def _rf_axis(self, n_range: int) -> FastTimeAxis:
+    def _raw(self, values: NDArray[Any]) -> Samples:
+        """Return a raw frame's samples: RF as it is, or half of them I and half Q (X4).
+
+        An odd number of values has no such halves and makes an empty frame.
+        """
+        if self._settings.raw_kind == "rf":
+            # Behind its header the packet's memory is not aligned; users' libraries mind.
+            return np.require(values, np.float32, "A")
+        half = 0 if values.size % 2 else values.size // 2
+        samples = np.empty(half, np.complex64)
+        samples.real, samples.imag = values[:half], values[half : 2 * half]
+        return samples
+
+    def _raw_axis(self, n_range: int) -> FastTimeAxis:
         s = self._settings
         return self._cached_axis(
-            "rf", n_range, s.bin_length_m, s.range_offset_m, s.carrier_hz, s.sample_rate_hz
+            s.raw_kind, n_range, s.bin_length_m, s.range_offset_m, s.carrier_hz, s.sample_rate_hz
         )
 
     def _baseband_axis(self, message: BasebandIq | BasebandAp) -> FastTimeAxis:

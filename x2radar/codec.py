@@ -1,9 +1,9 @@
 """Packets to typed messages and back; layouts are tables, not code.
 
-A `Layout` row names a message class, the bytes it begins with, the struct format of its
-fixed fields, and its arrays with the count that rules them. `encode` and `decode_*` read
-the same rows, so the simulated module and the host cannot disagree. Two messages have a
-shape of their own (REPLY and DATA); they stand at the end.
+The rows of `x2radar.layouts` name a message class, the bytes it begins with, the struct format
+of its fixed fields, and its arrays with the count that rules them. `encode` and `decode_*`
+read the same rows, so the simulated module and the host cannot disagree. Two shapes are not
+in the rows: REPLY and DATA, whose type says what follows; they stand at the end.
 
 Host and module use the same first bytes for different things (10 is APPCOMMAND and ACK),
 so there are two decoders: `decode_command` for what a host sends and `decode_response` for
@@ -11,37 +11,74 @@ what a module sends. Arrays come out read-only and share the packet's memory.
 """
 
 import struct
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from x2radar.errors import MessageError
-from x2radar.layouts import COMMANDS, RESPONSES, VARIANTS, Layout
+from x2radar.layouts import COMMAND_VARIANTS, COMMANDS, RESPONSE_VARIANTS, RESPONSES, Layout
 from x2radar.messages import (
-    BasebandAp,
-    BasebandIq,
+    ByteReply,
     Data,
-    ErrorReply,
+    DataText,
     Message,
     Reply,
     SetOutput,
     Unknown,
 )
+from x2radar.messages_expert import SetAppInts
 from x2radar.wire_ids import PING_SEED, DataType
 
-_OLD_BASEBAND: dict[int, type[Message]] = {0x0C: BasebandIq, 0x0D: BasebandAp}
-_ALL = COMMANDS + RESPONSES + VARIANTS
-_STRUCTS = {row.head: struct.Struct("<" + row.head) for row in _ALL}
-_BY_CLASS = {row.cls: row for row in _ALL}
-_BY_LENGTH = {(row.prefix, len(row.prefix) + _STRUCTS[row.head].size): row for row in VARIANTS}
-_COMMAND_ROWS = {row.prefix: row for row in COMMANDS}
-_RESPONSE_ROWS = {row.prefix: row for row in RESPONSES}
-_X4_DRIVER = (b"\x50\x10", b"\x50\x11", b"\x50\x20")
+
+@dataclass(frozen=True, slots=True)
+class _Form:
+    """A row made ready for use, with its variants by the packet's length."""
+
+    row: Layout
+    head: struct.Struct
+    scalars: tuple[int, ...]
+    variants: dict[int, "_Form"] = field(default_factory=dict)
+
+
+def _form(row: Layout) -> _Form:
+    order = row.head
+    scalars = tuple(k for k in range(len(order)) if k not in row.counts)
+    return _Form(row, struct.Struct("<" + order), scalars)
+
+
+def _by_prefix(rows: tuple[Layout, ...], variants: tuple[Layout, ...]) -> dict[bytes, _Form]:
+    forms = {row.prefix: _form(row) for row in rows}
+    for row in variants:
+        form = _form(row)
+        forms[row.prefix].variants[len(row.prefix) + form.head.size] = form
+    return forms
+
+
+_COMMANDS = _by_prefix(COMMANDS, COMMAND_VARIANTS)
+_RESPONSES = _by_prefix(RESPONSES, RESPONSE_VARIANTS)
+# A class that has a row of its own is sent in that form, not in its variant's.
+_BY_CLASS = {
+    row.cls: _form(row) for row in RESPONSE_VARIANTS + COMMAND_VARIANTS + RESPONSES + COMMANDS
+}
+_ONLY_COMMANDS = frozenset(b"\x02\x21\x22\x23\x24\x25\x26\x40\x41\x42\x90\xb0\xc0")
+_X4_SUBS = frozenset(b"\x10\x11\x12\x13")
 _LONGEST_X4 = 14
-_ONLY_COMMANDS = tuple(bytes([b]) for b in b"\x02\x21\x22\x24\x25\x26\x40\x41\x90\xb0")
 _SET_OUTPUT = struct.Struct("<BBIII")
-_FOUR_WORDS = struct.Struct("<BBII")
-_DATA_TYPES: dict[int, str] = {DataType.FLOAT: "<f4", DataType.BYTE: "u1"}
+_HEAD = struct.Struct("<BBII")
+_COUNT = struct.Struct("<I")
+_DATA_TYPES: dict[int, str] = {
+    DataType.FLOAT: "<f4",
+    DataType.BYTE: "u1",
+    DataType.INT: "<i4",
+    DataType.STRING: "u1",
+}
+_REPLY_SIZES: dict[int, int] = {
+    DataType.BYTE: 1,
+    DataType.INT: 4,
+    DataType.FLOAT: 4,
+    DataType.STRING: 1,
+}
 
 
 def encode(message: Message) -> bytes:
@@ -50,7 +87,7 @@ def encode(message: Message) -> bytes:
     Parameters
     ----------
     message : Message
-        A message of this module.
+        A message of this package.
 
     Returns
     -------
@@ -66,17 +103,18 @@ def encode(message: Message) -> bytes:
         match message:
             case SetOutput(ref, value, count):
                 return _SET_OUTPUT.pack(0x90, 0x71, ref, count, value)
-            case ErrorReply(code):
-                return struct.pack("<BI", 0x20, code)
-            case Data():
-                return _encode_data(message)
+            case Data(content_id, info, values):
+                return _encode_data(content_id, info, _data_type(values), values)
+            case DataText(content_id, info, text):
+                values = np.frombuffer(text.encode(), np.uint8)
+                return _encode_data(content_id, info, DataType.STRING, values)
             case Reply():
                 return _encode_reply(message)
             case Unknown(data):
                 return data
             case _:
                 return _pack(_BY_CLASS[type(message)], message)
-    except (struct.error, KeyError, TypeError, ValueError, OverflowError) as err:
+    except (struct.error, KeyError, TypeError, ValueError, ArithmeticError) as err:
         msg = f"{message!r} does not fit the wire: {err}"
         raise MessageError(msg) from err
 
@@ -99,9 +137,10 @@ def decode_command(data: bytes) -> Message:
     MessageError
         If the packet is shorter or longer than its row says.
     """
-    if data[:2] == b"\x90\x71":
-        return _decode_set_output(data)
-    return _decode(data, _COMMAND_ROWS, (6, 2, 1))
+    message = _decode(data, _COMMANDS, (6, 2, 1))
+    if isinstance(message, SetAppInts) and message.values.size == 1:
+        return SetOutput(message.ref, int(message.values[0]))
+    return message
 
 
 def decode_response(data: bytes) -> Message:
@@ -127,149 +166,152 @@ def decode_response(data: bytes) -> Message:
         return _decode_data(data)
     if first == b"\x11":
         return _decode_reply(data)
-    if first == b"\x20":
-        # Documented as a u32; some hosts' tests have a single byte.
-        if len(data) not in {2, 5}:
-            msg = f"ErrorReply has {len(data)} bytes instead of 2 or 5"
-            raise MessageError(msg)
-        return ErrorReply(int.from_bytes(data[1:], "little"))
-    return _decode(data, _RESPONSE_ROWS, (5, 1))
+    return _decode(data, _RESPONSES, (5, 1))
 
 
 def decode_any(data: bytes) -> Message:
     """Read a packet of unknown direction, as in a trace of both.
 
-    A host's command wins only where its bytes cannot be a module's: a ping carries the
-    ping's seed; set mode, application commands and those of the X4 driver have other lengths
-    than ERROR, ACK and the messages of profiles.
+    A host's command wins where its bytes cannot be a module's: a ping carries the ping's
+    seed; application commands and those of the X4 driver have other lengths or ids than ACK
+    and the messages of profiles. Two bytes that begin with 20 are taken for set mode, though
+    an error of the short form looks alike; what begins with A0 is a module's DATA, not a
+    host's HIL.
     """
-    as_command = (
-        data[:5] == b"\x01" + PING_SEED.to_bytes(4, "little")
-        or (data[:1] == b"\x20" and len(data) in {2, 3})
-        or (data[:1] == b"\x10" and len(data) > 1)
-        or (data[:2] in _X4_DRIVER and len(data) <= _LONGEST_X4)
-        or data[:1] in _ONLY_COMMANDS
-    )
-    return decode_command(data) if as_command else decode_response(data)
+    return decode_command(data) if _is_command(data) else decode_response(data)
 
 
-def _decode_set_output(data: bytes) -> Message:
-    """APP_SETINT: 90 71, reference, count, values; more than one value is `Unknown`."""
-    if len(data) < _SET_OUTPUT.size:
-        msg = f"SetOutput cut short: {len(data)} bytes"
-        raise MessageError(msg)
-    _, _, ref, count, value = _SET_OUTPUT.unpack_from(data)
-    if len(data) != _SET_OUTPUT.size + 4 * (count - 1):
-        msg = f"SetOutput has {len(data)} bytes, but {count} values"
-        raise MessageError(msg)
-    return SetOutput(ref, value, count) if count == 1 else Unknown(data)
+def _is_command(data: bytes) -> bool:
+    match data[0] if data else 0:
+        case 0x01:
+            return data[1:5] == _COUNT.pack(PING_SEED)
+        case 0x10:
+            return len(data) > 1
+        case 0x20:
+            return len(data) in {2, 3}
+        case 0x50 if len(data) > 2 and data[1] in _X4_SUBS:
+            # A profile's message of these ids is longer, and its id ends in three zeros.
+            return len(data) <= _LONGEST_X4 or data[2] != 0
+        case 0x50:
+            return data == b"\x50\x20"
+        case first:
+            return first in _ONLY_COMMANDS
 
 
-def _decode(data: bytes, rows: dict[bytes, Layout], lengths: tuple[int, ...]) -> Message:
+def _decode(data: bytes, forms: dict[bytes, _Form], lengths: tuple[int, ...]) -> Message:
     for length in lengths:
-        prefix = data[:length]
-        row = rows.get(prefix)
-        if row is not None:
-            row = _BY_LENGTH.get((prefix, len(data)), row)
-            return _unpack(row, row.cls, data, len(row.prefix))
+        form = forms.get(data[:length])
+        if form is not None:
+            if form.variants:
+                form = form.variants.get(len(data), form)
+            return _unpack(form, data)
     return Unknown(data)
 
 
-def _unpack(row: Layout, cls: type[Message], data: bytes, at: int) -> Message:
-    head = _STRUCTS[row.head]
+def _unpack(form: _Form, data: bytes) -> Message:
+    row = form.row
+    at = len(row.prefix)
+    arrays: list[Any] = []
     try:
-        fields = head.unpack_from(data, at)
-        at += head.size
-        counts = [fields[k] for k in row.counts]
-        arrays = []
+        fields = form.head.unpack_from(data, at)
+        at += form.head.size
         for which, dtype in row.arrays:
-            arrays.append(_array(data, dtype, counts[which], at))
-            at += arrays[-1].nbytes
+            array = np.frombuffer(data, dtype, fields[row.counts[which]], at)
+            array.flags.writeable = False
+            arrays.append(array)
+            at += array.nbytes
     except (struct.error, ValueError) as err:
-        msg = f"{cls.__name__} cut short: {len(data)} bytes ({err})"
+        msg = f"{row.cls.__name__} cut short: {len(data)} bytes ({err})"
         raise MessageError(msg) from err
-    if at != len(data) and not row.tail:
-        msg = f"{cls.__name__} has {len(data) - at} bytes too many"
+    if row.counts:
+        fields = tuple([fields[k] for k in form.scalars])
+    if row.rest == "kept":
+        arrays.append(data[at:])
+    elif at != len(data) and row.rest == "none":
+        msg = f"{row.cls.__name__} has {len(data) - at} bytes too many"
         raise MessageError(msg)
-    scalars = [f for k, f in enumerate(fields) if k not in row.counts]
-    return cls(*scalars, *arrays)
+    return row.cls(*fields, *arrays)
 
 
-def _array(data: bytes, dtype: str, n: int, at: int) -> Any:
-    """Return `n` elements from `at` on as a read-only view; ValueError if they are not there."""
-    array = np.frombuffer(data, dtype, n, at)
-    array.flags.writeable = False
-    return array
-
-
-def _pack(row: Layout, message: Message) -> bytes:
+def _pack(form: _Form, message: Message) -> bytes:
+    row = form.row
     values: list[Any] = [getattr(message, name) for name in message.__dataclass_fields__]  # type: ignore[attr-defined]
-    n_arrays = len(row.arrays)
-    scalars = values[: len(values) - n_arrays]
-    arrays = [
-        np.ascontiguousarray(a, dtype)
-        for a, (_, dtype) in zip(values[len(scalars) :], row.arrays, strict=True)
-    ]
+    scalars, after = values[: len(form.scalars)], values[len(form.scalars) :]
+    bodies = [_elements(a, dtype) for a, (_, dtype) in zip(after, row.arrays, strict=False)]
     for which, position in enumerate(row.counts):
-        sizes = {a.size for a, (w, _) in zip(arrays, row.arrays, strict=True) if w == which}
+        sizes = {
+            len(body) // np.dtype(dtype).itemsize
+            for body, (ruler, dtype) in zip(bodies, row.arrays, strict=True)
+            if ruler == which
+        }
         if len(sizes) != 1:
             msg = f"arrays of unequal length {sorted(sizes)}"
             raise ValueError(msg)
         scalars.insert(position, sizes.pop())
-    return b"".join(
-        [row.prefix, _STRUCTS[row.head].pack(*scalars), *(a.tobytes() for a in arrays)]
-    )
+    if row.rest == "kept":
+        if not isinstance(after[-1], bytes):
+            msg = f"{after[-1]!r} is not bytes"
+            raise TypeError(msg)
+        bodies.append(after[-1])
+    return b"".join([row.prefix, form.head.pack(*scalars), *bodies])
+
+
+def _elements(values: Any, dtype: str) -> bytes:
+    """Return an array's bytes on the wire; ValueError or ArithmeticError if they do not fit."""
+    array = np.asarray(values)
+    if array.dtype != dtype:
+        with np.errstate(over="raise"):
+            cast = array.astype(dtype)
+        if cast.dtype.kind != "f" and not np.array_equal(cast, array):
+            msg = f"{array} does not fit into {dtype}"
+            raise ValueError(msg)
+        array = cast
+    return array.tobytes()
+
+
+def _data_type(values: Any) -> DataType:
+    if values.dtype == np.uint8:
+        return DataType.BYTE
+    return DataType.INT if values.dtype == np.int32 else DataType.FLOAT
+
+
+def _encode_data(content_id: int, info: int, kind: DataType, values: Any) -> bytes:
+    head = _HEAD.pack(0xA0, kind, content_id, info)
+    if values.size == 0:
+        return head
+    return head + _COUNT.pack(values.size) + _elements(values, _DATA_TYPES[kind])
 
 
 def _decode_data(data: bytes) -> Message:
-    """Read DATA: A0, type, content id, info, [count, elements]; the old baseband form as well."""
+    """Read DATA: A0, type, content id, info, [count, elements]; other types have rows."""
     try:
-        _, kind, content_id, info = _FOUR_WORDS.unpack_from(data)
-        if kind == DataType.BASEBAND_OLD and content_id in _OLD_BASEBAND:
-            cls = _OLD_BASEBAND[content_id]
-            # info is the frame counter: from there on the fields are those of APPDATA.
-            return _unpack(_BY_CLASS[cls], cls, data, 6)
+        _, kind, content_id, info = _HEAD.unpack_from(data)
         dtype = _DATA_TYPES.get(kind)
         if dtype is None:
-            return Unknown(data)
-        n, at = (struct.unpack_from("<I", data, 10)[0], 14) if len(data) > 10 else (0, 10)
-        values = _array(data, dtype, n, at)
+            return _decode(data, _RESPONSES, (6, 2))
+        n, at = (_COUNT.unpack_from(data, 10)[0], 14) if len(data) > 10 else (0, 10)
+        values: Any = np.frombuffer(data, dtype, n, at)
     except (struct.error, ValueError) as err:
         msg = f"Data cut short: {len(data)} bytes ({err})"
         raise MessageError(msg) from err
     if at + values.nbytes != len(data):
         msg = f"Data has {len(data) - at - values.nbytes} bytes too many"
         raise MessageError(msg)
+    if kind == DataType.STRING:
+        return DataText(content_id, info, _text(data[at:]))
+    values.flags.writeable = False
     return Data(content_id, info, values)
-
-
-def _encode_data(message: Data) -> bytes:
-    kind = DataType.BYTE if message.values.dtype == np.uint8 else DataType.FLOAT
-    dtype = "u1" if kind is DataType.BYTE else "<f4"
-    head = _FOUR_WORDS.pack(0xA0, kind, message.content_id, message.info)
-    if message.values.size == 0:
-        return head
-    values = np.ascontiguousarray(message.values, dtype)
-    return head + struct.pack("<I", values.size) + values.tobytes()
-
-
-_REPLY_TYPES: dict[int, tuple[str, int]] = {
-    DataType.BYTE: ("B", 1),
-    DataType.INT: ("i", 4),
-    DataType.FLOAT: ("f", 4),
-    DataType.STRING: ("", 1),
-}
 
 
 def _decode_reply(data: bytes) -> Message:
     """REPLY: 11, type, content id, info, [count, elements], element size (not for INT)."""
     try:
-        _, kind, content_id, info = _FOUR_WORDS.unpack_from(data)
-        if kind not in _REPLY_TYPES:
-            return Unknown(data)
-        code, size = _REPLY_TYPES[kind]
+        _, kind, content_id, info = _HEAD.unpack_from(data)
+        size = _REPLY_SIZES.get(kind)
+        if size is None:
+            return _decode(data, _RESPONSES, (2,))
         # Without elements there is no count; the element size is optional, see above.
-        n, at = (struct.unpack_from("<I", data, 10)[0], 14) if len(data) > 11 else (0, 10)
+        n, at = (_COUNT.unpack_from(data, 10)[0], 14) if len(data) > 11 else (0, 10)
     except struct.error as err:
         msg = f"Reply cut short: {len(data)} bytes ({err})"
         raise MessageError(msg) from err
@@ -277,21 +319,34 @@ def _decode_reply(data: bytes) -> Message:
     if len(body) != n * size or len(data) - at - len(body) > 1:
         msg = f"Reply has {len(data) - at} bytes for {n} elements of {size} bytes"
         raise MessageError(msg)
-    if kind == DataType.STRING:
-        return Reply(content_id, info, body.rstrip(b"\0").decode("utf-8", "replace"))
-    return Reply(content_id, info, struct.unpack(f"<{n}{code}", body))
+    match kind:
+        case DataType.STRING:
+            return Reply(content_id, info, _text(body))
+        case DataType.BYTE:
+            return ByteReply(content_id, info, tuple(body))
+        case DataType.INT:
+            return Reply(content_id, info, struct.unpack(f"<{n}i", body))
+        case _:
+            return Reply(content_id, info, struct.unpack(f"<{n}f", body))
 
 
 def _encode_reply(message: Reply) -> bytes:
     value = message.value
+    n = len(value)
     if isinstance(value, str):
         kind, body = DataType.STRING, value.encode()
         n = len(body)
+    elif isinstance(message, ByteReply):
+        kind, body = DataType.BYTE, struct.pack(f"{n}B", *value)
+    elif any(isinstance(v, float) for v in value):
+        kind, body = DataType.FLOAT, struct.pack(f"<{n}f", *value)
     else:
-        n = len(value)
-        kind = DataType.FLOAT if any(isinstance(v, float) for v in value) else DataType.INT
-        body = struct.pack(f"<{n}{_REPLY_TYPES[kind][0]}", *value)
-    head = _FOUR_WORDS.pack(0x11, kind, message.content_id, message.info)
-    counted = struct.pack("<I", n) + body if n else b""
-    size = b"" if kind is DataType.INT else bytes([_REPLY_TYPES[kind][1]])
+        kind, body = DataType.INT, struct.pack(f"<{n}i", *value)
+    head = _HEAD.pack(0x11, kind, message.content_id, message.info)
+    counted = _COUNT.pack(n) + body if n else b""
+    size = b"" if kind is DataType.INT else bytes([_REPLY_SIZES[kind]])
     return head + counted + size
+
+
+def _text(data: bytes) -> str:
+    return data.rstrip(b"\0").decode("utf-8", "replace")

@@ -34,6 +34,7 @@ from x2radar.messages import (
 )
 from x2radar.protocol import Answered, Damaged, Received, Refused, Session
 from x2radar.settings import RadarSettings
+from x2radar.settings_x4 import ModuleSettings
 from x2radar.startup import startup_commands
 from x2radar.transport import SerialTransport, Transport
 from x2radar.wire_ids import (
@@ -81,7 +82,7 @@ class X2Radar:
     ----------
     connect : callable
         Opens a new transport to the module; called again after a reset over USB.
-    settings : RadarSettings, optional
+    settings : RadarSettings or X4Settings, optional
         What to configure.
     deadlines : Deadlines, optional
         How long to wait.
@@ -98,12 +99,12 @@ class X2Radar:
     def __init__(
         self,
         connect: Callable[[], Transport],
-        settings: RadarSettings | None = None,
+        settings: ModuleSettings | None = None,
         *,
         deadlines: Deadlines | None = None,
         name: str = "X2 module",
     ) -> None:
-        self.settings = settings or RadarSettings()
+        self.settings: ModuleSettings = settings or RadarSettings()
         self.name = name
         self._connect = connect
         self._deadlines = deadlines or Deadlines()
@@ -328,7 +329,7 @@ def _refuse(name: str, command: Message, code: int) -> None:
     raise DeviceError(msg)
 
 
-def open_serial(url: str, settings: RadarSettings | None = None) -> X2Radar:
+def open_serial(url: str, settings: ModuleSettings | None = None) -> X2Radar:
     """Return an open `X2Radar` on a serial port or pyserial URL."""
     radar = X2Radar(lambda: SerialTransport(url), settings, name=url)
     radar.open()

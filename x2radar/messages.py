@@ -1,6 +1,9 @@
 """What host and module say to each other, one frozen class a message.
 
-Fields stand in wire order. Which bytes they become is `x2radar.codec`'s business.
+Fields stand in wire order. Which bytes they become is the business of `x2radar.layouts` and
+`x2radar.codec`. The everyday messages are here; `x2radar.messages_expert` has the other
+commands, `x2radar.messages_status` what profiles report. A docstring with the word inferred
+or unknown marks what no document or client settles; docs/hardware.md gives the reasons.
 """
 
 from dataclasses import dataclass
@@ -12,6 +15,7 @@ from x2radar.wire_ids import PING_SEED
 
 FloatArray = NDArray[np.float32]
 ByteArray = NDArray[np.uint8]
+IntArray = NDArray[np.int32]
 
 
 class Message:
@@ -37,7 +41,7 @@ class Reset(Message):
 
 @dataclass(frozen=True, slots=True)
 class SetMode(Message):
-    """Switch between run, idle, manual and stop (`wire_ids.Mode`)."""
+    """Switch between run, idle, manual and stop (`wire_ids.Mode`; STOP: X4 only)."""
 
     mode: int
 
@@ -79,7 +83,7 @@ class SetSensitivity(Message):
 
 @dataclass(frozen=True, slots=True)
 class SetBaudRate(Message):
-    """Set the UART's rate; acknowledged at the old rate."""
+    """Set the UART's rate (`wire_ids.BAUD_RATES`); acknowledged at the old rate."""
 
     baud: int
 
@@ -93,7 +97,10 @@ class GetSystemInfo(Message):
 
 @dataclass(frozen=True, slots=True)
 class SetOutput(Message):
-    """APP_SETINT with one value: switch an output (`wire_ids.OutputRef`)."""
+    """APP_SETINT with one value: switch an output (`wire_ids.OutputRef`).
+
+    `count` is 1 on the wire; another one makes a command that modules refuse.
+    """
 
     ref: int
     value: int
@@ -172,12 +179,47 @@ class BasebandAp(Message):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class BasebandIqOld(BasebandIq):
+    """The same as old X2M200 firmware sends it, as a data message of type 0x14."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BasebandApOld(BasebandAp):
+    """The same as old X2M200 firmware sends it, as a data message of type 0x14."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Data(Message):
-    """Data of one type: `content_id` says what, `info` is the frame counter."""
+    """Numbers of one type: `content_id` says what (`wire_ids.ContentId`).
+
+    `info` is the frame counter. float32, uint8 and int32 keep their type on the wire (int32
+    is inferred from replies); other arrays go as float32.
+    """
 
     content_id: int
     info: int
-    values: FloatArray | ByteArray
+    values: FloatArray | ByteArray | IntArray
+
+
+@dataclass(frozen=True, slots=True)
+class DataText(Message):
+    """A data message that is text (form inferred from that of numbers)."""
+
+    content_id: int
+    info: int
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class UserData(Message):
+    """A data message with a structure of the firmware's own (`wire_ids.UserContent`).
+
+    The structures' layouts are unknown.
+    """
+
+    content_id: int
+    info: int
+    payload: bytes
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,7 +232,21 @@ class Reply(Message):
 
 
 @dataclass(frozen=True, slots=True)
+class ByteReply(Reply):
+    """The same with one byte a number, 0 to 255."""
+
+
+@dataclass(frozen=True, slots=True)
+class UserReply(Message):
+    """Answer with a structure of the firmware's own, whose layout is unknown."""
+
+    content_id: int
+    info: int
+    payload: bytes
+
+
+@dataclass(frozen=True, slots=True)
 class Unknown(Message):
-    """A sound packet that no table row describes, kept as it came."""
+    """A sound packet that no table row describes, kept as it came; any bytes can be sent."""
 
     data: bytes

@@ -1,17 +1,20 @@
-"""Commands beyond the everyday ones: radar level, noise map, pins, X4 driver.
+"""Commands beyond the everyday ones: radar level, noise map, pins, generic ones.
 
-Names and codes come from the firmware's public headers; payloads of the radar level
-commands are partly inferred (docs/hardware.md).
+Codes come from the firmware's public headers. A docstring with the word inferred or unknown
+marks a payload that no document or client settles; docs/hardware.md gives the reasons.
 """
 
 from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
 
 from x2radar.messages import FloatArray, Message
 
 
 @dataclass(frozen=True, slots=True)
 class StartBootloader(Message):
-    """Restart into the bootloader; the key guards against accidents (`wire_ids`)."""
+    """Restart into the bootloader; `wire_ids.BootloaderKey` guards against accidents."""
 
     key: int
 
@@ -61,7 +64,7 @@ class DeleteNoiseMap(Message):
 
 @dataclass(frozen=True, slots=True)
 class SetNoiseMapControl(Message):
-    """Bits: 1 use stored, 2 adaptive, 4 initialise on reset."""
+    """Set how the noise map is used (`wire_ids.NoiseMapControl`)."""
 
     control: int
 
@@ -81,31 +84,35 @@ class SetOutputControl(Message):
 
 @dataclass(frozen=True, slots=True)
 class SetDebugLevel(Message):
-    """0 none, 1 error, 2 warning, 3 info, 4 debug."""
+    """Choose how much the module tells (`wire_ids.DebugLevel`)."""
 
     level: int
 
 
 @dataclass(frozen=True, slots=True)
 class SystemTest(Message):
-    """Run one of the module's own tests, 0x10 to 0x1F."""
+    """Run one of the module's own tests, 0x10 to 0x1F.
+
+    0x10 reset count, 0x11 external RAM, 0x12 external flash, 0x13 power supply. The answer
+    is 0 for passed, 1 for failed, 2 for not implemented.
+    """
 
     code: int
 
 
 @dataclass(frozen=True, slots=True)
 class GetVersionOld(Message):
-    """Ask for the version, as old firmware has it."""
+    """Ask for the version, as old firmware has it (a text as answer is inferred)."""
 
 
 @dataclass(frozen=True, slots=True)
 class GetBuildOld(Message):
-    """Ask for the build, as old firmware has it."""
+    """Ask for the build, as old firmware has it (a text as answer is inferred)."""
 
 
 @dataclass(frozen=True, slots=True)
 class GetProductOld(Message):
-    """Ask for the product, as old firmware has it."""
+    """Ask for the product, as old firmware has it (a text as answer is inferred)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -116,16 +123,32 @@ class SetAppFloats(Message):
     values: FloatArray
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class SetAppInts(Message):
+    """APP_SETINT with other than one value, uint32; `SetOutput` is the one with one."""
+
+    ref: int
+    values: NDArray[np.uint32]
+
+
+@dataclass(frozen=True, slots=True)
+class SetOutputUncounted(Message):
+    """APP_SETINT as an early document prints it, without a count; modules refuse it."""
+
+    ref: int
+    value: int
+
+
 @dataclass(frozen=True, slots=True)
 class RadlibExecute(Message):
-    """Run a Radarlib action (payload inferred: u32 id)."""
+    """Run a Radarlib action; which payload names it is unknown."""
 
-    action: int
+    payload: bytes
 
 
 @dataclass(frozen=True, slots=True)
 class SetVarInt(Message):
-    """Set a Radarlib integer variable."""
+    """Set a Radarlib integer variable (widths inferred: u32)."""
 
     variable: int
     value: int
@@ -133,14 +156,14 @@ class SetVarInt(Message):
 
 @dataclass(frozen=True, slots=True)
 class GetVarInt(Message):
-    """Ask for a Radarlib integer variable."""
+    """Ask for a Radarlib integer variable (width inferred: u32)."""
 
     variable: int
 
 
 @dataclass(frozen=True, slots=True)
 class SetVarFloat(Message):
-    """Set a Radarlib float variable."""
+    """Set a Radarlib float variable (width of its number inferred: u32)."""
 
     variable: int
     value: float
@@ -148,14 +171,14 @@ class SetVarFloat(Message):
 
 @dataclass(frozen=True, slots=True)
 class GetVarFloat(Message):
-    """Ask for a Radarlib float variable."""
+    """Ask for a Radarlib float variable (width inferred: u32)."""
 
     variable: int
 
 
 @dataclass(frozen=True, slots=True)
 class SetRegisterField(Message):
-    """Write a register field of the chip by its field id."""
+    """Write a register field of the chip by its id (widths inferred: u32)."""
 
     field_id: int
     value: int
@@ -163,39 +186,53 @@ class SetRegisterField(Message):
 
 @dataclass(frozen=True, slots=True)
 class GetRegisterField(Message):
-    """Read a register field of the chip by its field id."""
+    """Read a register field of the chip by its id (width inferred: u32)."""
 
     field_id: int
 
 
 @dataclass(frozen=True, slots=True)
 class GetFrameFloat(Message):
-    """Take one normalised frame (payload inferred: none)."""
+    """Take one normalised frame (inferred: no payload, DATA as answer)."""
 
 
 @dataclass(frozen=True, slots=True)
 class GetFrameRaw(Message):
-    """Take one frame of raw counters (payload inferred: none)."""
+    """Take one frame of raw counters (inferred: no payload, DATA as answer)."""
 
 
 @dataclass(frozen=True, slots=True)
 class GetChipId(Message):
-    """Ask for the chip's id."""
+    """Ask for the chip's id (inferred: no payload, a reply as answer)."""
 
 
 @dataclass(frozen=True, slots=True)
 class TimingMeasurement(Message):
-    """Measure the chip's sampling rate; takes about a minute."""
+    """Measure the chip's sampling rate; takes about a minute (inferred: no payload)."""
 
 
 @dataclass(frozen=True, slots=True)
 class ResetRadarHardware(Message):
-    """Reset the radar chip."""
+    """Reset the radar chip (inferred: no payload)."""
+
+
+@dataclass(frozen=True, slots=True)
+class SetRadarClock(Message):
+    """Switch the radar chip's clock; the payload is unknown."""
+
+    payload: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class FramesToFlash(Message):
+    """Store frames in the module's flash; the payload is unknown."""
+
+    payload: bytes
 
 
 @dataclass(frozen=True, slots=True)
 class SetPin(Message):
-    """Set up an I/O pin."""
+    """Set up an I/O pin (width of the fields inferred: u32)."""
 
     pin: int
     setup: int
@@ -204,7 +241,7 @@ class SetPin(Message):
 
 @dataclass(frozen=True, slots=True)
 class WritePin(Message):
-    """Set an I/O pin's value."""
+    """Set an I/O pin's value (width of the fields inferred: u32)."""
 
     pin: int
     value: int
@@ -212,110 +249,83 @@ class WritePin(Message):
 
 @dataclass(frozen=True, slots=True)
 class ReadPin(Message):
-    """Ask for an I/O pin's value."""
+    """Ask for an I/O pin's value (width of the field inferred: u32)."""
 
     pin: int
 
 
-@dataclass(frozen=True, slots=True)
-class X4Init(Message):
-    """Initialise the X4 driver."""
+# ---------------------------------------------------------------- whatever else there is
 
 
 @dataclass(frozen=True, slots=True)
-class X4SetFrameRate(Message):
-    """Frames per second; above zero starts the stream, zero stops it."""
-
-    frame_rate_hz: float
+class GetProfileId(Message):
+    """Ask which profile is loaded (X4; inferred: no payload, a reply as answer)."""
 
 
 @dataclass(frozen=True, slots=True)
-class X4SetPulsesPerStep(Message):
-    """Pulses at each threshold."""
+class SetAppItem(Message):
+    """Set any item of the profile (`wire_ids.AppItem`): the value's bytes."""
 
-    pulses: int
-
-
-@dataclass(frozen=True, slots=True)
-class X4SetIterations(Message):
-    """Sweeps summed."""
-
-    iterations: int
+    item_id: int
+    payload: bytes
 
 
 @dataclass(frozen=True, slots=True)
-class X4SetDownConversion(Message):
-    """1: the chip sends baseband; 0: RF."""
+class GetAppItem(Message):
+    """Ask for any item of the profile (`wire_ids.AppItem`)."""
 
-    enabled: int
-
-
-@dataclass(frozen=True, slots=True)
-class X4SetFrameArea(Message):
-    """Range of the frame, in metres."""
-
-    start_m: float
-    end_m: float
+    item_id: int
 
 
 @dataclass(frozen=True, slots=True)
-class X4SetDacStep(Message):
-    """Step of the threshold sweep, in counts."""
+class SystemCommand(Message):
+    """Any command that begins with 90: flash, files, injected frames, debug data."""
 
-    step: int
-
-
-@dataclass(frozen=True, slots=True)
-class X4SetDacMin(Message):
-    """Begin of the threshold sweep, in counts."""
-
-    count: int
+    sub: int
+    payload: bytes
 
 
 @dataclass(frozen=True, slots=True)
-class X4SetDacMax(Message):
-    """End of the threshold sweep, in counts."""
+class SetCom(Message):
+    """MOD_SETCOM; the payload is unknown."""
 
-    count: int
-
-
-@dataclass(frozen=True, slots=True)
-class X4SetFrameAreaOffset(Message):
-    """Range of the antenna's own delay, in metres."""
-
-    offset_m: float
+    payload: bytes
 
 
 @dataclass(frozen=True, slots=True)
-class X4Enable(Message):
-    """Switch the chip on or off."""
+class SetDebugOutput(Message):
+    """DEBUG_OUTPUT; the payload is unknown."""
 
-    enabled: int
+    payload: bytes
 
 
 @dataclass(frozen=True, slots=True)
-class X4SetCentreFrequency(Message):
-    """3: 7.29 GHz, 4: 8.748 GHz."""
+class HilCommand(Message):
+    """HIL, hardware in the loop; the payload is unknown."""
+
+    payload: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class HilReply(Message):
+    """Answer to `HilCommand`; the payload is unknown."""
+
+    payload: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class BootloaderCommand(Message):
+    """A command to the bootloader: 0 device info, 0x10 write page, 0x20 start application.
+
+    Write page's payload is the page as big-endian u16, 00 and 512 bytes.
+    """
 
     code: int
+    payload: bytes
 
 
 @dataclass(frozen=True, slots=True)
-class X4SetPower(Message):
-    """Transmit power code."""
+class BootloaderReply(Message):
+    """The bootloader did what it was told; a payload is unknown."""
 
-    code: int
-
-
-@dataclass(frozen=True, slots=True)
-class X4SetPrfDivider(Message):
-    """Pulse rate = 243 MHz / divider."""
-
-    divider: int
-
-
-@dataclass(frozen=True, slots=True)
-class X4Get(Message):
-    """Ask for one of the X4 driver's settings by its id."""
-
-    setting: int
+    payload: bytes

@@ -11,7 +11,11 @@ from x2radar.messages import ByteArray, FloatArray, Message
 
 @dataclass(frozen=True, slots=True)
 class RespirationStatus(Message):
-    """Status of the respiration and sleep profiles, 20 times a second."""
+    """Status of the respiration and sleep profiles, 20 times a second.
+
+    `state` is one of `wire_ids.RespirationState`; `state_data` are breaths per minute while
+    breathing and percent while initialising.
+    """
 
     counter: int
     state: int
@@ -22,8 +26,15 @@ class RespirationStatus(Message):
 
 
 @dataclass(frozen=True, slots=True)
+class RespirationStatusExt(Message):
+    """Extended status of the respiration profile; its fields are unknown."""
+
+    payload: bytes
+
+
+@dataclass(frozen=True, slots=True)
 class SleepStatus(Message):
-    """Status of the sleep profile, once a second."""
+    """Status of the sleep profile, once a second; movement in percent."""
 
     counter: int
     state: int
@@ -36,7 +47,7 @@ class SleepStatus(Message):
 
 @dataclass(frozen=True, slots=True)
 class PresenceStatus(Message):
-    """Status of the presence profile (X2M300); it carries no counter."""
+    """Status of the presence profile (X2M300), presence 0 or 1; it carries no counter."""
 
     presence: int
     distance_m: float
@@ -45,18 +56,16 @@ class PresenceStatus(Message):
 
 
 @dataclass(frozen=True, slots=True)
-class PresenceStatusShort(Message):
+class PresenceStatusShort(PresenceStatus):
     """The same as the 2015 document prints it, with presence as one byte (not seen)."""
-
-    presence: int
-    distance_m: float
-    detection_value: float
-    signal_quality: int
 
 
 @dataclass(frozen=True, slots=True)
 class PresenceSingle(Message):
-    """Status of X4M300's presence profile; direction 0 still, 1 towards, 2 away."""
+    """Status of X4M300's presence profile (`wire_ids.PresenceState`).
+
+    `direction` is 0 for still, 1 for towards the radar, 2 for away from it.
+    """
 
     counter: int
     state: int
@@ -128,15 +137,15 @@ class VitalSigns(Message):
 
 @dataclass(frozen=True, slots=True)
 class SleepStage(Message):
-    """Stage of sleep."""
+    """Stage of sleep; the numbers' meaning is unknown."""
 
     counter: int
     stage: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PulseDoppler(Message):
-    """One range's Doppler spectrum, power as float32."""
+class DopplerRow(Message):
+    """One range's power over Doppler frequency, linear."""
 
     counter: int
     matrix_counter: int
@@ -152,13 +161,18 @@ class PulseDoppler(Message):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class NoiseMap(PulseDoppler):
-    """One range's row of the noise map, power as float32."""
+class PulseDoppler(DopplerRow):
+    """One range's Doppler spectrum."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PulseDopplerBytes(Message):
-    """One range's Doppler spectrum in bytes: power = 10^((start + byte step) / 10)."""
+class NoiseMap(DopplerRow):
+    """One range's row of the noise map."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DopplerRowBytes(Message):
+    """One range's power over Doppler frequency, uint8: 10^((start + byte step) / 10)."""
 
     counter: int
     matrix_counter: int
@@ -176,7 +190,12 @@ class PulseDopplerBytes(Message):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class NoiseMapBytes(PulseDopplerBytes):
+class PulseDopplerBytes(DopplerRowBytes):
+    """One range's Doppler spectrum in bytes."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NoiseMapBytes(DopplerRowBytes):
     """One range's row of the noise map in bytes."""
 
 
@@ -186,3 +205,18 @@ class ParameterFile(Message):
 
     name: ByteArray
     content: ByteArray
+
+
+@dataclass(frozen=True, slots=True)
+class DecimStatus(Message):
+    """Status of the decimating profile; its fields are unknown."""
+
+    payload: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class AppData(Message):
+    """A profile's message that no other class describes."""
+
+    message_id: int
+    payload: bytes

@@ -3,7 +3,7 @@
 ``/dev/ttyACM0``, ``socket://host:port``, ``auto`` (the only port that answers) or
 ``sim:SCENE?key=value&key=value``. Values are percent-encoded. Keys of ``sim:`` are seed (0),
 rate (60, frames per second), kind (rf or baseband) and fault (kind:value, see
-`x2radar.sim.faults`); of serial ports: rate and kind.
+`x2radar.sim.faults`); of serial ports: rate, kind and device (x2raw or x4m03).
 """
 
 import re
@@ -15,6 +15,7 @@ from x2radar.device import X2Radar
 from x2radar.discovery import find_module
 from x2radar.errors import SettingsError
 from x2radar.settings import RadarSettings
+from x2radar.settings_x4 import ModuleSettings, X4Settings
 from x2radar.sim.faults import parse_faults
 from x2radar.sim.host import connect
 from x2radar.sim.module import SimulatedModule
@@ -23,7 +24,8 @@ from x2radar.transport import SerialTransport, Transport
 
 _KINDS = {"rf": "rf", "baseband": "iq"}
 SIM_KEYS = frozenset({"seed", "rate", "kind", "fault"})
-SERIAL_KEYS = frozenset({"rate", "kind"})
+SERIAL_KEYS = frozenset({"rate", "kind", "device"})
+DEVICES = ("x2raw", "x4m03")
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +99,7 @@ def number_option(spec: PortSpec, key: str, default: float) -> float:
 
 
 def make_radar(
-    spec: PortSpec, *, speed: float | None = 1.0, settings: RadarSettings | None = None
+    spec: PortSpec, *, speed: float | None = 1.0, settings: ModuleSettings | None = None
 ) -> X2Radar:
     """Return the radar that a port string names, not opened yet.
 
@@ -107,7 +109,7 @@ def make_radar(
         From `parse_port`; 'sim' or 'serial'.
     speed : float or None
         For ``sim:``, scene seconds per real second; None is as fast as it is read.
-    settings : RadarSettings, optional
+    settings : RadarSettings or X4Settings, optional
         Instead of those that rate and kind ask for.
 
     Returns
@@ -130,8 +132,20 @@ def make_radar(
             msg = f"port key 'kind': '{kind}'; known are {', '.join(_KINDS)}"
             raise SettingsError(msg)
         rate_hz = number_option(spec, "rate", 60.0)
-        settings = RadarSettings.for_frame_rate(rate_hz, output=_KINDS[kind])
+        settings = _settings(spec, rate_hz, kind)
     return X2Radar(_connector(spec, speed), settings, name=f"{spec.scheme}:{spec.target}")
+
+
+def _settings(spec: PortSpec, rate_hz: float, kind: str) -> ModuleSettings:
+    device = spec.options.get("device", "x2raw")
+    if device not in DEVICES:
+        msg = f"port key 'device': '{device}'; known are {', '.join(DEVICES)}"
+        raise SettingsError(msg)
+    if device == "x4m03":
+        # An X4 mixes down by itself; its RF frames must be asked for.
+        is_baseband = spec.options.get("kind", "baseband") == "baseband"
+        return X4Settings.for_frame_rate(rate_hz, is_baseband=is_baseband)
+    return RadarSettings.for_frame_rate(rate_hz, output=_KINDS[kind])
 
 
 def _connector(spec: PortSpec, speed: float | None) -> Callable[[], Transport]:

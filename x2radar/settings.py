@@ -11,6 +11,7 @@ from numbers import Integral, Real
 from typing import Any, NamedTuple
 
 from x2radar.errors import SettingsError
+from x2radar.frame import Kind
 
 SPEED_OF_LIGHT_MPS = 299_792_458.0
 SAMPLERS = 256
@@ -105,17 +106,17 @@ class RadarSettings:
             for name, good, rule in (
                 (
                     "frame_rate_hz",
-                    _is_number(self.frame_rate_hz, 1, 1000) and self.frame_rate_hz % 1 == 0,
+                    is_number(self.frame_rate_hz, 1, 1000) and self.frame_rate_hz % 1 == 0,
                     "must be a whole number, 1 to 1000 (the module takes an integer)",
                 ),
                 (
                     "sample_delay_s",
-                    _is_number(self.sample_delay_s, 0, 200e-9),
+                    is_number(self.sample_delay_s, 0, 200e-9),
                     "must be 0 to 200e-9",
                 ),
                 (
                     "sample_rate_hz",
-                    _is_number(self.sample_rate_hz, 1e9, 100e9),
+                    is_number(self.sample_rate_hz, 1e9, 100e9),
                     "must be 1e9 to 100e9",
                 ),
                 ("output", self.output in {"rf", "iq", "ap"}, "must be rf, iq or ap"),
@@ -125,7 +126,7 @@ class RadarSettings:
         faults += [
             f"{name} = {getattr(self, name)!r}: must be a whole number, {low} to {high}"
             for name, low, high in _WHOLE
-            if not _is_whole(getattr(self, name), low, high)
+            if not is_whole(getattr(self, name), low, high)
         ]
         if not faults and self.dac_max <= self.dac_min:
             faults.append(f"dac_max = {self.dac_max}: must be above dac_min = {self.dac_min}")
@@ -172,6 +173,11 @@ class RadarSettings:
         raise SettingsError(msg)
 
     @property
+    def raw_kind(self) -> Kind:
+        """What raw frames hold."""
+        return "rf"
+
+    @property
     def n_range(self) -> int:
         """Samples in one frame."""
         return SAMPLERS * self.frame_stitch
@@ -211,9 +217,11 @@ class RadarSettings:
         return int(PRF_HZ / (self.frame_rate_hz * self.frame_stitch * self.n_steps))
 
 
-def _is_number(value: Any, low: float, high: float) -> bool:
+def is_number(value: Any, low: float, high: float) -> bool:
+    """Say whether `value` is a real number from `low` to `high`."""
     return isinstance(value, Real) and low <= float(value) <= high
 
 
-def _is_whole(value: Any, low: int, high: int) -> bool:
+def is_whole(value: Any, low: int, high: int) -> bool:
+    """Say whether `value` is an integer from `low` to `high`."""
     return isinstance(value, Integral) and low <= int(value) <= high

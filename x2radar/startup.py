@@ -1,7 +1,22 @@
 """From settings to the commands that configure a module and start its stream."""
 
 from x2radar.messages import Message, SetMode, SetOutput, SetSysFloat, SetSysInt
+from x2radar.messages_x4 import (
+    X4Init,
+    X4SetCentreFrequency,
+    X4SetDacMax,
+    X4SetDacMin,
+    X4SetDacStep,
+    X4SetDownConversion,
+    X4SetFrameArea,
+    X4SetFrameAreaOffset,
+    X4SetFrameRate,
+    X4SetIterations,
+    X4SetPrfDivider,
+    X4SetPulsesPerStep,
+)
 from x2radar.settings import RadarSettings
+from x2radar.settings_x4 import ModuleSettings, X4Settings
 from x2radar.wire_ids import BasebandOutput, Mode, OutputRef, SysCfg
 
 _OUTPUTS = {
@@ -11,12 +26,12 @@ _OUTPUTS = {
 }
 
 
-def startup_commands(settings: RadarSettings) -> tuple[Message, ...]:
+def startup_commands(settings: ModuleSettings) -> tuple[Message, ...]:
     """Return what a freshly reset module is told, in order.
 
     Parameters
     ----------
-    settings : RadarSettings
+    settings : RadarSettings or X4Settings
         Checked settings.
 
     Returns
@@ -24,7 +39,10 @@ def startup_commands(settings: RadarSettings) -> tuple[Message, ...]:
     tuple of Message
         Every one is answered by ACK; nothing runs before the last, which starts the stream.
     """
-    s = settings
+    return _x4(settings) if isinstance(settings, X4Settings) else _x2(settings)
+
+
+def _x2(s: RadarSettings) -> tuple[Message, ...]:
     return (
         SetMode(Mode.IDLE),
         SetSysInt(SysCfg.PG_SELECT, s.pulse_generator),
@@ -38,4 +56,23 @@ def startup_commands(settings: RadarSettings) -> tuple[Message, ...]:
         SetSysFloat(SysCfg.SAMPLE_DELAY, s.sample_delay_s),
         SetOutput(OutputRef.BASEBAND, _OUTPUTS[s.output]),
         SetMode(Mode.MANUAL),
+    )
+
+
+def _x4(s: X4Settings) -> tuple[Message, ...]:
+    return (
+        SetMode(Mode.STOP),
+        SetMode(Mode.MANUAL),
+        X4Init(),
+        X4SetDownConversion(int(s.is_baseband)),
+        X4SetCentreFrequency(s.centre_frequency),
+        X4SetPrfDivider(s.prf_divider),
+        X4SetIterations(s.iterations),
+        X4SetPulsesPerStep(s.pulses_per_step),
+        X4SetDacStep(s.dac_step),
+        X4SetDacMin(s.dac_min),
+        X4SetDacMax(s.dac_max),
+        X4SetFrameAreaOffset(s.area_offset_m),
+        X4SetFrameArea(s.area_start_m, s.area_end_m),
+        X4SetFrameRate(s.frame_rate_hz),
     )

@@ -1,0 +1,34 @@
+"""What the docstrings call inferred or unknown stands in docs/hardware.md, and nothing else."""
+
+import re
+from pathlib import Path
+
+from x2radar import messages, messages_expert, messages_status, messages_x4
+from x2radar.layouts import COMMAND_VARIANTS, COMMANDS, RESPONSE_VARIANTS, RESPONSES
+
+DOCS = Path(__file__).parents[1] / "docs"
+ROWS = COMMANDS + COMMAND_VARIANTS + RESPONSES + RESPONSE_VARIANTS
+
+
+def test_every_reading_of_ours_is_listed() -> None:
+    doubtful = {
+        name
+        for module in (messages, messages_expert, messages_status, messages_x4)
+        for name, cls in vars(module).items()
+        if isinstance(cls, type)
+        and cls.__module__ == module.__name__
+        and re.search(r"inferred|unknown|not seen|known for", cls.__doc__ or "")
+    } - {"Unknown"}
+    section = (DOCS / "hardware.md").read_text("utf-8").split("## Readings of ours")[1]
+    listed = set(re.findall(r"`([A-Z][A-Za-z0-9]+)`", section))
+    assert doubtful - listed == set()
+    known = {row.cls.__name__ for row in ROWS} | {"Data", "DataText", "SetOutput"}
+    assert {name for name in listed if name in known} == doubtful
+
+
+def test_every_row_is_in_the_reference() -> None:
+    text = (DOCS / "protocol.md").read_text("utf-8")
+    for row in ROWS:
+        assert f"| `{row.cls.__name__}` | `{row.prefix.hex(' ')}` |" in text
+    for name in ("SetOutput", "Reply", "ByteReply", "Data", "DataText", "Unknown"):
+        assert f"`{name}`" in text
