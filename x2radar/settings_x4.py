@@ -95,8 +95,11 @@ class X4Settings:
             for name, low, high in _WHOLE
             if not is_whole(getattr(self, name), low, high)
         ]
-        if type(self.is_baseband) is not bool:
-            faults.append(f"is_baseband = {self.is_baseband!r}: must be True or False")
+        faults += [
+            f"{name} = {getattr(self, name)!r}: must be True or False"
+            for name in ("is_baseband",)
+            if not isinstance(getattr(self, name), bool)
+        ]
         if not is_whole(self.centre_frequency, min(PULSES), max(PULSES)):
             faults.append(f"centre_frequency = {self.centre_frequency!r}: must be 3 or 4")
         if not faults:
