@@ -69,7 +69,7 @@ def test_a_driver_on_a_replayed_capture_gets_the_same_frames(tmp_path, output):
     replay = CaptureReplay(Capture(path))
     with X2Radar(replay.connect, settings) as radar:
         same(frames, list(islice(radar.frames(), N)))
-        assert radar.n_damaged == 0
+        assert radar.stats.damaged == 0
 
 
 def test_a_port_that_was_opened_twice(tmp_path):

@@ -1,10 +1,11 @@
 import json
+import re
 import threading
 
 import pytest
 
 from x2radar.cli import main
-from x2radar.discovery import answers, find_module, list_ports
+from x2radar.discovery import find_module, list_ports, port_state, probe
 from x2radar.errors import PortNotFound
 from x2radar.recording import RecordingReader
 from x2radar.sim.faults import FaultPlan
@@ -50,14 +51,15 @@ def nobody():
 
 
 def test_a_module_answers_and_nobody_does_not(module, nobody):
-    assert answers(module.path)
-    assert not answers(nobody.path, 0.05)
+    assert probe(module.path) == "ready"
+    assert probe(nobody.path, 0.05) == ""
+    assert port_state(nobody.path, 0.05) == (False, "silent")
     assert find_module([nobody.path, module.path], 0.2) == module.path
 
 
 def test_a_module_in_safe_mode_is_found_too():
     served = Served(SimulatedModule(load_scene("empty"), 0, FaultPlan({"safe_mode": 1.0})))
-    assert answers(served.path)
+    assert probe(served.path) == "safe mode"
     served.close()
 
 
@@ -67,14 +69,14 @@ def test_none_several_and_busy_ports_are_named(module, nobody):
     with pytest.raises(PortNotFound, match=f"asked: {nobody.path}"):
         find_module([nobody.path], 0.05)
     other = Served(SimulatedModule(load_scene("empty")))
-    with pytest.raises(PortNotFound, match="modules answer on"):
+    with pytest.raises(PortNotFound, match="several modules answer"):
         find_module([module.path, other.path])
     other.close()
     held = SerialTransport(module.path)
     with pytest.raises(PortNotFound, match="in use"):
         find_module([module.path])
     held.close()
-    with pytest.raises(PortNotFound, match="cannot be opened"):
+    with pytest.raises(PortNotFound, match="gone"):
         find_module(["/dev/ttyNONE"])
 
 
@@ -94,17 +96,19 @@ def test_selftest_reports_and_records(tmp_path, capsys):
     assert report["figures"]["noise_sigma"] == pytest.approx(0.04, rel=0.05)
     assert report["figures"]["frame_rate_reached_hz"] == pytest.approx(60, rel=0.1)
     assert report["info"]["order_code"] == "X2M-SIM"
-    assert {verdict for verdict, _ in report["verdicts"]} <= {"pass", "warn"}
+    assert {verdict["level"] for verdict in report["verdicts"]} <= {"pass", "warn"}
     assert RecordingReader(out).n_frames == 72
     assert main([*argv, "--out", str(out)]) == 66
     assert "never overwritten" in capsys.readouterr().err
 
 
-def test_selftest_says_what_is_wrong(capsys):
+def test_selftest_says_what_is_wrong(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
     port = "sim:empty?fault=drop_frames:0.2,spike:0.1,junk:0.1"
     assert main(["selftest", "--port", port, "--duration", "1.5"]) == 0
     text = capsys.readouterr().out
     assert "FAIL" in text
     assert "frames lost" in text
-    assert "beyond full scale" in text
+    assert re.search(r"WARN spikes +[1-9]\d* samples", text)
     assert "damaged stretches" in text
+    assert RecordingReader(next(tmp_path.glob("x2radar-selftest-*.h5"))).n_frames

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from x2radar import codec
 from x2radar.errors import ProtocolError
 from x2radar.framing import (
     END,
@@ -27,6 +28,7 @@ from x2radar.framing import (
     escape,
     unescape,
 )
+from x2radar.messages import Data
 
 VECTORS = {
     "ping": ("01 ae ea aa ee", "7d 01 ae ea aa ee 7c 7e"),
@@ -591,3 +593,12 @@ def test_a_stuck_line_is_read_in_linear_time(pattern: bytes) -> None:
         assert n_items <= 4096
         assert decoder.n_buffered <= MAX_PACKET
     assert decode([b"\x7e", FLUSH], decoder)[-1] == decode([_LONG])[0]
+
+
+def test_a_frame_is_copied_once_on_its_way_to_a_message():
+    values = np.linspace(0, 100, 768, dtype=np.float32)
+    (item,) = PacketDecoder().feed(encode(codec.encode(Data(0, 1, values))))
+    message = codec.decode_response(item.data)
+    assert np.shares_memory(np.frombuffer(item.data, np.uint8), message.values)
+    assert not message.values.flags.writeable
+    assert np.array_equal(message.values, values)

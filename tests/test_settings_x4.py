@@ -168,7 +168,7 @@ def test_port_key_device():
     radar = make_radar(parse_port("/dev/ttyX?device=x4m03&rate=20"))
     assert radar.settings == X4Settings.for_frame_rate(20)
     assert isinstance(make_radar(parse_port("/dev/ttyX?device=x2raw")).settings, RadarSettings)
-    with pytest.raises(SettingsError, match="known are x2raw, x4m03"):
+    with pytest.raises(SettingsError, match="known are auto, x2raw, x2m200, x4m03"):
         make_radar(parse_port("/dev/ttyX?device=x9"))
-    with pytest.raises(SettingsError, match="unknown"):
-        make_radar(parse_port("sim:human?device=x4m03"))
+    with pytest.raises(SettingsError, match="known are x2raw, x2m200, x4m03"):
+        make_radar(parse_port("sim:human?device=auto"))

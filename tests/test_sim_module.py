@@ -112,7 +112,7 @@ def frames(m, n):
         (SetSysInt(SysCfg.DAC_STEP, 2), Ack()),
         (SetSysInt(SysCfg.MCLK_DIV, 2), Ack()),
         (SetSysFloat(SysCfg.SAMPLE_DELAY, 5e-9), Ack()),
-        (GetSystemInfo(InfoItem.ITEM_NUMBER), Reply(0x58, 0, "SIM-X2")),
+        (GetSystemInfo(InfoItem.ITEM_NUMBER), Reply(0x58, 0, "SIM")),
         (GetSystemInfo(InfoItem.SERIAL_NUMBER), Reply(0x58, 6, "000000000000")),
         # Refused:
         (Ping(0x12345678), UNKNOWN),

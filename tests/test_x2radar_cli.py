@@ -288,7 +288,7 @@ def test_a_simulated_module_on_a_terminal_streams_like_a_real_one(end):
             with X2Radar(lambda: SerialTransport(path), settings) as radar:
                 frames = list(islice(radar.frames(), 10))
             assert [f.counter for f in frames] == list(range(1, 11))
-            assert radar.n_damaged == 0
+            assert radar.stats.damaged == 0
             assert frames[0].samples.size == 768
         with X2Radar(lambda: SerialTransport(path)) as radar:
             assert len(list(islice(radar.frames(), 3))) == 3

@@ -2,28 +2,44 @@
 
 >>> import x2radar
 >>> with x2radar.open("sim:human?seed=1") as radar:
-...     frame = next(radar.frames())
+...     frame = next(iter(radar))
 >>> frame.samples.shape, frame.axis.kind
 ((768,), 'rf')
+
+docs/api.md shows the rest.
 """
 
-from x2radar.device import Deadlines, X2Radar
+from typing import TYPE_CHECKING
+
+from x2radar.device import Deadlines, RadarStats, X2Radar
 from x2radar.errors import X2RadarError
 from x2radar.frame import FastTimeAxis, Frame, StreamInfo
+from x2radar.module_settings import ModuleSettings
 from x2radar.ports import make_radar, parse_port
+from x2radar.reconnect import ReconnectingRadar, StreamEvent
 from x2radar.settings import RadarSettings
-from x2radar.settings_x4 import ModuleSettings, X4Settings
+from x2radar.settings_profile import ProfileSettings
+from x2radar.settings_x4 import X4Settings
+
+if TYPE_CHECKING:
+    from x2radar.aio import AsyncRadar
 
 __all__ = [
     "Deadlines",
     "FastTimeAxis",
     "Frame",
+    "ProfileSettings",
     "RadarSettings",
+    "RadarStats",
+    "ReconnectingRadar",
+    "StreamEvent",
     "StreamInfo",
     "X2Radar",
     "X2RadarError",
     "X4Settings",
     "open",
+    "open_async",
+    "open_reconnecting",
 ]
 
 
@@ -35,8 +51,8 @@ def open(  # noqa: A001 - x2radar.open reads as the file of a radar
     Parameters
     ----------
     port : str
-        ``/dev/ttyACM0``, a pyserial URL, or ``sim:SCENE?seed=1``.
-    settings : RadarSettings or X4Settings, optional
+        ``/dev/ttyACM0``, a pyserial URL, ``auto``, or ``sim:SCENE?seed=1``.
+    settings : RadarSettings, X4Settings or ProfileSettings, optional
         What to configure; otherwise what the port string asks for.
     speed : float or None
         For ``sim:``, scene seconds per real second; None is as fast as it is read.
@@ -44,7 +60,7 @@ def open(  # noqa: A001 - x2radar.open reads as the file of a radar
     Returns
     -------
     X2Radar
-        Streaming; a context manager.
+        Streaming; a context manager and an iterable of frames.
 
     Raises
     ------
@@ -54,3 +70,60 @@ def open(  # noqa: A001 - x2radar.open reads as the file of a radar
     radar = make_radar(parse_port(port), speed=speed, settings=settings)
     radar.open()
     return radar
+
+
+def open_reconnecting(
+    port: str,
+    settings: ModuleSettings | None = None,
+    *,
+    speed: float | None = 1.0,
+    wait: bool = False,
+) -> ReconnectingRadar:
+    """Return a radar that is opened again whenever it was lost.
+
+    Parameters
+    ----------
+    port, settings, speed
+        As in `open`.
+    wait : bool
+        Wait for a device that is absent at first, instead of raising.
+
+    Returns
+    -------
+    ReconnectingRadar
+        A context manager; it opens when its first item or frame is asked for.
+
+    Raises
+    ------
+    X2RadarError
+        If the port string makes no sense.
+    """
+    return ReconnectingRadar(
+        make_radar(parse_port(port), speed=speed, settings=settings), wait=wait
+    )
+
+
+def open_async(
+    port: str, settings: ModuleSettings | None = None, *, speed: float | None = 1.0
+) -> "AsyncRadar":
+    """Return a radar for ``async with`` and ``async for``.
+
+    Parameters
+    ----------
+    port, settings, speed
+        As in `open`.
+
+    Returns
+    -------
+    AsyncRadar
+        An asynchronous context manager; it opens when the block is entered.
+
+    Raises
+    ------
+    X2RadarError
+        If the port string makes no sense.
+    """
+    # Late: asyncio takes a while to load, and most programs do without.
+    from x2radar.aio import AsyncRadar  # noqa: PLC0415
+
+    return AsyncRadar(make_radar(parse_port(port), speed=speed, settings=settings))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from x2radar.frame import CounterTracker, FastTimeAxis, Frame, Kind, Step, read_only
 from x2radar.messages import BasebandAp, BasebandIq, Data, Message
-from x2radar.settings_x4 import ModuleSettings
+from x2radar.module_settings import ModuleSettings
 from x2radar.wire_ids import ContentId
 
 Samples = NDArray[np.float32] | NDArray[np.complex64]

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from x2radar.errors import MessageError
+from x2radar.framing import PacketData
 from x2radar.layouts import COMMAND_VARIANTS, COMMANDS, RESPONSE_VARIANTS, RESPONSES, Layout
 from x2radar.messages import (
     ByteReply,
@@ -119,12 +120,12 @@ def encode(message: Message) -> bytes:
         raise MessageError(msg) from err
 
 
-def decode_command(data: bytes) -> Message:
+def decode_command(data: PacketData) -> Message:
     """Read what a host sends.
 
     Parameters
     ----------
-    data : bytes
+    data : bytes or memoryview
         Data of one packet.
 
     Returns
@@ -143,12 +144,12 @@ def decode_command(data: bytes) -> Message:
     return message
 
 
-def decode_response(data: bytes) -> Message:
+def decode_response(data: PacketData) -> Message:
     """Read what a module sends.
 
     Parameters
     ----------
-    data : bytes
+    data : bytes or memoryview
         Data of one packet.
 
     Returns
@@ -169,7 +170,7 @@ def decode_response(data: bytes) -> Message:
     return _decode(data, _RESPONSES, (5, 1))
 
 
-def decode_any(data: bytes) -> Message:
+def decode_any(data: PacketData) -> Message:
     """Read a packet of unknown direction, as in a trace of both.
 
     A host's command wins where its bytes cannot be a module's: a ping carries the ping's
@@ -181,7 +182,7 @@ def decode_any(data: bytes) -> Message:
     return decode_command(data) if _is_command(data) else decode_response(data)
 
 
-def _is_command(data: bytes) -> bool:
+def _is_command(data: PacketData) -> bool:
     match data[0] if data else 0:
         case 0x01:
             return data[1:5] == _COUNT.pack(PING_SEED)
@@ -198,17 +199,17 @@ def _is_command(data: bytes) -> bool:
             return first in _ONLY_COMMANDS
 
 
-def _decode(data: bytes, forms: dict[bytes, _Form], lengths: tuple[int, ...]) -> Message:
+def _decode(data: PacketData, forms: dict[bytes, _Form], lengths: tuple[int, ...]) -> Message:
     for length in lengths:
-        form = forms.get(data[:length])
+        form = forms.get(bytes(data[:length]))
         if form is not None:
             if form.variants:
                 form = form.variants.get(len(data), form)
             return _unpack(form, data)
-    return Unknown(data)
+    return Unknown(bytes(data))
 
 
-def _unpack(form: _Form, data: bytes) -> Message:
+def _unpack(form: _Form, data: PacketData) -> Message:
     row = form.row
     at = len(row.prefix)
     arrays: list[Any] = []
@@ -226,7 +227,7 @@ def _unpack(form: _Form, data: bytes) -> Message:
     if row.counts:
         fields = tuple([fields[k] for k in form.scalars])
     if row.rest == "kept":
-        arrays.append(data[at:])
+        arrays.append(bytes(data[at:]))
     elif at != len(data) and row.rest == "none":
         msg = f"{row.cls.__name__} has {len(data) - at} bytes too many"
         raise MessageError(msg)
@@ -282,7 +283,7 @@ def _encode_data(content_id: int, info: int, kind: DataType, values: Any) -> byt
     return head + _COUNT.pack(values.size) + _elements(values, _DATA_TYPES[kind])
 
 
-def _decode_data(data: bytes) -> Message:
+def _decode_data(data: PacketData) -> Message:
     """Read DATA: A0, type, content id, info, [count, elements]; other types have rows."""
     try:
         _, kind, content_id, info = _HEAD.unpack_from(data)
@@ -303,7 +304,7 @@ def _decode_data(data: bytes) -> Message:
     return Data(content_id, info, values)
 
 
-def _decode_reply(data: bytes) -> Message:
+def _decode_reply(data: PacketData) -> Message:
     """REPLY: 11, type, content id, info, [count, elements], element size (not for INT)."""
     try:
         _, kind, content_id, info = _HEAD.unpack_from(data)
@@ -348,5 +349,5 @@ def _encode_reply(message: Reply) -> bytes:
     return head + counted + size
 
 
-def _text(data: bytes) -> str:
-    return data.rstrip(b"\0").decode("utf-8", "replace")
+def _text(data: PacketData) -> str:
+    return bytes(data).rstrip(b"\0").decode("utf-8", "replace")

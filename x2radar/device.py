@@ -1,93 +1,114 @@
-"""X2Radar: bring a module from reset to streaming, and hand out its frames.
+"""X2Radar: open a module, iterate over its frames, close it.
 
-Start-up follows what real clients do (protocol notes, section 4): reset, wait for READY,
-ping until ready when READY was missed, configure while nothing runs, then MANUAL mode.
-A port on USB vanishes while the module restarts; it is closed in time and opened again.
-
-The session matches replies, the transport moves bytes; this file owns deadlines and
-retries, and the clock that they are measured with.
+`x2radar.opening` brings the module from reset to streaming, `x2radar.link` moves the bytes
+and repeats commands; `x2radar.reconnect` opens a lost device again. This file owns the
+frames: their numbers, their marks after a restart, and the counts of what happened.
 """
 
+import threading
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import TracebackType
 
 from x2radar.assemble import FrameAssembler
-from x2radar.errors import (
-    DeviceError,
-    PortError,
-    ReadTimeout,
-    RestartRequired,
-    SafeModeError,
-    TransportClosed,
-)
+from x2radar.errors import DeviceError, ReadTimeout, TransportClosed
 from x2radar.frame import Frame, StreamInfo
+from x2radar.link import READ_S, RETRIES, Deadlines
 from x2radar.messages import (
+    GetMode,
+    GetSystemInfo,
+    LoadProfile,
     Message,
     Ping,
-    Pong,
-    Reset,
+    Reply,
+    SetDetectionZone,
+    SetLed,
     SetMode,
-    SystemMessage,
+    SetOutput,
+    SetSensitivity,
+    SetSysFloat,
+    SetSysInt,
 )
-from x2radar.protocol import Answered, Damaged, Received, Refused, Session
+from x2radar.module_settings import ModuleSettings, SettingsChooser
+from x2radar.opening import Opening, Sink
 from x2radar.settings import RadarSettings
-from x2radar.settings_x4 import ModuleSettings
-from x2radar.startup import startup_commands
-from x2radar.transport import SerialTransport, Transport
-from x2radar.wire_ids import (
-    ErrorCode,
-    Mode,
-    PongCode,
-    SystemCode,
+from x2radar.transport import Transport
+from x2radar.wire_ids import InfoItem
+
+__all__ = ["Deadlines", "RadarStats", "X2Radar"]
+
+_REPEATABLE = (
+    Ping,
+    GetSystemInfo,
+    GetMode,
+    SetMode,
+    SetOutput,
+    SetSysInt,
+    SetSysFloat,
+    LoadProfile,
+    SetLed,
+    SetDetectionZone,
+    SetSensitivity,
 )
+"""Commands that may be sent twice without harm."""
+_STALL_FRAMES = 3
+_ASK_S = 0.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Deadlines:
-    """How long the driver waits, in seconds.
+class RadarStats:
+    """What happened since the radar object was made, over all its openings.
 
     Attributes
     ----------
-    reply_s : float
-        For the reply to one command (ModuleConnector waits 2 s).
-    ready_s : float
-        From reset to ready; a module on USB re-enumerates in between.
-    ping_every_s : float
-        Pause after which a module that should be ready is asked again.
-    usb_gone_s : float
-        After a reset was acknowledged, until a port on USB is opened again: the module
-        acknowledges first and restarts half a second later.
-    stall_s : float
-        Without a frame for so long, a stream counts as lost although the port is open.
+    frames : int
+        Frames that arrived.
+    lost : int
+        Frames that the module counted but that did not arrive.
+    repeated : int
+        Frames that came twice; the second is dropped.
+    restarts : int
+        Frames with `Frame.restarted`.
+    damaged : int
+        Stretches of bytes that were dropped, and packets that could not be read.
+    retries : int
+        Commands sent again: unanswered, or refused by a busy module.
+    reconnects : int
+        Times that a lost device was opened again.
     """
 
-    reply_s: float = 2.0
-    ready_s: float = 10.0
-    ping_every_s: float = 0.25
-    usb_gone_s: float = 0.7
-    stall_s: float = 1.5
-
-
-RETRIES = 3
-_READ_S = 0.25
+    frames: int = 0
+    lost: int = 0
+    repeated: int = 0
+    restarts: int = 0
+    damaged: int = 0
+    retries: int = 0
+    reconnects: int = 0
 
 
 class X2Radar:
-    """One module: open it, iterate over its frames, close it.
+    """One module.
+
+    Frames are read and commands are sent from one thread; `close` may be called from any.
 
     Parameters
     ----------
     connect : callable
         Opens a new transport to the module; called again after a reset over USB.
-    settings : RadarSettings or X4Settings, optional
-        What to configure.
+    settings : RadarSettings, X4Settings, ProfileSettings or callable, optional
+        What to configure; the defaults of RadarSettings otherwise. A callable is given the
+        order code that the module tells when it is first opened, and returns them.
     deadlines : Deadlines, optional
         How long to wait.
     name : str
         What to call the module in messages.
+
+    Attributes
+    ----------
+    stream : StreamInfo or None
+        What holds for every frame; known with the first one.
 
     Examples
     --------
@@ -99,22 +120,26 @@ class X2Radar:
     def __init__(
         self,
         connect: Callable[[], Transport],
-        settings: ModuleSettings | None = None,
+        settings: ModuleSettings | SettingsChooser | None = None,
         *,
         deadlines: Deadlines | None = None,
         name: str = "X2 module",
     ) -> None:
-        self.settings: ModuleSettings = settings or RadarSettings()
+        self._choose = settings if callable(settings) else None
+        self.settings: ModuleSettings = (
+            RadarSettings() if settings is None or callable(settings) else settings
+        )
         self.name = name
+        self.stream: StreamInfo | None = None
         self._connect = connect
         self._deadlines = deadlines or Deadlines()
-        self._session = Session()
-        self._transport: Transport | None = None
+        self._opening: Opening | None = None
+        self._halt = threading.Event()
+        self._halt_is_ours = True
         self._assembler = FrameAssembler(self.settings)
-        self._ready_frames: deque[Frame] = deque()
-        self._heard_ready = False
-        self.n_damaged = 0
-        self.stream: StreamInfo | None = None
+        self._waiting: deque[Frame] = deque()
+        self._first_index = self._next_index = 0
+        self._counts: Counter[str] = Counter()
 
     def __enter__(self) -> "X2Radar":
         """Open the module; see `open`."""
@@ -131,11 +156,26 @@ class X2Radar:
         self.close()
 
     def __iter__(self) -> Iterator[Frame]:
-        """Yield frames; see `frames`."""
+        """Iterate over `frames`."""
         return self.frames()
 
-    def open(self) -> None:
-        """Connect, reset, configure and start the stream.
+    @property
+    def stats(self) -> RadarStats:
+        """Counts up to now: a snapshot."""
+        counts = dict(self._counts)
+        counts["repeated"] = counts.get("repeated", 0) + self._assembler.n_repeated
+        return RadarStats(**counts)
+
+    def open(self, *, stream: bool = True, halt: threading.Event | None = None) -> None:
+        """Connect, reset, configure and start the stream; frames count from 0.
+
+        Parameters
+        ----------
+        stream : bool
+            False to connect only: the module is asked by `command`, and goes on with
+            whatever it does.
+        halt : Event, optional
+            Once it is set, by any thread, opening and stream end with TransportClosed.
 
         Raises
         ------
@@ -146,16 +186,16 @@ class X2Radar:
         TransportClosed
             If the port goes away meanwhile.
         """
-        self.close()
-        self._session.reset()
-        self._transport = self._connect()
-        try:
-            self._reset()
-            self._configure()
-        except BaseException:
-            self._transport.close()
-            self._transport = None
-            raise
+        self._next_index = 0
+        self._open(halt, stream=stream)
+
+    def reopen(self, *, halt: threading.Event | None = None) -> None:
+        """Open again after a loss: frame numbers go on, and the first frame is marked.
+
+        `halt` and the errors are those of `open`.
+        """
+        self._open(halt, stream=True)
+        self._counts["reconnects"] += 1
 
     def frames(self) -> Iterator[Frame]:
         """Yield frames as they arrive, for as long as the module sends them.
@@ -171,166 +211,162 @@ class X2Radar:
             If no frame came for `Deadlines.stall_s`.
         TransportClosed
             If the port went away.
+        DeviceError
+            If the module restarted by itself and cannot be configured again.
         """
+        rate_hz = float(self.settings.frame_rate_hz)
+        stall_s = max(self._deadlines.stall_s, _STALL_FRAMES / rate_hz)
         last_s = time.monotonic()
         while True:
-            while self._ready_frames:
-                frame = self._ready_frames.popleft()
+            opening = self._opened()
+            while self._waiting:
+                frame = self._waiting.popleft()
                 if self.stream is None:
-                    self.stream = StreamInfo(frame.axis, self.settings.frame_rate_hz, self.name)
+                    self.stream = StreamInfo(frame.axis, rate_hz, self.name)
                 yield frame
                 last_s = time.monotonic()
-            self._pump(_READ_S)
-            if not self._ready_frames and time.monotonic() - last_s > self._deadlines.stall_s:
-                msg = f"{self.name}: no frame for {self._deadlines.stall_s:g} s"
+            if opening.has_restarted:
+                opening.start_again()
+                last_s = time.monotonic()
+            else:
+                opening.link.pump(READ_S)
+            if not self._waiting and time.monotonic() - last_s > stall_s:
+                msg = f"{self.name}: no frame for {stall_s:g} s"
                 raise ReadTimeout(msg)
 
-    def command(self, command: Message) -> Message:
+    def command(self, command: Message, *, wait_s: float | None = None) -> Message:
         """Send one command and return its reply.
+
+        It is sent again while the module is busy; and, where that does no harm, up to three
+        times when no answer comes.
+
+        Parameters
+        ----------
+        command : Message
+            Any host message.
+        wait_s : float, optional
+            For each answer, in seconds; `Deadlines.reply_s` by default.
+
+        Returns
+        -------
+        Message
+            What answers the command.
 
         Raises
         ------
         DeviceError
-            If the module refuses, or does not answer in `Deadlines.reply_s`.
+            If the module refuses, or does not answer.
+        TransportClosed
+            If the port went away.
         """
-        answer = self._ask(command, self._deadlines.reply_s)
-        if answer is None:
-            msg = f"{self.name}: no answer to {command}"
-            raise DeviceError(msg)
+        resends = RETRIES if isinstance(command, _REPEATABLE) else 0
+        answer = self._opened().link.command(command, resends=resends, wait_s=wait_s)
+        assert answer is not None  # noqa: S101 - None needs is_done
         return answer
 
+    def identify(self) -> None:
+        """Settle `settings` where they depend on what the module calls itself.
+
+        Asks once, on a port opened for that; `open` does it where it has not been done.
+        Raises as `open`.
+        """
+        self._halt = threading.Event()
+        self._identify()
+
+    def wrap_transport(
+        self, wrap: Callable[[Callable[[], Transport]], Callable[[], Transport]]
+    ) -> None:
+        """Let `wrap` see every transport from the next opening on.
+
+        Parameters
+        ----------
+        wrap : callable
+            Gets what opens a transport; returns what is called instead.
+        """
+        self._connect = wrap(self._connect)
+
     def close(self) -> None:
-        """Stop the module as far as it still listens, and close the port."""
-        transport, self._transport = self._transport, None
-        if transport is None:
+        """Stop the module as far as it still listens, and close the port; from any thread."""
+        if self._halt_is_ours:
+            self._halt.set()
+        opening, self._opening = self._opening, None
+        if opening is not None:
+            opening.close()
+
+    def _open(self, halt: threading.Event | None, *, stream: bool) -> None:
+        self.close()
+        self._halt = threading.Event() if halt is None else halt
+        self._halt_is_ours = halt is None
+        self.stream = None
+        self._waiting.clear()
+        if stream:
+            self._identify()
+        self._opening = opening = self._make_opening()
+        if not stream:
             return
         try:
-            self._session.give_up()
-            self._session.send(SetMode(Mode.IDLE))
-            transport.write(self._session.data_to_send())
-        except TransportClosed:
-            pass
+            opening.start()
+        except BaseException:
+            self._opening = None
+            opening.link.close()
+            raise
+
+    def _identify(self) -> None:
+        if self._choose is not None:
+            self.settings, self._choose = self._choose(self._order_code()), None
+
+    def _order_code(self) -> str:
+        """Return what the module calls itself; empty when it does not say."""
+        self._opening = opening = self._make_opening()
+        try:
+            ask = GetSystemInfo(InfoItem.ORDER_CODE)
+            answer = opening.link.command(ask, resends=1, wait_s=_ASK_S)
+        except DeviceError:
+            return ""
         finally:
-            transport.close()
+            self._opening = None
+            opening.link.close()
+        text = answer.value if isinstance(answer, Reply) else ""
+        return text if isinstance(text, str) else ""
 
-    def _reset(self) -> None:
-        self._heard_ready = False
-        for _ in range(RETRIES):
-            if self._ask(Reset(), self._deadlines.reply_s) is not None:
-                break
-        else:
-            msg = f"{self.name}: no answer to a reset; is it an XeThru X2 module?"
-            raise DeviceError(msg)
-        if getattr(self._transport, "is_usb", False):
-            self._reopen()
-        self._wait_ready()
+    def _make_opening(self) -> Opening:
+        return Opening(
+            self._connect,
+            self.settings,
+            Sink(begin=self._begin, take=self._take, has_frames=lambda: bool(self._waiting)),
+            name=self.name,
+            deadlines=self._deadlines,
+            counts=self._counts,
+            halt=self._halt,
+        )
 
-    def _reopen(self) -> None:
-        assert self._transport is not None  # noqa: S101 - _reset runs on an open port
-        self._transport.close()
-        time.sleep(self._deadlines.usb_gone_s)
-        give_up_s = time.monotonic() + self._deadlines.ready_s
-        while True:
-            try:
-                self._transport = self._connect()
-            except PortError:
-                if time.monotonic() > give_up_s:
-                    raise
-                time.sleep(0.1)
-            else:
-                self._session.reset()
-                return
-
-    def _wait_ready(self) -> None:
-        now_s = time.monotonic()
-        give_up_s = now_s + self._deadlines.ready_s
-        while now_s < give_up_s:
-            ping_s = now_s + self._deadlines.ping_every_s
-            while not self._heard_ready and (now_s := time.monotonic()) < ping_s:
-                self._pump(ping_s - now_s)
-            if self._heard_ready:
-                return
-            pong = self._ask(Ping(), self._deadlines.ping_every_s)
-            if isinstance(pong, Pong):
-                if pong.code == PongCode.READY:
-                    return
-                if pong.code == PongCode.SAFE_MODE:
-                    msg = f"{self.name} is in fail-safe mode: power it off and on again"
-                    raise SafeModeError(msg)
-            now_s = time.monotonic()
-        msg = f"{self.name}: not ready {self._deadlines.ready_s:g} s after a reset"
-        raise DeviceError(msg)
-
-    def _configure(self) -> None:
-        *before, start = startup_commands(self.settings)
-        for command in before:
-            self.command(command)
-        self._assembler = FrameAssembler(self.settings)
-        self._ready_frames.clear()
-        self.stream = None
-        self.command(start)
-
-    def _ask(self, command: Message, wait_s: float) -> Message | None:
-        """Send `command`; return its reply, or None when none came in time."""
-        self._session.give_up()
-        self._session.send(command)
-        deadline_s = time.monotonic() + wait_s
-        while True:
-            left_s = deadline_s - time.monotonic()
-            if left_s <= 0:
-                self._session.give_up()
-                return None
-            for answer in self._pump(min(left_s, _READ_S)):
-                return answer.reply
-
-    def _pump(self, wait_s: float) -> list[Answered]:
-        """Move bytes once; keep frames, raise refusals, return the replies."""
-        if self._transport is None:
+    def _opened(self) -> Opening:
+        if self._opening is None:
             msg = f"{self.name} is not open"
             raise TransportClosed(msg)
-        if out := self._session.data_to_send():
-            self._transport.write(out)
-        if data := self._transport.read(wait_s):
-            self._session.receive(data)
-        arrived_s = time.monotonic()
-        answers: list[Answered] = []
-        while (event := self._session.next_event()) is not None:
-            if isinstance(event, Answered):
-                if isinstance(event.command, Reset):
-                    # A READY from before it says nothing about the restart.
-                    self._heard_ready = False
-                answers.append(event)
-            else:
-                self._take(event, arrived_s)
-        return answers
+        return self._opening
 
-    def _take(self, event: Received | Refused | Damaged, arrived_s: float) -> None:
-        match event:
-            case Refused(command, code):
-                _refuse(self.name, command, code)
-            case Damaged():
-                self.n_damaged += 1
-            case Received(SystemMessage(SystemCode.READY)):
-                self._heard_ready = True
-            case Received(message):
-                frame = self._assembler.frame(message, arrived_s)
-                if frame is not None:
-                    self._ready_frames.append(frame)
+    def _begin(self) -> None:
+        """Begin a stream; where one was before, its numbers go on."""
+        self._counts["repeated"] += self._assembler.n_repeated
+        self._assembler = FrameAssembler(self.settings)
+        self._waiting.clear()
+        self._first_index = self._next_index
 
-
-def _refuse(name: str, command: Message, code: int) -> None:
-    try:
-        label = ErrorCode(code).name.lower().replace("_", " ")
-    except ValueError:
-        label = "unknown"
-    msg = f"{name} refused {command}: error {code:#x} ({label})"
-    if code == ErrorCode.RESTARTING:
-        raise RestartRequired(msg)
-    raise DeviceError(msg)
-
-
-def open_serial(url: str, settings: ModuleSettings | None = None) -> X2Radar:
-    """Return an open `X2Radar` on a serial port or pyserial URL."""
-    radar = X2Radar(lambda: SerialTransport(url), settings, name=url)
-    radar.open()
-    return radar
+    def _take(self, message: Message, arrived_s: float) -> None:
+        frame = self._assembler.frame(message, arrived_s)
+        if frame is None:
+            return
+        if self._first_index:
+            is_first = frame.index == 0
+            frame = replace(
+                frame,
+                index=self._first_index + frame.index,
+                restarted=frame.restarted or is_first,
+            )
+        self._next_index = frame.index + 1
+        self._waiting.append(frame)
+        counts = self._counts
+        counts["frames"] += 1
+        counts["lost"] += frame.lost
+        counts["restarts"] += frame.restarted

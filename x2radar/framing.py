@@ -78,11 +78,18 @@ _MERGED = frozenset({Fault.JUNK, Fault.OUT_OF_BUFFER})
 """Faults that are one however many steps they took; the others each stand for a packet."""
 
 
+PacketData = bytes | memoryview
+"""Data of one packet; a view behaves as bytes in comparisons, slices and NumPy."""
+
+
 @dataclass(frozen=True, slots=True)
 class Packet:
-    """One sound packet: its unescaped data, without flags and checksum."""
+    """One sound packet: its unescaped data, without flags and checksum.
 
-    data: bytes
+    A view is read-only and owns its memory: the decoder's buffer goes on without it.
+    """
+
+    data: PacketData
     packing: Packing = Packing.ESCAPED
 
 
@@ -229,7 +236,7 @@ class PacketDecoder:
             return 1
         return self._junk(at, left)
 
-    def _emit(self, data: bytes, packing: Packing = Packing.ESCAPED) -> None:
+    def _emit(self, data: PacketData, packing: Packing = Packing.ESCAPED) -> None:
         self._out.append(Packet(data, packing))
         self._hunting = False
 
@@ -291,14 +298,20 @@ class PacketDecoder:
             end = len(buffer) - 1
         if end <= at + 2 or buffer[end - 1] == ESC:
             return 0
-        body = bytes(buffer[at + 1 : end])
-        data = unescape(body)
+        if buffer.find(_ESC_ESC, at + 1, end) >= 0:
+            # An escaped 7F, which must not go with the escapes.
+            body = bytes(buffer[at + 1 : end])
+            data = np.frombuffer(unescape(body), np.uint8)
+        else:
+            coded = np.frombuffer(buffer, np.uint8, end - at - 1, at + 1)
+            data = coded[coded != ESC]
+            data.flags.writeable = False
         # START, END and ESC are neighbours: shifted down, they are the bytes below three.
-        flags = np.count_nonzero((np.frombuffer(data, np.uint8) - _FIRST_FLAG) < _N_FLAGS)
-        if flags != len(body) - len(data) or checksum(data):
+        flags = np.count_nonzero((data - _FIRST_FLAG) < _N_FLAGS)
+        if flags != end - at - 1 - len(data) or checksum(data.data):
             return 0
         self._usual = len(data)
-        self._emit(data[:-1])
+        self._emit(data.data[:-1])
         return end + 1 - at
 
     def _unfinished(self, at: int, left: int) -> int:

@@ -2,8 +2,10 @@
 
 ``/dev/ttyACM0``, ``socket://host:port``, ``auto`` (the only port that answers) or
 ``sim:SCENE?key=value&key=value``. Values are percent-encoded. Keys of ``sim:`` are seed (0),
-rate (60, frames per second), kind (rf or baseband) and fault (kind:value, see
-`x2radar.sim.faults`); of serial ports: rate, kind and device (x2raw or x4m03).
+rate (60, frames per second), kind (rf or baseband), device and fault (kind:value, see
+`x2radar.sim.faults`); of serial ports: rate, kind and device. A device is x2raw (an X2 in
+MANUAL mode), x2m200 (its sleep profile, 20 Hz), x4m03, or auto: what the module calls itself
+decides between x2raw and x4m03.
 """
 
 import re
@@ -14,18 +16,21 @@ from urllib.parse import parse_qsl, unquote
 from x2radar.device import X2Radar
 from x2radar.discovery import find_module
 from x2radar.errors import SettingsError
+from x2radar.module_settings import ModuleSettings, SettingsChooser, is_x4
 from x2radar.settings import RadarSettings
-from x2radar.settings_x4 import ModuleSettings, X4Settings
+from x2radar.settings_profile import FRAME_RATE_HZ, ProfileSettings
+from x2radar.settings_x4 import X4Settings
 from x2radar.sim.faults import parse_faults
-from x2radar.sim.host import connect
+from x2radar.sim.firmware import X2Firmware, X4Firmware
+from x2radar.sim.host import connect as connect_sim
 from x2radar.sim.module import SimulatedModule
 from x2radar.sim.scene import load_scene
 from x2radar.transport import SerialTransport, Transport
 
 _KINDS = {"rf": "rf", "baseband": "iq"}
-SIM_KEYS = frozenset({"seed", "rate", "kind", "fault"})
+SIM_KEYS = frozenset({"seed", "rate", "kind", "fault", "device"})
 SERIAL_KEYS = frozenset({"rate", "kind", "device"})
-DEVICES = ("x2raw", "x4m03")
+DEVICES = ("auto", "x2raw", "x2m200", "x4m03")
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +104,10 @@ def number_option(spec: PortSpec, key: str, default: float) -> float:
 
 
 def make_radar(
-    spec: PortSpec, *, speed: float | None = 1.0, settings: ModuleSettings | None = None
+    spec: PortSpec,
+    *,
+    speed: float | None = 1.0,
+    settings: ModuleSettings | None = None,
 ) -> X2Radar:
     """Return the radar that a port string names, not opened yet.
 
@@ -109,8 +117,8 @@ def make_radar(
         From `parse_port`; 'sim' or 'serial'.
     speed : float or None
         For ``sim:``, scene seconds per real second; None is as fast as it is read.
-    settings : RadarSettings or X4Settings, optional
-        Instead of those that rate and kind ask for.
+    settings : RadarSettings, X4Settings or ProfileSettings, optional
+        Instead of those that device, rate and kind ask for.
 
     Returns
     -------
@@ -126,26 +134,54 @@ def make_radar(
         msg = f"port 'replay:{spec.target}': a recording is no radar that can be opened"
         raise SettingsError(msg)
     check_options(spec, SIM_KEYS if spec.scheme == "sim" else SERIAL_KEYS)
-    if settings is None:
-        kind = spec.options.get("kind", "rf")
-        if kind not in _KINDS:
-            msg = f"port key 'kind': '{kind}'; known are {', '.join(_KINDS)}"
-            raise SettingsError(msg)
-        rate_hz = number_option(spec, "rate", 60.0)
-        settings = _settings(spec, rate_hz, kind)
-    return X2Radar(_connector(spec, speed), settings, name=f"{spec.scheme}:{spec.target}")
+    chosen = settings or _settings(spec)
+    return X2Radar(_connector(spec, speed), chosen, name=f"{spec.scheme}:{spec.target}")
 
 
-def _settings(spec: PortSpec, rate_hz: float, kind: str) -> ModuleSettings:
-    device = spec.options.get("device", "x2raw")
-    if device not in DEVICES:
-        msg = f"port key 'device': '{device}'; known are {', '.join(DEVICES)}"
+def _settings(spec: PortSpec) -> ModuleSettings | SettingsChooser:
+    """Return what the keys ask for, checked; for device=auto what follows from the module."""
+    device = spec.options.get("device", "x2raw" if spec.scheme == "sim" else "auto")
+    known = DEVICES[1:] if spec.scheme == "sim" else DEVICES
+    if device not in known:
+        msg = f"port key 'device': '{device}'; known are {', '.join(known)}"
         raise SettingsError(msg)
-    if device == "x4m03":
-        # An X4 mixes down by itself; its RF frames must be asked for.
-        is_baseband = spec.options.get("kind", "baseband") == "baseband"
-        return X4Settings.for_frame_rate(rate_hz, is_baseband=is_baseband)
-    return RadarSettings.for_frame_rate(rate_hz, output=_KINDS[kind])
+    if spec.options.get("kind", "rf") not in _KINDS:
+        msg = f"port key 'kind': '{spec.options['kind']}'; known are {', '.join(_KINDS)}"
+        raise SettingsError(msg)
+    if device != "auto":
+        return _MAKERS[device](spec)
+    # Both, so that what makes no sense is said before a port is opened.
+    x2, x4 = _x2_settings(spec), _x4_settings(spec)
+    return lambda order_code: x4 if is_x4(order_code) else x2
+
+
+def _x2_settings(spec: PortSpec) -> ModuleSettings:
+    rate_hz = number_option(spec, "rate", 60.0)
+    return RadarSettings.for_frame_rate(rate_hz, output=_KINDS[spec.options.get("kind", "rf")])
+
+
+def _x4_settings(spec: PortSpec) -> ModuleSettings:
+    # An X4 mixes down by itself; its RF frames must be asked for.
+    is_baseband = spec.options.get("kind", "baseband") == "baseband"
+    return X4Settings.for_frame_rate(number_option(spec, "rate", 60.0), is_baseband=is_baseband)
+
+
+def _profile_settings(spec: PortSpec) -> ModuleSettings:
+    rate_hz = number_option(spec, "rate", FRAME_RATE_HZ)
+    if rate_hz != FRAME_RATE_HZ:
+        msg = f"port key 'rate': {rate_hz:g}; the profiles of an X2M200 run at 20 only"
+        raise SettingsError(msg)
+    if spec.options.get("kind", "baseband") != "baseband":
+        msg = "port key 'kind': the profiles of an X2M200 send baseband only"
+        raise SettingsError(msg)
+    return ProfileSettings()
+
+
+_MAKERS: Mapping[str, Callable[[PortSpec], ModuleSettings]] = {
+    "x2raw": _x2_settings,
+    "x2m200": _profile_settings,
+    "x4m03": _x4_settings,
+}
 
 
 def _connector(spec: PortSpec, speed: float | None) -> Callable[[], Transport]:
@@ -161,4 +197,7 @@ def _connector(spec: PortSpec, speed: float | None) -> Callable[[], Transport]:
         raise SettingsError(msg)
     seed, scene = int(text), load_scene(spec.target)
     faults = parse_faults(spec.options["fault"]) if "fault" in spec.options else None
-    return lambda: connect(lambda: SimulatedModule(scene, seed, faults), speed)
+    firmware = X4Firmware if spec.options.get("device") == "x4m03" else X2Firmware
+    return lambda: connect_sim(
+        lambda: SimulatedModule(scene, seed, faults, firmware=firmware()), speed
+    )

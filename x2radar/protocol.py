@@ -4,7 +4,7 @@ Theory of operation
 -------------------
 The module answers commands one at a time and in order, but data messages may come between
 a command and its reply, and a module that restarts says so at any moment. So a session
-holds at most one outstanding command and matches by type, from the table `_ANSWERS`:
+holds at most one outstanding command and matches by type, from the table `layouts.ANSWERS`:
 
 * the awaited type answers the command (`Answered`);
 * ERROR refuses it (`Refused`);
@@ -21,23 +21,8 @@ from x2radar import framing
 from x2radar.codec import decode_response, encode
 from x2radar.errors import MessageError, ProtocolError
 from x2radar.framing import LineFault, Packet, PacketDecoder
-from x2radar.messages import (
-    Ack,
-    ErrorReply,
-    GetMode,
-    GetSystemInfo,
-    Message,
-    Ping,
-    Pong,
-    Reply,
-)
-
-_ANSWERS: dict[type[Message], type[Message]] = {
-    Ping: Pong,
-    GetSystemInfo: Reply,
-    GetMode: Reply,
-}
-"""What answers a command; every command that is not listed is answered by ACK."""
+from x2radar.layouts import ANSWERS
+from x2radar.messages import Ack, ErrorReply, Message
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,7 +130,7 @@ class Session:
             if isinstance(message, ErrorReply):
                 self._outstanding = None
                 return Refused(command, message.code)
-            if isinstance(message, _ANSWERS.get(type(command), Ack)):
+            if isinstance(message, ANSWERS.get(type(command), Ack)):
                 self._outstanding = None
                 return Answered(command, message)
         return Received(message)

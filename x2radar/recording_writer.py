@@ -11,8 +11,9 @@ import errno
 import json
 import os
 from collections.abc import Mapping
+from datetime import UTC, datetime
 from pathlib import Path
-from types import TracebackType
+from types import MappingProxyType, TracebackType
 from typing import Any
 
 import h5py
@@ -27,17 +28,20 @@ FORMAT = "x2radar-recording"
 VERSION = 1
 
 
+_NOTHING: Mapping[str, Any] = MappingProxyType({})
+
+
 class RecordingWriter:
     """Write frames into a new recording.
 
     Parameters
     ----------
-    path : Path
+    path : Path or str
         File to make; an existing one is never overwritten. It appears with the first frame.
     stream : StreamInfo
         Axes and rate.
-    started_utc : str
-        Wall clock of the first frame, ISO 8601.
+    started_utc : str, optional
+        Wall clock of the first frame, ISO 8601; now by default.
     device, settings : mapping
         Kept as JSON.
     first_index : int
@@ -61,17 +65,17 @@ class RecordingWriter:
 
     def __init__(
         self,
-        path: Path,
+        path: Path | str,
         stream: StreamInfo,
         *,
-        started_utc: str,
-        device: Mapping[str, Any],
-        settings: Mapping[str, Any],
+        started_utc: str | None = None,
+        device: Mapping[str, Any] = _NOTHING,
+        settings: Mapping[str, Any] = _NOTHING,
         first_index: int = 0,
         attributes: Mapping[str, Any] | None = None,
         fsync: bool = False,
     ) -> None:
-        self._path = path
+        self._path = path = Path(path)
         self._rate_hz = stream.frame_rate_hz
         self._first_index = first_index
         self._fsync = fsync
@@ -98,7 +102,7 @@ class RecordingWriter:
                 "range_offset_m": axis.range_offset_m,
                 "bandwidth_hz": axis.bandwidth_hz,
                 "phase_sign": axis.phase_sign,
-                "started_utc": started_utc,
+                "started_utc": started_utc or _utc_now(),
                 "device": json.dumps(dict(device), default=str),
                 "settings": json.dumps(dict(settings), default=str),
                 **(attributes or {}),
@@ -284,3 +288,7 @@ def _sync_path(path: Path) -> None:
             os.fsync(descriptor)
         finally:
             os.close(descriptor)
+
+
+def _utc_now() -> str:
+    return datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")

@@ -1,168 +1,310 @@
 """Self-test of a module: what it answers, how it streams, how clean its frames are.
 
 It is made for strangers' modules: the only road to evidence on hardware that we do not own.
+So it asks before it resets, reports whatever it has found when something fails, and judges
+with limits that stand in one place, at the top.
 """
 
-from collections.abc import Callable
+import platform
+import time
 from dataclasses import dataclass, field
-from typing import Any
+from importlib.metadata import PackageNotFoundError, version
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from x2radar.device import X2Radar
-from x2radar.errors import DeviceError
+from x2radar.errors import DeviceError, PortError, ReadTimeout, TransportClosed, X2RadarError
 from x2radar.frame import Frame
-from x2radar.messages import GetSystemInfo, Reply
-from x2radar.wire_ids import InfoItem
+from x2radar.messages import GetSystemInfo, Message, Ping, Pong, Reply
+from x2radar.wire_ids import InfoItem, PongCode
 
-LATE_FRAMES = 1.5
-CLEAN_LOSS = 0.001
-TOLERATED_LOSS = 0.02
-RATE_ERROR = 0.02
+ASK_S = 0.25
+KEPT_BYTES = 32 << 20
+SLOW_START_S = 8.0
+RATE_ERROR = (0.02, 0.1)
+LOSS = (0.001, 0.02)
+DAMAGED = (0.0, 0.01)
+LATE_PERIODS = 2.5
+WEAK_CLUTTER_DB = 15.0
+PHASE_JITTER_RAD = 0.05
+SPIKE_TIMES = 4.0
+FLAT_RUN = 3
+
+Samples = NDArray[np.float32] | NDArray[np.complex64]
 
 
-@dataclass(slots=True)
+class Verdict(NamedTuple):
+    """One line of judgement: 'pass', 'warn' or 'fail', on what, and why."""
+
+    level: str
+    about: str
+    why: str
+
+
+@dataclass(slots=True, kw_only=True)
 class Report:
     """What a self-test found.
 
     Attributes
     ----------
+    ping : str
+        What the module answered to a ping before anything else; empty for nothing.
     info : dict of str to str
-        What the module says of itself, by item.
+        What the module says of itself, item by item, or why it does not.
     figures : dict of str to float
         Measured; units stand in the names. Levels are in the module's own unit.
-    verdicts : list of (str, str)
-        'pass', 'warn' or 'fail', and why.
+    verdicts : list of Verdict
+        In the order of the test.
+    frames : list of Frame
+        The first ones, up to `KEPT_BYTES`.
+    error : X2RadarError or None
+        What ended the stream before its time.
     """
 
+    ping: str = ""
     info: dict[str, str] = field(default_factory=dict)
     figures: dict[str, float] = field(default_factory=dict)
-    verdicts: list[tuple[str, str]] = field(default_factory=list)
-
-    @property
-    def has_failed(self) -> bool:
-        """Whether any verdict is 'fail'."""
-        return any(verdict == "fail" for verdict, _ in self.verdicts)
+    verdicts: list[Verdict] = field(default_factory=list)
+    frames: list[Frame] = field(default_factory=list)
+    error: X2RadarError | None = None
 
 
-def ask_info(radar: X2Radar) -> dict[str, str]:
-    """Return every system info item that the module answers, by name.
-
-    Parameters
-    ----------
-    radar : X2Radar
-        Open; a module that streams answers in between.
-
-    Returns
-    -------
-    dict of str to str
-        Items that it refuses are left out.
-    """
-    info = {}
-    for item in InfoItem:
+def software() -> dict[str, str]:
+    """Return the versions of what takes part in a test."""
+    found = {"python": platform.python_version(), "system": platform.system()}
+    for name in ("x2radar", "numpy", "pyserial", "h5py"):
         try:
-            reply = radar.command(GetSystemInfo(item))
-        except DeviceError:
-            continue
-        if isinstance(reply, Reply):
-            info[item.name.lower()] = str(reply.value)
-    return info
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = "unknown"
+    return found
 
 
-def collect(
-    radar: X2Radar, duration_s: float, keep: Callable[[Frame], None] = lambda _frame: None
-) -> list[Frame]:
-    """Return the frames of so many stream seconds, each handed to `keep` as well."""
-    most = max(3, round(duration_s * radar.settings.frame_rate_hz))
-    frames = []
-    for frame in radar.frames():
-        frames.append(frame)
-        keep(frame)
-        if frame.index + 1 >= most:
-            break
-    return frames
-
-
-def judge(radar: X2Radar, frames: list[Frame]) -> Report:
-    """Measure what the frames show.
+def selftest(radar: X2Radar, duration_s: float) -> Report:
+    """Test a module.
 
     Parameters
     ----------
     radar : X2Radar
-        Where they came from.
-    frames : list of Frame
-        At least three, of one length.
+        Closed; closed again afterwards.
+    duration_s : float
+        Stream time to test, in seconds.
 
     Returns
     -------
     Report
-        Figures and verdicts; `info` is left empty.
+        With `error` set when the module did not stream, or not to the end.
+
+    Raises
+    ------
+    PortError
+        If the port cannot be opened at all.
     """
     report = Report()
-    asked_hz = radar.settings.frame_rate_hz
-    arrived_s = np.array([frame.t_mono_s for frame in frames])
-    index = np.array([frame.index for frame in frames])
-    span_s = arrived_s[-1] - arrived_s[0]
-    lost = sum(frame.lost for frame in frames)
-    late_s = np.diff(arrived_s)
-    reached_hz = (index[-1] - index[0]) / span_s if span_s > 0 else float("nan")
-    share = lost / (index[-1] + 1)
-    report.figures |= {
-        "frames": len(frames),
-        "n_range": frames[0].axis.n_range,
-        "frame_rate_asked_hz": asked_hz,
-        "frame_rate_reached_hz": round(float(reached_hz), 3),
-        "interval_median_ms": round(float(np.median(late_s)) * 1e3, 2),
-        "interval_p99_ms": round(float(np.quantile(late_s, 0.99)) * 1e3, 2),
-        "lost_frames": lost,
-        "restarts": sum(frame.restarted for frame in frames),
-        "damaged_stretches": radar.n_damaged,
-    }
-    _rate_verdict(report, reached_hz, asked_hz)
-    if share <= CLEAN_LOSS:
-        report.verdicts.append(("pass", f"{lost} frames lost"))
-    else:
-        verdict = "warn" if share <= TOLERATED_LOSS else "fail"
-        report.verdicts.append((verdict, f"{lost} frames lost ({share:.1%})"))
-    if radar.n_damaged:
-        report.verdicts.append(("warn", f"{radar.n_damaged} damaged stretches on the line"))
-    same = [f.samples for f in frames if f.samples.shape == frames[0].samples.shape]
-    _signal(report, np.stack(same))
+    try:
+        radar.open(stream=False)
+        _ask(radar, report)
+    except (DeviceError, TransportClosed):
+        # Whether it streams all the same comes next.
+        pass
+    finally:
+        radar.close()
+    _judge_ping(report)
+    before = radar.stats
+    stamps: list[tuple[float, int]] = []
+    try:
+        begun_s = time.monotonic()
+        radar.open()
+        report.figures["start_s"] = round(time.monotonic() - begun_s, 3)
+        most = max(3, round(duration_s * radar.settings.frame_rate_hz))
+        kept = 0
+        for frame in radar.frames():
+            stamps.append((frame.t_mono_s, frame.index))
+            if kept + frame.samples.nbytes <= KEPT_BYTES:
+                kept += frame.samples.nbytes
+                report.frames.append(frame)
+            if frame.index + 1 >= most:
+                break
+    except (PortError, DeviceError, TransportClosed, ReadTimeout) as err:
+        report.error = err
+    finally:
+        radar.close()
+    if report.error is not None:
+        report.verdicts.append(Verdict("fail", "stream", str(report.error)))
+    _judge_start(report)
+    stats = radar.stats
+    for name in ("frames", "lost", "repeated", "restarts", "damaged", "retries"):
+        report.figures[name] = getattr(stats, name) - getattr(before, name)
+    if len(stamps) >= 3:
+        _judge_pace(report, np.array(stamps), radar.settings.frame_rate_hz)
+        _judge_line(report)
+        judge_signal(report)
     return report
 
 
-def _rate_verdict(report: Report, reached_hz: float, asked_hz: float) -> None:
-    error = abs(reached_hz / asked_hz - 1)
-    text = f"{reached_hz:.2f} of {asked_hz:g} frames a second"
-    report.verdicts.append(("pass" if error <= RATE_ERROR else "warn", text))
+def _ask(radar: X2Radar, report: Report) -> None:
+    def answer(command: Message) -> Message | str:
+        try:
+            return radar.command(command, wait_s=ASK_S)
+        except DeviceError as err:
+            return "no answer" if "no answer" in str(err) else "refused"
+
+    pong = answer(Ping())
+    if isinstance(pong, Pong):
+        is_known = pong.code in set(PongCode)
+        report.ping = PongCode(pong.code).name.lower() if is_known else f"{pong.code:#x}"
+    elif pong == "no answer":
+        return
+    for item in InfoItem:
+        reply = answer(GetSystemInfo(item))
+        value: Any = reply.value if isinstance(reply, Reply) else reply
+        report.info[item.name.lower()] = value if isinstance(value, str) else str(value)
 
 
-def _signal(report: Report, samples: NDArray[np.inexact[Any]]) -> None:
-    """Noise from second differences, clutter from the mean: an empty room is best."""
-    second = np.diff(samples.astype(np.complex128), 2, axis=0)
-    # Median over mean of a squared normal (real) and of an exponential variable (complex).
-    ratio = 0.4549 if np.isrealobj(samples) else np.log(2)
-    noise = np.sqrt(np.median(np.abs(second) ** 2, axis=0) / ratio / 6)
-    mean = samples.mean(axis=0)
-    clutter = np.abs(mean - (mean.mean() if np.isrealobj(samples) else 0))
-    strongest = int(clutter.argmax())
-    noise_level = float(np.median(noise))
-    spikes = int((np.abs(samples) > 100).any(axis=1).sum())
-    report.figures |= {
-        "noise_sigma": float(f"{noise_level:.4g}"),
-        "clutter_over_noise_db": round(
-            20 * float(np.log10(clutter.max() / max(noise_level, 1e-30))), 1
-        ),
-        "strongest_bin": strongest,
-        "spike_frames": spikes,
-        "frames_all_equal": int((np.diff(samples, axis=0) == 0).all(axis=1).sum()),
-    }
-    if noise_level == 0:
-        report.verdicts.append(
-            ("fail", "no noise at all: the receiver is dead or the data made up")
-        )
+def _judge_ping(report: Report) -> None:
+    if report.ping == "ready":
+        report.verdicts.append(Verdict("pass", "ping", "answered: ready"))
     else:
-        report.verdicts.append(("pass", f"noise {noise_level:.3g} per sample"))
-    if spikes:
-        report.verdicts.append(("warn", f"{spikes} frames with samples beyond full scale"))
+        said = report.ping.replace("_", " ") or "nothing"
+        report.verdicts.append(Verdict("warn", "ping", f"answered: {said}"))
+
+
+def _judge_start(report: Report) -> None:
+    if (start_s := report.figures.get("start_s")) is not None:
+        level = "pass" if start_s <= SLOW_START_S else "warn"
+        report.verdicts.append(Verdict(level, "start-up", f"streams after {start_s:.1f} s"))
+
+
+def _level(value: float, limits: tuple[float, float]) -> str:
+    """Return pass up to the first limit, warn up to the second, else fail."""
+    return "pass" if value <= limits[0] else "warn" if value <= limits[1] else "fail"
+
+
+def _judge_pace(report: Report, stamps: NDArray[np.float64], asked_hz: float) -> None:
+    arrived_s, index = stamps.T
+    span_s = arrived_s[-1] - arrived_s[0]
+    reached_hz = float((index[-1] - index[0]) / span_s) if span_s > 0 else float("nan")
+    late_ms = np.diff(arrived_s) * 1e3
+    report.figures |= {
+        "frame_rate_asked_hz": asked_hz,
+        "frame_rate_reached_hz": round(reached_hz, 3),
+    }
+    for name, share in (("p05", 0.05), ("p50", 0.5), ("p95", 0.95), ("p99", 0.99), ("max", 1)):
+        report.figures[f"interval_{name}_ms"] = round(float(np.quantile(late_ms, share)), 2)
+    why = f"{reached_hz:.2f} of {asked_hz:g} frames a second"
+    report.verdicts.append(
+        Verdict(_level(abs(reached_hz / asked_hz - 1), RATE_ERROR), "rate", why)
+    )
+    p99_ms, most_ms = report.figures["interval_p99_ms"], 1e3 * LATE_PERIODS / asked_hz
+    why = f"99 % of the frames within {p99_ms:.1f} ms of the one before"
+    report.verdicts.append(Verdict("pass" if p99_ms <= most_ms else "warn", "jitter", why))
+
+
+def _judge_line(report: Report) -> None:
+    count = report.figures
+    share = count["lost"] / max(1, count["frames"] + count["lost"])
+    why = f"{count['lost']:.0f} frames lost ({share:.2%})"
+    report.verdicts.append(Verdict(_level(share, LOSS), "losses", why))
+    why = f"{count['damaged']:.0f} damaged stretches"
+    level = _level(count["damaged"] / max(1, count["frames"]), DAMAGED)
+    report.verdicts.append(Verdict(level, "line", why))
+    if count["restarts"]:
+        why = f"the counter or the module began anew {count['restarts']:.0f} times"
+        report.verdicts.append(Verdict("fail", "restarts", why))
+
+
+def judge_signal(report: Report) -> None:
+    """Measure the samples of `report.frames`, of which three at least have one length.
+
+    Noise comes from second differences over time: neither clutter nor slow drift nor a
+    movement in some of the bins counts. An empty room shows most.
+    """
+    shape = report.frames[0].samples.shape
+    rows: Any = np.stack([f.samples for f in report.frames if f.samples.shape == shape])
+    if len(rows) < 3:
+        return
+    if not np.isfinite(rows).all():
+        report.verdicts.append(Verdict("fail", "samples", "some are not finite"))
+        rows = np.nan_to_num(rows, posinf=0.0, neginf=0.0)
+    sigma = noise_sigma(rows)
+    wide = np.complex128 if np.iscomplexobj(rows) else np.float64
+    still = rows.mean(axis=0, dtype=wide)
+    idle = 0.0 if np.iscomplexobj(rows) else float(np.median(still))
+    clutter = np.abs(still - idle)
+    strongest = int(clutter.argmax())
+    peak = float(clutter[strongest])
+    over_db = 20 * float(np.log10(max(peak, 1e-30) / max(sigma, 1e-30)))
+    jitter_rad = phase_jitter_rad(rows - np.float32(idle), strongest)
+    middle = np.median(rows.real, axis=0) + 1j * np.median(rows.imag, axis=0)
+    far = np.abs(rows - middle) > SPIKE_TIMES * max(peak, 10 * sigma)
+    equal = int((np.diff(rows, axis=0) == 0).all(axis=1).sum())
+    spikes, clipped = int(far.sum()), clipped_samples(rows)
+    report.figures |= {
+        "n_range": shape[0],
+        "noise_sigma": float(f"{sigma:.4g}"),
+        "clutter_over_noise_db": round(over_db, 1),
+        "strongest_bin": strongest,
+        "strongest_range_m": round(float(report.frames[0].axis.range_m[strongest]), 3),
+        "phase_jitter_rad": float(f"{jitter_rad:.3g}"),
+        "spike_samples": spikes,
+        "clipped_samples": clipped,
+        "equal_frames": equal,
+    }
+    add = report.verdicts.append
+    if sigma == 0 or equal:
+        why = f"{equal} frames equal the one before: a dead receiver, or no receiver"
+        add(Verdict("fail", "noise", why))
+    else:
+        add(Verdict("pass", "noise", f"{sigma:.3g} per sample"))
+    level = "pass" if over_db >= WEAK_CLUTTER_DB else "warn"
+    add(Verdict(level, "clutter", f"strongest still echo {over_db:.1f} dB over the noise"))
+    if over_db >= WEAK_CLUTTER_DB:
+        level = "pass" if jitter_rad <= PHASE_JITTER_RAD else "warn"
+        add(Verdict(level, "phase", f"jitter {jitter_rad:.3g} rad in the strongest bin"))
+    add(Verdict("warn" if spikes else "pass", "spikes", f"{spikes} samples"))
+    add(Verdict("warn" if clipped else "pass", "clipping", f"{clipped} samples at an end stop"))
+
+
+def noise_sigma(rows: Samples) -> float:
+    """Return the temporal noise, median over bins: rms, of the modulus if complex.
+
+    The median over time makes spikes and short movements harmless; ratio is that of the
+    median of a squared normal, or of an exponential variable, to its mean.
+    """
+    second = np.diff(rows, 2, axis=0)
+    ratio = np.log(2) if np.iscomplexobj(rows) else 0.4549
+    per_bin = np.sqrt(np.median(np.abs(second) ** 2, axis=0) / ratio / 6)
+    return float(np.median(per_bin))
+
+
+def phase_jitter_rad(rows: Samples, at: int) -> float:
+    """Return the rms phase noise from frame to frame in bin `at`, in radians.
+
+    RF rows, without their idle level, are taken to analytic signals first.
+    """
+    if np.iscomplexobj(rows):
+        signal = rows[:, at].astype(np.complex128)
+    else:
+        n = rows.shape[1]
+        weight = np.zeros(n)
+        weight[1 : (n + 1) // 2] = 2.0
+        kernel = np.fft.ifft(weight)
+        signal = rows.astype(np.float64) @ kernel[(at - np.arange(n)) % n]
+    step_rad = np.angle(signal[1:] * np.conj(signal[:-1]))
+    return float(np.sqrt(np.median(step_rad**2) / 0.4549 / 2))
+
+
+def clipped_samples(rows: Samples) -> int:
+    """Return how many samples lie at the highest or lowest value, `FLAT_RUN` in a row.
+
+    Noise reaches its extreme now and then, but not in neighbouring bins of one frame.
+    """
+    n = 0
+    for part in (rows.real, rows.imag) if np.iscomplexobj(rows) else (rows,):
+        for end in (part.max(), part.min()):
+            runs = np.lib.stride_tricks.sliding_window_view(part == end, FLAT_RUN, axis=1)
+            starts = np.flatnonzero(runs.all(axis=2).ravel())
+            n += int(starts.size and starts.size + FLAT_RUN - 1)
+    return n

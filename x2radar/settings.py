@@ -173,6 +173,11 @@ class RadarSettings:
         raise SettingsError(msg)
 
     @property
+    def kind(self) -> Kind:
+        """What the stream's frames hold."""
+        return "rf" if self.output == "rf" else "baseband"
+
+    @property
     def raw_kind(self) -> Kind:
         """What raw frames hold."""
         return "rf"

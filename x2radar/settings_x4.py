@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 from x2radar.errors import SettingsError
 from x2radar.frame import Kind
-from x2radar.settings import SPEED_OF_LIGHT_MPS, RadarSettings, is_number, is_whole
+from x2radar.settings import SPEED_OF_LIGHT_MPS, is_number, is_whole
 
 SAMPLE_RATE_HZ = 23.328e9
 BASEBAND_STEP = 8
@@ -168,9 +168,19 @@ class X4Settings:
         return PRF_SOURCE_HZ / self.prf_divider * DUTY / sweep
 
     @property
+    def kind(self) -> Kind:
+        """What the stream's frames hold: those are raw frames."""
+        return self.raw_kind
+
+    @property
     def raw_kind(self) -> Kind:
         """What raw frames hold."""
         return "baseband" if self.is_baseband else "rf"
+
+    @property
+    def n_range(self) -> int:
+        """Bins in one frame (inferred: both ends of the area have one)."""
+        return int((self.area_end_m - self.area_start_m) / self.bin_length_m) + 1
 
     @property
     def carrier_hz(self) -> float:
@@ -197,7 +207,3 @@ class X4Settings:
     def range_offset_m(self) -> float:
         """Range of bin 0, in metres (inferred: the area's start as asked for)."""
         return self.area_start_m
-
-
-ModuleSettings = RadarSettings | X4Settings
-"""Settings of any module that the device class can stream from."""

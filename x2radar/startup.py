@@ -1,6 +1,16 @@
 """From settings to the commands that configure a module and start its stream."""
 
-from x2radar.messages import Message, SetMode, SetOutput, SetSysFloat, SetSysInt
+from x2radar.messages import (
+    LoadProfile,
+    Message,
+    SetDetectionZone,
+    SetLed,
+    SetMode,
+    SetOutput,
+    SetSensitivity,
+    SetSysFloat,
+    SetSysInt,
+)
 from x2radar.messages_x4 import (
     X4Init,
     X4SetCentreFrequency,
@@ -15,8 +25,10 @@ from x2radar.messages_x4 import (
     X4SetPrfDivider,
     X4SetPulsesPerStep,
 )
+from x2radar.module_settings import ModuleSettings
 from x2radar.settings import RadarSettings
-from x2radar.settings_x4 import ModuleSettings, X4Settings
+from x2radar.settings_profile import PROFILES, ProfileSettings
+from x2radar.settings_x4 import X4Settings
 from x2radar.wire_ids import BasebandOutput, Mode, OutputRef, SysCfg
 
 _OUTPUTS = {
@@ -31,7 +43,7 @@ def startup_commands(settings: ModuleSettings) -> tuple[Message, ...]:
 
     Parameters
     ----------
-    settings : RadarSettings or X4Settings
+    settings : RadarSettings, X4Settings or ProfileSettings
         Checked settings.
 
     Returns
@@ -39,7 +51,9 @@ def startup_commands(settings: ModuleSettings) -> tuple[Message, ...]:
     tuple of Message
         Every one is answered by ACK; nothing runs before the last, which starts the stream.
     """
-    return _x4(settings) if isinstance(settings, X4Settings) else _x2(settings)
+    if isinstance(settings, X4Settings):
+        return _x4(settings)
+    return _profile(settings) if isinstance(settings, ProfileSettings) else _x2(settings)
 
 
 def _x2(s: RadarSettings) -> tuple[Message, ...]:
@@ -56,6 +70,19 @@ def _x2(s: RadarSettings) -> tuple[Message, ...]:
         SetSysFloat(SysCfg.SAMPLE_DELAY, s.sample_delay_s),
         SetOutput(OutputRef.BASEBAND, _OUTPUTS[s.output]),
         SetMode(Mode.MANUAL),
+    )
+
+
+def _profile(s: ProfileSettings) -> tuple[Message, ...]:
+    # In the order of clients of real modules: the output between profile and start.
+    return (
+        SetMode(Mode.IDLE),
+        LoadProfile(PROFILES[s.profile].app_id),
+        SetLed(s.led),
+        SetDetectionZone(s.zone_start_m, s.zone_end_m),
+        SetSensitivity(s.sensitivity),
+        SetOutput(OutputRef.BASEBAND, _OUTPUTS[s.output]),
+        SetMode(Mode.RUN),
     )
 
 

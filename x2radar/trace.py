@@ -10,7 +10,7 @@ import numpy as np
 from x2radar.capture import FROM_MODULE, OPENED, TO_MODULE, Capture
 from x2radar.codec import decode_any, decode_command, decode_response
 from x2radar.errors import MessageError
-from x2radar.framing import LineFault, Packet, PacketDecoder
+from x2radar.framing import LineFault, Packet, PacketData, PacketDecoder
 from x2radar.messages import Message
 
 _COMMENT = re.compile(r"//.*|#.*")
@@ -86,7 +86,7 @@ def describe_capture(capture: Capture) -> Iterator[dict[str, Any]]:
         ``{"t_s": seconds, "port": "opened" or "closed"}``. What a capture lacks at its end
         comes last, as a fault.
     """
-    ways: dict[int, tuple[str, PacketDecoder, Callable[[bytes], Message]]] = {
+    ways: dict[int, tuple[str, PacketDecoder, Callable[[PacketData], Message]]] = {
         FROM_MODULE: ("from_module", PacketDecoder(), decode_response),
         TO_MODULE: ("to_module", PacketDecoder(), decode_command),
     }
@@ -106,7 +106,7 @@ def describe_capture(capture: Capture) -> Iterator[dict[str, Any]]:
         yield {"t_s": t_s, "fault": capture.warning}
 
 
-def _describe(item: Packet | LineFault, decode: Callable[[bytes], Message]) -> dict[str, Any]:
+def _describe(item: Packet | LineFault, decode: Callable[[PacketData], Message]) -> dict[str, Any]:
     if isinstance(item, LineFault):
         return {"fault": item.fault.value, "n_bytes": item.n_bytes}
     try:

@@ -4,7 +4,6 @@ A source yields frames and, through `on_notice`, says when the device is lost an
 opens before the first frame is asked for, so that faults of the port come at start.
 """
 
-import random
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -12,15 +11,13 @@ from itertools import chain
 from typing import Protocol
 
 from radard.errors import UsageError
-from x2radar.device import X2Radar
-from x2radar.errors import DeviceError, PortError, ReadTimeout, RecordingError, TransportClosed
+from x2radar.errors import RecordingError
 from x2radar.frame import Frame, StreamInfo
 from x2radar.ports import PortSpec, check_options, make_radar, number_option, parse_port
+from x2radar.reconnect import ReconnectingRadar
 
 Notify = Callable[[str, str], None]
 REPLAY_KEYS = frozenset({"start", "loop"})
-BACKOFF_FIRST_S = 0.25
-BACKOFF_MOST_S = 10.0
 
 
 class FrameSource(Protocol):
@@ -101,7 +98,8 @@ def open_source(
     factor = parse_speed(speed, replay=spec.scheme == "replay")
     if spec.scheme == "replay":
         return ReplaySource(spec, factor)
-    return LiveSource(make_radar(spec, speed=factor), wait, quit_on_loss, on_notice)
+    radar = make_radar(spec, speed=factor)
+    return LiveSource(ReconnectingRadar(radar, wait=wait, quit_on_loss=quit_on_loss), on_notice)
 
 
 class LiveSource:
@@ -109,15 +107,13 @@ class LiveSource:
 
     is_live = True
 
-    def __init__(self, radar: X2Radar, wait: bool, quit_on_loss: bool, on_notice: Notify) -> None:
+    def __init__(self, radar: ReconnectingRadar, on_notice: Notify) -> None:
         self._radar = radar
-        self._quit_on_loss = quit_on_loss
         self._on_notice = on_notice
-        self._closed = False
-        self._first, self._rest = self._start(wait=wait)
-        self.stream: StreamInfo = StreamInfo(
-            self._first.axis, radar.settings.frame_rate_hz, radar.name
-        )
+        self._frames = self._read()
+        self._first = next(self._frames)
+        assert radar.stream is not None  # noqa: S101 - known with the first frame
+        self.stream: StreamInfo = radar.stream
 
     def frames(self) -> Iterator[Frame]:
         """Yield frames; after a loss, the first one is marked as a restart.
@@ -127,49 +123,19 @@ class LiveSource:
         TransportClosed, ReadTimeout, DeviceError
             If the device is lost and is not waited for.
         """
-        first, rest = self._first, self._rest
-        offset, index = 0, -1
-        while True:
-            try:
-                for frame in chain([first], rest):
-                    index = frame.index + offset
-                    moved = frame if not offset else replace(frame, index=index)
-                    if frame is first and offset:
-                        moved = replace(moved, restarted=True)
-                    yield moved
-            except (TransportClosed, ReadTimeout, DeviceError) as err:
-                if self._closed:
-                    return
-                if self._quit_on_loss:
-                    raise
-                self._on_notice("lost", str(err))
-                self._radar.close()
-            if self._closed:
-                return
-            first, rest = self._start(wait=True)
-            offset = index + 1
-            self._on_notice("found", f"{self._radar.name} answers again")
+        return chain([self._first], self._frames)
 
     def close(self) -> None:
         """As in `FrameSource`."""
-        self._closed = True
         self._radar.close()
 
-    def _start(self, *, wait: bool) -> tuple[Frame, Iterator[Frame]]:
-        pause_s = BACKOFF_FIRST_S
-        while True:
-            try:
-                self._radar.open()
-                frames = self._radar.frames()
-                return next(frames), frames
-            except (PortError, TransportClosed, ReadTimeout, DeviceError) as err:
-                self._radar.close()
-                if not wait or self._closed:
-                    raise
-                self._on_notice("lost", str(err))
-            # Jitter keeps several daemons on one hub from knocking at the same time.
-            time.sleep(pause_s * random.uniform(0.8, 1.2))  # noqa: S311 - no secret
-            pause_s = min(2 * pause_s, BACKOFF_MOST_S)
+    def _read(self) -> Iterator[Frame]:
+        for item in self._radar.items():
+            if isinstance(item, Frame):
+                yield item
+            elif item.kind in {"lost", "found"}:
+                # Frames themselves carry gaps and restarts; repeats are dropped.
+                self._on_notice(item.kind, item.reason)
 
 
 class ReplaySource:

@@ -5,8 +5,7 @@ import json
 from dataclasses import asdict
 
 from x2radar.commands import Commands
-from x2radar.discovery import answers, list_ports
-from x2radar.errors import PortError
+from x2radar.discovery import PortRow, list_ports, port_state
 
 
 def register(commands: Commands) -> None:
@@ -17,7 +16,7 @@ def register(commands: Commands) -> None:
         epilog="example:\n  x2radar ports --probe\n",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--probe", action="store_true", help="ping every port")
+    parser.add_argument("--probe", action="store_true", help="ping every port, one after another")
     parser.add_argument("--json", action="store_true", help="one JSON object a port")
     parser.set_defaults(run=_run)
 
@@ -27,17 +26,16 @@ def _run(args: argparse.Namespace) -> int:
     if not rows and not args.json:
         print("no serial ports")
     for row in rows:
-        state = _probe(row.path) if args.probe else ""
+        is_module, state = port_state(row.path) if args.probe else (None, None)
         if args.json:
-            print(json.dumps({**asdict(row), "answer": state or None}))
-            continue
-        parts = (row.path, row.usb_id or "-", row.product or "-", row.known, state, row.by_id)
-        print("  ".join(part for part in parts if part))
+            print(json.dumps({**asdict(row), "is_module": is_module, "state": state}))
+        else:
+            print(_line(row, state))
     return 0
 
 
-def _probe(path: str) -> str:
-    try:
-        return "a module answers" if answers(path) else "no answer"
-    except PortError as err:
-        return str(err)
+def _line(row: PortRow, state: str | None) -> str:
+    known = f"{row.known} ({row.known_from})" if row.known else ""
+    maker = " ".join(part for part in (row.manufacturer, row.product) if part)
+    parts = (row.path, state or "", row.usb_id, maker, row.serial_number, known, row.by_id)
+    return "  ".join(part for part in parts if part)

@@ -43,14 +43,14 @@ def _run(args: argparse.Namespace) -> int:
     radar = make_radar(parse_port(args.port), speed=parse_speed(args.speed))
     paths = (args.file, args.capture_wire) if args.capture_wire else (args.file,)
     _check_space(args, paths)
+    radar.identify()
     settings = asdict(radar.settings)
     with ExitStack() as open_now:
         if args.capture_wire:
             about = {"started_utc": _utc_now(), "port": radar.name, "settings": settings}
             wire = CaptureWriter(args.capture_wire, about)
             open_now.callback(wire.close)
-            # make_radar offers no way in; every port that the radar opens must be wrapped.
-            radar._connect = capturing(radar._connect, wire)
+            radar.wrap_transport(lambda connect: capturing(connect, wire))
         open_now.enter_context(radar)
         frames = radar.frames()
         first = next(frames)

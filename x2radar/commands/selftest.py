@@ -2,14 +2,15 @@
 
 import argparse
 import json
+from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
-from x2radar.command import installed_version
 from x2radar.commands import Commands, check_duration
+from x2radar.device import X2Radar
 from x2radar.errors import RecordingError
 from x2radar.ports import make_radar, parse_port
-from x2radar.selftest import Report, ask_info, collect, judge
 
 
 def register(commands: Commands) -> None:
@@ -22,60 +23,74 @@ def register(commands: Commands) -> None:
     )
     parser.add_argument("--port", required=True, help="device, URL or sim:SCENE")
     parser.add_argument("--duration", type=float, default=10.0, metavar="S", help="seconds (10)")
-    parser.add_argument("--out", type=Path, metavar="FILE", help="keep the frames, to send in")
+    parser.add_argument(
+        "--out",
+        type=Path,
+        metavar="FILE",
+        help="recording to make (x2radar-selftest-TIME.h5, in this folder)",
+    )
     parser.add_argument("--json", action="store_true", help="the report as one JSON object")
     parser.set_defaults(run=_run)
 
 
 def _run(args: argparse.Namespace) -> int:
-    # Late, because h5py takes a while.
-    from x2radar.recording import RecordingWriter  # noqa: PLC0415
+    # Late, as are the recordings below: both load much that other subcommands do without.
+    from x2radar.selftest import selftest, software  # noqa: PLC0415
 
     check_duration(args.duration)
-    if args.out is not None and args.out.exists():
-        msg = f"{args.out}: exists already; recordings are never overwritten"
+    now = datetime.now(UTC)
+    out = args.out or Path(f"x2radar-selftest-{now:%Y%m%dT%H%M%SZ}.h5")
+    if out.exists():
+        msg = f"{out}: exists already; recordings are never overwritten"
         raise RecordingError(msg)
-    with make_radar(parse_port(args.port)) as radar:
-        info = ask_info(radar)
-        frames = collect(radar, args.duration)
-        report = judge(radar, frames)
-        report.info = info
-        if args.out is not None and radar.stream is not None:
-            now = datetime.now(UTC).isoformat(timespec="seconds")
-            with RecordingWriter(
-                args.out,
-                radar.stream,
-                started_utc=now,
-                device={"name": radar.name, **info},
-                settings={},
-            ) as writer:
-                for frame in frames:
-                    writer.write(frame)
-    _print(args, report)
+    radar = make_radar(parse_port(args.port))
+    found = selftest(radar, args.duration)
+    report = {
+        "software": software(),
+        "port": args.port,
+        "started_utc": now.isoformat(timespec="seconds").replace("+00:00", "Z"),
+        "ping": found.ping or None,
+        "info": found.info,
+        "settings": asdict(radar.settings),
+        "figures": found.figures,
+        "verdicts": [verdict._asdict() for verdict in found.verdicts],
+        "recording": str(out) if found.frames else None,
+    }
+    if found.frames:
+        _record(out, radar, found.frames, report)
+    print(json.dumps(report) if args.json else "\n".join(_lines(report)), flush=True)
+    if found.error is not None and not found.frames:
+        raise found.error
     return 0
 
 
-def _print(args: argparse.Namespace, report: Report) -> None:
-    if args.json:
-        print(
-            json.dumps(
-                {
-                    "version": installed_version(),
-                    "port": args.port,
-                    "info": report.info,
-                    "figures": report.figures,
-                    "verdicts": report.verdicts,
-                    "recording": str(args.out) if args.out else None,
-                }
-            )
-        )
-        return
-    print(f"x2radar {installed_version()} on {args.port}")
-    for name, text in report.info.items():
-        print(f"  {name:<24} {text}")
-    for name, value in report.figures.items():
-        print(f"  {name:<24} {value:g}")
-    for verdict, why in report.verdicts:
-        print(f"  {verdict.upper():<5} {why}")
-    if args.out:
-        print(f"the frames are in {args.out}")
+def _record(out: Path, radar: X2Radar, frames: list[Any], report: dict[str, Any]) -> None:
+    from x2radar.recording import RecordingWriter  # noqa: PLC0415
+
+    assert radar.stream is not None  # noqa: S101 - known with the first frame
+    about = {"name": radar.name, **report["info"], "selftest": report}
+    with RecordingWriter(
+        out,
+        radar.stream,
+        started_utc=report["started_utc"],
+        device=about,
+        settings=report["settings"],
+    ) as writer:
+        for frame in frames:
+            writer.write(frame)
+
+
+def _lines(report: dict[str, Any]) -> list[str]:
+    lines = [f"self-test of {report['port']}, {report['started_utc']}"]
+    for title in ("software", "info", "settings", "figures"):
+        lines += [f"{title}:"] if report[title] else []
+        lines += [f"  {name:<24} {_short(value)}" for name, value in report[title].items()]
+    lines.append("verdicts:")
+    lines += [f"  {v['level'].upper():<4} {v['about']:<10} {v['why']}" for v in report["verdicts"]]
+    if report["recording"]:
+        lines.append(f"the recording to send in: {report['recording']}")
+    return lines
+
+
+def _short(value: object) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)

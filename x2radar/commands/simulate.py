@@ -16,14 +16,15 @@ def register(commands: Commands) -> None:
     parser = commands.add_parser(
         "simulate",
         help="serve a simulated module on a pseudo-terminal",
-        epilog=f"faults, with the unit of their value:\n{describe_faults()}",
+        epilog="faults, with the unit of their value (seconds are module time):\n"
+        + describe_faults(),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--scene", default="demo", help="built-in scene or YAML file (demo)")
     parser.add_argument("--seed", type=int, default=0, help="same seed, same frames (0)")
     parser.add_argument("--pty", action="store_true", required=True, help="print a device path")
     parser.add_argument("--speed", default="realtime", help="realtime, max or a factor")
-    parser.add_argument("--fault", metavar="KIND:VALUE,...", help="how it misbehaves")
+    parser.add_argument("--fault", metavar="KIND:VALUE,...", help="what goes wrong; see below")
     parser.set_defaults(run=_run)
 
 

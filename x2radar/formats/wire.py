@@ -6,7 +6,6 @@ from the settings in the capture's head. Read only. Damaged packets are named in
 """
 
 import contextlib
-import dataclasses
 from collections.abc import Iterator, Mapping
 from itertools import islice
 from pathlib import Path
@@ -29,7 +28,9 @@ from x2radar.codec import decode_command
 from x2radar.errors import MessageError, SettingsError
 from x2radar.frame import Frame, StreamInfo
 from x2radar.framing import Packet, PacketDecoder
-from x2radar.messages import SetMode
+from x2radar.messages import Message, SetMode
+from x2radar.messages_x4 import X4SetFrameRate
+from x2radar.module_settings import ModuleSettings, settings_from_mapping
 from x2radar.protocol import Damaged, Received, Session
 from x2radar.settings import RadarSettings
 from x2radar.wire_ids import Mode
@@ -135,16 +136,24 @@ def _starts(host: PacketDecoder, chunk: Chunk) -> bool:
     for item in host.feed(chunk.data):
         if isinstance(item, Packet):
             with contextlib.suppress(MessageError):
-                command = decode_command(item.data)
-                if isinstance(command, SetMode) and command.mode in {Mode.RUN, Mode.MANUAL}:
+                if _is_start(decode_command(item.data)):
                     return True
     return False
 
 
-def _settings(known: Any) -> RadarSettings:
+def _is_start(command: Message) -> bool:
+    match command:
+        case SetMode(Mode.RUN | Mode.MANUAL):
+            return True
+        case X4SetFrameRate(rate_hz):
+            return rate_hz > 0
+        case _:
+            return False
+
+
+def _settings(known: Any) -> ModuleSettings:
     """Return the settings that the head names, as far as this version knows them."""
-    names = {field.name for field in dataclasses.fields(RadarSettings)}
     try:
-        return RadarSettings(**{k: v for k, v in dict(known or {}).items() if k in names})
+        return settings_from_mapping(dict(known or {}))
     except (SettingsError, TypeError, ValueError):
         return RadarSettings()

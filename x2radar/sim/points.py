@@ -1,0 +1,66 @@
+"""What a moving thing is to the radar: scattering centres and their cross sections over time.
+
+Bodies and moving things all give `Points`; rooms add echoes, tiers make frames of them.
+Room coordinates: x to the right and y away from the radar along the floor, z up from the
+floor, in metres. The antenna stands at ``(0, 0, mounting height)``.
+"""
+
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Label = Literal["human", "pet", "other"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Points:
+    """Scattering centres of one thing at given times.
+
+    Attributes
+    ----------
+    position_m : ndarray, shape (n_slow, n_points, 3), float64
+        Where they are, in room coordinates.
+    rcs_m2 : ndarray, shape (n_slow, n_points), float64
+        Monostatic radar cross section towards the antenna; aspect, fluctuation and
+        shadowing included, antenna pattern and multipath not. Zero for a point that is not
+        there.
+    """
+
+    position_m: Array
+    rcs_m2: Array
+
+
+class Mover(Protocol):
+    """A thing that moves; everything random about it was drawn when it was made.
+
+    Attributes
+    ----------
+    label : {'human', 'pet', 'other'}
+        What an alarm should take it for.
+    names : tuple of str
+        Names of its points, such as 'left ankle'.
+    """
+
+    label: Label
+    names: tuple[str, ...]
+
+    def at(self, t_s: Array, antenna_m: Array) -> Points:
+        """Return its points.
+
+        Parameters
+        ----------
+        t_s : ndarray, shape (n_slow,), float64
+            Times since its start, in seconds. Any times in any order give what they would
+            give alone: there is no state.
+        antenna_m : ndarray, shape (3,), float64
+            Where the antenna is, in room coordinates.
+
+        Returns
+        -------
+        Points
+            New arrays.
+        """
+        ...
