@@ -1,16 +1,19 @@
+import contextlib
+
 import numpy as np
 import pytest
 
-from radard.errors import ModelMismatch
-from radard.features import FEATURES, FeatureSettings, extract, feature_shape
-from tests.radar_helpers import dwell_of, noise, walker
+from radard.errors import FeatureError, ModelMismatch
+from radard.features import FEATURES, FeatureSettings, FeatureStream, extract, feature_shape
+from tests.radar_helpers import BASEBAND, copy_ring, dwell_of, noise, walker
+from x2radar.frame import Frame
 
 SETTINGS = FeatureSettings(n_profile=64)
 
 
 def test_shapes_are_as_announced():
     dwell = dwell_of(noise(147))
-    made = extract(dwell, SETTINGS, tuple(FEATURES)).inputs
+    made = extract(dwell, SETTINGS, FEATURES).inputs
     for name, array in made.items():
         assert array.shape == feature_shape(name, SETTINGS)
         assert array.dtype == np.float32
@@ -53,3 +56,38 @@ def test_foreign_settings_are_refused(raw):
 def test_unknown_feature():
     with pytest.raises(ModelMismatch, match="nope"):
         feature_shape("nope", SETTINGS)
+
+
+def dwells_of(frames, lost=()):
+    """The dwells that a ring makes of a stream, each good until the next is asked for."""
+    ring = copy_ring(147, 60.0)
+    n_lost = 0
+    for k, row in enumerate(frames):
+        if k in lost:
+            n_lost += 1
+            continue
+        ring.push(Frame(row, k + 1, k, n_lost, False, BASEBAND))
+        n_lost = 0
+        with contextlib.suppress(TimeoutError):
+            yield ring.take(0)
+
+
+def test_following_dwells_give_what_single_ones_give():
+    frames = noise(400) + walker(400, 60, speed_mps=0.5, start_m=3.5, level=30)
+    stream = FeatureStream(SETTINGS, FEATURES)
+    n_dwells = 0
+    for n_dwells, dwell in enumerate(dwells_of(frames, lost={170, 250}), 1):
+        if n_dwells == 3:
+            continue  # as while the gate is closed
+        alone = extract(dwell, SETTINGS, FEATURES)
+        live = stream.extract(dwell)
+        away = np.linalg.norm(live.spectrogram - alone.spectrogram)
+        assert away <= 2e-6 * np.linalg.norm(alone.spectrogram)
+        for name, values in live.inputs.items():
+            assert np.linalg.norm(values - alone.inputs[name]) <= 2e-6 * np.linalg.norm(values)
+    assert n_dwells == 5
+
+
+def test_a_dwell_shorter_than_a_cpi():
+    with pytest.raises(FeatureError, match="cannot fill a CPI"):
+        extract(dwell_of(noise(20)), SETTINGS, ())

@@ -36,7 +36,7 @@ from x2radar.messages import (
 from x2radar.settings import RadarSettings
 from x2radar.sim.module import BOOT_S, LATEST_S, RESET_DELAY_S, EchoStream, SimulatedModule
 from x2radar.sim.pulse import LinkBudget, rf_echo
-from x2radar.sim.scene import Scene, SceneStep, StaticPoint, load_scene
+from x2radar.sim.scene import load_scene, parse_scene
 from x2radar.wire_ids import (
     BasebandOutput,
     ErrorCode,
@@ -369,7 +369,9 @@ def test_rf_frames():
 
 def test_rf_frames_are_static_clutter_body_and_noise():
     """Frame by frame against the parts of the simulator."""
-    scene = Scene("wall", "", (SceneStep(None, 60.0),), (StaticPoint(2.0, 4e4),))
+    scene = parse_scene(
+        "steps: [{duration_s: 60}]\nclutter: [{range_m: 2, rcs_m2: 4.0e+4}]", "wall", "wall"
+    )
     stream = EchoStream(scene, 0, RadarSettings())
     axis = axis_of("rf")
     wall = np.array([[2.0]])

@@ -1,15 +1,12 @@
-from itertools import islice
-
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from x2radar.errors import SceneError
-from x2radar.sim.motion import SEED_BODIES, draw, ranges
-from x2radar.sim.scene import Scene, SceneClock, SceneStep, builtin_scenes, load_scene
+from x2radar.sim.cast import BODIES
+from x2radar.sim.scene import SceneStep, builtin_scenes, load_scene, scene_names
+from x2radar.sim.things import THINGS
 
-BUILTIN = ["cat", "demo", "dog", "empty", "human"]
 STEP = "steps: [{body: seed_cat, duration_s: 5}]\n"
 
 
@@ -18,14 +15,22 @@ STEP = "steps: [{body: seed_cat, duration_s: 5}]\n"
 
 def test_builtin_scenes():
     scenes = builtin_scenes()
-    assert [scene.name for scene in scenes] == BUILTIN
+    assert tuple(scene.name for scene in scenes) == scene_names()
+    assert {"cat", "demo", "dog", "empty", "human", "seed_human"} <= set(scene_names())
     for scene in scenes:
         assert load_scene(scene.name) == scene
         assert scene.description
         assert scene.description == " ".join(scene.description.split())
-        assert sum(step.duration_s for step in scene.steps) > 0
+        assert scene.steps
+
+
+def test_every_body_and_thing_is_in_some_builtin_scene():
+    named = {actor.kind for scene in builtin_scenes() for actor in scene.background}
+    for scene in builtin_scenes():
         for step in scene.steps:
-            assert step.body is None or step.body in SEED_BODIES
+            for one in (step,) if isinstance(step, SceneStep) else step.steps:
+                named |= {actor.kind for actor in one.actors}
+    assert named == {*BODIES, *THINGS}
 
 
 def test_a_file_says_the_same_as_a_builtin_scene(tmp_path):
@@ -38,8 +43,42 @@ def test_a_file_says_the_same_as_a_builtin_scene(tmp_path):
     scene = load_scene(str(path))
     assert scene.name == "room"
     assert scene.description == "A room, in two lines."
-    assert scene.steps == (SceneStep("seed_dog", 2.0), SceneStep(None, 1.5))
+    dog, nobody = scene.steps
+    assert [(a.kind, dict(a.options)) for a in dog.actors] == [("seed_dog", {})]
+    assert (nobody.actors, nobody.least_s, nobody.most_s) == ((), 1.5, 1.5)
     assert [(p.range_m, p.rcs_m2) for p in scene.clutter] == [(1.0, 2500.0)]
+
+
+FULL = """
+description: Everything at once.
+antenna: {height_m: 1.2, tilt_deg: 10}
+room: {objects_db: 50, diffuse_db: 35, leakage_db: 60, drift_m: 1.0e-5}
+surfaces: [{axis: z, at_m: 0}, {axis: y, at_m: 4, permittivity: 5}]
+tail: {}
+mount: {hum_hz: 12}
+receiver: {jitter_s: 2.0e-13, gain_noise: 1.0e-3, lost_share: 0.01}
+background: [{thing: curtain, position_m: [1, 2.5], probability: 0.5}]
+steps:
+  - duration_s: [2, 4]
+    actors: [{body: seed_human}, {thing: fan, position_m: [0, 2], probability: 0.3}]
+  - one_of:
+      - {weight: 2, body: seed_dog, duration_s: 3}
+      - {duration_s: 1}
+"""
+
+
+def test_everything_that_a_scene_may_name(tmp_path):
+    path = tmp_path / "full.yaml"
+    path.write_text(FULL)
+    scene = load_scene(str(path))
+    assert (scene.antenna.tilt_deg, scene.room.leakage_db, len(scene.surfaces)) == (10, 60, 2)
+    assert scene.tail is not None
+    assert dict(scene.mount) == {"hum_hz": 12}
+    assert scene.receiver.lost_share == 0.01
+    assert scene.background[0].probability == 0.5
+    step, choice = scene.steps
+    assert (step.least_s, step.most_s, len(step.actors)) == (2, 4, 2)
+    assert [s.weight for s in choice.steps] == [2, 1]
 
 
 def test_description_and_clutter_may_be_left_out_or_empty(tmp_path):
@@ -51,24 +90,27 @@ def test_description_and_clutter_may_be_left_out_or_empty(tmp_path):
 
 
 FAULTS = [
-    ("", "must be a mapping with the keys clutter, description, steps"),
+    ("", "must be a mapping with the keys description, like, steps, background"),
     ("# nothing but a comment\n", "must be a mapping"),
     ("- 1\n- 2\n", "must be a mapping"),
     ("steps: {}\n", "steps: must be a list"),
     ("steps: []\n", "steps: must be a list with at least one step"),
     ("description: only words\n", "steps: must be a list"),
-    (STEP + "colour: red\n", ".colour: unknown key; known are clutter, description, steps"),
+    (
+        STEP + "colour: red\n",
+        ".colour: unknown key; did you mean clutter? known are description, like",
+    ),
     (STEP + "1: 2\n", ".1: unknown key"),
     (STEP + "description: [a, b]\n", "description: must be text"),
     (STEP + "description: 2020-13-45\n", "not YAML"),
     (STEP + "clutter: wall\n", "clutter: must be a list"),
     (STEP + "clutter: 0\n", "clutter: must be a list"),
     (STEP + "clutter: {range_m: 1, rcs_m2: 1}\n", "clutter: must be a list"),
-    (STEP + "clutter: [3]\n", "clutter[0]: must be a mapping with the keys range_m, rcs_m2"),
+    (STEP + "clutter: [3]\n", "clutter[0]: must be a mapping with keys of range_m, rcs_m2"),
     (STEP + "clutter: [{range_m: 1}]\n", "clutter[0].rcs_m2: must be a number"),
     (STEP + "clutter: [{range_m: 0, rcs_m2: 1}]\n", "clutter[0].range_m: 0 is not in 0.1 to 1000"),
     (STEP + "clutter: [{range_m: 1, rcs_m2: -1}]\n", "clutter[0].rcs_m2: -1 is not in 0 to 1e+09"),
-    ("steps: [walk]\n", "steps[0]: must be a mapping with the keys body, duration_s"),
+    ("steps: [walk]\n", "steps[0]: must be a mapping with the keys duration_s, actors"),
     ("steps: [{duration_s: 1}, {duration: 1}]\n", "steps[1].duration: unknown key"),
     ("steps: [{body: seed_cat}]\n", "steps[0].duration_s: must be a number"),
     ("steps: [{duration_s: '5'}]\n", "steps[0].duration_s: must be a number"),
@@ -82,11 +124,28 @@ FAULTS = [
     ("steps: [{duration_s: .inf}]\n", "steps[0].duration_s: inf is not in"),
     ("steps: [{duration_s: 1" + "0" * 400 + "}]\n", "steps[0].duration_s: 1000"),
     ("steps: [{duration_s: 1" + "0" * 5000 + "}]\n", "not YAML"),
-    ("steps: [{body: horse, duration_s: 1}]\n", "steps[0].body: no body 'horse'; known are seed_"),
+    (
+        "steps: [{body: horse, duration_s: 1}]\n",
+        "steps[0].body: no body 'horse'; known are human, cat",
+    ),
     ("steps: [{body: '', duration_s: 1}]\n", "steps[0].body: no body ''"),
     ("steps: [{body: 7, duration_s: 1}]\n", "steps[0].body: no body '7'"),
     ("steps: [{body: [seed_cat], duration_s: 1}]\n", "steps[0].body: no body"),
     ("steps: [{body: {a: 1}, duration_s: 1}]\n", "steps[0].body: no body"),
+    ("steps: [{body: seed_cat, style: walk, duration_s: 1}]\n", "steps[0].style: unknown key"),
+    ("steps: [{body: seed_cat, thing: fan, duration_s: 1}]\n", "name one body or one thing"),
+    ("steps: [{thing: fan, duration_s: 1}]\n", "steps[0].position_m"),
+    ("steps: [{thing: fan, position_m: [0, 2], rate: 3, duration_s: 1}]\n", "steps[0].rate"),
+    ("steps: [{duration_s: [2, 1]}]\n", "steps[0].duration_s: 2 is above 1"),
+    ("steps: [{one_of: []}]\n", "steps[0].one_of: must be a list with at least one"),
+    ("steps: [{one_of: [{duration_s: 1, weight: -1}]}]\n", "steps[0].one_of[0].weight: -1"),
+    ("steps: [{duration_s: 1, actors: [{}]}]\n", "steps[0].actors[0]: must name one body"),
+    ("steps: [{duration_s: 1, actors: [{body: seed_cat, probability: 2}]}]\n", "probability: 2"),
+    (STEP + "receiver: {jitter: 1}\n", "receiver.jitter: unknown key; did you mean jitter_s"),
+    (STEP + "antenna: {height_m: -1}\n", "antenna.height_m: -1 is not in"),
+    (STEP + "surfaces: [{axis: w}]\n", "surfaces[0].axis: must be one of x, y, z"),
+    (STEP + "background: [{thing: ghost}]\n", "background[0].thing: no thing 'ghost'"),
+    (STEP + "mount: {hum_hz: 0}\n", "mount.hum_hz: 0 is not in"),
     ("steps: [\n", "not YAML"),
     ("\tsteps: 1\n", "not YAML"),
     ("steps: !!python/object/apply:os.getcwd []\n", "not YAML"),
@@ -120,7 +179,7 @@ def test_files_that_cannot_be_read(tmp_path):
 
 @pytest.mark.parametrize("name", ["humans", "", "human.yam", "../scenes/human"])
 def test_unknown_scene_names_the_known_ones(name):
-    with pytest.raises(SceneError, match="cat, demo, dog, empty, human") as caught:
+    with pytest.raises(SceneError, match="'x2radar scenes' lists them") as caught:
         load_scene(name)
     assert f"'{name}'" in str(caught.value)
 
@@ -131,74 +190,3 @@ def test_any_text_is_a_scene_or_a_scene_error(tmp_path_factory, text):
     path.write_text(text, encoding="utf-8", errors="surrogatepass")
     with pytest.raises(SceneError):
         load_scene(str(path))
-
-
-# ---------------------------------------------------------------- clock
-
-
-SCENE = Scene(
-    "test",
-    "",
-    (SceneStep("seed_human", 1.0), SceneStep(None, 0.5), SceneStep("seed_cat", 0.25)),
-)
-
-
-def frames_of(scene, seed, sizes, *, rate_hz=60.0):
-    """(ranges, cross sections) of single frames, taken in blocks of at most `sizes`."""
-    clock = SceneClock(scene, seed, rate_hz)
-    for most in sizes:
-        block = clock.next_block(most)
-        assert 1 <= len(block.range_m) <= most
-        for row in block.range_m:
-            yield row, block.rcs_m2
-
-
-def same(a, b):
-    return all(np.array_equal(x, y) for x, y in zip(a, b, strict=True))
-
-
-@given(st.lists(st.integers(1, 100), min_size=1, max_size=30), st.integers(0, 2**40))
-def test_blocks_of_any_size_give_the_same_frames(sizes, seed):
-    frames = list(frames_of(SCENE, seed, sizes))
-    single = islice(frames_of(SCENE, seed, [1] * 5000), len(frames))
-    assert all(same(a, b) for a, b in zip(frames, single, strict=True))
-
-
-def test_blocks_end_where_steps_end():
-    clock = SceneClock(SCENE, 0, 60.0)
-    blocks = [clock.next_block(1000) for _ in range(7)]
-    assert [b.range_m.shape for b in blocks[:3]] == [(60, 5), (30, 0), (15, 5)]
-    assert [b.range_m.shape for b in blocks[3:6]] == [(60, 5), (30, 0), (15, 5)]
-
-
-def test_every_step_is_a_draw_of_its_own_number():
-    clock = SceneClock(SCENE, 9, 60.0)
-    for number, (body, n) in enumerate([("seed_human", 60), (None, 30), ("seed_cat", 15)] * 3):
-        block = clock.next_block(1000)
-        drawn = draw(SEED_BODIES[body], np.random.default_rng([9, number])) if body else ()
-        range_m, rcs_m2 = ranges(drawn, np.arange(n) / 60)
-        assert np.array_equal(block.range_m, range_m)
-        assert np.array_equal(block.rcs_m2, rcs_m2)
-
-
-def test_repeats_bring_other_draws_and_seeds_other_scenes():
-    clock = SceneClock(SCENE, 0, 60.0)
-    blocks = [clock.next_block(1000) for _ in range(6)]
-    assert not np.array_equal(blocks[0].range_m, blocks[3].range_m)
-    assert not np.array_equal(blocks[0].rcs_m2, blocks[3].rcs_m2)
-    other = SceneClock(SCENE, 1, 60.0).next_block(1000)
-    assert not np.array_equal(blocks[0].range_m, other.range_m)
-
-
-def test_a_step_is_never_shorter_than_a_frame():
-    scene = Scene("short", "", (SceneStep("seed_cat", 0.1), SceneStep(None, 0.1)))
-    clock = SceneClock(scene, 0, 1.0)
-    assert [len(clock.next_block(10).range_m) for _ in range(4)] == [1, 1, 1, 1]
-
-
-@pytest.mark.parametrize("rate_hz", [1.0, 60.0, 1000.0])
-def test_time_runs_with_the_frame_rate(rate_hz):
-    scene = Scene("long", "", (SceneStep("seed_dog", 100.0),))
-    range_m = np.array([row for row, _ in frames_of(scene, 3, [7] * 14, rate_hz=rate_hz)])
-    drawn = draw(SEED_BODIES["seed_dog"], np.random.default_rng([3, 0]))
-    assert np.array_equal(range_m, ranges(drawn, np.arange(98) / rate_hz)[0])

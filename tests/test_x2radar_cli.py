@@ -149,7 +149,11 @@ WRONG = [
     (["decode", "missing.txt"], 66, "x2radar: missing.txt: cannot be read: No such file"),
     (["decode", "folder"], 66, "x2radar: folder: cannot be read: Is a directory"),
     (["simulate"], 2, "x2radar simulate: the following arguments are required: --pty"),
-    (["simulate", "--pty", "--scene", "nobody"], 66, "x2radar: no scene 'nobody'; built-in"),
+    (
+        ["simulate", "--pty", "--scene", "nobody"],
+        66,
+        "no scene 'nobody'; 'x2radar scenes'",
+    ),
     (["simulate", "--pty", "--scene", "missing.yaml"], 66, "x2radar: missing.yaml: cannot read"),
     (["simulate", "--pty", "--scene", "bad.yaml"], 66, "bad.yaml: steps[0].body: no body 'horse'"),
     (["simulate", "--pty", "--scene", "binary.yaml"], 66, "x2radar: binary.yaml: cannot read"),

@@ -25,6 +25,8 @@ from x2radar.sim.firmware import X2Firmware, X4Firmware
 from x2radar.sim.host import connect as connect_sim
 from x2radar.sim.module import SimulatedModule
 from x2radar.sim.scene import load_scene
+from x2radar.sim.stage import check_swath
+from x2radar.sim.stream import stream_axis
 from x2radar.transport import SerialTransport, Transport
 
 _KINDS = {"rf": "rf", "baseband": "iq"}
@@ -134,12 +136,29 @@ def make_radar(
         msg = f"port 'replay:{spec.target}': a recording is no radar that can be opened"
         raise SettingsError(msg)
     check_options(spec, SIM_KEYS if spec.scheme == "sim" else SERIAL_KEYS)
-    chosen = settings or _settings(spec)
-    return X2Radar(_connector(spec, speed), chosen, name=f"{spec.scheme}:{spec.target}")
+    chosen = settings or port_settings(spec)
+    connect = _connector(spec, speed, chosen)
+    return X2Radar(connect, chosen, name=f"{spec.scheme}:{spec.target}")
 
 
-def _settings(spec: PortSpec) -> ModuleSettings | SettingsChooser:
-    """Return what the keys ask for, checked; for device=auto what follows from the module."""
+def port_settings(spec: PortSpec) -> ModuleSettings | SettingsChooser:
+    """Return the settings that the keys of a port string ask for.
+
+    Parameters
+    ----------
+    spec : PortSpec
+        From `parse_port`; 'sim' or 'serial'.
+
+    Returns
+    -------
+    RadarSettings, X4Settings, ProfileSettings or callable
+        For device=auto, what gives them for the module's order code.
+
+    Raises
+    ------
+    SettingsError
+        If a key's value makes no sense.
+    """
     device = spec.options.get("device", "x2raw" if spec.scheme == "sim" else "auto")
     known = DEVICES[1:] if spec.scheme == "sim" else DEVICES
     if device not in known:
@@ -184,7 +203,9 @@ _MAKERS: Mapping[str, Callable[[PortSpec], ModuleSettings]] = {
 }
 
 
-def _connector(spec: PortSpec, speed: float | None) -> Callable[[], Transport]:
+def _connector(
+    spec: PortSpec, speed: float | None, settings: ModuleSettings | SettingsChooser
+) -> Callable[[], Transport]:
     if spec.scheme == "serial":
         if spec.target == "auto":
             # Asked at every connection: a module that was unplugged may come back elsewhere.
@@ -196,6 +217,9 @@ def _connector(spec: PortSpec, speed: float | None) -> Callable[[], Transport]:
         msg = f"port key 'seed': '{text}' must be a whole number from 0 up"
         raise SettingsError(msg)
     seed, scene = int(text), load_scene(spec.target)
+    if not callable(settings):
+        range_m = stream_axis(settings).range_m
+        check_swath(scene, float(range_m[0]), float(range_m[-1]))
     faults = parse_faults(spec.options["fault"]) if "fault" in spec.options else None
     firmware = X4Firmware if spec.options.get("device") == "x4m03" else X2Firmware
     return lambda: connect_sim(

@@ -16,6 +16,26 @@ GateState = Literal["open", "closed", "invalid"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class TrackVerdict:
+    """One body, judged by itself: by what moves within its own range gate.
+
+    Attributes
+    ----------
+    id : int
+        Number of the track.
+    range_m, radial_velocity_mps : float
+        At the end of the dwell; approaching is positive.
+    window : Probabilities or None
+        Of this window; None without a model.
+    """
+
+    id: int
+    range_m: float
+    radial_velocity_mps: float
+    window: Probabilities | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Decision:
     """What was decided on one dwell.
 
@@ -38,6 +58,8 @@ class Decision:
         The verdict of this decision.
     frames, dropped : int
         Frames in the dwell and frames missing in it.
+    tracks : tuple of TrackVerdict
+        Bodies that are followed; none while the gate is closed.
     fault : str
         Why the window is invalid; empty otherwise.
     t_mono_s : float
@@ -54,6 +76,7 @@ class Decision:
     alarm: bool
     frames: int
     dropped: int
+    tracks: tuple[TrackVerdict, ...] = ()
     fault: str = ""
     t_mono_s: float = 0.0
 

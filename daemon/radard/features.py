@@ -5,7 +5,8 @@ feature is a row of `FEATURES`. Masked columns of the spectrogram, those whose C
 lost frame, take the mean of the others, so that they add nothing at any cadence but zero.
 """
 
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -13,8 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radard.dsp.cadence import cadence_velocity_diagram, extent_profile, type1_vector
-from radard.dsp.doppler import micro_doppler
-from radard.errors import ModelMismatch
+from radard.dsp.columns import SharedSteps
+from radard.dsp.grid import time_cells
+from radard.dsp.range_time import RangeTimeMap
+from radard.dsp.streaming import StreamingDoppler
+from radard.dsp.velocity import CPI_S, VelocityTransform
+from radard.errors import FeatureError, ModelMismatch
+from radard.maps import shown
 from radard.ring import Dwell
 
 
@@ -27,13 +33,24 @@ class FeatureSettings:
     dwell_s : float
         Length of the spectrogram, in seconds.
     n_cpi : int
-        Frames in a CPI.
+        Frames in a CPI of the spectrogram.
     n_cadence : int
         Columns of the cadence velocity diagram that are used.
     n_profile : int
         Length of the range profile of the type 2 vector.
     range_decimation : int
         Keep every so many range bins behind the matched filter.
+    clutter : {'cpi', 'removed'}
+        Frames as they come, each CPI losing its own mean; or without the clutter map and
+        its jitter (`radard.clutter_map`).
+    cell_s : float
+        Time cell of the maps, in seconds.
+    velocity_max_mps, velocity_step_mps : float
+        Grid of the velocity-time map.
+    near_m, far_m, cell_m : float
+        Grid of the range-time map; cells outside the swath stay empty.
+    velocity_depth_db, range_depth_db : float
+        What is shown of the maps, see `radard.maps`.
     """
 
     dwell_s: float = 2.0
@@ -41,20 +58,48 @@ class FeatureSettings:
     n_cadence: int = 28
     n_profile: int = 392
     range_decimation: int = 1
+    clutter: str = "cpi"
+    cell_s: float = 0.05
+    velocity_max_mps: float = 5.0
+    velocity_step_mps: float = 0.1
+    near_m: float = 0.4
+    far_m: float = 4.4
+    cell_m: float = 0.1
+    velocity_depth_db: float = 25.0
+    range_depth_db: float = 30.0
 
     @classmethod
     def from_mapping(cls, raw: Mapping[str, Any]) -> "FeatureSettings":
         """Read the settings of a sidecar; raise ModelMismatch on an unknown or wrong one."""
-        known = {f.name: f.type for f in fields(cls)}
+        known = {f.name: f.default for f in fields(cls)}
         for key, value in raw.items():
             if key not in known:
                 msg = f"features.{key}: unknown setting; this radard is too old for the bundle"
                 raise ModelMismatch(msg)
-            whole = key != "dwell_s"
-            if isinstance(value, bool) or not isinstance(value, int if whole else (int, float)):
-                msg = f"features.{key}: {value!r} is not a number of the right kind"
+            if key == "clutter":
+                is_right = value in CLUTTER
+            else:
+                kinds = (int,) if isinstance(known[key], int) else (int, float)
+                is_right = isinstance(value, kinds) and not isinstance(value, bool)
+            if not is_right:
+                msg = f"features.{key}: {value!r} is not a value of the right kind"
                 raise ModelMismatch(msg)
         return cls(**raw)
+
+    @property
+    def n_cells(self) -> int:
+        """Time cells of a map."""
+        return max(1, round(self.dwell_s / self.cell_s))
+
+    @property
+    def n_velocity(self) -> int:
+        """Rows of the velocity-time map."""
+        return 2 * int(self.velocity_max_mps / self.velocity_step_mps + 1e-9) + 1
+
+    @property
+    def n_range_cells(self) -> int:
+        """Rows of the range-time map."""
+        return max(1, int((self.far_m - self.near_m) / self.cell_m + 1e-9))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,9 +109,9 @@ class FeatureSet:
     Attributes
     ----------
     spectrogram : ndarray, shape (n_cpi, n_seg), float32
-        mu, linear power.
+        mu, linear power; empty unless a feature needs it.
     cvd : ndarray, shape (n_cpi, n_seg), float32
-        D, magnitude.
+        D, magnitude; empty unless a feature needs it.
     inputs : mapping of str to ndarray, float32
         The features that were asked for, by name.
     """
@@ -76,75 +121,166 @@ class FeatureSet:
     inputs: Mapping[str, NDArray[np.float32]]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Parts:
-    dwell: Dwell
-    settings: FeatureSettings
-    cvd: NDArray[np.float32]
-
-
-def _seed_type1(parts: _Parts) -> NDArray[np.float32]:
-    return type1_vector(parts.cvd, parts.settings.n_cadence)
-
-
-def _seed_type2(parts: _Parts) -> NDArray[np.float32]:
-    s = parts.settings
-    profile = extent_profile(parts.dwell.frames, s.n_cpi, s.n_profile)
-    return np.concatenate([profile, _seed_type1(parts)])
-
-
-FEATURES: Mapping[str, Callable[[_Parts], NDArray[np.float32]]] = {
-    "seed_type1": _seed_type1,
-    "seed_type2": _seed_type2,
-}
+SEED_FEATURES = ("seed_type1", "seed_type2")
+MAP_FEATURES = ("velocity_time", "range_time")
+FEATURES = (*SEED_FEATURES, *MAP_FEATURES)
 """Every feature that a network may ask for."""
+CLUTTER = ("cpi", "removed")
+_EMPTY = np.zeros((0, 0), np.float32)
 
 
 def feature_shape(name: str, settings: FeatureSettings) -> tuple[int, ...]:
     """Return the shape of a feature; raise ModelMismatch if there is no such feature."""
     n_type1 = settings.n_cpi * settings.n_cadence
-    shapes = {"seed_type1": (n_type1,), "seed_type2": (n_type1 + settings.n_profile,)}
+    shapes = {
+        "seed_type1": (n_type1,),
+        "seed_type2": (n_type1 + settings.n_profile,),
+        "velocity_time": (settings.n_velocity, settings.n_cells),
+        "range_time": (settings.n_range_cells, settings.n_cells),
+    }
     if name not in shapes:
         msg = f"feature '{name}': unknown; this radard makes {', '.join(FEATURES)}"
         raise ModelMismatch(msg)
     return shapes[name]
 
 
-def extract(dwell: Dwell, settings: FeatureSettings, names: tuple[str, ...]) -> FeatureSet:
-    """Return the features of one dwell.
+class FeatureStream:
+    """Features of a stream's dwells: what the last dwell has made is not made again.
+
+    Dwells may be left out, as while the gate is closed; a dwell that does not follow on the
+    last one is taken whole. Live, replayed and single dwells give the same features: to
+    1e-6 of a map's power, the bound of `StreamingDoppler`.
 
     Parameters
     ----------
-    dwell : Dwell
-        Whole enough to be judged (`Dwell.is_whole`).
     settings : FeatureSettings
         From the bundle.
     names : tuple of str
-        Rows of `FEATURES`.
-
-    Returns
-    -------
-    FeatureSet
-        Arrays of its own; nothing points into the dwell.
-
-    Raises
-    ------
-    FeatureError
-        If the dwell is too short for the settings.
+        The features wanted, of `FEATURES`.
     """
-    spectrogram = micro_doppler(dwell.frames, settings.n_cpi)
-    if dwell.n_lost:
-        _mask(spectrogram, dwell.valid, settings.n_cpi)
-    cvd = cadence_velocity_diagram(spectrogram)
-    parts = _Parts(dwell, settings, cvd)
-    return FeatureSet(spectrogram, cvd, {name: FEATURES[name](parts) for name in names})
+
+    def __init__(self, settings: FeatureSettings, names: tuple[str, ...]) -> None:
+        self._settings = settings
+        self._names = names
+        self._streams: _Streams | None = None
+        self._end_frame = 0
+
+    def extract(self, dwell: Dwell) -> FeatureSet:
+        """Return the features of one dwell.
+
+        Parameters
+        ----------
+        dwell : Dwell
+            Whole enough to be judged (`Dwell.is_whole`).
+
+        Returns
+        -------
+        FeatureSet
+            Arrays of its own; nothing points into the dwell.
+
+        Raises
+        ------
+        FeatureError
+            If the dwell is too short for the settings.
+        """
+        settings = self._settings
+        n_slow = len(dwell.frames)
+        n_columns = n_slow - settings.n_cpi + 1
+        if n_columns < 1:
+            msg = f"{n_slow} frames cannot fill a CPI of {settings.n_cpi}"
+            raise FeatureError(msg)
+        n_new = dwell.end_frame - self._end_frame
+        streams = self._streams
+        if streams is None or not 0 < n_new < n_slow:
+            self._streams = streams = _Streams(settings, self._names, dwell)
+            n_new = n_slow
+        streams.push(dwell.frames[-n_new:], dwell.valid[-n_new:])
+        self._end_frame = dwell.end_frame
+        spectrogram = cvd = _EMPTY
+        inputs: dict[str, NDArray[np.float32]] = {}
+        if streams.doppler is not None:
+            spectrogram = _spectrogram(streams.doppler, n_columns)
+            cvd = cadence_velocity_diagram(spectrogram)
+            type1 = type1_vector(cvd, settings.n_cadence)
+            inputs["seed_type1"] = type1
+            if "seed_type2" in self._names:
+                profile = extent_profile(dwell.frames, settings.n_cpi, settings.n_profile)
+                inputs["seed_type2"] = np.concatenate([profile, type1])
+        if streams.velocity is not None:
+            inputs["velocity_time"] = _velocity_time(streams.velocity, dwell, settings)
+        if streams.ranges is not None:
+            power, valid = streams.ranges.cells(
+                dwell.frame_rate_hz, cell_s=settings.cell_s, n_cells=settings.n_cells
+            )
+            inputs["range_time"] = shown(power, valid, settings.range_depth_db)
+        return FeatureSet(spectrogram, cvd, {name: inputs[name] for name in self._names})
 
 
-def _mask(spectrogram: NDArray[np.float32], valid: NDArray[np.bool_], n_cpi: int) -> None:
-    """Put the mean of the whole columns in place of those that a lost frame touches."""
-    lost = np.concatenate(([0], np.cumsum(~valid)))
-    touched = (lost[n_cpi:] - lost[:-n_cpi]) > 0
-    if touched.all():
+class _Streams:
+    """The maps that some features need, fed together."""
+
+    def __init__(self, settings: FeatureSettings, names: tuple[str, ...], dwell: Dwell) -> None:
+        n_keep = len(dwell.frames)
+        rate_hz = dwell.frame_rate_hz
+        self.doppler: StreamingDoppler | None = None
+        self.velocity: VelocityTransform | None = None
+        self.ranges: RangeTimeMap | None = None
+        for name in names:
+            feature_shape(name, settings)
+        # Without any feature the spectrogram is what is asked for.
+        if not names or not set(SEED_FEATURES).isdisjoint(names):
+            self.doppler = StreamingDoppler(settings.n_cpi, n_keep=n_keep)
+        if "velocity_time" in names:
+            self.velocity = VelocityTransform(
+                dwell.axis,
+                rate_hz,
+                max_mps=settings.velocity_max_mps,
+                step_mps=settings.velocity_step_mps,
+                column_rate_hz=1 / settings.cell_s,
+                n_keep=n_keep,
+            )
+        if "range_time" in names:
+            self.ranges = RangeTimeMap(
+                dwell.axis,
+                max(4, round(CPI_S * rate_hz)),
+                cell_m=settings.cell_m,
+                near_m=settings.near_m,
+                far_m=settings.far_m,
+                n_keep=n_keep,
+            )
+        made = (self.doppler, self.velocity, self.ranges)
+        self._shared = SharedSteps(*(stream for stream in made if stream is not None))
+
+    def push(self, frames: NDArray[np.complex64], valid: NDArray[np.bool_]) -> None:
+        self._shared.push(frames, valid)
+
+
+def _spectrogram(doppler: StreamingDoppler, n_columns: int) -> NDArray[np.float32]:
+    columns = doppler.columns(n_columns)
+    spectrogram = np.minimum(columns, np.finfo(np.float32).max).astype(np.float32)
+    valid = doppler.columns_valid(n_columns)
+    if not valid.any():
         spectrogram[:] = 0
-    else:
-        spectrogram[:, touched] = spectrogram[:, ~touched].mean(axis=1, keepdims=True)
+    elif not valid.all():
+        spectrogram[:, ~valid] = spectrogram[:, valid].mean(axis=1, keepdims=True)
+    return spectrogram
+
+
+def _velocity_time(
+    transform: VelocityTransform, dwell: Dwell, settings: FeatureSettings
+) -> NDArray[np.float32]:
+    rate_hz = dwell.frame_rate_hz / transform.stride
+    n = min(transform.n_columns, math.ceil(settings.dwell_s * rate_hz) + 1)
+    power, valid = time_cells(
+        transform.columns(n),
+        transform.columns_valid(n),
+        rate_hz,
+        cell_s=settings.cell_s,
+        n_cells=settings.n_cells,
+    )
+    return shown(power, valid, settings.velocity_depth_db)
+
+
+def extract(dwell: Dwell, settings: FeatureSettings, names: tuple[str, ...]) -> FeatureSet:
+    """Return the features of a single dwell; see `FeatureStream.extract`."""
+    return FeatureStream(settings, names).extract(dwell)

@@ -12,8 +12,13 @@ With p the residual power of a bin, k the threshold and the background b >= nois
     background = mean over bins of min(p, k b)
     open if  mean(p) > background + (k - 1) noise
 
-In an empty room that is k times the noise. Powers are dB of 10 log10(mean residual power
-per bin and frame), in sample units squared.
+In an empty room that is k times the noise. Noise, background and k are per range bin: noise
+from the stream (`radard.noise_floor`) or, with k, from a calibration file. Powers are dB of
+10 log10(mean residual power per bin and frame), in sample units squared.
+
+k is fixed, or adaptive: then it follows how far the power of closed dwells stands over the
+floor and how much that varies, slowly and within bounds, so that a quiet room becomes more
+sensitive and a restless one less.
 """
 
 from collections import deque
@@ -22,10 +27,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from radard.dsp.clutter import centre_spread_m, noise_power, residual_power
+from radard.calibration import Calibration
+from radard.dsp.clutter import block_power, centre_spread_m, sound_rows
+from radard.dsp.noise import second_differences
+from radard.noise_floor import NoiseFloor
 from radard.ring import Dwell
 
 _TINY = 1e-300
+_SIGMAS = 8.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,6 +55,14 @@ class GateSettings:
         Motion that wanders less than this within a dwell is in place, in metres.
     cpi_s : float
         Motion slower than one cycle in this time counts as clutter, in seconds.
+    floor_rate_db_per_s : float
+        Most that a bin's noise floor moves against the others, in dB per second.
+    is_adaptive : bool
+        Whether the threshold adapts; it begins at `threshold_db`.
+    least_db, most_db : float
+        Between these an adaptive threshold stays, in dB.
+    threshold_rate_db_per_s : float
+        Most that an adaptive threshold moves, in dB per second.
     """
 
     threshold_db: float = 6.0
@@ -54,6 +71,11 @@ class GateSettings:
     learn_s: float = 20.0
     in_place_m: float = 0.2
     cpi_s: float = 28 / 60
+    floor_rate_db_per_s: float = 0.5
+    is_adaptive: bool = False
+    least_db: float = 3.0
+    most_db: float = 15.0
+    threshold_rate_db_per_s: float = 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,19 +112,33 @@ class Gate:
         Threshold and learning.
     hop_s : float
         Stream time between dwells, in seconds.
+    calibration : Calibration, optional
+        Floors and thresholds instead of those of stream and settings; checked against the
+        stream by whoever loads it.
     """
 
-    def __init__(self, settings: GateSettings, hop_s: float = 1.0) -> None:
+    def __init__(
+        self, settings: GateSettings, hop_s: float = 1.0, calibration: Calibration | None = None
+    ) -> None:
         self._settings = settings
+        self._calibration = calibration
+        self._hop_s = hop_s
         n_memory = max(1, round(settings.memory_s / hop_s))
         self._n_learn = max(1, round(settings.learn_s / hop_s))
-        self._noise: deque[float] = deque(maxlen=n_memory)
+        self._noise = NoiseFloor(n_memory, settings.floor_rate_db_per_s * hop_s)
         self._in_place: deque[NDArray[np.float64] | None] = deque(maxlen=n_memory)
+        self._quiet_db: deque[float] = deque(maxlen=n_memory)
+        self._threshold_db = settings.threshold_db
+        self.background: NDArray[np.float64] = np.zeros(0)
+        """Noise and learned background of every bin at the last dwell, in sample units
+        squared, ndarray, shape (n_range,), float64."""
 
     def reset(self) -> None:
         """Forget what was learned, as after a restart of the module."""
-        self._noise.clear()
+        self._noise.reset()
         self._in_place.clear()
+        self._quiet_db.clear()
+        self._threshold_db = self._settings.threshold_db
 
     def read(self, dwell: Dwell) -> GateReading:
         """Judge one dwell and learn from it.
@@ -110,45 +146,63 @@ class Gate:
         Parameters
         ----------
         dwell : Dwell
-            Whole enough to be judged.
+            Whole enough to be judged; with or without its static clutter.
 
         Returns
         -------
         GateReading
-            A stream without any power is closed.
+            A stream without any power is closed, and so is a dwell without a usable CPI.
         """
         s = self._settings
         n_cpi = min(max(4, round(s.cpi_s * dwell.frame_rate_hz)), len(dwell.frames))
-        # Squares are taken in float32: scaled to at most one, no unit of the samples is too
-        # small or too large for that.
-        scale = float(np.abs(dwell.frames).max()) or 1.0
-        frames = dwell.frames / np.float32(scale)
-        cpi_power = residual_power(frames, dwell.valid, n_cpi) * scale**2
-        self._noise.append(noise_power(frames, dwell.valid) * scale**2)
-        noise = min(self._noise)
-        floor = self._floor(noise, len(dwell.axis.range_m))
-        power = cpi_power.mean(axis=0)
+        rows, usable, scale = sound_rows(dwell.frames, dwell.valid)
+        unit = scale**2
+        cpi_power = block_power(rows, usable, n_cpi, 1)[0][:, 0]
+        noise, floor = self._noise.update(second_differences(rows, usable), cpi_power, n_cpi, unit)
+        if self._calibration is not None:
+            floor = self._calibration.floor
+        cpi_power *= unit
+        power = cpi_power.mean(axis=0) if len(cpi_power) else np.zeros(len(floor))
+        self.background = self._learned(noise, floor)
         spread_m = centre_spread_m(cpi_power, noise, dwell.axis.range_m)
         self._in_place.append(power if spread_m < s.in_place_m else None)
 
-        k = 10 ** (s.threshold_db / 10)
-        background = np.minimum(power, k * floor)
-        threshold = float(background.mean()) + (k - 1) * noise
+        over = self._over()
+        background = np.minimum(power, over * self.background)
+        threshold = float((background + (over - 1) * floor).mean())
         mean = float(power.mean())
-        return GateReading(
+        reading = GateReading(
             mean > threshold,
             _db(mean),
-            _db(float(floor.mean())),
+            _db(float(self.background.mean())),
             _db(threshold),
             float(dwell.axis.range_m[int(np.argmax(power - background))]),
         )
+        if s.is_adaptive and not reading.is_open and mean > 0:
+            self._adapt(reading.power_db - reading.noise_floor_db)
+        return reading
 
-    def _floor(self, noise: float, n_range: int) -> NDArray[np.float64]:
+    def _over(self) -> float | NDArray[np.float64]:
+        if self._calibration is not None:
+            return np.asarray(10 ** (self._calibration.threshold_db / 10))
+        return float(10 ** (self._threshold_db / 10))
+
+    def _learned(self, noise: float, floor: NDArray[np.float64]) -> NDArray[np.float64]:
         learned = [power for power in self._in_place if power is not None]
         if len(learned) < self._n_learn:
-            return np.full(n_range, noise)
+            return floor
         most = noise * 10 ** (self._settings.adapt_db / 10)
-        return np.asarray(np.clip(np.median(learned, axis=0), noise, most))
+        return np.maximum(np.minimum(np.median(learned, axis=0), most), floor)
+
+    def _adapt(self, excess_db: float) -> None:
+        s = self._settings
+        self._quiet_db.append(excess_db)
+        if len(self._quiet_db) < self._n_learn:
+            return
+        quiet = np.array(self._quiet_db)
+        aim_db = np.clip(quiet.mean() + _SIGMAS * quiet.std(), s.least_db, s.most_db)
+        most = s.threshold_rate_db_per_s * self._hop_s
+        self._threshold_db += float(np.clip(aim_db - self._threshold_db, -most, most))
 
 
 def _db(power: float) -> float:

@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from typing import Any
 
 from radard.classifier import Probabilities
-from radard.decision import Decision
+from radard.decision import Decision, TrackVerdict
 from radard.events import Event
 from radard.health import Status
 from radard.pipeline import Pipeline
@@ -69,7 +69,7 @@ def decision_record(decision: Decision) -> Record:
         "label": decision.label,
         "alarm": decision.alarm,
         "range_m": _round(r.range_m, 3) if r and is_open else None,
-        "tracks": [],
+        "tracks": [_track(track) for track in decision.tracks],
         "frames": decision.frames,
         "dropped": decision.dropped,
         "latency_ms": _round(latency_ms, 2) if latency_ms is not None else None,
@@ -96,6 +96,15 @@ def event_record(event: Event) -> Record:
 def status_record(status: Status) -> Record:
     """Return the line of a state."""
     return {"type": "status", "state": status.state, "reason": status.reason}
+
+
+def _track(track: TrackVerdict) -> Record:
+    return {
+        "id": track.id,
+        "range_m": _round(track.range_m, 3),
+        "radial_velocity_mps": _round(track.radial_velocity_mps, 2),
+        **_probabilities("p_", track.window),
+    }
 
 
 def _probabilities(prefix: str, p: Probabilities | None) -> Record:

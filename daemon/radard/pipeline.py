@@ -8,7 +8,9 @@ A frame's way through the program::
     x2radar.assemble    messages -> Frame (numbered, losses stated)
     radard.dsp.downconvert   RF -> baseband, matched filter        [reader thread]
     radard.ring         frames -> Dwell, 2 s of them every 1 s      [reader | worker]
-    radard.gate         does anything move?                         [worker]
+    radard.clutter_map  takes out what stands still, with its jitter [worker]
+    radard.gate         does anything move?
+    radard.tracks       where, and how many?
     radard.features     Dwell -> spectrogram, cadence, vectors
     radard.classifier   features -> probabilities
     radard.decision     probabilities -> label, alarm
@@ -19,17 +21,26 @@ A frame's way through the program::
 live, replayed and offline data take the same way.
 """
 
+from dataclasses import replace
+
+import numpy as np
+
 from radard.classifier import Classifier, Probabilities
+from radard.clutter_map import ClutterRemover
 from radard.config import Config
-from radard.decision import Decision, Label, judge
+from radard.decision import Decision, Label, TrackVerdict, judge
 from radard.dsp.downconvert import DownConverter
+from radard.dsp.range_gate import range_gates
 from radard.errors import FeatureError, ModelMismatch
-from radard.features import FeatureSettings, extract
+from radard.features import FeatureSettings, FeatureStream, extract
 from radard.gate import Gate, GateSettings
 from radard.ring import Dwell, DwellShape, FrameRing
+from radard.tracks import Track, Tracker
 from x2radar.frame import StreamInfo
 
 HOP_S = 1.0
+COARSE_BIN_M = 0.03
+"""Behind the matched filter an X2's bins may be that long without loss (41 GS/s, 8 of them)."""
 
 
 class Pipeline:
@@ -62,8 +73,11 @@ class Pipeline:
             self._features = classifier.bundle.features
             self.pet_limit = config.decision.pet_limit or classifier.bundle.pet_limit
         else:
-            self._features = _gate_only_features(stream.frame_rate_hz)
+            self._features = _gate_only_features(stream)
             self.pet_limit = config.decision.pet_limit or 0.8
+        names = classifier.feature_names if classifier else ()
+        self._stream = FeatureStream(self._features, names)
+        self._feature_names = names
         self.policy = config.decision.policy or "window"
         self.shape = DwellShape.of(
             dwell_s=self._features.dwell_s,
@@ -82,6 +96,8 @@ class Pipeline:
             ),
             HOP_S,
         )
+        self._remover = ClutterRemover()
+        self._tracker = Tracker()
         self._seq = 0
 
     def make_ring(self) -> FrameRing:
@@ -92,6 +108,9 @@ class Pipeline:
     def restart(self) -> None:
         """Forget what was learned of the room: the module began anew."""
         self._gate.reset()
+        self._remover.reset()
+        self._tracker.reset()
+        self._stream = FeatureStream(self._features, self._feature_names)
 
     def decide(self, dwell: Dwell) -> Decision:
         """Judge one dwell.
@@ -109,20 +128,26 @@ class Pipeline:
         self._seq += 1
         if not dwell.is_whole:
             return self._invalid(dwell, f"{dwell.n_lost} frames missing")
-        reading = self._gate.read(dwell)
+        moving = self._remover.remove(dwell)
+        if not moving.is_whole:
+            return self._invalid(dwell, f"{moving.n_lost} frames missing or spiked")
+        reading = self._gate.read(moving)
+        tracks = self._tracker.update(moving, self._gate.background)
         window: Probabilities | None = None
+        verdicts: tuple[TrackVerdict, ...] = ()
         label: Label | None = None
         alarm = False
         if not reading.is_open:
             label = "none"
-        elif self.classifier is not None:
-            names = self.classifier.feature_names
+        else:
             try:
-                window = self.classifier.classify(extract(dwell, self._features, names))
+                window = self._classified(moving if self._features.clutter == "removed" else dwell)
+                verdicts = self._judged(moving, tracks)
             except (ModelMismatch, FeatureError) as err:
                 # No verdict is better announced than guessed.
                 return self._invalid(dwell, str(err))
-            label, alarm = judge(window, self.pet_limit)
+            if window is not None:
+                label, alarm = judge(window, self.pet_limit)
         return Decision(
             seq=self._seq,
             t_s=dwell.t_s,
@@ -134,8 +159,37 @@ class Pipeline:
             alarm=alarm,
             frames=len(dwell.frames) - dwell.n_lost,
             dropped=dwell.n_lost,
+            tracks=verdicts,
             t_mono_s=dwell.t_mono_s,
         )
+
+    def _classified(self, dwell: Dwell) -> Probabilities | None:
+        if self.classifier is None:
+            return None
+        return self.classifier.classify(self._stream.extract(dwell))
+
+    def _judged(self, moving: Dwell, tracks: tuple[Track, ...]) -> tuple[TrackVerdict, ...]:
+        """Judge every body by itself, by what its own range gate lets through."""
+        if not tracks:
+            return ()
+        paths_m = np.stack([track.path_m for track in tracks])
+        gates = range_gates(paths_m, moving.axis.range_m) if self.classifier else None
+        verdicts = []
+        for k, track in enumerate(tracks):
+            window: Probabilities | None = None
+            if self.classifier is not None and gates is not None:
+                alone = replace(moving, frames=moving.frames * gates[k])
+                features = extract(alone, self._features, self._feature_names)
+                window = self.classifier.classify(features)
+            verdicts.append(
+                TrackVerdict(
+                    id=track.id,
+                    range_m=track.range_m,
+                    radial_velocity_mps=track.radial_velocity_mps,
+                    window=window,
+                )
+            )
+        return tuple(verdicts)
 
     def _invalid(self, dwell: Dwell, fault: str) -> Decision:
         return Decision(
@@ -154,6 +208,9 @@ class Pipeline:
         )
 
 
-def _gate_only_features(frame_rate_hz: float) -> FeatureSettings:
-    """Return settings whose CPI is as long as the seed's, 28 frames at 60 Hz."""
-    return FeatureSettings(n_cpi=max(2, round(28 / 60 * frame_rate_hz)))
+def _gate_only_features(stream: StreamInfo) -> FeatureSettings:
+    """Return settings whose CPI is as long as the seed's, and bins as coarse as may be."""
+    bins = int(COARSE_BIN_M / stream.axis.bin_length_m)
+    return FeatureSettings(
+        n_cpi=max(2, round(28 / 60 * stream.frame_rate_hz)), range_decimation=max(1, bins)
+    )

@@ -69,6 +69,9 @@ class Dwell:
         Longest run of them, in seconds.
     t_mono_s : float
         When the last frame arrived, on the host's monotonic clock; 0 in recordings.
+    end_frame : int
+        Frames that the ring had taken when this dwell ended: the difference of two dwells'
+        numbers is how many frames are new in the later one. 0 for a dwell of its own.
     """
 
     frames: NDArray[np.complex64]
@@ -79,6 +82,7 @@ class Dwell:
     n_lost: int = 0
     longest_gap_s: float = 0.0
     t_mono_s: float = 0.0
+    end_frame: int = 0
 
     @property
     def is_whole(self) -> bool:
@@ -262,6 +266,7 @@ class FrameRing:
             int(np.count_nonzero(~valid)),
             _longest_run(~valid) / rate_hz,
             t_mono_s,
+            self._written,
         )
         self._hops += 1
         self._schedule(self._hops)

@@ -12,6 +12,8 @@ runs does not touch it.
 
 from collections import deque
 
+import numpy as np
+
 from x2radar import framing
 from x2radar.codec import decode_command, encode
 from x2radar.errors import MessageError
@@ -29,6 +31,7 @@ RESET_DELAY_S = 0.05
 BOOT_S = 0.05
 LATEST_S = 2.0
 _FOREVER_S = float("inf")
+_NO_FRAME = np.zeros(1, np.float32)
 
 
 class SimulatedModule:
@@ -176,7 +179,8 @@ class SimulatedModule:
         self._frame_due_s = self._now_s
 
     def _next_frame(self, stream: EchoStream, until_s: float) -> None:
-        frame, fate = self._faults.frame(stream.next())
+        samples = stream.next()
+        frame, fate = self._faults.frame(samples if samples is not None else _NO_FRAME)
         rate_hz = stream.settings.frame_rate_hz
         self._counter = 1 if fate.restarts_counter else (self._counter + 1) & 0xFFFFFFFF
         due_s, self._frame_due_s = self._frame_due_s, self._frame_due_s + 1.0 / rate_hz
@@ -187,7 +191,7 @@ class SimulatedModule:
             self._reset_due_s = self._now_s
         elif until_s - due_s > LATEST_S:
             self.n_skipped += 1
-        elif fate.n_copies:
+        elif fate.n_copies and samples is not None:
             message = frame_message(stream.settings, stream.axis, self._counter, frame)
             packet = framing.encode(encode(message))
             late_s = self._line.frame_lateness_s(self._counter, rate_hz)

@@ -132,7 +132,7 @@ def draw(
 
 
 def ranges(body: tuple[Scatterer, ...], t_s: Array) -> tuple[Array, Array]:
-    """Return where the scatterers are at given times.
+    """Return how far the scatterers are from the radar at given times.
 
     Parameters
     ----------
@@ -148,24 +148,22 @@ def ranges(body: tuple[Scatterer, ...], t_s: Array) -> tuple[Array, Array]:
     rcs_m2 : ndarray, shape (n_scatterers,), float64
         Radar cross section of each, in square metres.
     """
-    table = np.array(
-        [
-            (
-                p.x_m,
-                p.y_m,
-                p.z_m,
-                p.vy_mps,
-                p.gait_hz,
-                p.phase_rad,
-                p.swing_m,
-                p.swing3_m,
-                p.rcs_m2,
-            )
-            for p in body
-        ]
-    ).reshape(-1, 9)
-    x, y0, z, vy, hz, phase, a1, a3, rcs = table.T
+    position_m, rcs_m2 = ranges_xyz(body, t_s)
+    x, y, z = np.moveaxis(position_m, -1, 0)
+    return np.sqrt(x**2 + y**2 + z**2), rcs_m2
+
+
+def ranges_xyz(body: tuple[Scatterer, ...], t_s: Array) -> tuple[Array, Array]:
+    """Return where the scatterers are, shape (n_slow, n_scatterers, 3), and their RCS.
+
+    The radar is the origin; otherwise as `ranges`.
+    """
+    columns = [
+        (p.x_m, p.y_m, p.z_m, p.vy_mps, p.gait_hz, p.phase_rad, p.swing_m, p.swing3_m, p.rcs_m2)
+        for p in body
+    ]
+    x, y0, z, vy, hz, phase, a1, a3, rcs = np.array(columns).reshape(-1, 9).T
     t = t_s[:, None]
     turn = 2 * np.pi * hz * t
     y = y0 + vy * t + a1 * np.sin(turn + phase) + a3 * np.sin(3 * turn + phase)
-    return np.sqrt(x**2 + y**2 + z**2), rcs
+    return np.stack(np.broadcast_arrays(x, y, z), axis=-1), rcs

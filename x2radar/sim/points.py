@@ -34,18 +34,17 @@ class Points:
 
 
 class Mover(Protocol):
-    """A thing that moves; everything random about it was drawn when it was made.
+    """A thing that moves; everything random about it was drawn when it was made."""
 
-    Attributes
-    ----------
-    label : {'human', 'pet', 'other'}
-        What an alarm should take it for.
-    names : tuple of str
-        Names of its points, such as 'left ankle'.
-    """
+    @property
+    def label(self) -> Label:
+        """What an alarm should take it for."""
+        ...
 
-    label: Label
-    names: tuple[str, ...]
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of its points, such as 'left ankle'."""
+        ...
 
     def at(self, t_s: Array, antenna_m: Array) -> Points:
         """Return its points.

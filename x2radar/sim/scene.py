@@ -1,39 +1,84 @@
 """Scenes: what stands and moves before the radar, in order, from YAML.
 
-A scene is a sequence of steps; each step shows one body, or none, for some seconds, and
-after the last step the sequence starts again with new draws. Built-in scenes are the YAML
-files beside this one. Everything random comes from the scene's seed and the step's number,
-so one seed gives the same frames on any machine.
+A scene is a sequence of steps, each with the bodies and things that move in it for some
+seconds; after the last step the sequence starts again with new draws. Room, antenna, mount,
+receiver and multipath are named or not there: what a scene does not name costs nothing.
+Everything random comes from the scene's seed and the step's number, so one seed gives the
+same frames on any machine.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+import difflib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 
 from x2radar.errors import SceneError
-from x2radar.sim.motion import SEED_BODIES, Scatterer, draw, ranges
+from x2radar.sim.antenna import Antenna
+from x2radar.sim.cast import Actor, read_actor
+from x2radar.sim.effects import ReceiverEffects
+from x2radar.sim.keys import Key, checked, settings_from, unknown
+from x2radar.sim.multipath import Surface, TailSettings
+from x2radar.sim.room import RoomSettings
+from x2radar.sim.things import draw_mount
 
-Array = NDArray[np.float64]
 LONGEST_STEP_S = 86_400.0
+_DURATION = Key(0.1, LONGEST_STEP_S, "s")
+_WEIGHT = Key(0.0, 1e6, "weight")
+_POINT = {"range_m": Key(0.1, 1000, "m"), "rcs_m2": Key(0, 1e9, "m2, processing gain included")}
+_STEP_KEYS = ("duration_s", "actors", "weight")
+_SCENE_KEYS = (
+    *("description", "like", "steps", "background", "clutter", "room", "antenna", "surfaces"),
+    *("tail", "mount", "receiver"),
+)
 
 
 @dataclass(frozen=True, slots=True)
 class SceneStep:
-    """One body, or None for an empty room, for `duration_s` seconds."""
+    """Some seconds with some moving things.
 
-    body: str | None
-    duration_s: float
+    Attributes
+    ----------
+    actors : tuple of Actor
+        Bodies and things; empty for an empty room.
+    least_s, most_s : float
+        The duration is drawn evenly between them.
+    weight : float
+        Within a choice: how often this step is taken against the others.
+    """
+
+    actors: tuple[Actor, ...]
+    least_s: float
+    most_s: float
+    weight: float = 1.0
+
+    def duration_s(self, rng: np.random.Generator) -> float:
+        """Return a duration; nothing is drawn where it is fixed."""
+        if self.least_s == self.most_s:
+            return self.least_s
+        return float(rng.uniform(self.least_s, self.most_s))
+
+
+@dataclass(frozen=True, slots=True)
+class SceneChoice:
+    """One of several steps, drawn by weight each time."""
+
+    steps: tuple[SceneStep, ...]
+
+    def drawn(self, rng: np.random.Generator) -> SceneStep:
+        """Return one of the steps."""
+        weights = np.array([step.weight for step in self.steps])
+        return self.steps[int(rng.choice(len(weights), p=weights / weights.sum()))]
 
 
 @dataclass(frozen=True, slots=True)
 class StaticPoint:
-    """A piece of static clutter: a wall, a cupboard, the antennas' own coupling."""
+    """A piece of static clutter; its cross section includes the module's 40 dB of gain."""
 
     range_m: float
     rcs_m2: float
@@ -49,23 +94,48 @@ class Scene:
         Built-in name or file name.
     description : str
         One sentence for people.
-    steps : tuple of SceneStep
+    steps : tuple of SceneStep or SceneChoice
         Played in order, then again.
+    background : tuple of Actor
+        What moves all the time.
     clutter : tuple of StaticPoint
-        What never moves.
+        Single static echoes.
+    room : RoomSettings or None
+        Static objects, distributed clutter, leakage.
+    antenna : Antenna
+        By default one that sees everywhere alike.
+    surfaces : tuple of Surface
+        Floor and walls that mirror.
+    tail : TailSettings or None
+        The moving clutter behind bodies.
+    mount : mapping or None
+        Vibration of the antenna's mount.
+    receiver : ReceiverEffects
+        Imperfections; none by default.
     """
 
     name: str
     description: str
-    steps: tuple[SceneStep, ...]
+    steps: tuple[SceneStep | SceneChoice, ...]
+    background: tuple[Actor, ...] = ()
     clutter: tuple[StaticPoint, ...] = ()
+    room: RoomSettings | None = None
+    antenna: Antenna = field(default_factory=lambda: Antenna(shape="isotropic"))
+    surfaces: tuple[Surface, ...] = ()
+    tail: TailSettings | None = None
+    mount: Mapping[str, float] | None = None
+    receiver: ReceiverEffects = field(default_factory=ReceiverEffects)
+
+
+def scene_names() -> tuple[str, ...]:
+    """Return the names of the built-in scenes."""
+    files = (resources.files("x2radar.sim") / "scenes").iterdir()
+    return tuple(sorted(f.name.removesuffix(".yaml") for f in files if f.name.endswith(".yaml")))
 
 
 def builtin_scenes() -> tuple[Scene, ...]:
     """Return every built-in scene, by name."""
-    folder = resources.files("x2radar.sim") / "scenes"
-    files = sorted((f for f in folder.iterdir() if f.name.endswith(".yaml")), key=lambda f: f.name)
-    return tuple(_parse(f.read_text(), f.name.removesuffix(".yaml"), f.name) for f in files)
+    return tuple(load_scene(name) for name in scene_names())
 
 
 def load_scene(name: str) -> Scene:
@@ -94,126 +164,153 @@ def load_scene(name: str) -> Scene:
             # ValueError: bytes that are no UTF-8, or a name that no file can have.
             msg = f"{name}: cannot read the scene file ({err})"
             raise SceneError(msg) from err
-        return _parse(text, Path(name).stem, name)
-    for scene in builtin_scenes():
-        if scene.name == name:
-            return scene
-    known = ", ".join(scene.name for scene in builtin_scenes())
-    msg = f"no scene '{name}'; built-in scenes are {known}; a file must end in .yaml"
+        return parse_scene(text, Path(name).stem, name)
+    if name in scene_names():
+        return parse_scene(_builtin_text(name), name, f"{name}.yaml")
+    near = difflib.get_close_matches(name, scene_names(), n=1)
+    hint = f"did you mean {near[0]}? " if near else ""
+    msg = f"no scene '{name}'; {hint}'x2radar scenes' lists them; a file must end in .yaml"
     raise SceneError(msg)
 
 
-def _parse(text: str, name: str, where: str) -> Scene:
+def parse_scene(text: str, name: str, where: str) -> Scene:
+    """Return the scene that a YAML text says; raises as `load_scene`."""
     try:
         raw = yaml.safe_load(text)
     except (yaml.YAMLError, ValueError, RecursionError) as err:
         # ValueError: a date that does not exist, or a number of thousands of digits.
         msg = f"{where}: not YAML: {' '.join(str(err).split())}"
         raise SceneError(msg) from err
-    top = _mapping(raw, where, {"description", "steps", "clutter"})
-    steps = top.get("steps")
-    if not isinstance(steps, list) or not steps:
-        msg = f"{where}: steps: must be a list with at least one step"
-        raise SceneError(msg)
-    parsed = tuple(_step(item, f"{where}: steps[{k}]") for k, item in enumerate(steps))
-    clutter = [] if top.get("clutter") is None else top["clutter"]
-    if not isinstance(clutter, list):
-        msg = f"{where}: clutter: must be a list"
-        raise SceneError(msg)
-    points = tuple(_point(item, f"{where}: clutter[{k}]") for k, item in enumerate(clutter))
+    top = _inherited(_mapping(raw, where, _SCENE_KEYS), where)
     description = "" if top.get("description") is None else top["description"]
     if not isinstance(description, str):
         msg = f"{where}: description: must be text"
         raise SceneError(msg)
-    return Scene(name, " ".join(description.split()), parsed, points)
-
-
-def _step(raw: Any, where: str) -> SceneStep:
-    item = _mapping(raw, where, {"body", "duration_s"})
-    body = item.get("body")
-    if body is not None and (not isinstance(body, str) or body not in SEED_BODIES):
-        msg = f"{where}.body: no body '{body}'; known are {', '.join(SEED_BODIES)}"
+    steps = _list(top, "steps", where)
+    if not steps:
+        msg = f"{where}: steps: must be a list with at least one step"
         raise SceneError(msg)
-    return SceneStep(body, _number(item, "duration_s", where, 0.1, LONGEST_STEP_S))
-
-
-def _point(raw: Any, where: str) -> StaticPoint:
-    item = _mapping(raw, where, {"range_m", "rcs_m2"})
-    return StaticPoint(
-        _number(item, "range_m", where, 0.1, 1000), _number(item, "rcs_m2", where, 0, 1e9)
+    parts: dict[str, Any] = {}
+    for key, cls in (("room", RoomSettings), ("antenna", Antenna), ("receiver", ReceiverEffects)):
+        if key in top:
+            parts[key] = settings_from(cls, top[key], f"{where}: {key}")
+    if "tail" in top:
+        parts["tail"] = settings_from(TailSettings, top["tail"], f"{where}: tail")
+    if "mount" in top:
+        draw_mount(np.random.default_rng(0), top["mount"], f"{where}: mount")
+        parts["mount"] = MappingProxyType(dict(top["mount"] or {}))
+    return Scene(
+        name=name,
+        description=" ".join(description.split()),
+        steps=tuple(_step_or_choice(s, f"{where}: steps[{k}]") for k, s in enumerate(steps)),
+        background=tuple(
+            read_actor(item, f"{where}: background[{k}]")
+            for k, item in enumerate(_list(top, "background", where))
+        ),
+        clutter=tuple(
+            _point(item, f"{where}: clutter[{k}]")
+            for k, item in enumerate(_list(top, "clutter", where))
+        ),
+        surfaces=tuple(
+            settings_from(Surface, item, f"{where}: surfaces[{k}]")
+            for k, item in enumerate(_list(top, "surfaces", where))
+        ),
+        **parts,
     )
 
 
-def _mapping(raw: Any, where: str, known: set[str]) -> dict[str, Any]:
+def _inherited(top: dict[str, Any], where: str) -> dict[str, Any]:
+    """Return a scene's keys with those of the built-in scene that it is `like`."""
+    name = top.get("like")
+    if name is None:
+        return top
+    if name not in scene_names():
+        msg = f"{where}: like: no built-in scene '{name}'"
+        raise SceneError(msg)
+    base = yaml.safe_load(_builtin_text(name))
+    if "like" in base:
+        msg = f"{where}: like: '{name}' is itself like another scene; name that one"
+        raise SceneError(msg)
+    return {**base, **top}
+
+
+def _builtin_text(name: str) -> str:
+    file = resources.files("x2radar.sim") / "scenes" / f"{name}.yaml"
+    return file.read_text(encoding="utf-8")
+
+
+def _step_or_choice(raw: Any, where: str) -> SceneStep | SceneChoice:
+    if isinstance(raw, dict) and "one_of" in raw:
+        _mapping(raw, where, ("one_of",))
+        steps = tuple(
+            _step(item, f"{where}.one_of[{k}]")
+            for k, item in enumerate(_list(raw, "one_of", where))
+        )
+        if not any(step.weight > 0 for step in steps):
+            msg = f"{where}.one_of: must be a list with at least one step of weight above 0"
+            raise SceneError(msg)
+        return SceneChoice(steps)
+    return _step(raw, where)
+
+
+def _step(raw: Any, where: str) -> SceneStep:
     if not isinstance(raw, dict):
-        msg = f"{where}: must be a mapping with the keys {', '.join(sorted(known))}"
+        msg = f"{where}: must be a mapping with the keys {', '.join(_STEP_KEYS)}"
+        raise SceneError(msg)
+    if not {"body", "thing"} & raw.keys():
+        _mapping(raw, where, _STEP_KEYS)
+    raw = dict(raw)
+    least_s, most_s = _duration(raw.pop("duration_s", None), f"{where}.duration_s")
+    weight = raw.pop("weight", 1.0)
+    if fault := _WEIGHT.fault(weight):
+        msg = f"{where}.weight: {fault}"
+        raise SceneError(msg)
+    if "actors" in raw:
+        listed = _list(raw, "actors", where)
+        actors = tuple(read_actor(a, f"{where}.actors[{k}]") for k, a in enumerate(listed))
+        _mapping(raw, where, ("actors",))
+    elif raw.get("body") is None and set(raw) <= {"body"}:
+        actors = ()
+    else:
+        # A single body or thing needs no list.
+        actors = (read_actor(raw, where),)
+    return SceneStep(actors, least_s, most_s, float(weight))
+
+
+def _duration(raw: Any, where: str) -> tuple[float, float]:
+    span = raw if isinstance(raw, list) and len(raw) == 2 else [raw, raw]
+    for value in span:
+        if fault := _DURATION.fault(value):
+            msg = f"{where}: {fault}"
+            raise SceneError(msg)
+    if span[0] > span[1]:
+        msg = f"{where}: {span[0]} is above {span[1]}"
+        raise SceneError(msg)
+    return float(span[0]), float(span[1])
+
+
+def _point(raw: Any, where: str) -> StaticPoint:
+    item = checked(raw, _POINT, where)
+    for key in _POINT:
+        if key not in item:
+            msg = f"{where}.{key}: must be a number, not None"
+            raise SceneError(msg)
+    return StaticPoint(float(item["range_m"]), float(item["rcs_m2"]))
+
+
+def _mapping(raw: Any, where: str, known: tuple[str, ...]) -> dict[str, Any]:
+    if not isinstance(raw, dict):
+        msg = f"{where}: must be a mapping with the keys {', '.join(known)}"
         raise SceneError(msg)
     for key in raw:
         if key not in known:
-            msg = f"{where}.{key}: unknown key; known are {', '.join(sorted(known))}"
-            raise SceneError(msg)
+            raise SceneError(unknown(key, known, where))
     return raw
 
 
-def _number(item: dict[str, Any], key: str, where: str, low: float, high: float) -> float:
-    value = item.get(key)
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        # YAML takes 2.5e3 for text; with a sign, as in 2.5e+3, it is a number.
-        msg = f"{where}.{key}: must be a number, not {value!r}"
+def _list(raw: Mapping[str, Any], key: str, where: str) -> list[Any]:
+    value = [] if raw.get(key) is None else raw[key]
+    if not isinstance(value, list):
+        msg = f"{where}: {key}: must be a list"
         raise SceneError(msg)
-    if not low <= value <= high:
-        # Not :g, which a whole number beyond 1e308 does not take.
-        msg = f"{where}.{key}: {value} is not in {low:g} to {high:g}"
-        raise SceneError(msg)
-    return float(value)
-
-
-@dataclass(frozen=True, slots=True)
-class Block:
-    """Consecutive frames of one step: distances (n, n_scatterers) and their RCS."""
-
-    range_m: Array
-    rcs_m2: Array
-
-
-class SceneClock:
-    """Walk through a scene frame by frame, for ever.
-
-    Parameters
-    ----------
-    scene : Scene
-        What to play.
-    seed : int
-        Draws of all bodies follow from it.
-    frame_rate_hz : float
-        Frames per second.
-    """
-
-    def __init__(self, scene: Scene, seed: int, frame_rate_hz: float) -> None:
-        self._scene = scene
-        self._seed = seed
-        self._rate_hz = frame_rate_hz
-        self._steps = self._walk()
-        self._body: tuple[Scatterer, ...] = ()
-        self._at = 0
-        self._n = 0
-
-    def _walk(self) -> Iterator[tuple[tuple[Scatterer, ...], int]]:
-        number = 0
-        while True:
-            for step in self._scene.steps:
-                rng = np.random.default_rng([self._seed, number])
-                body = draw(SEED_BODIES[step.body], rng) if step.body else ()
-                yield body, max(1, round(step.duration_s * self._rate_hz))
-                number += 1
-
-    def next_block(self, most: int) -> Block:
-        """Return the next frames, `most` of them or fewer where a step ends."""
-        if self._at == self._n:
-            self._body, self._n = next(self._steps)
-            self._at = 0
-        n = min(most, self._n - self._at)
-        t_s = np.arange(self._at, self._at + n) / self._rate_hz
-        self._at += n
-        range_m, rcs_m2 = ranges(self._body, t_s)
-        return Block(range_m, rcs_m2)
+    return value

@@ -1,19 +1,28 @@
 """EchoStream: frames of a scene as a module's receiver sees them, one after another."""
 
 from collections import deque
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from x2radar.frame import FastTimeAxis
 from x2radar.module_settings import ModuleSettings
-from x2radar.settings import SPEED_OF_LIGHT_MPS, RadarSettings
-from x2radar.sim.pulse import LinkBudget, baseband_echo, rf_echo
+from x2radar.settings import RadarSettings
+from x2radar.sim.cast import SEED_GAIN
+from x2radar.sim.echo import frames as echo_frames
+from x2radar.sim.effects import chip_axis, chip_ramp
+from x2radar.sim.noise import baseband_noise_power
+from x2radar.sim.pulse import LinkBudget
 from x2radar.sim.receiver import Receiver
-from x2radar.sim.scene import Scene, SceneClock, StaticPoint
+from x2radar.sim.room import Room
+from x2radar.sim.scene import Scene, StaticPoint
+from x2radar.sim.stage import Stage
 
 _BLOCK = 16
+ERROR_DB = -60.0
+"""Of a frame's echoes, see `x2radar.sim.echo`: 20 dB under the noise beside a body at 1 m."""
+_UNSEEN = 0.1
+_NOISE, _ROOM = 0x4E01, 0x2001
 
 
 def stream_axis(settings: ModuleSettings) -> FastTimeAxis:
@@ -44,42 +53,73 @@ class EchoStream:
 
     def __init__(self, scene: Scene, seed: int, settings: ModuleSettings) -> None:
         self.settings = settings
-        self.axis = stream_axis(settings)
-        # Modules that decimate do so behind the filter, so noise is made on the fine axis.
-        rf_bin_m = SPEED_OF_LIGHT_MPS / (2 * self.axis.sample_rate_hz)
-        self._every = round(self.axis.bin_length_m / rf_bin_m)
-        self._fine = replace(
-            self.axis,
-            n_range=(self.axis.n_range - 1) * self._every + 1,
-            bin_length_m=self.axis.bin_length_m / self._every,
+        self.axis = axis = stream_axis(settings)
+        self._budget = budget = LinkBudget()
+        # The sweep of other modules is taken to be that of an X2 at this frame rate.
+        sweep = (
+            settings
+            if isinstance(settings, RadarSettings)
+            else RadarSettings.for_frame_rate(min(max(1, round(settings.frame_rate_hz)), 1000))
         )
-        self._budget = LinkBudget()
-        rng = np.random.default_rng([seed, 0x4E01])
-        # The converter's steps are modelled for RF frames of the X2 only.
-        sweep = settings if isinstance(settings, RadarSettings) else RadarSettings()
-        self._receiver = Receiver(sweep, self._fine, self._budget, rng)
-        self._clock = SceneClock(scene, seed, settings.frame_rate_hz)
+        self._receiver = Receiver(
+            sweep,
+            axis,
+            budget,
+            np.random.default_rng([seed, _NOISE]),
+            effects=scene.receiver,
+            seed=seed,
+        )
+        self._stage = Stage(scene, seed, settings.frame_rate_hz)
+        self._echo_axis, self._ramp = axis, None
+        if (rate_hz := scene.receiver.true_sample_rate_hz) is not None:
+            self._echo_axis = chip_axis(axis, rate_hz)
+            self._ramp = None if axis.kind == "rf" else chip_ramp(axis, rate_hz)
         self._static = self._static_echo(scene.clutter)
-        self._block: deque[np.ndarray[Any, Any]] = deque()
+        self._room: Room | None = None
+        if scene.room is not None:
+            rng = np.random.default_rng([seed, _ROOM])
+            self._room = Room(rng, scene.room, self._echo_axis, budget)
+        # Echoes that far under a bin's noise are not made.
+        noise = baseband_noise_power(axis, budget.noise_sigma)
+        self._floor = _UNSEEN * float(np.sqrt(noise))
+        self._has_jitter = bool(scene.receiver.frame_jitter)
+        self._at = 0
+        self._block: deque[np.ndarray[Any, Any] | None] = deque()
 
-    def next(self) -> np.ndarray[Any, Any]:
-        """Return the next frame: shape (n_range,), float32 RF or complex64 baseband."""
+    def next(self) -> np.ndarray[Any, Any] | None:
+        """Return the next frame, shape (n_range,), float32 RF or complex64 baseband.
+
+        None for a frame that the receiver loses.
+        """
         if not self._block:
-            block = self._clock.next_block(_BLOCK)
-            amplitude = self._budget.amplitude(block.range_m, block.rcs_m2, self._fine)
-            if self.axis.kind == "rf":
-                frames = rf_echo(block.range_m, amplitude, self._fine)
-                frames += self._static
-                self._block.extend(self._receiver.rf(frames))
-            else:
-                echo = baseband_echo(block.range_m, amplitude, self._fine) + self._static
-                self._block.extend(self._receiver.baseband(echo)[:, :: self._every])
+            frames = self._frames()
+            lost = self._receiver.draws.lost(self._at, len(frames))
+            self._block.extend(
+                None if is_lost else frame for frame, is_lost in zip(frames, lost, strict=True)
+            )
+            self._at += len(frames)
         return self._block.popleft()
+
+    def _frames(self) -> np.ndarray[Any, Any]:
+        times_s = self._receiver.draws.times_s(self._at, _BLOCK)
+        block = self._stage.next_block(_BLOCK, times_s if self._has_jitter else None)
+        rows = block.rows
+        # Physical cross sections get the module's integration gain here.
+        amplitude = rows.amplitude(self._budget, self._echo_axis) * np.sqrt(SEED_GAIN)
+        is_rf = self.axis.kind == "rf"
+        frames: np.ndarray[Any, Any] = echo_frames(
+            rows.range_m, amplitude, self._echo_axis, error_db=ERROR_DB, floor=self._floor
+        )
+        frames += self._static
+        if self._room is not None:
+            frames += self._room.echo(times_s[: block.n_slow], block.offset_m)
+        if self._ramp is not None:
+            frames *= self._ramp
+        return self._receiver.rf(frames) if is_rf else self._receiver.baseband(frames)
 
     def _static_echo(self, points: tuple[StaticPoint, ...]) -> np.ndarray[Any, Any]:
         range_m = np.array([[p.range_m for p in points]])
         amplitude = self._budget.amplitude(
-            range_m, np.array([p.rcs_m2 for p in points]), self._fine
+            range_m, np.array([p.rcs_m2 for p in points]), self._echo_axis
         )
-        echo = rf_echo if self.axis.kind == "rf" else baseband_echo
-        return np.asarray(echo(range_m, amplitude, self._fine)[0])
+        return np.asarray(echo_frames(range_m, amplitude, self._echo_axis, error_db=-90)[0])

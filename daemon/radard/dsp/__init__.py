@@ -1,1 +1,1 @@
-"""Signal processing: array in, array out, no state."""
+"""Signal processing: array in, array out; what streams keeps its own few frames, no more."""

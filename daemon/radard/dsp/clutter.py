@@ -1,18 +1,128 @@
-"""What moves: power left after clutter removal, and the noise it must stand out from."""
+"""What moves: power left after clutter removal, and the noise it must stand out from.
+
+Every routine takes frames of any real or complex dtype, byte order and memory layout, in any
+unit: they are scaled by a power of two first, which is exact, so that no square leaves
+float32. Rows that are not finite count as lost.
+"""
 
 import numpy as np
 from numpy.typing import NDArray
 
 from radard.errors import FeatureError
 
-_LOW_QUANTILE = 0.1
-# An exponential variable's quantile q lies at -ln(1 - q) of its mean.
-_TO_MEAN = -1 / np.log1p(-_LOW_QUANTILE)
+_SPIKE = 100.0
+
+AnyFrames = NDArray[np.inexact] | NDArray[np.integer]
+Flags = NDArray[np.bool_]
 
 
-def residual_power(
-    frames: NDArray[np.complex64], valid: NDArray[np.bool_], n_cpi: int
-) -> NDArray[np.float64]:
+def sound_rows(frames: AnyFrames, valid: Flags) -> tuple[NDArray[np.complex64], Flags, float]:
+    """Return frames that arithmetic cannot stumble over.
+
+    Parameters
+    ----------
+    frames : ndarray, shape (n_slow, n_range)
+        Frames of any real or complex dtype, byte order and memory layout.
+    valid : ndarray, shape (n_slow,), bool
+        False for frames that were lost.
+
+    Returns
+    -------
+    rows : ndarray, shape (n_slow, n_range), complex64
+        A C-contiguous copy, scaled so that the largest part of a usable row is in [1, 2).
+        Rows that are not finite repeat the usable row before them (the first usable one at
+        the beginning; zeros where there is none).
+    usable : ndarray, shape (n_slow,), bool
+        `valid` and finite.
+    scale : float
+        A power of two: frames = scale * rows. 1 where all is zero.
+
+    Raises
+    ------
+    FeatureError
+        If the shapes do not fit each other.
+    """
+    if frames.ndim != 2 or valid.shape != frames.shape[:1]:
+        msg = f"frames of shape {frames.shape} with {valid.shape} flags; need 2-D and one a row"
+        raise FeatureError(msg)
+    with np.errstate(over="ignore", invalid="ignore"):
+        rows = np.array(frames, np.complex64, order="C")
+    parts = rows.view(np.float32)
+    finite: Flags = np.asarray(np.isfinite(parts).all(axis=1))
+    usable = valid & finite
+    if not finite.all():
+        repeat_usable(rows, usable, ~finite)
+    peak = float(max(parts.max(initial=0), -parts.min(initial=0)))
+    if peak == 0:
+        return rows, usable, 1.0
+    exponent = int(np.frexp(peak)[1]) - 1
+    # Two steps: the reciprocal of a denormal is no float32.
+    for step in (-exponent // 2, -exponent - (-exponent // 2)):
+        if step:
+            parts *= np.float32(2.0**step)
+    return rows, usable, 2.0**exponent
+
+
+def repeat_usable(rows: NDArray[np.complex64], usable: Flags, where: Flags) -> None:
+    """Let rows repeat the usable row before them, in place.
+
+    Parameters
+    ----------
+    rows : ndarray, shape (n_slow, n_range), complex64
+        Changed at `where`: the first usable row fills the beginning; without any usable row
+        they become zero.
+    usable, where : ndarray, shape (n_slow,), bool
+        Rows to copy from, rows to fill.
+    """
+    good = np.flatnonzero(usable)
+    if good.size == 0:
+        rows[where] = 0
+        return
+    bad = np.flatnonzero(where)
+    rows[bad] = rows[good[np.maximum(np.searchsorted(good, bad) - 1, 0)]]
+
+
+def spike_rows(rows: NDArray[np.complex64], usable: Flags) -> Flags:
+    """Return which frames are alone in what they show: spikes, bursts, torn frames.
+
+    A spike's distance to either neighbour is 20 dB over the usual one and over that from
+    neighbour to neighbour. Nothing that moves is in a place for one frame only.
+
+    Parameters
+    ----------
+    rows : ndarray, shape (n_slow, n_range), complex64
+        From `sound_rows`.
+    usable : ndarray, shape (n_slow,), bool
+        Rows that are looked at. The outermost of them are compared with the two rows
+        inwards.
+
+    Returns
+    -------
+    ndarray, shape (n_slow,), bool
+        True for spikes; all False for less than five usable rows.
+    """
+    spikes = np.zeros(len(rows), np.bool_)
+    at = np.flatnonzero(usable)
+    if at.size < 5:
+        return spikes
+    good = rows if at.size == len(rows) else rows[at]
+    near = _distance(good, 1)
+    far = _distance(good, 2)
+    usual = float(np.median(near))
+    before = np.concatenate((far[:1], near))
+    after = np.concatenate((near, far[-1:]))
+    across = np.concatenate((near[1:2], far, near[-2:-1]))
+    apart = np.minimum(before, after)
+    spikes[at] = apart > _SPIKE * np.maximum(usual, across)
+    return spikes
+
+
+def _distance(rows: NDArray[np.complex64], lag: int) -> NDArray[np.float32]:
+    step = (rows[lag:] - rows[:-lag]).view(np.float32)
+    return np.asarray(np.einsum("tn,tn->t", step, step))
+
+
+def residual_power(frames: AnyFrames, valid: Flags, n_cpi: int) -> NDArray[np.float64]:
     """Return the residual power of every range bin, CPI by CPI.
 
     Clutter is the mean over one CPI, as in the spectrogram (2.29), so that slow drift of
@@ -20,10 +130,11 @@ def residual_power(
 
     Parameters
     ----------
-    frames : ndarray, shape (n_slow, n_range), complex64
+    frames : ndarray, shape (n_slow, n_range)
         Baseband frames.
     valid : ndarray, shape (n_slow,), bool
-        False for frames that were lost; a CPI with one of them is left out.
+        False for frames that were lost. They are left out; so is a CPI with fewer than
+        half of its frames.
     n_cpi : int
         Frames in one CPI, at least 2.
 
@@ -31,26 +142,83 @@ def residual_power(
     -------
     ndarray, shape (n_whole_cpis, n_range), float64
         Mean power per frame in sample units squared, unbiased for noise; no rows when no
-        CPI is whole.
+        CPI is left. Relative error against float64 at most 1e-5 with static clutter up to
+        80 dB over the residual; beyond, what float32 samples themselves have lost adds up
+        to 1e-14 of the clutter's power.
 
     Raises
     ------
     FeatureError
         If the record is shorter than a CPI.
     """
-    n_blocks = len(frames) // n_cpi
-    if n_blocks == 0 or n_cpi < 2:
-        msg = f"{len(frames)} frames cannot fill a CPI of {n_cpi}"
+    rows, usable, scale = sound_rows(frames, valid)
+    return block_power(rows, usable, n_cpi, 1)[0][:, 0] * scale**2
+
+
+def block_power(
+    rows: NDArray[np.complex64], usable: Flags, n_cpi: int, n_parts: int
+) -> tuple[NDArray[np.float64], Flags]:
+    """Return the residual power of parts of CPIs; the mean of each whole CPI was removed.
+
+    Parameters
+    ----------
+    rows : ndarray, shape (n_slow, n_range), complex64
+        From `sound_rows`.
+    usable : ndarray, shape (n_slow,), bool
+        Rows that count.
+    n_cpi : int
+        Frames in one CPI, at least 2.
+    n_parts : int
+        Parts of a CPI, at most `n_cpi`; the first ones are one frame longer when they do
+        not go in evenly.
+
+    Returns
+    -------
+    power : ndarray, shape (n_cpis, n_parts, n_range), float64
+        Mean power per frame, unbiased for noise; zero in parts without a usable frame.
+        CPIs with fewer than half of their frames are left out.
+    kept : ndarray, shape (n_all_cpis,), bool
+        Which of the record's CPIs these are.
+
+    Raises
+    ------
+    FeatureError
+        If the record is shorter than a CPI.
+    """
+    n_cpis = len(rows) // n_cpi if n_cpi else 0
+    if n_cpis == 0 or n_cpi < 2:
+        msg = f"{len(rows)} frames cannot fill a CPI of {n_cpi}"
         raise FeatureError(msg)
-    used = n_blocks * n_cpi
-    whole = valid[-used:].reshape(n_blocks, n_cpi).all(axis=1)
-    cpis = frames[-used:].reshape(n_blocks, n_cpi, -1)[whole]
-    # Centred on a frame of its own first: static clutter must be gone before the squares.
-    centred = cpis - cpis[:, :1]
-    centred -= centred.mean(axis=1, keepdims=True)
-    parts = centred.view(np.float32).reshape(*centred.shape, 2)
-    power = np.einsum("bmnc,bmnc->bn", parts, parts, dtype=np.float64)
-    return np.asarray(power / (n_cpi - 1))
+    used = n_cpis * n_cpi
+    counts = usable[-used:].reshape(n_cpis, n_cpi)
+    kept = counts.sum(axis=1) >= max(2, n_cpi / 2)
+    is_whole = bool(counts.all())
+    # Static clutter goes first, all of it but rounding, so that the sums are of what moves.
+    moving = rows[-used:] - rows[int(np.argmax(usable))]
+    parts = moving.view(np.float32).reshape(n_cpis, n_cpi, -1)
+    if not is_whole:
+        parts, counts = parts[kept], counts[kept]
+        parts[~counts] = 0
+    n_used = counts.sum(axis=1)
+    # Sums of at most a CPI in float32, by matrix products: error below 1e-5 of the result.
+    total = np.ones((1, n_cpi), np.float32) @ parts
+    parts -= total / n_used[:, None, None].astype(np.float32)
+    if not is_whole:
+        parts[~counts] = 0
+    np.square(parts, out=parts)
+    part = np.searchsorted(part_edges(n_cpi, n_parts), np.arange(n_cpi), side="right") - 1
+    member = np.arange(n_parts)[:, None] == part
+    power = (member.astype(np.float32) @ parts).astype(np.float64)
+    power = power[..., ::2] + power[..., 1::2]
+    # (n - 1) / n of the noise is left when a mean over n was removed.
+    left = (n_used - 1) / np.maximum(n_used, 1)
+    power /= np.maximum((counts.astype(np.float64) @ member.T) * left[:, None], 0.5)[..., None]
+    return power, kept
+
+
+def part_edges(n_cpi: int, n_parts: int) -> NDArray[np.intp]:
+    """Return the first frames of the parts of a CPI, shape (n_parts,)."""
+    return np.asarray(-(-np.arange(n_parts) * n_cpi // n_parts), np.intp)
 
 
 def centre_spread_m(
@@ -79,32 +247,3 @@ def centre_spread_m(
     if not strong.any():
         return 0.0
     return float(np.ptp((weight[strong] @ range_m) / total[strong]))
-
-
-def noise_power(frames: NDArray[np.complex64], valid: NDArray[np.bool_]) -> float:
-    """Return the receiver's noise power per bin and frame, from the frames alone.
-
-    Second differences along slow time leave noise (six times its power) and little of
-    anything slow. Their low quantile over all bins and frames is hardly moved by a target,
-    which fills few of these cells; for noise alone it is unbiased.
-
-    Parameters
-    ----------
-    frames : ndarray, shape (n_slow, n_range), complex64
-        Baseband frames.
-    valid : ndarray, shape (n_slow,), bool
-        False for frames that were lost.
-
-    Returns
-    -------
-    float
-        Mean noise power in sample units squared; NaN when no three whole frames follow
-        each other. With a target in every cell it is too high by at most the target.
-    """
-    good = valid[2:] & valid[1:-1] & valid[:-2]
-    if not good.any():
-        return float("nan")
-    second = (frames[2:] - frames[1:-1]) - (frames[1:-1] - frames[:-2])
-    cells = second[good]
-    power = cells.real**2 + cells.imag**2
-    return float(np.quantile(power, _LOW_QUANTILE) * _TO_MEAN / 6)

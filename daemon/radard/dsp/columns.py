@@ -1,0 +1,192 @@
+"""Maps that grow with slow time: frames in, columns out, the last of them kept."""
+
+from abc import ABC, abstractmethod
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from radard.dsp.steps import Flags, StepBuffer, blocks
+from radard.errors import FeatureError
+
+Values = NDArray[Any]
+
+
+class ColumnStore:
+    """The last columns of a map, each with a flag, contiguous, oldest first.
+
+    Parameters
+    ----------
+    n_keep : int
+        Columns that can be asked for.
+    """
+
+    def __init__(self, n_keep: int) -> None:
+        if n_keep < 1:
+            msg = f"n_keep {n_keep}: at least one column must be kept"
+            raise FeatureError(msg)
+        self.n_keep = n_keep
+        self._columns: Values = np.zeros((0, 0))
+        self._flags = np.zeros(0, np.bool_)
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget all columns."""
+        self._fill = 0
+
+    def __len__(self) -> int:
+        return min(self._fill, self.n_keep)
+
+    def append(self, columns: Values, flags: Flags) -> None:
+        """Add columns, shape (n, ...); further axes and type are those of the first ones."""
+        n, *shape = columns.shape
+        if list(self._columns.shape[1:]) != shape or not len(self._flags):
+            self._columns = np.zeros((2 * self.n_keep, *shape), columns.dtype)
+            self._flags = np.zeros(2 * self.n_keep, np.bool_)
+            self._fill = 0
+        if n > self.n_keep:
+            columns, flags, n = columns[-self.n_keep :], flags[-self.n_keep :], self.n_keep
+        if self._fill + n > len(self._flags):
+            kept = slice(self._fill - (self.n_keep - n), self._fill)
+            self._fill = self.n_keep - n
+            self._columns[: self._fill] = self._columns[kept]
+            self._flags[: self._fill] = self._flags[kept]
+        self._columns[self._fill : self._fill + n] = columns
+        self._flags[self._fill : self._fill + n] = flags
+        self._fill += n
+
+    def last(self, n: int | None) -> tuple[Values, Flags]:
+        """Return the last `n` columns and flags, views; raise FeatureError if there are fewer."""
+        n = len(self) if n is None else n
+        if not 0 <= n <= len(self):
+            msg = f"{n} columns wanted, {len(self)} are there (at most {self.n_keep} are kept)"
+            raise FeatureError(msg)
+        part = slice(self._fill - n, self._fill)
+        return self._columns[part], self._flags[part]
+
+
+class ColumnStream(ABC):
+    """A map of one stream, made column by column from its steps.
+
+    Parameters
+    ----------
+    n_history : int
+        Steps before the new ones that a column may need.
+    n_block : int
+        Most frames that are taken at once.
+    n_keep : int
+        Columns that can be asked for.
+    n_range : int, optional
+        Bins that every frame must have; whatever the first one has when not given.
+    """
+
+    def __init__(
+        self, n_history: int, n_block: int, n_keep: int, n_range: int | None = None
+    ) -> None:
+        self.n_history = n_history
+        self.n_block = n_block
+        self.n_range = n_range
+        self._own_steps = StepBuffer(n_history, n_block)
+        self._store = ColumnStore(n_keep)
+
+    @property
+    def n_columns(self) -> int:
+        """Columns that can be asked for now."""
+        return len(self._store)
+
+    def restart(self) -> None:
+        """Forget everything, as after a gap: the next column comes after a whole CPI."""
+        self._own_steps.restart()
+        self._store.restart()
+
+    def push(self, frames: ArrayLike, valid: ArrayLike | None = None) -> int:
+        """Add a frame or many.
+
+        Parameters
+        ----------
+        frames : array_like, shape (n, n_range) or (n_range,), complex
+            The next frames of the stream: any width, byte order or strides.
+        valid : array_like of bool, shape (n,), optional
+            False for frames that were lost; what stands in their place is ignored. Frames
+            with NaN, Inf or more than 1e38 count as lost too.
+
+        Returns
+        -------
+        int
+            Columns made.
+
+        Raises
+        ------
+        FeatureError
+            If the frames do not fit the stream.
+        """
+        made = 0
+        for part, flags in blocks(frames, valid, self.n_block):
+            check_width(part.shape[1], self.n_range)
+            self._own_steps.push(part, flags)
+            made += self.advance(self._own_steps, len(part))
+        return made
+
+    @abstractmethod
+    def advance(self, steps: StepBuffer, n_new: int) -> int:
+        """Make the columns that the newest `n_new` frames of `steps` complete.
+
+        Parameters
+        ----------
+        steps : StepBuffer
+            Steps of the stream, the same object from one restart to the next.
+        n_new : int
+            At most `n_block`.
+
+        Returns
+        -------
+        int
+            Columns made.
+        """
+
+    def columns_valid(self, n: int | None = None) -> Flags:
+        """Return which of the last columns hold no lost frame, shape (n,), bool.
+
+        Raises
+        ------
+        FeatureError
+            If there are not so many.
+        """
+        return self._store.last(n)[1].copy()
+
+
+class SharedSteps:
+    """Several maps of one stream, fed together: steps are made once for all.
+
+    Parameters
+    ----------
+    *streams : ColumnStream
+        The maps; their own `push` is not to be used.
+    """
+
+    def __init__(self, *streams: ColumnStream) -> None:
+        self._streams = streams
+        self._n_block = min(stream.n_block for stream in streams)
+        self._steps = StepBuffer(max(stream.n_history for stream in streams), self._n_block)
+
+    def restart(self) -> None:
+        """Restart all maps."""
+        self._steps.restart()
+        for stream in self._streams:
+            stream.restart()
+
+    def push(self, frames: ArrayLike, valid: ArrayLike | None = None) -> None:
+        """Add a frame or many to all maps, see `ColumnStream.push`."""
+        for part, flags in blocks(frames, valid, self._n_block):
+            for stream in self._streams:
+                check_width(part.shape[1], stream.n_range)
+            self._steps.push(part, flags)
+            for stream in self._streams:
+                stream.advance(self._steps, len(part))
+
+
+def check_width(n_range: int, wanted: int | None) -> None:
+    """Raise FeatureError if frames do not have the bins that they must have."""
+    if wanted is not None and n_range != wanted:
+        msg = f"a frame of {n_range} bins in a stream of {wanted}"
+        raise FeatureError(msg)

@@ -1,0 +1,248 @@
+"""The slow-time Gram matrix of steps, and the spectrogram as a linear map of it.
+
+With A = DFT diag(taper) (I - 11^T / M), the power of a CPI y of M frames at Doppler line k,
+summed over range bins n, is a quadratic form::
+
+    mu_k = sum_n |sum_m A[k, m] y[m, n]|^2 = (A C A^H)[k, k],    C = Y Y^H
+
+so all that the spectrogram needs of the frames is their slow-time Gram matrix C. A takes
+constants away, hence y may be written as a running sum of steps d: with S the summation,
+mu = diag(B G B^H), B = A S, G = D D^H. Static clutter has then cancelled before anything is
+squared. And since B never changes, mu is one real matrix times the (M - 1)^2 real numbers
+that make up the Hermitian G.
+
+A Gram matrix is stored here as one real square Q: Re G on and below the diagonal, Im G
+above it.
+"""
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.lib.stride_tricks import as_strided
+from numpy.typing import NDArray
+
+from radard.errors import FeatureError
+
+Reals = NDArray[np.float64]
+Steps = NDArray[np.float32] | NDArray[np.float64]
+
+_TAPER_WIDTH = 2 / 4.29193
+_LARGEST_STORED = 128
+# Squares of rows within these energies neither overflow float32 nor lose digits in it.
+_LOW, _HIGH = 1e-25, 1e30
+
+
+def gaussian_taper(n_cpi: int) -> Reals:
+    """Return the seed's taper, shape (n_cpi,): Gaussian, one tenth at both ends (2.31)."""
+    centre = (n_cpi - 1) / 2
+    if centre == 0:
+        return np.ones(1)
+    x = (np.arange(n_cpi) - centre) / (_TAPER_WIDTH * centre)
+    return np.asarray(np.exp(-0.5 * x**2))
+
+
+def checked_taper(n_cpi: int, taper: NDArray[np.floating] | None) -> Reals:
+    """Return the taper in float64, the Gaussian one when none is given.
+
+    Raises
+    ------
+    FeatureError
+        If a CPI has fewer than two frames, or the taper is not one finite number a frame.
+    """
+    if n_cpi < 2:
+        msg = f"a CPI of {n_cpi} frames has no Doppler; at least 2 are needed"
+        raise FeatureError(msg)
+    weights = gaussian_taper(n_cpi) if taper is None else np.asarray(taper, np.float64)
+    if weights.shape != (n_cpi,) or not np.isfinite(weights).all():
+        msg = f"taper of shape {weights.shape}: a finite number for each of {n_cpi} frames"
+        raise FeatureError(msg)
+    return weights
+
+
+def step_operator(taper: Reals) -> NDArray[np.complex128]:
+    """Return B, which leads from the steps within a CPI to its Doppler lines.
+
+    Parameters
+    ----------
+    taper : ndarray, shape (n_cpi,), float64
+        Weight of every frame.
+
+    Returns
+    -------
+    ndarray, shape (n_cpi, n_cpi - 1), complex128
+        Rows in ascending Doppler, zero Doppler in row n_cpi // 2.
+    """
+    n_cpi = len(taper)
+    k = np.arange(n_cpi)
+    dft = np.exp(-2j * np.pi * ((np.outer(k, k) % n_cpi) / n_cpi))
+    return np.asarray(np.fft.fftshift((dft * taper) @ centring(n_cpi), axes=0))
+
+
+def centring(n_cpi: int) -> Reals:
+    """Return the map from steps to frames less their mean, shape (n_cpi, n_cpi - 1)."""
+    summation = np.tri(n_cpi, n_cpi - 1, -1)
+    return np.asarray(summation - summation.mean(axis=0))
+
+
+class GramMap:
+    """From Gram matrices of steps to columns of the spectrogram.
+
+    Parameters
+    ----------
+    taper : ndarray, shape (n_cpi,), float64
+        Weight of every frame of a CPI.
+
+    Notes
+    -----
+    Cost per column: n_cpi (n_cpi - 1)^2 multiply-adds in float64, whatever the number of
+    range bins. Up to 128 frames the weights are kept (16 MiB at 128, 0.2 MiB at 28); for
+    longer CPIs they are made row by row in every call.
+    """
+
+    def __init__(self, taper: Reals) -> None:
+        self.n_cpi = len(taper)
+        self._operator = step_operator(taper)
+        self._stored: Reals | None = None
+        if self.n_cpi <= _LARGEST_STORED:
+            rows = [self._row(a) for a in range(self.n_cpi - 1)]
+            self._stored = np.concatenate(rows, axis=1).T.copy()
+
+    def _row(self, a: int) -> Reals:
+        """Return the weights of row `a` of Q, shape (n_cpi, n_cpi - 1)."""
+        b = np.arange(self.n_cpi - 1)
+        pairs = self._operator[:, a, None] * self._operator.conj()
+        return np.where(b <= a, np.where(b == a, 1.0, 2.0) * pairs.real, -2.0 * pairs.imag)
+
+    def columns(self, gram: Reals, n: int, stride: int = 1) -> Reals:
+        """Return the spectrogram's columns.
+
+        Parameters
+        ----------
+        gram : ndarray, shape (n_steps, n_steps), float64
+            Q of consecutive steps, from `gram`; C-contiguous.
+        n : int
+            Columns wanted; the first one's steps are the first of `gram`.
+        stride : int
+            Steps from one column to the next.
+
+        Returns
+        -------
+        ndarray, shape (n, n_cpi), float64
+            Power by column and Doppler line.
+        """
+        width = self.n_cpi - 1
+        s0, s1 = gram.strides
+        shape, strides = (n, width, width), (stride * (s0 + s1), s0, s1)
+        squares = as_strided(gram, shape, strides, writeable=False)
+        if self._stored is not None:
+            mu = squares.reshape(n, -1) @ self._stored
+        else:
+            mu = np.zeros((n, self.n_cpi))
+            for a in range(width):
+                mu += squares[:, a] @ self._row(a).T
+        return np.asarray(np.maximum(mu, 0, out=mu))
+
+
+@lru_cache(maxsize=8)
+def _gram_map(taper: bytes) -> GramMap:
+    return GramMap(np.frombuffer(taper))
+
+
+def gram_map(taper: Reals) -> GramMap:
+    """Return the map for a taper; those in use are kept, as they take long to make."""
+    return _gram_map(taper.tobytes())
+
+
+def gram(rows: Steps, band: tuple[int, int]) -> Reals:
+    """Return the Gram matrix of steps over a band of range bins.
+
+    Parameters
+    ----------
+    rows : ndarray, shape (n_steps, 2 n_range), float32 or float64
+        Planar steps, all finite.
+    band : (int, int)
+        First bin and the bin behind the last.
+
+    Returns
+    -------
+    ndarray, shape (n_steps, n_steps), float64
+        Q. Products are summed in the type of the rows; rows so strong or weak that float32
+        cannot hold their squares are scaled by powers of two first, each by its own.
+    """
+    n_range = rows.shape[1] // 2
+    first, stop = band
+    real, imag = rows[:, first:stop], rows[:, n_range + first : n_range + stop]
+    q = _products(real, imag)
+    energy = q.diagonal()
+    if (energy > _LOW).all() and (energy < _HIGH).all():
+        return q
+    peak = np.maximum(np.abs(real).max(axis=1), np.abs(imag).max(axis=1))
+    exponent = np.frexp(peak)[1]
+    down = -exponent[:, None]
+    q = _products(np.ldexp(real, down), np.ldexp(imag, down))
+    return np.asarray(np.ldexp(q, exponent[:, None] + exponent))
+
+
+def extend(kept: Reals, rows: Steps, band: tuple[int, int]) -> Reals | None:
+    """Return the Gram matrix with one step more: one matrix-vector product.
+
+    Parameters
+    ----------
+    kept : ndarray, shape (n_steps - 1, n_steps - 1), float64
+        Q of all steps but the last.
+    rows : ndarray, shape (n_steps, 2 n_range), float32 or float64
+        Planar steps.
+    band : (int, int)
+        First bin and the bin behind the last.
+
+    Returns
+    -------
+    ndarray, shape (n_steps, n_steps), float64, or None
+        Q; None when the levels ask for `gram`, which scales.
+    """
+    n_range = rows.shape[1] // 2
+    first, stop = band
+    real, imag = rows[:, first:stop], rows[:, n_range + first : n_range + stop]
+    with np.errstate(over="ignore", invalid="ignore"):
+        even = real @ real[-1] + imag @ imag[-1]
+        odd = imag[:-1] @ real[-1] - real[:-1] @ imag[-1]
+        energy = _energy(real[-1:], imag[-1:])[0]
+    old = kept.diagonal()
+    if not _LOW < energy < _HIGH or not ((old > _LOW) & (old < _HIGH)).all():
+        return None
+    q = np.empty((len(rows), len(rows)))
+    q[:-1, :-1] = kept
+    q[-1] = even
+    q[-1, -1] = energy
+    q[:-1, -1] = odd
+    return q
+
+
+def _products(real: Steps, imag: Steps) -> Reals:
+    with np.errstate(over="ignore", invalid="ignore", under="ignore"):
+        even = real @ real.T
+        even += imag @ imag.T
+        cross = imag @ real.T
+        odd = cross - cross.T
+        energy = _energy(real, imag)
+    q = even.astype(np.float64)
+    np.copyto(q, odd, where=_above(len(q)))
+    np.fill_diagonal(q, energy)
+    return q
+
+
+def _energy(real: Steps, imag: Steps) -> Reals:
+    """Return the rows' energies, more exactly than a matrix product does.
+
+    Its long chains of additions round squares of whole quanta (ADC samples, or anything
+    under strong clutter) all the same way: an odd number's square is 1 modulo 8. The map to
+    mu amplifies what all the diagonal has in common. Dot products use many short chains.
+    """
+    return np.asarray(np.vecdot(real, real) + np.vecdot(imag, imag), np.float64)
+
+
+@lru_cache(maxsize=32)
+def _above(n: int) -> NDArray[np.bool_]:
+    mask = ~np.tri(n, dtype=np.bool_)
+    mask.flags.writeable = False
+    return mask

@@ -1,0 +1,82 @@
+"""Onto a physical grid: averages over cells of metres or seconds, whatever the samples."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radard.dsp.steps import Flags
+from radard.errors import FeatureError
+
+Reals = NDArray[np.float64]
+
+LEAST_COVERAGE = 0.5
+"""A cell of which less than this was seen is not known."""
+
+
+def overlap(sample_edges: Reals, cell_edges: Reals) -> Reals:
+    """Return how much of each cell each sample covers.
+
+    Parameters
+    ----------
+    sample_edges : ndarray, shape (n_samples + 1,), float64
+        Where the samples begin and end, ascending.
+    cell_edges : ndarray, shape (n_cells + 1,), float64
+        Likewise for the cells, in the same unit.
+
+    Returns
+    -------
+    ndarray, shape (n_samples, n_cells), float64
+        Shares of the cells' widths; a cell that lies within the samples has shares that
+        sum to one.
+    """
+    low = np.maximum(sample_edges[:-1, None], cell_edges[:-1])
+    high = np.minimum(sample_edges[1:, None], cell_edges[1:])
+    return np.asarray(np.maximum(high - low, 0) / np.diff(cell_edges))
+
+
+def time_cells(
+    columns: NDArray[np.floating],
+    valid: Flags,
+    column_rate_hz: float,
+    *,
+    cell_s: float,
+    n_cells: int,
+) -> tuple[Reals, Flags]:
+    """Average columns of a map over cells of time, the last of which ends with them.
+
+    Parameters
+    ----------
+    columns : ndarray, shape (n_rows, n_columns)
+        Power by column; each stands for one period of `column_rate_hz`.
+    valid : ndarray, shape (n_columns,), bool
+        False for columns that a lost frame touches: they do not count.
+    column_rate_hz : float
+        Columns per second.
+    cell_s : float
+        Length of a cell; it need be neither a whole number of columns nor longer than one.
+    n_cells : int
+        Cells wanted.
+
+    Returns
+    -------
+    cells : ndarray, shape (n_rows, n_cells), float64
+        Mean of the valid columns, by the time each has in the cell; zero where there is
+        none.
+    valid : ndarray, shape (n_cells,), bool
+        Whether at least half of the cell is known.
+
+    Raises
+    ------
+    FeatureError
+        If the cells make no sense or flags and columns differ in number.
+    """
+    n = columns.shape[-1]
+    if not (cell_s > 0 and column_rate_hz > 0 and n_cells > 0) or valid.shape != (n,):
+        msg = f"{n_cells} cells of {cell_s:g} s from {n} columns and {valid.size} flags"
+        raise FeatureError(msg)
+    sample_edges = np.arange(-n, 1.0) / column_rate_hz
+    cell_edges = np.arange(-n_cells, 1.0) * cell_s
+    share = overlap(sample_edges, cell_edges) * valid[:, None]
+    known = share.sum(axis=0)
+    # Columns that do not count must not count as NaN or Inf either.
+    power = np.where(valid, columns, 0.0) @ share
+    return power / np.where(known > 0, known, 1.0), known >= LEAST_COVERAGE - 1e-9

@@ -1,0 +1,99 @@
+"""The receiver's noise, from the frames alone, with or without a target in them.
+
+Second differences along slow time leave noise (six times its power) and little of anything
+slow: static clutter and its drift are gone exactly or nearly.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radard.dsp.clutter import AnyFrames, Flags, sound_rows
+
+_LOW_QUANTILE = 0.1
+# An exponential variable's quantile q lies at -ln(1 - q) of its mean.
+_TO_MEAN = -1 / np.log1p(-_LOW_QUANTILE)
+_SECOND_DIFFERENCE_GAIN = 6.0
+
+
+def noise_power(frames: AnyFrames, valid: Flags) -> float:
+    """Return the receiver's noise power per live bin and frame.
+
+    The low quantile of all cells is hardly moved by a target, which fills few of them; for
+    noise alone it is unbiased.
+
+    Parameters
+    ----------
+    frames : ndarray, shape (n_slow, n_range)
+        Baseband frames, as `sound_rows` takes them.
+    valid : ndarray, shape (n_slow,), bool
+        False for frames that were lost.
+
+    Returns
+    -------
+    float
+        Mean noise power in sample units squared, over bins that change at all; 0 when none
+        does, NaN when no three usable frames follow each other. With a target in every cell
+        it is too high by at most the target.
+    """
+    rows, usable, scale = sound_rows(frames, valid)
+    return float(noise_of(second_differences(rows, usable))) * scale**2
+
+
+def second_differences(rows: NDArray[np.complex64], usable: Flags) -> NDArray[np.float32]:
+    """Return the power of all second differences of usable frames.
+
+    Parameters
+    ----------
+    rows, usable
+        From `sound_rows`.
+
+    Returns
+    -------
+    ndarray, shape (n_triples, n_range), float32
+        |y[t+1] - 2 y[t] + y[t-1]|^2 / 6: its mean is the noise power.
+    """
+    good = usable[2:] & usable[1:-1] & usable[:-2]
+    step = rows[1:] - rows[:-1]
+    second = step[1:] - step[:-1]
+    if not good.all():
+        second = second[good]
+    parts = second.view(np.float32)
+    parts *= np.float32(_SECOND_DIFFERENCE_GAIN**-0.5)
+    np.square(parts, out=parts)
+    return np.asarray(parts[:, ::2] + parts[:, 1::2])
+
+
+def noise_of(cells: NDArray[np.float32]) -> float:
+    """Return the noise power of cells from `second_differences`; see `noise_power`."""
+    if len(cells) == 0:
+        return float("nan")
+    live = cells.any(axis=0)
+    if not live.all():
+        cells = cells[:, live]
+    if cells.size == 0:
+        return 0.0
+    flat = cells.ravel()
+    k = int(_LOW_QUANTILE * (flat.size - 1))
+    return float(np.partition(flat, k)[k] * _TO_MEAN)
+
+
+def noise_profile(cells: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Return the noise power of every bin by itself.
+
+    Parameters
+    ----------
+    cells : ndarray, shape (n_triples, n_range), float32
+        From `second_differences`.
+
+    Returns
+    -------
+    ndarray, shape (n_range,), float64
+        Median over time, scaled to the mean of noise: a target that stays less than half of
+        the time in a bin hardly moves it. About 15 % of scatter for two seconds at 60 Hz.
+        NaN when there are no cells.
+    """
+    if len(cells) == 0:
+        return np.full(cells.shape[1], np.nan)
+    k = (len(cells) - 1) // 2
+    middle = np.partition(cells, k, axis=0)[k]
+    return np.asarray(middle / np.log(2), np.float64)

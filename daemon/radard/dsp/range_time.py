@@ -1,0 +1,255 @@
+"""Range-time power map: where the power of motion is, in metres and seconds.
+
+Each frame loses the mean of the CPI around it, and the power that is left is averaged over
+cells of range. Column i of the map and column i of the spectrogram are of the same CPI:
+its centre frame and its Doppler.
+
+Unlike the spectrogram this keeps where a target is, how far it reaches and how it moves,
+and at 60 Hz it does not alias: a walker at 1.2 m/s moves 2 cm from frame to frame.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radard.dsp.columns import ColumnStream
+from radard.dsp.gram import Reals, centring
+from radard.dsp.grid import LEAST_COVERAGE, overlap, time_cells
+from radard.dsp.steps import Flags, StepBuffer, whole
+from radard.errors import FeatureError
+from x2radar.frame import FastTimeAxis
+
+_BLOCK = 64
+# Squares of rows within these energies neither overflow float32 nor lose digits in it.
+_LOW, _HIGH = 1e-25, 1e30
+
+
+class RangeTimeMap(ColumnStream):
+    """Power by range cell and frame of a stream.
+
+    Parameters
+    ----------
+    axis : FastTimeAxis
+        Axis of the baseband frames.
+    n_cpi : int
+        Frames whose mean is taken for clutter.
+    cell_m : float
+        Length of a range cell.
+    near_m, far_m : float, optional
+        Where the cells begin and end; the swath of the axis when not given. Cells lie at
+        near_m + k cell_m, whatever the bins.
+    n_keep : int
+        Columns that can be asked for.
+
+    Attributes
+    ----------
+    range_m : ndarray, shape (n_cells,), float64
+        Middle of every cell.
+    is_covered : ndarray, shape (n_cells,), bool
+        Whether the swath holds at least half of the cell; the others' power is zero.
+
+    Raises
+    ------
+    FeatureError
+        If a setting makes no sense.
+
+    Notes
+    -----
+    Power is the mean over the cell's bins (by the length each has in it), in sample units
+    squared, corrected for the share of the noise that the mean takes along. Relative error
+    (norm) against the same in float64 at most 1e-5, with static clutter of 0 to 140 dB
+    under the motion and amplitudes from 1e-36 to 1e37. One push of all frames and any cut
+    into smaller ones agree to 1e-6.
+    """
+
+    def __init__(
+        self,
+        axis: FastTimeAxis,
+        n_cpi: int,
+        *,
+        cell_m: float = 0.1,
+        near_m: float | None = None,
+        far_m: float | None = None,
+        n_keep: int = 512,
+    ) -> None:
+        begin_m = axis.range_offset_m - axis.bin_length_m / 2
+        bins = np.arange(axis.n_range + 1, dtype=np.float64)
+        bin_edges = begin_m + axis.bin_length_m * bins
+        near = float(bin_edges[0]) if near_m is None else near_m
+        far = float(bin_edges[-1]) if far_m is None else far_m
+        if n_cpi < 2 or not cell_m > 0 or not near < far:
+            msg = f"range-time map: CPI of {n_cpi}, cells of {cell_m} m from {near} to {far} m"
+            raise FeatureError(msg)
+        n_cells = max(1, int((far - near) / cell_m + 1e-9))
+        edges = near + cell_m * np.arange(n_cells + 1, dtype=np.float64)
+        self.range_m: Reals = (edges[:-1] + edges[1:]) / 2
+        share = overlap(bin_edges, edges)
+        covered = share.sum(axis=0)
+        self.is_covered: Flags = covered >= LEAST_COVERAGE - 1e-9
+        share *= np.where(self.is_covered, 1 / np.where(covered > 0, covered, 1), 0)
+        share *= n_cpi / (n_cpi - 1)
+        self._cells = np.concatenate([share, share]).astype(np.float32)
+        # Row i takes the mean of frames i to i + n_cpi - 1 off the frame in their middle.
+        super().__init__(n_cpi, max(_BLOCK, n_cpi), n_keep, axis.n_range)
+        self._residual = np.zeros((self.n_block, self.n_block + n_cpi - 2), np.float32)
+        middle = centring(n_cpi)[n_cpi // 2]
+        for i in range(self.n_block):
+            self._residual[i, i : i + n_cpi - 1] = middle
+        self._n_cpi = n_cpi
+
+    def advance(self, steps: StepBuffer, n_new: int) -> int:
+        """See `ColumnStream`."""
+        n = min(n_new, steps.n_frames - self._n_cpi + 1)
+        if n < 1:
+            return 0
+        good = whole(steps.flags(n + self._n_cpi - 1), self._n_cpi)
+        self._store.append(self._powers(steps, n), good)
+        return n
+
+    def columns(self, n: int | None = None) -> Reals:
+        """Return the last columns, oldest first.
+
+        Parameters
+        ----------
+        n : int, optional
+            How many; all that are kept when not given.
+
+        Returns
+        -------
+        ndarray, shape (n_cells, n), float64
+            Power by range cell and frame. A copy; `columns_valid` tells which are touched
+            by a lost frame.
+
+        Raises
+        ------
+        FeatureError
+            If there are not so many.
+        """
+        columns, _ = self._store.last(n)
+        return columns.T.copy() if self._store else np.zeros((len(self.range_m), 0))
+
+    def cells(
+        self, frame_rate_hz: float, *, cell_s: float = 0.05, n_cells: int = 40
+    ) -> tuple[Reals, Flags]:
+        """Return the map of the last n_cells * cell_s seconds on a grid of time.
+
+        Parameters
+        ----------
+        frame_rate_hz : float
+            Frames per second.
+        cell_s : float
+            Length of a cell.
+        n_cells : int
+            Cells wanted.
+
+        Returns
+        -------
+        power : ndarray, shape (n_range_cells, n_cells), float64
+            Mean over each cell, see `radard.dsp.grid.time_cells`.
+        valid : ndarray, shape (n_cells,), bool
+            Whether at least half of the time cell is known.
+        """
+        n = min(len(self._store), int(np.ceil(n_cells * cell_s * frame_rate_hz)) + 1)
+        columns, flags = self._store.last(n)
+        power = columns.T if self._store else np.zeros((len(self.range_m), 0))
+        return time_cells(power, flags, frame_rate_hz, cell_s=cell_s, n_cells=n_cells)
+
+    def _powers(self, steps: StepBuffer, n: int) -> Reals:
+        """Return the last `n` columns, shape (n, n_cells)."""
+        n_steps = n + self._n_cpi - 2
+        z = self._residual[:n, :n_steps] @ steps.rows(n_steps)
+        with np.errstate(over="ignore"):
+            energy = np.vecdot(z, z)
+        exponent = np.zeros(n, np.intc)
+        if not ((energy > _LOW) & (energy < _HIGH)).all():
+            exponent = np.frexp(np.abs(z).max(axis=1))[1]
+            np.ldexp(z, -exponent[:, None], out=z)
+        np.multiply(z, z, out=z)
+        power = (z @ self._cells).astype(np.float64)
+        return np.asarray(np.ldexp(power, 2 * exponent[:, None]))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TargetTrack:
+    """Where the strongest target is, and how far it reaches, by time.
+
+    Attributes
+    ----------
+    has_target : ndarray, shape (n_time,), bool
+        Whether anything stands out of the noise.
+    range_m : ndarray, shape (n_time,), float64
+        Centre of its power; 0 where there is none.
+    extent_m : ndarray, shape (n_time,), float64
+        From the near end of its first cell to the far end of its last; 0 where there is
+        none.
+    """
+
+    has_target: Flags
+    range_m: Reals
+    extent_m: Reals
+
+
+def find_target(
+    power: NDArray[np.floating],
+    range_m: Reals,
+    *,
+    noise: float | None = None,
+    over_noise_db: float = 10.0,
+    below_peak_db: float = 12.0,
+    reach_m: float = 0.8,
+) -> TargetTrack:
+    """Return range and extent of the strongest target in a range-time map.
+
+    Its parts are the cells that are less than `below_peak_db` weaker than its strongest,
+    within `reach_m` of that. Multipath behind a body is 15 to 25 dB weaker than the body
+    (measured on P4xx walks), so it does not count.
+
+    Parameters
+    ----------
+    power : ndarray, shape (n_cells, n_time)
+        From `RangeTimeMap`.
+    range_m : ndarray, shape (n_cells,), float64
+        Middle of the cells, evenly spaced.
+    noise : float, optional
+        Mean noise power of a cell; the map's lower quartile when not given, which is too
+        high once most of the map is target.
+    over_noise_db : float
+        How far a target stands out of it.
+    below_peak_db : float
+        How much weaker than its strongest cell a target's cells may be.
+    reach_m : float
+        How far they may lie from it.
+
+    Returns
+    -------
+    TargetTrack
+        Never NaN: a map without power has no target.
+
+    Raises
+    ------
+    FeatureError
+        If map and axis do not fit.
+    """
+    n_cells, n_time = power.shape
+    if range_m.shape != (n_cells,) or n_cells == 0:
+        msg = f"a map of {n_cells} range cells and an axis of {range_m.size}"
+        raise FeatureError(msg)
+    if n_time == 0:
+        return TargetTrack(np.zeros(0, np.bool_), np.zeros(0), np.zeros(0))
+    p = np.asarray(power, np.float64)
+    floor = float(np.quantile(p, 0.25)) if noise is None else noise
+    peak = p.max(axis=0)
+    has_target = peak > floor * 10 ** (over_noise_db / 10)
+    least = np.maximum(peak * 10 ** (-below_peak_db / 10), floor * 10 ** (over_noise_db / 10))
+    near = np.abs(range_m[:, None] - range_m[p.argmax(axis=0)]) <= reach_m
+    part = (p >= least) & near & has_target
+    # Relative to the peak: no level of power leaves float64 that way.
+    weight = np.where(part, p, 0) / np.where(has_target, peak, 1)
+    total = weight.sum(axis=0)
+    centre = range_m @ weight / np.where(has_target, total, 1)
+    first = part.argmax(axis=0)
+    last = n_cells - 1 - part[::-1].argmax(axis=0)
+    cell_m = range_m[1] - range_m[0] if n_cells > 1 else 0.0
+    extent = np.where(has_target, (last - first + 1) * cell_m, 0.0)
+    return TargetTrack(has_target, np.where(has_target, centre, 0.0), extent)

@@ -1,0 +1,212 @@
+"""Frame-to-frame steps: the form of a stream in which static clutter is gone exactly.
+
+Two floating-point numbers within a factor of two of each other have an exact difference
+(Sterbenz 1974), so the step from one frame to the next holds the motion and none of the
+clutter's rounding, however strong the clutter is. Everything that looks for motion (the
+spectrogram, the velocity transform, the range-time map) starts from steps and puts frames
+together again only as far as a CPI reaches. Steps carry no state that could drift.
+
+A frame that is lost or unusable repeats the one before it: its step is zero, the next good
+frame's step spans the gap, and a flag says which frames those are.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from radard.errors import FeatureError
+
+LARGEST = np.float32(1e38)
+"""Frames with a part beyond this are unusable: their steps would leave float32."""
+
+# Complex numbers that are worked on at a time: 256 KiB.
+_IN_CACHE = 1 << 15
+
+Frames = NDArray[np.generic]
+Flags = NDArray[np.bool_]
+
+
+def blocks(
+    frames: ArrayLike, valid: ArrayLike | None, size: int
+) -> Iterator[tuple[Frames, Flags | None]]:
+    """Yield a frame or many, cut into blocks of at most `size`, with their flags.
+
+    Parameters
+    ----------
+    frames : array_like, shape (n_slow, n_range) or (n_range,)
+        Complex or real numbers of any width and byte order.
+    valid : array_like of bool, shape (n_slow,), optional
+        False for frames that were lost.
+    size : int
+        Most frames in one block.
+
+    Yields
+    ------
+    frames : ndarray, shape (n, n_range)
+        A view.
+    valid : ndarray, shape (n,), bool, or None
+        None when all are.
+
+    Raises
+    ------
+    FeatureError
+        If the shapes do not fit, or the frames hold no numbers.
+    """
+    rows = np.atleast_2d(np.asarray(frames))
+    if rows.ndim != 2 or rows.shape[1] == 0 or rows.dtype.kind not in "iufc":
+        msg = f"frames of shape {np.shape(frames)} and type {rows.dtype} are no record of frames"
+        raise FeatureError(msg)
+    flags = None if valid is None else np.atleast_1d(np.asarray(valid, np.bool_))
+    if flags is not None and flags.shape != rows.shape[:1]:
+        msg = f"{rows.shape[0]} frames, but {flags.size} flags"
+        raise FeatureError(msg)
+    for first in range(0, len(rows), size):
+        part = slice(first, first + size)
+        yield rows[part], None if flags is None else flags[part]
+
+
+def whole(valid: Flags, n_cpi: int, stride: int = 1) -> Flags:
+    """Return which CPIs hold good frames only.
+
+    Parameters
+    ----------
+    valid : ndarray, shape (n_slow,), bool
+        False for frames that were lost.
+    n_cpi : int
+        Frames in a CPI.
+    stride : int
+        Frames from one CPI's beginning to the next one's.
+
+    Returns
+    -------
+    ndarray, shape (1 + (n_slow - n_cpi) // stride,), bool
+        One flag a CPI.
+    """
+    n_lost = np.concatenate(([0], np.cumsum(~valid)))
+    return np.asarray((n_lost[n_cpi:] == n_lost[:-n_cpi])[::stride])
+
+
+class StepBuffer:
+    """The last steps of one stream, contiguous, oldest first.
+
+    Rows are planar: all real parts, then all imaginary parts, which is what the real
+    matrix products want.
+
+    Parameters
+    ----------
+    n_keep : int
+        Rows that stay available before those of the latest push.
+    n_block : int
+        Most frames in one push.
+    """
+
+    def __init__(self, n_keep: int, n_block: int) -> None:
+        self._n_keep = n_keep
+        self._capacity = n_keep + n_block
+        self._n_block = n_block
+        self._flags = np.zeros(self._capacity, np.bool_)
+        self._rows = np.zeros((0, 0), np.float32)
+        self._scratch = np.zeros((0, 0), np.complex64)
+        self.n_range = 0
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget all frames, as after a gap of unknown length; the next may be of any size."""
+        self._fill = 0
+        self._last: Frames | None = None
+        self.n_frames = 0
+
+    def push(self, frames: Frames, valid: Flags | None = None) -> None:
+        """Add frames.
+
+        Parameters
+        ----------
+        frames : ndarray, shape (n, n_range), n at most `n_block`
+            From `blocks`.
+        valid : ndarray, shape (n,), bool, optional
+            From `blocks`. Frames that are not finite count as lost without being named.
+
+        Raises
+        ------
+        FeatureError
+            If the number of range bins changed without a restart.
+        """
+        n, n_range = frames.shape
+        if self.n_frames == 0 and n_range != self.n_range:
+            self.n_range = n_range
+            self._rows = np.zeros((self._capacity, 2 * n_range), np.float32)
+            n_scratch = min(self._n_block, max(1, _IN_CACHE // n_range))
+            self._scratch = np.zeros((n_scratch, n_range), np.complex64)
+        if n_range != self.n_range:
+            msg = f"a frame of {n_range} bins in a stream of {self.n_range}"
+            raise FeatureError(msg)
+        if self._fill + n > self._capacity:
+            kept = slice(self._fill - self._n_keep, self._fill)
+            self._rows[: self._n_keep] = self._rows[kept]
+            self._flags[: self._n_keep] = self._flags[kept]
+            self._fill = self._n_keep
+        new = slice(self._fill, self._fill + n)
+        flags = self._flags[new]
+        flags[:] = True if valid is None else valid
+        rows = self._rows[new]
+        # A first frame has no step that would show what is wrong with it.
+        looks_good = self._last is not None or _usable(frames[:1]).all()
+        if not flags.all() or not looks_good or not self._write(frames, rows):
+            frames = self._repaired(frames, flags)
+            self._write(frames, rows)
+        if flags.any():
+            self._last = frames[-1].astype(np.result_type(frames.dtype, np.complex64))
+        self._fill += n
+        self.n_frames += n
+
+    def rows(self, n: int) -> NDArray[np.float32]:
+        """Return the last `n` steps, shape (n, 2 n_range), float32, a view."""
+        return self._rows[self._fill - n : self._fill]
+
+    def flags(self, n: int) -> Flags:
+        """Return which of the last `n` frames are good, shape (n,), bool, a view."""
+        return self._flags[self._fill - n : self._fill]
+
+    def _write(self, frames: Frames, rows: NDArray[np.float32]) -> bool:
+        """Write the steps that lead to `frames`; return False if one is not finite."""
+        n, n_range = frames.shape
+        # The wider of input and complex64: a step is rounded once, after the subtraction.
+        work = np.result_type(frames.dtype, np.complex64)
+        last = frames[0] if self._last is None else self._last
+        size = len(self._scratch)
+        with np.errstate(over="ignore", invalid="ignore"):
+            for first in range(0, n, size):
+                part = frames[first : first + size]
+                steps = self._scratch[: len(part)]
+                np.subtract(part[0], last, out=steps[0], dtype=work, casting="same_kind")
+                np.subtract(part[1:], part[:-1], out=steps[1:], dtype=work, casting="same_kind")
+                rows[first : first + size, :n_range] = steps.real
+                rows[first : first + size, n_range:] = steps.imag
+                last = part[-1]
+        flat = rows.reshape(-1)
+        # One dot product finds what is not finite; strong frames overflow it and are
+        # looked at once more.
+        return bool(np.isfinite(np.vdot(flat, flat)) or _usable(frames).all())
+
+    def _repaired(self, frames: Frames, flags: Flags) -> Frames:
+        """Return the frames with the one before in place of every bad one; clear its flag."""
+        flags &= _usable(frames)
+        source = np.maximum.accumulate(np.where(flags, np.arange(len(frames)), -1))
+        good = np.asarray(frames[np.maximum(source, 0)], np.result_type(frames, np.complex64))
+        if source[0] < 0:
+            before = self._last
+            if before is None:
+                # Nothing good yet: stand still at the first good frame, or at zero.
+                first = int(flags.argmax())
+                before = good[first] if flags[first] else np.zeros_like(good[0])
+            good[source < 0] = before
+        return good
+
+
+def _usable(frames: Frames) -> Flags:
+    with np.errstate(invalid="ignore"):
+        return np.asarray(
+            (np.abs(frames.real) < LARGEST).all(axis=1)
+            & (np.abs(frames.imag) < LARGEST).all(axis=1)
+        )

@@ -1,0 +1,277 @@
+"""Wideband velocity transform: power by velocity and time, aliases suppressed.
+
+A point that approaches at v turns the phase of frequency f by 4 pi f v / c a second. At a
+frame rate too low for v, one frequency cannot tell v from v + c fp / (2 f); over a wide band
+these aliases lie elsewhere for every f, and the true velocity does not. With X(f, t) the
+DFT over range of frame t, f absolute (carrier and baseband frequency), and w a taper about
+the column's time t0::
+
+    P(v, t0) = sum_f |sum_t w(t - t0) X(f, t) exp(-j 4 pi f v (t - t0) / c)|^2
+
+The exponential follows every f's own Doppler, which also means that a target may cross many
+range bins within a CPI and stay one sharp line. Aliases are smeared over velocity in
+proportion to band over carrier, and weaker by that, not absent. Related: range walk
+compensation by the keystone transform (Perry, DiPietro and Fante 1999, recalled).
+
+**Clutter.** The mean over each CPI is taken off X, as in the spectrogram, and it is done on
+frame-to-frame steps, *before* the DFT over range: static clutter is then gone exactly,
+before anything was rounded (see `radard.dsp.steps`).
+"""
+
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+from numpy.lib.stride_tricks import as_strided, sliding_window_view
+from numpy.typing import ArrayLike, NDArray
+
+from radard.dsp.columns import ColumnStore, ColumnStream
+from radard.dsp.gram import Reals, checked_taper
+from radard.dsp.steps import Flags, StepBuffer, blocks, whole
+from radard.dsp.wideband import range_dft, range_frequencies, velocity_operator
+from radard.errors import FeatureError
+from x2radar.frame import FastTimeAxis
+
+CPI_S = 28 / 60
+_LEAST_CPI = 4
+_BLOCK = 64
+_LOW, _HIGH = 1e-15, 1e15
+
+
+class VelocityTransform(ColumnStream):
+    """Velocity-time map of a stream.
+
+    Parameters
+    ----------
+    axis : FastTimeAxis
+        Axis of the baseband frames, phase falling with range.
+    frame_rate_hz : float
+        Frames per second.
+    max_mps : float
+        The grid reaches from minus to plus this velocity.
+    step_mps : float
+        Its spacing. A CPI of 0.47 s resolves 0.07 m/s.
+    cpi_s : float
+        Length of a CPI; at least four frames are taken.
+    column_rate_hz : float
+        Columns wanted a second; columns lie whole frames apart, `stride` of them.
+    n_frequencies : int
+        Most frequencies, see `range_frequencies`.
+    flatten : float
+        Exponent of the pulse's amplitude spectrum that is divided out of X. Behind a matched
+        filter, 0 leaves its narrow band, 1 makes the noise white again, 2 makes the echo's
+        spectrum flat. See the notes.
+    taper : callable, optional
+        From the number of frames in a CPI to their weights; the seed's Gaussian when not
+        given.
+    n_keep : int
+        Columns that can be asked for.
+
+    Attributes
+    ----------
+    velocity_mps : ndarray, shape (n_velocity,), float64
+        The grid, ascending, approaching positive; 0 is in it.
+    frequency_hz : ndarray, shape (n_freq,), float64
+        Absolute frequencies.
+    n_cpi, stride : int
+        Frames in a CPI, and from one column to the next.
+
+    Raises
+    ------
+    FeatureError
+        If a setting makes no sense.
+
+    Notes
+    -----
+    Relative error (norm) against `velocity_transform_direct` of the same input: at most
+    1e-5 with static clutter of 0 to 140 dB under the motion, at amplitudes from 1e-36 to
+    1e33. One push of all frames and any cut into smaller ones agree to 1e-6. Per column one
+    complex matrix product (n_velocity x n_cpi) for each frequency: about 1 MFLOP at 60 Hz.
+
+    What `flatten` trades, for one point of an X2 with CPIs of 0.47 s (its strongest alias,
+    measured, at 0.6 to 3.6 m/s; signal to white noise, computed):
+
+    ======= ============= ============= =========
+    flatten alias, 60 Hz  alias, 30 Hz  noise
+    ======= ============= ============= =========
+    0       -4.4 to -4.9  -1.6 to -2.9  0 dB
+    1       -5.5 to -6.3  -2.4 to -3.9  -1.6 dB
+    1.5     -6.5 to -7.4  -3.2 to -4.6  -3.1 dB
+    2       -8.1 to -8.6  -4.6 to -5.5  -5.0 dB
+    ======= ============= ============= =========
+    """
+
+    def __init__(
+        self,
+        axis: FastTimeAxis,
+        frame_rate_hz: float,
+        *,
+        max_mps: float = 5.0,
+        step_mps: float = 0.1,
+        cpi_s: float = CPI_S,
+        column_rate_hz: float = 30.0,
+        n_frequencies: int = 64,
+        flatten: float = 1.5,
+        taper: Callable[[int], Reals] | None = None,
+        n_keep: int = 256,
+    ) -> None:
+        settings = (frame_rate_hz, step_mps, cpi_s, column_rate_hz)
+        if not all(0 < value < np.inf for value in settings) or not step_mps <= max_mps < np.inf:
+            msg = (
+                "velocity transform: frame rate, steps and times must be above zero, and the "
+                f"grid must hold a step; got {settings} and {max_mps} m/s"
+            )
+            raise FeatureError(msg)
+        self.frequency_hz = range_frequencies(axis, n_frequencies)
+        self.n_cpi = max(_LEAST_CPI, round(cpi_s * frame_rate_hz))
+        self.stride = max(1, round(frame_rate_hz / column_rate_hz))
+        n_side = int(max_mps / step_mps + 1e-9)
+        self.velocity_mps: Reals = np.arange(-n_side, n_side + 1, dtype=np.float64) * step_mps
+        weights = checked_taper(self.n_cpi, None if taper is None else taper(self.n_cpi))
+        self._operator = velocity_operator(
+            self.frequency_hz, self.velocity_mps, frame_rate_hz, weights
+        ).astype(np.complex64)
+        dft = range_dft(axis, self.frequency_hz, flatten)
+        # Planar in, planar out: [re im] times [[C S], [-S C]].
+        self._dft = np.block([[dft.real, dft.imag], [-dft.imag, dft.real]]).astype(np.float32)
+        n_block = max(_BLOCK, self.n_cpi)
+        super().__init__(0, n_block, n_keep, axis.n_range)
+        self._spectra_in = StepBuffer(0, n_block)
+        self._spectra = ColumnStore(self.n_cpi + self.stride + n_block)
+        self._n_seen = 0
+
+    def restart(self) -> None:
+        """See `ColumnStream`."""
+        super().restart()
+        self._spectra_in.restart()
+        self._spectra.restart()
+        self._n_seen = 0
+
+    def advance(self, steps: StepBuffer, n_new: int) -> int:
+        """See `ColumnStream`."""
+        return self._advance(steps.rows(n_new) @ self._dft, steps.flags(n_new))
+
+    def push_spectra(self, spectra: ArrayLike, valid: ArrayLike | None = None) -> int:
+        """Add X(f, t) that somebody else has made, instead of frames.
+
+        Parameters
+        ----------
+        spectra : array_like, shape (n, n_freq) or (n_freq,), complex
+            DFT over range of the next frames at `frequency_hz`. Clutter in it cancels as
+            far as its own rounding allows.
+        valid : array_like of bool, shape (n,), optional
+            False for frames that were lost.
+
+        Returns
+        -------
+        int
+            Columns made.
+
+        Raises
+        ------
+        FeatureError
+            If there are not as many frequencies.
+        """
+        made = 0
+        for part, flags in blocks(spectra, valid, self.n_block):
+            if part.shape[1] != len(self.frequency_hz):
+                msg = f"{part.shape[1]} frequencies, not {len(self.frequency_hz)}"
+                raise FeatureError(msg)
+            self._spectra_in.push(part, flags)
+            made += self._advance(
+                self._spectra_in.rows(len(part)), self._spectra_in.flags(len(part))
+            )
+        return made
+
+    def columns(self, n: int | None = None) -> Reals:
+        """Return the last columns, oldest first.
+
+        Parameters
+        ----------
+        n : int, optional
+            How many; all that are kept when not given.
+
+        Returns
+        -------
+        ndarray, shape (n_velocity, n), float64
+            Linear power. A copy; `columns_valid` tells which are touched by a lost frame.
+
+        Raises
+        ------
+        FeatureError
+            If there are not so many.
+        """
+        columns, _ = self._store.last(n)
+        return columns.T.copy() if self._store else np.zeros((len(self.velocity_mps), 0))
+
+    def _advance(self, planar: NDArray[np.float32], flags: Flags) -> int:
+        n_new, n_freq = len(planar), len(self.frequency_hz)
+        steps = np.empty((n_new, n_freq), np.complex64)
+        steps.real, steps.imag = planar[:, :n_freq], planar[:, n_freq:]
+        self._spectra.append(steps, flags)
+        self._n_seen += n_new
+        earliest = max(0, self._n_seen - n_new - self.n_cpi + 1)
+        first = -(-earliest // self.stride) * self.stride
+        n_columns = (self._n_seen - self.n_cpi - first) // self.stride + 1
+        if n_columns < 1:
+            return 0
+        rows, good = self._spectra.last(self._n_seen - first)
+        power = _powers(rows[1:], self._operator, n_columns, self.stride)
+        self._store.append(power, whole(good, self.n_cpi, self.stride))
+        return n_columns
+
+
+def velocity_transform(
+    frames: ArrayLike, axis: FastTimeAxis, frame_rate_hz: float, **settings: float
+) -> Reals:
+    """Return the velocity-time map of a whole record: `VelocityTransform` fed once.
+
+    Parameters
+    ----------
+    frames : array_like, shape (n_slow, n_range), complex
+        Baseband frames.
+    axis : FastTimeAxis
+        Their axis.
+    frame_rate_hz : float
+        Frames per second.
+    **settings
+        As for `VelocityTransform`.
+
+    Returns
+    -------
+    ndarray, shape (n_velocity, n_columns), float64
+        Linear power.
+
+    Raises
+    ------
+    FeatureError
+        If the record is shorter than a CPI or does not fit the axis.
+    """
+    rows = np.asarray(frames)
+    make = partial(VelocityTransform, axis, frame_rate_hz, n_keep=max(1, len(rows)))
+    stream = make(**settings)  # type: ignore[arg-type]
+    if stream.push(rows) == 0:
+        msg = f"frames of shape {rows.shape} cannot fill a CPI of {stream.n_cpi} frames"
+        raise FeatureError(msg)
+    return stream.columns()
+
+
+def _powers(
+    rows: NDArray[np.complex64], operator: NDArray[np.complex64], n: int, stride: int
+) -> Reals:
+    """Return `n` columns, shape (n, n_velocity), from steps, shape (n_steps, n_freq)."""
+    n_freq, n_velocity, width = operator.shape
+    by_frequency = np.ascontiguousarray(rows.T)
+    s0, s1 = by_frequency.strides
+    windows = as_strided(by_frequency, (n_freq, width, n), (s0, s1, stride * s1)).copy()
+    # Squares are taken in float32; a column too strong or weak for that is scaled.
+    level = np.maximum(np.abs(rows.real).max(axis=1), np.abs(rows.imag).max(axis=1))
+    peak = sliding_window_view(level, width)[::stride].max(axis=1)
+    extreme = ((peak < _LOW) & (peak > 0)) | (peak > _HIGH)
+    exponent = np.where(extreme, np.frexp(peak)[1], 0)
+    if extreme.any():
+        parts = windows.view(np.float32).reshape(n_freq, width, n, 2)
+        np.ldexp(parts, -exponent[:, None], out=parts)
+    lines = (operator @ windows).view(np.float32).reshape(n_freq, -1)
+    power = np.einsum("fy,fy->y", lines, lines).reshape(n_velocity, n, 2).sum(axis=2)
+    return np.asarray(np.ldexp(power.T.astype(np.float64), 2 * exponent[:, None]))

@@ -1,0 +1,140 @@
+"""Frequencies of the wideband velocity transform: which, by what matrix, and the definition.
+
+Absolute frequencies are the carrier plus the baseband frequencies of the DFT over range.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from radard.dsp.gram import Reals, centring
+from radard.errors import FeatureError
+from x2radar.frame import FastTimeAxis
+from x2radar.settings import SPEED_OF_LIGHT_MPS
+
+_REACH = 1.3 / 2.3
+_UNKNOWN_BANDWIDTH = 0.2
+
+
+def range_frequencies(axis: FastTimeAxis, n_most: int = 64) -> Reals:
+    """Return the absolute frequencies at which a stream's frames are looked at.
+
+    Parameters
+    ----------
+    axis : FastTimeAxis
+        Axis of the baseband frames. An unknown bandwidth is taken for a fifth of the
+        carrier.
+    n_most : int
+        Most frequencies.
+
+    Returns
+    -------
+    ndarray, shape (n_freq,), float64
+        Around the carrier, ascending, in hertz, over 1.13 of the -10 dB band (1.3 GHz to
+        either side for the X2) as far as the bins sample it. They are c / (2 swath) apart,
+        all that differ for that many bins, or a multiple of it to stay within `n_most`.
+
+    Raises
+    ------
+    FeatureError
+        If the axis has no carrier or no bins.
+    """
+    if axis.carrier_hz <= 0 or axis.bin_length_m <= 0 or n_most < 1:
+        msg = f"no frequencies: carrier {axis.carrier_hz:g} Hz, bins of {axis.bin_length_m:g} m"
+        raise FeatureError(msg)
+    bandwidth_hz = axis.bandwidth_hz or _UNKNOWN_BANDWIDTH * axis.carrier_hz
+    sampled_hz = SPEED_OF_LIGHT_MPS / (2 * axis.bin_length_m)
+    reach_hz = min(_REACH * bandwidth_hz, 0.49 * sampled_hz)
+    spacing_hz = sampled_hz / axis.n_range
+    n_side = int(reach_hz / spacing_hz)
+    thin = -(-(2 * n_side + 1) // n_most)
+    n_side //= thin
+    return np.asarray(axis.carrier_hz + np.arange(-n_side, n_side + 1) * (thin * spacing_hz))
+
+
+def range_dft(
+    axis: FastTimeAxis, frequency_hz: Reals, flatten: float = 0.0
+) -> NDArray[np.complex128]:
+    """Return the DFT over range, and the weights of the frequencies, as one matrix.
+
+    Parameters
+    ----------
+    axis : FastTimeAxis
+        Axis of the baseband frames.
+    frequency_hz : ndarray, shape (n_freq,), float64
+        Absolute frequencies.
+    flatten : float
+        Exponent of the pulse's amplitude spectrum (one at the carrier) that is divided out;
+        nothing is when the bandwidth is unknown.
+
+    Returns
+    -------
+    ndarray, shape (n_range, n_freq), complex128
+        Frames times this are X. Unflattened, the squares' sum over all of the sampled band
+        would be the sum of the bins' power (Parseval), however the frequencies are spaced.
+    """
+    delay_s = 2 * axis.bin_length_m / SPEED_OF_LIGHT_MPS
+    baseband_hz = frequency_hz - axis.carrier_hz
+    spacing_hz = np.ptp(frequency_hz) / max(len(frequency_hz) - 1, 1) or 1 / delay_s
+    weight = np.full(len(frequency_hz), np.sqrt(delay_s * spacing_hz))
+    if axis.bandwidth_hz > 0:
+        # -10 dB at half the bandwidth.
+        weight *= 10 ** (0.5 * flatten * (2 * baseband_hz / axis.bandwidth_hz) ** 2)
+    turns = np.outer(np.arange(axis.n_range) * delay_s, baseband_hz)
+    return np.asarray(np.exp(-2j * np.pi * (turns % 1.0)) * weight)
+
+
+def velocity_transform_direct(
+    spectra: ArrayLike,
+    frequency_hz: Reals,
+    frame_rate_hz: float,
+    *,
+    velocity_mps: Reals,
+    taper: Reals,
+    stride: int = 1,
+) -> Reals:
+    """Return the map by its definition, in float64: the reference for the fast form.
+
+    Parameters
+    ----------
+    spectra : array_like, shape (n_slow, n_freq), complex
+        X(f, t): frames times `range_dft`.
+    frequency_hz : ndarray, shape (n_freq,)
+        Absolute frequencies.
+    frame_rate_hz : float
+        Frames per second.
+    velocity_mps : ndarray, shape (n_velocity,)
+        Velocities, approaching positive.
+    taper : ndarray, shape (n_cpi,)
+        Weight of every frame.
+    stride : int
+        Frames from one column to the next.
+
+    Returns
+    -------
+    ndarray, shape (n_velocity, n_columns), float64
+        Linear power.
+    """
+    x = np.asarray(spectra, np.complex128)
+    n_cpi = len(taper)
+    time_s = (np.arange(n_cpi) - (n_cpi - 1) / 2) / frame_rate_hz
+    columns = []
+    for i in range(0, len(x) - n_cpi + 1, stride):
+        cpi = x[i : i + n_cpi] - x[i]
+        cpi = (cpi - cpi.mean(axis=0)) * taper[:, None]
+        power = np.zeros(len(velocity_mps))
+        for k, f in enumerate(frequency_hz):
+            turns = 2 * f / SPEED_OF_LIGHT_MPS * np.outer(velocity_mps, time_s)
+            power += np.abs(np.exp(-2j * np.pi * turns) @ cpi[:, k]) ** 2
+        columns.append(power)
+    return np.stack(columns, axis=1)
+
+
+def velocity_operator(
+    frequency_hz: Reals, velocity_mps: Reals, frame_rate_hz: float, taper: Reals
+) -> NDArray[np.complex128]:
+    """Return what leads from steps to velocities, (n_freq, n_velocity, n_cpi - 1)."""
+    n_cpi = len(taper)
+    time_s = (np.arange(n_cpi) - (n_cpi - 1) / 2) / frame_rate_hz
+    doppler_hz = 2 / SPEED_OF_LIGHT_MPS * np.multiply.outer(frequency_hz, velocity_mps)
+    turns = np.multiply.outer(doppler_hz, time_s) % 1.0
+    return np.asarray((np.exp(-2j * np.pi * turns) * taper) @ centring(n_cpi))

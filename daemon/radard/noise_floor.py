@@ -1,0 +1,114 @@
+"""NoiseFloor: the receiver's noise per range bin, learned from a stream with people in it.
+
+The level is common to all live bins: the least of what the dwells in memory say, since a
+target can only add to it. The shape over range is learned only from bins that hold
+stationary white noise at the time: their power after clutter removal is the same in every
+CPI of the dwell and the same as their second differences say; and it is learned as the
+median over a quarter of the swath, which no body fills. A fan that looks like noise in its
+own bins so stays what it is.
+"""
+
+from collections import deque
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radard.dsp.noise import noise_of, noise_profile
+
+_GAIN = 0.2
+_SIGMAS = 4.0
+_SPAN_DB = (-10.0, 20.0)
+_MOST_MEMBERS = 24
+
+
+class NoiseFloor:
+    """Follow the noise of one stream.
+
+    Parameters
+    ----------
+    n_memory : int
+        Dwells whose least level counts.
+    most_db_per_dwell : float
+        Most that the shape moves from one dwell to the next, in dB; in the first
+        dwell it is taken as it is.
+
+    Notes
+    -----
+    The shape stays between -10 and +20 dB of the common level. State is float64 in dB and
+    bounded, so it cannot drift however long the stream is.
+    """
+
+    def __init__(self, n_memory: int, most_db_per_dwell: float) -> None:
+        self._levels: deque[float] = deque(maxlen=n_memory)
+        self._most_db = most_db_per_dwell
+        self._shape_db: NDArray[np.float64] | None = None
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self._levels.clear()
+        self._shape_db = None
+
+    def update(
+        self, cells: NDArray[np.float32], cpi_power: NDArray[np.float64], n_cpi: int, unit: float
+    ) -> tuple[float, NDArray[np.float64]]:
+        """Learn from one dwell.
+
+        Parameters
+        ----------
+        cells : ndarray, shape (n_triples, n_range), float32
+            From `radard.dsp.noise.second_differences`.
+        cpi_power : ndarray, shape (n_cpis, n_range), float64
+            Residual power of the same rows.
+        n_cpi : int
+            Frames in a CPI.
+        unit : float
+            Sample units squared for one unit of the two.
+
+        Returns
+        -------
+        level : float
+            Common noise level in sample units squared.
+        floor : ndarray, shape (n_range,), float64
+            Noise power of every bin; zero in bins that do not change at all.
+        """
+        here = noise_of(cells)
+        if np.isfinite(here):
+            self._levels.append(here * unit)
+        level = min(self._levels, default=0.0)
+        live = cells.any(axis=0)
+        first = self._shape_db is None
+        shape_db = np.zeros(cells.shape[1]) if self._shape_db is None else self._shape_db
+        if here > 0 and len(cpi_power):
+            own = np.maximum(noise_profile(cells), np.finfo(np.float32).tiny)
+            most = 1 + _SIGMAS / np.sqrt(n_cpi - 1)
+            is_noise = (cpi_power < most * own).all(axis=0) & (cpi_power > own / most).all(axis=0)
+            own_db = 10 * np.log10(own / here)
+            step_db = _rolling_median(np.where(is_noise, own_db, shape_db)) - shape_db
+            if not first:
+                step_db = np.clip(_GAIN * step_db, -self._most_db, self._most_db)
+            shape_db = np.clip(shape_db + step_db, *_SPAN_DB)
+            self._shape_db = shape_db
+        return level, level * 10 ** (shape_db / 10) * live
+
+
+def _rolling_median(shape_db: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the median over a quarter of the swath about every bin (at the ends, less)."""
+    windows = _windows(len(shape_db))
+    k = (windows.shape[1] - 1) // 2
+    return np.asarray(np.partition(shape_db[windows], k, axis=1)[:, k])
+
+
+@lru_cache(maxsize=8)
+def _windows(n_range: int) -> NDArray[np.intp]:
+    """Return at most `_MOST_MEMBERS` bins about every bin, shape (n_range, odd)."""
+    half = n_range // 8
+    step = max(1, -(-2 * half // _MOST_MEMBERS))
+    reach = half // step
+    offsets = np.arange(-reach, reach + 1) * step
+    bins = np.arange(n_range)[:, None] + offsets
+    # Mirrored at the ends, so that every window has as many members.
+    bins = np.abs(bins)
+    bins = np.asarray(np.where(bins > n_range - 1, 2 * (n_range - 1) - bins, bins))
+    bins.flags.writeable = False
+    return bins

@@ -1,0 +1,61 @@
+"""Rooms with clutter, jitter and noise that the tests of clutter, gate and tracks share."""
+
+import numpy as np
+
+from tests.radar_helpers import noise
+from x2radar.frame import FastTimeAxis
+from x2radar.sim.pulse import baseband_echo
+
+SPEED_OF_LIGHT_MPS = 299_792_458.0
+AXIS = FastTimeAxis(
+    kind="baseband",
+    n_range=96,
+    bin_length_m=0.0293,
+    range_offset_m=0.6,
+    carrier_hz=6.8e9,
+    bandwidth_hz=2.3e9,
+    sample_rate_hz=41e9,
+)
+
+
+def db(power):
+    return 10 * np.log10(power)
+
+
+def jitter_of(n_slow, *, jitter_s=0.2e-12, gain=1e-3, seed=1):
+    """Common delays and gains of every frame."""
+    rng = np.random.default_rng(seed)
+    return rng.standard_normal(n_slow) * jitter_s, rng.standard_normal(n_slow) * gain
+
+
+def clutter(delay_s, gain, *, peak_db=57.0, n_echoes=60, seed=2, axis=AXIS):
+    """Static echoes over the whole swath, shape (n_slow, n_range), complex128.
+
+    The strongest bin lies `peak_db` over a noise of power one.
+    """
+    rng = np.random.default_rng(seed)
+    range_m = np.sort(rng.uniform(0.5, 3.5, n_echoes))
+    amplitude = np.exp(-range_m) * rng.lognormal(0, 0.7, n_echoes)
+    still = baseband_echo(range_m[None], amplitude[None], axis)
+    amplitude *= 10 ** (peak_db / 20) / np.abs(still).max()
+    moved = range_m + delay_s[:, None] * SPEED_OF_LIGHT_MPS / 2
+    # In float64: baseband_echo is exact to its complex64 output only.
+    out = np.zeros((len(delay_s), axis.n_range), np.complex128)
+    sigma_m = np.sqrt(np.log(10) / 2) / (np.pi * axis.bandwidth_hz / 2) * SPEED_OF_LIGHT_MPS / 2
+    for k in range(n_echoes):
+        envelope = np.exp(-((axis.range_m - moved[:, k, None]) ** 2) / (2 * sigma_m**2))
+        turns = 2 * moved[:, k, None] * axis.carrier_hz / SPEED_OF_LIGHT_MPS
+        out += amplitude[k] * envelope * np.exp(-2j * np.pi * (turns % 1))
+    return out * (1 + gain[:, None])
+
+
+def room(n_slow=147, *, peak_db=57.0, jitter_s=0.2e-12, gain=1e-3, seed=1, target=0.0, axis=AXIS):
+    """Clutter with jitter, noise of power one and a target, shape (n_slow, 96), complex64."""
+    moved = clutter(*jitter_of(n_slow, jitter_s=jitter_s, gain=gain, seed=seed), peak_db=peak_db)
+    return (moved + noise(n_slow, axis.n_range, seed=seed + 50) + target).astype(np.complex64)
+
+
+def body(range_m, level_db, axis=AXIS):
+    """Points of `level_db` each along paths, shape (n_slow,) or (n_slow, n), in metres."""
+    paths = np.asarray(range_m, np.float64).reshape(len(range_m), -1)
+    return baseband_echo(paths, np.full(paths.shape, 10 ** (level_db / 20)), axis)

@@ -1,0 +1,240 @@
+"""People: still feet, believable speeds, whole bones, the same again."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from x2radar.errors import SceneError
+from x2radar.sim.bodies.courses import COURSES, draw_course
+from x2radar.sim.bodies.path import Path
+from x2radar.sim.bodies.person import draw_person
+from x2radar.sim.bodies.person_build import NAMES, draw_person_build
+from x2radar.sim.bodies.person_gait import STYLES, walking_duty, walking_stride_m
+
+ANTENNA_M = np.array([0.0, 0.0, 1.2])
+RATE_HZ = 500
+
+
+def walker(speed_mps, seed=0, style="walk"):
+    rng = np.random.default_rng(seed)
+    return draw_person(rng, style=style, path=[(0, 14), (0, 1)], speed_mps=speed_mps)
+
+
+def steady(person, seconds=4.0, begin_s=2.5):
+    """Posture while it goes at its speed."""
+    t_s = begin_s + np.arange(round(seconds * RATE_HZ)) / RATE_HZ
+    return t_s, *person.action.posture(t_s)
+
+
+def ankles(person, centre, axis):
+    shank = person.action.build.shank_m
+    for name in ("left shank", "right shank"):
+        k = NAMES.index(name)
+        yield centre[:, k] - axis[:, k] * shank / 2
+
+
+def speeds(place):
+    return np.linalg.norm(np.diff(place, axis=0), axis=-1) * RATE_HZ
+
+
+# ---------------------------------------------------------------- legs
+
+
+@pytest.mark.parametrize("speed", [0.9, 1.2, 1.5])
+def test_ankles_stand_still_and_swing_as_fast_as_people_do(speed):
+    peaks, stills = [], []
+    for seed in range(8):
+        person = walker(speed, seed)
+        _, centre, axis, _ = steady(person)
+        for ankle in ankles(person, centre, axis):
+            v = speeds(ankle)
+            peaks.append(v.max() / speed)
+            stills.append(np.mean(v < 0.05))
+    assert 2.7 <= np.mean(peaks) <= 3.5
+    assert max(peaks) < 4.0
+    # From foot-flat to heel-off, about 40 % of the cycle.
+    assert np.mean(stills) == pytest.approx(0.42, abs=0.06)
+
+
+def test_between_foot_flat_and_heel_off_an_ankle_moves_less_than_a_millimetre():
+    person = walker(1.2)
+    t_s, centre, axis, _ = steady(person)
+    feet = person.action.feet.at(t_s)
+    for leg, ankle in enumerate(ankles(person, centre, axis)):
+        flat = feet.is_stance[:, leg] & (feet.phase[:, leg] < 0.38)
+        flat &= feet.phase[:, leg] > 0.02
+        edges = np.flatnonzero(np.diff(flat.astype(int)))
+        for a, b in pairwise(edges):
+            if flat[a + 1]:
+                assert np.ptp(ankle[a + 1 : b], axis=0).max() < 1e-3
+
+
+@pytest.mark.parametrize("speed", [0.6, 1.0, 1.4])
+def test_stride_and_cadence_follow_the_published_relation(speed):
+    found = []
+    for seed in range(12):
+        person = walker(speed, seed)
+        t_s, *_ = steady(person)
+        strides = person.action.feet.clock.at(t_s)
+        rate_hz = (strides[-1] - strides[0]) / (t_s[-1] - t_s[0])
+        height_m = person.action.build.hip_height_m
+        found.append(speed / rate_hz / (1.346 * np.sqrt(speed / height_m) * height_m))
+    # People scatter by 6 %; their mean does not.
+    assert np.mean(found) == pytest.approx(1.0, abs=0.05)
+    assert 0.0 < np.std(found) < 0.12
+
+
+def test_the_relation_itself():
+    v = np.array([0.93])
+    assert walking_stride_m(v, 0.93) == pytest.approx(1.346 * 0.93)
+    assert walking_duty(v, 0.93) == pytest.approx(0.752 - 0.143 / 1.346)
+
+
+@pytest.mark.parametrize("style", STYLES)
+def test_bones_keep_their_lengths_and_knees_bend_forward(style):
+    person = draw_person(np.random.default_rng(3), style=style, path=[(0, 9), (0, 1)])
+    t_s = np.linspace(0, 12, 600)
+    centre, axis, _ = person.action.posture(t_s)
+    assert np.isfinite(centre).all()
+    assert np.linalg.norm(axis, axis=-1) == pytest.approx(np.ones(axis.shape[:2]), abs=0.02)
+    b = person.action.build
+    if STYLES[style].kind == "crawl":
+        return
+    forward = -np.array([0.0, 1.0, 0.0])
+    for side in ("left", "right"):
+        thigh, shank = NAMES.index(f"{side} thigh"), NAMES.index(f"{side} shank")
+        knee = centre[:, thigh] - axis[:, thigh] * b.thigh_m / 2
+        other = centre[:, shank] + axis[:, shank] * b.shank_m / 2
+        assert np.abs(knee - other).max() < 1e-3
+        top = centre[:, thigh] + axis[:, thigh] * b.thigh_m / 2
+        ankle = centre[:, shank] - axis[:, shank] * b.shank_m / 2
+        ahead = (knee - 0.5 * (top + ankle)) @ forward
+        moving = (t_s > 1) & (t_s < person.action.path.end_s - 1)
+        assert ahead[moving].min(initial=0.0) > -0.02
+
+
+def test_hips_go_up_and_down_twice_a_stride():
+    person = walker(1.2)
+    t_s, centre, _, _ = steady(person, seconds=6)
+    z = centre[:, NAMES.index("pelvis"), 2]
+    spectrum = np.abs(np.fft.rfft((z - z.mean()) * np.hanning(len(z))))
+    strongest_hz = np.fft.rfftfreq(len(z), 1 / RATE_HZ)[spectrum.argmax()]
+    strides = person.action.feet.clock.at(t_s)
+    rate_hz = (strides[-1] - strides[0]) / (t_s[-1] - t_s[0])
+    assert strongest_hz == pytest.approx(2 * rate_hz, abs=0.2)
+
+
+# ---------------------------------------------------------------- whole bodies
+
+
+@pytest.mark.parametrize("style", STYLES)
+def test_nothing_jumps_and_nothing_is_too_fast(style):
+    for seed in range(3):
+        person = draw_person(np.random.default_rng(seed), style=style)
+        t_s = np.arange(8 * 250) / 250
+        place = person.at(t_s, ANTENNA_M).position_m
+        v = np.linalg.norm(np.diff(place, axis=0), axis=-1) * 250
+        fastest = person.action.path.pieces[2].max(initial=0.0)
+        assert v.max() <= 4.5 * fastest + 0.7
+        assert place[..., 2].min() > -0.02
+
+
+@pytest.mark.parametrize("style", STYLES)
+def test_any_times_in_any_order_give_the_same(style):
+    make = lambda: draw_person(np.random.default_rng(5), style=style)  # noqa: E731
+    t_s = np.arange(200) / 30
+    whole = make().at(t_s, ANTENNA_M)
+    order = np.random.default_rng(0).permutation(200)
+    shuffled = make().at(t_s[order], ANTENNA_M)
+    assert np.allclose(shuffled.position_m, whole.position_m[order], atol=1e-9)
+    assert np.allclose(shuffled.rcs_m2, whole.rcs_m2[order], rtol=1e-4, atol=1e-9)
+    single = make().at(t_s[17:18], ANTENNA_M)
+    assert np.allclose(single.position_m, whole.position_m[17:18], atol=1e-9)
+    assert make().label == "human"
+    assert len(make().names) == whole.rcs_m2.shape[1]
+
+
+def test_a_chest_breathes():
+    person = draw_person(np.random.default_rng(1), style="stand", path=[(0.0, 2.0), (0.0, 1.0)])
+    t_s = np.arange(60 * 30) / 30
+    chest = person.at(t_s, ANTENNA_M).position_m[:, 0]
+    still = person.action.posture(t_s)[0][:, 0]
+    towards = np.linalg.norm(chest - still, axis=-1)
+    assert 0.0009 < towards.max() < 0.0031
+    breath = person.breath.at(t_s)
+    spectrum = np.abs(np.fft.rfft(breath - breath.mean()))
+    assert 0.18 < np.fft.rfftfreq(len(t_s), 1 / 30)[spectrum.argmax()] < 0.37
+
+
+def test_totals_do_not_depend_on_the_body():
+    adult, child = [], []
+    for seed in range(60):
+        for style, out in (("walk", adult), ("toddler", child)):
+            person = draw_person(np.random.default_rng([seed, len(style)]), style=style)
+            centre, axis, side = person.action.posture(np.linspace(1, 4, 12))
+            side = np.broadcast_to(side, axis.shape)
+            out.append(10 * np.log10(person.rcs.mean_total_m2(centre, axis, side)))
+    for levels in (adult, child):
+        assert -16.5 < min(levels) < -11
+        assert 0 < max(levels) < 4.5
+    assert abs(np.mean(adult) - np.mean(child)) < 3
+
+
+def test_physical_totals_are_those_of_people():
+    person = draw_person(np.random.default_rng(0), total_rcs_dbsm="physical")
+    centre, axis, side = person.action.posture(np.linspace(1, 4, 12))
+    total = person.rcs.mean_total_m2(centre, axis, np.broadcast_to(side, axis.shape))
+    assert 0.3 < total < 1.6
+
+
+def test_sizes():
+    rng = np.random.default_rng(0)
+    adults = [draw_person_build(rng).stature_m for _ in range(300)]
+    assert 1.64 < np.mean(adults) < 1.76
+    assert 0.06 < np.std(adults) < 0.13
+    toddlers = [draw_person_build(rng, is_toddler=True).stature_m for _ in range(50)]
+    assert 0.75 <= min(toddlers) <= max(toddlers) <= 0.95
+    build = draw_person_build(rng, height_m=1.9)
+    assert build.hip_height_m == pytest.approx(0.53 * 1.9, rel=0.06)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"style": "moonwalk"}, "style: no style 'moonwalk'"),
+        ({"height_m": 3.0}, "height_m"),
+        ({"height_m": -1.0}, "height_m"),
+        ({"speed_mps": 9.0}, "speed_mps: 9 m/s is too fast to walk"),
+        ({"style": "crawl", "speed_mps": 4.0}, "too fast to crawl"),
+        ({"total_rcs_dbsm": 99.0}, "total_rcs_dbsm"),
+    ],
+)
+def test_what_no_person_can(options, said):
+    with pytest.raises(SceneError, match=said):
+        draw_person(np.random.default_rng(0), **options)
+
+
+def test_any_path_with_stops_and_turns_back():
+    path = Path.through([(0, 4), (0, 1), (0.1, 4)], 1.1, turn_radius_m=0.2)
+    person = draw_person(np.random.default_rng(0), path=path)
+    place = person.at(np.arange(10 * 250) / 250, ANTENNA_M).position_m
+    assert np.isfinite(place).all()
+    assert (np.linalg.norm(np.diff(place, axis=0), axis=-1) * 250).max() < 6
+
+
+# ---------------------------------------------------------------- courses
+
+
+@pytest.mark.parametrize("name", COURSES)
+def test_courses_go_through_the_swath(name):
+    n_seen = 0
+    for seed in range(60):
+        points = draw_course(np.random.default_rng(seed), name, 0.6, 3.4)
+        gaps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+        assert gaps.min() >= 0.1
+        Path.through(points, 1.0)
+        way = np.concatenate([np.linspace(a, b, 50) for a, b in pairwise(points)])
+        distance = np.linalg.norm(way, axis=1)
+        n_seen += bool(((distance > 0.6) & (distance < 3.4)).any())
+    assert n_seen >= 57

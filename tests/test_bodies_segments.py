@@ -1,0 +1,341 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from x2radar.errors import SceneError
+from x2radar.sim.bodies.fluctuation import CORRELATION_S, SPREAD_DB, Fluctuation
+from x2radar.sim.bodies.segments import (
+    FLOOR,
+    SHADOW_DB,
+    SKIN_REFLECTION,
+    SegmentRcs,
+    draw_total_m2,
+)
+
+X, Y, Z = np.eye(3)
+FAR = 1e6
+
+
+def steady(rcs):
+    """Cross sections of a body whose fluctuation is switched off."""
+    f = rcs.fluctuation
+    still = Fluctuation(f.spread_db, f.correlation_s, f.omega_rad_s, 0 * f.weight, 0 * f.offset)
+    return SegmentRcs(rcs.half_m, rcs.floor_m2, rcs.shadow_db, rcs.trunk, still, rcs.scale)
+
+
+def one(half_m, seed=0):
+    return steady(SegmentRcs.draw(np.random.default_rng(seed), [half_m]))
+
+
+def seen(rcs, direction, *, axis=X, side=Y):
+    """Cross section of a lone segment at the origin, seen from far along `direction`."""
+    unit = np.asarray(direction, float) / np.linalg.norm(direction)
+    args = (np.zeros((1, 1, 3)), axis.reshape(1, 1, 3), side.reshape(1, 1, 3))
+    return rcs.at(np.zeros(1), *args, FAR * unit)[0, 0]
+
+
+def curvature_rcs(half_m, unit):
+    """pi over the Gaussian curvature where an ellipsoid faces `unit`, in another way.
+
+    The point with normal n is A^2 n / |A n|; the curvature there is
+    1 / ((a b c)^2 (sum p_i^2 / a_i^4)^2).
+    """
+    square = np.asarray(half_m) ** 2
+    point = square * unit / math.sqrt((square * unit**2).sum())
+    curvature = 1 / (square.prod() * (point**2 / square**2).sum() ** 2)
+    return SKIN_REFLECTION * math.pi / curvature
+
+
+@pytest.mark.parametrize("half_m", [(0.1, 0.1, 0.1), (0.3, 0.15, 0.1), (0.2, 0.02, 0.02)])
+def test_along_its_axes_an_ellipsoid_has_the_textbook_echo(half_m):
+    a, b, c = half_m
+    rcs = one(half_m)
+    gain = SKIN_REFLECTION * math.pi
+    for unit, radius in ((X, b * c / a), (Y, a * c / b), (Z, a * b / c)):
+        wanted = max(gain * radius**2, rcs.floor_m2[0])
+        assert seen(rcs, unit) == pytest.approx(wanted, rel=1e-9)
+        assert seen(rcs, -unit) == pytest.approx(wanted, rel=1e-9)
+
+
+def test_a_sphere_is_the_same_from_everywhere():
+    rng = np.random.default_rng(1)
+    for direction in rng.standard_normal((20, 3)):
+        wanted = SKIN_REFLECTION * math.pi * 0.07**2
+        assert seen(one((0.07, 0.07, 0.07)), direction) == pytest.approx(wanted, rel=1e-9)
+
+
+@given(
+    st.tuples(*[st.floats(0.005, 1.0) for _ in range(3)]),
+    st.tuples(*[st.floats(-1, 1) for _ in range(3)]),
+    st.integers(0, 2**31),
+)
+@settings(max_examples=200)
+def test_any_ellipsoid_from_anywhere_is_the_curvature_at_its_bright_spot(half, along, seed):
+    if np.linalg.norm(along) < 0.01:
+        along = (1.0, 0.0, 0.0)
+    turn = np.linalg.qr(np.random.default_rng(seed).standard_normal((3, 3)))[0]
+    unit = np.asarray(along) / np.linalg.norm(along)
+    rcs = one(half)
+    wanted = max(curvature_rcs(half, unit), rcs.floor_m2[0])
+    ours = seen(rcs, turn @ unit, axis=turn @ X, side=turn @ Y)
+    assert ours == pytest.approx(wanted, rel=1e-6)
+
+
+@pytest.mark.parametrize("half_m", [(0.25, 0.02, 0.02), (0.3, 0.15, 0.1), (0.01, 0.2, 0.3)])
+def test_no_view_is_below_the_floor(half_m):
+    rng = np.random.default_rng(2)
+    directions = np.concatenate([np.eye(3), rng.standard_normal((300, 3))])
+    for seed in range(5):
+        rcs = one(half_m, seed)
+        views = [seen(rcs, d) for d in directions]
+        assert FLOOR[0] <= rcs.floor_m2[0] / max(views) <= FLOOR[1]
+        assert min(views) >= rcs.floor_m2[0]
+        assert min(views) == pytest.approx(rcs.floor_m2[0])
+
+
+def limb_beside_trunk(place):
+    """A long level trunk along x and a small ball at `place`."""
+    centre = np.array([[[0, 0, 0], place]], float)
+    axis = np.array([[X, X]])
+    return centre, axis, np.array([[Y]])
+
+
+BALL = (0.05, 0.05, 0.05)
+OPEN_M2 = SKIN_REFLECTION * math.pi * 0.05**2
+
+
+def lost_db(place, direction, seed=0):
+    rcs = steady(SegmentRcs.draw(np.random.default_rng(seed), [(0.35, 0.12, 0.14), BALL]))
+    unit = np.asarray(direction, float) / np.linalg.norm(direction)
+    ours = rcs.at(np.zeros(1), *limb_beside_trunk(place), FAR * unit)[0, 1]
+    return 10 * math.log10(OPEN_M2 / ours), rcs.shadow_db[1]
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_behind_the_trunk_a_limb_loses_six_to_fifteen_decibels(seed):
+    lost, depth = lost_db((0, -0.3, 0), (0, 1, 0), seed)
+    assert SHADOW_DB[0] <= depth <= SHADOW_DB[1]
+    assert lost == pytest.approx(depth, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("place", "direction"),
+    [
+        ((0, 0.3, 0), (0, 1, 0)),  # on the near side
+        ((0, -0.3, -0.4), (0, 1, 0)),  # behind but below: a lower leg
+        ((0.7, -0.3, 0), (0, 1, 0)),  # behind but past the end
+        ((0, -0.3, 0), (1, 0, 0)),  # beside it
+        ((0, 0.05, 0), (0, 1, 0)),  # inside, towards the antenna
+    ],
+)
+def test_a_limb_in_the_open_loses_nothing(place, direction):
+    assert lost_db(place, direction)[0] == pytest.approx(0, abs=1e-6)
+
+
+def test_the_shadow_is_smooth_and_bounded_all_around():
+    places = [(0.25, -0.15, -0.1), (-0.3, 0.14, -0.05), (0, -0.3, 0.02), (0.2, 0.1, -0.3)]
+    turns = np.linspace(0, 2 * math.pi, 1441)
+    for place in places:
+        lost = []
+        for turn in turns:
+            db, depth = lost_db(place, (math.cos(turn), math.sin(turn), 0.2))
+            lost.append(db)
+        assert -1e-9 <= min(lost) <= max(lost) <= depth + 1e-9
+        # Quarter degree steps.
+        assert np.abs(np.diff(lost)).max() < 0.15 * depth
+    assert lost_db((0, -0.3, 0), (0, 1, 0.2))[0] > 1
+
+
+def test_the_trunk_does_not_shadow_itself():
+    rcs = SegmentRcs.draw(np.random.default_rng(0), [BALL, (0.3, 0.1, 0.1), BALL], trunk=1)
+    assert rcs.shadow_db[1] == 0
+    assert (rcs.shadow_db[[0, 2]] > 0).all()
+
+
+def test_fluctuation_has_the_spread_and_the_mean_it_drew():
+    f = Fluctuation.draw(np.random.default_rng(3), 20)
+    for values, limits in ((f.spread_db, SPREAD_DB), (f.correlation_s, CORRELATION_S)):
+        assert limits[0] <= values.min() < values.max() <= limits[1]
+    power = f.at(np.arange(0, 2500, 0.02))
+    assert power.mean(axis=0) == pytest.approx(1, abs=0.02)
+    db = 10 * np.log10(power)
+    assert db.std(axis=0) == pytest.approx(f.spread_db, rel=0.02)
+    # Log-normal: skew 0, kurtosis near 3 (a finite sum of oscillators is a little below).
+    z = (db - db.mean(axis=0)) / db.std(axis=0)
+    assert np.abs((z**3).mean(axis=0)).max() < 0.2
+    kurtosis = (z**4).mean(axis=0)
+    assert 2.5 < kurtosis.min() < kurtosis.max() < 3.2
+
+
+def test_fluctuation_forgets_after_its_correlation_time():
+    f = Fluctuation.draw(np.random.default_rng(4), 12)
+    step_s = 0.01
+    db = 10 * np.log10(f.at(np.arange(0, 1200, step_s)))
+    z = (db - db.mean(axis=0)) / db.std(axis=0)
+    for part, tau_s in enumerate(f.correlation_s):
+        for lag_s in (0.25 * tau_s, 0.5 * tau_s, tau_s, 2 * tau_s):
+            k = round(lag_s / step_s)
+            ours = (z[k:, part] * z[:-k, part]).mean()
+            assert ours == pytest.approx(math.exp(-((k * step_s / tau_s) ** 2)), abs=0.1)
+
+
+def test_parts_fluctuate_apart_from_each_other():
+    f = Fluctuation.draw(np.random.default_rng(5), 20)
+    both = np.corrcoef(np.log(f.at(np.arange(0, 1000, 0.05))).T)
+    apart = both[~np.eye(20, dtype=bool)]
+    assert np.abs(apart).max() < 0.75
+    assert math.sqrt((apart**2).mean()) < 0.35
+
+
+def test_fluctuation_equals_double_precision_after_a_day():
+    f = Fluctuation.draw(np.random.default_rng(6), 5)
+    t = np.array([0.0, 1.234, 3600.5, 86_400.25, -17.0])
+    turn = t[:, None] * f.omega_rad_s
+    wanted = np.exp(np.hstack([np.cos(turn), np.sin(turn)]) @ f.weight + f.offset)
+    assert f.at(t) == pytest.approx(wanted, rel=1e-5)
+
+
+def body(n=15, n_slow=60, seed=0):
+    rng = np.random.default_rng(seed)
+    half = rng.uniform(0.02, 0.2, (n, 3))
+    centre = rng.uniform(-0.5, 0.5, (n_slow, n, 3))
+    frame = np.linalg.qr(rng.standard_normal((n_slow, n, 3, 3)))[0]
+    return half, centre, frame[..., 0], frame[..., 1]
+
+
+def test_total_is_what_it_was_scaled_to():
+    half, centre, axis, side = body()
+    rng = np.random.default_rng(7)
+    rcs = SegmentRcs.draw(rng, half).sized(rng, 10 * math.log10(0.3), centre, axis, side)
+    assert rcs.mean_total_m2(centre, axis, side) == pytest.approx(0.3, rel=1e-12)
+    # And what antennas all around see, over a long time.
+    t = np.arange(60) * 7.3
+    around = np.linspace(0, 2 * math.pi, 90, endpoint=False)
+    views = [
+        rcs.at(t + 11 * k, centre, axis, side, FAR * np.array([math.cos(a), math.sin(a), 0]))
+        for k, a in enumerate(around)
+    ]
+    total = np.mean(views, axis=0).sum(axis=1).mean()
+    assert 10 * math.log10(total / 0.3) == pytest.approx(0, abs=0.3)
+
+
+def test_a_man_of_ellipsoids_is_as_large_as_measured():
+    # Standing, arms hanging: trunk, head, arms in two parts, legs in three.
+    sizes = [
+        ((0, 0, 1.20), Z, (0.32, 0.17, 0.12)),
+        ((0, 0, 1.65), Z, (0.12, 0.08, 0.09)),
+        *[((0, y, z), Z, half) for y, z, half in (
+            (0.22, 1.28, (0.16, 0.045, 0.045)), (0.24, 0.98, (0.14, 0.035, 0.035)),
+            (0.09, 0.70, (0.22, 0.075, 0.075)), (0.09, 0.28, (0.21, 0.05, 0.05)))],
+        *[((0, -y, z), Z, half) for y, z, half in (
+            (0.22, 1.28, (0.16, 0.045, 0.045)), (0.24, 0.98, (0.14, 0.035, 0.035)),
+            (0.09, 0.70, (0.22, 0.075, 0.075)), (0.09, 0.28, (0.21, 0.05, 0.05)))],
+        ((0.08, 0.09, 0.04), X, (0.13, 0.04, 0.04)),
+        ((0.08, -0.09, 0.04), X, (0.13, 0.04, 0.04)),
+    ]  # fmt: skip
+    centre, axis = (np.array([[row[k] for row in sizes]], float) for k in (0, 1))
+    side = np.array([[Y]])
+    for seed in range(10):
+        rcs = SegmentRcs.draw(np.random.default_rng(seed), [row[2] for row in sizes])
+        assert 0.4 < rcs.mean_total_m2(centre, axis, side) < 1.5
+
+
+def test_totals_are_drawn_whatever_the_body():
+    rng = np.random.default_rng(8)
+    dbsm = 10 * np.log10([draw_total_m2(rng) for _ in range(4000)])
+    assert -15 <= dbsm.min() < -14.9
+    assert 2.9 < dbsm.max() <= 3
+    assert dbsm.mean() == pytest.approx(-6, abs=0.3)
+    assert 10 * math.log10(draw_total_m2(rng, (-1, -1))) == pytest.approx(-1)
+
+
+def test_one_seed_one_echo_and_no_state():
+    half, centre, axis, side = body()
+    t = np.sort(np.random.default_rng(9).uniform(0, 100, 60))
+    antenna = np.array([0.3, -2.0, 1.2])
+    first, second = (SegmentRcs.draw(np.random.default_rng(10), half) for _ in range(2))
+    whole = first.at(t, centre, axis, side, antenna)
+    assert np.array_equal(whole, second.at(t, centre, axis, side, antenna))
+    order = np.random.default_rng(11).permutation(60)
+    mixed = first.at(t[order], centre[order], axis[order], side[order], antenna)
+    # Six digits is what the fluctuation is good to.
+    assert mixed == pytest.approx(whole[order], rel=2e-6)
+    for k in (0, 17, 59):
+        cut = slice(k, k + 1)
+        alone = first.at(t[cut], centre[cut], axis[cut], side[cut], antenna)
+        assert alone == pytest.approx(whole[cut], rel=2e-6)
+    other = SegmentRcs.draw(np.random.default_rng(12), half)
+    assert not np.allclose(other.at(t, centre, axis, side, antenna), whole)
+
+
+def test_arguments_stay_as_they_were_and_one_side_serves_all():
+    half, centre, axis, _ = body()
+    half[:, 2] = half[:, 1]
+    side = np.broadcast_to(Y, (60, 1, 3))
+    kept = centre.copy(), axis.copy()
+    rcs = SegmentRcs.draw(np.random.default_rng(13), half)
+    out = rcs.at(np.arange(60.0), centre, axis, side, np.array([0, 0, 1.0]))
+    assert out.shape == (60, 15)
+    assert out.dtype == np.float64
+    assert np.array_equal(centre, kept[0])
+    assert np.array_equal(axis, kept[1])
+
+
+def test_no_time_and_an_antenna_inside_a_part():
+    half, centre, axis, side = body(n_slow=3)
+    rcs = SegmentRcs.draw(np.random.default_rng(14), half)
+    none = rcs.at(np.zeros(0), centre[:0], axis[:0], side[:0], np.zeros(3))
+    assert none.shape == (0, 15)
+    inside = rcs.at(np.zeros(3), centre, axis, side, centre[1, 4])
+    assert np.isfinite(inside).all()
+    assert (inside > 0).all()
+
+
+@pytest.mark.parametrize(
+    "half_m",
+    [
+        [(0.1, 0.1, 0.0)],
+        [(0.1, -0.1, 0.1)],
+        [(0.1, 0.1, 1.5)],
+        [(0.1, 0.1, math.nan)],
+        [(0.1, 0.1)],
+        np.zeros((0, 3)),
+    ],
+)
+def test_impossible_parts_are_refused(half_m):
+    with pytest.raises(SceneError, match="half_m"):
+        SegmentRcs.draw(np.random.default_rng(0), half_m)
+
+
+@pytest.mark.parametrize("trunk", [-1, 1])
+def test_the_trunk_must_be_a_part(trunk):
+    with pytest.raises(SceneError, match="trunk"):
+        SegmentRcs.draw(np.random.default_rng(0), [BALL], trunk=trunk)
+
+
+def test_a_total_can_be_drawn_or_left_as_it_is():
+    half, centre, axis, side = body(n_slow=4)
+    rng = np.random.default_rng(15)
+    plain = SegmentRcs.draw(rng, half)
+    states, totals = [], []
+    for wish in (None, "physical", -20.0):
+        rng = np.random.default_rng(16)
+        rcs = plain.sized(rng, wish, centre, axis, side)
+        totals.append(10 * math.log10(rcs.mean_total_m2(centre, axis, side)))
+        states.append(rng.bit_generator.state)
+    drawn = 10 * math.log10(draw_total_m2(np.random.default_rng(16)))
+    physical = 10 * math.log10(plain.mean_total_m2(centre, axis, side))
+    assert totals == pytest.approx([drawn, physical, -20])
+    assert states[0] == states[1] == states[2]
+
+
+@pytest.mark.parametrize("total_rcs_dbsm", [-71, 31, math.nan, math.inf])
+def test_impossible_totals_are_refused(total_rcs_dbsm):
+    half, centre, axis, side = body(n_slow=2)
+    rng = np.random.default_rng(0)
+    rcs = SegmentRcs.draw(rng, half)
+    with pytest.raises(SceneError, match="total_rcs_dbsm"):
+        rcs.sized(rng, total_rcs_dbsm, centre, axis, side)

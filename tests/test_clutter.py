@@ -1,0 +1,341 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from radard.clutter_map import ClutterMap, ClutterRemover
+from radard.dsp.clutter import (
+    block_power,
+    centre_spread_m,
+    part_edges,
+    residual_power,
+    sound_rows,
+    spike_rows,
+)
+from radard.dsp.downconvert import DownConverter
+from radard.dsp.noise import noise_of, noise_power, noise_profile, second_differences
+from radard.errors import FeatureError
+from tests.clutter_helpers import AXIS, body, db, room
+from tests.radar_helpers import dwell_of, noise, walker
+from tests.sim_helpers import axis_of
+
+ALL = np.ones(147, np.bool_)
+
+
+def reference_power(frames, valid, n_cpi):
+    """Residual power by its definition, in float64."""
+    n = len(frames) // n_cpi
+    y = frames[-n * n_cpi :].astype(np.complex128).reshape(n, n_cpi, -1)
+    v = valid[-n * n_cpi :].reshape(n, n_cpi)
+    rows = []
+    for cpi, good in zip(y, v, strict=True):
+        if good.sum() >= max(2, n_cpi / 2):
+            part = cpi[good] - cpi[good].mean(axis=0)
+            rows.append((np.abs(part) ** 2).sum(axis=0) / (good.sum() - 1))
+    return np.array(rows)
+
+
+def dwell(frames, **kw):
+    return replace(dwell_of(frames, **kw), axis=replace(AXIS, n_range=frames.shape[1]))
+
+
+@pytest.mark.parametrize("sigma", [1e-43, 1e-18, 1e-3, 1.0, 1e3, 1e30])
+def test_pure_noise_is_unbiased_in_any_unit(sigma):
+    frames = (noise(147, 768).astype(np.complex128) * sigma).astype(np.complex64)
+    # A unit near the least float32 is a rough one: the noise is quantised there.
+    slack = 0.3 if sigma > 1e-40 else 1.0
+    assert db(residual_power(frames, ALL, 28).mean()) == pytest.approx(db(sigma**2), abs=slack)
+    assert db(noise_power(frames, ALL)) == pytest.approx(db(sigma**2), abs=slack)
+
+
+@pytest.mark.parametrize("clutter_db", [0, 40, 80, 100, 120, 140])
+def test_residual_power_is_exact_whatever_clutter_lies_under_it(clutter_db):
+    frames = noise(147, 64) + noise(1, 64, seed=9, sigma=10 ** (clutter_db / 20))
+    frames = frames.astype(np.complex64)
+    np.testing.assert_allclose(
+        residual_power(frames, ALL, 28), reference_power(frames, ALL, 28), rtol=1e-5
+    )
+
+
+@pytest.mark.parametrize("value", [0.0, 5.0, -1e30, 1e-42])
+def test_equal_frames_have_no_power(value):
+    frames = np.full((147, 64), value, np.complex64)
+    assert not residual_power(frames, ALL, 28).any()
+    assert noise_power(frames, ALL) == 0
+
+
+@pytest.mark.parametrize("n_range", [1, 64])
+def test_one_live_bin_tells_the_noise(n_range):
+    frames = np.zeros((147, n_range), np.complex64)
+    frames[:, n_range // 2] = noise(147, 1, sigma=3.0)[:, 0]
+    assert noise_power(frames, ALL) == pytest.approx(9, rel=0.5)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e39])
+@pytest.mark.parametrize("position", [0, 1, 73, 145, 146])
+def test_rows_that_are_not_finite_are_left_out(bad, position):
+    frames = noise(147, 64).astype(np.complex128)
+    frames[position, 5] = complex(bad, 1)
+    good = np.arange(147) != position
+    np.testing.assert_allclose(
+        residual_power(frames, ALL, 28),
+        reference_power(np.nan_to_num(frames), good, 28),
+        rtol=1e-5,
+    )
+    assert noise_power(frames, ALL) == pytest.approx(1, rel=0.1)
+    rows, usable, _ = sound_rows(frames, ALL)
+    assert np.isfinite(rows).all()
+    np.testing.assert_array_equal(usable, good)
+
+
+@pytest.mark.parametrize("position", range(147))
+def test_a_gap_at_every_position(position):
+    frames = noise(147, 64)
+    frames[position] = 1e6
+    valid = ALL.copy()
+    valid[position] = False
+    got = residual_power(frames, valid, 28)
+    np.testing.assert_allclose(got, reference_power(frames, valid, 28), rtol=1e-5)
+    assert db(got.mean()) == pytest.approx(0, abs=0.3)
+    assert db(noise_power(frames, valid)) == pytest.approx(0, abs=0.5)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        pytest.param(lambda f: np.repeat(f, 2, axis=1)[:, ::2], id="strided"),
+        pytest.param(np.asfortranarray, id="Fortran order"),
+        pytest.param(lambda f: f[::-1][::-1], id="negative strides"),
+        pytest.param(lambda f: f.astype(">c8"), id="big-endian"),
+        pytest.param(lambda f: f.astype(np.complex128), id="complex128"),
+    ],
+)
+def test_layout_does_not_matter(change):
+    frames = noise(147, 64)
+    np.testing.assert_array_equal(
+        residual_power(change(frames), ALL, 28), residual_power(frames, ALL, 28)
+    )
+    assert noise_power(change(frames), ALL) == noise_power(frames, ALL)
+
+
+@pytest.mark.parametrize("dtype", [np.float16, np.int16, ">i2", np.float64, ">f4"])
+def test_real_frames_of_any_type(dtype):
+    real = np.rint(noise(147, 64, sigma=30).real).astype(dtype)
+    got = residual_power(real, ALL, 28)
+    np.testing.assert_allclose(got, reference_power(real, ALL, 28), rtol=1e-5)
+
+
+def test_frames_stay_as_they_were_and_may_be_read_only():
+    frames = noise(147, 64)
+    frames[3] = np.nan
+    before = frames.copy()
+    frames.flags.writeable = False
+    residual_power(frames, ALL, 28)
+    noise_power(frames, ALL)
+    ClutterRemover().remove(dwell(frames))
+    np.testing.assert_array_equal(frames, before)
+
+
+@pytest.mark.parametrize(
+    ("shape", "flags"), [((147,), 147), ((147, 2, 3), 147), ((147, 4), 146), ((0, 4), 1)]
+)
+def test_wrong_shapes_are_refused(shape, flags):
+    with pytest.raises(FeatureError, match="shape"):
+        sound_rows(np.zeros(shape), np.ones(flags, np.bool_))
+
+
+@pytest.mark.parametrize("n_cpi", [0, 1, 200])
+def test_residual_refuses_what_fills_no_cpi(n_cpi):
+    with pytest.raises(FeatureError):
+        residual_power(noise(147), ALL, n_cpi)
+
+
+def test_parts_of_a_cpi_share_its_power():
+    frames = noise(147, 16)
+    frames[130:] *= 10
+    rows, usable, scale = sound_rows(frames, ALL)
+    whole, _ = block_power(rows, usable, 28, 1)
+    parts, kept = block_power(rows, usable, 28, 4)
+    assert parts.shape == (5, 4, 16)
+    assert kept.all()
+    np.testing.assert_array_equal(part_edges(28, 4), [0, 7, 14, 21])
+    np.testing.assert_allclose(parts.mean(axis=1), whole[:, 0], rtol=1e-6)
+    assert parts[-1, -1].mean() * scale**2 > 30 * parts[-1, 0].mean() * scale**2
+    usable[119:126] = False
+    without, _ = block_power(rows, usable, 28, 4)
+    assert not without[-1, 0].any()
+    usable[119:140] = False
+    assert block_power(rows, usable, 28, 4)[1].tolist() == [True] * 4 + [False]
+    assert part_edges(7, 3).tolist() == [0, 3, 5]
+
+
+@pytest.mark.parametrize("position", range(147))
+def test_a_spike_at_every_position(position):
+    frames = room()
+    frames[position] += 3000
+    rows, usable, _ = sound_rows(frames, ALL)
+    assert np.flatnonzero(spike_rows(rows, usable)).tolist() == [position]
+
+
+@pytest.mark.parametrize("speed_mps", [0.0, 0.3, 1.2, 4.0, 11.0])
+def test_what_moves_is_no_spike(speed_mps):
+    frames = noise(147) + walker(147, 60, speed_mps=speed_mps, start_m=2.4, level=100)
+    rows, usable, _ = sound_rows(frames, ALL)
+    assert not spike_rows(rows, usable).any()
+
+
+def test_spikes_among_lost_frames_and_in_short_records():
+    frames = noise(147)
+    frames[70] += 1e5
+    valid = ALL.copy()
+    valid[[69, 72]] = False
+    rows, usable, _ = sound_rows(frames, valid)
+    assert np.flatnonzero(spike_rows(rows, usable)).tolist() == [70]
+    assert not spike_rows(rows[:4], usable[:4]).any()
+
+
+def test_a_clipped_frame_is_a_spike():
+    axis = axis_of("rf")
+    rng = np.random.default_rng(4)
+    rf = 50 + 30 * np.sin(np.arange(axis.n_range)) + 0.04 * rng.standard_normal((60, 1))
+    rf = (rf + 0.04 * rng.standard_normal(rf.shape)).astype(np.float32)
+    rf[31] = np.clip(3 * rf[31], 0, 100)
+    frames = DownConverter(axis, 8).convert(rf)
+    rows, usable, _ = sound_rows(frames, np.ones(60, np.bool_))
+    assert np.flatnonzero(spike_rows(rows, usable)).tolist() == [31]
+
+
+def test_spread_of_the_centre():
+    power = np.full((4, 10), 1.0)
+    range_m = np.arange(10.0)
+    assert centre_spread_m(power, 1.0, range_m) == 0
+    power[:, 3] = 100
+    assert centre_spread_m(power, 1.0, range_m) == 0
+    power[2, 3], power[2, 7] = 1, 50
+    assert centre_spread_m(power, 1.0, range_m) == pytest.approx(4)
+    power[2, 7] = 8  # too weak beside the others to count
+    assert centre_spread_m(power, 1.0, range_m) == 0
+
+
+def test_noise_of_single_bins():
+    frames = noise(147, 64, sigma=2.0)
+    frames[:60, 20] += np.linspace(0, 500, 60) ** 2  # under half of the time
+    rows, usable, scale = sound_rows(frames, ALL)
+    profile = noise_profile(second_differences(rows, usable)) * scale**2
+    assert profile.mean() == pytest.approx(4, rel=0.1)
+    assert profile.std() < 0.25 * 4
+    assert profile[20] < 3 * 4
+    empty = second_differences(rows[:2], usable[:2])
+    assert np.isnan(noise_of(empty))
+    assert np.isnan(noise_profile(empty)).all()
+
+
+def test_map_begins_as_a_mean_and_follows_drift():
+    room_map = ClutterMap(3, 60.0, memory_s=20, longest_s=600)
+    blocks = [np.array([1, 2j, 3.0]) * k for k in range(5)]
+    for block in blocks:
+        room_map.update(block, 60, np.ones(3))
+    np.testing.assert_allclose(room_map.mean, np.mean(blocks, axis=0))
+    for _ in range(60):
+        room_map.update(np.full(3, 9 + 0j), 60, np.ones(3))
+    np.testing.assert_allclose(room_map.mean, 9, atol=9 * np.exp(-60 / 20) * 1.5)
+
+
+@pytest.mark.parametrize(("motion", "time_s"), [(1, 20), (2, 20), (20, 200), (1e9, 600)])
+def test_rates_are_bounded_and_slower_where_something_moves(motion, time_s):
+    room_map = ClutterMap(1, 60.0, memory_s=20, longest_s=600)
+    for _ in range(60):
+        room_map.update(np.zeros(1, np.complex128), 60, np.ones(1))
+    for _ in range(10):
+        room_map.update(np.ones(1, np.complex128), 60, np.full(1, float(motion)))
+    assert room_map.mean[0].real == pytest.approx(1 - np.exp(-10 / time_s), rel=0.08)
+    room_map.update(np.full(1, 1e6 + 0j), 0, np.ones(1))
+    assert room_map.mean[0].real < 1
+
+
+@pytest.mark.parametrize("level", [1e-40, 1.0, 1e30])
+def test_map_is_as_good_after_a_million_frames_as_after_a_thousand(level):
+    n_hops, n_hop, memory = 1_000_000 // 60, 60, 1200
+    rng = np.random.default_rng(5)
+    blocks = 1e4 + rng.standard_normal((1000, 4)) + 1j * rng.standard_normal((1000, 4))
+    exact, count = np.zeros(4, np.clongdouble), np.longdouble(0)
+    room_map = ClutterMap(4, 60.0, memory_s=20)
+    errors = []
+    for k in range(n_hops):
+        block = blocks[k % 1000]
+        room_map.update(block * level, n_hop, np.ones(4))
+        count += n_hop
+        exact += (block.astype(np.clongdouble) - exact) * (n_hop / count)
+        count = min(count, np.longdouble(memory))
+        if k in (16, n_hops - 1):
+            wrong = np.abs(room_map.mean / level - exact.astype(np.complex128)).max() / 1e4
+            errors.append(float(wrong))
+    assert max(errors) < 1e-12
+
+
+def test_remover_leaves_noise_of_a_still_room():
+    remover = ClutterRemover()
+    for k in range(4):
+        out = remover.remove(replace(dwell(room(seed=k)), t_s=2.45 + k))
+        assert db(residual_power(out.frames, out.valid, 28).mean()) < 1
+        # The map itself is gone, too, all but the jitter of its estimate.
+        assert db(np.mean(np.abs(out.frames) ** 2)) < 3
+        assert out.n_lost == 0
+    assert remover.fit is not None
+    assert remover.fit.delay_trust > 0.9
+
+
+def test_remover_leaves_doppler_alone():
+    target = body(2.4 - 0.5 * np.arange(147) / 60, 30)
+    still = room(jitter_s=0, gain=0)
+    out = ClutterRemover().remove(dwell((still + target).astype(np.complex64)))
+    steps = np.diff(still + target, axis=0)
+    left = np.diff(out.frames, axis=0)
+    assert np.abs(left - steps).std() < 0.05 * np.abs(steps).std()
+
+
+def test_remover_counts_spikes_and_repeats_the_row_before():
+    frames = room()
+    frames[40] += 3000
+    frames[90] = np.nan
+    out = ClutterRemover().remove(dwell(frames))
+    assert np.flatnonzero(~out.valid).tolist() == [40, 90]
+    assert out.n_lost == 2
+    np.testing.assert_array_equal(out.frames[40], out.frames[39])
+    np.testing.assert_array_equal(out.frames[90], out.frames[89])
+    assert np.isfinite(out.frames).all()
+
+
+def test_remover_keeps_the_map_through_a_person_and_forgets_at_a_restart():
+    remover = ClutterRemover()
+    quiet = [room(seed=k, jitter_s=0, gain=0) for k in range(6)]
+    for k in range(5):
+        remover.remove(replace(dwell(quiet[k]), t_s=2.45 + k))
+    standing = body(np.full(147, 1.7), 40)
+    out = remover.remove(replace(dwell((quiet[5] + standing).astype(np.complex64)), t_s=7.45))
+    # Who came and stands still is in the room, not of it.
+    assert np.abs(out.frames[-1]).max() > 0.5 * 100
+    remover.reset()
+    out = remover.remove(replace(dwell((quiet[5] + standing).astype(np.complex64)), t_s=1e6))
+    assert np.abs(out.frames[-1]).max() < 10
+
+
+@pytest.mark.parametrize("unit", [2.0**-140, 1e30])
+def test_remover_in_any_unit(unit):
+    frames = room(peak_db=40)
+    one = ClutterRemover().remove(dwell(frames)).frames
+    scaled = (frames.astype(np.complex128) * unit).astype(np.complex64)
+    other = ClutterRemover().remove(dwell(scaled)).frames.astype(np.complex128) / unit
+    assert np.abs(other - one).max() < 0.2
+
+
+@pytest.mark.parametrize(
+    "frames",
+    [np.zeros((147, 64), np.complex64), np.full((147, 64), np.nan, np.complex64), noise(2, 8)],
+    ids=["zeros", "nan", "short"],
+)
+def test_remover_of_odd_dwells(frames):
+    remover = ClutterRemover()
+    for _ in range(2):
+        out = remover.remove(dwell(frames))
+        assert np.isfinite(out.frames).all()

@@ -1,0 +1,159 @@
+"""Which tier `auto` takes, and that whatever it takes keeps the error asked for."""
+
+import itertools
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.sim_helpers import axis_of
+from x2radar.errors import SceneError
+from x2radar.sim.echo import TIERS, Pulse, Task, choose, frames
+from x2radar.sim.echo.choose import FramesOf
+
+X2, RF = axis_of("baseband"), axis_of("rf")
+DECIMATED = replace(X2, n_range=96, bin_length_m=8 * X2.bin_length_m)
+TINY = replace(X2, n_range=2)
+AXES = {"x2": X2, "rf": RF, "decimated": DECIMATED, "two bins": TINY}
+ERRORS_DB = (-20.0, -60.0, -80.0, -100.0, -110.0, -130.0)
+SHAPES = ((1, 1), (30, 20), (400, 20), (400, 1), (147, 60))
+
+
+def task(axis, n_slow=400, n_points=20, error_db=-60.0):
+    return Task(n_slow, n_points, axis, Pulse.of(axis), error_db)
+
+
+def scene(axis, n_slow, n_points, seed=0):
+    rng = np.random.default_rng(seed)
+    low, high = axis.range_m[0], axis.range_m[-1]
+    range_m = rng.uniform(low - 0.1, high + 0.1, (n_slow, n_points))
+    return range_m, rng.uniform(0.01, 1, range_m.shape)
+
+
+# ---------------------------------------------------------------- what is chosen
+
+
+@pytest.mark.parametrize("name", AXES)
+@pytest.mark.parametrize("error_db", ERRORS_DB)
+@pytest.mark.parametrize("shape", SHAPES)
+def test_the_choice_is_able_and_the_cheapest_by_the_table(name, error_db, shape):
+    wanted = task(AXES[name], *shape, error_db)
+    chosen = choose(wanted)
+    assert chosen != "passband"
+    assert TIERS[chosen].finest_db <= error_db
+    rivals = [t for n, t in TIERS.items() if n != "passband" and t.finest_db <= error_db]
+    assert TIERS[chosen].cost_ns(wanted) == min(t.cost_ns(wanted) for t in rivals)
+
+
+def test_the_three_cases_that_matter():
+    assert choose(task(X2)) == "gridded"  # short bins, many echoes
+    assert choose(task(DECIMATED)) == "local"  # what training asks for
+    assert choose(task(X2, error_db=-120.0)) == "dense"  # nothing else is fine enough
+
+
+def test_long_bins_cannot_be_gridded():
+    assert math.isinf(TIERS["gridded"].cost_ns(task(DECIMATED)))
+    assert math.isfinite(TIERS["gridded"].cost_ns(task(X2)))
+
+
+@pytest.mark.parametrize("tier", TIERS)
+@pytest.mark.parametrize("name", ["x2", "rf", "decimated"])
+def test_costs_grow_with_the_work_and_hardly_faster(tier, name):
+    """Four times the frames or scatterers: at most four times, and a piece begun."""
+    axis, cost = AXES[name], TIERS[tier].cost_ns
+    if math.isinf(cost(task(axis))):
+        assert tier == "gridded"
+        return
+    for n_slow, n_points in itertools.product((8, 64, 400), (1, 20, 100)):
+        base = cost(task(axis, n_slow, n_points))
+        assert base > 0
+        assert base < cost(task(axis, 4 * n_slow, n_points)) <= 5 * base
+        assert base < cost(task(axis, n_slow, 4 * n_points)) <= 5 * base
+
+
+@pytest.mark.parametrize("tier", ["local", "gridded", "spectral"])
+def test_finer_costs_no_less(tier):
+    costs = [TIERS[tier].cost_ns(task(X2, error_db=e)) for e in (-40.0, -60.0, -80.0, -100.0)]
+    assert all(b >= 0.98 * a for a, b in itertools.pairwise(costs))
+
+
+def test_the_reference_is_dear():
+    for axis in (X2, RF, DECIMATED):
+        assert TIERS["passband"].cost_ns(task(axis)) > 20 * min(
+            TIERS[n].cost_ns(task(axis)) for n in ("dense", "local", "gridded", "spectral")
+        )
+
+
+# ---------------------------------------------------------------- what comes out
+
+
+@pytest.mark.parametrize("name", AXES)
+@pytest.mark.parametrize("error_db", ERRORS_DB)
+def test_auto_keeps_the_error(name, error_db):
+    axis = AXES[name]
+    range_m, amplitude = scene(axis, 24, 7)
+    wanted = TIERS["passband"].frames(range_m, amplitude, axis, error_db=-130)
+    ours = frames(range_m, amplitude, axis, error_db=error_db)
+    assert ours.dtype == wanted.dtype
+    error = np.abs(ours.astype(np.complex128) - wanted).max(axis=1) / amplitude.sum(axis=1)
+    # Two results rounded to float32 differ by that alone.
+    assert error.max() <= 10 ** (error_db / 20) + 3e-7
+
+
+@pytest.mark.parametrize("name", ["x2", "rf"])
+def test_auto_is_the_tier_it_names(name):
+    axis = AXES[name]
+    range_m, amplitude = scene(axis, 30, 12)
+    chosen = choose(task(axis, 30, 12))
+    auto = frames(range_m, amplitude, axis)
+    assert np.array_equal(auto, frames(range_m, amplitude, axis, tier=chosen))
+    assert np.array_equal(auto, frames(range_m, amplitude, axis, Pulse.of(axis)))
+
+
+def test_tiers_agree_with_each_other():
+    range_m, amplitude = scene(X2, 20, 10)
+    level = amplitude.sum(axis=1, keepdims=True)
+    results = [frames(range_m, amplitude, X2, tier=t, error_db=-100) for t in TIERS]
+    for a, b in itertools.combinations(results, 2):
+        assert (np.abs(a - b) / level).max() < 2.1e-5
+
+
+def test_a_pulse_of_ones_own():
+    """Twice as long a pulse: wider in range, as high at its centre."""
+    pulse = Pulse(2 * Pulse.of(X2).sigma_s)
+    range_m = np.array([[X2.range_m[400]]])
+    wide, usual = (frames(range_m, np.ones((1, 1)), X2, p, error_db=-80) for p in (pulse, None))
+    assert np.abs(wide[0, 400]) == pytest.approx(1, abs=1e-4)
+    assert np.abs(wide[0, 424]) == pytest.approx(np.abs(usual[0, 412]), abs=3e-4)
+
+
+@pytest.mark.parametrize("tier", ["auto", *TIERS])
+def test_the_floor_reaches_every_tier(tier):
+    range_m, amplitude = scene(X2, 5, 6)
+    assert not frames(range_m, amplitude, X2, tier=tier, floor=2.0).any()
+
+
+# ---------------------------------------------------------------- what is refused
+
+
+def test_refusals_name_what_is_wrong():
+    range_m, amplitude = scene(X2, 2, 2)
+    with pytest.raises(SceneError, match="tier 'fastest': unknown; there are auto, passband"):
+        frames(range_m, amplitude, X2, tier="fastest")
+    with pytest.raises(SceneError, match="tier 'local' reaches -100 dB, not -120 dB"):
+        frames(range_m, amplitude, X2, tier="local", error_db=-120)
+    for error_db in (-131.0, 0.0, math.nan, -math.inf):
+        with pytest.raises(SceneError, match="not within -130 to -20"):
+            frames(range_m, amplitude, X2, error_db=error_db)
+        with pytest.raises(SceneError, match="not within -130 to -20"):
+            choose(task(X2, error_db=error_db))
+    with pytest.raises(SceneError, match="n_points"):
+        frames(range_m, amplitude[:, :1], X2)
+
+
+def test_every_tier_has_the_common_signature():
+    for tier in TIERS.values():
+        make: FramesOf = tier.frames
+        out = make(np.zeros((1, 0)), np.zeros((1, 0)), X2, None, error_db=-60.0, floor=0.0)
+        assert out.shape == (1, 768)

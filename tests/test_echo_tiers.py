@@ -1,0 +1,447 @@
+"""Every echo tier against the pass-band reference, at ordinary and at extreme inputs."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from radard.dsp.downconvert import DownConverter
+from tests.sim_helpers import axis_of
+from x2radar.errors import SceneError
+from x2radar.frame import FastTimeAxis
+from x2radar.sim.echo import TIERS, Pulse, noise_colour, spectrum
+from x2radar.sim.echo.common import blocks
+from x2radar.sim.echo.design import design_for, suits
+from x2radar.sim.echo.spectral_grid import grid_for
+from x2radar.sim.pulse import baseband_echo, rf_echo
+
+C = 299_792_458.0
+X2, X2_RF = axis_of("baseband"), axis_of("rf")
+DECIMATED = replace(X2, n_range=96, bin_length_m=8 * X2.bin_length_m)
+X4 = FastTimeAxis(
+    kind="baseband",
+    n_range=150,
+    bin_length_m=0.0514,
+    range_offset_m=0.4,
+    carrier_hz=8.748e9,
+    bandwidth_hz=1.5e9,
+    sample_rate_hz=23.328e9,
+)
+P4XX = FastTimeAxis(
+    kind="baseband",
+    n_range=300,
+    bin_length_m=0.00915,
+    range_offset_m=0.0,
+    carrier_hz=4.0e9,
+    bandwidth_hz=1.7e9,
+    sample_rate_hz=16.39e9,
+)
+AXES = {
+    "x2": X2,
+    "x2 rf": X2_RF,
+    "x2 decimated": DECIMATED,
+    "x2 rising phase": replace(X2, phase_sign=1),
+    "x4": X4,
+    "p4xx": P4XX,
+    "p4xx rf": replace(P4XX, kind="rf"),
+}
+ERRORS_DB = {
+    "dense": (-120.0,),
+    "local": (-40.0, -60.0, -80.0, -100.0),
+    "gridded": (-40.0, -60.0, -80.0, -100.0),
+    "spectral": (-40.0, -60.0, -80.0, -100.0),
+}
+FAST = ("dense", "local", "gridded", "spectral")
+
+
+def pairs(tiers, names):
+    """Tiers with the axes that they can serve."""
+    return [
+        (tier, name)
+        for tier in tiers
+        for name in names
+        if tier != "gridded" or suits(AXES[name], Pulse.of(AXES[name]))
+    ]
+
+
+CASES = [(*pair, error_db) for pair in pairs(FAST, AXES) for error_db in ERRORS_DB[pair[0]]]
+
+
+def swath(axis):
+    return axis.range_m[0], axis.range_m[-1]
+
+
+def scene(axis, n_slow=30, n_points=6, seed=0, beyond=0.2):
+    """Echoes in the swath and a little outside, amplitudes over 60 dB."""
+    rng = np.random.default_rng(seed)
+    low, high = swath(axis)
+    span = high - low
+    range_m = rng.uniform(low - beyond * span, high + beyond * span, (n_slow, n_points))
+    return range_m, 10 ** rng.uniform(-3, 0, range_m.shape)
+
+
+def worst_db(ours, wanted, amplitude):
+    """Largest error of a bin over the sum of its frame's amplitudes, in dB."""
+    level = np.abs(amplitude).sum(axis=1, keepdims=True)
+    error = np.abs(ours - wanted.astype(np.complex128)) / np.where(level > 0, level, 1)
+    return 20 * math.log10(max(error.max(), 1e-20))
+
+
+@pytest.fixture(scope="module")
+def references():
+    out = {}
+    for name, axis in AXES.items():
+        range_m, amplitude = scene(axis)
+        out[name] = TIERS["passband"].frames(range_m, amplitude, axis, error_db=-120)
+    return out
+
+
+# ---------------------------------------------------------------- the stated error
+
+
+@pytest.mark.parametrize(("tier", "name", "error_db"), CASES)
+def test_error_against_the_reference(tier, name, error_db, references):
+    axis = AXES[name]
+    range_m, amplitude = scene(axis)
+    ours = TIERS[tier].frames(range_m, amplitude, axis, error_db=error_db)
+    assert ours.dtype == (np.float32 if axis.kind == "rf" else np.complex64)
+    assert ours.shape == (30, axis.n_range)
+    # Rounding to float32 comes on top of the designed error.
+    allowed = 10 ** (error_db / 20) + 3e-7
+    assert worst_db(ours, references[name], amplitude) <= 20 * math.log10(allowed)
+
+
+@pytest.mark.parametrize("tier", FAST)
+def test_worst_position_of_an_echo(tier):
+    """A thousand positions across a grid spacing: no corner is worse than stated."""
+    axis = X2
+    at = axis.range_m[300] + np.linspace(0, 60, 1000) * axis.bin_length_m
+    range_m = at[:, None]
+    amplitude = np.ones_like(range_m)
+    wanted = TIERS["dense"].frames(range_m, amplitude, axis, error_db=-120)
+    ours = TIERS[tier].frames(range_m, amplitude, axis, error_db=-60)
+    assert worst_db(ours, wanted, amplitude) <= -60.0
+
+
+@pytest.mark.parametrize("name", ["x2", "x2 rf", "p4xx", "p4xx rf"])
+@pytest.mark.parametrize("error_db", [-30.0, -60.0, -75.0, -100.0])
+def test_a_design_states_what_it_reaches(name, error_db):
+    design = design_for(AXES[name], Pulse.of(AXES[name]), error_db)
+    assert design.error_db <= error_db
+    assert design.error_db > error_db - 25  # nor is it far too good
+    assert design.n_blocks * design.n_block >= AXES[name].n_range
+
+
+def test_long_bins_have_no_coarser_grid():
+    with pytest.raises(SceneError, match="no coarse grid"):
+        TIERS["gridded"].frames(*scene(X4), X4, error_db=-60)
+    with pytest.raises(SceneError, match="-105 dB"):
+        TIERS["gridded"].frames(*scene(X2), X2, error_db=-105)
+
+
+@pytest.mark.parametrize("name", ["x2", "x2 rf"])
+def test_the_reference_is_the_older_engine(name, references):
+    """Two independent ways of writing (2.12) and (2.19); the older cuts at 5 sigma."""
+    axis = AXES[name]
+    range_m, amplitude = scene(axis)
+    older = (rf_echo if axis.kind == "rf" else baseband_echo)(range_m, amplitude, axis)
+    assert worst_db(older, references[name], amplitude) < -105
+
+
+# ---------------------------------------------------------------- the live path
+
+
+@pytest.mark.parametrize(
+    ("tier", "step"), [*((t, 1) for t in FAST), ("dense", 8), ("local", 8), ("spectral", 8)]
+)
+def test_equals_the_daemons_down_conversion(tier, step):
+    """RF frames, mixed, filtered and decimated by the daemon, against baseband frames."""
+    converter = DownConverter(X2_RF, step)
+    axis = converter.axis
+    low, high = swath(X2_RF)
+    guard = 8 * Pulse.of(axis).sigma_m("rf")
+    rng = np.random.default_rng(1)
+    range_m = rng.uniform(low + guard, high - guard, (40, 5))
+    amplitude = rng.uniform(0.1, 1, range_m.shape)
+    rf = TIERS["passband"].frames(range_m, amplitude, X2_RF, error_db=-120)
+    ours = TIERS[tier].frames(range_m, amplitude, axis, error_db=-60)
+    assert worst_db(ours, converter.convert(rf), amplitude) < -60
+    finest = min(ERRORS_DB[tier])
+    ours = TIERS[tier].frames(range_m, amplitude, axis, error_db=finest)
+    assert worst_db(ours, converter.convert(rf), amplitude) < max(finest, -100) + 3
+
+
+@pytest.mark.parametrize("speed_mps", [-15.0, -1.2, 0.0, 0.3, 15.0])
+@pytest.mark.parametrize("tier", FAST)
+def test_fast_movers_keep_their_phase(tier, speed_mps):
+    range_m = 1.9 + speed_mps * np.arange(40)[:, None] / 1000
+    amplitude = np.ones_like(range_m)
+    axis = X2
+    ours = TIERS[tier].frames(range_m, amplitude, axis, error_db=-80)
+    at = np.abs(ours).argmax(axis=1)
+    phase = np.angle(ours[np.arange(40), at])
+    wanted = -4 * np.pi * range_m[:, 0] * axis.carrier_hz / C
+    assert np.abs(np.angle(np.exp(1j * (phase - wanted)))).max() < 2e-4
+
+
+# ---------------------------------------------------------------- extremes
+
+
+@pytest.mark.parametrize(("tier", "name"), pairs([*FAST, "passband"], ["x2", "x2 rf", "x4"]))
+@pytest.mark.parametrize("shape", [(0, 3), (4, 0), (0, 0), (1, 1), (1, 20)])
+def test_few_or_no_echoes(tier, name, shape):
+    axis = AXES[name]
+    range_m, amplitude = scene(axis, *shape)
+    ours = TIERS[tier].frames(range_m, amplitude, axis, error_db=-60)
+    assert ours.shape == (shape[0], axis.n_range)
+    wanted = TIERS["dense"].frames(range_m, amplitude, axis, error_db=-120)
+    if ours.size:
+        assert worst_db(ours, wanted, amplitude) <= -60
+
+
+@pytest.mark.parametrize("tier", [*FAST, "passband"])
+@pytest.mark.parametrize("name", ["x2", "x2 rf"])
+def test_nothing_from_outside_wraps_in(tier, name):
+    """Echoes one reach beyond either end, and much further, leave every bin at zero."""
+    axis = AXES[name]
+    low, high = swath(axis)
+    reach = 12 * Pulse.of(axis).sigma_m(axis.kind)
+    away = [low - reach, high + reach, 0.0, -1e-300, -3.0, 1e3, 1e6, 1e300, np.inf, -np.inf]
+    if tier == "spectral":
+        period = grid_for(axis, Pulse.of(axis), -60.0).period_m
+        away += [low + 1 + period, high - 1 - period]
+    range_m = np.array(away)[:, None]
+    frames = TIERS[tier].frames(range_m, np.ones_like(range_m), axis, error_db=-60)
+    assert not frames.any()
+
+
+@pytest.mark.parametrize(("tier", "name"), pairs(FAST, ["x2", "p4xx", "x4"]))
+def test_flanks_at_the_ends(tier, name):
+    """An echo that is centred just outside shows its flank, and only at its own end."""
+    axis = AXES[name]
+    low, high = swath(axis)
+    sigma = Pulse.of(axis).sigma_m("baseband")
+    near = np.array([low - 4, low - 2, low, high, high + 2, high + 4], np.float64)
+    range_m = np.clip(near, low - 2 * sigma, high + 2 * sigma)[:, None]
+    range_m = np.concatenate([range_m, range_m + 0.37 * sigma])
+    amplitude = np.ones_like(range_m)
+    wanted = TIERS["passband"].frames(range_m, amplitude, axis, error_db=-120)
+    ours = TIERS[tier].frames(range_m, amplitude, axis, error_db=-60)
+    assert worst_db(ours, wanted, amplitude) <= -60
+    assert np.abs(ours).max(axis=1).min() > 0.02
+
+
+@pytest.mark.parametrize("tier", FAST)
+def test_range_zero_and_below(tier):
+    axis = replace(X2, range_offset_m=-0.5)
+    range_m = np.array([[0.0, 5e-324, -0.3, 1e-9]])
+    amplitude = np.array([[1.0, 0.5, 0.25, 0.125]])
+    wanted = TIERS["passband"].frames(range_m, amplitude, axis, error_db=-120)
+    ours = TIERS[tier].frames(range_m, amplitude, axis, error_db=-80)
+    assert worst_db(ours, wanted, amplitude) <= -80
+
+
+@pytest.mark.parametrize("tier", FAST)
+@pytest.mark.parametrize("away_m", [1e3, 1e5])
+def test_phase_at_long_ranges(tier, away_m):
+    """A swath 100 km out: the reference is whole-number arithmetic."""
+    axis = replace(X2, range_offset_m=away_m)
+    bins = np.arange(100, 700, 13)
+    range_m = axis.range_m[bins][:, None]
+    frames = TIERS[tier].frames(range_m, np.ones_like(range_m), axis, error_db=-80)
+    for row, r in enumerate(range_m[:, 0].tolist()):
+        top, bottom = r.as_integer_ratio()
+        turns = (2 * top * 6_800_000_000) % (bottom * 299_792_458) / (bottom * 299_792_458)
+        assert frames[row, bins[row]] == pytest.approx(np.exp(-2j * np.pi * turns), abs=3e-4)
+
+
+@pytest.mark.parametrize("tier", ["local", "gridded", "dense"])
+def test_140_db_between_two_echoes(tier):
+    """A weak echo 1.5 m from a strong one keeps the relative error of a lone echo."""
+    range_m = np.array([[1.0, 2.5]])
+    amplitude = np.array([[1.0, 1e-7]])
+    both = TIERS[tier].frames(range_m, amplitude, X2, error_db=-60)
+    weak = TIERS["passband"].frames(range_m[:, 1:], amplitude[:, 1:], X2, error_db=-120)
+    there = slice(450, 620)
+    assert np.abs(both - weak)[:, there].max() < 1.1e-3 * 1e-7
+
+
+def test_140_db_in_the_frequency_domain_is_rounding():
+    """The spectral tier spreads rounding over the range: stated, and no worse than stated."""
+    range_m = np.array([[1.0, 2.5]])
+    frames = TIERS["spectral"].frames(range_m, np.array([[1.0, 1e-7]]), X2, error_db=-100)
+    wanted = TIERS["passband"].frames(range_m, np.array([[1.0, 1e-7]]), X2, error_db=-120)
+    assert worst_db(frames, wanted, np.array([[1.0]])) <= -100
+
+
+@pytest.mark.parametrize("tier", [*FAST, "passband"])
+@pytest.mark.parametrize("level", [0.0, 5e-324, 1e-310, 1e-40, 1e-30, 1e30])
+def test_tiny_and_huge_amplitudes(tier, level):
+    range_m, amplitude = scene(X2, 3, 4)
+    ours = TIERS[tier].frames(range_m, level * np.ones_like(amplitude), X2, error_db=-60)
+    if level < 1e-38:
+        assert not ours.any()
+        return
+    wanted = level * TIERS["dense"].frames(range_m, np.ones_like(amplitude), X2, error_db=-120)
+    assert np.isfinite(ours).all()
+    assert np.abs(ours - wanted.astype(np.complex128)).max() <= 4e-3 * level
+
+
+@pytest.mark.parametrize("tier", [*FAST, "passband"])
+def test_the_floor_leaves_out_what_is_under_it(tier):
+    range_m, amplitude = scene(X2, 20, 8)
+    floor = 0.05
+    quiet = TIERS[tier].frames(range_m, amplitude, X2, error_db=-60, floor=floor)
+    cut = np.where(amplitude > floor, amplitude, 0.0)
+    assert np.array_equal(quiet, TIERS[tier].frames(range_m, cut, X2, error_db=-60))
+    assert not TIERS[tier].frames(range_m, amplitude, X2, error_db=-60, floor=1.0).any()
+
+
+@pytest.mark.parametrize("tier", FAST)
+@pytest.mark.parametrize("name", ["x2", "x2 rf", "x2 rising phase"])
+def test_complex_amplitudes(tier, name):
+    """Multipath and Fresnel factors turn the phase of an echo."""
+    axis = AXES[name]
+    range_m, level = scene(axis, 10, 4)
+    amplitude = level * np.exp(2j * np.pi * np.random.default_rng(2).random(level.shape))
+    wanted = TIERS["passband"].frames(range_m, amplitude, axis, error_db=-120)
+    ours = TIERS[tier].frames(range_m, amplitude, axis, error_db=-80)
+    assert worst_db(ours, wanted, amplitude) <= -80
+
+
+@pytest.mark.parametrize("tier", [*FAST, "passband"])
+def test_shapes_must_agree(tier):
+    for shapes in (((3, 2), (3, 1)), ((3,), (3,)), ((2, 3, 1), (2, 3, 1))):
+        with pytest.raises(SceneError, match=r"\(n_slow, n_points\)"):
+            TIERS[tier].frames(np.ones(shapes[0]), np.ones(shapes[1]), X2, error_db=-60)
+    with pytest.raises(SceneError, match="bandwidth_hz"):
+        TIERS[tier].frames(
+            np.ones((1, 1)), np.ones((1, 1)), replace(X2, bandwidth_hz=0.0), error_db=-60
+        )
+
+
+# ---------------------------------------------------------------- properties
+
+
+@pytest.mark.parametrize("tier", FAST)
+def test_frames_do_not_depend_on_their_neighbours(tier):
+    """Blocks, gaps in view and single frames give one answer to the last bits."""
+    range_m, amplitude = scene(X2, 1100, 9, beyond=0.5)
+    amplitude[::7] = 0.0
+    together = TIERS[tier].frames(range_m, amplitude, X2, error_db=-60)
+    rows = [0, 1, 6, 7, 500, 908, 909, 910, 911, 1023, 1024, 1099]
+    for row in rows:
+        part = slice(row, row + 1)
+        alone = TIERS[tier].frames(range_m[part], amplitude[part], X2, error_db=-60)
+        assert np.abs(alone - together[part]).max() <= 2e-6 * amplitude[part].sum()
+
+
+def test_blocks_cover_slow_time_once():
+    for n_slow, n_points in ((0, 5), (1, 0), (5000, 1), (3, 100_000), (2049, 20)):
+        rows = [k for part in blocks(n_slow, n_points) for k in range(part.start, part.stop)]
+        assert rows == list(range(n_slow))
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    st.sampled_from(["local", "gridded", "spectral"]),
+    st.lists(
+        st.tuples(st.floats(-1e7, 1e7) | st.floats(0.3, 3.8), st.floats(0, 1e6)),
+        min_size=1,
+        max_size=8,
+    ),
+)
+def test_any_echoes_are_a_sum(tier, points):
+    """Additive over scatterers, finite, bounded by the sum of the amplitudes."""
+    range_m, amplitude = np.array(points).T[:, None, :]
+    make = TIERS[tier].frames
+    whole = make(range_m, amplitude, X2, error_db=-60)
+    total = amplitude.sum()
+    assert np.isfinite(whole).all()
+    assert np.abs(whole).max() <= 1.002 * total
+    parts = sum(
+        make(range_m[:, k : k + 1], amplitude[:, k : k + 1], X2, error_db=-60).astype(complex)
+        for k in range(len(points))
+    )
+    assert np.abs(whole - parts).max() <= 3e-6 * total
+
+
+# ---------------------------------------------------------------- the spectrum itself
+
+
+@pytest.mark.parametrize("name", ["x2", "x2 decimated", "x4", "x2 rising phase"])
+def test_spectrum_is_the_frames_transform(name):
+    axis = AXES[name]
+    low, high = swath(axis)
+    guard = 6 * Pulse.of(axis).sigma_m("baseband")
+    rng = np.random.default_rng(3)
+    range_m = rng.uniform(low + guard, high - guard, (12, 5))
+    amplitude = rng.uniform(0.1, 1, range_m.shape)
+    lines, grid = spectrum(range_m, amplitude, axis, error_db=-80)
+    frames = TIERS["passband"].frames(range_m, amplitude, axis, error_db=-120)
+    tau_s = 2 * (axis.range_m - grid.reference_m) / C
+    wanted = frames @ np.exp(-2j * np.pi * np.outer(tau_s, grid.offset_hz)) / grid.n_fft
+    # Long bins fold the band's edges; the lines do not.
+    band = np.abs(grid.offset_hz) < C / (4 * axis.bin_length_m) - 0.5e9
+    assert np.abs(lines - wanted)[:, band].max() < 1e-4 * np.abs(wanted).max()
+
+
+@pytest.mark.parametrize("speed_mps", [-3.6, -1.2, 0.6, 2.0])
+def test_spectrum_gives_the_velocity_beyond_the_ambiguity(speed_mps):
+    """P(v) = sum_f |sum_t w X exp(+j 4 pi f v t / c)|^2 peaks at the true range rate."""
+    t_s = (np.arange(28) - 13.5) / 60
+    range_m = 2.0 + speed_mps * t_s[:, None]
+    lines, grid = spectrum(range_m, np.ones_like(range_m), X2, error_db=-60)
+    v = np.linspace(-5, 5, 401)
+    turn = np.exp(4j * np.pi / C * grid.absolute_hz * v[:, None, None] * t_s[:, None])
+    power = np.abs((np.hanning(28)[:, None] * lines * turn).sum(axis=1)) ** 2
+    assert v[power.sum(axis=1).argmax()] == pytest.approx(speed_mps, abs=0.05)
+
+
+def test_spectrum_counts_only_echoes_in_the_swath():
+    low, high = swath(X2)
+    range_m = np.array([[low - 0.02], [high + 0.02], [1e6], [low], [high]])
+    lines, _ = spectrum(range_m, np.ones_like(range_m), X2)
+    assert [bool(row.any()) for row in lines] == [False, False, False, True, True]
+    assert spectrum(np.zeros((3, 0)), np.zeros((3, 0)), X2)[0].shape[0] == 3
+
+
+# ---------------------------------------------------------------- noise
+
+
+@pytest.mark.parametrize("step", [1, 8])
+def test_noise_is_what_the_live_path_makes_of_white_noise(step):
+    """Covariance over range, against the daemon's filter on white RF frames."""
+    converter = DownConverter(X2_RF, step)
+    colour = noise_colour(converter.axis)
+    ours = 2 * colour.matrix.T.astype(np.float64) @ colour.matrix
+    impulses = np.eye(X2_RF.n_range, dtype=np.float32)
+    # A unit impulse less its mean: the converter takes the mean off every frame.
+    response = converter.convert(impulses).astype(np.complex128)
+    wanted = response.T @ response.conj()
+    inner = slice(100 // step, -100 // step)
+    error = np.abs(ours[inner, inner] - wanted[inner, inner])
+    assert error.max() < 0.004 * colour.sigma**2  # the mean alone is 1 / 768
+    assert np.allclose(np.diag(ours), colour.sigma**2, rtol=3e-4)
+
+
+def test_noise_is_circular_and_seeded():
+    colour = noise_colour(DECIMATED)
+    assert colour.matrix.shape[1] == DECIMATED.n_range
+    a = colour.draw(np.random.default_rng(5), 4000, 0.04)
+    assert a.dtype == np.complex64
+    assert np.abs((a**2).mean()) < 0.05 * (0.04 * colour.sigma) ** 2
+    assert (np.abs(a) ** 2).mean() == pytest.approx((0.04 * colour.sigma) ** 2, rel=0.02)
+    rng = np.random.default_rng(5)
+    pieces = [colour.draw(rng, n, 0.04) for n in (1, 99, 400, 3500)]
+    assert np.allclose(np.concatenate(pieces), a, atol=1e-6 * 0.04)
+
+
+def test_noise_needs_a_baseband_axis_with_a_sampler():
+    with pytest.raises(SceneError, match="'rf'"):
+        noise_colour(X2_RF)
+    with pytest.raises(SceneError, match="0 Hz"):
+        noise_colour(replace(X2, sample_rate_hz=0.0))

@@ -1,0 +1,203 @@
+import math
+
+import numpy as np
+import pytest
+
+from radard.dsp.downconvert import DownConverter
+from tests.receiver_helpers import BASEBAND, RF, affected, room_echo
+from x2radar.errors import SceneError, SettingsError
+from x2radar.sim.effects import FrameDraws, ReceiverEffects, chip_axis, chip_ramp
+from x2radar.sim.keys import settings_from
+from x2radar.sim.pulse import baseband_echo, rf_echo
+from x2radar.sim.receiver import MIDDLE
+
+# ---------------------------------------------------------------- draws by frame number
+
+EVERYTHING = ReceiverEffects(
+    jitter_s=0.2e-12,
+    gain_noise=0.001,
+    frame_jitter=0.03,
+    burst_rate_hz=2,
+    spike_share=0.2,
+    lost_share=0.1,
+)
+
+
+def table(draws, first, n):
+    row, column, counts = draws.spikes(first, n, 768)
+    spiked = np.zeros((n, 768))
+    spiked[row, column] = counts
+    return np.column_stack(
+        [
+            draws.delay_s(first, n),
+            draws.gain(first, n),
+            draws.times_s(first, n),
+            draws.noise_gain(first, n),
+            draws.lost(first, n),
+            spiked,
+        ]
+    )
+
+
+def test_draws_belong_to_the_frame_number():
+    whole = table(FrameDraws(EVERYTHING, 1, 60), 0, 700)
+    again = FrameDraws(EVERYTHING, 1, 60)
+    for first, n in ((690, 10), (0, 1), (255, 2), (256, 256), (100, 500), (699, 1), (3, 0)):
+        assert np.array_equal(table(again, first, n), whole[first : first + n])
+    other = table(FrameDraws(EVERYTHING, 2, 60), 0, 700)
+    assert not np.any(other[:, 0] == whole[:, 0])
+
+
+def test_effects_that_are_off_are_exactly_off():
+    draws = FrameDraws(ReceiverEffects(), 0, 60)
+    assert np.array_equal(draws.times_s(5, 3), np.array([5, 6, 7]) / 60)
+    assert not draws.delay_s(0, 9).any()
+    assert np.array_equal(draws.gain(0, 9), np.ones(9))
+    assert np.array_equal(draws.noise_gain(0, 9), np.ones(9))
+    assert not draws.lost(0, 9).any()
+    assert all(x.size == 0 for x in draws.spikes(0, 9, 768))
+
+
+@pytest.mark.parametrize("axis", [RF, BASEBAND], ids=["rf", "baseband"])
+def test_all_effects_together_do_not_depend_on_blocks(axis):
+    echo = room_echo(axis)[:300]
+    kwargs = {k: getattr(EVERYTHING, k) for k in ("jitter_s", "burst_rate_hz", "spike_share")}
+    whole = affected(axis, echo=echo, **kwargs)
+    for sizes in ([1] * 300, [7, 0, 293], [256, 44]):
+        assert np.array_equal(affected(axis, echo=echo, sizes=sizes, **kwargs), whole)
+
+
+def test_frame_times_stay_in_order_and_within_five_percent():
+    for jitter in (0.01, 0.05):
+        t_s = FrameDraws(ReceiverEffects(frame_jitter=jitter), 0, 60).times_s(0, 20_000)
+        late = t_s * 60 - np.arange(20_000)
+        assert np.abs(late).max() <= 0.05 + 1e-9
+        assert (np.diff(t_s) > 0.9 / 60 - 1e-12).all()
+    assert late.std() > 0.03
+
+
+def test_bursts_come_last_and_rise_as_asked():
+    effects = ReceiverEffects(burst_rate_hz=0.5, burst_s=0.2)
+    gain = FrameDraws(effects, 0, 60).noise_gain(0, 200_000)
+    rise_db = 20 * np.log10(gain[gain > 1])
+    assert rise_db.min() >= 3 - 1e-9
+    assert rise_db.max() <= 20 + 1e-9
+    # 0.5 bursts a second of 0.2 s (cut at 60 frames, rounded up by half a frame).
+    assert (gain > 1).mean() == pytest.approx(1 - math.exp(-0.5 * 0.208), rel=0.08)
+    ends = np.flatnonzero(np.diff(np.concatenate([[0], gain > 1, [0]]).astype(int)))
+    length = np.diff(ends)[::2]
+    assert length.min() >= 1
+    assert length.mean() == pytest.approx(0.21 * 60, rel=0.15)
+
+
+@pytest.mark.parametrize("axis", [RF, BASEBAND], ids=["rf", "baseband"])
+def test_a_burst_raises_the_noise_of_its_frames(axis):
+    same = {"burst_rate_hz": 3.0, "burst_least_db": 12.0, "burst_most_db": 12.0}
+    frames = affected(axis, n=600, **same)
+    gain = FrameDraws(ReceiverEffects(**same), 0, 60).noise_gain(0, 600)
+    power = (np.abs(frames) ** 2).mean(axis=1)
+    assert 0.05 < (gain > 1).mean() < 0.6
+    rise_db = 10 * math.log10(power[gain > 1].mean() / power[gain == 1].mean())
+    assert rise_db == pytest.approx(12, abs=0.3)
+
+
+def test_spikes_lie_above_the_converter_and_come_as_often_as_asked():
+    frames = affected(n=2000, spike_share=0.05).real + MIDDLE
+    counts = frames[frames > 100] / (100 / 8192)
+    assert counts.min() >= 8192 - 1e-3
+    assert counts.max() < 65536
+    spiked = (frames > 100).sum(axis=1)
+    assert (spiked > 0).mean() == pytest.approx(0.05, abs=0.015)
+    assert set(spiked.tolist()) == {0, 1, 2, 3}
+
+
+def test_a_baseband_spike_is_that_of_the_rf_frame():
+    kwargs = {"spike_share": 0.3, "n": 40, "seed": 6}
+    raw = affected(RF, **kwargs).real
+    rf = DownConverter(RF).convert(raw.astype(np.float32))
+    baseband = affected(BASEBAND, **kwargs)
+    rows = np.flatnonzero(np.abs(baseband).max(axis=1) > 1)
+    assert rows.size > 5
+    # The converter takes the frame's mean off, at most 3 spikes of 750 over 768 samples.
+    peak = np.abs(baseband[rows]).max()
+    assert np.abs(rf[rows] - baseband[rows])[:, 60:-60].max() < 0.02 * peak
+
+
+def test_lost_frames_come_as_often_as_asked():
+    draws = FrameDraws(ReceiverEffects(lost_share=0.02), 0, 60)
+    assert draws.lost(0, 50_000).mean() == pytest.approx(0.02, rel=0.1)
+    assert FrameDraws(ReceiverEffects(lost_share=1), 0, 60).lost(7, 9).all()
+
+
+@pytest.mark.parametrize("share", [0.001, 0.3, 1.0])
+def test_clip_bounds_the_frame(share):
+    echo = np.zeros((2, 768), np.float32)
+    echo[0, 5], echo[1, 5] = 70, -70
+    frames = affected(echo=echo, clip=share).real
+    assert frames.max() == pytest.approx(min(50 * share, 50 - 100 / 8192), abs=1e-4)
+    assert frames.min() == pytest.approx(-50 * share, abs=1e-4)
+
+
+# ---------------------------------------------------------------- a chip's own rate
+
+
+@pytest.mark.parametrize(
+    ("true_hz", "bound"), [(41e9, 1e-5), (40.9e9, 2e-3), (40e9, 0.015), (38e9, 0.05)]
+)
+def test_a_wrong_rate_looks_alike_in_both_kinds(true_hz, bound):
+    range_m = np.random.default_rng(0).uniform(1.0, 2.8, (40, 1))
+    one = np.ones_like(range_m)
+    raw = rf_echo(range_m, one, chip_axis(RF, true_hz))
+    wanted = DownConverter(RF).convert(raw)
+    ours = baseband_echo(range_m, one, chip_axis(BASEBAND, true_hz)) * chip_ramp(BASEBAND, true_hz)
+    assert np.abs(ours - wanted).max() < bound
+    # What the range axis then says: stretched from the first bin on.
+    says = BASEBAND.range_m[np.abs(ours).argmax(axis=1)]
+    first = RF.range_offset_m
+    assert says == pytest.approx(first + (range_m[:, 0] - first) * true_hz / 41e9, abs=0.003)
+
+
+# ---------------------------------------------------------------- bad input
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("jitter_s", -1e-13),
+        ("jitter_s", 1.0),
+        ("gain_noise", math.nan),
+        ("frame_jitter", 0.06),
+        ("lost_share", 1.5),
+        ("spike_share", "often"),
+        ("clip", 0),
+        ("noise", "pink"),
+        ("noise_figure_db", True),
+        ("true_sample_rate_hz", 1e6),
+        ("burst_rate_hz", math.inf),
+        ("burst_s", 0),
+        ("gain_noise", 10**400),
+    ],
+)
+def test_impossible_effects_are_named(key, value):
+    with pytest.raises(SettingsError, match=f"^{key} = ") as caught:
+        ReceiverEffects(**{key: value})
+    assert "\n" not in str(caught.value)
+    with pytest.raises(SceneError, match=rf"^room.yaml: receiver\.{key}: ") as caught:
+        settings_from(ReceiverEffects, {key: value}, "room.yaml: receiver")
+    assert "\n" not in str(caught.value)
+
+
+def test_every_faulty_effect_is_named_at_once():
+    with pytest.raises(SettingsError, match=r"jitter_s = .*; lost_share = "):
+        ReceiverEffects(jitter_s=-1, lost_share=2)
+
+
+def test_unknown_keys_name_the_nearest():
+    with pytest.raises(
+        SceneError, match=r"^receiver\.jiter_s: unknown key; did you mean jitter_s"
+    ):
+        settings_from(ReceiverEffects, {"jiter_s": 0}, "receiver")
+    with pytest.raises(SceneError, match=r"^receiver: must be a mapping"):
+        settings_from(ReceiverEffects, [1], "receiver")
+    assert settings_from(ReceiverEffects, None, "receiver") == ReceiverEffects()
+    assert settings_from(ReceiverEffects, {"clip": 0.5}, "receiver").clip == 0.5

@@ -1,0 +1,114 @@
+"""Postures of cats and dogs that stay in one place, or jump."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from x2radar.sim.bodies.flight import Wander
+from x2radar.sim.bodies.path import Path
+from x2radar.sim.bodies.quadruped import Stance
+from x2radar.sim.bodies.quadruped_actions import Staying
+from x2radar.sim.bodies.quadruped_build import QuadrupedBuild
+from x2radar.sim.bodies.quadruped_jump import Jumping, Leap
+
+Array = NDArray[np.float64]
+
+STANDING = 0.97
+"""Height of a standing trunk's middle, in hip heights."""
+
+# Trunk's middle and hind and fore paws ahead of hip and shoulder, in hip heights; pitch;
+# distance of the paws from the middle line, in half tracks.
+_POSTURES = {
+    "stand": (STANDING, 0.0, 0.0, 0.0, 1.0),
+    "sit": (0.62, 0.32, 0.05, 0.58, 1.1),
+    "lie": (0.30, 0.28, 0.05, 0.04, 1.4),
+}
+
+
+def draw_staying(
+    rng: np.random.Generator, build: QuadrupedBuild, style: str, path: Path
+) -> Staying:
+    """Draw an animal that stays where a path begins, facing along it.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+        The sway of the trunk and the places of the paws come from it.
+    build : QuadrupedBuild
+        Sizes.
+    style : {'stand', 'sit', 'lie', 'pant', 'jump'}
+        The posture; one that pants lies, one that jumps stands first.
+    path : Path
+        Where.
+
+    Returns
+    -------
+    Staying
+        The action.
+    """
+    name = {"pant": "lie", "jump": "stand"}.get(style, style)
+    height, hind, fore, pitch, spread = _POSTURES[name]
+    h = build.hip_m
+    start = path.at(np.array([path.start_s - 1.0]))
+    cos, sin = np.cos(start.heading_rad[0]), np.sin(start.heading_rad[0])
+    girdle = 0.5 * build.back_m * np.cos(pitch)
+    ahead = np.array([-girdle + hind * h, girdle + fore * h] * 2)
+    # Nobody stands on a drawing board.
+    ahead += 0.04 * h * rng.uniform(-1.0, 1.0, 4)
+    left = spread * build.half_track_m * np.array([1.0, 1.0, -1.0, -1.0])
+    paw = np.stack(
+        [
+            start.x_m + ahead * cos - left * sin,
+            start.y_m + ahead * sin + left * cos,
+            np.zeros(4),
+        ],
+        axis=-1,
+    )
+    middle_z = max(height * h, 0.9 * build.half_depth_m)
+    stance = Stance(
+        middle_m=np.array([[start.x_m[0], start.y_m[0], middle_z]]),
+        heading_rad=start.heading_rad,
+        pitch_rad=np.array([pitch]),
+        paw_m=paw[None],
+        nod=np.zeros(1),
+        turn_rad_s=np.zeros(1),
+    )
+    size = {"stand": 0.02, "sit": 0.006, "lie": 0.0005}[name] * h
+    limits = np.array([size, size, 0.2 * size, size / build.back_m])
+    return Staying(stance, Wander.draw(rng, limits, 0.8 * limits))
+
+
+def draw_jumping(
+    rng: np.random.Generator, build: QuadrupedBuild, path: Path, *, is_cat: bool
+) -> tuple[Jumping, float]:
+    """Draw an animal that jumps onto something, stays, and jumps down on its other side.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+        Times, height and width come from it.
+    build : QuadrupedBuild
+        Sizes.
+    path : Path
+        It stands where this begins, and jumps along it.
+    is_cat : bool
+        Cats jump higher for their size.
+
+    Returns
+    -------
+    jumping : Jumping
+        The action.
+    end_s : float
+        When it stands on the floor again.
+    """
+    standing = draw_staying(rng, build, "jump", path)
+    h = build.hip_m
+    # A chair or a table for cats, a sofa for dogs.
+    climb = h * (rng.uniform(1.6, 3.2) if is_cat else rng.uniform(0.8, 1.3))
+    climb = float(np.clip(climb, 0.2, 0.9))
+    crouch = rng.uniform(0.3, 0.7, 2)
+    up = Leap.over(rng.uniform(0.8, 2.0), climb, h * rng.uniform(1.2, 2.2), h, crouch[0])
+    stays = rng.uniform(1.5, 6.0)
+    down = Leap.over(
+        up.still_s + up.rise_s + stays, -climb, h * rng.uniform(1.5, 2.5), h, crouch[1]
+    )
+    return Jumping(standing, build, (up, down)), down.still_s + down.rise_s

@@ -1,0 +1,231 @@
+"""Which tier makes given frames in the least time with the error that is asked for.
+
+| tier | error down to | its cost grows with |
+|---|---|---|
+| passband | -130 dB | bins x scatterers, on the carrier: the reference, never chosen |
+| dense | -130 dB | bins x scatterers |
+| local | -100 dB | scatterers x the bins that an echo touches |
+| gridded | -100 dB | scatterers x 8 to 15 grid points, and bins |
+| spectral | -100 dB | scatterers x the band's lines (about 70, very cheaply), and bins |
+
+Errors are the largest of any bin over the sum of the amplitudes. The costs are linear
+models in nanoseconds, fitted to measurements on one core at 1 to 400 frames, 1 to 200
+scatterers, six axes (RF and baseband, 3.7 to 51 mm a bin); measured times were 0.7 to 1.8
+times the model (passband up to 3.2). Only ratios matter: over those tasks the choice took
+1.4 % longer than the best tier of each. `benchmarks/bench_sim.py` measures it again.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+from x2radar.errors import SceneError
+from x2radar.frame import FastTimeAxis
+from x2radar.sim.echo import dense, design, gridded, local, passband, spectral
+from x2radar.sim.echo.common import FINEST_DB, Amplitude, Array, Frames, Pulse, blocks, check
+from x2radar.sim.echo.spectral_grid import grid_for
+
+TierName = Literal["auto", "passband", "dense", "local", "gridded", "spectral"]
+
+
+class FramesOf(Protocol):
+    """What every tier's `frames` looks like."""
+
+    def __call__(
+        self,
+        range_m: Array,
+        amplitude: Amplitude,
+        axis: FastTimeAxis,
+        pulse: Pulse | None = None,
+        *,
+        error_db: float,
+        floor: float = 0.0,
+    ) -> Frames:
+        """Return frames."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """What frames are wanted.
+
+    Attributes
+    ----------
+    n_slow, n_points : int
+        Frames and scatterers.
+    axis : FastTimeAxis
+        Of the frames.
+    pulse : Pulse
+        The transmitted pulse.
+    error_db : float
+        Largest error allowed.
+    """
+
+    n_slow: int
+    n_points: int
+    axis: FastTimeAxis
+    pulse: Pulse
+    error_db: float
+
+    @property
+    def n_echoes(self) -> int:
+        """Frames times scatterers."""
+        return self.n_slow * self.n_points
+
+    @property
+    def n_calls(self) -> int:
+        """Pieces that slow time is cut into."""
+        return sum(1 for _ in blocks(self.n_slow, self.n_points))
+
+
+@dataclass(frozen=True, slots=True)
+class Tier:
+    """One way to make frames.
+
+    Attributes
+    ----------
+    frames : callable
+        Makes them.
+    finest_db : float
+        Smallest error that it can be asked for.
+    cost_ns : callable
+        Estimates its time for a `Task`; infinite if the tier cannot do it.
+    """
+
+    frames: FramesOf
+    finest_db: float
+    cost_ns: Callable[[Task], float]
+
+
+def _passband_ns(task: Task) -> float:
+    per_wave = task.axis.bin_length_m * task.axis.carrier_hz
+    samples = max(1.0, per_wave / 3.7e7) if task.axis.kind == "baseband" else 1.0
+    n_bins = task.axis.n_range * samples
+    filter_ns = 0.15 * task.axis.n_range if task.axis.kind == "baseband" else 0.0
+    return 2e4 + n_bins * (15 * task.n_echoes + filter_ns * task.n_slow)
+
+
+def _dense_ns(task: Task) -> float:
+    return 2.5e4 + task.axis.n_range * (3.5 * task.n_echoes + 3.2 * task.n_slow)
+
+
+def _local_ns(task: Task) -> float:
+    axis = task.axis
+    sigma_bins = task.pulse.sigma_m(axis.kind) / axis.bin_length_m
+    touched = local.n_touched(sigma_bins, task.error_db)
+    n_calls = sum(1 for _ in local.pieces(task.n_slow, task.n_points, touched))
+    bin_ns = 1.4 if axis.kind == "rf" else 0.4
+    return (
+        n_calls * (5e4 + 1500.0 * touched)
+        + 2.3 * touched * task.n_echoes
+        + bin_ns * axis.n_range * task.n_slow
+    )
+
+
+def _gridded_ns(task: Task) -> float:
+    if not design.suits(task.axis, task.pulse):
+        return math.inf
+    shape = design.design_for(task.axis, task.pulse, task.error_db)
+    each_ns = 5 + 1.7 * shape.grid.n_touched
+    frame_ns = (1.2 if task.axis.kind == "rf" else 1.5) * shape.frame_ns()
+    return task.n_calls * 5e4 + each_ns * task.n_echoes + frame_ns * task.n_slow
+
+
+def _spectral_ns(task: Task) -> float:
+    grid = grid_for(task.axis, task.pulse, task.error_db)
+    each_ns = 1.1 * (grid.n_slow_power + grid.n_fast_power) + 0.06 * grid.n_freq
+    n_fft = grid.n_fft * grid.n_fold
+    frame_ns = 300 + (3.0 if task.axis.kind == "rf" else 2.4) * n_fft * math.log2(n_fft) / 10
+    return task.n_calls * 6.3e4 + each_ns * task.n_echoes + frame_ns * task.n_slow
+
+
+TIERS: Mapping[str, Tier] = {
+    "passband": Tier(passband.frames, -130.0, _passband_ns),
+    "dense": Tier(dense.frames, -130.0, _dense_ns),
+    "local": Tier(local.frames, FINEST_DB, _local_ns),
+    "gridded": Tier(gridded.frames, FINEST_DB, _gridded_ns),
+    "spectral": Tier(spectral.frames, FINEST_DB, _spectral_ns),
+}
+"""Every tier by its name."""
+
+_CHOSEN_FROM = ("dense", "local", "gridded", "spectral")
+_COARSEST_DB, _FINEST_DB = -20.0, -130.0
+
+
+def choose(task: Task) -> str:
+    """Return the name of the cheapest tier that meets the error asked for.
+
+    Raises
+    ------
+    SceneError
+        If the error is not within -130 to -20 dB.
+    """
+    _check_error(task.error_db)
+    able = [name for name in _CHOSEN_FROM if TIERS[name].finest_db <= task.error_db]
+    return min(able, key=lambda name: TIERS[name].cost_ns(task))
+
+
+def frames(
+    range_m: Array,
+    amplitude: Amplitude,
+    axis: FastTimeAxis,
+    pulse: Pulse | None = None,
+    *,
+    tier: TierName = "auto",
+    error_db: float = -60.0,
+    floor: float = 0.0,
+) -> Frames:
+    """Return the frames of moving points.
+
+    Parameters
+    ----------
+    range_m : ndarray, shape (n_slow, n_points), float64
+        Distances, in metres; constant within a frame (2.16).
+    amplitude : ndarray, shape (n_slow, n_points), float64 or complex128
+        Peak amplitudes, with no NaN among them.
+    axis : FastTimeAxis
+        Of either kind; decides what comes out.
+    pulse : Pulse, optional
+        The axis' own by default.
+    tier : {'auto', 'passband', 'dense', 'local', 'gridded', 'spectral'}
+        How; 'auto' takes the cheapest.
+    error_db : float
+        Largest error of a bin over the sum of the frame's amplitudes, -130 to -20 dB.
+    floor : float
+        Echoes up to this amplitude are left out: say a tenth of the noise.
+
+    Returns
+    -------
+    ndarray, shape (n_slow, n_range), float32 (rf) or complex64 (baseband)
+        Noise-free echoes with the phase exp(-j 4 pi R / lambda), or its conjugate if the
+        axis' `phase_sign` is +1. Baseband is the matched filter's output and RF is what the
+        filter takes: where an echo lies in the swath as a whole, down-converting the RF
+        frames gives the baseband frames. At the ends RF frames are cut before the filter.
+
+    Raises
+    ------
+    SceneError
+        If the tier is unknown or cannot reach the error, the shapes differ, or the axis
+        has no bandwidth.
+    """
+    check(range_m, amplitude)
+    _check_error(error_db)
+    pulse = pulse or Pulse.of(axis)
+    if tier == "auto":
+        tier_name = choose(Task(len(range_m), range_m.shape[1], axis, pulse, error_db))
+    elif tier not in TIERS:
+        msg = f"tier '{tier}': unknown; there are auto, {', '.join(TIERS)}"
+        raise SceneError(msg)
+    elif TIERS[tier].finest_db > error_db:
+        msg = f"tier '{tier}' reaches {TIERS[tier].finest_db:g} dB, not {error_db:g} dB"
+        raise SceneError(msg)
+    else:
+        tier_name = tier
+    return TIERS[tier_name].frames(range_m, amplitude, axis, pulse, error_db=error_db, floor=floor)
+
+
+def _check_error(error_db: float) -> None:
+    if not _FINEST_DB <= error_db <= _COARSEST_DB:
+        msg = f"error_db {error_db:g} is not within {_FINEST_DB:g} to {_COARSEST_DB:g}"
+        raise SceneError(msg)

@@ -1,0 +1,190 @@
+"""What the tiers share: the pulse, which echoes count at all, and the carrier's phase.
+
+Every tier takes the same arguments. An echo that cannot reach a bin of the axis, or whose
+amplitude is not above the floor, is left out before anything is computed for it; a
+scatterer that never counts costs one comparison a frame.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from x2radar.errors import SceneError
+from x2radar.frame import FastTimeAxis
+from x2radar.settings import SPEED_OF_LIGHT_MPS
+from x2radar.sim.pulse import pulse_sigma_s
+
+Array = NDArray[np.float64]
+Amplitude = NDArray[np.float64] | NDArray[np.complex128]
+Baseband = NDArray[np.complex64]
+Frames = NDArray[np.complex64] | NDArray[np.float32]
+
+FAINTEST = float(np.finfo(np.float32).tiny)
+"""Amplitudes up to here would be denormal in float32 and are taken for zero."""
+
+FINEST_DB = -100.0
+"""Smallest error that the fast tiers can be asked for; their rounding is -107 to -130 dB."""
+
+# Echoes worked on at a time: their kernels then stay in a core's second-level cache.
+BLOCK_ECHOES = 8192
+BLOCK_FRAMES = 1024
+
+
+@dataclass(frozen=True, slots=True)
+class Pulse:
+    """The transmitted Gaussian pulse (2.3).
+
+    Attributes
+    ----------
+    sigma_s : float
+        Standard deviation of the envelope, in seconds.
+    """
+
+    sigma_s: float
+
+    @classmethod
+    def of(cls, axis: FastTimeAxis) -> Self:
+        """Return the pulse that has the axis' bandwidth at -10 dB.
+
+        Raises
+        ------
+        SceneError
+            If the axis states no bandwidth.
+        """
+        if not axis.bandwidth_hz > 0:
+            msg = f"bandwidth_hz {axis.bandwidth_hz:g}: echoes need a pulse with a bandwidth"
+            raise SceneError(msg)
+        return cls(pulse_sigma_s(axis.bandwidth_hz))
+
+    def sigma_m(self, kind: str) -> float:
+        """Return the echo's sigma in range, in metres: sqrt(2) wider behind the filter."""
+        widening = math.sqrt(2) if kind == "baseband" else 1.0
+        return widening * self.sigma_s * SPEED_OF_LIGHT_MPS / 2
+
+
+def check(range_m: Array, amplitude: Amplitude) -> None:
+    """Raise SceneError unless both have the same two-dimensional shape."""
+    if range_m.ndim != 2 or range_m.shape != amplitude.shape:
+        msg = (
+            f"ranges of shape {range_m.shape} and amplitudes of shape {amplitude.shape}; "
+            "both must be (n_slow, n_points)"
+        )
+        raise SceneError(msg)
+
+
+def counted(
+    range_m: Array, amplitude: Amplitude, near_m: float, far_m: float, floor: float
+) -> NDArray[np.bool_]:
+    """Tell which echoes lie between two ranges and are stronger than the floor."""
+    mask = range_m > near_m
+    mask &= range_m < far_m
+    mask &= np.abs(amplitude) > max(floor, FAINTEST)
+    return mask
+
+
+def blocks(n_slow: int, n_points: int) -> Iterator[slice]:
+    """Cut slow time into pieces that a core's cache holds."""
+    size = max(1, min(BLOCK_FRAMES, BLOCK_ECHOES // max(1, n_points)))
+    for first in range(0, n_slow, size):
+        yield slice(first, min(first + size, n_slow))
+
+
+def kept(
+    range_m: Array,
+    amplitude: Amplitude,
+    axis: FastTimeAxis,
+    *,
+    reach_m: float,
+    floor: float,
+) -> tuple[Array, Amplitude]:
+    """Leave out what does not count, for tiers that work on whole columns.
+
+    Parameters
+    ----------
+    range_m, amplitude : ndarray, shape (n_slow, n_points)
+        As every tier takes them.
+    axis : FastTimeAxis
+        Its first and last bin bound the swath.
+    reach_m : float
+        How far outside the swath an echo still shows, in metres.
+    floor : float
+        Amplitudes up to here do not count.
+
+    Returns
+    -------
+    range_m, amplitude : ndarray, shape (n_slow, n_kept)
+        Scatterers that count at least once. Where one does not, its amplitude is zero and
+        its range is the swath's beginning, so that nothing overflows.
+    """
+    check(range_m, amplitude)
+    first_m = axis.range_offset_m
+    last_m = first_m + (axis.n_range - 1) * axis.bin_length_m
+    mask = counted(range_m, amplitude, first_m - reach_m, last_m + reach_m, floor)
+    if mask.all():
+        return range_m, amplitude
+    columns = mask.any(axis=0)
+    mask = mask[:, columns]
+    return (
+        np.where(mask, range_m[:, columns], first_m),
+        np.where(mask, amplitude[:, columns], 0.0),
+    )
+
+
+def carrier_turns(range_m: Array, axis: FastTimeAxis) -> Array:
+    """Return the echo's carrier phase in turns, -0.5 to 0.5: sign * 2 R / lambda, float64.
+
+    The whole turns are taken off in float64, so the error is 1e-16 of the number of
+    wavelengths: 1e-9 of a turn at 100 km.
+    """
+    turns = range_m * (axis.phase_sign * 2 * axis.carrier_hz / SPEED_OF_LIGHT_MPS)
+    turns -= np.rint(turns)
+    return turns
+
+
+def phasor(turns: Array, amplitude: Amplitude) -> Baseband:
+    """Return ``amplitude * exp(2j pi turns)`` in complex64, turns already reduced."""
+    angle = turns.astype(np.float32)
+    angle *= np.float32(2 * np.pi)
+    out = np.empty(turns.shape, np.complex64)
+    if np.iscomplexobj(amplitude):
+        out.real = np.cos(angle)
+        out.imag = np.sin(angle)
+        out *= amplitude.astype(np.complex64)
+        return out
+    level = amplitude.astype(np.float32)
+    np.multiply(np.cos(angle), level, out=out.real)
+    np.multiply(np.sin(angle), level, out=out.imag)
+    return out
+
+
+@lru_cache(maxsize=16)
+def carrier_wave(axis: FastTimeAxis) -> Baseband:
+    """Return the carrier at every bin, shape (n_range,), that turns baseband into RF.
+
+    It undoes `carrier_turns`: the product of both is the phase since the echo's centre.
+    """
+    turns = -carrier_turns(axis.range_m, axis)
+    wave = phasor(turns, np.ones_like(turns))
+    wave.flags.writeable = False
+    return wave
+
+
+def on_carrier(envelope: Baseband, axis: FastTimeAxis) -> NDArray[np.float32]:
+    """Return RF frames from the complex envelope at the axis' bins."""
+    wave = carrier_wave(axis)
+    rf = envelope.real * wave.real
+    rf -= envelope.imag * wave.imag
+    return np.asarray(rf, np.float32)
+
+
+def empty(n_slow: int, axis: FastTimeAxis) -> Frames:
+    """Return frames to be filled, in the axis' type."""
+    shape = (n_slow, axis.n_range)
+    if axis.kind == "rf":
+        return np.empty(shape, np.float32)
+    return np.empty(shape, np.complex64)

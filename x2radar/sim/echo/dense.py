@@ -1,0 +1,87 @@
+"""The dense tier: every bin of every scatterer, in float64.
+
+It is the plain form of the echo sum. Its cost does not depend on where echoes lie, and its
+error is the rounding of the result alone.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from x2radar.frame import FastTimeAxis
+from x2radar.sim.echo.common import (
+    Amplitude,
+    Array,
+    Frames,
+    Pulse,
+    carrier_turns,
+    empty,
+    kept,
+)
+
+_REACH_SIGMA = 7.0  # beyond it an echo is below 2e-11 and is left out as a whole
+_BLOCK_SAMPLES = 1 << 17  # exponentials held at a time: 1 MiB
+
+
+def frames(
+    range_m: Array,
+    amplitude: Amplitude,
+    axis: FastTimeAxis,
+    pulse: Pulse | None = None,
+    *,
+    error_db: float = -120.0,
+    floor: float = 0.0,
+) -> Frames:
+    """Return frames by the echo sum over all bins.
+
+    Parameters
+    ----------
+    range_m : ndarray, shape (n_slow, n_points), float64
+        Distances, in metres; constant within a frame (2.16).
+    amplitude : ndarray, shape (n_slow, n_points), float64 or complex128
+        Peak amplitudes, with no NaN among them.
+    axis : FastTimeAxis
+        Of either kind.
+    pulse : Pulse, optional
+        The axis' own by default.
+    error_db : float
+        Not used: this tier has one accuracy.
+    floor : float
+        Echoes up to this amplitude are left out.
+
+    Returns
+    -------
+    ndarray, shape (n_slow, n_range), float32 (rf) or complex64 (baseband)
+        ``sum_k a_k g(x - R_k) exp(-j 4 pi R_k / lambda)`` (2.19), or that on its carrier
+        (2.12). Error below 1e-7 of the sum of amplitudes.
+
+    Raises
+    ------
+    SceneError
+        If the shapes differ or the axis has no bandwidth.
+    """
+    del error_db
+    pulse = pulse or Pulse.of(axis)
+    sigma_m = pulse.sigma_m(axis.kind)
+    r, a = kept(range_m, amplitude, axis, reach_m=_REACH_SIGMA * sigma_m, floor=floor)
+    weight = a * np.exp(2j * np.pi * carrier_turns(r, axis))
+    rows = np.stack([weight.real, weight.imag], axis=1)
+    out = empty(len(r), axis)
+    wave = _wave(axis) if axis.kind == "rf" else None
+    size = max(1, _BLOCK_SAMPLES // max(1, r.shape[1] * axis.n_range))
+    for at in range(0, len(r), size):
+        part = slice(at, at + size)
+        since = (axis.range_m - r[part, :, None]) / sigma_m
+        since *= since
+        since *= -0.5
+        real, imag = np.moveaxis(rows[part] @ np.exp(since, out=since), 1, 0)
+        if wave is None:
+            out[part].real = real
+            out[part].imag = imag
+        else:
+            out[part] = real * wave.real - imag * wave.imag
+    return out
+
+
+def _wave(axis: FastTimeAxis) -> NDArray[np.complex128]:
+    """Return the carrier at every bin, in float64."""
+    return np.asarray(np.exp(-2j * np.pi * carrier_turns(axis.range_m, axis)))

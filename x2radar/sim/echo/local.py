@@ -1,0 +1,90 @@
+"""The local tier: only the bins that an echo touches.
+
+How far a pulse is followed depends on the error asked for: to where it has fallen to that
+error. The tier is the cheapest where a bin is not much shorter than the pulse (decimated
+baseband) and where there are few scatterers.
+"""
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from x2radar.frame import FastTimeAxis
+from x2radar.sim.echo.common import (
+    Amplitude,
+    Array,
+    Frames,
+    Pulse,
+    blocks,
+    check,
+    empty,
+    on_carrier,
+)
+from x2radar.sim.echo.spread import SpreadGrid, spread
+
+
+def frames(
+    range_m: Array,
+    amplitude: Amplitude,
+    axis: FastTimeAxis,
+    pulse: Pulse | None = None,
+    *,
+    error_db: float = -60.0,
+    floor: float = 0.0,
+) -> Frames:
+    """Return frames from the bins that echoes touch.
+
+    Parameters
+    ----------
+    range_m : ndarray, shape (n_slow, n_points), float64
+        Distances, in metres; constant within a frame (2.16).
+    amplitude : ndarray, shape (n_slow, n_points), float64 or complex128
+        Peak amplitudes, with no NaN among them.
+    axis : FastTimeAxis
+        Of either kind.
+    pulse : Pulse, optional
+        The axis' own by default.
+    error_db : float
+        Largest error in a bin, over the sum of the amplitudes of the echoes that reach it;
+        down to -100 dB.
+    floor : float
+        Echoes up to this amplitude are left out.
+
+    Returns
+    -------
+    ndarray, shape (n_slow, n_range), float32 (rf) or complex64 (baseband)
+        As `dense.frames` returns them, with an error up to `error_db`. A bin that no echo
+        reaches is exactly zero.
+
+    Raises
+    ------
+    SceneError
+        If the shapes differ or the axis has no bandwidth.
+    """
+    check(range_m, amplitude)
+    pulse = pulse or Pulse.of(axis)
+    sigma_m = pulse.sigma_m(axis.kind)
+    grid = SpreadGrid(
+        origin_m=axis.range_offset_m,
+        spacing_m=axis.bin_length_m,
+        n_grid=axis.n_range,
+        sigma_m=sigma_m,
+        n_touched=n_touched(sigma_m / axis.bin_length_m, error_db),
+    )
+    out = empty(len(range_m), axis)
+    for part in pieces(len(range_m), range_m.shape[1], grid.n_touched):
+        echo = spread(range_m[part], amplitude[part], axis, grid, floor)
+        out[part] = on_carrier(echo, axis) if axis.kind == "rf" else echo
+    return out
+
+
+def n_touched(sigma_bins: float, error_db: float) -> int:
+    """Return how many bins an echo touches before it has fallen to `error_db`."""
+    reach = sigma_bins * math.sqrt(-2 * math.log(10 ** (error_db / 20)))
+    return max(2, int(np.ceil(2 * reach)))
+
+
+def pieces(n_slow: int, n_points: int, touched: int) -> Iterator[slice]:
+    """Cut slow time as `blocks` does, shorter where a wide pulse touches many bins."""
+    return blocks(n_slow, n_points * max(1, touched // 12))

@@ -1,0 +1,103 @@
+"""The frequencies on which the spectral tier writes echoes: few, and without a wrap.
+
+A Gaussian's tails bound the error on either side: lines beyond the band and range beyond
+the period each get half of it.
+"""
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from x2radar.frame import FastTimeAxis
+from x2radar.settings import SPEED_OF_LIGHT_MPS
+from x2radar.sim.echo.common import Array, Pulse
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SpectralGrid:
+    """Frequencies on which an axis' echoes are written.
+
+    Attributes
+    ----------
+    offset_hz : ndarray, shape (n_freq,), float64
+        Baseband frequencies, ascending, `n_freq // 2` of them below zero.
+    absolute_hz : ndarray, shape (n_freq,), float64
+        Carrier and baseband frequency together: what the velocity transform takes.
+    weight : ndarray, shape (n_freq,), float32
+        The pulse's spectrum: its Fourier coefficients on the period.
+    period_m : float
+        The spectrum repeats in range after this: swath and a pulse's reach on both sides,
+        so that no echo that shows at one end wraps into the other.
+    reference_m : float
+        Range at which every line has the carrier's phase: the middle of the swath.
+    reach_m : float
+        How far outside the swath an echo still shows.
+    n_fft, n_fold : int
+        Bins on the period, and how much finer the transform must be to hold the band.
+    n_slow_power, n_fast_power : int
+        Q and r of the factorisation; their product is n_freq.
+    """
+
+    offset_hz: Array
+    absolute_hz: Array
+    weight: NDArray[np.float32]
+    period_m: float
+    reference_m: float
+    reach_m: float
+    n_fft: int
+    n_fold: int
+    n_slow_power: int
+    n_fast_power: int
+
+    @property
+    def n_freq(self) -> int:
+        """How many frequencies."""
+        return self.offset_hz.size
+
+
+@lru_cache(maxsize=16)
+def grid_for(axis: FastTimeAxis, pulse: Pulse, error_db: float) -> SpectralGrid:
+    """Return the frequencies that hold an axis' echoes to within `error_db`."""
+    sigma_m = pulse.sigma_m(axis.kind)
+    # Half the error to the pulse's tails in range, half to those in frequency.
+    tail = math.sqrt(-2 * math.log(10 ** (error_db / 20) / 2))
+    reach_m = tail * sigma_m
+    n_fft = _fast_length(axis.n_range + 2 * math.ceil(reach_m / axis.bin_length_m))
+    period_m = n_fft * axis.bin_length_m
+    line = 2 * np.pi * sigma_m / period_m  # width of the spectrum: one sigma in 1 / line lines
+    n_half = math.ceil(tail / line)
+    n_fast = max(1, round(math.sqrt(2 * n_half)))
+    n_slow = -(-(2 * n_half + 1) // n_fast)
+    i: Array = np.arange(n_slow * n_fast, dtype=np.float64) - n_slow * n_fast // 2
+    weight = line / math.sqrt(2 * np.pi) * np.exp(-0.5 * (line * i) ** 2)
+    offset_hz = i * (SPEED_OF_LIGHT_MPS / (2 * period_m))
+    grid = SpectralGrid(
+        offset_hz=offset_hz,
+        absolute_hz=axis.carrier_hz - axis.phase_sign * offset_hz,
+        weight=weight.astype(np.float32),
+        period_m=period_m,
+        reference_m=axis.range_offset_m + (axis.n_range - 1) / 2 * axis.bin_length_m,
+        reach_m=reach_m,
+        n_fft=n_fft,
+        n_fold=-(-i.size // n_fft),
+        n_slow_power=n_slow,
+        n_fast_power=n_fast,
+    )
+    for array in (grid.offset_hz, grid.absolute_hz, grid.weight):
+        array.flags.writeable = False
+    return grid
+
+
+def _fast_length(n: int) -> int:
+    """Return the next length that has no prime factor above 5."""
+    while True:
+        rest = n
+        for prime in (2, 3, 5):
+            while rest % prime == 0:
+                rest //= prime
+        if rest == 1:
+            return n
+        n += 1

@@ -1,0 +1,150 @@
+"""What all moving things share: numbers drawn or given, directions, gusts, programmes."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from x2radar.errors import SceneError
+from x2radar.sim.keys import Key, checked
+from x2radar.sim.points import Mover
+
+Array = NDArray[np.float64]
+Values = Mapping[str, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Draw:
+    """One number of a thing: its limits, and the usual ones from which it is drawn.
+
+    Attributes
+    ----------
+    low, high : float
+        What a scene may ask for.
+    usual : tuple of float
+        Least and greatest that is drawn when the scene does not say.
+    meaning : str
+        A few words with the unit.
+    is_log : bool
+        Whether it is drawn evenly on a logarithmic scale.
+    """
+
+    low: float
+    high: float
+    usual: tuple[float, float]
+    meaning: str
+    is_log: bool = False
+
+    def value(self, rng: np.random.Generator) -> float:
+        """Return a usual value; one number is drawn."""
+        low, high = self.usual
+        share = rng.random()
+        return float(low * (high / low) ** share if self.is_log else low + (high - low) * share)
+
+
+@dataclass(frozen=True, slots=True)
+class ThingKind:
+    """One kind of moving thing.
+
+    Attributes
+    ----------
+    sentence : str
+        What it is, for people.
+    draws : mapping of str to Draw
+        Its numbers, in the order in which they are drawn.
+    make : callable
+        ``make(rng, position_m, values) -> Mover``.
+    """
+
+    sentence: str
+    draws: Mapping[str, Draw]
+    make: Callable[[np.random.Generator, Array, Values], Mover]
+
+
+# Total cross section of a thing that is fully lit. Drawn over the same range for bodies and
+# things: if it told them apart, a network would learn it instead of the movement.
+RCS = Draw(1e-6, 1000, (0.03, 2.0), "total radar cross section, m2", is_log=True)
+HEADING = Draw(-360, 360, (0, 360), "where it faces: 0 away from the radar, 90 right, degrees")
+TOWARDS = Draw(-360, 360, (120, 240), "where it faces: 180 towards the radar, degrees")
+
+
+def values_of(
+    rng: np.random.Generator, draws: Mapping[str, Draw], raw: Any, where: str
+) -> dict[str, float]:
+    """Return a thing's numbers: what `raw` says, the rest drawn.
+
+    Every number is drawn, said or not, so that saying one does not change the others.
+
+    Raises
+    ------
+    SceneError
+        If `raw` holds anything unknown or impossible; one line with the key's path.
+    """
+    keys = {name: Key(d.low, d.high, d.meaning) for name, d in draws.items()}
+    said = checked(raw, keys, where)
+    drawn = {name: d.value(rng) for name, d in draws.items()}
+    return {name: float(said.get(name, value)) for name, value in drawn.items()}
+
+
+def floor_position(position_m: Any, where: str) -> Array:
+    """Return a place on the floor, shape (2,): x to the right and y away, within 100 m."""
+    key = Key(-100, 100, "m")
+    if not isinstance(position_m, (list, tuple, np.ndarray)) or len(position_m) != 2:
+        msg = f"{where}: must be two numbers, x and y in metres, not {position_m!r}"
+        raise SceneError(msg)
+    for k, value in enumerate(position_m):
+        if fault := key.fault(value):
+            msg = f"{where}[{k}]: {fault}"
+            raise SceneError(msg)
+    return np.asarray(position_m, np.float64)
+
+
+def facing(heading_deg: float | Array) -> tuple[Array, Array]:
+    """Return unit vectors on the floor, shape (..., 3): to the thing's right, and ahead."""
+    turn = np.deg2rad(heading_deg)
+    sin, cos, zero = np.sin(turn), np.cos(turn), np.zeros_like(turn)
+    return np.stack([cos, -sin, zero], axis=-1), np.stack([sin, cos, zero], axis=-1)
+
+
+def lit(normal: Array, position_m: Array, antenna_m: Array) -> Array:
+    """Return the cosine between normals and the ways to the antenna, shape (...), -1 to 1."""
+    towards = antenna_m - position_m
+    length = np.sqrt(np.einsum("...k,...k->...", towards, towards))
+    return np.asarray(np.einsum("...k,...k->...", normal, towards) / np.maximum(length, 1e-9))
+
+
+def grid(width_m: float, height_m: float, n_across: int, n_up: int) -> tuple[Array, Array]:
+    """Return points of a panel, row by row: across from its middle, and above its lower edge."""
+    across = width_m * ((np.arange(n_across) + 0.5) / n_across - 0.5)
+    up = height_m * (np.arange(n_up) + 0.5) / n_up
+    u, v = np.meshgrid(across, up)
+    return u.ravel(), v.ravel()
+
+
+def shares(rng: np.random.Generator, n: int) -> Array:
+    """Return exponential strengths of n points with the sum 1."""
+    strength = rng.exponential(size=n)
+    return np.asarray(strength / strength.sum())
+
+
+class Gust:
+    """A slow random rise and fall between 0 and 1: four sinusoids.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+        Draws frequencies and phases.
+    slow_hz, fast_hz : float
+        Limits of the frequencies, drawn evenly on a logarithmic scale.
+    """
+
+    def __init__(self, rng: np.random.Generator, slow_hz: float, fast_hz: float) -> None:
+        share, self._turns = rng.random((2, 4))
+        self._hz = slow_hz * (fast_hz / slow_hz) ** share
+
+    def at(self, t_s: Array) -> Array:
+        """Return it at times of shape (n_slow,)."""
+        lines = np.sin(2 * np.pi * (t_s[:, None] * self._hz + self._turns))
+        return np.asarray(0.5 + 0.5 * lines.mean(axis=1))
