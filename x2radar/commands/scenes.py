@@ -13,6 +13,8 @@ def register(commands: Commands) -> None:
 
 
 def _run(_args: argparse.Namespace) -> int:
-    for scene in builtin_scenes():
-        print(f"{scene.name:<10} {scene.description}")
+    scenes = builtin_scenes()
+    width = max(len(scene.name) for scene in scenes)
+    for scene in scenes:
+        print(f"{scene.name:<{width}}  {scene.description}")
     return 0
