@@ -10,7 +10,7 @@ from x2radar.sim.bodies.courses import COURSES, draw_course
 from x2radar.sim.bodies.path import Path
 from x2radar.sim.bodies.person import draw_person
 from x2radar.sim.bodies.person_build import NAMES, draw_person_build
-from x2radar.sim.bodies.person_gait import STYLES, walking_duty, walking_stride_m
+from x2radar.sim.bodies.person_gait import STYLES, carriage_at, walking_duty, walking_stride_m
 
 ANTENNA_M = np.array([0.0, 0.0, 1.2])
 RATE_HZ = 500
@@ -123,6 +123,33 @@ def test_hips_go_up_and_down_twice_a_stride():
     strides = person.action.feet.clock.at(t_s)
     rate_hz = (strides[-1] - strides[0]) / (t_s[-1] - t_s[0])
     assert strongest_hz == pytest.approx(2 * rate_hz, abs=0.2)
+
+
+@pytest.mark.parametrize("speed", [0.3, 0.7, 1.3])
+def test_hips_surge_twice_a_stride_and_are_slowest_over_the_standing_foot(speed):
+    for seed in range(3):
+        person = walker(speed, seed)
+        t_s, centre, _, _ = steady(person, seconds=6)
+        state = person.action.path.at(t_s)
+        pelvis = centre[:, NAMES.index("pelvis")]
+        # It goes down the y axis, so this is ahead of its even way.
+        ahead = state.y_m - pelvis[:, 1]
+        phase = 4 * np.pi * (person.action.feet.clock.at(t_s) - 0.5 * person.action.duty)
+        amplitude = -2 * np.mean((ahead - ahead.mean()) * np.sin(phase))
+        assert amplitude == pytest.approx(person.action.carriage.surge_m, rel=0.25)
+        assert 0.008 < amplitude < 0.035
+
+
+def test_arms_bob_and_pelvis_move_less_at_a_slow_walk():
+    style, hip_m = STYLES["walk"], 0.9
+    slow, brisk = (carriage_at(style, v, hip_m) for v in (0.3, 1.35))
+    for name in ("arm_rad", "bob_m", "yaw_rad"):
+        assert getattr(brisk, name) == pytest.approx(getattr(style.carriage, name))
+        assert getattr(slow, name) == pytest.approx(0.3 / 1.35 * getattr(brisk, name))
+    # Who sneaks, carries or runs has the arms that the style says.
+    for name in ("stealth", "carry", "run"):
+        style = STYLES[name]
+        assert carriage_at(style, 0.3, hip_m).arm_rad == style.carriage.arm_rad
 
 
 # ---------------------------------------------------------------- whole bodies
@@ -238,3 +265,14 @@ def test_courses_go_through_the_swath(name):
         distance = np.linalg.norm(way, axis=1)
         n_seen += bool(((distance > 0.6) & (distance < 3.4)).any())
     assert n_seen >= 57
+
+
+@pytest.mark.parametrize("name", COURSES)
+def test_no_course_passes_beneath_the_antenna_or_through_its_wall(name):
+    for seed in range(100):
+        points = draw_course(np.random.default_rng(seed), name, 0.6, 3.4)
+        for radius in (0.3, 0.5, 0.57):
+            path = Path.through(points, 1.0, turn_radius_m=radius)
+            place = path.at(np.arange(0, path.end_s, 0.05))
+            # Between the radii that the course was judged by it may be a little nearer.
+            assert place.y_m.min() > 0.37

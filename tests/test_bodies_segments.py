@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from x2radar.errors import SceneError
+from x2radar.sim.antenna import Antenna
 from x2radar.sim.bodies.fluctuation import CORRELATION_S, SPREAD_DB, Fluctuation
 from x2radar.sim.bodies.segments import (
     FLOOR,
@@ -14,6 +14,7 @@ from x2radar.sim.bodies.segments import (
     SegmentRcs,
     draw_total_m2,
 )
+from x2radar.sim.points import Points
 
 X, Y, Z = np.eye(3)
 FAR = 1e6
@@ -30,11 +31,16 @@ def one(half_m, seed=0):
     return steady(SegmentRcs.draw(np.random.default_rng(seed), [half_m]))
 
 
+def echo(rcs, *args):
+    """Cross sections alone."""
+    return rcs.points(*args).rcs_m2
+
+
 def seen(rcs, direction, *, axis=X, side=Y):
     """Cross section of a lone segment at the origin, seen from far along `direction`."""
     unit = np.asarray(direction, float) / np.linalg.norm(direction)
     args = (np.zeros((1, 1, 3)), axis.reshape(1, 1, 3), side.reshape(1, 1, 3))
-    return rcs.at(np.zeros(1), *args, FAR * unit)[0, 0]
+    return rcs.points(np.zeros(1), *args, FAR * unit).rcs_m2[0, 0]
 
 
 def curvature_rcs(half_m, unit):
@@ -110,7 +116,7 @@ OPEN_M2 = SKIN_REFLECTION * math.pi * 0.05**2
 def lost_db(place, direction, seed=0):
     rcs = steady(SegmentRcs.draw(np.random.default_rng(seed), [(0.35, 0.12, 0.14), BALL]))
     unit = np.asarray(direction, float) / np.linalg.norm(direction)
-    ours = rcs.at(np.zeros(1), *limb_beside_trunk(place), FAR * unit)[0, 1]
+    ours = rcs.points(np.zeros(1), *limb_beside_trunk(place), FAR * unit).rcs_m2[0, 1]
     return 10 * math.log10(OPEN_M2 / ours), rcs.shadow_db[1]
 
 
@@ -215,7 +221,7 @@ def test_total_is_what_it_was_scaled_to():
     t = np.arange(60) * 7.3
     around = np.linspace(0, 2 * math.pi, 90, endpoint=False)
     views = [
-        rcs.at(t + 11 * k, centre, axis, side, FAR * np.array([math.cos(a), math.sin(a), 0]))
+        echo(rcs, t + 11 * k, centre, axis, side, FAR * np.array([math.cos(a), math.sin(a), 0]))
         for k, a in enumerate(around)
     ]
     total = np.mean(views, axis=0).sum(axis=1).mean()
@@ -257,18 +263,18 @@ def test_one_seed_one_echo_and_no_state():
     t = np.sort(np.random.default_rng(9).uniform(0, 100, 60))
     antenna = np.array([0.3, -2.0, 1.2])
     first, second = (SegmentRcs.draw(np.random.default_rng(10), half) for _ in range(2))
-    whole = first.at(t, centre, axis, side, antenna)
-    assert np.array_equal(whole, second.at(t, centre, axis, side, antenna))
+    whole = echo(first, t, centre, axis, side, antenna)
+    assert np.array_equal(whole, echo(second, t, centre, axis, side, antenna))
     order = np.random.default_rng(11).permutation(60)
-    mixed = first.at(t[order], centre[order], axis[order], side[order], antenna)
+    mixed = echo(first, t[order], centre[order], axis[order], side[order], antenna)
     # Six digits is what the fluctuation is good to.
     assert mixed == pytest.approx(whole[order], rel=2e-6)
     for k in (0, 17, 59):
         cut = slice(k, k + 1)
-        alone = first.at(t[cut], centre[cut], axis[cut], side[cut], antenna)
+        alone = echo(first, t[cut], centre[cut], axis[cut], side[cut], antenna)
         assert alone == pytest.approx(whole[cut], rel=2e-6)
     other = SegmentRcs.draw(np.random.default_rng(12), half)
-    assert not np.allclose(other.at(t, centre, axis, side, antenna), whole)
+    assert not np.allclose(echo(other, t, centre, axis, side, antenna), whole)
 
 
 def test_arguments_stay_as_they_were_and_one_side_serves_all():
@@ -277,7 +283,7 @@ def test_arguments_stay_as_they_were_and_one_side_serves_all():
     side = np.broadcast_to(Y, (60, 1, 3))
     kept = centre.copy(), axis.copy()
     rcs = SegmentRcs.draw(np.random.default_rng(13), half)
-    out = rcs.at(np.arange(60.0), centre, axis, side, np.array([0, 0, 1.0]))
+    out = echo(rcs, np.arange(60.0), centre, axis, side, np.array([0, 0, 1.0]))
     assert out.shape == (60, 15)
     assert out.dtype == np.float64
     assert np.array_equal(centre, kept[0])
@@ -287,55 +293,43 @@ def test_arguments_stay_as_they_were_and_one_side_serves_all():
 def test_no_time_and_an_antenna_inside_a_part():
     half, centre, axis, side = body(n_slow=3)
     rcs = SegmentRcs.draw(np.random.default_rng(14), half)
-    none = rcs.at(np.zeros(0), centre[:0], axis[:0], side[:0], np.zeros(3))
+    none = echo(rcs, np.zeros(0), centre[:0], axis[:0], side[:0], np.zeros(3))
     assert none.shape == (0, 15)
-    inside = rcs.at(np.zeros(3), centre, axis, side, centre[1, 4])
+    inside = echo(rcs, np.zeros(3), centre, axis, side, centre[1, 4])
     assert np.isfinite(inside).all()
     assert (inside > 0).all()
+    nearer = rcs.points(np.zeros(3), centre, axis, side, centre[1, 4]).nearer_m
+    assert np.isfinite(nearer).all()
 
 
-@pytest.mark.parametrize(
-    "half_m",
-    [
-        [(0.1, 0.1, 0.0)],
-        [(0.1, -0.1, 0.1)],
-        [(0.1, 0.1, 1.5)],
-        [(0.1, 0.1, math.nan)],
-        [(0.1, 0.1)],
-        np.zeros((0, 3)),
-    ],
-)
-def test_impossible_parts_are_refused(half_m):
-    with pytest.raises(SceneError, match="half_m"):
-        SegmentRcs.draw(np.random.default_rng(0), half_m)
+# ---------------------------------------------------------------- where echoes come from
 
 
-@pytest.mark.parametrize("trunk", [-1, 1])
-def test_the_trunk_must_be_a_part(trunk):
-    with pytest.raises(SceneError, match="trunk"):
-        SegmentRcs.draw(np.random.default_rng(0), [BALL], trunk=trunk)
+@pytest.mark.parametrize("seed", range(6))
+def test_an_echo_comes_from_the_surface_that_faces_the_antenna(seed):
+    rng = np.random.default_rng(seed)
+    half, unit = rng.uniform(0.03, 0.4, 3), rng.standard_normal(3)
+    unit /= np.linalg.norm(unit)
+    args = (np.zeros(1), np.zeros((1, 1, 3)), X.reshape(1, 1, 3), Y.reshape(1, 1, 3))
+    points = one(half).points(*args, FAR * unit)
+    # The farthest point of the ellipsoid along the line of sight, found by trying.
+    sphere = rng.standard_normal((200_000, 3))
+    sphere /= np.linalg.norm(sphere, axis=1, keepdims=True)
+    farthest_m = ((sphere * half) @ unit).max()
+    assert points.nearer_m == pytest.approx(np.array([[farthest_m]]), rel=1e-3)
+    # And there the radar finds it.
+    radar = Antenna(height_m=1.0, shape="isotropic")
+    here = Points(
+        radar.position_m + FAR * unit + points.position_m, points.rcs_m2, points.nearer_m
+    )
+    assert radar.direct(here).range_m == pytest.approx(FAR - farthest_m, abs=1e-3)
 
 
-def test_a_total_can_be_drawn_or_left_as_it_is():
-    half, centre, axis, side = body(n_slow=4)
-    rng = np.random.default_rng(15)
-    plain = SegmentRcs.draw(rng, half)
-    states, totals = [], []
-    for wish in (None, "physical", -20.0):
-        rng = np.random.default_rng(16)
-        rcs = plain.sized(rng, wish, centre, axis, side)
-        totals.append(10 * math.log10(rcs.mean_total_m2(centre, axis, side)))
-        states.append(rng.bit_generator.state)
-    drawn = 10 * math.log10(draw_total_m2(np.random.default_rng(16)))
-    physical = 10 * math.log10(plain.mean_total_m2(centre, axis, side))
-    assert totals == pytest.approx([drawn, physical, -20])
-    assert states[0] == states[1] == states[2]
-
-
-@pytest.mark.parametrize("total_rcs_dbsm", [-71, 31, math.nan, math.inf])
-def test_impossible_totals_are_refused(total_rcs_dbsm):
-    half, centre, axis, side = body(n_slow=2)
-    rng = np.random.default_rng(0)
-    rcs = SegmentRcs.draw(rng, half)
-    with pytest.raises(SceneError, match="total_rcs_dbsm"):
-        rcs.sized(rng, total_rcs_dbsm, centre, axis, side)
+def test_an_antenna_close_by_has_every_part_in_front():
+    half, centre, axis, side = body(n_slow=3)
+    rcs = SegmentRcs.draw(np.random.default_rng(15), half)
+    for away in (1e-6, 0.01, 0.1, 1.0):
+        antenna = centre[1, 4] + away * np.array([0.6, 0.0, 0.8])
+        nearer = rcs.points(np.zeros(3), centre, axis, side, antenna).nearer_m
+        assert (nearer > 0).all()
+        assert (nearer <= 0.7 * np.linalg.norm(centre - antenna, axis=-1)).all()

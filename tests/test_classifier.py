@@ -21,9 +21,11 @@ AXIS = FastTimeAxis(
 )
 
 
+EMPTY = np.zeros((28, 120), np.float32)
+
+
 def features(vector):
-    empty = np.zeros((28, 120), np.float32)
-    return FeatureSet(empty, empty, {"seed_type2": vector.astype(np.float32)})
+    return FeatureSet(EMPTY, EMPTY, {"seed_type2": vector.astype(np.float32)})
 
 
 @pytest.fixture
@@ -44,11 +46,13 @@ def copy(tmp_path):
 
 
 def test_shipped_bundles_load_and_answer():
-    assert "seed" in bundle_names()
+    assert {"seed", "balanced"} <= set(bundle_names())
     for name in bundle_names():
-        classifier = Classifier(load_bundle(name))
+        bundle = load_bundle(name)
+        classifier = Classifier(bundle)
         rng = np.random.default_rng(0)
-        p = classifier.classify(features(rng.random(1176)))
+        inputs = {i.feature: rng.random(i.shape, np.float32) for i in bundle.inputs}
+        p = classifier.classify(FeatureSet(EMPTY, EMPTY, inputs))
         assert p.human + p.pet + p.other == pytest.approx(1, abs=1e-6)
         assert min(p.human, p.pet, p.other) >= 0
 
@@ -120,3 +124,22 @@ def test_streams_that_do_not_fit_are_named():
     bundle.check_stream(replace(AXIS, bandwidth_hz=0), 60)
     with pytest.raises(ModelMismatch, match=r"frame_rate_hz is 17\.06.*bin_length_m is 0\.0514"):
         bundle.check_stream(replace(AXIS, bin_length_m=0.0514), 17.06)
+
+
+@pytest.mark.parametrize(
+    "logits",
+    [
+        [1e4, -1e4],
+        [-1e4, -1e4, -1e4],
+        [1e4, 1e4, 1e4],
+        [1e4, 1e4 - 1, -1e4],
+        [0.0],
+        [3e38, -3e38],
+    ],
+)
+def test_softmax_at_its_extremes_against_extended_precision(logits):
+    x = np.array(logits)
+    e = np.exp(x.astype(np.longdouble) - x.max())
+    p = softmax(x)
+    assert np.abs(p - (e / e.sum()).astype(float)).max() < 1e-15
+    assert abs(p.sum() - 1) < 1e-15

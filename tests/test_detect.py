@@ -165,3 +165,17 @@ def test_at_most_eight_peaks_strongest_first():
     (found,) = find_peaks(map_of(ratio), 9)
     assert len(found) == 8
     assert [p.power_db for p in found] == sorted((p.power_db for p in found), reverse=True)
+
+
+@pytest.mark.parametrize("unit", [1e-40, 1e-20, 1.0, 1e15, 1e30])
+@pytest.mark.parametrize("clutter_db", [0, 60, 80])
+def test_map_against_float64(unit, clutter_db):
+    frames = (noise(84, 96) + 10 ** (clutter_db / 20) * noise(1, 96, seed=3)).astype(np.complex64)
+    frames = (frames.astype(np.complex128) * unit).astype(np.complex64)
+    chart = chart_of(frames, valid=ALL[:84], floor=unit**2)
+    y = frames.astype(np.complex128) / unit
+    cpis = y.reshape(3, 28, 96)
+    power = np.abs(cpis - cpis.mean(axis=1, keepdims=True)) ** 2 * 28 / 27
+    wanted = power.reshape(12, 7, 96).mean(axis=1)
+    assert chart.ratio.shape == wanted.shape
+    assert np.linalg.norm(chart.ratio - wanted) < 1e-5 * np.linalg.norm(wanted)

@@ -275,3 +275,60 @@ def test_a_real_walk():
     assert 5.5 < track.range_m.max() < 6.5
     assert np.median(np.abs(np.diff(track.range_m)) / 0.2) < 0.7
     assert np.percentile(np.abs(np.diff(track.range_m)) / 0.2, 95) < 1.6
+
+
+def edges(stream, axis=SMALL, cell_m=0.1):
+    """Where cells of a map over the whole swath begin and end."""
+    near_m = axis.range_m[0] - axis.bin_length_m / 2
+    return near_m + cell_m * np.arange(len(stream.range_m) + 1)
+
+
+def test_the_millionth_column_is_as_exact_as_the_thousandth():
+    frames = under_clutter(noise(50_000, 24), 80)
+    stream = RangeTimeMap(SMALL, 28, n_keep=100)
+    wanted = direct(frames[-87:], SMALL, 28, edges(stream))
+    found = []
+    for _ in range(20):
+        stream.push(frames)
+        found.append(error(stream.columns(60), wanted))
+    assert found[0] < 1e-5
+    assert found[-1] <= found[0]
+
+
+@pytest.mark.parametrize("live", [0, 50, 95])
+def test_one_live_bin(live):
+    frames = np.zeros((60, 96), np.complex64)
+    frames[:, live] = noise(60, 1)[:, 0]
+    stream = fed(frames, X2, 28)
+    columns = stream.columns()
+    assert error(columns, direct(frames, X2, 28, edges(stream, X2))) < 1e-5
+    assert np.count_nonzero(columns.any(axis=1)) <= 2
+
+
+@pytest.mark.parametrize("dtype", [">c8", "<c16", ">c16"])
+def test_any_number_format(dtype):
+    frames = noise(50, 24)
+    same = np.repeat(frames.astype(dtype), 2, axis=1)[:, ::2]
+    wanted = fed(frames, SMALL, 28).columns()
+    assert np.array_equal(fed(same, SMALL, 28).columns(), wanted)
+
+
+@pytest.mark.parametrize("n_cpi", [2, 3, 27, 28, 93, 255, 256])
+def test_cpi_of_any_length(n_cpi):
+    frames = noise(n_cpi + 70, 24)
+    stream = fed(frames, SMALL, n_cpi)
+    assert error(stream.columns(), direct(frames, SMALL, n_cpi, edges(stream))) < 1e-5
+
+
+@pytest.mark.parametrize("level", [1e-290, 1e-30, 1.0, 1e30, 1e290])
+def test_time_cells_against_extended_precision(level):
+    columns = np.random.default_rng(2).random((5, 61)) * level
+    valid = np.arange(61) % 7 != 2
+    cells, known = time_cells(columns, valid, 30.5, cell_s=0.05, n_cells=40)
+    ends_s = np.arange(-61, 1) / np.longdouble(30.5)
+    for k in np.flatnonzero(known):
+        low, high = (k - 40) * np.longdouble(0.05), (k - 39) * np.longdouble(0.05)
+        inside = np.minimum(ends_s[1:], high) - np.maximum(ends_s[:-1], low)
+        share = np.where(valid, np.maximum(inside, 0), 0)
+        wanted = (columns.astype(np.longdouble) @ share) / share.sum()
+        assert error(cells[:, k], wanted.astype(np.float64)) < 1e-12

@@ -1,3 +1,4 @@
+import contextlib
 import threading
 from dataclasses import replace
 
@@ -6,8 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from radard.ring import Dwell, DwellShape, Notice
+from radard.dsp.downconvert import DownConverter
+from radard.errors import FeatureError
+from radard.ring import Dwell, DwellShape, FrameRing, Notice
 from tests.radar_helpers import copy_ring, frames_of, noise
+from tests.receiver_helpers import RF
 
 
 def dwells(ring, frames):
@@ -160,3 +164,82 @@ def test_stop_frees_a_waiting_writer():
 def test_take_times_out():
     with pytest.raises(TimeoutError):
         copy_ring(147, 60).take(0.01)
+
+
+@settings(deadline=None, derandomize=True, max_examples=40)
+@given(
+    n_slow=st.integers(2, 200),
+    rate=st.integers(1, 90),
+    lost=st.sets(st.integers(1, 399), max_size=40),
+    bad=st.sets(st.integers(0, 399), max_size=10),
+)
+def test_frames_converted_together_are_those_converted_alone(n_slow, rate, lost, bad):
+    samples = noise(400, 6).real.astype(np.float32)
+    samples[list(bad), 2] = np.nan
+    converter = DownConverter(replace(RF, n_range=6), 2)
+    shape = DwellShape(n_slow=n_slow, hop_s=1.0, frame_rate_hz=rate)
+    ring = FrameRing(converter.axis, converter.convert, shape)
+    got = [d for d in dwells(ring, lossy(samples, lost)) if isinstance(d, Dwell)]
+    good = np.array([k not in lost | bad for k in range(400)])
+    rows = np.zeros((400, 3), np.complex64)
+    for k in range(400):
+        if good[k]:
+            rows[k] = converter.convert(samples[k])
+        elif k:
+            rows[k] = rows[k - 1]
+    # Nobody knows of frames that are lost behind the last one.
+    last = max(set(range(400)) - lost)
+    ends = list(range(n_slow, last + 2, rate))
+    assert [round(d.t_s * rate) for d in got] == ends
+    for dwell, end in zip(got, ends, strict=True):
+        assert np.array_equal(dwell.frames, rows[end - n_slow : end])
+        assert np.array_equal(dwell.valid, good[end - n_slow : end])
+    assert ring.n_unusable <= len(bad - lost)
+
+
+def test_a_frame_of_another_length_is_refused():
+    converter = DownConverter(RF, 8)
+    ring = FrameRing(
+        converter.axis,
+        converter.convert,
+        DwellShape(n_slow=3, hop_s=1.0, frame_rate_hz=3.0),
+    )
+    first, second, third = frames_of(noise(3, RF.n_range).real.astype(np.float32), RF)
+    ring.push(first)
+    ring.push(second)
+    with pytest.raises(FeatureError, match="a frame of 5 bins in a stream of 768"):
+        ring.push(replace(third, samples=third.samples[:5]))
+
+
+def test_who_looks_on_sees_rows_that_are_whole_and_soon_the_newest():
+    samples = noise(400, 6)
+    ring = copy_ring(147, 60)
+    ring._rows = np.zeros((2 * ring._capacity, 6), np.complex64)
+    seen, late = 0, []
+    for frame in frames_of(samples):
+        ring.push(frame)
+        with contextlib.suppress(TimeoutError):
+            ring.take(0)
+        recent = ring.recent(seen)
+        assert np.array_equal(recent.frames, samples[seen : recent.end_frame])
+        assert recent.valid.all()
+        assert recent.begun_at == 0
+        assert recent.t_s == pytest.approx(recent.end_frame / 60)
+        seen = recent.end_frame
+        late.append(frame.index + 1 - seen)
+    # At first nobody had looked; then a frame waits for two others.
+    assert max(late[64:]) <= 3
+    whole = ring.recent()
+    assert len(whole.frames) == min(seen, ring._capacity - (400 - seen))
+
+
+def test_who_looks_on_after_a_restart_sees_the_new_stream_only():
+    samples = noise(200, 6)
+    ring = copy_ring(147, 60)
+    ring._rows = np.zeros((2 * ring._capacity, 6), np.complex64)
+    ring.recent()
+    for frame in frames_of(samples):
+        ring.push(replace(frame, restarted=frame.index == 100))
+    recent = ring.recent(20)
+    assert recent.begun_at == 100
+    assert np.array_equal(recent.frames, samples[100 : recent.end_frame])

@@ -16,6 +16,7 @@ import pytest
 
 from radard.config import Config
 from radard.source import open_source
+from tests.alarm_helpers import write_recording
 from tests.radar_helpers import python, run_radard, stable
 from x2radar.errors import TransportClosed
 from x2radar.sim.host import serve
@@ -95,30 +96,6 @@ def drain(pty, thread):
         except BlockingIOError:
             thread.join(0.01)
     os.close(client)
-
-
-def write_recording(path, samples, rate_hz=60.0, **attributes):
-    n = len(samples)
-    with h5py.File(path, "w") as file:
-        file.attrs.update(
-            {
-                "format": "x2radar-recording",
-                "format_version": 1,
-                "kind": "baseband",
-                "frame_rate_hz": rate_hz,
-                "carrier_hz": 6.8e9,
-                "sample_rate_hz": 41e9,
-                "bin_length_m": 299_792_458 / 82e9,
-                "range_offset_m": 0.6,
-                "started_utc": "2026-01-01T00:00:00Z",
-                "device": "{}",
-                "settings": "{}",
-                **attributes,
-            }
-        )
-        file["frames/samples"] = samples
-        file["frames/counter"] = np.arange(n, dtype=np.uint32)
-        file["frames/t_s"] = np.arange(n) / rate_hz
 
 
 @pytest.mark.parametrize("unit", [1e-9, 1.0, 1e6])
@@ -205,7 +182,7 @@ def test_a_real_recording_opens_the_gate_while_somebody_moves():
         (("--port", "sim:human?rate=0"), 2, "frame_rate_hz"),
         (("--port", "sim:human?kind=ap"), 2, "'kind'"),
         (("--port", "replay:nope.h5"), 66, "nope.h5"),
-        (("--port", "sim:human?rate=200"), 4, "frame_rate_hz is 200"),
+        (("--port", "sim:human?rate=300"), 4, "frame_rate_hz is 300"),
         (("--port", "sim:human", "--model", "nope"), 66, "no model 'nope'"),
         (("--port", "sim:human", "--speed", "0"), 2, "--speed"),
         (("--port", "sim:human", "--duration", "-1"), 2, "--duration"),

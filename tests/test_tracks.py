@@ -272,6 +272,25 @@ def test_clutter_and_jitter_make_no_tracks():
         assert tracker.update(dwell, gate.background) == ()
 
 
+def test_a_tracker_that_rested_finds_who_walked_in_meanwhile():
+    def range_m(t):
+        at = 4.2 - 0.6 * (t - 4.0)
+        return np.where((t > 4.0) & (at < 3.3), at, np.nan)
+
+    tracker, found, is_following = Tracker(), [], []
+    for k, dwell in enumerate(dwells(range_m)):
+        # Nobody is in sight before 5.5 s: the gate is closed in the first three dwells.
+        if k > 2 or tracker.is_following:
+            found = tracker.update(dwell, FLOOR)
+        is_following.append(tracker.is_following)
+        if k > 4:
+            assert [round(track.range_m, 1) for track in found] == pytest.approx(
+                [round(4.2 - 0.6 * (dwell.t_s - 4.0), 1)], abs=0.11
+            )
+    assert is_following[:3] == [False] * 3
+    assert is_following[-1]
+
+
 def recorded(name, step=4):
     """Tracks of a recording, dwell by dwell."""
     reader = open_recording(str(DATA / name))

@@ -271,3 +271,46 @@ def test_frames_that_do_not_fit():
         VelocityTransform(X2, 60.0).push(np.zeros((3, 95)))
     with pytest.raises(FeatureError, match="cannot fill"):
         velocity_transform(noise(27, 96), X2, 60.0)
+
+
+def test_the_millionth_frame_is_as_exact_as_the_thousandth():
+    axis = replace(X2, n_range=8)
+    frames = under_clutter(noise(50_000, 8), 80)
+    kwargs = {"column_rate_hz": 0.06, "n_frequencies": 5, "step_mps": 1.0, "n_keep": 60}
+    stream = VelocityTransform(axis, 60.0, **kwargs)
+    found = {}
+    for n_seen in range(50_000, 1_000_001, 50_000):
+        stream.push(frames)
+        if n_seen in {50_000, 1_000_000}:
+            # Columns begin at whole multiples of 1000 frames, which 50 000 is as well.
+            wanted = direct(frames[-2000:], stream, axis, 60.0)
+            found[n_seen] = error(stream.columns(2), wanted)
+    assert found[50_000] < 1e-5
+    assert found[1_000_000] <= found[50_000]
+
+
+@pytest.mark.parametrize("live", [0, 50, 95])
+def test_one_live_bin(live):
+    frames = np.zeros((60, 96), np.complex64)
+    frames[:, live] = noise(60, 1)[:, 0]
+    stream = fed(frames, X2, 60.0)
+    assert error(stream.columns(), direct(frames, stream, X2, 60.0)) < 1e-5
+
+
+@pytest.mark.parametrize("dtype", [">c8", "<c16", ">c16"])
+@pytest.mark.parametrize("strided", [False, True])
+def test_any_number_format(dtype, strided):
+    frames = noise(50, 24)
+    wanted = fed(frames, SMALL, 60.0).columns()
+    same = frames.astype(dtype)
+    if strided:
+        same = np.repeat(same, 2, axis=1)[:, ::2]
+    assert np.array_equal(fed(same, SMALL, 60.0).columns(), wanted)
+
+
+@pytest.mark.parametrize("n_cpi", [4, 5, 27, 28, 93, 255, 256])
+def test_cpi_of_any_length(n_cpi):
+    frames = noise(n_cpi + 6, 24)
+    stream = fed(frames, SMALL, 60.0, cpi_s=n_cpi / 60)
+    assert stream.n_cpi == n_cpi
+    assert error(stream.columns(), direct(frames, stream, SMALL, 60.0)) < 1e-5

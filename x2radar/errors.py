@@ -17,6 +17,7 @@ The tree::
      |    +-- RestartRequired       the module must be reset before it obeys
      +-- RecordingError             a file is missing, damaged or no recording
      +-- SceneError                 a scene does not exist or makes no sense
+     +-- PluginError                somebody else's plug-in is broken
 
 Any other exception that leaves this package is a bug.
 """
@@ -96,3 +97,9 @@ class SceneError(X2RadarError):
     """A scene does not exist, or its file names something impossible."""
 
     exit_code = 66
+
+
+class PluginError(X2RadarError):
+    """A plug-in that cannot be loaded or does not keep its contract; the message names it."""
+
+    exit_code = 78

@@ -4,14 +4,17 @@ Made in an empty room, it takes the place of what the gate learns from the strea
 
     {"format": "radard-calibration", "format_version": 1, "frame_rate_hz": 60.0,
      "bin_length_m": 0.02925, "range_offset_m": 0.6,
-     "noise_floor_db": [one per bin], "threshold_db": [one per bin]}
+     "noise_floor_db": [one per bin], "threshold_db": [one per bin],
+     "provenance": {"made_utc": ..., "device": ..., "software": ..., ...}}
 
 Floors are 10 log10 of power in sample units squared, null where a bin is dead; thresholds
-are dB over the floor.
+are dB over the floor. The provenance, which may be missing, says where all this is from.
 """
 
 import json
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, field, fields
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +29,45 @@ VERSION = 1
 _NUMBERS = ("frame_rate_hz", "bin_length_m", "range_offset_m")
 _LISTS = ("noise_floor_db", "threshold_db")
 _MOST_DB = 120.0
+MOST_AGE_D = 90.0
+"""Older than this, a calibration is called stale: rooms and receivers change."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Provenance:
+    """Where a calibration is from; empty texts and zeros where that is not known.
+
+    Attributes
+    ----------
+    made_utc : str
+        When, ISO 8601.
+    device : str
+        What sent the frames, as `StreamInfo.device` has it.
+    port : str
+        Where it was, without secrets.
+    software : str
+        Version of radard.
+    model : str
+        Whose range bins and CPI these are.
+    carrier_hz : float
+        Centre frequency, in hertz.
+    duration_s : float
+        Stream time that was listened to, in seconds.
+    n_dwells : int
+        Dwells in it.
+    false_gates_per_day : float
+        Predicted: decisions a day on which the gate opens in such an empty room.
+    """
+
+    made_utc: str = ""
+    device: str = ""
+    port: str = ""
+    software: str = ""
+    model: str = ""
+    carrier_hz: float = 0.0
+    duration_s: float = 0.0
+    n_dwells: int = 0
+    false_gates_per_day: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -40,6 +82,8 @@ class Calibration:
         Noise power of every bin in sample units squared; 0 where a bin is dead.
     threshold_db : ndarray, shape (n_range,), float64
         How far over its floor a bin's residual power must stand, in dB.
+    provenance : Provenance
+        Where this is from.
     """
 
     frame_rate_hz: float
@@ -47,6 +91,7 @@ class Calibration:
     range_offset_m: float
     floor: NDArray[np.float64]
     threshold_db: NDArray[np.float64]
+    provenance: Provenance = field(default_factory=Provenance)
 
     def check(self, axis: FastTimeAxis, frame_rate_hz: float) -> None:
         """Raise ConfigError, naming the value, unless the calibration fits a stream."""
@@ -61,8 +106,30 @@ class Calibration:
                 msg = f"calibration: {name} is {own:g}, the stream's is {stream:g}"
                 raise ConfigError(msg)
 
-    def save(self, path: Path) -> None:
-        """Write the file; floors keep 0.001 dB."""
+    def stale(self, *, device: str, software: str, now: datetime) -> Iterator[str]:
+        """Yield, in a few words each, why this should be made anew; nothing if it is fresh.
+
+        Parameters
+        ----------
+        device, software : str
+            Of the stream and program that want to use it; empty means not known.
+        now : datetime
+            With its time zone.
+        """
+        made = self.provenance
+        if made.made_utc:
+            age_d = (now - datetime.fromisoformat(made.made_utc)).total_seconds() / 86_400
+            if age_d > MOST_AGE_D:
+                yield f"it is {age_d:.0f} days old"
+            elif age_d < -1:
+                yield f"it is from the future ({made.made_utc}): is the clock right?"
+        pairs = (("device", made.device, device), ("version", made.software, software))
+        for name, own, other in pairs:
+            if own and other and own != other:
+                yield f"it was made with {name} '{own}', this is '{other}'"
+
+    def text(self) -> str:
+        """Return the content of the file; floors keep 0.001 dB."""
         with np.errstate(divide="ignore"):
             floor_db = 10 * np.log10(self.floor)
         content = {
@@ -71,8 +138,13 @@ class Calibration:
             **{name: getattr(self, name) for name in _NUMBERS},
             "noise_floor_db": [round(v, 3) if np.isfinite(v) else None for v in floor_db.tolist()],
             "threshold_db": [round(v, 3) for v in self.threshold_db.tolist()],
+            "provenance": asdict(self.provenance),
         }
-        path.write_text(json.dumps(content) + "\n", encoding="utf-8")
+        return json.dumps(content) + "\n"
+
+    def save(self, path: Path) -> None:
+        """Write the file; raises OSError if that fails."""
+        path.write_text(self.text(), encoding="utf-8")
 
 
 def load_calibration(path: Path) -> Calibration:
@@ -81,7 +153,7 @@ def load_calibration(path: Path) -> Calibration:
     Parameters
     ----------
     path : Path
-        Written by `Calibration.save`.
+        Its content is that of `Calibration.text`.
 
     Returns
     -------
@@ -112,7 +184,43 @@ def load_calibration(path: Path) -> Calibration:
     if not ((threshold_db >= 0) & (threshold_db <= _MOST_DB)).all():
         msg = f"{path}: threshold_db: values must be 0 to {_MOST_DB:g}"
         raise ConfigError(msg)
-    return Calibration(floor=10 ** (floor_db / 10), threshold_db=threshold_db, **numbers)
+    return Calibration(
+        floor=10 ** (floor_db / 10),
+        threshold_db=threshold_db,
+        provenance=_provenance(path, raw.get("provenance", {})),
+        **numbers,
+    )
+
+
+def utc_text(when: datetime) -> str:
+    """Return a time as a provenance has it, to the second."""
+    return when.astimezone(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
+
+
+def _provenance(path: Path, raw: Any) -> Provenance:
+    known = {f.name: type(f.default) for f in fields(Provenance)}
+    if not isinstance(raw, dict):
+        msg = f"{path}: provenance: must be a mapping"
+        raise ConfigError(msg)
+    for name, value in raw.items():
+        kind = known.get(name)
+        if kind is None:
+            msg = f"{path}: provenance.{name}: unknown; known are {', '.join(known)}"
+            raise ConfigError(msg)
+        if kind is not str:
+            _number(path, f"provenance.{name}", value)
+        elif not isinstance(value, str):
+            msg = f"{path}: provenance.{name}: {value!r} is not text"
+            raise ConfigError(msg)
+    try:
+        made = datetime.fromisoformat(raw.get("made_utc") or "1970-01-01T00:00Z")
+    except ValueError as err:
+        msg = f"{path}: provenance.made_utc: {err}"
+        raise ConfigError(msg) from err
+    if made.tzinfo is None:
+        msg = f"{path}: provenance.made_utc: '{raw['made_utc']}' has no time zone"
+        raise ConfigError(msg)
+    return Provenance(**raw)
 
 
 def _number(path: Path, name: str, value: Any) -> float:

@@ -22,6 +22,7 @@ from x2radar.frame import FastTimeAxis
 
 SCHEMA = 1
 CLASSES = ("human", "pet", "other")
+POLICIES = ("window", "fused")
 _STREAM_KEYS = ("frame_rate_hz", "bin_length_m", "carrier_hz", "bandwidth_hz")
 
 
@@ -58,6 +59,8 @@ class Bundle:
         The alarm stays off only above this probability of pet and other together.
     policy : str
         'window' or 'fused'.
+    evidence : mapping of str to float
+        How windows are fused, see `radard.evidence`; empty for its defaults.
     """
 
     name: str
@@ -69,6 +72,12 @@ class Bundle:
     temperature: float
     pet_limit: float
     policy: str
+    evidence: Mapping[str, Any]
+
+    @property
+    def sha256(self) -> str:
+        """Hash of the weights, as the sidecar has it."""
+        return hashlib.sha256(self.onnx).hexdigest()
 
     def check_stream(self, axis: FastTimeAxis, frame_rate_hz: float) -> None:
         """Raise ModelMismatch, naming every misfit, if the stream is not what it was made for.
@@ -171,8 +180,16 @@ def _parse(raw: dict[str, Any], onnx: bytes) -> Bundle:
         classes,
         float(raw["temperature"]),
         float(raw["pet_limit"]),
-        str(raw["policy"]),
+        _policy(raw["policy"]),
+        dict(raw.get("evidence", {})),
     )
+
+
+def _policy(value: Any) -> str:
+    if value not in POLICIES:
+        msg = f"policy {value!r}; known are {', '.join(POLICIES)}"
+        raise ValueError(msg)
+    return str(value)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,25 +1,62 @@
-"""The command `radard`: options to configuration, then `radard.service`."""
+"""The command `radard`: the daemon itself, or one of its subcommands."""
 
+import argparse
 import json
 import logging
 import sys
 from collections.abc import Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from radard.config import Config, load_config
 from radard.errors import UsageError
-from x2radar.command import Parser, new_parser, run_command
+from radard.options import add_options, config_options
+from x2radar.command import Parser, installed_version, run_command
 
+_SHORT = """\
+usage: radard --port PORT [options]    watch a radar; alarm for people, not pets
+       radard COMMAND [options]        see radard COMMAND --help
+
+  --port /dev/ttyACM0 | auto | URL | sim:SCENE | replay:FILE
+  -o json | json:FILE | mqtt://HOST | webhook:URL | store:FILE ...   repeatable
+  --model NAME | FILE | none     --profile fast | balanced | accurate
+  --sensitivity low|normal|high  --config FILE  --duration S  --speed max
+  --record FILE  --wait  --on-device-loss wait|quit  -v  -q  --log-format json
+  --help-all: all of it   --version   --debug: tracebacks with errors
+
+{commands}
+examples:
+  radard --port sim:demo --speed max --duration 30 -o json
+  radard --port replay:night.h5 --model none        the gate alone
+
+configuration, later wins: built-in, /etc/radard/config.yaml, ./config.yaml,
+--config, RADARD_SECTION__KEY, options. TERM, INT end; HUP reloads; USR1 dumps.
+"""
 _EXAMPLES = """\
+{commands}
 examples:
   radard --port /dev/ttyACM0                  watch a real module
   radard --port sim:demo --speed max --duration 30 -o json
   radard --port replay:night.h5 --model none  gate only
-  radard config check                         is the configuration right?
+
+configuration, later ones win: built-in, /etc/radard/config.yaml, ./config.yaml,
+--config FILE, RADARD_SECTION__KEY, command line.
+signals: TERM and INT end it (a second one at once), HUP reads the configuration
+again, USR1 logs all of the state.
 """
+_COMMANDS = {
+    "calibrate": "learn the empty room",
+    "walktest": "what it sees, by range",
+    "config": "check, show, schema",
+    "explain": "what sensitivity means",
+    "events": "list what happened",
+    "health": "is the daemon well?",
+    "diag": "a file to report trouble",
+    "setup": "udev, systemd, coverage",
+    "bench": "how many radars fit here",
+}
+"""One file each in `radard.commands`, and what it does in a few words."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -28,14 +65,20 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _body(argv: Sequence[str]) -> int:
-    if argv and argv[0] == "config":
-        return _config(argv[1:])
+    if argv and argv[0] in _COMMANDS:
+        code: int = import_module(f"radard.commands.{argv[0]}").run(argv[1:])
+        return code
     args = _parser().parse_args(argv)
     _start_logging(args.verbose - args.quiet, as_json=args.log_format == "json")
     if args.duration is not None and not 0 < args.duration < 1e9:
         msg = f"--duration {args.duration:g}: must be above 0, in seconds"
         raise UsageError(msg)
-    config = load_config(args.config, options=_options(args))
+    options = config_options(args)
+
+    def load() -> Config:
+        return load_config(args.config, options=options)
+
+    config = load()
     # Late, so that --help and wrong options answer at once.
     from radard.service import RunOptions, run  # noqa: PLC0415
 
@@ -45,6 +88,7 @@ def _body(argv: Sequence[str]) -> int:
             duration_s=args.duration,
             record=args.record,
             stdout_is_terminal=sys.stdout.isatty(),
+            reload=load,
         ),
     )
 
@@ -60,6 +104,8 @@ class _JsonFormatter(logging.Formatter):
             "logger": record.name,
             "message": record.getMessage(),
         }
+        if record.exc_info:
+            fields["traceback"] = self.formatException(record.exc_info)
         return json.dumps(fields)
 
 
@@ -70,65 +116,41 @@ def _start_logging(more: int, *, as_json: bool) -> None:
     logging.basicConfig(level=logging.WARNING - 10 * more, handlers=[handler], force=True)
 
 
-def _options(args: Any) -> dict[str, Any]:
-    sensor = {
-        "port": args.port,
-        "speed": args.speed,
-        "on_device_loss": args.on_device_loss,
-        "wait": args.wait or None,
-    }
-    options: dict[str, Any] = {
-        "sensor": {key: value for key, value in sensor.items() if value is not None}
-    }
-    if args.model and args.profile:
-        msg = "--model and --profile both name a model; give one"
-        raise UsageError(msg)
-    if args.model or args.profile:
-        options["model"] = {"name": args.model or args.profile}
-    if args.output:
-        options["output"] = args.output
-    return options
+class _ShortHelp(argparse.Action):
+    """Print what fits a screen, and end."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: Any, **__: Any) -> None:
+        print(_SHORT.format(commands=_command_list()), end="")
+        parser.exit()
+
+
+def _command_list() -> str:
+    """Return the subcommands, two in a line."""
+    cells = [f"  {name:<10}{text:<27}" for name, text in _COMMANDS.items()]
+    pairs = ("".join(cells[k : k + 2]).rstrip() for k in range(0, len(cells), 2))
+    return "\n".join(("commands:", *pairs, ""))
 
 
 def _parser() -> Parser:
-    parser = new_parser(
-        "radard", "Watch a radar and raise the alarm for people, not pets.", _EXAMPLES
+    parser = Parser(
+        prog="radard",
+        description="Watch a radar and raise the alarm for people, not pets.",
+        epilog=_EXAMPLES.format(commands=_command_list()),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        add_help=False,
     )
     add = parser.add_argument
-    add("--port", help="/dev/ttyACM0, a pyserial URL, sim:SCENE[?seed=1] or replay:FILE")
-    add("-o", "--output", action="append", help="json, json:FILE, table or null; repeatable")
-    add("--model", help="installed bundle, .onnx file, or none for the gate alone")
-    add("--profile", help="fast, balanced or accurate: the bundle of that name")
-    add("--speed", help="realtime, max or a factor (sim and replay)")
+    add("-h", "--help", action=_ShortHelp, nargs=0, help="the most of it, on one screen")
+    add("--help-all", action="help", help="show this help message and exit")
+    add("--version", action="version", version=f"%(prog)s {installed_version()}")
+    add("--debug", action="store_true", help="show a traceback with errors")
+    add_options(parser)
     add("--duration", type=float, metavar="S", help="stop after S seconds of the stream")
     add("--record", type=Path, metavar="FILE", help="keep the frames in an HDF5 recording")
-    add("--config", type=Path, metavar="FILE", help="configuration file")
-    add("--wait", action="store_true", help="wait for a port that is absent at start")
-    add("--on-device-loss", choices=["wait", "quit"], help="when the device goes (wait)")
     add("-v", "--verbose", action="count", default=0, help="log more")
     add("-q", "--quiet", action="count", default=0, help="log less")
     add("--log-format", choices=["text", "json"], default="text", help="form of the log")
     return parser
-
-
-def _config(argv: Sequence[str]) -> int:
-    parser = new_parser(
-        "radard config",
-        "Check or show the configuration that holds.",
-        "example:\n  radard config show --config /etc/radard/config.yaml\n",
-    )
-    parser.add_argument("what", choices=["check", "show", "schema"])
-    parser.add_argument("--config", type=Path, metavar="FILE", help="configuration file")
-    args = parser.parse_args(argv)
-    if args.what == "schema":
-        print(json.dumps(Config.model_json_schema(), indent=2))
-        return 0
-    config = load_config(args.config)
-    if args.what == "show":
-        print(yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False), end="")
-    else:
-        print("configuration ok")
-    return 0
 
 
 if __name__ == "__main__":

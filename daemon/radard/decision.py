@@ -3,6 +3,8 @@
 The rule: with the gate open, alarm unless p_pet + p_other > pet_limit. `other` are trained
 harmless motions only; motion that resembles nothing counts as human, because the limit is
 then not reached. Policy `window` applies the rule to each window alone (the seed's rule).
+Policy `fused` applies it to the evidence over windows (`radard.evidence`), and waits while
+that is undecided, for a few seconds at most.
 """
 
 from dataclasses import dataclass
@@ -13,6 +15,8 @@ from radard.gate import GateReading
 
 Label = Literal["human", "pet", "other", "pending", "none", "invalid"]
 GateState = Literal["open", "closed", "invalid"]
+_ROUNDING_S = 0.05
+"""More than a frame of the slowest stream that a bundle takes (28 Hz), far less than a hop."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -101,3 +105,60 @@ def judge(p: Probabilities, pet_limit: float) -> tuple[Label, bool]:
     if p.pet + p.other > pet_limit:
         return ("pet" if p.pet >= p.other else "other"), False
     return "human", True
+
+
+class Verdict:
+    """The rule over time: policy `fused`.
+
+    Parameters
+    ----------
+    pet_limit : float
+        As in `judge`.
+    human_limit : float
+        From this fused probability of a person on the alarm does not wait.
+    decide_within_s : float
+        So long after the gate has opened the alarm waits for evidence, in seconds.
+    """
+
+    def __init__(self, pet_limit: float, human_limit: float, decide_within_s: float) -> None:
+        self._pet_limit = pet_limit
+        self._human_limit = human_limit
+        self._within_s = decide_within_s
+        self._since_s: float | None = None
+        self._is_pending = False
+
+    def reset(self) -> None:
+        """Forget who was there."""
+        self._since_s = None
+        self._is_pending = False
+
+    def judge(self, fused: Probabilities, t_s: float) -> tuple[Label, bool]:
+        """Apply the rule to fused probabilities while the gate is open.
+
+        Parameters
+        ----------
+        fused : Probabilities
+            Of everything since the gate has opened.
+        t_s : float
+            Stream time of the decision, in seconds.
+
+        Returns
+        -------
+        label : {'human', 'pet', 'other', 'pending'}
+            Human whenever the alarm is on.
+        alarm : bool
+            The verdict.
+        """
+        if self._since_s is None:
+            self._since_s = t_s
+        label, alarm = judge(fused, self._pet_limit)
+        # Dwells end at whole frames, so three hops may last a little less than 3 s.
+        may_wait = t_s - self._since_s < self._within_s - _ROUNDING_S
+        self._is_pending = alarm and may_wait and fused.human < self._human_limit
+        return ("pending", False) if self._is_pending else (label, alarm)
+
+    def leave(self) -> bool:
+        """Take note that the gate has closed; return whether somebody left undecided."""
+        was_pending = self._is_pending
+        self.reset()
+        return was_pending

@@ -8,6 +8,7 @@ The tree::
      +-- BundleError         a model bundle is missing or unreadable
      +-- ModelMismatch       a bundle whose hash, shapes or stream ranges do not fit
      +-- OutputError         a sink cannot keep what it is given
+     +-- NotAllowed          a file or folder that only root may write
      +-- FeatureError        (also ValueError) an array that a DSP routine cannot take
 """
 
@@ -44,6 +45,12 @@ class ModelMismatch(RadardError):
 
 class OutputError(RadardError):
     """A sink cannot keep what it is given."""
+
+
+class NotAllowed(RadardError):
+    """A file or folder that only root may write."""
+
+    exit_code = 77
 
 
 class FeatureError(RadardError, ValueError):

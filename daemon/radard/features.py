@@ -8,11 +8,12 @@ lost frame, take the mean of the others, so that they add nothing at any cadence
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from radard import plugins
 from radard.dsp.cadence import cadence_velocity_diagram, extent_profile, type1_vector
 from radard.dsp.columns import SharedSteps
 from radard.dsp.grid import time_cells
@@ -20,7 +21,7 @@ from radard.dsp.range_time import RangeTimeMap
 from radard.dsp.streaming import StreamingDoppler
 from radard.dsp.velocity import CPI_S, VelocityTransform
 from radard.errors import FeatureError, ModelMismatch
-from radard.maps import shown
+from radard.maps import busiest_rows, shown
 from radard.ring import Dwell
 
 
@@ -47,6 +48,9 @@ class FeatureSettings:
         Time cell of the maps, in seconds.
     velocity_max_mps, velocity_step_mps : float
         Grid of the velocity-time map.
+    range_window : {'fixed', 'target'}
+        Whether the range-time map shows `near_m` to `far_m`, or as many metres of the swath
+        where most moves, wherever that is (`radard.maps.busiest_rows`).
     near_m, far_m, cell_m : float
         Grid of the range-time map; cells outside the swath stay empty.
     velocity_depth_db, range_depth_db : float
@@ -62,6 +66,7 @@ class FeatureSettings:
     cell_s: float = 0.05
     velocity_max_mps: float = 5.0
     velocity_step_mps: float = 0.1
+    range_window: str = "fixed"
     near_m: float = 0.4
     far_m: float = 4.4
     cell_m: float = 0.1
@@ -76,8 +81,8 @@ class FeatureSettings:
             if key not in known:
                 msg = f"features.{key}: unknown setting; this radard is too old for the bundle"
                 raise ModelMismatch(msg)
-            if key == "clutter":
-                is_right = value in CLUTTER
+            if key in _WORDS:
+                is_right = value in _WORDS[key]
             else:
                 kinds = (int,) if isinstance(known[key], int) else (int, float)
                 is_right = isinstance(value, kinds) and not isinstance(value, bool)
@@ -109,9 +114,9 @@ class FeatureSet:
     Attributes
     ----------
     spectrogram : ndarray, shape (n_cpi, n_seg), float32
-        mu, linear power; empty unless a feature needs it.
+        mu, linear power; infinite beyond float32, empty unless a feature needs it.
     cvd : ndarray, shape (n_cpi, n_seg), float32
-        D, magnitude; empty unless a feature needs it.
+        D, magnitude; likewise.
     inputs : mapping of str to ndarray, float32
         The features that were asked for, by name.
     """
@@ -126,7 +131,21 @@ MAP_FEATURES = ("velocity_time", "range_time")
 FEATURES = (*SEED_FEATURES, *MAP_FEATURES)
 """Every feature that a network may ask for."""
 CLUTTER = ("cpi", "removed")
+RANGE_WINDOWS = ("fixed", "target")
+_WORDS: Mapping[str, tuple[str, ...]] = {"clutter": CLUTTER, "range_window": RANGE_WINDOWS}
 _EMPTY = np.zeros((0, 0), np.float32)
+
+
+class FeatureMaker(Protocol):
+    """What an entry point of `radard.features` names; its own name is the feature's."""
+
+    def shape(self, settings: FeatureSettings) -> tuple[int, ...]:
+        """Return the shape of the feature."""
+        ...
+
+    def extract(self, dwell: Dwell, settings: FeatureSettings) -> NDArray[np.float32]:
+        """Return the feature of a dwell, float32, of that shape; the dwell is not changed."""
+        ...
 
 
 def feature_shape(name: str, settings: FeatureSettings) -> tuple[int, ...]:
@@ -139,6 +158,10 @@ def feature_shape(name: str, settings: FeatureSettings) -> tuple[int, ...]:
         "range_time": (settings.n_range_cells, settings.n_cells),
     }
     if name not in shapes:
+        plugin = plugins.plugged(plugins.FEATURES, name)
+        if plugin is not None:
+            plugin.check(plugin.made, ("shape", "extract"))
+            return tuple(plugin.guard(lambda: plugin.made.shape(settings)))
         msg = f"feature '{name}': unknown; this radard makes {', '.join(FEATURES)}"
         raise ModelMismatch(msg)
     return shapes[name]
@@ -164,6 +187,9 @@ class FeatureStream:
         self._names = names
         self._streams: _Streams | None = None
         self._end_frame = 0
+        own = (name for name in names if name not in FEATURES)
+        found = ((name, plugins.plugged(plugins.FEATURES, name)) for name in own)
+        self._plugged = {name: plugin for name, plugin in found if plugin is not None}
 
     def extract(self, dwell: Dwell) -> FeatureSet:
         """Return the features of one dwell.
@@ -199,9 +225,11 @@ class FeatureStream:
         spectrogram = cvd = _EMPTY
         inputs: dict[str, NDArray[np.float32]] = {}
         if streams.doppler is not None:
-            spectrogram = _spectrogram(streams.doppler, n_columns)
-            cvd = cadence_velocity_diagram(spectrogram)
-            type1 = type1_vector(cvd, settings.n_cadence)
+            share, exponent = _spectrogram(streams.doppler, n_columns)
+            spread = cadence_velocity_diagram(share)
+            type1 = type1_vector(spread, settings.n_cadence)
+            with np.errstate(over="ignore"):
+                spectrogram, cvd = np.ldexp(share, exponent), np.ldexp(spread, exponent)
             inputs["seed_type1"] = type1
             if "seed_type2" in self._names:
                 profile = extent_profile(dwell.frames, settings.n_cpi, settings.n_profile)
@@ -212,8 +240,24 @@ class FeatureStream:
             power, valid = streams.ranges.cells(
                 dwell.frame_rate_hz, cell_s=settings.cell_s, n_cells=settings.n_cells
             )
+            if settings.range_window == "target":
+                power = busiest_rows(power, settings.n_range_cells)
             inputs["range_time"] = shown(power, valid, settings.range_depth_db)
+        for name, plugin in self._plugged.items():
+            inputs[name] = _plugged_feature(plugin, dwell, settings)
         return FeatureSet(spectrogram, cvd, {name: inputs[name] for name in self._names})
+
+
+def _plugged_feature(
+    plugin: plugins.Plugin, dwell: Dwell, settings: FeatureSettings
+) -> NDArray[np.float32]:
+    made = plugin.guard(lambda: plugin.made.extract(dwell, settings))
+    shape = tuple(plugin.made.shape(settings))
+    if not isinstance(made, np.ndarray) or made.shape != shape or made.dtype != np.float32:
+        has = f"{made.dtype} {made.shape}" if isinstance(made, np.ndarray) else type(made).__name__
+        msg = f"{plugin.about}: gives {has}, not float32 {shape}"
+        raise FeatureError(msg)
+    return made
 
 
 class _Streams:
@@ -244,26 +288,30 @@ class _Streams:
                 dwell.axis,
                 max(4, round(CPI_S * rate_hz)),
                 cell_m=settings.cell_m,
-                near_m=settings.near_m,
-                far_m=settings.far_m,
+                near_m=settings.near_m if settings.range_window == "fixed" else None,
+                far_m=settings.far_m if settings.range_window == "fixed" else None,
                 n_keep=n_keep,
             )
-        made = (self.doppler, self.velocity, self.ranges)
-        self._shared = SharedSteps(*(stream for stream in made if stream is not None))
+        made = tuple(s for s in (self.doppler, self.velocity, self.ranges) if s is not None)
+        # Plug-ins alone share nothing.
+        self._shared = SharedSteps(*made) if made else None
 
     def push(self, frames: NDArray[np.complex64], valid: NDArray[np.bool_]) -> None:
-        self._shared.push(frames, valid)
+        if self._shared is not None:
+            self._shared.push(frames, valid)
 
 
-def _spectrogram(doppler: StreamingDoppler, n_columns: int) -> NDArray[np.float32]:
+def _spectrogram(doppler: StreamingDoppler, n_columns: int) -> tuple[NDArray[np.float32], int]:
+    """Return mu over a power of two, so that it fits float32, and that power's exponent."""
     columns = doppler.columns(n_columns)
-    spectrogram = np.minimum(columns, np.finfo(np.float32).max).astype(np.float32)
+    exponent = int(np.frexp(columns.max(initial=0.0))[1])
+    share = np.ldexp(columns, -exponent).astype(np.float32)
     valid = doppler.columns_valid(n_columns)
     if not valid.any():
-        spectrogram[:] = 0
+        share[:] = 0
     elif not valid.all():
-        spectrogram[:, ~valid] = spectrogram[:, valid].mean(axis=1, keepdims=True)
-    return spectrogram
+        share[:, ~valid] = share[:, valid].mean(axis=1, keepdims=True)
+    return share, exponent
 
 
 def _velocity_time(

@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 from radard.calibration import Calibration
 from radard.dsp.clutter import block_power, centre_spread_m, sound_rows
 from radard.dsp.noise import second_differences
+from radard.dsp.order import median
 from radard.noise_floor import NoiseFloor
 from radard.ring import Dwell
 
@@ -132,6 +133,10 @@ class Gate:
         self.background: NDArray[np.float64] = np.zeros(0)
         """Noise and learned background of every bin at the last dwell, in sample units
         squared, ndarray, shape (n_range,), float64."""
+        self.power: NDArray[np.float64] = np.zeros(0)
+        """Residual power of every bin in the last dwell, in the same unit and shape."""
+        self.noise: NDArray[np.float64] = np.zeros(0)
+        """Receiver's noise of every bin as the stream itself shows it, likewise."""
 
     def reset(self) -> None:
         """Forget what was learned, as after a restart of the module."""
@@ -159,10 +164,12 @@ class Gate:
         unit = scale**2
         cpi_power = block_power(rows, usable, n_cpi, 1)[0][:, 0]
         noise, floor = self._noise.update(second_differences(rows, usable), cpi_power, n_cpi, unit)
+        self.noise = floor
         if self._calibration is not None:
             floor = self._calibration.floor
         cpi_power *= unit
         power = cpi_power.mean(axis=0) if len(cpi_power) else np.zeros(len(floor))
+        self.power = power
         self.background = self._learned(noise, floor)
         spread_m = centre_spread_m(cpi_power, noise, dwell.axis.range_m)
         self._in_place.append(power if spread_m < s.in_place_m else None)
@@ -192,7 +199,7 @@ class Gate:
         if len(learned) < self._n_learn:
             return floor
         most = noise * 10 ** (self._settings.adapt_db / 10)
-        return np.maximum(np.minimum(np.median(learned, axis=0), most), floor)
+        return np.maximum(np.minimum(median(np.stack(learned, axis=1)), most), floor)
 
     def _adapt(self, excess_db: float) -> None:
         s = self._settings

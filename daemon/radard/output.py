@@ -9,10 +9,12 @@ from datetime import UTC, datetime
 from typing import Any
 
 from radard.classifier import Probabilities
+from radard.config import Config
 from radard.decision import Decision, TrackVerdict
 from radard.events import Event
 from radard.health import Status
 from radard.pipeline import Pipeline
+from radard.redact import redact
 from x2radar.command import installed_version
 
 SCHEMA = 1
@@ -24,7 +26,7 @@ def utc_now() -> str:
     return datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
 
 
-def hello_record(pipeline: Pipeline, port: str, sensor: str) -> Record:
+def hello_record(pipeline: Pipeline, config: Config, *, is_armed: bool) -> Record:
     """Return the first line of a run."""
     bundle = pipeline.classifier.bundle if pipeline.classifier else None
     axis = pipeline.stream.axis
@@ -33,8 +35,8 @@ def hello_record(pipeline: Pipeline, port: str, sensor: str) -> Record:
         "schema": SCHEMA,
         "version": installed_version(),
         "time": utc_now(),
-        "sensor": sensor,
-        "port": port,
+        "sensor": config.sensor.name,
+        "port": redact(config.sensor.port or ""),
         "device": pipeline.stream.device,
         "model": bundle.name if bundle else None,
         "policy": pipeline.policy,
@@ -47,6 +49,9 @@ def hello_record(pipeline: Pipeline, port: str, sensor: str) -> Record:
         "carrier_hz": axis.carrier_hz,
         "dwell_frames": pipeline.shape.n_slow,
         "hop_s": pipeline.shape.hop_s,
+        "armed": is_armed,
+        "sensitivity": config.alarm.sensitivity,
+        "config_hash": config.digest(),
     }
 
 
@@ -89,7 +94,7 @@ def event_record(event: Event) -> Record:
         "end_t_s": _round(event.end_t_s, 3) if event.end_t_s is not None else None,
         "peak": round(event.peak, 4),
         "reason": event.reason,
-        "clip": None,
+        "clip": event.clip,
     }
 
 

@@ -13,6 +13,7 @@ A frame's way through the program::
     radard.tracks       where, and how many?
     radard.features     Dwell -> spectrogram, cadence, vectors
     radard.classifier   features -> probabilities
+    radard.evidence     probabilities over windows -> what is known by now
     radard.decision     probabilities -> label, alarm
     radard.events       decisions -> events with a beginning and an end
     radard.sinks        everything -> JSON Lines, table
@@ -25,13 +26,16 @@ from dataclasses import replace
 
 import numpy as np
 
+from radard.calibration import Calibration
 from radard.classifier import Classifier, Probabilities
 from radard.clutter_map import ClutterRemover
 from radard.config import Config
-from radard.decision import Decision, Label, TrackVerdict, judge
+from radard.decision import Decision, Label, TrackVerdict, Verdict, judge
 from radard.dsp.downconvert import DownConverter
 from radard.dsp.range_gate import range_gates
+from radard.dsp.velocity import CPI_S
 from radard.errors import FeatureError, ModelMismatch
+from radard.evidence import Evidence, EvidenceSettings
 from radard.features import FeatureSettings, FeatureStream, extract
 from radard.gate import Gate, GateSettings
 from radard.ring import Dwell, DwellShape, FrameRing
@@ -70,7 +74,7 @@ class Pipeline:
         self.classifier = classifier
         if classifier is not None:
             classifier.bundle.check_stream(stream.axis, stream.frame_rate_hz)
-            self._features = classifier.bundle.features
+            self._features = settings_at(classifier.bundle.features, stream.frame_rate_hz)
             self.pet_limit = config.decision.pet_limit or classifier.bundle.pet_limit
         else:
             self._features = _gate_only_features(stream)
@@ -78,32 +82,48 @@ class Pipeline:
         names = classifier.feature_names if classifier else ()
         self._stream = FeatureStream(self._features, names)
         self._feature_names = names
-        self.policy = config.decision.policy or "window"
+        bundle = classifier.bundle if classifier else None
+        self.policy = config.decision.policy or (bundle.policy if bundle else "window")
+        evidence = EvidenceSettings.from_mapping(bundle.evidence if bundle else {})
+        self._evidence = Evidence(evidence)
+        self._verdict = Verdict(
+            self.pet_limit, evidence.human_limit, config.decision.decide_within_s
+        )
         self.shape = DwellShape.of(
             dwell_s=self._features.dwell_s,
             hop_s=HOP_S,
             frame_rate_hz=stream.frame_rate_hz,
             n_cpi=self._features.n_cpi,
         )
-        g = config.gate
-        self._gate = Gate(
-            GateSettings(
-                threshold_db=g.threshold_db,
-                adapt_db=g.adapt_db,
-                memory_s=g.memory_s,
-                learn_s=g.learn_s,
-                in_place_m=g.in_place_m,
-            ),
-            HOP_S,
-        )
+        self._gate_settings = gate_settings(config)
+        self._gate = Gate(self._gate_settings, HOP_S)
+        self.calibration: Calibration | None = None
         self._remover = ClutterRemover()
         self._tracker = Tracker()
         self._seq = 0
 
     def make_ring(self) -> FrameRing:
         """Return the ring that takes this stream's frames and gives this pipeline's dwells."""
-        converter = DownConverter(self.stream.axis, self._features.range_decimation)
+        converter = self._converter()
         return FrameRing(converter.axis, converter.convert, self.shape)
+
+    def _converter(self) -> DownConverter:
+        # Decimation is for bins finer than the pulse; other modules' are coarse already.
+        most = max(1, int(COARSE_BIN_M / self.stream.axis.bin_length_m))
+        return DownConverter(self.stream.axis, min(self._features.range_decimation, most))
+
+    def use(self, calibration: Calibration | None) -> None:
+        """Give the gate the calibration of its room, or take it away; it begins anew.
+
+        Raises
+        ------
+        ConfigError
+            If it was made for another stream or model; the old one then stays.
+        """
+        if calibration is not None:
+            calibration.check(self._converter().axis, self.stream.frame_rate_hz)
+        self.calibration = calibration
+        self._gate = Gate(self._gate_settings, HOP_S, calibration)
 
     def restart(self) -> None:
         """Forget what was learned of the room: the module began anew."""
@@ -111,6 +131,8 @@ class Pipeline:
         self._remover.reset()
         self._tracker.reset()
         self._stream = FeatureStream(self._features, self._feature_names)
+        self._evidence.reset()
+        self._verdict.reset()
 
     def decide(self, dwell: Dwell) -> Decision:
         """Judge one dwell.
@@ -131,14 +153,19 @@ class Pipeline:
         moving = self._remover.remove(dwell)
         if not moving.is_whole:
             return self._invalid(dwell, f"{moving.n_lost} frames missing or spiked")
-        reading = self._gate.read(moving)
-        tracks = self._tracker.update(moving, self._gate.background)
-        window: Probabilities | None = None
+        # One gate for both, should a reload put another in its place just now.
+        gate = self._gate
+        reading = gate.read(moving)
+        tracks: tuple[Track, ...] = ()
+        if reading.is_open or self._tracker.is_following:
+            tracks = self._tracker.update(moving, gate.background)
+        window = fused = None
         verdicts: tuple[TrackVerdict, ...] = ()
         label: Label | None = None
         alarm = False
         if not reading.is_open:
-            label = "none"
+            label, alarm = "none", self._verdict.leave()
+            self._evidence.reset()
         else:
             try:
                 window = self._classified(moving if self._features.clutter == "removed" else dwell)
@@ -147,14 +174,14 @@ class Pipeline:
                 # No verdict is better announced than guessed.
                 return self._invalid(dwell, str(err))
             if window is not None:
-                label, alarm = judge(window, self.pet_limit)
+                fused, label, alarm = self._ruled(window, dwell.t_s)
         return Decision(
             seq=self._seq,
             t_s=dwell.t_s,
             gate="open" if reading.is_open else "closed",
             reading=reading,
             window=window,
-            fused=window,
+            fused=fused,
             label=label,
             alarm=alarm,
             frames=len(dwell.frames) - dwell.n_lost,
@@ -167,6 +194,13 @@ class Pipeline:
         if self.classifier is None:
             return None
         return self.classifier.classify(self._stream.extract(dwell))
+
+    def _ruled(self, window: Probabilities, t_s: float) -> tuple[Probabilities, Label, bool]:
+        """Apply the policy; return the fused probabilities and the verdict."""
+        if self.policy == "window":
+            return window, *judge(window, self.pet_limit)
+        fused = self._evidence.add(window)
+        return fused, *self._verdict.judge(fused, t_s)
 
     def _judged(self, moving: Dwell, tracks: tuple[Track, ...]) -> tuple[TrackVerdict, ...]:
         """Judge every body by itself, by what its own range gate lets through."""
@@ -208,9 +242,36 @@ class Pipeline:
         )
 
 
+def settings_at(settings: FeatureSettings, frame_rate_hz: float) -> FeatureSettings:
+    """Return a bundle's settings with the CPI counted in frames of a stream.
+
+    A bundle for many frame rates leaves `n_cpi` at 0: then a CPI lasts 28/60 s at any rate.
+    """
+    if settings.n_cpi:
+        return settings
+    return replace(settings, n_cpi=max(2, round(CPI_S * frame_rate_hz)))
+
+
+def gate_settings(config: Config) -> GateSettings:
+    """Return the gate's settings that a configuration asks for."""
+    g = config.gate
+    return GateSettings(
+        threshold_db=g.threshold_db,
+        adapt_db=g.adapt_db,
+        memory_s=g.memory_s,
+        learn_s=g.learn_s,
+        in_place_m=g.in_place_m,
+        floor_rate_db_per_s=g.floor_rate_db_per_s,
+        is_adaptive=g.adaptive,
+        least_db=g.least_db,
+        most_db=g.most_db,
+        threshold_rate_db_per_s=g.threshold_rate_db_per_s,
+    )
+
+
 def _gate_only_features(stream: StreamInfo) -> FeatureSettings:
     """Return settings whose CPI is as long as the seed's, and bins as coarse as may be."""
     bins = int(COARSE_BIN_M / stream.axis.bin_length_m)
     return FeatureSettings(
-        n_cpi=max(2, round(28 / 60 * stream.frame_rate_hz)), range_decimation=max(1, bins)
+        n_cpi=max(2, round(CPI_S * stream.frame_rate_hz)), range_decimation=max(1, bins)
     )

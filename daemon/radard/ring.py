@@ -1,8 +1,9 @@
 """FrameRing: frames in, dwells out, without copying; gaps are marked, never stitched.
 
-The only object that the reader thread and the worker share. Every row is written twice, a
-capacity apart, so that any dwell is one contiguous view. The writer waits before it would
-overwrite a row that a waiting dwell still needs.
+The only object that the reader thread and the worker share. Frames are converted a few at a
+time, since a call costs more than a frame; the last frame of a dwell never waits for others.
+Every row is written twice, a capacity apart, so that any dwell is one contiguous view. The
+writer waits before it would overwrite a row that a waiting dwell still needs.
 """
 
 import threading
@@ -19,6 +20,10 @@ Convert = Callable[[NDArray[np.float32] | NDArray[np.complex64], NDArray[np.comp
 
 MOST_LOST = 0.02
 LONGEST_GAP_S = 0.05
+_FRAMES_AT_ONCE = 64
+# After somebody looked on, frames are converted that late at most, for so long.
+_LATE_S = 0.05
+_WATCHED_S = 2.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -93,6 +98,31 @@ class Dwell:
         )
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Recent:
+    """Rows that a ring has taken lately, for those who only look on.
+
+    Attributes
+    ----------
+    frames : ndarray, shape (n, n_range), complex64
+        Baseband, oldest first; a copy.
+    valid : ndarray, shape (n,), bool
+        False for frames that were lost or unusable.
+    end_frame : int
+        Frames that the ring had taken when these ended.
+    begun_at : int
+        `end_frame` when the stream last began anew.
+    t_s : float
+        Stream time at the end, in seconds.
+    """
+
+    frames: NDArray[np.complex64]
+    valid: NDArray[np.bool_]
+    end_frame: int
+    begun_at: int
+    t_s: float
+
+
 @dataclass(frozen=True, slots=True)
 class Notice:
     """Something that happened to the stream between two dwells.
@@ -120,7 +150,8 @@ class FrameRing:
     axis : FastTimeAxis
         Axis of the converted rows.
     convert : callable
-        ``convert(samples, out)`` writes one frame's baseband into a row.
+        ``convert(samples, out)`` writes the baseband of frames, shape (n, n_samples), into
+        as many rows; each frame's must not depend on those beside it.
     shape : DwellShape
         Length of the dwells and the hop.
     """
@@ -137,13 +168,46 @@ class FrameRing:
         self._held_from: int | None = None
         self._ended = False
         self._stopped = False
-        self._written = 0
+        self._samples: NDArray[np.float32] | NDArray[np.complex64] = np.zeros((0, 0), np.float32)
+        self._is_here = np.zeros(_FRAMES_AT_ONCE, np.bool_)
+        self._n_waiting = 0
+        self._taken = 0
         self._index = -1
+        self._converted = (0, -1)
+        self._watched_to = 0
+        self._most_watched = min(_FRAMES_AT_ONCE, max(1, round(_LATE_S * shape.frame_rate_hz)))
         self._base = 0
         self._due = 0
         self._hops = 0
         self.n_unusable = 0
         self._schedule(0)
+
+    @property
+    def axis(self) -> FastTimeAxis:
+        """Axis of the converted rows."""
+        return self._axis
+
+    @property
+    def frame_rate_hz(self) -> float:
+        """Frames per second of stream time."""
+        return self._shape.frame_rate_hz
+
+    def recent(self, after: int = 0) -> Recent:
+        """Return the rows behind number `after`, or as many of them as are still there.
+
+        For any thread. Takes no lock and keeps nobody waiting: rows that the reader has
+        overwritten while they were copied are left out.
+        """
+        # Whoever looks on wants to see what is new, so frames wait for few others meanwhile.
+        self._watched_to = self._taken + round(_WATCHED_S * self._shape.frame_rate_hz)
+        begun_at, (end, index) = self._base, self._converted
+        first = min(max(after, begun_at, end - self._capacity), end)
+        at = first % self._capacity
+        rows = self._rows[at : at + end - first].copy()
+        valid = self._valid[at : at + end - first].copy()
+        torn = max(0, self._taken - self._capacity - first)
+        t_s = (index + 1) / self._shape.frame_rate_hz
+        return Recent(rows[torn:], valid[torn:], end, begun_at, t_s)
 
     def push(self, frame: Frame) -> bool:
         """Add a frame; wait while the worker is too far behind.
@@ -159,7 +223,7 @@ class FrameRing:
         bool
             False once the worker has stopped: no further frame is wanted.
         """
-        if frame.restarted or self._written == 0:
+        if frame.restarted or self._taken == 0:
             self._restart(frame)
         else:
             for _ in range(frame.lost):
@@ -167,9 +231,7 @@ class FrameRing:
                 if not self._add(None, 0.0):
                     return False
         self._index = frame.index
-        finite = bool(np.isfinite(frame.samples).all())
-        self.n_unusable += not finite
-        return self._add(frame if finite else None, frame.t_mono_s)
+        return self._add(frame.samples, frame.t_mono_s)
 
     def post(self, kind: str, reason: str) -> None:
         """Queue a notice for the worker."""
@@ -214,10 +276,11 @@ class FrameRing:
             return dwell
 
     def _restart(self, frame: Frame) -> None:
-        if self._written:
+        if self._taken:
             self.post("restart", f"the frame counter jumped to {frame.counter}")
+        self._convert_waiting()
         # Rows that waiting dwells still need stay where they are: only the schedule starts anew.
-        self._base = self._written
+        self._base = self._taken
         self._hops = 0
         self._schedule(0)
 
@@ -225,22 +288,56 @@ class FrameRing:
         ahead = round(hop * self._shape.hop_s * self._shape.frame_rate_hz)
         self._due = self._base + self._shape.n_slow + ahead
 
-    def _add(self, frame: Frame | None, t_mono_s: float) -> bool:
-        at = self._written % self._capacity
+    def _add(
+        self, samples: NDArray[np.float32] | NDArray[np.complex64] | None, t_mono_s: float
+    ) -> bool:
+        if self._stopped:
+            return False
+        if samples is not None:
+            like = self._samples
+            if samples.shape != like.shape[1:] or samples.dtype != like.dtype:
+                if not self._convert_waiting():
+                    return False
+                self._samples = np.zeros((_FRAMES_AT_ONCE, *samples.shape), samples.dtype)
+            self._samples[self._n_waiting] = samples
+        self._is_here[self._n_waiting] = samples is not None
+        self._n_waiting += 1
+        self._taken += 1
+        is_due = self._taken == self._due
+        most = self._most_watched if self._taken < self._watched_to else _FRAMES_AT_ONCE
+        is_full = self._n_waiting >= most or self._taken % self._capacity == 0
+        if (is_due or is_full) and not self._convert_waiting():
+            return False
+        if is_due:
+            self._emit(t_mono_s)
+        return True
+
+    def _convert_waiting(self) -> bool:
+        """Write the rows of the frames that wait; return False once the worker has stopped."""
+        n, self._n_waiting = self._n_waiting, 0
+        if n == 0:
+            return True
         with self._changed:
             self._changed.wait_for(self._may_write)
             if self._stopped:
                 return False
-        row = self._rows[at]
-        if frame is not None:
-            self._convert(frame.samples, row)
-        elif self._written:
-            row[:] = self._rows[(self._written - 1) % self._capacity]
-        self._rows[at + self._capacity] = row
-        self._valid[at] = self._valid[at + self._capacity] = frame is not None
-        self._written += 1
-        if self._written == self._due:
-            self._emit(t_mono_s)
+        first = self._taken - n
+        at = first % self._capacity
+        rows, good = self._rows[at : at + n], self._is_here[:n].copy()
+        if good.any():
+            samples = self._samples[:n]
+            finite = np.isfinite(samples).all(axis=1)
+            self.n_unusable += int(np.count_nonzero(good & ~finite))
+            good &= finite
+            if not good.all():
+                samples[~good] = 0
+            self._convert(samples, rows)
+        for k in np.flatnonzero(~good).tolist():
+            rows[k] = self._rows[(first + k - 1) % self._capacity] if first + k else 0
+        copies = slice(at + self._capacity, at + self._capacity + n)
+        self._rows[copies] = rows
+        self._valid[at : at + n] = self._valid[copies] = good
+        self._converted = (self._taken, self._index)
         return True
 
     def _may_write(self) -> bool:
@@ -249,10 +346,10 @@ class FrameRing:
         needed = self._held_from
         if needed is None:
             needed = next((q[0] for q in self._queue if isinstance(q, tuple)), None)
-        return needed is None or self._written < needed + self._capacity
+        return needed is None or self._taken <= needed + self._capacity
 
     def _emit(self, t_mono_s: float) -> None:
-        first = self._written - self._shape.n_slow
+        first = self._taken - self._shape.n_slow
         at = first % self._capacity
         rows = self._rows[at : at + self._shape.n_slow]
         valid = self._valid[at : at + self._shape.n_slow].copy()
@@ -266,7 +363,7 @@ class FrameRing:
             int(np.count_nonzero(~valid)),
             _longest_run(~valid) / rate_hz,
             t_mono_s,
-            self._written,
+            self._taken,
         )
         self._hops += 1
         self._schedule(self._hops)

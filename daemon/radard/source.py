@@ -5,12 +5,15 @@ opens before the first frame is asked for, so that faults of the port come at st
 """
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from itertools import chain
 from typing import Protocol
 
+from radard import plugins
 from radard.errors import UsageError
+from radard.gathered import gathered
+from radard.playback import Playback
 from x2radar.errors import RecordingError
 from x2radar.frame import Frame, StreamInfo
 from x2radar.ports import PortSpec, check_options, make_radar, number_option, parse_port
@@ -18,6 +21,7 @@ from x2radar.reconnect import ReconnectingRadar
 
 Notify = Callable[[str, str], None]
 REPLAY_KEYS = frozenset({"start", "loop"})
+_FASTEST_GATHERED = 2.0
 
 
 class FrameSource(Protocol):
@@ -39,6 +43,37 @@ class FrameSource(Protocol):
 
     def close(self) -> None:
         """Let go of the port or file; frames() then ends."""
+        ...
+
+
+class SourceOpener(Protocol):
+    """What an entry point of `radard.sources` names; its own name is the port's scheme."""
+
+    def __call__(
+        self, target: str, options: Mapping[str, str], *, speed: float | None
+    ) -> FrameSource:
+        """Open what stands behind the scheme's colon.
+
+        Parameters
+        ----------
+        target : str
+            Up to the question mark.
+        options : mapping of str to str
+            The keys behind it.
+        speed : float or None
+            Stream seconds per real second, for sources that can choose; None is as fast as
+            possible.
+
+        Returns
+        -------
+        FrameSource
+            Open, with its stream known. Its frames are numbered from 0 and read-only.
+
+        Raises
+        ------
+        RadardError, X2RadarError
+            If it cannot be opened: one line, with the exit code of the error.
+        """
         ...
 
 
@@ -92,13 +127,22 @@ def open_source(
     Raises
     ------
     X2RadarError, UsageError
-        If the port, scene or recording cannot be opened.
+        If the port, scene or recording cannot be opened, or a plug-in is broken.
     """
     spec = parse_port(port)
     factor = parse_speed(speed, replay=spec.scheme == "replay")
+    if spec.scheme == "serial":
+        plugin = plugins.plugged(plugins.SOURCES, plugins.scheme_of(port))
+        if plugin is not None:
+            target = spec.target.partition(":")[2]
+            source: FrameSource = plugin.call(target, spec.options, speed=factor)
+            plugin.check(source, ("stream", "is_live", "frames", "close"))
+            return source
     if spec.scheme == "replay":
-        return ReplaySource(spec, factor)
+        return ReplaySource(spec, factor, on_notice)
     radar = make_radar(spec, speed=factor)
+    if factor is not None and factor <= _FASTEST_GATHERED:
+        radar.wrap_transport(gathered)
     return LiveSource(ReconnectingRadar(radar, wait=wait, quit_on_loss=quit_on_loss), on_notice)
 
 
@@ -139,11 +183,19 @@ class LiveSource:
 
 
 class ReplaySource:
-    """Frames of a recording, paced by their stream time."""
+    """Frames of a recording, paced by their stream time.
+
+    Attributes
+    ----------
+    playback : Playback
+        Play, pause, seek and speed.
+    """
 
     is_live = False
 
-    def __init__(self, spec: PortSpec, speed: float | None) -> None:
+    def __init__(
+        self, spec: PortSpec, speed: float | None, on_notice: Notify = lambda _kind, _reason: None
+    ) -> None:
         check_options(spec, REPLAY_KEYS)
         self._start_s = number_option(spec, "start", 0.0)
         if self._start_s < 0:
@@ -154,13 +206,14 @@ class ReplaySource:
         from x2radar.open_recording import open_recording  # noqa: PLC0415
 
         self._reader = open_recording(spec.target)
-        self._speed = speed
         self._closed = False
         self.warning = self._reader.warning
+        self.started_utc = self._reader.started_utc
         end_s = self._reader.n_frames / self._reader.stream.frame_rate_hz
         if self._start_s >= end_s:
             msg = f"{spec.target}: start={self._start_s:g} is behind its end ({end_s:.1f} s)"
             raise RecordingError(msg)
+        self.playback = Playback(end_s, speed, lambda: on_notice("paused", "the replay is paused"))
 
     @property
     def stream(self) -> StreamInfo:
@@ -170,27 +223,39 @@ class ReplaySource:
     def frames(self) -> Iterator[Frame]:
         """Yield the recording's frames, again and again with loop=1."""
         rate_hz = self.stream.frame_rate_hz
-        begun_s, first_index, offset = time.monotonic(), None, 0
-        index = -1
+        start_s, offset, index = self._start_s, 0, -1
+        is_first_round = True
         while True:
-            start_s = self._start_s if offset == 0 else 0.0
+            seek_s: float | None = None
             for n, frame in enumerate(self._reader.frames(start_s)):
+                seek_s = self.playback.pace(frame.index / rate_hz)
                 if self._closed:
                     return
+                if seek_s is not None:
+                    break
                 index = frame.index + offset
                 moved = frame if not offset else replace(frame, index=index, lost=0)
-                if first_index is None:
-                    first_index = index
-                if self._speed is not None:
-                    due_s = begun_s + (index - first_index) / rate_hz / self._speed
-                    time.sleep(max(0.0, due_s - time.monotonic()))
-                    moved = replace(moved, t_mono_s=time.monotonic())
+                if self.playback.is_paced:
+                    moved = _arrived(moved)
                 # Where one round ends and the next begins, time does not go on smoothly.
-                yield replace(moved, restarted=True) if offset and n == 0 else moved
+                is_jump = n == 0 and not is_first_round
+                yield replace(moved, lost=0, restarted=True) if is_jump else moved
+            is_first_round = False
+            if seek_s is not None:
+                start_s = seek_s
+                continue
             if not self._loop:
                 return
-            offset = index + 1
+            start_s, offset = 0.0, index + 1
 
     def close(self) -> None:
         """As in `FrameSource`."""
         self._closed = True
+        self.playback.close()
+
+
+def _arrived(frame: Frame) -> Frame:
+    """Return a frame that arrives now; `replace` takes longer than the ring does."""
+    now_s = time.monotonic()
+    f = frame
+    return Frame(f.samples, f.counter, f.index, f.lost, f.restarted, f.axis, now_s)

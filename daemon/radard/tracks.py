@@ -153,6 +153,11 @@ class Tracker:
         self._n_born = 0
         self._time_s = -np.inf
 
+    @property
+    def is_following(self) -> bool:
+        """Whether there is a track or a candidate for one: without, dwells may be left out."""
+        return bool(self._bodies)
+
     def reset(self) -> None:
         """Forget all bodies, as after a restart of the module; ids go on."""
         self._bodies = []
@@ -164,7 +169,8 @@ class Tracker:
         Parameters
         ----------
         dwell : Dwell
-            Without its clutter (`ClutterRemover`), one after the other.
+            Without its clutter (`ClutterRemover`), in order. After dwells that were left out
+            a dwell's own blocks are all that is known.
         floor : ndarray, shape (n_range,), float64
             Noise and background of every bin (`Gate.background`).
 

@@ -1,10 +1,12 @@
 """Export: torch to ONNX, parity with onnxruntime, sidecar and card."""
 
 import hashlib
+import inspect
 import json
 import logging
 import warnings
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -15,10 +17,12 @@ import onnxruntime as ort
 import torch
 from numpy.typing import NDArray
 
-from radard.classifier import SCHEMA
+from radard.classifier import SCHEMA, ModelInput
 from radard.features import FeatureSettings
 
 PARITY = 1e-5
+_NOTES = """Measured on windows that training never saw, drawn from the same simulated bodies. They
+say nothing about real people and pets."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -29,8 +33,8 @@ class BundleSpec:
     ----------
     name : str
         Name of the bundle.
-    feature : str
-        Feature that goes in.
+    inputs : tuple of ModelInput
+        What goes in, in the order in which the network takes it.
     settings : FeatureSettings
         How it is made.
     stream : dict of str to (float, float)
@@ -43,34 +47,49 @@ class BundleSpec:
         Recipe, command and seed.
     metrics : dict
         Measured on data that training never saw.
+    policy : str
+        'window' or 'fused'.
+    evidence : dict
+        How windows are fused, for 'fused'.
+    notes : str
+        For the card: what the figures mean, and what they do not.
     """
 
     name: str
-    feature: str
+    inputs: tuple[ModelInput, ...]
     settings: FeatureSettings
     stream: dict[str, tuple[float, float]]
     classes: tuple[str, ...]
     temperature: float
     training: dict[str, Any]
     metrics: dict[str, Any]
+    policy: str = "window"
+    evidence: dict[str, float] = field(default_factory=dict)
+    notes: str = ""
 
 
-def to_onnx(net: torch.nn.Module, n_in: int) -> bytes:
+def to_onnx(net: torch.nn.Module, inputs: tuple[ModelInput, ...]) -> bytes:
     """Return the network as ONNX with a free batch size, without traces of this machine."""
     net.eval()
-    example = torch.zeros(2, n_in)
+    example = tuple(torch.zeros(2, *each.shape) for each in inputs)
+    batch = torch.export.Dim("batch")
+    free: Any = tuple({0: batch} for _ in inputs)
+    parameters = inspect.signature(net.forward).parameters.values()
+    if any(p.kind is p.VAR_POSITIONAL for p in parameters):
+        # A network with *args has one argument, which is a tuple.
+        free = (free,)
     logging.getLogger("torch.onnx").setLevel(logging.ERROR)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         program = torch.onnx.export(
             net,
-            (example,),
+            example,
             dynamo=True,
             external_data=False,
             verbose=False,
-            input_names=["features"],
+            input_names=[each.name for each in inputs],
             output_names=["logits"],
-            dynamic_shapes=({0: torch.export.Dim("batch")},),
+            dynamic_shapes=free,
         )
     assert program is not None  # noqa: S101 - dynamo=True returns a program
     model = program.model_proto
@@ -90,28 +109,34 @@ def to_onnx(net: torch.nn.Module, n_in: int) -> bytes:
     return bytes(model.SerializeToString(deterministic=True))
 
 
-def parity(net: torch.nn.Module, onnx_bytes: bytes, x: NDArray[np.float32]) -> float:
-    """Return the largest difference of any logit between torch and onnxruntime."""
+def parity(net: torch.nn.Module, onnx_bytes: bytes, x: Mapping[str, NDArray[np.float32]]) -> float:
+    """Return the largest difference of any logit between torch and onnxruntime.
+
+    `x` are the inputs by name, in the network's order.
+    """
     session = ort.InferenceSession(onnx_bytes, providers=["CPUExecutionProvider"])
-    ours = session.run(None, {"features": x})[0]
+    ours = session.run(None, dict(x))[0]
     with torch.no_grad():
-        theirs = net(torch.from_numpy(x)).numpy()
+        theirs = net(*(torch.from_numpy(each) for each in x.values())).numpy()
     return float(np.abs(np.asarray(ours) - theirs).max())
 
 
-def write_bundle(folder: Path, spec: BundleSpec, onnx_bytes: bytes, n_in: int) -> None:
+def write_bundle(folder: Path, spec: BundleSpec, onnx_bytes: bytes) -> None:
     """Write NAME.onnx, NAME.json and NAME.md, each at once or not at all."""
     sidecar = {
         "schema": SCHEMA,
         "name": spec.name,
         "onnx_sha256": hashlib.sha256(onnx_bytes).hexdigest(),
-        "inputs": [{"name": "features", "shape": [n_in], "feature": spec.feature}],
+        "inputs": [
+            {"name": i.name, "shape": list(i.shape), "feature": i.feature} for i in spec.inputs
+        ],
         "features": asdict(spec.settings),
         "stream": {key: list(value) for key, value in spec.stream.items()},
         "classes": list(spec.classes),
         "temperature": spec.temperature,
         "pet_limit": 0.8,
-        "policy": "window",
+        "policy": spec.policy,
+        **({"evidence": spec.evidence} if spec.evidence else {}),
         "training": {
             **spec.training,
             "versions": {name: version(name) for name in ("torch", "onnx", "numpy", "x2radar")},
@@ -122,17 +147,18 @@ def write_bundle(folder: Path, spec: BundleSpec, onnx_bytes: bytes, n_in: int) -
     for suffix, data in (
         (".onnx", onnx_bytes),
         (".json", (json.dumps(sidecar, indent=2) + "\n").encode()),
-        (".md", _card(sidecar, len(onnx_bytes)).encode()),
+        (".md", _card(sidecar, len(onnx_bytes), spec.notes).encode()),
     ):
         part = folder / f"{spec.name}{suffix}.part"
         part.write_bytes(data)
         part.replace(folder / f"{spec.name}{suffix}")
 
 
-def _card(sidecar: dict[str, Any], n_bytes: int) -> str:
+def _card(sidecar: dict[str, Any], n_bytes: int, notes: str) -> str:
     rows = "\n".join(f"| {key} | {value} |" for key, value in sidecar["metrics"].items())
     stream = "\n".join(f"| {k} | {lo:g} to {hi:g} |" for k, (lo, hi) in sidecar["stream"].items())
     training = sidecar["training"]
+    inputs = ", ".join(f"`{i['feature']}`" for i in sidecar["inputs"])
     return f"""# Model `{sidecar["name"]}`
 
 {training["recipe"]}
@@ -141,8 +167,7 @@ Made by one command (same seed, same file on one machine):
 
     {training["command"]}
 
-Measured on windows that training never saw, drawn from the same simulated bodies. They say
-nothing about real people and pets.
+{notes or _NOTES}
 
 | measure | value |
 |---|---|
@@ -155,5 +180,5 @@ For streams of
 {stream}
 
 Classes: {", ".join(sidecar["classes"])}. No alarm above {sidecar["pet_limit"]:g} pet. Policy
-`{sidecar["policy"]}`. Input `{sidecar["inputs"][0]["feature"]}`, {n_bytes} bytes of weights.
+`{sidecar["policy"]}`. Inputs {inputs}, {n_bytes} bytes of weights.
 """

@@ -29,3 +29,78 @@ class SeedNet(nn.Module):
         """Return logits, shape (n, n_out), of features, shape (n, n_in)."""
         logits: torch.Tensor = self.layers(x)
         return logits
+
+
+class MapNet(nn.Module):
+    """Two strided convolutional branches over maps of the same time, joined time by time.
+
+    Each branch halves velocity or range four times and time twice; a convolution over time
+    mixes them, and mean and maximum over time decide. Strides instead of pooling: three
+    times as fast on one core.
+
+    Parameters
+    ----------
+    n_velocity, n_range : int
+        Rows of the velocity-time map and of the range-time map; 0 leaves a branch out.
+    widths : tuple of int
+        Channels of the four convolutions of a branch.
+    hidden : int
+        Channels behind the junction.
+    n_out : int
+        Classes.
+    """
+
+    def __init__(
+        self,
+        n_velocity: int,
+        n_range: int,
+        *,
+        widths: tuple[int, int, int, int] = (16, 24, 28, 28),
+        hidden: int = 48,
+        n_out: int = 3,
+    ) -> None:
+        super().__init__()
+        self.velocity = _branch(widths) if n_velocity else None
+        self.range = _branch(widths) if n_range else None
+        rows = sum(_strided(n) for n in (n_velocity, n_range) if n)
+        self.junction = _block(nn.Conv1d(widths[-1] * rows, hidden, 1, bias=False))
+        self.mix = _block(nn.Conv1d(hidden, hidden, 3, padding=1, bias=False))
+        self.out = nn.Sequential(nn.Dropout(0.25), nn.Linear(2 * hidden, n_out))
+
+    def forward(self, *maps: torch.Tensor) -> torch.Tensor:
+        """Return logits, shape (n, n_out), of maps, each of shape (n, rows, n_cells)."""
+        branches = [branch for branch in (self.velocity, self.range) if branch is not None]
+        seen = [
+            branch(each[:, None]).flatten(1, 2)
+            for branch, each in zip(branches, maps, strict=True)
+        ]
+        joined = self.junction(torch.cat(seen, 1))
+        joined = joined + self.mix(joined)
+        logits: torch.Tensor = self.out(torch.cat([joined.mean(2), joined.amax(2)], 1))
+        return logits
+
+
+def _branch(widths: tuple[int, int, int, int]) -> nn.Sequential:
+    a, b, c, d = widths
+    return nn.Sequential(
+        _block(nn.Conv2d(1, a, 5, 2, 2, bias=False)),
+        _block(nn.Conv2d(a, b, 3, 2, 1, bias=False)),
+        _block(nn.Conv2d(b, c, 3, (2, 1), 1, bias=False)),
+        _block(nn.Conv2d(c, d, 3, (2, 1), 1, bias=False)),
+    )
+
+
+def _block(layer: nn.Conv1d | nn.Conv2d) -> nn.Sequential:
+    norm = nn.BatchNorm1d if isinstance(layer, nn.Conv1d) else nn.BatchNorm2d
+    return nn.Sequential(layer, norm(layer.out_channels), nn.ReLU())
+
+
+def _strided(n_rows: int) -> int:
+    for _ in range(4):
+        n_rows = (n_rows + 1) // 2
+    return n_rows
+
+
+def n_parameters(net: nn.Module) -> int:
+    """Return how many numbers a network has learned."""
+    return sum(p.numel() for p in net.parameters())

@@ -29,6 +29,7 @@ from x2radar.sim.stream import EchoStream
 
 CPI_S = 28 / 60
 RANGE_DB, VELOCITY_DB = 40.0, 30.0
+_OVER_NOISE_DB = 22.0
 _COLOURS = {"human": "tab:red", "pet": "tab:blue", "other": "tab:green"}
 
 
@@ -143,7 +144,8 @@ def plot_scene(
 def draw_range_time(axes: Axes, shown: Pictures) -> None:
     """Draw the range-time map into `axes`."""
     extent = (0.0, shown.duration_s, float(shown.range_m[0]), float(shown.range_m[-1]))
-    _image(axes, shown.range_time, extent, RANGE_DB)
+    power = shown.range_time
+    _image(axes, power, extent, RANGE_DB, float(np.quantile(power, 0.9995)) if power.size else 1.0)
     axes.set(xlabel="time (s)", ylabel="range (m)", title="range-time power")
 
 
@@ -172,9 +174,11 @@ def draw_spectrogram(axes: Axes, shown: Pictures) -> None:
 
 
 def _even(power: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return columns of equal peak, but for those 20 dB under the strongest and more."""
+    """Return columns of equal peak, but for those that hold little over the noise."""
     peak = power.max(axis=0, initial=0.0)
-    return np.asarray(power / np.maximum(peak, 1e-2 * peak.max(initial=1e-300)))
+    noise = np.median(power.min(axis=0, initial=np.inf)) if power.size else 0.0
+    least = max(10 ** (_OVER_NOISE_DB / 10) * noise, 1e-2 * peak.max(initial=1e-300))
+    return np.asarray(power / np.maximum(peak, least))
 
 
 def _image(
@@ -182,8 +186,8 @@ def _image(
     power: NDArray[np.float64],
     extent: tuple[float, float, float, float],
     depth_db: float,
+    top: float = 1.0,
 ) -> None:
-    top = np.quantile(power, 0.9995) if power.size else 1.0
     level = 10 * np.log10(np.maximum(power / max(top, 1e-300), 1e-12))
     axes.imshow(level, aspect="auto", origin="lower", extent=extent, vmin=-depth_db, vmax=0)
 

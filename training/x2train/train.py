@@ -111,10 +111,10 @@ def fit(
     net.eval()
     with torch.no_grad():
         logits = net(xv).numpy().astype(np.float64)
-    yield Trained(net, _temperature(logits, validation.y), best[1])
+    yield Trained(net, temperature_of(logits, validation.y), best[1])
 
 
-def _temperature(logits: np.ndarray, y: np.ndarray) -> float:
+def temperature_of(logits: np.ndarray, y: np.ndarray) -> float:
     """Return the temperature with the lowest cross-entropy, to 1 %."""
     grid = np.geomspace(0.25, 8, 350)
     losses = []

@@ -147,7 +147,10 @@ class Antenna:
         root_rcs_m = np.sqrt(points.rcs_m2)
         if self.shape != "isotropic":
             root_rcs_m *= self.gain(towards_m)
-        return EchoRows(length_m(towards_m), root_rcs_m)
+        range_m = length_m(towards_m)
+        if points.nearer_m is not None:
+            range_m = np.maximum(range_m - points.nearer_m, NEAREST_M)
+        return EchoRows(range_m, root_rcs_m)
 
     def _turned(self) -> Array:
         """Return the matrix from room coordinates to right, ahead and up of the antenna."""

@@ -7,12 +7,13 @@ draws, whenever its step begins.
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from x2radar.errors import SceneError
+from x2radar import plugins
+from x2radar.errors import PluginError, SceneError
 from x2radar.sim.bodies.courses import COURSES, FAR_M, NEAR_M, Waypoints, draw_course
 from x2radar.sim.bodies.flyer import draw_bird, draw_moth
 from x2radar.sim.bodies.path import Path
@@ -48,12 +49,15 @@ class Actor:
         Its path in the scene file.
     probability : float
         How often it is there at all.
+    plugged : BodyKind or None
+        The kind itself, where a plug-in brings it.
     """
 
     kind: str
     options: Mapping[str, Any] = field(default_factory=dict)
     where: str = ""
     probability: float = 1.0
+    plugged: "BodyKind | None" = None
 
     def make(self, rng: np.random.Generator) -> Mover:
         """Return it with new draws; raises SceneError as `read_actor`."""
@@ -61,7 +65,7 @@ class Actor:
             options = dict(self.options)
             place = options.pop("position_m", None)
             return draw_thing(rng, self.kind, place, options, self.where)
-        return BODIES[self.kind].make(rng, self.options, self.where)
+        return (self.plugged or BODIES[self.kind]).make(rng, self.options, self.where)
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,16 +145,57 @@ def read_actor(raw: Any, where: str) -> Actor:
         raise SceneError(msg)
     kind = options.pop(named[0])
     known: Mapping[str, Any] = BODIES if named[0] == "body" else THINGS
+    plugged: BodyKind | None = None
     if not isinstance(kind, str) or kind not in known:
-        msg = f"{where}.{named[0]}: no {named[0]} '{kind}'; known are {', '.join(known)}"
-        raise SceneError(msg)
+        plugged = plugged_body(kind) if named[0] == "body" and isinstance(kind, str) else None
+        if plugged is None:
+            msg = f"{where}.{named[0]}: no {named[0]} '{kind}'; known are {', '.join(known)}"
+            raise SceneError(msg)
     probability = options.pop("probability", 1.0)
     if fault := _PROBABILITY.fault(probability):
         msg = f"{where}.probability: {fault}"
         raise SceneError(msg)
-    actor = Actor(kind, MappingProxyType(options), where, float(probability))
+    actor = Actor(kind, MappingProxyType(options), where, float(probability), plugged)
     actor.make(np.random.default_rng(0))
     return actor
+
+
+def plugged_body(name: str) -> BodyKind | None:
+    """Return the body that an entry point of `x2radar.bodies` brings; None if none does.
+
+    The entry point names a `BodyKind`. What it makes is tried at two times when it is made.
+
+    Raises
+    ------
+    PluginError
+        If it is broken; `make` raises it too.
+    """
+    found = plugins.find_plugin(plugins.BODIES, name)
+    if found is None:
+        return None
+    kind = found.made
+    if not isinstance(kind, BodyKind):
+        msg = f"{found.about}: must be a BodyKind, not {type(kind).__name__}"
+        raise PluginError(msg)
+
+    def make(rng: np.random.Generator, options: Mapping[str, Any], where: str) -> Mover:
+        mover: Mover = found.guard(lambda: kind.make(rng, options, where))
+        found.check(mover, ("label", "names", "at"))
+        points = found.guard(lambda: mover.at(np.array([0.0, 1.0]), np.array([0.0, 0.0, 1.0])))
+        found.check(points, ("position_m", "rcs_m2"))
+        shape = (2, len(mover.names))
+        if points.position_m.shape != (*shape, 3) or points.rcs_m2.shape != shape:
+            msg = (
+                f"{found.about}: {len(mover.names)} points at two times have positions of shape "
+                f"{points.position_m.shape} and cross sections of {points.rcs_m2.shape}"
+            )
+            raise PluginError(msg)
+        if mover.label not in get_args(Label):
+            msg = f"{found.about}: label '{mover.label}' is none of {', '.join(get_args(Label))}"
+            raise PluginError(msg)
+        return mover
+
+    return BodyKind(kind.sentence, make)
 
 
 def _seed_maker(name: str, label: Label) -> Maker:

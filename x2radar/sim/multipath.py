@@ -3,7 +3,7 @@
 Every effect turns the `Points` of one thing into further `EchoRows`, frame by frame without
 state, and costs nothing when it is not asked for. Left out: ways by two different surfaces,
 the shadow of a body on the clutter behind it, and that a body's cross section differs
-between directions (the monostatic one is used).
+between directions (the monostatic one, and the depth of its surface, are used).
 
 Lengths are those of the image method: a plane mirrors the antenna, and the way by the plane
 is as long as the straight way to the image.
@@ -104,6 +104,9 @@ def image_rows(points: Points, antenna: Antenna, surface: Surface) -> EchoRows:
     bounced[..., k] = 2 * surface.at_m - points.position_m[..., k] - here[k]
     near_m, far_m = length_m(straight), length_m(bounced)
     turned = surface.reflection(np.abs(bounced[..., k]) / far_m)
+    if points.nearer_m is not None:
+        near_m = np.maximum(near_m - points.nearer_m, NEAREST_M)
+        far_m = np.maximum(far_m - points.nearer_m, NEAREST_M)
     is_inside = (points.position_m[..., k] - surface.at_m) * (here[k] - surface.at_m) > 0
     root = np.where(is_inside, np.sqrt(points.rcs_m2), 0.0) * turned
     gain_straight, gain_by = antenna.gain(straight), antenna.gain(bounced)

@@ -27,10 +27,14 @@ class Points:
         Monostatic radar cross section towards the antenna; aspect, fluctuation and
         shadowing included, antenna pattern and multipath not. Zero for a point that is not
         there.
+    nearer_m : ndarray, shape (n_slow, n_points), float64, or None
+        How much nearer than its position a point echoes, in metres: the depth of a surface
+        before the middle of a part. None is nothing.
     """
 
     position_m: Array
     rcs_m2: Array
+    nearer_m: Array | None = None
 
 
 class Mover(Protocol):

@@ -8,6 +8,7 @@ float32. Rows that are not finite count as lost.
 import numpy as np
 from numpy.typing import NDArray
 
+from radard.dsp.order import median
 from radard.errors import FeatureError
 
 _SPIKE = 100.0
@@ -108,7 +109,7 @@ def spike_rows(rows: NDArray[np.complex64], usable: Flags) -> Flags:
     good = rows if at.size == len(rows) else rows[at]
     near = _distance(good, 1)
     far = _distance(good, 2)
-    usual = float(np.median(near))
+    usual = float(median(near))
     before = np.concatenate((far[:1], near))
     after = np.concatenate((near, far[-1:]))
     across = np.concatenate((near[1:2], far, near[-2:-1]))

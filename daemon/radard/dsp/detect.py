@@ -105,7 +105,8 @@ def power_map(
     Returns
     -------
     PowerMap
-        Blocks of about 0.12 s.
+        Blocks of about 0.12 s. Relative error of a cell as in `residual_power`, 1e-5, at any
+        level of the samples from denormal to 1e30.
     """
     rows, usable, scale = sound_rows(frames, valid)
     n_cpi = min(max(4, round(cpi_s * frame_rate_hz)), len(rows))

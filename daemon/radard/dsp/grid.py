@@ -60,7 +60,7 @@ def time_cells(
     -------
     cells : ndarray, shape (n_rows, n_cells), float64
         Mean of the valid columns, by the time each has in the cell; zero where there is
-        none.
+        none. Relative error (norm) at most 1e-12 for powers from 1e-290 to 1e290.
     valid : ndarray, shape (n_cells,), bool
         Whether at least half of the cell is known.
 

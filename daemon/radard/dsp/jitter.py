@@ -22,11 +22,13 @@ What moves in a room must stay, and three things see to it:
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from radard.dsp.clutter import AnyFrames, Flags, sound_rows
+from radard.dsp.order import median
 from radard.errors import FeatureError
 from x2radar.frame import FastTimeAxis
 from x2radar.settings import SPEED_OF_LIGHT_MPS
@@ -133,6 +135,7 @@ def take_out_jitter(rows: NDArray[np.complex64], usable: Flags, axis: FastTimeAx
     return JitterFit(theta[0] / turn, theta[1], delay_trust, gain_trust)
 
 
+@lru_cache(maxsize=8)
 def _cell_starts(axis: FastTimeAxis) -> NDArray[np.intp]:
     """Return where cells begin, some two pulse lengths each, so that neighbours hold tails."""
     n_bins = _CELL_BINS
@@ -140,7 +143,9 @@ def _cell_starts(axis: FastTimeAxis) -> NDArray[np.intp]:
         length_m = _CELL_PULSES * SPEED_OF_LIGHT_MPS / (2 * axis.bandwidth_hz)
         n_bins = max(1, round(length_m / axis.bin_length_m))
     n_cells = max(1, round(axis.n_range / n_bins))
-    return np.arange(n_cells) * axis.n_range // n_cells
+    starts = np.arange(n_cells) * axis.n_range // n_cells
+    starts.flags.writeable = False
+    return starts
 
 
 def _columns(
@@ -239,7 +244,7 @@ class _Model:
         # Jitter is never far over its usual size: what is was motion that outvoted the clutter.
         used = self._votes[:, 0] > 0
         n_used = np.count_nonzero(used)
-        usual = np.median(np.abs(theta[:, used]), axis=1)
+        usual = median(np.abs(theta[:, used]))
         most_here = _OUTLIER * usual[:, None, None]
         np.clip(others, -most_here, most_here, out=others)
         others -= others.sum(axis=1, keepdims=True) / n_used

@@ -30,7 +30,8 @@ def range_gates(
     -------
     ndarray, shape (n_tracks, n_slow, n_range), float32
         Weights of amplitude in [0, 1]. Where gates overlap they hand over in the middle
-        between the tracks, over the same length; the weights of a cell sum to at most one.
+        between the tracks, over the same length; the weights of a cell sum to at most one,
+        to 1e-6.
         Multiply frames that are free of static clutter: a moving gate would modulate what
         stands still.
 

@@ -9,6 +9,7 @@ and at 60 Hz it does not alias: a walker at 1.2 m/s moves 2 cm from frame to fra
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,6 +49,8 @@ class RangeTimeMap(ColumnStream):
         Middle of every cell.
     is_covered : ndarray, shape (n_cells,), bool
         Whether the swath holds at least half of the cell; the others' power is zero.
+    weights : ndarray, shape (2 n_range, n_cells), float32
+        What leads from the squares of a frame's real, then imaginary, parts to the cells.
 
     Raises
     ------
@@ -74,28 +77,17 @@ class RangeTimeMap(ColumnStream):
         n_keep: int = 512,
     ) -> None:
         begin_m = axis.range_offset_m - axis.bin_length_m / 2
-        bins = np.arange(axis.n_range + 1, dtype=np.float64)
-        bin_edges = begin_m + axis.bin_length_m * bins
-        near = float(bin_edges[0]) if near_m is None else near_m
-        far = float(bin_edges[-1]) if far_m is None else far_m
+        near = begin_m if near_m is None else near_m
+        far = begin_m + axis.bin_length_m * axis.n_range if far_m is None else far_m
         if n_cpi < 2 or not cell_m > 0 or not near < far:
             msg = f"range-time map: CPI of {n_cpi}, cells of {cell_m} m from {near} to {far} m"
             raise FeatureError(msg)
-        n_cells = max(1, int((far - near) / cell_m + 1e-9))
-        edges = near + cell_m * np.arange(n_cells + 1, dtype=np.float64)
-        self.range_m: Reals = (edges[:-1] + edges[1:]) / 2
-        share = overlap(bin_edges, edges)
-        covered = share.sum(axis=0)
-        self.is_covered: Flags = covered >= LEAST_COVERAGE - 1e-9
-        share *= np.where(self.is_covered, 1 / np.where(covered > 0, covered, 1), 0)
-        share *= n_cpi / (n_cpi - 1)
-        self._cells = np.concatenate([share, share]).astype(np.float32)
-        # Row i takes the mean of frames i to i + n_cpi - 1 off the frame in their middle.
-        super().__init__(n_cpi, max(_BLOCK, n_cpi), n_keep, axis.n_range)
-        self._residual = np.zeros((self.n_block, self.n_block + n_cpi - 2), np.float32)
-        middle = centring(n_cpi)[n_cpi // 2]
-        for i in range(self.n_block):
-            self._residual[i, i : i + n_cpi - 1] = middle
+        design = _design(axis, n_cpi, cell_m, near, far)
+        self.range_m: Reals = design.range_m
+        self.is_covered: Flags = design.is_covered
+        self.weights = design.weights
+        self._residual = design.residual
+        super().__init__(n_cpi, len(self._residual), n_keep, axis.n_range)
         self._n_cpi = n_cpi
 
     def advance(self, steps: StepBuffer, n_new: int) -> int:
@@ -166,8 +158,47 @@ class RangeTimeMap(ColumnStream):
             exponent = np.frexp(np.abs(z).max(axis=1))[1]
             np.ldexp(z, -exponent[:, None], out=z)
         np.multiply(z, z, out=z)
-        power = (z @ self._cells).astype(np.float64)
+        power = (z @ self.weights).astype(np.float64)
         return np.asarray(np.ldexp(power, 2 * exponent[:, None]))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Design:
+    """Cells and matrices of a map, read-only."""
+
+    range_m: Reals
+    is_covered: Flags
+    weights: NDArray[np.float32]
+    residual: NDArray[np.float32]
+
+
+@lru_cache(maxsize=8)
+def _design(axis: FastTimeAxis, n_cpi: int, cell_m: float, near_m: float, far_m: float) -> _Design:
+    """Return what a map is made of; kept, since every track of a dwell wants the same."""
+    bins = np.arange(axis.n_range + 1, dtype=np.float64)
+    bin_edges = axis.range_offset_m - axis.bin_length_m / 2 + axis.bin_length_m * bins
+    n_cells = max(1, int((far_m - near_m) / cell_m + 1e-9))
+    edges = near_m + cell_m * np.arange(n_cells + 1, dtype=np.float64)
+    share = overlap(bin_edges, edges)
+    covered = share.sum(axis=0)
+    is_covered = covered >= LEAST_COVERAGE - 1e-9
+    share *= np.where(is_covered, 1 / np.where(covered > 0, covered, 1), 0)
+    share *= n_cpi / (n_cpi - 1)
+    # Row i takes the mean of frames i to i + n_cpi - 1 off the frame in their middle.
+    n_block = max(_BLOCK, n_cpi)
+    residual = np.zeros((n_block, n_block + n_cpi - 2), np.float32)
+    middle = centring(n_cpi)[n_cpi // 2]
+    for i in range(n_block):
+        residual[i, i : i + n_cpi - 1] = middle
+    made = _Design(
+        (edges[:-1] + edges[1:]) / 2,
+        is_covered,
+        np.concatenate([share, share]).astype(np.float32),
+        residual,
+    )
+    for array in (made.range_m, made.is_covered, made.weights, made.residual):
+        array.flags.writeable = False
+    return made
 
 
 @dataclass(frozen=True, slots=True, eq=False)

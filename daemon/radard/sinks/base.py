@@ -1,17 +1,206 @@
-"""The contract of a sink."""
+"""The contract of a sink, and what a sink may ask of the run it belongs to.
 
-from typing import Protocol
+A sink takes records, the plain mappings of the JSON Lines contract; it knows nothing of
+radar. Whatever happens at its far end, `write` returns at once, and the run hears of trouble
+through `state` alone.
+"""
 
-from radard.output import Record
+import threading
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal, Protocol
+
+Record = Mapping[str, Any]
+
+
+class DeliveryError(Exception):
+    """A record could not be handed on; it is tried again.
+
+    Parameters
+    ----------
+    reason : str
+        For people; must hold no secrets.
+    is_refusal : bool
+        The far end answered, and did not want this record. Such a record is tried only so
+        often, because it keeps those behind it waiting.
+    """
+
+    def __init__(self, reason: str, *, is_refusal: bool = False) -> None:
+        super().__init__(" ".join(reason.split()))
+        self.is_refusal = is_refusal
+
+
+class HealthState(Protocol):
+    """A state of the daemon and why, as in the records of type status."""
+
+    @property
+    def state(self) -> str:
+        """starting, online, degraded or offline."""
+        ...
+
+    @property
+    def reason(self) -> str:
+        """For people."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SinkContext:
+    """What a run tells its sinks, and what it lets them do.
+
+    Attributes
+    ----------
+    sensor : str
+        Name of the sensor.
+    state_dir : Path or None
+        Where undelivered events are kept over a restart; None keeps them in memory only.
+    can_wait : bool
+        The stream can wait, as a replay or a simulation at full speed: `write` to a file or
+        to stdout then waits for room instead of dropping, and their failure ends the run.
+    command : callable or None
+        Takes arm, disarm, ack or calibrate, from any thread; must not wait.
+    panel : callable or None
+        Returns a mapping with the key armed, for any thread.
+    health : callable or None
+        Returns the daemon's state at this moment, for any thread.
+    """
+
+    sensor: str = "radar"
+    state_dir: Path | None = None
+    can_wait: bool = False
+    command: Callable[[str], None] | None = None
+    panel: Callable[[], Mapping[str, Any]] | None = None
+    health: Callable[[], HealthState] | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SinkState:
+    """How a sink is doing.
+
+    Attributes
+    ----------
+    status : {'ok', 'retrying'}
+        Retrying: the last attempt failed, or nothing is connected yet.
+    reason : str
+        Why it is retrying; empty when ok.
+    n_sent : int
+        Records handed on.
+    n_waiting : int
+        Records that wait, with those of an earlier run.
+    n_dropped : int
+        Records that were given up: no room, refused too often, too old, or left at the end.
+    n_failures : int
+        Attempts that failed.
+    """
+
+    status: Literal["ok", "retrying"] = "ok"
+    reason: str = ""
+    n_sent: int = 0
+    n_waiting: int = 0
+    n_dropped: int = 0
+    n_failures: int = 0
+
+    @property
+    def is_ok(self) -> bool:
+        """Whether the last attempt succeeded."""
+        return self.status == "ok"
 
 
 class Sink(Protocol):
     """Takes records in order."""
 
-    def write(self, record: Record) -> None:
-        """Take one record; raises OutputError when it cannot be kept."""
+    @property
+    def name(self) -> str:
+        """What -o/--output named, without secrets."""
         ...
 
-    def close(self) -> None:
-        """Write what is left and let go; a second call does nothing."""
+    @property
+    def state(self) -> SinkState:
+        """How it is doing; for any thread."""
         ...
+
+    @property
+    def waits(self) -> bool:
+        """Whether `write` waits for room, see `SinkContext.can_wait`."""
+        ...
+
+    def write(self, record: Record) -> None:
+        """Take one record; returns at once unless the sink `waits`.
+
+        Raises
+        ------
+        BrokenPipeError
+            If nobody reads stdout any more.
+        OutputError
+            If stdout fails, or a file of a run that can wait. No other sink raises.
+        """
+        ...
+
+    def finish(self, timeout_s: float | None = None) -> None:
+        """Take no more records and begin to end; returns at once.
+
+        Parameters
+        ----------
+        timeout_s : float, optional
+            Time for handing on what is left.
+        """
+        ...
+
+    def close(self, timeout_s: float | None = None) -> None:
+        """Finish, hand on what is left if that is possible in time, and let go.
+
+        Parameters
+        ----------
+        timeout_s : float, optional
+            Time for it. Without one, two seconds, and for a sink that `waits` all the time
+            it needs. A second call does nothing.
+
+        Raises
+        ------
+        BrokenPipeError, OutputError
+            As `write`, unless that has already raised it.
+        """
+        ...
+
+
+class StateKeeper:
+    """Holds a sink's state; every change is one step that any thread may take or see."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._state = SinkState()
+
+    def state(self, n_waiting: int) -> SinkState:
+        """Return what holds now."""
+        with self._lock:
+            return replace(self._state, n_waiting=n_waiting)
+
+    def begin(self, reason: str) -> None:
+        """Begin with nothing connected yet."""
+        with self._lock:
+            self._state = replace(self._state, status="retrying", reason=reason)
+
+    def sent(self, n: int = 1) -> bool:
+        """Count success; return whether it ends a time of trouble."""
+        with self._lock:
+            was_ok = self._state.is_ok
+            self._state = replace(
+                self._state, status="ok", reason="", n_sent=self._state.n_sent + n
+            )
+            return not was_ok
+
+    def failed(self, reason: str) -> bool:
+        """Count a failed attempt; return whether this trouble is new."""
+        with self._lock:
+            is_new = reason != self._state.reason
+            n = self._state.n_failures + 1
+            self._state = replace(self._state, status="retrying", reason=reason, n_failures=n)
+            return is_new
+
+    def dropped(self, n: int) -> bool:
+        """Count dropped records; return whether they are the first."""
+        with self._lock:
+            was = self._state.n_dropped
+            self._state = replace(self._state, n_dropped=was + n)
+            return n > 0 and was == 0

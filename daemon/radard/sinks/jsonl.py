@@ -1,20 +1,37 @@
-"""JSON Lines on stdout or into a file, one object a line, flushed as it comes."""
+"""JSON Lines into a file: whole lines only, put aside by size, reopened when moved away.
 
-import json
-import sys
+`FILE` is the newest; `FILE.1` the one before it, and so on. Every file begins with the
+run's `hello`, so each can be read by itself. A file that another program (logrotate) has
+moved or removed is begun anew.
+"""
+
+import contextlib
+import errno
+import os
+import stat
 from pathlib import Path
 
 from radard.errors import OutputError
-from radard.output import Record
+from radard.sinks.backoff import Backoff
+from radard.sinks.base import DeliveryError, Record, SinkContext
+from radard.sinks.options import JsonlSection
+from radard.sinks.stdout import json_line
+from radard.sinks.thread_sink import DirectSink
+
+_FLAGS = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC | os.O_NONBLOCK
 
 
-class JsonLinesSink:
-    """Write records as JSON Lines.
+class JsonLinesSink(DirectSink):
+    """Append records to a file.
 
     Parameters
     ----------
-    path : str or None
-        File to append to; None is stdout.
+    path : Path
+        The file. Pipes and terminals work too, without rotation.
+    options : JsonlSection
+        When to rotate.
+    context : SinkContext
+        Of the run; one whose stream can wait rotates nothing, so that nothing is lost.
 
     Raises
     ------
@@ -22,30 +39,89 @@ class JsonLinesSink:
         If the file cannot be opened.
     """
 
-    def __init__(self, path: str | None) -> None:
+    def __init__(self, path: Path, options: JsonlSection, context: SinkContext) -> None:
+        super().__init__(f"json:{path}", Backoff(0.5, 10.0, str(path)), waits=context.can_wait)
         self._path = path
-        if path is None:
-            self._file = sys.stdout
+        self._most_bytes = float("inf") if context.can_wait else options.rotate_mb * 1e6
+        self._n_keep = options.keep_files
+        self._hello: Record | None = None
+        self._fd: int | None = None
+        self._is_regular = True
+        try:
+            self._open()
+        except OSError as err:
+            # A pipe that nobody reads yet may get its reader later.
+            if err.errno != errno.ENXIO:
+                msg = f"--output {self.name}: cannot write there: {err.strerror}"
+                raise OutputError(msg) from err
+
+    def _deliver(self, record: Record) -> None:
+        line = json_line(record).encode("ascii")
+        try:
+            if self._has_moved():
+                self._reopen()
+            elif self._is_regular and self._size() + len(line) > self._most_bytes:
+                self._rotate()
+            self._append(line)
+        except OSError as err:
+            raise DeliveryError(err.strerror or str(err)) from err
+        if record["type"] == "hello":
+            self._hello = record
+
+    def _shut(self) -> None:
+        if self._fd is not None:
+            os.close(self._fd)
+            self._fd = None
+
+    def _open(self) -> int:
+        fd = os.open(self._path, _FLAGS, 0o644)
+        self._is_regular = stat.S_ISREG(os.fstat(fd).st_mode)
+        self._fd = fd
+        return fd
+
+    def _size(self) -> int:
+        return os.fstat(self._fd).st_size if self._fd is not None else 0
+
+    def _has_moved(self) -> bool:
+        if self._fd is None:
+            return True
+        try:
+            there = self._path.stat()
+        except FileNotFoundError:
+            return True
+        ours = os.fstat(self._fd)
+        return (there.st_dev, there.st_ino) != (ours.st_dev, ours.st_ino)
+
+    def _reopen(self) -> None:
+        self._shut()
+        self._open()
+        if self._hello is not None and self._is_regular and self._size() == 0:
+            self._append(json_line(self._hello).encode("ascii"))
+
+    def _rotate(self) -> None:
+        """Shift FILE to FILE.1, FILE.1 to FILE.2 and so on; the last one goes."""
+        if self._size() == 0:
             return
-        try:
-            self._file = Path(path).open("a", encoding="utf-8")  # noqa: SIM115 - closed in close
-        except OSError as err:
-            msg = f"--output json:{path}: cannot write there: {err.strerror}"
-            raise OutputError(msg) from err
+        names = [self._path, *(Path(f"{self._path}.{k}") for k in range(1, self._n_keep + 1))]
+        names[-1].unlink(missing_ok=True)
+        for old, new in zip(reversed(names[:-1]), reversed(names[1:]), strict=True):
+            with contextlib.suppress(FileNotFoundError):
+                old.rename(new)
+        self._reopen()
 
-    def write(self, record: Record) -> None:
-        """As in `Sink`."""
-        line = json.dumps(record, separators=(",", ":"), allow_nan=False)
+    def _append(self, line: bytes) -> None:
+        """Write a whole line or nothing of it; the next attempt must not begin in its middle."""
+        fd = self._fd if self._fd is not None else self._open()
+        size = self._size()
+        rest = line
         try:
-            self._file.write(line + "\n")
-            self._file.flush()
-        except BrokenPipeError:
+            while rest:
+                rest = rest[os.write(fd, rest) :]
+        except OSError:
+            if len(rest) < len(line):
+                if self._is_regular:
+                    os.ftruncate(fd, size)
+                else:
+                    # Nothing can be taken back from a pipe; its reader is better off anew.
+                    self._shut()
             raise
-        except OSError as err:
-            msg = f"--output json:{self._path or 'stdout'}: {err.strerror}"
-            raise OutputError(msg) from err
-
-    def close(self) -> None:
-        """As in `Sink`."""
-        if self._path is not None:
-            self._file.close()

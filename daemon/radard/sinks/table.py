@@ -1,50 +1,45 @@
 """A table for people: one line a decision, alarms and faults marked."""
 
-import sys
-
-from radard.output import Record
+from radard.sinks.base import Record
 
 _HEAD = "    time  gate      power   floor   range  human   pet  who"
 _HEAD_EVERY = 20
 _BOLD, _DIM, _PLAIN = "\x1b[1;31m", "\x1b[2m", "\x1b[0m"
 
 
-class TableSink:
-    """Print records as lines that a person reads."""
+class Table:
+    """Render records as lines that a person reads.
 
-    def __init__(self) -> None:
-        self._lines = 0
-        self._colour = sys.stdout.isatty()
+    Parameters
+    ----------
+    has_colour : bool
+        Mark with colours as well.
+    """
 
-    def write(self, record: Record) -> None:
-        """As in `Sink`."""
+    def __init__(self, *, has_colour: bool) -> None:
+        self._n_lines = 0
+        self._has_colour = has_colour
+
+    def render(self, record: Record) -> str:
+        """Return the text of one record, with its line end."""
         kind = record["type"]
         if kind == "decision":
-            if self._lines % _HEAD_EVERY == 0:
-                self._print(_HEAD, _DIM)
-            self._lines += 1
-            self._print(*_decision_line(record))
-        elif kind == "event":
+            head = self._styled(_HEAD, _DIM) if self._n_lines % _HEAD_EVERY == 0 else ""
+            self._n_lines += 1
+            return head + self._styled(*_decision_line(record))
+        if kind == "event":
             what = f"{record['kind'].upper()} {record['phase']}: {record['reason']}"
-            self._print(
-                f"{record['t_s']:7.2f}s  {what}", _BOLD if record["phase"] == "new" else ""
-            )
-        elif kind == "status":
+            style = _BOLD if record["phase"] == "new" else ""
+            return self._styled(f"{record['t_s']:7.2f}s  {what}", style)
+        if kind == "status":
             reason = f" ({record['reason']})" if record["reason"] else ""
-            self._print(f"{'':9} {record['state']}{reason}", _DIM)
-        else:
-            model = record["model"] or "no model, gate only"
-            rate = f"{record['frame_rate_hz']:g} Hz, {record['n_range']} bins"
-            self._print(f"radard {record['version']} on {record['port']} ({rate}; {model})", "")
+            return self._styled(f"{'':9} {record['state']}{reason}", _DIM)
+        model = record["model"] or "no model, gate only"
+        rate = f"{record['frame_rate_hz']:g} Hz, {record['n_range']} bins"
+        return f"radard {record['version']} on {record['port']} ({rate}; {model})\n"
 
-    def close(self) -> None:
-        """As in `Sink`."""
-        sys.stdout.flush()
-
-    def _print(self, text: str, style: str) -> None:
-        line = f"{style}{text}{_PLAIN}" if self._colour and style else text
-        sys.stdout.write(line + "\n")
-        sys.stdout.flush()
+    def _styled(self, text: str, style: str) -> str:
+        return f"{style}{text}{_PLAIN}\n" if self._has_colour and style else f"{text}\n"
 
 
 def _decision_line(record: Record) -> tuple[str, str]:

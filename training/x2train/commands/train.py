@@ -6,6 +6,7 @@ from pathlib import Path
 
 from rich.console import Console
 
+from radard.classifier import ModelInput
 from radard.errors import UsageError
 from radard.features import FeatureSettings
 from x2train.commands import Commands, last, progress
@@ -74,9 +75,9 @@ def _train(args: argparse.Namespace) -> int:
             else:
                 trained = step
     assert trained is not None  # noqa: S101 - fit ends with the network
-    n_in = parts["train"].x.shape[1]
-    onnx_bytes = to_onnx(trained.net, n_in)
-    difference = parity(trained.net, onnx_bytes, parts["test"].x)
+    inputs = (ModelInput("features", parts["train"].x.shape[1:], "seed_type2"),)
+    onnx_bytes = to_onnx(trained.net, inputs)
+    difference = parity(trained.net, onnx_bytes, {"features": parts["test"].x})
     if not difference <= PARITY:
         msg = f"torch and onnxruntime differ by {difference:.2g} (at most {PARITY:g} allowed)"
         raise RuntimeError(msg)
@@ -86,7 +87,7 @@ def _train(args: argparse.Namespace) -> int:
     )
     bundle = BundleSpec(
         name=name,
-        feature="seed_type2",
+        inputs=inputs,
         settings=settings,
         stream={
             "frame_rate_hz": (57.0, 63.0),
@@ -99,7 +100,7 @@ def _train(args: argparse.Namespace) -> int:
         training={"recipe": _RECIPE, "command": command, "seed": seed},
         metrics={**metrics, "logit difference torch - onnxruntime": float(f"{difference:.1e}")},
     )
-    write_bundle(out, bundle, onnx_bytes, n_in)
+    write_bundle(out, bundle, onnx_bytes)
     console = Console()
     console.print(f"wrote {out / name}.onnx, .json and .md (best epoch {trained.best_epoch})")
     for key, value in metrics.items():

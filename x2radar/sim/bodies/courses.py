@@ -1,15 +1,20 @@
 """Courses through the swath, drawn: where a body goes when a scene does not say it in points."""
 
+import math
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
 import numpy as np
+
+from x2radar.sim.bodies.course import Bend, bends
 
 Waypoints = list[tuple[float, float]]
 
 NEAR_M, FAR_M = 0.6, 3.4
 """Swath of the X2's default settings, in metres."""
 _LEAD_M = 1.5
+_WALL_M = 0.4
+_TURN_RADII_M = (0.2, 0.3, 0.4, 0.5, 0.6)
 _LARGEST_BEARING = np.deg2rad(50.0)
 
 
@@ -93,7 +98,40 @@ def draw_course(
     -------
     list of (float, float)
         Two or more points (x, y), in room coordinates; no two neighbours are nearer than
-        0.1 m.
+        0.1 m. The whole course, corners included, stays 0.4 m off the wall that the radar
+        hangs on: nobody passes beneath the antenna, or through the wall.
     """
-    points = COURSES[name](rng, near_m, far_m)
-    return [(float(x), float(y)) for x, y in points]
+    return off_wall(COURSES[name](rng, near_m, far_m))
+
+
+def off_wall(points: Waypoints) -> Waypoints:
+    """Return a course moved into the room until all of it is 0.4 m off the radar's wall.
+
+    It is moved as a whole and nothing is drawn, so other draws stay what they are.
+    """
+    into_room_m = max(0.0, _WALL_M - _nearest_wall_m(points))
+    return [(float(x), float(y + into_room_m)) for x, y in points]
+
+
+def _nearest_wall_m(points: Waypoints) -> float:
+    """Return the least y of a course through the points, for any usual radius of corners."""
+    least = min(y for _, y in points)
+    for radius_m in _TURN_RADII_M if len(points) > 2 else ():
+        at, course = bends(points, radius_m)
+        for bend in course:
+            least = min(least, _least_y_m(at, bend))
+            at = bend.end(at, bend.length_m)
+    return least
+
+
+def _least_y_m(at: tuple[float, float, float], bend: Bend) -> float:
+    """Return the least y of a part of a course: at an end, or where an arc is level."""
+    least = min(at[1], bend.end(at, bend.length_m)[1])
+    if bend.curvature_per_m:
+        # Lowest where it goes right while turning left, or left while turning right.
+        level = 0.0 if bend.curvature_per_m > 0 else math.pi
+        to_level = (level - at[2]) * math.copysign(1.0, bend.curvature_per_m)
+        way_m = to_level % (2 * math.pi) / abs(bend.curvature_per_m)
+        if way_m < bend.length_m:
+            least = min(least, bend.end(at, way_m)[1])
+    return least

@@ -103,7 +103,7 @@ class Flyer:
     def at(self, t_s: Array, antenna_m: Array) -> Points:
         """Return its points; see `Mover`."""
         centre, axis, side = self.posture(t_s)
-        return Points(centre, self.rcs.at(t_s, centre, axis, side, antenna_m))
+        return self.rcs.points(t_s, centre, axis, side, antenna_m)
 
     def posture(self, t_s: Array) -> tuple[Array, Array, Array]:
         """Return middles, axes and side vectors of its parts at given times.

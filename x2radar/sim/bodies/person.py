@@ -18,6 +18,7 @@ from x2radar.sim.bodies.person_gait import (
     FASTEST_WALK,
     STYLES,
     Carriage,
+    carriage_at,
     crawling_gait,
     gait_of,
 )
@@ -107,14 +108,15 @@ class OnFeet:
         step_m = 0.25 * vigour * self.cruise_mps / max(self._rate_hz, 0.1)
         straight = np.sqrt(np.maximum(b.leg_m**2 - (0.8 * step_m) ** 2, 0.3 * b.leg_m**2))
         sway = self.sway.at(t_s)
+        ahead = sway[:, 0] - c.surge_m * vigour * np.sin(4 * np.pi * middle_stance)
         aside = c.sway_m * vigour * np.cos(2 * np.pi * middle_stance) + sway[:, 1]
         heading = state.heading_rad
         cos, sin = np.cos(heading), np.sin(heading)
         height = b.ankle_m + (1 - c.bend) * straight + c.bob_m * vigour * bob
         middle = np.stack(
             [
-                state.x_m - aside * sin + sway[:, 0] * cos,
-                state.y_m + aside * cos + sway[:, 0] * sin,
+                state.x_m - aside * sin + ahead * cos,
+                state.y_m + aside * cos + ahead * sin,
                 height + sway[:, 2],
             ],
             axis=-1,
@@ -161,14 +163,14 @@ class Person:
     def at(self, t_s: Array, antenna_m: Array) -> Points:
         """Return its points; see `Mover`."""
         centre, axis, side = loaded(self.action.posture(t_s), self.burden)
-        rcs = self.rcs.at(t_s, centre, axis, side, antenna_m)
-        # Breathing moves the surface of the trunk, not its middle: towards the antenna.
+        points = self.rcs.points(t_s, centre, axis, side, antenna_m)
+        # Breathing moves the surface of the trunk towards the antenna.
         towards = antenna_m - centre[:, :TRUNK]
         distance = np.sqrt((towards**2).sum(axis=-1, keepdims=True))
         share = np.array([1.0, 0.6, 0.1])[:, None]
         swell = self.breath.at(t_s)[:, None, None] * share
         centre[:, :TRUNK] += towards * (swell / np.maximum(distance, 0.05))
-        return Points(centre, rcs)
+        return Points(centre, points.rcs_m2, points.nearer_m)
 
 
 def loaded(posture: Posture, burden: Array | None) -> Posture:
@@ -302,7 +304,7 @@ def _on_feet(
         course,
         Feet.plan(course, gait),
         build,
-        _scattered(kind.carriage, z, build),
+        _scattered(carriage_at(kind, cruise, build.hip_height_m), z, build),
         cruise,
         float(gait.duty(np.array([cruise]))[0]),
         Wander.draw(rng, limits, np.array([0.012, 0.010, 0.003, 0.10, 0.05])),
@@ -355,6 +357,7 @@ def _scattered(c: Carriage, z: Array, build: PersonBuild) -> Carriage:
         c,
         bend=c.bend * float(np.exp(0.2 * z[0])),
         lean_rad=c.lean_rad + 0.03 * z[1],
+        surge_m=c.surge_m * float(np.exp(0.2 * z[8])),
         bob_m=c.bob_m * size * float(np.exp(0.2 * z[2])),
         sway_m=c.sway_m * size * float(np.exp(0.2 * z[3])),
         arm_rad=c.arm_rad * float(np.exp(0.35 * z[4])),

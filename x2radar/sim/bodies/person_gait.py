@@ -6,7 +6,7 @@ support 0.752 periods - 0.143 s. Running: strides of 1.3 to 1.6 a second, with a
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
@@ -19,6 +19,9 @@ Array = NDArray[np.float64]
 STRIDE = 1.346
 FASTEST_WALK = 3.0
 """Relative speed RV up to which the relation holds."""
+SURGE = 0.084
+BRISK = 1.5
+"""Relative speed of the carriage that a free walk has: about 1.4 m/s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +45,9 @@ class Carriage:
         About which the arms swing, forward.
     elbow_rad : float
         Bend of the elbows.
+    surge_m : float
+        Amplitude of the hips ahead of and behind their even way, twice a stride: a body is
+        slowest over the standing foot.
     yaw_rad : float
         Amplitude of the pelvis' turn; the chest turns against it.
     heel_rad : float
@@ -52,6 +58,7 @@ class Carriage:
     lean_rad: float = 0.05
     bob_m: float = 0.022
     sway_m: float = 0.02
+    surge_m: float = 0.0
     is_spring: bool = False
     arm_rad: float = 0.40
     arm_rest_rad: float = 0.05
@@ -78,6 +85,9 @@ class PersonStyle:
         Which gait.
     stops : bool
         Whether it stops on the way.
+    grows : bool
+        Whether bob, arms and turn of the pelvis are those of a brisk walk and grow with the
+        speed up to it; otherwise they are as the carriage says at any speed.
     """
 
     sentence: str
@@ -86,12 +96,13 @@ class PersonStyle:
     lift: float = 0.06
     kind: str = "walk"
     stops: bool = False
+    grows: bool = False
 
 
 STYLES: Mapping[str, PersonStyle] = MappingProxyType(
     {
-        "walk": PersonStyle("walks", (0.7, 1.7)),
-        "stroll": PersonStyle("walks slowly", (0.3, 0.8)),
+        "walk": PersonStyle("walks", (0.7, 1.7), grows=True),
+        "stroll": PersonStyle("walks slowly", (0.3, 0.8), grows=True),
         "stealth": PersonStyle(
             "sneaks: slow, careful steps on bent knees",
             (0.2, 0.5),
@@ -135,7 +146,7 @@ STYLES: Mapping[str, PersonStyle] = MappingProxyType(
             kind="run",
         ),
         "crawl": PersonStyle("crawls on hands and knees", (0.2, 0.7), lift=0.04, kind="crawl"),
-        "limp": PersonStyle("limps", (0.4, 1.0), Carriage(bob_m=0.03, sway_m=0.04)),
+        "limp": PersonStyle("limps", (0.4, 1.0), Carriage(bob_m=0.03, sway_m=0.04), grows=True),
         "carry": PersonStyle(
             "carries a box before the chest",
             (0.5, 1.4),
@@ -152,7 +163,7 @@ STYLES: Mapping[str, PersonStyle] = MappingProxyType(
             Carriage(bend=0.06, arm_rad=0.10, arm_rest_rad=0.5, elbow_rad=1.4, sway_m=0.02),
             lift=0.08,
         ),
-        "stop_and_go": PersonStyle("goes, stops and goes on", (0.5, 1.3), stops=True),
+        "stop_and_go": PersonStyle("goes, stops and goes on", (0.5, 1.3), stops=True, grows=True),
         "stand": PersonStyle("stands and breathes", None),
     }
 )
@@ -168,6 +179,34 @@ def walking_duty(speed_mps: Array, hip_height_m: float) -> Array:
     """Return a foot's share of the stride on the floor: 0.752 - 0.143 s / period."""
     period_s = STRIDE / np.sqrt(np.maximum(speed_mps / hip_height_m, 0.02))
     return np.asarray(np.clip(0.752 - 0.143 / period_s, 0.55, 0.76))
+
+
+def carriage_at(style: PersonStyle, speed_mps: float, hip_height_m: float) -> Carriage:
+    """Return how a body is carried at a speed.
+
+    Boulic and Thalmann 1990 (recalled) let the bob (0.015 RV), the swing of the arms and the
+    turn of the pelvis grow with the relative speed RV, and the surge of the hips be
+    0.084 RV (1 - RV) of the hip height up to RV = 0.5 and 0.021 beyond. Somebody who goes at
+    0.3 m/s does not swing the arms as at 1.4 m/s.
+
+    Parameters
+    ----------
+    style : PersonStyle
+        What is done.
+    speed_mps : float
+        How fast.
+    hip_height_m : float
+        Ht.
+    """
+    if style.kind != "walk":
+        return style.carriage
+    c, rv = style.carriage, speed_mps / hip_height_m
+    slow = min(rv, 0.5)
+    c = replace(c, surge_m=hip_height_m * SURGE * slow * (1 - slow))
+    if not style.grows:
+        return c
+    share = min(rv / BRISK, 1.3)
+    return replace(c, bob_m=c.bob_m * share, arm_rad=c.arm_rad * share, yaw_rad=c.yaw_rad * share)
 
 
 def gait_of(

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from x2radar.errors import SceneError
+from x2radar.sim.bodies.courses import off_wall
 from x2radar.sim.bodies.path import Agility, Path
 from x2radar.sim.bodies.pet_build import Species, draw_build, draw_manner
 from x2radar.sim.bodies.pet_place import STANDING, draw_jumping, draw_staying
@@ -162,7 +163,7 @@ def _draw_waypoints(rng: np.random.Generator) -> list[tuple[float, float]]:
         x, y = float(rng.uniform(-2.5, 2.5)), float(rng.uniform(0.8, 6.0))
         if not points or np.hypot(x - points[-1][0], y - points[-1][1]) > 0.8:
             points.append((x, y))
-    return points
+    return off_wall(points)
 
 
 def _footwork(build: QuadrupedBuild, species: Species, style: str, path: Path) -> str:

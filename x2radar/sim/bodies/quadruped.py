@@ -86,14 +86,14 @@ class Quadruped:
     def at(self, t_s: Array, antenna_m: Array) -> Points:
         """Return its points; see `Mover`."""
         centre, axis, side = posture(self.build, self.action, self.manner, t_s)
-        rcs = self.rcs.at(t_s, centre, axis, side, antenna_m)
-        # Breathing moves the surface of the trunk, not its middle: towards the antenna.
+        points = self.rcs.points(t_s, centre, axis, side, antenna_m)
+        # Breathing moves the surface of the trunk towards the antenna.
         n = len(TRUNK)
         towards = antenna_m - centre[:, :n]
         distance = np.sqrt((towards**2).sum(axis=-1, keepdims=True))
         swell = breath_m(self.manner, t_s)[:, None, None]
         centre[:, :n] += towards * (swell / np.maximum(distance, 0.05))
-        return Points(centre, rcs)
+        return Points(centre, points.rcs_m2, points.nearer_m)
 
 
 def breath_m(manner: Manner, t_s: Array) -> Array:

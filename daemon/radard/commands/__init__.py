@@ -1,0 +1,1 @@
+"""The subcommands of `radard`: one file each, with `run(argv) -> exit code`."""

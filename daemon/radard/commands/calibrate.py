@@ -1,0 +1,206 @@
+"""`radard calibrate`: learn what an empty room looks like, and keep it for the gate."""
+
+import argparse
+import json
+import os
+import sys
+from collections.abc import Iterator, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from radard.calibration import Calibration, Provenance, utc_text
+from radard.calibration_survey import DAY_S, LEAST_DB, RoomSurvey
+from radard.commands.listening import (
+    Listening,
+    add_listening,
+    check_seconds,
+    listen,
+    listening_options,
+)
+from radard.commands.live import Live
+from radard.config import Config, load_config
+from radard.directories import calibration_file, named_state_dir
+from radard.errors import NotAllowed, RadardError, UsageError
+from radard.pipeline import HOP_S, gate_settings
+from radard.redact import redact
+from radard.ring import Notice
+from radard.state_store import write_atomically
+from x2radar.command import installed_version, new_parser
+
+_EXAMPLES = """\
+examples:
+  radard calibrate --port /dev/ttyACM0 --delay 30      leave it meanwhile
+  radard calibrate --port /dev/ttyACM0 --with-machines the fan belongs there
+  radard calibrate --port sim:empty --speed max --out empty.json
+"""
+SYSTEM_STATE_DIR = Path("/var/lib/radard")
+"""Where the installed service keeps its state."""
+_LEAST_S = 25.0
+_CELL_M = 0.5
+
+
+def run(argv: Sequence[str]) -> int:
+    """Run the subcommand."""
+    args = _parser().parse_args(argv)
+    check_seconds("--duration", args.duration, _LEAST_S)
+    check_seconds("--delay", args.delay, 0.0)
+    if not 0 < args.false_gates <= DAY_S:
+        msg = f"--false-gates {args.false_gates:g}: must be above 0, and 86400 a day at most"
+        raise UsageError(msg)
+    if not 0 <= args.least_db <= 60:
+        msg = f"--least-db {args.least_db:g}: must be 0 to 60"
+        raise UsageError(msg)
+    config = load_config(args.config, options=listening_options(args))
+    path = args.out or _own_file(config)
+    with listen(config) as listening:
+        survey = _surveyed(listening, config, args)
+        survey.check_empty(takes_machines=args.with_machines)
+        calibration = survey.calibration(
+            _signer(listening, config),
+            false_gates_per_day=args.false_gates,
+            least_db=args.least_db,
+        )
+    # What was saved is what will hold, so the report is made of the same.
+    path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+    # For everybody to read: the service is another user than who calibrates.
+    write_atomically(path, calibration.text(), sync=True, mode=0o644)
+    if args.json:
+        print(json.dumps({"file": str(path), **json.loads(calibration.text())}))
+    else:
+        print("\n".join(report(calibration, path, is_own=args.out is None)))
+    return 0
+
+
+def report(calibration: Calibration, path: Path, *, is_own: bool) -> Iterator[str]:
+    """Yield the lines for people: the noise map by half metres, what it promises, where it is.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        With its provenance.
+    path : Path
+        Where it was saved.
+    is_own : bool
+        Whether the daemon finds it there by itself.
+    """
+    made = calibration.provenance
+    yield f"{made.device}, {made.duration_s:.0f} s, {made.n_dwells} windows, {made.made_utc}"
+    yield ""
+    yield "range          noise floor   gate threshold"
+    n_range = len(calibration.floor)
+    range_m = calibration.range_offset_m + calibration.bin_length_m * np.arange(n_range)
+    cells = np.floor(range_m / _CELL_M)
+    for cell in np.unique(cells):
+        here = cells == cell
+        floor = calibration.floor[here].mean()
+        level = f"{10 * np.log10(floor):8.1f} dB" if floor > 0 else "       dead"
+        low, high = calibration.threshold_db[here].min(), calibration.threshold_db[here].max()
+        span = f"{cell * _CELL_M:4.1f} to {(cell + 1) * _CELL_M:4.1f} m"
+        yield f"{span}   {level}   {low:5.1f} to {high:.1f} dB over it"
+    yield ""
+    yield f"predicted false gates: {_rate(made.false_gates_per_day)} in such a room"
+    yield f"kept in {path}"
+    if not is_own:
+        yield f"use it: gate.calibration: {path}"
+
+
+def _rate(per_day: float) -> str:
+    return "less than one in 1000 days" if per_day < 1e-3 else f"{per_day:.2g} a day"
+
+
+def _surveyed(listening: Listening, config: Config, args: argparse.Namespace) -> RoomSurvey:
+    survey = RoomSurvey(gate_settings(config), HOP_S)
+    live = Live(sys.stderr)
+    begun_s = None
+    for item in listening.dwells(args.duration, skip_s=args.delay):
+        if isinstance(item, Notice):
+            msg = f"the stream broke off ({item.reason}): calibrate again"
+            raise RadardError(msg)
+        moves = survey.add(item)
+        begun_s = item.t_s if begun_s is None else begun_s
+        live.show(
+            (item.t_s - begun_s) / args.duration,
+            f"{survey.n_dwells} windows" + (", something moves" if moves else ""),
+        )
+    live.clear()
+    return survey
+
+
+def _signer(listening: Listening, config: Config) -> Any:
+    """Return what makes the provenance of the calibration of a stream."""
+    stream, classifier = listening.pipeline.stream, listening.pipeline.classifier
+
+    def sign(n_dwells: int, heard_s: float, predicted: float) -> Provenance:
+        return Provenance(
+            made_utc=utc_text(datetime.now(UTC)),
+            device=stream.device,
+            port=redact(config.sensor.port or ""),
+            software=installed_version(),
+            model=classifier.bundle.name if classifier else "none",
+            carrier_hz=stream.axis.carrier_hz,
+            duration_s=round(heard_s, 3),
+            n_dwells=n_dwells,
+            false_gates_per_day=float(f"{predicted:.3g}"),
+        )
+
+    return sign
+
+
+def _own_file(config: Config) -> Path:
+    """Return where the daemon looks for it: the service, where one is installed.
+
+    Raises
+    ------
+    UsageError
+        For a port whose calibration the daemon does not take by itself.
+    NotAllowed
+        If only root may write there.
+    """
+    port = config.sensor.port or ""
+    if port.startswith(("sim:", "replay:")):
+        msg = "--out FILE: needed here; only a real radar's calibration is kept as its own"
+        raise UsageError(msg)
+    own = calibration_file(config)
+    # Not is_dir(): for anybody but root it may be a link into a folder that is closed.
+    is_for_service = named_state_dir(config) is None and os.path.lexists(SYSTEM_STATE_DIR)
+    if not is_for_service:
+        return own
+    if not os.access(SYSTEM_STATE_DIR, os.W_OK | os.X_OK):
+        msg = f"{SYSTEM_STATE_DIR}: the service keeps its calibration there: use sudo, or --out"
+        raise NotAllowed(msg)
+    return SYSTEM_STATE_DIR / own.name
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = new_parser(
+        "radard calibrate",
+        "Listen to the empty room: its noise over range, and thresholds that suit it.",
+        _EXAMPLES,
+    )
+    add_listening(parser)
+    add = parser.add_argument
+    add("--duration", type=float, default=60.0, metavar="S", help="seconds to listen (60)")
+    add("--delay", type=float, default=0.0, metavar="S", help="seconds to leave the room (0)")
+    add("--out", type=Path, metavar="FILE", help="instead of the state directory")
+    add(
+        "--false-gates",
+        type=float,
+        default=1.0,
+        metavar="N",
+        help="windows a day that may open the gate (1)",
+    )
+    add(
+        "--least-db",
+        type=float,
+        default=LEAST_DB,
+        metavar="DB",
+        help=f"no threshold is lower, so that drift opens nothing ({LEAST_DB:g})",
+    )
+    add(
+        "--with-machines", action="store_true", help="what stays in one place is no reason to stop"
+    )
+    add("--json", action="store_true", help="the calibration as one JSON object")
+    return parser

@@ -1,0 +1,61 @@
+"""`radard config`: check the configuration, show it with the origin of every value, its schema."""
+
+import json
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import yaml
+
+from radard.config import Config, Loaded, load_with_origins
+from radard.options import add_options, config_options
+from radard.redact import redact_value
+from x2radar.command import new_parser
+
+_EXAMPLES = """\
+examples:
+  radard config check --config new.yaml
+  RADARD_GATE__THRESHOLD_DB=8 radard config show --model none
+  radard config schema > radard.schema.json
+"""
+
+
+def run(argv: Sequence[str]) -> int:
+    """Run the subcommand."""
+    parser = new_parser("radard config", "Check or show the configuration that holds.", _EXAMPLES)
+    parser.add_argument("what", choices=["check", "show", "schema"])
+    add_options(parser)
+    args = parser.parse_args(argv)
+    if args.what == "schema":
+        print(json.dumps(Config.model_json_schema(), indent=2))
+        return 0
+    loaded = load_with_origins(args.config, options=config_options(args))
+    if args.what == "show":
+        print("\n".join(shown(loaded)))
+    else:
+        print("configuration ok")
+    return 0
+
+
+def shown(loaded: Loaded) -> Iterator[str]:
+    """Yield the lines of a YAML file that says the same, each value's origin behind it.
+
+    Secrets are masked, so the file is for reading: what is masked must be put back.
+    """
+    tree = loaded.config.model_dump(mode="json")
+    for section, values in tree.items():
+        if not isinstance(values, dict):
+            yield _line("", section, values, loaded.origin(section))
+            continue
+        yield f"{section}:"
+        for key, value in values.items():
+            yield _line("  ", key, value, loaded.origin(section, key))
+
+
+def _line(indent: str, key: str, value: Any, origin: str) -> str:
+    text = yaml.safe_dump(
+        redact_value(key, value), default_flow_style=True, width=10_000, allow_unicode=True
+    )
+    # A bare value is followed by the end of its document.
+    text = text.removesuffix("...\n").strip()
+    left = f"{indent}{key}: {text}"
+    return f"{left:<40} # {origin}"

@@ -1,0 +1,145 @@
+"""What a mount would see: the simulator's beam and link budget over height and range."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from radard.errors import UsageError
+from radard.gate import GateSettings
+from x2radar.settings import SPEED_OF_LIGHT_MPS, RadarSettings
+from x2radar.sim.antenna import Antenna
+from x2radar.sim.cast import SEED_GAIN
+from x2radar.sim.noise import baseband_noise_power
+from x2radar.sim.pulse import LinkBudget
+from x2radar.sim.stream import stream_axis
+
+HEIGHTS_M = (0.1, 0.3, 0.5, 0.8, 1.2, 1.7)
+DISTANCES_M = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0)
+ANGLES_DEG = (0, 20, 40, 60, 80)
+_LIMITS = {
+    "--height": ("height_m", 0.05, 10.0),
+    "--tilt": ("tilt_deg", -90.0, 90.0),
+    "--width": ("width_deg", 5.0, 175.0),
+    "--limit": ("limit_db", -40.0, 80.0),
+    "--rcs": ("rcs_m2", 1e-6, 100.0),
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CoverageOptions:
+    """A mount.
+
+    Attributes
+    ----------
+    height_m : float
+        Of the radar over the floor, in metres.
+    tilt_deg : float
+        Down from level, in degrees.
+    width_deg : float
+        Beam's full width at half power, both ways, in degrees.
+    limit_db : float
+        Less than this over the noise counts as unseen, in dB.
+    rcs_m2 : float
+        Cross section of what is looked at, in square metres; 0.01 is about a shank's.
+
+    Raises
+    ------
+    UsageError
+        If a value makes no sense.
+    """
+
+    height_m: float = 1.5
+    tilt_deg: float = 0.0
+    width_deg: float = 65.0
+    limit_db: float = 10.0
+    rcs_m2: float = 0.01
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        for option, (name, least, most) in _LIMITS.items():
+            value = getattr(self, name)
+            if not least <= value <= most:
+                msg = f"{option} {value:g}: must be {least:g} to {most:g}"
+                raise UsageError(msg)
+
+    @property
+    def antenna(self) -> Antenna:
+        """The simulator's antenna, mounted like this."""
+        return Antenna(
+            height_m=self.height_m,
+            tilt_deg=self.tilt_deg,
+            azimuth_width_deg=self.width_deg,
+            elevation_width_deg=self.width_deg,
+        )
+
+
+def snr_db(options: CoverageOptions, x_m: float, y_m: float, z_m: float) -> float | None:
+    """Return a point's echo over the noise of its bin in one frame, in dB.
+
+    Parameters
+    ----------
+    options : CoverageOptions
+        The mount.
+    x_m, y_m, z_m : float
+        Where the point is: to the right, ahead, up from the floor.
+
+    Returns
+    -------
+    float or None
+        None outside the swath.
+    """
+    axis = stream_axis(RadarSettings())
+    antenna, budget = options.antenna, LinkBudget()
+    towards_m = np.array([x_m, y_m, z_m]) - antenna.position_m
+    range_m = float(np.linalg.norm(towards_m))
+    if not axis.range_m[0] <= range_m <= axis.range_m[-1]:
+        return None
+    amplitude = budget.amplitude(np.array([range_m]), np.array([options.rcs_m2 * SEED_GAIN]), axis)
+    # The pattern counts once for the amplitude: out and back.
+    amplitude *= antenna.gain(towards_m)
+    noise = baseband_noise_power(axis, budget.noise_sigma)
+    return float(10 * np.log10(amplitude[0] ** 2 / noise))
+
+
+def coverage_table(options: CoverageOptions) -> Iterator[str]:
+    """Yield the lines for a mount: straight ahead by height and distance, then to the side.
+
+    Parameters
+    ----------
+    options : CoverageOptions
+        The mount.
+    """
+    axis = stream_axis(RadarSettings())
+    yield (
+        f"radar {options.height_m:g} m over the floor, tilted {options.tilt_deg:g} degrees down, "
+        f"beam {options.width_deg:g} degrees;"
+    )
+    yield (
+        f"dB over the noise of one frame, for {options.rcs_m2:g} m2; below {options.limit_db:g}: ."
+    )
+    yield f"-: outside the swath, {axis.range_m[0]:.1f} to {axis.range_m[-1]:.1f} m from the radar"
+    yield ""
+    yield "straight ahead".ljust(16) + "".join(f"{y:6.1f} m" for y in DISTANCES_M)
+    for z_m in reversed(HEIGHTS_M):
+        cells = (_cell(options, 0.0, y_m, z_m) for y_m in DISTANCES_M)
+        yield f"{z_m:.1f} m high".ljust(16) + "".join(cells)
+    yield ""
+    yield f"{HEIGHTS_M[2]:g} m high, off to the side"
+    for angle_deg in ANGLES_DEG:
+        angle = np.deg2rad(angle_deg)
+        cells = (
+            _cell(options, d * float(np.sin(angle)), d * float(np.cos(angle)), HEIGHTS_M[2])
+            for d in DISTANCES_M
+        )
+        yield f"{angle_deg} degrees".ljust(16) + "".join(cells)
+    yield ""
+    slowest = SPEED_OF_LIGHT_MPS / axis.carrier_hz / 2 / GateSettings().cpi_s
+    yield f"slower than {100 * slowest:.0f} cm/s towards or away from the radar counts as standing"
+
+
+def _cell(options: CoverageOptions, x_m: float, y_m: float, z_m: float) -> str:
+    level_db = snr_db(options, x_m, y_m, z_m)
+    if level_db is None:
+        return f"{'-':>8}"
+    return f"{'.':>8}" if level_db < options.limit_db else f"{level_db:8.0f}"

@@ -1,0 +1,65 @@
+"""`radard events`: list alarms, faults and tampering from a store."""
+
+import json
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from datetime import datetime
+from pathlib import Path
+
+from radard.config import load_config
+from radard.errors import UsageError
+from radard.sinks.options import KINDS
+from radard.sinks.store_query import StoredEvent, parse_since, read_events
+from x2radar.command import new_parser
+
+_EXAMPLES = """\
+examples:
+  radard events                        from the store that is configured
+  radard events --store /var/lib/radard/radard.db --since 24h
+  radard events --kind alarm --limit 10 --json
+"""
+
+
+def run(argv: Sequence[str]) -> int:
+    """Run the subcommand."""
+    parser = new_parser("radard events", "List the events that -o store:FILE has kept.", _EXAMPLES)
+    add = parser.add_argument
+    add("--store", type=Path, metavar="FILE", help="the file of -o store:FILE")
+    add("--since", metavar="WHEN", help="30min, 24h, 7d, or a date; all without it")
+    add("--kind", action="append", choices=KINDS, help="only this kind; repeatable")
+    add("--limit", type=int, metavar="N", help="the newest N only")
+    add("--json", action="store_true", help="one JSON object an event")
+    add("--config", type=Path, metavar="FILE", help="whose outputs name the store")
+    args = parser.parse_args(argv)
+    if args.limit is not None and args.limit < 1:
+        msg = f"--limit {args.limit}: must be above 0"
+        raise UsageError(msg)
+    path = args.store or _configured(args.config)
+    since_s = parse_since(args.since, time.time()) if args.since else None
+    events = read_events(path, since_s=since_s, kinds=args.kind or (), limit=args.limit)
+    for line in (json.dumps(asdict(e)) for e in events) if args.json else _table(events):
+        print(line)
+    return 0
+
+
+def _configured(file: Path | None) -> Path:
+    for output in load_config(file).output:
+        if output.startswith("store:"):
+            return Path(output.removeprefix("store:"))
+    msg = "no store: give --store FILE, or an output store:FILE in the configuration"
+    raise UsageError(msg)
+
+
+def _table(events: Sequence[StoredEvent]) -> Iterator[str]:
+    if not events:
+        yield "no events"
+        return
+    yield f"{'began (UTC)':<20} {'kind':<7} {'lasted':>8} {'peak':>5}  {'reason':<32} id"
+    for e in events:
+        lasted = "-"
+        if e.end_time is not None:
+            s = datetime.fromisoformat(e.end_time) - datetime.fromisoformat(e.start_time)
+            lasted = f"{s.total_seconds():.0f} s"
+        began = e.start_time[:19].replace("T", " ")
+        yield f"{began:<20} {e.kind:<7} {lasted:>8} {e.peak:>5.2f}  {e.reason:<32} {e.id}"

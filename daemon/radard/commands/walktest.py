@@ -1,0 +1,103 @@
+"""`radard walktest`: walk before the radar and see what it sees, then read the report."""
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict
+
+from radard.commands.listening import (
+    LONGEST_S,
+    Listening,
+    add_listening,
+    check_seconds,
+    listen,
+    listening_options,
+)
+from radard.commands.live import Live, bar
+from radard.commands.walk import Step, by_range, report, step_of
+from radard.config import load_config
+from radard.ring import Notice
+from radard.setup import use_calibration
+from x2radar.command import new_parser
+
+_EXAMPLES = """\
+examples:
+  radard walktest --port /dev/ttyACM0          Ctrl-C ends it with the report
+  radard walktest --port sim:human --speed max --duration 60
+  radard walktest --port replay:walk.h5 --json > walk.json
+
+Walk slowly from the farthest corner to the radar and back, then along walls.
+"""
+_FULL_DB = 30.0
+_BAR = 20
+
+
+def run(argv: Sequence[str]) -> int:
+    """Run the subcommand."""
+    args = _parser().parse_args(argv)
+    check_seconds("--duration", args.duration, 1.0)
+    config = load_config(args.config, options=listening_options(args))
+    with listen(config) as listening:
+        # What holds for the daemon holds for the test of it.
+        use_calibration(config, listening.pipeline, is_live=listening.source.is_live)
+        steps = _walked(listening, args)
+    cells = by_range(steps)
+    if args.json:
+        print(json.dumps({"cells": [asdict(c) for c in cells], "log": [asdict(s) for s in steps]}))
+    else:
+        print("", *report(steps, cells), sep="\n")
+    return 0
+
+
+def line_of(step: Step) -> str:
+    """Return the line of the log for one decision."""
+    if step.over_floor_db is None:
+        return f"{step.t_s:7.1f} s  window invalid: too many frames missing"
+    head = f"{step.t_s:7.1f} s  {step.over_floor_db:+6.1f} dB  {bar(_share(step), _BAR)}"
+    if step.range_m is None:
+        return f"{head}  nothing"
+    p_human = "" if step.p_human is None else f" {step.p_human:.2f}"
+    alarm = "  ALARM" if step.alarm else ""
+    return f"{head}  {step.range_m:4.1f} m  {step.label or 'moves'}{p_human}{alarm}"
+
+
+def _share(step: Step) -> float:
+    """Return how full the bar is: empty at the floor of the room."""
+    return (step.over_floor_db or 0.0) / _FULL_DB
+
+
+def _walked(listening: Listening, args: argparse.Namespace) -> list[Step]:
+    steps: list[Step] = []
+    pipeline, live = listening.pipeline, Live(sys.stderr)
+    try:
+        for item in listening.dwells(args.duration):
+            if isinstance(item, Notice):
+                pipeline.restart()
+                continue
+            step = step_of(pipeline.decide(item))
+            steps.append(step)
+            live.clear()
+            if not args.json:
+                print(line_of(step), flush=True)
+            seen = "nothing" if step.range_m is None else f"{step.range_m:.1f} m"
+            live.show(_share(step), f"{seen}; Ctrl-C ends the walk")
+    except KeyboardInterrupt:
+        # The way to end a walk: now comes the report.
+        pass
+    finally:
+        live.clear()
+    return steps
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = new_parser(
+        "radard walktest",
+        "Log what the radar sees while somebody walks; report it by range at the end.",
+        _EXAMPLES,
+    )
+    add_listening(parser)
+    add = parser.add_argument
+    add("--duration", type=float, default=LONGEST_S, metavar="S", help="seconds (till Ctrl-C)")
+    add("--json", action="store_true", help="log and report as one JSON object at the end")
+    return parser

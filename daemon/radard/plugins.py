@@ -1,0 +1,35 @@
+"""Plug-ins of the daemon: sources, sinks and features that other distributions bring.
+
+Each is called by the name of its entry point, which is the word before the colon of --port or
+-o, or a feature's name in a bundle's sidecar. The contracts stand where they are used:
+`radard.source.SourceOpener`, `radard.sinks.opening.Opener`, `radard.features.FeatureMaker`.
+"""
+
+import re
+
+from x2radar.plugins import Plugin, find_plugin, plugin_names
+
+SOURCES = "radard.sources"
+SINKS = "radard.sinks"
+FEATURES = "radard.features"
+# Not a Windows port, and not a URL of pyserial's.
+_SCHEME = re.compile(r"([a-z][a-z0-9+._-]+):(?!//)")
+
+__all__ = ["FEATURES", "SINKS", "SOURCES", "Plugin", "plugged", "plugin_names", "scheme_of"]
+
+
+def scheme_of(text: str) -> str:
+    """Return the word before the colon; empty where there is none, or a URL follows."""
+    match = _SCHEME.match(text)
+    return match[1] if match else ""
+
+
+def plugged(group: str, name: str) -> Plugin | None:
+    """Return a plug-in, loaded; None for an empty name or where nobody offers it.
+
+    Raises
+    ------
+    PluginError
+        If it is broken.
+    """
+    return find_plugin(group, name) if name else None

@@ -1,0 +1,124 @@
+"""Quiet periods: hours of the week in which nobody wants an alarm, as for a cleaning robot.
+
+A period is written ``HH:MM-HH:MM`` or ``DAYS HH:MM-HH:MM`` with DAYS as ``Mon``, ``Mon-Fri``
+or ``Sat,Sun``. One that ends before it begins goes on over midnight and belongs to the day
+on which it begins. The end does not belong to it.
+"""
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta, tzinfo
+from zoneinfo import ZoneInfo
+
+Now = Callable[[float], datetime | None]
+
+_DAYS = ("mon", "tue", "wed", "thu", "fri", "sat", "sun")
+_FORM = re.compile(r"(?:([A-Za-z,\- ]+) )?(\d\d?):(\d\d) ?- ?(\d\d?):(\d\d)")
+_DAY_MINUTES = 24 * 60
+
+
+@dataclass(frozen=True, slots=True)
+class QuietPeriod:
+    """Hours of some days; minutes count from midnight, `days` from Monday as 0."""
+
+    days: frozenset[int]
+    from_min: int
+    to_min: int
+
+    def covers(self, local: datetime) -> bool:
+        """Return whether a local time lies in it."""
+        minute = local.hour * 60 + local.minute
+        today, yesterday = local.weekday(), (local - timedelta(days=1)).weekday()
+        if self.from_min < self.to_min:
+            return today in self.days and self.from_min <= minute < self.to_min
+        before_midnight = today in self.days and minute >= self.from_min
+        return before_midnight or (yesterday in self.days and minute < self.to_min)
+
+
+class QuietHours:
+    """Say whether a quiet period holds at a stream time.
+
+    Parameters
+    ----------
+    periods : sequence of QuietPeriod
+        None of them: never.
+    zone : tzinfo or None
+        Time zone of the periods; None is the machine's.
+    now : callable
+        Turns stream time into wall clock, None when it is unknown: then no period holds.
+    """
+
+    def __init__(self, periods: Sequence[QuietPeriod], zone: tzinfo | None, now: Now) -> None:
+        self._periods = tuple(periods)
+        self._zone = zone
+        self._now = now
+
+    def holds(self, t_s: float) -> bool:
+        """Return whether it is quiet at a stream time, in seconds."""
+        if not self._periods:
+            return False
+        now = self._now(t_s)
+        if now is None:
+            return False
+        local = now.astimezone(self._zone)
+        return any(period.covers(local) for period in self._periods)
+
+
+def wall_clock(t_s: float) -> datetime | None:  # noqa: ARG001 - a live stream's time is now
+    """Return the wall clock of a live stream."""
+    return datetime.now(UTC)
+
+
+def recorded_clock(started_utc: str) -> Now:
+    """Return the wall clock of a recording: its start plus stream time; None if it has none."""
+    try:
+        started = datetime.fromisoformat(started_utc)
+    except ValueError:
+        return lambda _t_s: None
+    if started.tzinfo is None:
+        started = started.replace(tzinfo=UTC)
+    return lambda t_s: started + timedelta(seconds=t_s)
+
+
+def parse_quiet(text: str) -> QuietPeriod:
+    """Read a period; raise ValueError with one line when it is none."""
+    match = _FORM.fullmatch(text.strip())
+    if match is None:
+        msg = f"quiet period '{text}': write 22:00-06:30 or Mon-Fri 08:00-17:00"
+        raise ValueError(msg)
+    days, *clock = match.groups()
+    from_h, from_m, to_h, to_m = map(int, clock)
+    from_min, to_min = from_h * 60 + from_m, to_h * 60 + to_m
+    if from_m > 59 or to_m > 59 or from_min >= _DAY_MINUTES or to_min > _DAY_MINUTES:
+        msg = f"quiet period '{text}': there is no such time of day"
+        raise ValueError(msg)
+    if from_min == to_min:
+        msg = f"quiet period '{text}': it is empty; a whole day is 00:00-24:00"
+        raise ValueError(msg)
+    return QuietPeriod(_parse_days(days, text), from_min, to_min)
+
+
+def time_zone(name: str | None) -> tzinfo | None:
+    """Return a time zone by name, None for the machine's own; raise ValueError if unknown."""
+    if name is None:
+        return None
+    try:
+        return ZoneInfo(name)
+    except (OSError, ValueError, KeyError) as err:
+        msg = f"time zone '{name}': unknown; write one as Europe/Oslo or UTC"
+        raise ValueError(msg) from err
+
+
+def _parse_days(text: str | None, whole: str) -> frozenset[int]:
+    if text is None:
+        return frozenset(range(7))
+    days: set[int] = set()
+    for part in text.lower().replace(" ", "").split(","):
+        first, _, last = part.partition("-")
+        if first not in _DAYS or (last or first) not in _DAYS:
+            msg = f"quiet period '{whole}': days are {', '.join(d.title() for d in _DAYS)}"
+            raise ValueError(msg)
+        start, stop = _DAYS.index(first), _DAYS.index(last or first)
+        days.update((start + k) % 7 for k in range((stop - start) % 7 + 1))
+    return frozenset(days)

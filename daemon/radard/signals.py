@@ -1,0 +1,77 @@
+"""Signals: the first SIGINT or SIGTERM asks for the end, the second one forces it.
+
+SIGHUP asks for a reload, SIGUSR1 for a dump. Handlers only set flags and wake the main
+thread, which acts between two things it does; only while a port is being opened, which may
+take for ever, the end interrupts.
+"""
+
+import signal
+import threading
+from types import FrameType, TracebackType
+from typing import Any
+
+_STOP = (signal.SIGINT, signal.SIGTERM)
+_ASK = {
+    getattr(signal, name): wish
+    for name, wish in (("SIGHUP", "reload"), ("SIGUSR1", "dump"))
+    if hasattr(signal, name)
+}
+
+
+class Signals:
+    """Install the handlers for a `with` block; outside the main thread nothing happens.
+
+    Attributes
+    ----------
+    wake : threading.Event
+        Set by every signal, and by whoever wants the main thread to look up.
+    """
+
+    def __init__(self) -> None:
+        self.wake = threading.Event()
+        self._wishes: set[str] = set()
+        self._is_opening = True
+        self._before: dict[int, Any] = {}
+
+    def __enter__(self) -> "Signals":
+        """Install them."""
+        if threading.current_thread() is threading.main_thread():
+            self._before = {
+                number: signal.signal(number, self._handle) for number in (*_STOP, *_ASK)
+            }
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Put the old ones back."""
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+
+    def opened(self) -> None:
+        """Say that the port is open: from here on the end is asked for, not forced."""
+        self._is_opening = False
+
+    def ask(self, wish: str) -> None:
+        """Ask for 'stop', 'reload' or 'dump', as a signal does; for any thread."""
+        self._wishes.add(wish)
+        self.wake.set()
+
+    def take(self, wish: str) -> bool:
+        """Return whether 'stop', 'reload' or 'dump' was asked for since the last call."""
+        is_wished = wish in self._wishes
+        self._wishes.discard(wish)
+        return is_wished
+
+    def _handle(self, number: int, _frame: FrameType | None) -> None:
+        if number in _STOP:
+            if self._is_opening:
+                raise KeyboardInterrupt
+            for stop in _STOP:
+                signal.signal(stop, signal.SIG_DFL)
+            self.ask("stop")
+        else:
+            self.ask(_ASK[signal.Signals(number)])

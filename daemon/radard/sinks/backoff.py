@@ -1,0 +1,32 @@
+"""Backoff: how long to wait before the next attempt."""
+
+import zlib
+
+
+class Backoff:
+    """Waits that double, up to a longest one.
+
+    Parameters
+    ----------
+    first_s, longest_s : float
+        First and longest wait, in seconds.
+    name : str
+        Shifts the waits by up to a third, so that many sensors do not come back to a far end
+        at the same moment. A name gives the same waits every time.
+    """
+
+    def __init__(self, first_s: float, longest_s: float, name: str) -> None:
+        self._first_s = first_s
+        self._longest_s = longest_s
+        self._factor = 1.0 - zlib.crc32(name.encode()) % 1000 / 3000
+        self._next_s = first_s
+
+    def next_s(self) -> float:
+        """Return the wait after one more failure, in seconds."""
+        wait_s = self._next_s
+        self._next_s = min(2 * wait_s, self._longest_s)
+        return wait_s * self._factor
+
+    def reset(self) -> None:
+        """Begin anew after a success."""
+        self._next_s = self._first_s

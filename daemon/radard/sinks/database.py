@@ -1,0 +1,85 @@
+"""SQLite files that survive a kill: WAL, checked, put aside when damaged."""
+
+import logging
+import sqlite3
+from pathlib import Path
+
+log = logging.getLogger("radard")
+_BUSY_S = 1.0
+
+
+class ForeignDatabase(Exception):
+    """A file of another program, or of a newer version."""
+
+
+def open_database(
+    path: Path | None, schema: str, *, application_id: int, version: int
+) -> sqlite3.Connection:
+    """Open or make a database.
+
+    Parameters
+    ----------
+    path : Path or None
+        The file; None is memory.
+    schema : str
+        Statements that make the tables, and do nothing to those that exist.
+    application_id : int
+        Marks the file as ours.
+    version : int
+        Of the schema.
+
+    Returns
+    -------
+    sqlite3.Connection
+        In autocommit mode, for use from any thread under a lock of the caller's. What is
+        committed has reached the disk.
+
+    Raises
+    ------
+    ForeignDatabase
+        If it is not ours to change.
+    OSError, sqlite3.Error
+        If it cannot be made. One that is damaged is renamed to *.broken and begun anew.
+    """
+    if path is None:
+        return _prepared(":memory:", schema, application_id, version)
+    path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+    try:
+        return _prepared(str(path), schema, application_id, version)
+    except sqlite3.OperationalError:
+        raise
+    except sqlite3.DatabaseError as err:
+        aside = path.with_name(path.name + ".broken")
+        log.warning("%s: damaged (%s), put aside as %s", path, err, aside.name)
+        path.replace(aside)
+        for tail in ("-wal", "-shm"):
+            path.with_name(path.name + tail).unlink(missing_ok=True)
+        return _prepared(str(path), schema, application_id, version)
+
+
+def _prepared(target: str, schema: str, application_id: int, version: int) -> sqlite3.Connection:
+    db = sqlite3.connect(target, timeout=_BUSY_S, isolation_level=None, check_same_thread=False)
+    try:
+        _check(db, application_id, version)
+        db.execute("PRAGMA auto_vacuum=INCREMENTAL")
+        db.execute("PRAGMA journal_mode=WAL")
+        db.execute("PRAGMA synchronous=FULL")
+        db.executescript(schema)
+        db.execute(f"PRAGMA application_id={application_id}")
+        db.execute(f"PRAGMA user_version={version}")
+    except BaseException:
+        db.close()
+        raise
+    return db
+
+
+def _check(db: sqlite3.Connection, application_id: int, version: int) -> None:
+    is_empty = db.execute("SELECT count(*) FROM sqlite_master").fetchone()[0] == 0
+    if is_empty:
+        return
+    if db.execute("PRAGMA application_id").fetchone()[0] != application_id:
+        msg = "a database of another program"
+        raise ForeignDatabase(msg)
+    if db.execute("PRAGMA user_version").fetchone()[0] > version:
+        msg = "made by a newer version"
+        raise ForeignDatabase(msg)

@@ -1,0 +1,186 @@
+"""MQTT: the sensor's topics on a broker, its commands, and Home Assistant's discovery.
+
+`mqtt_board` decides what to publish, `mqtt_link` keeps the connection, the outbox keeps the
+events; this file joins them. Events are published one after another, each when the broker
+has confirmed the one before (QoS 1), so they arrive in order. When a connection breaks
+between a delivery and its confirmation the event comes twice, with the same id, phase and
+t_s; it is never lost.
+"""
+
+import logging
+import re
+import time
+from urllib.parse import SplitResult, unquote, urlsplit
+
+from radard.errors import UsageError
+from radard.sinks.backoff import Backoff
+from radard.sinks.base import Record, SinkContext
+from radard.sinks.mqtt_board import Message, MqttBoard
+from radard.sinks.mqtt_link import Broker, MqttLink
+from radard.sinks.options import MqttSection, SinkOptions
+from radard.sinks.outbox import Item
+from radard.sinks.outbox_sink import OutboxSink, outbox_path
+
+log = logging.getLogger("radard")
+_PORTS = {"mqtt": 1883, "mqtts": 8883}
+_FAREWELL_S = 1.0
+
+
+def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> "MqttSink":
+    """Return the sink of `mqtt://[user@]host[:port][/prefix]`, or `mqtts://` with TLS."""
+    broker, prefix = parse_url(url, options.mqtt, context.sensor)
+    sink = MqttSink(broker, prefix, options, context)
+    sink.start()
+    return sink
+
+
+def parse_url(url: str, options: MqttSection, sensor: str) -> tuple[Broker, str]:
+    """Return where the broker is, and the first part of the topics.
+
+    Raises
+    ------
+    UsageError
+        If the URL makes no sense, or holds a password: everyone can read a command line.
+    """
+    scheme = url.partition(":")[0]
+    try:
+        parts = urlsplit(url)
+        port = parts.port
+    except ValueError as err:
+        msg = f"--output {scheme}: {err}"
+        raise UsageError(msg) from err
+    if parts.password is not None:
+        msg = f"--output {scheme}: no password in the URL; use mqtt.password_file or _env"
+        raise UsageError(msg)
+    prefix = unquote(parts.path).strip("/") or "radard"
+    fault = _fault_of(parts, prefix)
+    if not fault and ("?" in url or "#" in url):
+        fault = "nothing may follow the prefix"
+    if fault:
+        msg = f"--output {scheme}: {fault}; it is {scheme}://[user@]host[:port][/prefix]"
+        raise UsageError(msg)
+    broker = Broker(
+        host=parts.hostname or "",
+        port=port or _PORTS[scheme],
+        is_tls=scheme == "mqtts",
+        client_id=options.client_id or f"radard-{sensor}",
+        username=unquote(parts.username) if parts.username else options.username,
+    )
+    return broker, prefix
+
+
+def _fault_of(parts: SplitResult, prefix: str) -> str:
+    if not parts.hostname:
+        return "no host"
+    return "the prefix holds + or #" if re.search(r"[+#\0]", prefix) else ""
+
+
+class MqttSink(OutboxSink):
+    """Publish to a broker.
+
+    Parameters
+    ----------
+    broker : Broker
+        Where to.
+    prefix : str
+        First part of the topics.
+    options : SinkOptions
+        Sections mqtt and outbox.
+    context : SinkContext
+        Of the run.
+
+    Raises
+    ------
+    ConfigError
+        If the password or a certificate cannot be read.
+    OutputError
+        If the outbox cannot be made.
+    """
+
+    tick_s = 0.5
+
+    def __init__(
+        self, broker: Broker, prefix: str, options: SinkOptions, context: SinkContext
+    ) -> None:
+        scheme = "mqtts" if broker.is_tls else "mqtt"
+        name = f"{scheme}://{broker.host}:{broker.port}/{prefix}"
+        self._context = context
+        self._board = board = MqttBoard(context.sensor, prefix, options.mqtt)
+        self._has_news = False
+        o = options.outbox
+        topics = [board.birth_topic] if options.mqtt.discovery != "off" else []
+        topics += [board.command_filter] if options.mqtt.commands else []
+        self._link = MqttLink(
+            broker,
+            options.mqtt,
+            Backoff(o.first_retry_s, o.longest_retry_s, broker.client_id),
+            will=board.will,
+            topics=topics,
+            on_up=self._on_up,
+            on_down=self._failed,
+            on_message=self._on_message,
+        )
+        path = outbox_path(context, scheme, f"{broker.host}:{broker.port}/{prefix}")
+        super().__init__(name, path, o, lambda record: record["type"] == "event")
+        self._keeper.begin("not connected yet")
+
+    def start(self) -> None:
+        """Begin to connect and to work."""
+        self._link.start()
+        super().start()
+
+    def _take(self, record: Record) -> None:
+        super()._take(record)
+        self._publish(self._board.on_record(record, time.monotonic()))
+
+    def _look_around(self) -> None:
+        now_s = time.monotonic()
+        if self._has_news:
+            self._has_news = False
+            self._publish(self._board.announce(now_s))
+        health = self._context.health() if self._context.health else None
+        panel = self._context.panel() if self._context.panel else {}
+        status = (health.state, health.reason) if health else None
+        self._publish(self._board.refresh(now_s, status, is_armed=panel.get("armed")))
+
+    def _publish(self, messages: list[Message]) -> None:
+        if not self._link.is_up or self._has_news:
+            # The announcement that follows a connection says all that matters.
+            return
+        for message in messages:
+            if not self._link.publish(message):
+                self._drop(1, "the broker does not keep up")
+            elif message.qos == 0:
+                self._sent()
+
+    def _send(self, item: Item) -> None:
+        self._link.publish_confirmed(self._board.event(item.record))
+
+    def _on_up(self) -> None:
+        self._sent(0)
+        self._announce()
+        self._retry_now()
+
+    def _announce(self) -> None:
+        self._has_news = True
+        self._queue.poke()
+
+    def _on_message(self, topic: str, payload: bytes, is_retained: bool) -> None:
+        try:
+            if topic == self._board.birth_topic:
+                if payload == b"online":
+                    self._announce()
+                return
+            name = self._board.command_of(topic, payload, is_retained=is_retained)
+            if name is not None and self._context.command is not None:
+                log.info("%s: command %s", self.name, name)
+                self._context.command(name)
+        except Exception as err:  # noqa: BLE001 - in the library's thread, which must go on
+            log.warning("%s: %s", self.name, err)
+
+    def _shut(self) -> None:
+        super()._shut()
+        if self._link.is_up:
+            for message in self._board.farewell(""):
+                self._link.publish(message)
+        self._link.close(min(self._left_s(), _FAREWELL_S))

@@ -1,0 +1,291 @@
+"""MqttLink: one connection to a broker, made again whenever it is lost.
+
+Every connection is a new client of the library, without a memory: what must survive is in
+the outbox, and nothing else may be sent a second time.
+"""
+
+import contextlib
+import socket
+import ssl
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import paho.mqtt.client as paho
+from paho.mqtt.enums import CallbackAPIVersion, MQTTErrorCode
+from paho.mqtt.properties import Properties
+from paho.mqtt.reasoncodes import ReasonCode
+
+from radard.errors import ConfigError
+from radard.sinks.backoff import Backoff
+from radard.sinks.base import DeliveryError
+from radard.sinks.mqtt_board import Message
+from radard.sinks.options import MqttSection, read_secret
+
+_CONFIRM_S = 10.0
+_LOOK_S = 0.1
+_SHORT_S = 5.0
+_MOST_UNSENT = 50
+_NO_ANSWER = "no answer; is it an MQTT broker?"
+
+OnMessage = Callable[[str, bytes, bool], None]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Broker:
+    """Where the broker is, and as whom to go there.
+
+    Attributes
+    ----------
+    host, port : str, int
+        Address.
+    is_tls : bool
+        Whether the line is encrypted.
+    client_id, username : str, str or None
+        As whom.
+    """
+
+    host: str
+    port: int
+    is_tls: bool
+    client_id: str
+    username: str | None
+
+
+class MqttLink:
+    """Keep a connection.
+
+    Parameters
+    ----------
+    broker : Broker
+        Where to.
+    options : MqttSection
+        Keep-alive, certificates, password.
+    backoff : Backoff
+        Waits between attempts.
+    will : Message
+        What the broker publishes when the connection is lost.
+    topics : list of str
+        To be subscribed to, QoS 1.
+    on_up, on_down : callable
+        Called when connected and subscribed, and with a reason when not; must not wait.
+    on_message : callable
+        Called with topic, payload and whether it was retained; must not wait.
+
+    Raises
+    ------
+    ConfigError
+        If the password or a certificate cannot be read.
+    """
+
+    def __init__(
+        self,
+        broker: Broker,
+        options: MqttSection,
+        backoff: Backoff,
+        *,
+        will: Message,
+        topics: list[str],
+        on_up: Callable[[], None],
+        on_down: Callable[[str], None],
+        on_message: OnMessage,
+    ) -> None:
+        self._broker = broker
+        self._options = options
+        self._backoff = backoff
+        self._will = will
+        self._topics = topics
+        self._on_up = on_up
+        self._on_down = on_down
+        self._on_message = on_message
+        self._client: paho.Client | None = None
+        self._unsent: deque[paho.MQTTMessageInfo] = deque()
+        self._halt = threading.Event()
+        self._lost = threading.Event()
+        self._reason = self._told = ""
+        self._new_client()
+        self._thread = threading.Thread(target=self._run, name="mqtt link", daemon=True)
+
+    def start(self) -> None:
+        """Begin to connect."""
+        self._thread.start()
+
+    @property
+    def is_up(self) -> bool:
+        """Whether there is a connection."""
+        return self._client is not None
+
+    def publish(self, message: Message) -> bool:
+        """Publish without waiting, from one thread; return False if that cannot be done now."""
+        client = self._client
+        if client is None:
+            return False
+        if message.qos == 0:
+            while self._unsent and self._unsent[0].is_published():
+                self._unsent.popleft()
+            if len(self._unsent) >= _MOST_UNSENT:
+                return False
+        info = client.publish(
+            message.topic, message.payload.encode(), message.qos, message.is_retained
+        )
+        is_taken = info.rc == MQTTErrorCode.MQTT_ERR_SUCCESS
+        if message.qos == 0 and is_taken:
+            self._unsent.append(info)
+        return is_taken
+
+    def publish_confirmed(self, message: Message, timeout_s: float = _CONFIRM_S) -> None:
+        """Publish and wait for the broker's confirmation; raises DeliveryError without it."""
+        client = self._client
+        if client is None:
+            raise DeliveryError(self._told or "not connected yet")
+        end_s = time.monotonic() + timeout_s
+        try:
+            info = client.publish(
+                message.topic, message.payload.encode(), message.qos, message.is_retained
+            )
+            while not info.is_published():
+                if client is not self._client:
+                    raise DeliveryError(self._reason or "connection lost")
+                if time.monotonic() > end_s:
+                    # Whatever holds it up: a new connection is the way to know.
+                    self._lose(client, f"no confirmation within {timeout_s:g} s")
+                    raise DeliveryError(self._reason)
+                info.wait_for_publish(_LOOK_S)
+        except (RuntimeError, ValueError) as err:
+            msg = f"not published: {err}"
+            raise DeliveryError(msg) from err
+
+    def close(self, timeout_s: float) -> None:
+        """Disconnect; without the last will, if there is time to say so."""
+        self._halt.set()
+        client = self._client
+        if client is not None:
+            client.disconnect()
+        self._lost.wait(timeout_s if client is not None else 0.0)
+        self._lost.set()
+        self._thread.join(min(timeout_s, _SHORT_S))
+
+    def _run(self) -> None:
+        while not self._halt.is_set():
+            self._lost.clear()
+            self._reason = ""
+            client: paho.Client | None = None
+            began_s = time.monotonic()
+            try:
+                client = self._new_client()
+                client.connect(self._broker.host, self._broker.port, self._options.keepalive_s)
+                client.loop_start()
+                self._wait(client)
+            except (OSError, ValueError, ConfigError) as err:
+                self._reason = _explain(err)
+            was_up, self._client = self._client is not None, None
+            if client is not None:
+                _end(client)
+            if self._halt.is_set():
+                return
+            if was_up and time.monotonic() - began_s < _SHORT_S:
+                self._reason += f"; is another client called '{self._broker.client_id}'?"
+            elif was_up:
+                self._backoff.reset()
+            self._told = self._reason
+            self._on_down(self._reason)
+            self._halt.wait(self._backoff.next_s())
+
+    def _wait(self, client: paho.Client) -> None:
+        """Wait until the connection is lost; an answer must come within the keep-alive."""
+        end_s = time.monotonic() + self._options.keepalive_s
+        while not self._lost.wait(_LOOK_S):
+            if self._client is None and time.monotonic() > end_s:
+                self._lose(client, _NO_ANSWER)
+
+    def _lose(self, client: paho.Client, reason: str) -> None:
+        if client is self._client or self._client is None:
+            self._reason = self._reason or reason
+            self._lost.set()
+
+    def _new_client(self) -> paho.Client:
+        o, broker = self._options, self._broker
+        client = paho.Client(
+            CallbackAPIVersion.VERSION2,
+            client_id=broker.client_id,
+            clean_session=True,
+            protocol=paho.MQTTv311,
+            reconnect_on_failure=False,
+        )
+        password = read_secret("mqtt.password", o.password_file, o.password_env)
+        if broker.username is not None:
+            client.username_pw_set(broker.username, password)
+        elif password is not None:
+            msg = "mqtt.username: a password needs one; give it here or in the URL"
+            raise ConfigError(msg)
+        if broker.is_tls:
+            client.tls_set_context(_tls(o))
+        client.will_set(self._will.topic, self._will.payload, self._will.qos, retain=True)
+        client.on_connect = self._connected
+        client.on_disconnect = self._disconnected
+        client.on_message = self._received
+        return client
+
+    def _connected(
+        self,
+        client: paho.Client,
+        _data: object,
+        _flags: paho.ConnectFlags,
+        code: ReasonCode,
+        _properties: Properties | None,
+    ) -> None:
+        if code.is_failure:
+            self._lose(client, f"the broker refuses: {code}")
+            return
+        if self._topics:
+            client.subscribe([(topic, 1) for topic in self._topics])
+        self._unsent.clear()
+        self._client = client
+        self._on_up()
+
+    def _disconnected(
+        self,
+        client: paho.Client,
+        _data: object,
+        _flags: paho.DisconnectFlags,
+        code: ReasonCode,
+        _properties: Properties | None,
+    ) -> None:
+        told = "connection lost" if str(code) == "Unspecified error" else f"lost: {code}"
+        self._lose(client, told if client is self._client else _NO_ANSWER)
+
+    def _received(self, _client: paho.Client, _data: object, message: paho.MQTTMessage) -> None:
+        self._on_message(message.topic, bytes(message.payload), message.retain)
+
+
+def _end(client: paho.Client) -> None:
+    """End a client's thread, whatever it waits for."""
+    client.disconnect()
+    sock = client.socket()
+    if isinstance(sock, socket.socket):
+        with contextlib.suppress(OSError):
+            sock.shutdown(socket.SHUT_RDWR)
+    client.loop_stop()
+
+
+def _tls(options: MqttSection) -> ssl.SSLContext:
+    try:
+        context = ssl.create_default_context(cafile=options.ca_file)
+        context.check_hostname = options.check_hostname
+        if options.cert_file is not None:
+            context.load_cert_chain(options.cert_file, options.key_file)
+    except (OSError, ValueError) as err:
+        msg = f"mqtt: the certificates cannot be used: {err}"
+        raise ConfigError(msg) from err
+    return context
+
+
+def _explain(err: Exception) -> str:
+    if isinstance(err, ssl.SSLCertVerificationError):
+        return f"the broker's certificate is not accepted: {err.verify_message}"
+    if isinstance(err, TimeoutError):
+        return "no connection within the time limit"
+    text = (isinstance(err, OSError) and err.strerror) or str(err)
+    return f"cannot connect: {text}"

@@ -1,0 +1,162 @@
+"""OutboxSink: store and forward. Events go to an `Outbox` first; a courier delivers them.
+
+Two threads: the sink's own, which does nothing but local work, so that an event is on disk
+within milliseconds whatever the far end does; and the courier, which may wait for the far
+end as long as it takes. Events arrive in order: none is tried before the one ahead of it has
+been confirmed or given up.
+"""
+
+import hashlib
+import logging
+import threading
+import time
+from abc import abstractmethod
+from collections.abc import Callable
+from pathlib import Path
+
+from radard.sinks.backoff import Backoff
+from radard.sinks.base import DeliveryError, Record, SinkContext, SinkState
+from radard.sinks.options import OutboxSection
+from radard.sinks.outbox import Item, Outbox
+from radard.sinks.thread_sink import ThreadSink
+
+log = logging.getLogger("radard")
+_LAST_ROUND_S = 60.0
+
+
+def outbox_path(context: SinkContext, scheme: str, target: str) -> Path | None:
+    """Return the outbox of one output; None when the run keeps nothing.
+
+    The file's name holds a digest of the target, so that another target never gets what was
+    meant for this one, and no secret is readable in it.
+    """
+    if context.state_dir is None:
+        return None
+    digest = hashlib.blake2b(target.encode(), digest_size=4).hexdigest()
+    return context.state_dir / "outbox" / f"{context.sensor}-{scheme}-{digest}.db"
+
+
+class OutboxSink(ThreadSink):
+    """Deliver wanted records, events after any outage.
+
+    Parameters
+    ----------
+    name : str
+        For people; without secrets.
+    path : Path or None
+        Of the outbox, see `outbox_path`.
+    options : OutboxSection
+        Bounds and waits.
+    wants : callable
+        Whether a record is for this sink.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        path: Path | None,
+        options: OutboxSection,
+        wants: Callable[[Record], bool],
+    ) -> None:
+        super().__init__(name)
+        self._outbox = Outbox(path, options.max_events)
+        self._options = options
+        self._wants = wants
+        self._backoff = Backoff(options.first_retry_s, options.longest_retry_s, name)
+        self._wake = threading.Event()
+        self._hurry = threading.Event()
+        self._is_last_round = self._is_over = False
+        self._n_refused = 0
+        self._courier = threading.Thread(target=self._carry, name=f"courier {name}", daemon=True)
+
+    def start(self) -> None:
+        """Begin to work, with what an earlier run has left."""
+        if n := len(self._outbox):
+            log.info("%s: %d events of an earlier run wait", self.name, n)
+        self._courier.start()
+        super().start()
+
+    @property
+    def state(self) -> SinkState:
+        """As in `Sink`."""
+        return self._keeper.state(len(self._queue) + len(self._outbox))
+
+    @abstractmethod
+    def _send(self, item: Item) -> None:
+        """Hand on one item; in the courier's thread.
+
+        Returns when the far end has confirmed it. Raises DeliveryError otherwise.
+        """
+
+    def _take(self, record: Record) -> None:
+        if self._wants(record):
+            is_event = record["type"] == "event"
+            put = self._outbox.put if is_event else self._outbox.put_transient
+            self._drop(put(record), "the outbox is full")
+            self._wake.set()
+
+    def _retry_now(self) -> None:
+        """Let the courier try at once: something has changed for the better."""
+        self._backoff.reset()
+        self._hurry.set()
+
+    def _shut(self) -> None:
+        self._is_last_round = True
+        self._wake.set()
+        self._hurry.set()
+        self._courier.join(min(self._left_s(), _LAST_ROUND_S))
+        self._is_over = True
+        if not self._courier.is_alive():
+            self._outbox.close()
+
+    def _carry(self) -> None:
+        while not self._is_over:
+            is_last_round = self._is_last_round
+            self._wake.clear()
+            wait_s = self._carry_all()
+            if is_last_round:
+                return
+            if wait_s is None:
+                self._wake.wait()
+            else:
+                # New events do not shorten the wait, and a last round needs none.
+                self._hurry.clear()
+                if not self._is_last_round:
+                    self._hurry.wait(wait_s)
+
+    def _carry_all(self) -> float | None:
+        """Deliver until nothing is left; return how long to wait after a failure."""
+        while not self._is_over and (item := self._outbox.first()) is not None:
+            try:
+                self._send(item)
+            except DeliveryError as err:
+                self._failed(str(err))
+                if not self._gives_up(item, err):
+                    return self._backoff.next_s()
+            except Exception as err:
+                log.exception("%s: an event could not be sent", self.name)
+                self._failed(f"internal error: {err!r}")
+                self._give_up(item, "cannot be sent")
+            else:
+                self._n_refused = 0
+                self._backoff.reset()
+                self._sent()
+                self._outbox.remove(item)
+        return None
+
+    def _gives_up(self, item: Item, err: DeliveryError) -> bool:
+        self._n_refused += err.is_refusal
+        age_s = time.time() - item.put_s
+        if self._n_refused >= self._options.attempts:
+            self._give_up(item, f"refused {self._n_refused} times")
+        elif age_s > self._options.give_up_h * 3600:
+            self._give_up(item, "too old")
+        else:
+            return False
+        return True
+
+    def _give_up(self, item: Item, why: str) -> None:
+        log.error("%s: gives up %s: %s", self.name, item.key, why)
+        self._n_refused = 0
+        self._outbox.remove(item)
+        self._drop(1, why)

@@ -1,0 +1,209 @@
+"""store: events, states and decisions in a SQLite file, with an end to its growth.
+
+An event is one row, whatever phases it has gone through; `radard events` lists them. Events
+and states are committed at once, decisions every ten seconds. Rows go when they are too old,
+and the oldest go when the file is too large: decisions before events.
+"""
+
+import sqlite3
+import time
+from datetime import datetime
+from pathlib import Path
+
+from radard.errors import OutputError
+from radard.sinks.backoff import Backoff
+from radard.sinks.base import DeliveryError, Record, SinkContext
+from radard.sinks.database import ForeignDatabase, open_database
+from radard.sinks.options import SinkOptions, StoreSection
+from radard.sinks.thread_sink import DirectSink
+
+APPLICATION_ID = int.from_bytes(b"rdst", "big")
+VERSION = 1
+_COMMIT_S = 10.0
+_TIDY_S = 600.0
+_SCHEMA = """
+CREATE TABLE IF NOT EXISTS events (
+    id TEXT PRIMARY KEY, sensor TEXT NOT NULL, kind TEXT NOT NULL, phase TEXT NOT NULL,
+    start_s REAL NOT NULL, end_s REAL, start_t_s REAL NOT NULL, end_t_s REAL,
+    peak REAL NOT NULL, reason TEXT NOT NULL, clip TEXT
+);
+CREATE INDEX IF NOT EXISTS events_by_start ON events (start_s);
+CREATE TABLE IF NOT EXISTS statuses (
+    n INTEGER PRIMARY KEY, time_s REAL NOT NULL, state TEXT NOT NULL, reason TEXT NOT NULL
+);
+CREATE TABLE IF NOT EXISTS decisions (
+    n INTEGER PRIMARY KEY, time_s REAL NOT NULL, seq INTEGER NOT NULL, t_s REAL NOT NULL,
+    gate TEXT NOT NULL, power_db REAL, threshold_db REAL, p_human REAL, p_pet REAL,
+    p_other REAL, label TEXT, alarm INTEGER NOT NULL, range_m REAL
+);
+"""
+_PUT_EVENT = """
+INSERT INTO events (id, sensor, kind, phase, start_s, end_s, start_t_s, end_t_s, peak, reason,
+                    clip)
+VALUES (:id, :sensor, :kind, :phase, :time_s, :end_s, :start_t_s, :end_t_s, :peak, :reason,
+        :clip)
+ON CONFLICT (id) DO UPDATE SET
+    phase = excluded.phase, end_s = excluded.end_s, end_t_s = excluded.end_t_s,
+    peak = max(peak, excluded.peak), reason = excluded.reason, clip = excluded.clip
+"""
+_PUT_DECISION = """
+INSERT INTO decisions (time_s, seq, t_s, gate, power_db, threshold_db, p_human, p_pet, p_other,
+                       label, alarm, range_m)
+VALUES (:time_s, :seq, :t_s, :gate, :power_db, :threshold_db, :fused_p_human, :fused_p_pet,
+        :fused_p_other, :label, :alarm, :range_m)
+"""
+_OLDEST = """
+DELETE FROM {0} WHERE rowid IN (
+    SELECT rowid FROM {0} ORDER BY {1} LIMIT max(1, (SELECT count(*) FROM {0}) / 10)
+)
+"""
+
+
+def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> "StoreSink":
+    """Return the sink of `store:FILE`."""
+    sink = StoreSink(Path(url.partition(":")[2]), options.store, context)
+    sink.start()
+    return sink
+
+
+class StoreSink(DirectSink):
+    """Keep records in a SQLite file.
+
+    Parameters
+    ----------
+    path : Path
+        The file; made, with its folder, when missing.
+    options : StoreSection
+        What is kept, and how long.
+    context : SinkContext
+        Of the run.
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be made, or is another program's.
+    """
+
+    tick_s = 1.0
+
+    def __init__(self, path: Path, options: StoreSection, context: SinkContext) -> None:
+        super().__init__(f"store:{path}", Backoff(0.5, 10.0, str(path)), waits=context.can_wait)
+        self._options = options
+        self._sensor = context.sensor
+        self._n_open = 0
+        self._committed_s = time.monotonic()
+        self._tidied_s = float("-inf")
+        try:
+            self._db = open_database(path, _SCHEMA, application_id=APPLICATION_ID, version=VERSION)
+        except (OSError, sqlite3.Error, ForeignDatabase) as err:
+            msg = f"--output {self.name}: cannot be used: {err}"
+            raise OutputError(msg) from err
+
+    def _deliver(self, record: Record) -> None:
+        kind = record["type"]
+        try:
+            if kind == "decision" and self._options.decisions:
+                self._begin()
+                self._db.execute(_PUT_DECISION, {**record, "time_s": _seconds(record["time"])})
+                self._n_open += 1
+            elif kind == "event":
+                self._begin()
+                self._db.execute(_PUT_EVENT, self._event_row(record))
+                self._commit()
+            elif kind == "status":
+                self._begin()
+                self._db.execute(
+                    "INSERT INTO statuses (time_s, state, reason) VALUES (?, ?, ?)",
+                    (time.time(), record["state"], record["reason"]),
+                )
+                self._commit()
+        except sqlite3.Error as err:
+            self._roll_back()
+            msg = f"cannot keep it: {err}"
+            raise DeliveryError(msg) from err
+
+    def _look_around(self) -> None:
+        now_s = time.monotonic()
+        try:
+            if self._n_open and now_s - self._committed_s > _COMMIT_S:
+                self._commit()
+            if now_s - self._tidied_s > _TIDY_S:
+                self._tidied_s = now_s
+                self._commit()
+                tidy(self._db, self._options, time.time())
+        except sqlite3.Error as err:
+            self._roll_back()
+            self._failed(f"cannot commit: {err}")
+
+    def _shut(self) -> None:
+        try:
+            self._commit()
+        except sqlite3.Error as err:
+            self._roll_back()
+            self._failed(f"cannot commit: {err}")
+        self._db.close()
+
+    def _event_row(self, record: Record) -> dict[str, object]:
+        time_s = _seconds(record["time"])
+        end_s = time_s if record["phase"] == "end" else None
+        return {**record, "sensor": self._sensor, "time_s": time_s, "end_s": end_s}
+
+    def _begin(self) -> None:
+        if not self._db.in_transaction:
+            self._db.execute("BEGIN IMMEDIATE")
+
+    def _commit(self) -> None:
+        self._committed_s = time.monotonic()
+        if self._db.in_transaction:
+            self._db.execute("COMMIT")
+        self._n_open = 0
+
+    def _roll_back(self) -> None:
+        """Give up what is not committed; those are decisions of ten seconds at most."""
+        if self._db.in_transaction:
+            self._db.execute("ROLLBACK")
+        self._drop(self._n_open, "the store takes nothing")
+        self._n_open = 0
+
+
+def tidy(db: sqlite3.Connection, options: StoreSection, now_s: float) -> None:
+    """Delete what is too old, and the oldest while the file is too large.
+
+    Parameters
+    ----------
+    db : sqlite3.Connection
+        Of a store, without a transaction.
+    options : StoreSection
+        Limits.
+    now_s : float
+        Wall-clock time, in seconds since 1970.
+
+    Raises
+    ------
+    sqlite3.Error
+        If it cannot be written.
+    """
+    limit_s = now_s - options.keep_days * 86_400
+    for table, column in (("decisions", "time_s"), ("statuses", "time_s"), ("events", "start_s")):
+        db.execute(f"DELETE FROM {table} WHERE {column} < ?", (limit_s,))  # noqa: S608 - ours
+    while _used_bytes(db) > options.keep_mb * 1e6:
+        for table, column in (("decisions", "n"), ("statuses", "n"), ("events", "start_s")):
+            if db.execute(_OLDEST.format(table, column)).rowcount > 0:
+                break
+        else:
+            break
+    # Frees one page a step, and only a script takes every step (Python's sqlite3 takes one).
+    db.executescript("PRAGMA incremental_vacuum")
+    db.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
+
+
+def _used_bytes(db: sqlite3.Connection) -> int:
+    pages, free, size = (
+        int(db.execute(f"PRAGMA {name}").fetchone()[0])
+        for name in ("page_count", "freelist_count", "page_size")
+    )
+    return (pages - free) * size
+
+
+def _seconds(text: str) -> float:
+    return datetime.fromisoformat(text).timestamp()

@@ -1,0 +1,183 @@
+"""syslog and journald: events and states as messages that an administrator reads.
+
+`syslog:` alone is this machine: journald's own protocol where it runs, with the record's
+fields to search for, else /dev/log. `syslog:/path` is another local socket,
+`syslog:udp://host[:port]` a server. The text form is that of RFC 3164 without time and host,
+which the receiver adds, as Python's SysLogHandler sends it.
+"""
+
+import errno
+import os
+import socket
+import stat
+from collections.abc import Callable
+from pathlib import Path
+from urllib.parse import urlsplit
+
+from radard.errors import UsageError
+from radard.sinks.backoff import Backoff
+from radard.sinks.base import DeliveryError, Record, SinkContext
+from radard.sinks.options import SinkOptions
+from radard.sinks.thread_sink import DirectSink
+
+JOURNAL = Path("/run/systemd/journal/socket")
+DEV_LOG = Path("/dev/log")
+_SEND_S = 5.0
+_FACILITY = {"user": 1, "daemon": 3, "auth": 4, "authpriv": 10} | {
+    f"local{k}": 16 + k for k in range(8)
+}
+_ALERT, _CRITICAL, _ERROR, _WARNING, _NOTICE, _INFO, _DEBUG = range(1, 8)
+_NEW = {"alarm": _ALERT, "tamper": _CRITICAL, "fault": _ERROR}
+_STATE = {"online": _INFO, "starting": _INFO, "degraded": _WARNING, "offline": _WARNING}
+
+Address = str | tuple[str, int]
+
+
+def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> "SyslogSink":
+    """Return the sink of `syslog:`, `syslog:/socket` or `syslog:udp://host[:port]`."""
+    rest = url.partition(":")[2]
+    sink = SyslogSink(parse_address(rest), options, context)
+    sink.start()
+    return sink
+
+
+def parse_address(rest: str) -> Address | None:
+    """Return a socket's path, or host and port; None for this machine's own log.
+
+    Raises
+    ------
+    UsageError
+        If it is none of these.
+    """
+    if not rest:
+        return None
+    if rest.startswith("/"):
+        return rest
+    try:
+        parts = urlsplit(rest)
+        if parts.scheme == "udp" and parts.hostname and not parts.path.strip("/"):
+            return parts.hostname, parts.port or 514
+    except ValueError as err:
+        msg = f"--output syslog:{rest}: {err}"
+        raise UsageError(msg) from err
+    msg = f"--output syslog:{rest}: use syslog:, syslog:/socket or syslog:udp://host[:port]"
+    raise UsageError(msg)
+
+
+class SyslogSink(DirectSink):
+    """Send messages to a log.
+
+    Parameters
+    ----------
+    address : str, (str, int) or None
+        See `parse_address`.
+    options : SinkOptions
+        Sections syslog and outbox (for its waits).
+    context : SinkContext
+        Of the run.
+    """
+
+    def __init__(
+        self, address: Address | None, options: SinkOptions, context: SinkContext
+    ) -> None:
+        shown = address or ""
+        if isinstance(address, tuple):
+            shown = f"udp://{address[0]}:{address[1]}"
+        name = f"syslog:{shown}"
+        o = options.outbox
+        super().__init__(name, Backoff(o.first_retry_s, o.longest_retry_s, name))
+        self._address = address
+        self._facility = _FACILITY[options.syslog.facility]
+        self._has_decisions = options.syslog.decisions
+        self._sensor = context.sensor
+        self._socket: socket.socket | None = None
+        self._form: Callable[[int, str, Record], bytes] = self._plain
+
+    def _deliver(self, record: Record) -> None:
+        told = message_of(record)
+        if told is None or (record["type"] == "decision" and not self._has_decisions):
+            return
+        try:
+            sock = self._socket or self._connect()
+            sock.sendall(self._form(told[0], told[1], record))
+        except OSError as err:
+            self._shut()
+            msg = f"cannot log: {err.strerror or err}"
+            raise DeliveryError(msg) from err
+
+    def _shut(self) -> None:
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
+
+    def _connect(self) -> socket.socket:
+        address, self._form = self._address, self._plain
+        if address is None:
+            is_journal = JOURNAL.exists() and stat.S_ISSOCK(JOURNAL.stat().st_mode)
+            address = str(JOURNAL if is_journal else DEV_LOG)
+            self._form = self._journal if is_journal else self._plain
+        if isinstance(address, tuple):
+            where = socket.getaddrinfo(*address, type=socket.SOCK_DGRAM)[0]
+            self._socket = _connected(where[0], socket.SOCK_DGRAM, where[4])
+            return self._socket
+        try:
+            self._socket = _connected(socket.AF_UNIX, socket.SOCK_DGRAM, address)
+        except OSError as err:
+            if err.errno != errno.EPROTOTYPE:
+                raise
+            self._socket = _connected(socket.AF_UNIX, socket.SOCK_STREAM, address)
+        return self._socket
+
+    def _plain(self, severity: int, text: str, _record: Record) -> bytes:
+        priority = self._facility << 3 | severity
+        return f"<{priority}>radard[{os.getpid()}]: {self._sensor}: {text}\0".encode()
+
+    def _journal(self, severity: int, text: str, record: Record) -> bytes:
+        fields = {
+            "MESSAGE": f"{self._sensor}: {text}",
+            "PRIORITY": severity,
+            "SYSLOG_FACILITY": self._facility,
+            "SYSLOG_IDENTIFIER": "radard",
+            "RADARD_SENSOR": self._sensor,
+            **{f"RADARD_{key.upper()}": value for key, value in record.items()},
+        }
+        return b"".join(_field(key, str(v)) for key, v in fields.items() if v is not None)
+
+
+def message_of(record: Record) -> tuple[int, str] | None:
+    """Return severity, as syslog counts it, and text of a record; None for `hello`."""
+    kind = record["type"]
+    if kind == "event":
+        severity = _NEW.get(record["kind"], _WARNING) if record["phase"] == "new" else _NOTICE
+        where = f" clip={record['clip']}" if record["clip"] else ""
+        text = f"{record['kind']} {record['phase']}: {record['reason']} id={record['id']}{where}"
+        return severity, text
+    if kind == "status":
+        reason = f": {record['reason']}" if record["reason"] else ""
+        return _STATE.get(record["state"], _WARNING), f"{record['state']}{reason}"
+    if kind == "decision":
+        text = f"decision {record['seq']}: gate {record['gate']}, label {record['label']}"
+        return _DEBUG, text
+    return None
+
+
+def _connected(
+    family: int, kind: socket.SocketKind, target: str | tuple[object, ...]
+) -> socket.socket:
+    sock = socket.socket(family, kind)
+    try:
+        # A log that takes nothing blocks its writers; this one then tries again later.
+        sock.settimeout(_SEND_S)
+        sock.connect(target)
+    except OSError:
+        sock.close()
+        raise
+    return sock
+
+
+def _field(key: str, value: str) -> bytes:
+    """Return a field in journald's native protocol (systemd, "Native Journal Protocol")."""
+    data = value.encode()
+    if b"\n" in data:
+        return key.encode() + b"\n" + len(data).to_bytes(8, "little") + data + b"\n"
+    return key.encode() + b"=" + data + b"\n"

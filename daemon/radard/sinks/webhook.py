@@ -1,0 +1,204 @@
+"""Webhook: every event as an HTTP POST, repeated until a server takes it.
+
+Written on `http.client`: no redirect is followed, since that would turn the POST into a GET
+or carry it to a host that nobody named, and the time limit is one for the whole attempt.
+Signatures and the three headers are those of the Standard Webhooks specification, 1.0
+(recalled): `webhook-id` is the same in every attempt, so a receiver can tell repetitions.
+"""
+
+import base64
+import hashlib
+import hmac
+import http.client
+import socket
+import ssl
+import threading
+import time
+from pathlib import Path
+from urllib.parse import urlsplit
+
+from radard.errors import ConfigError, UsageError
+from radard.sinks.base import DeliveryError, SinkContext
+from radard.sinks.event_filter import body_of, wants_events
+from radard.sinks.options import SinkOptions, WebhookSection, read_secret
+from radard.sinks.outbox import Item
+from radard.sinks.outbox_sink import OutboxSink, outbox_path
+from x2radar.command import installed_version
+
+_REFUSALS = frozenset({400, 405, 406, 409, 410, 411, 413, 414, 415, 422})
+"""Answers that speak of this body, not of the moment or of who asks."""
+_MOST_ANSWER = 65_536
+_LATE = "no answer within the time limit"
+
+
+def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> "WebhookSink":
+    """Return the sink of `webhook:URL`, or of `webhook:@FILE` whose first line is the URL."""
+    target = url.partition(":")[2]
+    if target.startswith("@"):
+        # URLs of chat services are secrets; a file keeps them off the command line.
+        target = read_secret("webhook.url", Path(target[1:]), None) or ""
+    try:
+        parts = urlsplit(target)
+        is_right = parts.scheme in {"http", "https"} and bool(parts.hostname)
+        is_right = is_right and parts.port != 0 and parts.username is None
+    except ValueError:
+        is_right = False
+    if not is_right:
+        msg = (
+            "--output webhook: give webhook:http://HOST/PATH, https://, or @FILE with such a "
+            "URL in it; user and password do not belong there, see webhook.token_file"
+        )
+        raise UsageError(msg)
+    sink = WebhookSink(target, options, context)
+    sink.start()
+    return sink
+
+
+class WebhookSink(OutboxSink):
+    """POST events.
+
+    Parameters
+    ----------
+    url : str
+        http or https; its path and query are treated as secrets.
+    options : SinkOptions
+        Sections webhook and outbox.
+    context : SinkContext
+        Of the run.
+
+    Raises
+    ------
+    ConfigError
+        If a credential or certificate cannot be read.
+    OutputError
+        If the outbox cannot be made.
+    """
+
+    def __init__(self, url: str, options: SinkOptions, context: SinkContext) -> None:
+        o = options.webhook
+        parts = urlsplit(url)
+        self._is_tls = parts.scheme == "https"
+        self._host, self._port = parts.hostname or "", parts.port
+        self._path = (parts.path or "/") + (f"?{parts.query}" if parts.query else "")
+        self._options_web = o
+        self._sensor = context.sensor
+        self._tls = _tls(o) if self._is_tls else None
+        self._headers(b"", "check")
+        others = ["status"] * o.statuses + ["decision"] * o.decisions
+        port = f":{self._port}" if self._port else ""
+        super().__init__(
+            f"webhook:{parts.scheme}://{self._host}{port}",
+            outbox_path(context, "webhook", url),
+            options.outbox,
+            wants_events(o.kinds, o.phases, others),
+        )
+
+    def _send(self, item: Item) -> None:
+        body = body_of(self._sensor, item.record)
+        began_s = time.monotonic()
+        try:
+            code = self._post(body, self._headers(body, item.key))
+        except ConfigError as err:
+            raise DeliveryError(str(err)) from err
+        except (OSError, ValueError, http.client.HTTPException) as err:
+            # ValueError: the line was hung up by the watch while TLS was reading.
+            is_late = time.monotonic() - began_s >= self._options_web.timeout_s
+            raise DeliveryError(_LATE if is_late else _explain(err)) from err
+        if not 200 <= code < 300:
+            msg = f"the server answers {code} {http.client.responses.get(code, '')}"
+            raise DeliveryError(msg, is_refusal=code in _REFUSALS)
+
+    def _post(self, body: bytes, headers: dict[str, str]) -> int:
+        timeout_s = self._options_web.timeout_s
+        link: http.client.HTTPConnection
+        if self._tls is not None:
+            link = http.client.HTTPSConnection(
+                self._host, self._port, timeout=timeout_s, context=self._tls
+            )
+        else:
+            link = http.client.HTTPConnection(self._host, self._port, timeout=timeout_s)
+        # The library's limit is for every read; a server that drips bytes would outlive it.
+        watch = threading.Timer(timeout_s, _hang_up, (link,))
+        watch.daemon = True
+        watch.start()
+        try:
+            link.request("POST", self._path, body, headers)
+            answer = link.getresponse()
+            answer.read(_MOST_ANSWER)
+            return answer.status
+        finally:
+            watch.cancel()
+            link.close()
+
+    def _headers(self, body: bytes, key: str) -> dict[str, str]:
+        o = self._options_web
+        now = str(int(time.time()))
+        headers = {
+            "Content-Type": "application/json",
+            "User-Agent": f"radard/{installed_version()}",
+            "webhook-id": key,
+            "webhook-timestamp": now,
+        }
+        token = read_secret("webhook.token", o.token_file, o.token_env)
+        if token is not None:
+            headers["Authorization"] = f"Bearer {token}"
+        secret = read_secret("webhook.secret", o.secret_file, o.secret_env)
+        if secret is not None:
+            headers["webhook-signature"] = sign(secret, key, now, body)
+        return headers
+
+
+def sign(secret: str, key: str, timestamp: str, body: bytes) -> str:
+    """Return the signature header of a message.
+
+    Parameters
+    ----------
+    secret : str
+        Shared key; base64 behind `whsec_`, or any text.
+    key, timestamp : str
+        Headers webhook-id and webhook-timestamp.
+    body : bytes
+        What is sent.
+
+    Raises
+    ------
+    ConfigError
+        If what follows `whsec_` is not base64.
+    """
+    raw = secret.encode()
+    if secret.startswith("whsec_"):
+        try:
+            raw = base64.b64decode(secret.removeprefix("whsec_"), validate=True)
+        except ValueError as err:
+            msg = "webhook.secret: what follows whsec_ is not base64"
+            raise ConfigError(msg) from err
+    content = f"{key}.{timestamp}.".encode() + body
+    digest = hmac.new(raw, content, hashlib.sha256).digest()
+    return f"v1,{base64.b64encode(digest).decode()}"
+
+
+def _hang_up(link: http.client.HTTPConnection) -> None:
+    sock: socket.socket | None = link.sock
+    if sock is not None:
+        try:
+            sock.shutdown(socket.SHUT_RDWR)
+        except OSError:
+            sock.close()
+
+
+def _tls(options: WebhookSection) -> ssl.SSLContext:
+    try:
+        return ssl.create_default_context(cafile=options.ca_file)
+    except (OSError, ValueError) as err:
+        msg = f"webhook.ca_file: {options.ca_file}: {err}"
+        raise ConfigError(msg) from err
+
+
+def _explain(err: Exception) -> str:
+    if isinstance(err, ssl.SSLCertVerificationError):
+        return f"the server's certificate is not accepted: {err.verify_message}"
+    if isinstance(err, TimeoutError):
+        return _LATE
+    if isinstance(err, http.client.HTTPException):
+        return f"not an HTTP answer: {type(err).__name__}"
+    return f"cannot connect: {(isinstance(err, OSError) and err.strerror) or err}"

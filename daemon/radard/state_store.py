@@ -1,0 +1,134 @@
+"""StateStore: what must outlive the daemon, in one small JSON file that is never half written.
+
+The file is written anew under another name, synced and renamed, so a power failure leaves
+the old one or the new one. A file that cannot be read counts as none: the sensor is then in
+its configured state, which is armed unless somebody chose otherwise.
+"""
+
+import contextlib
+import json
+import logging
+import os
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+log = logging.getLogger("radard")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class KeptState:
+    """What is kept.
+
+    Attributes
+    ----------
+    is_armed : bool
+        The last word of a command.
+    alarm_id : str or None
+        Id of an alarm that was on when the daemon ended.
+    alarm_reason : str
+        Why it was on.
+    alarm_peak : float
+        Highest probability of a human in it.
+    """
+
+    is_armed: bool
+    alarm_id: str | None = None
+    alarm_reason: str = ""
+    alarm_peak: float = 0.0
+
+
+class StateStore:
+    """Keep one `KeptState` in a file.
+
+    Parameters
+    ----------
+    path : Path or None
+        The file; None keeps nothing.
+    keeps_alarms : bool
+        Whether an alarm that is on is kept too, not only the last command's word.
+    """
+
+    def __init__(self, path: Path | None, *, keeps_alarms: bool = True) -> None:
+        self._path = path
+        self._keeps_alarms = keeps_alarms
+        self._last: KeptState | None = None
+
+    def load(self, *, is_armed: bool) -> KeptState:
+        """Return what was kept; without anything, a state without an alarm that is so armed."""
+        kept = self._load()
+        if kept is None or not self._keeps_alarms:
+            kept = KeptState(is_armed=is_armed if kept is None else kept.is_armed)
+        self._last = kept
+        return kept
+
+    def _load(self) -> KeptState | None:
+        if self._path is None:
+            return None
+        try:
+            raw = json.loads(self._path.read_text(encoding="utf-8"))
+            kept = KeptState(
+                is_armed=bool(raw["is_armed"]),
+                alarm_id=None if raw.get("alarm_id") is None else str(raw["alarm_id"]),
+                alarm_reason=str(raw.get("alarm_reason", "")),
+                alarm_peak=float(raw.get("alarm_peak", 0.0)),
+            )
+        except FileNotFoundError:
+            return None
+        except (OSError, ValueError, KeyError, TypeError) as err:
+            log.warning("%s: the kept state is unreadable and not used (%r)", self._path, err)
+            return None
+        return kept
+
+    def save(self, state: KeptState) -> None:
+        """Keep a state; a failure is logged, for an alarm must not fail with its disk."""
+        if not self._keeps_alarms:
+            state = KeptState(is_armed=state.is_armed)
+        if self._path is None or state == self._last:
+            return
+        try:
+            self._path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+            write_atomically(self._path, json.dumps(asdict(state)) + "\n", sync=True)
+        except OSError as err:
+            log.warning("%s: cannot keep the state: %s", self._path, err.strerror or err)
+        else:
+            self._last = state
+
+
+def write_atomically(path: Path, text: str, *, sync: bool, mode: int = 0o600) -> None:
+    """Write a file so that readers see all of the old or all of the new.
+
+    Parameters
+    ----------
+    path : Path
+        The file; its folder must exist.
+    text : str
+        The content.
+    sync : bool
+        Wait for the disk, so that a power failure does not lose it.
+    mode : int
+        Its permissions.
+
+    Raises
+    ------
+    OSError
+        If it cannot be written; the old file is then as it was.
+    """
+    made = path.with_name(f".{path.name}.{os.getpid()}.new")
+    try:
+        with made.open("w", encoding="utf-8") as file:
+            file.write(text)
+            made.chmod(mode)
+            if sync:
+                file.flush()
+                os.fsync(file.fileno())
+        made.replace(path)
+    except OSError:
+        with contextlib.suppress(OSError):
+            made.unlink(missing_ok=True)
+        raise
+    if sync:
+        folder = os.open(path.parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)

@@ -1,0 +1,153 @@
+"""Actions: what changes something. POST requests, by operators, from our own page alone."""
+
+import logging
+from collections.abc import Awaitable, Callable
+from typing import Any
+
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request
+from starlette.responses import JSONResponse, Response
+from starlette.routing import Route
+
+from radard.errors import OutputError
+from radard.output import utc_now
+from radard.outputs import COMMANDS
+from radard.web.desk import Desk
+from radard.web.guard import SESSION_S, Allowance, Guard
+from radard.web.labels import LABELS
+from radard.web.middleware import refusal
+
+log = logging.getLogger("radard")
+Handler = Callable[[dict[str, Any]], Awaitable[Response]]
+
+
+class Actions:
+    """Routes of what changes something.
+
+    Parameters
+    ----------
+    desk : Desk
+        Knows the run.
+    guard : Guard
+        Knows roles.
+    """
+
+    def __init__(self, desk: Desk, guard: Guard) -> None:
+        self._desk = desk
+        self._guard = guard
+        # Commands stand in the same line as decisions: a flood must not.
+        self._allowance = Allowance(20, 4)
+        self.routes = [
+            self._route("/api/v1/command", self._command),
+            self._route("/api/v1/labels", self._label),
+            self._route("/api/v1/playback", self._playback),
+            Route("/api/v1/login", self._log_in, methods=["POST"]),
+            Route("/api/v1/logout", self._log_out, methods=["POST"]),
+        ]
+
+    def _route(self, path: str, handler: Handler) -> Route:
+        async def guarded(request: Request) -> Response:
+            role = self._guard.role(request.headers, request.cookies)
+            if role == "nobody":
+                return refusal(401, "show a token")
+            if role != "operator":
+                return refusal(403, "only an operator may do this")
+            if not self._allowance.take():
+                return refusal(429, "too much at once; wait a moment")
+            said = await _said(request)
+            return await handler(said) if said is not None else refusal(400, "no JSON object")
+
+        return Route(path, guarded, methods=["POST"])
+
+    async def _command(self, said: dict[str, Any]) -> Response:
+        name, host = said.get("command"), self._desk.host
+        if not isinstance(name, str) or name not in COMMANDS:
+            return refusal(400, f"command is one of {', '.join(COMMANDS)}")
+        if host is None:
+            return refusal(503, "there is no run yet")
+        log.info("command from the dashboard: %s", name)
+        host.command(name)
+        return JSONResponse({"accepted": name}, 202)
+
+    async def _label(self, said: dict[str, Any]) -> Response:
+        event_id, label = said.get("event"), said.get("label")
+        if label not in LABELS or not isinstance(event_id, str):
+            return refusal(400, f"event and a label of {', '.join(LABELS)} are wanted")
+        event = await run_in_threadpool(self._desk.event, event_id)
+        if event is None:
+            return refusal(404, "this event is not known")
+        line = {
+            "event": event_id,
+            "label": label,
+            "clip": event["clip"],
+            "sensor": event["sensor"],
+            "kind": event["kind"],
+            "peak": event["peak"],
+            "model": self._desk.history.hello.get("model"),
+            "time": utc_now(),
+        }
+        try:
+            await run_in_threadpool(self._desk.label_file.add, line)
+        except OutputError as err:
+            return refusal(507, str(err))
+        return JSONResponse({"event": event_id, "label": label}, 201)
+
+    async def _playback(self, said: dict[str, Any]) -> Response:
+        host = self._desk.host
+        playback = host.playback() if host is not None else None
+        if playback is None:
+            return refusal(409, "this is no replay")
+        action, value = said.get("action"), said.get("value")
+        is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        try:
+            if action == "play":
+                playback.play()
+            elif action == "pause":
+                playback.pause()
+            elif action == "seek" and is_number:
+                playback.seek(float(value))  # type: ignore[arg-type]
+            elif action == "speed" and (is_number or value is None):
+                playback.set_speed(None if value is None else float(value))
+            else:
+                return refusal(400, "action is play, pause, seek or speed, with its value")
+        except ValueError as err:
+            return refusal(400, str(err))
+        return JSONResponse(self._desk.now()["playback"], 202)
+
+    async def _log_in(self, request: Request) -> Response:
+        said = await _said(request)
+        token = (said or {}).get("token")
+        if not isinstance(token, str) or len(token) > 512:
+            return refusal(400, "a token is wanted")
+        if self._guard.is_locked:
+            return refusal(429, "too many wrong tokens; wait a minute")
+        role, session = self._guard.log_in(token)
+        if role == "nobody":
+            return refusal(401, "this is not the token")
+        answer = JSONResponse({"role": role})
+        answer.set_cookie(
+            self._guard.cookie,
+            session,
+            max_age=int(SESSION_S),
+            httponly=True,
+            samesite="strict",
+            secure=request.url.scheme == "https",
+        )
+        return answer
+
+    async def _log_out(self, request: Request) -> Response:
+        self._guard.log_out(request.cookies)
+        answer = JSONResponse({})
+        answer.delete_cookie(self._guard.cookie)
+        return answer
+
+
+async def _said(request: Request) -> dict[str, Any] | None:
+    """Return the JSON object of a body, None when it is none."""
+    if request.headers.get("content-type", "").partition(";")[0] != "application/json":
+        return None
+    try:
+        said = await request.json()
+    except (ValueError, RecursionError):
+        return None
+    return said if isinstance(said, dict) else None

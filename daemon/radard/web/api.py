@@ -1,0 +1,251 @@
+"""Routes: the HTTP contract of radard, /healthz, /metrics, /api/v1/..., /ws and the pages."""
+
+import csv
+import hashlib
+import io
+import json
+import time
+from collections.abc import Awaitable, Callable
+from importlib import resources
+from typing import Any, TypeVar
+
+from anyio import CapacityLimiter, to_thread
+from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import FileResponse, JSONResponse, Response
+from starlette.routing import Route, WebSocketRoute
+from starlette.websockets import WebSocket
+
+from radard.errors import RadardError, UsageError
+from radard.sinks.options import KINDS
+from radard.sinks.store_query import parse_since
+from radard.web import socket
+from radard.web.actions import Actions
+from radard.web.desk import Desk, EventFilter
+from radard.web.guard import Guard, Role
+from radard.web.hub import Hub
+from radard.web.labels import LABELS
+from radard.web.middleware import Shield, refusal
+from x2radar.errors import X2RadarError
+
+T = TypeVar("T")
+Endpoint = Callable[[Request], Awaitable[Response]]
+_TYPES = {
+    ".html": "text/html; charset=utf-8",
+    ".css": "text/css; charset=utf-8",
+    ".js": "text/javascript; charset=utf-8",
+    ".svg": "image/svg+xml",
+    ".webmanifest": "application/manifest+json",
+}
+_FIELDS = ("id", "sensor", "kind", "began", "ended", "peak", "reason", "label", "clip")
+_MOST_DECISIONS = 3600
+_MOST_WAITING = 4
+
+
+class Api:
+    """All routes.
+
+    Parameters
+    ----------
+    desk : Desk
+        Answers.
+    guard : Guard
+        Roles.
+    hub : Hub
+        Open pages.
+    """
+
+    def __init__(self, desk: Desk, guard: Guard, hub: Hub) -> None:
+        self._desk = desk
+        self._guard = guard
+        self._hub = hub
+        self._static = _read_static()
+        actions = Actions(desk, guard)
+        # Few threads: whatever they do, decisions need the processor more.
+        self._reading = CapacityLimiter(2)
+        self._painting = CapacityLimiter(1)
+        routes: list[Route | WebSocketRoute] = [
+            Route("/healthz", self._healthz),
+            Route("/metrics", self._seen(self._metrics)),
+            Route("/api/v1/status", self._seen(self._status)),
+            Route("/api/v1/decisions", self._seen(self._decisions)),
+            Route("/api/v1/decisions/{seq:int}", self._seen(self._why)),
+            Route("/api/v1/events", self._seen(self._events)),
+            Route("/api/v1/events/export", self._seen(self._export)),
+            Route("/api/v1/events/{id}/clip", self._seen(self._clip)),
+            Route("/api/v1/events/{id}/pictures", self._seen(self._pictures)),
+            Route("/api/v1/config", self._seen(self._config)),
+            *actions.routes,
+            WebSocketRoute("/ws", self._ws),
+            Route("/", self._page),
+            Route("/static/{path:path}", self._file),
+        ]
+        self.app = Shield(Starlette(routes=routes), guard)
+
+    def _seen(self, endpoint: Endpoint) -> Endpoint:
+        """Return an endpoint for those who may look."""
+
+        async def guarded(request: Request) -> Response:
+            if self._role(request) == "nobody":
+                return refusal(401, "show a token")
+            return await endpoint(request)
+
+        return guarded
+
+    def _role(self, request: Request) -> Role:
+        return self._guard.role(request.headers, request.cookies)
+
+    async def _healthz(self, request: Request) -> Response:
+        now = self._desk.now()
+        body = {"state": now["state"]}
+        if self._role(request) != "nobody":
+            body["reason"] = now["reason"]
+        return JSONResponse(body, 200 if now["state"] in {"online", "degraded"} else 503)
+
+    async def _metrics(self, _request: Request) -> Response:
+        return Response(self._desk.metrics_text(), media_type="text/plain; version=0.0.4")
+
+    async def _status(self, request: Request) -> Response:
+        return JSONResponse({**self._desk.status(self._role(request)), "viewers": len(self._hub)})
+
+    async def _config(self, _request: Request) -> Response:
+        return JSONResponse(self._desk.config_shown())
+
+    async def _decisions(self, request: Request) -> Response:
+        try:
+            limit = _whole(request, "limit", 100, _MOST_DECISIONS)
+            before = _whole(request, "before_seq", 0, 1 << 53)
+        except UsageError as err:
+            return refusal(400, str(err))
+        found = self._desk.history.decisions(limit, before_seq=before or None)
+        return JSONResponse({"decisions": found})
+
+    async def _why(self, request: Request) -> Response:
+        found = self._desk.why(request.path_params["seq"])
+        if found is None:
+            return refusal(404, "this decision is not remembered any more")
+        return JSONResponse(found)
+
+    async def _events(self, request: Request) -> Response:
+        try:
+            wanted = _filter(request)
+        except UsageError as err:
+            return refusal(400, str(err))
+        return JSONResponse({"events": await self._read(self._desk.events, wanted)})
+
+    async def _export(self, request: Request) -> Response:
+        try:
+            wanted = _filter(request)
+        except UsageError as err:
+            return refusal(400, str(err))
+        events = await self._read(self._desk.events, wanted)
+        is_csv = request.query_params.get("format") == "csv"
+        name = "events.csv" if is_csv else "events.jsonl"
+        text = _csv(events) if is_csv else "".join(json.dumps(e) + "\n" for e in events)
+        kind = "text/csv; charset=utf-8" if is_csv else "application/jsonl"
+        return Response(text, media_type=kind, headers=_attached(name))
+
+    async def _clip(self, request: Request) -> Response:
+        path = await self._read(self._desk.clip, request.path_params["id"])
+        if path is None:
+            return refusal(404, "there is no clip of this event")
+        return FileResponse(path, media_type="application/x-hdf5", headers=_attached(path.name))
+
+    async def _pictures(self, request: Request) -> Response:
+        path = await self._read(self._desk.clip, request.path_params["id"])
+        if path is None:
+            return refusal(404, "there is no clip of this event")
+        # Late: h5py takes a while, and most runs replay nothing.
+        from radard.web.clip_view import clip_view  # noqa: PLC0415
+
+        if self._painting.statistics().tasks_waiting >= _MOST_WAITING:
+            return refusal(503, "others wait for pictures; try again soon")
+        try:
+            data = await to_thread.run_sync(clip_view, path, limiter=self._painting)
+        except (X2RadarError, RadardError, OSError) as err:
+            return refusal(422, f"the clip cannot be shown: {' '.join(str(err).split())}")
+        return Response(data, media_type="application/octet-stream")
+
+    async def _read(self, call: Callable[..., T], *arguments: Any) -> T:
+        return await to_thread.run_sync(call, *arguments, limiter=self._reading)
+
+    async def _ws(self, websocket: WebSocket) -> None:
+        desk, role = self._desk, self._guard.role(websocket.headers, websocket.cookies)
+        welcome = {
+            "type": "welcome",
+            **desk.status(role),
+            "decisions": desk.history.decisions(180),
+            "events": desk.history.events()[-50:],
+        }
+        most = desk.section.max_viewers
+        await socket.serve(websocket, self._guard, self._hub, most, welcome)
+
+    async def _page(self, request: Request) -> Response:
+        is_known = self._role(request) != "nobody"
+        return self._served(request, "index.html" if is_known else "login.html")
+
+    async def _file(self, request: Request) -> Response:
+        return self._served(request, request.path_params["path"])
+
+    def _served(self, request: Request, path: str) -> Response:
+        if path not in self._static:
+            return refusal(404, "no such file")
+        kind, tag, data = self._static[path]
+        headers = {"ETag": tag, "Cache-Control": "no-cache"}
+        if request.headers.get("if-none-match") == tag:
+            return Response(status_code=304, headers=headers)
+        return Response(data, media_type=kind, headers=headers)
+
+
+def _read_static() -> dict[str, tuple[str, str, bytes]]:
+    """Return type, tag and content of every file of the pages, by path."""
+    found = {}
+    folder = resources.files("radard.web") / "static"
+    for item in folder.iterdir():
+        suffix = "." + item.name.rpartition(".")[2]
+        if suffix in _TYPES:
+            data = item.read_bytes()
+            tag = f'"{hashlib.blake2b(data, digest_size=8).hexdigest()}"'
+            found[item.name] = (_TYPES[suffix], tag, data)
+    return found
+
+
+def _whole(request: Request, name: str, default: int, most: int) -> int:
+    text = request.query_params.get(name, str(default))
+    if not text.isdecimal() or int(text) > most:
+        msg = f"{name}: a whole number up to {most} is wanted"
+        raise UsageError(msg)
+    return int(text)
+
+
+def _filter(request: Request) -> EventFilter:
+    query = request.query_params
+    kinds = tuple(query.getlist("kind"))
+    label, text, since = (query.get(name, "")[:200] for name in ("label", "text", "since"))
+    if not set(kinds) <= set(KINDS) or label not in {"", "none", *LABELS}:
+        msg = f"kind is one of {', '.join(KINDS)}; label one of none, {', '.join(LABELS)}"
+        raise UsageError(msg)
+    return EventFilter(
+        kinds=kinds,
+        since_s=parse_since(since, time.time()) if since else None,
+        label=label,
+        text=text,
+        limit=_whole(request, "limit", 200, 2000),
+    )
+
+
+def _csv(events: list[dict[str, Any]]) -> str:
+    out = io.StringIO()
+    writer = csv.DictWriter(out, _FIELDS, extrasaction="ignore")
+    writer.writeheader()
+    writer.writerows({k: _safe_cell(v) for k, v in event.items()} for event in events)
+    return out.getvalue()
+
+
+def _safe_cell(value: Any) -> Any:
+    """Return a value that a spreadsheet does not take for a formula."""
+    return f"'{value}" if isinstance(value, str) and value[:1] in "=+-@\t" else value
+
+
+def _attached(name: str) -> dict[str, str]:
+    return {"Content-Disposition": f'attachment; filename="{name}"'}

@@ -1,0 +1,107 @@
+"""A clip's pictures and decisions for a page: one answer, made when it is asked for.
+
+::
+
+    u32 length of the JSON, the JSON, then one message of columns (`radard.web.wire`)
+"""
+
+import json
+import struct
+import time
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from radard.dsp.downconvert import DownConverter
+from radard.web.lens import Columns, Lens
+from radard.web.wire import TIMED, axes, encode_columns
+from x2radar.open_recording import open_recording
+
+Row = tuple[NDArray[np.complex64], bool]
+
+_BLOCK = 32
+_MOST_S = 660.0
+_BREATHE_S = 0.002
+_KEYS = ("t_s", "seq", "gate", "label", "alarm", "fused_p_human", "fused_p_pet", "range_m")
+
+
+def clip_view(path: Path) -> bytes:
+    """Return the answer for a clip.
+
+    Parameters
+    ----------
+    path : Path
+        A recording; pictures are made of eleven minutes at most.
+
+    Raises
+    ------
+    X2RadarError, FeatureError, OSError
+        If it cannot be read or is no radar's.
+    """
+    with open_recording(path) as reader:
+        stream = reader.stream
+        thin = max(1, stream.axis.n_range // 96)
+        converter = DownConverter(stream.axis, thin)
+        lens = Lens(converter.axis, stream.frame_rate_hz)
+        made: list[Columns] = []
+        rows: list[Row] = []
+        length_s = 0.0
+        for frame in reader.frames(0.0):
+            length_s = (frame.index + 1) / stream.frame_rate_hz
+            if length_s > _MOST_S:
+                break
+            row = converter.convert(frame.samples)
+            # Time goes on where frames are missing.
+            rows += [(row, False)] * min(frame.lost, _BLOCK) if rows else []
+            rows.append((row, bool(np.isfinite(row).all())))
+            if len(rows) >= _BLOCK:
+                _push(lens, rows, length_s, made)
+                rows = []
+                # Decisions come first: leave the interpreter to them now and then.
+                time.sleep(_BREATHE_S)
+        if rows:
+            _push(lens, rows, length_s, made)
+    head = {"length_s": length_s, "axes": axes(lens), "decisions": _decisions(path)}
+    text = json.dumps(head).encode()
+    return struct.pack("<I", len(text)) + text + _joined(made, lens)
+
+
+def _push(lens: Lens, rows: list[Row], t_s: float, made: list[Columns]) -> None:
+    frames = np.array([row for row, _ in rows], np.complex64)
+    columns = lens.push(frames, np.array([is_good for _, is_good in rows]), t_s)
+    if columns is not None:
+        made.append(columns)
+
+
+def _joined(made: list[Columns], lens: Lens) -> bytes:
+    if not made:
+        return b""
+    whole = Columns(
+        made[-1].t_s,
+        np.concatenate([c.valid for c in made]),
+        {name: np.concatenate([c.values[name] for c in made], axis=1) for name in TIMED},
+    )
+    return encode_columns(whole, first=0, epoch=0, column_s=lens.column_s)
+
+
+def _decisions(path: Path) -> list[dict[str, Any]]:
+    """Return what was decided on the clip, on its own clock; nothing for a bare recording."""
+    with h5py.File(path, "r") as file:
+        group = file.get("decisions")
+        if group is None or not all(key in group for key in _KEYS):
+            return []
+        columns = {key: group[key][:] for key in _KEYS}
+    return [
+        {key: _plain(values[i]) for key, values in columns.items()}
+        for i in range(len(columns["t_s"]))
+    ]
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, bytes):
+        return value.decode()
+    number = value.item()
+    return None if isinstance(number, float) and not np.isfinite(number) else number

@@ -1,0 +1,125 @@
+"""Middleware: what holds for every request, before any route sees it.
+
+Headers that keep a browser from doing what a page of ours never asks for, the right host, a
+limit on bodies, and for whatever changes something: our own origin and our own header, which
+no form and no page of another site can send.
+"""
+
+import asyncio
+
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.responses import JSONResponse
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from radard.web.guard import Guard
+
+MOST_BODY = 4096
+BODY_S = 10.0
+OWN_HEADER = "x-radard"
+_SAFE = {"GET", "HEAD", "OPTIONS"}
+HEADERS = {
+    "Content-Security-Policy": (
+        "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; "
+        "connect-src 'self'; manifest-src 'self'; base-uri 'none'; form-action 'none'; "
+        "frame-ancestors 'none'"
+    ),
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "DENY",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Permissions-Policy": "camera=(), microphone=(), geolocation=()",
+}
+
+
+class _TooLong(Exception):
+    """A body is longer than `MOST_BODY`."""
+
+
+async def _taken(receive: Receive) -> Receive:
+    """Take the whole body; return a `receive` that hands it on in one piece."""
+    body = b""
+    while True:
+        message = await receive()
+        body += message.get("body", b"")
+        if len(body) > MOST_BODY:
+            raise _TooLong
+        if not message.get("more_body", False):
+            break
+    whole: list[Message] = [{**message, "body": body} if "body" in message else message]
+
+    async def again() -> Message:
+        return whole.pop() if whole else await receive()
+
+    return again
+
+
+class _Answer:
+    """Sends an answer with our headers."""
+
+    def __init__(self, send: Send) -> None:
+        self._send = send
+
+    async def __call__(self, message: Message) -> None:
+        if message["type"] == "http.response.start":
+            out = MutableHeaders(scope=message)
+            for name, value in HEADERS.items():
+                out[name] = value
+            out.setdefault("Cache-Control", "no-store")
+        await self._send(message)
+
+
+class Shield:
+    """ASGI middleware; see the module.
+
+    Parameters
+    ----------
+    app : ASGI application
+        What is behind.
+    guard : Guard
+        Knows hosts and origins.
+    """
+
+    def __init__(self, app: ASGIApp, guard: Guard) -> None:
+        self._app = app
+        self._guard = guard
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Let a request pass, or answer it."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        headers = Headers(scope=scope)
+        answer = _Answer(send)
+        fault = self._fault(scope["method"], headers)
+        if fault is not None:
+            await fault(scope, receive, answer)
+            return
+        if scope["method"] not in _SAFE:
+            try:
+                async with asyncio.timeout(BODY_S):
+                    receive = await _taken(receive)
+            except TimeoutError:
+                await refusal(408, "the body does not come")(scope, receive, answer)
+                return
+            except _TooLong:
+                await refusal(413, "the body is too long")(scope, receive, answer)
+                return
+        await self._app(scope, receive, answer)
+
+    def _fault(self, method: str, headers: Headers) -> JSONResponse | None:
+        if not self._guard.is_right_host(headers):
+            return refusal(421, "this host name is not served here")
+        if method in _SAFE:
+            return None
+        length = headers.get("content-length", "0")
+        if not length.isdecimal() or int(length) > MOST_BODY:
+            return refusal(413, "the body is too long")
+        if not self._guard.is_same_origin(headers) or OWN_HEADER not in headers:
+            return refusal(403, "only the dashboard itself may do this")
+        return None
+
+
+def refusal(code: int, reason: str) -> JSONResponse:
+    """Return an answer that says no and why."""
+    return JSONResponse({"error": reason}, status_code=code)

@@ -1,0 +1,330 @@
+// The frame around every page: routes, health, arming, banner, replay controls, theme.
+import { themeChanged } from "./chart.js";
+import { isDarkNow } from "./colour.js";
+import { eventsPage } from "./events.js";
+import { livePage } from "./live.js";
+import { connect, post, watchPictures } from "./net.js";
+import { setupPage } from "./setup.js";
+import { isOperator, on, state } from "./state.js";
+import { duration, h, minutes, replace, toast } from "./ui.js";
+import { whyPage } from "./why.js";
+
+const PAGES = { live: livePage, why: whyPage, events: eventsPage, setup: setupPage };
+const TITLES = { live: "Live", why: "Why", events: "Events", setup: "Set up" };
+const byId = (id) => document.getElementById(id);
+
+let leave = null;
+let shown = "";
+let shownRole = "";
+
+function route() {
+  const [name, argument] = location.hash.replace(/^#\/?/, "").split("/");
+  const page = PAGES[name] ? name : "live";
+  if (`${page}/${argument ?? ""}` === shown) return;
+  const isOther = shown.split("/")[0] !== page;
+  shown = `${page}/${argument ?? ""}`;
+  leave?.abort();
+  leave = new AbortController();
+  for (const link of document.querySelectorAll(".tabs a")) {
+    if (link.getAttribute("href") === `#/${page}`) link.setAttribute("aria-current", "page");
+    else link.removeAttribute("aria-current");
+  }
+  document.title = `${TITLES[page]} · radard`;
+  const main = byId("page");
+  main.className = page;
+  const { wantsPictures, nodes } = PAGES[page](argument, leave.signal);
+  replace(main, ...nodes);
+  watchPictures(wantsPictures && !document.hidden);
+  document.body.dataset.pictures = wantsPictures ? "yes" : "";
+  if (isOther) scrollTo(0, 0);
+}
+
+document.addEventListener("visibilitychange", () => {
+  watchPictures(!document.hidden && document.body.dataset.pictures === "yes");
+});
+
+// Arming -----------------------------------------------------------------------------------
+
+export async function command(name) {
+  try {
+    await post("/api/v1/command", { command: name });
+  } catch (error) {
+    toast(`Not done: ${error.message}`, "bad");
+  }
+}
+
+let armingKey = "";
+
+function drawArming() {
+  const { panel } = state;
+  const key = `${panel.armed} ${panel.panel} ${state.role} ${state.connection}`;
+  if (key === armingKey) return;
+  armingKey = key;
+  const isArmed = Boolean(panel.armed);
+  const button = h(
+    "button",
+    {
+      type: "button",
+      class: `arm ${isArmed ? "armed" : ""}`,
+      id: "arm",
+      "aria-pressed": String(isArmed),
+      disabled: !isOperator() || state.connection !== "open" || panel.armed === undefined,
+      title: isOperator() ? "" : "Only an operator may arm and disarm",
+      onclick: () => command(isArmed ? "disarm" : "arm"),
+    },
+    h("span", { class: "switch", "aria-hidden": "true" }),
+    h("span", {}, isArmed ? "Armed" : "Disarmed"),
+  );
+  const hadFocus = document.activeElement?.id === "arm";
+  replace(byId("arming"), button);
+  if (hadFocus) button.focus();
+}
+
+// Health -----------------------------------------------------------------------------------
+
+const STATES = { online: "Online", degraded: "Degraded", offline: "Offline", starting: "Starting" };
+
+function drawHealth() {
+  const isLost = state.connection !== "open";
+  const name = isLost ? "lost" : state.state;
+  const text = isLost ? "No connection" : (STATES[state.state] ?? state.state);
+  const box = byId("health");
+  const key = `${name} ${state.reason}`;
+  if (box.dataset.key === key) return;
+  box.dataset.key = key;
+  replace(
+    box,
+    h("span", { class: `dot ${name}`, "aria-hidden": "true" }),
+    h("span", { class: "state" }, text),
+  );
+  box.title = state.reason || text;
+}
+
+function drawSensor() {
+  const others = Object.entries(state.sensors);
+  const box = byId("sensor");
+  if (!others.length) {
+    replace(box, h("span", { title: state.hello.port ?? "" }, state.sensor));
+    return;
+  }
+  const choice = h(
+    "select",
+    {
+      "aria-label": "Sensor",
+      onchange: () => {
+        if (choice.value) location.href = choice.value;
+      },
+    },
+    h("option", { value: "" }, state.sensor),
+    others.map(([name, url]) => h("option", { value: url }, name)),
+  );
+  replace(box, choice);
+}
+
+// Banner: nothing while all is well --------------------------------------------------------
+
+function bannerOf() {
+  const { panel } = state;
+  if (state.connection === "lost") {
+    const hasEnded = state.state === "offline" && state.reason;
+    const why = hasEnded ? `radard has ended (${state.reason}).` : "What you see is old.";
+    return ["lost", "Connection lost", `${why} Trying again …`, []];
+  }
+  if (state.connection !== "open") return null;
+  if (panel.panel === "alarm" || panel.alarm_id) {
+    const buttons = [
+      ["Acknowledge", "ack", "primary"],
+      ["Disarm", "disarm", ""],
+    ];
+    return ["alarm", "Alarm", alarmText(), isOperator() ? buttons : []];
+  }
+  if (panel.panel === "entry") {
+    const buttons = isOperator() ? [["Disarm", "disarm", "primary"]] : [];
+    return ["warn", "Somebody is in", "The alarm follows unless you disarm.", buttons];
+  }
+  if (state.state === "offline") return ["warn", "Nobody is watching", state.reason, []];
+  if (panel.open?.tamper) return ["warn", "Tampering", panel.open.tamper, []];
+  if (panel.open?.fault) return ["warn", "Fault", panel.open.fault, []];
+  if (state.state === "degraded" && state.playback?.is_playing !== false) {
+    return ["warn", "Degraded", state.reason, []];
+  }
+  return null;
+}
+
+function alarmText() {
+  const event = state.events.get(state.panel.alarm_id);
+  const reason = state.panel.open?.alarm ?? event?.reason ?? "";
+  const cause = event?.cause ?? reason;
+  const now = state.decisions[state.decisions.length - 1];
+  const lasted = event && now ? now.t_s - event.start_t_s : 0;
+  const since = lasted >= 1 ? `, ${duration(lasted)} ago` : "";
+  const after = reason === cause ? "" : `; now ${reason}`;
+  return `${cause.charAt(0).toUpperCase()}${cause.slice(1)}${since}${after}`;
+}
+
+let bannerKey = "";
+
+function drawBanner() {
+  const wanted = bannerOf();
+  const box = byId("banner");
+  const key = wanted ? `${wanted[0]} ${wanted[1]} ${wanted[3].length}` : "";
+  document.body.classList.toggle("in-alarm", wanted?.[0] === "alarm");
+  if (key !== bannerKey) {
+    bannerKey = key;
+    if (!wanted) {
+      replace(box);
+      return;
+    }
+    const [tone, title, , buttons] = wanted;
+    replace(
+      box,
+      h(
+        "section",
+        { class: `banner ${tone}`, role: tone === "alarm" ? "alert" : "status", "aria-label": title },
+        h("strong", {}, title),
+        h("span", { class: "text", "aria-live": "off" }),
+        h(
+          "span",
+          { class: "buttons" },
+          buttons.map(([text, name, kind]) =>
+            h("button", { type: "button", class: kind, onclick: () => command(name) }, text),
+          ),
+        ),
+      ),
+    );
+  }
+  if (wanted) box.querySelector(".text").textContent = wanted[2];
+}
+
+// Replay controls --------------------------------------------------------------------------
+
+const SPEEDS = [
+  ["0.25", "¼ ×"],
+  ["0.5", "½ ×"],
+  ["1", "1 ×"],
+  ["2", "2 ×"],
+  ["4", "4 ×"],
+  ["8", "8 ×"],
+  ["", "as fast as possible"],
+];
+let player = null;
+
+async function playback(action, value) {
+  try {
+    state.playback = await post("/api/v1/playback", { action, value });
+    drawPlayer();
+  } catch (error) {
+    toast(`Not done: ${error.message}`, "bad");
+  }
+}
+
+function makePlayer() {
+  const play = h("button", {
+    type: "button",
+    class: "icon",
+    onclick: () => playback(state.playback.is_playing ? "pause" : "play"),
+  });
+  let isHeld = false;
+  const slider = h("input", {
+    type: "range",
+    min: "0",
+    step: "1",
+    "aria-label": "Position in the recording",
+    onpointerdown: () => {
+      isHeld = true;
+    },
+    onchange: () => {
+      isHeld = false;
+      playback("seek", Math.min(Number(slider.value), Math.max(0, state.playback.length_s - 1)));
+    },
+  });
+  const time = h("output", { class: "number" });
+  const speed = h(
+    "select",
+    {
+      "aria-label": "Speed",
+      onchange: () => playback("speed", speed.value === "" ? null : Number(speed.value)),
+    },
+    SPEEDS.map(([value, text]) => h("option", { value }, text)),
+  );
+  const element = h(
+    "section",
+    { class: "player", "aria-label": "Replay" },
+    h("span", { class: "tag" }, "Replay"),
+    play,
+    slider,
+    time,
+    speed,
+  );
+  if (!isOperator()) for (const control of [play, slider, speed]) control.disabled = true;
+  return {
+    element,
+    draw({ position_s, length_s, is_playing, speed: now }) {
+      slider.max = String(Math.floor(length_s));
+      if (!isHeld) slider.value = String(position_s);
+      slider.setAttribute("aria-valuetext", `${minutes(position_s)} of ${minutes(length_s)}`);
+      time.textContent = `${minutes(position_s)} / ${minutes(length_s)}`;
+      play.textContent = is_playing ? "❚❚" : "►";
+      play.setAttribute("aria-label", is_playing ? "Pause" : "Play");
+      speed.value = now === null ? "" : String(now);
+    },
+  };
+}
+
+function drawPlayer() {
+  const box = byId("player");
+  if (!state.playback) {
+    if (player) replace(box);
+    player = null;
+    return;
+  }
+  if (!player) {
+    player = makePlayer();
+    replace(box, player.element);
+  }
+  player.draw(state.playback);
+}
+
+// Theme ------------------------------------------------------------------------------------
+
+function setTheme(name) {
+  if (name) document.documentElement.dataset.theme = name;
+  else delete document.documentElement.dataset.theme;
+  themeChanged();
+  const button = byId("theme");
+  const isDark = isDarkNow();
+  button.setAttribute("aria-label", isDark ? "Use light colours" : "Use dark colours");
+  button.title = button.getAttribute("aria-label");
+  button.textContent = isDark ? "☀" : "☾";
+}
+
+byId("theme").addEventListener("click", () => {
+  const name = isDarkNow() ? "light" : "dark";
+  localStorage.setItem("radard-theme", name);
+  setTheme(name);
+});
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () =>
+  setTheme(localStorage.getItem("radard-theme")),
+);
+setTheme(localStorage.getItem("radard-theme"));
+
+on("now", () => {
+  drawHealth();
+  drawArming();
+  drawBanner();
+  drawPlayer();
+});
+on("decision", drawBanner);
+on("hello", () => {
+  drawSensor();
+  // Pages are built for a role, so the first waits for the first word of the daemon.
+  if (state.role !== shownRole) shown = "";
+  shownRole = state.role;
+  route();
+});
+addEventListener("hashchange", () => {
+  if (shownRole) route();
+});
+drawHealth();
+drawArming();
+connect();

@@ -1,0 +1,280 @@
+// Live: what the radar sees, and what it makes of it.
+import { GaitMap, HeatMap, TITLES, drawScale } from "./heatmap.js";
+import { LinePlot } from "./plot.js";
+import { themeVersion } from "./chart.js";
+import { lastDecision, limit, on, pictures, state } from "./state.js";
+import { clock, fixed, h, percent, replace, setText, verdict } from "./ui.js";
+
+const SPAN_S = 30;
+const SLOW_MS = 500;
+const NOTES = {
+  range: "strong: what moves there",
+  velocity: "approaching is up; aliases suppressed",
+  doppler: "µ, what the limbs do; approaching is up",
+  gait: "how often limbs swing",
+};
+
+export function card(title, note, ...children) {
+  return h(
+    "section",
+    { class: "card" },
+    h("h2", {}, title, note ? h("small", {}, note) : null),
+    ...children,
+  );
+}
+
+function pictureHead(name) {
+  const scale = h("canvas", { class: "scale", "aria-hidden": "true" });
+  const [title, subtitle] = TITLES[name];
+  const head = h(
+    "h3",
+    {},
+    `${title} `,
+    h("small", {}, `${subtitle} · ${NOTES[name]}`),
+    h("span", { class: "key", "aria-hidden": "true" }, h("span", { class: "depth" }), scale, "0 dB"),
+  );
+  return { head, scale };
+}
+
+export function livePage(_argument, signal) {
+  const hero = makeHero();
+  const seen = card("What the radar sees", `last ${SPAN_S} s`);
+  const made = card("What it makes of it", "a decision every second");
+  const scales = new Map();
+  const place = (box, name) => {
+    const { head, scale } = pictureHead(name);
+    scales.set(name, scale);
+    box.append(head);
+  };
+  const maps = ["range", "velocity", "doppler"].map((name) => {
+    place(seen, name);
+    const height = name === "doppler" ? 118 : 158;
+    return new HeatMap(seen, name, pictures, { height });
+  });
+  made.append(
+    h("h3", {}, "Person or pet ", h("small", {}, "evidence so far; dotted: this window alone"), legend()),
+  );
+  const chances = new LinePlot(made, {
+    label: "Probabilities over time",
+    height: 178,
+    low: 0,
+    high: 1,
+    unit: "probability",
+    series: [
+      { key: "p_pet", label: "pet", tone: "pet", width: 1.2, dash: [2, 3], hasDots: false },
+      { key: "p_human", label: "person", tone: "human", width: 1.2, dash: [2, 3], hasDots: false },
+      { key: "fused_p_pet", label: "pet, all", tone: "pet" },
+      { key: "fused_p_human", label: "person, all", tone: "human" },
+    ],
+    limits: () => [{ value: limit(), text: `pet above ${fixed(limit(), 2)}: no alarm`, tone: "pet" }],
+  });
+  made.append(h("h3", {}, "Motion ", h("small", {}, "power that is left after the clutter")));
+  const power = new LinePlot(made, {
+    label: "Gate power over time",
+    height: 138,
+    unit: "dB",
+    series: [
+      { key: "threshold_db", label: "threshold", tone: "dim", width: 1.2, dash: [4, 4], hasDots: false, digits: 1 },
+      { key: "noise_floor_db", label: "floor", tone: "faint", width: 1, hasDots: false, digits: 1 },
+      { key: "power_db", label: "power", tone: "accent", digits: 1 },
+    ],
+  });
+  place(made, "gait");
+  const gait = new GaitMap(made, pictures, { height: 118 });
+  const list = makeList();
+  on("decision", (decision) => {
+    hero.draw(decision);
+    list.draw();
+    describe(maps, chances, power, decision);
+  }, signal);
+  on("now", () => hero.draw(lastDecision()), signal);
+  hero.draw(lastDecision());
+  list.draw();
+  animate(signal, maps, [chances, power], gait, scales);
+  signal.addEventListener("abort", () => [...maps, chances, power, gait].forEach((chart) => chart.close()));
+  return {
+    wantsPictures: true,
+    nodes: [
+      h("h1", { class: "hidden" }, "Live"),
+      hero.element,
+      h("div", { class: "columns" }, seen, h("div", { class: "stack" }, made)),
+      list.element,
+    ],
+  };
+}
+
+function legend() {
+  return h(
+    "span",
+    { class: "key" },
+    h("span", { class: "swatch human" }),
+    "person",
+    h("span", { class: "swatch pet" }),
+    "pet",
+  );
+}
+
+// All charts share one edge of time, which glides instead of jumping.
+function animate(signal, maps, plots, gait, scales) {
+  const isCalm = matchMedia("(prefers-reduced-motion: reduce)").matches;
+  let edge = null;
+  let drawnMs = 0;
+  let lastMs = performance.now();
+  let drawnTheme = -1;
+  const step = (nowMs) => {
+    if (signal.aborted) return;
+    requestAnimationFrame(step);
+    if (nowMs - drawnMs < (isCalm ? SLOW_MS : 30)) return;
+    const target = Math.max(pictures.end_s ?? -Infinity, (lastDecision()?.t_s ?? -Infinity) - 1);
+    if (!Number.isFinite(target)) return;
+    const elapsed_s = Math.min(1, (nowMs - lastMs) / 1000);
+    lastMs = nowMs;
+    if (edge === null || Math.abs(target - edge) > 3 || isCalm) edge = target;
+    else edge += (target - edge) * (1 - Math.exp(-elapsed_s / 0.18));
+    drawnMs = nowMs;
+    const view = { from_s: edge - SPAN_S, to_s: edge };
+    for (const map of maps) map.draw(view);
+    for (const plot of plots) plot.draw(view, state.decisions);
+    gait.draw();
+    maps[0].marks = marks();
+    if (pictures.axes && drawnTheme !== themeVersion()) {
+      drawnTheme = themeVersion();
+      for (const [name, scale] of scales) {
+        const { span_db } = pictures.by.get(name);
+        drawScale(scale, span_db);
+        scale.parentElement.querySelector(".depth").textContent = `−${span_db} dB`;
+      }
+    }
+  };
+  requestAnimationFrame(step);
+}
+
+function marks() {
+  return state.decisions
+    .slice(-SPAN_S - 2)
+    .flatMap((d) => {
+      const tone = d.label === "pet" || d.label === "other" ? "pet" : "human";
+      const ranges = d.tracks.length ? d.tracks.map((t) => t.range_m) : [d.range_m];
+      return ranges.filter((r) => r !== null).map((value) => ({ t_s: d.t_s, value, tone }));
+    });
+}
+
+function describe(maps, chances, power, d) {
+  if (!d) return;
+  const where = d.range_m === null ? "nothing moves" : `strongest motion at ${fixed(d.range_m, 1)} metres`;
+  maps[0].describe(`Range over time, last ${SPAN_S} seconds: ${where}`);
+  const speeds = d.tracks.map((t) => fixed(t.radial_velocity_mps, 1)).join(", ");
+  maps[1].describe(`Velocity over time: ${speeds ? `${speeds} metres per second` : "nothing is followed"}`);
+  maps[2].describe("Micro-Doppler over time");
+  const chance = d.fused_p_human === null ? "no verdict" : `person ${percent(d.fused_p_human)}, pet ${percent(d.fused_p_pet)}`;
+  chances.describe(`Probabilities over time: ${chance}`);
+  power.describe(`Gate power ${fixed(d.power_db)} decibels, threshold ${fixed(d.threshold_db)}`);
+}
+
+function makeHero() {
+  const word = h("p", { class: "word", id: "verdict" });
+  const sub = h("p", { class: "quiet", id: "verdict-sub" });
+  const bar = h("div", { class: "evidence", role: "img" }, h("i", { class: "human" }), h("i", { class: "pet" }), h("b", {}));
+  const facts = new Map(
+    [
+      ["range", "Range", "m"],
+      ["speed", "Speed", "m/s"],
+      ["power", "Over threshold", "dB"],
+      ["bodies", "Bodies", ""],
+      ["latency", "Latency", "ms"],
+    ].map(([key, title, unit]) => [key, { title, unit, value: h("span", { class: "number" }) }]),
+  );
+  const element = h(
+    "section",
+    { class: "card hero", "aria-label": "Verdict" },
+    h("div", { class: "who" }, word, sub),
+    h("div", { class: "mix" }, bar, h("p", { class: "quiet mixtext" })),
+    h(
+      "dl",
+      {},
+      [...facts.values()].map(({ title, unit, value }) =>
+        h("div", {}, h("dt", {}, title), h("dd", {}, value, unit ? h("small", {}, ` ${unit}`) : null)),
+      ),
+    ),
+  );
+  const mixText = element.querySelector(".mixtext");
+  const put = (key, text) => setText(facts.get(key).value, text);
+  return {
+    element,
+    draw(d) {
+      const [text, tone] = verdict(d);
+      element.dataset.tone = state.panel.panel === "alarm" ? "alarm" : tone;
+      setText(word, text);
+      setText(sub, subtitle(d));
+      const hasChances = d && d.fused_p_human !== null;
+      const [human, pet] = bar.children;
+      human.style.width = hasChances ? `${100 * d.fused_p_human}%` : "0%";
+      pet.style.width = hasChances ? `${100 * (d.fused_p_pet + d.fused_p_other)}%` : "0%";
+      bar.lastChild.style.left = `${100 * (1 - limit())}%`;
+      const mix = hasChances
+        ? `Person ${percent(d.fused_p_human)}, pet ${percent(d.fused_p_pet)}`
+        : "No evidence while nothing moves";
+      setText(mixText, mix);
+      bar.setAttribute("aria-label", mix);
+      const nearest = d?.tracks?.[0];
+      put("range", fixed(d?.range_m, 1));
+      put("speed", fixed(nearest?.radial_velocity_mps, 1));
+      put("power", d && d.power_db !== null ? fixed(d.power_db - d.threshold_db, 1) : "–");
+      put("bodies", d ? String(d.tracks.length) : "–");
+      put("latency", fixed(d?.latency_ms, 0));
+    },
+  };
+}
+
+function subtitle(d) {
+  if (!d) return "The first decision comes after 2.5 s";
+  if (!state.panel.armed) return "Disarmed: nobody is told";
+  if (state.panel.panel === "alarm") return "The alarm is on";
+  if (d.alarm) return "An alarm verdict";
+  return "Armed, all is well";
+}
+
+// The last decisions, newest first; one opens the page that explains it.
+function makeList() {
+  const body = h("tbody", {});
+  const table = h(
+    "table",
+    { class: "decisions" },
+    h("caption", { class: "hidden" }, "Last decisions"),
+    h(
+      "thead",
+      {},
+      h("tr", {}, ["Time", "Verdict", "Person", "Pet", "Range", "Over threshold", ""].map((t) => h("th", { scope: "col" }, t))),
+    ),
+    body,
+  );
+  const element = card("Decisions", "choose one to see why", table);
+  let newest = -1;
+  return {
+    element,
+    draw() {
+      const last = state.decisions.slice(-12).reverse();
+      if (last[0]?.seq === newest && body.childElementCount) return;
+      // A row that is being read or pointed at must not run away.
+      if (body.matches(":focus-within")) return;
+      newest = last[0]?.seq ?? -1;
+      replace(body, ...last.map(row));
+    },
+  };
+}
+
+function row(d) {
+  const [text, tone] = verdict(d);
+  const over = d.power_db === null ? null : d.power_db - d.threshold_db;
+  return h(
+    "tr",
+    { class: tone, onclick: () => (location.hash = `#/why/${d.seq}`) },
+    h("td", { class: "number" }, clock(d.time)),
+    h("td", {}, h("span", { class: `pill ${tone}` }, text), d.alarm ? h("span", { class: "mark" }, "alarm") : null),
+    h("td", { class: "number" }, percent(d.fused_p_human)),
+    h("td", { class: "number" }, percent(d.fused_p_pet)),
+    h("td", { class: "number" }, d.range_m === null ? "–" : `${fixed(d.range_m, 1)} m`),
+    h("td", { class: "number" }, over === null ? "–" : `${fixed(over, 1)} dB`),
+    h("td", {}, h("a", { href: `#/why/${d.seq}`, "aria-label": `Why decision ${d.seq}: ${text}` }, "Why?")),
+  );
+}

@@ -1,0 +1,102 @@
+// The line to the daemon: a WebSocket that comes back by itself, and requests.
+import { pictures, state, take, tell } from "./state.js";
+
+const FIRST_RETRY_MS = 500;
+const LONGEST_RETRY_MS = 4000;
+const SILENT_MS = 12000;
+
+let socket = null;
+let retryMs = FIRST_RETRY_MS;
+let wantsPictures = false;
+let nTaken = 0;
+let heardMs = 0;
+
+export function connect() {
+  const scheme = location.protocol === "https:" ? "wss" : "ws";
+  socket = new WebSocket(`${scheme}://${location.host}/ws`);
+  socket.binaryType = "arraybuffer";
+  heardMs = performance.now();
+  socket.addEventListener("open", () => {
+    retryMs = FIRST_RETRY_MS;
+    nTaken = 0;
+    setConnection("open");
+    say({ pictures: wantsPictures });
+  });
+  socket.addEventListener("message", (event) => {
+    heardMs = performance.now();
+    if (typeof event.data === "string") {
+      take(JSON.parse(event.data));
+      return;
+    }
+    nTaken += 1;
+    pictures.take(event.data);
+    // Not every one: this only bounds what is under way.
+    if (nTaken % 6 === 0) say({ drawn: nTaken });
+  });
+  socket.addEventListener("close", lost);
+}
+
+export function watchPictures(isWanted) {
+  if (isWanted === wantsPictures) return;
+  wantsPictures = isWanted;
+  if (isWanted) pictures.clear();
+  say({ pictures: isWanted });
+}
+
+function say(message) {
+  if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message));
+}
+
+async function lost() {
+  socket = null;
+  setConnection("lost");
+  setTimeout(connect, retryMs * (0.75 + 0.5 * Math.random()));
+  retryMs = Math.min(2 * retryMs, LONGEST_RETRY_MS);
+  try {
+    // A session that has run out looks like a lost line; the page then asks for the token.
+    const answer = await fetch("/api/v1/status");
+    if (answer.status === 401) location.reload();
+  } catch {
+    // The daemon is away: the next attempt will tell.
+  }
+}
+
+function setConnection(how) {
+  state.connection = how;
+  tell("now");
+}
+
+// A line that is dead without saying so: decisions come every second.
+setInterval(() => {
+  const isPaused = state.playback && !state.playback.is_playing;
+  const isQuiet = performance.now() - heardMs > SILENT_MS;
+  if (socket?.readyState === WebSocket.OPEN && isQuiet && !isPaused && state.state !== "offline") {
+    heardMs = performance.now();
+    fetch("/healthz").catch(() => socket?.close());
+  }
+}, 2000);
+
+addEventListener("online", () => {
+  retryMs = FIRST_RETRY_MS;
+});
+
+export async function get(path) {
+  return answered(await fetch(path));
+}
+
+export async function post(path, body) {
+  return answered(
+    await fetch(path, {
+      method: "POST",
+      headers: { "Content-Type": "application/json", "X-Radard": "1" },
+      body: JSON.stringify(body),
+    }),
+  );
+}
+
+async function answered(answer) {
+  if (answer.status === 401) location.reload();
+  const body = await answer.json().catch(() => ({ error: answer.statusText }));
+  if (!answer.ok) throw new Error(body.error ?? answer.statusText);
+  return body;
+}

@@ -1,0 +1,199 @@
+// Why: one decision, its pictures frozen, and the stage that decided.
+import { HeatMap, TITLES } from "./heatmap.js";
+import { card } from "./live.js";
+import { get } from "./net.js";
+import { LinePlot } from "./plot.js";
+import { lastDecision, limit, on, pictures, state } from "./state.js";
+import { clock, fixed, h, replace, setText, verdict } from "./ui.js";
+
+const AROUND_S = 6;
+const BEHIND_S = 1.5;
+const STAGES = {
+  frames: "Frames",
+  gate: "Gate",
+  classifier: "Network",
+  evidence: "Evidence",
+  rule: "Rule",
+  zones: "Zones",
+  confirmation: "Confirmation",
+  panel: "Panel",
+};
+const MOST_TICKS = 90;
+
+export function whyPage(argument, signal) {
+  const chosen = Number(argument) || lastDecision()?.seq;
+  const strip = makeStrip(chosen);
+  on("decision", strip.draw, signal);
+  strip.draw();
+  const detail = h("div", { class: "detail" });
+  if (chosen) showDecision(detail, chosen, signal);
+  else {
+    replace(detail, h("p", { class: "quiet loading" }, "No decision yet: the first comes after 2.5 s."));
+    on("decision", () => (location.hash = `#/why/${lastDecision().seq}`), signal);
+  }
+  return {
+    // The line of pictures goes on, so that the next decision has some to show.
+    wantsPictures: true,
+    nodes: [h("h1", { class: "hidden" }, "Why"), strip.element, detail],
+  };
+}
+
+// The last decisions as a strip of ticks, walked with the arrow keys.
+function makeStrip(chosen) {
+  const ticks = h("div", {
+    class: "ticks",
+    role: "listbox",
+    tabindex: "0",
+    "aria-label": "Decisions; arrow keys choose",
+    onkeydown: (event) => {
+      const by = { ArrowLeft: -1, ArrowRight: 1, Home: -1e9, End: 1e9 }[event.key];
+      if (!by) return;
+      event.preventDefault();
+      const known = state.decisions.map((d) => d.seq);
+      const at = known.indexOf(chosen);
+      const next = known[Math.min(known.length - 1, Math.max(0, (at < 0 ? known.length - 1 : at) + by))];
+      sessionStorage.setItem("radard-strip-focus", "1");
+      location.hash = `#/why/${next}`;
+    },
+  });
+  const element = card("Decisions", "newest on the right", ticks);
+  if (sessionStorage.getItem("radard-strip-focus")) {
+    sessionStorage.removeItem("radard-strip-focus");
+    requestAnimationFrame(() => ticks.focus());
+  }
+  return {
+    element,
+    draw() {
+      let shown = state.decisions.slice(-MOST_TICKS);
+      const at = state.decisions.findIndex((d) => d.seq === chosen);
+      if (at >= 0 && at < state.decisions.length - MOST_TICKS) {
+        const first = Math.max(0, at - MOST_TICKS / 2);
+        shown = state.decisions.slice(first, first + MOST_TICKS);
+      }
+      replace(
+        ticks,
+        ...shown.map((d) => {
+          const [text, tone] = verdict(d);
+          return h("a", {
+            href: `#/why/${d.seq}`,
+            class: `tick ${tone} ${d.alarm ? "high" : ""}`,
+            role: "option",
+            tabindex: "-1",
+            "aria-selected": String(d.seq === chosen),
+            "aria-label": `${clock(d.time)} ${text}`,
+            title: `${clock(d.time)} ${text}`,
+          });
+        }),
+      );
+    },
+  };
+}
+
+async function showDecision(detail, seq, signal) {
+  let why;
+  try {
+    why = await get(`/api/v1/decisions/${seq}`);
+  } catch (error) {
+    replace(detail, h("p", { class: "quiet loading" }, `Decision ${seq}: ${error.message}.`));
+    return;
+  }
+  if (signal.aborted) return;
+  const d = why.decision;
+  const [, tone] = verdict(d);
+  const head = h(
+    "header",
+    { class: "card whyhead", "data-tone": d.alarm ? "human" : tone },
+    h("div", {}, h("p", { class: "word", id: "headline" }, why.headline), h("p", { class: "quiet" }, `Decision ${seq}, ${clock(d.time)}, ${fixed(d.t_s, 2)} s of the stream`)),
+    h(
+      "nav",
+      { "aria-label": "Neighbours" },
+      h("a", { class: "button", href: `#/why/${seq - 1}` }, "‹ Before"),
+      h("a", { class: "button", href: `#/why/${seq + 1}` }, "Next ›"),
+      h("a", { class: "button", href: "#/live" }, "Live"),
+    ),
+  );
+  const words = card("How it was decided", null, stages(why));
+  const frozen = card("What it was made of", "frozen; the bright part is this decision's window");
+  replace(detail, head, h("div", { class: "columns why" }, words, frozen));
+  drawFrozen(frozen, d, signal);
+}
+
+function stages(why) {
+  return h(
+    "ol",
+    { class: "stages" },
+    why.stages.map(({ name, outcome, text }) =>
+      h(
+        "li",
+        { class: outcome === "decided" && name === why.decided_by ? "decided" : "passed" },
+        h("h3", {}, STAGES[name] ?? name, name === why.decided_by ? h("span", { class: "mark" }, "decided here") : null),
+        h("p", {}, text),
+      ),
+    ),
+  );
+}
+
+function drawFrozen(box, d, signal) {
+  const dwell_s = (state.hello.dwell_frames ?? 147) / (state.hello.frame_rate_hz ?? 60);
+  const view = { from_s: d.t_s - AROUND_S, to_s: d.t_s + BEHIND_S };
+  const status = h("p", { class: "quiet" });
+  box.append(status);
+  const draw = () => {
+    const maps = ["range", "velocity", "doppler"].map((name) => {
+      const [title, subtitle] = TITLES[name];
+      box.append(h("h3", {}, `${title} `, h("small", {}, subtitle)));
+      const height = name === "doppler" ? 112 : 142;
+      const map = new HeatMap(box, name, null, { height, isRelative: false });
+      map.shade = { from_s: d.t_s - dwell_s, to_s: d.t_s };
+      map.describe(`${title}: frozen at decision ${d.seq}`);
+      return map;
+    });
+    const kept = pictures.frozen(view.from_s, view.to_s);
+    for (const map of maps) map.setPictures(kept);
+    maps[0].marks = d.tracks.map((t) => ({ t_s: d.t_s, value: t.range_m, tone: d.alarm ? "human" : "pet" }));
+    box.append(h("h3", {}, "Person or pet ", h("small", {}, "decisions around it")));
+    const plot = new LinePlot(box, {
+      label: "Probabilities around this decision",
+      height: 130,
+      low: 0,
+      high: 1,
+      unit: "probability",
+      isRelative: false,
+      series: [
+        { key: "fused_p_pet", label: "pet", tone: "pet" },
+        { key: "fused_p_human", label: "person", tone: "human" },
+      ],
+      limits: () => [{ value: limit(), text: `pet above ${fixed(limit(), 2)}: no alarm`, tone: "pet" }],
+    });
+    plot.cursor = d.t_s;
+    const charts = [...maps, plot];
+    const paint = () => {
+      if (signal.aborted) return;
+      for (const map of maps) map.draw(view);
+      plot.draw(view, state.decisions);
+    };
+    paint();
+    const timer = setInterval(paint, 500);
+    signal.addEventListener("abort", () => {
+      clearInterval(timer);
+      for (const chart of charts) chart.close();
+    });
+  };
+  const tryDraw = (n) => {
+    if (signal.aborted) return;
+    const isThere = pictures.axes && pictures.covers(d.t_s - dwell_s, d.t_s);
+    if (isThere && (pictures.end_s >= view.to_s - 0.5 || n > 8)) {
+      setText(status, "");
+      draw();
+    } else if (n < 14) {
+      setText(status, "Waiting for the pictures …");
+      setTimeout(() => tryDraw(n + 1), 200);
+    } else {
+      setText(
+        status,
+        "There are no pictures of this moment: none are made while nobody watches. An alarm's clip has its own, on the events page.",
+      );
+    }
+  };
+  tryDraw(0);
+}

@@ -1,0 +1,265 @@
+"""Why: a decision in words, stage by stage, up to the one that decided.
+
+The words are made of the decision's own record and those before it, by the same functions
+that the alarm went through (`radard.zones.sight_of`), so they cannot say something else.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+from radard.alarm import AlarmPolicy
+from radard.classifier import Probabilities
+from radard.config import Config
+from radard.decision import Decision, TrackVerdict
+from radard.gate import GateReading
+from radard.sensitivity import alarm_policy
+from radard.sinks.base import Record
+from radard.zones import Zones, sight_of
+
+Outcome = Literal["passed", "decided", "skipped"]
+
+
+@dataclass(frozen=True, slots=True)
+class Stage:
+    """One stage of a decision.
+
+    Attributes
+    ----------
+    name : str
+        frames, gate, classifier, rule, zones, confirmation or panel.
+    outcome : {'passed', 'decided', 'skipped'}
+        Whether it handed on, decided, or was not asked.
+    text : str
+        What it found, for people.
+    """
+
+    name: str
+    outcome: Outcome
+    text: str
+
+
+def explain(
+    records: Sequence[Record],
+    hello: Record,
+    config: Config,
+    events: Sequence[Mapping[str, Any]] = (),
+    panel: str | None = None,
+) -> dict[str, Any]:
+    """Return why the last of some decisions is what it is.
+
+    Parameters
+    ----------
+    records : sequence of mapping
+        Decisions in order, the one to explain last, with those before it that confirmation
+        looks at.
+    hello : mapping
+        Of the run: policy and pet limit.
+    config : Config
+        Zones and alarm policy.
+    events : sequence of mapping
+        Events of the run.
+    panel : str, optional
+        State of the panel just before the decision.
+
+    Returns
+    -------
+    dict
+        headline, decided_by, and stages as mappings of `Stage`.
+    """
+    record = records[-1]
+    limit = hello.get("pet_limit", 0.8)
+    policy = alarm_policy(config.alarm, hello.get("policy", "window"))
+    stages = [_frames(record, events)]
+    if record["gate"] != "invalid":
+        stages.append(_gate(record))
+    if record["gate"] == "open":
+        stages += _classified(record, limit)
+    if record["alarm"]:
+        zones = Zones(include=config.zones.include, exclude=config.zones.exclude)
+        hits = [_is_hit(r, policy, zones, limit) for r in records[-policy.n :]]
+        stages += _confirmed(hits, policy, record, events, panel)
+    by = next((s for s in reversed(stages) if s.outcome == "decided"), stages[-1])
+    return {
+        "seq": record["seq"],
+        "t_s": record["t_s"],
+        "headline": _headline(record, by),
+        "decided_by": by.name,
+        "stages": [asdict(stage) for stage in stages],
+    }
+
+
+def _frames(record: Record, events: Sequence[Mapping[str, Any]]) -> Stage:
+    n, lost = record["frames"], record["dropped"]
+    if record["gate"] != "invalid":
+        missing = f"{lost} missing, few enough" if lost else "none missing"
+        return Stage("frames", "passed", f"{n + lost} frames in the window, {missing}.")
+    if lost:
+        text = (
+            f"The window is invalid because of a gap: {lost} of {n + lost} frames are missing. "
+            "At most 2 % may be, and no gap longer than 50 ms."
+        )
+        return Stage("frames", "decided", text)
+    at_s = record["t_s"]
+    fault = next(
+        (
+            e["reason"]
+            for e in events
+            if e["kind"] == "fault"
+            and e["start_t_s"] <= at_s
+            and (e["end_t_s"] is None or at_s <= e["end_t_s"])
+        ),
+        "its frames could not be used",
+    )
+    return Stage("frames", "decided", f"The window is invalid: {fault}.")
+
+
+def _gate(record: Record) -> Stage:
+    power, threshold = record["power_db"], record["threshold_db"]
+    apart = f"{abs(power - threshold):.1f} dB"
+    if record["gate"] == "closed":
+        text = (
+            f"The gate is closed: what moves has {_db(power)}, {apart} under the threshold of "
+            f"{_db(threshold)}. Nobody is there, or nobody moves."
+        )
+        return Stage("gate", "decided", text)
+    text = f"The gate is open: {_db(power)} is {apart} over the threshold of {_db(threshold)}"
+    where = f", most of it at {record['range_m']:.1f} m." if record["range_m"] is not None else "."
+    return Stage("gate", "passed", text + where)
+
+
+def _classified(record: Record, limit: float) -> list[Stage]:
+    if record["p_human"] is None:
+        text = "No model is loaded: the gate works alone, and there is no verdict."
+        return [Stage("classifier", "decided", text)]
+    shares = ", ".join(
+        f"{name} {record[f'p_{name}']:.2f}"
+        for name in ("human", "pet", "other")
+        if name != "other" or record["p_other"]
+    )
+    stages = [Stage("classifier", "passed", f"The network says: {shares}.")]
+    own = [record[f"p_{k}"] for k in ("human", "pet", "other")]
+    fused = [record[f"fused_p_{k}"] for k in ("human", "pet", "other")]
+    if fused != own:
+        text = f"With the windows before it: human {fused[0]:.2f}, pet {fused[1]:.2f}."
+        stages.append(Stage("evidence", "passed", text))
+    return [*stages, _rule(record, fused[1] + fused[2], limit)]
+
+
+def _rule(record: Record, harmless: float, limit: float) -> Stage:
+    name = "p(pet) + p(other)" if record["fused_p_other"] else "p(pet)"
+    if record["label"] == "pending":
+        text = (
+            f"Undecided: {name} {harmless:.2f}, and neither side is sure yet. It goes on looking."
+        )
+        return Stage("rule", "decided", text)
+    if not record["alarm"]:
+        what = "a pet" if record["label"] == "pet" else "a harmless thing"
+        return Stage("rule", "decided", f"{name} {harmless:.2f} > {limit:.2f}: {what}, no alarm.")
+    if harmless > limit:
+        text = f"{name} is {harmless:.2f}, but it resembles nothing known: that counts as human."
+        return Stage("rule", "passed", text)
+    text = f"{name} {harmless:.2f} ≤ {limit:.2f}: not surely a pet, so it counts as human."
+    return Stage("rule", "passed", text)
+
+
+def _confirmed(
+    hits: Sequence[bool],
+    policy: AlarmPolicy,
+    record: Record,
+    events: Sequence[Mapping[str, Any]],
+    panel: str | None,
+) -> list[Stage]:
+    if not hits[-1]:
+        text = (
+            "It does not count towards an alarm: it is outside of the zones, or p(human) is "
+            f"under {policy.p_on:.2f}."
+        )
+        return [Stage("zones", "decided", text)]
+    stages = [Stage("zones", "passed", "It is where it counts.")]
+    n_hits = sum(hits)
+    counted = f"{n_hits} of the last {policy.n} windows say human; {policy.k} are needed"
+    alarm = next((e for e in events if _is_on(e, record["t_s"])), None)
+    if alarm is not None and alarm["start_t_s"] == record["t_s"]:
+        text = f"Confirmed: {counted}. The alarm began here."
+        return [*stages, Stage("confirmation", "decided", text)]
+    if alarm is not None:
+        text = f"The alarm is on already ({alarm.get('cause', alarm['reason'])})."
+        return [*stages, Stage("panel", "decided", text)]
+    if panel == "disarmed":
+        text = f"{counted}, but the sensor is disarmed: nobody is told."
+        return [*stages, Stage("panel", "decided", text)]
+    if n_hits < policy.k:
+        return [*stages, Stage("confirmation", "decided", f"Not confirmed yet: {counted}.")]
+    text = f"{counted}; it waits for the entry delay, a quiet period or the pause after an alarm."
+    return [*stages, Stage("panel", "decided", text)]
+
+
+def _db(value: float) -> str:
+    return f"{value:.1f} dB".replace("-", "\N{MINUS SIGN}")
+
+
+def _is_on(event: Mapping[str, Any], t_s: float) -> bool:
+    end_s = event["end_t_s"]
+    is_within = event["start_t_s"] <= t_s and (end_s is None or t_s <= end_s)
+    return event["kind"] == "alarm" and is_within
+
+
+def _headline(record: Record, by: Stage) -> str:
+    if record["gate"] == "invalid":
+        return "This window could not be judged"
+    if record["gate"] == "closed":
+        return "Nothing moves"
+    if record["label"] is None:
+        return "Something moves; there is no model to say what"
+    if record["label"] == "pending":
+        return "Not decided yet"
+    if not record["alarm"]:
+        return "A pet" if record["label"] == "pet" else "Something harmless"
+    if by.name == "confirmation" and by.text.startswith("Confirmed"):
+        return "A person: alarm"
+    return "A person"
+
+
+def _is_hit(record: Record, policy: AlarmPolicy, zones: Zones, limit: float) -> bool:
+    if record["gate"] == "invalid":
+        return False
+    return sight_of(_decision(record), policy, zones, limit).is_hit
+
+
+def _decision(record: Record) -> Decision:
+    """Return the decision that a record was made of, as far as it holds it."""
+    is_open = record["gate"] == "open"
+    reading = GateReading(
+        is_open,
+        record["power_db"],
+        record["noise_floor_db"],
+        record["threshold_db"],
+        record["range_m"] or 0.0,
+    )
+    return Decision(
+        seq=record["seq"],
+        t_s=record["t_s"],
+        gate=record["gate"],
+        reading=reading,
+        window=_probabilities(record, "p_"),
+        fused=_probabilities(record, "fused_p_"),
+        label=record["label"],
+        alarm=record["alarm"],
+        frames=record["frames"],
+        dropped=record["dropped"],
+        tracks=tuple(
+            TrackVerdict(
+                id=t["id"],
+                range_m=t["range_m"],
+                radial_velocity_mps=t["radial_velocity_mps"],
+                window=_probabilities(t, "p_"),
+            )
+            for t in record["tracks"]
+        ),
+    )
+
+
+def _probabilities(record: Mapping[str, Any], prefix: str) -> Probabilities | None:
+    human, pet, other = (record[prefix + name] for name in ("human", "pet", "other"))
+    return None if human is None else Probabilities(human, pet, other)

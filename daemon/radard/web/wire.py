@@ -1,0 +1,56 @@
+"""Pictures to bytes and their axes to JSON, for the page's `pictures.js`.
+
+All numbers are little-endian. A message of columns::
+
+    u8 kind (1), u8 pictures, u16 columns, u32 number of the first column,
+    u32 epoch (changes when the stream begins anew), f32 column_s, f64 t_s of the last column,
+    a byte per column (1: valid), then for each picture rows x columns bytes, column by column
+
+and one of the gait picture::
+
+    u8 kind (2), u8 0, u16 columns, u32 rows, u32 epoch, f32 step_hz, f64 t_s,
+    then rows x columns bytes, column by column
+"""
+
+import struct
+from typing import Any
+
+from radard.web.lens import SPANS_DB, Bytes, Columns, Lens
+
+COLUMNS, GAIT = 1, 2
+TIMED = ("range", "velocity", "doppler")
+_HEAD = struct.Struct("<BBHIIfd")
+
+
+def axes(lens: Lens) -> dict[str, Any]:
+    """Return what a page must know to draw the pictures of `lens`."""
+    return {
+        "column_s": lens.column_s,
+        "gait_step_hz": lens.gait_step_hz,
+        "pictures": [
+            {
+                "name": p.name,
+                "unit": p.unit,
+                "first": p.first,
+                "step": p.step,
+                "n_rows": p.n_rows,
+                "span_db": SPANS_DB[p.name],
+            }
+            for p in lens.pictures
+        ],
+    }
+
+
+def encode_columns(columns: Columns, *, first: int, epoch: int, column_s: float) -> bytes:
+    """Return the message of new columns, the first of which has number `first`."""
+    n = len(columns.valid)
+    head = _HEAD.pack(COLUMNS, len(TIMED), n, first, epoch, column_s, columns.t_s)
+    parts = [columns.values[name].T.tobytes() for name in TIMED]
+    return b"".join([head, columns.valid.astype("u1").tobytes(), *parts])
+
+
+def encode_gait(picture: Bytes, *, epoch: int, step_hz: float, t_s: float) -> bytes:
+    """Return the message of a gait picture."""
+    n_rows, n = picture.shape
+    head = _HEAD.pack(GAIT, 0, n, n_rows, epoch, step_hz, t_s)
+    return head + picture.T.tobytes()

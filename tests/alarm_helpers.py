@@ -1,0 +1,110 @@
+"""Decisions, recordings and notification sockets for the tests of alarms and health."""
+
+import socket
+
+import h5py
+import numpy as np
+
+from radard.classifier import Probabilities
+from radard.decision import Decision, TrackVerdict
+from radard.gate import GateReading
+
+
+def decision(t_s, human=None, *, alarm=None, range_m=1.5, label=None, fault="", t_mono_s=0.0):
+    """A decision with p(human), or with the gate closed, or invalid when it has a fault."""
+    p = None if human is None else Probabilities(human, 1 - human, 0.0)
+    if alarm is None:
+        alarm = human is not None and human >= 0.2
+    if label is None:
+        label = "none" if human is None else ("human" if alarm else "pet")
+    reading = GateReading(human is not None, -10.0, -30.0, -24.0, range_m)
+    return Decision(
+        seq=1,
+        t_s=t_s,
+        gate="invalid" if fault else ("closed" if human is None else "open"),
+        reading=None if fault else reading,
+        window=None if fault else p,
+        fused=None if fault else p,
+        label="invalid" if fault else label,
+        alarm=alarm and not fault,
+        frames=147,
+        dropped=5 if fault else 0,
+        fault=fault,
+        t_mono_s=t_mono_s,
+    )
+
+
+def track(range_m, p_pet=0.0, p_other=0.0):
+    """Return a track's verdict; None for one that was not classified."""
+    window = None if p_pet is None else Probabilities(1 - p_pet - p_other, p_pet, p_other)
+    return TrackVerdict(id=1, range_m=range_m, radial_velocity_mps=0.0, window=window)
+
+
+class NotifySocket:
+    """The far end of systemd's notification protocol."""
+
+    def __init__(self, path):
+        self.name = str(path)
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self._socket.bind(f"\0{self.name[1:]}" if self.name.startswith("@") else self.name)
+        self._socket.settimeout(10)
+
+    def next(self):
+        """Return the next message as a mapping."""
+        lines = self._socket.recv(4096).decode().splitlines()
+        return dict(line.split("=", 1) for line in lines)
+
+    def wait_for(self, key):
+        """Return the next message that has a key."""
+        while key not in (message := self.next()):
+            pass
+        return message
+
+    def drain(self):
+        """Forget the messages that wait."""
+        self._socket.setblocking(False)
+        try:
+            while True:
+                self._socket.recv(4096)
+        except BlockingIOError:
+            self._socket.settimeout(10)
+
+    def silent_for(self, seconds, *, key="WATCHDOG"):
+        """Return whether no message with `key` comes for so long."""
+        self._socket.settimeout(seconds)
+        try:
+            while key not in self.next():
+                pass
+        except TimeoutError:
+            return True
+        finally:
+            self._socket.settimeout(10)
+        return False
+
+    def close(self):
+        self._socket.close()
+
+
+def write_recording(path, samples, rate_hz=60.0, **attributes):
+    """Make a foreign recording: only what the contract asks for."""
+    n = len(samples)
+    with h5py.File(path, "w") as file:
+        file.attrs.update(
+            {
+                "format": "x2radar-recording",
+                "format_version": 1,
+                "kind": "baseband",
+                "frame_rate_hz": rate_hz,
+                "carrier_hz": 6.8e9,
+                "sample_rate_hz": 41e9,
+                "bin_length_m": 299_792_458 / 82e9,
+                "range_offset_m": 0.6,
+                "started_utc": "2026-01-01T00:00:00Z",
+                "device": "{}",
+                "settings": "{}",
+                **attributes,
+            }
+        )
+        file["frames/samples"] = samples
+        file["frames/counter"] = np.arange(n, dtype=np.uint32)
+        file["frames/t_s"] = np.arange(n) / rate_hz

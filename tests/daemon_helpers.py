@@ -1,0 +1,97 @@
+"""A daemon in this process whose threads a test can hold up."""
+
+import threading
+
+from radard.config import load_config
+from radard.service import RunOptions, _Run
+from tests.alarm_helpers import NotifySocket
+
+
+class Gate:
+    """A door that threads pass, and stand before while it is shut."""
+
+    def __init__(self):
+        self._open = threading.Event()
+        self._open.set()
+        self.shut, self.open = self._open.clear, self._open.set
+
+    def before(self, monkeypatch, cls, name):
+        """Put the door before a method."""
+        original = getattr(cls, name)
+
+        def guarded(*args, **kwargs):
+            self._open.wait(20)
+            return original(*args, **kwargs)
+
+        monkeypatch.setattr(cls, name, guarded)
+
+    def before_each(self, monkeypatch, cls, name):
+        """Put the door before every item that a generator method yields."""
+        original = getattr(cls, name)
+
+        def guarded(*args, **kwargs):
+            for item in original(*args, **kwargs):
+                self._open.wait(20)
+                yield item
+
+        monkeypatch.setattr(cls, name, guarded)
+
+
+class Daemon:
+    """A daemon on a simulated module ten times as fast, in a thread, as it runs under systemd."""
+
+    n_made = 0
+
+    def __init__(self, tmp_path, monkeypatch, *, stale_s=0.6, reload=None, **options):
+        Daemon.n_made += 1
+        self.far = NotifySocket(tmp_path / f"notify{Daemon.n_made}")
+        monkeypatch.setenv("NOTIFY_SOCKET", self.far.name)
+        monkeypatch.setenv("WATCHDOG_USEC", "200000")
+        monkeypatch.setattr("radard.service.STALE_S", stale_s)
+        monkeypatch.setattr("radard.heart._EVERY_S", 0.05)
+        monkeypatch.setattr("radard.heart._MAIN_LATE_S", stale_s)
+        monkeypatch.setattr("radard.service._BEAT_S", 0.05)
+        monkeypatch.setattr("radard.worker._LOOK_UP_S", 0.05)
+        self.config = load_config(
+            environ={},
+            options={
+                "sensor": {"port": "sim:empty", "speed": "10"},
+                "service": {"runtime_dir": tmp_path, "state_dir": tmp_path / "state"},
+                "model": {"name": "none"},
+                "output": ["null"],
+                **options,
+            },
+        )
+        self.result = None
+        self.run = _Run(self.config, RunOptions(reload=reload), self.config.sensor.port)
+        self._thread = threading.Thread(target=self._go)
+        self._thread.start()
+
+    def _go(self):
+        try:
+            self.result = self.run.go()
+        except Exception as err:  # noqa: BLE001 - looked at by the test
+            self.result = err
+
+    def ask(self, wish):
+        self.run.signals.ask(wish)
+
+    def stop(self):
+        """End it, once, and return its exit code or error."""
+        self.ask("stop")
+        self._thread.join(15)
+        self.far.close()
+        return self.result
+
+
+def launcher(tmp_path, monkeypatch):
+    """Yield a function that starts daemons; all that run end with the test."""
+    made = []
+
+    def launch(**options):
+        made.append(Daemon(tmp_path, monkeypatch, **options))
+        return made[-1]
+
+    yield launch
+    for daemon in made:
+        daemon.stop()

@@ -1,0 +1,45 @@
+"""Elements for the farm's tests: importable, so that other processes can make them."""
+
+import os
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Draws:
+    """Element k: k % 3 rows of draws seeded with k; some none at all."""
+
+    seed: int = 1
+    sleep_s: float = 0.0
+    fails_at: int = -1
+    dies_at: int = -1
+    log: Path | None = None
+
+    def __call__(self, number):
+        if self.log is not None:
+            with self.log.open("a") as file:
+                file.write(f"{number} {os.getpid()}\n")
+        time.sleep(self.sleep_s)
+        if number == self.fails_at:
+            msg = "bad draw"
+            raise ValueError(msg)
+        if number == self.dies_at:
+            os._exit(1)
+        if number % 5 == 4:
+            return None
+        rng = np.random.default_rng([self.seed, number])
+        rows = number % 3
+        matrix = rng.standard_normal((40, 40)).astype(np.float32)
+        return {
+            "x": (matrix @ matrix)[:rows],
+            "name": np.array([f"element {number}"]),
+            "n": np.array([rows]),
+        }
+
+    def made(self):
+        """Return the elements that were begun, in order, and the processes."""
+        rows = [line.split() for line in self.log.read_text().splitlines()]
+        return [int(number) for number, _ in rows], {int(pid) for _, pid in rows}

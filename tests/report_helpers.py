@@ -1,0 +1,89 @@
+"""Tables of passages whose figures are known."""
+
+import numpy as np
+
+from x2train.report import Passage, PassageTable
+
+
+def passage(quiet, label="human", *, window=None, enters_s=2.0, is_open=True, **more):
+    """Return a passage whose decisions, one a second from 2.0 s, have these fused p_quiet."""
+    quiet = np.asarray(quiet, float)
+    n = len(quiet)
+    is_open = np.broadcast_to(np.asarray(is_open, bool), n)
+    window = quiet if window is None else np.asarray(window, float)
+    gone = np.where(is_open, 0.0, np.nan)
+    facts = {
+        "family": "walker" if label == "human" else "dog",
+        "split": "held out",
+        "duration_s": float(n),
+        "leaves_s": np.nan if np.isnan(enters_s) else enters_s + n,
+    }
+    columns = {
+        "t_s": 2.0 + np.arange(n),
+        "is_open": is_open,
+        "is_pending": np.zeros(n, bool),
+        "is_alarm": is_open & (quiet <= 0.8),
+        "p_human": 1 - window + gone,
+        "p_pet": window + gone,
+        "p_other": np.zeros(n) + gone,
+        "fused_quiet": quiet + gone,
+        "power_db": np.full(n, -50.0),
+        "target_range_m": np.full(n, 2.0),
+        "compensated_db": np.full(n, -40.0),
+    }
+    return Passage(label=label, enters_s=enters_s, **{**facts, **columns, **more})
+
+
+def table_of(*passages):
+    """Return a table."""
+    return PassageTable.of(passages)
+
+
+FAMILIES = {
+    "human": ("walker", "crawler", "runner", "stealthy", "person with dog"),
+    "pet": ("dog, small", "dog, large", "cat", "cat at a run"),
+    "other": ("fan", "curtain"),
+    "empty": ("empty room",),
+}
+
+
+def drawn(n, seed=0, *, skill=6.0, is_matched=True):
+    """Return n passages as a network of some skill (in log odds) might see them."""
+    rng = np.random.default_rng(seed)
+    return PassageTable.of(_drawn(rng, k, skill, is_matched) for k in range(n))
+
+
+def _drawn(rng, k, skill, is_matched):
+    label = str(rng.choice(["human", "pet", "other", "empty"], p=[0.45, 0.45, 0.07, 0.03]))
+    family = str(rng.choice(FAMILIES[label]))
+    is_human = label == "human"
+    n = int(rng.integers(6, 40))
+    mean = (1 if is_human else -1) * skill * rng.gamma(4, 0.25)
+    mean *= 0.4 if family in ("crawler", "cat at a run") else 1.0
+    llr = mean + rng.normal(0, 1.5, n)
+    fused = llr.cumsum() / np.sqrt(np.arange(1, n + 1))
+    quiet = 1 / (1 + np.exp(np.clip(fused, -600, 600)))
+    power = rng.normal(-50, 6) + rng.normal(0, 2, n) + (0 if is_matched or is_human else -9)
+    range_m = rng.uniform(0.5, 3.0)
+    is_open = np.ones(n, bool) if label != "empty" else rng.random(n) < 0.02
+    never = label == "empty"
+    return passage(
+        quiet,
+        label,
+        window=1 / (1 + np.exp(np.clip(llr, -600, 600))),
+        is_open=is_open,
+        enters_s=np.nan if never else 2.0 + rng.uniform(0, 1),
+        duration_s=float(n + 2),
+        family=family,
+        split=str(rng.choice(["train families", "held-out family", "unseen room"])),
+        suite=f"walk test: {family}" if is_human and rng.random() < 0.5 else "",
+        build=f"build {k % 60}",
+        speed_mps=np.nan if never else rng.gamma(3, 0.35),
+        range_m=np.nan if never else range_m,
+        aspect_deg=rng.uniform(0, 180),
+        snr_db=np.nan if never else rng.normal(20, 6),
+        rcs_dbsm=np.nan if never else rng.normal(-6, 4),
+        power_db=power,
+        target_range_m=range_m + rng.normal(0, 0.2, n),
+        compensated_db=power + 40 * np.log10(range_m),
+    )

@@ -1,0 +1,303 @@
+"""Far ends that are real: brokers, HTTP servers, sockets; and records to send there."""
+
+import asyncio
+import gc
+import http.server
+import shutil
+import socket
+import ssl
+import subprocess
+import threading
+import time
+import warnings
+from pathlib import Path
+
+import paho.mqtt.client as paho
+import pytest
+from amqtt.broker import Broker as Amqtt
+from paho.mqtt.enums import CallbackAPIVersion
+
+from radard.sinks.options import OutboxSection
+
+QUICK = OutboxSection(first_retry_s=0.02, longest_retry_s=0.05, attempts=3)
+USER, PASSWORD = "hall", "correct horse"
+
+
+def ulid(n: int) -> str:
+    """A valid id that holds a number."""
+    return f"{n:026d}"
+
+
+def event(
+    n: int = 1, *, kind: str = "alarm", phase: str = "new", t_s: float | None = None
+) -> dict:
+    """An event record."""
+    return {
+        "type": "event",
+        "id": ulid(n),
+        "phase": phase,
+        "kind": kind,
+        "t_s": float(n) if t_s is None else t_s,
+        "time": f"2026-11-21T06:{n // 60 % 60:02d}:{n % 60:02d}.000Z",
+        "start_t_s": float(n),
+        "end_t_s": None if phase != "end" else float(n),
+        "peak": 0.97,
+        "reason": f"human at {n:.1f} m",
+        "clip": None,
+    }
+
+
+def decision(seq: int = 1, **changes) -> dict:
+    """A decision record."""
+    return {
+        "type": "decision",
+        "seq": seq,
+        "t_s": 1.45 + seq,
+        "time": "2026-11-21T06:00:00.000Z",
+        "gate": "open",
+        "power_db": -41.2,
+        "noise_floor_db": -60.1,
+        "threshold_db": -47.0,
+        "p_human": 0.93,
+        "p_pet": 0.07,
+        "p_other": 0.0,
+        "fused_p_human": 0.95,
+        "fused_p_pet": 0.05,
+        "fused_p_other": 0.0,
+        "label": "human",
+        "alarm": True,
+        "range_m": 2.1,
+        "tracks": [],
+        "frames": 147,
+        "dropped": 0,
+        "latency_ms": 3.1,
+        **changes,
+    }
+
+
+def hello(**changes) -> dict:
+    """The first record."""
+    return {
+        "type": "hello",
+        "schema": 1,
+        "version": "0.1.0",
+        "sensor": "hall",
+        "device": "X2",
+        "model": "seed",
+        "frame_rate_hz": 60.0,
+        "n_range": 256,
+        "port": "sim:demo",
+        **changes,
+    }
+
+
+def status(state: str, reason: str = "") -> dict:
+    """A status record."""
+    return {"type": "status", "state": state, "reason": reason}
+
+
+def wait_for(condition, timeout_s: float = 8.0):
+    """Return what `condition` returns once that is true; fail if it never is."""
+    end_s = time.monotonic() + timeout_s
+    while not (found := condition()):
+        assert time.monotonic() < end_s, "waited in vain"
+        time.sleep(0.004)
+    return found
+
+
+def free_port() -> int:
+    """A TCP port that nobody uses."""
+    with socket.socket() as sock:
+        sock.bind(("127.0.0.1", 0))
+        return sock.getsockname()[1]
+
+
+class MqttBroker:
+    """mosquitto where installed, else amqtt in this process; on one port, with stops."""
+
+    def __init__(self, folder: Path, *, cert: tuple[Path, Path] | None = None, auth=False):
+        self.port = free_port()
+        self._folder, self._cert, self._auth = folder, cert, auth
+        self._process = self._thread = None
+        self.start()
+
+    def start(self):
+        if shutil.which("mosquitto"):
+            self._start_mosquitto()
+        else:
+            self._start_amqtt()
+
+    def stop(self):
+        if self._process is not None:
+            self._process.terminate()
+            self._process.wait(5)
+            self._process = None
+        if self._thread is not None:
+            self._loop.call_soon_threadsafe(self._over.set)
+            self._thread.join(5)
+            self._thread = None
+            # amqtt leaves open transports to the collector; here they trouble no test.
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", ResourceWarning)
+                gc.collect()
+
+    def _start_mosquitto(self):
+        lines = [f"listener {self.port} 127.0.0.1", "persistence false", "log_type none"]
+        if self._auth:
+            words = self._folder / "passwords"
+            command = ["mosquitto_passwd", "-b", "-c", str(words), USER, PASSWORD]
+            subprocess.run(command, check=True, capture_output=True)
+            words.chmod(0o644)
+            lines += ["allow_anonymous false", f"password_file {words}"]
+        else:
+            lines += ["allow_anonymous true"]
+        if self._cert:
+            lines += [f"certfile {self._cert[0]}", f"keyfile {self._cert[1]}"]
+        file = self._folder / "mosquitto.conf"
+        file.write_text("\n".join(lines) + "\n")
+        self._process = subprocess.Popen(
+            [shutil.which("mosquitto"), "-c", str(file)],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        wait_for(self._answers)
+
+    def _answers(self):
+        with socket.socket() as sock:
+            return sock.connect_ex(("127.0.0.1", self.port)) == 0
+
+    def _start_amqtt(self):
+        listener = {"type": "tcp", "bind": f"127.0.0.1:{self.port}"}
+        if self._cert:
+            listener |= {
+                "ssl": True,
+                "certfile": str(self._cert[0]),
+                "keyfile": str(self._cert[1]),
+            }
+        plugins = {"amqtt.plugins.authentication.AnonymousAuthPlugin": {"allow_anonymous": True}}
+        if self._auth:
+            from pwdlib.hashers.argon2 import Argon2Hasher
+
+            words = self._folder / "passwords"
+            words.write_text(f"{USER}:{Argon2Hasher().hash(PASSWORD)}\n")
+            plugins = {
+                "amqtt.plugins.authentication.FileAuthPlugin": {"password_file": str(words)}
+            }
+        config = {"listeners": {"default": listener}, "plugins": plugins}
+        ready = threading.Event()
+        self._thread = threading.Thread(target=self._serve, args=(config, ready), name="amqtt")
+        self._thread.start()
+        assert ready.wait(5)
+
+    def _serve(self, config, ready):
+        async def body():
+            self._loop, self._over = asyncio.get_running_loop(), asyncio.Event()
+            broker = Amqtt(config)
+            await broker.start()
+            ready.set()
+            await self._over.wait()
+            await broker.shutdown()
+
+        asyncio.run(body())
+
+
+class Listener:
+    """A subscriber that keeps what it gets, across outages of the broker."""
+
+    def __init__(self, port: int, *topics: str, tls: ssl.SSLContext | None = None, user=None):
+        self.messages: list[tuple[str, bytes, bool]] = []
+        self._topics = [(topic, 1) for topic in topics or ("#",)]
+        self._ready = threading.Event()
+        self.client = paho.Client(CallbackAPIVersion.VERSION2, client_id=f"listener{id(self)}")
+        if tls:
+            self.client.tls_set_context(tls)
+        if user:
+            self.client.username_pw_set(*user)
+        self.client.reconnect_delay_set(1, 1)
+        self.client.on_connect = lambda *_: self.client.subscribe(self._topics)
+        self.client.on_subscribe = lambda *_: self._ready.set()
+        self.client.on_message = lambda _c, _d, m: self.messages.append(
+            (m.topic, bytes(m.payload), m.retain)
+        )
+        self.client.connect("127.0.0.1", port)
+        self.client.loop_start()
+        assert self._ready.wait(5)
+
+    def on(self, topic: str) -> list[bytes]:
+        """Payloads on a topic."""
+        return [payload for name, payload, _ in list(self.messages) if name == topic]
+
+    def say(self, topic: str, payload: str = "", **how):
+        """Publish, and wait for it."""
+        self.client.publish(topic, payload, qos=1, **how).wait_for_publish(5)
+
+    def close(self):
+        self.client.disconnect()
+        self.client.loop_stop()
+
+
+class Silent:
+    """A TCP server that takes connections and never says a word."""
+
+    def __init__(self):
+        self._server = socket.create_server(("127.0.0.1", 0))
+        self.port = self._server.getsockname()[1]
+
+    def close(self):
+        self._server.close()
+
+
+class WebServer:
+    """An HTTP server that keeps what is posted and answers with `code`."""
+
+    def __init__(self, port: int = 0, *, cert: tuple[Path, Path] | None = None):
+        self.code = 200
+        self.headers: dict[str, str] = {}
+        self.posts: list[tuple[str, dict, bytes]] = []
+        far = self
+
+        class Handler(http.server.BaseHTTPRequestHandler):
+            def do_POST(self):
+                body = self.rfile.read(int(self.headers["Content-Length"]))
+                far.posts.append((self.path, dict(self.headers), body))
+                self.send_response(far.code)
+                for name, value in far.headers.items():
+                    self.send_header(name, value)
+                self.send_header("Content-Length", "0")
+                self.end_headers()
+
+            def log_message(self, *_):
+                pass
+
+        self._server = http.server.ThreadingHTTPServer(("127.0.0.1", port), Handler)
+        self._server.handle_error = lambda *_: None
+        if cert:
+            context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+            context.load_cert_chain(*cert)
+            self._server.socket = context.wrap_socket(self._server.socket, server_side=True)
+        self.port = self._server.server_address[1]
+        self._thread = threading.Thread(
+            target=self._server.serve_forever, kwargs={"poll_interval": 0.01}
+        )
+        self._thread.start()
+
+    def close(self):
+        self._server.shutdown()
+        self._thread.join()
+        self._server.server_close()
+
+
+def make_cert(folder: Path) -> tuple[Path, Path]:
+    """A self-made certificate of localhost and its key; skips where openssl is missing."""
+    if not shutil.which("openssl"):
+        pytest.skip("no openssl to make a certificate with")
+    cert, key = folder / "cert.pem", folder / "key.pem"
+    command = (
+        "openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes -days 2 "
+        "-subj /CN=localhost -addext subjectAltName=DNS:localhost,IP:127.0.0.1"
+    )
+    subprocess.run(
+        [*command.split(), "-keyout", str(key), "-out", str(cert)], check=True, capture_output=True
+    )
+    key.chmod(0o644)
+    return cert, key

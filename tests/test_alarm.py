@@ -1,0 +1,164 @@
+"""The alarm panel: confirmation, entry delay, latching, refractory time, commands."""
+
+import numpy as np
+import pytest
+
+from radard.alarm import AlarmPanel, AlarmPolicy, Sight
+
+HIT = Sight(True, True, "human at 2.0 m")
+SEEN = Sight(False, True, "human at 2.0 m")
+NOTHING = Sight(False, False, "none")
+
+
+def play(panel, sights, *, start_s=1.0, quiet=()):
+    """Feed one sight a second; return (time, kind, reason) of every step."""
+    steps = []
+    for k, sight in enumerate(sights):
+        t_s = start_s + k
+        made = panel.on_sight(t_s, sight, is_quiet=t_s in quiet)
+        steps += [(t_s, step.kind, step.reason) for step in made]
+    return steps
+
+
+def kinds(steps):
+    return [(t_s, kind) for t_s, kind, _ in steps]
+
+
+@pytest.mark.parametrize(
+    ("k", "n", "hits", "begins_s"),
+    [
+        (1, 1, "1", 1),
+        (2, 3, "1", None),
+        (2, 3, "11", 2),
+        (2, 3, "101", 3),
+        (2, 3, "1001", None),
+        (2, 3, "10011", 5),
+        (3, 5, "10101", 5),
+        (3, 5, "1100011", None),
+        (3, 5, "11000111", 8),
+        (2, 2, "1010101", None),
+        (16, 16, "1" * 16, 16),
+        (16, 16, "1" * 15 + "0" + "1" * 15, None),
+    ],
+)
+def test_k_of_n_confirm(k, n, hits, begins_s):
+    panel = AlarmPanel(AlarmPolicy(k=k, n=n, latch_s=1e9))
+    steps = play(panel, [HIT if h == "1" else NOTHING for h in hits])
+    new = [t_s for t_s, kind in kinds(steps) if kind == "new"]
+    assert new == ([] if begins_s is None else [begins_s])
+
+
+def test_an_invalid_window_is_neither_a_hit_nor_a_miss():
+    panel = AlarmPanel(AlarmPolicy(k=2, n=2))
+    assert kinds(play(panel, [HIT, None, None, HIT])) == [(4, "new")]
+
+
+def test_latched_until_nobody_was_seen_for_long_enough():
+    panel = AlarmPanel(AlarmPolicy(latch_s=5))
+    steps = play(panel, [HIT, NOTHING, NOTHING, SEEN, *[NOTHING] * 10])
+    assert kinds(steps) == [(1, "new"), (7, "update"), (9, "end")]
+    assert steps[-1][2] == "nobody seen for 5 s"
+    assert panel.state == "armed"
+
+
+def test_an_update_says_who_left_and_who_came_back():
+    panel = AlarmPanel(AlarmPolicy(latch_s=60))
+    steps = play(panel, [HIT, *[NOTHING] * 4, SEEN])
+    assert steps[1:] == [(4, "update", "nobody in sight"), (6, "update", "human at 2.0 m, again")]
+
+
+def test_what_cannot_be_judged_ends_no_alarm():
+    panel = AlarmPanel(AlarmPolicy(latch_s=3))
+    assert kinds(play(panel, [HIT, NOTHING, *[None] * 30])) == [(1, "new")]
+    assert kinds(play(panel, [NOTHING] * 5, start_s=33)) == [(35, "end")]
+
+
+def test_acknowledged_it_ends_and_is_quiet_for_the_refractory_time():
+    panel = AlarmPanel(AlarmPolicy(latch_s=100, refractory_s=10))
+    play(panel, [HIT] * 3)
+    (end,) = panel.acknowledge(3.5)
+    assert (end.kind, end.reason) == ("end", "acknowledged")
+    assert panel.acknowledge(3.6) == []
+    assert kinds(play(panel, [HIT] * 20, start_s=4)) == [(14, "new")]
+
+
+def test_entry_delay_gives_time_to_disarm():
+    policy = AlarmPolicy(entry_delay_s=10, latch_s=100)
+    panel = AlarmPanel(policy)
+    assert kinds(play(panel, [HIT, *[NOTHING] * 20])) == [(11, "new")]
+    panel = AlarmPanel(policy)
+    assert play(panel, [HIT, *[NOTHING] * 5]) == []
+    assert panel.state == "entry"
+    assert panel.disarm() == []
+    assert play(panel, [HIT] * 30, start_s=7) == []
+
+
+def test_no_way_around_the_entry_delay():
+    policy = AlarmPolicy(entry_delay_s=10, latch_s=100)
+    blinded = AlarmPanel(policy)
+    assert kinds(play(blinded, [HIT, *[None] * 20])) == [(11, "new")]
+    cut_off = AlarmPanel(policy)
+    play(cut_off, [HIT])
+    (step,) = cut_off.on_loss(2.5)
+    assert step.kind == "new"
+    assert "lost" in step.reason
+    assert AlarmPanel(policy).on_loss(2.5) == []
+
+
+def test_disarmed_nothing_begins_and_what_is_on_ends():
+    panel = AlarmPanel(AlarmPolicy(latch_s=100), is_armed=False)
+    assert play(panel, [HIT] * 5) == []
+    panel.arm()
+    assert kinds(play(panel, [HIT], start_s=6)) == [(6, "new")]
+    assert [s.reason for s in panel.disarm()] == ["disarmed"]
+    assert not panel.is_armed
+
+
+def test_hits_before_arming_do_not_count():
+    panel = AlarmPanel(AlarmPolicy(k=2, n=3))
+    play(panel, [HIT])
+    panel.disarm()
+    panel.arm()
+    assert play(panel, [HIT, NOTHING, NOTHING]) == []
+
+
+def test_a_quiet_period_confirms_nothing_but_ends_nothing():
+    panel = AlarmPanel(AlarmPolicy(latch_s=100))
+    assert play(panel, [HIT] * 3, quiet={1, 2, 3}) == []
+    assert kinds(play(panel, [HIT] * 3, start_s=4, quiet={5, 6})) == [(4, "new")]
+    assert panel.state == "alarm"
+
+
+def test_a_resumed_alarm_waits_for_its_acknowledgement():
+    panel = AlarmPanel(AlarmPolicy(latch_s=30))
+    panel.resume("human at 1 m")
+    assert panel.state == "alarm"
+    assert kinds(play(panel, [NOTHING] * 40)) == [(30, "end")]
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_any_history_keeps_the_rules(seed):
+    rng = np.random.default_rng(seed)
+    policy = AlarmPolicy(k=2, n=3, entry_delay_s=2, latch_s=4, refractory_s=3)
+    panel = AlarmPanel(policy)
+    is_on, ended_s = False, -1e9
+    for t_s in range(2000):
+        draw = rng.random()
+        if draw < 0.02:
+            steps = panel.acknowledge(t_s)
+        elif draw < 0.03:
+            steps = panel.disarm()
+        elif draw < 0.05:
+            ended_s = ended_s if panel.is_armed else -1e9
+            steps = panel.arm()
+        else:
+            sight = [HIT, SEEN, NOTHING, NOTHING, NOTHING, None][rng.integers(6)]
+            steps = panel.on_sight(t_s, sight)
+        for step in steps:
+            assert is_on == (step.kind != "new")
+            if step.kind == "new":
+                assert t_s - ended_s >= policy.refractory_s
+                is_on = True
+            elif step.kind == "end":
+                is_on, ended_s = False, t_s
+        assert is_on == (panel.state == "alarm")

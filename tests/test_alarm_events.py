@@ -1,0 +1,190 @@
+"""Alarm events: zones, thresholds, peaks, faults and tamper beside them, and what is kept."""
+
+import dataclasses
+
+import pytest
+
+from radard.alarm import AlarmPanel, AlarmPolicy
+from radard.events import EventTracker
+from radard.ring import Notice
+from radard.state_store import KeptState, StateStore, write_atomically
+from radard.tamper import Finding
+from radard.zones import Zones, sight_of
+from tests.alarm_helpers import decision, track
+from tests.radar_helpers import dwell_of, noise
+
+DWELL = dwell_of(noise(10))
+POLICY = AlarmPolicy()
+
+
+@pytest.mark.parametrize(
+    ("include", "exclude", "range_m", "counts"),
+    [
+        ((), (), 3.0, True),
+        (((0.5, 2.0),), (), 1.9, True),
+        (((0.5, 2.0),), (), 2.1, False),
+        (((0.5, 2.0), (4.0, 5.0)), (), 4.5, True),
+        ((), ((2.1, 2.6),), 2.3, False),
+        ((), ((2.1, 2.6),), 2.7, True),
+        (((0.5, 5.0),), ((2.1, 2.6),), 2.3, False),
+        (((0.5, 2.0),), (), 2.0, True),
+    ],
+)
+def test_zones(include, exclude, range_m, counts):
+    zones = Zones(include=include, exclude=exclude)
+    assert zones.heeds(range_m) is counts
+    sight = sight_of(decision(1, 0.9, range_m=range_m), POLICY, zones, 0.8)
+    assert (sight.is_hit, sight.is_seen) == (counts, counts)
+
+
+def tracked(*tracks, human=0.9, range_m=2.3):
+    return dataclasses.replace(decision(1, human, range_m=range_m), tracks=tracks)
+
+
+@pytest.mark.parametrize(
+    ("tracks", "counts", "where"),
+    [
+        ((track(2.3),), False, ""),
+        ((track(2.3), track(4.0)), True, "at 4.0 m"),
+        ((track(2.3), track(4.0, p_pet=0.9)), False, ""),
+        ((track(2.3), track(4.0, None)), True, "at 4.0 m"),
+        ((track(3.5), track(1.2)), True, "at 1.2 m"),
+        ((), False, ""),
+    ],
+)
+def test_any_track_outside_the_excluded_zone_counts(tracks, counts, where):
+    zones = Zones(exclude=((2.1, 2.6),))
+    sight = sight_of(tracked(*tracks), POLICY, zones, 0.8)
+    assert sight.is_hit is counts
+    assert where in sight.reason
+
+
+def test_without_a_range_nobody_is_cut_out():
+    plain = dataclasses.replace(decision(1, 0.9), reading=None)
+    assert sight_of(plain, POLICY, Zones(include=((0.5, 1.0),)), 0.8).is_hit
+
+
+@pytest.mark.parametrize(
+    ("human", "alarm", "p_on", "hit", "seen"),
+    [
+        (0.9, True, 0.5, True, True),
+        (0.4, True, 0.5, False, True),
+        (0.4, True, 0.0, True, True),
+        (0.15, False, 0.0, False, True),
+        (0.05, False, 0.0, False, False),
+        # A verdict against the probabilities has grounds of its own: it counts in full.
+        (0.1, True, 0.5, True, True),
+        (None, False, 0.0, False, False),
+    ],
+)
+def test_on_and_off_thresholds(human, alarm, p_on, hit, seen):
+    policy = AlarmPolicy(p_on=p_on, p_off=0.1)
+    sight = sight_of(decision(1, human, alarm=alarm), policy, Zones(), 0.8)
+    assert (sight.is_hit, sight.is_seen) == (hit, seen)
+
+
+def test_undecided_motion_is_still_somebody():
+    pending = decision(1, 0.0, alarm=False, label="pending")
+    assert sight_of(pending, AlarmPolicy(), Zones(), 0.8).is_seen
+
+
+def test_peak_follows_what_is_seen():
+    tracker = EventTracker(AlarmPanel(AlarmPolicy(latch_s=10)))
+    (new,) = tracker.on_decision(decision(1, 0.5), DWELL)
+    tracker.on_decision(decision(2, 0.9), DWELL)
+    for t_s in range(3, 7):
+        tracker.on_decision(decision(t_s), DWELL)
+    events = tracker.on_command("ack", 7.2)
+    assert [(e.phase, e.peak, e.id, e.t_s) for e in events] == [("end", 0.9, new.id, 7.2)]
+
+
+def test_alarm_fault_and_tamper_are_apart():
+    tracker = EventTracker(AlarmPanel(AlarmPolicy(latch_s=100)))
+    tracker.on_decision(decision(1, 0.9), DWELL)
+    covered = Finding("covered", "still echoes fell 12 dB")
+    (tamper,) = tracker.on_decision(decision(2, 0.9), DWELL, findings=[covered])
+    assert (tamper.kind, tamper.reason) == ("tamper", "covered: still echoes fell 12 dB")
+    (fault,) = tracker.on_decision(decision(3, fault="9 frames missing"), DWELL)
+    assert fault.kind == "fault"
+    assert set(tracker.open_events) == {"alarm", "tamper", "fault"}
+    more = [covered, Finding("noise", "noise rose 9 dB")]
+    events = tracker.on_decision(decision(4, 0.9), DWELL, findings=more)
+    assert [(e.kind, e.phase) for e in events] == [("fault", "end"), ("tamper", "update")]
+    assert len({e.id for e in (tamper, fault, *events)}) == 2
+    (end,) = tracker.on_decision(decision(5, 0.9), DWELL)
+    assert (end.kind, end.phase, end.id) == ("tamper", "end", tamper.id)
+
+
+def test_disarmed_faults_and_tamper_are_announced_all_the_same():
+    tracker = EventTracker(AlarmPanel(is_armed=False))
+    assert tracker.on_decision(decision(1, 0.9), DWELL) == []
+    (fault,) = tracker.on_decision(decision(2, fault="gone"), DWELL)
+    assert fault.kind == "fault"
+
+
+def test_a_dead_sensor_is_a_fault_though_its_windows_are_whole():
+    tracker = EventTracker()
+    (fault,) = tracker.on_decision(decision(1), DWELL, fault="dead sensor")
+    assert (fault.kind, fault.phase) == ("fault", "new")
+    assert [e.phase for e in tracker.on_decision(decision(2), DWELL)] == ["end"]
+
+
+def test_a_sensor_torn_off_in_the_entry_delay_raises_the_alarm():
+    tracker = EventTracker(AlarmPanel(AlarmPolicy(entry_delay_s=30)))
+    assert tracker.on_decision(decision(1, 0.9), DWELL) == []
+    events = tracker.on_notice(Notice("lost", "unplugged", 2.0))
+    assert [(e.kind, e.phase) for e in events] == [("fault", "new"), ("alarm", "new")]
+
+
+def test_what_is_kept_comes_back():
+    tracker = EventTracker(AlarmPanel(AlarmPolicy(latch_s=20)))
+    assert tracker.kept == KeptState(is_armed=True)
+    (new,) = tracker.on_decision(decision(5, 0.7), DWELL)
+    kept = tracker.kept
+    again = EventTracker(AlarmPanel(AlarmPolicy(latch_s=20), is_armed=kept.is_armed))
+    (event,) = again.resume(kept)
+    assert (event.id, event.phase, event.peak) == (new.id, "update", 0.7)
+    assert "before a restart" in event.reason
+    assert again.resume(again.kept)[0].reason == event.reason
+    ended = [e for t_s in range(1, 30) for e in again.on_decision(decision(t_s), DWELL)]
+    assert [(e.phase, e.id) for e in ended] == [("end", new.id)]
+    assert EventTracker().resume(KeptState(is_armed=False, alarm_id=new.id)) == []
+
+
+def test_a_clip_is_named_in_the_phases_that_follow():
+    tracker = EventTracker(AlarmPanel(AlarmPolicy(latch_s=10)))
+    (new,) = tracker.on_decision(decision(1, 0.7), DWELL)
+    tracker.has_clip(new.id, "a.h5")
+    assert tracker.on_command("disarm", 2)[0].clip == "a.h5"
+
+
+def test_the_state_file_is_whole_or_the_old_one(tmp_path, caplog):
+    path = tmp_path / "deep" / "radar.json"
+    assert StateStore(path).load(is_armed=True) == KeptState(is_armed=True)
+    state = KeptState(is_armed=False, alarm_id="X", alarm_reason="r", alarm_peak=0.5)
+    StateStore(path).save(state)
+    assert StateStore(path).load(is_armed=True) == state
+    assert [p.name for p in path.parent.iterdir()] == ["radar.json"]
+    assert path.stat().st_mode & 0o077 == 0
+    with pytest.raises(OSError, match=r"."):
+        write_atomically(path.parent / "a" / "b", "x", sync=True)
+    for broken in ("", "{", "[]", '{"armed": 1}', '{"is_armed": true, "alarm_peak": "x"}'):
+        path.write_text(broken)
+        assert StateStore(path).load(is_armed=True) == KeptState(is_armed=True)
+    assert caplog.text.count("unreadable") == 5
+
+
+def test_a_state_that_cannot_be_kept_is_said_and_no_more(tmp_path, caplog):
+    (tmp_path / "file").write_text("")
+    StateStore(tmp_path / "file" / "radar.json").save(KeptState(is_armed=False))
+    assert "cannot keep" in caplog.text
+
+
+def test_without_a_named_folder_only_the_command_is_kept(tmp_path):
+    path = tmp_path / "radar.json"
+    store = StateStore(path, keeps_alarms=False)
+    store.load(is_armed=True)
+    store.save(KeptState(is_armed=True, alarm_id="X"))
+    assert not path.exists()
+    store.save(KeptState(is_armed=False))
+    assert StateStore(path, keeps_alarms=False).load(is_armed=True) == KeptState(is_armed=False)

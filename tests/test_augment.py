@@ -1,0 +1,113 @@
+"""Augmentation: other maps of the same bodies."""
+
+import pytest
+import torch
+
+from x2train.augment import _deeper, _kept, _noisier, _shifted, augmented
+
+N, N_VELOCITY, N_RANGE, N_CELLS = 64, 101, 80, 40
+
+
+def maps(seed=0, n=N):
+    rng = torch.Generator().manual_seed(seed)
+    made = [torch.rand(n, rows, N_CELLS, generator=rng) for rows in (N_VELOCITY, N_RANGE)]
+    # Mostly empty, like the true ones.
+    return [(m * (m > 0.6)).clamp(0, 1) for m in made]
+
+
+def rng(seed=0):
+    return torch.Generator().manual_seed(seed)
+
+
+def test_shapes_and_range_stay_and_what_was_given_too():
+    velocity, ranges = maps()
+    before = velocity.clone(), ranges.clone()
+    for seed in range(5):
+        made = augmented(velocity, ranges, rng(seed))
+        for new, old in zip(made, (velocity, ranges), strict=True):
+            assert new.shape == old.shape
+            assert new.dtype == torch.float32
+            assert new.min() >= 0
+            assert new.max() <= 1
+    assert torch.equal(velocity, before[0])
+    assert torch.equal(ranges, before[1])
+
+
+def test_same_seed_same_maps():
+    a, b, c = (augmented(*maps(), rng(seed)) for seed in (1, 1, 2))
+    assert torch.equal(a[0], b[0])
+    assert torch.equal(a[1], b[1])
+    assert not torch.equal(a[0], c[0])
+
+
+def test_empty_maps_stay_empty():
+    empty = torch.zeros(N, N_VELOCITY, N_CELLS), torch.zeros(N, N_RANGE, N_CELLS)
+    for made in augmented(*empty, rng()):
+        assert not made.any()
+
+
+def test_rows_in_which_nothing_was_shown_get_no_noise():
+    ranges = maps()[1]
+    ranges[:, 50:] = 0
+    made = _noisier(ranges, torch.zeros(N) + 0.2, rng())
+    assert not made[:, 50:].any()
+    assert (made[:, :50] >= ranges[:, :50]).all()
+    assert 0.28 < made[:, :50][ranges[:, :50] == 0].mean() < 0.32
+
+
+def test_a_mirrored_body_is_mirrored_in_both_maps(monkeypatch):
+    velocity, ranges = maps()
+    for name in ("_shifted", "_deeper"):
+        monkeypatch.setattr(f"x2train.augment.{name}", lambda m, _: m)
+    monkeypatch.setattr("x2train.augment._noisier", lambda m, *_: m)
+    monkeypatch.setattr("x2train.augment._kept", lambda u, n: torch.ones(len(u), n))
+    made = augmented(velocity, ranges, rng())
+    is_flipped = []
+    for k in range(N):
+        kept = [torch.equal(m[k], o[k]) for m, o in zip(made, (velocity, ranges), strict=True)]
+        turned = [
+            torch.equal(m[k], o[k].flip(0)) for m, o in zip(made, (velocity, ranges), strict=True)
+        ]
+        assert kept != turned
+        assert kept[0] == kept[1]
+        is_flipped.append(turned[0])
+    assert 0.1 < sum(is_flipped) / N < 0.5
+
+
+@pytest.mark.parametrize(("u", "rows"), [(0.0, -12), (0.5, 0), (0.9999, 12)])
+def test_shifting_moves_along_range_and_lets_nothing_in(u, rows):
+    ranges = maps()[1]
+    made = _shifted(ranges, torch.full((N,), u))
+    if rows == 0:
+        assert torch.equal(made, ranges)
+    elif rows > 0:
+        assert torch.equal(made[:, rows:], ranges[:, :-rows])
+        assert not made[:, :rows].any()
+    else:
+        assert torch.equal(made[:, :rows], ranges[:, -rows:])
+        assert not made[:, rows:].any()
+
+
+def test_depth_keeps_the_reference_and_the_order():
+    m = torch.linspace(0, 1, 41).repeat(3, 1, 1)
+    made = _deeper(m, torch.tensor([0.0, 0.5, 1.0]))
+    assert torch.equal(made[:, :, -1], torch.ones(3, 1))
+    assert (made[:, :, 1:].diff(dim=2) >= 0).all()
+    torch.testing.assert_close(1 - made[0, 0, 20], torch.tensor(0.5 * 0.8))
+    torch.testing.assert_close(1 - made[2, 0, 20], torch.tensor(0.5 * 1.25))
+    assert not made[:, :, 0].any()
+
+
+@pytest.mark.parametrize(
+    ("u", "gone"),
+    [
+        ((0.1, 1.0, 0.2), (0, 14)),
+        ((0.1, 1.0, 0.8), (26, 40)),
+        ((0.4, 1.0, 0.5), (19, 22)),
+        ((0.9, 1.0, 0.5), (0, 0)),
+    ],
+)
+def test_what_is_cut(u, gone):
+    kept = _kept(torch.tensor([u]), N_CELLS)[0]
+    assert kept.sum() == N_CELLS - (gone[1] - gone[0])
+    assert not kept[gone[0] : gone[1]].any()

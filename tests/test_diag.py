@@ -1,0 +1,127 @@
+"""radard diag: all that helps, and no secrets."""
+
+import json
+import tarfile
+from pathlib import Path
+
+import pytest
+
+from radard.cli import main
+from radard.commands.diag_parts import Scrubber, gather
+from radard.health import Status
+from radard.status_file import status_path, write_status
+
+SECRETS = ("hunter2hunter2", "t0psecret-token", "0urbroker-pw", "pathofthehook")
+CONFIG = """\
+sensor: {{name: hall, port: 'socket://me:hunter2hunter2@host:7000'}}
+output:
+  - json:{log}
+  - mqtt://me:0urbroker-pw@broker
+  - webhook:https://example.org/pathofthehook
+  - exec:notify --token t0psecret-token
+service: {{runtime_dir: {folder}, state_dir: {folder}}}
+"""
+
+
+@pytest.fixture
+def config(tmp_path):
+    log = tmp_path / "log.jsonl"
+    lines = [json.dumps({"type": "decision", "seq": k}) for k in range(500)]
+    lines.append(json.dumps({"reason": "mqtt://me:0urbroker-pw@broker refused hunter2hunter2"}))
+    log.write_text("\n".join(lines) + "\n")
+    write_status(status_path(tmp_path, "hall"), Status("online", ""), {"seq": 7})
+    path = tmp_path / "mine.yaml"
+    path.write_text(CONFIG.format(log=log, folder=tmp_path))
+    return path
+
+
+def test_parts_tell_what_helps(config):
+    parts = gather(config, {"RADARD_GATE__THRESHOLD_DB": "7"})
+    assert "threshold_db: 7" in parts["config.txt"]
+    assert json.loads(parts["environment.json"]) == {"RADARD_GATE__THRESHOLD_DB": "7"}
+    (status,) = json.loads(parts["status.json"]).values()
+    assert (status["line"], status["seq"]) == ("online", 7)
+    assert '"seq": 499' in parts["decisions.txt"]
+    assert '"seq": 200}' not in parts["decisions.txt"]
+    assert json.loads(parts["versions.json"])["model"] == "balanced"
+    assert json.loads(parts["limits.json"])["cores"] >= 1
+    assert json.loads(parts["calibration.json"])["asked"] == "auto"
+
+
+def test_no_secret_gets_through(config, monkeypatch):
+    parts = gather(config, {"RADARD_MQTT__PASSWORD": "t0psecret-token"})
+    told = "\n".join(parts.values())
+    assert all(secret not in told for secret in SECRETS)
+    assert str(Path.home()) + "/" not in told or Path.home() == Path("/")
+
+
+def test_a_wrong_configuration_is_part_of_the_report(tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_text("gate: {treshold_db: 1}\nmqtt: {password: t0psecret-token}\n")
+    parts = gather(path, {})
+    assert "unknown key 'gate.treshold_db'" in parts["config.txt"]
+    assert "t0psecret-token" not in "\n".join(parts.values())
+
+
+def test_what_cannot_be_told_stops_nothing(config, monkeypatch):
+    def fail():
+        msg = "no bus"
+        raise OSError(msg)
+
+    monkeypatch.setattr("radard.commands.diag_parts.list_ports", fail)
+    parts = gather(config, {})
+    assert "no bus" in parts["ports.json"]
+    assert "cores" in parts["limits.json"]
+
+
+def test_serial_numbers_are_masked(config, monkeypatch):
+    from x2radar.discovery import PortRow
+
+    row = PortRow("/dev/ttyX", "0403:6001", serial_number="FT123", by_id="/dev/by-id/FT123")
+    monkeypatch.setattr("radard.commands.diag_parts.list_ports", lambda: [row])
+    (port,) = json.loads(gather(config, {})["ports.json"])
+    assert "FT123" not in str(port)
+    assert (port["usb_id"], port["access"]) == ("0403:6001", "gone")
+
+
+def test_scrubber():
+    scrub = Scrubber(("geheim",)).scrub
+    assert scrub("a geheim b") == "a *** b"
+    assert (
+        scrub("x\nmqtt://u:pw@h\nwebhook:https://h/abc")
+        == "x\nmqtt://u:***@h\nwebhook:https://h/***"
+    )
+    assert scrub(f"{Path.home()}/x") == "~/x"
+
+
+def names(path):
+    with tarfile.open(path) as tar:
+        return {each.name.removeprefix("radard-diag/") for each in tar.getmembers()}
+
+
+def test_bundle(config, tmp_path, capsys):
+    out = tmp_path / "report.tar.gz"
+    assert main(["diag", "--config", str(config), "--out", str(out)]) == 0
+    assert capsys.readouterr().out == f"{out}\n"
+    assert out.stat().st_mode & 0o777 == 0o600
+    assert {"README.txt", "config.txt", "decisions.txt", "limits.json"} <= names(out)
+    assert not [name for name in names(out) if name.endswith(".h5")]
+    assert main(["diag", "--out", str(out)]) == 1
+    assert "exists already" in capsys.readouterr().err
+
+
+def test_recordings_go_along_only_when_named(config, tmp_path, capsys):
+    clip, out = tmp_path / "clip.h5", tmp_path / "report.tar.gz"
+    clip.write_bytes(b"frames")
+    assert main(["diag", "--out", str(out), "--add", str(clip)]) == 0
+    assert "added/clip.h5" in names(out)
+    assert main(["diag", "--out", str(tmp_path / "b"), "--add", str(tmp_path / "gone.h5")]) == 1
+    assert "gone.h5" in capsys.readouterr().err
+
+
+def test_list_prints_and_makes_nothing(config, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    before = set(tmp_path.iterdir())
+    assert main(["diag", "--config", str(config), "--list"]) == 0
+    assert "==== config.txt" in capsys.readouterr().out
+    assert set(tmp_path.iterdir()) == before

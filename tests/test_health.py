@@ -1,0 +1,277 @@
+"""The health state machine and all that reads it: status file, heart, systemd, `radard health`."""
+
+import json
+import os
+import time
+
+import pytest
+
+from radard.cli import main
+from radard.config import load_config
+from radard.directories import clip_dir, runtime_dir, state_dir, status_dirs
+from radard.health import Health, Status
+from radard.heart import Heart
+from radard.ring import Notice
+from radard.status_file import read_status, status_path, write_status
+from radard.watchdog import Notifier
+from tests.alarm_helpers import NotifySocket, decision
+
+
+class Clock:
+    """A clock that a test turns."""
+
+    now_s = 100.0
+
+    def __call__(self):
+        return self.now_s
+
+
+@pytest.fixture
+def clock():
+    return Clock()
+
+
+@pytest.fixture
+def health(clock):
+    return Health(stale_s=5.0, clock=clock)
+
+
+def test_online_means_a_decision_from_fresh_frames(health, clock):
+    assert health.status.state == "starting"
+    assert not health.may_feed
+    assert health.on_decision(decision(1, t_mono_s=clock.now_s)).state == "online"
+    assert health.may_feed
+    clock.now_s += 4.9
+    assert health.status.state == "online"
+    clock.now_s += 0.2
+    assert health.status == Status("offline", "no decision from fresh frames for 5 s")
+    assert not health.may_feed
+    assert health.check().state == "offline"
+    assert health.check() is None
+    assert health.on_decision(decision(2, t_mono_s=clock.now_s)).state == "online"
+
+
+def test_old_frames_make_no_fresh_decision(health, clock):
+    assert health.on_decision(decision(1, t_mono_s=clock.now_s - 6)).state == "offline"
+    assert not health.may_feed
+
+
+def test_a_start_that_takes_too_long(health, clock):
+    clock.now_s += 14
+    assert health.status.state == "starting"
+    clock.now_s += 2
+    assert health.status.state == "offline"
+
+
+def test_a_declared_absence_lasts_and_is_no_stall(health, clock):
+    health.on_decision(decision(1))
+    assert health.on_notice(Notice("lost", "unplugged", 1)).reason == "device absent: unplugged"
+    clock.now_s += 1e6
+    assert health.status.state == "offline"
+    assert health.may_feed
+    assert health.on_notice(Notice("found", "back", 1)).state == "degraded"
+    clock.now_s += 6
+    assert not health.may_feed
+    assert health.status.state == "offline"
+
+
+def test_invalid_windows_are_degraded_and_no_reason_to_restart(health):
+    assert health.on_decision(decision(1, fault="9 frames missing")).reason == "9 frames missing"
+    assert health.may_feed
+
+
+def test_complaints_degrade_and_are_taken_back(health, clock):
+    health.on_decision(decision(1))
+    assert health.complain("clips", "disk full").reason == "clips: disk full"
+    assert health.complain("mqtt", "no broker") is None
+    assert health.status.reason == "clips: disk full; mqtt: no broker"
+    assert health.on_decision(decision(2)) is None
+    health.complain("clips", "")
+    assert health.complain("mqtt", "").state == "online"
+    health.complain("mqtt", "no broker")
+    clock.now_s += 10
+    assert health.status.state == "offline"
+
+
+def test_the_end_is_final(health):
+    health.on_decision(decision(1))
+    assert health.on_end("stopped") == Status("offline", "stopped")
+    assert health.on_decision(decision(2)) is None
+    assert health.on_notice(Notice("lost", "x", 1)) is None
+    assert health.status.reason == "stopped"
+    assert not health.may_feed
+
+
+@pytest.mark.parametrize("name", ["{}/notify", "@radard-test-{}"])
+def test_messages_reach_the_service_manager(name, tmp_path):
+    where = name.format(tmp_path if "/" in name else os.getpid())
+    far = NotifySocket(where)
+    environ = {"NOTIFY_SOCKET": where, "WATCHDOG_USEC": "10000000"}
+    notifier = Notifier(environ)
+    assert notifier.every_s == 5.0
+    notifier.ready("online")
+    assert far.next() == {"READY": "1", "STATUS": "online"}
+    notifier.feed("online", 10.0)
+    assert far.next()["WATCHDOG"] == "1"
+    notifier.feed("online", 12.0)
+    notifier.reloading()
+    message = far.next()
+    assert message["RELOADING"] == "1"
+    assert abs(int(message["MONOTONIC_USEC"]) / 1e6 - time.monotonic()) < 60
+    notifier.feed("online", 12.6)
+    assert far.next()["WATCHDOG"] == "1"
+    notifier.stopping("stopped")
+    assert far.next() == {"STOPPING": "1", "STATUS": "stopped"}
+    far.close()
+    notifier.ready("nobody listens")
+
+
+@pytest.mark.parametrize(
+    "environ",
+    [
+        {},
+        {"WATCHDOG_USEC": "x"},
+        {"WATCHDOG_USEC": "10000000", "WATCHDOG_PID": "1"},
+        {"NOTIFY_SOCKET": "/nowhere/at/all"},
+    ],
+)
+def test_without_a_watchdog_nothing_is_fed(environ):
+    notifier = Notifier(environ)
+    assert notifier.every_s is None
+    notifier.feed("online", 1e9)
+    notifier.send("READY=1")
+
+
+class Spy(Notifier):
+    """A notifier that remembers."""
+
+    def __init__(self):
+        super().__init__({"WATCHDOG_USEC": "2000000"})
+        self.sent = []
+
+    def send(self, *lines):
+        self.sent += [line.partition("=")[0] for line in lines if "STATUS" not in line]
+
+
+def make_heart(health, tmp_path):
+    spy = Spy()
+    heart = Heart(health, spy, status_path(tmp_path, "radar"), lambda: {"armed": True, "seq": 7})
+    return heart, spy
+
+
+def test_the_heart_says_ready_with_the_first_decision_and_feeds_only_then(health, tmp_path):
+    heart, spy = make_heart(health, tmp_path)
+    heart.beat()
+    assert spy.sent == []
+    health.on_decision(decision(1))
+    heart.beat()
+    assert spy.sent == ["READY", "WATCHDOG"]
+
+
+def test_the_heart_feeds_while_the_device_is_declared_absent(health, tmp_path):
+    heart, spy = make_heart(health, tmp_path)
+    health.on_notice(Notice("lost", "no such port", 0.0))
+    heart.beat()
+    assert spy.sent == ["READY", "WATCHDOG"]
+    report = read_status(status_path(tmp_path, "radar"))
+    assert (report.is_healthy, report.line) == (False, "offline: device absent: no such port")
+
+
+def test_a_main_thread_that_hangs_is_not_fed(health, tmp_path, monkeypatch):
+    heart, spy = make_heart(health, tmp_path)
+    health.on_decision(decision(1))
+    heart.main_is_alive()
+    heart.beat()
+    assert spy.sent == ["READY", "WATCHDOG"]
+    monkeypatch.setattr("radard.heart._MAIN_LATE_S", -1.0)
+    heart.beat()
+    assert spy.sent == ["READY", "WATCHDOG"]
+
+
+def test_the_status_file_of_another_process_is_left_alone(health, tmp_path, caplog):
+    path = status_path(tmp_path, "radar")
+    write_status(path, Status("online", ""), {"pid": os.getppid()})
+    heart, _ = make_heart(health, tmp_path)
+    heart.start()
+    heart.stop()
+    assert json.loads(path.read_text())["pid"] == os.getppid()
+    assert "belongs to process" in caplog.text
+
+
+def test_a_stopped_heart_leaves_the_last_word(health, tmp_path):
+    heart, spy = make_heart(health, tmp_path)
+    heart.stop()
+    assert spy.sent == []
+    heart.start()
+    heart.start()
+    health.on_end("stopped")
+    heart.stop()
+    assert spy.sent[-1] == "STOPPING"
+    content = json.loads(status_path(tmp_path, "radar").read_text())
+    assert (content["state"], content["reason"], content["seq"]) == ("offline", "stopped", 7)
+
+
+def asked(capsys, *argv):
+    code = main(["health", *argv])
+    return code, capsys.readouterr().out.strip()
+
+
+def test_radard_health(tmp_path, capsys, monkeypatch):
+    monkeypatch.setenv("RUNTIME_DIRECTORY", str(tmp_path))
+    path = status_path(tmp_path, "hall")
+    code, line = asked(capsys, "--sensor", "hall")
+    assert (code, "no radard runs here" in line) == (1, True)
+    for status, code in (
+        (Status("online", ""), 0),
+        (Status("degraded", "9 frames missing"), 0),
+        (Status("starting", "waiting"), 1),
+        (Status("offline", "device absent: x"), 1),
+    ):
+        write_status(path, status, {})
+        expected = f"{status.state}: {status.reason}" if status.reason else status.state
+        assert asked(capsys, "--sensor", "hall") == (code, expected)
+    code, line = asked(capsys, "--sensor", "hall", "--json")
+    assert json.loads(line)["healthy"] is False
+    assert path.stat().st_mode & 0o777 == 0o644
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"t_mono_s": -1e9}, "stuck or killed"),
+        ({"t_mono_s": 1e12}, "before the last boot"),
+        ({"boot_id": "another"}, "before the last boot"),
+        ({"t_mono_s": "x"}, "cannot be read"),
+        ({"state": None, "reason": None, "t_mono_s": None}, "cannot be read"),
+    ],
+)
+def test_a_status_that_is_not_of_now_is_no_good_news(tmp_path, change, words):
+    path = status_path(tmp_path, "radar")
+    write_status(path, Status("online", ""), {})
+    content = json.loads(path.read_text())
+    path.write_text(json.dumps({**content, **change}))
+    report = read_status(path)
+    assert not report.is_healthy
+    assert words in report.line
+    path.write_text("{")
+    assert not read_status(path).is_healthy
+
+
+def test_folders():
+    config = load_config(environ={})
+    assert str(state_dir(config, {"STATE_DIRECTORY": "/var/lib/radard"})) == "/var/lib/radard"
+    assert str(state_dir(config, {"XDG_STATE_HOME": "/s"})) == "/s/radard"
+    assert str(state_dir(config, {})).endswith("/.local/state/radard")
+    assert str(runtime_dir(config, {"RUNTIME_DIRECTORY": "/run/radard"})) == "/run/radard"
+    assert str(runtime_dir(config, {"XDG_RUNTIME_DIR": "/run/user/1"})) == "/run/user/1/radard"
+    assert str(os.getuid()) in str(runtime_dir(config, {}))
+    assert str(clip_dir(config, {"STATE_DIRECTORY": "/v"})) == "/v/clips"
+    assert clip_dir(config, {"XDG_STATE_HOME": "/s"}) is None
+    assert [str(p) for p in status_dirs(config, {"XDG_RUNTIME_DIR": "/u"})] == [
+        "/run/radard",
+        "/u/radard",
+    ]
+    off = load_config(environ={"RADARD_CLIPS__ENABLED": "false", "RADARD_CLIPS__DIR": "/c"})
+    assert clip_dir(off, {"STATE_DIRECTORY": "/v"}) is None
+    named = load_config(environ={"RADARD_SERVICE__STATE_DIR": "/a", "RADARD_CLIPS__DIR": "/c"})
+    assert (str(state_dir(named, {})), str(clip_dir(named, {}))) == ("/a", "/c")

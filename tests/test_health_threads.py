@@ -1,0 +1,77 @@
+"""Hold up each thread of a running daemon in turn: systemd's notification must stop."""
+
+import time
+
+import pytest
+
+from radard.heart import Heart
+from radard.pipeline import Pipeline
+from radard.signals import Signals
+from radard.source import LiveSource
+from radard.status_file import read_status, status_path
+from radard.worker import Worker
+from tests.daemon_helpers import Gate, launcher
+
+STALE_S = 0.6
+launch = pytest.fixture(launcher)
+WHERE = {
+    "reader, waiting for the port": (Gate.before_each, LiveSource, "frames"),
+    "reader, holding frames": (Gate.before, Worker, "hold"),
+    "worker, deciding": (Gate.before, Pipeline, "decide"),
+    "worker, writing": (Gate.before, Worker, "_emit"),
+    "main": (Gate.before, Signals, "take"),
+    "heart": (Gate.before, Heart, "_write"),
+}
+
+
+@pytest.mark.parametrize("where", WHERE)
+def test_a_thread_that_stands_still_stops_the_notification(where, tmp_path, monkeypatch, launch):
+    gate = Gate()
+    put, cls, name = WHERE[where]
+    put(gate, monkeypatch, cls, name)
+    daemon = launch(stale_s=STALE_S)
+    try:
+        daemon.far.wait_for("READY")
+        daemon.far.wait_for("WATCHDOG")
+        gate.shut()
+        time.sleep(STALE_S + 0.4)
+        daemon.far.drain()
+        assert daemon.far.silent_for(0.6)
+        if where not in {"main", "heart"}:
+            report = read_status(status_path(tmp_path, "radar"))
+            assert report.content["state"] == "offline"
+            assert "no decision" in report.line
+        gate.open()
+        assert daemon.far.wait_for("WATCHDOG")
+    finally:
+        gate.open()
+        assert daemon.stop() == 0
+
+
+def test_a_daemon_that_is_well_is_fed_and_says_its_end(tmp_path, launch):
+    daemon = launch()
+    daemon.far.wait_for("READY")
+    for _ in range(5):
+        daemon.far.wait_for("WATCHDOG")
+    daemon.ask("stop")
+    assert daemon.far.wait_for("STOPPING")["STATUS"] == "stopped"
+    assert daemon.stop() == 0
+    assert read_status(status_path(tmp_path, "radar")).line == "offline: stopped"
+
+
+def test_a_thread_that_never_comes_back_does_not_hold_up_the_end(monkeypatch, launch):
+    gate, forced = Gate(), []
+    gate.before(monkeypatch, Pipeline, "decide")
+    monkeypatch.setattr("radard.service._JOIN_S", 0.2)
+    monkeypatch.setattr("radard.service._DEADLINE_S", 0.6)
+    monkeypatch.setattr("radard.stuck.os._exit", forced.append)
+    daemon = launch()
+    daemon.far.wait_for("READY")
+    gate.shut()
+    time.sleep(0.3)
+    result = daemon.stop()
+    assert str(result) == "stuck and left behind: worker"
+    assert result.exit_code == 1
+    time.sleep(0.6)
+    gate.open()
+    assert forced == [1]

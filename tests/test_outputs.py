@@ -1,0 +1,87 @@
+"""From the configuration to the sinks: names, options, state directory, reload."""
+
+import json
+
+import pytest
+
+from radard.config import load_config
+from radard.health import Health
+from radard.outputs import Host, Outputs
+from tests.sink_helpers import WebServer, event, hello, ulid, wait_for
+
+
+@pytest.fixture
+def server():
+    made = WebServer()
+    yield made
+    made.close()
+
+
+def configured(tmp_path, server, port="/dev/nothing", **webhook):
+    return load_config(
+        environ={},
+        options={
+            "sensor": {"name": "hall", "port": port},
+            "service": {"state_dir": tmp_path},
+            "outbox": {"first_retry_s": 0.02, "longest_retry_s": 0.05},
+            "webhook": webhook,
+            "output": [f"webhook:http://127.0.0.1:{server.port}/"],
+        },
+    )
+
+
+def outputs():
+    return Outputs(Host(Health(), dict, lambda _name: None), stdout_is_terminal=False)
+
+
+def bodies(server):
+    return [json.loads(body) for _, _, body in list(server.posts)]
+
+
+def test_a_sink_gets_the_sensors_name_its_options_and_the_state_directory(tmp_path, server):
+    out = outputs()
+    out.open(configured(tmp_path, server, phases=["new"]))
+    for phase in ("new", "update", "end"):
+        out.put(event(1, phase=phase))
+    out.put(event(2))
+    wait_for(lambda: len(server.posts) == 2)
+    out.close()
+    assert [(b["sensor"], b["id"], b["phase"]) for b in bodies(server)] == [
+        ("hall", ulid(1), "new"),
+        ("hall", ulid(2), "new"),
+    ]
+    assert [p.name.split("-")[0] for p in (tmp_path / "outbox").glob("*.db")] == ["hall"]
+
+
+def test_a_stream_that_can_wait_leaves_nothing_for_the_next_run(tmp_path, server):
+    out = outputs()
+    out.open(configured(tmp_path, server, port="replay:x.h5"), can_wait=True)
+    out.close()
+    assert not (tmp_path / "outbox").exists()
+
+
+def test_changed_options_hold_after_a_reload_and_no_event_is_lost(tmp_path, server):
+    server.code = 500
+    out = outputs()
+    out.open(configured(tmp_path, server))
+    out.put(event(1, kind="fault"))
+    wait_for(lambda: server.posts)
+    out.reload(configured(tmp_path, server, kinds=["alarm"]), hello())
+    out.put(event(2, kind="fault"))
+    out.put(event(3))
+    server.code = 200
+    wait_for(lambda: ulid(3) in {b["id"] for b in bodies(server)})
+    out.close()
+    assert {b["id"] for b in bodies(server)} == {ulid(1), ulid(3)}
+
+
+def test_an_output_that_cannot_be_opened_at_a_reload_is_said(tmp_path, server, caplog):
+    out = outputs()
+    config = configured(tmp_path, server)
+    out.open(config)
+    more = config.model_copy(update={"output": (*config.output, "json:/nowhere/x")})
+    out.reload(more, hello())
+    assert "cannot write there" in caplog.text
+    out.put(event(1))
+    wait_for(lambda: server.posts)
+    out.close()

@@ -1,0 +1,183 @@
+"""Passages and windows: the same for the same seed, and labelled by what can be seen."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from radard.features import FeatureSettings
+from radard.pipeline import settings_at
+from radard.ring import DwellShape
+from tests.training_helpers import FEATURES
+from x2train.farm import make_shards
+from x2train.passages import Passage, Truth, play
+from x2train.scenarios import FAMILIES, LABELS, family
+from x2train.shards import read_all
+from x2train.sites import X2, draw_site
+from x2train.windows import WindowSpec, dwell_ends, windows_of
+
+FEW = WindowSpec(seed=4, use="train", settings=FEATURES)
+
+
+def site(seed=0, **more):
+    return replace(draw_site(np.random.default_rng(seed), X2), level_db=12.0, **more)
+
+
+def played(*names, seed=0, seconds=5.0, **more):
+    cast = tuple(family(name) for name in names)
+    rng = np.random.default_rng(seed)
+    return play(rng, site(), cast, duration_s=seconds, **more)
+
+
+def assert_same(a, b):
+    assert a.keys() == b.keys()
+    for key in a:
+        assert a[key].dtype == b[key].dtype
+        np.testing.assert_array_equal(a[key], b[key], err_msg=key)
+
+
+@pytest.fixture(scope="module")
+def walk():
+    return played("human walk")
+
+
+def test_same_seed_same_frames(walk):
+    again, other = played("human walk"), played("human walk", seed=1)
+    np.testing.assert_array_equal(walk.frames, again.frames)
+    np.testing.assert_array_equal(walk.truth.range_m, again.truth.range_m)
+    assert not np.array_equal(walk.frames, other.frames)
+
+
+def test_frames_and_truth_have_the_passages_length(walk):
+    axis = X2.axis()
+    assert walk.frames.shape == (300, axis.n_range)
+    assert walk.frames.dtype == np.complex64
+    assert np.isfinite(walk.frames).all()
+    truth = walk.truth
+    for column in (truth.range_m, truth.velocity_mps, truth.speed_mps, truth.snr_db):
+        assert column.shape == (300, 1)
+    assert (truth.range_m > 0).all()
+    rate = np.gradient(truth.range_m[:, 0]) * 60
+    np.testing.assert_allclose(truth.velocity_mps[:, 0], -rate, atol=1e-9)
+    assert (np.abs(truth.velocity_mps) <= truth.speed_mps + 0.05).all()
+
+
+def test_an_empty_room_has_a_truth_of_nobody():
+    empty = played()
+    assert empty.truth.range_m.shape == (300, 0)
+    assert windows_of(empty, FEATURES, 0) is None
+
+
+@pytest.mark.parametrize("name", [f.name for f in FAMILIES])
+def test_every_family_can_be_played(name):
+    passage = played(name, seconds=0.5)
+    assert np.isfinite(passage.frames).all()
+    assert passage.truth.range_m.shape == (30, 1)
+
+
+@pytest.mark.parametrize("kind", ["usual", "unseen"])
+def test_every_kind_of_room_can_be_played(kind):
+    rng = np.random.default_rng(2)
+    passage = play(rng, draw_site(rng, X2, kind), (family("cat walk"),), duration_s=0.5)
+    assert np.isfinite(passage.frames).all()
+
+
+def test_windows_are_the_same_whoever_makes_them_and_in_whatever_order():
+    one = {k: FEW(k) for k in (3, 0, 4)}
+    for k in (4, 3, 0):
+        again = FEW(k)
+        assert (again is None) == (one[k] is None)
+        if again is not None:
+            assert_same(dict(one[k]), dict(again))
+    assert any(w is not None for w in one.values())
+
+
+def test_workers_and_shards_do_not_matter(tmp_path):
+    columns = []
+    for name, workers, per_shard in (("a", 1, 2), ("b", 2, 5)):
+        make_shards(tmp_path / name, {"kind": "t"}, 5, FEW, workers=workers, per_shard=per_shard)
+        columns.append(read_all(tmp_path / name)[1])
+    assert_same(*columns)
+    assert columns[0]["velocity_time"].shape[1:] == (101, 40)
+    assert columns[0]["range_time"].shape[1:] == (80, 40)
+    assert columns[0]["velocity_time"].dtype == np.uint8
+    # A fifth of the passages is of things, the others of people and pets.
+    for passage, label in zip(columns[0]["passage"], columns[0]["label"], strict=True):
+        assert label == (0, 1, 0, 1, 2)[passage % 5]
+
+
+def strong(n_slow, n_bodies, **columns):
+    full = {
+        "range_m": np.full((n_slow, n_bodies), 2.0),
+        "velocity_mps": np.full((n_slow, n_bodies), 0.5),
+        "speed_mps": np.full((n_slow, n_bodies), 1.0),
+        "snr_db": np.full((n_slow, n_bodies), 30.0),
+    }
+    return Truth(**(full | columns))
+
+
+def labelled(walk, names, snr_db):
+    """Return the windows of a passage whose frames are a walk's, whoever is said to be there."""
+    cast = tuple(family(name) for name in names)
+    levels = np.repeat(np.array([snr_db], float), len(walk.frames), axis=0)
+    truth = strong(len(walk.frames), len(cast), snr_db=levels)
+    return windows_of(Passage(walk.site, cast, walk.frames, truth), FEATURES, 7)
+
+
+@pytest.mark.parametrize(
+    ("names", "snr_db", "who"),
+    [
+        (("human walk", "dog walk"), (30, 30), 0),
+        (("dog walk", "human walk"), (30, 30), 1),
+        (("fan", "cat walk"), (40, 4), 1),
+        (("fan", "human walk"), (40, 4), 1),
+        (("human walk", "fan"), (2, 30), 1),
+        (("human walk", "fan"), (-np.inf, 30), 1),
+        (("dog walk", "cat walk"), (30, 30), 0),
+    ],
+)
+def test_the_label_is_that_of_the_most_alarming_body_in_sight(walk, names, snr_db, who):
+    windows = labelled(walk, names, snr_db)
+    f = family(names[who])
+    assert set(windows["label"]) == {LABELS.index(f.label)}
+    assert {FAMILIES[k].name for k in windows["family"]} == {f.name}
+    assert {FAMILIES[k].name for k in windows["company"]} == {names[1 - who]}
+    assert set(windows["passage"]) == {7}
+    np.testing.assert_allclose(windows["aspect"], 0.5)
+
+
+@pytest.mark.parametrize("snr_db", [(2.9,), (-np.inf,)])
+def test_who_cannot_be_seen_is_left_out(walk, snr_db):
+    assert labelled(walk, ("human walk",), snr_db) is None
+
+
+def test_who_is_seen_for_an_eighth_of_a_dwell_counts(walk):
+    def share_of(n):
+        levels = np.full((len(walk.frames), 1), -np.inf)
+        levels[-n:] = 30
+        truth = strong(len(walk.frames), 1, snr_db=levels)
+        return windows_of(Passage(walk.site, walk.cast, walk.frames, truth), FEATURES, 0)
+
+    dwell = 147
+    ends = list(dwell_ends(DwellShape(n_slow=dwell, hop_s=1.0, frame_rate_hz=60.0), 300))
+    late = 300 - ends[-1]
+    assert share_of(late + int(0.11 * dwell)) is None
+    windows = share_of(late + int(0.14 * dwell))
+    assert len(windows["label"]) == 1
+    assert 0.12 <= windows["share"][0] < 0.15
+
+
+def test_dwells_end_as_the_hops_say():
+    shape = DwellShape(n_slow=75, hop_s=1.0, frame_rate_hz=30.5)
+    assert list(dwell_ends(shape, 74)) == []
+    assert list(dwell_ends(shape, 75)) == [75]
+    assert list(dwell_ends(shape, 200)) == [75, 75 + 30, 75 + 61, 75 + 92, 75 + 122]
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "n_cpi"), [(60.0, 28), (30.5, 14), (200.0, 93), (1.0, 2), (17.06, 8)]
+)
+def test_a_cpi_lasts_as_long_at_any_rate(rate_hz, n_cpi):
+    assert settings_at(FEATURES, rate_hz).n_cpi == n_cpi
+    fixed = FeatureSettings(n_cpi=28)
+    assert settings_at(fixed, rate_hz) is fixed

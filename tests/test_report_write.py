@@ -1,0 +1,263 @@
+"""The report itself: JSON by its schema, a page that needs nothing beside it."""
+
+import json
+import math
+import re
+from html.parser import HTMLParser
+from importlib import resources
+
+import jsonschema
+import numpy as np
+import pytest
+
+from radard.errors import OutputError, UsageError
+from tests.report_helpers import drawn, passage, table_of
+from x2train.report import PassageTable, summary, write
+from x2train.report.compare import pairings
+from x2train.report.document import rounded
+from x2train.report.figures import figures
+from x2train.report.page import figure_text, rate_text, share_text
+
+PNG = b"\x89PNG\r\n\x1a\n"
+
+
+def check_schema(made):
+    text = resources.files("x2train.report").joinpath("report.schema.json").read_text()
+    jsonschema.Draft202012Validator(json.loads(text)).validate(made)
+
+
+class Page(HTMLParser):
+    """Checks that tags close in order, and collects what a page loads."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.open, self.loads, self.words = [], [], []
+        self.feed(text)
+        assert self.open == []
+
+    def handle_starttag(self, tag, attrs):
+        self.loads += [value for name, value in attrs if name in ("src", "href", "xlink:href")]
+        if tag not in ("meta", "img"):
+            self.open.append(tag)
+
+    def handle_startendtag(self, _tag, attrs):
+        self.handle_starttag("img", attrs)  # nothing to close
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.words.append(data.strip())
+
+
+TABLES = {
+    "empty": table_of,
+    "people only": lambda: table_of(*(passage([0.1, 0.2]) for _ in range(3)), passage([0.9])),
+    "pets only": lambda: table_of(*(passage([0.9, 0.2], "pet") for _ in range(3))),
+    "nothing known": lambda: table_of(
+        passage([np.nan] * 4),
+        passage([np.nan] * 4, "pet"),
+        passage([], duration_s=1.0),
+        passage([0.5] * 3, "empty", is_open=False, enters_s=np.nan),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_any_table_makes_a_report(tmp_path, name):
+    table = TABLES[name]()
+    made = write(table, tmp_path / "new" / "folder", title=name)
+    check_schema(made)
+    assert json.loads((tmp_path / "new" / "folder" / "report.json").read_text()) == made
+    page = Page((tmp_path / "new" / "folder" / "report.html").read_text(encoding="utf-8"))
+    assert name in page.words
+    assert not {"nan", "inf", "None"} & set(page.words)
+    assert "other" not in made or made["other"] is None
+
+
+@pytest.fixture(scope="module")
+def compared(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("report")
+    asked = []
+
+    def render(index):
+        asked.append(index)
+        return PNG if index % 2 else None
+
+    made = write(
+        drawn(200),
+        folder,
+        title="a < b & c",
+        other=drawn(200, skill=1.0),
+        render=render,
+    )
+    return made, (folder / "report.html").read_text(encoding="utf-8"), asked
+
+
+def test_figures_are_those_of_the_table(compared):
+    made, _, _ = compared
+    check_schema(made)
+    table = drawn(200)
+    shipped = made["operating_points"][0]["outcome"]
+    assert shipped["n_intrusions"] == (table.label == "human").sum()
+    assert made["passages"]["pet"] == (table.label == "pet").sum()
+    for key in ("split", "family", "speed_mps", "range_m", "aspect_deg", "snr_db"):
+        rows = made["groups"][key]
+        assert sum(g["shipped"]["n_intrusions"] for g in rows) == shipped["n_intrusions"]
+        assert sum(g["shipped"]["n_false_alarms"] for g in rows) == shipped["n_false_alarms"]
+    suites = {g["name"] for g in made["groups"]["suite"]}
+    assert suites == set(table.suite) - {""}
+    assert "build" not in made["groups"]  # too many to read
+
+
+def test_budgets_that_the_hours_do_not_resolve_are_said_to_be(compared):
+    made, _, _ = compared
+    points = {p["name"]: p for p in made["operating_points"]}
+    assert not points["fused evidence, one false alarm in 60 pet-hours"]["is_resolved"]
+    assert not any("180" in name for name in points)
+
+
+def test_page_needs_nothing_beside_it(compared):
+    _, text, _ = compared
+    page = Page(text)
+    assert all(load.startswith(("#", "data:image/png;base64,")) for load in page.loads)
+    assert "url(http" not in text
+    assert set(re.findall(r"https?://[^\"' ]+", text)) <= {
+        "http://www.w3.org/2000/svg",
+        "http://www.w3.org/1999/xlink",
+    }
+    assert "a &lt; b &amp; c" in text
+
+
+def test_ids_on_the_page_are_unique_and_known(compared):
+    _, text, _ = compared
+    ids = re.findall(r'\bid="([^"]+)"', text)
+    assert len(ids) == len(set(ids))
+    assert set(re.findall(r'(?:url\(|href=")#([^")]+)', text)) <= set(ids)
+
+
+def test_colours_are_the_pages_own(compared):
+    _, text, _ = compared
+    assert "#0102" not in text
+    assert "currentColor" in text
+    assert "prefers-color-scheme: dark" in text
+
+
+def test_pictures_are_asked_for_the_worst(compared):
+    made, text, asked = compared
+    assert asked == [case["index"] for case in made["worst"]]
+    assert len(asked) == 20
+    assert text.count("<img") == sum(k % 2 for k in asked)
+
+
+def test_worst_are_the_wrong_then_the_narrow(compared):
+    made, _, _ = compared
+    for is_person in (True, False):
+        rows = [c for c in made["worst"] if (c["label"] == "human") == is_person]
+        assert len(rows) == 10
+        assert rows == sorted(rows, key=lambda c: (not c["is_wrong"], c["margin"]))
+
+
+def test_worst_fill_up_from_the_other_side():
+    table = table_of(*(passage([0.1]) for _ in range(3)), *(passage([0.9], "pet"),) * 30)
+    worst = figures(table, 0).worst
+    assert sum(table.label[case.index] == "human" for case in worst) == 3
+    assert len(worst) == 20
+
+
+def test_same_table_same_bytes(tmp_path):
+    for name in ("first", "second"):
+        write(drawn(60), tmp_path / name, title="t")
+    for name in ("report.json", "report.html"):
+        first, second = ((tmp_path / k / name).read_bytes() for k in ("first", "second"))
+        assert first == second
+
+
+def test_other_model_is_compared_passage_by_passage():
+    people = ([0.1], [0.1], [0.9], [0.9], [0.9])
+    others = ([0.1], [0.9], [0.1], [0.1], [0.9])
+    pets = ([0.9], [0.1])
+    here = table_of(*map(passage, people), *(passage(q, "pet") for q in pets))
+    there = table_of(*map(passage, others), *(passage(q, "pet") for q in ([0.1], [0.9])))
+    pair, _ = pairings(here, figures(here, 0), figures(there, 0), 0)
+    assert (pair.missed.both, pair.missed.here, pair.missed.there) == (1, 2, 1)
+    assert (pair.alarmed.both, pair.alarmed.here, pair.alarmed.there) == (0, 1, 1)
+    assert pair.miss_rate_less_other.value == pytest.approx(0.2)
+    assert pair.miss_rate_less_other.low < 0.2 < pair.miss_rate_less_other.high
+
+
+def test_other_passages_are_refused(tmp_path):
+    table = table_of(passage([0.1]), passage([0.1], enters_s=np.nan))
+    with pytest.raises(UsageError, match="saw 1 passages, not 2"):
+        write(table, tmp_path, title="", other=table_of(passage([0.1])))
+    other = table_of(passage([0.1]), passage([0.1], family="dog", enters_s=np.nan))
+    with pytest.raises(UsageError, match="family of 1 is dog, not walker"):
+        write(table, tmp_path, title="", other=other)
+    assert not (tmp_path / "report.json").exists()
+
+
+def test_folder_that_cannot_be_written_is_told(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OutputError, match="cannot write the report"):
+        write(table_of(), tmp_path / "file", title="")
+
+
+def test_summary_is_the_headline():
+    found = summary(drawn(200))
+    table = drawn(200)
+    assert found["intrusions"] == (table.label == "human").sum()
+    assert found["features alone below 0.60"] in (0.0, 1.0)
+    assert {f"miss rate, family {name}" for name in ("walker", "crawler")} <= set(found)
+    assert all(math.isfinite(value) for value in found.values())
+    json.dumps(found)
+
+
+def test_summary_leaves_out_what_is_not_known():
+    found = summary(PassageTable.of([]))
+    assert "miss rate" not in found
+    assert found["intrusions"] == 0
+
+
+@pytest.mark.parametrize(
+    ("value", "expected"),
+    [(0.123456, 0.1235), (1234.56, 1235.0), (0.999987654, 0.99998765), (0.95, 0.95), (1.0, 1.0)],
+)
+def test_rounding_keeps_what_is_missing_to_one(value, expected):
+    assert rounded(value) == expected
+
+
+@pytest.mark.parametrize(
+    ("estimate", "text"),
+    [
+        ((None, 0.0, 1.0), "\N{EN DASH}"),
+        ((0.0, 0.0, 0.0034), "0 % (0 to 0.34)"),
+        ((0.123, 0.1, 0.15), "12.3 % (10 to 15)"),
+        ((0.9995, 0.999, None), "99.95 %"),
+        ((0.9995, 0.998, 1.0), "99.95 % (99.8 to 100)"),
+    ],
+)
+def test_shares_in_words(estimate, text):
+    found = share_text(dict(zip(("value", "low", "high"), estimate, strict=True)))
+    assert found == text
+
+
+@pytest.mark.parametrize(
+    ("estimate", "text"),
+    [
+        ((None, 0.0, None), "\N{EN DASH}"),
+        ((0.0, 0.0, 0.0166), "< 0.017"),
+        ((0.0133, 0.0021, 0.051), "0.013 (0.0021 to 0.051)"),
+        ((123.0, 99.0, 140.0), "123 (99 to 140)"),
+    ],
+)
+def test_rates_in_words(estimate, text):
+    assert rate_text(dict(zip(("value", "low", "high"), estimate, strict=True))) == text
+
+
+def test_figures_in_words():
+    assert [figure_text(v) for v in (None, 0.0, 12.0, 0.12345)] == [
+        "\N{EN DASH}",
+        "0",
+        "12",
+        "0.123",
+    ]

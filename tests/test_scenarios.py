@@ -1,0 +1,151 @@
+"""Families, suites and sites: who moves where, and what never leaks into training."""
+
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from x2train.scenarios import FAMILIES, LABELS, PAIRS, draw_cast, draw_family, families, family
+from x2train.sites import N_RADARS, P4XX, X2, X4M03, draw_radar, draw_rate_hz, draw_site
+from x2train.suites import SUITES, suite_of
+
+N_DRAWS = 1500
+
+
+def casts(label, use, n=N_DRAWS, seed=0):
+    rng = np.random.default_rng(seed)
+    return [draw_cast(rng, label, use) for _ in range(n)]
+
+
+def test_families_have_names_of_their_own():
+    names = [f.name for f in FAMILIES]
+    assert len(set(names)) == len(names)
+    assert {f.use for f in FAMILIES} == {"train", "held out", "seed"}
+    assert family("largest dogs").use == "held out"
+    with pytest.raises(KeyError):
+        family("unicorn")
+
+
+@pytest.mark.parametrize("label", LABELS)
+def test_training_sees_nothing_that_is_held_out(label):
+    made = casts(label, "train")
+    assert {f.use for cast in made for f in cast} == {"train"}
+    assert not any({"human", "pet"} == {f.label for f in cast} for cast in made)
+    # All that may be drawn is drawn.
+    assert {cast[0].name for cast in made} == {f.name for f in families(label, "train")}
+
+
+@pytest.mark.parametrize("label", ["human", "pet"])
+def test_held_out_casts_are_new_in_family_or_in_company(label):
+    for cast in casts(label, "held out"):
+        if len(cast) == 1:
+            assert cast[0].use == "held out"
+        else:
+            assert [f.label for f in cast] == ["human", "pet"]
+
+
+@pytest.mark.parametrize("label", ["human", "pet"])
+def test_the_thesis_bodies_come_alone(label):
+    made = casts(label, "seed", 50)
+    assert {f.use for cast in made for f in cast} == {"seed"}
+    assert {len(cast) for cast in made} == {1}
+
+
+@pytest.mark.parametrize("label", LABELS)
+@pytest.mark.parametrize("use", ["train", "all"])
+def test_the_first_gives_the_label_and_company_comes_as_often_as_stated(label, use):
+    made = casts(label, use)
+    assert {cast[0].label for cast in made} == {label}
+    counts = Counter(cast[1].label for cast in made if len(cast) == 2)
+    for (who, company), share in PAIRS.items():
+        is_left_out = use == "train" and (who, company) == ("human", "pet")
+        if who == label and not is_left_out:
+            expected = share * N_DRAWS
+            assert abs(counts[company] - expected) < 4 * np.sqrt(expected)
+        elif who == label:
+            assert counts[company] == 0
+
+
+def test_families_are_drawn_by_weight():
+    rng = np.random.default_rng(1)
+    counts = Counter(draw_family(rng, "human", "train").name for _ in range(6000))
+    rows = families("human", "train")
+    total = sum(f.weight for f in rows)
+    for f in rows:
+        expected = 6000 * f.weight / total
+        assert abs(counts[f.name] - expected) < 4.5 * np.sqrt(expected)
+
+
+@pytest.mark.parametrize("use", ["train", "held out", "all", "seed"])
+def test_same_seed_same_casts(use):
+    assert casts("pet", use, 40, seed=3) == casts("pet", use, 40, seed=3)
+    assert casts("pet", use, 40, seed=3) != casts("pet", use, 40, seed=4)
+
+
+@pytest.mark.parametrize("n", [12, 100, 3000])
+def test_suites_have_their_share_of_any_run(n):
+    drawn = Counter(suite_of(k, n).name for k in range(n))
+    total = sum(s.share for s in SUITES)
+    for s in SUITES:
+        assert abs(drawn[s.name] - n * s.share / total) <= 1
+    if n == 3000:
+        assert set(drawn) == {s.name for s in SUITES}
+
+
+def test_suites_state_what_is_new_in_them():
+    assert len({s.name for s in SUITES}) == len(SUITES)
+    by_name = {s.name: s for s in SUITES}
+    for f in FAMILIES:
+        if f.use == "held out":
+            assert by_name[f.name].split == "held out families"
+            assert by_name[f.name].families(np.random.default_rng(0)) == (f,)
+    for s in SUITES:
+        assert (s.rooms == "unseen") == (s.split == "unseen rooms")
+        assert (s.radar is not X2) == (s.split == "other radars")
+        drawn = s.families(np.random.default_rng(1))
+        assert {f.use for f in drawn} <= {"train", "held out"}
+    assert by_name["empty room"].families(np.random.default_rng(0)) == ()
+    assert by_name["people"].drawn_radar(np.random.default_rng(0)) is X2
+    assert by_name["pets, P4xx"].drawn_radar(np.random.default_rng(0)) is P4XX
+
+
+def test_radars_are_few_and_the_same_for_everybody():
+    rng = np.random.default_rng(0)
+    drawn = [draw_radar(rng) for _ in range(600)]
+    assert len(set(drawn)) <= N_RADARS
+    assert 0.5 < np.mean([r.name == "X2" for r in drawn]) < 0.9
+    for radar in set(drawn):
+        axis = radar.axis()
+        assert axis.kind == "baseband"
+        assert abs(axis.range_m[-1] - radar.far_m) <= radar.bin_length_m
+        assert 0.4 <= radar.near_m < radar.far_m <= 4.4
+        assert 30 <= radar.frame_rate_hz <= 200
+
+
+def test_half_the_frame_rates_are_the_x2s():
+    rng = np.random.default_rng(0)
+    rates = np.array([draw_rate_hz(rng) for _ in range(1000)])
+    assert 0.43 < (rates == 60.0).mean() < 0.57
+    assert rates.min() >= 30
+    assert rates.max() <= 200
+
+
+@pytest.mark.parametrize("radar", [X2, X4M03, P4XX])
+@pytest.mark.parametrize("kind", ["usual", "unseen"])
+def test_sites_are_drawn_for_any_radar_and_again(radar, kind):
+    sites = [draw_site(np.random.default_rng(7), radar, kind) for _ in range(2)]
+    assert sites[0] == sites[1]
+    assert sites[0].kind == kind
+    assert sites[0].radar is radar
+    assert sites[0] != draw_site(np.random.default_rng(8), radar, kind)
+
+
+def test_unseen_rooms_are_built_otherwise():
+    rng = np.random.default_rng(0)
+    usual = [draw_site(rng, X2) for _ in range(60)]
+    unseen = [draw_site(rng, X2, "unseen") for _ in range(60)]
+    assert {len(s.surfaces) for s in unseen} == {4}
+    assert max(len(s.surfaces) for s in usual) <= 2
+    assert {s.room.profile for s in unseen} == {"power"}
+    assert "power" not in {s.room.profile for s in usual if s.room}
+    assert max(s.antenna.tilt_deg for s in usual) < 27

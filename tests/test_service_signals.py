@@ -1,0 +1,290 @@
+"""Signals, reload, commands and what is kept over a restart, as a service manager sees them."""
+
+import fcntl
+import json
+import os
+import signal
+import subprocess
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from radard.errors import ConfigError
+from tests.alarm_helpers import NotifySocket
+from tests.daemon_helpers import launcher
+from tests.radar_helpers import python
+from x2radar.sim.host import serve
+from x2radar.sim.module import SimulatedModule
+from x2radar.sim.scene import load_scene
+from x2radar.transport import PtyTransport
+
+ROOT = Path(__file__).parents[1]
+launch = pytest.fixture(launcher)
+
+
+@pytest.fixture
+def far(tmp_path):
+    """The service manager of a daemon in a process of its own."""
+    end = NotifySocket(tmp_path / "notify")
+    yield end
+    end.close()
+
+
+def start(*argv, **environ):
+    return subprocess.Popen(
+        [python(), "-m", "radard.cli", *argv],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([".", "daemon", "training"]), **environ},
+        cwd=ROOT,
+    )
+
+
+def records_until(process, what, most=400):
+    """Read records up to the first whose text has `what`."""
+    records = []
+    for line in process.stdout:
+        records.append(json.loads(line))
+        if what in line:
+            return records
+        assert len(records) < most
+    raise AssertionError(records)
+
+
+def over_floor_db(record):
+    return round(record["threshold_db"] - record["noise_floor_db"])
+
+
+def finish(process):
+    """Read what is left (communicate would lose what was read ahead) and wait."""
+    out, err = process.stdout.read(), process.stderr.read()
+    process.stdout.close()
+    process.stderr.close()
+    process.wait(timeout=10)
+    return out, err
+
+
+def test_hup_reloads_without_losing_the_stream_and_usr1_dumps(tmp_path, far):
+    config = tmp_path / "radard.yaml"
+    config.write_text("gate: {threshold_db: 6}\nmodel: {name: none}\n")
+    process = start(
+        *("--port", "sim:empty", "--speed", "8", "--config", str(config), "-o", "json"),
+        NOTIFY_SOCKET=far.name,
+    )
+    before = records_until(process, '"seq":3,')
+    far.wait_for("READY")
+    config.write_text("gate: {threshold_db: 9}\nmodel: {name: none}\nsensor: {name: other}\n")
+    process.send_signal(signal.SIGHUP)
+    assert "MONOTONIC_USEC" in far.wait_for("RELOADING")
+    far.wait_for("READY")
+    between = []
+    while not between or over_floor_db(between[-1]) != 9:
+        between += records_until(process, '"decision"', most=50)
+        assert len(between) < 400
+    config.write_text("gate: {treshold_db: 9}\n")
+    process.send_signal(signal.SIGHUP)
+    far.wait_for("RELOADING")
+    far.wait_for("READY")
+    process.send_signal(signal.SIGUSR1)
+    after = records_until(process, '"decision"')
+    process.send_signal(signal.SIGTERM)
+    out, err = finish(process)
+    records = before + between + after + [json.loads(line) for line in out.splitlines()]
+    made = [r for r in records if r["type"] == "decision"]
+    assert process.returncode == 0
+    assert [d["seq"] for d in made] == list(range(1, len(made) + 1))
+    assert [d["t_s"] for d in made] == [round(2.45 + k, 3) for k in range(len(made))]
+    over = [over_floor_db(d) for d in made]
+    assert over[0] == 6
+    assert over[-1] == 9
+    assert over == sorted(over)
+    assert {r["type"] for r in records} == {"hello", "status", "decision"}
+    assert "changes of 'sensor' take a restart" in err
+    assert "the old configuration stays" in err
+    assert "did you mean 'threshold_db'" in err
+    (dump,) = [line for line in err.splitlines() if " state {" in line]
+    state = json.loads(dump.partition(" state ")[2])
+    assert state["state"] == "online"
+    assert {"main", "reader", "worker", "heart"} <= {t.lower()[:6] for t in state["threads"]} | {
+        "main" if name == "MainThread" else name for name in state["threads"]
+    }
+
+
+def test_absent_at_boot_then_plugged_in(tmp_path, far):
+    name = tmp_path / "ttyX2"
+    process = start(
+        *("--port", str(name), "--wait", "--model", "none", "-o", "json"),
+        NOTIFY_SOCKET=far.name,
+        WATCHDOG_USEC="1000000",
+        RADARD_SERVICE__RUNTIME_DIR=str(tmp_path),
+    )
+    assert far.wait_for("READY")["STATUS"].startswith("offline: device absent")
+    far.wait_for("WATCHDOG")
+    status = json.loads((tmp_path / "radar.status.json").read_text())
+    assert status["state"] == "offline"
+    pty, stop = PtyTransport(), threading.Event()
+    module = SimulatedModule(load_scene("empty"))
+    thread = threading.Thread(
+        target=serve, args=(module, pty), kwargs={"speed": 5.0, "stop": stop.is_set}
+    )
+    thread.start()
+    name.symlink_to(pty.path)
+    records = records_until(process, '"decision"')
+    assert records[0]["type"] == "hello"
+    process.send_signal(signal.SIGTERM)
+    far.wait_for("STOPPING")
+    out, _ = finish(process)
+    assert process.returncode == 0
+    last = json.loads(out.splitlines()[-1])
+    assert last == {"type": "status", "state": "offline", "reason": "stopped"}
+    stop.set()
+    pty.close()
+    thread.join()
+
+
+def test_the_end_while_waiting_for_a_device(tmp_path, far):
+    process = start("--port", str(tmp_path / "none"), "--wait", NOTIFY_SOCKET=far.name)
+    far.wait_for("READY")
+    process.send_signal(signal.SIGTERM)
+    far.wait_for("STOPPING")
+    out, err = finish(process)
+    assert (process.returncode, out) == (0, "")
+    assert "lost" in err
+
+
+def test_a_second_signal_forces_the_end():
+    process = start("--port", "sim:empty", "--speed", "max", "-o", "json", "--model", "none")
+    fcntl.fcntl(process.stdout, fcntl.F_SETPIPE_SZ, 4096)
+    process.stdout.read(1)
+    # Nobody reads on: the pipe fills up, and the worker stands in a write.
+    time.sleep(0.8)
+    process.send_signal(signal.SIGTERM)
+    time.sleep(0.2)
+    process.send_signal(signal.SIGTERM)
+    assert process.wait(timeout=3) == -signal.SIGTERM
+    process.stdout.close()
+    process.stderr.close()
+
+
+def panel_of(daemon, key, wanted):
+    """Wait until the panel says so."""
+    for _ in range(200):
+        if daemon.run.panel().get(key) == wanted:
+            return
+        time.sleep(0.02)
+    raise AssertionError(daemon.run.panel())
+
+
+def test_disarmed_is_kept_over_a_restart_and_so_is_armed(tmp_path, launch):
+    daemon = launch()
+    panel_of(daemon, "armed", True)
+    daemon.run.command("disarm")
+    panel_of(daemon, "armed", False)
+    assert daemon.stop() == 0
+    daemon = launch()
+    panel_of(daemon, "armed", False)
+    daemon.run.command("arm")
+    panel_of(daemon, "armed", True)
+    assert daemon.stop() == 0
+    daemon = launch(alarm={"armed": False})
+    panel_of(daemon, "armed", True)
+    with pytest.raises(ValueError, match="known are arm, disarm, ack, calibrate"):
+        daemon.run.command("dance")
+    assert daemon.stop() == 0
+    assert json.loads((tmp_path / "state" / "radar.sim.json").read_text())["is_armed"]
+
+
+def test_an_alarm_is_kept_until_somebody_acknowledges_it(tmp_path, launch):
+    options = {
+        "sensor": {"port": "sim:human", "speed": "max"},
+        "model": {"name": "seed"},
+        "alarm": {"sensitivity": "high", "latch_s": 86_400, "refractory_s": 3600},
+        "clips": {"enabled": False},
+    }
+    daemon = launch(**options)
+    panel_of(daemon, "panel", "alarm")
+    alarm_id = daemon.run.panel()["alarm_id"]
+    assert daemon.stop() == 0
+    out = tmp_path / "out.jsonl"
+    sensor = {"port": "sim:empty", "speed": "max"}
+    options = {**options, "sensor": sensor, "output": [f"json:{out}"]}
+    daemon = launch(**options)
+    panel_of(daemon, "panel", "alarm")
+    assert daemon.run.panel()["alarm_id"] == alarm_id
+    daemon.run.command("ack")
+    panel_of(daemon, "panel", "armed")
+    assert daemon.stop() == 0
+    events = [json.loads(line) for line in out.read_text().splitlines() if '"event"' in line]
+    assert [(e["phase"], e["id"]) for e in events] == [("update", alarm_id), ("end", alarm_id)]
+    assert events[-1]["reason"] == "acknowledged"
+
+
+def test_reload_changes_the_policy_the_outputs_and_the_clips(tmp_path, launch):
+    configs = []
+    first, second = tmp_path / "a.jsonl", tmp_path / "b.jsonl"
+    daemon = launch(
+        reload=configs.pop,
+        output=[f"json:{first}"],
+        alarm={"armed": True},
+    )
+    panel_of(daemon, "gate", "closed")
+    assert daemon.run.parts.clips is not None
+    clips = daemon.config.clips.model_copy(update={"enabled": False})
+    alarm = daemon.config.alarm.model_copy(update={"sensitivity": "low"})
+    rotated = tmp_path / "a.old"
+    first.rename(rotated)
+    configs.append(
+        daemon.config.model_copy(
+            update={
+                "clips": clips,
+                "alarm": alarm,
+                "output": (f"json:{first}", f"json:{second}", "json:/nowhere/x"),
+            }
+        )
+    )
+    daemon.ask("reload")
+    for _ in range(200):
+        if second.exists() and daemon.run.parts.clips is None:
+            break
+        time.sleep(0.02)
+    seq = daemon.run.panel()["seq"]
+    while daemon.run.panel()["seq"] < seq + 2:
+        time.sleep(0.02)
+    assert daemon.stop() == 0
+    assert daemon.run.parts.policy.k == 3
+    for path in (first, second):
+        records = [json.loads(line) for line in path.read_text().splitlines()]
+        assert records[0]["type"] == "hello"
+        assert records[0]["sensitivity"] == "low"
+        assert "decision" in {r["type"] for r in records}
+    assert "hello" in rotated.read_text()
+
+
+def test_a_model_that_takes_other_dwells_is_left_for_a_restart(launch, caplog):
+    def bad():
+        msg = "x.yaml:1: unknown key"
+        raise ConfigError(msg)
+
+    choices = [bad]
+
+    def reload():
+        return choices[0]()
+
+    daemon = launch(reload=reload)
+    panel_of(daemon, "gate", "closed")
+    daemon.ask("reload")
+    daemon.far.wait_for("RELOADING")
+    daemon.far.wait_for("READY")
+    model = daemon.config.model.model_copy(update={"name": "seed"})
+    choices[0] = lambda: daemon.config.model_copy(update={"model": model})
+    daemon.ask("reload")
+    for _ in range(200):
+        if daemon.run.parts.config.model.name == "seed":
+            break
+        time.sleep(0.02)
+    assert daemon.run.parts.pipeline.classifier is not None
+    assert daemon.stop() == 0
+    assert "unknown key" in caplog.text

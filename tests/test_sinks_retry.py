@@ -1,0 +1,212 @@
+"""webhook, exec and syslog with real servers and programs: retries, refusals, secrets."""
+
+import json
+import socket
+import sys
+
+import pytest
+
+from radard.errors import ConfigError, OutputError, UsageError
+from radard.sinks import open_output
+from radard.sinks.base import SinkContext
+from radard.sinks.options import ExecSection, SinkOptions, SyslogSection, WebhookSection
+from radard.sinks.webhook import sign
+from tests.sink_helpers import (
+    QUICK,
+    WebServer,
+    decision,
+    event,
+    free_port,
+    hello,
+    make_cert,
+    status,
+    ulid,
+    wait_for,
+)
+
+
+@pytest.fixture
+def server():
+    made = WebServer()
+    yield made
+    made.close()
+
+
+def opened(url, state_dir=None, **sections):
+    options = SinkOptions(outbox=QUICK, **sections)
+    return open_output(url, options, SinkContext(sensor="hall", state_dir=state_dir))
+
+
+def test_a_post_has_sensor_id_token_and_signature(server, tmp_path):
+    token, secret = tmp_path / "token", tmp_path / "secret"
+    token.write_text("letmein\n")
+    secret.write_text("shared\n")
+    section = WebhookSection(token_file=token, secret_file=secret)
+    sink = opened(f"webhook:http://127.0.0.1:{server.port}/a/b?c=d", webhook=section)
+    sink.write(event(1))
+    wait_for(lambda: server.posts)
+    path, headers, body = server.posts[0]
+    headers = {key.lower(): value for key, value in headers.items()}
+    assert path == "/a/b?c=d"
+    assert json.loads(body) == {"sensor": "hall", **event(1)}
+    assert headers["authorization"] == "Bearer letmein"
+    key, stamp = headers["webhook-id"], headers["webhook-timestamp"]
+    assert headers["webhook-signature"] == sign("shared", key, stamp, body)
+    assert "c=d" not in sink.name
+    sink.close()
+
+
+@pytest.mark.parametrize("code", [500, 503, 429, 401, 302])
+def test_a_server_in_trouble_gets_it_later_with_the_same_id(server, code):
+    server.code = code
+    server.headers = {"Location": "http://127.0.0.1:1/"}
+    sink = opened(f"webhook:http://127.0.0.1:{server.port}/")
+    for k in (1, 2):
+        sink.write(event(k))
+    # More often than `attempts`: only a refusal of the record itself counts.
+    wait_for(lambda: len(server.posts) > QUICK.attempts + 1)
+    assert f"answers {code}" in sink.state.reason
+    server.code = 200
+    wait_for(lambda: sink.state.n_sent == 2)
+    assert sink.state.n_dropped == 0
+    keys = [
+        {k.lower(): v for k, v in headers.items()}["webhook-id"] for _, headers, _ in server.posts
+    ]
+    assert keys == [keys[0]] * (len(keys) - 1) + [keys[-1]]
+    assert keys[0] != keys[-1]
+    sink.close()
+
+
+def test_a_record_that_is_refused_is_given_up_for_those_behind_it(server, caplog):
+    server.code = 400
+    sink = opened(f"webhook:http://127.0.0.1:{server.port}/")
+    sink.write(event(1))
+    wait_for(lambda: sink.state.n_dropped == 1)
+    assert len(server.posts) == QUICK.attempts
+    server.code = 204
+    sink.write(event(2))
+    wait_for(lambda: sink.state.n_sent == 1)
+    assert "gives up" in caplog.text
+    sink.close()
+
+
+def test_chosen_kinds_phases_and_states(server):
+    section = WebhookSection(kinds=("alarm",), phases=("new",), statuses=True)
+    sink = opened(f"webhook:http://127.0.0.1:{server.port}/", webhook=section)
+    for record in (
+        hello(),
+        event(1),
+        event(1, phase="end"),
+        event(2, kind="fault"),
+        decision(),
+        status("degraded", "dust"),
+    ):
+        sink.write(record)
+    wait_for(lambda: sink.state.n_sent == 2)
+    sink.close()
+    assert [json.loads(body)["type"] for _, _, body in server.posts] == ["event", "status"]
+
+
+def test_events_survive_a_restart(tmp_path):
+    port = free_port()
+    url = f"webhook:http://127.0.0.1:{port}/"
+    sink = opened(url, tmp_path)
+    for k in (1, 2, 3):
+        sink.write(event(k))
+    wait_for(lambda: sink.state.n_waiting == 3 and not sink.state.is_ok)
+    sink.close(0.2)
+    server = WebServer(port)
+    again = opened(url, tmp_path)
+    again.write(event(4))
+    wait_for(lambda: again.state.n_sent == 4)
+    again.close()
+    server.close()
+    assert [json.loads(b)["id"] for _, _, b in server.posts] == [ulid(k) for k in (1, 2, 3, 4)]
+
+
+def test_https_with_its_certificate_and_without(tmp_path):
+    cert = make_cert(tmp_path)
+    server = WebServer(cert=cert)
+    url = f"webhook:https://localhost:{server.port}/"
+    bad = opened(url)
+    bad.write(event(1))
+    wait_for(lambda: "certificate is not accepted" in bad.state.reason)
+    bad.close(0.2)
+    good = opened(url, webhook=WebhookSection(ca_file=cert[0]))
+    good.write(event(1))
+    wait_for(lambda: good.state.n_sent == 1)
+    good.close()
+    server.close()
+
+
+def program(tmp_path, text):
+    script = tmp_path / "hook"
+    script.write_text(f"#!{sys.executable}\nimport json, os, sys, time\n{text}\n")
+    script.chmod(0o755)
+    return f"exec:{script}"
+
+
+def test_a_program_gets_the_event_on_stdin_and_in_its_environment(tmp_path):
+    out = tmp_path / "out"
+    text = f"open({str(out)!r}, 'w').write(sys.stdin.read() + os.environ['RADAR_EVENT_KIND'])"
+    sink = opened(program(tmp_path, text))
+    sink.write(event(1))
+    wait_for(lambda: sink.state.n_sent == 1)
+    sink.close()
+    body, kind = out.read_text().rsplit("}", 1)
+    assert json.loads(body + "}") == {"sensor": "hall", **event(1)}
+    assert kind == "alarm"
+
+
+@pytest.mark.parametrize(
+    ("text", "words"), [("sys.exit(3)", "exit status 3"), ("time.sleep(60)", "killed after 0.3 s")]
+)
+def test_a_program_that_fails_is_run_again_and_then_given_up(tmp_path, text, words):
+    sink = opened(program(tmp_path, text), exec=ExecSection(timeout_s=0.3))
+    sink.write(event(1))
+    wait_for(lambda: sink.state.n_dropped == 1)
+    assert sink.state.reason == words
+    assert sink.state.n_failures == QUICK.attempts
+    sink.close()
+
+
+def test_syslog_over_udp_with_severity():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as far:
+        far.bind(("127.0.0.1", 0))
+        far.settimeout(5)
+        url = f"syslog:udp://127.0.0.1:{far.getsockname()[1]}"
+        sink = opened(url, syslog=SyslogSection(facility="local3"))
+        for record in (hello(), decision(), event(1), event(1, phase="end")):
+            sink.write(record)
+        sink.write(status("offline", "device absent"))
+        told = [far.recv(4096).decode() for _ in range(3)]
+        sink.close()
+    facility = 19 << 3
+    heads = [text.partition("radard")[0] for text in told]
+    assert heads == [f"<{facility | severity}>" for severity in (1, 5, 4)]
+    assert "hall: alarm new: human at 1.0 m" in told[0]
+    assert "offline: device absent" in told[2]
+
+
+@pytest.mark.parametrize(
+    ("url", "error", "words"),
+    [
+        ("webhook:ftp://h/", UsageError, "webhook:http://HOST"),
+        ("webhook:http://u:secret@h/", UsageError, "do not belong there"),
+        ("webhook:@/nowhere/url", ConfigError, "No such file"),
+        ("exec:/nowhere/program", OutputError, "no such program"),
+        ("exec:'", UsageError, "No closing quotation"),
+        ("exec: ", UsageError, "no command"),
+        ("syslog:tcp://h", UsageError, "use syslog:"),
+        ("store:/proc/nope/x.db", OutputError, "cannot be used"),
+        ("json:/nowhere/x", OutputError, "cannot write there"),
+        ("smoke:signal", UsageError, "unknown or incomplete"),
+        ("webhook", UsageError, "unknown or incomplete"),
+    ],
+)
+def test_bad_outputs_give_one_clear_line(url, error, words):
+    with pytest.raises(error) as caught:
+        opened(url)
+    assert words in str(caught.value)
+    assert "secret" not in str(caught.value)
+    assert "\n" not in str(caught.value)

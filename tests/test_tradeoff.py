@@ -1,0 +1,169 @@
+"""What `train-export tradeoff` measures: small, but whole."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from radard.classifier import Classifier, load_bundle
+from radard.clutter_map import ClutterRemover
+from radard.dsp.downconvert import DownConverter
+from radard.errors import UsageError
+from radard.features import FeatureSettings, FeatureStream
+from radard.ring import Dwell
+from x2train.blank_bundle import write_blank_bundle
+from x2train.cli import main
+from x2train.tradeoff_maps import Chain, Setting
+from x2train.tradeoff_measure import SWITCHES, measure, n_steps, picture_loss_db, record
+from x2train.tradeoff_models import parse_model, read_accuracy, time_model
+
+BLANK = FeatureSettings(range_decimation=8, clutter="removed")
+MAPS = ("velocity_time", "range_time")
+
+
+@pytest.fixture(scope="module")
+def walk():
+    return record("human", 60.0, 7.0, 0)
+
+
+def hops(recording, setting):
+    chain = Chain(recording.axes[setting.source], 60.0, setting)
+    frames = recording.frames[setting.source]
+    return [chain.hop(frames[k : k + 60]) for k in range(0, len(frames) - 59, 60)]
+
+
+def test_the_finest_value_loses_nothing_and_coarser_ones_more(walk):
+    *steps, rows = measure([walk], 1, SWITCHES[:1])
+    assert steps[-1] == n_steps(1, SWITCHES[:1]) == 5
+    losses = [row.loss_db["range_time"] for row in rows]
+    assert losses[0] == 0
+    assert losses == sorted(losses)
+    assert losses[-1] > 0.1
+    assert [row.is_default for row in rows] == [False, False, False, True, False]
+    assert rows[0].ratio == 1
+    assert all(row.ms_per_hop > 0 for row in rows)
+
+
+@pytest.mark.parametrize("stride", [1, 3, 7])
+def test_maps_in_single_and_double_agree(walk, stride):
+    single = hops(walk, Setting(stride=stride))
+    double = hops(walk, Setting(stride=stride, precision=64))
+    assert [each is None for each in single] == [each is None for each in double]
+    assert single[0] is None
+    for ours, wanted in zip(single, double, strict=True):
+        if ours is not None:
+            for name in MAPS:
+                assert np.abs(ours.maps[name] - wanted.maps[name]).max() < 1e-4
+
+
+def test_default_chain_shows_what_the_daemons_features_are(walk):
+    """The chain is that of the daemon: its pictures are the features of a bundle."""
+    converter = DownConverter(walk.axes["rf"], 8)
+    rows = converter.convert(walk.frames["rf"])
+    remover, stream = ClutterRemover(), FeatureStream(BLANK, MAPS)
+    shown = hops(walk, Setting())
+    for k, pictures in enumerate(shown):
+        end = 60 * (k + 1)
+        if pictures is None:
+            continue
+        dwell = Dwell(
+            rows[end - 147 : end],
+            np.ones(147, np.bool_),
+            converter.axis,
+            60.0,
+            end / 60,
+            end_frame=end,
+        )
+        features = stream.extract(remover.remove(dwell))
+        for name in MAPS:
+            assert np.abs(features.inputs[name] - pictures.maps[name]).max() < 1e-4
+
+
+def test_loss_is_the_rms_over_what_is_shown():
+    finest = np.zeros((5, 4), np.float32)
+    finest[2] = 1.0
+    assert picture_loss_db(finest, finest, 25.0) == 0
+    assert picture_loss_db(0.8 * finest, finest, 25.0) == pytest.approx(5.0, rel=1e-6)
+    assert picture_loss_db(0 * finest, 0 * finest, 25.0) == 0
+    # Rows 0, 2, 4 of a coarser picture, interpolated.
+    ramp = np.repeat(np.linspace(0, 1, 5, dtype=np.float32)[:, None], 4, axis=1)
+    assert picture_loss_db(ramp[::2], ramp, 25.0) == pytest.approx(0, abs=1e-5)
+
+
+def test_a_blank_bundle_is_one_that_the_daemon_loads(tmp_path):
+    path = write_blank_bundle(tmp_path, "blank", BLANK, MAPS)
+    classifier = Classifier(load_bundle(str(path)))
+    assert classifier.feature_names == MAPS
+    again = write_blank_bundle(tmp_path, "again", BLANK, (*MAPS, "seed_type1"))
+    assert "seed_type1" in Classifier(load_bundle(str(again))).feature_names
+    assert path.read_bytes() != again.read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("content", "wanted"),
+    [
+        (
+            {"windows": {"balanced_accuracy": {"value": 0.97, "low": 0.96, "high": 0.98}}},
+            (0.97, 0.96, 0.98),
+        ),
+        ({"metrics": {"accuracy": 0.8355, "windows": 2000.0}}, (0.8355, None, None)),
+        ({"metrics": {"window balanced accuracy": 0.9, "accuracy": 0.1}}, (0.9, None, None)),
+        ({"accuracy": 0.5}, (0.5, None, None)),
+    ],
+)
+def test_accuracy_is_found_in_every_kind_of_evaluation(tmp_path, content, wanted):
+    path = tmp_path / "eval.json"
+    path.write_text(json.dumps(content))
+    found = read_accuracy(path)
+    assert (found.value, found.low, found.high) == wanted
+
+
+@pytest.mark.parametrize("text", ["{}", "[]", "nonsense", '{"accuracy": 2}', '{"windows": {}}'])
+def test_what_is_no_evaluation_is_refused(tmp_path, text):
+    path = tmp_path / "eval.json"
+    path.write_text(text)
+    with pytest.raises(UsageError, match=r"eval\.json"):
+        read_accuracy(path)
+
+
+@pytest.mark.parametrize("text", ["=a.json", "name=", "="])
+def test_a_model_needs_a_name(text):
+    with pytest.raises(UsageError, match="NAME=EVALUATION"):
+        parse_model(text)
+
+
+def test_a_still_room_is_refused(walk):
+    still = replace(walk, frames={k: np.repeat(v[:1], 420, 0) for k, v in walk.frames.items()})
+    with pytest.raises(UsageError, match="the gate never opens"):
+        list(measure([still], 1, SWITCHES[:1]))
+
+
+def test_profiles_are_marked(walk, tmp_path):
+    path = write_blank_bundle(tmp_path, "fast", BLANK, MAPS)
+    row = time_model(str(path), None, [walk], 1)
+    assert row.is_profile
+    assert 0 < row.network_ms < row.ms_per_hop
+
+
+def test_command_writes_page_and_plot(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_blank_bundle(tmp_path, "balanced", BLANK, MAPS)
+    (tmp_path / "eval.json").write_text('{"accuracy": 0.9}')
+    argv = ["tradeoff", "--scenes", "human", "--draws", "1", "--duration", "6", "--rounds", "1"]
+    argv += ["--models", "balanced.onnx=eval.json"]
+    assert main([*argv, "--page", "docs/page.md", "--plot", "docs/images/plot.png"]) == 0
+    text = (tmp_path / "docs" / "page.md").read_text()
+    assert "![loss against cost](images/plot.png)" in text
+    assert text.count("| **") == 6
+    assert "| **balanced** (profile) |" in text
+    assert "0.9000" in text
+    assert (tmp_path / "docs" / "images" / "plot.png").read_bytes()[:4] == b"\x89PNG"
+
+
+@pytest.mark.parametrize(
+    "argv", [["--rounds", "0"], ["--duration", "1"], ["--plot", "a.txt"], ["--seed", "-1"]]
+)
+def test_options_out_of_bounds_are_usage_errors(argv, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["tradeoff", *argv]) == 2

@@ -1,0 +1,157 @@
+import io
+import json
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from radard.cli import main
+from radard.commands.live import Live, bar
+from radard.commands.walk import Cell, Step, by_range, report
+from radard.commands.walktest import line_of
+
+
+def step(t_s, range_m=None, *, alarm=False):
+    over_db = 0.5 if range_m is None else 9.0
+    label = "none" if range_m is None else "human"
+    return Step(
+        t_s=t_s, range_m=range_m, over_floor_db=over_db, label=label, p_human=None, alarm=alarm
+    )
+
+
+def test_a_walk_that_is_always_seen():
+    cells = by_range([step(float(k), 0.75 + 0.25 * k, alarm=k > 2) for k in range(8)])
+    assert [(c.near_m, c.far_m) for c in cells] == [
+        (0.5, 1.0),
+        (1.0, 1.5),
+        (1.5, 2.0),
+        (2.0, 2.5),
+        (2.5, 3.0),
+    ]
+    assert [c.windows for c in cells] == [1, 2, 2, 2, 1]
+    assert [c.seen for c in cells] == [1, 2, 2, 2, 1]
+    assert [c.alarms for c in cells] == [0, 0, 2, 2, 1]
+    assert all(c.missed == 0 and c.visits == 1 for c in cells)
+    # Where the walk begins, nobody knows when the walker came in.
+    assert [c.first_seen_s for c in cells] == [None, 0.0, 0.0, 0.0, 0.0]
+
+
+def test_what_lies_between_two_sightings_was_missed():
+    # From 1.2 m at 0 s to 3.2 m at 8 s: unseen at 1.45, 1.7, ... 2.95 m.
+    walk = [step(0.0, 1.2), *(step(float(k)) for k in range(1, 8)), step(8.0, 3.2)]
+    cells = {c.near_m: c for c in by_range(walk)}
+    assert [(c.windows, c.seen, c.missed) for c in cells.values()] == [
+        (2, 1, 0),
+        (2, 0, 1),
+        (2, 0, 1),
+        (2, 0, 1),
+        (1, 1, 0),
+    ]
+    assert cells[3.0].first_seen_s == pytest.approx(0.8)
+
+
+@pytest.mark.parametrize(("gap_s", "n_cells"), [(10.0, 5), (10.1, 2)])
+def test_longer_gaps_are_nobodys(gap_s, n_cells):
+    walk = [step(0.0, 1.2), *(step(gap_s * k / 8) for k in range(1, 8)), step(gap_s, 3.2)]
+    assert len(by_range(walk)) == n_cells
+
+
+def test_coming_in_unseen_takes_time():
+    # In at 2 m at 2 s, seen at 5 s.
+    walk = [step(0.0, 1.5), step(1.0), step(2.0), step(3.0), step(4.0), step(5.0, 2.75)]
+    assert by_range(walk)[1] == Cell(
+        near_m=2.0,
+        far_m=2.5,
+        windows=2,
+        seen=0,
+        alarms=0,
+        visits=1,
+        missed=1,
+        first_seen_s=None,
+    )
+    walk[-1] = step(5.0, 2.45)
+    assert by_range(walk)[1].first_seen_s == pytest.approx(5 - 5 * 0.5 / 0.95, abs=0.01)
+
+
+@pytest.mark.parametrize("walk", [[], [step(1.0)], [step(1.0), step(2.0)]])
+def test_nothing_seen(walk):
+    assert by_range(walk) == []
+    assert list(report(walk, [])) == [f"nothing was seen in {len(walk)} windows"]
+
+
+def test_before_the_first_and_after_the_last_sighting_nothing_counts():
+    walk = [step(0.0), step(1.0), step(2.0, 1.2), step(3.0), step(4.0)]
+    (cell,) = by_range(walk)
+    assert (cell.windows, cell.seen) == (1, 1)
+    assert next(iter(report(walk, [cell]))).startswith("first seen 2.0 s after the first window")
+
+
+def test_lines():
+    assert line_of(step(3.0, 1.5, alarm=True)).split() == [
+        *("3.0", "s", "+9.0", "dB", "######..............", "1.5", "m", "human", "ALARM")
+    ]
+    assert "nothing" in line_of(step(3.0))
+    invalid = Step(
+        t_s=1, range_m=None, over_floor_db=None, label="invalid", p_human=None, alarm=False
+    )
+    assert "too many frames missing" in line_of(invalid)
+
+
+@pytest.mark.parametrize(("share", "text"), [(-1, "...."), (0.5, "##.."), (7, "####")])
+def test_bar(share, text):
+    assert bar(share, 4) == text
+
+
+def test_live_line_is_for_terminals():
+    class Terminal(io.StringIO):
+        def isatty(self):
+            return True
+
+    for out, is_shown in ((Terminal(), True), (io.StringIO(), False)):
+        live = Live(out)
+        live.show(0.5, "x" * 200)
+        live.clear()
+        shown = out.getvalue()
+        assert bool(shown) is is_shown
+        assert "\n" not in shown
+        assert all(len(part) <= 79 for part in shown.split("\r"))
+
+
+def test_command_logs_and_reports(capsys):
+    argv = ["walktest", "--port", "sim:human?seed=1", "--speed", "max", "--duration", "12"]
+    assert main(argv) == 0
+    out = capsys.readouterr().out
+    log, _, told = out.partition("\n\n")
+    assert len(log.splitlines()) == 10
+    assert "first seen" in told
+    assert main([*argv, "--json"]) == 0
+    again = json.loads(capsys.readouterr().out)
+    assert len(again["log"]) == 10
+    assert {"near_m", "seen", "first_seen_s"} <= set(again["cells"][0])
+    seen = sum(cell["seen"] for cell in again["cells"])
+    assert seen == sum(step["range_m"] is not None for step in again["log"])
+
+
+def test_interrupt_ends_the_walk_with_its_report():
+    command = [sys.executable, "-m", "radard.cli", "walktest", "--port", "sim:human?seed=1"]
+    with subprocess.Popen(
+        [*command, "--speed", "8", "--model", "none"],
+        stdout=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+    ) as running:
+        first = [running.stdout.readline() for _ in range(4)]
+        running.send_signal(signal.SIGINT)
+        rest = running.communicate(timeout=20)[0]
+    assert running.returncode == 0
+    assert all(" dB " in line for line in first)
+    assert "range           seen" in rest or "nothing was seen" in rest
+
+
+def test_usage(capsys):
+    assert main(["walktest", "--port", "sim:human", "--duration", "0"]) == 2
+    assert "--duration 0" in capsys.readouterr().err
+    assert main(["walktest", "--speed", "max"]) == 2
+    assert "no port" in capsys.readouterr().err

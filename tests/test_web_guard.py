@@ -1,0 +1,445 @@
+"""Who may look, who may arm, and what is turned away: the application without a network."""
+
+import contextlib
+import json
+from urllib.parse import urlsplit
+
+import pytest
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+
+from radard.config import load_config
+from radard.errors import ConfigError, UsageError
+from radard.health import Health
+from radard.outputs import Host
+from radard.sinks.options import SinkOptions
+from radard.web.guard import SESSION_S, Guard, Tokens, is_loopback, read_tokens
+from radard.web.middleware import MOST_BODY
+from radard.web.sink import WebSink, open_from_url, parse_address
+from radard.web_settings import WebSection
+from tests.web_helpers import HEADERS, Client, decision, event, open_decision
+
+VIEWER, OPERATOR = "look-but-not-touch", "may-arm-and-disarm"
+ANYWHERE = "0.0.0.0"  # noqa: S104 - with a token
+ULID = "01J0000000000000000000000A"
+
+
+class Run:
+    """A run that only notes what is asked of it."""
+
+    def __init__(self, tmp_path, **sections):
+        self.asked = []
+        self.config = load_config(
+            environ={},
+            options={"sensor": {"port": "sim:empty"}, "service": {"state_dir": tmp_path}}
+            | sections,
+        )
+        panel = {"armed": True, "panel": "armed", "alarm_id": None, "open": {}, "seq": 0}
+        self.host = Host(Health(), lambda: panel, self.asked.append, config=lambda: self.config)
+
+
+@pytest.fixture
+def make(tmp_path, monkeypatch):
+    """A function that makes a dashboard and a client of it."""
+    made = []
+
+    def build(*, host="127.0.0.1", base=None, section=None, tokens=(), **sections):
+        values = dict(section or {})
+        for name, token in zip(("token", "operator_token"), tokens, strict=False):
+            if token is not None:
+                (tmp_path / name).write_text(token + "\n")
+                values[f"{name}_file"] = tmp_path / name
+        sink = WebSink(host, 0, WebSection(**values))
+        run = Run(tmp_path, **sections)
+        sink.attach(run.host)
+        sink.write({"type": "hello", "version": "1", "model": None, "frame_rate_hz": 60.0})
+        sink.start()
+        client = Client(urlsplit(sink.url).port, base)
+        client.run, client.sink = run, sink
+        made.append(sink)
+        return client
+
+    yield build
+    for sink in made:
+        sink.close()
+
+
+def post(client, path, body, headers=HEADERS, **options):
+    return client.post(path, content=json.dumps(body), headers=headers, **options)
+
+
+# Addresses and tokens -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "127.8.9.1", "::1", "localhost", "LOCALHOST"])
+def test_loopback(host):
+    assert is_loopback(host)
+
+
+@pytest.mark.parametrize("host", [ANYWHERE, "192.168.1.2", "::", "radar.local", "1270.0.1"])
+def test_not_loopback_wants_a_token(host):
+    assert not is_loopback(host)
+    with pytest.raises(ConfigError, match=r"web\.token_file"):
+        read_tokens(WebSection(), host)
+
+
+@pytest.mark.parametrize(
+    ("url", "wanted"),
+    [
+        ("http://127.0.0.1:8434", ("127.0.0.1", 8434)),
+        ("http://localhost/", ("localhost", 8434)),
+        ("http://[::1]:80", ("::1", 80)),
+    ],
+)
+def test_addresses(url, wanted):
+    assert parse_address(url) == wanted
+
+
+@pytest.mark.parametrize(
+    "url",
+    ["http://", "http://h/path", "http://u:p@h:1", "http://h:x", "http://h:99999", "https://h"],
+)
+def test_wrong_addresses(url):
+    with pytest.raises(UsageError, match="--output"):
+        parse_address(url)
+
+
+def test_a_short_token_is_refused(tmp_path):
+    (tmp_path / "t").write_text("short")
+    with pytest.raises(ConfigError, match="12 characters"):
+        read_tokens(WebSection(token_file=tmp_path / "t"), "127.0.0.1")
+
+
+def test_tokens_do_not_show_in_their_repr():
+    assert VIEWER not in repr(Tokens(viewer=VIEWER))
+
+
+def test_sessions_end_and_are_bounded():
+    now = [0.0]
+    guard = Guard(Tokens(operator=OPERATOR), clock=lambda: now[0])
+    sessions = [guard.log_in(OPERATOR)[1] for _ in range(100)]
+    assert guard.role({}, {"radard": sessions[-1]}) == "operator"
+    assert guard.role({}, {"radard": sessions[0]}) == "nobody"
+    now[0] = SESSION_S + 1
+    assert guard.role({}, {"radard": sessions[-1]}) == "nobody"
+
+
+def test_guessing_is_slow():
+    now = [0.0]
+    guard = Guard(Tokens(viewer=VIEWER), clock=lambda: now[0])
+    for _ in range(10):
+        assert guard.log_in("not it, not it")[0] == "nobody"
+    assert guard.is_locked
+    assert guard.log_in(VIEWER)[0] == "nobody"
+    now[0] = 61.0
+    assert guard.log_in(VIEWER)[0] == "viewer"
+
+
+# Loopback -----------------------------------------------------------------------------------
+
+
+def test_on_loopback_everybody_is_the_operator(make):
+    client = make()
+    assert client.get("/api/v1/status").json()["role"] == "operator"
+    for name in ("arm", "disarm", "ack", "calibrate"):
+        assert post(client, "/api/v1/command", {"command": name}).status_code == 202
+    assert client.run.asked == ["arm", "disarm", "ack", "calibrate"]
+
+
+def test_a_flood_of_commands_is_cut(make):
+    client = make()
+    codes = [post(client, "/api/v1/command", {"command": "ack"}).status_code for _ in range(60)]
+    assert set(codes) == {202, 429}
+    assert len(client.run.asked) < 40
+
+
+@pytest.mark.parametrize("name", ["reboot", "", None, 1, ["arm"], {"arm": 1}])
+def test_unknown_commands_reach_nobody(make, name):
+    client = make()
+    assert post(client, "/api/v1/command", {"command": name}).status_code == 400
+    assert client.run.asked == []
+
+
+def test_commands_can_be_switched_off(make):
+    client = make(section={"commands": False})
+    assert client.get("/api/v1/status").json()["role"] == "viewer"
+    assert post(client, "/api/v1/command", {"command": "disarm"}).status_code == 403
+
+
+@pytest.mark.parametrize("host", ["evil.example:8434", "192.168.1.5", ""])
+def test_another_name_for_loopback_is_turned_away(make, host):
+    client = make()
+    assert client.get("/api/v1/status", headers={"Host": host}).status_code == 421
+    if host:
+        with pytest.raises(InvalidStatus):
+            client.socket(host=host)
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {"Content-Type": "application/json"},
+        {**HEADERS, "Origin": "http://evil.example"},
+        {**HEADERS, "Origin": "null"},
+        {**HEADERS, "Origin": "http://127.0.0.1:9999"},
+        {**HEADERS, "Sec-Fetch-Site": "cross-site"},
+        {**HEADERS, "Sec-Fetch-Site": "same-site"},
+    ],
+)
+def test_other_pages_cannot_arm(make, headers):
+    client = make()
+    answer = post(client, "/api/v1/command", {"command": "disarm"}, headers)
+    assert answer.status_code == 403
+    assert client.run.asked == []
+
+
+def test_our_own_page_can(make):
+    client = make()
+    headers = {**HEADERS, "Origin": f"http://{client.host}", "Sec-Fetch-Site": "same-origin"}
+    assert post(client, "/api/v1/command", {"command": "arm"}, headers).status_code == 202
+
+
+def test_another_page_gets_no_socket(make):
+    client = make()
+    with pytest.raises(InvalidStatus):
+        client.socket(origin="http://evil.example")
+    client.socket(origin=f"http://{client.host}").close()
+
+
+@pytest.mark.parametrize("kind", ["text/plain", "application/x-www-form-urlencoded", ""])
+def test_a_form_is_no_json(make, kind):
+    client = make()
+    headers = {**HEADERS, "Content-Type": kind}
+    assert post(client, "/api/v1/command", {"command": "arm"}, headers).status_code == 400
+
+
+@pytest.mark.parametrize("body", [b"", b"[", b"[1]", b"\xff", b'"arm"', b"[" * 4000])
+def test_broken_json(make, body):
+    client = make()
+    answer = client.post("/api/v1/command", content=body, headers=HEADERS)
+    assert answer.status_code == 400
+
+
+def test_long_bodies(make):
+    client = make()
+    body = b'{"command": "arm", "x": "' + b"x" * MOST_BODY + b'"}'
+    assert client.post("/api/v1/command", content=body, headers=HEADERS).status_code == 413
+    chunks = (body[i : i + 1000] for i in range(0, len(body), 1000))
+    assert client.post("/api/v1/command", content=chunks, headers=HEADERS).status_code == 413
+    assert client.run.asked == []
+
+
+@pytest.mark.parametrize("path", ["/", "/healthz", "/static/app.js", "/api/v1/status", "/nowhere"])
+def test_every_answer_shields_the_page(make, path):
+    headers = make().get(path).headers
+    policy = headers["content-security-policy"]
+    assert "default-src 'none'" in policy
+    assert "unsafe" not in policy
+    assert "frame-ancestors 'none'" in policy
+    assert headers["x-content-type-options"] == "nosniff"
+    assert "server" not in headers
+
+
+def test_only_the_pages_own_files_are_served(make):
+    client = make()
+    for path in ("/static/../sink.py", "/static/%2e%2e/sink.py", "/static//etc/passwd"):
+        assert client.get(path).status_code == 404
+
+
+# Tokens -------------------------------------------------------------------------------------
+
+
+def bearer(token):
+    return {"Authorization": f"Bearer {token}"}
+
+
+def test_without_a_token_only_the_way_in_is_shown(make):
+    client = make(tokens=(VIEWER, OPERATOR))
+    for path in ("status", "decisions", "decisions/1", "events", "events/export", "config"):
+        assert client.get(f"/api/v1/{path}").status_code == 401
+    assert client.get("/metrics").status_code == 401
+    assert b"Token" in client.get("/").content
+    assert client.get("/healthz").json() == {"state": "starting"}
+    assert post(client, "/api/v1/command", {"command": "arm"}).status_code == 401
+    with pytest.raises(InvalidStatus):
+        client.socket()
+
+
+def test_roles_of_tokens(make):
+    client = make(tokens=(VIEWER, OPERATOR))
+    for token, role, code in ((VIEWER, "viewer", 403), (OPERATOR, "operator", 202)):
+        headers = bearer(token)
+        assert client.get("/api/v1/status", headers=headers).json()["role"] == role
+        body = {"command": "disarm"}
+        assert post(client, "/api/v1/command", body, {**HEADERS, **headers}).status_code == code
+    assert client.run.asked == ["disarm"]
+    assert client.get("/api/v1/status", headers=bearer("wrong")).status_code == 401
+
+
+def test_a_session_in_a_cookie_that_scripts_cannot_read(make):
+    client = make(host=ANYWHERE, base="radar.local:8434", tokens=(VIEWER,))
+    assert post(client, "/api/v1/login", {"token": "not the right one"}).status_code == 401
+    answer = post(client, "/api/v1/login", {"token": VIEWER})
+    cookie = answer.headers["set-cookie"].lower()
+    assert "httponly" in cookie
+    assert "samesite=strict" in cookie
+    assert VIEWER not in cookie
+    assert client.get("/api/v1/status").json()["role"] == "viewer"
+    with client.socket() as page:
+        assert json.loads(page.recv(5))["role"] == "viewer"
+    assert post(client, "/api/v1/logout", {}).status_code == 200
+    assert client.get("/api/v1/status").status_code == 401
+
+
+@pytest.mark.parametrize("token", [None, 5, "", "x" * 600])
+def test_no_token_at_all(make, token):
+    client = make(tokens=(VIEWER,))
+    assert post(client, "/api/v1/login", {"token": token}).status_code in {400, 401}
+
+
+def test_no_secret_is_shown(make, caplog):
+    client = make(
+        tokens=(VIEWER, OPERATOR),
+        output=["mqtt://user:hunter2@broker", "webhook:https://h/s3cret"],
+    )
+    for path in ("/", "/api/v1/status", "/api/v1/config", "/metrics"):
+        text = client.get(path, headers=bearer(OPERATOR)).text
+        for secret in (VIEWER, OPERATOR, "hunter2", "s3cret"):
+            assert secret not in text
+    post(client, "/api/v1/login", {"token": "a wrong, typed token"})
+    assert "a wrong" not in caplog.text
+
+
+# Answers ------------------------------------------------------------------------------------
+
+
+def test_health_and_metrics(make):
+    client = make()
+    assert client.get("/healthz").status_code == 503
+    client.sink.write({"type": "status", "state": "online", "reason": ""})
+    assert "radard_up 1" in client.get("/metrics").text
+
+
+def test_decisions_and_reasons(make):
+    client = make()
+    for k in range(1, 11):
+        client.sink.write(decision(k, k + 1.45))
+    found = client.get("/api/v1/decisions?limit=3&before_seq=9").json()["decisions"]
+    assert [d["seq"] for d in found] == [6, 7, 8]
+    assert client.get("/api/v1/decisions/7").json()["decided_by"] == "gate"
+    assert client.get("/api/v1/decisions/11").status_code == 404
+    for query in ("limit=-1", "limit=x", "limit=99999", "before_seq=1.5"):
+        assert client.get(f"/api/v1/decisions?{query}").status_code == 400
+
+
+def test_events_of_a_run_are_one_row_each(make):
+    client = make()
+    client.sink.write(event(ULID))
+    client.sink.write(event(ULID, "end", end_t_s=9.0, peak=0.5, reason="acknowledged"))
+    client.sink.write(event("01J0000000000000000000000B", kind="fault", reason="no frames"))
+    (alarm,) = client.get("/api/v1/events?kind=alarm").json()["events"]
+    assert (alarm["phase"], alarm["peak"], alarm["reason"]) == ("end", 0.9, "human at 1.8 m")
+    assert len(client.get("/api/v1/events").json()["events"]) == 2
+    assert len(client.get("/api/v1/events?text=NO%20FR").json()["events"]) == 1
+    for query in ("kind=x", "label=x", "since=yesterday", "limit=0x1"):
+        assert client.get(f"/api/v1/events?{query}").status_code == 400
+
+
+def test_export(make):
+    client = make()
+    client.sink.write(event(ULID, reason="=cmd|' /C calc'!A0"))
+    csv = client.get("/api/v1/events/export?format=csv")
+    assert "attachment" in csv.headers["content-disposition"]
+    assert "'=cmd" in csv.text
+    line = json.loads(client.get("/api/v1/events/export?format=jsonl").text)
+    assert line["id"] == ULID
+
+
+def test_labels_become_lines(make, tmp_path):
+    client = make()
+    client.sink.write(event(ULID))
+    path = tmp_path / "labels.jsonl"
+    for label in ("pet", "wrong"):
+        body = {"event": ULID, "label": label}
+        assert post(client, "/api/v1/labels", body).status_code == 201
+    lines = [json.loads(line) for line in path.read_text().splitlines()]
+    assert [line["label"] for line in lines] == ["pet", "wrong"]
+    assert lines[0]["format"] == "radard-label"
+    assert client.get("/api/v1/events?label=wrong").json()["events"][0]["id"] == ULID
+    assert client.get("/api/v1/events?label=none").json()["events"] == []
+    assert post(client, "/api/v1/labels", {"event": ULID, "label": "dragon"}).status_code == 400
+    unknown = {"event": "01J0000000000000000000000Z", "label": "pet"}
+    assert post(client, "/api/v1/labels", unknown).status_code == 404
+
+
+def test_a_clip_is_only_ever_the_events_own_file(make, tmp_path):
+    client = make()
+    secret = tmp_path / "secret.h5"
+    secret.write_text("x")
+    client.sink.write(event(ULID, clip=str(secret)))
+    assert client.get(f"/api/v1/events/{ULID}/clip").status_code == 404
+    assert client.get("/api/v1/events/..%2f..%2fetc/clip").status_code == 404
+    clip = tmp_path / f"{ULID}.h5"
+    clip.write_bytes(b"no recording")
+    client.sink.write(event(ULID, clip=str(clip)))
+    assert client.get(f"/api/v1/events/{ULID}/clip").content == b"no recording"
+    answer = client.get(f"/api/v1/events/{ULID}/pictures")
+    assert answer.status_code == 422
+    assert "cannot be shown" in answer.json()["error"]
+
+
+def test_playback_of_a_live_stream(make):
+    client = make()
+    assert post(client, "/api/v1/playback", {"action": "pause"}).status_code == 409
+
+
+# Pages --------------------------------------------------------------------------------------
+
+
+def test_a_page_is_welcomed_with_what_there_is(make):
+    client = make()
+    client.sink.write(open_decision(1, 2.45, human=0.9))
+    client.sink.write(event(ULID))
+    with client.socket() as page:
+        welcome = json.loads(page.recv(5))
+    assert welcome["type"] == "welcome"
+    assert [d["seq"] for d in welcome["decisions"]] == [1]
+    assert [e["id"] for e in welcome["events"]] == [ULID]
+
+
+def test_pages_beyond_the_limit_are_sent_away(make):
+    client = make(section={"max_viewers": 1})
+    with client.socket() as page:
+        json.loads(page.recv(5))
+        with client.socket() as second, pytest.raises(ConnectionClosed) as err:
+            second.recv(5)
+        assert err.value.rcvd.code == 1013
+
+
+@pytest.mark.parametrize("text", ["[", "5", "x" * 600])
+def test_nonsense_closes_a_page(make, text):
+    client = make()
+    with client.socket() as page:
+        json.loads(page.recv(5))
+        page.send(text)
+        with pytest.raises(ConnectionClosed):
+            json.loads(page.recv(5))
+
+
+def test_a_flood_closes_a_page(make):
+    client = make()
+    with client.socket() as page:
+        json.loads(page.recv(5))
+        with contextlib.suppress(ConnectionClosed):
+            for _ in range(1000):
+                page.send('{"drawn": 1}')
+        with pytest.raises(ConnectionClosed):
+            page.recv(5)
+
+
+def test_opening_by_url(tmp_path):
+    sink = open_from_url("http://127.0.0.1:0", SinkOptions(), None)
+    try:
+        assert sink.url.startswith("http://127.0.0.1:")
+        assert sink.state.is_ok
+    finally:
+        sink.close()

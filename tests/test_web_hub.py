@@ -1,0 +1,125 @@
+"""Pages that are slow, many, or gone: what they get, and that nobody waits for them."""
+
+import asyncio
+import json
+
+from radard.web.hub import MOST_TEXTS, MOST_UNDER_WAY, Hub, Viewer
+from radard.web.labels import LabelFile
+
+PICTURE = b"\x01 columns"
+GAIT = b"\x02 gait"
+
+
+async def taken(viewer):
+    """Everything that a page would be sent now."""
+    found = []
+    while True:
+        try:
+            found.append(await asyncio.wait_for(viewer.next(), 0.02))
+        except TimeoutError:
+            return found
+
+
+def hub_of(n):
+    """A hub with pages that want pictures, and what it asked for."""
+    asked = []
+    hub = Hub(asked.append)
+    viewers = [Viewer() for _ in range(n)]
+    for viewer in viewers:
+        hub.add(viewer)
+        hub.watch(viewer, wants_pictures=True)
+    return hub, viewers, asked
+
+
+def test_pictures_are_wanted_exactly_while_somebody_shows_some():
+    async def go():
+        hub, (one, two), asked = hub_of(2)
+        assert asked == [True]
+        hub.watch(one, wants_pictures=False)
+        assert asked == [True]
+        hub.remove(two)
+        assert asked == [True, False]
+        hub.remove(one)
+        hub.remove(one)
+        assert asked == [True, False]
+
+    asyncio.run(go())
+
+
+def test_a_slow_page_loses_pictures_and_no_records():
+    async def go():
+        hub, (slow,), _ = hub_of(1)
+        for k in range(100):
+            hub.show(PICTURE)
+            hub.broadcast({"type": "decision", "seq": k})
+        got = await taken(slow)
+        assert sum(item == PICTURE for item in got) == MOST_UNDER_WAY
+        assert [json.loads(t)["seq"] for t in got if isinstance(t, str)] == list(range(100))
+        assert slow.n_dropped == 100 - MOST_UNDER_WAY
+        hub.show(PICTURE)
+        assert await taken(slow) == []
+        slow.drawn(MOST_UNDER_WAY)
+        hub.show(PICTURE)
+        assert await taken(slow) == [PICTURE]
+
+    asyncio.run(go())
+
+
+def test_a_page_cannot_claim_more_than_it_got():
+    async def go():
+        hub, (page,), _ = hub_of(1)
+        page.drawn(10**12)
+        page.drawn(-5)
+        for _ in range(100):
+            hub.show(PICTURE)
+        assert len(await taken(page)) == MOST_UNDER_WAY
+
+    asyncio.run(go())
+
+
+def test_a_page_that_takes_nothing_is_given_up():
+    hub, (dead,), _ = hub_of(1)
+    for k in range(MOST_TEXTS + 1):
+        hub.broadcast({"type": "decision", "seq": k})
+    assert dead.is_overrun
+
+
+def test_a_page_that_shows_none_gets_none():
+    async def go():
+        hub, (page,), _ = hub_of(1)
+        hub.watch(page, wants_pictures=False)
+        hub.show(PICTURE)
+        assert await taken(page) == []
+
+    asyncio.run(go())
+
+
+def test_a_late_page_gets_axes_and_the_last_pictures():
+    async def go():
+        hub, _, _ = hub_of(1)
+        hub.announce({"pictures": []})
+        for _ in range(40):
+            hub.show(PICTURE)
+        hub.show(GAIT)
+        late = Viewer()
+        hub.add(late)
+        hub.watch(late, wants_pictures=True)
+        got = await taken(late)
+        assert json.loads(got[0]) == {"type": "axes", "pictures": []}
+        assert got[1:] == [PICTURE] * 40
+        hub.show(PICTURE)
+        assert await taken(late) == [PICTURE]
+
+    asyncio.run(go())
+
+
+def test_broken_lines_among_labels_are_passed_over(tmp_path):
+    path = tmp_path / "deep" / "labels.jsonl"
+    labels = LabelFile(path)
+    assert labels.labels() == {}
+    labels.add({"event": "A", "label": "pet"})
+    with path.open("a") as file:
+        file.write('{"event": "B", "label":\n[]\n{"event": 5, "label": "pet"}\n')
+    labels.add({"event": "A", "label": "human"})
+    assert labels.labels() == {"A": "human"}
+    assert path.parent.stat().st_mode & 0o777 == 0o700

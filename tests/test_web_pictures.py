@@ -1,0 +1,218 @@
+"""Pictures of the dashboard: frames to columns, columns to bytes, and who makes them when."""
+
+import struct
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from radard.ring import DwellShape, FrameRing
+from radard.web.lens import GAIT_S, SPANS_DB, Lens
+from radard.web.onlooker import Onlooker
+from radard.web.wire import TIMED, axes, encode_columns, encode_gait
+from tests.radar_helpers import BASEBAND, frames_of, noise, walker
+
+RATE_HZ = 60.0
+HEAD = struct.Struct("<BBHIIfd")
+
+
+def made(frames, *, cut=8, valid=None, rate_hz=RATE_HZ):
+    """All columns of some frames, pushed `cut` at a time."""
+    lens = Lens(BASEBAND, rate_hz)
+    valid = np.ones(len(frames), np.bool_) if valid is None else valid
+    found = []
+    for at in range(0, len(frames), cut):
+        rows = frames[at : at + cut]
+        columns = lens.push(rows, valid[at : at + cut], (at + len(rows)) / rate_hz)
+        if columns is not None:
+            found.append(columns)
+    return lens, found
+
+
+def joined(found, name):
+    return np.concatenate([c.values[name] for c in found], axis=1)
+
+
+def test_a_walker_is_where_and_as_fast_as_it_is():
+    n_slow = 240
+    frames = noise(n_slow, seed=1) + walker(
+        n_slow, RATE_HZ, speed_mps=0.5, start_m=2.3, level=30.0
+    )
+    lens, found = made(frames)
+    by_name = {p.name: p for p in lens.pictures}
+    times_s = found[-1].t_s - lens.column_s * np.arange(joined(found, "range").shape[1])[::-1]
+    for name, wanted in (("range", 2.3 - 0.5 * times_s), ("velocity", 0.5)):
+        picture = by_name[name]
+        strongest = picture.first + picture.step * joined(found, name).argmax(axis=0)
+        off = np.abs(strongest - wanted)
+        assert np.median(off) <= picture.step
+        assert np.mean(off <= 2 * picture.step) > 0.9
+
+
+def test_noise_alone_is_dark_and_a_body_is_bright():
+    _, quiet = made(noise(240, seed=2))
+    body = noise(240, seed=2) + walker(240, RATE_HZ, speed_mps=0.7, start_m=2.4, level=100.0)
+    _, busy = made(body)
+    for name in TIMED:
+        assert joined(quiet, name).mean() < 25
+        assert joined(busy, name).max() == 255
+
+
+@pytest.mark.parametrize("rate_hz", [17.0, 60.0, 200.0])
+def test_columns_come_at_a_steady_rate_however_frames_are_cut(rate_hz):
+    frames = noise(round(6 * rate_hz), seed=3)
+    lens, one = made(frames, cut=1, rate_hz=rate_hz)
+    _, many = made(frames, cut=31, rate_hz=rate_hz)
+    n_one, n_many = (joined(found, "range").shape[1] for found in (one, many))
+    assert n_one == n_many
+    assert n_one == pytest.approx((6 - 28 / 60) / lens.column_s, abs=2)
+    assert one[-1].t_s == pytest.approx(many[-1].t_s)
+    assert 6 - one[-1].t_s <= 0.24 + 2 * lens.column_s
+
+
+def test_lost_frames_are_marked():
+    valid = np.ones(240, np.bool_)
+    valid[100] = False
+    _, found = made(noise(240, seed=4), valid=valid)
+    flags = np.concatenate([c.valid for c in found])
+    assert not flags.all()
+    assert flags[-10:].all()
+
+
+@pytest.mark.parametrize("level", [0.0, 1e-30, 1e30])
+def test_any_unit_of_the_samples_makes_a_picture(level):
+    with np.errstate(divide="raise", invalid="raise"):
+        _, found = made(noise(120, seed=5) * np.float32(level))
+    assert all(c.values[name].dtype == np.uint8 for c in found for name in TIMED)
+
+
+def test_gait_needs_two_seconds_and_leaves_out_the_mean():
+    lens, _ = made(noise(90, seed=6))
+    assert lens.gait() is None
+    lens, _ = made(noise(240, seed=6))
+    picture = lens.gait()
+    assert picture.shape == (28, round(GAIT_S / lens.column_s) // 2)
+    assert (picture[:, 0] == 0).all()
+
+
+def test_bytes_hold_what_the_page_reads():
+    lens, found = made(noise(120, seed=7))
+    columns = found[-1]
+    data = encode_columns(columns, first=9, epoch=3, column_s=lens.column_s)
+    kind, n_pictures, n, first, epoch, column_s, t_s = HEAD.unpack_from(data)
+    assert (kind, n_pictures, n, first, epoch) == (1, 3, len(columns.valid), 9, 3)
+    assert (column_s, t_s) == (pytest.approx(lens.column_s), columns.t_s)
+    at = HEAD.size
+    assert list(data[at : at + n]) == columns.valid.astype(int).tolist()
+    at += n
+    for name in TIMED:
+        values = columns.values[name]
+        part = np.frombuffer(data, np.uint8, values.size, at).reshape(n, -1).T
+        np.testing.assert_array_equal(part, values)
+        at += values.size
+    assert at == len(data)
+    gait = encode_gait(np.arange(6, dtype=np.uint8).reshape(2, 3), epoch=1, step_hz=0.5, t_s=4.0)
+    assert HEAD.unpack_from(gait) == (2, 0, 3, 2, 1, 0.5, 4.0)
+    assert list(gait[HEAD.size :]) == [0, 3, 1, 4, 2, 5]
+
+
+def test_axes_name_units_and_spans():
+    told = axes(Lens(BASEBAND, RATE_HZ))
+    assert [p["name"] for p in told["pictures"]] == [*TIMED, "gait"]
+    assert [p["unit"] for p in told["pictures"]] == ["m", "m/s", "m/s", "m/s"]
+    assert {p["name"]: p["span_db"] for p in told["pictures"]} == SPANS_DB
+
+
+# The ring and the onlooker ------------------------------------------------------------------
+
+
+def ring_of(samples, *, n_slow=60):
+    """A ring that nobody takes dwells from, full of frames, with what was put into it."""
+    shape = DwellShape(n_slow=n_slow, hop_s=1.0, frame_rate_hz=RATE_HZ)
+    ring = FrameRing(BASEBAND, lambda row, out: np.copyto(out, row), shape)
+    taken = threading.Thread(target=lambda: [None for _ in iter(ring.take, None)])
+    taken.start()
+    for frame in frames_of(samples):
+        ring.push(frame)
+    ring.end()
+    taken.join()
+    return ring
+
+
+def test_recent_rows_are_the_last_ones():
+    samples = noise(1000, seed=8)
+    ring = ring_of(samples)
+    recent = ring.recent(900)
+    end = recent.end_frame
+    assert 900 < end <= 1000
+    np.testing.assert_array_equal(recent.frames, samples[900:end])
+    assert (recent.begun_at, recent.t_s) == (0, pytest.approx(end / RATE_HZ))
+    everything = ring.recent()
+    np.testing.assert_array_equal(everything.frames, samples[end - len(everything.frames) : end])
+    assert len(everything.frames) > 60
+    assert len(ring.recent(end).frames) == 0
+
+
+def test_recent_never_hands_out_torn_rows():
+    """While a reader writes as fast as it can, rows seen are rows written, in their order."""
+    n = 30_000
+    samples = np.repeat(np.arange(1, n + 1, dtype=np.complex64)[:, None], 64, axis=1)
+    shape = DwellShape(n_slow=60, hop_s=1.0, frame_rate_hz=RATE_HZ)
+    ring = FrameRing(BASEBAND, lambda row, out: np.copyto(out, row), shape)
+    taker = threading.Thread(target=lambda: [None for _ in iter(ring.take, None)])
+    writer = threading.Thread(target=lambda: [ring.push(f) for f in frames_of(samples)])
+    taker.start()
+    writer.start()
+    n_seen = 0
+    while writer.is_alive():
+        recent = ring.recent()
+        rows = recent.frames.real
+        assert (rows == rows[:, :1]).all()
+        assert (np.diff(rows[:, 0]) == 1).all()
+        n_seen += len(rows)
+    ring.end()
+    taker.join()
+    assert n_seen > 0
+
+
+class Told:
+    """What an onlooker said."""
+
+    def __init__(self):
+        self.axes, self.data = [], []
+
+    def wait(self, n, timeout_s=5.0):
+        end_s = time.monotonic() + timeout_s
+        while len(self.data) < n and time.monotonic() < end_s:
+            time.sleep(0.01)
+        return len(self.data) >= n
+
+
+def test_an_onlooker_works_only_while_it_is_wanted():
+    ring = ring_of(noise(300, seed=9))
+    told = Told()
+    onlooker = Onlooker(lambda: ring, told.axes.append, told.data.append)
+    assert not [t for t in threading.enumerate() if t.name == "pictures"]
+    onlooker.want(is_wanted=True)
+    assert told.wait(1)
+    onlooker.want(is_wanted=False)
+    assert len(told.axes) == 1
+    assert HEAD.unpack_from(told.data[0])[0] == 1
+    onlooker.close()
+
+
+def test_an_onlooker_survives_what_goes_wrong(monkeypatch, caplog):
+    told = Told()
+
+    def broken():
+        msg = "no ring today"
+        raise RuntimeError(msg)
+
+    onlooker = Onlooker(broken, told.axes.append, told.data.append)
+    monkeypatch.setattr("radard.web.onlooker.time.sleep", lambda _s: onlooker.close())
+    onlooker.want(is_wanted=True)
+    thread = onlooker._thread
+    thread.join(5)
+    assert not thread.is_alive()
+    assert "a picture could not be made" in caplog.text

@@ -1,0 +1,164 @@
+"""The dashboard as an output of a running daemon: it helps, and never hinders."""
+
+import json
+import socket
+import struct
+import time
+from pathlib import Path
+
+import pytest
+
+from radard.web.lens import COLUMN_RATE_HZ
+from tests.alarm_helpers import write_recording
+from tests.radar_helpers import noise, run_radard, stable
+from tests.web_helpers import Client, Running, free_port, wait
+
+
+@pytest.fixture
+def launch(tmp_path):
+    """A function that starts daemons; all end with the test."""
+    made = []
+
+    def start(*arguments, **options):
+        folder = tmp_path / f"run{len(made)}"
+        folder.mkdir()
+        made.append(Running(folder, *arguments, **options))
+        return made[-1]
+
+    yield start
+    for running in made:
+        running.end()
+
+
+def test_a_page_gets_decisions_and_pictures_of_a_live_stream(launch):
+    running = launch("--port", "sim:human?seed=1", "--model", "none").wait_online()
+    page = Client(running.port).socket()
+    page.send('{"pictures": true}')
+    texts, n_columns = {}, 0
+    end_s = time.monotonic() + 4
+    while time.monotonic() < end_s:
+        data = page.recv(5)
+        if isinstance(data, str):
+            message = json.loads(data)
+            texts.setdefault(message["type"], []).append(message)
+        elif data[0] == 1:
+            n_columns += struct.unpack_from("<H", data, 2)[0]
+    page.close()
+    assert [m["type"] for m in texts["welcome"]] == ["welcome"]
+    assert len(texts["axes"]) == 1
+    assert len(texts["decision"]) >= 2
+    # What the ring still held, and four seconds of what came.
+    assert n_columns > 3 * COLUMN_RATE_HZ
+    status = running.get("/api/v1/status")[1]
+    assert status["hello"]["port"] == "sim:human?seed=1"
+
+
+def test_commands_arrive(launch):
+    running = launch("--port", "sim:empty", "--model", "none").wait_online()
+    assert running.post("/api/v1/command", {"command": "disarm"})[0] == 202
+    running.wait(lambda: running.get("/api/v1/status")[1]["panel"]["armed"] is False)
+    assert running.post("/api/v1/command", {"command": "arm"})[0] == 202
+    running.wait(lambda: running.get("/api/v1/status")[1]["panel"]["armed"] is True)
+
+
+def test_a_busy_port_is_a_warning_and_waited_for(launch, monkeypatch):
+    monkeypatch.setattr("radard.web.server._RETRY_S", 0.1)
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        argv = ("--port", "sim:empty", "--model", "none", "--speed", "max", "--duration", "10")
+        code, records, err = run_radard(*argv, "-o", "json", "-o", f"http://127.0.0.1:{port}")
+        assert code == 0
+        assert sum(r["type"] == "decision" for r in records) == 8
+        assert err.count("cannot listen") == 1
+        running = launch("--port", "sim:empty", "--model", "none", port=port)
+        running.wait(lambda: "cannot listen" in running.log)
+    running.wait_online()
+    assert running.end() == 0
+
+
+def test_an_open_address_without_a_token_is_refused(launch):
+    argv = ("--port", "sim:empty", "--duration", "5", "-o", f"http://0.0.0.0:{free_port()}")
+    code, records, err = run_radard(*argv)
+    assert (code, records) == (78, [])
+    assert "web.token_file" in err
+
+
+def test_decisions_are_the_same_with_a_dashboard_and_pages(launch, tmp_path):
+    argv = ("--port", "sim:human?seed=2", "--duration", "12")
+    _, alone, _ = run_radard(*argv, "--speed", "max", "-o", "json")
+    environ = {"RADARD_CLIPS__ENABLED": "false"}
+    running = launch(*argv, "--speed", "3", "-o", f"json:{tmp_path / 'o.jsonl'}", environ=environ)
+    pages = []
+    for _ in range(5):
+        page = wait(Client(running.port).socket)
+        page.send('{"pictures": true}')
+        # Some never read.
+        pages.append(page)
+    running.process.wait(30)
+    lines = [json.loads(line) for line in (tmp_path / "o.jsonl").read_text().splitlines()]
+    assert stable(lines) == stable(alone)
+    for page in pages:
+        page.close()
+
+
+def test_floods_of_connections_do_not_stop_decisions(launch):
+    running = launch("--port", "sim:empty", "--model", "none").wait_online()
+    before = running.get("/api/v1/status")[1]["panel"]["seq"]
+    lines = []
+    for _ in range(400):
+        line = socket.socket()
+        line.settimeout(0.5)
+        try:
+            line.connect(("127.0.0.1", running.port))
+        except OSError:
+            line.close()
+            break
+        lines.append(line)
+    for line in lines[::3]:
+        try:
+            line.send(b"GET / HTTP/1.1\r\nHost: ")
+        except OSError:
+            continue
+    time.sleep(2.2)
+    for line in lines:
+        line.close()
+    running.wait(lambda: running.get("/api/v1/status")[1]["panel"]["seq"] >= before + 2)
+
+
+def test_a_replay_is_paused_moved_and_let_go(launch, tmp_path):
+    path = tmp_path / "r.h5"
+    write_recording(path, noise(60 * 60))
+    running = launch("--port", f"replay:{path}", "--model", "none", "--speed", "4")
+    running.wait_online()
+
+    def play(action, value=None):
+        return running.post("/api/v1/playback", {"action": action, "value": value})
+
+    assert play("pause")[0] == 202
+    running.wait(lambda: running.get("/api/v1/status")[1]["reason"] == "the replay is paused")
+    held = running.get("/api/v1/status")[1]
+    assert held["playback"]["length_s"] == 60.0
+    assert held["panel"]["open"] == {}
+    assert play("seek", 50.0)[0] == 202
+    assert play("seek", 61.0)[0] == 400
+    assert play("speed", "fast")[0] == 400
+    assert play("speed", 8)[0] == 202
+    assert play("play")[0] == 202
+    assert running.process.wait(20) == 0
+    assert "Traceback" not in running.log
+
+
+def test_no_page_no_work(launch):
+    """Pictures have a thread of their own, and only once somebody looks."""
+    running = launch("--port", "sim:empty", "--model", "none").wait_online()
+    tasks = Path(f"/proc/{running.process.pid}/task")
+    n_before = len(list(tasks.iterdir()))
+    page = Client(running.port).socket()
+    page.recv(5)
+    time.sleep(0.3)
+    assert len(list(tasks.iterdir())) == n_before
+    page.send('{"pictures": true}')
+    wait(lambda: len(list(tasks.iterdir())) == n_before + 1)
+    page.close()

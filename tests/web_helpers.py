@@ -1,0 +1,229 @@
+"""A daemon with a dashboard, records to feed one, and the way to ask it things."""
+
+import contextlib
+import http.client
+import json
+import os
+import socket
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from urllib.parse import urlsplit
+
+from websockets.sync.client import connect
+
+HEADERS = {"Content-Type": "application/json", "X-Radard": "1"}
+
+
+def free_port():
+    """A port that nobody listens on."""
+    with socket.socket() as sock:
+        sock.bind(("127.0.0.1", 0))
+        return sock.getsockname()[1]
+
+
+def decision(seq=1, t_s=2.45, **changes):
+    """A decision's record; by default the gate is closed."""
+    record = {
+        "type": "decision",
+        "seq": seq,
+        "t_s": t_s,
+        "time": "2026-11-21T06:00:00.000Z",
+        "gate": "closed",
+        "power_db": -33.7,
+        "noise_floor_db": -33.9,
+        "threshold_db": -27.8,
+        **dict.fromkeys(("p_human", "p_pet", "p_other")),
+        **dict.fromkeys(("fused_p_human", "fused_p_pet", "fused_p_other")),
+        "label": "none",
+        "alarm": False,
+        "range_m": None,
+        "tracks": [],
+        "frames": 147,
+        "dropped": 0,
+        "latency_ms": 3.0,
+    }
+    return {**record, **changes}
+
+
+def open_decision(seq=1, t_s=2.45, *, human, other=0.0, **changes):
+    """A decision with the gate open and some p(human)."""
+    pet = round(1 - human - other, 6)
+    harmless = pet + other > 0.8
+    chances = {"human": human, "pet": pet, "other": other}
+    record = {
+        "gate": "open",
+        "power_db": -20.0,
+        **{f"p_{k}": v for k, v in chances.items()},
+        **{f"fused_p_{k}": v for k, v in chances.items()},
+        "label": "pet" if harmless else "human",
+        "alarm": not harmless,
+        "range_m": 1.8,
+    }
+    return decision(seq, t_s, **{**record, **changes})
+
+
+def event(event_id="01J0000000000000000000000A", phase="new", kind="alarm", **changes):
+    """A record of an event."""
+    record = {
+        "type": "event",
+        "id": event_id,
+        "phase": phase,
+        "kind": kind,
+        "t_s": 5.0,
+        "time": "2026-11-21T06:00:02.000Z",
+        "start_t_s": 5.0,
+        "end_t_s": None,
+        "peak": 0.9,
+        "reason": "human at 1.8 m",
+        "clip": None,
+    }
+    return {**record, **changes}
+
+
+class Running:
+    """`radard` in a process of its own, with a dashboard."""
+
+    def __init__(self, folder, *arguments, port=None, environ=None):
+        self.port = port or free_port()
+        self.base = f"http://127.0.0.1:{self.port}"
+        self.folder = Path(folder)
+        command = [str(Path(sys.executable).parent / "radard"), *arguments, "-o", self.base]
+        # As an installed command would: this run's own packages come first.
+        roots = [str(Path(__file__).parents[1] / name) for name in (".", "daemon", "training")]
+        own = {
+            "PYTHONPATH": os.pathsep.join(roots),
+            "RADARD_SERVICE__STATE_DIR": str(folder),
+            "RADARD_SERVICE__RUNTIME_DIR": str(folder),
+            **(environ or {}),
+        }
+        self._log = (self.folder / "log").open("w+")
+        self.process = subprocess.Popen(
+            command, env={**os.environ, **own}, stdout=subprocess.DEVNULL, stderr=self._log
+        )
+
+    @property
+    def log(self):
+        """What it has said on stderr."""
+        self._log.flush()
+        return (self.folder / "log").read_text()
+
+    def get(self, path, headers=None):
+        """Return status code and body, read as JSON where it is JSON."""
+        return ask(self.base + path, headers=headers)
+
+    def post(self, path, body, headers=None):
+        """POST as the page does; return status code and body."""
+        sent = HEADERS if headers is None else headers
+        return ask(self.base + path, data=json.dumps(body).encode(), headers=sent)
+
+    def wait(self, what, timeout_s=30.0):
+        """Return what `what()` returns once that is true; a refused connection is false."""
+        return wait(what, timeout_s, lambda: self.log)
+
+    def wait_online(self):
+        """Wait until it decides."""
+        self.wait(lambda: self.get("/healthz")[0] == 200)
+        return self
+
+    def end(self):
+        """Stop it; return its exit code."""
+        if self.process.poll() is None:
+            self.process.terminate()
+        code = self.process.wait(10)
+        self._log.close()
+        return code
+
+
+def wait(what, timeout_s=30.0, explain=lambda: ""):
+    """Return what `what()` returns once that is true."""
+    end_s = time.monotonic() + timeout_s
+    while time.monotonic() < end_s:
+        with contextlib.suppress(OSError):
+            if found := what():
+                return found
+        time.sleep(0.05)
+    msg = f"it did not come to that in time: {explain()}"
+    raise AssertionError(msg)
+
+
+def ask(url, *, data=None, headers=None):
+    """Return status code and body of a request."""
+    parts = urlsplit(url)
+    path = f"{parts.path}?{parts.query}" if parts.query else parts.path
+    method = "GET" if data is None else "POST"
+    answer = Client(parts.port).request(method, path, headers=headers, content=data)
+    try:
+        return answer.status_code, answer.json()
+    except ValueError:
+        return answer.status_code, answer.content
+
+
+@dataclass
+class Answer:
+    """What came back."""
+
+    status_code: int
+    headers: dict
+    content: bytes
+
+    @property
+    def text(self):
+        return self.content.decode()
+
+    def json(self):
+        return json.loads(self.content)
+
+
+class Client:
+    """A browser without a page: requests, cookies, sockets; `host` is what it takes us for."""
+
+    def __init__(self, port, host=None):
+        self.port = port
+        self.host = host or f"127.0.0.1:{port}"
+        self.cookies = {}
+
+    def get(self, path, headers=None):
+        return self.request("GET", path, headers=headers)
+
+    def post(self, path, content=b"", headers=None):
+        return self.request("POST", path, headers=headers, content=content)
+
+    def request(self, method, path, *, headers=None, content=None):
+        line = http.client.HTTPConnection("127.0.0.1", self.port, timeout=10)
+        sent = {"Host": self.host, **self._cookie(), **(headers or {})}
+        is_chunked = content is not None and not isinstance(content, bytes)
+        if is_chunked:
+            sent["Transfer-Encoding"] = "chunked"
+        try:
+            line.request(method, path, content, sent, encode_chunked=is_chunked)
+            answer = line.getresponse()
+            told = {name.lower(): value for name, value in answer.getheaders()}
+            if "set-cookie" in told:
+                name, _, value = told["set-cookie"].partition(";")[0].partition("=")
+                self.cookies[name] = value.strip('"')
+            return Answer(answer.status, told, answer.read())
+        finally:
+            line.close()
+
+    def socket(self, *, origin=None, host=None):
+        """Return an open WebSocket."""
+        line = socket.create_connection(("127.0.0.1", self.port), timeout=10)
+        try:
+            return connect(
+                f"ws://{host or self.host}/ws",
+                sock=line,
+                origin=origin,
+                additional_headers=self._cookie(),
+                proxy=None,
+                close_timeout=0.5,
+            )
+        except BaseException:
+            line.close()
+            raise
+
+    def _cookie(self):
+        text = "; ".join(f"{k}={v}" for k, v in self.cookies.items())
+        return {"Cookie": text} if text else {}

@@ -1,0 +1,82 @@
+"""Augmentation: batches of maps changed in ways that leave the answer as it is.
+
+Everything is a change that a radar or a room could have made: the body goes the other way,
+stands nearer or farther, its echoes span more or fewer decibels, the noise is higher, it
+comes or leaves within the dwell, frames are lost.
+"""
+
+import torch
+
+_MOST_SHIFT = 12
+_FLOOR_SHARE, _MOST_FLOOR, _SPECKLE = 0.4, 0.6, 0.08
+_CUT_SHARE, _LOST_SHARE = 0.3, 0.15
+_MIRROR_SHARE = 0.3
+
+
+def augmented(
+    velocity: torch.Tensor, ranges: torch.Tensor, rng: torch.Generator
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """Return changed copies of a batch.
+
+    Parameters
+    ----------
+    velocity, ranges : Tensor, shape (n, rows, n_cells), float32
+        Velocity-time and range-time maps, 0 to 1.
+    rng : torch.Generator
+        Everything random comes from it.
+
+    Returns
+    -------
+    tuple of Tensor
+        Of the same shapes.
+    """
+    n, _, n_cells = velocity.shape
+    u = torch.rand(n, 8, generator=rng)
+    mirror = (u[:, 0] < _MIRROR_SHARE)[:, None, None]
+    # Seen from the other end, a way there is a way back: approaching becomes leaving.
+    velocity = torch.where(mirror, velocity.flip(1), velocity)
+    ranges = torch.where(mirror, ranges.flip(1), ranges)
+    ranges = _shifted(ranges, u[:, 1])
+    velocity, ranges = _deeper(velocity, u[:, 2]), _deeper(ranges, u[:, 3])
+    velocity, ranges = _noisier(velocity, u[:, 4], rng), _noisier(ranges, u[:, 4], rng)
+    keep = _kept(u[:, 5:], n_cells)[:, None]
+    return velocity * keep, ranges * keep
+
+
+def _shifted(ranges: torch.Tensor, u: torch.Tensor) -> torch.Tensor:
+    """Move each map along range; what comes in is empty."""
+    n_rows = ranges.shape[1]
+    shift = (u * (2 * _MOST_SHIFT + 1)).floor().long() - _MOST_SHIFT
+    source = torch.arange(n_rows)[None] - shift[:, None]
+    inside = (source >= 0) & (source < n_rows)
+    index = source.clamp(0, n_rows - 1)[:, :, None].expand(-1, -1, ranges.shape[2])
+    return ranges.gather(1, index) * inside[:, :, None]
+
+
+def _deeper(maps: torch.Tensor, u: torch.Tensor) -> torch.Tensor:
+    """Stretch the decibels under the reference by 0.8 to 1.25; what is empty stays so."""
+    factor = 0.8 * (1.25 / 0.8) ** u
+    stretched = (1 - (1 - maps) * factor[:, None, None]).clamp(0, 1)
+    return torch.where(maps > 0, stretched, maps)
+
+
+def _noisier(maps: torch.Tensor, u: torch.Tensor, rng: torch.Generator) -> torch.Tensor:
+    """Lay a speckled floor under some of the maps."""
+    rows = torch.nonzero(u < _FLOOR_SHARE)[:, 0]
+    level = (_MOST_FLOOR * u[rows] / _FLOOR_SHARE)[:, None, None]
+    speckle = _SPECKLE * torch.randn(maps[rows].shape, generator=rng)
+    lit = maps.amax(2, keepdim=True)[rows] > 0
+    made = maps.clone()
+    made[rows] = torch.where(lit, torch.maximum(maps[rows], level + speckle), 0.0).clamp(0, 1)
+    return made
+
+
+def _kept(u: torch.Tensor, n_cells: int) -> torch.Tensor:
+    """Return which time cells stay, shape (n, n_cells): ends are cut, or a gap within."""
+    at = torch.arange(n_cells)[None] / n_cells
+    size = 0.35 * u[:, 1:2]
+    is_cut = u[:, 0:1] < _CUT_SHARE
+    cut = is_cut & torch.where(u[:, 2:3] < 0.5, at < size, at >= 1 - size)
+    is_lost = (u[:, 0:1] >= _CUT_SHARE) & (u[:, 0:1] < _CUT_SHARE + _LOST_SHARE)
+    lost = is_lost & ((at - u[:, 2:3]).abs() < 0.05)
+    return (~(cut | lost)).float()

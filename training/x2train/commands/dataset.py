@@ -1,0 +1,67 @@
+"""`train-export dataset`: windows of random passages, as shards."""
+
+import argparse
+import os
+from dataclasses import asdict
+from pathlib import Path
+
+from rich.console import Console
+
+from radard.errors import UsageError
+from radard.features import FeatureSettings
+from x2train.commands import Commands
+
+FEATURES = FeatureSettings(clutter="removed", range_decimation=8, n_cpi=0, cell_m=0.05)
+"""How the maps of the shipped bundles are made."""
+
+
+def register(commands: Commands) -> None:
+    """Add the subcommand."""
+    parser = commands.add_parser(
+        "dataset",
+        help="simulate passages into shards of windows",
+        epilog=(
+            "examples:\n"
+            "  train-export dataset --out sets/train --passages 24000\n"
+            "  train-export dataset --out sets/big --passages 1000000 --cluster tcp://host:8786\n"
+        ),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = parser.add_argument
+    add("--out", type=Path, required=True, help="folder of the set; what is there is kept")
+    add("--passages", type=int, default=24_000, help="passages to simulate (24000)")
+    add(
+        "--families",
+        choices=("train", "held out", "seed", "all"),
+        default="train",
+        help="who moves",
+    )
+    add("--rooms", choices=("usual", "unseen"), default="usual", help="where")
+    add("--seed", type=int, default=1, help="same seed, same set (1)")
+    add("--workers", type=int, default=os.cpu_count() or 1, help="processes (all cores)")
+    add("--cluster", metavar="ADDRESS", help="a Dask scheduler, instead of processes")
+    parser.set_defaults(run=_run)
+
+
+def _run(args: argparse.Namespace) -> int:
+    for name, least in (("passages", 1), ("seed", 0), ("workers", 1)):
+        if getattr(args, name) < least:
+            msg = f"--{name} {getattr(args, name)}: must be at least {least}"
+            raise UsageError(msg)
+    # Late: the simulator takes a second, and --help must not.
+    from x2train.farm import ProgressLine, make_shards  # noqa: PLC0415
+    from x2train.windows import WindowSpec  # noqa: PLC0415
+
+    spec = WindowSpec(seed=args.seed, use=args.families, rooms=args.rooms, settings=FEATURES)
+    shards = make_shards(
+        args.out,
+        {"kind": "windows", **asdict(spec)},
+        args.passages,
+        spec,
+        workers=args.workers,
+        cluster=args.cluster,
+        report=ProgressLine("passages"),
+    )
+    n = sum(len(shards.read(name).get("label", ())) for name in shards.names())
+    Console().print(f"{args.out}: {n} windows of {args.passages} passages")
+    return 0

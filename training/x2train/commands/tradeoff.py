@@ -1,0 +1,110 @@
+"""`train-export tradeoff`: what speed costs in accuracy, switch by switch, bundle by bundle."""
+
+import argparse
+import os
+import platform
+from pathlib import Path
+
+from radard.errors import UsageError
+from x2train.commands import Commands, last
+
+_EXAMPLES = """\
+examples:
+  train-export tradeoff
+  train-export tradeoff --models fast=fast.json balanced=balanced.json accurate=accurate.json
+"""
+
+
+def register(commands: Commands) -> None:
+    """Add the subcommand."""
+    parser = commands.add_parser(
+        "tradeoff",
+        help="measure what every switch costs and loses",
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = parser.add_argument
+    add("--scenes", nargs="+", default=["human", "dog", "fan"], metavar="SCENE", help="built-in")
+    add("--draws", type=int, default=2, help="seeds of every scene (2)")
+    add("--seed", type=int, default=0, help="the first of them (0)")
+    add("--duration", type=float, default=14.0, metavar="S", help="seconds of each (14)")
+    add("--rate", type=float, default=60.0, metavar="HZ", help="frames per second (60)")
+    add("--rounds", type=int, default=5, help="how often everything is timed (5)")
+    add(
+        "--models",
+        nargs="+",
+        default=[],
+        metavar="NAME[=EVALUATION.json]",
+        help="bundles to time, with their evaluation",
+    )
+    add("--page", type=Path, default=Path("docs/tradeoff.md"), metavar="FILE", help="table")
+    add("--plot", type=Path, default=Path("docs/images/tradeoff.png"), metavar="FILE", help="plot")
+    parser.set_defaults(run=_run)
+
+
+def _run(args: argparse.Namespace) -> int:
+    # One thread, before anything loads a linear algebra library.
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
+    _check(args)
+    # Late: matplotlib and onnxruntime take a second, and --help must not.
+    from x2train.tradeoff_measure import measure, n_steps, record  # noqa: PLC0415
+    from x2train.tradeoff_models import parse_model, read_accuracy, time_model  # noqa: PLC0415
+    from x2train.tradeoff_page import draw, page  # noqa: PLC0415
+
+    wanted = [parse_model(text) for text in args.models]
+    known = [(name, read_accuracy(path) if path else None) for name, path in wanted]
+    seeds = range(args.seed, args.seed + args.draws)
+    recordings = [record(s, args.rate, args.duration, k) for s in args.scenes for k in seeds]
+    models = [time_model(name, found, recordings, args.rounds) for name, found in known]
+    rows = last(measure(recordings, args.rounds), n_steps(args.rounds), "measuring")
+    draw(rows, models, args.plot)
+    text = page(
+        rows,
+        models,
+        how=_how(args),
+        command=_command(args),
+        plot=os.path.relpath(args.plot, args.page.parent).replace(os.sep, "/"),
+    )
+    args.page.parent.mkdir(parents=True, exist_ok=True)
+    args.page.write_text(text, encoding="utf-8")
+    return 0
+
+
+def _check(args: argparse.Namespace) -> None:
+    for name, low, high in (("draws", 1, 100), ("rounds", 1, 100), ("rate", 20, 400)):
+        if not low <= getattr(args, name) <= high:
+            msg = f"--{name} {getattr(args, name):g}: must be {low} to {high}"
+            raise UsageError(msg)
+    if not 5 <= args.duration <= 600:
+        msg = f"--duration {args.duration:g}: must be 5 to 600 seconds"
+        raise UsageError(msg)
+    if args.seed < 0:
+        msg = f"--seed {args.seed}: must be 0 or more"
+        raise UsageError(msg)
+    if args.plot.suffix not in {".png", ".pdf", ".svg"}:
+        msg = f"--plot {args.plot}: must end in .png, .pdf or .svg"
+        raise UsageError(msg)
+
+
+def _how(args: argparse.Namespace) -> str:
+    scenes = ", ".join(args.scenes)
+    draws = f"{args.draws} draws of {args.duration:g} s each, X2 at {args.rate:g} Hz"
+    return f"Scenes {scenes} ({draws}), one thread of {_processor()}."
+
+
+def _processor() -> str:
+    """Return the processor's name, as far as the system tells it."""
+    info = Path("/proc/cpuinfo")
+    if info.is_file():
+        for line in info.read_text(encoding="utf-8").splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    return platform.processor() or platform.machine()
+
+
+def _command(args: argparse.Namespace) -> str:
+    parts = ["train-export tradeoff"]
+    if args.models:
+        parts.append("--models " + " ".join(args.models))
+    return " ".join(parts)

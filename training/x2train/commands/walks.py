@@ -1,0 +1,45 @@
+"""`train-export walks`: the recorded walk of a person beside simulated ones."""
+
+import argparse
+from pathlib import Path
+
+from rich.console import Console
+
+from radard.errors import UsageError
+from x2train.commands import Commands, last
+
+_MOST_FILES = 2
+
+
+def register(commands: Commands) -> None:
+    """Add the subcommand."""
+    parser = commands.add_parser(
+        "walks",
+        help="compare simulated walkers with the two recorded P4xx walks",
+        epilog="example:\n  train-export walks p410_walk_101.mat p410_walk_102.mat --out walks/\n",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = parser.add_argument
+    add("files", nargs="+", type=Path, metavar="FILE", help="recordings, 101 first")
+    add("--out", type=Path, required=True, metavar="DIR", help="where scene_walks.png goes")
+    add("--seeds", type=int, default=12, metavar="N", help="simulated people (12)")
+    parser.set_defaults(run=_run)
+
+
+def _run(args: argparse.Namespace) -> int:
+    # Late: matplotlib takes a second, and --help must not.
+    from x2train.walks import Comparison, compare  # noqa: PLC0415
+    from x2train.walks_plot import plot_walks  # noqa: PLC0415
+
+    if len(args.files) > _MOST_FILES:
+        msg = f"{len(args.files)} files: the walk was recorded by {_MOST_FILES} radars"
+        raise UsageError(msg)
+    if not 2 <= args.seeds <= 1000:
+        msg = f"--seeds {args.seeds}: must be 2 to 1000"
+        raise UsageError(msg)
+    found: Comparison = last(compare(args.files, args.seeds), args.seeds, "people")
+    console = Console(width=200, highlight=False)
+    console.print(found.table(), markup=False)
+    console.print("* not within 20 %, or 2 dB")
+    console.print(str(plot_walks(found, args.out / "scene_walks.png")))
+    return 0

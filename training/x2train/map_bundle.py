@@ -1,0 +1,135 @@
+"""Bundles of map networks: calibration of the evidence, metrics, export."""
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radard.classifier import CLASSES, ModelInput
+from radard.errors import RadardError, UsageError
+from radard.evidence import EvidenceSettings
+from radard.features import FeatureSettings
+from x2train.evidence_fit import fit_evidence, fused, log_loss, sequences
+from x2train.export import PARITY, BundleSpec, parity, to_onnx, write_bundle
+from x2train.map_fit import INPUTS, Arrays, MapTrained, logits_of
+from x2train.nets import n_parameters
+from x2train.report.ranking import Ranking
+
+PET_LIMIT = 0.8
+_N_SAMPLE = 256
+
+
+def check_calibration(validation: Arrays) -> None:
+    """Raise UsageError if nothing can be calibrated on such windows."""
+    if len(np.unique(np.asarray(validation["label"]) == 0)) < 2:
+        msg = "the windows to validate on must be of people and others"
+        raise UsageError(msg)
+
+
+def map_metrics(
+    trained: MapTrained, validation: Arrays
+) -> tuple[EvidenceSettings, Mapping[str, float]]:
+    """Return how evidence is best fused, and what windows and fused values achieve.
+
+    Parameters
+    ----------
+    trained : MapTrained
+        The network.
+    validation : mapping
+        Windows of passages that training never saw, in order within each.
+
+    Returns
+    -------
+    EvidenceSettings
+        With the discount of the lowest log loss.
+    mapping of str to float
+        Rounded to four digits; what the windows cannot tell is left out.
+
+    Raises
+    ------
+    UsageError
+        If the windows are of people alone, or of none.
+    """
+    check_calibration(validation)
+    label = np.asarray(validation["label"])
+    logits = logits_of(trained.net, validation)
+    windows = sequences(
+        logits,
+        trained.temperature,
+        label=label,
+        passage=np.asarray(validation["passage"]),
+        t_s=np.asarray(validation["t_s"]),
+    )
+    evidence = fit_evidence(windows, EvidenceSettings())
+    together = fused(windows, evidence)
+    p = windows.p
+    quiet = p[:, 1] + p[:, 2] > PET_LIMIT
+    is_body = label < CLASSES.index("other")
+    odds = p[is_body, 0] / np.maximum(p[is_body, :2].sum(axis=1), 1e-12)
+    metrics = {
+        "windows": float(len(label)),
+        "parameters": float(n_parameters(trained.net)),
+        "window AUC, human against pet": Ranking(odds, label[is_body] == 0).auc(),
+        "window AUC, human against all else": Ranking(p[:, 0], label == 0).auc(),
+        "balanced accuracy": float(
+            np.mean([(p.argmax(axis=1) == label)[label == k].mean() for k in np.unique(label)])
+        ),
+        **{
+            f"share without alarm, {name}": float(quiet[label == k].mean())
+            for k, name in enumerate(("person", "pet", "thing"))
+            if (label == k).any()
+        },
+        "log loss of a window": log_loss(p[:, 0], windows.is_human),
+        "log loss, fused": log_loss(together, windows.is_human),
+    }
+    known = {key: float(value) for key, value in metrics.items() if np.isfinite(value)}
+    return evidence, {key: round(value, 4) for key, value in known.items()}
+
+
+def write_map_bundle(
+    folder: Path,
+    name: str,
+    trained: MapTrained,
+    *,
+    inputs: tuple[ModelInput, ...],
+    features: FeatureSettings,
+    stream: Mapping[str, tuple[float, float]],
+    training: Mapping[str, Any],
+    metrics: Mapping[str, float],
+    evidence: EvidenceSettings,
+    notes: str,
+    sample: Arrays,
+) -> None:
+    """Export a network and write its bundle; see `BundleSpec` for what the values mean.
+
+    Raises
+    ------
+    RadardError
+        If onnxruntime and torch do not agree on a sample of windows.
+    """
+    onnx_bytes = to_onnx(trained.net, inputs)
+    x: dict[str, NDArray[np.float32]] = {
+        name: (sample[name][:_N_SAMPLE] / 255).astype(np.float32) for name in INPUTS
+    }
+    difference = parity(trained.net, onnx_bytes, x)
+    # Logits of some tens, in single precision.
+    if not difference <= 10 * PARITY:
+        msg = f"torch and onnxruntime differ by {difference:.2g} (at most {10 * PARITY:g} allowed)"
+        raise RadardError(msg)
+    spec = BundleSpec(
+        name=name,
+        inputs=inputs,
+        settings=features,
+        stream=dict(stream),
+        classes=CLASSES,
+        temperature=trained.temperature,
+        training=dict(training),
+        metrics={**metrics, "logit difference torch - onnxruntime": float(f"{difference:.1e}")},
+        policy="fused",
+        evidence=asdict(evidence),
+        notes=notes,
+    )
+    write_bundle(folder, spec, onnx_bytes)

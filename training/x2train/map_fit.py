@@ -1,0 +1,138 @@
+"""Training of the map networks: weighted cross-entropy, AdamW, one cycle, temperature after."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import nn
+
+from x2train.augment import augmented
+from x2train.nets import MapNet
+from x2train.train import Epoch, temperature_of
+
+Arrays = Mapping[str, NDArray[Any]]
+INPUTS = ("velocity_time", "range_time")
+_RISE = 0.2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MapFitSettings:
+    """How to train.
+
+    Attributes
+    ----------
+    epochs : int
+        Passes over the windows.
+    batch : int
+        Windows a step.
+    learning_rate : float
+        Greatest of the one cycle.
+    weight_decay : float
+        Of AdamW.
+    smoothing : float
+        Of the labels.
+    widths : tuple of int
+        Of `MapNet`.
+    hidden : int
+        Of `MapNet`.
+    seed : int
+        Of weights, order and augmentation.
+    threads : int
+        Of torch; the same number, the same weights.
+    """
+
+    epochs: int = 12
+    batch: int = 128
+    learning_rate: float = 4e-3
+    weight_decay: float = 2e-3
+    smoothing: float = 0.01
+    widths: tuple[int, int, int, int] = (16, 24, 28, 28)
+    hidden: int = 48
+    seed: int = 0
+    threads: int = 1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MapTrained:
+    """A network, and the temperature that calibrates it."""
+
+    net: MapNet
+    temperature: float
+
+
+def fit_maps(
+    train: Arrays, validation: Arrays, settings: MapFitSettings
+) -> Iterator[Epoch | MapTrained]:
+    """Train; yield every epoch, and at last the network.
+
+    Parameters
+    ----------
+    train, validation : mapping
+        `INPUTS` as bytes, shape (n, rows, n_cells), and `label`.
+    settings : MapFitSettings
+        How.
+
+    Yields
+    ------
+    Epoch or MapTrained
+        Progress, then the result.
+    """
+    torch.manual_seed(settings.seed)
+    torch.set_num_threads(settings.threads)
+    rng = torch.Generator().manual_seed(settings.seed)
+    maps = [torch.from_numpy(train[name]) for name in INPUTS]
+    labels = torch.from_numpy(np.asarray(train["label"], np.int64))
+    net = MapNet(
+        maps[0].shape[1], maps[1].shape[1], widths=settings.widths, hidden=settings.hidden
+    )
+    net.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+    counts = torch.bincount(labels, minlength=3).float()
+    error = nn.CrossEntropyLoss(
+        weight=counts.sum() / (3 * counts.clamp(min=1)), label_smoothing=settings.smoothing
+    )
+    optimiser = torch.optim.AdamW(net.parameters(), weight_decay=settings.weight_decay)
+    n_steps = settings.epochs * -(-len(labels) // settings.batch)
+    # OneCycleLR divides by zero where the rise is one step long.
+    rise = _RISE if n_steps * _RISE != 1 else 1.5 * _RISE
+    cycle = torch.optim.lr_scheduler.OneCycleLR(
+        optimiser, settings.learning_rate, total_steps=n_steps, pct_start=rise
+    )
+    for number in range(1, settings.epochs + 1):
+        net.train()
+        total = 0.0
+        for part in torch.split(torch.randperm(len(labels), generator=rng), settings.batch):
+            velocity, ranges = (m[part].float() / 255 for m in maps)
+            batch = augmented(velocity, ranges, rng)
+            loss = error(net(*batch), labels[part])
+            optimiser.zero_grad()
+            loss.backward()
+            optimiser.step()
+            cycle.step()
+            total += loss.item() * len(part)
+        logits = logits_of(net, validation)
+        score = _cross_entropy(logits, np.asarray(validation["label"]))
+        yield Epoch(number, total / len(labels), score)
+    logits = logits_of(net, validation)
+    yield MapTrained(net, temperature_of(logits, np.asarray(validation["label"])))
+
+
+def logits_of(net: nn.Module, windows: Arrays) -> NDArray[np.float64]:
+    """Return the logits of windows, shape (n, 3), by torch."""
+    net.eval()
+    n = len(windows["label"])
+    out = []
+    with torch.no_grad():
+        for first in range(0, n, 1024):
+            rows = slice(first, first + 1024)
+            maps = [torch.from_numpy(windows[name][rows]).float() / 255 for name in INPUTS]
+            out.append(net(*maps).numpy().astype(np.float64))
+    return np.concatenate(out) if out else np.zeros((0, 3))
+
+
+def _cross_entropy(logits: NDArray[np.float64], labels: NDArray[Any]) -> float:
+    z = logits - logits.max(axis=1, keepdims=True)
+    log_p = z - np.log(np.exp(z).sum(axis=1, keepdims=True))
+    return float(-log_p[np.arange(len(labels)), labels].mean())

@@ -1,0 +1,126 @@
+"""Document: the figures as JSON - versioned, with a schema, rounded to four digits.
+
+What is not known, or infinite, is null: a median time to alarm of null means that more
+than half were missed, or that there was nobody.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from typing import Any
+
+from x2train.report.compare import Pairing
+from x2train.report.figures import BUDGET_H, Figures
+from x2train.report.table import PassageTable
+from x2train.report.verdicts import EPISODE_S
+
+VERSION = 1
+DIGITS = 4
+_HOW = {
+    "intrusion": "a person who was in the swath; missed without an alarm from then on",
+    "false alarm": f"a minute ({EPISODE_S:g} s from a passage's first decision) with an alarm",
+    "pet-hours": "how long the passages of pets last together, in the swath and out of it",
+    "time to alarm": "from entering the swath, over all intrusions; a missed one takes for ever",
+    "limits for budgets": "chosen on these same passages",
+    "intervals": (
+        "95 %: Clopper-Pearson for shares, exact Poisson for rates (3/H after none in H hours), "
+        "bootstrap by passage for the rest"
+    ),
+    "windows": "gate open, and the middle of the dwell in the time in the swath",
+}
+
+
+def document(
+    title: str,
+    table: PassageTable,
+    here: Figures,
+    there: Figures | None,
+    pairs: tuple[Pairing, ...],
+) -> dict[str, Any]:
+    """Return the report as JSON can hold it; report.schema.json describes it."""
+    made = {
+        "version": VERSION,
+        "title": title,
+        "how": _HOW,
+        **_plain(_of(here)),
+        "worst": [_plain(_worst(table, here, k)) for k in range(len(here.worst))],
+        "other": None,
+    }
+    if there is not None:
+        made["other"] = {**_plain(_of(there)), "pairings": [_plain(pair) for pair in pairs]}
+        made["other"].pop("groups")
+    return made
+
+
+def summary_of(here: Figures) -> dict[str, float]:
+    """Return the headline for a bundle's sidecar; a figure that is not known is left out."""
+    shipped, budget = here.shipped, here.at_budget
+    flat: dict[str, float] = {
+        "intrusions": shipped.n_intrusions,
+        "miss rate": shipped.miss_rate.value,
+        "miss rate, at most": shipped.miss_rate.high,
+        "median time to alarm, s": shipped.median_s.value,
+        "pet-hours": shipped.pet_hours,
+        "false alarms": shipped.n_false_alarms,
+        "false alarms per pet-hour, at most": shipped.false_alarms_per_hour.high,
+        f"miss rate at one false alarm in {BUDGET_H:g} pet-hours": budget.miss_rate.value,
+        "window AUC": here.windows.auc.value,
+        "window balanced accuracy": here.windows.balanced_accuracy.value,
+        "calibration error, window": here.reliability["window"].error.value,
+        "calibration error, fused": here.reliability["fused"].error.value,
+        "features alone below 0.60": float(here.is_matched),
+    }
+    for key in ("split", "family"):
+        for part in here.groups[key]:
+            flat[f"miss rate, {key} {part.name}"] = part.shipped.miss_rate.value
+    return {name: rounded(value) for name, value in flat.items() if math.isfinite(value)}
+
+
+def rounded(value: float) -> float:
+    """Return a finite value with four digits; just below one, four of what is missing to it."""
+    if 0.9 < value < 1:
+        return float(f"{value:.{DIGITS - 1 - math.floor(math.log10(1 - value))}f}")
+    return float(f"{value:.{DIGITS}g}")
+
+
+def _of(here: Figures) -> dict[str, Any]:
+    return {
+        "passages": here.n_passages,
+        "pet_hours_in_swath": here.pet_hours_in_swath,
+        "never_in_swath": here.n_never_in_swath,
+        "invalid_windows": here.n_invalid,
+        "operating_points": here.points,
+        "sweep_agreement": here.agreement,
+        "windows": here.windows,
+        "is_matched": here.is_matched,
+        "baselines": here.baselines,
+        "reliability": here.reliability,
+        "groups": here.groups,
+    }
+
+
+def _worst(table: PassageTable, here: Figures, rank: int) -> dict[str, Any]:
+    case = here.worst[rank]
+    names = ("family", "label", "split", "suite", "build", "speed_mps", "range_m", "aspect_deg")
+    facts = {name: getattr(table, name)[case.index].item() for name in (*names, "snr_db")}
+    alarm_s = float(here.found[0].alarm_s[case.index])
+    return {
+        "index": case.index,
+        **facts,
+        "is_wrong": case.is_wrong,
+        "margin": case.margin,
+        "alarm_s": alarm_s,
+    }
+
+
+def _plain(value: Any) -> Any:
+    """Return dataclasses as objects, floats rounded, and what is not finite as null."""
+    if is_dataclass(value) and not isinstance(value, type):
+        return {f.name: _plain(getattr(value, f.name)) for f in fields(value)}
+    if isinstance(value, Mapping):
+        return {str(key): _plain(part) for key, part in value.items()}
+    if isinstance(value, (tuple, list)):
+        return [_plain(part) for part in value]
+    if isinstance(value, float):
+        return rounded(value) if math.isfinite(value) else None
+    return value

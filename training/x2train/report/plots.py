@@ -1,0 +1,207 @@
+"""Plots of the report: SVG that takes its colours and type from the page around it."""
+
+import io
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import norm
+
+mpl.use("Agg")
+
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.figure import Figure
+
+from x2train.report.figures import Figures
+from x2train.report.reliability import Reliability
+
+_Float = NDArray[np.float64]
+_INK, _FAINT = "#010203", "#010204"
+_SERIES = ("#010205", "#010206", "#010207")
+# Colours that stand for the page's own, so that the same picture suits light and dark.
+_CSS = {
+    _INK: "currentColor",
+    _FAINT: "var(--faint)",
+    **{colour: f"var(--series-{k + 1})" for k, colour in enumerate(_SERIES)},
+}
+_STYLE: Any = {
+    "svg.fonttype": "none",
+    "axes.edgecolor": _FAINT,
+    "axes.labelcolor": _INK,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.color": _FAINT,
+    "grid.linewidth": 0.5,
+    "grid.alpha": 0.5,
+    "xtick.color": _INK,
+    "ytick.color": _INK,
+    "xtick.minor.size": 0,
+    "ytick.minor.size": 0,
+    "text.color": _INK,
+    "font.size": 11,
+    "legend.frameon": False,
+    "lines.linewidth": 2,
+}
+_DET_TICKS = (0.0001, 0.001, 0.01, 0.05, 0.2, 0.5)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Curve:
+    """A line of a plot: its name and points."""
+
+    name: str
+    x: _Float
+    y: _Float
+
+
+def tradeoff(here: Figures, there: Figures | None) -> str:
+    """Return misses against false alarms per pet-hour, of every limit."""
+    sweeps = {"fused": here.sweeps["fused"], "single windows": here.sweeps["window"]}
+    if there is not None:
+        sweeps["other model, fused"] = there.sweeps["fused"]
+    shipped = here.shipped
+    # What is zero is drawn at half of what could be told from it.
+    left = 0.5 / max(shipped.pet_hours, 0.5)
+    bottom = 0.5 / max(shipped.n_intrusions, 1)
+    figure, axes = _axes("false alarms per pet-hour", "missed intrusions")
+    for k, (name, sweep) in enumerate(sweeps.items()):
+        false, missed = sweep.curve()
+        x, y = np.maximum(false, left), np.maximum(missed, bottom)
+        x, y = _thinned(np.append(x, max(60.0, 2 * left)), np.append(y, y[-1:]), is_log=True)
+        axes.step(x, y, where="post", color=_SERIES[k], label=name)
+    rate, miss = shipped.false_alarms_per_hour, shipped.miss_rate
+    if np.isfinite([rate.value, miss.value]).all():
+        x0, y0 = max(rate.value, left), max(miss.value, bottom)
+        axes.errorbar(
+            x0,
+            y0,
+            xerr=[[x0 - max(rate.low, left)], [max(rate.high, x0) - x0]],
+            yerr=[[y0 - max(miss.low, bottom)], [max(miss.high, y0) - y0]],
+            fmt="o",
+            color=_INK,
+            label="as shipped",
+            zorder=5,
+        )
+    axes.axvline(1 / 60, color=_INK, lw=1, ls=":")
+    axes.set(xscale="log", yscale="log", xlim=(left, max(60.0, 2 * left)), ylim=(bottom, 1))
+    _legend(axes)
+    return _svg(figure, "tradeoff", "Missed intrusions against false alarms per pet-hour")
+
+
+def roc(curves: Sequence[Curve]) -> str:
+    """Return windows of people called so against windows of pets called people."""
+    figure, axes = _axes("pet windows called human", "human windows called human")
+    lowest = min((curve.x[curve.x > 0].min(initial=1.0) for curve in curves), default=1.0)
+    left = max(float(lowest) / 2, 1e-5)
+    for k, curve in enumerate(curves):
+        x, y = _thinned(np.maximum(curve.x, left), curve.y, is_log=True)
+        axes.step(x, y, where="post", color=_SERIES[k], label=curve.name)
+    chance = np.geomspace(left, 1, 100)
+    axes.plot(chance, chance, color=_INK, lw=1, ls=":", label="chance")
+    axes.set(xscale="log", xlim=(left, 1), ylim=(0, 1.01))
+    _legend(axes)
+    return _svg(figure, "roc", "ROC curve of windows")
+
+
+def det(curves: Sequence[Curve]) -> str:
+    """Return both kinds of error of windows, on normal deviates (Martin et al. 1997)."""
+    figure, axes = _axes("pet windows called human", "human windows called pet")
+    ends = float(norm.ppf(_DET_TICKS[0] / 2)), float(norm.ppf(0.6))
+    for k, curve in enumerate(curves):
+        x = np.clip(norm.ppf(curve.x), *ends)
+        y = np.clip(norm.ppf(1 - curve.y), *ends)
+        x, y = _thinned(x, y)
+        axes.step(x, y, where="post", color=_SERIES[k], label=curve.name)
+    ticks = norm.ppf(_DET_TICKS)
+    labels = [f"{100 * p:g} %" for p in _DET_TICKS]
+    axes.set(xlim=ends, ylim=ends)
+    axes.set_xticks(ticks, labels)
+    axes.set_yticks(ticks, labels)
+    _legend(axes)
+    return _svg(figure, "det", "DET curve of windows")
+
+
+def diagram(name: str, found: Reliability) -> str:
+    """Return how many of what was given each probability were people."""
+    figure, axes = _axes("probability given", "share of people")
+    axes.plot([0, 1], [0, 1], color=_INK, lw=1, ls=":")
+    bins = [b for b in found.bins if b.n]
+    p = np.array([b.mean_p for b in bins])
+    share = np.array([[b.share.value, b.share.low, b.share.high] for b in bins]).reshape(-1, 3)
+    share[np.isnan(share[:, 1]), 1:] = 0.0, 1.0
+    error = np.abs(share[:, 1:] - share[:, :1]).T
+    axes.errorbar(p, share[:, 0], yerr=error, fmt="o-", color=_SERIES[0], elinewidth=1)
+    most = max((b.n for b in bins), default=1)
+    heights = [0.25 * np.log1p(b.n) / np.log1p(most) for b in found.bins]
+    axes.bar(
+        (np.arange(len(heights)) + 0.5) / len(heights),
+        heights,
+        width=0.9 / len(heights),
+        color=_FAINT,
+        alpha=0.6,
+        zorder=0,
+    )
+    axes.set(xlim=(0, 1), ylim=(0, 1.02))
+    return _svg(figure, f"reliability-{name}", f"Reliability diagram, {name}")
+
+
+def time_to_alarm(curves: Sequence[Curve], longest_s: float = 10.0) -> str:
+    """Return the share of intrusions with an alarm by each second after entering."""
+    figure, axes = _axes("seconds after entering the swath", "intrusions with an alarm")
+    for k, curve in enumerate(curves):
+        x, y = _thinned(curve.x, curve.y)
+        axes.step(x, y, where="post", color=_SERIES[k], label=curve.name)
+    axes.set(xlim=(0, longest_s), ylim=(0, 1.02))
+    _legend(axes)
+    return _svg(figure, "time", "Time to alarm")
+
+
+def _axes(xlabel: str, ylabel: str) -> tuple[Figure, Axes]:
+    with mpl.rc_context(_STYLE):
+        figure = Figure(figsize=(5.2, 3.9), layout="constrained")
+        FigureCanvasSVG(figure)
+        axes = figure.add_subplot()
+        axes.set(xlabel=xlabel, ylabel=ylabel)
+        return figure, axes
+
+
+def _legend(axes: Axes) -> None:
+    handles, labels = axes.get_legend_handles_labels()
+    if handles:
+        axes.figure.legend(
+            handles, labels, loc="outside upper left", ncols=2, frameon=False, labelcolor=_INK
+        )
+
+
+def _thinned(x: _Float, y: _Float, *, is_log: bool = False) -> tuple[_Float, _Float]:
+    """Leave out points that would be drawn on the one before."""
+    if len(x) < 3:
+        return x, y
+    at = np.stack([np.log10(x) if is_log else x, y])
+    span = np.ptp(at, axis=1, keepdims=True)
+    cell = np.round(600 * (at - at.min(axis=1, keepdims=True)) / np.where(span > 0, span, 1))
+    keep = np.append(True, np.any(np.diff(cell, axis=1) != 0, axis=0))
+    keep[-1] = True
+    return x[keep], y[keep]
+
+
+def _svg(figure: Figure, name: str, title: str) -> str:
+    """Return the figure as an element of a page."""
+    file = io.StringIO()
+    # The salt names clip paths: pictures of one page must not share them by accident.
+    with mpl.rc_context({**_STYLE, "svg.hashsalt": name}):
+        figure.savefig(file, format="svg", transparent=True, metadata={"Date": None})
+    text = file.getvalue()
+    text = re.sub(r"<metadata>.*?</metadata>", "", text[text.index("<svg") :], flags=re.DOTALL)
+    text = re.sub(r"font: ([\d.]+)px [^;\"]+", r"font: \1px system-ui, sans-serif", text)
+    text = re.sub(r"<svg ([^>]*?)width=\"[^\"]*\" height=\"[^\"]*\"", r"<svg \1", text, count=1)
+    text = re.sub(r"(id=\"|url\(#|href=\"#)", rf"\g<1>{name}-", text)
+    for colour, css in _CSS.items():
+        text = text.replace(colour, css)
+    return text.replace("<svg ", f'<svg role="img" aria-label="{title}" ', 1)

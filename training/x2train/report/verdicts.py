@@ -1,0 +1,215 @@
+"""Verdicts: which passages alarm, when, and what that is at every other limit.
+
+The evidence for a human is the log odds of not being quiet, ln((1 - q) / q) with q the
+fused p_pet + p_other; the alarm limit q <= 0.8 is evidence >= -1.39. Sweeping that limit
+trades missed intrusions for false alarms. A pending decision counts only where it is the
+last word: the target left undecided.
+"""
+
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from x2train.report.intervals import Estimate, per_hour, resampled, share
+from x2train.report.table import PassageTable
+
+PET_LIMIT = 0.8
+BUDGET_HOURS = (1.0, 10.0, 60.0, 180.0)
+"""False-alarm budgets: one in so many pet-hours; 60 are 30 days of 2 h."""
+EPISODE_S = 60.0
+"""Alarms in the same minute from a passage's first decision are one: the first calls somebody."""
+Policy: TypeAlias = Literal["fused", "window"]
+_TINY = 1e-300
+_Float = NDArray[np.float64]
+_Bool = NDArray[np.bool_]
+
+
+def evidence(table: PassageTable, policy: Policy) -> _Float:
+    """Return the evidence for a human, per decision; -inf where nothing can alarm."""
+    quiet = table.fused_quiet if policy == "fused" else table.p_pet + table.p_other
+    counts = table.is_open & np.isfinite(quiet)
+    q = np.clip(np.where(counts, quiet, 1.0), _TINY, 1 - np.finfo(float).eps / 2)
+    score = np.where(counts, np.log1p(-q) - np.log(q), -np.inf)
+    if policy == "window":
+        return score
+    is_last = np.append(table.passage[1:] != table.passage[:-1], True)[: len(score)]
+    follows_open = np.append(table.is_open[1:], False)[: len(score)] & ~is_last
+    undecided = table.is_pending & ~follows_open
+    settled = np.where(table.is_pending & ~(undecided & is_last), -np.inf, score)
+    # The alarm for a target that left undecided comes with the decision that misses it.
+    moved = np.flatnonzero(undecided & ~is_last)
+    settled[moved + 1] = np.maximum(settled[moved + 1], score[moved])
+    return settled
+
+
+def limit_evidence(pet_limit: float) -> float:
+    """Return the least evidence that alarms at a pet limit."""
+    return float(np.log1p(-pet_limit) - np.log(pet_limit))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Verdicts:
+    """What a policy says about every passage.
+
+    Attributes
+    ----------
+    alarm_s : ndarray, shape (n_passages,), float64
+        From entering the swath to the first alarm at or after that; infinite without one.
+        From the start of the passage for bodies that never enter, and for none.
+    false_alarms : ndarray, shape (n_passages,), int64
+        Minutes with an alarm.
+    """
+
+    alarm_s: _Float
+    false_alarms: NDArray[np.int64]
+
+    @property
+    def is_alarm(self) -> _Bool:
+        """Whether there is an alarm at all after entering."""
+        return np.isfinite(self.alarm_s)
+
+
+def verdicts(table: PassageTable, is_alarm: _Bool) -> Verdicts:
+    """Return the verdicts on passages from those on decisions, shape (n_decisions,)."""
+    begins_s = np.nan_to_num(table.enters_s, nan=0.0)
+    since_s = table.t_s - begins_s[table.passage]
+    first_s = np.full(len(table), np.inf)
+    hits = is_alarm & (since_s >= 0)
+    np.minimum.at(first_s, table.passage[hits], since_s[hits])
+    passage, _ = _minutes(table, is_alarm)
+    return Verdicts(first_s, np.bincount(passage, minlength=len(table)).astype(np.int64))
+
+
+def intrusions(table: PassageTable) -> _Bool:
+    """Return which passages are people who were in the swath."""
+    people: _Bool = table.label == "human"
+    return people & np.isfinite(table.enters_s)
+
+
+def hours(table: PassageTable, chosen: _Bool) -> float:
+    """Return how long the chosen passages last together."""
+    return float(table.duration_s[chosen].sum()) / 3600
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sweep:
+    """Misses and false alarms at every limit.
+
+    Attributes
+    ----------
+    intrusion : ndarray, shape (n_intrusions,), float64
+        Most evidence of each after it entered, ascending.
+    pet_minute : ndarray, shape (n_minutes,), float64
+        Most evidence of each minute of the pets, ascending; those without any left out.
+    pet_hours : float
+        How long the pets were there.
+    """
+
+    intrusion: _Float
+    pet_minute: _Float
+    pet_hours: float
+
+    @classmethod
+    def of(cls, table: PassageTable, score: _Float) -> "Sweep":
+        """Return the sweep of the evidence of every decision."""
+        entered = table.t_s >= np.nan_to_num(table.enters_s, nan=0.0)[table.passage]
+        most = np.full(len(table), -np.inf)
+        np.maximum.at(most, table.passage[entered], score[entered])
+        chosen = score > -np.inf
+        passage, minute = _minutes(table, chosen)
+        peak = np.full(len(passage), -np.inf)
+        np.maximum.at(peak, minute, score[chosen])
+        pets = table.label == "pet"
+        return cls(
+            np.sort(most[intrusions(table)]), np.sort(peak[pets[passage]]), hours(table, pets)
+        )
+
+    def limit_for(self, false_alarms_per_hour: float) -> float:
+        """Return the least evidence to ask for so that the pets stay within a budget."""
+        # Of 60 h at one in 60 h one alarm is allowed; 1e-9 for hours summed in seconds.
+        allowed = int(self.pet_hours * false_alarms_per_hour + 1e-9)
+        if allowed >= len(self.pet_minute):
+            return float(np.nextafter(-np.inf, 0.0))
+        return float(np.nextafter(self.pet_minute[-1 - allowed], np.inf))
+
+    def curve(self) -> tuple[_Float, _Float]:
+        """Return false alarms per pet-hour, ascending, and the miss rate at each."""
+        limits = np.append(np.unique(self.pet_minute)[::-1], np.nextafter(-np.inf, 0.0))
+        # Just above each level, and below the last.
+        limits[:-1] = np.nextafter(limits[:-1], np.inf)
+        false = len(self.pet_minute) - np.searchsorted(self.pet_minute, limits)
+        missed = np.searchsorted(self.intrusion, limits)
+        return false / max(self.pet_hours, 1e-9), missed / max(len(self.intrusion), 1)
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """How an alarm did on people and pets.
+
+    Attributes
+    ----------
+    n_intrusions, n_missed : int
+        People who entered the swath; those without an alarm from then on.
+    miss_rate : Estimate
+        Their share.
+    median_s, p90_s : Estimate
+        Time to alarm from entering, over all intrusions: a missed one takes for ever.
+    pet_hours : float
+        How long the pets were there.
+    n_false_alarms : int
+        Minutes of theirs with an alarm.
+    false_alarms_per_hour : Estimate
+        Per pet-hour.
+    """
+
+    n_intrusions: int
+    n_missed: int
+    miss_rate: Estimate
+    median_s: Estimate
+    p90_s: Estimate
+    pet_hours: float
+    n_false_alarms: int
+    false_alarms_per_hour: Estimate
+
+
+def outcome(
+    table: PassageTable, found: Verdicts, chosen: _Bool, rng: np.random.Generator
+) -> Outcome:
+    """Return how the chosen passages, shape (n_passages,), came out."""
+    people = intrusions(table) & chosen
+    pets = (table.label == "pet") & chosen
+    n_missed = int((people & ~found.is_alarm).sum())
+    n_false = int(found.false_alarms[pets].sum())
+    pet_hours = hours(table, pets)
+    taken_s = np.sort(found.alarm_s[people])
+    return Outcome(
+        n_intrusions=int(people.sum()),
+        n_missed=n_missed,
+        miss_rate=share(n_missed, int(people.sum())),
+        median_s=_time(taken_s, 0.5, rng),
+        p90_s=_time(taken_s, 0.9, rng),
+        pet_hours=pet_hours,
+        n_false_alarms=n_false,
+        false_alarms_per_hour=per_hour(n_false, pet_hours),
+    )
+
+
+def _time(taken_s: _Float, level: float, rng: np.random.Generator) -> Estimate:
+    def quantile(weight: _Float) -> float:
+        if len(taken_s) == 0:
+            return float("nan")
+        reached = np.cumsum(weight) >= level * weight.sum()
+        return float(taken_s[int(reached.argmax())])
+
+    return resampled(quantile, len(taken_s), rng)
+
+
+def _minutes(table: PassageTable, chosen: _Bool) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the passage of every minute with a chosen decision, and the minute of each."""
+    begins = np.minimum(table.first[:-1], max(len(table.t_s) - 1, 0))[table.passage[chosen]]
+    minute = ((table.t_s[chosen] - table.t_s[begins]) // EPISODE_S).astype(np.int64)
+    stride = int(minute.max(initial=0)) + 1
+    keys, which = np.unique(table.passage[chosen] * stride + minute, return_inverse=True)
+    return keys // stride, which

@@ -1,0 +1,88 @@
+"""Writing: report.json and report.html of a table of passages."""
+
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from radard.errors import OutputError
+from x2train.report.compare import Pairing, check_same, pairings
+from x2train.report.document import document, summary_of
+from x2train.report.figures import Figures, figures
+from x2train.report.table import PassageTable
+
+
+def write(
+    table: PassageTable,
+    out_dir: Path,
+    *,
+    title: str,
+    other: PassageTable | None = None,
+    render: Callable[[int], bytes | None] | None = None,
+    seed: int = 0,
+) -> dict[str, Any]:
+    """Write the report of a model; return what is in its JSON.
+
+    Parameters
+    ----------
+    table : PassageTable
+        What the model said of each passage.
+    out_dir : Path
+        Folder for report.json and report.html; made when missing.
+    title : str
+        Headline of the page.
+    other : PassageTable, optional
+        What another model said of the same passages, to compare with.
+    render : callable, optional
+        Index of a passage to its picture, a PNG, or None; asked for the worst twenty.
+    seed : int
+        Of the draws for the intervals.
+
+    Returns
+    -------
+    dict
+        As report.schema.json describes.
+
+    Raises
+    ------
+    UsageError
+        If `other` is of other passages.
+    OutputError
+        If the folder or a file cannot be written.
+    """
+    # Late: matplotlib takes a second, and a summary needs none.
+    from x2train.report.page import page  # noqa: PLC0415
+
+    here = figures(table, seed)
+    there: Figures | None = None
+    pairs: tuple[Pairing, ...] = ()
+    if other is not None:
+        check_same(table, other)
+        there = figures(other, seed)
+        pairs = pairings(table, here, there, seed)
+    made = document(title, table, here, there, pairs)
+    text = json.dumps(made, indent=1, allow_nan=False) + "\n"
+    html = page(
+        made, table, here, None if other is None or there is None else (other, there), render
+    )
+    try:
+        out_dir.mkdir(parents=True, exist_ok=True)
+        (out_dir / "report.json").write_text(text, encoding="utf-8")
+        (out_dir / "report.html").write_text(html, encoding="utf-8")
+    except OSError as err:
+        msg = f"{out_dir}: cannot write the report: {err.strerror}"
+        raise OutputError(msg) from err
+    return made
+
+
+def summary(table: PassageTable, *, seed: int = 0) -> Mapping[str, float]:
+    """Return the figures for a bundle's sidecar; what is not known is left out.
+
+    Parameters
+    ----------
+    table : PassageTable
+        What the model said of each passage.
+    seed : int
+        Of the draws for the intervals.
+    """
+    return summary_of(figures(table, seed))

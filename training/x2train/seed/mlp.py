@@ -1,0 +1,111 @@
+"""The thesis' network Q-100-50-2, many initial weights at once.
+
+All repeats share one tensor a layer, so that a step costs one product for all of them; they
+meet nowhere else: the loss is a sum over repeats, and optimisers work element by element.
+"""
+
+from collections.abc import Callable
+from itertools import pairwise
+from typing import Literal
+
+import torch
+from torch import nn
+
+from radard.errors import UsageError
+
+Activation = Literal["relu", "sigmoid", "tanh"]
+
+ACTIVATIONS: dict[str, Callable[[torch.Tensor], torch.Tensor]] = {
+    "relu": torch.relu,
+    "sigmoid": torch.sigmoid,
+    "tanh": torch.tanh,
+}
+
+
+def xavier(shape: tuple[int, ...], generator: torch.Generator) -> torch.Tensor:
+    """Return weights of shape (..., n_in, n_out), uniform within sqrt(6 / (n_in + n_out))."""
+    bound = (6.0 / (shape[-2] + shape[-1])) ** 0.5
+    drawn: torch.Tensor = torch.rand(shape, generator=generator)
+    weights: torch.Tensor = (drawn * 2 - 1) * bound
+    return weights
+
+
+class RepeatedMlp(nn.Module):
+    """A feed-forward network with bias, in `n_repeats` versions.
+
+    Parameters
+    ----------
+    n_repeats : int
+        Versions.
+    sizes : tuple of int
+        Inputs, hidden layers, outputs.
+    activation : {'relu', 'sigmoid', 'tanh'}
+        Of the hidden layers.
+    seed : int
+        Of the initial weights (Xavier); biases begin at zero.
+
+    Raises
+    ------
+    UsageError
+        If a size is not positive, or the activation unknown.
+    """
+
+    def __init__(
+        self, n_repeats: int, sizes: tuple[int, ...], activation: str, *, seed: int
+    ) -> None:
+        super().__init__()
+        if n_repeats < 1 or len(sizes) < 2 or min(sizes) < 1:
+            msg = f"layers {sizes} in {n_repeats} repeats: all must be 1 or more"
+            raise UsageError(msg)
+        if activation not in ACTIVATIONS:
+            msg = f"activation '{activation}': known are {', '.join(ACTIVATIONS)}"
+            raise UsageError(msg)
+        self.activation = activation
+        self.sizes = sizes
+        generator = torch.Generator().manual_seed(seed)
+        pairs = list(pairwise(sizes))
+        self.weights = nn.ParameterList(
+            nn.Parameter(xavier((n_repeats, n_in, n_out), generator)) for n_in, n_out in pairs
+        )
+        self.biases = nn.ParameterList(
+            nn.Parameter(torch.zeros(n_repeats, 1, n_out)) for _, n_out in pairs
+        )
+
+    @property
+    def n_repeats(self) -> int:
+        """Versions."""
+        return int(self.weights[0].shape[0])
+
+    def codes(self, x: torch.Tensor, depth: int) -> torch.Tensor:
+        """Return the activations of hidden layer `depth`, shape (n_repeats, n, size).
+
+        `x` has shape (n, Q), or (n_repeats, n, Q); depth 0 is `x` itself.
+        """
+        act = ACTIVATIONS[self.activation]
+        for k in range(depth):
+            x = act(affine(x, self.weights[k], self.biases[k]))
+        return x
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        """Return what goes into the output function, shape (n_repeats, n, n_out)."""
+        return affine(self.codes(x, len(self.sizes) - 2), self.weights[-1], self.biases[-1])
+
+
+def affine(x: torch.Tensor, weight: torch.Tensor, bias: torch.Tensor) -> torch.Tensor:
+    """Return x W + b of every repeat; one product where all repeats share `x`."""
+    if x.dim() == 2:
+        n_repeats, n_in, n_out = weight.shape
+        flat = weight.permute(1, 0, 2).reshape(n_in, n_repeats * n_out)
+        return (x @ flat).reshape(len(x), n_repeats, n_out).transpose(0, 1) + bias
+    return torch.baddbmm(bias.expand(-1, x.shape[1], -1), x, weight)
+
+
+def probabilities(logits: torch.Tensor) -> torch.Tensor:
+    """Return class probabilities, shape (..., 2), of two outputs or of a single one.
+
+    A single output is the probability of class 2 (people).
+    """
+    if logits.shape[-1] == 1:
+        p = torch.sigmoid(logits)
+        return torch.cat([1 - p, p], dim=-1)
+    return torch.softmax(logits, dim=-1)

@@ -1,0 +1,175 @@
+"""Shards: arrays on disk that a later run may trust, and that an interrupted one leaves whole.
+
+A set is a folder with a manifest (JSON: what the set is, and per shard its name, rows and
+SHA-256) and shards (NumPy .npz). A shard is written under another name, synced, renamed, and
+only then entered; the manifest is replaced the same way. So whatever the manifest names is
+complete, and what it does not name is made again.
+"""
+
+import contextlib
+import errno
+import hashlib
+import io
+import json
+import os
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radard.errors import UsageError
+from x2radar.errors import RecordingError
+
+Arrays = Mapping[str, NDArray[Any]]
+MANIFEST = "manifest.json"
+VERSION = 1
+
+
+class ShardSet:
+    """One set of shards.
+
+    Parameters
+    ----------
+    folder : Path
+        Made when missing.
+    about : mapping
+        What the set is made from; a folder that holds another set is refused.
+
+    Raises
+    ------
+    UsageError
+        If the folder holds a set that was made otherwise.
+    RecordingError
+        If the folder cannot be made, or its manifest cannot be read.
+    """
+
+    def __init__(self, folder: Path, about: Mapping[str, Any]) -> None:
+        self.folder = folder
+        self.about = json.loads(json.dumps(dict(about)))
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as err:
+            msg = f"{folder}: cannot make this folder: {err.strerror}"
+            raise RecordingError(msg) from err
+        self._shards: dict[str, dict[str, Any]] = {}
+        path = folder / MANIFEST
+        if path.exists():
+            known = _read_manifest(path)
+            if known["about"] != self.about:
+                changed = _difference(known["about"], self.about)
+                msg = f"{folder}: holds a set that was made otherwise ({changed}); remove it"
+                raise UsageError(msg)
+            self._shards = known["shards"]
+
+    def __contains__(self, name: str) -> bool:
+        """Return whether a shard is complete."""
+        return name in self._shards and (self.folder / f"{name}.npz").exists()
+
+    def write(self, name: str, arrays: Arrays) -> None:
+        """Add a shard; a second one of the same name replaces the first.
+
+        Raises
+        ------
+        RecordingError
+            If the disk does not take it; the set is then as it was.
+        """
+        memory = io.BytesIO()
+        arrays_by_name: dict[str, Any] = dict(arrays)
+        np.savez(memory, **arrays_by_name)
+        data = memory.getvalue()
+        rows = len(next(iter(arrays.values()), ()))
+        write_whole(self.folder / f"{name}.npz", data)
+        digest = hashlib.sha256(data).hexdigest()
+        self._shards[name] = {"rows": rows, "sha256": digest}
+        text = json.dumps(
+            {"version": VERSION, "about": self.about, "shards": self._shards},
+            indent=1,
+            sort_keys=True,
+        )
+        write_whole(self.folder / MANIFEST, text.encode())
+
+    def read(self, name: str) -> dict[str, NDArray[Any]]:
+        """Return a shard's arrays.
+
+        Raises
+        ------
+        RecordingError
+            If it is missing, or its checksum is not that of the manifest.
+        """
+        path = self.folder / f"{name}.npz"
+        try:
+            data = path.read_bytes()
+        except OSError as err:
+            msg = f"{path}: cannot read: {err.strerror}"
+            raise RecordingError(msg) from err
+        if hashlib.sha256(data).hexdigest() != self._shards.get(name, {}).get("sha256"):
+            msg = f"{path}: its checksum is not that of {MANIFEST}; remove it to make it again"
+            raise RecordingError(msg)
+        with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
+            return {key: arrays[key] for key in arrays.files}
+
+    def names(self) -> Iterator[str]:
+        """Yield the names of the complete shards, in order."""
+        yield from sorted(name for name in self._shards if name in self)
+
+
+def _read_manifest(path: Path) -> dict[str, Any]:
+    try:
+        known = json.loads(path.read_text(encoding="utf-8"))
+        if known["version"] != VERSION:
+            msg = f"{path}: version {known['version']}, not {VERSION}; remove the folder"
+            raise RecordingError(msg)
+        return {"about": known["about"], "shards": dict(known["shards"])}
+    except (OSError, ValueError, KeyError, TypeError) as err:
+        msg = f"{path}: no manifest of shards ({err}); remove the folder"
+        raise RecordingError(msg) from err
+
+
+def _difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
+    keys = [k for k in sorted({*old, *new}) if old.get(k) != new.get(k)]
+    return ", ".join(f"{k}: {old.get(k)!r}, not {new.get(k)!r}" for k in keys[:3])
+
+
+def write_whole(path: Path, data: bytes) -> None:
+    """Write a file so that it is there whole or not at all.
+
+    Raises
+    ------
+    RecordingError
+        If the disk does not take it; what was there before is left alone.
+    """
+    new = path.with_name(f".{path.name}.{os.getpid()}.new")
+    try:
+        with new.open("wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        new.replace(path)
+    except OSError as err:
+        with contextlib.suppress(OSError):
+            new.unlink()
+        why = "the disk is full" if err.errno == errno.ENOSPC else err.strerror
+        msg = f"{path}: cannot write: {why}"
+        raise RecordingError(msg) from err
+
+
+def read_all(folder: Path) -> tuple[Mapping[str, Any], dict[str, NDArray[Any]]]:
+    """Return what a set was made from, and the columns of all its shards, in order.
+
+    Raises
+    ------
+    RecordingError
+        If there is no set, or one of its shards is missing or damaged.
+    """
+    path = folder / MANIFEST
+    if not path.exists():
+        msg = f"{folder}: no set of shards here ({MANIFEST} is missing)"
+        raise RecordingError(msg)
+    known = _read_manifest(path)
+    shards = ShardSet(folder, known["about"])
+    # A shard of elements that were all left out has no columns.
+    parts = [part for name in sorted(known["shards"]) if (part := shards.read(name))]
+    keys = parts[0] if parts else {}
+    return known["about"], {key: np.concatenate([part[key] for part in parts]) for key in keys}

@@ -1,0 +1,160 @@
+"""Suites: what a bundle is judged on, case by case.
+
+The walk test is modelled on EN 50131-2-3 for indoor detectors (across at 1.0 m/s, slow, fast,
+close in, crawling, intermittent): the same movements before a simulated radar, no more.
+"""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from x2radar.sim.points import Label
+from x2train.scenarios import FAMILIES, Family, draw_family, family
+from x2train.sites import P4XX, X2, Radar, RoomKind, draw_radar
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Suite:
+    """Passages of one kind.
+
+    Attributes
+    ----------
+    name : str
+        For reports; 'walk test: ...' for those.
+    split : str
+        What is new to the network in it.
+    share : float
+        Passages of it, of those that a run makes.
+    cast : tuple of (Label or Family)
+        A label draws a family of training, a family is itself.
+    radar : Radar or None
+        None draws from those of training.
+    rooms : {'usual', 'unseen'}
+        Kind of room.
+    duration_s : float
+        Of a passage.
+    """
+
+    name: str
+    split: str
+    share: float
+    cast: tuple[Label | Family, ...] = ()
+    radar: Radar | None = field(default=X2)
+    rooms: RoomKind = "usual"
+    duration_s: float = 14.0
+
+    def families(self, rng: np.random.Generator) -> tuple[Family, ...]:
+        """Return who moves in a passage."""
+        return tuple(
+            f if isinstance(f, Family) else draw_family(rng, f, "train") for f in self.cast
+        )
+
+    def drawn_radar(self, rng: np.random.Generator) -> Radar:
+        """Return the radar of a passage."""
+        return self.radar or draw_radar(rng)
+
+
+_PET_S = 20.0
+_WALK = family("human walk")
+
+
+def _walk(name: str, style: str = "walk", *, duration_s: float = 14.0, **options: object) -> Suite:
+    body = replace(_WALK, name=f"walk test: {name}", options={"style": style, **options})
+    return Suite(
+        name=f"walk test: {name}",
+        split="train families",
+        share=2.0,
+        cast=(body,),
+        duration_s=duration_s,
+    )
+
+
+def _suites() -> tuple[Suite, ...]:
+    rows = [
+        Suite(name="people", split="train families", share=12, cast=("human",)),
+        Suite(name="pets", split="train families", share=30, cast=("pet",), duration_s=_PET_S),
+        Suite(
+            name="two pets",
+            split="train families",
+            share=3,
+            cast=("pet", "pet"),
+            duration_s=_PET_S,
+        ),
+        Suite(
+            name="people, unseen rooms",
+            split="unseen rooms",
+            share=6,
+            cast=("human",),
+            rooms="unseen",
+        ),
+        Suite(
+            name="pets, unseen rooms",
+            split="unseen rooms",
+            share=6,
+            cast=("pet",),
+            rooms="unseen",
+            duration_s=_PET_S,
+        ),
+        Suite(
+            name="people, other radars", split="other radars", share=4, cast=("human",), radar=None
+        ),
+        Suite(
+            name="pets, other radars",
+            split="other radars",
+            share=4,
+            cast=("pet",),
+            radar=None,
+            duration_s=_PET_S,
+        ),
+        Suite(
+            name="pets, P4xx",
+            split="other radars",
+            share=3,
+            cast=("pet",),
+            radar=P4XX,
+            duration_s=_PET_S,
+        ),
+        Suite(
+            name="person with dog",
+            split="held out families",
+            share=3,
+            cast=(_WALK, family("dog walk")),
+        ),
+        Suite(
+            name="person behind a fan",
+            split="train families",
+            share=3,
+            cast=(_WALK, family("fan")),
+        ),
+        _walk("across at 1.0 m/s", course="cross", speed_mps=1.0),
+        _walk("slow, 0.2 m/s", "stealth", speed_mps=0.2, duration_s=25.0),
+        _walk("fast, 3 m/s", "run", speed_mps=3.0),
+        _walk("close in", far_m=1.2, course="cross", speed_mps=0.7),
+        _walk("crawling", "crawl", speed_mps=0.4, duration_s=20.0),
+        _walk("intermittent", "stop_and_go", duration_s=20.0),
+    ]
+    for f in FAMILIES:
+        if f.use == "held out":
+            seconds = 14.0 if f.label == "human" else _PET_S
+            rows.append(
+                Suite(
+                    name=f.name, split="held out families", share=3, cast=(f,), duration_s=seconds
+                )
+            )
+        if f.label == "other":
+            rows.append(
+                Suite(name=f.name, split="train families", share=1, cast=(f,), duration_s=30.0)
+            )
+    rows.append(Suite(name="empty room", split="train families", share=2, duration_s=60.0))
+    return tuple(rows)
+
+
+SUITES: tuple[Suite, ...] = _suites()
+"""Every suite."""
+
+
+def suite_of(number: int, n_passages: int) -> Suite:
+    """Return the suite of a passage: each has its share of a run, the same for every seed."""
+    edges = np.cumsum([s.share for s in SUITES])
+    at = (number + 0.5) / n_passages * edges[-1]
+    return SUITES[int(np.searchsorted(edges, at))]

@@ -1,0 +1,104 @@
+"""Plug-ins: what other distributions offer under entry points, found when a name is unknown.
+
+Nobody looks for them before: the search reads the metadata of every installed distribution,
+and a run that needs no plug-in must not pay for it. A plug-in that cannot be loaded, or that
+does not do what it should, is one line with its name and its distribution.
+"""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any
+
+from x2radar.errors import PluginError, X2RadarError
+
+BODIES = "x2radar.bodies"
+
+
+@dataclass(frozen=True, slots=True)
+class Plugin:
+    """One plug-in.
+
+    Attributes
+    ----------
+    name : str
+        As the entry point has it.
+    about : str
+        Group, name and distribution, for messages.
+    made : object
+        What the entry point names.
+    """
+
+    name: str
+    about: str
+    made: Any
+
+    def call(self, *args: Any, **options: Any) -> Any:
+        """Call what the entry point names; see `guard`."""
+        return self.guard(lambda: self.made(*args, **options))
+
+    def guard(self, work: Callable[[], Any]) -> Any:
+        """Return what `work` does; raise PluginError for what goes wrong in it.
+
+        Errors that X2Radar and the daemon raise on purpose, those with an exit code, pass.
+        """
+        try:
+            return work()
+        except Exception as err:
+            if isinstance(err, X2RadarError) or hasattr(err, "exit_code"):
+                raise
+            msg = f"{self.about}: {type(err).__name__}: {' '.join(str(err).split())}"
+            raise PluginError(msg) from err
+
+    def check(self, made: Any, names: Iterable[str]) -> None:
+        """Raise PluginError if an object lacks any of these attributes."""
+        missing = [name for name in names if not hasattr(made, name)]
+        if missing:
+            msg = f"{self.about}: {type(made).__name__} has no {', '.join(missing)}"
+            raise PluginError(msg)
+
+
+def find_plugin(group: str, name: str) -> Plugin | None:
+    """Return the plug-in of a group with a name, loaded; None if there is none.
+
+    Parameters
+    ----------
+    group : str
+        As in a distribution's ``[project.entry-points."x2radar.bodies"]``.
+    name : str
+        Of the entry point.
+
+    Raises
+    ------
+    PluginError
+        If it cannot be loaded, or two distributions offer it.
+    """
+    # Late: the import alone is more than most runs should pay.
+    from importlib.metadata import entry_points  # noqa: PLC0415
+
+    # The same distribution may be found twice: once installed, once by its folder.
+    found = {point.value: point for point in entry_points(group=group, name=name)}
+    if not found:
+        return None
+    if len(found) > 1:
+        offers = ", ".join(sorted(_distribution(point) for point in found.values()))
+        msg = f"plug-in '{name}' of {group}: several offer it: {offers}"
+        raise PluginError(msg)
+    (point,) = found.values()
+    about = f"plug-in '{name}' of {group} ({_distribution(point)})"
+    try:
+        made = point.load()
+    except Exception as err:
+        msg = f"{about}: cannot be loaded: {type(err).__name__}: {' '.join(str(err).split())}"
+        raise PluginError(msg) from err
+    return Plugin(name, about, made)
+
+
+def plugin_names(group: str) -> tuple[str, ...]:
+    """Return the names of all plug-ins of a group, for messages; loads none of them."""
+    from importlib.metadata import entry_points  # noqa: PLC0415 - as above
+
+    return tuple(sorted({point.name for point in entry_points(group=group)}))
+
+
+def _distribution(point: Any) -> str:
+    return str(point.dist.name if point.dist is not None else point.value)
