@@ -3,7 +3,8 @@
 import threading
 
 from radard.config import load_config
-from radard.service import RunOptions, _Run
+from radard.service import OneRadar, RunOptions
+from radard.several import SeveralRadars
 from tests.alarm_helpers import NotifySocket
 
 
@@ -14,6 +15,10 @@ class Gate:
         self._open = threading.Event()
         self._open.set()
         self.shut, self.open = self._open.clear, self._open.set
+
+    def wait(self):
+        """Pass, or stand before it."""
+        self._open.wait(20)
 
     def before(self, monkeypatch, cls, name):
         """Put the door before a method."""
@@ -47,15 +52,16 @@ class Daemon:
         self.far = NotifySocket(tmp_path / f"notify{Daemon.n_made}")
         monkeypatch.setenv("NOTIFY_SOCKET", self.far.name)
         monkeypatch.setenv("WATCHDOG_USEC", "200000")
-        monkeypatch.setattr("radard.service.STALE_S", stale_s)
+        monkeypatch.setattr("radard.radar_run.STALE_S", stale_s)
         monkeypatch.setattr("radard.heart._EVERY_S", 0.05)
         monkeypatch.setattr("radard.heart._MAIN_LATE_S", stale_s)
-        monkeypatch.setattr("radard.service._BEAT_S", 0.05)
+        monkeypatch.setattr("radard.supervision._BEAT_S", 0.05)
         monkeypatch.setattr("radard.worker._LOOK_UP_S", 0.05)
+        one = {} if "sensors" in options else {"port": "sim:empty"}
         self.config = load_config(
             environ={},
             options={
-                "sensor": {"port": "sim:empty", "speed": "10"},
+                "sensor": {**one, "speed": "10"},
                 "service": {"runtime_dir": tmp_path, "state_dir": tmp_path / "state"},
                 "model": {"name": "none"},
                 "output": ["null"],
@@ -63,7 +69,8 @@ class Daemon:
             },
         )
         self.result = None
-        self.run = _Run(self.config, RunOptions(reload=reload), self.config.sensor.port)
+        kind = SeveralRadars if self.config.sensors else OneRadar
+        self.run = kind(self.config, RunOptions(reload=reload))
         self._thread = threading.Thread(target=self._go)
         self._thread.start()
 

@@ -1,6 +1,7 @@
 """Elements for the farm's tests: importable, so that other processes can make them."""
 
 import os
+import signal
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,13 +17,17 @@ class Draws:
     sleep_s: float = 0.0
     fails_at: int = -1
     dies_at: int = -1
+    killed_once_at: int = -1
+    waits_at: int = -1
     log: Path | None = None
 
     def __call__(self, number):
         if self.log is not None:
             with self.log.open("a") as file:
                 file.write(f"{number} {os.getpid()}\n")
-        time.sleep(self.sleep_s)
+        time.sleep(4 if number == self.waits_at else self.sleep_s)
+        if number == self.killed_once_at and self.made()[0].count(number) == 1:
+            os.kill(os.getpid(), signal.SIGKILL)
         if number == self.fails_at:
             msg = "bad draw"
             raise ValueError(msg)

@@ -17,7 +17,7 @@ import pytest
 from amqtt.broker import Broker as Amqtt
 from paho.mqtt.enums import CallbackAPIVersion
 
-from radard.sinks.options import OutboxSection
+from radard.sink_options import OutboxSection
 
 QUICK = OutboxSection(first_retry_s=0.02, longest_retry_s=0.05, attempts=3)
 USER, PASSWORD = "hall", "correct horse"

@@ -9,7 +9,8 @@ import pytest
 from radard.alarm import AlarmPanel, AlarmPolicy, Sight
 from radard.cli import main
 from radard.commands.explain import explained
-from radard.config import AlarmSection, load_config
+from radard.config import load_config
+from radard.config_sections import AlarmSection
 from radard.confirmation import alarm_probability, windows_until
 from radard.quiet import QuietHours, parse_quiet, recorded_clock, time_zone, wall_clock
 from radard.sensitivity import SENSITIVITIES, alarm_policy

@@ -56,8 +56,8 @@ def test_torso_line_and_limb_envelope(speed):
         line = v[trunk] @ power[trunk] / power[trunk].sum(axis=0)
         is_limb = power > power.max(axis=0) * 10**-2.5
         envelope = np.where(is_limb, v[:, None], -np.inf).max(axis=0)
-        # A leg swings forward once a step.
-        assert strongest_hz(envelope) == pytest.approx(steps_hz, rel=0.03)
+        # A leg swings forward once a step; 4.5 s resolve 0.2 Hz.
+        assert strongest_hz(envelope) == pytest.approx(steps_hz, rel=0.04)
         assert line.mean() == pytest.approx(speed, rel=0.1)
         lines.append(np.quantile(line, [0.05, 0.95]) / speed)
         peaks.append(np.quantile(envelope, 0.95) / speed)

@@ -13,7 +13,7 @@ from radard.commands.calibrate import _own_file
 from radard.config import load_config
 from radard.directories import calibration_file
 from radard.errors import ConfigError, NotAllowed, RadardError
-from radard.gate import Gate, GateSettings
+from radard.gate import Gate, GateSettings, bins_of
 from radard.pipeline import Pipeline
 from radard.setup import use_calibration
 from tests.radar_helpers import dwell_of, noise, walker
@@ -49,7 +49,8 @@ def test_factor_is_where_the_gate_itself_begins_to_open():
         dwell = dwell_of(noise(60, seed=k) * (1 + 2 * (np.arange(64) == 7)))
         probe = Gate(GateSettings())
         probe.read(dwell)
-        u = float(np.exp(_factors(probe.power[None], floor, over)[0]))
+        n_bins = bins_of(GateSettings().extent_m, dwell.axis.bin_length_m)
+        u = float(np.exp(_factors(probe.power[None], floor, over, n_bins)[0]))
         for factor, is_open in ((0.999, True), (1.001, False)):
             calibration = Calibration(
                 frame_rate_hz=60.0,

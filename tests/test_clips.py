@@ -74,7 +74,7 @@ def test_a_clip_replays_to_the_same_decisions(tmp_path, port, seconds):
         # Clutter map, noise floor and tracks know of what was before the clip; it does not.
         for name, most in (("p_human", 0.02), ("p_pet", 0.02), ("range_m", 0.05)):
             assert made[name] == pytest.approx(then[name], abs=most)
-        assert made["power_db"] == pytest.approx(then["power_db"], abs=0.2)
+        assert made["power_db"] == pytest.approx(then["power_db"], abs=0.3)
 
 
 def test_what_a_clip_holds(tmp_path):
@@ -278,10 +278,10 @@ def test_after_a_kill_the_frames_are_there(tmp_path):
 
 
 def test_an_existing_file_is_not_overwritten(tmp_path):
-    writer = ClipWriter(STREAM, tmp_path, keep_bytes=1e9, free_bytes=0, attributes={})
+    writer = ClipWriter(STREAM, tmp_path, keep_bytes=1e9, free_bytes=0)
     (tmp_path / f"{'0' * 26}.h5").write_text("mine")
     with pytest.raises(OutputError, match="exists already"):
-        writer.open(tmp_path / f"{'0' * 26}.h5", 0, "2026-01-01T00:00:00Z")
+        writer.open(tmp_path / f"{'0' * 26}.h5", 0, "2026-01-01T00:00:00Z", {})
     assert writer.write([frame(0)]) is writer.finish([], {}) is False
 
 

@@ -12,8 +12,8 @@ import pytest
 import yaml
 
 from radard import metrics
+from radard.sink_options import MqttSection
 from radard.sinks.homeassistant import entities
-from radard.sinks.options import MqttSection
 from x2radar.discovery import USB_IDS
 
 ROOT = Path(__file__).parents[1]

@@ -1,5 +1,9 @@
+import math
+
+import numpy as np
 import pytest
 
+from radard.forecast import Forecast
 from radard.gathered import PAUSE_S, GatheredReads, gathered
 from x2radar.errors import TransportClosed
 from x2radar.transport import memory_pair
@@ -43,9 +47,10 @@ class Clock:
         self.now_s += duration_s
 
 
-def reader(*reads):
+def reader(*reads, due_s=lambda: math.inf):
     clock = Clock()
-    return GatheredReads(Port(*reads), clock=clock, sleep=clock.sleep), clock
+    port = GatheredReads(Port(*reads), due_s=due_s, clock=clock, sleep=clock.sleep)
+    return port, clock
 
 
 def test_a_stream_is_left_alone_between_two_reads():
@@ -108,3 +113,50 @@ def test_all_bytes_arrive_in_order_through_a_real_pipe():
     while len(got) < len(sent):
         got += port.read(0.5)
     assert got == sent
+
+
+def test_the_frame_that_completes_a_dwell_never_waits():
+    due_s = [100.030]
+    port, clock = reader(*[b"x" * 3084] * 6, due_s=lambda: due_s[0])
+    port.read(1.0)
+    port.read(1.0)
+    assert clock.slept_s == pytest.approx([0.024])
+    clock.now_s += 0.001
+    port.read(1.0)
+    assert len(clock.slept_s) == 1
+    due_s[0] += 1
+    port.read(1.0)
+    assert clock.slept_s[1:] == pytest.approx([PAUSE_S])
+
+
+def test_a_frame_that_does_not_come_is_not_waited_for_without_end():
+    port, clock = reader(*[b"x" * 3084] * 3, due_s=lambda: 99.8)
+    port.read(1.0)
+    port.read(1.0)
+    assert clock.slept_s == pytest.approx([PAUSE_S])
+
+
+@pytest.mark.parametrize("drift", [0.0, 3e-3, -3e-3])
+@pytest.mark.parametrize("rate_hz", [20.0, 60.0, 200.0])
+def test_arrival_is_forecast_from_frames_that_waited(drift, rate_hz):
+    rng = np.random.default_rng(1)
+    forecast = Forecast(rate_hz)
+    assert forecast.arrival_s(1) == math.inf
+    hop = round(rate_hz)
+    errors, next_s, read_s = [], 0.0, 0.0
+    for n in range(1, 12 * hop):
+        sent_s = 50 + n * (1 + drift) / rate_hz + rng.uniform(0, 2e-4)
+        if n % hop == 0:
+            errors.append(forecast.arrival_s(n) - sent_s)
+        if sent_s > read_s:
+            # Not there at the last read: the next one finds it, and waits for it if need be.
+            read_s = max(sent_s, next_s)
+            next_s = read_s + PAUSE_S
+        forecast.note(n, read_s)
+        if n % hop == 0:
+            forecast.next_hop()
+    assert max(errors) < 6e-3
+    assert min(errors) > -0.01
+    forecast.reset()
+    forecast.note(3, 0.0)
+    assert forecast.arrival_s(5) == math.inf

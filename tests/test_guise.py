@@ -73,14 +73,68 @@ def test_a_plain_body_differs_from_its_own_files_by_its_entry_alone():
     np.testing.assert_array_equal(here.rcs_m2, there.rcs_m2)
 
 
+def guise(**more):
+    settings = {
+        "gain": np.array([0.5, 1.0, 1.5]),
+        "contrast": 1.0,
+        "joins": False,
+        "is_constant": False,
+        "begin_s": 0.0,
+        "pace": 1.0,
+        "wave": np.zeros((3, 4)),
+    }
+    return Guise(Clock(), **settings | more)
+
+
 def test_constant_cross_sections_keep_their_mean():
-    made = Guise(Clock(), np.array([0.5, 1.0, 1.5]), True, 0.0, 1.0, np.zeros((3, 4)))
+    made = guise(is_constant=True)
     t_s = np.linspace(0, 9, 90)
     rcs = made.at(t_s, ANTENNA_M).rcs_m2
     free = replace(made, is_constant=False).at(t_s, ANTENNA_M).rcs_m2
     assert np.ptp(rcs, axis=0).max() == 0
     np.testing.assert_allclose(rcs[0], free.mean(axis=0), rtol=1e-12)
     np.testing.assert_allclose(free, Clock().at(t_s, ANTENNA_M).rcs_m2 * made.gain, rtol=1e-12)
+
+
+@pytest.mark.parametrize("contrast", [0.7, 1.0, 1.8])
+def test_contrast_parts_strong_from_weak_and_keeps_the_whole(contrast):
+    t_s = np.linspace(0, 9, 90)
+    gain = np.array([0.1, 0.9, 2.0])
+    plain = guise(gain=gain).at(t_s, ANTENNA_M).rcs_m2.mean(axis=0)
+    made = guise(gain=gain, contrast=contrast).at(t_s, ANTENNA_M).rcs_m2.mean(axis=0)
+    assert made.sum() == pytest.approx(plain.sum(), rel=1e-12)
+    assert np.log(made[2] / made[0]) == pytest.approx(
+        contrast * np.log(plain[2] / plain[0]), rel=1e-9
+    )
+
+
+def test_joined_parts_are_one_in_their_middle_and_the_weak_stay():
+    class Spread(Clock):
+        def at(self, t_s, antenna_m):
+            points = super().at(t_s, antenna_m)
+            return Points(points.position_m + np.arange(3)[:, None], points.rcs_m2)
+
+    t_s = np.linspace(0, 9, 90)
+    apart = replace(guise(gain=np.array([1.0, 1.0, 0.01])), mover=Spread())
+    before, after = apart.at(t_s, ANTENNA_M), replace(apart, joins=True).at(t_s, ANTENNA_M)
+    np.testing.assert_allclose(after.rcs_m2.sum(axis=1), before.rcs_m2.sum(axis=1), rtol=1e-12)
+    assert (after.rcs_m2[:, 1] == 0).all()
+    assert (after.position_m[:, 0] >= before.position_m[:, 0]).all()
+    assert (after.position_m[:, 0] <= before.position_m[:, 1]).all()
+    np.testing.assert_array_equal(after.position_m[:, 2], before.position_m[:, 2])
+    np.testing.assert_array_equal(after.rcs_m2[:, 2], before.rcs_m2[:, 2])
+
+
+@pytest.mark.parametrize(("kind", "style"), [("human", "walk"), ("dog", "trot")])
+def test_trunks_are_one_surface_or_several(kind, style):
+    trunks = [
+        actor(kind, style).make(np.random.default_rng(seed)).mover.rcs.n_trunk
+        for seed in range(40)
+    ]
+    assert set(trunks) == {1, 3}
+    assert 8 <= trunks.count(1) <= 24
+    plain = actor(kind, style, is_plain=True)
+    assert plain.make(np.random.default_rng(0)).mover.rcs.n_trunk == 3
 
 
 def test_without_a_lead_it_begins_at_its_beginning():

@@ -9,8 +9,8 @@ import pytest
 from radard.cli import main
 from radard.config import load_config
 from radard.directories import clip_dir, runtime_dir, state_dir, status_dirs
-from radard.health import Health, Status
-from radard.heart import Heart
+from radard.health import Health, Status, may_feed_all, overall
+from radard.heart import Heart, Watched
 from radard.ring import Notice
 from radard.status_file import read_status, status_path, write_status
 from radard.watchdog import Notifier
@@ -155,7 +155,9 @@ class Spy(Notifier):
 
 def make_heart(health, tmp_path):
     spy = Spy()
-    heart = Heart(health, spy, status_path(tmp_path, "radar"), lambda: {"armed": True, "seq": 7})
+    path = status_path(tmp_path, "radar")
+    watched = Watched("radar", health, path, lambda: {"armed": True, "seq": 7})
+    heart = Heart([watched], spy)
     return heart, spy
 
 
@@ -275,3 +277,41 @@ def test_folders():
     assert clip_dir(off, {"STATE_DIRECTORY": "/v"}) is None
     named = load_config(environ={"RADARD_SERVICE__STATE_DIR": "/a", "RADARD_CLIPS__DIR": "/c"})
     assert (str(state_dir(named, {})), str(clip_dir(named, {}))) == ("/a", "/c")
+
+
+@pytest.mark.parametrize(
+    ("states", "whole", "reason"),
+    [
+        (("online", "online"), "online", ""),
+        (("online", "degraded"), "degraded", "b: degraded: degraded"),
+        (("offline", "online"), "degraded", "a: offline: offline"),
+        (("offline", "offline"), "offline", "a: offline: offline; b: offline: offline"),
+        (("starting", "offline"), "starting", "a: starting: starting; b: offline: offline"),
+        (("degraded",), "degraded", "degraded"),
+    ],
+)
+def test_several_states_make_one(states, whole, reason):
+    class Fixed:
+        def __init__(self, state):
+            self.status = Status(state, "" if state == "online" else state)
+
+    healths = {name: Fixed(state) for name, state in zip("ab", states, strict=False)}
+    assert overall(healths) == Status(whole, reason)
+
+
+def test_the_watchdog_is_fed_for_all_that_go_on():
+    now_s = [0.0]
+    fresh, away, over = (Health(stale_s=5.0, clock=lambda: now_s[0]) for _ in range(3))
+    fresh.on_decision(decision(1, t_mono_s=0.1))
+    away.on_failure("it broke")
+    over.on_end("end of stream")
+    assert away.status == Status("offline", "it broke")
+    assert may_feed_all([fresh, away, over])
+    assert not may_feed_all([over])
+    away.on_start()
+    assert away.status.state == "starting"
+    assert not may_feed_all([fresh, away, over])
+    away.on_decision(decision(1, t_mono_s=0.1))
+    assert may_feed_all([fresh, away, over])
+    now_s[0] = 6.0
+    assert not may_feed_all([fresh, away, over])

@@ -62,8 +62,8 @@ def test_a_daemon_that_is_well_is_fed_and_says_its_end(tmp_path, launch):
 def test_a_thread_that_never_comes_back_does_not_hold_up_the_end(monkeypatch, launch):
     gate, forced = Gate(), []
     gate.before(monkeypatch, Pipeline, "decide")
-    monkeypatch.setattr("radard.service._JOIN_S", 0.2)
-    monkeypatch.setattr("radard.service._DEADLINE_S", 0.6)
+    monkeypatch.setattr("radard.radar_run._JOIN_S", 0.2)
+    monkeypatch.setattr("radard.supervision._DEADLINE_S", 0.6)
     monkeypatch.setattr("radard.stuck.os._exit", forced.append)
     daemon = launch()
     daemon.far.wait_for("READY")

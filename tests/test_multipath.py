@@ -247,6 +247,24 @@ def test_the_tail_is_drawn_once_and_has_no_state():
     assert not np.array_equal(tail(5, Antenna()).rows(p).range_m, whole.range_m)
 
 
+def test_a_free_floor_makes_the_tail_begin_later_at_the_same_energy():
+    """Nothing within 0.9 m of the antenna: ways just behind the body are rarer and weaker."""
+    near, late = [], []
+    for free_m in (0.0, 0.9):
+        power = np.zeros(2)
+        for seed in range(40):
+            rows = tail(seed, free_m=free_m, energy_db=-5.0).rows(walk(1.7))
+            behind = rows.range_m[0] - 1.7
+            gains = energy(rows, [1.7])[0]
+            power += gains[behind < 0.4].sum(), gains[(behind > 0.4) & (behind < 3)].sum()
+        near.append(power[0])
+        late.append(power[1])
+    assert near[1] < 0.7 * near[0]
+    assert late[1] == pytest.approx(late[0], rel=0.15)
+    with pytest.raises(SettingsError, match="free_m: 4 leaves nothing within reach_m, 4"):
+        tail(free_m=4.0)
+
+
 def test_tail_grows_with_the_bodys_cross_section():
     weak, strong = (tail().rows(walk(1.7, rcs_m2=rcs)).root_rcs_m for rcs in (0.1, 0.4))
     assert strong == pytest.approx(2 * weak)

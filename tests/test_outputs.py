@@ -7,6 +7,7 @@ import pytest
 from radard.config import load_config
 from radard.health import Health
 from radard.outputs import Host, Outputs
+from radard.sinks.store_query import read_events
 from tests.sink_helpers import WebServer, event, hello, ulid, wait_for
 
 
@@ -31,7 +32,7 @@ def configured(tmp_path, server, port="/dev/nothing", **webhook):
 
 
 def outputs():
-    return Outputs(Host(Health(), dict, lambda _name: None), stdout_is_terminal=False)
+    return Outputs([Host("hall", Health(), dict, lambda _name: None)], stdout_is_terminal=False)
 
 
 def bodies(server):
@@ -66,7 +67,7 @@ def test_changed_options_hold_after_a_reload_and_no_event_is_lost(tmp_path, serv
     out.open(configured(tmp_path, server))
     out.put(event(1, kind="fault"))
     wait_for(lambda: server.posts)
-    out.reload(configured(tmp_path, server, kinds=["alarm"]), hello())
+    out.reload(configured(tmp_path, server, kinds=["alarm"]), [hello()])
     out.put(event(2, kind="fault"))
     out.put(event(3))
     server.code = 200
@@ -80,8 +81,50 @@ def test_an_output_that_cannot_be_opened_at_a_reload_is_said(tmp_path, server, c
     config = configured(tmp_path, server)
     out.open(config)
     more = config.model_copy(update={"output": (*config.output, "json:/nowhere/x")})
-    out.reload(more, hello())
+    out.reload(more, [hello()])
     assert "cannot write there" in caplog.text
     out.put(event(1))
     wait_for(lambda: server.posts)
     out.close()
+
+
+def test_only_what_changed_is_reopened(tmp_path, server):
+    out = outputs()
+    config = configured(tmp_path, server)
+    more = (*config.output, f"json:{tmp_path / 'a.jsonl'}", f"store:{tmp_path / 'a.db'}")
+    config = config.model_copy(update={"output": more})
+    out.open(config)
+    before = [sink for _, sink in out.sinks]
+    out.put(hello())
+    store = config.store.model_copy(update={"decisions": False})
+    out.reload(config.model_copy(update={"store": store}), [hello(sensitivity="low")])
+    after = [sink for _, sink in out.sinks]
+    assert [a is b for a, b in zip(before, after, strict=True)] == [True, True, False]
+    out.put(event(1))
+    out.close()
+    lines = (tmp_path / "a.jsonl").read_text().splitlines()
+    assert [json.loads(line)["type"] for line in lines] == ["hello", "hello", "event"]
+    assert [e.id for e in read_events(tmp_path / "a.db")] == [ulid(1)]
+
+
+def test_what_comes_while_an_output_is_reopened_waits_for_it(tmp_path, server, monkeypatch):
+    out = outputs()
+    config = configured(tmp_path, server)
+    file, store = tmp_path / "a.jsonl", tmp_path / "a.db"
+    config = config.model_copy(update={"output": (f"json:{file}", f"store:{store}")})
+    out.open(config)
+    plain, told = Outputs._opened, []
+
+    def opened(self, *args):
+        # As another thread would, in the middle of a reload.
+        told.extend(out.put(event(n)) for n in range(5))
+        return plain(self, *args)
+
+    monkeypatch.setattr(Outputs, "_opened", opened)
+    days = config.store.model_copy(update={"keep_days": 7000.0})
+    out.reload(config.model_copy(update={"store": days}), [hello()])
+    out.close()
+    assert told == [True] * 5
+    assert [e.id for e in read_events(store)] == [ulid(n) for n in range(5)]
+    kinds = [json.loads(line)["type"] for line in file.read_text().splitlines()]
+    assert kinds.count("event") == 5

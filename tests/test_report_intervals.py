@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from x2train.report.intervals import per_hour, resampled, share
+from x2train.report.intervals import per_hour, resampled, share, wilson
 from x2train.report.ranking import Ranking
 
 
@@ -30,6 +30,24 @@ def test_ends_of_a_share_are_just_not_rejected(count, total):
     found = share(count, total)
     assert stats.binom.sf(count - 1, total, found.low) == pytest.approx(0.025)
     assert stats.binom.cdf(count, total, found.high) == pytest.approx(0.025)
+
+
+@pytest.mark.parametrize(("count", "total"), [(0, 8), (1, 10), (5, 10), (8, 8), (999, 1000)])
+def test_ends_of_wilson_are_where_the_score_test_turns(count, total):
+    found = wilson(count, total)
+    z = stats.norm.ppf(0.975)
+    for end in (found.low, found.high):
+        if 0 < end < 1:
+            off = (count / total - end) / math.sqrt(end * (1 - end) / total)
+            assert abs(off) == pytest.approx(z)
+    assert found.low <= found.value <= found.high
+    assert (wilson(0, 8).low, wilson(8, 8).high) == pytest.approx((0, 1))
+
+
+def test_wilson_of_nothing_is_not_known():
+    found = wilson(0, 0)
+    assert math.isnan(found.value)
+    assert (found.low, found.high) == (0.0, 1.0)
 
 
 def test_share_of_nothing_is_not_known():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from x2train.scenarios import FAMILIES, LABELS, PAIRS, draw_cast, draw_family, families, family
-from x2train.sites import N_RADARS, P4XX, X2, X4M03, draw_radar, draw_rate_hz, draw_site
+from x2train.sites import P4XX, X2, X4M03, draw_radar, draw_rate_hz, draw_site
 from x2train.suites import SUITES, suite_of
 
 N_DRAWS = 1500
@@ -109,17 +109,27 @@ def test_suites_state_what_is_new_in_them():
     assert by_name["pets, P4xx"].drawn_radar(np.random.default_rng(0)) is P4XX
 
 
-def test_radars_are_few_and_the_same_for_everybody():
+def test_radars_are_those_that_the_bundles_are_made_for():
     rng = np.random.default_rng(0)
     drawn = [draw_radar(rng) for _ in range(600)]
-    assert len(set(drawn)) <= N_RADARS
     assert 0.5 < np.mean([r.name == "X2" for r in drawn]) < 0.9
     for radar in set(drawn):
         axis = radar.axis()
         assert axis.kind == "baseband"
         assert abs(axis.range_m[-1] - radar.far_m) <= radar.bin_length_m
-        assert 0.4 <= radar.near_m < radar.far_m <= 4.4
+        assert 0.4 <= radar.near_m < radar.far_m <= 7.5
         assert 30 <= radar.frame_rate_hz <= 200
+
+
+def test_radars_of_one_kind():
+    rng = np.random.default_rng(0)
+    for radar in (draw_radar(rng, "x4m03") for _ in range(200)):
+        assert radar.name == "X4M03"
+        assert abs(radar.axis().range_m[-1] - radar.far_m) <= radar.bin_length_m
+        assert 2.5 <= radar.far_m <= 9.5
+        assert 40 <= radar.frame_rate_hz <= 200
+        assert radar.carrier_hz in {7.29e9, 8.748e9}
+    assert {draw_radar(rng, "x2").name for _ in range(50)} == {"X2"}
 
 
 def test_half_the_frame_rates_are_the_x2s():
@@ -145,7 +155,8 @@ def test_unseen_rooms_are_built_otherwise():
     usual = [draw_site(rng, X2) for _ in range(60)]
     unseen = [draw_site(rng, X2, "unseen") for _ in range(60)]
     assert {len(s.surfaces) for s in unseen} == {4}
-    assert max(len(s.surfaces) for s in usual) <= 2
+    assert max(len(s.surfaces) for s in usual) <= 3
+    assert "x" not in {each.axis for s in usual for each in s.surfaces}
     assert {s.room.profile for s in unseen} == {"power"}
     assert "power" not in {s.room.profile for s in usual if s.room}
     assert max(s.antenna.tilt_deg for s in usual) < 27

@@ -172,27 +172,27 @@ def test_a_second_signal_forces_the_end():
 def panel_of(daemon, key, wanted):
     """Wait until the panel says so."""
     for _ in range(200):
-        if daemon.run.panel().get(key) == wanted:
+        if daemon.run.radar.panel().get(key) == wanted:
             return
         time.sleep(0.02)
-    raise AssertionError(daemon.run.panel())
+    raise AssertionError(daemon.run.radar.panel())
 
 
 def test_disarmed_is_kept_over_a_restart_and_so_is_armed(tmp_path, launch):
     daemon = launch()
     panel_of(daemon, "armed", True)
-    daemon.run.command("disarm")
+    daemon.run.radar.command("disarm")
     panel_of(daemon, "armed", False)
     assert daemon.stop() == 0
     daemon = launch()
     panel_of(daemon, "armed", False)
-    daemon.run.command("arm")
+    daemon.run.radar.command("arm")
     panel_of(daemon, "armed", True)
     assert daemon.stop() == 0
     daemon = launch(alarm={"armed": False})
     panel_of(daemon, "armed", True)
     with pytest.raises(ValueError, match="known are arm, disarm, ack, calibrate"):
-        daemon.run.command("dance")
+        daemon.run.radar.command("dance")
     assert daemon.stop() == 0
     assert json.loads((tmp_path / "state" / "radar.sim.json").read_text())["is_armed"]
 
@@ -206,15 +206,15 @@ def test_an_alarm_is_kept_until_somebody_acknowledges_it(tmp_path, launch):
     }
     daemon = launch(**options)
     panel_of(daemon, "panel", "alarm")
-    alarm_id = daemon.run.panel()["alarm_id"]
+    alarm_id = daemon.run.radar.panel()["alarm_id"]
     assert daemon.stop() == 0
     out = tmp_path / "out.jsonl"
     sensor = {"port": "sim:empty", "speed": "max"}
     options = {**options, "sensor": sensor, "output": [f"json:{out}"]}
     daemon = launch(**options)
     panel_of(daemon, "panel", "alarm")
-    assert daemon.run.panel()["alarm_id"] == alarm_id
-    daemon.run.command("ack")
+    assert daemon.run.radar.panel()["alarm_id"] == alarm_id
+    daemon.run.radar.command("ack")
     panel_of(daemon, "panel", "armed")
     assert daemon.stop() == 0
     events = [json.loads(line) for line in out.read_text().splitlines() if '"event"' in line]
@@ -250,8 +250,8 @@ def test_reload_changes_the_policy_the_outputs_and_the_clips(tmp_path, launch):
         if second.exists() and daemon.run.parts.clips is None:
             break
         time.sleep(0.02)
-    seq = daemon.run.panel()["seq"]
-    while daemon.run.panel()["seq"] < seq + 2:
+    seq = daemon.run.radar.panel()["seq"]
+    while daemon.run.radar.panel()["seq"] < seq + 2:
         time.sleep(0.02)
     assert daemon.stop() == 0
     assert daemon.run.parts.policy.k == 3
@@ -288,3 +288,22 @@ def test_a_model_that_takes_other_dwells_is_left_for_a_restart(launch, caplog):
     assert daemon.run.parts.pipeline.classifier is not None
     assert daemon.stop() == 0
     assert "unknown key" in caplog.text
+
+
+def test_a_reload_keeps_the_frames_that_a_clip_will_need(tmp_path, launch):
+    configs = []
+    daemon = launch(reload=lambda: configs[0])
+    panel_of(daemon, "gate", "closed")
+    clips = daemon.run.parts.clips
+    gate = daemon.config.gate.model_copy(update={"threshold_db": 9.0})
+    configs.append(daemon.config.model_copy(update={"gate": gate}))
+    held = len(clips._held)
+    daemon.ask("reload")
+    for _ in range(200):
+        if daemon.run.parts.config.gate.threshold_db == 9:
+            break
+        time.sleep(0.02)
+    assert daemon.run.parts.clips is clips
+    assert len(clips._held) >= held > 0
+    assert clips._attributes["config_hash"] == configs[0].digest()
+    assert daemon.stop() == 0

@@ -9,9 +9,9 @@ import threading
 
 import pytest
 
+from radard.sink_options import MqttSection, SinkOptions
 from radard.sinks import open_output
 from radard.sinks.base import SinkContext
-from radard.sinks.options import MqttSection, SinkOptions
 from tests.sink_helpers import (
     QUICK,
     Listener,

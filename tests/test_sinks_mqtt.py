@@ -9,9 +9,9 @@ import pytest
 
 from radard.errors import ConfigError, UsageError
 from radard.health import Status
+from radard.sink_options import MqttSection, SinkOptions
 from radard.sinks import open_output
 from radard.sinks.base import SinkContext
-from radard.sinks.options import MqttSection, SinkOptions
 from tests.sink_helpers import (
     PASSWORD,
     QUICK,

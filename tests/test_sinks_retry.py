@@ -7,9 +7,9 @@ import sys
 import pytest
 
 from radard.errors import ConfigError, OutputError, UsageError
+from radard.sink_options import ExecSection, SinkOptions, SyslogSection, WebhookSection
 from radard.sinks import open_output
 from radard.sinks.base import SinkContext
-from radard.sinks.options import ExecSection, SinkOptions, SyslogSection, WebhookSection
 from radard.sinks.webhook import sign
 from tests.sink_helpers import (
     QUICK,

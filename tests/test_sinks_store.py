@@ -7,9 +7,9 @@ import pytest
 
 from radard import cli
 from radard.errors import OutputError
+from radard.sink_options import SinkOptions, StoreSection
 from radard.sinks import open_output
 from radard.sinks.base import SinkContext
-from radard.sinks.options import SinkOptions, StoreSection
 from radard.sinks.store import tidy
 from radard.sinks.store_query import parse_since, read_events
 from tests.sink_helpers import decision, event, hello, status, ulid
@@ -139,3 +139,35 @@ def test_events_command_with_faults(more, expected, capsys, tmp_path, monkeypatc
 )
 def test_since(text, s):
     assert parse_since(text, NOW_S) == NOW_S - s
+
+
+OLD = """
+CREATE TABLE events (id TEXT PRIMARY KEY, sensor TEXT NOT NULL, kind TEXT NOT NULL,
+    phase TEXT NOT NULL, start_s REAL NOT NULL, end_s REAL, start_t_s REAL NOT NULL,
+    end_t_s REAL, peak REAL NOT NULL, reason TEXT NOT NULL, clip TEXT);
+CREATE TABLE statuses (n INTEGER PRIMARY KEY, time_s REAL NOT NULL, state TEXT NOT NULL,
+    reason TEXT NOT NULL);
+CREATE TABLE decisions (n INTEGER PRIMARY KEY, time_s REAL NOT NULL, seq INTEGER NOT NULL,
+    t_s REAL NOT NULL, gate TEXT NOT NULL, power_db REAL, threshold_db REAL, p_human REAL,
+    p_pet REAL, p_other REAL, label TEXT, alarm INTEGER NOT NULL, range_m REAL);
+INSERT INTO events VALUES
+    ('OLD', 'hall', 'alarm', 'end', 1.79e9, 1.79e9, 1.0, 2.0, 0.5, 'x', NULL);
+PRAGMA application_id=1919185780; PRAGMA user_version=1;
+"""
+
+
+def test_a_store_of_the_first_version_goes_on_and_says_whose_decisions(path):
+    path.parent.mkdir()
+    db = sqlite3.connect(path)
+    db.executescript(OLD)
+    db.close()
+    assert [e.id for e in read_events(path)] == ["OLD"]
+    filled(path, [decision(1), {**decision(1), "sensor": "attic"}, status("online")])
+    filled(path, [{**event(1), "sensor": "attic"}])
+    db = sqlite3.connect(path)
+    assert db.execute("SELECT sensor FROM decisions ORDER BY n").fetchall() == [
+        ("hall",),
+        ("attic",),
+    ]
+    db.close()
+    assert [(e.id, e.sensor) for e in read_events(path)] == [("OLD", "hall"), (ulid(1), "attic")]

@@ -18,7 +18,7 @@ from x2train.tradeoff_maps import Chain, Setting
 from x2train.tradeoff_measure import SWITCHES, measure, n_steps, picture_loss_db, record
 from x2train.tradeoff_models import parse_model, read_accuracy, time_model
 
-BLANK = FeatureSettings(range_decimation=8, clutter="removed")
+BLANK = FeatureSettings(range_decimation=8, clutter="removed", velocity_cpi_s=0.2)
 MAPS = ("velocity_time", "range_time")
 
 

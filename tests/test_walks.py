@@ -15,6 +15,7 @@ from x2train.walks_doppler import standing_still
 from x2train.walks_follow import follow, ridge
 from x2train.walks_measure import edge_m, measure
 from x2train.walks_scene import RADARS_X_M, simulated_walk, walk_scene
+from x2train.walks_swing import spread_about_lines
 
 RATE_HZ = 30.5
 AXIS = FastTimeAxis(
@@ -113,6 +114,27 @@ def test_a_torso_that_swings_is_measured_in_range_and_in_velocity(size_m, rate_h
     assert 0.6 * speed < numbers.torso_mps < 1.05 * speed
 
 
+def test_corners_and_steady_change_are_no_uneven_pace():
+    counts = (T_S > 1) & (np.abs(T_S - 8) > 1)
+    bent = 0.2 + 0.01 * T_S + np.where(T_S > 8, 0.3, 0.0)
+    assert spread_about_lines(bent, counts, RATE_HZ) < 1e-9
+    uneven = bent + 0.03 * np.sin(2 * np.pi * 1.5 * T_S)
+    assert spread_about_lines(uneven, counts, RATE_HZ) == pytest.approx(
+        0.03 / np.sqrt(2), rel=0.03
+    )
+
+
+@pytest.mark.parametrize(("radar_x_m", "wall_m"), [(0.0, 4.0), (4.0, -4.0)])
+def test_the_room_has_the_walls_that_the_antennas_do_not_hang_on(radar_x_m, wall_m):
+    surfaces = walk_scene(radar_x_m).surfaces
+    assert [(s.axis, s.at_m) for s in surfaces] == [
+        ("z", 0.0),
+        ("z", 2.8),
+        ("y", 4.0),
+        ("x", wall_m),
+    ]
+
+
 def test_a_limb_that_reaches_out_is_seen_when_it_does():
     plain = measure(walk((COMING_M, 1.0)))
     ahead = 0.4 * np.maximum(np.sin(2 * np.pi * 0.45 * T_S), 0.0)
@@ -205,9 +227,13 @@ def test_simulated_people_walk_as_the_recorded_one_does():
     rows = {row.name: row for row in found.rows}
     for name in (
         "range rate, mean",
+        "near edge (-6 dB), oscillation, rms",
+        "limbs ahead of the way, 90 %",
         "limb velocity about the body, rms",
         "body extent (-6 dB), median",
         "power 0.5 m behind the body",
+        "power 1 m behind the body",
+        "power 2.5 m behind the body",
     ):
         assert rows[name].is_within, rows[name]
 

@@ -144,7 +144,7 @@ def test_interrupt_ends_the_walk_with_its_report():
     ) as running:
         first = [running.stdout.readline() for _ in range(4)]
         running.send_signal(signal.SIGINT)
-        rest = running.communicate(timeout=20)[0]
+        rest = running.communicate(timeout=60)[0]
     assert running.returncode == 0
     assert all(" dB " in line for line in first)
     assert "range           seen" in rest or "nothing was seen" in rest

@@ -6,9 +6,12 @@ import time
 
 import pytest
 
+from radard.classifier import load_bundle
 from tests.alarm_helpers import write_recording
 from tests.radar_helpers import noise
 from tests.web_helpers import Running
+from x2train.own_labels import labelled_clips
+from x2train.own_windows import own_windows
 
 playwright = pytest.importorskip(
     "playwright.sync_api", reason="no playwright: pip install '.[browser]'"
@@ -212,6 +215,11 @@ def test_events_are_filtered_replayed_and_labelled(tab, radard):
     one.page.get_by_role("button", name="Pet", exact=True).click()
     one.until("document.querySelector('.labels [aria-pressed=true]')?.textContent === 'Pet'")
     assert f'"event": "{event_id}"' in (radard.folder / "labels.jsonl").read_text()
+    # What train-export finetune makes of it.
+    (clip,) = labelled_clips(radard.folder / "labels.jsonl").clips
+    assert (clip.path.name, clip.label) == (f"{event_id}.h5", "pet")
+    seen = own_windows(clip, load_bundle("balanced"))
+    assert seen.n_alarms > 0
     one.page.select_option("select[name=label]", "pet")
     one.until("document.querySelectorAll('.event').length === 1")
     one.page.select_option("select[name=label]", "")
@@ -232,6 +240,45 @@ def test_zones_are_typed_and_become_configuration(tab):
     one.page.fill("input[aria-label='Not here, to, metres']", "1.9")
     one.page.keyboard.press("Tab")
     assert "exclude: [[1.20, 1.90]]" in one.page.inner_text("pre")
+
+
+def test_zones_are_dragged_saved_and_hold(tab, radard):
+    def zones():
+        return radard.get("/api/v1/status")[1]["zones"]
+
+    one, other = tab().open("setup"), tab().open("setup")
+    save = one.page.get_by_role("button", name="Save the zones")
+    assert save.is_disabled()
+    one.page.get_by_role("button", name="Exclude a range").click()
+    low = one.page.locator("input[aria-label='Not here, from, metres']")
+    before = float(low.input_value())
+    # By its lower end, two hundred pixels towards the radar.
+    canvas = one.page.locator("canvas.zones")
+    box = canvas.bounding_box()
+    near, far = one.page.evaluate(
+        """async () => { const { state } = await import('/static/state.js');
+            const { range_offset_m, bin_length_m, n_range } = state.hello;
+            return [range_offset_m, range_offset_m + bin_length_m * n_range]; }"""
+    )
+    x = box["x"] + 12 + (before - near) / (far - near) * (box["width"] - 24)
+    y = box["y"] + box["height"] / 3
+    one.page.mouse.move(x, y)
+    one.page.mouse.down()
+    one.page.mouse.move(x - 200, y, steps=5)
+    one.page.mouse.up()
+    after = float(low.input_value())
+    assert after < before - 0.2
+    save.click()
+    one.until("document.querySelector('#page').textContent.includes('heeds them from now on')")
+    (span,) = zones()["exclude"]
+    assert span[0] == after
+    assert f"[{after:.3f}, " in (radard.folder / "radar.sim.zones.yaml").read_text()
+    # Pages that look on see it, and what is not being edited there follows.
+    other.until("document.querySelectorAll('.zonerow').length === 1")
+    assert save.is_disabled()
+    one.page.get_by_role("button", name="Forget what was saved").click()
+    radard.wait(lambda: zones() == {"include": [], "exclude": []})
+    one.until("document.querySelectorAll('.zonerow').length === 0")
 
 
 def test_a_walk_test_counts_by_range(tab):

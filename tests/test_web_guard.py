@@ -11,7 +11,7 @@ from radard.config import load_config
 from radard.errors import ConfigError, UsageError
 from radard.health import Health
 from radard.outputs import Host
-from radard.sinks.options import SinkOptions
+from radard.sink_options import SinkOptions
 from radard.web.guard import SESSION_S, Guard, Tokens, is_loopback, read_tokens
 from radard.web.middleware import MOST_BODY
 from radard.web.sink import WebSink, open_from_url, parse_address
@@ -34,7 +34,9 @@ class Run:
             | sections,
         )
         panel = {"armed": True, "panel": "armed", "alarm_id": None, "open": {}, "seq": 0}
-        self.host = Host(Health(), lambda: panel, self.asked.append, config=lambda: self.config)
+        self.host = Host(
+            "radar", Health(), lambda: panel, self.asked.append, config=lambda: self.config
+        )
 
 
 @pytest.fixture

@@ -86,7 +86,11 @@ def test_an_open_address_without_a_token_is_refused(launch):
 
 
 def test_decisions_are_the_same_with_a_dashboard_and_pages(launch, tmp_path):
-    argv = ("--port", "sim:human?seed=2", "--duration", "12")
+    recording = tmp_path / "human.h5"
+    made = ("--port", "sim:human?seed=2", "--duration", "12", "--record", str(recording))
+    assert run_radard(*made, "--speed", "max")[0] == 0
+    # A replay waits for a machine that is busy; a module would not.
+    argv = ("--port", f"replay:{recording}")
     _, alone, _ = run_radard(*argv, "--speed", "max", "-o", "json")
     environ = {"RADARD_CLIPS__ENABLED": "false"}
     running = launch(*argv, "--speed", "3", "-o", f"json:{tmp_path / 'o.jsonl'}", environ=environ)

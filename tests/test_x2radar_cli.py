@@ -329,7 +329,7 @@ def test_a_recording_ends_with_sigint_and_is_whole(tmp_path):
             with pytest.raises(subprocess.TimeoutExpired):
                 process.wait(0.05)
         process.send_signal(signal.SIGINT)
-        out, err = process.communicate(timeout=10)
+        out, err = process.communicate(timeout=40)
     finally:
         process.kill()
         process.communicate()

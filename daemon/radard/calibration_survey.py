@@ -5,7 +5,8 @@ open the gate; it solves, with p the residual power and b the floor (see `radard
 
     mean(max(p - (1 + u h) b, 0)) = u mean(h b)
 
-Whether a threshold is ever reached in this room is so a question about one number a dwell.
+with means over the stretch of range that gives the largest u. Whether a threshold is ever
+reached in this room is so a question about one number a dwell.
 Its logarithm is taken as normal, and what is predicted for dwells to come is Student's t
 with as many degrees of freedom as there were dwells without overlap, less one: a short
 survey promises less. (The predictive distribution of a normal sample; Geisser 1993,
@@ -23,7 +24,7 @@ from scipy.special import stdtr, stdtrit
 from radard.calibration import Calibration, Provenance
 from radard.clutter_map import ClutterRemover
 from radard.errors import RadardError
-from radard.gate import Gate, GateSettings
+from radard.gate import Gate, GateSettings, bins_of, stretches
 from radard.ring import Dwell
 from radard.tracks import Tracker
 from x2radar.frame import FastTimeAxis
@@ -64,6 +65,7 @@ class RoomSurvey:
 
     def __init__(self, settings: GateSettings, hop_s: float) -> None:
         self._gate = Gate(settings, hop_s)
+        self._extent_m = settings.extent_m
         self._remover = ClutterRemover()
         self._tracker = Tracker()
         self._hop_s = hop_s
@@ -182,15 +184,17 @@ class RoomSurvey:
         power = np.array(self._power)
         floor = power.mean(axis=0)
         live = floor > 0
+        n_bins = bins_of(self._extent_m, self._axis.bin_length_m)
         scatter = np.zeros(len(floor))
         scatter[live] = power[:, live].std(axis=0, ddof=1) / floor[live]
         # A bin that happened to be calm is not calmer than half of them by much.
         scatter = np.maximum(scatter, np.median(scatter[live]) / 2)
         share = min(0.5, false_gates_per_day * self._hop_s / DAY_S)
         least = 10 ** (least_db / 10) - 1
-        over = np.maximum(_reach(_factors(power, floor, scatter), share, independent), 0) * scatter
-        over = np.maximum(over, least)
-        predicted = _share_over(_factors(power, floor, over), independent) * DAY_S / self._hop_s
+        log_u = _factors(power, floor, scatter, n_bins)
+        over = np.maximum(max(_reach(log_u, share, independent), 0) * scatter, least)
+        log_u = _factors(power, floor, over, n_bins)
+        predicted = _share_over(log_u, independent) * DAY_S / self._hop_s
         heard_s = (self.n_dwells - 1) * self._hop_s + self._dwell_s
         assert self._last is not None  # noqa: S101 - there were dwells
         return Calibration(
@@ -210,15 +214,15 @@ class RoomSurvey:
         return self._last.axis
 
 
-def _factors(power: Array, floor: Array, over: Array) -> Array:
+def _factors(power: Array, floor: Array, over: Array, n_bins: int) -> Array:
     """Return log u of every dwell, shape (n_dwells,): bisection, to 1e-11 of it."""
     low, high = np.full(len(power), _SPAN[0]), np.full(len(power), _SPAN[1])
-    need = float((over * floor).mean())
+    need = stretches(over * floor, n_bins)
     for _ in range(_STEPS):
         middle = (low + high) / 2
         u = np.exp(middle)[:, None]
-        excess = np.maximum(power - (1 + u * over) * floor, 0).mean(axis=1)
-        opens = excess > u[:, 0] * need
+        excess = stretches(np.maximum(power - (1 + u * over) * floor, 0), n_bins)
+        opens = (excess > u * need).any(axis=1)
         low, high = np.where(opens, middle, low), np.where(opens, high, middle)
     return np.asarray((low + high) / 2)
 

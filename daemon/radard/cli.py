@@ -29,6 +29,7 @@ usage: radard --port PORT [options]    watch a radar; alarm for people, not pets
 examples:
   radard --port sim:demo --speed max --duration 30 -o json
   radard --port replay:night.h5 --model none        the gate alone
+  radard --config house.yaml                        several radars, its sensors:
 
 configuration, later wins: built-in, /etc/radard/config.yaml, ./config.yaml,
 --config, RADARD_SECTION__KEY, options. TERM, INT end; HUP reloads; USR1 dumps.

@@ -150,8 +150,6 @@ class ClipWriter:
         Made when it is not there, for its owner only.
     keep_bytes, free_bytes : float
         See `make_room`.
-    attributes : mapping of str to str
-        Further root attributes.
     """
 
     def __init__(
@@ -161,16 +159,16 @@ class ClipWriter:
         *,
         keep_bytes: float,
         free_bytes: float,
-        attributes: Mapping[str, str],
     ) -> None:
         self._stream = stream
         self._folder = folder
         self._keep_bytes = keep_bytes
         self._free_bytes = free_bytes
-        self._attributes = attributes
         self._file: ClipFile | None = None
 
-    def open(self, path: Path, first_index: int, started_utc: str) -> bool:
+    def open(
+        self, path: Path, first_index: int, started_utc: str, attributes: Mapping[str, str]
+    ) -> bool:
         """Begin a clip."""
         self._folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         if not make_room(self._folder, keep_bytes=self._keep_bytes, free_bytes=self._free_bytes):
@@ -181,7 +179,7 @@ class ClipWriter:
             self._stream,
             first_index=first_index,
             started_utc=started_utc,
-            attributes=self._attributes,
+            attributes=attributes,
         )
         return False
 

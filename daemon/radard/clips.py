@@ -105,6 +105,10 @@ class ClipKeeper:
         with self._lock:
             self._held.append(frame)
 
+    def describe(self, attributes: Mapping[str, str]) -> None:
+        """Give the clips to come other root attributes; any thread may."""
+        self._attributes = attributes
+
     def restart(self) -> None:
         """Note that the stream began anew: no clip begins before this."""
         self._past.clear()
@@ -131,7 +135,8 @@ class ClipKeeper:
         self._running = _Running(event, first, last, t_s, [record for _, record in past])
         began = datetime.now(UTC) - timedelta(seconds=(end - first) / self._rate_hz)
         utc = began.isoformat(timespec="milliseconds").replace("+00:00", "Z")
-        self._do(lambda writer: writer.open(path, first, utc))
+        about = self._attributes
+        self._do(lambda writer: writer.open(path, first, utc, about))
         self._take(self._running, end)
         return str(path)
 
@@ -194,7 +199,6 @@ class ClipKeeper:
             s.folder,
             keep_bytes=s.keep_bytes,
             free_bytes=s.free_bytes,
-            attributes=self._attributes,
         )
         while (job := self._jobs.get()) is not None:
             try:

@@ -3,7 +3,7 @@
 import difflib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args, get_origin
 
 import yaml
 from pydantic import BaseModel
@@ -82,17 +82,29 @@ def explain(fault: Any, places: Mapping[Where, str], root: type[BaseModel]) -> s
     if fault["type"] != "extra_forbidden":
         message = str(fault["msg"]).removeprefix("Value error, ")
         message = message[:1].lower() + message[1:]
+        if not where:
+            return message
         got = redact_value(where[-1] if where else "", fault["input"])
         return f"{head}{'.'.join(where)}: {message} (got {got!r})"
-    model = root
-    for part in where[:-1]:
-        annotation = model.model_fields[part].annotation
-        if not (isinstance(annotation, type) and issubclass(annotation, BaseModel)):
-            break
-        model = annotation
+    model = _section_of(where, root)
     close = difflib.get_close_matches(where[-1], model.model_fields, 1, 0.4)
     hint = f"did you mean '{close[0]}'?" if close else f"known: {', '.join(model.model_fields)}"
     return f"{head}unknown key '{'.'.join(where)}'; {hint}"
+
+
+def _section_of(where: Where, root: type[BaseModel]) -> type[BaseModel]:
+    """Return the section that the last key of `where` was meant for."""
+    model, parts = root, iter(where[:-1])
+    for part in parts:
+        annotation = model.model_fields[part].annotation
+        if get_origin(annotation) is dict:
+            next(parts, None)
+        kinds = (annotation, *get_args(annotation))
+        inner = [k for k in kinds if isinstance(k, type) and issubclass(k, BaseModel)]
+        if not inner:
+            break
+        model = inner[0]
+    return model
 
 
 def _places(node: Any, path: Path, above: Where = ()) -> Iterator[tuple[Where, str]]:

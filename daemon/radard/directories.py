@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from radard.config import Config
+from radard.saved_zones import state_folder, zones_path
 
 SYSTEM_RUNTIME_DIR = Path("/run/radard")
 """Where the unit in deploy/systemd has it."""
@@ -18,11 +19,12 @@ SYSTEM_RUNTIME_DIR = Path("/run/radard")
 
 def state_dir(config: Config, environ: Mapping[str, str] = os.environ) -> Path:
     """Return the folder of what is kept over a restart."""
-    named = named_state_dir(config, environ)
-    if named is not None:
-        return named
-    home = environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state"
-    return Path(home) / "radard"
+    return state_folder(config.service.state_dir, environ)
+
+
+def zones_file(config: Config, environ: Mapping[str, str] = os.environ) -> Path:
+    """Return where the dashboard keeps the sensor's zones."""
+    return zones_path(state_dir(config, environ), config.sensor.name, config.sensor.port)
 
 
 def calibration_file(config: Config, environ: Mapping[str, str] = os.environ) -> Path:
@@ -31,21 +33,25 @@ def calibration_file(config: Config, environ: Mapping[str, str] = os.environ) ->
 
 
 def clip_dir(config: Config, environ: Mapping[str, str] = os.environ) -> Path | None:
-    """Return the folder of the clips; None when there shall be none."""
+    """Return the folder of the clips; None when there shall be none.
+
+    Of several sensors in one process each has its own.
+    """
     if not config.clips.enabled:
         return None
-    if config.clips.dir is not None:
-        return config.clips.dir
     named = named_state_dir(config, environ)
-    return named / "clips" if named is not None else None
+    folder = config.clips.dir or (named / "clips" if named is not None else None)
+    if folder is not None and config.is_one_of_several:
+        return folder / config.sensor.name
+    return folder
 
 
 def outbox_dir(config: Config, environ: Mapping[str, str] = os.environ) -> Path | None:
-    """Return where undelivered events are kept; None for a sensor simulated or replayed by hand.
+    """Return where undelivered events are kept; None with a sensor simulated or replayed by hand.
 
     What such a run leaves undelivered must not arrive in the name of the real sensor.
     """
-    if (config.sensor.port or "").startswith(("sim:", "replay:")):
+    if any((each.sensor.port or "").startswith(("sim:", "replay:")) for each in config.each()):
         return named_state_dir(config, environ)
     return state_dir(config, environ)
 

@@ -73,10 +73,15 @@ class EventTracker:
         Armed, and an alarm for as long as the verdict stands, when not given.
     see : callable, optional
         Turns a decision and the panel's policy into a sight.
+    sensor : str
+        Goes into the ids; of several sensors in one process, two may see the same frames.
     """
 
-    def __init__(self, panel: AlarmPanel | None = None, see: See = see_anywhere) -> None:
+    def __init__(
+        self, panel: AlarmPanel | None = None, see: See = see_anywhere, sensor: str = ""
+    ) -> None:
         self.panel = panel or AlarmPanel()
+        self._sensor = sensor
         self.see = see
         self._open: dict[Kind, Event] = {}
 
@@ -207,7 +212,7 @@ class EventTracker:
         self, kind: Kind, reason: str, t_s: float, peak: float, dwell: Dwell | None
     ) -> Event:
         event = Event(
-            id=_ulid(kind, t_s, dwell),
+            id=_ulid(f"{kind} {t_s:.6f}{self._sensor}", t_s, dwell),
             phase="new",
             kind=kind,
             t_s=t_s,
@@ -232,8 +237,8 @@ class EventTracker:
 _KEPT = " (on since before a restart)"
 
 
-def _ulid(kind: str, t_s: float, dwell: Dwell | None) -> str:
-    digest = hashlib.blake2b(f"{kind} {t_s:.6f}".encode(), digest_size=10)
+def _ulid(what: str, t_s: float, dwell: Dwell | None) -> str:
+    digest = hashlib.blake2b(what.encode(), digest_size=10)
     if dwell is not None:
         digest.update(dwell.frames[-1].tobytes())
     number = (int(t_s * 1000) & (1 << 48) - 1) << 80 | int.from_bytes(digest.digest(), "big")

@@ -8,7 +8,7 @@ then there is nothing to restart, and only then the watchdog is fed without deci
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -71,6 +71,12 @@ class Health:
             return not self._is_over and (self._is_absent or self._now().is_well)
 
     @property
+    def is_over(self) -> bool:
+        """Whether the run of this sensor has ended for good."""
+        with self._lock:
+            return self._is_over
+
+    @property
     def age_s(self) -> float:
         """Seconds since the newest frame that went into a decision, or since the start."""
         with self._lock:
@@ -87,6 +93,18 @@ class Health:
         if notice.kind == "lost":
             return self._go(Status("offline", f"device absent: {notice.reason}"), absent=True)
         return self._go(Status("degraded", notice.reason))
+
+    def on_start(self) -> Status | None:
+        """Note that the work begins anew."""
+        with self._lock:
+            self._is_absent = False
+            self._base = Status("starting", "waiting for the first dwell")
+            self._fresh_s = self._clock() + max(0.0, START_S - self._stale_s)
+            return self._changed()
+
+    def on_failure(self, reason: str) -> Status | None:
+        """Note that the work broke off and will be begun anew: declared, as an absent device."""
+        return self._go(Status("offline", reason), absent=True)
 
     def on_end(self, reason: str) -> Status | None:
         """Note that the run is over."""
@@ -133,3 +151,30 @@ class Health:
             return None
         self._told = now.state
         return now
+
+
+def overall(healths: Mapping[str, Health]) -> Status:
+    """Return one state for all sensors of a process, by name.
+
+    Degraded names those that are not online; offline means that nobody is looked after.
+    """
+    states = {name: health.status for name, health in healths.items()}
+    if len(states) == 1:
+        return next(iter(states.values()))
+    reason = "; ".join(
+        f"{name}: {status.state}" + (f": {status.reason}" if status.reason else "")
+        for name, status in states.items()
+        if status.state != "online"
+    )
+    if not reason:
+        return Status("online", "")
+    if any(status.is_well for status in states.values()):
+        return Status("degraded", reason)
+    is_starting = any(status.state == "starting" for status in states.values())
+    return Status("starting" if is_starting else "offline", reason)
+
+
+def may_feed_all(healths: Iterable[Health]) -> bool:
+    """Whether the watchdog may be fed for every sensor whose run goes on, if there is one."""
+    going = [health for health in healths if not health.is_over]
+    return bool(going) and all(health.may_feed for health in going)

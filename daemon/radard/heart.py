@@ -1,18 +1,19 @@
 """Heart: a thread that shows the rest of the world whether the daemon lives.
 
-It writes the status file and feeds systemd's watchdog, and it does the latter only while
-`Health` allows it and the main thread has been heard. It has no opinion of its own.
+It writes a status file for every sensor and feeds systemd's watchdog, and it does the latter
+only while `Health` allows it and the main thread has been heard. It has no opinion of its own.
 """
 
 import logging
 import os
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from radard.health import Health
+from radard.health import Health, Status, may_feed_all, overall
 from radard.status_file import read_status, write_status
 from radard.watchdog import Notifier
 
@@ -21,32 +22,42 @@ _EVERY_S = 0.5
 _MAIN_LATE_S = 5.0
 
 
+@dataclass(slots=True)
+class Watched:
+    """One sensor.
+
+    Attributes
+    ----------
+    name : str
+        Of the sensor.
+    health : Health
+        Asked at every beat.
+    path : Path or None
+        The status file; None when it is another process's, or cannot be written.
+    panel : callable
+        Further content of the status file, see `radard.outputs.Host`.
+    """
+
+    name: str
+    health: Health
+    path: Path | None
+    panel: Callable[[], Mapping[str, Any]]
+
+
 class Heart:
     """Beat until stopped.
 
     Parameters
     ----------
-    health : Health
-        Asked at every beat.
+    watched : sequence of Watched
+        All sensors of the process.
     notifier : Notifier
         systemd, or nobody.
-    path : Path
-        The status file.
-    panel : callable
-        Further content of the status file, see `radard.outputs.Host`.
     """
 
-    def __init__(
-        self,
-        health: Health,
-        notifier: Notifier,
-        path: Path,
-        panel: Callable[[], Mapping[str, Any]],
-    ) -> None:
-        self._health = health
+    def __init__(self, watched: Sequence[Watched], notifier: Notifier) -> None:
+        self._watched = watched
         self._notifier = notifier
-        self._path: Path | None = path
-        self._panel = panel
         self._main_s: float | None = None
         self._is_ready = False
         self._halt = threading.Event()
@@ -56,13 +67,20 @@ class Heart:
         """Begin, once; another radard that reports as the same sensor keeps its status file."""
         if self._thread.ident is not None:
             return
-        if self._path is not None:
-            report = read_status(self._path, stale_s=3.0)
+        for each in self._watched:
+            if each.path is None:
+                continue
+            report = read_status(each.path, stale_s=3.0)
             pid = report.content.get("pid")
             if report.content.get("state") != "offline" and _is_other(pid) and report.is_healthy:
-                log.warning("%s belongs to process %s; none is written", self._path, pid)
-                self._path = None
+                log.warning("%s belongs to process %s; none is written", each.path, pid)
+                each.path = None
         self._thread.start()
+
+    @property
+    def status(self) -> Status:
+        """What holds for all sensors together."""
+        return overall({each.name: each.health for each in self._watched})
 
     def main_is_alive(self) -> None:
         """Note that the main thread came by; from the first time on it must, again and again."""
@@ -74,8 +92,7 @@ class Heart:
             return
         self._halt.set()
         self._thread.join(1.0)
-        status = self._health.status
-        self._notifier.stopping(status.reason)
+        self._notifier.stopping(self.status.reason)
         self._write()
 
     def _run(self) -> None:
@@ -83,14 +100,14 @@ class Heart:
             self.beat()
 
     def beat(self) -> None:
-        """Write the status file; feed the watchdog if that is right."""
+        """Write the status files; feed the watchdog if that is right."""
         now_s = time.monotonic()
-        status = self._health.status
-        text = f"{status.state}: {status.reason}" if status.reason else status.state
         self._write()
         is_late = self._main_s is not None and now_s - self._main_s > _MAIN_LATE_S
-        if is_late or not self._health.may_feed:
+        if is_late or not may_feed_all(each.health for each in self._watched):
             return
+        status = self.status
+        text = f"{status.state}: {status.reason}" if status.reason else status.state
         if not self._is_ready:
             # Ready means: the first decision is there, or there is nothing to decide on.
             self._is_ready = True
@@ -98,14 +115,15 @@ class Heart:
         self._notifier.feed(text, now_s)
 
     def _write(self) -> None:
-        if self._path is None:
-            return
-        more = {**self._panel(), "decision_age_s": round(self._health.age_s, 1)}
-        try:
-            write_status(self._path, self._health.status, more)
-        except OSError as err:
-            log.warning("%s: cannot write the status: %s", self._path, err.strerror or err)
-            self._path = None
+        for each in self._watched:
+            if each.path is None:
+                continue
+            more = {**each.panel(), "decision_age_s": round(each.health.age_s, 1)}
+            try:
+                write_status(each.path, each.health.status, more)
+            except OSError as err:
+                log.warning("%s: cannot write the status: %s", each.path, err.strerror or err)
+                each.path = None
 
 
 def _is_other(pid: Any) -> bool:

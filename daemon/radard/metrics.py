@@ -12,6 +12,7 @@ import time
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 from typing import Any
 
 from radard.sinks.base import Record, Sink
@@ -73,15 +74,15 @@ class Histogram:
 class Metrics:
     """Counters of a run; `on_record` takes what the sinks take, from any thread.
 
-    Attributes
+    Parameters
     ----------
-    driver : mapping of str to int
-        What the driver counted since its start, by the names of `x2radar.RadarStats`.
-        Whoever runs the driver puts it here.
+    sensor : str
+        Label of all samples, for one of several sensors; empty: no such label.
     """
 
-    def __init__(self) -> None:
-        self.driver: Mapping[str, int] = {}
+    def __init__(self, sensor: str = "") -> None:
+        self._labels = {"sensor": sensor} if sensor else {}
+        self._driver: Mapping[str, int] = {}
         self._lock = threading.Lock()
         self._info: dict[str, str] = {}
         self._gauges: dict[str, float] = {}
@@ -115,12 +116,29 @@ class Metrics:
                 self._gauges["radard_frame_rate_hertz"] = record["frame_rate_hz"]
                 self._is_armed = bool(record.get("armed", True))
 
-    def set_armed(self, *, is_armed: bool) -> None:
-        """Note that a command has armed or disarmed."""
-        self._is_armed = is_armed
+    def refresh(
+        self, *, state: str, is_armed: bool, driver: Mapping[str, int] | None = None
+    ) -> None:
+        """Note what holds at this moment, whether or not a record said so.
+
+        Parameters
+        ----------
+        state : str
+            Of the sensor's health; a thread that hangs writes no record.
+        is_armed : bool
+            As the last command said.
+        driver : mapping of str to int, optional
+            What the driver has counted since its start, by the names of `x2radar.RadarStats`.
+        """
+        self._state, self._is_armed = state, is_armed
+        self._driver = driver or {}
 
     def samples(self) -> Iterator[Sample]:
         """Yield what holds now: name, labels, value."""
+        for name, labels, value in self._samples():
+            yield name, {**self._labels, **labels}, value
+
+    def _samples(self) -> Iterator[Sample]:
         with self._lock:
             if self._info:
                 yield "radard_build_info", dict(self._info), 1
@@ -138,7 +156,7 @@ class Metrics:
                 yield name, {}, value
             yield from self._latency.samples("radard_decision_latency_seconds")
             yield from self._score.samples("radard_human_score")
-        for what, n in sorted(self.driver.items()):
+        for what, n in sorted(self._driver.items()):
             if what in _DRIVER:
                 name, labels = _DRIVER[what]
                 yield name, labels, n
@@ -207,13 +225,13 @@ def sink_samples(sinks: Iterable[Sink]) -> Iterator[Sample]:
         yield "radard_sink_failures_total", label, state.n_failures
 
 
-def exposition(metrics: Metrics, sinks: Iterable[Sink] = ()) -> str:
+def exposition(metrics: Iterable[Metrics], sinks: Iterable[Sink] = ()) -> str:
     """Return all samples in Prometheus' text format 0.0.4.
 
     Parameters
     ----------
-    metrics : Metrics
-        Of the run.
+    metrics : iterable of Metrics
+        Of every sensor.
     sinks : iterable of Sink
         Whose states to add.
 
@@ -223,7 +241,8 @@ def exposition(metrics: Metrics, sinks: Iterable[Sink] = ()) -> str:
         For `Content-Type: text/plain; version=0.0.4`.
     """
     families: dict[str, list[str]] = {}
-    for name, labels, value in (*metrics.samples(), *sink_samples(sinks)):
+    own = chain.from_iterable(each.samples() for each in metrics)
+    for name, labels, value in (*own, *sink_samples(sinks)):
         families.setdefault(_family(name), []).append(_line(name, labels, value))
     parts = []
     for family, lines in families.items():

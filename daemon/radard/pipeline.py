@@ -72,6 +72,7 @@ class Pipeline:
     ) -> None:
         self.stream = stream
         self.classifier = classifier
+        self._config = config
         if classifier is not None:
             classifier.bundle.check_stream(stream.axis, stream.frame_rate_hz)
             self._features = settings_at(classifier.bundle.features, stream.frame_rate_hz)
@@ -111,6 +112,31 @@ class Pipeline:
         # Decimation is for bins finer than the pulse; other modules' are coarse already.
         most = max(1, int(COARSE_BIN_M / self.stream.axis.bin_length_m))
         return DownConverter(self.stream.axis, min(self._features.range_decimation, most))
+
+    def warm_up(self) -> None:
+        """Judge a made-up dwell and forget it, so that the first real one takes no longer.
+
+        Whatever libraries prepare at their first use is prepared then. A body oscillates in
+        noise, so that the gate opens and all behind it takes part.
+        """
+        converter, shape = self._converter(), self.shape
+        axis = converter.axis
+        rng = np.random.default_rng(0)
+        parts = rng.standard_normal((shape.n_slow, axis.n_range, 2), np.float32)
+        t_s = np.arange(shape.n_slow) / shape.frame_rate_hz
+        body = np.zeros(axis.n_range)
+        body[axis.n_range // 2 :][:3] = 100.0
+        frames = parts.view(np.complex64)[..., 0] + np.exp(1j * t_s * 20)[:, None] * body
+        dwell = Dwell(
+            frames.astype(np.complex64),
+            np.ones(shape.n_slow, np.bool_),
+            axis,
+            shape.frame_rate_hz,
+            float(t_s[-1]),
+        )
+        other = Pipeline(self.stream, self._config, self.classifier)
+        for _ in range(2):
+            other.decide(dwell)
 
     def use(self, calibration: Calibration | None) -> None:
         """Give the gate the calibration of its room, or take it away; it begins anew.

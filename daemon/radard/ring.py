@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from radard.forecast import Forecast
 from x2radar.frame import FastTimeAxis, Frame
 
 Convert = Callable[[NDArray[np.float32] | NDArray[np.complex64], NDArray[np.complex64]], object]
@@ -180,6 +181,7 @@ class FrameRing:
         self._due = 0
         self._hops = 0
         self.n_unusable = 0
+        self._forecast = Forecast(shape.frame_rate_hz)
         self._schedule(0)
 
     @property
@@ -191,6 +193,10 @@ class FrameRing:
     def frame_rate_hz(self) -> float:
         """Frames per second of stream time."""
         return self._shape.frame_rate_hz
+
+    def due_s(self) -> float:
+        """Return when the next dwell's last frame should arrive, by `Forecast`; for the reader."""
+        return self._forecast.arrival_s(self._due)
 
     def recent(self, after: int = 0) -> Recent:
         """Return the rows behind number `after`, or as many of them as are still there.
@@ -231,6 +237,7 @@ class FrameRing:
                 if not self._add(None, 0.0):
                     return False
         self._index = frame.index
+        self._forecast.note(self._taken + 1, frame.t_mono_s)
         return self._add(frame.samples, frame.t_mono_s)
 
     def post(self, kind: str, reason: str) -> None:
@@ -281,6 +288,7 @@ class FrameRing:
         self._convert_waiting()
         # Rows that waiting dwells still need stay where they are: only the schedule starts anew.
         self._base = self._taken
+        self._forecast.reset()
         self._hops = 0
         self._schedule(0)
 
@@ -366,6 +374,7 @@ class FrameRing:
             self._taken,
         )
         self._hops += 1
+        self._forecast.next_hop()
         self._schedule(self._hops)
         with self._changed:
             self._queue.append((first, dwell))

@@ -5,7 +5,7 @@ of several windows already, verdicts of single windows need confirmation.
 """
 
 from radard.alarm import AlarmPolicy
-from radard.config import AlarmSection
+from radard.config_sections import AlarmSection
 
 # Order: k of n, then p_on and p_off of `AlarmPolicy`.
 Numbers = tuple[int, int, float, float]

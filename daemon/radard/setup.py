@@ -58,6 +58,11 @@ class Parts:
     clips: ClipKeeper | None
 
 
+def logger_of(config: Config) -> logging.Logger:
+    """Return where a sensor's run logs; that of one of several says which one."""
+    return log.getChild(config.sensor.name) if config.is_one_of_several else log
+
+
 def make_classifier(config: Config) -> Classifier | None:
     """Return the classifier that is named; raises BundleError or ModelMismatch."""
     name = config.model.name
@@ -69,15 +74,19 @@ def make_parts(
 ) -> Parts:
     """Make what `config` asks for around a pipeline; keep of `old` what has not changed."""
     was = old.config if old else None
-    use_calibration(config, pipeline, is_live=is_live)
+    made_here = old is not None and old.config.gate.calibration == config.gate.calibration
+    use_calibration(config, pipeline, is_live=is_live, keeps=made_here)
     quiet = QuietHours(
         [parse_quiet(text) for text in config.alarm.quiet], time_zone(config.alarm.timezone), now
     )
     tamper, clips = (old.tamper, old.clips) if old else (None, None)
     if was is None or was.tamper != config.tamper:
         tamper = _make_tamper(config, pipeline)
-    if was is None or was.clips != config.clips or was.digest() != config.digest():
+    if was is None or was.clips != config.clips:
         clips = _make_clips(config, pipeline) if is_live else None
+    elif clips is not None:
+        # The frames that it holds, and a clip that is being made, stay.
+        clips.describe(_about_clips(config, pipeline))
     return Parts(
         config=config,
         pipeline=pipeline,
@@ -89,10 +98,13 @@ def make_parts(
     )
 
 
-def use_calibration(config: Config, pipeline: Pipeline, *, is_live: bool) -> None:
+def use_calibration(
+    config: Config, pipeline: Pipeline, *, is_live: bool, keeps: bool = False
+) -> None:
     """Give a pipeline the calibration that is named, unless it has it already.
 
-    `auto` takes that of the state directory for a real device, if it is there and fits.
+    `auto` takes that of the state directory for a real device, if it is there and fits. With
+    `keeps`, any other stream keeps the one that was made of it.
 
     Raises
     ------
@@ -104,6 +116,8 @@ def use_calibration(config: Config, pipeline: Pipeline, *, is_live: bool) -> Non
     if asked == "auto":
         path = calibration_file(config)
         is_real = is_live and not (config.sensor.port or "").startswith("sim:")
+        if not is_real and keeps:
+            return
         try:
             if is_real and path.is_file():
                 calibration = _take_calibration(path, pipeline)
@@ -210,12 +224,17 @@ def _make_clips(config: Config, pipeline: Pipeline) -> ClipKeeper | None:
         keep_bytes=c.keep_mb * 1e6,
         free_bytes=c.free_mb * 1e6,
     )
+    about = _about_clips(config, pipeline)
+    return ClipKeeper(settings, pipeline.stream, pipeline.shape.n_slow, about)
+
+
+def _about_clips(config: Config, pipeline: Pipeline) -> dict[str, str]:
+    """Return the root attributes of clips: what made their decisions."""
     bundle = pipeline.classifier.bundle if pipeline.classifier else None
-    attributes = {
+    return {
         "sensor": config.sensor.name,
         "config_hash": config.digest(),
         "model": bundle.name if bundle else "none",
         "model_sha256": hashlib.sha256(bundle.onnx).hexdigest() if bundle else "",
         "version": installed_version(),
     }
-    return ClipKeeper(settings, pipeline.stream, pipeline.shape.n_slow, attributes)

@@ -12,9 +12,11 @@ from typing import Protocol
 
 from radard import plugins
 from radard.errors import UsageError
+from radard.forecast import NextHop
 from radard.gathered import gathered
 from radard.playback import Playback
-from x2radar.errors import RecordingError
+from x2radar.device import RadarStats
+from x2radar.errors import RecordingError, TransportClosed
 from x2radar.frame import Frame, StreamInfo
 from x2radar.ports import PortSpec, check_options, make_radar, number_option, parse_port
 from x2radar.reconnect import ReconnectingRadar
@@ -103,6 +105,7 @@ def open_source(
     wait: bool = False,
     quit_on_loss: bool = False,
     on_notice: Notify = lambda _kind, _reason: None,
+    on_wait: Callable[[Callable[[], None]], object] = lambda _close: None,
 ) -> FrameSource:
     """Open what a port string names.
 
@@ -118,6 +121,8 @@ def open_source(
         Raise when the device goes away later, instead of waiting for it.
     on_notice : callable
         Called with ('lost' or 'found', reason) from the thread that reads frames.
+    on_wait : callable
+        Given, before a device is waited for, what ends that wait; any thread may call it.
 
     Returns
     -------
@@ -140,22 +145,39 @@ def open_source(
             return source
     if spec.scheme == "replay":
         return ReplaySource(spec, factor, on_notice)
-    radar = make_radar(spec, speed=factor)
+    radar, hop = make_radar(spec, speed=factor), NextHop()
     if factor is not None and factor <= _FASTEST_GATHERED:
-        radar.wrap_transport(gathered)
-    return LiveSource(ReconnectingRadar(radar, wait=wait, quit_on_loss=quit_on_loss), on_notice)
+        radar.wrap_transport(lambda connect: gathered(connect, hop.due_s))
+    device = ReconnectingRadar(radar, wait=wait, quit_on_loss=quit_on_loss)
+    on_wait(device.close)
+    return LiveSource(device, on_notice, hop)
 
 
 class LiveSource:
-    """Frames of a device, which is opened again when it was lost."""
+    """Frames of a device, which is opened again when it was lost.
+
+    Parameters
+    ----------
+    radar : ReconnectingRadar
+        Not opened yet.
+    on_notice : callable
+        See `open_source`.
+    hop : NextHop
+        Asked by the transport; `expect` tells it.
+    """
 
     is_live = True
 
-    def __init__(self, radar: ReconnectingRadar, on_notice: Notify) -> None:
+    def __init__(self, radar: ReconnectingRadar, on_notice: Notify, hop: NextHop) -> None:
         self._radar = radar
+        self._hop = hop
         self._on_notice = on_notice
         self._frames = self._read()
-        self._first = next(self._frames)
+        first = next(self._frames, None)
+        if first is None:
+            msg = "closed before the first frame"
+            raise TransportClosed(msg)
+        self._first = first
         assert radar.stream is not None  # noqa: S101 - known with the first frame
         self.stream: StreamInfo = radar.stream
 
@@ -168,6 +190,15 @@ class LiveSource:
             If the device is lost and is not waited for.
         """
         return chain([self._first], self._frames)
+
+    def expect(self, forecast: Callable[[], float]) -> None:
+        """Read in time for the frame whose arrival `forecast` returns, see `FrameRing.due_s`."""
+        self._hop.ask(forecast)
+
+    @property
+    def stats(self) -> RadarStats:
+        """What the driver has counted up to now; for any thread."""
+        return self._radar.stats
 
     def close(self) -> None:
         """As in `FrameSource`."""

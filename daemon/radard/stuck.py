@@ -22,18 +22,20 @@ def stacks() -> dict[str, str]:
     }
 
 
-def state_dump(health: Health, panel: Mapping[str, Any]) -> str:
-    """Return all of a run's state as one line of JSON."""
+def state_of(health: Health, panel: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the state of one sensor's run."""
     status = health.status
-    return json.dumps(
-        {
-            "state": status.state,
-            "reason": status.reason,
-            "decision_age_s": round(health.age_s, 1),
-            **panel,
-            "threads": stacks(),
-        }
-    )
+    return {
+        "state": status.state,
+        "reason": status.reason,
+        "decision_age_s": round(health.age_s, 1),
+        **panel,
+    }
+
+
+def state_dump(states: Mapping[str, Any]) -> str:
+    """Return all of a process's state, and where its threads are, as one line of JSON."""
+    return json.dumps({**states, "threads": stacks()})
 
 
 def force_after(seconds: float) -> threading.Timer:

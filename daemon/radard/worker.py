@@ -4,25 +4,26 @@ All that it knows of time is stream time, but for the two things that ask for th
 the wall: quiet periods of a live stream, and silence.
 """
 
-import logging
 import threading
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import Any
 
 from radard.alarm import AlarmPanel
+from radard.calibration import Calibration
 from radard.decision import Decision
 from radard.dwell_cells import is_frozen
+from radard.errors import ConfigError
 from radard.events import Event, EventTracker
 from radard.health import Health, Status
 from radard.output import decision_record, event_record, status_record
-from radard.outputs import COMMANDS, Outputs
+from radard.outputs import Feed
 from radard.ring import Dwell, FrameRing, Notice
-from radard.setup import Parts
+from radard.room_calibration import RoomCalibration, can_calibrate, signer
+from radard.setup import Parts, logger_of
 from radard.state_store import StateStore
 from x2radar.frame import Frame
 
-log = logging.getLogger("radard")
 _LOOK_UP_S = 0.5
 
 
@@ -35,7 +36,7 @@ class Worker:
         What to work with.
     ring : FrameRing
         Where dwells and notices come from.
-    outputs : Outputs
+    outputs : Feed
         Where records go.
     health : Health
         Fed here.
@@ -47,7 +48,7 @@ class Worker:
         self,
         parts: Parts,
         ring: FrameRing,
-        outputs: Outputs,
+        outputs: Feed,
         health: Health,
         store: StateStore,
     ) -> None:
@@ -61,12 +62,18 @@ class Worker:
         self._n_decided = 0
         self._t_s = 0.0
         self._last: Decision | None = None
+        self._log = logger_of(parts.config)
         kept = store.load(is_armed=parts.config.alarm.armed)
         if kept.is_armed != parts.config.alarm.armed:
-            log.warning("%s, as the last command said", "armed" if kept.is_armed else "disarmed")
+            word = "armed" if kept.is_armed else "disarmed"
+            self._log.warning("%s, as the last command said", word)
         panel = AlarmPanel(parts.policy, is_armed=kept.is_armed)
-        self.tracker = EventTracker(panel, parts.see)
+        config = parts.config
+        salt = config.sensor.name if config.is_one_of_several else ""
+        self.tracker = EventTracker(panel, parts.see, salt)
         self._kept_events = self.tracker.resume(kept)
+        self._room: RoomCalibration | None = None
+        self._made: Calibration | None = None
         self.failure: BaseException | None = None
         """What ended the work, if that was no end of the stream."""
 
@@ -83,13 +90,11 @@ class Worker:
             "seq": last.seq if last else 0,
             "gate": last.gate if last else None,
             "label": last.label if last else None,
+            "calibration": asdict(self._room.progress) if self._room is not None else None,
         }
 
     def command(self, name: str) -> None:
         """Queue a command, see `Host.command`; for any thread."""
-        if name not in COMMANDS:
-            msg = f"no command '{name}'; known are {', '.join(COMMANDS)}"
-            raise ValueError(msg)
         self._ring.post("command", name)
 
     def exchange(self, parts: Parts) -> None:
@@ -136,12 +141,16 @@ class Worker:
             self._take_command(item)
         elif item.kind == "reload":
             self._take_parts()
+        elif item.kind == "calibrated":
+            self._take_calibration()
         else:
             self._take_notice(item)
 
     def _take_dwell(self, dwell: Dwell) -> None:
         parts = self.parts
         self._n_decided += 1
+        if self._room is not None:
+            self._room.take(dwell)
         decision = replace(self._decide(dwell), seq=self._n_decided)
         self._last, self._t_s = decision, decision.t_s
         self._tell(self._health.on_decision(decision))
@@ -166,9 +175,9 @@ class Worker:
     def _decide(self, dwell: Dwell) -> Decision:
         try:
             return self.parts.pipeline.decide(dwell)
-        except Exception as err:
+        except Exception as err:  # noqa: BLE001 - logged below, with its traceback
             # Whatever it is: announced as a fault and tried again is better than silence.
-            log.exception("a dwell could not be judged")
+            self._log.exception("a dwell could not be judged")
             return Decision(
                 seq=0,
                 t_s=dwell.t_s,
@@ -189,25 +198,53 @@ class Worker:
             self.parts.pipeline.restart()
             if self.parts.clips is not None:
                 self.parts.clips.restart()
+        if notice.kind in {"restart", "lost"} and self._room is not None:
+            self._room.stop(f"the stream broke off ({notice.reason})")
         if notice.kind == "paused":
             # Somebody holds a replay on purpose: nothing is wrong with it.
             self._tell(self._health.on_notice(notice))
             return
-        log.warning("%s: %s", notice.kind, notice.reason)
+        self._log.warning("%s: %s", notice.kind, notice.reason)
         self._tell(self._health.on_notice(notice))
         self._emit(self.tracker.on_notice(notice))
 
     def _take_command(self, notice: Notice) -> None:
         name = notice.reason
-        log.info("command: %s", name)
+        self._log.info("command: %s", name)
         tamper = self.parts.tamper
         if tamper is not None and (name == "calibrate" or "tamper" in self.tracker.open_events):
             tamper.relearn()
         if name == "calibrate":
-            self.parts.pipeline.restart()
+            self._calibrate(notice.t_s)
         else:
             self._emit(self.tracker.on_command(name, notice.t_s))
         self._store.save(self.tracker.kept)
+
+    def _calibrate(self, t_s: float) -> None:
+        config, pipeline = self.parts.config, self.parts.pipeline
+        if not can_calibrate(config):
+            # No calibration is wanted: the gate learns the room anew, as at the start.
+            pipeline.restart()
+            return
+        if self._room is not None:
+            self._room.stop("another one was asked for")
+        sign = signer(pipeline.stream, pipeline.classifier, config.sensor.port or "")
+        self._room = RoomCalibration(config, sign, t_s, self._calibrated)
+
+    def _calibrated(self, made: Calibration) -> None:
+        """Take up a calibration with the next item; called from the calibration's thread."""
+        self._made = made
+        self._ring.post("calibrated", "the room was calibrated")
+
+    def _take_calibration(self) -> None:
+        made, self._made = self._made, None
+        if made is None:
+            return
+        try:
+            self.parts.pipeline.use(made)
+        except ConfigError as err:
+            # A reload came between, with a model that takes other bins.
+            self._log.warning("the calibration is not taken up: %s", err)
 
     def _take_parts(self) -> None:
         parts, self._next = self._next, None
@@ -251,5 +288,5 @@ class Worker:
 
     def _tell(self, status: Status | None) -> None:
         if status is not None:
-            log.info("%s %s", status.state, status.reason)
+            self._log.info("%s %s", status.state, status.reason)
             self._outputs.put(status_record(status))

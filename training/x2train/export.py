@@ -53,6 +53,8 @@ class BundleSpec:
         How windows are fused, for 'fused'.
     notes : str
         For the card: what the figures mean, and what they do not.
+    pet_limit : float
+        The alarm stays off only above this probability of pet and other together.
     """
 
     name: str
@@ -66,6 +68,7 @@ class BundleSpec:
     policy: str = "window"
     evidence: dict[str, float] = field(default_factory=dict)
     notes: str = ""
+    pet_limit: float = 0.8
 
 
 def to_onnx(net: torch.nn.Module, inputs: tuple[ModelInput, ...]) -> bytes:
@@ -134,7 +137,7 @@ def write_bundle(folder: Path, spec: BundleSpec, onnx_bytes: bytes) -> None:
         "stream": {key: list(value) for key, value in spec.stream.items()},
         "classes": list(spec.classes),
         "temperature": spec.temperature,
-        "pet_limit": 0.8,
+        "pet_limit": spec.pet_limit,
         "policy": spec.policy,
         **({"evidence": spec.evidence} if spec.evidence else {}),
         "training": {

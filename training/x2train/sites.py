@@ -5,7 +5,7 @@ of training: two walls and a ceiling, clutter that falls by a power law, a mount
 ceiling that looks down.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -18,8 +18,8 @@ from x2radar.sim.room import RoomSettings
 
 SAMPLE_RATE_HZ = 41e9
 """Of the X2; it sets the level of the noise of all radars here."""
-N_RADARS = 64
 RoomKind = Literal["usual", "unseen"]
+RadarKind = Literal["any", "x2", "x4m03"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -96,25 +96,25 @@ def draw_rate_hz(rng: np.random.Generator) -> float:
     return 60.0 if rng.random() < 0.5 else float(round(rate, 1))
 
 
-def draw_radar(rng: np.random.Generator) -> Radar:
-    """Return one of `N_RADARS` radars.
+def draw_radar(rng: np.random.Generator, kind: RadarKind = "any") -> Radar:
+    """Return a radar like those that the bundles are made for.
 
-    They are like those that a bundle for 0.4 to 4.4 m is made for. There are not more of them
-    because the features' operators of each are costly to design.
+    Of any kind, seven in ten are an X2 with its chips' spread, the others have any carrier,
+    bandwidth and bin length between those of the P4xx and the X4M03.
     """
-    return _radar(int(rng.integers(N_RADARS)))
-
-
-def _radar(number: int) -> Radar:
-    """Return a radar by number.
-
-    Seven in ten are an X2 with its chips' spread, the others have any carrier, bandwidth and
-    bin length between those of the P4xx and the X4M03.
-    """
-    rng = np.random.default_rng([0x5ADA, number])
     share, rate_hz = rng.random(6), draw_rate_hz(rng)
     near = 0.4 + 0.4 * share[0]
-    if share[1] < 0.7:
+    if kind == "x4m03":
+        return replace(
+            X4M03,
+            # The two centre frequencies of the chip's ETSI and KCC pulses.
+            carrier_hz=X4M03.carrier_hz if share[2] < 0.8 else 8.748e9,
+            bandwidth_hz=X4M03.bandwidth_hz * (0.94 + 0.12 * share[3]),
+            near_m=near,
+            far_m=near + 2.2 * 4 ** share[5],
+            frame_rate_hz=max(40.0, rate_hz),
+        )
+    if kind == "x2" or share[1] < 0.7:
         bin_m = X2.bin_length_m * (0.98 + 0.10 * share[2])
         return Radar(
             name="X2",
@@ -131,7 +131,7 @@ def _radar(number: int) -> Radar:
         bandwidth_hz=1.35e9 + 0.6e9 * share[3],
         bin_length_m=0.025 + 0.028 * share[4],
         near_m=near,
-        far_m=min(near + 2.2 + 1.8 * share[5], 4.4),
+        far_m=near + 2.2 * 3 ** share[5],
         frame_rate_hz=rate_hz,
     )
 
@@ -192,7 +192,9 @@ def draw_site(rng: np.random.Generator, radar: Radar, kind: RoomKind = "usual") 
     )
     wall = Surface(axis="y", at_m=float(rng.uniform(radar.far_m, radar.far_m + 3.0)))
     floor = Surface(axis="z", smoothness=float(rng.uniform(0.3, 1.0)))
-    surfaces = (*((floor,) if share[1] < 0.8 else ()), *((wall,) if share[2] < 0.5 else ()))
+    ceiling = Surface(axis="z", at_m=2.4 + 0.8 * float(share[7]))
+    likely = ((floor, share[1] < 0.8), (wall, share[2] < 0.5), (ceiling, share[8] < 0.3))
+    surfaces = tuple(surface for surface, is_there in likely if is_there)
     tail = TailSettings(
         energy_db=float(rng.uniform(-16, -4)), reach_m=max(2.0, radar.far_m - radar.near_m)
     )

@@ -25,6 +25,7 @@ from radard.ring import Dwell
 from x2radar.frame import FastTimeAxis
 
 CPI_S = 28 / 60
+VELOCITY_CPI_S = 0.2
 DWELL_S = 2.0
 CELL_S = 0.05
 NEAR_M, FAR_M, CELL_M = 0.4, 4.4, 0.1
@@ -181,6 +182,8 @@ class DoubleMaps:
         Whose grids are used.
     axis, frame_rate_hz
         As of the chain.
+    n_cpi : int
+        Frames in a CPI of the range map.
     """
 
     def __init__(
@@ -189,14 +192,16 @@ class DoubleMaps:
         transform: VelocityTransform,
         axis: FastTimeAxis,
         frame_rate_hz: float,
+        n_cpi: int,
     ) -> None:
-        self._n_cpi, self._stride = transform.n_cpi, transform.stride
+        self._n_cpi, self._stride = n_cpi, transform.stride
+        self._n_fast = transform.n_cpi
         self._dft = range_dft(axis, transform.frequency_hz, _FLATTEN)
         self._operator = velocity_operator(
             transform.frequency_hz,
             transform.velocity_mps,
             frame_rate_hz,
-            gaussian_taper(self._n_cpi),
+            gaussian_taper(self._n_fast),
         )
         self._share = ranges.weights[: axis.n_range].astype(np.float64)
         self._middle = centring(self._n_cpi)[self._n_cpi // 2]
@@ -220,7 +225,7 @@ class DoubleMaps:
         spectra = np.concatenate([self._spectra, steps @ self._dft])
         self._spectra = spectra[-(len(rows) + self._n_cpi + self._stride) :]
         self._add_ranges(max(0, n_old - self._n_cpi + 1))
-        self._add_velocities(max(0, n_old - self._n_cpi + 1))
+        self._add_velocities(max(0, n_old - self._n_fast + 1))
 
     def _add_ranges(self, earliest: int) -> None:
         """Add the columns of the CPIs that begin with frame `earliest` or later."""
@@ -237,11 +242,11 @@ class DoubleMaps:
 
     def _add_velocities(self, earliest: int) -> None:
         first = -(-earliest // self._stride) * self._stride
-        n = (self._n_seen - self._n_cpi - first) // self._stride + 1
+        n = (self._n_seen - self._n_fast - first) // self._stride + 1
         if n < 1:
             return
         rows = np.ascontiguousarray(self._spectra[len(self._spectra) - (self._n_seen - first) :].T)
-        n_freq, width = len(rows), self._n_cpi - 1
+        n_freq, width = len(rows), self._n_fast - 1
         s0, s1 = rows.strides
         windows = as_strided(rows[:, 1:], (n_freq, width, n), (s0, s1, self._stride * s1)).copy()
         lines = self._operator @ windows
@@ -262,10 +267,11 @@ def _maps(
         frame_rate_hz,
         max_mps=MAX_MPS,
         step_mps=setting.step_mps,
+        cpi_s=VELOCITY_CPI_S,
         column_rate_hz=frame_rate_hz / setting.stride,
         n_keep=n_keep,
     )
     ranges = RangeTimeMap(axis, n_cpi, cell_m=CELL_M, near_m=NEAR_M, far_m=FAR_M, n_keep=n_keep)
     if setting.precision == 64:
-        return {"double": DoubleMaps(ranges, transform, axis, frame_rate_hz)}
+        return {"double": DoubleMaps(ranges, transform, axis, frame_rate_hz, n_cpi)}
     return {"velocity_time": transform, "range_time": ranges}

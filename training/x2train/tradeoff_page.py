@@ -20,8 +20,8 @@ _PICTURES = {
 _MEANING = {
     "decimation": "Bins of 3.7 mm times this. The matched filter comes first, so no noise folds.",
     "stride": "Frames from one velocity column to the next; pictures have cells of 50 ms.",
-    "step_mps": "401, 201, 101, 51 and 25 rows from -5 to 5 m/s. A CPI of 0.47 s resolves "
-    "0.07 m/s.",
+    "step_mps": "401, 201, 101, 51 and 25 rows from -5 to 5 m/s. A CPI of 0.2 s resolves "
+    "0.15 m/s.",
     "precision": "Arithmetic of the maps; frames are float32 either way.",
     "source": "RF that is down-converted here, or baseband that the module made. The loss is "
     "mostly another draw of the receiver's noise.",

@@ -16,7 +16,7 @@ from x2train.walks_scene import FRAMES, RADARS_X_M, simulated_walk, without_dela
 WITHIN = 0.2
 _ROWS = (
     ("range rate, mean", "m/s", 1.0),
-    ("range rate, spread along the way", "m/s", 1.0),
+    ("range rate, spread along straight stretches", "m/s", 1.0),
     ("range rate, spread within steps (range)", "m/s", 1.0),
     ("torso oscillation, Doppler line, rms", "m/s", 1.0),
     ("torso oscillation, range, rms", "cm", 100.0),

@@ -15,7 +15,7 @@ from scipy.signal import savgol_filter
 from radard.dsp.velocity import CPI_S
 from x2train.walks_doppler import doppler_numbers, standing_still
 from x2train.walks_follow import CELL_M, Array, Walk
-from x2train.walks_swing import swing_rms
+from x2train.walks_swing import spread_about_lines, swing_rms
 
 PEAK_M = 0.25
 BEHIND_M = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0)
@@ -29,8 +29,10 @@ class WalkNumbers:
 
     Attributes
     ----------
-    speed_mps, speed_sd_mps : float
-        Mean and standard deviation of the speed to or from the radar.
+    speed_mps : float
+        Mean speed to or from the radar.
+    speed_sd_mps : float
+        Unevenness of that speed: about a line through each stretch, without the corners.
     rate_sd_mps : float
         Spread of the body's range rate (over a CPI of 0.47 s) about that of its way.
     torso_mps : float
@@ -92,7 +94,7 @@ def measure(walk: Walk) -> WalkNumbers:
     energy = np.sqrt(_energy(frames[:-1][both]) * _energy(frames[1:][both]))
     return WalkNumbers(
         speed_mps=float(speed.mean()),
-        speed_sd_mps=float(speed.std()),
+        speed_sd_mps=spread_about_lines(walk.rate_mps, counts, rate_hz),
         rate_sd_mps=float((quick - walk.rate_mps)[counts].std()),
         torso_mps=doppler.torso_mps,
         torso_rms_m=swing_rms(walk.body_m - walk.path_m, counts, rate_hz),

@@ -36,16 +36,31 @@ def swinging(x: Array, counts: Flags, rate_hz: float) -> tuple[Array, Array]:
     density : ndarray, shape (n_freq,), float64
         Squared units per hertz, one-sided, the line through each stretch taken off.
     """
-    index = np.flatnonzero(counts)
-    runs = np.split(index, np.flatnonzero(np.diff(index) > 1) + 1)
-    long = [run for run in runs if len(run) >= _SHORTEST_S * rate_hz] or runs
     total, weight = np.zeros(_N_FFT // 2 + 1), 0.0
-    for run in long:
-        taper = np.hanning(len(run) + 2)[1:-1]
-        line = np.polynomial.Polynomial.fit(run, x[run], min(1, len(run) - 1))
-        bent = np.fft.rfft((x[run] - line(run)) * taper, _N_FFT)
-        total += np.abs(bent) ** 2 * (len(run) / (taper @ taper))
-        weight += len(run)
+    for bent in _without_lines(x, counts, rate_hz):
+        taper = np.hanning(len(bent) + 2)[1:-1]
+        spectrum = np.fft.rfft(bent * taper, _N_FFT)
+        total += np.abs(spectrum) ** 2 * (len(bent) / (taper @ taper))
+        weight += len(bent)
     return np.asarray(np.fft.rfftfreq(_N_FFT, 1 / rate_hz), np.float64), 2 * total / (
         weight * rate_hz
     )
+
+
+def spread_about_lines(x: Array, counts: Flags, rate_hz: float) -> float:
+    """Return the rms of what is left of the stretches that count without a line through each.
+
+    A straight way past a radar has a range rate that changes steadily, and corners lie
+    between stretches: neither is in it.
+    """
+    return float(np.sqrt(np.mean(np.concatenate(_without_lines(x, counts, rate_hz)) ** 2)))
+
+
+def _without_lines(x: Array, counts: Flags, rate_hz: float) -> list[Array]:
+    index = np.flatnonzero(counts)
+    runs = np.split(index, np.flatnonzero(np.diff(index) > 1) + 1)
+    long = [run for run in runs if len(run) >= _SHORTEST_S * rate_hz] or runs
+    lines = [np.polynomial.Polynomial.fit(run, x[run], min(1, len(run) - 1)) for run in long]
+    return [
+        np.asarray(x[run] - line(run), np.float64) for run, line in zip(long, lines, strict=True)
+    ]

@@ -18,11 +18,12 @@ from radard.pipeline import settings_at
 from radard.ring import Dwell, DwellShape
 from x2train.passages import Passage, play
 from x2train.scenarios import FAMILIES, LABELS, Use, draw_cast
-from x2train.sites import RoomKind, draw_radar, draw_site
+from x2train.sites import RadarKind, RoomKind, draw_radar, draw_site
 
 HOP_S = 1.0
 _VISIBLE_DB = 3.0
 _LEAST_SHARE = 0.12
+_A_RADAR, _RADAR = 16, 0x5ADA
 _NAMES = ("velocity_time", "range_time")
 _FAMILY = {f.name: k for k, f in enumerate(FAMILIES)}
 
@@ -39,6 +40,8 @@ class WindowSpec:
         Families.
     rooms : {'usual', 'unseen'}
         Kind of room.
+    radar : {'any', 'x2', 'x4m03'}
+        See `draw_radar`.
     settings : FeatureSettings
         How the maps are made.
     is_plain : bool
@@ -48,6 +51,7 @@ class WindowSpec:
     seed: int = 0
     use: Use = "all"
     rooms: RoomKind = "usual"
+    radar: RadarKind = "any"
     settings: FeatureSettings
     is_plain: bool = False
 
@@ -58,7 +62,10 @@ class WindowSpec:
         if self.use in {"held out", "seed"}:
             label = LABELS[number % 2]
         cast = draw_cast(rng, label, self.use)
-        site = draw_site(rng, draw_radar(rng), self.rooms)
+        # Passages beside each other share a radar: designing its maps takes as long as both.
+        radar_rng = np.random.default_rng([self.seed, number // _A_RADAR, _RADAR])
+        radar = draw_radar(radar_rng, self.radar)
+        site = draw_site(rng, radar, self.rooms)
         duration_s = 2.6 + float(rng.uniform(2.0, 6.0))
         passage = play(rng, site, cast, duration_s=duration_s, is_plain=self.is_plain)
         return windows_of(passage, self.settings, number)
@@ -87,6 +94,8 @@ def windows_of(
         frames = passage.frames[end - n : end]
         dwell = Dwell(frames, valid, axis, rate_hz, end / rate_hz, end_frame=end)
         moving = remover.remove(dwell)
+        if not moving.is_whole:
+            continue
         reading = gate.read(moving)
         if not reading.is_open:
             continue

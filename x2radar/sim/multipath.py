@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from x2radar.errors import SettingsError
 from x2radar.sim.antenna import Antenna, EchoRows, length_m
 from x2radar.sim.keys import check_fields, limited, one_of
 from x2radar.sim.points import Points
@@ -144,6 +145,8 @@ class TailSettings:
         power. Those beyond the swath's end never show, so it is best set there.
     ceiling_m : float
         And evenly in height from the floor to here.
+    free_m : float
+        Free floor: no thing lies nearer to the antenna, and none counts as nearer to a body.
 
     Raises
     ------
@@ -155,10 +158,14 @@ class TailSettings:
     n_paths: int = limited(128, 16, 4096, "ways", is_whole=True)
     reach_m: float = limited(4.0, 0.5, 30, "radius of the things around, m")
     ceiling_m: float = limited(2.5, 0.5, 20, "height of the things around, m")
+    free_m: float = limited(0.0, 0, 10, "free floor about antenna and bodies, m")
 
     def __post_init__(self) -> None:
         """Check every field."""
         check_fields(self)
+        if self.free_m >= self.reach_m:
+            msg = f"free_m: {self.free_m:g} leaves nothing within reach_m, {self.reach_m:g}"
+            raise SettingsError(msg)
 
 
 class DiffuseTail:
@@ -179,6 +186,7 @@ class DiffuseTail:
     def __init__(self, rng: np.random.Generator, settings: TailSettings, antenna: Antenna) -> None:
         n = settings.n_paths
         self._antenna = antenna
+        self._clear_m = max(_CLEAR_M, settings.free_m)
         self._thing_m = _draw_things(rng, settings, antenna)
         self._aspect = np.exp(rng.standard_normal((_N_ASPECTS, n)))
         self._out_m = np.maximum(length_m(self._thing_m - antenna.position_m), _CLEAR_M)
@@ -213,7 +221,7 @@ class DiffuseTail:
             near_sq += (body_m - here[k]) ** 2
             between_sq += (body_m - self._thing_m[:, k]) ** 2
         near_m = np.sqrt(np.maximum(near_sq, NEAREST_M**2))
-        between_m = np.sqrt(np.maximum(between_sq, _CLEAR_M**2))
+        between_m = np.sqrt(np.maximum(between_sq, self._clear_m**2))
         range_m = (near_m + between_m + self._out_m) / 2
         # Log-normal weights of unit sigma have the mean sqrt(e).
         gain = self._antenna.gain(_centre_m(points) - here)[:, None]
@@ -223,7 +231,7 @@ class DiffuseTail:
     def _calibration(self) -> float:
         """Return the tail's energy over the body's, as drawn, for a body ahead."""
         ahead = self._antenna.position_m + _CALIBRATED_AT_M * self._antenna.axis
-        between_m = np.maximum(length_m(ahead - self._thing_m), _CLEAR_M)
+        between_m = np.maximum(length_m(ahead - self._thing_m), self._clear_m)
         behind_m = (between_m + self._out_m - _CALIBRATED_AT_M) / 2
         ratio = (self._root * _CALIBRATED_AT_M / (between_m * self._out_m)) ** 2
         is_tail = (behind_m > _GAP_M[0]) & (behind_m < _GAP_M[1])
@@ -238,7 +246,7 @@ def _draw_things(rng: np.random.Generator, settings: TailSettings, antenna: Ante
     """
     n_places = _PLACES_A_PATH * settings.n_paths
     radius, turn, height = rng.random((3, n_places))
-    radius *= settings.reach_m
+    radius = settings.free_m + (settings.reach_m - settings.free_m) * radius
     x, y = radius * np.sin(2 * np.pi * turn), radius * np.cos(2 * np.pi * turn)
     place_m = np.stack([x, y, settings.ceiling_m * height], axis=1)
     gain = antenna.gain(place_m - antenna.position_m)

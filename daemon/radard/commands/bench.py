@@ -6,8 +6,7 @@ import os
 from collections.abc import Sequence
 
 from radard.commands.bench_stages import Cost, measured
-from radard.commands.listening import add_listening, check_seconds, listening_options
-from radard.config import load_config
+from radard.commands.listening import add_listening, check_seconds, listening_config
 from radard.errors import UsageError
 from x2radar.command import new_parser
 
@@ -27,9 +26,7 @@ def run(argv: Sequence[str]) -> int:
     if not 1 <= args.rounds <= 100:
         msg = f"--rounds {args.rounds}: must be 1 to 100"
         raise UsageError(msg)
-    options = listening_options(args)
-    options["sensor"].setdefault("port", "sim:human")
-    config = load_config(args.config, options=options)
+    config = listening_config(args, default_port="sim:human")
     cost = measured(config, args.duration, args.rounds)
     n_cores = len(os.sched_getaffinity(0))
     n_radars = int(_SPARE * n_cores / cost.all_s)

@@ -5,30 +5,28 @@ import json
 import os
 import sys
 from collections.abc import Iterator, Sequence
-from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from radard.calibration import Calibration, Provenance, utc_text
+from radard.calibration import Calibration
 from radard.calibration_survey import DAY_S, LEAST_DB, RoomSurvey
 from radard.commands.listening import (
     Listening,
     add_listening,
     check_seconds,
     listen,
-    listening_options,
+    listening_config,
 )
 from radard.commands.live import Live
-from radard.config import Config, load_config
+from radard.config import Config
 from radard.directories import calibration_file, named_state_dir
 from radard.errors import NotAllowed, RadardError, UsageError
 from radard.pipeline import HOP_S, gate_settings
-from radard.redact import redact
 from radard.ring import Notice
+from radard.room_calibration import signer
 from radard.state_store import write_atomically
-from x2radar.command import installed_version, new_parser
+from x2radar.command import new_parser
 
 _EXAMPLES = """\
 examples:
@@ -53,13 +51,14 @@ def run(argv: Sequence[str]) -> int:
     if not 0 <= args.least_db <= 60:
         msg = f"--least-db {args.least_db:g}: must be 0 to 60"
         raise UsageError(msg)
-    config = load_config(args.config, options=listening_options(args))
+    config = listening_config(args)
     path = args.out or _own_file(config)
     with listen(config) as listening:
         survey = _surveyed(listening, config, args)
         survey.check_empty(takes_machines=args.with_machines)
+        stream, classifier = listening.pipeline.stream, listening.pipeline.classifier
         calibration = survey.calibration(
-            _signer(listening, config),
+            signer(stream, classifier, config.sensor.port or ""),
             false_gates_per_day=args.false_gates,
             least_db=args.least_db,
         )
@@ -127,26 +126,6 @@ def _surveyed(listening: Listening, config: Config, args: argparse.Namespace) ->
         )
     live.clear()
     return survey
-
-
-def _signer(listening: Listening, config: Config) -> Any:
-    """Return what makes the provenance of the calibration of a stream."""
-    stream, classifier = listening.pipeline.stream, listening.pipeline.classifier
-
-    def sign(n_dwells: int, heard_s: float, predicted: float) -> Provenance:
-        return Provenance(
-            made_utc=utc_text(datetime.now(UTC)),
-            device=stream.device,
-            port=redact(config.sensor.port or ""),
-            software=installed_version(),
-            model=classifier.bundle.name if classifier else "none",
-            carrier_hz=stream.axis.carrier_hz,
-            duration_s=round(heard_s, 3),
-            n_dwells=n_dwells,
-            false_gates_per_day=float(f"{predicted:.3g}"),
-        )
-
-    return sign
 
 
 def _own_file(config: Config) -> Path:

@@ -46,9 +46,23 @@ def shown(loaded: Loaded) -> Iterator[str]:
         if not isinstance(values, dict):
             yield _line("", section, values, loaded.origin(section))
             continue
-        yield f"{section}:"
+        yield f"{section}:" + ("" if values else " {}")
         for key, value in values.items():
-            yield _line("  ", key, value, loaded.origin(section, key))
+            if section == "sensors":
+                yield from _nested("  ", (section, key), value, loaded)
+            else:
+                yield _line("  ", key, value, loaded.origin(section, key))
+
+
+def _nested(indent: str, where: tuple[str, ...], value: Any, loaded: Loaded) -> Iterator[str]:
+    """Yield the lines of an entry of `sensors`; a section that it has not is the common one."""
+    if not isinstance(value, dict):
+        if value is not None:
+            yield _line(indent, where[-1], value, loaded.origin(*where))
+        return
+    yield f"{indent}{where[-1]}:"
+    for key, inner in value.items():
+        yield from _nested(indent + "  ", (*where, key), inner, loaded)
 
 
 def _line(indent: str, key: str, value: Any, origin: str) -> str:

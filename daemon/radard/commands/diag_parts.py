@@ -139,9 +139,10 @@ def _environment(environ: Mapping[str, str]) -> dict[str, Any]:
 def _status(config: Config) -> dict[str, Any]:
     reports = {}
     for folder in status_dirs(config):
-        path = status_path(folder, config.sensor.name)
-        report = read_status(path)
-        reports[str(path)] = {"line": report.line, **report.content}
+        for each in config.each():
+            path = status_path(folder, each.sensor.name)
+            report = read_status(path)
+            reports[str(path)] = {"line": report.line, **report.content}
     return reports
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from radard.config import load_config
 from radard.errors import UsageError
-from radard.sinks.options import KINDS
+from radard.sink_options import KINDS
 from radard.sinks.store_query import StoredEvent, parse_since, read_events
 from x2radar.command import new_parser
 

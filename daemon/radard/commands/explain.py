@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from radard.classifier import Bundle, bundle_names, load_bundle
-from radard.config import AlarmSection, Config, load_config
+from radard.config import Config, load_config
+from radard.config_sections import AlarmSection
 from radard.confirmation import alarm_probability, windows_until
 from radard.options import add_options, config_options
 from radard.pipeline import HOP_S
@@ -32,6 +33,7 @@ def run(argv: Sequence[str]) -> int:
         _EXAMPLES,
     )
     add_options(parser)
+    parser.add_argument("--sensor", metavar="NAME", help="one of the configuration's sensors")
     parser.add_argument(
         "--pass-time", type=float, default=5.0, metavar="S", help="how long a body is in sight (5)"
     )
@@ -39,6 +41,8 @@ def run(argv: Sequence[str]) -> int:
     if not 1 <= args.pass_time <= 120:
         parser.error(f"--pass-time {args.pass_time:g}: must be 1 to 120 s")
     config = load_config(args.config, options=config_options(args))
+    if args.sensor or not config.sensors:
+        config = config.of_sensor(args.sensor)
     print("\n".join(explained(config, pass_s=args.pass_time)))
     return 0
 

@@ -4,9 +4,9 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from radard.config import load_config
+from radard.config import Config, load_config
 from radard.directories import status_dirs
-from radard.status_file import read_status, status_path
+from radard.status_file import StatusReport, read_status, status_path
 from x2radar.command import new_parser
 
 _EXAMPLES = """\
@@ -20,19 +20,26 @@ def run(argv: Sequence[str]) -> int:
     """Run the subcommand."""
     parser = new_parser("radard health", "Ask after the daemon that runs here.", _EXAMPLES)
     add = parser.add_argument
-    add("--sensor", metavar="NAME", help="which one (the configuration's sensor.name)")
+    add("--sensor", metavar="NAME", help="only this one (all that are configured)")
     add("--config", type=Path, metavar="FILE", help="configuration file")
     add("--json", action="store_true", help="all that the status file says")
     args = parser.parse_args(argv)
     config = load_config(args.config)
-    name = args.sensor or config.sensor.name
+    names = [args.sensor] if args.sensor else [each.sensor.name for each in config.each()]
+    reports = {name: _report(name, config) for name in names}
+    for name, report in reports.items():
+        if args.json:
+            about = {"healthy": report.is_healthy, "line": report.line, **report.content}
+            print(json.dumps({"sensor": name, **about} if len(reports) > 1 else about))
+        else:
+            print(f"{name}: {report.line}" if len(reports) > 1 else report.line)
+    # As /healthz says it: degraded, with one of several away, is not down.
+    return 0 if any(report.is_healthy for report in reports.values()) else 1
+
+
+def _report(name: str, config: Config) -> StatusReport:
     paths = [status_path(folder, name) for folder in status_dirs(config)]
-    report = read_status(next(filter(_is_there, paths), paths[-1]))
-    if args.json:
-        print(json.dumps({"healthy": report.is_healthy, "line": report.line, **report.content}))
-    else:
-        print(report.line)
-    return 0 if report.is_healthy else 1
+    return read_status(next(filter(_is_there, paths), paths[-1]))
 
 
 def _is_there(path: Path) -> bool:

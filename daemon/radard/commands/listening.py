@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from radard.config import Config
+from radard.config import Config, load_config
 from radard.errors import UsageError
 from radard.pipeline import Pipeline
 from radard.ring import Dwell, FrameRing, Notice
@@ -97,18 +97,32 @@ def check_seconds(name: str, value: float, least: float) -> None:
 
 
 def add_listening(parser: argparse.ArgumentParser) -> None:
-    """Add the options that say what to listen to; see `listening_options`."""
+    """Add the options that say what to listen to; see `listening_config`."""
     add = parser.add_argument
     add("--port", help="/dev/ttyACM0, a pyserial URL, auto, sim:SCENE or replay:FILE")
+    add("--sensor", metavar="NAME", help="one of the configuration's sensors")
     add("--model", help="installed bundle, .onnx file, or none for the gate alone")
     add("--speed", help="realtime, max or a factor (sim and replay)")
     add("--config", type=Path, metavar="FILE", help="configuration file")
 
 
-def listening_options(args: argparse.Namespace) -> dict[str, dict[str, str]]:
-    """Return what was given, as `radard.config.load_config` takes it."""
+def listening_config(args: argparse.Namespace, default_port: str | None = None) -> Config:
+    """Return the configuration that holds for what is listened to.
+
+    Raises
+    ------
+    ConfigError, UsageError
+        If it is wrong, or does not say which of several sensors is meant.
+    """
     sensor = {key: getattr(args, key) for key in ("port", "speed") if getattr(args, key)}
-    return {"sensor": sensor, "model": {"name": args.model} if args.model else {}}
+    if args.port and args.sensor:
+        sensor["name"] = args.sensor
+    options = {"sensor": sensor, "model": {"name": args.model} if args.model else {}}
+    config = load_config(args.config, options=options)
+    if args.port is None and default_port is not None and not args.sensor:
+        own = config.sensor.model_copy(update={"port": config.sensor.port or default_port})
+        return config.model_copy(update={"sensor": own, "sensors": {}})
+    return config.of_sensor(args.sensor)
 
 
 def _ready(ring: FrameRing) -> Dwell | Notice | None:

@@ -12,11 +12,10 @@ from radard.commands.listening import (
     add_listening,
     check_seconds,
     listen,
-    listening_options,
+    listening_config,
 )
 from radard.commands.live import Live, bar
 from radard.commands.walk import Step, by_range, report, step_of
-from radard.config import load_config
 from radard.ring import Notice
 from radard.setup import use_calibration
 from x2radar.command import new_parser
@@ -37,7 +36,7 @@ def run(argv: Sequence[str]) -> int:
     """Run the subcommand."""
     args = _parser().parse_args(argv)
     check_seconds("--duration", args.duration, 1.0)
-    config = load_config(args.config, options=listening_options(args))
+    config = listening_config(args)
     with listen(config) as listening:
         # What holds for the daemon holds for the test of it.
         use_calibration(config, listening.pipeline, is_live=listening.source.is_live)

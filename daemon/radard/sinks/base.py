@@ -52,7 +52,9 @@ class SinkContext:
     Attributes
     ----------
     sensor : str
-        Name of the sensor.
+        Name of the sensor; of several that share a sink each record names its own.
+    is_one_of_several : bool
+        Whether other sensors of this process have a sink of this kind for themselves.
     state_dir : Path or None
         Where undelivered events are kept over a restart; None keeps them in memory only.
     can_wait : bool
@@ -67,6 +69,7 @@ class SinkContext:
     """
 
     sensor: str = "radar"
+    is_one_of_several: bool = False
     state_dir: Path | None = None
     can_wait: bool = False
     command: Callable[[str], None] | None = None
@@ -92,6 +95,8 @@ class SinkState:
         Records that were given up: no room, refused too often, too old, or left at the end.
     n_failures : int
         Attempts that failed.
+    busy_s : float
+        How long the attempt at hand has lasted, in seconds; 0 where there is none.
     """
 
     status: Literal["ok", "retrying"] = "ok"
@@ -100,6 +105,7 @@ class SinkState:
     n_waiting: int = 0
     n_dropped: int = 0
     n_failures: int = 0
+    busy_s: float = 0.0
 
     @property
     def is_ok(self) -> bool:

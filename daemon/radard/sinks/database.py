@@ -2,9 +2,12 @@
 
 import logging
 import sqlite3
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 
 log = logging.getLogger("radard")
+Newer = Mapping[int, Sequence[str]]
 _BUSY_S = 1.0
 
 
@@ -13,7 +16,12 @@ class ForeignDatabase(Exception):
 
 
 def open_database(
-    path: Path | None, schema: str, *, application_id: int, version: int
+    path: Path | None,
+    schema: str,
+    *,
+    application_id: int,
+    version: int,
+    newer: Newer = MappingProxyType({}),
 ) -> sqlite3.Connection:
     """Open or make a database.
 
@@ -27,6 +35,8 @@ def open_database(
         Marks the file as ours.
     version : int
         Of the schema.
+    newer : mapping of int to sequence of str
+        Statements that make a file of the version before into one of that version.
 
     Returns
     -------
@@ -42,10 +52,10 @@ def open_database(
         If it cannot be made. One that is damaged is renamed to *.broken and begun anew.
     """
     if path is None:
-        return _prepared(":memory:", schema, application_id, version)
+        return _prepared(":memory:", schema, application_id, version, newer)
     path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
     try:
-        return _prepared(str(path), schema, application_id, version)
+        return _prepared(str(path), schema, application_id, version, newer)
     except sqlite3.OperationalError:
         raise
     except sqlite3.DatabaseError as err:
@@ -54,16 +64,21 @@ def open_database(
         path.replace(aside)
         for tail in ("-wal", "-shm"):
             path.with_name(path.name + tail).unlink(missing_ok=True)
-        return _prepared(str(path), schema, application_id, version)
+        return _prepared(str(path), schema, application_id, version, newer)
 
 
-def _prepared(target: str, schema: str, application_id: int, version: int) -> sqlite3.Connection:
+def _prepared(
+    target: str, schema: str, application_id: int, version: int, newer: Newer
+) -> sqlite3.Connection:
     db = sqlite3.connect(target, timeout=_BUSY_S, isolation_level=None, check_same_thread=False)
     try:
-        _check(db, application_id, version)
+        own = _check(db, application_id, version)
         db.execute("PRAGMA auto_vacuum=INCREMENTAL")
         db.execute("PRAGMA journal_mode=WAL")
         db.execute("PRAGMA synchronous=FULL")
+        for step in range(own + 1, version + 1):
+            statements = (*newer.get(step, ()), f"PRAGMA user_version={step}")
+            db.executescript("; ".join(("BEGIN IMMEDIATE", *statements, "COMMIT")))
         db.executescript(schema)
         db.execute(f"PRAGMA application_id={application_id}")
         db.execute(f"PRAGMA user_version={version}")
@@ -73,13 +88,17 @@ def _prepared(target: str, schema: str, application_id: int, version: int) -> sq
     return db
 
 
-def _check(db: sqlite3.Connection, application_id: int, version: int) -> None:
+def _check(db: sqlite3.Connection, application_id: int, version: int) -> int:
+    """Return the version of a file's content; the wanted one when it has none."""
     is_empty = db.execute("SELECT count(*) FROM sqlite_master").fetchone()[0] == 0
     if is_empty:
-        return
+        return version
     if db.execute("PRAGMA application_id").fetchone()[0] != application_id:
         msg = "a database of another program"
         raise ForeignDatabase(msg)
-    if db.execute("PRAGMA user_version").fetchone()[0] > version:
+    own = int(db.execute("PRAGMA user_version").fetchone()[0])
+    if own > version:
         msg = "made by a newer version"
         raise ForeignDatabase(msg)
+    # Without a number its making was cut short: what is missing, the schema makes.
+    return own or version

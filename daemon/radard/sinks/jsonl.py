@@ -1,8 +1,8 @@
 """JSON Lines into a file: whole lines only, put aside by size, reopened when moved away.
 
 `FILE` is the newest; `FILE.1` the one before it, and so on. Every file begins with the
-run's `hello`, so each can be read by itself. A file that another program (logrotate) has
-moved or removed is begun anew.
+run's `hello`, that of every sensor, so each can be read by itself. A file that another
+program (logrotate) has moved or removed is begun anew.
 """
 
 import contextlib
@@ -12,9 +12,9 @@ import stat
 from pathlib import Path
 
 from radard.errors import OutputError
+from radard.sink_options import JsonlSection
 from radard.sinks.backoff import Backoff
 from radard.sinks.base import DeliveryError, Record, SinkContext
-from radard.sinks.options import JsonlSection
 from radard.sinks.stdout import json_line
 from radard.sinks.thread_sink import DirectSink
 
@@ -44,7 +44,7 @@ class JsonLinesSink(DirectSink):
         self._path = path
         self._most_bytes = float("inf") if context.can_wait else options.rotate_mb * 1e6
         self._n_keep = options.keep_files
-        self._hello: Record | None = None
+        self._hellos: dict[str, Record] = {}
         self._fd: int | None = None
         self._is_regular = True
         try:
@@ -57,16 +57,19 @@ class JsonLinesSink(DirectSink):
 
     def _deliver(self, record: Record) -> None:
         line = json_line(record).encode("ascii")
+        is_hello = record["type"] == "hello"
+        if is_hello:
+            self._hellos[record.get("sensor", "")] = record
         try:
+            is_new = False
             if self._has_moved():
-                self._reopen()
+                is_new = self._reopen()
             elif self._is_regular and self._size() + len(line) > self._most_bytes:
-                self._rotate()
-            self._append(line)
+                is_new = self._rotate()
+            if not (is_new and is_hello):
+                self._append(line)
         except OSError as err:
             raise DeliveryError(err.strerror or str(err)) from err
-        if record["type"] == "hello":
-            self._hello = record
 
     def _shut(self) -> None:
         if self._fd is not None:
@@ -92,22 +95,26 @@ class JsonLinesSink(DirectSink):
         ours = os.fstat(self._fd)
         return (there.st_dev, there.st_ino) != (ours.st_dev, ours.st_ino)
 
-    def _reopen(self) -> None:
+    def _reopen(self) -> bool:
+        """Open the file; return whether it is a new one, which then holds every `hello`."""
         self._shut()
         self._open()
-        if self._hello is not None and self._is_regular and self._size() == 0:
-            self._append(json_line(self._hello).encode("ascii"))
+        is_new = self._is_regular and self._size() == 0
+        if is_new:
+            for hello in self._hellos.values():
+                self._append(json_line(hello).encode("ascii"))
+        return is_new
 
-    def _rotate(self) -> None:
-        """Shift FILE to FILE.1, FILE.1 to FILE.2 and so on; the last one goes."""
+    def _rotate(self) -> bool:
+        """Shift FILE to FILE.1, FILE.1 to FILE.2 and so on, the last one goes; then reopen."""
         if self._size() == 0:
-            return
+            return False
         names = [self._path, *(Path(f"{self._path}.{k}") for k in range(1, self._n_keep + 1))]
         names[-1].unlink(missing_ok=True)
         for old, new in zip(reversed(names[:-1]), reversed(names[1:]), strict=True):
             with contextlib.suppress(FileNotFoundError):
                 old.rename(new)
-        self._reopen()
+        return self._reopen()
 
     def _append(self, line: bytes) -> None:
         """Write a whole line or nothing of it; the next attempt must not begin in its middle."""

@@ -10,25 +10,31 @@ t_s; it is never lost.
 import logging
 import re
 import time
+from dataclasses import replace
 from urllib.parse import SplitResult, unquote, urlsplit
 
 from radard.errors import UsageError
+from radard.sink_options import MqttSection, SinkOptions
 from radard.sinks.backoff import Backoff
 from radard.sinks.base import Record, SinkContext
 from radard.sinks.mqtt_board import Message, MqttBoard
 from radard.sinks.mqtt_link import Broker, MqttLink
-from radard.sinks.options import MqttSection, SinkOptions
 from radard.sinks.outbox import Item
 from radard.sinks.outbox_sink import OutboxSink, outbox_path
 
 log = logging.getLogger("radard")
 _PORTS = {"mqtt": 1883, "mqtts": 8883}
 _FAREWELL_S = 1.0
+_LATE_S = 10.0
+"""The sink's thread comes by every `tick_s`; later than this, it hangs."""
 
 
 def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> "MqttSink":
     """Return the sink of `mqtt://[user@]host[:port][/prefix]`, or `mqtts://` with TLS."""
     broker, prefix = parse_url(url, options.mqtt, context.sensor)
+    if context.is_one_of_several and options.mqtt.client_id:
+        # A broker puts out who has the same name as a newcomer.
+        broker = replace(broker, client_id=f"{options.mqtt.client_id}-{context.sensor}")
     sink = MqttSink(broker, prefix, options, context)
     sink.start()
     return sink
@@ -104,9 +110,11 @@ class MqttSink(OutboxSink):
     ) -> None:
         scheme = "mqtts" if broker.is_tls else "mqtt"
         name = f"{scheme}://{broker.host}:{broker.port}/{prefix}"
+        name += f"/{context.sensor}" if context.is_one_of_several else ""
         self._context = context
         self._board = board = MqttBoard(context.sensor, prefix, options.mqtt)
         self._has_news = False
+        self._here_s = time.monotonic()
         o = options.outbox
         topics = [board.birth_topic] if options.mqtt.discovery != "off" else []
         topics += [board.command_filter] if options.mqtt.commands else []
@@ -119,6 +127,7 @@ class MqttSink(OutboxSink):
             on_up=self._on_up,
             on_down=self._failed,
             on_message=self._on_message,
+            is_alive=lambda: time.monotonic() - self._here_s < _LATE_S,
         )
         path = outbox_path(context, scheme, f"{broker.host}:{broker.port}/{prefix}")
         super().__init__(name, path, o, lambda record: record["type"] == "event")
@@ -126,6 +135,7 @@ class MqttSink(OutboxSink):
 
     def start(self) -> None:
         """Begin to connect and to work."""
+        self._here_s = time.monotonic()
         self._link.start()
         super().start()
 
@@ -134,14 +144,20 @@ class MqttSink(OutboxSink):
         self._publish(self._board.on_record(record, time.monotonic()))
 
     def _look_around(self) -> None:
-        now_s = time.monotonic()
+        self._here_s = now_s = time.monotonic()
         if self._has_news:
             self._has_news = False
             self._publish(self._board.announce(now_s))
         health = self._context.health() if self._context.health else None
         panel = self._context.panel() if self._context.panel else {}
         status = (health.state, health.reason) if health else None
-        self._publish(self._board.refresh(now_s, status, is_armed=panel.get("armed")))
+        room = panel.get("calibration") or {}
+        told = ": ".join(str(room[key]) for key in ("phase", "text") if room.get(key))
+        self._publish(
+            self._board.refresh(
+                now_s, status, is_armed=panel.get("armed"), calibration=told or None
+            )
+        )
 
     def _publish(self, messages: list[Message]) -> None:
         if not self._link.is_up or self._has_news:

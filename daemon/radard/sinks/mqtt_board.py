@@ -5,7 +5,7 @@ No network here: records, states and times go in, messages come out. Topics belo
 
     availability   online | offline                      retained, also the last will
     state          {armed, alarm, label, gate, t_s}      retained
-    health         {state, reason, fault, tamper}        retained
+    health         {state, reason, fault, tamper, ...}   retained
     decision       every decision                        QoS 0
     event          every phase of every event            QoS 1, through the outbox
     command/NAME   arm, disarm, ack, calibrate           empty payload, never retained
@@ -16,9 +16,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from radard.sink_options import MqttSection
 from radard.sinks.base import Record
 from radard.sinks.homeassistant import discovery
-from radard.sinks.options import MqttSection
 
 COMMANDS = ("arm", "disarm", "ack", "calibrate")
 _HOP_S = 1.0
@@ -54,6 +54,7 @@ class MqttBoard:
         self._hello: Record | None = None
         self._open: dict[str, str] = {}
         self._is_armed = True
+        self._calibration: str | None = None
         self._label: str | None = "none"
         self._gate = "closed"
         self._t_s = 0.0
@@ -134,7 +135,12 @@ class MqttBoard:
         return self._changes(now_s)
 
     def refresh(
-        self, now_s: float, status: tuple[str, str] | None, *, is_armed: bool | None
+        self,
+        now_s: float,
+        status: tuple[str, str] | None,
+        *,
+        is_armed: bool | None,
+        calibration: str | None = None,
     ) -> list[Message]:
         """Ask what holds now; return what has changed.
 
@@ -146,7 +152,10 @@ class MqttBoard:
             State and reason of the daemon; None: as the last record said.
         is_armed : bool or None
             None: as before.
+        calibration : str or None
+            How far the calibration is that a command asked for, or how it ended.
         """
+        self._calibration = calibration
         self._status = status or self._status
         self._is_armed = self._is_armed if is_armed is None else is_armed
         return self._changes(now_s)
@@ -181,6 +190,7 @@ class MqttBoard:
             "reason": reason,
             "fault": self._open.get("fault"),
             "tamper": self._open.get("tamper"),
+            "calibration": self._calibration,
         }
         messages = self._show("health", health, health)
         # A state from before an outage must not look like a fresh one.

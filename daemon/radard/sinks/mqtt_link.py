@@ -19,15 +19,16 @@ from paho.mqtt.properties import Properties
 from paho.mqtt.reasoncodes import ReasonCode
 
 from radard.errors import ConfigError
+from radard.sink_options import MqttSection, read_secret
 from radard.sinks.backoff import Backoff
 from radard.sinks.base import DeliveryError
 from radard.sinks.mqtt_board import Message
-from radard.sinks.options import MqttSection, read_secret
 
 _CONFIRM_S = 10.0
 _LOOK_S = 0.1
 _SHORT_S = 5.0
 _MOST_UNSENT = 50
+_STANDS_STILL = "the output's own thread stands still"
 _NO_ANSWER = "no answer; is it an MQTT broker?"
 
 OnMessage = Callable[[str, bytes, bool], None]
@@ -73,6 +74,9 @@ class MqttLink:
         Called when connected and subscribed, and with a reason when not; must not wait.
     on_message : callable
         Called with topic, payload and whether it was retained; must not wait.
+    is_alive : callable
+        Whether whoever publishes is at work. If not, the connection is cut without a word, so
+        that the broker publishes the last will: what stands there would be old.
 
     Raises
     ------
@@ -91,6 +95,7 @@ class MqttLink:
         on_up: Callable[[], None],
         on_down: Callable[[str], None],
         on_message: OnMessage,
+        is_alive: Callable[[], bool] = lambda: True,
     ) -> None:
         self._broker = broker
         self._options = options
@@ -100,6 +105,7 @@ class MqttLink:
         self._on_up = on_up
         self._on_down = on_down
         self._on_message = on_message
+        self._is_alive = is_alive
         self._client: paho.Client | None = None
         self._unsent: deque[paho.MQTTMessageInfo] = deque()
         self._halt = threading.Event()
@@ -169,6 +175,9 @@ class MqttLink:
 
     def _run(self) -> None:
         while not self._halt.is_set():
+            if not self._is_alive():
+                self._halt.wait(_LOOK_S)
+                continue
             self._lost.clear()
             self._reason = ""
             client: paho.Client | None = None
@@ -182,10 +191,10 @@ class MqttLink:
                 self._reason = _explain(err)
             was_up, self._client = self._client is not None, None
             if client is not None:
-                _end(client)
+                _end(client, is_clean=self._is_alive())
             if self._halt.is_set():
                 return
-            if was_up and time.monotonic() - began_s < _SHORT_S:
+            if was_up and time.monotonic() - began_s < _SHORT_S and self._is_alive():
                 self._reason += f"; is another client called '{self._broker.client_id}'?"
             elif was_up:
                 self._backoff.reset()
@@ -199,6 +208,8 @@ class MqttLink:
         while not self._lost.wait(_LOOK_S):
             if self._client is None and time.monotonic() > end_s:
                 self._lose(client, _NO_ANSWER)
+            if not self._is_alive():
+                self._lose(client, _STANDS_STILL)
 
     def _lose(self, client: paho.Client, reason: str) -> None:
         if client is self._client or self._client is None:
@@ -260,9 +271,10 @@ class MqttLink:
         self._on_message(message.topic, bytes(message.payload), message.retain)
 
 
-def _end(client: paho.Client) -> None:
-    """End a client's thread, whatever it waits for."""
-    client.disconnect()
+def _end(client: paho.Client, *, is_clean: bool) -> None:
+    """End a client's thread, whatever it waits for; an unclean end brings the last will."""
+    if is_clean:
+        client.disconnect()
     sock = client.socket()
     if isinstance(sock, socket.socket):
         with contextlib.suppress(OSError):

@@ -8,9 +8,9 @@ from pathlib import Path
 
 from radard import plugins
 from radard.errors import OutputError, UsageError
+from radard.sink_options import SinkOptions
 from radard.sinks.base import Sink, SinkContext
 from radard.sinks.null import NullSink
-from radard.sinks.options import SinkOptions
 from radard.sinks.thread_sink import CLOSE_S
 
 KNOWN = (

@@ -12,11 +12,12 @@ import threading
 import time
 from abc import abstractmethod
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
+from radard.sink_options import OutboxSection
 from radard.sinks.backoff import Backoff
 from radard.sinks.base import DeliveryError, Record, SinkContext, SinkState
-from radard.sinks.options import OutboxSection
 from radard.sinks.outbox import Item, Outbox
 from radard.sinks.thread_sink import ThreadSink
 
@@ -67,6 +68,7 @@ class OutboxSink(ThreadSink):
         self._hurry = threading.Event()
         self._is_last_round = self._is_over = False
         self._n_refused = 0
+        self._begun_s: float | None = None
         self._courier = threading.Thread(target=self._carry, name=f"courier {name}", daemon=True)
 
     def start(self) -> None:
@@ -79,7 +81,9 @@ class OutboxSink(ThreadSink):
     @property
     def state(self) -> SinkState:
         """As in `Sink`."""
-        return self._keeper.state(len(self._queue) + len(self._outbox))
+        state = self._keeper.state(len(self._queue) + len(self._outbox))
+        begun_s = self._begun_s
+        return state if begun_s is None else replace(state, busy_s=time.monotonic() - begun_s)
 
     @abstractmethod
     def _send(self, item: Item) -> None:
@@ -127,6 +131,7 @@ class OutboxSink(ThreadSink):
     def _carry_all(self) -> float | None:
         """Deliver until nothing is left; return how long to wait after a failure."""
         while not self._is_over and (item := self._outbox.first()) is not None:
+            self._begun_s = time.monotonic()
             try:
                 self._send(item)
             except DeliveryError as err:
@@ -142,6 +147,8 @@ class OutboxSink(ThreadSink):
                 self._backoff.reset()
                 self._sent()
                 self._outbox.remove(item)
+            finally:
+                self._begun_s = None
         return None
 
     def _gives_up(self, item: Item, err: DeliveryError) -> bool:

@@ -13,9 +13,9 @@ import signal
 import subprocess
 
 from radard.errors import OutputError, UsageError
+from radard.sink_options import SinkOptions
 from radard.sinks.base import DeliveryError, Record, SinkContext
 from radard.sinks.event_filter import body_of, wants_events
-from radard.sinks.options import SinkOptions
 from radard.sinks.outbox import Item
 from radard.sinks.outbox_sink import OutboxSink, outbox_path
 
@@ -100,7 +100,7 @@ class ProgramSink(OutboxSink):
         """Return the environment: not RADARD_..., which the daemon reads as configuration."""
         fields = {key: record.get(key) for key in _FIELDS}
         return {
-            "RADAR_SENSOR": self._sensor,
+            "RADAR_SENSOR": str(record.get("sensor", self._sensor)),
             **{
                 f"RADAR_EVENT_{key.upper()}": "" if value is None else str(value)
                 for key, value in fields.items()

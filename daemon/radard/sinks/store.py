@@ -11,14 +11,14 @@ from datetime import datetime
 from pathlib import Path
 
 from radard.errors import OutputError
+from radard.sink_options import SinkOptions, StoreSection
 from radard.sinks.backoff import Backoff
 from radard.sinks.base import DeliveryError, Record, SinkContext
 from radard.sinks.database import ForeignDatabase, open_database
-from radard.sinks.options import SinkOptions, StoreSection
 from radard.sinks.thread_sink import DirectSink
 
 APPLICATION_ID = int.from_bytes(b"rdst", "big")
-VERSION = 1
+VERSION = 2
 _COMMIT_S = 10.0
 _TIDY_S = 600.0
 _SCHEMA = """
@@ -29,12 +29,13 @@ CREATE TABLE IF NOT EXISTS events (
 );
 CREATE INDEX IF NOT EXISTS events_by_start ON events (start_s);
 CREATE TABLE IF NOT EXISTS statuses (
-    n INTEGER PRIMARY KEY, time_s REAL NOT NULL, state TEXT NOT NULL, reason TEXT NOT NULL
+    n INTEGER PRIMARY KEY, time_s REAL NOT NULL, state TEXT NOT NULL, reason TEXT NOT NULL,
+    sensor TEXT
 );
 CREATE TABLE IF NOT EXISTS decisions (
     n INTEGER PRIMARY KEY, time_s REAL NOT NULL, seq INTEGER NOT NULL, t_s REAL NOT NULL,
     gate TEXT NOT NULL, power_db REAL, threshold_db REAL, p_human REAL, p_pet REAL,
-    p_other REAL, label TEXT, alarm INTEGER NOT NULL, range_m REAL
+    p_other REAL, label TEXT, alarm INTEGER NOT NULL, range_m REAL, sensor TEXT
 );
 """
 _PUT_EVENT = """
@@ -48,10 +49,12 @@ ON CONFLICT (id) DO UPDATE SET
 """
 _PUT_DECISION = """
 INSERT INTO decisions (time_s, seq, t_s, gate, power_db, threshold_db, p_human, p_pet, p_other,
-                       label, alarm, range_m)
+                       label, alarm, range_m, sensor)
 VALUES (:time_s, :seq, :t_s, :gate, :power_db, :threshold_db, :fused_p_human, :fused_p_pet,
-        :fused_p_other, :label, :alarm, :range_m)
+        :fused_p_other, :label, :alarm, :range_m, :sensor)
 """
+_NEWER = {2: tuple(f"ALTER TABLE {t} ADD COLUMN sensor TEXT" for t in ("statuses", "decisions"))}
+"""What makes a file of the version before into one of each version."""
 _OLDEST = """
 DELETE FROM {0} WHERE rowid IN (
     SELECT rowid FROM {0} ORDER BY {1} LIMIT max(1, (SELECT count(*) FROM {0}) / 10)
@@ -94,7 +97,9 @@ class StoreSink(DirectSink):
         self._committed_s = time.monotonic()
         self._tidied_s = float("-inf")
         try:
-            self._db = open_database(path, _SCHEMA, application_id=APPLICATION_ID, version=VERSION)
+            self._db = open_database(
+                path, _SCHEMA, application_id=APPLICATION_ID, version=VERSION, newer=_NEWER
+            )
         except (OSError, sqlite3.Error, ForeignDatabase) as err:
             msg = f"--output {self.name}: cannot be used: {err}"
             raise OutputError(msg) from err
@@ -104,7 +109,9 @@ class StoreSink(DirectSink):
         try:
             if kind == "decision" and self._options.decisions:
                 self._begin()
-                self._db.execute(_PUT_DECISION, {**record, "time_s": _seconds(record["time"])})
+                time_s = _seconds(record["time"])
+                row = {**record, "time_s": time_s, "sensor": self._of(record)}
+                self._db.execute(_PUT_DECISION, row)
                 self._n_open += 1
             elif kind == "event":
                 self._begin()
@@ -113,8 +120,8 @@ class StoreSink(DirectSink):
             elif kind == "status":
                 self._begin()
                 self._db.execute(
-                    "INSERT INTO statuses (time_s, state, reason) VALUES (?, ?, ?)",
-                    (time.time(), record["state"], record["reason"]),
+                    "INSERT INTO statuses (time_s, state, reason, sensor) VALUES (?, ?, ?, ?)",
+                    (time.time(), record["state"], record["reason"], self._of(record)),
                 )
                 self._commit()
         except sqlite3.Error as err:
@@ -146,7 +153,10 @@ class StoreSink(DirectSink):
     def _event_row(self, record: Record) -> dict[str, object]:
         time_s = _seconds(record["time"])
         end_s = time_s if record["phase"] == "end" else None
-        return {**record, "sensor": self._sensor, "time_s": time_s, "end_s": end_s}
+        return {"sensor": self._sensor, **record, "time_s": time_s, "end_s": end_s}
+
+    def _of(self, record: Record) -> str:
+        return str(record.get("sensor", self._sensor))
 
     def _begin(self) -> None:
         if not self._db.in_transaction:

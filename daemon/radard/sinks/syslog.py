@@ -15,9 +15,9 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 from radard.errors import UsageError
+from radard.sink_options import SinkOptions
 from radard.sinks.backoff import Backoff
 from radard.sinks.base import DeliveryError, Record, SinkContext
-from radard.sinks.options import SinkOptions
 from radard.sinks.thread_sink import DirectSink
 
 JOURNAL = Path("/run/systemd/journal/socket")
@@ -128,13 +128,14 @@ class SyslogSink(DirectSink):
             self._socket = _connected(socket.AF_UNIX, socket.SOCK_STREAM, address)
         return self._socket
 
-    def _plain(self, severity: int, text: str, _record: Record) -> bytes:
+    def _plain(self, severity: int, text: str, record: Record) -> bytes:
         priority = self._facility << 3 | severity
-        return f"<{priority}>radard[{os.getpid()}]: {self._sensor}: {text}\0".encode()
+        sensor = record.get("sensor", self._sensor)
+        return f"<{priority}>radard[{os.getpid()}]: {sensor}: {text}\0".encode()
 
     def _journal(self, severity: int, text: str, record: Record) -> bytes:
         fields = {
-            "MESSAGE": f"{self._sensor}: {text}",
+            "MESSAGE": f"{record.get('sensor', self._sensor)}: {text}",
             "PRIORITY": severity,
             "SYSLOG_FACILITY": self._facility,
             "SYSLOG_IDENTIFIER": "radard",

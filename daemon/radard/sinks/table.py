@@ -22,6 +22,12 @@ class Table:
 
     def render(self, record: Record) -> str:
         """Return the text of one record, with its line end."""
+        text = self._rendered(record)
+        # `hello` names its sensor always, and its port anyway.
+        sensor = "" if record["type"] == "hello" else record.get("sensor", "")
+        return f"{sensor:<10} {text}" if sensor else text
+
+    def _rendered(self, record: Record) -> str:
         kind = record["type"]
         if kind == "decision":
             head = self._styled(_HEAD, _DIM) if self._n_lines % _HEAD_EVERY == 0 else ""

@@ -18,9 +18,9 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 from radard.errors import ConfigError, UsageError
+from radard.sink_options import SinkOptions, WebhookSection, read_secret
 from radard.sinks.base import DeliveryError, SinkContext
 from radard.sinks.event_filter import body_of, wants_events
-from radard.sinks.options import SinkOptions, WebhookSection, read_secret
 from radard.sinks.outbox import Item
 from radard.sinks.outbox_sink import OutboxSink, outbox_path
 from x2radar.command import installed_version

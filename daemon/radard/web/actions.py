@@ -4,20 +4,25 @@ import logging
 from collections.abc import Awaitable, Callable
 from typing import Any
 
+from pydantic import ValidationError
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 
+from radard.config_sections import ZonesSection
 from radard.errors import OutputError
 from radard.output import utc_now
 from radard.outputs import COMMANDS
+from radard.saved_zones import forget, save
 from radard.web.desk import Desk
 from radard.web.guard import SESSION_S, Allowance, Guard
 from radard.web.labels import LABELS
 from radard.web.middleware import refusal
 
 log = logging.getLogger("radard")
+_MOST_ZONES = 32
+_LEAST_ZONE_M = 0.01
 Handler = Callable[[dict[str, Any]], Awaitable[Response]]
 
 
@@ -40,6 +45,7 @@ class Actions:
         self.routes = [
             self._route("/api/v1/command", self._command),
             self._route("/api/v1/labels", self._label),
+            self._route("/api/v1/zones", self._zones),
             self._route("/api/v1/playback", self._playback),
             Route("/api/v1/login", self._log_in, methods=["POST"]),
             Route("/api/v1/logout", self._log_out, methods=["POST"]),
@@ -92,6 +98,29 @@ class Actions:
             return refusal(507, str(err))
         return JSONResponse({"event": event_id, "label": label}, 201)
 
+    async def _zones(self, said: dict[str, Any]) -> Response:
+        host = self._desk.host
+        if host is None:
+            return refusal(503, "there is no run yet")
+        try:
+            zones = None if said.get("forget") is True else _zones_of(said)
+        except ValueError as err:
+            return refusal(400, str(err))
+        path = self._desk.zones_file
+        try:
+            if zones is None:
+                await run_in_threadpool(forget, path)
+            else:
+                await run_in_threadpool(
+                    lambda: save(path, zones.include, zones.exclude, now_utc=utc_now())
+                )
+        except OutputError as err:
+            return refusal(507, str(err))
+        log.info("zones from the dashboard: %s", "forgotten" if zones is None else path)
+        # The one way in which a configuration is read, so `config show` says the same.
+        host.reload()
+        return JSONResponse({"file": None if zones is None else str(path)}, 202)
+
     async def _playback(self, said: dict[str, Any]) -> Response:
         host = self._desk.host
         playback = host.playback() if host is not None else None
@@ -140,6 +169,28 @@ class Actions:
         answer = JSONResponse({})
         answer.delete_cookie(self._guard.cookie)
         return answer
+
+
+def _zones_of(said: dict[str, Any]) -> ZonesSection:
+    """Return zones that somebody wants; raises ValueError with what is wrong."""
+    if set(said) != {"include", "exclude"}:
+        msg = "include and exclude are wanted, lists of [from, to] in metres"
+        raise ValueError(msg)
+    try:
+        zones = ZonesSection.model_validate(said)
+    except ValidationError as err:
+        fault = err.errors()[0]
+        where = ".".join(str(part) for part in fault["loc"])
+        msg = f"{where}: {str(fault['msg']).removeprefix('Value error, ')}"
+        raise ValueError(msg) from err
+    spans = (*zones.include, *zones.exclude)
+    if len(spans) > _MOST_ZONES:
+        msg = f"more than {_MOST_ZONES} zones"
+        raise ValueError(msg)
+    if any(to - start < _LEAST_ZONE_M for start, to in spans):
+        msg = f"a zone is at least {_LEAST_ZONE_M:g} m long"
+        raise ValueError(msg)
+    return zones
 
 
 async def _said(request: Request) -> dict[str, Any] | None:

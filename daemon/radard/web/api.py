@@ -17,7 +17,7 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket
 
 from radard.errors import RadardError, UsageError
-from radard.sinks.options import KINDS
+from radard.sink_options import KINDS
 from radard.sinks.store_query import parse_since
 from radard.web import socket
 from radard.web.actions import Actions
@@ -38,6 +38,8 @@ _TYPES = {
     ".webmanifest": "application/manifest+json",
 }
 _FIELDS = ("id", "sensor", "kind", "began", "ended", "peak", "reason", "label", "clip")
+OF_ONE = "radard.sensor"
+"""Key of a request's scope: it was for one of several sensors, this one."""
 _MOST_DECISIONS = 3600
 _MOST_WAITING = 4
 
@@ -96,11 +98,11 @@ class Api:
         return self._guard.role(request.headers, request.cookies)
 
     async def _healthz(self, request: Request) -> Response:
-        now = self._desk.now()
-        body = {"state": now["state"]}
+        now = self._desk.health(is_whole=OF_ONE not in request.scope)
+        body: dict[str, str] = {"state": now.state}
         if self._role(request) != "nobody":
-            body["reason"] = now["reason"]
-        return JSONResponse(body, 200 if now["state"] in {"online", "degraded"} else 503)
+            body["reason"] = now.reason
+        return JSONResponse(body, 200 if now.is_well else 503)
 
     async def _metrics(self, _request: Request) -> Response:
         return Response(self._desk.metrics_text(), media_type="text/plain; version=0.0.4")

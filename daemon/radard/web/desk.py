@@ -1,13 +1,14 @@
 """Desk: what the routes answer with, gathered from the run, its store and its files."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from radard.config import Config
-from radard.directories import state_dir
+from radard.directories import state_dir, zones_file
+from radard.health import Status, overall
 from radard.metrics import Metrics, exposition
 from radard.outputs import Host
 from radard.redact import redact_value
@@ -58,12 +59,24 @@ class Desk:
         Of the configuration.
     history : History
         Fed by the sink.
+    sensor : str
+        Name of one of several sensors; empty: there is only this one.
+    all_desks : callable
+        Returns the desks of all sensors.
     """
 
-    def __init__(self, section: WebSection, history: History) -> None:
+    def __init__(
+        self,
+        section: WebSection,
+        history: History,
+        sensor: str = "",
+        all_desks: Callable[[], Sequence["Desk"]] = tuple,
+    ) -> None:
         self.section = section
         self.history = history
-        self.metrics = Metrics()
+        self.metrics = Metrics(sensor)
+        self._sensor = sensor
+        self._all_desks = all_desks
         self.panels: dict[int, str] = {}
         """State of the panel just before a decision, by the decision's number."""
         self.host: Host | None = None
@@ -82,17 +95,24 @@ class Desk:
             self._labels = LabelFile(path)
         return self._labels
 
+    @property
+    def zones_file(self) -> Path:
+        """Where zones that are saved here go."""
+        return zones_file(self.config)
+
     def now(self) -> dict[str, Any]:
         """Return what changes from moment to moment."""
         host = self.host
+        zones = {"zones": self.config.zones.model_dump(mode="json")}
         if host is None:
-            return {"state": "starting", "reason": "", "panel": {}, "playback": None}
+            return {"state": "starting", "reason": "", "panel": {}, **zones, "playback": None}
         status, playback = host.health.status, host.playback()
         state = playback.state if playback is not None else None
         return {
             "state": status.state,
             "reason": status.reason,
             "panel": dict(host.panel()),
+            **zones,
             "playback": state
             and {
                 "position_s": round(state.position_s, 2),
@@ -113,8 +133,8 @@ class Desk:
             "hello": dict(hello),
             "confirm": [policy.k, policy.n],
             "latch_s": policy.latch_s,
-            "zones": config.zones.model_dump(mode="json"),
-            "sensors": dict(self.section.sensors),
+            "has_saved_zones": self.zones_file.is_file(),
+            "sensors": {**self._beside(), **self.section.sensors},
             "has_store": self._store() is not None,
             "outputs": [
                 {"name": s.name, "status": s.state.status, "reason": s.state.reason}
@@ -127,12 +147,38 @@ class Desk:
         shown: dict[str, Any] = redact_value("", self.config.model_dump(mode="json"))
         return shown
 
+    def health(self, *, is_whole: bool) -> Status:
+        """Return the state of this sensor, or of all sensors of the process together."""
+        desks = self._all_desks() if is_whole else ()
+        hosts = [desk.host for desk in desks or (self,) if desk.host is not None]
+        if not hosts:
+            return Status("starting", "")
+        return overall({host.sensor: host.health for host in hosts})
+
     def metrics_text(self) -> str:
-        """Return Prometheus' text."""
+        """Return Prometheus' text, of all sensors of the process."""
+        desks = self._all_desks() or (self,)
+        for desk in desks:
+            desk.refresh_metrics()
+        host = self.host
+        sinks = host.sinks() if host is not None else ()
+        return exposition([desk.metrics for desk in desks], sinks)
+
+    def refresh_metrics(self) -> None:
+        """Ask the run for what no record says."""
         host = self.host
         if host is not None:
-            self.metrics.set_armed(is_armed=bool(host.panel().get("armed", True)))
-        return exposition(self.metrics, host.sinks() if host is not None else ())
+            self.metrics.refresh(
+                state=host.health.status.state,
+                is_armed=bool(host.panel().get("armed", True)),
+                driver=host.driver(),
+            )
+
+    def _beside(self) -> dict[str, str]:
+        """Return the other sensors of this process, and where their pages are."""
+        hosts = [desk.host for desk in self._all_desks()]
+        others = [host.sensor for host in hosts if host is not None and host is not self.host]
+        return {name: f"/sensor/{name}/" for name in others}
 
     def why(self, seq: int) -> dict[str, Any] | None:
         """Return a decision, those before it and why it is so; None when it is not known."""
@@ -182,6 +228,8 @@ class Desk:
             except StoreError:
                 stored = []
             for event in stored:
+                if self._sensor and event.sensor != self._sensor:
+                    continue
                 known = own.get(event.id, {})
                 own[event.id] = {**_of_store(event), **known}
         return sorted(own.values(), key=lambda e: str(e["began"]), reverse=True)

@@ -17,7 +17,7 @@ from typing import Literal
 from urllib.parse import urlsplit
 
 from radard.errors import ConfigError
-from radard.sinks.options import read_secret
+from radard.sink_options import read_secret
 from radard.web_settings import WebSection
 
 Role = Literal["nobody", "viewer", "operator"]

@@ -10,22 +10,17 @@ from urllib.parse import urlsplit
 
 from radard.errors import UsageError
 from radard.outputs import Host
+from radard.sink_options import SinkOptions
 from radard.sinks.base import Record, SinkContext, SinkState, StateKeeper
-from radard.sinks.options import SinkOptions
-from radard.web.api import Api
-from radard.web.desk import Desk
 from radard.web.guard import Guard, read_tokens
-from radard.web.history import History
-from radard.web.hub import Hub
-from radard.web.onlooker import Onlooker
 from radard.web.server import WebServer
+from radard.web.view import Doors, View
 from radard.web_settings import WebSection
 
 log = logging.getLogger("radard")
 PORT = 8434
 _LOOK_S = 0.5
 _CLOSE_S = 2.0
-_MOST_PANELS = 4000
 
 
 def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> "WebSink":  # noqa: ARG001
@@ -71,20 +66,20 @@ class WebSink:
     def __init__(self, host: str, port: int, section: WebSection) -> None:
         self.name = f"http://{f'[{host}]' if ':' in host else host}:{port}"
         self._keeper = StateKeeper()
-        self._history = History()
-        self._desk = Desk(section, self._history)
+        self._section = section
         tokens = read_tokens(section, host)
-        guard = Guard(tokens, may_command=section.commands, cookie=f"radard_{port}")
-        self._hub = Hub(lambda is_wanted: self._onlooker.want(is_wanted=is_wanted))
-        self._onlooker = Onlooker(
-            lambda: self._desk.host.ring() if self._desk.host is not None else None,
-            lambda axes: self._post(self._hub.announce, axes),
-            lambda data: self._post(self._hub.show, data),
-        )
+        self._guard = Guard(tokens, may_command=section.commands, cookie=f"radard_{port}")
+        self._first = first = self._view("")
+        self._views: dict[str, View] = {}
         self._loop: asyncio.AbstractEventLoop | None = None
-        self._server = WebServer(
-            host, port, Api(self._desk, guard, self._hub).app, self._beside, self._trouble
-        )
+        doors = Doors(first, self._views)
+        self._server = WebServer(host, port, doors, self._beside, self._trouble)
+
+    def _view(self, sensor: str) -> View:
+        return View(self._section, self._guard, self._post, sensor, self._all_views)
+
+    def _all_views(self) -> list[View]:
+        return list(self._views.values()) or [self._first]
 
     @property
     def state(self) -> SinkState:
@@ -107,26 +102,24 @@ class WebSink:
             log.info("dashboard at %s", self.url)
 
     def attach(self, host: Host) -> None:
-        """Take what the run offers."""
-        self._desk.host = host
+        """Take what a sensor's run offers; one of several gets pages of its own."""
+        if not host.config().is_one_of_several:
+            self._first.attach(host)
+            return
+        view = self._view(host.sensor)
+        view.attach(host)
+        self._views[host.sensor] = view
 
     def write(self, record: Record) -> None:
         """As in `Sink`."""
-        self._history.take(record)
-        self._desk.metrics.on_record(record)
-        if record["type"] == "decision" and self._desk.host is not None:
-            panels = self._desk.panels
-            panels[record["seq"]] = str(self._desk.host.panel().get("panel", ""))
-            while len(panels) > _MOST_PANELS:
-                del panels[next(iter(panels))]
+        self._views.get(record.get("sensor", ""), self._first).take(record)
         if self._server.address is not None:
             self._keeper.sent()
-        if len(self._hub):
-            self._post(self._hub.broadcast, record)
 
     def finish(self, timeout_s: float | None = None) -> None:  # noqa: ARG002
         """As in `Sink`."""
-        self._onlooker.close()
+        for view in self._all_views():
+            view.onlooker.close()
         self._server.stop()
 
     def close(self, timeout_s: float | None = None) -> None:
@@ -146,18 +139,13 @@ class WebSink:
                 self._loop = None
 
     async def _beside(self, loop: asyncio.AbstractEventLoop) -> None:
-        """Tell pages what changes without a record: health, panel, playback."""
+        """Tell pages what changes without a record."""
         self._loop = loop
-        last: dict[str, Any] = {}
         try:
             while True:
                 await asyncio.sleep(_LOOK_S)
-                if not len(self._hub):
-                    continue
-                now = self._desk.now()
-                if now != last:
-                    last = now
-                    self._hub.broadcast({"type": "now", **now})
+                for view in self._all_views():
+                    view.look()
         finally:
             self._loop = None
 

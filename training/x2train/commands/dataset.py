@@ -7,11 +7,19 @@ from pathlib import Path
 
 from rich.console import Console
 
+from radard.classifier import load_bundle
 from radard.errors import UsageError
-from radard.features import FeatureSettings
+from radard.features import MAP_FEATURES, FeatureSettings
 from x2train.commands import Commands
 
-FEATURES = FeatureSettings(clutter="removed", range_decimation=8, n_cpi=0, cell_m=0.05)
+FEATURES = FeatureSettings(
+    clutter="removed",
+    range_decimation=8,
+    n_cpi=0,
+    velocity_cpi_s=0.2,
+    cell_m=0.05,
+    range_window="target",
+)
 """How the maps of the shipped bundles are made."""
 
 
@@ -24,6 +32,7 @@ def register(commands: Commands) -> None:
             "examples:\n"
             "  train-export dataset --out sets/train --passages 24000\n"
             "  train-export dataset --out sets/big --passages 1000000 --cluster tcp://host:8786\n"
+            "  train-export dataset --out sets/guard --families 'held out' --like balanced\n"
         ),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -37,6 +46,8 @@ def register(commands: Commands) -> None:
         help="who moves",
     )
     add("--rooms", choices=("usual", "unseen"), default="usual", help="where")
+    add("--radar", choices=("any", "x2", "x4m03"), default="any", help="with which radar (any)")
+    add("--like", metavar="MODEL", help="maps as this bundle takes them, for finetune --guard")
     add("--seed", type=int, default=1, help="same seed, same set (1)")
     add("--workers", type=int, default=os.cpu_count() or 1, help="processes (all cores)")
     add("--cluster", metavar="ADDRESS", help="a Dask scheduler, instead of processes")
@@ -52,7 +63,13 @@ def _run(args: argparse.Namespace) -> int:
     from x2train.farm import ProgressLine, make_shards  # noqa: PLC0415
     from x2train.windows import WindowSpec  # noqa: PLC0415
 
-    spec = WindowSpec(seed=args.seed, use=args.families, rooms=args.rooms, settings=FEATURES)
+    spec = WindowSpec(
+        seed=args.seed,
+        use=args.families,
+        rooms=args.rooms,
+        radar=args.radar,
+        settings=_features_of(args.like) if args.like else FEATURES,
+    )
     shards = make_shards(
         args.out,
         {"kind": "windows", **asdict(spec)},
@@ -65,3 +82,12 @@ def _run(args: argparse.Namespace) -> int:
     n = sum(len(shards.read(name).get("label", ())) for name in shards.names())
     Console().print(f"{args.out}: {n} windows of {args.passages} passages")
     return 0
+
+
+def _features_of(model: str) -> FeatureSettings:
+    bundle = load_bundle(model)
+    if {i.feature for i in bundle.inputs} != set(MAP_FEATURES):
+        taken = ", ".join(i.feature for i in bundle.inputs)
+        msg = f"--like {model}: it takes {taken}; sets hold {' and '.join(MAP_FEATURES)}"
+        raise UsageError(msg)
+    return bundle.features

@@ -30,6 +30,7 @@ Array = NDArray[np.float64]
 Posture = tuple[Array, Array, Array]
 
 _N_POSTURES = 16
+_CHEST = NAMES.index("chest")
 _FASTEST_RUN_MPS = 8.0
 _CARRIED = {"carry": ("box", (0.2, 0.18, 0.15)), "carry_pet": ("pet", (0.2, 0.08, 0.08))}
 
@@ -167,7 +168,7 @@ class Person:
         # Breathing moves the surface of the trunk towards the antenna.
         towards = antenna_m - centre[:, :TRUNK]
         distance = np.sqrt((towards**2).sum(axis=-1, keepdims=True))
-        share = np.array([1.0, 0.6, 0.1])[:, None]
+        share = np.array([1.0, 1.0, 0.1])[:, None]
         swell = self.breath.at(t_s)[:, None, None] * share
         centre[:, :TRUNK] += towards * (swell / np.maximum(distance, 0.05))
         return Points(centre, points.rcs_m2, points.nearer_m)
@@ -178,9 +179,9 @@ def loaded(posture: Posture, burden: Array | None) -> Posture:
     if burden is None:
         return posture
     centre, axis, side = posture
-    left, up = side[:, 0], axis[:, 0]
+    left, up = side[:, 0], axis[:, _CHEST]
     ahead = np.cross(left, up)
-    place = centre[:, 0] + burden[0] * ahead + burden[1] * left + burden[2] * up
+    place = centre[:, _CHEST] + burden[0] * ahead + burden[1] * left + burden[2] * up
     return (
         np.concatenate([centre, place[:, None]], axis=1),
         np.concatenate([axis, left[:, None]], axis=1),
@@ -253,7 +254,7 @@ def draw_person(
         names = (*names, name)
         half = np.vstack([half, np.array(size) * (0.8 + 0.4 * share[7])])
         burden = np.array([0.14 * build.stature_m, 0.0, -0.05 * build.stature_m])
-    rcs = SegmentRcs.draw(rng, half)
+    rcs = SegmentRcs.draw(rng, half, n_trunk=TRUNK)
     times = np.linspace(course.start_s, max(course.end_s, course.start_s + 4.0), _N_POSTURES)
     rcs = rcs.sized(rng, total_rcs_dbsm, *_full(loaded(action.posture(times), burden)))
     return Person(names, action, breath, rcs, burden)

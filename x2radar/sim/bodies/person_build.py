@@ -17,13 +17,15 @@ Array = NDArray[np.float64]
 STATURE_M = (0.6, 2.3)
 TODDLER_M = (0.75, 0.95)
 NAMES = (
-    *("chest", "belly", "pelvis", "head"),
+    *("trunk", "chest", "pelvis", "head"),
     *("left upper arm", "left forearm", "left hand"),
     *("right upper arm", "right forearm", "right hand"),
     *("left thigh", "left shank", "left foot"),
     *("right thigh", "right shank", "right foot"),
 )
 TRUNK = 3
+TRUNK_AT = (0.47, 0.78, 0.06)
+"""Where middles of the trunk's parts are between hips (0) and shoulders (1)."""
 ARMS, LEGS = slice(4, 10), slice(10, 16)
 
 
@@ -84,8 +86,9 @@ class PersonBuild:
             (self.foot_m / 2, 0.026 * h, 0.020 * h),
         ]
         trunk = [
+            # From the lower end of the pelvis to the upper one of the chest.
+            (0.18 * h, 0.100 * h * g, 0.065 * h * g),
             (0.09 * h, 0.100 * h * g, 0.065 * h * g),
-            (0.07 * h, 0.090 * h * g, 0.060 * h * g),
             (0.06 * h, 0.095 * h * g, 0.065 * h * g),
             (0.065 * h, 0.045 * h, 0.052 * h),
         ]

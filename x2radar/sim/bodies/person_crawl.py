@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from x2radar.sim.bodies.feet import Feet
 from x2radar.sim.bodies.flight import Wander
 from x2radar.sim.bodies.path import Path
-from x2radar.sim.bodies.person_build import ARMS, LEGS, NAMES, PersonBuild
+from x2radar.sim.bodies.person_build import ARMS, LEGS, NAMES, TRUNK_AT, PersonBuild
 from x2radar.sim.bodies.person_posture import direction, two_links
 
 Array = NDArray[np.float64]
@@ -68,8 +68,8 @@ class Crawling:
         n = len(t_s)
         centre, axis = np.empty((n, len(NAMES), 3)), np.empty((n, len(NAMES), 3))
         axis[:, :3] = spine[:, None]
-        for k, along in enumerate((0.28, -0.08, -0.44)):
-            centre[:, k] = middle + along * b.trunk_m * spine
+        for k, along in enumerate(TRUNK_AT):
+            centre[:, k] = middle + (along - 0.5) * b.trunk_m * spine
         head = direction(heading + sway[:, 3], 0.5 + sway[:, 4])
         centre[:, 3], axis[:, 3] = nape + b.neck_m * head, head
         frame = (forward[:, None], left[:, None])

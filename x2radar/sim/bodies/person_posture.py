@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from x2radar.sim.bodies.feet import FootState
 from x2radar.sim.bodies.flight import smooth_step
-from x2radar.sim.bodies.person_build import ARMS, LEGS, NAMES, PersonBuild
+from x2radar.sim.bodies.person_build import ARMS, LEGS, NAMES, TRUNK_AT, PersonBuild
 from x2radar.sim.bodies.person_gait import Carriage
 
 Array = NDArray[np.float64]
@@ -101,7 +101,7 @@ def upright(
     left = direction(hips.heading_rad + np.pi / 2)
     spine = direction(hips.heading_rad, np.pi / 2 - c.lean_rad)
     axis[:, :3] = spine[:, None]
-    for k, along in enumerate((0.78, 0.42, 0.06)):
+    for k, along in enumerate(TRUNK_AT):
         centre[:, k] = hips.middle_m + along * b.trunk_m * spine
     nape = hips.middle_m + b.trunk_m * spine
     head = direction(hips.heading_rad + look[:, 0], np.pi / 2 - 0.5 * c.lean_rad + look[:, 1])

@@ -14,7 +14,7 @@ from x2radar.sim.bodies.pet_build import Species, draw_build, draw_manner
 from x2radar.sim.bodies.pet_place import STANDING, draw_jumping, draw_staying
 from x2radar.sim.bodies.quadruped import Action, Quadruped, posture
 from x2radar.sim.bodies.quadruped_actions import Going
-from x2radar.sim.bodies.quadruped_build import NAMES, QuadrupedBuild
+from x2radar.sim.bodies.quadruped_build import NAMES, TRUNK, QuadrupedBuild
 from x2radar.sim.bodies.quadruped_gait import FOOTWORK, GRAVITY_MPS2, froude, gait, usual_gait
 from x2radar.sim.bodies.segments import SegmentRcs, TotalRcs
 
@@ -133,7 +133,7 @@ def draw_pet(
         action, begin, end = draw_staying(rng, build, style, course), 0.0, 40.0
     else:
         action = _going(rng, build, course, style, footwork, is_cat=species == "cat")
-    rcs = SegmentRcs.draw(rng, build.half_lengths())
+    rcs = SegmentRcs.draw(rng, build.half_lengths(), n_trunk=len(TRUNK))
     times = np.linspace(begin, end, _N_POSTURES)
     rcs = rcs.sized(rng, total_rcs_dbsm, *posture(build, action, manner, times))
     return Quadruped("pet", NAMES, build, action, manner, rcs)

@@ -9,6 +9,8 @@ own frame (Ruck, Radar Cross Section Handbook, 1970; recalled)::
 times the power reflection of skin and muscle, about 0.54 at 7 GHz (recalled). Real parts are
 rough and bent, so an end-on view keeps some per cent of the broadside echo. The formula wants
 a radius above a wavelength over 2 pi (7 mm at 6.8 GHz): a thin tail is at its limit.
+
+A trunk is drawn as several ellipsoids, but it is one surface with one bright spot, see `trunk`.
 """
 
 from dataclasses import dataclass, replace
@@ -19,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from x2radar.errors import SceneError
 from x2radar.sim.bodies.fluctuation import Fluctuation
+from x2radar.sim.bodies.trunk import one_surface
 from x2radar.sim.points import Points
 
 Array = NDArray[np.float64]
@@ -52,6 +55,8 @@ class SegmentRcs:
         Change over time.
     scale : float
         Factor on all cross sections.
+    n_trunk : int
+        So many parts, from `trunk` on, are one surface.
     """
 
     half_m: Array
@@ -60,9 +65,12 @@ class SegmentRcs:
     trunk: int
     fluctuation: Fluctuation
     scale: float = 1.0
+    n_trunk: int = 1
 
     @classmethod
-    def draw(cls, rng: np.random.Generator, half_m: ArrayLike, *, trunk: int = 0) -> Self:
+    def draw(
+        cls, rng: np.random.Generator, half_m: ArrayLike, *, trunk: int = 0, n_trunk: int = 1
+    ) -> Self:
         """Draw what is random about the echo of a body; its scale is the physical one.
 
         Parameters
@@ -73,6 +81,8 @@ class SegmentRcs:
             Half-lengths of the parts, in metres: along the axis, to the side, across both.
         trunk : int, optional
             Which part casts the shadow.
+        n_trunk : int, optional
+            How many parts, from that one on, are one surface.
 
         Returns
         -------
@@ -96,7 +106,7 @@ class SegmentRcs:
         floor = rng.uniform(*FLOOR, len(half)) * broadside
         shadow_db = rng.uniform(*SHADOW_DB, len(half))
         shadow_db[trunk] = 0.0
-        return cls(half, floor, shadow_db, trunk, Fluctuation.draw(rng, len(half)))
+        return cls(half, floor, shadow_db, trunk, Fluctuation.draw(rng, len(half)), 1.0, n_trunk)
 
     def points(
         self, t_s: Array, centre_m: Array, axis: Array, side: Array, antenna_m: Array
@@ -125,7 +135,7 @@ class SegmentRcs:
         -------
         Points
             The middles as given; cross sections with aspect, floor, shadow, fluctuation and
-            scale; and how much nearer the surfaces are.
+            scale; and how much nearer the surfaces are, the trunk's as one.
         """
         middle, along, left = _first(centre_m), _first(axis), _first(side)
         towards = antenna_m[:, None, None] - middle
@@ -134,12 +144,17 @@ class SegmentRcs:
         towards /= distance
         nearer2 = self._nearer2_m2(along, left, towards)
         still = self._still_m2(middle, along, left, towards, nearer2)
-        return Points(
+        points = Points(
             centre_m,
             np.asarray(still * self.fluctuation.at(t_s), dtype=np.float64),
             # An antenna inside a part still has it in front.
             np.minimum(np.sqrt(nearer2), _DEEPEST * distance),
         )
+        if self.n_trunk == 1:
+            return points
+        parts = slice(self.trunk, self.trunk + self.n_trunk)
+        floor = self.scale * self.floor_m2
+        return one_surface(points, parts, still, floor, antenna_m)
 
     def mean_total_m2(self, centre_m: Array, axis: Array, side: Array) -> float:
         """Return the sum over all parts, averaged over aspect and over the given postures.

@@ -1,7 +1,7 @@
 // Events: list, filter, replay of a clip's pictures, export, labels.
 import { HeatMap, TITLES } from "./heatmap.js";
 import { card } from "./live.js";
-import { get, post } from "./net.js";
+import { at, get, post } from "./net.js";
 import { Pictures } from "./pictures.js";
 import { LinePlot } from "./plot.js";
 import { isOperator, limit, on } from "./state.js";
@@ -92,7 +92,7 @@ class EventsPage {
     for (const link of this.filters.querySelectorAll("a[data-format]")) {
       const export_ = new URLSearchParams(query);
       export_.set("format", link.dataset.format);
-      link.href = `/api/v1/events/export?${export_}`;
+      link.href = at(`/api/v1/events/export?${export_}`);
     }
     try {
       this.events = (await get(`/api/v1/events?${query}`)).events;
@@ -200,14 +200,14 @@ class EventsPage {
       "p",
       { class: "buttons" },
       replay,
-      h("a", { class: "button", href: `/api/v1/events/${event.id}/clip`, download: true }, "Download the clip"),
+      h("a", { class: "button", href: at(`/api/v1/events/${event.id}/clip`), download: true }, "Download the clip"),
     );
     box.append(row);
     replay.addEventListener("click", async () => {
       replay.disabled = true;
       setText(replay, "Making pictures …");
       try {
-        const answer = await fetch(`/api/v1/events/${event.id}/pictures`);
+        const answer = await fetch(at(`/api/v1/events/${event.id}/pictures`));
         if (!answer.ok) throw new Error((await answer.json()).error);
         const clip = Pictures.ofClip(await answer.arrayBuffer());
         if (this.signal.aborted || this.shown !== event.id) return;

@@ -5,6 +5,11 @@ const FIRST_RETRY_MS = 500;
 const LONGEST_RETRY_MS = 4000;
 const SILENT_MS = 12000;
 
+// One of several sensors has its pages, and all it asks for, below a path of its own.
+const HOME = (location.pathname.match(/^\/sensor\/[\w-]+/) ?? [""])[0];
+
+export const at = (path) => `${HOME}${path}`;
+
 let socket = null;
 let retryMs = FIRST_RETRY_MS;
 let wantsPictures = false;
@@ -13,7 +18,7 @@ let heardMs = 0;
 
 export function connect() {
   const scheme = location.protocol === "https:" ? "wss" : "ws";
-  socket = new WebSocket(`${scheme}://${location.host}/ws`);
+  socket = new WebSocket(`${scheme}://${location.host}${at("/ws")}`);
   socket.binaryType = "arraybuffer";
   heardMs = performance.now();
   socket.addEventListener("open", () => {
@@ -54,7 +59,7 @@ async function lost() {
   retryMs = Math.min(2 * retryMs, LONGEST_RETRY_MS);
   try {
     // A session that has run out looks like a lost line; the page then asks for the token.
-    const answer = await fetch("/api/v1/status");
+    const answer = await fetch(at("/api/v1/status"));
     if (answer.status === 401) location.reload();
   } catch {
     // The daemon is away: the next attempt will tell.
@@ -81,12 +86,12 @@ addEventListener("online", () => {
 });
 
 export async function get(path) {
-  return answered(await fetch(path));
+  return answered(await fetch(at(path)));
 }
 
 export async function post(path, body) {
   return answered(
-    await fetch(path, {
+    await fetch(at(path), {
       method: "POST",
       headers: { "Content-Type": "application/json", "X-Radard": "1" },
       body: JSON.stringify(body),

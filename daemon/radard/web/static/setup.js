@@ -2,12 +2,11 @@
 import { command } from "./app.js";
 import { LinePlot } from "./plot.js";
 import { card } from "./live.js";
+import { get, post } from "./net.js";
 import { isOperator, lastDecision, on, pictures, state } from "./state.js";
-import { copy, download, fixed, h, replace, setText } from "./ui.js";
+import { copy, download, fixed, h, replace, setText, toast } from "./ui.js";
 import { ZoneEditor } from "./zones.js";
 
-const LEAVE_S = 15;
-const WATCH = 20;
 const CELL_M = 0.5;
 
 export function setupPage(_argument, signal) {
@@ -47,54 +46,40 @@ function calibration(signal) {
     ],
   });
   signal.addEventListener("abort", () => plot.close());
-  let phase = "";
-  let left = 0;
-  let watched = [];
+  let asked = false;
+  let most = 1;
   const timer = setInterval(() => {
     const d = lastDecision();
     if (d) plot.draw({ from_s: d.t_s - 60, to_s: d.t_s }, state.decisions);
-    if (phase !== "leave") return;
-    left -= 0.5;
-    bar.value = 100 * (1 - left / LEAVE_S);
-    setText(said, `Leave the room now: ${Math.ceil(left)} s`);
-    if (left > 0) return;
-    command("calibrate");
-    phase = "watch";
-    watched = [];
   }, 500);
   signal.addEventListener("abort", () => clearInterval(timer));
   button.addEventListener("click", () => {
-    phase = phase ? "" : "leave";
-    left = LEAVE_S;
-    bar.hidden = !phase;
-    setText(button, phase ? "Stop" : "Calibrate the empty room");
-    setText(said, "");
+    asked = true;
+    command("calibrate");
+    follow();
   });
-  on("decision", (d) => {
-    if (phase !== "watch") return;
-    watched.push(d);
-    bar.value = (100 * watched.length) / WATCH;
-    setText(said, `Learning and watching: ${watched.length} of ${WATCH} windows`);
-    if (watched.length < WATCH) return;
-    phase = "";
-    bar.hidden = true;
-    setText(button, "Calibrate the empty room");
-    setText(said, calibrationResult(watched));
-  }, signal);
+  function follow() {
+    const { phase = "", left_s: left = 0, text = "" } = state.panel.calibration ?? {};
+    const isBusy = phase === "leave" || phase === "listen";
+    setText(button, isBusy ? "Begin again" : "Calibrate the empty room");
+    bar.hidden = phase !== "listen";
+    if (phase === "listen") most = Math.max(most, left);
+    else most = 1;
+    bar.value = 100 * (1 - left / most);
+    if (phase) setText(said, CALIBRATION[phase](left, text));
+    else if (asked && state.playback) setText(said, "The gate learns the room anew; a replay keeps no calibration.");
+  }
+  on("now", follow, signal);
+  follow();
   return box;
 }
 
-function calibrationResult(watched) {
-  const whole = watched.filter((d) => d.gate !== "invalid");
-  const closed = whole.filter((d) => d.gate === "closed");
-  const margins = closed.map((d) => d.threshold_db - d.power_db);
-  const least = margins.length ? Math.min(...margins) : null;
-  if (!whole.length) return "No window could be judged; look at the state above.";
-  if (closed.length === whole.length) {
-    return `Done. All ${whole.length} windows were quiet, the least ${fixed(least)} dB under the threshold.`;
-  }
-  return `${closed.length} of ${whole.length} windows were quiet. Something moves: a fan, a curtain, or somebody. Stop it or exclude its range below, and calibrate again.`;
-}
+const CALIBRATION = {
+  leave: (left) => `Leave the room now: ${left} s`,
+  listen: (left) => `Listening to the empty room: ${left} s`,
+  made: (_left, text) => `Calibrated ${text}.`,
+  failed: (_left, text) => `Not calibrated: ${text}. What held before still holds.`,
+};
 
 // Walk test --------------------------------------------------------------------------------
 
@@ -180,21 +165,53 @@ function summary(test, n) {
 function zones(signal) {
   const box = card("Zones", "which ranges raise an alarm; decisions are made everywhere");
   const editor = new ZoneEditor(box, swath(), state.zones);
+  const said = h("p", { role: "status", class: "quiet" });
   const lines = h("pre", { tabindex: "0", "aria-label": "Lines for config.yaml" });
-  const draw = () => setText(lines, editor.yaml());
+  const save = h("button", { type: "button", class: "primary" }, "Save the zones");
+  const forget = h("button", { type: "button" }, "Forget what was saved");
+  const draw = () => {
+    setText(lines, editor.yaml());
+    save.disabled = !isOperator() || !editor.isTouched;
+    forget.disabled = !isOperator() || !state.hasSavedZones;
+  };
+  const begin = () => {
+    // What is being edited stays.
+    if (!editor.isTouched) editor.reset(swath(), state.zones);
+    draw();
+  };
+  const send = async (body, isSaved) => {
+    // The editor follows the daemon from here on, so what it shows is what holds.
+    editor.isTouched = false;
+    setText(said, "…");
+    draw();
+    try {
+      await post("/api/v1/zones", body);
+      state.hasSavedZones = isSaved;
+      setText(said, await told(body));
+    } catch (error) {
+      editor.isTouched = isSaved;
+      setText(said, "");
+      toast(`Not saved: ${error.message}`, "bad");
+    }
+    begin();
+  };
+  save.addEventListener("click", () => send(editor.spans(), true));
+  forget.addEventListener("click", () => send({ forget: true }, false));
   box.append(
-    h("h3", {}, "For config.yaml ", h("small", {}, "then: systemctl reload radard, or kill -HUP")),
+    h("p", { class: "buttons" }, save, forget),
+    said,
+    h("h3", {}, "For config.yaml ", h("small", {}, "instead of saving here, or for another sensor")),
     lines,
     h("p", { class: "buttons" }, h("button", { type: "button", onclick: () => copy(editor.yaml()) }, "Copy")),
   );
-  editor.onchange = draw;
-  draw();
-  on("hello", () => {
-    // What is being edited stays.
-    if (editor.isTouched) return;
-    editor.reset(swath(), state.zones);
+  editor.onchange = () => {
+    setText(said, "");
     draw();
-  }, signal);
+  };
+  draw();
+  on("hello", begin, signal);
+  on("zones", begin, signal);
+  on("now", draw, signal);
   on("decision", (d) => editor.setTargets(d), signal);
   const timer = setInterval(() => {
     if (pictures.axes) editor.setProfile(pictures.lastColumn("range"), pictures.by.get("range"));
@@ -204,4 +221,18 @@ function zones(signal) {
     editor.close();
   });
   return box;
+}
+
+// Waits until the daemon works with zones, and says so; variables and options may win.
+async function told(body) {
+  if (body.forget) return "Forgotten. What the configuration says holds again.";
+  const wanted = JSON.stringify(body);
+  for (let k = 0; k < 30; k += 1) {
+    const { zones: now } = await get("/api/v1/status");
+    if (JSON.stringify({ include: now.include, exclude: now.exclude }) === wanted) {
+      return "Saved. The alarm heeds them from now on.";
+    }
+    await new Promise((done) => setTimeout(done, 100));
+  }
+  return "Saved, but an environment variable, an option or a fault of the configuration stands before it; see radard config show.";
 }

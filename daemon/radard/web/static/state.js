@@ -13,6 +13,7 @@ export const state = {
   hello: {},
   confirm: [1, 1],
   zones: { include: [], exclude: [] },
+  hasSavedZones: false,
   sensors: {},
   state: "starting",
   reason: "",
@@ -57,11 +58,12 @@ export function take(message) {
 }
 
 function welcome(message) {
-  for (const key of ["role", "sensor", "hello", "confirm", "zones", "sensors"]) state[key] = message[key];
+  for (const key of ["role", "sensor", "hello", "confirm", "sensors"]) state[key] = message[key];
+  state.hasSavedZones = message.has_saved_zones;
   state.decisions = message.decisions;
   state.events = new Map(message.events.map((event) => [event.id, event]));
-  tell("hello");
   takeNow(message);
+  tell("hello");
   tell("decision", lastDecision());
 }
 
@@ -99,6 +101,10 @@ function takeEvent(event) {
 function takeNow(message) {
   for (const key of ["state", "reason", "panel", "playback"]) {
     if (message[key] !== undefined) state[key] = message[key];
+  }
+  if (message.zones && JSON.stringify(message.zones) !== JSON.stringify(state.zones)) {
+    state.zones = message.zones;
+    tell("zones");
   }
   tell("now");
 }

@@ -119,13 +119,17 @@ export class ZoneEditor {
     return (!hasInclude || isIn("include")) && !isIn("exclude");
   }
 
-  yaml() {
+  // Rounded as they are shown and kept.
+  spans() {
     const list = (kind) =>
-      this.zones
-        .filter((z) => z.kind === kind)
-        .map((z) => `[${z.from.toFixed(2)}, ${z.to.toFixed(2)}]`)
-        .join(", ");
-    return `zones:\n  include: [${list("include")}]\n  exclude: [${list("exclude")}]`;
+      this.zones.filter((z) => z.kind === kind).map((z) => [Number(z.from.toFixed(2)), Number(z.to.toFixed(2))]);
+    return { include: list("include"), exclude: list("exclude") };
+  }
+
+  yaml() {
+    const list = (spans) => spans.map(([from, to]) => `[${from.toFixed(2)}, ${to.toFixed(2)}]`).join(", ");
+    const { include, exclude } = this.spans();
+    return `zones:\n  include: [${list(include)}]\n  exclude: [${list(exclude)}]`;
   }
 
   #add(kind) {

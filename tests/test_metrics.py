@@ -1,0 +1,101 @@
+"""Prometheus: a running daemon really feeds every metric that there is."""
+
+import pytest
+from prometheus_client.parser import text_string_to_metric_families
+
+from radard.metrics import HELP, Metrics, exposition
+from radard.pipeline import Pipeline
+from tests.daemon_helpers import Gate, launcher
+from tests.sink_helpers import decision, event, free_port, hello, wait_for
+from tests.web_helpers import ask, wait
+
+launch = pytest.fixture(launcher)
+
+
+def samples(text):
+    """Values by name and labels; the parser itself refuses what is not the format."""
+    return {
+        (sample.name, *sorted(sample.labels.items())): sample.value
+        for family in text_string_to_metric_families(text)
+        for sample in family.samples
+    }
+
+
+@pytest.fixture
+def scraped(tmp_path, launch):
+    """A daemon whose module loses frames, and what it tells at a moment."""
+    base = f"http://127.0.0.1:{free_port()}"
+    daemon = launch(
+        sensor={"port": "sim:human?fault=drop_frames:0.01", "speed": "10"},
+        model={"name": "seed"},
+        alarm={"sensitivity": "high"},
+        clips={"enabled": False},
+        output=[base, f"json:{tmp_path / 'out.jsonl'}"],
+    )
+    wait(lambda: ask(base + "/healthz")[0] == 200)
+
+    def scrape():
+        return samples(ask(base + "/metrics")[1].decode())
+
+    scrape.daemon = daemon
+    yield scrape
+    assert daemon.stop() == 0
+
+
+def test_all_of_them_are_fed(scraped):
+    json_sink = ("sink", f"json:{scraped.daemon.config.output[1].removeprefix('json:')}")
+    wait_for(lambda: scraped().get(("radard_human_score_count",), 0) > 2)
+    wait_for(lambda: scraped().get(("radard_frames_dropped_total", ("reason", "lost")), 0) > 0)
+    found = scraped()
+    told = {name for name, *_ in found}
+    for family, (kind, _) in HELP.items():
+        wanted = f"{family}_count" if kind == "histogram" else family
+        assert wanted in told or family == "radard_events_total", family
+    assert found["radard_frames_total",] > 300
+    assert found["radard_up",] == found["radard_armed",] == 1
+    assert found["radard_frame_rate_hertz",] == 60
+    n = found["radard_decision_latency_seconds_count",]
+    assert n == sum(v for (name, *_), v in found.items() if name == "radard_decisions_total")
+    assert found["radard_sink_ok", json_sink] == 1
+    wait_for(lambda: scraped()["radard_sink_sent_records_total", json_sink] > n)
+    wait_for(lambda: scraped()["radard_frames_total",] > found["radard_frames_total",])
+    wait_for(
+        lambda: ("radard_events_total", ("kind", "alarm"), ("phase", "new")) in scraped(), 20.0
+    )
+
+
+def test_a_daemon_that_decides_nothing_is_not_up(scraped, monkeypatch):
+    gate = Gate()
+    gate.before(monkeypatch, Pipeline, "decide")
+    try:
+        wait_for(lambda: scraped()["radard_up",] == 1)
+        gate.shut()
+        wait_for(lambda: scraped()["radard_up",] == 0)
+        assert scraped()["radard_state", ("state", "offline")] == 1
+        scraped.daemon.run.radar.command("disarm")
+        gate.open()
+        wait_for(lambda: scraped()["radard_armed",] == 0)
+        wait_for(lambda: scraped()["radard_up",] == 1)
+    finally:
+        gate.open()
+
+
+def test_sensors_are_told_apart_by_a_label():
+    both = []
+    for name in ("hall", "attic"):
+        metrics = Metrics(name)
+        for record in (hello(sensor=name), decision(1), event(1)):
+            metrics.on_record(record)
+        metrics.refresh(state="online", is_armed=name == "hall", driver={"frames": 7, "odd": 1})
+        both.append(metrics)
+    text = exposition(both)
+    found = samples(text)
+    for name in ("hall", "attic"):
+        label = ("sensor", name)
+        assert found["radard_up", label] == 1
+        assert found["radard_armed", label] == (name == "hall")
+        assert found["radard_frames_total", label] == 7
+        assert found["radard_decision_latency_seconds_count", label] == 1
+        assert found["radard_decision_latency_seconds_bucket", ("le", "+Inf"), label] == 1
+    assert text.count("# TYPE radard_up ") == 1
+    assert "odd" not in text

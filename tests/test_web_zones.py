@@ -1,0 +1,176 @@
+"""Zones from the dashboard: saved, taken up at once, there after a restart, and said whose."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from radard.commands.config import shown
+from radard.config import load_config, load_with_origins
+from radard.errors import ConfigError, OutputError
+from radard.saved_zones import forget, save, zones_path
+from tests.web_helpers import Running
+
+NOW = "2026-11-21T06:00:00.000Z"
+
+
+@pytest.fixture
+def run(tmp_path):
+    """A daemon before an empty room, whose configuration has a zone of its own."""
+    (tmp_path / "config.yaml").write_text("zones: {include: [[0.5, 5.0]]}\n")
+    argv = ("--port", "sim:empty", "--model", "none", "--config", str(tmp_path / "config.yaml"))
+    made = []
+
+    def start(**environ):
+        made.append(Running(tmp_path, *argv, environ=environ).wait_online())
+        return made[-1]
+
+    yield start
+    for running in made:
+        running.end()
+
+
+def zones_now(running):
+    return running.get("/api/v1/status")[1]["zones"]
+
+
+def test_saved_zones_hold_at_once_and_after_a_restart(run, tmp_path):
+    running = run()
+    wanted = {"include": [], "exclude": [[1.2, 1.9], [3.0, 4.25]]}
+    assert running.post("/api/v1/zones", wanted)[0] == 202
+    running.wait(lambda: zones_now(running) == wanted)
+    assert running.get("/api/v1/status")[1]["has_saved_zones"] is True
+    before = running.get("/api/v1/status")[1]["panel"]["seq"]
+    running.wait(lambda: running.get("/api/v1/status")[1]["panel"]["seq"] > before)
+    assert running.end() == 0
+    again = run()
+    assert zones_now(again) == wanted
+    # What is in the file of the configuration holds again once they are forgotten.
+    assert again.post("/api/v1/zones", {"forget": True})[0] == 202
+    again.wait(lambda: zones_now(again) == {"include": [[0.5, 5.0]], "exclude": []})
+    assert again.get("/api/v1/status")[1]["has_saved_zones"] is False
+    assert not (tmp_path / "radar.sim.zones.yaml").exists()
+
+
+def test_the_environment_stands_before_what_was_saved(run):
+    running = run(RADARD_ZONES__EXCLUDE="[[2, 3]]")
+    assert running.post("/api/v1/zones", {"include": [[1, 4]], "exclude": []})[0] == 202
+    running.wait(lambda: zones_now(running) == {"include": [[1, 4]], "exclude": [[2, 3]]})
+
+
+def test_what_is_no_zone_is_refused_and_nothing_is_written(run, tmp_path):
+    running = run()
+    for body, words in (
+        ({"include": []}, "include and exclude are wanted"),
+        ({"include": [[2, 1]], "exclude": []}, "from below to"),
+        ({"include": [[-1, 1]], "exclude": []}, "from below to"),
+        ({"include": [[1, 1.001]], "exclude": []}, "at least 0.01 m"),
+        ({"include": [[1, "x"]], "exclude": []}, "include.0.1"),
+        ({"include": "all", "exclude": []}, "include"),
+        ({"include": [[k, k + 1] for k in range(33)], "exclude": []}, "more than 32"),
+    ):
+        code, answer = running.post("/api/v1/zones", body)
+        assert code == 400, body
+        assert words in answer["error"]
+    assert running.post("/api/v1/zones", {"forget": True}, headers={})[0] in {400, 403}
+    assert not list(tmp_path.glob("*zones*"))
+
+
+def load(tmp_path, **environ):
+    options = {"service": {"state_dir": tmp_path}}
+    return load_with_origins(tmp_path / "c.yaml", environ=environ, options=options)
+
+
+@pytest.fixture
+def saved(tmp_path):
+    """The file of a real sensor's zones, and a configuration beside it."""
+    (tmp_path / "c.yaml").write_text("zones:\n  include: [[0.5, 5.0]]\n  exclude: [[2, 3]]\n")
+    path = tmp_path / "radar.zones.yaml"
+    save(path, [(1.0, 2.5)], [], now_utc=NOW)
+    return path
+
+
+def test_config_show_says_where_zones_came_from(saved, tmp_path):
+    lines = list(shown(load(tmp_path)))
+    include = next(line for line in lines if line.startswith("  include"))
+    assert "[[1.0, 2.5]]" in include
+    assert include.endswith(f"# {saved}:3, saved on the dashboard")
+    forget(saved)
+    include = next(line for line in shown(load(tmp_path)) if line.startswith("  include"))
+    assert include.endswith(f"# {tmp_path / 'c.yaml'}:2")
+    forget(saved)
+
+
+def test_radard_config_show_prints_it(saved, tmp_path):
+    argv = [str(Path(sys.executable).parent / "radard"), "config", "show"]
+    environ = {
+        "RADARD_SERVICE__STATE_DIR": str(tmp_path),
+        "PYTHONPATH": ":".join(sys.path),
+        "PATH": "",
+    }
+    done = subprocess.run(argv, env=environ, capture_output=True, text=True, check=True)
+    assert f"# {saved}:4, saved on the dashboard" in done.stdout
+
+
+def test_order_of_file_saved_environment_and_options(saved, tmp_path):
+    assert load(tmp_path).config.zones.include == ((1.0, 2.5),)
+    assert load(tmp_path).config.zones.exclude == ()
+    found = load(tmp_path, RADARD_ZONES__INCLUDE="[[3, 4]]")
+    assert found.config.zones.include == ((3.0, 4.0),)
+    assert found.origin("zones", "include") == "RADARD_ZONES__INCLUDE"
+    assert found.config.zones.exclude == ()
+    options = {"service": {"state_dir": tmp_path}, "zones": {"exclude": [(6.0, 7.0)]}}
+    config = load_config(tmp_path / "c.yaml", environ={}, options=options)
+    assert config.zones.exclude == ((6.0, 7.0),)
+    assert saved.read_text().startswith(f"# Saved on the dashboard, {NOW}")
+
+
+@pytest.mark.parametrize(
+    ("port", "name"),
+    [
+        (None, "hall.zones.yaml"),
+        ("/dev/ttyACM0", "hall.zones.yaml"),
+        ("sim:human", "hall.sim.zones.yaml"),
+        ("replay:night.h5", "hall.sim.zones.yaml"),
+    ],
+)
+def test_a_simulated_sensor_has_zones_of_its_own(port, name, tmp_path):
+    assert zones_path(tmp_path, "hall", port) == tmp_path / name
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("gate: {threshold_db: 1}\n", "not the zones that the dashboard saves"),
+        ("zones: {inside: []}\n", "not the zones that the dashboard saves"),
+        ("zones: [1, 2]\n", "not the zones that the dashboard saves"),
+        ("zones: {include: [[2, 1]]}\n", "radar.zones.yaml:1, saved on the dashboard: zones"),
+        ("zones: {include: [", "not YAML"),
+    ],
+)
+def test_a_file_that_was_tampered_with_is_named(saved, tmp_path, text, words):
+    saved.write_text(text)
+    with pytest.raises(ConfigError, match=r"radar\.zones\.yaml") as caught:
+        load(tmp_path)
+    assert words in str(caught.value)
+
+
+def test_a_folder_that_takes_nothing_is_said(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OutputError, match="cannot keep the zones"):
+        save(tmp_path / "file" / "x.zones.yaml", [], [], now_utc=NOW)
+    with pytest.raises(OutputError, match="cannot take the zones away"):
+        forget(tmp_path)
+
+
+def test_numbers_come_back_as_they_were(tmp_path):
+    path = tmp_path / "radar.zones.yaml"
+    save(path, [(0.0, 1e-3), (0.1, 999.0)], [(1.2345, 2)], now_utc=NOW)
+    (tmp_path / "c.yaml").write_text("{}")
+    zones = load(tmp_path).config.zones
+    assert json.loads(zones.model_dump_json()) == {
+        "include": [[0.0, 0.001], [0.1, 999.0]],
+        "exclude": [[1.234, 2.0]],
+    }

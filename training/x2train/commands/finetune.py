@@ -1,0 +1,142 @@
+"""`train-export finetune`: a bundle that knows one's own pet, from one's own clips."""
+
+import argparse
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from radard.classifier import load_bundle
+from radard.errors import UsageError
+from x2train.commands import Commands
+
+_MOST_EPOCHS = 20
+
+
+def register(commands: Commands) -> None:
+    """Add the subcommand."""
+    parser = commands.add_parser(
+        "finetune",
+        help="teach a bundle one's own pet",
+        epilog=(
+            "examples:\n"
+            "  train-export dataset --out sets/guard --families 'held out' --like balanced\n"
+            "  train-export finetune --labels ~/.local/state/radard/labels.jsonl "
+            "--guard sets/guard\n"
+            "  train-export finetune rex1.h5=pet rex2.h5=pet me.h5=human --guard sets/guard\n"
+            "  radard --model own.onnx\n"
+        ),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = parser.add_argument
+    add("clips", nargs="*", metavar="FILE=LABEL", help="human, pet, other or wrong (no human)")
+    add("--labels", type=Path, metavar="FILE", help="labels.jsonl of the dashboard")
+    add("--clips", type=Path, dest="folder", metavar="DIR", help="where its clips are now")
+    add("--model", default="balanced", help="bundle to start from (balanced)")
+    add("--guard", type=Path, nargs="+", required=True, help="sets of people not to be missed")
+    add("--mix", type=Path, nargs="+", help="simulated sets to learn from beside the clips")
+    ways = parser.add_mutually_exclusive_group()
+    ways.add_argument("--verifier", action="store_true", help="a head beside the network (so)")
+    ways.add_argument("--full", action="store_true", help="retrain the network; needs --mix")
+    add("--name", default="own", help="name of the new bundle (own)")
+    add("--out", type=Path, default=Path(), help="its folder (this one)")
+    add("--epochs", type=int, default=4, help="with --full: passes over the mix (4)")
+    add("--seed", type=int, default=0, help="with --full: same seed, same file (0)")
+    parser.set_defaults(run=_run)
+
+
+def _run(args: argparse.Namespace) -> int:
+    _check(args)
+    # Late: torch takes seconds, and --help must not.
+    from x2train.finetune import Tuned, tune_network, tune_verifier  # noqa: PLC0415
+    from x2train.finetune_bundle import rows_of, write_finetuned  # noqa: PLC0415
+    from x2train.guard import load_guard  # noqa: PLC0415
+    from x2train.own_labels import labelled_clips, merged, named_clips  # noqa: PLC0415
+    from x2train.own_windows import own_windows  # noqa: PLC0415
+    from x2train.train import Epoch  # noqa: PLC0415
+
+    console = Console()
+    bundle = load_bundle(args.model)
+    clips = list(named_clips(args.clips))
+    if args.labels is not None:
+        found = labelled_clips(args.labels, args.folder)
+        clips += found.clips
+        for line in found.left_out:
+            console.print(f"left out: {line}", markup=False, highlight=False)
+    clips = list(merged(clips))
+    guard = load_guard(args.guard, bundle)
+    mix = load_guard(args.mix, bundle, least=1) if args.mix else None
+    tuned: Tuned | None = None
+    # A spinner, not a bar: it leaves nothing behind, so an error stays one line.
+    with Console(stderr=True).status("own clips") as status:
+        own = [own_windows(clip, bundle) for clip in clips]
+        if args.full and mix is not None:
+            for step in tune_network(bundle, own, guard, mix, epochs=args.epochs, seed=args.seed):
+                if isinstance(step, Epoch):
+                    status.update(
+                        f"retrain, {step.number} of {args.epochs} (loss {step.loss:.4f})"
+                    )
+                else:
+                    tuned = step
+        else:
+            tuned = tune_verifier(bundle, own, guard, mix, status.update)
+    assert tuned is not None  # noqa: S101 - both ways end with one
+    write_finetuned(
+        args.out,
+        args.name,
+        bundle,
+        tuned,
+        way="full" if args.full else "verifier",
+        own=own,
+        guard=guard,
+        command=_command(args),
+        seed=args.seed,
+    )
+    path = args.out / args.name
+    console.print(f"wrote {path}.onnx, .json and .md", highlight=False, soft_wrap=True)
+    table = Table("", "before", "after", box=None)
+    for row in rows_of(tuned):
+        table.add_row(*row)
+    console.print(table)
+    return 0
+
+
+def _check(args: argparse.Namespace) -> None:
+    if not 1 <= args.epochs <= _MOST_EPOCHS:
+        msg = f"--epochs {args.epochs}: must be 1 to {_MOST_EPOCHS}"
+        raise UsageError(msg)
+    if args.seed < 0:
+        msg = f"--seed {args.seed}: must be at least 0"
+        raise UsageError(msg)
+    if not args.clips and args.labels is None:
+        msg = "no clips: give FILE=LABEL, or --labels with the dashboard's file"
+        raise UsageError(msg)
+    if args.folder is not None and args.labels is None:
+        msg = "--clips says where the clips of --labels are; there is no --labels"
+        raise UsageError(msg)
+    if args.full and not args.mix:
+        msg = "--full needs --mix: simulated windows keep the network what it is"
+        raise UsageError(msg)
+    if set(args.mix or ()) & set(args.guard):
+        msg = "--mix and --guard share a set: people learned from say nothing of people missed"
+        raise UsageError(msg)
+    if Path(args.name).name != args.name or args.name == Path(args.model).stem:
+        msg = f"--name {args.name}: a name of its own is wanted, without a folder"
+        raise UsageError(msg)
+
+
+def _command(args: argparse.Namespace) -> str:
+    """Return the command, with the names of own files but not their folders."""
+    clips = " ".join(
+        f"{Path(file).name}={label}"
+        for file, _, label in (text.rpartition("=") for text in args.clips)
+    )
+    sets = " ".join(
+        f"--{name} {' '.join(str(p) for p in getattr(args, name))}"
+        for name in ("guard", "mix")
+        if getattr(args, name)
+    )
+    labels = f"--labels {args.labels.name}" if args.labels else ""
+    way = f"--full --epochs {args.epochs} --seed {args.seed}" if args.full else "--verifier"
+    parts = ("train-export finetune", clips, labels, sets, way, f"--name {args.name}")
+    return " ".join(part for part in (*parts, f"--model {Path(args.model).stem}") if part)

@@ -1,0 +1,144 @@
+"""Own clips: which recordings people have labelled, on the dashboard or by hand.
+
+The dashboard's lines are those of `radard.web.labels`; the last line of an event holds. By
+hand, FILE=LABEL names any recording that `radard --port replay:` plays.
+"""
+
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from radard.errors import UsageError
+from radard.web.labels import FORMAT, LABELS, VERSION
+
+
+@dataclass(frozen=True, slots=True)
+class OwnClip:
+    """A recording and what people say that it shows.
+
+    Attributes
+    ----------
+    path : Path
+        The recording.
+    label : {'human', 'pet', 'other', 'wrong'}
+        `wrong`, of an alarm: it was no human, whatever it was.
+    """
+
+    path: Path
+    label: str
+
+    @property
+    def is_human(self) -> bool:
+        """Whether the alarm was right."""
+        return self.label == "human"
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """What a file of labels gave.
+
+    Attributes
+    ----------
+    clips : tuple of OwnClip
+        In the order in which their events were first labelled.
+    left_out : tuple of str
+        A line for each event that gave none.
+    """
+
+    clips: tuple[OwnClip, ...]
+    left_out: tuple[str, ...]
+
+
+def named_clips(arguments: Iterable[str]) -> tuple[OwnClip, ...]:
+    """Return the clips of arguments FILE=LABEL; raise UsageError on a wrong one."""
+    clips = []
+    for text in arguments:
+        name, equals, label = text.rpartition("=")
+        if not equals or not name or label not in LABELS:
+            msg = f"'{text}': FILE=LABEL is wanted, with a label of {', '.join(LABELS)}"
+            raise UsageError(msg)
+        if not Path(name).is_file():
+            msg = f"{name}: no such recording"
+            raise UsageError(msg)
+        clips.append(OwnClip(Path(name), label))
+    return tuple(clips)
+
+
+def labelled_clips(path: Path, folder: Path | None = None) -> Found:
+    """Return the clips that the dashboard's labels point to.
+
+    Parameters
+    ----------
+    path : Path
+        labels.jsonl.
+    folder : Path, optional
+        Where the clips are now, when they are no longer where they were made.
+
+    Raises
+    ------
+    UsageError
+        If the file cannot be read, or a line is no label or one of another version.
+    """
+    events = _last_lines(path)
+    clips, left_out = [], []
+    for event, line in events.items():
+        clip = line.get("clip")
+        if line.get("kind") != "alarm":
+            left_out.append(f"{event}: labelled {line['label']}, but not an alarm")
+        elif not isinstance(clip, str) or not clip:
+            left_out.append(f"{event}: no clip was kept of it")
+        else:
+            where = folder / Path(clip).name if folder else Path(clip)
+            if where.is_file():
+                clips.append(OwnClip(where, str(line["label"])))
+            else:
+                left_out.append(f"{event}: its clip is gone ({where})")
+    return Found(tuple(clips), tuple(left_out))
+
+
+def merged(clips: Iterable[OwnClip]) -> tuple[OwnClip, ...]:
+    """Return clips, each once.
+
+    Raises
+    ------
+    UsageError
+        If one has two labels, or none of them shows anything but people.
+    """
+    by_path: dict[Path, OwnClip] = {}
+    for clip in clips:
+        known = by_path.setdefault(clip.path.resolve(), clip)
+        if known.label != clip.label:
+            msg = f"{clip.path}: labelled both {known.label} and {clip.label}"
+            raise UsageError(msg)
+    if all(clip.is_human for clip in by_path.values()):
+        msg = "no clip is labelled pet, other or wrong: there is nothing to quieten"
+        raise UsageError(msg)
+    return tuple(by_path.values())
+
+
+def _last_lines(path: Path) -> Mapping[str, Mapping[str, Any]]:
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as err:
+        msg = f"{path}: cannot read the labels ({err})"
+        raise UsageError(msg) from err
+    events: dict[str, Mapping[str, Any]] = {}
+    for number, row in enumerate(text.splitlines(), 1):
+        try:
+            line = json.loads(row)
+        except ValueError:
+            line = None
+        if not isinstance(line, dict) or line.get("format") != FORMAT:
+            msg = f"{path}:{number}: no label of the dashboard; take this line out"
+            raise UsageError(msg)
+        if line.get("format_version") != VERSION:
+            version = line.get("format_version")
+            msg = f"{path}:{number}: format_version {version!r}; this version reads {VERSION}"
+            raise UsageError(msg)
+        if line.get("label") not in LABELS or not isinstance(line.get("event"), str):
+            msg = f"{path}:{number}: lacks an event and a label of {', '.join(LABELS)}"
+            raise UsageError(msg)
+        events[line["event"]] = line
+    return events

@@ -1,0 +1,168 @@
+"""Verifier: a logistic head that knows one's own pet, and the threshold that keeps it harmless.
+
+It sees what the network's layers see, and learns to tell own windows of what is no human
+from windows of simulated people (and of one's own, where some were labelled). Its threshold is
+the lowest at which people of the guard are missed no more often than the bound allows.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from radard.classifier import CLASSES, Bundle
+from radard.errors import UsageError
+from x2train.bundle_graph import Head, turned
+from x2train.evidence_fit import sequences
+from x2train.guard import Guard, Misses, alarms_of
+
+Array = NDArray[np.float64]
+Rows = NDArray[np.float32]
+NOTHING = "nothing was written"
+_RIDGE = 0.01
+_OWN_PEOPLE = 0.25
+"""Share of the weight of all people that own ones have, however few they are."""
+_MOST_PEOPLE = 6000
+"""More windows of people cost memory, 35 kB each, and teach little."""
+_LEAST_SPREAD = 0.01
+_PET = CLASSES.index("pet")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Seen:
+    """What a bundle's network makes of some windows.
+
+    Attributes
+    ----------
+    logits : ndarray, shape (n, 3), float64
+    rows : ndarray, shape (n, n_seen), float32
+        What is seen of them, see `x2train.bundle_graph`.
+    t_s : ndarray, shape (n,), float64
+        Stream time at the end of each, in seconds.
+    is_human : bool
+        By the label of the clip.
+    """
+
+    logits: Array
+    rows: Rows
+    t_s: Array
+    is_human: bool = False
+
+    def has_alarm(self, bundle: Bundle, logits: Array | None = None) -> bool:
+        """Return whether any of a clip's windows is an alarm by the bundle's policy."""
+        n = len(self.t_s)
+        known = self.logits if logits is None else logits
+        zeros = np.zeros(n, np.int64)
+        windows = sequences(known, bundle.temperature, label=zeros, passage=zeros, t_s=self.t_s)
+        return any(alarms_of(bundle, windows.p, windows.is_first, self.t_s))
+
+    def turned(self, bundle: Bundle, head: Head) -> Array:
+        """Return the logits as the verifier leaves them."""
+        excess = head.excess(self.rows)
+        return turned(self.logits, excess, pet=_PET, temperature=bundle.temperature)
+
+
+def fit_head(own: Rows, people: Rows, own_people: Rows) -> Head:
+    """Return the head that tells own windows from people; its threshold is 0.
+
+    Logistic regression, both sides weighing the same, on standardised values with a ridge.
+
+    Parameters
+    ----------
+    own : ndarray, shape (n, n_seen), float32
+        Windows of what shall be kept quiet.
+    people : ndarray, shape (n_people, n_seen), float32
+        Windows of simulated people.
+    own_people : ndarray, shape (n_own_people, n_seen), float32
+        Windows of people in own recordings; may be none.
+    """
+    if len(people) > _MOST_PEOPLE:
+        people = people[np.linspace(0, len(people) - 1, _MOST_PEOPLE).astype(int)]
+    z = np.concatenate([own, people, own_people]).astype(np.float64)
+    mean, spread = z.mean(axis=0), z.std(axis=0)
+    # What hardly ever moves must not decide once it does.
+    spread = np.maximum(spread, max(_LEAST_SPREAD * float(np.median(spread)), 1e-9))
+    z -= mean
+    z /= spread
+    share = _OWN_PEOPLE if len(own_people) else 0.0
+    weights = np.concatenate(
+        [
+            np.full(len(own), 0.5 / len(own)),
+            np.full(len(people), 0.5 * (1 - share) / len(people)),
+            np.full(len(own_people), 0.5 * share / max(1, len(own_people))),
+        ]
+    )
+    sign = np.where(np.arange(len(z)) < len(own), 1.0, -1.0)
+
+    def loss(values: Array) -> tuple[float, Array]:
+        margin = sign * (z @ values[:-1] + values[-1])
+        lost = weights @ np.logaddexp(0.0, -margin) + 0.5 * _RIDGE * values[:-1] @ values[:-1]
+        pull = -weights * sign * np.exp(-np.logaddexp(0.0, margin))
+        return float(lost), np.append(z.T @ pull + _RIDGE * values[:-1], pull.sum())
+
+    found = minimize(loss, np.zeros(z.shape[1] + 1), jac=True, method="L-BFGS-B")
+    weight = found.x[:-1] / spread
+    return Head(weight, float(found.x[-1] - weight @ mean), 0.0)
+
+
+def guarded(
+    head: Head, bundle: Bundle, guard: Guard, seen: Seen, own: Sequence[Seen]
+) -> tuple[Head, Misses]:
+    """Return the head with the lowest threshold that the guard allows, and its misses.
+
+    Parameters
+    ----------
+    head : Head
+        From `fit_head`.
+    bundle : Bundle
+        Whose network it looks at.
+    guard : Guard
+        Simulated people.
+    seen : Seen
+        What the network makes of the guard's windows.
+    own : sequence of Seen
+        Own clips; those of people must keep their alarms.
+    """
+    before = guard.misses(bundle, seen.logits)
+    people = [clip for clip in own if clip.is_human and clip.has_alarm(bundle)]
+
+    def tried(threshold: float) -> tuple[Head, Misses]:
+        made = replace(head, threshold=threshold)
+        return made, guard.misses(bundle, seen.turned(bundle, made))
+
+    def is_allowed(threshold: float) -> bool:
+        made, after = tried(threshold)
+        kept = all(clip.has_alarm(bundle, clip.turned(bundle, made)) for clip in people)
+        return kept and before.allows(after)
+
+    scores = np.unique(head.score(seen.rows[guard.label == CLASSES.index("human")]))
+    scores = np.unique(np.concatenate([scores, *(head.score(c.rows) for c in people)]))
+    return tried(_lowest(scores, is_allowed))
+
+
+def _lowest(scores: Array, is_allowed: Callable[[float], bool]) -> float:
+    """Return the lowest of the scores that is allowed, with all that were tried above it.
+
+    At the highest no person is touched at all, so that one always is.
+    """
+    low, high = -1, len(scores) - 1
+    while high - low > 1:
+        middle = (low + high) // 2
+        if is_allowed(float(scores[middle])):
+            high = middle
+        else:
+            low = middle
+    return float(scores[high])
+
+
+def check_use(own: Sequence[Seen], head: Head) -> None:
+    """Raise UsageError if a head quietens no window of own clips within the bound."""
+    touched = sum(int((head.excess(c.rows) > 0).sum()) for c in own if not c.is_human)
+    if touched == 0:
+        msg = (
+            "within 0.2 points of people missed the verifier would quieten no window of the own "
+            f"clips: {NOTHING}"
+        )
+        raise UsageError(msg)
