@@ -147,6 +147,13 @@ def test_explain_follows_options(capsys):
         main(["explain", "--pass-time", "0"])
 
 
+def test_explain_says_that_rates_of_windows_are_not_those_of_fused_evidence(capsys):
+    assert main(["explain", "--model", "balanced"]) == 0
+    assert "waits up to 3 s: slower than this" in capsys.readouterr().out
+    assert main(["explain", "--model", "seed"]) == 0
+    assert "slower than this" not in capsys.readouterr().out
+
+
 def test_explain_counts_the_entry_delay_and_a_card_without_rates(tmp_path):
     from importlib import resources
 

@@ -116,8 +116,8 @@ def draw_radar(rng: np.random.Generator, kind: RadarKind = "any") -> Radar:
         )
     if kind == "x2" or share[1] < 0.7:
         bin_m = X2.bin_length_m * (0.98 + 0.10 * share[2])
-        return Radar(
-            name="X2",
+        return replace(
+            X2,
             carrier_hz=X2.carrier_hz * (0.97 + 0.06 * share[3]),
             bandwidth_hz=X2.bandwidth_hz * (0.94 + 0.12 * share[4]),
             bin_length_m=bin_m,

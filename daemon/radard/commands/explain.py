@@ -122,6 +122,10 @@ def _the_rates(config: Config, bundle: Bundle, decides: str, n_windows: int) -> 
     yield ""
     yield f"add up to {HOP_S:g} s until the next decision; p_on is left out: the card's rates are"
     yield "those of the verdict alone"
+    if decides == "fused":
+        within = f"{config.decision.decide_within_s:g} s"
+        yield f"policy fused weighs windows together and waits up to {within}: slower than this,"
+        yield "and surer than one window; what it achieves: docs/evaluation.md"
 
 
 def _row(mark: str, level: str, of: str, delay: str, cells: Iterable[str]) -> str:
