@@ -3,6 +3,7 @@
 import itertools
 import json
 from datetime import UTC, datetime, timedelta
+from importlib import resources
 
 import pytest
 
@@ -147,16 +148,27 @@ def test_explain_follows_options(capsys):
         main(["explain", "--pass-time", "0"])
 
 
-def test_explain_says_that_rates_of_windows_are_not_those_of_fused_evidence(capsys):
-    assert main(["explain", "--model", "balanced"]) == 0
+def test_explain_says_that_rates_of_windows_are_not_those_of_fused_evidence(tmp_path, capsys):
+    models = resources.files("radard.models")
+    raw = json.loads((models / "balanced.json").read_text())
+    raw.pop("evaluation", None)
+    (tmp_path / "own.json").write_text(json.dumps(raw))
+    (tmp_path / "own.onnx").write_bytes((models / "balanced.onnx").read_bytes())
+    assert main(["explain", "--model", str(tmp_path / "own.onnx")]) == 0
     assert "waits up to 3 s: slower than this" in capsys.readouterr().out
     assert main(["explain", "--model", "seed"]) == 0
     assert "slower than this" not in capsys.readouterr().out
 
 
-def test_explain_counts_the_entry_delay_and_a_card_without_rates(tmp_path):
-    from importlib import resources
+@pytest.mark.parametrize("model", ["fast", "balanced", "accurate", "x4m03"])
+def test_the_shipped_cards_have_the_rates_of_every_sensitivity(model, capsys):
+    assert main(["explain", "--model", model]) == 0
+    text = capsys.readouterr().out
+    assert "> normal" in text
+    assert f"made by: train-export evaluate --model {model} " in text
 
+
+def test_explain_counts_the_entry_delay_and_a_card_without_rates(tmp_path):
     models = resources.files("radard.models")
     raw = json.loads((models / "seed.json").read_text())
     raw["metrics"] = {"false alarms per day": 0.3}

@@ -74,7 +74,9 @@ def test_a_clip_replays_to_the_same_decisions(tmp_path, port, seconds):
         # Clutter map, noise floor and tracks know of what was before the clip; it does not.
         for name, most in (("p_human", 0.02), ("p_pet", 0.02), ("range_m", 0.05)):
             assert made[name] == pytest.approx(then[name], abs=most)
-        assert made["power_db"] == pytest.approx(then["power_db"], abs=0.3)
+        # Of an empty room there is nothing but what the clutter map leaves.
+        most_db = 0.3 if made["gate"] == "open" else 0.6
+        assert made["power_db"] == pytest.approx(then["power_db"], abs=most_db)
 
 
 def test_what_a_clip_holds(tmp_path):

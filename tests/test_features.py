@@ -47,6 +47,29 @@ def test_features_own_their_memory():
     assert np.array_equal(features.inputs["seed_type2"], before)
 
 
+@pytest.mark.parametrize(
+    ("made", "same"),
+    [
+        ({"velocity_cpi_carrier_hz": BASEBAND.carrier_hz}, 0.2),
+        ({"velocity_cpi_carrier_hz": 2 * BASEBAND.carrier_hz}, 0.4),
+        ({"velocity_cpi_carrier_hz": BASEBAND.carrier_hz / 2}, 0.1),
+        ({"velocity_cpi_frames": 12}, 0.2),
+        ({"velocity_cpi_frames": 30}, 0.5),
+        ({"velocity_cpi_frames": 9, "velocity_cpi_carrier_hz": BASEBAND.carrier_hz / 2}, 0.15),
+    ],
+)
+def test_a_cpi_is_as_long_as_the_carrier_and_the_frames_ask_for(made, same):
+    dwell = dwell_of(noise(147) + walker(147, 60, speed_mps=0.5, start_m=2, level=30))
+    asked = FeatureSettings(velocity_cpi_s=0.2, **made)
+    maps = [
+        extract(dwell, settings, ("velocity_time",)).inputs["velocity_time"]
+        for settings in (asked, FeatureSettings(velocity_cpi_s=same))
+    ]
+    assert np.array_equal(*maps)
+    other = extract(dwell, FeatureSettings(velocity_cpi_s=0.3), ("velocity_time",))
+    assert not np.array_equal(maps[0], other.inputs["velocity_time"])
+
+
 @pytest.mark.parametrize("raw", [{"n_cpis": 3}, {"n_cpi": 2.5}, {"n_cpi": True}, {"dwell_s": "x"}])
 def test_foreign_settings_are_refused(raw):
     with pytest.raises(ModelMismatch, match="features"):

@@ -60,6 +60,14 @@ def test_a_passage_is_judged_as_the_daemon_judges_its_stream(model, radar, polic
     assert any(d.gate == "open" and d.window is not None for d in live)
 
 
+def test_no_verdict_depends_on_whether_tracks_are_judged(model):
+    played = passage()
+    whole = decisions(played, model)
+    alone = decisions(played, model, judges_tracks=False)
+    assert any(d.tracks for d in whole)
+    assert [replace(d, tracks=()) for d in whole] == alone
+
+
 def test_the_columns_are_those_of_the_decisions(model):
     played = passage()
     suite = SUITES[0]

@@ -5,9 +5,10 @@ from collections import Counter
 import numpy as np
 import pytest
 
+from x2train.commands.fit import stream_of
 from x2train.scenarios import FAMILIES, LABELS, PAIRS, draw_cast, draw_family, families, family
 from x2train.sites import P4XX, X2, X4M03, draw_radar, draw_rate_hz, draw_site
-from x2train.suites import SUITES, suite_of
+from x2train.suites import SUITES, n_more_pets, suite_of
 
 N_DRAWS = 1500
 
@@ -92,6 +93,27 @@ def test_suites_have_their_share_of_any_run(n):
         assert set(drawn) == {s.name for s in SUITES}
 
 
+@pytest.mark.parametrize("hours", [0.0, 0.2, 5.0, 180.0])
+def test_more_visits_of_pets_make_up_the_hours(hours):
+    n = 200
+    more = n_more_pets(hours, n)
+    visits = [s for k in range(n + more) if (s := suite_of(k, n)).is_of_pets]
+    lasting_h = sum(s.duration_s for s in visits) / 3600
+    assert lasting_h >= hours
+    assert more == 0 or lasting_h < hours + 0.01
+    assert all(suite_of(n + k, n).is_of_pets for k in range(100))
+
+
+def test_more_visits_are_shared_out_like_the_others():
+    drawn = Counter(suite_of(100 + k, 100).name for k in range(5000))
+    pets = [s for s in SUITES if s.is_of_pets]
+    assert {s.cast[0] if isinstance(s.cast[0], str) else s.cast[0].label for s in pets} == {"pet"}
+    total = sum(s.share for s in pets)
+    for s in pets:
+        assert drawn[s.name] == pytest.approx(5000 * s.share / total, rel=0.02)
+    assert "person with dog" not in drawn
+
+
 def test_suites_state_what_is_new_in_them():
     assert len({s.name for s in SUITES}) == len(SUITES)
     by_name = {s.name: s for s in SUITES}
@@ -118,7 +140,8 @@ def test_radars_are_those_that_the_bundles_are_made_for():
         assert axis.kind == "baseband"
         assert abs(axis.range_m[-1] - radar.far_m) <= radar.bin_length_m
         assert 0.4 <= radar.near_m < radar.far_m <= 7.5
-        assert 30 <= radar.frame_rate_hz <= 200
+        assert (30 if radar.name == "X2" else 15) <= radar.frame_rate_hz <= 200
+    assert min(r.frame_rate_hz for r in drawn) < 20
 
 
 def test_radars_of_one_kind():
@@ -130,6 +153,16 @@ def test_radars_of_one_kind():
         assert 40 <= radar.frame_rate_hz <= 200
         assert radar.carrier_hz in {7.29e9, 8.748e9}
     assert {draw_radar(rng, "x2").name for _ in range(50)} == {"X2"}
+
+
+@pytest.mark.parametrize("kind", ["any", "x2", "x4m03"])
+def test_a_bundle_takes_every_radar_that_its_sets_were_drawn_with(kind):
+    stream = stream_of([{"radar": kind}, {"radar": kind}])
+    rng = np.random.default_rng(1)
+    for radar in (draw_radar(rng, kind) for _ in range(400)):
+        for key, (low, high) in stream.items():
+            assert low <= getattr(radar, key) <= high
+    assert stream_of([{"radar": kind}, {}]) == stream_of([{}])
 
 
 def test_half_the_frame_rates_are_the_x2s():

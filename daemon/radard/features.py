@@ -50,6 +50,12 @@ class FeatureSettings:
         Grid of the velocity-time map.
     velocity_cpi_s : float
         Length of its CPI, in seconds: 0.47 resolves 0.07 m/s, 0.2 the swing of a leg.
+    velocity_cpi_carrier_hz : float
+        The carrier for which that holds: at another the CPI is as many wavelengths per
+        metre a second, so that every radar resolves the same velocity. 0: the same length
+        for all.
+    velocity_cpi_frames : int
+        Fewest frames of a CPI.
     range_window : {'fixed', 'target'}
         Whether the range-time map shows `near_m` to `far_m`, or as many metres of the swath
         where most moves, wherever that is (`radard.maps.busiest_rows`).
@@ -69,6 +75,8 @@ class FeatureSettings:
     velocity_max_mps: float = 5.0
     velocity_step_mps: float = 0.1
     velocity_cpi_s: float = CPI_S
+    velocity_cpi_carrier_hz: float = 0.0
+    velocity_cpi_frames: int = 4
     range_window: str = "fixed"
     near_m: float = 0.4
     far_m: float = 4.4
@@ -263,6 +271,14 @@ def _plugged_feature(
     return made
 
 
+def _velocity_cpi_s(settings: FeatureSettings, dwell: Dwell) -> float:
+    """Return the CPI T of the velocity-time map, which resolves c / (2 f T)."""
+    cpi_s, carrier_hz = settings.velocity_cpi_s, settings.velocity_cpi_carrier_hz
+    if carrier_hz:
+        cpi_s *= carrier_hz / dwell.axis.carrier_hz
+    return max(cpi_s, settings.velocity_cpi_frames / dwell.frame_rate_hz)
+
+
 class _Streams:
     """The maps that some features need, fed together."""
 
@@ -283,7 +299,7 @@ class _Streams:
                 rate_hz,
                 max_mps=settings.velocity_max_mps,
                 step_mps=settings.velocity_step_mps,
-                cpi_s=settings.velocity_cpi_s,
+                cpi_s=_velocity_cpi_s(settings, dwell),
                 column_rate_hz=1 / settings.cell_s,
                 n_keep=n_keep,
             )

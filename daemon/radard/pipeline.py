@@ -27,7 +27,7 @@ from dataclasses import replace
 import numpy as np
 
 from radard.calibration import Calibration
-from radard.classifier import Classifier, Probabilities
+from radard.classifier import Bundle, Classifier, Probabilities
 from radard.clutter_map import ClutterRemover
 from radard.config import Config
 from radard.decision import Decision, Label, TrackVerdict, Verdict, judge
@@ -43,6 +43,7 @@ from radard.tracks import Track, Tracker
 from x2radar.frame import StreamInfo
 
 HOP_S = 1.0
+HIGH_PET_LIMIT = 0.9
 COARSE_BIN_M = 0.03
 """Behind the matched filter an X2's bins may be that long without loss (41 GS/s, 8 of them)."""
 
@@ -58,6 +59,9 @@ class Pipeline:
         Gate and decision settings.
     classifier : Classifier, optional
         Without one, only the gate works.
+    judges_tracks : bool
+        Whether every body is judged by itself as well: for zones and people to look at. No
+        verdict depends on it.
 
     Raises
     ------
@@ -68,23 +72,28 @@ class Pipeline:
     """
 
     def __init__(
-        self, stream: StreamInfo, config: Config, classifier: Classifier | None = None
+        self,
+        stream: StreamInfo,
+        config: Config,
+        classifier: Classifier | None = None,
+        *,
+        judges_tracks: bool = True,
     ) -> None:
+        self._judges_tracks = judges_tracks
         self.stream = stream
         self.classifier = classifier
         self._config = config
         if classifier is not None:
             classifier.bundle.check_stream(stream.axis, stream.frame_rate_hz)
             self._features = settings_at(classifier.bundle.features, stream.frame_rate_hz)
-            self.pet_limit = config.decision.pet_limit or classifier.bundle.pet_limit
         else:
             self._features = _gate_only_features(stream)
-            self.pet_limit = config.decision.pet_limit or 0.8
         names = classifier.feature_names if classifier else ()
         self._stream = FeatureStream(self._features, names)
         self._feature_names = names
         bundle = classifier.bundle if classifier else None
         self.policy = config.decision.policy or (bundle.policy if bundle else "window")
+        self.pet_limit = pet_limit_of(config, bundle)
         evidence = EvidenceSettings.from_mapping(bundle.evidence if bundle else {})
         self._evidence = Evidence(evidence)
         self._verdict = Verdict(
@@ -195,7 +204,7 @@ class Pipeline:
         else:
             try:
                 window = self._classified(moving if self._features.clutter == "removed" else dwell)
-                verdicts = self._judged(moving, tracks)
+                verdicts = self._judged(moving, tracks) if self._judges_tracks else ()
             except (ModelMismatch, FeatureError) as err:
                 # No verdict is better announced than guessed.
                 return self._invalid(dwell, str(err))
@@ -266,6 +275,20 @@ class Pipeline:
             fault=fault,
             t_mono_s=dwell.t_mono_s,
         )
+
+
+def pet_limit_of(config: Config, bundle: Bundle | None) -> float:
+    """Return the pet limit that holds: the one given, else the bundle's.
+
+    Under policy 'fused' the alarm's sensitivity 'high' asks for at least 0.9. There is nothing
+    else that it could ask for: one verdict is an alarm already.
+    """
+    if config.decision.pet_limit:
+        return config.decision.pet_limit
+    limit = bundle.pet_limit if bundle else 0.8
+    policy = config.decision.policy or (bundle.policy if bundle else "window")
+    is_high = policy == "fused" and config.alarm.sensitivity == "high"
+    return max(limit, HIGH_PET_LIMIT) if is_high else limit
 
 
 def settings_at(settings: FeatureSettings, frame_rate_hz: float) -> FeatureSettings:

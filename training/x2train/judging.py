@@ -4,7 +4,7 @@ No shortcut of training's is taken: clutter map, gate, tracks, features, onnxrun
 policy are those that run in `radard`.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -12,17 +12,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from radard.classifier import Classifier, load_bundle
+from radard.classifier import Bundle, Classifier, load_bundle
 from radard.config import Config
 from radard.decision import Decision
+from radard.errors import ModelMismatch, UsageError
 from radard.pipeline import Pipeline
 from radard.ring import Dwell
-from x2radar.frame import StreamInfo
+from x2radar.frame import Frame, StreamInfo
 from x2train.passages import Passage as Played
 from x2train.passages import play
 from x2train.report import Passage
-from x2train.sites import draw_site
-from x2train.suites import Suite, suite_of
+from x2train.sites import ONE_RADAR, Radar, draw_site
+from x2train.suites import SUITES, Suite, suite_of
 from x2train.windows import dwell_ends
 
 _IN_VIEW_DB = 10.0
@@ -30,6 +31,8 @@ _LEAST_S = 0.5
 """Somebody counts as having come in who is so far over the noise of a bin for so long: at
 the edge of the beam or of the swath there is nothing to see."""
 _NAN = float("nan")
+OWN_RADARS = "suites"
+"""Every suite is played before its own radar."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,29 +46,68 @@ class JudgeSpec:
     seed : int
         Passage k draws from ``[seed, k]``.
     n_passages : int
-        Of the whole run; the suites share them.
+        The suites share them; numbers beyond are more visits of pets.
     policy : str
         'window' or 'fused'; empty for the bundle's own.
+    radar : str
+        'suites', or a name in `ONE_RADAR`: every passage is then before that one.
+
+    Raises
+    ------
+    UsageError
+        If there is no such radar.
     """
 
     model: str
     seed: int
     n_passages: int
     policy: str = ""
+    radar: str = OWN_RADARS
+
+    def __post_init__(self) -> None:
+        """Check the radar's name."""
+        if self.radar not in (OWN_RADARS, *ONE_RADAR):
+            msg = f"radar '{self.radar}': must be one of {', '.join((OWN_RADARS, *ONE_RADAR))}"
+            raise UsageError(msg)
 
     def __call__(self, number: int) -> Mapping[str, NDArray[Any]]:
         """Return the columns of passage `number`, see `Passage.columns`."""
-        suite = suite_of(number, self.n_passages)
-        played = self.played(number)
+        suite, played = self.suite(number), self.played(number)
         return judged(played, suite, self.model, self.policy, build=str(number)).columns()
+
+    def suite(self, number: int) -> Suite:
+        """Return the suite of passage `number`, before its radar."""
+        suite = suite_of(number, self.n_passages)
+        return suite if self.radar == OWN_RADARS else suite.before(ONE_RADAR[self.radar])
+
+    def check(self, bundle: Bundle) -> None:
+        """Raise ModelMismatch, with what to do, if a bundle cannot take what would be played."""
+        own = tuple(dict.fromkeys(s.radar for s in SUITES if s.radar is not None))
+        choices = {OWN_RADARS: own, **{name: (radar,) for name, radar in ONE_RADAR.items()}}
+        misfits = {name: _misfit(bundle, radars) for name, radars in choices.items()}
+        misfit = misfits[self.radar]
+        if misfit is not None:
+            fitting = " or ".join(name for name, err in misfits.items() if err is None)
+            instead = f"; it takes --radar {fitting}" if fitting else ""
+            msg = f"--radar {self.radar}: {misfit}{instead}"
+            raise ModelMismatch(msg) from misfit
 
     def played(self, number: int) -> Played:
         """Simulate passage `number`."""
         rng = np.random.default_rng([self.seed, number])
-        suite = suite_of(number, self.n_passages)
+        suite = self.suite(number)
         cast = suite.families(rng)
         site = draw_site(rng, suite.drawn_radar(rng), suite.rooms)
         return play(rng, site, cast, duration_s=suite.duration_s, lead_s=(2.6, 4.0))
+
+
+def _misfit(bundle: Bundle, radars: Iterable[Radar]) -> ModelMismatch | None:
+    try:
+        for radar in radars:
+            bundle.check_stream(radar.axis(), radar.frame_rate_hz)
+    except ModelMismatch as err:
+        return err
+    return None
 
 
 @lru_cache(maxsize=4)
@@ -73,7 +115,9 @@ def _classifier(model: str) -> Classifier:
     return Classifier(load_bundle(model))
 
 
-def decisions(played: Played, model: str, policy: str = "") -> list[Decision]:
+def decisions(
+    played: Played, model: str, policy: str = "", *, judges_tracks: bool = True
+) -> list[Decision]:
     """Return what radard decides on a passage, by a bundle's name or path."""
     radar = played.site.radar
     axis, rate_hz = radar.axis(), radar.frame_rate_hz
@@ -81,20 +125,26 @@ def decisions(played: Played, model: str, policy: str = "") -> list[Decision]:
     if policy:
         section = config.decision.model_copy(update={"policy": policy})
         config = config.model_copy(update={"decision": section})
-    pipeline = Pipeline(StreamInfo(axis, rate_hz, radar.name), config, _classifier(model))
-    n = pipeline.shape.n_slow
-    valid = np.ones(n, bool)
-    made = []
-    for end in dwell_ends(pipeline.shape, len(played.frames)):
-        frames = played.frames[end - n : end]
-        dwell = Dwell(frames, valid, axis, rate_hz, end / rate_hz, end_frame=end)
-        made.append(pipeline.decide(dwell))
-    return made
+    stream = StreamInfo(axis, rate_hz, radar.name)
+    pipeline = Pipeline(stream, config, _classifier(model), judges_tracks=judges_tracks)
+    return [pipeline.decide(dwell) for dwell in _dwells(pipeline, played)]
+
+
+def _dwells(pipeline: Pipeline, played: Played) -> Iterator[Dwell]:
+    """Yield what the daemon's own ring makes of a passage: decimated as the bundle wants it."""
+    ring = pipeline.make_ring()
+    ends = set(dwell_ends(pipeline.shape, len(played.frames)))
+    axis = played.site.radar.axis()
+    for k, samples in enumerate(played.frames):
+        ring.push(Frame(samples, k, k, 0, False, axis))
+        if k + 1 in ends and isinstance(dwell := ring.take(), Dwell):
+            yield dwell
 
 
 def judged(played: Played, suite: Suite, model: str, policy: str = "", build: str = "") -> Passage:
     """Return a passage with its truth and all decisions on it."""
-    made = decisions(played, model, policy)
+    # A table has no columns of tracks, and they take a quarter of the time.
+    made = decisions(played, model, policy, judges_tracks=False)
     rate_hz = played.site.radar.frame_rate_hz
     truth, label = played.truth, played.cast[0].label if played.cast else "empty"
     facts: dict[str, float] = {}

@@ -1,7 +1,7 @@
 """Bundles of map networks: calibration of the evidence, metrics, export."""
 
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,10 @@ from x2train.nets import n_parameters
 from x2train.report.ranking import Ranking
 
 PET_LIMIT = 0.8
+LEAN = {"prior_human": 0.25, "human_limit": 0.65}
+"""How the shipped policy leans towards the alarm. Chosen on 1600 passages that neither
+training nor docs/evaluation.md uses: 8.2 instead of 9.4 % of intrusions missed and the median
+alarm one decision sooner, for alarms in 18.9 instead of 16.1 % of pets' visits."""
 _N_SAMPLE = 256
 
 
@@ -44,7 +48,8 @@ def map_metrics(
     Returns
     -------
     EvidenceSettings
-        With the discount of the lowest log loss.
+        With the discount of the lowest log loss, leaning as `LEAN` says. The log loss in the
+        metrics is that of the evidence that leans nowhere.
     mapping of str to float
         Rounded to four digits; what the windows cannot tell is left out.
 
@@ -86,7 +91,7 @@ def map_metrics(
         "log loss, fused": log_loss(together, windows.is_human),
     }
     known = {key: float(value) for key, value in metrics.items() if np.isfinite(value)}
-    return evidence, {key: round(value, 4) for key, value in known.items()}
+    return replace(evidence, **LEAN), {key: round(value, 4) for key, value in known.items()}
 
 
 def write_map_bundle(

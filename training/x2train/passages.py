@@ -1,7 +1,7 @@
 """Passages: somebody goes through a site; what the radar sees, and the truth about it.
 
-Frames are made at the axis that the features use, behind matched filter and decimation, so
-a passage costs what a scene requires and no more.
+Frames are made at the axis of the site's radar, behind the matched filter and, for most, the
+decimation too, so a passage costs what a scene requires and no more.
 """
 
 from dataclasses import dataclass
@@ -65,7 +65,7 @@ class Passage:
     cast : tuple of Family
         Who.
     frames : ndarray, shape (n_slow, n_range), complex64
-        Decimated baseband.
+        Baseband at the axis of the site's radar.
     truth : Truth
         Of every body of the cast.
     """

@@ -49,12 +49,29 @@ class Suite:
             f if isinstance(f, Family) else draw_family(rng, f, "train") for f in self.cast
         )
 
+    @property
+    def is_of_pets(self) -> bool:
+        """Whether pets alone move in it."""
+        labels = {c.label if isinstance(c, Family) else c for c in self.cast}
+        return labels == {"pet"}
+
     def drawn_radar(self, rng: np.random.Generator) -> Radar:
         """Return the radar of a passage."""
         return self.radar or draw_radar(rng)
 
+    def before(self, radar: Radar) -> "Suite":
+        """Return the same before another radar.
+
+        What only another radar made a suite of its own belongs to that of the same bodies.
+        """
+        if self.radar is X2:
+            return replace(self, radar=radar)
+        name = self.name.partition(",")[0]
+        return replace(self, name=name, split="train families", radar=radar)
+
 
 _PET_S = 20.0
+_GOLDEN = (5**0.5 - 1) / 2
 _WALK = family("human walk")
 
 
@@ -154,7 +171,27 @@ SUITES: tuple[Suite, ...] = _suites()
 
 
 def suite_of(number: int, n_passages: int) -> Suite:
-    """Return the suite of a passage: each has its share of a run, the same for every seed."""
+    """Return the suite of a passage: each has its share of a run, the same for every seed.
+
+    Passages beyond `n_passages` are more visits of pets: those suites in turn, by their shares.
+    """
+    if number >= n_passages:
+        return _more_pets(number - n_passages)
     edges = np.cumsum([s.share for s in SUITES])
     at = (number + 0.5) / n_passages * edges[-1]
     return SUITES[int(np.searchsorted(edges, at))]
+
+
+def n_more_pets(pet_hours: float, n_passages: int) -> int:
+    """Return how many visits must follow a run for its pets to last so long, in hours."""
+    suites = [suite_of(k, n_passages) for k in range(n_passages)]
+    missing_s = 3600 * pet_hours - sum(s.duration_s for s in suites if s.is_of_pets)
+    return max(0, int(np.ceil(missing_s / _PET_S)))
+
+
+def _more_pets(number: int) -> Suite:
+    suites = [s for s in SUITES if s.is_of_pets]
+    edges = np.cumsum([s.share for s in suites])
+    # The golden ratio's multiples spread evenly, however many are taken.
+    at = (number + 0.5) * _GOLDEN % 1 * edges[-1]
+    return suites[int(np.searchsorted(edges, at))]

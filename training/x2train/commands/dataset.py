@@ -17,6 +17,8 @@ FEATURES = FeatureSettings(
     range_decimation=8,
     n_cpi=0,
     velocity_cpi_s=0.2,
+    velocity_cpi_carrier_hz=7e9,
+    velocity_cpi_frames=6,
     cell_m=0.05,
     range_window="target",
 )

@@ -1,6 +1,7 @@
 """`train-export evaluate`: a bundle on passages it has never seen, reported like an alarm."""
 
 import argparse
+import json
 import os
 from dataclasses import asdict
 from pathlib import Path
@@ -11,6 +12,9 @@ from rich.console import Console
 from radard.classifier import Bundle, load_bundle
 from radard.errors import UsageError
 from x2train.commands import Commands
+from x2train.shards import MANIFEST
+
+_MOST_PET_HOURS = 10_000.0
 
 
 def register(commands: Commands) -> None:
@@ -22,6 +26,8 @@ def register(commands: Commands) -> None:
             "examples:\n"
             "  train-export evaluate --model balanced --out report/balanced\n"
             "  train-export evaluate --model fast --against report/balanced --out report/fast\n"
+            "  train-export evaluate --model seed --radar thesis --out report/seed\n"
+            "  train-export evaluate --model mine.onnx --card --out report/mine\n"
         ),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -29,9 +35,17 @@ def register(commands: Commands) -> None:
     add("--model", default="balanced", help="bundle by name or file (balanced)")
     add("--out", type=Path, required=True, help="folder of passages, report.json, report.html")
     add("--passages", type=int, default=3000, help="passages of all suites together (3000)")
+    add("--pet-hours", type=float, default=0.0, metavar="H", help="with pets, at least (0)")
     add("--seed", type=int, default=50, help="same seed, same passages (50)")
     add("--policy", choices=("window", "fused"), help="instead of the bundle's own")
+    add(
+        "--radar",
+        choices=("suites", "thesis", "x4m03", "p4xx"),
+        default="suites",
+        help="each suite's own, or one for all; thesis: an X2 with all its bins (suites)",
+    )
     add("--against", type=Path, metavar="DIR", help="another bundle's folder, compared")
+    add("--card", action="store_true", help="enter the rates into the bundle's card")
     add("--workers", type=int, default=os.cpu_count() or 1, help="processes (all cores)")
     add("--cluster", metavar="ADDRESS", help="a Dask scheduler, instead of processes")
     parser.set_defaults(run=_run)
@@ -49,26 +63,54 @@ def _told_by(bundle: Bundle) -> dict[str, Any]:
     }
 
 
+def _check_against(folder: Path, radar: str) -> None:
+    """Refuse a folder whose passages are before other radars."""
+    about = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))["about"]
+    # Folders of before there was a choice.
+    before = about.get("radar", "suites")
+    if before != radar:
+        msg = f"--against {folder.parent}: judged with --radar {before}, not {radar}"
+        raise UsageError(msg)
+
+
 def _run(args: argparse.Namespace) -> int:
     for name, least in (("passages", 1), ("seed", 0), ("workers", 1)):
         if getattr(args, name) < least:
             msg = f"--{name} {getattr(args, name)}: must be at least {least}"
             raise UsageError(msg)
     # Late: the simulator takes a second, and --help must not.
+    from x2train.card import evaluation_of, write_card  # noqa: PLC0415
     from x2train.farm import ProgressLine, make_shards  # noqa: PLC0415
-    from x2train.judging import JudgeSpec  # noqa: PLC0415
+    from x2train.judging import OWN_RADARS, JudgeSpec  # noqa: PLC0415
     from x2train.pictures import passage_png  # noqa: PLC0415
     from x2train.report import PassageTable, write  # noqa: PLC0415
+    from x2train.sites import ONE_RADAR  # noqa: PLC0415
+    from x2train.suites import n_more_pets  # noqa: PLC0415
 
+    if not 0 <= args.pet_hours <= _MOST_PET_HOURS:
+        msg = f"--pet-hours {args.pet_hours:g}: must be 0 to {_MOST_PET_HOURS:g}"
+        raise UsageError(msg)
     bundle = load_bundle(args.model)
-    other = PassageTable.load(args.against / "passages") if args.against else None
+    if args.card and args.policy not in {None, bundle.policy}:
+        msg = f"--card with --policy {args.policy}: a card tells of the bundle's own policy"
+        raise UsageError(msg)
+    other: PassageTable | None = None
+    if args.against:
+        other = PassageTable.load(args.against / "passages")
+        _check_against(args.against / "passages", args.radar)
     spec = JudgeSpec(
-        model=args.model, seed=args.seed, n_passages=args.passages, policy=args.policy or ""
+        model=args.model,
+        seed=args.seed,
+        n_passages=args.passages,
+        policy=args.policy or "",
+        radar=args.radar,
     )
+    spec.check(bundle)
+    n_all = args.passages + n_more_pets(args.pet_hours, args.passages)
     make_shards(
         args.out / "passages",
         {"kind": "passages", **asdict(spec), **_told_by(bundle)},
-        args.passages,
+        n_all,
         spec,
         per_shard=200,
         workers=args.workers,
@@ -77,6 +119,8 @@ def _run(args: argparse.Namespace) -> int:
     )
     table = PassageTable.load(args.out / "passages")
     title = f"Bundle {bundle.name}, policy {args.policy or bundle.policy}"
+    if args.radar != OWN_RADARS:
+        title += f", before the {ONE_RADAR[args.radar].name}"
     write(
         table,
         args.out,
@@ -84,5 +128,18 @@ def _run(args: argparse.Namespace) -> int:
         other=other,
         render=lambda row: passage_png(spec, int(table[row].build)),
     )
-    Console().print(f"wrote {args.out / 'report.html'} and report.json")
+    console = Console()
+    console.print(f"wrote {args.out / 'report.html'} and report.json")
+    if args.card:
+        made = evaluation_of(table, bundle, _command(args))
+        console.print(f"entered the rates into {write_card(args.model, made)}")
     return 0
+
+
+def _command(args: argparse.Namespace) -> str:
+    radar = "" if args.radar == "suites" else f"--radar {args.radar} "
+    hours = f"--pet-hours {args.pet_hours:g} " if args.pet_hours else ""
+    return (
+        f"train-export evaluate --model {args.model} {radar}--passages {args.passages} "
+        f"{hours}--seed {args.seed} --card"
+    )

@@ -1,6 +1,7 @@
 """`train-export fit`: a network on maps, from sets of windows to a bundle."""
 
 import argparse
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,12 +18,27 @@ WIDTHS = {
     "accurate": ((24, 40, 56, 56), 96),
 }
 """Channels of the networks of the three bundles."""
-_STREAM = {
-    "frame_rate_hz": (28.0, 210.0),
-    "bin_length_m": (0.0034, 0.054),
-    "carrier_hz": (3.8e9, 8.0e9),
-    "bandwidth_hz": (1.3e9, 2.6e9),
+STREAMS = {
+    "any": {
+        "frame_rate_hz": (14.5, 210.0),
+        "bin_length_m": (0.0034, 0.054),
+        "carrier_hz": (3.8e9, 8.0e9),
+        "bandwidth_hz": (1.3e9, 2.6e9),
+    },
+    "x2": {
+        "frame_rate_hz": (28.0, 210.0),
+        "bin_length_m": (0.0034, 0.033),
+        "carrier_hz": (6.5e9, 7.1e9),
+        "bandwidth_hz": (2.1e9, 2.5e9),
+    },
+    "x4m03": {
+        "frame_rate_hz": (38.0, 210.0),
+        "bin_length_m": (0.0064, 0.054),
+        "carrier_hz": (7.2e9, 8.9e9),
+        "bandwidth_hz": (1.3e9, 1.5e9),
+    },
 }
+"""What bundles are for, by the radar that all of their sets were drawn with."""
 _RECIPE = (
     "A small convolutional network on the alias-suppressed velocity-time map and the "
     "range-time map of a dwell, trained on simulated people, pets and moving things in "
@@ -59,6 +75,12 @@ def register(commands: Commands) -> None:
     parser.set_defaults(run=_run)
 
 
+def stream_of(abouts: Sequence[Mapping[str, Any]]) -> Mapping[str, tuple[float, float]]:
+    """Return the streams that a bundle is for, from what its sets were made from."""
+    radars = {str(about.get("radar", "any")) for about in abouts}
+    return STREAMS[radars.pop() if len(radars) == 1 else "any"]
+
+
 def _run(args: argparse.Namespace) -> int:
     for name, least in (("epochs", 1), ("seed", 0)):
         if getattr(args, name) < least:
@@ -87,8 +109,11 @@ def _run(args: argparse.Namespace) -> int:
         task = bar.add_task("train", total=args.epochs)
         for step in fit_maps(train, validation, settings):
             if isinstance(step, Epoch):
-                text = f"train (loss {step.loss:.3f}, validation {step.validation_loss:.3f})"
-                bar.update(task, completed=step.number, description=text)
+                text = f"loss {step.loss:.3f}, validation {step.validation_loss:.3f}"
+                bar.update(task, completed=step.number, description=f"train ({text})")
+                if not bar.console.is_terminal:
+                    # A log has no use for a bar, and an epoch takes minutes.
+                    bar.console.print(f"epoch {step.number} of {args.epochs}: {text}")
             else:
                 trained = step
     assert trained is not None  # noqa: S101 - fit_maps ends with the network
@@ -112,7 +137,7 @@ def _run(args: argparse.Namespace) -> int:
         trained,
         inputs=inputs,
         features=features,
-        stream=_STREAM,
+        stream=stream_of(abouts),
         training=training,
         metrics=metrics,
         evidence=evidence,

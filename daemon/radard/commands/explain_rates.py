@@ -1,0 +1,155 @@
+"""Expected rates of `radard explain`, from a bundle's card: of passages, or of windows alone."""
+
+from collections.abc import Iterable, Iterator
+
+from radard.card import Card, Passing, Three
+from radard.classifier import Bundle
+from radard.config import Config
+from radard.config_sections import AlarmSection, DecisionSection
+from radard.confirmation import alarm_probability, windows_until
+from radard.pipeline import HOP_S
+from radard.sensitivity import SENSITIVITIES, alarm_policy
+
+_SHARE = "share without alarm, "
+_PEOPLE = ("human", "person", "people", "adult", "child", "walker")
+_COLUMNS = (13, 24, 24, 24, 20)
+_NUMBERS = ("confirm_k", "confirm_n", "p_on")
+
+
+def passage_rates(config: Config, bundle: Bundle, card: Card) -> Iterator[str]:
+    """Yield the rates of the bundle's own policy on whole passages."""
+    yield f"by the card ({card.passages} simulated passages, in brackets 95 % intervals):"
+    titles = ("people missed", "alarm after", "pets' visits", "alarms per")
+    below = ("", "(half, 90 %)", "with an alarm", "pet-hour")
+    yield "  " + _columns(("sensitivity", *titles))
+    yield "  " + _columns(("", *below))
+    delay_s = config.alarm.entry_delay_s
+    for level, made in card.sensitivities.items():
+        mark = ">" if level == config.alarm.sensitivity else " "
+        times = (made.half_alarmed_after_s, made.nine_in_ten_alarmed_after_s)
+        cells = (
+            _percent(made.missed),
+            ", ".join("never" if s is None else f"{s + delay_s:.1f} s" for s, _, _ in times),
+            _percent(made.visits_with_alarm),
+            _per_hour(made.alarms_per_pet_hour),
+        )
+        yield f"{mark} " + _columns((level, *cells))
+    yield ""
+    yield from _basis(next(iter(card.sensitivities.values()), None))
+    if delay_s:
+        yield f"times with the entry delay of {delay_s:g} s"
+    given = _given(config, bundle)
+    if given:
+        yield f"{', '.join(given)} given: the rates then differ, and are not known"
+    yield f"made by: {card.command}"
+
+
+def _basis(made: Passing | None) -> Iterator[str]:
+    if made is None:
+        return
+    visit_s = 3600 * made.pet_hours / max(made.pet_visits, 1)
+    yield (
+        f"{made.intrusions} people come in, {made.pet_visits} visits of pets of "
+        f"{visit_s:.0f} s; none of them real"
+    )
+
+
+def _given(config: Config, bundle: Bundle) -> list[str]:
+    """Return the settings that differ from those that were evaluated."""
+    names = [f"alarm.{n}" for n in _NUMBERS if getattr(config.alarm, n) is not None]
+    limit = config.decision.pet_limit
+    if limit is not None and limit != bundle.pet_limit:
+        names.append("decision.pet_limit")
+    if config.decision.decide_within_s != DecisionSection().decide_within_s:
+        names.append("decision.decide_within_s")
+    return names
+
+
+def _columns(cells: Iterable[str]) -> str:
+    return "".join(f"{c:<{w}}" for c, w in zip(cells, _COLUMNS, strict=True)).rstrip()
+
+
+def _percent(three: Three) -> str:
+    return _estimate(tuple(None if v is None else 100 * v for v in three), " %")
+
+
+def _per_hour(three: Three) -> str:
+    return _estimate(three, "")
+
+
+def _estimate(three: tuple[float | None, ...], unit: str) -> str:
+    value, low, high = ("?" if v is None else f"{v:.2g}" for v in three)
+    return f"{value}{unit} ({low} to {high})"
+
+
+def window_rates(config: Config, card: Card, decides: str, n_windows: int) -> Iterator[str]:
+    """Yield what the rates of single windows bound, for so many windows in sight."""
+    quiet = {
+        name.removeprefix(_SHARE): value
+        for name, value in card.metrics.items()
+        if name.startswith(_SHARE) and isinstance(value, int | float) and 0 <= value <= 1
+    }
+    for name, value in card.metrics.items():
+        if any(word in name for word in ("per crossing", "per hour", "per day", "per night")):
+            yield f"the card says: {name} = {value}"
+    if not quiet:
+        yield f"the card has no line '{_SHARE}...': miss and false-alarm rates are unknown"
+        return
+    yield f"by the card (single windows of simulated bodies), for {n_windows} s in sight;"
+    yield "first figure: every window a draw of its own, second: all windows fare alike"
+    yield ""
+    yield _row(" ", "sensitivity", "k of n", "alarm after (half, 95 %)", map(_title, quiet))
+    for level in SENSITIVITIES[decides]:
+        section = config.alarm.model_copy(update={"sensitivity": level})
+        chosen = level == config.alarm.sensitivity
+        policy = alarm_policy(section if chosen else _named(section), decides)
+        people = [1 - share for name, share in quiet.items() if _is_person(name)]
+        delay = _delay(min(people), policy.k, policy.n, policy.entry_delay_s) if people else "-"
+        cells = [
+            _rate(1 - share, policy.k, policy.n, n_windows, is_person=_is_person(name))
+            for name, share in quiet.items()
+        ]
+        mark = ">" if chosen else " "
+        yield _row(mark, level, f"{policy.k} of {policy.n}", delay, cells)
+    yield ""
+    yield f"add up to {HOP_S:g} s until the next decision; p_on is left out: the card's rates are"
+    yield "those of the verdict alone"
+    if decides == "fused":
+        within = f"{config.decision.decide_within_s:g} s"
+        yield f"policy fused weighs windows together and waits up to {within}: slower than this,"
+        yield "and surer than one window; the card lacks its rates: train-export evaluate --card"
+
+
+def _row(mark: str, level: str, of: str, delay: str, cells: Iterable[str]) -> str:
+    columns = "".join(f"{cell:<24}" for cell in cells)
+    return f"{mark} {level:<13}{of:<8}{delay:<27}{columns}".rstrip()
+
+
+def _named(section: AlarmSection) -> AlarmSection:
+    """Return a section with the numbers of its name alone."""
+    raw = dict.fromkeys(("confirm_k", "confirm_n", "p_on", "p_off"))
+    return section.model_copy(update=raw)
+
+
+def _rate(p_alarm: float, k: int, n: int, n_windows: int, *, is_person: bool) -> str:
+    apart = alarm_probability(p_alarm, k, n, n_windows)
+    alike = p_alarm if n_windows >= k else 0.0
+    if is_person:
+        apart, alike = 1 - apart, 1 - alike
+    return f"{100 * apart:.2g} %, {100 * alike:.2g} %"
+
+
+def _delay(p_hit: float, k: int, n: int, entry_s: float) -> str:
+    half, most = (windows_until(share, p_hit, k, n) for share in (0.5, 0.95))
+    return ", ".join(
+        "over 2 min" if count is None else f"{count * HOP_S + entry_s:g} s"
+        for count in (half, most)
+    )
+
+
+def _title(name: str) -> str:
+    return f"{name} {'missed' if _is_person(name) else 'false alarm'}"
+
+
+def _is_person(name: str) -> bool:
+    return any(word in name.lower() for word in _PEOPLE)
