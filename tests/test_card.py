@@ -174,6 +174,7 @@ def test_explain_prints_the_rates_of_the_policy(own, table, capsys):
     assert "alarm.confirm_k given: the rates then differ" in text
     text = told(own, decision={"pet_limit": 0.9, "decide_within_s": 2})
     assert "decision.pet_limit, decision.decide_within_s given" in text
+    assert "gate.threshold_db given" in told(own, gate={"threshold_db": 4})
     assert "every window a draw of its own" in told(own, decision={"policy": "window"})
 
 

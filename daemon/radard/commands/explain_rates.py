@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator
 from radard.card import Card, Passing, Three
 from radard.classifier import Bundle
 from radard.config import Config
-from radard.config_sections import AlarmSection, DecisionSection
+from radard.config_sections import AlarmSection, DecisionSection, GateSection
 from radard.confirmation import alarm_probability, windows_until
 from radard.pipeline import HOP_S
 from radard.sensitivity import SENSITIVITIES, alarm_policy
@@ -62,6 +62,8 @@ def _given(config: Config, bundle: Bundle) -> list[str]:
         names.append("decision.pet_limit")
     if config.decision.decide_within_s != DecisionSection().decide_within_s:
         names.append("decision.decide_within_s")
+    if config.gate.threshold_db != GateSection().threshold_db:
+        names.append("gate.threshold_db")
     return names
 
 
