@@ -1,7 +1,6 @@
 """The report itself: JSON by its schema, a page that needs nothing beside it."""
 
 import json
-import math
 import re
 from html.parser import HTMLParser
 from importlib import resources
@@ -12,7 +11,7 @@ import pytest
 
 from radard.errors import OutputError, UsageError
 from tests.report_helpers import drawn, passage, table_of
-from x2train.report import PassageTable, summary, write
+from x2train.report import write
 from x2train.report.compare import pairings
 from x2train.report.document import rounded
 from x2train.report.figures import figures
@@ -200,22 +199,6 @@ def test_folder_that_cannot_be_written_is_told(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(OutputError, match="cannot write the report"):
         write(table_of(), tmp_path / "file", title="")
-
-
-def test_summary_is_the_headline():
-    found = summary(drawn(200))
-    table = drawn(200)
-    assert found["intrusions"] == (table.label == "human").sum()
-    assert found["features alone below 0.60"] in (0.0, 1.0)
-    assert {f"miss rate, family {name}" for name in ("walker", "crawler")} <= set(found)
-    assert all(math.isfinite(value) for value in found.values())
-    json.dumps(found)
-
-
-def test_summary_leaves_out_what_is_not_known():
-    found = summary(PassageTable.of([]))
-    assert "miss rate" not in found
-    assert found["intrusions"] == 0
 
 
 @pytest.mark.parametrize(

@@ -64,6 +64,13 @@ class Card:
     sensitivities: Mapping[str, Passing]
 
 
+def sidecar_path(model: str) -> Path:
+    """Return where the sidecar of a bundle is, by its name or the path of one of its files."""
+    if model in bundle_names():
+        return Path(str(resources.files("radard.models") / f"{model}.json"))
+    return Path(model).with_suffix(".json")
+
+
 def read_card(model: str) -> Card:
     """Read the card of a bundle that has been loaded, by its name or path.
 
@@ -72,11 +79,7 @@ def read_card(model: str) -> Card:
     ModelMismatch
         If the evaluation in it is garbled.
     """
-    if model in bundle_names():
-        text = (resources.files("radard.models") / f"{model}.json").read_text(encoding="utf-8")
-    else:
-        text = Path(model).with_suffix(".json").read_text(encoding="utf-8")
-    raw = json.loads(text)
+    raw = json.loads(sidecar_path(model).read_text(encoding="utf-8"))
     metrics = raw.get("metrics", {})
     metrics = metrics if isinstance(metrics, Mapping) else {}
     if "evaluation" not in raw:

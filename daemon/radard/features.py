@@ -51,8 +51,8 @@ class FeatureSettings:
     velocity_cpi_s : float
         Length of its CPI, in seconds: 0.47 resolves 0.07 m/s, 0.2 the swing of a leg.
     velocity_cpi_carrier_hz : float
-        The carrier for which that holds: at another the CPI is as many wavelengths per
-        metre a second, so that every radar resolves the same velocity. 0: the same length
+        The carrier, in hertz, for which that holds: at another the CPI lasts in proportion
+        to the wavelength, so that every radar resolves the same velocity. 0: the same length
         for all.
     velocity_cpi_frames : int
         Fewest frames of a CPI.

@@ -2,13 +2,13 @@
 
 import json
 from collections.abc import Mapping
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from radard.classifier import Bundle, bundle_names, load_bundle
+from radard.card import sidecar_path
+from radard.classifier import Bundle, load_bundle
 from radard.errors import UsageError
 from x2train.report.document import rounded
 from x2train.report.figures import figures
@@ -18,13 +18,6 @@ from x2train.report.table import PassageTable
 from x2train.shards import write_whole
 
 _HEAD = "## As an alarm"
-
-
-def sidecar_path(model: str) -> Path:
-    """Return where the sidecar of a bundle is, by its name or the path of one of its files."""
-    if model in bundle_names():
-        return Path(str(resources.files("radard.models") / f"{model}.json"))
-    return Path(model).with_suffix(".json")
 
 
 def evaluation_of(table: PassageTable, bundle: Bundle, command: str) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from dataclasses import fields, is_dataclass
 from typing import Any
 
 from x2train.report.compare import Pairing
-from x2train.report.figures import BUDGET_H, Figures
+from x2train.report.figures import Figures
 from x2train.report.table import PassageTable
 from x2train.report.verdicts import EPISODE_S
 
@@ -50,30 +50,6 @@ def document(
         made["other"] = {**_plain(_of(there)), "pairings": [_plain(pair) for pair in pairs]}
         made["other"].pop("groups")
     return made
-
-
-def summary_of(here: Figures) -> dict[str, float]:
-    """Return the headline for a bundle's sidecar; a figure that is not known is left out."""
-    shipped, budget = here.shipped, here.at_budget
-    flat: dict[str, float] = {
-        "intrusions": shipped.n_intrusions,
-        "miss rate": shipped.miss_rate.value,
-        "miss rate, at most": shipped.miss_rate.high,
-        "median time to alarm, s": shipped.median_s.value,
-        "pet-hours": shipped.pet_hours,
-        "false alarms": shipped.n_false_alarms,
-        "false alarms per pet-hour, at most": shipped.false_alarms_per_hour.high,
-        f"miss rate at one false alarm in {BUDGET_H:g} pet-hours": budget.miss_rate.value,
-        "window AUC": here.windows.auc.value,
-        "window balanced accuracy": here.windows.balanced_accuracy.value,
-        "calibration error, window": here.reliability["window"].error.value,
-        "calibration error, fused": here.reliability["fused"].error.value,
-        "features alone below 0.60": float(here.is_matched),
-    }
-    for key in ("split", "family"):
-        for part in here.groups[key]:
-            flat[f"miss rate, {key} {part.name}"] = part.shipped.miss_rate.value
-    return {name: rounded(value) for name, value in flat.items() if math.isfinite(value)}
 
 
 def rounded(value: float) -> float:

@@ -17,9 +17,9 @@ from radard.decision import Verdict
 from radard.evidence import EvidenceSettings
 from radard.pipeline import pet_limit_of
 from radard.sensitivity import SENSITIVITIES, alarm_policy
-from x2train.report.intervals import Estimate, per_hour, resampled, share
+from x2train.report.intervals import Estimate, per_hour, share
 from x2train.report.table import PassageTable
-from x2train.report.verdicts import hours, intrusions
+from x2train.report.verdicts import hours, intrusions, quantile_s
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,8 +129,8 @@ def _level(
         name,
         n_people,
         share(int(np.isinf(sorted_s).sum()), n_people),
-        _quantile(sorted_s, 0.5, rng),
-        _quantile(sorted_s, 0.9, rng),
+        quantile_s(sorted_s, 0.5, rng),
+        quantile_s(sorted_s, 0.9, rng),
         n_pets,
         share(int((begun[pets] > 0).sum()), n_pets),
         pet_hours,
@@ -167,11 +167,3 @@ def _sights(
     by_rule = np.isfinite(table.fused_quiet) & (p_human >= 1 - ruled.pet_limit - 1e-9)
     hit = ruled.is_alarm & (~by_rule | (p_human >= policy.p_on))
     return hit, hit | ruled.is_alarm | ruled.is_pending | (p_human > policy.p_off)
-
-
-def _quantile(sorted_s: NDArray[np.float64], level: float, rng: np.random.Generator) -> Estimate:
-    def quantile(weight: NDArray[np.float64]) -> float:
-        reached = np.cumsum(weight) >= level * weight.sum()
-        return float(sorted_s[int(reached.argmax())]) if len(sorted_s) else float("nan")
-
-    return resampled(quantile, len(sorted_s), rng)

@@ -188,15 +188,17 @@ def outcome(
         n_intrusions=int(people.sum()),
         n_missed=n_missed,
         miss_rate=share(n_missed, int(people.sum())),
-        median_s=_time(taken_s, 0.5, rng),
-        p90_s=_time(taken_s, 0.9, rng),
+        median_s=quantile_s(taken_s, 0.5, rng),
+        p90_s=quantile_s(taken_s, 0.9, rng),
         pet_hours=pet_hours,
         n_false_alarms=n_false,
         false_alarms_per_hour=per_hour(n_false, pet_hours),
     )
 
 
-def _time(taken_s: _Float, level: float, rng: np.random.Generator) -> Estimate:
+def quantile_s(taken_s: _Float, level: float, rng: np.random.Generator) -> Estimate:
+    """Return the time within which so many have alarmed; `taken_s` ascends, NaN of nobody."""
+
     def quantile(weight: _Float) -> float:
         if len(taken_s) == 0:
             return float("nan")

@@ -1,13 +1,13 @@
 """Writing: report.json and report.html of a table of passages."""
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from radard.errors import OutputError
 from x2train.report.compare import Pairing, check_same, pairings
-from x2train.report.document import document, summary_of
+from x2train.report.document import document
 from x2train.report.figures import Figures, figures
 from x2train.report.table import PassageTable
 
@@ -73,16 +73,3 @@ def write(
         msg = f"{out_dir}: cannot write the report: {err.strerror}"
         raise OutputError(msg) from err
     return made
-
-
-def summary(table: PassageTable, *, seed: int = 0) -> Mapping[str, float]:
-    """Return the figures for a bundle's sidecar; what is not known is left out.
-
-    Parameters
-    ----------
-    table : PassageTable
-        What the model said of each passage.
-    seed : int
-        Of the draws for the intervals.
-    """
-    return summary_of(figures(table, seed))
