@@ -27,6 +27,7 @@ def passage(quiet, label="human", *, window=None, enters_s=2.0, is_open=True, **
         "p_pet": window + gone,
         "p_other": np.zeros(n) + gone,
         "fused_quiet": quiet + gone,
+        "fused_most": quiet + gone,
         "power_db": np.full(n, -50.0),
         "target_range_m": np.full(n, 2.0),
         "compensated_db": np.full(n, -40.0),

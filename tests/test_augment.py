@@ -55,25 +55,6 @@ def test_rows_in_which_nothing_was_shown_get_no_noise():
     assert 0.28 < made[:, :50][ranges[:, :50] == 0].mean() < 0.32
 
 
-def test_a_mirrored_body_is_mirrored_in_both_maps(monkeypatch):
-    velocity, ranges = maps()
-    for name in ("_shifted", "_deeper"):
-        monkeypatch.setattr(f"x2train.augment.{name}", lambda m, _: m)
-    monkeypatch.setattr("x2train.augment._noisier", lambda m, *_: m)
-    monkeypatch.setattr("x2train.augment._kept", lambda u, n: torch.ones(len(u), n))
-    made = augmented(velocity, ranges, rng())
-    is_flipped = []
-    for k in range(N):
-        kept = [torch.equal(m[k], o[k]) for m, o in zip(made, (velocity, ranges), strict=True)]
-        turned = [
-            torch.equal(m[k], o[k].flip(0)) for m, o in zip(made, (velocity, ranges), strict=True)
-        ]
-        assert kept != turned
-        assert kept[0] == kept[1]
-        is_flipped.append(turned[0])
-    assert 0.1 < sum(is_flipped) / N < 0.5
-
-
 @pytest.mark.parametrize(("u", "rows"), [(0.0, -12), (0.5, 0), (0.9999, 12)])
 def test_shifting_moves_along_range_and_lets_nothing_in(u, rows):
     ranges = maps()[1]

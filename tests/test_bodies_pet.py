@@ -26,6 +26,13 @@ def run_past(speed_mps):
     return Path.straight((-length / 2, 3.0), (length / 2, 3.0), speed_mps, agility=PET_AGILITY)
 
 
+def strongest_hz(place_m, step_s):
+    """Frequency at which a coordinate moves fastest."""
+    speed = np.diff(place_m)
+    spectrum = np.abs(np.fft.rfft(speed * np.hanning(len(speed))))
+    return np.fft.rfftfreq(len(speed), step_s)[spectrum.argmax()]
+
+
 def part(one, name):
     return one.names.index(name)
 
@@ -326,3 +333,28 @@ def test_one_that_stays_does_so_where_the_path_begins(species, style):
 def test_impossible_pets_are_refused(keys, named):
     with pytest.raises(SceneError, match=named):
         pet(**keys)
+
+
+@pytest.mark.parametrize("species", ["cat", "dog"])
+def test_who_grooms_licks_with_the_nose_down(species):
+    one = pet(3, species=species, style="groom")
+    t = np.arange(0, 40, 0.01)
+    head = one.at(t, ANTENNA).position_m[:, part(one, "head"), 2]
+    assert strongest_hz(head, 0.01) == pytest.approx(one.manner.lick_hz, abs=0.1)
+    assert 1.5 <= one.manner.lick_hz <= 3.5
+    assert pet(3, species=species, style="sit").manner.lick_rad == 0
+
+
+@pytest.mark.parametrize("species", ["cat", "dog"])
+def test_who_scratches_does_so_with_one_hind_paw_in_bouts(species):
+    one = pet(3, species=species, style="scratch")
+    t = np.arange(0, 40, 0.01)
+    place = one.at(t, ANTENNA).position_m
+    paws = np.stack([place[:, part(one, f"{leg} paw")] for leg in LEGS], axis=1)
+    speed = np.linalg.norm(np.diff(paws, axis=0), axis=-1) / 0.01
+    leg = one.action.scratch.leg
+    assert LEGS[leg].endswith("hind")
+    busy = speed[:, leg] > 0.2
+    assert 0.2 < busy.mean() < 0.95
+    assert np.delete(speed, leg, axis=1).max() < 1e-9
+    assert strongest_hz(paws[:, leg, 2], 0.01) == pytest.approx(one.action.scratch.hz, abs=0.2)

@@ -118,6 +118,22 @@ def test_weights_that_are_no_network(copy, tmp_path):
         Classifier(load_bundle(path))
 
 
+def test_a_bundle_that_fits_is_named_where_one_does_not():
+    korean = FastTimeAxis(
+        kind="baseband",
+        n_range=150,
+        bin_length_m=0.0514,
+        range_offset_m=0.4,
+        carrier_hz=8.748e9,
+        bandwidth_hz=1.4e9,
+        sample_rate_hz=23.328e9,
+    )
+    with pytest.raises(ModelMismatch, match=r"carrier_hz is 8\.748e\+09.*take it: x4m03$"):
+        load_bundle("balanced").check_stream(korean, 60.0)
+    with pytest.raises(ModelMismatch, match=r"it takes 14\.5 to 210$"):
+        load_bundle("balanced").check_stream(replace(korean, carrier_hz=7.29e9), 300.0)
+
+
 def test_streams_that_do_not_fit_are_named():
     bundle = load_bundle("seed")
     bundle.check_stream(AXIS, 60)

@@ -39,7 +39,7 @@ def test_opens_for_a_walker_from_the_first_dwell_in_any_unit(unit):
         reading = quiet.read(dwell_of((here * unit).astype(np.complex64)))
         assert reading.is_open is False
         assert reading.power_db == pytest.approx(db(unit**2), abs=0.5)
-        assert reading.threshold_db - reading.noise_floor_db == pytest.approx(6, abs=0.5)
+        assert reading.threshold_db - reading.noise_floor_db == pytest.approx(5, abs=0.5)
 
 
 @pytest.mark.parametrize("n_range", [64, 180, 400])
@@ -208,13 +208,13 @@ def test_threshold_adapts_down_in_a_quiet_room_and_up_in_a_restless_one():
         )
         r = restless.read(dwell_of(wandering.astype(np.complex64)))
         f = fixed.read(dwell_of(noise(147, seed=k)))
-    assert f.threshold_db - f.noise_floor_db == pytest.approx(6, abs=0.4)
+    assert f.threshold_db - f.noise_floor_db == pytest.approx(5, abs=0.4)
     assert q.threshold_db - q.noise_floor_db == pytest.approx(3, abs=0.4)
     assert r.threshold_db > q.threshold_db + 1
-    assert quiet._threshold_db >= 6 - 0.1 * 60
+    assert quiet._threshold_db >= 5 - 0.1 * 60
     quiet.reset()
     q = quiet.read(dwell_of(noise(147)))
-    assert q.threshold_db - q.noise_floor_db == pytest.approx(6, abs=0.5)
+    assert q.threshold_db - q.noise_floor_db == pytest.approx(5, abs=0.5)
 
 
 def calibration(floor=1.0, threshold_db=10.0, n_range=64):
@@ -334,7 +334,7 @@ def test_real_x4m03_recording():
     assert is_open[(time_s >= 6) & (time_s <= 68)].all()
     still = is_open[time_s > 71]
     assert len(still) == 18
-    assert still.sum() <= 1
+    assert still.sum() <= 4
 
 
 @needs_data

@@ -155,3 +155,17 @@ def test_it_is_not_in_the_swath_long_before_its_lead(lead_s):
         n_entries += lead_s[0] - 0.2 <= first_s <= lead_s[1] + 0.2
     # Half of them enter; the others are met on their way.
     assert 3 <= n_entries <= 12
+
+
+def test_who_goes_is_met_on_the_way_and_not_long_after_the_arrival():
+    # Across the room in some seconds, and then standing there, often in view.
+    t_s = np.arange(0, 14, 0.05)
+    for seed in range(30):
+        made = actor(lead_s=(0.2, 2.5), is_plain=True).make(np.random.default_rng(seed))
+        middle = made.at(t_s, ANTENNA_M).position_m.mean(axis=1)
+        assert np.linalg.norm(middle[-1] - middle[0]) > 0.5
+
+
+def test_who_stays_is_met_at_any_time():
+    staying = actor("dog", "sit", swath_m=(0.6, 6.0), lead_s=(0.2, 2.5), is_plain=True)
+    assert max(staying.make(np.random.default_rng(k)).begin_s for k in range(40)) > 15

@@ -80,6 +80,7 @@ def test_the_columns_are_those_of_the_decisions(model):
         assert np.isnan(told.p_human[k]) == (d.window is None)
         if d.fused is not None:
             assert told.fused_quiet[k] == d.fused.pet + d.fused.other
+            assert told.fused_most[k] == max(d.fused.pet, d.fused.other)
     assert told.label == "human"
     assert told.build == "5"
     assert told.duration_s == 9.0

@@ -185,7 +185,7 @@ def test_a_reload_changes_one_and_leaves_the_streams(tmp_path, launch):
     wait_for(lambda: attic.parts.config.gate.threshold_db == 11)
     seq = attic.panel()["seq"]
     wait_for(lambda: attic.panel()["seq"] > seq + 1)
-    assert hall.parts.config.gate.threshold_db == 6
+    assert hall.parts.config.gate.threshold_db == 5
     assert daemon.stop() == 0
     records = [json.loads(line) for line in out.read_text().splitlines()]
     for name in sensors:

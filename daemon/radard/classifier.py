@@ -82,22 +82,29 @@ class Bundle:
     def check_stream(self, axis: FastTimeAxis, frame_rate_hz: float) -> None:
         """Raise ModelMismatch, naming every misfit, if the stream is not what it was made for.
 
-        A bandwidth that the stream does not know (0) is not held against it.
+        The message names installed bundles that take it.
         """
+        misfits = self._misfits(axis, frame_rate_hz)
+        if misfits:
+            others = [name for name in bundle_names() if name != self.name]
+            fit = [name for name in others if not load_bundle(name)._misfits(axis, frame_rate_hz)]
+            hint = f"; installed ones that take it: {', '.join(fit)}" if fit else ""
+            msg = f"model '{self.name}' does not fit this stream: {'; '.join(misfits)}{hint}"
+            raise ModelMismatch(msg)
+
+    def _misfits(self, axis: FastTimeAxis, frame_rate_hz: float) -> list[str]:
+        """Say what does not fit; a bandwidth that is not known (0) is not held against it."""
         values = {
             "frame_rate_hz": frame_rate_hz,
             "bin_length_m": axis.bin_length_m,
             "carrier_hz": axis.carrier_hz,
             "bandwidth_hz": axis.bandwidth_hz,
         }
-        misfits = [
+        return [
             f"{key} is {values[key]:.4g}, it takes {low:.4g} to {high:.4g}"
             for key, (low, high) in self.stream.items()
             if not low <= values[key] <= high and not (key == "bandwidth_hz" and values[key] == 0)
         ]
-        if misfits:
-            msg = f"model '{self.name}' does not fit this stream: {'; '.join(misfits)}"
-            raise ModelMismatch(msg)
 
 
 def bundle_names() -> tuple[str, ...]:

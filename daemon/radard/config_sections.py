@@ -56,7 +56,7 @@ class ModelSection(Section):
 class GateSection(Section):
     """When something counts as moving."""
 
-    threshold_db: float = Field(6.0, ge=0, le=60, description="over the noise floor")
+    threshold_db: float = Field(5.0, ge=0, le=60, description="over the noise floor")
     adapt_db: float = Field(40.0, ge=0, le=60, description="most that a bin may learn")
     memory_s: float = Field(60.0, ge=1, le=3600, description="how long a dwell is remembered")
     learn_s: float = Field(20.0, ge=1, le=3600, description="motion in place before learning")

@@ -1,10 +1,10 @@
 """Decision: gate and probabilities become a label and the alarm.
 
-The rule: with the gate open, alarm unless p_pet + p_other > pet_limit. `other` are trained
-harmless motions only; motion that resembles nothing counts as human, because the limit is
-then not reached. Policy `window` applies the rule to each window alone (the seed's rule).
-Policy `fused` applies it to the evidence over windows (`radard.evidence`), and waits while
-that is undecided, for a few seconds at most.
+The rule: with the gate open, alarm unless p_pet + p_other > pet_limit and one of the two is
+at least a half. `other` are trained harmless motions only; motion that resembles nothing, or
+a bit of everything, counts as human. Policy `window` applies the rule to each window alone
+(the seed's rule). Policy `fused` applies it to the evidence over windows (`radard.evidence`),
+and waits while that is undecided, for a few seconds at most.
 """
 
 from dataclasses import dataclass
@@ -15,6 +15,8 @@ from radard.gate import GateReading
 
 Label = Literal["human", "pet", "other", "pending", "none", "invalid"]
 GateState = Literal["open", "closed", "invalid"]
+_LEAST_P = 0.5
+"""No class below it is what moves."""
 _ROUNDING_S = 0.05
 """More than a frame of the slowest stream that a bundle takes (28 Hz), far less than a hop."""
 
@@ -93,7 +95,8 @@ def judge(p: Probabilities, pet_limit: float) -> tuple[Label, bool]:
     p : Probabilities
         Of one window, or fused.
     pet_limit : float
-        Probability of pet and other together above which there is no alarm.
+        Probability of pet and other together above which there is no alarm, if one of the
+        two is at least a half.
 
     Returns
     -------
@@ -102,7 +105,7 @@ def judge(p: Probabilities, pet_limit: float) -> tuple[Label, bool]:
     alarm : bool
         The verdict.
     """
-    if p.pet + p.other > pet_limit:
+    if p.pet + p.other > pet_limit and max(p.pet, p.other) >= _LEAST_P:
         return ("pet" if p.pet >= p.other else "other"), False
     return "human", True
 

@@ -72,7 +72,7 @@ class GateSettings:
         Most that an adaptive threshold moves, in dB per second.
     """
 
-    threshold_db: float = 6.0
+    threshold_db: float = 5.0
     adapt_db: float = 40.0
     memory_s: float = 60.0
     learn_s: float = 20.0

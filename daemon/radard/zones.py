@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from radard.alarm import AlarmPolicy, Sight
-from radard.decision import Decision, TrackVerdict
+from radard.decision import Decision, TrackVerdict, judge
 
 Spans = tuple[tuple[float, float], ...]
 
@@ -81,4 +81,4 @@ def _suspect_ranges(decision: Decision, pet_limit: float) -> Iterator[float]:
 
 def _is_harmless(track: TrackVerdict, pet_limit: float) -> bool:
     """Return whether a track was classified, and as harmless; one that was not is a suspect."""
-    return track.window is not None and track.window.pet + track.window.other > pet_limit
+    return track.window is not None and not judge(track.window, pet_limit)[1]

@@ -1,8 +1,9 @@
 """Augmentation: batches of maps changed in ways that leave the answer as it is.
 
-Everything is a change that a radar or a room could have made: the body goes the other way,
-stands nearer or farther, its echoes span more or fewer decibels, the noise is higher, it
-comes or leaves within the dwell, frames are lost.
+Everything is a change that a radar or a room could have made: the body stands nearer or
+farther, its echoes span more or fewer decibels, the noise is higher, it comes or leaves within
+the dwell, frames are lost. Maps are not turned round: the echoes of walls lie behind a body,
+so what leaves does not look like what comes, seen from the other side (docs/evaluation.md).
 """
 
 import torch
@@ -10,7 +11,6 @@ import torch
 _MOST_SHIFT = 12
 _FLOOR_SHARE, _MOST_FLOOR, _SPECKLE = 0.4, 0.6, 0.08
 _CUT_SHARE, _LOST_SHARE = 0.3, 0.15
-_MIRROR_SHARE = 0.3
 
 
 def augmented(
@@ -31,15 +31,11 @@ def augmented(
         Of the same shapes.
     """
     n, _, n_cells = velocity.shape
-    u = torch.rand(n, 8, generator=rng)
-    mirror = (u[:, 0] < _MIRROR_SHARE)[:, None, None]
-    # Seen from the other end, a way there is a way back: approaching becomes leaving.
-    velocity = torch.where(mirror, velocity.flip(1), velocity)
-    ranges = torch.where(mirror, ranges.flip(1), ranges)
-    ranges = _shifted(ranges, u[:, 1])
-    velocity, ranges = _deeper(velocity, u[:, 2]), _deeper(ranges, u[:, 3])
-    velocity, ranges = _noisier(velocity, u[:, 4], rng), _noisier(ranges, u[:, 4], rng)
-    keep = _kept(u[:, 5:], n_cells)[:, None]
+    u = torch.rand(n, 7, generator=rng)
+    ranges = _shifted(ranges, u[:, 0])
+    velocity, ranges = _deeper(velocity, u[:, 1]), _deeper(ranges, u[:, 2])
+    velocity, ranges = _noisier(velocity, u[:, 3], rng), _noisier(ranges, u[:, 3], rng)
+    keep = _kept(u[:, 4:], n_cells)[:, None]
     return velocity * keep, ranges * keep
 
 

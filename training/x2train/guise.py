@@ -20,6 +20,8 @@ from x2radar.sim.points import Label, Mover, Points
 Array = NDArray[np.float64]
 _LONGEST_LOOK_S = 40.0
 _LOOK_STEP_S = 0.1
+_GOES_MPS = 0.15
+_LEAST_WAY_S = 1.0
 _N_WAVES = 4
 _CONTRAST = (0.7, 1.8)
 _JOINED = 0.25
@@ -152,11 +154,18 @@ class GuisedActor(Actor):
         """Return when to begin, so that it comes into the swath soon or is in it."""
         t_s = np.arange(0.0, _LONGEST_LOOK_S, _LOOK_STEP_S)
         antenna_m = np.array(self.antenna_m)
-        range_m = length_m(mover.at(t_s, antenna_m).position_m - antenna_m)
+        place_m = mover.at(t_s, antenna_m).position_m
+        range_m = length_m(place_m - antenna_m)
         seen = ((range_m > self.swath_m[0]) & (range_m < self.swath_m[1])).mean(axis=1) > 0.3
         times = t_s[seen]
         if not len(times):
             return 0.0
+        step_m = np.linalg.norm(np.diff(place_m.mean(axis=1), axis=0), axis=1)
+        goes = step_m > _GOES_MPS * _LOOK_STEP_S
+        if goes.any():
+            # Who has arrived stands there for good: that is not on its way.
+            on_the_way = times[times <= t_s[np.flatnonzero(goes)[-1]] - _LEAST_WAY_S]
+            times = on_the_way if len(on_the_way) else times[:1]
         # Half the time at its entry, else anywhere on its way.
         start = times[0] if where < 0.5 else times[int((2 * where - 1) * (len(times) - 1))]
         early, late = self.lead_s

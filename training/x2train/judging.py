@@ -165,7 +165,10 @@ def judged(played: Played, suite: Suite, model: str, policy: str = "", build: st
     readings = [d.reading for d in made]
     power_db = np.array([r.power_db if r else _NAN for r in readings])
     range_m = np.array([r.range_m if r and r.is_open else _NAN for r in readings])
-    fused = np.array([d.fused.pet + d.fused.other if d.fused else _NAN for d in made])
+    fused = [
+        (f.pet + f.other, max(f.pet, f.other)) if (f := d.fused) else (_NAN,) * 2 for d in made
+    ]
+    quiet, most = np.array(fused).reshape(-1, 2).T
     windows = [(w.human, w.pet, w.other) if (w := d.window) else (_NAN,) * 3 for d in made]
     p = np.array(windows).reshape(-1, 3)
     return Passage(
@@ -182,7 +185,8 @@ def judged(played: Played, suite: Suite, model: str, policy: str = "", build: st
         p_human=p[:, 0],
         p_pet=p[:, 1],
         p_other=p[:, 2],
-        fused_quiet=fused,
+        fused_quiet=quiet,
+        fused_most=most,
         power_db=power_db,
         target_range_m=range_m,
         compensated_db=power_db + 40 * np.log10(range_m),

@@ -161,14 +161,14 @@ def _truth(
         middle = p.position_m.mean(axis=1)
         rate_hz = radar.frame_rate_hz
         range_m = length_m(middle - antenna_m)
-        moved = np.gradient(middle, axis=0) * rate_hz
+        speed_mps = np.linalg.norm(np.gradient(middle, axis=0), axis=1) * rate_hz
         amplitude = site.antenna.direct(p, None).amplitude(budget, radar.axis()) * gain
         away_m = length_m(p.position_m - antenna_m)
         seen = (away_m > radar.near_m) & (away_m < radar.far_m)
         power = np.where(seen, amplitude**2, 0.0).sum(axis=1) / noise**2
         with np.errstate(divide="ignore"):
             snr_db = 10 * np.log10(power)
-        made = (range_m, -np.gradient(range_m) * rate_hz, length_m(moved), snr_db)
+        made = (range_m, -np.gradient(range_m) * rate_hz, speed_mps, snr_db)
         for column, values in zip(columns, made, strict=True):
             column.append(values)
     return Truth(*(np.stack(c, axis=1) for c in columns))

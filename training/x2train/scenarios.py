@@ -51,7 +51,7 @@ class Family:
         return self.label == "other" or self.options.get("style") in _STAYING
 
 
-_STAYING = {"stand", "sit", "lie", "pant", "jump"}
+_STAYING = {"stand", "busy", "sit", "lie", "pant", "groom", "scratch", "jump"}
 _PEOPLE = {
     "walk": 4.0,
     "stroll": 2.5,
@@ -62,6 +62,10 @@ _PEOPLE = {
     "carry": 1.0,
     "stop_and_go": 1.5,
     "stand": 0.6,
+    "child": 1.5,
+    "child_run": 0.8,
+    "busy": 1.2,
+    "search": 1.0,
 }
 _PEOPLE_HELD_OUT = {"stealth": 1.5, "crawl": 1.5, "toddler": 1.0, "carry_pet": 0.5}
 _DOGS = {
@@ -75,6 +79,8 @@ _DOGS = {
     "stand": 0.4,
     "lie": 0.3,
     "pant": 0.3,
+    "groom": 0.4,
+    "scratch": 0.4,
     "jump": 0.5,
 }
 _CATS = {
@@ -86,6 +92,8 @@ _CATS = {
     "sit": 0.5,
     "stand": 0.3,
     "lie": 0.3,
+    "groom": 0.8,
+    "scratch": 0.3,
     "jump": 1.0,
 }
 _LARGE_DOG_KG = 55
@@ -147,8 +155,8 @@ def draw_family(rng: np.random.Generator, label: Label, use: Use) -> Family:
 
 
 PAIRS: Mapping[tuple[Label, Label], float] = {
-    ("human", "pet"): 0.16,
-    ("human", "other"): 0.10,
+    ("human", "pet"): 0.20,
+    ("human", "other"): 0.16,
     ("pet", "pet"): 0.12,
     ("pet", "other"): 0.14,
 }

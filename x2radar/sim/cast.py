@@ -300,7 +300,7 @@ def _flyer_maker(draw_flyer: Callable[..., Mover], keys: tuple[str, ...]) -> Mak
 
 BODIES: Mapping[str, BodyKind] = MappingProxyType(
     {
-        "human": BodyKind("A person, adult or toddler.", _human_maker()),
+        "human": BodyKind("A person of any age.", _human_maker()),
         "cat": BodyKind("A cat.", _pet_maker("cat")),
         "dog": BodyKind("A dog, small to large.", _pet_maker("dog")),
         "bird": BodyKind(

@@ -111,7 +111,8 @@ def rules(table: PassageTable, bundle: Bundle, pet_limit: float) -> Ruled:
         if np.isnan(quiet):
             is_alarm[k] = verdict.leave()
             continue
-        fused = Probabilities(1 - quiet, quiet, 0.0)
+        most = float(table.fused_most[k])
+        fused = Probabilities(1 - quiet, most, quiet - most)
         label, is_alarm[k] = verdict.judge(fused, float(table.t_s[k]))
         is_pending[k] = label == "pending"
     return Ruled(is_alarm, is_pending, pet_limit)

@@ -41,6 +41,7 @@ SERIES = (
     "p_pet",
     "p_other",
     "fused_quiet",
+    "fused_most",
     "power_db",
     "target_range_m",
     "compensated_db",
@@ -79,6 +80,8 @@ class Passage:
     fused_quiet : ndarray, shape (n,), float64
         Fused p_pet + p_other. Not as one minus p_human: 1e-12 and 1e-6 must differ. NaN with
         the gate closed.
+    fused_most : ndarray, shape (n,), float64
+        The larger of the two in it; NaN with the gate closed.
     power_db : ndarray, shape (n,), float64
         Total residual power.
     target_range_m : ndarray, shape (n,), float64
@@ -108,6 +111,7 @@ class Passage:
     p_pet: NDArray[np.float64]
     p_other: NDArray[np.float64]
     fused_quiet: NDArray[np.float64]
+    fused_most: NDArray[np.float64]
     power_db: NDArray[np.float64]
     target_range_m: NDArray[np.float64]
     compensated_db: NDArray[np.float64]
@@ -171,6 +175,7 @@ class PassageTable:
     p_pet: NDArray[np.float64]
     p_other: NDArray[np.float64]
     fused_quiet: NDArray[np.float64]
+    fused_most: NDArray[np.float64]
     power_db: NDArray[np.float64]
     target_range_m: NDArray[np.float64]
     compensated_db: NDArray[np.float64]

@@ -1,6 +1,6 @@
 """People: walking, sneaking, running, crawling, carrying, standing; and how to draw one."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -12,7 +12,8 @@ from x2radar.sim.bodies.courses import draw_course
 from x2radar.sim.bodies.feet import Feet
 from x2radar.sim.bodies.flight import Wander
 from x2radar.sim.bodies.path import Path
-from x2radar.sim.bodies.person_build import NAMES, TRUNK, PersonBuild, draw_person_build
+from x2radar.sim.bodies.person_build import NAMES, TRUNK, Age, PersonBuild, draw_person_build
+from x2radar.sim.bodies.person_busy import Busy
 from x2radar.sim.bodies.person_crawl import Crawling
 from x2radar.sim.bodies.person_gait import (
     FASTEST_WALK,
@@ -32,6 +33,8 @@ Posture = tuple[Array, Array, Array]
 _N_POSTURES = 16
 _CHEST = NAMES.index("chest")
 _FASTEST_RUN_MPS = 8.0
+_QUICKER: Mapping[Age, float] = {"adult": 1.0, "child": 1.1, "toddler": 1.35}
+"""Cadence against that of an adult of the same leg length and speed."""
 _CARRIED = {"carry": ("box", (0.2, 0.18, 0.15)), "carry_pet": ("pet", (0.2, 0.08, 0.08))}
 
 
@@ -86,6 +89,8 @@ class OnFeet:
         Duty factor at that speed.
     sway : Wander
         Postural sway in x, y, z, in metres, and turn and nod of the head, in radians.
+    busy : Busy or None
+        What the hands and the trunk do where the feet stand.
     """
 
     path: Path
@@ -95,6 +100,7 @@ class OnFeet:
     cruise_mps: float
     duty: float
     sway: Wander
+    busy: Busy | None = None
 
     def posture(self, t_s: Array) -> Posture:
         """Return middles, axes and side vectors; see `Action`."""
@@ -111,9 +117,14 @@ class OnFeet:
         sway = self.sway.at(t_s)
         ahead = sway[:, 0] - c.surge_m * vigour * np.sin(4 * np.pi * middle_stance)
         aside = c.sway_m * vigour * np.cos(2 * np.pi * middle_stance) + sway[:, 1]
+        bend, lean = np.full(len(t_s), c.bend), np.full(len(t_s), c.lean_rad)
+        doing = self.busy.at(t_s, vigour) if self.busy else None
+        if doing:
+            bend, lean = bend + doing.crouch, lean + doing.lean_rad
+            ahead, aside = ahead + doing.shift_m[:, 0], aside + doing.shift_m[:, 1]
         heading = state.heading_rad
         cos, sin = np.cos(heading), np.sin(heading)
-        height = b.ankle_m + (1 - c.bend) * straight + c.bob_m * vigour * bob
+        height = b.ankle_m + (1 - bend) * straight + c.bob_m * vigour * bob
         middle = np.stack(
             [
                 state.x_m - aside * sin + ahead * cos,
@@ -123,8 +134,8 @@ class OnFeet:
             axis=-1,
         )
         swing = np.cos(2 * np.pi * strides)
-        hips = Hips(middle, heading, -c.yaw_rad * vigour * swing, vigour, swing)
-        return upright(b, c, hips, soles, sway[:, 3:5])
+        hips = Hips(middle, heading, -c.yaw_rad * vigour * swing, vigour, swing, lean)
+        return upright(b, c, hips, soles, sway[:, 3:5], doing=doing)
 
     @property
     def _rate_hz(self) -> float:
@@ -233,7 +244,7 @@ def draw_person(
         msg = f"style: no style '{style}' of people; known are {', '.join(STYLES)}"
         raise SceneError(msg)
     kind = STYLES[style]
-    build = draw_person_build(rng, is_toddler=style == "toddler", height_m=height_m)
+    build = draw_person_build(rng, age=kind.age, height_m=height_m)
     z, share = rng.standard_normal(12).clip(-2.5, 2.5), rng.random(8)
     points = draw_course(rng, "wander")
     course = path if path is not None else points
@@ -287,13 +298,12 @@ def _on_feet(
 ) -> OnFeet:
     z, share = draws
     kind = STYLES[style]
-    is_toddler = style == "toddler"
-    width = (0.045 + 0.03 * share[0]) * (1.8 if is_toddler else 1.0)
+    width = (0.045 + 0.03 * share[0]) * (1.8 if kind.age == "toddler" else 1.0)
     toe_m = 0.45 * build.foot_m
     gait = gait_of(
         kind.kind,
         build.hip_height_m,
-        cadence=(1.35 if is_toddler else 1.0) * (1 + 0.06 * z[6]),
+        cadence=_QUICKER[kind.age] * (1 + 0.06 * z[6]),
         width_m=width * max(build.stature_m, 1.0) / 1.75 + 0.01,
         lift_m=kind.lift * build.stature_m * (0.7 + 0.6 * share[3]),
         limp=0.10 + 0.10 * share[2] if style == "limp" else 0.0,
@@ -309,6 +319,7 @@ def _on_feet(
         cruise,
         float(gait.duty(np.array([cruise]))[0]),
         Wander.draw(rng, limits, np.array([0.012, 0.010, 0.003, 0.10, 0.05])),
+        Busy.draw(rng) if kind.is_busy else None,
     )
 
 

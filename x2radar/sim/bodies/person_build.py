@@ -2,10 +2,16 @@
 
 Shares follow Winter (Biomechanics and Motor Control of Human Movement) and Boulic and
 Thalmann 1990, both recalled. Statures: men 1.77 m, women 1.63 m, standard deviation 0.07 m
-(recalled, NCD-RisC for Europe); toddlers of one to three years 0.75 to 0.95 m.
+(recalled, NCD-RisC for Europe); toddlers of one to three years 0.75 to 0.95 m, children of
+about three to eleven 0.95 to 1.45 m. Legs grow faster than trunk and head: from 0.82 of an
+adult's share of the stature at 0.85 m over 0.92 at 1.05 m to all of it at 1.45 m (after the
+ratio of sitting height to stature, 0.61, 0.56 and 0.52, recalled).
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +22,8 @@ Array = NDArray[np.float64]
 
 STATURE_M = (0.6, 2.3)
 TODDLER_M = (0.75, 0.95)
+CHILD_M = (0.95, 1.45)
+Age = Literal["adult", "child", "toddler"]
 NAMES = (
     *("trunk", "chest", "pelvis", "head"),
     *("left upper arm", "left forearm", "left hand"),
@@ -26,6 +34,9 @@ NAMES = (
 TRUNK = 3
 TRUNK_AT = (0.47, 0.78, 0.06)
 """Where middles of the trunk's parts are between hips (0) and shoulders (1)."""
+_GROWN: Mapping[Age, float] = MappingProxyType({"toddler": 0.0, "adult": 1.0})
+_GROWTH = (0.85, 1.05, 1.45), (0.0, 0.55, 1.0)
+"""Statures of children, and how far their proportions are from a toddler's to an adult's."""
 ARMS, LEGS = slice(4, 10), slice(10, 16)
 
 
@@ -96,7 +107,7 @@ class PersonBuild:
 
 
 def draw_person_build(
-    rng: np.random.Generator, *, is_toddler: bool = False, height_m: float | None = None
+    rng: np.random.Generator, *, age: Age = "adult", height_m: float | None = None
 ) -> PersonBuild:
     """Draw a person's sizes.
 
@@ -104,8 +115,8 @@ def draw_person_build(
     ----------
     rng : numpy.random.Generator
         Twelve numbers are drawn, whatever is given.
-    is_toddler : bool
-        Shorter legs and a larger head for the stature.
+    age : {'adult', 'child', 'toddler'}
+        The younger, the shorter the legs and the larger the head for the stature.
     height_m : float, optional
         Stature, instead of a draw.
 
@@ -120,16 +131,19 @@ def draw_person_build(
         If the stature is not from 0.6 to 2.3 m.
     """
     is_man, z, share = rng.random(), rng.standard_normal(10), rng.random()
-    if is_toddler:
+    if age == "toddler":
         stature = TODDLER_M[0] + share * (TODDLER_M[1] - TODDLER_M[0])
+    elif age == "child":
+        stature = CHILD_M[0] + share * (CHILD_M[1] - CHILD_M[0])
     else:
         stature = float(np.clip((1.77 if is_man < 0.5 else 1.63) + 0.07 * z[0], 1.45, 2.05))
     if height_m is not None:
         check("height_m", height_m, *STATURE_M)
         stature = height_m
     limbs = 1 + 0.03 * z[1:9].clip(-2.5, 2.5)
-    legs = (0.82 if is_toddler else 1.0) * stature
-    trunk = (1.12 if is_toddler else 1.0) * stature
+    growth = _GROWN[age] if age != "child" else float(np.interp(stature, *_GROWTH))
+    legs = (1 - 0.18 * (1 - growth)) * stature
+    trunk = (1 + 0.12 * (1 - growth)) * stature
     return PersonBuild(
         stature_m=stature,
         thigh_m=0.245 * legs * limbs[0],

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from x2radar.sim.bodies.feet import Gait
+from x2radar.sim.bodies.person_build import Age
 
 Array = NDArray[np.float64]
 
@@ -88,6 +89,10 @@ class PersonStyle:
     grows : bool
         Whether bob, arms and turn of the pelvis are those of a brisk walk and grow with the
         speed up to it; otherwise they are as the carriage says at any speed.
+    age : {'adult', 'child', 'toddler'}
+        Of those who do it.
+    is_busy : bool
+        Whether the hands and the trunk move where the feet stand.
     """
 
     sentence: str
@@ -97,6 +102,8 @@ class PersonStyle:
     kind: str = "walk"
     stops: bool = False
     grows: bool = False
+    age: Age = "adult"
+    is_busy: bool = False
 
 
 STYLES: Mapping[str, PersonStyle] = MappingProxyType(
@@ -162,9 +169,37 @@ STYLES: Mapping[str, PersonStyle] = MappingProxyType(
             (0.3, 0.9),
             Carriage(bend=0.06, arm_rad=0.10, arm_rest_rad=0.5, elbow_rad=1.4, sway_m=0.02),
             lift=0.08,
+            age="toddler",
+        ),
+        "child": PersonStyle(
+            "a child of 0.95 to 1.45 m walks about", (0.4, 1.5), grows=True, age="child"
+        ),
+        "child_run": PersonStyle(
+            "a child of 0.95 to 1.45 m runs about",
+            (1.3, 3.0),
+            Carriage(
+                bend=0.07,
+                lean_rad=0.12,
+                bob_m=0.03,
+                is_spring=True,
+                arm_rad=0.6,
+                elbow_rad=1.3,
+                heel_rad=1.1,
+            ),
+            lift=0.18,
+            kind="run",
+            age="child",
         ),
         "stop_and_go": PersonStyle("goes, stops and goes on", (0.5, 1.3), stops=True, grows=True),
         "stand": PersonStyle("stands and breathes", None),
+        "busy": PersonStyle("stands and reaches, bends and turns", None, is_busy=True),
+        "search": PersonStyle(
+            "goes from place to place and searches each",
+            (0.4, 1.2),
+            stops=True,
+            grows=True,
+            is_busy=True,
+        ),
     }
 )
 """What people do, by name."""

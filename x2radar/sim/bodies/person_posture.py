@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from x2radar.sim.bodies.feet import FootState
 from x2radar.sim.bodies.flight import smooth_step
 from x2radar.sim.bodies.person_build import ARMS, LEGS, NAMES, TRUNK_AT, PersonBuild
+from x2radar.sim.bodies.person_busy import Doing
 from x2radar.sim.bodies.person_gait import Carriage
 
 Array = NDArray[np.float64]
@@ -55,6 +56,8 @@ class Hips:
         0 standing to 1 at cruising speed.
     swing : ndarray, shape (n_slow,), float64
         -1 to 1: 1 when the left leg is foremost.
+    lean_rad : ndarray, shape (n_slow,), float64
+        Of the trunk, forward.
     """
 
     middle_m: Array
@@ -62,6 +65,7 @@ class Hips:
     yaw_rad: Array
     vigour: Array
     swing: Array
+    lean_rad: Array
 
 
 def direction(yaw_rad: Array, pitch_rad: Array | float = 0.0) -> Array:
@@ -72,7 +76,13 @@ def direction(yaw_rad: Array, pitch_rad: Array | float = 0.0) -> Array:
 
 
 def upright(
-    b: PersonBuild, c: Carriage, hips: Hips, feet: Soles, look: Array
+    b: PersonBuild,
+    c: Carriage,
+    hips: Hips,
+    feet: Soles,
+    look: Array,
+    *,
+    doing: Doing | None = None,
 ) -> tuple[Array, Array, Array]:
     """Return middles, axes and side vectors of all parts of somebody on two feet.
 
@@ -81,13 +91,15 @@ def upright(
     b : PersonBuild
         Sizes.
     c : Carriage
-        Lean, arms, heels.
+        Arms and heels.
     hips : Hips
         Where the hips are.
     feet : Soles
         Left and right.
     look : ndarray, shape (n_slow, 2), float64
         Turn and nod of the head, in radians.
+    doing : Doing, optional
+        Of the hands; without it the arms swing.
 
     Returns
     -------
@@ -99,27 +111,28 @@ def upright(
     n = len(hips.heading_rad)
     centre, axis = np.empty((n, len(NAMES), 3)), np.empty((n, len(NAMES), 3))
     left = direction(hips.heading_rad + np.pi / 2)
-    spine = direction(hips.heading_rad, np.pi / 2 - c.lean_rad)
+    spine = direction(hips.heading_rad, np.pi / 2 - hips.lean_rad)
     axis[:, :3] = spine[:, None]
     for k, along in enumerate(TRUNK_AT):
         centre[:, k] = hips.middle_m + along * b.trunk_m * spine
     nape = hips.middle_m + b.trunk_m * spine
-    head = direction(hips.heading_rad + look[:, 0], np.pi / 2 - 0.5 * c.lean_rad + look[:, 1])
+    head = direction(hips.heading_rad + look[:, 0], np.pi / 2 - 0.5 * hips.lean_rad + look[:, 1])
     centre[:, 3], axis[:, 3] = nape + b.neck_m * head, head
     # The chest turns against the pelvis.
-    chest_left = direction(hips.heading_rad - hips.yaw_rad + np.pi / 2)
-    centre[:, ARMS], axis[:, ARMS] = _arms(b, c, hips, nape, chest_left)
+    facing = hips.heading_rad - hips.yaw_rad + (doing.twist_rad if doing else 0.0)
+    chest_left = direction(facing + np.pi / 2)
+    centre[:, ARMS], axis[:, ARMS] = _arms(b, c, hips, nape, chest_left, doing=doing)
     hip_left = direction(hips.heading_rad + hips.yaw_rad + np.pi / 2)
     centre[:, LEGS], axis[:, LEGS] = _legs(b, c, hips, feet, hip_left)
     return centre, axis, left[:, None]
 
 
 def _arms(
-    b: PersonBuild, c: Carriage, hips: Hips, nape: Array, left: Array
+    b: PersonBuild, c: Carriage, hips: Hips, nape: Array, left: Array, *, doing: Doing | None
 ) -> tuple[Array, Array]:
     n = len(nape)
     centre, axis = np.empty((n, 6, 3)), np.empty((n, 6, 3))
-    down = -np.pi / 2 - c.lean_rad * 0.3
+    down = -np.pi / 2 - hips.lean_rad * 0.3
     for side, sign in ((0, 1.0), (1, -1.0)):
         shoulder = nape + (sign * b.shoulder_m) * left
         # Arms go against the legs of their side.
@@ -132,11 +145,30 @@ def _arms(
         upper /= np.sqrt((upper * upper).sum(axis=-1, keepdims=True))
         elbow = shoulder + b.upper_arm_m * upper
         wrist = elbow + b.forearm_m * fore
+        if doing:
+            wrist += doing.share[:, None] * (_at_work(b, doing, shoulder, left, side) - wrist)
+            shoulder, elbow = _elbow(b, shoulder, wrist, left)
+            upper, fore = (elbow - shoulder) / b.upper_arm_m, (wrist - elbow) / b.forearm_m
         k = 3 * side
         centre[:, k], axis[:, k] = 0.5 * (shoulder + elbow), upper
         centre[:, k + 1], axis[:, k + 1] = 0.5 * (elbow + wrist), fore
         centre[:, k + 2], axis[:, k + 2] = wrist + 0.05 * b.stature_m * fore, fore
     return centre, axis
+
+
+def _at_work(b: PersonBuild, doing: Doing, shoulder: Array, left: Array, side: int) -> Array:
+    """Return where a wrist is whose hand is at work."""
+    ahead = np.stack([left[:, 1], -left[:, 0], left[:, 2]], axis=-1)
+    along, outward, up = (b.upper_arm_m + b.forearm_m) * doing.hands[:, side].T[..., None]
+    return np.asarray(shoulder + along * ahead + outward * left + up * np.array([0.0, 0.0, 1.0]))
+
+
+def _elbow(b: PersonBuild, shoulder: Array, wrist: Array, left: Array) -> tuple[Array, Array]:
+    """Return shoulder and elbow of an arm whose wrist is given; elbows bend back and down."""
+    away = np.stack([-left[:, 1], left[:, 0], np.full(len(left), -1.0)], axis=-1)
+    limb = shoulder[:, None], wrist[:, None]
+    top, elbow = two_links(*limb, b.upper_arm_m, b.forearm_m, away[:, None])
+    return top[:, 0], elbow[:, 0]
 
 
 def _legs(

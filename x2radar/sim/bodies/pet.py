@@ -66,6 +66,8 @@ PET_STYLES: Mapping[str, PetStyle] = MappingProxyType(
         "sit": PetStyle("sits and moves its tail", 2),
         "lie": PetStyle("lies and breathes", 1),
         "pant": PetStyle("lies and pants", 1, species=("dog",)),
+        "groom": PetStyle("sits and licks its coat", 1),
+        "scratch": PetStyle("sits and scratches itself with a hind paw", 1),
         "jump": PetStyle("jumps onto furniture, stays, and jumps down", 1),
     }
 )

@@ -112,20 +112,22 @@ def draw_manner(
         Its manners.
     """
     is_cat, u = species == "cat", rng.uniform(0.0, 1.0, 8)
-    stays = style in {"stand", "sit", "lie", "pant"}
+    sits = style in {"sit", "groom", "scratch"}
+    stays = sits or style in {"stand", "lie", "pant"}
     neck = 0.15 + 0.35 * u[0] if is_cat else 0.35 + 0.6 * u[0]
     if style in {"stalk", "lie", "pant"}:
         neck = 0.4 * u[0] + (0.2 if style == "pant" else -0.1)
     # On the floor the tail of one that sits or lies is level.
-    rise = 0.0 if style in {"sit", "lie", "pant"} else (1.4 * u[1] - 0.5 if is_cat else u[1])
+    rise = 0.0 if sits or style in {"lie", "pant"} else (1.4 * u[1] - 0.5 if is_cat else u[1])
     wag_hz, wag_rad, lag = _wag(rng, build, float(rise), is_cat=is_cat)
     yaw, pitch = (0.7, 0.2) if stays else (0.25, 0.05)
-    often = {"sniff": 0.45, "lie": -0.3}.get(style, -2.0)
+    often = {"sniff": 0.45, "lie": -0.3, "groom": 0.4}.get(style, -2.0)
+    nose = {"lie": (-0.25, 0.0), "groom": (-0.9, -1.2)}.get(style, (-1.25, -1.0))
     lazy = {"sit": -0.3, "stand": -0.3, "lie": 0.5, "pant": 0.3}.get(style, 0.1)
     return Manner(
         neck_rad=float(neck),
         head_rad=float(-0.35 + 0.35 * u[2]),
-        down_rad=(-0.25, 0.0) if style == "lie" else (-1.25, -1.0),
+        down_rad=nose,
         nod_rad=nod_rad * float(0.6 + 0.8 * u[3]),
         gaze=Wander.draw(rng, np.array([yaw, pitch]), 0.6 * np.array([yaw, pitch])),
         down=Wander.draw(rng, np.ones(1), np.full(1, 0.35)),
@@ -136,11 +138,13 @@ def draw_manner(
         wag_lag_rad=lag,
         bout=Wander.draw(rng, np.ones(1), np.full(1, 0.4)),
         wag_above=-2.0 if is_cat else lazy + 0.6 * float(u[4] - 0.5),
-        breath_hz=_breaths_hz(build.mass_kg, u[5], style, is_cat=is_cat),
+        breath_hz=_breaths_hz(build.mass_kg, u[5], style, is_cat=is_cat, goes=not stays),
         breath_m=float(
             (0.0005 if style == "pant" else 0.0011) * build.mass_kg**0.33 * (0.7 + 0.6 * u[6])
         ),
         breath_rad=float(2.0 * np.pi * u[7]),
+        lick_hz=float(1.5 + 2.0 * u[3]),
+        lick_rad=float(0.10 + 0.20 * u[2]) if style == "groom" else 0.0,
     )
 
 
@@ -161,10 +165,10 @@ def _wag(
     return float(hz), float(tip / (arm * hz)), float(lag)
 
 
-def _breaths_hz(mass_kg: float, share: float, style: str, *, is_cat: bool) -> float:
+def _breaths_hz(mass_kg: float, share: float, style: str, *, is_cat: bool, goes: bool) -> float:
     if style == "pant":
         return 4.0 + 2.0 * share
     least = 20.0 if is_cat else 15.0
     per_minute = float(np.clip(53.5 * mass_kg**-0.26 * (0.75 + 0.4 * share), least, 30.0))
     # Going about takes more air than resting does.
-    return per_minute / 60.0 * (1.0 if style in {"stand", "sit", "lie"} else 1.8)
+    return per_minute / 60.0 * (1.8 if goes else 1.0)

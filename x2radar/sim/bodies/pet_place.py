@@ -6,8 +6,9 @@ from numpy.typing import NDArray
 from x2radar.sim.bodies.flight import Wander
 from x2radar.sim.bodies.path import Path
 from x2radar.sim.bodies.quadruped import Stance
-from x2radar.sim.bodies.quadruped_actions import Staying
+from x2radar.sim.bodies.quadruped_actions import Scratch, Staying
 from x2radar.sim.bodies.quadruped_build import QuadrupedBuild
+from x2radar.sim.bodies.quadruped_gait import LEGS
 from x2radar.sim.bodies.quadruped_jump import Jumping, Leap
 
 Array = NDArray[np.float64]
@@ -35,8 +36,9 @@ def draw_staying(
         The sway of the trunk and the places of the paws come from it.
     build : QuadrupedBuild
         Sizes.
-    style : {'stand', 'sit', 'lie', 'pant', 'jump'}
-        The posture; one that pants lies, one that jumps stands first.
+    style : {'stand', 'sit', 'lie', 'pant', 'groom', 'scratch', 'jump'}
+        The posture; one that pants lies, one that grooms or scratches sits, one that jumps
+        stands first.
     path : Path
         Where.
 
@@ -45,7 +47,7 @@ def draw_staying(
     Staying
         The action.
     """
-    name = {"pant": "lie", "jump": "stand"}.get(style, style)
+    name = {"pant": "lie", "jump": "stand", "groom": "sit", "scratch": "sit"}.get(style, style)
     height, hind, fore, pitch, spread = _POSTURES[name]
     h = build.hip_m
     start = path.at(np.array([path.start_s - 1.0]))
@@ -73,8 +75,22 @@ def draw_staying(
         turn_rad_s=np.zeros(1),
     )
     size = {"stand": 0.02, "sit": 0.006, "lie": 0.0005}[name] * h
-    limits = np.array([size, size, 0.2 * size, size / build.back_m])
-    return Staying(stance, Wander.draw(rng, limits, 0.8 * limits))
+    restless = 4.0 if style in {"groom", "scratch"} else 1.0
+    limits = restless * np.array([size, size, 0.2 * size, size / build.back_m])
+    sway = Wander.draw(rng, limits, 0.8 * restless * limits)
+    return Staying(stance, sway, _scratch(rng, build) if style == "scratch" else None)
+
+
+def _scratch(rng: np.random.Generator, build: QuadrupedBuild) -> Scratch:
+    """Draw how a hind paw scratches: 4 to 8 strokes a second (recalled, of dogs)."""
+    u, h = rng.random(4), build.hip_m
+    return Scratch(
+        leg=LEGS.index("left hind" if u[0] < 0.5 else "right hind"),
+        raised_m=(-0.05 * h, (0.10 + 0.08 * u[1]) * h),
+        stroke_m=(0.05 + 0.05 * u[2]) * h,
+        hz=float(8.0 - 4.0 * u[3]),
+        bout=Wander.draw(rng, np.ones(1), np.full(1, 0.5)),
+    )
 
 
 def draw_jumping(

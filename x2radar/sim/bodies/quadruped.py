@@ -163,6 +163,7 @@ def _front(
     down = smooth_step((m.down_below - m.down.at(t_s)[:, 0]) / 0.4 + 0.5)
     yaw = s.heading_rad + gaze[:, 0] + np.clip(0.2 * s.turn_rad_s, -0.5, 0.5)
     nod = (1.0 - 0.8 * down) * (m.nod_rad * s.nod + gaze[:, 1])
+    nod = nod + down * m.lick_rad * np.sin(2.0 * np.pi * m.lick_hz * t_s)
     neck = _direction(yaw, m.neck_rad + down * (m.down_rad[0] - m.neck_rad) + nod)
     head_pitch = m.head_rad + down * (m.down_rad[1] - m.head_rad) + 0.5 * nod
     head = _direction(yaw + 0.5 * gaze[:, 0], head_pitch)

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from x2radar.sim.bodies.feet import Feet, Gait
-from x2radar.sim.bodies.flight import Wander
+from x2radar.sim.bodies.flight import Wander, smooth_step
 from x2radar.sim.bodies.path import Path
 from x2radar.sim.bodies.quadruped import Stance
 from x2radar.sim.bodies.quadruped_build import QuadrupedBuild
@@ -108,6 +108,36 @@ class Going:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Scratch:
+    """A hind paw that scratches, in bouts.
+
+    Attributes
+    ----------
+    leg : int
+        Which, of `LEGS`.
+    raised_m : tuple of float
+        How far ahead and up the paw is held.
+    stroke_m, hz : float
+        Amplitude and frequency of the strokes.
+    bout : Wander
+        One number in -1 to 1; it scratches where that is above 0.
+    """
+
+    leg: int
+    raised_m: tuple[float, float]
+    stroke_m: float
+    hz: float
+    bout: Wander
+
+    def at(self, t_s: Array) -> tuple[Array, Array]:
+        """Return how far ahead and up the paw is, in metres, each of shape (n_slow,)."""
+        share = smooth_step(self.bout.at(t_s)[:, 0] / 0.4 + 0.5)
+        stroke = self.stroke_m * np.sin(2.0 * np.pi * self.hz * t_s)
+        ahead, up = self.raised_m
+        return share * (ahead + stroke), share * (up + 0.5 * stroke)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Staying:
     """Standing, sitting or lying in one place; the trunk sways a little over still paws.
 
@@ -117,21 +147,31 @@ class Staying:
         The posture, for one time.
     sway : Wander
         Offsets of the trunk in x, y, z, in metres, and of its pitch, in radians.
+    scratch : Scratch or None
+        What a hind paw does.
     """
 
     stance: Stance
     sway: Wander
+    scratch: Scratch | None = None
 
     def at(self, t_s: Array) -> Stance:
         """Return where trunk and paws are; see `Action`."""
         s, n = self.stance, len(t_s)
         sway = self.sway.at(t_s)
         still = np.zeros(n)
+        heading = still + s.heading_rad
+        paw = np.repeat(s.paw_m, n, axis=0)
+        if self.scratch:
+            ahead, up = self.scratch.at(t_s)
+            paw[:, self.scratch.leg] += np.stack(
+                [ahead * np.cos(heading), ahead * np.sin(heading), up], axis=-1
+            )
         return Stance(
             middle_m=s.middle_m + sway[:, :3],
-            heading_rad=still + s.heading_rad,
+            heading_rad=heading,
             pitch_rad=s.pitch_rad + sway[:, 3],
-            paw_m=np.repeat(s.paw_m, n, axis=0),
+            paw_m=paw,
             nod=still,
             turn_rad_s=still,
         )

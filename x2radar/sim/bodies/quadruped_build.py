@@ -112,6 +112,8 @@ class Manner:
         Breathing, and how far the chest's surface moves either way.
     breath_rad : float
         Phase at time 0.
+    lick_hz, lick_rad : float
+        Frequency and amplitude of the neck's strokes while the nose is down.
     """
 
     neck_rad: float
@@ -130,3 +132,5 @@ class Manner:
     breath_hz: float
     breath_m: float
     breath_rad: float
+    lick_hz: float = 0.0
+    lick_rad: float = 0.0
