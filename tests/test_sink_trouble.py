@@ -62,7 +62,9 @@ def test_a_broker_that_is_away_degrades_until_it_is_back(tmp_path, launch, quick
         broker.stop()
     told = [json.loads(line) for line in out.read_text().splitlines()]
     states = [r["state"] for r in told if r["type"] == "status"]
-    assert states == ["starting", "online", "degraded", "online", "offline"]
+    assert states[:4] == ["starting", "online", "degraded", "online"]
+    assert states[-1] == "offline"
+    assert set(states[4:-1]) <= {"degraded", "online"}
 
 
 SINKS = {

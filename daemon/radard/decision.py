@@ -15,7 +15,7 @@ from radard.gate import GateReading
 
 Label = Literal["human", "pet", "other", "pending", "none", "invalid"]
 GateState = Literal["open", "closed", "invalid"]
-_LEAST_P = 0.5
+LEAST_P = 0.5
 """No class below it is what moves."""
 _ROUNDING_S = 0.05
 """More than a frame of the slowest stream that a bundle takes (28 Hz), far less than a hop."""
@@ -105,7 +105,7 @@ def judge(p: Probabilities, pet_limit: float) -> tuple[Label, bool]:
     alarm : bool
         The verdict.
     """
-    if p.pet + p.other > pet_limit and max(p.pet, p.other) >= _LEAST_P:
+    if p.pet + p.other > pet_limit and max(p.pet, p.other) >= LEAST_P:
         return ("pet" if p.pet >= p.other else "other"), False
     return "human", True
 

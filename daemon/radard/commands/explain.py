@@ -7,6 +7,7 @@ from radard.classifier import load_bundle
 from radard.commands.explain_rates import passage_rates, window_rates
 from radard.config import Config, load_config
 from radard.config_sections import AlarmSection
+from radard.decision import LEAST_P
 from radard.options import add_options, config_options
 from radard.pipeline import HOP_S, pet_limit_of
 from radard.sensitivity import alarm_policy
@@ -63,7 +64,8 @@ def explained(config: Config, *, pass_s: float) -> Iterator[str]:
     bundle = load_bundle(config.model.name)
     decides = config.decision.policy or bundle.policy
     limit = pet_limit_of(config, bundle)
-    yield f"model {bundle.name}, policy {decides}: alarm unless p(pet) + p(other) > {limit:g},"
+    yield f"model {bundle.name}, policy {decides}: alarm unless p(pet) + p(other) > {limit:g}"
+    yield f"and one of the two is at least {LEAST_P:g},"
     if decides == "window":
         yield f"judged every {HOP_S:g} s on the last {bundle.features.dwell_s:g} s alone"
     else:
