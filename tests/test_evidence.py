@@ -182,3 +182,10 @@ def test_only_stream_time_counts(monkeypatch):
     b = [late.judge(unsure, 1e6 + t) for t in steps]
     monkeypatch.undo()
     assert a == b
+
+
+def test_three_hops_of_the_slowest_stream_are_three_seconds():
+    # At 14.5 Hz dwells end up to a frame (0.069 s) early.
+    verdict = Verdict(0.8, 0.65, 3.0)
+    unsure = window(0.4, 0.4, 0.2)
+    assert [verdict.judge(unsure, t)[0] for t in (0, 1, 2, 2.932)] == ["pending"] * 3 + ["human"]

@@ -154,6 +154,16 @@ def test_lost_frames_in_a_recording(tmp_path):
     assert faults[0]["t_s"] == 5.45
 
 
+@pytest.mark.parametrize(
+    "scene", ["human_busy", "human_search", "human_child", "cat_groom", "dog_scratch"]
+)
+def test_who_moves_in_the_place_of_a_scene_is_seen(scene):
+    argv = ("--port", f"sim:{scene}?seed=1", "--speed", "max", "--duration", "8")
+    code, records, _ = run_radard(*argv, "--model", "none", "-o", "json")
+    assert code == 0
+    assert sum(d["gate"] == "open" for d in decisions(records)) >= 3
+
+
 @pytest.mark.skipif(not REAL.is_dir(), reason="the real X4M03 recording is not on this machine")
 def test_a_real_recording_opens_the_gate_while_somebody_moves():
     code, records, _ = run_radard("--port", f"replay:{REAL}", "--model", "none", "-o", "json")

@@ -17,8 +17,8 @@ Label = Literal["human", "pet", "other", "pending", "none", "invalid"]
 GateState = Literal["open", "closed", "invalid"]
 LEAST_P = 0.5
 """No class below it is what moves."""
-_ROUNDING_S = 0.05
-"""More than a frame of the slowest stream that a bundle takes (28 Hz), far less than a hop."""
+_ROUNDING_S = 0.07
+"""More than a frame of the slowest stream that a bundle takes (14.5 Hz), far less than a hop."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,8 +1,8 @@
 """What the hands and the trunk do while the feet stand: reaching, bending, turning, crouching.
 
 Somebody who searches a drawer, gets dressed or talks goes nowhere and still moves. No motion
-capture stands behind this: what moves how far is anatomy, how fast is everyday speed (hands
-about 0.5 m/s), and the rest is drawn anew for everybody.
+capture stands behind this: how far things move is anatomy, how fast is a guess at everyday speed
+(hands 0.2 to 0.9 m/s, rms), and the rest is drawn anew for everybody.
 """
 
 from dataclasses import dataclass
