@@ -17,6 +17,10 @@ ANTENNA_M = np.array([0.0, 0.0, 1.2])
 RATE_HZ = 500
 
 
+# In what is done without going.
+_FASTEST_HANDS_MPS = {"": 0.7, "busy": 3.0, "sit": 3.0, "exercise": 8.0}
+
+
 def walker(speed_mps, seed=0, style="walk"):
     rng = np.random.default_rng(seed)
     return draw_person(rng, style=style, path=[(0, 14), (0, 1)], speed_mps=speed_mps)
@@ -164,7 +168,7 @@ def test_nothing_jumps_and_nothing_is_too_fast(style):
         place = person.at(t_s, ANTENNA_M).position_m
         v = np.linalg.norm(np.diff(place, axis=0), axis=-1) * 250
         fastest = person.action.path.pieces[2].max(initial=0.0)
-        assert v.max() <= 4.5 * fastest + (3.0 if STYLES[style].is_busy else 0.7)
+        assert v.max() <= 4.5 * fastest + _FASTEST_HANDS_MPS[STYLES[style].does]
         assert place[..., 2].min() > -0.02
 
 
@@ -215,7 +219,7 @@ def test_who_searches_works_with_the_hands_where_the_feet_stand_and_not_on_the_w
         person = draw_person(
             np.random.default_rng(seed), style="search", path=[(0, 7), (0, 1)], speed_mps=1.0
         )
-        idle = replace(person.action, busy=None)
+        idle = replace(person.action, doer=None)
         t_s = np.arange(0, person.action.path.end_s + 8, 0.05)
         speed = person.action.path.at(t_s).speed_mps
         hands = [NAMES.index(f"{side} hand") for side in ("left", "right")]
@@ -225,6 +229,60 @@ def test_who_searches_works_with_the_hands_where_the_feet_stand_and_not_on_the_w
     assert max(moved[True]) < 0.02
     assert np.quantile(moved[False], 0.5) > 0.05
     assert np.quantile(moved[False], 0.95) > 0.3
+
+
+def seen(style, seed, seconds=40.0):
+    person = draw_person(np.random.default_rng(seed), style=style, path=[(0, 3), (0, 1)])
+    t_s = np.arange(round(seconds * RATE_HZ)) / RATE_HZ
+    centre = person.action.posture(t_s)[0]
+    return person, t_s, {name: centre[:, k] for k, name in enumerate(NAMES)}
+
+
+def test_who_sits_has_level_thighs_still_feet_and_a_head_that_moves():
+    rose = 0
+    for seed in range(12):
+        person, _, place = seen("sit", seed)
+        b = person.action.build
+        low = np.quantile(place["pelvis"][:, 2], 0.05)
+        assert 0.35 * b.leg_m < low - b.ankle_m < 0.75 * b.leg_m
+        for side in ("left", "right"):
+            assert np.ptp(place[f"{side} foot"], axis=0).max() < 0.01
+        assert speeds(place["head"]).max() < 2.0
+        assert np.sqrt(np.mean(speeds(place["head"]) ** 2)) > 0.02
+        rises = np.isfinite(person.action.doer.period_s)
+        stood = place["pelvis"][:, 2].max() - b.ankle_m > 0.85 * b.leg_m
+        assert stood == rises
+        rose += stood
+    assert 2 <= rose <= 9
+
+
+def test_who_exercises_keeps_one_beat_lifts_the_feet_and_stays():
+    lifted, hopped = [], []
+    for seed in range(16):
+        person, t_s, place = seen("exercise", seed)
+        doer = person.action.doer
+        assert 0.4 <= doer.beat_hz <= 1.6
+        assert np.abs(place["pelvis"][:, :2] - [0, 3]).max() < 0.35
+        feet = np.stack([place["left foot"][:, 2], place["right foot"][:, 2]])
+        assert feet.min() > -0.01
+        lifted.append(np.ptp(feet, axis=1).max())
+        hopped.append(np.min(feet, axis=0).max() > feet.min() + 0.04)
+        hand = place["left hand"][:, 2]
+        spectrum = np.abs(np.fft.rfft((hand - hand.mean()) * np.hanning(len(hand))))
+        hz = np.fft.rfftfreq(len(t_s), 1 / RATE_HZ)
+        assert hz[spectrum.argmax()] < 2.4 * doer.beat_hz
+    assert np.median(lifted) > 0.08
+    assert any(hopped)
+    assert not all(hopped)
+
+
+@pytest.mark.parametrize("style", ["busy", "sit", "exercise"])
+def test_elbows_never_snap(style):
+    for seed in range(20):
+        _, _, place = seen(style, seed, seconds=10)
+        for side in ("left", "right"):
+            upper = speeds(place[f"{side} upper arm"]).max()
+            assert upper < speeds(place[f"{side} hand"]).max() + 0.5
 
 
 def test_physical_totals_are_those_of_people():

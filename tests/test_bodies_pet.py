@@ -310,8 +310,9 @@ def test_one_that_stays_does_so_where_the_path_begins(species, style):
     path = Path.straight((1.0, 2.0), (1.0, 4.0), 0.5)
     one = pet(0, species=species, style=style, path=path)
     centre, axis, _ = posture(one.build, one.action, one.manner, np.arange(0, 30, 0.5))
-    assert np.abs(centre[:, 0, :2] - [1.0, 2.0]).max() < 0.03
-    assert axis[:, 0, 1].min() > 0.7
+    plays = style == "play"
+    assert np.abs(centre[:, 0, :2] - [1.0, 2.0]).max() < (0.4 if plays else 0.03)
+    assert (axis[:, 0, 1].min() > 0.7) is not plays
 
 
 @pytest.mark.parametrize(
@@ -358,3 +359,21 @@ def test_who_scratches_does_so_with_one_hind_paw_in_bouts(species):
     assert 0.2 < busy.mean() < 0.95
     assert np.delete(speed, leg, axis=1).max() < 1e-9
     assert strongest_hz(paws[:, leg, 2], 0.01) == pytest.approx(one.action.scratch.hz, abs=0.2)
+
+
+@pytest.mark.parametrize("species", ["cat", "dog"])
+def test_who_plays_turns_on_paws_that_stand_in_turn(species):
+    for seed in range(4):
+        one = pet(seed, species=species, style="play")
+        t = np.arange(0, 40, 0.005)
+        stance = one.action.at(t)
+        speed = np.linalg.norm(np.diff(stance.paw_m, axis=0), axis=-1) / 0.005
+        assert speed.max() < 5
+        assert 0.45 < np.mean(speed < 1e-6) < 0.75
+        # Two paws at least carry it most of the time, and each comes down under the trunk.
+        assert np.mean((speed < 1e-6).sum(axis=1) >= 2) > 0.7
+        assert np.ptp(stance.heading_rad) > 1.0
+        assert stance.paw_m[..., 2].min() >= 0
+        away = np.linalg.norm((stance.paw_m - stance.middle_m[:, None])[..., :2], axis=-1)
+        assert away.max() < 1.6 * (one.build.back_m / 2 + one.build.half_track_m)
+        assert one.manner.breath_hz > pet(seed, species=species, style="sit").manner.breath_hz

@@ -15,7 +15,7 @@ from tests.training_helpers import FEATURES, INPUTS, TINY, toy, trained
 from x2train.commands.fit import WIDTHS
 from x2train.evidence_fit import fit_evidence, fused, log_loss, sequences
 from x2train.export import parity, to_onnx
-from x2train.map_bundle import map_metrics, write_map_bundle
+from x2train.map_bundle import HUMAN_LIMIT, PRIOR_HUMAN, TRUST, map_metrics, write_map_bundle
 from x2train.map_fit import logits_of
 from x2train.nets import MapNet, n_parameters
 
@@ -48,6 +48,14 @@ def test_same_seed_same_weights():
     assert a.temperature == b.temperature
     pairs = zip(a.net.parameters(), c.net.parameters(), strict=True)
     assert not all(torch.equal(x, y) for x, y in pairs)
+
+
+def test_half_precision_learns_the_same_and_the_weights_stay_single():
+    network, epochs = trained(replace(TINY, is_half=True))
+    assert epochs[-1].validation_loss < 0.2
+    assert {p.dtype for p in network.net.parameters()} == {torch.float32}
+    unseen = toy(48, seed=2)
+    assert (logits_of(network.net, unseen).argmax(axis=1) == unseen["label"]).all()
 
 
 @pytest.mark.parametrize(("epochs", "n"), [(1, 12), (5, 12), (2, 33), (1, 160)])
@@ -142,6 +150,24 @@ def test_a_network_that_onnxruntime_runs_otherwise_is_not_written(made, tmp_path
     with pytest.raises(RadardError, match="differ by nan"):
         write(tmp_path, made[0], EvidenceSettings(), {})
     assert not list(tmp_path.iterdir())
+
+
+def test_a_bundle_is_shipped_with_less_trust_than_its_own_families_ask_for(made):
+    validation = toy(48, seed=1)
+    shipped, _ = map_metrics(made[0], validation)
+    windows = sequences(
+        logits_of(made[0].net, validation),
+        made[0].temperature,
+        label=validation["label"],
+        passage=validation["passage"],
+        t_s=validation["t_s"],
+    )
+    best = fit_evidence(windows, EvidenceSettings())
+    assert shipped.discount == pytest.approx(TRUST * best.discount, abs=0.006)
+    assert (shipped.prior_human, shipped.human_limit) == (PRIOR_HUMAN["balanced"], HUMAN_LIMIT)
+    other, _ = map_metrics(made[0], validation, PRIOR_HUMAN["accurate"])
+    assert other == replace(shipped, prior_human=PRIOR_HUMAN["accurate"])
+    assert PRIOR_HUMAN.keys() == WIDTHS.keys()
 
 
 def test_metrics_leave_out_what_the_set_cannot_tell(made):

@@ -155,7 +155,17 @@ def test_lost_frames_in_a_recording(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "scene", ["human_busy", "human_search", "human_child", "cat_groom", "dog_scratch"]
+    "scene",
+    [
+        "human_busy",
+        "human_search",
+        "human_child",
+        "human_sit",
+        "human_exercise",
+        "cat_groom",
+        "dog_scratch",
+        "dog_play",
+    ],
 )
 def test_who_moves_in_the_place_of_a_scene_is_seen(scene):
     argv = ("--port", f"sim:{scene}?seed=1", "--speed", "max", "--duration", "8")
@@ -182,9 +192,10 @@ def test_a_real_recording_raises_the_alarm():
     code, records, _ = run_radard("--port", f"replay:{REAL}", "-o", "json")
     assert code == 0
     made = decisions(records)
-    moving = [d["label"] for d in made if 6 <= d["t_s"] <= 68]
-    assert np.mean([label == "human" for label in moving]) >= 0.5
     assert any(d["alarm"] for d in made if d["t_s"] <= 6)
+    # Then it stays on while the body moves; of the head alone that is moved on, bundles differ
+    # (docs/evaluation.md).
+    assert np.mean([d["alarm"] for d in made if 6 <= d["t_s"] <= 22]) >= 0.9
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Training of the map networks: weighted cross-entropy, AdamW, one cycle, temperature after."""
+"""Training of the map networks: weighted cross-entropy, Muon and AdamW, temperature after."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -11,11 +11,11 @@ from torch import nn
 
 from x2train.augment import augmented
 from x2train.nets import MapNet
+from x2train.steps import Stepper
 from x2train.train import Epoch, temperature_of
 
 Arrays = Mapping[str, NDArray[Any]]
 INPUTS = ("velocity_time", "range_time")
-_RISE = 0.2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,10 +28,12 @@ class MapFitSettings:
         Passes over the windows.
     batch : int
         Windows a step.
-    learning_rate : float
-        Greatest of the one cycle.
-    weight_decay : float
-        Of AdamW.
+    learning_rate, matrix_rate : float
+        Greatest of the one cycle, of AdamW and of Muon; see `Stepper`.
+    weight_decay, matrix_decay : float
+        Of AdamW and of Muon.
+    dropout : float
+        Of what decides.
     smoothing : float
         Of the labels.
     widths : tuple of int
@@ -42,17 +44,23 @@ class MapFitSettings:
         Of weights, order and augmentation.
     threads : int
         Of torch; the same number, the same weights.
+    is_half : bool
+        Whether layers compute in bfloat16; weights stay in single precision.
     """
 
     epochs: int = 12
     batch: int = 128
     learning_rate: float = 4e-3
+    matrix_rate: float = 0.06
     weight_decay: float = 2e-3
+    matrix_decay: float = 1e-2
+    dropout: float = 0.05
     smoothing: float = 0.01
     widths: tuple[int, int, int, int] = (16, 24, 28, 28)
     hidden: int = 48
     seed: int = 0
     threads: int = 1
+    is_half: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,19 +94,24 @@ def fit_maps(
     maps = [torch.from_numpy(train[name]) for name in INPUTS]
     labels = torch.from_numpy(np.asarray(train["label"], np.int64))
     net = MapNet(
-        maps[0].shape[1], maps[1].shape[1], widths=settings.widths, hidden=settings.hidden
+        maps[0].shape[1],
+        maps[1].shape[1],
+        widths=settings.widths,
+        hidden=settings.hidden,
+        dropout=settings.dropout,
     )
     net.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
     counts = torch.bincount(labels, minlength=3).float()
     error = nn.CrossEntropyLoss(
         weight=counts.sum() / (3 * counts.clamp(min=1)), label_smoothing=settings.smoothing
     )
-    optimiser = torch.optim.AdamW(net.parameters(), weight_decay=settings.weight_decay)
-    n_steps = settings.epochs * -(-len(labels) // settings.batch)
-    # OneCycleLR divides by zero where the rise is one step long.
-    rise = _RISE if n_steps * _RISE != 1 else 1.5 * _RISE
-    cycle = torch.optim.lr_scheduler.OneCycleLR(
-        optimiser, settings.learning_rate, total_steps=n_steps, pct_start=rise
+    stepper = Stepper(
+        net,
+        settings.epochs * -(-len(labels) // settings.batch),
+        rate=settings.learning_rate,
+        matrix_rate=settings.matrix_rate,
+        weight_decay=settings.weight_decay,
+        matrix_decay=settings.matrix_decay,
     )
     for number in range(1, settings.epochs + 1):
         net.train()
@@ -106,11 +119,10 @@ def fit_maps(
         for part in torch.split(torch.randperm(len(labels), generator=rng), settings.batch):
             velocity, ranges = (m[part].float() / 255 for m in maps)
             batch = augmented(velocity, ranges, rng)
-            loss = error(net(*batch), labels[part])
-            optimiser.zero_grad()
-            loss.backward()
-            optimiser.step()
-            cycle.step()
+            with torch.autocast("cpu", torch.bfloat16, enabled=settings.is_half):
+                answers = net(*batch)
+            loss = error(answers.float(), labels[part])
+            stepper.step(loss)
             total += loss.item() * len(part)
         logits = logits_of(net, validation)
         score = _cross_entropy(logits, np.asarray(validation["label"]))

@@ -48,6 +48,8 @@ class MapNet(nn.Module):
         Channels behind the junction.
     n_out : int
         Classes.
+    dropout : float
+        Of what decides, in training.
     """
 
     def __init__(
@@ -58,6 +60,7 @@ class MapNet(nn.Module):
         widths: tuple[int, int, int, int] = (16, 24, 28, 28),
         hidden: int = 48,
         n_out: int = 3,
+        dropout: float = 0.05,
     ) -> None:
         super().__init__()
         self.velocity = _branch(widths) if n_velocity else None
@@ -65,7 +68,7 @@ class MapNet(nn.Module):
         rows = sum(_strided(n) for n in (n_velocity, n_range) if n)
         self.junction = _block(nn.Conv1d(widths[-1] * rows, hidden, 1, bias=False))
         self.mix = _block(nn.Conv1d(hidden, hidden, 3, padding=1, bias=False))
-        self.out = nn.Sequential(nn.Dropout(0.25), nn.Linear(2 * hidden, n_out))
+        self.out = nn.Sequential(nn.Dropout(dropout), nn.Linear(2 * hidden, n_out))
 
     def forward(self, *maps: torch.Tensor) -> torch.Tensor:
         """Return logits, shape (n, n_out), of maps, each of shape (n, rows, n_cells)."""

@@ -51,7 +51,7 @@ class Family:
         return self.label == "other" or self.options.get("style") in _STAYING
 
 
-_STAYING = {"stand", "busy", "sit", "lie", "pant", "groom", "scratch", "jump"}
+_STAYING = {"stand", "busy", "exercise", "sit", "lie", "pant", "groom", "scratch", "play", "jump"}
 _PEOPLE = {
     "walk": 4.0,
     "stroll": 2.5,
@@ -66,6 +66,8 @@ _PEOPLE = {
     "child_run": 0.8,
     "busy": 1.2,
     "search": 1.0,
+    "sit": 1.0,
+    "exercise": 0.8,
 }
 _PEOPLE_HELD_OUT = {"stealth": 1.5, "crawl": 1.5, "toddler": 1.0, "carry_pet": 0.5}
 _DOGS = {
@@ -81,6 +83,7 @@ _DOGS = {
     "pant": 0.3,
     "groom": 0.4,
     "scratch": 0.4,
+    "play": 0.6,
     "jump": 0.5,
 }
 _CATS = {
@@ -94,6 +97,7 @@ _CATS = {
     "lie": 0.3,
     "groom": 0.8,
     "scratch": 0.3,
+    "play": 0.5,
     "jump": 1.0,
 }
 _LARGE_DOG_KG = 55
@@ -155,7 +159,7 @@ def draw_family(rng: np.random.Generator, label: Label, use: Use) -> Family:
 
 
 PAIRS: Mapping[tuple[Label, Label], float] = {
-    ("human", "pet"): 0.20,
+    ("human", "pet"): 0.45,
     ("human", "other"): 0.16,
     ("pet", "pet"): 0.12,
     ("pet", "other"): 0.14,

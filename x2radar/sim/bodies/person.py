@@ -15,6 +15,8 @@ from x2radar.sim.bodies.path import Path
 from x2radar.sim.bodies.person_build import NAMES, TRUNK, Age, PersonBuild, draw_person_build
 from x2radar.sim.bodies.person_busy import Busy
 from x2radar.sim.bodies.person_crawl import Crawling
+from x2radar.sim.bodies.person_doing import Doer
+from x2radar.sim.bodies.person_exercise import Exercise
 from x2radar.sim.bodies.person_gait import (
     FASTEST_WALK,
     STYLES,
@@ -23,7 +25,8 @@ from x2radar.sim.bodies.person_gait import (
     crawling_gait,
     gait_of,
 )
-from x2radar.sim.bodies.person_posture import Hips, Soles, upright
+from x2radar.sim.bodies.person_posture import Hips, Soles, moved, upright
+from x2radar.sim.bodies.person_seat import Seated
 from x2radar.sim.bodies.segments import SegmentRcs, TotalRcs
 from x2radar.sim.points import Label, Points
 
@@ -89,8 +92,8 @@ class OnFeet:
         Duty factor at that speed.
     sway : Wander
         Postural sway in x, y, z, in metres, and turn and nod of the head, in radians.
-    busy : Busy or None
-        What the hands and the trunk do where the feet stand.
+    doer : Doer or None
+        What it does where the feet stand.
     """
 
     path: Path
@@ -100,7 +103,7 @@ class OnFeet:
     cruise_mps: float
     duty: float
     sway: Wander
-    busy: Busy | None = None
+    doer: Doer | None = None
 
     def posture(self, t_s: Array) -> Posture:
         """Return middles, axes and side vectors; see `Action`."""
@@ -118,24 +121,26 @@ class OnFeet:
         ahead = sway[:, 0] - c.surge_m * vigour * np.sin(4 * np.pi * middle_stance)
         aside = c.sway_m * vigour * np.cos(2 * np.pi * middle_stance) + sway[:, 1]
         bend, lean = np.full(len(t_s), c.bend), np.full(len(t_s), c.lean_rad)
-        doing = self.busy.at(t_s, vigour) if self.busy else None
+        heading, up, look = state.heading_rad, sway[:, 2], sway[:, 3:5]
+        doing = self.doer.at(t_s, vigour) if self.doer else None
         if doing:
-            bend, lean = bend + doing.crouch, lean + doing.lean_rad
+            bend, lean, look = bend + doing.crouch, lean + doing.lean_rad, look + doing.look_rad
             ahead, aside = ahead + doing.shift_m[:, 0], aside + doing.shift_m[:, 1]
-        heading = state.heading_rad
+            up = up + doing.shift_m[:, 2]
+            soles = moved(soles, heading, doing.feet_m)
         cos, sin = np.cos(heading), np.sin(heading)
         height = b.ankle_m + (1 - bend) * straight + c.bob_m * vigour * bob
         middle = np.stack(
             [
                 state.x_m - aside * sin + ahead * cos,
                 state.y_m + aside * cos + ahead * sin,
-                height + sway[:, 2],
+                height + up,
             ],
             axis=-1,
         )
         swing = np.cos(2 * np.pi * strides)
         hips = Hips(middle, heading, -c.yaw_rad * vigour * swing, vigour, swing, lean)
-        return upright(b, c, hips, soles, sway[:, 3:5], doing=doing)
+        return upright(b, c, hips, soles, look, doing=doing)
 
     @property
     def _rate_hz(self) -> float:
@@ -319,8 +324,16 @@ def _on_feet(
         cruise,
         float(gait.duty(np.array([cruise]))[0]),
         Wander.draw(rng, limits, np.array([0.012, 0.010, 0.003, 0.10, 0.05])),
-        Busy.draw(rng) if kind.is_busy else None,
+        _doer(rng, kind.does, build.leg_m),
     )
+
+
+def _doer(rng: np.random.Generator, does: str, leg_m: float) -> Doer | None:
+    if does == "sit":
+        return Seated.draw(rng, leg_m)
+    if does == "exercise":
+        return Exercise.draw(rng, leg_m)
+    return Busy.draw(rng) if does else None
 
 
 def _speed_mps(

@@ -8,6 +8,7 @@ support 0.752 periods - 0.143 s. Running: strides of 1.3 to 1.6 a second, with a
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,8 +92,8 @@ class PersonStyle:
         speed up to it; otherwise they are as the carriage says at any speed.
     age : {'adult', 'child', 'toddler'}
         Of those who do it.
-    is_busy : bool
-        Whether the hands and the trunk move where the feet stand.
+    does : {'', 'busy', 'sit', 'exercise'}
+        What is done where the feet stand, besides breathing and swaying.
     """
 
     sentence: str
@@ -103,7 +104,7 @@ class PersonStyle:
     stops: bool = False
     grows: bool = False
     age: Age = "adult"
-    is_busy: bool = False
+    does: Literal["", "busy", "sit", "exercise"] = ""
 
 
 STYLES: Mapping[str, PersonStyle] = MappingProxyType(
@@ -192,13 +193,15 @@ STYLES: Mapping[str, PersonStyle] = MappingProxyType(
         ),
         "stop_and_go": PersonStyle("goes, stops and goes on", (0.5, 1.3), stops=True, grows=True),
         "stand": PersonStyle("stands and breathes", None),
-        "busy": PersonStyle("stands and reaches, bends and turns", None, is_busy=True),
+        "busy": PersonStyle("stands and reaches, bends and turns", None, does="busy"),
+        "sit": PersonStyle("sits, looks about and uses the hands", None, does="sit"),
+        "exercise": PersonStyle("exercises or dances in one place", None, does="exercise"),
         "search": PersonStyle(
             "goes from place to place and searches each",
             (0.4, 1.2),
             stops=True,
             grows=True,
-            is_busy=True,
+            does="busy",
         ),
     }
 )

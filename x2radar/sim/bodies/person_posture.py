@@ -5,7 +5,7 @@ over it in the last third of the stance, so the ankle is still from foot-flat to
 and elbows follow by two-link inverse kinematics, knees bending forward and elbows backward.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from x2radar.sim.bodies.feet import FootState
 from x2radar.sim.bodies.flight import smooth_step
 from x2radar.sim.bodies.person_build import ARMS, LEGS, NAMES, TRUNK_AT, PersonBuild
-from x2radar.sim.bodies.person_busy import Doing
+from x2radar.sim.bodies.person_doing import Doing
 from x2radar.sim.bodies.person_gait import Carriage
 
 Array = NDArray[np.float64]
@@ -38,6 +38,14 @@ class Soles:
 
     state: FootState
     duty: Array
+
+
+def moved(soles: Soles, heading_rad: Array, feet_m: Array) -> Soles:
+    """Return feet moved ahead, to the left and up, shape (n_slow, 2, 3), in metres."""
+    cos, sin = np.cos(heading_rad)[:, None], np.sin(heading_rad)[:, None]
+    ahead, left, up = np.moveaxis(feet_m, -1, 0)
+    by = np.stack([ahead * cos - left * sin, ahead * sin + left * cos, up], axis=-1)
+    return replace(soles, state=replace(soles.state, position_m=soles.state.position_m + by))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -147,7 +155,7 @@ def _arms(
         wrist = elbow + b.forearm_m * fore
         if doing:
             wrist += doing.share[:, None] * (_at_work(b, doing, shoulder, left, side) - wrist)
-            shoulder, elbow = _elbow(b, shoulder, wrist, left)
+            shoulder, elbow = _elbow(b, shoulder, wrist, left, sign)
             upper, fore = (elbow - shoulder) / b.upper_arm_m, (wrist - elbow) / b.forearm_m
         k = 3 * side
         centre[:, k], axis[:, k] = 0.5 * (shoulder + elbow), upper
@@ -163,9 +171,24 @@ def _at_work(b: PersonBuild, doing: Doing, shoulder: Array, left: Array, side: i
     return np.asarray(shoulder + along * ahead + outward * left + up * np.array([0.0, 0.0, 1.0]))
 
 
-def _elbow(b: PersonBuild, shoulder: Array, wrist: Array, left: Array) -> tuple[Array, Array]:
-    """Return shoulder and elbow of an arm whose wrist is given; elbows bend back and down."""
-    away = np.stack([-left[:, 1], left[:, 0], np.full(len(left), -1.0)], axis=-1)
+def _elbow(
+    b: PersonBuild, shoulder: Array, wrist: Array, left: Array, sign: float
+) -> tuple[Array, Array]:
+    """Return shoulder and elbow of an arm whose wrist is given.
+
+    Before the body elbows point down. For other directions of the arm that goes along with the
+    shortest turn: back where the arm hangs, ahead where it is raised, and smooth everywhere but
+    for an arm into one's own back.
+    """
+    ahead = np.stack([left[:, 1], -left[:, 0], left[:, 2]], axis=-1)
+    up = np.array([0.0, 0.0, 1.0])
+    fore = ahead + (0.4 * sign) * left - 0.3 * up
+    fore /= np.sqrt((fore * fore).sum(axis=-1, keepdims=True))
+    down = -up + fore[:, 2:] * fore
+    arm = wrist - shoulder
+    arm /= np.maximum(np.sqrt((arm * arm).sum(axis=-1, keepdims=True)), 1e-6)
+    cosine = np.maximum(1.0 + (fore * arm).sum(axis=-1, keepdims=True), 1e-6)
+    away = down - (down * arm).sum(axis=-1, keepdims=True) / cosine * (fore + arm)
     limb = shoulder[:, None], wrist[:, None]
     top, elbow = two_links(*limb, b.upper_arm_m, b.forearm_m, away[:, None])
     return top[:, 0], elbow[:, 0]

@@ -11,7 +11,7 @@ from x2radar.errors import SceneError
 from x2radar.sim.bodies.courses import off_wall
 from x2radar.sim.bodies.path import Agility, Path
 from x2radar.sim.bodies.pet_build import Species, draw_build, draw_manner
-from x2radar.sim.bodies.pet_place import STANDING, draw_jumping, draw_staying
+from x2radar.sim.bodies.pet_place import STANDING, draw_jumping, draw_playing, draw_staying
 from x2radar.sim.bodies.quadruped import Action, Quadruped, posture
 from x2radar.sim.bodies.quadruped_actions import Going
 from x2radar.sim.bodies.quadruped_build import NAMES, TRUNK, QuadrupedBuild
@@ -68,6 +68,7 @@ PET_STYLES: Mapping[str, PetStyle] = MappingProxyType(
         "pant": PetStyle("lies and pants", 1, species=("dog",)),
         "groom": PetStyle("sits and licks its coat", 1),
         "scratch": PetStyle("sits and scratches itself with a hind paw", 1),
+        "play": PetStyle("turns, hops, bows and shakes itself on the spot", 1),
         "jump": PetStyle("jumps onto furniture, stays, and jumps down", 1),
     }
 )
@@ -131,6 +132,8 @@ def draw_pet(
     begin, end = course.start_s, course.end_s
     if style == "jump":
         action, end = draw_jumping(rng, build, course, is_cat=species == "cat")
+    elif style == "play":
+        action, begin, end = draw_playing(rng, build, course), 0.0, 40.0
     elif PET_STYLES[style].froude is None:
         action, begin, end = draw_staying(rng, build, style, course), 0.0, 40.0
     else:

@@ -113,7 +113,7 @@ def draw_manner(
     """
     is_cat, u = species == "cat", rng.uniform(0.0, 1.0, 8)
     sits = style in {"sit", "groom", "scratch"}
-    stays = sits or style in {"stand", "lie", "pant"}
+    stays = sits or style in {"stand", "lie", "pant", "play"}
     neck = 0.15 + 0.35 * u[0] if is_cat else 0.35 + 0.6 * u[0]
     if style in {"stalk", "lie", "pant"}:
         neck = 0.4 * u[0] + (0.2 if style == "pant" else -0.1)
@@ -138,7 +138,9 @@ def draw_manner(
         wag_lag_rad=lag,
         bout=Wander.draw(rng, np.ones(1), np.full(1, 0.4)),
         wag_above=-2.0 if is_cat else lazy + 0.6 * float(u[4] - 0.5),
-        breath_hz=_breaths_hz(build.mass_kg, u[5], style, is_cat=is_cat, goes=not stays),
+        breath_hz=_breaths_hz(
+            build.mass_kg, u[5], style, is_cat=is_cat, goes=not stays or style == "play"
+        ),
         breath_m=float(
             (0.0005 if style == "pant" else 0.0011) * build.mass_kg**0.33 * (0.7 + 0.6 * u[6])
         ),

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from x2radar.sim.bodies.flight import Wander
 from x2radar.sim.bodies.path import Path
 from x2radar.sim.bodies.quadruped import Stance
-from x2radar.sim.bodies.quadruped_actions import Scratch, Staying
+from x2radar.sim.bodies.quadruped_actions import Romping, Scratch, Staying
 from x2radar.sim.bodies.quadruped_build import QuadrupedBuild
 from x2radar.sim.bodies.quadruped_gait import LEGS
 from x2radar.sim.bodies.quadruped_jump import Jumping, Leap
@@ -24,6 +24,14 @@ _POSTURES = {
     "lie": (0.30, 0.28, 0.05, 0.04, 1.4),
 }
 
+_POSTURE_OF = {
+    "pant": "lie",
+    "jump": "stand",
+    "play": "stand",
+    "groom": "sit",
+    "scratch": "sit",
+}
+
 
 def draw_staying(
     rng: np.random.Generator, build: QuadrupedBuild, style: str, path: Path
@@ -36,9 +44,9 @@ def draw_staying(
         The sway of the trunk and the places of the paws come from it.
     build : QuadrupedBuild
         Sizes.
-    style : {'stand', 'sit', 'lie', 'pant', 'groom', 'scratch', 'jump'}
+    style : {'stand', 'sit', 'lie', 'pant', 'groom', 'scratch', 'jump', 'play'}
         The posture; one that pants lies, one that grooms or scratches sits, one that jumps
-        stands first.
+        or plays stands first.
     path : Path
         Where.
 
@@ -47,7 +55,7 @@ def draw_staying(
     Staying
         The action.
     """
-    name = {"pant": "lie", "jump": "stand", "groom": "sit", "scratch": "sit"}.get(style, style)
+    name = _POSTURE_OF.get(style, style)
     height, hind, fore, pitch, spread = _POSTURES[name]
     h = build.hip_m
     start = path.at(np.array([path.start_s - 1.0]))
@@ -90,6 +98,44 @@ def _scratch(rng: np.random.Generator, build: QuadrupedBuild) -> Scratch:
         stroke_m=(0.05 + 0.05 * u[2]) * h,
         hz=float(8.0 - 4.0 * u[3]),
         bout=Wander.draw(rng, np.ones(1), np.full(1, 0.5)),
+    )
+
+
+def draw_playing(rng: np.random.Generator, build: QuadrupedBuild, path: Path) -> Romping:
+    """Draw an animal that plays where a path begins.
+
+    How fast it turns and hops is a guess; it shakes itself 4 to 5 times a second, small ones
+    faster (Dickerson et al. 2012, recalled: the frequency goes with mass to the power -0.22).
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+        Everything random comes from it.
+    build : QuadrupedBuild
+        Sizes.
+    path : Path
+        Where.
+
+    Returns
+    -------
+    Romping
+        The action.
+    """
+    standing = draw_staying(rng, build, "play", path)
+    u, h, lively = rng.random(6), build.hip_m, float(np.exp(rng.uniform(-0.7, 0.7)))
+    limits = np.array([0.6 * h, 0.6 * h, 2.0, 0.12])
+    return Romping(
+        stance=standing.stance,
+        wander=Wander.draw(rng, limits, lively * np.array([0.5 * h, 0.5 * h, 0.9, 0.25])),
+        step_hz=float(1.0 + 2.0 * u[0]),
+        lift_m=float(0.08 + 0.22 * u[1]) * h,
+        # Diagonal paws nearly together.
+        offset=(0.0, 0.5 + 0.2 * u[2], 0.5, 0.2 * u[2]),
+        bounce_m=float(0.01 + 0.06 * u[3]) * h,
+        bow_rad=float(0.3 + 0.3 * u[4]),
+        shake_m=float(0.01 + 0.015 * u[5]) * h,
+        shake_hz=float(np.clip(9.4 * build.mass_kg**-0.22, 3.5, 8.0)),
+        bout=Wander.draw(rng, np.ones(2), np.full(2, 0.5)),
     )
 
 

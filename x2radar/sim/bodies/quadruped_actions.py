@@ -177,6 +177,93 @@ class Staying:
         )
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Romping:
+    """Playing on the spot: turning, hopping from foot to foot, bowing, shaking itself.
+
+    Attributes
+    ----------
+    stance : Stance
+        Where it stands at first, for one time.
+    wander : Wander
+        Offsets of the trunk in x and y, in metres, of its heading and its pitch, in radians.
+    step_hz, lift_m : float
+        How often each paw steps, and how high.
+    offset : tuple of float
+        When each paw steps, in steps.
+    bounce_m : float
+        Amplitude of the trunk's bounce, twice a step.
+    bow_rad : float
+        How far the front goes down where it bows.
+    shake_m, shake_hz : float
+        Amplitude and frequency of the trunk where it shakes itself.
+    bout : Wander
+        Bowing, shaking: each happens where its number, -1 to 1, is above 0.4.
+    """
+
+    stance: Stance
+    wander: Wander
+    step_hz: float
+    lift_m: float
+    offset: tuple[float, ...]
+    bounce_m: float
+    bow_rad: float
+    shake_m: float
+    shake_hz: float
+    bout: Wander
+
+    def at(self, t_s: Array) -> Stance:
+        """Return where trunk and paws are; see `Action`."""
+        s, n = self.stance, len(t_s)
+        w, bout = self.wander.at(t_s), self.bout.at(t_s)
+        bows, shakes = smooth_step((bout - 0.2) / 0.4).T
+        turn = 2.0 * np.pi * t_s
+        heading = s.heading_rad + w[:, 2]
+        shake = shakes * self.shake_m * np.sin(self.shake_hz * turn)
+        bounce = (1.0 - shakes) * self.bounce_m * np.cos(2.0 * self.step_hz * turn)
+        bow = bows * self.bow_rad
+        girdle = float(np.hypot(*(s.paw_m[0, 1] - s.middle_m[0])[:2]))
+        middle = s.middle_m + np.stack(
+            [
+                w[:, 0] - shake * np.sin(heading),
+                w[:, 1] + shake * np.cos(heading),
+                bounce - girdle * 0.5 * np.sin(bow),
+            ],
+            axis=-1,
+        )
+        return Stance(
+            middle_m=middle,
+            heading_rad=heading,
+            pitch_rad=s.pitch_rad + w[:, 3] - bow,
+            paw_m=np.stack([self._paw(k, t_s) for k in range(4)], axis=1),
+            nod=np.zeros(n),
+            turn_rad_s=np.zeros(n),
+        )
+
+    def _paw(self, leg: int, t_s: Array) -> Array:
+        """Return where a paw is, shape (n_slow, 3): it steps to where the trunk will be."""
+        steps = t_s * self.step_hz + self.offset[leg]
+        number = np.floor(steps)
+        # The second half of a step is a swing.
+        swing = np.clip(2.0 * (steps - number) - 1.0, 0.0, 1.0)
+        here, there = (
+            self._under(leg, (number + k - self.offset[leg]) / self.step_hz) for k in (0.25, 1.25)
+        )
+        place = here + smooth_step(swing)[:, None] * (there - here)
+        place[:, 2] += self.lift_m * np.sin(np.pi * swing) ** 2
+        return place
+
+    def _under(self, leg: int, t_s: Array) -> Array:
+        s, w = self.stance, self.wander.at(t_s)
+        home = s.paw_m[0, leg] - s.middle_m[0]
+        cos, sin = np.cos(w[:, 2]), np.sin(w[:, 2])
+        x, y = s.middle_m[0, 0] + w[:, 0], s.middle_m[0, 1] + w[:, 1]
+        return np.stack(
+            [x + cos * home[0] - sin * home[1], y + sin * home[0] + cos * home[1], 0.0 * x],
+            axis=-1,
+        )
+
+
 def _between(a: float, b: float) -> float:
     """Return the stride phase half-way between two legs' landings, the short way round."""
     return a + 0.5 * ((b - a + 0.5) % 1.0 - 0.5)
