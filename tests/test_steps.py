@@ -1,77 +1,186 @@
-"""Steps of training: who steers which weights, and whether they go downhill."""
-
+import numpy as np
 import pytest
-import torch
-from torch import nn
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from x2train.nets import MapNet
-from x2train.steps import Stepper
-
-RATES = {"rate": 1e-2, "matrix_rate": 2e-2, "weight_decay": 0.0, "matrix_decay": 0.0}
-
-
-def net_of(last=True):
-    torch.manual_seed(0)
-    net = MapNet(24, 20, widths=(4, 6, 8, 8), hidden=8)
-    return net.to(memory_format=torch.channels_last if last else torch.contiguous_format)
+from radard.dsp.columns import ColumnStore
+from radard.dsp.steps import StepBuffer, blocks, whole
+from radard.errors import FeatureError
+from tests.dsp_helpers import under_clutter
+from tests.radar_helpers import noise
 
 
-def loss_of(net):
-    rng = torch.Generator().manual_seed(1)
-    maps = torch.rand(16, 24, 12, generator=rng), torch.rand(16, 20, 12, generator=rng)
-    return nn.functional.cross_entropy(net(*maps), torch.arange(16) % 3)
+def steps_of(frames, valid=None, *, n_block=64):
+    """All steps of a record as complex128, and the flags."""
+    frames = np.asarray(frames)
+    buffer = StepBuffer(len(frames), n_block)
+    for part, flags in blocks(frames, valid, n_block):
+        buffer.push(part, flags)
+    rows = buffer.rows(len(frames)).astype(np.float64)
+    return rows[:, : buffer.n_range] + 1j * rows[:, buffer.n_range :], buffer.flags(len(frames))
 
 
-@pytest.mark.parametrize("last", [True, False])
-def test_every_weight_moves_and_the_loss_falls(last):
-    net = net_of(last)
-    before = {name: p.detach().clone() for name, p in net.named_parameters()}
-    stepper = Stepper(net, 30, **RATES)
-    losses = []
-    for _ in range(30):
-        loss = loss_of(net)
-        losses.append(loss.item())
-        stepper.step(loss)
-    assert losses[-1] < 0.3 * losses[0]
-    for name, p in net.named_parameters():
-        assert not torch.equal(p, before[name]), name
+@pytest.mark.parametrize("clutter_db", [60, 100, 140])
+def test_steps_under_clutter_are_exact(clutter_db):
+    frames = under_clutter(noise(30, 16), clutter_db)
+    ours, _ = steps_of(frames)
+    exact = np.diff(frames.astype(np.complex128), axis=0)
+    # A bin whose clutter is not far over the motion may round once.
+    assert np.abs(ours[1:] - exact).max() <= 6e-8 * np.abs(exact).max()
+    assert not ours[0].any()
 
 
-def test_a_matrix_goes_the_same_way_whatever_the_order_of_its_memory():
-    went = []
-    for last in (True, False):
-        net = net_of(last)
-        before = net.range[2][0].weight.detach().clone()
-        stepper = Stepper(net, 10, **RATES)
-        stepper.step(loss_of(net))
-        went.append((net.range[2][0].weight.detach() - before).flatten())
-    # Muon's iteration is in half precision.
-    assert torch.cosine_similarity(*went, dim=0) > 0.99
+WIDTHS = ["<c8", ">c8", "<c16", ">c16", "<f4", ">f4", "<f8", "<f2", ">f2", "<i2", ">i2", "<i4"]
 
 
-def test_all_directions_of_a_matrix_learn_equally_fast():
-    net = nn.Linear(64, 16, bias=False)
-    before = net.weight.detach().clone()
-    stepper = Stepper(net, 10, **RATES)
-    x = torch.randn(200, 64, generator=torch.Generator().manual_seed(0)) * torch.logspace(
-        -2, 0, 64
-    )
-    rate = stepper.rates[-1]
-    stepper.step((net(x) ** 2).mean())
-    went = torch.linalg.svdvals(net.weight.detach() - before) / rate
-    assert went.max() / went.min() < 3
-    assert 0.5 < went.median() < 1.5
+@pytest.mark.parametrize("dtype", WIDTHS)
+@pytest.mark.parametrize("strided", [False, True])
+def test_any_number_format(dtype, strided):
+    rng = np.random.default_rng(3)
+    values = rng.integers(-1000, 1000, (20, 8)).astype(np.float64)
+    if np.dtype(dtype).kind == "c":
+        values = values + 1j * rng.integers(-1000, 1000, (20, 8))
+    frames = values.astype(dtype)
+    if strided:
+        wide = np.zeros((40, 24), dtype)
+        wide[::2, 1::3] = frames
+        frames = wide[::2, 1::3]
+    ours, _ = steps_of(frames)
+    assert np.array_equal(ours[1:], np.diff(values, axis=0))
 
 
-def test_one_cycle_rises_and_ends_near_nothing():
-    net = net_of()
-    stepper = Stepper(net, 20, **RATES)
-    rates = []
-    for _ in range(20):
-        rates.append(tuple(stepper.rates))
-        stepper.step(loss_of(net))
-    adam, muon = zip(*rates, strict=True)
-    assert max(adam) == pytest.approx(RATES["rate"])
-    assert max(muon) == pytest.approx(RATES["matrix_rate"])
-    assert adam.index(max(adam)) == muon.index(max(muon)) in (3, 4)
-    assert adam[-1] < 1e-3 * max(adam)
+def test_wide_integers_do_not_wrap():
+    ours, _ = steps_of(np.array([[-32768], [32767]], np.int16))
+    assert ours[1, 0] == 65535
+
+
+def test_double_precision_is_rounded_after_the_difference():
+    frames = (1e9 + np.arange(4.0))[:, None] + 0j
+    assert np.array_equal(steps_of(frames)[0][1:, 0], np.ones(3))
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, complex(0, np.nan), 2e38])
+@pytest.mark.parametrize("at", [0, 1, 5, 9])
+@pytest.mark.parametrize("n_block", [1, 3, 64])
+def test_an_unusable_frame_is_a_lost_frame(bad, at, n_block):
+    frames = noise(10, 4)
+    hurt = frames.copy()
+    hurt[at, 2] = bad
+    ours, flags = steps_of(hurt, n_block=n_block)
+    assert np.array_equal(flags, np.arange(10) != at)
+    valid = np.ones(10, np.bool_)
+    valid[at] = False
+    said, _ = steps_of(frames, valid, n_block=n_block)
+    assert np.array_equal(ours, said)
+    assert np.isfinite(ours).all()
+    # Together the steps lead from the first good frame to the last.
+    first, last = int(at == 0), 9 - int(at == 9)
+    total = frames[last].astype(np.complex128) - frames[first]
+    assert np.allclose(ours.sum(axis=0), total, atol=1e-5)
+
+
+def test_nothing_good_stands_still():
+    ours, flags = steps_of(np.full((5, 3), np.nan))
+    assert not ours.any()
+    assert not flags.any()
+
+
+def test_levels_at_the_ends_of_float32():
+    tiny = np.arange(6, dtype=np.float32)[:, None] * np.float32(1e-45)
+    assert np.array_equal(steps_of(tiny)[0][1:, 0], np.full(5, np.float32(1e-45)))
+    huge = np.array([[9e37], [-9e37], [9e37]], np.float32)
+    ours, flags = steps_of(huge)
+    assert flags.all()
+    assert np.allclose(ours[1:, 0], [-1.8e38, 1.8e38])
+
+
+@settings(deadline=None, derandomize=True, max_examples=60)
+@given(data=st.data())
+def test_any_cut_gives_the_same_steps(data):
+    frames = noise(50, 3, seed=data.draw(st.integers(0, 99)))
+    valid = np.random.default_rng(data.draw(st.integers(0, 99))).random(50) < 0.6
+    wanted, _ = steps_of(frames, valid)
+    buffer = StepBuffer(5, 7)
+    cuts = np.random.default_rng(data.draw(st.integers(0, 99)))
+    at, got = 0, []
+    while at < 50:
+        n = int(cuts.integers(1, 8))
+        for part, flags in blocks(frames[at : at + n], valid[at : at + n], 7):
+            buffer.push(part, flags)
+            got.append(buffer.rows(len(part)).copy())
+        at += n
+        assert buffer.n_frames == min(at, 50)
+    rows = np.concatenate(got).astype(np.float64)
+    assert np.array_equal(rows[:, :3] + 1j * rows[:, 3:], wanted)
+
+
+def test_history_reaches_back_over_pushes():
+    frames = noise(400, 2)
+    wanted, _ = steps_of(frames)
+    buffer = StepBuffer(9, 4)
+    for k in range(0, 400, 4):
+        buffer.push(frames[k : k + 4])
+        n = min(k + 4, 13)
+        rows = buffer.rows(n).astype(np.float64)
+        assert np.array_equal(rows[:, :2] + 1j * rows[:, 2:], wanted[k + 4 - n : k + 4])
+
+
+def test_restart_forgets_and_takes_another_width():
+    buffer = StepBuffer(3, 4)
+    buffer.push(noise(4, 5))
+    with pytest.raises(FeatureError, match="6 bins in a stream of 5"):
+        buffer.push(noise(1, 6))
+    buffer.restart()
+    buffer.push(noise(4, 6))
+    assert not buffer.rows(4)[0].any()
+    assert buffer.n_frames == 4
+
+
+@pytest.mark.parametrize(
+    ("frames", "valid", "says"),
+    [
+        (np.zeros((2, 3, 4)), None, "no record"),
+        (np.zeros((2, 0)), None, "no record"),
+        (np.array([["a", "b"]]), None, "no record"),
+        (np.zeros((3, 4), np.bool_), None, "no record"),
+        (np.zeros((3, 4)), [True, False], "2 flags"),
+    ],
+)
+def test_what_is_no_record(frames, valid, says):
+    with pytest.raises(FeatureError, match=says):
+        list(blocks(frames, valid, 8))
+
+
+@settings(deadline=None, derandomize=True, max_examples=60)
+@given(
+    valid=st.lists(st.booleans(), min_size=6, max_size=40),
+    n_cpi=st.integers(2, 6),
+    stride=st.integers(1, 5),
+)
+def test_whole_by_definition(valid, n_cpi, stride):
+    flags = np.array(valid)
+    wanted = [flags[i : i + n_cpi].all() for i in range(0, len(flags) - n_cpi + 1, stride)]
+    assert np.array_equal(whole(flags, n_cpi, stride), wanted)
+
+
+@settings(deadline=None, derandomize=True, max_examples=60)
+@given(sizes=st.lists(st.integers(0, 12), max_size=30), n_keep=st.integers(1, 9))
+def test_column_store_keeps_the_last(sizes, n_keep):
+    store = ColumnStore(n_keep)
+    said = np.zeros(0)
+    for n in sizes:
+        new = len(said) + np.arange(n, dtype=np.float64)
+        store.append(new[:, None] * [1, 10], new % 2 == 0)
+        said = np.concatenate([said, new])
+        columns, flags = store.last(None)
+        if len(said):
+            assert np.array_equal(columns[:, 1], 10 * said[-n_keep:])
+            assert np.array_equal(flags, said[-n_keep:] % 2 == 0)
+    assert len(store) == min(len(said), n_keep)
+    with pytest.raises(FeatureError, match="columns wanted"):
+        store.last(n_keep + 1)
+
+
+def test_column_store_of_nothing():
+    with pytest.raises(FeatureError, match="n_keep 0"):
+        ColumnStore(0)

@@ -34,7 +34,7 @@ def bundle(tmp_path_factory):
     sets = folder / "sets"
     small = ["--passages", "30", "--families", "all", "--workers", "1"]
     assert main(["dataset", "--out", str(sets), "--seed", "1", *small]) == 0
-    fit = ["fit", "--train", str(sets), "--validate", str(sets), "--epochs", "1"]
+    fit = ["fit", "--half", "--train", str(sets), "--validate", str(sets), "--epochs", "1"]
     out = ["--name", "tiny", "--size", "fast", "--out", str(folder / "models")]
     assert main([*fit, *out]) == 0
     return folder / "models" / "tiny.onnx"
@@ -44,11 +44,20 @@ def test_the_sidecar_says_how_it_came_about(bundle):
     sidecar = json.loads(bundle.with_suffix(".json").read_text())
     assert sidecar["policy"] == "fused"
     assert sidecar["training"]["command"].startswith("train-export fit --train ")
+    assert sidecar["training"]["command"].endswith(" --half")
     assert "Families kept out of training: none" in sidecar["training"]["recipe"]
     about, columns = read_all(bundle.parents[1] / "sets")
     assert sidecar["training"]["sets"] == [about]
     assert sidecar["metrics"]["windows"] == len(columns["label"])
     assert set(columns["label"]) == {0, 1, 2}
+
+
+def test_a_bundle_is_for_the_radars_that_it_was_calibrated_on(tmp_path):
+    train = windows(tmp_path / "train", toy(24), radar="any")
+    validate = windows(tmp_path / "validate", toy(24, seed=1), radar="x4m03")
+    argv = ["fit", "--train", str(train), "--validate", str(validate), "--epochs", "1"]
+    assert main([*argv, "--size", "fast", "--name", "x4", "--out", str(tmp_path)]) == 0
+    assert load_bundle(str(tmp_path / "x4.onnx")).stream["carrier_hz"] == (7.2e9, 8.9e9)
 
 
 def test_a_set_that_is_there_is_not_made_again(bundle, monkeypatch, capsys):

@@ -11,7 +11,7 @@ from torch import nn
 
 from x2train.augment import augmented
 from x2train.nets import MapNet
-from x2train.steps import Stepper
+from x2train.stepper import Stepper
 from x2train.train import Epoch, temperature_of
 
 Arrays = Mapping[str, NDArray[Any]]

@@ -2,7 +2,8 @@
 
 The feet stand where the plan says; the ball of a standing foot does not move. The heel rises
 over it in the last third of the stance, so the ankle is still from foot-flat to heel-off. Knees
-and elbows follow by two-link inverse kinematics, knees bending forward and elbows backward.
+and elbows follow by two-link inverse kinematics, knees bending forward and elbows
+backward where arms hang.
 """
 
 from dataclasses import dataclass, replace
