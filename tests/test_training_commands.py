@@ -1,6 +1,7 @@
 """dataset, fit and evaluate: small from end to end, and wrong input in one line."""
 
 import json
+from dataclasses import asdict
 from importlib import resources
 
 import jsonschema
@@ -9,7 +10,7 @@ import pytest
 
 from radard.classifier import load_bundle
 from tests.radar_helpers import run_radard
-from tests.training_helpers import toy
+from tests.training_helpers import FEATURES, toy
 from x2radar.errors import RecordingError
 from x2train.cli import main
 from x2train.report import PassageTable
@@ -53,8 +54,9 @@ def test_the_sidecar_says_how_it_came_about(bundle):
 
 
 def test_a_bundle_is_for_the_radars_that_it_was_calibrated_on(tmp_path):
-    train = windows(tmp_path / "train", toy(24), radar="any")
-    validate = windows(tmp_path / "validate", toy(24, seed=1), radar="x4m03")
+    about = {"settings": asdict(FEATURES)}
+    train = windows(tmp_path / "train", toy(24), radar="any", **about)
+    validate = windows(tmp_path / "validate", toy(24, seed=1), radar="x4m03", **about)
     argv = ["fit", "--train", str(train), "--validate", str(validate), "--epochs", "1"]
     assert main([*argv, "--size", "fast", "--name", "x4", "--out", str(tmp_path)]) == 0
     assert load_bundle(str(tmp_path / "x4.onnx")).stream["carrier_hz"] == (7.2e9, 8.9e9)
