@@ -6,7 +6,7 @@ processes of their own. At full speed a short and a long replay differ in nothin
 length, so the difference is free of start-up; in real time the kernel's count is read twice
 while the daemon runs. One core; run it alone.
 
-Without --model the bundle is a blank one: velocity-time and range-time maps of 96 bins
+Without --model the bundle is a blank one: the four maps of 96 bins that trained ones take
 (range decimation 8) into a small untrained network, what a trained bundle of those costs.
 With --module the simulated module streams into a pseudo-terminal from another process, and
 `serial_cpu_fraction_60hz` is what reading, framing and decoding add.
@@ -24,7 +24,7 @@ from pathlib import Path
 
 import numpy as np
 
-from radard.features import FeatureSettings
+from radard.features import MAP_FEATURES, FeatureSettings
 from x2radar.frame import Frame, StreamInfo
 from x2radar.recording_writer import RecordingWriter
 from x2radar.settings import RadarSettings
@@ -167,7 +167,7 @@ def blank(folder: Path) -> str:
     from x2train.blank_bundle import write_blank_bundle  # noqa: PLC0415
 
     settings = FeatureSettings(range_decimation=8, clutter="removed")
-    return str(write_blank_bundle(folder, "blank", settings, ("velocity_time", "range_time")))
+    return str(write_blank_bundle(folder, "blank", settings, MAP_FEATURES))
 
 
 if __name__ == "__main__":

@@ -5,12 +5,13 @@ import torch
 
 from x2train.augment import _deeper, _kept, _noisier, _shifted, augmented
 
-N, N_VELOCITY, N_RANGE, N_CELLS = 64, 101, 80, 40
+N, N_CELLS = 64, 40
+SHAPES = ((101, N_CELLS), (80, N_CELLS), (61, 24), (81, 9))
 
 
 def maps(seed=0, n=N):
     rng = torch.Generator().manual_seed(seed)
-    made = [torch.rand(n, rows, N_CELLS, generator=rng) for rows in (N_VELOCITY, N_RANGE)]
+    made = [torch.rand(n, *shape, generator=rng) for shape in SHAPES]
     # Mostly empty, like the true ones.
     return [(m * (m > 0.6)).clamp(0, 1) for m in made]
 
@@ -20,29 +21,37 @@ def rng(seed=0):
 
 
 def test_shapes_and_range_stay_and_what_was_given_too():
-    velocity, ranges = maps()
-    before = velocity.clone(), ranges.clone()
+    given, before = maps(), maps()
     for seed in range(5):
-        made = augmented(velocity, ranges, rng(seed))
-        for new, old in zip(made, (velocity, ranges), strict=True):
+        made = augmented(*given, rng=rng(seed))
+        for new, old in zip(made, given, strict=True):
             assert new.shape == old.shape
             assert new.dtype == torch.float32
             assert new.min() >= 0
             assert new.max() <= 1
-    assert torch.equal(velocity, before[0])
-    assert torch.equal(ranges, before[1])
+    for old, same in zip(given, before, strict=True):
+        assert torch.equal(old, same)
+    assert len(augmented(*given[:2], rng=rng())) == 2
+
+
+def test_who_loses_frames_within_has_no_whole_long_cpi():
+    velocity, _, medium, long = augmented(*maps(), rng=rng(3))
+    is_lost = _kept(torch.rand(N, 7, generator=rng(3))[:, 4:], N_CELLS)[1]
+    assert 3 < is_lost.sum() < 20
+    for each in (medium, long):
+        assert torch.equal(each.flatten(1).any(1), ~is_lost)
+    assert velocity.flatten(1).any(1).all()
 
 
 def test_same_seed_same_maps():
-    a, b, c = (augmented(*maps(), rng(seed)) for seed in (1, 1, 2))
-    assert torch.equal(a[0], b[0])
-    assert torch.equal(a[1], b[1])
-    assert not torch.equal(a[0], c[0])
+    a, b, c = (augmented(*maps(), rng=rng(seed)) for seed in (1, 1, 2))
+    for x, y, z in zip(a, b, c, strict=True):
+        assert torch.equal(x, y)
+        assert not torch.equal(x, z)
 
 
 def test_empty_maps_stay_empty():
-    empty = torch.zeros(N, N_VELOCITY, N_CELLS), torch.zeros(N, N_RANGE, N_CELLS)
-    for made in augmented(*empty, rng()):
+    for made in augmented(*(torch.zeros(N, *shape) for shape in SHAPES), rng=rng()):
         assert not made.any()
 
 
@@ -89,6 +98,6 @@ def test_depth_keeps_the_reference_and_the_order():
     ],
 )
 def test_what_is_cut(u, gone):
-    kept = _kept(torch.tensor([u]), N_CELLS)[0]
+    kept = _kept(torch.tensor([u]), N_CELLS)[0][0]
     assert kept.sum() == N_CELLS - (gone[1] - gone[0])
     assert not kept[gone[0] : gone[1]].any()

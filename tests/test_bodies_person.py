@@ -256,6 +256,20 @@ def test_who_sits_has_level_thighs_still_feet_and_a_head_that_moves():
     assert 2 <= rose <= 9
 
 
+def test_some_who_sit_move_the_head_alone_and_turning_it_moves_its_echo():
+    alone = []
+    for seed in range(30):
+        person, _, place = seen("sit", seed)
+        doer = person.action.doer
+        if doer.busy.size or np.isfinite(doer.period_s):
+            continue
+        alone.append(seed)
+        assert np.ptp(place["chest"], axis=0).max() < 0.06
+        look = doer.trunk.at(np.arange(20.0))[:, 1]
+        assert np.ptp(place["head"][:, :2], axis=0).max() > 0.25 * np.ptp(look) * 0.02
+    assert len(alone) >= 2
+
+
 def test_who_exercises_keeps_one_beat_lifts_the_feet_and_stays():
     lifted, hopped = [], []
     for seed in range(16):

@@ -12,7 +12,7 @@ from radard.errors import UsageError
 from radard.web.labels import LabelFile
 from tests.alarm_helpers import write_recording
 from tests.radar_helpers import noise, run_radard
-from tests.training_helpers import FEATURES, INPUTS, toy, trained
+from tests.training_helpers import FEATURES, INPUTS, MAPS, toy, trained
 from x2radar.errors import RecordingError
 from x2train.bundle_graph import MOST_NATS, Head, outputs_of, turned, with_verifier
 from x2train.cli import main
@@ -123,7 +123,7 @@ def test_own_clips_become_quiet_and_radard_runs_the_bundle(made, tmp_path, way, 
 def test_a_verifier_only_turns_people_into_pets(bundle):
     rng = np.random.default_rng(0)
     windows = toy(96, seed=7)
-    given = {name: windows[name] for name in ("velocity_time", "range_time")}
+    given = {name: windows[name] for name in MAPS}
     logits, seen = outputs_of(bundle.onnx, given, with_what_is_seen=True)
     weight = rng.standard_normal(seen.shape[1]) / np.sqrt(seen.shape[1])
     head = Head(weight, 0.0, float(np.median(seen @ weight)))
@@ -151,7 +151,7 @@ def truth(columns):
 
 def test_a_graph_is_trained_as_onnxruntime_runs_it(bundle):
     windows = toy(24, seed=8)
-    given = {name: windows[name] for name in ("velocity_time", "range_time")}
+    given = {name: windows[name] for name in MAPS}
     net = GraphNet(bundle.onnx)
     again = outputs_of(net.to_onnx(), given)[0]
     np.testing.assert_array_equal(again, outputs_of(bundle.onnx, given)[0])

@@ -72,10 +72,12 @@ def test_logits_do_not_depend_on_the_company(made):
     assert logits_of(net, {k: v[:0] for k, v in windows.items()}).shape == (0, 3)
 
 
+@pytest.mark.parametrize("long", [(), (61,), (61, 81)])
 @pytest.mark.parametrize("rows", [(101, 80), (101, 0), (0, 80), (17, 16)])
-def test_branches_can_be_left_out(rows):
-    net = MapNet(*rows).eval()
+def test_branches_can_be_left_out(rows, long):
+    net = MapNet(*rows, long).eval()
     maps = [torch.zeros(2, n, 40) for n in rows if n]
+    maps += [torch.zeros(2, n, 9) for n in long]
     assert net(*maps).shape == (2, 3)
     with pytest.raises(ValueError, match="zip"):
         net(*maps, maps[0])
@@ -83,18 +85,20 @@ def test_branches_can_be_left_out(rows):
 
 def test_the_three_sizes_ascend():
     sizes = [
-        n_parameters(MapNet(101, 80, widths=WIDTHS[name][0], hidden=WIDTHS[name][1]))
-        for name in ("fast", "balanced", "accurate")
+        n_parameters(MapNet(101, 80, (61, 81), widths=widths, long_widths=long, hidden=hidden))
+        for widths, long, hidden in (WIDTHS[name] for name in ("fast", "balanced", "accurate"))
     ]
+    assert sizes[1] < 60_000
     assert sizes == sorted(sizes)
     assert sizes[-1] < 250_000
 
 
-@pytest.mark.parametrize("rows", [(101, 80), (101, 0)])
+@pytest.mark.parametrize("rows", [(101, 80, (61, 81)), (101, 80, ()), (101, 0, ())])
 def test_onnxruntime_agrees_with_torch(rows):
     torch.manual_seed(3)
     net = MapNet(*rows).eval()
-    inputs = tuple(i for i, n in zip(INPUTS, rows, strict=True) if n)
+    given = (*rows[:2], *rows[2])
+    inputs = tuple(i for i, n in zip(INPUTS, given, strict=False) if n)
     rng = np.random.default_rng(0)
     for n in (1, 5):
         x = {i.name: rng.random((n, *i.shape), np.float32) for i in inputs}

@@ -177,7 +177,7 @@ def test_every_suite_can_be_before_one_radar():
         before = s.before(THESIS)
         assert before.radar is THESIS
         assert before.name in names
-        assert before.drawn_radar(np.random.default_rng(0)) is THESIS
+        assert before.drawn_site(np.random.default_rng(0)).radar is THESIS
         assert before.split != "other radars"
         assert (before.cast, before.rooms, before.duration_s) == (s.cast, s.rooms, s.duration_s)
         if s.radar is X2:

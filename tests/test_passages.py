@@ -13,7 +13,7 @@ from x2train.farm import make_shards
 from x2train.passages import Passage, Truth, play
 from x2train.scenarios import FAMILIES, LABELS, family
 from x2train.shards import read_all
-from x2train.sites import X2, draw_site
+from x2train.sites import X2, draw_close, draw_site
 from x2train.windows import WindowSpec, dwell_ends, windows_of
 
 FEW = WindowSpec(seed=4, use="train", settings=FEATURES)
@@ -73,6 +73,19 @@ def test_every_family_can_be_played(name):
     passage = played(name, seconds=0.5)
     assert np.isfinite(passage.frames).all()
     assert passage.truth.range_m.shape == (30, 1)
+
+
+@pytest.mark.parametrize("name", ["human sit", "dog lie", "cat groom"])
+def test_who_is_close_up_stays_there(name):
+    near = replace(X2, near_m=0.3, far_m=3.1)
+    at_m = []
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        passage = play(rng, draw_close(rng, near), (family(name),), duration_s=0.5)
+        at_m.append(passage.truth.range_m.mean())
+    # The range is along the slope, from an antenna up to 1.7 m high.
+    assert max(at_m) < 2.3
+    assert np.median(at_m) < 1.6
 
 
 @pytest.mark.parametrize("kind", ["usual", "unseen"])

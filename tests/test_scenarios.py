@@ -7,7 +7,7 @@ import pytest
 
 from x2train.commands.fit import stream_of
 from x2train.scenarios import FAMILIES, LABELS, PAIRS, draw_cast, draw_family, families, family
-from x2train.sites import P4XX, X2, X4M03, draw_radar, draw_rate_hz, draw_site
+from x2train.sites import P4XX, X2, X4M03, draw_close, draw_radar, draw_rate_hz, draw_site
 from x2train.suites import SUITES, n_more_pets, suite_of
 
 N_DRAWS = 1500
@@ -123,12 +123,17 @@ def test_suites_state_what_is_new_in_them():
             assert by_name[f.name].families(np.random.default_rng(0)) == (f,)
     for s in SUITES:
         assert (s.rooms == "unseen") == (s.split == "unseen rooms")
-        assert (s.radar is not X2) == (s.split == "other radars")
+        is_x2 = s.radar is not None and s.radar.name == "X2"
+        assert is_x2 == (s.split != "other radars")
         drawn = s.families(np.random.default_rng(1))
         assert {f.use for f in drawn} <= {"train", "held out"}
     assert by_name["empty room"].families(np.random.default_rng(0)) == ()
-    assert by_name["people"].drawn_radar(np.random.default_rng(0)) is X2
-    assert by_name["pets, P4xx"].drawn_radar(np.random.default_rng(0)) is P4XX
+    assert by_name["people"].drawn_site(np.random.default_rng(0)).radar is X2
+    assert by_name["pets, P4xx"].drawn_site(np.random.default_rng(0)).radar is P4XX
+    close = by_name["people, close up"].drawn_site(np.random.default_rng(0))
+    assert close.radar.near_m < X2.near_m
+    assert close.is_close
+    assert close.course_m[1] < 1.1
 
 
 def test_radars_are_those_that_the_bundles_are_made_for():
@@ -139,7 +144,7 @@ def test_radars_are_those_that_the_bundles_are_made_for():
         axis = radar.axis()
         assert axis.kind == "baseband"
         assert abs(axis.range_m[-1] - radar.far_m) <= radar.bin_length_m
-        assert 0.4 <= radar.near_m < radar.far_m <= 7.5
+        assert 0.25 <= radar.near_m < radar.far_m <= 7.5
         assert (30 if radar.name == "X2" else 15) <= radar.frame_rate_hz <= 200
     assert min(r.frame_rate_hz for r in drawn) < 20
 
@@ -181,6 +186,19 @@ def test_sites_are_drawn_for_any_radar_and_again(radar, kind):
     assert sites[0].kind == kind
     assert sites[0].radar is radar
     assert sites[0] != draw_site(np.random.default_rng(8), radar, kind)
+
+
+def test_close_up_bodies_are_near_and_the_beam_at_any_height():
+    rng = np.random.default_rng(0)
+    sites = [draw_close(rng, X4M03) for _ in range(60)]
+    for site in sites:
+        assert site.course_m[0] == X4M03.near_m
+        assert site.course_m[1] == pytest.approx(X4M03.near_m + 0.7)
+        assert site.radar is X4M03
+    heights_m = [site.antenna.height_m for site in sites]
+    assert min(heights_m) < 0.5
+    assert max(heights_m) > 1.3
+    assert draw_site(rng, X4M03).course_m == (X4M03.near_m, X4M03.far_m)
 
 
 def test_unseen_rooms_are_built_otherwise():

@@ -63,7 +63,9 @@ class File(FarEnd):
     def events(self):
         if not self._file.exists():
             return []
-        records = [json.loads(line) for line in self._file.read_text().splitlines()]
+        # The last line may be being written.
+        whole = self._file.read_text().rpartition("\n")[0]
+        records = [json.loads(line) for line in whole.splitlines()]
         return [r["id"] for r in records if r["type"] == "event"]
 
 

@@ -125,6 +125,20 @@ def test_history_reaches_back_over_pushes():
         assert np.array_equal(rows[:, :2] + 1j * rows[:, 2:], wanted[k + 4 - n : k + 4])
 
 
+def test_products_are_shared_until_the_next_push():
+    buffer, rng = StepBuffer(3, 4), np.random.default_rng(0)
+    a, b = rng.random((2, 10, 6), np.float32)
+    buffer.push(noise(4, 5))
+    first = buffer.product(a, 4)
+    assert np.array_equal(first, buffer.rows(4) @ a)
+    assert buffer.product(a, 4) is first
+    assert buffer.product(a, 2).shape == (2, 6)
+    assert np.array_equal(buffer.product(b, 4), buffer.rows(4) @ b)
+    buffer.push(noise(4, 5, seed=1))
+    assert np.array_equal(buffer.product(a, 4), buffer.rows(4) @ a)
+    assert not np.array_equal(buffer.product(a, 4), first)
+
+
 def test_restart_forgets_and_takes_another_width():
     buffer = StepBuffer(3, 4)
     buffer.push(noise(4, 5))

@@ -10,7 +10,7 @@ from radard.classifier import Classifier, load_bundle
 from radard.clutter_map import ClutterRemover
 from radard.dsp.downconvert import DownConverter
 from radard.errors import UsageError
-from radard.features import FeatureSettings, FeatureStream
+from radard.features import MAP_FEATURES, FeatureSettings, FeatureStream
 from radard.ring import Dwell
 from x2train.blank_bundle import write_blank_bundle
 from x2train.cli import main
@@ -19,7 +19,7 @@ from x2train.tradeoff_measure import SWITCHES, measure, n_steps, picture_loss_db
 from x2train.tradeoff_models import parse_model, read_accuracy, time_model
 
 BLANK = FeatureSettings(range_decimation=8, clutter="removed", velocity_cpi_s=0.2)
-MAPS = ("velocity_time", "range_time")
+MAPS = MAP_FEATURES
 
 
 @pytest.fixture(scope="module")
@@ -155,7 +155,7 @@ def test_command_writes_page_and_plot(tmp_path, monkeypatch):
     assert main([*argv, "--page", "docs/page.md", "--plot", "docs/images/plot.png"]) == 0
     text = (tmp_path / "docs" / "page.md").read_text()
     assert "![loss against cost](images/plot.png)" in text
-    assert text.count("| **") == 6
+    assert text.count("| **") == 7
     assert "| **balanced** (profile) |" in text
     assert "0.9000" in text
     assert (tmp_path / "docs" / "images" / "plot.png").read_bytes()[:4] == b"\x89PNG"

@@ -3,14 +3,20 @@
 import numpy as np
 
 from radard.classifier import ModelInput
+from radard.features import feature_shape
 from x2train.commands.dataset import FEATURES
+from x2train.map_fit import INPUTS as MAPS
 from x2train.map_fit import MapFitSettings, MapTrained, fit_maps
 
-TINY = MapFitSettings(epochs=20, batch=16, widths=(4, 6, 6, 6), hidden=8, learning_rate=1e-2)
-INPUTS = (
-    ModelInput("velocity_time", (101, 40), "velocity_time"),
-    ModelInput("range_time", (80, 40), "range_time"),
+TINY = MapFitSettings(
+    epochs=20,
+    batch=16,
+    widths=(4, 6, 6, 6),
+    long_widths=(4, 6, 6, 6),
+    hidden=8,
+    learning_rate=1e-2,
 )
+INPUTS = tuple(ModelInput(name, feature_shape(name, FEATURES), name) for name in MAPS)
 
 
 def toy(n=96, seed=0):
@@ -18,8 +24,7 @@ def toy(n=96, seed=0):
     rng = np.random.default_rng(seed)
     label = np.arange(n) // 4 % 3
     maps = {
-        "velocity_time": rng.integers(0, 60, (n, 101, 40), np.uint8),
-        "range_time": rng.integers(0, 60, (n, 80, 40), np.uint8),
+        name: rng.integers(0, 60, (n, *feature_shape(name, FEATURES)), np.uint8) for name in MAPS
     }
     for k, at in enumerate(label):
         maps["velocity_time"][k, 10 + 30 * at : 24 + 30 * at] = 220
@@ -39,4 +44,4 @@ def trained(settings=TINY, *, n=96):
     return made, epochs
 
 
-__all__ = ["FEATURES", "INPUTS", "TINY", "toy", "trained"]
+__all__ = ["FEATURES", "INPUTS", "MAPS", "TINY", "toy", "trained"]

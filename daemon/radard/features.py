@@ -5,9 +5,9 @@ feature is a row of `FEATURES`. Masked columns of the spectrogram, those whose C
 lost frame, take the mean of the others, so that they add nothing at any cadence but zero.
 """
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 from radard import plugins
 from radard.dsp.cadence import cadence_velocity_diagram, extent_profile, type1_vector
 from radard.dsp.columns import SharedSteps
-from radard.dsp.grid import time_cells
 from radard.dsp.range_time import RangeTimeMap
 from radard.dsp.streaming import StreamingDoppler
 from radard.dsp.velocity import CPI_S, VelocityTransform
 from radard.errors import FeatureError, ModelMismatch
 from radard.maps import busiest_rows, shown
 from radard.ring import Dwell
+from radard.velocity_map import VelocityGrid
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,13 +56,18 @@ class FeatureSettings:
         for all.
     velocity_cpi_frames : int
         Fewest frames of a CPI.
+    medium_cpi_s, medium_max_mps, medium_step_mps, medium_cell_s : float
+        CPI, grid and time cell of the map with the medium CPI, see `radard.velocity_map`.
+    long_cpi_s, long_max_mps, long_step_mps, long_cell_s : float
+        Likewise for the long CPI.
     range_window : {'fixed', 'target'}
         Whether the range-time map shows `near_m` to `far_m`, or as many metres of the swath
         where most moves, wherever that is (`radard.maps.busiest_rows`).
     near_m, far_m, cell_m : float
         Grid of the range-time map; cells outside the swath stay empty.
-    velocity_depth_db, range_depth_db : float
-        What is shown of the maps, see `radard.maps`.
+    velocity_depth_db, long_depth_db, range_depth_db : float
+        What is shown of the velocity-time map, of those with longer CPIs, and of the range-time
+        map, see `radard.maps`.
     """
 
     dwell_s: float = 2.0
@@ -77,11 +82,20 @@ class FeatureSettings:
     velocity_cpi_s: float = CPI_S
     velocity_cpi_carrier_hz: float = 0.0
     velocity_cpi_frames: int = 4
+    medium_cpi_s: float = 0.6
+    medium_max_mps: float = 1.5
+    medium_step_mps: float = 0.05
+    medium_cell_s: float = 0.075
+    long_cpi_s: float = 1.5
+    long_max_mps: float = 0.6
+    long_step_mps: float = 0.015
+    long_cell_s: float = 0.1
     range_window: str = "fixed"
     near_m: float = 0.4
     far_m: float = 4.4
     cell_m: float = 0.1
     velocity_depth_db: float = 25.0
+    long_depth_db: float = 30.0
     range_depth_db: float = 30.0
 
     @classmethod
@@ -107,10 +121,43 @@ class FeatureSettings:
         """Time cells of a map."""
         return max(1, round(self.dwell_s / self.cell_s))
 
-    @property
-    def n_velocity(self) -> int:
-        """Rows of the velocity-time map."""
-        return 2 * int(self.velocity_max_mps / self.velocity_step_mps + 1e-9) + 1
+    def velocity_grids(self) -> Mapping[str, VelocityGrid]:
+        """Return the velocity-time maps by their features' names."""
+        common = partial(
+            VelocityGrid,
+            carrier_hz=self.velocity_cpi_carrier_hz,
+            least_frames=self.velocity_cpi_frames,
+        )
+        return {
+            "velocity_time": common(
+                cpi_s=self.velocity_cpi_s,
+                max_mps=self.velocity_max_mps,
+                step_mps=self.velocity_step_mps,
+                cell_s=self.cell_s,
+                n_cells=self.n_cells,
+                depth_db=self.velocity_depth_db,
+            ),
+            "velocity_time_medium": common(
+                cpi_s=self.medium_cpi_s,
+                max_mps=self.medium_max_mps,
+                step_mps=self.medium_step_mps,
+                cell_s=self.medium_cell_s,
+                n_cells=self._n_behind(self.medium_cpi_s, self.medium_cell_s),
+                depth_db=self.long_depth_db,
+            ),
+            "velocity_time_long": common(
+                cpi_s=self.long_cpi_s,
+                max_mps=self.long_max_mps,
+                step_mps=self.long_step_mps,
+                cell_s=self.long_cell_s,
+                n_cells=self._n_behind(self.long_cpi_s, self.long_cell_s),
+                depth_db=self.long_depth_db,
+            ),
+        }
+
+    def _n_behind(self, cpi_s: float, cell_s: float) -> int:
+        """Return the whole cells of a dwell's columns behind the first CPI of that length."""
+        return max(1, int((self.dwell_s + CPI_S - cpi_s) / cell_s + 1e-9))
 
     @property
     def n_range_cells(self) -> int:
@@ -138,7 +185,8 @@ class FeatureSet:
 
 
 SEED_FEATURES = ("seed_type1", "seed_type2")
-MAP_FEATURES = ("velocity_time", "range_time")
+VELOCITY_FEATURES = ("velocity_time", "velocity_time_medium", "velocity_time_long")
+MAP_FEATURES = (*VELOCITY_FEATURES, "range_time")
 FEATURES = (*SEED_FEATURES, *MAP_FEATURES)
 """Every feature that a network may ask for."""
 CLUTTER = ("cpi", "removed")
@@ -165,7 +213,7 @@ def feature_shape(name: str, settings: FeatureSettings) -> tuple[int, ...]:
     shapes = {
         "seed_type1": (n_type1,),
         "seed_type2": (n_type1 + settings.n_profile,),
-        "velocity_time": (settings.n_velocity, settings.n_cells),
+        **{name: grid.shape for name, grid in settings.velocity_grids().items()},
         "range_time": (settings.n_range_cells, settings.n_cells),
     }
     if name not in shapes:
@@ -245,8 +293,8 @@ class FeatureStream:
             if "seed_type2" in self._names:
                 profile = extent_profile(dwell.frames, settings.n_cpi, settings.n_profile)
                 inputs["seed_type2"] = np.concatenate([profile, type1])
-        if streams.velocity is not None:
-            inputs["velocity_time"] = _velocity_time(streams.velocity, dwell, settings)
+        for name, transform in streams.velocity.items():
+            inputs[name] = streams.grids[name].read(transform, dwell.frame_rate_hz)
         if streams.ranges is not None:
             power, valid = streams.ranges.cells(
                 dwell.frame_rate_hz, cell_s=settings.cell_s, n_cells=settings.n_cells
@@ -271,14 +319,6 @@ def _plugged_feature(
     return made
 
 
-def _velocity_cpi_s(settings: FeatureSettings, dwell: Dwell) -> float:
-    """Return the CPI T of the velocity-time map, which resolves c / (2 f T)."""
-    cpi_s, carrier_hz = settings.velocity_cpi_s, settings.velocity_cpi_carrier_hz
-    if carrier_hz:
-        cpi_s *= carrier_hz / dwell.axis.carrier_hz
-    return max(cpi_s, settings.velocity_cpi_frames / dwell.frame_rate_hz)
-
-
 class _Streams:
     """The maps that some features need, fed together."""
 
@@ -286,23 +326,16 @@ class _Streams:
         n_keep = len(dwell.frames)
         rate_hz = dwell.frame_rate_hz
         self.doppler: StreamingDoppler | None = None
-        self.velocity: VelocityTransform | None = None
+        self.grids = settings.velocity_grids()
+        self.velocity: dict[str, VelocityTransform] = {
+            name: self.grids[name].transform(dwell) for name in names if name in self.grids
+        }
         self.ranges: RangeTimeMap | None = None
         for name in names:
             feature_shape(name, settings)
         # Without any feature the spectrogram is what is asked for.
         if not names or not set(SEED_FEATURES).isdisjoint(names):
             self.doppler = StreamingDoppler(settings.n_cpi, n_keep=n_keep)
-        if "velocity_time" in names:
-            self.velocity = VelocityTransform(
-                dwell.axis,
-                rate_hz,
-                max_mps=settings.velocity_max_mps,
-                step_mps=settings.velocity_step_mps,
-                cpi_s=_velocity_cpi_s(settings, dwell),
-                column_rate_hz=1 / settings.cell_s,
-                n_keep=n_keep,
-            )
         if "range_time" in names:
             self.ranges = RangeTimeMap(
                 dwell.axis,
@@ -312,7 +345,8 @@ class _Streams:
                 far_m=settings.far_m if settings.range_window == "fixed" else None,
                 n_keep=n_keep,
             )
-        made = tuple(s for s in (self.doppler, self.velocity, self.ranges) if s is not None)
+        others = (s for s in (self.doppler, self.ranges) if s is not None)
+        made = (*others, *self.velocity.values())
         # Plug-ins alone share nothing.
         self._shared = SharedSteps(*made) if made else None
 
@@ -332,21 +366,6 @@ def _spectrogram(doppler: StreamingDoppler, n_columns: int) -> tuple[NDArray[np.
     elif not valid.all():
         share[:, ~valid] = share[:, valid].mean(axis=1, keepdims=True)
     return share, exponent
-
-
-def _velocity_time(
-    transform: VelocityTransform, dwell: Dwell, settings: FeatureSettings
-) -> NDArray[np.float32]:
-    rate_hz = dwell.frame_rate_hz / transform.stride
-    n = min(transform.n_columns, math.ceil(settings.dwell_s * rate_hz) + 1)
-    power, valid = time_cells(
-        transform.columns(n),
-        transform.columns_valid(n),
-        rate_hz,
-        cell_s=settings.cell_s,
-        n_cells=settings.n_cells,
-    )
-    return shown(power, valid, settings.velocity_depth_db)
 
 
 def extract(dwell: Dwell, settings: FeatureSettings, names: tuple[str, ...]) -> FeatureSet:

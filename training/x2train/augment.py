@@ -14,29 +14,38 @@ _CUT_SHARE, _LOST_SHARE = 0.3, 0.15
 
 
 def augmented(
-    velocity: torch.Tensor, ranges: torch.Tensor, rng: torch.Generator
-) -> tuple[torch.Tensor, torch.Tensor]:
+    velocity: torch.Tensor,
+    ranges: torch.Tensor,
+    *long: torch.Tensor,
+    rng: torch.Generator,
+) -> tuple[torch.Tensor, ...]:
     """Return changed copies of a batch.
 
     Parameters
     ----------
     velocity, ranges : Tensor, shape (n, rows, n_cells), float32
         Velocity-time and range-time maps, 0 to 1.
+    *long : Tensor, shape (n, rows, any), float32
+        Velocity-time maps with longer CPIs.
     rng : torch.Generator
         Everything random comes from it.
 
     Returns
     -------
     tuple of Tensor
-        Of the same shapes.
+        Of the same shapes, in the same order.
     """
     n, _, n_cells = velocity.shape
     u = torch.rand(n, 7, generator=rng)
     ranges = _shifted(ranges, u[:, 0])
-    velocity, ranges = _deeper(velocity, u[:, 1]), _deeper(ranges, u[:, 2])
-    velocity, ranges = _noisier(velocity, u[:, 3], rng), _noisier(ranges, u[:, 3], rng)
-    keep = _kept(u[:, 4:], n_cells)[:, None]
-    return velocity * keep, ranges * keep
+    slow = [_noisier(_deeper(each, u[:, 1]), u[:, 3], rng) for each in (velocity, *long)]
+    ranges = _noisier(_deeper(ranges, u[:, 2]), u[:, 3], rng)
+    keep, is_lost = _kept(u[:, 4:], n_cells)
+    # A lost frame leaves no whole CPI to a long map, and few to a medium one.
+    whole = (~is_lost).float()[:, None, None]
+    velocity, *long_maps = slow
+    kept = keep[:, None]
+    return velocity * kept, ranges * kept, *(each * whole for each in long_maps)
 
 
 def _shifted(ranges: torch.Tensor, u: torch.Tensor) -> torch.Tensor:
@@ -67,12 +76,15 @@ def _noisier(maps: torch.Tensor, u: torch.Tensor, rng: torch.Generator) -> torch
     return made
 
 
-def _kept(u: torch.Tensor, n_cells: int) -> torch.Tensor:
-    """Return which time cells stay, shape (n, n_cells): ends are cut, or a gap within."""
+def _kept(u: torch.Tensor, n_cells: int) -> tuple[torch.Tensor, torch.Tensor]:
+    """Return which time cells stay, shape (n, n_cells), and in whose middle some are lost.
+
+    Ends are cut, or there is a gap within.
+    """
     at = torch.arange(n_cells)[None] / n_cells
     size = 0.35 * u[:, 1:2]
     is_cut = u[:, 0:1] < _CUT_SHARE
     cut = is_cut & torch.where(u[:, 2:3] < 0.5, at < size, at >= 1 - size)
     is_lost = (u[:, 0:1] >= _CUT_SHARE) & (u[:, 0:1] < _CUT_SHARE + _LOST_SHARE)
     lost = is_lost & ((at - u[:, 2:3]).abs() < 0.05)
-    return (~(cut | lost)).float()
+    return (~(cut | lost)).float(), is_lost[:, 0]

@@ -22,7 +22,7 @@ from x2radar.frame import Frame, StreamInfo
 from x2train.passages import Passage as Played
 from x2train.passages import play
 from x2train.report import Passage
-from x2train.sites import ONE_RADAR, Radar, draw_site
+from x2train.sites import ONE_RADAR, Radar
 from x2train.suites import SUITES, Suite, suite_of
 from x2train.windows import dwell_ends
 
@@ -97,7 +97,7 @@ class JudgeSpec:
         rng = np.random.default_rng([self.seed, number])
         suite = self.suite(number)
         cast = suite.families(rng)
-        site = draw_site(rng, suite.drawn_radar(rng), suite.rooms)
+        site = suite.drawn_site(rng)
         return play(rng, site, cast, duration_s=suite.duration_s, lead_s=(2.6, 4.0))
 
 

@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 from torch import nn
 
 from x2train.augment import augmented
-from x2train.nets import MapNet
+from x2train.nets import MapNet, Widths
 from x2train.stepper import Stepper
 from x2train.train import Epoch, temperature_of
 
 Arrays = Mapping[str, NDArray[Any]]
-INPUTS = ("velocity_time", "range_time")
+INPUTS = ("velocity_time", "range_time", "velocity_time_medium", "velocity_time_long")
+"""In the order in which `MapNet` takes them."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -36,7 +37,7 @@ class MapFitSettings:
         Of what decides.
     smoothing : float
         Of the labels.
-    widths : tuple of int
+    widths, long_widths : tuple of int
         Of `MapNet`.
     hidden : int
         Of `MapNet`.
@@ -56,8 +57,9 @@ class MapFitSettings:
     matrix_decay: float = 1e-2
     dropout: float = 0.05
     smoothing: float = 0.01
-    widths: tuple[int, int, int, int] = (16, 24, 28, 28)
-    hidden: int = 48
+    widths: Widths = (12, 16, 20, 20)
+    long_widths: Widths = (12, 16, 20, 20)
+    hidden: int = 40
     seed: int = 0
     threads: int = 1
     is_half: bool = False
@@ -96,7 +98,9 @@ def fit_maps(
     net = MapNet(
         maps[0].shape[1],
         maps[1].shape[1],
+        tuple(m.shape[1] for m in maps[2:]),
         widths=settings.widths,
+        long_widths=settings.long_widths,
         hidden=settings.hidden,
         dropout=settings.dropout,
     )
@@ -117,8 +121,7 @@ def fit_maps(
         net.train()
         total = 0.0
         for part in torch.split(torch.randperm(len(labels), generator=rng), settings.batch):
-            velocity, ranges = (m[part].float() / 255 for m in maps)
-            batch = augmented(velocity, ranges, rng)
+            batch = augmented(*(m[part].float() / 255 for m in maps), rng=rng)
             with torch.autocast("cpu", torch.bfloat16, enabled=settings.is_half):
                 answers = net(*batch)
             loss = error(answers.float(), labels[part])

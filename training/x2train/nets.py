@@ -3,6 +3,8 @@
 import torch
 from torch import nn
 
+Widths = tuple[int, int, int, int]
+
 
 class SeedNet(nn.Module):
     """The seed's feed-forward network Q-100-50-2 with ReLU; gives logits.
@@ -32,20 +34,23 @@ class SeedNet(nn.Module):
 
 
 class MapNet(nn.Module):
-    """Two strided convolutional branches over maps of the same time, joined time by time.
+    """Strided convolutional branches over maps: two of the same time, others of their own.
 
-    Each branch halves velocity or range four times and time twice; a convolution over time
-    mixes them, and mean and maximum over time decide. Strides instead of pooling: three
-    times as fast on one core.
+    Each branch halves velocity or range four times and time twice. Those of the velocity-time
+    and the range-time map are joined time by time, and a convolution over time mixes them;
+    maps with longer CPIs have fewer columns of time and are joined after it. Mean and maximum
+    over time decide. Strides instead of pooling: three times as fast on one core.
 
     Parameters
     ----------
     n_velocity, n_range : int
         Rows of the velocity-time map and of the range-time map; 0 leaves a branch out.
-    widths : tuple of int
-        Channels of the four convolutions of a branch.
+    n_long : tuple of int
+        Rows of the velocity-time maps with longer CPIs.
+    widths, long_widths : tuple of int
+        Channels of the four convolutions of a branch, and of one with a longer CPI.
     hidden : int
-        Channels behind the junction.
+        Channels behind the junction; half as many for every longer CPI.
     n_out : int
         Classes.
     dropout : float
@@ -56,9 +61,11 @@ class MapNet(nn.Module):
         self,
         n_velocity: int,
         n_range: int,
+        n_long: tuple[int, ...] = (),
         *,
-        widths: tuple[int, int, int, int] = (16, 24, 28, 28),
-        hidden: int = 48,
+        widths: Widths = (12, 16, 20, 20),
+        long_widths: Widths = (12, 16, 20, 20),
+        hidden: int = 40,
         n_out: int = 3,
         dropout: float = 0.05,
     ) -> None:
@@ -68,22 +75,34 @@ class MapNet(nn.Module):
         rows = sum(_strided(n) for n in (n_velocity, n_range) if n)
         self.junction = _block(nn.Conv1d(widths[-1] * rows, hidden, 1, bias=False))
         self.mix = _block(nn.Conv1d(hidden, hidden, 3, padding=1, bias=False))
-        self.out = nn.Sequential(nn.Dropout(dropout), nn.Linear(2 * hidden, n_out))
+        self.long = nn.ModuleList(_branch(long_widths) for _ in n_long)
+        self.long_junctions = nn.ModuleList(
+            _block(nn.Conv1d(long_widths[-1] * _strided(n), hidden // 2, 1, bias=False))
+            for n in n_long
+        )
+        n_deciding = 2 * hidden + len(n_long) * 2 * (hidden // 2)
+        self.out = nn.Sequential(nn.Dropout(dropout), nn.Linear(n_deciding, n_out))
 
     def forward(self, *maps: torch.Tensor) -> torch.Tensor:
-        """Return logits, shape (n, n_out), of maps, each of shape (n, rows, n_cells)."""
+        """Return logits, shape (n, n_out), of maps, each of shape (n, rows, n_cells).
+
+        Velocity-time, range-time, then those with longer CPIs.
+        """
         branches = [branch for branch in (self.velocity, self.range) if branch is not None]
         seen = [
             branch(each[:, None]).flatten(1, 2)
-            for branch, each in zip(branches, maps, strict=True)
+            for branch, each in zip((*branches, *self.long), maps, strict=True)
         ]
-        joined = self.junction(torch.cat(seen, 1))
-        joined = joined + self.mix(joined)
-        logits: torch.Tensor = self.out(torch.cat([joined.mean(2), joined.amax(2)], 1))
+        n = len(branches)
+        joined = self.junction(torch.cat(seen[:n], 1))
+        deciding = [joined + self.mix(joined)]
+        deciding += [join(each) for join, each in zip(self.long_junctions, seen[n:], strict=True)]
+        pooled = [pool for each in deciding for pool in (each.mean(2), each.amax(2))]
+        logits: torch.Tensor = self.out(torch.cat(pooled, 1))
         return logits
 
 
-def _branch(widths: tuple[int, int, int, int]) -> nn.Sequential:
+def _branch(widths: Widths) -> nn.Sequential:
     a, b, c, d = widths
     return nn.Sequential(
         _block(nn.Conv2d(1, a, 5, 2, 2, bias=False)),

@@ -28,6 +28,7 @@ from x2train.sites import Site
 
 Array = NDArray[np.float64]
 _COURSES = ("cross", "approach", "leave", "oblique", "wander")
+_WALL_M = 0.3
 _UNSEEN = 0.1
 _ERROR_DB = -50.0
 
@@ -182,7 +183,7 @@ def _actor(
     *,
     is_plain: bool,
 ) -> GuisedActor:
-    near_m, far_m = site.radar.near_m, site.radar.far_m
+    near_m, far_m = site.course_m
     options: dict[str, Any] = dict(family.options)
     bearing = rng.uniform(-0.7, 0.7)
     away_m = rng.uniform(near_m + 0.2, far_m - 0.2)
@@ -193,14 +194,26 @@ def _actor(
         options["home_m"] = [x, y, float(rng.uniform(0.8, 1.8))]
     elif family.kind != "moth" and family.use != "seed":
         drawn = _COURSES[int(rng.integers(len(_COURSES)))]
-        course = "wander" if family.stays else drawn
-        options = {"near_m": near_m, "far_m": far_m, "course": course} | options
+        if family.stays and site.is_close:
+            options = {"waypoints_m": _close_place(rng, near_m, far_m)} | options
+        else:
+            course = "wander" if family.stays else drawn
+            options = {"near_m": near_m, "far_m": far_m, "course": course} | options
     return GuisedActor(
         family.kind,
         MappingProxyType(options),
         family.name,
         antenna_m=(0.0, 0.0, site.antenna.height_m),
-        swath_m=(near_m, far_m),
+        swath_m=(site.radar.near_m, site.radar.far_m),
         lead_s=lead_s,
         is_plain=is_plain,
     )
+
+
+def _close_place(rng: np.random.Generator, near_m: float, far_m: float) -> list[list[float]]:
+    """Return a point near the radar, and one half a metre from it in any direction."""
+    away_m, bearing, turn = rng.uniform(near_m, far_m), rng.uniform(-0.6, 0.6), rng.uniform(0, 7)
+    x, y = away_m * np.sin(bearing), max(_WALL_M, away_m * np.cos(bearing))
+    ahead = 0.5 * np.sin(turn)
+    ahead = ahead if y + ahead > _WALL_M else -ahead
+    return [[float(x), float(y)], [float(x + 0.5 * np.cos(turn)), float(y + ahead)]]

@@ -159,8 +159,8 @@ def draw_family(rng: np.random.Generator, label: Label, use: Use) -> Family:
 
 
 PAIRS: Mapping[tuple[Label, Label], float] = {
-    ("human", "pet"): 0.45,
-    ("human", "other"): 0.16,
+    ("human", "pet"): 0.35,
+    ("human", "other"): 0.22,
     ("pet", "pet"): 0.12,
     ("pet", "other"): 0.14,
 }

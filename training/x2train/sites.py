@@ -118,6 +118,7 @@ same, for it is that of the matched filter; eight neighbours share nearly the sa
 ONE_RADAR: Mapping[str, Radar] = MappingProxyType({"thesis": THESIS, "x4m03": X4M03, "p4xx": P4XX})
 """Radars before which every suite can be played, by the name that `evaluate` takes."""
 _X2_SHARE = 0.7
+_CLOSE_M = 0.7
 
 
 def draw_rate_hz(rng: np.random.Generator, least_hz: float = 30.0) -> float:
@@ -135,7 +136,7 @@ def draw_radar(rng: np.random.Generator, kind: RadarKind = "any") -> Radar:
     share = rng.random(6)
     is_x2 = kind == "x2" or (kind == "any" and share[1] < _X2_SHARE)
     rate_hz = draw_rate_hz(rng, 15.0 if kind == "any" and not is_x2 else 30.0)
-    near = 0.4 + 0.4 * share[0]
+    near = 0.25 + 0.55 * share[0]
     if kind == "x4m03":
         return replace(
             X4M03,
@@ -190,6 +191,8 @@ class Site:
         Strength of all echoes against the radar equation.
     kind : {'usual', 'unseen'}
         Of the room.
+    depth_m : float
+        How far behind the near end of the swath bodies go.
     """
 
     radar: Radar
@@ -200,6 +203,29 @@ class Site:
     receiver: ReceiverEffects
     level_db: float
     kind: RoomKind = "usual"
+    depth_m: float = np.inf
+
+    @property
+    def is_close(self) -> bool:
+        """Whether bodies stay close to the radar."""
+        return self.depth_m < np.inf
+
+    @property
+    def course_m(self) -> tuple[float, float]:
+        """Nearest and farthest range of what bodies do, in metres."""
+        near_m, far_m = self.radar.near_m, self.radar.far_m
+        return near_m, min(far_m, near_m + self.depth_m)
+
+
+def draw_close(rng: np.random.Generator, radar: Radar) -> Site:
+    """Return a random usual site with a radar on a shelf or a table, and bodies close to it.
+
+    The beam then shows a part of a body, such as a head, and each body at its height.
+    """
+    site = draw_site(rng, radar)
+    height_m, tilt_deg = float(rng.uniform(0.2, 1.7)), float(rng.uniform(-15, 15))
+    antenna = replace(site.antenna, height_m=height_m, tilt_deg=tilt_deg)
+    return replace(site, antenna=antenna, depth_m=_CLOSE_M)
 
 
 def draw_site(rng: np.random.Generator, radar: Radar, kind: RoomKind = "usual") -> Site:

@@ -10,7 +10,7 @@ import numpy as np
 
 from x2radar.sim.points import Label
 from x2train.scenarios import FAMILIES, Family, draw_family, family
-from x2train.sites import P4XX, X2, Radar, RoomKind, draw_radar
+from x2train.sites import P4XX, X2, Radar, RoomKind, Site, draw_close, draw_radar, draw_site
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,6 +31,8 @@ class Suite:
         None draws from those of training.
     rooms : {'usual', 'unseen'}
         Kind of room.
+    is_close : bool
+        Whether bodies are close to the radar, see `draw_close`.
     duration_s : float
         Of a passage.
     """
@@ -41,6 +43,7 @@ class Suite:
     cast: tuple[Label | Family, ...] = ()
     radar: Radar | None = field(default=X2)
     rooms: RoomKind = "usual"
+    is_close: bool = False
     duration_s: float = 14.0
 
     def families(self, rng: np.random.Generator) -> tuple[Family, ...]:
@@ -55,16 +58,17 @@ class Suite:
         labels = {c.label if isinstance(c, Family) else c for c in self.cast}
         return labels == {"pet"}
 
-    def drawn_radar(self, rng: np.random.Generator) -> Radar:
-        """Return the radar of a passage."""
-        return self.radar or draw_radar(rng)
+    def drawn_site(self, rng: np.random.Generator) -> Site:
+        """Return the site of a passage, with its radar."""
+        radar = self.radar or draw_radar(rng)
+        return draw_close(rng, radar) if self.is_close else draw_site(rng, radar, self.rooms)
 
     def before(self, radar: Radar) -> "Suite":
         """Return the same before another radar.
 
         What only another radar made a suite of its own belongs to that of the same bodies.
         """
-        if self.radar is X2:
+        if self.radar in {X2, _NEAR_X2}:
             return replace(self, radar=radar)
         name = self.name.partition(",")[0]
         return replace(self, name=name, split="train families", radar=radar)
@@ -73,6 +77,7 @@ class Suite:
 _PET_S = 20.0
 _GOLDEN = (5**0.5 - 1) / 2
 _WALK = family("human walk")
+_NEAR_X2 = replace(X2, near_m=0.3, far_m=3.1)
 
 
 def _walk(name: str, style: str = "walk", *, duration_s: float = 14.0, **options: object) -> Suite:
@@ -142,6 +147,23 @@ def _suites() -> tuple[Suite, ...]:
             split="train families",
             share=3,
             cast=(_WALK, family("fan")),
+        ),
+        Suite(
+            name="people, close up",
+            split="train families",
+            share=3,
+            cast=("human",),
+            radar=_NEAR_X2,
+            is_close=True,
+        ),
+        Suite(
+            name="pets, close up",
+            split="train families",
+            share=3,
+            cast=("pet",),
+            radar=_NEAR_X2,
+            is_close=True,
+            duration_s=_PET_S,
         ),
         _walk("across at 1.0 m/s", course="cross", speed_mps=1.0),
         _walk("slow, 0.2 m/s", "stealth", speed_mps=0.2, duration_s=25.0),

@@ -4,34 +4,32 @@ It is the daemon's own chain (down-conversion, clutter removal, maps, pictures),
 but for two things that the daemon does not offer: maps in float64, and any column stride.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.lib.stride_tricks import as_strided
 from numpy.typing import NDArray
 
 from radard.clutter_map import ClutterRemover
-from radard.dsp.columns import ColumnStream, SharedSteps
+from radard.dsp.columns import SharedSteps
 from radard.dsp.downconvert import DownConverter
-from radard.dsp.gram import centring, gaussian_taper
 from radard.dsp.grid import time_cells
 from radard.dsp.range_time import RangeTimeMap
 from radard.dsp.streaming import StreamingDoppler
 from radard.dsp.velocity import VelocityTransform
-from radard.dsp.wideband import range_dft, velocity_operator
+from radard.features import FeatureSettings
 from radard.maps import shown
 from radard.ring import Dwell
+from radard.velocity_map import VelocityGrid
 from x2radar.frame import FastTimeAxis
+from x2train.tradeoff_double import DoubleMaps
 
 CPI_S = 28 / 60
-VELOCITY_CPI_S = 0.2
 DWELL_S = 2.0
 CELL_S = 0.05
 NEAR_M, FAR_M, CELL_M = 0.4, 4.4, 0.1
-MAX_MPS = 5.0
-VELOCITY_DEPTH_DB, RANGE_DEPTH_DB, DOPPLER_DEPTH_DB = 25.0, 30.0, 25.0
-_FLATTEN = 1.5
+RANGE_DEPTH_DB, DOPPLER_DEPTH_DB = 30.0, 25.0
+_FEATURES = FeatureSettings(velocity_cpi_s=0.2)
 
 Picture = NDArray[np.float32]
 Samples = NDArray[np.float32] | NDArray[np.complex64]
@@ -51,6 +49,8 @@ class Setting:
         Frames from one column of the velocity map to the next.
     step_mps : float
         Distance of the velocity map's rows.
+    cpis : {1, 2, 3}
+        Velocity-time maps: the short CPI's, the medium's too, the long's too.
     precision : {32, 64}
         Bits of the maps' arithmetic.
     bands : int
@@ -61,6 +61,7 @@ class Setting:
     decimation: int = 8
     stride: int = 3
     step_mps: float = 0.1
+    cpis: int = 3
     precision: int = 32
     bands: int = 0
 
@@ -77,7 +78,7 @@ class Pictures:
     Attributes
     ----------
     maps : dict of str to ndarray, float32
-        'velocity_time' and 'range_time', or 'spectrogram'; 0 to 1 over `depth_db`.
+        Of `MAP_FEATURES`, or 'spectrogram'; 0 to 1 over `depth_db`.
     depth_db : dict of str to float
         By the same names.
     """
@@ -107,9 +108,32 @@ class Chain:
         n_slow = round(DWELL_S * frame_rate_hz) + self._n_cpi - 1
         self._rows = np.zeros((n_slow, self._axis.n_range), np.complex64)
         self._remover = ClutterRemover()
-        self._setting = setting
-        self._maps = _maps(self._axis, frame_rate_hz, self._n_cpi, setting)
-        streams = [m for m in self._maps.values() if isinstance(m, ColumnStream)]
+        valid = np.ones(n_slow, np.bool_)
+        blank = Dwell(self._rows, valid, self._axis, frame_rate_hz, 0.0)
+        self._grids = _grids(setting)
+        self._doppler: StreamingDoppler | None = None
+        self._maps: dict[str, VelocityTransform | RangeTimeMap] = {}
+        self._double: DoubleMaps | None = None
+        if setting.bands:
+            edges = np.linspace(0, self._axis.n_range, setting.bands + 1).round().astype(int)
+            bands = list(pairwise(edges.tolist()))
+            self._doppler = StreamingDoppler(self._n_cpi, bands=bands, n_keep=n_slow)
+        else:
+            ranges = RangeTimeMap(
+                self._axis, self._n_cpi, cell_m=CELL_M, near_m=NEAR_M, far_m=FAR_M, n_keep=n_slow
+            )
+            rate_hz = {"velocity_time": frame_rate_hz / setting.stride}
+            transforms = {
+                name: grid.transform(blank, rate_hz.get(name))
+                for name, grid in self._grids.items()
+            }
+            if setting.precision == 64:
+                self._double = DoubleMaps(
+                    ranges, transforms, self._axis, frame_rate_hz, self._n_cpi
+                )
+            else:
+                self._maps = {**transforms, "range_time": ranges}
+        streams = [self._doppler] if self._doppler else list(self._maps.values())
         self._shared = SharedSteps(*streams) if streams else None
         self._n_taken = 0
         self.moving: Dwell | None = None
@@ -129,38 +153,38 @@ class Chain:
         first = self.moving is None
         self.moving = moving = self._remover.remove(dwell)
         new = slice(None) if first else slice(-n_new, None)
-        double = self._maps.get("double")
-        if isinstance(double, DoubleMaps):
-            double.push(moving.frames[new])
+        if self._double is not None:
+            self._double.push(moving.frames[new])
         elif self._shared is not None:
             self._shared.push(moving.frames[new], moving.valid[new])
         return self._pictures()
 
     def _pictures(self) -> Pictures:
-        doppler, double = self._maps.get("spectrogram"), self._maps.get("double")
-        if isinstance(doppler, StreamingDoppler):
-            power = doppler.columns(round(DWELL_S * self._rate_hz))
+        if self._doppler is not None:
+            power = self._doppler.columns(round(DWELL_S * self._rate_hz))
             stack = power.reshape(-1, power.shape[-1])
             good = np.ones(stack.shape[1], np.bool_)
             maps = {"spectrogram": shown(stack, good, DOPPLER_DEPTH_DB)}
             return Pictures(maps, {"spectrogram": DOPPLER_DEPTH_DB})
-        if isinstance(double, DoubleMaps):
-            velocity, ranges = double.velocity, double.ranges
-        else:
-            transform, cells = self._maps["velocity_time"], self._maps["range_time"]
-            assert isinstance(transform, VelocityTransform)  # noqa: S101 - as `_maps` made them
-            assert isinstance(cells, RangeTimeMap)  # noqa: S101
-            velocity, ranges = transform.columns(), cells.columns()
-        rate_hz = self._rate_hz
-        return Pictures(
-            {
-                "velocity_time": _on_cells(
-                    velocity, rate_hz / self._setting.stride, VELOCITY_DEPTH_DB
-                ),
-                "range_time": _on_cells(ranges, rate_hz, RANGE_DEPTH_DB),
-            },
-            {"velocity_time": VELOCITY_DEPTH_DB, "range_time": RANGE_DEPTH_DB},
-        )
+        made = self._double.made if self._double else self._maps
+        maps, depth_db = {}, {}
+        for name, source in made.items():
+            columns = source.columns()
+            good = np.ones(columns.shape[1], np.bool_)
+            if name in self._grids:
+                grid = self._grids[name]
+                assert not isinstance(source, RangeTimeMap)  # noqa: S101 - as they were made
+                rate_hz = self._rate_hz / source.stride
+                maps[name], depth_db[name] = grid.picture(columns, good, rate_hz), grid.depth_db
+            else:
+                maps[name] = _on_cells(columns, self._rate_hz, RANGE_DEPTH_DB)
+                depth_db[name] = RANGE_DEPTH_DB
+        return Pictures(maps, depth_db)
+
+
+def _grids(setting: Setting) -> dict[str, VelocityGrid]:
+    features = replace(_FEATURES, velocity_step_mps=setting.step_mps)
+    return dict(list(features.velocity_grids().items())[: setting.cpis])
 
 
 def _on_cells(power: NDArray[np.float64], rate_hz: float, depth_db: float) -> Picture:
@@ -169,109 +193,3 @@ def _on_cells(power: NDArray[np.float64], rate_hz: float, depth_db: float) -> Pi
     good = np.ones(n, np.bool_)
     cells = time_cells(power[:, -n:], good, rate_hz, cell_s=CELL_S, n_cells=n_cells)
     return shown(*cells, depth_db)
-
-
-class DoubleMaps:
-    """Velocity-time and range-time maps in float64, hop by hop like those in float32.
-
-    Parameters
-    ----------
-    ranges : RangeTimeMap
-        Whose cells are used.
-    transform : VelocityTransform
-        Whose grids are used.
-    axis, frame_rate_hz
-        As of the chain.
-    n_cpi : int
-        Frames in a CPI of the range map.
-    """
-
-    def __init__(
-        self,
-        ranges: RangeTimeMap,
-        transform: VelocityTransform,
-        axis: FastTimeAxis,
-        frame_rate_hz: float,
-        n_cpi: int,
-    ) -> None:
-        self._n_cpi, self._stride = n_cpi, transform.stride
-        self._n_fast = transform.n_cpi
-        self._dft = range_dft(axis, transform.frequency_hz, _FLATTEN)
-        self._operator = velocity_operator(
-            transform.frequency_hz,
-            transform.velocity_mps,
-            frame_rate_hz,
-            gaussian_taper(self._n_fast),
-        )
-        self._share = ranges.weights[: axis.n_range].astype(np.float64)
-        self._middle = centring(self._n_cpi)[self._n_cpi // 2]
-        self._last: NDArray[np.complex128] | None = None
-        self._steps = np.zeros((0, axis.n_range), np.complex128)
-        self._spectra = np.zeros((0, len(transform.frequency_hz)), np.complex128)
-        self._n_seen = 0
-        n_rows = len(transform.velocity_mps), len(ranges.range_m)
-        self.velocity = np.zeros((n_rows[0], 0))
-        self.ranges = np.zeros((n_rows[1], 0))
-
-    def push(self, frames: NDArray[np.complex64]) -> None:
-        """Add frames; columns of the last two dwells or so are kept."""
-        rows = frames.astype(np.complex128)
-        before = rows[:1] if self._last is None else self._last
-        steps = np.diff(rows, axis=0, prepend=before)
-        self._last = rows[-1:]
-        n_old = self._n_seen
-        self._n_seen += len(rows)
-        self._steps = np.concatenate([self._steps, steps])[-(len(rows) + self._n_cpi) :]
-        spectra = np.concatenate([self._spectra, steps @ self._dft])
-        self._spectra = spectra[-(len(rows) + self._n_cpi + self._stride) :]
-        self._add_ranges(max(0, n_old - self._n_cpi + 1))
-        self._add_velocities(max(0, n_old - self._n_fast + 1))
-
-    def _add_ranges(self, earliest: int) -> None:
-        """Add the columns of the CPIs that begin with frame `earliest` or later."""
-        n = self._n_seen - self._n_cpi - earliest + 1
-        if n < 1:
-            return
-        rows = self._steps[len(self._steps) - (n + self._n_cpi - 2) :]
-        residual = np.zeros((n, len(rows)))
-        for i in range(n):
-            residual[i, i : i + self._n_cpi - 1] = self._middle
-        z = residual @ rows
-        power = (z.real**2 + z.imag**2) @ self._share
-        self.ranges = np.concatenate([self.ranges, power.T], axis=1)[:, -400:]
-
-    def _add_velocities(self, earliest: int) -> None:
-        first = -(-earliest // self._stride) * self._stride
-        n = (self._n_seen - self._n_fast - first) // self._stride + 1
-        if n < 1:
-            return
-        rows = np.ascontiguousarray(self._spectra[len(self._spectra) - (self._n_seen - first) :].T)
-        n_freq, width = len(rows), self._n_fast - 1
-        s0, s1 = rows.strides
-        windows = as_strided(rows[:, 1:], (n_freq, width, n), (s0, s1, self._stride * s1)).copy()
-        lines = self._operator @ windows
-        power = (lines.real**2 + lines.imag**2).sum(axis=0)
-        self.velocity = np.concatenate([self.velocity, power], axis=1)[:, -400:]
-
-
-def _maps(
-    axis: FastTimeAxis, frame_rate_hz: float, n_cpi: int, setting: Setting
-) -> dict[str, ColumnStream | DoubleMaps]:
-    n_keep = round(DWELL_S * frame_rate_hz) + 2
-    if setting.bands:
-        edges = np.linspace(0, axis.n_range, setting.bands + 1).round().astype(int).tolist()
-        bands = list(pairwise(edges))
-        return {"spectrogram": StreamingDoppler(n_cpi, bands=bands, n_keep=n_keep)}
-    transform = VelocityTransform(
-        axis,
-        frame_rate_hz,
-        max_mps=MAX_MPS,
-        step_mps=setting.step_mps,
-        cpi_s=VELOCITY_CPI_S,
-        column_rate_hz=frame_rate_hz / setting.stride,
-        n_keep=n_keep,
-    )
-    ranges = RangeTimeMap(axis, n_cpi, cell_m=CELL_M, near_m=NEAR_M, far_m=FAR_M, n_keep=n_keep)
-    if setting.precision == 64:
-        return {"double": DoubleMaps(ranges, transform, axis, frame_rate_hz, n_cpi)}
-    return {"velocity_time": transform, "range_time": ranges}

@@ -38,6 +38,7 @@ SWITCHES = (
     Switch("decimation", "range decimation", (1, 2, 4, 8, 16)),
     Switch("stride", "column stride", (1, 2, 3, 4, 6, 8)),
     Switch("step_mps", "velocity step, m/s", (0.025, 0.05, 0.1, 0.2, 0.4)),
+    Switch("cpis", "velocity-time maps", (3, 2, 1)),
     Switch("precision", "bits of the maps", (64, 32)),
     Switch("source", "module sends", ("rf", "baseband")),
     Switch("bands", "range bands of the spectrogram", (8, 4, 2, 1), Setting(bands=8)),

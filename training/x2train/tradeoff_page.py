@@ -14,6 +14,8 @@ from x2train.tradeoff_models import ModelRow
 
 _PICTURES = {
     "velocity_time": "velocity-time",
+    "velocity_time_medium": "medium CPI",
+    "velocity_time_long": "long CPI",
     "range_time": "range-time",
     "spectrogram": "spectrogram",
 }
@@ -22,12 +24,15 @@ _MEANING = {
     "stride": "Frames from one velocity column to the next; pictures have cells of 50 ms.",
     "step_mps": "401, 201, 101, 51 and 25 rows from -5 to 5 m/s. A CPI of 0.2 s resolves "
     "0.15 m/s.",
+    "cpis": "CPIs of 0.2, 0.6 and 1.5 s; of 0.2 and 0.6 s; of 0.2 s alone. What the longer ones "
+    "are worth to a network stands in [evaluation](evaluation.md).",
     "precision": "Arithmetic of the maps; frames are float32 either way.",
     "source": "RF that is down-converted here, or baseband that the module made. The loss is "
     "mostly another draw of the receiver's noise.",
     "bands": "Spectrogram alone. One band is what sums over range leave of it.",
 }
 _LEAST_LOSS_DB = 1e-3
+_N_ACROSS = 3
 
 
 def page(rows: list[Row], models: list[ModelRow], *, how: str, command: str, plot: str) -> str:
@@ -61,8 +66,8 @@ def page(rows: list[Row], models: list[ModelRow], *, how: str, command: str, plo
         "**ms** is the CPU time of one hop (one a second) with an open gate: down-conversion,",
         "clutter and jitter, maps, pictures. **ratio** is that against the switch's finest value",
         "in the same run. **loss** is how far a picture is from the one of the finest value,",
-        "everything else alike: rms over all that either shows, in dB (25 dB deep for velocity,",
-        "30 dB for range). **Bold** is what the shipped bundles have.",
+        "everything else alike: rms over all that either shows, in dB (25 dB deep for the",
+        "short CPI, 30 dB for the others). **Bold** is what the shipped bundles have.",
         "",
         f"![loss against cost]({plot})",
         "",
@@ -88,7 +93,9 @@ def _table(switch: Switch, rows: list[Row]) -> list[str]:
     ]
     for row in rows:
         value = f"**{row.value}**" if row.is_default else f"{row.value}"
-        losses = " | ".join(f"{row.loss_db[name]:.2g}" for name in names)
+        losses = " | ".join(
+            f"{row.loss_db[name]:.2g}" if name in row.loss_db else "not made" for name in names
+        )
         lines.append(f"| {value} | {row.ms_per_hop:.2f} | {row.ratio:.2f} | {losses} |")
     return lines
 
@@ -126,12 +133,17 @@ def _accuracy(model: ModelRow) -> str:
 def draw(rows: list[Row], models: list[ModelRow], path: Path) -> None:
     """Draw loss against cost, and accuracy against cost where bundles were evaluated."""
     judged = [model for model in models if model.accuracy is not None]
-    n_panels = len(_PICTURES) + bool(judged)
-    figure, axes = plt.subplots(1, n_panels, figsize=(4.8 * n_panels, 4.4), layout="constrained")
+    n_rows = -(-(len(_PICTURES) + bool(judged)) // _N_ACROSS)
+    figure, grid = plt.subplots(
+        n_rows, _N_ACROSS, figsize=(4.8 * _N_ACROSS, 4.4 * n_rows), layout="constrained"
+    )
+    axes = grid.ravel()
     for axis, name in zip(axes, _PICTURES, strict=False):
         _draw_losses(axis, rows, name)
     if judged:
         _draw_models(axes[-1], judged)
+    else:
+        axes[-1].set_axis_off()
     path.parent.mkdir(parents=True, exist_ok=True)
     # No time stamp: the same figures give the same file.
     figure.savefig(path, dpi=110, metadata={"Software": None} if path.suffix == ".png" else None)

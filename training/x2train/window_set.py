@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radard.errors import UsageError
+from radard.features import MAP_FEATURES
 from x2train.shards import read_all
 
 Columns = Mapping[str, NDArray[Any]]
-_NEEDED = ("velocity_time", "range_time", "label", "passage", "t_s")
+_NEEDED = (*MAP_FEATURES, "label", "passage", "t_s")
 
 
 def load_windows(*folders: Path) -> tuple[Columns, list[Mapping[str, Any]]]:

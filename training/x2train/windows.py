@@ -12,19 +12,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radard.clutter_map import ClutterRemover
-from radard.features import FeatureSettings, FeatureStream
+from radard.features import MAP_FEATURES, FeatureSettings, FeatureStream
 from radard.gate import Gate, GateSettings
 from radard.pipeline import settings_at
 from radard.ring import Dwell, DwellShape
 from x2train.passages import Passage, play
 from x2train.scenarios import FAMILIES, LABELS, Use, draw_cast
-from x2train.sites import RadarKind, RoomKind, draw_radar, draw_site
+from x2train.sites import RadarKind, RoomKind, draw_close, draw_radar, draw_site
 
 HOP_S = 1.0
 _VISIBLE_DB = 3.0
 _LEAST_SHARE = 0.12
 _A_RADAR, _RADAR = 16, 0x5ADA
-_NAMES = ("velocity_time", "range_time")
+_CLOSE_SHARE = 0.1
 _FAMILY = {f.name: k for k, f in enumerate(FAMILIES)}
 
 
@@ -65,7 +65,8 @@ class WindowSpec:
         # Passages beside each other share a radar: designing its maps takes as long as both.
         radar_rng = np.random.default_rng([self.seed, number // _A_RADAR, _RADAR])
         radar = draw_radar(radar_rng, self.radar)
-        site = draw_site(rng, radar, self.rooms)
+        is_close = self.rooms == "usual" and rng.random() < _CLOSE_SHARE
+        site = draw_close(rng, radar) if is_close else draw_site(rng, radar, self.rooms)
         duration_s = 2.6 + float(rng.uniform(2.0, 6.0))
         passage = play(rng, site, cast, duration_s=duration_s, is_plain=self.is_plain)
         return windows_of(passage, self.settings, number)
@@ -86,7 +87,7 @@ def windows_of(
         dwell_s=settings.dwell_s, hop_s=HOP_S, frame_rate_hz=rate_hz, n_cpi=settings.n_cpi
     )
     remover, gate = ClutterRemover(), Gate(GateSettings(), HOP_S)
-    stream = FeatureStream(settings, _NAMES)
+    stream = FeatureStream(settings, MAP_FEATURES)
     rows: list[dict[str, Any]] = []
     n = shape.n_slow
     valid = np.ones(n, bool)
@@ -105,7 +106,7 @@ def windows_of(
         maps = stream.extract(moving).inputs
         rows.append(
             truth
-            | {name: np.rint(maps[name] * 255).astype(np.uint8) for name in _NAMES}
+            | {name: np.rint(maps[name] * 255).astype(np.uint8) for name in MAP_FEATURES}
             | {
                 "passage": number,
                 "t_s": end / rate_hz,

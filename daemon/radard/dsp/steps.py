@@ -115,6 +115,7 @@ class StepBuffer:
         """Forget all frames, as after a gap of unknown length; the next may be of any size."""
         self._fill = 0
         self._last: Frames | None = None
+        self._product: tuple[NDArray[np.float32], NDArray[np.float32]] | None = None
         self.n_frames = 0
 
     def push(self, frames: Frames, valid: Flags | None = None) -> None:
@@ -141,6 +142,7 @@ class StepBuffer:
         if n_range != self.n_range:
             msg = f"a frame of {n_range} bins in a stream of {self.n_range}"
             raise FeatureError(msg)
+        self._product = None
         if self._fill + n > self._capacity:
             kept = slice(self._fill - self._n_keep, self._fill)
             self._rows[: self._n_keep] = self._rows[kept]
@@ -163,6 +165,15 @@ class StepBuffer:
     def rows(self, n: int) -> NDArray[np.float32]:
         """Return the last `n` steps, shape (n, 2 n_range), float32, a view."""
         return self._rows[self._fill - n : self._fill]
+
+    def product(self, matrix: NDArray[np.float32], n: int) -> NDArray[np.float32]:
+        """Return the last `n` steps times a matrix, shape (n, matrix.shape[1]), float32.
+
+        It is kept until the next push: maps that share the matrix, the same object, share it.
+        """
+        if self._product is None or self._product[0] is not matrix or len(self._product[1]) != n:
+            self._product = matrix, self.rows(n) @ matrix
+        return self._product[1]
 
     def flags(self, n: int) -> Flags:
         """Return which of the last `n` frames are good, shape (n,), bool, a view."""

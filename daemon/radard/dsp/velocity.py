@@ -153,7 +153,7 @@ class VelocityTransform(ColumnStream):
 
     def advance(self, steps: StepBuffer, n_new: int) -> int:
         """See `ColumnStream`."""
-        return self._advance(steps.rows(n_new) @ self._dft, steps.flags(n_new))
+        return self._advance(steps.product(self._dft, n_new), steps.flags(n_new))
 
     def push_spectra(self, spectra: ArrayLike, valid: ArrayLike | None = None) -> int:
         """Add X(f, t) that somebody else has made, instead of frames.
@@ -276,7 +276,7 @@ class _Design:
     dft: NDArray[np.float32]
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=24)
 def _design(
     axis: FastTimeAxis,
     frame_rate_hz: float,
@@ -299,19 +299,28 @@ def _design(
     if len(taper) % 2 == 0:
         # The step in the middle is its own partner.
         half[..., -1] /= 2
-    dft = range_dft(axis, frequency_hz, flatten)
-    # Planar in, planar out: [re im] times [[C S], [-S C]].
-    planar = np.block([[dft.real, dft.imag], [-dft.imag, dft.real]])
     made = _Design(
         frequency_hz,
         velocity_mps,
         half.real.astype(np.float32),
         half.imag.astype(np.float32),
-        planar.astype(np.float32),
+        _planar_dft(axis, n_frequencies, flatten),
     )
-    for array in (made.frequency_hz, made.velocity_mps, made.odd, made.even, made.dft):
+    for array in (made.frequency_hz, made.velocity_mps, made.odd, made.even):
         array.flags.writeable = False
     return made
+
+
+@lru_cache(maxsize=8)
+def _planar_dft(axis: FastTimeAxis, n_frequencies: int, flatten: float) -> NDArray[np.float32]:
+    """Return what leads from planar steps to planar spectra; one object for all maps of a radar.
+
+    Planar in, planar out: [re im] times [[C S], [-S C]].
+    """
+    dft = range_dft(axis, range_frequencies(axis, n_frequencies), flatten)
+    planar = np.block([[dft.real, dft.imag], [-dft.imag, dft.real]]).astype(np.float32)
+    planar.flags.writeable = False
+    return planar
 
 
 def _powers(

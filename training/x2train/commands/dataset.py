@@ -88,7 +88,7 @@ def _run(args: argparse.Namespace) -> int:
 
 def _features_of(model: str) -> FeatureSettings:
     bundle = load_bundle(model)
-    if {i.feature for i in bundle.inputs} != set(MAP_FEATURES):
+    if not {i.feature for i in bundle.inputs} <= set(MAP_FEATURES):
         taken = ", ".join(i.feature for i in bundle.inputs)
         msg = f"--like {model}: it takes {taken}; sets hold {' and '.join(MAP_FEATURES)}"
         raise UsageError(msg)

@@ -13,11 +13,11 @@ from radard.features import FeatureSettings, feature_shape
 from x2train.commands import Commands, progress
 
 WIDTHS = {
-    "fast": ((8, 12, 16, 16), 32),
-    "balanced": ((16, 24, 28, 28), 48),
-    "accurate": ((24, 40, 56, 56), 96),
+    "fast": ((8, 8, 12, 12), (8, 8, 12, 12), 24),
+    "balanced": ((12, 16, 20, 20), (12, 16, 20, 20), 40),
+    "accurate": ((24, 40, 48, 48), (20, 28, 36, 36), 80),
 }
-"""Channels of the networks of the three bundles."""
+"""Channels of the three bundles' networks: of branches, of those with longer CPIs, hidden."""
 STREAMS = {
     "any": {
         "frame_rate_hz": (14.5, 210.0),
@@ -40,9 +40,9 @@ STREAMS = {
 }
 """What bundles are for, by the radar of all the sets that they were calibrated on."""
 _RECIPE = (
-    "A small convolutional network on the alias-suppressed velocity-time map and the "
-    "range-time map of a dwell, trained on simulated people, pets and moving things in "
-    "simulated rooms; evidence of overlapping windows is fused over time. Families kept out "
+    "A small convolutional network on alias-suppressed velocity-time maps with three lengths of "
+    "CPI and the range-time map of a dwell, trained on simulated people, pets and moving things "
+    "in simulated rooms; evidence of overlapping windows is fused over time. Families kept out "
     "of training: {held_out}."
 )
 _NOTES = (
@@ -104,7 +104,7 @@ def _run(args: argparse.Namespace) -> int:
         map_metrics,
         write_map_bundle,
     )
-    from x2train.map_fit import MapFitSettings, MapTrained, fit_maps  # noqa: PLC0415
+    from x2train.map_fit import INPUTS, MapFitSettings, MapTrained, fit_maps  # noqa: PLC0415
     from x2train.train import Epoch  # noqa: PLC0415
     from x2train.window_set import load_windows  # noqa: PLC0415
 
@@ -114,9 +114,14 @@ def _run(args: argparse.Namespace) -> int:
         msg = f"{args.validate[0]}: its maps were made with other settings than those to train on"
         raise UsageError(msg)
     check_calibration(validation)
-    widths, hidden = WIDTHS[args.size]
+    widths, long_widths, hidden = WIDTHS[args.size]
     settings = MapFitSettings(
-        epochs=args.epochs, seed=args.seed, widths=widths, hidden=hidden, is_half=args.half
+        epochs=args.epochs,
+        seed=args.seed,
+        widths=widths,
+        long_widths=long_widths,
+        hidden=hidden,
+        is_half=args.half,
     )
     trained: MapTrained | None = None
     with progress() as bar:
@@ -132,10 +137,7 @@ def _run(args: argparse.Namespace) -> int:
                 trained = step
     assert trained is not None  # noqa: S101 - fit_maps ends with the network
     features = FeatureSettings.from_mapping(abouts[0]["settings"])
-    inputs = tuple(
-        ModelInput(name, feature_shape(name, features), name)
-        for name in ("velocity_time", "range_time")
-    )
+    inputs = tuple(ModelInput(name, feature_shape(name, features), name) for name in INPUTS)
     seen = {about["use"] for about in abouts}
     held_out = "none" if seen & {"all", "held out"} else "as `x2train.scenarios` lists them"
     training: dict[str, Any] = {

@@ -21,6 +21,9 @@ Array = NDArray[np.float64]
 
 HEEL_OFF = 0.65
 """Share of the stance after which the heel begins to rise: 40 % of a walking stride."""
+_FACE = 0.015
+"""The middle of the head is so much of the stature ahead of the neck, where the face is: a head
+that turns moves its echo."""
 STIFF_TO = 0.93
 """Share of a limb's length up to which it reaches; beyond, its upper joint gives."""
 
@@ -126,7 +129,8 @@ def upright(
         centre[:, k] = hips.middle_m + along * b.trunk_m * spine
     nape = hips.middle_m + b.trunk_m * spine
     head = direction(hips.heading_rad + look[:, 0], np.pi / 2 - 0.5 * hips.lean_rad + look[:, 1])
-    centre[:, 3], axis[:, 3] = nape + b.neck_m * head, head
+    face = direction(hips.heading_rad + look[:, 0], -0.5 * hips.lean_rad + look[:, 1])
+    centre[:, 3], axis[:, 3] = nape + b.neck_m * head + _FACE * b.stature_m * face, head
     # The chest turns against the pelvis.
     facing = hips.heading_rad - hips.yaw_rad + (doing.twist_rad if doing else 0.0)
     chest_left = direction(facing + np.pi / 2)

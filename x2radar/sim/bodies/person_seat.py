@@ -21,6 +21,8 @@ _RISE_S = 1.4
 _BOW_RAD = 0.6
 _TRUNK_RAD = 0.22
 _TURN_RAD, _NOD_RAD = 0.9, 0.3
+_HEAD_ALONE_SHARE = 0.25
+"""Who listens or watches moves the head alone."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,6 +89,9 @@ class Seated:
         """Draw a seat and somebody on it whose legs are so long."""
         u, pace = rng.random(10), float(np.exp(rng.uniform(-0.7, 0.7)))
         limits = np.array([_TRUNK_RAD, _TURN_RAD, _NOD_RAD])
+        busy = Busy.draw(rng)
+        if rng.random() < _HEAD_ALONE_SHARE:
+            busy, limits[0] = replace(busy, size=0.0), 0.1 * _TRUNK_RAD
         first = 1.0 + 8.0 * u[0]
         last = first + _RISE_S + 1.0 + 6.0 * u[1]
         gets_up = u[2] < 0.4
@@ -94,7 +99,7 @@ class Seated:
             crouch=float(0.40 + 0.14 * u[3]),
             back_m=float((0.38 + 0.10 * u[4]) * leg_m),
             recline_rad=float(0.45 * u[5] - 0.15),
-            busy=Busy.draw(rng),
+            busy=busy,
             trunk=Wander.draw(rng, limits * (0.3 + 0.7 * u[6]), 0.35 * pace * limits),
             shake=Shake(
                 (float(0.5 * u[7]), float(0.25 * u[8])),
