@@ -5,6 +5,8 @@ close in, crawling, intermittent): the same movements before a simulated radar, 
 """
 
 from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -91,6 +93,15 @@ def _walk(name: str, style: str = "walk", *, duration_s: float = 14.0, **options
     )
 
 
+def _both(where: str, split: str, share: float, **more: Any) -> tuple[Suite, Suite]:
+    """Return people and pets, each in a suite of its own, in the same circumstances."""
+    common = partial(Suite, split=split, share=share, **more)
+    return (
+        common(name=f"people, {where}", cast=("human",)),
+        common(name=f"pets, {where}", cast=("pet",), duration_s=_PET_S),
+    )
+
+
 def _suites() -> tuple[Suite, ...]:
     rows = [
         Suite(name="people", split="train families", share=12, cast=("human",)),
@@ -102,32 +113,8 @@ def _suites() -> tuple[Suite, ...]:
             cast=("pet", "pet"),
             duration_s=_PET_S,
         ),
-        Suite(
-            name="people, unseen rooms",
-            split="unseen rooms",
-            share=6,
-            cast=("human",),
-            rooms="unseen",
-        ),
-        Suite(
-            name="pets, unseen rooms",
-            split="unseen rooms",
-            share=6,
-            cast=("pet",),
-            rooms="unseen",
-            duration_s=_PET_S,
-        ),
-        Suite(
-            name="people, other radars", split="other radars", share=4, cast=("human",), radar=None
-        ),
-        Suite(
-            name="pets, other radars",
-            split="other radars",
-            share=4,
-            cast=("pet",),
-            radar=None,
-            duration_s=_PET_S,
-        ),
+        *_both("unseen rooms", "unseen rooms", 6, rooms="unseen"),
+        *_both("other radars", "other radars", 4, radar=None),
         Suite(
             name="pets, P4xx",
             split="other radars",
@@ -148,23 +135,7 @@ def _suites() -> tuple[Suite, ...]:
             share=3,
             cast=(_WALK, family("fan")),
         ),
-        Suite(
-            name="people, close up",
-            split="train families",
-            share=3,
-            cast=("human",),
-            radar=_NEAR_X2,
-            is_close=True,
-        ),
-        Suite(
-            name="pets, close up",
-            split="train families",
-            share=3,
-            cast=("pet",),
-            radar=_NEAR_X2,
-            is_close=True,
-            duration_s=_PET_S,
-        ),
+        *_both("close up", "train families", 3, radar=_NEAR_X2, is_close=True),
         _walk("across at 1.0 m/s", course="cross", speed_mps=1.0),
         _walk("slow, 0.2 m/s", "stealth", speed_mps=0.2, duration_s=25.0),
         _walk("fast, 3 m/s", "run", speed_mps=3.0),

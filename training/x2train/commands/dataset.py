@@ -90,6 +90,6 @@ def _features_of(model: str) -> FeatureSettings:
     bundle = load_bundle(model)
     if not {i.feature for i in bundle.inputs} <= set(MAP_FEATURES):
         taken = ", ".join(i.feature for i in bundle.inputs)
-        msg = f"--like {model}: it takes {taken}; sets hold {' and '.join(MAP_FEATURES)}"
+        msg = f"--like {model}: it takes {taken}; sets hold {', '.join(MAP_FEATURES)}"
         raise UsageError(msg)
     return bundle.features
