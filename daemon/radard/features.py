@@ -60,6 +60,8 @@ class FeatureSettings:
         CPI, grid and time cell of the map with the medium CPI, see `radard.velocity_map`.
     long_cpi_s, long_max_mps, long_step_mps, long_cell_s : float
         Likewise for the long CPI.
+    long_sampling : float
+        Of the maps with longer CPIs, see `VelocityGrid.sampling`.
     range_window : {'fixed', 'target'}
         Whether the range-time map shows `near_m` to `far_m`, or as many metres of the swath
         where most moves, wherever that is (`radard.maps.busiest_rows`).
@@ -90,6 +92,7 @@ class FeatureSettings:
     long_max_mps: float = 0.6
     long_step_mps: float = 0.015
     long_cell_s: float = 0.1
+    long_sampling: float = 0.0
     range_window: str = "fixed"
     near_m: float = 0.4
     far_m: float = 4.4
@@ -144,6 +147,7 @@ class FeatureSettings:
                 cell_s=self.medium_cell_s,
                 n_cells=self._n_behind(self.medium_cpi_s, self.medium_cell_s),
                 depth_db=self.long_depth_db,
+                sampling=self.long_sampling,
             ),
             "velocity_time_long": common(
                 cpi_s=self.long_cpi_s,
@@ -152,6 +156,7 @@ class FeatureSettings:
                 cell_s=self.long_cell_s,
                 n_cells=self._n_behind(self.long_cpi_s, self.long_cell_s),
                 depth_db=self.long_depth_db,
+                sampling=self.long_sampling,
             ),
         }
 
@@ -294,7 +299,7 @@ class FeatureStream:
                 profile = extent_profile(dwell.frames, settings.n_cpi, settings.n_profile)
                 inputs["seed_type2"] = np.concatenate([profile, type1])
         for name, transform in streams.velocity.items():
-            inputs[name] = streams.grids[name].read(transform, dwell.frame_rate_hz)
+            inputs[name] = streams.grids[name].read(transform)
         if streams.ranges is not None:
             power, valid = streams.ranges.cells(
                 dwell.frame_rate_hz, cell_s=settings.cell_s, n_cells=settings.n_cells

@@ -15,6 +15,7 @@ from radard.dsp.grid import time_cells
 from radard.dsp.velocity import VelocityTransform
 from radard.maps import shown
 from radard.ring import Dwell
+from x2radar.settings import SPEED_OF_LIGHT_MPS
 
 _MOST_SHARE = 0.75
 """Of a dwell, for a CPI: the rest is what its columns move over."""
@@ -41,6 +42,10 @@ class VelocityGrid:
         Columns of the map, the last of which ends with the dwell.
     depth_db : float
         What is shown, see `radard.maps.shown`.
+    sampling : float
+        Frames a second that are enough, as a share of what tells velocities to `max_mps` apart,
+        4 f `max_mps` / c: of faster streams so many frames in a row are one that no fewer are
+        left. 0: every frame.
     """
 
     cpi_s: float
@@ -51,6 +56,7 @@ class VelocityGrid:
     cell_s: float
     n_cells: int
     depth_db: float
+    sampling: float = 0.0
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -72,27 +78,30 @@ class VelocityGrid:
         FeatureError
             If a setting makes no sense.
         """
-        n_slow, rate_hz = len(dwell.frames), dwell.frame_rate_hz
+        n_slow, n_mean = len(dwell.frames), self._n_mean(dwell)
+        rate_hz = dwell.frame_rate_hz / n_mean
         cpi_s = self.cpi_s
         if self.carrier_hz:
             cpi_s *= self.carrier_hz / dwell.axis.carrier_hz
-        cpi_s = max(min(cpi_s, _MOST_SHARE * n_slow / rate_hz), self.least_frames / rate_hz)
+        most_s = _MOST_SHARE * n_slow / dwell.frame_rate_hz
+        cpi_s = max(min(cpi_s, most_s), self.least_frames / rate_hz)
         return VelocityTransform(
             dwell.axis,
-            rate_hz,
+            dwell.frame_rate_hz,
             max_mps=self.max_mps,
             step_mps=self.step_mps,
             cpi_s=cpi_s,
             column_rate_hz=column_rate_hz or 1 / self.cell_s,
             n_keep=n_slow,
+            n_mean=n_mean,
         )
 
-    def read(self, transform: VelocityTransform, frame_rate_hz: float) -> NDArray[np.float32]:
+    def read(self, transform: VelocityTransform) -> NDArray[np.float32]:
         """Return the map of the dwell that ends with the last column, 0 to 1.
 
         Cells whose CPI holds a lost frame, or begins before the first frame, are 0.
         """
-        rate_hz = frame_rate_hz / transform.stride
+        rate_hz = transform.column_rate_hz
         n = min(transform.n_columns, self._n_columns(rate_hz))
         return self.picture(transform.columns(n), transform.columns_valid(n), rate_hz)
 
@@ -109,6 +118,12 @@ class VelocityGrid:
             n_cells=self.n_cells,
         )
         return shown(power, known, self.depth_db)
+
+    def _n_mean(self, dwell: Dwell) -> int:
+        if not self.sampling:
+            return 1
+        enough_hz = self.sampling * 4 * dwell.axis.carrier_hz * self.max_mps / SPEED_OF_LIGHT_MPS
+        return max(1, int(dwell.frame_rate_hz / enough_hz))
 
     def _n_columns(self, column_rate_hz: float) -> int:
         """Return how many columns the cells may need."""

@@ -212,7 +212,8 @@ def _actor(
 
 def _close_place(rng: np.random.Generator, near_m: float, far_m: float) -> list[list[float]]:
     """Return a point near the radar, and one half a metre from it in any direction."""
-    away_m, bearing, turn = rng.uniform(near_m, far_m), rng.uniform(-0.6, 0.6), rng.uniform(0, 7)
+    away_m, bearing = rng.uniform(near_m, far_m), rng.uniform(-0.6, 0.6)
+    turn = rng.uniform(0, 2 * np.pi)
     x, y = away_m * np.sin(bearing), max(_WALL_M, away_m * np.cos(bearing))
     ahead = 0.5 * np.sin(turn)
     ahead = ahead if y + ahead > _WALL_M else -ahead

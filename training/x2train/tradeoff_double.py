@@ -121,6 +121,7 @@ class DoubleVelocity:
         self, transform: VelocityTransform, axis: FastTimeAxis, frame_rate_hz: float
     ) -> None:
         self.stride, self._n_cpi = transform.stride, transform.n_cpi
+        self.column_rate_hz = transform.column_rate_hz
         self._dft = range_dft(axis, transform.frequency_hz, _FLATTEN)
         self._operator = velocity_operator(
             transform.frequency_hz,

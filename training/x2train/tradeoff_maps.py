@@ -22,7 +22,7 @@ from radard.maps import shown
 from radard.ring import Dwell
 from radard.velocity_map import VelocityGrid
 from x2radar.frame import FastTimeAxis
-from x2train.tradeoff_double import DoubleMaps
+from x2train.tradeoff_double import DoubleMaps, DoubleRanges
 
 CPI_S = 28 / 60
 DWELL_S = 2.0
@@ -173,9 +173,9 @@ class Chain:
             good = np.ones(columns.shape[1], np.bool_)
             if name in self._grids:
                 grid = self._grids[name]
-                assert not isinstance(source, RangeTimeMap)  # noqa: S101 - as they were made
-                rate_hz = self._rate_hz / source.stride
-                maps[name], depth_db[name] = grid.picture(columns, good, rate_hz), grid.depth_db
+                assert not isinstance(source, RangeTimeMap | DoubleRanges)  # noqa: S101 - as they were made
+                maps[name] = grid.picture(columns, good, source.column_rate_hz)
+                depth_db[name] = grid.depth_db
             else:
                 maps[name] = _on_cells(columns, self._rate_hz, RANGE_DEPTH_DB)
                 depth_db[name] = RANGE_DEPTH_DB

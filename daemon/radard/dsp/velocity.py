@@ -28,6 +28,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from radard.dsp.columns import ColumnStore, ColumnStream
 from radard.dsp.gram import Reals, checked_taper
+from radard.dsp.slower import StepMeans
 from radard.dsp.steps import Flags, StepBuffer, blocks, whole
 from radard.dsp.wideband import range_dft, range_frequencies, velocity_operator
 from radard.errors import FeatureError
@@ -67,6 +68,9 @@ class VelocityTransform(ColumnStream):
         seed's Gaussian when not given.
     n_keep : int
         Columns that can be asked for.
+    n_mean : int
+        So many frames in a row are one, their mean (`radard.dsp.slower`); CPI, stride and
+        columns count these.
 
     Attributes
     ----------
@@ -76,6 +80,8 @@ class VelocityTransform(ColumnStream):
         Absolute frequencies.
     n_cpi, stride : int
         Frames in a CPI, and from one column to the next.
+    column_rate_hz : float
+        Columns made a second.
 
     Raises
     ------
@@ -115,6 +121,7 @@ class VelocityTransform(ColumnStream):
         flatten: float = 1.5,
         taper: Callable[[int], Reals] | None = None,
         n_keep: int = 256,
+        n_mean: int = 1,
     ) -> None:
         settings = (frame_rate_hz, step_mps, cpi_s, column_rate_hz)
         if not all(0 < value < np.inf for value in settings) or not step_mps <= max_mps < np.inf:
@@ -123,13 +130,18 @@ class VelocityTransform(ColumnStream):
                 f"grid must hold a step; got {settings} and {max_mps} m/s"
             )
             raise FeatureError(msg)
-        self.n_cpi = max(_LEAST_CPI, round(cpi_s * frame_rate_hz))
-        self.stride = max(1, round(frame_rate_hz / column_rate_hz))
+        if n_mean < 1:
+            msg = f"velocity transform: a mean of {n_mean} frames"
+            raise FeatureError(msg)
+        rate_hz = frame_rate_hz / n_mean
+        self.n_cpi = max(_LEAST_CPI, round(cpi_s * rate_hz))
+        self.stride = max(1, round(rate_hz / column_rate_hz))
+        self.column_rate_hz = rate_hz / self.stride
         weights = checked_taper(self.n_cpi, None if taper is None else taper(self.n_cpi))
         n_side = int(max_mps / step_mps + 1e-9)
         design = _design(
             axis,
-            frame_rate_hz,
+            rate_hz,
             grid=(n_side, step_mps),
             n_frequencies=n_frequencies,
             flatten=flatten,
@@ -141,6 +153,7 @@ class VelocityTransform(ColumnStream):
         n_block = max(_BLOCK, self.n_cpi)
         super().__init__(0, n_block, n_keep, axis.n_range)
         self._spectra_in = StepBuffer(0, n_block)
+        self._means = StepMeans(n_mean)
         self._spectra = ColumnStore(self.n_cpi + self.stride + n_block)
         self._n_seen = 0
 
@@ -148,6 +161,7 @@ class VelocityTransform(ColumnStream):
         """See `ColumnStream`."""
         super().restart()
         self._spectra_in.restart()
+        self._means.restart()
         self._spectra.restart()
         self._n_seen = 0
 
@@ -209,9 +223,11 @@ class VelocityTransform(ColumnStream):
         return columns.T.copy() if self._store else np.zeros((len(self.velocity_mps), 0))
 
     def _advance(self, planar: NDArray[np.float32], flags: Flags) -> int:
-        n_new, n_freq = len(planar), len(self.frequency_hz)
-        steps = np.empty((n_new, n_freq), np.complex64)
+        n_freq = len(self.frequency_hz)
+        steps = np.empty((len(planar), n_freq), np.complex64)
         steps.real, steps.imag = planar[:, :n_freq], planar[:, n_freq:]
+        steps, flags = self._means.add(steps, flags)
+        n_new = len(steps)
         self._spectra.append(steps, flags)
         self._n_seen += n_new
         earliest = max(0, self._n_seen - n_new - self.n_cpi + 1)

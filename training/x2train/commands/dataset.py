@@ -19,6 +19,7 @@ FEATURES = FeatureSettings(
     velocity_cpi_s=0.2,
     velocity_cpi_carrier_hz=7e9,
     velocity_cpi_frames=6,
+    long_sampling=1.0,
     cell_m=0.05,
     range_window="target",
 )
