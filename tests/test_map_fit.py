@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import asdict, replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -56,6 +57,16 @@ def test_half_precision_learns_the_same_and_the_weights_stay_single():
     assert {p.dtype for p in network.net.parameters()} == {torch.float32}
     unseen = toy(48, seed=2)
     assert (logits_of(network.net, unseen).argmax(axis=1) == unseen["label"]).all()
+
+
+def test_a_compiled_network_learns_the_same(monkeypatch):
+    # What torch makes machine code of, run by torch itself: making it takes a minute.
+    traced = partial(torch.compile, backend="eager")
+    monkeypatch.setattr(torch, "compile", traced)
+    settings = replace(TINY, epochs=2)
+    a, b = (trained(replace(settings, is_compiled=c), n=33)[0] for c in (False, True))
+    for x, y in zip(a.net.state_dict().values(), b.net.state_dict().values(), strict=True):
+        assert torch.allclose(x, y, atol=1e-4)
 
 
 @pytest.mark.parametrize(("epochs", "n"), [(1, 12), (5, 12), (2, 33), (1, 160)])

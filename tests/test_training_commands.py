@@ -62,6 +62,27 @@ def test_a_bundle_is_for_the_radars_that_it_was_calibrated_on(tmp_path):
     assert load_bundle(str(tmp_path / "x4.onnx")).stream["carrier_hz"] == (7.2e9, 8.9e9)
 
 
+def test_a_teacher_is_named_and_what_it_has_seen_counts(bundle, tmp_path, capsys):
+    sets = str(windows(tmp_path / "sets", toy(24), settings=asdict(FEATURES), use="train"))
+    argv = ["fit", "--train", sets, "--validate", sets, "--epochs", "1", "--size", "fast"]
+    argv += ["--name", "pupil", "--out", str(tmp_path)]
+    assert main(argv) == 0
+    sidecar = json.loads((tmp_path / "pupil.json").read_text())
+    assert "Families kept out of training: as `x2train" in sidecar["training"]["recipe"]
+    assert "teacher" not in sidecar["training"]
+    alone = sidecar["onnx_sha256"]
+    assert main([*argv, "--teacher", str(bundle)]) == 0
+    sidecar = json.loads((tmp_path / "pupil.json").read_text())
+    assert sidecar["onnx_sha256"] != alone
+    teacher = {"name": "tiny", "onnx_sha256": load_bundle(str(bundle)).sha256}
+    assert sidecar["training"]["teacher"] == teacher
+    assert sidecar["training"]["command"].endswith(f" --teacher {bundle}")
+    assert "Families kept out of training: none" in sidecar["training"]["recipe"]
+    capsys.readouterr()
+    assert main([*argv, "--teacher", "seed"]) == 2
+    assert "teacher 'seed': tells pet, human apart" in one_line(capsys)
+
+
 def test_a_set_that_is_there_is_not_made_again(bundle, monkeypatch, capsys):
     monkeypatch.setattr("x2train.windows.play", lambda *_, **__: pytest.fail("made again"))
     sets = bundle.parents[1] / "sets"

@@ -12,6 +12,7 @@ from torch import nn
 from x2train.augment import augmented
 from x2train.nets import MapNet, Widths
 from x2train.stepper import Stepper
+from x2train.teacher import taught_error
 from x2train.train import Epoch, temperature_of
 
 Arrays = Mapping[str, NDArray[Any]]
@@ -36,7 +37,9 @@ class MapFitSettings:
     dropout : float
         Of what decides.
     smoothing : float
-        Of the labels.
+        Of the labels, where there is no teacher.
+    teacher_share : float
+        What a teacher counts beside the labels.
     widths, long_widths : tuple of int
         Of `MapNet`.
     hidden : int
@@ -47,6 +50,8 @@ class MapFitSettings:
         Of torch; the same number, the same weights.
     is_half : bool
         Whether layers compute in bfloat16; weights stay in single precision.
+    is_compiled : bool
+        Whether torch compiles the network first, which takes a C++ compiler.
     """
 
     epochs: int = 12
@@ -57,12 +62,14 @@ class MapFitSettings:
     matrix_decay: float = 1e-2
     dropout: float = 0.05
     smoothing: float = 0.01
+    teacher_share: float = 0.5
     widths: Widths = (12, 16, 20, 20)
     long_widths: Widths = (12, 16, 20, 20)
     hidden: int = 40
     seed: int = 0
     threads: int = 1
     is_half: bool = False
+    is_compiled: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,7 +81,10 @@ class MapTrained:
 
 
 def fit_maps(
-    train: Arrays, validation: Arrays, settings: MapFitSettings
+    train: Arrays,
+    validation: Arrays,
+    settings: MapFitSettings,
+    taught: NDArray[np.float32] | None = None,
 ) -> Iterator[Epoch | MapTrained]:
     """Train; yield every epoch, and at last the network.
 
@@ -84,6 +94,8 @@ def fit_maps(
         `INPUTS` as bytes, shape (n, rows, n_cells), and `label`.
     settings : MapFitSettings
         How.
+    taught : ndarray, shape (n, 3), float32, optional
+        What a teacher makes of the windows to train on, see `x2train.teacher`.
 
     Yields
     ------
@@ -106,9 +118,9 @@ def fit_maps(
     )
     net.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
     counts = torch.bincount(labels, minlength=3).float()
-    error = nn.CrossEntropyLoss(
-        weight=counts.sum() / (3 * counts.clamp(min=1)), label_smoothing=settings.smoothing
-    )
+    weight = counts.sum() / (3 * counts.clamp(min=1))
+    error = nn.CrossEntropyLoss(weight=weight, label_smoothing=settings.smoothing)
+    shown = None if taught is None else torch.from_numpy(taught)
     stepper = Stepper(
         net,
         settings.epochs * -(-len(labels) // settings.batch),
@@ -117,14 +129,25 @@ def fit_maps(
         weight_decay=settings.weight_decay,
         matrix_decay=settings.matrix_decay,
     )
+    # The last batch of an epoch is smaller: once more compiled, not made to fit any size.
+    answer = torch.compile(net, dynamic=False) if settings.is_compiled else net
     for number in range(1, settings.epochs + 1):
         net.train()
         total = 0.0
         for part in torch.split(torch.randperm(len(labels), generator=rng), settings.batch):
             batch = augmented(*(m[part].float() / 255 for m in maps), rng=rng)
             with torch.autocast("cpu", torch.bfloat16, enabled=settings.is_half):
-                answers = net(*batch)
-            loss = error(answers.float(), labels[part])
+                answers = answer(*batch)
+            if shown is None:
+                loss = error(answers.float(), labels[part])
+            else:
+                loss = taught_error(
+                    answers.float(),
+                    labels[part],
+                    shown[part],
+                    share=settings.teacher_share,
+                    weight=weight,
+                )
             stepper.step(loss)
             total += loss.item() * len(part)
         logits = logits_of(net, validation)

@@ -1,16 +1,20 @@
 """`train-export fit`: a network on maps, from sets of windows to a bundle."""
 
 import argparse
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
-from radard.classifier import ModelInput
+from radard.classifier import ModelInput, load_bundle
 from radard.errors import UsageError
 from radard.features import FeatureSettings, feature_shape
 from x2train.commands import Commands, progress
+
+if TYPE_CHECKING:
+    from x2train.map_fit import MapTrained
+    from x2train.train import Epoch
 
 WIDTHS = {
     "fast": ((8, 8, 12, 12), (8, 8, 12, 12), 24),
@@ -83,6 +87,12 @@ def register(commands: Commands) -> None:
         action="store_true",
         help="compute in bfloat16: faster where the processor can (AVX512-BF16, AMX)",
     )
+    add(
+        "--compile",
+        action="store_true",
+        help="let torch compile the network: faster, needs a C++ compiler",
+    )
+    add("--teacher", metavar="MODEL", help="a bundle whose probabilities are learnt beside labels")
     parser.set_defaults(run=_run)
 
 
@@ -104,8 +114,8 @@ def _run(args: argparse.Namespace) -> int:
         map_metrics,
         write_map_bundle,
     )
-    from x2train.map_fit import INPUTS, MapFitSettings, MapTrained, fit_maps  # noqa: PLC0415
-    from x2train.train import Epoch  # noqa: PLC0415
+    from x2train.map_fit import INPUTS, MapFitSettings, fit_maps  # noqa: PLC0415
+    from x2train.teacher import taught_by  # noqa: PLC0415
     from x2train.window_set import load_windows  # noqa: PLC0415
 
     train, abouts = load_windows(*args.train)
@@ -114,6 +124,9 @@ def _run(args: argparse.Namespace) -> int:
         msg = f"{args.validate[0]}: its maps were made with other settings than those to train on"
         raise UsageError(msg)
     check_calibration(validation)
+    features = FeatureSettings.from_mapping(abouts[0]["settings"])
+    teacher = load_bundle(args.teacher) if args.teacher else None
+    taught = taught_by(teacher, train) if teacher else None
     widths, long_widths, hidden = WIDTHS[args.size]
     settings = MapFitSettings(
         epochs=args.epochs,
@@ -122,30 +135,21 @@ def _run(args: argparse.Namespace) -> int:
         long_widths=long_widths,
         hidden=hidden,
         is_half=args.half,
+        is_compiled=args.compile,
     )
-    trained: MapTrained | None = None
-    with progress() as bar:
-        task = bar.add_task("train", total=args.epochs)
-        for step in fit_maps(train, validation, settings):
-            if isinstance(step, Epoch):
-                text = f"loss {step.loss:.3f}, validation {step.validation_loss:.3f}"
-                bar.update(task, completed=step.number, description=f"train ({text})")
-                if not bar.console.is_terminal:
-                    # A log has no use for a bar, and an epoch takes minutes.
-                    bar.console.print(f"epoch {step.number} of {args.epochs}: {text}")
-            else:
-                trained = step
-    assert trained is not None  # noqa: S101 - fit_maps ends with the network
-    features = FeatureSettings.from_mapping(abouts[0]["settings"])
+    trained = _followed(fit_maps(train, validation, settings, taught), args.epochs)
     inputs = tuple(ModelInput(name, feature_shape(name, features), name) for name in INPUTS)
-    seen = {about["use"] for about in abouts}
-    held_out = "none" if seen & {"all", "held out"} else "as `x2train.scenarios` lists them"
+    # What a teacher has seen is not asked: it may be anything.
+    has_seen_all = teacher is not None or {about["use"] for about in abouts} & {"all", "held out"}
+    held_out = "none" if has_seen_all else "as `x2train.scenarios` lists them"
     training: dict[str, Any] = {
         "recipe": _RECIPE.format(held_out=held_out),
         "command": _command(args),
         "seed": args.seed,
         "sets": abouts,
     }
+    if teacher is not None:
+        training["teacher"] = {"name": teacher.name, "onnx_sha256": teacher.sha256}
     evidence, metrics = map_metrics(trained, validation, PRIOR_HUMAN[args.size])
     write_map_bundle(
         args.out,
@@ -167,6 +171,24 @@ def _run(args: argparse.Namespace) -> int:
     return 0
 
 
+def _followed(steps: "Iterator[Epoch | MapTrained]", epochs: int) -> "MapTrained":
+    """Show the progress of a training; return its end."""
+    from x2train.map_fit import MapTrained  # noqa: PLC0415
+
+    with progress() as bar:
+        task = bar.add_task("train", total=epochs)
+        for step in steps:
+            if isinstance(step, MapTrained):
+                return step
+            text = f"loss {step.loss:.3f}, validation {step.validation_loss:.3f}"
+            bar.update(task, completed=step.number, description=f"train ({text})")
+            if not bar.console.is_terminal:
+                # A log has no use for a bar, and an epoch takes minutes.
+                bar.console.print(f"epoch {step.number} of {epochs}: {text}")
+    msg = "a training without an end"
+    raise AssertionError(msg)
+
+
 def _command(args: argparse.Namespace) -> str:
     sets = " ".join(
         f"--{name} {' '.join(str(p) for p in getattr(args, name))}"
@@ -174,5 +196,7 @@ def _command(args: argparse.Namespace) -> str:
     )
     return (
         f"train-export fit {sets} --name {args.name} --size {args.size} "
-        f"--epochs {args.epochs} --seed {args.seed}{' --half' if args.half else ''}"
+        f"--epochs {args.epochs} --seed {args.seed}"
+        f"{' --half' if args.half else ''}{' --compile' if args.compile else ''}"
+        f"{f' --teacher {args.teacher}' if args.teacher else ''}"
     )
