@@ -1,0 +1,92 @@
+"""What a window costs in training: as torch runs it, in bfloat16, compiled, in one run.
+
+Medians of interleaved steps of 128 windows on one thread, augmentation and optimiser included.
+"""
+
+import argparse
+import json
+import time
+from collections.abc import Callable
+
+import numpy as np
+import torch
+from torch import nn
+
+from radard.features import MAP_FEATURES, feature_shape
+from x2train.augment import augmented
+from x2train.commands.dataset import FEATURES
+from x2train.commands.fit import WIDTHS
+from x2train.map_fit import INPUTS, MapFitSettings
+from x2train.nets import MapNet
+from x2train.stepper import Stepper
+
+_WAYS = {
+    "plain": (False, False),
+    "half": (True, False),
+    "compile": (False, True),
+    "half_compile": (True, True),
+}
+_N_FIRST = 3
+"""Steps that are not counted: the first one compiles."""
+
+
+def _step(size: str, *, is_half: bool, is_compiled: bool) -> Callable[[], None]:
+    """Return what takes one step, on maps of noise."""
+    settings = MapFitSettings()
+    rng = torch.Generator().manual_seed(0)
+    shapes = {name: feature_shape(name, FEATURES) for name in MAP_FEATURES}
+    maps = [torch.rand(settings.batch, *shapes[name], generator=rng) for name in INPUTS]
+    labels = torch.arange(settings.batch) % 3
+    widths, long_widths, hidden = WIDTHS[size]
+    net = MapNet(
+        maps[0].shape[1],
+        maps[1].shape[1],
+        tuple(m.shape[1] for m in maps[2:]),
+        widths=widths,
+        long_widths=long_widths,
+        hidden=hidden,
+    )
+    net.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+    stepper = Stepper(
+        net,
+        10_000,
+        rate=settings.learning_rate,
+        matrix_rate=settings.matrix_rate,
+        weight_decay=settings.weight_decay,
+        matrix_decay=settings.matrix_decay,
+    )
+    answer = torch.compile(net, dynamic=False) if is_compiled else net
+    error = nn.CrossEntropyLoss()
+
+    def step() -> None:
+        batch = augmented(*maps, rng=rng)
+        with torch.autocast("cpu", torch.bfloat16, enabled=is_half):
+            answers = answer(*batch)
+        stepper.step(error(answers.float(), labels))
+
+    return step
+
+
+def main() -> None:
+    """Print one JSON object."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--size", choices=sorted(WIDTHS), default="balanced")
+    parser.add_argument("--steps", type=int, default=20)
+    args = parser.parse_args()
+    torch.set_num_threads(1)
+    steps = {k: _step(args.size, is_half=h, is_compiled=c) for k, (h, c) in _WAYS.items()}
+    took_s: dict[str, list[float]] = {name: [] for name in steps}
+    for number in range(_N_FIRST + args.steps):
+        for name, step in steps.items():
+            started_s = time.perf_counter()
+            step()
+            if number >= _N_FIRST:
+                took_s[name].append(time.perf_counter() - started_s)
+    batch = MapFitSettings().batch
+    us = {f"us_{name}": 1e6 * float(np.median(t)) / batch for name, t in took_s.items()}
+    ratios = {f"speedup_{k}": us["us_plain"] / us[f"us_{k}"] for k in steps if k != "plain"}
+    print(json.dumps({key: round(value, 3) for key, value in {**us, **ratios}.items()}))
+
+
+if __name__ == "__main__":
+    main()
