@@ -688,9 +688,9 @@ def wait_until(happens: Callable[[], bool]) -> None:
 
 
 def test_a_simulated_module_that_reboots_again_and_again_streams_on() -> None:
-    plan = FaultPlan({"reboot": 0.05})
+    plan = FaultPlan({"reboot": 0.03})
     near, far = memory_pair()
-    thread = in_thread(serve, SimulatedModule(load_scene("human"), 3, plan), far, speed=20.0)
+    thread = in_thread(serve, SimulatedModule(load_scene("human"), 3, plan), far, speed=8.0)
     with X2Radar(lambda: near, SETTINGS, deadlines=SHORT) as radar:
         frames = take(radar, 200)
         stats = radar.stats
