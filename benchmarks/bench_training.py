@@ -12,13 +12,11 @@ import numpy as np
 import torch
 from torch import nn
 
-from radard.features import MAP_FEATURES, feature_shape
+from radard.features import feature_shape
 from x2train.augment import augmented
 from x2train.commands.dataset import FEATURES
 from x2train.commands.fit import WIDTHS
-from x2train.map_fit import INPUTS, MapFitSettings
-from x2train.nets import MapNet
-from x2train.stepper import Stepper
+from x2train.map_fit import INPUTS, MapFitSettings, network, stepper_of
 
 _WAYS = {
     "plain": (False, False),
@@ -32,29 +30,14 @@ _N_FIRST = 3
 
 def _step(size: str, *, is_half: bool, is_compiled: bool) -> Callable[[], None]:
     """Return what takes one step, on maps of noise."""
-    settings = MapFitSettings()
-    rng = torch.Generator().manual_seed(0)
-    shapes = {name: feature_shape(name, FEATURES) for name in MAP_FEATURES}
-    maps = [torch.rand(settings.batch, *shapes[name], generator=rng) for name in INPUTS]
-    labels = torch.arange(settings.batch) % 3
     widths, long_widths, hidden = WIDTHS[size]
-    net = MapNet(
-        maps[0].shape[1],
-        maps[1].shape[1],
-        tuple(m.shape[1] for m in maps[2:]),
-        widths=widths,
-        long_widths=long_widths,
-        hidden=hidden,
-    )
-    net.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-    stepper = Stepper(
-        net,
-        10_000,
-        rate=settings.learning_rate,
-        matrix_rate=settings.matrix_rate,
-        weight_decay=settings.weight_decay,
-        matrix_decay=settings.matrix_decay,
-    )
+    settings = MapFitSettings(widths=widths, long_widths=long_widths, hidden=hidden)
+    rng = torch.Generator().manual_seed(0)
+    shapes = [feature_shape(name, FEATURES) for name in INPUTS]
+    maps = [torch.rand(settings.batch, *shape, generator=rng) for shape in shapes]
+    labels = torch.arange(settings.batch) % 3
+    net = network(tuple(shape[0] for shape in shapes), settings)
+    stepper = stepper_of(net, 10_000, settings)
     answer = torch.compile(net, dynamic=False) if is_compiled else net
     error = nn.CrossEntropyLoss()
 

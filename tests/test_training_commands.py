@@ -88,7 +88,7 @@ def test_a_set_that_is_there_is_not_made_again(bundle, monkeypatch, capsys):
     sets = bundle.parents[1] / "sets"
     argv = ["dataset", "--out", str(sets), "--passages", "30", "--families", "all"]
     assert main([*argv, "--seed", "1", "--workers", "1"]) == 0
-    assert "windows of 30 passages" in capsys.readouterr().out.replace("\n", " ")
+    assert "windows of 30 passages" in capsys.readouterr().out
     assert main([*argv, "--seed", "2", "--workers", "1"]) == 2
     assert "seed: 1, not 2" in one_line(capsys)
 
@@ -262,6 +262,8 @@ def test_a_set_without_shards_has_no_columns(tmp_path):
 
 def test_a_data_set_in_which_nothing_is_seen_is_told_as_such(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("x2train.windows.windows_of", lambda *_: None)
-    argv = ["dataset", "--out", str(tmp_path / "set"), "--passages", "1", "--workers", "1"]
+    # No line break at 80 columns, nor within the name, and no style in it either.
+    folder = tmp_path / f"set of a [red]long[/] name {'x' * 80}"
+    argv = ["dataset", "--out", str(folder), "--passages", "1", "--workers", "1"]
     assert main(argv) == 0
-    assert " 0 windows of 1 passages" in capsys.readouterr().out.replace("\n", " ")
+    assert capsys.readouterr().out == f"{folder}: 0 windows of 1 passages\n"

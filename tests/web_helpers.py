@@ -124,8 +124,12 @@ class Running:
         return wait(what, timeout_s, lambda: self.log)
 
     def wait_online(self):
-        """Wait until it decides."""
-        self.wait(lambda: self.get("/healthz")[0] == 200)
+        """Wait until it decides; one that never does is ended."""
+        try:
+            self.wait(lambda: self.get("/healthz")[0] == 200)
+        except BaseException:
+            self.end()
+            raise
         return self
 
     def end(self):

@@ -107,28 +107,12 @@ def fit_maps(
     rng = torch.Generator().manual_seed(settings.seed)
     maps = [torch.from_numpy(train[name]) for name in INPUTS]
     labels = torch.from_numpy(np.asarray(train["label"], np.int64))
-    net = MapNet(
-        maps[0].shape[1],
-        maps[1].shape[1],
-        tuple(m.shape[1] for m in maps[2:]),
-        widths=settings.widths,
-        long_widths=settings.long_widths,
-        hidden=settings.hidden,
-        dropout=settings.dropout,
-    )
-    net.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+    net = network(tuple(m.shape[1] for m in maps), settings)
     counts = torch.bincount(labels, minlength=3).float()
     weight = counts.sum() / (3 * counts.clamp(min=1))
     error = nn.CrossEntropyLoss(weight=weight, label_smoothing=settings.smoothing)
     shown = None if taught is None else torch.from_numpy(taught)
-    stepper = Stepper(
-        net,
-        settings.epochs * -(-len(labels) // settings.batch),
-        rate=settings.learning_rate,
-        matrix_rate=settings.matrix_rate,
-        weight_decay=settings.weight_decay,
-        matrix_decay=settings.matrix_decay,
-    )
+    stepper = stepper_of(net, settings.epochs * -(-len(labels) // settings.batch), settings)
     # The last batch of an epoch is smaller: once more compiled, not made to fit any size.
     answer = torch.compile(net, dynamic=False) if settings.is_compiled else net
     for number in range(1, settings.epochs + 1):
@@ -155,6 +139,33 @@ def fit_maps(
         yield Epoch(number, total / len(labels), score)
     logits = logits_of(net, validation)
     yield MapTrained(net, temperature_of(logits, np.asarray(validation["label"])))
+
+
+def network(rows: tuple[int, ...], settings: MapFitSettings) -> MapNet:
+    """Return a network with random weights for maps of `INPUTS` with so many rows."""
+    net = MapNet(
+        rows[0],
+        rows[1],
+        rows[2:],
+        widths=settings.widths,
+        long_widths=settings.long_widths,
+        hidden=settings.hidden,
+        dropout=settings.dropout,
+    )
+    net.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+    return net
+
+
+def stepper_of(net: MapNet, n_steps: int, settings: MapFitSettings) -> Stepper:
+    """Return what takes `n_steps` steps."""
+    return Stepper(
+        net,
+        n_steps,
+        rate=settings.learning_rate,
+        matrix_rate=settings.matrix_rate,
+        weight_decay=settings.weight_decay,
+        matrix_decay=settings.matrix_decay,
+    )
 
 
 def logits_of(net: nn.Module, windows: Arrays) -> NDArray[np.float64]:

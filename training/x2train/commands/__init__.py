@@ -11,6 +11,15 @@ Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 _T = TypeVar("_T")
 
 
+def result_console() -> Console:
+    """Return the console for results, on stdout: a line stays one line, a path what it is.
+
+    rich would break lines at 80 columns where stdout is no terminal, within a path if need be,
+    and take what stands in brackets for a style.
+    """
+    return Console(soft_wrap=True, highlight=False, markup=False)
+
+
 def progress() -> Progress:
     """Return a bar on stderr: what, how far, of how much, time left."""
     return Progress(

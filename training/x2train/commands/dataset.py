@@ -5,12 +5,10 @@ import os
 from dataclasses import asdict
 from pathlib import Path
 
-from rich.console import Console
-
 from radard.classifier import load_bundle
 from radard.errors import UsageError
 from radard.features import MAP_FEATURES, FeatureSettings
-from x2train.commands import Commands
+from x2train.commands import Commands, result_console
 
 FEATURES = FeatureSettings(
     clutter="removed",
@@ -83,7 +81,7 @@ def _run(args: argparse.Namespace) -> int:
         report=ProgressLine("passages"),
     )
     n = sum(len(shards.read(name).get("label", ())) for name in shards.names())
-    Console().print(f"{args.out}: {n} windows of {args.passages} passages")
+    result_console().print(f"{args.out}: {n} windows of {args.passages} passages")
     return 0
 
 

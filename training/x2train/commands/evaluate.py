@@ -7,11 +7,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-
 from radard.classifier import Bundle, load_bundle
 from radard.errors import UsageError
-from x2train.commands import Commands
+from x2train.commands import Commands, result_console
 from x2train.shards import MANIFEST
 
 _MOST_PET_HOURS = 10_000.0
@@ -128,7 +126,7 @@ def _run(args: argparse.Namespace) -> int:
         other=other,
         render=lambda row: passage_png(spec, int(table[row].build)),
     )
-    console = Console()
+    console = result_console()
     console.print(f"wrote {args.out / 'report.html'} and report.json")
     if args.card:
         made = evaluation_of(table, bundle, _command(args))

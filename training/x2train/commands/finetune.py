@@ -8,7 +8,7 @@ from rich.table import Table
 
 from radard.classifier import load_bundle
 from radard.errors import UsageError
-from x2train.commands import Commands
+from x2train.commands import Commands, result_console
 
 _MOST_EPOCHS = 20
 
@@ -55,14 +55,14 @@ def _run(args: argparse.Namespace) -> int:
     from x2train.own_windows import own_windows  # noqa: PLC0415
     from x2train.train import Epoch  # noqa: PLC0415
 
-    console = Console()
+    console = result_console()
     bundle = load_bundle(args.model)
     clips = list(named_clips(args.clips))
     if args.labels is not None:
         found = labelled_clips(args.labels, args.folder)
         clips += found.clips
         for line in found.left_out:
-            console.print(f"left out: {line}", markup=False, highlight=False)
+            console.print(f"left out: {line}")
     clips = list(merged(clips))
     guard = load_guard(args.guard, bundle)
     mix = load_guard(args.mix, bundle, least=1) if args.mix else None
@@ -93,7 +93,7 @@ def _run(args: argparse.Namespace) -> int:
         seed=args.seed,
     )
     path = args.out / args.name
-    console.print(f"wrote {path}.onnx, .json and .md", highlight=False, soft_wrap=True)
+    console.print(f"wrote {path}.onnx, .json and .md")
     table = Table("", "before", "after", box=None)
     for row in rows_of(tuned):
         table.add_row(*row)

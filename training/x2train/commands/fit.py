@@ -5,12 +5,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rich.console import Console
-
 from radard.classifier import ModelInput, load_bundle
 from radard.errors import UsageError
 from radard.features import FeatureSettings, feature_shape
-from x2train.commands import Commands, progress
+from x2train.commands import Commands, progress, result_console
 
 if TYPE_CHECKING:
     from x2train.map_fit import MapTrained
@@ -164,7 +162,7 @@ def _run(args: argparse.Namespace) -> int:
         notes=_NOTES,
         sample=validation,
     )
-    console = Console()
+    console = result_console()
     console.print(f"wrote {args.out / args.name}.onnx, .json and .md")
     for key, value in metrics.items():
         console.print(f"  {key}: {value}")

@@ -3,12 +3,10 @@
 import argparse
 from pathlib import Path
 
-from rich.console import Console
-
 from radard.errors import UsageError
 from x2radar.ports import PortSpec, port_settings
 from x2radar.sim.scene import load_scene
-from x2train.commands import Commands
+from x2train.commands import Commands, result_console
 
 
 def register(commands: Commands) -> None:
@@ -46,5 +44,6 @@ def _run(args: argparse.Namespace) -> int:
     keys = {"device": args.device, "rate": f"{args.rate:g}", "kind": "baseband"}
     settings = port_settings(PortSpec("sim", args.name, keys))
     assert not callable(settings)  # noqa: S101 - only device=auto needs a module
-    Console().print(str(plot_scene(scene, args.seed, settings, args.duration, args.plot)))
+    made = plot_scene(scene, args.seed, settings, args.duration, args.plot)
+    result_console().print(str(made))
     return 0

@@ -8,11 +8,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rich.console import Console
 from rich.progress import Progress, TaskID
 
 from radard.errors import UsageError
-from x2train.commands import Commands, progress
+from x2train.commands import Commands, progress, result_console
 
 if TYPE_CHECKING:
     from x2train.seed.own import OwnJob
@@ -119,7 +118,7 @@ def _run(args: argparse.Namespace) -> int:
             if result is not None:
                 results.append(result)
             bar.advance(overall)
-    console = Console(highlight=False, soft_wrap=True)
+    console = result_console()
     for r in results:
         console.print(
             f"{r.name} {r.label}: {r.evaluation.total[r.best]:.1f} % on {r.evaluation.n}, "

@@ -4,12 +4,10 @@ import argparse
 import os
 from pathlib import Path
 
-from rich.console import Console
-
 from radard.classifier import ModelInput
 from radard.errors import UsageError
 from radard.features import FeatureSettings
-from x2train.commands import Commands, last, progress
+from x2train.commands import Commands, last, progress, result_console
 from x2train.dataset import CLASSES, LabelledSet, SeedSetSpec, generate
 
 _RECIPE = (
@@ -101,7 +99,7 @@ def _train(args: argparse.Namespace) -> int:
         metrics={**metrics, "logit difference torch - onnxruntime": float(f"{difference:.1e}")},
     )
     write_bundle(out, bundle, onnx_bytes)
-    console = Console()
+    console = result_console()
     console.print(f"wrote {out / name}.onnx, .json and .md (best epoch {trained.best_epoch})")
     for key, value in metrics.items():
         console.print(f"  {key}: {value}")

@@ -3,10 +3,8 @@
 import argparse
 from pathlib import Path
 
-from rich.console import Console
-
 from radard.errors import UsageError
-from x2train.commands import Commands, last
+from x2train.commands import Commands, last, result_console
 
 _MOST_FILES = 2
 
@@ -38,8 +36,8 @@ def _run(args: argparse.Namespace) -> int:
         msg = f"--seeds {args.seeds}: must be 2 to 1000"
         raise UsageError(msg)
     found: Comparison = last(compare(args.files, args.seeds), args.seeds, "people")
-    console = Console(width=200, highlight=False)
-    console.print(found.table(), markup=False)
+    console = result_console()
+    console.print(found.table())
     console.print("* not within 20 %, or 2 dB")
     console.print(str(plot_walks(found, args.out / "scene_walks.png")))
     return 0
