@@ -46,6 +46,8 @@ class WindowSpec:
         How the maps are made.
     is_plain : bool
         Without guises.
+    longest_s : float
+        Bodies are there for 2 s to so long.
     """
 
     seed: int = 0
@@ -54,6 +56,7 @@ class WindowSpec:
     radar: RadarKind = "any"
     settings: FeatureSettings
     is_plain: bool = False
+    longest_s: float = 6.0
 
     def __call__(self, number: int) -> Mapping[str, NDArray[Any]] | None:
         """Return the windows of passage `number`; None if it has none."""
@@ -67,7 +70,7 @@ class WindowSpec:
         radar = draw_radar(radar_rng, self.radar)
         is_close = self.rooms == "usual" and rng.random() < _CLOSE_SHARE
         site = draw_close(rng, radar) if is_close else draw_site(rng, radar, self.rooms)
-        duration_s = 2.6 + float(rng.uniform(2.0, 6.0))
+        duration_s = 2.6 + float(rng.uniform(2.0, self.longest_s))
         passage = play(rng, site, cast, duration_s=duration_s, is_plain=self.is_plain)
         return windows_of(passage, self.settings, number)
 

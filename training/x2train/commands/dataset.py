@@ -22,6 +22,7 @@ FEATURES = FeatureSettings(
     range_window="target",
 )
 """How the maps of the shipped bundles are made."""
+_SHORTEST_S, _LONGEST_S = 2.0, 600.0
 
 
 def register(commands: Commands) -> None:
@@ -48,6 +49,13 @@ def register(commands: Commands) -> None:
     )
     add("--rooms", choices=("usual", "unseen"), default="usual", help="where")
     add("--radar", choices=("any", "x2", "x4m03"), default="any", help="with which radar (any)")
+    add(
+        "--longest",
+        metavar="SECONDS",
+        type=float,
+        default=6.0,
+        help="bodies are there for 2 s to so long (6); memory learns from long ones",
+    )
     add("--like", metavar="MODEL", help="maps as this bundle takes them, for finetune --guard")
     add("--seed", type=int, default=1, help="same seed, same set (1)")
     add("--workers", type=int, default=os.cpu_count() or 1, help="processes (all cores)")
@@ -60,6 +68,9 @@ def _run(args: argparse.Namespace) -> int:
         if getattr(args, name) < least:
             msg = f"--{name} {getattr(args, name)}: must be at least {least}"
             raise UsageError(msg)
+    if not _SHORTEST_S <= args.longest <= _LONGEST_S:
+        msg = f"--longest {args.longest:g}: must be {_SHORTEST_S:g} to {_LONGEST_S:g} s"
+        raise UsageError(msg)
     # Late: the simulator takes a second, and --help must not.
     from x2train.farm import ProgressLine, make_shards  # noqa: PLC0415
     from x2train.windows import WindowSpec  # noqa: PLC0415
@@ -69,6 +80,7 @@ def _run(args: argparse.Namespace) -> int:
         use=args.families,
         rooms=args.rooms,
         radar=args.radar,
+        longest_s=args.longest,
         settings=_features_of(args.like) if args.like else FEATURES,
     )
     shards = make_shards(
