@@ -91,6 +91,10 @@ def test_a_file_loads_like_an_installed_bundle(copy):
         ({"inputs": [{"name": "features", "shape": [9], "feature": "seed_type2"}]}, "seed_type2"),
         ({"stream": {}}, "stream needs"),
         ({"temperature": "warm"}, "lacks or garbles"),
+        ({"hidden": -1}, "lacks or garbles hidden -1"),
+        ({"hidden": True}, "hidden True"),
+        ({"hidden": "24"}, "hidden '24'"),
+        ({"hidden": 24}, r"the sidecar says .*'hidden': \[1, 24\]"),
     ],
 )
 def test_a_sidecar_that_does_not_fit_is_refused(copy, changes, words):

@@ -12,11 +12,11 @@ from radard.errors import UsageError
 from radard.web.labels import LabelFile
 from tests.alarm_helpers import write_recording
 from tests.radar_helpers import noise, run_radard
-from tests.training_helpers import FEATURES, INPUTS, MAPS, toy, trained
+from tests.training_helpers import FEATURES, INPUTS, MAPS, give_head, toy, trained
 from x2radar.errors import RecordingError
-from x2train.bundle_graph import MOST_NATS, Head, outputs_of, turned, with_verifier
+from x2train.bundle_answers import Answers, outputs_of
+from x2train.bundle_graph import MOST_NATS, Head, with_verifier
 from x2train.cli import main
-from x2train.evidence_fit import sequences
 from x2train.graph_net import GraphNet
 from x2train.guard import Guard, Misses, alarms_of, load_guard
 from x2train.map_bundle import EvidenceSettings, write_map_bundle
@@ -44,8 +44,8 @@ def windows(folder, n, seed):
     return folder
 
 
-@pytest.fixture(scope="module")
-def made(tmp_path_factory):
+@pytest.fixture(scope="module", params=["summed", "temporal"])
+def made(request, tmp_path_factory):
     """Return a folder: a bundle that takes all for people, guards, and clips of a dog."""
     folder = tmp_path_factory.mktemp("finetune")
     network = replace(trained()[0], temperature=12.0)
@@ -62,6 +62,8 @@ def made(tmp_path_factory):
         notes="",
         sample=toy(48, seed=1),
     )
+    if request.param == "temporal":
+        give_head(folder / "tiny.onnx", temperature=2.5)
     windows(folder / "guard", 1536, 5)
     windows(folder / "mix", 384, 6)
     for seed in (1, 2, 3):
@@ -100,6 +102,7 @@ def test_own_clips_become_quiet_and_radard_runs_the_bundle(made, tmp_path, way, 
     base = json.loads((made / "tiny.json").read_text())
     same = ("schema", "inputs", "features", "stream", "classes", "temperature", "pet_limit")
     assert {k: sidecar[k] for k in same} == {k: base[k] for k in same}
+    assert sidecar.get("hidden") == base.get("hidden")
     assert sidecar["evidence"] == base["evidence"]
     about = sidecar["training"]["finetuned"]
     assert (about["way"], about["base_onnx_sha256"]) == (way, base["onnx_sha256"])
@@ -124,37 +127,42 @@ def test_a_verifier_only_turns_people_into_pets(bundle):
     rng = np.random.default_rng(0)
     windows = toy(96, seed=7)
     given = {name: windows[name] for name in MAPS}
-    logits, seen = outputs_of(bundle.onnx, given, with_what_is_seen=True)
+    is_first = np.arange(96) % 4 == 0
+    plain, seen = outputs_of(bundle.onnx, given, is_first=is_first, with_what_is_seen=True)
     weight = rng.standard_normal(seen.shape[1]) / np.sqrt(seen.shape[1])
     head = Head(weight, 0.0, float(np.median(seen @ weight)))
     with_it = with_verifier(bundle.onnx, head, pet=1, temperature=bundle.temperature)
-    found = outputs_of(with_it, given)[0]
+    made, _ = outputs_of(with_it, given, is_first=is_first)
     excess = head.excess(seen)
     assert 0 < (excess > 0).sum() < len(excess)
-    # Unsure: bit by bit what the network says.
-    assert (found[excess == 0] == logits[excess == 0]).all()
-    expected = turned(logits, excess, pet=1, temperature=bundle.temperature)
-    np.testing.assert_allclose(found, expected, atol=2e-2)
-    assert (found[:, [0, 2]] == logits[:, [0, 2]]).all()
-    assert ((found - logits)[:, 1] <= MOST_NATS * bundle.temperature + 1e-3).all()
-    before, after = (sequences(x, bundle.temperature, **truth(windows)).p for x in (logits, found))
-    assert (after[:, 0] <= before[:, 0] + 1e-12).all()
+    expected = plain.turned(excess, pet=1, temperature=bundle.temperature)
+    assert (plain.fused is None) is (bundle.n_hidden == 0)
+    pairs = [(plain.logits, made.logits, expected.logits, bundle.temperature)]
+    if plain.fused is not None:
+        pairs.append((plain.fused, made.fused, expected.fused, 1.0))
+    for before, found, wanted, temperature in pairs:
+        # Unsure: bit by bit what the network says.
+        assert (found[excess == 0] == before[excess == 0]).all()
+        np.testing.assert_allclose(found, wanted, atol=2e-3 * temperature)
+        assert (found[:, [0, 2]] == before[:, [0, 2]]).all()
+        assert ((found - before)[:, 1] <= (MOST_NATS + 1e-3) * temperature).all()
+    p = [x.p(bundle.temperature)[:, 0] for x in (plain, made)]
+    assert (p[1] <= p[0] + 1e-12).all()
     with pytest.raises(UsageError, match="has a verifier already"):
         outputs_of(with_it, given, with_what_is_seen=True)
-    made = replace(bundle, onnx=with_it)
-    assert Classifier(made).bundle.sha256 != bundle.sha256
-
-
-def truth(columns):
-    return {key: columns[key] for key in ("label", "passage", "t_s")}
+    assert Classifier(replace(bundle, onnx=with_it)).bundle.sha256 != bundle.sha256
 
 
 def test_a_graph_is_trained_as_onnxruntime_runs_it(bundle):
     windows = toy(24, seed=8)
     given = {name: windows[name] for name in MAPS}
     net = GraphNet(bundle.onnx)
-    again = outputs_of(net.to_onnx(), given)[0]
-    np.testing.assert_array_equal(again, outputs_of(bundle.onnx, given)[0])
+    is_first = np.arange(24) % 4 == 0
+    again, first = (
+        outputs_of(x, given, is_first=is_first)[0] for x in (net.to_onnx(), bundle.onnx)
+    )
+    np.testing.assert_array_equal(again.logits, first.logits)
+    np.testing.assert_array_equal(again.fused, first.fused)
     model = onnx.load_from_string(bundle.onnx)
     model.graph.node[0].op_type = "Cos"
     with pytest.raises(UsageError, match="has Cos, which cannot be trained"):
@@ -170,7 +178,8 @@ def test_misses_count_people_alone_by_the_policy(bundle, policy):
     for column, missed in ((1, True), (0, False)):
         sure[:] = 0
         sure[:, column] = 10 * bundle.temperature
-        found = guard.misses(bundle, sure)
+        fused = sure / bundle.temperature if bundle.n_hidden else None
+        found = guard.misses(bundle, Answers(sure, fused))
         n_windows = int((guard.label == 0).sum())
         assert (found.n_windows, found.n_passages) == (n_windows, n_windows // 4)
         assert found.windows == missed * n_windows
@@ -193,10 +202,13 @@ def test_the_bound_is_on_windows_and_on_passages(windows_more, passages_more, is
 
 
 def test_who_leaves_while_the_alarm_waits_is_an_alarm(bundle):
-    unsure = np.array([[0.5, 0.3, 0.2]])
+    log_p = np.log([[0.5, 0.3, 0.2]])
+    unsure = Answers(bundle.temperature * log_p, log_p if bundle.n_hidden else None)
     alarms = list(alarms_of(bundle, unsure, np.array([True]), np.array([3.0])))
     assert alarms == [True]
-    twice = np.repeat(unsure, 2, axis=0)
+    twice = Answers(
+        *(None if x is None else np.repeat(x, 2, 0) for x in (unsure.logits, unsure.fused))
+    )
     alarms = list(alarms_of(bundle, twice, np.array([True, True]), np.array([3.0, 30.0])))
     assert alarms == [True, True]
 

@@ -39,19 +39,19 @@ def test_invalid_windows_are_a_fault_within_three_seconds_of_the_first_frame():
 
 @pytest.mark.parametrize("error", [RuntimeError("onnxruntime: out of memory"), ModelMismatch("x")])
 def test_a_model_error_is_a_fault_and_not_the_end(monkeypatch, error):
-    classify, decide, made = Classifier.classify, Pipeline.decide, []
+    answer, decide, made = Classifier.answer, Pipeline.decide, []
 
     def deciding(self, dwell):
         made.append(1)
         return decide(self, dwell)
 
-    def failing(self, features):
+    def failing(self, *given):
         if len(made) in {3, 4}:
             raise error
-        return classify(self, features)
+        return answer(self, *given)
 
     monkeypatch.setattr(Pipeline, "decide", deciding)
-    monkeypatch.setattr(Classifier, "classify", failing)
+    monkeypatch.setattr(Classifier, "answer", failing)
     code, records, _ = run_radard("--port", "sim:human", *FAST, "--duration", "15")
     assert code == 0
     made = [r for r in records if r["type"] == "decision"]

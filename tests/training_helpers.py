@@ -1,12 +1,19 @@
 """Small sets and networks that several tests of the training share."""
 
+import hashlib
+import json
+from dataclasses import replace
+
 import numpy as np
 
-from radard.classifier import ModelInput
+from radard.classifier import ModelInput, load_bundle
 from radard.features import feature_shape
+from x2train.bundle_answers import tapped
 from x2train.commands.dataset import FEATURES
 from x2train.map_fit import INPUTS as MAPS
 from x2train.map_fit import MapFitSettings, MapTrained, fit_maps
+from x2train.temporal_graph import GIVEN, with_given, with_head
+from x2train.temporal_head import Given, HeadSettings, HeadTrained, fit_head
 
 TINY = MapFitSettings(
     epochs=20,
@@ -42,6 +49,32 @@ def trained(settings=TINY, *, n=96):
     *epochs, made = fit_maps(toy(n), toy(48, seed=1), settings)
     assert isinstance(made, MapTrained)
     return made, epochs
+
+
+def given(bundle, columns):
+    """Return what the last layer of a bundle's network is given of toy windows."""
+    maps = {name: columns[name] for name in MAPS}
+    values = tapped(with_given(bundle.onnx), maps, GIVEN)[1]
+    return Given(values, columns["label"], np.arange(len(values)) % 4 == 0)
+
+
+def head_for(bundle, **settings):
+    """Return a temporal head that was hardly trained."""
+    size = {"n_projected": 6, "n_hidden": 5, "epochs": 20, "batch": 4, **settings}
+    seen = given(bundle, toy(96)), given(bundle, toy(48, seed=1))
+    *_, made = fit_head(*seen, HeadSettings(**size))
+    assert isinstance(made, HeadTrained)
+    return made
+
+
+def give_head(path, *, temperature=1.0):
+    """Give the bundle of a file a temporal head that is as unsure as its temperature says."""
+    bundle = load_bundle(str(path))
+    onnx = with_head(bundle.onnx, replace(head_for(bundle), temperature=temperature))
+    path.write_bytes(onnx)
+    sidecar = json.loads(path.with_suffix(".json").read_text())
+    sidecar |= {"onnx_sha256": hashlib.sha256(onnx).hexdigest(), "hidden": 5}
+    path.with_suffix(".json").write_text(json.dumps(sidecar))
 
 
 __all__ = ["FEATURES", "INPUTS", "MAPS", "TINY", "toy", "trained"]

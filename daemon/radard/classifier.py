@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,10 @@ from x2radar.frame import FastTimeAxis
 SCHEMA = 1
 CLASSES = ("human", "pet", "other")
 POLICIES = ("window", "fused")
+HIDDEN, FUSED_LOGITS, NEXT_HIDDEN = "hidden", "fused_logits", "next_hidden"
+"""What a network with a temporal head takes besides, and gives besides."""
+_MOST_HIDDEN = 4096
+Hidden: TypeAlias = NDArray[np.float32]
 _STREAM_KEYS = ("frame_rate_hz", "bin_length_m", "carrier_hz", "bandwidth_hz")
 
 
@@ -61,6 +65,9 @@ class Bundle:
         'window' or 'fused'.
     evidence : mapping of str to float
         How windows are fused, see `radard.evidence`; empty for its defaults.
+    n_hidden : int
+        Values that the network's temporal head hands itself from window to window; 0 for a
+        network that knows single windows only.
     """
 
     name: str
@@ -73,6 +80,7 @@ class Bundle:
     pet_limit: float
     policy: str
     evidence: Mapping[str, Any]
+    n_hidden: int = 0
 
     @property
     def sha256(self) -> str:
@@ -189,6 +197,7 @@ def _parse(raw: dict[str, Any], onnx: bytes) -> Bundle:
         float(raw["pet_limit"]),
         _policy(raw["policy"]),
         dict(raw.get("evidence", {})),
+        _n_hidden(raw.get("hidden", 0)),
     )
 
 
@@ -199,6 +208,13 @@ def _policy(value: Any) -> str:
     return str(value)
 
 
+def _n_hidden(value: Any) -> int:
+    if type(value) is not int or not 0 <= value <= _MOST_HIDDEN:
+        msg = f"hidden {value!r}; it must be a whole number from 0 to {_MOST_HIDDEN}"
+        raise ValueError(msg)
+    return value
+
+
 @dataclass(frozen=True, slots=True)
 class Probabilities:
     """Calibrated probabilities of one window; they sum to one within 1e-6."""
@@ -206,6 +222,26 @@ class Probabilities:
     human: float
     pet: float
     other: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Answer:
+    """What a network says of a window.
+
+    Attributes
+    ----------
+    window : Probabilities
+        Of the window alone.
+    fused_log_p : ndarray, shape (3,), float64, or None
+        Log-probabilities of `CLASSES` by this window and those before it, -inf for a class that
+        the network does not know; None without a temporal head.
+    hidden : ndarray, shape (n_hidden,), float32, or None
+        To be given back with the next window.
+    """
+
+    window: Probabilities
+    fused_log_p: NDArray[np.float64] | None = None
+    hidden: Hidden | None = None
 
 
 class Classifier:
@@ -241,6 +277,10 @@ class Classifier:
             msg = f"model '{bundle.name}': onnxruntime cannot load it: {err}"
             raise ModelMismatch(msg) from err
         wanted = {i.name: [1, *i.shape] for i in bundle.inputs}
+        self._outputs = ["logits"]
+        if bundle.n_hidden:
+            wanted[HIDDEN] = [1, bundle.n_hidden]
+            self._outputs += [FUSED_LOGITS, NEXT_HIDDEN]
         found = {i.name: [1, *i.shape[1:]] for i in self._session.get_inputs()}
         n_out = self._session.get_outputs()[0].shape[-1]
         if wanted != found or n_out != len(bundle.classes):
@@ -249,6 +289,10 @@ class Classifier:
                 f"the sidecar says {wanted} and {len(bundle.classes)}"
             )
             raise ModelMismatch(msg)
+        missing = set(self._outputs) - {o.name for o in self._session.get_outputs()}
+        if missing:
+            msg = f"model '{bundle.name}': the network does not give {', '.join(sorted(missing))}"
+            raise ModelMismatch(msg)
 
     @property
     def feature_names(self) -> tuple[str, ...]:
@@ -256,22 +300,44 @@ class Classifier:
         return tuple(i.feature for i in self.bundle.inputs)
 
     def classify(self, features: FeatureSet) -> Probabilities:
-        """Return the probabilities of one window.
+        """Return the probabilities of one window by itself; raises as `answer` does."""
+        return self.answer(features).window
+
+    def answer(self, features: FeatureSet, hidden: Hidden | None = None) -> Answer:
+        """Return what the network says of a window.
+
+        Parameters
+        ----------
+        features : FeatureSet
+            Of the window.
+        hidden : ndarray, shape (n_hidden,), float32, or None
+            `Answer.hidden` of the window before; None if there was none.
 
         Raises
         ------
         ModelMismatch
             If the network's answer is not finite: the caller must treat that as a fault.
         """
-        feed = {i.name: features.inputs[i.feature][None] for i in self.bundle.inputs}
-        logits = np.asarray(self._session.run(None, feed)[0][0], np.float64)
-        if not np.isfinite(logits).all():
-            msg = f"model '{self.bundle.name}' answered {logits}"
-            raise ModelMismatch(msg)
-        by_class = dict(
-            zip(self.bundle.classes, softmax(logits / self.bundle.temperature), strict=True)
-        )
-        return Probabilities(*(float(by_class.get(name, 0.0)) for name in CLASSES))
+        bundle = self.bundle
+        feed = {i.name: features.inputs[i.feature][None] for i in bundle.inputs}
+        if bundle.n_hidden:
+            before = np.zeros(bundle.n_hidden, np.float32) if hidden is None else hidden
+            feed[HIDDEN] = before[None]
+        logits, *more = (np.asarray(made)[0] for made in self._session.run(self._outputs, feed))
+        for values in (logits, *more):
+            if not np.isfinite(values).all():
+                msg = f"model '{bundle.name}' answered {values}"
+                raise ModelMismatch(msg)
+        p = softmax(logits.astype(np.float64) / bundle.temperature)
+        by_class = dict(zip(bundle.classes, p, strict=True))
+        window = Probabilities(*(float(by_class.get(name, 0.0)) for name in CLASSES))
+        if not more:
+            return Answer(window)
+        z = more[0].astype(np.float64)
+        z -= z.max()
+        known = dict(zip(bundle.classes, z - np.log(np.exp(z).sum()), strict=True))
+        fused = np.array([known.get(name, -np.inf) for name in CLASSES])
+        return Answer(window, fused, more[1])
 
 
 def softmax(logits: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,8 +1,10 @@
-"""Evidence: windows' probabilities fused over time, while something is there.
+"""Evidence: windows fused over time, while something is there.
 
-Overlapping windows of one body say much the same, so each counts with a discount only. The
-sum is bounded, as in a CUSUM: a pet that was there for minutes does not outvote the person
-who comes in after it for longer than a few windows.
+A network with a temporal head has seen windows in their order and says itself what they come
+to; only the leaning is added. For a network without one, windows' probabilities are summed.
+Overlapping windows of one body say much the same, so each counts with a discount only. The sum
+is bounded, as in a CUSUM: a pet that was there for minutes does not outvote the person who
+comes in after it for longer than a few windows.
 
 With l the fused log-likelihoods of the classes, p a window's probabilities, r the discount
 and b the bound::
@@ -16,8 +18,9 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from radard.classifier import Probabilities, softmax
+from radard.classifier import Answer, Hidden, Probabilities, softmax
 from radard.errors import ModelMismatch
 
 _LEAST_P = 1e-6
@@ -30,9 +33,9 @@ class EvidenceSettings:
     Attributes
     ----------
     discount : float
-        What a window counts against an independent one, above 0, up to 1.
+        What a window counts against an independent one, above 0, up to 1; of sums.
     most : float
-        No class falls further behind the leading one, in nats.
+        No class falls further behind the leading one, in nats; of sums.
     prior_human : float
         Added to the log-likelihood of a person, in nats.
     human_limit : float
@@ -80,10 +83,22 @@ class Evidence:
     def __init__(self, settings: EvidenceSettings) -> None:
         self._settings = settings
         self._log = np.zeros(3)
+        self.hidden: Hidden | None = None
 
     def reset(self) -> None:
         """Forget: nobody is there any more."""
         self._log[:] = 0.0
+        self.hidden = None
+
+    def take(self, answer: Answer) -> Probabilities:
+        """Take what the network says of a window, given `hidden`; return the fused probabilities.
+
+        They are those of its temporal head, leaning as the settings say, or else those of `add`.
+        """
+        if answer.fused_log_p is None:
+            return self.add(answer.window)
+        self.hidden = answer.hidden
+        return self._leaning(answer.fused_log_p)
 
     def add(self, window: Probabilities) -> Probabilities:
         """Take a window; return the fused probabilities.
@@ -102,8 +117,11 @@ class Evidence:
         p = np.array([window.human, window.pet, window.other])
         self._log += s.discount * np.log(np.maximum(p, _LEAST_P))
         self._log = np.maximum(self._log - self._log.max(), -s.most)
-        fused = self._log + np.array([s.prior_human, 0.0, 0.0])
+        known = self._log.copy()
         # A network of two classes does not know the third.
-        fused[2] = fused[2] if window.other > 0 else -math.inf
-        human, pet, other = softmax(fused)
-        return Probabilities(float(human), float(pet), float(other))
+        known[2] = known[2] if window.other > 0 else -math.inf
+        return self._leaning(known)
+
+    def _leaning(self, log_p: NDArray[np.float64]) -> Probabilities:
+        leaning = log_p + np.array([self._settings.prior_human, 0.0, 0.0])
+        return Probabilities(*(float(p) for p in softmax(leaning)))

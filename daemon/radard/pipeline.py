@@ -27,7 +27,7 @@ from dataclasses import replace
 import numpy as np
 
 from radard.calibration import Calibration
-from radard.classifier import Bundle, Classifier, Probabilities
+from radard.classifier import Answer, Bundle, Classifier, Probabilities
 from radard.clutter_map import ClutterRemover
 from radard.config import Config
 from radard.decision import Decision, Label, TrackVerdict, Verdict, judge
@@ -203,13 +203,14 @@ class Pipeline:
             self._evidence.reset()
         else:
             try:
-                window = self._classified(moving if self._features.clutter == "removed" else dwell)
+                answer = self._answered(moving if self._features.clutter == "removed" else dwell)
                 verdicts = self._judged(moving, tracks) if self._judges_tracks else ()
             except (ModelMismatch, FeatureError) as err:
                 # No verdict is better announced than guessed.
                 return self._invalid(dwell, str(err))
-            if window is not None:
-                fused, label, alarm = self._ruled(window, dwell.t_s)
+            if answer is not None:
+                window = answer.window
+                fused, label, alarm = self._ruled(answer, dwell.t_s)
         return Decision(
             seq=self._seq,
             t_s=dwell.t_s,
@@ -225,16 +226,16 @@ class Pipeline:
             t_mono_s=dwell.t_mono_s,
         )
 
-    def _classified(self, dwell: Dwell) -> Probabilities | None:
+    def _answered(self, dwell: Dwell) -> Answer | None:
         if self.classifier is None:
             return None
-        return self.classifier.classify(self._stream.extract(dwell))
+        return self.classifier.answer(self._stream.extract(dwell), self._evidence.hidden)
 
-    def _ruled(self, window: Probabilities, t_s: float) -> tuple[Probabilities, Label, bool]:
+    def _ruled(self, answer: Answer, t_s: float) -> tuple[Probabilities, Label, bool]:
         """Apply the policy; return the fused probabilities and the verdict."""
         if self.policy == "window":
-            return window, *judge(window, self.pet_limit)
-        fused = self._evidence.add(window)
+            return answer.window, *judge(answer.window, self.pet_limit)
+        fused = self._evidence.take(answer)
         return fused, *self._verdict.judge(fused, t_s)
 
     def _judged(self, moving: Dwell, tracks: tuple[Track, ...]) -> tuple[TrackVerdict, ...]:

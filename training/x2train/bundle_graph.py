@@ -8,29 +8,30 @@ The verifier's part of the graph::
 
     excess = clip(slope (w . seen + b - threshold), 0, most)
     logits = plain logits + excess temperature e_pet
+    fused logits = plain fused logits + excess e_pet      (of a temporal head, if it has one)
 
 Where the head's score is under its threshold the logits are those of the network, bit by bit,
 and nothing ever raises a person's probability: an alarm may become a pet, no more.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import onnx
-import onnxruntime as ort
 from numpy.typing import NDArray
 from onnx import helper, numpy_helper
 
+from radard.classifier import FUSED_LOGITS
 from radard.errors import UsageError
 
-SEEN, PLAIN = "verifier_seen", "verifier_plain_logits"
+SEEN = "verifier_seen"
+PLAIN, PLAIN_FUSED = "verifier_plain_logits", "verifier_plain_fused_logits"
 SLOPE = 4.0
 """Nats of evidence for each nat of score over the threshold: steep, but without a jump."""
 MOST_NATS = 6.0
 """Most that is added: where the network is surer of a person than that, the alarm stays."""
-_AT_ONCE = 128
 _LEAST_OPSET = 18
 """From there on axes are an input of ReduceMean."""
 
@@ -72,7 +73,7 @@ def with_seen(onnx_bytes: bytes) -> onnx.ModelProto:
     """
     model = onnx.load_from_string(onnx_bytes)
     graph = model.graph
-    last = _given_to_last(model)
+    last = given_to_last(model)
     opset = max(each.version for each in model.opset_import if each.domain in {"", "ai.onnx"})
     if opset < _LEAST_OPSET:
         msg = f"the bundle's network is of ONNX opset {opset}; at least {_LEAST_OPSET} is needed"
@@ -91,45 +92,6 @@ def with_seen(onnx_bytes: bytes) -> onnx.ModelProto:
     return model
 
 
-def outputs_of(
-    onnx_bytes: bytes, inputs: Mapping[str, NDArray[Any]], *, with_what_is_seen: bool = False
-) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
-    """Return the logits of windows, and what is seen of them.
-
-    Parameters
-    ----------
-    onnx_bytes : bytes
-        A bundle's network.
-    inputs : mapping of str to ndarray, shape (n, ...)
-        float32, or bytes that stand for 0 to 1.
-    with_what_is_seen : bool
-        Whether the second result is wanted; it is empty otherwise.
-
-    Returns
-    -------
-    logits : ndarray, shape (n, n_classes), float64
-    seen : ndarray, shape (n, n_seen), float32
-    """
-    if with_what_is_seen:
-        model = with_seen(onnx_bytes)
-        model.graph.output.append(
-            helper.make_tensor_value_info(SEEN, onnx.TensorProto.FLOAT, None)
-        )
-        onnx_bytes = model.SerializeToString()
-    options = ort.SessionOptions()
-    options.intra_op_num_threads = options.inter_op_num_threads = 1
-    session = ort.InferenceSession(onnx_bytes, options, providers=["CPUExecutionProvider"])
-    n = len(next(iter(inputs.values())))
-    made: list[list[NDArray[Any]]] = []
-    for first in range(0, n, _AT_ONCE):
-        feed = {k: _as_float(v[first : first + _AT_ONCE]) for k, v in inputs.items()}
-        made.append([np.asarray(part) for part in session.run(None, feed)])
-    logits = np.concatenate([parts[0] for parts in made]).astype(np.float64)
-    if not with_what_is_seen:
-        return logits, np.zeros((n, 0), np.float32)
-    return logits, np.concatenate([parts[-1] for parts in made])
-
-
 def with_verifier(onnx_bytes: bytes, head: Head, *, pet: int, temperature: float) -> bytes:
     """Return the network with a verifier beside it; inputs and outputs stay as they are.
 
@@ -146,46 +108,47 @@ def with_verifier(onnx_bytes: bytes, head: Head, *, pet: int, temperature: float
     """
     model = with_seen(onnx_bytes)
     graph = model.graph
-    logits = graph.output[0].name
+    outputs = {graph.output[0].name: PLAIN}
+    if FUSED_LOGITS in {each.name for each in graph.output}:
+        outputs[FUSED_LOGITS] = PLAIN_FUSED
     for node in graph.node:
         for k, name in enumerate(node.output):
-            if name == logits:
-                node.output[k] = PLAIN
+            node.output[k] = outputs.get(name, name)
     n_classes = graph.output[0].type.tensor_type.shape.dim[-1].dim_value
     turn = np.zeros((1, n_classes))
-    turn[0, pet] = temperature
+    turn[0, pet] = 1
     constants = {
         "weight": (SLOPE * head.weight)[:, None],
         "bias": np.array([SLOPE * (head.bias - head.threshold)]),
         "none": np.array(0.0),
         "most": np.array(MOST_NATS),
-        "turn": turn,
+        f"turn_{PLAIN}": temperature * turn,
+        f"turn_{PLAIN_FUSED}": turn,
     }
     for name, values in constants.items():
         array = np.asarray(values, np.float32)
         graph.initializer.append(numpy_helper.from_array(array, f"verifier_{name}"))
-    steps = (
+    steps = [
         ("Gemm", [SEEN, "verifier_weight", "verifier_bias"], "verifier_score"),
         ("Clip", ["verifier_score", "verifier_none", "verifier_most"], "verifier_excess"),
-        ("MatMul", ["verifier_excess", "verifier_turn"], "verifier_turned"),
-        ("Add", [PLAIN, "verifier_turned"], logits),
-    )
+    ]
+    for name, plain in outputs.items():
+        turned = f"verifier_turned_{plain}"
+        steps.append(("MatMul", ["verifier_excess", f"verifier_turn_{plain}"], turned))
+        steps.append(("Add", [plain, turned], name))
     graph.node.extend([helper.make_node(op, given, [made]) for op, given, made in steps])
     onnx.checker.check_model(model)
     return bytes(model.SerializeToString(deterministic=True))
 
 
-def turned(
-    logits: NDArray[np.float64], excess: NDArray[np.float64], *, pet: int, temperature: float
-) -> NDArray[np.float64]:
-    """Return the logits as a verifier leaves them; what `with_verifier` computes."""
-    out = logits.copy()
-    out[:, pet] += temperature * excess
-    return out
+def given_to_last(model: onnx.ModelProto) -> str:
+    """Return the name of what the layer before the logits is given.
 
-
-def _given_to_last(model: onnx.ModelProto) -> str:
-    """Return the name of what the layer before the logits is given."""
+    Raises
+    ------
+    UsageError
+        If there is no linear layer before them, or a verifier.
+    """
     by_output = {name: node for node in model.graph.node for name in node.output}
     if PLAIN in by_output:
         msg = "the bundle has a verifier already; finetune the one that it was made from"
@@ -214,9 +177,3 @@ def _statistics(tap: str, k: int) -> Iterator[onnx.NodeProto]:
     )
     for op, given, made, options in steps:
         yield helper.make_node(op, given, [made], **options)
-
-
-def _as_float(values: NDArray[Any]) -> NDArray[np.float32]:
-    if values.dtype == np.uint8:
-        return np.asarray(values / np.float32(255), np.float32)
-    return np.asarray(values, np.float32)

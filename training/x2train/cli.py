@@ -4,12 +4,24 @@ import sys
 from collections.abc import Sequence
 
 from x2radar.command import new_parser, run_command
-from x2train.commands import dataset, evaluate, finetune, fit, scene, seed, tradeoff, train, walks
+from x2train.commands import (
+    dataset,
+    evaluate,
+    finetune,
+    fit,
+    scene,
+    seed,
+    temporal,
+    tradeoff,
+    train,
+    walks,
+)
 
 _EXAMPLES = """\
 examples:
   train-export dataset --out sets/train       windows of simulated passages
   train-export fit --train sets/train --validate sets/validate
+  train-export temporal --model models/mine.onnx --train sets/long --validate sets/check
   train-export finetune rex.h5=pet --guard sets/guard
   train-export evaluate --out report          a bundle, judged like an alarm
   train-export seed --animal dog --repeats 3  the thesis, reproduced
@@ -17,7 +29,18 @@ examples:
   train-export tradeoff                       what each switch costs and loses
   train-export walks 101.mat 102.mat --out .  simulated walkers beside recorded ones
 """
-_COMMANDS = (dataset, evaluate, finetune, fit, scene, seed, tradeoff, train, walks)
+_COMMANDS = (
+    dataset,
+    evaluate,
+    finetune,
+    fit,
+    scene,
+    seed,
+    temporal,
+    tradeoff,
+    train,
+    walks,
+)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -55,9 +55,14 @@ def sequences(
         Stream time at the end of each, in seconds.
     """
     p = np.stack([softmax(row / temperature) for row in logits])
+    return Sequences(p, label == 0, first_windows(passage, t_s))
+
+
+def first_windows(passage: NDArray[np.int64], t_s: Array) -> NDArray[np.bool_]:
+    """Return where the gate has opened, of windows as in `sequences`."""
     step_s = np.diff(t_s, prepend=-np.inf)
     new = np.diff(passage, prepend=-1) != 0
-    return Sequences(p, label == 0, new | (step_s > _LARGEST_STEP_S) | (step_s <= 0))
+    return np.asarray(new | (step_s > _LARGEST_STEP_S) | (step_s <= 0))
 
 
 def fused(windows: Sequences, settings: EvidenceSettings) -> Array:

@@ -55,6 +55,8 @@ class BundleSpec:
         For the card: what the figures mean, and what they do not.
     pet_limit : float
         The alarm stays off only above this probability of pet and other together.
+    n_hidden : int
+        Values that a temporal head hands itself from window to window; 0 without one.
     """
 
     name: str
@@ -69,6 +71,7 @@ class BundleSpec:
     evidence: dict[str, float] = field(default_factory=dict)
     notes: str = ""
     pet_limit: float = 0.8
+    n_hidden: int = 0
 
 
 def to_onnx(net: torch.nn.Module, inputs: tuple[ModelInput, ...]) -> bytes:
@@ -140,6 +143,7 @@ def write_bundle(folder: Path, spec: BundleSpec, onnx_bytes: bytes) -> None:
         "pet_limit": spec.pet_limit,
         "policy": spec.policy,
         **({"evidence": spec.evidence} if spec.evidence else {}),
+        **({"hidden": spec.n_hidden} if spec.n_hidden else {}),
         "training": {
             **spec.training,
             "versions": {name: version(name) for name in ("torch", "onnx", "numpy", "x2radar")},

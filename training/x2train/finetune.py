@@ -7,16 +7,16 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radard.classifier import CLASSES, Bundle
 from radard.errors import UsageError
-from x2train.bundle_graph import Head, outputs_of, with_verifier
+from x2train.bundle_answers import outputs_of
+from x2train.bundle_graph import Head, with_verifier
 from x2train.guard import Guard, Misses
 from x2train.own_windows import OwnWindows, decisions_on, stacked
 from x2train.retrain import guarded_line, retrain
 from x2train.train import Epoch
-from x2train.verifier import NOTHING, Seen, check_use, fit_head, guarded
+from x2train.verifier import NOTHING, Seen, check_use, first_in_clip, fit_head, guarded
 
 Tell = Callable[[str], None]
 _PET = CLASSES.index("pet")
@@ -103,7 +103,7 @@ def tune_verifier(
         bundle,
         onnx,
         own,
-        held.misses(bundle, seen.logits),
+        held.misses(bundle, seen.answers),
         after,
         left_out=_left_out(bundle, clips, made_of, tell),
         detail=f"threshold {head.threshold:.2f} nats",
@@ -144,7 +144,7 @@ def tune_network(
             continue
         held = guard.of_people()
         made = guarded_line(bundle, step, held, clips, [each.inputs for each in own])
-        before = held.misses(bundle, see(bundle, held, with_rows=False).logits)
+        before = held.misses(bundle, see(bundle, held, with_rows=False).answers)
         detail = f"{made.share:.1f} of the way from the old weights to the trained ones"
         tuned = _tuned(bundle, made.onnx, own, before, made.misses, left_out=None, detail=detail)
         old, new, _ = tuned.count(is_human=False)
@@ -156,14 +156,16 @@ def tune_network(
 
 def see(bundle: Bundle, guard: Guard, *, with_rows: bool = True) -> Seen:
     """Return what a bundle's network makes of simulated windows."""
-    made = outputs_of(bundle.onnx, guard.inputs(bundle), with_what_is_seen=with_rows)
+    made = outputs_of(
+        bundle.onnx, guard.inputs(bundle), is_first=guard.is_first, with_what_is_seen=with_rows
+    )
     return Seen(*made, np.asarray(guard.columns["t_s"], np.float64))
 
 
 def quiet_shares(bundle: Bundle, guard: Guard) -> dict[str, float]:
     """Return the share of windows that the rule keeps quiet, by who is in them."""
-    logits = outputs_of(bundle.onnx, guard.inputs(bundle))[0]
-    p_human = _p_human(logits / bundle.temperature)
+    answers, _ = outputs_of(bundle.onnx, guard.inputs(bundle))
+    p_human = answers.p(bundle.temperature)[:, _HUMAN]
     quiet = 1 - p_human > bundle.pet_limit
     return {
         name: float(quiet[guard.label == k].mean())
@@ -192,7 +194,9 @@ def _left_out(
 
 
 def _seen(bundle: Bundle, own: OwnWindows) -> Seen:
-    made = outputs_of(bundle.onnx, stacked([own]), with_what_is_seen=True)
+    made = outputs_of(
+        bundle.onnx, stacked([own]), is_first=first_in_clip(own.t_s), with_what_is_seen=True
+    )
     return Seen(*made, own.t_s, is_human=own.clip.is_human)
 
 
@@ -212,8 +216,3 @@ def _tuned(
         for c in own
     )
     return Tuned(made, before, after, rows, left_out, detail)
-
-
-def _p_human(logits: NDArray[np.float64]) -> NDArray[np.float64]:
-    z = np.exp(logits - logits.max(axis=1, keepdims=True))
-    return np.asarray(z[:, _HUMAN] / z.sum(axis=1))

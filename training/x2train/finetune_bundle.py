@@ -94,6 +94,7 @@ def write_finetuned(
         evidence=dict(base.evidence),
         notes=_notes(tuned),
         pet_limit=base.pet_limit,
+        n_hidden=base.n_hidden,
     )
     write_bundle(folder, spec, tuned.bundle.onnx)
     return metrics

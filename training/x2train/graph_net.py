@@ -14,6 +14,7 @@ from onnx import helper, numpy_helper
 from torch import nn
 from torch.nn import functional
 
+from radard.classifier import FUSED_LOGITS
 from radard.errors import UsageError
 
 Tensor = torch.Tensor
@@ -38,14 +39,20 @@ class GraphNet(nn.Module):
         super().__init__()
         self._model = onnx.load_from_string(onnx_bytes)
         graph = self._model.graph
-        unknown = sorted({n.op_type for n in graph.node} - set(_OPERATORS))
+        heads = [FUSED_LOGITS] if FUSED_LOGITS in {each.name for each in graph.output} else []
+        self._outputs = [graph.output[0].name, *heads]
+        self._nodes = _making(self._model, self._outputs)
+        unknown = sorted({n.op_type for n in self._nodes} - set(_OPERATORS))
         if unknown:
             msg = f"the bundle's network has {', '.join(unknown)}, which cannot be trained on here"
             raise UsageError(msg)
+        used = {name for node in self._nodes for name in node.input}
         self._inputs = [each.name for each in graph.input]
         self._constants: dict[str, Any] = {}
         self._names: dict[str, str] = {}
         for each in graph.initializer:
+            if each.name not in used:
+                continue
             values = numpy_helper.to_array(each).copy()
             if values.dtype == np.float32 and values.size > 1:
                 own = f"p{len(self._names)}"
@@ -54,17 +61,21 @@ class GraphNet(nn.Module):
             else:
                 self._constants[each.name] = values
 
-    def forward(self, *inputs: Tensor) -> Tensor:
-        """Return the logits, shape (n, n_classes)."""
+    def forward(self, *inputs: Tensor) -> tuple[Tensor, ...]:
+        """Return the logits, shape (n, n_classes), and those of a temporal head, if it has one.
+
+        A network with one takes what the head is given with each window as the last input.
+        """
         known: dict[str, Any] = dict(self._constants)
         known.update({name: getattr(self, own) for name, own in self._names.items()})
         known.update(zip(self._inputs, inputs, strict=True))
-        for node in self._model.graph.node:
+        for node in self._nodes:
             options = {a.name: helper.get_attribute_value(a) for a in node.attribute}
             given = [known[name] if name else None for name in node.input]
-            known[node.output[0]] = _OPERATORS[node.op_type](given, options)
-        logits: Tensor = known[self._model.graph.output[0].name]
-        return logits
+            # A GRU's first output, all steps, is not asked for; there is but one.
+            at = 0 if node.output[0] else 1
+            known[node.output[at]] = _OPERATORS[node.op_type](given, options)
+        return tuple(known[name] for name in self._outputs)
 
     def to_onnx(self) -> bytes:
         """Return the graph with the weights of now."""
@@ -74,6 +85,16 @@ class GraphNet(nn.Module):
                 each.CopyFrom(numpy_helper.from_array(values, each.name))
         onnx.checker.check_model(self._model)
         return bytes(self._model.SerializeToString(deterministic=True))
+
+
+def _making(model: onnx.ModelProto, names: list[str]) -> list[onnx.NodeProto]:
+    """Return the nodes that tensors are made by, in order."""
+    wanted, made = set(names), []
+    for node in reversed(model.graph.node):
+        if wanted & set(node.output):
+            made.append(node)
+            wanted |= set(node.input)
+    return made[::-1]
 
 
 def _conv(given: list[Any], options: Mapping[str, Any]) -> Tensor:
@@ -105,6 +126,22 @@ def _gemm(given: list[Any], options: Mapping[str, Any]) -> Tensor:
     return made + options.get("beta", 1.0) * given[2] if len(given) > 2 else made
 
 
+def _gru(given: list[Any], _options: Mapping[str, Any]) -> Tensor:
+    """Return the hidden values after one step; ONNX has update, reset, new."""
+    x, weight, recurrence, bias, _, hidden = given
+    ours = functional.linear(x[0], weight[0], bias[0].chunk(2)[0]).chunk(3, dim=1)
+    theirs = functional.linear(hidden[0], recurrence[0], bias[0].chunk(2)[1]).chunk(3, dim=1)
+    update, reset = (torch.sigmoid(a + b) for a, b in zip(ours[:2], theirs[:2], strict=True))
+    new = torch.tanh(ours[2] + reset * theirs[2])
+    made: Tensor = (1 - update) * new + update * hidden[0]
+    return made[None]
+
+
+def _squeeze(given: list[Any], _options: Mapping[str, Any]) -> Tensor:
+    made: Tensor = given[0].squeeze(tuple(int(n) for n in given[1]))
+    return made
+
+
 def _reshape(given: list[Any], _options: Mapping[str, Any]) -> Tensor:
     x, shape = given[0], [int(n) for n in given[1]]
     made: Tensor = x.reshape([x.shape[k] if n == 0 else n for k, n in enumerate(shape)])
@@ -131,6 +168,7 @@ _OPERATORS: Mapping[str, Operator] = {
     "Concat": lambda given, options: torch.cat(given, dim=options["axis"]),
     "Conv": _conv,
     "Flatten": lambda given, options: given[0].flatten(options.get("axis", 1)),
+    "GRU": _gru,
     "Gemm": _gemm,
     "MatMul": lambda given, _: given[0] @ given[1],
     "Mul": lambda given, _: given[0] * given[1],
@@ -138,6 +176,7 @@ _OPERATORS: Mapping[str, Operator] = {
     "ReduceMean": _reduced(torch.mean),
     "Relu": lambda given, _: torch.relu(given[0]),
     "Reshape": _reshape,
+    "Squeeze": _squeeze,
     "Sigmoid": lambda given, _: torch.sigmoid(given[0]),
     "Unsqueeze": _unsqueeze,
 }

@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from radard.classifier import CLASSES, Bundle, Probabilities
+from radard.classifier import CLASSES, Answer, Bundle, Probabilities
 from radard.config_sections import DecisionSection
 from radard.decision import Verdict, judge
 from radard.errors import UsageError
 from radard.evidence import Evidence, EvidenceSettings
-from radard.features import FeatureSettings
-from x2train.evidence_fit import sequences
-from x2train.window_set import Columns, load_windows
+from x2train.bundle_answers import Answers
+from x2train.evidence_fit import first_windows
+from x2train.window_set import Columns, check_made_for, load_windows
 
 Array = NDArray[np.float64]
 MOST_RISE = 0.002
@@ -93,22 +93,28 @@ class Guard:
         second = np.asarray(self.columns["passage"]) // 10 % 2 == 1
         return self.part(~second), self.part(second)
 
-    def misses(self, bundle: Bundle, logits: Array) -> Misses:
+    @property
+    def is_first(self) -> NDArray[np.bool_]:
+        """Return where the gate has opened."""
+        columns = self.columns
+        return first_windows(
+            np.asarray(columns["passage"]), np.asarray(columns["t_s"], np.float64)
+        )
+
+    def misses(self, bundle: Bundle, answers: Answers) -> Misses:
         """Return how many people are missed.
 
         Parameters
         ----------
         bundle : Bundle
             Its temperature, limits, policy and evidence count, not its network.
-        logits : ndarray, shape (n, 3), float64
-            Of all windows.
+        answers : Answers
+            Of its network, or of another, to all windows.
         """
-        columns, label = self.columns, self.label
-        passage, t_s = np.asarray(columns["passage"]), np.asarray(columns["t_s"], np.float64)
-        seen = sequences(logits, bundle.temperature, label=label, passage=passage, t_s=t_s)
-        is_human = label == CLASSES.index("human")
-        quiet = 1 - seen.p[:, 0] > bundle.pet_limit
-        alarms = np.array(list(alarms_of(bundle, seen.p, seen.is_first, t_s)), bool)
+        t_s = np.asarray(self.columns["t_s"], np.float64)
+        is_human = self.label == CLASSES.index("human")
+        quiet = 1 - answers.p(bundle.temperature)[:, 0] > bundle.pet_limit
+        alarms = np.array(list(alarms_of(bundle, answers, self.is_first, t_s)), bool)
         number = self._numbers()
         has_human = np.bincount(number, is_human) > 0
         # What comes after the person was seen counts too: the alarm may wait for evidence.
@@ -136,21 +142,7 @@ def load_guard(folders: list[Path], bundle: Bundle, *, least: int = LEAST_WINDOW
         If they do not fit the bundle, or hold too few windows of people.
     """
     columns, abouts = load_windows(*folders)
-    taken = [each.feature for each in bundle.inputs]
-    missing = [name for name in taken if name not in columns]
-    if missing:
-        msg = f"{folders[0]}: holds no {missing[0]}, which model '{bundle.name}' takes"
-        raise UsageError(msg)
-    if bundle.classes != CLASSES:
-        msg = f"model '{bundle.name}' tells {', '.join(bundle.classes)} apart; three are needed"
-        raise UsageError(msg)
-    made_with = FeatureSettings.from_mapping(abouts[0]["settings"])
-    if made_with != bundle.features:
-        msg = (
-            f"{folders[0]}: its maps are not those that model '{bundle.name}' takes; make the set "
-            f"with train-export dataset --like {bundle.name}"
-        )
-        raise UsageError(msg)
+    check_made_for(bundle, columns, abouts[0], folders[0])
     guard = Guard(columns, tuple(abouts))
     n_people = int((guard.label == CLASSES.index("human")).sum())
     if n_people < least:
@@ -162,7 +154,9 @@ def load_guard(folders: list[Path], bundle: Bundle, *, least: int = LEAST_WINDOW
     return guard
 
 
-def alarms_of(bundle: Bundle, p: Array, is_first: NDArray[np.bool_], t_s: Array) -> Iterator[bool]:
+def alarms_of(
+    bundle: Bundle, answers: Answers, is_first: NDArray[np.bool_], t_s: Array
+) -> Iterator[bool]:
     """Yield whether each window is an alarm by the bundle's policy.
 
     Somebody who has left while the alarm waited is one: the last window then says so.
@@ -172,8 +166,9 @@ def alarms_of(bundle: Bundle, p: Array, is_first: NDArray[np.bool_], t_s: Array)
     within_s = DecisionSection().decide_within_s
     verdict = Verdict(bundle.pet_limit, settings.human_limit, within_s)
     made: list[bool] = []
-    for row, is_new, at_s in zip(p.tolist(), is_first, t_s.tolist(), strict=True):
-        window = Probabilities(*row)
+    p, fused_log_p = answers.p(bundle.temperature).tolist(), answers.fused_log_p()
+    for k, (is_new, at_s) in enumerate(zip(is_first, t_s.tolist(), strict=True)):
+        window = Probabilities(*p[k])
         if bundle.policy == "window":
             made.append(judge(window, bundle.pet_limit)[1])
             continue
@@ -183,7 +178,8 @@ def alarms_of(bundle: Bundle, p: Array, is_first: NDArray[np.bool_], t_s: Array)
                 made[-1] = True
             evidence.reset()
             verdict.reset()
-        made.append(verdict.judge(evidence.add(window), at_s)[1])
+        answer = Answer(window, None if fused_log_p is None else fused_log_p[k])
+        made.append(verdict.judge(evidence.take(answer), at_s)[1])
     if made and verdict.leave():
         made[-1] = True
     yield from made

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from radard.classifier import Bundle, Classifier, Probabilities
+from radard.classifier import Answer, Bundle, Classifier, Hidden
 from radard.config import Config
 from radard.decision import Decision
 from radard.errors import ModelMismatch, UsageError
@@ -54,9 +54,9 @@ class _Listener(Classifier):
         super().__init__(bundle)
         self.given: list[FeatureSet] = []
 
-    def classify(self, features: FeatureSet) -> Probabilities:
+    def answer(self, features: FeatureSet, hidden: Hidden | None = None) -> Answer:
         self.given.append(features)
-        return super().classify(features)
+        return super().answer(features, hidden)
 
 
 def own_windows(clip: OwnClip, bundle: Bundle) -> OwnWindows:

@@ -18,12 +18,12 @@ from torch.nn import functional
 
 from radard.classifier import Bundle
 from radard.errors import RadardError, UsageError
-from x2train.bundle_graph import outputs_of
+from x2train.bundle_answers import Answers, outputs_of
 from x2train.graph_net import GraphNet
 from x2train.guard import Guard, Misses
-from x2train.own_windows import OwnWindows
+from x2train.own_windows import OwnWindows, stacked
 from x2train.train import Epoch
-from x2train.verifier import Seen
+from x2train.verifier import Seen, first_in_clip
 
 Inputs = Mapping[str, NDArray[Any]]
 _BATCH, _OWN_BATCH = 96, 32
@@ -83,41 +83,50 @@ def retrain(
     net = GraphNet(bundle.onnx)
     names = [each.name for each in bundle.inputs]
     inputs = mix.inputs(bundle)
-    old = torch.from_numpy(outputs_of(bundle.onnx, inputs)[0].astype(np.float32))
-    maps = [torch.from_numpy(inputs[name]) for name in names]
+    answers, _ = outputs_of(bundle.onnx, inputs, is_first=mix.is_first)
+    n = len(mix.label)
+    # The head's answers are calibrated as they are.
+    old = [_tensor(answers.logits / bundle.temperature)]
+    old += [] if answers.fused is None else [_tensor(answers.fused)]
+    temperatures = (bundle.temperature, 1.0)
+    maps = [torch.from_numpy(inputs[name]) for name in names] + _hidden(answers)
     at = bundle.classes.index("human")
     weight = torch.from_numpy(np.where(mix.label == at, _PEOPLE, 1.0).astype(np.float32))
-    _check(net, maps, old)
-    temperature = bundle.temperature
+    _check(net, maps, old, temperatures)
     mine = [torch.from_numpy(np.concatenate([c.inputs[name] for c in own])) for name in names]
+    # A temporal head is shown what it was given then; the guard lets it run on.
+    seen, _ = outputs_of(bundle.onnx, stacked(own), is_first=_first_in(own))
+    mine += _hidden(seen)
     human = torch.from_numpy(
         np.concatenate([np.full(len(c.t_s), c.clip.is_human, np.float32) for c in own])
     )
     optimiser = torch.optim.AdamW(net.parameters(), weight_decay=0.0)
     cycle = torch.optim.lr_scheduler.OneCycleLR(
-        optimiser, _FASTEST, total_steps=1 + epochs * -(-len(old) // _BATCH)
+        optimiser, _FASTEST, total_steps=1 + epochs * -(-n // _BATCH)
     )
     for number in range(1, epochs + 1):
         total = 0.0
-        for part in torch.split(torch.randperm(len(old), generator=rng), _BATCH):
+        for part in torch.split(torch.randperm(n, generator=rng), _BATCH):
             drawn = torch.randint(len(human), (_OWN_BATCH,), generator=rng)
             batch = [
                 torch.cat([_float(m[part]), own_map[drawn]])
                 for m, own_map in zip(maps, mine, strict=True)
             ]
-            log_p = functional.log_softmax(net(*batch) / temperature, dim=1)
-            aim = functional.softmax(old[part] / temperature, dim=1)
-            apart = functional.kl_div(log_p[: len(part)], aim, reduction="none").sum(dim=1)
-            kept = (weight[part] * apart).mean()
-            p_human = log_p[len(part) :, at].exp()
-            taught = functional.binary_cross_entropy(p_human.clamp(1e-6, 1 - 1e-6), human[drawn])
-            loss: Any = _KEPT * kept + _TAUGHT * taught
+            loss: Any = 0.0
+            for made, before, temperature in zip(net(*batch), old, temperatures, strict=False):
+                log_p = functional.log_softmax(made / temperature, dim=1)
+                aim = functional.softmax(before[part], dim=1)
+                apart = functional.kl_div(log_p[: len(part)], aim, reduction="none").sum(dim=1)
+                kept = (weight[part] * apart).mean()
+                p_human = log_p[len(part) :, at].exp().clamp(1e-6, 1 - 1e-6)
+                taught = functional.binary_cross_entropy(p_human, human[drawn])
+                loss = loss + _KEPT * kept + _TAUGHT * taught
             optimiser.zero_grad()
             loss.backward()
             optimiser.step()
             cycle.step()
             total += loss.item() * len(part)
-        yield Epoch(number, total / len(old), float("nan"))
+        yield Epoch(number, total / n, float("nan"))
     yield net
 
 
@@ -145,15 +154,16 @@ def guarded_line(
         If no point on the line is allowed.
     """
     given = guard.inputs(bundle)
-    before = guard.misses(bundle, outputs_of(bundle.onnx, given)[0])
+    is_first = guard.is_first
+    before = guard.misses(bundle, outputs_of(bundle.onnx, given, is_first=is_first)[0])
     people = [k for k, clip in enumerate(own) if clip.is_human and clip.has_alarm(bundle)]
     first = {name: value.clone() for name, value in GraphNet(bundle.onnx).state_dict().items()}
     last = {name: value.clone() for name, value in net.state_dict().items()}
     for share in _STEPS:
         net.load_state_dict({k: first[k] + share * (last[k] - first[k]) for k in first})
         made = net.to_onnx()
-        after = guard.misses(bundle, outputs_of(made, given)[0])
-        keeps = all(own[k].has_alarm(bundle, outputs_of(made, inputs[k])[0]) for k in people)
+        after = guard.misses(bundle, outputs_of(made, given, is_first=is_first)[0])
+        keeps = all(_keeps_alarm(bundle, made, own[k], inputs[k]) for k in people)
         if keeps and before.allows(after):
             return Retrained(made, share, after)
     msg = (
@@ -163,14 +173,37 @@ def guarded_line(
     raise UsageError(msg)
 
 
+def _keeps_alarm(bundle: Bundle, onnx_bytes: bytes, clip: Seen, inputs: Inputs) -> bool:
+    made, _ = outputs_of(onnx_bytes, inputs, is_first=first_in_clip(clip.t_s))
+    return clip.has_alarm(bundle, made)
+
+
 def _float(values: torch.Tensor) -> torch.Tensor:
     return values.float() / 255 if values.dtype == torch.uint8 else values
 
 
-def _check(net: GraphNet, maps: Sequence[torch.Tensor], logits: torch.Tensor) -> None:
+def _first_in(own: Sequence[OwnWindows]) -> NDArray[np.bool_]:
+    return np.concatenate([first_in_clip(clip.t_s) for clip in own])
+
+
+def _hidden(answers: Answers) -> list[torch.Tensor]:
+    return [] if answers.hidden is None else [torch.from_numpy(answers.hidden)]
+
+
+def _tensor(values: NDArray[np.float64]) -> torch.Tensor:
+    return torch.from_numpy(values.astype(np.float32))
+
+
+def _check(
+    net: GraphNet,
+    maps: Sequence[torch.Tensor],
+    old: Sequence[torch.Tensor],
+    temperatures: tuple[float, float],
+) -> None:
     with torch.no_grad():
         ours = net(*(_float(m[:64]) for m in maps))
-    off = float((ours - logits[:64]).abs().max())
+    rows = zip(ours, old, temperatures, strict=False)
+    off = max(float((a / t - b[:64]).abs().max()) for a, b, t in rows)
     if not off <= _PARITY:
         msg = f"torch and onnxruntime differ by {off:.2g} on this bundle's graph"
         raise RadardError(msg)

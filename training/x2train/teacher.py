@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from radard.classifier import CLASSES, Bundle
 from radard.errors import UsageError
-from x2train.bundle_graph import outputs_of
+from x2train.bundle_answers import outputs_of
 
 Array = NDArray[np.float32]
 
@@ -50,10 +50,8 @@ def taught_by(bundle: Bundle, windows: Mapping[str, NDArray[Any]]) -> Array:
                 f"teacher '{bundle.name}': takes {each.feature} of shape {each.shape}, not {found}"
             )
             raise UsageError(msg)
-    logits, _ = outputs_of(bundle.onnx, {i.name: windows[i.feature] for i in bundle.inputs})
-    z = logits / bundle.temperature
-    e = np.exp(z - z.max(axis=1, keepdims=True))
-    return np.asarray(e / e.sum(axis=1, keepdims=True), np.float32)
+    answers, _ = outputs_of(bundle.onnx, {i.name: windows[i.feature] for i in bundle.inputs})
+    return answers.p(bundle.temperature).astype(np.float32)
 
 
 def taught_error(

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from radard.classifier import Bundle, Classifier, Probabilities, load_bundle
+from radard.classifier import Answer, Bundle, Classifier, Hidden, load_bundle
 from radard.config import Config
 from radard.errors import UsageError
 from radard.features import FeatureSet
@@ -159,10 +159,10 @@ class _Timed(Classifier):
         super().__init__(bundle)
         self.used_s = 0.0
 
-    def classify(self, features: FeatureSet) -> Probabilities:
+    def answer(self, features: FeatureSet, hidden: Hidden | None = None) -> Answer:
         started_s = time.thread_time()
         try:
-            return super().classify(features)
+            return super().answer(features, hidden)
         finally:
             self.used_s += time.thread_time() - started_s
 

@@ -14,8 +14,9 @@ from scipy.optimize import minimize
 
 from radard.classifier import CLASSES, Bundle
 from radard.errors import UsageError
-from x2train.bundle_graph import Head, turned
-from x2train.evidence_fit import sequences
+from x2train.bundle_answers import Answers
+from x2train.bundle_graph import Head
+from x2train.evidence_fit import first_windows
 from x2train.guard import Guard, Misses, alarms_of
 
 Array = NDArray[np.float64]
@@ -36,7 +37,7 @@ class Seen:
 
     Attributes
     ----------
-    logits : ndarray, shape (n, 3), float64
+    answers : Answers
     rows : ndarray, shape (n, n_seen), float32
         What is seen of them, see `x2train.bundle_graph`.
     t_s : ndarray, shape (n,), float64
@@ -45,23 +46,25 @@ class Seen:
         By the label of the clip.
     """
 
-    logits: Array
+    answers: Answers
     rows: Rows
     t_s: Array
     is_human: bool = False
 
-    def has_alarm(self, bundle: Bundle, logits: Array | None = None) -> bool:
+    def has_alarm(self, bundle: Bundle, answers: Answers | None = None) -> bool:
         """Return whether any of a clip's windows is an alarm by the bundle's policy."""
-        n = len(self.t_s)
-        known = self.logits if logits is None else logits
-        zeros = np.zeros(n, np.int64)
-        windows = sequences(known, bundle.temperature, label=zeros, passage=zeros, t_s=self.t_s)
-        return any(alarms_of(bundle, windows.p, windows.is_first, self.t_s))
+        known = self.answers if answers is None else answers
+        return any(alarms_of(bundle, known, first_in_clip(self.t_s), self.t_s))
 
-    def turned(self, bundle: Bundle, head: Head) -> Array:
-        """Return the logits as the verifier leaves them."""
+    def turned(self, bundle: Bundle, head: Head) -> Answers:
+        """Return the answers as the verifier leaves them."""
         excess = head.excess(self.rows)
-        return turned(self.logits, excess, pet=_PET, temperature=bundle.temperature)
+        return self.answers.turned(excess, pet=_PET, temperature=bundle.temperature)
+
+
+def first_in_clip(t_s: Array) -> NDArray[np.bool_]:
+    """Return where the gate has opened in a clip, of windows at these times, in seconds."""
+    return first_windows(np.zeros(len(t_s), np.int64), t_s)
 
 
 def fit_head(own: Rows, people: Rows, own_people: Rows) -> Head:
@@ -125,7 +128,7 @@ def guarded(
     own : sequence of Seen
         Own clips; those of people must keep their alarms.
     """
-    before = guard.misses(bundle, seen.logits)
+    before = guard.misses(bundle, seen.answers)
     people = [clip for clip in own if clip.is_human and clip.has_alarm(bundle)]
 
     def tried(threshold: float) -> tuple[Head, Misses]:

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from radard.classifier import CLASSES, Bundle
 from radard.errors import UsageError
-from radard.features import MAP_FEATURES
+from radard.features import MAP_FEATURES, FeatureSettings
 from x2train.shards import read_all
 
 Columns = Mapping[str, NDArray[Any]]
@@ -46,3 +47,22 @@ def load_windows(*folders: Path) -> tuple[Columns, list[Mapping[str, Any]]]:
         made.append(columns)
     keys = [key for key in made[0] if all(key in columns for columns in made)]
     return {key: np.concatenate([columns[key] for columns in made]) for key in keys}, abouts
+
+
+def check_made_for(
+    bundle: Bundle, columns: Columns, about: Mapping[str, Any], folder: Path
+) -> None:
+    """Raise UsageError if a bundle of three classes cannot take a set's maps as they are."""
+    missing = [i.feature for i in bundle.inputs if i.feature not in columns]
+    if missing:
+        msg = f"{folder}: holds no {missing[0]}, which model '{bundle.name}' takes"
+        raise UsageError(msg)
+    if bundle.classes != CLASSES:
+        msg = f"model '{bundle.name}' tells {', '.join(bundle.classes)} apart; three are needed"
+        raise UsageError(msg)
+    if FeatureSettings.from_mapping(about["settings"]) != bundle.features:
+        msg = (
+            f"{folder}: its maps are not those that model '{bundle.name}' takes; make the set "
+            f"with train-export dataset --like {bundle.name}"
+        )
+        raise UsageError(msg)

@@ -2,10 +2,13 @@
 
 import argparse
 from collections.abc import Iterator
-from typing import TypeAlias, TypeVar
+from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+if TYPE_CHECKING:
+    from x2train.train import Epoch
 
 Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 _T = TypeVar("_T")
@@ -42,4 +45,25 @@ def last(steps: Iterator[int | _T], total: int, text: str) -> _T:
             else:
                 result = step
     assert result is not None  # noqa: S101 - generators end with their result
+    return result
+
+
+def followed(steps: "Iterator[Epoch | _T]", epochs: int) -> _T:
+    """Run a training behind a bar; return what it ends with."""
+    # Late: torch takes seconds, and --help must not.
+    from x2train.train import Epoch  # noqa: PLC0415
+
+    result: _T | None = None
+    with progress() as bar:
+        task = bar.add_task("train", total=epochs)
+        for step in steps:
+            if not isinstance(step, Epoch):
+                result = step
+                continue
+            text = f"loss {step.loss:.3f}, validation {step.validation_loss:.3f}"
+            bar.update(task, completed=step.number, description=f"train ({text})")
+            if not bar.console.is_terminal:
+                # A log has no use for a bar, and an epoch takes minutes.
+                bar.console.print(f"epoch {step.number} of {epochs}: {text}")
+    assert result is not None  # noqa: S101 - trainings end with their result
     return result

@@ -1,18 +1,14 @@
 """`train-export fit`: a network on maps, from sets of windows to a bundle."""
 
 import argparse
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from radard.classifier import ModelInput, load_bundle
 from radard.errors import UsageError
 from radard.features import FeatureSettings, feature_shape
-from x2train.commands import Commands, progress, result_console
-
-if TYPE_CHECKING:
-    from x2train.map_fit import MapTrained
-    from x2train.train import Epoch
+from x2train.commands import Commands, followed, result_console
 
 WIDTHS = {
     "fast": ((8, 8, 12, 12), (8, 8, 12, 12), 24),
@@ -44,14 +40,7 @@ STREAMS = {
 _RECIPE = (
     "A small convolutional network on alias-suppressed velocity-time maps with three lengths of "
     "CPI and the range-time map of a dwell, trained on simulated people, pets and moving things "
-    "in simulated rooms; evidence of overlapping windows is fused over time. Families kept out "
-    "of training: {held_out}."
-)
-_NOTES = (
-    "Measured on windows of passages that training never saw: new draws of the families it "
-    "was trained on. What it does on bodies, rooms and radars that it was not trained on is in "
-    "the evaluation report, docs/evaluation.md. All of it is simulation: no figure here was "
-    "measured on a real pet."
+    "in simulated rooms. Families kept out of training: {held_out}."
 )
 
 
@@ -107,6 +96,7 @@ def _run(args: argparse.Namespace) -> int:
             raise UsageError(msg)
     # Late: torch takes seconds, and --help must not.
     from x2train.map_bundle import (  # noqa: PLC0415
+        NOTES,
         PRIOR_HUMAN,
         check_calibration,
         map_metrics,
@@ -121,7 +111,7 @@ def _run(args: argparse.Namespace) -> int:
     if judged[0]["settings"] != abouts[0]["settings"]:
         msg = f"{args.validate[0]}: its maps were made with other settings than those to train on"
         raise UsageError(msg)
-    check_calibration(validation)
+    check_calibration(validation["label"])
     features = FeatureSettings.from_mapping(abouts[0]["settings"])
     teacher = load_bundle(args.teacher) if args.teacher else None
     taught = taught_by(teacher, train) if teacher else None
@@ -135,7 +125,7 @@ def _run(args: argparse.Namespace) -> int:
         is_half=args.half,
         is_compiled=args.compile,
     )
-    trained = _followed(fit_maps(train, validation, settings, taught), args.epochs)
+    trained = followed(fit_maps(train, validation, settings, taught), args.epochs)
     inputs = tuple(ModelInput(name, feature_shape(name, features), name) for name in INPUTS)
     # What a teacher has seen is not asked: it may be anything.
     has_seen_all = teacher is not None or {about["use"] for about in abouts} & {"all", "held out"}
@@ -159,7 +149,7 @@ def _run(args: argparse.Namespace) -> int:
         training=training,
         metrics=metrics,
         evidence=evidence,
-        notes=_NOTES,
+        notes=NOTES,
         sample=validation,
     )
     console = result_console()
@@ -167,24 +157,6 @@ def _run(args: argparse.Namespace) -> int:
     for key, value in metrics.items():
         console.print(f"  {key}: {value}")
     return 0
-
-
-def _followed(steps: "Iterator[Epoch | MapTrained]", epochs: int) -> "MapTrained":
-    """Show the progress of a training; return its end."""
-    from x2train.map_fit import MapTrained  # noqa: PLC0415
-
-    with progress() as bar:
-        task = bar.add_task("train", total=epochs)
-        for step in steps:
-            if isinstance(step, MapTrained):
-                return step
-            text = f"loss {step.loss:.3f}, validation {step.validation_loss:.3f}"
-            bar.update(task, completed=step.number, description=f"train ({text})")
-            if not bar.console.is_terminal:
-                # A log has no use for a bar, and an epoch takes minutes.
-                bar.console.print(f"epoch {step.number} of {epochs}: {text}")
-    msg = "a training without an end"
-    raise AssertionError(msg)
 
 
 def _command(args: argparse.Namespace) -> str:

@@ -1,0 +1,91 @@
+"""`train-export temporal`: a bundle learns what windows come to in their order."""
+
+import argparse
+from pathlib import Path
+
+from rich.console import Console
+
+from radard.classifier import load_bundle
+from radard.errors import UsageError
+from x2train.commands import Commands, followed, result_console
+
+SIZES = {"fast": (12, 20), "balanced": (16, 24), "accurate": (48, 64)}
+"""Channels of the heads of the three bundles: projected, hidden."""
+PRIOR_HUMAN = {"fast": 0.0, "balanced": 0.0, "accurate": 0.0}
+"""How their policies lean towards the alarm, in nats."""
+
+
+def register(commands: Commands) -> None:
+    """Add the subcommand."""
+    parser = commands.add_parser(
+        "temporal",
+        help="teach a bundle what windows come to in their order",
+        epilog=(
+            "example:\n"
+            "  train-export dataset --out sets/long --passages 8000 --longest 18\n"
+            "  train-export temporal --model models/mine.onnx --train sets/train sets/long "
+            "--validate sets/check\n"
+        ),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = parser.add_argument
+    add("--model", required=True, help="a bundle without a temporal head, of three classes")
+    add("--train", type=Path, nargs="+", required=True, help="sets to train on")
+    add("--validate", type=Path, nargs="+", required=True, help="sets to calibrate on")
+    add("--size", choices=sorted(SIZES), default="balanced", help="of the head (balanced)")
+    add("--name", help="name of the new bundle (that of the old one)")
+    add("--out", type=Path, default=Path("models"), help="folder of the new bundle (models)")
+    add("--epochs", type=int, default=12, help="passes over the passages (12)")
+    add("--seed", type=int, default=0, help="same seed, same file (0)")
+    parser.set_defaults(run=_run)
+
+
+def _run(args: argparse.Namespace) -> int:
+    for name, least in (("epochs", 1), ("seed", 0)):
+        if getattr(args, name) < least:
+            msg = f"--{name} {getattr(args, name)}: must be at least {least}"
+            raise UsageError(msg)
+    bundle = load_bundle(args.model)
+    # Late: torch takes seconds, and --help must not.
+    from x2train.map_bundle import check_calibration  # noqa: PLC0415
+    from x2train.temporal_bundle import given_of_sets, write_temporal  # noqa: PLC0415
+    from x2train.temporal_head import HeadSettings, fit_head  # noqa: PLC0415
+
+    n_projected, n_hidden = SIZES[args.size]
+    settings = HeadSettings(
+        n_projected=n_projected, n_hidden=n_hidden, epochs=args.epochs, seed=args.seed
+    )
+    # A spinner, not a bar: it leaves nothing behind, so an error stays one line.
+    with Console(stderr=True).status("what the network sees"):
+        train, abouts = given_of_sets(bundle, args.train)
+        validation, _ = given_of_sets(bundle, args.validate)
+        check_calibration(validation.given.label)
+    trained = followed(fit_head(train.given, validation.given, settings), args.epochs)
+    name = args.name or bundle.name
+    metrics = write_temporal(
+        args.out,
+        name,
+        args.model,
+        trained,
+        validation=validation,
+        abouts=abouts,
+        command=_command(args),
+        prior_human=PRIOR_HUMAN[args.size],
+    )
+    console = result_console()
+    console.print(f"wrote {args.out / name}.onnx, .json and .md")
+    for key, value in metrics.items():
+        console.print(f"  {key}: {value}")
+    return 0
+
+
+def _command(args: argparse.Namespace) -> str:
+    sets = " ".join(
+        f"--{name} {' '.join(str(p) for p in getattr(args, name))}"
+        for name in ("train", "validate")
+    )
+    name = f" --name {args.name}" if args.name else ""
+    return (
+        f"train-export temporal --model {args.model} {sets} --size {args.size}{name} "
+        f"--epochs {args.epochs} --seed {args.seed}"
+    )
