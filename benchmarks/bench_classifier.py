@@ -17,7 +17,7 @@ import numpy as np
 import onnxruntime as ort
 from onnxruntime.quantization import CalibrationDataReader, QuantFormat, QuantType, quantize_static
 
-from radard.classifier import load_bundle
+from radard.classifier import HIDDEN, load_bundle
 
 
 class _Maps(CalibrationDataReader):
@@ -46,8 +46,10 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         for name in args.models:
             bundle = load_bundle(name)
+            shapes = {i.name: i.shape for i in bundle.inputs}
+            shapes |= {HIDDEN: (bundle.n_hidden,)} if bundle.n_hidden else {}
             rows = [
-                {i.name: rng.random((1, *i.shape), np.float32) for i in bundle.inputs}
+                {name: rng.random((1, *shape), np.float32) for name, shape in shapes.items()}
                 for _ in range(16)
             ]
             onnx = Path(folder) / f"{Path(name).stem}.onnx"

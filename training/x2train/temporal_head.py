@@ -74,11 +74,11 @@ class HeadSettings:
 
     n_projected: int = 16
     n_hidden: int = 24
-    epochs: int = 12
+    epochs: int = 6
     batch: int = 64
     learning_rate: float = 5e-3
     weight_decay: float = 1e-3
-    dropout: float = 0.1
+    dropout: float = 0.3
     seed: int = 0
 
 

@@ -35,7 +35,7 @@ def register(commands: Commands) -> None:
     add("--size", choices=sorted(SIZES), default="balanced", help="of the head (balanced)")
     add("--name", help="name of the new bundle (that of the old one)")
     add("--out", type=Path, default=Path("models"), help="folder of the new bundle (models)")
-    add("--epochs", type=int, default=12, help="passes over the passages (12)")
+    add("--epochs", type=int, default=6, help="passes over the passages (6)")
     add("--seed", type=int, default=0, help="same seed, same file (0)")
     parser.set_defaults(run=_run)
 
