@@ -87,7 +87,6 @@ def write_temporal(
     validation: Sets,
     abouts: Sequence[Mapping[str, Any]],
     command: str,
-    prior_human: float,
 ) -> Mapping[str, float]:
     """Write the bundle with its head; return its metrics.
 
@@ -105,8 +104,6 @@ def write_temporal(
         What the sets to train on were made from.
     command : str
         For the card; that of the base goes before it.
-    prior_human : float
-        How far the policy leans to the alarm, in nats.
 
     Raises
     ------
@@ -146,7 +143,8 @@ def write_temporal(
         },
         metrics={**metrics, "logit difference torch - onnxruntime": float(f"{difference:.1e}")},
         policy="fused",
-        evidence={"prior_human": prior_human, "human_limit": HUMAN_LIMIT},
+        # What the head says is taken at its word: it leans nowhere.
+        evidence={"human_limit": HUMAN_LIMIT},
         notes=NOTES,
         pet_limit=base.pet_limit,
         n_hidden=trained.head.gru.hidden_size,

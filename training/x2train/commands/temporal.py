@@ -11,8 +11,6 @@ from x2train.commands import Commands, followed, result_console
 
 SIZES = {"fast": (12, 20), "balanced": (16, 24), "accurate": (48, 64)}
 """Channels of the heads of the three bundles: projected, hidden."""
-PRIOR_HUMAN = {"fast": 0.0, "balanced": 0.0, "accurate": 0.0}
-"""How their policies lean towards the alarm, in nats."""
 
 
 def register(commands: Commands) -> None:
@@ -70,7 +68,6 @@ def _run(args: argparse.Namespace) -> int:
         validation=validation,
         abouts=abouts,
         command=_command(args),
-        prior_human=PRIOR_HUMAN[args.size],
     )
     console = result_console()
     console.print(f"wrote {args.out / name}.onnx, .json and .md")
