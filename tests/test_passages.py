@@ -105,6 +105,16 @@ def test_windows_are_the_same_whoever_makes_them_and_in_whatever_order():
     assert any(w is not None for w in one.values())
 
 
+def test_long_passages_have_long_stays():
+    long = replace(FEW, longest_s=16.0)
+    last_s = {}
+    for name, spec in (("short", FEW), ("long", long)):
+        made = [w for k in range(6) if (w := spec(k)) is not None]
+        last_s[name] = max(w["t_s"].max() for w in made)
+        assert all((np.diff(w["t_s"]) > 0).all() for w in made)
+    assert last_s["short"] <= 2.6 + 6.0 < last_s["long"] <= 2.6 + 16.0
+
+
 def test_workers_and_shards_do_not_matter(tmp_path):
     columns = []
     for name, workers, per_shard in (("a", 1, 2), ("b", 2, 5)):

@@ -147,6 +147,8 @@ def one_line(capsys):
         (["dataset", "--passages", "0"], "--passages 0"),
         (["dataset", "--seed", "-1"], "--seed -1"),
         (["dataset", "--workers", "0"], "--workers 0"),
+        (["dataset", "--longest", "1.5"], "--longest 1.5: must be 2 to 600 s"),
+        (["dataset", "--longest", "nan"], "--longest nan"),
         (["fit", "--train", "x", "--validate", "x", "--epochs", "0"], "--epochs 0"),
         (["fit", "--train", "x", "--validate", "x", "--seed", "-2"], "--seed -2"),
         (["evaluate", "--passages", "0"], "--passages 0"),

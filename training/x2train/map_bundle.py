@@ -25,10 +25,8 @@ counts windows of families that it had not seen 0.3 and those of its own 0.6: ev
 movements that nobody has trained is worth less, and this is half-way."""
 HUMAN_LIMIT = 0.65
 PRIOR_HUMAN = {"fast": 0.0, "balanced": 0.25, "accurate": 0.25}
-"""How the shipped policies lean towards the alarm, by size of the network. Chosen on 1600
-passages that neither training nor docs/evaluation.md uses: of 725 intrusions `balanced` misses
-2.8 %, and of 734 visits of pets 17.2 % raise an alarm; 3.2 and 15.1 % without leaning, 2.8 and
-20.2 % with 0.5. Those of `fast` and `accurate` were chosen likewise with the bundles before."""
+"""How policies that sum lean towards the alarm, by size of the network. Chosen on 1600 passages
+that neither training nor docs/evaluation.md uses."""
 _N_SAMPLE = 256
 NOTES = (
     "Measured on windows of passages that training never saw: new draws of the families it "
