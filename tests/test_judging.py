@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from radard.classifier import Classifier, Probabilities, load_bundle
+from radard.classifier import Answer, Classifier, Probabilities, load_bundle
 from radard.config import Config
 from radard.pipeline import Pipeline
 from tests.radar_helpers import BASEBAND, dwell_of, frames_of, noise, walker
@@ -113,8 +113,8 @@ class Says:
     """A network whose answers are known: it stands in for the classifier of a pipeline."""
 
     def __init__(self, monkeypatch, *rows):
-        self.rows = [Probabilities(*row) for row in rows]
-        monkeypatch.setattr(Pipeline, "_classified", lambda *_: self.rows.pop(0))
+        self.rows = [Answer(Probabilities(*row)) for row in rows]
+        monkeypatch.setattr(Pipeline, "_answered", lambda *_: self.rows.pop(0))
         # Bodies one by one ask the network itself.
         monkeypatch.setattr(Pipeline, "_judged", lambda *_: ())
 
