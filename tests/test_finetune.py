@@ -12,30 +12,26 @@ from radard.errors import UsageError
 from radard.web.labels import LabelFile
 from tests.alarm_helpers import write_recording
 from tests.radar_helpers import noise, run_radard
-from tests.training_helpers import FEATURES, INPUTS, MAPS, give_head, toy, trained
+from tests.training_helpers import (
+    MAPS,
+    give_head,
+    settings,
+    toy,
+    trained,
+    write_tiny,
+)
 from x2radar.errors import RecordingError
 from x2train.bundle_answers import Answers, outputs_of
 from x2train.bundle_graph import MOST_NATS, Head, with_verifier
 from x2train.cli import main
 from x2train.graph_net import GraphNet
 from x2train.guard import Guard, Misses, alarms_of, load_guard
-from x2train.map_bundle import EvidenceSettings, write_map_bundle
 from x2train.own_labels import OwnClip, labelled_clips, merged, named_clips
 from x2train.own_windows import own_windows
 from x2train.shards import ShardSet
 from x2train.verifier import fit_head
 
-STREAM = {
-    "frame_rate_hz": (28.0, 210.0),
-    "bin_length_m": (0.003, 0.054),
-    "carrier_hz": (3.8e9, 8.0e9),
-    "bandwidth_hz": (1.3e9, 2.6e9),
-}
 ULID = "01J0000000000000000000000"
-
-
-def settings():
-    return {name: getattr(FEATURES, name) for name in FEATURES.__dataclass_fields__}
 
 
 def windows(folder, n, seed):
@@ -49,19 +45,7 @@ def made(request, tmp_path_factory):
     """Return a folder: a bundle that takes all for people, guards, and clips of a dog."""
     folder = tmp_path_factory.mktemp("finetune")
     network = replace(trained()[0], temperature=12.0)
-    write_map_bundle(
-        folder,
-        "tiny",
-        network,
-        inputs=INPUTS,
-        features=FEATURES,
-        stream=STREAM,
-        training={"recipe": "a toy", "command": "none"},
-        metrics={},
-        evidence=EvidenceSettings(),
-        notes="",
-        sample=toy(48, seed=1),
-    )
+    write_tiny(folder, network)
     if request.param == "temporal":
         give_head(folder / "tiny.onnx", temperature=2.5)
     windows(folder / "guard", 1536, 5)

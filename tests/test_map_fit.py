@@ -12,20 +12,13 @@ from radard.classifier import CLASSES, Classifier, load_bundle, softmax
 from radard.errors import RadardError, UsageError
 from radard.evidence import EvidenceSettings
 from radard.features import FeatureSet
-from tests.training_helpers import FEATURES, INPUTS, TINY, toy, trained
+from tests.training_helpers import FEATURES, INPUTS, TINY, toy, trained, write_tiny
 from x2train.commands.fit import WIDTHS
 from x2train.evidence_fit import fit_evidence, fused, log_loss, sequences
 from x2train.export import parity, to_onnx
-from x2train.map_bundle import HUMAN_LIMIT, PRIOR_HUMAN, TRUST, map_metrics, write_map_bundle
+from x2train.map_bundle import HUMAN_LIMIT, PRIOR_HUMAN, TRUST, map_metrics
 from x2train.map_fit import logits_of
 from x2train.nets import MapNet, n_parameters
-
-STREAM = {
-    "frame_rate_hz": (28.0, 210.0),
-    "bin_length_m": (0.003, 0.054),
-    "carrier_hz": (3.8e9, 8.0e9),
-    "bandwidth_hz": (1.3e9, 2.6e9),
-}
 
 
 @pytest.fixture(scope="module")
@@ -145,19 +138,7 @@ def test_a_bundle_comes_back_as_it_was_written(made, tmp_path):
 
 
 def write(folder, network, evidence, metrics):
-    write_map_bundle(
-        folder,
-        "tiny",
-        network,
-        inputs=INPUTS,
-        features=FEATURES,
-        stream=STREAM,
-        training={"recipe": "a toy", "command": "none"},
-        metrics=metrics,
-        evidence=evidence,
-        notes="some notes",
-        sample=toy(48, seed=1),
-    )
+    write_tiny(folder, network, evidence=evidence, metrics=metrics, notes="some notes")
 
 
 def test_a_network_that_onnxruntime_runs_otherwise_is_not_written(made, tmp_path, monkeypatch):

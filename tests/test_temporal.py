@@ -13,30 +13,24 @@ from radard.errors import ModelMismatch, UsageError
 from radard.evidence import Evidence, EvidenceSettings
 from radard.features import FeatureSet
 from tests.training_helpers import (
-    FEATURES,
     INPUTS,
     MAPS,
     give_head,
     given,
     head_for,
+    settings,
     toy,
     trained,
+    write_tiny,
 )
 from x2train.bundle_answers import outputs_of, tapped
 from x2train.cli import main
 from x2train.graph_net import GraphNet
-from x2train.map_bundle import write_map_bundle
 from x2train.shards import ShardSet
 from x2train.temporal_graph import GIVEN, n_parameters, with_given, with_head
 from x2train.temporal_head import Given, HeadSettings, HeadTrained, fit_head, logits_over
 from x2train.train import Epoch
 
-STREAM = {
-    "frame_rate_hz": (14.5, 210.0),
-    "bin_length_m": (0.003, 0.054),
-    "carrier_hz": (3.8e9, 8.0e9),
-    "bandwidth_hz": (1.3e9, 2.6e9),
-}
 EMPTY = np.zeros((1, 1), np.float32)
 
 
@@ -45,28 +39,12 @@ def folder(tmp_path_factory):
     """Return a folder with the bundle `plain`, `tiny` with a head, and sets."""
     folder = tmp_path_factory.mktemp("temporal")
     for name in ("plain", "tiny"):
-        write_map_bundle(
-            folder,
-            name,
-            trained()[0],
-            inputs=INPUTS,
-            features=FEATURES,
-            stream=STREAM,
-            training={"recipe": "a toy", "command": "train-export fit"},
-            metrics={},
-            evidence=EvidenceSettings(),
-            notes="",
-            sample=toy(48, seed=1),
-        )
+        write_tiny(folder, trained()[0], name=name)
     give_head(folder / "tiny.onnx")
     about = {"kind": "windows", "use": "all", "settings": settings()}
     ShardSet(folder / "set", about).write("shard-00000", toy(96))
     ShardSet(folder / "check", about).write("shard-00000", toy(48, seed=1))
     return folder
-
-
-def settings():
-    return {name: getattr(FEATURES, name) for name in FEATURES.__dataclass_fields__}
 
 
 def runs_of(n, length, rng):
@@ -217,6 +195,7 @@ def test_the_command_writes_a_bundle_that_the_daemon_takes(folder, tmp_path, cap
     plain = load_bundle(str(folder / "plain.onnx"))
     assert (sidecar["hidden"], sidecar["policy"]) == (20, "fused")
     assert sidecar["training"]["temporal"]["base_onnx_sha256"] == plain.sha256
+    assert sidecar["training"]["recipe"].endswith("kept out of its training: none.")
     assert sidecar["training"]["command"].startswith("train-export fit && train-export temporal")
     assert sidecar["training"]["command"].endswith("--size fast --name own --epochs 2 --seed 0")
     assert sidecar["metrics"]["parameters"] == n_parameters((tmp_path / "own.onnx").read_bytes())

@@ -2,14 +2,16 @@
 
 import hashlib
 import json
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 
 from radard.classifier import ModelInput, load_bundle
+from radard.evidence import EvidenceSettings
 from radard.features import feature_shape
 from x2train.bundle_answers import tapped
 from x2train.commands.dataset import FEATURES
+from x2train.map_bundle import write_map_bundle
 from x2train.map_fit import INPUTS as MAPS
 from x2train.map_fit import MapFitSettings, MapTrained, fit_maps
 from x2train.temporal_graph import GIVEN, with_given, with_head
@@ -23,6 +25,12 @@ TINY = MapFitSettings(
     hidden=8,
     learning_rate=1e-2,
 )
+STREAM = {
+    "frame_rate_hz": (14.5, 210.0),
+    "bin_length_m": (0.003, 0.054),
+    "carrier_hz": (3.8e9, 8.0e9),
+    "bandwidth_hz": (1.3e9, 2.6e9),
+}
 INPUTS = tuple(ModelInput(name, feature_shape(name, FEATURES), name) for name in MAPS)
 
 
@@ -51,6 +59,31 @@ def trained(settings=TINY, *, n=96):
     return made, epochs
 
 
+def settings():
+    """Return the settings of the maps, as a set's manifest has them."""
+    return asdict(FEATURES)
+
+
+def write_tiny(folder, network, *, name="tiny", **own):
+    """Write a bundle of toy windows."""
+    usual = {
+        "training": {"recipe": "a toy.", "command": "train-export fit"},
+        "metrics": {},
+        "evidence": EvidenceSettings(),
+        "notes": "",
+    }
+    write_map_bundle(
+        folder,
+        name,
+        network,
+        inputs=INPUTS,
+        features=FEATURES,
+        stream=STREAM,
+        sample=toy(48, seed=1),
+        **(usual | own),
+    )
+
+
 def given(bundle, columns):
     """Return what the last layer of a bundle's network is given of toy windows."""
     maps = {name: columns[name] for name in MAPS}
@@ -59,7 +92,7 @@ def given(bundle, columns):
 
 
 def head_for(bundle, **settings):
-    """Return a temporal head that was hardly trained."""
+    """Return a temporal head of toy windows."""
     size = {"n_projected": 6, "n_hidden": 5, "epochs": 20, "batch": 4, **settings}
     seen = given(bundle, toy(96)), given(bundle, toy(48, seed=1))
     *_, made = fit_head(*seen, HeadSettings(**size))
@@ -75,6 +108,3 @@ def give_head(path, *, temperature=1.0):
     sidecar = json.loads(path.with_suffix(".json").read_text())
     sidecar |= {"onnx_sha256": hashlib.sha256(onnx).hexdigest(), "hidden": 5}
     path.with_suffix(".json").write_text(json.dumps(sidecar))
-
-
-__all__ = ["FEATURES", "INPUTS", "MAPS", "TINY", "toy", "trained"]

@@ -17,7 +17,7 @@ import onnxruntime as ort
 import torch
 from numpy.typing import NDArray
 
-from radard.classifier import SCHEMA, ModelInput
+from radard.classifier import SCHEMA, Bundle, ModelInput
 from radard.features import FeatureSettings
 
 PARITY = 1e-5
@@ -72,6 +72,30 @@ class BundleSpec:
     notes: str = ""
     pet_limit: float = 0.8
     n_hidden: int = 0
+
+
+def spec_like(base: Bundle, **own: Any) -> BundleSpec:
+    """Return the spec of a bundle made from another; what is not given is that of the other.
+
+    Parameters
+    ----------
+    base : Bundle
+        The other.
+    own : object
+        Values of `BundleSpec`; name, training and metrics are needed.
+    """
+    same: dict[str, Any] = {
+        "inputs": base.inputs,
+        "settings": base.features,
+        "stream": dict(base.stream),
+        "classes": base.classes,
+        "temperature": base.temperature,
+        "policy": base.policy,
+        "evidence": dict(base.evidence),
+        "pet_limit": base.pet_limit,
+        "n_hidden": base.n_hidden,
+    }
+    return BundleSpec(**{**same, **own})
 
 
 def to_onnx(net: torch.nn.Module, inputs: tuple[ModelInput, ...]) -> bytes:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from radard.classifier import Bundle
-from x2train.export import BundleSpec, write_bundle
+from x2train.export import spec_like, write_bundle
 from x2train.finetune import Tuned, quiet_shares
 from x2train.guard import MOST_RISE, Guard
 from x2train.own_windows import OwnWindows
@@ -81,20 +81,8 @@ def write_finetuned(
             "most_rise": MOST_RISE,
         },
     }
-    spec = BundleSpec(
-        name=name,
-        inputs=base.inputs,
-        settings=base.features,
-        stream=dict(base.stream),
-        classes=base.classes,
-        temperature=base.temperature,
-        training=training,
-        metrics=dict(metrics),
-        policy=base.policy,
-        evidence=dict(base.evidence),
-        notes=_notes(tuned),
-        pet_limit=base.pet_limit,
-        n_hidden=base.n_hidden,
+    spec = spec_like(
+        base, name=name, training=training, metrics=dict(metrics), notes=_notes(tuned)
     )
     write_bundle(folder, spec, tuned.bundle.onnx)
     return metrics

@@ -1,6 +1,6 @@
 """Bundles of map networks: calibration of the evidence, metrics, export."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -42,6 +42,12 @@ def check_calibration(label: NDArray[Any]) -> None:
     if len(np.unique(label == 0)) < 2:
         msg = "the windows to validate on must be of people and others"
         raise UsageError(msg)
+
+
+def kept_out_of(abouts: Sequence[Mapping[str, Any]]) -> str:
+    """Return which families sets to train on leave out, for a card."""
+    has_all = {about["use"] for about in abouts} & {"all", "held out"}
+    return "none" if has_all else "as `x2train.scenarios` lists them"
 
 
 def map_metrics(

@@ -16,13 +16,17 @@ from radard.evidence import EvidenceSettings
 from x2train.bundle_answers import Answers, outputs_of, tapped
 from x2train.evidence_fit import Sequences, first_windows, fit_evidence, log_loss
 from x2train.evidence_fit import fused as summed
-from x2train.export import PARITY, BundleSpec, write_bundle
-from x2train.map_bundle import HUMAN_LIMIT, NOTES, rounded, window_metrics
+from x2train.export import PARITY, spec_like, write_bundle
+from x2train.map_bundle import HUMAN_LIMIT, NOTES, kept_out_of, rounded, window_metrics
 from x2train.temporal_graph import GIVEN, n_parameters, with_given, with_head
 from x2train.temporal_head import Given, HeadTrained, logits_over
 from x2train.window_set import Columns, check_made_for, load_windows
 
 _N_SAMPLE = 512
+_RECIPE = (
+    " A temporal head (GRU) follows whoever is there from window to window. Families kept out of "
+    "its training: {kept_out}."
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -129,15 +133,12 @@ def write_temporal(
         }
     )
     known = json.loads(sidecar_path(model).read_bytes())["training"]
-    spec = BundleSpec(
+    spec = spec_like(
+        base,
         name=name,
-        inputs=base.inputs,
-        settings=base.features,
-        stream=dict(base.stream),
-        classes=base.classes,
-        temperature=base.temperature,
         training={
             **known,
+            "recipe": known["recipe"] + _RECIPE.format(kept_out=kept_out_of(abouts)),
             "command": f"{known['command']} && {command}",
             "temporal": {"base_onnx_sha256": base.sha256, "sets": list(abouts)},
         },
@@ -146,7 +147,6 @@ def write_temporal(
         # What the head says is taken at its word: it leans nowhere.
         evidence={"human_limit": HUMAN_LIMIT},
         notes=NOTES,
-        pet_limit=base.pet_limit,
         n_hidden=trained.head.gru.hidden_size,
     )
     write_bundle(folder, spec, onnx)

@@ -1,17 +1,44 @@
 """Subcommands of `train-export`: each file registers one."""
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from radard.errors import UsageError
 
 if TYPE_CHECKING:
     from x2train.train import Epoch
 
 Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 _T = TypeVar("_T")
+
+
+def check_least(args: argparse.Namespace, **least: int) -> None:
+    """Raise UsageError if an argument is below its least value."""
+    for name, value in least.items():
+        if getattr(args, name) < value:
+            msg = f"--{name} {getattr(args, name)}: must be at least {value}"
+            raise UsageError(msg)
+
+
+def sets_of(args: argparse.Namespace) -> str:
+    """Return `--train` and `--validate` as they were given, for a card."""
+    return " ".join(
+        f"--{name} {' '.join(str(p) for p in getattr(args, name))}"
+        for name in ("train", "validate")
+    )
+
+
+def tell_bundle(path: Path, metrics: Mapping[str, object], more: str = "") -> None:
+    """Say which bundle was written, by its path without suffix, and what it achieves."""
+    console = result_console()
+    console.print(f"wrote {path}.onnx, .json and .md{more}")
+    for key, value in metrics.items():
+        console.print(f"  {key}: {value}")
 
 
 def result_console() -> Console:

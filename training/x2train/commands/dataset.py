@@ -8,7 +8,7 @@ from pathlib import Path
 from radard.classifier import load_bundle
 from radard.errors import UsageError
 from radard.features import MAP_FEATURES, FeatureSettings
-from x2train.commands import Commands, result_console
+from x2train.commands import Commands, check_least, result_console
 
 FEATURES = FeatureSettings(
     clutter="removed",
@@ -54,7 +54,7 @@ def register(commands: Commands) -> None:
         metavar="SECONDS",
         type=float,
         default=6.0,
-        help="bodies are there for 2 s to so long (6); memory learns from long ones",
+        help="bodies are there for 2 s to so long (6); temporal heads learn from long ones",
     )
     add("--like", metavar="MODEL", help="maps as this bundle takes them, for finetune --guard")
     add("--seed", type=int, default=1, help="same seed, same set (1)")
@@ -64,10 +64,7 @@ def register(commands: Commands) -> None:
 
 
 def _run(args: argparse.Namespace) -> int:
-    for name, least in (("passages", 1), ("seed", 0), ("workers", 1)):
-        if getattr(args, name) < least:
-            msg = f"--{name} {getattr(args, name)}: must be at least {least}"
-            raise UsageError(msg)
+    check_least(args, passages=1, seed=0, workers=1)
     if not _SHORTEST_S <= args.longest <= _LONGEST_S:
         msg = f"--longest {args.longest:g}: must be {_SHORTEST_S:g} to {_LONGEST_S:g} s"
         raise UsageError(msg)

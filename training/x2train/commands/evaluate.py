@@ -9,7 +9,7 @@ from typing import Any
 
 from radard.classifier import Bundle, load_bundle
 from radard.errors import UsageError
-from x2train.commands import Commands, result_console
+from x2train.commands import Commands, check_least, result_console
 from x2train.shards import MANIFEST
 
 _MOST_PET_HOURS = 10_000.0
@@ -72,10 +72,7 @@ def _check_against(folder: Path, radar: str) -> None:
 
 
 def _run(args: argparse.Namespace) -> int:
-    for name, least in (("passages", 1), ("seed", 0), ("workers", 1)):
-        if getattr(args, name) < least:
-            msg = f"--{name} {getattr(args, name)}: must be at least {least}"
-            raise UsageError(msg)
+    check_least(args, passages=1, seed=0, workers=1)
     # Late: the simulator takes a second, and --help must not.
     from x2train.card import evaluation_of, write_card  # noqa: PLC0415
     from x2train.farm import ProgressLine, make_shards  # noqa: PLC0415

@@ -8,7 +8,7 @@ from typing import Any
 from radard.classifier import ModelInput, load_bundle
 from radard.errors import UsageError
 from radard.features import FeatureSettings, feature_shape
-from x2train.commands import Commands, followed, result_console
+from x2train.commands import Commands, check_least, followed, sets_of, tell_bundle
 
 WIDTHS = {
     "fast": ((8, 8, 12, 12), (8, 8, 12, 12), 24),
@@ -90,15 +90,13 @@ def stream_of(abouts: Sequence[Mapping[str, Any]]) -> Mapping[str, tuple[float, 
 
 
 def _run(args: argparse.Namespace) -> int:
-    for name, least in (("epochs", 1), ("seed", 0)):
-        if getattr(args, name) < least:
-            msg = f"--{name} {getattr(args, name)}: must be at least {least}"
-            raise UsageError(msg)
+    check_least(args, epochs=1, seed=0)
     # Late: torch takes seconds, and --help must not.
     from x2train.map_bundle import (  # noqa: PLC0415
         NOTES,
         PRIOR_HUMAN,
         check_calibration,
+        kept_out_of,
         map_metrics,
         write_map_bundle,
     )
@@ -128,8 +126,7 @@ def _run(args: argparse.Namespace) -> int:
     trained = followed(fit_maps(train, validation, settings, taught), args.epochs)
     inputs = tuple(ModelInput(name, feature_shape(name, features), name) for name in INPUTS)
     # What a teacher has seen is not asked: it may be anything.
-    has_seen_all = teacher is not None or {about["use"] for about in abouts} & {"all", "held out"}
-    held_out = "none" if has_seen_all else "as `x2train.scenarios` lists them"
+    held_out = kept_out_of(abouts) if teacher is None else "none"
     training: dict[str, Any] = {
         "recipe": _RECIPE.format(held_out=held_out),
         "command": _command(args),
@@ -152,20 +149,13 @@ def _run(args: argparse.Namespace) -> int:
         notes=NOTES,
         sample=validation,
     )
-    console = result_console()
-    console.print(f"wrote {args.out / args.name}.onnx, .json and .md")
-    for key, value in metrics.items():
-        console.print(f"  {key}: {value}")
+    tell_bundle(args.out / args.name, metrics)
     return 0
 
 
 def _command(args: argparse.Namespace) -> str:
-    sets = " ".join(
-        f"--{name} {' '.join(str(p) for p in getattr(args, name))}"
-        for name in ("train", "validate")
-    )
     return (
-        f"train-export fit {sets} --name {args.name} --size {args.size} "
+        f"train-export fit {sets_of(args)} --name {args.name} --size {args.size} "
         f"--epochs {args.epochs} --seed {args.seed}"
         f"{' --half' if args.half else ''}{' --compile' if args.compile else ''}"
         f"{f' --teacher {args.teacher}' if args.teacher else ''}"

@@ -6,8 +6,7 @@ from pathlib import Path
 from rich.console import Console
 
 from radard.classifier import load_bundle
-from radard.errors import UsageError
-from x2train.commands import Commands, followed, result_console
+from x2train.commands import Commands, check_least, followed, sets_of, tell_bundle
 
 SIZES = {"fast": (12, 20), "balanced": (16, 24), "accurate": (48, 64)}
 """Channels of the heads of the three bundles: projected, hidden."""
@@ -39,10 +38,7 @@ def register(commands: Commands) -> None:
 
 
 def _run(args: argparse.Namespace) -> int:
-    for name, least in (("epochs", 1), ("seed", 0)):
-        if getattr(args, name) < least:
-            msg = f"--{name} {getattr(args, name)}: must be at least {least}"
-            raise UsageError(msg)
+    check_least(args, epochs=1, seed=0)
     bundle = load_bundle(args.model)
     # Late: torch takes seconds, and --help must not.
     from x2train.map_bundle import check_calibration  # noqa: PLC0415
@@ -69,20 +65,13 @@ def _run(args: argparse.Namespace) -> int:
         abouts=abouts,
         command=_command(args),
     )
-    console = result_console()
-    console.print(f"wrote {args.out / name}.onnx, .json and .md")
-    for key, value in metrics.items():
-        console.print(f"  {key}: {value}")
+    tell_bundle(args.out / name, metrics)
     return 0
 
 
 def _command(args: argparse.Namespace) -> str:
-    sets = " ".join(
-        f"--{name} {' '.join(str(p) for p in getattr(args, name))}"
-        for name in ("train", "validate")
-    )
     name = f" --name {args.name}" if args.name else ""
     return (
-        f"train-export temporal --model {args.model} {sets} --size {args.size}{name} "
+        f"train-export temporal --model {args.model} {sets_of(args)} --size {args.size}{name} "
         f"--epochs {args.epochs} --seed {args.seed}"
     )

@@ -5,9 +5,8 @@ import os
 from pathlib import Path
 
 from radard.classifier import ModelInput
-from radard.errors import UsageError
 from radard.features import FeatureSettings
-from x2train.commands import Commands, last, progress, result_console
+from x2train.commands import Commands, last, progress
 from x2train.dataset import CLASSES, LabelledSet, SeedSetSpec, generate
 
 _RECIPE = (
@@ -36,10 +35,7 @@ def register(commands: Commands) -> None:
 
 
 def _run(args: argparse.Namespace) -> int:
-    for name, least in (("elements", 100), ("epochs", 1), ("seed", 0), ("workers", 1)):
-        if getattr(args, name) < least:
-            msg = f"--{name} {getattr(args, name)}: must be at least {least}"
-            raise UsageError(msg)
+    check_least(args, elements=100, epochs=1, seed=0, workers=1)
     return _train(args)
 
 
@@ -99,8 +95,5 @@ def _train(args: argparse.Namespace) -> int:
         metrics={**metrics, "logit difference torch - onnxruntime": float(f"{difference:.1e}")},
     )
     write_bundle(out, bundle, onnx_bytes)
-    console = result_console()
-    console.print(f"wrote {out / name}.onnx, .json and .md (best epoch {trained.best_epoch})")
-    for key, value in metrics.items():
-        console.print(f"  {key}: {value}")
+    tell_bundle(out / name, metrics, f" (best epoch {trained.best_epoch})")
     return 0
