@@ -6,7 +6,7 @@ from pathlib import Path
 
 from radard.classifier import ModelInput
 from radard.features import FeatureSettings
-from x2train.commands import Commands, last, progress
+from x2train.commands import Commands, check_least, last, progress, tell_bundle
 from x2train.dataset import CLASSES, LabelledSet, SeedSetSpec, generate
 
 _RECIPE = (
