@@ -17,7 +17,8 @@ import numpy as np
 import onnxruntime as ort
 from onnxruntime.quantization import CalibrationDataReader, QuantFormat, QuantType, quantize_static
 
-from radard.classifier import HIDDEN, load_bundle
+from radard.bundle import load_bundle
+from radard.classifier import HIDDEN
 
 
 class _Maps(CalibrationDataReader):

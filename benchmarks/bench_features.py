@@ -33,7 +33,8 @@ import scipy.fft  # noqa: E402
 import scipy.signal  # noqa: E402
 from numpy.lib.stride_tricks import sliding_window_view  # noqa: E402
 
-from radard.classifier import Classifier, load_bundle  # noqa: E402
+from radard.bundle import load_bundle  # noqa: E402
+from radard.classifier import Classifier  # noqa: E402
 from radard.dsp.cadence import (  # noqa: E402
     cadence_velocity_diagram,
     extent_profile,

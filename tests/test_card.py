@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from radard.alarm import AlarmPanel
+from radard.bundle import load_bundle
 from radard.card import read_card
-from radard.classifier import Probabilities, load_bundle
+from radard.classifier import Probabilities
 from radard.cli import main
 from radard.commands.explain import explained
 from radard.config import Config, load_config

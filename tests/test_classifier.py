@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from radard.classifier import Classifier, bundle_names, load_bundle, softmax
+from radard.bundle import bundle_names, load_bundle
+from radard.classifier import Classifier, softmax
 from radard.errors import BundleError, ModelMismatch
 from radard.features import FeatureSet
 from x2radar.frame import FastTimeAxis

@@ -7,7 +7,8 @@ import numpy as np
 import onnx
 import pytest
 
-from radard.classifier import CLASSES, Classifier, load_bundle
+from radard.bundle import CLASSES, load_bundle
+from radard.classifier import Classifier
 from radard.errors import UsageError
 from radard.web.labels import LabelFile
 from tests.alarm_helpers import write_recording

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from radard.classifier import Answer, Classifier, Probabilities, load_bundle
+from radard.bundle import load_bundle
+from radard.classifier import Answer, Classifier, Probabilities
 from radard.config import Config
 from radard.pipeline import Pipeline
 from tests.radar_helpers import BASEBAND, dwell_of, frames_of, noise, walker

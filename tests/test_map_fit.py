@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 import torch
 
-from radard.classifier import CLASSES, Classifier, load_bundle, softmax
+from radard.bundle import CLASSES, load_bundle
+from radard.classifier import Classifier, softmax
 from radard.errors import RadardError, UsageError
 from radard.evidence import EvidenceSettings
 from radard.features import FeatureSet

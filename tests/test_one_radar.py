@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from radard.classifier import Classifier, load_bundle
+from radard.bundle import load_bundle
+from radard.classifier import Classifier
 from radard.config import Config
 from radard.errors import ModelMismatch, UsageError
 from radard.pipeline import Pipeline

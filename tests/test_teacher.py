@@ -7,7 +7,8 @@ import pytest
 import torch
 from torch import nn
 
-from radard.classifier import Classifier, load_bundle
+from radard.bundle import load_bundle
+from radard.classifier import Classifier
 from radard.errors import UsageError
 from radard.features import FeatureSet
 from tests.training_helpers import TINY, toy

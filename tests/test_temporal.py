@@ -8,7 +8,8 @@ import onnx
 import pytest
 import torch
 
-from radard.classifier import Answer, Classifier, Probabilities, load_bundle
+from radard.bundle import load_bundle
+from radard.classifier import Answer, Classifier, Probabilities
 from radard.errors import ModelMismatch, UsageError
 from radard.evidence import Evidence, EvidenceSettings
 from radard.features import FeatureSet

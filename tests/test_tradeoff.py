@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from radard.classifier import Classifier, load_bundle
+from radard.bundle import load_bundle
+from radard.classifier import Classifier
 from radard.clutter_map import ClutterRemover
 from radard.dsp.downconvert import DownConverter
 from radard.errors import UsageError

@@ -5,7 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from radard.classifier import Classifier, load_bundle
+from radard.bundle import load_bundle
+from radard.classifier import Classifier
 from x2train.cli import main
 from x2train.dataset import CLASSES, LabelledSet, SeedSetSpec, element, generate
 

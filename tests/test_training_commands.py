@@ -8,7 +8,7 @@ import jsonschema
 import numpy as np
 import pytest
 
-from radard.classifier import load_bundle
+from radard.bundle import load_bundle
 from tests.radar_helpers import run_radard
 from tests.training_helpers import FEATURES, toy
 from x2radar.errors import RecordingError

@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from radard.classifier import load_bundle
+from radard.bundle import load_bundle
 from tests.alarm_helpers import write_recording
 from tests.radar_helpers import noise
 from tests.web_helpers import Running

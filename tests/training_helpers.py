@@ -6,7 +6,7 @@ from dataclasses import asdict, replace
 
 import numpy as np
 
-from radard.classifier import ModelInput, load_bundle
+from radard.bundle import ModelInput, load_bundle
 from radard.evidence import EvidenceSettings
 from radard.features import feature_shape
 from x2train.bundle_answers import tapped

@@ -7,7 +7,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from radard.classifier import bundle_names
+from radard.bundle import bundle_names
 from radard.errors import ModelMismatch
 
 Three = tuple[float | None, float | None, float | None]

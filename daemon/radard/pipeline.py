@@ -26,8 +26,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from radard.bundle import Bundle
 from radard.calibration import Calibration
-from radard.classifier import Answer, Bundle, Classifier, Probabilities
+from radard.classifier import Answer, Classifier, Probabilities
 from radard.clutter_map import ClutterRemover
 from radard.config import Config
 from radard.decision import Decision, Label, TrackVerdict, Verdict, judge

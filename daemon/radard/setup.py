@@ -7,8 +7,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from radard.alarm import AlarmPolicy
+from radard.bundle import load_bundle
 from radard.calibration import Calibration, load_calibration
-from radard.classifier import Classifier, load_bundle
+from radard.classifier import Classifier
 from radard.clips import ClipKeeper, ClipSettings
 from radard.config import Config
 from radard.directories import calibration_file, clip_dir, named_state_dir, state_dir

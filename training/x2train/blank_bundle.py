@@ -14,7 +14,7 @@ import numpy as np
 import onnx
 from onnx import TensorProto, helper, numpy_helper
 
-from radard.classifier import CLASSES, SCHEMA
+from radard.bundle import CLASSES, SCHEMA
 from radard.features import FeatureSettings, feature_shape
 
 _WIDTHS = (16, 24, 40)

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from radard.bundle import Bundle, load_bundle
 from radard.card import sidecar_path
-from radard.classifier import Bundle, load_bundle
 from radard.errors import UsageError
 from x2train.report.document import rounded
 from x2train.report.figures import figures

@@ -17,7 +17,7 @@ import onnxruntime as ort
 import torch
 from numpy.typing import NDArray
 
-from radard.classifier import SCHEMA, Bundle, ModelInput
+from radard.bundle import SCHEMA, Bundle, ModelInput
 from radard.features import FeatureSettings
 
 PARITY = 1e-5

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from radard.classifier import CLASSES, Bundle
+from radard.bundle import CLASSES, Bundle
 from radard.errors import UsageError
 from x2train.bundle_answers import outputs_of
 from x2train.bundle_graph import Head, with_verifier

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from radard.classifier import Bundle
+from radard.bundle import Bundle
 from x2train.export import spec_like, write_bundle
 from x2train.finetune import Tuned, quiet_shares
 from x2train.guard import MOST_RISE, Guard

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from radard.classifier import CLASSES, Answer, Bundle, Probabilities
+from radard.bundle import CLASSES, Bundle
+from radard.classifier import Answer, Probabilities
 from radard.config_sections import DecisionSection
 from radard.decision import Verdict, judge
 from radard.errors import UsageError
@@ -70,7 +71,7 @@ class Guard:
 
     @property
     def label(self) -> NDArray[np.int64]:
-        """Class of every window, by `radard.classifier.CLASSES`."""
+        """Class of every window, by `radard.bundle.CLASSES`."""
         return np.asarray(self.columns["label"], np.int64)
 
     def inputs(self, bundle: Bundle) -> Mapping[str, NDArray[Any]]:

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from radard.classifier import Bundle, Classifier, load_bundle
+from radard.bundle import Bundle, load_bundle
+from radard.classifier import Classifier
 from radard.config import Config
 from radard.decision import Decision
 from radard.errors import ModelMismatch, UsageError

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from radard.classifier import CLASSES, ModelInput
+from radard.bundle import CLASSES, ModelInput
 from radard.errors import RadardError, UsageError
 from radard.evidence import EvidenceSettings
 from radard.features import FeatureSettings

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from radard.classifier import Answer, Bundle, Classifier, Hidden
+from radard.bundle import Bundle
+from radard.classifier import Answer, Classifier, Hidden
 from radard.config import Config
 from radard.decision import Decision
 from radard.errors import ModelMismatch, UsageError

@@ -16,7 +16,7 @@ import torch
 from numpy.typing import NDArray
 from torch.nn import functional
 
-from radard.classifier import Bundle
+from radard.bundle import Bundle
 from radard.errors import RadardError, UsageError
 from x2train.bundle_answers import Answers, outputs_of
 from x2train.graph_net import GraphNet

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from radard.bundle import Bundle, load_bundle
 from radard.card import sidecar_path
-from radard.classifier import Bundle, load_bundle
 from radard.errors import RadardError
 from radard.evidence import EvidenceSettings
 from x2train.bundle_answers import Answers, outputs_of, tapped

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from radard.classifier import Answer, Bundle, Classifier, Hidden, load_bundle
+from radard.bundle import Bundle, load_bundle
+from radard.classifier import Answer, Classifier, Hidden
 from radard.config import Config
 from radard.errors import UsageError
 from radard.features import FeatureSet

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from radard.classifier import CLASSES, Bundle
+from radard.bundle import CLASSES, Bundle
 from radard.errors import UsageError
 from x2train.bundle_answers import Answers
 from x2train.bundle_graph import Head

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from radard.classifier import CLASSES, Bundle
+from radard.bundle import CLASSES, Bundle
 from radard.errors import UsageError
 from radard.features import MAP_FEATURES, FeatureSettings
 from x2train.shards import read_all

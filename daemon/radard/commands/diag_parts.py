@@ -19,8 +19,8 @@ from typing import Any
 
 import yaml
 
+from radard.bundle import bundle_names, load_bundle
 from radard.calibration import load_calibration
-from radard.classifier import bundle_names, load_bundle
 from radard.commands.config import shown
 from radard.config import DEFAULT_FILES, Config, Loaded, load_with_origins
 from radard.config_read import ENV_PREFIX

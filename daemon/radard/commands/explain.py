@@ -2,8 +2,8 @@
 
 from collections.abc import Iterator, Sequence
 
+from radard.bundle import load_bundle
 from radard.card import read_card
-from radard.classifier import load_bundle
 from radard.commands.explain_rates import passage_rates, window_rates
 from radard.config import Config, load_config
 from radard.config_sections import AlarmSection

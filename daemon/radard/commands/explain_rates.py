@@ -2,8 +2,8 @@
 
 from collections.abc import Iterable, Iterator
 
+from radard.bundle import Bundle
 from radard.card import Card, Passing, Three
-from radard.classifier import Bundle
 from radard.config import Config
 from radard.config_sections import AlarmSection, DecisionSection, GateSection
 from radard.confirmation import alarm_probability, windows_until

@@ -5,7 +5,7 @@ import os
 from dataclasses import asdict
 from pathlib import Path
 
-from radard.classifier import load_bundle
+from radard.bundle import load_bundle
 from radard.errors import UsageError
 from radard.features import MAP_FEATURES, FeatureSettings
 from x2train.commands import Commands, check_least, result_console

@@ -7,7 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from radard.classifier import Bundle, load_bundle
+from radard.bundle import Bundle, load_bundle
 from radard.errors import UsageError
 from x2train.commands import Commands, check_least, result_console
 from x2train.shards import MANIFEST

@@ -6,7 +6,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from radard.classifier import load_bundle
+from radard.bundle import load_bundle
 from radard.errors import UsageError
 from x2train.commands import Commands, result_console
 

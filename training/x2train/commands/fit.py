@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from radard.classifier import ModelInput, load_bundle
+from radard.bundle import ModelInput, load_bundle
 from radard.errors import UsageError
 from radard.features import FeatureSettings, feature_shape
 from x2train.commands import Commands, check_least, followed, sets_of, tell_bundle

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from radard.classifier import load_bundle
+from radard.bundle import load_bundle
 from x2train.commands import Commands, check_least, followed, sets_of, tell_bundle
 
 SIZES = {"fast": (12, 20), "balanced": (16, 24), "accurate": (48, 64)}

@@ -4,7 +4,7 @@ import argparse
 import os
 from pathlib import Path
 
-from radard.classifier import ModelInput
+from radard.bundle import ModelInput
 from radard.features import FeatureSettings
 from x2train.commands import Commands, check_least, last, progress, tell_bundle
 from x2train.dataset import CLASSES, LabelledSet, SeedSetSpec, generate

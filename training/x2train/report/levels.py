@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radard.alarm import AlarmPanel, AlarmPolicy, Sight
-from radard.classifier import Bundle, Probabilities
+from radard.bundle import Bundle
+from radard.classifier import Probabilities
 from radard.config import Config
 from radard.config_sections import AlarmSection
 from radard.decision import Verdict
