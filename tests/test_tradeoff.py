@@ -14,18 +14,40 @@ from radard.errors import UsageError
 from radard.features import MAP_FEATURES, FeatureSettings, FeatureStream
 from radard.ring import Dwell
 from x2train.blank_bundle import write_blank_bundle
+from x2train.bundle_answers import outputs_of
 from x2train.cli import main
+from x2train.network_cost import quantised, window_ms
+from x2train.report.intervals import Estimate
+from x2train.sites import THESIS
+from x2train.tradeoff_combinations import (
+    DECIMATIONS,
+    PRECISIONS,
+    SETTINGS,
+    Combination,
+    best,
+    combinations,
+    n_combinations,
+)
 from x2train.tradeoff_maps import Chain, Setting
 from x2train.tradeoff_measure import SWITCHES, measure, n_steps, picture_loss_db, record
 from x2train.tradeoff_models import parse_model, read_accuracy, time_model
+from x2train.tradeoff_windows import judged_windows
 
 BLANK = FeatureSettings(range_decimation=8, clutter="removed", velocity_cpi_s=0.2)
 MAPS = MAP_FEATURES
+SHIPPED = load_bundle("fast").features
 
 
 @pytest.fixture(scope="module")
 def walk():
     return record("human", 60.0, 7.0, 0)
+
+
+@pytest.fixture(scope="module")
+def seen():
+    *steps, windows = judged_windows(12, 0, [SHIPPED], DECIMATIONS)
+    assert steps == list(range(1, 13))
+    return windows
 
 
 def hops(recording, setting):
@@ -152,18 +174,105 @@ def test_command_writes_page_and_plot(tmp_path, monkeypatch):
     write_blank_bundle(tmp_path, "balanced", BLANK, MAPS)
     (tmp_path / "eval.json").write_text('{"accuracy": 0.9}')
     argv = ["tradeoff", "--scenes", "human", "--draws", "1", "--duration", "6", "--rounds", "1"]
-    argv += ["--models", "balanced.onnx=eval.json"]
+    argv += ["--models", "balanced.onnx=eval.json", "--combine", "balanced.onnx"]
+    argv += ["--passages", "12"]
     assert main([*argv, "--page", "docs/page.md", "--plot", "docs/images/plot.png"]) == 0
     text = (tmp_path / "docs" / "page.md").read_text()
     assert "![loss against cost](images/plot.png)" in text
-    assert text.count("| **") == 7
+    assert text.count("| **") == 8
+    assert "| range | CPIs | ms | balanced, fp32 | balanced, int8 |" in text
+    assert text.count("\n| 8 | 3 |") == 1
+    assert "--combine balanced.onnx --passages 12`" in text
     assert "| **balanced** (profile) |" in text
     assert "0.9000" in text
     assert (tmp_path / "docs" / "images" / "plot.png").read_bytes()[:4] == b"\x89PNG"
 
 
+def test_dwells_are_the_same_at_every_decimation(seen):
+    n = len(seen.is_human)
+    assert set(seen.maps) == {(SHIPPED, d) for d in DECIMATIONS}
+    assert all(len(m) == n for maps in seen.maps.values() for m in maps.values())
+    assert 0 < seen.is_human.sum() < n
+    assert (np.diff(seen.passage) >= 0).all()
+    assert set(seen.passage) == set(range(seen.passage[-1] + 1))
+    # Who is there is shown alike, whatever the bins: of another dwell it would not be.
+    fine, coarse = (seen.maps[SHIPPED, d]["velocity_time"] / 255 for d in (4, 8))
+    own = np.abs(fine - coarse).mean(axis=(1, 2))
+    other = np.abs(fine - np.roll(coarse, n // 2, axis=0)).mean(axis=(1, 2))
+    assert np.median(own) < 0.2 * np.median(other)
+    assert THESIS.bin_length_m < 0.004
+
+
+def test_too_few_passages_are_refused():
+    with pytest.raises(UsageError, match="nobody is in view"):
+        list(judged_windows(0, 0, [SHIPPED], DECIMATIONS))
+
+
+def test_every_combination_is_judged(seen, tmp_path):
+    bundle = load_bundle(str(write_blank_bundle(tmp_path, "blank", SHIPPED, MAPS)))
+    costs = dict.fromkeys(SETTINGS, 1.0)
+    *steps, made = combinations([bundle], seen, seen, costs, 0)
+    assert steps[-1] == n_combinations(1) == len(made) == 18
+    assert {(c.decimation, c.cpis, c.precision) for c in made} == {
+        (s.decimation, s.cpis, p) for s in SETTINGS for p in PRECISIONS
+    }
+    assert [c.decimation for c in made if c.is_shipped] == [8]
+    for c in made:
+        assert c.ms_per_hop == 1.0 + c.network_ms > 1.0
+        assert c.auc.low <= c.auc.value <= c.auc.high
+    # A blank map says nothing, so that a network which sees no other cannot tell windows apart.
+    shown = {(c.cpis, c.auc.value) for c in made if (c.decimation, c.precision) == (8, "fp32")}
+    assert len({auc for _, auc in shown}) == 3
+
+
+def test_what_nothing_beats_is_the_front():
+    def one(ms, auc):
+        return Combination(
+            model="m",
+            precision="fp32",
+            decimation=8,
+            cpis=3,
+            ms_per_hop=ms,
+            network_ms=0.1,
+            auc=Estimate(auc, 0, 1),
+        )
+
+    cheap, good, dear, bad = one(1, 0.8), one(2, 0.9), one(3, 0.9), one(2.5, 0.7)
+    assert best([dear, bad, good, cheap]) == [cheap, good]
+
+
+def test_a_network_in_int8_says_nearly_the_same(seen):
+    bundle = load_bundle("fast")
+    maps = seen.maps[SHIPPED, 8]
+    rows = [
+        {i.name: np.float32(maps[i.feature][k][None] / 255) for i in bundle.inputs}
+        for k in range(20)
+    ]
+    small = quantised(bundle.onnx, rows)
+    inputs = {i.name: maps[i.feature] for i in bundle.inputs}
+    (whole, _), (rough, _) = outputs_of(bundle.onnx, inputs), outputs_of(small, inputs)
+    off = np.abs(whole.p(1.0) - rough.p(1.0))
+    assert 0 < off.max() < 0.2
+    assert off.mean() < 0.02
+    assert min(window_ms({"a": (small, rows[0]), "b": (bundle.onnx, rows[0])}, 3).values()) > 0
+
+
+def test_a_bundle_of_more_than_maps_is_not_combined(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    argv = ["tradeoff", "--scenes", "human", "--draws", "1", "--duration", "6"]
+    assert main([*argv, "--combine", "seed"]) == 2
+    assert "takes more than maps" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
-    "argv", [["--rounds", "0"], ["--duration", "1"], ["--plot", "a.txt"], ["--seed", "-1"]]
+    "argv",
+    [
+        ["--passages", "3"],
+        ["--rounds", "0"],
+        ["--duration", "1"],
+        ["--plot", "a.txt"],
+        ["--seed", "-1"],
+    ],
 )
 def test_options_out_of_bounds_are_usage_errors(argv, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

@@ -7,7 +7,7 @@ same, in decibels: rms over all that either of the two shows, in dwells with an 
 
 import statistics
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -134,10 +134,7 @@ def measure(
     int or list of Row
         Settings done, then the table.
     """
-    open_hops = [_open_hops(r) for r in recordings]
-    if not any(map(any, open_hops)):
-        msg = "nothing moves in these scenes: the gate never opens"
-        raise UsageError(msg)
+    open_hops = _some_open(recordings)
     rows: list[Row] = []
     n_done = 0
     for switch in switches:
@@ -158,6 +155,36 @@ def measure(
 def n_steps(rounds: int, switches: tuple[Switch, ...] = SWITCHES) -> int:
     """Return how far `measure` counts."""
     return rounds * sum(len(switch.values) for switch in switches)
+
+
+def chain_ms(
+    recordings: list[Recording], settings: Sequence[Setting], rounds: int
+) -> Iterator[int | dict[Setting, float]]:
+    """Time the chain at several settings, in turn.
+
+    Parameters
+    ----------
+    recordings : list of Recording
+        Scenes.
+    settings : sequence of Setting
+        Where the switches stand.
+    rounds : int
+        How often; the best round counts.
+
+    Yields
+    ------
+    int or dict of Setting to float
+        Settings done, then the CPU time of a hop with an open gate, in milliseconds.
+    """
+    open_hops = _some_open(recordings)
+    best: dict[Setting, float] = {}
+    for k in range(rounds):
+        for n, setting in enumerate(settings, 1 + k * len(settings)):
+            hops_s, _ = _run(recordings, setting, open_hops)
+            taken_ms = 1e3 * statistics.median(hops_s)
+            best[setting] = min(taken_ms, best.get(setting, taken_ms))
+            yield n
+    yield best
 
 
 def picture_loss_db(ours: Picture, finest: Picture, depth_db: float) -> float:
@@ -234,6 +261,14 @@ def _run(
                 found.append(pictures)
                 hops_s.append(duration_s)
     return hops_s, found
+
+
+def _some_open(recordings: list[Recording]) -> list[list[bool]]:
+    open_hops = [_open_hops(r) for r in recordings]
+    if not any(map(any, open_hops)):
+        msg = "nothing moves in these scenes: the gate never opens"
+        raise UsageError(msg)
+    return open_hops
 
 
 def _open_hops(recording: Recording) -> list[bool]:

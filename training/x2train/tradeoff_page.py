@@ -9,6 +9,8 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 
+from x2train.tradeoff_combinations import Combination
+from x2train.tradeoff_grid_page import draw_combinations
 from x2train.tradeoff_measure import SWITCHES, Row, Switch
 from x2train.tradeoff_models import ModelRow
 
@@ -35,7 +37,15 @@ _LEAST_LOSS_DB = 1e-3
 _N_ACROSS = 3
 
 
-def page(rows: list[Row], models: list[ModelRow], *, how: str, command: str, plot: str) -> str:
+def page(
+    rows: list[Row],
+    models: list[ModelRow],
+    grid: list[str],
+    *,
+    how: str,
+    command: str,
+    plot: str,
+) -> str:
     """Return the page in Markdown.
 
     Parameters
@@ -44,6 +54,8 @@ def page(rows: list[Row], models: list[ModelRow], *, how: str, command: str, plo
         From `measure`.
     models : list of ModelRow
         Bundles; may be empty.
+    grid : list of str
+        Section of their combinations, see `grid_section`; may be empty.
     how : str
         Scenes and machine, a sentence.
     command : str
@@ -77,6 +89,8 @@ def page(rows: list[Row], models: list[ModelRow], *, how: str, command: str, plo
         if own:
             parts += [*_table(switch, own), ""]
     parts += _model_table(models)
+    if grid:
+        parts += ["", *grid]
     return "\n".join(parts).rstrip("\n") + "\n"
 
 
@@ -130,17 +144,22 @@ def _accuracy(model: ModelRow) -> str:
     return f"{found.value:.4f} ({found.low:.4f} to {found.high:.4f})"
 
 
-def draw(rows: list[Row], models: list[ModelRow], path: Path) -> None:
-    """Draw loss against cost, and accuracy against cost where bundles were evaluated."""
+def draw(rows: list[Row], models: list[ModelRow], combined: list[Combination], path: Path) -> None:
+    """Draw loss against cost, and accuracy against cost.
+
+    Of combinations, or, without any, of bundles that were evaluated.
+    """
     judged = [model for model in models if model.accuracy is not None]
-    n_rows = -(-(len(_PICTURES) + bool(judged)) // _N_ACROSS)
+    n_rows = -(-(len(_PICTURES) + bool(judged or combined)) // _N_ACROSS)
     figure, grid = plt.subplots(
         n_rows, _N_ACROSS, figsize=(4.8 * _N_ACROSS, 4.4 * n_rows), layout="constrained"
     )
     axes = grid.ravel()
     for axis, name in zip(axes, _PICTURES, strict=False):
         _draw_losses(axis, rows, name)
-    if judged:
+    if combined:
+        draw_combinations(axes[-1], combined)
+    elif judged:
         _draw_models(axes[-1], judged)
     else:
         axes[-1].set_axis_off()

@@ -146,7 +146,7 @@ def _window_truth(passage: Passage, window: slice) -> dict[str, Any] | None:
     radial = truth.velocity_mps[window][rows, k]
     return {
         "label": LABELS.index(passage.cast[k].label),
-        "family": _FAMILY[passage.cast[k].name],
+        "family": _FAMILY.get(passage.cast[k].name, -1),
         "company": _FAMILY[passage.cast[1 - k].name] if len(passage.cast) == 2 else -1,
         "share": float(share[k]),
         "snr_db": float(snr_db[rows, k].mean()),

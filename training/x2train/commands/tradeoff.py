@@ -4,15 +4,24 @@ import argparse
 import os
 import platform
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+from radard.bundle import Bundle, load_bundle
 from radard.errors import UsageError
 from x2train.commands import Commands, last
+
+if TYPE_CHECKING:
+    from x2train.tradeoff_combinations import Combination
+    from x2train.tradeoff_measure import Recording
 
 _EXAMPLES = """\
 examples:
   train-export tradeoff
   train-export tradeoff --models fast=fast.json balanced=balanced.json accurate=accurate.json
+  train-export tradeoff --combine fast balanced accurate
 """
+_OTHER_SHARE = 4
+_OTHER_SEED = 1
 
 
 def register(commands: Commands) -> None:
@@ -37,6 +46,14 @@ def register(commands: Commands) -> None:
         metavar="NAME[=EVALUATION.json]",
         help="bundles to time, with their evaluation",
     )
+    add(
+        "--combine",
+        nargs="+",
+        default=[],
+        metavar="NAME",
+        help="bundles to judge with every combination of maps, precision and decimation",
+    )
+    add("--passages", type=int, default=400, help="passages that they are judged by (400)")
     add("--page", type=Path, default=Path("docs/tradeoff.md"), metavar="FILE", help="table")
     add("--plot", type=Path, default=Path("docs/images/tradeoff.png"), metavar="FILE", help="plot")
     parser.set_defaults(run=_run)
@@ -48,20 +65,26 @@ def _run(args: argparse.Namespace) -> int:
         os.environ.setdefault(name, "1")
     _check(args)
     # Late: matplotlib and onnxruntime take a second, and --help must not.
+    from x2train.tradeoff_combinations import check_combined  # noqa: PLC0415
     from x2train.tradeoff_measure import measure, n_steps, record  # noqa: PLC0415
     from x2train.tradeoff_models import parse_model, read_accuracy, time_model  # noqa: PLC0415
     from x2train.tradeoff_page import draw, page  # noqa: PLC0415
 
+    combined = [load_bundle(name) for name in args.combine]
+    for bundle in combined:
+        check_combined(bundle)
     wanted = [parse_model(text) for text in args.models]
     known = [(name, read_accuracy(path) if path else None) for name, path in wanted]
     seeds = range(args.seed, args.seed + args.draws)
     recordings = [record(s, args.rate, args.duration, k) for s in args.scenes for k in seeds]
     models = [time_model(name, found, recordings, args.rounds) for name, found in known]
+    made, grid = _combined(combined, recordings, args)
     rows = last(measure(recordings, args.rounds), n_steps(args.rounds), "measuring")
-    draw(rows, models, args.plot)
+    draw(rows, models, made, args.plot)
     text = page(
         rows,
         models,
+        grid,
         how=_how(args),
         command=_command(args),
         plot=os.path.relpath(args.plot, args.page.parent).replace(os.sep, "/"),
@@ -71,8 +94,46 @@ def _run(args: argparse.Namespace) -> int:
     return 0
 
 
+def _combined(
+    bundles: list[Bundle], recordings: "list[Recording]", args: argparse.Namespace
+) -> "tuple[list[Combination], list[str]]":
+    """Return all combinations of some bundles, and their section of the page."""
+    if not bundles:
+        return [], []
+    from x2train.tradeoff_combinations import (  # noqa: PLC0415
+        DECIMATIONS,
+        SETTINGS,
+        combinations,
+        features_of,
+        n_combinations,
+    )
+    from x2train.tradeoff_grid_page import grid_section  # noqa: PLC0415
+    from x2train.tradeoff_measure import chain_ms  # noqa: PLC0415
+    from x2train.tradeoff_windows import judged_windows  # noqa: PLC0415
+
+    kinds = features_of(bundles)
+    windows, others = (
+        last(judged_windows(n, args.seed + more, kinds, DECIMATIONS), n, "passages")
+        for n, more in ((args.passages, 0), (args.passages // _OTHER_SHARE, _OTHER_SEED))
+    )
+    cost_ms = last(
+        chain_ms(recordings, SETTINGS, args.rounds), len(SETTINGS) * args.rounds, "timing"
+    )
+    made = last(
+        combinations(bundles, windows, others, cost_ms, args.seed),
+        n_combinations(len(bundles)),
+        "combinations",
+    )
+    return made, grid_section(made, len(windows.passage), int(windows.passage.max()) + 1)
+
+
 def _check(args: argparse.Namespace) -> None:
-    for name, low, high in (("draws", 1, 100), ("rounds", 1, 100), ("rate", 20, 400)):
+    for name, low, high in (
+        ("draws", 1, 100),
+        ("rounds", 1, 100),
+        ("rate", 20, 400),
+        ("passages", 12, 100_000),
+    ):
         if not low <= getattr(args, name) <= high:
             msg = f"--{name} {getattr(args, name):g}: must be {low} to {high}"
             raise UsageError(msg)
@@ -107,4 +168,6 @@ def _command(args: argparse.Namespace) -> str:
     parts = ["train-export tradeoff"]
     if args.models:
         parts.append("--models " + " ".join(args.models))
+    if args.combine:
+        parts.append(f"--combine {' '.join(args.combine)} --passages {args.passages}")
     return " ".join(parts)
