@@ -48,12 +48,12 @@ def auc(raw: dict[str, Any]) -> str:
     return f"{raw['value']:.3f} ({raw['low']:.3f} to {raw['high']:.3f})"
 
 
-def missed_at(table: PassageTable, policy: Policy) -> str:
-    """Return the share of intrusions that are missed where `EQUAL_SHARE` of visits alarm."""
+def missed_at(table: PassageTable, policy: Policy, visits_share: float = EQUAL_SHARE) -> str:
+    """Return the share of intrusions that are missed where so many visits alarm."""
     sweep = Sweep.of(table, evidence(table, policy))
     visits = int((table.label == "pet").sum())
     # A visit lasts less than a minute, so it counts once at most.
-    limit = sweep.limit_for(EQUAL_SHARE * visits / sweep.pet_hours)
+    limit = sweep.limit_for(visits_share * visits / sweep.pet_hours)
     return f"{100 * float((sweep.intrusion < limit).mean()):.1f} %"
 
 

@@ -9,6 +9,7 @@ from x2train.commands import (
     evaluate,
     finetune,
     fit,
+    make,
     scene,
     seed,
     temporal,
@@ -22,6 +23,7 @@ examples:
   train-export dataset --out sets/train       windows of simulated passages
   train-export fit --train sets/train --validate sets/validate
   train-export temporal --model models/mine.onnx --train sets/long --validate sets/check
+  train-export make balanced --show           how a shipped bundle is made, or do it
   train-export finetune rex.h5=pet --guard sets/guard
   train-export evaluate --out report          a bundle, judged like an alarm
   train-export seed --animal dog --repeats 3  the thesis, reproduced
@@ -53,6 +55,7 @@ def _body(argv: Sequence[str]) -> int:
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for command in _COMMANDS:
         command.register(commands)
+    make.register(commands, _body)
     args = parser.parse_args(argv)
     code: int = args.run(args)
     return code

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from radard.bundle import SCHEMA, Bundle, ModelInput
 from radard.features import FeatureSettings
+from x2train.recipes import recipe_of
 
 PARITY = 1e-5
 _NOTES = """Measured on windows that training never saw, drawn from the same simulated bodies. They
@@ -190,13 +191,15 @@ def _card(sidecar: dict[str, Any], n_bytes: int, notes: str) -> str:
     stream = "\n".join(f"| {k} | {lo:g} to {hi:g} |" for k, (lo, hi) in sidecar["stream"].items())
     training = sidecar["training"]
     inputs = ", ".join(f"`{i['feature']}`" for i in sidecar["inputs"])
+    recipe = recipe_of(training["command"])
+    whole = f"\n\nand with its sets by\n\n    train-export make {recipe}" if recipe else ""
     return f"""# Model `{sidecar["name"]}`
 
 {training["recipe"]}
 
 Made by one command (same seed, same file on one machine):
 
-    {training["command"]}
+    {training["command"]}{whole}
 
 {notes or _NOTES}
 

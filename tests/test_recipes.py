@@ -1,0 +1,103 @@
+"""`train-export make`: how shipped bundles come about, and that the commands are theirs."""
+
+import json
+import shlex
+from types import MappingProxyType
+
+import pytest
+
+from radard.bundle import load_bundle
+from radard.card import sidecar_path
+from x2train import recipes
+from x2train.cli import main
+from x2train.recipes import RECIPES, Recipe, arguments, recipe_of
+
+
+@pytest.mark.parametrize("name", RECIPES)
+def test_a_shipped_bundle_is_what_its_recipe_makes(name):
+    training = json.loads(sidecar_path(name).read_text())["training"]
+    assert training["command"] == RECIPES[name].command
+    assert recipe_of(training["command"]) == name
+    card = sidecar_path(name).with_suffix(".md").read_text()
+    assert f"    train-export make {name}\n" in card
+    teacher = RECIPES[name].teacher
+    if teacher:
+        # Shipped beside it, so that the command finds the same one.
+        assert training["teacher"]["onnx_sha256"] == load_bundle(teacher).sha256
+
+
+@pytest.mark.parametrize("name", RECIPES)
+def test_sets_are_those_of_the_sidecar(name):
+    abouts = json.loads(sidecar_path(name).read_text())["training"]["sets"]
+    steps = [step for step in arguments(name) if step[0] == "dataset"]
+    wanted = {
+        (a["elements"], a["seed"], a["use"], a["radar"], a.get("longest_s", 6.0)) for a in abouts
+    }
+    made = set()
+    for step in steps:
+        options = dict(zip(step[1::2], step[2::2], strict=True))
+        made.add(
+            (
+                int(options["--passages"]),
+                int(options["--seed"]),
+                options.get("--families", "train"),
+                options.get("--radar", "any"),
+                float(options.get("--longest", 6)),
+            )
+        )
+    assert wanted <= made
+
+
+def test_a_share_has_sets_and_a_folder_of_its_own():
+    *sets, last = arguments("balanced", share=0.01, workers=3)
+    assert sets[0] == shlex.split(
+        "dataset --out sets-0.01/train --seed 1 --passages 400 --workers 3"
+    )
+    assert "sets-0.01/check" in last
+    assert not any(word.startswith("sets/") for word in last)
+    assert recipe_of(f"train-export {shlex.join(last)}") is None
+    smallest = [step for step in arguments("fast", share=1e-6) if step[0] == "dataset"]
+    assert {step[step.index("--passages") + 1] for step in smallest} == {"12"}
+
+
+def test_recipe_is_run_whole(tmp_path, monkeypatch, capsys):
+    sets = "--train sets/train --validate sets/check"
+    tiny = Recipe(
+        (
+            f"train-export fit {sets} --name tiny --size fast --epochs 1 --seed 0",
+            f"train-export temporal --model models/tiny.onnx {sets} --epochs 1 --seed 0",
+        )
+    )
+    monkeypatch.setattr(recipes, "RECIPES", MappingProxyType({"tiny": tiny}))
+    monkeypatch.setattr("x2train.commands.make.RECIPES", recipes.RECIPES)
+    monkeypatch.chdir(tmp_path)
+    argv = ["make", "tiny", "--share", "0.0006", "--workers", "1", "--out", "mine"]
+    assert main(argv) == 0
+    made = load_bundle("mine/tiny.onnx")
+    assert made.n_hidden
+    err = capsys.readouterr().err
+    assert "[4/4] train-export temporal --model mine/tiny.onnx" in err
+    card = (tmp_path / "mine" / "tiny.md").read_text()
+    assert "train-export make" not in card
+
+
+def test_without_its_teacher_nothing_begins(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["make", "fast"]) == 2
+    assert "holds no accurate.onnx" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("argv", [["--share", "0"], ["--share", "2"], ["--workers", "0"]])
+def test_options_out_of_bounds(argv, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["make", "fast", *argv]) == 2
+
+
+def test_commands_are_shown(capsys):
+    assert main(["make", "x4m03", "--show", "--workers", "2"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert (
+        lines[0] == "train-export dataset --out sets/train --seed 1 --passages 40000 --workers 2"
+    )
+    assert lines[-1] == RECIPES["x4m03"].command

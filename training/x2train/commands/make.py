@@ -1,0 +1,72 @@
+"""`train-export make`: a shipped bundle from nothing, its sets included."""
+
+import argparse
+import os
+import shlex
+from collections.abc import Callable
+from pathlib import Path
+
+from rich.console import Console
+
+from radard.errors import UsageError
+from x2train.commands import Commands, check_least
+from x2train.recipes import RECIPES, arguments
+
+
+def register(commands: Commands, run: Callable[[list[str]], int]) -> None:
+    """Add the subcommand.
+
+    Parameters
+    ----------
+    commands : Commands
+        Where to.
+    run : callable
+        Runs `train-export` with arguments and returns its exit code.
+    """
+    parser = commands.add_parser(
+        "make",
+        help="make a shipped bundle from nothing, sets included",
+        description=(
+            "Make a shipped bundle from nothing: its sets in sets/, then the bundle, by the "
+            "commands of its card. Sets that are there are kept, one that was begun is "
+            "finished, so what was stopped goes on."
+        ),
+        epilog=(
+            "examples:\n"
+            "  train-export make accurate\n"
+            "  train-export make fast --share 0.01 --out /tmp/models    to try it\n"
+        ),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = parser.add_argument
+    add("name", choices=sorted(RECIPES), help="of the bundle")
+    add("--out", type=Path, default=Path("models"), help="folder of the bundle (models)")
+    add("--share", type=float, default=1.0, help="of the passages, to try it (1)")
+    add("--workers", type=int, default=os.cpu_count() or 1, help="processes (all cores)")
+    add("--show", action="store_true", help="print the commands and do nothing")
+    parser.set_defaults(run=lambda args: _run(args, run))
+
+
+def _run(args: argparse.Namespace, run: Callable[[list[str]], int]) -> int:
+    check_least(args, workers=1)
+    if not 0 < args.share <= 1:
+        msg = f"--share {args.share:g}: must be over 0, 1 at most"
+        raise UsageError(msg)
+    steps = arguments(args.name, share=args.share, workers=args.workers, models=args.out)
+    if args.show:
+        print("\n".join(f"train-export {shlex.join(step)}" for step in steps))  # noqa: T201
+        return 0
+    teacher = RECIPES[args.name].teacher
+    if teacher and not (args.out / f"{teacher}.onnx").is_file():
+        msg = f"{args.out}: holds no {teacher}.onnx, which teaches {args.name}; make it first"
+        raise UsageError(msg)
+    # More threads than processes get into each other's way.
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
+    console = Console(stderr=True, soft_wrap=True, highlight=False, markup=False)
+    for number, step in enumerate(steps, 1):
+        console.print(f"[{number}/{len(steps)}] train-export {shlex.join(step)}")
+        code = run(step)
+        if code:
+            return code
+    return 0

@@ -1,0 +1,138 @@
+"""How the shipped bundles are made: the commands, sets included, in their order."""
+
+import shlex
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+
+_LEAST_PASSAGES = 12
+_HELD_OUT = "'held out'"
+_X4M03 = "--radar x4m03"
+_LONG = "--longest 18"
+_SETS: Mapping[str, tuple[int, str]] = MappingProxyType(
+    {
+        "train": (40_000, "--seed 1"),
+        "check": (4_000, "--seed 2"),
+        "held": (16_000, f"--families {_HELD_OUT} --seed 3"),
+        "seed": (2_400, "--families seed --seed 4"),
+        "hcheck": (1_600, f"--families {_HELD_OUT} --seed 5"),
+        "x4train": (6_000, f"{_X4M03} --seed 11"),
+        "x4check": (1_500, f"{_X4M03} --seed 12"),
+        "x4held": (2_000, f"{_X4M03} --families {_HELD_OUT} --seed 13"),
+        "x4hcheck": (600, f"{_X4M03} --families {_HELD_OUT} --seed 15"),
+        "long": (8_000, f"{_LONG} --seed 21"),
+        "longcheck": (1_500, f"{_LONG} --seed 22"),
+        "longheld": (5_000, f"{_LONG} --families {_HELD_OUT} --seed 23"),
+        "longhcheck": (800, f"{_LONG} --families {_HELD_OUT} --seed 24"),
+    }
+)
+"""Passages, and whatever else `train-export dataset` is told, by the set's folder."""
+_ALL = "--train sets/train sets/held sets/seed --validate sets/check sets/hcheck"
+_X4_SETS = (
+    "--train sets/train sets/held sets/x4train sets/x4held --validate sets/x4check sets/x4hcheck"
+)
+_LONG_SETS = (
+    "--train sets/train sets/held sets/seed sets/long sets/longheld "
+    "--validate sets/check sets/hcheck sets/longcheck sets/longhcheck"
+)
+_TEACHER = "accurate"
+_TAUGHT = f"--seed 0 --half --compile --teacher models/{_TEACHER}.onnx"
+
+
+@dataclass(frozen=True, slots=True)
+class Recipe:
+    """How a bundle is made.
+
+    Attributes
+    ----------
+    commands : tuple of str
+        Of `train-export`, behind its sets, as the bundle's card has them.
+    teacher : str
+        Bundle that must be there before; empty for none.
+    """
+
+    commands: tuple[str, ...]
+    teacher: str = ""
+
+    @property
+    def command(self) -> str:
+        """As the sidecar has it."""
+        return " && ".join(self.commands)
+
+    def sets(self) -> tuple[str, ...]:
+        """Return the folders of the sets that it takes, in the order in which they are used."""
+        words = [word for command in self.commands for word in shlex.split(command)]
+        return tuple(dict.fromkeys(w for w in words if w.startswith("sets/")))
+
+
+RECIPES: Mapping[str, Recipe] = MappingProxyType(
+    {
+        "accurate": Recipe(
+            (
+                f"train-export fit {_ALL} --name accurate --size accurate --epochs 7 --seed 0 "
+                "--half --compile",
+                f"train-export temporal --model models/accurate.onnx {_LONG_SETS} "
+                "--size accurate --epochs 6 --seed 0",
+            )
+        ),
+        "balanced": Recipe(
+            (f"train-export fit {_ALL} --name balanced --size balanced --epochs 16 {_TAUGHT}",),
+            _TEACHER,
+        ),
+        "fast": Recipe(
+            (f"train-export fit {_ALL} --name fast --size fast --epochs 11 {_TAUGHT}",), _TEACHER
+        ),
+        "x4m03": Recipe(
+            (f"train-export fit {_X4_SETS} --name x4m03 --size balanced --epochs 9 {_TAUGHT}",),
+            _TEACHER,
+        ),
+    }
+)
+"""By name of the bundle."""
+
+
+def recipe_of(command: str) -> str | None:
+    """Return the name of the recipe that runs a card's command; None if none does."""
+    names = (name for name, recipe in RECIPES.items() if recipe.command == command)
+    return next(names, None)
+
+
+def arguments(
+    name: str, *, share: float = 1.0, workers: int = 1, models: Path = Path("models")
+) -> list[list[str]]:
+    """Return the arguments of every command of a recipe, sets first.
+
+    Parameters
+    ----------
+    name : str
+        In `RECIPES`.
+    share : float
+        Of the passages; less than 1 is for trying, and makes sets in a folder of their own.
+    workers : int
+        Processes that make sets.
+    models : Path
+        Folder of the bundles.
+
+    Returns
+    -------
+    list of list of str
+        Each as `train-export` takes it.
+    """
+    recipe = RECIPES[name]
+    folder = "sets" if share == 1 else f"sets-{share:g}"
+    made = []
+    for path in recipe.sets():
+        passages, more = _SETS[path.removeprefix("sets/")]
+        number = max(_LEAST_PASSAGES, round(share * passages))
+        out = path.replace("sets/", f"{folder}/", 1)
+        size = ["--passages", str(number), "--workers", str(workers)]
+        made.append(["dataset", "--out", out, *shlex.split(more), *size])
+    for command in recipe.commands:
+        words = [w.replace("sets/", f"{folder}/", 1) for w in shlex.split(command)[1:]]
+        words = [
+            str(models / w.removeprefix("models/")) if w.startswith("models/") else w
+            for w in words
+        ]
+        made.append(words if models == Path("models") else [*words, "--out", str(models)])
+    return made
