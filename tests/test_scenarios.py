@@ -5,10 +5,11 @@ from collections import Counter
 import numpy as np
 import pytest
 
+from radard.errors import UsageError
 from x2train.commands.fit import stream_of
 from x2train.scenarios import FAMILIES, LABELS, PAIRS, draw_cast, draw_family, families, family
 from x2train.sites import P4XX, X2, X4M03, draw_close, draw_radar, draw_rate_hz, draw_site
-from x2train.suites import SUITES, n_more_pets, suite_of
+from x2train.suites import SUITES, check_suites, n_more_pets, suite_of
 
 N_DRAWS = 1500
 
@@ -112,6 +113,20 @@ def test_more_visits_are_shared_out_like_the_others():
     for s in pets:
         assert drawn[s.name] == pytest.approx(5000 * s.share / total, rel=0.02)
     assert "person with dog" not in drawn
+
+
+def test_some_suites_share_a_run_alone():
+    only = ("fan", "empty room")
+    drawn = Counter(suite_of(k, 300, only).name for k in range(300))
+    assert drawn == {"fan": 100, "empty room": 200}
+    with pytest.raises(UsageError, match="none of the suites is of pets"):
+        n_more_pets(1.0, 300, only)
+    assert n_more_pets(0.0, 300, only) == 0
+    pets = ("fan", "largest dogs")
+    n = n_more_pets(2.0, 10, pets)
+    assert {suite_of(10 + k, 10, pets).name for k in range(n)} == {"largest dogs"}
+    with pytest.raises(UsageError, match="--only 'cats': suites are people, pets"):
+        check_suites(["fan", "cats"])
 
 
 def test_suites_state_what_is_new_in_them():

@@ -153,6 +153,8 @@ def one_line(capsys):
         (["fit", "--train", "x", "--validate", "x", "--seed", "-2"], "--seed -2"),
         (["evaluate", "--passages", "0"], "--passages 0"),
         (["evaluate", "--workers", "-1"], "--workers -1"),
+        (["evaluate", "--only", "fans"], "--only 'fans': suites are people"),
+        (["evaluate", "--only", "fan", "--card"], "--card with --only"),
         (["evaluate", "--model", "nope"], "no model 'nope'"),
     ],
 )

@@ -24,7 +24,7 @@ from x2train.passages import Passage as Played
 from x2train.passages import play
 from x2train.report import Passage
 from x2train.sites import ONE_RADAR, Radar
-from x2train.suites import SUITES, Suite, suite_of
+from x2train.suites import SUITES, Suite, check_suites, suite_of
 from x2train.windows import dwell_ends
 
 _IN_VIEW_DB = 10.0
@@ -52,11 +52,13 @@ class JudgeSpec:
         'window' or 'fused'; empty for the bundle's own.
     radar : str
         'suites', or a name in `ONE_RADAR`: every passage is then before that one.
+    only : tuple of str
+        Names of suites that there are; empty for all.
 
     Raises
     ------
     UsageError
-        If there is no such radar.
+        If there is no such radar or suite.
     """
 
     model: str
@@ -64,12 +66,14 @@ class JudgeSpec:
     n_passages: int
     policy: str = ""
     radar: str = OWN_RADARS
+    only: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Check the radar's name."""
+        """Check the names of radar and suites."""
         if self.radar not in (OWN_RADARS, *ONE_RADAR):
             msg = f"radar '{self.radar}': must be one of {', '.join((OWN_RADARS, *ONE_RADAR))}"
             raise UsageError(msg)
+        check_suites(self.only)
 
     def __call__(self, number: int) -> Mapping[str, NDArray[Any]]:
         """Return the columns of passage `number`, see `Passage.columns`."""
@@ -78,7 +82,7 @@ class JudgeSpec:
 
     def suite(self, number: int) -> Suite:
         """Return the suite of passage `number`, before its radar."""
-        suite = suite_of(number, self.n_passages)
+        suite = suite_of(number, self.n_passages, self.only)
         return suite if self.radar == OWN_RADARS else suite.before(ONE_RADAR[self.radar])
 
     def check(self, bundle: Bundle) -> None:

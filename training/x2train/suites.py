@@ -4,12 +4,14 @@ The walk test is modelled on EN 50131-2-3 for indoor detectors (across at 1.0 m/
 close in, crawling, intermittent): the same movements before a simulated radar, no more.
 """
 
+from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 
+from radard.errors import UsageError
 from x2radar.sim.points import Label
 from x2train.scenarios import FAMILIES, Family, draw_family, family
 from x2train.sites import P4XX, X2, Radar, RoomKind, Site, draw_close, draw_radar, draw_site
@@ -163,28 +165,52 @@ SUITES: tuple[Suite, ...] = _suites()
 """Every suite."""
 
 
-def suite_of(number: int, n_passages: int) -> Suite:
+def suite_of(number: int, n_passages: int, only: Collection[str] = ()) -> Suite:
     """Return the suite of a passage: each has its share of a run, the same for every seed.
 
-    Passages beyond `n_passages` are more visits of pets: those suites in turn, by their shares.
+    Parameters
+    ----------
+    number : int
+        Of the passage. Those beyond `n_passages` are more visits of pets: those suites in turn,
+        by their shares.
+    n_passages : int
+        That the suites share.
+    only : collection of str
+        Names of suites that there are; empty for all.
     """
+    suites = _named(only)
+    at = (number + 0.5) / n_passages
     if number >= n_passages:
-        return _more_pets(number - n_passages)
-    edges = np.cumsum([s.share for s in SUITES])
-    at = (number + 0.5) / n_passages * edges[-1]
-    return SUITES[int(np.searchsorted(edges, at))]
+        suites = [s for s in suites if s.is_of_pets]
+        # The golden ratio's multiples spread evenly, however many are taken.
+        at = (number - n_passages + 0.5) * _GOLDEN % 1
+    edges = np.cumsum([s.share for s in suites])
+    return suites[int(np.searchsorted(edges, at * edges[-1]))]
 
 
-def n_more_pets(pet_hours: float, n_passages: int) -> int:
-    """Return how many visits must follow a run for its pets to last so long, in hours."""
-    suites = [suite_of(k, n_passages) for k in range(n_passages)]
+def n_more_pets(pet_hours: float, n_passages: int, only: Collection[str] = ()) -> int:
+    """Return how many visits must follow a run for its pets to last so long, in hours.
+
+    Raises
+    ------
+    UsageError
+        If there must be some, and none of the suites is of pets alone.
+    """
+    suites = [suite_of(k, n_passages, only) for k in range(n_passages)]
     missing_s = 3600 * pet_hours - sum(s.duration_s for s in suites if s.is_of_pets)
+    if missing_s > 0 and not any(s.is_of_pets for s in _named(only)):
+        msg = "--pet-hours: none of the suites is of pets"
+        raise UsageError(msg)
     return max(0, int(np.ceil(missing_s / _PET_S)))
 
 
-def _more_pets(number: int) -> Suite:
-    suites = [s for s in SUITES if s.is_of_pets]
-    edges = np.cumsum([s.share for s in suites])
-    # The golden ratio's multiples spread evenly, however many are taken.
-    at = (number + 0.5) * _GOLDEN % 1 * edges[-1]
-    return suites[int(np.searchsorted(edges, at))]
+def check_suites(only: Collection[str]) -> None:
+    """Raise UsageError if there is no suite of such a name."""
+    unknown = [name for name in only if name not in {s.name for s in SUITES}]
+    if unknown:
+        msg = f"--only '{unknown[0]}': suites are {', '.join(s.name for s in SUITES)}"
+        raise UsageError(msg)
+
+
+def _named(only: Collection[str]) -> list[Suite]:
+    return [s for s in SUITES if not only or s.name in only]

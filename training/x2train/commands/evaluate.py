@@ -25,6 +25,7 @@ def register(commands: Commands) -> None:
             "  train-export evaluate --model balanced --out report/balanced\n"
             "  train-export evaluate --model fast --against report/balanced --out report/fast\n"
             "  train-export evaluate --model seed --radar thesis --out report/seed\n"
+            "  train-export evaluate --only fan 'empty room' --passages 240 --out report/quiet\n"
             "  train-export evaluate --model mine.onnx --card --out report/mine\n"
         ),
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -42,6 +43,7 @@ def register(commands: Commands) -> None:
         default="suites",
         help="each suite's own, or one for all; thesis: an X2 with all its bins (suites)",
     )
+    add("--only", nargs="+", default=[], metavar="SUITE", help="suites, by name (all)")
     add("--against", type=Path, metavar="DIR", help="another bundle's folder, compared")
     add("--card", action="store_true", help="enter the rates into the bundle's card")
     add("--workers", type=int, default=os.cpu_count() or 1, help="processes (all cores)")
@@ -86,6 +88,9 @@ def _run(args: argparse.Namespace) -> int:
         msg = f"--pet-hours {args.pet_hours:g}: must be 0 to {_MOST_PET_HOURS:g}"
         raise UsageError(msg)
     bundle = load_bundle(args.model)
+    if args.card and args.only:
+        msg = "--card with --only: a card tells of all suites"
+        raise UsageError(msg)
     if args.card and args.policy not in {None, bundle.policy}:
         msg = f"--card with --policy {args.policy}: a card tells of the bundle's own policy"
         raise UsageError(msg)
@@ -99,9 +104,10 @@ def _run(args: argparse.Namespace) -> int:
         n_passages=args.passages,
         policy=args.policy or "",
         radar=args.radar,
+        only=tuple(args.only),
     )
     spec.check(bundle)
-    n_all = args.passages + n_more_pets(args.pet_hours, args.passages)
+    n_all = args.passages + n_more_pets(args.pet_hours, args.passages, args.only)
     make_shards(
         args.out / "passages",
         {"kind": "passages", **asdict(spec), **_told_by(bundle)},
