@@ -1,6 +1,7 @@
 // The frame around every page: routes, health, arming, banner, replay controls, theme.
 import { themeChanged } from "./chart.js";
 import { isDarkNow } from "./colour.js";
+import { command } from "./command.js";
 import { eventsPage } from "./events.js";
 import { livePage } from "./live.js";
 import { connect, post, watchPictures } from "./net.js";
@@ -44,14 +45,6 @@ document.addEventListener("visibilitychange", () => {
 });
 
 // Arming -----------------------------------------------------------------------------------
-
-export async function command(name) {
-  try {
-    await post("/api/v1/command", { command: name });
-  } catch (error) {
-    toast(`Not done: ${error.message}`, "bad");
-  }
-}
 
 let armingKey = "";
 

@@ -1,5 +1,5 @@
 // Set up: calibrate, walk the room, and draw zones on the range axis.
-import { command } from "./app.js";
+import { command } from "./command.js";
 import { LinePlot } from "./plot.js";
 import { card } from "./live.js";
 import { get, post } from "./net.js";
