@@ -1,7 +1,9 @@
 """`train-export make`: how shipped bundles come about, and that the commands are theirs."""
 
+import argparse
 import json
 import shlex
+import sys
 from types import MappingProxyType
 
 import pytest
@@ -10,6 +12,7 @@ from radard.bundle import load_bundle
 from radard.card import sidecar_path
 from x2train import recipes
 from x2train.cli import main
+from x2train.commands import make
 from x2train.recipes import RECIPES, Recipe, arguments, recipe_of
 
 
@@ -53,19 +56,20 @@ def test_a_share_has_sets_and_a_folder_of_its_own():
     assert sets[0] == shlex.split(
         "dataset --out sets-0.01/train --seed 1 --passages 400 --workers 3"
     )
-    assert "sets-0.01/check" in last
-    assert not any(word.startswith("sets/") for word in last)
+    assert "sets-0.01/longcheck" in last
+    assert not any(word.startswith("sets/") for step in (*sets, last) for word in step)
     assert recipe_of(f"train-export {shlex.join(last)}") is None
     smallest = [step for step in arguments("fast", share=1e-6) if step[0] == "dataset"]
     assert {step[step.index("--passages") + 1] for step in smallest} == {"12"}
 
 
 def test_recipe_is_run_whole(tmp_path, monkeypatch, capsys):
-    sets = "--train sets/train --validate sets/check"
+    train, check = "--train sets/train", "--validate sets/check"
     tiny = Recipe(
         (
-            f"train-export fit {sets} --name tiny --size fast --epochs 1 --seed 0",
-            f"train-export temporal --model models/tiny.onnx {sets} --epochs 1 --seed 0",
+            f"train-export fit {train} {check} --name tiny --size fast --epochs 1 --seed 0",
+            f"train-export temporal --model models/tiny.onnx {train} sets/x4hcheck {check} "
+            "--epochs 1 --seed 0",
         )
     )
     monkeypatch.setattr(recipes, "RECIPES", MappingProxyType({"tiny": tiny}))
@@ -76,9 +80,41 @@ def test_recipe_is_run_whole(tmp_path, monkeypatch, capsys):
     made = load_bundle("mine/tiny.onnx")
     assert made.n_hidden
     err = capsys.readouterr().err
-    assert "[4/4] train-export temporal --model mine/tiny.onnx" in err
+    assert "[5/5] train-export temporal --model mine/tiny.onnx" in err
     card = (tmp_path / "mine" / "tiny.md").read_text()
     assert "train-export make" not in card
+
+
+def test_sets_of_later_steps_are_made_beside_the_training(tmp_path, monkeypatch, capsys):
+    events = []
+
+    class Beside:
+        def __init__(self, argv, **_kwargs):
+            events.append(argv)
+
+        def wait(self):
+            events.append("waited")
+
+        def terminate(self):
+            pass
+
+    monkeypatch.setattr(make.subprocess, "Popen", Beside)
+    (tmp_path / "accurate.onnx").touch()
+    parser = argparse.ArgumentParser()
+    make.register(parser.add_subparsers(), lambda step: events.append(step[0]) or 0)
+    args = parser.parse_args(["make", "fast", "--out", str(tmp_path), "--workers", "3"])
+    assert args.run(args) == 0
+    (began,) = (k for k, event in enumerate(events) if isinstance(event, list))
+    assert events[:began] == ["dataset"] * 5
+    assert events[began + 1 :][:2] == ["fit", "waited"]
+    assert [e for e in events[began + 3 :] if e != "waited"] == ["dataset"] * 4 + ["temporal"]
+    python, flag, module, *argv = events[began]
+    assert (python, flag, module) == (sys.executable, "-m", "x2train.cli")
+    capsys.readouterr()
+    assert main([*argv, "--show"]) == 0
+    shown = capsys.readouterr().out
+    assert shown.count("train-export dataset") == 9
+    assert shown.count("--workers 2") == 9
 
 
 def test_without_its_teacher_nothing_begins(tmp_path, monkeypatch, capsys):
@@ -95,6 +131,13 @@ def test_options_out_of_bounds(argv, tmp_path, monkeypatch):
 
 
 def test_commands_are_shown(capsys):
+    assert main(["make", "balanced", "--show"]) == 0
+    words = [line.split() for line in capsys.readouterr().out.splitlines()]
+    kinds = [each[1] for each in words]
+    # What a head alone needs is made while the network trains.
+    assert kinds == ["dataset"] * 5 + ["fit"] + ["dataset"] * 4 + ["temporal"]
+    assert main(["make", "balanced", "--sets", "--show"]) == 0
+    assert capsys.readouterr().out.count("dataset") == 9
     assert main(["make", "x4m03", "--show", "--workers", "2"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert (

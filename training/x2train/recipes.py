@@ -40,6 +40,13 @@ _TEACHER = "accurate"
 _TAUGHT = f"--seed 0 --half --compile --teacher models/{_TEACHER}.onnx"
 
 
+def _head(name: str) -> str:
+    return (
+        f"train-export temporal --model models/{name}.onnx {_LONG_SETS} "
+        f"--size {name} --epochs 6 --seed 0"
+    )
+
+
 @dataclass(frozen=True, slots=True)
 class Recipe:
     """How a bundle is made.
@@ -60,11 +67,6 @@ class Recipe:
         """As the sidecar has it."""
         return " && ".join(self.commands)
 
-    def sets(self) -> tuple[str, ...]:
-        """Return the folders of the sets that it takes, in the order in which they are used."""
-        words = [word for command in self.commands for word in shlex.split(command)]
-        return tuple(dict.fromkeys(w for w in words if w.startswith("sets/")))
-
 
 RECIPES: Mapping[str, Recipe] = MappingProxyType(
     {
@@ -72,16 +74,22 @@ RECIPES: Mapping[str, Recipe] = MappingProxyType(
             (
                 f"train-export fit {_ALL} --name accurate --size accurate --epochs 7 --seed 0 "
                 "--half --compile",
-                f"train-export temporal --model models/accurate.onnx {_LONG_SETS} "
-                "--size accurate --epochs 6 --seed 0",
+                _head("accurate"),
             )
         ),
         "balanced": Recipe(
-            (f"train-export fit {_ALL} --name balanced --size balanced --epochs 16 {_TAUGHT}",),
+            (
+                f"train-export fit {_ALL} --name balanced --size balanced --epochs 16 {_TAUGHT}",
+                _head("balanced"),
+            ),
             _TEACHER,
         ),
         "fast": Recipe(
-            (f"train-export fit {_ALL} --name fast --size fast --epochs 11 {_TAUGHT}",), _TEACHER
+            (
+                f"train-export fit {_ALL} --name fast --size fast --epochs 11 {_TAUGHT}",
+                _head("fast"),
+            ),
+            _TEACHER,
         ),
         "x4m03": Recipe(
             (f"train-export fit {_X4_SETS} --name x4m03 --size balanced --epochs 9 {_TAUGHT}",),
@@ -101,7 +109,7 @@ def recipe_of(command: str) -> str | None:
 def arguments(
     name: str, *, share: float = 1.0, workers: int = 1, models: Path = Path("models")
 ) -> list[list[str]]:
-    """Return the arguments of every command of a recipe, sets first.
+    """Return the arguments of every command of a recipe, its sets before each.
 
     Parameters
     ----------
@@ -119,20 +127,23 @@ def arguments(
     list of list of str
         Each as `train-export` takes it.
     """
-    recipe = RECIPES[name]
     folder = "sets" if share == 1 else f"sets-{share:g}"
-    made = []
-    for path in recipe.sets():
-        passages, more = _SETS[path.removeprefix("sets/")]
-        number = max(_LEAST_PASSAGES, round(share * passages))
-        out = path.replace("sets/", f"{folder}/", 1)
-        size = ["--passages", str(number), "--workers", str(workers)]
-        made.append(["dataset", "--out", out, *shlex.split(more), *size])
-    for command in recipe.commands:
-        words = [w.replace("sets/", f"{folder}/", 1) for w in shlex.split(command)[1:]]
-        words = [
-            str(models / w.removeprefix("models/")) if w.startswith("models/") else w
-            for w in words
-        ]
-        made.append(words if models == Path("models") else [*words, "--out", str(models)])
-    return made
+    made: dict[str, list[str]] = {}
+    for command in RECIPES[name].commands:
+        words = []
+        for word in shlex.split(command)[1:]:
+            top, _, rest = word.partition("/")
+            if top == "sets":
+                made.setdefault(rest, _dataset(rest, f"{folder}/{rest}", share, workers))
+                words.append(f"{folder}/{rest}")
+            else:
+                words.append(str(models / rest) if top == "models" and rest else word)
+        made[command] = words if models == Path("models") else [*words, "--out", str(models)]
+    return list(made.values())
+
+
+def _dataset(name: str, folder: str, share: float, workers: int) -> list[str]:
+    passages, more = _SETS[name]
+    number = max(_LEAST_PASSAGES, round(share * passages))
+    size = ["--passages", str(number), "--workers", str(workers)]
+    return ["dataset", "--out", folder, *shlex.split(more), *size]

@@ -3,7 +3,10 @@
 import argparse
 import os
 import shlex
-from collections.abc import Callable
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
 from rich.console import Console
@@ -11,6 +14,8 @@ from rich.console import Console
 from radard.errors import UsageError
 from x2train.commands import Commands, check_least
 from x2train.recipes import RECIPES, arguments
+
+_DATASET = "dataset"
 
 
 def register(commands: Commands, run: Callable[[list[str]], int]) -> None:
@@ -29,7 +34,8 @@ def register(commands: Commands, run: Callable[[list[str]], int]) -> None:
         description=(
             "Make a shipped bundle from nothing: its sets in sets/, then the bundle, by the "
             "commands of its card. Sets that are there are kept, one that was begun is "
-            "finished, so what was stopped goes on."
+            "finished, so what was stopped goes on. While a network trains on one core, the "
+            "others make the sets of later steps."
         ),
         epilog=(
             "examples:\n"
@@ -43,6 +49,7 @@ def register(commands: Commands, run: Callable[[list[str]], int]) -> None:
     add("--out", type=Path, default=Path("models"), help="folder of the bundle (models)")
     add("--share", type=float, default=1.0, help="of the passages, to try it (1)")
     add("--workers", type=int, default=os.cpu_count() or 1, help="processes (all cores)")
+    add("--sets", action="store_true", help="make its sets and stop")
     add("--show", action="store_true", help="print the commands and do nothing")
     parser.set_defaults(run=lambda args: _run(args, run))
 
@@ -53,11 +60,13 @@ def _run(args: argparse.Namespace, run: Callable[[list[str]], int]) -> int:
         msg = f"--share {args.share:g}: must be over 0, 1 at most"
         raise UsageError(msg)
     steps = arguments(args.name, share=args.share, workers=args.workers, models=args.out)
+    if args.sets:
+        steps = [step for step in steps if step[0] == _DATASET]
     if args.show:
         print("\n".join(f"train-export {shlex.join(step)}" for step in steps))  # noqa: T201
         return 0
     teacher = RECIPES[args.name].teacher
-    if teacher and not (args.out / f"{teacher}.onnx").is_file():
+    if teacher and not args.sets and not (args.out / f"{teacher}.onnx").is_file():
         msg = f"{args.out}: holds no {teacher}.onnx, which teaches {args.name}; make it first"
         raise UsageError(msg)
     # More threads than processes get into each other's way.
@@ -66,7 +75,31 @@ def _run(args: argparse.Namespace, run: Callable[[list[str]], int]) -> int:
     console = Console(stderr=True, soft_wrap=True, highlight=False, markup=False)
     for number, step in enumerate(steps, 1):
         console.print(f"[{number}/{len(steps)}] train-export {shlex.join(step)}")
-        code = run(step)
+        is_needed_later = any(each[0] == _DATASET for each in steps[number:])
+        is_training = step[0] != _DATASET
+        with _sets_beside(args) if is_training and is_needed_later else nullcontext():
+            code = run(step)
         if code:
             return code
     return 0
+
+
+@contextmanager
+def _sets_beside(args: argparse.Namespace) -> Iterator[None]:
+    """Make sets of later steps on the other cores; what it leaves undone, these steps do."""
+    if args.workers == 1:
+        yield
+        return
+    share, workers = str(args.share), str(args.workers - 1)
+    argv = ["make", args.name, "--sets", "--share", share, "--workers", workers]
+    beside = subprocess.Popen(  # noqa: S603 - this program
+        [sys.executable, "-m", "x2train.cli", *argv],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    try:
+        yield
+        beside.wait()
+    finally:
+        beside.terminate()
+        beside.wait()
