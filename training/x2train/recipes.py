@@ -37,7 +37,8 @@ _LONG_SETS = (
     "--validate sets/check sets/hcheck sets/longcheck sets/longhcheck"
 )
 _TEACHER = "accurate"
-_TAUGHT = f"--seed 0 --half --compile --teacher models/{_TEACHER}.onnx"
+_ALONE = "--seed 0 --half --compile"
+_TAUGHT = f"{_ALONE} --teacher models/{_TEACHER}.onnx"
 
 
 def _head(name: str) -> str:
@@ -72,24 +73,21 @@ RECIPES: Mapping[str, Recipe] = MappingProxyType(
     {
         "accurate": Recipe(
             (
-                f"train-export fit {_ALL} --name accurate --size accurate --epochs 7 --seed 0 "
-                "--half --compile",
+                f"train-export fit {_ALL} --name accurate --size accurate --epochs 7 {_ALONE}",
                 _head("accurate"),
             )
         ),
         "balanced": Recipe(
             (
-                f"train-export fit {_ALL} --name balanced --size balanced --epochs 16 {_TAUGHT}",
+                f"train-export fit {_ALL} --name balanced --size balanced --epochs 10 {_ALONE}",
                 _head("balanced"),
-            ),
-            _TEACHER,
+            )
         ),
         "fast": Recipe(
             (
-                f"train-export fit {_ALL} --name fast --size fast --epochs 11 {_TAUGHT}",
+                f"train-export fit {_ALL} --name fast --size fast --epochs 6 {_ALONE}",
                 _head("fast"),
-            ),
-            _TEACHER,
+            )
         ),
         "x4m03": Recipe(
             (f"train-export fit {_X4_SETS} --name x4m03 --size balanced --epochs 9 {_TAUGHT}",),
