@@ -46,13 +46,16 @@ def test_all_of_them_are_fed(scraped):
     json_sink = ("sink", f"json:{scraped.daemon.config.output[1].removeprefix('json:')}")
     wait_for(lambda: scraped().get(("radard_human_score_count",), 0) > 2)
     wait_for(lambda: scraped().get(("radard_frames_dropped_total", ("reason", "lost")), 0) > 0)
-    found = scraped()
+    # At ten times the speed a busy machine may be late for a moment, and says so.
+    seen = [scraped()]
+    wait_for(lambda: seen.append(scraped()) or seen[-1]["radard_up",] == 1)
+    found = seen[-1]
     told = {name for name, *_ in found}
     for family, (kind, _) in HELP.items():
         wanted = f"{family}_count" if kind == "histogram" else family
         assert wanted in told or family == "radard_events_total", family
     assert found["radard_frames_total",] > 300
-    assert found["radard_up",] == found["radard_armed",] == 1
+    assert found["radard_armed",] == 1
     assert found["radard_frame_rate_hertz",] == 60
     n = found["radard_decision_latency_seconds_count",]
     decisions = sum(v for (name, *_), v in found.items() if name == "radard_decisions_total")
