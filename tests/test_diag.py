@@ -43,7 +43,7 @@ def test_parts_tell_what_helps(config):
     assert (status["line"], status["seq"]) == ("online", 7)
     assert '"seq": 499' in parts["decisions.txt"]
     assert '"seq": 200}' not in parts["decisions.txt"]
-    assert json.loads(parts["versions.json"])["model"] == "balanced"
+    assert json.loads(parts["versions.json"])["model"] == "accurate"
     assert json.loads(parts["limits.json"])["cores"] >= 1
     assert json.loads(parts["calibration.json"])["asked"] == "auto"
 

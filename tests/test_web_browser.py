@@ -218,7 +218,7 @@ def test_events_are_filtered_replayed_and_labelled(tab, radard):
     # What train-export finetune makes of it.
     (clip,) = labelled_clips(radard.folder / "labels.jsonl").clips
     assert (clip.path.name, clip.label) == (f"{event_id}.h5", "pet")
-    seen = own_windows(clip, load_bundle("balanced"))
+    seen = own_windows(clip, load_bundle("accurate"))
     assert seen.n_alarms > 0
     one.page.select_option("select[name=label]", "pet")
     one.until("document.querySelectorAll('.event').length === 1")

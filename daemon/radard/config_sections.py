@@ -50,7 +50,7 @@ class SensorSection(Section):
 class ModelSection(Section):
     """Which classifier."""
 
-    name: str = Field("balanced", description="installed bundle, file, or none for the gate alone")
+    name: str = Field("accurate", description="installed bundle, file, or none for the gate alone")
 
 
 class GateSection(Section):
