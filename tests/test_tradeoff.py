@@ -26,6 +26,7 @@ from x2train.tradeoff_combinations import (
     Combination,
     best,
     combinations,
+    feeds,
     n_combinations,
 )
 from x2train.tradeoff_maps import Chain, Setting
@@ -244,10 +245,7 @@ def test_what_nothing_beats_is_the_front():
 def test_a_network_in_int8_says_nearly_the_same(seen):
     bundle = load_bundle("fast")
     maps = seen.maps[SHIPPED, 8]
-    rows = [
-        {i.name: np.float32(maps[i.feature][k][None] / 255) for i in bundle.inputs}
-        for k in range(20)
-    ]
+    rows = feeds(bundle, maps)
     small = quantised(bundle.onnx, rows)
     inputs = {i.name: maps[i.feature] for i in bundle.inputs}
     (whole, _), (rough, _) = outputs_of(bundle.onnx, inputs), outputs_of(small, inputs)

@@ -106,7 +106,7 @@ def combinations(
     """
     made: list[Combination] = []
     for bundle in bundles:
-        rows = _rows(bundle, others.maps[bundle.features, Setting().decimation])
+        rows = feeds(bundle, others.maps[bundle.features, Setting().decimation])
         nets = {"fp32": bundle.onnx, "int8": quantised(bundle.onnx, rows)}
         network_ms = window_ms({key: (net, rows[0]) for key, net in nets.items()}, _CALLS)
         for setting in SETTINGS:
@@ -153,7 +153,8 @@ def _blanked(maps: Maps, cpis: int) -> Maps:
     return {name: np.zeros_like(m) if name in blank else m for name, m in maps.items()}
 
 
-def _rows(bundle: Bundle, maps: Maps) -> list[Feed]:
+def feeds(bundle: Bundle, maps: Maps) -> list[Feed]:
+    """Return some windows, evenly picked, as a bundle's network takes them one by one."""
     n = len(next(iter(maps.values())))
     picked = np.unique(np.linspace(0, n - 1, min(n, _CALIBRATED_ON)).astype(int))
     still = {HIDDEN: np.zeros((1, bundle.n_hidden), np.float32)} if bundle.n_hidden else {}
