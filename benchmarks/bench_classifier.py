@@ -1,7 +1,7 @@
 """What a window costs in onnxruntime, in single precision and quantised to int8, in one run.
 
 Weights and activations are quantised statically, per channel, calibrated on maps of noise: for
-time it does not matter on what. Medians of interleaved calls on one thread.
+time it does not matter on what. Medians of the CPU time of interleaved calls on one thread.
 """
 
 import argparse

@@ -19,10 +19,10 @@ from report_rows import auc, missed_at, percent
 from x2train.report import PassageTable
 from x2train.report.intervals import Estimate, share
 from x2train.report.verdicts import Verdicts, intrusions, verdicts
+from x2train.scenarios import FAMILIES
 
 Flags = NDArray[np.bool_]
 VISITS = (0.05, 0.1, 0.15, 0.2, 0.25)
-STAYS = ("stand", "sniff", "sit", "lie", "pant", "groom", "scratch", "play", "purr")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,10 +117,10 @@ def told(judged: Judged) -> Iterator[str]:
         of_person = "for a person" if p_human[at] >= 0.5 else "undecided"
         reasons[of_person if table.is_open[at] else "left undecided"] += 1
     yield "visits with an alarm, by what the evidence then was: " + str(reasons)
-    words = np.array([set(name.split()) for name in table.family])
+    stays = np.isin(table.family, [family.name for family in FAMILIES if family.stays])
     for animal in ("dog", "cat"):
-        own = (table.label == "pet") & np.array([animal in w and "with" not in w for w in words])
-        stays = np.array([bool(w & set(STAYS)) for w in words])
+        own = np.char.startswith(table.family, f"{animal} ") & (table.label == "pet")
+        own &= np.char.find(table.family, " with ") < 0
         counts = [judged.loud(own & mask) for mask in (stays, ~stays)]
         yield f"{animal}s that stay {counts[0]}, that go {counts[1]} (with an alarm, of)"
 

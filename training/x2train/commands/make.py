@@ -69,9 +69,6 @@ def _run(args: argparse.Namespace, run: Callable[[list[str]], int]) -> int:
     if teacher and not args.sets and not (args.out / f"{teacher}.onnx").is_file():
         msg = f"{args.out}: holds no {teacher}.onnx, which teaches {args.name}; make it first"
         raise UsageError(msg)
-    # More threads than processes get into each other's way.
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-        os.environ.setdefault(name, "1")
     console = Console(stderr=True, soft_wrap=True, highlight=False, markup=False)
     for number, step in enumerate(steps, 1):
         console.print(f"[{number}/{len(steps)}] train-export {shlex.join(step)}")

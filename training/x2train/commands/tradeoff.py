@@ -60,9 +60,6 @@ def register(commands: Commands) -> None:
 
 
 def _run(args: argparse.Namespace) -> int:
-    # One thread, before anything loads a linear algebra library.
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-        os.environ.setdefault(name, "1")
     _check(args)
     # Late: matplotlib and onnxruntime take a second, and --help must not.
     from x2train.tradeoff_combinations import check_combined  # noqa: PLC0415
