@@ -10,6 +10,9 @@ from radard.quiet import parse_quiet, time_zone
 NAME = r"^[A-Za-z0-9_-]+$"
 """What the name of a sensor looks like: it becomes a part of topics and of file names."""
 
+DEFAULT_MODEL = "accurate"
+"""Bundle of whoever names none."""
+
 
 class Section(BaseModel):
     """A section: unknown keys are errors, values stay as they were read."""
@@ -50,7 +53,9 @@ class SensorSection(Section):
 class ModelSection(Section):
     """Which classifier."""
 
-    name: str = Field("accurate", description="installed bundle, file, or none for the gate alone")
+    name: str = Field(
+        DEFAULT_MODEL, description="installed bundle, file, or none for the gate alone"
+    )
 
 
 class GateSection(Section):

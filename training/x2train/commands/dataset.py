@@ -34,7 +34,7 @@ def register(commands: Commands) -> None:
             "examples:\n"
             "  train-export dataset --out sets/train --passages 24000\n"
             "  train-export dataset --out sets/big --passages 1000000 --cluster tcp://host:8786\n"
-            "  train-export dataset --out sets/guard --families 'held out' --like balanced\n"
+            "  train-export dataset --out sets/guard --families 'held out' --like accurate\n"
         ),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

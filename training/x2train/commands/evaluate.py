@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from radard.bundle import Bundle, load_bundle
+from radard.config_sections import DEFAULT_MODEL
 from radard.errors import UsageError
 from x2train.commands import Commands, check_least, result_console
 from x2train.shards import MANIFEST
@@ -31,7 +32,7 @@ def register(commands: Commands) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = parser.add_argument
-    add("--model", default="balanced", help="bundle by name or file (balanced)")
+    add("--model", default=DEFAULT_MODEL, help=f"bundle by name or file ({DEFAULT_MODEL})")
     add("--out", type=Path, required=True, help="folder of passages, report.json, report.html")
     add("--passages", type=int, default=3000, help="passages of all suites together (3000)")
     add("--pet-hours", type=float, default=0.0, metavar="H", help="with pets, at least (0)")

@@ -7,6 +7,7 @@ from rich.console import Console
 from rich.table import Table
 
 from radard.bundle import load_bundle
+from radard.config_sections import DEFAULT_MODEL
 from radard.errors import UsageError
 from x2train.commands import Commands, result_console
 
@@ -20,7 +21,7 @@ def register(commands: Commands) -> None:
         help="teach a bundle one's own pet",
         epilog=(
             "examples:\n"
-            "  train-export dataset --out sets/guard --families 'held out' --like balanced\n"
+            "  train-export dataset --out sets/guard --families 'held out' --like accurate\n"
             "  train-export finetune --labels ~/.local/state/radard/labels.jsonl "
             "--guard sets/guard\n"
             "  train-export finetune rex1.h5=pet rex2.h5=pet me.h5=human --guard sets/guard\n"
@@ -32,7 +33,7 @@ def register(commands: Commands) -> None:
     add("clips", nargs="*", metavar="FILE=LABEL", help="human, pet, other or wrong (no human)")
     add("--labels", type=Path, metavar="FILE", help="labels.jsonl of the dashboard")
     add("--clips", type=Path, dest="folder", metavar="DIR", help="where its clips are now")
-    add("--model", default="balanced", help="bundle to start from (balanced)")
+    add("--model", default=DEFAULT_MODEL, help=f"bundle to start from ({DEFAULT_MODEL})")
     add("--guard", type=Path, nargs="+", required=True, help="sets of people not to be missed")
     add("--mix", type=Path, nargs="+", help="simulated sets to learn from beside the clips")
     ways = parser.add_mutually_exclusive_group()
