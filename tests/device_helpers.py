@@ -1,0 +1,167 @@
+"""A radar's far ends: simulated modules, and such whose every answer a test decides."""
+
+import itertools
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+
+import numpy as np
+
+from x2radar import framing
+from x2radar.codec import decode_command, encode
+from x2radar.device import Deadlines, X2Radar
+from x2radar.errors import TransportClosed
+from x2radar.frame import Frame
+from x2radar.framing import Packet, PacketDecoder
+from x2radar.messages import Ack, Data, Message, Ping, Pong, Reset, SystemMessage
+from x2radar.settings import RadarSettings
+from x2radar.sim.host import serve
+from x2radar.sim.module import SimulatedModule
+from x2radar.sim.scene import load_scene
+from x2radar.transport import PtyTransport, SerialTransport, Transport, memory_pair
+from x2radar.wire_ids import PongCode, SystemCode
+
+SETTINGS = RadarSettings(frame_stitch=1)
+SHORT = Deadlines(
+    reply_s=5.0,
+    ready_s=5.0,
+    ping_every_s=0.03,
+    usb_gone_s=0.01,
+    stall_s=0.1,
+    restart_s=0.01,
+    again_s=0.01,
+)
+HASTY = replace(SHORT, reply_s=0.15, ping_every_s=0.1)
+READY = SystemMessage(SystemCode.READY)
+
+
+def wire(*messages: Message) -> bytes:
+    return b"".join(framing.encode(encode(m)) for m in messages)
+
+
+def module() -> SimulatedModule:
+    return SimulatedModule(load_scene("human"), seed=3)
+
+
+def in_thread(work: Callable[..., object], *args: object, **kwargs: object) -> threading.Thread:
+    thread = threading.Thread(target=work, args=args, kwargs=kwargs, daemon=True)
+    thread.start()
+    return thread
+
+
+@contextmanager
+def simulated(kind: str, speed: float | None = None) -> Iterator[Callable[[], Transport]]:
+    """Run a simulated module at the far end; lend what connects to it."""
+    if kind == "memory":
+        near, far = memory_pair()
+        connect: Callable[[], Transport] = lambda: near  # noqa: E731 - the other one is a call
+    else:
+        far = PtyTransport()
+        connect = lambda: SerialTransport(far.path)  # noqa: E731
+    thread = in_thread(serve, module(), far, speed=speed)
+    try:
+        yield connect
+    finally:
+        far.close()
+        thread.join(5)
+        assert not thread.is_alive()
+
+
+class FarEnd:
+    """A module whose every answer the test decides.
+
+    Parameters
+    ----------
+    answer : callable
+        Takes a command, returns the messages to send.
+    """
+
+    def __init__(self, answer: Callable[[Message], list[Message]]) -> None:
+        self.near, self._far = memory_pair()
+        self._answer = answer
+        self.commands: list[Message] = []
+        self._thread = in_thread(self._run)
+
+    def _run(self) -> None:
+        decoder = PacketDecoder()
+        try:
+            while True:
+                for item in decoder.feed(self._far.read(1.0)):
+                    assert isinstance(item, Packet)
+                    self.commands.append(decode_command(item.data))
+                    self._far.write(wire(*self._answer(self.commands[-1])))
+        except TransportClosed:
+            return
+
+    def send(self, data: bytes) -> None:
+        self._far.write(data)
+
+    def join(self) -> None:
+        """Wait until everything is read that came before the near end closed."""
+        self._thread.join(5)
+        assert not self._thread.is_alive()
+
+    def close(self) -> None:
+        self._far.close()
+        self.join()
+
+
+def obey(command: Message) -> list[Message]:
+    """Answer as a module that takes everything."""
+    match command:
+        case Reset():
+            return [Ack(), SystemMessage(SystemCode.BOOTING), READY]
+        case Ping():
+            return [Pong(PongCode.READY)]
+    return [Ack()]
+
+
+def obey_but(kind: type[Message], *answers: Message) -> Callable[[Message], list[Message]]:
+    return lambda command: list(answers) if isinstance(command, kind) else obey(command)
+
+
+@contextmanager
+def scripted(
+    answer: Callable[[Message], list[Message]] = obey, deadlines: Deadlines = SHORT
+) -> Iterator[tuple[X2Radar, FarEnd]]:
+    far = FarEnd(answer)
+    radar = X2Radar(lambda: far.near, SETTINGS, deadlines=deadlines)
+    yield radar, far
+    radar.close()
+    far.close()
+
+
+class Wrapped:
+    """A transport with something changed on the way; subclasses say what."""
+
+    is_usb = False
+
+    def __init__(self, inner: Transport) -> None:
+        self._inner = inner
+
+    def read(self, timeout_s: float) -> bytes:
+        return self._inner.read(timeout_s)
+
+    def write(self, data: bytes) -> None:
+        self._inner.write(data)
+
+    def close(self) -> None:
+        self._inner.close()
+
+
+class WithoutReady(Wrapped):
+    def read(self, timeout_s: float) -> bytes:
+        return super().read(timeout_s).replace(wire(READY), b"")
+
+
+class OnUsb(Wrapped):
+    is_usb = True
+
+
+def raw(counter: int) -> bytes:
+    return wire(Data(0, counter, np.full(256, counter, np.float32)))
+
+
+def take(radar: X2Radar, n: int) -> list[Frame]:
+    return list(itertools.islice(radar.frames(), n))

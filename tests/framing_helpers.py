@@ -1,0 +1,43 @@
+"""Payloads of any kind, and streams cut anywhere."""
+
+from collections.abc import Iterable, Iterator
+
+from hypothesis import strategies as st
+
+from x2radar.framing import END, ESC, START, PacketDecoder, Packing
+
+TAIL = bytes.fromhex("7d 50 26 fe 75")
+
+payloads = st.one_of(
+    st.binary(min_size=1, max_size=40),
+    st.lists(st.sampled_from([0x7C, START, END, ESC, 0x51, 0, 2, 3]), min_size=1, max_size=24).map(
+        bytes
+    ),
+)
+escaped_payloads = payloads.filter(lambda data: data[0] != 0x51)
+packings = st.sampled_from(Packing)
+any_packet = st.tuples(payloads, packings).filter(
+    lambda p: p[1] is not Packing.ESCAPED or p[0][0] != 0x51
+)
+
+
+def cut(stream: bytes, places: Iterable[int]) -> Iterator[bytes]:
+    """Cut a stream at any places, in any order, also beyond its end."""
+    last = 0
+    for place in sorted({min(p, len(stream)) for p in places} | {len(stream)}):
+        yield stream[last:place]
+        last = place
+
+
+def decode(pieces: Iterable[bytes], decoder: PacketDecoder | None = None) -> list:
+    decoder = decoder or PacketDecoder()
+    return [item for piece in pieces for item in decoder.feed(piece)]
+
+
+def read_three_ways(stream: bytes, expected: list) -> None:
+    """Decode whole, byte by byte, and with the beginning of another packet behind it."""
+    assert decode([stream]) == expected
+    assert decode(stream[k : k + 1] for k in range(len(stream))) == expected
+    decoder = PacketDecoder()
+    assert decode([stream + TAIL], decoder) == expected
+    assert decoder.n_buffered == len(TAIL)

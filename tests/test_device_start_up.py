@@ -1,0 +1,379 @@
+"""From port to stream: X2Radar against modules that answer late, wrongly or not at all."""
+
+import itertools
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.device_helpers import (
+    HASTY,
+    READY,
+    SETTINGS,
+    SHORT,
+    WithoutReady,
+    in_thread,
+    obey,
+    obey_but,
+    raw,
+    scripted,
+    simulated,
+    take,
+    wire,
+)
+from x2radar.device import Deadlines, X2Radar
+from x2radar.errors import DeviceError, RestartRequired, SafeModeError, TransportClosed
+from x2radar.link import RETRIES
+from x2radar.messages import (
+    Ack,
+    Data,
+    ErrorReply,
+    Message,
+    Ping,
+    Pong,
+    Reset,
+    SetBaudRate,
+    SetMode,
+    SetOutput,
+    SetSysInt,
+    SystemMessage,
+)
+from x2radar.wire_ids import ErrorCode, Mode, PongCode, SysCfg, SystemCode
+
+
+def test_settings_become_commands_in_order() -> None:
+    with scripted() as (radar, far):
+        radar.open()
+        assert far.commands[:2] == [Reset(), SetMode(Mode.IDLE)]
+        assert far.commands[-1] == SetMode(Mode.MANUAL)
+        assert SetSysInt(SysCfg.FPS, 60) in far.commands
+        assert SetSysInt(SysCfg.FRAME_STITCH, 1) in far.commands
+        assert isinstance(far.commands[-2], SetOutput)
+        radar.close()
+        far.join()
+    assert far.commands[-1] == SetMode(Mode.IDLE)
+
+
+def test_ready_message_is_enough() -> None:
+    with scripted() as (radar, far):
+        radar.open()
+        assert Ping() not in far.commands
+
+
+def test_missed_ready_message_is_asked_for() -> None:
+    with simulated("memory") as connect:
+        radar = X2Radar(lambda: WithoutReady(connect()), SETTINGS, deadlines=SHORT)
+        radar.open()
+        assert len(take(radar, 2)) == 2
+        radar.close()
+
+
+def test_ready_from_before_the_reset_does_not_count() -> None:
+    with scripted(obey_but(Reset, READY, Ack())) as (radar, far):
+        radar.open()
+        assert Ping() in far.commands
+
+
+def test_module_that_is_not_ready_yet_is_asked_again() -> None:
+    codes = itertools.chain([PongCode.NOT_READY] * 2, itertools.repeat(PongCode.READY))
+
+    def answer(command: Message) -> list[Message]:
+        if isinstance(command, Ping):
+            return [Pong(next(codes))]
+        return [Ack()]
+
+    with scripted(answer) as (radar, far):
+        radar.open()
+        assert far.commands.count(Ping()) >= 3
+
+
+def test_module_that_never_gets_ready() -> None:
+    def answer(command: Message) -> list[Message]:
+        return [] if isinstance(command, Ping) else [Ack()]
+
+    short = Deadlines(ready_s=0.1, ping_every_s=0.02)
+    with (
+        scripted(answer, short) as (radar, _),
+        pytest.raises(DeviceError, match=r"not ready 0\.1 s after"),
+    ):
+        radar.open()
+
+
+def test_silent_module() -> None:
+    short = Deadlines(reply_s=0.03)
+    with scripted(lambda _: [], short) as (radar, far):
+        with pytest.raises(DeviceError, match="no answer to a reset"):
+            radar.open()
+        far.join()
+        assert far.commands[:4] == [Reset()] * (1 + RETRIES)
+        # The port is given back.
+        with pytest.raises(TransportClosed):
+            far.near.read(0)
+
+
+def test_reset_is_sent_again_when_its_answer_is_lost() -> None:
+    answers = itertools.chain([[]], itertools.repeat([Ack(), READY]))
+
+    def answer(command: Message) -> list[Message]:
+        return next(answers) if isinstance(command, Reset) else obey(command)
+
+    with scripted(answer, Deadlines(reply_s=0.3)) as (radar, far):
+        radar.open()
+        assert far.commands[:2] == [Reset(), Reset()]
+
+
+def test_module_that_falls_silent_is_named_with_the_command() -> None:
+    with (
+        scripted(obey_but(SetOutput), Deadlines(reply_s=0.3)) as (radar, _),
+        pytest.raises(DeviceError, match="no answer to SetOutput"),
+    ):
+        radar.open()
+
+
+@pytest.mark.parametrize(
+    ("code", "error", "words"),
+    [
+        (ErrorCode.COMMAND_FAILED, DeviceError, r"refused SetSysInt.*0x21 \(command failed\)"),
+        (ErrorCode.NOT_RECOGNIZED, DeviceError, r"refused SetSysInt.*0x1 \(not recognized\)"),
+        (ErrorCode.RESTARTING, RestartRequired, r"refused SetSysInt.*0x22 \(restarting\)"),
+        (0x77, DeviceError, r"refused SetSysInt.*0x77 \(unknown\)"),
+    ],
+)
+def test_error_reply_names_the_command(code: int, error: type, words: str) -> None:
+    with scripted(obey_but(SetSysInt, ErrorReply(code))) as (radar, _):
+        with pytest.raises(error, match=words) as caught:
+            radar.open()
+        assert type(caught.value) is error
+
+
+def once(command_type: type[Message], *answers: Message) -> Callable[[Message], list[Message]]:
+    """Obey, but answer the first command of a type otherwise."""
+    left = [list(answers)]
+
+    def answer(command: Message) -> list[Message]:
+        return left.pop() if left and isinstance(command, command_type) else obey(command)
+
+    return answer
+
+
+def test_a_lost_answer_is_asked_for_again_and_a_ping_draws_the_line() -> None:
+    with scripted(once(SetSysInt), HASTY) as (radar, far):
+        radar.open()
+        first, second, ping, third = far.commands[2:6]
+        assert first == second != third
+        assert ping == Ping()
+        assert far.commands[-1] == SetMode(Mode.MANUAL)
+        assert radar.stats.retries == 1
+
+
+def test_an_answer_that_comes_too_late_is_not_taken_for_the_next_ones() -> None:
+    asked = []
+
+    def answer(command: Message) -> list[Message]:
+        if not isinstance(command, SetSysInt):
+            return obey(command)
+        asked.append(command)
+        match len(asked):
+            case 1:
+                return []
+            case 2:
+                return [Ack(), Ack()]
+            case 4:
+                return [ErrorReply(ErrorCode.COMMAND_FAILED)]
+        return [Ack()]
+
+    with scripted(answer, HASTY) as (radar, _):
+        with pytest.raises(DeviceError, match="refused") as caught:
+            radar.open()
+        assert SysCfg(asked[3].ref).name in str(caught.value)
+
+
+def test_a_command_that_must_not_be_sent_twice_is_not() -> None:
+    with scripted(obey_but(SetBaudRate), HASTY) as (radar, far):
+        radar.open()
+        with pytest.raises(DeviceError, match="no answer to SetBaudRate"):
+            radar.command(SetBaudRate(921_600))
+        assert sum(isinstance(c, SetBaudRate) for c in far.commands) == 1
+        assert radar.stats.retries == 0
+
+
+@pytest.mark.parametrize("code", [ErrorCode.BUSY, ErrorCode.CRC_FAILED])
+def test_a_busy_module_is_asked_again(code: int) -> None:
+    left = {SetOutput: 4, Reset: 3}
+
+    def answer(command: Message) -> list[Message]:
+        if left.get(type(command), 0):
+            left[type(command)] -= 1
+            return [ErrorReply(code)]
+        return obey(command)
+
+    with scripted(answer) as (radar, far):
+        radar.open()
+        assert far.commands.count(Reset()) == 4
+        assert radar.stats.retries == 7
+
+
+def test_a_module_that_stays_busy() -> None:
+    with (
+        scripted(obey_but(SetOutput, ErrorReply(ErrorCode.BUSY)), HASTY) as (radar, _),
+        pytest.raises(DeviceError, match=r"refused SetOutput.*\(busy\)"),
+    ):
+        radar.open()
+
+
+def test_a_module_that_wants_a_restart_is_reset_and_told_again_once() -> None:
+    with scripted(once(SetOutput, ErrorReply(ErrorCode.RESTARTING))) as (radar, far):
+        radar.open()
+        second = far.commands.index(Reset(), 1)
+        assert far.commands[:second][-1] != SetMode(Mode.MANUAL)
+        assert far.commands[second + 1] == SetMode(Mode.IDLE)
+        assert far.commands[-1] == SetMode(Mode.MANUAL)
+    with scripted(obey_but(SetOutput, ErrorReply(ErrorCode.RESTARTING))) as (radar, far):
+        with pytest.raises(RestartRequired):
+            radar.open()
+        assert far.commands.count(Reset()) == 2
+
+
+def test_a_module_in_safe_mode_that_refuses_everything() -> None:
+    def answer(command: Message) -> list[Message]:
+        if isinstance(command, Ping):
+            return [Pong(PongCode.SAFE_MODE)]
+        return [ErrorReply(ErrorCode.COMMAND_FAILED)]
+
+    with scripted(answer) as (radar, far):
+        with pytest.raises(SafeModeError, match="power it off"):
+            radar.open()
+        assert far.commands == [Reset(), Ping()]
+
+
+def test_a_refusal_without_safe_mode_stays_a_refusal() -> None:
+    answer = obey_but(SetOutput, ErrorReply(ErrorCode.COMMAND_FAILED))
+    with scripted(answer) as (radar, far):
+        with pytest.raises(DeviceError) as caught:
+            radar.open()
+        assert type(caught.value) is DeviceError
+        assert far.commands[-1] == Ping()
+
+
+def test_a_reset_whose_answer_is_lost_shows_in_what_the_module_says() -> None:
+    with scripted(obey_but(Reset, SystemMessage(SystemCode.BOOTING), READY), HASTY) as (
+        radar,
+        far,
+    ):
+        radar.open()
+        assert far.commands.count(Reset()) == 1
+        assert Ping() not in far.commands
+
+
+def test_the_late_answer_to_a_ping_counts() -> None:
+    pings = []
+
+    def answer(command: Message) -> list[Message]:
+        if isinstance(command, Ping):
+            pings.append(command)
+            if len(pings) > 1:
+                return []
+            threading.Timer(0.06, lambda: far.send(wire(Pong(PongCode.READY)))).start()
+            return []
+        return [Ack()]
+
+    with scripted(answer, replace(SHORT, ping_every_s=0.04)) as (radar, far):
+        radar.open()
+        assert len(pings) <= 2
+
+
+def test_a_module_that_streams_meanwhile_is_configured_and_its_old_frames_are_none() -> None:
+    data = Data(0, 500, np.zeros(256, np.float32))
+
+    def answer(command: Message) -> list[Message]:
+        return [data, data, *obey(command), data] if command != start else obey(command)
+
+    start = SetMode(Mode.MANUAL)
+    with scripted(answer) as (radar, far):
+        radar.open()
+        far.send(raw(1))
+        (frame,) = take(radar, 1)
+        assert (frame.counter, frame.index, frame.restarted) == (1, 0, False)
+        assert radar.stats.frames == 1
+
+
+def test_a_simulated_module_that_streams_already_is_taken_over() -> None:
+    with simulated("pty", speed=1.0) as connect:
+        left = X2Radar(connect, SETTINGS)
+        left.open()
+        take(left, 2)
+        # As after a kill: nobody tells the module to stop.
+        left._opening.link.close()
+        with X2Radar(connect, SETTINGS) as radar:
+            assert [f.index for f in take(radar, 3)] == [0, 1, 2]
+
+
+def test_a_start_whose_answer_is_lost_is_not_made_twice() -> None:
+    def answer(command: Message) -> list[Message]:
+        if command == SetMode(Mode.MANUAL):
+            return [Data(0, 1, np.zeros(256, np.float32))]
+        return obey(command)
+
+    with scripted(answer, HASTY) as (radar, far):
+        radar.open()
+        assert far.commands.count(SetMode(Mode.MANUAL)) == 1
+        assert take(radar, 1)[0].counter == 1
+
+
+@pytest.mark.parametrize("at", [SetSysInt, SetOutput])
+def test_a_module_that_restarts_while_it_is_configured_is_told_from_the_beginning(at) -> None:
+    with scripted(once(at, SystemMessage(SystemCode.BOOTING), READY, Ack())) as (radar, far):
+        radar.open()
+        assert far.commands.count(SetMode(Mode.IDLE)) == 2
+        assert far.commands.count(SetMode(Mode.MANUAL)) == 1
+    with (
+        scripted(obey_but(at, READY, Ack())) as (radar, _),
+        pytest.raises(DeviceError, match="again and again"),
+    ):
+        radar.open()
+
+
+def test_opening_without_a_stream_tells_the_module_nothing() -> None:
+    with scripted() as (radar, far):
+        radar.open(stream=False)
+        assert isinstance(radar.command(Ping()), Pong)
+        radar.close()
+        far.join()
+        assert far.commands == [Ping()]
+
+
+@pytest.mark.parametrize("answer", [lambda _: [], lambda _: [Ack()]], ids=["reset", "ready"])
+def test_closing_from_another_thread_ends_the_opening(answer) -> None:
+    with scripted(answer, Deadlines(reply_s=60, ready_s=60)) as (radar, _):
+        caught = []
+
+        def opening() -> None:
+            with pytest.raises(TransportClosed) as error:
+                radar.open()
+            caught.append(error)
+
+        thread = in_thread(opening)
+        time.sleep(0.05)
+        radar.close()
+        thread.join(2)
+        assert caught
+
+
+def test_safe_mode() -> None:
+    def answer(command: Message) -> list[Message]:
+        return [Pong(PongCode.SAFE_MODE)] if isinstance(command, Ping) else [Ack()]
+
+    with scripted(answer) as (radar, _), pytest.raises(SafeModeError, match="fail-safe mode"):
+        radar.open()
+
+
+def test_data_from_before_the_start_are_no_frames() -> None:
+    with scripted() as (radar, far):
+        far.send(raw(900) + raw(901))
+        radar.open()
+        far.send(raw(1))
+        (frame,) = take(radar, 1)
+    assert (frame.counter, frame.index, frame.restarted) == (1, 0, False)

@@ -1,0 +1,299 @@
+"""Framing on a bad line: what is lost, what is said of it, and what it may cost."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.framing_helpers import any_packet, cut, decode, escaped_payloads
+from x2radar import codec
+from x2radar.framing import (
+    END,
+    ESC,
+    LENGTH_START,
+    MAX_PACKET,
+    START,
+    Fault,
+    LineFault,
+    Packet,
+    PacketDecoder,
+    Packing,
+    encode,
+)
+from x2radar.messages import Data
+
+# ---------------------------------------------------------------- faults, each by name
+
+GOOD = encode(b"\x10")
+SOUND = Packet(b"\x10")
+
+
+@pytest.mark.parametrize(
+    ("line", "expected"),
+    [
+        pytest.param(
+            b"\x01\x02" + GOOD, [LineFault(Fault.JUNK, 2), SOUND], id="junk before a packet"
+        ),
+        pytest.param(
+            GOOD + b"\x01\x7c\x7c" + GOOD,
+            [SOUND, LineFault(Fault.JUNK, 3), SOUND],
+            id="junk inside",
+        ),
+        pytest.param(
+            b"\x01\x7f" + GOOD, [LineFault(Fault.JUNK, 2), SOUND], id="junk ends with an escape"
+        ),
+        pytest.param(
+            b"\x7d\x10\x6c\x7e" + GOOD, [LineFault(Fault.CRC_ERROR, 4), SOUND], id="bad checksum"
+        ),
+        pytest.param(
+            GOOD[:-1] + GOOD, [LineFault(Fault.LOST_BYTES, 3), SOUND], id="lost end flag"
+        ),
+        pytest.param(
+            GOOD[:-1] + b"\x7f" + GOOD,
+            [Packet(b"\x10\x6d\x7d\x10")],
+            id="end flag became an escape: the joined packets' checksum is right",
+        ),
+        pytest.param(
+            b"\x7d\x7e" + GOOD, [LineFault(Fault.INCOMPLETE_PACKET, 2), SOUND], id="nothing inside"
+        ),
+        pytest.param(
+            b"\x7d\x7d\x7e" + GOOD,
+            [LineFault(Fault.LOST_BYTES, 1), LineFault(Fault.INCOMPLETE_PACKET, 2), SOUND],
+            id="flags only",
+        ),
+        pytest.param(
+            LENGTH_START + b"\xff\xff\xff\xff\0" + GOOD,
+            [LineFault(Fault.OUT_OF_BUFFER, 1), LineFault(Fault.JUNK, 8), SOUND],
+            id="impossible length",
+        ),
+        pytest.param(
+            LENGTH_START + b"\x02\0\0\0\0\x01" + GOOD + GOOD,
+            [LineFault(Fault.LOST_BYTES, 1), LineFault(Fault.JUNK, 9), SOUND, SOUND],
+            id="length packet that is cut short",
+        ),
+        pytest.param(
+            b"\x7d\x51\x02\0\0\0\x01\x01\x01" + GOOD,
+            [LineFault(Fault.LOST_BYTES, 9), SOUND],
+            id="fast packet with a bad checksum",
+        ),
+        pytest.param(
+            b"\x7d\x51\0\0\0\0\x01" + GOOD,
+            [LineFault(Fault.LOST_BYTES, 7), SOUND],
+            id="fast packet without data",
+        ),
+    ],
+)
+def test_fault(line: bytes, expected: list) -> None:
+    assert decode([line]) == expected
+
+
+@pytest.mark.parametrize(
+    ("packing", "false_start"),
+    [
+        (Packing.LENGTH, b"\x7d\x01\x02"),
+        (Packing.LENGTH, b"\x7d\x01\x7f"),
+        (Packing.LENGTH, b"\x7d\x7d"),
+        (Packing.FAST, b"\x7d\x01\x02"),
+        (Packing.FAST, b"\x7d\x7d"),
+    ],
+)
+def test_packet_behind_a_false_start(packing: Packing, false_start: bytes) -> None:
+    # It holds a start and an end flag of its own, which the false start cannot tell apart.
+    data = b"\xa0\x7e\x01\x7d\x02"
+    items = decode([GOOD + false_start + encode(data, packing) + GOOD])
+    assert [item for item in items if isinstance(item, Packet)] == [
+        SOUND,
+        Packet(data, packing),
+        SOUND,
+    ]
+
+
+def test_impossible_starts_inside_a_broken_packet_are_passed_over() -> None:
+    junk = b"\x7d\x51\xff\xff\xff\xff" + LENGTH_START + b"\xff\xff\xff\xff" + b"\x01\x7e"
+    assert decode([b"\x7d\x01" + junk + GOOD])[-1] == SOUND
+
+
+def test_packet_whose_start_flag_is_hidden_by_junk() -> None:
+    hidden = encode(b"\x10\x7d\x11")
+    items = decode([b"\x7d\x01\x02\x7e" + b"\x7d\x7f\x7d\x03\x7f" + hidden + GOOD])
+    assert items[-2:] == [Packet(b"\x10\x7d\x11"), SOUND]
+
+
+def test_length_packet_handed_out_too_early_does_not_take_the_next_one_along() -> None:
+    short = encode(b"\x01\x02\x03\x04", Packing.LENGTH)[:-1]
+    stream = short + GOOD + GOOD
+    items = decode([stream[: len(short) + 1], stream[len(short) + 1 :]])
+    assert items[0] == Packet(b"\x01\x02\x03\x7d", Packing.LENGTH)
+    assert items[1].fault is Fault.LOST_BYTES
+    assert items[-2:] == [SOUND, SOUND]
+
+
+def test_start_flag_without_end_is_given_up_at_the_limit() -> None:
+    decoder = PacketDecoder()
+    items = decode([b"\x7d" + bytes(MAX_PACKET - 1)], decoder)
+    assert items == []
+    assert decoder.n_buffered == MAX_PACKET
+    assert decode([b"\0"], decoder) == [
+        LineFault(Fault.OUT_OF_BUFFER, 1),
+        LineFault(Fault.JUNK, MAX_PACKET),
+    ]
+    assert decode([GOOD], decoder) == [SOUND]
+
+
+def test_packets_behind_a_start_flag_without_end_are_found_at_the_limit() -> None:
+    one = encode(b"\xa0\x12" + bytes(1000), Packing.LENGTH)
+    stream = b"\x7d\x01" + one * (MAX_PACKET // len(one) + 1)
+    items = decode(stream[k : k + 999] for k in range(0, len(stream), 999))
+    assert [type(i) for i in items[:2]] == [LineFault, LineFault]
+    assert items[2:] == [Packet(one[9:], Packing.LENGTH)] * (MAX_PACKET // len(one) + 1)
+
+
+# ---------------------------------------------------------------- any corruption
+
+
+FLAGS = (START, END, ESC, 0x51, 0x7C, 0)
+
+
+@dataclass(frozen=True)
+class Damage:
+    """One thing that a line does to the bytes on it."""
+
+    kind: str
+    where: int
+    value: bytes
+
+    def apply(self, stream: bytes) -> tuple[bytes, int]:
+        """Return the damaged stream, and how many packets that may cost."""
+        at = self.where % (len(stream) or 1)
+        if self.kind == "drop":
+            return stream[:at] + stream[at + 1 :], 1
+        if self.kind == "insert":
+            return stream[:at] + self.value + stream[at:], 1
+        # Two packets joined like this have a right checksum together: see x2radar.framing.
+        joins = stream[at : at + 1] == b"\x7e" and self.value == b"\x7f"
+        return stream[:at] + self.value + stream[at + 1 :], 2 if joins else 1
+
+
+one_byte = st.one_of(
+    st.binary(min_size=1, max_size=1), st.sampled_from(FLAGS).map(lambda b: bytes([b]))
+)
+some_bytes = st.one_of(
+    one_byte, st.binary(max_size=30), st.lists(st.sampled_from(FLAGS), max_size=6).map(bytes)
+)
+places = st.integers(0, 500)
+damages = st.one_of(
+    st.builds(Damage, st.just("flip"), places, one_byte),
+    st.builds(Damage, st.just("drop"), places, st.just(b"")),
+    st.builds(Damage, st.just("insert"), places, some_bytes),
+)
+
+# Enough sound packets to end every wait for a false length.
+_LONG = encode(b"\x30\x11\0\0\0" + b"\x55" * 4000)
+FLUSH = _LONG * (MAX_PACKET // len(_LONG) + 2)
+
+
+def n_missing(sent: list[Packet], got: list) -> int:
+    """Count sent packets that did not arrive, in order (longest common subsequence)."""
+    row = [0] * (len(got) + 1)
+    for packet in sent:
+        last = 0
+        for k, item in enumerate(got):
+            last, row[k + 1] = row[k + 1], last + 1 if item == packet else max(row[k], row[k + 1])
+    return len(sent) - row[-1]
+
+
+def read_damaged(stream: bytes, cuts: Iterable[int] = ()) -> list:
+    decoder = PacketDecoder()
+    items = decode(cut(stream, cuts), decoder)
+    assert decoder.n_buffered <= len(stream)
+    n_bytes = sum(i.n_bytes for i in items if isinstance(i, LineFault))
+    assert n_bytes + decoder.n_buffered <= len(stream)
+    waiting = decoder.n_buffered
+    return items + (decode([FLUSH], decoder)[:100] if waiting else [])
+
+
+@settings(max_examples=500)
+@given(
+    data=st.lists(escaped_payloads, min_size=1, max_size=8),
+    marks=st.lists(damages, min_size=1, max_size=3),
+    cuts=st.lists(places, max_size=6),
+)
+def test_damage_costs_at_most_one_escaped_packet_each(data, marks, cuts) -> None:
+    sent = [Packet(d) for d in data]
+    stream, allowed = b"".join(encode(d) for d in data), 0
+    for mark in marks:
+        stream, cost = mark.apply(stream)
+        allowed += cost
+    assert n_missing(sent, read_damaged(stream, cuts)) <= allowed
+
+
+def test_every_single_damage_to_a_stream_costs_at_most_one_packet() -> None:
+    rng = np.random.default_rng(1)
+    mixed = np.concatenate([np.arange(256), np.repeat(FLAGS, 30)]).astype(np.uint8)
+    data = [rng.choice(mixed, rng.integers(1, 15)).tobytes() for _ in range(14)]
+    sent = [Packet(d) for d in data if d[0] != 0x51]
+    stream = b"".join(encode(p.data) for p in sent)
+    for at in range(len(stream)):
+        values = {bytes([f]) for f in FLAGS} | {bytes([stream[at] ^ 1 << bit]) for bit in range(8)}
+        marks = [Damage("drop", at, b"")]
+        marks += [Damage(kind, at, value) for kind in ("flip", "insert") for value in values]
+        marks += [Damage("insert", at, rng.bytes(5)), Damage("insert", at, b"\x7d\x7f")]
+        for mark in marks:
+            damaged, cost = mark.apply(stream)
+            assert n_missing(sent, read_damaged(damaged)) <= cost, mark
+
+
+@settings(max_examples=300)
+@given(
+    packets=st.lists(any_packet, min_size=1, max_size=8),
+    marks=st.lists(damages, min_size=1, max_size=3),
+    cuts=st.lists(places, max_size=6),
+)
+def test_any_packing_is_found_again_after_damage(packets, marks, cuts) -> None:
+    before = b"".join(encode(data, packing) for data, packing in packets)
+    for mark in marks:
+        before, _ = mark.apply(before)
+    # What follows is sound, and longer than any wait that the damage can cause.
+    items = decode([*cut(before, cuts), FLUSH, GOOD])
+    assert items[-1] == SOUND
+    assert items.count(decode([_LONG])[0]) >= MAX_PACKET // len(_LONG)
+
+
+@pytest.mark.parametrize("packing", Packing)
+def test_noise_never_raises_and_the_buffer_stays_bounded(packing: Packing) -> None:
+    rng = np.random.default_rng(2)
+    decoder = PacketDecoder()
+    for length in (1, 7, 100, 5000) * 20:
+        noise = rng.choice(FLAGS, length).astype(np.uint8).tobytes() + rng.bytes(length)
+        decode([noise, encode(rng.bytes(9) + b"\x01", Packing.LENGTH)], decoder)
+        assert decoder.n_buffered <= MAX_PACKET
+    assert decode([FLUSH, encode(b"\x10", packing), GOOD], decoder)[-2:] == [
+        Packet(b"\x10", packing),
+        SOUND,
+    ]
+
+
+@pytest.mark.parametrize(
+    "pattern",
+    [b"\x7d", b"\x7e", b"\x7f", b"\x7c", b"\x7d\x51", b"\x7d\x00", b"\x7f\x7d", b"\x7f\x7e\x01"],
+)
+def test_a_stuck_line_is_read_in_linear_time(pattern: bytes) -> None:
+    decoder = PacketDecoder()
+    line = pattern * (2 * MAX_PACKET // len(pattern))
+    for k in range(0, len(line), 4096):
+        n_items = len(decoder.feed(line[k : k + 4096]))
+        assert n_items <= 4096
+        assert decoder.n_buffered <= MAX_PACKET
+    assert decode([b"\x7e", FLUSH], decoder)[-1] == decode([_LONG])[0]
+
+
+def test_a_frame_is_copied_once_on_its_way_to_a_message():
+    values = np.linspace(0, 100, 768, dtype=np.float32)
+    (item,) = PacketDecoder().feed(encode(codec.encode(Data(0, 1, values))))
+    message = codec.decode_response(item.data)
+    assert np.shares_memory(np.frombuffer(item.data, np.uint8), message.values)
+    assert not message.values.flags.writeable
+    assert np.array_equal(message.values, values)
