@@ -81,6 +81,10 @@ class Bundle:
         """Hash of the weights, as the sidecar has it."""
         return hashlib.sha256(self.onnx).hexdigest()
 
+    def takes(self, axis: FastTimeAxis, frame_rate_hz: float) -> bool:
+        """Whether it was made for such a stream."""
+        return not self._misfits(axis, frame_rate_hz)
+
     def check_stream(self, axis: FastTimeAxis, frame_rate_hz: float) -> None:
         """Raise ModelMismatch, naming every misfit, if the stream is not what it was made for.
 
@@ -89,7 +93,7 @@ class Bundle:
         misfits = self._misfits(axis, frame_rate_hz)
         if misfits:
             others = [name for name in bundle_names() if name != self.name]
-            fit = [name for name in others if not load_bundle(name)._misfits(axis, frame_rate_hz)]
+            fit = [name for name in others if load_bundle(name).takes(axis, frame_rate_hz)]
             hint = f"; installed ones that take it: {', '.join(fit)}" if fit else ""
             msg = f"model '{self.name}' does not fit this stream: {'; '.join(misfits)}{hint}"
             raise ModelMismatch(msg)

@@ -9,9 +9,8 @@ from radard.quiet import parse_quiet, time_zone
 
 NAME = r"^[A-Za-z0-9_-]+$"
 """What the name of a sensor looks like: it becomes a part of topics and of file names."""
-
-DEFAULT_MODEL = "accurate"
-"""Bundle of whoever names none."""
+AUTO_MODEL, DEFAULT_MODEL = "auto", "accurate"
+"""`model.name` that leaves the choice to `radard.model_choice`, and what is chosen as a rule."""
 
 
 class Section(BaseModel):
@@ -54,7 +53,7 @@ class ModelSection(Section):
     """Which classifier."""
 
     name: str = Field(
-        DEFAULT_MODEL, description="installed bundle, file, or none for the gate alone"
+        AUTO_MODEL, description="installed bundle, file, none for the gate alone, or auto"
     )
 
 

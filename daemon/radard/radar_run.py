@@ -19,7 +19,15 @@ from radard.pipeline import Pipeline
 from radard.playback import Playback
 from radard.quiet import Now, recorded_clock, wall_clock
 from radard.ring import FrameRing, Notice
-from radard.setup import Parts, logger_of, make_classifier, make_parts, make_store, remake_parts
+from radard.setup import (
+    Parts,
+    classifier_for,
+    logger_of,
+    make_classifier,
+    make_parts,
+    make_store,
+    remake_parts,
+)
 from radard.source import FrameSource, Notify, open_source, parse_speed
 from radard.tap import Tap
 from radard.worker import Worker
@@ -207,7 +215,9 @@ class RadarRun:
             If model or recording do not fit the stream.
         """
         assert self._source is not None  # noqa: S101 - `open` came before
-        self._pipeline = Pipeline(self._source.stream, self._config, self._classifier)
+        stream = self._source.stream
+        self._classifier = classifier_for(stream, self._config, self._classifier)
+        self._pipeline = Pipeline(stream, self._config, self._classifier)
         return Tap(self._options.record, self._source)
 
     def start(self, tap: Tap) -> None:

@@ -12,9 +12,11 @@ from radard.calibration import Calibration, load_calibration
 from radard.classifier import Classifier
 from radard.clips import ClipKeeper, ClipSettings
 from radard.config import Config
+from radard.config_sections import AUTO_MODEL
 from radard.directories import calibration_file, clip_dir, named_state_dir, state_dir
 from radard.errors import ConfigError
 from radard.events import See
+from radard.model_choice import model_for
 from radard.pipeline import Pipeline
 from radard.quiet import Now, QuietHours, parse_quiet, time_zone
 from radard.ring import DwellShape
@@ -23,6 +25,7 @@ from radard.state_store import StateStore
 from radard.tamper import TamperSettings, TamperWatch
 from radard.zones import Zones, sight_of
 from x2radar.command import installed_version
+from x2radar.frame import StreamInfo
 
 log = logging.getLogger("radard")
 RESTART_SECTIONS = ("sensor", "service")
@@ -64,10 +67,20 @@ def logger_of(config: Config) -> logging.Logger:
     return log.getChild(config.sensor.name) if config.is_one_of_several else log
 
 
-def make_classifier(config: Config) -> Classifier | None:
+def make_classifier(config: Config, stream: StreamInfo | None = None) -> Classifier | None:
     """Return the classifier that is named; raises BundleError or ModelMismatch."""
-    name = config.model.name
+    name = model_for(config.model.name, stream)
     return None if name == "none" else Classifier(load_bundle(name))
+
+
+def classifier_for(
+    stream: StreamInfo, config: Config, known: Classifier | None
+) -> Classifier | None:
+    """Return the classifier of a stream: the one that is known, unless `auto` means another."""
+    name = model_for(config.model.name, stream)
+    if known is None or config.model.name != AUTO_MODEL or known.bundle.name == name:
+        return known
+    return make_classifier(config, stream)
 
 
 def make_parts(
@@ -165,8 +178,9 @@ def remake_parts(config: Config, old: Parts, *, now: Now, is_live: bool) -> Part
     pipeline = old.pipeline
     if (config.model, config.gate, config.decision) != (was.model, was.gate, was.decision):
         has_new = config.model != was.model
-        classifier = make_classifier(config) if has_new else pipeline.classifier
-        pipeline = Pipeline(pipeline.stream, config, classifier)
+        stream = pipeline.stream
+        classifier = make_classifier(config, stream) if has_new else pipeline.classifier
+        pipeline = Pipeline(stream, config, classifier)
         if _cut_of(pipeline) != _cut_of(old.pipeline):
             msg = f"model.name: '{config.model.name}' takes other dwells; that takes a restart"
             raise ConfigError(msg)

@@ -17,7 +17,7 @@ from radard.config import Config
 from radard.errors import RadardError
 from radard.pipeline import Pipeline
 from radard.ring import Dwell
-from radard.setup import make_classifier
+from radard.setup import classifier_for, make_classifier
 from radard.source import open_source
 from x2radar.assemble import FrameAssembler
 from x2radar.frame import Frame, StreamInfo
@@ -96,6 +96,7 @@ def measured(config: Config, duration_s: float, rounds: int) -> Cost:
     """
     classifier = make_classifier(config)
     heard = _heard(config.sensor.port or "", duration_s)
+    classifier = classifier_for(heard.stream, config, classifier)
     heard_s = len(heard.frames) / heard.stream.frame_rate_hz
     open_gate = config.gate.model_copy(update={"threshold_db": 0.0})
     always_open = config.model_copy(update={"gate": open_gate})

@@ -26,6 +26,7 @@ from radard.config import DEFAULT_FILES, Config, Loaded, load_with_origins
 from radard.config_read import ENV_PREFIX
 from radard.directories import calibration_file, state_dir, status_dirs
 from radard.errors import RadardError
+from radard.model_choice import model_for
 from radard.redact import MASK, redact, redact_value
 from radard.status_file import read_status, status_path
 from x2radar.command import installed_version
@@ -123,8 +124,8 @@ def _versions(config: Config) -> dict[str, Any]:
             found[name] = None
     found["models"] = list(bundle_names())
     try:
-        bundle = load_bundle(config.model.name) if config.model.name != "none" else None
-        found["model"] = bundle.name if bundle else "none"
+        name = model_for(config.model.name)
+        found["model"] = "none" if name == "none" else load_bundle(name).name
     except RadardError as err:
         found["model"] = str(err)
     return found

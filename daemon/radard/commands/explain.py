@@ -6,8 +6,9 @@ from radard.bundle import load_bundle
 from radard.card import read_card
 from radard.commands.explain_rates import passage_rates, window_rates
 from radard.config import Config, load_config
-from radard.config_sections import AlarmSection
+from radard.config_sections import AUTO_MODEL, AlarmSection
 from radard.decision import LEAST_P
+from radard.model_choice import OF_ONE_MODULE, model_for
 from radard.options import add_options, config_options
 from radard.pipeline import HOP_S, pet_limit_of
 from radard.sensitivity import alarm_policy
@@ -61,9 +62,13 @@ def explained(config: Config, *, pass_s: float) -> Iterator[str]:
     if config.model.name == "none":
         yield "model none: the gate alone; there are no verdicts and no alarms"
         return
-    bundle = load_bundle(config.model.name)
+    name = model_for(config.model.name)
+    bundle = load_bundle(name)
     decides = config.decision.policy or bundle.policy
     limit = pet_limit_of(config, bundle)
+    if config.model.name == AUTO_MODEL:
+        others = ", ".join(OF_ONE_MODULE)
+        yield f"model auto: {bundle.name}, but for the modules that have their own ({others})"
     yield f"model {bundle.name}, policy {decides}: alarm unless p(pet) + p(other) > {limit:g}"
     yield f"and one of the two is at least {LEAST_P:g},"
     if decides == "window":
@@ -73,7 +78,7 @@ def explained(config: Config, *, pass_s: float) -> Iterator[str]:
     yield ""
     yield from _the_policy(config.alarm, decides)
     yield ""
-    card = read_card(config.model.name)
+    card = read_card(name)
     if card.policy == decides:
         yield from passage_rates(config, bundle, card)
     else:

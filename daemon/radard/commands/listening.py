@@ -10,7 +10,7 @@ from radard.config import Config, load_config
 from radard.errors import UsageError
 from radard.pipeline import Pipeline
 from radard.ring import Dwell, FrameRing, Notice
-from radard.setup import make_classifier
+from radard.setup import classifier_for, make_classifier
 from radard.source import FrameSource, open_source
 from x2radar.frame import Frame
 
@@ -84,7 +84,8 @@ def listen(config: Config) -> Iterator[Listening]:
     # A device that is lost ends the work: half of it is worth nothing.
     source = open_source(sensor.port, speed=sensor.speed, wait=sensor.wait, quit_on_loss=True)
     try:
-        yield Listening(source, Pipeline(source.stream, config, classifier))
+        fitting = classifier_for(source.stream, config, classifier)
+        yield Listening(source, Pipeline(source.stream, config, fitting))
     finally:
         source.close()
 
