@@ -26,11 +26,11 @@ from x2train.bundle_answers import Answers, outputs_of
 from x2train.bundle_graph import MOST_NATS, Head, with_verifier
 from x2train.cli import main
 from x2train.graph_net import GraphNet
-from x2train.guard import Guard, Misses, alarms_of, load_guard
-from x2train.own_labels import OwnClip, labelled_clips, merged, named_clips
-from x2train.own_windows import own_windows
+from x2train.own.guard import Guard, Misses, alarms_of, load_guard
+from x2train.own.labels import OwnClip, labelled_clips, merged, named_clips
+from x2train.own.verifier import fit_head
+from x2train.own.windows import own_windows
 from x2train.shards import ShardSet
-from x2train.verifier import fit_head
 
 ULID = "01J0000000000000000000000"
 
@@ -326,7 +326,7 @@ def test_wrong_input_gets_one_line(made, tmp_path, argv, words, capsys):
 
 def test_a_verifier_that_would_hide_people_is_not_written(made, tmp_path, capsys, monkeypatch):
     # As if no person might be touched at all, and every own window looked like one.
-    monkeypatch.setattr("x2train.verifier._lowest", lambda scores, _: float(scores[-1]) + 1e3)
+    monkeypatch.setattr("x2train.own.verifier._lowest", lambda scores, _: float(scores[-1]) + 1e3)
     assert finetune(made, *dogs(made), "--out", str(tmp_path / "out")) == 2
     err = capsys.readouterr().err
     assert "nothing was written" in err

@@ -18,7 +18,7 @@ from x2train.bundle_answers import outputs_of
 from x2train.cli import main
 from x2train.network_cost import quantised, window_ms
 from x2train.report.intervals import Estimate
-from x2train.tradeoff_combinations import (
+from x2train.tradeoff.combinations import (
     DECIMATIONS,
     PRECISIONS,
     SETTINGS,
@@ -28,10 +28,10 @@ from x2train.tradeoff_combinations import (
     feeds,
     n_combinations,
 )
-from x2train.tradeoff_maps import Chain, Setting
-from x2train.tradeoff_measure import SWITCHES, measure, n_steps, picture_loss_db, record
-from x2train.tradeoff_models import parse_model, read_accuracy, time_model
-from x2train.tradeoff_windows import judged_windows
+from x2train.tradeoff.maps import Chain, Setting
+from x2train.tradeoff.measure import SWITCHES, measure, n_steps, picture_loss_db, record
+from x2train.tradeoff.models import parse_model, read_accuracy, time_model
+from x2train.tradeoff.windows import judged_windows
 
 BLANK = FeatureSettings(range_decimation=8, clutter="removed", velocity_cpi_s=0.2)
 MAPS = MAP_FEATURES

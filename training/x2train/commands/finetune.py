@@ -49,11 +49,11 @@ def register(commands: Commands) -> None:
 def _run(args: argparse.Namespace) -> int:
     _check(args)
     # Late: torch takes seconds, and --help must not.
-    from x2train.finetune import Tuned, tune_network, tune_verifier  # noqa: PLC0415
-    from x2train.finetune_bundle import rows_of, write_finetuned  # noqa: PLC0415
-    from x2train.guard import load_guard  # noqa: PLC0415
-    from x2train.own_labels import labelled_clips, merged, named_clips  # noqa: PLC0415
-    from x2train.own_windows import own_windows  # noqa: PLC0415
+    from x2train.own.bundle import rows_of, write_finetuned  # noqa: PLC0415
+    from x2train.own.finetune import Tuned, tune_network, tune_verifier  # noqa: PLC0415
+    from x2train.own.guard import load_guard  # noqa: PLC0415
+    from x2train.own.labels import labelled_clips, merged, named_clips  # noqa: PLC0415
+    from x2train.own.windows import own_windows  # noqa: PLC0415
     from x2train.train import Epoch  # noqa: PLC0415
 
     console = result_console()

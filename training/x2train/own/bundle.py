@@ -8,9 +8,9 @@ from typing import Any
 
 from radard.bundle import Bundle
 from x2train.export import spec_like, write_bundle
-from x2train.finetune import Tuned, quiet_shares
-from x2train.guard import MOST_RISE, Guard
-from x2train.own_windows import OwnWindows
+from x2train.own.finetune import Tuned, quiet_shares
+from x2train.own.guard import MOST_RISE, Guard
+from x2train.own.windows import OwnWindows
 from x2train.report.intervals import Estimate, wilson
 
 _RECIPES = {

@@ -1,6 +1,6 @@
 """What every switch costs and loses, on simulated scenes.
 
-Cost is the CPU time of one hop of the whole chain (`x2train.tradeoff_maps`). Loss is
+Cost is the CPU time of one hop of the whole chain (`x2train.tradeoff.maps`). Loss is
 how far its pictures are from those of the switch's finest value, all other switches the
 same, in decibels: rms over all that either of the two shows, in dwells with an open gate.
 """
@@ -19,7 +19,7 @@ from x2radar.frame import FastTimeAxis
 from x2radar.ports import PortSpec, port_settings
 from x2radar.sim.scene import load_scene
 from x2radar.sim.stream import EchoStream
-from x2train.tradeoff_maps import Chain, Picture, Pictures, Samples, Setting
+from x2train.tradeoff.maps import Chain, Picture, Pictures, Samples, Setting
 
 _SHIPPED = Setting()
 

@@ -17,7 +17,7 @@ from radard.errors import UsageError
 from x2train.bundle_answers import Answers
 from x2train.bundle_graph import Head
 from x2train.evidence_fit import first_windows
-from x2train.guard import Guard, Misses, alarms_of
+from x2train.own.guard import Guard, Misses, alarms_of
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.float32]

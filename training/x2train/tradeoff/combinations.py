@@ -19,8 +19,8 @@ from x2train.bundle_answers import outputs_of
 from x2train.network_cost import Feed, quantised, window_ms
 from x2train.report.intervals import Estimate, resampled
 from x2train.report.ranking import Ranking
-from x2train.tradeoff_maps import Setting
-from x2train.tradeoff_windows import JudgedWindows, Maps
+from x2train.tradeoff.maps import Setting
+from x2train.tradeoff.windows import JudgedWindows, Maps
 
 DECIMATIONS = (4, 8, 16)
 CPIS = (3, 2, 1)

@@ -12,11 +12,11 @@ from radard.bundle import CLASSES, Bundle
 from radard.errors import UsageError
 from x2train.bundle_answers import outputs_of
 from x2train.bundle_graph import Head, with_verifier
-from x2train.guard import Guard, Misses
-from x2train.own_windows import OwnWindows, decisions_on, stacked
-from x2train.retrain import guarded_line, retrain
+from x2train.own.guard import Guard, Misses
+from x2train.own.retrain import guarded_line, retrain
+from x2train.own.verifier import NOTHING, Seen, check_use, first_in_clip, fit_head, guarded
+from x2train.own.windows import OwnWindows, decisions_on, stacked
 from x2train.train import Epoch
-from x2train.verifier import NOTHING, Seen, check_use, first_in_clip, fit_head, guarded
 
 Tell = Callable[[str], None]
 _PET = CLASSES.index("pet")

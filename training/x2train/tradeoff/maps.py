@@ -22,7 +22,7 @@ from radard.maps import shown
 from radard.ring import Dwell
 from radard.velocity_map import VelocityGrid
 from x2radar.frame import FastTimeAxis
-from x2train.tradeoff_double import DoubleMaps, DoubleRanges
+from x2train.tradeoff.double import DoubleMaps, DoubleRanges
 
 CPI_S = 28 / 60
 DWELL_S = 2.0

@@ -9,7 +9,7 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 
 from x2train.scene_plot import draw_range_time, draw_velocity_time, pictures
-from x2train.walks import Comparison
+from x2train.walks.comparison import Comparison
 
 SHOWN_MPS = 1.5
 _DPI = 72

@@ -18,7 +18,7 @@ from radard.pipeline import Pipeline
 from radard.ring import Dwell, FrameRing, Notice
 from x2radar.blocks import BlockReader
 from x2radar.open_recording import open_recording
-from x2train.own_labels import OwnClip
+from x2train.own.labels import OwnClip
 
 Maps = Mapping[str, NDArray[np.float32]]
 

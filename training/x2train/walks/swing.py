@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from x2train.walks_follow import Array, Flags
+from x2train.walks.follow import Array, Flags
 
 STEP_HZ = (0.5, 2.5)
 """Where swinging is looked for: strides and steps of walks from 0.2 to 1.5 m/s."""

@@ -17,7 +17,7 @@ from radard.features import FeatureSet
 from radard.pipeline import Pipeline
 from radard.ring import Dwell
 from x2radar.frame import Frame, StreamInfo
-from x2train.tradeoff_measure import Recording
+from x2train.tradeoff.measure import Recording
 
 PROFILES = ("fast", "balanced", "accurate")
 """Bundles that `radard --profile` names."""

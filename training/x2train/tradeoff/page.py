@@ -9,10 +9,10 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 
-from x2train.tradeoff_combinations import Combination
-from x2train.tradeoff_grid_page import draw_combinations
-from x2train.tradeoff_measure import SWITCHES, Row, Switch
-from x2train.tradeoff_models import ModelRow
+from x2train.tradeoff.combinations import Combination
+from x2train.tradeoff.grid_page import draw_combinations
+from x2train.tradeoff.measure import SWITCHES, Row, Switch
+from x2train.tradeoff.models import ModelRow
 
 _PICTURES = {
     "velocity_time": "velocity-time",

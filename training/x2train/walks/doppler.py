@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from radard.dsp.doppler import gaussian_taper, unambiguous_velocity_mps
 from radard.dsp.wideband import range_dft, range_frequencies
 from x2radar.settings import SPEED_OF_LIGHT_MPS
-from x2train.walks_follow import Array, Walk
-from x2train.walks_swing import swing_rms, swinging
+from x2train.walks.follow import Array, Walk
+from x2train.walks.swing import swing_rms, swinging
 
 SLOW_STEP_HZ = (0.6, 1.7)
 """Where steps are looked for: walks of 0.2 to 1 m/s."""

@@ -20,10 +20,10 @@ from radard.bundle import Bundle
 from radard.errors import RadardError, UsageError
 from x2train.bundle_answers import Answers, outputs_of
 from x2train.graph_net import GraphNet
-from x2train.guard import Guard, Misses
-from x2train.own_windows import OwnWindows, stacked
+from x2train.own.guard import Guard, Misses
+from x2train.own.verifier import Seen, first_in_clip
+from x2train.own.windows import OwnWindows, stacked
 from x2train.train import Epoch
-from x2train.verifier import Seen, first_in_clip
 
 Inputs = Mapping[str, NDArray[Any]]
 _BATCH, _OWN_BATCH = 96, 32

@@ -2,7 +2,7 @@
 
 from matplotlib.axes import Axes
 
-from x2train.tradeoff_combinations import PRECISIONS, SETTINGS, Combination, best
+from x2train.tradeoff.combinations import PRECISIONS, SETTINGS, Combination, best
 
 _MARKS = {3: "o", 2: "s", 1: "^"}
 

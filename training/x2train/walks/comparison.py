@@ -9,9 +9,9 @@ import numpy as np
 from radard.dsp.downconvert import DownConverter
 from x2radar.errors import RecordingError
 from x2radar.open_recording import open_recording
-from x2train.walks_follow import Array, Walk, follow
-from x2train.walks_measure import BEHIND_M, measure
-from x2train.walks_scene import FRAMES, RADARS_X_M, simulated_walk, without_delay
+from x2train.walks.follow import Array, Walk, follow
+from x2train.walks.measure import BEHIND_M, measure
+from x2train.walks.scene import FRAMES, RADARS_X_M, simulated_walk, without_delay
 
 WITHIN = 0.2
 _ROWS = (

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
 from radard.dsp.velocity import CPI_S
-from x2train.walks_doppler import doppler_numbers, standing_still
-from x2train.walks_follow import CELL_M, Array, Walk
-from x2train.walks_swing import spread_about_lines, swing_rms
+from x2train.walks.doppler import doppler_numbers, standing_still
+from x2train.walks.follow import CELL_M, Array, Walk
+from x2train.walks.swing import spread_about_lines, swing_rms
 
 PEAK_M = 0.25
 BEHIND_M = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0)

@@ -1,0 +1,1 @@
+"""The trade-off of speed and accuracy: what every method and bundle costs, and loses."""

@@ -1,0 +1,1 @@
+"""The recorded walks against simulated ones: the same processing, the same numbers."""
