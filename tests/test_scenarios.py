@@ -14,6 +14,9 @@ from x2train.suites import SUITES, check_suites, n_more_pets, suite_of
 N_DRAWS = 1500
 
 
+STAYING = {"stand", "busy", "exercise", "sit", "lie", "pant", "groom", "scratch", "play", "jump"}
+
+
 def casts(label, use, n=N_DRAWS, seed=0):
     rng = np.random.default_rng(seed)
     return [draw_cast(rng, label, use) for _ in range(n)]
@@ -35,6 +38,16 @@ def test_training_sees_nothing_that_is_held_out(label):
     assert not any({"human", "pet"} == {f.label for f in cast} for cast in made)
     # All that may be drawn is drawn.
     assert {cast[0].name for cast in made} == {f.name for f in families(label, "train")}
+
+
+@pytest.mark.parametrize("label", ["human", "pet"])
+def test_who_stays_is_of_training_and_moves_in_place(label):
+    made = casts(label, "staying")
+    assert {f.use for cast in made for f in cast} == {"train"}
+    assert all(f.stays for cast in made for f in cast)
+    assert not any({"human", "pet"} == {f.label for f in cast} for cast in made)
+    wanted = {f.name for f in families(label, "train") if f.options.get("style") in STAYING}
+    assert {cast[0].name for cast in made} == wanted
 
 
 @pytest.mark.parametrize("label", ["human", "pet"])
@@ -78,7 +91,7 @@ def test_families_are_drawn_by_weight():
         assert abs(counts[f.name] - expected) < 4.5 * np.sqrt(expected)
 
 
-@pytest.mark.parametrize("use", ["train", "held out", "all", "seed"])
+@pytest.mark.parametrize("use", ["train", "staying", "held out", "all", "seed"])
 def test_same_seed_same_casts(use):
     assert casts("pet", use, 40, seed=3) == casts("pet", use, 40, seed=3)
     assert casts("pet", use, 40, seed=3) != casts("pet", use, 40, seed=4)

@@ -14,7 +14,7 @@ import numpy as np
 
 from x2radar.sim.points import Label
 
-Use = Literal["train", "held out", "seed", "all"]
+Use = Literal["train", "staying", "held out", "seed", "all"]
 LABELS: tuple[Label, ...] = ("human", "pet", "other")
 
 
@@ -138,7 +138,9 @@ FAMILIES: tuple[Family, ...] = _families()
 
 
 def families(label: Label, use: Use = "all") -> tuple[Family, ...]:
-    """Return the families of a label, those of one use or all but the seed's."""
+    """Return the families of a label: of one use, training's that stay, or all but the seed's."""
+    if use == "staying":
+        return tuple(f for f in families(label, "train") if f.stays)
     return tuple(
         f
         for f in FAMILIES
@@ -177,7 +179,7 @@ def draw_cast(rng: np.random.Generator, label: Label, use: Use) -> tuple[Family,
     company = [(other, p) for (who, other), p in PAIRS.items() if who == label]
     if use == "held out":
         company = [(other, p) for other, p in company if (label, other) == ("human", "pet")]
-    if use == "train":
+    if use in {"train", "staying"}:
         company = [(other, p) for other, p in company if (label, other) != ("human", "pet")]
     point = rng.random()
     # Held out is then their company, not how they move.

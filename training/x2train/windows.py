@@ -36,7 +36,7 @@ class WindowSpec:
     ----------
     seed : int
         Passage k draws from ``[seed, k]``.
-    use : {'train', 'held out', 'seed', 'all'}
+    use : {'train', 'staying', 'held out', 'seed', 'all'}
         Families.
     rooms : {'usual', 'unseen'}
         Kind of room.
@@ -62,7 +62,7 @@ class WindowSpec:
         """Return the windows of passage `number`; None if it has none."""
         rng = np.random.default_rng([self.seed, number])
         label = LABELS[(0, 1, 0, 1, 2)[number % 5]]
-        if self.use in {"held out", "seed"}:
+        if self.use in {"staying", "held out", "seed"}:
             label = LABELS[number % 2]
         cast = draw_cast(rng, label, self.use)
         # Passages beside each other share a radar: designing its maps takes as long as both.
