@@ -29,7 +29,7 @@ from x2train.graph_net import GraphNet
 from x2train.own.guard import Guard, Misses, alarms_of, load_guard
 from x2train.own.labels import OwnClip, labelled_clips, merged, named_clips
 from x2train.own.verifier import fit_head
-from x2train.own.windows import own_windows
+from x2train.own.windows import judge_of, own_windows
 from x2train.shards import ShardSet
 
 ULID = "01J0000000000000000000000"
@@ -71,6 +71,18 @@ def finetune(made, *argv, model="tiny"):
 
 def dogs(made, label="pet"):
     return [f"{made / name}.h5={label}" for name in ("dog1", "dog2", "dog3")]
+
+
+def test_who_names_no_bundle_begins_with_the_one_that_judged_the_clips(made, tmp_path, capsys):
+    path = tmp_path / "x4.h5"
+    argv = ("--port", "sim:dog_trot?device=x4m03", "--model", "none", "--speed", "max")
+    assert run_radard(*argv, "--duration", "4", "--record", str(path), "-o", "null")[0] == 0
+    assert judge_of([OwnClip(path, "pet")]) == "x4m03"
+    assert judge_of([OwnClip(made / "dog1.h5", "pet")]) == "accurate"
+    assert judge_of([]) == "accurate"
+    guard = ("--guard", str(made / "guard"))
+    assert main(["finetune", f"{path}=pet", *guard, "--name", "x4m03"]) == 2
+    assert "a name of its own" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("way", ["verifier", "full"])

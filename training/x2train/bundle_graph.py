@@ -117,13 +117,14 @@ def with_verifier(onnx_bytes: bytes, head: Head, *, pet: int, temperature: float
     n_classes = graph.output[0].type.tensor_type.shape.dim[-1].dim_value
     turn = np.zeros((1, n_classes))
     turn[0, pet] = 1
+    plains = outputs.values()
     constants = {
         "weight": (SLOPE * head.weight)[:, None],
         "bias": np.array([SLOPE * (head.bias - head.threshold)]),
         "none": np.array(0.0),
         "most": np.array(MOST_NATS),
-        f"turn_{PLAIN}": temperature * turn,
-        f"turn_{PLAIN_FUSED}": turn,
+        # The head's answers are calibrated as they are.
+        **{f"turn_{plain}": turn * (temperature if plain == PLAIN else 1) for plain in plains},
     }
     for name, values in constants.items():
         array = np.asarray(values, np.float32)

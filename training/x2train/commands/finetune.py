@@ -7,7 +7,7 @@ from rich.console import Console
 from rich.table import Table
 
 from radard.bundle import load_bundle
-from radard.config_sections import DEFAULT_MODEL
+from radard.config_sections import AUTO_MODEL
 from radard.errors import UsageError
 from x2train.commands import Commands, result_console
 
@@ -33,7 +33,7 @@ def register(commands: Commands) -> None:
     add("clips", nargs="*", metavar="FILE=LABEL", help="human, pet, other or wrong (no human)")
     add("--labels", type=Path, metavar="FILE", help="labels.jsonl of the dashboard")
     add("--clips", type=Path, dest="folder", metavar="DIR", help="where its clips are now")
-    add("--model", default=DEFAULT_MODEL, help=f"bundle to start from ({DEFAULT_MODEL})")
+    add("--model", default=AUTO_MODEL, help="bundle to start from (that which judges the clips)")
     add("--guard", type=Path, nargs="+", required=True, help="sets of people not to be missed")
     add("--mix", type=Path, nargs="+", help="simulated sets to learn from beside the clips")
     ways = parser.add_mutually_exclusive_group()
@@ -53,11 +53,10 @@ def _run(args: argparse.Namespace) -> int:
     from x2train.own.finetune import Tuned, tune_network, tune_verifier  # noqa: PLC0415
     from x2train.own.guard import load_guard  # noqa: PLC0415
     from x2train.own.labels import labelled_clips, merged, named_clips  # noqa: PLC0415
-    from x2train.own.windows import own_windows  # noqa: PLC0415
+    from x2train.own.windows import judge_of, own_windows  # noqa: PLC0415
     from x2train.train import Epoch  # noqa: PLC0415
 
     console = result_console()
-    bundle = load_bundle(args.model)
     clips = list(named_clips(args.clips))
     if args.labels is not None:
         found = labelled_clips(args.labels, args.folder)
@@ -65,6 +64,10 @@ def _run(args: argparse.Namespace) -> int:
         for line in found.left_out:
             console.print(f"left out: {line}")
     clips = list(merged(clips))
+    if args.model == AUTO_MODEL:
+        args.model = judge_of(clips)
+        _check_name(args)
+    bundle = load_bundle(args.model)
     guard = load_guard(args.guard, bundle)
     mix = load_guard(args.mix, bundle, least=1) if args.mix else None
     tuned: Tuned | None = None
@@ -121,6 +124,10 @@ def _check(args: argparse.Namespace) -> None:
     if set(args.mix or ()) & set(args.guard):
         msg = "--mix and --guard share a set: people learned from say nothing of people missed"
         raise UsageError(msg)
+    _check_name(args)
+
+
+def _check_name(args: argparse.Namespace) -> None:
     if Path(args.name).name != args.name or args.name == Path(args.model).stem:
         msg = f"--name {args.name}: a name of its own is wanted, without a folder"
         raise UsageError(msg)

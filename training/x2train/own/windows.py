@@ -11,9 +11,11 @@ from numpy.typing import NDArray
 from radard.bundle import Bundle
 from radard.classifier import Answer, Classifier, Hidden
 from radard.config import Config
+from radard.config_sections import AUTO_MODEL, DEFAULT_MODEL
 from radard.decision import Decision
 from radard.errors import ModelMismatch, UsageError
 from radard.features import FeatureSet
+from radard.model_choice import model_for
 from radard.pipeline import Pipeline
 from radard.ring import Dwell, FrameRing, Notice
 from x2radar.blocks import BlockReader
@@ -58,6 +60,14 @@ class _Listener(Classifier):
     def answer(self, features: FeatureSet, hidden: Hidden | None = None) -> Answer:
         self.given.append(features)
         return super().answer(features, hidden)
+
+
+def judge_of(clips: Sequence[OwnClip]) -> str:
+    """Return the name of the bundle that judges such clips when none is named."""
+    if not clips:
+        return DEFAULT_MODEL
+    with open_recording(clips[0].path) as reader:
+        return model_for(AUTO_MODEL, reader.stream)
 
 
 def own_windows(clip: OwnClip, bundle: Bundle) -> OwnWindows:
