@@ -23,10 +23,6 @@ def test_a_shipped_bundle_is_what_its_recipe_makes(name):
     assert recipe_of(training["command"]) == name
     card = sidecar_path(name).with_suffix(".md").read_text()
     assert f"    train-export make {name}\n" in card
-    teacher = RECIPES[name].teacher
-    if teacher:
-        # Shipped beside it, so that the command finds the same one.
-        assert training["teacher"]["onnx_sha256"] == load_bundle(teacher).sha256
 
 
 @pytest.mark.parametrize("name", RECIPES)
@@ -116,13 +112,6 @@ def test_sets_of_later_steps_are_made_beside_the_training(tmp_path, monkeypatch,
     assert shown.count("--workers 2") == 9
 
 
-def test_without_its_teacher_nothing_begins(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    assert main(["make", "x4m03"]) == 2
-    assert "holds no accurate.onnx" in capsys.readouterr().err
-    assert list(tmp_path.iterdir()) == []
-
-
 @pytest.mark.parametrize("argv", [["--share", "0"], ["--share", "2"], ["--workers", "0"]])
 def test_options_out_of_bounds(argv, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -142,4 +131,6 @@ def test_commands_are_shown(capsys):
     assert (
         lines[0] == "train-export dataset --out sets/train --seed 1 --passages 40000 --workers 2"
     )
-    assert lines[-1] == RECIPES["x4m03"].command
+    assert " && ".join(line for line in lines if " dataset " not in line) == (
+        RECIPES["x4m03"].command
+    )

@@ -38,14 +38,18 @@ def report(folder, table, title="Bundle mine, policy fused", n_passages=None):
     return folder
 
 
-def printed(tool, *folders):
-    done = subprocess.run(
+def run(tool, *folders):
+    return subprocess.run(
         [sys.executable, ROOT / "tools" / tool, *folders],
         capture_output=True,
         text=True,
         check=False,
         timeout=120,
     )
+
+
+def printed(tool, *folders):
+    done = run(tool, *folders)
     assert done.returncode == 0, done.stderr
     return done.stdout.splitlines()
 
@@ -103,3 +107,11 @@ def test_bundles_on_the_same_passages(tmp_path):
     at_equal = [float(row[5].removesuffix(" %")) for row in (mine, poor)]
     assert at_equal[0] < at_equal[1]
     assert cells(lines, "`mine`, window")[3:] == ["as above"] * 4
+
+
+@pytest.mark.parametrize("tool", ["report_rows.py", "suite_rows.py"])
+def test_a_folder_without_a_report_is_told(tool, tmp_path):
+    done = run(tool, tmp_path)
+    assert done.returncode == 2
+    assert "holds no report.json" in done.stderr
+    assert "Traceback" not in done.stderr

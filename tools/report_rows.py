@@ -87,11 +87,20 @@ def rows(folder: Path) -> Iterator[tuple[str, ...]]:
         yield (f"`{name}`, window", *theirs, *("as above",) * 4)
 
 
+def asked(description: str) -> list[Path]:
+    """Return the folders of the command line; whoever names one without a report is told."""
+    parser = argparse.ArgumentParser(description=description)
+    parser.add_argument("folders", type=Path, nargs="+", metavar="DIR")
+    folders: list[Path] = parser.parse_args().folders
+    for folder in folders:
+        if not (folder / "report.json").is_file():
+            parser.error(f"{folder}: holds no report.json, as train-export evaluate --out leaves")
+    return folders
+
+
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("folders", type=Path, nargs="+", metavar="DIR")
-    folders = parser.parse_args().folders
+    folders = asked(__doc__.partition("\n")[0])
     about = json.loads((folders[0] / "passages" / "manifest.json").read_text())["about"]
     table = PassageTable.load(folders[0] / "passages")
     pets = table.label == "pet"

@@ -6,7 +6,6 @@ Each DIR is what `train-export evaluate --out DIR` left, all on the same passage
 one's intervals and times are shown. Visits beyond those of the suites are left out.
 """
 
-import argparse
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -14,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from report_rows import auc, missed_at, percent
+from report_rows import asked, auc, missed_at, percent
 
 from x2train.report import PassageTable
 from x2train.report.intervals import Estimate, share
@@ -127,9 +126,7 @@ def told(judged: Judged) -> Iterator[str]:
 
 def main() -> None:
     """Print the tables."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("folders", type=Path, nargs="+", metavar="DIR")
-    judged = [Judged.of(folder) for folder in parser.parse_args().folders]
+    judged = [Judged.of(folder) for folder in asked(__doc__.partition("\n")[0])]
     lines = [*people_rows(judged), "", *quiet_rows(judged)]
     for each in judged:
         lines += ["", *told(each)]

@@ -25,6 +25,10 @@ _SETS: Mapping[str, tuple[int, str]] = MappingProxyType(
         "longcheck": (1_500, f"{_LONG} --seed 22"),
         "longheld": (5_000, f"{_LONG} --families {_HELD_OUT} --seed 23"),
         "longhcheck": (800, f"{_LONG} --families {_HELD_OUT} --seed 24"),
+        "x4long": (2_000, f"{_X4M03} {_LONG} --seed 31"),
+        "x4longcheck": (600, f"{_X4M03} {_LONG} --seed 32"),
+        "x4longheld": (1_500, f"{_X4M03} {_LONG} --families {_HELD_OUT} --seed 33"),
+        "x4longhcheck": (400, f"{_X4M03} {_LONG} --families {_HELD_OUT} --seed 34"),
     }
 )
 """Passages, and whatever else `train-export dataset` is told, by the set's folder."""
@@ -36,16 +40,12 @@ _LONG_SETS = (
     "--train sets/train sets/held sets/seed sets/long sets/longheld "
     "--validate sets/check sets/hcheck sets/longcheck sets/longhcheck"
 )
-_TEACHER = "accurate"
+_X4_LONG_SETS = (
+    "--train sets/train sets/held sets/x4train sets/x4held sets/long sets/longheld "
+    "sets/x4long sets/x4longheld "
+    "--validate sets/x4check sets/x4hcheck sets/x4longcheck sets/x4longhcheck"
+)
 _ALONE = "--seed 0 --half --compile"
-_TAUGHT = f"{_ALONE} --teacher models/{_TEACHER}.onnx"
-
-
-def _head(name: str) -> str:
-    return (
-        f"train-export temporal --model models/{name}.onnx {_LONG_SETS} "
-        f"--size {name} --epochs 6 --seed 0"
-    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,12 +56,9 @@ class Recipe:
     ----------
     commands : tuple of str
         Of `train-export`, behind its sets, as the bundle's card has them.
-    teacher : str
-        Bundle that must be there before; empty for none.
     """
 
     commands: tuple[str, ...]
-    teacher: str = ""
 
     @property
     def command(self) -> str:
@@ -69,30 +66,23 @@ class Recipe:
         return " && ".join(self.commands)
 
 
+def _recipe(
+    name: str, size: str, epochs: int, sets: str = _ALL, long_sets: str = _LONG_SETS
+) -> Recipe:
+    fit = f"train-export fit {sets} --name {name} --size {size} --epochs {epochs} {_ALONE}"
+    head = (
+        f"train-export temporal --model models/{name}.onnx {long_sets} "
+        f"--size {size} --epochs 6 --seed 0"
+    )
+    return Recipe((fit, head))
+
+
 RECIPES: Mapping[str, Recipe] = MappingProxyType(
     {
-        "accurate": Recipe(
-            (
-                f"train-export fit {_ALL} --name accurate --size accurate --epochs 7 {_ALONE}",
-                _head("accurate"),
-            )
-        ),
-        "balanced": Recipe(
-            (
-                f"train-export fit {_ALL} --name balanced --size balanced --epochs 10 {_ALONE}",
-                _head("balanced"),
-            )
-        ),
-        "fast": Recipe(
-            (
-                f"train-export fit {_ALL} --name fast --size fast --epochs 6 {_ALONE}",
-                _head("fast"),
-            )
-        ),
-        "x4m03": Recipe(
-            (f"train-export fit {_X4_SETS} --name x4m03 --size balanced --epochs 9 {_TAUGHT}",),
-            _TEACHER,
-        ),
+        "accurate": _recipe("accurate", "accurate", 7),
+        "balanced": _recipe("balanced", "balanced", 10),
+        "fast": _recipe("fast", "fast", 6),
+        "x4m03": _recipe("x4m03", "accurate", 7, _X4_SETS, _X4_LONG_SETS),
     }
 )
 """By name of the bundle."""

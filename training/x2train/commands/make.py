@@ -65,10 +65,6 @@ def _run(args: argparse.Namespace, run: Callable[[list[str]], int]) -> int:
     if args.show:
         print("\n".join(f"train-export {shlex.join(step)}" for step in steps))  # noqa: T201
         return 0
-    teacher = RECIPES[args.name].teacher
-    if teacher and not args.sets and not (args.out / f"{teacher}.onnx").is_file():
-        msg = f"{args.out}: holds no {teacher}.onnx, which teaches {args.name}; make it first"
-        raise UsageError(msg)
     console = Console(stderr=True, soft_wrap=True, highlight=False, markup=False)
     for number, step in enumerate(steps, 1):
         console.print(f"[{number}/{len(steps)}] train-export {shlex.join(step)}")
