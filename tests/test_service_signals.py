@@ -171,7 +171,7 @@ def test_a_second_signal_forces_the_end():
 
 def panel_of(daemon, key, wanted):
     """Wait until the panel says so."""
-    for _ in range(200):
+    for _ in range(1000):
         if daemon.run.radar.panel().get(key) == wanted:
             return
         time.sleep(0.02)
