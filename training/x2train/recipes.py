@@ -25,6 +25,7 @@ _SETS: Mapping[str, tuple[int, str]] = MappingProxyType(
         "longcheck": (1_500, f"{_LONG} --seed 22"),
         "longheld": (5_000, f"{_LONG} --families {_HELD_OUT} --seed 23"),
         "longhcheck": (800, f"{_LONG} --families {_HELD_OUT} --seed 24"),
+        "stay": (6_000, f"{_LONG} --families staying --seed 41"),
         "x4long": (2_000, f"{_X4M03} {_LONG} --seed 31"),
         "x4longcheck": (600, f"{_X4M03} {_LONG} --seed 32"),
         "x4longheld": (1_500, f"{_X4M03} {_LONG} --families {_HELD_OUT} --seed 33"),
@@ -40,6 +41,9 @@ _LONG_SETS = (
     "--train sets/train sets/held sets/seed sets/long sets/longheld "
     "--validate sets/check sets/hcheck sets/longcheck sets/longhcheck"
 )
+_MORE = "--train sets/train sets/held sets/seed sets/long sets/longheld sets/stay "
+_MORE_SETS = f"{_MORE}--validate sets/check sets/hcheck"
+_MORE_LONG_SETS = f"{_MORE}--validate sets/check sets/hcheck sets/longcheck sets/longhcheck"
 _X4_LONG_SETS = (
     "--train sets/train sets/held sets/x4train sets/x4held sets/long sets/longheld "
     "sets/x4long sets/x4longheld "
@@ -79,7 +83,7 @@ def _recipe(
 
 RECIPES: Mapping[str, Recipe] = MappingProxyType(
     {
-        "accurate": _recipe("accurate", "accurate", 7),
+        "accurate": _recipe("accurate", "accurate", 6, _MORE_SETS, _MORE_LONG_SETS),
         "balanced": _recipe("balanced", "balanced", 10),
         "fast": _recipe("fast", "fast", 6),
         "x4m03": _recipe("x4m03", "accurate", 7, _X4_SETS, _X4_LONG_SETS),
