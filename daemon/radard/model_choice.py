@@ -5,7 +5,8 @@ from radard.config_sections import AUTO_MODEL, DEFAULT_MODEL
 from x2radar.frame import StreamInfo
 
 OF_ONE_MODULE = ("x4m03",)
-"""Bundles that were made for one module; each knows it better than `DEFAULT_MODEL` does."""
+"""Bundles that were made for one module: there they miss less than `DEFAULT_MODEL` at as many
+false alarms (docs/evaluation.md)."""
 
 
 def model_for(name: str, stream: StreamInfo | None = None) -> str:

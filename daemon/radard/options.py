@@ -12,7 +12,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("--port", help="/dev/ttyACM0, a pyserial URL, sim:SCENE[?seed=1] or replay:FILE")
     add("-o", "--output", action="append", help="json, json:FILE, table or null; repeatable")
-    add("--model", help="installed bundle, .onnx file, or none for the gate alone")
+    add("--model", help="installed bundle, .onnx file, none for the gate alone, or auto")
     add("--profile", help="fast, balanced or accurate: the bundle of that name")
     add("--sensitivity", choices=["low", "normal", "high"], help="see radard explain (normal)")
     add("--speed", help="realtime, max or a factor (sim and replay)")
