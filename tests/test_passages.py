@@ -115,6 +115,11 @@ def test_long_passages_have_long_stays():
     assert last_s["short"] <= 2.6 + 6.0 < last_s["long"] <= 2.6 + 16.0
 
 
+def test_things_make_windows_of_nobody():
+    made = [w for k in range(6) if (w := replace(FEW, use="things")(k)) is not None]
+    assert {LABELS[k] for w in made for k in w["label"]} == {"other"}
+
+
 def test_workers_and_shards_do_not_matter(tmp_path):
     columns = []
     for name, workers, per_shard in (("a", 1, 2), ("b", 2, 5)):

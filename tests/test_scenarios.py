@@ -50,6 +50,14 @@ def test_who_stays_is_of_training_and_moves_in_place(label):
     assert {cast[0].name for cast in made} == wanted
 
 
+def test_things_are_every_thing_and_nobody_beside_it():
+    made = casts("other", "things")
+    assert {f.name for cast in made for f in cast} == {f.name for f in families("other", "train")}
+    assert {len(cast) for cast in made} == {1}
+    assert not families("human", "things")
+    assert not families("pet", "things")
+
+
 @pytest.mark.parametrize("label", ["human", "pet"])
 def test_held_out_casts_are_new_in_family_or_in_company(label):
     for cast in casts(label, "held out"):

@@ -14,7 +14,7 @@ import numpy as np
 
 from x2radar.sim.points import Label
 
-Use = Literal["train", "staying", "held out", "seed", "all"]
+Use = Literal["train", "staying", "things", "held out", "seed", "all"]
 LABELS: tuple[Label, ...] = ("human", "pet", "other")
 
 
@@ -138,7 +138,9 @@ FAMILIES: tuple[Family, ...] = _families()
 
 
 def families(label: Label, use: Use = "all") -> tuple[Family, ...]:
-    """Return the families of a label: of one use, training's that stay, or all but the seed's."""
+    """Return the families of a label: of one use, some of training's, or all but the seed's."""
+    if use == "things":
+        return tuple(f for f in families(label, "train") if f.label == "other")
     if use == "staying":
         return tuple(f for f in families(label, "train") if f.stays)
     return tuple(

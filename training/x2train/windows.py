@@ -36,7 +36,7 @@ class WindowSpec:
     ----------
     seed : int
         Passage k draws from ``[seed, k]``.
-    use : {'train', 'staying', 'held out', 'seed', 'all'}
+    use : {'train', 'staying', 'things', 'held out', 'seed', 'all'}
         Families.
     rooms : {'usual', 'unseen'}
         Kind of room.
@@ -64,6 +64,8 @@ class WindowSpec:
         label = LABELS[(0, 1, 0, 1, 2)[number % 5]]
         if self.use in {"staying", "held out", "seed"}:
             label = LABELS[number % 2]
+        elif self.use == "things":
+            label = "other"
         cast = draw_cast(rng, label, self.use)
         # Passages beside each other share a radar: designing its maps takes as long as both.
         radar_rng = np.random.default_rng([self.seed, number // _A_RADAR, _RADAR])

@@ -43,9 +43,9 @@ def register(commands: Commands) -> None:
     add("--passages", type=int, default=24_000, help="passages to simulate (24000)")
     add(
         "--families",
-        choices=("train", "staying", "held out", "seed", "all"),
+        choices=("train", "staying", "things", "held out", "seed", "all"),
         default="train",
-        help="who moves; staying: those of train that move in their place (train)",
+        help="who moves; staying: who stays in place; things: nobody (train)",
     )
     add("--rooms", choices=("usual", "unseen"), default="usual", help="where")
     add("--radar", choices=("any", "x2", "x4m03"), default="any", help="with which radar (any)")
