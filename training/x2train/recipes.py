@@ -25,7 +25,10 @@ _SETS: Mapping[str, tuple[int, str]] = MappingProxyType(
         "longcheck": (1_500, f"{_LONG} --seed 22"),
         "longheld": (5_000, f"{_LONG} --families {_HELD_OUT} --seed 23"),
         "longhcheck": (800, f"{_LONG} --families {_HELD_OUT} --seed 24"),
+        "longmore": (8_000, f"{_LONG} --seed 25"),
+        "heldmore": (4_000, f"{_LONG} --families {_HELD_OUT} --seed 26"),
         "stay": (6_000, f"{_LONG} --families staying --seed 41"),
+        "things": (4_000, f"{_LONG} --families things --seed 43"),
         "x4long": (2_000, f"{_X4M03} {_LONG} --seed 31"),
         "x4longcheck": (600, f"{_X4M03} {_LONG} --seed 32"),
         "x4longheld": (1_500, f"{_X4M03} {_LONG} --families {_HELD_OUT} --seed 33"),
@@ -41,9 +44,12 @@ _LONG_SETS = (
     "--train sets/train sets/held sets/seed sets/long sets/longheld "
     "--validate sets/check sets/hcheck sets/longcheck sets/longhcheck"
 )
-_MORE = "--train sets/train sets/held sets/seed sets/long sets/longheld sets/stay "
-_MORE_SETS = f"{_MORE}--validate sets/check sets/hcheck"
-_MORE_LONG_SETS = f"{_MORE}--validate sets/check sets/hcheck sets/longcheck sets/longhcheck"
+_MORE = "--train sets/train sets/held sets/seed sets/long sets/longheld sets/stay sets/things"
+_MORE_SETS = f"{_MORE} --validate sets/check sets/hcheck"
+_MORE_LONG_SETS = (
+    f"{_MORE} sets/longmore sets/heldmore "
+    "--validate sets/check sets/hcheck sets/longcheck sets/longhcheck"
+)
 _X4_LONG_SETS = (
     "--train sets/train sets/held sets/x4train sets/x4held sets/long sets/longheld "
     "sets/x4long sets/x4longheld "

@@ -137,12 +137,14 @@ export class HeatMap extends Chart {
   }
 
   #drawMarks(c, y) {
-    const { x, w } = this.box;
+    const { x, y: top, w, h } = this.box;
     for (const mark of this.marks) {
       const px = this.x(mark.t_s);
       if (px < x - 4 || px > x + w + 4) continue;
+      // A track that has left the swath is still followed a little: it waits at the edge.
+      const py = Math.min(Math.max(y(mark.value), top), top + h);
       c.beginPath();
-      c.arc(px, y(mark.value), 3.5, 0, 2 * Math.PI);
+      c.arc(px, py, 3.5, 0, 2 * Math.PI);
       c.fillStyle = colour(mark.tone);
       c.strokeStyle = colour("panel");
       c.lineWidth = 1.5;
