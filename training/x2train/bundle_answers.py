@@ -45,14 +45,26 @@ class Answers:
         z = self.fused - self.fused.max(axis=1, keepdims=True)
         return np.asarray(z - np.log(np.exp(z).sum(axis=1, keepdims=True)))
 
-    def turned(self, excess: Array, *, pet: int, temperature: float) -> "Answers":
-        """Return them as a verifier leaves them, see `x2train.bundle_graph.with_verifier`."""
+    def turned(
+        self, excess: Array, fused_excess: Array, *, pet: int, temperature: float
+    ) -> "Answers":
+        """Return them as a verifier leaves them, see `x2train.bundle_graph.with_verifier`.
+
+        Parameters
+        ----------
+        excess, fused_excess : ndarray, shape (n,), float64
+            What is added for a pet to windows and to the temporal head, in nats.
+        pet : int
+            Which class that is.
+        temperature : float
+            Logits of windows are divided by it later.
+        """
         logits = self.logits.copy()
         logits[:, pet] += temperature * excess
         if self.fused is None:
             return Answers(logits)
         fused = self.fused.copy()
-        fused[:, pet] += excess
+        fused[:, pet] += fused_excess
         return Answers(logits, fused, self.hidden)
 
 

@@ -6,32 +6,44 @@ layer alone has forgotten what makes one pet unlike another.
 
 The verifier's part of the graph::
 
-    excess = clip(slope (w . seen + b - threshold), 0, most)
-    logits = plain logits + excess temperature e_pet
-    fused logits = plain fused logits + excess e_pet      (of a temporal head, if it has one)
+    score = w . seen + b
+    logits = plain logits + clip(slope (score - threshold), 0, most) temperature e_pet
 
-Where the head's score is under its threshold the logits are those of the network, bit by bit,
+and with a temporal head, whose hidden values have `recent` and `count` at their end::
+
+    count' = min(count + 1, memory)
+    recent' = recent + (score - recent) / count'
+    fused logits = plain fused logits + clip(slope (recent' - fused threshold), 0, most) e_pet
+
+Where a score is under its threshold the logits are those of the network, bit by bit,
 and nothing ever raises a person's probability: an alarm may become a pet, no more.
 """
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import onnx
 from numpy.typing import NDArray
 from onnx import helper, numpy_helper
 
-from radard.classifier import FUSED_LOGITS
+from radard.classifier import FUSED_LOGITS, HIDDEN, NEXT_HIDDEN
 from radard.errors import UsageError
 
 SEEN = "verifier_seen"
 PLAIN, PLAIN_FUSED = "verifier_plain_logits", "verifier_plain_fused_logits"
+_PLAIN_HIDDEN, _PLAIN_NEXT = "verifier_plain_hidden", "verifier_plain_next_hidden"
+Step: TypeAlias = tuple[str, list[str], list[str]]
+"""Of a graph: what is done, with what, and what comes of it."""
 SLOPE = 4.0
 """Nats of evidence for each nat of score over the threshold: steep, but without a jump."""
 MOST_NATS = 6.0
 """Most that is added: where the network is surer of a person than that, the alarm stays."""
+MEMORY = 4
+"""Windows whose scores count for the fused logits: somebody who comes after the pet is no pet."""
+N_KEPT = 2
+"""Hidden values of a verifier."""
 _LEAST_OPSET = 18
 """From there on axes are an input of ReduceMean."""
 
@@ -47,20 +59,50 @@ class Head:
     bias : float
         Likewise.
     threshold : float
-        Score above which windows turn towards pet.
+        Score above which the logits of a window turn towards pet.
+    fused_threshold : float
+        Recent score above which those of a temporal head do; infinite: never.
     """
 
     weight: NDArray[np.float64]
     bias: float
     threshold: float
+    fused_threshold: float = float("inf")
 
     def score(self, seen: NDArray[np.float32]) -> NDArray[np.float64]:
         """Return the scores of windows, shape (n,), of what is seen, shape (n, n_seen)."""
         return np.asarray(seen @ self.weight + self.bias, np.float64)
 
-    def excess(self, seen: NDArray[np.float32]) -> NDArray[np.float64]:
-        """Return what is added to the log-likelihood of a pet, in nats, shape (n,)."""
-        return np.clip(SLOPE * (self.score(seen) - self.threshold), 0.0, MOST_NATS)
+    def excess(self, score: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return what is added to the log-likelihood of a pet, in nats, by scores of windows."""
+        return _clipped(score - self.threshold)
+
+    def fused_excess(self, recent: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return what is added to that of the temporal head, in nats, by recent scores."""
+        return _clipped(recent - self.fused_threshold)
+
+
+def recent_scores(score: NDArray[np.float64], is_first: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Return the running mean of the scores of windows in order, shape (n,).
+
+    Parameters
+    ----------
+    score : ndarray, shape (n,), float64
+    is_first : ndarray, shape (n,), bool
+        Where the gate has opened: there it begins anew.
+    """
+    found = np.zeros(len(score))
+    recent, count = 0.0, 0
+    for k, (value, is_new) in enumerate(zip(score.tolist(), is_first.tolist(), strict=True)):
+        recent, count = (0.0, 0) if is_new else (recent, count)
+        count = min(count + 1, MEMORY)
+        recent += (value - recent) / count
+        found[k] = recent
+    return found
+
+
+def _clipped(over: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.clip(SLOPE * over, 0.0, MOST_NATS)
 
 
 def with_seen(onnx_bytes: bytes) -> onnx.ModelProto:
@@ -93,14 +135,14 @@ def with_seen(onnx_bytes: bytes) -> onnx.ModelProto:
 
 
 def with_verifier(onnx_bytes: bytes, head: Head, *, pet: int, temperature: float) -> bytes:
-    """Return the network with a verifier beside it; inputs and outputs stay as they are.
+    """Return the network with a verifier beside it; of a temporal head `N_KEPT` more are hidden.
 
     Parameters
     ----------
     onnx_bytes : bytes
         A bundle's network, without a verifier.
     head : Head
-        With its threshold.
+        With its thresholds.
     pet : int
         Which of the logits is that of a pet.
     temperature : float
@@ -108,38 +150,81 @@ def with_verifier(onnx_bytes: bytes, head: Head, *, pet: int, temperature: float
     """
     model = with_seen(onnx_bytes)
     graph = model.graph
-    outputs = {graph.output[0].name: PLAIN}
-    if FUSED_LOGITS in {each.name for each in graph.output}:
-        outputs[FUSED_LOGITS] = PLAIN_FUSED
+    has_head = FUSED_LOGITS in {each.name for each in graph.output}
+    plain = {graph.output[0].name: PLAIN}
+    if has_head:
+        plain |= {FUSED_LOGITS: PLAIN_FUSED, NEXT_HIDDEN: _PLAIN_NEXT, HIDDEN: _PLAIN_HIDDEN}
     for node in graph.node:
-        for k, name in enumerate(node.output):
-            node.output[k] = outputs.get(name, name)
+        for names in (node.input, node.output):
+            names[:] = [plain.get(name, name) for name in names]
     n_classes = graph.output[0].type.tensor_type.shape.dim[-1].dim_value
     turn = np.zeros((1, n_classes))
     turn[0, pet] = 1
-    plains = outputs.values()
     constants = {
-        "weight": (SLOPE * head.weight)[:, None],
-        "bias": np.array([SLOPE * (head.bias - head.threshold)]),
+        "weight": head.weight[:, None],
+        "bias": np.array([head.bias]),
+        "slope": np.array(SLOPE),
         "none": np.array(0.0),
         "most": np.array(MOST_NATS),
-        # The head's answers are calibrated as they are.
-        **{f"turn_{plain}": turn * (temperature if plain == PLAIN else 1) for plain in plains},
+        "threshold": np.array(head.threshold),
+        "turn": temperature * turn,
     }
+    steps: list[Step] = [("Gemm", [SEEN, "weight", "bias"], ["score"])]
+    steps += _turning("score", "threshold", "turn", PLAIN, graph.output[0].name)
+    if has_head:
+        # The temporal head's answers are calibrated as they are.
+        constants |= {
+            "fused_threshold": np.array(head.fused_threshold),
+            "fused_turn": turn,
+            "one": np.array(1.0),
+            "memory": np.array(float(MEMORY)),
+        }
+        (given,) = (each for each in graph.input if each.name == HIDDEN)
+        n_hidden = given.type.tensor_type.shape.dim[1].dim_value
+        sizes = numpy_helper.from_array(np.array([n_hidden, 1, 1]), "verifier_sizes")
+        graph.initializer.append(sizes)
+        kept = [_PLAIN_HIDDEN, "verifier_recent", "verifier_count"]
+        # First of all nodes: the head needs its share of what was kept.
+        split = helper.make_node("Split", [HIDDEN, "verifier_sizes"], kept, axis=1)
+        graph.node.insert(0, split)
+        steps += [
+            ("Add", ["count", "one"], ["counted"]),
+            ("Min", ["counted", "memory"], ["next_count"]),
+            ("Sub", ["score", "recent"], ["newer"]),
+            ("Div", ["newer", "next_count"], ["step"]),
+            ("Add", ["recent", "step"], ["next_recent"]),
+            *_turning("next_recent", "fused_threshold", "fused_turn", PLAIN_FUSED, FUSED_LOGITS),
+        ]
+        (handed,) = (each for each in graph.output if each.name == NEXT_HIDDEN)
+        for each in (given, handed):
+            each.type.tensor_type.shape.dim[1].dim_value = n_hidden + N_KEPT
     for name, values in constants.items():
         array = np.asarray(values, np.float32)
         graph.initializer.append(numpy_helper.from_array(array, f"verifier_{name}"))
-    steps = [
-        ("Gemm", [SEEN, "verifier_weight", "verifier_bias"], "verifier_score"),
-        ("Clip", ["verifier_score", "verifier_none", "verifier_most"], "verifier_excess"),
-    ]
-    for name, plain in outputs.items():
-        turned = f"verifier_turned_{plain}"
-        steps.append(("MatMul", ["verifier_excess", f"verifier_turn_{plain}"], turned))
-        steps.append(("Add", [plain, turned], name))
-    graph.node.extend([helper.make_node(op, given, [made]) for op, given, made in steps])
+    outside = {SEEN, FUSED_LOGITS, graph.output[0].name, *plain.values()}
+    for op, given_names, made in steps:
+        takes, gives = (
+            [name if name in outside else f"verifier_{name}" for name in names]
+            for names in (given_names, made)
+        )
+        graph.node.append(helper.make_node(op, takes, gives))
+    if has_head:
+        parts = [_PLAIN_NEXT, "verifier_next_recent", "verifier_next_count"]
+        graph.node.append(helper.make_node("Concat", parts, [NEXT_HIDDEN], axis=1))
+    del graph.value_info[:]
     onnx.checker.check_model(model)
     return bytes(model.SerializeToString(deterministic=True))
+
+
+def _turning(score: str, threshold: str, turn: str, plain: str, made: str) -> list[Step]:
+    """Return the steps from a score to logits that it turns."""
+    return [
+        ("Sub", [score, threshold], [f"{score}_over"]),
+        ("Mul", [f"{score}_over", "slope"], [f"{score}_nats"]),
+        ("Clip", [f"{score}_nats", "none", "most"], [f"{score}_excess"]),
+        ("MatMul", [f"{score}_excess", turn], [f"{score}_turned"]),
+        ("Add", [plain, f"{score}_turned"], [made]),
+    ]
 
 
 def given_to_last(model: onnx.ModelProto) -> str:

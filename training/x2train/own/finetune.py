@@ -11,7 +11,7 @@ import numpy as np
 from radard.bundle import CLASSES, Bundle
 from radard.errors import UsageError
 from x2train.bundle_answers import outputs_of
-from x2train.bundle_graph import Head, with_verifier
+from x2train.bundle_graph import MEMORY, N_KEPT, Head, with_verifier
 from x2train.own.guard import Guard, Misses
 from x2train.own.retrain import guarded_line, retrain
 from x2train.own.verifier import NOTHING, Seen, check_use, first_in_clip, fit_head, guarded
@@ -98,15 +98,18 @@ def tune_verifier(
     tell("a verifier of all own clips")
     head, after = made_of(clips)
     check_use(clips, head)
-    onnx = with_verifier(bundle.onnx, head, pet=_PET, temperature=bundle.temperature)
-    return _tuned(
+    made = replace(
         bundle,
-        onnx,
+        onnx=with_verifier(bundle.onnx, head, pet=_PET, temperature=bundle.temperature),
+        n_hidden=bundle.n_hidden + N_KEPT if bundle.n_hidden else 0,
+    )
+    return _tuned(
+        made,
         own,
         held.misses(bundle, seen.answers),
         after,
         left_out=_left_out(bundle, clips, made_of, tell),
-        detail=f"threshold {head.threshold:.2f} nats",
+        detail=_thresholds(head),
     )
 
 
@@ -146,7 +149,9 @@ def tune_network(
         made = guarded_line(bundle, step, held, clips, [each.inputs for each in own])
         before = held.misses(bundle, see(bundle, held, with_rows=False).answers)
         detail = f"{made.share:.1f} of the way from the old weights to the trained ones"
-        tuned = _tuned(bundle, made.onnx, own, before, made.misses, left_out=None, detail=detail)
+        tuned = _tuned(
+            replace(bundle, onnx=made.onnx), own, before, made.misses, left_out=None, detail=detail
+        )
         old, new, _ = tuned.count(is_human=False)
         if new >= old:
             msg = f"of {old} own clips of pets with an alarm {new} still have one: {NOTHING}"
@@ -159,7 +164,7 @@ def see(bundle: Bundle, guard: Guard, *, with_rows: bool = True) -> Seen:
     made = outputs_of(
         bundle.onnx, guard.inputs(bundle), is_first=guard.is_first, with_what_is_seen=with_rows
     )
-    return Seen(*made, np.asarray(guard.columns["t_s"], np.float64))
+    return Seen(*made, np.asarray(guard.columns["t_s"], np.float64), guard.is_first)
 
 
 def quiet_shares(bundle: Bundle, guard: Guard) -> dict[str, float]:
@@ -194,15 +199,20 @@ def _left_out(
 
 
 def _seen(bundle: Bundle, own: OwnWindows) -> Seen:
-    made = outputs_of(
-        bundle.onnx, stacked([own]), is_first=first_in_clip(own.t_s), with_what_is_seen=True
-    )
-    return Seen(*made, own.t_s, is_human=own.clip.is_human)
+    is_first = first_in_clip(own.t_s)
+    made = outputs_of(bundle.onnx, stacked([own]), is_first=is_first, with_what_is_seen=True)
+    return Seen(*made, own.t_s, is_first, own.clip.is_human)
+
+
+def _thresholds(head: Head) -> str:
+    text = f"threshold {head.threshold:.2f} nats"
+    if np.isfinite(head.fused_threshold):
+        text += f", {head.fused_threshold:.2f} over the last {MEMORY} windows"
+    return text
 
 
 def _tuned(
-    bundle: Bundle,
-    onnx: bytes,
+    made: Bundle,
     own: Sequence[OwnWindows],
     before: Misses,
     after: Misses,
@@ -210,7 +220,6 @@ def _tuned(
     left_out: tuple[int, int] | None,
     detail: str,
 ) -> Tuned:
-    made = replace(bundle, onnx=onnx)
     rows = tuple(
         (c.clip.label, c.n_alarms > 0, any(d.alarm for d in decisions_on(c.clip, made)))
         for c in own

@@ -20,7 +20,7 @@ from radard.bundle import Bundle
 from radard.errors import RadardError, UsageError
 from x2train.bundle_answers import Answers, outputs_of
 from x2train.graph_net import GraphNet
-from x2train.own.guard import Guard, Misses
+from x2train.own.guard import MOST_RISE, Guard, Misses
 from x2train.own.verifier import Seen, first_in_clip
 from x2train.own.windows import OwnWindows, stacked
 from x2train.train import Epoch
@@ -167,8 +167,8 @@ def guarded_line(
         if keeps and before.allows(after):
             return Retrained(made, share, after)
     msg = (
-        "every retrained network misses over 0.2 points more people of the guard, or one of the "
-        "own clips: nothing was written"
+        f"every retrained network misses over {100 * MOST_RISE:g} points more people of the "
+        "guard, or one of the own clips: nothing was written"
     )
     raise UsageError(msg)
 

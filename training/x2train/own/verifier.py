@@ -1,8 +1,9 @@
 """Verifier: a logistic head that knows one's own pet, and the threshold that keeps it harmless.
 
 It sees what the network's layers see, and learns to tell own windows of what is no human
-from windows of simulated people (and of one's own, where some were labelled). Its threshold is
-the lowest at which people of the guard are missed no more often than the bound allows.
+from windows of simulated people (and of one's own, where some were labelled). Its thresholds,
+of a window and of the last few, are the lowest at which people of the guard are missed no more
+often than the bound allows.
 """
 
 from collections.abc import Callable, Sequence
@@ -15,9 +16,9 @@ from scipy.optimize import minimize
 from radard.bundle import CLASSES, Bundle
 from radard.errors import UsageError
 from x2train.bundle_answers import Answers
-from x2train.bundle_graph import Head
+from x2train.bundle_graph import Head, recent_scores
 from x2train.evidence_fit import first_windows
-from x2train.own.guard import Guard, Misses, alarms_of
+from x2train.own.guard import MOST_RISE, Guard, Misses, alarms_of
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.float32]
@@ -42,6 +43,8 @@ class Seen:
         What is seen of them, see `x2train.bundle_graph`.
     t_s : ndarray, shape (n,), float64
         Stream time at the end of each, in seconds.
+    is_first : ndarray, shape (n,), bool
+        Where the gate has opened.
     is_human : bool
         By the label of the clip.
     """
@@ -49,17 +52,22 @@ class Seen:
     answers: Answers
     rows: Rows
     t_s: Array
+    is_first: NDArray[np.bool_]
     is_human: bool = False
 
     def has_alarm(self, bundle: Bundle, answers: Answers | None = None) -> bool:
         """Return whether any of a clip's windows is an alarm by the bundle's policy."""
         known = self.answers if answers is None else answers
-        return any(alarms_of(bundle, known, first_in_clip(self.t_s), self.t_s))
+        return any(alarms_of(bundle, known, self.is_first, self.t_s))
 
     def turned(self, bundle: Bundle, head: Head) -> Answers:
         """Return the answers as the verifier leaves them."""
-        excess = head.excess(self.rows)
-        return self.answers.turned(excess, pet=_PET, temperature=bundle.temperature)
+        return self.answers.turned(*self.excess(head), pet=_PET, temperature=bundle.temperature)
+
+    def excess(self, head: Head) -> tuple[Array, Array]:
+        """Return what a head adds for a pet to windows and, of the last few, to what is fused."""
+        score = head.score(self.rows)
+        return head.excess(score), head.fused_excess(recent_scores(score, self.is_first))
 
 
 def first_in_clip(t_s: Array) -> NDArray[np.bool_]:
@@ -113,7 +121,7 @@ def fit_head(own: Rows, people: Rows, own_people: Rows) -> Head:
 def guarded(
     head: Head, bundle: Bundle, guard: Guard, seen: Seen, own: Sequence[Seen]
 ) -> tuple[Head, Misses]:
-    """Return the head with the lowest threshold that the guard allows, and its misses.
+    """Return the head with the lowest thresholds that the guard allows, and its misses.
 
     Parameters
     ----------
@@ -131,25 +139,37 @@ def guarded(
     before = guard.misses(bundle, seen.answers)
     people = [clip for clip in own if clip.is_human and clip.has_alarm(bundle)]
 
-    def tried(threshold: float) -> tuple[Head, Misses]:
-        made = replace(head, threshold=threshold)
-        return made, guard.misses(bundle, seen.turned(bundle, made))
-
-    def is_allowed(threshold: float) -> bool:
-        made, after = tried(threshold)
+    def is_allowed(made: Head) -> bool:
         kept = all(clip.has_alarm(bundle, clip.turned(bundle, made)) for clip in people)
-        return kept and before.allows(after)
+        return kept and before.allows(guard.misses(bundle, seen.turned(bundle, made)))
 
-    scores = np.unique(head.score(seen.rows[guard.label == CLASSES.index("human")]))
-    scores = np.unique(np.concatenate([scores, *(head.score(c.rows) for c in people)]))
-    return tried(_lowest(scores, is_allowed))
+    is_human = guard.label == CLASSES.index("human")
+    score = head.score(seen.rows)
+    known = [score[is_human], *(head.score(clip.rows) for clip in people)]
+    made = replace(head, threshold=np.inf)
+    alone = made
+    made = replace(
+        made, threshold=_lowest(known, lambda x: is_allowed(replace(alone, threshold=x)))
+    )
+    if seen.answers.fused is not None:
+        recent = [recent_scores(score, seen.is_first)[is_human]]
+        recent += [recent_scores(head.score(clip.rows), clip.is_first) for clip in people]
+        both = made
+        made = replace(
+            made,
+            fused_threshold=_lowest(
+                recent, lambda x: is_allowed(replace(both, fused_threshold=x))
+            ),
+        )
+    return made, guard.misses(bundle, seen.turned(bundle, made))
 
 
-def _lowest(scores: Array, is_allowed: Callable[[float], bool]) -> float:
-    """Return the lowest of the scores that is allowed, with all that were tried above it.
+def _lowest(of_people: Sequence[Array], is_allowed: Callable[[float], bool]) -> float:
+    """Return the lowest of people's scores that is allowed, with all that were tried above it.
 
     At the highest no person is touched at all, so that one always is.
     """
+    scores = np.unique(np.concatenate(of_people))
     low, high = -1, len(scores) - 1
     while high - low > 1:
         middle = (low + high) // 2
@@ -162,10 +182,9 @@ def _lowest(scores: Array, is_allowed: Callable[[float], bool]) -> float:
 
 def check_use(own: Sequence[Seen], head: Head) -> None:
     """Raise UsageError if a head quietens no window of own clips within the bound."""
-    touched = sum(int((head.excess(c.rows) > 0).sum()) for c in own if not c.is_human)
-    if touched == 0:
+    if not any((x > 0).any() for c in own if not c.is_human for x in c.excess(head)):
         msg = (
-            "within 0.2 points of people missed the verifier would quieten no window of the own "
-            f"clips: {NOTHING}"
+            f"within {100 * MOST_RISE:g} points of people missed the verifier would quieten no "
+            f"window of the own clips: {NOTHING}"
         )
         raise UsageError(msg)
