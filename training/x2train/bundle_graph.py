@@ -34,7 +34,7 @@ from radard.errors import UsageError
 SEEN = "verifier_seen"
 PLAIN, PLAIN_FUSED = "verifier_plain_logits", "verifier_plain_fused_logits"
 _PLAIN_HIDDEN, _PLAIN_NEXT = "verifier_plain_hidden", "verifier_plain_next_hidden"
-Step: TypeAlias = tuple[str, list[str], list[str]]
+_Step: TypeAlias = tuple[str, list[str], list[str]]
 """Of a graph: what is done, with what, and what comes of it."""
 SLOPE = 4.0
 """Nats of evidence for each nat of score over the threshold: steep, but without a jump."""
@@ -169,7 +169,7 @@ def with_verifier(onnx_bytes: bytes, head: Head, *, pet: int, temperature: float
         "threshold": np.array(head.threshold),
         "turn": temperature * turn,
     }
-    steps: list[Step] = [("Gemm", [SEEN, "weight", "bias"], ["score"])]
+    steps: list[_Step] = [("Gemm", [SEEN, "weight", "bias"], ["score"])]
     steps += _turning("score", "threshold", "turn", PLAIN, graph.output[0].name)
     if has_head:
         # The temporal head's answers are calibrated as they are.
@@ -211,12 +211,11 @@ def with_verifier(onnx_bytes: bytes, head: Head, *, pet: int, temperature: float
     if has_head:
         parts = [_PLAIN_NEXT, "verifier_next_recent", "verifier_next_count"]
         graph.node.append(helper.make_node("Concat", parts, [NEXT_HIDDEN], axis=1))
-    del graph.value_info[:]
     onnx.checker.check_model(model)
     return bytes(model.SerializeToString(deterministic=True))
 
 
-def _turning(score: str, threshold: str, turn: str, plain: str, made: str) -> list[Step]:
+def _turning(score: str, threshold: str, turn: str, plain: str, made: str) -> list[_Step]:
     """Return the steps from a score to logits that it turns."""
     return [
         ("Sub", [score, threshold], [f"{score}_over"]),

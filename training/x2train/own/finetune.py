@@ -194,7 +194,7 @@ def _left_out(
     for k, clip in enumerate(alarms, 1):
         tell(f"without own clip {k} of {len(alarms)}")
         head, _ = made_of([other for other in clips if other is not clip])
-        n_quiet += not clip.has_alarm(bundle, clip.turned(bundle, head))
+        n_quiet += not clip.scored(head).has_alarm(bundle, head)
     return n_quiet, len(alarms)
 
 

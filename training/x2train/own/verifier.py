@@ -1,4 +1,4 @@
-"""Verifier: a logistic head that knows one's own pet, and the threshold that keeps it harmless.
+"""Verifier: a logistic head that knows one's own pet, and the thresholds that keep it harmless.
 
 It sees what the network's layers see, and learns to tell own windows of what is no human
 from windows of simulated people (and of one's own, where some were labelled). Its thresholds,
@@ -27,7 +27,7 @@ _RIDGE = 0.01
 _OWN_PEOPLE = 0.25
 """Share of the weight of all people that own ones have, however few they are."""
 _MOST_PEOPLE = 6000
-"""More windows of people cost memory, 35 kB each, and teach little."""
+"""More windows of people cost memory, 150 kB each of `accurate`, and teach little."""
 _LEAST_SPREAD = 0.01
 _PET = CLASSES.index("pet")
 
@@ -60,14 +60,40 @@ class Seen:
         known = self.answers if answers is None else answers
         return any(alarms_of(bundle, known, self.is_first, self.t_s))
 
-    def turned(self, bundle: Bundle, head: Head) -> Answers:
-        """Return the answers as the verifier leaves them."""
-        return self.answers.turned(*self.excess(head), pet=_PET, temperature=bundle.temperature)
+    def scored(self, head: Head) -> "Scored":
+        """Return the windows with a head's scores."""
+        score = head.score(self.rows)
+        return Scored(self, score, recent_scores(score, self.is_first))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scored:
+    """Windows with the scores of a head, which stay as they are while its thresholds move.
+
+    Attributes
+    ----------
+    seen : Seen
+        The windows.
+    score, recent : ndarray, shape (n,), float64
+        Of each alone, and over the last few, in nats.
+    """
+
+    seen: Seen
+    score: Array
+    recent: Array
 
     def excess(self, head: Head) -> tuple[Array, Array]:
         """Return what a head adds for a pet to windows and, of the last few, to what is fused."""
-        score = head.score(self.rows)
-        return head.excess(score), head.fused_excess(recent_scores(score, self.is_first))
+        return head.excess(self.score), head.fused_excess(self.recent)
+
+    def turned(self, bundle: Bundle, head: Head) -> Answers:
+        """Return the answers as the verifier leaves them."""
+        excess = self.excess(head)
+        return self.seen.answers.turned(*excess, pet=_PET, temperature=bundle.temperature)
+
+    def has_alarm(self, bundle: Bundle, head: Head) -> bool:
+        """Return whether any of a clip's windows is an alarm with the verifier."""
+        return self.seen.has_alarm(bundle, self.turned(bundle, head))
 
 
 def first_in_clip(t_s: Array) -> NDArray[np.bool_]:
@@ -137,31 +163,24 @@ def guarded(
         Own clips; those of people must keep their alarms.
     """
     before = guard.misses(bundle, seen.answers)
-    people = [clip for clip in own if clip.is_human and clip.has_alarm(bundle)]
+    people = [clip.scored(head) for clip in own if clip.is_human and clip.has_alarm(bundle)]
+    scored = seen.scored(head)
 
     def is_allowed(made: Head) -> bool:
-        kept = all(clip.has_alarm(bundle, clip.turned(bundle, made)) for clip in people)
-        return kept and before.allows(guard.misses(bundle, seen.turned(bundle, made)))
+        kept = all(clip.has_alarm(bundle, made) for clip in people)
+        return kept and before.allows(guard.misses(bundle, scored.turned(bundle, made)))
 
     is_human = guard.label == CLASSES.index("human")
-    score = head.score(seen.rows)
-    known = [score[is_human], *(head.score(clip.rows) for clip in people)]
-    made = replace(head, threshold=np.inf)
-    alone = made
-    made = replace(
-        made, threshold=_lowest(known, lambda x: is_allowed(replace(alone, threshold=x)))
+    known = [scored.score[is_human], *(clip.score for clip in people)]
+    alone = replace(
+        head, threshold=_lowest(known, lambda x: is_allowed(replace(head, threshold=x)))
     )
+    made = alone
     if seen.answers.fused is not None:
-        recent = [recent_scores(score, seen.is_first)[is_human]]
-        recent += [recent_scores(head.score(clip.rows), clip.is_first) for clip in people]
-        both = made
-        made = replace(
-            made,
-            fused_threshold=_lowest(
-                recent, lambda x: is_allowed(replace(both, fused_threshold=x))
-            ),
-        )
-    return made, guard.misses(bundle, seen.turned(bundle, made))
+        known = [scored.recent[is_human], *(clip.recent for clip in people)]
+        found = _lowest(known, lambda x: is_allowed(replace(alone, fused_threshold=x)))
+        made = replace(alone, fused_threshold=found)
+    return made, guard.misses(bundle, scored.turned(bundle, made))
 
 
 def _lowest(of_people: Sequence[Array], is_allowed: Callable[[float], bool]) -> float:
@@ -182,7 +201,7 @@ def _lowest(of_people: Sequence[Array], is_allowed: Callable[[float], bool]) -> 
 
 def check_use(own: Sequence[Seen], head: Head) -> None:
     """Raise UsageError if a head quietens no window of own clips within the bound."""
-    if not any((x > 0).any() for c in own if not c.is_human for x in c.excess(head)):
+    if not any((x > 0).any() for c in own if not c.is_human for x in c.scored(head).excess(head)):
         msg = (
             f"within {100 * MOST_RISE:g} points of people missed the verifier would quieten no "
             f"window of the own clips: {NOTHING}"
