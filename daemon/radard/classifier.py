@@ -61,7 +61,7 @@ class Classifier:
     def __init__(self, bundle: Bundle) -> None:
         self.bundle = bundle
         # Here, because `--model none` must not pay for it.
-        import onnxruntime as ort  # noqa: PLC0415
+        from radard.onnx_runtime import ort  # noqa: PLC0415
 
         options = ort.SessionOptions()
         # One thread and no spinning: on so small a network anything else only burns a core.

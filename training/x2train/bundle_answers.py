@@ -5,11 +5,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import onnxruntime as ort
 from numpy.typing import NDArray
 from onnx import TensorProto, helper
 
 from radard.classifier import FUSED_LOGITS, HIDDEN, NEXT_HIDDEN, Hidden, softmax
+from radard.onnx_runtime import ort
 from x2train.bundle_graph import SEEN, with_seen
 
 Array = NDArray[np.float64]

@@ -1,9 +1,9 @@
 """Evaluate: what an exported network does on windows that training never saw."""
 
 import numpy as np
-import onnxruntime as ort
 
 from radard.classifier import softmax
+from radard.onnx_runtime import ort
 from x2train.dataset import CLASSES, LabelledSet
 
 PET_LIMIT = 0.8

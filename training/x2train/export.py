@@ -13,12 +13,12 @@ from typing import Any
 
 import numpy as np
 import onnx
-import onnxruntime as ort
 import torch
 from numpy.typing import NDArray
 
 from radard.bundle import SCHEMA, Bundle, ModelInput
 from radard.features import FeatureSettings
+from radard.onnx_runtime import ort
 from x2train.recipes import recipe_of
 
 PARITY = 1e-5

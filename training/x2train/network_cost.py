@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-import onnxruntime as ort
 from numpy.typing import NDArray
-from onnxruntime.quantization import CalibrationDataReader, QuantFormat, QuantType, quantize_static
+
+from radard.onnx_runtime import ort
 
 Feed = Mapping[str, NDArray[np.float32]]
 _Key = TypeVar("_Key")
@@ -57,6 +57,13 @@ def quantised(onnx_bytes: bytes, rows: Sequence[Feed]) -> bytes:
     bytes
         The network, quantised statically (QDQ), with the same inputs and outputs.
     """
+    # It imports onnxruntime: only after `radard.onnx_runtime` has done so.
+    from onnxruntime.quantization import (  # noqa: PLC0415, TID251
+        QuantFormat,
+        QuantType,
+        quantize_static,
+    )
+
     root = logging.getLogger()
     level = root.level
     # It advises, on the root logger, to fold batch norms first: the export has done so.
@@ -78,7 +85,9 @@ def quantised(onnx_bytes: bytes, rows: Sequence[Feed]) -> bytes:
         root.setLevel(level)
 
 
-class _Rows(CalibrationDataReader):  # type: ignore[misc]
+class _Rows:
+    """What onnxruntime calls a CalibrationDataReader, without its import."""
+
     def __init__(self, rows: Sequence[Feed]) -> None:
         self._rows: Iterator[Feed] = iter(rows)
 
