@@ -9,9 +9,9 @@ import json
 
 import numpy as np
 
-from radard.bundle import load_bundle
-from radard.classifier import HIDDEN
-from x2train.network_cost import Feed, quantised, window_ms
+from radard.classify.bundle import load_bundle
+from radard.classify.classifier import HIDDEN
+from x2train.bundles.network_cost import Feed, quantised, window_ms
 
 
 def main() -> None:

@@ -24,12 +24,12 @@ from pathlib import Path
 
 import numpy as np
 
-from radard.features import MAP_FEATURES, FeatureSettings
+from radard.classify.features import MAP_FEATURES, FeatureSettings
 from x2radar.frame import Frame, StreamInfo
-from x2radar.recording_writer import RecordingWriter
-from x2radar.settings import RadarSettings
-from x2radar.sim.scene import load_scene
-from x2radar.sim.stream import EchoStream
+from x2radar.recording.hdf5_writer import RecordingWriter
+from x2radar.settings.x2 import RadarSettings
+from x2radar.sim.module.stream import EchoStream
+from x2radar.sim.scene.scene import load_scene
 
 SHORT_S = 5.0
 SETTLE_S = 6.0
@@ -124,7 +124,7 @@ def serial_fraction(scene: str, duration_s: float, *, model: str) -> float:
 def main() -> None:
     """Print one JSON object."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--scene", default="seed_dog")
+    parser.add_argument("--scene", default="thesis_dog")
     parser.add_argument("--model", help="bundle (a blank one of 96 bins)")
     parser.add_argument("--model-200hz", help="bundle for 200 Hz (that of --model)")
     parser.add_argument("--duration", type=float, default=65.0)
@@ -164,7 +164,7 @@ def main() -> None:
 def blank(folder: Path) -> str:
     """Make the blank bundle."""
     # Late: it needs onnx, which is not installed with the daemon.
-    from x2train.blank_bundle import write_blank_bundle  # noqa: PLC0415
+    from x2train.studies.tradeoff.blank_bundle import write_blank_bundle  # noqa: PLC0415
 
     settings = FeatureSettings(range_decimation=8, clutter="removed")
     return str(write_blank_bundle(folder, "blank", settings, MAP_FEATURES))

@@ -40,7 +40,7 @@ def main() -> None:
     parser.add_argument("--duration", type=float, default=30.0)
     args = parser.parse_args()
     result: dict[str, object] = {"seeds": args.seeds, "duration_s": args.duration}
-    for scene in ("seed_human", "seed_dog", "seed_cat", "empty", "human", "dog", "cat"):
+    for scene in ("thesis_human", "thesis_dog", "thesis_cat", "empty", "human", "dog", "cat"):
         runs = [windows(scene, seed, args.duration) for seed in range(args.seeds)]
         every = [d for run in runs for d in run]
         judged = [d for d in every if d["gate"] == "open"]

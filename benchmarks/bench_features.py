@@ -33,8 +33,10 @@ import scipy.fft  # noqa: E402
 import scipy.signal  # noqa: E402
 from numpy.lib.stride_tricks import sliding_window_view  # noqa: E402
 
-from radard.bundle import load_bundle  # noqa: E402
-from radard.classifier import Classifier  # noqa: E402
+from radard.classify.bundle import load_bundle  # noqa: E402
+from radard.classify.classifier import Classifier  # noqa: E402
+from radard.classify.features import FeatureSet  # noqa: E402
+from radard.detect.gate import Gate, GateSettings  # noqa: E402
 from radard.dsp.cadence import (  # noqa: E402
     cadence_velocity_diagram,
     extent_profile,
@@ -47,9 +49,7 @@ from radard.dsp.gram import centring, gaussian_taper, step_operator  # noqa: E40
 from radard.dsp.range_time import RangeTimeMap, find_target  # noqa: E402
 from radard.dsp.streaming import StreamingDoppler  # noqa: E402
 from radard.dsp.velocity import VelocityTransform  # noqa: E402
-from radard.features import FeatureSet  # noqa: E402
-from radard.gate import Gate, GateSettings  # noqa: E402
-from radard.ring import Dwell  # noqa: E402
+from radard.stream.ring import Dwell  # noqa: E402
 from x2radar.frame import FastTimeAxis  # noqa: E402
 
 M = 28
@@ -303,7 +303,7 @@ def whole_hop(rounds: int, step: int = 1) -> dict[str, float]:
     velocity = VelocityTransform(axis, rate_hz)
     ranges = RangeTimeMap(axis, M)
     gate = Gate(GateSettings())
-    classifier = Classifier(load_bundle("seed"))
+    classifier = Classifier(load_bundle("thesis"))
     seconds: dict[str, list[float]] = {}
 
     def part(name: str, work: Callable[[], object]) -> object:
@@ -328,7 +328,7 @@ def whole_hop(rounds: int, step: int = 1) -> dict[str, float]:
         cvd = part("cadence", lambda mu=mu: cadence_velocity_diagram(mu))
         profile = part("profile", lambda frames=frames: extent_profile(frames, M, 392))
         vector = np.concatenate([profile, type1_vector(cvd, M)])
-        features = FeatureSet(mu, cvd, {"seed_type2": vector})
+        features = FeatureSet(mu, cvd, {"thesis_type2": vector})
         part("classifier", lambda features=features: classifier.classify(features))
     ms = {name: statistics.median(s) * 1e3 for name, s in seconds.items()}
     return {"total": sum(ms.values()), **ms}

@@ -14,12 +14,12 @@ from collections.abc import Callable
 
 import numpy as np
 
-from x2radar.assemble import FrameAssembler
-from x2radar.codec import decode_response, encode
-from x2radar.framing import Packet, PacketDecoder
-from x2radar.framing import encode as frame
-from x2radar.messages import BasebandIq
-from x2radar.settings import RadarSettings
+from x2radar.device.assemble import FrameAssembler
+from x2radar.settings.x2 import RadarSettings
+from x2radar.wire.codec import decode_response, encode
+from x2radar.wire.framing import Packet, PacketDecoder
+from x2radar.wire.framing import encode as frame
+from x2radar.wire.messages import BasebandIq
 
 CHUNK = 1 << 16  # what one read of a port returns at most
 

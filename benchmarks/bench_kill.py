@@ -20,11 +20,11 @@ from pathlib import Path
 import numpy as np
 
 from x2radar.errors import RecordingError
-from x2radar.open_recording import open_recording
+from x2radar.recording.registry import open_recording
 
 RECORDER = """
 import os, sys
-from x2radar.recording_writer import RecordingWriter
+from x2radar.recording.hdf5_writer import RecordingWriter
 plain = RecordingWriter.write
 def write(self, frame):
     plain(self, frame)

@@ -32,11 +32,11 @@ import paho.mqtt.client as paho
 from amqtt.broker import Broker
 from paho.mqtt.enums import CallbackAPIVersion
 
-from x2radar.framing import Packet, PacketDecoder
-from x2radar.sim.host import serve
-from x2radar.sim.module import SimulatedModule
-from x2radar.sim.scene import load_scene
-from x2radar.transport import PtyTransport
+from x2radar.device.transport import PtyTransport
+from x2radar.sim.module.host import serve
+from x2radar.sim.module.module import SimulatedModule
+from x2radar.sim.scene.scene import load_scene
+from x2radar.wire.framing import Packet, PacketDecoder
 
 DWELL_FRAMES = 147
 RATE_HZ = 60.0
@@ -189,7 +189,7 @@ def run(scene: str, model: str, duration_s: float, folder: Path) -> dict[str, An
 def main() -> None:
     """Print one JSON object."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--scene", default="seed_dog")
+    parser.add_argument("--scene", default="thesis_dog")
     parser.add_argument("--model", default="balanced")
     parser.add_argument("--duration", type=float, default=60.0, help="seconds a run")
     parser.add_argument("--runs", type=int, default=3)

@@ -22,10 +22,10 @@ from numpy.typing import NDArray
 
 from radard.dsp.doppler import micro_doppler
 from x2radar.frame import FastTimeAxis
-from x2radar.settings import SPEED_OF_LIGHT_MPS, RadarSettings
+from x2radar.settings.x2 import SPEED_OF_LIGHT_MPS, RadarSettings
 from x2radar.sim.echo import TIERS, Pulse, Task, choose, frames, noise_colour
 from x2radar.sim.echo.choose import FramesOf
-from x2radar.sim.pulse import LinkBudget
+from x2radar.sim.signal.pulse import LinkBudget
 
 ERROR_DB = -60.0
 N_CPI = 28

@@ -12,11 +12,11 @@ import numpy as np
 import torch
 from torch import nn
 
-from radard.features import feature_shape
-from x2train.augment import augmented
+from radard.classify.features import feature_shape
 from x2train.commands.dataset import FEATURES
 from x2train.commands.fit import WIDTHS
-from x2train.map_fit import INPUTS, MapFitSettings, network, stepper_of
+from x2train.nets.map_fit import INPUTS, MapFitSettings, network, optimizer_of
+from x2train.windows.augment import augmented
 
 _WAYS = {
     "plain": (False, False),
@@ -37,7 +37,7 @@ def _step(size: str, *, is_half: bool, is_compiled: bool) -> Callable[[], None]:
     maps = [torch.rand(settings.batch, *shape, generator=rng) for shape in shapes]
     labels = torch.arange(settings.batch) % 3
     net = network(tuple(shape[0] for shape in shapes), settings)
-    stepper = stepper_of(net, 10_000, settings)
+    optimizer = optimizer_of(net, 10_000, settings)
     answer = torch.compile(net, dynamic=False) if is_compiled else net
     error = nn.CrossEntropyLoss()
 
@@ -45,7 +45,7 @@ def _step(size: str, *, is_half: bool, is_compiled: bool) -> Callable[[], None]:
         batch = augmented(*maps, rng=rng)
         with torch.autocast("cpu", torch.bfloat16, enabled=is_half):
             answers = answer(*batch)
-        stepper.step(error(answers.float(), labels))
+        optimizer.step(error(answers.float(), labels))
 
     return step
 

@@ -6,8 +6,8 @@ import numpy as np
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as np_st
 
-from x2radar.layouts import COMMAND_VARIANTS, COMMANDS, RESPONSE_VARIANTS, RESPONSES, Layout
-from x2radar.messages import (
+from x2radar.wire.layouts import COMMAND_VARIANTS, COMMANDS, RESPONSE_VARIANTS, RESPONSES, Layout
+from x2radar.wire.messages import (
     ByteReply,
     Data,
     DataText,
@@ -16,9 +16,9 @@ from x2radar.messages import (
     SetOutput,
     Unknown,
 )
-from x2radar.messages_expert import GetAppItem, SetAppInts, SetAppItem, SystemCommand
-from x2radar.messages_status import AppData
-from x2radar.messages_x4 import X4Read, X4Set, X4Write
+from x2radar.wire.messages_expert import GetAppItem, SetAppInts, SetAppItem, SystemCommand
+from x2radar.wire.messages_status import AppData
+from x2radar.wire.messages_x4 import X4Read, X4Set, X4Write
 
 u32 = st.integers(0, 2**32 - 1)
 i32 = st.integers(-(2**31), 2**31 - 1)

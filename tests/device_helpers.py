@@ -8,19 +8,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from x2radar import framing
-from x2radar.codec import decode_command, encode
-from x2radar.device import Deadlines, X2Radar
+from x2radar.device.device import Deadlines, X2Radar
+from x2radar.device.transport import PtyTransport, SerialTransport, Transport, memory_pair
 from x2radar.errors import TransportClosed
 from x2radar.frame import Frame
-from x2radar.framing import Packet, PacketDecoder
-from x2radar.messages import Ack, Data, Message, Ping, Pong, Reset, SystemMessage
-from x2radar.settings import RadarSettings
-from x2radar.sim.host import serve
-from x2radar.sim.module import SimulatedModule
-from x2radar.sim.scene import load_scene
-from x2radar.transport import PtyTransport, SerialTransport, Transport, memory_pair
-from x2radar.wire_ids import PongCode, SystemCode
+from x2radar.settings.x2 import RadarSettings
+from x2radar.sim.module.host import serve
+from x2radar.sim.module.module import SimulatedModule
+from x2radar.sim.scene.scene import load_scene
+from x2radar.wire import framing
+from x2radar.wire.codec import decode_command, encode
+from x2radar.wire.framing import Packet, PacketDecoder
+from x2radar.wire.messages import Ack, Data, Message, Ping, Pong, Reset, SystemMessage
+from x2radar.wire.wire_ids import PongCode, SystemCode
 
 SETTINGS = RadarSettings(frame_stitch=1)
 SHORT = Deadlines(

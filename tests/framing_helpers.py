@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator
 
 from hypothesis import strategies as st
 
-from x2radar.framing import END, ESC, START, PacketDecoder, Packing
+from x2radar.wire.framing import END, ESC, START, PacketDecoder, Packing
 
 TAIL = bytes.fromhex("7d 50 26 fe 75")
 

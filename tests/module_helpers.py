@@ -1,12 +1,12 @@
 """A simulated module, asked and listened to without a port."""
 
-from x2radar import framing
-from x2radar.codec import decode_response, encode
-from x2radar.framing import PacketDecoder
-from x2radar.messages import Ack, ErrorReply, SetMode, SetSysInt
-from x2radar.sim.module import SimulatedModule
-from x2radar.sim.scene import load_scene
-from x2radar.wire_ids import ErrorCode, Mode, SysCfg
+from x2radar.sim.module.module import SimulatedModule
+from x2radar.sim.scene.scene import load_scene
+from x2radar.wire import framing
+from x2radar.wire.codec import decode_response, encode
+from x2radar.wire.framing import PacketDecoder
+from x2radar.wire.messages import Ack, ErrorReply, SetMode, SetSysInt
+from x2radar.wire.wire_ids import ErrorCode, Mode, SysCfg
 
 HUMAN, EMPTY = load_scene("human"), load_scene("empty")
 MANUAL = SetMode(Mode.MANUAL)

@@ -9,7 +9,7 @@ from contextlib import redirect_stderr, redirect_stdout
 import numpy as np
 
 from radard.cli import main as radard_main
-from radard.ring import Dwell, DwellShape, FrameRing
+from radard.stream.ring import Dwell, DwellShape, FrameRing
 from x2radar.frame import FastTimeAxis, Frame
 
 BASEBAND = FastTimeAxis(

@@ -3,11 +3,11 @@
 import numpy as np
 
 from tests.sim_helpers import axis_of
-from x2radar.settings import RadarSettings
-from x2radar.sim.effects import ReceiverEffects
-from x2radar.sim.pulse import LinkBudget
-from x2radar.sim.receiver import MIDDLE, Receiver
-from x2radar.sim.room import Room, RoomSettings
+from x2radar.settings.x2 import RadarSettings
+from x2radar.sim.place.room import Room, RoomSettings
+from x2radar.sim.signal.effects import ReceiverEffects
+from x2radar.sim.signal.pulse import LinkBudget
+from x2radar.sim.signal.receiver import MIDDLE, Receiver
 
 RF, BASEBAND = axis_of("rf"), axis_of("baseband")
 

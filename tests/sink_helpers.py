@@ -17,7 +17,7 @@ import pytest
 from amqtt.broker import Broker as Amqtt
 from paho.mqtt.enums import CallbackAPIVersion
 
-from radard.sink_options import OutboxSection
+from radard.config.sink_sections import OutboxSection
 
 QUICK = OutboxSection(first_retry_s=0.02, longest_retry_s=0.05, attempts=3)
 USER, PASSWORD = "hall", "correct horse"
@@ -83,7 +83,7 @@ def hello(**changes) -> dict:
         "version": "0.1.0",
         "sensor": "hall",
         "device": "X2",
-        "model": "seed",
+        "model": "thesis",
         "frame_rate_hz": 60.0,
         "n_range": 256,
         "port": "sim:demo",

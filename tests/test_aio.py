@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 import x2radar
-from x2radar.aio import AsyncRadar
-from x2radar.device import Deadlines, X2Radar
+from x2radar.device.aio import AsyncRadar
+from x2radar.device.device import Deadlines, X2Radar
+from x2radar.device.transport import PtyTransport
 from x2radar.errors import DeviceError, PortNotFound, ReadTimeout, TransportClosed
 from x2radar.ports import make_radar, parse_port
-from x2radar.sim.faults import parse_faults
-from x2radar.sim.host import connect
-from x2radar.sim.module import SimulatedModule
-from x2radar.sim.scene import load_scene
-from x2radar.transport import PtyTransport
+from x2radar.sim.module.faults import parse_faults
+from x2radar.sim.module.host import connect
+from x2radar.sim.module.module import SimulatedModule
+from x2radar.sim.scene.scene import load_scene
 
 SCENE = load_scene("human")
 

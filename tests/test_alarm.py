@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from radard.alarm import AlarmPanel, AlarmPolicy, Sight
+from radard.alarm.panel import AlarmPanel, AlarmPolicy, Sight
 
 HIT = Sight(True, True, "human at 2.0 m")
 SEEN = Sight(False, True, "human at 2.0 m")

@@ -4,12 +4,12 @@ import dataclasses
 
 import pytest
 
-from radard.alarm import AlarmPanel, AlarmPolicy
-from radard.events import EventTracker
-from radard.ring import Notice
-from radard.state_store import KeptState, StateStore, write_atomically
-from radard.tamper import Finding
-from radard.zones import Zones, sight_of
+from radard.alarm.events import EventTracker
+from radard.alarm.panel import AlarmPanel, AlarmPolicy
+from radard.alarm.state_store import KeptState, StateStore, write_atomically
+from radard.alarm.tamper import Finding
+from radard.alarm.zones import Zones, sight_of
+from radard.stream.ring import Notice
 from tests.alarm_helpers import decision, track
 from tests.radar_helpers import dwell_of, noise
 

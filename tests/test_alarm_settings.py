@@ -7,14 +7,20 @@ from importlib import resources
 
 import pytest
 
-from radard.alarm import AlarmPanel, AlarmPolicy, Sight
+from radard.alarm.k_of_n import alarm_probability, windows_until
+from radard.alarm.panel import AlarmPanel, AlarmPolicy, Sight
+from radard.alarm.sensitivity import SENSITIVITIES, alarm_policy
 from radard.cli import main
 from radard.commands.explain import explained
-from radard.config import load_config
-from radard.config_sections import AlarmSection
-from radard.confirmation import alarm_probability, windows_until
-from radard.quiet import QuietHours, parse_quiet, recorded_clock, time_zone, wall_clock
-from radard.sensitivity import SENSITIVITIES, alarm_policy
+from radard.config.config import load_config
+from radard.config.quiet_hours import (
+    QuietHours,
+    parse_quiet,
+    recorded_clock,
+    time_zone,
+    wall_clock,
+)
+from radard.config.sections import AlarmSection
 
 
 def section(**values):
@@ -126,18 +132,18 @@ def test_a_replay_has_the_clock_of_its_recording_and_its_own_zone():
 
 
 def test_explain_prints_policy_delay_and_rates(capsys):
-    assert main(["explain", "--model", "seed"]) == 0
+    assert main(["explain", "--model", "thesis"]) == 0
     text = capsys.readouterr().out
     assert "2 of 3 verdicts make an alarm" in text
     (row,) = [line for line in text.splitlines() if line.startswith("> normal")]
     assert "2 s, 3 s" in row
     assert f"{100 * (1 - alarm_probability(0.965, 2, 3, 5)):.2g} %, 3.5 %" in row
-    assert "seed_human missed" in text
-    assert "seed_dog false alarm" in text
+    assert "thesis_human missed" in text
+    assert "thesis_dog false alarm" in text
 
 
 def test_explain_follows_options(capsys):
-    assert main(["explain", "--model", "seed", "--sensitivity", "low", "--pass-time", "3"]) == 0
+    assert main(["explain", "--model", "thesis", "--sensitivity", "low", "--pass-time", "3"]) == 0
     text = capsys.readouterr().out
     assert "> low" in text
     assert "p(human) 0.5 on" in text
@@ -156,7 +162,7 @@ def test_explain_says_that_rates_of_windows_are_not_those_of_fused_evidence(tmp_
     (tmp_path / "own.onnx").write_bytes((models / "balanced.onnx").read_bytes())
     assert main(["explain", "--model", str(tmp_path / "own.onnx")]) == 0
     assert "waits up to 3 s: slower than this" in capsys.readouterr().out
-    assert main(["explain", "--model", "seed"]) == 0
+    assert main(["explain", "--model", "thesis"]) == 0
     assert "slower than this" not in capsys.readouterr().out
 
 
@@ -170,15 +176,15 @@ def test_the_shipped_cards_have_the_rates_of_every_sensitivity(model, capsys):
 
 def test_explain_counts_the_entry_delay_and_a_card_without_rates(tmp_path):
     models = resources.files("radard.models")
-    raw = json.loads((models / "seed.json").read_text())
+    raw = json.loads((models / "thesis.json").read_text())
     raw["metrics"] = {"false alarms per day": 0.3}
     (tmp_path / "own.json").write_text(json.dumps(raw))
-    (tmp_path / "own.onnx").write_bytes((models / "seed.onnx").read_bytes())
+    (tmp_path / "own.onnx").write_bytes((models / "thesis.onnx").read_bytes())
     config = load_config(environ={}, options={"model": {"name": str(tmp_path / "own.onnx")}})
     text = "\n".join(explained(config, pass_s=5))
     assert "the card says: false alarms per day = 0.3" in text
     assert "unknown" in text
     slow = load_config(
-        environ={}, options={"alarm": {"entry_delay_s": 20}, "model": {"name": "seed"}}
+        environ={}, options={"alarm": {"entry_delay_s": 20}, "model": {"name": "thesis"}}
     )
     assert "22 s, 23 s" in "\n".join(explained(slow, pass_s=5))

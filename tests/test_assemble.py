@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
-from x2radar.assemble import FrameAssembler
-from x2radar.codec import decode_response, encode
+from x2radar.device.assemble import FrameAssembler
 from x2radar.frame import Frame
-from x2radar.messages import (
+from x2radar.settings.x2 import RadarSettings
+from x2radar.wire.codec import decode_response, encode
+from x2radar.wire.messages import (
     Ack,
     BasebandAp,
     BasebandIq,
@@ -14,9 +15,8 @@ from x2radar.messages import (
     Message,
     Unknown,
 )
-from x2radar.messages_status import PresenceStatus, RespirationStatus
-from x2radar.settings import RadarSettings
-from x2radar.wire_ids import ContentId
+from x2radar.wire.messages_status import PresenceStatus, RespirationStatus
+from x2radar.wire.wire_ids import ContentId
 
 SETTINGS = RadarSettings(sample_delay_s=10e-9, pulse_generator=6)
 TOP = 2**32 - 1

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from x2train.augment import _deeper, _kept, _noisier, _shifted, augmented
+from x2train.windows.augment import _deeper, _kept, _noisier, _shifted, augmented
 
 N, N_CELLS = 64, 40
 SHAPES = ((101, N_CELLS), (80, N_CELLS), (61, 24), (81, 9))

@@ -6,7 +6,7 @@ import pytest
 
 from radard.cli import main
 from radard.commands.bench_stages import measured
-from radard.config import load_config
+from radard.config.config import load_config
 from radard.errors import RadardError
 from tests.alarm_helpers import write_recording
 from tests.radar_helpers import noise
@@ -25,14 +25,14 @@ def config_of(port, model="none"):
 
 
 def test_stages_add_up():
-    cost = measured(config_of("sim:human", "seed"), 5.0, 2)
+    cost = measured(config_of("sim:human", "thesis"), 5.0, 2)
     assert [stage.name for stage in cost.stages] == NAMES
     assert all(stage.cpu_s > 0 and stage.ratio > 0 for stage in cost.stages)
     decode, _, _, worst, everything = cost.stages
     assert everything.cpu_s == pytest.approx(decode.cpu_s + worst.cpu_s)
     assert everything.ratio == pytest.approx(decode.ratio + worst.ratio)
     assert cost.all_s == everything.cpu_s
-    assert (cost.model, cost.frame_rate_hz) == ("seed", 60.0)
+    assert (cost.model, cost.frame_rate_hz) == ("thesis", 60.0)
     assert cost.duration_s == pytest.approx(5.0)
 
 

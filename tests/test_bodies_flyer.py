@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from x2radar.errors import SceneError
-from x2radar.sim.bodies.flight import Wander
-from x2radar.sim.bodies.flyer import (
+from x2radar.sim.bodies.flyer.flight import Wander
+from x2radar.sim.bodies.flyer.flyer import (
     BIRD_MASS_KG,
     BIRD_STYLES,
     MOTH_BEAT_HZ,

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from x2radar.errors import SceneError
-from x2radar.sim.bodies.courses import COURSES, draw_course
-from x2radar.sim.bodies.path import Path
-from x2radar.sim.bodies.person import draw_person
-from x2radar.sim.bodies.person_build import NAMES, draw_person_build
-from x2radar.sim.bodies.person_gait import STYLES, carriage_at, walking_duty, walking_stride_m
+from x2radar.sim.bodies.path.courses import COURSES, draw_course
+from x2radar.sim.bodies.path.path import Path
+from x2radar.sim.bodies.person.build import NAMES, draw_person_build
+from x2radar.sim.bodies.person.gait import STYLES, carriage_at, walking_duty, walking_stride_m
+from x2radar.sim.bodies.person.person import draw_person
 
 ANTENNA_M = np.array([0.0, 0.0, 1.2])
 RATE_HZ = 500

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from x2radar.errors import SceneError
-from x2radar.sim.bodies.path import Path
-from x2radar.sim.bodies.pet import PET_AGILITY, PET_STYLES, draw_pet
-from x2radar.sim.bodies.pet_build import CAT_KG, DOG_KG, WAG_MPS, draw_build
-from x2radar.sim.bodies.quadruped import breath_m, posture
-from x2radar.sim.bodies.quadruped_gait import GRAVITY_MPS2, LEGS, stride_m
+from x2radar.sim.bodies.path.path import Path
+from x2radar.sim.bodies.quadruped.gait import GRAVITY_MPS2, LEGS, stride_m
+from x2radar.sim.bodies.quadruped.pet import PET_AGILITY, PET_STYLES, draw_pet
+from x2radar.sim.bodies.quadruped.pet_build import CAT_KG, DOG_KG, WAG_MPS, draw_build
+from x2radar.sim.bodies.quadruped.quadruped import breath_m, posture
 
 ANTENNA = np.array([0.0, 0.0, 1.0])
 WAYS = [(species, style) for style, how in PET_STYLES.items() for species in how.species]

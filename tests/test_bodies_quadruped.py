@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from x2radar.errors import SceneError
-from x2radar.sim.bodies.path import Agility, Path
-from x2radar.sim.bodies.pet_build import draw_build
-from x2radar.sim.bodies.quadruped_actions import Going
-from x2radar.sim.bodies.quadruped_gait import (
+from x2radar.sim.bodies.path.path import Agility, Path
+from x2radar.sim.bodies.quadruped.actions import Going
+from x2radar.sim.bodies.quadruped.gait import (
     DUTY,
     FOOTWORK,
     GRAVITY_MPS2,
@@ -18,7 +17,8 @@ from x2radar.sim.bodies.quadruped_gait import (
     stride_m,
     usual_gait,
 )
-from x2radar.sim.bodies.quadruped_jump import Leap
+from x2radar.sim.bodies.quadruped.jump import Leap
+from x2radar.sim.bodies.quadruped.pet_build import draw_build
 
 HIP_M = {"dog": 0.44, "cat": 0.24}
 BRISK = Agility(acceleration_mps2=20.0)

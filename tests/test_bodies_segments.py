@@ -5,15 +5,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from x2radar.sim.antenna import Antenna
-from x2radar.sim.bodies.fluctuation import CORRELATION_S, SPREAD_DB, Fluctuation
-from x2radar.sim.bodies.segments import (
+from x2radar.sim.bodies.rcs.fluctuation import CORRELATION_S, SPREAD_DB, Fluctuation
+from x2radar.sim.bodies.rcs.segments import (
     FLOOR,
     SHADOW_DB,
     SKIN_REFLECTION,
     SegmentRcs,
     draw_total_m2,
 )
+from x2radar.sim.place.antenna import Antenna
 from x2radar.sim.points import Points
 
 X, Y, Z = np.eye(3)

@@ -8,10 +8,10 @@ import pytest
 
 from radard.dsp.doppler import micro_doppler, velocity_mps
 from x2radar.frame import FastTimeAxis
-from x2radar.settings import RadarSettings
-from x2radar.sim.antenna import Antenna
-from x2radar.sim.bodies.person import draw_person
+from x2radar.settings.x2 import RadarSettings
+from x2radar.sim.bodies.person.person import draw_person
 from x2radar.sim.echo import frames as echo_frames
+from x2radar.sim.place.antenna import Antenna
 
 RATE_HZ, N_CPI = 500.0, 64
 X2 = RadarSettings()

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from x2radar.sim.antenna import Antenna
-from x2radar.sim.bodies.person import draw_person
-from x2radar.sim.bodies.person_build import draw_person_build
-from x2radar.sim.bodies.pet import draw_pet
-from x2radar.sim.bodies.segments import SegmentRcs
+from x2radar.sim.bodies.person.build import draw_person_build
+from x2radar.sim.bodies.person.person import draw_person
+from x2radar.sim.bodies.quadruped.pet import draw_pet
+from x2radar.sim.bodies.rcs.segments import SegmentRcs
+from x2radar.sim.place.antenna import Antenna
 
 HALF_M = [(0.3, 0.12, 0.15), (0.15, 0.11, 0.15), (0.12, 0.1, 0.12), (0.1, 0.05, 0.05)]
 N_TRUNK = 3

@@ -6,16 +6,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from radard.calibration import Calibration, Provenance, load_calibration, utc_text
-from radard.calibration_survey import RoomNotEmpty, RoomSurvey, _factors, _reach, _share_over
 from radard.cli import main
 from radard.commands.calibrate import _own_file
-from radard.config import load_config
-from radard.directories import calibration_file
+from radard.config.config import load_config
+from radard.config.directories import calibration_file
+from radard.detect.calibration import Calibration, Provenance, load_calibration, utc_text
+from radard.detect.gate import Gate, GateSettings, bins_of
+from radard.detect.survey import RoomNotEmpty, RoomSurvey, _factors, _reach, _share_over
 from radard.errors import ConfigError, NotAllowed, RadardError
-from radard.gate import Gate, GateSettings, bins_of
 from radard.pipeline import Pipeline
-from radard.setup import use_calibration
+from radard.service.components import use_calibration
 from tests.radar_helpers import dwell_of, noise, walker
 from x2radar.frame import StreamInfo
 from x2radar.ports import make_radar, parse_port

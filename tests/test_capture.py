@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 from tests.recording_helpers import content, run
-from x2radar import framing
-from x2radar.capture import (
+from x2radar.device.device import Deadlines, X2Radar
+from x2radar.device.transport import memory_pair
+from x2radar.errors import RecordingError, TransportClosed
+from x2radar.recording.capture import (
     CLOSED,
     FROM_MODULE,
     OPENED,
@@ -18,17 +20,15 @@ from x2radar.capture import (
     CaptureWriter,
     capturing,
 )
-from x2radar.codec import encode
-from x2radar.convert import convert
-from x2radar.device import Deadlines, X2Radar
-from x2radar.errors import RecordingError, TransportClosed
-from x2radar.messages import Ack, Ping, Reset
-from x2radar.open_recording import open_recording
-from x2radar.settings import RadarSettings
-from x2radar.sim.host import connect
-from x2radar.sim.module import SimulatedModule
-from x2radar.sim.scene import load_scene
-from x2radar.transport import memory_pair
+from x2radar.recording.convert import convert
+from x2radar.recording.registry import open_recording
+from x2radar.settings.x2 import RadarSettings
+from x2radar.sim.module.host import connect
+from x2radar.sim.module.module import SimulatedModule
+from x2radar.sim.scene.scene import load_scene
+from x2radar.wire import framing
+from x2radar.wire.codec import encode
+from x2radar.wire.messages import Ack, Ping, Reset
 
 N = 90
 

@@ -7,22 +7,22 @@ from importlib import resources
 import numpy as np
 import pytest
 
-from radard.alarm import AlarmPanel
-from radard.bundle import load_bundle
-from radard.card import read_card
-from radard.classifier import Probabilities
+from radard.alarm.events import see_anywhere
+from radard.alarm.panel import AlarmPanel
+from radard.alarm.sensitivity import SENSITIVITIES, alarm_policy
+from radard.classify.bundle import load_bundle
+from radard.classify.card import read_card
+from radard.classify.classifier import Probabilities
+from radard.classify.decision import Decision
 from radard.cli import main
 from radard.commands.explain import explained
-from radard.config import Config, load_config
-from radard.config_sections import AlarmSection, DecisionSection
-from radard.decision import Decision
+from radard.config.config import Config, load_config
+from radard.config.sections import AlarmSection, DecisionSection
+from radard.detect.gate import GateReading
 from radard.errors import UsageError
-from radard.events import see_anywhere
-from radard.gate import GateReading
 from radard.pipeline import HIGH_PET_LIMIT, pet_limit_of
-from radard.sensitivity import SENSITIVITIES, alarm_policy
 from tests.report_helpers import drawn, passage, table_of
-from x2train.card import evaluation_of, write_card
+from x2train.judge.card import evaluation_of, write_card
 from x2train.report.levels import levels, rules
 from x2train.report.verdicts import intrusions, verdicts
 

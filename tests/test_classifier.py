@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from radard.bundle import bundle_names, load_bundle
-from radard.classifier import Classifier, softmax
+from radard.classify.bundle import bundle_names, load_bundle
+from radard.classify.classifier import Classifier, softmax
+from radard.classify.features import FeatureSet
 from radard.errors import BundleError, ModelMismatch
-from radard.features import FeatureSet
 from x2radar.frame import FastTimeAxis
 
 AXIS = FastTimeAxis(
@@ -26,17 +26,17 @@ EMPTY = np.zeros((28, 120), np.float32)
 
 
 def features(vector):
-    return FeatureSet(EMPTY, EMPTY, {"seed_type2": vector.astype(np.float32)})
+    return FeatureSet(EMPTY, EMPTY, {"thesis_type2": vector.astype(np.float32)})
 
 
 @pytest.fixture
 def copy(tmp_path):
     """The shipped bundle as files, with a sidecar to spoil."""
-    bundle = load_bundle("seed")
+    bundle = load_bundle("thesis")
     (tmp_path / "mine.onnx").write_bytes(bundle.onnx)
     from importlib import resources
 
-    sidecar = json.loads((resources.files("radard.models") / "seed.json").read_text())
+    sidecar = json.loads((resources.files("radard.models") / "thesis.json").read_text())
 
     def write(**changes):
         path = tmp_path / "mine.json"
@@ -47,7 +47,7 @@ def copy(tmp_path):
 
 
 def test_shipped_bundles_load_and_answer():
-    assert {"seed", "balanced"} <= set(bundle_names())
+    assert {"thesis", "balanced"} <= set(bundle_names())
     for name in bundle_names():
         bundle = load_bundle(name)
         classifier = Classifier(bundle)
@@ -59,7 +59,7 @@ def test_shipped_bundles_load_and_answer():
 
 
 def test_extreme_features_stay_finite():
-    classifier = Classifier(load_bundle("seed"))
+    classifier = Classifier(load_bundle("thesis"))
     for vector in (np.zeros(1176), np.ones(1176) * 1e4):
         p = classifier.classify(features(vector))
         assert 0 <= p.human <= 1
@@ -76,7 +76,7 @@ def test_softmax_sums_to_one(logits):
 
 
 def test_a_file_loads_like_an_installed_bundle(copy):
-    assert load_bundle(copy()).classes == load_bundle("seed").classes
+    assert load_bundle(copy()).classes == load_bundle("thesis").classes
 
 
 @pytest.mark.parametrize(
@@ -88,8 +88,11 @@ def test_a_file_loads_like_an_installed_bundle(copy):
         ({"classes": ["pet", "human", "other"]}, "classes"),
         ({"features": {"n_cpi": 32}}, "input features"),
         ({"features": {"n_moon": 1}}, "n_moon"),
-        ({"inputs": [{"name": "x", "shape": [1176], "feature": "seed_type2"}]}, "takes"),
-        ({"inputs": [{"name": "features", "shape": [9], "feature": "seed_type2"}]}, "seed_type2"),
+        ({"inputs": [{"name": "x", "shape": [1176], "feature": "thesis_type2"}]}, "takes"),
+        (
+            {"inputs": [{"name": "features", "shape": [9], "feature": "thesis_type2"}]},
+            "thesis_type2",
+        ),
         ({"stream": {}}, "stream needs"),
         ({"temperature": "warm"}, "lacks or garbles"),
         ({"hidden": -1}, "lacks or garbles hidden -1"),
@@ -140,7 +143,7 @@ def test_a_bundle_that_fits_is_named_where_one_does_not():
 
 
 def test_streams_that_do_not_fit_are_named():
-    bundle = load_bundle("seed")
+    bundle = load_bundle("thesis")
     bundle.check_stream(AXIS, 60)
     bundle.check_stream(replace(AXIS, bandwidth_hz=0), 60)
     with pytest.raises(ModelMismatch, match=r"frame_rate_hz is 17\.06.*bin_length_m is 0\.0514"):

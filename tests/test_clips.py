@@ -11,13 +11,13 @@ import h5py
 import numpy as np
 import pytest
 
-from radard.clip_file import ClipFile, ClipWriter, make_room
-from radard.clip_picture import PictureMaker, encode_png
-from radard.clips import ClipKeeper, ClipSettings
+from radard.clips.clip_file import ClipFile, ClipWriter, make_room
+from radard.clips.keeper import ClipKeeper, ClipSettings
+from radard.clips.spectrogram_png import PictureMaker, encode_png
 from radard.errors import OutputError
 from tests.radar_helpers import BASEBAND, noise, run_radard
 from x2radar.frame import Frame, StreamInfo
-from x2radar.open_recording import open_recording
+from x2radar.recording.registry import open_recording
 
 RATE_HZ = 60.0
 STREAM = StreamInfo(BASEBAND, RATE_HZ, "test")

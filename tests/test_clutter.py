@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from radard.clutter_map import ClutterMap, ClutterRemover
+from radard.detect.clutter_map import ClutterMap, ClutterRemover
 from radard.dsp.clutter import (
     block_power,
     centre_spread_m,

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as np_st
 
 from tests.codec_helpers import same, values_of
-from x2radar.codec import decode_any, decode_command, decode_response, encode
 from x2radar.errors import MessageError
-from x2radar.messages import (
+from x2radar.wire.codec import decode_any, decode_command, decode_response, encode
+from x2radar.wire.messages import (
     Ack,
     BasebandAp,
     BasebandApOld,
@@ -42,10 +42,15 @@ from x2radar.messages import (
     UserData,
     UserReply,
 )
-from x2radar.messages_expert import SetAppInts, SetDebugOutput, SetOutputUncounted
-from x2radar.messages_status import ParameterFile, PresenceStatus, RespirationStatus, SleepStatus
-from x2radar.messages_x4 import X4SetDacStep, X4SetPulsesPerStep
-from x2radar.wire_ids import (
+from x2radar.wire.messages_expert import SetAppInts, SetDebugOutput, SetOutputUncounted
+from x2radar.wire.messages_status import (
+    ParameterFile,
+    PresenceStatus,
+    RespirationStatus,
+    SleepStatus,
+)
+from x2radar.wire.messages_x4 import X4SetDacStep, X4SetPulsesPerStep
+from x2radar.wire.wire_ids import (
     BasebandOutput,
     ErrorCode,
     InfoItem,

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from tests.codec_helpers import same
-from x2radar import messages as core
-from x2radar import messages_expert as expert
-from x2radar import messages_status as status
-from x2radar import messages_x4 as x4
-from x2radar.codec import decode_any, decode_command, decode_response, encode
-from x2radar.messages import Message
-from x2radar.wire_ids import BootloaderKey, NoiseMapControl, X4Setting
+from x2radar.wire import messages as core
+from x2radar.wire import messages_expert as expert
+from x2radar.wire import messages_status as status
+from x2radar.wire import messages_x4 as x4
+from x2radar.wire.codec import decode_any, decode_command, decode_response, encode
+from x2radar.wire.messages import Message
+from x2radar.wire.wire_ids import BootloaderKey, NoiseMapControl, X4Setting
 
 
 def floats(*values: float) -> np.ndarray:

@@ -3,8 +3,8 @@
 import re
 from pathlib import Path
 
-from x2radar import messages, messages_expert, messages_status, messages_x4
-from x2radar.layouts import COMMAND_VARIANTS, COMMANDS, RESPONSE_VARIANTS, RESPONSES
+from x2radar.wire import messages, messages_expert, messages_status, messages_x4
+from x2radar.wire.layouts import COMMAND_VARIANTS, COMMANDS, RESPONSE_VARIANTS, RESPONSES
 
 DOCS = Path(__file__).parents[1] / "docs"
 ROWS = COMMANDS + COMMAND_VARIANTS + RESPONSES + RESPONSE_VARIANTS

@@ -18,13 +18,13 @@ from tests.codec_helpers import (
     same,
     values_of,
 )
-from x2radar import messages, messages_expert, messages_status, messages_x4
-from x2radar.codec import decode_any, decode_command, decode_response, encode
 from x2radar.errors import MessageError
-from x2radar.layouts import ANSWERS, COMMAND_VARIANTS, COMMANDS, RESPONSE_VARIANTS, RESPONSES
-from x2radar.messages import Ack, Data, Message, Ping, Reply, SystemMessage
-from x2radar.messages_expert import HilCommand
-from x2radar.messages_x4 import X4Get, X4Read, X4Set, X4Write
+from x2radar.wire import messages, messages_expert, messages_status, messages_x4
+from x2radar.wire.codec import decode_any, decode_command, decode_response, encode
+from x2radar.wire.layouts import ANSWERS, COMMAND_VARIANTS, COMMANDS, RESPONSE_VARIANTS, RESPONSES
+from x2radar.wire.messages import Ack, Data, Message, Ping, Reply, SystemMessage
+from x2radar.wire.messages_expert import HilCommand
+from x2radar.wire.messages_x4 import X4Get, X4Read, X4Set, X4Write
 
 MODULES = (messages, messages_expert, messages_status, messages_x4)
 ROWS = COMMANDS + COMMAND_VARIANTS + RESPONSES + RESPONSE_VARIANTS

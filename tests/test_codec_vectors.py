@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from x2radar.codec import decode_any, decode_command, decode_response, encode
-from x2radar.framing import Packet, PacketDecoder
-from x2radar.framing import encode as frame
-from x2radar.layouts import COMMAND_VARIANTS, COMMANDS
-from x2radar.messages import (
+from x2radar.wire.codec import decode_any, decode_command, decode_response, encode
+from x2radar.wire.framing import Packet, PacketDecoder
+from x2radar.wire.framing import encode as frame
+from x2radar.wire.layouts import COMMAND_VARIANTS, COMMANDS
+from x2radar.wire.messages import (
     Ack,
     ErrorReply,
     GetSystemInfo,
@@ -32,9 +32,9 @@ from x2radar.messages import (
     SetSensitivity,
     SystemMessage,
 )
-from x2radar.messages_status import RespirationStatus
-from x2radar.messages_x4 import X4SetFrameRate, X4SetPulsesPerStep
-from x2radar.wire_ids import (
+from x2radar.wire.messages_status import RespirationStatus
+from x2radar.wire.messages_x4 import X4SetFrameRate, X4SetPulsesPerStep
+from x2radar.wire.wire_ids import (
     BasebandOutput,
     ErrorCode,
     InfoItem,

@@ -2,7 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from radard.config import Config, load_config
+from radard.config.config import Config, load_config
 from radard.errors import ConfigError
 
 ROOT = Path(__file__).parents[1]

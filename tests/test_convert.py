@@ -16,10 +16,10 @@ from tests.recording_helpers import (
     quanta,
     run,
 )
-from x2radar.blocks import Overrides
-from x2radar.convert import WRITABLE, convert
 from x2radar.errors import RecordingError, SettingsError
-from x2radar.open_recording import KINDS, open_recording
+from x2radar.recording.blocks import Overrides
+from x2radar.recording.convert import WRITABLE, convert
+from x2radar.recording.registry import KINDS, open_recording
 
 NAMES = {
     "hdf5": "out.h5",

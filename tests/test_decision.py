@@ -1,7 +1,7 @@
 import pytest
 
-from radard.classifier import Probabilities
-from radard.decision import judge
+from radard.classify.classifier import Probabilities
+from radard.classify.decision import judge
 
 
 @pytest.mark.parametrize(

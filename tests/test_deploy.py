@@ -11,10 +11,10 @@ from pathlib import Path
 import pytest
 import yaml
 
-from radard import metrics
-from radard.sink_options import MqttSection
+from radard.config.sink_sections import MqttSection
 from radard.sinks.homeassistant import entities
-from x2radar.discovery import USB_IDS
+from radard.web import metrics
+from x2radar.device.discovery import USB_IDS
 
 ROOT = Path(__file__).parents[1]
 DEPLOY = ROOT / "deploy"

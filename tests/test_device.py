@@ -7,13 +7,13 @@ import pytest
 
 import x2radar
 from tests.device_helpers import SETTINGS, SHORT, OnUsb, in_thread, module, simulated, take
-from x2radar.codec import decode_command
-from x2radar.device import Deadlines, X2Radar
+from x2radar.device.device import Deadlines, X2Radar
+from x2radar.device.transport import Transport, memory_pair
 from x2radar.errors import DeviceError, PortNotFound, TransportClosed
-from x2radar.messages import GetSystemInfo, Reply
-from x2radar.settings import RadarSettings
-from x2radar.sim.host import serve
-from x2radar.transport import Transport, memory_pair
+from x2radar.settings.x2 import RadarSettings
+from x2radar.sim.module.host import serve
+from x2radar.wire.codec import decode_command
+from x2radar.wire.messages import GetSystemInfo, Reply
 
 
 @pytest.mark.parametrize("kind", ["memory", "pty"])

@@ -24,10 +24,10 @@ from tests.device_helpers import (
     take,
     wire,
 )
-from x2radar.device import Deadlines, X2Radar
+from x2radar.device.device import Deadlines, X2Radar
+from x2radar.device.link import RETRIES
 from x2radar.errors import DeviceError, RestartRequired, SafeModeError, TransportClosed
-from x2radar.link import RETRIES
-from x2radar.messages import (
+from x2radar.wire.messages import (
     Ack,
     Data,
     ErrorReply,
@@ -41,7 +41,7 @@ from x2radar.messages import (
     SetSysInt,
     SystemMessage,
 )
-from x2radar.wire_ids import ErrorCode, Mode, PongCode, SysCfg, SystemCode
+from x2radar.wire.wire_ids import ErrorCode, Mode, PongCode, SysCfg, SystemCode
 
 
 def test_settings_become_commands_in_order() -> None:

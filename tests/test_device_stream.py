@@ -18,16 +18,16 @@ from tests.device_helpers import (
     take,
     wire,
 )
-from x2radar.device import X2Radar
+from x2radar.device.device import X2Radar
+from x2radar.device.transport import memory_pair
 from x2radar.errors import ReadTimeout, TransportClosed
-from x2radar.messages import Ping, Reset, SetMode, SystemMessage
-from x2radar.settings import RadarSettings
-from x2radar.sim.faults import FaultPlan
-from x2radar.sim.host import serve
-from x2radar.sim.module import SimulatedModule
-from x2radar.sim.scene import load_scene
-from x2radar.transport import memory_pair
-from x2radar.wire_ids import Mode, SystemCode
+from x2radar.settings.x2 import RadarSettings
+from x2radar.sim.module.faults import FaultPlan
+from x2radar.sim.module.host import serve
+from x2radar.sim.module.module import SimulatedModule
+from x2radar.sim.scene.scene import load_scene
+from x2radar.wire.messages import Ping, Reset, SetMode, SystemMessage
+from x2radar.wire.wire_ids import Mode, SystemCode
 
 
 def test_losses_and_damage_are_stated() -> None:

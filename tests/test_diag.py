@@ -8,8 +8,8 @@ import pytest
 
 from radard.cli import main
 from radard.commands.diag_parts import Scrubber, gather
-from radard.health import Status
-from radard.status_file import status_path, write_status
+from radard.health.health import Status
+from radard.health.status_file import status_path, write_status
 
 SECRETS = ("hunter2hunter2", "t0psecret-token", "0urbroker-pw", "pathofthehook")
 CONFIG = """\
@@ -75,7 +75,7 @@ def test_what_cannot_be_told_stops_nothing(config, monkeypatch):
 
 
 def test_serial_numbers_are_masked(config, monkeypatch):
-    from x2radar.discovery import PortRow
+    from x2radar.device.discovery import PortRow
 
     row = PortRow("/dev/ttyX", "0403:6001", serial_number="FT123", by_id="/dev/by-id/FT123")
     monkeypatch.setattr("radard.commands.diag_parts.list_ports", lambda: [row])

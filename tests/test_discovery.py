@@ -5,14 +5,14 @@ import threading
 import pytest
 
 from x2radar.cli import main
-from x2radar.discovery import find_module, list_ports, port_state, probe
+from x2radar.device.discovery import find_module, list_ports, port_state, probe
+from x2radar.device.transport import PtyTransport, SerialTransport
 from x2radar.errors import PortNotFound
-from x2radar.recording import RecordingReader
-from x2radar.sim.faults import FaultPlan
-from x2radar.sim.host import serve
-from x2radar.sim.module import SimulatedModule
-from x2radar.sim.scene import load_scene
-from x2radar.transport import PtyTransport, SerialTransport
+from x2radar.recording.hdf5_reader import RecordingReader
+from x2radar.sim.module.faults import FaultPlan
+from x2radar.sim.module.host import serve
+from x2radar.sim.module.module import SimulatedModule
+from x2radar.sim.scene.scene import load_scene
 
 
 class Served:

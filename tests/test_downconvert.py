@@ -8,7 +8,7 @@ from radard.dsp.downconvert import DownConverter
 from radard.errors import FeatureError
 from tests.radar_helpers import BASEBAND, noise
 from x2radar.frame import FastTimeAxis
-from x2radar.settings import SPEED_OF_LIGHT_MPS, RadarSettings
+from x2radar.settings.x2 import SPEED_OF_LIGHT_MPS, RadarSettings
 
 S = RadarSettings()
 RF = FastTimeAxis(

@@ -16,7 +16,7 @@ from x2radar.sim.echo import TIERS, Pulse, noise_colour, spectrum
 from x2radar.sim.echo.common import blocks
 from x2radar.sim.echo.design import design_for, suits
 from x2radar.sim.echo.spectral_grid import grid_for
-from x2radar.sim.pulse import baseband_echo, rf_echo
+from x2radar.sim.signal.pulse import baseband_echo, rf_echo
 
 C = 299_792_458.0
 X2, X2_RF = axis_of("baseband"), axis_of("rf")

@@ -2,12 +2,12 @@ import re
 
 import numpy as np
 
-from radard.classifier import Probabilities
-from radard.decision import Decision
-from radard.events import EventTracker
-from radard.gate import GateReading
-from radard.health import Health
-from radard.ring import Notice
+from radard.alarm.events import EventTracker
+from radard.classify.classifier import Probabilities
+from radard.classify.decision import Decision
+from radard.detect.gate import GateReading
+from radard.health.health import Health
+from radard.stream.ring import Notice
 from tests.radar_helpers import dwell_of, noise
 
 DWELL = dwell_of(noise(10))

@@ -8,12 +8,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from radard.classifier import Probabilities
-from radard.decision import Verdict
+from radard.classify.classifier import Probabilities
+from radard.classify.decision import Verdict
+from radard.classify.evidence import Evidence, EvidenceSettings
 from radard.errors import ModelMismatch
-from radard.evidence import Evidence, EvidenceSettings
-from radard.ring import DwellShape
-from x2train.windows import dwell_ends
+from radard.stream.ring import DwellShape
+from x2train.windows.windows import dwell_ends
 
 
 def window(human, pet, other):

@@ -12,15 +12,15 @@ import numpy as np
 import pytest
 
 from radard import plugins
+from radard.classify.features import FeatureSettings, FeatureStream, feature_shape
 from radard.cli import main
 from radard.errors import FeatureError, ModelMismatch
-from radard.features import FeatureSettings, FeatureStream, feature_shape
 from radard.sinks import open_sinks
-from radard.source import open_source
+from radard.stream.source import open_source
 from tests.radar_helpers import dwell_of, noise, run_radard
 from x2radar.errors import PluginError, SceneError
 from x2radar.plugins import find_plugin, plugin_names
-from x2radar.sim.scene import parse_scene
+from x2radar.sim.scene.scene import parse_scene
 
 PAGE = (Path(__file__).parents[1] / "docs" / "extending.md").read_text()
 BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
@@ -111,9 +111,9 @@ def test_feature(page):
     settings = FeatureSettings()
     assert feature_shape("range_power", settings) == (40,)
     dwell = dwell_of(noise(147) * (1 + 9 * (np.arange(64) == 40)))
-    stream = FeatureStream(settings, ("range_power", "seed_type1"))
+    stream = FeatureStream(settings, ("range_power", "thesis_type1"))
     features = stream.extract(dwell).inputs
-    assert set(features) == {"range_power", "seed_type1"}
+    assert set(features) == {"range_power", "thesis_type1"}
     where_m = settings.near_m + settings.cell_m * (np.argmax(features["range_power"]) + 0.5)
     assert where_m == pytest.approx(dwell.axis.range_m[40], abs=0.1)
     alone = FeatureStream(settings, ("range_power",)).extract(dwell)
@@ -184,7 +184,7 @@ def test_broken_sinks_are_one_line(text, words, folder):
     ],
 )
 def test_broken_features_are_one_line(text, error, words, folder):
-    offer(folder, {"radard.features": {"odd": "odd:thing"}}, odd=text)
+    offer(folder, {"radard.classify.features": {"odd": "odd:thing"}}, odd=text)
     with pytest.raises(error, match=words):
         feature_shape("odd", FeatureSettings())
 
@@ -202,7 +202,7 @@ def test_features_of_another_form_are_refused(made, words, folder):
         "import numpy as np\nclass Odd:\n def shape(self, s): return (3,)\n"
         f" def extract(self, dwell, s): return {made}\nthing = Odd()\n"
     )
-    offer(folder, {"radard.features": {"odd": "odd:thing"}}, odd=text)
+    offer(folder, {"radard.classify.features": {"odd": "odd:thing"}}, odd=text)
     stream = FeatureStream(FeatureSettings(), ("odd",))
     with pytest.raises(FeatureError, match=words):
         stream.extract(dwell_of(noise(147)))
@@ -210,7 +210,7 @@ def test_features_of_another_form_are_refused(made, words, folder):
 
 BODY = """
 import numpy as np
-from x2radar.sim.cast import BodyKind
+from x2radar.sim.scene.cast import BodyKind
 from x2radar.sim.points import Points
 class Odd:
     label, names = {label!r}, ('a', 'b')
@@ -270,7 +270,7 @@ def test_built_in_names_cannot_be_taken(folder):
         {
             "radard.sources": {"sim": "odd:thing", "replay": "odd:thing"},
             "radard.sinks": {"json": "odd:thing", "null": "odd:thing"},
-            "radard.features": {"seed_type1": "odd:thing"},
+            "radard.classify.features": {"thesis_type1": "odd:thing"},
             "x2radar.bodies": {"human": "odd:thing"},
         },
         odd="raise RuntimeError('was loaded')",

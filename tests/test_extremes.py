@@ -11,11 +11,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from radard.clutter_map import ClutterRemover
-from radard.features import FEATURES, MAP_FEATURES, FeatureSettings, FeatureStream, extract
-from radard.gate import Gate, GateSettings
-from radard.ring import Dwell, DwellShape
-from radard.tracks import Tracker
+from radard.classify.features import (
+    FEATURES,
+    MAP_FEATURES,
+    FeatureSettings,
+    FeatureStream,
+    extract,
+)
+from radard.detect.clutter_map import ClutterRemover
+from radard.detect.gate import Gate, GateSettings
+from radard.detect.tracks import Tracker
+from radard.stream.ring import Dwell, DwellShape
 from tests.clutter_helpers import AXIS, body, room
 from tests.dsp_helpers import under_clutter
 from tests.radar_helpers import noise
@@ -178,7 +184,7 @@ def test_frame_rates(rate_hz):
     dwell = dwell_of(frames, rate_hz=rate_hz, axis=axis)
     reading, _, _ = judged(dwell, MAP_FEATURES, made)
     if rate_hz < 1000:
-        judged(dwell, ("seed_type1",), made)
+        judged(dwell, ("thesis_type1",), made)
     if rate_hz > 4:
         assert reading.is_open
 

@@ -3,8 +3,14 @@ import contextlib
 import numpy as np
 import pytest
 
+from radard.classify.features import (
+    FEATURES,
+    FeatureSettings,
+    FeatureStream,
+    extract,
+    feature_shape,
+)
 from radard.errors import FeatureError, ModelMismatch
-from radard.features import FEATURES, FeatureSettings, FeatureStream, extract, feature_shape
 from tests.radar_helpers import BASEBAND, copy_ring, dwell_of, noise, walker
 from x2radar.frame import Frame
 
@@ -17,14 +23,14 @@ def test_shapes_are_as_announced():
     for name, array in made.items():
         assert array.shape == feature_shape(name, SETTINGS)
         assert array.dtype == np.float32
-    assert feature_shape("seed_type1", FeatureSettings()) == (784,)
-    assert feature_shape("seed_type2", FeatureSettings()) == (1176,)
+    assert feature_shape("thesis_type1", FeatureSettings()) == (784,)
+    assert feature_shape("thesis_type2", FeatureSettings()) == (1176,)
 
 
 def test_type2_is_profile_then_type1():
     dwell = dwell_of(noise(147) + walker(147, 60, speed_mps=0.5, start_m=2, level=30))
-    made = extract(dwell, SETTINGS, ("seed_type1", "seed_type2")).inputs
-    assert np.array_equal(made["seed_type2"][64:], made["seed_type1"])
+    made = extract(dwell, SETTINGS, ("thesis_type1", "thesis_type2")).inputs
+    assert np.array_equal(made["thesis_type2"][64:], made["thesis_type1"])
 
 
 @pytest.mark.parametrize("lost", [[0], [146], [60, 61], [20, 90]])
@@ -41,10 +47,10 @@ def test_lost_frames_hardly_move_the_features(lost):
 
 def test_features_own_their_memory():
     dwell = dwell_of(noise(147))
-    features = extract(dwell, SETTINGS, ("seed_type2",))
-    before = features.inputs["seed_type2"].copy()
+    features = extract(dwell, SETTINGS, ("thesis_type2",))
+    before = features.inputs["thesis_type2"].copy()
     dwell.frames[:] = 0
-    assert np.array_equal(features.inputs["seed_type2"], before)
+    assert np.array_equal(features.inputs["thesis_type2"], before)
 
 
 @pytest.mark.parametrize(

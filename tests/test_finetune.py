@@ -7,8 +7,8 @@ import numpy as np
 import onnx
 import pytest
 
-from radard.bundle import CLASSES, load_bundle
-from radard.classifier import Classifier
+from radard.classify.bundle import CLASSES, load_bundle
+from radard.classify.classifier import Classifier
 from radard.errors import UsageError
 from radard.web.labels import LabelFile
 from tests.alarm_helpers import write_recording
@@ -22,15 +22,15 @@ from tests.training_helpers import (
     write_tiny,
 )
 from x2radar.errors import RecordingError
-from x2train.bundle_answers import Answers, outputs_of
-from x2train.bundle_graph import MOST_NATS, N_KEPT, Head, recent_scores, with_verifier
 from x2train.cli import main
-from x2train.graph_net import GraphNet
-from x2train.own.guard import Guard, Misses, alarms_of, load_guard
-from x2train.own.labels import OwnClip, labelled_clips, merged, named_clips
-from x2train.own.verifier import fit_head
-from x2train.own.windows import judge_of, own_windows
-from x2train.shards import ShardSet
+from x2train.finetune.guard import Guard, Misses, alarms_of, load_guard
+from x2train.finetune.labels import OwnClip, labelled_clips, merged, named_clips
+from x2train.finetune.verifier import fit_head
+from x2train.finetune.windows import judge_of, own_windows
+from x2train.generate.shards import ShardSet
+from x2train.nets.bundle_answers import Answers, outputs_of
+from x2train.nets.bundle_graph import MOST_NATS, N_KEPT, Head, recent_scores, with_verifier
+from x2train.nets.graph_net import GraphNet
 
 ULID = "01J0000000000000000000000"
 
@@ -323,8 +323,8 @@ def test_sets_are_made_like_a_bundle(made, tmp_path, capsys):
     about = json.loads((tmp_path / "set" / "manifest.json").read_text())["about"]
     assert about["settings"] == json.loads((made / "tiny.json").read_text())["features"]
     capsys.readouterr()
-    assert main(["dataset", *out, "--like", "seed"]) == 2
-    assert "--like seed: it takes seed_type2" in capsys.readouterr().err
+    assert main(["dataset", *out, "--like", "thesis"]) == 2
+    assert "--like thesis: it takes thesis_type2" in capsys.readouterr().err
 
 
 def test_a_guard_that_does_not_fit_is_refused(made, bundle, tmp_path):
@@ -366,7 +366,7 @@ def test_wrong_input_gets_one_line(made, tmp_path, argv, words, capsys):
 
 def test_a_verifier_that_would_hide_people_is_not_written(made, tmp_path, capsys, monkeypatch):
     # As if no person might be touched at all, and every own window looked like one.
-    monkeypatch.setattr("x2train.own.verifier._lowest", lambda *_: 1e9)
+    monkeypatch.setattr("x2train.finetune.verifier._lowest", lambda *_: 1e9)
     assert finetune(made, *dogs(made), "--out", str(tmp_path / "out")) == 2
     err = capsys.readouterr().err
     assert "nothing was written" in err

@@ -13,13 +13,13 @@ from scipy.io import savemat
 
 from tests.radar_helpers import noise, run_radard
 from tests.recording_helpers import content, make
-from x2radar.blocks import Overrides, unwrap
 from x2radar.errors import RecordingError
-from x2radar.formats.xethru_writer import write as write_xethru
 from x2radar.frame import CounterTracker, Step
-from x2radar.open_recording import open_recording
-from x2radar.stamps import count_by_stamps
-from x2radar.xethru import META, XethruReader
+from x2radar.recording.blocks import Overrides, unwrap
+from x2radar.recording.formats.xethru_writer import write as write_xethru
+from x2radar.recording.registry import open_recording
+from x2radar.recording.stamps import count_by_stamps
+from x2radar.recording.xethru import META, XethruReader
 
 DATA = Path(__file__).parents[2] / "shared" / "data"
 P4XX = DATA / "p410_walk_101.mat"

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from tests.framing_helpers import any_packet, cut, decode, payloads, read_three_ways
 from x2radar.errors import ProtocolError
-from x2radar.framing import (
+from x2radar.wire.framing import (
     END,
     ESC,
     LENGTH_HEADER,

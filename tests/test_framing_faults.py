@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.framing_helpers import any_packet, cut, decode, escaped_payloads
-from x2radar import codec
-from x2radar.framing import (
+from x2radar.wire import codec
+from x2radar.wire.framing import (
     END,
     ESC,
     LENGTH_START,
@@ -23,7 +23,7 @@ from x2radar.framing import (
     Packing,
     encode,
 )
-from x2radar.messages import Data
+from x2radar.wire.messages import Data
 
 # ---------------------------------------------------------------- faults, each by name
 
@@ -172,7 +172,7 @@ class Damage:
             return stream[:at] + stream[at + 1 :], 1
         if self.kind == "insert":
             return stream[:at] + self.value + stream[at:], 1
-        # Two packets joined like this have a right checksum together: see x2radar.framing.
+        # Two packets joined like this have a right checksum together: see x2radar.wire.framing.
         joins = stream[at : at + 1] == b"\x7e" and self.value == b"\x7f"
         return stream[:at] + self.value + stream[at + 1 :], 2 if joins else 1
 

@@ -5,20 +5,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from radard.calibration import FORMAT, Calibration, load_calibration
-from radard.clutter_map import ClutterRemover
-from radard.config import Config
+from radard.config.config import Config
+from radard.detect.calibration import FORMAT, Calibration, load_calibration
+from radard.detect.clutter_map import ClutterRemover
+from radard.detect.gate import Gate, GateSettings, stretches
+from radard.detect.noise_floor import NoiseFloor
 from radard.dsp.clutter import block_power, sound_rows
 from radard.dsp.downconvert import DownConverter
 from radard.dsp.noise import second_differences
 from radard.errors import ConfigError
-from radard.gate import Gate, GateSettings, stretches
-from radard.noise_floor import NoiseFloor
 from radard.pipeline import Pipeline
-from radard.ring import Dwell, FrameRing
+from radard.stream.ring import Dwell, FrameRing
 from tests.clutter_helpers import AXIS, room
 from tests.radar_helpers import BASEBAND, dwell_of, noise, walker
-from x2radar.open_recording import open_recording
+from x2radar.recording.registry import open_recording
 
 DATA = Path(__file__).parents[2] / "shared" / "data"
 needs_data = pytest.mark.skipif(not DATA.is_dir(), reason="the real recordings are not here")

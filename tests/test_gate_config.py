@@ -1,9 +1,9 @@
 import pytest
 
-from radard.config import Config, load_config
-from radard.config_sections import GateSection
+from radard.config.config import Config, load_config
+from radard.config.sections import GateSection
+from radard.detect.gate import GateSettings
 from radard.errors import ConfigError
-from radard.gate import GateSettings
 from radard.pipeline import Pipeline
 from tests.radar_helpers import BASEBAND
 from x2radar.frame import StreamInfo

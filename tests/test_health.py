@@ -1,4 +1,4 @@
-"""The health state machine and all that reads it: status file, heart, systemd, `radard health`."""
+"""The health state machine and its readers: status file, heartbeat, systemd, `radard health`."""
 
 import json
 import os
@@ -7,13 +7,13 @@ import time
 import pytest
 
 from radard.cli import main
-from radard.config import load_config
-from radard.directories import clip_dir, runtime_dir, state_dir, status_dirs
-from radard.health import Health, Status, may_feed_all, overall
-from radard.heart import Heart, Watched
-from radard.ring import Notice
-from radard.status_file import read_status, status_path, write_status
-from radard.watchdog import Notifier
+from radard.config.config import load_config
+from radard.config.directories import clip_dir, runtime_dir, state_dir, status_dirs
+from radard.health.health import Health, Status, may_feed_all, overall
+from radard.health.heartbeat import Heartbeat, Watched
+from radard.health.status_file import read_status, status_path, write_status
+from radard.health.systemd import Notifier
+from radard.stream.ring import Notice
 from tests.alarm_helpers import NotifySocket, decision
 
 
@@ -157,57 +157,57 @@ def make_heart(health, tmp_path):
     spy = Spy()
     path = status_path(tmp_path, "radar")
     watched = Watched("radar", health, path, lambda: {"armed": True, "seq": 7})
-    heart = Heart([watched], spy)
-    return heart, spy
+    heartbeat = Heartbeat([watched], spy)
+    return heartbeat, spy
 
 
 def test_the_heart_says_ready_with_the_first_decision_and_feeds_only_then(health, tmp_path):
-    heart, spy = make_heart(health, tmp_path)
-    heart.beat()
+    heartbeat, spy = make_heart(health, tmp_path)
+    heartbeat.beat()
     assert spy.sent == []
     health.on_decision(decision(1))
-    heart.beat()
+    heartbeat.beat()
     assert spy.sent == ["READY", "WATCHDOG"]
 
 
 def test_the_heart_feeds_while_the_device_is_declared_absent(health, tmp_path):
-    heart, spy = make_heart(health, tmp_path)
+    heartbeat, spy = make_heart(health, tmp_path)
     health.on_notice(Notice("lost", "no such port", 0.0))
-    heart.beat()
+    heartbeat.beat()
     assert spy.sent == ["READY", "WATCHDOG"]
     report = read_status(status_path(tmp_path, "radar"))
     assert (report.is_healthy, report.line) == (False, "offline: device absent: no such port")
 
 
 def test_a_main_thread_that_hangs_is_not_fed(health, tmp_path, monkeypatch):
-    heart, spy = make_heart(health, tmp_path)
+    heartbeat, spy = make_heart(health, tmp_path)
     health.on_decision(decision(1))
-    heart.main_is_alive()
-    heart.beat()
+    heartbeat.main_is_alive()
+    heartbeat.beat()
     assert spy.sent == ["READY", "WATCHDOG"]
-    monkeypatch.setattr("radard.heart._MAIN_LATE_S", -1.0)
-    heart.beat()
+    monkeypatch.setattr("radard.health.heartbeat._MAIN_LATE_S", -1.0)
+    heartbeat.beat()
     assert spy.sent == ["READY", "WATCHDOG"]
 
 
 def test_the_status_file_of_another_process_is_left_alone(health, tmp_path, caplog):
     path = status_path(tmp_path, "radar")
     write_status(path, Status("online", ""), {"pid": os.getppid()})
-    heart, _ = make_heart(health, tmp_path)
-    heart.start()
-    heart.stop()
+    heartbeat, _ = make_heart(health, tmp_path)
+    heartbeat.start()
+    heartbeat.stop()
     assert json.loads(path.read_text())["pid"] == os.getppid()
     assert "belongs to process" in caplog.text
 
 
 def test_a_stopped_heart_leaves_the_last_word(health, tmp_path):
-    heart, spy = make_heart(health, tmp_path)
-    heart.stop()
+    heartbeat, spy = make_heart(health, tmp_path)
+    heartbeat.stop()
     assert spy.sent == []
-    heart.start()
-    heart.start()
+    heartbeat.start()
+    heartbeat.start()
     health.on_end("stopped")
-    heart.stop()
+    heartbeat.stop()
     assert spy.sent[-1] == "STOPPING"
     content = json.loads(status_path(tmp_path, "radar").read_text())
     assert (content["state"], content["reason"], content["seq"]) == ("offline", "stopped", 7)

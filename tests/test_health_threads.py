@@ -4,12 +4,12 @@ import time
 
 import pytest
 
-from radard.heart import Heart
+from radard.health.heartbeat import Heartbeat
+from radard.health.status_file import read_status, status_path
 from radard.pipeline import Pipeline
-from radard.signals import Signals
-from radard.source import LiveSource
-from radard.status_file import read_status, status_path
-from radard.worker import Worker
+from radard.service.os_signals import Signals
+from radard.service.worker import Worker
+from radard.stream.source import LiveSource
 from tests.daemon_helpers import Gate, launcher
 
 STALE_S = 0.6
@@ -20,7 +20,7 @@ WHERE = {
     "worker, deciding": (Gate.before, Pipeline, "decide"),
     "worker, writing": (Gate.before, Worker, "_emit"),
     "main": (Gate.before, Signals, "take"),
-    "heart": (Gate.before, Heart, "_write"),
+    "heartbeat": (Gate.before, Heartbeat, "_write"),
 }
 
 
@@ -37,7 +37,7 @@ def test_a_thread_that_stands_still_stops_the_notification(where, tmp_path, monk
         time.sleep(STALE_S + 0.4)
         daemon.far.drain()
         assert daemon.far.silent_for(0.6)
-        if where not in {"main", "heart"}:
+        if where not in {"main", "heartbeat"}:
             report = read_status(status_path(tmp_path, "radar"))
             assert report.content["state"] == "offline"
             assert "no decision" in report.line
@@ -62,9 +62,9 @@ def test_a_daemon_that_is_well_is_fed_and_says_its_end(tmp_path, launch):
 def test_a_thread_that_never_comes_back_does_not_hold_up_the_end(monkeypatch, launch):
     gate, forced = Gate(), []
     gate.before(monkeypatch, Pipeline, "decide")
-    monkeypatch.setattr("radard.radar_run._JOIN_S", 0.2)
-    monkeypatch.setattr("radard.supervision._DEADLINE_S", 0.6)
-    monkeypatch.setattr("radard.stuck.os._exit", forced.append)
+    monkeypatch.setattr("radard.service.radar_run._JOIN_S", 0.2)
+    monkeypatch.setattr("radard.service.supervision._DEADLINE_S", 0.6)
+    monkeypatch.setattr("radard.health.thread_dump.os._exit", forced.append)
     daemon = launch()
     daemon.far.wait_for("READY")
     gate.shut()

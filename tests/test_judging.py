@@ -5,20 +5,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from radard.bundle import load_bundle
-from radard.classifier import Answer, Classifier, Probabilities
-from radard.config import Config
+from radard.classify.bundle import load_bundle
+from radard.classify.classifier import Answer, Classifier, Probabilities
+from radard.config.config import Config
 from radard.pipeline import Pipeline
 from tests.radar_helpers import BASEBAND, dwell_of, frames_of, noise, walker
 from tests.training_helpers import FEATURES
 from x2radar.frame import StreamInfo
-from x2train.blank_bundle import write_blank_bundle
-from x2train.judging import JudgeSpec, decisions, judged
-from x2train.passages import play
-from x2train.pictures import passage_png
-from x2train.scenarios import family
-from x2train.sites import P4XX, X2, X4M03, draw_site
-from x2train.suites import SUITES
+from x2train.judge.judging import JudgeSpec, decisions, judged
+from x2train.judge.pictures import passage_png
+from x2train.judge.suites import SUITES
+from x2train.scenarios.families import family
+from x2train.scenarios.passages import play
+from x2train.scenarios.sites import P4XX, X2, X4M03, draw_site
+from x2train.studies.tradeoff.blank_bundle import write_blank_bundle
 
 
 @pytest.fixture(scope="module")
@@ -91,7 +91,7 @@ def test_the_columns_are_those_of_the_decisions(model):
 
 def test_passages_do_not_depend_on_the_bundle_or_the_order(model):
     a = JudgeSpec(model=model, seed=1, n_passages=400, policy="fused")
-    b = JudgeSpec(model="seed", seed=1, n_passages=400)
+    b = JudgeSpec(model="thesis", seed=1, n_passages=400)
     number = 45
     np.testing.assert_array_equal(a.played(number).frames, b.played(number).frames)
     first = a(number)

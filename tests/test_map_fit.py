@@ -8,18 +8,18 @@ import numpy as np
 import pytest
 import torch
 
-from radard.bundle import CLASSES, load_bundle
-from radard.classifier import Classifier, softmax
+from radard.classify.bundle import CLASSES, load_bundle
+from radard.classify.classifier import Classifier, softmax
+from radard.classify.evidence import EvidenceSettings
+from radard.classify.features import FeatureSet
 from radard.errors import RadardError, UsageError
-from radard.evidence import EvidenceSettings
-from radard.features import FeatureSet
 from tests.training_helpers import FEATURES, INPUTS, TINY, toy, trained, write_tiny
+from x2train.bundles.export import parity, to_onnx
+from x2train.bundles.map_bundle import HUMAN_LIMIT, PRIOR_HUMAN, TRUST, map_metrics
 from x2train.commands.fit import WIDTHS
-from x2train.evidence_fit import fit_evidence, fused, log_loss, sequences
-from x2train.export import parity, to_onnx
-from x2train.map_bundle import HUMAN_LIMIT, PRIOR_HUMAN, TRUST, map_metrics
-from x2train.map_fit import logits_of
-from x2train.nets import MapNet, n_parameters
+from x2train.nets.evidence_fit import fit_evidence, fused, log_loss, sequences
+from x2train.nets.map_fit import logits_of
+from x2train.nets.nets import MapNet, n_parameters
 
 
 @pytest.fixture(scope="module")
@@ -143,7 +143,7 @@ def write(folder, network, evidence, metrics):
 
 
 def test_a_network_that_onnxruntime_runs_otherwise_is_not_written(made, tmp_path, monkeypatch):
-    monkeypatch.setattr("x2train.map_bundle.parity", lambda *_: float("nan"))
+    monkeypatch.setattr("x2train.bundles.map_bundle.parity", lambda *_: float("nan"))
     with pytest.raises(RadardError, match="differ by nan"):
         write(tmp_path, made[0], EvidenceSettings(), {})
     assert not list(tmp_path.iterdir())

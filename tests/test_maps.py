@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from radard.maps import WEAKEST_COLUMN_DB, shown
+from radard.classify.display_db import WEAKEST_COLUMN_DB, shown
 
 
 def by_definition(power, valid, depth_db):

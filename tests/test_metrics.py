@@ -3,8 +3,8 @@
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
-from radard.metrics import HELP, Metrics, exposition
 from radard.pipeline import Pipeline
+from radard.web.metrics import HELP, Metrics, exposition
 from tests.daemon_helpers import Gate, launcher
 from tests.sink_helpers import decision, event, free_port, hello, wait_for
 from tests.web_helpers import ask, wait
@@ -27,7 +27,7 @@ def scraped(tmp_path, launch):
     base = f"http://127.0.0.1:{free_port()}"
     daemon = launch(
         sensor={"port": "sim:human?fault=drop_frames:0.01", "speed": "10"},
-        model={"name": "seed"},
+        model={"name": "thesis"},
         alarm={"sensitivity": "high"},
         clips={"enabled": False},
         output=[base, f"json:{tmp_path / 'out.jsonl'}"],

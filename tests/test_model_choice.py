@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import pytest
 
-from radard.bundle import load_bundle
+from radard.classify.bundle import load_bundle
+from radard.classify.model_choice import OF_ONE_MODULE, model_for
 from radard.cli import main
-from radard.config import load_config
-from radard.config_sections import AUTO_MODEL, DEFAULT_MODEL
-from radard.model_choice import OF_ONE_MODULE, model_for
-from radard.setup import classifier_for, make_classifier
+from radard.config.config import load_config
+from radard.config.sections import AUTO_MODEL, DEFAULT_MODEL
+from radard.service.components import classifier_for, make_classifier
 from tests.radar_helpers import run_radard
 from x2radar.frame import FastTimeAxis, StreamInfo
 

@@ -7,9 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from x2radar.errors import SceneError, SettingsError
-from x2radar.sim.antenna import Antenna
 from x2radar.sim.keys import settings_from
-from x2radar.sim.multipath import DiffuseTail, Surface, TailSettings, image_rows
+from x2radar.sim.place.antenna import Antenna
+from x2radar.sim.place.multipath import DiffuseTail, Surface, TailSettings, image_rows
 from x2radar.sim.points import Points
 
 ALL_ROUND = Antenna(height_m=1.5, shape="isotropic")

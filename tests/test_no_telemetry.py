@@ -21,7 +21,7 @@ RUN = """
 from radard.cli import main
 main(["--port", "sim:human", "--speed", "max", "--duration", "4", "-o", "null"])
 """
-TRAINING = "import x2train.export, x2train.network_cost"
+TRAINING = "import x2train.bundles.export, x2train.bundles.network_cost"
 REPORT = """
 links = [f"/proc/self/fd/{f}" for f in os.listdir("/proc/self/fd")]
 files = [os.readlink(link) for link in links if os.path.lexists(link)]

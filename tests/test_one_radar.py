@@ -1,4 +1,4 @@
-"""`--radar thesis`: the seed's bundle and the maps judge the same passages, fairly."""
+"""`--radar thesis`: the thesis' bundle and the maps judge the same passages, fairly."""
 
 import json
 from dataclasses import replace
@@ -6,24 +6,24 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from radard.bundle import load_bundle
-from radard.classifier import Classifier
-from radard.config import Config
+from radard.classify.bundle import load_bundle
+from radard.classify.classifier import Classifier
+from radard.config.config import Config
 from radard.errors import ModelMismatch, UsageError
 from radard.pipeline import Pipeline
-from radard.ring import Dwell
+from radard.stream.ring import Dwell
 from tests.training_helpers import FEATURES
 from x2radar.frame import StreamInfo
-from x2radar.settings import RadarSettings
-from x2radar.sim.antenna import Antenna
-from x2radar.sim.effects import ReceiverEffects
-from x2train.blank_bundle import write_blank_bundle
+from x2radar.settings.x2 import RadarSettings
+from x2radar.sim.place.antenna import Antenna
+from x2radar.sim.signal.effects import ReceiverEffects
 from x2train.cli import main
-from x2train.judging import JudgeSpec, decisions
-from x2train.passages import play
-from x2train.scenarios import family
-from x2train.sites import ONE_RADAR, P4XX, THESIS, X2, draw_site
-from x2train.suites import SUITES, suite_of
+from x2train.judge.judging import JudgeSpec, decisions
+from x2train.judge.suites import SUITES, suite_of
+from x2train.scenarios.families import family
+from x2train.scenarios.passages import play
+from x2train.scenarios.sites import ONE_RADAR, P4XX, THESIS, X2, draw_site
+from x2train.studies.tradeoff.blank_bundle import write_blank_bundle
 
 STEP = 8
 N = 400
@@ -50,9 +50,9 @@ def test_it_is_the_module_of_the_thesis_and_its_bundle_takes_it():
     assert (axis.n_range, THESIS.frame_rate_hz) == (768, 60.0)
     for name in ("bin_length_m", "range_offset_m", "carrier_hz", "bandwidth_hz", "sample_rate_hz"):
         assert getattr(axis, name) == getattr(x2, name)
-    load_bundle("seed").check_stream(axis, THESIS.frame_rate_hz)
+    load_bundle("thesis").check_stream(axis, THESIS.frame_rate_hz)
     with pytest.raises(ModelMismatch, match="bin_length_m"):
-        load_bundle("seed").check_stream(X2.axis(), X2.frame_rate_hz)
+        load_bundle("thesis").check_stream(X2.axis(), X2.frame_rate_hz)
 
 
 def silent(radar, seed=0):
@@ -103,7 +103,7 @@ def test_decimated_it_shows_the_echo_that_the_standard_radar_shows():
 def test_the_gate_sees_them_alike(model, name):
     cast = (family(name),) if name else ()
     readings = []
-    for radar, bundle in ((COARSE, model), (THESIS, model), (THESIS, "seed")):
+    for radar, bundle in ((COARSE, model), (THESIS, model), (THESIS, "thesis")):
         site = draw_site(np.random.default_rng(4), radar)
         site = replace(site, room=None, level_db=15.0)
         played = play(np.random.default_rng(2), site, cast, duration_s=8.0, lead_s=(0.2, 0.4))
@@ -146,15 +146,15 @@ def test_a_bundle_of_maps_gets_them_decimated_as_the_daemon_would(model):
     assert [d.reading for d in told] == [d.reading for d in by_hand]
     assert [d.window for d in told] == [d.window for d in by_hand]
     assert any(d.window is not None for d in told)
-    # The seed's bundle keeps every bin.
-    assert load_bundle("seed").features.range_decimation == 1
-    seed = decisions(played, "seed")
+    # The thesis' bundle keeps every bin.
+    assert load_bundle("thesis").features.range_decimation == 1
+    seed = decisions(played, "thesis")
     assert [d.t_s for d in seed] == [d.t_s for d in told]
     assert any(d.window is not None for d in seed)
     assert all(d.window.other == 0 for d in seed if d.window)
 
 
-def test_the_seeds_network_knows_its_own_bodies_there():
+def test_the_thesis_network_knows_its_own_bodies_there():
     bare = draw_site(np.random.default_rng(0), THESIS)
     bare = replace(bare, room=None, surfaces=(), tail=None, receiver=ReceiverEffects())
     bare = replace(bare, antenna=Antenna(shape="isotropic"), level_db=0.0)
@@ -162,9 +162,9 @@ def test_the_seeds_network_knows_its_own_bodies_there():
     for kind in ("human", "cat"):
         told = []
         for k in range(5):
-            rng, cast = np.random.default_rng([5, k]), (family(f"seed {kind}"),)
+            rng, cast = np.random.default_rng([5, k]), (family(f"thesis {kind}"),)
             played = play(rng, bare, cast, duration_s=4.0, lead_s=(0.1, 0.5), is_plain=True)
-            told += [d.window.human for d in decisions(played, "seed") if d.window]
+            told += [d.window.human for d in decisions(played, "thesis") if d.window]
         assert len(told) >= 5
         human[kind] = np.mean(told)
     # As on the thesis' elements themselves: it is what it was trained for.
@@ -183,7 +183,7 @@ def test_every_suite_can_be_before_one_radar():
         assert (before.cast, before.rooms, before.duration_s) == (s.cast, s.rooms, s.duration_s)
         if s.radar is X2:
             assert replace(before, radar=X2) == s
-    spec = JudgeSpec(model="seed", seed=0, n_passages=N, radar="thesis")
+    spec = JudgeSpec(model="thesis", seed=0, n_passages=N, radar="thesis")
     assert spec.suite(NUMBERS["pets, P4xx"]).name == "pets"
     assert replace(spec, radar="suites").suite(NUMBERS["pets, P4xx"]).radar is P4XX
 
@@ -192,8 +192,8 @@ def test_every_suite_can_be_before_one_radar():
 def test_both_bundles_judge_the_same_passage(model, name, monkeypatch):
     # Half of a passage tells the same in half the time.
     short = tuple(replace(s, duration_s=7.0) for s in SUITES)
-    monkeypatch.setattr("x2train.suites.SUITES", short)
-    specs = [JudgeSpec(model=m, seed=9, n_passages=N, radar="thesis") for m in ("seed", model)]
+    monkeypatch.setattr("x2train.judge.suites.SUITES", short)
+    specs = [JudgeSpec(model=m, seed=9, n_passages=N, radar="thesis") for m in ("thesis", model)]
     seed, maps = (spec(NUMBERS[name]) for spec in specs)
     truth = ("family", "label", "split", "suite", "build", "speed_mps", "range_m", "aspect_deg")
     for key in (*truth, "snr_db", "duration_s", "enters_s", "leaves_s", "t_s", "n_decisions"):
@@ -213,12 +213,12 @@ def one_line(capsys):
 
 
 def test_evaluate_compares_them(model, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("x2train.pictures.passage_png", lambda *_: None)
+    monkeypatch.setattr("x2train.judge.pictures.passage_png", lambda *_: None)
     short = tuple(replace(s, duration_s=5.0) for s in SUITES)
-    monkeypatch.setattr("x2train.suites.SUITES", short)
+    monkeypatch.setattr("x2train.judge.suites.SUITES", short)
     a, b = tmp_path / "a", tmp_path / "b"
     thesis = ("--radar", "thesis")
-    assert evaluate("--model", "seed", *thesis, "--out", str(a)) == 0
+    assert evaluate("--model", "thesis", *thesis, "--out", str(a)) == 0
     about = json.loads((a / "passages" / "manifest.json").read_text())["about"]
     assert about["radar"] == "thesis"
     assert evaluate("--model", model, *thesis, "--against", str(a), "--out", str(b)) == 0
@@ -237,9 +237,9 @@ def test_evaluate_compares_them(model, tmp_path, capsys, monkeypatch):
 
 def test_what_does_not_fit_is_told_in_one_line_before_anything_is_played(model, tmp_path, capsys):
     out = tmp_path / "out"
-    assert evaluate("--model", "seed", "--out", str(out)) == 4
+    assert evaluate("--model", "thesis", "--out", str(out)) == 4
     told = one_line(capsys)
-    assert "--radar suites: model 'seed' does not fit" in told
+    assert "--radar suites: model 'thesis' does not fit" in told
     assert "bin_length_m is 0.02925, it takes 0.0034 to 0.004" in told
     assert "it takes --radar thesis" in told
     assert not out.exists()

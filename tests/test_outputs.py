@@ -4,9 +4,9 @@ import json
 
 import pytest
 
-from radard.config import load_config
-from radard.health import Health
-from radard.outputs import Host, Outputs
+from radard.config.config import load_config
+from radard.health.health import Health
+from radard.outputs.fanout import Host, Outputs
 from radard.sinks.store_query import read_events
 from tests.sink_helpers import WebServer, event, hello, ulid, wait_for
 

@@ -5,16 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from radard.features import FeatureSettings
+from radard.classify.features import FeatureSettings
 from radard.pipeline import settings_at
-from radard.ring import DwellShape
+from radard.stream.ring import DwellShape
 from tests.training_helpers import FEATURES
-from x2train.farm import make_shards
-from x2train.passages import Passage, Truth, play
-from x2train.scenarios import FAMILIES, LABELS, family
-from x2train.shards import read_all
-from x2train.sites import X2, draw_close, draw_site
-from x2train.windows import WindowSpec, dwell_ends, windows_of
+from x2train.generate.shard_run import make_shards
+from x2train.generate.shards import read_all
+from x2train.scenarios.families import FAMILIES, LABELS, family
+from x2train.scenarios.passages import Passage, Truth, play
+from x2train.scenarios.sites import X2, draw_close, draw_site
+from x2train.windows.windows import WindowSpec, dwell_ends, windows_of
 
 FEW = WindowSpec(seed=4, use="train", settings=FEATURES)
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 import x2radar
 from x2radar.errors import PortNotFound, SceneError, SettingsError
 from x2radar.ports import SIM_KEYS, PortSpec, check_options, make_radar, number_option, parse_port
-from x2radar.settings import RadarSettings
+from x2radar.settings.x2 import RadarSettings
 
 # ---------------------------------------------------------------- parsing
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from x2radar import framing
-from x2radar.codec import encode
 from x2radar.errors import MessageError, ProtocolError
-from x2radar.messages import (
+from x2radar.wire import framing
+from x2radar.wire.codec import encode
+from x2radar.wire.messages import (
     Ack,
     Data,
     ErrorReply,
@@ -22,8 +22,8 @@ from x2radar.messages import (
     SystemMessage,
     Unknown,
 )
-from x2radar.protocol import Answered, Damaged, Event, Received, Refused, Session
-from x2radar.wire_ids import ErrorCode, Mode, PongCode, SystemCode
+from x2radar.wire.protocol import Answered, Damaged, Event, Received, Refused, Session
+from x2radar.wire.wire_ids import ErrorCode, Mode, PongCode, SystemCode
 
 RUN = SetMode(Mode.RUN)
 PONG = Pong(PongCode.READY)

@@ -8,12 +8,12 @@ from types import MappingProxyType
 
 import pytest
 
-from radard.bundle import load_bundle
-from radard.card import sidecar_path
-from x2train import recipes
+from radard.classify.bundle import load_bundle
+from radard.classify.card import sidecar_path
+from x2train.bundles import recipes
+from x2train.bundles.recipes import RECIPES, Recipe, arguments, recipe_of
 from x2train.cli import main
 from x2train.commands import make
-from x2train.recipes import RECIPES, Recipe, arguments, recipe_of
 
 
 @pytest.mark.parametrize("name", RECIPES)

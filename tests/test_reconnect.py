@@ -9,7 +9,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from x2radar.device import Deadlines, RadarStats, X2Radar
+from x2radar.device.device import Deadlines, RadarStats, X2Radar
+from x2radar.device.reconnect import Backoff, ReconnectingRadar, StreamEvent
+from x2radar.device.transport import PtyTransport, SerialTransport, memory_pair
 from x2radar.errors import (
     DeviceError,
     PortDenied,
@@ -18,13 +20,11 @@ from x2radar.errors import (
     TransportClosed,
 )
 from x2radar.frame import FastTimeAxis, Frame
-from x2radar.reconnect import Backoff, ReconnectingRadar, StreamEvent
-from x2radar.settings import RadarSettings
-from x2radar.sim.faults import FaultPlan
-from x2radar.sim.host import serve
-from x2radar.sim.module import SimulatedModule
-from x2radar.sim.scene import load_scene
-from x2radar.transport import PtyTransport, SerialTransport, memory_pair
+from x2radar.settings.x2 import RadarSettings
+from x2radar.sim.module.faults import FaultPlan
+from x2radar.sim.module.host import serve
+from x2radar.sim.module.module import SimulatedModule
+from x2radar.sim.scene.scene import load_scene
 
 SETTINGS = RadarSettings(frame_stitch=1)
 SHORT = Deadlines(ready_s=5.0, ping_every_s=0.03, usb_gone_s=0.1, stall_s=0.2)

@@ -13,8 +13,8 @@ import pytest
 from tests.radar_helpers import BASEBAND, frames_of, noise
 from x2radar.errors import RecordingError
 from x2radar.frame import FastTimeAxis, Frame, StreamInfo
-from x2radar.open_recording import open_recording
-from x2radar.recording import RecordingReader, RecordingWriter
+from x2radar.recording.hdf5_reader import RecordingReader, RecordingWriter
+from x2radar.recording.registry import open_recording
 
 RF = FastTimeAxis(
     kind="rf",
@@ -201,7 +201,7 @@ from pathlib import Path
 sys.path[:0] = ['.', 'daemon']
 from tests.radar_helpers import BASEBAND, frames_of, noise
 from x2radar.frame import StreamInfo
-from x2radar.recording import RecordingWriter
+from x2radar.recording.hdf5_reader import RecordingWriter
 samples = noise(20000)
 writer = RecordingWriter(Path(sys.argv[1]), StreamInfo(BASEBAND, 60, 'x'),
                          started_utc='', device={}, settings={})

@@ -17,13 +17,13 @@ import pytest
 
 from tests.radar_helpers import BASEBAND, frames_of, noise, run_radard, stable
 from tests.recording_helpers import content, run
-from x2radar import recorder
 from x2radar.errors import ReadTimeout, RecordingError, X2RadarError
 from x2radar.frame import Frame, StreamInfo
-from x2radar.open_recording import open_recording
-from x2radar.parts import PartsReader, RotatingWriter, existing_parts, part_path
-from x2radar.recorder import Progress, Tally, record, stop_flag
-from x2radar.recording import RecordingReader, RecordingWriter
+from x2radar.recording import recorder
+from x2radar.recording.hdf5_reader import RecordingReader, RecordingWriter
+from x2radar.recording.recorder import RecordingProgress, Tally, record, stop_flag
+from x2radar.recording.registry import open_recording
+from x2radar.recording.rotating import PartsReader, RotatingWriter, existing_parts, part_path
 
 ROOT = Path(__file__).parents[1]
 STREAM = StreamInfo(BASEBAND, 60.0, "x")
@@ -284,7 +284,7 @@ def test_progress_is_one_line_on_a_terminal_and_nothing_elsewhere(monkeypatch):
     now_s = [0.0]
     monkeypatch.setattr(recorder.time, "monotonic", lambda: now_s[0])
     for out, shown in ((Terminal(), True), (io.StringIO(), False)):
-        progress = Progress("w.h5", out)
+        progress = RecordingProgress("w.h5", out)
         for k in range(5):
             now_s[0] += 0.3
             progress.show(Tally(18 * (k + 1), 2, 3_000_000))

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from radard.errors import UsageError
-from tests.farm_helpers import Draws
 from tests.report_helpers import drawn, passage, table_of
+from tests.shard_helpers import Draws
 from x2radar.errors import RecordingError
-from x2train.farm import make_shards
+from x2train.generate.shard_run import make_shards
 from x2train.report import PassageTable
 from x2train.report.table import FLAGS, NUMBERS, SERIES, TEXTS
 

@@ -13,9 +13,9 @@ from radard.errors import OutputError, UsageError
 from tests.report_helpers import drawn, passage, table_of
 from x2train.report import write
 from x2train.report.compare import pairings
-from x2train.report.document import rounded
 from x2train.report.figures import figures
 from x2train.report.page import figure_text, rate_text, share_text
+from x2train.report.report_json import rounded
 
 PNG = b"\x89PNG\r\n\x1a\n"
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from radard.dsp.downconvert import DownConverter
 from radard.errors import FeatureError
-from radard.ring import Dwell, DwellShape, FrameRing, Notice
+from radard.stream.ring import Dwell, DwellShape, FrameRing, Notice
 from tests.radar_helpers import copy_ring, frames_of, noise
 from tests.receiver_helpers import RF
 

@@ -6,9 +6,9 @@ import logging
 import numpy as np
 import pytest
 
-from radard.calibration import Provenance, load_calibration
-from radard.config import load_config
-from radard.room_calibration import RoomCalibration, can_calibrate, kept_calibration
+from radard.config.config import load_config
+from radard.detect.calibration import Provenance, load_calibration
+from radard.service.room_calibration import RoomCalibration, can_calibrate, kept_calibration
 from tests.daemon_helpers import launcher
 from tests.radar_helpers import dwell_of, noise
 from tests.sink_helpers import Listener, MqttBroker, free_port, wait_for

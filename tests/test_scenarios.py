@@ -7,9 +7,25 @@ import pytest
 
 from radard.errors import UsageError
 from x2train.commands.fit import stream_of
-from x2train.scenarios import FAMILIES, LABELS, PAIRS, draw_cast, draw_family, families, family
-from x2train.sites import P4XX, X2, X4M03, draw_close, draw_radar, draw_rate_hz, draw_site
-from x2train.suites import SUITES, check_suites, n_more_pets, suite_of
+from x2train.judge.suites import SUITES, check_suites, n_more_pets, suite_of
+from x2train.scenarios.families import (
+    FAMILIES,
+    LABELS,
+    PAIRS,
+    draw_cast,
+    draw_family,
+    families,
+    family,
+)
+from x2train.scenarios.sites import (
+    P4XX,
+    X2,
+    X4M03,
+    draw_close,
+    draw_radar,
+    draw_rate_hz,
+    draw_site,
+)
 
 N_DRAWS = 1500
 
@@ -25,7 +41,7 @@ def casts(label, use, n=N_DRAWS, seed=0):
 def test_families_have_names_of_their_own():
     names = [f.name for f in FAMILIES]
     assert len(set(names)) == len(names)
-    assert {f.use for f in FAMILIES} == {"train", "held out", "seed"}
+    assert {f.use for f in FAMILIES} == {"train", "held out", "thesis"}
     assert family("largest dogs").use == "held out"
     with pytest.raises(KeyError):
         family("unicorn")
@@ -69,8 +85,8 @@ def test_held_out_casts_are_new_in_family_or_in_company(label):
 
 @pytest.mark.parametrize("label", ["human", "pet"])
 def test_the_thesis_bodies_come_alone(label):
-    made = casts(label, "seed", 50)
-    assert {f.use for cast in made for f in cast} == {"seed"}
+    made = casts(label, "thesis", 50)
+    assert {f.use for cast in made for f in cast} == {"thesis"}
     assert {len(cast) for cast in made} == {1}
 
 
@@ -99,7 +115,7 @@ def test_families_are_drawn_by_weight():
         assert abs(counts[f.name] - expected) < 4.5 * np.sqrt(expected)
 
 
-@pytest.mark.parametrize("use", ["train", "staying", "held out", "all", "seed"])
+@pytest.mark.parametrize("use", ["train", "staying", "held out", "all", "thesis"])
 def test_same_seed_same_casts(use):
     assert casts("pet", use, 40, seed=3) == casts("pet", use, 40, seed=3)
     assert casts("pet", use, 40, seed=3) != casts("pet", use, 40, seed=4)

@@ -14,15 +14,15 @@ import jsonschema
 import numpy as np
 import pytest
 
-from radard.config import Config
-from radard.source import open_source
+from radard.config.config import Config
+from radard.stream.source import open_source
 from tests.alarm_helpers import write_recording
 from tests.radar_helpers import python, run_radard, stable
+from x2radar.device.transport import PtyTransport
 from x2radar.errors import TransportClosed
-from x2radar.sim.host import serve
-from x2radar.sim.module import SimulatedModule
-from x2radar.sim.scene import load_scene
-from x2radar.transport import PtyTransport
+from x2radar.sim.module.host import serve
+from x2radar.sim.module.module import SimulatedModule
+from x2radar.sim.scene.scene import load_scene
 
 SCHEMA = json.loads((resources.files("radard") / "output.schema.json").read_text())
 REAL = Path(__file__).parents[2] / "shared" / "data" / "x4m03_recording"

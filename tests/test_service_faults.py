@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from radard.classifier import Classifier
+from radard.classify.classifier import Classifier
 from radard.errors import ModelMismatch
 from radard.pipeline import Pipeline
 from tests.alarm_helpers import write_recording
@@ -136,9 +136,9 @@ def test_tamper_is_an_event_and_the_same_in_every_replay(tmp_path, change, words
 
 def test_a_quiet_period_takes_the_clock_of_the_recording(tmp_path, monkeypatch):
     file = tmp_path / "r.h5"
-    run_radard("--port", "sim:seed_human", *FAST, "--duration", "12", "--record", str(file))
+    run_radard("--port", "sim:thesis_human", *FAST, "--duration", "12", "--record", str(file))
     monkeypatch.setenv("RADARD_ALARM__TIMEZONE", "UTC")
-    from x2radar.recording import RecordingReader
+    from x2radar.recording.hdf5_reader import RecordingReader
 
     with RecordingReader(file) as reader:
         hour = int(reader.started_utc[11:13])
@@ -174,14 +174,14 @@ def test_zones_and_sensitivity_change_events_and_no_decision(monkeypatch):
 
 def test_a_replayed_stream_never_asks_what_was_kept(tmp_path, monkeypatch):
     file = tmp_path / "r.h5"
-    run_radard("--port", "sim:seed_human", *FAST, "--duration", "12", "--record", str(file))
+    run_radard("--port", "sim:thesis_human", *FAST, "--duration", "12", "--record", str(file))
     monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path))
     for name in ("radar.json", "radar.sim.json"):
         (tmp_path / name).write_text(json.dumps({"is_armed": False}))
     _, replayed, _ = run_radard("--port", f"replay:{file}", "-o", "json")
     assert events(replayed, "alarm")
     assert replayed[0]["armed"]
-    _, live, err = run_radard("--port", "sim:seed_human", *FAST, "--duration", "12")
+    _, live, err = run_radard("--port", "sim:thesis_human", *FAST, "--duration", "12")
     assert events(live, "alarm") == []
     assert not live[0]["armed"]
     assert "disarmed, as the last command said" in err

@@ -15,10 +15,10 @@ from radard.errors import ConfigError
 from tests.alarm_helpers import NotifySocket
 from tests.daemon_helpers import launcher
 from tests.radar_helpers import python
-from x2radar.sim.host import serve
-from x2radar.sim.module import SimulatedModule
-from x2radar.sim.scene import load_scene
-from x2radar.transport import PtyTransport
+from x2radar.device.transport import PtyTransport
+from x2radar.sim.module.host import serve
+from x2radar.sim.module.module import SimulatedModule
+from x2radar.sim.scene.scene import load_scene
 
 ROOT = Path(__file__).parents[1]
 launch = pytest.fixture(launcher)
@@ -108,9 +108,9 @@ def test_hup_reloads_without_losing_the_stream_and_usr1_dumps(tmp_path, far):
     (dump,) = [line for line in err.splitlines() if " state {" in line]
     state = json.loads(dump.partition(" state ")[2])
     assert state["state"] == "online"
-    assert {"main", "reader", "worker", "heart"} <= {t.lower()[:6] for t in state["threads"]} | {
-        "main" if name == "MainThread" else name for name in state["threads"]
-    }
+    assert {"main", "reader", "worker", "heartbeat"} <= {
+        t.lower()[:6] for t in state["threads"]
+    } | {"main" if name == "MainThread" else name for name in state["threads"]}
 
 
 def test_absent_at_boot_then_plugged_in(tmp_path, far):
@@ -200,7 +200,7 @@ def test_disarmed_is_kept_over_a_restart_and_so_is_armed(tmp_path, launch):
 def test_an_alarm_is_kept_until_somebody_acknowledges_it(tmp_path, launch):
     options = {
         "sensor": {"port": "sim:human", "speed": "max"},
-        "model": {"name": "seed"},
+        "model": {"name": "thesis"},
         "alarm": {"sensitivity": "high", "latch_s": 86_400, "refractory_s": 3600},
         "clips": {"enabled": False},
     }
@@ -278,11 +278,11 @@ def test_a_model_that_takes_other_dwells_is_left_for_a_restart(launch, caplog):
     daemon.ask("reload")
     daemon.far.wait_for("RELOADING")
     daemon.far.wait_for("READY")
-    model = daemon.config.model.model_copy(update={"name": "seed"})
+    model = daemon.config.model.model_copy(update={"name": "thesis"})
     choices[0] = lambda: daemon.config.model_copy(update={"model": model})
     daemon.ask("reload")
     for _ in range(200):
-        if daemon.run.parts.config.model.name == "seed":
+        if daemon.run.parts.config.model.name == "thesis":
             break
         time.sleep(0.02)
     assert daemon.run.parts.pipeline.classifier is not None

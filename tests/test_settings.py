@@ -8,12 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from x2radar.errors import SettingsError, X2RadarError
-from x2radar.settings import PRF_HZ, PULSE_GENERATORS, RadarSettings
+from x2radar.settings.x2 import PRF_HZ, PULSE_GENERATORS, RadarSettings
 
 C = 299_792_458.0
 
 
-def test_defaults_are_the_seeds_radar():
+def test_defaults_are_the_radar_of_the_thesis():
     s = RadarSettings()
     assert (s.frame_rate_hz, s.n_range, s.sample_rate_hz, s.sample_delay_s) == (
         60,

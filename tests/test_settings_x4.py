@@ -5,17 +5,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from x2radar import framing
-from x2radar.assemble import FrameAssembler
-from x2radar.codec import decode_command, decode_response, encode
+from x2radar.device.assemble import FrameAssembler
 from x2radar.errors import SettingsError
-from x2radar.messages import BasebandIq, Data, SetMode
-from x2radar.messages_x4 import X4SetFrameRate
 from x2radar.ports import make_radar, parse_port
-from x2radar.settings import RadarSettings
-from x2radar.settings_x4 import X4Settings
-from x2radar.startup import startup_commands
-from x2radar.wire_ids import ContentId, Mode
+from x2radar.settings.startup import startup_commands
+from x2radar.settings.x2 import RadarSettings
+from x2radar.settings.x4 import X4Settings
+from x2radar.wire import framing
+from x2radar.wire.codec import decode_command, decode_response, encode
+from x2radar.wire.messages import BasebandIq, Data, SetMode
+from x2radar.wire.messages_x4 import X4SetFrameRate
+from x2radar.wire.wire_ids import ContentId, Mode
 
 
 def test_axis_of_both_forms():

@@ -13,10 +13,10 @@ from radard.cli import main
 from radard.commands.coverage import CoverageOptions, coverage_table, snr_db
 from radard.commands.setup import UDEV_FILE, UNIT_FILE, install, systemd_unit, udev_rules
 from radard.errors import UsageError
-from x2radar.settings import RadarSettings
-from x2radar.sim.cast import SEED_GAIN
-from x2radar.sim.scene import parse_scene
-from x2radar.sim.stream import EchoStream
+from x2radar.settings.x2 import RadarSettings
+from x2radar.sim.module.stream import EchoStream
+from x2radar.sim.scene.cast import SEED_GAIN
+from x2radar.sim.scene.scene import parse_scene
 
 ROOT = Path(__file__).parents[1]
 

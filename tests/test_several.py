@@ -10,19 +10,19 @@ import pytest
 import yaml
 
 from radard import cli
-from radard.config import load_config, load_with_origins
+from radard.config.config import load_config, load_with_origins
 from radard.errors import ConfigError, UsageError
+from radard.health.status_file import read_status, status_path
 from radard.pipeline import Pipeline
-from radard.source import LiveSource
-from radard.status_file import read_status, status_path
+from radard.stream.source import LiveSource
 from tests.daemon_helpers import Gate, launcher
 from tests.radar_helpers import python, run_radard, stable
 from tests.sink_helpers import Listener, MqttBroker, free_port, wait_for
 from tests.web_helpers import ask, wait
-from x2radar.sim.host import serve
-from x2radar.sim.module import SimulatedModule
-from x2radar.sim.scene import load_scene
-from x2radar.transport import PtyTransport
+from x2radar.device.transport import PtyTransport
+from x2radar.sim.module.host import serve
+from x2radar.sim.module.module import SimulatedModule
+from x2radar.sim.scene.scene import load_scene
 
 launch = pytest.fixture(launcher)
 TWO = {"hall": {"port": "sim:human?seed=1"}, "attic": {"port": "sim:dog?seed=2"}}
@@ -52,8 +52,8 @@ def test_two_decide_as_each_alone(tmp_path, monkeypatch):
         "hall": {**TWO["hall"], "alarm": {"sensitivity": "high"}},
         "attic": {**TWO["attic"], "gate": {"threshold_db": 9.0}},
     }
-    config = written(tmp_path, sensors=sensors, model={"name": "seed"})
-    common = ("--speed", "max", "--duration", "14", "-o", "json", "--model", "seed")
+    config = written(tmp_path, sensors=sensors, model={"name": "thesis"})
+    common = ("--speed", "max", "--duration", "14", "-o", "json", "--model", "thesis")
     code, both, _ = run_radard("--config", str(config), *common)
     assert code == 0
     alone = {
@@ -103,7 +103,7 @@ def test_when_none_can_work_the_process_ends_with_the_first_fault(tmp_path, laun
 
 
 def test_work_that_breaks_off_is_begun_anew(tmp_path, launch, monkeypatch):
-    monkeypatch.setattr("radard.several._FIRST_PAUSE_S", 0.3)
+    monkeypatch.setattr("radard.service.several._FIRST_PAUSE_S", 0.3)
     plain, broken = LiveSource.frames, []
 
     def frames(self):

@@ -7,8 +7,8 @@ import pytest
 
 from radard.errors import UsageError
 from x2radar.errors import RecordingError
-from x2train import shards
-from x2train.shards import MANIFEST, ShardSet, write_whole
+from x2train.generate import shards
+from x2train.generate.shards import MANIFEST, ShardSet, write_whole
 
 ABOUT = {"set": "test", "rate": 60}
 ARRAYS = {"x": np.arange(12, dtype=np.float32).reshape(4, 3), "y": np.array([0, 1, 0, 1])}

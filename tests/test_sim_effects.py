@@ -6,10 +6,10 @@ import pytest
 from radard.dsp.downconvert import DownConverter
 from tests.receiver_helpers import BASEBAND, RF, affected, room_echo
 from x2radar.errors import SceneError, SettingsError
-from x2radar.sim.effects import FrameDraws, ReceiverEffects, chip_axis, chip_ramp
 from x2radar.sim.keys import settings_from
-from x2radar.sim.pulse import baseband_echo, rf_echo
-from x2radar.sim.receiver import MIDDLE
+from x2radar.sim.signal.effects import FrameDraws, ReceiverEffects, chip_axis, chip_ramp
+from x2radar.sim.signal.pulse import baseband_echo, rf_echo
+from x2radar.sim.signal.receiver import MIDDLE
 
 # ---------------------------------------------------------------- draws by frame number
 

@@ -6,11 +6,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from x2radar import framing
-from x2radar.codec import decode_response, encode
 from x2radar.errors import MessageError, SettingsError
-from x2radar.framing import LineFault, Packet, PacketDecoder
-from x2radar.messages import (
+from x2radar.settings.x2 import RadarSettings
+from x2radar.sim.module.faults import KINDS, FaultPlan, describe_faults, parse_faults
+from x2radar.sim.module.module import SimulatedModule
+from x2radar.sim.module.stream import EchoStream
+from x2radar.sim.scene.scene import load_scene
+from x2radar.wire import framing
+from x2radar.wire.codec import decode_response, encode
+from x2radar.wire.framing import LineFault, Packet, PacketDecoder
+from x2radar.wire.messages import (
     Ack,
     BasebandIq,
     Data,
@@ -24,12 +29,7 @@ from x2radar.messages import (
     SetSysInt,
     SystemMessage,
 )
-from x2radar.settings import RadarSettings
-from x2radar.sim.faults import KINDS, FaultPlan, describe_faults, parse_faults
-from x2radar.sim.module import SimulatedModule
-from x2radar.sim.scene import load_scene
-from x2radar.sim.stream import EchoStream
-from x2radar.wire_ids import BasebandOutput, ErrorCode, Mode, OutputRef, PongCode, SysCfg
+from x2radar.wire.wire_ids import BasebandOutput, ErrorCode, Mode, OutputRef, PongCode, SysCfg
 
 SCENE = load_scene("human")
 MANUAL = SetMode(Mode.MANUAL)

@@ -9,19 +9,19 @@ import pytest
 
 import x2radar
 from tests.radar_helpers import python
-from x2radar import framing
-from x2radar.codec import encode
-from x2radar.device import Deadlines, X2Radar
+from x2radar.device.device import Deadlines, X2Radar
 from x2radar.errors import DeviceError, ReadTimeout, SafeModeError, TransportClosed
-from x2radar.messages import GetSystemInfo, Ping, SetMode
 from x2radar.ports import make_radar, parse_port
-from x2radar.settings import RadarSettings
-from x2radar.sim.faults import KINDS, parse_faults
-from x2radar.sim.host import connect
-from x2radar.sim.module import SimulatedModule
-from x2radar.sim.scene import load_scene
-from x2radar.sim.stream import EchoStream
-from x2radar.wire_ids import Mode
+from x2radar.settings.x2 import RadarSettings
+from x2radar.sim.module.faults import KINDS, parse_faults
+from x2radar.sim.module.host import connect
+from x2radar.sim.module.module import SimulatedModule
+from x2radar.sim.module.stream import EchoStream
+from x2radar.sim.scene.scene import load_scene
+from x2radar.wire import framing
+from x2radar.wire.codec import encode
+from x2radar.wire.messages import GetSystemInfo, Ping, SetMode
+from x2radar.wire.wire_ids import Mode
 
 SCENE = load_scene("human")
 QUICK = Deadlines(reply_s=0.5, ready_s=3, ping_every_s=0.05, stall_s=0.5)

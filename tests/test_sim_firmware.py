@@ -6,11 +6,22 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from x2radar.capture import CaptureWriter, capturing
-from x2radar.device import X2Radar
+from x2radar.device.device import X2Radar
+from x2radar.device.transport import PtyTransport
 from x2radar.errors import DeviceError, SettingsError
-from x2radar.formats.wire import WireReader
-from x2radar.messages import (
+from x2radar.ports import make_radar, parse_port
+from x2radar.recording.capture import CaptureWriter, capturing
+from x2radar.recording.formats.wire import WireReader
+from x2radar.settings.any import is_x4, settings_from_mapping
+from x2radar.settings.profile import PROFILES, ProfileSettings
+from x2radar.settings.startup import startup_commands
+from x2radar.settings.x2 import RadarSettings
+from x2radar.settings.x4 import X4Settings
+from x2radar.sim.module.firmware import X2Firmware, X4Firmware
+from x2radar.sim.module.host import connect, serve
+from x2radar.sim.module.module import SimulatedModule
+from x2radar.sim.scene.scene import load_scene
+from x2radar.wire.messages import (
     Ack,
     ErrorReply,
     GetSystemInfo,
@@ -20,19 +31,8 @@ from x2radar.messages import (
     SetMode,
     SetOutput,
 )
-from x2radar.messages_x4 import X4Init, X4SetFrameRate, X4SetIterations
-from x2radar.module_settings import is_x4, settings_from_mapping
-from x2radar.ports import make_radar, parse_port
-from x2radar.settings import RadarSettings
-from x2radar.settings_profile import PROFILES, ProfileSettings
-from x2radar.settings_x4 import X4Settings
-from x2radar.sim.firmware import X2Firmware, X4Firmware
-from x2radar.sim.host import connect, serve
-from x2radar.sim.module import SimulatedModule
-from x2radar.sim.scene import load_scene
-from x2radar.startup import startup_commands
-from x2radar.transport import PtyTransport
-from x2radar.wire_ids import BasebandOutput, ErrorCode, InfoItem, Mode, OutputRef, Profile
+from x2radar.wire.messages_x4 import X4Init, X4SetFrameRate, X4SetIterations
+from x2radar.wire.wire_ids import BasebandOutput, ErrorCode, InfoItem, Mode, OutputRef, Profile
 
 REFUSED = ErrorReply(ErrorCode.COMMAND_FAILED)
 

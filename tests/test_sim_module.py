@@ -7,10 +7,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.module_helpers import EMPTY, MANUAL, REFUSED, UNKNOWN, ask, fps, frames, module, said
-from x2radar import framing
-from x2radar.codec import encode
-from x2radar.framing import Packing
-from x2radar.messages import (
+from x2radar.sim.module.module import BOOT_S, RESET_DELAY_S
+from x2radar.wire import framing
+from x2radar.wire.codec import encode
+from x2radar.wire.framing import Packing
+from x2radar.wire.messages import (
     Ack,
     BasebandAp,
     BasebandIq,
@@ -34,8 +35,7 @@ from x2radar.messages import (
     SystemMessage,
     Unknown,
 )
-from x2radar.sim.module import BOOT_S, RESET_DELAY_S
-from x2radar.wire_ids import (
+from x2radar.wire.wire_ids import (
     BasebandOutput,
     ErrorCode,
     InfoItem,

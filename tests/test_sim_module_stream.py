@@ -7,7 +7,11 @@ import pytest
 
 from tests.module_helpers import EMPTY, HUMAN, MANUAL, REFUSED, ask, fps, frames, module, said
 from tests.sim_helpers import axis_of
-from x2radar.messages import (
+from x2radar.settings.x2 import RadarSettings
+from x2radar.sim.module.module import LATEST_S, EchoStream
+from x2radar.sim.scene.scene import parse_scene
+from x2radar.sim.signal.pulse import LinkBudget, rf_echo
+from x2radar.wire.messages import (
     Ack,
     BasebandAp,
     BasebandIq,
@@ -18,11 +22,7 @@ from x2radar.messages import (
     SetSysFloat,
     SetSysInt,
 )
-from x2radar.settings import RadarSettings
-from x2radar.sim.module import LATEST_S, EchoStream
-from x2radar.sim.pulse import LinkBudget, rf_echo
-from x2radar.sim.scene import parse_scene
-from x2radar.wire_ids import BasebandOutput, Mode, OutputRef, SysCfg
+from x2radar.wire.wire_ids import BasebandOutput, Mode, OutputRef, SysCfg
 
 
 def test_frames_come_only_in_manual_mode():

@@ -5,26 +5,26 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from x2radar.sim.motion import SEED_BODIES, Scatterer, Variation, draw, ranges
+from x2radar.sim.bodies.thesis_bodies import THESIS_BODIES, Scatterer, Variation, draw, ranges
 
 HALF = math.pi / 2
-# x0, y0, z0, vy0, gait, phase, swing, third harmonic, cross section: the seed's tables.
+# x0, y0, z0, vy0, gait, phase, swing, third harmonic, cross section: the thesis' tables.
 TABLES = {
-    "seed_human": [
+    "thesis_human": [
         (0, 2.5, 0, -1, 2, HALF, 0.1, 0, 10_000),
         (0.25, 2.5, 0, -1, 1, HALF, 0.3, 0.02, 500),
         (-0.25, 2.5, 0, -1, 1, -HALF, 0.3, 0.02, 500),
         (0.12, 2.5, -0.6, -1, 1, -HALF, 0.2, 0.01, 1000),
         (-0.12, 2.5, -0.6, -1, 1, HALF, 0.2, 0.01, 1000),
     ],
-    "seed_dog": [
+    "thesis_dog": [
         (0, 2.5, 0, -1, 2, HALF, 0.1, 0, 5000),
         (0.10, 2.5, 0, -1, 1, HALF, 0.1, 0.01, 500),
         (-0.10, 2.5, 0, -1, 1, -HALF, 0.1, 0.01, 500),
         (0.10, 3.0, 0, -1, 1, -HALF, 0.1, 0.01, 500),
         (-0.10, 3.0, 0, -1, 1, HALF, 0.1, 0.01, 500),
     ],
-    "seed_cat": [
+    "thesis_cat": [
         (0, 2.5, 0, -1, 2.6, HALF, 0.04, 0, 2000),
         (0.075, 2.5, 0, -1, 1.3, HALF, 0.05, 0.01, 200),
         (-0.075, 2.5, 0, -1, 1.3, -HALF, 0.05, 0.01, 200),
@@ -56,10 +56,10 @@ def range_by_formula(p, t):
     return math.sqrt(p.x_m**2 + y**2 + p.z_m**2)
 
 
-def test_bodies_are_the_seeds_tables():
-    assert set(SEED_BODIES) == set(TABLES)
+def test_bodies_are_the_tables_of_the_thesis():
+    assert set(THESIS_BODIES) == set(TABLES)
     for name, rows in TABLES.items():
-        ours = [row(p) for p in SEED_BODIES[name]]
+        ours = [row(p) for p in THESIS_BODIES[name]]
         assert ours[0] == rows[0]  # the torso comes first
         assert sorted(ours) == sorted(rows)
 
@@ -67,7 +67,7 @@ def test_bodies_are_the_seeds_tables():
 @pytest.mark.parametrize("name", TABLES)
 @pytest.mark.parametrize("seed", [None, 0, 1, 2])
 def test_positions_follow_the_formula(name, seed):
-    body = SEED_BODIES[name]
+    body = THESIS_BODIES[name]
     if seed is not None:
         body = draw(body, np.random.default_rng(seed))
     t_s = np.concatenate([np.arange(0, 5, 1 / 60), [100.0, 86_400.0]])
@@ -81,7 +81,7 @@ def test_positions_follow_the_formula(name, seed):
 
 
 def test_a_body_starts_where_the_table_says_and_approaches():
-    range_m, _ = ranges(SEED_BODIES["seed_human"], np.array([0.0, 1.0]))
+    range_m, _ = ranges(THESIS_BODIES["thesis_human"], np.array([0.0, 1.0]))
     assert range_m[0, 0] == pytest.approx(2.6)  # 2.5 m and a swing of 0.1 m at its top
     assert range_m[1, 0] == pytest.approx(1.6)
 
@@ -90,13 +90,13 @@ def test_nobody_and_no_time():
     range_m, rcs = ranges((), np.arange(7.0))
     assert range_m.shape == (7, 0)
     assert rcs.shape == (0,)
-    range_m, _ = ranges(SEED_BODIES["seed_dog"], np.zeros(0))
+    range_m, _ = ranges(THESIS_BODIES["thesis_dog"], np.zeros(0))
     assert range_m.shape == (0, 5)
 
 
 @pytest.mark.parametrize("name", TABLES)
 def test_one_draw_is_shared_by_all_scatterers(name):
-    body = SEED_BODIES[name]
+    body = THESIS_BODIES[name]
     drawn = draw(body, np.random.default_rng(7))
     changes = np.array([row(p) for p in drawn]) - np.array([row(p) for p in body])
     for column in (0, 1, 3, 4, 5, 6):
@@ -108,7 +108,7 @@ def test_one_draw_is_shared_by_all_scatterers(name):
 
 
 def test_same_generator_same_draw():
-    body = SEED_BODIES["seed_cat"]
+    body = THESIS_BODIES["thesis_cat"]
     assert draw(body, np.random.default_rng(3)) == draw(body, np.random.default_rng(3))
     assert draw(body, np.random.default_rng(3)) != draw(body, np.random.default_rng(4))
     # What a body draws does not depend on how many scatterers it has.
@@ -118,17 +118,17 @@ def test_same_generator_same_draw():
 
 def test_spread_of_the_draws_is_the_tables():
     rng = np.random.default_rng(0)
-    torso = SEED_BODIES["seed_human"][:1]
+    torso = THESIS_BODIES["thesis_human"][:1]
     drawn = np.array([row(draw(torso, rng)[0]) for _ in range(4000)])
     spread = drawn.std(axis=0)
     wanted = [0.75, 1.0, 0, 0.5, 0.25, math.pi / 4, 0.05, 0, 3000]
     assert spread == pytest.approx(wanted, rel=0.05)
     mean = drawn.mean(axis=0)
-    assert np.abs(mean - TABLES["seed_human"][0])[[0, 1, 3, 4, 5, 6]].max() < 0.06
+    assert np.abs(mean - TABLES["thesis_human"][0])[[0, 1, 3, 4, 5, 6]].max() < 0.06
 
 
 def test_cross_section_keeps_a_floor():
-    body = SEED_BODIES["seed_human"]
+    body = THESIS_BODIES["thesis_human"]
     wild = Variation(rcs_fraction=100.0)
     floors = 0
     for seed in range(40):

@@ -9,9 +9,9 @@ from radard.dsp.doppler import doppler_hz, micro_doppler_direct
 from radard.dsp.downconvert import DownConverter
 from tests.sim_helpers import axis_of
 from x2radar.frame import FastTimeAxis
-from x2radar.settings import PULSE_GENERATORS, RadarSettings
-from x2radar.sim.motion import SEED_BODIES, draw, ranges
-from x2radar.sim.pulse import LinkBudget, baseband_echo, pulse_sigma_s, rf_echo
+from x2radar.settings.x2 import PULSE_GENERATORS, RadarSettings
+from x2radar.sim.bodies.thesis_bodies import THESIS_BODIES, draw, ranges
+from x2radar.sim.signal.pulse import LinkBudget, baseband_echo, pulse_sigma_s, rf_echo
 
 C = 299_792_458.0
 LAMBDA_M = C / 6.8e9
@@ -88,7 +88,7 @@ def test_no_scatterers_no_echo():
 # ---------------------------------------------------------------- the pulse
 
 
-def test_sigma_is_the_seeds():
+def test_sigma_is_the_thesis():
     assert pulse_sigma_s(2.3e9) == pytest.approx(0.21e-9, abs=0.005e-9)
 
 
@@ -158,8 +158,8 @@ def test_local_equals_dense_for_whole_bodies(kind):
     axis = axis_of(kind)
     rng = np.random.default_rng(0)
     make = rf_echo if kind == "rf" else baseband_echo
-    for name in SEED_BODIES:
-        range_m, rcs = ranges(draw(SEED_BODIES[name], rng), np.arange(150) / 60)
+    for name in THESIS_BODIES:
+        range_m, rcs = ranges(draw(THESIS_BODIES[name], rng), np.arange(150) / 60)
         amplitude = LinkBudget().amplitude(range_m, rcs, axis)
         wanted = dense(range_m, amplitude, axis)
         error = np.abs(make(range_m, amplitude, axis) - wanted).max()
@@ -257,7 +257,7 @@ def test_at_the_ends_of_the_swath_the_kinds_differ_by_what_is_cut_off():
 
 @pytest.mark.parametrize("rate_hz", [60, 200])
 def test_a_body_looks_the_same_in_both_kinds(rate_hz):
-    range_m, rcs = ranges(SEED_BODIES["seed_human"], np.arange(rate_hz) / rate_hz)
+    range_m, rcs = ranges(THESIS_BODIES["thesis_human"], np.arange(rate_hz) / rate_hz)
     amplitude = LinkBudget().amplitude(range_m, rcs, RF)
     ours = DownConverter(RF).convert(rf_echo(range_m, amplitude, RF))
     wanted = baseband_echo(range_m, amplitude, BASEBAND)
@@ -285,7 +285,7 @@ def test_walking_in_is_positive_doppler(speed_mps):
 
 def test_a_person_who_walks_in_peaks_at_positive_doppler():
     # Fast enough for the torso's 2.3 m/s and most of the limbs; at 200 Hz they alias.
-    range_m, rcs = ranges(SEED_BODIES["seed_human"], np.arange(400) / 400)
+    range_m, rcs = ranges(THESIS_BODIES["thesis_human"], np.arange(400) / 400)
     frames = rf_echo(range_m, LinkBudget().amplitude(range_m, rcs, RF), RF)
     mu = micro_doppler_direct(DownConverter(RF).convert(frames), 28).mean(axis=1)
     hz = doppler_hz(28, 400)

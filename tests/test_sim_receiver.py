@@ -7,11 +7,11 @@ import pytest
 from radard.dsp.downconvert import DownConverter
 from tests.receiver_helpers import BASEBAND, RF, affected, room_echo, silence
 from tests.sim_helpers import axis_of
-from x2radar.settings import RadarSettings
-from x2radar.sim.effects import FrameDraws, ReceiverEffects
-from x2radar.sim.noise import baseband_noise_power, matched_noise, noise_sigma, white_noise
-from x2radar.sim.pulse import LinkBudget, baseband_echo, pulse_sigma_s, rf_echo
-from x2radar.sim.receiver import MIDDLE, Receiver, delayed_baseband, delayed_rf
+from x2radar.settings.x2 import RadarSettings
+from x2radar.sim.signal.effects import FrameDraws, ReceiverEffects
+from x2radar.sim.signal.noise import baseband_noise_power, matched_noise, noise_sigma, white_noise
+from x2radar.sim.signal.pulse import LinkBudget, baseband_echo, pulse_sigma_s, rf_echo
+from x2radar.sim.signal.receiver import MIDDLE, Receiver, delayed_baseband, delayed_rf
 
 
 def receiver(axis=RF, *, sigma=0.04, seed=0, **settings):

@@ -3,11 +3,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from x2radar.errors import SceneError
-from x2radar.sim.cast import BODIES
-from x2radar.sim.scene import SceneStep, builtin_scenes, load_scene, scene_names
+from x2radar.sim.scene.cast import BODIES
+from x2radar.sim.scene.scene import SceneStep, builtin_scenes, load_scene, scene_names
 from x2radar.sim.things import THINGS
 
-STEP = "steps: [{body: seed_cat, duration_s: 5}]\n"
+STEP = "steps: [{body: thesis_cat, duration_s: 5}]\n"
 
 
 # ---------------------------------------------------------------- files
@@ -16,7 +16,7 @@ STEP = "steps: [{body: seed_cat, duration_s: 5}]\n"
 def test_builtin_scenes():
     scenes = builtin_scenes()
     assert tuple(scene.name for scene in scenes) == scene_names()
-    assert {"cat", "demo", "dog", "empty", "human", "seed_human"} <= set(scene_names())
+    assert {"cat", "demo", "dog", "empty", "human", "thesis_human"} <= set(scene_names())
     for scene in scenes:
         assert load_scene(scene.name) == scene
         assert scene.description
@@ -37,14 +37,14 @@ def test_a_file_says_the_same_as_a_builtin_scene(tmp_path):
     path = tmp_path / "room.yml"
     path.write_text(
         "description: >\n  A room,\n  in two lines.\n"
-        "steps:\n  - {body: seed_dog, duration_s: 2}\n  - {body: null, duration_s: 1.5}\n"
+        "steps:\n  - {body: thesis_dog, duration_s: 2}\n  - {body: null, duration_s: 1.5}\n"
         "clutter:\n  - {range_m: 1, rcs_m2: 2.5e+3}\n"
     )
     scene = load_scene(str(path))
     assert scene.name == "room"
     assert scene.description == "A room, in two lines."
     dog, nobody = scene.steps
-    assert [(a.kind, dict(a.options)) for a in dog.actors] == [("seed_dog", {})]
+    assert [(a.kind, dict(a.options)) for a in dog.actors] == [("thesis_dog", {})]
     assert (nobody.actors, nobody.least_s, nobody.most_s) == ((), 1.5, 1.5)
     assert [(p.range_m, p.rcs_m2) for p in scene.clutter] == [(1.0, 2500.0)]
 
@@ -60,9 +60,9 @@ receiver: {jitter_s: 2.0e-13, gain_noise: 1.0e-3, lost_share: 0.01}
 background: [{thing: curtain, position_m: [1, 2.5], probability: 0.5}]
 steps:
   - duration_s: [2, 4]
-    actors: [{body: seed_human}, {thing: fan, position_m: [0, 2], probability: 0.3}]
+    actors: [{body: thesis_human}, {thing: fan, position_m: [0, 2], probability: 0.3}]
   - one_of:
-      - {weight: 2, body: seed_dog, duration_s: 3}
+      - {weight: 2, body: thesis_dog, duration_s: 3}
       - {duration_s: 1}
 """
 
@@ -112,7 +112,7 @@ FAULTS = [
     (STEP + "clutter: [{range_m: 1, rcs_m2: -1}]\n", "clutter[0].rcs_m2: -1 is not in 0 to 1e+09"),
     ("steps: [walk]\n", "steps[0]: must be a mapping with the keys duration_s, actors"),
     ("steps: [{duration_s: 1}, {duration: 1}]\n", "steps[1].duration: unknown key"),
-    ("steps: [{body: seed_cat}]\n", "steps[0].duration_s: must be a number"),
+    ("steps: [{body: thesis_cat}]\n", "steps[0].duration_s: must be a number"),
     ("steps: [{duration_s: '5'}]\n", "steps[0].duration_s: must be a number"),
     ("steps: [{duration_s: true}]\n", "steps[0].duration_s: must be a number"),
     ("steps: [{duration_s: null}]\n", "steps[0].duration_s: must be a number"),
@@ -130,17 +130,17 @@ FAULTS = [
     ),
     ("steps: [{body: '', duration_s: 1}]\n", "steps[0].body: no body ''"),
     ("steps: [{body: 7, duration_s: 1}]\n", "steps[0].body: no body '7'"),
-    ("steps: [{body: [seed_cat], duration_s: 1}]\n", "steps[0].body: no body"),
+    ("steps: [{body: [thesis_cat], duration_s: 1}]\n", "steps[0].body: no body"),
     ("steps: [{body: {a: 1}, duration_s: 1}]\n", "steps[0].body: no body"),
-    ("steps: [{body: seed_cat, style: walk, duration_s: 1}]\n", "steps[0].style: unknown key"),
-    ("steps: [{body: seed_cat, thing: fan, duration_s: 1}]\n", "name one body or one thing"),
+    ("steps: [{body: thesis_cat, style: walk, duration_s: 1}]\n", "steps[0].style: unknown key"),
+    ("steps: [{body: thesis_cat, thing: fan, duration_s: 1}]\n", "name one body or one thing"),
     ("steps: [{thing: fan, duration_s: 1}]\n", "steps[0].position_m"),
     ("steps: [{thing: fan, position_m: [0, 2], rate: 3, duration_s: 1}]\n", "steps[0].rate"),
     ("steps: [{duration_s: [2, 1]}]\n", "steps[0].duration_s: 2 is above 1"),
     ("steps: [{one_of: []}]\n", "steps[0].one_of: must be a list with at least one"),
     ("steps: [{one_of: [{duration_s: 1, weight: -1}]}]\n", "steps[0].one_of[0].weight: -1"),
     ("steps: [{duration_s: 1, actors: [{}]}]\n", "steps[0].actors[0]: must name one body"),
-    ("steps: [{duration_s: 1, actors: [{body: seed_cat, probability: 2}]}]\n", "probability: 2"),
+    ("steps: [{duration_s: 1, actors: [{body: thesis_cat, probability: 2}]}]\n", "probability: 2"),
     (STEP + "receiver: {jitter: 1}\n", "receiver.jitter: unknown key; did you mean jitter_s"),
     (STEP + "antenna: {height_m: -1}\n", "antenna.height_m: -1 is not in"),
     (STEP + "surfaces: [{axis: w}]\n", "surfaces[0].axis: must be one of x, y, z"),

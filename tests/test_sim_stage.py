@@ -10,16 +10,16 @@ from hypothesis import strategies as st
 from tests.test_sim_scene import FULL
 from x2radar.errors import SceneError
 from x2radar.ports import make_radar, parse_port
-from x2radar.settings import RadarSettings
-from x2radar.sim.cast import SEED_GAIN
-from x2radar.sim.motion import SEED_BODIES, draw, ranges
-from x2radar.sim.scene import builtin_scenes, parse_scene
-from x2radar.sim.stage import Stage, check_swath
-from x2radar.sim.stream import EchoStream
+from x2radar.settings.x2 import RadarSettings
+from x2radar.sim.bodies.thesis_bodies import THESIS_BODIES, draw, ranges
+from x2radar.sim.module.stream import EchoStream
+from x2radar.sim.scene.cast import SEED_GAIN
+from x2radar.sim.scene.scene import builtin_scenes, parse_scene
+from x2radar.sim.scene.stage import Stage, check_swath
 
 SCENE = parse_scene(
-    "steps: [{body: seed_human, duration_s: 1}, {duration_s: 0.5},"
-    " {body: seed_cat, duration_s: 0.25}]",
+    "steps: [{body: thesis_human, duration_s: 1}, {duration_s: 0.5},"
+    " {body: thesis_cat, duration_s: 0.25}]",
     "test",
     "test",
 )
@@ -55,9 +55,9 @@ def test_blocks_end_where_steps_end():
 
 def test_every_step_is_a_draw_of_its_own_number():
     stage = Stage(SCENE, 9, 60.0)
-    for number, (body, n) in enumerate([("seed_human", 60), (None, 30), ("seed_cat", 15)] * 3):
+    for number, (body, n) in enumerate([("thesis_human", 60), (None, 30), ("thesis_cat", 15)] * 3):
         block = stage.next_block(1000)
-        drawn = draw(SEED_BODIES[body], np.random.default_rng([9, number])) if body else ()
+        drawn = draw(THESIS_BODIES[body], np.random.default_rng([9, number])) if body else ()
         range_m, rcs_m2 = ranges(drawn, np.arange(n) / 60)
         assert np.allclose(block.rows.range_m, np.maximum(range_m, 0.1), rtol=1e-12)
         assert np.allclose(block.rows.root_rcs_m**2 * SEED_GAIN, rcs_m2, rtol=1e-12)
@@ -80,9 +80,9 @@ def test_a_step_is_never_shorter_than_a_frame():
 
 @pytest.mark.parametrize("rate_hz", [1.0, 60.0, 1000.0])
 def test_time_runs_with_the_frame_rate(rate_hz):
-    scene = parse_scene("steps: [{body: seed_dog, duration_s: 100}]", "long", "long")
+    scene = parse_scene("steps: [{body: thesis_dog, duration_s: 100}]", "long", "long")
     range_m = np.array([row for row, _ in frames_of(scene, 3, [7] * 14, rate_hz=rate_hz)])
-    drawn = draw(SEED_BODIES["seed_dog"], np.random.default_rng([3, 0]))
+    drawn = draw(THESIS_BODIES["thesis_dog"], np.random.default_rng([3, 0]))
     wanted = np.maximum(ranges(drawn, np.arange(98) / rate_hz)[0], 0.1)
     assert np.allclose(range_m, wanted, rtol=1e-12)
 
@@ -102,7 +102,7 @@ def test_what_is_named_adds_rows_and_nothing_else_does():
     plain = Stage(SCENE, 0, 60.0).next_block(4)
     assert (plain.rows.range_m.shape[1], plain.offset_m) == (5, None)
     more = "surfaces: [{axis: z}]\ntail: {n_paths: 16}\nmount: {}\n"
-    text = "steps: [{body: seed_human, duration_s: 1}]\n" + more
+    text = "steps: [{body: thesis_human, duration_s: 1}]\n" + more
     block = Stage(parse_scene(text, "t", "t"), 0, 60.0).next_block(4)
     assert block.rows.range_m.shape[1] == 5 + 2 * 5 + 16
     assert block.offset_m.shape == (4, 3)

@@ -5,14 +5,14 @@ import time
 
 import pytest
 
+from radard.health.status_file import read_status, status_path
 from radard.pipeline import Pipeline
+from radard.sinks.exec import ProgramSink
 from radard.sinks.jsonl import JsonLinesSink
 from radard.sinks.mqtt import MqttSink
-from radard.sinks.program import ProgramSink
 from radard.sinks.store import StoreSink
 from radard.sinks.webhook import WebhookSink
-from radard.source import LiveSource
-from radard.status_file import read_status, status_path
+from radard.stream.source import LiveSource
 from tests.daemon_helpers import Gate, launcher
 from tests.sink_helpers import Listener, MqttBroker, WebServer, free_port, wait_for
 
@@ -22,8 +22,8 @@ launch = pytest.fixture(launcher)
 
 @pytest.fixture
 def quick(monkeypatch):
-    monkeypatch.setattr("radard.sink_watch.GRACE_S", 0.2)
-    monkeypatch.setattr("radard.sink_watch.STUCK_S", 0.6)
+    monkeypatch.setattr("radard.service.sink_watch.GRACE_S", 0.2)
+    monkeypatch.setattr("radard.service.sink_watch.STUCK_S", 0.6)
     monkeypatch.setattr("radard.sinks.mqtt._LATE_S", 1.2)
 
 
@@ -98,7 +98,7 @@ def test_a_sink_that_stands_still_degrades_and_delays_nothing(
         stale_s=5.0,
         sensor={"port": "sim:human", "speed": "10"},
         alarm={"sensitivity": "high", "refractory_s": 0, "latch_s": 0},
-        model={"name": "seed"},
+        model={"name": "thesis"},
         output=[outputs[which.split()[0]]],
         outbox=OUTBOX,
         clips={"enabled": False},

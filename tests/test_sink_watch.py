@@ -2,7 +2,7 @@
 
 import pytest
 
-from radard.sink_watch import DROPPED_S, GRACE_S, STUCK_S, SinkWatch
+from radard.service.sink_watch import DROPPED_S, GRACE_S, STUCK_S, SinkWatch
 from radard.sinks.base import SinkState
 
 

@@ -9,7 +9,7 @@ import threading
 
 import pytest
 
-from radard.sink_options import MqttSection, SinkOptions
+from radard.config.sink_sections import MqttSection, SinkOptions
 from radard.sinks import open_output
 from radard.sinks.base import SinkContext
 from tests.sink_helpers import (

@@ -7,9 +7,9 @@ import ssl
 
 import pytest
 
+from radard.config.sink_sections import MqttSection, SinkOptions
 from radard.errors import ConfigError, UsageError
-from radard.health import Status
-from radard.sink_options import MqttSection, SinkOptions
+from radard.health.health import Status
 from radard.sinks import open_output
 from radard.sinks.base import SinkContext
 from tests.sink_helpers import (

@@ -6,8 +6,8 @@ import sys
 
 import pytest
 
+from radard.config.sink_sections import ExecSection, SinkOptions, SyslogSection, WebhookSection
 from radard.errors import ConfigError, OutputError, UsageError
-from radard.sink_options import ExecSection, SinkOptions, SyslogSection, WebhookSection
 from radard.sinks import open_output
 from radard.sinks.base import SinkContext
 from radard.sinks.webhook import sign

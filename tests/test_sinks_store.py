@@ -6,8 +6,8 @@ import sqlite3
 import pytest
 
 from radard import cli
+from radard.config.sink_sections import SinkOptions, StoreSection
 from radard.errors import OutputError
-from radard.sink_options import SinkOptions, StoreSection
 from radard.sinks import open_output
 from radard.sinks.base import SinkContext
 from radard.sinks.store import tidy

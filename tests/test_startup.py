@@ -2,9 +2,12 @@
 
 import pytest
 
-from x2radar.codec import decode_command, encode
-from x2radar.messages import SetMode, SetOutput, SetSysFloat, SetSysInt
-from x2radar.messages_x4 import (
+from x2radar.settings.startup import startup_commands
+from x2radar.settings.x2 import RadarSettings
+from x2radar.settings.x4 import X4Settings
+from x2radar.wire.codec import decode_command, encode
+from x2radar.wire.messages import SetMode, SetOutput, SetSysFloat, SetSysInt
+from x2radar.wire.messages_x4 import (
     X4Init,
     X4SetCentreFrequency,
     X4SetDacMax,
@@ -18,10 +21,7 @@ from x2radar.messages_x4 import (
     X4SetPrfDivider,
     X4SetPulsesPerStep,
 )
-from x2radar.settings import RadarSettings
-from x2radar.settings_x4 import X4Settings
-from x2radar.startup import startup_commands
-from x2radar.wire_ids import BasebandOutput, Mode, OutputRef, SysCfg
+from x2radar.wire.wire_ids import BasebandOutput, Mode, OutputRef, SysCfg
 
 
 @pytest.mark.parametrize(

@@ -6,14 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from radard.config import Config
-from radard.dwell_cells import is_frozen, read_cells
+from radard.alarm.dwell_cells import is_frozen, read_cells
+from radard.alarm.tamper import TamperSettings, TamperWatch
+from radard.config.config import Config
 from radard.pipeline import Pipeline
-from radard.ring import Dwell
-from radard.source import open_source
-from radard.tamper import TamperSettings, TamperWatch
+from radard.stream.ring import Dwell
+from radard.stream.source import open_source
 from tests.radar_helpers import BASEBAND, dwell_of, walker
-from x2radar.sim.scene import builtin_scenes
+from x2radar.sim.scene.scene import builtin_scenes
 
 RATE_HZ = 60.0
 N_SLOW = 147

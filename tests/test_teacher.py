@@ -7,13 +7,13 @@ import pytest
 import torch
 from torch import nn
 
-from radard.bundle import load_bundle
-from radard.classifier import Classifier
+from radard.classify.bundle import load_bundle
+from radard.classify.classifier import Classifier
+from radard.classify.features import FeatureSet
 from radard.errors import UsageError
-from radard.features import FeatureSet
 from tests.training_helpers import TINY, toy
-from x2train.map_fit import INPUTS, MapTrained, fit_maps
-from x2train.teacher import taught_by, taught_error
+from x2train.nets.map_fit import INPUTS, MapTrained, fit_maps
+from x2train.nets.teacher import taught_by, taught_error
 
 EMPTY = np.zeros((0, 0), np.float32)
 
@@ -51,7 +51,7 @@ def test_a_teacher_of_other_maps_or_classes_is_refused():
     with pytest.raises(UsageError, match=r"range_time of shape \(80, 40\), not None"):
         taught_by(bundle, windows)
     with pytest.raises(UsageError, match="tells pet, human apart"):
-        taught_by(load_bundle("seed"), windows)
+        taught_by(load_bundle("thesis"), windows)
 
 
 def test_without_a_share_labels_alone_count():

@@ -8,11 +8,11 @@ import onnx
 import pytest
 import torch
 
-from radard.bundle import load_bundle
-from radard.classifier import Answer, Classifier, Probabilities
+from radard.classify.bundle import load_bundle
+from radard.classify.classifier import Answer, Classifier, Probabilities
+from radard.classify.evidence import Evidence, EvidenceSettings
+from radard.classify.features import FeatureSet
 from radard.errors import ModelMismatch, UsageError
-from radard.evidence import Evidence, EvidenceSettings
-from radard.features import FeatureSet
 from tests.training_helpers import (
     INPUTS,
     MAPS,
@@ -24,13 +24,13 @@ from tests.training_helpers import (
     trained,
     write_tiny,
 )
-from x2train.bundle_answers import outputs_of, tapped
+from x2train.bundles.temporal_graph import GIVEN, n_parameters, with_given, with_head
 from x2train.cli import main
-from x2train.graph_net import GraphNet
-from x2train.shards import ShardSet
-from x2train.temporal_graph import GIVEN, n_parameters, with_given, with_head
-from x2train.temporal_head import Given, HeadSettings, HeadTrained, fit_head, logits_over
-from x2train.train import Epoch
+from x2train.generate.shards import ShardSet
+from x2train.nets.bundle_answers import outputs_of, tapped
+from x2train.nets.epoch import Epoch
+from x2train.nets.graph_net import GraphNet
+from x2train.nets.temporal_head import Given, HeadSettings, HeadTrained, fit_head, logits_over
 
 EMPTY = np.zeros((1, 1), np.float32)
 
@@ -213,7 +213,7 @@ def test_the_command_writes_a_bundle_that_the_daemon_takes(folder, tmp_path, cap
     ("model", "argv", "words"),
     [
         ("tiny", [], "has a temporal head already"),
-        ("seed", [], "holds no seed_type2, which model 'seed' takes"),
+        ("thesis", [], "holds no thesis_type2, which model 'thesis' takes"),
         ("plain", ["--epochs", "0"], "--epochs 0"),
         ("plain", ["--seed", "-1"], "--seed -1"),
         ("nope", [], "no model 'nope'"),

@@ -5,10 +5,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from x2radar import framing
-from x2radar.codec import encode
-from x2radar.framing import Packing
-from x2radar.messages import (
+from x2radar.recording.trace import describe, read_trace
+from x2radar.wire import framing
+from x2radar.wire.codec import encode
+from x2radar.wire.framing import Packing
+from x2radar.wire.messages import (
     Ack,
     BasebandAp,
     Data,
@@ -19,9 +20,8 @@ from x2radar.messages import (
     SetMode,
     SystemMessage,
 )
-from x2radar.messages_status import RespirationStatus
-from x2radar.trace import describe, read_trace
-from x2radar.wire_ids import Mode, PongCode, SystemCode
+from x2radar.wire.messages_status import RespirationStatus
+from x2radar.wire.wire_ids import Mode, PongCode, SystemCode
 
 PING = framing.encode(encode(Ping()))
 PONG = framing.encode(encode(Pong(PongCode.READY)))

@@ -4,18 +4,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from radard.clutter_map import ClutterRemover
-from radard.config import Config
+from radard.config.config import Config
+from radard.detect.clutter_map import ClutterRemover
+from radard.detect.gate import Gate, GateSettings
+from radard.detect.tracks import Tracker, TrackSettings
 from radard.dsp.downconvert import DownConverter
 from radard.dsp.range_gate import range_gates
 from radard.errors import FeatureError
-from radard.gate import Gate, GateSettings
 from radard.pipeline import Pipeline
-from radard.ring import Dwell, FrameRing
-from radard.tracks import Tracker, TrackSettings
+from radard.stream.ring import Dwell, FrameRing
 from tests.clutter_helpers import AXIS, body, room
 from tests.radar_helpers import noise
-from x2radar.open_recording import open_recording
+from x2radar.recording.registry import open_recording
 
 DATA = Path(__file__).parents[2] / "shared" / "data"
 RATE_HZ = 60.0

@@ -6,19 +6,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from radard.bundle import load_bundle
-from radard.classifier import Classifier
-from radard.clutter_map import ClutterRemover
+from radard.classify.bundle import load_bundle
+from radard.classify.classifier import Classifier
+from radard.classify.features import MAP_FEATURES, FeatureSettings, FeatureStream
+from radard.detect.clutter_map import ClutterRemover
 from radard.dsp.downconvert import DownConverter
 from radard.errors import UsageError
-from radard.features import MAP_FEATURES, FeatureSettings, FeatureStream
-from radard.ring import Dwell
-from x2train.blank_bundle import write_blank_bundle
-from x2train.bundle_answers import outputs_of
+from radard.stream.ring import Dwell
+from x2train.bundles.network_cost import quantised, window_ms
 from x2train.cli import main
-from x2train.network_cost import quantised, window_ms
+from x2train.nets.bundle_answers import outputs_of
 from x2train.report.intervals import Estimate
-from x2train.tradeoff.combinations import (
+from x2train.studies.tradeoff.blank_bundle import write_blank_bundle
+from x2train.studies.tradeoff.combinations import (
     DECIMATIONS,
     PRECISIONS,
     SETTINGS,
@@ -28,10 +28,10 @@ from x2train.tradeoff.combinations import (
     feeds,
     n_combinations,
 )
-from x2train.tradeoff.maps import Chain, Setting
-from x2train.tradeoff.measure import SWITCHES, measure, n_steps, picture_loss_db, record
-from x2train.tradeoff.models import parse_model, read_accuracy, time_model
-from x2train.tradeoff.windows import judged_windows
+from x2train.studies.tradeoff.maps import Chain, Setting
+from x2train.studies.tradeoff.measure import SWITCHES, measure, n_steps, picture_loss_db, record
+from x2train.studies.tradeoff.models import parse_model, read_accuracy, time_model
+from x2train.studies.tradeoff.windows import judged_windows
 
 BLANK = FeatureSettings(range_decimation=8, clutter="removed", velocity_cpi_s=0.2)
 MAPS = MAP_FEATURES
@@ -118,8 +118,8 @@ def test_a_blank_bundle_is_one_that_the_daemon_loads(tmp_path):
     path = write_blank_bundle(tmp_path, "blank", BLANK, MAPS)
     classifier = Classifier(load_bundle(str(path)))
     assert classifier.feature_names == MAPS
-    again = write_blank_bundle(tmp_path, "again", BLANK, (*MAPS, "seed_type1"))
-    assert "seed_type1" in Classifier(load_bundle(str(again))).feature_names
+    again = write_blank_bundle(tmp_path, "again", BLANK, (*MAPS, "thesis_type1"))
+    assert "thesis_type1" in Classifier(load_bundle(str(again))).feature_names
     assert path.read_bytes() != again.read_bytes()
 
 
@@ -256,7 +256,7 @@ def test_a_network_in_int8_says_nearly_the_same(seen):
 def test_a_bundle_of_more_than_maps_is_not_combined(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     argv = ["tradeoff", "--scenes", "human", "--draws", "1", "--duration", "6"]
-    assert main([*argv, "--combine", "seed"]) == 2
+    assert main([*argv, "--combine", "thesis"]) == 2
     assert "takes more than maps" in capsys.readouterr().err
 
 

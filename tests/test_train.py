@@ -5,10 +5,10 @@ import json
 import numpy as np
 import pytest
 
-from radard.bundle import load_bundle
-from radard.classifier import Classifier
+from radard.classify.bundle import load_bundle
+from radard.classify.classifier import Classifier
 from x2train.cli import main
-from x2train.dataset import CLASSES, LabelledSet, SeedSetSpec, element, generate
+from x2train.studies.baseline.dataset import CLASSES, LabelledSet, ThesisSetSpec, element, generate
 
 SMALL = ["--elements", "120", "--epochs", "3", "--name", "small"]
 
@@ -20,17 +20,17 @@ def made(spec, workers):
 
 
 def test_any_number_of_workers_gives_the_same_set():
-    spec = SeedSetSpec(n_elements=130, seed=5)
+    spec = ThesisSetSpec(n_elements=130, seed=5)
     one, two = made(spec, 1), made(spec, 2)
     assert np.array_equal(one.x, two.x)
     assert one.x.shape == (130, 1176)
     assert np.bincount(one.y).tolist() == [65, 65]
-    assert set(one.body) == {"seed_human", "seed_dog", "seed_cat"}
-    assert not np.array_equal(one.x, made(SeedSetSpec(n_elements=130, seed=6), 1).x)
+    assert set(one.body) == {"thesis_human", "thesis_dog", "thesis_cat"}
+    assert not np.array_equal(one.x, made(ThesisSetSpec(n_elements=130, seed=6), 1).x)
 
 
 def test_elements_are_dwells_as_the_daemon_sees_them():
-    dwell = element(SeedSetSpec(n_elements=1, seed=0), 0)
+    dwell = element(ThesisSetSpec(n_elements=1, seed=0), 0)
     assert dwell.frames.shape == (147, 768)
     assert dwell.frames.dtype == np.complex64
     assert dwell.is_whole

@@ -8,14 +8,14 @@ import jsonschema
 import numpy as np
 import pytest
 
-from radard.bundle import load_bundle
+from radard.classify.bundle import load_bundle
 from tests.radar_helpers import run_radard
 from tests.training_helpers import FEATURES, toy
 from x2radar.errors import RecordingError
 from x2train.cli import main
+from x2train.generate.shards import MANIFEST, ShardSet, read_all
 from x2train.report import PassageTable
-from x2train.shards import MANIFEST, ShardSet, read_all
-from x2train.window_set import load_windows
+from x2train.windows.window_set import load_windows
 
 SCHEMA = json.loads((resources.files("radard") / "output.schema.json").read_text())
 ABOUT = {"kind": "windows", "use": "train", "settings": {"dwell_s": 2.0, "n_cpi": 0}}
@@ -79,12 +79,12 @@ def test_a_teacher_is_named_and_what_it_has_seen_counts(bundle, tmp_path, capsys
     assert sidecar["training"]["command"].endswith(f" --teacher {bundle}")
     assert "Families kept out of training: none" in sidecar["training"]["recipe"]
     capsys.readouterr()
-    assert main([*argv, "--teacher", "seed"]) == 2
-    assert "teacher 'seed': tells pet, human apart" in one_line(capsys)
+    assert main([*argv, "--teacher", "thesis"]) == 2
+    assert "teacher 'thesis': tells pet, human apart" in one_line(capsys)
 
 
 def test_a_set_that_is_there_is_not_made_again(bundle, monkeypatch, capsys):
-    monkeypatch.setattr("x2train.windows.play", lambda *_, **__: pytest.fail("made again"))
+    monkeypatch.setattr("x2train.windows.windows.play", lambda *_, **__: pytest.fail("made again"))
     sets = bundle.parents[1] / "sets"
     argv = ["dataset", "--out", str(sets), "--passages", "30", "--families", "all"]
     assert main([*argv, "--seed", "1", "--workers", "1"]) == 0
@@ -94,7 +94,7 @@ def test_a_set_that_is_there_is_not_made_again(bundle, monkeypatch, capsys):
 
 
 def test_evaluate_judges_it(bundle, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("x2train.pictures.passage_png", lambda *_: None)
+    monkeypatch.setattr("x2train.judge.pictures.passage_png", lambda *_: None)
     small = ["--model", str(bundle), "--passages", "12", "--workers", "1"]
     assert main(["evaluate", *small, "--out", str(tmp_path / "a")]) == 0
     report = json.loads((tmp_path / "a" / "report.json").read_text())
@@ -224,7 +224,7 @@ def test_sets_that_cannot_be_used_are_refused(how, words, code, tmp_path, capsys
 def test_reports_that_cannot_be_compared_are_refused(how, words, tmp_path, capsys):
     if how == "other kind":
         windows(tmp_path / "old" / "passages")
-    argv = ["evaluate", "--model", "seed", "--against", str(tmp_path / "old")]
+    argv = ["evaluate", "--model", "thesis", "--against", str(tmp_path / "old")]
     assert main([*argv, "--out", str(tmp_path / "out")]) in {2, 66}
     assert words in one_line(capsys)
     assert not (tmp_path / "out").exists()
@@ -265,7 +265,7 @@ def test_a_set_without_shards_has_no_columns(tmp_path):
 
 
 def test_a_data_set_in_which_nothing_is_seen_is_told_as_such(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr("x2train.windows.windows_of", lambda *_: None)
+    monkeypatch.setattr("x2train.windows.windows.windows_of", lambda *_: None)
     # No line break at 80 columns, nor within the name, and no style in it either.
     folder = tmp_path / f"set of a [red]long[/] name {'x' * 80}"
     argv = ["dataset", "--out", str(folder), "--passages", "1", "--workers", "1"]

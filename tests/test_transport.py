@@ -12,14 +12,14 @@ from pathlib import Path
 import pytest
 import serial
 
-from x2radar import transport as transport_module
-from x2radar.errors import PortBusy, PortDenied, PortError, PortNotFound, TransportClosed
-from x2radar.transport import (
+from x2radar.device import transport as transport_module
+from x2radar.device.transport import (
     PtyTransport,
     SerialTransport,
     Transport,
     memory_pair,
 )
+from x2radar.errors import PortBusy, PortDenied, PortError, PortNotFound, TransportClosed
 
 Ends = tuple[Transport, Transport]
 LONG_S = 10.0

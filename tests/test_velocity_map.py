@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from radard.features import FeatureSettings, extract
-from radard.ring import Dwell
+from radard.classify.features import FeatureSettings, extract
+from radard.stream.ring import Dwell
 from tests.radar_helpers import BASEBAND, dwell_of, noise, walker
 
 SETTINGS = FeatureSettings(velocity_cpi_s=0.2, velocity_cpi_frames=6)

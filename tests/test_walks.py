@@ -10,12 +10,12 @@ from radard.errors import FeatureError
 from x2radar.frame import FastTimeAxis
 from x2radar.sim.echo import frames as echo_frames
 from x2train.cli import main
-from x2train.walks.comparison import Comparison, Row, compare
-from x2train.walks.doppler import standing_still
-from x2train.walks.follow import follow, ridge
-from x2train.walks.measure import edge_m, measure
-from x2train.walks.scene import RADARS_X_M, simulated_walk, walk_scene
-from x2train.walks.swing import spread_about_lines
+from x2train.studies.walks.comparison import Comparison, Row, compare
+from x2train.studies.walks.doppler import standing_still
+from x2train.studies.walks.follow import follow, ridge
+from x2train.studies.walks.measure import edge_m, measure
+from x2train.studies.walks.scene import RADARS_X_M, simulated_walk, walk_scene
+from x2train.studies.walks.swing import spread_about_lines
 
 RATE_HZ = 30.5
 AXIS = FastTimeAxis(

@@ -8,15 +8,15 @@ import sys
 import pytest
 
 from radard.cli import main
-from radard.commands.live import Live, bar
-from radard.commands.walk import Cell, Step, by_range, report
+from radard.commands.progress_line import Live, bar
+from radard.commands.walk_report import Cell, WalkDecision, by_range, report
 from radard.commands.walktest import line_of
 
 
 def step(t_s, range_m=None, *, alarm=False):
     over_db = 0.5 if range_m is None else 9.0
     label = "none" if range_m is None else "human"
-    return Step(
+    return WalkDecision(
         t_s=t_s, range_m=range_m, over_floor_db=over_db, label=label, p_human=None, alarm=alarm
     )
 
@@ -93,7 +93,7 @@ def test_lines():
         *("3.0", "s", "+9.0", "dB", "######..............", "1.5", "m", "human", "ALARM")
     ]
     assert "nothing" in line_of(step(3.0))
-    invalid = Step(
+    invalid = WalkDecision(
         t_s=1, range_m=None, over_floor_db=None, label="invalid", p_human=None, alarm=False
     )
     assert "too many frames missing" in line_of(invalid)

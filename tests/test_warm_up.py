@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import pytest
 
-from radard.config import Config
+from radard.config.config import Config
 from radard.pipeline import Pipeline
-from radard.setup import make_classifier
-from radard.source import open_source
+from radard.service.components import make_classifier
+from radard.stream.source import open_source
 
 
-@pytest.mark.parametrize("model", ["none", "seed"])
+@pytest.mark.parametrize("model", ["none", "thesis"])
 def test_warming_up_leaves_no_trace(model):
     config = Config()
     config = config.model_copy(update={"model": config.model.model_copy(update={"name": model})})

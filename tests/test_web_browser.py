@@ -6,12 +6,12 @@ import time
 
 import pytest
 
-from radard.bundle import load_bundle
+from radard.classify.bundle import load_bundle
 from tests.alarm_helpers import write_recording
 from tests.radar_helpers import noise
 from tests.web_helpers import Running
-from x2train.own.labels import labelled_clips
-from x2train.own.windows import own_windows
+from x2train.finetune.labels import labelled_clips
+from x2train.finetune.windows import own_windows
 
 playwright = pytest.importorskip(
     "playwright.sync_api", reason="no playwright: pip install '.[browser]'"

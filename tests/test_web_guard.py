@@ -7,15 +7,15 @@ from urllib.parse import urlsplit
 import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
-from radard.config import load_config
+from radard.config.config import load_config
+from radard.config.sink_sections import SinkOptions
+from radard.config.web_sections import WebSection
 from radard.errors import ConfigError, UsageError
-from radard.health import Health
-from radard.outputs import Host
-from radard.sink_options import SinkOptions
-from radard.web.guard import SESSION_S, Guard, Tokens, is_loopback, read_tokens
+from radard.health.health import Health
+from radard.outputs.fanout import Host
+from radard.web.auth import SESSION_S, AccessControl, Tokens, is_loopback, read_tokens
 from radard.web.middleware import MOST_BODY
 from radard.web.sink import WebSink, open_from_url, parse_address
-from radard.web_settings import WebSection
 from tests.web_helpers import HEADERS, Client, decision, event, open_decision
 
 VIEWER, OPERATOR = "look-but-not-touch", "may-arm-and-disarm"
@@ -117,7 +117,7 @@ def test_tokens_do_not_show_in_their_repr():
 
 def test_sessions_end_and_are_bounded():
     now = [0.0]
-    guard = Guard(Tokens(operator=OPERATOR), clock=lambda: now[0])
+    guard = AccessControl(Tokens(operator=OPERATOR), clock=lambda: now[0])
     sessions = [guard.log_in(OPERATOR)[1] for _ in range(100)]
     assert guard.role({}, {"radard": sessions[-1]}) == "operator"
     assert guard.role({}, {"radard": sessions[0]}) == "nobody"
@@ -127,7 +127,7 @@ def test_sessions_end_and_are_bounded():
 
 def test_guessing_is_slow():
     now = [0.0]
-    guard = Guard(Tokens(viewer=VIEWER), clock=lambda: now[0])
+    guard = AccessControl(Tokens(viewer=VIEWER), clock=lambda: now[0])
     for _ in range(10):
         assert guard.log_in("not it, not it")[0] == "nobody"
     assert guard.is_locked

@@ -7,9 +7,9 @@ import time
 import numpy as np
 import pytest
 
-from radard.ring import DwellShape, FrameRing
-from radard.web.lens import GAIT_S, SPANS_DB, Lens
-from radard.web.onlooker import Onlooker
+from radard.stream.ring import DwellShape, FrameRing
+from radard.web.picture_thread import PictureThread
+from radard.web.spectrograms import GAIT_S, SPANS_DB, Spectrograms
 from radard.web.wire import TIMED, axes, encode_columns, encode_gait
 from tests.radar_helpers import BASEBAND, frames_of, noise, walker
 
@@ -19,15 +19,15 @@ HEAD = struct.Struct("<BBHIIfd")
 
 def made(frames, *, cut=8, valid=None, rate_hz=RATE_HZ):
     """All columns of some frames, pushed `cut` at a time."""
-    lens = Lens(BASEBAND, rate_hz)
+    spectrograms = Spectrograms(BASEBAND, rate_hz)
     valid = np.ones(len(frames), np.bool_) if valid is None else valid
     found = []
     for at in range(0, len(frames), cut):
         rows = frames[at : at + cut]
-        columns = lens.push(rows, valid[at : at + cut], (at + len(rows)) / rate_hz)
+        columns = spectrograms.push(rows, valid[at : at + cut], (at + len(rows)) / rate_hz)
         if columns is not None:
             found.append(columns)
-    return lens, found
+    return spectrograms, found
 
 
 def joined(found, name):
@@ -39,9 +39,11 @@ def test_a_walker_is_where_and_as_fast_as_it_is():
     frames = noise(n_slow, seed=1) + walker(
         n_slow, RATE_HZ, speed_mps=0.5, start_m=2.3, level=30.0
     )
-    lens, found = made(frames)
-    by_name = {p.name: p for p in lens.pictures}
-    times_s = found[-1].t_s - lens.column_s * np.arange(joined(found, "range").shape[1])[::-1]
+    spectrograms, found = made(frames)
+    by_name = {p.name: p for p in spectrograms.pictures}
+    times_s = (
+        found[-1].t_s - spectrograms.column_s * np.arange(joined(found, "range").shape[1])[::-1]
+    )
     for name, wanted in (("range", 2.3 - 0.5 * times_s), ("velocity", 0.5)):
         picture = by_name[name]
         strongest = picture.first + picture.step * joined(found, name).argmax(axis=0)
@@ -62,13 +64,13 @@ def test_noise_alone_is_dark_and_a_body_is_bright():
 @pytest.mark.parametrize("rate_hz", [17.0, 60.0, 200.0])
 def test_columns_come_at_a_steady_rate_however_frames_are_cut(rate_hz):
     frames = noise(round(6 * rate_hz), seed=3)
-    lens, one = made(frames, cut=1, rate_hz=rate_hz)
+    spectrograms, one = made(frames, cut=1, rate_hz=rate_hz)
     _, many = made(frames, cut=31, rate_hz=rate_hz)
     n_one, n_many = (joined(found, "range").shape[1] for found in (one, many))
     assert n_one == n_many
-    assert n_one == pytest.approx((6 - 28 / 60) / lens.column_s, abs=2)
+    assert n_one == pytest.approx((6 - 28 / 60) / spectrograms.column_s, abs=2)
     assert one[-1].t_s == pytest.approx(many[-1].t_s)
-    assert 6 - one[-1].t_s <= 0.24 + 2 * lens.column_s
+    assert 6 - one[-1].t_s <= 0.24 + 2 * spectrograms.column_s
 
 
 def test_lost_frames_are_marked():
@@ -88,21 +90,21 @@ def test_any_unit_of_the_samples_makes_a_picture(level):
 
 
 def test_gait_needs_two_seconds_and_leaves_out_the_mean():
-    lens, _ = made(noise(90, seed=6))
-    assert lens.gait() is None
-    lens, _ = made(noise(240, seed=6))
-    picture = lens.gait()
-    assert picture.shape == (28, round(GAIT_S / lens.column_s) // 2)
+    spectrograms, _ = made(noise(90, seed=6))
+    assert spectrograms.gait() is None
+    spectrograms, _ = made(noise(240, seed=6))
+    picture = spectrograms.gait()
+    assert picture.shape == (28, round(GAIT_S / spectrograms.column_s) // 2)
     assert (picture[:, 0] == 0).all()
 
 
 def test_bytes_hold_what_the_page_reads():
-    lens, found = made(noise(120, seed=7))
+    spectrograms, found = made(noise(120, seed=7))
     columns = found[-1]
-    data = encode_columns(columns, first=9, epoch=3, column_s=lens.column_s)
+    data = encode_columns(columns, first=9, epoch=3, column_s=spectrograms.column_s)
     kind, n_pictures, n, first, epoch, column_s, t_s = HEAD.unpack_from(data)
     assert (kind, n_pictures, n, first, epoch) == (1, 3, len(columns.valid), 9, 3)
-    assert (column_s, t_s) == (pytest.approx(lens.column_s), columns.t_s)
+    assert (column_s, t_s) == (pytest.approx(spectrograms.column_s), columns.t_s)
     at = HEAD.size
     assert list(data[at : at + n]) == columns.valid.astype(int).tolist()
     at += n
@@ -118,13 +120,13 @@ def test_bytes_hold_what_the_page_reads():
 
 
 def test_axes_name_units_and_spans():
-    told = axes(Lens(BASEBAND, RATE_HZ))
+    told = axes(Spectrograms(BASEBAND, RATE_HZ))
     assert [p["name"] for p in told["pictures"]] == [*TIMED, "gait"]
     assert [p["unit"] for p in told["pictures"]] == ["m", "m/s", "m/s", "m/s"]
     assert {p["name"]: p["span_db"] for p in told["pictures"]} == SPANS_DB
 
 
-# The ring and the onlooker ------------------------------------------------------------------
+# The ring and the picture thread ----------------------------------------------------------------
 
 
 def ring_of(samples, *, n_slow=60):
@@ -177,7 +179,7 @@ def test_recent_never_hands_out_torn_rows():
 
 
 class Told:
-    """What an onlooker said."""
+    """What an picture_thread said."""
 
     def __init__(self):
         self.axes, self.data = [], []
@@ -192,14 +194,14 @@ class Told:
 def test_an_onlooker_works_only_while_it_is_wanted():
     ring = ring_of(noise(300, seed=9))
     told = Told()
-    onlooker = Onlooker(lambda: ring, told.axes.append, told.data.append)
+    picture_thread = PictureThread(lambda: ring, told.axes.append, told.data.append)
     assert not [t for t in threading.enumerate() if t.name == "pictures"]
-    onlooker.want(is_wanted=True)
+    picture_thread.want(is_wanted=True)
     assert told.wait(1)
-    onlooker.want(is_wanted=False)
+    picture_thread.want(is_wanted=False)
     assert len(told.axes) == 1
     assert HEAD.unpack_from(told.data[0])[0] == 1
-    onlooker.close()
+    picture_thread.close()
 
 
 def test_an_onlooker_survives_what_goes_wrong(monkeypatch, caplog):
@@ -209,10 +211,10 @@ def test_an_onlooker_survives_what_goes_wrong(monkeypatch, caplog):
         msg = "no ring today"
         raise RuntimeError(msg)
 
-    onlooker = Onlooker(broken, told.axes.append, told.data.append)
-    monkeypatch.setattr("radard.web.onlooker.time.sleep", lambda _s: onlooker.close())
-    onlooker.want(is_wanted=True)
-    thread = onlooker._thread
+    picture_thread = PictureThread(broken, told.axes.append, told.data.append)
+    monkeypatch.setattr("radard.web.picture_thread.time.sleep", lambda _s: picture_thread.close())
+    picture_thread.want(is_wanted=True)
+    thread = picture_thread._thread
     thread.join(5)
     assert not thread.is_alive()
     assert "a picture could not be made" in caplog.text

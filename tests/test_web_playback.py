@@ -5,8 +5,8 @@ import time
 
 import pytest
 
-from radard.playback import Playback
-from radard.source import open_source
+from radard.stream.playback import Playback
+from radard.stream.source import open_source
 from tests.alarm_helpers import write_recording
 from tests.radar_helpers import noise
 
@@ -74,7 +74,7 @@ def test_impossible_positions(value):
 def test_the_next_round_of_a_loop_is_paced_as_well(monkeypatch):
     now = [100.0]
     playback = Playback(10.0, 1.0)
-    monkeypatch.setattr("radard.playback.time.monotonic", lambda: now[0])
+    monkeypatch.setattr("radard.stream.playback.time.monotonic", lambda: now[0])
 
     def wait(wait_s):
         now[0] += wait_s

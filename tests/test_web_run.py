@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from radard.web.lens import COLUMN_RATE_HZ
+from radard.web.spectrograms import COLUMN_RATE_HZ
 from tests.alarm_helpers import write_recording
 from tests.radar_helpers import noise, run_radard, stable
 from tests.web_helpers import Client, Running, free_port, wait

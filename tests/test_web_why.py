@@ -2,7 +2,7 @@
 
 import pytest
 
-from radard.config import load_config
+from radard.config.config import load_config
 from radard.web.why import explain
 from tests.web_helpers import decision, event, open_decision
 

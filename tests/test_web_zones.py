@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from radard.commands.config import shown
-from radard.config import load_config, load_with_origins
+from radard.config.config import load_config, load_with_origins
+from radard.config.saved_zones import forget, save, zones_path
 from radard.errors import ConfigError, OutputError
-from radard.saved_zones import forget, save, zones_path
 from tests.web_helpers import Running
 
 NOW = "2026-11-21T06:00:00.000Z"

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from x2radar.codec import decode_any, decode_command, decode_response
-from x2radar.framing import Packet, PacketDecoder
-from x2radar.messages import (
+from x2radar.wire.codec import decode_any, decode_command, decode_response
+from x2radar.wire.framing import Packet, PacketDecoder
+from x2radar.wire.messages import (
     Ack,
     BasebandIq,
     Data,
@@ -28,8 +28,8 @@ from x2radar.messages import (
     SystemMessage,
     Unknown,
 )
-from x2radar.messages_status import RespirationStatus
-from x2radar.wire_ids import Mode, Profile
+from x2radar.wire.messages_status import RespirationStatus
+from x2radar.wire.wire_ids import Mode, Profile
 
 OWN = Path(__file__).parent / "data" / "trace.txt"
 REAL = Path(__file__).parents[2] / "shared" / "data" / "x2m200_bytetrace.txt"

@@ -12,17 +12,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from x2radar import framing
 from x2radar.cli import main
-from x2radar.codec import encode
 from x2radar.command import installed_version, run_command
-from x2radar.device import X2Radar
+from x2radar.device.device import X2Radar
+from x2radar.device.transport import SerialTransport
 from x2radar.errors import PortDenied, SettingsError
-from x2radar.messages import Ack, Ping
-from x2radar.recording import RecordingReader
-from x2radar.settings import RadarSettings
-from x2radar.sim.scene import builtin_scenes
-from x2radar.transport import SerialTransport
+from x2radar.recording.hdf5_reader import RecordingReader
+from x2radar.settings.x2 import RadarSettings
+from x2radar.sim.scene.scene import builtin_scenes
+from x2radar.wire import framing
+from x2radar.wire.codec import encode
+from x2radar.wire.messages import Ack, Ping
 
 PING = framing.encode(encode(Ping()))
 

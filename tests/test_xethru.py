@@ -6,8 +6,8 @@ import pytest
 
 from tests.radar_helpers import noise
 from x2radar.errors import RecordingError
-from x2radar.open_recording import open_recording
-from x2radar.xethru import X4_BIN_LENGTH_M, XethruReader
+from x2radar.recording.registry import open_recording
+from x2radar.recording.xethru import X4_BIN_LENGTH_M, XethruReader
 
 BITS = {"datafloat": 0x400, "baseband_iq": 0x2, "baseband_ap": 0x1}
 REAL = Path(__file__).parents[2] / "shared" / "data" / "x4m03_recording"

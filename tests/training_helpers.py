@@ -6,16 +6,16 @@ from dataclasses import asdict, replace
 
 import numpy as np
 
-from radard.bundle import ModelInput, load_bundle
-from radard.evidence import EvidenceSettings
-from radard.features import feature_shape
-from x2train.bundle_answers import tapped
+from radard.classify.bundle import ModelInput, load_bundle
+from radard.classify.evidence import EvidenceSettings
+from radard.classify.features import feature_shape
+from x2train.bundles.map_bundle import write_map_bundle
+from x2train.bundles.temporal_graph import GIVEN, with_given, with_head
 from x2train.commands.dataset import FEATURES
-from x2train.map_bundle import write_map_bundle
-from x2train.map_fit import INPUTS as MAPS
-from x2train.map_fit import MapFitSettings, MapTrained, fit_maps
-from x2train.temporal_graph import GIVEN, with_given, with_head
-from x2train.temporal_head import Given, HeadSettings, HeadTrained, fit_head
+from x2train.nets.bundle_answers import tapped
+from x2train.nets.map_fit import INPUTS as MAPS
+from x2train.nets.map_fit import MapFitSettings, MapTrained, fit_maps
+from x2train.nets.temporal_head import Given, HeadSettings, HeadTrained, fit_head
 
 TINY = MapFitSettings(
     epochs=20,

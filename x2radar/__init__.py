@@ -11,18 +11,18 @@ docs/api.md shows the rest.
 
 from typing import TYPE_CHECKING
 
-from x2radar.device import Deadlines, RadarStats, X2Radar
+from x2radar.device.device import Deadlines, RadarStats, X2Radar
+from x2radar.device.reconnect import ReconnectingRadar, StreamEvent
 from x2radar.errors import X2RadarError
 from x2radar.frame import FastTimeAxis, Frame, StreamInfo
-from x2radar.module_settings import ModuleSettings
 from x2radar.ports import make_radar, parse_port
-from x2radar.reconnect import ReconnectingRadar, StreamEvent
-from x2radar.settings import RadarSettings
-from x2radar.settings_profile import ProfileSettings
-from x2radar.settings_x4 import X4Settings
+from x2radar.settings.any import ModuleSettings
+from x2radar.settings.profile import ProfileSettings
+from x2radar.settings.x2 import RadarSettings
+from x2radar.settings.x4 import X4Settings
 
 if TYPE_CHECKING:
-    from x2radar.aio import AsyncRadar
+    from x2radar.device.aio import AsyncRadar
 
 __all__ = [
     "Deadlines",
@@ -124,6 +124,6 @@ def open_async(
         If the port string makes no sense.
     """
     # Late: asyncio takes a while to load, and most programs do without.
-    from x2radar.aio import AsyncRadar  # noqa: PLC0415
+    from x2radar.device.aio import AsyncRadar  # noqa: PLC0415
 
     return AsyncRadar(make_radar(parse_port(port), speed=speed, settings=settings))

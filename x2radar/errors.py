@@ -103,3 +103,17 @@ class PluginError(X2RadarError):
     """A plug-in that cannot be loaded or does not keep its contract; the message names it."""
 
     exit_code = 78
+
+
+def renamed(name: str) -> str:
+    """Return a hint for a name that began with 'seed' where it now begins with 'thesis'.
+
+    Up to version 0.1 `seed` meant both the thesis and the start of random draws.
+
+    >>> renamed("seed_human")
+    "'seed_human' is called 'thesis_human' now; "
+    >>> renamed("human")
+    ''
+    """
+    head, underscore, tail = name.partition("_")
+    return f"'{name}' is called 'thesis{underscore}{tail}' now; " if head == "seed" else ""

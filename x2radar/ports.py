@@ -3,7 +3,7 @@
 ``/dev/ttyACM0``, ``socket://host:port``, ``auto`` (the only port that answers) or
 ``sim:SCENE?key=value&key=value``. Values are percent-encoded. Keys of ``sim:`` are seed (0),
 rate (60, frames per second), kind (rf or baseband), device and fault (kind:value, see
-`x2radar.sim.faults`); of serial ports: rate, kind and device. A device is x2raw (an X2 in
+`x2radar.sim.module.faults`); of serial ports: rate, kind and device. A device is x2raw (an X2 in
 MANUAL mode), x2m200 (its sleep profile, 20 Hz), x4m03, or auto: what the module calls itself
 decides between x2raw and x4m03.
 """
@@ -13,21 +13,21 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from urllib.parse import parse_qsl, unquote
 
-from x2radar.device import X2Radar
-from x2radar.discovery import find_module
+from x2radar.device.device import X2Radar
+from x2radar.device.discovery import find_module
+from x2radar.device.transport import SerialTransport, Transport
 from x2radar.errors import SettingsError
-from x2radar.module_settings import ModuleSettings, SettingsChooser, is_x4
-from x2radar.settings import RadarSettings
-from x2radar.settings_profile import FRAME_RATE_HZ, ProfileSettings
-from x2radar.settings_x4 import X4Settings
-from x2radar.sim.faults import parse_faults
-from x2radar.sim.firmware import X2Firmware, X4Firmware
-from x2radar.sim.host import connect as connect_sim
-from x2radar.sim.module import SimulatedModule
-from x2radar.sim.scene import load_scene
-from x2radar.sim.stage import check_swath
-from x2radar.sim.stream import stream_axis
-from x2radar.transport import SerialTransport, Transport
+from x2radar.settings.any import ModuleSettings, SettingsChooser, is_x4
+from x2radar.settings.profile import FRAME_RATE_HZ, ProfileSettings
+from x2radar.settings.x2 import RadarSettings
+from x2radar.settings.x4 import X4Settings
+from x2radar.sim.module.faults import parse_faults
+from x2radar.sim.module.firmware import X2Firmware, X4Firmware
+from x2radar.sim.module.host import connect as connect_sim
+from x2radar.sim.module.module import SimulatedModule
+from x2radar.sim.module.stream import stream_axis
+from x2radar.sim.scene.scene import load_scene
+from x2radar.sim.scene.stage import check_swath
 
 _KINDS = {"rf": "rf", "baseband": "iq"}
 SIM_KEYS = frozenset({"seed", "rate", "kind", "fault", "device"})

@@ -14,11 +14,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from x2radar.device import X2Radar
+from x2radar.device.device import X2Radar
 from x2radar.errors import DeviceError, PortError, ReadTimeout, TransportClosed, X2RadarError
 from x2radar.frame import Frame
-from x2radar.messages import GetSystemInfo, Message, Ping, Pong, Reply
-from x2radar.wire_ids import InfoItem, PongCode
+from x2radar.wire.messages import GetSystemInfo, Message, Ping, Pong, Reply
+from x2radar.wire.wire_ids import InfoItem, PongCode
 
 ASK_S = 0.25
 KEPT_BYTES = 32 << 20

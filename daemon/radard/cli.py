@@ -9,9 +9,9 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from radard.config import Config, load_config
+from radard.config.config import Config, load_config
+from radard.config.options import add_options, config_options
 from radard.errors import UsageError
-from radard.options import add_options, config_options
 from x2radar.command import Parser, installed_version, run_command
 
 _SHORT = """\
@@ -81,7 +81,7 @@ def _body(argv: Sequence[str]) -> int:
 
     config = load()
     # Late, so that --help and wrong options answer at once.
-    from radard.service import RunOptions, run  # noqa: PLC0415
+    from radard.service.service import RunOptions, run  # noqa: PLC0415
 
     return run(
         config,

@@ -2,20 +2,20 @@
 
 A frame's way through the program::
 
-    x2radar.transport   bytes from the port
-    x2radar.framing     bytes -> packets
-    x2radar.codec       packets -> messages
-    x2radar.assemble    messages -> Frame (numbered, losses stated)
+    x2radar.device.transport   bytes from the port
+    x2radar.wire.framing     bytes -> packets
+    x2radar.wire.codec       packets -> messages
+    x2radar.device.assemble    messages -> Frame (numbered, losses stated)
     radard.dsp.downconvert   RF -> baseband, matched filter        [reader thread]
-    radard.ring         frames -> Dwell, 2 s of them every 1 s      [reader | worker]
-    radard.clutter_map  takes out what stands still, with its jitter [worker]
-    radard.gate         does anything move?
-    radard.tracks       where, and how many?
-    radard.features     Dwell -> spectrogram, cadence, vectors
-    radard.classifier   features -> probabilities
-    radard.evidence     probabilities over windows -> what is known by now
-    radard.decision     probabilities -> label, alarm
-    radard.events       decisions -> events with a beginning and an end
+    radard.stream.ring         frames -> Dwell, 2 s of them every 1 s      [reader | worker]
+    radard.detect.clutter_map  takes out what stands still, with its jitter [worker]
+    radard.detect.gate         does anything move?
+    radard.detect.tracks       where, and how many?
+    radard.classify.features     Dwell -> spectrogram, cadence, vectors
+    radard.classify.classifier   features -> probabilities
+    radard.classify.evidence     probabilities over windows -> what is known by now
+    radard.classify.decision     probabilities -> label, alarm
+    radard.alarm.events       decisions -> events with a beginning and an end
     radard.sinks        everything -> JSON Lines, table
 
 `Pipeline.decide` is all of the worker's part that computes, without threads or clocks, so
@@ -26,21 +26,21 @@ from dataclasses import replace
 
 import numpy as np
 
-from radard.bundle import Bundle
-from radard.calibration import Calibration
-from radard.classifier import Answer, Classifier, Probabilities
-from radard.clutter_map import ClutterRemover
-from radard.config import Config
-from radard.decision import Decision, Label, TrackVerdict, Verdict, judge
+from radard.classify.bundle import Bundle
+from radard.classify.classifier import Answer, Classifier, Probabilities
+from radard.classify.decision import Decision, Label, TrackVerdict, Verdict, judge
+from radard.classify.evidence import Evidence, EvidenceSettings
+from radard.classify.features import FeatureSettings, FeatureStream, extract
+from radard.config.config import Config
+from radard.detect.calibration import Calibration
+from radard.detect.clutter_map import ClutterRemover
+from radard.detect.gate import Gate, GateSettings
+from radard.detect.tracks import Track, Tracker
 from radard.dsp.downconvert import DownConverter
 from radard.dsp.range_gate import range_gates
 from radard.dsp.velocity import CPI_S
 from radard.errors import FeatureError, ModelMismatch
-from radard.evidence import Evidence, EvidenceSettings
-from radard.features import FeatureSettings, FeatureStream, extract
-from radard.gate import Gate, GateSettings
-from radard.ring import Dwell, DwellShape, FrameRing
-from radard.tracks import Track, Tracker
+from radard.stream.ring import Dwell, DwellShape, FrameRing
 from x2radar.frame import StreamInfo
 
 HOP_S = 1.0
@@ -321,7 +321,7 @@ def gate_settings(config: Config) -> GateSettings:
 
 
 def _gate_only_features(stream: StreamInfo) -> FeatureSettings:
-    """Return settings whose CPI is as long as the seed's, and bins as coarse as may be."""
+    """Return settings whose CPI is as long as the thesis', and bins as coarse as may be."""
     bins = int(COARSE_BIN_M / stream.axis.bin_length_m)
     return FeatureSettings(
         n_cpi=max(2, round(CPI_S * stream.frame_rate_hz)), range_decimation=max(1, bins)

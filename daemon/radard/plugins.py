@@ -2,7 +2,8 @@
 
 Each is called by the name of its entry point, which is the word before the colon of --port or
 -o, or a feature's name in a bundle's sidecar. The contracts stand where they are used:
-`radard.source.SourceOpener`, `radard.sinks.opening.Opener`, `radard.features.FeatureMaker`.
+`radard.stream.source.SourceOpener`, `radard.sinks.registry.Opener`,
+`radard.classify.features.FeatureMaker`.
 """
 
 import re
@@ -11,7 +12,7 @@ from x2radar.plugins import Plugin, find_plugin, plugin_names
 
 SOURCES = "radard.sources"
 SINKS = "radard.sinks"
-FEATURES = "radard.features"
+FEATURES = "radard.classify.features"
 # Not a Windows port, and not a URL of pyserial's.
 _SCHEME = re.compile(r"([a-z][a-z0-9+._-]+):(?!//)")
 

@@ -4,6 +4,7 @@ import sys
 from collections.abc import Sequence
 
 from x2radar.command import new_parser, run_command
+from x2radar.errors import renamed
 from x2train.commands import (
     dataset,
     evaluate,
@@ -11,8 +12,8 @@ from x2train.commands import (
     fit,
     make,
     scene,
-    seed,
     temporal,
+    thesis,
     tradeoff,
     train,
     walks,
@@ -26,7 +27,7 @@ examples:
   train-export make balanced --show           how a shipped bundle is made, or do it
   train-export finetune rex.h5=pet --guard sets/guard
   train-export evaluate --out report          a bundle, judged like an alarm
-  train-export seed --animal dog --repeats 3  the thesis, reproduced
+  train-export thesis --animal dog --repeats 3  the thesis, reproduced
   train-export scene human --plot human.png   a scene as the radar sees it
   train-export tradeoff                       what each switch costs and loses
   train-export walks 101.mat 102.mat --out .  simulated walkers beside recorded ones
@@ -37,7 +38,7 @@ _COMMANDS = (
     finetune,
     fit,
     scene,
-    seed,
+    thesis,
     temporal,
     tradeoff,
     train,
@@ -56,6 +57,8 @@ def _body(argv: Sequence[str]) -> int:
     for command in _COMMANDS:
         command.register(commands)
     make.register(commands, _body)
+    if argv and argv[0] == "seed":
+        parser.error(f"{renamed('seed')}see train-export thesis --help")
     args = parser.parse_args(argv)
     code: int = args.run(args)
     return code

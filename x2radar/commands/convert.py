@@ -5,10 +5,10 @@ import math
 import sys
 from pathlib import Path
 
-from x2radar.blocks import Overrides
 from x2radar.commands import Commands
 from x2radar.errors import SettingsError
-from x2radar.open_recording import KINDS
+from x2radar.recording.blocks import Overrides
+from x2radar.recording.registry import KINDS
 
 _AXIS = (
     ("frame_rate_hz", "--frame-rate", "HZ", "frames per second"),
@@ -35,7 +35,7 @@ def register(commands: Commands) -> None:
 
 def _run(args: argparse.Namespace) -> int:
     # Late: the readers behind it are slow to import.
-    from x2radar.convert import convert  # noqa: PLC0415
+    from x2radar.recording.convert import convert  # noqa: PLC0415
 
     values = {name: getattr(args, name) for name, _, _, _ in _AXIS}
     for name, option, _, _ in _AXIS:

@@ -4,10 +4,10 @@ import argparse
 import json
 from pathlib import Path
 
-from x2radar.capture import MAGIC, Capture
 from x2radar.commands import Commands
 from x2radar.errors import RecordingError
-from x2radar.trace import describe, describe_capture, read_trace
+from x2radar.recording.capture import MAGIC, Capture
+from x2radar.recording.trace import describe, describe_capture, read_trace
 
 
 def register(commands: Commands) -> None:

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from x2radar.commands import Commands
-from x2radar.device import X2Radar
+from x2radar.device.device import X2Radar
 from x2radar.errors import DeviceError
-from x2radar.messages import GetSystemInfo, Message, Ping, Pong, Reply
 from x2radar.ports import make_radar, parse_port
-from x2radar.wire_ids import InfoItem, PongCode
+from x2radar.wire.messages import GetSystemInfo, Message, Ping, Pong, Reply
+from x2radar.wire.wire_ids import InfoItem, PongCode
 
 _PORT = re.compile(r"sim:.*|[a-z0-9]+://.*|/dev/.*|COM\d+.*", re.IGNORECASE | re.DOTALL)
 
@@ -31,7 +31,7 @@ def _run(args: argparse.Namespace) -> int:
         lines = _port_lines(facts)
     else:
         # Late: h5py takes a while, and a port does without.
-        from x2radar.recording_info import describe_recording, summary  # noqa: PLC0415
+        from x2radar.recording.info import describe_recording, summary  # noqa: PLC0415
 
         facts = describe_recording(Path(args.what.removeprefix("replay:")))
         lines = summary(facts)

@@ -5,7 +5,7 @@ import json
 from dataclasses import asdict
 
 from x2radar.commands import Commands
-from x2radar.discovery import PortRow, list_ports, port_state
+from x2radar.device.discovery import PortRow, list_ports, port_state
 
 
 def register(commands: Commands) -> None:

@@ -34,9 +34,9 @@ def register(commands: Commands) -> None:
 
 def _run(args: argparse.Namespace) -> int:
     # Late, because h5py takes a while and the other subcommands do without it.
-    from x2radar.capture import CaptureWriter, capturing  # noqa: PLC0415
-    from x2radar.parts import RotatingWriter, check_free_name  # noqa: PLC0415
-    from x2radar.recorder import Progress, record, stop_flag  # noqa: PLC0415
+    from x2radar.recording.capture import CaptureWriter, capturing  # noqa: PLC0415
+    from x2radar.recording.recorder import RecordingProgress, record, stop_flag  # noqa: PLC0415
+    from x2radar.recording.rotating import RotatingWriter, check_free_name  # noqa: PLC0415
 
     _check(args)
     check_free_name(args.file, rotating=bool(args.rotate_size or args.rotate_time))
@@ -79,7 +79,7 @@ def _run(args: argparse.Namespace) -> int:
             check_every=max(1, round(rate_hz)),
             floor_bytes=args.free_floor * _MB,
             paths=paths,
-            progress=Progress(args.file.name, sys.stderr),
+            progress=RecordingProgress(args.file.name, sys.stderr),
         )
     parts = f", {len(writer.paths)} parts" if writer.is_rotating else ""
     lost = f", {tally.n_lost} lost" if tally.n_lost else ""
@@ -106,7 +106,7 @@ def _check(args: argparse.Namespace) -> None:
 
 
 def _check_space(args: argparse.Namespace, paths: tuple[Path, ...]) -> None:
-    from x2radar.recorder import free_bytes  # noqa: PLC0415 - with the other late ones
+    from x2radar.recording.recorder import free_bytes  # noqa: PLC0415 - with the other late ones
 
     free = free_bytes(*paths)
     if free < args.free_floor * _MB:

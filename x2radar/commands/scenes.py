@@ -3,7 +3,7 @@
 import argparse
 
 from x2radar.commands import Commands
-from x2radar.sim.scene import builtin_scenes
+from x2radar.sim.scene.scene import builtin_scenes
 
 
 def register(commands: Commands) -> None:

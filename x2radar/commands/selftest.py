@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from x2radar.commands import Commands, check_duration
-from x2radar.device import X2Radar
+from x2radar.device.device import X2Radar
 from x2radar.errors import RecordingError
 from x2radar.ports import make_radar, parse_port
 
@@ -65,7 +65,7 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _record(out: Path, radar: X2Radar, frames: list[Any], report: dict[str, Any]) -> None:
-    from x2radar.recording import RecordingWriter  # noqa: PLC0415
+    from x2radar.recording.hdf5_reader import RecordingWriter  # noqa: PLC0415
 
     assert radar.stream is not None  # noqa: S101 - known with the first frame
     about = {"name": radar.name, **report["info"], "selftest": report}

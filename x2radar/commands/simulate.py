@@ -3,12 +3,12 @@
 import argparse
 
 from x2radar.commands import Commands, parse_speed
+from x2radar.device.transport import PtyTransport
 from x2radar.errors import SettingsError
-from x2radar.sim.faults import describe_faults, parse_faults
-from x2radar.sim.host import serve
-from x2radar.sim.module import SimulatedModule
-from x2radar.sim.scene import load_scene
-from x2radar.transport import PtyTransport
+from x2radar.sim.module.faults import describe_faults, parse_faults
+from x2radar.sim.module.host import serve
+from x2radar.sim.module.module import SimulatedModule
+from x2radar.sim.scene.scene import load_scene
 
 
 def register(commands: Commands) -> None:

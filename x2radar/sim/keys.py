@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from x2radar.errors import SceneError, SettingsError
+from x2radar.errors import SceneError, SettingsError, renamed
 
 _T = TypeVar("_T")
 
@@ -162,7 +162,7 @@ def checked(raw: Any, keys: Mapping[str, Key], where: str) -> dict[str, Any]:
 def unknown(name: Any, known: Collection[str], where: str, what: str = "unknown key") -> str:
     """Return the message for a name that does not exist, with the nearest that does."""
     near = difflib.get_close_matches(str(name), list(known), n=1)
-    hint = f"did you mean {near[0]}? " if near else ""
+    hint = renamed(str(name)) or (f"did you mean {near[0]}? " if near else "")
     return f"{where}.{name}: {what}; {hint}known are {', '.join(known)}"
 
 

@@ -6,7 +6,7 @@ import os
 from collections.abc import Sequence
 
 from radard.commands.bench_stages import Cost, measured
-from radard.commands.listening import add_listening, check_seconds, listening_config
+from radard.commands.offline_stream import add_listening, check_seconds, listening_config
 from radard.errors import UsageError
 from x2radar.command import new_parser
 

@@ -12,18 +12,18 @@ from statistics import median
 
 import numpy as np
 
-from radard.classifier import Classifier
-from radard.config import Config
+from radard.classify.classifier import Classifier
+from radard.config.config import Config
 from radard.errors import RadardError
 from radard.pipeline import Pipeline
-from radard.ring import Dwell
-from radard.setup import classifier_for, make_classifier
-from radard.source import open_source
-from x2radar.assemble import FrameAssembler
+from radard.service.components import classifier_for, make_classifier
+from radard.stream.ring import Dwell
+from radard.stream.source import open_source
+from x2radar.device.assemble import FrameAssembler
+from x2radar.device.transport import Transport
 from x2radar.frame import Frame, StreamInfo
 from x2radar.ports import make_radar, parse_port
-from x2radar.protocol import Received, Session
-from x2radar.transport import Transport
+from x2radar.wire.protocol import Received, Session
 
 _FFT_LENGTH = 4096
 _N_FFTS = 200
@@ -31,7 +31,7 @@ _REFERENCE = f"{_N_FFTS} FFTs of {_FFT_LENGTH} complex numbers, per second of st
 
 
 @dataclass(frozen=True, slots=True)
-class Stage:
+class TimedPart:
     """One part: its name, CPU seconds per stream second, and how many references that is."""
 
     name: str
@@ -45,7 +45,7 @@ class Cost:
 
     Attributes
     ----------
-    stages : tuple of Stage
+    stages : tuple of TimedPart
         In the order of the way; the last one is all of it at its worst.
     frame_rate_hz, duration_s : float
         Of the stream.
@@ -55,7 +55,7 @@ class Cost:
         What the ratios are to.
     """
 
-    stages: tuple[Stage, ...]
+    stages: tuple[TimedPart, ...]
     frame_rate_hz: float
     duration_s: float
     model: str
@@ -119,10 +119,10 @@ def measured(config: Config, duration_s: float, rounds: int) -> Cost:
             spent_s = _timed(part) / heard_s
             cpu_s[name].append(spent_s)
             ratios[name].append(spent_s / reference_s)
-    stages = [Stage(name, median(cpu_s[name]), median(ratios[name])) for name in work]
+    stages = [TimedPart(name, median(cpu_s[name]), median(ratios[name])) for name in work]
     parts = [stages[0], stages[-1]] if heard.chunks is not None else [stages[-1]]
     stages.append(
-        Stage("all, at its worst", sum(s.cpu_s for s in parts), sum(s.ratio for s in parts))
+        TimedPart("all, at its worst", sum(s.cpu_s for s in parts), sum(s.ratio for s in parts))
     )
     return Cost(
         stages=tuple(stages),

@@ -9,23 +9,23 @@ from pathlib import Path
 
 import numpy as np
 
-from radard.calibration import Calibration
-from radard.calibration_survey import DAY_S, LEAST_DB, RoomSurvey
-from radard.commands.listening import (
+from radard.alarm.state_store import write_atomically
+from radard.commands.offline_stream import (
     Listening,
     add_listening,
     check_seconds,
     listen,
     listening_config,
 )
-from radard.commands.live import Live
-from radard.config import Config
-from radard.directories import calibration_file, named_state_dir
+from radard.commands.progress_line import Live
+from radard.config.config import Config
+from radard.config.directories import calibration_file, named_state_dir
+from radard.detect.calibration import Calibration
+from radard.detect.survey import DAY_S, LEAST_DB, RoomSurvey
 from radard.errors import NotAllowed, RadardError, UsageError
 from radard.pipeline import HOP_S, gate_settings
-from radard.ring import Notice
-from radard.room_calibration import signer
-from radard.state_store import write_atomically
+from radard.service.room_calibration import signer
+from radard.stream.ring import Notice
 from x2radar.command import new_parser
 
 _EXAMPLES = """\

@@ -6,9 +6,9 @@ from typing import Any
 
 import yaml
 
-from radard.config import Config, Loaded, load_with_origins
-from radard.options import add_options, config_options
-from radard.redact import redact_value
+from radard.config.config import Config, Loaded, load_with_origins
+from radard.config.options import add_options, config_options
+from radard.config.redact import redact_value
 from x2radar.command import new_parser
 
 _EXAMPLES = """\

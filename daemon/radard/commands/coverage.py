@@ -5,14 +5,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from radard.detect.gate import GateSettings
 from radard.errors import UsageError
-from radard.gate import GateSettings
-from x2radar.settings import SPEED_OF_LIGHT_MPS, RadarSettings
-from x2radar.sim.antenna import Antenna
-from x2radar.sim.cast import SEED_GAIN
-from x2radar.sim.noise import baseband_noise_power
-from x2radar.sim.pulse import LinkBudget
-from x2radar.sim.stream import stream_axis
+from x2radar.settings.x2 import SPEED_OF_LIGHT_MPS, RadarSettings
+from x2radar.sim.module.stream import stream_axis
+from x2radar.sim.place.antenna import Antenna
+from x2radar.sim.scene.cast import SEED_GAIN
+from x2radar.sim.signal.noise import baseband_noise_power
+from x2radar.sim.signal.pulse import LinkBudget
 
 HEIGHTS_M = (0.1, 0.3, 0.5, 0.8, 1.2, 1.7)
 DISTANCES_M = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0)

@@ -19,18 +19,18 @@ from typing import Any
 
 import yaml
 
-from radard.bundle import bundle_names, load_bundle
-from radard.calibration import load_calibration
+from radard.classify.bundle import bundle_names, load_bundle
+from radard.classify.model_choice import model_for
 from radard.commands.config import shown
-from radard.config import DEFAULT_FILES, Config, Loaded, load_with_origins
-from radard.config_read import ENV_PREFIX
-from radard.directories import calibration_file, state_dir, status_dirs
+from radard.config.config import DEFAULT_FILES, Config, Loaded, load_with_origins
+from radard.config.directories import calibration_file, state_dir, status_dirs
+from radard.config.redact import MASK, redact, redact_value
+from radard.config.sources import ENV_PREFIX
+from radard.detect.calibration import load_calibration
 from radard.errors import RadardError
-from radard.model_choice import model_for
-from radard.redact import MASK, redact, redact_value
-from radard.status_file import read_status, status_path
+from radard.health.status_file import read_status, status_path
 from x2radar.command import installed_version
-from x2radar.discovery import list_ports
+from x2radar.device.discovery import list_ports
 
 _PACKAGES = (
     *("numpy", "scipy", "pyserial", "pyyaml", "h5py", "onnxruntime", "pydantic", "paho-mqtt"),

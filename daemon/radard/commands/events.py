@@ -7,9 +7,9 @@ from dataclasses import asdict
 from datetime import datetime
 from pathlib import Path
 
-from radard.config import load_config
+from radard.config.config import load_config
+from radard.config.sink_sections import KINDS
 from radard.errors import UsageError
-from radard.sink_options import KINDS
 from radard.sinks.store_query import StoredEvent, parse_since, read_events
 from x2radar.command import new_parser
 

@@ -2,13 +2,13 @@
 
 from collections.abc import Iterable, Iterator
 
-from radard.bundle import Bundle
-from radard.card import Card, Passing, Three
-from radard.config import Config
-from radard.config_sections import AlarmSection, DecisionSection, GateSection
-from radard.confirmation import alarm_probability, windows_until
+from radard.alarm.k_of_n import alarm_probability, windows_until
+from radard.alarm.sensitivity import SENSITIVITIES, alarm_policy
+from radard.classify.bundle import Bundle
+from radard.classify.card import Card, Passing, Three
+from radard.config.config import Config
+from radard.config.sections import AlarmSection, DecisionSection, GateSection
 from radard.pipeline import HOP_S
-from radard.sensitivity import SENSITIVITIES, alarm_policy
 
 _SHARE = "share without alarm, "
 _PEOPLE = ("human", "person", "people", "adult", "child", "walker")

@@ -4,9 +4,9 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from radard.config import Config, load_config
-from radard.directories import status_dirs
-from radard.status_file import StatusReport, read_status, status_path
+from radard.config.config import Config, load_config
+from radard.config.directories import status_dirs
+from radard.health.status_file import StatusReport, read_status, status_path
 from x2radar.command import new_parser
 
 _EXAMPLES = """\

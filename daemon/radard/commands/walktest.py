@@ -6,7 +6,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import asdict
 
-from radard.commands.listening import (
+from radard.commands.offline_stream import (
     LONGEST_S,
     Listening,
     add_listening,
@@ -14,10 +14,10 @@ from radard.commands.listening import (
     listen,
     listening_config,
 )
-from radard.commands.live import Live, bar
-from radard.commands.walk import Step, by_range, report, step_of
-from radard.ring import Notice
-from radard.setup import use_calibration
+from radard.commands.progress_line import Live, bar
+from radard.commands.walk_report import WalkDecision, by_range, report, step_of
+from radard.service.components import use_calibration
+from radard.stream.ring import Notice
 from x2radar.command import new_parser
 
 _EXAMPLES = """\
@@ -49,7 +49,7 @@ def run(argv: Sequence[str]) -> int:
     return 0
 
 
-def line_of(step: Step) -> str:
+def line_of(step: WalkDecision) -> str:
     """Return the line of the log for one decision."""
     if step.over_floor_db is None:
         return f"{step.t_s:7.1f} s  window invalid: too many frames missing"
@@ -61,13 +61,13 @@ def line_of(step: Step) -> str:
     return f"{head}  {step.range_m:4.1f} m  {step.label or 'moves'}{p_human}{alarm}"
 
 
-def _share(step: Step) -> float:
+def _share(step: WalkDecision) -> float:
     """Return how full the bar is: empty at the floor of the room."""
     return (step.over_floor_db or 0.0) / _FULL_DB
 
 
-def _walked(listening: Listening, args: argparse.Namespace) -> list[Step]:
-    steps: list[Step] = []
+def _walked(listening: Listening, args: argparse.Namespace) -> list[WalkDecision]:
+    steps: list[WalkDecision] = []
     pipeline, live = listening.pipeline, Live(sys.stderr)
     try:
         for item in listening.dwells(args.duration):

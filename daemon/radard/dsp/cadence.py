@@ -1,4 +1,4 @@
-"""Cadence velocity diagram D, and the seed's two feature vectors made of it."""
+"""Cadence velocity diagram D, and the thesis' two feature vectors made of it."""
 
 from itertools import pairwise
 
@@ -30,7 +30,7 @@ def cadence_velocity_diagram(spectrogram: NDArray[np.float32]) -> NDArray[np.flo
 
 
 def type1_vector(diagram: NDArray[np.float32], n_cadence: int) -> NDArray[np.float32]:
-    """Return the seed's type 1 vector (3.11-3.15).
+    """Return the thesis' type 1 vector (3.11-3.15).
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ def extent_profile(
     alpha : float
         Where between mean and peak the threshold lies.
     least_sar : float
-        Frames with a lower peak-to-average ratio hold no target. The seed asks for such a
+        Frames with a lower peak-to-average ratio hold no target. The thesis asks for such a
         limit and leaves it open; noise alone stays below 15 in 768 bins of X2 bandwidth.
 
     Returns

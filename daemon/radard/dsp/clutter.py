@@ -8,7 +8,7 @@ float32. Rows that are not finite count as lost.
 import numpy as np
 from numpy.typing import NDArray
 
-from radard.dsp.order import median
+from radard.dsp.median import median
 from radard.errors import FeatureError
 
 _SPIKE = 100.0

@@ -17,7 +17,7 @@ from radard.dsp.steps import StepBuffer, blocks
 from radard.dsp.streaming import StreamingDoppler
 from radard.errors import FeatureError
 from x2radar.frame import FastTimeAxis
-from x2radar.settings import SPEED_OF_LIGHT_MPS
+from x2radar.settings.x2 import SPEED_OF_LIGHT_MPS
 
 __all__ = [
     "doppler_hz",
@@ -103,7 +103,7 @@ def micro_doppler_direct(
     n_cpi : int
         Frames in one CPI.
     taper : ndarray, shape (n_cpi,), optional
-        Weight of every frame of a CPI; the seed's Gaussian when not given.
+        Weight of every frame of a CPI; the thesis' Gaussian when not given.
 
     Returns
     -------
@@ -145,7 +145,7 @@ def micro_doppler(
     n_cpi : int
         Frames in one CPI, at least 2.
     taper : ndarray, shape (n_cpi,), optional
-        Weight of every frame of a CPI; the seed's Gaussian when not given.
+        Weight of every frame of a CPI; the thesis' Gaussian when not given.
     bands : sequence of (int, int), optional
         Range bands to be summed apart, see `range_bands`.
     stride : int
@@ -182,7 +182,7 @@ def range_doppler(
     cpi : array_like, shape (n_cpi, n_range), complex
         The frames of one CPI, all of them good.
     taper : ndarray, shape (n_cpi,), optional
-        Weight of every frame; the seed's Gaussian when not given.
+        Weight of every frame; the thesis' Gaussian when not given.
 
     Returns
     -------

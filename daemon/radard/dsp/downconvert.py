@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from radard.errors import FeatureError
 from x2radar.frame import FastTimeAxis
-from x2radar.settings import SPEED_OF_LIGHT_MPS
+from x2radar.settings.x2 import SPEED_OF_LIGHT_MPS
 
 # The pulse has decayed to 1.5e-8 there.
 _REACH_SIGMA = 6.0
@@ -177,7 +177,7 @@ class DownConverter:
 
 def _kernel(axis: FastTimeAxis) -> NDArray[np.complex128]:
     """Return the pulse on its carrier, conjugated, shape (odd,), unit gain for an echo."""
-    # Gaussian whose spectrum is -10 dB at half the bandwidth (digest of the seed, 8.1).
+    # Gaussian whose spectrum is -10 dB at half the bandwidth (the thesis, 8.1).
     sigma = np.sqrt(np.log(10)) / (np.pi * axis.bandwidth_hz) * axis.sample_rate_hz
     half = max(1, int(np.ceil(_REACH_SIGMA * sigma)))
     k = np.arange(-half, half + 1)

@@ -33,7 +33,7 @@ _LOW, _HIGH = 1e-25, 1e30
 
 
 def gaussian_taper(n_cpi: int) -> Reals:
-    """Return the seed's taper, shape (n_cpi,): Gaussian, one tenth at both ends (2.31)."""
+    """Return the thesis' taper, shape (n_cpi,): Gaussian, one tenth at both ends (2.31)."""
     centre = (n_cpi - 1) / 2
     if centre == 0:
         return np.ones(1)

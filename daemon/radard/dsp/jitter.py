@@ -28,10 +28,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radard.dsp.clutter import AnyFrames, Flags, sound_rows
-from radard.dsp.order import median
+from radard.dsp.median import median
 from radard.errors import FeatureError
 from x2radar.frame import FastTimeAxis
-from x2radar.settings import SPEED_OF_LIGHT_MPS
+from x2radar.settings.x2 import SPEED_OF_LIGHT_MPS
 
 MOST_DELAY_S = 1e-12
 """A common delay of more rms is no jitter (modules: 0.13 to 0.23 ps): left alone."""

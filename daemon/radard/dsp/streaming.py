@@ -29,7 +29,7 @@ class StreamingDoppler(ColumnStream):
     n_cpi : int
         Frames in one CPI, at least 2.
     taper : ndarray, shape (n_cpi,), optional
-        Weight of every frame of a CPI; the seed's Gaussian when not given.
+        Weight of every frame of a CPI; the thesis' Gaussian when not given.
     bands : sequence of (int, int), optional
         Range bands to be summed apart (first bin, bin behind the last), overlapping or not;
         one band of all bins when not given.

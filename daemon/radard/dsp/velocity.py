@@ -27,8 +27,8 @@ from numpy.lib.stride_tricks import as_strided, sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 
 from radard.dsp.columns import ColumnStore, ColumnStream
+from radard.dsp.frame_means import FrameMeans
 from radard.dsp.gram import Reals, checked_taper
-from radard.dsp.slower import StepMeans
 from radard.dsp.steps import Flags, StepBuffer, blocks, whole
 from radard.dsp.wideband import range_dft, range_frequencies, velocity_operator
 from radard.errors import FeatureError
@@ -65,11 +65,11 @@ class VelocityTransform(ColumnStream):
         spectrum flat. See the notes.
     taper : callable, optional
         From the number of frames in a CPI to their weights, the same from either end; the
-        seed's Gaussian when not given.
+        thesis' Gaussian when not given.
     n_keep : int
         Columns that can be asked for.
     n_mean : int
-        So many frames in a row are one, their mean (`radard.dsp.slower`); CPI, stride and
+        So many frames in a row are one, their mean (`radard.dsp.frame_means`); CPI, stride and
         columns count these.
 
     Attributes
@@ -153,7 +153,7 @@ class VelocityTransform(ColumnStream):
         n_block = max(_BLOCK, self.n_cpi)
         super().__init__(0, n_block, n_keep, axis.n_range)
         self._spectra_in = StepBuffer(0, n_block)
-        self._means = StepMeans(n_mean)
+        self._means = FrameMeans(n_mean)
         self._spectra = ColumnStore(self.n_cpi + self.stride + n_block)
         self._n_seen = 0
 

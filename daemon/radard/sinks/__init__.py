@@ -6,6 +6,6 @@ far end over the network wait in an outbox until they are delivered. Nothing her
 radar: sinks take mappings, and import nothing of the pipeline.
 """
 
-from radard.sinks.opening import KNOWN, close_sinks, open_output, open_sinks
+from radard.sinks.registry import KNOWN, close_sinks, open_output, open_sinks
 
 __all__ = ["KNOWN", "close_sinks", "open_output", "open_sinks"]

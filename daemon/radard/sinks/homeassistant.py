@@ -14,7 +14,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from radard.sink_options import MqttSection
+from radard.config.sink_sections import MqttSection
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,8 +11,8 @@ import os
 import stat
 from pathlib import Path
 
+from radard.config.sink_sections import JsonlSection
 from radard.errors import OutputError
-from radard.sink_options import JsonlSection
 from radard.sinks.backoff import Backoff
 from radard.sinks.base import DeliveryError, Record, SinkContext
 from radard.sinks.stdout import json_line

@@ -13,12 +13,12 @@ import time
 from dataclasses import replace
 from urllib.parse import SplitResult, unquote, urlsplit
 
+from radard.config.sink_sections import MqttSection, SinkOptions
 from radard.errors import UsageError
-from radard.sink_options import MqttSection, SinkOptions
 from radard.sinks.backoff import Backoff
 from radard.sinks.base import Record, SinkContext
-from radard.sinks.mqtt_board import Message, MqttBoard
 from radard.sinks.mqtt_link import Broker, MqttLink
+from radard.sinks.mqtt_topics import MqttTopics, Publication
 from radard.sinks.outbox import Item
 from radard.sinks.outbox_sink import OutboxSink, outbox_path
 
@@ -112,18 +112,18 @@ class MqttSink(OutboxSink):
         name = f"{scheme}://{broker.host}:{broker.port}/{prefix}"
         name += f"/{context.sensor}" if context.is_one_of_several else ""
         self._context = context
-        self._board = board = MqttBoard(context.sensor, prefix, options.mqtt)
+        self._board = topics = MqttTopics(context.sensor, prefix, options.mqtt)
         self._has_news = False
         self._here_s = time.monotonic()
         o = options.outbox
-        topics = [board.birth_topic] if options.mqtt.discovery != "off" else []
-        topics += [board.command_filter] if options.mqtt.commands else []
+        followed = [topics.birth_topic] if options.mqtt.discovery != "off" else []
+        followed += [topics.command_filter] if options.mqtt.commands else []
         self._link = MqttLink(
             broker,
             options.mqtt,
             Backoff(o.first_retry_s, o.longest_retry_s, broker.client_id),
-            will=board.will,
-            topics=topics,
+            will=topics.will,
+            topics=followed,
             on_up=self._on_up,
             on_down=self._failed,
             on_message=self._on_message,
@@ -159,7 +159,7 @@ class MqttSink(OutboxSink):
             )
         )
 
-    def _publish(self, messages: list[Message]) -> None:
+    def _publish(self, messages: list[Publication]) -> None:
         if not self._link.is_up or self._has_news:
             # The announcement that follows a connection says all that matters.
             return

@@ -18,11 +18,11 @@ from paho.mqtt.enums import CallbackAPIVersion, MQTTErrorCode
 from paho.mqtt.properties import Properties
 from paho.mqtt.reasoncodes import ReasonCode
 
+from radard.config.sink_sections import MqttSection, read_secret
 from radard.errors import ConfigError
-from radard.sink_options import MqttSection, read_secret
 from radard.sinks.backoff import Backoff
 from radard.sinks.base import DeliveryError
-from radard.sinks.mqtt_board import Message
+from radard.sinks.mqtt_topics import Publication
 
 _CONFIRM_S = 10.0
 _LOOK_S = 0.1
@@ -66,7 +66,7 @@ class MqttLink:
         Keep-alive, certificates, password.
     backoff : Backoff
         Waits between attempts.
-    will : Message
+    will : Publication
         What the broker publishes when the connection is lost.
     topics : list of str
         To be subscribed to, QoS 1.
@@ -90,7 +90,7 @@ class MqttLink:
         options: MqttSection,
         backoff: Backoff,
         *,
-        will: Message,
+        will: Publication,
         topics: list[str],
         on_up: Callable[[], None],
         on_down: Callable[[str], None],
@@ -123,7 +123,7 @@ class MqttLink:
         """Whether there is a connection."""
         return self._client is not None
 
-    def publish(self, message: Message) -> bool:
+    def publish(self, message: Publication) -> bool:
         """Publish without waiting, from one thread; return False if that cannot be done now."""
         client = self._client
         if client is None:
@@ -141,7 +141,7 @@ class MqttLink:
             self._unsent.append(info)
         return is_taken
 
-    def publish_confirmed(self, message: Message, timeout_s: float = _CONFIRM_S) -> None:
+    def publish_confirmed(self, message: Publication, timeout_s: float = _CONFIRM_S) -> None:
         """Publish and wait for the broker's confirmation; raises DeliveryError without it."""
         client = self._client
         if client is None:

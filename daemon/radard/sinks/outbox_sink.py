@@ -15,7 +15,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from radard.sink_options import OutboxSection
+from radard.config.sink_sections import OutboxSection
 from radard.sinks.backoff import Backoff
 from radard.sinks.base import DeliveryError, Record, SinkContext, SinkState
 from radard.sinks.outbox import Item, Outbox

@@ -10,8 +10,8 @@ import time
 from datetime import datetime
 from pathlib import Path
 
+from radard.config.sink_sections import SinkOptions, StoreSection
 from radard.errors import OutputError
-from radard.sink_options import SinkOptions, StoreSection
 from radard.sinks.backoff import Backoff
 from radard.sinks.base import DeliveryError, Record, SinkContext
 from radard.sinks.database import ForeignDatabase, open_database

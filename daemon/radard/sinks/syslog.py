@@ -14,8 +14,8 @@ from collections.abc import Callable
 from pathlib import Path
 from urllib.parse import urlsplit
 
+from radard.config.sink_sections import SinkOptions
 from radard.errors import UsageError
-from radard.sink_options import SinkOptions
 from radard.sinks.backoff import Backoff
 from radard.sinks.base import DeliveryError, Record, SinkContext
 from radard.sinks.thread_sink import DirectSink

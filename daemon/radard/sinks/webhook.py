@@ -17,8 +17,8 @@ import time
 from pathlib import Path
 from urllib.parse import urlsplit
 
+from radard.config.sink_sections import SinkOptions, WebhookSection, read_secret
 from radard.errors import ConfigError, UsageError
-from radard.sink_options import SinkOptions, WebhookSection, read_secret
 from radard.sinks.base import DeliveryError, SinkContext
 from radard.sinks.event_filter import body_of, wants_events
 from radard.sinks.outbox import Item

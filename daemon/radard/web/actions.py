@@ -10,15 +10,15 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 
-from radard.config_sections import ZonesSection
+from radard.config.saved_zones import forget, save
+from radard.config.sections import ZonesSection
 from radard.errors import OutputError
-from radard.output import utc_now
-from radard.outputs import COMMANDS
-from radard.saved_zones import forget, save
-from radard.web.desk import Desk
-from radard.web.guard import SESSION_S, Allowance, Guard
+from radard.outputs.fanout import COMMANDS
+from radard.outputs.records import utc_now
+from radard.web.auth import SESSION_S, AccessControl, Allowance
 from radard.web.labels import LABELS
 from radard.web.middleware import refusal
+from radard.web.queries import Queries
 
 log = logging.getLogger("radard")
 _MOST_ZONES = 32
@@ -31,14 +31,14 @@ class Actions:
 
     Parameters
     ----------
-    desk : Desk
+    queries : Queries
         Knows the run.
-    guard : Guard
+    guard : AccessControl
         Knows roles.
     """
 
-    def __init__(self, desk: Desk, guard: Guard) -> None:
-        self._desk = desk
+    def __init__(self, queries: Queries, guard: AccessControl) -> None:
+        self._desk = queries
         self._guard = guard
         # Commands stand in the same line as decisions: a flood must not.
         self._allowance = Allowance(20, 4)

@@ -16,16 +16,16 @@ from starlette.responses import FileResponse, JSONResponse, Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket
 
+from radard.config.sink_sections import KINDS
 from radard.errors import RadardError, UsageError
-from radard.sink_options import KINDS
 from radard.sinks.store_query import parse_since
 from radard.web import socket
 from radard.web.actions import Actions
-from radard.web.desk import Desk, EventFilter
-from radard.web.guard import Guard, Role
+from radard.web.auth import AccessControl, Role
 from radard.web.hub import Hub
 from radard.web.labels import LABELS
 from radard.web.middleware import Shield, refusal
+from radard.web.queries import EventFilter, Queries
 from x2radar.errors import X2RadarError
 
 T = TypeVar("T")
@@ -49,20 +49,20 @@ class Api:
 
     Parameters
     ----------
-    desk : Desk
+    queries : Queries
         Answers.
-    guard : Guard
+    guard : AccessControl
         Roles.
     hub : Hub
         Open pages.
     """
 
-    def __init__(self, desk: Desk, guard: Guard, hub: Hub) -> None:
-        self._desk = desk
+    def __init__(self, queries: Queries, guard: AccessControl, hub: Hub) -> None:
+        self._desk = queries
         self._guard = guard
         self._hub = hub
         self._static = _read_static()
-        actions = Actions(desk, guard)
+        actions = Actions(queries, guard)
         # Few threads: whatever they do, decisions need the processor more.
         self._reading = CapacityLimiter(2)
         self._painting = CapacityLimiter(1)
@@ -172,14 +172,14 @@ class Api:
         return await to_thread.run_sync(call, *arguments, limiter=self._reading)
 
     async def _ws(self, websocket: WebSocket) -> None:
-        desk, role = self._desk, self._guard.role(websocket.headers, websocket.cookies)
+        queries, role = self._desk, self._guard.role(websocket.headers, websocket.cookies)
         welcome = {
             "type": "welcome",
-            **desk.status(role),
-            "decisions": desk.history.decisions(180),
-            "events": desk.history.events()[-50:],
+            **queries.status(role),
+            "decisions": queries.history.decisions(180),
+            "events": queries.history.events()[-50:],
         }
-        most = desk.section.max_viewers
+        most = queries.section.max_viewers
         await socket.serve(websocket, self._guard, self._hub, most, welcome)
 
     async def _page(self, request: Request) -> Response:

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radard.dsp.downconvert import DownConverter
-from radard.web.lens import Columns, Lens
+from radard.web.spectrograms import Columns, Spectrograms
 from radard.web.wire import TIMED, axes, encode_columns
-from x2radar.open_recording import open_recording
+from x2radar.recording.registry import open_recording
 
 Row = tuple[NDArray[np.complex64], bool]
 
@@ -45,7 +45,7 @@ def clip_view(path: Path) -> bytes:
         stream = reader.stream
         thin = max(1, stream.axis.n_range // 96)
         converter = DownConverter(stream.axis, thin)
-        lens = Lens(converter.axis, stream.frame_rate_hz)
+        spectrograms = Spectrograms(converter.axis, stream.frame_rate_hz)
         made: list[Columns] = []
         rows: list[Row] = []
         length_s = 0.0
@@ -58,25 +58,25 @@ def clip_view(path: Path) -> bytes:
             rows += [(row, False)] * min(frame.lost, _BLOCK) if rows else []
             rows.append((row, bool(np.isfinite(row).all())))
             if len(rows) >= _BLOCK:
-                _push(lens, rows, length_s, made)
+                _push(spectrograms, rows, length_s, made)
                 rows = []
                 # Decisions come first: leave the interpreter to them now and then.
                 time.sleep(_BREATHE_S)
         if rows:
-            _push(lens, rows, length_s, made)
-    head = {"length_s": length_s, "axes": axes(lens), "decisions": _decisions(path)}
+            _push(spectrograms, rows, length_s, made)
+    head = {"length_s": length_s, "axes": axes(spectrograms), "decisions": _decisions(path)}
     text = json.dumps(head).encode()
-    return struct.pack("<I", len(text)) + text + _joined(made, lens)
+    return struct.pack("<I", len(text)) + text + _joined(made, spectrograms)
 
 
-def _push(lens: Lens, rows: list[Row], t_s: float, made: list[Columns]) -> None:
+def _push(spectrograms: Spectrograms, rows: list[Row], t_s: float, made: list[Columns]) -> None:
     frames = np.array([row for row, _ in rows], np.complex64)
-    columns = lens.push(frames, np.array([is_good for _, is_good in rows]), t_s)
+    columns = spectrograms.push(frames, np.array([is_good for _, is_good in rows]), t_s)
     if columns is not None:
         made.append(columns)
 
 
-def _joined(made: list[Columns], lens: Lens) -> bytes:
+def _joined(made: list[Columns], spectrograms: Spectrograms) -> bytes:
     if not made:
         return b""
     whole = Columns(
@@ -84,7 +84,7 @@ def _joined(made: list[Columns], lens: Lens) -> bytes:
         np.concatenate([c.valid for c in made]),
         {name: np.concatenate([c.values[name] for c in made], axis=1) for name in TIMED},
     )
-    return encode_columns(whole, first=0, epoch=0, column_s=lens.column_s)
+    return encode_columns(whole, first=0, epoch=0, column_s=spectrograms.column_s)
 
 
 def _decisions(path: Path) -> list[dict[str, Any]]:

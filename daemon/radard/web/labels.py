@@ -4,7 +4,7 @@
 
     {"format": "radard-label", "format_version": 1, "event": ULID,
      "label": "human|pet|other|wrong", "clip": "/path/ULID.h5", "sensor": "hall",
-     "kind": "alarm", "peak": 0.93, "model": "seed", "time": "2026-…Z"}
+     "kind": "alarm", "peak": 0.93, "model": "thesis", "time": "2026-…Z"}
 
 Lines are only added; the last one of an event holds. `wrong` says that the verdict was wrong
 without saying what it was: with an alarm, that it was no human.

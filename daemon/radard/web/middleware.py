@@ -11,7 +11,7 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import JSONResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from radard.web.guard import Guard
+from radard.web.auth import AccessControl
 
 MOST_BODY = 4096
 BODY_S = 10.0
@@ -76,11 +76,11 @@ class Shield:
     ----------
     app : ASGI application
         What is behind.
-    guard : Guard
+    guard : AccessControl
         Knows hosts and origins.
     """
 
-    def __init__(self, app: ASGIApp, guard: Guard) -> None:
+    def __init__(self, app: ASGIApp, guard: AccessControl) -> None:
         self._app = app
         self._guard = guard
 

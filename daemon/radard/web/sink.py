@@ -8,14 +8,14 @@ import logging
 from typing import Any
 from urllib.parse import urlsplit
 
+from radard.config.sink_sections import SinkOptions
+from radard.config.web_sections import WebSection
 from radard.errors import UsageError
-from radard.outputs import Host
-from radard.sink_options import SinkOptions
+from radard.outputs.fanout import Host
 from radard.sinks.base import Record, SinkContext, SinkState, StateKeeper
-from radard.web.guard import Guard, read_tokens
+from radard.web.auth import AccessControl, read_tokens
 from radard.web.server import WebServer
 from radard.web.view import Doors, View
-from radard.web_settings import WebSection
 
 log = logging.getLogger("radard")
 PORT = 8434
@@ -68,7 +68,7 @@ class WebSink:
         self._keeper = StateKeeper()
         self._section = section
         tokens = read_tokens(section, host)
-        self._guard = Guard(tokens, may_command=section.commands, cookie=f"radard_{port}")
+        self._guard = AccessControl(tokens, may_command=section.commands, cookie=f"radard_{port}")
         self._first = first = self._view("")
         self._views: dict[str, View] = {}
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -119,7 +119,7 @@ class WebSink:
     def finish(self, timeout_s: float | None = None) -> None:  # noqa: ARG002
         """As in `Sink`."""
         for view in self._all_views():
-            view.onlooker.close()
+            view.picture_thread.close()
         self._server.stop()
 
     def close(self, timeout_s: float | None = None) -> None:

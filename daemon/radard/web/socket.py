@@ -11,7 +11,7 @@ from typing import Any
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from radard.web.guard import Allowance, Guard
+from radard.web.auth import AccessControl, Allowance
 from radard.web.hub import Hub, Viewer
 
 MOST_MESSAGE = 512
@@ -20,7 +20,7 @@ _CLOSE_POLICY, _CLOSE_BUSY, _CLOSE_SLOW = 1008, 1013, 4008
 
 
 async def serve(
-    socket: WebSocket, guard: Guard, hub: Hub, most_viewers: int, welcome: dict[str, Any]
+    socket: WebSocket, guard: AccessControl, hub: Hub, most_viewers: int, welcome: dict[str, Any]
 ) -> None:
     """Serve one page until it goes.
 
@@ -28,7 +28,7 @@ async def serve(
     ----------
     socket : WebSocket
         Not accepted yet.
-    guard : Guard
+    guard : AccessControl
         Says who may look.
     hub : Hub
         Where records and pictures come from.

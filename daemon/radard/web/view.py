@@ -6,15 +6,15 @@ from typing import Any
 
 from starlette.types import Receive, Scope, Send
 
-from radard.outputs import Host
+from radard.config.web_sections import WebSection
+from radard.outputs.fanout import Host
 from radard.sinks.base import Record
 from radard.web.api import OF_ONE, Api
-from radard.web.desk import Desk
-from radard.web.guard import Guard
+from radard.web.auth import AccessControl
 from radard.web.history import History
 from radard.web.hub import Hub
-from radard.web.onlooker import Onlooker
-from radard.web_settings import WebSection
+from radard.web.picture_thread import PictureThread
+from radard.web.queries import Queries
 
 Post = Callable[[Callable[[Any], None], Any], None]
 _OWN_PATH = re.compile(r"/sensor/([A-Za-z0-9_-]+)(/.*)?")
@@ -28,7 +28,7 @@ class View:
     ----------
     section : WebSection
         Of the configuration.
-    guard : Guard
+    guard : AccessControl
         Knows roles, for all sensors.
     post : callable
         Calls something with a value in the web's own thread.
@@ -41,37 +41,37 @@ class View:
     def __init__(
         self,
         section: WebSection,
-        guard: Guard,
+        guard: AccessControl,
         post: Post,
         sensor: str,
         all_views: Callable[[], Sequence["View"]],
     ) -> None:
         self._post = post
         self._history = History()
-        self.desk = Desk(
-            section, self._history, sensor, lambda: [view.desk for view in all_views()]
+        self.queries = Queries(
+            section, self._history, sensor, lambda: [view.queries for view in all_views()]
         )
-        self.hub = Hub(lambda is_wanted: self.onlooker.want(is_wanted=is_wanted))
-        self.onlooker = Onlooker(
-            lambda: self.desk.host.ring() if self.desk.host is not None else None,
+        self.hub = Hub(lambda is_wanted: self.picture_thread.want(is_wanted=is_wanted))
+        self.picture_thread = PictureThread(
+            lambda: self.queries.host.ring() if self.queries.host is not None else None,
             lambda axes: post(self.hub.announce, axes),
             lambda data: post(self.hub.show, data),
         )
-        self.app = Api(self.desk, guard, self.hub).app
+        self.app = Api(self.queries, guard, self.hub).app
         self._last: Mapping[str, Any] = {}
 
     def attach(self, host: Host) -> None:
         """Take what the sensor's run offers."""
-        self.desk.host = host
+        self.queries.host = host
 
     def take(self, record: Record) -> None:
         """Take a record; returns at once."""
-        desk = self.desk
+        queries = self.queries
         self._history.take(record)
-        desk.metrics.on_record(record)
-        if record["type"] == "decision" and desk.host is not None:
-            panels = desk.panels
-            panels[record["seq"]] = str(desk.host.panel().get("panel", ""))
+        queries.metrics.on_record(record)
+        if record["type"] == "decision" and queries.host is not None:
+            panels = queries.panels
+            panels[record["seq"]] = str(queries.host.panel().get("panel", ""))
             while len(panels) > _MOST_PANELS:
                 del panels[next(iter(panels))]
         if len(self.hub):
@@ -81,7 +81,7 @@ class View:
         """Tell pages what changes without a record: health, panel, playback."""
         if not len(self.hub):
             return
-        now = self.desk.now()
+        now = self.queries.now()
         if now != self._last:
             self._last = now
             self.hub.broadcast({"type": "now", **now})

@@ -1,27 +1,27 @@
 """Why: a decision in words, stage by stage, up to the one that decided.
 
 The words are made of the decision's own record and those before it, by the same functions
-that the alarm went through (`radard.zones.sight_of`), so they cannot say something else.
+that the alarm went through (`radard.alarm.zones.sight_of`), so they cannot say something else.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
-from radard.alarm import AlarmPolicy
-from radard.classifier import Probabilities
-from radard.config import Config
-from radard.decision import Decision, TrackVerdict
-from radard.gate import GateReading
-from radard.sensitivity import alarm_policy
+from radard.alarm.panel import AlarmPolicy
+from radard.alarm.sensitivity import alarm_policy
+from radard.alarm.zones import Zones, sight_of
+from radard.classify.classifier import Probabilities
+from radard.classify.decision import Decision, TrackVerdict
+from radard.config.config import Config
+from radard.detect.gate import GateReading
 from radard.sinks.base import Record
-from radard.zones import Zones, sight_of
 
 Outcome = Literal["passed", "decided", "skipped"]
 
 
 @dataclass(frozen=True, slots=True)
-class Stage:
+class DecisionStage:
     """One stage of a decision.
 
     Attributes
@@ -65,7 +65,7 @@ def explain(
     Returns
     -------
     dict
-        headline, decided_by, and stages as mappings of `Stage`.
+        headline, decided_by, and stages as mappings of `DecisionStage`.
     """
     record = records[-1]
     limit = hello.get("pet_limit", 0.8)
@@ -89,17 +89,17 @@ def explain(
     }
 
 
-def _frames(record: Record, events: Sequence[Mapping[str, Any]]) -> Stage:
+def _frames(record: Record, events: Sequence[Mapping[str, Any]]) -> DecisionStage:
     n, lost = record["frames"], record["dropped"]
     if record["gate"] != "invalid":
         missing = f"{lost} missing, few enough" if lost else "none missing"
-        return Stage("frames", "passed", f"{n + lost} frames in the window, {missing}.")
+        return DecisionStage("frames", "passed", f"{n + lost} frames in the window, {missing}.")
     if lost:
         text = (
             f"The window is invalid because of a gap: {lost} of {n + lost} frames are missing. "
             "At most 2 % may be, and no gap longer than 50 ms."
         )
-        return Stage("frames", "decided", text)
+        return DecisionStage("frames", "decided", text)
     at_s = record["t_s"]
     fault = next(
         (
@@ -111,10 +111,10 @@ def _frames(record: Record, events: Sequence[Mapping[str, Any]]) -> Stage:
         ),
         "its frames could not be used",
     )
-    return Stage("frames", "decided", f"The window is invalid: {fault}.")
+    return DecisionStage("frames", "decided", f"The window is invalid: {fault}.")
 
 
-def _gate(record: Record) -> Stage:
+def _gate(record: Record) -> DecisionStage:
     power, threshold = record["power_db"], record["threshold_db"]
     apart = f"{abs(power - threshold):.1f} dB"
     if record["gate"] == "closed":
@@ -122,45 +122,47 @@ def _gate(record: Record) -> Stage:
             f"The gate is closed: what moves has {_db(power)}, {apart} under the threshold of "
             f"{_db(threshold)}. Nobody is there, or nobody moves."
         )
-        return Stage("gate", "decided", text)
+        return DecisionStage("gate", "decided", text)
     text = f"The gate is open: {_db(power)} is {apart} over the threshold of {_db(threshold)}"
     where = f", most of it at {record['range_m']:.1f} m." if record["range_m"] is not None else "."
-    return Stage("gate", "passed", text + where)
+    return DecisionStage("gate", "passed", text + where)
 
 
-def _classified(record: Record, limit: float) -> list[Stage]:
+def _classified(record: Record, limit: float) -> list[DecisionStage]:
     if record["p_human"] is None:
         text = "No model is loaded: the gate works alone, and there is no verdict."
-        return [Stage("classifier", "decided", text)]
+        return [DecisionStage("classifier", "decided", text)]
     shares = ", ".join(
         f"{name} {record[f'p_{name}']:.2f}"
         for name in ("human", "pet", "other")
         if name != "other" or record["p_other"]
     )
-    stages = [Stage("classifier", "passed", f"The network says: {shares}.")]
+    stages = [DecisionStage("classifier", "passed", f"The network says: {shares}.")]
     own = [record[f"p_{k}"] for k in ("human", "pet", "other")]
     fused = [record[f"fused_p_{k}"] for k in ("human", "pet", "other")]
     if fused != own:
         text = f"With the windows before it: human {fused[0]:.2f}, pet {fused[1]:.2f}."
-        stages.append(Stage("evidence", "passed", text))
+        stages.append(DecisionStage("evidence", "passed", text))
     return [*stages, _rule(record, fused[1] + fused[2], limit)]
 
 
-def _rule(record: Record, harmless: float, limit: float) -> Stage:
+def _rule(record: Record, harmless: float, limit: float) -> DecisionStage:
     name = "p(pet) + p(other)" if record["fused_p_other"] else "p(pet)"
     if record["label"] == "pending":
         text = (
             f"Undecided: {name} {harmless:.2f}, and neither side is sure yet. It goes on looking."
         )
-        return Stage("rule", "decided", text)
+        return DecisionStage("rule", "decided", text)
     if not record["alarm"]:
         what = "a pet" if record["label"] == "pet" else "a harmless thing"
-        return Stage("rule", "decided", f"{name} {harmless:.2f} > {limit:.2f}: {what}, no alarm.")
+        return DecisionStage(
+            "rule", "decided", f"{name} {harmless:.2f} > {limit:.2f}: {what}, no alarm."
+        )
     if harmless > limit:
         text = f"{name} is {harmless:.2f}, but it resembles nothing known: that counts as human."
-        return Stage("rule", "passed", text)
+        return DecisionStage("rule", "passed", text)
     text = f"{name} {harmless:.2f} ≤ {limit:.2f}: not surely a pet, so it counts as human."
-    return Stage("rule", "passed", text)
+    return DecisionStage("rule", "passed", text)
 
 
 def _confirmed(
@@ -169,30 +171,33 @@ def _confirmed(
     record: Record,
     events: Sequence[Mapping[str, Any]],
     panel: str | None,
-) -> list[Stage]:
+) -> list[DecisionStage]:
     if not hits[-1]:
         text = (
             "It does not count towards an alarm: it is outside of the zones, or p(human) is "
             f"under {policy.p_on:.2f}."
         )
-        return [Stage("zones", "decided", text)]
-    stages = [Stage("zones", "passed", "It is where it counts.")]
+        return [DecisionStage("zones", "decided", text)]
+    stages = [DecisionStage("zones", "passed", "It is where it counts.")]
     n_hits = sum(hits)
     counted = f"{n_hits} of the last {policy.n} windows say human; {policy.k} are needed"
     alarm = next((e for e in events if _is_on(e, record["t_s"])), None)
     if alarm is not None and alarm["start_t_s"] == record["t_s"]:
         text = f"Confirmed: {counted}. The alarm began here."
-        return [*stages, Stage("confirmation", "decided", text)]
+        return [*stages, DecisionStage("confirmation", "decided", text)]
     if alarm is not None:
         text = f"The alarm is on already ({alarm.get('cause', alarm['reason'])})."
-        return [*stages, Stage("panel", "decided", text)]
+        return [*stages, DecisionStage("panel", "decided", text)]
     if panel == "disarmed":
         text = f"{counted}, but the sensor is disarmed: nobody is told."
-        return [*stages, Stage("panel", "decided", text)]
+        return [*stages, DecisionStage("panel", "decided", text)]
     if n_hits < policy.k:
-        return [*stages, Stage("confirmation", "decided", f"Not confirmed yet: {counted}.")]
+        return [
+            *stages,
+            DecisionStage("confirmation", "decided", f"Not confirmed yet: {counted}."),
+        ]
     text = f"{counted}; it waits for the entry delay, a quiet period or the pause after an alarm."
-    return [*stages, Stage("panel", "decided", text)]
+    return [*stages, DecisionStage("panel", "decided", text)]
 
 
 def _db(value: float) -> str:
@@ -205,7 +210,7 @@ def _is_on(event: Mapping[str, Any], t_s: float) -> bool:
     return event["kind"] == "alarm" and is_within
 
 
-def _headline(record: Record, by: Stage) -> str:
+def _headline(record: Record, by: DecisionStage) -> str:
     if record["gate"] == "invalid":
         return "This window could not be judged"
     if record["gate"] == "closed":

@@ -15,18 +15,18 @@ and one of the gait picture::
 import struct
 from typing import Any
 
-from radard.web.lens import SPANS_DB, Bytes, Columns, Lens
+from radard.web.spectrograms import SPANS_DB, Bytes, Columns, Spectrograms
 
 COLUMNS, GAIT = 1, 2
 TIMED = ("range", "velocity", "doppler")
 _HEAD = struct.Struct("<BBHIIfd")
 
 
-def axes(lens: Lens) -> dict[str, Any]:
-    """Return what a page must know to draw the pictures of `lens`."""
+def axes(spectrograms: Spectrograms) -> dict[str, Any]:
+    """Return what a page must know to draw the pictures of `spectrograms`."""
     return {
-        "column_s": lens.column_s,
-        "gait_step_hz": lens.gait_step_hz,
+        "column_s": spectrograms.column_s,
+        "gait_step_hz": spectrograms.gait_step_hz,
         "pictures": [
             {
                 "name": p.name,
@@ -36,7 +36,7 @@ def axes(lens: Lens) -> dict[str, Any]:
                 "n_rows": p.n_rows,
                 "span_db": SPANS_DB[p.name],
             }
-            for p in lens.pictures
+            for p in spectrograms.pictures
         ],
     }
 

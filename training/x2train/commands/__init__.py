@@ -11,7 +11,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from radard.errors import UsageError
 
 if TYPE_CHECKING:
-    from x2train.train import Epoch
+    from x2train.nets.epoch import Epoch
 
 Commands: TypeAlias = "argparse._SubParsersAction[Any]"
 _T = TypeVar("_T")
@@ -78,7 +78,7 @@ def last(steps: Iterator[int | _T], total: int, text: str) -> _T:
 def followed(steps: "Iterator[Epoch | _T]", epochs: int) -> _T:
     """Run a training behind a bar; return what it ends with."""
     # Late: torch takes seconds, and --help must not.
-    from x2train.train import Epoch  # noqa: PLC0415
+    from x2train.nets.epoch import Epoch  # noqa: PLC0415
 
     result: _T | None = None
     with progress() as bar:

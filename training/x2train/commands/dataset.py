@@ -5,9 +5,9 @@ import os
 from dataclasses import asdict
 from pathlib import Path
 
-from radard.bundle import load_bundle
+from radard.classify.bundle import load_bundle
+from radard.classify.features import MAP_FEATURES, FeatureSettings
 from radard.errors import UsageError
-from radard.features import MAP_FEATURES, FeatureSettings
 from x2train.commands import Commands, check_least, result_console
 
 FEATURES = FeatureSettings(
@@ -43,7 +43,7 @@ def register(commands: Commands) -> None:
     add("--passages", type=int, default=24_000, help="passages to simulate (24000)")
     add(
         "--families",
-        choices=("train", "staying", "things", "held out", "seed", "all"),
+        choices=("train", "staying", "things", "held out", "thesis", "all"),
         default="train",
         help="who moves; staying: who stays in place; things: nobody (train)",
     )
@@ -69,8 +69,8 @@ def _run(args: argparse.Namespace) -> int:
         msg = f"--longest {args.longest:g}: must be {_SHORTEST_S:g} to {_LONGEST_S:g} s"
         raise UsageError(msg)
     # Late: the simulator takes a second, and --help must not.
-    from x2train.farm import ProgressLine, make_shards  # noqa: PLC0415
-    from x2train.windows import WindowSpec  # noqa: PLC0415
+    from x2train.generate.shard_run import ProgressLine, make_shards  # noqa: PLC0415
+    from x2train.windows.windows import WindowSpec  # noqa: PLC0415
 
     spec = WindowSpec(
         seed=args.seed,

@@ -7,11 +7,11 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from radard.bundle import Bundle, load_bundle
-from radard.config_sections import DEFAULT_MODEL
+from radard.classify.bundle import Bundle, load_bundle
+from radard.config.sections import DEFAULT_MODEL
 from radard.errors import UsageError
 from x2train.commands import Commands, check_least, result_console
-from x2train.shards import MANIFEST
+from x2train.generate.shards import MANIFEST
 
 _MOST_PET_HOURS = 10_000.0
 
@@ -25,7 +25,7 @@ def register(commands: Commands) -> None:
             "examples:\n"
             "  train-export evaluate --model balanced --out report/balanced\n"
             "  train-export evaluate --model fast --against report/balanced --out report/fast\n"
-            "  train-export evaluate --model seed --radar thesis --out report/seed\n"
+            "  train-export evaluate --model thesis --radar thesis --out report/thesis\n"
             "  train-export evaluate --only fan 'empty room' --passages 240 --out report/quiet\n"
             "  train-export evaluate --model mine.onnx --card --out report/mine\n"
         ),
@@ -77,13 +77,13 @@ def _check_against(folder: Path, radar: str) -> None:
 def _run(args: argparse.Namespace) -> int:
     check_least(args, passages=1, seed=0, workers=1)
     # Late: the simulator takes a second, and --help must not.
-    from x2train.card import evaluation_of, write_card  # noqa: PLC0415
-    from x2train.farm import ProgressLine, make_shards  # noqa: PLC0415
-    from x2train.judging import OWN_RADARS, JudgeSpec  # noqa: PLC0415
-    from x2train.pictures import passage_png  # noqa: PLC0415
+    from x2train.generate.shard_run import ProgressLine, make_shards  # noqa: PLC0415
+    from x2train.judge.card import evaluation_of, write_card  # noqa: PLC0415
+    from x2train.judge.judging import OWN_RADARS, JudgeSpec  # noqa: PLC0415
+    from x2train.judge.pictures import passage_png  # noqa: PLC0415
+    from x2train.judge.suites import n_more_pets  # noqa: PLC0415
     from x2train.report import PassageTable, write  # noqa: PLC0415
-    from x2train.sites import ONE_RADAR  # noqa: PLC0415
-    from x2train.suites import n_more_pets  # noqa: PLC0415
+    from x2train.scenarios.sites import ONE_RADAR  # noqa: PLC0415
 
     if not 0 <= args.pet_hours <= _MOST_PET_HOURS:
         msg = f"--pet-hours {args.pet_hours:g}: must be 0 to {_MOST_PET_HOURS:g}"

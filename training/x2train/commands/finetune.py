@@ -6,8 +6,8 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from radard.bundle import load_bundle
-from radard.config_sections import AUTO_MODEL
+from radard.classify.bundle import load_bundle
+from radard.config.sections import AUTO_MODEL
 from radard.errors import UsageError
 from x2train.commands import Commands, result_console
 
@@ -49,12 +49,12 @@ def register(commands: Commands) -> None:
 def _run(args: argparse.Namespace) -> int:
     _check(args)
     # Late: torch takes seconds, and --help must not.
-    from x2train.own.bundle import rows_of, write_finetuned  # noqa: PLC0415
-    from x2train.own.finetune import Tuned, tune_network, tune_verifier  # noqa: PLC0415
-    from x2train.own.guard import load_guard  # noqa: PLC0415
-    from x2train.own.labels import labelled_clips, merged, named_clips  # noqa: PLC0415
-    from x2train.own.windows import judge_of, own_windows  # noqa: PLC0415
-    from x2train.train import Epoch  # noqa: PLC0415
+    from x2train.finetune.bundle import rows_of, write_finetuned  # noqa: PLC0415
+    from x2train.finetune.finetune import Tuned, tune_network, tune_verifier  # noqa: PLC0415
+    from x2train.finetune.guard import load_guard  # noqa: PLC0415
+    from x2train.finetune.labels import labelled_clips, merged, named_clips  # noqa: PLC0415
+    from x2train.finetune.windows import judge_of, own_windows  # noqa: PLC0415
+    from x2train.nets.epoch import Epoch  # noqa: PLC0415
 
     console = result_console()
     clips = list(named_clips(args.clips))

@@ -12,8 +12,8 @@ from pathlib import Path
 from rich.console import Console
 
 from radard.errors import UsageError
+from x2train.bundles.recipes import RECIPES, arguments
 from x2train.commands import Commands, check_least
-from x2train.recipes import RECIPES, arguments
 
 _DATASET = "dataset"
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from radard.errors import UsageError
 from x2radar.ports import PortSpec, port_settings
-from x2radar.sim.scene import load_scene
+from x2radar.sim.scene.scene import load_scene
 from x2train.commands import Commands, result_console
 
 
@@ -29,7 +29,7 @@ def register(commands: Commands) -> None:
 
 def _run(args: argparse.Namespace) -> int:
     # Late: matplotlib takes a second, and --help must not.
-    from x2train.scene_plot import plot_scene  # noqa: PLC0415
+    from x2train.studies.scene_plot import plot_scene  # noqa: PLC0415
 
     if not 2 <= args.duration <= 3600:
         msg = f"--duration {args.duration:g}: must be 2 to 3600 seconds"

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from radard.bundle import load_bundle
+from radard.classify.bundle import load_bundle
 from x2train.commands import Commands, check_least, followed, sets_of, tell_bundle
 
 SIZES = {"fast": (12, 20), "balanced": (16, 24), "accurate": (48, 64)}
@@ -41,9 +41,9 @@ def _run(args: argparse.Namespace) -> int:
     check_least(args, epochs=1, seed=0)
     bundle = load_bundle(args.model)
     # Late: torch takes seconds, and --help must not.
-    from x2train.map_bundle import check_calibration  # noqa: PLC0415
-    from x2train.temporal_bundle import given_of_sets, write_temporal  # noqa: PLC0415
-    from x2train.temporal_head import HeadSettings, fit_head  # noqa: PLC0415
+    from x2train.bundles.map_bundle import check_calibration  # noqa: PLC0415
+    from x2train.bundles.temporal_bundle import given_of_sets, write_temporal  # noqa: PLC0415
+    from x2train.nets.temporal_head import HeadSettings, fit_head  # noqa: PLC0415
 
     n_projected, n_hidden = SIZES[args.size]
     settings = HeadSettings(

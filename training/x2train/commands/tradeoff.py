@@ -6,13 +6,13 @@ import platform
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from radard.bundle import Bundle, load_bundle
+from radard.classify.bundle import Bundle, load_bundle
 from radard.errors import UsageError
 from x2train.commands import Commands, last
 
 if TYPE_CHECKING:
-    from x2train.tradeoff.combinations import Combination
-    from x2train.tradeoff.measure import Recording
+    from x2train.studies.tradeoff.combinations import Combination
+    from x2train.studies.tradeoff.measure import Recording
 
 _EXAMPLES = """\
 examples:
@@ -62,10 +62,10 @@ def register(commands: Commands) -> None:
 def _run(args: argparse.Namespace) -> int:
     _check(args)
     # Late: matplotlib and onnxruntime take a second, and --help must not.
-    from x2train.tradeoff.combinations import check_combined  # noqa: PLC0415
-    from x2train.tradeoff.measure import measure, n_steps, record  # noqa: PLC0415
-    from x2train.tradeoff.models import parse_model, read_accuracy, time_model  # noqa: PLC0415
-    from x2train.tradeoff.page import draw, page  # noqa: PLC0415
+    from x2train.studies.tradeoff.combinations import check_combined  # noqa: PLC0415
+    from x2train.studies.tradeoff.measure import measure, n_steps, record  # noqa: PLC0415
+    from x2train.studies.tradeoff.models import parse_model, read_accuracy, time_model  # noqa: PLC0415
+    from x2train.studies.tradeoff.page import draw, page  # noqa: PLC0415
 
     combined = [load_bundle(name) for name in args.combine]
     for bundle in combined:
@@ -97,16 +97,16 @@ def _combined(
     """Return all combinations of some bundles, and their section of the page."""
     if not bundles:
         return [], []
-    from x2train.tradeoff.combinations import (  # noqa: PLC0415
+    from x2train.studies.tradeoff.combinations import (  # noqa: PLC0415
         DECIMATIONS,
         SETTINGS,
         combinations,
         features_of,
         n_combinations,
     )
-    from x2train.tradeoff.grid_page import grid_section  # noqa: PLC0415
-    from x2train.tradeoff.measure import chain_ms  # noqa: PLC0415
-    from x2train.tradeoff.windows import judged_windows  # noqa: PLC0415
+    from x2train.studies.tradeoff.grid_page import grid_section  # noqa: PLC0415
+    from x2train.studies.tradeoff.measure import chain_ms  # noqa: PLC0415
+    from x2train.studies.tradeoff.windows import judged_windows  # noqa: PLC0415
 
     kinds = features_of(bundles)
     windows, others = (

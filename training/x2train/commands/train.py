@@ -4,13 +4,13 @@ import argparse
 import os
 from pathlib import Path
 
-from radard.bundle import ModelInput
-from radard.features import FeatureSettings
+from radard.classify.bundle import ModelInput
+from radard.classify.features import FeatureSettings
 from x2train.commands import Commands, check_least, last, progress, tell_bundle
-from x2train.dataset import CLASSES, LabelledSet, SeedSetSpec, generate
+from x2train.studies.baseline.dataset import CLASSES, LabelledSet, ThesisSetSpec, generate
 
 _RECIPE = (
-    "The seed's network (1176-100-50-2, ReLU) on its type 2 vector, trained on the seed's "
+    "The thesis' network (1176-100-50-2, ReLU) on its type 2 vector, trained on the thesis' "
     "five-sinusoid bodies: people against dogs and cats at 60 Hz. A base line: it knows these "
     "bodies, not real motion."
 )
@@ -25,7 +25,7 @@ def register(commands: Commands) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = parser.add_argument
-    add("--name", default="seed", help="name of the bundle (seed)")
+    add("--name", default="thesis", help="name of the bundle (thesis)")
     add("--out", type=Path, default=Path("models"), help="folder of the bundle (models)")
     add("--elements", type=int, default=12_000, help="windows to train on (12000)")
     add("--epochs", type=int, default=60, help="passes over them (60)")
@@ -41,9 +41,10 @@ def _run(args: argparse.Namespace) -> int:
 
 def _train(args: argparse.Namespace) -> int:
     # Late: torch takes seconds, and --help must not.
-    from x2train.evaluate import window_metrics  # noqa: PLC0415
-    from x2train.export import PARITY, BundleSpec, parity, to_onnx, write_bundle  # noqa: PLC0415
-    from x2train.train import Epoch, Trained, TrainSettings, fit  # noqa: PLC0415
+    from x2train.bundles.export import PARITY, BundleSpec, parity, to_onnx, write_bundle  # noqa: PLC0415
+    from x2train.nets.epoch import Epoch  # noqa: PLC0415
+    from x2train.studies.baseline.evaluate import window_metrics  # noqa: PLC0415
+    from x2train.studies.baseline.train import Trained, TrainSettings, fit  # noqa: PLC0415
 
     name: str = args.name
     out: Path = args.out
@@ -55,7 +56,7 @@ def _train(args: argparse.Namespace) -> int:
     parts: dict[str, LabelledSet] = {}
     for k, (part, n) in enumerate((("train", elements), ("validate", n_held), ("test", n_held))):
         # Far apart, so that no element of one part is an element of another.
-        spec = SeedSetSpec(n_elements=n, seed=1000 * seed + k, settings=settings)
+        spec = ThesisSetSpec(n_elements=n, seed=1000 * seed + k, settings=settings)
         parts[part] = last(generate(spec, workers=args.workers), n, f"simulate {part}")
     trained: Trained | None = None
     with progress() as bar:
@@ -69,7 +70,7 @@ def _train(args: argparse.Namespace) -> int:
             else:
                 trained = step
     assert trained is not None  # noqa: S101 - fit ends with the network
-    inputs = (ModelInput("features", parts["train"].x.shape[1:], "seed_type2"),)
+    inputs = (ModelInput("features", parts["train"].x.shape[1:], "thesis_type2"),)
     onnx_bytes = to_onnx(trained.net, inputs)
     difference = parity(trained.net, onnx_bytes, {"features": parts["test"].x})
     if not difference <= PARITY:

@@ -26,8 +26,8 @@ def register(commands: Commands) -> None:
 
 def _run(args: argparse.Namespace) -> int:
     # Late: matplotlib takes a second, and --help must not.
-    from x2train.walks.comparison import Comparison, compare  # noqa: PLC0415
-    from x2train.walks.plot import plot_walks  # noqa: PLC0415
+    from x2train.studies.walks.comparison import Comparison, compare  # noqa: PLC0415
+    from x2train.studies.walks.plot import plot_walks  # noqa: PLC0415
 
     if len(args.files) > _MOST_FILES:
         msg = f"{len(args.files)} files: the walk was recorded by {_MOST_FILES} radars"

@@ -9,15 +9,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from radard.alarm import AlarmPanel, AlarmPolicy, Sight
-from radard.bundle import Bundle
-from radard.classifier import Probabilities
-from radard.config import Config
-from radard.config_sections import AlarmSection
-from radard.decision import Verdict
-from radard.evidence import EvidenceSettings
+from radard.alarm.panel import AlarmPanel, AlarmPolicy, Sight
+from radard.alarm.sensitivity import SENSITIVITIES, alarm_policy
+from radard.classify.bundle import Bundle
+from radard.classify.classifier import Probabilities
+from radard.classify.decision import Verdict
+from radard.classify.evidence import EvidenceSettings
+from radard.config.config import Config
+from radard.config.sections import AlarmSection
 from radard.pipeline import pet_limit_of
-from radard.sensitivity import SENSITIVITIES, alarm_policy
 from x2train.report.intervals import Estimate, per_hour, share
 from x2train.report.table import PassageTable
 from x2train.report.verdicts import hours, intrusions, quantile_s
@@ -163,7 +163,7 @@ def _followed(
 def _sights(
     table: PassageTable, policy: AlarmPolicy, ruled: Ruled
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return who is a hit and who is seen, as `radard.zones.sight_of` has it without zones."""
+    """Return who is a hit and who is seen, as `sight_of` has it without zones."""
     # Under policy 'window' the daemon's fused value is that of the window.
     p_human = np.nan_to_num(1 - table.fused_quiet, nan=0.0)
     by_rule = np.isfinite(table.fused_quiet) & (p_human >= 1 - ruled.pet_limit - 1e-9)

@@ -3,7 +3,7 @@
 A passage is one body (or none) before one radar for some seconds. A table holds many in
 columns, so that half a million decisions are a dozen arrays; on disk it is a set of shards
 whose arrays are the columns, as `farm.make_shards` leaves them when every element returns
-`Passage.columns()`.
+`JudgedPassage.columns()`.
 """
 
 import json
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from radard.errors import UsageError
 from x2radar.errors import RecordingError
-from x2train.shards import MANIFEST, ShardSet
+from x2train.generate.shards import MANIFEST, ShardSet
 
 Label: TypeAlias = Literal["human", "pet", "other", "empty"]
 LABELS: tuple[Label, ...] = get_args(Label)
@@ -50,7 +50,7 @@ SERIES = (
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Passage:
+class JudgedPassage:
     """One passage and its decisions.
 
     Attributes
@@ -141,7 +141,7 @@ class Passage:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class PassageTable:
-    """Many passages in columns; see `Passage` for their meaning.
+    """Many passages in columns; see `JudgedPassage` for their meaning.
 
     Attributes
     ----------
@@ -150,7 +150,7 @@ class PassageTable:
     first : ndarray, shape (n_passages + 1,), int64
         Row of the decisions' columns at which each passage begins.
     passage : ndarray, shape (n_decisions,), int64
-        Passage of every decision.
+        JudgedPassage of every decision.
     """
 
     n_decisions: NDArray[np.int64]
@@ -197,13 +197,13 @@ class PassageTable:
     def __len__(self) -> int:
         return len(self.n_decisions)
 
-    def __getitem__(self, index: int) -> Passage:
+    def __getitem__(self, index: int) -> JudgedPassage:
         facts = {name: getattr(self, name)[index].item() for name in (*TEXTS, *NUMBERS)}
         rows = slice(self.first[index], self.first[index + 1])
-        return Passage(**facts, **{n: getattr(self, n)[rows] for n in (*FLAGS, *SERIES)})
+        return JudgedPassage(**facts, **{n: getattr(self, n)[rows] for n in (*FLAGS, *SERIES)})
 
     @classmethod
-    def of(cls, passages: Iterable[Passage]) -> "PassageTable":
+    def of(cls, passages: Iterable[JudgedPassage]) -> "PassageTable":
         """Return a table of passages, in order; an empty one of none."""
         return cls.joined([passage.columns() for passage in passages])
 

@@ -7,8 +7,8 @@ from typing import Any
 
 from radard.errors import OutputError
 from x2train.report.compare import Pairing, check_same, pairings
-from x2train.report.document import document
 from x2train.report.figures import Figures, figures
+from x2train.report.report_json import document
 from x2train.report.table import PassageTable
 
 

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from x2radar.errors import SceneError
 from x2radar.frame import FastTimeAxis
-from x2radar.settings import SPEED_OF_LIGHT_MPS
-from x2radar.sim.pulse import pulse_sigma_s
+from x2radar.settings.x2 import SPEED_OF_LIGHT_MPS
+from x2radar.sim.signal.pulse import pulse_sigma_s
 
 Array = NDArray[np.float64]
 Amplitude = NDArray[np.float64] | NDArray[np.complex128]

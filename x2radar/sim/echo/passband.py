@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from x2radar.frame import FastTimeAxis
-from x2radar.settings import SPEED_OF_LIGHT_MPS
+from x2radar.settings.x2 import SPEED_OF_LIGHT_MPS
 from x2radar.sim.echo.common import Amplitude, Array, Frames, Pulse, kept
 
 _REACH_SIGMA = 7.0  # the pulse has fallen to 2e-11

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from x2radar.frame import FastTimeAxis
-from x2radar.settings import SPEED_OF_LIGHT_MPS
+from x2radar.settings.x2 import SPEED_OF_LIGHT_MPS
 from x2radar.sim.echo.common import Array, Pulse
 
 

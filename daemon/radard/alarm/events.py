@@ -1,0 +1,249 @@
+"""Decisions to events: alarm, fault and tamper have a beginning, an end, and an id.
+
+The id is a ULID whose time part is stream time and whose random part is a digest of the
+frames that the event began with. So a replay gives the same ids, and two nights of live
+frames never do.
+"""
+
+import hashlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from radard.alarm.panel import AlarmPanel, AlarmPolicy, PanelChange, Sight
+from radard.alarm.state_store import KeptState
+from radard.alarm.tamper import Finding
+from radard.alarm.zones import Zones, sight_of
+from radard.classify.decision import Decision
+from radard.stream.ring import Dwell, Notice
+
+_CROCKFORD = "0123456789ABCDEFGHJKMNPQRSTVWXYZ"
+
+Phase = Literal["new", "update", "end"]
+Kind = Literal["alarm", "fault", "tamper"]
+See = Callable[[Decision, AlarmPolicy], Sight]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Event:
+    """One phase of an alarm, a fault or a tamper.
+
+    Attributes
+    ----------
+    id : str
+        ULID; the same in every phase of one event.
+    phase : {'new', 'update', 'end'}
+        Whether it begins, changes or ends.
+    kind : {'alarm', 'fault', 'tamper'}
+        What it is.
+    t_s, start_t_s : float
+        Stream time of this phase and of the beginning, in seconds.
+    end_t_s : float or None
+        Stream time of the end.
+    peak : float
+        Highest probability of a human so far; 0 for fault and tamper.
+    reason : str
+        For people.
+    clip : str or None
+        The recording made of it.
+    """
+
+    id: str
+    phase: Phase
+    kind: Kind
+    t_s: float
+    start_t_s: float
+    end_t_s: float | None
+    peak: float
+    reason: str
+    clip: str | None = None
+
+
+def see_anywhere(decision: Decision, policy: AlarmPolicy) -> Sight:
+    """Return what a decision says of people at any range, by the usual limit."""
+    return sight_of(decision, policy, Zones(), 0.8)
+
+
+class EventTracker:
+    """Follow decisions, notices and commands; return the events that they make.
+
+    Parameters
+    ----------
+    panel : AlarmPanel, optional
+        Armed, and an alarm for as long as the verdict stands, when not given.
+    see : callable, optional
+        Turns a decision and the panel's policy into a sight.
+    sensor : str
+        Goes into the ids; of several sensors in one process, two may see the same frames.
+    """
+
+    def __init__(
+        self, panel: AlarmPanel | None = None, see: See = see_anywhere, sensor: str = ""
+    ) -> None:
+        self.panel = panel or AlarmPanel()
+        self._sensor = sensor
+        self.see = see
+        self._open: dict[Kind, Event] = {}
+
+    @property
+    def open_events(self) -> dict[Kind, Event]:
+        """What is on now, by kind."""
+        return dict(self._open)
+
+    @property
+    def kept(self) -> KeptState:
+        """What must outlive the daemon."""
+        alarm = self._open.get("alarm")
+        if alarm is None:
+            return KeptState(is_armed=self.panel.is_armed)
+        return KeptState(
+            is_armed=True, alarm_id=alarm.id, alarm_reason=alarm.reason, alarm_peak=alarm.peak
+        )
+
+    def resume(self, kept: KeptState) -> list[Event]:
+        """Go on where the last run ended: armed or not, and an alarm that was on."""
+        if kept.alarm_id is None or not kept.is_armed:
+            return []
+        reason = f"{kept.alarm_reason.removesuffix(_KEPT)}{_KEPT}"
+        self.panel.resume(reason)
+        event = Event(
+            id=kept.alarm_id,
+            phase="update",
+            kind="alarm",
+            t_s=0.0,
+            start_t_s=0.0,
+            end_t_s=None,
+            peak=kept.alarm_peak,
+            reason=reason,
+        )
+        self._open["alarm"] = event
+        return [event]
+
+    def on_decision(
+        self,
+        decision: Decision,
+        dwell: Dwell,
+        *,
+        is_quiet: bool = False,
+        findings: Sequence[Finding] = (),
+        fault: str = "",
+    ) -> list[Event]:
+        """Take a decision, the dwell it was made on, and what else was found in that.
+
+        Parameters
+        ----------
+        decision : Decision
+            The next one.
+        dwell : Dwell
+            Its frames name new events.
+        is_quiet : bool
+            Whether a quiet period holds.
+        findings : sequence of Finding
+            Tamper that holds now.
+        fault : str
+            What is wrong with a dwell that could be judged; empty when nothing is.
+
+        Returns
+        -------
+        list of Event
+            In order.
+        """
+        is_invalid = decision.gate == "invalid"
+        t_s = decision.t_s
+        why = (decision.fault if is_invalid else fault) or None
+        events = self._follow("fault", why, t_s=t_s, dwell=dwell)
+        if not is_invalid:
+            tamper = "; ".join(f"{f.kind}: {f.reason}" for f in findings) or None
+            events += self._follow("tamper", tamper, t_s=t_s, dwell=dwell)
+        sight = None if is_invalid else self.see(decision, self.panel.policy)
+        p_human = decision.fused.human if decision.fused and sight and sight.is_seen else 0.0
+        steps = self.panel.on_sight(t_s, sight, is_quiet=is_quiet)
+        alarm = self._open.get("alarm")
+        if alarm is not None:
+            self._open["alarm"] = replace(alarm, peak=max(alarm.peak, p_human))
+        return events + self._step(steps, t_s, p_human, dwell)
+
+    def on_notice(self, notice: Notice) -> list[Event]:
+        """Take a notice: a restart or a lost device is a fault until the next whole dwell."""
+        if notice.kind == "found":
+            return []
+        events = self._follow("fault", notice.reason, t_s=notice.t_s)
+        steps = self.panel.on_loss(notice.t_s) if notice.kind == "lost" else []
+        return events + self._step(steps, notice.t_s)
+
+    def on_command(self, name: str, t_s: float) -> list[Event]:
+        """Take 'arm', 'disarm' or 'ack'."""
+        if name == "arm":
+            return self._step(self.panel.arm(), t_s)
+        if name == "disarm":
+            return self._step(self.panel.disarm(), t_s)
+        return self._step(self.panel.acknowledge(t_s), t_s)
+
+    def has_clip(self, event_id: str, clip: str | None) -> None:
+        """Note which clip is made of an event that is on; its further phases name it."""
+        for kind, event in self._open.items():
+            if event.id == event_id:
+                self._open[kind] = replace(event, clip=clip)
+
+    def _step(
+        self,
+        steps: Sequence[PanelChange],
+        t_s: float,
+        peak: float = 0.0,
+        dwell: Dwell | None = None,
+    ) -> list[Event]:
+        return [
+            self._begin("alarm", step.reason, t_s, peak, dwell)
+            if step.kind == "new"
+            else self._go_on("alarm", step.reason, t_s, step.kind)
+            for step in steps
+        ]
+
+    def _follow(
+        self, kind: Kind, reason: str | None, *, t_s: float, dwell: Dwell | None = None
+    ) -> list[Event]:
+        """Begin, keep or end a fault or tamper; no reason means that it is over."""
+        old = self._open.get(kind)
+        if old is None:
+            return [] if reason is None else [self._begin(kind, reason, t_s, 0.0, dwell)]
+        if reason is None:
+            return [self._go_on(kind, old.reason, t_s, "end")]
+        if kind == "tamper" and reason != old.reason:
+            return [self._go_on(kind, reason, t_s, "update")]
+        return []
+
+    def _begin(
+        self, kind: Kind, reason: str, t_s: float, peak: float, dwell: Dwell | None
+    ) -> Event:
+        event = Event(
+            id=_ulid(f"{kind} {t_s:.6f}{self._sensor}", t_s, dwell),
+            phase="new",
+            kind=kind,
+            t_s=t_s,
+            start_t_s=t_s,
+            end_t_s=None,
+            peak=peak,
+            reason=reason,
+        )
+        self._open[kind] = event
+        return event
+
+    def _go_on(self, kind: Kind, reason: str, t_s: float, phase: Phase) -> Event:
+        end_t_s = t_s if phase == "end" else None
+        event = replace(self._open[kind], phase=phase, t_s=t_s, end_t_s=end_t_s, reason=reason)
+        if phase == "end":
+            del self._open[kind]
+        else:
+            self._open[kind] = event
+        return event
+
+
+_KEPT = " (on since before a restart)"
+
+
+def _ulid(what: str, t_s: float, dwell: Dwell | None) -> str:
+    digest = hashlib.blake2b(what.encode(), digest_size=10)
+    if dwell is not None:
+        digest.update(dwell.frames[-1].tobytes())
+    number = (int(t_s * 1000) & (1 << 48) - 1) << 80 | int.from_bytes(digest.digest(), "big")
+    return "".join(_CROCKFORD[number >> 5 * k & 31] for k in range(25, -1, -1))

@@ -1,0 +1,204 @@
+"""AlarmPanel: verdicts over time become an alarm, as a control panel would have it.
+
+The states::
+
+    disarmed --arm--> armed --K of N hits--> entry --entry_delay_s--> alarm
+        ^               ^                      |                        |
+        +----disarm-----+----------disarm------+-------disarm-----------+
+                        +-------ack, or latch_s without anybody---------+
+
+All times are stream time. What cannot be judged is never taken for quiet: an invalid window
+neither ends an alarm nor stops an entry delay, and a device that is lost during one raises
+the alarm at once.
+"""
+
+from collections import deque
+from dataclasses import dataclass
+from typing import Literal
+
+PanelState = Literal["disarmed", "armed", "entry", "alarm"]
+# One window in which somebody is missed does not say that they left.
+_UNSEEN_S = 3.0
+# Stream times are quotients: what is due at this decision must not wait for the next.
+_SLACK_S = 1e-6
+StepKind = Literal["new", "update", "end"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AlarmPolicy:
+    """When hits are an alarm, and for how long.
+
+    Attributes
+    ----------
+    k, n : int
+        So many hits among so many decisions confirm.
+    p_on : float
+        Least probability of a human that makes a verdict a hit.
+    p_off : float
+        An alarm that is on sees somebody above it, verdict or not; 1: by the verdict alone.
+    entry_delay_s : float
+        From confirmation to alarm, in seconds.
+    latch_s : float
+        An alarm ends when nobody was seen for so long, in seconds.
+    refractory_s : float
+        After an alarm none begins for so long, in seconds.
+    """
+
+    k: int = 1
+    n: int = 1
+    p_on: float = 0.0
+    p_off: float = 1.0
+    entry_delay_s: float = 0.0
+    latch_s: float = 0.0
+    refractory_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Sight:
+    """What one valid decision says of people.
+
+    Attributes
+    ----------
+    is_hit : bool
+        Somebody who counts towards an alarm.
+    is_seen : bool
+        Somebody still there, for an alarm that is on; every hit is.
+    reason : str
+        Who and where, for people.
+    """
+
+    is_hit: bool
+    is_seen: bool
+    reason: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class PanelChange:
+    """What becomes of the alarm: it begins, changes or ends, and why."""
+
+    kind: StepKind
+    reason: str
+
+
+class AlarmPanel:
+    """Follow sights and commands.
+
+    Parameters
+    ----------
+    policy : AlarmPolicy
+        May be replaced at any time (`policy`); what is on stays on.
+    is_armed : bool
+        State to begin in.
+    """
+
+    def __init__(self, policy: AlarmPolicy | None = None, *, is_armed: bool = True) -> None:
+        self.policy = policy or AlarmPolicy()
+        self.state: PanelState = "armed" if is_armed else "disarmed"
+        self._hits: deque[bool] = deque(maxlen=16)
+        self._since_s = 0.0
+        self._seen_s = 0.0
+        self._is_seen = False
+        self._ready_s = float("-inf")
+        self._reason = ""
+
+    @property
+    def is_armed(self) -> bool:
+        """Whether hits can raise an alarm."""
+        return self.state != "disarmed"
+
+    @property
+    def is_seen(self) -> bool:
+        """Whether an alarm is on and somebody is in sight."""
+        return self.state == "alarm" and self._is_seen
+
+    def resume(self, reason: str) -> None:
+        """Go on with an alarm that was on before a restart."""
+        self.state, self._reason = "alarm", reason
+
+    def on_sight(
+        self, t_s: float, sight: Sight | None, *, is_quiet: bool = False
+    ) -> list[PanelChange]:
+        """Take what a decision says.
+
+        Parameters
+        ----------
+        t_s : float
+            Stream time, in seconds.
+        sight : Sight or None
+            None when the window was invalid.
+        is_quiet : bool
+            Whether a quiet period holds: no new alarm is confirmed.
+
+        Returns
+        -------
+        list of PanelChange
+            In order.
+        """
+        if self.state == "disarmed":
+            return []
+        if self.state == "alarm":
+            return self._while_on(t_s, sight)
+        if sight is not None:
+            self._hits.append(sight.is_hit and not is_quiet)
+            if self._hits[-1]:
+                self._reason = sight.reason
+        if self.state == "armed" and self._is_confirmed() and t_s >= self._ready_s - _SLACK_S:
+            self.state, self._since_s = "entry", t_s
+        if self.state == "entry" and t_s - self._since_s >= self.policy.entry_delay_s - _SLACK_S:
+            seen = sight is None or sight.is_seen
+            return self._begin(t_s, self._reason, is_seen=seen)
+        return []
+
+    def on_loss(self, t_s: float) -> list[PanelChange]:
+        """Note that the device is lost: stream time stands still from here on."""
+        if self.state != "entry":
+            return []
+        reason = f"{self._reason}; the sensor was lost during the entry delay"
+        return self._begin(t_s, reason, is_seen=True)
+
+    def arm(self) -> list[PanelChange]:
+        """Arm; confirmation starts anew."""
+        if self.state == "disarmed":
+            self.state, self._ready_s = "armed", float("-inf")
+            self._hits.clear()
+        return []
+
+    def disarm(self) -> list[PanelChange]:
+        """Disarm; an alarm ends."""
+        was, self.state = self.state, "disarmed"
+        return [PanelChange("end", "disarmed")] if was == "alarm" else []
+
+    def acknowledge(self, t_s: float) -> list[PanelChange]:
+        """End an alarm; the sensor stays armed."""
+        return self._end(t_s, "acknowledged") if self.state == "alarm" else []
+
+    def _is_confirmed(self) -> bool:
+        recent = list(self._hits)[-self.policy.n :]
+        return sum(recent) >= self.policy.k
+
+    def _begin(self, t_s: float, reason: str, *, is_seen: bool) -> list[PanelChange]:
+        self.state, self._seen_s, self._is_seen = "alarm", t_s, is_seen
+        return [PanelChange("new", reason)]
+
+    def _while_on(self, t_s: float, sight: Sight | None) -> list[PanelChange]:
+        was_seen = self._is_seen
+        if sight is None or sight.is_seen:
+            self._seen_s = t_s
+        if sight is None:
+            return []
+        unseen_s = t_s - self._seen_s + _SLACK_S
+        if not sight.is_seen and unseen_s >= self.policy.latch_s:
+            return self._end(t_s, f"nobody seen for {unseen_s:.0f} s")
+        if sight.is_seen or unseen_s >= _UNSEEN_S:
+            self._is_seen = sight.is_seen
+        if self._is_seen == was_seen:
+            return []
+        return [
+            PanelChange("update", f"{sight.reason}, again" if sight.is_seen else "nobody in sight")
+        ]
+
+    def _end(self, t_s: float, reason: str) -> list[PanelChange]:
+        self.state = "armed"
+        self._hits.clear()
+        self._ready_s = t_s + self.policy.refractory_s
+        return [PanelChange("end", reason)]

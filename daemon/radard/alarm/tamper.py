@@ -1,0 +1,230 @@
+"""Tamper: the sensor is covered, was moved, or its noise floor jumped.
+
+What stands still in a room is the sensor's fingerprint. `TamperWatch` learns it cell by
+cell (a cell is 0.3 m of range) and compares every dwell with it:
+
+covered
+    The level of the still echoes, median over cells, changed by `covered_db` or more.
+moved
+    Their shape, the coherence of a cell's bins with what was learned, fell below
+    `moved_coherence` in the median. A common phase does not count, so slow drift of the
+    carrier is none.
+noise
+    The receiver's noise, median over cells, changed by `noise_db` or more: a jammer, a
+    broken receiver.
+
+Each must last `hold_s`. What moves must not count: a cell is only judged in a dwell in
+which it stands still, medians over cells let furniture and people change some of them, and
+noise is only read where it is white in slow time and alike in all cells. A stream without
+three cells of still echoes (a simulated void, people all over the place) is not judged but
+for its noise; `is_blind` says so.
+
+All state follows from the dwells, so a replay finds the same.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radard.alarm.dwell_cells import CellReading, quantile, read_cells
+from radard.stream.ring import Dwell
+
+TamperKind = Literal["covered", "moved", "noise"]
+_TINY = 1e-300
+_STILL = 0.3
+_FEWEST_CELLS = 3
+_MEMORY_S = 600.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TamperSettings:
+    """What counts as tamper.
+
+    Attributes
+    ----------
+    learn_s : float
+        Stream time with still echoes that makes a fingerprint, in seconds.
+    hold_s : float
+        How long a change must last, in seconds; as long it must be gone again.
+    covered_db : float
+        Change of the still echoes' level, in dB.
+    moved_coherence : float
+        Coherence with the learned echoes below which the sensor was moved, 0 to 1.
+    noise_db : float
+        Change of the receiver's noise, in dB.
+    """
+
+    learn_s: float = 20.0
+    hold_s: float = 20.0
+    covered_db: float = 6.0
+    moved_coherence: float = 0.8
+    noise_db: float = 6.0
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One kind of tamper that holds now, and the figure that shows it, for people."""
+
+    kind: TamperKind
+    reason: str
+
+
+class TamperWatch:
+    """Compare dwells with the fingerprint that was learned from those before.
+
+    Parameters
+    ----------
+    settings : TamperSettings
+        Thresholds and times.
+    hop_s : float
+        Stream time between dwells, in seconds.
+    """
+
+    def __init__(self, settings: TamperSettings, hop_s: float = 1.0) -> None:
+        self._settings = settings
+        self._hop_s = hop_s
+        self._n_learn = max(1, round(settings.learn_s / hop_s))
+        self._held: dict[TamperKind, _Held] = {}
+        self.relearn()
+
+    @property
+    def is_blind(self) -> bool:
+        """Whether there are no still echoes to judge by, so far."""
+        return self._usable is None
+
+    def relearn(self) -> None:
+        """Forget the fingerprint and every finding: what is there now is as it should be."""
+        self._held = {kind: _Held() for kind in ("covered", "moved", "noise")}
+        self._sum: NDArray[np.complex128] | None = None
+        self._energy = np.zeros(0)
+        self._n_still = np.zeros(0, np.int64)
+        self._n_seen = 0
+        self._usable: NDArray[np.bool_] | None = None
+        self._echoes = np.zeros((0, 0), np.complex128)
+        self._noise_learned: list[float] = []
+        self._noise_db = 0.0
+
+    def update(self, dwell: Dwell) -> tuple[Finding, ...]:
+        """Judge one dwell and learn from it.
+
+        Parameters
+        ----------
+        dwell : Dwell
+            Whole enough to be judged, clutter in it.
+
+        Returns
+        -------
+        tuple of Finding
+            What holds now, at most one of every kind.
+        """
+        cells = read_cells(dwell)
+        if cells is None:
+            return self._findings()
+        self._judge_noise(cells)
+        if self._usable is None:
+            self._learn(cells)
+        else:
+            self._judge_echoes(cells, self._usable)
+        return self._findings()
+
+    def _findings(self) -> tuple[Finding, ...]:
+        return tuple(Finding(k, held.reason) for k, held in self._held.items() if held.is_on)
+
+    def _learn(self, cells: CellReading) -> None:
+        """Sum up the still cells of `learn_s` of dwells; keep those that agree with themselves."""
+        still = cells.unrest < _STILL * cells.energy
+        if np.count_nonzero(still) < _FEWEST_CELLS:
+            return
+        if self._sum is None:
+            self._sum = np.zeros_like(cells.echoes)
+            self._energy = np.zeros(len(still))
+            self._n_still = np.zeros(len(still), np.int64)
+        self._sum[still] += cells.echoes[still]
+        self._energy += np.where(still, cells.energy, 0)
+        self._n_still += still
+        self._n_seen += 1
+        if self._n_seen < self._n_learn:
+            return
+        together = _energy_of(self._sum)
+        agreed = together > (1 - _STILL) * self._n_still * self._energy
+        usable = agreed & (self._n_still > self._n_learn / 2)
+        if np.count_nonzero(usable) >= _FEWEST_CELLS:
+            self._usable = usable
+            self._echoes = self._sum / np.maximum(self._n_still, 1)[:, None]
+        self._sum, self._n_seen = None, 0
+
+    def _judge_echoes(self, cells: CellReading, usable: NDArray[np.bool_]) -> None:
+        s = self._settings
+        known = _energy_of(self._echoes)
+        judged = usable & (cells.unrest < _STILL * np.maximum(cells.energy, known))
+        if np.count_nonzero(judged) < _FEWEST_CELLS:
+            return
+        product = (cells.echoes * self._echoes.conj()).sum(axis=1)
+        coherence = np.abs(product) / np.sqrt(cells.energy * known + _TINY)
+        level_db = 10 * np.log10((cells.energy + _TINY) / (known + _TINY))
+        level = quantile(level_db[judged], 0.5)
+        alike = quantile(coherence[judged], 0.5)
+        is_level = abs(level) >= s.covered_db
+        is_shape = alike < s.moved_coherence
+        self._hold(
+            "covered",
+            is_level,
+            f"still echoes {'fell' if level < 0 else 'rose'} {abs(level):.0f} dB",
+        )
+        # Without level there is no shape: a covered sensor is not called moved as well.
+        self._hold("moved", is_shape and not is_level, f"echoes agree {alike:.2f} with the room's")
+        if not (is_level or is_shape):
+            self._follow(cells, judged, product)
+
+    def _follow(
+        self, cells: CellReading, judged: NDArray[np.bool_], product: NDArray[np.complex128]
+    ) -> None:
+        """Let the fingerprint follow the room within `_MEMORY_S`; phases drift, so turn them."""
+        turn = product.conj() / np.maximum(np.abs(product), _TINY)
+        step = np.where(judged, self._hop_s / _MEMORY_S, 0.0)[:, None]
+        self._echoes += step * (cells.echoes * turn[:, None] - self._echoes)
+
+    def _judge_noise(self, cells: CellReading) -> None:
+        if cells.noise_db is None:
+            return
+        if len(self._noise_learned) < self._n_learn:
+            self._noise_learned.append(cells.noise_db)
+            self._noise_db = quantile(np.array(self._noise_learned), 0.5)
+            return
+        change_db = cells.noise_db - self._noise_db
+        is_jump = abs(change_db) >= self._settings.noise_db
+        self._hold(
+            "noise",
+            is_jump,
+            f"noise {'rose' if change_db > 0 else 'fell'} {abs(change_db):.0f} dB",
+        )
+        if not is_jump:
+            self._noise_db += self._hop_s / _MEMORY_S * change_db
+
+    def _hold(self, kind: TamperKind, is_now: bool, reason: str) -> None:
+        held = self._held[kind]
+        if is_now != held.is_on:
+            held.for_s += self._hop_s
+            if held.for_s >= self._settings.hold_s:
+                held.is_on, held.for_s, held.reason = is_now, 0.0, reason
+        else:
+            held.for_s = 0.0
+
+
+@dataclass(slots=True)
+class _Held:
+    """One kind: whether it holds, and for how long the opposite was seen."""
+
+    is_on: bool = False
+    for_s: float = 0.0
+    reason: str = ""
+
+
+def _change(change_db: float) -> str:
+    return f"{'fell' if change_db < 0 else 'rose'} {abs(change_db):.0f} dB"
+
+
+def _energy_of(echoes: NDArray[np.complex128]) -> NDArray[np.float64]:
+    return np.asarray((echoes.real**2 + echoes.imag**2).sum(axis=1))

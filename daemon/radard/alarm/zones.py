@@ -1,0 +1,84 @@
+"""Zones: the ranges that alarm events heed, and what a decision says of people in them.
+
+A radar of one antenna knows ranges, no directions: a zone is a shell around the sensor. A
+target counts when it is in an included zone, or none is named, and in no excluded one. What
+has no range counts: it is never cut out by not knowing where it is.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from radard.alarm.panel import AlarmPolicy, Sight
+from radard.classify.decision import Decision, TrackVerdict, judge
+
+Spans = tuple[tuple[float, float], ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Zones:
+    """Ranges in metres, from below to.
+
+    Attributes
+    ----------
+    include, exclude : tuple of (float, float)
+        Ranges that count, and that do not; an empty `include` is everything.
+    """
+
+    include: Spans = ()
+    exclude: Spans = ()
+
+    def heeds(self, range_m: float) -> bool:
+        """Return whether a target at a range counts."""
+        is_in = not self.include or any(a <= range_m <= b for a, b in self.include)
+        return is_in and not any(a <= range_m <= b for a, b in self.exclude)
+
+
+def sight_of(decision: Decision, policy: AlarmPolicy, zones: Zones, pet_limit: float) -> Sight:
+    """Return what a valid decision means for the alarm.
+
+    A verdict is a hit from p(human) `p_on` on. A verdict that stands although p(human) is
+    below what the rule asks for rests on other grounds (undecided too long, like nothing
+    known) and is a hit whatever its p(human).
+
+    Parameters
+    ----------
+    decision : Decision
+        Not an invalid one.
+    policy : AlarmPolicy
+        Thresholds.
+    zones : Zones
+        Ranges that count.
+    pet_limit : float
+        Of the rule that made the verdict.
+    """
+    p_human = decision.fused.human if decision.fused else 0.0
+    by_rule = decision.fused is not None and p_human >= 1 - pet_limit - 1e-9
+    where = _nearest_heeded(decision, zones, pet_limit)
+    is_heeded = where is not None
+    is_hit = decision.alarm and is_heeded and (not by_rule or p_human >= policy.p_on)
+    may_be = decision.alarm or decision.label == "pending" or p_human > policy.p_off
+    is_seen = is_hit or (is_heeded and may_be)
+    place = f" at {where:.1f} m" if where is not None and where >= 0 else ""
+    return Sight(is_hit, is_seen, f"{decision.label}{place}")
+
+
+def _nearest_heeded(decision: Decision, zones: Zones, pet_limit: float) -> float | None:
+    """Return the range of the nearest suspect that counts, -1 when it has none, else None."""
+    ranges = list(_suspect_ranges(decision, pet_limit))
+    if not ranges:
+        return -1.0
+    return min((r for r in ranges if zones.heeds(r)), default=None)
+
+
+def _suspect_ranges(decision: Decision, pet_limit: float) -> Iterator[float]:
+    """Yield where those are who may be people: tracks not taken for pets, else the one range."""
+    suspects = [t.range_m for t in decision.tracks if not _is_harmless(t, pet_limit)]
+    if suspects:
+        yield from suspects
+    elif decision.reading is not None:
+        yield decision.reading.range_m
+
+
+def _is_harmless(track: TrackVerdict, pet_limit: float) -> bool:
+    """Return whether a track was classified, and as harmless; one that was not is a suspect."""
+    return track.window is not None and not judge(track.window, pet_limit)[1]

@@ -1,0 +1,214 @@
+"""Model bundle: what a sidecar says, read and checked.
+
+A bundle is three files: NAME.onnx (weights), NAME.json (sidecar) and NAME.md (card). The
+sidecar says which features go in, with which settings, for which streams the network was
+trained, and the hash of the weights. Nothing is guessed: what does not fit is refused.
+"""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from radard.classify.features import FeatureSettings, feature_shape
+from radard.errors import BundleError, ModelMismatch
+from x2radar.errors import renamed
+from x2radar.frame import FastTimeAxis
+
+SCHEMA = 1
+CLASSES = ("human", "pet", "other")
+POLICIES = ("window", "fused")
+_MOST_HIDDEN = 4096
+_STREAM_KEYS = ("frame_rate_hz", "bin_length_m", "carrier_hz", "bandwidth_hz")
+
+
+@dataclass(frozen=True, slots=True)
+class ModelInput:
+    """One input of the network: its name, its shape without batch, the feature it takes."""
+
+    name: str
+    shape: tuple[int, ...]
+    feature: str
+
+
+@dataclass(frozen=True, slots=True)
+class Bundle:
+    """A sidecar, read and checked.
+
+    Attributes
+    ----------
+    name : str
+        Name of the bundle.
+    onnx : bytes
+        The network, its hash compared.
+    inputs : tuple of ModelInput
+        What the network takes.
+    features : FeatureSettings
+        How that is made.
+    stream : mapping of str to (float, float)
+        Range of frame_rate_hz, bin_length_m, carrier_hz and bandwidth_hz it was made for.
+    classes : tuple of str
+        Order of the network's outputs.
+    temperature : float
+        Logits are divided by it.
+    pet_limit : float
+        The alarm stays off only above this probability of pet and other together.
+    policy : str
+        'window' or 'fused'.
+    evidence : mapping of str to float
+        How windows are fused, see `radard.classify.evidence`; empty for its defaults.
+    n_hidden : int
+        Values that the network's temporal head hands itself from window to window; 0 for a
+        network that knows single windows only.
+    """
+
+    name: str
+    onnx: bytes
+    inputs: tuple[ModelInput, ...]
+    features: FeatureSettings
+    stream: Mapping[str, tuple[float, float]]
+    classes: tuple[str, ...]
+    temperature: float
+    pet_limit: float
+    policy: str
+    evidence: Mapping[str, Any]
+    n_hidden: int = 0
+
+    @property
+    def sha256(self) -> str:
+        """Hash of the weights, as the sidecar has it."""
+        return hashlib.sha256(self.onnx).hexdigest()
+
+    def takes(self, axis: FastTimeAxis, frame_rate_hz: float) -> bool:
+        """Whether it was made for such a stream."""
+        return not self._misfits(axis, frame_rate_hz)
+
+    def check_stream(self, axis: FastTimeAxis, frame_rate_hz: float) -> None:
+        """Raise ModelMismatch, naming every misfit, if the stream is not what it was made for.
+
+        The message names installed bundles that take it.
+        """
+        misfits = self._misfits(axis, frame_rate_hz)
+        if misfits:
+            others = [name for name in bundle_names() if name != self.name]
+            fit = [name for name in others if load_bundle(name).takes(axis, frame_rate_hz)]
+            hint = f"; installed ones that take it: {', '.join(fit)}" if fit else ""
+            msg = f"model '{self.name}' does not fit this stream: {'; '.join(misfits)}{hint}"
+            raise ModelMismatch(msg)
+
+    def _misfits(self, axis: FastTimeAxis, frame_rate_hz: float) -> list[str]:
+        """Say what does not fit; a bandwidth that is not known (0) is not held against it."""
+        values = {
+            "frame_rate_hz": frame_rate_hz,
+            "bin_length_m": axis.bin_length_m,
+            "carrier_hz": axis.carrier_hz,
+            "bandwidth_hz": axis.bandwidth_hz,
+        }
+        return [
+            f"{key} is {values[key]:.4g}, it takes {low:.4g} to {high:.4g}"
+            for key, (low, high) in self.stream.items()
+            if not low <= values[key] <= high and not (key == "bandwidth_hz" and values[key] == 0)
+        ]
+
+
+def bundle_names() -> tuple[str, ...]:
+    """Return the names of the bundles that came with this installation."""
+    folder = resources.files("radard.models")
+    return tuple(sorted(f.name[:-5] for f in folder.iterdir() if f.name.endswith(".onnx")))
+
+
+def load_bundle(name: str) -> Bundle:
+    """Read a bundle by name, or by the path of its .onnx or .json file.
+
+    Raises
+    ------
+    BundleError
+        If a file is missing or unreadable.
+    ModelMismatch
+        If the sidecar makes no sense or the weights are not those it names.
+    """
+    if name in bundle_names():
+        folder = resources.files("radard.models")
+        return _read(
+            name, (folder / f"{name}.json").read_bytes, (folder / f"{name}.onnx").read_bytes
+        )
+    path = Path(name)
+    if path.suffix not in {".onnx", ".json"}:
+        known = ", ".join(bundle_names()) or "none"
+        msg = f"no model '{name}'; {renamed(name)}installed are {known}; a file must end in .onnx"
+        raise BundleError(msg)
+    return _read(
+        path.stem, path.with_suffix(".json").read_bytes, path.with_suffix(".onnx").read_bytes
+    )
+
+
+def _read(name: str, sidecar: Any, weights: Any) -> Bundle:
+    try:
+        raw = json.loads(sidecar())
+        onnx = weights()
+    except OSError as err:
+        msg = f"model '{name}': cannot read {err.filename}: {err.strerror}"
+        raise BundleError(msg) from err
+    except ValueError as err:
+        msg = f"model '{name}': the sidecar is not JSON: {err}"
+        raise BundleError(msg) from err
+    try:
+        return _parse(raw, onnx)
+    except (KeyError, TypeError, ValueError) as err:
+        msg = f"model '{name}': the sidecar lacks or garbles {err}"
+        raise ModelMismatch(msg) from err
+
+
+def _parse(raw: dict[str, Any], onnx: bytes) -> Bundle:
+    name = str(raw["name"])
+    if raw["schema"] != SCHEMA:
+        msg = f"model '{name}': sidecar schema {raw['schema']}, this radard reads {SCHEMA}"
+        raise ModelMismatch(msg)
+    if hashlib.sha256(onnx).hexdigest() != raw["onnx_sha256"]:
+        msg = f"model '{name}': the weights are not those of the sidecar (sha256 differs)"
+        raise ModelMismatch(msg)
+    classes = tuple(raw["classes"])
+    if not {"human", "pet"} <= set(classes) <= set(CLASSES):
+        msg = f"model '{name}': classes {classes}; human and pet are needed, other is allowed"
+        raise ModelMismatch(msg)
+    features = FeatureSettings.from_mapping(raw["features"])
+    inputs = tuple(ModelInput(i["name"], tuple(i["shape"]), i["feature"]) for i in raw["inputs"])
+    for item in inputs:
+        made = feature_shape(item.feature, features)
+        if item.shape != made:
+            msg = f"model '{name}': input {item.name} is {item.shape}, {item.feature} is {made}"
+            raise ModelMismatch(msg)
+    stream = {key: (float(low), float(high)) for key, (low, high) in raw["stream"].items()}
+    if set(stream) != set(_STREAM_KEYS):
+        msg = f"model '{name}': stream needs the keys {', '.join(_STREAM_KEYS)}"
+        raise ModelMismatch(msg)
+    return Bundle(
+        name,
+        onnx,
+        inputs,
+        features,
+        stream,
+        classes,
+        float(raw["temperature"]),
+        float(raw["pet_limit"]),
+        _policy(raw["policy"]),
+        dict(raw.get("evidence", {})),
+        _n_hidden(raw.get("hidden", 0)),
+    )
+
+
+def _policy(value: Any) -> str:
+    if value not in POLICIES:
+        msg = f"policy {value!r}; known are {', '.join(POLICIES)}"
+        raise ValueError(msg)
+    return str(value)
+
+
+def _n_hidden(value: Any) -> int:
+    if type(value) is not int or not 0 <= value <= _MOST_HIDDEN:
+        msg = f"hidden {value!r}; it must be a whole number from 0 to {_MOST_HIDDEN}"
+        raise ValueError(msg)
+    return value

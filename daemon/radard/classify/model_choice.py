@@ -1,0 +1,34 @@
+"""Which bundle judges a stream when the configuration names none."""
+
+from radard.classify.bundle import load_bundle
+from radard.config.sections import AUTO_MODEL, DEFAULT_MODEL
+from x2radar.frame import StreamInfo
+
+OF_ONE_MODULE = ("x4m03",)
+"""Bundles that were made for one module: there they miss less than `DEFAULT_MODEL` at as many
+false alarms (docs/evaluation.md)."""
+
+
+def model_for(name: str, stream: StreamInfo | None = None) -> str:
+    """Return the name of the bundle that `name` means before a stream.
+
+    Parameters
+    ----------
+    name : str
+        As `model.name` of the configuration has it; all but `AUTO_MODEL` means itself.
+    stream : StreamInfo, optional
+        What is to be judged. Without one, or if its bandwidth is not known, no module can be
+        told from another.
+
+    Returns
+    -------
+    str
+        `DEFAULT_MODEL`, or the bundle in `OF_ONE_MODULE` that takes such streams.
+    """
+    if name != AUTO_MODEL:
+        return name
+    if stream is None or stream.axis.bandwidth_hz == 0:
+        return DEFAULT_MODEL
+    axis, rate_hz = stream.axis, stream.frame_rate_hz
+    own = (each for each in OF_ONE_MODULE if load_bundle(each).takes(axis, rate_hz))
+    return next(own, DEFAULT_MODEL)

@@ -1,0 +1,256 @@
+"""ClipFile: one alarm's evidence, a recording that replays, and room for the next one.
+
+A clip is a recording (`x2radar.recording.hdf5_writer`), readable from its first frame on even
+after a kill. When it ends it gets what was decided on it: `/decisions/*`, one entry a
+decision, `t_s` on the clip's own clock; `/picture`; and the attributes `event`,
+`config_hash`, `model`, `model_sha256`, `sensor`, `stream_t_s` (stream time of its first
+frame) and `version`.
+"""
+
+import contextlib
+import json
+import re
+import shutil
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from radard.clips.spectrogram_png import PictureMaker, encode_png
+from radard.errors import FeatureError, OutputError
+from x2radar.errors import RecordingError
+from x2radar.frame import Frame, StreamInfo
+from x2radar.recording.hdf5_writer import RecordingWriter
+
+_NAME = re.compile(r"[0-9A-HJKMNP-TV-Z]{26}\.(h5|png)")
+_TEXTS = ("gate", "label")
+_NUMBERS = (
+    "power_db",
+    "noise_floor_db",
+    "threshold_db",
+    "p_human",
+    "p_pet",
+    "p_other",
+    "fused_p_human",
+    "fused_p_pet",
+    "fused_p_other",
+    "range_m",
+)
+_WHOLE = ("seq", "frames", "dropped", "alarm")
+
+
+class ClipFile:
+    """Write one clip.
+
+    Parameters
+    ----------
+    path : Path
+        File to make.
+    stream : StreamInfo
+        Axis and rate of the frames.
+    first_index : int
+        Number of the clip's first frame in the stream.
+    started_utc : str
+        Wall clock of that frame.
+    attributes : mapping of str to str
+        Further root attributes.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be made.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        stream: StreamInfo,
+        *,
+        first_index: int,
+        started_utc: str,
+        attributes: Mapping[str, str],
+    ) -> None:
+        self.path = path
+        self._stream_t_s = first_index / stream.frame_rate_hz
+        self._picture = PictureMaker(stream)
+        try:
+            self._writer = RecordingWriter(
+                path,
+                stream,
+                started_utc=started_utc,
+                device={"name": stream.device},
+                first_index=first_index,
+                attributes={**attributes, "stream_t_s": self._stream_t_s},
+            )
+        except RecordingError as err:
+            raise OutputError(str(err)) from err
+
+    def write(self, frames: list[Frame]) -> None:
+        """Keep frames; raises OutputError if the disk does not take them."""
+        try:
+            for frame in frames:
+                self._writer.write(frame)
+        except RecordingError as err:
+            raise OutputError(str(err)) from err
+        self._picture.push(frames)
+
+    def finish(self, decisions: Sequence[Mapping[str, Any]], event: Mapping[str, Any]) -> None:
+        """Close the clip and add what was decided.
+
+        Parameters
+        ----------
+        decisions : sequence of mapping
+            Records as the JSON Lines contract has them, in order.
+        event : mapping
+            Likewise.
+
+        Raises
+        ------
+        OutputError
+            If the disk does not take it; the frames are then there all the same.
+        """
+        picture = self._picture.picture()
+        try:
+            self._writer.close()
+            with h5py.File(self.path, "r+", libver="latest") as file:
+                file.attrs["event"] = json.dumps(event)
+                _write_decisions(file, decisions, self._stream_t_s)
+                if picture is not None:
+                    image = file.create_dataset("picture", data=picture, compression="gzip")
+                    # HDF5 Image and Palette Specification 1.2: viewers then show it.
+                    image.attrs["CLASS"] = np.bytes_("IMAGE")
+                    image.attrs["IMAGE_VERSION"] = np.bytes_("1.2")
+                    image.attrs["IMAGE_SUBCLASS"] = np.bytes_("IMAGE_TRUECOLOR")
+                    image.attrs["INTERLACE_MODE"] = np.bytes_("INTERLACE_PIXEL")
+            if picture is not None:
+                self.path.with_suffix(".png").write_bytes(encode_png(picture))
+        except (RecordingError, OSError, RuntimeError) as err:
+            msg = f"{self.path}: the clip lacks its decisions: {' '.join(str(err).split())}"
+            raise OutputError(msg) from err
+
+    def abandon(self) -> None:
+        """Let go of the file as it is."""
+        with contextlib.suppress(RecordingError, OSError, RuntimeError):
+            self._writer.close()
+
+
+class ClipWriter:
+    """Write one clip after the other into a folder; its methods are the jobs of the clip keeper.
+
+    Each returns whether a clip has just been made without fault, and raises OutputError or
+    OSError when the clip at hand cannot go on; what is still told of that one is then dropped.
+
+    Parameters
+    ----------
+    stream : StreamInfo
+        Axis and rate of the frames.
+    folder : Path
+        Made when it is not there, for its owner only.
+    keep_bytes, free_bytes : float
+        See `make_room`.
+    """
+
+    def __init__(
+        self,
+        stream: StreamInfo,
+        folder: Path,
+        *,
+        keep_bytes: float,
+        free_bytes: float,
+    ) -> None:
+        self._stream = stream
+        self._folder = folder
+        self._keep_bytes = keep_bytes
+        self._free_bytes = free_bytes
+        self._file: ClipFile | None = None
+
+    def open(
+        self, path: Path, first_index: int, started_utc: str, attributes: Mapping[str, str]
+    ) -> bool:
+        """Begin a clip."""
+        self._folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        if not make_room(self._folder, keep_bytes=self._keep_bytes, free_bytes=self._free_bytes):
+            msg = f"{self._folder}: less than {self._free_bytes / 1e6:g} MB are free"
+            raise OutputError(msg)
+        self._file = ClipFile(
+            path,
+            self._stream,
+            first_index=first_index,
+            started_utc=started_utc,
+            attributes=attributes,
+        )
+        return False
+
+    def write(self, frames: list[Frame]) -> bool:
+        """Add frames."""
+        if self._file is not None:
+            try:
+                self._file.write(frames)
+            except (OutputError, FeatureError):
+                self._file.abandon()
+                self._file = None
+                raise
+        return False
+
+    def finish(self, decisions: Sequence[Mapping[str, Any]], event: Mapping[str, Any]) -> bool:
+        """End the clip."""
+        file, self._file = self._file, None
+        if file is None:
+            return False
+        file.finish(decisions, event)
+        make_room(self._folder, keep_bytes=self._keep_bytes, free_bytes=self._free_bytes)
+        return True
+
+
+def make_room(folder: Path, *, keep_bytes: float, free_bytes: float) -> bool:
+    """Take the oldest clips away until both limits hold.
+
+    Parameters
+    ----------
+    folder : Path
+        Only clips in it are touched, by their names.
+    keep_bytes : float
+        Most that all clips may take.
+    free_bytes : float
+        Least free space of the disk.
+
+    Returns
+    -------
+    bool
+        Whether there is room now.
+    """
+    sizes = {p: p.stat() for p in folder.iterdir() if _NAME.fullmatch(p.name)}
+    total = sum(s.st_size for s in sizes.values())
+    for stem in _oldest_first(sizes):
+        if total <= keep_bytes and shutil.disk_usage(folder).free >= free_bytes:
+            break
+        for path in (stem.with_suffix(".h5"), stem.with_suffix(".png")):
+            if path in sizes:
+                path.unlink(missing_ok=True)
+                total -= sizes[path].st_size
+    return shutil.disk_usage(folder).free >= free_bytes
+
+
+def _oldest_first(sizes: Mapping[Path, Any]) -> list[Path]:
+    newest: dict[Path, int] = {}
+    for path, stat in sizes.items():
+        stem = path.with_suffix("")
+        newest[stem] = max(newest.get(stem, 0), stat.st_mtime_ns)
+    return sorted(newest, key=lambda stem: (newest[stem], stem.name))
+
+
+def _write_decisions(
+    file: h5py.File, decisions: Sequence[Mapping[str, Any]], offset_s: float
+) -> None:
+    group = file.create_group("decisions")
+    group["t_s"] = np.array([d["t_s"] - offset_s for d in decisions], np.float64)
+    for name in _WHOLE:
+        group[name] = np.array([d[name] for d in decisions], np.int64)
+    for name in _NUMBERS:
+        values = [np.nan if d[name] is None else d[name] for d in decisions]
+        group[name] = np.array(values, np.float64)
+    for name in _TEXTS:
+        texts = [d[name] or "" for d in decisions]
+        group.create_dataset(name, data=texts, dtype=h5py.string_dtype())

@@ -1,0 +1,209 @@
+"""ClipKeeper: holds the last frames, and makes a clip of those around an alarm.
+
+The reader pushes frames, the worker says which of them belong to a clip, a thread of its own
+writes them, so neither waits for a disk. Which frames those are follows from decisions alone:
+the first is the first of a dwell, so that a replay of the clip cuts the same dwells, and the
+last is that of a decision; how fast anything runs does not matter.
+"""
+
+import logging
+import queue
+import threading
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+from radard.errors import FeatureError, OutputError
+from x2radar.frame import Frame, StreamInfo
+
+log = logging.getLogger("radard")
+Job = Callable[[Any], bool]
+_SLACK_S = 4.0
+_MOST_JOBS = 200
+_MOST_PAST = 128
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ClipSettings:
+    """How much is kept.
+
+    Attributes
+    ----------
+    folder : Path
+        Where clips are made.
+    pre_s, post_s : float
+        Stream time before the alarm's dwell, and after somebody was last seen, in seconds.
+    longest_s : float
+        Most of one clip, in seconds; never less than what led to the alarm.
+    keep_bytes : float
+        Most of all clips together.
+    free_bytes : float
+        Space to leave on the disk.
+    """
+
+    folder: Path
+    pre_s: float = 12.0
+    post_s: float = 5.0
+    longest_s: float = 60.0
+    keep_bytes: float = 500e6
+    free_bytes: float = 200e6
+
+
+@dataclass(slots=True)
+class _Running:
+    """The clip that is being made: frames `taken` to `end` are still to come."""
+
+    event: Mapping[str, Any]
+    taken: int
+    end: int
+    seen_s: float
+    decisions: list[Mapping[str, Any]]
+
+
+class ClipKeeper:
+    """Make clips.
+
+    Parameters
+    ----------
+    settings : ClipSettings
+        How much is kept.
+    stream : StreamInfo
+        Axis and rate of the frames.
+    n_slow : int
+        Frames in a dwell.
+    attributes : mapping of str to str
+        Root attributes of every clip.
+    """
+
+    def __init__(
+        self,
+        settings: ClipSettings,
+        stream: StreamInfo,
+        n_slow: int,
+        attributes: Mapping[str, str],
+    ) -> None:
+        self._settings = settings
+        self._stream = stream
+        self._rate_hz = stream.frame_rate_hz
+        self._n_slow = n_slow
+        self._attributes = attributes
+        n_hold = round((settings.pre_s + _SLACK_S) * self._rate_hz) + 2 * n_slow
+        self._held: deque[Frame] = deque(maxlen=n_hold)
+        self._lock = threading.Lock()
+        self._past: deque[tuple[int, Mapping[str, Any]]] = deque(maxlen=_MOST_PAST)
+        self._running: _Running | None = None
+        self._jobs: queue.Queue[Job | None] = queue.Queue(_MOST_JOBS)
+        self._thread: threading.Thread | None = None
+        self.complaint = ""
+        """Why the last clip was not made; empty when all is well. Any thread may read it."""
+
+    def push(self, frame: Frame) -> None:
+        """Hold a frame for a while; called by the reader."""
+        with self._lock:
+            self._held.append(frame)
+
+    def describe(self, attributes: Mapping[str, str]) -> None:
+        """Give the clips to come other root attributes; any thread may."""
+        self._attributes = attributes
+
+    def restart(self) -> None:
+        """Note that the stream began anew: no clip begins before this."""
+        self._past.clear()
+
+    def on_decision(self, record: Mapping[str, Any], t_s: float) -> None:
+        """Take a decision's record and exact time, before the events that it makes."""
+        end = round(t_s * self._rate_hz)
+        self._past.append((end - self._n_slow, record))
+        if self._running is not None:
+            self._running.decisions.append(record)
+            self._take(self._running, end)
+
+    def begin(self, event: Mapping[str, Any], t_s: float) -> str | None:
+        """Begin a clip of an event; return its path, or None while another one is made."""
+        if self._running is not None:
+            return None
+        end = round(t_s * self._rate_hz)
+        earliest = end - self._n_slow - round(self._settings.pre_s * self._rate_hz)
+        past = [item for item in self._past if item[0] >= earliest]
+        first = past[0][0] if past else end - self._n_slow
+        last = max(end, first + round(self._settings.longest_s * self._rate_hz))
+        path = self._settings.folder / f"{event['id']}.h5"
+        event = {**event, "clip": str(path)}
+        self._running = _Running(event, first, last, t_s, [record for _, record in past])
+        began = datetime.now(UTC) - timedelta(seconds=(end - first) / self._rate_hz)
+        utc = began.isoformat(timespec="milliseconds").replace("+00:00", "Z")
+        about = self._attributes
+        self._do(lambda writer: writer.open(path, first, utc, about))
+        self._take(self._running, end)
+        return str(path)
+
+    def after(self, t_s: float, *, is_seen: bool, event: Mapping[str, Any] | None = None) -> None:
+        """Note whether somebody is in sight, and what the clip's event has become.
+
+        The clip ends `post_s` after somebody was last seen, or with its length.
+        """
+        running = self._running
+        if running is None:
+            return
+        if event is not None and event["id"] == running.event["id"]:
+            running.event = event
+        if is_seen:
+            running.seen_s = t_s
+        if t_s - running.seen_s >= self._settings.post_s or running.taken >= running.end:
+            self._finish(running)
+
+    def close(self, timeout_s: float) -> bool:
+        """End the clip at hand; return whether all is on the disk."""
+        if self._running is not None:
+            self._finish(self._running)
+        if self._thread is None:
+            return True
+        try:
+            self._jobs.put(None, timeout=timeout_s)
+        except queue.Full:
+            return False
+        self._thread.join(timeout_s)
+        return not self._thread.is_alive()
+
+    def _take(self, running: _Running, end: int) -> None:
+        first, last = running.taken, min(end, running.end)
+        with self._lock:
+            frames = [f for f in self._held if first <= f.index < last]
+        running.taken = max(first, last)
+        if frames:
+            self._do(lambda writer: writer.write(frames))
+
+    def _finish(self, running: _Running) -> None:
+        self._running = None
+        self._do(lambda writer: writer.finish(running.decisions, running.event))
+
+    def _do(self, job: Job) -> None:
+        if self._thread is None:
+            self._thread = threading.Thread(target=self._write_all, name="clips", daemon=True)
+            self._thread.start()
+        try:
+            self._jobs.put_nowait(job)
+        except queue.Full:
+            self.complaint = "the disk is too slow, or hangs"
+
+    def _write_all(self) -> None:
+        # Here, so that a run without alarms never loads h5py.
+        from radard.clips.clip_file import ClipWriter  # noqa: PLC0415
+
+        s = self._settings
+        writer = ClipWriter(
+            self._stream,
+            s.folder,
+            keep_bytes=s.keep_bytes,
+            free_bytes=s.free_bytes,
+        )
+        while (job := self._jobs.get()) is not None:
+            try:
+                if job(writer):
+                    self.complaint = ""
+            except (OutputError, OSError, FeatureError) as err:
+                self.complaint = str(err)
+                log.warning("clip: %s", err)

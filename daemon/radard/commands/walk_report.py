@@ -1,0 +1,193 @@
+"""A walk before the radar, from its decisions: what was seen, by range.
+
+Nobody says where the walker is while nothing is seen. Between two sightings at most ten
+seconds apart they are taken to have walked straight from one to the other; before the first
+and after the last, and in longer gaps, nothing is counted.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radard.classify.decision import Decision
+
+CELL_M = 0.5
+LONGEST_GAP_S = 10.0
+_SAME_M = 0.5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WalkDecision:
+    """One decision of the walk.
+
+    Attributes
+    ----------
+    t_s : float
+        Stream time, in seconds.
+    range_m : float or None
+        Where something moves; None while the gate is closed or the window invalid.
+    over_floor_db : float or None
+        Power over the noise and what the room has of its own; None when invalid.
+    label : str or None
+        As in the decision.
+    p_human : float or None
+        Of the evidence so far.
+    alarm : bool
+        As in the decision.
+    """
+
+    t_s: float
+    range_m: float | None
+    over_floor_db: float | None
+    label: str | None
+    p_human: float | None
+    alarm: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Cell:
+    """What became of the walker in one stretch of range.
+
+    Attributes
+    ----------
+    near_m, far_m : float
+        The stretch.
+    windows : int
+        Decisions while the walker was there.
+    seen : int
+        Those with the gate open.
+    alarms : int
+        Those with an alarm.
+    visits : int
+        How often the walker came in.
+    missed : int
+        Visits without a sighting.
+    first_seen_s : float or None
+        From coming in to the first sighting, in seconds, the longest of all visits; None
+        without a visit whose beginning is known and that was seen.
+    """
+
+    near_m: float
+    far_m: float
+    windows: int
+    seen: int
+    alarms: int
+    visits: int
+    missed: int
+    first_seen_s: float | None
+
+
+def step_of(decision: Decision) -> WalkDecision:
+    """Return what a walk needs of a decision; the range is that of a body, if there is one."""
+    reading = decision.reading
+    range_m = None
+    if reading is not None and decision.gate == "open":
+        range_m = reading.range_m
+        near = min(
+            (track.range_m for track in decision.tracks),
+            key=lambda other_m: abs(other_m - reading.range_m),
+            default=None,
+        )
+        if near is not None and abs(near - range_m) <= _SAME_M:
+            range_m = near
+    return WalkDecision(
+        t_s=decision.t_s,
+        range_m=range_m,
+        over_floor_db=reading.power_db - reading.noise_floor_db if reading else None,
+        label=decision.label,
+        p_human=decision.fused.human if decision.fused else None,
+        alarm=decision.alarm,
+    )
+
+
+def by_range(steps: Sequence[WalkDecision]) -> list[Cell]:
+    """Return the cells that the walker was in, near to far.
+
+    Parameters
+    ----------
+    steps : sequence of WalkDecision
+        In the order of time.
+    """
+    times_s = np.array([step.t_s for step in steps])
+    where_m = _walk(times_s, steps)
+    cells = [None if math.isnan(m) else math.floor(m / CELL_M) for m in where_m]
+    visits: dict[int, list[list[int]]] = {}
+    for k, cell in enumerate(cells):
+        if cell is None:
+            continue
+        if k == 0 or cells[k - 1] != cell:
+            visits.setdefault(cell, []).append([])
+        visits[cell][-1].append(k)
+    return [_cell(cell, visits[cell], steps, where_m) for cell in sorted(visits)]
+
+
+def _walk(times_s: NDArray[np.float64], steps: Sequence[WalkDecision]) -> NDArray[np.float64]:
+    """Return where the walker was at every step, NaN where nobody knows."""
+    where_m = np.full(len(steps), np.nan)
+    seen = [k for k, step in enumerate(steps) if step.range_m is not None]
+    where_m[seen] = [step.range_m for step in steps if step.range_m is not None]
+    for a, b in pairwise(seen):
+        if times_s[b] - times_s[a] <= LONGEST_GAP_S:
+            between = np.arange(a + 1, b)
+            where_m[between] = np.interp(times_s[between], times_s[[a, b]], where_m[[a, b]])
+    return where_m
+
+
+def _cell(
+    cell: int, visits: list[list[int]], steps: Sequence[WalkDecision], where_m: NDArray[np.float64]
+) -> Cell:
+    inside = [steps[k] for visit in visits for k in visit]
+    firsts = [_first_seen(cell, visit, steps, where_m) for visit in visits]
+    delays = [delay for delay in firsts if delay is not None]
+    return Cell(
+        near_m=cell * CELL_M,
+        far_m=(cell + 1) * CELL_M,
+        windows=len(inside),
+        seen=sum(step.range_m is not None for step in inside),
+        alarms=sum(step.alarm for step in inside),
+        visits=len(visits),
+        missed=sum(all(steps[k].range_m is None for k in visit) for visit in visits),
+        first_seen_s=round(max(delays), 2) if delays else None,
+    )
+
+
+def _first_seen(
+    cell: int, visit: list[int], steps: Sequence[WalkDecision], where_m: NDArray[np.float64]
+) -> float | None:
+    """Return the time from the walker's coming in to the first sighting of a visit."""
+    seen = next((k for k in visit if steps[k].range_m is not None), None)
+    k = visit[0]
+    if seen is None or k == 0 or math.isnan(where_m[k - 1]):
+        return None
+    edge_m = CELL_M * (cell if where_m[k - 1] < where_m[k] else cell + 1)
+    share = (edge_m - where_m[k - 1]) / (where_m[k] - where_m[k - 1])
+    came_s = steps[k - 1].t_s + float(np.clip(share, 0, 1)) * (steps[k].t_s - steps[k - 1].t_s)
+    return steps[seen].t_s - came_s
+
+
+def report(steps: Sequence[WalkDecision], cells: Sequence[Cell]) -> Iterator[str]:
+    """Yield the lines for people."""
+    seen = [step for step in steps if step.range_m is not None]
+    if not seen:
+        yield f"nothing was seen in {len(steps)} windows"
+        return
+    waited_s = seen[0].t_s - steps[0].t_s
+    alarm = next((step for step in steps if step.alarm), None)
+    yield f"first seen {waited_s:.1f} s after the first window, at {seen[0].range_m:.1f} m"
+    if alarm is None:
+        yield "no alarm"
+    else:
+        yield f"first alarm {alarm.t_s - seen[0].t_s:.1f} s after that"
+    yield ""
+    yield "range           seen      alarms   visits  missed  first seen after"
+    for cell in cells:
+        after = "-" if cell.first_seen_s is None else f"{cell.first_seen_s:.1f} s"
+        share = f"{100 * cell.seen / cell.windows:.0f} %"
+        yield (
+            f"{cell.near_m:4.1f} to {cell.far_m:4.1f} m {share:>6} of {cell.windows:<3}"
+            f"{cell.alarms:>7}{cell.visits:>9}{cell.missed:>8}  {after}"
+        )

@@ -1,0 +1,215 @@
+"""Configuration: one validated object from built-in values, files, environment, options.
+
+Later ones win: built-in < /etc/radard/config.yaml < ./config.yaml < --config FILE <
+RADARD_SECTION__KEY < command line; zones saved on the dashboard (`radard.config.saved_zones`) come
+after the file. Files do not add up: the first one found in the order
+--config, ./config.yaml, /etc/radard/config.yaml is the file. An unknown key is an error
+that names file, line and the nearest right key.
+"""
+
+import hashlib
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import Field, StringConstraints, ValidationError, model_validator
+
+from radard.config.saved_zones import lay_over, state_folder, zones_path
+from radard.config.sections import NAME, OWN_SECTIONS, RadarSections, SensorEntry, SensorSection
+from radard.config.sink_sections import SinkOptions
+from radard.config.sources import Places, explain, put, read_environment, read_yaml
+from radard.errors import ConfigError, UsageError
+
+DEFAULT_FILES = (Path("config.yaml"), Path("/etc/radard/config.yaml"))
+
+
+SensorName = Annotated[str, StringConstraints(pattern=NAME)]
+
+
+class Config(SinkOptions, RadarSections):
+    """The whole configuration."""
+
+    sensors: dict[SensorName, SensorEntry] = Field(
+        default_factory=dict, description="several radars in one process, name: port and more"
+    )
+    output: tuple[str, ...] = Field((), description="what -o/--output says, a list")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _fill_entries(cls, tree: Any) -> Any:
+        """Complete the sections of every entry of `sensors` by the common ones."""
+        entries = tree.get("sensors") if isinstance(tree, Mapping) else None
+        if not isinstance(entries, Mapping):
+            return tree
+        return {**tree, "sensors": {name: _filled(e, tree) for name, e in entries.items()}}
+
+    @model_validator(mode="after")
+    def _check_sensors(self) -> "Config":
+        if self.sensors and self.sensor.port is not None:
+            msg = "sensor.port and sensors are both given; one radar or several"
+            raise ValueError(msg)
+        return self
+
+    def each(self) -> tuple["Config", ...]:
+        """Return the configuration of every radar: of all `sensors`, or this one."""
+        return tuple(map(self.of_sensor, self.sensors)) if self.sensors else (self,)
+
+    def of_sensor(self, name: str | None) -> "Config":
+        """Return the configuration as it holds for one radar of `sensors`.
+
+        Parameters
+        ----------
+        name : str or None
+            Whose; None is the only one there is.
+
+        Raises
+        ------
+        UsageError
+            If there is none of this name, or several and no name.
+        """
+        if name is None and len(self.sensors) == 1:
+            (name,) = self.sensors
+        if not self.sensors and name in {None, self.sensor.name}:
+            return self
+        if name not in self.sensors:
+            known = ", ".join(self.sensors) or self.sensor.name
+            asked = "which sensor?" if name is None else f"no sensor '{name}';"
+            msg = f"{asked} known are {known} (--sensor NAME)"
+            raise UsageError(msg)
+        entry = self.sensors[name]
+        sensor = SensorSection(name=name, port=entry.port, speed=entry.speed)
+        own = {key: value for key in OWN_SECTIONS if (value := getattr(entry, key)) is not None}
+        return self.model_copy(update={"sensor": sensor, **own})
+
+    @property
+    def is_one_of_several(self) -> bool:
+        """Whether this is, or is for, a run of several radars."""
+        return bool(self.sensors)
+
+    def digest(self) -> str:
+        """Return a hash, 16 hex digits, of what decisions and alarms depend on."""
+        sections = {"model", "gate", "decision", "alarm", "zones", "tamper"}
+        text = json.dumps(self.model_dump(mode="json", include=sections), sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+@dataclass(frozen=True, slots=True)
+class Loaded:
+    """A configuration, and where every value that is not built in came from."""
+
+    config: Config
+    places: Places
+
+    def origin(self, *where: str) -> str:
+        """Return file and line, variable or 'command line' of a value; 'built-in' otherwise.
+
+        What an entry of `sensors` leaves out is where the common section has it from.
+        """
+        if where[0] == "sensors" and where not in self.places and len(where) == 4:
+            where = where[2:]
+        return self.places.get(where, "built-in")
+
+
+def load_config(
+    file: Path | None = None,
+    *,
+    environ: Mapping[str, str] | None = None,
+    options: Mapping[str, Any] | None = None,
+) -> Config:
+    """Return the configuration that holds; see `load_with_origins`."""
+    return load_with_origins(file, environ=environ, options=options).config
+
+
+def load_with_origins(
+    file: Path | None = None,
+    *,
+    environ: Mapping[str, str] | None = None,
+    options: Mapping[str, Any] | None = None,
+) -> Loaded:
+    """Return the configuration that holds, and where its values came from.
+
+    Parameters
+    ----------
+    file : Path, optional
+        What --config names; must exist.
+    environ : mapping, optional
+        Instead of the process environment.
+    options : mapping of section to mapping of key to value, optional
+        From the command line.
+
+    Returns
+    -------
+    Loaded
+        Checked.
+
+    Raises
+    ------
+    ConfigError
+        With every fault, each with its place.
+    """
+    tree: dict[str, Any] = {}
+    places: Places = {}
+    path = file or next((p for p in DEFAULT_FILES if p.is_file()), None)
+    if path is not None:
+        tree, places = read_yaml(path)
+    for (section, key), value, place in read_environment(
+        os.environ if environ is None else environ
+    ):
+        put(tree, section, key, value)
+        _came_from(place, (section, key) if key else (section,), value, places)
+    for name, values in (options or {}).items():
+        if not isinstance(values, Mapping):
+            tree[name] = values
+            places[name,] = "command line"
+            continue
+        for key, value in values.items():
+            put(tree, name, key, value)
+            places[name, key] = "command line"
+    if ("sensor", "port") in places and places["sensor", "port"] == "command line":
+        # One radar was asked for by hand: that is the whole run.
+        tree.pop("sensors", None)
+    config = _checked(tree, places)
+    folder = state_folder(config.service.state_dir, os.environ if environ is None else environ)
+    is_changed = lay_over(zones_path(folder, config.sensor.name, config.sensor.port), tree, places)
+    for name, entry in config.sensors.items():
+        own: Places = {}
+        radar: dict[str, Any] = dict(tree["sensors"][name])
+        tree["sensors"][name] = radar
+        is_changed |= lay_over(zones_path(folder, name, entry.port), radar, own)
+        places.update({("sensors", name, *where): place for where, place in own.items()})
+    return Loaded(_checked(tree, places) if is_changed else config, places)
+
+
+def _checked(tree: Mapping[str, Any], places: Places) -> Config:
+    try:
+        return Config.model_validate(tree)
+    except ValidationError as err:
+        lines = [explain(fault, places, Config) for fault in err.errors()]
+        raise ConfigError("; ".join(lines)) from err
+
+
+def _came_from(place: str, where: tuple[str, ...], value: Any, places: Places) -> None:
+    """Note where a value came from; a whole section takes those of its keys along."""
+    for old in [w for w in places if w[: len(where)] == where]:
+        del places[old]
+    places[where] = place
+    if isinstance(value, Mapping):
+        places.update({(*where, str(key)): place for key in value})
+
+
+def _filled(entry: Any, tree: Mapping[str, Any]) -> Any:
+    """Return an entry of `sensors` whose own sections have the common one's further keys."""
+    if not isinstance(entry, Mapping):
+        return entry
+    sections = {
+        name: {**common, **own}
+        for name in OWN_SECTIONS
+        if isinstance(own := entry.get(name), Mapping)
+        and isinstance(common := tree.get(name, {}), Mapping)
+    }
+    sensor = tree.get("sensor")
+    speed = sensor.get("speed") if isinstance(sensor, Mapping) else None
+    return {**({"speed": speed} if speed is not None else {}), **entry, **sections}

@@ -1,0 +1,82 @@
+"""Where the daemon keeps things: state that must outlive it, and the status of this moment.
+
+systemd names both folders (StateDirectory=, RuntimeDirectory=); run by hand, they are the
+user's own, and the last command's word (armed or not) is all that goes to the former. Clips,
+large and private, are made only where a folder was named.
+"""
+
+import os
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+
+from radard.config.config import Config
+from radard.config.saved_zones import state_folder, zones_path
+
+SYSTEM_RUNTIME_DIR = Path("/run/radard")
+"""Where the unit in deploy/systemd has it."""
+
+
+def state_dir(config: Config, environ: Mapping[str, str] = os.environ) -> Path:
+    """Return the folder of what is kept over a restart."""
+    return state_folder(config.service.state_dir, environ)
+
+
+def zones_file(config: Config, environ: Mapping[str, str] = os.environ) -> Path:
+    """Return where the dashboard keeps the sensor's zones."""
+    return zones_path(state_dir(config, environ), config.sensor.name, config.sensor.port)
+
+
+def calibration_file(config: Config, environ: Mapping[str, str] = os.environ) -> Path:
+    """Return where the calibration of the sensor's room is kept."""
+    return state_dir(config, environ) / f"{config.sensor.name}.calibration.json"
+
+
+def clip_dir(config: Config, environ: Mapping[str, str] = os.environ) -> Path | None:
+    """Return the folder of the clips; None when there shall be none.
+
+    Of several sensors in one process each has its own.
+    """
+    if not config.clips.enabled:
+        return None
+    named = named_state_dir(config, environ)
+    folder = config.clips.dir or (named / "clips" if named is not None else None)
+    if folder is not None and config.is_one_of_several:
+        return folder / config.sensor.name
+    return folder
+
+
+def outbox_dir(config: Config, environ: Mapping[str, str] = os.environ) -> Path | None:
+    """Return where undelivered events are kept; None with a sensor simulated or replayed by hand.
+
+    What such a run leaves undelivered must not arrive in the name of the real sensor.
+    """
+    if any((each.sensor.port or "").startswith(("sim:", "replay:")) for each in config.each()):
+        return named_state_dir(config, environ)
+    return state_dir(config, environ)
+
+
+def status_dirs(config: Config, environ: Mapping[str, str] = os.environ) -> tuple[Path, ...]:
+    """Return where a status file may lie, as seen by another user than the daemon's."""
+    own = runtime_dir(config, environ)
+    is_named = config.service.runtime_dir is not None or "RUNTIME_DIRECTORY" in environ
+    return (own,) if is_named else (SYSTEM_RUNTIME_DIR, own)
+
+
+def runtime_dir(config: Config, environ: Mapping[str, str] = os.environ) -> Path:
+    """Return the folder of the status file."""
+    if config.service.runtime_dir is not None:
+        return config.service.runtime_dir
+    if given := environ.get("RUNTIME_DIRECTORY"):
+        return Path(given.partition(":")[0])
+    if given := environ.get("XDG_RUNTIME_DIR"):
+        return Path(given) / "radard"
+    return Path(tempfile.gettempdir()) / f"radard-{os.getuid()}"
+
+
+def named_state_dir(config: Config, environ: Mapping[str, str] = os.environ) -> Path | None:
+    """Return the folder that configuration or systemd names for state, if any."""
+    if config.service.state_dir is not None:
+        return config.service.state_dir
+    given = environ.get("STATE_DIRECTORY", "").partition(":")[0]
+    return Path(given) if given else None

@@ -1,0 +1,48 @@
+"""Options of the daemon's command line that are configuration, and how they become it."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from radard.errors import UsageError
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options that configuration can hold as well, and --config."""
+    add = parser.add_argument
+    add("--port", help="/dev/ttyACM0, a pyserial URL, sim:SCENE[?seed=1] or replay:FILE")
+    add("-o", "--output", action="append", help="json, json:FILE, table or null; repeatable")
+    add("--model", help="installed bundle, .onnx file, none for the gate alone, or auto")
+    add("--profile", help="fast, balanced or accurate: the bundle of that name")
+    add("--sensitivity", choices=["low", "normal", "high"], help="see radard explain (normal)")
+    add("--speed", help="realtime, max or a factor (sim and replay)")
+    add("--config", type=Path, metavar="FILE", help="configuration file")
+    add("--wait", action="store_true", help="wait for a port that is absent at start")
+    add("--on-device-loss", choices=["wait", "quit"], help="when the device goes (wait)")
+
+
+def config_options(args: argparse.Namespace) -> dict[str, Any]:
+    """Return what was given, as `radard.config.config.load_config` takes it.
+
+    Raises UsageError if --model and --profile are both given.
+    """
+    if args.model and args.profile:
+        msg = "--model and --profile both name a model; give one"
+        raise UsageError(msg)
+    given = {
+        "sensor": {
+            "port": args.port,
+            "speed": args.speed,
+            "on_device_loss": args.on_device_loss,
+            "wait": args.wait or None,
+        },
+        "model": {"name": args.model or args.profile},
+        "alarm": {"sensitivity": args.sensitivity},
+    }
+    options: dict[str, Any] = {
+        section: {key: value for key, value in values.items() if value is not None}
+        for section, values in given.items()
+    }
+    if args.output:
+        options["output"] = args.output
+    return options

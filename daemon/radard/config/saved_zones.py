@@ -1,0 +1,127 @@
+"""Zones that were saved on the dashboard: a file of their own over the configuration's section.
+
+::
+
+    # Saved on the dashboard, 2026-11-21T06:00:00.000Z; goes before the section zones of files.
+    zones:
+      include: [[0.600, 3.000]]
+      exclude: []
+
+It lies in the state directory, one a sensor, and is read with the configuration: later than
+its file, earlier than environment and command line. Without it nothing has changed.
+"""
+
+import contextlib
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from radard.config.sources import ENV_PREFIX, Places, Where, put, read_yaml
+from radard.errors import ConfigError, OutputError
+
+Spans = Sequence[tuple[float, float]]
+_KEYS = ("include", "exclude")
+_STRONGER = (ENV_PREFIX, "command line")
+_SIMULATED = ("sim:", "replay:")
+
+
+def state_folder(named: Path | None, environ: Mapping[str, str]) -> Path:
+    """Return the folder of what is kept over a restart: named, systemd's or the user's."""
+    given = environ.get("STATE_DIRECTORY", "").partition(":")[0]
+    if named is not None or given:
+        return named or Path(given)
+    home = environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state"
+    return Path(home) / "radard"
+
+
+def zones_path(folder: Path, sensor: str, port: str | None) -> Path:
+    """Return where the zones of a sensor are kept; a simulated one has its own."""
+    is_simulated = (port or "").startswith(_SIMULATED)
+    return folder / f"{sensor}{'.sim' if is_simulated else ''}.zones.yaml"
+
+
+def lay_over(path: Path, tree: dict[str, Any], places: Places) -> bool:
+    """Put saved zones into the sections of a configuration; return whether that changed any.
+
+    Parameters
+    ----------
+    path : Path
+        From `zones_path`; nothing happens when it is not there.
+    tree : dict
+        Sections, changed in place.
+    places : dict
+        Where values came from, changed in place.
+
+    Raises
+    ------
+    ConfigError
+        If it is no file of zones.
+    """
+    with contextlib.suppress(OSError):
+        if path.is_file():
+            return _lay(path, tree, places)
+    return False
+
+
+def save(path: Path, include: Spans, exclude: Spans, *, now_utc: str) -> None:
+    """Write zones, to the millimetre, so that the file is there whole or as it was.
+
+    Raises
+    ------
+    OutputError
+        If the disk does not take it.
+    """
+    lines = [
+        f"# Saved on the dashboard, {now_utc}; goes before the section zones of files.",
+        "zones:",
+        f"  include: {_listed(include)}",
+        f"  exclude: {_listed(exclude)}",
+    ]
+    part = path.with_name(f".{path.name}.new")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+        with part.open("w", encoding="utf-8") as file:
+            file.write("\n".join(lines) + "\n")
+            file.flush()
+            os.fsync(file.fileno())
+        part.replace(path)
+    except OSError as err:
+        with contextlib.suppress(OSError):
+            part.unlink()
+        msg = f"{path}: cannot keep the zones: {err.strerror or err}"
+        raise OutputError(msg) from err
+
+
+def forget(path: Path) -> None:
+    """Take saved zones away; raises OutputError if that cannot be done."""
+    try:
+        path.unlink(missing_ok=True)
+    except OSError as err:
+        msg = f"{path}: cannot take the zones away: {err.strerror or err}"
+        raise OutputError(msg) from err
+
+
+def _listed(spans: Spans) -> str:
+    return f"[{', '.join(f'[{a:.3f}, {b:.3f}]' for a, b in spans)}]"
+
+
+def _lay(path: Path, tree: dict[str, Any], places: Places) -> bool:
+    raw, lines = read_yaml(path)
+    zones = raw.get("zones")
+    if set(raw) != {"zones"} or not isinstance(zones, dict) or not set(zones) <= set(_KEYS):
+        msg = f"{path}: not the zones that the dashboard saves; take it away"
+        raise ConfigError(msg)
+    old = tree.get("zones")
+    if old is not None and not isinstance(old, dict):
+        # Wrong, and said so by whoever checks the section.
+        return False
+    is_changed = False
+    for key, value in zones.items():
+        where: Where = ("zones", key)
+        if places.get(where, "").startswith(_STRONGER):
+            continue
+        put(tree, "zones", key, value)
+        places[where] = f"{lines[where]}, saved on the dashboard"
+        is_changed = True
+    return is_changed

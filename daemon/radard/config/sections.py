@@ -1,0 +1,193 @@
+"""Sections of the configuration that concern a radar and what is made of it."""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+
+from radard.config.quiet_hours import parse_quiet, time_zone
+
+NAME = r"^[A-Za-z0-9_-]+$"
+"""What the name of a sensor looks like: it becomes a part of topics and of file names."""
+AUTO_MODEL, DEFAULT_MODEL = "auto", "accurate"
+"""`model.name` that leaves the choice to `radard.classify.model_choice`, and the usual choice."""
+
+
+class Section(BaseModel):
+    """A section: unknown keys are errors, values stay as they were read."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+def _check_quiet(text: str) -> str:
+    parse_quiet(text)
+    return text
+
+
+def _check_zone(name: str | None) -> str | None:
+    time_zone(name)
+    return name
+
+
+def _check_span(span: tuple[float, float]) -> tuple[float, float]:
+    if not 0 <= span[0] < span[1] < 1000:
+        msg = "must be [from, to] in metres, from below to"
+        raise ValueError(msg)
+    return span
+
+
+Span = Annotated[tuple[float, float], AfterValidator(_check_span)]
+
+
+class SensorSection(Section):
+    """Which radar."""
+
+    name: str = Field("radar", pattern=NAME, description="name of this sensor")
+    port: str | None = Field(None, description="what --port says")
+    speed: str = Field("auto", description="realtime, max, a factor, or auto")
+    wait: bool = Field(False, description="wait for a port that is absent at start")
+    on_device_loss: Literal["wait", "quit"] = Field("wait", description="when the port goes")
+
+
+class ModelSection(Section):
+    """Which classifier."""
+
+    name: str = Field(
+        AUTO_MODEL, description="installed bundle, file, none for the gate alone, or auto"
+    )
+
+
+class GateSection(Section):
+    """When something counts as moving."""
+
+    threshold_db: float = Field(5.0, ge=0, le=60, description="over the noise floor")
+    adapt_db: float = Field(40.0, ge=0, le=60, description="most that a bin may learn")
+    memory_s: float = Field(60.0, ge=1, le=3600, description="how long a dwell is remembered")
+    learn_s: float = Field(20.0, ge=1, le=3600, description="motion in place before learning")
+    in_place_m: float = Field(0.2, gt=0, le=2, description="what counts as in place")
+    calibration: str = Field("auto", min_length=1, description="file, none, or auto: if made")
+    calibrate_after_s: float = Field(
+        30.0, ge=0, le=3600, description="time to leave the room when a command calibrates"
+    )
+    calibrate_s: float = Field(60.0, ge=25, le=3600, description="and how long it then listens")
+    floor_rate_db_per_s: float = Field(0.5, gt=0, le=60, description="most a bin's floor moves")
+    adaptive: bool = Field(False, description="the threshold follows how restless the room is")
+    least_db: float = Field(3.0, ge=0, le=60, description="an adaptive threshold stays above")
+    most_db: float = Field(15.0, ge=0, le=60, description="and below this")
+    threshold_rate_db_per_s: float = Field(0.05, gt=0, le=60, description="and moves so slowly")
+
+    @model_validator(mode="after")
+    def _check_bounds(self) -> "GateSection":
+        if self.least_db > self.most_db:
+            msg = "least_db cannot be more than most_db"
+            raise ValueError(msg)
+        if self.adaptive and not self.least_db <= self.threshold_db <= self.most_db:
+            msg = "an adaptive threshold_db must begin between least_db and most_db"
+            raise ValueError(msg)
+        return self
+
+
+class DecisionSection(Section):
+    """When a motion is an alarm."""
+
+    policy: Literal["window", "fused"] | None = Field(None, description="null: the bundle's own")
+    pet_limit: float | None = Field(None, ge=0.5, le=1, description="null: the bundle's own (0.8)")
+    decide_within_s: float = Field(
+        3.0, ge=0, le=3, description="policy fused: wait for evidence at most so long"
+    )
+
+
+class AlarmSection(Section):
+    """When decisions become an alarm event, and for how long."""
+
+    armed: bool = Field(True, description="at the first start; a command's word is kept")
+    sensitivity: Literal["low", "normal", "high"] = Field("normal", description="see explain")
+    confirm_k: int | None = Field(None, ge=1, le=16, description="so many alarm decisions")
+    confirm_n: int | None = Field(None, ge=1, le=16, description="of so many")
+    p_on: float | None = Field(None, ge=0, le=1, description="least p(human) that counts")
+    p_off: float | None = Field(None, ge=0, le=1, description="below it, nobody is seen")
+    entry_delay_s: float = Field(0.0, ge=0, le=600, description="time to disarm")
+    latch_s: float = Field(15.0, ge=0, le=86_400, description="alarm stays on unseen so long")
+    refractory_s: float = Field(10.0, ge=0, le=3600, description="no new alarm after one")
+    quiet: tuple[Annotated[str, AfterValidator(_check_quiet)], ...] = Field(
+        (), description="22:00-06:30, Mon-Fri 08:00-17:00: no alarm then"
+    )
+    timezone: Annotated[str | None, AfterValidator(_check_zone)] = Field(
+        None, description="of the quiet periods; null: the machine's"
+    )
+
+    @model_validator(mode="after")
+    def _check_confirmation(self) -> "AlarmSection":
+        if self.confirm_k and self.confirm_n and self.confirm_k > self.confirm_n:
+            msg = "confirm_k cannot be more than confirm_n"
+            raise ValueError(msg)
+        return self
+
+
+class ZonesSection(Section):
+    """Ranges that alarm events heed, [from, to] in metres."""
+
+    include: tuple[Span, ...] = Field((), description="only these; empty: all")
+    exclude: tuple[Span, ...] = Field((), description="not these")
+
+
+class TamperSection(Section):
+    """When the sensor counts as covered, moved or jammed."""
+
+    enabled: bool = Field(True, description="whether to look for it")
+    learn_s: float = Field(20.0, ge=1, le=3600, description="still echoes before judging")
+    hold_s: float = Field(20.0, ge=1, le=3600, description="how long a change must last")
+    covered_db: float = Field(6.0, ge=1, le=60, description="change of the still echoes' level")
+    moved_coherence: float = Field(0.8, ge=0, le=1, description="echoes agree less than so")
+    noise_db: float = Field(6.0, ge=1, le=60, description="change of the noise floor")
+
+
+class ClipsSection(Section):
+    """What is kept of an alarm."""
+
+    enabled: bool = Field(True, description="false: no frames are ever kept")
+    dir: Path | None = Field(None, description="null: clips in the state directory, if any")
+    pre_s: float = Field(12.0, ge=0, le=60, description="before the alarm")
+    post_s: float = Field(5.0, ge=0, le=60, description="after somebody was last seen")
+    longest_s: float = Field(60.0, ge=1, le=600, description="all in all")
+    keep_mb: float = Field(500.0, ge=1, description="the oldest clips go beyond that")
+    free_mb: float = Field(200.0, ge=0, description="space that is left on the disk")
+
+
+class ServiceSection(Section):
+    """Folders of the daemon."""
+
+    state_dir: Path | None = Field(None, description="null: $STATE_DIRECTORY, else the user's")
+    runtime_dir: Path | None = Field(None, description="null: $RUNTIME_DIRECTORY, else the user's")
+
+
+class RadarSections(Section):
+    """What concerns the radar and what is made of it."""
+
+    sensor: SensorSection = SensorSection()
+    model: ModelSection = ModelSection()
+    gate: GateSection = GateSection()
+    decision: DecisionSection = DecisionSection()
+    alarm: AlarmSection = AlarmSection()
+    zones: ZonesSection = ZonesSection()
+    tamper: TamperSection = TamperSection()
+    clips: ClipsSection = ClipsSection()
+    service: ServiceSection = ServiceSection()
+
+
+class SensorEntry(Section):
+    """One of several radars; a section of its own holds what differs from the common one."""
+
+    port: str = Field(description="what --port says")
+    speed: str = Field("auto", description="realtime, max, a factor, or auto")
+    model: ModelSection | None = Field(None, description="null: as all the others")
+    gate: GateSection | None = None
+    decision: DecisionSection | None = None
+    alarm: AlarmSection | None = None
+    zones: ZonesSection | None = None
+    tamper: TamperSection | None = None
+    clips: ClipsSection | None = None
+
+
+OWN_SECTIONS = tuple(n for n in RadarSections.model_fields if n in SensorEntry.model_fields)
+"""Sections that an entry of `sensors` may have."""

@@ -1,0 +1,147 @@
+"""ClutterMap: the room as it is when nothing moves, learned online; and its removal.
+
+`ClutterRemover` stands between ring and gate: it takes spikes, jitter and the map out of a
+dwell, so that all that follows works on what moves and on noise.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radard.dsp.clutter import Flags, repeat_usable, sound_rows, spike_rows
+from radard.dsp.jitter import JitterFit, take_out_jitter
+from radard.dsp.noise import noise_of, second_differences
+from radard.stream.ring import Dwell
+
+_STILL = 2.0
+
+
+class ClutterMap:
+    """Mean of every range bin, with a memory that is longer where something moves.
+
+    Each block of frames counts with a weight s per bin, 1 where the bin is still and falling
+    with its power over the noise to ``memory_s / longest_s`` where something moves::
+
+        b += s n / (N + s n) (mean of the block - b),   N = min(N + s n, memory)
+
+    So the map begins as a plain mean, follows slow drift within `memory_s` afterwards, and
+    somebody in the room enters it at most at the rate of `longest_s`.
+
+    Parameters
+    ----------
+    n_range : int
+        Range bins.
+    frame_rate_hz : float
+        Frames per second.
+    memory_s : float
+        Time constant of a still bin, in seconds.
+    longest_s : float
+        Longest time constant of a bin in which something moves, in seconds.
+
+    Notes
+    -----
+    State is complex128 in increment form: relative error against extended precision below
+    1e-12 after any number of frames, for samples up to 1e30.
+    """
+
+    def __init__(
+        self,
+        n_range: int,
+        frame_rate_hz: float,
+        *,
+        memory_s: float = 20.0,
+        longest_s: float = 600.0,
+    ) -> None:
+        self._memory = memory_s * frame_rate_hz
+        self._least = memory_s / longest_s
+        self.mean = np.zeros(n_range, np.complex128)
+        """Clutter of every bin in sample units, ndarray, shape (n_range,), complex128."""
+        self._count = np.zeros(n_range)
+
+    def update(
+        self, block_mean: NDArray[np.complex128], n: int, motion: NDArray[np.float64]
+    ) -> None:
+        """Learn from a block of frames.
+
+        Parameters
+        ----------
+        block_mean : ndarray, shape (n_range,), complex128
+            Mean of its usable frames.
+        n : int
+            How many they are; none changes nothing.
+        motion : ndarray, shape (n_range,), float64
+            Residual power over the noise, linear; up to 2 a bin counts as still.
+        """
+        if n == 0:
+            return
+        weight = n * np.clip(_STILL / np.maximum(motion, _STILL), self._least, 1.0)
+        self._count += weight
+        self.mean += (weight / self._count) * (block_mean - self.mean)
+        np.minimum(self._count, self._memory, out=self._count)
+
+
+class ClutterRemover:
+    """Take out of every dwell what does not move: spikes, jitter, clutter.
+
+    Stateful: the clutter map learns from the frames that are new in each dwell. Within the
+    first dwell the map is its mean.
+    """
+
+    def __init__(self) -> None:
+        self._map: ClutterMap | None = None
+        self._t_s = 0.0
+        self.fit: JitterFit | None = None
+        """Jitter of the last dwell."""
+
+    def reset(self) -> None:
+        """Forget the room, as after a restart of the module."""
+        self._map = None
+
+    def remove(self, dwell: Dwell) -> Dwell:
+        """Return the dwell without its clutter.
+
+        Parameters
+        ----------
+        dwell : Dwell
+            As the ring hands it out; it is not changed.
+
+        Returns
+        -------
+        Dwell
+            Frames of its own, in the same unit. Spikes and frames that are not finite are
+            marked as lost in `valid` and `n_lost`, and every lost frame repeats the one
+            before; `longest_gap_s` stays that of the stream. The map is one frame that is
+            taken off all frames alike, so Doppler is what it was.
+        """
+        rows, usable, scale = sound_rows(dwell.frames, dwell.valid)
+        usable &= ~spike_rows(rows, usable)
+        self.fit = take_out_jitter(rows, usable, dwell.axis)
+        n_new = len(rows)
+        if self._map is None:
+            self._map = ClutterMap(rows.shape[1], dwell.frame_rate_hz)
+        else:
+            n_new = min(n_new, round((dwell.t_s - self._t_s) * dwell.frame_rate_hz))
+        self._t_s = dwell.t_s
+        if n_new > 0:
+            _learn(self._map, rows[-n_new:], usable[-n_new:], scale)
+        rows -= (self._map.mean / scale).astype(np.complex64)
+        if not usable.all():
+            repeat_usable(rows, usable, ~usable)
+        parts = rows.view(np.float32)
+        parts *= np.float32(scale)
+        n_lost = int(np.count_nonzero(~usable))
+        return replace(dwell, frames=rows, valid=usable, n_lost=n_lost)
+
+
+def _learn(room: ClutterMap, rows: NDArray[np.complex64], usable: Flags, scale: float) -> None:
+    good = rows if usable.all() else rows[usable]
+    if len(good) == 0:
+        return
+    mean = good.mean(axis=0, dtype=np.complex128)
+    moving = (good - mean.astype(np.complex64)).view(np.float32)
+    np.square(moving, out=moving)
+    power = moving.mean(axis=0, dtype=np.float64).reshape(-1, 2).sum(axis=1)
+    noise = noise_of(second_differences(rows, usable))
+    motion = power / noise if noise > 0 else np.zeros(len(power))
+    room.update(mean * scale, len(good), motion)

@@ -1,0 +1,251 @@
+"""Gate: say whether anything moves that is not part of the room's background.
+
+The receiver's noise is visible in every dwell, also in one with somebody in it, so the gate
+works from the first dwell on and in any unit. On top of it, a background is learned per
+range bin: what stays in one place for long (a breathing sleeper, a washing machine, a dog
+in its basket) blinds its own few bins and no others. Only dwells whose motion keeps its
+range are learned from, so nobody who walks through the room ever becomes background, and
+power far over the noise is never learned at all.
+
+With p the residual power of a bin, k the threshold, the background b >= noise and means over
+any stretch of range as long as a body::
+
+    background = mean over bins of min(p, k b)
+    open if  mean(p) > background + (k - 1) noise
+
+In an empty room that is k times the noise. A stretch, not the swath: spread over all of it,
+somebody far away is weaker by the ratio of the two (8 dB for an X2, 13 dB for an X4M03 that
+looks 9 m deep). Noise, background and k are per range bin: noise from the stream
+(`radard.detect.noise_floor`) or, with k, from a calibration file. Powers are dB of 10 log10(mean
+residual power per bin and frame) of the stretch that stands out most, in sample units squared.
+
+k is fixed, or adaptive: then it follows how far the power of closed dwells stands over the
+floor and how much that varies, slowly and within bounds, so that a quiet room becomes more
+sensitive and a restless one less.
+"""
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from radard.detect.calibration import Calibration
+from radard.detect.noise_floor import NoiseFloor
+from radard.dsp.clutter import block_power, centre_spread_m, sound_rows
+from radard.dsp.median import median
+from radard.dsp.noise import second_differences
+from radard.stream.ring import Dwell
+
+_TINY = 1e-300
+_SIGMAS = 8.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GateSettings:
+    """How the gate decides.
+
+    Attributes
+    ----------
+    threshold_db : float
+        How far power must stand out of the floor, in dB.
+    adapt_db : float
+        A bin's background may be learned up to so far above the receiver's noise, in dB.
+    memory_s : float
+        How long a dwell is remembered, in seconds.
+    learn_s : float
+        So many seconds of motion in place, within the memory, make a background.
+    in_place_m : float
+        Motion that wanders less than this within a dwell is in place, in metres.
+    extent_m : float
+        Length of a stretch of range that is judged as one, in metres.
+    cpi_s : float
+        Motion slower than one cycle in this time counts as clutter, in seconds.
+    floor_rate_db_per_s : float
+        Most that a bin's noise floor moves against the others, in dB per second.
+    is_adaptive : bool
+        Whether the threshold adapts; it begins at `threshold_db`.
+    least_db, most_db : float
+        Between these an adaptive threshold stays, in dB.
+    threshold_rate_db_per_s : float
+        Most that an adaptive threshold moves, in dB per second.
+    """
+
+    threshold_db: float = 5.0
+    adapt_db: float = 40.0
+    memory_s: float = 60.0
+    learn_s: float = 20.0
+    in_place_m: float = 0.2
+    extent_m: float = 0.4
+    cpi_s: float = 28 / 60
+    floor_rate_db_per_s: float = 0.5
+    is_adaptive: bool = False
+    least_db: float = 3.0
+    most_db: float = 15.0
+    threshold_rate_db_per_s: float = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class GateReading:
+    """What the gate saw.
+
+    Attributes
+    ----------
+    is_open : bool
+        Something moves; the same as power_db > threshold_db.
+    power_db : float
+        Mean residual power of the stretch of range that stands out most.
+    noise_floor_db : float
+        Receiver's noise and learned background there, mean over bins.
+    threshold_db : float
+        What the power had to exceed.
+    range_m : float
+        Where the residual power stands out most, in metres.
+    """
+
+    is_open: bool
+    power_db: float
+    noise_floor_db: float
+    threshold_db: float
+    range_m: float
+
+
+class Gate:
+    """Judge one dwell after another.
+
+    Parameters
+    ----------
+    settings : GateSettings
+        Threshold and learning.
+    hop_s : float
+        Stream time between dwells, in seconds.
+    calibration : Calibration, optional
+        Floors and thresholds instead of those of stream and settings; checked against the
+        stream by whoever loads it.
+    """
+
+    def __init__(
+        self, settings: GateSettings, hop_s: float = 1.0, calibration: Calibration | None = None
+    ) -> None:
+        self._settings = settings
+        self._calibration = calibration
+        self._hop_s = hop_s
+        n_memory = max(1, round(settings.memory_s / hop_s))
+        self._n_learn = max(1, round(settings.learn_s / hop_s))
+        self._noise = NoiseFloor(n_memory, settings.floor_rate_db_per_s * hop_s)
+        self._in_place: deque[NDArray[np.float64] | None] = deque(maxlen=n_memory)
+        self._quiet_db: deque[float] = deque(maxlen=n_memory)
+        self._threshold_db = settings.threshold_db
+        self.background: NDArray[np.float64] = np.zeros(0)
+        """Noise and learned background of every bin at the last dwell, in sample units
+        squared, ndarray, shape (n_range,), float64."""
+        self.power: NDArray[np.float64] = np.zeros(0)
+        """Residual power of every bin in the last dwell, in the same unit and shape."""
+        self.noise: NDArray[np.float64] = np.zeros(0)
+        """Receiver's noise of every bin as the stream itself shows it, likewise."""
+
+    def reset(self) -> None:
+        """Forget what was learned, as after a restart of the module."""
+        self._noise.reset()
+        self._in_place.clear()
+        self._quiet_db.clear()
+        self._threshold_db = self._settings.threshold_db
+
+    def read(self, dwell: Dwell) -> GateReading:
+        """Judge one dwell and learn from it.
+
+        Parameters
+        ----------
+        dwell : Dwell
+            Whole enough to be judged; with or without its static clutter.
+
+        Returns
+        -------
+        GateReading
+            A stream without any power is closed, and so is a dwell without a usable CPI.
+        """
+        s = self._settings
+        n_cpi = min(max(4, round(s.cpi_s * dwell.frame_rate_hz)), len(dwell.frames))
+        rows, usable, scale = sound_rows(dwell.frames, dwell.valid)
+        unit = scale**2
+        cpi_power = block_power(rows, usable, n_cpi, 1)[0][:, 0]
+        noise, floor = self._noise.update(second_differences(rows, usable), cpi_power, n_cpi, unit)
+        self.noise = floor
+        if self._calibration is not None:
+            floor = self._calibration.floor
+        cpi_power *= unit
+        power = cpi_power.mean(axis=0) if len(cpi_power) else np.zeros(len(floor))
+        self.power = power
+        self.background = self._learned(noise, floor)
+        spread_m = centre_spread_m(cpi_power, noise, dwell.axis.range_m)
+        self._in_place.append(power if spread_m < s.in_place_m else None)
+
+        over = self._over()
+        background = np.minimum(power, over * self.background)
+        n_bins = bins_of(s.extent_m, dwell.axis.bin_length_m)
+        means = stretches(np.stack([power, background + (over - 1) * floor]), n_bins)
+        # Over no noise at all, any power stands out without bounds.
+        ratio = np.where(means[0] > 0, np.inf, 0.0)
+        k = int(np.argmax(np.divide(means[0], means[1], out=ratio, where=means[1] > 0)))
+        mean, threshold = (float(row[k]) for row in means)
+        reading = GateReading(
+            mean > threshold,
+            _db(mean),
+            _db(float(self.background[k : k + n_bins].mean())),
+            _db(threshold),
+            float(dwell.axis.range_m[int(np.argmax(power - background))]),
+        )
+        if s.is_adaptive and not reading.is_open and mean > 0:
+            self._adapt(reading.power_db - reading.noise_floor_db)
+        return reading
+
+    def _over(self) -> float | NDArray[np.float64]:
+        if self._calibration is not None:
+            return np.asarray(10 ** (self._calibration.threshold_db / 10))
+        return float(10 ** (self._threshold_db / 10))
+
+    def _learned(self, noise: float, floor: NDArray[np.float64]) -> NDArray[np.float64]:
+        learned = [power for power in self._in_place if power is not None]
+        if len(learned) < self._n_learn:
+            return floor
+        most = noise * 10 ** (self._settings.adapt_db / 10)
+        return np.maximum(np.minimum(median(np.stack(learned, axis=1)), most), floor)
+
+    def _adapt(self, excess_db: float) -> None:
+        s = self._settings
+        self._quiet_db.append(excess_db)
+        if len(self._quiet_db) < self._n_learn:
+            return
+        quiet = np.array(self._quiet_db)
+        aim_db = np.clip(quiet.mean() + _SIGMAS * quiet.std(), s.least_db, s.most_db)
+        most = s.threshold_rate_db_per_s * self._hop_s
+        self._threshold_db += float(np.clip(aim_db - self._threshold_db, -most, most))
+
+
+def bins_of(extent_m: float, bin_length_m: float) -> int:
+    """Return how many range bins make a stretch of a length."""
+    return max(1, round(extent_m / bin_length_m))
+
+
+def stretches(values: NDArray[np.float64], n_bins: int) -> NDArray[np.float64]:
+    """Return the means over all stretches of neighbouring bins.
+
+    Parameters
+    ----------
+    values : ndarray, shape (..., n_range), float64
+        Not negative.
+    n_bins : int
+        Length of a stretch; all bins where there are fewer.
+
+    Returns
+    -------
+    ndarray, shape (..., n_stretches), float64
+        Stretch k begins at bin k. Relative error at most 1e-12 of the strongest.
+    """
+    n_bins = min(n_bins, values.shape[-1])
+    return np.asarray(sliding_window_view(values, n_bins, axis=-1).mean(axis=-1))
+
+
+def _db(power: float) -> float:
+    return float(10 * np.log10(max(power, _TINY)))

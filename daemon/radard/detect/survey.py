@@ -1,0 +1,246 @@
+"""Survey of an empty room: from its dwells to a `Calibration`, and what that one promises.
+
+For every dwell there is a factor u at which thresholds 1 + u h, h over range, would just
+open the gate; it solves, with p the residual power and b the floor (see `radard.detect.gate`)::
+
+    mean(max(p - (1 + u h) b, 0)) = u mean(h b)
+
+with means over the stretch of range that gives the largest u. Whether a threshold is ever
+reached in this room is so a question about one number a dwell.
+Its logarithm is taken as normal, and what is predicted for dwells to come is Student's t
+with as many degrees of freedom as there were dwells without overlap, less one: a short
+survey promises less. (The predictive distribution of a normal sample; Geisser 1993,
+recalled.) What no survey can see, such as a receiver that warms up over hours, is left to
+`least_db`.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import stdtr, stdtrit
+
+from radard.detect.calibration import Calibration, Provenance
+from radard.detect.clutter_map import ClutterRemover
+from radard.detect.gate import Gate, GateSettings, bins_of, stretches
+from radard.detect.tracks import Tracker
+from radard.errors import RadardError
+from radard.stream.ring import Dwell
+from x2radar.frame import FastTimeAxis
+
+DAY_S = 86_400.0
+LEAST_DB = 3.0
+LEAST_INDEPENDENT = 8
+_UNREST_DB = 6.0
+_PLACE_M = 0.5
+_SPAN = (-12.0, 12.0)
+_STEPS = 50
+
+Array = NDArray[np.float64]
+
+
+class RoomNotEmpty(RadardError):
+    """Somebody or something moves where nothing should."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Seen:
+    """Where and when something stood out."""
+
+    t_s: float
+    range_m: float
+
+
+class RoomSurvey:
+    """Listen to an empty room.
+
+    Parameters
+    ----------
+    settings : GateSettings
+        Those of the gate that will use the calibration.
+    hop_s : float
+        Stream time between dwells, in seconds.
+    """
+
+    def __init__(self, settings: GateSettings, hop_s: float) -> None:
+        self._gate = Gate(settings, hop_s)
+        self._extent_m = settings.extent_m
+        self._remover = ClutterRemover()
+        self._tracker = Tracker()
+        self._hop_s = hop_s
+        self._power: list[Array] = []
+        self._noise: list[Array] = []
+        self._seen: list[_Seen] = []
+        self._paths: dict[int, tuple[float, float]] = {}
+        self._n_skipped = 0
+        self._dwell_s = 0.0
+        self._last: Dwell | None = None
+
+    @property
+    def n_dwells(self) -> int:
+        """Dwells that count."""
+        return len(self._power)
+
+    def add(self, dwell: Dwell) -> bool:
+        """Take a dwell, one after the other; return whether something moved in it.
+
+        Dwells with too many frames missing are left out.
+        """
+        moving = self._remover.remove(dwell) if dwell.is_whole else dwell
+        if not moving.is_whole:
+            self._n_skipped += 1
+            return False
+        reading = self._gate.read(moving)
+        tracks = self._tracker.update(moving, self._gate.background)
+        self._power.append(self._gate.power)
+        self._noise.append(self._gate.noise)
+        self._dwell_s = len(dwell.frames) / dwell.frame_rate_hz
+        self._last = moving
+        for track in tracks:
+            low, high = self._paths.get(track.id, (track.range_m, track.range_m))
+            self._paths[track.id] = min(low, track.range_m), max(high, track.range_m)
+        seen = [_Seen(dwell.t_s, track.range_m) for track in tracks]
+        if reading.is_open:
+            seen.append(_Seen(dwell.t_s, reading.range_m))
+        self._seen += seen
+        return bool(seen)
+
+    def check_empty(self, *, takes_machines: bool = False) -> None:
+        """Raise RoomNotEmpty if something moved.
+
+        Parameters
+        ----------
+        takes_machines : bool
+            What stays in its place is part of the room: only who travels half a metre or
+            more counts.
+        """
+        axis, seen = self._axis, self._seen
+        noise = np.mean(self._noise, axis=0)
+        excess_db = np.where(noise > 0, _db(np.mean(self._power, axis=0)) - _db(noise), 0.0)
+        worst = int(np.argmax(excess_db))
+        cure = "leave it empty and try again; --with-machines takes what stays in its place"
+        if takes_machines:
+            ends = [span for span in self._paths.values() if span[1] - span[0] > _PLACE_M]
+            if ends:
+                low, high = ends[0]
+                msg = (
+                    f"the room is not empty: something went from {low:.1f} to "
+                    f"{high:.1f} m; leave it empty and try again"
+                )
+                raise RoomNotEmpty(msg)
+            return
+        if seen:
+            ranges_m = np.array([each.range_m for each in seen])
+            times = len({each.t_s for each in seen})
+            msg = (
+                f"the room is not empty: something moves at {ranges_m.min():.1f} to "
+                f"{ranges_m.max():.1f} m, in {times} of {self.n_dwells} windows; {cure}"
+            )
+            raise RoomNotEmpty(msg)
+        if excess_db[worst] > _UNREST_DB:
+            msg = (
+                f"the room is not empty: something stirs at {axis.range_m[worst]:.1f} m, "
+                f"{excess_db[worst]:.0f} dB over the noise, perhaps breath or a fan; {cure}"
+            )
+            raise RoomNotEmpty(msg)
+
+    def calibration(
+        self,
+        provenance: Callable[[int, float, float], Provenance],
+        *,
+        false_gates_per_day: float = 1.0,
+        least_db: float = LEAST_DB,
+    ) -> Calibration:
+        """Return the calibration.
+
+        Parameters
+        ----------
+        provenance : callable
+            Takes the number of dwells, the seconds of stream in them and the predicted
+            false gates a day.
+        false_gates_per_day : float
+            How many decisions a day may open the gate in this room.
+        least_db : float
+            No threshold is lower, in dB.
+
+        Returns
+        -------
+        Calibration
+            Checked against nothing but itself.
+
+        Raises
+        ------
+        RadardError
+            If too little was heard.
+        """
+        independent = self.n_dwells * self._hop_s / max(self._dwell_s, self._hop_s)
+        if independent < LEAST_INDEPENDENT or not np.any(self._power):
+            msg = (
+                f"too little was heard: {self.n_dwells} sound windows, {self._n_skipped} with "
+                f"frames missing; give it a longer --duration, or see 'x2radar selftest'"
+            )
+            raise RadardError(msg)
+        power = np.array(self._power)
+        floor = power.mean(axis=0)
+        live = floor > 0
+        n_bins = bins_of(self._extent_m, self._axis.bin_length_m)
+        scatter = np.zeros(len(floor))
+        scatter[live] = power[:, live].std(axis=0, ddof=1) / floor[live]
+        # A bin that happened to be calm is not calmer than half of them by much.
+        scatter = np.maximum(scatter, np.median(scatter[live]) / 2)
+        share = min(0.5, false_gates_per_day * self._hop_s / DAY_S)
+        least = 10 ** (least_db / 10) - 1
+        log_u = _factors(power, floor, scatter, n_bins)
+        over = np.maximum(max(_reach(log_u, share, independent), 0) * scatter, least)
+        log_u = _factors(power, floor, over, n_bins)
+        predicted = _share_over(log_u, independent) * DAY_S / self._hop_s
+        heard_s = (self.n_dwells - 1) * self._hop_s + self._dwell_s
+        assert self._last is not None  # noqa: S101 - there were dwells
+        return Calibration(
+            frame_rate_hz=self._last.frame_rate_hz,
+            bin_length_m=self._axis.bin_length_m,
+            range_offset_m=self._axis.range_offset_m,
+            floor=floor,
+            threshold_db=_db(1 + over),
+            provenance=provenance(self.n_dwells, heard_s, predicted),
+        )
+
+    @property
+    def _axis(self) -> FastTimeAxis:
+        if self._last is None:
+            msg = "nothing was heard: no window was sound; see 'x2radar selftest'"
+            raise RadardError(msg)
+        return self._last.axis
+
+
+def _factors(power: Array, floor: Array, over: Array, n_bins: int) -> Array:
+    """Return log u of every dwell, shape (n_dwells,): bisection, to 1e-11 of it."""
+    low, high = np.full(len(power), _SPAN[0]), np.full(len(power), _SPAN[1])
+    need = stretches(over * floor, n_bins)
+    for _ in range(_STEPS):
+        middle = (low + high) / 2
+        u = np.exp(middle)[:, None]
+        excess = stretches(np.maximum(power - (1 + u * over) * floor, 0), n_bins)
+        opens = (excess > u * need).any(axis=1)
+        low, high = np.where(opens, middle, low), np.where(opens, high, middle)
+    return np.asarray((low + high) / 2)
+
+
+def _reach(log_u: Array, share: float, independent: float) -> float:
+    """Return the factor that only `share` of the dwells to come will pass."""
+    spread = log_u.std(ddof=1) * np.sqrt(1 + 1 / independent)
+    reach = log_u.mean() - stdtrit(independent - 1, share) * spread
+    return float(np.exp(min(reach, _SPAN[1])))
+
+
+def _share_over(log_u: Array, independent: float) -> float:
+    """Return which share of the dwells to come will pass a factor of one."""
+    spread = float(log_u.std(ddof=1)) * np.sqrt(1 + 1 / independent)
+    if spread == 0:
+        return float(log_u.mean() > 0)
+    return float(stdtr(independent - 1, log_u.mean() / spread))
+
+
+def _db(power: Array) -> Array:
+    return np.asarray(10 * np.log10(np.maximum(power, 1e-300)))

@@ -1,0 +1,308 @@
+"""Tracks: detections followed over time, so that each body can be judged by itself.
+
+Every block of about 0.12 s gives peaks of residual power (`radard.dsp.cfar`); a Kalman
+filter with nearly constant velocity follows each body through them, within a dwell and from
+dwell to dwell. Velocity comes from range over time and so does not alias, unlike Doppler.
+Everything is decided by stream time and in a fixed order: the same frames give the same
+tracks.
+
+Rules of life:
+
+* a peak that no track takes, and that is not at another track's side, begins a candidate;
+* a candidate that is hit in 4 of its first 6 blocks is born and numbered, from 1 on;
+* a track dies when it was not hit for `coast_s`, also behind the edge of the swath, or when
+  it has moved along with an older one, closer than a body is long, for a second.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radard.dsp.cfar import Peak, find_peaks, power_map
+from radard.stream.ring import Dwell
+
+_BIRTH_HITS = 4
+_BIRTH_BLOCKS = 6
+_FIRST_SPEED_MPS = 1.5
+_LEAVE_M = 0.3
+_SLOW_DOWN_S = 0.3
+_POWER_MEMORY = 0.2
+_SAME_RATE_MPS = 0.4
+_REACH = 4.0
+_POWER_SPREAD_DB = 6.0
+_MERGE_S = 1.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrackSettings:
+    """How bodies are followed.
+
+    Attributes
+    ----------
+    least_db : float
+        A peak counts from here over the floor, in dB.
+    acceleration_mps2 : float
+        Typical acceleration, in metres per second squared.
+    range_error_m : float
+        Typical error of a peak's range: a body is long, in metres.
+    beside_m : float
+        Peaks nearer than this to a track are its own limbs, in metres.
+    coast_s : float
+        A track without hits lives on so long, in seconds.
+    most_tracks : int
+        No more than these are followed; the oldest go first.
+    """
+
+    least_db: float = 9.0
+    acceleration_mps2: float = 1.5
+    range_error_m: float = 0.08
+    beside_m: float = 0.35
+    coast_s: float = 1.5
+    most_tracks: int = 8
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Track:
+    """A body at the end of a dwell.
+
+    Attributes
+    ----------
+    id : int
+        Number in the order of birth, from 1; never given twice.
+    range_m : float
+        Range at the end of the dwell, in metres.
+    radial_velocity_mps : float
+        Positive when it approaches, in metres per second.
+    power_db : float
+        Smoothed peak power over the floor, in dB.
+    unseen_s : float
+        Time since its last hit, in seconds.
+    path_m : ndarray, shape (n_slow,), float64
+        Its range at every frame of the dwell; before it was first seen, its first range.
+    """
+
+    id: int
+    range_m: float
+    radial_velocity_mps: float
+    power_db: float
+    unseen_s: float
+    path_m: NDArray[np.float64]
+
+
+@dataclass(slots=True)
+class _Body:
+    """A candidate or track while it is followed; range rate is positive when receding."""
+
+    time_s: float
+    range_m: float
+    power_db: float
+    variance: list[float]
+    rate_mps: float = 0.0
+    id: int = 0
+    hits: int = 1
+    blocks: int = 1
+    seen_s: float = 0.0
+    apart_s: float = 0.0
+    nodes: list[tuple[float, float]] = field(default_factory=list)
+
+    @property
+    def is_doubtful(self) -> bool:
+        """Whether it can no longer be born: too many blocks without a hit."""
+        return self.blocks - self.hits > _BIRTH_BLOCKS - _BIRTH_HITS
+
+    def predict(self, time_s: float, acceleration_mps2: float) -> None:
+        dt = time_s - self.time_s
+        self.time_s = time_s
+        self.blocks += 1
+        self.range_m += self.rate_mps * dt
+        if time_s - self.seen_s > _SLOW_DOWN_S / 2:
+            self.rate_mps *= float(np.exp(-dt / _SLOW_DOWN_S))
+        rr, rv, vv = self.variance
+        q = acceleration_mps2**2 * dt
+        self.variance = [
+            rr + 2 * dt * rv + dt * dt * vv + q * dt * dt / 3,
+            rv + dt * vv + q * dt / 2,
+            vv + q,
+        ]
+
+    def correct(self, peak: Peak, error_m: float) -> None:
+        rr, rv, vv = self.variance
+        gain_r, gain_v = rr / (rr + error_m**2), rv / (rr + error_m**2)
+        surprise = peak.range_m - self.range_m
+        self.range_m += gain_r * surprise
+        self.rate_mps += gain_v * surprise
+        self.variance = [(1 - gain_r) * rr, (1 - gain_r) * rv, vv - gain_v * rv]
+        self.power_db += _POWER_MEMORY * (peak.power_db - self.power_db)
+        self.seen_s = self.time_s
+        self.hits += 1
+
+
+class Tracker:
+    """Follow the bodies of one stream.
+
+    Parameters
+    ----------
+    settings : TrackSettings, optional
+        How bodies are followed.
+    """
+
+    def __init__(self, settings: TrackSettings | None = None) -> None:
+        self._settings = settings or TrackSettings()
+        self._bodies: list[_Body] = []
+        self._n_born = 0
+        self._time_s = -np.inf
+
+    @property
+    def is_following(self) -> bool:
+        """Whether there is a track or a candidate for one: without, dwells may be left out."""
+        return bool(self._bodies)
+
+    def reset(self) -> None:
+        """Forget all bodies, as after a restart of the module; ids go on."""
+        self._bodies = []
+        self._time_s = -np.inf
+
+    def update(self, dwell: Dwell, floor: NDArray[np.float64]) -> tuple[Track, ...]:
+        """Take a dwell; return the tracks that are alive at its end.
+
+        Parameters
+        ----------
+        dwell : Dwell
+            Without its clutter (`ClutterRemover`), in order. After dwells that were left out
+            a dwell's own blocks are all that is known.
+        floor : ndarray, shape (n_range,), float64
+            Noise and background of every bin (`Gate.background`).
+
+        Returns
+        -------
+        tuple of Track
+            In the order of their ids.
+        """
+        rate_hz = dwell.frame_rate_hz
+        n_rows = len(dwell.frames)
+        if np.isfinite(self._time_s):
+            # Blocks already seen are not computed again.
+            cpi = max(4, round(28 / 60 * rate_hz))
+            fresh = (dwell.t_s - self._time_s) * rate_hz
+            n_rows = min(n_rows, max(1, int(np.ceil(fresh / cpi))) * cpi)
+        chart = power_map(
+            dwell.frames[-n_rows:],
+            dwell.valid[-n_rows:],
+            dwell.axis,
+            frame_rate_hz=rate_hz,
+            end_s=dwell.t_s,
+            floor=floor,
+        )
+        swath = (float(dwell.axis.range_m[0]), float(dwell.axis.range_m[-1]))
+        block_s = chart.n_looks / rate_hz
+        for time_s, peaks in zip(
+            chart.time_s.tolist(), find_peaks(chart, self._settings.least_db), strict=True
+        ):
+            if time_s > self._time_s + block_s / 2:
+                self._step(time_s, peaks, swath)
+                self._time_s = time_s
+        return self._alive(dwell)
+
+    def _step(self, time_s: float, peaks: list[Peak], swath: tuple[float, float]) -> None:
+        s = self._settings
+        for body in self._bodies:
+            body.predict(time_s, s.acceleration_mps2)
+            # Who leaves waits at the door until the track has coasted to its end.
+            body.range_m = min(max(body.range_m, swath[0] - _LEAVE_M), swath[1] + _LEAVE_M)
+        taken = self._assign(peaks)
+        for i, j in taken.items():
+            self._bodies[i].correct(peaks[j], s.range_error_m)
+        for body in self._bodies:
+            body.nodes.append((time_s, body.range_m))
+        self._bury(time_s)
+        for body in self._bodies:
+            if not body.id and body.hits >= _BIRTH_HITS and self._is_alone(body.range_m):
+                self._n_born += 1
+                body.id = self._n_born
+        free = set(range(len(peaks))) - set(taken.values())
+        for j in sorted(free):
+            self._conceive(time_s, peaks[j])
+
+    def _assign(self, peaks: list[Peak]) -> dict[int, int]:
+        """Give every body at most one peak: nearest pairs first, tracks before candidates."""
+        beside_m = self._settings.beside_m
+        pairs = []
+        for i, body in enumerate(self._bodies):
+            spread_m = (body.variance[0] + self._settings.range_error_m**2) ** 0.5
+            reach_m = min(_REACH * spread_m, beside_m)
+            for j, peak in enumerate(peaks):
+                off_m = abs(peak.range_m - body.range_m)
+                if off_m <= reach_m:
+                    # Bodies that cross are told apart by how strong they are, too.
+                    power = (peak.power_db - body.power_db) / _POWER_SPREAD_DB
+                    far = (off_m / spread_m) ** 2 + power**2
+                    pairs.append((body.id == 0, far, i, j))
+        taken: dict[int, int] = {}
+        for _, _, i, j in sorted(pairs):
+            if i not in taken and j not in taken.values():
+                taken[i] = j
+        return taken
+
+    def _bury(self, time_s: float) -> None:
+        s = self._settings
+        for body in self._bodies:
+            older = (
+                other
+                for other in self._bodies
+                if 0 < other.id < body.id
+                and abs(other.range_m - body.range_m) < s.beside_m / 2
+                and abs(other.rate_mps - body.rate_mps) < _SAME_RATE_MPS
+            )
+            if next(older, None) is None:
+                body.apart_s = time_s
+        self._bodies = [
+            body
+            for body in self._bodies
+            if time_s - body.apart_s < _MERGE_S
+            and (time_s - body.seen_s < s.coast_s if body.id else not body.is_doubtful)
+        ]
+
+    def _is_alone(self, range_m: float) -> bool:
+        tracks = [body for body in self._bodies if body.id]
+        return len(tracks) < self._settings.most_tracks and all(
+            abs(body.range_m - range_m) >= self._settings.beside_m for body in tracks
+        )
+
+    def _conceive(self, time_s: float, peak: Peak) -> None:
+        if any(abs(b.range_m - peak.range_m) < self._settings.beside_m for b in self._bodies):
+            return
+        self._bodies.append(
+            _Body(
+                time_s=time_s,
+                range_m=peak.range_m,
+                power_db=peak.power_db,
+                variance=[self._settings.range_error_m**2, 0.0, _FIRST_SPEED_MPS**2],
+                seen_s=time_s,
+                apart_s=time_s,
+                nodes=[(time_s, peak.range_m)],
+            )
+        )
+
+    def _alive(self, dwell: Dwell) -> tuple[Track, ...]:
+        n_slow, rate_hz = len(dwell.frames), dwell.frame_rate_hz
+        frame_s = dwell.t_s - (n_slow - 0.5 - np.arange(n_slow)) / rate_hz
+        tracks = []
+        for body in sorted(self._bodies, key=lambda each: each.id):
+            while len(body.nodes) > 1 and body.nodes[1][0] < frame_s[0]:
+                del body.nodes[0]
+            if body.id:
+                now_m = body.range_m + body.rate_mps * (dwell.t_s - body.time_s)
+                nodes = np.array([*body.nodes, (dwell.t_s, now_m)])
+                tracks.append(
+                    Track(
+                        body.id,
+                        now_m,
+                        # + 0.0 turns -0.0 into 0.0.
+                        -body.rate_mps + 0.0,
+                        body.power_db,
+                        dwell.t_s - body.seen_s,
+                        np.interp(frame_s, nodes[:, 0], nodes[:, 1]),
+                    )
+                )
+        return tuple(tracks)

@@ -1,0 +1,4 @@
+"""Is the daemon well: one state, and the heartbeat, status file and systemd that tell it.
+
+It may import `radard.alarm` and below.
+"""

@@ -1,0 +1,138 @@
+"""Heartbeat: a thread that shows the rest of the world whether the daemon lives.
+
+It writes a status file for every sensor and feeds systemd's watchdog, and it does the latter
+only while `Health` allows it and the main thread has been heard. It has no opinion of its own.
+"""
+
+import logging
+import os
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from radard.health.health import Health, Status, may_feed_all, overall
+from radard.health.status_file import read_status, write_status
+from radard.health.systemd import Notifier
+
+log = logging.getLogger("radard")
+_EVERY_S = 0.5
+_MAIN_LATE_S = 5.0
+
+
+@dataclass(slots=True)
+class Watched:
+    """One sensor.
+
+    Attributes
+    ----------
+    name : str
+        Of the sensor.
+    health : Health
+        Asked at every beat.
+    path : Path or None
+        The status file; None when it is another process's, or cannot be written.
+    panel : callable
+        Further content of the status file, see `radard.outputs.fanout.Host`.
+    """
+
+    name: str
+    health: Health
+    path: Path | None
+    panel: Callable[[], Mapping[str, Any]]
+
+
+class Heartbeat:
+    """Beat until stopped.
+
+    Parameters
+    ----------
+    watched : sequence of Watched
+        All sensors of the process.
+    notifier : Notifier
+        systemd, or nobody.
+    """
+
+    def __init__(self, watched: Sequence[Watched], notifier: Notifier) -> None:
+        self._watched = watched
+        self._notifier = notifier
+        self._main_s: float | None = None
+        self._is_ready = False
+        self._halt = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="heartbeat", daemon=True)
+
+    def start(self) -> None:
+        """Begin, once; another radard that reports as the same sensor keeps its status file."""
+        if self._thread.ident is not None:
+            return
+        for each in self._watched:
+            if each.path is None:
+                continue
+            report = read_status(each.path, stale_s=3.0)
+            pid = report.content.get("pid")
+            if report.content.get("state") != "offline" and _is_other(pid) and report.is_healthy:
+                log.warning("%s belongs to process %s; none is written", each.path, pid)
+                each.path = None
+        self._thread.start()
+
+    @property
+    def status(self) -> Status:
+        """What holds for all sensors together."""
+        return overall({each.name: each.health for each in self._watched})
+
+    def main_is_alive(self) -> None:
+        """Note that the main thread came by; from the first time on it must, again and again."""
+        self._main_s = time.monotonic()
+
+    def stop(self) -> None:
+        """Say the end, and end; nothing if it never began."""
+        if self._thread.ident is None:
+            return
+        self._halt.set()
+        self._thread.join(1.0)
+        self._notifier.stopping(self.status.reason)
+        self._write()
+
+    def _run(self) -> None:
+        while not self._halt.wait(_EVERY_S):
+            self.beat()
+
+    def beat(self) -> None:
+        """Write the status files; feed the watchdog if that is right."""
+        now_s = time.monotonic()
+        self._write()
+        is_late = self._main_s is not None and now_s - self._main_s > _MAIN_LATE_S
+        if is_late or not may_feed_all(each.health for each in self._watched):
+            return
+        status = self.status
+        text = f"{status.state}: {status.reason}" if status.reason else status.state
+        if not self._is_ready:
+            # Ready means: the first decision is there, or there is nothing to decide on.
+            self._is_ready = True
+            self._notifier.ready(text)
+        self._notifier.feed(text, now_s)
+
+    def _write(self) -> None:
+        for each in self._watched:
+            if each.path is None:
+                continue
+            more = {**each.panel(), "decision_age_s": round(each.health.age_s, 1)}
+            try:
+                write_status(each.path, each.health.status, more)
+            except OSError as err:
+                log.warning("%s: cannot write the status: %s", each.path, err.strerror or err)
+                each.path = None
+
+
+def _is_other(pid: Any) -> bool:
+    if not isinstance(pid, int) or pid == os.getpid():
+        return False
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        return True
+    return True

@@ -1,0 +1,77 @@
+"""The status file: how `radard health` knows, from outside and without HTTP.
+
+A JSON object in the runtime directory, written anew once a second by the supervisor. It
+counts only while it is fresh, by the clock that all processes of one boot share.
+"""
+
+import json
+import os
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from radard.alarm.state_store import write_atomically
+from radard.health.health import Status
+
+STALE_S = 10.0
+_BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
+
+
+@dataclass(frozen=True, slots=True)
+class StatusReport:
+    """What a status file says: whether all is well, one line for people, all of it."""
+
+    is_healthy: bool
+    line: str
+    content: dict[str, Any]
+
+
+def status_path(folder: Path, sensor: str) -> Path:
+    """Return the status file of a sensor."""
+    return folder / f"{sensor}.status.json"
+
+
+def write_status(path: Path, status: Status, more: dict[str, Any]) -> None:
+    """Write the file, for everybody to read: what the folder allows is its owner's choice.
+
+    Raises
+    ------
+    OSError
+        If it cannot be written.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+    content = {
+        "state": status.state,
+        "reason": status.reason,
+        "pid": os.getpid(),
+        "boot_id": _boot_id(),
+        "t_mono_s": round(time.monotonic(), 3),
+        **more,
+    }
+    write_atomically(path, json.dumps(content) + "\n", sync=False, mode=0o644)
+
+
+def read_status(path: Path, *, stale_s: float = STALE_S) -> StatusReport:
+    """Read a status file; whatever is wrong with it is an unhealthy report, never an error."""
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        status = Status(content["state"], content["reason"])
+        age_s = time.monotonic() - float(content["t_mono_s"])
+    except FileNotFoundError:
+        return StatusReport(False, f"no radard runs here: no {path}", {})
+    except (OSError, ValueError, KeyError, TypeError) as err:
+        return StatusReport(False, f"{path}: cannot be read ({err})", {})
+    if content.get("boot_id") not in {"", _boot_id()} or age_s < -1:
+        return StatusReport(False, f"{path}: left over from before the last boot", content)
+    if age_s > stale_s and status.state != "offline":
+        return StatusReport(False, f"stuck or killed: silent for {age_s:.0f} s", content)
+    line = f"{status.state}: {status.reason}" if status.reason else status.state
+    return StatusReport(status.is_well, line, content)
+
+
+def _boot_id() -> str:
+    try:
+        return _BOOT_ID.read_text(encoding="ascii").strip()
+    except OSError:
+        return ""

@@ -1,0 +1,354 @@
+"""Outputs: all sinks of a process, opened, written to and reopened together.
+
+All sensors of a process share them, and every record of several sensors says whose it is;
+only MQTT, where a sensor is a client with a last will of its own, has a sink for each. A sink
+that wants more than records, such as the dashboard, has a method `attach(host)` and gets the
+`Host` of every sensor: the health and panel it reports, the command it passes on.
+"""
+
+import logging
+import threading
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from radard.config.config import Config
+from radard.config.directories import outbox_dir
+from radard.config.sink_sections import SinkOptions
+from radard.errors import RadardError
+from radard.health.health import Health, overall
+from radard.outputs.records import Record
+from radard.sinks import close_sinks, open_sinks
+from radard.sinks.base import Sink, SinkContext
+from radard.stream.playback import Playback
+from radard.stream.ring import FrameRing
+
+log = logging.getLogger("radard")
+COMMANDS = ("arm", "disarm", "ack", "calibrate")
+SHARED = "radard"
+"""Stands for all sensors of a process, where a sink needs one name."""
+_PATIENCE_S = 1.0
+_STDOUT = ("", "json", "table")
+_PER_SENSOR = ("mqtt", "mqtts")
+_SECTIONS = {
+    "json": {"jsonl"},
+    "mqtt": {"mqtt", "outbox"},
+    "mqtts": {"mqtt", "outbox"},
+    "webhook": {"webhook", "outbox"},
+    "exec": {"exec", "outbox"},
+    "syslog": {"syslog", "outbox"},
+    "store": {"store"},
+    "http": {"web"},
+}
+"""Sections of the configuration that an output of a scheme depends on; of others: all."""
+
+
+@dataclass(frozen=True, slots=True)
+class Host:
+    """What a sensor's run offers to its sinks; everything here may be used from any thread.
+
+    Attributes
+    ----------
+    sensor : str
+        Name of the sensor.
+    health : Health
+        To be asked for its status whenever one is shown.
+    panel : callable
+        Returns a mapping: armed, panel (its state, see `radard.alarm.panel`), alarm_id, open
+        (reasons of events that are on, by kind), seq, t_s, gate, label.
+    command : callable
+        Takes one of `COMMANDS`; raises ValueError on anything else. Never waits.
+    config : callable
+        Returns the configuration that holds.
+    ring : callable
+        Returns the ring of the stream, None before there is one.
+    playback : callable
+        Returns the controls of a replay, None for anything else.
+    driver : callable
+        Returns what the driver has counted, by the names of `x2radar.RadarStats`.
+    sinks : callable
+        Returns all sinks of the run.
+    reload : callable
+        Asks for the configuration to be read again, as SIGHUP does. Never waits.
+    """
+
+    sensor: str
+    health: Health
+    panel: Callable[[], Mapping[str, Any]]
+    command: Callable[[str], None]
+    config: Callable[[], Config] = Config
+    ring: Callable[[], FrameRing | None] = lambda: None
+    playback: Callable[[], Playback | None] = lambda: None
+    driver: Callable[[], Mapping[str, int]] = dict
+    sinks: Callable[[], Sequence[Sink]] = tuple
+    reload: Callable[[], None] = lambda: None
+
+
+@dataclass(slots=True, eq=False)
+class _Open:
+    """An open output: what -o named, whose records alone it gets, and what waits for it."""
+
+    name: str
+    sensor: str | None
+    sink: Sink
+    held: list[Record] | None = None
+
+    def write(self, record: Record) -> None:
+        if self.held is None:
+            self.sink.write(record)
+        else:
+            self.held.append(record)
+
+
+class Outputs:
+    """The sinks of a process.
+
+    Parameters
+    ----------
+    hosts : sequence of Host
+        Every sensor's, for sinks that want it.
+    stdout_is_terminal : bool
+        Whether a person reads stdout.
+    """
+
+    def __init__(self, hosts: Sequence[Host], *, stdout_is_terminal: bool) -> None:
+        self._hosts = {
+            host.sensor: replace(host, sinks=lambda: [each.sink for each in self._open])
+            for host in hosts
+        }
+        self._stdout_is_terminal = stdout_is_terminal
+        self._open: list[_Open] = []
+        self._is_open = self._can_wait = False
+        self._options = SinkOptions()
+        self._lock = threading.Lock()
+
+    @property
+    def is_open(self) -> bool:
+        """Whether `open` was called with success."""
+        return self._is_open
+
+    @property
+    def can_wait(self) -> bool:
+        """Whether the streams wait for files and stdout, see `open`."""
+        return self._can_wait
+
+    @property
+    def sinks(self) -> list[tuple[str | None, Sink]]:
+        """All sinks, each with the sensor whose records alone it gets; for any thread."""
+        return [(each.sensor, each.sink) for each in self._open]
+
+    def open(self, config: Config, *, can_wait: bool = False) -> None:
+        """Open what -o/--output names, once; raises UsageError or OutputError, see open_sinks.
+
+        Parameters
+        ----------
+        config : Config
+            Outputs and their options.
+        can_wait : bool
+            The stream can wait for files and stdout, see `SinkContext`.
+        """
+        if self._is_open:
+            return
+        self._can_wait, self._options = can_wait, _options_of(config)
+        wanted = self._wanted(config)
+        shared = [name for name, sensor in wanted if sensor is None]
+        # All shared ones in one go: two that want stdout are a fault.
+        sinks = iter(self._opened(shared, None, config) if shared else ())
+        try:
+            for name, sensor in wanted:
+                sink = next(sinks) if sensor is None else self._opened([name], sensor, config)[0]
+                self._open.append(_Open(name, sensor, sink))
+        except BaseException:
+            _close([*(each.sink for each in self._open), *sinks])
+            self._open = []
+            raise
+        self._is_open = True
+
+    def put(self, record: Record, sensor: str | None = None, *, waits: bool = False) -> bool:
+        """Hand a record to every sink; return False if another thread is stuck in one.
+
+        Parameters
+        ----------
+        record : Record
+            Of any type.
+        sensor : str or None
+            Whose it is; None: that of the only one.
+        waits : bool
+            Wait for as long as it takes where streams can wait for a sink.
+
+        Raises
+        ------
+        OutputError, BrokenPipeError
+            If a sink cannot keep it.
+        """
+        patience_s = -1 if waits and self._can_wait else _PATIENCE_S
+        if not self._lock.acquire(timeout=patience_s):
+            return False
+        try:
+            for each in self._open:
+                if each.sensor is None or each.sensor == sensor:
+                    each.write(record)
+        finally:
+            self._lock.release()
+        return True
+
+    def reload(self, config: Config, hellos: Sequence[Record]) -> None:
+        """Open new outputs, close those that are gone, reopen those whose options changed.
+
+        All others, and stdout, go on as they are. Records that come while a sink is being
+        reopened wait for it. One that cannot be opened is said and left out: the others
+        matter more.
+
+        Parameters
+        ----------
+        config : Config
+            Outputs and their options.
+        hellos : sequence of Record
+            What every sensor's run now begins with.
+        """
+        wanted = self._wanted(config)
+        options = _options_of(config)
+        changed = {n for n in SinkOptions.model_fields if getattr(options, n) != self._option(n)}
+        with self._lock:
+            gone = [each for each in self._open if (each.name, each.sensor) not in wanted]
+            kept = [each for each in self._open if each not in gone]
+            again = [each for each in kept if _depends(each.name, changed)]
+            for each in again:
+                each.held = []
+            self._open, self._options = kept, options
+        # Not under the lock: an outbox may take a moment to end, and the workers must not wait.
+        _close(each.sink for each in (*gone, *again))
+        known = [(each.name, each.sensor) for each in kept]
+        for each in kept:
+            if each in again:
+                self._reopen(each, config, hellos)
+            elif each.name.startswith("json:"):
+                _greet(each, hellos)
+        for name, sensor in wanted:
+            if (name, sensor) not in known:
+                self._add(name, sensor, config, hellos)
+
+    def close(self) -> None:
+        """Close all sinks; what one of them still has to say does not keep the others open."""
+        _close(each.sink for each in self._open)
+
+    def _option(self, name: str) -> object:
+        return getattr(self._options, name)
+
+    def _wanted(self, config: Config) -> list[tuple[str, str | None]]:
+        """Return every output with the sensor that it is for alone."""
+        found: list[tuple[str, str | None]] = []
+        for name in config.output or ("",):
+            is_apart = config.is_one_of_several and name.partition(":")[0] in _PER_SENSOR
+            found += [(name, sensor) for sensor in (self._hosts if is_apart else (None,))]
+        return found
+
+    def _reopen(self, each: _Open, config: Config, hellos: Sequence[Record]) -> None:
+        try:
+            (sink,) = self._opened([each.name] if each.name else [], each.sensor, config)
+        except (RadardError, OSError) as err:
+            log.warning("reload: %s", err)
+            with self._lock:
+                self._open = [other for other in self._open if other is not each]
+            return
+        with self._lock:
+            held, each.held, each.sink = each.held or [], None, sink
+            _greet(each, hellos)
+            for record in held:
+                sink.write(record)
+
+    def _add(
+        self, name: str, sensor: str | None, config: Config, hellos: Sequence[Record]
+    ) -> None:
+        try:
+            (sink,) = self._opened([name] if name else [], sensor, config)
+        except (RadardError, OSError) as err:
+            log.warning("reload: %s", err)
+            return
+        each = _Open(name, sensor, sink)
+        with self._lock:
+            _greet(each, hellos)
+            self._open.append(each)
+
+    def _opened(self, outputs: Sequence[str], sensor: str | None, config: Config) -> list[Sink]:
+        sinks = open_sinks(
+            [name for name in outputs if name],
+            stdout_is_terminal=self._stdout_is_terminal,
+            options=config,
+            context=self._context(sensor, config),
+        )
+        hosts = self._hosts.values() if sensor is None else [self._hosts[sensor]]
+        for sink in sinks:
+            attach = getattr(sink, "attach", None)
+            if attach is not None:
+                for host in hosts:
+                    attach(host)
+        return sinks
+
+    def _context(self, sensor: str | None, config: Config) -> SinkContext:
+        hosts = self._hosts if sensor is None else {sensor: self._hosts[sensor]}
+        own = next(iter(hosts.values())) if len(hosts) == 1 else None
+
+        def command(name: str) -> None:
+            for host in hosts.values():
+                host.command(name)
+
+        def panel() -> Mapping[str, Any]:
+            panels = [host.panel() for host in hosts.values()]
+            return {"armed": all(each.get("armed", True) for each in panels)}
+
+        return SinkContext(
+            sensor=own.sensor if own else SHARED,
+            is_one_of_several=config.is_one_of_several,
+            state_dir=None if self._can_wait else outbox_dir(config),
+            can_wait=self._can_wait,
+            command=command,
+            panel=own.panel if own else panel,
+            health=lambda: overall({name: host.health for name, host in hosts.items()}),
+        )
+
+
+class Feed:
+    """Hands on the records of one sensor.
+
+    Parameters
+    ----------
+    outputs : Outputs
+        Where they go.
+    sensor : str or None
+        Its name, one of several; None for the only one, whose records do not repeat it.
+    """
+
+    def __init__(self, outputs: Outputs, sensor: str | None = None) -> None:
+        self._outputs = outputs
+        self._sensor = sensor
+
+    def put(self, record: Record, *, waits: bool = True) -> bool:
+        """Hand on one record, see `Outputs.put`."""
+        if self._sensor is not None:
+            record = {**record, "sensor": self._sensor}
+        return self._outputs.put(record, self._sensor, waits=waits)
+
+
+def _depends(name: str, changed: set[str]) -> bool:
+    """Return whether an output must be opened anew when these sections have changed."""
+    if name in _STDOUT:
+        return False
+    sections = _SECTIONS.get(name.partition(":")[0], set(SinkOptions.model_fields))
+    return bool(sections & changed)
+
+
+def _greet(each: _Open, hellos: Sequence[Record]) -> None:
+    for hello in hellos:
+        if each.sensor in {None, hello.get("sensor")}:
+            each.sink.write(hello)
+
+
+def _options_of(config: Config) -> SinkOptions:
+    return SinkOptions(**{name: getattr(config, name) for name in SinkOptions.model_fields})
+
+
+def _close(sinks: Iterable[Sink]) -> None:
+    for err in close_sinks(list(sinks)):
+        if not isinstance(err, BrokenPipeError):
+            log.warning("%s", err)

@@ -1,0 +1,125 @@
+"""Decisions, events and states to the records of the JSON Lines contract.
+
+The contract is `output.schema.json` beside this file. Wall-clock fields are `time`,
+`latency_ms` and all of `hello`; everything else is the same in every replay.
+"""
+
+import time
+from datetime import UTC, datetime
+from typing import Any
+
+from radard.alarm.events import Event
+from radard.classify.classifier import Probabilities
+from radard.classify.decision import Decision, TrackVerdict
+from radard.config.config import Config
+from radard.config.redact import redact
+from radard.health.health import Status
+from radard.pipeline import Pipeline
+from x2radar.command import installed_version
+
+SCHEMA = 1
+Record = dict[str, Any]
+
+
+def utc_now() -> str:
+    """Return the wall clock as ISO 8601 in UTC, to the millisecond."""
+    return datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+
+
+def hello_record(pipeline: Pipeline, config: Config, *, is_armed: bool) -> Record:
+    """Return the first line of a run."""
+    bundle = pipeline.classifier.bundle if pipeline.classifier else None
+    axis = pipeline.stream.axis
+    return {
+        "type": "hello",
+        "schema": SCHEMA,
+        "version": installed_version(),
+        "time": utc_now(),
+        "sensor": config.sensor.name,
+        "port": redact(config.sensor.port or ""),
+        "device": pipeline.stream.device,
+        "model": bundle.name if bundle else None,
+        "policy": pipeline.policy,
+        "pet_limit": pipeline.pet_limit,
+        "frame_rate_hz": pipeline.stream.frame_rate_hz,
+        "kind": axis.kind,
+        "n_range": axis.n_range,
+        "bin_length_m": axis.bin_length_m,
+        "range_offset_m": axis.range_offset_m,
+        "carrier_hz": axis.carrier_hz,
+        "dwell_frames": pipeline.shape.n_slow,
+        "hop_s": pipeline.shape.hop_s,
+        "armed": is_armed,
+        "sensitivity": config.alarm.sensitivity,
+        "config_hash": config.digest(),
+    }
+
+
+def decision_record(decision: Decision) -> Record:
+    """Return the line of one decision; call it once the decision stands."""
+    r = decision.reading
+    is_open = decision.gate == "open"
+    latency_ms = (time.monotonic() - decision.t_mono_s) * 1e3 if decision.t_mono_s else None
+    return {
+        "type": "decision",
+        "seq": decision.seq,
+        "t_s": round(decision.t_s, 3),
+        "time": utc_now(),
+        "gate": decision.gate,
+        "power_db": _round(r.power_db, 2) if r else None,
+        "noise_floor_db": _round(r.noise_floor_db, 2) if r else None,
+        "threshold_db": _round(r.threshold_db, 2) if r else None,
+        **_probabilities("p_", decision.window),
+        **_probabilities("fused_p_", decision.fused),
+        "label": decision.label,
+        "alarm": decision.alarm,
+        "range_m": _round(r.range_m, 3) if r and is_open else None,
+        "tracks": [_track(track) for track in decision.tracks],
+        "frames": decision.frames,
+        "dropped": decision.dropped,
+        "latency_ms": _round(latency_ms, 2) if latency_ms is not None else None,
+    }
+
+
+def event_record(event: Event) -> Record:
+    """Return the line of one phase of an event."""
+    return {
+        "type": "event",
+        "id": event.id,
+        "phase": event.phase,
+        "kind": event.kind,
+        "t_s": round(event.t_s, 3),
+        "time": utc_now(),
+        "start_t_s": round(event.start_t_s, 3),
+        "end_t_s": _round(event.end_t_s, 3) if event.end_t_s is not None else None,
+        "peak": round(event.peak, 4),
+        "reason": event.reason,
+        "clip": event.clip,
+    }
+
+
+def status_record(status: Status) -> Record:
+    """Return the line of a state."""
+    return {"type": "status", "state": status.state, "reason": status.reason}
+
+
+def _track(track: TrackVerdict) -> Record:
+    return {
+        "id": track.id,
+        "range_m": _round(track.range_m, 3),
+        "radial_velocity_mps": _round(track.radial_velocity_mps, 2),
+        **_probabilities("p_", track.window),
+    }
+
+
+def _probabilities(prefix: str, p: Probabilities | None) -> Record:
+    return {
+        f"{prefix}human": _round(p.human, 4) if p else None,
+        f"{prefix}pet": _round(p.pet, 4) if p else None,
+        f"{prefix}other": _round(p.other, 4) if p else None,
+    }
+
+
+def _round(value: float, digits: int) -> float:
+    # + 0.0 turns -0.0 into 0.0, which would read as another value in a comparison.
+    return round(value, digits) + 0.0

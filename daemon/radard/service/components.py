@@ -1,0 +1,255 @@
+"""From configuration to the parts that a run is made of, at start and at a reload."""
+
+import hashlib
+import logging
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+from radard.alarm.events import See
+from radard.alarm.panel import AlarmPolicy
+from radard.alarm.sensitivity import alarm_policy
+from radard.alarm.state_store import StateStore
+from radard.alarm.tamper import TamperSettings, TamperWatch
+from radard.alarm.zones import Zones, sight_of
+from radard.classify.bundle import load_bundle
+from radard.classify.classifier import Classifier
+from radard.classify.model_choice import model_for
+from radard.clips.keeper import ClipKeeper, ClipSettings
+from radard.config.config import Config
+from radard.config.directories import calibration_file, clip_dir, named_state_dir, state_dir
+from radard.config.quiet_hours import Now, QuietHours, parse_quiet, time_zone
+from radard.config.sections import AUTO_MODEL
+from radard.detect.calibration import Calibration, load_calibration
+from radard.errors import ConfigError
+from radard.pipeline import Pipeline
+from radard.stream.ring import DwellShape
+from x2radar.command import installed_version
+from x2radar.frame import StreamInfo
+
+log = logging.getLogger("radard")
+RESTART_SECTIONS = ("sensor", "service")
+
+
+@dataclass(slots=True)
+class Parts:
+    """What a worker works with; a reload replaces some of it.
+
+    Attributes
+    ----------
+    config : Config
+        What the rest was made of.
+    pipeline : Pipeline
+        Dwell to decision.
+    policy : AlarmPolicy
+        Decisions to alarm.
+    see : callable
+        Decision to sight.
+    quiet : QuietHours
+        When no alarm is wanted.
+    tamper : TamperWatch or None
+        None when it is off.
+    clips : ClipKeeper or None
+        None when nothing is kept.
+    """
+
+    config: Config
+    pipeline: Pipeline
+    policy: AlarmPolicy
+    see: See
+    quiet: QuietHours
+    tamper: TamperWatch | None
+    clips: ClipKeeper | None
+
+
+def logger_of(config: Config) -> logging.Logger:
+    """Return where a sensor's run logs; that of one of several says which one."""
+    return log.getChild(config.sensor.name) if config.is_one_of_several else log
+
+
+def make_classifier(config: Config, stream: StreamInfo | None = None) -> Classifier | None:
+    """Return the classifier that is named; raises BundleError or ModelMismatch."""
+    name = model_for(config.model.name, stream)
+    return None if name == "none" else Classifier(load_bundle(name))
+
+
+def classifier_for(
+    stream: StreamInfo, config: Config, known: Classifier | None
+) -> Classifier | None:
+    """Return the classifier of a stream: the one that is known, unless `auto` means another."""
+    name = model_for(config.model.name, stream)
+    if known is None or config.model.name != AUTO_MODEL or known.bundle.name == name:
+        return known
+    return make_classifier(config, stream)
+
+
+def make_parts(
+    config: Config, pipeline: Pipeline, *, now: Now, is_live: bool, old: Parts | None = None
+) -> Parts:
+    """Make what `config` asks for around a pipeline; keep of `old` what has not changed."""
+    was = old.config if old else None
+    made_here = old is not None and old.config.gate.calibration == config.gate.calibration
+    use_calibration(config, pipeline, is_live=is_live, keeps=made_here)
+    quiet = QuietHours(
+        [parse_quiet(text) for text in config.alarm.quiet], time_zone(config.alarm.timezone), now
+    )
+    tamper, clips = (old.tamper, old.clips) if old else (None, None)
+    if was is None or was.tamper != config.tamper:
+        tamper = _make_tamper(config, pipeline)
+    if was is None or was.clips != config.clips:
+        clips = _make_clips(config, pipeline) if is_live else None
+    elif clips is not None:
+        # The frames that it holds, and a clip that is being made, stay.
+        clips.describe(_about_clips(config, pipeline))
+    return Parts(
+        config=config,
+        pipeline=pipeline,
+        policy=alarm_policy(config.alarm, pipeline.policy),
+        see=_make_see(config, pipeline),
+        quiet=quiet,
+        tamper=tamper,
+        clips=clips,
+    )
+
+
+def use_calibration(
+    config: Config, pipeline: Pipeline, *, is_live: bool, keeps: bool = False
+) -> None:
+    """Give a pipeline the calibration that is named, unless it has it already.
+
+    `auto` takes that of the state directory for a real device, if it is there and fits. With
+    `keeps`, any other stream keeps the one that was made of it.
+
+    Raises
+    ------
+    ConfigError
+        If a file that was named cannot be had or does not fit.
+    """
+    asked = config.gate.calibration
+    calibration: Calibration | None = None
+    if asked == "auto":
+        path = calibration_file(config)
+        is_real = is_live and not (config.sensor.port or "").startswith("sim:")
+        if not is_real and keeps:
+            return
+        try:
+            if is_real and path.is_file():
+                calibration = _take_calibration(path, pipeline)
+        except (ConfigError, OSError) as err:
+            log.warning("the gate goes without calibration: %s", err)
+    elif asked != "none":
+        calibration = _take_calibration(Path(asked), pipeline)
+    if calibration is None and pipeline.calibration is not None:
+        pipeline.use(None)
+
+
+def _take_calibration(path: Path, pipeline: Pipeline) -> Calibration:
+    calibration = load_calibration(path)
+    was = pipeline.calibration
+    if was is not None and was.text() == calibration.text():
+        return was
+    pipeline.use(calibration)
+    log.info("calibration: %s, made %s", path, calibration.provenance.made_utc or "who knows when")
+    reasons = calibration.stale(
+        device=pipeline.stream.device, software=installed_version(), now=datetime.now(UTC)
+    )
+    for reason in reasons:
+        log.warning("%s is stale: %s; make it anew with radard calibrate", path, reason)
+    return calibration
+
+
+def remake_parts(config: Config, old: Parts, *, now: Now, is_live: bool) -> Parts:
+    """Make the parts of a configuration that was read again, for the stream that goes on.
+
+    Changes of `sensor` and `service` are said and left for a restart.
+
+    Raises
+    ------
+    BundleError, ModelMismatch
+        If the model cannot be had.
+    ConfigError
+        If the model takes other dwells than those that the ring cuts.
+    """
+    was = old.config
+    for name in RESTART_SECTIONS:
+        if getattr(config, name) != getattr(was, name):
+            log.warning("reload: changes of '%s' take a restart", name)
+    config = config.model_copy(update={name: getattr(was, name) for name in RESTART_SECTIONS})
+    pipeline = old.pipeline
+    if (config.model, config.gate, config.decision) != (was.model, was.gate, was.decision):
+        has_new = config.model != was.model
+        stream = pipeline.stream
+        classifier = make_classifier(config, stream) if has_new else pipeline.classifier
+        pipeline = Pipeline(stream, config, classifier)
+        if _cut_of(pipeline) != _cut_of(old.pipeline):
+            msg = f"model.name: '{config.model.name}' takes other dwells; that takes a restart"
+            raise ConfigError(msg)
+    return make_parts(config, pipeline, now=now, is_live=is_live, old=old)
+
+
+def _cut_of(pipeline: Pipeline) -> tuple[DwellShape, int]:
+    """Return what the ring must know of a pipeline: its dwells and the bins that it keeps."""
+    classifier = pipeline.classifier
+    return pipeline.shape, classifier.bundle.features.range_decimation if classifier else 1
+
+
+def make_store(config: Config, *, is_live: bool) -> StateStore:
+    """Return where arming is kept: nowhere for a replay, apart for a simulated sensor.
+
+    An alarm that is on is kept only in a folder that was named: a run by hand begins afresh.
+    """
+    if not is_live:
+        return StateStore(None)
+    is_sim = (config.sensor.port or "").startswith("sim:")
+    name = f"{config.sensor.name}{'.sim' if is_sim else ''}.json"
+    is_named = named_state_dir(config) is not None
+    return StateStore(state_dir(config) / name, keeps_alarms=is_named)
+
+
+def _make_see(config: Config, pipeline: Pipeline) -> See:
+    zones = Zones(include=config.zones.include, exclude=config.zones.exclude)
+    pet_limit = pipeline.pet_limit
+    return lambda decision, policy: sight_of(decision, policy, zones, pet_limit)
+
+
+def _make_tamper(config: Config, pipeline: Pipeline) -> TamperWatch | None:
+    t = config.tamper
+    if not t.enabled:
+        return None
+    settings = TamperSettings(
+        learn_s=t.learn_s,
+        hold_s=t.hold_s,
+        covered_db=t.covered_db,
+        moved_coherence=t.moved_coherence,
+        noise_db=t.noise_db,
+    )
+    return TamperWatch(settings, pipeline.shape.hop_s)
+
+
+def _make_clips(config: Config, pipeline: Pipeline) -> ClipKeeper | None:
+    folder: Path | None = clip_dir(config)
+    if folder is None:
+        return None
+    c = config.clips
+    settings = ClipSettings(
+        folder=folder,
+        pre_s=c.pre_s,
+        post_s=c.post_s,
+        longest_s=c.longest_s,
+        keep_bytes=c.keep_mb * 1e6,
+        free_bytes=c.free_mb * 1e6,
+    )
+    about = _about_clips(config, pipeline)
+    return ClipKeeper(settings, pipeline.stream, pipeline.shape.n_slow, about)
+
+
+def _about_clips(config: Config, pipeline: Pipeline) -> dict[str, str]:
+    """Return the root attributes of clips: what made their decisions."""
+    bundle = pipeline.classifier.bundle if pipeline.classifier else None
+    return {
+        "sensor": config.sensor.name,
+        "config_hash": config.digest(),
+        "model": bundle.name if bundle else "none",
+        "model_sha256": hashlib.sha256(bundle.onnx).hexdigest() if bundle else "",
+        "version": installed_version(),
+    }

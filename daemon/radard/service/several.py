@@ -1,0 +1,206 @@
+"""Several radars in one process: each kept by a thread of its own, none stopped by another.
+
+A device that is absent is waited for. Work that breaks off, as no device's loss explains it,
+is begun anew after a while; a radar that never came to work, because its model does not fit
+or its recording is missing, stays away until the configuration is put right and the process
+is started again. Health says which one it is; the process ends when all have ended.
+"""
+
+import threading
+from collections.abc import Callable
+from functools import partial
+
+from radard.config.config import Config
+from radard.errors import OutputError, RadardError, UsageError
+from radard.service.os_signals import Signals
+from radard.service.radar_run import RadarRun, RunOptions
+from radard.service.supervision import Supervisor
+from x2radar.errors import X2RadarError
+
+_FIRST_PAUSE_S = 5.0
+_LONGEST_PAUSE_S = 300.0
+_JOIN_S = 4.0
+
+
+class Keeper:
+    """Keep one radar at work.
+
+    Parameters
+    ----------
+    radar : RadarRun
+        Not opened yet.
+    wake : callable
+        Called when it is over.
+    """
+
+    def __init__(self, radar: RadarRun, wake: Callable[[], None]) -> None:
+        self.radar = radar
+        self.stuck: list[str] = []
+        self.has_lost_output = False
+        """Whether it ended because an output that the run was started for is gone."""
+        self._wake = wake
+        self._halt = threading.Event()
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._run, name=f"{radar.name} keeper", daemon=True)
+
+    @property
+    def is_alive(self) -> bool:
+        """Whether it is at work, or will be again."""
+        return self._thread.is_alive()
+
+    def start(self) -> None:
+        """Begin."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Ask for the end; returns at once."""
+        self._halt.set()
+        self.radar.stop()
+        self._over.set()
+
+    def join(self, timeout_s: float) -> None:
+        """Wait for the end."""
+        self._thread.join(timeout_s)
+        if self._thread.is_alive():
+            self.stuck.append(self._thread.name)
+
+    def over(self) -> None:
+        """Note that the radar's work is over."""
+        self._over.set()
+
+    def _run(self) -> None:
+        try:
+            self._keep()
+        except (BrokenPipeError, OutputError) as err:
+            self.radar.failure, self.has_lost_output = err, True
+            self.radar.health.on_end(str(err))
+        self._wake()
+
+    def _keep(self) -> None:
+        radar, pause_s = self.radar, _FIRST_PAUSE_S
+        why = "stopped"
+        while not self._halt.is_set():
+            has_worked = self._work()
+            failure = radar.failure
+            if isinstance(failure, BrokenPipeError | OutputError):
+                raise failure
+            if self._halt.is_set():
+                break
+            if failure is None:
+                why = "end of stream"
+                break
+            why = " ".join(str(failure).split()) or repr(failure)
+            radar.log.error("%s", why)
+            if not has_worked:
+                break
+            radar.tell(radar.health.on_failure(why))
+            if self._halt.wait(pause_s):
+                break
+            pause_s = min(2 * pause_s, _LONGEST_PAUSE_S)
+            radar.tell(radar.health.on_start())
+        radar.tell(radar.health.on_end("stopped" if self._halt.is_set() else why))
+
+    def _work(self) -> bool:
+        """Work until the stream ends, something fails or `stop`; return whether work began."""
+        radar, has_worked = self.radar, False
+        radar.failure = None
+        try:
+            radar.open(self._on_notice, is_wanted=lambda: not self._halt.is_set())
+            with radar.prepare() as tap:
+                radar.start(tap)
+                has_worked = True
+                # `stop` sets the one and then the other.
+                if not self._halt.is_set():
+                    self._over.wait()
+                radar.stop()
+                self.stuck = radar.finish()
+                self._over.clear()
+        except (RadardError, X2RadarError) as err:
+            radar.failure = err
+        except Exception as err:
+            # Whatever it is, the other radars go on.
+            radar.log.exception("the run of %s broke off", radar.name)
+            radar.failure = err
+        finally:
+            radar.close()
+        return has_worked
+
+    def _on_notice(self, _kind: str, _reason: str) -> None:
+        self.radar.tell(self.radar.health.status)
+
+
+class SeveralRadars(Supervisor):
+    """Run all radars of `sensors`.
+
+    Parameters
+    ----------
+    config : Config
+        With `sensors`.
+    options : RunOptions
+        The rest.
+
+    Raises
+    ------
+    UsageError
+        If it asks for what only one radar can have.
+    BundleError, ModelMismatch
+        If a model cannot be had.
+    """
+
+    def __init__(self, config: Config, options: RunOptions) -> None:
+        if options.record is not None:
+            msg = "--record: takes the frames of one radar; name it with --port"
+            raise UsageError(msg)
+        signals = Signals()
+        self._keepers: list[Keeper] = []
+        radars = [
+            RadarRun(
+                each,
+                options,
+                partial(self._is_over, each.sensor.name),
+                lambda: signals.ask("reload"),
+            )
+            for each in config.each()
+        ]
+        super().__init__(config, options, signals, radars)
+        self._keepers = [Keeper(radar, signals.wake.set) for radar in radars]
+
+    def go(self) -> int:
+        """Run until all have ended or a signal asks for it; return the exit code."""
+        is_stopped = False
+        with self.signals:
+            self.signals.opened()
+            try:
+                can_wait = all(radar.can_wait for radar in self._radars)
+                self._outputs.open(self._config, can_wait=can_wait)
+                self._heart.main_is_alive()
+                self._heart.start()
+                for keeper in self._keepers:
+                    keeper.start()
+                is_stopped = self._supervise(self._goes_on)
+            finally:
+                self._end()
+                self._shut()
+        lost = [keeper.radar.failure for keeper in self._keepers if keeper.has_lost_output]
+        failures = lost or [radar.failure for radar in self._radars]
+        failure = next((each for each in failures if each is not None), None)
+        if failure is not None and (lost or self._is_stuck or not is_stopped):
+            raise failure
+        return 0
+
+    def _goes_on(self) -> bool:
+        is_read = not any(keeper.has_lost_output for keeper in self._keepers)
+        return is_read and any(keeper.is_alive for keeper in self._keepers)
+
+    def _is_over(self, name: str) -> None:
+        for keeper in self._keepers:
+            if keeper.radar.name == name:
+                keeper.over()
+
+    def _end(self) -> None:
+        going = [keeper for keeper in self._keepers if keeper.is_alive]
+        for keeper in going:
+            keeper.stop()
+        for keeper in going:
+            keeper.join(_JOIN_S)
+        self._is_stuck = any(keeper.stuck for keeper in self._keepers)

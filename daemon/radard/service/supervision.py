@@ -1,0 +1,140 @@
+"""Supervision: what a process does beside its radars; signals, outputs, the heartbeat, reloads.
+
+The main thread supervises: it never waits for a disk, a port or a reader of stdout while
+radars run, so signals are always heard.
+"""
+
+import logging
+import threading
+from collections.abc import Callable, Sequence
+
+from radard.config.config import Config
+from radard.config.directories import runtime_dir
+from radard.errors import RadardError
+from radard.health.heartbeat import Heartbeat, Watched
+from radard.health.status_file import status_path
+from radard.health.systemd import Notifier
+from radard.health.thread_dump import force_after, state_dump, state_of
+from radard.outputs.fanout import Outputs
+from radard.service.os_signals import Signals
+from radard.service.radar_run import RadarRun, RunOptions
+from radard.service.sink_watch import SinkWatch
+
+log = logging.getLogger("radard")
+_BEAT_S = 1.0
+_DEADLINE_S = 4.5
+
+
+class Supervisor:
+    """What runs of one radar and of several have in common.
+
+    Parameters
+    ----------
+    config : Config
+        What holds.
+    options : RunOptions
+        The rest.
+    signals : Signals
+        Heard here.
+    radars : sequence of RadarRun
+        All radars of the process.
+    """
+
+    def __init__(
+        self, config: Config, options: RunOptions, signals: Signals, radars: Sequence[RadarRun]
+    ) -> None:
+        self._config = config
+        self._options = options
+        self.signals = signals
+        self._radars = radars
+        self._notifier = Notifier()
+        self._force: threading.Timer | None = None
+        self._is_stuck = False
+        self._outputs = Outputs(
+            [radar.host for radar in radars], stdout_is_terminal=options.stdout_is_terminal
+        )
+        folder = runtime_dir(config)
+        watched = [
+            Watched(radar.name, radar.health, status_path(folder, radar.name), radar.panel)
+            for radar in radars
+        ]
+        self._heart = Heartbeat(watched, self._notifier)
+        self._watch = SinkWatch()
+        self._troubled: dict[str, set[str]] = {radar.name: set() for radar in radars}
+        for radar in radars:
+            radar.bind(self._outputs)
+
+    def _supervise(self, goes_on: Callable[[], bool]) -> bool:
+        """Heed signals while it goes on; return whether one asked for the end."""
+        while goes_on():
+            self._heart.main_is_alive()
+            self._look_at_outputs()
+            self.signals.wake.wait(_BEAT_S)
+            self.signals.wake.clear()
+            # Before the end that may have been asked for since.
+            if self.signals.take("dump"):
+                log.warning("state %s", state_dump(self._states()))
+            if self.signals.take("stop"):
+                self._force = force_after(_DEADLINE_S)
+                return True
+            if self.signals.take("reload"):
+                self._reload()
+        return False
+
+    def _look_at_outputs(self) -> None:
+        """Let every radar's health know which of its outputs are in trouble, and which no more."""
+        if self._outputs.can_wait:
+            # Nobody is guarded by it, and a replay says the same every time.
+            return
+        found = self._watch.look(self._outputs.sinks)
+        for radar in self._radars:
+            own = {name: why for (of, name), why in found.items() if of in {None, radar.name}}
+            for name in self._troubled[radar.name] | set(own):
+                radar.tell(radar.health.complain(f"output {name}", own.get(name, "")))
+            self._troubled[radar.name] = set(own)
+
+    def _states(self) -> dict[str, object]:
+        states: dict[str, object] = {}
+        for radar in self._radars:
+            state = state_of(radar.health, radar.panel())
+            states |= {radar.name: state} if self._config.is_one_of_several else state
+        return states
+
+    def _shut(self) -> None:
+        """Say the end and close what all radars share."""
+        self._heart.stop()
+        self._outputs.close()
+        # Not with a thread stuck in stdout: the interpreter's own end would hang there.
+        if self._force is not None and not self._is_stuck:
+            self._force.cancel()
+
+    def _reload(self) -> None:
+        """Read the configuration again and hand it to the radars; their streams go on."""
+        if self._options.reload is None:
+            return
+        self._notifier.reloading()
+        try:
+            config = self._options.reload()
+            if tuple(config.sensors) != tuple(self._config.sensors):
+                log.warning("reload: another choice of 'sensors' takes a restart")
+                config = config.model_copy(update={"sensors": self._config.sensors})
+            remade = [
+                (radar, parts)
+                for radar in self._radars
+                if (parts := radar.remade(self._of(radar, config))) is not None
+            ]
+        except RadardError as err:
+            log.warning("reload: the old configuration stays: %s", err)
+        else:
+            hellos = []
+            for radar, parts in remade:
+                radar.exchange(parts)
+                hellos.append(radar.hello(parts))
+            kept = {"sensor": self._config.sensor, "service": self._config.service}
+            self._config = config.model_copy(update=kept)
+            self._outputs.reload(self._config, hellos)
+            log.info("reload: done")
+        self._notifier.ready(self._heart.status.state)
+
+    def _of(self, radar: RadarRun, config: Config) -> Config:
+        return config.of_sensor(radar.name) if config.is_one_of_several else config

@@ -1,0 +1,97 @@
+"""Gathered reads: a stream's bytes are left to collect, so that one wake-up takes many.
+
+To wake a thread costs more than to decode a frame, and a serial port wakes its reader several
+times a frame. While a stream flows, reading pauses for `PAUSE_S`; the port's own buffer
+holds the bytes meanwhile. Replies to commands are small and never wait, and neither does the
+frame that completes a dwell: shortly before it is due, reading is as it would be without
+this, because people wait for the decision.
+"""
+
+import math
+import time
+from collections.abc import Callable
+
+from x2radar.device.transport import Transport
+from x2radar.errors import TransportClosed
+
+PAUSE_S = 0.04
+"""At 614 kB/s (768 bins of RF at 200 Hz) 25 kB collect; a kernel's buffer holds 64 kB."""
+_FLOWS_BYTES = 512
+_EARLY_S = 0.006
+"""More than a due frame was ever early: the frame_timing errs by a share of a millisecond."""
+_LATE_S = 0.1
+# A Linux terminal gives at most 4095 bytes to a read, whatever waits behind them: a read of
+# about that many is followed by another one at once.
+_FULL_BYTES = range(4000, 4097)
+_MOST_READS = 16
+
+
+class CoalescedReads:
+    """A transport that is read less often.
+
+    Parameters
+    ----------
+    inner : Transport
+        Where the bytes come from.
+    pause_s : float
+        A stream is left alone for so long between two reads, in seconds.
+    due_s : callable
+        Returns when the next frame that must not wait will arrive, on the clock; infinite
+        when that is not known.
+    clock, sleep : callable
+        Seconds of a monotonic clock, and how to wait for some.
+    """
+
+    def __init__(
+        self,
+        inner: Transport,
+        pause_s: float = PAUSE_S,
+        *,
+        due_s: Callable[[], float] = lambda: math.inf,
+        clock: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], object] = time.sleep,
+    ) -> None:
+        self._inner = inner
+        self._pause_s = pause_s
+        self._due_s = due_s
+        self._clock = clock
+        self._sleep = sleep
+        self._next_s = 0.0
+        self.is_usb = bool(getattr(inner, "is_usb", False))
+        self.write, self.close = inner.write, inner.close
+
+    def read(self, timeout_s: float) -> bytes:
+        """As in `Transport`; after a read that found a stream, not before the pause is over."""
+        wait_s = self._wait_s()
+        if wait_s > 0:
+            self._sleep(wait_s)
+        data = part = self._inner.read(timeout_s)
+        for _ in range(_MOST_READS):
+            if len(part) not in _FULL_BYTES:
+                break
+            try:
+                part = self._inner.read(timeout_s)
+            except TransportClosed:
+                # What was read counts; the next read meets the end again.
+                break
+            data += part
+        flows = len(data) >= _FLOWS_BYTES
+        self._next_s = self._clock() + self._pause_s if flows else 0.0
+        return data
+
+    def _wait_s(self) -> float:
+        """Return how long to leave the stream alone, in seconds; not when a dwell is due."""
+        now_s = self._clock()
+        left_s = self._next_s - now_s
+        if left_s <= 0:
+            return 0.0
+        to_due_s = self._due_s() - now_s
+        # One that does not come is lost; then nothing is gained by looking all the time.
+        return min(left_s, max(0.0, to_due_s - _EARLY_S)) if to_due_s > -_LATE_S else left_s
+
+
+def coalesced(
+    connect: Callable[[], Transport], due_s: Callable[[], float] = lambda: math.inf
+) -> Callable[[], Transport]:
+    """Return what connects as `connect` does, with coalesced reads (`X2Radar.wrap_transport`)."""
+    return lambda: CoalescedReads(connect(), due_s=due_s)

@@ -1,0 +1,388 @@
+"""FrameRing: frames in, dwells out, without copying; gaps are marked, never stitched.
+
+The only object that the reader thread and the worker share. Frames are converted a few at a
+time, since a call costs more than a frame; the last frame of a dwell never waits for others.
+Every row is written twice, a capacity apart, so that any dwell is one contiguous view. The
+writer waits before it would overwrite a row that a waiting dwell still needs.
+"""
+
+import threading
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radard.stream.frame_timing import FrameTiming
+from x2radar.frame import FastTimeAxis, Frame
+
+Convert = Callable[[NDArray[np.float32] | NDArray[np.complex64], NDArray[np.complex64]], object]
+
+MOST_LOST = 0.02
+LONGEST_GAP_S = 0.05
+_FRAMES_AT_ONCE = 64
+# After somebody looked on, frames are converted that late at most, for so long.
+_LATE_S = 0.05
+_WATCHED_S = 2.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DwellShape:
+    """How dwells are cut from the stream.
+
+    Attributes
+    ----------
+    n_slow : int
+        Frames in a dwell: columns of the spectrogram + frames of a CPI - 1.
+    hop_s : float
+        Stream time from one dwell to the next, in seconds.
+    frame_rate_hz : float
+        Frames per second of stream time.
+    """
+
+    n_slow: int
+    hop_s: float
+    frame_rate_hz: float
+
+    @classmethod
+    def of(cls, *, dwell_s: float, hop_s: float, frame_rate_hz: float, n_cpi: int) -> "DwellShape":
+        """Return the shape whose spectrogram has `dwell_s` of columns, CPIs of `n_cpi`."""
+        n_columns = max(2, round(dwell_s * frame_rate_hz))
+        return cls(n_slow=n_columns + n_cpi - 1, hop_s=hop_s, frame_rate_hz=frame_rate_hz)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Dwell:
+    """The block of frames that is judged together.
+
+    Attributes
+    ----------
+    frames : ndarray, shape (n_slow, n_range), complex64
+        Baseband, oldest first; a view that is good until the next `FrameRing.take`. A lost
+        frame's row repeats the one before it.
+    valid : ndarray, shape (n_slow,), bool
+        False for frames that were lost or unusable.
+    axis : FastTimeAxis
+        Axis of the rows.
+    frame_rate_hz : float
+        Frames per second.
+    t_s : float
+        Stream time at the end of the dwell, in seconds.
+    n_lost : int
+        Rows that are not valid.
+    longest_gap_s : float
+        Longest run of them, in seconds.
+    t_mono_s : float
+        When the last frame arrived, on the host's monotonic clock; 0 in recordings.
+    end_frame : int
+        Frames that the ring had taken when this dwell ended: the difference of two dwells'
+        numbers is how many frames are new in the later one. 0 for a dwell of its own.
+    """
+
+    frames: NDArray[np.complex64]
+    valid: NDArray[np.bool_]
+    axis: FastTimeAxis
+    frame_rate_hz: float
+    t_s: float
+    n_lost: int = 0
+    longest_gap_s: float = 0.0
+    t_mono_s: float = 0.0
+    end_frame: int = 0
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether so little is missing that the dwell may be judged (at most 2 %, 50 ms)."""
+        return (
+            self.n_lost <= MOST_LOST * len(self.valid)
+            and self.longest_gap_s <= LONGEST_GAP_S + 1e-9
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Recent:
+    """Rows that a ring has taken lately, for those who only look on.
+
+    Attributes
+    ----------
+    frames : ndarray, shape (n, n_range), complex64
+        Baseband, oldest first; a copy.
+    valid : ndarray, shape (n,), bool
+        False for frames that were lost or unusable.
+    end_frame : int
+        Frames that the ring had taken when these ended.
+    begun_at : int
+        `end_frame` when the stream last began anew.
+    t_s : float
+        Stream time at the end, in seconds.
+    """
+
+    frames: NDArray[np.complex64]
+    valid: NDArray[np.bool_]
+    end_frame: int
+    begun_at: int
+    t_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Notice:
+    """Something that happened to the stream between two dwells.
+
+    Attributes
+    ----------
+    kind : {'restart', 'lost', 'found'}
+        The counter or device started anew; the device is away; it is back.
+    reason : str
+        For people.
+    t_s : float
+        Stream time, in seconds.
+    """
+
+    kind: str
+    reason: str
+    t_s: float
+
+
+class FrameRing:
+    """Collect converted frames; hand out a dwell every hop.
+
+    Parameters
+    ----------
+    axis : FastTimeAxis
+        Axis of the converted rows.
+    convert : callable
+        ``convert(samples, out)`` writes the baseband of frames, shape (n, n_samples), into
+        as many rows; each frame's must not depend on those beside it.
+    shape : DwellShape
+        Length of the dwells and the hop.
+    """
+
+    def __init__(self, axis: FastTimeAxis, convert: Convert, shape: DwellShape) -> None:
+        self._axis = axis
+        self._convert = convert
+        self._shape = shape
+        self._capacity = shape.n_slow + 2 * max(1, round(shape.hop_s * shape.frame_rate_hz)) + 8
+        self._rows = np.zeros((2 * self._capacity, axis.n_range), np.complex64)
+        self._valid = np.zeros(2 * self._capacity, np.bool_)
+        self._changed = threading.Condition()
+        self._queue: deque[tuple[int, Dwell] | Notice] = deque()
+        self._held_from: int | None = None
+        self._ended = False
+        self._stopped = False
+        self._samples: NDArray[np.float32] | NDArray[np.complex64] = np.zeros((0, 0), np.float32)
+        self._is_here = np.zeros(_FRAMES_AT_ONCE, np.bool_)
+        self._n_waiting = 0
+        self._taken = 0
+        self._index = -1
+        self._converted = (0, -1)
+        self._watched_to = 0
+        self._most_watched = min(_FRAMES_AT_ONCE, max(1, round(_LATE_S * shape.frame_rate_hz)))
+        self._base = 0
+        self._due = 0
+        self._hops = 0
+        self.n_unusable = 0
+        self._forecast = FrameTiming(shape.frame_rate_hz)
+        self._schedule(0)
+
+    @property
+    def axis(self) -> FastTimeAxis:
+        """Axis of the converted rows."""
+        return self._axis
+
+    @property
+    def frame_rate_hz(self) -> float:
+        """Frames per second of stream time."""
+        return self._shape.frame_rate_hz
+
+    def due_s(self) -> float:
+        """Return when the next dwell's last frame should arrive, by `FrameTiming`."""
+        return self._forecast.arrival_s(self._due)
+
+    def recent(self, after: int = 0) -> Recent:
+        """Return the rows behind number `after`, or as many of them as are still there.
+
+        For any thread. Takes no lock and keeps nobody waiting: rows that the reader has
+        overwritten while they were copied are left out.
+        """
+        # Whoever looks on wants to see what is new, so frames wait for few others meanwhile.
+        self._watched_to = self._taken + round(_WATCHED_S * self._shape.frame_rate_hz)
+        begun_at, (end, index) = self._base, self._converted
+        first = min(max(after, begun_at, end - self._capacity), end)
+        at = first % self._capacity
+        rows = self._rows[at : at + end - first].copy()
+        valid = self._valid[at : at + end - first].copy()
+        torn = max(0, self._taken - self._capacity - first)
+        t_s = (index + 1) / self._shape.frame_rate_hz
+        return Recent(rows[torn:], valid[torn:], end, begun_at, t_s)
+
+    def push(self, frame: Frame) -> bool:
+        """Add a frame; wait while the worker is too far behind.
+
+        Parameters
+        ----------
+        frame : Frame
+            The next frame of the stream. Frames lost before it become invalid rows; a
+            restart empties the ring. A frame that is not finite counts as lost.
+
+        Returns
+        -------
+        bool
+            False once the worker has stopped: no further frame is wanted.
+        """
+        if frame.restarted or self._taken == 0:
+            self._restart(frame)
+        else:
+            for _ in range(frame.lost):
+                self._index += 1
+                if not self._add(None, 0.0):
+                    return False
+        self._index = frame.index
+        self._forecast.note(self._taken + 1, frame.t_mono_s)
+        return self._add(frame.samples, frame.t_mono_s)
+
+    def post(self, kind: str, reason: str) -> None:
+        """Queue a notice for the worker."""
+        with self._changed:
+            self._queue.append(Notice(kind, reason, (self._index + 1) / self._shape.frame_rate_hz))
+            self._changed.notify_all()
+
+    def end(self) -> None:
+        """Tell the worker that nothing more will come."""
+        with self._changed:
+            self._ended = True
+            self._changed.notify_all()
+
+    def stop(self) -> None:
+        """Tell the reader that nothing more is wanted, and free it if it waits."""
+        with self._changed:
+            self._stopped = True
+            self._changed.notify_all()
+
+    def take(self, timeout_s: float | None = None) -> Dwell | Notice | None:
+        """Return the next dwell or notice; None at the end of the stream.
+
+        The dwell taken before is given back by this call, and its frames may be
+        overwritten from here on.
+
+        Raises
+        ------
+        TimeoutError
+            If nothing came within `timeout_s`.
+        """
+        with self._changed:
+            self._held_from = None
+            self._changed.notify_all()
+            if not self._changed.wait_for(lambda: self._queue or self._ended, timeout_s):
+                raise TimeoutError
+            if not self._queue:
+                return None
+            item = self._queue.popleft()
+            if isinstance(item, Notice):
+                return item
+            self._held_from, dwell = item
+            return dwell
+
+    def _restart(self, frame: Frame) -> None:
+        if self._taken:
+            self.post("restart", f"the frame counter jumped to {frame.counter}")
+        self._convert_waiting()
+        # Rows that waiting dwells still need stay where they are: only the schedule starts anew.
+        self._base = self._taken
+        self._forecast.reset()
+        self._hops = 0
+        self._schedule(0)
+
+    def _schedule(self, hop: int) -> None:
+        ahead = round(hop * self._shape.hop_s * self._shape.frame_rate_hz)
+        self._due = self._base + self._shape.n_slow + ahead
+
+    def _add(
+        self, samples: NDArray[np.float32] | NDArray[np.complex64] | None, t_mono_s: float
+    ) -> bool:
+        if self._stopped:
+            return False
+        if samples is not None:
+            like = self._samples
+            if samples.shape != like.shape[1:] or samples.dtype != like.dtype:
+                if not self._convert_waiting():
+                    return False
+                self._samples = np.zeros((_FRAMES_AT_ONCE, *samples.shape), samples.dtype)
+            self._samples[self._n_waiting] = samples
+        self._is_here[self._n_waiting] = samples is not None
+        self._n_waiting += 1
+        self._taken += 1
+        is_due = self._taken == self._due
+        most = self._most_watched if self._taken < self._watched_to else _FRAMES_AT_ONCE
+        is_full = self._n_waiting >= most or self._taken % self._capacity == 0
+        if (is_due or is_full) and not self._convert_waiting():
+            return False
+        if is_due:
+            self._emit(t_mono_s)
+        return True
+
+    def _convert_waiting(self) -> bool:
+        """Write the rows of the frames that wait; return False once the worker has stopped."""
+        n, self._n_waiting = self._n_waiting, 0
+        if n == 0:
+            return True
+        with self._changed:
+            self._changed.wait_for(self._may_write)
+            if self._stopped:
+                return False
+        first = self._taken - n
+        at = first % self._capacity
+        rows, good = self._rows[at : at + n], self._is_here[:n].copy()
+        if good.any():
+            samples = self._samples[:n]
+            finite = np.isfinite(samples).all(axis=1)
+            self.n_unusable += int(np.count_nonzero(good & ~finite))
+            good &= finite
+            if not good.all():
+                samples[~good] = 0
+            self._convert(samples, rows)
+        for k in np.flatnonzero(~good).tolist():
+            rows[k] = self._rows[(first + k - 1) % self._capacity] if first + k else 0
+        copies = slice(at + self._capacity, at + self._capacity + n)
+        self._rows[copies] = rows
+        self._valid[at : at + n] = self._valid[copies] = good
+        self._converted = (self._taken, self._index)
+        return True
+
+    def _may_write(self) -> bool:
+        if self._stopped:
+            return True
+        needed = self._held_from
+        if needed is None:
+            needed = next((q[0] for q in self._queue if isinstance(q, tuple)), None)
+        return needed is None or self._taken <= needed + self._capacity
+
+    def _emit(self, t_mono_s: float) -> None:
+        first = self._taken - self._shape.n_slow
+        at = first % self._capacity
+        rows = self._rows[at : at + self._shape.n_slow]
+        valid = self._valid[at : at + self._shape.n_slow].copy()
+        rate_hz = self._shape.frame_rate_hz
+        dwell = Dwell(
+            rows,
+            valid,
+            self._axis,
+            rate_hz,
+            (self._index + 1) / rate_hz,
+            int(np.count_nonzero(~valid)),
+            _longest_run(~valid) / rate_hz,
+            t_mono_s,
+            self._taken,
+        )
+        self._hops += 1
+        self._forecast.next_hop()
+        self._schedule(self._hops)
+        with self._changed:
+            self._queue.append((first, dwell))
+            self._changed.notify_all()
+
+
+def _longest_run(flags: NDArray[np.bool_]) -> int:
+    if not flags.any():
+        return 0
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], flags, [False])).astype(np.int8)))
+    return int((edges[1::2] - edges[::2]).max())

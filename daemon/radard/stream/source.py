@@ -1,0 +1,292 @@
+"""A --port string becomes frames: serial, ``sim:`` or ``replay:``, live ones with recovery.
+
+A source yields frames and, through `on_notice`, says when the device is lost and found. It
+opens before the first frame is asked for, so that faults of the port come at start.
+"""
+
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from itertools import chain
+from typing import Protocol
+
+from radard import plugins
+from radard.errors import UsageError
+from radard.stream.coalesced_reads import coalesced
+from radard.stream.frame_timing import NextHop
+from radard.stream.playback import Playback
+from x2radar.device.device import RadarStats
+from x2radar.device.reconnect import ReconnectingRadar
+from x2radar.errors import RecordingError, TransportClosed
+from x2radar.frame import Frame, StreamInfo
+from x2radar.ports import PortSpec, check_options, make_radar, number_option, parse_port
+
+Notify = Callable[[str, str], None]
+REPLAY_KEYS = frozenset({"start", "loop"})
+_FASTEST_GATHERED = 2.0
+
+
+class FrameSource(Protocol):
+    """Where frames come from."""
+
+    @property
+    def stream(self) -> StreamInfo:
+        """Axis and rate of the frames."""
+        ...
+
+    @property
+    def is_live(self) -> bool:
+        """Whether frames come from a device now (a simulated one is live)."""
+        ...
+
+    def frames(self) -> Iterator[Frame]:
+        """Yield frames until the source ends."""
+        ...
+
+    def close(self) -> None:
+        """Let go of the port or file; frames() then ends."""
+        ...
+
+
+class SourceOpener(Protocol):
+    """What an entry point of `radard.sources` names; its own name is the port's scheme."""
+
+    def __call__(
+        self, target: str, options: Mapping[str, str], *, speed: float | None
+    ) -> FrameSource:
+        """Open what stands behind the scheme's colon.
+
+        Parameters
+        ----------
+        target : str
+            Up to the question mark.
+        options : mapping of str to str
+            The keys behind it.
+        speed : float or None
+            Stream seconds per real second, for sources that can choose; None is as fast as
+            possible.
+
+        Returns
+        -------
+        FrameSource
+            Open, with its stream known. Its frames are numbered from 0 and read-only.
+
+        Raises
+        ------
+        RadardError, X2RadarError
+            If it cannot be opened: one line, with the exit code of the error.
+        """
+        ...
+
+
+def parse_speed(text: str, *, replay: bool) -> float | None:
+    """Return stream seconds per real second; None is as fast as possible.
+
+    Raises UsageError unless `text` is auto, realtime, max or a number above zero.
+    """
+    if text == "auto":
+        return None if replay else 1.0
+    if text in {"realtime", "max"}:
+        return 1.0 if text == "realtime" else None
+    try:
+        factor = float(text)
+    except ValueError:
+        factor = 0.0
+    if not 0 < factor < 1e6:
+        msg = f"--speed '{text}': use realtime, max or a factor above 0"
+        raise UsageError(msg)
+    return factor
+
+
+def open_source(
+    port: str,
+    *,
+    speed: str = "auto",
+    wait: bool = False,
+    quit_on_loss: bool = False,
+    on_notice: Notify = lambda _kind, _reason: None,
+    on_wait: Callable[[Callable[[], None]], object] = lambda _close: None,
+) -> FrameSource:
+    """Open what a port string names.
+
+    Parameters
+    ----------
+    port : str
+        As --port takes it.
+    speed : str
+        As --speed takes it.
+    wait : bool
+        Wait for a port that is absent or denied, instead of raising.
+    quit_on_loss : bool
+        Raise when the device goes away later, instead of waiting for it.
+    on_notice : callable
+        Called with ('lost' or 'found', reason) from the thread that reads frames.
+    on_wait : callable
+        Given, before a device is waited for, what ends that wait; any thread may call it.
+
+    Returns
+    -------
+    FrameSource
+        Open, with its stream known.
+
+    Raises
+    ------
+    X2RadarError, UsageError
+        If the port, scene or recording cannot be opened, or a plug-in is broken.
+    """
+    spec = parse_port(port)
+    factor = parse_speed(speed, replay=spec.scheme == "replay")
+    if spec.scheme == "serial":
+        plugin = plugins.plugged(plugins.SOURCES, plugins.scheme_of(port))
+        if plugin is not None:
+            target = spec.target.partition(":")[2]
+            source: FrameSource = plugin.call(target, spec.options, speed=factor)
+            plugin.check(source, ("stream", "is_live", "frames", "close"))
+            return source
+    if spec.scheme == "replay":
+        return ReplaySource(spec, factor, on_notice)
+    radar, hop = make_radar(spec, speed=factor), NextHop()
+    if factor is not None and factor <= _FASTEST_GATHERED:
+        radar.wrap_transport(lambda connect: coalesced(connect, hop.due_s))
+    device = ReconnectingRadar(radar, wait=wait, quit_on_loss=quit_on_loss)
+    on_wait(device.close)
+    return LiveSource(device, on_notice, hop)
+
+
+class LiveSource:
+    """Frames of a device, which is opened again when it was lost.
+
+    Parameters
+    ----------
+    radar : ReconnectingRadar
+        Not opened yet.
+    on_notice : callable
+        See `open_source`.
+    hop : NextHop
+        Asked by the transport; `expect` tells it.
+    """
+
+    is_live = True
+
+    def __init__(self, radar: ReconnectingRadar, on_notice: Notify, hop: NextHop) -> None:
+        self._radar = radar
+        self._hop = hop
+        self._on_notice = on_notice
+        self._frames = self._read()
+        first = next(self._frames, None)
+        if first is None:
+            msg = "closed before the first frame"
+            raise TransportClosed(msg)
+        self._first = first
+        assert radar.stream is not None  # noqa: S101 - known with the first frame
+        self.stream: StreamInfo = radar.stream
+
+    def frames(self) -> Iterator[Frame]:
+        """Yield frames; after a loss, the first one is marked as a restart.
+
+        Raises
+        ------
+        TransportClosed, ReadTimeout, DeviceError
+            If the device is lost and is not waited for.
+        """
+        return chain([self._first], self._frames)
+
+    def expect(self, frame_timing: Callable[[], float]) -> None:
+        """Read in time for the frame that `frame_timing` expects, see `FrameRing.due_s`."""
+        self._hop.ask(frame_timing)
+
+    @property
+    def stats(self) -> RadarStats:
+        """What the driver has counted up to now; for any thread."""
+        return self._radar.stats
+
+    def close(self) -> None:
+        """As in `FrameSource`."""
+        self._radar.close()
+
+    def _read(self) -> Iterator[Frame]:
+        for item in self._radar.items():
+            if isinstance(item, Frame):
+                yield item
+            elif item.kind in {"lost", "found"}:
+                # Frames themselves carry gaps and restarts; repeats are dropped.
+                self._on_notice(item.kind, item.reason)
+
+
+class ReplaySource:
+    """Frames of a recording, paced by their stream time.
+
+    Attributes
+    ----------
+    playback : Playback
+        Play, pause, seek and speed.
+    """
+
+    is_live = False
+
+    def __init__(
+        self, spec: PortSpec, speed: float | None, on_notice: Notify = lambda _kind, _reason: None
+    ) -> None:
+        check_options(spec, REPLAY_KEYS)
+        self._start_s = number_option(spec, "start", 0.0)
+        if self._start_s < 0:
+            msg = f"port key 'start': {self._start_s:g} is negative"
+            raise UsageError(msg)
+        self._loop = number_option(spec, "loop", 0.0) > 0
+        # Late: live sources must not wait for h5py at start.
+        from x2radar.recording.registry import open_recording  # noqa: PLC0415
+
+        self._reader = open_recording(spec.target)
+        self._closed = False
+        self.warning = self._reader.warning
+        self.started_utc = self._reader.started_utc
+        end_s = self._reader.n_frames / self._reader.stream.frame_rate_hz
+        if self._start_s >= end_s:
+            msg = f"{spec.target}: start={self._start_s:g} is behind its end ({end_s:.1f} s)"
+            raise RecordingError(msg)
+        self.playback = Playback(end_s, speed, lambda: on_notice("paused", "the replay is paused"))
+
+    @property
+    def stream(self) -> StreamInfo:
+        """As in `FrameSource`."""
+        return self._reader.stream
+
+    def frames(self) -> Iterator[Frame]:
+        """Yield the recording's frames, again and again with loop=1."""
+        rate_hz = self.stream.frame_rate_hz
+        start_s, offset, index = self._start_s, 0, -1
+        is_first_round = True
+        while True:
+            seek_s: float | None = None
+            for n, frame in enumerate(self._reader.frames(start_s)):
+                seek_s = self.playback.pace(frame.index / rate_hz)
+                if self._closed:
+                    return
+                if seek_s is not None:
+                    break
+                index = frame.index + offset
+                moved = frame if not offset else replace(frame, index=index, lost=0)
+                if self.playback.is_paced:
+                    moved = _arrived(moved)
+                # Where one round ends and the next begins, time does not go on smoothly.
+                is_jump = n == 0 and not is_first_round
+                yield replace(moved, lost=0, restarted=True) if is_jump else moved
+            is_first_round = False
+            if seek_s is not None:
+                start_s = seek_s
+                continue
+            if not self._loop:
+                return
+            start_s, offset = 0.0, index + 1
+
+    def close(self) -> None:
+        """As in `FrameSource`."""
+        self._closed = True
+        self.playback.close()
+
+
+def _arrived(frame: Frame) -> Frame:
+    """Return a frame that arrives now; `replace` takes longer than the ring does."""
+    now_s = time.monotonic()
+    f = frame
+    return Frame(f.samples, f.counter, f.index, f.lost, f.restarted, f.axis, now_s)

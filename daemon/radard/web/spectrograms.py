@@ -1,0 +1,245 @@
+"""Spectrograms: frames to the columns of the dashboard's pictures, as bytes on a dB scale.
+
+Three pictures share their columns of time: range (where), velocity (how fast; aliases
+suppressed, see `radard.dsp.velocity`) and Doppler (mu, what the thesis' network sees). A
+fourth, gait, is the cadence velocity diagram of the last two seconds.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radard.dsp.cadence import cadence_velocity_diagram
+from radard.dsp.columns import SharedSteps
+from radard.dsp.range_time import RangeTimeMap
+from radard.dsp.streaming import StreamingDoppler
+from radard.dsp.velocity import CPI_S, VelocityTransform
+from x2radar.frame import FastTimeAxis
+from x2radar.settings.x2 import SPEED_OF_LIGHT_MPS
+
+Bytes = NDArray[np.uint8]
+Reals = NDArray[np.float64]
+
+COLUMN_RATE_HZ = 15.0
+GAIT_S = 2.0
+SPANS_DB = {"range": 30.0, "velocity": 11.0, "doppler": 26.0, "gait": 20.0}
+"""From dark to bright. Aliases of fast bodies lie 7 to 9 dB under the true velocity."""
+_MOST_BINS = 256
+_MOST_ROWS = 96
+_CELLS_M = (0.05, 0.1, 0.2, 0.5, 1.0)
+_QUIET_SHARE = 0.3
+# Noise has peaks; they should not look like motion.
+_DIM_DB = 4.0
+_RISE_DB_PER_S = 0.5
+_FALL_DB_PER_S = 12.0
+_TINY = 1e-300
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """What the rows of a picture are.
+
+    Attributes
+    ----------
+    name : str
+        range, velocity, doppler or gait.
+    unit : str
+        Of the rows.
+    first, step : float
+        Value of row 0 and from one row to the next.
+    n_rows : int
+        How many.
+    """
+
+    name: str
+    unit: str
+    first: float
+    step: float
+    n_rows: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Columns:
+    """New columns of the pictures.
+
+    Attributes
+    ----------
+    t_s : float
+        Stream time of the middle of the last column's CPI, in seconds.
+    valid : ndarray, shape (n,), bool
+        False where a lost frame touches a column.
+    values : mapping of str to ndarray, shape (n_rows, n), uint8
+        255 is the strongest cell of the column, or the span and 4 dB above the noise where
+        nothing is as strong as that; 0 is the span below it, see `SPANS_DB`.
+    """
+
+    t_s: float
+    valid: NDArray[np.bool_]
+    values: dict[str, Bytes]
+
+
+@dataclass(slots=True)
+class _Floor:
+    """Noise of a picture, in dB: falls quickly, rises slowly, so that nobody becomes noise."""
+
+    level_db: float = field(default=np.nan)
+
+    def update(self, levels_db: Reals, elapsed_s: float) -> float:
+        quiet_db = float(np.quantile(levels_db, _QUIET_SHARE))
+        if np.isnan(self.level_db):
+            self.level_db = quiet_db
+        low, high = -_FALL_DB_PER_S * elapsed_s, _RISE_DB_PER_S * elapsed_s
+        self.level_db += min(max(quiet_db - self.level_db, low), high)
+        return self.level_db
+
+
+class Spectrograms:
+    """Make pictures of one stream.
+
+    Parameters
+    ----------
+    axis : FastTimeAxis
+        Axis of the baseband frames that will come.
+    frame_rate_hz : float
+        Frames per second of stream time.
+
+    Attributes
+    ----------
+    pictures : tuple of Picture
+        Their axes; gait is the last.
+    column_s : float
+        Stream time from one column to the next, in seconds.
+
+    Notes
+    -----
+    Every bin beyond 256 in a frame is left out: the matched filter has made neighbours
+    alike, and the pictures have fewer rows than that.
+    """
+
+    def __init__(self, axis: FastTimeAxis, frame_rate_hz: float) -> None:
+        self._thin = -(-axis.n_range // _MOST_BINS)
+        axis = FastTimeAxis(
+            kind="baseband",
+            n_range=-(-axis.n_range // self._thin),
+            bin_length_m=axis.bin_length_m * self._thin,
+            range_offset_m=axis.range_offset_m,
+            carrier_hz=axis.carrier_hz,
+            bandwidth_hz=axis.bandwidth_hz,
+        )
+        self._rate_hz = frame_rate_hz
+        self._stride = max(1, round(frame_rate_hz / COLUMN_RATE_HZ))
+        self.column_s = self._stride / frame_rate_hz
+        n_cpi = max(4, round(CPI_S * frame_rate_hz))
+        self._middle_s = n_cpi / 2 / frame_rate_hz
+        length_m = axis.n_range * axis.bin_length_m
+        cell_m = next((c for c in _CELLS_M if length_m / c <= _MOST_ROWS), length_m / _MOST_ROWS)
+        n_keep = round(GAIT_S / self.column_s)
+        block = max(64, n_cpi)
+        self._ranges = RangeTimeMap(axis, n_cpi, cell_m=cell_m, n_keep=2 * block + self._stride)
+        self._velocity = VelocityTransform(
+            axis, frame_rate_hz, column_rate_hz=COLUMN_RATE_HZ, n_keep=2 * block
+        )
+        self._doppler = StreamingDoppler(n_cpi, stride=self._stride, n_keep=max(n_keep, 2 * block))
+        self._shared = SharedSteps(self._ranges, self._velocity, self._doppler)
+        self._n_gait = n_keep
+        self._block = block
+        self.restart()
+        v, d_hz = self._velocity.velocity_mps, frame_rate_hz / n_cpi
+        to_mps = SPEED_OF_LIGHT_MPS / (2 * axis.carrier_hz) if axis.carrier_hz > 0 else 0.0
+        doppler = ("m/s", d_hz * to_mps) if to_mps else ("Hz", d_hz)
+        lowest = -(n_cpi // 2) * doppler[1]
+        r = self._ranges.range_m
+        self.pictures = (
+            Picture("range", "m", float(r[0]), cell_m, len(r)),
+            Picture("velocity", "m/s", float(v[0]), float(v[1] - v[0]), len(v)),
+            Picture("doppler", doppler[0], lowest, doppler[1], n_cpi),
+            Picture("gait", doppler[0], lowest, doppler[1], n_cpi),
+        )
+
+    @property
+    def gait_step_hz(self) -> float:
+        """Cadence from one column of the gait picture to the next, in hertz."""
+        return 1 / (self._n_gait * self.column_s)
+
+    def restart(self) -> None:
+        """Forget the frames so far, as after a jump of the stream; the floors are kept."""
+        self._shared.restart()
+        self._floors = getattr(self, "_floors", None) or {
+            name: _Floor() for name in ("range", "velocity", "doppler", "gait")
+        }
+        self._n_seen = self._n_made = 0
+
+    def push(
+        self, frames: NDArray[np.complex64], valid: NDArray[np.bool_], t_s: float
+    ) -> Columns | None:
+        """Take the next frames; return the columns that they complete, if any.
+
+        Parameters
+        ----------
+        frames : ndarray, shape (n, n_range), complex64
+            At most `longest_push` of them.
+        valid : ndarray, shape (n,), bool
+            False for frames that were lost.
+        t_s : float
+            Stream time behind the last of them, in seconds.
+        """
+        self._shared.push(frames[:, :: self._thin], valid)
+        self._n_seen += len(frames)
+        total = self._n_columns_by(self._n_seen)
+        n = total - self._n_made
+        self._n_made = total
+        if n < 1:
+            return None
+        behind = self._n_seen - (total - 1) * self._stride - self._velocity.n_cpi
+        power = {
+            "range": self._range_columns(n, behind),
+            "velocity": self._velocity.columns(n),
+            "doppler": self._doppler.columns(n),
+        }
+        values = {name: self._shown(name, p, n * self.column_s) for name, p in power.items()}
+        end_s = t_s - behind / self._rate_hz - self._middle_s
+        return Columns(end_s, self._velocity.columns_valid(n), values)
+
+    @property
+    def longest_push(self) -> int:
+        """Most frames that `push` takes at once without leaving columns out."""
+        return self._block
+
+    def gait(self) -> Bytes | None:
+        """Return the gait picture, shape (n_doppler, n_cadence), uint8; None before it is due.
+
+        Column 0 is the cadence zero, which holds the mean and is left dark.
+        """
+        if self._doppler.n_columns < self._n_gait:
+            return None
+        spectrogram = self._doppler.columns(self._n_gait).astype(np.float32)
+        diagram = cadence_velocity_diagram(spectrogram)[:, : self._n_gait // 2]
+        power = diagram.astype(np.float64) ** 2
+        power[:, 0] = 0
+        return self._shown("gait", power, GAIT_S / 2)
+
+    def _n_columns_by(self, n_frames: int) -> int:
+        n_cpi = self._velocity.n_cpi
+        return 0 if n_frames < n_cpi else (n_frames - n_cpi) // self._stride + 1
+
+    def _range_columns(self, n: int, behind: int) -> Reals:
+        """Return range columns at the same frames as the others: means over each stride."""
+        have = self._ranges.n_columns
+        columns = self._ranges.columns(min(have, (n - 1) * self._stride + behind + 1))
+        ends = columns.shape[1] - behind - 1 - self._stride * np.arange(n)[::-1]
+        # A column's own frame and those on the way to the one before it.
+        starts = np.maximum(ends - self._stride + 1, 0)
+        total = np.concatenate([np.zeros((len(columns), 1)), columns.cumsum(axis=1)], axis=1)
+        return np.asarray((total[:, ends + 1] - total[:, starts]) / (ends + 1 - starts))
+
+    def _shown(self, name: str, power: Reals, elapsed_s: float) -> Bytes:
+        level_db = 10 * np.log10(np.maximum(power, _TINY))
+        known = level_db[level_db > -2000]
+        if not known.size:
+            return np.zeros(power.shape, np.uint8)
+        span_db = SPANS_DB[name]
+        weakest_db = self._floors[name].update(known, elapsed_s) + span_db + _DIM_DB
+        top_db = np.maximum(level_db.max(axis=0), weakest_db)
+        share = 1 + (level_db - top_db) / span_db
+        return np.asarray(np.clip(share * 255, 0, 255), np.uint8)

@@ -1,0 +1,181 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from radard.dsp.cfar import (
+    FALSE_ALARM,
+    PowerMap,
+    find_peaks,
+    floor_factor,
+    os_factor,
+    os_level,
+    power_map,
+)
+from tests.clutter_helpers import AXIS, body, db
+from tests.radar_helpers import noise
+
+ALL = np.ones(147, np.bool_)
+TIME_S = (np.arange(147) + 0.5) / 60
+
+
+def chart_of(frames, *, valid=ALL, floor=1.0, axis=AXIS, end_s=2.45):
+    return power_map(
+        np.asarray(frames, np.complex64),
+        valid,
+        axis,
+        frame_rate_hz=60.0,
+        end_s=end_s,
+        floor=np.full(axis.n_range, floor),
+    )
+
+
+def map_of(ratio, n_looks=7.0):
+    n_block, n_cell = ratio.shape
+    return PowerMap(ratio, np.arange(n_block) * 0.12, np.arange(n_cell) * 0.03, 0.03, n_looks)
+
+
+def test_map_of_noise_is_one_everywhere():
+    chart = chart_of(noise(147, 96))
+    assert chart.ratio.shape == (20, 96)
+    assert chart.ratio.mean() == pytest.approx(1, abs=0.02)
+    # 140 of 147 frames in five CPIs of four blocks of seven, aligned to the end.
+    np.testing.assert_allclose(chart.time_s, 2.45 - (140 - 7 * np.arange(20) - 3.5) / 60)
+    assert chart.n_looks == 7
+    np.testing.assert_allclose(chart.range_m, AXIS.range_m)
+
+
+@pytest.mark.parametrize("unit", [1e-40, 1.0, 1e30])
+def test_map_in_any_unit(unit):
+    frames = noise(147, 96).astype(np.complex128)
+    chart = chart_of(frames * unit, floor=unit**2)
+    assert chart.ratio.mean() == pytest.approx(1, abs=0.03)
+
+
+def test_fine_bins_are_put_together_to_cells():
+    axis = replace(AXIS, n_range=770, bin_length_m=0.0293 / 8)
+    chart = chart_of(noise(147, 770), axis=axis)
+    assert chart.ratio.shape[1] == 86
+    assert chart.cell_m == pytest.approx(9 * 0.0293 / 8)
+    assert chart.ratio.mean() == pytest.approx(1, abs=0.02)
+    assert chart.range_m[0] == pytest.approx(0.6 + 4 * 0.0293 / 8)
+    assert chart.range_m[-1] == pytest.approx(axis.range_m[[765, 769]].mean())
+    rough = chart_of(noise(147, 96), axis=replace(AXIS, bandwidth_hz=0))
+    assert rough.ratio.shape[1] == 96
+
+
+def test_lost_frames_and_dead_bins_give_zero():
+    frames = noise(147, 96)
+    frames[7:14] = np.nan
+    frames[40:60] = 1e6
+    valid = ALL.copy()
+    valid[40:60] = False
+    chart = chart_of(frames, valid=valid)
+    # The second CPI has too few frames left, the first one lost a block.
+    assert len(chart.ratio) == 16
+    assert not chart.ratio[0].any()
+    assert chart.ratio[1:].mean() == pytest.approx(1, abs=0.05)
+    dead = chart_of(noise(147, 96), floor=0.0)
+    assert not dead.ratio.any()
+    assert find_peaks(dead, 9) == [[] for _ in range(20)]
+
+
+@pytest.mark.parametrize("n_looks", [1.0, 3.5, 7.0])
+@pytest.mark.parametrize(("n", "k"), [(16, 6), (8, 3), (30, 22)])
+def test_os_factor_keeps_the_false_alarm_rate(n, k, n_looks):
+    rng = np.random.default_rng(6)
+    alarm = 1e-2
+    cells = rng.gamma(n_looks, size=(100_000, n + 1))
+    level = np.partition(cells[:, 1:], k, axis=1)[:, k]
+    rate = np.mean(cells[:, 0] > os_factor(n, k, n_looks, alarm) * level)
+    assert rate == pytest.approx(alarm, rel=0.12)
+
+
+@pytest.mark.parametrize(("n", "k"), [(16, 6), (24, 17)])
+def test_os_factor_of_one_look_is_rohlings_product(n, k):
+    factor = os_factor(n, k, 1.0, 1e-3)
+    i = np.arange(k + 1)
+    assert np.prod((n - i) / (n - i + factor)) == pytest.approx(1e-3, rel=0.01)
+
+
+def test_floor_factor_keeps_the_false_alarm_rate():
+    cells = np.random.default_rng(7).gamma(7.0, size=400_000) / 7
+    assert np.mean(cells > floor_factor(7.0, 1e-3)) == pytest.approx(1e-3, rel=0.15)
+    assert floor_factor(1.0, 1e-3) == pytest.approx(-np.log(1e-3))
+
+
+def test_level_is_an_ordered_statistic_of_the_surroundings():
+    ratio = np.random.default_rng(8).gamma(7.0, size=(3, 40)) / 7
+    level = os_level(ratio, guard=2, reach=10)
+    for cell in (0, 5, 20, 30, 39):
+        sides = [ratio[:, cell + 3 : cell + 11], ratio[:, max(0, cell - 10) : max(0, cell - 2)]]
+        whole = [np.sort(side, axis=1)[:, int(0.4 * 7)] for side in sides if side.shape[1] == 8]
+        np.testing.assert_array_equal(level[:, cell], np.max(whole, axis=0))
+    assert not os_level(ratio[:, :10], guard=2, reach=10).any()
+
+
+def test_noise_gives_hardly_any_peak():
+    found = 0
+    for seed in range(30):
+        found += sum(map(len, find_peaks(chart_of(noise(147, 96, seed=seed)), 0.0)))
+    assert found <= 30 * 20 * 96 * FALSE_ALARM * 3
+
+
+@pytest.mark.parametrize("level", [5, 20, 60])
+def test_a_body_gives_one_peak_a_block_where_it_is(level):
+    range_m = 2.8 - 0.6 * TIME_S
+    chart = chart_of(noise(147, 96) + body(range_m, level + 10))
+    peaks = find_peaks(chart, 9)
+    assert np.mean([len(p) == 1 for p in peaks]) >= 0.9
+    for time_s, found in zip(chart.time_s, peaks, strict=True):
+        for peak in found:
+            assert peak.range_m == pytest.approx(2.8 - 0.6 * time_s, abs=0.05)
+            assert peak.power_db == pytest.approx(level + 10, abs=3)
+
+
+def test_two_bodies_a_metre_apart_are_two_even_when_one_is_20_db_weaker():
+    dog, person = 1.2 + 0.3 * TIME_S, 2.2 + 0.3 * TIME_S
+    chart = chart_of(noise(147, 96) + body(dog, 45) + body(person, 25))
+    peaks = find_peaks(chart, 9)
+    assert np.mean([len(p) == 2 for p in peaks]) >= 0.9
+    assert all(p[0].power_db > p[1].power_db for p in peaks if len(p) == 2)
+
+
+def test_the_fill_behind_a_body_is_not_peaks():
+    rng = np.random.default_rng(9)
+    ratio = rng.gamma(2.0, size=(40, 96)) / 2
+    ratio[:, 30:] *= 10**2
+    ratio[:, 29:33] = 10**4
+    peaks = find_peaks(map_of(ratio), 9)
+    assert sum(len(p) for p in peaks) <= 44
+    assert all(any(abs(q.range_m - 0.91) < 0.1 for q in p) for p in peaks)
+
+
+def test_equal_cells_and_tiny_maps_give_no_peak():
+    assert find_peaks(map_of(np.full((2, 96), 100.0)), 9) == [[], []]
+    assert find_peaks(map_of(np.zeros((2, 1))), 9) == [[], []]
+    assert find_peaks(map_of(np.zeros((0, 96))), 9) == []
+    alone = find_peaks(map_of(np.full((1, 1), 100.0)), 9)
+    assert [p.power_db for p in alone[0]] == [pytest.approx(db(100))]
+
+
+def test_at_most_eight_peaks_strongest_first():
+    ratio = np.ones((1, 400))
+    ratio[0, 20::38] = 1e4 * np.arange(1, 11)
+    (found,) = find_peaks(map_of(ratio), 9)
+    assert len(found) == 8
+    assert [p.power_db for p in found] == sorted((p.power_db for p in found), reverse=True)
+
+
+@pytest.mark.parametrize("unit", [1e-40, 1e-20, 1.0, 1e15, 1e30])
+@pytest.mark.parametrize("clutter_db", [0, 60, 80])
+def test_map_against_float64(unit, clutter_db):
+    frames = (noise(84, 96) + 10 ** (clutter_db / 20) * noise(1, 96, seed=3)).astype(np.complex64)
+    frames = (frames.astype(np.complex128) * unit).astype(np.complex64)
+    chart = chart_of(frames, valid=ALL[:84], floor=unit**2)
+    y = frames.astype(np.complex128) / unit
+    cpis = y.reshape(3, 28, 96)
+    power = np.abs(cpis - cpis.mean(axis=1, keepdims=True)) ** 2 * 28 / 27
+    wanted = power.reshape(12, 7, 96).mean(axis=1)
+    assert chart.ratio.shape == wanted.shape
+    assert np.linalg.norm(chart.ratio - wanted) < 1e-5 * np.linalg.norm(wanted)

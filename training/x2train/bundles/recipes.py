@@ -1,0 +1,147 @@
+"""How the shipped bundles are made: the commands, sets included, in their order."""
+
+import shlex
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+
+_LEAST_PASSAGES = 12
+_HELD_OUT = "'held out'"
+_X4M03 = "--radar x4m03"
+_LONG = "--longest 18"
+_SETS: Mapping[str, tuple[int, str]] = MappingProxyType(
+    {
+        "train": (40_000, "--seed 1"),
+        "check": (4_000, "--seed 2"),
+        "held": (16_000, f"--families {_HELD_OUT} --seed 3"),
+        "thesis": (2_400, "--families thesis --seed 4"),
+        "hcheck": (1_600, f"--families {_HELD_OUT} --seed 5"),
+        "x4train": (6_000, f"{_X4M03} --seed 11"),
+        "x4check": (1_500, f"{_X4M03} --seed 12"),
+        "x4held": (2_000, f"{_X4M03} --families {_HELD_OUT} --seed 13"),
+        "x4hcheck": (600, f"{_X4M03} --families {_HELD_OUT} --seed 15"),
+        "long": (8_000, f"{_LONG} --seed 21"),
+        "longcheck": (1_500, f"{_LONG} --seed 22"),
+        "longheld": (5_000, f"{_LONG} --families {_HELD_OUT} --seed 23"),
+        "longhcheck": (800, f"{_LONG} --families {_HELD_OUT} --seed 24"),
+        "longmore": (8_000, f"{_LONG} --seed 25"),
+        "heldmore": (4_000, f"{_LONG} --families {_HELD_OUT} --seed 26"),
+        "stay": (6_000, f"{_LONG} --families staying --seed 41"),
+        "things": (4_000, f"{_LONG} --families things --seed 43"),
+        "x4long": (2_000, f"{_X4M03} {_LONG} --seed 31"),
+        "x4longcheck": (600, f"{_X4M03} {_LONG} --seed 32"),
+        "x4longheld": (1_500, f"{_X4M03} {_LONG} --families {_HELD_OUT} --seed 33"),
+        "x4longhcheck": (400, f"{_X4M03} {_LONG} --families {_HELD_OUT} --seed 34"),
+    }
+)
+"""Passages, and whatever else `train-export dataset` is told, by the set's folder."""
+_ALL = "--train sets/train sets/held sets/thesis --validate sets/check sets/hcheck"
+_X4_SETS = (
+    "--train sets/train sets/held sets/x4train sets/x4held --validate sets/x4check sets/x4hcheck"
+)
+_LONG_SETS = (
+    "--train sets/train sets/held sets/thesis sets/long sets/longheld "
+    "--validate sets/check sets/hcheck sets/longcheck sets/longhcheck"
+)
+_MORE = "--train sets/train sets/held sets/thesis sets/long sets/longheld sets/stay sets/things"
+_MORE_SETS = f"{_MORE} --validate sets/check sets/hcheck"
+_MORE_LONG_SETS = (
+    f"{_MORE} sets/longmore sets/heldmore "
+    "--validate sets/check sets/hcheck sets/longcheck sets/longhcheck"
+)
+_X4_LONG_SETS = (
+    "--train sets/train sets/held sets/x4train sets/x4held sets/long sets/longheld "
+    "sets/x4long sets/x4longheld "
+    "--validate sets/x4check sets/x4hcheck sets/x4longcheck sets/x4longhcheck"
+)
+_ALONE = "--seed 0 --half --compile"
+
+
+@dataclass(frozen=True, slots=True)
+class Recipe:
+    """How a bundle is made.
+
+    Attributes
+    ----------
+    commands : tuple of str
+        Of `train-export`, behind its sets, as the bundle's card has them.
+    """
+
+    commands: tuple[str, ...]
+
+    @property
+    def command(self) -> str:
+        """As the sidecar has it."""
+        return " && ".join(self.commands)
+
+
+def _recipe(
+    name: str, size: str, epochs: int, sets: str = _ALL, long_sets: str = _LONG_SETS
+) -> Recipe:
+    fit = f"train-export fit {sets} --name {name} --size {size} --epochs {epochs} {_ALONE}"
+    head = (
+        f"train-export temporal --model models/{name}.onnx {long_sets} "
+        f"--size {size} --epochs 6 --seed 0"
+    )
+    return Recipe((fit, head))
+
+
+RECIPES: Mapping[str, Recipe] = MappingProxyType(
+    {
+        "accurate": _recipe("accurate", "accurate", 6, _MORE_SETS, _MORE_LONG_SETS),
+        "balanced": _recipe("balanced", "balanced", 10),
+        "fast": _recipe("fast", "fast", 6),
+        "x4m03": _recipe("x4m03", "accurate", 7, _X4_SETS, _X4_LONG_SETS),
+    }
+)
+"""By name of the bundle."""
+
+
+def recipe_of(command: str) -> str | None:
+    """Return the name of the recipe that runs a card's command; None if none does."""
+    names = (name for name, recipe in RECIPES.items() if recipe.command == command)
+    return next(names, None)
+
+
+def arguments(
+    name: str, *, share: float = 1.0, workers: int = 1, models: Path = Path("models")
+) -> list[list[str]]:
+    """Return the arguments of every command of a recipe, its sets before each.
+
+    Parameters
+    ----------
+    name : str
+        In `RECIPES`.
+    share : float
+        Of the passages; less than 1 is for trying, and makes sets in a folder of their own.
+    workers : int
+        Processes that make sets.
+    models : Path
+        Folder of the bundles.
+
+    Returns
+    -------
+    list of list of str
+        Each as `train-export` takes it.
+    """
+    folder = "sets" if share == 1 else f"sets-{share:g}"
+    made: dict[str, list[str]] = {}
+    for command in RECIPES[name].commands:
+        words = []
+        for word in shlex.split(command)[1:]:
+            top, _, rest = word.partition("/")
+            if top == "sets":
+                made.setdefault(rest, _dataset(rest, f"{folder}/{rest}", share, workers))
+                words.append(f"{folder}/{rest}")
+            else:
+                words.append(str(models / rest) if top == "models" and rest else word)
+        made[command] = words if models == Path("models") else [*words, "--out", str(models)]
+    return list(made.values())
+
+
+def _dataset(name: str, folder: str, share: float, workers: int) -> list[str]:
+    passages, more = _SETS[name]
+    number = max(_LEAST_PASSAGES, round(share * passages))
+    size = ["--passages", str(number), "--workers", str(workers)]
+    return ["dataset", "--out", folder, *shlex.split(more), *size]

@@ -1,0 +1,204 @@
+"""Guard: simulated people whom no finetuning may hide, and how many of them are missed.
+
+Missed is counted twice over: in windows, taken alone, which the rule would keep quiet, and in
+passages without any alarm by the bundle's own policy. Both rises must stay within the bound.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radard.classify.bundle import CLASSES, Bundle
+from radard.classify.classifier import Answer, Probabilities
+from radard.classify.decision import Verdict, judge
+from radard.classify.evidence import Evidence, EvidenceSettings
+from radard.config.sections import DecisionSection
+from radard.errors import UsageError
+from x2train.nets.bundle_answers import Answers
+from x2train.nets.evidence_fit import first_windows
+from x2train.windows.window_set import Columns, check_made_for, load_windows
+
+Array = NDArray[np.float64]
+MOST_RISE = 0.0015
+"""Share of people of the guard by which misses may rise: 0.15 points. 0.2 are wanted, and others,
+on whom no threshold was chosen, pay a little more."""
+LEAST_WINDOWS = 500
+"""With fewer windows of people one more is a rise of over 0.2 points: nothing could be told."""
+
+
+@dataclass(frozen=True, slots=True)
+class Misses:
+    """People who raise no alarm.
+
+    Attributes
+    ----------
+    windows, n_windows : int
+        Windows of people that the rule alone keeps quiet, and all.
+    passages, n_passages : int
+        Passages of people without an alarm, and all.
+    fused : int
+        Windows of people at which the temporal head's answer keeps quiet; 0 without one.
+    """
+
+    windows: int
+    n_windows: int
+    passages: int
+    n_passages: int
+    fused: int = 0
+
+    def allows(self, later: "Misses") -> bool:
+        """Return whether another bundle's misses on the same people are within the bound."""
+        return (
+            max(later.windows - self.windows, later.fused - self.fused)
+            <= MOST_RISE * self.n_windows
+            and later.passages - self.passages <= MOST_RISE * self.n_passages
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Guard:
+    """Windows of simulated passages, as the network takes them.
+
+    Attributes
+    ----------
+    columns : mapping of str to ndarray
+        As `x2train.windows.window_set.load_windows` gives them.
+    abouts : tuple of mapping
+        What the sets were made from.
+    """
+
+    columns: Columns
+    abouts: tuple[Mapping[str, Any], ...]
+
+    @property
+    def label(self) -> NDArray[np.int64]:
+        """Class of every window, by `radard.classify.bundle.CLASSES`."""
+        return np.asarray(self.columns["label"], np.int64)
+
+    def inputs(self, bundle: Bundle) -> Mapping[str, NDArray[Any]]:
+        """Return what the bundle's network is given, by input."""
+        return {each.name: self.columns[each.feature] for each in bundle.inputs}
+
+    def part(self, rows: NDArray[np.bool_]) -> "Guard":
+        """Return some of the windows."""
+        return Guard({key: values[rows] for key, values in self.columns.items()}, self.abouts)
+
+    def of_people(self) -> "Guard":
+        """Return the passages in which somebody is."""
+        number = self._numbers()
+        has_human = np.bincount(number, self.label == CLASSES.index("human")) > 0
+        return self.part(has_human[number])
+
+    def halves(self) -> tuple["Guard", "Guard"]:
+        """Return two parts, of other passages each and with as many people."""
+        # Passages take turns in who is in them, so parity alone would part people from pets.
+        second = np.asarray(self.columns["passage"]) // 10 % 2 == 1
+        return self.part(~second), self.part(second)
+
+    @property
+    def is_first(self) -> NDArray[np.bool_]:
+        """Return where the gate has opened."""
+        columns = self.columns
+        return first_windows(
+            np.asarray(columns["passage"]), np.asarray(columns["t_s"], np.float64)
+        )
+
+    def misses(self, bundle: Bundle, answers: Answers) -> Misses:
+        """Return how many people are missed.
+
+        Parameters
+        ----------
+        bundle : Bundle
+            Its temperature, limits, policy and evidence count, not its network.
+        answers : Answers
+            Of its network, or of another, to all windows.
+        """
+        t_s = np.asarray(self.columns["t_s"], np.float64)
+        is_human = self.label == CLASSES.index("human")
+        quiet = 1 - answers.p(bundle.temperature)[:, 0] > bundle.pet_limit
+        fused_log_p = answers.fused_log_p()
+        n_fused = 0
+        if fused_log_p is not None:
+            n_fused = int((is_human & (1 - np.exp(fused_log_p[:, 0]) > bundle.pet_limit)).sum())
+        alarms = np.array(list(alarms_of(bundle, answers, self.is_first, t_s)), bool)
+        number = self._numbers()
+        has_human = np.bincount(number, is_human) > 0
+        # What comes after the person was seen counts too: the alarm may wait for evidence.
+        counts = np.bincount(number, alarms & _from_first(is_human, number)) > 0
+        return Misses(
+            int((quiet & is_human).sum()),
+            int(is_human.sum()),
+            int((has_human & ~counts).sum()),
+            int(has_human.sum()),
+            n_fused,
+        )
+
+    def _numbers(self) -> NDArray[np.int64]:
+        """Return the number of every window's passage, from 0, over all sets."""
+        begins = np.diff(np.asarray(self.columns["passage"]), prepend=-1) != 0
+        begins[1:] |= np.diff(np.asarray(self.columns["t_s"])) <= 0
+        return np.cumsum(begins) - 1
+
+
+def load_guard(folders: list[Path], bundle: Bundle, *, least: int = LEAST_WINDOWS) -> Guard:
+    """Return the guard of some window sets.
+
+    Raises
+    ------
+    UsageError
+        If they do not fit the bundle, or hold too few windows of people.
+    """
+    columns, abouts = load_windows(*folders)
+    check_made_for(bundle, columns, abouts[0], folders[0])
+    guard = Guard(columns, tuple(abouts))
+    n_people = int((guard.label == CLASSES.index("human")).sum())
+    if n_people < least:
+        msg = (
+            f"{folders[0]}: {n_people} windows of people; at least {least} are needed to tell "
+            "a rise of 0.2 points"
+        )
+        raise UsageError(msg)
+    return guard
+
+
+def alarms_of(
+    bundle: Bundle, answers: Answers, is_first: NDArray[np.bool_], t_s: Array
+) -> Iterator[bool]:
+    """Yield whether each window is an alarm by the bundle's policy.
+
+    Somebody who has left while the alarm waited is one: the last window then says so.
+    """
+    settings = EvidenceSettings.from_mapping(bundle.evidence)
+    evidence = Evidence(settings)
+    within_s = DecisionSection().decide_within_s
+    verdict = Verdict(bundle.pet_limit, settings.human_limit, within_s)
+    made: list[bool] = []
+    p, fused_log_p = answers.p(bundle.temperature).tolist(), answers.fused_log_p()
+    for k, (is_new, at_s) in enumerate(zip(is_first, t_s.tolist(), strict=True)):
+        window = Probabilities(*p[k])
+        if bundle.policy == "window":
+            made.append(judge(window, bundle.pet_limit)[1])
+            continue
+        if is_new:
+            # What was before has left.
+            if made and verdict.leave():
+                made[-1] = True
+            evidence.reset()
+            verdict.reset()
+        answer = Answer(window, None if fused_log_p is None else fused_log_p[k])
+        made.append(verdict.judge(evidence.take(answer), at_s)[1])
+    if made and verdict.leave():
+        made[-1] = True
+    yield from made
+
+
+def _from_first(flags: NDArray[np.bool_], number: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Return which windows come with or after the first flagged one of their passage."""
+    begins = np.diff(number, prepend=-1) != 0
+    count = np.cumsum(flags)
+    before = np.maximum.accumulate(np.where(begins, count - flags, 0))
+    return count > before

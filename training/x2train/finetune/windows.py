@@ -1,0 +1,136 @@
+"""Own windows: a recording through the daemon's own pipeline, and what its network was given."""
+
+import contextlib
+import hashlib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radard.classify.bundle import Bundle
+from radard.classify.classifier import Answer, Classifier, Hidden
+from radard.classify.decision import Decision
+from radard.classify.features import FeatureSet
+from radard.classify.model_choice import model_for
+from radard.config.config import Config
+from radard.config.sections import AUTO_MODEL, DEFAULT_MODEL
+from radard.errors import ModelMismatch, UsageError
+from radard.pipeline import Pipeline
+from radard.stream.ring import Dwell, FrameRing, Notice
+from x2radar.recording.blocks import BlockReader
+from x2radar.recording.registry import open_recording
+from x2train.finetune.labels import OwnClip
+
+Maps = Mapping[str, NDArray[np.float32]]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OwnWindows:
+    """What the network saw of a clip, and what was decided.
+
+    Attributes
+    ----------
+    clip : OwnClip
+        The recording and its label.
+    sha256 : str
+        Of the file.
+    inputs : mapping of str to ndarray, shape (n, ...), float32
+        By the network's input names; one row a window with the gate open.
+    t_s : ndarray, shape (n,), float64
+        Stream time at the end of each, in seconds.
+    n_alarms : int
+        Decisions with an alarm.
+    """
+
+    clip: OwnClip
+    sha256: str
+    inputs: Maps
+    t_s: NDArray[np.float64]
+    n_alarms: int
+
+
+class _Listener(Classifier):
+    """A classifier that keeps what it was given."""
+
+    def __init__(self, bundle: Bundle) -> None:
+        super().__init__(bundle)
+        self.given: list[FeatureSet] = []
+
+    def answer(self, features: FeatureSet, hidden: Hidden | None = None) -> Answer:
+        self.given.append(features)
+        return super().answer(features, hidden)
+
+
+def judge_of(clips: Sequence[OwnClip]) -> str:
+    """Return the name of the bundle that judges such clips when none is named."""
+    if not clips:
+        return DEFAULT_MODEL
+    with open_recording(clips[0].path) as reader:
+        return model_for(AUTO_MODEL, reader.stream)
+
+
+def own_windows(clip: OwnClip, bundle: Bundle) -> OwnWindows:
+    """Replay a clip.
+
+    Raises
+    ------
+    ModelMismatch
+        If the bundle was not made for such a stream.
+    UsageError
+        If nothing moves in it.
+    X2RadarError
+        If it cannot be read.
+    """
+    listener = _Listener(bundle)
+    rows: list[FeatureSet] = []
+    t_s: list[float] = []
+    n_alarms = 0
+    with open_recording(clip.path) as reader:
+        try:
+            pipeline = Pipeline(reader.stream, Config(), listener)
+        except ModelMismatch as err:
+            msg = f"{clip.path}: {err}"
+            raise ModelMismatch(msg) from err
+        for decision in _decided(reader, pipeline):
+            n_alarms += decision.alarm
+            if decision.window is not None:
+                # The whole window comes first, then what each track's own gate lets through.
+                rows.append(listener.given[0])
+                t_s.append(decision.t_s)
+            listener.given.clear()
+    if not rows:
+        msg = f"{clip.path}: nothing moves in it, so there is nothing to learn from"
+        raise UsageError(msg)
+    inputs = {
+        each.name: np.stack([row.inputs[each.feature] for row in rows]) for each in bundle.inputs
+    }
+    digest = hashlib.sha256(clip.path.read_bytes()).hexdigest()
+    return OwnWindows(clip, digest, inputs, np.array(t_s), n_alarms)
+
+
+def decisions_on(clip: OwnClip, bundle: Bundle) -> list[Decision]:
+    """Return what radard decides on a clip with a bundle."""
+    with open_recording(clip.path) as reader:
+        return list(_decided(reader, Pipeline(reader.stream, Config(), Classifier(bundle))))
+
+
+def _decided(reader: BlockReader, pipeline: Pipeline) -> Iterator[Decision]:
+    for item in _items(reader, pipeline.make_ring()):
+        if isinstance(item, Notice):
+            pipeline.restart()
+        else:
+            yield pipeline.decide(item)
+
+
+def _items(reader: BlockReader, ring: FrameRing) -> Iterator[Dwell | Notice]:
+    for frame in reader.frames(0.0):
+        ring.push(frame)
+        with contextlib.suppress(TimeoutError):
+            while (item := ring.take(0)) is not None:
+                yield item
+
+
+def stacked(clips: Sequence[OwnWindows]) -> Maps:
+    """Return the inputs of all windows of some clips, in order."""
+    return {name: np.concatenate([c.inputs[name] for c in clips]) for name in clips[0].inputs}

@@ -1,0 +1,4 @@
+"""Bundles before suites of passages, in the daemon's own pipeline.
+
+It may import `x2train.scenarios`, `windows`, `report` and `generate`.
+"""

@@ -1,0 +1,140 @@
+"""Card: what an evaluation found, in a bundle's sidecar and card, for `radard explain`."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from radard.classify.bundle import Bundle, load_bundle
+from radard.classify.card import sidecar_path
+from radard.errors import UsageError
+from x2train.generate.shards import write_whole
+from x2train.report.figures import figures
+from x2train.report.intervals import Estimate
+from x2train.report.levels import Level, levels
+from x2train.report.report_json import rounded
+from x2train.report.table import PassageTable
+
+_HEAD = "## As an alarm"
+
+
+def evaluation_of(table: PassageTable, bundle: Bundle, command: str) -> dict[str, Any]:
+    """Return what a sidecar says under ``evaluation``.
+
+    Parameters
+    ----------
+    table : PassageTable
+        Of a run of the bundle with its own policy.
+    bundle : Bundle
+        Which one.
+    command : str
+        What made the table.
+
+    Returns
+    -------
+    dict
+        ``policy``, ``command``, ``passages``, whether no single feature tells people from
+        pets (``is_matched``), and by name of sensitivity the figures of
+        `x2train.report.levels.Level`, each estimate as [value, low, high]; null is not known
+        or infinite.
+
+    Raises
+    ------
+    UsageError
+        If there is nobody, or no pet: such an evaluation is none of an alarm.
+    """
+    made = levels(table, bundle, np.random.default_rng(0))
+    if not made[0].n_intrusions or not made[0].n_visits:
+        msg = "the card needs passages of people and of pets; take more --passages"
+        raise UsageError(msg)
+    return {
+        "policy": bundle.policy,
+        "command": command,
+        "passages": len(table),
+        "is_matched": figures(table, 0).is_matched,
+        "sensitivities": {level.name: _plain(level) for level in made},
+    }
+
+
+def write_card(model: str, evaluation: Mapping[str, Any]) -> Path:
+    """Enter an evaluation into the sidecar and the card of a bundle; return the sidecar.
+
+    What an earlier one left there is replaced; weights and all else stay as they are.
+
+    Raises
+    ------
+    BundleError, ModelMismatch
+        If the bundle cannot be read.
+    RecordingError
+        If a file cannot be written.
+    """
+    load_bundle(model)
+    path = sidecar_path(model)
+    raw = json.loads(path.read_text(encoding="utf-8"))
+    raw["evaluation"] = dict(evaluation)
+    write_whole(path, (json.dumps(raw, indent=2) + "\n").encode())
+    card = path.with_suffix(".md")
+    text = card.read_text(encoding="utf-8") if card.exists() else f"# Model `{raw['name']}`\n"
+    text = text.partition(f"\n{_HEAD}")[0].rstrip() + f"\n\n{_section(evaluation)}"
+    write_whole(card, text.encode())
+    return path
+
+
+def _plain(level: Level) -> dict[str, Any]:
+    return {
+        "intrusions": level.n_intrusions,
+        "missed": _three(level.missed),
+        "half_alarmed_after_s": _three(level.half_s),
+        "nine_in_ten_alarmed_after_s": _three(level.most_s),
+        "pet_visits": level.n_visits,
+        "visits_with_alarm": _three(level.visits_with_alarm),
+        "pet_hours": rounded(level.pet_hours),
+        "alarms_per_pet_hour": _three(level.alarms_per_pet_hour),
+    }
+
+
+def _three(estimate: Estimate) -> list[float | None]:
+    values = (estimate.value, estimate.low, estimate.high)
+    return [rounded(v) if np.isfinite(v) else None for v in values]
+
+
+def _section(evaluation: Mapping[str, Any]) -> str:
+    rows = []
+    for name, level in evaluation["sensitivities"].items():
+        after = " / ".join(
+            "never" if v is None else f"{v:.1f} s"
+            for v in (level["half_alarmed_after_s"][0], level["nine_in_ten_alarmed_after_s"][0])
+        )
+        missed, visits = (_percent(level[key]) for key in ("missed", "visits_with_alarm"))
+        per_hour = "{:.3g} ({:.3g} to {:.3g})".format(*level["alarms_per_pet_hour"])
+        rows.append(f"| {name} | {missed} | {after} | {visits} | {per_hour} |")
+    first = next(iter(evaluation["sensitivities"].values()))
+    visit_s = 3600 * first["pet_hours"] / first["pet_visits"]
+    columns = (
+        "sensitivity",
+        "intrusions missed",
+        "alarm after (half / 90 %)",
+        "pets' visits with an alarm",
+        "alarms per pet-hour",
+    )
+    lines = [
+        _HEAD,
+        "",
+        f"Policy `{evaluation['policy']}` on {evaluation['passages']} simulated passages that "
+        f"training never saw: {first['intrusions']} people who come in, {first['pet_visits']} "
+        f"visits of pets of {visit_s:.0f} s ({first['pet_hours']:.4g} hours). In brackets 95 % "
+        "intervals.",
+        "",
+        f"    {evaluation['command']}",
+        "",
+        f"| {' | '.join(columns)} |",
+        "|" + "---|" * len(columns),
+        *rows,
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _percent(three: list[float]) -> str:
+    return "{:.3g} % ({:.3g} to {:.3g})".format(*(100 * v for v in three))

@@ -1,0 +1,200 @@
+"""Judging: a bundle in the daemon's own pipeline, passage after passage.
+
+No shortcut of training's is taken: clutter map, gate, tracks, features, onnxruntime and the
+policy are those that run in `radard`.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radard.classify.bundle import Bundle, load_bundle
+from radard.classify.classifier import Classifier
+from radard.classify.decision import Decision
+from radard.config.config import Config
+from radard.errors import ModelMismatch, UsageError
+from radard.pipeline import Pipeline
+from radard.stream.ring import Dwell
+from x2radar.frame import Frame, StreamInfo
+from x2train.judge.suites import SUITES, Suite, check_suites, suite_of
+from x2train.report import JudgedPassage
+from x2train.scenarios.passages import Passage, play
+from x2train.scenarios.sites import ONE_RADAR, Radar
+from x2train.windows.windows import dwell_ends
+
+_IN_VIEW_DB = 10.0
+_LEAST_S = 0.5
+"""Somebody counts as having come in who is so far over the noise of a bin for so long: at
+the edge of the beam or of the swath there is nothing to see."""
+_NAN = float("nan")
+OWN_RADARS = "suites"
+"""Every suite is played before its own radar."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JudgeSpec:
+    """What a bundle is judged on; passage k is the same for every bundle.
+
+    Attributes
+    ----------
+    model : str
+        Name or path of the bundle.
+    seed : int
+        Passage k draws from ``[seed, k]``.
+    n_passages : int
+        The suites share them; numbers beyond are more visits of pets.
+    policy : str
+        'window' or 'fused'; empty for the bundle's own.
+    radar : str
+        'suites', or a name in `ONE_RADAR`: every passage is then before that one.
+    only : tuple of str
+        Names of suites that there are; empty for all.
+
+    Raises
+    ------
+    UsageError
+        If there is no such radar or suite.
+    """
+
+    model: str
+    seed: int
+    n_passages: int
+    policy: str = ""
+    radar: str = OWN_RADARS
+    only: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Check the names of radar and suites."""
+        if self.radar not in (OWN_RADARS, *ONE_RADAR):
+            msg = f"radar '{self.radar}': must be one of {', '.join((OWN_RADARS, *ONE_RADAR))}"
+            raise UsageError(msg)
+        check_suites(self.only)
+
+    def __call__(self, number: int) -> Mapping[str, NDArray[Any]]:
+        """Return the columns of passage `number`, see `Passage.columns`."""
+        suite, played = self.suite(number), self.played(number)
+        return judged(played, suite, self.model, self.policy, build=str(number)).columns()
+
+    def suite(self, number: int) -> Suite:
+        """Return the suite of passage `number`, before its radar."""
+        suite = suite_of(number, self.n_passages, self.only)
+        return suite if self.radar == OWN_RADARS else suite.before(ONE_RADAR[self.radar])
+
+    def check(self, bundle: Bundle) -> None:
+        """Raise ModelMismatch, with what to do, if a bundle cannot take what would be played."""
+        own = tuple(dict.fromkeys(s.radar for s in SUITES if s.radar is not None))
+        choices = {OWN_RADARS: own, **{name: (radar,) for name, radar in ONE_RADAR.items()}}
+        misfits = {name: _misfit(bundle, radars) for name, radars in choices.items()}
+        misfit = misfits[self.radar]
+        if misfit is not None:
+            fitting = " or ".join(name for name, err in misfits.items() if err is None)
+            instead = f"; it takes --radar {fitting}" if fitting else ""
+            msg = f"--radar {self.radar}: {misfit}{instead}"
+            raise ModelMismatch(msg) from misfit
+
+    def played(self, number: int) -> Passage:
+        """Simulate passage `number`."""
+        rng = np.random.default_rng([self.seed, number])
+        suite = self.suite(number)
+        cast = suite.families(rng)
+        site = suite.drawn_site(rng)
+        return play(rng, site, cast, duration_s=suite.duration_s, lead_s=(2.6, 4.0))
+
+
+def _misfit(bundle: Bundle, radars: Iterable[Radar]) -> ModelMismatch | None:
+    try:
+        for radar in radars:
+            bundle.check_stream(radar.axis(), radar.frame_rate_hz)
+    except ModelMismatch as err:
+        return err
+    return None
+
+
+@lru_cache(maxsize=4)
+def _classifier(model: str) -> Classifier:
+    return Classifier(load_bundle(model))
+
+
+def decisions(
+    played: Passage, model: str, policy: str = "", *, judges_tracks: bool = True
+) -> list[Decision]:
+    """Return what radard decides on a passage, by a bundle's name or path."""
+    radar = played.site.radar
+    axis, rate_hz = radar.axis(), radar.frame_rate_hz
+    config = Config()
+    if policy:
+        section = config.decision.model_copy(update={"policy": policy})
+        config = config.model_copy(update={"decision": section})
+    stream = StreamInfo(axis, rate_hz, radar.name)
+    pipeline = Pipeline(stream, config, _classifier(model), judges_tracks=judges_tracks)
+    return [pipeline.decide(dwell) for dwell in _dwells(pipeline, played)]
+
+
+def _dwells(pipeline: Pipeline, played: Passage) -> Iterator[Dwell]:
+    """Yield what the daemon's own ring makes of a passage: decimated as the bundle wants it."""
+    ring = pipeline.make_ring()
+    ends = set(dwell_ends(pipeline.shape, len(played.frames)))
+    axis = played.site.radar.axis()
+    for k, samples in enumerate(played.frames):
+        ring.push(Frame(samples, k, k, 0, False, axis))
+        if k + 1 in ends and isinstance(dwell := ring.take(), Dwell):
+            yield dwell
+
+
+def judged(
+    played: Passage, suite: Suite, model: str, policy: str = "", build: str = ""
+) -> JudgedPassage:
+    """Return a passage with its truth and all decisions on it."""
+    # A table has no columns of tracks, and they take a quarter of the time.
+    made = decisions(played, model, policy, judges_tracks=False)
+    rate_hz = played.site.radar.frame_rate_hz
+    truth, label = played.truth, played.cast[0].label if played.cast else "empty"
+    facts: dict[str, float] = {}
+    if played.cast:
+        seen = truth.snr_db[:, 0] > _IN_VIEW_DB
+        if seen.sum() >= _LEAST_S * rate_hz:
+            first, last = np.flatnonzero(seen)[[0, -1]]
+            speed = truth.speed_mps[seen, 0]
+            share = np.abs(truth.velocity_mps[seen, 0]) / np.maximum(speed, 0.05)
+            facts = {
+                "enters_s": float(first / rate_hz),
+                "leaves_s": float(last / rate_hz),
+                "speed_mps": float(speed.mean()),
+                "range_m": float(truth.range_m[seen, 0].mean()),
+                "aspect_deg": float(np.degrees(np.arccos(np.clip(share.mean(), 0, 1)))),
+                "snr_db": float(truth.snr_db[seen, 0].mean()),
+            }
+    readings = [d.reading for d in made]
+    power_db = np.array([r.power_db if r else _NAN for r in readings])
+    range_m = np.array([r.range_m if r and r.is_open else _NAN for r in readings])
+    fused = [
+        (f.pet + f.other, max(f.pet, f.other)) if (f := d.fused) else (_NAN,) * 2 for d in made
+    ]
+    quiet, most = np.array(fused).reshape(-1, 2).T
+    windows = [(w.human, w.pet, w.other) if (w := d.window) else (_NAN,) * 3 for d in made]
+    p = np.array(windows).reshape(-1, 3)
+    return JudgedPassage(
+        family=" with ".join(f.name for f in played.cast) or "empty room",
+        label=label,
+        split=suite.split,
+        suite=suite.name,
+        build=build,
+        duration_s=len(played.frames) / rate_hz,
+        t_s=np.array([d.t_s for d in made]),
+        is_open=np.array([d.gate == "open" for d in made], bool),
+        is_pending=np.array([d.label == "pending" for d in made], bool),
+        is_alarm=np.array([d.alarm for d in made], bool),
+        p_human=p[:, 0],
+        p_pet=p[:, 1],
+        p_other=p[:, 2],
+        fused_quiet=quiet,
+        fused_most=most,
+        power_db=power_db,
+        target_range_m=range_m,
+        compensated_db=power_db + 40 * np.log10(range_m),
+        **facts,
+    )

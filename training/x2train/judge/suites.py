@@ -1,0 +1,225 @@
+"""Suites: what a bundle is judged on, case by case.
+
+The walk test is modelled on EN 50131-2-3 for indoor detectors (across at 1.0 m/s, slow, fast,
+close in, crawling, intermittent): the same movements before a simulated radar, no more.
+"""
+
+from collections.abc import Collection
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from radard.errors import UsageError
+from x2radar.sim.points import Label
+from x2train.scenarios.families import FAMILIES, Family, draw_family, family
+from x2train.scenarios.sites import (
+    P4XX,
+    X2,
+    Radar,
+    RoomKind,
+    Site,
+    draw_close,
+    draw_radar,
+    draw_site,
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Suite:
+    """Passages of one kind.
+
+    Attributes
+    ----------
+    name : str
+        For reports; 'walk test: ...' for those.
+    split : str
+        What is new to the network in it.
+    share : float
+        Passages of it, of those that a run makes.
+    cast : tuple of (Label or Family)
+        A label draws a family of training, a family is itself.
+    radar : Radar or None
+        None draws from those of training.
+    rooms : {'usual', 'unseen'}
+        Kind of room.
+    is_close : bool
+        Whether bodies are close to the radar, see `draw_close`.
+    duration_s : float
+        Of a passage.
+    """
+
+    name: str
+    split: str
+    share: float
+    cast: tuple[Label | Family, ...] = ()
+    radar: Radar | None = field(default=X2)
+    rooms: RoomKind = "usual"
+    is_close: bool = False
+    duration_s: float = 14.0
+
+    def families(self, rng: np.random.Generator) -> tuple[Family, ...]:
+        """Return who moves in a passage."""
+        return tuple(
+            f if isinstance(f, Family) else draw_family(rng, f, "train") for f in self.cast
+        )
+
+    @property
+    def is_of_pets(self) -> bool:
+        """Whether pets alone move in it."""
+        labels = {c.label if isinstance(c, Family) else c for c in self.cast}
+        return labels == {"pet"}
+
+    def drawn_site(self, rng: np.random.Generator) -> Site:
+        """Return the site of a passage, with its radar."""
+        radar = self.radar or draw_radar(rng)
+        return draw_close(rng, radar) if self.is_close else draw_site(rng, radar, self.rooms)
+
+    def before(self, radar: Radar) -> "Suite":
+        """Return the same before another radar.
+
+        What only another radar made a suite of its own belongs to that of the same bodies.
+        """
+        if self.radar in {X2, _NEAR_X2}:
+            return replace(self, radar=radar)
+        name = self.name.partition(",")[0]
+        return replace(self, name=name, split="train families", radar=radar)
+
+
+_PET_S = 20.0
+_GOLDEN = (5**0.5 - 1) / 2
+_WALK = family("human walk")
+_NEAR_X2 = replace(X2, near_m=0.3, far_m=3.1)
+
+
+def _walk(name: str, style: str = "walk", *, duration_s: float = 14.0, **options: object) -> Suite:
+    body = replace(_WALK, name=f"walk test: {name}", options={"style": style, **options})
+    return Suite(
+        name=f"walk test: {name}",
+        split="train families",
+        share=2.0,
+        cast=(body,),
+        duration_s=duration_s,
+    )
+
+
+def _both(where: str, split: str, share: float, **more: Any) -> tuple[Suite, Suite]:
+    """Return people and pets, each in a suite of its own, in the same circumstances."""
+    common = partial(Suite, split=split, share=share, **more)
+    return (
+        common(name=f"people, {where}", cast=("human",)),
+        common(name=f"pets, {where}", cast=("pet",), duration_s=_PET_S),
+    )
+
+
+def _suites() -> tuple[Suite, ...]:
+    rows = [
+        Suite(name="people", split="train families", share=12, cast=("human",)),
+        Suite(name="pets", split="train families", share=30, cast=("pet",), duration_s=_PET_S),
+        Suite(
+            name="two pets",
+            split="train families",
+            share=3,
+            cast=("pet", "pet"),
+            duration_s=_PET_S,
+        ),
+        *_both("unseen rooms", "unseen rooms", 6, rooms="unseen"),
+        *_both("other radars", "other radars", 4, radar=None),
+        Suite(
+            name="pets, P4xx",
+            split="other radars",
+            share=3,
+            cast=("pet",),
+            radar=P4XX,
+            duration_s=_PET_S,
+        ),
+        Suite(
+            name="person with dog",
+            split="held out families",
+            share=3,
+            cast=(_WALK, family("dog walk")),
+        ),
+        Suite(
+            name="person behind a fan",
+            split="train families",
+            share=3,
+            cast=(_WALK, family("fan")),
+        ),
+        *_both("close up", "train families", 3, radar=_NEAR_X2, is_close=True),
+        _walk("across at 1.0 m/s", course="cross", speed_mps=1.0),
+        _walk("slow, 0.2 m/s", "stealth", speed_mps=0.2, duration_s=25.0),
+        _walk("fast, 3 m/s", "run", speed_mps=3.0),
+        _walk("close in", far_m=1.2, course="cross", speed_mps=0.7),
+        _walk("crawling", "crawl", speed_mps=0.4, duration_s=20.0),
+        _walk("intermittent", "stop_and_go", duration_s=20.0),
+    ]
+    for f in FAMILIES:
+        if f.use == "held out":
+            seconds = 14.0 if f.label == "human" else _PET_S
+            rows.append(
+                Suite(
+                    name=f.name, split="held out families", share=3, cast=(f,), duration_s=seconds
+                )
+            )
+        if f.label == "other":
+            rows.append(
+                Suite(name=f.name, split="train families", share=1, cast=(f,), duration_s=30.0)
+            )
+    rows.append(Suite(name="empty room", split="train families", share=2, duration_s=60.0))
+    return tuple(rows)
+
+
+SUITES: tuple[Suite, ...] = _suites()
+"""Every suite."""
+
+
+def suite_of(number: int, n_passages: int, only: Collection[str] = ()) -> Suite:
+    """Return the suite of a passage: each has its share of a run, the same for every seed.
+
+    Parameters
+    ----------
+    number : int
+        Of the passage. Those beyond `n_passages` are more visits of pets: those suites in turn,
+        by their shares.
+    n_passages : int
+        That the suites share.
+    only : collection of str
+        Names of suites that there are; empty for all.
+    """
+    suites = _named(only)
+    at = (number + 0.5) / n_passages
+    if number >= n_passages:
+        suites = [s for s in suites if s.is_of_pets]
+        # The golden ratio's multiples spread evenly, however many are taken.
+        at = (number - n_passages + 0.5) * _GOLDEN % 1
+    edges = np.cumsum([s.share for s in suites])
+    return suites[int(np.searchsorted(edges, at * edges[-1]))]
+
+
+def n_more_pets(pet_hours: float, n_passages: int, only: Collection[str] = ()) -> int:
+    """Return how many visits must follow a run for its pets to last so long, in hours.
+
+    Raises
+    ------
+    UsageError
+        If there must be some, and none of the suites is of pets alone.
+    """
+    suites = [suite_of(k, n_passages, only) for k in range(n_passages)]
+    missing_s = 3600 * pet_hours - sum(s.duration_s for s in suites if s.is_of_pets)
+    if missing_s > 0 and not any(s.is_of_pets for s in _named(only)):
+        msg = "--pet-hours: none of the suites is of pets"
+        raise UsageError(msg)
+    return max(0, int(np.ceil(missing_s / _PET_S)))
+
+
+def check_suites(only: Collection[str]) -> None:
+    """Raise UsageError if there is no suite of such a name."""
+    unknown = [name for name in only if name not in {s.name for s in SUITES}]
+    if unknown:
+        msg = f"--only '{unknown[0]}': suites are {', '.join(s.name for s in SUITES)}"
+        raise UsageError(msg)
+
+
+def _named(only: Collection[str]) -> list[Suite]:
+    return [s for s in SUITES if not only or s.name in only]

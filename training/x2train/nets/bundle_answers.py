@@ -1,0 +1,163 @@
+"""What a bundle's network says of windows: of each alone, and of each after those before it."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from onnx import TensorProto, helper
+
+from radard.classify.classifier import FUSED_LOGITS, HIDDEN, NEXT_HIDDEN, Hidden, softmax
+from radard.classify.onnx_runtime import ort
+from x2train.nets.bundle_graph import SEEN, with_seen
+
+Array = NDArray[np.float64]
+_AT_ONCE = 128
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Answers:
+    """Answers to windows.
+
+    Attributes
+    ----------
+    logits : ndarray, shape (n, n_classes), float64
+        Of every window alone, to be divided by the bundle's temperature.
+    fused : ndarray, shape (n, n_classes), float64, or None
+        Of its temporal head, after this window and those before it; None without one.
+    hidden : ndarray, shape (n, n_hidden), float32, or None
+        What the head was given with each window.
+    """
+
+    logits: Array
+    fused: Array | None = None
+    hidden: Hidden | None = None
+
+    def p(self, temperature: float) -> Array:
+        """Return the probabilities of every window alone."""
+        return _softmax(self.logits / temperature)
+
+    def fused_log_p(self) -> Array | None:
+        """Return the head's log-probabilities."""
+        if self.fused is None:
+            return None
+        z = self.fused - self.fused.max(axis=1, keepdims=True)
+        return np.asarray(z - np.log(np.exp(z).sum(axis=1, keepdims=True)))
+
+    def turned(
+        self, excess: Array, fused_excess: Array, *, pet: int, temperature: float
+    ) -> "Answers":
+        """Return them as a verifier leaves them, see `x2train.nets.bundle_graph.with_verifier`.
+
+        Parameters
+        ----------
+        excess, fused_excess : ndarray, shape (n,), float64
+            What is added for a pet to windows and to the temporal head, in nats.
+        pet : int
+            Which class that is.
+        temperature : float
+            Logits of windows are divided by it later.
+        """
+        logits = self.logits.copy()
+        logits[:, pet] += temperature * excess
+        if self.fused is None:
+            return Answers(logits)
+        fused = self.fused.copy()
+        fused[:, pet] += fused_excess
+        return Answers(logits, fused, self.hidden)
+
+
+def outputs_of(
+    onnx_bytes: bytes,
+    inputs: Mapping[str, NDArray[Any]],
+    *,
+    is_first: NDArray[np.bool_] | None = None,
+    with_what_is_seen: bool = False,
+) -> tuple[Answers, NDArray[np.float32]]:
+    """Return the answers to windows, and what is seen of them.
+
+    Parameters
+    ----------
+    onnx_bytes : bytes
+        A bundle's network.
+    inputs : mapping of str to ndarray, shape (n, ...)
+        float32, or bytes that stand for 0 to 1.
+    is_first : ndarray, shape (n,), bool, optional
+        Where the gate has opened, of windows in order; None for windows that have nothing to do
+        with each other, which have no fused answers.
+    with_what_is_seen : bool
+        Whether the second result is wanted; it is empty otherwise.
+
+    Returns
+    -------
+    answers : Answers
+    seen : ndarray, shape (n, n_seen), float32
+    """
+    tap = ""
+    if with_what_is_seen:
+        model = with_seen(onnx_bytes)
+        model.graph.output.append(helper.make_tensor_value_info(SEEN, TensorProto.FLOAT, None))
+        onnx_bytes, tap = model.SerializeToString(), SEEN
+    return _run(onnx_bytes, inputs, is_first, tap)
+
+
+def tapped(
+    onnx_bytes: bytes, inputs: Mapping[str, NDArray[Any]], name: str
+) -> tuple[Answers, NDArray[np.float32]]:
+    """Return the answers to windows alone, and another output of a network."""
+    return _run(onnx_bytes, inputs, None, name)
+
+
+def _run(
+    onnx_bytes: bytes,
+    inputs: Mapping[str, NDArray[Any]],
+    is_first: NDArray[np.bool_] | None,
+    tap: str,
+) -> tuple[Answers, NDArray[np.float32]]:
+    options = ort.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    session = ort.InferenceSession(onnx_bytes, options, providers=["CPUExecutionProvider"])
+    n = len(next(iter(inputs.values())))
+    n_hidden = next((i.shape[1] for i in session.get_inputs() if i.name == HIDDEN), 0)
+    names = ["logits", *([FUSED_LOGITS, NEXT_HIDDEN] if n_hidden else []), *([tap] if tap else [])]
+    firsts = is_first if is_first is not None and n_hidden else np.ones(n, bool)
+    before = np.zeros((n, n_hidden), np.float32)
+    made: dict[str, NDArray[Any]] = {}
+    for rows in _in_turn(firsts):
+        feed = {key: _as_float(values[rows]) for key, values in inputs.items()}
+        if n_hidden:
+            if NEXT_HIDDEN in made:
+                before[rows] = np.where(firsts[rows, None], 0, made[NEXT_HIDDEN][rows - 1])
+            feed[HIDDEN] = before[rows]
+        for name, values in zip(names, session.run(names, feed), strict=True):
+            if name not in made:
+                made[name] = np.zeros((n, *values.shape[1:]), np.float32)
+            made[name][rows] = values
+    n_out = session.get_outputs()[0].shape[1]
+    logits = made.get("logits", np.zeros((0, n_out))).astype(np.float64)
+    answers = Answers(logits)
+    if is_first is not None and n_hidden:
+        answers = Answers(logits, made[FUSED_LOGITS].astype(np.float64), before)
+    return answers, made.get(tap, np.zeros((n, 0), np.float32))
+
+
+def _in_turn(is_first: NDArray[np.bool_]) -> Iterator[NDArray[np.int64]]:
+    """Yield batches of windows, each window in a later batch than the one before it."""
+    number = np.arange(len(is_first))
+    begin = np.maximum.accumulate(np.where(is_first, number, 0))
+    at = number - begin
+    for k in range(int(at.max(initial=-1)) + 1):
+        rows = np.flatnonzero(at == k)
+        for first in range(0, len(rows), _AT_ONCE):
+            yield rows[first : first + _AT_ONCE]
+
+
+def _softmax(logits: Array) -> Array:
+    return np.stack([softmax(row) for row in logits]) if len(logits) else logits
+
+
+def _as_float(values: NDArray[Any]) -> NDArray[np.float32]:
+    if values.dtype == np.uint8:
+        return np.asarray(values / np.float32(255), np.float32)
+    return np.asarray(values, np.float32)

@@ -1,0 +1,187 @@
+"""Training of the map networks: weighted cross-entropy, Muon and AdamW, temperature after."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import nn
+
+from x2train.nets.epoch import Epoch, temperature_of
+from x2train.nets.nets import MapNet, Widths
+from x2train.nets.optimizer import MuonAdamW
+from x2train.nets.teacher import taught_error
+from x2train.windows.augment import augmented
+
+Arrays = Mapping[str, NDArray[Any]]
+INPUTS = ("velocity_time", "range_time", "velocity_time_medium", "velocity_time_long")
+"""In the order in which `MapNet` takes them."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MapFitSettings:
+    """How to train.
+
+    Attributes
+    ----------
+    epochs : int
+        Passes over the windows.
+    batch : int
+        Windows a step.
+    learning_rate, matrix_rate : float
+        Greatest of the one cycle, of AdamW and of Muon; see `MuonAdamW`.
+    weight_decay, matrix_decay : float
+        Of AdamW and of Muon.
+    dropout : float
+        Of what decides.
+    smoothing : float
+        Of the labels, where there is no teacher.
+    teacher_share : float
+        What a teacher counts beside the labels.
+    widths, long_widths : tuple of int
+        Of `MapNet`.
+    hidden : int
+        Of `MapNet`.
+    seed : int
+        Of weights, order and augmentation.
+    threads : int
+        Of torch; the same number, the same weights.
+    is_half : bool
+        Whether layers compute in bfloat16; weights stay in single precision.
+    is_compiled : bool
+        Whether torch compiles the network first, which takes a C++ compiler.
+    """
+
+    epochs: int = 12
+    batch: int = 128
+    learning_rate: float = 4e-3
+    matrix_rate: float = 0.06
+    weight_decay: float = 2e-3
+    matrix_decay: float = 1e-2
+    dropout: float = 0.05
+    smoothing: float = 0.01
+    teacher_share: float = 0.5
+    widths: Widths = (12, 16, 20, 20)
+    long_widths: Widths = (12, 16, 20, 20)
+    hidden: int = 40
+    seed: int = 0
+    threads: int = 1
+    is_half: bool = False
+    is_compiled: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MapTrained:
+    """A network, and the temperature that calibrates it."""
+
+    net: MapNet
+    temperature: float
+
+
+def fit_maps(
+    train: Arrays,
+    validation: Arrays,
+    settings: MapFitSettings,
+    taught: NDArray[np.float32] | None = None,
+) -> Iterator[Epoch | MapTrained]:
+    """Train; yield every epoch, and at last the network.
+
+    Parameters
+    ----------
+    train, validation : mapping
+        `INPUTS` as bytes, shape (n, rows, n_cells), and `label`.
+    settings : MapFitSettings
+        How.
+    taught : ndarray, shape (n, 3), float32, optional
+        What a teacher makes of the windows to train on, see `x2train.nets.teacher`.
+
+    Yields
+    ------
+    Epoch or MapTrained
+        Progress, then the result.
+    """
+    torch.manual_seed(settings.seed)
+    torch.set_num_threads(settings.threads)
+    rng = torch.Generator().manual_seed(settings.seed)
+    maps = [torch.from_numpy(train[name]) for name in INPUTS]
+    labels = torch.from_numpy(np.asarray(train["label"], np.int64))
+    net = network(tuple(m.shape[1] for m in maps), settings)
+    counts = torch.bincount(labels, minlength=3).float()
+    weight = counts.sum() / (3 * counts.clamp(min=1))
+    error = nn.CrossEntropyLoss(weight=weight, label_smoothing=settings.smoothing)
+    shown = None if taught is None else torch.from_numpy(taught)
+    optimizer = optimizer_of(net, settings.epochs * -(-len(labels) // settings.batch), settings)
+    # The last batch of an epoch is smaller: once more compiled, not made to fit any size.
+    answer = torch.compile(net, dynamic=False) if settings.is_compiled else net
+    for number in range(1, settings.epochs + 1):
+        net.train()
+        total = 0.0
+        for part in torch.split(torch.randperm(len(labels), generator=rng), settings.batch):
+            batch = augmented(*(m[part].float() / 255 for m in maps), rng=rng)
+            with torch.autocast("cpu", torch.bfloat16, enabled=settings.is_half):
+                answers = answer(*batch)
+            if shown is None:
+                loss = error(answers.float(), labels[part])
+            else:
+                loss = taught_error(
+                    answers.float(),
+                    labels[part],
+                    shown[part],
+                    share=settings.teacher_share,
+                    weight=weight,
+                )
+            optimizer.step(loss)
+            total += loss.item() * len(part)
+        logits = logits_of(net, validation)
+        score = _cross_entropy(logits, np.asarray(validation["label"]))
+        yield Epoch(number, total / len(labels), score)
+    logits = logits_of(net, validation)
+    yield MapTrained(net, temperature_of(logits, np.asarray(validation["label"])))
+
+
+def network(rows: tuple[int, ...], settings: MapFitSettings) -> MapNet:
+    """Return a network with random weights for maps of `INPUTS` with so many rows."""
+    net = MapNet(
+        rows[0],
+        rows[1],
+        rows[2:],
+        widths=settings.widths,
+        long_widths=settings.long_widths,
+        hidden=settings.hidden,
+        dropout=settings.dropout,
+    )
+    net.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+    return net
+
+
+def optimizer_of(net: MapNet, n_steps: int, settings: MapFitSettings) -> MuonAdamW:
+    """Return what takes `n_steps` steps."""
+    return MuonAdamW(
+        net,
+        n_steps,
+        rate=settings.learning_rate,
+        matrix_rate=settings.matrix_rate,
+        weight_decay=settings.weight_decay,
+        matrix_decay=settings.matrix_decay,
+    )
+
+
+def logits_of(net: nn.Module, windows: Arrays) -> NDArray[np.float64]:
+    """Return the logits of windows, shape (n, 3), by torch."""
+    net.eval()
+    n = len(windows["label"])
+    out = []
+    with torch.no_grad():
+        for first in range(0, n, 1024):
+            rows = slice(first, first + 1024)
+            maps = [torch.from_numpy(windows[name][rows]).float() / 255 for name in INPUTS]
+            out.append(net(*maps).numpy().astype(np.float64))
+    return np.concatenate(out) if out else np.zeros((0, 3))
+
+
+def _cross_entropy(logits: NDArray[np.float64], labels: NDArray[Any]) -> float:
+    z = logits - logits.max(axis=1, keepdims=True)
+    log_p = z - np.log(np.exp(z).sum(axis=1, keepdims=True))
+    return float(-log_p[np.arange(len(labels)), labels].mean())

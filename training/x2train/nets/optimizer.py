@@ -1,0 +1,93 @@
+"""Steps of training: Muon for matrices, AdamW for everything else, one cycle of both rates.
+
+Muon (K. Jordan et al., "Muon: An optimizer for hidden layers in neural networks", 2024; here
+`torch.optim.Muon`) steps along the orthogonal matrix nearest to the momentum, so that all
+directions of a layer learn equally fast. A convolution is a matrix with a row for each of its
+channels. Layers of few inputs or few outputs (the first, the last, norms) are AdamW's.
+"""
+
+from collections.abc import Sequence
+
+import torch
+from torch import nn
+
+_RISE = 0.2
+_LEAST_ROWS, _LEAST_COLUMNS = 4, 31
+
+
+class MuonAdamW:
+    """The optimisers of a network.
+
+    Parameters
+    ----------
+    net : nn.Module
+        Its parameters must stay where they are in memory from now on.
+    n_steps : int
+        All steps of the training.
+    rate, matrix_rate : float
+        Greatest learning rates of AdamW and of Muon.
+    weight_decay : float
+        Of AdamW; Muon's is `matrix_decay`.
+    matrix_decay : float
+        Of Muon.
+    """
+
+    def __init__(
+        self,
+        net: nn.Module,
+        n_steps: int,
+        *,
+        rate: float,
+        matrix_rate: float,
+        weight_decay: float,
+        matrix_decay: float,
+    ) -> None:
+        self._matrices = [p for p in net.parameters() if _is_matrix(p)]
+        # Muon takes nothing but matrices, so it is given views of the same memory.
+        self._views = [nn.Parameter(_flat(p.data, p)) for p in self._matrices]
+        others = [p for p in net.parameters() if not _is_matrix(p)]
+        self._optimisers: list[torch.optim.Optimizer] = []
+        rates: list[float] = []
+        if others:
+            adam = torch.optim.AdamW(others, lr=rate, weight_decay=weight_decay)
+            self._optimisers.append(adam)
+            rates.append(rate)
+        if self._views:
+            muon = torch.optim.Muon(self._views, lr=matrix_rate, weight_decay=matrix_decay)
+            self._optimisers.append(muon)
+            rates.append(matrix_rate)
+        # OneCycleLR divides by zero where the rise is one step long.
+        rise = _RISE if n_steps * _RISE != 1 else 1.5 * _RISE
+        self._cycles = [
+            torch.optim.lr_scheduler.OneCycleLR(
+                each, most, total_steps=n_steps, pct_start=rise, cycle_momentum=False
+            )
+            for each, most in zip(self._optimisers, rates, strict=True)
+        ]
+        self._all = list(net.parameters())
+
+    @property
+    def rates(self) -> Sequence[float]:
+        """Learning rates of the next step: AdamW's, if it has anything to do, then Muon's."""
+        return [each.param_groups[0]["lr"] for each in self._optimisers]
+
+    def step(self, loss: torch.Tensor) -> None:
+        """Take one step down a loss."""
+        for p in self._all:
+            p.grad = None
+        loss.backward()  # type: ignore[no-untyped-call]
+        for p, view in zip(self._matrices, self._views, strict=True):
+            view.grad = None if p.grad is None else _flat(p.grad, p)
+        for optimiser, cycle in zip(self._optimisers, self._cycles, strict=True):
+            optimiser.step()
+            cycle.step()
+
+
+def _is_matrix(p: torch.Tensor) -> bool:
+    return p.ndim > 1 and p.shape[0] >= _LEAST_ROWS and p.numel() >= _LEAST_COLUMNS * p.shape[0]
+
+
+def _flat(p: torch.Tensor, like: torch.Tensor) -> torch.Tensor:
+    """Return weights as a matrix whose columns are in the order of the memory of `like`."""
+    is_last = like.ndim == 4 and like.is_contiguous(memory_format=torch.channels_last)
+    return (p.permute(0, 2, 3, 1) if is_last else p).flatten(1)

@@ -1,0 +1,205 @@
+"""Temporal head: what windows come to in their order, learned instead of summed.
+
+The network says what one window shows; the head follows whoever is there from window to window.
+It takes what the network's last layer is given, so nothing of the window is lost on the way
+through three probabilities::
+
+    projected = relu(A (given - mean) / spread + a)
+    hidden    = gru(projected, hidden)           (Cho et al. 2014, recalled; torch's variant)
+    logits    = B hidden + b
+
+Hidden values begin at zero whenever the gate has opened.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import nn
+from torch.nn import functional
+
+from x2train.nets.epoch import Epoch, temperature_of
+
+_IGNORED = -100
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Given:
+    """Windows as a head sees them, in order within what the daemon would see in one go.
+
+    Attributes
+    ----------
+    values : ndarray, shape (n, n_given), float32
+        What the network's last layer is given.
+    label : ndarray, shape (n,), int64
+        Class.
+    is_first : ndarray, shape (n,), bool
+        Where the gate has opened.
+    """
+
+    values: NDArray[np.float32]
+    label: NDArray[np.int64]
+    is_first: NDArray[np.bool_]
+
+    def runs(self) -> list[slice]:
+        """Return the windows of every stay."""
+        first = np.flatnonzero(self.is_first)
+        ends = np.append(first[1:], len(self.is_first))
+        return [slice(int(a), int(b)) for a, b in zip(first, ends, strict=True)]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeadSettings:
+    """How large a head is, and how it is trained.
+
+    Attributes
+    ----------
+    n_projected, n_hidden : int
+        Channels.
+    epochs : int
+        Passes over the stays.
+    batch : int
+        Stays a step.
+    learning_rate : float
+        Greatest of the one cycle.
+    weight_decay : float
+        Of AdamW.
+    dropout : float
+        Of what is given, in training.
+    seed : int
+        Of weights and order.
+    """
+
+    n_projected: int = 16
+    n_hidden: int = 24
+    epochs: int = 6
+    batch: int = 64
+    learning_rate: float = 5e-3
+    weight_decay: float = 1e-3
+    dropout: float = 0.3
+    seed: int = 0
+
+
+class TemporalHead(nn.Module):
+    """The head.
+
+    Parameters
+    ----------
+    mean, spread : ndarray, shape (n_given,)
+        Of what is given; it is standardised by them.
+    settings : HeadSettings
+        Its size.
+    n_out : int
+        Classes.
+    """
+
+    mean: torch.Tensor
+    spread: torch.Tensor
+
+    def __init__(
+        self,
+        mean: NDArray[np.float32],
+        spread: NDArray[np.float32],
+        settings: HeadSettings,
+        n_out: int = 3,
+    ) -> None:
+        super().__init__()
+        self.register_buffer("mean", torch.from_numpy(mean))
+        self.register_buffer("spread", torch.from_numpy(spread))
+        self.dropout = nn.Dropout(settings.dropout)
+        self.projection = nn.Linear(len(mean), settings.n_projected)
+        self.gru = nn.GRU(settings.n_projected, settings.n_hidden, batch_first=True)
+        self.out = nn.Linear(settings.n_hidden, n_out)
+
+    def forward(self, given: torch.Tensor) -> torch.Tensor:
+        """Return logits, shape (n, n_windows, n_out), of stays, (n, n_windows, n_given)."""
+        z = self.dropout((given - self.mean) / self.spread)
+        hidden, _ = self.gru(torch.relu(self.projection(z)))
+        logits: torch.Tensor = self.out(hidden)
+        return logits
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HeadTrained:
+    """A head, and the temperature that calibrates it."""
+
+    head: TemporalHead
+    temperature: float
+
+
+def fit_head(
+    train: Given, validation: Given, settings: HeadSettings
+) -> Iterator[Epoch | HeadTrained]:
+    """Train; yield every epoch, and at last the head.
+
+    Classes weigh the same, however many windows each has. Same seed, same weights on one machine.
+
+    Parameters
+    ----------
+    train, validation : Given
+        Of passages that have nothing in common.
+    settings : HeadSettings
+        How.
+
+    Yields
+    ------
+    Epoch or HeadTrained
+        Progress, then the result.
+    """
+    torch.manual_seed(settings.seed)
+    torch.set_num_threads(1)
+    rng = torch.Generator().manual_seed(settings.seed)
+    spread = np.maximum(train.values.std(axis=0), 1e-3)
+    head = TemporalHead(train.values.mean(axis=0), spread, settings)
+    counts = np.bincount(train.label, minlength=3)
+    weight = torch.from_numpy((counts.sum() / (3 * np.maximum(counts, 1))).astype(np.float32))
+    runs = train.runs()
+    optimiser = torch.optim.AdamW(head.parameters(), weight_decay=settings.weight_decay)
+    n_steps = settings.epochs * -(-len(runs) // settings.batch)
+    cycle = torch.optim.lr_scheduler.OneCycleLR(
+        optimiser, settings.learning_rate, total_steps=n_steps
+    )
+    for number in range(1, settings.epochs + 1):
+        head.train()
+        total, n = 0.0, 0
+        for part in torch.split(torch.randperm(len(runs), generator=rng), settings.batch):
+            values, label = _padded(train, [runs[k] for k in part.tolist()])
+            loss = functional.cross_entropy(
+                head(values).flatten(0, 1), label.flatten(), weight, ignore_index=_IGNORED
+            )
+            optimiser.zero_grad()
+            torch.autograd.backward(loss)
+            nn.utils.clip_grad_norm_(head.parameters(), 1.0)
+            optimiser.step()
+            cycle.step()
+            total, n = total + loss.item() * len(part), n + len(part)
+        yield Epoch(number, total / n, _loss(logits_over(head, validation), validation.label))
+    logits = logits_over(head, validation)
+    yield HeadTrained(head, temperature_of(logits, validation.label))
+
+
+def logits_over(head: TemporalHead, given: Given) -> NDArray[np.float64]:
+    """Return the logits after every window, shape (n, 3)."""
+    head.eval()
+    out = np.empty((len(given.label), head.out.out_features))
+    with torch.no_grad():
+        for run in given.runs():
+            out[run] = head(torch.from_numpy(given.values[run])[None])[0].numpy()
+    return out
+
+
+def _padded(given: Given, runs: list[slice]) -> tuple[torch.Tensor, torch.Tensor]:
+    longest = max(run.stop - run.start for run in runs)
+    values = torch.zeros(len(runs), longest, given.values.shape[1])
+    label = torch.full((len(runs), longest), _IGNORED)
+    for k, run in enumerate(runs):
+        n = run.stop - run.start
+        values[k, :n] = torch.from_numpy(given.values[run])
+        label[k, :n] = torch.from_numpy(given.label[run])
+    return values, label
+
+
+def _loss(logits: NDArray[np.float64], label: NDArray[np.int64]) -> float:
+    return float(functional.cross_entropy(torch.from_numpy(logits), torch.from_numpy(label)))

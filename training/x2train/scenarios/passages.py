@@ -1,0 +1,220 @@
+"""Passages: somebody goes through a site; what the radar sees, and the truth about it.
+
+Frames are made at the axis of the site's radar, behind the matched filter and, for most, the
+decimation too, so a passage costs what a scene requires and no more.
+"""
+
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from x2radar.settings.x2 import RadarSettings
+from x2radar.sim.echo import frames as echo_frames
+from x2radar.sim.place.antenna import length_m
+from x2radar.sim.place.room import Room
+from x2radar.sim.points import Points
+from x2radar.sim.scene.cast import SEED_GAIN
+from x2radar.sim.scene.scene import Scene, SceneStep
+from x2radar.sim.scene.stage import Stage
+from x2radar.sim.signal.noise import baseband_noise_power
+from x2radar.sim.signal.pulse import LinkBudget
+from x2radar.sim.signal.receiver import Receiver
+from x2train.scenarios.domain_randomization import RandomizedActor
+from x2train.scenarios.families import Family
+from x2train.scenarios.sites import Site
+
+Array = NDArray[np.float64]
+_COURSES = ("cross", "approach", "leave", "oblique", "wander")
+_WALL_M = 0.3
+_UNSEEN = 0.1
+_ERROR_DB = -50.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Truth:
+    """What really went on, by frame.
+
+    Attributes
+    ----------
+    range_m : ndarray, shape (n_slow, n_bodies), float64
+        Range of the middle of each body.
+    velocity_mps : ndarray, shape (n_slow, n_bodies), float64
+        Its radial velocity; approaching is positive.
+    speed_mps : ndarray, shape (n_slow, n_bodies), float64
+        How fast it goes.
+    snr_db : ndarray, shape (n_slow, n_bodies), float64
+        Power of its direct echo, all parts, over the noise of a bin; -inf outside the swath.
+    """
+
+    range_m: Array
+    velocity_mps: Array
+    speed_mps: Array
+    snr_db: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Passage:
+    """A piece of a stream, and its truth.
+
+    Attributes
+    ----------
+    site : Site
+        Where.
+    cast : tuple of Family
+        Who.
+    frames : ndarray, shape (n_slow, n_range), complex64
+        Baseband at the axis of the site's radar.
+    truth : Truth
+        Of every body of the cast.
+    """
+
+    site: Site
+    cast: tuple[Family, ...]
+    frames: NDArray[np.complex64]
+    truth: Truth
+
+
+def play(
+    rng: np.random.Generator,
+    site: Site,
+    cast: tuple[Family, ...],
+    *,
+    duration_s: float,
+    lead_s: tuple[float, float] = (0.2, 2.5),
+    is_plain: bool = False,
+) -> Passage:
+    """Simulate a passage.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+        Everything random comes from it.
+    site : Site
+        Where.
+    cast : tuple of Family
+        Who moves.
+    duration_s : float
+        How long.
+    lead_s : tuple of float
+        When the bodies enter, see `RandomizedActor`.
+    is_plain : bool
+        Without guises.
+
+    Returns
+    -------
+    Passage
+        New arrays.
+    """
+    radar = site.radar
+    axis, rate_hz = radar.axis(), radar.frame_rate_hz
+    actors = tuple(_actor(rng, site, f, lead_s, is_plain=is_plain) for f in cast)
+    scene = Scene(
+        name="passage",
+        description="",
+        steps=(SceneStep(actors, duration_s, duration_s),),
+        room=site.room,
+        antenna=site.antenna,
+        surfaces=site.surfaces,
+        tail=site.tail,
+        receiver=site.receiver,
+    )
+    n_slow = round(duration_s * rate_hz)
+    stage = Stage(scene, int(rng.integers(2**31)), rate_hz)
+    budget = LinkBudget()
+    noise = float(np.sqrt(baseband_noise_power(axis, budget.noise_sigma)))
+    gain = float(np.sqrt(SEED_GAIN) * 10 ** (site.level_db / 20))
+    block = stage.next_block(n_slow)
+    frames = echo_frames(
+        block.rows.range_m,
+        block.rows.amplitude(budget, axis) * gain,
+        axis,
+        error_db=_ERROR_DB,
+        floor=_UNSEEN * noise,
+    )
+    if site.room is not None:
+        room = Room(rng, site.room, axis, budget)
+        frames = frames + room.echo(np.arange(n_slow) / rate_hz)
+    sweep = RadarSettings.for_frame_rate(max(1, round(rate_hz)))
+    receiver = Receiver(
+        sweep, axis, budget, rng, effects=site.receiver, seed=int(rng.integers(2**31))
+    )
+    made = receiver.baseband(np.asarray(frames, np.complex64))
+    # Of this receiver's noise, not of the budget's.
+    level = noise * 10 ** ((site.receiver.noise_figure_db - 13) / 20)
+    if not cast:
+        return Passage(site, cast, made, Truth(*np.zeros((4, n_slow, 0))))
+    return Passage(site, cast, made, _truth(site, block.points, budget, gain, level))
+
+
+def _truth(
+    site: Site,
+    points: tuple[Points, ...],
+    budget: LinkBudget,
+    gain: float,
+    noise: float,
+) -> Truth:
+    radar, antenna_m = site.radar, site.antenna.position_m
+    columns: list[list[Array]] = [[], [], [], []]
+    for p in points:
+        middle = p.position_m.mean(axis=1)
+        rate_hz = radar.frame_rate_hz
+        range_m = length_m(middle - antenna_m)
+        speed_mps = np.linalg.norm(np.gradient(middle, axis=0), axis=1) * rate_hz
+        amplitude = site.antenna.direct(p, None).amplitude(budget, radar.axis()) * gain
+        away_m = length_m(p.position_m - antenna_m)
+        seen = (away_m > radar.near_m) & (away_m < radar.far_m)
+        power = np.where(seen, amplitude**2, 0.0).sum(axis=1) / noise**2
+        with np.errstate(divide="ignore"):
+            snr_db = 10 * np.log10(power)
+        made = (range_m, -np.gradient(range_m) * rate_hz, speed_mps, snr_db)
+        for column, values in zip(columns, made, strict=True):
+            column.append(values)
+    return Truth(*(np.stack(c, axis=1) for c in columns))
+
+
+def _actor(
+    rng: np.random.Generator,
+    site: Site,
+    family: Family,
+    lead_s: tuple[float, float],
+    *,
+    is_plain: bool,
+) -> RandomizedActor:
+    near_m, far_m = site.course_m
+    options: dict[str, Any] = dict(family.options)
+    bearing = rng.uniform(-0.7, 0.7)
+    away_m = rng.uniform(near_m + 0.2, far_m - 0.2)
+    x, y = float(away_m * np.sin(bearing)), float(away_m * np.cos(bearing))
+    if family.label == "other" and family.kind != "moth":
+        options["position_m"] = [x, y]
+    elif family.kind == "bird":
+        options["home_m"] = [x, y, float(rng.uniform(0.8, 1.8))]
+    elif family.kind != "moth" and family.use != "thesis":
+        drawn = _COURSES[int(rng.integers(len(_COURSES)))]
+        if family.stays and site.is_close:
+            options = {"waypoints_m": _close_place(rng, near_m, far_m)} | options
+        else:
+            course = "wander" if family.stays else drawn
+            options = {"near_m": near_m, "far_m": far_m, "course": course} | options
+    return RandomizedActor(
+        family.kind,
+        MappingProxyType(options),
+        family.name,
+        antenna_m=(0.0, 0.0, site.antenna.height_m),
+        swath_m=(site.radar.near_m, site.radar.far_m),
+        lead_s=lead_s,
+        is_plain=is_plain,
+    )
+
+
+def _close_place(rng: np.random.Generator, near_m: float, far_m: float) -> list[list[float]]:
+    """Return a point near the radar, and one half a metre from it in any direction."""
+    away_m, bearing = rng.uniform(near_m, far_m), rng.uniform(-0.6, 0.6)
+    turn = rng.uniform(0, 2 * np.pi)
+    x, y = away_m * np.sin(bearing), max(_WALL_M, away_m * np.cos(bearing))
+    ahead = 0.5 * np.sin(turn)
+    ahead = ahead if y + ahead > _WALL_M else -ahead
+    return [[float(x), float(y)], [float(x + 0.5 * np.cos(turn)), float(y + ahead)]]

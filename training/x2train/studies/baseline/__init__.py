@@ -1,0 +1,1 @@
+"""The thesis' network on the daemon's features: the bundle `thesis`."""

@@ -1,0 +1,88 @@
+"""Checkpoints of a training: whole or not there, and good for the very same run only."""
+
+import contextlib
+import hashlib
+import json
+import pickle
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from x2radar.errors import RecordingError
+from x2train.studies.thesis.mlp import RepeatedMlp
+from x2train.studies.thesis.sets import CellData
+from x2train.studies.thesis.settings import FitSettings
+
+State = dict[str, torch.Tensor]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Checkpoint:
+    """Everything that a training goes on from.
+
+    Attributes
+    ----------
+    print : str
+        Of data and settings.
+    epoch, steps : int
+        Done.
+    net, mean_net, best : dict
+        Weights: as they are, their running mean, every repeat's best.
+    best_score, scores, confidence : list
+        Of the looks so far.
+    order : Tensor
+        State of the generator that orders elements.
+    """
+
+    print: str
+    epoch: int
+    steps: int
+    net: State
+    mean_net: State
+    best: State
+    best_score: list[float]
+    scores: list[list[float]]
+    confidence: list[list[list[float]]]
+    order: torch.Tensor
+
+
+def fingerprint(data: Iterable[CellData], settings: FitSettings, start: RepeatedMlp | None) -> str:
+    """Return a digest of all that a training depends on."""
+    digest = hashlib.sha256(json.dumps(asdict(settings), sort_keys=True).encode())
+    for part in data:
+        digest.update(part.x.tobytes())
+        digest.update(part.y.tobytes())
+    if start is not None:
+        for value in start.state_dict().values():
+            digest.update(value.cpu().numpy().tobytes())
+    return digest.hexdigest()
+
+
+def save_checkpoint(path: Path, point: Checkpoint) -> None:
+    """Write a checkpoint, whole or not at all; raise RecordingError if the disk refuses."""
+    new = path.with_name(f".{path.name}.new")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        torch.save({f.name: getattr(point, f.name) for f in fields(point)}, new)
+        new.replace(path)
+    except (OSError, RuntimeError) as err:
+        # torch reports a full disk as a RuntimeError of several lines.
+        with contextlib.suppress(OSError):
+            new.unlink()
+        why = err.strerror if isinstance(err, OSError) else "the disk did not take it"
+        msg = f"{path}: cannot write: {why}"
+        raise RecordingError(msg) from err
+
+
+def load_checkpoint(path: Path) -> Checkpoint | None:
+    """Return a checkpoint; None if there is none that can be trusted."""
+    if not path.exists():
+        return None
+    try:
+        state: dict[str, Any] = torch.load(path, weights_only=True, map_location="cpu")
+        return Checkpoint(**state)
+    except (OSError, RuntimeError, EOFError, TypeError, ValueError, pickle.UnpicklingError):
+        return None

@@ -1,0 +1,68 @@
+"""Window sets on disk, read back: columns of all shards, in order."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radard.classify.bundle import CLASSES, Bundle
+from radard.classify.features import MAP_FEATURES, FeatureSettings
+from radard.errors import UsageError
+from x2train.generate.shards import read_all
+
+Columns = Mapping[str, NDArray[Any]]
+_NEEDED = (*MAP_FEATURES, "label", "passage", "t_s")
+
+
+def load_windows(*folders: Path) -> tuple[Columns, list[Mapping[str, Any]]]:
+    """Return the columns of one or more sets, and what each was made from.
+
+    Raises
+    ------
+    RecordingError
+        If a set is missing, unreadable or damaged.
+    UsageError
+        If it holds no windows, or windows made with other features than the first's.
+    """
+    made: list[Columns] = []
+    abouts: list[Mapping[str, Any]] = []
+    for folder in folders:
+        about, columns = read_all(folder)
+        if about.get("kind") != "windows":
+            msg = f"{folder}: holds no windows but '{about.get('kind')}'"
+            raise UsageError(msg)
+        if abouts and about.get("settings") != abouts[0].get("settings"):
+            msg = f"{folder}: its maps were made with other settings than those of {folders[0]}"
+            raise UsageError(msg)
+        if not columns:
+            msg = f"{folder}: holds no window"
+            raise UsageError(msg)
+        missing = set(_NEEDED) - set(columns)
+        if missing:
+            msg = f"{folder}: windows without {', '.join(sorted(missing))}"
+            raise UsageError(msg)
+        abouts.append(about)
+        made.append(columns)
+    keys = [key for key in made[0] if all(key in columns for columns in made)]
+    return {key: np.concatenate([columns[key] for columns in made]) for key in keys}, abouts
+
+
+def check_made_for(
+    bundle: Bundle, columns: Columns, about: Mapping[str, Any], folder: Path
+) -> None:
+    """Raise UsageError if a bundle of three classes cannot take a set's maps as they are."""
+    missing = [i.feature for i in bundle.inputs if i.feature not in columns]
+    if missing:
+        msg = f"{folder}: holds no {missing[0]}, which model '{bundle.name}' takes"
+        raise UsageError(msg)
+    if bundle.classes != CLASSES:
+        msg = f"model '{bundle.name}' tells {', '.join(bundle.classes)} apart; three are needed"
+        raise UsageError(msg)
+    if FeatureSettings.from_mapping(about["settings"]) != bundle.features:
+        msg = (
+            f"{folder}: its maps are not those that model '{bundle.name}' takes; make the set "
+            f"with train-export dataset --like {bundle.name}"
+        )
+        raise UsageError(msg)

@@ -1,0 +1,158 @@
+"""Windows: the maps of every decided dwell of random passages, with what is true of them.
+
+Maps go into shards as bytes (0 to 255 for 0 to 1), which is a tenth of a decibel, far under
+the noise of any of them.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radard.classify.features import MAP_FEATURES, FeatureSettings, FeatureStream
+from radard.detect.clutter_map import ClutterRemover
+from radard.detect.gate import Gate, GateSettings
+from radard.pipeline import settings_at
+from radard.stream.ring import Dwell, DwellShape
+from x2train.scenarios.families import FAMILIES, LABELS, Use, draw_cast
+from x2train.scenarios.passages import Passage, play
+from x2train.scenarios.sites import RadarKind, RoomKind, draw_close, draw_radar, draw_site
+
+HOP_S = 1.0
+_VISIBLE_DB = 3.0
+_LEAST_SHARE = 0.12
+_A_RADAR, _RADAR = 16, 0x5ADA
+_CLOSE_SHARE = 0.1
+_FAMILY = {f.name: k for k, f in enumerate(FAMILIES)}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WindowSpec:
+    """What windows are drawn from.
+
+    Attributes
+    ----------
+    seed : int
+        Passage k draws from ``[seed, k]``.
+    use : {'train', 'staying', 'things', 'held out', 'thesis', 'all'}
+        Families.
+    rooms : {'usual', 'unseen'}
+        Kind of room.
+    radar : {'any', 'x2', 'x4m03'}
+        See `draw_radar`.
+    settings : FeatureSettings
+        How the maps are made.
+    is_plain : bool
+        Without guises.
+    longest_s : float
+        Bodies are there for 2 s to so long.
+    """
+
+    seed: int = 0
+    use: Use = "all"
+    rooms: RoomKind = "usual"
+    radar: RadarKind = "any"
+    settings: FeatureSettings
+    is_plain: bool = False
+    longest_s: float = 6.0
+
+    def __call__(self, number: int) -> Mapping[str, NDArray[Any]] | None:
+        """Return the windows of passage `number`; None if it has none."""
+        rng = np.random.default_rng([self.seed, number])
+        label = LABELS[(0, 1, 0, 1, 2)[number % 5]]
+        if self.use in {"staying", "held out", "thesis"}:
+            label = LABELS[number % 2]
+        elif self.use == "things":
+            label = "other"
+        cast = draw_cast(rng, label, self.use)
+        # Passages beside each other share a radar: designing its maps takes as long as both.
+        radar_rng = np.random.default_rng([self.seed, number // _A_RADAR, _RADAR])
+        radar = draw_radar(radar_rng, self.radar)
+        is_close = self.rooms == "usual" and rng.random() < _CLOSE_SHARE
+        site = draw_close(rng, radar) if is_close else draw_site(rng, radar, self.rooms)
+        duration_s = 2.6 + float(rng.uniform(2.0, self.longest_s))
+        passage = play(rng, site, cast, duration_s=duration_s, is_plain=self.is_plain)
+        return windows_of(passage, self.settings, number)
+
+
+def windows_of(
+    passage: Passage, settings: FeatureSettings, number: int
+) -> Mapping[str, NDArray[Any]] | None:
+    """Return the maps and the truth of a passage's open dwells; None if there are none.
+
+    A dwell's label is that of the most alarming body that can be seen in it; one in which
+    none can is left out.
+    """
+    radar = passage.site.radar
+    axis, rate_hz = radar.axis(), radar.frame_rate_hz
+    settings = settings_at(settings, rate_hz)
+    shape = DwellShape.of(
+        dwell_s=settings.dwell_s, hop_s=HOP_S, frame_rate_hz=rate_hz, n_cpi=settings.n_cpi
+    )
+    remover, gate = ClutterRemover(), Gate(GateSettings(), HOP_S)
+    stream = FeatureStream(settings, MAP_FEATURES)
+    rows: list[dict[str, Any]] = []
+    n = shape.n_slow
+    valid = np.ones(n, bool)
+    for end in dwell_ends(shape, len(passage.frames)):
+        frames = passage.frames[end - n : end]
+        dwell = Dwell(frames, valid, axis, rate_hz, end / rate_hz, end_frame=end)
+        moving = remover.remove(dwell)
+        if not moving.is_whole:
+            continue
+        reading = gate.read(moving)
+        if not reading.is_open:
+            continue
+        truth = _window_truth(passage, slice(end - n, end))
+        if truth is None:
+            continue
+        maps = stream.extract(moving).inputs
+        rows.append(
+            truth
+            | {name: np.rint(maps[name] * 255).astype(np.uint8) for name in MAP_FEATURES}
+            | {
+                "passage": number,
+                "t_s": end / rate_hz,
+                "power_db": reading.power_db,
+                "excess_db": reading.power_db - reading.noise_floor_db,
+                "range_m": reading.range_m,
+                "frame_rate_hz": rate_hz,
+            }
+        )
+    if not rows:
+        return None
+    return {key: np.array([row[key] for row in rows]) for key in rows[0]}
+
+
+def dwell_ends(shape: DwellShape, n_frames: int) -> Iterator[int]:
+    """Yield where the dwells of a stream end, as `FrameRing` cuts them."""
+    hop = 0
+    while (end := shape.n_slow + round(hop * shape.hop_s * shape.frame_rate_hz)) <= n_frames:
+        yield end
+        hop += 1
+
+
+def _window_truth(passage: Passage, window: slice) -> dict[str, Any] | None:
+    truth = passage.truth
+    snr_db = truth.snr_db[window]
+    visible = snr_db > _VISIBLE_DB
+    share = visible.mean(axis=0)
+    seen = [k for k in range(len(passage.cast)) if share[k] >= _LEAST_SHARE]
+    if not seen:
+        return None
+    k = min(seen, key=lambda i: (LABELS.index(passage.cast[i].label), i))
+    rows = visible[:, k]
+    speed = truth.speed_mps[window][rows, k]
+    radial = truth.velocity_mps[window][rows, k]
+    return {
+        "label": LABELS.index(passage.cast[k].label),
+        "family": _FAMILY.get(passage.cast[k].name, -1),
+        "company": _FAMILY[passage.cast[1 - k].name] if len(passage.cast) == 2 else -1,
+        "share": float(share[k]),
+        "snr_db": float(snr_db[rows, k].mean()),
+        "true_range_m": float(truth.range_m[window][rows, k].mean()),
+        "speed_mps": float(speed.mean()),
+        "aspect": float(np.mean(np.abs(radial) / np.maximum(speed, 0.05))),
+    }

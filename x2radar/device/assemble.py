@@ -1,0 +1,123 @@
+"""Messages to frames: the one place that knows which messages carry an echo.
+
+Raw RF frames, baseband I/Q and baseband amplitude/phase all become a `Frame` with its axis;
+every other message is none.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from x2radar.frame import CounterTracker, FastTimeAxis, Frame, Kind, Step, read_only
+from x2radar.settings.any import ModuleSettings
+from x2radar.wire.messages import BasebandAp, BasebandIq, Data, Message
+from x2radar.wire.wire_ids import ContentId
+
+Samples = NDArray[np.float32] | NDArray[np.complex64]
+
+
+class FrameAssembler:
+    """Build frames from messages, with unwrapped counters.
+
+    Parameters
+    ----------
+    settings : RadarSettings or X4Settings
+        What the module was told; gives raw frames their axis, because they carry none.
+    """
+
+    def __init__(self, settings: ModuleSettings) -> None:
+        self._settings = settings
+        self._counter = CounterTracker()
+        self._axis_key: tuple[Kind | float, ...] = ()
+        self._axis: FastTimeAxis | None = None
+        self.n_repeated = 0
+
+    def frame(self, message: Message, t_mono_s: float) -> Frame | None:
+        """Return the frame in `message`, or None when it holds none or repeats the last.
+
+        Parameters
+        ----------
+        message : Message
+            Anything that a module sends.
+        t_mono_s : float
+            When it was complete, on the host's monotonic clock.
+
+        Returns
+        -------
+        Frame or None
+            Samples are float32 for RF frames and complex64 for baseband, read-only.
+        """
+        match message:
+            case BasebandIq():
+                axis = self._baseband_axis(message)
+                samples: Samples = np.empty(message.i.size, np.complex64)
+                samples.real, samples.imag = message.i, message.q
+                counter = message.counter
+            case BasebandAp():
+                axis = self._baseband_axis(message)
+                samples = np.empty(message.amplitude.size, np.complex64)
+                samples.real = message.amplitude * np.cos(message.phase)
+                samples.imag = message.amplitude * np.sin(message.phase)
+                counter = message.counter
+            case Data(content_id=ContentId.RAW_FRAME) if message.values.dtype == np.float32:
+                samples = self._raw(message.values)
+                axis = self._raw_axis(samples.size)
+                counter = message.info
+            case _:
+                return None
+        if samples.size == 0:
+            return None
+        step, lost = self._counter.update(counter)
+        if step is Step.REPEAT:
+            self.n_repeated += 1
+            return None
+        read_only(samples)
+        restarted = step is Step.RESTART
+        return Frame(samples, counter, self._counter.index, lost, restarted, axis, t_mono_s)
+
+    def _raw(self, values: NDArray[Any]) -> Samples:
+        """Return a raw frame's samples: RF as it is, or half of them I and half Q (X4).
+
+        An odd number of values has no such halves and makes an empty frame.
+        """
+        if self._settings.raw_kind == "rf":
+            # Behind its header the packet's memory is not aligned; users' libraries mind.
+            return np.require(values, np.float32, "A")
+        half = 0 if values.size % 2 else values.size // 2
+        samples = np.empty(half, np.complex64)
+        samples.real, samples.imag = values[:half], values[half : 2 * half]
+        return samples
+
+    def _raw_axis(self, n_range: int) -> FastTimeAxis:
+        s = self._settings
+        return self._cached_axis(
+            s.raw_kind, n_range, s.bin_length_m, s.range_offset_m, s.carrier_hz, s.sample_rate_hz
+        )
+
+    def _baseband_axis(self, message: BasebandIq | BasebandAp) -> FastTimeAxis:
+        return self._cached_axis(
+            "baseband",
+            message.i.size if isinstance(message, BasebandIq) else message.amplitude.size,
+            message.bin_length_m,
+            message.range_offset_m,
+            message.carrier_hz,
+            message.sample_rate_hz,
+        )
+
+    def _cached_axis(self, kind: Kind, n_range: int, *numbers: float) -> FastTimeAxis:
+        """Return the last axis while nothing changes, so that frames share one."""
+        key = (kind, n_range, *numbers)
+        if self._axis is None or self._axis_key != key:
+            bin_length_m, range_offset_m, carrier_hz, sample_rate_hz = numbers
+            self._axis_key = key
+            self._axis = FastTimeAxis(
+                kind=kind,
+                n_range=n_range,
+                bin_length_m=bin_length_m,
+                range_offset_m=range_offset_m,
+                carrier_hz=carrier_hz,
+                bandwidth_hz=self._settings.bandwidth_hz,
+                sample_rate_hz=sample_rate_hz,
+            )
+        return self._axis

@@ -1,0 +1,283 @@
+"""Opening: one opening of a module, from the port to the start of its stream.
+
+As real clients do (protocol notes, section 4): reset, wait for READY, ping until ready when
+READY was missed, configure while nothing runs, then start. A port on USB vanishes while its
+module restarts; it is closed in time and opened again. A module that restarts by itself
+says BOOTING and READY and has forgotten its settings: it is told again.
+"""
+
+import contextlib
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from x2radar.device.link import READ_S, RETRIES, Deadlines, Link, refusal
+from x2radar.device.transport import Transport
+from x2radar.errors import (
+    DeviceError,
+    PortError,
+    RestartRequired,
+    SafeModeError,
+    TransportClosed,
+)
+from x2radar.settings.any import ModuleSettings
+from x2radar.settings.startup import startup_commands
+from x2radar.wire import framing
+from x2radar.wire.codec import encode
+from x2radar.wire.messages import Message, Ping, Pong, Reset, SystemMessage
+from x2radar.wire.protocol import Answered, Event, Received, Refused
+from x2radar.wire.wire_ids import PongCode, SystemCode
+
+_REOPEN_EVERY_S = 0.1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrameReceiver:
+    """Who takes the stream.
+
+    Attributes
+    ----------
+    begin : callable
+        Called right before the module is told to start: what came before is void.
+    take : callable
+        Gets every message of the stream, and its time of arrival in seconds (monotonic).
+    has_frames : callable
+        Says whether frames have come since `begin`.
+    """
+
+    begin: Callable[[], None]
+    take: Callable[[Message, float], None]
+    has_frames: Callable[[], bool]
+
+
+class Opening:
+    """A module whose port is open, or on its way to be.
+
+    Parameters
+    ----------
+    connect : callable
+        Opens a new transport to the module.
+    settings : RadarSettings, X4Settings or ProfileSettings
+        What to configure.
+    sink : FrameReceiver
+        Who takes the stream.
+    name : str
+        What to call the module in messages.
+    deadlines : Deadlines
+        How long to wait.
+    counts : Counter
+        Where "retries" and "damaged" are counted.
+    halt : Event
+        Set by whoever wants every wait to end; `close` must follow.
+
+    Attributes
+    ----------
+    has_restarted : bool
+        Whether the module has restarted by itself and waits to be told again.
+    """
+
+    def __init__(
+        self,
+        connect: Callable[[], Transport],
+        settings: ModuleSettings,
+        sink: FrameReceiver,
+        *,
+        name: str,
+        deadlines: Deadlines,
+        counts: Counter[str],
+        halt: threading.Event,
+    ) -> None:
+        self.has_restarted = False
+        self._connect = connect
+        self._commands = startup_commands(settings)
+        self._sink = sink
+        self._name = name
+        self._deadlines = deadlines
+        self._counts = counts
+        self._halt = halt
+        self._is_ready = False
+        self._is_ours = self._is_streaming = False
+        self.link = self._attach()
+
+    def start(self) -> None:
+        """Reset, configure and start.
+
+        Raises
+        ------
+        DeviceError
+            If the module does not answer, refuses a setting, or is in safe mode.
+        PortError, TransportClosed
+            If the port goes away meanwhile, or does not come back after the reset.
+        """
+        self._bring_up(self._reset)
+
+    def start_again(self) -> None:
+        """Configure and start a module that has restarted by itself; raises as `start`."""
+        self._bring_up(self._wait_ready)
+
+    def close(self) -> None:
+        """Tell a started module to stop, as far as it still listens; close the port."""
+        # The first command of every start-up is the one that stops. What was never started
+        # here goes on.
+        self.link.close(framing.encode(encode(self._commands[0])) if self._is_ours else b"")
+
+    # ------------------------------------------------------------ the port
+
+    def _attach(self) -> Link:
+        """Open the port."""
+        transport = self._connect()
+        return Link(
+            transport,
+            self._on_event,
+            name=self._name,
+            deadlines=self._deadlines,
+            counts=self._counts,
+            halt=self._halt,
+        )
+
+    def _attach_again(self, after_s: float) -> None:
+        """Close the port, and open it `after_s` seconds later, as soon as it is back."""
+        self.link.close()
+        give_up_s = time.monotonic() + after_s + self._deadlines.ready_s
+        self._halt.wait(after_s)
+        while True:
+            try:
+                self.link = self._attach()
+            except PortError:
+                if self._halt.is_set() or time.monotonic() > give_up_s:
+                    raise
+                self._halt.wait(_REOPEN_EVERY_S)
+            else:
+                if self._halt.is_set():
+                    # Whoever set it meanwhile may have closed the port before this one.
+                    self.link.close()
+                return
+
+    # ------------------------------------------------------------ to the stream
+
+    def _bring_up(self, prepare: Callable[[], None]) -> None:
+        """Configure a module that `prepare` has made ready; say plainly why it cannot be."""
+        self._is_ours = True
+        try:
+            try:
+                prepare()
+                self._configure()
+            except RestartRequired:
+                # It restarts by itself now. Then everything is told again, once.
+                self._counts["retries"] += 1
+                if self.link.is_usb:
+                    self._attach_again(self._deadlines.restart_s)
+                else:
+                    self.link.listen(self._deadlines.restart_s)
+                self._reset()
+                self._configure()
+        except SafeModeError:
+            raise
+        except DeviceError as err:
+            with contextlib.suppress(TransportClosed):
+                self._check_safe_mode(self.link.ask(Ping(), self._deadlines.ping_every_s), err)
+            raise
+
+    def _reset(self) -> None:
+        self._is_streaming = False
+        is_usb = self.link.is_usb
+        try:
+            self._send_reset()
+        except TransportClosed:
+            # On USB that is what a reset looks like whose answer was lost.
+            if not is_usb or self._halt.is_set():
+                raise
+        if not is_usb:
+            return self._wait_ready(self._deadlines.usb_gone_s)
+        give_up_s = time.monotonic() + self._deadlines.usb_gone_s + self._deadlines.ready_s
+        while True:
+            self._attach_again(self._deadlines.usb_gone_s)
+            try:
+                return self._wait_ready()
+            except TransportClosed:
+                # It was opened before it had vanished.
+                if self._halt.is_set() or time.monotonic() > give_up_s:
+                    raise
+
+    def _send_reset(self) -> None:
+        self._is_ready = self.has_restarted = False
+        for attempt in range(1 + RETRIES):
+            self._counts["retries"] += attempt > 0
+            reply = self.link.ask(Reset(), self._deadlines.reply_s)
+            if isinstance(reply, Refused):
+                if attempt == RETRIES or not self.link.may_ask_again(reply):
+                    raise refusal(self._name, reply)
+            elif reply is not None or self.has_restarted:
+                return
+        msg = f"{self._name}: no answer to a reset; is it an XeThru X2 module?"
+        raise DeviceError(msg)
+
+    def _wait_ready(self, first_ping_s: float | None = None) -> None:
+        """Wait for READY; ping when it does not come within `first_ping_s` seconds.
+
+        Right after a reset was acknowledged, a module still answers pings for half a
+        second, so that a pong then says nothing.
+        """
+        every_s = self._deadlines.ping_every_s
+        pause_s = every_s if first_ping_s is None else first_ping_s
+        give_up_s = time.monotonic() + self._deadlines.ready_s
+        while (now_s := time.monotonic()) < give_up_s:
+            ping_s = min(now_s + pause_s, give_up_s)
+            while not self._is_ready and (now_s := time.monotonic()) < ping_s:
+                self.link.pump(min(ping_s - now_s, READ_S))
+            if self._is_ready:
+                return
+            pong = self.link.ask(Ping(), every_s)
+            if isinstance(pong, Pong) and pong.code == PongCode.READY:
+                return
+            self._check_safe_mode(pong)
+            pause_s = every_s
+        msg = f"{self._name}: not ready {self._deadlines.ready_s:g} s after a reset"
+        raise DeviceError(msg)
+
+    def _check_safe_mode(self, pong: object, cause: DeviceError | None = None) -> None:
+        if isinstance(pong, Pong) and pong.code == PongCode.SAFE_MODE:
+            msg = (
+                f"{self._name} is in fail-safe mode, as after many crashes, and refuses "
+                "commands: power it off and on again"
+            )
+            raise SafeModeError(msg) from cause
+
+    def _configure(self) -> None:
+        *before, start = self._commands
+        for _ in range(1 + RETRIES):
+            self._is_streaming = self.has_restarted = False
+            for command in before:
+                self.link.command(command, resends=RETRIES)
+                if self.has_restarted:
+                    break
+            else:
+                self._sink.begin()
+                self._is_streaming = True
+                # Where frames come, only the answer was lost; another start would cut them.
+                self.link.command(start, resends=RETRIES, is_done=self._sink.has_frames)
+                if not self.has_restarted:
+                    return
+            self._wait_ready()
+        msg = f"{self._name} restarts again and again while it is configured"
+        raise DeviceError(msg)
+
+    def _on_event(self, event: Event, arrived_s: float) -> None:
+        match event:
+            case Answered(Reset()):
+                # A READY from before it says nothing about the restart.
+                self._is_ready = False
+            case Received(SystemMessage(SystemCode.BOOTING)):
+                self._is_ready, self.has_restarted = False, True
+            case Received(SystemMessage(SystemCode.READY)):
+                self._is_ready = self.has_restarted = True
+            case Received(Pong(PongCode.READY)):
+                # The late answer to a ping that was given up.
+                self._is_ready = True
+            case Received(message) if self._is_streaming and not self.has_restarted:
+                self._sink.take(message, arrived_s)
+            case _:
+                # Replies go to whoever asked; data from before the start are no stream.
+                pass

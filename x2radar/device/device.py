@@ -1,0 +1,374 @@
+"""X2Radar: open a module, iterate over its frames, close it.
+
+`x2radar.device.bring_up` brings the module from reset to streaming, `x2radar.device.link` moves
+the bytes and repeats commands; `x2radar.device.reconnect` opens a lost device again. This file
+owns the frames: their numbers, their marks after a restart, and the counts of what happened.
+"""
+
+import threading
+import time
+from collections import Counter, deque
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from types import TracebackType
+
+from x2radar.device.assemble import FrameAssembler
+from x2radar.device.bring_up import FrameReceiver, Opening
+from x2radar.device.link import READ_S, RETRIES, Deadlines
+from x2radar.device.transport import Transport
+from x2radar.errors import DeviceError, ReadTimeout, TransportClosed
+from x2radar.frame import Frame, StreamInfo
+from x2radar.settings.any import ModuleSettings, SettingsChooser
+from x2radar.settings.x2 import RadarSettings
+from x2radar.wire.messages import (
+    GetMode,
+    GetSystemInfo,
+    LoadProfile,
+    Message,
+    Ping,
+    Reply,
+    SetDetectionZone,
+    SetLed,
+    SetMode,
+    SetOutput,
+    SetSensitivity,
+    SetSysFloat,
+    SetSysInt,
+)
+from x2radar.wire.wire_ids import InfoItem
+
+__all__ = ["Deadlines", "RadarStats", "X2Radar"]
+
+_REPEATABLE = (
+    Ping,
+    GetSystemInfo,
+    GetMode,
+    SetMode,
+    SetOutput,
+    SetSysInt,
+    SetSysFloat,
+    LoadProfile,
+    SetLed,
+    SetDetectionZone,
+    SetSensitivity,
+)
+"""Commands that may be sent twice without harm."""
+_STALL_FRAMES = 3
+_ASK_S = 0.5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RadarStats:
+    """What happened since the radar object was made, over all its openings.
+
+    Attributes
+    ----------
+    frames : int
+        Frames that arrived.
+    lost : int
+        Frames that the module counted but that did not arrive.
+    repeated : int
+        Frames that came twice; the second is dropped.
+    restarts : int
+        Frames with `Frame.restarted`.
+    damaged : int
+        Stretches of bytes that were dropped, and packets that could not be read.
+    retries : int
+        Commands sent again: unanswered, or refused by a busy module.
+    reconnects : int
+        Times that a lost device was opened again.
+    """
+
+    frames: int = 0
+    lost: int = 0
+    repeated: int = 0
+    restarts: int = 0
+    damaged: int = 0
+    retries: int = 0
+    reconnects: int = 0
+
+
+class X2Radar:
+    """One module.
+
+    Frames are read and commands are sent from one thread; `close` may be called from any.
+
+    Parameters
+    ----------
+    connect : callable
+        Opens a new transport to the module; called again after a reset over USB.
+    settings : RadarSettings, X4Settings, ProfileSettings or callable, optional
+        What to configure; the defaults of RadarSettings otherwise. A callable is given the
+        order code that the module tells when it is first opened, and returns them.
+    deadlines : Deadlines, optional
+        How long to wait.
+    name : str
+        What to call the module in messages.
+
+    Attributes
+    ----------
+    stream : StreamInfo or None
+        What holds for every frame; known with the first one.
+
+    Examples
+    --------
+    >>> with X2Radar(lambda: SerialTransport("/dev/ttyACM0")) as radar:  # doctest: +SKIP
+    ...     for frame in radar:
+    ...         print(frame.index, frame.samples.shape)
+    """
+
+    def __init__(
+        self,
+        connect: Callable[[], Transport],
+        settings: ModuleSettings | SettingsChooser | None = None,
+        *,
+        deadlines: Deadlines | None = None,
+        name: str = "X2 module",
+    ) -> None:
+        self._choose = settings if callable(settings) else None
+        self.settings: ModuleSettings = (
+            RadarSettings() if settings is None or callable(settings) else settings
+        )
+        self.name = name
+        self.stream: StreamInfo | None = None
+        self._connect = connect
+        self._deadlines = deadlines or Deadlines()
+        self._opening: Opening | None = None
+        self._halt = threading.Event()
+        self._halt_is_ours = True
+        self._assembler = FrameAssembler(self.settings)
+        self._waiting: deque[Frame] = deque()
+        self._first_index = self._next_index = 0
+        self._counts: Counter[str] = Counter()
+
+    def __enter__(self) -> "X2Radar":
+        """Open the module; see `open`."""
+        self.open()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close the module."""
+        self.close()
+
+    def __iter__(self) -> Iterator[Frame]:
+        """Iterate over `frames`."""
+        return self.frames()
+
+    @property
+    def stats(self) -> RadarStats:
+        """Counts up to now: a snapshot."""
+        counts = dict(self._counts)
+        counts["repeated"] = counts.get("repeated", 0) + self._assembler.n_repeated
+        return RadarStats(**counts)
+
+    def open(self, *, stream: bool = True, halt: threading.Event | None = None) -> None:
+        """Connect, reset, configure and start the stream; frames count from 0.
+
+        Parameters
+        ----------
+        stream : bool
+            False to connect only: the module is asked by `command`, and goes on with
+            whatever it does.
+        halt : Event, optional
+            Once it is set, by any thread, opening and stream end with TransportClosed.
+
+        Raises
+        ------
+        PortError
+            If the port cannot be opened.
+        DeviceError
+            If the module does not answer, refuses a setting, or is in safe mode.
+        TransportClosed
+            If the port goes away meanwhile.
+        """
+        self._next_index = 0
+        self._open(halt, stream=stream)
+
+    def reopen(self, *, halt: threading.Event | None = None) -> None:
+        """Open again after a loss: frame numbers go on, and the first frame is marked.
+
+        `halt` and the errors are those of `open`.
+        """
+        self._open(halt, stream=True)
+        self._counts["reconnects"] += 1
+
+    def frames(self) -> Iterator[Frame]:
+        """Yield frames as they arrive, for as long as the module sends them.
+
+        Yields
+        ------
+        Frame
+            In order; losses are stated in `Frame.lost` and `Frame.restarted`.
+
+        Raises
+        ------
+        ReadTimeout
+            If no frame came for `Deadlines.stall_s`.
+        TransportClosed
+            If the port went away.
+        DeviceError
+            If the module restarted by itself and cannot be configured again.
+        """
+        rate_hz = float(self.settings.frame_rate_hz)
+        stall_s = max(self._deadlines.stall_s, _STALL_FRAMES / rate_hz)
+        last_s = time.monotonic()
+        while True:
+            opening = self._opened()
+            while self._waiting:
+                frame = self._waiting.popleft()
+                if self.stream is None:
+                    self.stream = StreamInfo(frame.axis, rate_hz, self.name)
+                yield frame
+                last_s = time.monotonic()
+            if opening.has_restarted:
+                opening.start_again()
+                last_s = time.monotonic()
+            else:
+                opening.link.pump(READ_S)
+            if not self._waiting and time.monotonic() - last_s > stall_s:
+                msg = f"{self.name}: no frame for {stall_s:g} s"
+                raise ReadTimeout(msg)
+
+    def command(self, command: Message, *, wait_s: float | None = None) -> Message:
+        """Send one command and return its reply.
+
+        It is sent again while the module is busy; and, where that does no harm, up to three
+        times when no answer comes.
+
+        Parameters
+        ----------
+        command : Message
+            Any host message.
+        wait_s : float, optional
+            For each answer, in seconds; `Deadlines.reply_s` by default.
+
+        Returns
+        -------
+        Message
+            What answers the command.
+
+        Raises
+        ------
+        DeviceError
+            If the module refuses, or does not answer.
+        TransportClosed
+            If the port went away.
+        """
+        resends = RETRIES if isinstance(command, _REPEATABLE) else 0
+        answer = self._opened().link.command(command, resends=resends, wait_s=wait_s)
+        assert answer is not None  # noqa: S101 - None needs is_done
+        return answer
+
+    def identify(self) -> None:
+        """Settle `settings` where they depend on what the module calls itself.
+
+        Asks once, on a port opened for that; `open` does it where it has not been done.
+        Raises as `open`.
+        """
+        self._halt = threading.Event()
+        self._identify()
+
+    def wrap_transport(
+        self, wrap: Callable[[Callable[[], Transport]], Callable[[], Transport]]
+    ) -> None:
+        """Let `wrap` see every transport from the next opening on.
+
+        Parameters
+        ----------
+        wrap : callable
+            Gets what opens a transport; returns what is called instead.
+        """
+        self._connect = wrap(self._connect)
+
+    def close(self) -> None:
+        """Stop the module as far as it still listens, and close the port; from any thread."""
+        if self._halt_is_ours:
+            self._halt.set()
+        opening, self._opening = self._opening, None
+        if opening is not None:
+            opening.close()
+
+    def _open(self, halt: threading.Event | None, *, stream: bool) -> None:
+        self.close()
+        self._halt = threading.Event() if halt is None else halt
+        self._halt_is_ours = halt is None
+        self.stream = None
+        self._waiting.clear()
+        if stream:
+            self._identify()
+        self._opening = opening = self._make_opening()
+        if not stream:
+            return
+        try:
+            opening.start()
+        except BaseException:
+            self._opening = None
+            opening.link.close()
+            raise
+
+    def _identify(self) -> None:
+        if self._choose is not None:
+            self.settings, self._choose = self._choose(self._order_code()), None
+
+    def _order_code(self) -> str:
+        """Return what the module calls itself; empty when it does not say."""
+        self._opening = opening = self._make_opening()
+        try:
+            ask = GetSystemInfo(InfoItem.ORDER_CODE)
+            answer = opening.link.command(ask, resends=1, wait_s=_ASK_S)
+        except DeviceError:
+            return ""
+        finally:
+            self._opening = None
+            opening.link.close()
+        text = answer.value if isinstance(answer, Reply) else ""
+        return text if isinstance(text, str) else ""
+
+    def _make_opening(self) -> Opening:
+        return Opening(
+            self._connect,
+            self.settings,
+            FrameReceiver(
+                begin=self._begin, take=self._take, has_frames=lambda: bool(self._waiting)
+            ),
+            name=self.name,
+            deadlines=self._deadlines,
+            counts=self._counts,
+            halt=self._halt,
+        )
+
+    def _opened(self) -> Opening:
+        if self._opening is None:
+            msg = f"{self.name} is not open"
+            raise TransportClosed(msg)
+        return self._opening
+
+    def _begin(self) -> None:
+        """Begin a stream; where one was before, its numbers go on."""
+        self._counts["repeated"] += self._assembler.n_repeated
+        self._assembler = FrameAssembler(self.settings)
+        self._waiting.clear()
+        self._first_index = self._next_index
+
+    def _take(self, message: Message, arrived_s: float) -> None:
+        frame = self._assembler.frame(message, arrived_s)
+        if frame is None:
+            return
+        if self._first_index:
+            is_first = frame.index == 0
+            frame = replace(
+                frame,
+                index=self._first_index + frame.index,
+                restarted=frame.restarted or is_first,
+            )
+        self._next_index = frame.index + 1
+        self._waiting.append(frame)
+        counts = self._counts
+        counts["frames"] += 1
+        counts["lost"] += frame.lost
+        counts["restarts"] += frame.restarted

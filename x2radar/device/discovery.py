@@ -1,0 +1,244 @@
+"""Find the module: list serial ports, and ask each one whether a module answers.
+
+USB ids are those of the X4 modules and of common adapters; those of the X2 modules are
+known to nobody, so an unknown id excludes nothing. A port gets one ping and nothing else,
+and a port that another program holds is left alone.
+"""
+
+import os
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from x2radar.device.transport import SerialTransport
+from x2radar.errors import (
+    MessageError,
+    PortBusy,
+    PortDenied,
+    PortError,
+    PortNotFound,
+    TransportClosed,
+)
+from x2radar.wire import framing
+from x2radar.wire.codec import decode_response, encode
+from x2radar.wire.framing import Packet, PacketData, PacketDecoder
+from x2radar.wire.messages import Ping, Pong, Unknown
+from x2radar.wire.wire_ids import PongCode
+
+ANSWER_S = 0.3
+BY_ID = Path("/dev/serial/by-id")
+LOCK_FOLDERS = (Path("/run/lock"), Path("/var/lock"))
+_MOST_AT_ONCE = 16
+_PING = encode(Ping())
+# Opening one of these calls somebody by radio.
+_NEVER_ASKED = ("rfcomm",)
+
+USB_IDS: dict[tuple[int, int], tuple[str, str]] = {
+    (0x03EB, 0x6124): ("XeThru X4 module (Atmel CDC)", "documented"),
+    (0x03EB, 0x2404): ("XeThru bootloader; perhaps an X2 module", "inferred"),
+    (0x0403, 0x6001): ("FTDI serial adapter, as used with XeThru modules", "documented"),
+    (0x0403, 0x6014): ("FTDI FT232H adapter, as used with X2 kits", "documented"),
+}
+"""What is known of a USB id, and how: see docs/hardware.md. The bootloader's is documented,
+that an X2 module may have it as well is inferred from its being the maker's default."""
+
+
+@dataclass(frozen=True, slots=True)
+class PortRow:
+    """A serial port of this machine; texts are empty where nothing is known.
+
+    Attributes
+    ----------
+    path : str
+        Device path.
+    usb_id : str
+        Vendor and product, as in ``03eb:6124``.
+    manufacturer, product, serial_number : str
+        As the device says.
+    by_id : str
+        The stable link under /dev/serial/by-id.
+    known : str
+        What is known of this USB id.
+    known_from : {'documented', 'inferred', ''}
+        How it is known.
+    """
+
+    path: str
+    usb_id: str = ""
+    manufacturer: str = ""
+    product: str = ""
+    serial_number: str = ""
+    by_id: str = ""
+    known: str = ""
+    known_from: str = ""
+
+
+def list_ports() -> list[PortRow]:
+    """Return every serial port of this machine, by path; opens none of them."""
+    # Late: looking through the system's devices is slow, and most runs name their port.
+    from serial.tools import list_ports as tool  # noqa: PLC0415
+
+    rows = []
+    for port in sorted(tool.comports()):
+        vendor, number = port.vid, port.pid
+        is_usb = vendor is not None and number is not None
+        known, known_from = USB_IDS.get((vendor, number), ("", "")) if is_usb else ("", "")
+        rows.append(
+            PortRow(
+                path=port.device,
+                usb_id=f"{vendor:04x}:{number:04x}" if is_usb else "",
+                manufacturer=port.manufacturer or "",
+                product=port.product or "",
+                serial_number=port.serial_number or "",
+                by_id=_by_id(port.device),
+                known=known,
+                known_from=known_from,
+            )
+        )
+    return rows
+
+
+def probe(path: str, timeout_s: float = ANSWER_S) -> str:
+    """Ping a port once, and listen.
+
+    Parameters
+    ----------
+    path : str
+        Device path.
+    timeout_s : float
+        How long to listen, in seconds.
+
+    Returns
+    -------
+    str
+        'ready', 'not ready' or 'safe mode', as a module answers; 'streams' for any other
+        sound packet of a module; '' when nothing of the kind came.
+
+    Raises
+    ------
+    PortError
+        If the port cannot be opened, or another program holds it.
+    """
+    _refuse_locked(path)
+    transport = SerialTransport(path)
+    decoder = PacketDecoder()
+    try:
+        transport.write(framing.encode(_PING))
+        until_s = time.monotonic() + timeout_s
+        heard = ""
+        while (left_s := until_s - time.monotonic()) > 0:
+            for item in decoder.feed(transport.read(left_s)):
+                said = _meaning(item.data) if isinstance(item, Packet) else ""
+                if said and said != "streams":
+                    return said
+                heard = heard or said
+            if heard:
+                # Its answer may still stand behind data; but that it is a module is clear.
+                return heard
+    except TransportClosed:
+        return ""
+    finally:
+        transport.close()
+    return ""
+
+
+def find_module(candidates: Iterable[str] | None = None, timeout_s: float = ANSWER_S) -> str:
+    """Return the only port on which a module answers.
+
+    Parameters
+    ----------
+    candidates : iterable of str, optional
+        Ports to ask; all of this machine by default, but for radio links.
+    timeout_s : float
+        How long to listen, in seconds; the ports are asked at the same time.
+
+    Returns
+    -------
+    str
+        Path of the port, as it was given.
+
+    Raises
+    ------
+    PortNotFound
+        If none or several answer; the message lists what was found.
+    """
+    if candidates is None:
+        candidates = [r.path for r in list_ports() if not _is_radio_link(r.path)]
+    paths = list({os.path.realpath(path): path for path in candidates}.values())
+    if not paths:
+        msg = "no module answers: there is no serial port; is the module plugged in?"
+        raise PortNotFound(msg)
+    # Late, as above.
+    from concurrent.futures import ThreadPoolExecutor  # noqa: PLC0415
+
+    with ThreadPoolExecutor(min(len(paths), _MOST_AT_ONCE)) as pool:
+        states = list(pool.map(lambda path: port_state(path, timeout_s), paths))
+    found = [path for path, (is_module, _) in zip(paths, states, strict=True) if is_module]
+    if len(found) == 1:
+        return found[0]
+    listed = ", ".join(f"{p} ({state})" for p, (_, state) in zip(paths, states, strict=True))
+    if found:
+        msg = f"several modules answer; name one of them as the port: {listed}"
+    else:
+        msg = f"no module answers; asked: {listed}"
+    raise PortNotFound(msg)
+
+
+def port_state(path: str, timeout_s: float = ANSWER_S) -> tuple[bool, str]:
+    """Probe a port; return whether a module answers, and a few words for people."""
+    try:
+        said = probe(path, timeout_s)
+    except PortBusy:
+        return False, "in use"
+    except PortDenied:
+        return False, "no permission: see the group 'dialout'"
+    except PortNotFound:
+        return False, "gone"
+    except PortError:
+        return False, "cannot be opened"
+    return bool(said), said or "silent"
+
+
+def _meaning(data: PacketData) -> str:
+    if data == _PING:
+        # A line that echoes what it gets.
+        return ""
+    try:
+        message = decode_response(data)
+    except MessageError:
+        return ""
+    if isinstance(message, Pong):
+        known = message.code in set(PongCode)
+        return PongCode(message.code).name.lower().replace("_", " ") if known else "streams"
+    return "" if isinstance(message, Unknown) else "streams"
+
+
+def _refuse_locked(path: str) -> None:
+    """Raise PortBusy if a living process says in a lock file that it holds the port.
+
+    Terminal programs and modem managers do so; `SerialTransport` sees the other locks.
+    """
+    name = Path(path).resolve().name
+    for folder in LOCK_FOLDERS:
+        try:
+            holder = int((folder / f"LCK..{name}").read_text().split()[0])
+            os.kill(holder, 0)
+        except PermissionError:
+            # There is such a process, of another user.
+            pass
+        except (OSError, ValueError, IndexError, OverflowError):
+            continue
+        msg = f"{path}: in use by another program"
+        raise PortBusy(msg)
+
+
+def _is_radio_link(path: str) -> bool:
+    return Path(path).name.startswith(_NEVER_ASKED)
+
+
+def _by_id(path: str) -> str:
+    if not BY_ID.is_dir():
+        return ""
+    real = Path(path).resolve()
+    return next((str(link) for link in BY_ID.iterdir() if link.resolve() == real), "")

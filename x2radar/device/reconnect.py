@@ -1,0 +1,263 @@
+"""ReconnectingRadar: a radar that comes back, and says so; time is never stitched silently.
+
+A device is lost when its port goes away, at once, or when no frame comes for
+`Deadlines.stall_s` although the port is open. It is opened again with growing, jittered
+pauses, for ever. Frame numbers go on; the first frame afterwards is marked as a restart,
+because nobody knows how much time passed.
+"""
+
+import random
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Literal
+
+from x2radar.device.device import RadarStats, X2Radar
+from x2radar.errors import DeviceError, PortError, ReadTimeout, TransportClosed, X2RadarError
+from x2radar.frame import Frame, StreamInfo
+
+EventKind = Literal["lost", "found", "gap", "repeat", "restart"]
+_LOSSES = (PortError, TransportClosed, ReadTimeout, DeviceError)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StreamEvent:
+    """Something that happened to a stream between two frames.
+
+    Attributes
+    ----------
+    kind : {'lost', 'found', 'gap', 'repeat', 'restart'}
+        The device is away, for `reason`. It is back. Frames are missing before the next
+        one. Frames came twice and were dropped. The counter or the module began anew: the
+        time that passed before the next frame is unknown, as it is after 'found'.
+    reason : str
+        For people.
+    n_frames : int
+        Frames missing or repeated, else 0.
+    t_mono_s : float
+        Host's monotonic clock, in seconds.
+    """
+
+    kind: EventKind
+    reason: str
+    n_frames: int = 0
+    t_mono_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Backoff:
+    """Pauses between attempts to open a device: doubled each time, up to a cap.
+
+    Attributes
+    ----------
+    first_s, most_s : float
+        First and longest pause, in seconds.
+    jitter : float
+        Share by which a pause varies, so that several programs on one hub do not knock at
+        the same time; the cap holds with it.
+    stable_s : float
+        A stream that lasted as long, in seconds, starts the pauses anew; a device that is
+        lost again and again sooner is left alone longer and longer.
+    """
+
+    first_s: float = 0.25
+    most_s: float = 10.0
+    jitter: float = 0.2
+    stable_s: float = 10.0
+
+    def pause_s(self, attempt: int, rng: random.Random) -> float:
+        """Return the pause before attempt number `attempt`, counted from 0, in seconds."""
+        # No power beyond what any float takes.
+        plain_s = self.first_s * 2.0 ** min(attempt, 60)
+        varied_s = min(plain_s, self.most_s) * rng.uniform(1 - self.jitter, 1 + self.jitter)
+        return min(varied_s, self.most_s)
+
+
+class ReconnectingRadar:
+    """Frames of a device that is opened again whenever it was lost.
+
+    Parameters
+    ----------
+    radar : X2Radar
+        Not opened yet; opened, reopened and closed here.
+    wait : bool
+        Wait also for a device that is absent at first, instead of raising.
+    quit_on_loss : bool
+        Raise when the device is lost later, instead of waiting for it.
+    backoff : Backoff, optional
+        Pauses between attempts.
+    rng : random.Random, optional
+        Source of the jitter.
+    clock : callable, optional
+        Returns the time in seconds; time.monotonic by default.
+    sleep : callable, optional
+        Sleeps for some seconds; by default a sleep that `close` ends at once.
+
+    Examples
+    --------
+    >>> with ReconnectingRadar(make_radar(parse_port("/dev/ttyACM0"))) as radar:  # doctest: +SKIP
+    ...     for item in radar.items():
+    ...         if isinstance(item, StreamEvent):
+    ...             print(item.kind, item.reason)
+    ...         else:
+    ...             print(item.index)
+    """
+
+    def __init__(
+        self,
+        radar: X2Radar,
+        *,
+        wait: bool = False,
+        quit_on_loss: bool = False,
+        backoff: Backoff | None = None,
+        rng: random.Random | None = None,
+        clock: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], object] | None = None,
+    ) -> None:
+        self._radar = radar
+        self._wait = wait
+        self._quit_on_loss = quit_on_loss
+        self._backoff = backoff or Backoff()
+        self._rng = rng or random.Random()  # noqa: S311 - jitter is no secret
+        self._clock = clock
+        self._halt = threading.Event()
+        self._sleep = sleep or self._halt.wait
+        self._attempts = 0
+        self._n_repeated = 0
+        self._is_found = False
+        self._told = ""
+
+    def __enter__(self) -> "ReconnectingRadar":
+        """Return the radar; it opens when the first item is asked for."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close the device."""
+        self.close()
+
+    def __iter__(self) -> Iterator[Frame]:
+        """Iterate over `frames`."""
+        return self.frames()
+
+    @property
+    def stats(self) -> RadarStats:
+        """Counts up to now: a snapshot."""
+        return self._radar.stats
+
+    @property
+    def stream(self) -> StreamInfo | None:
+        """What holds for every frame; known with the first one."""
+        return self._radar.stream
+
+    def frames(self) -> Iterator[Frame]:
+        """Yield the frames of `items` alone.
+
+        Yields
+        ------
+        Frame
+            `Frame.restarted` and `Frame.lost` still say where time is not continuous.
+        """
+        for item in self.items():
+            if isinstance(item, Frame):
+                yield item
+
+    def items(self) -> Iterator[Frame | StreamEvent]:
+        """Open the device; yield its frames, and in between what happened, until `close`.
+
+        Every frame with `restarted` stands behind a 'found' or a 'restart', every frame with
+        `lost` behind a 'gap'. To be called once.
+
+        Yields
+        ------
+        Frame or StreamEvent
+            In order; frame numbers go on over a loss.
+
+        Raises
+        ------
+        X2RadarError
+            What went wrong: at first unless `wait`, later with `quit_on_loss`.
+        """
+        try:
+            yield from self._opened_first()
+            while True:
+                try:
+                    yield from self._streamed()
+                except _LOSSES as err:
+                    if self._halt.is_set():
+                        return
+                    if self._quit_on_loss:
+                        raise
+                    yield from self._found_again(err)
+        except _LOSSES:
+            if not self._halt.is_set():
+                raise
+        finally:
+            self._radar.close()
+
+    def close(self) -> None:
+        """Close the device, or end the wait for it, at once; from any thread."""
+        self._halt.set()
+        self._radar.close()
+
+    def _opened_first(self) -> Iterator[StreamEvent]:
+        try:
+            self._radar.open(halt=self._halt)
+        except _LOSSES as err:
+            if not self._wait or self._halt.is_set():
+                raise
+            yield from self._found_again(err)
+
+    def _found_again(self, err: X2RadarError) -> Iterator[StreamEvent]:
+        """Say that the device is lost, and open it again."""
+        while True:
+            # First, because whoever hears of the loss may look at the port.
+            self._radar.close()
+            if (reason := str(err)) != self._told:
+                self._told = reason
+                yield self._event("lost", reason)
+            self._sleep(self._backoff.pause_s(self._attempts, self._rng))
+            self._attempts += 1
+            if self._halt.is_set():
+                raise err
+            try:
+                self._radar.reopen(halt=self._halt)
+            except _LOSSES as again:
+                err = again
+            else:
+                self._is_found = True
+                return
+
+    def _streamed(self) -> Iterator[Frame | StreamEvent]:
+        begun_s = self._clock()
+        try:
+            for frame in self._radar.frames():
+                yield from self._said(frame)
+                yield frame
+        finally:
+            if self._clock() - begun_s >= self._backoff.stable_s:
+                self._attempts = 0
+
+    def _said(self, frame: Frame) -> Iterator[StreamEvent]:
+        """Yield what there is to say before `frame`."""
+        repeated = self._radar.stats.repeated
+        if more := repeated - self._n_repeated:
+            self._n_repeated = repeated
+            yield self._event("repeat", f"{more} frames came twice", more)
+        if self._is_found:
+            # Only now: a device that answers but sends nothing is not back.
+            self._is_found, self._told = False, ""
+            yield self._event("found", f"{self._radar.name} sends frames again")
+        elif frame.restarted:
+            yield self._event("restart", f"the frame counter begins anew at {frame.counter}")
+        if frame.lost:
+            yield self._event("gap", f"{frame.lost} frames lost", frame.lost)
+
+    def _event(self, kind: EventKind, reason: str, n_frames: int = 0) -> StreamEvent:
+        return StreamEvent(kind=kind, reason=reason, n_frames=n_frames, t_mono_s=self._clock())

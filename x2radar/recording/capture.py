@@ -1,0 +1,373 @@
+"""Wire captures: the raw bytes of both directions with their times, to keep and to replay.
+
+File (little-endian), appended record by record, so that a kill loses nothing but the
+record being written::
+
+    head     8 bytes "X2RADARC", u16 version (1), u16 reserved (0), u32 n,
+             n bytes of JSON: started_utc, port, settings
+    record   u8 kind, u64 nanoseconds since the start, u32 n, n bytes, u32 CRC-32 of all
+             of it before
+    kinds    0x3C '<' bytes from the module, 0x3E '>' bytes to the module,
+             0x4F 'O' the port was opened (one byte: 1 when it sits on USB),
+             0x43 'C' it was closed (no bytes)
+
+A record that is cut off or whose checksum is wrong ends the capture: what stands before it
+is good, `Capture.warning` says what was left out.
+"""
+
+import json
+import os
+import struct
+import threading
+import time
+import zlib
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from x2radar.device.transport import Transport
+from x2radar.errors import RecordingError, TransportClosed
+
+MAGIC = b"X2RADARC"
+VERSION = 1
+_HEAD = struct.Struct("<8sHHI")
+_RECORD = struct.Struct("<BQI")
+_CRC = struct.Struct("<I")
+_LONGEST = 1 << 26
+
+FROM_MODULE = 0x3C
+TO_MODULE = 0x3E
+OPENED = 0x4F
+CLOSED = 0x43
+_KINDS = frozenset({FROM_MODULE, TO_MODULE, OPENED, CLOSED})
+
+
+class Chunk(NamedTuple):
+    """One record of a capture.
+
+    Attributes
+    ----------
+    kind : int
+        `FROM_MODULE`, `TO_MODULE`, `OPENED` or `CLOSED`.
+    t_s : float
+        Time since the capture's start, in seconds.
+    data : bytes
+        The bytes.
+    """
+
+    kind: int
+    t_s: float
+    data: bytes
+
+
+class CaptureWriter:
+    """Append what a wire carries to a new file; may be called from several threads.
+
+    Parameters
+    ----------
+    path : Path
+        File to make; an existing one is never overwritten.
+    about : mapping
+        What the head says: port, settings …
+
+    Raises
+    ------
+    RecordingError
+        If the file exists or cannot be made; from `add` if the disk does not take it.
+    """
+
+    def __init__(self, path: Path, about: Mapping[str, Any]) -> None:
+        self._path = path
+        head = json.dumps(dict(about), default=str).encode()
+        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND | getattr(os, "O_BINARY", 0)
+        try:
+            self._file = os.open(path, flags, 0o644)
+        except FileExistsError as err:
+            msg = f"{path}: exists already; captures are never overwritten"
+            raise RecordingError(msg) from err
+        except OSError as err:
+            msg = f"{path}: cannot make a capture there: {err.strerror}"
+            raise RecordingError(msg) from err
+        self._lock = threading.Lock()
+        self._begun_ns = time.monotonic_ns()
+        self.n_bytes = 0
+        self._is_empty = True
+        self._append(_HEAD.pack(MAGIC, VERSION, 0, len(head)) + head)
+
+    def add(self, kind: int, data: bytes = b"") -> None:
+        """Append one record, with the time of now."""
+        with self._lock:
+            if self._file < 0:
+                return
+            self._is_empty = False
+            body = _RECORD.pack(kind, time.monotonic_ns() - self._begun_ns, len(data)) + data
+            self._append(body + _CRC.pack(zlib.crc32(body)))
+
+    def close(self) -> None:
+        """Close the file, and take it away if it is empty; a second call does nothing."""
+        with self._lock:
+            if self._file >= 0:
+                os.close(self._file)
+                if self._is_empty:
+                    self._path.unlink(missing_ok=True)
+            self._file = -1
+
+    def _append(self, data: bytes) -> None:
+        left = memoryview(data)
+        try:
+            while left:
+                n = os.write(self._file, left)
+                self.n_bytes += n
+                left = left[n:]
+        except OSError as err:
+            msg = f"{self._path}: cannot write: {err.strerror}"
+            raise RecordingError(msg) from err
+
+
+class CapturingTransport:
+    """A transport that keeps a copy of everything it carries.
+
+    Parameters
+    ----------
+    inner : Transport
+        What carries the bytes; just opened.
+    writer : CaptureWriter
+        Where the copy goes; stays open, so that a port that is opened again goes on in it.
+    """
+
+    def __init__(self, inner: Transport, writer: CaptureWriter) -> None:
+        self._inner = inner
+        self._writer = writer
+        self._open = True
+        writer.add(OPENED, bytes([self.is_usb]))
+
+    @property
+    def is_usb(self) -> bool:
+        """Whether the inner transport says that it sits on USB."""
+        return bool(getattr(self._inner, "is_usb", False))
+
+    def read(self, timeout_s: float) -> bytes:
+        """As in `Transport`."""
+        data = self._inner.read(timeout_s)
+        if data:
+            self._writer.add(FROM_MODULE, data)
+        return data
+
+    def write(self, data: bytes) -> None:
+        """As in `Transport`."""
+        # First: an answer must not stand before its question.
+        if data:
+            self._writer.add(TO_MODULE, bytes(data))
+        self._inner.write(data)
+
+    def close(self) -> None:
+        """As in `Transport`; the capture stays open."""
+        if self._open:
+            self._open = False
+            self._inner.close()
+            self._writer.add(CLOSED)
+
+
+def capturing(
+    connect: Callable[[], Transport], writer: CaptureWriter
+) -> Callable[[], CapturingTransport]:
+    """Return a way to open a port that captures what goes over it."""
+    return lambda: CapturingTransport(connect(), writer)
+
+
+class Capture:
+    """A capture file.
+
+    Parameters
+    ----------
+    path : Path or str
+        The file; it may still be written to.
+
+    Attributes
+    ----------
+    about : dict
+        What the head says.
+    warning : str or None
+        What was left out, once the chunks have been read to the end.
+
+    Raises
+    ------
+    RecordingError
+        If the file is missing or no capture.
+    """
+
+    def __init__(self, path: Path | str) -> None:
+        self.path = Path(path)
+        self.warning: str | None = None
+        try:
+            with self.path.open("rb") as file:
+                head = file.read(_HEAD.size)
+                if len(head) < _HEAD.size or head[:8] != MAGIC:
+                    msg = f"{path}: not a wire capture"
+                    raise RecordingError(msg)
+                _, version, _, n = _HEAD.unpack(head)
+                if version != VERSION:
+                    msg = f"{path}: capture version {version}, this reads {VERSION}"
+                    raise RecordingError(msg)
+                self._begin = _HEAD.size + n
+                about = file.read(n) if n <= _LONGEST else b""
+        except OSError as err:
+            msg = f"{path}: cannot be read: {err.strerror}"
+            raise RecordingError(msg) from err
+        try:
+            self.about = dict(json.loads(about))
+        except (ValueError, TypeError) as err:
+            msg = f"{path}: the head of the capture is damaged"
+            raise RecordingError(msg) from err
+
+    def chunks(self) -> Iterator[Chunk]:
+        """Yield the whole records in order."""
+        with self.path.open("rb") as file:
+            file.seek(self._begin)
+            while head := file.read(_RECORD.size):
+                at = file.tell() - len(head)
+                chunk = _read_chunk(file.read, head)
+                if chunk is None:
+                    left = self.path.stat().st_size - at
+                    self.warning = (
+                        f"{self.path}: cut off or damaged; the last {left} bytes are left out"
+                    )
+                    return
+                yield chunk
+
+
+def _read_chunk(read: Callable[[int], bytes], head: bytes) -> Chunk | None:
+    if len(head) < _RECORD.size:
+        return None
+    kind, t_ns, n = _RECORD.unpack(head)
+    if kind not in _KINDS or n > _LONGEST:
+        return None
+    data, crc = read(n), read(_CRC.size)
+    if len(crc) < _CRC.size or zlib.crc32(data, zlib.crc32(head)) != _CRC.unpack(crc)[0]:
+        return None
+    return Chunk(kind, t_ns / 1e9, data)
+
+
+class CaptureReplay:
+    """Plays the module of a capture; `connect` is for `X2Radar` and opens port after port.
+
+    Parameters
+    ----------
+    capture : Capture
+        What to play.
+    speed : float or None
+        Captured seconds per real second; None is as fast as it is read.
+    check_writes : bool
+        True: the module's bytes come only after the host has written what it had written
+        before them in the capture, and must be the same bytes; another byte closes the
+        transport. So a driver with the same settings goes through the same session. False:
+        whatever the host writes is ignored, and the module's bytes come by themselves.
+    """
+
+    def __init__(
+        self, capture: Capture, *, speed: float | None = None, check_writes: bool = True
+    ) -> None:
+        self._chunks = capture.chunks()
+        self.capture = capture
+        self.speed = speed
+        self.check_writes = check_writes
+
+    def connect(self) -> "CaptureTransport":
+        """Return the next opening of the port.
+
+        Raises
+        ------
+        TransportClosed
+            If the capture holds no more of them.
+        """
+        for chunk in self._chunks:
+            if chunk.kind == OPENED:
+                return CaptureTransport(self, is_usb=chunk.data == b"\x01")
+        msg = f"{self.capture.path}: the capture ends here"
+        raise TransportClosed(msg)
+
+    def next_chunk(self) -> Chunk | None:
+        """Return the next record of the open port, or None at its end."""
+        chunk = next(self._chunks, None)
+        return None if chunk is None or chunk.kind not in {FROM_MODULE, TO_MODULE} else chunk
+
+
+class CaptureTransport:
+    """One opening of a captured port, made by `CaptureReplay.connect`."""
+
+    def __init__(self, replay: CaptureReplay, *, is_usb: bool) -> None:
+        self.is_usb = is_usb
+        self._replay = replay
+        self._path = replay.capture.path
+        self._speed = replay.speed
+        self._check_writes = replay.check_writes
+        self._changed = threading.Condition()
+        self._written = bytearray()
+        self._next: Chunk | None = None
+        self._ended = False
+        self._fault = f"{self._path}: the capture ends here"
+        self._clock_s: tuple[float, float] | None = None
+
+    def read(self, timeout_s: float) -> bytes:
+        """As in `Transport`."""
+        give_up_s = time.monotonic() + timeout_s
+        with self._changed:
+            while True:
+                due_s = self._due_s()
+                now_s = time.monotonic()
+                if due_s <= now_s and self._next is not None:
+                    data, self._next = self._next.data, None
+                    return data
+                if self._ended:
+                    raise TransportClosed(self._fault)
+                wait_s = min(due_s, give_up_s) - now_s
+                if wait_s <= 0:
+                    return b""
+                self._changed.wait(wait_s)
+
+    def write(self, data: bytes) -> None:
+        """As in `Transport`; see `CaptureReplay` for what becomes of the bytes."""
+        with self._changed:
+            if self._ended and self._next is None:
+                raise TransportClosed(self._fault)
+            if self._check_writes:
+                self._written += data
+                self._changed.notify_all()
+
+    def close(self) -> None:
+        """As in `Transport`."""
+        with self._changed:
+            self._ended, self._next = True, None
+            self._changed.notify_all()
+
+    def _due_s(self) -> float:
+        """Return when the next of the module's bytes are due; inf: not before the host."""
+        while self._next is None or self._next.kind == TO_MODULE:
+            if self._next is not None and self._check_writes:
+                wanted = self._next.data
+                if not self._same(wanted):
+                    self._ended, self._next = True, None
+                    break
+                if len(self._written) < len(wanted):
+                    return float("inf")
+                del self._written[: len(wanted)]
+            if self._ended:
+                break
+            self._next = self._replay.next_chunk()
+            if self._next is None:
+                self._ended = True
+        if self._next is None:
+            return float("inf")
+        if self._speed is None:
+            return 0.0
+        if self._clock_s is None:
+            self._clock_s = time.monotonic(), self._next.t_s
+        begun_s, first_s = self._clock_s
+        return begun_s + (self._next.t_s - first_s) / self._speed
+
+    def _same(self, wanted: bytes) -> bool:
+        n = min(len(wanted), len(self._written))
+        if self._written[:n] == wanted[:n]:
+            return True
+        self._fault = f"{self._path}: the host writes other bytes than when it was captured"
+        return False

@@ -1,0 +1,110 @@
+"""MATLAB files of P4xx radars: ``scn(i).scn`` is a scan of real bins, ``scn(i).T`` its time.
+
+Scans become RF frames in the radar's own unit, bins of 61.035 ps from 17.499 ns on (the
+file's Tstrt when it is there), carrier 4.0 GHz, -10 dB from 3.1 to 4.8 GHz. T is in
+milliseconds; its slope is the frame period and its gaps are lost frames. Read only; integers
+are exact up to 2**24. The file is loaded as a whole, there is no other way.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from x2radar.recording.blocks import (
+    NO_OVERRIDES,
+    SPEED_OF_LIGHT_MPS,
+    BlockReader,
+    Overrides,
+    Samples,
+    as_samples,
+    refuse,
+)
+from x2radar.recording.formats.axis import stream_from
+from x2radar.recording.stamps import count_by_stamps
+
+BIN_S = 61.035e-12
+WINDOW_START_S = 17.499e-9
+CARRIER_HZ = 4.0e9
+BANDWIDTH_HZ = 1.7e9
+_WINDOW_STARTS_PS = (0, 1_000_000)
+
+
+class P4xxReader(BlockReader):
+    """Read a P4xx recording.
+
+    Parameters
+    ----------
+    path : Path
+        A ``.mat`` file up to version 7 (7.3 is HDF5 and not read).
+    overrides : Overrides
+        Instead of the values above.
+
+    Raises
+    ------
+    RecordingError
+        If it is no such file.
+    """
+
+    def __init__(self, path: Path, overrides: Overrides = NO_OVERRIDES) -> None:
+        self._overrides = overrides
+        scans = _load(path)
+        try:
+            rows = [np.asarray(row).ravel() for row in scans["scn"]]
+            stamps_ms = np.array([np.asarray(t).item() for t in scans["T"]], np.float64)
+            samples = np.stack(rows).astype(np.float32)
+        except (ValueError, TypeError) as err:
+            raise refuse(path, f"scans of different length, or no numbers ({err})") from err
+        self.n_frames, n_range = samples.shape
+        if n_range == 0:
+            raise refuse(path, "scans without bins")
+        self._rows = as_samples(samples, "rf")
+        counter, period_s = np.ones(1, np.uint32), float("nan")
+        if self.n_frames > 1:
+            counter, period_s = count_by_stamps(stamps_ms / 1e3)
+        self._counter = counter
+        said = {
+            "frame_rate_hz": 1 / period_s if np.isfinite(period_s) else None,
+            "bin_length_m": SPEED_OF_LIGHT_MPS * BIN_S / 2,
+            "range_offset_m": SPEED_OF_LIGHT_MPS * _window_start_s(scans) / 2,
+            "carrier_hz": CARRIER_HZ,
+            "bandwidth_hz": BANDWIDTH_HZ,
+            "sample_rate_hz": 1 / BIN_S,
+        }
+        self.stream = stream_from(path, ("rf", n_range), said, overrides, "P4xx recording")
+
+    def read_counters(self, first: int, last: int) -> NDArray[Any]:
+        """See `BlockReader`."""
+        return self._counter[first:last]
+
+    def read_samples(self, first: int, last: int) -> Samples:
+        """See `BlockReader`."""
+        return self._rows[first:last]
+
+
+def _load(path: Path) -> dict[str, NDArray[Any]]:
+    """Return the fields of `scn`, each a list of objects."""
+    import scipy.io  # noqa: PLC0415 - slow to import, and other formats do without
+
+    try:
+        content = scipy.io.loadmat(path, variable_names=["scn"])
+    except NotImplementedError as err:
+        raise refuse(path, "MATLAB 7.3 files are not read; save it with -v7") from err
+    except Exception as err:
+        raise refuse(path, f"not a MATLAB file, or damaged ({err})") from err
+    scans = content.get("scn")
+    names = None if scans is None else scans.dtype.names
+    if scans is None or names is None or not {"scn", "T"} <= set(names) or scans.size == 0:
+        raise refuse(path, "no P4xx recording: no struct 'scn' with the fields scn and T")
+    return {name: scans[name].ravel() for name in names}
+
+
+def _window_start_s(scans: dict[str, NDArray[Any]]) -> float:
+    """Return when the window begins behind the pulse, in seconds; Tstrt is in picoseconds."""
+    try:
+        start_ps = float(np.asarray(scans["Tstrt"][0]).item())
+    except (KeyError, ValueError, TypeError):
+        return WINDOW_START_S
+    low, high = _WINDOW_STARTS_PS
+    return start_ps * 1e-12 if low < start_ps < high else WINDOW_START_S

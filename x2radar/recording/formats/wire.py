@@ -1,0 +1,159 @@
+"""Wire captures as recordings: the frames that the driver would have had.
+
+The module's bytes go through the driver's decoder and assembler once to be counted and once
+to be read, so a capture needs no memory of its size. Raw RF frames carry no axis; it follows
+from the settings in the capture's head. Read only. Damaged packets are named in the warning.
+"""
+
+import contextlib
+from collections.abc import Iterator, Mapping
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from x2radar.device.assemble import FrameAssembler
+from x2radar.errors import MessageError, SettingsError
+from x2radar.frame import Frame, StreamInfo
+from x2radar.recording.blocks import (
+    NO_OVERRIDES,
+    BlockReader,
+    Overrides,
+    Samples,
+    as_samples,
+    refuse,
+)
+from x2radar.recording.capture import FROM_MODULE, OPENED, TO_MODULE, Capture, Chunk
+from x2radar.settings.any import ModuleSettings, settings_from_mapping
+from x2radar.settings.x2 import RadarSettings
+from x2radar.wire.codec import decode_command
+from x2radar.wire.framing import Packet, PacketDecoder
+from x2radar.wire.messages import Message, SetMode
+from x2radar.wire.messages_x4 import X4SetFrameRate
+from x2radar.wire.protocol import Damaged, Received, Session
+from x2radar.wire.wire_ids import Mode
+
+
+class WireReader(BlockReader):
+    """Read the frames of a capture.
+
+    Parameters
+    ----------
+    path : Path
+        The capture.
+    overrides : Overrides
+        Instead of what settings and messages say.
+
+    Raises
+    ------
+    RecordingError
+        If it is no capture, or holds no frames.
+    """
+
+    def __init__(self, path: Path, overrides: Overrides = NO_OVERRIDES) -> None:
+        self._overrides = overrides
+        self._capture = Capture(path)
+        about = self._capture.about
+        self._settings = _settings(about.get("settings"))
+        self.started_utc = str(about.get("started_utc", ""))
+        self._n_damaged = 0
+        self._is_started = self._has_start()
+        counters: list[int] = []
+        first: Frame | None = None
+        for frame in self._decoded():
+            first = first or frame
+            if frame.axis.n_range != first.axis.n_range or frame.axis.kind != first.axis.kind:
+                raise refuse(path, "its frames change their shape on the way")
+            counters.append(frame.counter)
+        if first is None:
+            raise refuse(path, "no frames in it")
+        self._counter = np.array(counters, np.uint32)
+        self.n_frames = len(counters)
+        name = str(about.get("port") or path.name)
+        rate_hz = self._settings.frame_rate_hz
+        self.stream = overrides.apply(StreamInfo(first.axis, rate_hz, name))
+        warnings = [self._capture.warning] if self._capture.warning else []
+        if self._n_damaged:
+            warnings.append(f"{path}: {self._n_damaged} damaged stretches")
+        self.warning = "; ".join(warnings) or None
+        self._at = -1
+        self._rest: Iterator[Frame] = iter(())
+
+    @property
+    def settings(self) -> Mapping[str, Any]:
+        """As the capture's head says."""
+        known = self._capture.about.get("settings")
+        return known if isinstance(known, dict) else {}
+
+    def read_counters(self, first: int, last: int) -> NDArray[Any]:
+        """See `BlockReader`."""
+        return self._counter[first:last]
+
+    def read_samples(self, first: int, last: int) -> Samples:
+        """See `BlockReader`; block after block is one pass."""
+        if self._at < 0 or first < self._at:
+            self._rest, self._at = self._decoded(), 0
+        wanted = list(islice(self._rest, first - self._at, last - self._at))
+        self._at = last
+        return as_samples(np.stack([f.samples for f in wanted]), self.stream.axis.kind)
+
+    def _has_start(self) -> bool:
+        """Return whether the host starts a stream; what came before is then not its own."""
+        host = PacketDecoder()
+        return any(_starts(host, chunk) for chunk in self._capture.chunks())
+
+    def _decoded(self) -> Iterator[Frame]:
+        session, host = Session(), PacketDecoder()
+        assembler = None if self._is_started else FrameAssembler(self._settings)
+        self._n_damaged = 0
+        for chunk in self._capture.chunks():
+            if assembler is None and _starts(host, chunk):
+                assembler = FrameAssembler(self._settings)
+            if chunk.kind == OPENED:
+                session.reset()
+            if chunk.kind == FROM_MODULE:
+                yield from self._frames_in(chunk, session, assembler)
+
+    def _frames_in(
+        self, chunk: Chunk, session: Session, assembler: FrameAssembler | None
+    ) -> Iterator[Frame]:
+        session.receive(chunk.data)
+        while (event := session.next_event()) is not None:
+            if isinstance(event, Damaged):
+                self._n_damaged += 1
+            elif isinstance(event, Received) and assembler is not None:
+                frame = assembler.frame(event.message, chunk.t_s)
+                if frame is not None:
+                    yield frame
+
+
+def _starts(host: PacketDecoder, chunk: Chunk) -> bool:
+    """Return whether the host's bytes in `chunk` end a command that starts a stream."""
+    if chunk.kind != TO_MODULE:
+        return False
+    for item in host.feed(chunk.data):
+        if isinstance(item, Packet):
+            with contextlib.suppress(MessageError):
+                if _is_start(decode_command(item.data)):
+                    return True
+    return False
+
+
+def _is_start(command: Message) -> bool:
+    match command:
+        case SetMode(Mode.RUN | Mode.MANUAL):
+            return True
+        case X4SetFrameRate(rate_hz):
+            return rate_hz > 0
+        case _:
+            return False
+
+
+def _settings(known: Any) -> ModuleSettings:
+    """Return the settings that the head names, as far as this version knows them."""
+    try:
+        return settings_from_mapping(dict(known or {}))
+    except (SettingsError, TypeError, ValueError):
+        return RadarSettings()

@@ -1,0 +1,294 @@
+"""Write HDF5 recordings so that a kill at any moment leaves a readable file.
+
+The layout stands in `x2radar.recording.hdf5_reader`. The file is made under a temporary name,
+switched to SWMR mode and given its first frame before it gets its own name; from then on every
+whole chunk, a second of frames, goes to the disk at once. So a file of that name is readable from
+the first moment, and a kill costs less than one second.
+"""
+
+import contextlib
+import errno
+import json
+import os
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+from types import MappingProxyType, TracebackType
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from x2radar.errors import RecordingError
+from x2radar.frame import Frame, StreamInfo
+from x2radar.recording.blocks import SAMPLE_DTYPES, Block, Label
+
+FORMAT = "x2radar-recording"
+VERSION = 1
+
+
+_NOTHING: Mapping[str, Any] = MappingProxyType({})
+
+
+class RecordingWriter:
+    """Write frames into a new recording.
+
+    Parameters
+    ----------
+    path : Path or str
+        File to make; an existing one is never overwritten. It appears with the first frame.
+    stream : StreamInfo
+        Axes and rate.
+    started_utc : str, optional
+        Wall clock of the first frame, ISO 8601; now by default.
+    device, settings : mapping
+        Kept as JSON.
+    first_index : int
+        `Frame.index` that gets t_s = 0.
+    attributes : mapping, optional
+        More root attributes.
+    fsync : bool
+        Wait for the disk after every chunk, so that a power failure costs no more than a
+        kill; twice a second, some milliseconds on an SSD, up to a second on an SD card.
+
+    Attributes
+    ----------
+    n_frames : int
+        Frames taken so far.
+
+    Raises
+    ------
+    RecordingError
+        If the file exists or cannot be made.
+    """
+
+    def __init__(
+        self,
+        path: Path | str,
+        stream: StreamInfo,
+        *,
+        started_utc: str | None = None,
+        device: Mapping[str, Any] = _NOTHING,
+        settings: Mapping[str, Any] = _NOTHING,
+        first_index: int = 0,
+        attributes: Mapping[str, Any] | None = None,
+        fsync: bool = False,
+    ) -> None:
+        self._path = path = Path(path)
+        self._rate_hz = stream.frame_rate_hz
+        self._first_index = first_index
+        self._fsync = fsync
+        self.n_frames = 0
+        # An open file cannot be renamed on Windows.
+        hidden = path.with_name(f".{path.name}.{os.getpid()}.new")
+        self._made_as = path if os.name == "nt" else hidden
+        axis = stream.axis
+        try:
+            if path.exists():
+                raise FileExistsError(errno.EEXIST, "exists already")
+            self._file = h5py.File(self._made_as, "x", libver="latest")
+        except OSError as err:
+            raise self._cannot_make(err) from err
+        self._file.attrs.update(
+            {
+                "format": FORMAT,
+                "format_version": VERSION,
+                "kind": axis.kind,
+                "frame_rate_hz": stream.frame_rate_hz,
+                "carrier_hz": axis.carrier_hz,
+                "sample_rate_hz": axis.sample_rate_hz,
+                "bin_length_m": axis.bin_length_m,
+                "range_offset_m": axis.range_offset_m,
+                "bandwidth_hz": axis.bandwidth_hz,
+                "phase_sign": axis.phase_sign,
+                "started_utc": started_utc or _utc_now(),
+                "device": json.dumps(dict(device), default=str),
+                "settings": json.dumps(dict(settings), default=str),
+                **(attributes or {}),
+            }
+        )
+        n_chunk = max(1, round(stream.frame_rate_hz))
+        self._samples: NDArray[Any] = np.empty((n_chunk, axis.n_range), SAMPLE_DTYPES[axis.kind])
+        self._counter = np.empty(n_chunk, np.uint32)
+        self._t_s = np.empty(n_chunk, np.float64)
+        self._filled = self._flushed = 0
+        group = self._file.create_group("frames")
+        self._sets = [
+            group.create_dataset(
+                name,
+                shape=(0, *buffer.shape[1:]),
+                maxshape=(None, *buffer.shape[1:]),
+                chunks=buffer.shape,
+                dtype=buffer.dtype,
+                shuffle=True,
+                compression="gzip",
+                compression_opts=1,
+            )
+            for name, buffer in self._buffers()
+        ]
+        self._published = self._made_as == path
+        self._file.swmr_mode = True
+
+    def __enter__(self) -> "RecordingWriter":
+        """Return the writer."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close the recording."""
+        self.close()
+
+    @property
+    def n_bytes(self) -> int:
+        """Size of the file so far, in bytes; the last second is not in it."""
+        try:
+            return (self._path if self._published else self._made_as).stat().st_size
+        except OSError:
+            return 0
+
+    def write(self, frame: Frame) -> None:
+        """Keep one frame; a second's worth goes to the disk at once.
+
+        Raises
+        ------
+        RecordingError
+            If the disk does not take it, or the frame has another length than the stream.
+        """
+        if frame.samples.shape != self._samples.shape[1:]:
+            msg = f"{self._path}: a frame of {frame.samples.size} bins does not fit the recording"
+            raise RecordingError(msg)
+        k = self._filled
+        self._samples[k] = frame.samples
+        self._counter[k] = frame.counter
+        self._t_s[k] = (frame.index - self._first_index) / self._rate_hz
+        self._filled = k + 1
+        self.n_frames += 1
+        if self._filled == len(self._samples) or not self._published:
+            self._flush()
+
+    def write_block(self, block: Block) -> None:
+        """Keep many frames, with the times that the block gives; see `write`."""
+        at = 0
+        while at < len(block.counter):
+            k = self._filled
+            n = min(len(self._samples) - k, len(block.counter) - at)
+            self._samples[k : k + n] = block.samples[at : at + n]
+            self._counter[k : k + n] = block.counter[at : at + n]
+            self._t_s[k : k + n] = block.t_s[at : at + n]
+            self._filled = k + n
+            self.n_frames += n
+            at += n
+            if self._filled == len(self._samples):
+                self._flush()
+
+    def close(self) -> None:
+        """Write what is left and close the file; a second call does nothing.
+
+        A file without frames is taken away again.
+        """
+        if not self._file:
+            return
+        try:
+            if self._filled > self._flushed:
+                self._flush()
+        finally:
+            with contextlib.suppress(OSError, RuntimeError):
+                self._file.close()
+            if not self._published or self.n_frames == 0:
+                self._made_as.unlink(missing_ok=True)
+            elif self._fsync:
+                _sync_path(self._path)
+
+    def _buffers(self) -> tuple[tuple[str, NDArray[Any]], ...]:
+        return (("samples", self._samples), ("counter", self._counter), ("t_s", self._t_s))
+
+    def _flush(self) -> None:
+        first, last = self._flushed, self._filled
+        self._flushed = last
+        if last == len(self._samples):
+            self._filled = self._flushed = 0
+        try:
+            for dataset, (name, buffer) in zip(self._sets, self._buffers(), strict=True):
+                old = len(dataset)
+                dataset.resize(old + last - first, axis=0)
+                dataset[old:] = buffer[first:last]
+                dataset.flush()
+                # Counters and times that are on the disk vouch for their samples.
+                if self._fsync and name != "counter":
+                    os.fsync(self._file.id.get_vfd_handle())
+        except (OSError, RuntimeError) as err:
+            self._let_go()
+            msg = f"{self._path}: cannot write: {reason(err)}"
+            raise RecordingError(msg) from err
+        if not self._published:
+            self._publish()
+
+    def _let_go(self) -> None:
+        """Put /dev/null behind HDF5 after a write that failed; the file stays as it is.
+
+        HDF5 would try the write again at every close, and crash the process at its end.
+        """
+        self._filled = self._flushed
+        with contextlib.suppress(OSError, RuntimeError):
+            nowhere = os.open(os.devnull, os.O_RDWR)
+            os.dup2(nowhere, self._file.id.get_vfd_handle())
+            os.close(nowhere)
+
+    def _publish(self) -> None:
+        """Give the file its name, unless somebody else has taken it meanwhile."""
+        try:
+            try:
+                os.link(self._made_as, self._path)
+                self._made_as.unlink()
+            except FileExistsError:
+                raise
+            except OSError:
+                # No hard links on this file system.
+                if self._path.exists():
+                    raise FileExistsError(errno.EEXIST, "exists already") from None
+                self._made_as.rename(self._path)
+            if self._fsync:
+                _sync_path(self._path.parent)
+        except OSError as err:
+            raise self._cannot_make(err) from err
+        self._published = True
+
+    def _cannot_make(self, err: OSError) -> RecordingError:
+        why = "exists already" if self._path.exists() else reason(err)
+        return RecordingError(f"{self._path}: cannot make a recording there: {why}")
+
+
+def write_labels(path: Path, labels: list[Label]) -> None:
+    """Add labelled stretches to a recording that is not being written any more."""
+    if not labels:
+        return
+    with h5py.File(path, "r+", libver="latest") as file:
+        file["labels/t0_s"] = [t0_s for t0_s, _, _ in labels]
+        file["labels/t1_s"] = [t1_s for _, t1_s, _ in labels]
+        file["labels/label"] = [label for _, _, label in labels]
+
+
+def reason(err: BaseException) -> str:
+    """Return the part of an HDF5 error that a person can use."""
+    text = " ".join(str(err).split())
+    _, _, behind = text.partition("error message = '")
+    return behind.partition("'")[0] or text.partition("(")[2].rstrip(")") or text
+
+
+def _sync_path(path: Path) -> None:
+    """Wait until a closed file, or a folder's list of names, is on the disk."""
+    with contextlib.suppress(OSError):
+        descriptor = os.open(path, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+
+
+def _utc_now() -> str:
+    return datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")

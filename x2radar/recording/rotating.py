@@ -1,0 +1,325 @@
+"""Recordings in parts: written one after another, read as one.
+
+``walk.h5`` becomes ``walk_000.h5``, ``walk_001.h5`` … Every part is a whole recording of its
+own, whose t_s begins at 0; the attributes recording_id, part and part_start_s say how the
+parts belong together. Losses between two parts show in the counters, as within one.
+"""
+
+import contextlib
+import re
+import uuid
+from collections.abc import Iterator, Mapping, Sequence
+from datetime import datetime, timedelta
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from x2radar.errors import RecordingError
+from x2radar.frame import Frame, StreamInfo
+from x2radar.recording.blocks import NO_OVERRIDES, BlockReader, Label, Overrides, Samples, refuse
+from x2radar.recording.hdf5_reader import RecordingReader
+from x2radar.recording.hdf5_writer import RecordingWriter
+
+
+def part_path(path: Path, part: int) -> Path:
+    """Return the name of one part of the recording `path`."""
+    return path.with_name(f"{path.stem}_{part:03d}{path.suffix or '.h5'}")
+
+
+def existing_parts(path: Path) -> list[Path]:
+    """Return the parts of the recording `path` that are there, in order."""
+    name = re.compile(rf"{re.escape(path.stem)}_(\d{{3,}}){re.escape(path.suffix or '.h5')}")
+    if not path.parent.is_dir():
+        return []
+    found = [(m, p) for p in path.parent.iterdir() if (m := name.fullmatch(p.name))]
+    return [p for m, p in sorted(found, key=lambda pair: int(pair[0][1]))]
+
+
+class RotatingWriter:
+    """Write frames into one recording, or into parts of a size or length.
+
+    Parameters
+    ----------
+    path : Path
+        File to make, or the name that the parts' names are made of.
+    stream : StreamInfo
+        Axes and rate.
+    started_utc : str
+        Wall clock of the first frame, ISO 8601; parts count on from it in stream time.
+    device, settings : mapping
+        Kept as JSON in every part.
+    rotate_bytes : float, optional
+        A part ends before it outgrows this; it holds a second of frames at least.
+    rotate_s : float, optional
+        Stream time of one part, in seconds.
+    fsync : bool
+        As in `RecordingWriter`.
+
+    Raises
+    ------
+    RecordingError
+        If the file, or any part of that name, exists or cannot be made.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        stream: StreamInfo,
+        *,
+        started_utc: str,
+        device: Mapping[str, Any],
+        settings: Mapping[str, Any],
+        rotate_bytes: float | None = None,
+        rotate_s: float | None = None,
+        fsync: bool = False,
+    ) -> None:
+        self._path = path
+        self._stream = stream
+        self._started_utc = started_utc
+        self._keep: dict[str, Any] = {"device": device, "settings": settings, "fsync": fsync}
+        self._rotate_bytes = rotate_bytes
+        self._most_frames = None if rotate_s is None else max(1, rotate_s * stream.frame_rate_hz)
+        self._id = str(uuid.uuid4())
+        self._done_bytes = 0
+        self._seen_bytes = self._grows_by = 0
+        self._writer: RecordingWriter | None = None
+        self._first_index = 0
+        self.paths: list[Path] = []
+        check_free_name(path, rotating=self.is_rotating)
+        self._next_part(0)
+
+    def __enter__(self) -> "RotatingWriter":
+        """Return the writer."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close the recording."""
+        self.close()
+
+    @property
+    def is_rotating(self) -> bool:
+        """Whether the recording comes in parts."""
+        return self._rotate_bytes is not None or self._most_frames is not None
+
+    @property
+    def n_bytes(self) -> int:
+        """Size of all parts so far, in bytes."""
+        return self._done_bytes + (self._writer.n_bytes if self._writer else 0)
+
+    def write(self, frame: Frame) -> None:
+        """Keep one frame, in a new part if the old one is full.
+
+        Raises
+        ------
+        RecordingError
+            If the disk does not take it, or the frame has another length than the stream.
+        """
+        if self._writer is None:
+            msg = f"{self._path}: the recording is closed"
+            raise RecordingError(msg)
+        if self._writer.n_frames and self._is_full(frame.index):
+            self._close_part()
+            writer = self._next_part(frame.index)
+        else:
+            writer = self._writer
+        writer.write(frame)
+
+    def close(self) -> None:
+        """Write what is left and close the last part; a second call does nothing."""
+        if self._writer is not None:
+            self._close_part()
+
+    def _is_full(self, index: int) -> bool:
+        if self._most_frames is not None and index - self._first_index >= self._most_frames:
+            return True
+        if self._rotate_bytes is None or self._writer is None:
+            return False
+        size = self._writer.n_bytes
+        if size != self._seen_bytes:
+            # Room for one more chunk like the largest, and for what closing adds.
+            self._grows_by = max(self._grows_by, size - self._seen_bytes)
+            self._seen_bytes = size
+        whole_chunk = self._writer.n_frames % max(1, round(self._stream.frame_rate_hz)) == 0
+        return whole_chunk and size + self._grows_by > self._rotate_bytes
+
+    def _close_part(self) -> None:
+        writer, self._writer = self._writer, None
+        if writer is not None:
+            try:
+                writer.close()
+            finally:
+                self._done_bytes += writer.n_bytes
+
+    def _next_part(self, index: int) -> RecordingWriter:
+        part = len(self.paths)
+        start_s = index / self._stream.frame_rate_hz
+        attributes = {"recording_id": self._id, "part": part, "part_start_s": start_s}
+        path = part_path(self._path, part) if self.is_rotating else self._path
+        self._writer = RecordingWriter(
+            path,
+            self._stream,
+            started_utc=_later(self._started_utc, start_s),
+            first_index=index,
+            attributes=attributes if self.is_rotating else None,
+            **self._keep,
+        )
+        self._first_index = index
+        self._seen_bytes = self._writer.n_bytes
+        self.paths.append(path)
+        return self._writer
+
+
+def check_free_name(path: Path, *, rotating: bool) -> None:
+    """Raise RecordingError if the recording, or one of its parts, exists already."""
+    for taken in [path] if path.exists() else existing_parts(path) if rotating else []:
+        raise refuse(taken, "exists already; recordings are never overwritten")
+
+
+class PartsReader(BlockReader):
+    """Read the parts of a recording as one.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+        The parts, in any order when they say their number, else in this one.
+    overrides : Overrides
+        Instead of what the files say.
+
+    Raises
+    ------
+    RecordingError
+        If no part can be read, or they do not belong together.
+    """
+
+    def __init__(self, paths: Sequence[Path], overrides: Overrides = NO_OVERRIDES) -> None:
+        self._overrides = overrides
+        warnings: list[str] = []
+        with contextlib.ExitStack() as opened:
+            parts = []
+            for path in paths:
+                try:
+                    parts.append(opened.enter_context(RecordingReader(path, overrides)))
+                except RecordingError as err:
+                    # Killed before its first second was over: the other parts are good.
+                    warnings.append(f"left out: {err}")
+            if not parts:
+                raise RecordingError("; ".join(warnings).replace("left out: ", "") or "no parts")
+            self._parts = _in_order(parts)
+            opened.pop_all()
+        self.stream = self._parts[0].stream
+        self.started_utc = self._parts[0].started_utc
+        self.n_frames = sum(part.n_frames for part in self._parts)
+        warnings += [part.warning for part in self._parts if part.warning]
+        numbers = [_number(part) for part in self._parts]
+        if None not in numbers and numbers != list(range(len(numbers))):
+            warnings.append(f"{self._parts[0].path.parent}: parts are missing")
+        self.warning = "; ".join(warnings) or None
+        self._first = np.cumsum([0, *(part.n_frames for part in self._parts)]).tolist()
+        self._start_s = self._starts()
+
+    @property
+    def paths(self) -> list[Path]:
+        """The parts that are read."""
+        return [part.path for part in self._parts]
+
+    @property
+    def device(self) -> Mapping[str, Any]:
+        """As the first part says."""
+        return self._parts[0].device
+
+    @property
+    def settings(self) -> Mapping[str, Any]:
+        """As the first part says."""
+        return self._parts[0].settings
+
+    @property
+    def labels(self) -> list[Label]:
+        """Labels of all parts, in the time of the whole."""
+        return [
+            (t0_s + start_s, t1_s + start_s, label)
+            for start_s, part in zip(self._start_s, self._parts, strict=True)
+            for t0_s, t1_s, label in part.labels
+        ]
+
+    def close(self) -> None:
+        """Close all parts."""
+        for part in self._parts:
+            part.close()
+
+    def _starts(self) -> list[float]:
+        """Return when each part begins, from its own word or from the counters."""
+        said = [part.attributes.get("part_start_s") for part in self._parts]
+        if None not in said and not self._overrides.frame_rate_hz:
+            start_s = np.asarray(said, np.float64)
+            return [float(s) for s in start_s - start_s[0]]
+        self._start_s = [0.0] * len(self._parts)
+        starts = []
+        for first, _, _, steps, _ in self._walk():
+            if first in self._first[:-1]:
+                starts.append(float(steps.index[0]) / self.stream.frame_rate_hz)
+        return starts
+
+    def ranges(self) -> Iterator[tuple[int, int]]:
+        """See `BlockReader`."""
+        for offset, part in zip(self._first, self._parts, strict=False):
+            for first, last in part.ranges():
+                yield offset + first, offset + last
+
+    def _part(self, first: int) -> tuple[RecordingReader, int, float]:
+        k = int(np.searchsorted(self._first, first, side="right")) - 1
+        return self._parts[k], self._first[k], self._start_s[k]
+
+    def read_counters(self, first: int, last: int) -> NDArray[Any]:
+        """See `BlockReader`."""
+        part, offset, _ = self._part(first)
+        return part.read_counters(first - offset, last - offset)
+
+    def read_times(self, first: int, last: int) -> NDArray[np.float64]:
+        """See `BlockReader`."""
+        part, offset, start_s = self._part(first)
+        return part.read_times(first - offset, last - offset) + start_s
+
+    def read_samples(self, first: int, last: int) -> Samples:
+        """See `BlockReader`."""
+        part, offset, _ = self._part(first)
+        return part.read_samples(first - offset, last - offset)
+
+
+def _in_order(parts: list[RecordingReader]) -> list[RecordingReader]:
+    """Return the parts by number; raise RecordingError if they are of different recordings."""
+    first = parts[0]
+    for part in parts[1:]:
+        same = part.attributes.get("recording_id") == first.attributes.get("recording_id")
+        axis_fits = (part.stream.axis, part.stream.frame_rate_hz) == (
+            first.stream.axis,
+            first.stream.frame_rate_hz,
+        )
+        if not (same and axis_fits):
+            why = f"and {part.path.name} are different recordings; name one of them"
+            raise refuse(first.path, why)
+    if all(_number(part) is not None for part in parts):
+        return sorted(parts, key=lambda part: _number(part) or 0)
+    return parts
+
+
+def _number(part: RecordingReader) -> int | None:
+    number = part.attributes.get("part")
+    return None if number is None else int(number)
+
+
+def _later(started_utc: str, seconds: float) -> str:
+    """Return an ISO time so much later; what is no such time stays."""
+    try:
+        started = datetime.fromisoformat(started_utc)
+    except ValueError:
+        return started_utc
+    later = (started + timedelta(seconds=seconds)).isoformat(timespec="milliseconds")
+    return later.replace("+00:00", "Z")

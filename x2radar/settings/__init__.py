@@ -1,0 +1,4 @@
+"""What each kind of module is told before it streams, and the commands that tell it.
+
+It may import `x2radar.wire`.
+"""

@@ -1,0 +1,141 @@
+"""What an X2M200 or X2M300 is told before one of its profiles streams baseband.
+
+A profile runs at a fixed 20 Hz, where Doppler holds 0.2 m/s at most: enough for somebody who
+sits and breathes, not for gait; use `RadarSettings` (MANUAL mode) for that. Facts come from
+XTAN-11 rev C and clients of real modules; which pulse generator the profiles use is inferred
+(docs/hardware.md). Frames carry their own axis in the message; what stands here for it holds
+until the first one.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from x2radar.errors import SettingsError
+from x2radar.frame import Kind
+from x2radar.settings.x2 import PULSE_GENERATORS, SPEED_OF_LIGHT_MPS, is_number, is_whole
+from x2radar.wire.wire_ids import Led, Profile
+
+FRAME_RATE_HZ = 20.0
+SAMPLE_RATE_HZ = 39e9
+DECIMATION = 10
+_PULSE = PULSE_GENERATORS[6]
+
+
+class ProfileRow(NamedTuple):
+    """A profile of these modules: its id, and the zone that clients give it, in metres."""
+
+    app_id: Profile
+    zone_m: tuple[float, float]
+
+
+PROFILES = {
+    "respiration": ProfileRow(Profile.RESPIRATION, (0.5, 1.2)),
+    "sleep": ProfileRow(Profile.SLEEP, (0.4, 2.0)),
+    "presence": ProfileRow(Profile.PRESENCE, (0.5, 3.3)),
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ProfileSettings:
+    """Settings of a module that runs a profile and sends its baseband besides.
+
+    Attributes
+    ----------
+    profile : {'respiration', 'sleep', 'presence'}
+        Row of `PROFILES`; presence is the X2M300's.
+    zone_start_m, zone_end_m : float
+        Detection zone, in metres. The module rounds it to its own grid.
+    sensitivity : int
+        Of the profile's own detection, 0 to 9.
+    output : {'iq', 'ap'}
+        Baseband as I/Q or amplitude/phase messages.
+    led : int
+        Row of `wire_ids.Led`.
+
+    Raises
+    ------
+    SettingsError
+        If any field is out of range; all faults are named at once.
+    """
+
+    profile: str = "sleep"
+    zone_start_m: float = 0.4
+    zone_end_m: float = 2.0
+    sensitivity: int = 9
+    output: str = "iq"
+    led: int = Led.OFF
+
+    def __post_init__(self) -> None:
+        """Check every field, then the zone."""
+        faults = [
+            f"{name} = {getattr(self, name)!r}: must be {rule}"
+            for name, good, rule in (
+                ("profile", self.profile in PROFILES, ", ".join(PROFILES)),
+                ("zone_start_m", is_number(self.zone_start_m, 0.1, 10), "0.1 to 10"),
+                ("zone_end_m", is_number(self.zone_end_m, 0.1, 10), "0.1 to 10"),
+                ("sensitivity", is_whole(self.sensitivity, 0, 9), "a whole number, 0 to 9"),
+                ("output", self.output in {"iq", "ap"}, "iq or ap"),
+                ("led", is_whole(self.led, 0, 3), "a whole number, 0 to 3"),
+            )
+            if not good
+        ]
+        if not faults and self.zone_end_m <= self.zone_start_m:
+            faults.append(
+                f"zone_end_m = {self.zone_end_m:g}: must be above zone_start_m = "
+                f"{self.zone_start_m:g}"
+            )
+        if faults:
+            raise SettingsError("; ".join(faults))
+
+    @classmethod
+    def for_profile(cls, profile: str, *, output: str = "iq") -> "ProfileSettings":
+        """Return settings with the zone that clients give this profile."""
+        if profile not in PROFILES:
+            return cls(profile=profile, output=output)
+        start_m, end_m = PROFILES[profile].zone_m
+        return cls(profile=profile, zone_start_m=start_m, zone_end_m=end_m, output=output)
+
+    @property
+    def frame_rate_hz(self) -> float:
+        """Frames per second: fixed (measured 19.99)."""
+        return FRAME_RATE_HZ
+
+    @property
+    def kind(self) -> Kind:
+        """What the stream's frames hold."""
+        return "baseband"
+
+    @property
+    def raw_kind(self) -> Kind:
+        """What raw frames would hold; a profile sends none."""
+        return "rf"
+
+    @property
+    def n_range(self) -> int:
+        """Bins in one frame: the zone and 0.4 m behind it (52 for 0.4 to 2.0 m: inferred)."""
+        return round((self.zone_end_m - self.zone_start_m + 0.4) / self.bin_length_m)
+
+    @property
+    def carrier_hz(self) -> float:
+        """Centre frequency of the pulse, in hertz (inferred)."""
+        return _PULSE.carrier_hz
+
+    @property
+    def bandwidth_hz(self) -> float:
+        """Bandwidth of the pulse at -10 dB, in hertz (inferred)."""
+        return _PULSE.bandwidth_hz
+
+    @property
+    def sample_rate_hz(self) -> float:
+        """Nominal rate of the RF sampler, in hertz."""
+        return SAMPLE_RATE_HZ
+
+    @property
+    def bin_length_m(self) -> float:
+        """Range of one baseband bin, in metres: ten RF samples."""
+        return DECIMATION * SPEED_OF_LIGHT_MPS / (2 * SAMPLE_RATE_HZ)
+
+    @property
+    def range_offset_m(self) -> float:
+        """Range of bin 0, in metres."""
+        return self.zone_start_m

@@ -1,0 +1,232 @@
+"""What the X2 module is told before it streams: frozen, checked at construction.
+
+Owns the chip's limits (256 samplers, 13-bit threshold DAC, 100 MHz pulse rate) and the
+table of pulse generators. Knows nothing about bytes; `x2radar.device.device` turns settings
+into commands.
+"""
+
+import math
+from dataclasses import dataclass
+from numbers import Integral, Real
+from typing import Any, NamedTuple
+
+from x2radar.errors import SettingsError
+from x2radar.frame import Kind
+
+SPEED_OF_LIGHT_MPS = 299_792_458.0
+SAMPLERS = 256
+DAC_TOP = 8191
+PRF_HZ = 100e6
+
+
+class PulseGenerator(NamedTuple):
+    """One row of the X2's PGSelect table (NVA6201 data: protocol notes, section 5)."""
+
+    carrier_hz: float
+    bandwidth_hz: float
+    power_dbm: float
+
+
+PULSE_GENERATORS: tuple[PulseGenerator, ...] = tuple(
+    PulseGenerator(fc * 1e9, bw * 1e9, dbm)
+    for fc, bw, dbm in (
+        (5.3, 1.75, -10.7),
+        (5.4, 1.80, -10.8),
+        (5.7, 1.85, -11.2),
+        (6.1, 2.05, -11.8),
+        (6.4, 2.15, -12.0),
+        (6.8, 2.30, -12.6),
+        (7.3, 2.35, -13.3),
+        (7.7, 2.50, -14.0),
+        (7.8, 2.50, -14.0),
+        (8.2, 2.65, -14.8),
+        (8.8, 3.10, -16.4),
+        (9.1, 3.10, -16.7),
+    )
+)
+
+_WHOLE = (
+    ("frame_stitch", 1, 5),
+    ("pulse_generator", 0, len(PULSE_GENERATORS) - 1),
+    ("dac_min", 0, DAC_TOP),
+    ("dac_max", 0, DAC_TOP),
+    ("dac_step", 1, 1024),
+    ("pulses_per_step", 1, 65535),
+    ("iterations", 1, 65535),
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RadarSettings:
+    """Settings of an X2 module in MANUAL mode.
+
+    Attributes
+    ----------
+    frame_rate_hz : float
+        Frames per second of the whole, stitched frame.
+    frame_stitch : int
+        Offsets joined into one frame, 1 to 5; the frame has 256 times as many samples.
+    pulse_generator : int
+        Row of `PULSE_GENERATORS`; 5 is the 6.8 GHz pulse.
+    sample_delay_s : float
+        Delay of the first sample behind the pulse, in seconds; sets the range of bin 0.
+    dac_min, dac_max, dac_step : int
+        Threshold sweep of the sampler, in counts of the 13-bit DAC.
+    pulses_per_step, iterations : int
+        Pulses integrated at each threshold, and sweeps summed.
+    sample_rate_hz : float
+        Sampling rate of this chip, in hertz. It differs from chip to chip (38-41 GS/s)
+        and cannot be asked for over this protocol, so it is stated here.
+    output : {'rf', 'iq', 'ap'}
+        Raw RF frames, or baseband as I/Q or amplitude/phase messages.
+
+    Raises
+    ------
+    SettingsError
+        If any field is out of range, or the threshold sweep takes longer than a frame.
+        All faults are named at once.
+    """
+
+    frame_rate_hz: float = 60.0
+    frame_stitch: int = 3
+    pulse_generator: int = 5
+    sample_delay_s: float = 4e-9
+    dac_min: int = 0
+    dac_max: int = DAC_TOP
+    dac_step: int = 4
+    pulses_per_step: int = 16
+    iterations: int = 16
+    sample_rate_hz: float = 41e9
+    output: str = "rf"
+
+    def __post_init__(self) -> None:
+        """Check every field, then the sweep time."""
+        faults = [
+            f"{name} = {getattr(self, name)!r}: {rule}"
+            for name, good, rule in (
+                (
+                    "frame_rate_hz",
+                    is_number(self.frame_rate_hz, 1, 1000) and self.frame_rate_hz % 1 == 0,
+                    "must be a whole number, 1 to 1000 (the module takes an integer)",
+                ),
+                (
+                    "sample_delay_s",
+                    is_number(self.sample_delay_s, 0, 200e-9),
+                    "must be 0 to 200e-9",
+                ),
+                (
+                    "sample_rate_hz",
+                    is_number(self.sample_rate_hz, 1e9, 100e9),
+                    "must be 1e9 to 100e9",
+                ),
+                ("output", self.output in {"rf", "iq", "ap"}, "must be rf, iq or ap"),
+            )
+            if not good
+        ]
+        faults += [
+            f"{name} = {getattr(self, name)!r}: must be a whole number, {low} to {high}"
+            for name, low, high in _WHOLE
+            if not is_whole(getattr(self, name), low, high)
+        ]
+        if not faults and self.dac_max <= self.dac_min:
+            faults.append(f"dac_max = {self.dac_max}: must be above dac_min = {self.dac_min}")
+        if not faults and self.sweep_s * self.frame_rate_hz > 1:
+            most = self._most_pulses()
+            faults.append(
+                f"iterations x pulses_per_step = {self.iterations * self.pulses_per_step}: "
+                f"one frame would take {self.sweep_s * 1e3:.1f} ms; at "
+                f"{self.frame_rate_hz:g} Hz at most {most} fit"
+            )
+        if faults:
+            raise SettingsError("; ".join(faults))
+
+    @classmethod
+    def for_frame_rate(cls, frame_rate_hz: float, *, output: str = "rf") -> "RadarSettings":
+        """Return settings that integrate as long as `frame_rate_hz` allows.
+
+        Parameters
+        ----------
+        frame_rate_hz : float
+            Frames per second.
+        output : {'rf', 'iq', 'ap'}
+            As in the class.
+
+        Returns
+        -------
+        RadarSettings
+            Defaults, with fewer iterations (then fewer pulses, then a coarser DAC step)
+            where the sweep would not fit into a frame.
+        """
+        if not 1 <= frame_rate_hz <= 1000 or frame_rate_hz % 1:
+            return cls(frame_rate_hz=frame_rate_hz, output=output)
+        for pulses, step in ((16, 4), (8, 4), (4, 8), (4, 16), (2, 32), (1, 64)):
+            budget = PRF_HZ / (frame_rate_hz * 3 * math.ceil((DAC_TOP + 1) / step) * pulses)
+            if budget >= 1:
+                return cls(
+                    frame_rate_hz=frame_rate_hz,
+                    pulses_per_step=pulses,
+                    dac_step=step,
+                    iterations=min(64, int(budget)),
+                    output=output,
+                )
+        msg = f"frame_rate_hz = {frame_rate_hz!r}: no sweep is that fast"
+        raise SettingsError(msg)
+
+    @property
+    def kind(self) -> Kind:
+        """What the stream's frames hold."""
+        return "rf" if self.output == "rf" else "baseband"
+
+    @property
+    def raw_kind(self) -> Kind:
+        """What raw frames hold."""
+        return "rf"
+
+    @property
+    def n_range(self) -> int:
+        """Samples in one frame."""
+        return SAMPLERS * self.frame_stitch
+
+    @property
+    def carrier_hz(self) -> float:
+        """Centre frequency of the pulse, in hertz."""
+        return PULSE_GENERATORS[self.pulse_generator].carrier_hz
+
+    @property
+    def bandwidth_hz(self) -> float:
+        """Bandwidth of the pulse at -10 dB, in hertz."""
+        return PULSE_GENERATORS[self.pulse_generator].bandwidth_hz
+
+    @property
+    def bin_length_m(self) -> float:
+        """Range of one RF sample, c / (2 fs), in metres."""
+        return SPEED_OF_LIGHT_MPS / (2 * self.sample_rate_hz)
+
+    @property
+    def range_offset_m(self) -> float:
+        """Range of bin 0, c ts / 2, in metres."""
+        return SPEED_OF_LIGHT_MPS * self.sample_delay_s / 2
+
+    @property
+    def n_steps(self) -> int:
+        """Thresholds in one sweep."""
+        return math.ceil((self.dac_max - self.dac_min + 1) / self.dac_step)
+
+    @property
+    def sweep_s(self) -> float:
+        """Time of the threshold sweeps of one stitched frame, in seconds."""
+        pulses = self.n_steps * self.pulses_per_step * self.iterations * self.frame_stitch
+        return pulses / PRF_HZ
+
+    def _most_pulses(self) -> int:
+        return int(PRF_HZ / (self.frame_rate_hz * self.frame_stitch * self.n_steps))
+
+
+def is_number(value: Any, low: float, high: float) -> bool:
+    """Say whether `value` is a real number from `low` to `high`."""
+    return isinstance(value, Real) and low <= float(value) <= high
+
+
+def is_whole(value: Any, low: int, high: int) -> bool:
+    """Say whether `value` is an integer from `low` to `high`."""
+    return isinstance(value, Integral) and low <= int(value) <= high

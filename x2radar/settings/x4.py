@@ -1,0 +1,209 @@
+"""What an X4 module (X4M03, XEP firmware) is told before it streams.
+
+The same protocol and the same device class as for the X2, other commands. The formula of the
+highest frame rate follows the X4 user guide (XTAN-13); limits that no document gives are
+inferred (docs/hardware.md). What a module makes of frame rate and area it rounds to its own
+grid; `X4Get` asks for that.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+from x2radar.errors import SettingsError
+from x2radar.frame import Kind
+from x2radar.settings.x2 import SPEED_OF_LIGHT_MPS, is_number, is_whole
+
+SAMPLE_RATE_HZ = 23.328e9
+BASEBAND_STEP = 8
+PRF_SOURCE_HZ = 243e6
+DUTY = 0.95
+DEFAULT_ITERATIONS = 64
+PULSES = {3: (7.29e9, 1.4e9), 4: (8.748e9, 1.5e9)}
+"""Centre frequency and bandwidth at -10 dB, in hertz, by the driver's code."""
+SPAN_M = 1536 * SPEED_OF_LIGHT_MPS / (2 * SAMPLE_RATE_HZ)
+"""The chip's 1536 samples, in metres."""
+
+_LOWEST_HZ = 0.01
+_NUMBERS = (
+    ("frame_rate_hz", _LOWEST_HZ, 1000),
+    ("area_start_m", -1, 10),
+    ("area_end_m", -1, 20),
+    ("area_offset_m", -1, 1),
+)
+_WHOLE = (
+    ("dac_min", 0, 2047),
+    ("dac_max", 0, 2047),
+    ("dac_step", 1, 255),
+    ("pulses_per_step", 1, 65535),
+    ("iterations", 1, 255),
+    ("prf_divider", 6, 255),
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class X4Settings:
+    """Settings of an X4 module that streams frames itself.
+
+    Attributes
+    ----------
+    frame_rate_hz : float
+        Frames per second.
+    area_start_m, area_end_m : float
+        Range that the frame covers, in metres.
+    area_offset_m : float
+        Range of the antenna's own delay, in metres.
+    is_baseband : bool
+        The chip mixes down and keeps every eighth sample; otherwise RF.
+    centre_frequency : int
+        3 for 7.29 GHz, 4 for 8.748 GHz.
+    dac_min, dac_max, dac_step : int
+        Threshold sweep, in counts of the 11-bit DAC; the step's code is inferred.
+    pulses_per_step, iterations : int
+        Pulses integrated at each threshold, and sweeps summed.
+    prf_divider : int
+        Pulse rate = 243 MHz / divider, at most 40.5 MHz.
+
+    Raises
+    ------
+    SettingsError
+        If any field is out of range, the area is longer than the chip's 1536 samples, or
+        the sweep takes longer than a frame.
+    """
+
+    frame_rate_hz: float = 60.0
+    area_start_m: float = 0.4
+    area_end_m: float = 5.0
+    area_offset_m: float = 0.18
+    is_baseband: bool = True
+    centre_frequency: int = 3
+    dac_min: int = 949
+    dac_max: int = 1100
+    dac_step: int = 1
+    pulses_per_step: int = 16
+    iterations: int = DEFAULT_ITERATIONS
+    prf_divider: int = 16
+
+    def __post_init__(self) -> None:
+        """Check every field, then what they make together; name all faults at once."""
+        faults = [
+            f"{name} = {getattr(self, name)!r}: must be {low:g} to {high:g}"
+            for name, low, high in _NUMBERS
+            if not is_number(getattr(self, name), low, high)
+        ]
+        faults += [
+            f"{name} = {getattr(self, name)!r}: must be a whole number, {low} to {high}"
+            for name, low, high in _WHOLE
+            if not is_whole(getattr(self, name), low, high)
+        ]
+        faults += [
+            f"{name} = {getattr(self, name)!r}: must be True or False"
+            for name in ("is_baseband",)
+            if not isinstance(getattr(self, name), bool)
+        ]
+        if not is_whole(self.centre_frequency, min(PULSES), max(PULSES)):
+            faults.append(f"centre_frequency = {self.centre_frequency!r}: must be 3 or 4")
+        if not faults:
+            faults = list(self._together())
+        if faults:
+            raise SettingsError("; ".join(faults))
+
+    def _together(self) -> Iterator[str]:
+        span_m = self.area_end_m - self.area_start_m
+        if not 0 < span_m <= SPAN_M:
+            yield (
+                f"area_end_m = {self.area_end_m:g}: must be above area_start_m, at most "
+                f"{SPAN_M:.2f} m behind it"
+            )
+        if self.dac_max <= self.dac_min:
+            yield f"dac_max = {self.dac_max}: must be above dac_min = {self.dac_min}"
+        elif self.frame_rate_hz > self.highest_frame_rate_hz:
+            yield (
+                f"frame_rate_hz = {self.frame_rate_hz:g}: iterations and pulses_per_step allow "
+                f"{self.highest_frame_rate_hz:.1f}"
+            )
+
+    @classmethod
+    def for_frame_rate(cls, frame_rate_hz: float, *, is_baseband: bool = True) -> "X4Settings":
+        """Return settings that integrate as long as `frame_rate_hz` allows.
+
+        Parameters
+        ----------
+        frame_rate_hz : float
+            Frames per second.
+        is_baseband : bool
+            As in the class.
+
+        Returns
+        -------
+        X4Settings
+            Defaults, with fewer iterations, then fewer pulses, where the sweep would not fit
+            into a frame.
+        """
+        for pulses in (16, 8, 4, 2, 1):
+            one = cls(
+                frame_rate_hz=_LOWEST_HZ,
+                is_baseband=is_baseband,
+                pulses_per_step=pulses,
+                iterations=1,
+            )
+            if not is_number(frame_rate_hz, _LOWEST_HZ, one.highest_frame_rate_hz):
+                continue
+            iterations = int(one.highest_frame_rate_hz / frame_rate_hz)
+            if iterations >= 16 or pulses == 1:
+                return replace(
+                    one,
+                    frame_rate_hz=frame_rate_hz,
+                    iterations=min(DEFAULT_ITERATIONS, iterations),
+                )
+        # No sweep is that fast, or it is no rate at all: say so.
+        return cls(frame_rate_hz=frame_rate_hz, is_baseband=is_baseband, pulses_per_step=1)
+
+    @property
+    def highest_frame_rate_hz(self) -> float:
+        """PRF D / (iterations pps (dac_max - dac_min + 1)), in hertz (XTAN-13).
+
+        The guide's formula has no `dac_step`: a coarser sweep may allow more.
+        """
+        sweep = self.iterations * self.pulses_per_step * (self.dac_max - self.dac_min + 1)
+        return PRF_SOURCE_HZ / self.prf_divider * DUTY / sweep
+
+    @property
+    def kind(self) -> Kind:
+        """What the stream's frames hold: those are raw frames."""
+        return self.raw_kind
+
+    @property
+    def raw_kind(self) -> Kind:
+        """What raw frames hold."""
+        return "baseband" if self.is_baseband else "rf"
+
+    @property
+    def n_range(self) -> int:
+        """Bins in one frame (inferred: both ends of the area have one)."""
+        return int((self.area_end_m - self.area_start_m) / self.bin_length_m) + 1
+
+    @property
+    def carrier_hz(self) -> float:
+        """Centre frequency of the pulse, in hertz."""
+        return PULSES[self.centre_frequency][0]
+
+    @property
+    def bandwidth_hz(self) -> float:
+        """Bandwidth of the pulse at -10 dB, in hertz."""
+        return PULSES[self.centre_frequency][1]
+
+    @property
+    def sample_rate_hz(self) -> float:
+        """Rate of the RF sampler, in hertz."""
+        return SAMPLE_RATE_HZ
+
+    @property
+    def bin_length_m(self) -> float:
+        """Range of one sample of a raw frame, in metres: 6.4 mm RF, 51.4 mm baseband."""
+        step = BASEBAND_STEP if self.is_baseband else 1
+        return step * SPEED_OF_LIGHT_MPS / (2 * SAMPLE_RATE_HZ)
+
+    @property
+    def range_offset_m(self) -> float:
+        """Range of bin 0, in metres (inferred: the area's start as asked for)."""
+        return self.area_start_m

@@ -1,0 +1,1 @@
+"""Birds and moths: where they fly and what of them echoes. It may import `rcs`."""

@@ -1,0 +1,137 @@
+"""Courses through the swath, drawn: where a body goes when a scene does not say it in points."""
+
+import math
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+
+import numpy as np
+
+from x2radar.sim.bodies.path.course import Bend, bends
+
+Waypoints = list[tuple[float, float]]
+
+NEAR_M, FAR_M = 0.6, 3.4
+"""Swath of the X2's default settings, in metres."""
+_LEAD_M = 1.5
+_WALL_M = 0.4
+_TURN_RADII_M = (0.2, 0.3, 0.4, 0.5, 0.6)
+_LARGEST_BEARING = np.deg2rad(50.0)
+
+
+def _cross(rng: np.random.Generator, near_m: float, far_m: float) -> Waypoints:
+    """Return a line across, from one side to the other."""
+    away = rng.uniform(near_m + 0.2, max(far_m - 0.3, near_m + 0.3), 2)
+    side = rng.choice([-1.0, 1.0])
+    half = far_m * np.tan(_LARGEST_BEARING) / 2 + _LEAD_M
+    tilt = 0.3 * (away[1] - away[0])
+    middle = away[0]
+    return [(side * half, middle + tilt), (-side * half, middle - tilt)]
+
+
+def _approach(rng: np.random.Generator, near_m: float, far_m: float) -> Waypoints:
+    """Return a line from behind the swath's far end to its near end."""
+    bearing = rng.uniform(-0.5, 0.5, 2) * _LARGEST_BEARING
+    begin, end = far_m + _LEAD_M, max(near_m, 0.4)
+    return [
+        (begin * np.sin(bearing[0]), begin * np.cos(bearing[0])),
+        (end * np.sin(bearing[1]), end * np.cos(bearing[1])),
+    ]
+
+
+def _leave(rng: np.random.Generator, near_m: float, far_m: float) -> Waypoints:
+    """Return an approach the other way round."""
+    return _approach(rng, near_m, far_m)[::-1]
+
+
+def _oblique(rng: np.random.Generator, near_m: float, far_m: float) -> Waypoints:
+    """Return a line in any direction, past a point that lies anywhere in the swath."""
+    bearing = rng.uniform(-1, 1) * _LARGEST_BEARING
+    away = rng.uniform(near_m, far_m)
+    direction = rng.uniform(0, 2 * np.pi)
+    x, y = away * np.sin(bearing), away * np.cos(bearing)
+    reach = (far_m - near_m) / 2 + _LEAD_M
+    step = np.array([np.cos(direction), np.sin(direction)])
+    begin = (x - reach * step[0], max(y - reach * step[1], 0.4))
+    return [begin, (x + reach * step[0], max(y + reach * step[1], 0.4))]
+
+
+def _wander(rng: np.random.Generator, near_m: float, far_m: float) -> Waypoints:
+    """Return four to eight points in the swath, each at least 0.8 m from the one before."""
+    points: Waypoints = []
+    n_points = int(rng.integers(4, 9))
+    while len(points) < n_points:
+        bearing = rng.uniform(-1, 1) * _LARGEST_BEARING
+        away = rng.uniform(near_m + 0.1, far_m + 0.3)
+        x, y = float(away * np.sin(bearing)), float(away * np.cos(bearing))
+        if not points or np.hypot(x - points[-1][0], y - points[-1][1]) > 0.8:
+            points.append((x, y))
+    return points
+
+
+COURSES: Mapping[str, Callable[[np.random.Generator, float, float], Waypoints]] = MappingProxyType(
+    {
+        "cross": _cross,
+        "approach": _approach,
+        "leave": _leave,
+        "oblique": _oblique,
+        "wander": _wander,
+    }
+)
+"""Courses by name."""
+
+
+def draw_course(
+    rng: np.random.Generator, name: str, near_m: float = NEAR_M, far_m: float = FAR_M
+) -> Waypoints:
+    """Return the waypoints of a course.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+        Draws it.
+    name : str
+        A key of `COURSES`.
+    near_m, far_m : float
+        The swath, along the floor, in metres.
+
+    Returns
+    -------
+    list of (float, float)
+        Two or more points (x, y), in room coordinates; no two neighbours are nearer than
+        0.1 m. The whole course, corners included, stays 0.4 m off the wall that the radar
+        hangs on: nobody passes beneath the antenna, or through the wall.
+    """
+    return off_wall(COURSES[name](rng, near_m, far_m))
+
+
+def off_wall(points: Waypoints) -> Waypoints:
+    """Return a course moved into the room until all of it is 0.4 m off the radar's wall.
+
+    It is moved as a whole and nothing is drawn, so other draws stay what they are.
+    """
+    into_room_m = max(0.0, _WALL_M - _nearest_wall_m(points))
+    return [(float(x), float(y + into_room_m)) for x, y in points]
+
+
+def _nearest_wall_m(points: Waypoints) -> float:
+    """Return the least y of a course through the points, for any usual radius of corners."""
+    least = min(y for _, y in points)
+    for radius_m in _TURN_RADII_M if len(points) > 2 else ():
+        at, course = bends(points, radius_m)
+        for bend in course:
+            least = min(least, _least_y_m(at, bend))
+            at = bend.end(at, bend.length_m)
+    return least
+
+
+def _least_y_m(at: tuple[float, float, float], bend: Bend) -> float:
+    """Return the least y of a part of a course: at an end, or where an arc is level."""
+    least = min(at[1], bend.end(at, bend.length_m)[1])
+    if bend.curvature_per_m:
+        # Lowest where it goes right while turning left, or left while turning right.
+        level = 0.0 if bend.curvature_per_m > 0 else math.pi
+        to_level = (level - at[2]) * math.copysign(1.0, bend.curvature_per_m)
+        way_m = to_level % (2 * math.pi) / abs(bend.curvature_per_m)
+        if way_m < bend.length_m:
+            least = min(least, bend.end(at, way_m)[1])
+    return least

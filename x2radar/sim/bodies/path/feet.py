@@ -1,0 +1,193 @@
+"""Footfalls: when and where each foot of a body stands, for any number of legs.
+
+Feet on the floor do not move; everything else of a body follows from where they stand and
+when. A path and a gait give all footfalls at once, and from them the feet at any time.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from x2radar.sim.bodies.path.footfalls import Footfalls, fall
+from x2radar.sim.bodies.path.path import Path
+from x2radar.sim.bodies.path.stride import Clock
+
+Array = NDArray[np.float64]
+OfSpeed = Callable[[Array], Array]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FootState:
+    """Feet at given times.
+
+    Attributes
+    ----------
+    position_m : ndarray, shape (n_slow, n_legs, 3), float64
+        Where they are, in room coordinates; z is the height over the floor.
+    heading_rad : ndarray, shape (n_slow, n_legs), float64
+        Where they point.
+    phase : ndarray, shape (n_slow, n_legs), float64
+        Stride phase of each leg, from 0 at touch-down over the duty factor at lift-off to 1.
+        In a stance that lasts because the body stands, it waits in the middle.
+    swing : ndarray, shape (n_slow, n_legs), float64
+        How much of its swing a foot has done, from 0 to 1; 0 on the floor.
+    is_stance : ndarray, shape (n_slow, n_legs), bool
+        Whether the foot stands.
+    """
+
+    position_m: Array
+    heading_rad: Array
+    phase: Array
+    swing: Array
+    is_stance: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Gait:
+    """How a body puts its feet.
+
+    Attributes
+    ----------
+    offset : tuple of float
+        For each leg, how much later than leg 0 it lands, in strides from 0 to 1.
+    home_m : tuple of (float, float)
+        For each leg, where it stands under the body: metres ahead and to the left of the
+        point that follows the path. In a stance the foot is there half-way.
+    stride_m : callable
+        Stride length in metres as a function of speed in m/s (arrays, speed above 0).
+    duty : callable
+        Share of the stride that a foot is on the floor, likewise.
+    lift_m : tuple of float
+        For each leg, how high it is lifted in a stride of usual length.
+    more_duty : tuple of float, optional
+        For each leg, what is added to `duty`: a leg that hurts is spared.
+    ramp : float, optional
+        Share of the swing in which a foot gains, and loses, its speed; the peak is
+        ``1 / (1 - 2 ramp + 4 ramp / pi)`` times the mean.
+    lead : int, optional
+        The leg that goes first.
+    ahead_s : float, optional
+        How long before the body the first foot starts.
+    """
+
+    offset: tuple[float, ...]
+    home_m: tuple[tuple[float, float], ...]
+    stride_m: OfSpeed
+    duty: OfSpeed
+    lift_m: tuple[float, ...]
+    more_duty: tuple[float, ...] = ()
+    ramp: float = 0.3
+    lead: int = 0
+    ahead_s: float = 0.2
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Feet:
+    """All footfalls of one body on one path.
+
+    Attributes
+    ----------
+    clock : Clock
+        Strides gone, as a function of time.
+    falls : Footfalls
+        Stances of each leg in order.
+    ramp : float
+        As in `Gait`.
+    """
+
+    clock: Clock
+    falls: Footfalls
+    ramp: float
+
+    @classmethod
+    def plan(cls, path: Path, gait: Gait) -> Self:
+        """Return the footfalls of a gait along a path.
+
+        Feet begin to step a little before the body goes and go on for a stride after it has
+        stopped, until they stand under it. In between, a foot is left where it is if
+        moving it would not bring it anywhere else.
+
+        Parameters
+        ----------
+        path : Path
+            Where the body goes.
+        gait : Gait
+            How it steps.
+
+        Returns
+        -------
+        Feet
+            The plan.
+        """
+        arm = max(float(np.hypot(*home)) for home in gait.home_m)
+        clock = Clock.along(path, gait.stride_m, gait.duty, arm_m=arm, ahead_s=gait.ahead_s)
+        more = np.array(gait.more_duty or (0.0,) * len(gait.offset))
+        clock = clock.started(gait.offset[gait.lead], more[gait.lead])
+        falls = fall(
+            path,
+            clock,
+            offset=np.array(gait.offset),
+            more_duty=more,
+            home_m=np.array(gait.home_m),
+            lift_m=np.array(gait.lift_m),
+        )
+        return cls(clock, falls, gait.ramp)
+
+    def at(self, t_s: Array) -> FootState:
+        """Return the feet at given times.
+
+        Parameters
+        ----------
+        t_s : ndarray, shape (n_slow,), float64
+            Times, in seconds, in any order.
+
+        Returns
+        -------
+        FootState
+            New arrays. On the floor a foot is still to the last bit; at both ends of a
+            swing its velocity is zero.
+        """
+        f = self.falls.at(t_s)
+        t = t_s[:, None]
+        since, until = t - f.touch_down_s, f.lift_off_s - t
+        is_stance = until >= 0
+        swing = np.clip(-until / f.swing_s, 0.0, 1.0)
+        stance = np.minimum(since / f.full_s, 0.5) + 0.5 - np.clip(until / f.full_s, 0.0, 0.5)
+        done = eased(swing, self.ramp)
+        position = f.place + done[..., None] * f.step
+        lifted = np.sin(np.pi * swing)
+        height = f.lift_m * lifted * lifted
+        return FootState(
+            position_m=np.concatenate([position[..., :2], height[..., None]], axis=-1),
+            heading_rad=position[..., 2],
+            phase=f.duty * stance + (1.0 - f.duty) * swing,
+            swing=swing,
+            is_stance=is_stance,
+        )
+
+
+def eased(share: Array, ramp: float) -> Array:
+    """Return the way done in a movement from rest to rest, from 0 to 1.
+
+    Parameters
+    ----------
+    share : ndarray, float64
+        Share of the time gone, from 0 to 1.
+    ramp : float
+        Share of the time in which the speed rises, and falls, as quarters of a sine; up to
+        0.5.
+
+    Returns
+    -------
+    ndarray, float64
+        Share of the way, with zero speed at both ends.
+    """
+    early = np.minimum(share, 1.0 - share)
+    quarter = 2.0 * ramp / np.pi
+    peak = 1.0 / (1.0 - 2.0 * ramp + 2.0 * quarter)
+    rise = quarter * (1.0 - np.cos(np.minimum(early, ramp) / quarter))
+    half = peak * (rise + np.maximum(early - ramp, 0.0))
+    return np.where(share < 0.5, half, 1.0 - half)

@@ -1,0 +1,320 @@
+"""How people put their feet: stride, duty factor, and what the body does over them.
+
+Walking follows Boulic and Thalmann 1990 (recalled): with the speed RV relative to the hip
+height Ht, the stride is 1.346 sqrt(RV) Ht and the period 1.346 / sqrt(RV) seconds, the
+support 0.752 periods - 0.143 s. Running: strides of 1.3 to 1.6 a second, with a flight.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from x2radar.sim.bodies.path.feet import Gait
+from x2radar.sim.bodies.person.build import Age
+
+Array = NDArray[np.float64]
+
+STRIDE = 1.346
+FASTEST_WALK = 3.0
+"""Relative speed RV up to which the relation holds."""
+SURGE = 0.084
+BRISK = 1.5
+"""Relative speed of the carriage that a free walk has: about 1.4 m/s."""
+
+
+@dataclass(frozen=True, slots=True)
+class Carriage:
+    """How a body is carried over its feet.
+
+    Attributes
+    ----------
+    bend : float
+        How much lower the hips are than on straight legs, as a share of the leg.
+    lean_rad : float
+        Of the trunk, forward.
+    bob_m, sway_m : float
+        Amplitudes of the hips up and down twice a stride, and to the sides once, in metres
+        at cruising speed.
+    is_spring : bool
+        Lowest over the standing foot, as in running, not highest.
+    arm_rad : float
+        Amplitude of the arms' swing.
+    arm_rest_rad : float
+        About which the arms swing, forward.
+    elbow_rad : float
+        Bend of the elbows.
+    surge_m : float
+        Amplitude of the hips ahead of and behind their even way, twice a stride: a body is
+        slowest over the standing foot.
+    yaw_rad : float
+        Amplitude of the pelvis' turn; the chest turns against it.
+    heel_rad : float
+        How far the heel has risen at toe-off.
+    """
+
+    bend: float = 0.012
+    lean_rad: float = 0.05
+    bob_m: float = 0.022
+    sway_m: float = 0.02
+    surge_m: float = 0.0
+    is_spring: bool = False
+    arm_rad: float = 0.40
+    arm_rest_rad: float = 0.05
+    elbow_rad: float = 0.45
+    yaw_rad: float = 0.12
+    heel_rad: float = 0.9
+
+
+@dataclass(frozen=True, slots=True)
+class PersonStyle:
+    """Something that people do.
+
+    Attributes
+    ----------
+    sentence : str
+        What it is, for people.
+    speed_mps : tuple of float or None
+        Least and largest; None for somebody who stays where he is.
+    carriage : Carriage
+        Its middle; every person scatters around it.
+    lift : float
+        How high the feet are lifted, in statures.
+    kind : {'walk', 'run', 'crawl'}
+        Which gait.
+    stops : bool
+        Whether it stops on the way.
+    grows : bool
+        Whether bob, arms and turn of the pelvis are those of a brisk walk and grow with the
+        speed up to it; otherwise they are as the carriage says at any speed.
+    age : {'adult', 'child', 'toddler'}
+        Of those who do it.
+    does : {'', 'busy', 'sit', 'exercise'}
+        What is done where the feet stand, besides breathing and swaying.
+    """
+
+    sentence: str
+    speed_mps: tuple[float, float] | None
+    carriage: Carriage = Carriage()
+    lift: float = 0.06
+    kind: str = "walk"
+    stops: bool = False
+    grows: bool = False
+    age: Age = "adult"
+    does: Literal["", "busy", "sit", "exercise"] = ""
+
+
+STYLES: Mapping[str, PersonStyle] = MappingProxyType(
+    {
+        "walk": PersonStyle("walks", (0.7, 1.7), grows=True),
+        "stroll": PersonStyle("walks slowly", (0.3, 0.8), grows=True),
+        "stealth": PersonStyle(
+            "sneaks: slow, careful steps on bent knees",
+            (0.2, 0.5),
+            Carriage(bend=0.10, lean_rad=0.25, arm_rad=0.08, elbow_rad=0.9, bob_m=0.008),
+            lift=0.10,
+        ),
+        "crouch": PersonStyle(
+            "walks crouched",
+            (0.3, 1.0),
+            Carriage(bend=0.28, lean_rad=0.65, arm_rad=0.12, elbow_rad=1.0, bob_m=0.012),
+            lift=0.06,
+        ),
+        "jog": PersonStyle(
+            "jogs",
+            (1.8, 2.8),
+            Carriage(
+                bend=0.07,
+                lean_rad=0.10,
+                bob_m=0.035,
+                is_spring=True,
+                arm_rad=0.5,
+                elbow_rad=1.5,
+                heel_rad=1.1,
+            ),
+            lift=0.16,
+            kind="run",
+        ),
+        "run": PersonStyle(
+            "runs",
+            (2.8, 4.5),
+            Carriage(
+                bend=0.08,
+                lean_rad=0.17,
+                bob_m=0.04,
+                is_spring=True,
+                arm_rad=0.8,
+                elbow_rad=1.6,
+                heel_rad=1.2,
+            ),
+            lift=0.24,
+            kind="run",
+        ),
+        "crawl": PersonStyle("crawls on hands and knees", (0.2, 0.7), lift=0.04, kind="crawl"),
+        "limp": PersonStyle("limps", (0.4, 1.0), Carriage(bob_m=0.03, sway_m=0.04), grows=True),
+        "carry": PersonStyle(
+            "carries a box before the chest",
+            (0.5, 1.4),
+            Carriage(arm_rad=0.03, arm_rest_rad=0.35, elbow_rad=1.5, lean_rad=-0.04),
+        ),
+        "carry_pet": PersonStyle(
+            "carries a pet in the arms",
+            (0.5, 1.3),
+            Carriage(arm_rad=0.03, arm_rest_rad=0.25, elbow_rad=1.8),
+        ),
+        "toddler": PersonStyle(
+            "toddles: a small child on short, wide, quick steps",
+            (0.3, 0.9),
+            Carriage(bend=0.06, arm_rad=0.10, arm_rest_rad=0.5, elbow_rad=1.4, sway_m=0.02),
+            lift=0.08,
+            age="toddler",
+        ),
+        "child": PersonStyle(
+            "a child of 0.95 to 1.45 m walks about", (0.4, 1.5), grows=True, age="child"
+        ),
+        "child_run": PersonStyle(
+            "a child of 0.95 to 1.45 m runs about",
+            (1.3, 3.0),
+            Carriage(
+                bend=0.07,
+                lean_rad=0.12,
+                bob_m=0.03,
+                is_spring=True,
+                arm_rad=0.6,
+                elbow_rad=1.3,
+                heel_rad=1.1,
+            ),
+            lift=0.18,
+            kind="run",
+            age="child",
+        ),
+        "stop_and_go": PersonStyle("goes, stops and goes on", (0.5, 1.3), stops=True, grows=True),
+        "stand": PersonStyle("stands and breathes", None),
+        "busy": PersonStyle("stands and reaches, bends and turns", None, does="busy"),
+        "sit": PersonStyle("sits, looks about and uses the hands", None, does="sit"),
+        "exercise": PersonStyle("exercises or dances in one place", None, does="exercise"),
+        "search": PersonStyle(
+            "goes from place to place and searches each",
+            (0.4, 1.2),
+            stops=True,
+            grows=True,
+            does="busy",
+        ),
+    }
+)
+"""What people do, by name."""
+
+
+def walking_stride_m(speed_mps: Array, hip_height_m: float) -> Array:
+    """Return the stride of a walk: 1.346 sqrt(RV) Ht, RV = speed / Ht."""
+    return np.asarray(STRIDE * np.sqrt(speed_mps / hip_height_m) * hip_height_m)
+
+
+def walking_duty(speed_mps: Array, hip_height_m: float) -> Array:
+    """Return a foot's share of the stride on the floor: 0.752 - 0.143 s / period."""
+    period_s = STRIDE / np.sqrt(np.maximum(speed_mps / hip_height_m, 0.02))
+    return np.asarray(np.clip(0.752 - 0.143 / period_s, 0.55, 0.76))
+
+
+def carriage_at(style: PersonStyle, speed_mps: float, hip_height_m: float) -> Carriage:
+    """Return how a body is carried at a speed.
+
+    Boulic and Thalmann 1990 (recalled) let the bob (0.015 RV), the swing of the arms and the
+    turn of the pelvis grow with the relative speed RV, and the surge of the hips be
+    0.084 RV (1 - RV) of the hip height up to RV = 0.5 and 0.021 beyond. Somebody who goes at
+    0.3 m/s does not swing the arms as at 1.4 m/s.
+
+    Parameters
+    ----------
+    style : PersonStyle
+        What is done.
+    speed_mps : float
+        How fast.
+    hip_height_m : float
+        Ht.
+    """
+    if style.kind != "walk":
+        return style.carriage
+    c, rv = style.carriage, speed_mps / hip_height_m
+    slow = min(rv, 0.5)
+    c = replace(c, surge_m=hip_height_m * SURGE * slow * (1 - slow))
+    if not style.grows:
+        return c
+    share = min(rv / BRISK, 1.3)
+    return replace(c, bob_m=c.bob_m * share, arm_rad=c.arm_rad * share, yaw_rad=c.yaw_rad * share)
+
+
+def gait_of(
+    kind: str, hip_height_m: float, *, cadence: float, width_m: float, lift_m: float, limp: float
+) -> Gait:
+    """Return the footwork of a gait.
+
+    Parameters
+    ----------
+    kind : {'walk', 'run'}
+        Which.
+    hip_height_m : float
+        Ht.
+    cadence : float
+        Strides a second against the usual; strides are the shorter.
+    width_m : float
+        Half the distance between the feet.
+    lift_m : float
+        Of the feet.
+    limp : float
+        Share of the stride that the right foot is spared.
+    """
+    if kind == "run":
+
+        def stride(v: Array) -> Array:
+            return np.asarray(v / (cadence * (1.22 + 0.07 * v)))
+
+        def duty(v: Array) -> Array:
+            return np.asarray(np.clip(0.47 - 0.045 * v, 0.25, 0.42))
+    else:
+
+        def stride(v: Array) -> Array:
+            return walking_stride_m(v, hip_height_m) / cadence
+
+        def duty(v: Array) -> Array:
+            return walking_duty(v, hip_height_m)
+
+    return Gait(
+        offset=(0.0, 0.5 - limp / 2),
+        home_m=((0.0, width_m), (0.0, -width_m)),
+        stride_m=stride,
+        duty=duty,
+        lift_m=(lift_m, lift_m * (1 - 2 * limp)),
+        more_duty=(limp / 2, -limp / 2),
+        ramp=0.2,
+    )
+
+
+def crawling_gait(hip_height_m: float, *, cadence: float, width_m: float, reach_m: float) -> Gait:
+    """Return the footwork of a crawl: left knee, left hand, right knee, right hand.
+
+    Knees and hands of opposite sides go nearly together (Patrick et al. 2009, recalled);
+    `reach_m` is how far the hands are ahead of the middle of the trunk, and the knees behind.
+    """
+
+    def stride(v: Array) -> Array:
+        return np.asarray(0.75 * hip_height_m * np.sqrt(v / 0.5) / cadence)
+
+    def duty(v: Array) -> Array:
+        return np.full_like(np.asarray(v, np.float64), 0.62)
+
+    return Gait(
+        offset=(0.0, 0.58, 0.5, 0.08),
+        home_m=(
+            (-reach_m, width_m),
+            (reach_m, 1.2 * width_m),
+            (-reach_m, -width_m),
+            (reach_m, -1.2 * width_m),
+        ),
+        stride_m=stride,
+        duty=duty,
+        lift_m=(0.03, 0.08, 0.03, 0.08),
+    )

@@ -1,0 +1,4 @@
+"""Four-legged animals: build, gait, what they do on the floor, and jumps.
+
+It may import `path`, `rcs` and, for the drawing of numbers they share, `flyer`.
+"""

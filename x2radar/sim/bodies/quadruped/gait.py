@@ -1,0 +1,204 @@
+"""How four-legged animals put their feet: stride, duty factor and order of footfalls.
+
+Speed is measured by the Froude number ``Fr = v^2 / (g h)``, h the height of the hip; animals
+of any size move alike at equal Froude numbers (Alexander and Jayes, A dynamic similarity
+hypothesis for the gaits of quadrupedal mammals, 1983; coefficients recalled).
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from x2radar.sim.bodies.path.feet import Gait
+
+Array = NDArray[np.float64]
+
+GRAVITY_MPS2 = 9.81
+LEGS = ("left hind", "left fore", "right hind", "right fore")
+DUTY = (0.28, 0.70)
+
+
+@dataclass(frozen=True, slots=True)
+class Footwork:
+    """An order of footfalls, with what the trunk does in it.
+
+    Attributes
+    ----------
+    offset : tuple of float
+        For each of `LEGS`, when it lands, in strides after the left hind.
+    bobs : int
+        How often the trunk goes up and down in a stride.
+    is_vault : bool
+        Whether the trunk is highest over the standing leg, as on stilts, or lowest, as on
+        springs.
+    bob : float
+        Amplitude of either end of the trunk, in hip heights.
+    sway : float
+        Amplitude to the sides, once a stride, in hip heights.
+    nod_rad : float
+        Amplitude of the neck's nod.
+    """
+
+    offset: tuple[float, float, float, float]
+    bobs: int
+    is_vault: bool
+    bob: float
+    sway: float
+    nod_rad: float
+
+
+FOOTWORK: Mapping[str, Footwork] = MappingProxyType(
+    {
+        # Lateral sequence: hind, fore of the same side, other hind, other fore.
+        "walk": Footwork((0.0, 0.25, 0.5, 0.75), 2, True, 0.022, 0.025, 0.10),
+        "trot": Footwork((0.0, 0.5, 0.5, 0.0), 2, False, 0.035, 0.010, 0.04),
+        "pace": Footwork((0.0, 0.06, 0.5, 0.56), 2, False, 0.028, 0.050, 0.05),
+        # Right lead: left hind, then right hind with left fore, then right fore.
+        "canter": Footwork((0.0, 0.30, 0.28, 0.56), 1, False, 0.070, 0.010, 0.16),
+        # Half-bound: the hind feet nearly at once, then the fore feet.
+        "bound": Footwork((0.0, 0.46, 0.06, 0.53), 1, False, 0.090, 0.010, 0.10),
+    }
+)
+"""Gaits by name."""
+
+
+def froude(speed_mps: Array | float, hip_m: float) -> Array:
+    """Return the Froude number of a speed, for a hip height in metres."""
+    return np.asarray(np.square(speed_mps) / (GRAVITY_MPS2 * hip_m), dtype=np.float64)
+
+
+def stride_m(speed_mps: Array, hip_m: float, *, is_cat: bool) -> Array:
+    """Return the length of a stride.
+
+    Parameters
+    ----------
+    speed_mps : ndarray, float64
+        Speed.
+    hip_m : float
+        Height of the hip.
+    is_cat : bool
+        Cats, which go on bent legs, take longer strides for their hip height.
+
+    Returns
+    -------
+    ndarray, float64
+        Metres, same shape: 2.4 h Fr^0.34 for symmetric gaits, 1.9 h Fr^0.40 for asymmetric
+        ones, one fading into the other between Fr 2 and 3; 3.5 h Fr^0.42 for cats.
+    """
+    fr = froude(speed_mps, hip_m)
+    if is_cat:
+        return np.asarray(3.5 * hip_m * fr**0.42, dtype=np.float64)
+    share = _asymmetric(fr)
+    return np.asarray(
+        hip_m * (2.4 * fr**0.34) ** (1.0 - share) * (1.9 * fr**0.40) ** share, dtype=np.float64
+    )
+
+
+def duty(speed_mps: Array, hip_m: float) -> Array:
+    """Return the share of a stride that a foot is on the floor.
+
+    Parameters
+    ----------
+    speed_mps : ndarray, float64
+        Speed.
+    hip_m : float
+        Height of the hip.
+
+    Returns
+    -------
+    ndarray, float64
+        0.52 Fr^-0.14 for symmetric gaits, 0.53 Fr^-0.28 for asymmetric ones (recalled),
+        blended like the stride, within `DUTY`.
+    """
+    fr = np.maximum(froude(speed_mps, hip_m), 1e-6)
+    share = _asymmetric(fr)
+    free = (0.52 * fr**-0.14) ** (1.0 - share) * (0.53 * fr**-0.28) ** share
+    return np.asarray(np.clip(free, *DUTY), dtype=np.float64)
+
+
+def usual_gait(speed_mps: float, hip_m: float, *, is_cat: bool) -> str:
+    """Return the gait that an animal takes at a speed.
+
+    Parameters
+    ----------
+    speed_mps : float
+        Speed.
+    hip_m : float
+        Height of the hip.
+    is_cat : bool
+        Cats bound where dogs canter, and begin a little earlier.
+
+    Returns
+    -------
+    str
+        A key of `FOOTWORK`: walk up to Fr 0.5, then trot, above Fr 2 to 3 canter or bound.
+    """
+    fr = float(froude(speed_mps, hip_m))
+    if fr < 0.5:
+        return "walk"
+    if is_cat:
+        return "trot" if fr < 2.0 else "bound"
+    return "trot" if fr < 2.5 else "canter"
+
+
+def gait(
+    name: str,
+    hip_m: float,
+    *,
+    is_cat: bool,
+    girdle_m: tuple[float, float],
+    half_track_m: float,
+    stride_factor: float,
+    lift: float,
+    ramp: float,
+    is_mirrored: bool,
+) -> Gait:
+    """Return a gait for the footfall planner.
+
+    Parameters
+    ----------
+    name : str
+        A key of `FOOTWORK`.
+    hip_m : float
+        Height of the hip.
+    is_cat : bool
+        As in `stride_m`.
+    girdle_m : tuple of float
+        How far ahead of the trunk's middle the hind and the fore feet stand.
+    half_track_m : float
+        Half the distance between left and right feet.
+    stride_factor : float
+        This animal's stride over that of `stride_m`.
+    lift : float
+        How high feet are lifted, in hip heights.
+    ramp : float
+        As in `Gait`.
+    is_mirrored : bool
+        Whether right and left change places: the other lead of a canter.
+
+    Returns
+    -------
+    Gait
+        Legs in the order of `LEGS`.
+    """
+    offset = FOOTWORK[name].offset
+    if is_mirrored:
+        offset = (offset[2], offset[3], offset[0], offset[1])
+    sides = (half_track_m, half_track_m, -half_track_m, -half_track_m)
+    return Gait(
+        offset=offset,
+        home_m=tuple((girdle_m[k % 2], sides[k]) for k in range(4)),
+        stride_m=lambda v: stride_factor * stride_m(v, hip_m, is_cat=is_cat),
+        duty=lambda v: duty(v, hip_m),
+        lift_m=(0.9 * lift * hip_m, lift * hip_m) * 2,
+        ramp=ramp,
+        ahead_s=0.12,
+    )
+
+
+def _asymmetric(fr: Array) -> Array:
+    x = np.clip(fr - 2.0, 0.0, 1.0)
+    return np.asarray(x * x * (3.0 - 2.0 * x), dtype=np.float64)

@@ -1,0 +1,223 @@
+"""Random cats and dogs: what they do, and how to draw one."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from x2radar.errors import SceneError
+from x2radar.sim.bodies.path.courses import off_wall
+from x2radar.sim.bodies.path.path import Agility, Path
+from x2radar.sim.bodies.quadruped.actions import Going
+from x2radar.sim.bodies.quadruped.build import NAMES, TRUNK, QuadrupedBuild
+from x2radar.sim.bodies.quadruped.gait import FOOTWORK, GRAVITY_MPS2, froude, gait, usual_gait
+from x2radar.sim.bodies.quadruped.pet_build import Species, draw_build, draw_manner
+from x2radar.sim.bodies.quadruped.pet_place import (
+    STANDING,
+    draw_jumping,
+    draw_playing,
+    draw_staying,
+)
+from x2radar.sim.bodies.quadruped.quadruped import Action, Quadruped, posture
+from x2radar.sim.bodies.rcs.segments import SegmentRcs, TotalRcs
+
+Array = NDArray[np.float64]
+
+LARGEST_FROUDE = 25.0
+LARGEST_WALK_FROUDE = 1.2
+PET_AGILITY = Agility(acceleration_mps2=2.5, lateral_mps2=3.0, turn_rad_s=3.5)
+_N_POSTURES = 24
+_FASTEST_DRAWN_MPS = 4.5
+
+
+@dataclass(frozen=True, slots=True)
+class PetStyle:
+    """Something that a pet does.
+
+    Attributes
+    ----------
+    sentence : str
+        What it is, for people.
+    weight : float
+        How often it is drawn, next to the others.
+    froude : tuple of float or None
+        Least and largest Froude number; None for one that stays where it is.
+    gait : str or None
+        A key of `FOOTWORK`; None for the gait that goes with the speed.
+    species : tuple of str
+        Who does it.
+    """
+
+    sentence: str
+    weight: float
+    froude: tuple[float, float] | None = None
+    gait: str | None = None
+    species: tuple[Species, ...] = ("cat", "dog")
+
+
+PET_STYLES: Mapping[str, PetStyle] = MappingProxyType(
+    {
+        "roam": PetStyle("goes about in the gait that goes with its speed", 4, (0.1, 2.2)),
+        "walk": PetStyle("walks, one foot after the other", 4, (0.10, 0.45), "walk"),
+        "trot": PetStyle("trots, diagonal feet together", 3, (0.6, 2.0), "trot"),
+        "pace": PetStyle("paces, feet of one side together", 1, (0.5, 1.6), "pace", ("dog",)),
+        "canter": PetStyle("canters in three beats", 1, (2.5, 6.0), "canter", ("dog",)),
+        "bound": PetStyle("bounds, both hind feet together", 1, (2.5, 8.0), "bound", ("cat",)),
+        "sniff": PetStyle("sniffs along the floor, stops and goes on", 3, (0.03, 0.15), "walk"),
+        "stalk": PetStyle("creeps with its body low", 1, (0.02, 0.08), "walk", ("cat",)),
+        "stand": PetStyle("stands, looks about and moves its tail", 1),
+        "sit": PetStyle("sits and moves its tail", 2),
+        "lie": PetStyle("lies and breathes", 1),
+        "pant": PetStyle("lies and pants", 1, species=("dog",)),
+        "groom": PetStyle("sits and licks its coat", 1),
+        "scratch": PetStyle("sits and scratches itself with a hind paw", 1),
+        "play": PetStyle("turns, hops, bows and shakes itself on the spot", 1),
+        "jump": PetStyle("jumps onto furniture, stays, and jumps down", 1),
+    }
+)
+"""What pets do, by name."""
+
+
+def draw_pet(
+    rng: np.random.Generator,
+    *,
+    species: Species = "dog",
+    style: str | None = None,
+    path: Path | Sequence[tuple[float, float]] | None = None,
+    mass_kg: float | None = None,
+    total_rcs_dbsm: TotalRcs = None,
+) -> Quadruped:
+    """Draw a cat or a dog.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+        Everything random comes from it.
+    species : {'cat', 'dog'}, optional
+        What it is.
+    style : str, optional
+        A key of `PET_STYLES`; drawn by their weights by default.
+    path : Path, or sequence of (float, float), optional
+        Where it goes, speeds included; or waypoints, for the style's own speed. Drawn by
+        default, within 2.5 m to the sides and 0.8 to 6 m ahead. One that stays, or jumps,
+        does so where the path begins, facing along it.
+    mass_kg : float, optional
+        Instead of a draw, 1 to 10 for a cat, 1 to 100 for a dog.
+    total_rcs_dbsm : float, 'physical' or None, optional
+        Mean total cross section, see `SegmentRcs.sized`; drawn by default, whatever its
+        size.
+
+    Returns
+    -------
+    Quadruped
+        An animal, labelled pet.
+
+    Raises
+    ------
+    SceneError
+        If a value is unknown or impossible; the message names its key.
+    """
+    if species not in ("cat", "dog"):
+        msg = f"species: no pet '{species}'; known are cat, dog"
+        raise SceneError(msg)
+    known = [name for name, s in PET_STYLES.items() if species in s.species]
+    if style is None:
+        weight = np.array([PET_STYLES[name].weight for name in known])
+        style = known[int(rng.choice(len(known), p=weight / weight.sum()))]
+    if style not in known:
+        msg = f"style: no {species} style '{style}'; known are {', '.join(known)}"
+        raise SceneError(msg)
+    build = draw_build(rng, species, mass_kg)
+    course = path if isinstance(path, Path) else _draw_path(rng, style, build, path)
+    footwork = _footwork(build, species, style, course)
+    manner = draw_manner(rng, build, species, style, FOOTWORK[footwork].nod_rad)
+    action: Action
+    begin, end = course.start_s, course.end_s
+    if style == "jump":
+        action, end = draw_jumping(rng, build, course, is_cat=species == "cat")
+    elif style == "play":
+        action, begin, end = draw_playing(rng, build, course), 0.0, 40.0
+    elif PET_STYLES[style].froude is None:
+        action, begin, end = draw_staying(rng, build, style, course), 0.0, 40.0
+    else:
+        action = _going(rng, build, course, style, footwork, is_cat=species == "cat")
+    rcs = SegmentRcs.draw(rng, build.half_lengths(), n_trunk=len(TRUNK))
+    times = np.linspace(begin, end, _N_POSTURES)
+    rcs = rcs.sized(rng, total_rcs_dbsm, *posture(build, action, manner, times))
+    return Quadruped("pet", NAMES, build, action, manner, rcs)
+
+
+def _draw_path(
+    rng: np.random.Generator,
+    style: str,
+    build: QuadrupedBuild,
+    waypoints_m: Sequence[tuple[float, float]] | None,
+) -> Path:
+    fr = rng.uniform(*(PET_STYLES[style].froude or (0.1, 0.2)))
+    speed = min(float(np.sqrt(fr * GRAVITY_MPS2 * build.hip_m)), _FASTEST_DRAWN_MPS)
+    points = _draw_waypoints(rng) if waypoints_m is None else waypoints_m
+    radius = rng.uniform(0.3, 0.6)
+    n_stops = int(rng.integers(2, 6))
+    gaps, pauses = rng.uniform(0.15, 0.9, n_stops), rng.uniform(0.4, 2.5, n_stops)
+    stops = list(zip(gaps.tolist(), pauses.tolist(), strict=True)) if style == "sniff" else []
+    return Path.stop_and_go(points, speed, stops, turn_radius_m=radius, agility=PET_AGILITY)
+
+
+def _draw_waypoints(rng: np.random.Generator) -> list[tuple[float, float]]:
+    """Return three to five points in the room, each at least 0.8 m from the one before."""
+    points: list[tuple[float, float]] = []
+    n_points = int(rng.integers(3, 6))
+    while len(points) < n_points:
+        x, y = float(rng.uniform(-2.5, 2.5)), float(rng.uniform(0.8, 6.0))
+        if not points or np.hypot(x - points[-1][0], y - points[-1][1]) > 0.8:
+            points.append((x, y))
+    return off_wall(points)
+
+
+def _footwork(build: QuadrupedBuild, species: Species, style: str, path: Path) -> str:
+    """Return the name of the gait for a path's speed, or of the one that is forced."""
+    fastest = float(path.pieces[2].max())
+    fr = float(froude(fastest, build.hip_m))
+    name = PET_STYLES[style].gait
+    most = LARGEST_WALK_FROUDE if name == "walk" else LARGEST_FROUDE
+    if PET_STYLES[style].froude is not None and fr > most:
+        msg = (
+            f"path: {fastest:g} m/s is too fast for a {species} with its hip at "
+            f"{build.hip_m:.2f} m to {style}"
+        )
+        raise SceneError(msg)
+    return name or usual_gait(fastest, build.hip_m, is_cat=species == "cat")
+
+
+def _going(
+    rng: np.random.Generator,
+    build: QuadrupedBuild,
+    path: Path,
+    style: str,
+    footwork: str,
+    *,
+    is_cat: bool,
+) -> Going:
+    h = build.hip_m
+    low = 0.72 if style == "stalk" else STANDING * rng.uniform(0.96, 1.0)
+    steps = gait(
+        footwork,
+        h,
+        is_cat=is_cat,
+        girdle_m=(-0.5 * build.back_m, 0.5 * build.back_m),
+        half_track_m=build.half_track_m,
+        stride_factor=float(np.exp(np.clip(rng.normal(0.0, 0.06), -0.15, 0.15))),
+        lift=rng.uniform(0.10, 0.20),
+        ramp=rng.uniform(0.3, 0.48),
+        is_mirrored=bool(rng.uniform() < 0.5),
+    )
+    return Going.plan(
+        path,
+        steps,
+        FOOTWORK[footwork],
+        build,
+        height_m=low * h,
+        crouch=0.12 if style == "sniff" else 0.0,
+    )

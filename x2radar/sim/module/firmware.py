@@ -1,0 +1,283 @@
+"""What a simulated module's firmware makes of commands: that of an X2, and that of an X4.
+
+`SimulatedModule` owns time, boot, line and faults; a firmware owns what was configured. It
+answers one command at a time, and says what becomes of the stream.
+"""
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from x2radar.errors import SettingsError
+from x2radar.frame import FastTimeAxis
+from x2radar.settings.any import ModuleSettings
+from x2radar.settings.profile import PROFILES, ProfileSettings
+from x2radar.settings.x2 import RadarSettings
+from x2radar.settings.x4 import X4Settings
+from x2radar.wire.messages import (
+    Ack,
+    BasebandAp,
+    BasebandIq,
+    Data,
+    ErrorReply,
+    GetSystemInfo,
+    LoadProfile,
+    Message,
+    Reply,
+    SetBaudRate,
+    SetDetectionZone,
+    SetLed,
+    SetMode,
+    SetOutput,
+    SetSensitivity,
+    SetSysFloat,
+    SetSysInt,
+)
+from x2radar.wire.messages_x4 import (
+    X4Enable,
+    X4Init,
+    X4SetCentreFrequency,
+    X4SetDacMax,
+    X4SetDacMin,
+    X4SetDacStep,
+    X4SetDownConversion,
+    X4SetFrameArea,
+    X4SetFrameAreaOffset,
+    X4SetFrameRate,
+    X4SetIterations,
+    X4SetPower,
+    X4SetPrfDivider,
+    X4SetPulsesPerStep,
+)
+from x2radar.wire.wire_ids import (
+    BasebandOutput,
+    ContentId,
+    ErrorCode,
+    InfoItem,
+    Mode,
+    OutputRef,
+    Profile,
+    SysCfg,
+)
+
+_FAILED = ErrorReply(ErrorCode.COMMAND_FAILED)
+_SYS_FIELDS = {
+    SysCfg.PULSES_PER_STEP: "pulses_per_step",
+    SysCfg.ITERATIONS: "iterations",
+    SysCfg.DAC_STEP: "dac_step",
+    SysCfg.DAC_MIN: "dac_min",
+    SysCfg.DAC_MAX: "dac_max",
+    SysCfg.PG_SELECT: "pulse_generator",
+    SysCfg.FPS: "frame_rate_hz",
+    SysCfg.FRAME_STITCH: "frame_stitch",
+    SysCfg.SAMPLE_DELAY: "sample_delay_s",
+}
+# Amplitude or phase alone make no frame and are refused.
+_OUTPUTS: dict[int, str] = {
+    BasebandOutput.OFF: "rf",
+    BasebandOutput.IQ: "iq",
+    BasebandOutput.AMPLITUDE_PHASE: "ap",
+}
+_X4_FIELDS: dict[type[Message], dict[str, str]] = {
+    X4SetDownConversion: {"enabled": "is_baseband"},
+    X4SetCentreFrequency: {"code": "centre_frequency"},
+    X4SetPrfDivider: {"divider": "prf_divider"},
+    X4SetIterations: {"iterations": "iterations"},
+    X4SetPulsesPerStep: {"pulses": "pulses_per_step"},
+    X4SetDacStep: {"step": "dac_step"},
+    X4SetDacMin: {"count": "dac_min"},
+    X4SetDacMax: {"count": "dac_max"},
+    X4SetFrameAreaOffset: {"offset_m": "area_offset_m"},
+    X4SetFrameArea: {"start_m": "area_start_m", "end_m": "area_end_m"},
+}
+_INFO = {
+    InfoItem.ITEM_NUMBER: "SIM",
+    InfoItem.FIRMWARE_ID: "x2radar simulated module",
+    InfoItem.VERSION: "1.0.0",
+    InfoItem.BUILD: "0",
+    InfoItem.SERIAL_NUMBER: "000000000000",
+    InfoItem.ORDER_CODE: "",
+}
+_RUNS = {row.app_id: name for name, row in PROFILES.items()}
+
+
+@dataclass(frozen=True, slots=True)
+class Obeyed:
+    """What a command comes to.
+
+    Attributes
+    ----------
+    reply : Message
+        What the host gets.
+    stops : bool
+        The stream ends.
+    starts : ModuleSettings or None
+        A stream with these settings begins.
+    """
+
+    reply: Message
+    stops: bool = False
+    starts: ModuleSettings | None = None
+
+
+class Firmware(Protocol):
+    """What was configured, and what commands do to it."""
+
+    def forget(self) -> None:
+        """Go back to the state after power-on."""
+        ...
+
+    def obey(self, command: Message) -> Obeyed | None:
+        """Carry a command out; None for one that this firmware does not know."""
+        ...
+
+
+def _told(item: int, order_code: str) -> Reply:
+    return Reply(0x58, item, _INFO[InfoItem(item)] or order_code)
+
+
+def frame_message(
+    settings: ModuleSettings, axis: FastTimeAxis, counter: int, frame: np.ndarray[Any, Any]
+) -> Message:
+    """Return the message in which a module sends a frame."""
+    if isinstance(settings, X4Settings) and settings.is_baseband:
+        values = np.concatenate([frame.real, frame.imag])
+        return Data(ContentId.RAW_FRAME, counter, values)
+    if axis.kind == "rf":
+        return Data(ContentId.RAW_FRAME, counter, frame)
+    head = (counter, axis.bin_length_m, axis.sample_rate_hz, axis.carrier_hz, axis.range_offset_m)
+    if isinstance(settings, X4Settings) or settings.output == "iq":
+        return BasebandIq(*head, frame.real, frame.imag)
+    return BasebandAp(*head, np.abs(frame), np.angle(frame))
+
+
+class X2Firmware:
+    """An X2 module: profiles in RUN mode, the chip's own frames in MANUAL mode."""
+
+    def __init__(self) -> None:
+        self.forget()
+
+    def forget(self) -> None:
+        """As in `Firmware`."""
+        self._fields: dict[str, float] = {}
+        self._output = _OUTPUTS[BasebandOutput.OFF]
+        self._profile: str | None = None
+        self._zone_m: tuple[float, float] | None = None
+
+    def obey(self, command: Message) -> Obeyed | None:
+        """As in `Firmware`."""
+        match command:
+            case SetMode(mode):
+                return self._set_mode(mode)
+            case SetSysInt(ref, value) | SetSysFloat(ref, value):
+                return Obeyed(self._set_field(ref, value))
+            case SetOutput(OutputRef.BASEBAND, value, 1) if value in _OUTPUTS:
+                self._output = _OUTPUTS[value]
+                return Obeyed(Ack())
+            case GetSystemInfo(item) if item in _INFO:
+                return Obeyed(_told(item, "X2M-SIM"))
+            case LoadProfile(app_id):
+                if app_id not in set(Profile):
+                    return Obeyed(ErrorReply(ErrorCode.APP_INVALID))
+                self._profile, self._zone_m = _RUNS.get(Profile(app_id)), None
+                return Obeyed(Ack(), stops=True)
+            case SetDetectionZone(start_m, end_m):
+                self._zone_m = start_m, end_m
+                return Obeyed(Ack())
+            case SetLed() | SetSensitivity() | SetBaudRate():
+                return Obeyed(Ack())
+            case _:
+                return None
+
+    def _set_field(self, ref: int, value: float) -> Message:
+        if ref not in set(SysCfg) or not np.isfinite(value):
+            return _FAILED
+        name = _SYS_FIELDS.get(SysCfg(ref))
+        if name is not None:
+            self._fields[name] = value
+        return Ack()
+
+    def _set_mode(self, mode: int) -> Obeyed:
+        if mode not in set(Mode):
+            return Obeyed(_FAILED)
+        try:
+            if mode == Mode.MANUAL:
+                return Obeyed(Ack(), stops=True, starts=self._raw_settings())
+            if mode == Mode.RUN and self._profile is not None and self._output != "rf":
+                return Obeyed(Ack(), stops=True, starts=self._profile_settings(self._profile))
+        except SettingsError:
+            return Obeyed(_FAILED)
+        return Obeyed(Ack(), stops=True)
+
+    def _raw_settings(self) -> RadarSettings:
+        known: dict[str, Any] = {
+            name: value if name in {"frame_rate_hz", "sample_delay_s"} else int(value)
+            for name, value in self._fields.items()
+        }
+        return RadarSettings(**known, output=self._output)
+
+    def _profile_settings(self, profile: str) -> ProfileSettings:
+        start_m, end_m = self._zone_m or PROFILES[profile].zone_m
+        return ProfileSettings(
+            profile=profile, zone_start_m=start_m, zone_end_m=end_m, output=self._output
+        )
+
+
+class X4Firmware:
+    """An X4 module with XEP firmware: frames follow from the X4 driver's settings."""
+
+    def __init__(self) -> None:
+        self.forget()
+
+    def forget(self) -> None:
+        """As in `Firmware`."""
+        self._mode = int(Mode.STOP)
+        self._is_initialised = False
+        self._fields: dict[str, Any] = {"is_baseband": False}
+
+    def obey(self, command: Message) -> Obeyed | None:
+        """As in `Firmware`."""
+        match command:
+            case SetMode(mode):
+                if mode not in set(Mode):
+                    return Obeyed(_FAILED)
+                self._mode = mode
+                return Obeyed(Ack(), stops=True)
+            case GetSystemInfo(item) if item in _INFO:
+                return Obeyed(_told(item, "X4M03-SIM"))
+            case X4Init():
+                self._is_initialised = True
+                return Obeyed(Ack())
+            case X4SetFrameRate(rate_hz):
+                return self._set_rate(rate_hz)
+            case SetLed() | SetBaudRate() | X4SetPower() | X4Enable():
+                return Obeyed(Ack())
+            case _:
+                changed = _x4_fields(command)
+                if changed is None:
+                    return None
+                self._fields |= changed
+                return Obeyed(Ack())
+
+    def _set_rate(self, rate_hz: float) -> Obeyed:
+        if rate_hz == 0:
+            return Obeyed(Ack(), stops=True)
+        if not self._is_initialised or self._mode != Mode.MANUAL:
+            return Obeyed(_FAILED)
+        try:
+            settings = X4Settings(**self._fields, frame_rate_hz=rate_hz)
+        except SettingsError:
+            return Obeyed(_FAILED)
+        return Obeyed(Ack(), stops=True, starts=settings)
+
+
+def _x4_fields(command: Message) -> dict[str, Any] | None:
+    """Return what a command of the X4 driver sets; None for any other."""
+    names = _X4_FIELDS.get(type(command))
+    if names is None:
+        return None
+    changed = {name: getattr(command, field) for field, name in names.items()}
+    if "is_baseband" in changed:
+        changed["is_baseband"] = bool(changed["is_baseband"])
+    return changed

@@ -1,0 +1,134 @@
+"""Serve a simulated module on a transport: the loop that gives it a port and a clock."""
+
+import contextlib
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+
+from x2radar.device.transport import MemoryTransport, Transport, memory_pair
+from x2radar.errors import TransportClosed
+from x2radar.sim.module.module import SimulatedModule
+
+_IDLE_S = 0.05
+
+
+def serve(
+    module: SimulatedModule,
+    transport: Transport,
+    *,
+    speed: float | None = 1.0,
+    stop: Callable[[], bool] = lambda: False,
+) -> None:
+    """Run `module` behind `transport` until the transport closes or `stop` says so.
+
+    Parameters
+    ----------
+    module : SimulatedModule
+        What answers.
+    transport : Transport
+        Where its bytes come and go.
+    speed : float or None
+        Module seconds per real second; None is as fast as the host reads.
+    stop : callable
+        Asked before every wait.
+    """
+    started_s = time.monotonic()
+    now_s = 0.0
+    with contextlib.suppress(TransportClosed):
+        while not stop():
+            due_s = module.next_due_s
+            if speed is None:
+                wait_s = 0.0 if due_s < float("inf") else _IDLE_S
+            else:
+                now_s = (time.monotonic() - started_s) * speed
+                wait_s = min(max((due_s - now_s) / speed, 0.0), _IDLE_S)
+            if data := transport.read(wait_s):
+                module.receive(data)
+            if speed is None:
+                due_s = module.next_due_s
+                now_s = due_s if due_s < float("inf") else now_s
+            else:
+                now_s = (time.monotonic() - started_s) * speed
+            module.advance(now_s)
+            while out := module.data_to_send():
+                transport.write(out)
+            if module.has_hung_up:
+                transport.close()
+                return
+
+
+class _PieceWriter:
+    """The module's end of a memory pair that keeps pieces apart; notes their lengths."""
+
+    def __init__(self, inner: MemoryTransport, lengths: deque[int]) -> None:
+        self._inner = inner
+        self._lengths = lengths
+        self.read, self.close = inner.read, inner.close
+
+    def write(self, data: bytes) -> None:
+        """As in `Transport`."""
+        # Noted first: the reader meets no byte whose length is not there.
+        self._lengths.append(len(data))
+        self._inner.write(data)
+
+
+class _PieceReader:
+    """The host's end: a read returns one piece, as it was written."""
+
+    is_usb = False
+
+    def __init__(self, inner: MemoryTransport, lengths: deque[int]) -> None:
+        self._inner = inner
+        self._lengths = lengths
+        self._data = b""
+        self._at = 0
+        self.write = inner.write
+
+    def read(self, timeout_s: float) -> bytes:
+        """As in `Transport`."""
+        if self._at == len(self._data):
+            self._data, self._at = self._inner.read(timeout_s), 0
+            if not self._data:
+                return b""
+        start, self._at = self._at, self._at + self._lengths.popleft()
+        return self._data[start : self._at]
+
+    def close(self) -> None:
+        """As in `Transport`."""
+        self._data, self._at = b"", 0
+        self._inner.close()
+
+
+def connect(make: Callable[[], SimulatedModule], speed: float | None) -> Transport:
+    """Return a transport to a new module that runs in a thread of this process.
+
+    Parameters
+    ----------
+    make : callable
+        Makes the module.
+    speed : float or None
+        As in `serve`.
+
+    Returns
+    -------
+    Transport
+        The host's end; closing it ends the thread.
+    """
+    module = make()
+    near, far = memory_pair()
+    host_end: Transport = near
+    module_end: Transport = far
+    if module.splits_output:
+        lengths: deque[int] = deque()
+        host_end, module_end = _PieceReader(near, lengths), _PieceWriter(far, lengths)
+
+    def run() -> None:
+        try:
+            serve(module, module_end, speed=speed)
+        finally:
+            # Whatever ended the module, its host must see a closed port, not a silent one.
+            far.close()
+
+    threading.Thread(target=run, name="sim-module", daemon=True).start()
+    return host_end

@@ -1,0 +1,240 @@
+"""The simulated module: the far end of the byte protocol, without I/O.
+
+Feed it the host's bytes with `receive`, tell it the time with `advance`, and send what
+`data_to_send` returns. It boots, answers, obeys settings and streams the echoes of a scene
+as a real X2 would send them; it owns neither a port nor a clock.
+
+Which module it is decides its firmware (`x2radar.sim.module.firmware`). Not simulated: profiles'
+own detections (respiration, sleep, presence), the UART's rate, the time that a UART needs for a
+byte. Settings and output hold from the next start of the stream; what is changed while it runs
+does not touch it.
+"""
+
+from collections import deque
+
+import numpy as np
+
+from x2radar.errors import MessageError
+from x2radar.settings.any import ModuleSettings
+from x2radar.sim.module.faults import Dice, FaultPlan, ModuleFaults
+from x2radar.sim.module.firmware import Firmware, X2Firmware, frame_message
+from x2radar.sim.module.line import Line
+from x2radar.sim.module.stream import EchoStream
+from x2radar.sim.scene.scene import Scene
+from x2radar.wire import framing
+from x2radar.wire.codec import decode_command, encode
+from x2radar.wire.framing import Packet, PacketDecoder
+from x2radar.wire.messages import (
+    Ack,
+    ErrorReply,
+    Message,
+    Ping,
+    Pong,
+    Reset,
+    SystemMessage,
+    Unknown,
+)
+from x2radar.wire.wire_ids import PING_SEED, ErrorCode, PongCode, SystemCode
+
+RESET_DELAY_S = 0.05
+BOOT_S = 0.05
+LATEST_S = 2.0
+_FOREVER_S = float("inf")
+_NO_FRAME = np.zeros(1, np.float32)
+
+
+class SimulatedModule:
+    """An X2 module in software.
+
+    Parameters
+    ----------
+    scene : Scene
+        What it looks at; it starts from the beginning whenever the stream starts.
+    seed : int
+        Same seed, same bytes.
+    faults : FaultPlan, optional
+        How it misbehaves.
+    firmware : Firmware, optional
+        Which module it is; an X2 by default.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        seed: int = 0,
+        faults: FaultPlan | None = None,
+        *,
+        firmware: Firmware | None = None,
+    ) -> None:
+        self._scene = scene
+        self._seed = seed
+        self._firmware: Firmware = firmware or X2Firmware()
+        self._decoder = PacketDecoder()
+        plan = faults or FaultPlan()
+        dice = Dice(plan, seed)
+        self._faults = ModuleFaults(plan, dice)
+        self._line = Line(plan, dice)
+        self._now_s = 0.0
+        self._commands: deque[tuple[float, Message]] = deque()
+        self._resume: ModuleSettings | None = None
+        self._reset_due_s = self._awake_due_s = _FOREVER_S
+        self._is_awake = True
+        self._ready_due_s = self._faults.not_ready_s or _FOREVER_S
+        self._stop()
+        self.n_skipped = 0
+
+    @property
+    def next_due_s(self) -> float:
+        """Time of what the module does next by itself, in seconds; inf for nothing."""
+        return min(self._own_due_s, self._line.next_due_s)
+
+    @property
+    def _own_due_s(self) -> float:
+        command_s = self._commands[0][0] if self._commands else _FOREVER_S
+        return min(
+            self._frame_due_s, self._reset_due_s, self._awake_due_s, self._ready_due_s, command_s
+        )
+
+    @property
+    def has_hung_up(self) -> bool:
+        """Whether the port must close now."""
+        return self._line.is_closed(self._now_s)
+
+    @property
+    def splits_output(self) -> bool:
+        """Whether `data_to_send` gives pieces that the host is to read one by one."""
+        return self._line.splits
+
+    @property
+    def is_streaming(self) -> bool:
+        """Whether frames are being sent."""
+        return self._stream is not None
+
+    def receive(self, data: bytes) -> None:
+        """Take bytes from the host and answer every whole packet in them."""
+        for item in self._decoder.feed(data):
+            # As the firmware's parser: damaged packets are dropped without an answer.
+            if not self._is_awake or not isinstance(item, Packet):
+                continue
+            try:
+                command = decode_command(item.data)
+            except MessageError:
+                command = Unknown(bytes(item.data))
+            self._commands.append((self._now_s + self._faults.reply_delay_s, command))
+            while self._commands and self._commands[0][0] <= self._now_s:
+                self._obey()
+
+    def advance(self, now_s: float) -> None:
+        """Do what is due until `now_s` (module time, in seconds, never going back).
+
+        In order of time, so that many small steps and one large one come to the same. A
+        module whose host does not read for more than `LATEST_S` loses frames, as a real one
+        does: its counter goes on.
+        """
+        until_s = max(self._now_s, now_s)
+        while (at_s := self._own_due_s) <= until_s and at_s < _FOREVER_S:
+            self._now_s = max(at_s, self._now_s)
+            if at_s == self._reset_due_s:
+                self._restart()
+            elif at_s == self._awake_due_s:
+                self._wake_up()
+            elif at_s == self._ready_due_s:
+                self._be_ready()
+            elif self._stream is not None and at_s == self._frame_due_s:
+                self._next_frame(self._stream, until_s)
+            else:
+                self._obey()
+        self._now_s = until_s
+
+    def data_to_send(self) -> bytes:
+        """Return the bytes that go to the host now, and forget them.
+
+        Call it until it returns nothing: a faulty line gives its output in pieces.
+        """
+        return self._line.take(self._now_s)
+
+    def _restart(self) -> None:
+        self._reset_due_s = self._ready_due_s = _FOREVER_S
+        self._is_awake = False
+        self._awake_due_s = self._now_s + BOOT_S
+        self._decoder.reset()
+        self._commands.clear()
+        self._stop()
+        if self._resume is None:
+            self._firmware.forget()
+        self._send(SystemMessage(SystemCode.BOOTING))
+
+    def _wake_up(self) -> None:
+        self._is_awake, self._awake_due_s = True, _FOREVER_S
+        self._ready_due_s = self._now_s + max(self._faults.not_ready_s - BOOT_S, 0.0)
+
+    def _be_ready(self) -> None:
+        self._ready_due_s = _FOREVER_S
+        if self._faults.announces_ready:
+            self._send(SystemMessage(SystemCode.READY))
+        if self._resume is not None:
+            # A module that was running loads what it ran and streams again by itself.
+            self._start(self._resume)
+
+    def _stop(self) -> None:
+        self._stream: EchoStream | None = None
+        self._counter = 0
+        self._frame_due_s = _FOREVER_S
+
+    def _start(self, settings: ModuleSettings) -> None:
+        self._stream = EchoStream(self._scene, self._seed, settings)
+        self._resume = None
+        self._counter = 0
+        self._frame_due_s = self._now_s
+
+    def _next_frame(self, stream: EchoStream, until_s: float) -> None:
+        samples = stream.next()
+        frame, fate = self._faults.frame(samples if samples is not None else _NO_FRAME)
+        rate_hz = stream.settings.frame_rate_hz
+        self._counter = 1 if fate.restarts_counter else (self._counter + 1) & 0xFFFFFFFF
+        due_s, self._frame_due_s = self._frame_due_s, self._frame_due_s + 1.0 / rate_hz
+        if fate.reboots:
+            if self._reset_due_s == _FOREVER_S:
+                self._resume = stream.settings
+            self._stop()
+            self._reset_due_s = self._now_s
+        elif until_s - due_s > LATEST_S:
+            self.n_skipped += 1
+        elif fate.n_copies and samples is not None:
+            message = frame_message(stream.settings, stream.axis, self._counter, frame)
+            packet = framing.encode(encode(message))
+            late_s = self._line.frame_lateness_s(self._counter, rate_hz)
+            for _ in range(fate.n_copies):
+                self._line.put(packet, self._now_s, late_s=late_s)
+
+    def _send(self, message: Message) -> None:
+        self._line.put(framing.encode(encode(message)), self._now_s)
+
+    def _obey(self) -> None:
+        _, command = self._commands.popleft()
+        is_ready = self._ready_due_s == _FOREVER_S
+        refusal = self._faults.refusal(command, is_ready=is_ready)
+        self._send(refusal or self._answer(command))
+
+    def _answer(self, command: Message) -> Message:
+        match command:
+            case Ping(seed) if seed == PING_SEED:
+                return Pong(PongCode.READY)
+            case Reset():
+                # A host that resets configures anew; only a reboot of its own resumes.
+                self._resume = None
+                self._reset_due_s = self._now_s + RESET_DELAY_S
+                return Ack()
+            case _:
+                return self._obeyed(command)
+
+    def _obeyed(self, command: Message) -> Message:
+        done = self._firmware.obey(command)
+        if done is None:
+            return ErrorReply(ErrorCode.NOT_RECOGNIZED)
+        if done.stops:
+            self._stop()
+            self._resume = None
+        if done.starts is not None:
+            self._start(done.starts)
+        return done.reply

@@ -1,0 +1,125 @@
+"""EchoStream: frames of a scene as a module's receiver sees them, one after another."""
+
+from collections import deque
+from typing import Any
+
+import numpy as np
+
+from x2radar.frame import FastTimeAxis
+from x2radar.settings.any import ModuleSettings
+from x2radar.settings.x2 import RadarSettings
+from x2radar.sim.echo import frames as echo_frames
+from x2radar.sim.place.room import Room
+from x2radar.sim.scene.cast import SEED_GAIN
+from x2radar.sim.scene.scene import Scene, StaticPoint
+from x2radar.sim.scene.stage import Stage
+from x2radar.sim.signal.effects import chip_axis, chip_ramp
+from x2radar.sim.signal.noise import baseband_noise_power
+from x2radar.sim.signal.pulse import LinkBudget
+from x2radar.sim.signal.receiver import Receiver
+
+_BLOCK = 16
+ERROR_DB = -60.0
+"""Of a frame's echoes, see `x2radar.sim.echo`: 20 dB under the noise beside a body at 1 m."""
+_UNSEEN = 0.1
+_NOISE, _ROOM = 0x4E01, 0x2001
+
+
+def stream_axis(settings: ModuleSettings) -> FastTimeAxis:
+    """Return the axis of the frames that a module with these settings sends."""
+    return FastTimeAxis(
+        kind=settings.kind,
+        n_range=settings.n_range,
+        bin_length_m=settings.bin_length_m,
+        range_offset_m=settings.range_offset_m,
+        carrier_hz=settings.carrier_hz,
+        bandwidth_hz=settings.bandwidth_hz,
+        sample_rate_hz=settings.sample_rate_hz,
+    )
+
+
+class EchoStream:
+    """Frames of a scene.
+
+    Parameters
+    ----------
+    scene : Scene
+        What is in front of the radar.
+    seed : int
+        Draws and noise follow from it.
+    settings : RadarSettings, X4Settings or ProfileSettings
+        As the host configured them.
+    """
+
+    def __init__(self, scene: Scene, seed: int, settings: ModuleSettings) -> None:
+        self.settings = settings
+        self.axis = axis = stream_axis(settings)
+        self._budget = budget = LinkBudget()
+        # The sweep of other modules is taken to be that of an X2 at this frame rate.
+        sweep = (
+            settings
+            if isinstance(settings, RadarSettings)
+            else RadarSettings.for_frame_rate(min(max(1, round(settings.frame_rate_hz)), 1000))
+        )
+        self._receiver = Receiver(
+            sweep,
+            axis,
+            budget,
+            np.random.default_rng([seed, _NOISE]),
+            effects=scene.receiver,
+            seed=seed,
+        )
+        self._stage = Stage(scene, seed, settings.frame_rate_hz)
+        self._echo_axis, self._ramp = axis, None
+        if (rate_hz := scene.receiver.true_sample_rate_hz) is not None:
+            self._echo_axis = chip_axis(axis, rate_hz)
+            self._ramp = None if axis.kind == "rf" else chip_ramp(axis, rate_hz)
+        self._static = self._static_echo(scene.clutter)
+        self._room: Room | None = None
+        if scene.room is not None:
+            rng = np.random.default_rng([seed, _ROOM])
+            self._room = Room(rng, scene.room, self._echo_axis, budget)
+        # Echoes that far under a bin's noise are not made.
+        noise = baseband_noise_power(axis, budget.noise_sigma)
+        self._floor = _UNSEEN * float(np.sqrt(noise))
+        self._has_jitter = bool(scene.receiver.frame_jitter)
+        self._at = 0
+        self._block: deque[np.ndarray[Any, Any] | None] = deque()
+
+    def next(self) -> np.ndarray[Any, Any] | None:
+        """Return the next frame, shape (n_range,), float32 RF or complex64 baseband.
+
+        None for a frame that the receiver loses.
+        """
+        if not self._block:
+            frames = self._frames()
+            lost = self._receiver.draws.lost(self._at, len(frames))
+            self._block.extend(
+                None if is_lost else frame for frame, is_lost in zip(frames, lost, strict=True)
+            )
+            self._at += len(frames)
+        return self._block.popleft()
+
+    def _frames(self) -> np.ndarray[Any, Any]:
+        times_s = self._receiver.draws.times_s(self._at, _BLOCK)
+        block = self._stage.next_block(_BLOCK, times_s if self._has_jitter else None)
+        rows = block.rows
+        # Physical cross sections get the module's integration gain here.
+        amplitude = rows.amplitude(self._budget, self._echo_axis) * np.sqrt(SEED_GAIN)
+        is_rf = self.axis.kind == "rf"
+        frames: np.ndarray[Any, Any] = echo_frames(
+            rows.range_m, amplitude, self._echo_axis, error_db=ERROR_DB, floor=self._floor
+        )
+        frames += self._static
+        if self._room is not None:
+            frames += self._room.echo(times_s[: block.n_slow], block.offset_m)
+        if self._ramp is not None:
+            frames *= self._ramp
+        return self._receiver.rf(frames) if is_rf else self._receiver.baseband(frames)
+
+    def _static_echo(self, points: tuple[StaticPoint, ...]) -> np.ndarray[Any, Any]:
+        range_m = np.array([[p.range_m for p in points]])
+        amplitude = self._budget.amplitude(
+            range_m, np.array([p.rcs_m2 for p in points]), self._echo_axis
+        )
+        return np.asarray(echo_frames(range_m, amplitude, self._echo_axis, error_db=-90)[0])

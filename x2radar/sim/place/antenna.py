@@ -1,0 +1,167 @@
+"""The antennas: where they hang, where they look, how much they see there.
+
+Turns `Points` into `EchoRows`, which is all that the making of frames needs. Both antennas
+sit in one place and have one pattern, so a way out and back by the same direction counts
+the pattern twice.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from x2radar.frame import FastTimeAxis
+from x2radar.sim.keys import check_fields, limited, one_of
+from x2radar.sim.points import Points
+from x2radar.sim.signal.pulse import NEAREST_M, LinkBudget
+
+Array = NDArray[np.float64]
+SHAPES = ("gaussian", "cosine", "isotropic")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EchoRows:
+    """Echoes, each as if of one point on the antenna's axis.
+
+    Attributes
+    ----------
+    range_m : ndarray, shape (n_slow, n_rows), float64
+        Half the way out and back, in metres.
+    root_rcs_m : ndarray, shape (n_slow, n_rows), float64
+        Root of the cross section that a point at `range_m` on the axis needs to give this
+        echo: pattern, reflections and the true spreading of the way are in it. Negative
+        where reflections turned the echo by half a turn.
+    """
+
+    range_m: Array
+    root_rcs_m: Array
+
+    def amplitude(self, budget: LinkBudget, axis: FastTimeAxis) -> Array:
+        """Return signed peak amplitudes, shape (n_slow, n_rows), in the module's unit."""
+        return np.asarray(budget.amplitude(self.range_m, np.ones(1), axis) * self.root_rcs_m)
+
+
+def length_m(vectors_m: Array) -> Array:
+    """Return the lengths of vectors, shape (..., 3), but never less than 0.1 m."""
+    squared = np.einsum("...k,...k->...", vectors_m, vectors_m)
+    return np.asarray(np.maximum(np.sqrt(squared), NEAREST_M))
+
+
+def join(rows: tuple[EchoRows, ...]) -> EchoRows:
+    """Return all rows side by side; at least one set of rows, of equal length, is needed."""
+    return EchoRows(
+        np.concatenate([r.range_m for r in rows], axis=1),
+        np.concatenate([r.root_rcs_m for r in rows], axis=1),
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Antenna:
+    """A pair of antennas side by side.
+
+    Attributes
+    ----------
+    height_m : float
+        Above the floor, in metres.
+    tilt_deg, pan_deg : float
+        Where they look: down from level, and to the right of the y axis, in degrees.
+    azimuth_width_deg, elevation_width_deg : float
+        Full widths at half power, in degrees. 65 by 65 for the X2 kit's antennas is
+        recalled, not checked.
+    shape : {'gaussian', 'cosine', 'isotropic'}
+        ``exp(-ln 2 (2 angle / width)^2)``, ``cos^n(angle)`` with the n of the width, or none,
+        which costs nothing.
+    floor_db : float
+        Least power gain beside and behind, relative to the axis, in dB; our choice, real
+        antennas of this kind are not below it indoors.
+
+    Raises
+    ------
+    SettingsError
+        If any field makes no sense.
+    """
+
+    height_m: float = limited(1.5, 0.05, 10, "mounting height, m")
+    tilt_deg: float = limited(0.0, -90, 90, "down from level, degrees")
+    pan_deg: float = limited(0.0, -180, 180, "to the right, degrees")
+    azimuth_width_deg: float = limited(65.0, 5, 175, "half-power width, degrees")
+    elevation_width_deg: float = limited(65.0, 5, 175, "half-power width, degrees")
+    shape: str = one_of("gaussian", SHAPES, "pattern")
+    floor_db: float = limited(-20.0, -60, 0, "least gain, dB")
+
+    def __post_init__(self) -> None:
+        """Check every field."""
+        check_fields(self)
+
+    @property
+    def position_m(self) -> Array:
+        """Where they are: ndarray, shape (3,), float64, in room coordinates."""
+        return np.array([0.0, 0.0, self.height_m])
+
+    @property
+    def axis(self) -> Array:
+        """Unit vector along which they look: ndarray, shape (3,), float64."""
+        return np.asarray(self._turned()[1])
+
+    def gain(self, towards_m: Array) -> Array:
+        """Return the power gain of one antenna, relative to its axis.
+
+        Parameters
+        ----------
+        towards_m : ndarray, shape (..., 3), float64
+            Vectors from the antenna; any length, zero counts as on the axis.
+
+        Returns
+        -------
+        ndarray, shape (...), float64
+            From `floor_db` to 1. Out and back by one direction, an echo's amplitude takes
+            this once, its power twice.
+        """
+        if self.shape == "isotropic":
+            return np.ones(towards_m.shape[:-1])
+        right, ahead, up = np.moveaxis(towards_m @ self._turned().T, -1, 0)
+        azimuth = np.arctan2(right, ahead)
+        elevation = np.arctan2(up, np.hypot(right, ahead))
+        gain = self._cut(azimuth, self.azimuth_width_deg)
+        gain *= self._cut(elevation, self.elevation_width_deg)
+        return np.maximum(gain, 10 ** (self.floor_db / 10))
+
+    def direct(self, points: Points, offset_m: Array | None = None) -> EchoRows:
+        """Return the echoes that come straight back.
+
+        Parameters
+        ----------
+        points : Points
+            Of any thing.
+        offset_m : ndarray, shape (n_slow, 3), optional
+            How far the mount has moved the antenna from its place, in metres.
+
+        Returns
+        -------
+        EchoRows
+            One row a point, in their order.
+        """
+        towards_m = points.position_m - self.position_m
+        if offset_m is not None:
+            towards_m = towards_m - offset_m[:, None]
+        root_rcs_m = np.sqrt(points.rcs_m2)
+        if self.shape != "isotropic":
+            root_rcs_m *= self.gain(towards_m)
+        range_m = length_m(towards_m)
+        if points.nearer_m is not None:
+            range_m = np.maximum(range_m - points.nearer_m, NEAREST_M)
+        return EchoRows(range_m, root_rcs_m)
+
+    def _turned(self) -> Array:
+        """Return the matrix from room coordinates to right, ahead and up of the antenna."""
+        pan, tilt = np.deg2rad([self.pan_deg, self.tilt_deg])
+        right = [np.cos(pan), -np.sin(pan), 0.0]
+        ahead = [np.sin(pan) * np.cos(tilt), np.cos(pan) * np.cos(tilt), -np.sin(tilt)]
+        return np.array([right, ahead, np.cross(right, ahead)])
+
+    def _cut(self, angle: Array, width_deg: float) -> Array:
+        half = np.deg2rad(width_deg) / 2
+        if self.shape == "gaussian":
+            return np.asarray(np.exp(-np.log(2) * (angle / half) ** 2))
+        power = np.log(0.5) / np.log(np.cos(half))
+        return np.asarray(np.maximum(np.cos(angle), 0.0) ** power)

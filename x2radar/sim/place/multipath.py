@@ -1,0 +1,260 @@
+"""Ways of an echo that are not straight: floor, walls, and the clutter behind a body.
+
+Every effect turns the `Points` of one thing into further `EchoRows`, frame by frame without
+state, and costs nothing when it is not asked for. Left out: ways by two different surfaces,
+the shadow of a body on the clutter behind it, and that a body's cross section differs
+between directions (the monostatic one, and the depth of its surface, are used).
+
+Lengths are those of the image method: a plane mirrors the antenna, and the way by the plane
+is as long as the straight way to the image.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from x2radar.errors import SettingsError
+from x2radar.sim.keys import check_fields, limited, one_of
+from x2radar.sim.place.antenna import Antenna, EchoRows, length_m
+from x2radar.sim.points import Points
+from x2radar.sim.signal.pulse import NEAREST_M
+
+Array = NDArray[np.float64]
+_AXES = {"x": 0, "y": 1, "z": 2}
+_CLEAR_M = 0.3
+_CALIBRATED_AT_M = 1.7
+_GAP_M = (0.4, 3.0)
+_N_ASPECTS = 64
+_PLACES_A_PATH = 20
+_TINY = 1e-300
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Surface:
+    """A large flat reflector: the floor, the ceiling or a wall.
+
+    Attributes
+    ----------
+    axis : {'x', 'y', 'z'}
+        Room axis that it stands across: z for floor and ceiling.
+    at_m : float
+        Where on that axis, in metres.
+    permittivity : float
+        Relative, real. Floorboard 3.66, concrete 5.3, plasterboard 2.9, wood 2.0 (recalled
+        from ITU-R P.2040).
+    smoothness : float
+        Share of the reflected amplitude that stays in the mirror direction, 0 to 1.
+    polarisation : {'vertical', 'horizontal'}
+        Of the antennas. With vertical ones the floor reflects little near its Brewster angle.
+
+    Raises
+    ------
+    SettingsError
+        If any field makes no sense.
+    """
+
+    axis: str = one_of("z", tuple(_AXES), "axis across the surface")
+    at_m: float = limited(0.0, -100, 100, "position on the axis, m")
+    permittivity: float = limited(3.66, 1, 100, "relative permittivity")
+    smoothness: float = limited(1.0, 0, 1, "share of amplitude left in the mirror direction")
+    polarisation: str = one_of("vertical", ("vertical", "horizontal"), "of the antennas")
+
+    def __post_init__(self) -> None:
+        """Check every field."""
+        check_fields(self)
+
+    def reflection(self, cos_incidence: Array) -> Array:
+        """Return the signed amplitude reflection coefficient (Fresnel), same shape.
+
+        In the sign convention of the electric field across the plane of incidence; its
+        cosine is against the surface's normal, 0 to 1.
+        """
+        transmitted = np.sqrt(self.permittivity - 1 + cos_incidence**2)
+        is_parallel = (self.axis == "z") == (self.polarisation == "vertical")
+        weight = self.permittivity if is_parallel else 1.0
+        front = weight * cos_incidence
+        return np.asarray(self.smoothness * (front - transmitted) / (front + transmitted))
+
+
+def image_rows(points: Points, antenna: Antenna, surface: Surface) -> EchoRows:
+    """Return the echoes of points by way of one surface.
+
+    Parameters
+    ----------
+    points : Points
+        Of any thing.
+    antenna : Antenna
+        Its pattern counts in the directions in which the ways leave.
+    surface : Surface
+        Points on its far side give no echo.
+
+    Returns
+    -------
+    EchoRows
+        First one row a point for out or back by the surface (both orders come in together,
+        so twice the amplitude), half of ``R + R'`` long, R' being the way to the image; then
+        one row a point for out and back by it, R' long.
+    """
+    k = _AXES[surface.axis]
+    here = antenna.position_m
+    straight = points.position_m - here
+    # The same way seen from the antenna: towards the mirrored point.
+    bounced = straight.copy()
+    bounced[..., k] = 2 * surface.at_m - points.position_m[..., k] - here[k]
+    near_m, far_m = length_m(straight), length_m(bounced)
+    turned = surface.reflection(np.abs(bounced[..., k]) / far_m)
+    if points.nearer_m is not None:
+        near_m = np.maximum(near_m - points.nearer_m, NEAREST_M)
+        far_m = np.maximum(far_m - points.nearer_m, NEAREST_M)
+    is_inside = (points.position_m[..., k] - surface.at_m) * (here[k] - surface.at_m) > 0
+    root = np.where(is_inside, np.sqrt(points.rcs_m2), 0.0) * turned
+    gain_straight, gain_by = antenna.gain(straight), antenna.gain(bounced)
+    one_m = (near_m + far_m) / 2
+    # Against the radar equation at `one_m`: two ways, and 1 / (R R') for 1 / range^2.
+    once = 2 * root * np.sqrt(gain_straight * gain_by) * one_m**2 / (near_m * far_m)
+    twice = root * turned * gain_by
+    return EchoRows(np.concatenate([one_m, far_m], axis=1), np.concatenate([once, twice], axis=1))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TailSettings:
+    """The moving clutter that fills the range behind a body.
+
+    Between a body and the static things around it echoes go both ways: antenna, body, thing,
+    antenna, and back. In two recorded walks (P4xx module, 3.1-5.3 GHz, a 4 x 4 m room, 680
+    and 370 frames of 33 ms, body at 0.5 to 3.3 m, slow time high-passed at 1 s) we measured:
+    the tail begins with the body and reaches the end of the window, 3.9 m behind it; its mean
+    power is 14 dB (10 to 15) under the body's peak at +0.5 to +1 m, 18 at +1.5, 21 at +2, 24
+    at +2.5, 25 at +3 and 27 at +3.5 m; at one absolute range it hardly depends on where the
+    body is (16 dB over noise +-2 at 3.5 m); beyond +0.4 m it holds 5 dB less energy than the
+    body; its mean Doppler is half to three quarters of the body's (antennas that see all
+    round; with a beam less comes from behind, and this model gives a fifth to a half).
+
+    Attributes
+    ----------
+    energy_db : float
+        Energy of the tail from 0.4 to 3 m behind a body 1.7 m ahead of the antenna, relative
+        to the body's own, in dB. What was measured holds floor and wall echoes too; with
+        those named as well, take some 2 dB less.
+    n_paths : int
+        Ways; 128 within 4 m are 2 to 4 in a range cell (8 cm) behind a body.
+    reach_m : float
+        Static things lie all over the disc of this radius around the antenna, with even
+        power. Those beyond the swath's end never show, so it is best set there.
+    ceiling_m : float
+        And evenly in height from the floor to here.
+    free_m : float
+        Free floor: no thing lies nearer to the antenna, and none counts as nearer to a body.
+
+    Raises
+    ------
+    SettingsError
+        If any field makes no sense.
+    """
+
+    energy_db: float = limited(-5.0, -60, 10, "tail energy against the body's, dB")
+    n_paths: int = limited(128, 16, 4096, "ways", is_whole=True)
+    reach_m: float = limited(4.0, 0.5, 30, "radius of the things around, m")
+    ceiling_m: float = limited(2.5, 0.5, 20, "height of the things around, m")
+    free_m: float = limited(0.0, 0, 10, "free floor about antenna and bodies, m")
+
+    def __post_init__(self) -> None:
+        """Check every field."""
+        check_fields(self)
+        if self.free_m >= self.reach_m:
+            msg = f"free_m: {self.free_m:g} leaves nothing within reach_m, {self.reach_m:g}"
+            raise SettingsError(msg)
+
+
+class DiffuseTail:
+    """Ways between a body and the static things around it.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+        Draws the things' places, their strengths (exponential) and, for every way, how
+        strongly it sees each point of a body (log-normal: a body glints differently in
+        every direction). Nothing is drawn later.
+    settings : TailSettings
+        How many and how strong.
+    antenna : Antenna
+        Its pattern counts towards the body and towards the thing.
+    """
+
+    def __init__(self, rng: np.random.Generator, settings: TailSettings, antenna: Antenna) -> None:
+        n = settings.n_paths
+        self._antenna = antenna
+        self._clear_m = max(_CLEAR_M, settings.free_m)
+        self._thing_m = _draw_things(rng, settings, antenna)
+        self._aspect = np.exp(rng.standard_normal((_N_ASPECTS, n)))
+        self._out_m = np.maximum(length_m(self._thing_m - antenna.position_m), _CLEAR_M)
+        # Evenly in radius they are too many near by; by their power it is evenly in area.
+        away_m = np.hypot(self._thing_m[:, 0], self._thing_m[:, 1])
+        self._root = np.sqrt(rng.exponential(size=n) * away_m)
+        self._root *= 10 ** (settings.energy_db / 20) / np.sqrt(self._calibration())
+
+    def rows(self, points: Points) -> EchoRows:
+        """Return the echoes by way of the static things.
+
+        Parameters
+        ----------
+        points : Points
+            Of one body; from the 65th on, points share the aspects of the first.
+
+        Returns
+        -------
+        EchoRows
+            One row a way, ``(R_body + d + R_thing) / 2`` long, d from body to thing; never
+            shorter than the way to the body's centre of scattering.
+        """
+        n_points = points.rcs_m2.shape[1]
+        aspect = self._aspect[np.arange(n_points) % _N_ASPECTS]
+        total = points.rcs_m2 @ aspect
+        # A body without any cross section is nowhere; its rows are zero wherever they lie.
+        share = 1 / np.maximum(total, _TINY)
+        here = self._antenna.position_m
+        near_sq, between_sq = np.zeros_like(total), np.zeros_like(total)
+        for k in range(3):
+            body_m = (points.position_m[..., k] * points.rcs_m2) @ aspect * share
+            near_sq += (body_m - here[k]) ** 2
+            between_sq += (body_m - self._thing_m[:, k]) ** 2
+        near_m = np.sqrt(np.maximum(near_sq, NEAREST_M**2))
+        between_m = np.sqrt(np.maximum(between_sq, self._clear_m**2))
+        range_m = (near_m + between_m + self._out_m) / 2
+        # Log-normal weights of unit sigma have the mean sqrt(e).
+        gain = self._antenna.gain(_centre_m(points) - here)[:, None]
+        root = self._root * np.sqrt(total * (gain / math.sqrt(math.e)))
+        return EchoRows(range_m, root * range_m**2 / (near_m * between_m * self._out_m))
+
+    def _calibration(self) -> float:
+        """Return the tail's energy over the body's, as drawn, for a body ahead."""
+        ahead = self._antenna.position_m + _CALIBRATED_AT_M * self._antenna.axis
+        between_m = np.maximum(length_m(ahead - self._thing_m), self._clear_m)
+        behind_m = (between_m + self._out_m - _CALIBRATED_AT_M) / 2
+        ratio = (self._root * _CALIBRATED_AT_M / (between_m * self._out_m)) ** 2
+        is_tail = (behind_m > _GAP_M[0]) & (behind_m < _GAP_M[1])
+        return float(ratio[is_tail].sum() or ratio.sum())
+
+
+def _draw_things(rng: np.random.Generator, settings: TailSettings, antenna: Antenna) -> Array:
+    """Return the places of the static things, shape (n_paths, 3).
+
+    Of many places those are chosen that the antenna sees, by its gain, which then need not
+    weaken them: the same power on average, but no way is spent on what hardly shows.
+    """
+    n_places = _PLACES_A_PATH * settings.n_paths
+    radius, turn, height = rng.random((3, n_places))
+    radius = settings.free_m + (settings.reach_m - settings.free_m) * radius
+    x, y = radius * np.sin(2 * np.pi * turn), radius * np.cos(2 * np.pi * turn)
+    place_m = np.stack([x, y, settings.ceiling_m * height], axis=1)
+    gain = antenna.gain(place_m - antenna.position_m)
+    chosen = rng.choice(n_places, settings.n_paths, replace=False, p=gain / gain.sum())
+    return np.asarray(place_m[chosen])
+
+
+def _centre_m(points: Points) -> Array:
+    """Return the centre of scattering, shape (n_slow, 3)."""
+    total = np.maximum(points.rcs_m2.sum(axis=1, keepdims=True), _TINY)
+    return np.asarray(np.einsum("tpk,tp->tk", points.position_m, points.rcs_m2 / total))

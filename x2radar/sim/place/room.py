@@ -1,0 +1,269 @@
+"""What stands still around the radar: objects, distributed clutter, the antennas' leakage.
+
+All levels are those of a baseband bin over the receiver's noise, because that is what was
+measured on real modules. Everything is drawn when the room is made; a frame is then a sum
+of a few fixed profiles, each turned by its own slow drift, so a room of hundreds of
+scatterers costs one small matrix product, and a still room nothing at all.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from x2radar.frame import FastTimeAxis
+from x2radar.settings.x2 import SPEED_OF_LIGHT_MPS
+from x2radar.sim.keys import check_fields, limited, one_of
+from x2radar.sim.signal.noise import baseband_noise_power
+from x2radar.sim.signal.pulse import LinkBudget, pulse_sigma_s
+
+Array = NDArray[np.float64]
+Frames = NDArray[np.float32] | NDArray[np.complex64]
+_PER_CELL = 6
+_N_SECTORS = 6
+_RING_POINTS = 12
+_DRIFT_LINES = 4
+_SLOWEST_S = 600.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RoomSettings:
+    """A room, in levels over noise; None leaves a part out.
+
+    Attributes
+    ----------
+    objects_db : float or None
+        Strongest single object, in dB. On real UWB modules the strongest static bin lies 49
+        to 57 dB over the noise; in two P4xx recordings we measured 47 and 54 dB, and 10 to
+        12 maxima more than 33 dB over it within 4.4 m.
+    n_objects : int
+        Objects; the others lie up to 20 dB below the strongest.
+    diffuse_db : float or None
+        Mean level of the distributed clutter 1 m away, in dB. In the two recordings, means
+        over half a metre lie at 33 to 37 dB there.
+    profile : {'exponential', 'power'}
+        How the distributed clutter falls with range.
+    decay_db_per_m : float
+        Of the exponential profile. The recordings give 0.6 and 1.5 dB/m over 0.5 to 4.4 m.
+    exponent : float
+        Of the power profile: power goes with range to minus this.
+    leakage_db : float or None
+        Peak of what goes straight from one antenna into the other, in dB.
+    leakage_m : float
+        Range at which it appears: half the antennas' distance, and cables.
+    ringing_db_per_m : float
+        How fast the antennas' ringing behind it falls.
+    drift_m : float
+        Slow drift of every strong object's range, rms over ten minutes, in metres. In the
+        recordings strong bins turn by 1 to 3 mrad rms within 7 s, some by 18 where echoes
+        nearly cancel; 5e-5 to 1e-4 m give that.
+    drift_gain : float
+        And of its amplitude, rms. Recorded: 0.1 to 0.3 % rms within 7 s, which 0.01 gives;
+        up to 10 % in the first half minute after switching on, which is not modelled.
+
+    Raises
+    ------
+    SettingsError
+        If any field makes no sense.
+    """
+
+    objects_db: float | None = limited(None, -20, 120, "strongest object over noise, dB")
+    n_objects: int = limited(10, 1, 200, "objects", is_whole=True)
+    diffuse_db: float | None = limited(None, -40, 100, "distributed clutter at 1 m, dB")
+    profile: str = one_of("exponential", ("exponential", "power"), "fall with range")
+    decay_db_per_m: float = limited(1.5, 0, 60, "fall with range, dB/m")
+    exponent: float = limited(2.0, 0, 8, "fall with range")
+    leakage_db: float | None = limited(None, -20, 140, "leakage over noise, dB")
+    leakage_m: float = limited(0.1, 0.0, 2, "where the leakage appears, m")
+    ringing_db_per_m: float = limited(80.0, 5, 1000, "fall of the ringing, dB/m")
+    drift_m: float = limited(0.0, 0, 0.005, "slow drift of range, rms, m")
+    drift_gain: float = limited(0.0, 0, 0.2, "slow drift of amplitude, rms")
+
+    def __post_init__(self) -> None:
+        """Check every field."""
+        check_fields(self)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Group:
+    """Scatterers in one direction: ranges, complex amplitudes, unit vector towards them."""
+
+    range_m: Array
+    amplitude: NDArray[np.complex128]
+    towards: Array
+    drifts: bool
+
+
+class Room:
+    """The static echo of one room, as one axis sees it.
+
+    Left out: that an echo's envelope moves with its drift, which is 20 times less than what
+    the turn of its phase does, and drift of the distributed clutter.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+        Draws places, levels, phases and drifts; nothing is drawn later. Every part has its
+        own generator, so a part that is left out does not change the others.
+    settings : RoomSettings
+        What is in it.
+    axis : FastTimeAxis
+        Of the frames, RF or baseband; objects are drawn over its swath.
+    budget : LinkBudget
+        Its noise level is what the levels are relative to.
+    """
+
+    def __init__(
+        self,
+        rng: np.random.Generator,
+        settings: RoomSettings,
+        axis: FastTimeAxis,
+        budget: LinkBudget,
+    ) -> None:
+        objects, diffuse, leakage, drift = rng.spawn(4)
+        groups = [
+            *_objects(objects, settings, axis),
+            *_diffuse(diffuse, settings, axis),
+            *_leakage(leakage, settings),
+        ]
+        n = len(groups)
+        noise = math.sqrt(baseband_noise_power(axis, budget.noise_sigma))
+        self._profiles = np.zeros((n, axis.n_range), np.complex64)
+        for k, group in enumerate(groups):
+            self._profiles[k] = noise * _profile(group, axis)
+        self._towards = np.array([g.towards for g in groups]).reshape(n, 3)
+        drifting = np.array([[g.drifts] for g in groups]).reshape(n, 1)
+        self._drift_m = settings.drift_m * drifting
+        self._drift_gain = settings.drift_gain * drifting
+        period_s = _SLOWEST_S * 30 ** -drift.random((2, n, _DRIFT_LINES))
+        self._drift_hz = 1 / period_s
+        self._drift_turns = drift.random((2, n, _DRIFT_LINES))
+        self._turns_per_m = 2 * axis.carrier_hz / SPEED_OF_LIGHT_MPS
+        self._is_rf = axis.kind == "rf"
+        self._still: Frames = self._frames(np.ones((1, n), np.complex64))[0]
+        self._still.flags.writeable = False
+
+    @property
+    def still(self) -> Frames:
+        """The echo without drift, shape (n_range,), float32 RF or complex64; read-only."""
+        return self._still
+
+    def echo(self, t_s: Array, offset_m: Array | None = None) -> Frames:
+        """Return the room's echo at given times.
+
+        Parameters
+        ----------
+        t_s : ndarray, shape (n_slow,), float64
+            Seconds since the stream began; any times in any order.
+        offset_m : ndarray, shape (n_slow, 3), optional
+            How far the mount has moved the antenna, in metres; less than a centimetre.
+
+        Returns
+        -------
+        ndarray, shape (n_slow, n_range), float32 or complex64
+            A read-only view of one row where nothing drifts or moves.
+        """
+        has_drift = bool(self._drift_m.any() or self._drift_gain.any())
+        if offset_m is None and not has_drift:
+            shape = (len(t_s), self._still.size)
+            return cast("Frames", np.broadcast_to(self._still, shape))
+        gain, away_m = np.ones((len(t_s), 1)), np.zeros((len(t_s), 1))
+        if has_drift:
+            drift = self._drift(t_s)
+            away_m = drift[0] * self._drift_m.T
+            gain = 1 + drift[1] * self._drift_gain.T
+        if offset_m is not None:
+            away_m = away_m - offset_m @ self._towards.T
+        turns = (self._turns_per_m * away_m) % 1.0
+        return self._frames((gain * np.exp(-2j * np.pi * turns)).astype(np.complex64))
+
+    def _drift(self, t_s: Array) -> Array:
+        """Return unit-rms slow functions, shape (2, n_slow, n_groups)."""
+        turns = t_s[:, None, None, None] * self._drift_hz + self._drift_turns
+        lines = np.sin(2 * np.pi * turns).sum(axis=-1) * math.sqrt(2 / _DRIFT_LINES)
+        return np.moveaxis(lines, 0, 1)
+
+    def _frames(self, weights: NDArray[np.complex64]) -> Frames:
+        if not self._is_rf:
+            return np.asarray(weights @ self._profiles)
+        real = np.ascontiguousarray(weights.real) @ np.ascontiguousarray(self._profiles.real)
+        imag = np.ascontiguousarray(weights.imag) @ np.ascontiguousarray(self._profiles.imag)
+        return np.asarray(real - imag)
+
+
+def _profile(group: _Group, axis: FastTimeAxis) -> NDArray[np.complex128]:
+    """Return the group's echo; for RF the analytic signal, whose real part is the echo."""
+    sigma_s = pulse_sigma_s(axis.bandwidth_hz)
+    out = np.zeros(axis.n_range, np.complex128)
+    for range_m, amplitude in zip(group.range_m, group.amplitude, strict=True):
+        since_s = 2 * (axis.range_m - range_m) / SPEED_OF_LIGHT_MPS
+        if axis.kind == "rf":
+            phase = np.exp(2j * np.pi * axis.carrier_hz * since_s)
+            out += amplitude * np.exp(-0.5 * (since_s / sigma_s) ** 2) * phase
+        else:
+            turns = (2 * axis.carrier_hz / SPEED_OF_LIGHT_MPS * range_m) % 1.0
+            phasor = amplitude * np.exp(-2j * np.pi * turns)
+            out += phasor * np.exp(-0.25 * (since_s / sigma_s) ** 2)
+    return out
+
+
+def _objects(rng: np.random.Generator, settings: RoomSettings, axis: FastTimeAxis) -> list[_Group]:
+    if settings.objects_db is None:
+        return []
+    place, below, turn, pan, tilt = rng.random((5, settings.n_objects))
+    below[0] = 0.0
+    range_m = axis.range_m[0] + place * (axis.range_m[-1] - axis.range_m[0])
+    amplitude = _level(settings.objects_db - 20 * below) * np.exp(2j * np.pi * turn)
+    towards = _direction(pan, tilt)
+    return [
+        _Group(range_m[k : k + 1], amplitude[k : k + 1], towards[k], drifts=True)
+        for k in range(settings.n_objects)
+    ]
+
+
+def _diffuse(rng: np.random.Generator, settings: RoomSettings, axis: FastTimeAxis) -> list[_Group]:
+    if settings.diffuse_db is None:
+        return []
+    sigma_m = pulse_sigma_s(axis.bandwidth_hz) * SPEED_OF_LIGHT_MPS / 2
+    # A point's energy is that of its peak over so much range.
+    cell_m = sigma_m * math.sqrt(2 * math.pi)
+    first_m, last_m = axis.range_m[0] - 6 * sigma_m, axis.range_m[-1] + 6 * sigma_m
+    n = math.ceil(_PER_CELL * (last_m - first_m) / cell_m)
+    range_m = first_m + (last_m - first_m) * (np.arange(n) + rng.random(n)) / n
+    range_m = np.maximum(range_m, 0.05)
+    real, imag = rng.standard_normal((2, n)) / math.sqrt(2)
+    if settings.profile == "power":
+        level_db = settings.diffuse_db - 10 * settings.exponent * np.log10(range_m)
+    else:
+        level_db = settings.diffuse_db - settings.decay_db_per_m * (range_m - 1)
+    level = _level(level_db) / math.sqrt(n * cell_m / (last_m - first_m))
+    gauss = (level * (real + 1j * imag)).astype(np.complex128)
+    towards = _direction(*rng.random((2, _N_SECTORS)))
+    return [
+        _Group(range_m[k::_N_SECTORS], gauss[k::_N_SECTORS], towards[k], drifts=False)
+        for k in range(_N_SECTORS)
+    ]
+
+
+def _leakage(rng: np.random.Generator, settings: RoomSettings) -> list[_Group]:
+    """Return the leak and its ringing; it moves with the antennas, so it lies in no direction."""
+    if settings.leakage_db is None:
+        return []
+    behind_m = np.concatenate([[0.0], np.cumsum(rng.uniform(0.02, 0.08, _RING_POINTS))])
+    level_db = settings.leakage_db - settings.ringing_db_per_m * behind_m
+    turn = np.concatenate([[0.0], rng.random(_RING_POINTS)])
+    amplitude = np.asarray(_level(level_db) * np.exp(2j * np.pi * turn), np.complex128)
+    return [_Group(settings.leakage_m + behind_m, amplitude, np.zeros(3), drifts=True)]
+
+
+def _level(level_db: Array) -> Array:
+    return np.asarray(10 ** (np.asarray(level_db) / 20))
+
+
+def _direction(pan: Array, tilt: Array) -> Array:
+    """Return unit vectors ahead, within 60 degrees to the sides and 30 up and down."""
+    side, up = np.deg2rad(60 * (2 * pan - 1)), np.deg2rad(30 * (2 * tilt - 1))
+    level = np.cos(up)
+    return np.stack([np.sin(side) * level, np.cos(side) * level, np.sin(up)], axis=-1)

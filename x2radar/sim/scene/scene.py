@@ -1,0 +1,316 @@
+"""Scenes: what stands and moves before the radar, in order, from YAML.
+
+A scene is a sequence of steps, each with the bodies and things that move in it for some
+seconds; after the last step the sequence starts again with new draws. Room, antenna, mount,
+receiver and multipath are named or not there: what a scene does not name costs nothing.
+Everything random comes from the scene's seed and the step's number, so one seed gives the
+same frames on any machine.
+"""
+
+import difflib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from importlib import resources
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import yaml
+
+from x2radar.errors import SceneError, renamed
+from x2radar.sim.keys import Key, checked, settings_from, unknown
+from x2radar.sim.place.antenna import Antenna
+from x2radar.sim.place.multipath import Surface, TailSettings
+from x2radar.sim.place.room import RoomSettings
+from x2radar.sim.scene.cast import Actor, read_actor
+from x2radar.sim.signal.effects import ReceiverEffects
+from x2radar.sim.things import draw_mount
+
+LONGEST_STEP_S = 86_400.0
+_DURATION = Key(0.1, LONGEST_STEP_S, "s")
+_WEIGHT = Key(0.0, 1e6, "weight")
+_POINT = {"range_m": Key(0.1, 1000, "m"), "rcs_m2": Key(0, 1e9, "m2, processing gain included")}
+_STEP_KEYS = ("duration_s", "actors", "weight")
+_SCENE_KEYS = (
+    *("description", "like", "steps", "background", "clutter", "room", "antenna", "surfaces"),
+    *("tail", "mount", "receiver"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class SceneStep:
+    """Some seconds with some moving things.
+
+    Attributes
+    ----------
+    actors : tuple of Actor
+        Bodies and things; empty for an empty room.
+    least_s, most_s : float
+        The duration is drawn evenly between them.
+    weight : float
+        Within a choice: how often this step is taken against the others.
+    """
+
+    actors: tuple[Actor, ...]
+    least_s: float
+    most_s: float
+    weight: float = 1.0
+
+    def duration_s(self, rng: np.random.Generator) -> float:
+        """Return a duration; nothing is drawn where it is fixed."""
+        if self.least_s == self.most_s:
+            return self.least_s
+        return float(rng.uniform(self.least_s, self.most_s))
+
+
+@dataclass(frozen=True, slots=True)
+class SceneChoice:
+    """One of several steps, drawn by weight each time."""
+
+    steps: tuple[SceneStep, ...]
+
+    def drawn(self, rng: np.random.Generator) -> SceneStep:
+        """Return one of the steps."""
+        weights = np.array([step.weight for step in self.steps])
+        return self.steps[int(rng.choice(len(weights), p=weights / weights.sum()))]
+
+
+@dataclass(frozen=True, slots=True)
+class StaticPoint:
+    """A piece of static clutter; its cross section includes the module's 40 dB of gain."""
+
+    range_m: float
+    rcs_m2: float
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """What a scene file says.
+
+    Attributes
+    ----------
+    name : str
+        Built-in name or file name.
+    description : str
+        One sentence for people.
+    steps : tuple of SceneStep or SceneChoice
+        Played in order, then again.
+    background : tuple of Actor
+        What moves all the time.
+    clutter : tuple of StaticPoint
+        Single static echoes.
+    room : RoomSettings or None
+        Static objects, distributed clutter, leakage.
+    antenna : Antenna
+        By default one that sees everywhere alike.
+    surfaces : tuple of Surface
+        Floor and walls that mirror.
+    tail : TailSettings or None
+        The moving clutter behind bodies.
+    mount : mapping or None
+        Vibration of the antenna's mount.
+    receiver : ReceiverEffects
+        Imperfections; none by default.
+    """
+
+    name: str
+    description: str
+    steps: tuple[SceneStep | SceneChoice, ...]
+    background: tuple[Actor, ...] = ()
+    clutter: tuple[StaticPoint, ...] = ()
+    room: RoomSettings | None = None
+    antenna: Antenna = field(default_factory=lambda: Antenna(shape="isotropic"))
+    surfaces: tuple[Surface, ...] = ()
+    tail: TailSettings | None = None
+    mount: Mapping[str, float] | None = None
+    receiver: ReceiverEffects = field(default_factory=ReceiverEffects)
+
+
+def scene_names() -> tuple[str, ...]:
+    """Return the names of the built-in scenes."""
+    files = (resources.files("x2radar.sim") / "scenes").iterdir()
+    return tuple(sorted(f.name.removesuffix(".yaml") for f in files if f.name.endswith(".yaml")))
+
+
+def builtin_scenes() -> tuple[Scene, ...]:
+    """Return every built-in scene, by name."""
+    return tuple(load_scene(name) for name in scene_names())
+
+
+def load_scene(name: str) -> Scene:
+    """Return a scene by built-in name, or from a YAML file.
+
+    Parameters
+    ----------
+    name : str
+        ``human``, or a path that ends in .yaml or .yml.
+
+    Returns
+    -------
+    Scene
+        The scene, checked.
+
+    Raises
+    ------
+    SceneError
+        If there is no such scene or file, or it says something impossible; the message
+        names the key's path.
+    """
+    if name.endswith((".yaml", ".yml")):
+        try:
+            text = Path(name).read_text(encoding="utf-8")
+        except (OSError, ValueError) as err:
+            # ValueError: bytes that are no UTF-8, or a name that no file can have.
+            msg = f"{name}: cannot read the scene file ({err})"
+            raise SceneError(msg) from err
+        return parse_scene(text, Path(name).stem, name)
+    if name in scene_names():
+        return parse_scene(_builtin_text(name), name, f"{name}.yaml")
+    near = difflib.get_close_matches(name, scene_names(), n=1)
+    hint = renamed(name) or (f"did you mean {near[0]}? " if near else "")
+    msg = f"no scene '{name}'; {hint}'x2radar scenes' lists them; a file must end in .yaml"
+    raise SceneError(msg)
+
+
+def parse_scene(text: str, name: str, where: str) -> Scene:
+    """Return the scene that a YAML text says; raises as `load_scene`."""
+    try:
+        raw = yaml.safe_load(text)
+    except (yaml.YAMLError, ValueError, RecursionError) as err:
+        # ValueError: a date that does not exist, or a number of thousands of digits.
+        msg = f"{where}: not YAML: {' '.join(str(err).split())}"
+        raise SceneError(msg) from err
+    top = _inherited(_mapping(raw, where, _SCENE_KEYS), where)
+    description = "" if top.get("description") is None else top["description"]
+    if not isinstance(description, str):
+        msg = f"{where}: description: must be text"
+        raise SceneError(msg)
+    steps = _list(top, "steps", where)
+    if not steps:
+        msg = f"{where}: steps: must be a list with at least one step"
+        raise SceneError(msg)
+    parts: dict[str, Any] = {}
+    for key, cls in (("room", RoomSettings), ("antenna", Antenna), ("receiver", ReceiverEffects)):
+        if key in top:
+            parts[key] = settings_from(cls, top[key], f"{where}: {key}")
+    if "tail" in top:
+        parts["tail"] = settings_from(TailSettings, top["tail"], f"{where}: tail")
+    if "mount" in top:
+        draw_mount(np.random.default_rng(0), top["mount"], f"{where}: mount")
+        parts["mount"] = MappingProxyType(dict(top["mount"] or {}))
+    return Scene(
+        name=name,
+        description=" ".join(description.split()),
+        steps=tuple(_step_or_choice(s, f"{where}: steps[{k}]") for k, s in enumerate(steps)),
+        background=tuple(
+            read_actor(item, f"{where}: background[{k}]")
+            for k, item in enumerate(_list(top, "background", where))
+        ),
+        clutter=tuple(
+            _point(item, f"{where}: clutter[{k}]")
+            for k, item in enumerate(_list(top, "clutter", where))
+        ),
+        surfaces=tuple(
+            settings_from(Surface, item, f"{where}: surfaces[{k}]")
+            for k, item in enumerate(_list(top, "surfaces", where))
+        ),
+        **parts,
+    )
+
+
+def _inherited(top: dict[str, Any], where: str) -> dict[str, Any]:
+    """Return a scene's keys with those of the built-in scene that it is `like`."""
+    name = top.get("like")
+    if name is None:
+        return top
+    if name not in scene_names():
+        msg = f"{where}: like: no built-in scene '{name}'"
+        raise SceneError(msg)
+    base = yaml.safe_load(_builtin_text(name))
+    if "like" in base:
+        msg = f"{where}: like: '{name}' is itself like another scene; name that one"
+        raise SceneError(msg)
+    return {**base, **top}
+
+
+def _builtin_text(name: str) -> str:
+    file = resources.files("x2radar.sim") / "scenes" / f"{name}.yaml"
+    return file.read_text(encoding="utf-8")
+
+
+def _step_or_choice(raw: Any, where: str) -> SceneStep | SceneChoice:
+    if isinstance(raw, dict) and "one_of" in raw:
+        _mapping(raw, where, ("one_of",))
+        steps = tuple(
+            _step(item, f"{where}.one_of[{k}]")
+            for k, item in enumerate(_list(raw, "one_of", where))
+        )
+        if not any(step.weight > 0 for step in steps):
+            msg = f"{where}.one_of: must be a list with at least one step of weight above 0"
+            raise SceneError(msg)
+        return SceneChoice(steps)
+    return _step(raw, where)
+
+
+def _step(raw: Any, where: str) -> SceneStep:
+    if not isinstance(raw, dict):
+        msg = f"{where}: must be a mapping with the keys {', '.join(_STEP_KEYS)}"
+        raise SceneError(msg)
+    if not {"body", "thing"} & raw.keys():
+        _mapping(raw, where, _STEP_KEYS)
+    raw = dict(raw)
+    least_s, most_s = _duration(raw.pop("duration_s", None), f"{where}.duration_s")
+    weight = raw.pop("weight", 1.0)
+    if fault := _WEIGHT.fault(weight):
+        msg = f"{where}.weight: {fault}"
+        raise SceneError(msg)
+    if "actors" in raw:
+        listed = _list(raw, "actors", where)
+        actors = tuple(read_actor(a, f"{where}.actors[{k}]") for k, a in enumerate(listed))
+        _mapping(raw, where, ("actors",))
+    elif raw.get("body") is None and set(raw) <= {"body"}:
+        actors = ()
+    else:
+        # A single body or thing needs no list.
+        actors = (read_actor(raw, where),)
+    return SceneStep(actors, least_s, most_s, float(weight))
+
+
+def _duration(raw: Any, where: str) -> tuple[float, float]:
+    span = raw if isinstance(raw, list) and len(raw) == 2 else [raw, raw]
+    for value in span:
+        if fault := _DURATION.fault(value):
+            msg = f"{where}: {fault}"
+            raise SceneError(msg)
+    if span[0] > span[1]:
+        msg = f"{where}: {span[0]} is above {span[1]}"
+        raise SceneError(msg)
+    return float(span[0]), float(span[1])
+
+
+def _point(raw: Any, where: str) -> StaticPoint:
+    item = checked(raw, _POINT, where)
+    for key in _POINT:
+        if key not in item:
+            msg = f"{where}.{key}: must be a number, not None"
+            raise SceneError(msg)
+    return StaticPoint(float(item["range_m"]), float(item["rcs_m2"]))
+
+
+def _mapping(raw: Any, where: str, known: tuple[str, ...]) -> dict[str, Any]:
+    if not isinstance(raw, dict):
+        msg = f"{where}: must be a mapping with the keys {', '.join(known)}"
+        raise SceneError(msg)
+    for key in raw:
+        if key not in known:
+            raise SceneError(unknown(key, known, where))
+    return raw
+
+
+def _list(raw: Mapping[str, Any], key: str, where: str) -> list[Any]:
+    value = [] if raw.get(key) is None else raw[key]
+    if not isinstance(value, list):
+        msg = f"{where}: {key}: must be a list"
+        raise SceneError(msg)
+    return value

@@ -1,0 +1,190 @@
+"""Stage: a scene played for one radar, block after block: where its echoes come from.
+
+Positions become rows of echoes here (range and root of the cross section): the direct ways,
+those by floor and walls, and the tail behind a body. Making frames of them is the echo
+tiers' business.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from x2radar.errors import SceneError
+from x2radar.sim.place.antenna import EchoRows, join, length_m
+from x2radar.sim.place.multipath import DiffuseTail, image_rows
+from x2radar.sim.points import Mover, Points
+from x2radar.sim.scene.cast import Actor
+from x2radar.sim.scene.scene import Scene, SceneChoice, SceneStep
+from x2radar.sim.things import MountVibration, draw_mount
+
+Array = NDArray[np.float64]
+_LONGEST_LOOK_S = 60.0
+_BACKGROUND, _MOUNT, _TAIL, _STEP = 0xBAC0, 0x3071, 0x7A11, 0x57E9
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Block:
+    """Consecutive frames of one step.
+
+    Attributes
+    ----------
+    rows : EchoRows
+        Echoes; physical cross sections.
+    offset_m : ndarray, shape (n_slow, 3), or None
+        How far the mount has moved the antenna.
+    movers : tuple of Mover
+        Bodies and things of this step, then those of the background.
+    points : tuple of Points
+        Where they are.
+    """
+
+    rows: EchoRows
+    offset_m: Array | None
+    movers: tuple[Mover, ...]
+    points: tuple[Points, ...]
+
+    @property
+    def n_slow(self) -> int:
+        """Frames."""
+        return len(self.rows.range_m)
+
+
+@dataclass(slots=True)
+class _Playing:
+    movers: tuple[Mover, ...]
+    n: int
+    begun: int
+
+
+class Stage:
+    """Walk through a scene frame by frame, for ever.
+
+    Parameters
+    ----------
+    scene : Scene
+        What to play.
+    seed : int
+        All draws follow from it.
+    frame_rate_hz : float
+        Frames per second.
+    """
+
+    def __init__(self, scene: Scene, seed: int, frame_rate_hz: float) -> None:
+        self._scene = scene
+        self._seed = seed
+        self._rate_hz = frame_rate_hz
+        self._antenna_m = scene.antenna.position_m
+        self._background = tuple(
+            actor.make(np.random.default_rng([seed, _BACKGROUND, k]))
+            for k, actor in enumerate(scene.background)
+        )
+        self._mount: MountVibration | None = None
+        if scene.mount is not None:
+            self._mount = draw_mount(np.random.default_rng([seed, _MOUNT]), scene.mount)
+        self._tail: DiffuseTail | None = None
+        if scene.tail is not None:
+            rng = np.random.default_rng([seed, _TAIL])
+            self._tail = DiffuseTail(rng, scene.tail, scene.antenna)
+        self._steps = self._walk()
+        self._now = _Playing((), 0, 0)
+        self._at = 0
+
+    def next_block(self, most: int, times_s: Array | None = None) -> Block:
+        """Return the next frames, `most` of them or fewer where a step ends.
+
+        Parameters
+        ----------
+        most : int
+            Frames wanted.
+        times_s : ndarray, shape (most,), optional
+            When the frames are really taken, since the stream's start, in seconds; by
+            default the frame number over the rate.
+        """
+        now = self._now
+        if self._at == now.begun + now.n:
+            self._now = now = next(self._steps)
+        first = self._at
+        n = min(most, now.begun + now.n - first)
+        self._at += n
+        stream_s = np.arange(first, first + n) / self._rate_hz
+        late_s = np.zeros(n) if times_s is None else times_s[:n] - stream_s
+        # Not stream time minus the step's start, which would round.
+        step_s = np.arange(first - now.begun, first - now.begun + n) / self._rate_hz + late_s
+        stream_s += late_s
+        offset_m = None if self._mount is None else self._mount.offset_m(stream_s)
+        movers = (*now.movers, *self._background)
+        points = tuple(
+            mover.at(step_s if k < len(now.movers) else stream_s, self._antenna_m)
+            for k, mover in enumerate(movers)
+        )
+        rows = [r for p in points for r in self._rows(p, offset_m)]
+        if not rows:
+            rows = [EchoRows(np.zeros((n, 0)), np.zeros((n, 0)))]
+        return Block(join(tuple(rows)), offset_m, movers, points)
+
+    def _rows(self, points: Points, offset_m: Array | None) -> Iterator[EchoRows]:
+        antenna = self._scene.antenna
+        yield antenna.direct(points, offset_m)
+        for surface in self._scene.surfaces:
+            yield image_rows(points, antenna, surface)
+        if self._tail is not None:
+            yield self._tail.rows(points)
+
+    def _walk(self) -> Iterator[_Playing]:
+        number = begun = 0
+        while True:
+            for item in self._scene.steps:
+                step = self._chosen(item, number)
+                duration_s = step.duration_s(np.random.default_rng([self._seed, number, _STEP]))
+                n = max(1, round(duration_s * self._rate_hz))
+                movers = tuple(self._cast(step.actors, number))
+                yield _Playing(movers, n, begun)
+                number += 1
+                begun += n
+
+    def _chosen(self, item: SceneStep | SceneChoice, number: int) -> SceneStep:
+        if isinstance(item, SceneStep):
+            return item
+        return item.drawn(np.random.default_rng([self._seed, number, _STEP, 1]))
+
+    def _cast(self, actors: tuple[Actor, ...], number: int) -> Iterator[Mover]:
+        for k, actor in enumerate(actors):
+            # A body alone in its step keeps its draws when others join it.
+            rng = np.random.default_rng([self._seed, number, *([k] if k else [])])
+            if actor.probability == 1.0 or rng.random() < actor.probability:
+                yield actor.make(rng)
+
+
+def check_swath(scene: Scene, near_m: float, far_m: float) -> None:
+    """Refuse a scene in which something that was put in a place never enters the swath.
+
+    Parameters
+    ----------
+    scene : Scene
+        What is to be played.
+    near_m, far_m : float
+        Swath of the radar, in metres.
+
+    Raises
+    ------
+    SceneError
+        One line with the path of the body or thing.
+    """
+    listed = [(actor, _LONGEST_LOOK_S) for actor in scene.background]
+    for item in scene.steps:
+        steps = (item,) if isinstance(item, SceneStep) else item.steps
+        listed += [(actor, step.most_s) for step in steps for actor in step.actors]
+    for actor, seconds in listed:
+        if not {"waypoints_m", "position_m", "home_m"} & actor.options.keys():
+            continue
+        t_s = np.arange(0.0, min(seconds, _LONGEST_LOOK_S) + 0.1, 0.1)
+        points = actor.make(np.random.default_rng(0)).at(t_s, scene.antenna.position_m)
+        range_m = length_m(points.position_m - scene.antenna.position_m)
+        if not ((range_m >= near_m) & (range_m <= far_m)).any():
+            msg = (
+                f"{actor.where}: the {actor.kind} never enters the swath, "
+                f"{near_m:.2f} to {far_m:.2f} m"
+            )
+            raise SceneError(msg)

@@ -1,0 +1,248 @@
+"""What is wrong with a real receiver, frame by frame: settings and their draws.
+
+Every draw belongs to a frame's number, not to the order of calls: block `b` of 256 frames
+has its own generator, seeded with the stream's seed, the kind of effect and `b`. So any
+frames, in any order and chunks, get what they would get alone. An effect that is off (zero,
+the default) draws nothing.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from x2radar.frame import FastTimeAxis
+from x2radar.settings.x2 import DAC_TOP, SPEED_OF_LIGHT_MPS
+from x2radar.sim.keys import check_fields, limited, one_of
+from x2radar.sim.signal.pulse import pulse_sigma_s
+
+Array = NDArray[np.float64]
+_BLOCK = 256
+_LONGEST_BURST = 60
+_MOST_SPIKES = 3
+_SPIKE_TOP = 1 << 16
+_KINDS = ("delay", "gain", "clock", "burst", "spike", "lost")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReceiverEffects:
+    """Imperfections of one receiver; all off by default.
+
+    Attributes
+    ----------
+    noise_figure_db : float
+        In dB; the noise level of the link budget belongs to its own 13 dB.
+    noise : {'coloured', 'white'}
+        Baseband noise as the matched filter leaves it, or white with the same power in
+        every bin (of no real receiver, and dearer: more numbers are drawn). RF noise is
+        always white.
+    jitter_s : float
+        Common delay of a frame, rms, in seconds; 0.13e-12 to 0.23e-12 measured on real UWB
+        modules.
+    gain_noise : float
+        Common gain of a frame, rms; up to 0.0012 measured.
+    true_sample_rate_hz : float or None
+        What this chip really samples at (38 to 41 GS/s), while its settings say another
+        rate; None for no error. Enters through `chip_axis`, not through the receiver.
+    frame_jitter : float
+        Frame times scatter by so much of a frame period, rms; never more than 0.05.
+    burst_rate_hz, burst_s : float
+        Interference, such as Wi-Fi at 6 GHz: bursts per second, and their mean length in
+        seconds; at least one frame, at most 60.
+    burst_least_db, burst_most_db : float
+        A burst raises the noise by so much, drawn evenly in dB.
+    clip : float
+        The converter clips at this share of full scale on both sides of the middle.
+    spike_share : float
+        Share of frames in which 1 to 3 samples lie above the converter's 8191 counts.
+    lost_share : float
+        Share of frames that never arrive.
+
+    Raises
+    ------
+    SettingsError
+        If any field makes no sense.
+    """
+
+    noise_figure_db: float = limited(13.0, 0, 40, "noise figure, dB")
+    noise: str = one_of("coloured", ("coloured", "white"), "colour of baseband noise")
+    jitter_s: float = limited(0.0, 0, 2e-12, "common delay of a frame, rms, s")
+    gain_noise: float = limited(0.0, 0, 0.05, "common gain of a frame, rms")
+    true_sample_rate_hz: float | None = limited(None, 30e9, 50e9, "the chip's real rate, Hz")
+    frame_jitter: float = limited(0.0, 0, 0.05, "of the frame period, rms")
+    burst_rate_hz: float = limited(0.0, 0, 100, "interference bursts per second")
+    burst_s: float = limited(0.05, 0.001, 10, "mean length of a burst, s")
+    burst_least_db: float = limited(3.0, 0, 40, "least rise of the noise, dB")
+    burst_most_db: float = limited(20.0, 0, 40, "greatest rise of the noise, dB")
+    clip: float = limited(1.0, 0.001, 1, "share of full scale")
+    spike_share: float = limited(0.0, 0, 1, "share of frames with spikes")
+    lost_share: float = limited(0.0, 0, 1, "share of frames lost")
+
+    def __post_init__(self) -> None:
+        """Check every field."""
+        check_fields(self)
+
+
+class FrameDraws:
+    """The draws of all effects for the frames of one stream.
+
+    Parameters
+    ----------
+    effects : ReceiverEffects
+        How strong they are.
+    seed : int
+        Of the stream; not negative.
+    frame_rate_hz : float
+        Frames per second.
+    """
+
+    def __init__(self, effects: ReceiverEffects, seed: int, frame_rate_hz: float) -> None:
+        self._effects = effects
+        self._seed = seed
+        self._rate_hz = frame_rate_hz
+
+    def times_s(self, first: int, n: int) -> Array:
+        """Return when frames `first` to `first + n` are taken, shape (n,), in seconds.
+
+        Jitter beyond 5 % of a period is cut there, so order is kept.
+        """
+        number = np.arange(first, first + n, dtype=np.float64)
+        if self._effects.frame_jitter:
+            late = self._normal("clock", first, n) * self._effects.frame_jitter
+            number += np.clip(late, -0.05, 0.05)
+        return number / self._rate_hz
+
+    def delay_s(self, first: int, n: int) -> Array:
+        """Return the common delay of each frame, shape (n,), in seconds."""
+        return self._effects.jitter_s * self._normal("delay", first, n)
+
+    def gain(self, first: int, n: int) -> Array:
+        """Return the common gain of each frame, shape (n,), about 1."""
+        return 1 + self._effects.gain_noise * self._normal("gain", first, n)
+
+    def noise_gain(self, first: int, n: int) -> Array:
+        """Return how much interference raises the noise's amplitude, shape (n,), from 1."""
+        e = self._effects
+        out = np.ones(n)
+        if e.burst_rate_hz == 0:
+            return out
+        # A burst may have begun up to its greatest length before the first frame asked for.
+        start = max(0, first - _LONGEST_BURST + 1)
+        begins, length, raised = self._draw("burst", start, first + n - start, _bursts)
+        chance = 1 - np.exp(-e.burst_rate_hz / self._rate_hz)
+        frames = np.ceil(length * e.burst_s * self._rate_hz).clip(1, _LONGEST_BURST)
+        span_db = e.burst_most_db - e.burst_least_db
+        gain = 10 ** ((e.burst_least_db + raised * span_db) / 20)
+        for k in np.flatnonzero(begins < chance):
+            low, high = k + start - first, k + start - first + int(frames[k])
+            part = out[max(low, 0) : max(high, 0)]
+            np.maximum(part, gain[k], out=part)
+        return out
+
+    def lost(self, first: int, n: int) -> NDArray[np.bool_]:
+        """Return which frames never arrive, shape (n,)."""
+        if self._effects.lost_share == 0:
+            return np.zeros(n, np.bool_)
+        return np.asarray(self._uniform("lost", first, n) < self._effects.lost_share)
+
+    def spikes(self, first: int, n: int, n_range: int) -> tuple[NDArray[np.int64], ...]:
+        """Return the samples that lie above the converter's top.
+
+        Returns
+        -------
+        row, column, counts : ndarray, shape (n_spikes,), int64
+            Frame from `first`, range bin, and its raw value, 8192 to 65535.
+        """
+        if self._effects.spike_share == 0:
+            none = np.zeros(0, np.int64)
+            return none, none, none
+        chance, number, *rest = self._draw("spike", first, n, _spikes)
+        column, counts = np.split(np.stack(rest, axis=1), 2, axis=1)
+        is_spiked = (chance < self._effects.spike_share)[:, None]
+        rank = np.arange(_MOST_SPIKES)
+        row, which = np.nonzero(is_spiked & (rank <= number[:, None] * _MOST_SPIKES))
+        size = _SPIKE_TOP - DAC_TOP - 1
+        return (
+            row,
+            (column[row, which] * n_range).astype(np.int64),
+            DAC_TOP + 1 + (counts[row, which] * size).astype(np.int64),
+        )
+
+    def _normal(self, kind: str, first: int, n: int) -> Array:
+        draws = self._draw(kind, first, n, lambda rng: rng.standard_normal((1, _BLOCK)))
+        return np.asarray(draws[0])
+
+    def _uniform(self, kind: str, first: int, n: int) -> Array:
+        return np.asarray(self._draw(kind, first, n, lambda rng: rng.random((1, _BLOCK)))[0])
+
+    def _draw(
+        self, kind: str, first: int, n: int, draw: Callable[[np.random.Generator], Array]
+    ) -> Array:
+        """Return the numbers of frames, shape (n_numbers, n), from their blocks' generators."""
+        blocks = range(first // _BLOCK, max(first + n - 1, first) // _BLOCK + 1)
+        parts = [draw(np.random.default_rng([self._seed, _KINDS.index(kind), b])) for b in blocks]
+        at = first - blocks[0] * _BLOCK
+        return np.concatenate(parts, axis=1)[:, at : at + n]
+
+
+def _bursts(rng: np.random.Generator) -> Array:
+    return np.stack([rng.random(_BLOCK), rng.exponential(size=_BLOCK), rng.random(_BLOCK)])
+
+
+def _spikes(rng: np.random.Generator) -> Array:
+    return rng.random((2 + 2 * _MOST_SPIKES, _BLOCK))
+
+
+def chip_axis(axis: FastTimeAxis, true_sample_rate_hz: float) -> FastTimeAxis:
+    """Return the axis with which the echoes of a chip must be made.
+
+    Parameters
+    ----------
+    axis : FastTimeAxis
+        What the settings say; frames keep it.
+    true_sample_rate_hz : float
+        What the chip does.
+
+    Returns
+    -------
+    FastTimeAxis
+        Bins lie where the chip samples. For baseband the carrier is that at which an echo's
+        phase turns after mixing with, and filtering for, the wrong one; `chip_ramp` is then
+        still to be applied to the frames.
+    """
+    true = replace(
+        axis,
+        bin_length_m=SPEED_OF_LIGHT_MPS / (2 * true_sample_rate_hz),
+        sample_rate_hz=true_sample_rate_hz,
+    )
+    if axis.kind == "rf":
+        return true
+    return replace(true, carrier_hz=axis.carrier_hz - _detuned_hz(axis, true) / 2)
+
+
+def chip_ramp(axis: FastTimeAxis, true_sample_rate_hz: float) -> NDArray[np.complex64]:
+    """Return what baseband frames made with `chip_axis` are to be multiplied with.
+
+    A pulse that is off by ``df`` behind the mixer, ``p(t) exp(j 2 pi df t)``, leaves its
+    matched filter as ``p(t / sqrt 2) exp(j pi df t)``, smaller by ``exp(-(pi df sp)^2)``: the
+    convolution of two Gaussians. That the chip's rate also stretches the filter's length is
+    left out: 1.3 % of the peak at 40 GS/s for 41, 4.2 % at 38.
+
+    Returns
+    -------
+    ndarray, shape (n_range,), complex64
+        Phase over range, and the loss.
+    """
+    true = chip_axis(axis, true_sample_rate_hz)
+    detuned_hz = _detuned_hz(axis, true)
+    sigma_s = pulse_sigma_s(axis.bandwidth_hz)
+    since_s = 2 * (true.range_m - true.range_offset_m) / SPEED_OF_LIGHT_MPS
+    begin_s = 2 * axis.range_offset_m / SPEED_OF_LIGHT_MPS
+    turns = (detuned_hz * (since_s - begin_s) / 2) % 1.0
+    loss = np.exp(-((np.pi * detuned_hz * sigma_s) ** 2))
+    return np.asarray(loss * np.exp(2j * np.pi * turns), np.complex64)
+
+
+def _detuned_hz(axis: FastTimeAxis, true: FastTimeAxis) -> float:
+    return axis.carrier_hz * (1 - true.sample_rate_hz / axis.sample_rate_hz)

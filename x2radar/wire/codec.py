@@ -1,0 +1,353 @@
+"""Packets to typed messages and back; layouts are tables, not code.
+
+The rows of `x2radar.wire.layouts` name a message class, the bytes it begins with, the struct
+format of its fixed fields, and its arrays with the count that rules them. `encode` and `decode_*`
+read the same rows, so the simulated module and the host cannot disagree. Two shapes are not in the
+rows: REPLY and DATA, whose type says what follows; they stand at the end.
+
+Host and module use the same first bytes for different things (10 is APPCOMMAND and ACK),
+so there are two decoders: `decode_command` for what a host sends and `decode_response` for
+what a module sends. Arrays come out read-only and share the packet's memory.
+"""
+
+import struct
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from x2radar.errors import MessageError
+from x2radar.wire.framing import PacketData
+from x2radar.wire.layouts import COMMAND_VARIANTS, COMMANDS, RESPONSE_VARIANTS, RESPONSES, Layout
+from x2radar.wire.messages import (
+    ByteReply,
+    Data,
+    DataText,
+    Message,
+    Reply,
+    SetOutput,
+    Unknown,
+)
+from x2radar.wire.messages_expert import SetAppInts
+from x2radar.wire.wire_ids import PING_SEED, DataType
+
+
+@dataclass(frozen=True, slots=True)
+class _Form:
+    """A row made ready for use, with its variants by the packet's length."""
+
+    row: Layout
+    head: struct.Struct
+    scalars: tuple[int, ...]
+    variants: dict[int, "_Form"] = field(default_factory=dict)
+
+
+def _form(row: Layout) -> _Form:
+    order = row.head
+    scalars = tuple(k for k in range(len(order)) if k not in row.counts)
+    return _Form(row, struct.Struct("<" + order), scalars)
+
+
+def _by_prefix(rows: tuple[Layout, ...], variants: tuple[Layout, ...]) -> dict[bytes, _Form]:
+    forms = {row.prefix: _form(row) for row in rows}
+    for row in variants:
+        form = _form(row)
+        forms[row.prefix].variants[len(row.prefix) + form.head.size] = form
+    return forms
+
+
+_COMMANDS = _by_prefix(COMMANDS, COMMAND_VARIANTS)
+_RESPONSES = _by_prefix(RESPONSES, RESPONSE_VARIANTS)
+# A class that has a row of its own is sent in that form, not in its variant's.
+_BY_CLASS = {
+    row.cls: _form(row) for row in RESPONSE_VARIANTS + COMMAND_VARIANTS + RESPONSES + COMMANDS
+}
+_ONLY_COMMANDS = frozenset(b"\x02\x21\x22\x23\x24\x25\x26\x40\x41\x42\x90\xb0\xc0")
+_X4_SUBS = frozenset(b"\x10\x11\x12\x13")
+_LONGEST_X4 = 14
+_SET_OUTPUT = struct.Struct("<BBIII")
+_HEAD = struct.Struct("<BBII")
+_COUNT = struct.Struct("<I")
+_DATA_TYPES: dict[int, str] = {
+    DataType.FLOAT: "<f4",
+    DataType.BYTE: "u1",
+    DataType.INT: "<i4",
+    DataType.STRING: "u1",
+}
+_REPLY_SIZES: dict[int, int] = {
+    DataType.BYTE: 1,
+    DataType.INT: 4,
+    DataType.FLOAT: 4,
+    DataType.STRING: 1,
+}
+
+
+def encode(message: Message) -> bytes:
+    """Return the packet data of any message.
+
+    Parameters
+    ----------
+    message : Message
+        A message of this package.
+
+    Returns
+    -------
+    bytes
+        Data for `x2radar.wire.framing.encode`.
+
+    Raises
+    ------
+    MessageError
+        If a field does not fit its place on the wire.
+    """
+    try:
+        match message:
+            case SetOutput(ref, value, count):
+                return _SET_OUTPUT.pack(0x90, 0x71, ref, count, value)
+            case Data(content_id, info, values):
+                return _encode_data(content_id, info, _data_type(values), values)
+            case DataText(content_id, info, text):
+                values = np.frombuffer(text.encode(), np.uint8)
+                return _encode_data(content_id, info, DataType.STRING, values)
+            case Reply():
+                return _encode_reply(message)
+            case Unknown(data):
+                return data
+            case _:
+                return _pack(_BY_CLASS[type(message)], message)
+    except (struct.error, KeyError, TypeError, ValueError, ArithmeticError) as err:
+        msg = f"{message!r} does not fit the wire: {err}"
+        raise MessageError(msg) from err
+
+
+def decode_command(data: PacketData) -> Message:
+    """Read what a host sends.
+
+    Parameters
+    ----------
+    data : bytes or memoryview
+        Data of one packet.
+
+    Returns
+    -------
+    Message
+        `Unknown` when no row describes the packet.
+
+    Raises
+    ------
+    MessageError
+        If the packet is shorter or longer than its row says.
+    """
+    message = _decode(data, _COMMANDS, (6, 2, 1))
+    if isinstance(message, SetAppInts) and message.values.size == 1:
+        return SetOutput(message.ref, int(message.values[0]))
+    return message
+
+
+def decode_response(data: PacketData) -> Message:
+    """Read what a module sends.
+
+    Parameters
+    ----------
+    data : bytes or memoryview
+        Data of one packet.
+
+    Returns
+    -------
+    Message
+        `Unknown` when no row describes the packet.
+
+    Raises
+    ------
+    MessageError
+        If the packet is shorter or longer than its row, or its counts, say.
+    """
+    first = data[:1]
+    if first == b"\xa0":
+        return _decode_data(data)
+    if first == b"\x11":
+        return _decode_reply(data)
+    return _decode(data, _RESPONSES, (5, 1))
+
+
+def decode_any(data: PacketData) -> Message:
+    """Read a packet of unknown direction, as in a trace of both.
+
+    A host's command wins where its bytes cannot be a module's: a ping carries the ping's
+    seed; application commands and those of the X4 driver have other lengths or ids than ACK
+    and the messages of profiles. Two bytes that begin with 20 are taken for set mode, though
+    an error of the short form looks alike; what begins with A0 is a module's DATA, not a
+    host's HIL.
+    """
+    return decode_command(data) if _is_command(data) else decode_response(data)
+
+
+def _is_command(data: PacketData) -> bool:
+    match data[0] if data else 0:
+        case 0x01:
+            return data[1:5] == _COUNT.pack(PING_SEED)
+        case 0x10:
+            return len(data) > 1
+        case 0x20:
+            return len(data) in {2, 3}
+        case 0x50 if len(data) > 2 and data[1] in _X4_SUBS:
+            # A profile's message of these ids is longer, and its id ends in three zeros.
+            return len(data) <= _LONGEST_X4 or data[2] != 0
+        case 0x50:
+            return data == b"\x50\x20"
+        case first:
+            return first in _ONLY_COMMANDS
+
+
+def _decode(data: PacketData, forms: dict[bytes, _Form], lengths: tuple[int, ...]) -> Message:
+    for length in lengths:
+        form = forms.get(bytes(data[:length]))
+        if form is not None:
+            if form.variants:
+                form = form.variants.get(len(data), form)
+            return _unpack(form, data)
+    return Unknown(bytes(data))
+
+
+def _unpack(form: _Form, data: PacketData) -> Message:
+    row = form.row
+    at = len(row.prefix)
+    arrays: list[Any] = []
+    try:
+        fields = form.head.unpack_from(data, at)
+        at += form.head.size
+        for which, dtype in row.arrays:
+            array = np.frombuffer(data, dtype, fields[row.counts[which]], at)
+            array.flags.writeable = False
+            arrays.append(array)
+            at += array.nbytes
+    except (struct.error, ValueError) as err:
+        msg = f"{row.cls.__name__} cut short: {len(data)} bytes ({err})"
+        raise MessageError(msg) from err
+    if row.counts:
+        fields = tuple([fields[k] for k in form.scalars])
+    if row.rest == "kept":
+        arrays.append(bytes(data[at:]))
+    elif at != len(data) and row.rest == "none":
+        msg = f"{row.cls.__name__} has {len(data) - at} bytes too many"
+        raise MessageError(msg)
+    return row.cls(*fields, *arrays)
+
+
+def _pack(form: _Form, message: Message) -> bytes:
+    row = form.row
+    values: list[Any] = [getattr(message, name) for name in message.__dataclass_fields__]  # type: ignore[attr-defined]
+    scalars, after = values[: len(form.scalars)], values[len(form.scalars) :]
+    bodies = [_elements(a, dtype) for a, (_, dtype) in zip(after, row.arrays, strict=False)]
+    for which, position in enumerate(row.counts):
+        sizes = {
+            len(body) // np.dtype(dtype).itemsize
+            for body, (ruler, dtype) in zip(bodies, row.arrays, strict=True)
+            if ruler == which
+        }
+        if len(sizes) != 1:
+            msg = f"arrays of unequal length {sorted(sizes)}"
+            raise ValueError(msg)
+        scalars.insert(position, sizes.pop())
+    if row.rest == "kept":
+        if not isinstance(after[-1], bytes):
+            msg = f"{after[-1]!r} is not bytes"
+            raise TypeError(msg)
+        bodies.append(after[-1])
+    return b"".join([row.prefix, form.head.pack(*scalars), *bodies])
+
+
+def _elements(values: Any, dtype: str) -> bytes:
+    """Return an array's bytes on the wire; ValueError or ArithmeticError if they do not fit."""
+    array = np.asarray(values)
+    if array.dtype != dtype:
+        with np.errstate(over="raise"):
+            cast = array.astype(dtype)
+        if cast.dtype.kind != "f" and not np.array_equal(cast, array):
+            msg = f"{array} does not fit into {dtype}"
+            raise ValueError(msg)
+        array = cast
+    return array.tobytes()
+
+
+def _data_type(values: Any) -> DataType:
+    if values.dtype == np.uint8:
+        return DataType.BYTE
+    return DataType.INT if values.dtype == np.int32 else DataType.FLOAT
+
+
+def _encode_data(content_id: int, info: int, kind: DataType, values: Any) -> bytes:
+    head = _HEAD.pack(0xA0, kind, content_id, info)
+    if values.size == 0:
+        return head
+    return head + _COUNT.pack(values.size) + _elements(values, _DATA_TYPES[kind])
+
+
+def _decode_data(data: PacketData) -> Message:
+    """Read DATA: A0, type, content id, info, [count, elements]; other types have rows."""
+    try:
+        _, kind, content_id, info = _HEAD.unpack_from(data)
+        dtype = _DATA_TYPES.get(kind)
+        if dtype is None:
+            return _decode(data, _RESPONSES, (6, 2))
+        n, at = (_COUNT.unpack_from(data, 10)[0], 14) if len(data) > 10 else (0, 10)
+        values: Any = np.frombuffer(data, dtype, n, at)
+    except (struct.error, ValueError) as err:
+        msg = f"Data cut short: {len(data)} bytes ({err})"
+        raise MessageError(msg) from err
+    if at + values.nbytes != len(data):
+        msg = f"Data has {len(data) - at - values.nbytes} bytes too many"
+        raise MessageError(msg)
+    if kind == DataType.STRING:
+        return DataText(content_id, info, _text(data[at:]))
+    values.flags.writeable = False
+    return Data(content_id, info, values)
+
+
+def _decode_reply(data: PacketData) -> Message:
+    """REPLY: 11, type, content id, info, [count, elements], element size (not for INT)."""
+    try:
+        _, kind, content_id, info = _HEAD.unpack_from(data)
+        size = _REPLY_SIZES.get(kind)
+        if size is None:
+            return _decode(data, _RESPONSES, (2,))
+        # Without elements there is no count; the element size is optional, see above.
+        n, at = (_COUNT.unpack_from(data, 10)[0], 14) if len(data) > 11 else (0, 10)
+    except struct.error as err:
+        msg = f"Reply cut short: {len(data)} bytes ({err})"
+        raise MessageError(msg) from err
+    body = data[at : at + n * size]
+    if len(body) != n * size or len(data) - at - len(body) > 1:
+        msg = f"Reply has {len(data) - at} bytes for {n} elements of {size} bytes"
+        raise MessageError(msg)
+    match kind:
+        case DataType.STRING:
+            return Reply(content_id, info, _text(body))
+        case DataType.BYTE:
+            return ByteReply(content_id, info, tuple(body))
+        case DataType.INT:
+            return Reply(content_id, info, struct.unpack(f"<{n}i", body))
+        case _:
+            return Reply(content_id, info, struct.unpack(f"<{n}f", body))
+
+
+def _encode_reply(message: Reply) -> bytes:
+    value = message.value
+    n = len(value)
+    if isinstance(value, str):
+        kind, body = DataType.STRING, value.encode()
+        n = len(body)
+    elif isinstance(message, ByteReply):
+        kind, body = DataType.BYTE, struct.pack(f"{n}B", *value)
+    elif any(isinstance(v, float) for v in value):
+        kind, body = DataType.FLOAT, struct.pack(f"<{n}f", *value)
+    else:
+        kind, body = DataType.INT, struct.pack(f"<{n}i", *value)
+    head = _HEAD.pack(0x11, kind, message.content_id, message.info)
+    counted = _COUNT.pack(n) + body if n else b""
+    size = b"" if kind is DataType.INT else bytes([_REPLY_SIZES[kind]])
+    return head + counted + size
+
+
+def _text(data: PacketData) -> str:
+    return bytes(data).rstrip(b"\0").decode("utf-8", "replace")

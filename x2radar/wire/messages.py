@@ -1,0 +1,252 @@
+"""What host and module say to each other, one frozen class a message.
+
+Fields stand in wire order. Which bytes they become is the business of `x2radar.wire.layouts` and
+`x2radar.wire.codec`. The everyday messages are here; `x2radar.wire.messages_expert` has the other
+commands, `x2radar.wire.messages_status` what profiles report. A docstring with the word inferred
+or unknown marks what no document or client settles; docs/hardware.md gives the reasons.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from x2radar.wire.wire_ids import PING_SEED
+
+FloatArray = NDArray[np.float32]
+ByteArray = NDArray[np.uint8]
+IntArray = NDArray[np.int32]
+
+
+class Message:
+    """Base of everything that a packet can say."""
+
+    __slots__ = ()
+
+
+# ---------------------------------------------------------------- host to module
+
+
+@dataclass(frozen=True, slots=True)
+class Ping(Message):
+    """Ask whether the module is ready."""
+
+    seed: int = PING_SEED
+
+
+@dataclass(frozen=True, slots=True)
+class Reset(Message):
+    """Restart the module about half a second from now."""
+
+
+@dataclass(frozen=True, slots=True)
+class SetMode(Message):
+    """Switch between run, idle, manual and stop (`wire_ids.Mode`; STOP: X4 only)."""
+
+    mode: int
+
+
+@dataclass(frozen=True, slots=True)
+class GetMode(Message):
+    """Ask for the mode (newer firmware)."""
+
+
+@dataclass(frozen=True, slots=True)
+class LoadProfile(Message):
+    """Load an application (`wire_ids.Profile`)."""
+
+    app_id: int
+
+
+@dataclass(frozen=True, slots=True)
+class SetLed(Message):
+    """Set the LED (`wire_ids.Led`)."""
+
+    mode: int
+    reserved: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class SetDetectionZone(Message):
+    """Set the profile's detection zone, in metres."""
+
+    start_m: float
+    end_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class SetSensitivity(Message):
+    """Set the profile's sensitivity, 0 to 9."""
+
+    level: int
+
+
+@dataclass(frozen=True, slots=True)
+class SetBaudRate(Message):
+    """Set the UART's rate (`wire_ids.BAUD_RATES`); acknowledged at the old rate."""
+
+    baud: int
+
+
+@dataclass(frozen=True, slots=True)
+class GetSystemInfo(Message):
+    """Ask for one item of `wire_ids.InfoItem`."""
+
+    item: int
+
+
+@dataclass(frozen=True, slots=True)
+class SetOutput(Message):
+    """APP_SETINT with one value: switch an output (`wire_ids.OutputRef`).
+
+    `count` is 1 on the wire; another one makes a command that modules refuse.
+    """
+
+    ref: int
+    value: int
+    count: int = 1
+
+
+@dataclass(frozen=True, slots=True)
+class SetSysInt(Message):
+    """SYSCFG_SETINT (`wire_ids.SysCfg`)."""
+
+    ref: int
+    value: int
+
+
+@dataclass(frozen=True, slots=True)
+class SetSysFloat(Message):
+    """SYSCFG_SETFLOAT (`wire_ids.SysCfg`)."""
+
+    ref: int
+    value: float
+
+
+# ---------------------------------------------------------------- module to host
+
+
+@dataclass(frozen=True, slots=True)
+class Pong(Message):
+    """Answer to a ping (`wire_ids.PongCode`)."""
+
+    code: int
+
+
+@dataclass(frozen=True, slots=True)
+class Ack(Message):
+    """The last command was taken."""
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorReply(Message):
+    """The last command was refused (`wire_ids.ErrorCode`)."""
+
+    code: int
+
+
+@dataclass(frozen=True, slots=True)
+class SystemMessage(Message):
+    """The module boots or is ready (`wire_ids.SystemCode`)."""
+
+    code: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BasebandIq(Message):
+    """One frame of complex baseband as two arrays, shape (n,), float32."""
+
+    counter: int
+    bin_length_m: float
+    sample_rate_hz: float
+    carrier_hz: float
+    range_offset_m: float
+    i: FloatArray
+    q: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BasebandAp(Message):
+    """One frame of baseband as amplitude and phase (rad), shape (n,), float32."""
+
+    counter: int
+    bin_length_m: float
+    sample_rate_hz: float
+    carrier_hz: float
+    range_offset_m: float
+    amplitude: FloatArray
+    phase: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BasebandIqOld(BasebandIq):
+    """The same as old X2M200 firmware sends it, as a data message of type 0x14."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BasebandApOld(BasebandAp):
+    """The same as old X2M200 firmware sends it, as a data message of type 0x14."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Data(Message):
+    """Numbers of one type: `content_id` says what (`wire_ids.ContentId`).
+
+    `info` is the frame counter. float32, uint8 and int32 keep their type on the wire (int32
+    is inferred from replies); other arrays go as float32.
+    """
+
+    content_id: int
+    info: int
+    values: FloatArray | ByteArray | IntArray
+
+
+@dataclass(frozen=True, slots=True)
+class DataText(Message):
+    """A data message that is text (form inferred from that of numbers)."""
+
+    content_id: int
+    info: int
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class UserData(Message):
+    """A data message with a structure of the firmware's own (`wire_ids.UserContent`).
+
+    The structures' layouts are unknown.
+    """
+
+    content_id: int
+    info: int
+    payload: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Reply(Message):
+    """Answer to a question: `value` is a str, or a tuple of ints or floats."""
+
+    content_id: int
+    info: int
+    value: str | tuple[int, ...] | tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ByteReply(Reply):
+    """The same with one byte a number, 0 to 255."""
+
+
+@dataclass(frozen=True, slots=True)
+class UserReply(Message):
+    """Answer with a structure of the firmware's own, whose layout is unknown."""
+
+    content_id: int
+    info: int
+    payload: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Unknown(Message):
+    """A sound packet that no table row describes, kept as it came; any bytes can be sent."""
+
+    data: bytes

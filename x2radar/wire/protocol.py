@@ -1,0 +1,136 @@
+"""The session: which reply belongs to which command. Feed bytes, take events.
+
+Theory of operation
+-------------------
+The module answers commands one at a time and in order, but data messages may come between
+a command and its reply, and a module that restarts says so at any moment. So a session
+holds at most one outstanding command and matches by type, from the table `layouts.ANSWERS`:
+
+* the awaited type answers the command (`Answered`);
+* ERROR refuses it (`Refused`);
+* everything else, an extra ACK too, is passed on as a `Received` event.
+
+There is no clock here: whoever holds the session decides when it has waited long enough,
+calls `give_up`, and may send again. No port either: `data_to_send` empties into one.
+"""
+
+from collections import deque
+from dataclasses import dataclass
+
+from x2radar.errors import MessageError, ProtocolError
+from x2radar.wire import framing
+from x2radar.wire.codec import decode_response, encode
+from x2radar.wire.framing import LineFault, Packet, PacketDecoder
+from x2radar.wire.layouts import ANSWERS
+from x2radar.wire.messages import Ack, ErrorReply, Message
+
+
+@dataclass(frozen=True, slots=True)
+class Received:
+    """A message that answers nothing: data, status, system messages, extra ACKs."""
+
+    message: Message
+
+
+@dataclass(frozen=True, slots=True)
+class Answered:
+    """The outstanding command was answered."""
+
+    command: Message
+    reply: Message
+
+
+@dataclass(frozen=True, slots=True)
+class Refused:
+    """The outstanding command was refused."""
+
+    command: Message
+    code: int
+
+
+@dataclass(frozen=True, slots=True)
+class Damaged:
+    """Bytes were dropped, or a sound packet could not be read."""
+
+    reason: str
+    n_bytes: int
+
+
+Event = Received | Answered | Refused | Damaged
+
+
+class Session:
+    """The host's side of the protocol, without I/O."""
+
+    def __init__(self) -> None:
+        self._decoder = PacketDecoder()
+        self._events: deque[Event] = deque()
+        self._to_send = bytearray()
+        self._outstanding: Message | None = None
+
+    @property
+    def outstanding(self) -> Message | None:
+        """The command that waits for its reply, or None."""
+        return self._outstanding
+
+    def send(self, command: Message) -> None:
+        """Queue a command.
+
+        Parameters
+        ----------
+        command : Message
+            Any host message.
+
+        Raises
+        ------
+        ProtocolError
+            If another command still waits for its reply.
+        """
+        if self._outstanding is not None:
+            msg = f"{self._outstanding} is not answered yet"
+            raise ProtocolError(msg)
+        self._to_send += framing.encode(encode(command))
+        self._outstanding = command
+
+    def give_up(self) -> None:
+        """Stop waiting for the outstanding command's reply."""
+        self._outstanding = None
+
+    def data_to_send(self) -> bytes:
+        """Return the bytes that must go to the port now, and forget them."""
+        data = bytes(self._to_send)
+        self._to_send.clear()
+        return data
+
+    def receive(self, data: bytes) -> None:
+        """Take bytes from the port; what they mean comes from `next_event`."""
+        for item in self._decoder.feed(data):
+            self._events.append(self._read(item))
+
+    def next_event(self) -> Event | None:
+        """Return the next event, or None when more bytes are needed."""
+        return self._events.popleft() if self._events else None
+
+    def reset(self) -> None:
+        """Forget everything, as after the port was reopened."""
+        self._decoder.reset()
+        self._events.clear()
+        self._to_send.clear()
+        self._outstanding = None
+
+    def _read(self, item: Packet | LineFault) -> Event:
+        if isinstance(item, LineFault):
+            return Damaged(item.fault.value, item.n_bytes)
+        try:
+            message = decode_response(item.data)
+        except MessageError as err:
+            return Damaged(str(err), len(item.data))
+        command = self._outstanding
+        if command is not None:
+            if isinstance(message, ErrorReply):
+                self._outstanding = None
+                return Refused(command, message.code)
+            if isinstance(message, ANSWERS.get(type(command), Ack)):
+                self._outstanding = None
+                return Answered(command, message)
+        return Received(message)
