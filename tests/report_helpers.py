@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from x2train.report import Passage, PassageTable
+from x2train.report import JudgedPassage, PassageTable
 
 
 def passage(quiet, label="human", *, window=None, enters_s=2.0, is_open=True, **more):
@@ -32,7 +32,7 @@ def passage(quiet, label="human", *, window=None, enters_s=2.0, is_open=True, **
         "target_range_m": np.full(n, 2.0),
         "compensated_db": np.full(n, -40.0),
     }
-    return Passage(label=label, enters_s=enters_s, **{**facts, **columns, **more})
+    return JudgedPassage(label=label, enters_s=enters_s, **{**facts, **columns, **more})
 
 
 def table_of(*passages):
