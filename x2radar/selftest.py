@@ -45,23 +45,7 @@ class Verdict(NamedTuple):
 
 @dataclass(slots=True, kw_only=True)
 class Report:
-    """What a self-test found.
-
-    Attributes
-    ----------
-    ping : str
-        What the module answered to a ping before anything else; empty for nothing.
-    info : dict of str to str
-        What the module says of itself, item by item, or why it does not.
-    figures : dict of str to float
-        Measured; units stand in the names. Levels are in the module's own unit.
-    verdicts : list of Verdict
-        In the order of the test.
-    frames : list of Frame
-        The first ones, up to `KEPT_BYTES`.
-    error : X2RadarError or None
-        What ended the stream before its time.
-    """
+    """What a self-test found."""
 
     ping: str = ""
     info: dict[str, str] = field(default_factory=dict)

@@ -125,15 +125,7 @@ class CaptureWriter:
 
 
 class CapturingTransport:
-    """A transport that keeps a copy of everything it carries.
-
-    Parameters
-    ----------
-    inner : Transport
-        What carries the bytes; just opened.
-    writer : CaptureWriter
-        Where the copy goes; stays open, so that a port that is opened again goes on in it.
-    """
+    """A transport that keeps a copy of everything it carries."""
 
     def __init__(self, inner: Transport, writer: CaptureWriter) -> None:
         self._inner = inner
@@ -249,20 +241,7 @@ def _read_chunk(read: Callable[[int], bytes], head: bytes) -> Chunk | None:
 
 
 class CaptureReplay:
-    """Plays the module of a capture; `connect` is for `X2Radar` and opens port after port.
-
-    Parameters
-    ----------
-    capture : Capture
-        What to play.
-    speed : float or None
-        Captured seconds per real second; None is as fast as it is read.
-    check_writes : bool
-        True: the module's bytes come only after the host has written what it had written
-        before them in the capture, and must be the same bytes; another byte closes the
-        transport. So a driver with the same settings goes through the same session. False:
-        whatever the host writes is ignored, and the module's bytes come by themselves.
-    """
+    """Plays the module of a capture; `connect` is for `X2Radar` and opens port after port."""
 
     def __init__(
         self, capture: Capture, *, speed: float | None = None, check_writes: bool = True

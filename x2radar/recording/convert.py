@@ -17,19 +17,7 @@ WRITABLE = tuple(name for name, kind in KINDS.items() if kind.writer)
 
 @dataclass(frozen=True, slots=True)
 class Converted:
-    """What a conversion did.
-
-    Attributes
-    ----------
-    kind : str
-        Name of the format written.
-    n_frames : int
-        Frames, repeated ones included.
-    duration_s : float
-        Their time, in seconds.
-    notes : tuple of str
-        What is odd about the source, and what the new format does not keep.
-    """
+    """What a conversion did."""
 
     kind: str
     n_frames: int

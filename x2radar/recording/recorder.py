@@ -34,15 +34,7 @@ class FrameWriter(Protocol):
 
 @dataclass(slots=True)
 class Tally:
-    """What was recorded.
-
-    Attributes
-    ----------
-    n_frames, n_lost, n_bytes : int
-        Frames written, frames missing in between, bytes on the disk.
-    is_full : bool
-        Whether the disk's free space fell under the floor.
-    """
+    """What was recorded."""
 
     n_frames: int = 0
     n_lost: int = 0

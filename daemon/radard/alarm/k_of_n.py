@@ -9,20 +9,7 @@ from itertools import islice
 
 
 def alarm_by_window(p_hit: float, k: int, n: int) -> Iterator[float]:
-    """Yield the probability that K of N have been hits by the first, second, ... window.
-
-    Parameters
-    ----------
-    p_hit : float
-        Probability that one window is a hit, each independent of the others.
-    k, n : int
-        So many hits among the last so many windows; n at most 16.
-
-    Yields
-    ------
-    float
-        Never falling; exact but for rounding (a sum over all 2^(n - 1) histories).
-    """
+    """Yield the probability that K of N have been hits by the first, second, ... window."""
     keep = (1 << (n - 1)) - 1
     pending = {0: 1.0}
     done = 0.0

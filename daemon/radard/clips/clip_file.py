@@ -42,26 +42,7 @@ _WHOLE = ("seq", "frames", "dropped", "alarm")
 
 
 class ClipFile:
-    """Write one clip.
-
-    Parameters
-    ----------
-    path : Path
-        File to make.
-    stream : StreamInfo
-        Axis and rate of the frames.
-    first_index : int
-        Number of the clip's first frame in the stream.
-    started_utc : str
-        Wall clock of that frame.
-    attributes : mapping of str to str
-        Further root attributes.
-
-    Raises
-    ------
-    OutputError
-        If it cannot be made.
-    """
+    """Write one clip."""
 
     def __init__(
         self,
@@ -205,22 +186,7 @@ class ClipWriter:
 
 
 def make_room(folder: Path, *, keep_bytes: float, free_bytes: float) -> bool:
-    """Take the oldest clips away until both limits hold.
-
-    Parameters
-    ----------
-    folder : Path
-        Only clips in it are touched, by their names.
-    keep_bytes : float
-        Most that all clips may take.
-    free_bytes : float
-        Least free space of the disk.
-
-    Returns
-    -------
-    bool
-        Whether there is room now.
-    """
+    """Take the oldest clips away until both limits hold."""
     sizes = {p: p.stat() for p in folder.iterdir() if _NAME.fullmatch(p.name)}
     total = sum(s.st_size for s in sizes.values())
     for stem in _oldest_first(sizes):

@@ -45,20 +45,7 @@ def run(argv: Sequence[str]) -> int:
 
 
 def explained(config: Config, *, pass_s: float) -> Iterator[str]:
-    """Yield the lines.
-
-    Parameters
-    ----------
-    config : Config
-        What holds.
-    pass_s : float
-        How long somebody is in sight when they pass, in seconds.
-
-    Raises
-    ------
-    BundleError, ModelMismatch
-        If the model cannot be had, or its card makes no sense.
-    """
+    """Yield the lines."""
     if config.model.name == "none":
         yield "model none: the gate alone; there are no verdicts and no alarms"
         return

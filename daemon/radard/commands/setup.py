@@ -56,13 +56,7 @@ def run(argv: Sequence[str]) -> int:
 
 
 def udev_rules(usb_id: str | None = None, serial: str | None = None) -> str:
-    """Return the udev rules; with an adapter's USB id and serial number, for it as well.
-
-    Raises
-    ------
-    UsageError
-        If only one of them is given, or one is no such thing.
-    """
+    """Return the udev rules; with an adapter's USB id and serial number, for it as well."""
     text = _shipped("60-x2radar.rules")
     if usb_id is None and serial is None:
         return text
@@ -85,20 +79,7 @@ def udev_rules(usb_id: str | None = None, serial: str | None = None) -> str:
 
 
 def systemd_unit(program: Path | None = None, port: str = "/dev/x2radar") -> str:
-    """Return the systemd unit for a program and a port.
-
-    Parameters
-    ----------
-    program : Path, optional
-        The `radard` to start; the one beside this Python otherwise.
-    port : str
-        As --port takes it.
-
-    Raises
-    ------
-    UsageError
-        If systemd could not read either.
-    """
+    """Return the systemd unit for a program and a port."""
     program = program or Path(sys.prefix) / "bin" / "radard"
     if not program.is_absolute():
         msg = f"--exec '{program}': must be a whole path, as systemd wants it"
@@ -110,15 +91,7 @@ def systemd_unit(program: Path | None = None, port: str = "/dev/x2radar") -> str
 
 
 def install(path: Path, text: str) -> Iterator[str]:
-    """Write a file of the system, and yield what was done; an older one is kept beside it.
-
-    Raises
-    ------
-    NotAllowed
-        If only root may.
-    RadardError
-        If it cannot be written for another reason.
-    """
+    """Write a file of the system, and yield what was done; an older one is kept beside it."""
     try:
         old = path.read_text(encoding="utf-8") if path.exists() else None
         if old == text:

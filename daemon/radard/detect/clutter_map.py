@@ -27,22 +27,6 @@ class ClutterMap:
 
     So the map begins as a plain mean, follows slow drift within `memory_s` afterwards, and
     somebody in the room enters it at most at the rate of `longest_s`.
-
-    Parameters
-    ----------
-    n_range : int
-        Range bins.
-    frame_rate_hz : float
-        Frames per second.
-    memory_s : float
-        Time constant of a still bin, in seconds.
-    longest_s : float
-        Longest time constant of a bin in which something moves, in seconds.
-
-    Notes
-    -----
-    State is complex128 in increment form: relative error against extended precision below
-    1e-12 after any number of frames, for samples up to 1e30.
     """
 
     def __init__(

@@ -36,23 +36,7 @@ _MERGE_S = 1.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrackSettings:
-    """How bodies are followed.
-
-    Attributes
-    ----------
-    least_db : float
-        A peak counts from here over the floor, in dB.
-    acceleration_mps2 : float
-        Typical acceleration, in metres per second squared.
-    range_error_m : float
-        Typical error of a peak's range: a body is long, in metres.
-    beside_m : float
-        Peaks nearer than this to a track are its own limbs, in metres.
-    coast_s : float
-        A track without hits lives on so long, in seconds.
-    most_tracks : int
-        No more than these are followed; the oldest go first.
-    """
+    """How bodies are followed."""
 
     least_db: float = 9.0
     acceleration_mps2: float = 1.5

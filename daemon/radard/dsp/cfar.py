@@ -34,21 +34,7 @@ _MOST_PEAKS = 8
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PowerMap:
-    """Residual power over its floor, in blocks of slow time and cells of range.
-
-    Attributes
-    ----------
-    ratio : ndarray, shape (n_block, n_cell), float64
-        Mean power by mean floor, linear; 0 in dead cells.
-    time_s : ndarray, shape (n_block,), float64
-        Stream time of every block's middle, in seconds, ascending.
-    range_m : ndarray, shape (n_cell,), float64
-        Middle of every cell, in metres.
-    cell_m : float
-        Length of a cell, in metres.
-    n_looks : float
-        Independent samples in a cell of noise, at least: frames in a block.
-    """
+    """Residual power over its floor, in blocks of slow time and cells of range."""
 
     ratio: Array
     time_s: Array
@@ -135,24 +121,7 @@ def _cell_bins(axis: FastTimeAxis) -> int:
 
 
 def os_level(ratio: Array, guard: int, reach: int) -> Array:
-    """Return the level of every cell's surroundings: the greater of both sides' statistics.
-
-    Parameters
-    ----------
-    ratio : ndarray, shape (n_block, n_cell), float64
-        Power map.
-    guard : int
-        Cells on either side that belong to the cell's own target.
-    reach : int
-        Cells on either side up to which the surroundings reach. A side with less than half
-        of its cells inside the record does not count.
-
-    Returns
-    -------
-    ndarray, shape (n_block, n_cell), float64
-        The lower `RANK` quantile of either side's reference cells, the greater of the two;
-        0 where neither side counts.
-    """
+    """Return the level of every cell's surroundings: the greater of both sides' statistics."""
     level = np.zeros_like(ratio)
     n_cell = ratio.shape[1]
     offsets = _offsets(guard, reach)
@@ -181,30 +150,7 @@ def _rank(n_references: int) -> int:
 
 @lru_cache(maxsize=64)
 def os_factor(n_references: int, k: int, n_looks: float, false_alarm: float) -> float:
-    """Return by what factor a cell must exceed the k-th of its references.
-
-    Parameters
-    ----------
-    n_references : int
-        Reference cells.
-    k : int
-        Rank of the ordered statistic, from 0.
-    n_looks : float
-        Independent exponential samples that each cell is the mean of.
-    false_alarm : float
-        Probability that noise exceeds it.
-
-    Returns
-    -------
-    float
-        For one look the solution of Rohling's product, prod_i (N - i) / (N - i + T) over
-        i = 0 .. k; for more the same integral over gamma variables, by quadrature, to 1e-3.
-
-    References
-    ----------
-    H. Rohling, "Radar CFAR thresholding in clutter and multiple target situations", IEEE
-    Trans. AES 19(4), 1983 (recalled).
-    """
+    """Return by what factor a cell must exceed the k-th of its references."""
     x, below, above = _gamma(n_looks)
     # The ordered statistic's distribution in probability is a beta distribution.
     p = np.linspace(0.0, 1.0, 4001)

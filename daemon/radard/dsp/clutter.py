@@ -128,29 +128,6 @@ def residual_power(frames: AnyFrames, valid: Flags, n_cpi: int) -> NDArray[np.fl
 
     Clutter is the mean over one CPI, as in the spectrogram (2.29), so that slow drift of
     the room counts as clutter. The record is cut into whole CPIs from its end.
-
-    Parameters
-    ----------
-    frames : ndarray, shape (n_slow, n_range)
-        Baseband frames.
-    valid : ndarray, shape (n_slow,), bool
-        False for frames that were lost. They are left out; so is a CPI with fewer than
-        half of its frames.
-    n_cpi : int
-        Frames in one CPI, at least 2.
-
-    Returns
-    -------
-    ndarray, shape (n_whole_cpis, n_range), float64
-        Mean power per frame in sample units squared, unbiased for noise; no rows when no
-        CPI is left. Relative error against float64 at most 1e-5 with static clutter up to
-        80 dB over the residual; beyond, what float32 samples themselves have lost adds up
-        to 1e-14 of the clutter's power.
-
-    Raises
-    ------
-    FeatureError
-        If the record is shorter than a CPI.
     """
     rows, usable, scale = sound_rows(frames, valid)
     return block_power(rows, usable, n_cpi, 1)[0][:, 0] * scale**2

@@ -63,26 +63,7 @@ def unambiguous_velocity_mps(frame_rate_hz: float, carrier_hz: float) -> float:
 
 
 def range_bands(axis: FastTimeAxis, edges_m: Sequence[float]) -> tuple[tuple[int, int], ...]:
-    """Return the bins between neighbouring edges.
-
-    Parameters
-    ----------
-    axis : FastTimeAxis
-        Range axis of the frames.
-    edges_m : sequence of float
-        Ascending ranges in metres; n + 1 of them make n bands.
-
-    Returns
-    -------
-    tuple of (int, int)
-        First bin of each band and the bin behind its last; bin k is in a band when
-        lower edge <= range_m[k] < upper edge.
-
-    Raises
-    ------
-    FeatureError
-        If a band holds no bin.
-    """
+    """Return the bins between neighbouring edges."""
     at = np.searchsorted(axis.range_m, np.asarray(edges_m, np.float64))
     bands = tuple((int(a), int(b)) for a, b in pairwise(at))
     if not bands or any(b <= a for a, b in bands):
@@ -94,27 +75,7 @@ def range_bands(axis: FastTimeAxis, edges_m: Sequence[float]) -> tuple[tuple[int
 def micro_doppler_direct(
     frames: ArrayLike, n_cpi: int, *, taper: NDArray[np.floating] | None = None
 ) -> NDArray[np.float64]:
-    """Return mu by its definition, in float64: the reference for the fast forms.
-
-    Parameters
-    ----------
-    frames : array_like, shape (n_slow, n_range), complex
-        Baseband frames, slow time first.
-    n_cpi : int
-        Frames in one CPI.
-    taper : ndarray, shape (n_cpi,), optional
-        Weight of every frame of a CPI; the thesis' Gaussian when not given.
-
-    Returns
-    -------
-    ndarray, shape (n_cpi, n_slow - n_cpi + 1), float64
-        Linear power, zero Doppler in row n_cpi // 2, approaching above it.
-
-    Raises
-    ------
-    FeatureError
-        If `frames` is not 2-D or shorter than a CPI.
-    """
+    """Return mu by its definition, in float64: the reference for the fast forms."""
     y = np.asarray(frames, np.complex128)
     _check(y, n_cpi)
     weights = checked_taper(n_cpi, taper)[:, None]

@@ -85,19 +85,7 @@ def centring(n_cpi: int) -> Reals:
 
 
 class GramMap:
-    """From Gram matrices of steps to columns of the spectrogram.
-
-    Parameters
-    ----------
-    taper : ndarray, shape (n_cpi,), float64
-        Weight of every frame of a CPI.
-
-    Notes
-    -----
-    Cost per column: n_cpi (n_cpi - 1)^2 multiply-adds in float64, whatever the number of
-    range bins. Up to 128 frames the weights are kept (16 MiB at 128, 0.2 MiB at 28); for
-    longer CPIs they are made row by row in every call.
-    """
+    """From Gram matrices of steps to columns of the spectrogram."""
 
     def __init__(self, taper: Reals) -> None:
         self.n_cpi = len(taper)

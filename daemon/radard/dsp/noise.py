@@ -20,20 +20,6 @@ def noise_power(frames: AnyFrames, valid: Flags) -> float:
 
     The low quantile of all cells is hardly moved by a target, which fills few of them; for
     noise alone it is unbiased.
-
-    Parameters
-    ----------
-    frames : ndarray, shape (n_slow, n_range)
-        Baseband frames, as `sound_rows` takes them.
-    valid : ndarray, shape (n_slow,), bool
-        False for frames that were lost.
-
-    Returns
-    -------
-    float
-        Mean noise power in sample units squared, over bins that change at all; 0 when none
-        does, NaN when no three usable frames follow each other. With a target in every cell
-        it is too high by at most the target.
     """
     rows, usable, scale = sound_rows(frames, valid)
     return float(noise_of(second_differences(rows, usable))) * scale**2

@@ -203,18 +203,7 @@ def _design(axis: FastTimeAxis, n_cpi: int, cell_m: float, near_m: float, far_m:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TargetTrack:
-    """Where the strongest target is, and how far it reaches, by time.
-
-    Attributes
-    ----------
-    has_target : ndarray, shape (n_time,), bool
-        Whether anything stands out of the noise.
-    range_m : ndarray, shape (n_time,), float64
-        Centre of its power; 0 where there is none.
-    extent_m : ndarray, shape (n_time,), float64
-        From the near end of its first cell to the far end of its last; 0 where there is
-        none.
-    """
+    """Where the strongest target is, and how far it reaches, by time."""
 
     has_target: Flags
     range_m: Reals
@@ -235,32 +224,6 @@ def find_target(
     Its parts are the cells that are less than `below_peak_db` weaker than its strongest,
     within `reach_m` of that. Multipath behind a body is 15 to 25 dB weaker than the body
     (measured on P4xx walks), so it does not count.
-
-    Parameters
-    ----------
-    power : ndarray, shape (n_cells, n_time)
-        From `RangeTimeMap`.
-    range_m : ndarray, shape (n_cells,), float64
-        Middle of the cells, evenly spaced.
-    noise : float, optional
-        Mean noise power of a cell; the map's lower quartile when not given, which is too
-        high once most of the map is target.
-    over_noise_db : float
-        How far a target stands out of it.
-    below_peak_db : float
-        How much weaker than its strongest cell a target's cells may be.
-    reach_m : float
-        How far they may lie from it.
-
-    Returns
-    -------
-    TargetTrack
-        Never NaN: a map without power has no target.
-
-    Raises
-    ------
-    FeatureError
-        If map and axis do not fit.
     """
     n_cells, n_time = power.shape
     if range_m.shape != (n_cells,) or n_cells == 0:

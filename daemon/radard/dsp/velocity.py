@@ -244,29 +244,7 @@ class VelocityTransform(ColumnStream):
 def velocity_transform(
     frames: ArrayLike, axis: FastTimeAxis, frame_rate_hz: float, **settings: float
 ) -> Reals:
-    """Return the velocity-time map of a whole record: `VelocityTransform` fed once.
-
-    Parameters
-    ----------
-    frames : array_like, shape (n_slow, n_range), complex
-        Baseband frames.
-    axis : FastTimeAxis
-        Their axis.
-    frame_rate_hz : float
-        Frames per second.
-    **settings
-        As for `VelocityTransform`.
-
-    Returns
-    -------
-    ndarray, shape (n_velocity, n_columns), float64
-        Linear power.
-
-    Raises
-    ------
-    FeatureError
-        If the record is shorter than a CPI or does not fit the axis.
-    """
+    """Return the velocity-time map of a whole record: `VelocityTransform` fed once."""
     rows = np.asarray(frames)
     make = partial(VelocityTransform, axis, frame_rate_hz, n_keep=max(1, len(rows)))
     stream = make(**settings)  # type: ignore[arg-type]

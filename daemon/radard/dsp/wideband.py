@@ -92,28 +92,7 @@ def velocity_transform_direct(
     taper: Reals,
     stride: int = 1,
 ) -> Reals:
-    """Return the map by its definition, in float64: the reference for the fast form.
-
-    Parameters
-    ----------
-    spectra : array_like, shape (n_slow, n_freq), complex
-        X(f, t): frames times `range_dft`.
-    frequency_hz : ndarray, shape (n_freq,)
-        Absolute frequencies.
-    frame_rate_hz : float
-        Frames per second.
-    velocity_mps : ndarray, shape (n_velocity,)
-        Velocities, approaching positive.
-    taper : ndarray, shape (n_cpi,)
-        Weight of every frame.
-    stride : int
-        Frames from one column to the next.
-
-    Returns
-    -------
-    ndarray, shape (n_velocity, n_columns), float64
-        Linear power.
-    """
+    """Return the map by its definition, in float64: the reference for the fast form."""
     x = np.asarray(spectra, np.complex128)
     n_cpi = len(taper)
     time_s = (np.arange(n_cpi) - (n_cpi - 1) / 2) / frame_rate_hz

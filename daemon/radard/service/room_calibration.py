@@ -33,17 +33,7 @@ _REPLAY = "replay:"
 
 @dataclass(frozen=True, slots=True)
 class CalibrationProgress:
-    """How far it is.
-
-    Attributes
-    ----------
-    phase : {'leave', 'listen', 'made', 'failed'}
-        Time to leave, listening, and how it ended.
-    left_s : int
-        Seconds until the phase ends.
-    text : str
-        For people: why it failed, or what was made.
-    """
+    """How far it is."""
 
     phase: str
     left_s: int = 0

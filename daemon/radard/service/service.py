@@ -42,15 +42,7 @@ def run(config: Config, options: RunOptions) -> int:
 
 
 class OneRadar(Supervisor):
-    """Run one radar; whatever ends it ends the process.
-
-    Parameters
-    ----------
-    config : Config
-        What holds.
-    options : RunOptions
-        The rest.
-    """
+    """Run one radar; whatever ends it ends the process."""
 
     def __init__(self, config: Config, options: RunOptions) -> None:
         signals = Signals()

@@ -23,15 +23,7 @@ _JOIN_S = 4.0
 
 
 class Keeper:
-    """Keep one radar at work.
-
-    Parameters
-    ----------
-    radar : RadarRun
-        Not opened yet.
-    wake : callable
-        Called when it is over.
-    """
+    """Keep one radar at work."""
 
     def __init__(self, radar: RadarRun, wake: Callable[[], None]) -> None:
         self.radar = radar

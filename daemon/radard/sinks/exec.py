@@ -39,22 +39,7 @@ def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> "Prog
 
 
 class ProgramSink(OutboxSink):
-    """Run a program for every event.
-
-    Parameters
-    ----------
-    words : list of str
-        Program and arguments.
-    options : SinkOptions
-        Sections exec and outbox.
-    context : SinkContext
-        Of the run.
-
-    Raises
-    ------
-    OutputError
-        If there is no such program, or the outbox cannot be made.
-    """
+    """Run a program for every event."""
 
     def __init__(self, words: list[str], options: SinkOptions, context: SinkContext) -> None:
         o = options.exec

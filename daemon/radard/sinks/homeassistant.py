@@ -19,19 +19,7 @@ from radard.config.sink_sections import MqttSection
 
 @dataclass(frozen=True, slots=True)
 class Entity:
-    """One entity.
-
-    Attributes
-    ----------
-    platform : str
-        Home Assistant's word for its kind.
-    key : str
-        Makes its id unique within the sensor.
-    config : mapping
-        Abbreviated keys; topics relative to the sensor's begin with `~/`.
-    expires : bool
-        Whether its value is void without a fresh one.
-    """
+    """One entity."""
 
     platform: str
     key: str

@@ -41,13 +41,7 @@ def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> "Mqtt
 
 
 def parse_url(url: str, options: MqttSection, sensor: str) -> tuple[Broker, str]:
-    """Return where the broker is, and the first part of the topics.
-
-    Raises
-    ------
-    UsageError
-        If the URL makes no sense, or holds a password: everyone can read a command line.
-    """
+    """Return where the broker is, and the first part of the topics."""
     scheme = url.partition(":")[0]
     try:
         parts = urlsplit(url)
@@ -82,26 +76,7 @@ def _fault_of(parts: SplitResult, prefix: str) -> str:
 
 
 class MqttSink(OutboxSink):
-    """Publish to a broker.
-
-    Parameters
-    ----------
-    broker : Broker
-        Where to.
-    prefix : str
-        First part of the topics.
-    options : SinkOptions
-        Sections mqtt and outbox.
-    context : SinkContext
-        Of the run.
-
-    Raises
-    ------
-    ConfigError
-        If the password or a certificate cannot be read.
-    OutputError
-        If the outbox cannot be made.
-    """
+    """Publish to a broker."""
 
     tick_s = 0.5
 

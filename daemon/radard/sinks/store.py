@@ -70,22 +70,7 @@ def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> "Stor
 
 
 class StoreSink(DirectSink):
-    """Keep records in a SQLite file.
-
-    Parameters
-    ----------
-    path : Path
-        The file; made, with its folder, when missing.
-    options : StoreSection
-        What is kept, and how long.
-    context : SinkContext
-        Of the run.
-
-    Raises
-    ------
-    OutputError
-        If the file cannot be made, or is another program's.
-    """
+    """Keep records in a SQLite file."""
 
     tick_s = 1.0
 
@@ -177,22 +162,7 @@ class StoreSink(DirectSink):
 
 
 def tidy(db: sqlite3.Connection, options: StoreSection, now_s: float) -> None:
-    """Delete what is too old, and the oldest while the file is too large.
-
-    Parameters
-    ----------
-    db : sqlite3.Connection
-        Of a store, without a transaction.
-    options : StoreSection
-        Limits.
-    now_s : float
-        Wall-clock time, in seconds since 1970.
-
-    Raises
-    ------
-    sqlite3.Error
-        If it cannot be written.
-    """
+    """Delete what is too old, and the oldest while the file is too large."""
     limit_s = now_s - options.keep_days * 86_400
     for table, column in (("decisions", "time_s"), ("statuses", "time_s"), ("events", "start_s")):
         db.execute(f"DELETE FROM {table} WHERE {column} < ?", (limit_s,))  # noqa: S608 - ours

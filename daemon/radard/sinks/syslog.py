@@ -65,17 +65,7 @@ def parse_address(rest: str) -> Address | None:
 
 
 class SyslogSink(DirectSink):
-    """Send messages to a log.
-
-    Parameters
-    ----------
-    address : str, (str, int) or None
-        See `parse_address`.
-    options : SinkOptions
-        Sections syslog and outbox (for its waits).
-    context : SinkContext
-        Of the run.
-    """
+    """Send messages to a log."""
 
     def __init__(
         self, address: Address | None, options: SinkOptions, context: SinkContext

@@ -55,24 +55,7 @@ def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> "Webh
 
 
 class WebhookSink(OutboxSink):
-    """POST events.
-
-    Parameters
-    ----------
-    url : str
-        http or https; its path and query are treated as secrets.
-    options : SinkOptions
-        Sections webhook and outbox.
-    context : SinkContext
-        Of the run.
-
-    Raises
-    ------
-    ConfigError
-        If a credential or certificate cannot be read.
-    OutputError
-        If the outbox cannot be made.
-    """
+    """POST events."""
 
     def __init__(self, url: str, options: SinkOptions, context: SinkContext) -> None:
         o = options.webhook

@@ -27,20 +27,7 @@ _MOST_READS = 16
 
 
 class CoalescedReads:
-    """A transport that is read less often.
-
-    Parameters
-    ----------
-    inner : Transport
-        Where the bytes come from.
-    pause_s : float
-        A stream is left alone for so long between two reads, in seconds.
-    due_s : callable
-        Returns when the next frame that must not wait will arrive, on the clock; infinite
-        when that is not known.
-    clock, sleep : callable
-        Seconds of a monotonic clock, and how to wait for some.
-    """
+    """A transport that is read less often."""
 
     def __init__(
         self,

@@ -14,17 +14,7 @@ TICK_S = 0.1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlaybackState:
-    """Where a replay is.
-
-    Attributes
-    ----------
-    position_s, length_s : float
-        On the recording's own clock, in seconds.
-    is_playing : bool
-        Not paused.
-    speed : float or None
-        Stream seconds per real second; None is as fast as possible.
-    """
+    """Where a replay is."""
 
     position_s: float
     length_s: float

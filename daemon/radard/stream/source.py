@@ -154,17 +154,7 @@ def open_source(
 
 
 class LiveSource:
-    """Frames of a device, which is opened again when it was lost.
-
-    Parameters
-    ----------
-    radar : ReconnectingRadar
-        Not opened yet.
-    on_notice : callable
-        See `open_source`.
-    hop : NextHop
-        Asked by the transport; `expect` tells it.
-    """
+    """Frames of a device, which is opened again when it was lost."""
 
     is_live = True
 
@@ -214,13 +204,7 @@ class LiveSource:
 
 
 class ReplaySource:
-    """Frames of a recording, paced by their stream time.
-
-    Attributes
-    ----------
-    playback : Playback
-        Play, pause, seek and speed.
-    """
+    """Frames of a recording, paced by their stream time."""
 
     is_live = False
 

@@ -37,17 +37,7 @@ Sample = tuple[str, Mapping[str, str], float]
 
 @dataclass(slots=True)
 class Histogram:
-    """Counts of values up to each limit, as Prometheus wants them.
-
-    Attributes
-    ----------
-    limits : sequence of float
-        Upper limits, ascending; one more for all above.
-    counts : list of int
-        Values in each.
-    total : float
-        Sum of all values.
-    """
+    """Counts of values up to each limit, as Prometheus wants them."""
 
     limits: Sequence[float]
     counts: list[int] = field(default_factory=list)

@@ -46,20 +46,7 @@ def parse_address(url: str) -> tuple[str, int]:
 
 
 class WebSink:
-    """Serve the dashboard.
-
-    Parameters
-    ----------
-    host, port
-        Where to listen; port 0 is any free one.
-    section : WebSection
-        Of the configuration.
-
-    Raises
-    ------
-    ConfigError
-        If a token is missing or cannot be read.
-    """
+    """Serve the dashboard."""
 
     waits = False
 

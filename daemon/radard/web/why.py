@@ -22,17 +22,7 @@ Outcome = Literal["passed", "decided", "skipped"]
 
 @dataclass(frozen=True, slots=True)
 class DecisionStage:
-    """One stage of a decision.
-
-    Attributes
-    ----------
-    name : str
-        frames, gate, classifier, rule, zones, confirmation or panel.
-    outcome : {'passed', 'decided', 'skipped'}
-        Whether it handed on, decided, or was not asked.
-    text : str
-        What it found, for people.
-    """
+    """One stage of a decision."""
 
     name: str
     outcome: Outcome

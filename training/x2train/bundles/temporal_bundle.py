@@ -31,17 +31,7 @@ _RECIPE = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sets:
-    """Windows of sets, as a head sees them.
-
-    Attributes
-    ----------
-    given : Given
-        Of all sets, in order.
-    logits : ndarray, shape (n, 3), float64
-        Of single windows.
-    sample : mapping of str to ndarray
-        Columns of the first windows of the first set.
-    """
+    """Windows of sets, as a head sees them."""
 
     given: Given
     logits: NDArray[np.float64]

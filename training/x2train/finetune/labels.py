@@ -37,15 +37,7 @@ class OwnClip:
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """What a file of labels gave.
-
-    Attributes
-    ----------
-    clips : tuple of OwnClip
-        In the order in which their events were first labelled.
-    left_out : tuple of str
-        A line for each event that gave none.
-    """
+    """What a file of labels gave."""
 
     clips: tuple[OwnClip, ...]
     left_out: tuple[str, ...]

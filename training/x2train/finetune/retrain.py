@@ -37,17 +37,7 @@ _STEPS = tuple(k / 10 for k in range(10, 0, -1))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Retrained:
-    """What light retraining gave.
-
-    Attributes
-    ----------
-    onnx : bytes
-        The network.
-    share : float
-        How far it went from the old weights (0) to the trained ones (1).
-    misses : Misses
-        Of the guard.
-    """
+    """What light retraining gave."""
 
     onnx: bytes
     share: float

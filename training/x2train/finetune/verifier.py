@@ -68,15 +68,7 @@ class Seen:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scored:
-    """Windows with the scores of a head, which stay as they are while its thresholds move.
-
-    Attributes
-    ----------
-    seen : Seen
-        The windows.
-    score, recent : ndarray, shape (n,), float64
-        Of each alone, and over the last few, in nats.
-    """
+    """Windows with the scores of a head, which stay as they are while its thresholds move."""
 
     seen: Seen
     score: Array

@@ -41,17 +41,7 @@ class ElementError(RadardError):
 
 @dataclass(frozen=True, slots=True)
 class ShardProgress:
-    """How far a run is.
-
-    Attributes
-    ----------
-    done, total : int
-        Elements, those of earlier runs included.
-    per_s : float
-        Elements made per second by this run.
-    left_s : float
-        Seconds to go at that rate.
-    """
+    """How far a run is."""
 
     done: int
     total: int

@@ -83,17 +83,7 @@ class HeadSettings:
 
 
 class TemporalHead(nn.Module):
-    """The head.
-
-    Parameters
-    ----------
-    mean, spread : ndarray, shape (n_given,)
-        Of what is given; it is standardised by them.
-    settings : HeadSettings
-        Its size.
-    n_out : int
-        Classes.
-    """
+    """The head."""
 
     mean: torch.Tensor
     spread: torch.Tensor

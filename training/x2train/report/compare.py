@@ -18,13 +18,7 @@ _SAME = ("label", "family", "duration_s", "enters_s", "leaves_s")
 
 @dataclass(frozen=True, slots=True)
 class Overlap:
-    """Passages that went wrong.
-
-    Attributes
-    ----------
-    both, here, there : int
-        With both models, only with this one, only with the other.
-    """
+    """Passages that went wrong."""
 
     both: int
     here: int

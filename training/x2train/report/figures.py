@@ -40,24 +40,7 @@ WORST = 20
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """One operating point.
-
-    Attributes
-    ----------
-    name : str
-        What it is.
-    policy : {'shipped', 'fused', 'window'}
-        Whose verdicts: the daemon's own, or fused or single windows' evidence at a limit.
-    budget_h : float
-        Pet-hours to one false alarm that the limit was chosen for, on these same passages;
-        NaN where it was given.
-    pet_limit : float
-        The alarm stays off above this p_pet + p_other.
-    is_resolved : bool
-        Whether there are enough pet-hours to tell the budget from none at all.
-    outcome : Outcome
-        What came of it.
-    """
+    """One operating point."""
 
     name: str
     policy: str
@@ -69,19 +52,7 @@ class Point:
 
 @dataclass(frozen=True, slots=True)
 class WindowFigures:
-    """What the network says of single windows of people and pets.
-
-    Attributes
-    ----------
-    n_human, n_pet : int
-        Windows in view.
-    auc, auc_all_open, auc_fused : Estimate
-        In view; of every window with an open gate; of the fused evidence, in view.
-    balanced_accuracy : Estimate
-        In view.
-    confusion : dict
-        Of every window with an open gate: truth to guess to count.
-    """
+    """What the network says of single windows of people and pets."""
 
     n_human: int
     n_pet: int
@@ -94,17 +65,7 @@ class WindowFigures:
 
 @dataclass(frozen=True, slots=True)
 class Worst:
-    """A passage that is, or nearly is, on the wrong side.
-
-    Attributes
-    ----------
-    index : int
-        Of the passage.
-    margin : float
-        Evidence on the right side of the limit, as a log odds ratio: below zero is wrong.
-    is_wrong : bool
-        Whether the daemon's own verdict was wrong.
-    """
+    """A passage that is, or nearly is, on the wrong side."""
 
     index: int
     margin: float

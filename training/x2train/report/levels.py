@@ -84,15 +84,7 @@ def levels(table: PassageTable, bundle: Bundle, rng: np.random.Generator) -> tup
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ruled:
-    """Verdicts on all decisions of a table.
-
-    Attributes
-    ----------
-    is_alarm, is_pending : ndarray, shape (n_decisions,), bool
-        As in the table.
-    pet_limit : float
-        What they were made with.
-    """
+    """Verdicts on all decisions of a table."""
 
     is_alarm: NDArray[np.bool_]
     is_pending: NDArray[np.bool_]

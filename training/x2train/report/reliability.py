@@ -12,17 +12,7 @@ BINS = 10
 
 @dataclass(frozen=True, slots=True)
 class Bin:
-    """Probabilities of one tenth of the scale.
-
-    Attributes
-    ----------
-    n : int
-        How many.
-    mean_p : float
-        Their mean; NaN of none.
-    share : Estimate
-        How many of them were people.
-    """
+    """Probabilities of one tenth of the scale."""
 
     n: int
     mean_p: float

@@ -30,26 +30,7 @@ _JOIN_SHARE, _CONSTANT_SHARE, _LOOSE_SHARE = 0.25, 0.3, 0.4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DomainRandomization:
-    """A mover made less like the others of its kind; a `Mover` itself.
-
-    Attributes
-    ----------
-    mover : Mover
-        Who it is.
-    gain : ndarray, shape (n_points,), float64
-        Factors on the cross sections.
-    contrast : float
-        Exponent on the mean cross sections relative to the strongest: above 1 the strong
-        parts stand out, below 1 the weak ones catch up.
-    joins : bool
-        Whether parts within 6 dB of the strongest become one, in their middle.
-    is_constant : bool
-        Cross sections keep their mean over the asked times.
-    begin_s, pace : float
-        Its own time is ``begin_s + pace t`` and what `wave` adds.
-    wave : ndarray, shape (3, n_waves), float64
-        Amplitude in seconds, frequency in Hz and phase of the unevenness of its clock.
-    """
+    """A mover made less like the others of its kind; a `Mover` itself."""
 
     mover: Mover
     gain: Array

@@ -35,19 +35,7 @@ _ERROR_DB = -50.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Truth:
-    """What really went on, by frame.
-
-    Attributes
-    ----------
-    range_m : ndarray, shape (n_slow, n_bodies), float64
-        Range of the middle of each body.
-    velocity_mps : ndarray, shape (n_slow, n_bodies), float64
-        Its radial velocity; approaching is positive.
-    speed_mps : ndarray, shape (n_slow, n_bodies), float64
-        How fast it goes.
-    snr_db : ndarray, shape (n_slow, n_bodies), float64
-        Power of its direct echo, all parts, over the noise of a bin; -inf outside the swath.
-    """
+    """What really went on, by frame."""
 
     range_m: Array
     velocity_mps: Array

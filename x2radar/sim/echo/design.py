@@ -37,25 +37,7 @@ _USUAL_POINTS = 20
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Design:
-    """One axis' grid and matrix.
-
-    Attributes
-    ----------
-    grid : SpreadGrid
-        Where echoes go first.
-    matrix : ndarray, shape (2 * n_window, n_out), float32
-        From one window of the grid (real and imaginary parts in turn) to a block of bins;
-        n_out is twice the block for baseband, the block for RF.
-    n_block, n_blocks : int
-        Bins in a block, and blocks; together at least n_range.
-    n_step, n_window : int
-        Grid points from one block to the next, and in a window.
-    turn : ndarray, shape (n_blocks, 1), complex64, or None
-        RF: the carrier at the beginning of each block.
-    error_db : float
-        Largest error of any bin for any position of an echo of amplitude 1; measured on 12
-        positions a spacing when the design was made.
-    """
+    """One axis' grid and matrix."""
 
     grid: SpreadGrid
     matrix: NDArray[np.float32]

@@ -104,17 +104,7 @@ _RUNS = {row.app_id: name for name, row in PROFILES.items()}
 
 @dataclass(frozen=True, slots=True)
 class Obeyed:
-    """What a command comes to.
-
-    Attributes
-    ----------
-    reply : Message
-        What the host gets.
-    stops : bool
-        The stream ends.
-    starts : ModuleSettings or None
-        A stream with these settings begins.
-    """
+    """What a command comes to."""
 
     reply: Message
     stops: bool = False

@@ -89,15 +89,7 @@ _WHERE_KEYS = ("course", "waypoints_m", "speed_mps", "near_m", "far_m", "start_s
 
 
 class ThesisBody:
-    """One of the thesis' bodies: sums of sinusoids on a straight line towards the radar.
-
-    Parameters
-    ----------
-    label : {'human', 'pet'}
-        What it is.
-    scatterers : tuple of Scatterer
-        Drawn.
-    """
+    """One of the thesis' bodies: sums of sinusoids on a straight line towards the radar."""
 
     def __init__(self, label: Label, scatterers: tuple[Scatterer, ...]) -> None:
         self.label: Label = label
@@ -164,11 +156,6 @@ def plugged_body(name: str) -> BodyKind | None:
     """Return the body that an entry point of `x2radar.bodies` brings; None if none does.
 
     The entry point names a `BodyKind`. What it makes is tried at two times when it is made.
-
-    Raises
-    ------
-    PluginError
-        If it is broken; `make` raises it too.
     """
     found = plugins.find_plugin(plugins.BODIES, name)
     if found is None:

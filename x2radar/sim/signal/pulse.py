@@ -115,18 +115,6 @@ def baseband_echo(range_m: Array, amplitude: Array, axis: FastTimeAxis) -> NDArr
 
     The matched filter widens the Gaussian by sqrt(2) and is scaled to leave an echo's
     peak at its amplitude. The phase is -4 pi R / lambda, reduced to one turn in float64.
-
-    Parameters
-    ----------
-    range_m, amplitude : ndarray, shape (n_slow, n_scatterers), float64
-        As in `rf_echo`.
-    axis : FastTimeAxis
-        An axis of kind 'baseband'.
-
-    Returns
-    -------
-    ndarray, shape (n_slow, n_range), complex64
-        ``sum_k a_k exp(-(t - tau_k)^2 / (4 sp^2)) exp(-j 4 pi R_k / lambda)`` (2.19).
     """
     sigma_s = pulse_sigma_s(axis.bandwidth_hz) * np.sqrt(2)
     turns = 2 * range_m * (axis.carrier_hz / SPEED_OF_LIGHT_MPS)

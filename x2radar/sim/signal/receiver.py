@@ -143,20 +143,6 @@ def delayed_baseband(
 
     The carrier's phase is exact; the envelope is moved by its slope over range, with an
     error of ``(2 pi f delay)^2 / 2`` for f within half the bandwidth: below 1e-4 for 2 ps.
-
-    Parameters
-    ----------
-    frames : ndarray, shape (n_slow, n_range), complex64
-        Left alone.
-    delay_s : ndarray, shape (n_slow,), float64
-        In seconds; far less than a sample.
-    axis : FastTimeAxis
-        Of the frames.
-
-    Returns
-    -------
-    ndarray, shape (n_slow, n_range), complex64
-        A new array.
     """
     turn = np.exp(axis.phase_sign * 2j * np.pi * ((axis.carrier_hz * delay_s) % 1.0))
     bins = (delay_s * bins_per_s(axis)).astype(np.float32)

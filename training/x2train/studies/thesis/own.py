@@ -110,19 +110,7 @@ def _branch(channels: tuple[int, ...]) -> nn.Sequential:
 def train_maps(
     maps: Maps, y: NDArray[np.int64], s: OwnSettings, tell: Callable[[int], None]
 ) -> MapNet:
-    """Return a trained network.
-
-    Parameters
-    ----------
-    maps : mapping of str to ndarray, shape (n, rows, columns), float32
-        By name.
-    y : ndarray, shape (n,), int64
-        0 or 1.
-    s : OwnSettings
-        How.
-    tell : callable
-        Gets the epochs done.
-    """
+    """Return a trained network."""
     # Initial weights and dropout draw from torch's own generator: lent, and given back.
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(s.seed)

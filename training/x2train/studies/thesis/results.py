@@ -20,20 +20,7 @@ _LEAST = 1e-12
 
 @dataclass(frozen=True, slots=True)
 class SetResult:
-    """What the repeats did on one set of elements.
-
-    Attributes
-    ----------
-    n : int
-        Elements.
-    total, class1, class2 : tuple of float
-        Accuracy of each repeat, in per cent: all, the animal, people.
-    cross_entropy : tuple of float
-        Of each repeat: mean of -ln p(true class), in nats. Equation 3.3 sums over both
-        outputs and is twice that for two classes.
-    confusion : tuple
-        Of each repeat: rows are the output class, columns the true one (table 3.1).
-    """
+    """What the repeats did on one set of elements."""
 
     n: int
     total: tuple[float, ...]

@@ -31,27 +31,7 @@ ANY_STREAM = {
 def write_blank_bundle(
     folder: Path, name: str, settings: FeatureSettings, features: tuple[str, ...], seed: int = 0
 ) -> Path:
-    """Write NAME.onnx and NAME.json.
-
-    Parameters
-    ----------
-    folder : Path
-        Where to; it exists.
-    name : str
-        Name of the bundle.
-    settings : FeatureSettings
-        How features are made.
-    features : tuple of str
-        Which, of `radard.classify.features.FEATURES`: maps go through convolutions, vectors as
-        they are.
-    seed : int
-        Of the weights.
-
-    Returns
-    -------
-    Path
-        The .onnx file, as `radard --model` takes it.
-    """
+    """Write NAME.onnx and NAME.json."""
     shapes = {feature: feature_shape(feature, settings) for feature in features}
     weights = _network(shapes, np.random.default_rng(seed))
     path = folder / f"{name}.onnx"

@@ -107,15 +107,7 @@ class DoubleRanges:
 
 
 class DoubleVelocity:
-    """A velocity-time map.
-
-    Parameters
-    ----------
-    transform : VelocityTransform
-        Whose grid is used.
-    axis, frame_rate_hz
-        As of the chain.
-    """
+    """A velocity-time map."""
 
     def __init__(
         self, transform: VelocityTransform, axis: FastTimeAxis, frame_rate_hz: float

@@ -188,23 +188,7 @@ def chain_ms(
 
 
 def picture_loss_db(ours: Picture, finest: Picture, depth_db: float) -> float:
-    """Return the rms difference of two pictures of one kind over what either shows, in dB.
-
-    Parameters
-    ----------
-    ours : ndarray, shape (n_rows, n_cells), float32
-        0 to 1; its rows are put on those of `finest` by linear interpolation, the outermost
-        rows of both at the same place.
-    finest : ndarray, shape (n_finest, n_cells), float32
-        What it should be.
-    depth_db : float
-        What 1 stands for.
-
-    Returns
-    -------
-    float
-        0 where neither shows anything.
-    """
+    """Return the rms difference of two pictures of one kind over what either shows, in dB."""
     if len(ours) != len(finest):
         at = np.linspace(0, len(ours) - 1, len(finest))
         low = np.minimum(at.astype(int), len(ours) - 2)

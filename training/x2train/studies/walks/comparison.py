@@ -103,23 +103,7 @@ class Comparison:
 
 
 def recorded_walk(path: Path) -> Walk:
-    """Return the walk in one of the recordings.
-
-    Parameters
-    ----------
-    path : Path
-        A P4xx recording.
-
-    Returns
-    -------
-    Walk
-        Ranges are those in the room.
-
-    Raises
-    ------
-    RecordingError
-        If it cannot be read or is too short.
-    """
+    """Return the walk in one of the recordings."""
     with open_recording(path) as recording:
         axis, rate_hz = recording.stream.axis, recording.stream.frame_rate_hz
         if axis.kind != "rf" or recording.n_frames < FRAMES[1] or not rate_hz:

@@ -24,13 +24,7 @@ _TINY = 1e-300
 
 @dataclass(frozen=True, slots=True)
 class DopplerNumbers:
-    """Those of the `WalkNumbers` that are read off velocities about the body's own way.
-
-    Attributes
-    ----------
-    torso_mps, limb_mps, step_hz : float
-        See `WalkNumbers`.
-    """
+    """Those of the `WalkNumbers` that are read off velocities about the body's own way."""
 
     torso_mps: float
     limb_mps: float

@@ -151,20 +151,7 @@ def _way(body_m: Array, frame_rate_hz: float) -> tuple[Array, Array, Flags]:
 
 
 def ridge(level_db: Array, most_cells: float) -> NDArray[np.intp]:
-    """Return the strongest way through a map that never jumps (Viterbi).
-
-    Parameters
-    ----------
-    level_db : ndarray, shape (n_cells, n_time), float64
-        Level of every cell.
-    most_cells : float
-        Cells that it may go from one column to the next; at least one.
-
-    Returns
-    -------
-    ndarray, shape (n_time,), int
-        Row of the way in every column. Each cell that it moves costs 0.5 dB.
-    """
+    """Return the strongest way through a map that never jumps (Viterbi)."""
     n_cells, n_time = level_db.shape
     steps = np.arange(-max(1, round(most_cells)), max(1, round(most_cells)) + 1)
     came_from = np.clip(np.arange(n_cells) + steps[:, None], 0, n_cells - 1)

@@ -25,38 +25,7 @@ _FARTHEST_EDGE_M = 1.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WalkNumbers:
-    """What is measured of a walk.
-
-    Attributes
-    ----------
-    speed_mps : float
-        Mean speed to or from the radar.
-    speed_sd_mps : float
-        Unevenness of that speed: about a line through each stretch, without the corners.
-    rate_sd_mps : float
-        Spread of the body's range rate (over a CPI of 0.47 s) about that of its way.
-    torso_mps : float
-        Oscillation of the trunk's Doppler line (within 0.3 m/s of its way), 0.5 to 2.5 Hz.
-    torso_rms_m : float
-        Oscillation of the body's range about its way, 0.5 to 2.5 Hz.
-    step_hz : float
-        Bursts of limb velocity a second. Of simulated people it is their steps.
-    edge_rms_m : float
-        As `torso_rms_m`, of the body's near edge (6 dB under its peak).
-    reach_m, far_reach_m : float
-        How far the limbs' edge (15 dB under the peak) lies in front of the way: median, and
-        exceeded a tenth of the time.
-    swing_rms_m : float
-        Oscillation of that edge, 0.5 to 2.5 Hz.
-    limb_mps : float
-        Spread of velocity about the body's own within the unambiguous interval.
-    coherence : float
-        Of the echo from one frame to the next once the body's way is taken out, 0 to 1.
-    extent_m : float
-        From the near to the far edge, 6 dB under the peak, median.
-    behind_db : tuple of float
-        Power at `BEHIND_M` behind the body, over 0.5 m, against its peak.
-    """
+    """What is measured of a walk."""
 
     speed_mps: float
     speed_sd_mps: float

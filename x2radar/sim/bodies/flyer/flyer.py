@@ -42,27 +42,7 @@ _GRAVITY_MPS2 = 9.81
 
 @dataclass(frozen=True, slots=True)
 class FlyerBuild:
-    """What a flying animal is like.
-
-    Attributes
-    ----------
-    body_m : float
-        Length of the body without head and tail.
-    span_m : float
-        From wing tip to wing tip.
-    beat_hz : float
-        Wing beats per second.
-    stroke_rad, stroke_mean_rad : float
-        Amplitude of the wing's angle over the horizon, and its mean.
-    lag_rad : float
-        How far the outer wing's beat is behind the inner one's.
-    pitch_rad : float
-        How far the body is up at its head.
-    breath_hz, breath_m : float
-        Breathing, and how far the body swells.
-    folds : bool
-        Whether resting wings lie along the body, or stay out and glide.
-    """
+    """What a flying animal is like."""
 
     body_m: float
     span_m: float
@@ -78,21 +58,7 @@ class FlyerBuild:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Flyer:
-    """A bird or a moth; see `Mover`.
-
-    Attributes
-    ----------
-    label : {'human', 'pet', 'other'}
-        What an alarm should take it for.
-    names : tuple of str
-        Body, head, tail and two parts of each wing.
-    build : FlyerBuild
-        What it is like.
-    flight : Flight
-        Where it goes.
-    rcs : SegmentRcs
-        Its cross sections.
-    """
+    """A bird or a moth; see `Mover`."""
 
     label: Label
     names: tuple[str, ...]

@@ -170,21 +170,7 @@ class Feet:
 
 
 def eased(share: Array, ramp: float) -> Array:
-    """Return the way done in a movement from rest to rest, from 0 to 1.
-
-    Parameters
-    ----------
-    share : ndarray, float64
-        Share of the time gone, from 0 to 1.
-    ramp : float
-        Share of the time in which the speed rises, and falls, as quarters of a sine; up to
-        0.5.
-
-    Returns
-    -------
-    ndarray, float64
-        Share of the way, with zero speed at both ends.
-    """
+    """Return the way done in a movement from rest to rest, from 0 to 1."""
     early = np.minimum(share, 1.0 - share)
     quarter = 2.0 * ramp / np.pi
     peak = 1.0 / (1.0 - 2.0 * ramp + 2.0 * quarter)

@@ -25,22 +25,7 @@ FACING_S = 0.2
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PathState:
-    """Where a body is on its path, all of shape (n_slow,), float64.
-
-    Attributes
-    ----------
-    x_m, y_m : ndarray
-        Position on the floor, in room coordinates.
-    heading_rad : ndarray
-        Where it faces, counter-clockwise from the x axis, never wrapped: the direction of
-        the course averaged over `FACING_S` before and after, so its rate does not jump.
-    speed_mps : ndarray
-        Speed along the course.
-    turn_rad_s : ndarray
-        Rate of `heading_rad`.
-    distance_m : ndarray
-        Way gone along the course.
-    """
+    """Where a body is on its path, all of shape (n_slow,), float64."""
 
     x_m: Array
     y_m: Array

@@ -71,30 +71,7 @@ class Carriage:
 
 @dataclass(frozen=True, slots=True)
 class PersonStyle:
-    """Something that people do.
-
-    Attributes
-    ----------
-    sentence : str
-        What it is, for people.
-    speed_mps : tuple of float or None
-        Least and largest; None for somebody who stays where he is.
-    carriage : Carriage
-        Its middle; every person scatters around it.
-    lift : float
-        How high the feet are lifted, in statures.
-    kind : {'walk', 'run', 'crawl'}
-        Which gait.
-    stops : bool
-        Whether it stops on the way.
-    grows : bool
-        Whether bob, arms and turn of the pelvis are those of a brisk walk and grow with the
-        speed up to it; otherwise they are as the carriage says at any speed.
-    age : {'adult', 'child', 'toddler'}
-        Of those who do it.
-    does : {'', 'busy', 'sit', 'exercise'}
-        What is done where the feet stand, besides breathing and swaying.
-    """
+    """Something that people do."""
 
     sentence: str
     speed_mps: tuple[float, float] | None

@@ -51,15 +51,7 @@ class Action(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Breath:
-    """Breathing and heartbeat at the chest.
-
-    Attributes
-    ----------
-    size_m : float
-        Amplitude of the chest wall; 2 to 6 mm from end to end (recalled).
-    rate_hz, phase_rad : float
-        0.2 to 0.35 Hz at rest.
-    """
+    """Breathing and heartbeat at the chest."""
 
     size_m: float
     rate_hz: float
@@ -74,27 +66,7 @@ class Breath:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OnFeet:
-    """Somebody who goes along a path on two feet, and stands where it stops.
-
-    Attributes
-    ----------
-    path : Path
-        Where the hips go.
-    feet : Feet
-        Footfalls along it.
-    build : PersonBuild
-        Sizes.
-    carriage : Carriage
-        How the body is carried.
-    cruise_mps : float
-        Speed at which it moves as the carriage says.
-    duty : float
-        Duty factor at that speed.
-    sway : Wander
-        Postural sway in x, y, z, in metres, and turn and nod of the head, in radians.
-    doer : Doer or None
-        What it does where the feet stand.
-    """
+    """Somebody who goes along a path on two feet, and stands where it stops."""
 
     path: Path
     feet: Feet

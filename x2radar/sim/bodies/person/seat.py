@@ -27,17 +27,7 @@ _HEAD_ALONE_SHARE = 0.25
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shake:
-    """A head that is shaken or nods, in bouts.
-
-    Attributes
-    ----------
-    size_rad : tuple of float
-        Amplitudes of turn and nod.
-    hz : float
-        How often.
-    bout : Wander
-        One number in -1 to 1: it is shaken where that is above 0.
-    """
+    """A head that is shaken or nods, in bouts."""
 
     size_rad: tuple[float, float]
     hz: float

@@ -34,21 +34,7 @@ _FASTEST_DRAWN_MPS = 4.5
 
 @dataclass(frozen=True, slots=True)
 class PetStyle:
-    """Something that a pet does.
-
-    Attributes
-    ----------
-    sentence : str
-        What it is, for people.
-    weight : float
-        How often it is drawn, next to the others.
-    froude : tuple of float or None
-        Least and largest Froude number; None for one that stays where it is.
-    gait : str or None
-        A key of `FOOTWORK`; None for the gait that goes with the speed.
-    species : tuple of str
-        Who does it.
-    """
+    """Something that a pet does."""
 
     sentence: str
     weight: float

@@ -265,18 +265,6 @@ def draw_total_m2(rng: np.random.Generator, dbsm: tuple[float, float] = TOTAL_RC
     """Draw a body's mean total cross section, whatever the body is.
 
     Were people larger than pets, a classifier would learn size instead of movement.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        One uniform number is drawn.
-    dbsm : tuple of float, optional
-        Least and largest, in decibels over a square metre.
-
-    Returns
-    -------
-    float
-        Square metres.
     """
     return float(10.0 ** (rng.uniform(*dbsm) / 10.0))
 
