@@ -36,7 +36,8 @@ from numpy.lib.stride_tricks import sliding_window_view  # noqa: E402
 from radard.classify.bundle import load_bundle  # noqa: E402
 from radard.classify.classifier import Classifier  # noqa: E402
 from radard.classify.features import FeatureSet  # noqa: E402
-from radard.detect.gate import Gate, GateSettings  # noqa: E402
+from radard.config.sections import GateSettings  # noqa: E402
+from radard.detect.gate import Gate  # noqa: E402
 from radard.dsp.cadence import (  # noqa: E402
     cadence_velocity_diagram,
     extent_profile,

@@ -10,8 +10,9 @@ from radard.cli import main
 from radard.commands.calibrate import _own_file
 from radard.config.config import load_config
 from radard.config.directories import calibration_file
+from radard.config.sections import GateSettings
 from radard.detect.calibration import Calibration, Provenance, load_calibration, utc_text
-from radard.detect.gate import Gate, GateSettings, bins_of
+from radard.detect.gate import EXTENT_M, Gate, bins_of
 from radard.detect.survey import RoomNotEmpty, RoomSurvey, _factors, _reach, _share_over
 from radard.errors import ConfigError, NotAllowed, RadardError
 from radard.pipeline import Pipeline
@@ -49,7 +50,7 @@ def test_factor_is_where_the_gate_itself_begins_to_open():
         dwell = dwell_of(noise(60, seed=k) * (1 + 2 * (np.arange(64) == 7)))
         probe = Gate(GateSettings())
         probe.read(dwell)
-        n_bins = bins_of(GateSettings().extent_m, dwell.axis.bin_length_m)
+        n_bins = bins_of(EXTENT_M, dwell.axis.bin_length_m)
         u = float(np.exp(_factors(probe.power[None], floor, over, n_bins)[0]))
         for factor, is_open in ((0.999, True), (1.001, False)):
             calibration = Calibration(

@@ -18,8 +18,9 @@ from radard.classify.features import (
     FeatureStream,
     extract,
 )
+from radard.config.sections import GateSettings
 from radard.detect.clutter_map import ClutterRemover
-from radard.detect.gate import Gate, GateSettings
+from radard.detect.gate import Gate
 from radard.detect.tracks import Tracker
 from radard.stream.ring import Dwell, DwellShape
 from tests.clutter_helpers import AXIS, body, room

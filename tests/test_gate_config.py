@@ -1,8 +1,7 @@
 import pytest
 
 from radard.config.config import Config, load_config
-from radard.config.sections import GateSection
-from radard.detect.gate import GateSettings
+from radard.config.sections import GateSection, GateSettings
 from radard.errors import ConfigError
 from radard.pipeline import Pipeline
 from tests.radar_helpers import BASEBAND
@@ -15,40 +14,21 @@ KEYS = {
     "learn_s": 30.0,
     "in_place_m": 0.3,
     "floor_rate_db_per_s": 0.25,
-    "adaptive": True,
-    "least_db": 4.0,
-    "most_db": 12.0,
-    "threshold_rate_db_per_s": 0.02,
 }
 
 
-def gate_settings(section):
-    pipeline = Pipeline(StreamInfo(BASEBAND, 60.0, "test"), Config(gate=section))
-    return pipeline._gate._settings
-
-
 def test_every_key_reaches_the_gate():
-    # The calibration is no setting of the gate but a file of its own, and so is its making.
-    others = {"calibration", "calibrate_s", "calibrate_after_s"}
-    assert set(KEYS) == set(GateSection.model_fields) - others
-    wanted = {**KEYS, "is_adaptive": KEYS["adaptive"]}
-    del wanted["adaptive"]
-    assert gate_settings(GateSection(**KEYS)) == GateSettings(**wanted)
-
-
-def test_built_in_values_are_those_of_the_gate():
-    assert gate_settings(GateSection()) == GateSettings()
+    assert set(KEYS) == set(GateSettings.model_fields)
+    pipeline = Pipeline(StreamInfo(BASEBAND, 60.0, "test"), Config(gate=GateSection(**KEYS)))
+    settings = pipeline._gate._settings
+    assert {key: getattr(settings, key) for key in KEYS} == KEYS
 
 
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("{least_db: 9, most_db: 8}", "gate: least_db cannot be more than most_db"),
-        ("{adaptive: true, threshold_db: 20}", "begin between least_db and most_db"),
-        ("{adaptive: true, threshold_db: 2}", "begin between least_db and most_db"),
-        ("{threshold_rate_db_per_s: 0}", "gate.threshold_rate_db_per_s"),
         ("{floor_rate_db_per_s: -1}", "gate.floor_rate_db_per_s"),
-        ("{adaptive: perhaps}", "gate.adaptive"),
+        ("{threshold_db: perhaps}", "gate.threshold_db"),
     ],
 )
 def test_faults_are_told(tmp_path, text, words):
@@ -56,3 +36,16 @@ def test_faults_are_told(tmp_path, text, words):
     path.write_text(f"gate: {text}")
     with pytest.raises(ConfigError, match=words):
         load_config(path, environ={})
+
+
+@pytest.mark.parametrize("key", ["adaptive", "least_db", "most_db", "threshold_rate_db_per_s"])
+@pytest.mark.parametrize("head", ["", "sensors: {hall: {port: x, "])
+def test_a_key_that_is_gone_is_told_in_one_line(tmp_path, key, head):
+    path = tmp_path / "config.yaml"
+    path.write_text(f"{head}gate: {{{key}: 1}}{'}}' if head else ''}\n")
+    with pytest.raises(ConfigError) as caught:
+        load_config(path, environ={})
+    where = f"sensors.hall.gate.{key}" if head else f"gate.{key}"
+    told = f"{path}:1: {where}: is gone with the adaptive threshold; 'radard calibrate' sets"
+    assert str(caught.value).startswith(told)
+    assert "\n" not in str(caught.value)

@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 
 from radard.config.config import Config
+from radard.config.sections import GateSettings
 from radard.detect.clutter_map import ClutterRemover
-from radard.detect.gate import Gate, GateSettings
+from radard.detect.gate import Gate
 from radard.detect.tracks import Tracker, TrackSettings
 from radard.dsp.downconvert import DownConverter
 from radard.dsp.range_gate import range_gates

@@ -28,13 +28,20 @@ import numpy as np
 
 from radard.classify.bundle import Bundle
 from radard.classify.classifier import Answer, Classifier, Probabilities
-from radard.classify.decision import Decision, Label, TrackVerdict, Verdict, judge
+from radard.classify.decision import (
+    Decision,
+    Label,
+    TrackVerdict,
+    Verdict,
+    invalid_decision,
+    judge,
+)
 from radard.classify.evidence import Evidence, EvidenceSettings
 from radard.classify.features import FeatureSettings, FeatureStream, extract
 from radard.config.config import Config
 from radard.detect.calibration import Calibration
 from radard.detect.clutter_map import ClutterRemover
-from radard.detect.gate import Gate, GateSettings
+from radard.detect.gate import Gate
 from radard.detect.tracks import Track, Tracker
 from radard.dsp.downconvert import DownConverter
 from radard.dsp.range_gate import range_gates
@@ -106,8 +113,7 @@ class Pipeline:
             frame_rate_hz=stream.frame_rate_hz,
             n_cpi=self._features.n_cpi,
         )
-        self._gate_settings = gate_settings(config)
-        self._gate = Gate(self._gate_settings, HOP_S)
+        self._gate = Gate(config.gate, HOP_S)
         self.calibration: Calibration | None = None
         self._remover = ClutterRemover()
         self._tracker = Tracker()
@@ -159,7 +165,7 @@ class Pipeline:
         if calibration is not None:
             calibration.check(self._converter().axis, self.stream.frame_rate_hz)
         self.calibration = calibration
-        self._gate = Gate(self._gate_settings, HOP_S, calibration)
+        self._gate = Gate(self._config.gate, HOP_S, calibration)
 
     def restart(self) -> None:
         """Forget what was learned of the room: the module began anew."""
@@ -183,12 +189,14 @@ class Pipeline:
         Decision
             Numbered from 1.
         """
-        self._seq += 1
+        self._seq = seq = self._seq + 1
         if not dwell.is_whole:
-            return self._invalid(dwell, f"{dwell.n_lost} frames missing")
+            return invalid_decision(dwell, f"{dwell.n_lost} frames missing", seq=seq)
         moving = self._remover.remove(dwell)
         if not moving.is_whole:
-            return self._invalid(dwell, f"{moving.n_lost} frames missing or spiked")
+            return invalid_decision(
+                dwell, f"{moving.n_lost} frames missing or spiked", seq=self._seq
+            )
         # One gate for both, should a reload put another in its place just now.
         gate = self._gate
         reading = gate.read(moving)
@@ -208,12 +216,12 @@ class Pipeline:
                 verdicts = self._judged(moving, tracks) if self._judges_tracks else ()
             except (ModelMismatch, FeatureError) as err:
                 # No verdict is better announced than guessed.
-                return self._invalid(dwell, str(err))
+                return invalid_decision(dwell, str(err), seq=seq)
             if answer is not None:
                 window = answer.window
                 fused, label, alarm = self._ruled(answer, dwell.t_s)
         return Decision(
-            seq=self._seq,
+            seq=seq,
             t_s=dwell.t_s,
             gate="open" if reading.is_open else "closed",
             reading=reading,
@@ -262,22 +270,6 @@ class Pipeline:
             )
         return tuple(verdicts)
 
-    def _invalid(self, dwell: Dwell, fault: str) -> Decision:
-        return Decision(
-            seq=self._seq,
-            t_s=dwell.t_s,
-            gate="invalid",
-            reading=None,
-            window=None,
-            fused=None,
-            label="invalid",
-            alarm=False,
-            frames=len(dwell.frames) - dwell.n_lost,
-            dropped=dwell.n_lost,
-            fault=fault,
-            t_mono_s=dwell.t_mono_s,
-        )
-
 
 def pet_limit_of(config: Config, bundle: Bundle | None) -> float:
     """Return the pet limit that holds: the one given, else the bundle's.
@@ -301,23 +293,6 @@ def settings_at(settings: FeatureSettings, frame_rate_hz: float) -> FeatureSetti
     if settings.n_cpi:
         return settings
     return replace(settings, n_cpi=max(2, round(CPI_S * frame_rate_hz)))
-
-
-def gate_settings(config: Config) -> GateSettings:
-    """Return the gate's settings that a configuration asks for."""
-    g = config.gate
-    return GateSettings(
-        threshold_db=g.threshold_db,
-        adapt_db=g.adapt_db,
-        memory_s=g.memory_s,
-        learn_s=g.learn_s,
-        in_place_m=g.in_place_m,
-        floor_rate_db_per_s=g.floor_rate_db_per_s,
-        is_adaptive=g.adaptive,
-        least_db=g.least_db,
-        most_db=g.most_db,
-        threshold_rate_db_per_s=g.threshold_rate_db_per_s,
-    )
 
 
 def _gate_only_features(stream: StreamInfo) -> FeatureSettings:

@@ -12,6 +12,7 @@ from typing import Literal
 
 from radard.classify.classifier import Probabilities
 from radard.detect.gate import GateReading
+from radard.stream.ring import Dwell
 
 Label = Literal["human", "pet", "other", "pending", "none", "invalid"]
 GateState = Literal["open", "closed", "invalid"]
@@ -85,6 +86,24 @@ class Decision:
     tracks: tuple[TrackVerdict, ...] = ()
     fault: str = ""
     t_mono_s: float = 0.0
+
+
+def invalid_decision(dwell: Dwell, fault: str, *, seq: int = 0) -> Decision:
+    """Return the decision on a dwell that cannot be judged: no probabilities, no alarm."""
+    return Decision(
+        seq=seq,
+        t_s=dwell.t_s,
+        gate="invalid",
+        reading=None,
+        window=None,
+        fused=None,
+        label="invalid",
+        alarm=False,
+        frames=len(dwell.frames) - dwell.n_lost,
+        dropped=dwell.n_lost,
+        fault=fault,
+        t_mono_s=dwell.t_mono_s,
+    )
 
 
 def judge(p: Probabilities, pet_limit: float) -> tuple[Label, bool]:

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-from radard.alarm.state_store import write_atomically
 from radard.commands.offline_stream import (
     Listening,
     add_listening,
@@ -23,7 +22,7 @@ from radard.config.directories import calibration_file, named_state_dir
 from radard.detect.calibration import Calibration
 from radard.detect.survey import DAY_S, LEAST_DB, RoomSurvey
 from radard.errors import NotAllowed, RadardError, UsageError
-from radard.pipeline import HOP_S, gate_settings
+from radard.pipeline import HOP_S
 from radard.service.room_calibration import signer
 from radard.stream.ring import Notice
 from x2radar.command import new_parser
@@ -63,9 +62,7 @@ def run(argv: Sequence[str]) -> int:
             least_db=args.least_db,
         )
     # What was saved is what will hold, so the report is made of the same.
-    path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-    # For everybody to read: the service is another user than who calibrates.
-    write_atomically(path, calibration.text(), sync=True, mode=0o644)
+    calibration.save(path)
     if args.json:
         print(json.dumps({"file": str(path), **json.loads(calibration.text())}))
     else:
@@ -111,7 +108,7 @@ def _rate(per_day: float) -> str:
 
 
 def _surveyed(listening: Listening, config: Config, args: argparse.Namespace) -> RoomSurvey:
-    survey = RoomSurvey(gate_settings(config), HOP_S)
+    survey = RoomSurvey(config.gate, HOP_S)
     live = Live(sys.stderr)
     begun_s = None
     for item in listening.dwells(args.duration, skip_s=args.delay):

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from radard.detect.gate import GateSettings
+from radard.dsp.velocity import CPI_S
 from radard.errors import UsageError
 from x2radar.settings.x2 import SPEED_OF_LIGHT_MPS, RadarSettings
 from x2radar.sim.module.stream import stream_axis
@@ -134,7 +134,7 @@ def coverage_table(options: CoverageOptions) -> Iterator[str]:
         )
         yield f"{angle_deg} degrees".ljust(16) + "".join(cells)
     yield ""
-    slowest = SPEED_OF_LIGHT_MPS / axis.carrier_hz / 2 / GateSettings().cpi_s
+    slowest = SPEED_OF_LIGHT_MPS / axis.carrier_hz / 2 / CPI_S
     yield f"slower than {100 * slowest:.0f} cm/s towards or away from the radar counts as standing"
 
 

@@ -14,6 +14,12 @@ from radard.errors import ConfigError
 ENV_PREFIX = "RADARD_"
 Where = tuple[str, ...]
 Places = dict[Where, str]
+_ADAPTIVE = ("adaptive", "least_db", "most_db", "threshold_rate_db_per_s")
+_GONE: dict[Where, str] = dict.fromkeys(
+    (("gate", key) for key in _ADAPTIVE),
+    "is gone with the adaptive threshold; 'radard calibrate' sets thresholds that suit the room",
+)
+"""Keys of earlier versions, by section and key, and what to do instead."""
 
 
 def put(tree: dict[str, Any], section: str, key: str | None, value: Any) -> None:
@@ -86,6 +92,8 @@ def explain(fault: Any, places: Mapping[Where, str], root: type[BaseModel]) -> s
             return message
         got = redact_value(where[-1] if where else "", fault["input"])
         return f"{head}{'.'.join(where)}: {message} (got {got!r})"
+    if where[-2:] in _GONE:
+        return f"{head}{'.'.join(where)}: {_GONE[where[-2:]]}"
     model = _section_of(where, root)
     close = difflib.get_close_matches(where[-1], model.model_fields, 1, 0.4)
     hint = f"did you mean '{close[0]}'?" if close else f"known: {', '.join(model.model_fields)}"

@@ -18,10 +18,6 @@ somebody far away is weaker by the ratio of the two (8 dB for an X2, 13 dB for a
 looks 9 m deep). Noise, background and k are per range bin: noise from the stream
 (`radard.detect.noise_floor`) or, with k, from a calibration file. Powers are dB of 10 log10(mean
 residual power per bin and frame) of the stretch that stands out most, in sample units squared.
-
-k is fixed, or adaptive: then it follows how far the power of closed dwells stands over the
-floor and how much that varies, slowly and within bounds, so that a quiet room becomes more
-sensitive and a restless one less.
 """
 
 from collections import deque
@@ -31,59 +27,18 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from radard.config.sections import GateSettings
 from radard.detect.calibration import Calibration
 from radard.detect.noise_floor import NoiseFloor
 from radard.dsp.clutter import block_power, centre_spread_m, sound_rows
 from radard.dsp.median import median
 from radard.dsp.noise import second_differences
+from radard.dsp.velocity import CPI_S
 from radard.stream.ring import Dwell
 
-_TINY = 1e-300
-_SIGMAS = 8.0
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class GateSettings:
-    """How the gate decides.
-
-    Attributes
-    ----------
-    threshold_db : float
-        How far power must stand out of the floor, in dB.
-    adapt_db : float
-        A bin's background may be learned up to so far above the receiver's noise, in dB.
-    memory_s : float
-        How long a dwell is remembered, in seconds.
-    learn_s : float
-        So many seconds of motion in place, within the memory, make a background.
-    in_place_m : float
-        Motion that wanders less than this within a dwell is in place, in metres.
-    extent_m : float
-        Length of a stretch of range that is judged as one, in metres.
-    cpi_s : float
-        Motion slower than one cycle in this time counts as clutter, in seconds.
-    floor_rate_db_per_s : float
-        Most that a bin's noise floor moves against the others, in dB per second.
-    is_adaptive : bool
-        Whether the threshold adapts; it begins at `threshold_db`.
-    least_db, most_db : float
-        Between these an adaptive threshold stays, in dB.
-    threshold_rate_db_per_s : float
-        Most that an adaptive threshold moves, in dB per second.
-    """
-
-    threshold_db: float = 5.0
-    adapt_db: float = 40.0
-    memory_s: float = 60.0
-    learn_s: float = 20.0
-    in_place_m: float = 0.2
-    extent_m: float = 0.4
-    cpi_s: float = 28 / 60
-    floor_rate_db_per_s: float = 0.5
-    is_adaptive: bool = False
-    least_db: float = 3.0
-    most_db: float = 15.0
-    threshold_rate_db_per_s: float = 0.05
+EXTENT_M = 0.4
+"""Length of a stretch of range that is judged as one: chosen, about the extent of a body."""
+_TINY = 1e-300  # chosen: 10 log10 of it is finite
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,13 +85,10 @@ class Gate:
     ) -> None:
         self._settings = settings
         self._calibration = calibration
-        self._hop_s = hop_s
         n_memory = max(1, round(settings.memory_s / hop_s))
         self._n_learn = max(1, round(settings.learn_s / hop_s))
         self._noise = NoiseFloor(n_memory, settings.floor_rate_db_per_s * hop_s)
         self._in_place: deque[NDArray[np.float64] | None] = deque(maxlen=n_memory)
-        self._quiet_db: deque[float] = deque(maxlen=n_memory)
-        self._threshold_db = settings.threshold_db
         self.background: NDArray[np.float64] = np.zeros(0)
         """Noise and learned background of every bin at the last dwell, in sample units
         squared, ndarray, shape (n_range,), float64."""
@@ -149,8 +101,6 @@ class Gate:
         """Forget what was learned, as after a restart of the module."""
         self._noise.reset()
         self._in_place.clear()
-        self._quiet_db.clear()
-        self._threshold_db = self._settings.threshold_db
 
     def read(self, dwell: Dwell) -> GateReading:
         """Judge one dwell and learn from it.
@@ -165,8 +115,7 @@ class Gate:
         GateReading
             A stream without any power is closed, and so is a dwell without a usable CPI.
         """
-        s = self._settings
-        n_cpi = min(max(4, round(s.cpi_s * dwell.frame_rate_hz)), len(dwell.frames))
+        n_cpi = min(max(4, round(CPI_S * dwell.frame_rate_hz)), len(dwell.frames))
         rows, usable, scale = sound_rows(dwell.frames, dwell.valid)
         unit = scale**2
         cpi_power = block_power(rows, usable, n_cpi, 1)[0][:, 0]
@@ -179,31 +128,28 @@ class Gate:
         self.power = power
         self.background = self._learned(noise, floor)
         spread_m = centre_spread_m(cpi_power, noise, dwell.axis.range_m)
-        self._in_place.append(power if spread_m < s.in_place_m else None)
+        self._in_place.append(power if spread_m < self._settings.in_place_m else None)
 
         over = self._over()
         background = np.minimum(power, over * self.background)
-        n_bins = bins_of(s.extent_m, dwell.axis.bin_length_m)
+        n_bins = bins_of(EXTENT_M, dwell.axis.bin_length_m)
         means = stretches(np.stack([power, background + (over - 1) * floor]), n_bins)
         # Over no noise at all, any power stands out without bounds.
         ratio = np.where(means[0] > 0, np.inf, 0.0)
         k = int(np.argmax(np.divide(means[0], means[1], out=ratio, where=means[1] > 0)))
         mean, threshold = (float(row[k]) for row in means)
-        reading = GateReading(
+        return GateReading(
             mean > threshold,
             _db(mean),
             _db(float(self.background[k : k + n_bins].mean())),
             _db(threshold),
             float(dwell.axis.range_m[int(np.argmax(power - background))]),
         )
-        if s.is_adaptive and not reading.is_open and mean > 0:
-            self._adapt(reading.power_db - reading.noise_floor_db)
-        return reading
 
     def _over(self) -> float | NDArray[np.float64]:
         if self._calibration is not None:
             return np.asarray(10 ** (self._calibration.threshold_db / 10))
-        return float(10 ** (self._threshold_db / 10))
+        return float(10 ** (self._settings.threshold_db / 10))
 
     def _learned(self, noise: float, floor: NDArray[np.float64]) -> NDArray[np.float64]:
         learned = [power for power in self._in_place if power is not None]
@@ -211,16 +157,6 @@ class Gate:
             return floor
         most = noise * 10 ** (self._settings.adapt_db / 10)
         return np.maximum(np.minimum(median(np.stack(learned, axis=1)), most), floor)
-
-    def _adapt(self, excess_db: float) -> None:
-        s = self._settings
-        self._quiet_db.append(excess_db)
-        if len(self._quiet_db) < self._n_learn:
-            return
-        quiet = np.array(self._quiet_db)
-        aim_db = np.clip(quiet.mean() + _SIGMAS * quiet.std(), s.least_db, s.most_db)
-        most = s.threshold_rate_db_per_s * self._hop_s
-        self._threshold_db += float(np.clip(aim_db - self._threshold_db, -most, most))
 
 
 def bins_of(extent_m: float, bin_length_m: float) -> int:

@@ -21,9 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtr, stdtrit
 
+from radard.config.sections import GateSettings
 from radard.detect.calibration import Calibration, Provenance
 from radard.detect.clutter_map import ClutterRemover
-from radard.detect.gate import Gate, GateSettings, bins_of, stretches
+from radard.detect.gate import EXTENT_M, Gate, bins_of, stretches
 from radard.detect.tracks import Tracker
 from radard.errors import RadardError
 from radard.stream.ring import Dwell
@@ -65,7 +66,6 @@ class RoomSurvey:
 
     def __init__(self, settings: GateSettings, hop_s: float) -> None:
         self._gate = Gate(settings, hop_s)
-        self._extent_m = settings.extent_m
         self._remover = ClutterRemover()
         self._tracker = Tracker()
         self._hop_s = hop_s
@@ -184,7 +184,7 @@ class RoomSurvey:
         power = np.array(self._power)
         floor = power.mean(axis=0)
         live = floor > 0
-        n_bins = bins_of(self._extent_m, self._axis.bin_length_m)
+        n_bins = bins_of(EXTENT_M, self._axis.bin_length_m)
         scatter = np.zeros(len(floor))
         scatter[live] = power[:, live].std(axis=0, ddof=1) / floor[live]
         # A bin that happened to be calm is not calmer than half of them by much.

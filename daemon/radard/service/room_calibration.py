@@ -14,14 +14,13 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
-from radard.alarm.state_store import write_atomically
 from radard.classify.classifier import Classifier
 from radard.config.config import Config
 from radard.config.directories import calibration_file
 from radard.config.redact import redact
 from radard.detect.calibration import Calibration, Provenance, utc_text
 from radard.errors import RadardError
-from radard.pipeline import HOP_S, gate_settings
+from radard.pipeline import HOP_S
 from radard.stream.ring import Dwell
 from x2radar.command import installed_version
 from x2radar.frame import StreamInfo
@@ -154,7 +153,7 @@ class RoomCalibration:
         # Late: nobody else in the daemon needs scipy.
         from radard.detect.survey import RoomSurvey  # noqa: PLC0415
 
-        survey = RoomSurvey(gate_settings(self._config), HOP_S)
+        survey = RoomSurvey(self._config.gate, HOP_S)
         while (dwell := self._dwells.get()) is not None:
             survey.add(dwell)
             if self.is_over:
@@ -164,8 +163,7 @@ class RoomCalibration:
         rate = made.provenance.false_gates_per_day
         text = f"predicted false gates: {rate:.2g} a day, in such a room"
         try:
-            self._path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-            write_atomically(self._path, made.text(), sync=True, mode=0o644)
+            made.save(self._path)
         except OSError as err:
             text += f"; holds until the end of this run: {self._path}: {err.strerror or err}"
             log.warning("calibration: %s", text)

@@ -13,7 +13,7 @@ from radard.alarm.dwell_cells import is_frozen
 from radard.alarm.events import Event, EventTracker
 from radard.alarm.panel import AlarmPanel
 from radard.alarm.state_store import StateStore
-from radard.classify.decision import Decision
+from radard.classify.decision import Decision, invalid_decision
 from radard.detect.calibration import Calibration
 from radard.errors import ConfigError
 from radard.health.health import Health, Status
@@ -178,20 +178,7 @@ class Worker:
         except Exception as err:  # noqa: BLE001 - logged below, with its traceback
             # Whatever it is: announced as a fault and tried again is better than silence.
             self._log.exception("a dwell could not be judged")
-            return Decision(
-                seq=0,
-                t_s=dwell.t_s,
-                gate="invalid",
-                reading=None,
-                window=None,
-                fused=None,
-                label="invalid",
-                alarm=False,
-                frames=len(dwell.frames) - dwell.n_lost,
-                dropped=dwell.n_lost,
-                fault=f"internal error: {err!r}",
-                t_mono_s=dwell.t_mono_s,
-            )
+            return invalid_decision(dwell, f"internal error: {err!r}")
 
     def _take_notice(self, notice: Notice) -> None:
         if notice.kind == "restart":

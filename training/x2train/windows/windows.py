@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radard.classify.features import MAP_FEATURES, FeatureSettings, FeatureStream
+from radard.config.sections import GateSettings
 from radard.detect.clutter_map import ClutterRemover
-from radard.detect.gate import Gate, GateSettings
+from radard.detect.gate import Gate
 from radard.pipeline import settings_at
 from radard.stream.ring import Dwell, DwellShape
 from x2train.scenarios.families import FAMILIES, LABELS, Use, draw_cast

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from radard.detect.gate import Gate, GateSettings
+from radard.config.sections import GateSettings
+from radard.detect.gate import Gate
 from radard.errors import UsageError
 from x2radar.frame import FastTimeAxis
 from x2radar.ports import PortSpec, port_settings
