@@ -7,7 +7,6 @@ import pytest
 
 from radard.errors import UsageError
 from x2radar.errors import RecordingError
-from x2train.generate import shards
 from x2train.generate.shards import MANIFEST, ShardSet, write_whole
 
 ABOUT = {"set": "test", "rate": 60}
@@ -86,7 +85,7 @@ def full_disk(descriptor):
 
 
 def test_a_full_disk_leaves_the_set_as_it_was(made, monkeypatch):
-    monkeypatch.setattr(shards.os, "fsync", full_disk)
+    monkeypatch.setattr(os, "fsync", full_disk)
     with pytest.raises(RecordingError, match=r"b\.npz: cannot write: the disk is full"):
         made.write("b", ARRAYS)
     monkeypatch.undo()
@@ -99,13 +98,13 @@ def test_a_full_disk_leaves_the_set_as_it_was(made, monkeypatch):
 
 def test_a_disk_that_fills_up_before_the_manifest(made, monkeypatch):
     """The shard is there, the manifest does not name it: it is made again."""
-    real, calls = os.fsync, []
+    real, calls = os.fsync, []  # the file, its folder, then the manifest
 
-    def second_time(descriptor):
+    def third_time(descriptor):
         calls.append(descriptor)
-        return full_disk(descriptor) if len(calls) == 2 else real(descriptor)
+        return full_disk(descriptor) if len(calls) == 3 else real(descriptor)
 
-    monkeypatch.setattr(shards.os, "fsync", second_time)
+    monkeypatch.setattr(os, "fsync", third_time)
     with pytest.raises(RecordingError, match=r"manifest\.json: cannot write"):
         made.write("b", ARRAYS)
     later = ShardSet(made.folder, ABOUT)
@@ -132,7 +131,7 @@ def test_a_file_in_the_way_of_the_folder(tmp_path):
 def test_write_whole_keeps_what_was_there(tmp_path, monkeypatch):
     path = tmp_path / "file"
     write_whole(path, b"old")
-    monkeypatch.setattr(shards.os, "fsync", full_disk)
+    monkeypatch.setattr(os, "fsync", full_disk)
     with pytest.raises(RecordingError):
         write_whole(path, b"new")
     assert path.read_bytes() == b"old"

@@ -1,16 +1,15 @@
 """StateStore: what must outlive the daemon, in one small JSON file that is never half written.
 
-The file is written anew under another name, synced and renamed, so a power failure leaves
-the old one or the new one. A file that cannot be read counts as none: the sensor is then in
-its configured state, which is armed unless somebody chose otherwise.
+A file that cannot be read counts as none: the sensor is then in its configured state, which is
+armed unless somebody chose otherwise.
 """
 
-import contextlib
 import json
 import logging
-import os
 from dataclasses import asdict, dataclass
 from pathlib import Path
+
+from radard.config.atomic import write_atomically
 
 log = logging.getLogger("radard")
 
@@ -86,49 +85,8 @@ class StateStore:
         if self._path is None or state == self._last:
             return
         try:
-            self._path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-            write_atomically(self._path, json.dumps(asdict(state)) + "\n", sync=True)
+            write_atomically(self._path, json.dumps(asdict(state)) + "\n", mode=0o600)
         except OSError as err:
             log.warning("%s: cannot keep the state: %s", self._path, err.strerror or err)
         else:
             self._last = state
-
-
-def write_atomically(path: Path, text: str, *, sync: bool, mode: int = 0o600) -> None:
-    """Write a file so that readers see all of the old or all of the new.
-
-    Parameters
-    ----------
-    path : Path
-        The file; its folder must exist.
-    text : str
-        The content.
-    sync : bool
-        Wait for the disk, so that a power failure does not lose it.
-    mode : int
-        Its permissions.
-
-    Raises
-    ------
-    OSError
-        If it cannot be written; the old file is then as it was.
-    """
-    made = path.with_name(f".{path.name}.{os.getpid()}.new")
-    try:
-        with made.open("w", encoding="utf-8") as file:
-            file.write(text)
-            made.chmod(mode)
-            if sync:
-                file.flush()
-                os.fsync(file.fileno())
-        made.replace(path)
-    except OSError:
-        with contextlib.suppress(OSError):
-            made.unlink(missing_ok=True)
-        raise
-    if sync:
-        folder = os.open(path.parent, os.O_RDONLY)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)

@@ -12,11 +12,11 @@ its file, earlier than environment and command line. Without it nothing has chan
 """
 
 import contextlib
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from radard.config.atomic import write_atomically
 from radard.config.sources import ENV_PREFIX, Places, Where, put, read_yaml
 from radard.errors import ConfigError, OutputError
 
@@ -65,30 +65,14 @@ def lay_over(path: Path, tree: dict[str, Any], places: Places) -> bool:
 
 
 def save(path: Path, include: Spans, exclude: Spans, *, now_utc: str) -> None:
-    """Write zones, to the millimetre, so that the file is there whole or as it was.
-
-    Raises
-    ------
-    OutputError
-        If the disk does not take it.
-    """
-    lines = [
-        f"# Saved on the dashboard, {now_utc}; goes before the section zones of files.",
-        "zones:",
-        f"  include: {_listed(include)}",
-        f"  exclude: {_listed(exclude)}",
-    ]
-    part = path.with_name(f".{path.name}.new")
+    """Write zones, to the millimetre; raises OutputError if the disk does not take them."""
+    text = (
+        f"# Saved on the dashboard, {now_utc}; goes before the section zones of files.\n"
+        f"zones:\n  include: {_listed(include)}\n  exclude: {_listed(exclude)}\n"
+    )
     try:
-        path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-        with part.open("w", encoding="utf-8") as file:
-            file.write("\n".join(lines) + "\n")
-            file.flush()
-            os.fsync(file.fileno())
-        part.replace(path)
+        write_atomically(path, text)
     except OSError as err:
-        with contextlib.suppress(OSError):
-            part.unlink()
         msg = f"{path}: cannot keep the zones: {err.strerror or err}"
         raise OutputError(msg) from err
 

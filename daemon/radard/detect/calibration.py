@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from radard.config.atomic import write_atomically
 from radard.errors import ConfigError
 from x2radar.frame import FastTimeAxis
 
@@ -143,8 +144,8 @@ class Calibration:
         return json.dumps(content) + "\n"
 
     def save(self, path: Path) -> None:
-        """Write the file; raises OSError if that fails."""
-        path.write_text(self.text(), encoding="utf-8")
+        """Write the file, for all users to read; raises OSError if that fails."""
+        write_atomically(path, self.text())
 
 
 def load_calibration(path: Path) -> Calibration:

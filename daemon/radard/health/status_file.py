@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from radard.alarm.state_store import write_atomically
+from radard.config.atomic import write_atomically
 from radard.health.health import Status
 
 STALE_S = 10.0
@@ -40,7 +40,6 @@ def write_status(path: Path, status: Status, more: dict[str, Any]) -> None:
     OSError
         If it cannot be written.
     """
-    path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
     content = {
         "state": status.state,
         "reason": status.reason,
@@ -49,7 +48,7 @@ def write_status(path: Path, status: Status, more: dict[str, Any]) -> None:
         "t_mono_s": round(time.monotonic(), 3),
         **more,
     }
-    write_atomically(path, json.dumps(content) + "\n", sync=False, mode=0o644)
+    write_atomically(path, json.dumps(content) + "\n", sync=False)
 
 
 def read_status(path: Path, *, stale_s: float = STALE_S) -> StatusReport:

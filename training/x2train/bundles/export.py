@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from radard.classify.bundle import SCHEMA, Bundle, ModelInput
 from radard.classify.features import FeatureSettings
 from radard.classify.onnx_runtime import ort
+from radard.config.atomic import write_atomically
 from x2train.bundles.recipes import recipe_of
 
 PARITY = 1e-5
@@ -181,9 +182,7 @@ def write_bundle(folder: Path, spec: BundleSpec, onnx_bytes: bytes) -> None:
         (".json", (json.dumps(sidecar, indent=2) + "\n").encode()),
         (".md", _card(sidecar, len(onnx_bytes), spec.notes).encode()),
     ):
-        part = folder / f"{spec.name}{suffix}.part"
-        part.write_bytes(data)
-        part.replace(folder / f"{spec.name}{suffix}")
+        write_atomically(folder / f"{spec.name}{suffix}", data, sync=False)
 
 
 def _card(sidecar: dict[str, Any], n_bytes: int, notes: str) -> str:

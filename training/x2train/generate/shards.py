@@ -6,12 +6,10 @@ only then entered; the manifest is replaced the same way. So whatever the manife
 complete, and what it does not name is made again.
 """
 
-import contextlib
 import errno
 import hashlib
 import io
 import json
-import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -19,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from radard.config.atomic import write_atomically
 from radard.errors import UsageError
 from x2radar.errors import RecordingError
 
@@ -133,23 +132,10 @@ def _difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
 
 
 def write_whole(path: Path, data: bytes) -> None:
-    """Write a file so that it is there whole or not at all.
-
-    Raises
-    ------
-    RecordingError
-        If the disk does not take it; what was there before is left alone.
-    """
-    new = path.with_name(f".{path.name}.{os.getpid()}.new")
+    """Write a file whole or not at all; raises RecordingError if the disk does not take it."""
     try:
-        with new.open("wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        new.replace(path)
+        write_atomically(path, data)
     except OSError as err:
-        with contextlib.suppress(OSError):
-            new.unlink()
         why = "the disk is full" if err.errno == errno.ENOSPC else err.strerror
         msg = f"{path}: cannot write: {why}"
         raise RecordingError(msg) from err

@@ -1,7 +1,7 @@
 """Checkpoints of a training: whole or not there, and good for the very same run only."""
 
-import contextlib
 import hashlib
+import io
 import json
 import pickle
 from collections.abc import Iterable
@@ -11,7 +11,7 @@ from typing import Any
 
 import torch
 
-from x2radar.errors import RecordingError
+from x2train.generate.shards import write_whole
 from x2train.studies.thesis.mlp import RepeatedMlp
 from x2train.studies.thesis.sets import CellData
 from x2train.studies.thesis.settings import FitSettings
@@ -63,18 +63,9 @@ def fingerprint(data: Iterable[CellData], settings: FitSettings, start: Repeated
 
 def save_checkpoint(path: Path, point: Checkpoint) -> None:
     """Write a checkpoint, whole or not at all; raise RecordingError if the disk refuses."""
-    new = path.with_name(f".{path.name}.new")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        torch.save({f.name: getattr(point, f.name) for f in fields(point)}, new)
-        new.replace(path)
-    except (OSError, RuntimeError) as err:
-        # torch reports a full disk as a RuntimeError of several lines.
-        with contextlib.suppress(OSError):
-            new.unlink()
-        why = err.strerror if isinstance(err, OSError) else "the disk did not take it"
-        msg = f"{path}: cannot write: {why}"
-        raise RecordingError(msg) from err
+    data = io.BytesIO()
+    torch.save({f.name: getattr(point, f.name) for f in fields(point)}, data)
+    write_whole(path, data.getvalue())
 
 
 def load_checkpoint(path: Path) -> Checkpoint | None:

@@ -1,0 +1,48 @@
+"""Atomic writes: readers, and a power failure, find all of the old file or all of the new one."""
+
+import contextlib
+import os
+from pathlib import Path
+
+
+def write_atomically(
+    path: Path, content: str | bytes, *, sync: bool = True, mode: int = 0o644
+) -> None:
+    """Write a file under another name beside it, and rename it.
+
+    Parameters
+    ----------
+    path : Path
+        The file; a missing folder is made for its owner alone.
+    content : str or bytes
+        Text is written as UTF-8.
+    sync : bool
+        Wait for the disk, so that a power failure does not lose it.
+    mode : int
+        Permissions of the file.
+
+    Raises
+    ------
+    OSError
+        If it cannot be written; the old file is then as it was.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+    made = path.with_name(f".{path.name}.{os.getpid()}.new")
+    try:
+        with made.open("wb") as file:
+            file.write(content.encode() if isinstance(content, str) else content)
+            made.chmod(mode)
+            if sync:
+                file.flush()
+                os.fsync(file.fileno())
+        made.replace(path)
+    except OSError:
+        with contextlib.suppress(OSError):
+            made.unlink(missing_ok=True)
+        raise
+    if sync:
+        folder = os.open(path.parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
