@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 from x2radar.device.assemble import FrameAssembler
 from x2radar.errors import SettingsError
 from x2radar.ports import make_radar, parse_port
-from x2radar.settings.startup import startup_commands
 from x2radar.settings.x2 import RadarSettings
 from x2radar.settings.x4 import X4Settings
 from x2radar.wire import framing
@@ -105,10 +104,10 @@ def test_pulses():
 
 
 def test_start_up_ends_with_what_starts_the_stream():
-    x4 = startup_commands(X4Settings.for_frame_rate(17.0))
+    x4 = X4Settings.for_frame_rate(17.0).startup_commands()
     assert x4[:2] == (SetMode(Mode.STOP), SetMode(Mode.MANUAL))
     assert x4[-1] == X4SetFrameRate(17.0)
-    x2 = startup_commands(RadarSettings())
+    x2 = RadarSettings().startup_commands()
     assert x2[-1] == SetMode(Mode.MANUAL)
     for command in (*x4, *x2):
         assert type(decode_command(encode(command))) is type(command)

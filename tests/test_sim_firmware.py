@@ -2,6 +2,7 @@
 
 import threading
 from itertools import islice
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,14 +13,14 @@ from x2radar.errors import DeviceError, SettingsError
 from x2radar.ports import make_radar, parse_port
 from x2radar.recording.capture import CaptureWriter, capturing
 from x2radar.recording.formats.wire import WireReader
-from x2radar.settings.any import is_x4, settings_from_mapping
+from x2radar.settings.modules import MODULES, module_for, settings_from_mapping
 from x2radar.settings.profile import PROFILES, ProfileSettings
-from x2radar.settings.startup import startup_commands
 from x2radar.settings.x2 import RadarSettings
 from x2radar.settings.x4 import X4Settings
-from x2radar.sim.module.firmware import X2Firmware, X4Firmware
+from x2radar.sim.module.firmware import FIRMWARES, X2Firmware, X4Firmware
 from x2radar.sim.module.host import connect, serve
 from x2radar.sim.module.module import SimulatedModule
+from x2radar.sim.module.stream import stream_axis
 from x2radar.sim.scene.scene import load_scene
 from x2radar.wire.messages import (
     Ack,
@@ -95,7 +96,7 @@ def test_a_profile_streams_baseband_at_20_hz(output):
 
 def test_start_up_of_a_profile():
     s = ProfileSettings(profile="respiration", zone_start_m=0.5, zone_end_m=1.0)
-    commands = startup_commands(s)
+    commands = s.startup_commands()
     assert commands[0] == SetMode(Mode.IDLE)
     assert commands[-1] == SetMode(Mode.RUN)
     order = [type(c) for c in commands]
@@ -154,9 +155,26 @@ def test_auto_asks_the_module_what_it_is(firmware, settings):
 
 
 def test_order_codes():
-    assert is_x4("X4M03")
-    assert is_x4(" xep-1")
-    assert not any(map(is_x4, ("", "X2M200", "NVA-R661")))
+    assert {module_for(code).device for code in ("X4M03", " xep-1")} == {"x4m03"}
+    assert {module_for(code).device for code in ("", "X2M200", "NVA-R661")} == {"x2raw"}
+
+
+def test_every_module_has_a_row_a_firmware_and_a_name_in_the_docs():
+    assert FIRMWARES.keys() == MODULES.keys()
+    docs = Path(__file__).parents[1] / "docs"
+    for page in ("api.md", "simulated-module.md"):
+        text = (docs / page).read_text("utf-8")
+        assert all(device in text for device in MODULES)
+
+
+@pytest.mark.parametrize("device", MODULES)
+def test_a_module_streams_the_axis_of_its_settings(device):
+    _, stream = opened(f"sim:empty?device={device}", 2)
+    s = MODULES[device].settings.for_port(None, None)
+    axis = stream_axis(s)
+    assert (stream.frame_rate_hz, stream.axis.kind) == (s.frame_rate_hz, axis.kind)
+    assert stream.axis.range_m == pytest.approx(axis.range_m)
+    assert stream.axis.carrier_hz == pytest.approx(axis.carrier_hz)
 
 
 def test_what_the_firmware_refuses():

@@ -2,7 +2,6 @@
 
 import pytest
 
-from x2radar.settings.startup import startup_commands
 from x2radar.settings.x2 import RadarSettings
 from x2radar.settings.x4 import X4Settings
 from x2radar.wire.codec import decode_command, encode
@@ -34,7 +33,7 @@ from x2radar.wire.wire_ids import BasebandOutput, Mode, OutputRef, SysCfg
 )
 def test_x2(output, value):
     s = RadarSettings(frame_rate_hz=20, pulse_generator=6, frame_stitch=2, output=output)
-    first, *between, last = startup_commands(s)
+    first, *between, last = s.startup_commands()
     assert (first, last) == (SetMode(Mode.IDLE), SetMode(Mode.MANUAL))
     assert between[-1] == SetOutput(OutputRef.BASEBAND, value)
     assert SetSysInt(SysCfg.FPS, 20) in between
@@ -58,7 +57,7 @@ def test_x4():
         iterations=16,
         prf_divider=8,
     )
-    first, second, third, *between, last = startup_commands(s)
+    first, second, third, *between, last = s.startup_commands()
     assert (first, second, third) == (SetMode(Mode.STOP), SetMode(Mode.MANUAL), X4Init())
     assert last == X4SetFrameRate(20)
     assert set(between) == {
@@ -78,5 +77,5 @@ def test_x4():
 
 @pytest.mark.parametrize("settings", [RadarSettings(), X4Settings(frame_rate_hz=17)])
 def test_every_command_has_bytes(settings):
-    for command in startup_commands(settings):
+    for command in settings.startup_commands():
         assert type(decode_command(encode(command))) is type(command)

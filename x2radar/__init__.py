@@ -16,7 +16,7 @@ from x2radar.device.reconnect import ReconnectingRadar, StreamEvent
 from x2radar.errors import X2RadarError
 from x2radar.frame import FastTimeAxis, Frame, StreamInfo
 from x2radar.ports import make_radar, parse_port
-from x2radar.settings.any import ModuleSettings
+from x2radar.settings.base import ModuleSettings
 from x2radar.settings.profile import ProfileSettings
 from x2radar.settings.x2 import RadarSettings
 from x2radar.settings.x4 import X4Settings
@@ -52,7 +52,7 @@ def open(  # noqa: A001 - x2radar.open reads as the file of a radar
     ----------
     port : str
         ``/dev/ttyACM0``, a pyserial URL, ``auto``, or ``sim:SCENE?seed=1``.
-    settings : RadarSettings, X4Settings or ProfileSettings, optional
+    settings : ModuleSettings, optional
         What to configure; otherwise what the port string asks for.
     speed : float or None
         For ``sim:``, scene seconds per real second; None is as fast as it is read.

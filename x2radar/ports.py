@@ -3,9 +3,8 @@
 ``/dev/ttyACM0``, ``socket://host:port``, ``auto`` (the only port that answers) or
 ``sim:SCENE?key=value&key=value``. Values are percent-encoded. Keys of ``sim:`` are seed (0),
 rate (60, frames per second), kind (rf or baseband), device and fault (kind:value, see
-`x2radar.sim.module.faults`); of serial ports: rate, kind and device. A device is x2raw (an X2 in
-MANUAL mode), x2m200 (its sleep profile, 20 Hz), x4m03, or auto: what the module calls itself
-decides between x2raw and x4m03.
+`x2radar.sim.module.faults`); of serial ports: rate, kind and device. A device is a row of
+`x2radar.settings.modules.MODULES`, or auto: what the module calls itself decides.
 """
 
 import re
@@ -17,22 +16,20 @@ from x2radar.device.device import X2Radar
 from x2radar.device.discovery import find_module
 from x2radar.device.transport import SerialTransport, Transport
 from x2radar.errors import SettingsError
-from x2radar.settings.any import ModuleSettings, SettingsChooser, is_x4
-from x2radar.settings.profile import FRAME_RATE_HZ, ProfileSettings
-from x2radar.settings.x2 import RadarSettings
-from x2radar.settings.x4 import X4Settings
+from x2radar.settings.base import ModuleSettings, SettingsChooser
+from x2radar.settings.modules import MODULES, module_for
 from x2radar.sim.module.faults import parse_faults
-from x2radar.sim.module.firmware import X2Firmware, X4Firmware
+from x2radar.sim.module.firmware import FIRMWARES
 from x2radar.sim.module.host import connect as connect_sim
 from x2radar.sim.module.module import SimulatedModule
 from x2radar.sim.module.stream import stream_axis
 from x2radar.sim.scene.scene import load_scene
 from x2radar.sim.scene.stage import check_swath
 
-_KINDS = {"rf": "rf", "baseband": "iq"}
+_KINDS = ("rf", "baseband")
+_SIM_DEVICE = "x2raw"
 SIM_KEYS = frozenset({"seed", "rate", "kind", "fault", "device"})
 SERIAL_KEYS = frozenset({"rate", "kind", "device"})
-DEVICES = ("auto", "x2raw", "x2m200", "x4m03")
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +116,7 @@ def make_radar(
         From `parse_port`; 'sim' or 'serial'.
     speed : float or None
         For ``sim:``, scene seconds per real second; None is as fast as it is read.
-    settings : RadarSettings, X4Settings or ProfileSettings, optional
+    settings : ModuleSettings, optional
         Instead of those that device, rate and kind ask for.
 
     Returns
@@ -151,7 +148,7 @@ def port_settings(spec: PortSpec) -> ModuleSettings | SettingsChooser:
 
     Returns
     -------
-    RadarSettings, X4Settings, ProfileSettings or callable
+    ModuleSettings or callable
         For device=auto, what gives them for the module's order code.
 
     Raises
@@ -159,48 +156,23 @@ def port_settings(spec: PortSpec) -> ModuleSettings | SettingsChooser:
     SettingsError
         If a key's value makes no sense.
     """
-    device = spec.options.get("device", "x2raw" if spec.scheme == "sim" else "auto")
-    known = DEVICES[1:] if spec.scheme == "sim" else DEVICES
+    is_sim = spec.scheme == "sim"
+    known = tuple(MODULES) if is_sim else ("auto", *MODULES)
+    device = spec.options.get("device", _SIM_DEVICE if is_sim else "auto")
     if device not in known:
         msg = f"port key 'device': '{device}'; known are {', '.join(known)}"
         raise SettingsError(msg)
-    if spec.options.get("kind", "rf") not in _KINDS:
-        msg = f"port key 'kind': '{spec.options['kind']}'; known are {', '.join(_KINDS)}"
+    kind = spec.options.get("kind")
+    if kind not in {None, *_KINDS}:
+        msg = f"port key 'kind': '{kind}'; known are {', '.join(_KINDS)}"
         raise SettingsError(msg)
+    rate_hz = number_option(spec, "rate", 0.0) if "rate" in spec.options else None
     if device != "auto":
-        return _MAKERS[device](spec)
-    # Both, so that what makes no sense is said before a port is opened.
-    x2, x4 = _x2_settings(spec), _x4_settings(spec)
-    return lambda order_code: x4 if is_x4(order_code) else x2
-
-
-def _x2_settings(spec: PortSpec) -> ModuleSettings:
-    rate_hz = number_option(spec, "rate", 60.0)
-    return RadarSettings.for_frame_rate(rate_hz, output=_KINDS[spec.options.get("kind", "rf")])
-
-
-def _x4_settings(spec: PortSpec) -> ModuleSettings:
-    # An X4 mixes down by itself; its RF frames must be asked for.
-    is_baseband = spec.options.get("kind", "baseband") == "baseband"
-    return X4Settings.for_frame_rate(number_option(spec, "rate", 60.0), is_baseband=is_baseband)
-
-
-def _profile_settings(spec: PortSpec) -> ModuleSettings:
-    rate_hz = number_option(spec, "rate", FRAME_RATE_HZ)
-    if rate_hz != FRAME_RATE_HZ:
-        msg = f"port key 'rate': {rate_hz:g}; the profiles of an X2M200 run at 20 only"
-        raise SettingsError(msg)
-    if spec.options.get("kind", "baseband") != "baseband":
-        msg = "port key 'kind': the profiles of an X2M200 send baseband only"
-        raise SettingsError(msg)
-    return ProfileSettings()
-
-
-_MAKERS: Mapping[str, Callable[[PortSpec], ModuleSettings]] = {
-    "x2raw": _x2_settings,
-    "x2m200": _profile_settings,
-    "x4m03": _x4_settings,
-}
+        return MODULES[device].settings.for_port(rate_hz, kind)
+    # All of them, so that what makes no sense is said before a port is opened.
+    rows = [row for row in MODULES.values() if row.order_codes]
+    chosen = {row.device: row.settings.for_port(rate_hz, kind) for row in rows}
+    return lambda order_code: chosen[module_for(order_code).device]
 
 
 def _connector(
@@ -221,7 +193,7 @@ def _connector(
         range_m = stream_axis(settings).range_m
         check_swath(scene, float(range_m[0]), float(range_m[-1]))
     faults = parse_faults(spec.options["fault"]) if "fault" in spec.options else None
-    firmware = X4Firmware if spec.options.get("device") == "x4m03" else X2Firmware
+    firmware = FIRMWARES[spec.options.get("device", _SIM_DEVICE)]
     return lambda: connect_sim(
         lambda: SimulatedModule(scene, seed, faults, firmware=firmware()), speed
     )

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from x2radar.frame import CounterTracker, FastTimeAxis, Frame, Kind, Step, read_only
-from x2radar.settings.any import ModuleSettings
+from x2radar.settings.base import ModuleSettings
 from x2radar.wire.messages import BasebandAp, BasebandIq, Data, Message
 from x2radar.wire.wire_ids import ContentId
 
@@ -22,7 +22,7 @@ class FrameAssembler:
 
     Parameters
     ----------
-    settings : RadarSettings or X4Settings
+    settings : ModuleSettings
         What the module was told; gives raw frames their axis, because they carry none.
     """
 

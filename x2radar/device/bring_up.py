@@ -22,8 +22,7 @@ from x2radar.errors import (
     SafeModeError,
     TransportClosed,
 )
-from x2radar.settings.any import ModuleSettings
-from x2radar.settings.startup import startup_commands
+from x2radar.settings.base import ModuleSettings
 from x2radar.wire import framing
 from x2radar.wire.codec import encode
 from x2radar.wire.messages import Message, Ping, Pong, Reset, SystemMessage
@@ -59,7 +58,7 @@ class Opening:
     ----------
     connect : callable
         Opens a new transport to the module.
-    settings : RadarSettings, X4Settings or ProfileSettings
+    settings : ModuleSettings
         What to configure.
     sink : FrameReceiver
         Who takes the stream.
@@ -91,7 +90,7 @@ class Opening:
     ) -> None:
         self.has_restarted = False
         self._connect = connect
-        self._commands = startup_commands(settings)
+        self._commands = settings.startup_commands()
         self._sink = sink
         self._name = name
         self._deadlines = deadlines

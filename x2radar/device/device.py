@@ -18,7 +18,7 @@ from x2radar.device.link import READ_S, RETRIES, Deadlines
 from x2radar.device.transport import Transport
 from x2radar.errors import DeviceError, ReadTimeout, TransportClosed
 from x2radar.frame import Frame, StreamInfo
-from x2radar.settings.any import ModuleSettings, SettingsChooser
+from x2radar.settings.base import ModuleSettings, SettingsChooser
 from x2radar.settings.x2 import RadarSettings
 from x2radar.wire.messages import (
     GetMode,
@@ -97,7 +97,7 @@ class X2Radar:
     ----------
     connect : callable
         Opens a new transport to the module; called again after a reset over USB.
-    settings : RadarSettings, X4Settings, ProfileSettings or callable, optional
+    settings : ModuleSettings or callable, optional
         What to configure; the defaults of RadarSettings otherwise. A callable is given the
         order code that the module tells when it is first opened, and returns them.
     deadlines : Deadlines, optional

@@ -117,9 +117,7 @@ def _describe(item: Packet | LineFault, decode: Callable[[PacketData], Message])
 
 def _message(message: Message) -> dict[str, Any]:
     out: dict[str, Any] = {"message": type(message).__name__}
-    for name in getattr(message, "__dataclass_fields__", {}):
-        value = getattr(message, name)
-        out[name] = _json_safe(value)
+    out |= {name: _json_safe(getattr(message, name)) for name in message.__dataclass_fields__}
     return out
 
 

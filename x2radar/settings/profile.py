@@ -12,8 +12,23 @@ from typing import NamedTuple
 
 from x2radar.errors import SettingsError
 from x2radar.frame import Kind
-from x2radar.settings.x2 import PULSE_GENERATORS, SPEED_OF_LIGHT_MPS, is_number, is_whole
-from x2radar.wire.wire_ids import Led, Profile
+from x2radar.settings.x2 import (
+    OUTPUTS,
+    PULSE_GENERATORS,
+    SPEED_OF_LIGHT_MPS,
+    is_number,
+    is_whole,
+)
+from x2radar.wire.messages import (
+    LoadProfile,
+    Message,
+    SetDetectionZone,
+    SetLed,
+    SetMode,
+    SetOutput,
+    SetSensitivity,
+)
+from x2radar.wire.wire_ids import Led, Mode, OutputRef, Profile
 
 FRAME_RATE_HZ = 20.0
 SAMPLE_RATE_HZ = 39e9
@@ -94,6 +109,29 @@ class ProfileSettings:
             return cls(profile=profile, output=output)
         start_m, end_m = PROFILES[profile].zone_m
         return cls(profile=profile, zone_start_m=start_m, zone_end_m=end_m, output=output)
+
+    @classmethod
+    def for_port(cls, rate_hz: float | None, kind: str | None) -> "ProfileSettings":
+        """As in `ModuleSettings`: a profile runs at one rate and sends baseband only."""
+        if rate_hz not in {None, FRAME_RATE_HZ}:
+            msg = f"port key 'rate': {rate_hz:g}; the profiles of an X2M200 run at 20 only"
+            raise SettingsError(msg)
+        if kind not in {None, "baseband"}:
+            msg = "port key 'kind': the profiles of an X2M200 send baseband only"
+            raise SettingsError(msg)
+        return cls()
+
+    def startup_commands(self) -> tuple[Message, ...]:
+        """As in `ModuleSettings`, in the order of clients of real modules."""
+        return (
+            SetMode(Mode.IDLE),
+            LoadProfile(PROFILES[self.profile].app_id),
+            SetLed(self.led),
+            SetDetectionZone(self.zone_start_m, self.zone_end_m),
+            SetSensitivity(self.sensitivity),
+            SetOutput(OutputRef.BASEBAND, OUTPUTS[self.output]),
+            SetMode(Mode.RUN),
+        )
 
     @property
     def frame_rate_hz(self) -> float:

@@ -1,22 +1,24 @@
 """What the X2 module is told before it streams: frozen, checked at construction.
 
-Owns the chip's limits (256 samplers, 13-bit threshold DAC, 100 MHz pulse rate) and the
-table of pulse generators. Knows nothing about bytes; `x2radar.device.device` turns settings
-into commands.
+Owns the chip's limits, the table of pulse generators, and the commands that configure it.
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from numbers import Integral, Real
 from typing import Any, NamedTuple
 
 from x2radar.errors import SettingsError
 from x2radar.frame import Kind
+from x2radar.wire.messages import Message, SetMode, SetOutput, SetSysFloat, SetSysInt
+from x2radar.wire.wire_ids import BasebandOutput, Mode, OutputRef, SysCfg
 
 SPEED_OF_LIGHT_MPS = 299_792_458.0
 SAMPLERS = 256
 DAC_TOP = 8191
 PRF_HZ = 100e6
+"""Samplers, 13-bit threshold DAC and pulse rate of the NVA6201, the chip of these modules."""
 
 
 class PulseGenerator(NamedTuple):
@@ -44,6 +46,26 @@ PULSE_GENERATORS: tuple[PulseGenerator, ...] = tuple(
         (9.1, 3.10, -16.7),
     )
 )
+
+SYS_FIELDS: Mapping[SysCfg, str] = {
+    SysCfg.PG_SELECT: "pulse_generator",
+    SysCfg.FRAME_STITCH: "frame_stitch",
+    SysCfg.DAC_MIN: "dac_min",
+    SysCfg.DAC_MAX: "dac_max",
+    SysCfg.DAC_STEP: "dac_step",
+    SysCfg.PULSES_PER_STEP: "pulses_per_step",
+    SysCfg.ITERATIONS: "iterations",
+    SysCfg.FPS: "frame_rate_hz",
+    SysCfg.SAMPLE_DELAY: "sample_delay_s",
+}
+"""What SYSCFG sets which field, in the order in which a module is told."""
+
+OUTPUTS: Mapping[str, BasebandOutput] = {
+    "rf": BasebandOutput.OFF,
+    "iq": BasebandOutput.IQ,
+    "ap": BasebandOutput.AMPLITUDE_PHASE,
+}
+"""What `output` is on the wire; amplitude or phase alone make no frame."""
 
 _WHOLE = (
     ("frame_stitch", 1, 5),
@@ -171,6 +193,24 @@ class RadarSettings:
                 )
         msg = f"frame_rate_hz = {frame_rate_hz!r}: no sweep is that fast"
         raise SettingsError(msg)
+
+    @classmethod
+    def for_port(cls, rate_hz: float | None, kind: str | None) -> "RadarSettings":
+        """As in `ModuleSettings`: 60 Hz and RF unless the keys say otherwise."""
+        output = "iq" if kind == "baseband" else "rf"
+        return cls.for_frame_rate(60.0 if rate_hz is None else rate_hz, output=output)
+
+    def startup_commands(self) -> tuple[Message, ...]:
+        """As in `ModuleSettings`."""
+        values = {ref: getattr(self, name) for ref, name in SYS_FIELDS.items()}
+        delay_s = values.pop(SysCfg.SAMPLE_DELAY)
+        return (
+            SetMode(Mode.IDLE),
+            *(SetSysInt(ref, int(value)) for ref, value in values.items()),
+            SetSysFloat(SysCfg.SAMPLE_DELAY, delay_s),
+            SetOutput(OutputRef.BASEBAND, OUTPUTS[self.output]),
+            SetMode(Mode.MANUAL),
+        )
 
     @property
     def kind(self) -> Kind:

@@ -6,22 +6,57 @@ inferred (docs/hardware.md). What a module makes of frame rate and area it round
 grid; `X4Get` asks for that.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 from x2radar.errors import SettingsError
 from x2radar.frame import Kind
 from x2radar.settings.x2 import SPEED_OF_LIGHT_MPS, is_number, is_whole
+from x2radar.wire.messages import Message, SetMode
+from x2radar.wire.messages_x4 import (
+    X4Init,
+    X4SetCentreFrequency,
+    X4SetDacMax,
+    X4SetDacMin,
+    X4SetDacStep,
+    X4SetDownConversion,
+    X4SetFrameArea,
+    X4SetFrameAreaOffset,
+    X4SetFrameRate,
+    X4SetIterations,
+    X4SetPrfDivider,
+    X4SetPulsesPerStep,
+)
+from x2radar.wire.wire_ids import Mode
 
 SAMPLE_RATE_HZ = 23.328e9
 BASEBAND_STEP = 8
 PRF_SOURCE_HZ = 243e6
 DUTY = 0.95
+"""Sampler, decimation, pulse source and share of a frame that the sweep may take (XTAN-13)."""
+
 DEFAULT_ITERATIONS = 64
+"""Chosen: as much as 60 Hz has room for."""
+
 PULSES = {3: (7.29e9, 1.4e9), 4: (8.748e9, 1.5e9)}
 """Centre frequency and bandwidth at -10 dB, in hertz, by the driver's code."""
 SPAN_M = 1536 * SPEED_OF_LIGHT_MPS / (2 * SAMPLE_RATE_HZ)
 """The chip's 1536 samples, in metres."""
+
+X4_FIELDS: Mapping[type[Any], tuple[str, ...]] = {
+    X4SetDownConversion: ("is_baseband",),
+    X4SetCentreFrequency: ("centre_frequency",),
+    X4SetPrfDivider: ("prf_divider",),
+    X4SetIterations: ("iterations",),
+    X4SetPulsesPerStep: ("pulses_per_step",),
+    X4SetDacStep: ("dac_step",),
+    X4SetDacMin: ("dac_min",),
+    X4SetDacMax: ("dac_max",),
+    X4SetFrameAreaOffset: ("area_offset_m",),
+    X4SetFrameArea: ("area_start_m", "area_end_m"),
+}
+"""Which command sets which fields, in the order in which a module is told."""
 
 _LOWEST_HZ = 0.01
 _NUMBERS = (
@@ -157,6 +192,23 @@ class X4Settings:
                 )
         # No sweep is that fast, or it is no rate at all: say so.
         return cls(frame_rate_hz=frame_rate_hz, is_baseband=is_baseband, pulses_per_step=1)
+
+    @classmethod
+    def for_port(cls, rate_hz: float | None, kind: str | None) -> "X4Settings":
+        """As in `ModuleSettings`: 60 Hz and baseband unless the keys say otherwise."""
+        rate_hz = 60.0 if rate_hz is None else rate_hz
+        return cls.for_frame_rate(rate_hz, is_baseband=kind != "rf")
+
+    def startup_commands(self) -> tuple[Message, ...]:
+        """As in `ModuleSettings`."""
+        told = (cls(*(getattr(self, f) for f in fields)) for cls, fields in X4_FIELDS.items())
+        return (
+            SetMode(Mode.STOP),
+            SetMode(Mode.MANUAL),
+            X4Init(),
+            *told,
+            X4SetFrameRate(self.frame_rate_hz),
+        )
 
     @property
     def highest_frame_rate_hz(self) -> float:

@@ -19,15 +19,7 @@ import numpy as np
 from x2radar.errors import MessageError
 from x2radar.wire.framing import PacketData
 from x2radar.wire.layouts import COMMAND_VARIANTS, COMMANDS, RESPONSE_VARIANTS, RESPONSES, Layout
-from x2radar.wire.messages import (
-    ByteReply,
-    Data,
-    DataText,
-    Message,
-    Reply,
-    SetOutput,
-    Unknown,
-)
+from x2radar.wire.messages import ByteReply, Data, DataText, Message, Reply, SetOutput, Unknown
 from x2radar.wire.messages_expert import SetAppInts
 from x2radar.wire.wire_ids import PING_SEED, DataType
 
@@ -62,6 +54,8 @@ _RESPONSES = _by_prefix(RESPONSES, RESPONSE_VARIANTS)
 _BY_CLASS = {
     row.cls: _form(row) for row in RESPONSE_VARIANTS + COMMAND_VARIANTS + RESPONSES + COMMANDS
 }
+# First bytes that `COMMANDS` has and `RESPONSES` lacks; the second ones of the X4 driver's
+# set, get, write and read, and the longest of those: 2 bytes, the setting and two floats.
 _ONLY_COMMANDS = frozenset(b"\x02\x21\x22\x23\x24\x25\x26\x40\x41\x42\x90\xb0\xc0")
 _X4_SUBS = frozenset(b"\x10\x11\x12\x13")
 _LONGEST_X4 = 14
@@ -83,22 +77,9 @@ _REPLY_SIZES: dict[int, int] = {
 
 
 def encode(message: Message) -> bytes:
-    """Return the packet data of any message.
+    """Return a message's packet data, for `x2radar.wire.framing.encode`.
 
-    Parameters
-    ----------
-    message : Message
-        A message of this package.
-
-    Returns
-    -------
-    bytes
-        Data for `x2radar.wire.framing.encode`.
-
-    Raises
-    ------
-    MessageError
-        If a field does not fit its place on the wire.
+    Raises MessageError if a field does not fit its place on the wire.
     """
     try:
         match message:
@@ -121,22 +102,9 @@ def encode(message: Message) -> bytes:
 
 
 def decode_command(data: PacketData) -> Message:
-    """Read what a host sends.
+    """Read the data of one packet that a host sent; `Unknown` when no row describes it.
 
-    Parameters
-    ----------
-    data : bytes or memoryview
-        Data of one packet.
-
-    Returns
-    -------
-    Message
-        `Unknown` when no row describes the packet.
-
-    Raises
-    ------
-    MessageError
-        If the packet is shorter or longer than its row says.
+    Raises MessageError if the packet is shorter or longer than its row says.
     """
     message = _decode(data, _COMMANDS, (6, 2, 1))
     if isinstance(message, SetAppInts) and message.values.size == 1:
@@ -145,22 +113,9 @@ def decode_command(data: PacketData) -> Message:
 
 
 def decode_response(data: PacketData) -> Message:
-    """Read what a module sends.
+    """Read the data of one packet that a module sent; `Unknown` when no row describes it.
 
-    Parameters
-    ----------
-    data : bytes or memoryview
-        Data of one packet.
-
-    Returns
-    -------
-    Message
-        `Unknown` when no row describes the packet.
-
-    Raises
-    ------
-    MessageError
-        If the packet is shorter or longer than its row, or its counts, say.
+    Raises MessageError if the packet is shorter or longer than its row, or its counts, say.
     """
     first = data[:1]
     if first == b"\xa0":
@@ -236,7 +191,7 @@ def _unpack(form: _Form, data: PacketData) -> Message:
 
 def _pack(form: _Form, message: Message) -> bytes:
     row = form.row
-    values: list[Any] = [getattr(message, name) for name in message.__dataclass_fields__]  # type: ignore[attr-defined]
+    values = [getattr(message, name) for name in message.__dataclass_fields__]
     scalars, after = values[: len(form.scalars)], values[len(form.scalars) :]
     bodies = [_elements(a, dtype) for a, (_, dtype) in zip(after, row.arrays, strict=False)]
     for which, position in enumerate(row.counts):

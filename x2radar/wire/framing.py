@@ -44,6 +44,7 @@ LENGTH_HEADER = 9
 FAST = 0x51
 FAST_HEADER = 6
 MAX_PACKET = 1 << 17
+"""Bytes of a packet. Chosen: ten times the longest frame of any module with all of it escaped."""
 
 _START = b"\x7d"
 _END = b"\x7e"
@@ -132,25 +133,10 @@ def unescape(body: bytes) -> bytes:
 
 
 def encode(data: bytes, packing: Packing = Packing.ESCAPED) -> bytes:
-    """Frame `data` as one packet.
+    """Return `data`, at least one byte, as one packet on the wire.
 
-    Parameters
-    ----------
-    data : bytes
-        Message bytes, at least one.
-    packing : Packing
-        Which of the three forms to use; `Packing.FAST` takes the data behind the 51 byte.
-
-    Returns
-    -------
-    bytes
-        The packet as it goes over the wire.
-
-    Raises
-    ------
-    ProtocolError
-        If `data` is empty, takes more than `MAX_PACKET` bytes on the wire, or would be read as
-        another packing.
+    `Packing.FAST` takes the data behind the 51 byte. Raises ProtocolError if `data` is empty,
+    takes more than `MAX_PACKET` bytes on the wire, or would be read as another packing.
     """
     length = len(data).to_bytes(4, "little")
     match packing:
@@ -196,17 +182,9 @@ class PacketDecoder:
         self._hunting = False
 
     def feed(self, data: bytes | bytearray) -> list[Packet | LineFault]:
-        """Take the next bytes; return what they complete, in order.
+        """Take any piece of the stream; return what it completes, in order.
 
-        Parameters
-        ----------
-        data : bytes
-            Any piece of the stream, also empty.
-
-        Returns
-        -------
-        list of Packet or LineFault
-            Packets with good checksums, and every stretch of bytes that was dropped.
+        Packets have good checksums; every stretch of bytes that was dropped is a fault.
         """
         self._buffer += data
         done = 0

@@ -18,38 +18,32 @@ from x2radar.wire.wire_ids import AppItem, AppMessage, ContentId, DataType, X4Se
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """How one message lies in a packet.
-
-    Attributes
-    ----------
-    cls : type
-        The message class; its fields come in wire order, arrays last.
-    prefix : bytes
-        First bytes of the packet.
-    head : str
-        Struct format (little-endian) of the fixed fields and counts.
-    counts : tuple of int
-        Positions within `head` that hold array lengths and are no fields.
-    arrays : tuple of (int, str)
-        For each array: which of `counts` rules it, and its dtype.
-    rest : {'none', 'ignored', 'kept'}
-        What further bytes are: a fault, nothing, or the message's last field, as bytes.
-    answer : type
-        What a module answers a command with, unless it refuses.
-    """
+    """How one message lies in a packet."""
 
     cls: type[Message]
+    """The message class; its fields come in wire order, arrays last."""
     prefix: bytes
     head: str = ""
+    """Struct format (little-endian) of the fixed fields and counts."""
     counts: tuple[int, ...] = ()
+    """Positions within `head` that hold array lengths and are no fields."""
     arrays: tuple[tuple[int, str], ...] = ()
+    """For each array: which of `counts` rules it, and its dtype."""
     rest: Literal["none", "ignored", "kept"] = "none"
+    """What further bytes are: a fault, nothing, or the message's last field, as bytes."""
     answer: type[Message] = Ack
+    """What a module answers a command with, unless it refuses."""
 
 
 _FLOATS = ((0, "<f4"),)
 _TWO_FLOATS = _FLOATS * 2
+_BYTES = ((0, "u1"),)
+# What several messages have behind their prefix: head, counts and arrays of `Layout`.
 _BASEBAND = ("IIffff", (1,), _TWO_FLOATS)
+_TWO_LISTS = ("II", (1,), _TWO_FLOATS)
+_THREE_LISTS = ("II", (1,), _FLOATS * 3)
+_DOPPLER = ("IIIIIIfffff", (4,), _FLOATS)
+_DOPPLER_BYTES = ("IIIIIIfffffff", (4,), _BYTES)
 
 
 def _u32(value: int) -> bytes:
@@ -185,19 +179,9 @@ RESPONSES: tuple[Layout, ...] = (
         (2, 3),
         (*_TWO_FLOATS, *((1, "<f4"),) * 3),
     ),
+    Layout(status.RespirationMovingList, _app(AppMessage.RESPIRATION_MOVING_LIST), *_TWO_LISTS),
     Layout(
-        status.RespirationMovingList,
-        _app(AppMessage.RESPIRATION_MOVING_LIST),
-        "II",
-        (1,),
-        _TWO_FLOATS,
-    ),
-    Layout(
-        status.RespirationDetectionList,
-        _app(AppMessage.RESPIRATION_DETECTION_LIST),
-        "II",
-        (1,),
-        _FLOATS * 3,
+        status.RespirationDetectionList, _app(AppMessage.RESPIRATION_DETECTION_LIST), *_THREE_LISTS
     ),
     Layout(
         status.NormalisedMovementList,
@@ -210,28 +194,12 @@ RESPONSES: tuple[Layout, ...] = (
     Layout(status.SleepStage, _app(AppMessage.SLEEP_STAGE), "II"),
     Layout(core.BasebandIq, _app(AppMessage.BASEBAND_IQ), *_BASEBAND),
     Layout(core.BasebandAp, _app(AppMessage.BASEBAND_AP), *_BASEBAND),
-    Layout(status.PulseDoppler, _app(AppMessage.PULSE_DOPPLER), "IIIIIIfffff", (4,), _FLOATS),
-    Layout(status.NoiseMap, _app(AppMessage.NOISE_MAP), "IIIIIIfffff", (4,), _FLOATS),
+    Layout(status.PulseDoppler, _app(AppMessage.PULSE_DOPPLER), *_DOPPLER),
+    Layout(status.NoiseMap, _app(AppMessage.NOISE_MAP), *_DOPPLER),
+    Layout(status.PulseDopplerBytes, _app(AppMessage.PULSE_DOPPLER_BYTES), *_DOPPLER_BYTES),
+    Layout(status.NoiseMapBytes, _app(AppMessage.NOISE_MAP_BYTES), *_DOPPLER_BYTES),
     Layout(
-        status.PulseDopplerBytes,
-        _app(AppMessage.PULSE_DOPPLER_BYTES),
-        "IIIIIIfffffff",
-        (4,),
-        ((0, "u1"),),
-    ),
-    Layout(
-        status.NoiseMapBytes,
-        _app(AppMessage.NOISE_MAP_BYTES),
-        "IIIIIIfffffff",
-        (4,),
-        ((0, "u1"),),
-    ),
-    Layout(
-        status.ParameterFile,
-        _app(AppMessage.PARAMETER_FILE),
-        "II",
-        (0, 1),
-        ((0, "u1"), (1, "u1")),
+        status.ParameterFile, _app(AppMessage.PARAMETER_FILE), "II", (0, 1), (*_BYTES, (1, "u1"))
     ),
     Layout(status.DecimStatus, _app(AppMessage.DECIM), rest="kept"),
     Layout(status.AppData, b"\x50", "I", rest="kept"),

@@ -18,10 +18,19 @@ ByteArray = NDArray[np.uint8]
 IntArray = NDArray[np.int32]
 
 
+@dataclass(frozen=True, slots=True)
 class Message:
-    """Base of everything that a packet can say."""
+    """Base of everything that a packet can say.
 
-    __slots__ = ()
+    Only a message with fields of its own is a dataclass again; others inherit everything.
+    """
+
+
+@dataclass(frozen=True, slots=True)
+class Opaque(Message):
+    """A message whose payload is not known any better than as bytes."""
+
+    payload: bytes
 
 
 # ---------------------------------------------------------------- host to module
@@ -34,7 +43,6 @@ class Ping(Message):
     seed: int = PING_SEED
 
 
-@dataclass(frozen=True, slots=True)
 class Reset(Message):
     """Restart the module about half a second from now."""
 
@@ -46,7 +54,6 @@ class SetMode(Message):
     mode: int
 
 
-@dataclass(frozen=True, slots=True)
 class GetMode(Message):
     """Ask for the mode (newer firmware)."""
 
@@ -133,7 +140,6 @@ class Pong(Message):
     code: int
 
 
-@dataclass(frozen=True, slots=True)
 class Ack(Message):
     """The last command was taken."""
 
@@ -178,12 +184,10 @@ class BasebandAp(Message):
     phase: FloatArray
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class BasebandIqOld(BasebandIq):
     """The same as old X2M200 firmware sends it, as a data message of type 0x14."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class BasebandApOld(BasebandAp):
     """The same as old X2M200 firmware sends it, as a data message of type 0x14."""
 
@@ -231,7 +235,6 @@ class Reply(Message):
     value: str | tuple[int, ...] | tuple[float, ...]
 
 
-@dataclass(frozen=True, slots=True)
 class ByteReply(Reply):
     """The same with one byte a number, 0 to 255."""
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from x2radar.wire.messages import FloatArray, Message
+from x2radar.wire.messages import FloatArray, Message, Opaque
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,37 +27,30 @@ class SetSubmode(Message):
     submode: int
 
 
-@dataclass(frozen=True, slots=True)
 class GetDetectionZoneLimits(Message):
     """Ask for the limits of the detection zone (X4)."""
 
 
-@dataclass(frozen=True, slots=True)
 class GetDetectionZone(Message):
     """Ask for the detection zone (X4)."""
 
 
-@dataclass(frozen=True, slots=True)
 class GetSensitivity(Message):
     """Ask for the sensitivity (X4)."""
 
 
-@dataclass(frozen=True, slots=True)
 class FactoryPreset(Message):
     """Go back to factory settings (X4)."""
 
 
-@dataclass(frozen=True, slots=True)
 class StoreNoiseMap(Message):
     """Store the noise map (X4)."""
 
 
-@dataclass(frozen=True, slots=True)
 class LoadNoiseMap(Message):
     """Load the stored noise map (X4)."""
 
 
-@dataclass(frozen=True, slots=True)
 class DeleteNoiseMap(Message):
     """Delete the stored noise map (X4)."""
 
@@ -69,7 +62,6 @@ class SetNoiseMapControl(Message):
     control: int
 
 
-@dataclass(frozen=True, slots=True)
 class GetNoiseMapControl(Message):
     """Ask for the noise map's control bits."""
 
@@ -100,17 +92,14 @@ class SystemTest(Message):
     code: int
 
 
-@dataclass(frozen=True, slots=True)
 class GetVersionOld(Message):
     """Ask for the version, as old firmware has it (a text as answer is inferred)."""
 
 
-@dataclass(frozen=True, slots=True)
 class GetBuildOld(Message):
     """Ask for the build, as old firmware has it (a text as answer is inferred)."""
 
 
-@dataclass(frozen=True, slots=True)
 class GetProductOld(Message):
     """Ask for the product, as old firmware has it (a text as answer is inferred)."""
 
@@ -139,11 +128,8 @@ class SetOutputUncounted(Message):
     value: int
 
 
-@dataclass(frozen=True, slots=True)
-class RadlibExecute(Message):
+class RadlibExecute(Opaque):
     """Run a Radarlib action; which payload names it is unknown."""
-
-    payload: bytes
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,43 +177,32 @@ class GetRegisterField(Message):
     field_id: int
 
 
-@dataclass(frozen=True, slots=True)
 class GetFrameFloat(Message):
     """Take one normalised frame (inferred: no payload, DATA as answer)."""
 
 
-@dataclass(frozen=True, slots=True)
 class GetFrameRaw(Message):
     """Take one frame of raw counters (inferred: no payload, DATA as answer)."""
 
 
-@dataclass(frozen=True, slots=True)
 class GetChipId(Message):
     """Ask for the chip's id (inferred: no payload, a reply as answer)."""
 
 
-@dataclass(frozen=True, slots=True)
 class TimingMeasurement(Message):
     """Measure the chip's sampling rate; takes about a minute (inferred: no payload)."""
 
 
-@dataclass(frozen=True, slots=True)
 class ResetRadarHardware(Message):
     """Reset the radar chip (inferred: no payload)."""
 
 
-@dataclass(frozen=True, slots=True)
-class SetRadarClock(Message):
+class SetRadarClock(Opaque):
     """Switch the radar chip's clock; the payload is unknown."""
 
-    payload: bytes
 
-
-@dataclass(frozen=True, slots=True)
-class FramesToFlash(Message):
+class FramesToFlash(Opaque):
     """Store frames in the module's flash; the payload is unknown."""
-
-    payload: bytes
 
 
 @dataclass(frozen=True, slots=True)
@@ -257,7 +232,6 @@ class ReadPin(Message):
 # ---------------------------------------------------------------- whatever else there is
 
 
-@dataclass(frozen=True, slots=True)
 class GetProfileId(Message):
     """Ask which profile is loaded (X4; inferred: no payload, a reply as answer)."""
 
@@ -285,32 +259,20 @@ class SystemCommand(Message):
     payload: bytes
 
 
-@dataclass(frozen=True, slots=True)
-class SetCom(Message):
+class SetCom(Opaque):
     """MOD_SETCOM; the payload is unknown."""
 
-    payload: bytes
 
-
-@dataclass(frozen=True, slots=True)
-class SetDebugOutput(Message):
+class SetDebugOutput(Opaque):
     """DEBUG_OUTPUT; the payload is unknown."""
 
-    payload: bytes
 
-
-@dataclass(frozen=True, slots=True)
-class HilCommand(Message):
+class HilCommand(Opaque):
     """HIL, hardware in the loop; the payload is unknown."""
 
-    payload: bytes
 
-
-@dataclass(frozen=True, slots=True)
-class HilReply(Message):
+class HilReply(Opaque):
     """Answer to `HilCommand`; the payload is unknown."""
-
-    payload: bytes
 
 
 @dataclass(frozen=True, slots=True)
@@ -324,8 +286,5 @@ class BootloaderCommand(Message):
     payload: bytes
 
 
-@dataclass(frozen=True, slots=True)
-class BootloaderReply(Message):
+class BootloaderReply(Opaque):
     """The bootloader did what it was told; a payload is unknown."""
-
-    payload: bytes

@@ -6,7 +6,7 @@ Which bytes they become is `x2radar.wire.layouts`' business.
 
 from dataclasses import dataclass
 
-from x2radar.wire.messages import ByteArray, FloatArray, Message
+from x2radar.wire.messages import ByteArray, FloatArray, Message, Opaque
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,11 +25,8 @@ class RespirationStatus(Message):
     signal_quality: int
 
 
-@dataclass(frozen=True, slots=True)
-class RespirationStatusExt(Message):
+class RespirationStatusExt(Opaque):
     """Extended status of the respiration profile; its fields are unknown."""
-
-    payload: bytes
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +52,6 @@ class PresenceStatus(Message):
     signal_quality: int
 
 
-@dataclass(frozen=True, slots=True)
 class PresenceStatusShort(PresenceStatus):
     """The same as the 2015 document prints it, with presence as one byte (not seen)."""
 
@@ -160,12 +156,10 @@ class DopplerRow(Message):
     power: FloatArray
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class PulseDoppler(DopplerRow):
     """One range's Doppler spectrum."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class NoiseMap(DopplerRow):
     """One range's row of the noise map."""
 
@@ -189,12 +183,10 @@ class DopplerRowBytes(Message):
     power: ByteArray
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class PulseDopplerBytes(DopplerRowBytes):
     """One range's Doppler spectrum in bytes."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class NoiseMapBytes(DopplerRowBytes):
     """One range's row of the noise map in bytes."""
 
@@ -207,11 +199,8 @@ class ParameterFile(Message):
     content: ByteArray
 
 
-@dataclass(frozen=True, slots=True)
-class DecimStatus(Message):
+class DecimStatus(Opaque):
     """Status of the decimating profile; its fields are unknown."""
-
-    payload: bytes
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from x2radar.wire.messages import Message
 
 
-@dataclass(frozen=True, slots=True)
 class X4Init(Message):
     """Initialise the X4 driver."""
 

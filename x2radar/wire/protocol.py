@@ -74,18 +74,7 @@ class Session:
         return self._outstanding
 
     def send(self, command: Message) -> None:
-        """Queue a command.
-
-        Parameters
-        ----------
-        command : Message
-            Any host message.
-
-        Raises
-        ------
-        ProtocolError
-            If another command still waits for its reply.
-        """
+        """Queue a command; raises ProtocolError if another one still waits for its reply."""
         if self._outstanding is not None:
             msg = f"{self._outstanding} is not answered yet"
             raise ProtocolError(msg)

@@ -3,8 +3,9 @@
 from radard.classify.bundle import load_bundle
 from radard.config.sections import AUTO_MODEL, DEFAULT_MODEL
 from x2radar.frame import StreamInfo
+from x2radar.settings.modules import MODULES
 
-OF_ONE_MODULE = ("x4m03",)
+OF_ONE_MODULE = tuple(row.bundle for row in MODULES.values() if row.bundle)
 """Bundles that were made for one module: there they miss less than `DEFAULT_MODEL` at as many
 false alarms (docs/evaluation.md)."""
 

@@ -26,7 +26,8 @@ from x2radar.recording.blocks import (
     refuse,
 )
 from x2radar.recording.capture import FROM_MODULE, OPENED, TO_MODULE, Capture, Chunk
-from x2radar.settings.any import ModuleSettings, settings_from_mapping
+from x2radar.settings.base import ModuleSettings
+from x2radar.settings.modules import settings_from_mapping
 from x2radar.settings.x2 import RadarSettings
 from x2radar.wire.codec import decode_command
 from x2radar.wire.framing import Packet, PacketDecoder

@@ -1,20 +1,22 @@
 """What a simulated module's firmware makes of commands: that of an X2, and that of an X4.
 
 `SimulatedModule` owns time, boot, line and faults; a firmware owns what was configured. It
-answers one command at a time, and says what becomes of the stream.
+answers one command at a time, and says what becomes of the stream. `FIRMWARES` has the one of
+every row of `x2radar.settings.modules`.
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
 from typing import Any, Protocol
 
 import numpy as np
 
 from x2radar.errors import SettingsError
 from x2radar.frame import FastTimeAxis
-from x2radar.settings.any import ModuleSettings
+from x2radar.settings.base import ModuleSettings
 from x2radar.settings.profile import PROFILES, ProfileSettings
-from x2radar.settings.x2 import RadarSettings
-from x2radar.settings.x4 import X4Settings
+from x2radar.settings.x2 import OUTPUTS, SYS_FIELDS, RadarSettings
+from x2radar.settings.x4 import X4_FIELDS, X4Settings
 from x2radar.wire.messages import (
     Ack,
     BasebandAp,
@@ -34,22 +36,7 @@ from x2radar.wire.messages import (
     SetSysFloat,
     SetSysInt,
 )
-from x2radar.wire.messages_x4 import (
-    X4Enable,
-    X4Init,
-    X4SetCentreFrequency,
-    X4SetDacMax,
-    X4SetDacMin,
-    X4SetDacStep,
-    X4SetDownConversion,
-    X4SetFrameArea,
-    X4SetFrameAreaOffset,
-    X4SetFrameRate,
-    X4SetIterations,
-    X4SetPower,
-    X4SetPrfDivider,
-    X4SetPulsesPerStep,
-)
+from x2radar.wire.messages_x4 import X4Enable, X4Init, X4SetFrameRate, X4SetPower
 from x2radar.wire.wire_ids import (
     BasebandOutput,
     ContentId,
@@ -62,35 +49,7 @@ from x2radar.wire.wire_ids import (
 )
 
 _FAILED = ErrorReply(ErrorCode.COMMAND_FAILED)
-_SYS_FIELDS = {
-    SysCfg.PULSES_PER_STEP: "pulses_per_step",
-    SysCfg.ITERATIONS: "iterations",
-    SysCfg.DAC_STEP: "dac_step",
-    SysCfg.DAC_MIN: "dac_min",
-    SysCfg.DAC_MAX: "dac_max",
-    SysCfg.PG_SELECT: "pulse_generator",
-    SysCfg.FPS: "frame_rate_hz",
-    SysCfg.FRAME_STITCH: "frame_stitch",
-    SysCfg.SAMPLE_DELAY: "sample_delay_s",
-}
-# Amplitude or phase alone make no frame and are refused.
-_OUTPUTS: dict[int, str] = {
-    BasebandOutput.OFF: "rf",
-    BasebandOutput.IQ: "iq",
-    BasebandOutput.AMPLITUDE_PHASE: "ap",
-}
-_X4_FIELDS: dict[type[Message], dict[str, str]] = {
-    X4SetDownConversion: {"enabled": "is_baseband"},
-    X4SetCentreFrequency: {"code": "centre_frequency"},
-    X4SetPrfDivider: {"divider": "prf_divider"},
-    X4SetIterations: {"iterations": "iterations"},
-    X4SetPulsesPerStep: {"pulses": "pulses_per_step"},
-    X4SetDacStep: {"step": "dac_step"},
-    X4SetDacMin: {"count": "dac_min"},
-    X4SetDacMax: {"count": "dac_max"},
-    X4SetFrameAreaOffset: {"offset_m": "area_offset_m"},
-    X4SetFrameArea: {"start_m": "area_start_m", "end_m": "area_end_m"},
-}
+_OUTPUTS: dict[int, str] = {code: name for name, code in OUTPUTS.items()}
 _INFO = {
     InfoItem.ITEM_NUMBER: "SIM",
     InfoItem.FIRMWARE_ID: "x2radar simulated module",
@@ -122,24 +81,15 @@ class Firmware(Protocol):
         """Carry a command out; None for one that this firmware does not know."""
         ...
 
+    def frame_message(
+        self, axis: FastTimeAxis, counter: int, frame: np.ndarray[Any, Any]
+    ) -> Message:
+        """Return the message in which the stream that was started last sends a frame."""
+        ...
+
 
 def _told(item: int, order_code: str) -> Reply:
     return Reply(0x58, item, _INFO[InfoItem(item)] or order_code)
-
-
-def frame_message(
-    settings: ModuleSettings, axis: FastTimeAxis, counter: int, frame: np.ndarray[Any, Any]
-) -> Message:
-    """Return the message in which a module sends a frame."""
-    if isinstance(settings, X4Settings) and settings.is_baseband:
-        values = np.concatenate([frame.real, frame.imag])
-        return Data(ContentId.RAW_FRAME, counter, values)
-    if axis.kind == "rf":
-        return Data(ContentId.RAW_FRAME, counter, frame)
-    head = (counter, axis.bin_length_m, axis.sample_rate_hz, axis.carrier_hz, axis.range_offset_m)
-    if isinstance(settings, X4Settings) or settings.output == "iq":
-        return BasebandIq(*head, frame.real, frame.imag)
-    return BasebandAp(*head, np.abs(frame), np.angle(frame))
 
 
 class X2Firmware:
@@ -151,7 +101,7 @@ class X2Firmware:
     def forget(self) -> None:
         """As in `Firmware`."""
         self._fields: dict[str, float] = {}
-        self._output = _OUTPUTS[BasebandOutput.OFF]
+        self._output = self._streamed = _OUTPUTS[BasebandOutput.OFF]
         self._profile: str | None = None
         self._zone_m: tuple[float, float] | None = None
 
@@ -180,10 +130,21 @@ class X2Firmware:
             case _:
                 return None
 
+    def frame_message(
+        self, axis: FastTimeAxis, counter: int, frame: np.ndarray[Any, Any]
+    ) -> Message:
+        """As in `Firmware`."""
+        if axis.kind == "rf":
+            return Data(ContentId.RAW_FRAME, counter, frame)
+        about = axis.bin_length_m, axis.sample_rate_hz, axis.carrier_hz, axis.range_offset_m
+        if self._streamed == "iq":
+            return BasebandIq(counter, *about, frame.real, frame.imag)
+        return BasebandAp(counter, *about, np.abs(frame), np.angle(frame))
+
     def _set_field(self, ref: int, value: float) -> Message:
         if ref not in set(SysCfg) or not np.isfinite(value):
             return _FAILED
-        name = _SYS_FIELDS.get(SysCfg(ref))
+        name = SYS_FIELDS.get(SysCfg(ref))
         if name is not None:
             self._fields[name] = value
         return Ack()
@@ -191,14 +152,16 @@ class X2Firmware:
     def _set_mode(self, mode: int) -> Obeyed:
         if mode not in set(Mode):
             return Obeyed(_FAILED)
+        settings: ModuleSettings | None = None
         try:
             if mode == Mode.MANUAL:
-                return Obeyed(Ack(), stops=True, starts=self._raw_settings())
-            if mode == Mode.RUN and self._profile is not None and self._output != "rf":
-                return Obeyed(Ack(), stops=True, starts=self._profile_settings(self._profile))
+                settings = self._raw_settings()
+            elif mode == Mode.RUN and self._profile is not None and self._output != "rf":
+                settings = self._profile_settings(self._profile)
         except SettingsError:
             return Obeyed(_FAILED)
-        return Obeyed(Ack(), stops=True)
+        self._streamed = self._output
+        return Obeyed(Ack(), stops=True, starts=settings)
 
     def _raw_settings(self) -> RadarSettings:
         known: dict[str, Any] = {
@@ -243,12 +206,20 @@ class X4Firmware:
                 return self._set_rate(rate_hz)
             case SetLed() | SetBaudRate() | X4SetPower() | X4Enable():
                 return Obeyed(Ack())
-            case _:
-                changed = _x4_fields(command)
-                if changed is None:
-                    return None
-                self._fields |= changed
+            case _ if (names := X4_FIELDS.get(type(command))) is not None:
+                values = (getattr(command, field.name) for field in fields(command))
+                self._fields |= dict(zip(names, values, strict=True))
                 return Obeyed(Ack())
+            case _:
+                return None
+
+    def frame_message(
+        self, axis: FastTimeAxis, counter: int, frame: np.ndarray[Any, Any]
+    ) -> Message:
+        """As in `Firmware`: raw frames always, baseband as half I and half Q."""
+        is_rf = axis.kind == "rf"
+        values = frame if is_rf else np.concatenate([frame.real, frame.imag])
+        return Data(ContentId.RAW_FRAME, counter, values)
 
     def _set_rate(self, rate_hz: float) -> Obeyed:
         if rate_hz == 0:
@@ -256,18 +227,17 @@ class X4Firmware:
         if not self._is_initialised or self._mode != Mode.MANUAL:
             return Obeyed(_FAILED)
         try:
-            settings = X4Settings(**self._fields, frame_rate_hz=rate_hz)
+            is_baseband = bool(self._fields["is_baseband"])
+            known = self._fields | {"is_baseband": is_baseband, "frame_rate_hz": rate_hz}
+            settings = X4Settings(**known)
         except SettingsError:
             return Obeyed(_FAILED)
         return Obeyed(Ack(), stops=True, starts=settings)
 
 
-def _x4_fields(command: Message) -> dict[str, Any] | None:
-    """Return what a command of the X4 driver sets; None for any other."""
-    names = _X4_FIELDS.get(type(command))
-    if names is None:
-        return None
-    changed = {name: getattr(command, field) for field, name in names.items()}
-    if "is_baseband" in changed:
-        changed["is_baseband"] = bool(changed["is_baseband"])
-    return changed
+FIRMWARES: Mapping[str, type[Firmware]] = {
+    "x2raw": X2Firmware,
+    "x2m200": X2Firmware,
+    "x4m03": X4Firmware,
+}
+"""The firmware that simulates the module of each row, by its `device`."""

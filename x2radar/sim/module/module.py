@@ -15,9 +15,9 @@ from collections import deque
 import numpy as np
 
 from x2radar.errors import MessageError
-from x2radar.settings.any import ModuleSettings
+from x2radar.settings.base import ModuleSettings
 from x2radar.sim.module.faults import Dice, FaultPlan, ModuleFaults
-from x2radar.sim.module.firmware import Firmware, X2Firmware, frame_message
+from x2radar.sim.module.firmware import Firmware, X2Firmware
 from x2radar.sim.module.line import Line
 from x2radar.sim.module.stream import EchoStream
 from x2radar.sim.scene.scene import Scene
@@ -201,7 +201,7 @@ class SimulatedModule:
         elif until_s - due_s > LATEST_S:
             self.n_skipped += 1
         elif fate.n_copies and samples is not None:
-            message = frame_message(stream.settings, stream.axis, self._counter, frame)
+            message = self._firmware.frame_message(stream.axis, self._counter, frame)
             packet = framing.encode(encode(message))
             late_s = self._line.frame_lateness_s(self._counter, rate_hz)
             for _ in range(fate.n_copies):

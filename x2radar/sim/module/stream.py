@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from x2radar.frame import FastTimeAxis
-from x2radar.settings.any import ModuleSettings
+from x2radar.settings.base import ModuleSettings
 from x2radar.settings.x2 import RadarSettings
 from x2radar.sim.echo import frames as echo_frames
 from x2radar.sim.place.room import Room
@@ -47,7 +47,7 @@ class EchoStream:
         What is in front of the radar.
     seed : int
         Draws and noise follow from it.
-    settings : RadarSettings, X4Settings or ProfileSettings
+    settings : ModuleSettings
         As the host configured them.
     """
 

@@ -1,0 +1,98 @@
+"""The modules that the driver knows: one row each.
+
+A new module is a row here, a file like `x2` with its settings and start-up commands, and the
+firmware that simulates it, in `x2radar.sim.module.firmware`.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from x2radar.settings.base import ModuleSettings
+from x2radar.settings.profile import ProfileSettings
+from x2radar.settings.x2 import RadarSettings
+from x2radar.settings.x4 import X4Settings
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ModuleRow:
+    """One module.
+
+    Attributes
+    ----------
+    device : str
+        As the key `device` of a port string names it.
+    title : str
+        For people.
+    settings : type
+        Its settings, with its axis and its start-up commands.
+    order_codes : tuple of str
+        How the order codes of such modules begin, in capitals: that is how `device=auto` knows
+        them. "" takes what no other row does; without any it must be named.
+    bundle : str
+        The daemon's model bundle for this module alone; empty for the one of all modules.
+    """
+
+    device: str
+    title: str
+    settings: type[ModuleSettings]
+    order_codes: tuple[str, ...] = ()
+    bundle: str = ""
+
+
+MODULES: Mapping[str, ModuleRow] = {
+    row.device: row
+    for row in (
+        ModuleRow(
+            device="x2raw",
+            title="X2 in MANUAL mode",
+            settings=RadarSettings,
+            order_codes=("",),
+        ),
+        ModuleRow(
+            device="x2m200",
+            title="sleep profile of an X2M200, 20 Hz",
+            settings=ProfileSettings,
+        ),
+        ModuleRow(
+            device="x4m03",
+            title="X4M03 with XEP firmware",
+            settings=X4Settings,
+            order_codes=("X4", "XEP"),
+            bundle="x4m03",
+        ),
+    )
+}
+
+
+def module_for(order_code: str) -> ModuleRow:
+    """Return the row with the longest prefix of a module's order code."""
+    code = order_code.strip().upper()
+    prefixes = {prefix: row for row in MODULES.values() for prefix in row.order_codes}
+    return prefixes[max(filter(code.startswith, prefixes), key=len)]
+
+
+def settings_from_mapping(known: Mapping[str, Any]) -> ModuleSettings:
+    """Return the settings that a recording or capture names.
+
+    Parameters
+    ----------
+    known : mapping
+        As `dataclasses.asdict` gives it; names of later versions are left out.
+
+    Returns
+    -------
+    ModuleSettings
+        Of the class that most of the names belong to; RadarSettings for none.
+
+    Raises
+    ------
+    SettingsError
+        If a value is out of range.
+    """
+    classes: list[Any] = [row.settings for row in MODULES.values()]
+    cls = max(classes, key=lambda c: len(c.__dataclass_fields__.keys() & known.keys()))
+    settings: ModuleSettings = cls(
+        **{name: known[name] for name in cls.__dataclass_fields__ if name in known}
+    )
+    return settings
