@@ -20,13 +20,16 @@ import argparse
 import json
 import os
 import statistics
+import sys
 import time
 import tracemalloc
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[name] = "1"
+sys.path.insert(0, str(Path(__file__).parents[1]))  # for tests.dsp_reference
 
 import numpy as np  # noqa: E402 - after the number of threads is set
 import scipy.fft  # noqa: E402
@@ -44,13 +47,14 @@ from radard.dsp.cadence import (  # noqa: E402
     type1_vector,
 )
 from radard.dsp.columns import SharedSteps  # noqa: E402
-from radard.dsp.doppler import micro_doppler, micro_doppler_direct  # noqa: E402
+from radard.dsp.doppler import micro_doppler  # noqa: E402
 from radard.dsp.downconvert import DownConverter  # noqa: E402
 from radard.dsp.gram import centring, gaussian_taper, step_operator  # noqa: E402
-from radard.dsp.range_time import RangeTimeMap, find_target  # noqa: E402
+from radard.dsp.range_time import RangeTimeMap  # noqa: E402
 from radard.dsp.streaming import StreamingDoppler  # noqa: E402
 from radard.dsp.velocity import VelocityTransform  # noqa: E402
 from radard.stream.ring import Dwell  # noqa: E402
+from tests.dsp_reference import micro_doppler_direct  # noqa: E402
 from x2radar.frame import FastTimeAxis  # noqa: E402
 
 M = 28
@@ -321,7 +325,7 @@ def whole_hop(rounds: int, step: int = 1) -> dict[str, float]:
         valid = np.ones(len(frames), np.bool_)
         dwell = Dwell(frames, valid, axis, float(rate_hz), float(k))
         part("maps", lambda new=new: maps.push(new))
-        part("range_time_cells", lambda: find_target(*_cells(ranges)))
+        part("range_time_cells", lambda: ranges.cells(60.0))
         part("gate", lambda dwell=dwell: gate.read(dwell))
         if doppler.n_columns < n_columns:
             continue
@@ -333,10 +337,6 @@ def whole_hop(rounds: int, step: int = 1) -> dict[str, float]:
         part("classifier", lambda features=features: classifier.classify(features))
     ms = {name: statistics.median(s) * 1e3 for name, s in seconds.items()}
     return {"total": sum(ms.values()), **ms}
-
-
-def _cells(ranges: RangeTimeMap) -> tuple[np.ndarray, np.ndarray]:
-    return ranges.cells(60.0)[0], ranges.range_m
 
 
 def memory() -> dict[str, float]:

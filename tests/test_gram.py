@@ -4,7 +4,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from radard.dsp import gram as module
-from radard.dsp.doppler import micro_doppler_direct
 from radard.dsp.gram import (
     GramMap,
     centring,
@@ -17,6 +16,7 @@ from radard.dsp.gram import (
 )
 from radard.errors import FeatureError
 from tests.dsp_helpers import error, under_clutter
+from tests.dsp_reference import micro_doppler_direct
 from tests.radar_helpers import noise
 
 

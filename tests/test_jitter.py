@@ -3,9 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from radard.dsp.clutter import residual_power
-from radard.dsp.jitter import remove_jitter
 from tests.clutter_helpers import AXIS, body, clutter, db, jitter_of, room
+from tests.dsp_reference import remove_jitter, residual_power
 from tests.radar_helpers import noise
 
 ALL = np.ones(147, np.bool_)

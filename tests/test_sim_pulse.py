@@ -5,8 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from radard.dsp.doppler import doppler_hz, micro_doppler_direct
+from radard.dsp.doppler import doppler_hz
 from radard.dsp.downconvert import DownConverter
+from tests.dsp_reference import micro_doppler_direct
 from tests.sim_helpers import axis_of
 from x2radar.frame import FastTimeAxis
 from x2radar.settings.x2 import PULSE_GENERATORS, RadarSettings

@@ -4,12 +4,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from radard.dsp.columns import SharedSteps
-from radard.dsp.doppler import micro_doppler_direct
 from radard.dsp.range_time import RangeTimeMap
 from radard.dsp.streaming import StreamingDoppler
 from radard.dsp.velocity import VelocityTransform
 from radard.errors import FeatureError
 from tests.dsp_helpers import X2, error, under_clutter
+from tests.dsp_reference import micro_doppler_direct
 from tests.radar_helpers import noise
 
 
@@ -183,6 +183,37 @@ def test_a_frame_alone_and_columns_that_are_kept():
     for n in (8, -1):
         with pytest.raises(FeatureError, match="columns wanted"):
             stream.columns(n)
+
+
+@settings(deadline=None, derandomize=True, max_examples=25)
+@given(seed=st.integers(0, 1000), stride=st.integers(1, 9), n_cpi=st.integers(2, 20))
+def test_bands_tapers_and_strides(seed, stride, n_cpi):
+    rng = np.random.default_rng(seed)
+    frames = noise(n_cpi + 30, 24, seed=seed)
+    taper = rng.random(n_cpi)
+    cut = int(rng.integers(1, 24))
+    bands = [(0, cut), (cut, 24), (0, 24), (cut - 1, cut)]
+    ours = fed(frames, n_cpi, taper=taper, bands=bands, stride=stride).columns()
+    for mu, (first, stop) in zip(ours, bands, strict=True):
+        wanted = micro_doppler_direct(frames[:, first:stop], n_cpi, taper=taper)[:, ::stride]
+        assert error(mu, wanted) < 1e-5
+    assert error(ours[0] + ours[1], ours[2]) < 2e-6
+
+
+@pytest.mark.parametrize(
+    ("settings_", "says"),
+    [
+        ({"stride": 0}, "stride 0"),
+        ({"taper": np.ones(3)}, "taper"),
+        ({"bands": []}, "range bands"),
+        ({"bands": [(0, 9)]}, "range bands"),
+        ({"bands": [(3, 3)]}, "range bands"),
+        ({"bands": [(-1, 3)]}, "range bands"),
+    ],
+)
+def test_each_setting_is_named(settings_, says):
+    with pytest.raises(FeatureError, match=says):
+        fed(noise(20, 8), 10, **settings_)
 
 
 @pytest.mark.parametrize("sizes", [[60], [1] * 60])

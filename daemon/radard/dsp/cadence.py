@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from radard.dsp.doppler import gaussian_taper
+from radard.dsp.gram import gaussian_taper
 from radard.errors import FeatureError
 
 # Levels at which squares of float32 numbers neither overflow nor lose digits.

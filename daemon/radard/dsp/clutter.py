@@ -123,20 +123,13 @@ def _distance(rows: NDArray[np.complex64], lag: int) -> NDArray[np.float32]:
     return np.asarray(np.einsum("tn,tn->t", step, step))
 
 
-def residual_power(frames: AnyFrames, valid: Flags, n_cpi: int) -> NDArray[np.float64]:
-    """Return the residual power of every range bin, CPI by CPI.
-
-    Clutter is the mean over one CPI, as in the spectrogram (2.29), so that slow drift of
-    the room counts as clutter. The record is cut into whole CPIs from its end.
-    """
-    rows, usable, scale = sound_rows(frames, valid)
-    return block_power(rows, usable, n_cpi, 1)[0][:, 0] * scale**2
-
-
 def block_power(
     rows: NDArray[np.complex64], usable: Flags, n_cpi: int, n_parts: int
 ) -> tuple[NDArray[np.float64], Flags]:
-    """Return the residual power of parts of CPIs; the mean of each whole CPI was removed.
+    """Return the residual power of parts of CPIs.
+
+    Clutter is the mean over one CPI, as in the spectrogram (2.29), so that slow drift of
+    the room counts as clutter. The record is cut into whole CPIs from its end.
 
     Parameters
     ----------
@@ -207,9 +200,9 @@ def centre_spread_m(
     Parameters
     ----------
     power : ndarray, shape (n_cpis, n_range), float64
-        From `residual_power`.
+        From `block_power`, one part a CPI.
     noise : float
-        From `noise_power`; cells below four times that do not count.
+        Noise power per bin and frame; cells below four times that do not count.
     range_m : ndarray, shape (n_range,), float64
         Range axis, in metres.
 

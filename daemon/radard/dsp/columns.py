@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from radard.dsp.gram import Reals
 from radard.dsp.steps import Flags, StepBuffer, blocks
 from radard.errors import FeatureError
 
@@ -13,13 +14,7 @@ Values = NDArray[Any]
 
 
 class ColumnStore:
-    """The last columns of a map, each with a flag, contiguous, oldest first.
-
-    Parameters
-    ----------
-    n_keep : int
-        Columns that can be asked for.
-    """
+    """The last `n_keep` columns of a map, each with a flag, contiguous, oldest first."""
 
     def __init__(self, n_keep: int) -> None:
         if n_keep < 1:
@@ -76,16 +71,19 @@ class ColumnStream(ABC):
         Most frames that are taken at once.
     n_keep : int
         Columns that can be asked for.
+    n_rows : int
+        Rows of the map.
     n_range : int, optional
-        Bins that every frame must have; whatever the first one has when not given.
+        Bins that every frame must have; those of the first one when not given.
     """
 
     def __init__(
-        self, n_history: int, n_block: int, n_keep: int, n_range: int | None = None
+        self, n_history: int, n_block: int, n_keep: int, n_rows: int, n_range: int | None = None
     ) -> None:
         self.n_history = n_history
         self.n_block = n_block
         self.n_range = n_range
+        self._n_rows = n_rows
         self._own_steps = StepBuffer(n_history, n_block)
         self._store = ColumnStore(n_keep)
 
@@ -129,40 +127,34 @@ class ColumnStream(ABC):
 
     @abstractmethod
     def advance(self, steps: StepBuffer, n_new: int) -> int:
-        """Make the columns that the newest `n_new` frames of `steps` complete.
+        """Make the columns that the newest `n_new` frames, at most `n_block`, complete.
+
+        `steps` is the same object from one restart to the next. Returns the columns made.
+        """
+
+    def columns(self, n: int | None = None) -> Reals:
+        """Return the last columns, oldest first; raise FeatureError if there are not so many.
 
         Parameters
         ----------
-        steps : StepBuffer
-            Steps of the stream, the same object from one restart to the next.
-        n_new : int
-            At most `n_block`.
+        n : int, optional
+            How many; all that are kept when not given.
 
         Returns
         -------
-        int
-            Columns made.
+        ndarray, shape (n_rows, n), float64
+            Linear power. A copy; `columns_valid` tells which are touched by a lost frame.
         """
+        columns, _ = self._store.last(n)
+        return columns.T.copy() if self._store else np.zeros((self._n_rows, 0))
 
     def columns_valid(self, n: int | None = None) -> Flags:
-        """Return which of the last columns hold no lost frame, shape (n,), bool.
-
-        Raises
-        ------
-        FeatureError
-            If there are not so many.
-        """
+        """Return which of the last columns hold no lost frame, shape (n,), bool."""
         return self._store.last(n)[1].copy()
 
 
 class SharedSteps:
-    """Several maps of one stream, fed together: steps are made once for all.
-
-    Parameters
-    ----------
-    *streams : ColumnStream
-        The maps; their own `push` is not to be used.
-    """
+    """Several maps of one stream, fed by this `push` and not their own: steps are made once."""
 
     def __init__(self, *streams: ColumnStream) -> None:
         self._streams = streams

@@ -27,7 +27,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from radard.dsp.clutter import AnyFrames, Flags, sound_rows
+from radard.dsp.clutter import Flags
 from radard.dsp.median import median
 from radard.errors import FeatureError
 from x2radar.frame import FastTimeAxis
@@ -71,19 +71,8 @@ class JitterFit:
     gain_trust: float
 
 
-def remove_jitter(
-    frames: AnyFrames, valid: Flags, axis: FastTimeAxis
-) -> tuple[NDArray[np.complex64], JitterFit]:
-    """Take the clutter's common delay and gain out of every frame of a dwell."""
-    rows, usable, scale = sound_rows(frames, valid)
-    fit = take_out_jitter(rows, usable, axis)
-    parts = rows.view(np.float32)
-    parts *= np.float32(scale)
-    return rows, fit
-
-
 def take_out_jitter(rows: NDArray[np.complex64], usable: Flags, axis: FastTimeAxis) -> JitterFit:
-    """Do the work of `remove_jitter` in place, on rows from `sound_rows`."""
+    """Take the clutter's common delay and gain out of rows from `sound_rows`, in place."""
     if rows.shape[1] != axis.n_range:
         msg = f"frames of {rows.shape[1]} bins on an axis of {axis.n_range}"
         raise FeatureError(msg)

@@ -7,22 +7,12 @@ slow: static clutter and its drift are gone exactly or nearly.
 import numpy as np
 from numpy.typing import NDArray
 
-from radard.dsp.clutter import AnyFrames, Flags, sound_rows
+from radard.dsp.clutter import Flags
 
 _LOW_QUANTILE = 0.1
 # An exponential variable's quantile q lies at -ln(1 - q) of its mean.
 _TO_MEAN = -1 / np.log1p(-_LOW_QUANTILE)
 _SECOND_DIFFERENCE_GAIN = 6.0
-
-
-def noise_power(frames: AnyFrames, valid: Flags) -> float:
-    """Return the receiver's noise power per live bin and frame.
-
-    The low quantile of all cells is hardly moved by a target, which fills few of them; for
-    noise alone it is unbiased.
-    """
-    rows, usable, scale = sound_rows(frames, valid)
-    return float(noise_of(second_differences(rows, usable))) * scale**2
 
 
 def second_differences(rows: NDArray[np.complex64], usable: Flags) -> NDArray[np.float32]:
@@ -50,7 +40,11 @@ def second_differences(rows: NDArray[np.complex64], usable: Flags) -> NDArray[np
 
 
 def noise_of(cells: NDArray[np.float32]) -> float:
-    """Return the noise power of cells from `second_differences`; see `noise_power`."""
+    """Return the noise power per live bin and frame of cells from `second_differences`.
+
+    The low quantile of all cells is hardly moved by a target, which fills few of them; for
+    noise alone it is unbiased. NaN without cells, 0 where nothing changes at all.
+    """
     if len(cells) == 0:
         return float("nan")
     live = cells.any(axis=0)

@@ -21,7 +21,7 @@ from radard.dsp.steps import Flags, StepBuffer, whole
 from radard.errors import FeatureError
 from x2radar.frame import FastTimeAxis
 
-_BLOCK = 64
+_BLOCK = 64  # frames at once; chosen: a hop at 60 Hz
 # Squares of rows within these energies neither overflow float32 nor lose digits in it.
 _LOW, _HIGH = 1e-25, 1e30
 
@@ -87,7 +87,7 @@ class RangeTimeMap(ColumnStream):
         self.is_covered: Flags = design.is_covered
         self.weights = design.weights
         self._residual = design.residual
-        super().__init__(n_cpi, len(self._residual), n_keep, axis.n_range)
+        super().__init__(n_cpi, len(self._residual), n_keep, len(self.range_m), axis.n_range)
         self._n_cpi = n_cpi
 
     def advance(self, steps: StepBuffer, n_new: int) -> int:
@@ -99,41 +99,10 @@ class RangeTimeMap(ColumnStream):
         self._store.append(self._powers(steps, n), good)
         return n
 
-    def columns(self, n: int | None = None) -> Reals:
-        """Return the last columns, oldest first.
-
-        Parameters
-        ----------
-        n : int, optional
-            How many; all that are kept when not given.
-
-        Returns
-        -------
-        ndarray, shape (n_cells, n), float64
-            Power by range cell and frame. A copy; `columns_valid` tells which are touched
-            by a lost frame.
-
-        Raises
-        ------
-        FeatureError
-            If there are not so many.
-        """
-        columns, _ = self._store.last(n)
-        return columns.T.copy() if self._store else np.zeros((len(self.range_m), 0))
-
     def cells(
         self, frame_rate_hz: float, *, cell_s: float = 0.05, n_cells: int = 40
     ) -> tuple[Reals, Flags]:
-        """Return the map of the last n_cells * cell_s seconds on a grid of time.
-
-        Parameters
-        ----------
-        frame_rate_hz : float
-            Frames per second.
-        cell_s : float
-            Length of a cell.
-        n_cells : int
-            Cells wanted.
+        """Return the map of the last `n_cells * cell_s` seconds on a grid of time.
 
         Returns
         -------
@@ -199,51 +168,3 @@ def _design(axis: FastTimeAxis, n_cpi: int, cell_m: float, near_m: float, far_m:
     for array in (made.range_m, made.is_covered, made.weights, made.residual):
         array.flags.writeable = False
     return made
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class TargetTrack:
-    """Where the strongest target is, and how far it reaches, by time."""
-
-    has_target: Flags
-    range_m: Reals
-    extent_m: Reals
-
-
-def find_target(
-    power: NDArray[np.floating],
-    range_m: Reals,
-    *,
-    noise: float | None = None,
-    over_noise_db: float = 10.0,
-    below_peak_db: float = 12.0,
-    reach_m: float = 0.8,
-) -> TargetTrack:
-    """Return range and extent of the strongest target in a range-time map.
-
-    Its parts are the cells that are less than `below_peak_db` weaker than its strongest,
-    within `reach_m` of that. Multipath behind a body is 15 to 25 dB weaker than the body
-    (measured on P4xx walks), so it does not count.
-    """
-    n_cells, n_time = power.shape
-    if range_m.shape != (n_cells,) or n_cells == 0:
-        msg = f"a map of {n_cells} range cells and an axis of {range_m.size}"
-        raise FeatureError(msg)
-    if n_time == 0:
-        return TargetTrack(np.zeros(0, np.bool_), np.zeros(0), np.zeros(0))
-    p = np.asarray(power, np.float64)
-    floor = float(np.quantile(p, 0.25)) if noise is None else noise
-    peak = p.max(axis=0)
-    has_target = peak > floor * 10 ** (over_noise_db / 10)
-    least = np.maximum(peak * 10 ** (-below_peak_db / 10), floor * 10 ** (over_noise_db / 10))
-    near = np.abs(range_m[:, None] - range_m[p.argmax(axis=0)]) <= reach_m
-    part = (p >= least) & near & has_target
-    # Relative to the peak: no level of power leaves float64 that way.
-    weight = np.where(part, p, 0) / np.where(has_target, peak, 1)
-    total = weight.sum(axis=0)
-    centre = range_m @ weight / np.where(has_target, total, 1)
-    first = part.argmax(axis=0)
-    last = n_cells - 1 - part[::-1].argmax(axis=0)
-    cell_m = range_m[1] - range_m[0] if n_cells > 1 else 0.0
-    extent = np.where(has_target, (last - first + 1) * cell_m, 0.0)
-    return TargetTrack(has_target, np.where(has_target, centre, 0.0), extent)

@@ -18,26 +18,26 @@ frame-to-frame steps, *before* the DFT over range: static clutter is then gone e
 before anything was rounded (see `radard.dsp.steps`).
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import lru_cache
 
 import numpy as np
 from numpy.lib.stride_tricks import as_strided, sliding_window_view
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from radard.dsp.columns import ColumnStore, ColumnStream
 from radard.dsp.frame_means import FrameMeans
-from radard.dsp.gram import Reals, checked_taper
-from radard.dsp.steps import Flags, StepBuffer, blocks, whole
+from radard.dsp.gram import Reals, gaussian_taper
+from radard.dsp.steps import Flags, StepBuffer, whole
 from radard.dsp.wideband import range_dft, range_frequencies, velocity_operator
 from radard.errors import FeatureError
 from x2radar.frame import FastTimeAxis
 
 CPI_S = 28 / 60
-_LEAST_CPI = 4
-_BLOCK = 64
-_LOW, _HIGH = 1e-15, 1e15
+"""The thesis' CPI: 28 frames at 60 Hz (2.29)."""
+_LEAST_CPI = 4  # frames; chosen: fewer show no Doppler beside the removed mean
+_BLOCK = 64  # frames at once; chosen: a hop at 60 Hz
+_LOW, _HIGH = 1e-15, 1e15  # of parts: their squares stay well inside float32
 
 
 class VelocityTransform(ColumnStream):
@@ -63,9 +63,6 @@ class VelocityTransform(ColumnStream):
         Exponent of the pulse's amplitude spectrum that is divided out of X. Behind a matched
         filter, 0 leaves its narrow band, 1 makes the noise white again, 2 makes the echo's
         spectrum flat. See the notes.
-    taper : callable, optional
-        From the number of frames in a CPI to their weights, the same from either end; the
-        thesis' Gaussian when not given.
     n_keep : int
         Columns that can be asked for.
     n_mean : int
@@ -90,7 +87,7 @@ class VelocityTransform(ColumnStream):
 
     Notes
     -----
-    Relative error (norm) against `velocity_transform_direct` of the same input: at most
+    Relative error (norm) against the definition in float64 (tests/dsp_reference.py): at most
     1e-5 with static clutter of 0 to 140 dB under the motion, at amplitudes from 1e-36 to
     1e33. One push of all frames and any cut into smaller ones agree to 1e-6. Per column one
     real matrix product (n_velocity x n_cpi) for each frequency: 0.3 MFLOP at 60 Hz.
@@ -119,7 +116,6 @@ class VelocityTransform(ColumnStream):
         column_rate_hz: float = 30.0,
         n_frequencies: int = 64,
         flatten: float = 1.5,
-        taper: Callable[[int], Reals] | None = None,
         n_keep: int = 256,
         n_mean: int = 1,
     ) -> None:
@@ -137,7 +133,6 @@ class VelocityTransform(ColumnStream):
         self.n_cpi = max(_LEAST_CPI, round(cpi_s * rate_hz))
         self.stride = max(1, round(rate_hz / column_rate_hz))
         self.column_rate_hz = rate_hz / self.stride
-        weights = checked_taper(self.n_cpi, None if taper is None else taper(self.n_cpi))
         n_side = int(max_mps / step_mps + 1e-9)
         design = _design(
             axis,
@@ -145,14 +140,13 @@ class VelocityTransform(ColumnStream):
             grid=(n_side, step_mps),
             n_frequencies=n_frequencies,
             flatten=flatten,
-            taper=tuple(weights.tolist()),
+            n_cpi=self.n_cpi,
         )
         self.frequency_hz = design.frequency_hz
         self.velocity_mps: Reals = design.velocity_mps
         self._design, self._dft = design, design.dft
         n_block = max(_BLOCK, self.n_cpi)
-        super().__init__(0, n_block, n_keep, axis.n_range)
-        self._spectra_in = StepBuffer(0, n_block)
+        super().__init__(0, n_block, n_keep, len(self.velocity_mps), axis.n_range)
         self._means = FrameMeans(n_mean)
         self._spectra = ColumnStore(self.n_cpi + self.stride + n_block)
         self._n_seen = 0
@@ -160,7 +154,6 @@ class VelocityTransform(ColumnStream):
     def restart(self) -> None:
         """See `ColumnStream`."""
         super().restart()
-        self._spectra_in.restart()
         self._means.restart()
         self._spectra.restart()
         self._n_seen = 0
@@ -168,59 +161,6 @@ class VelocityTransform(ColumnStream):
     def advance(self, steps: StepBuffer, n_new: int) -> int:
         """See `ColumnStream`."""
         return self._advance(steps.product(self._dft, n_new), steps.flags(n_new))
-
-    def push_spectra(self, spectra: ArrayLike, valid: ArrayLike | None = None) -> int:
-        """Add X(f, t) that somebody else has made, instead of frames.
-
-        Parameters
-        ----------
-        spectra : array_like, shape (n, n_freq) or (n_freq,), complex
-            DFT over range of the next frames at `frequency_hz`. Clutter in it cancels as
-            far as its own rounding allows.
-        valid : array_like of bool, shape (n,), optional
-            False for frames that were lost.
-
-        Returns
-        -------
-        int
-            Columns made.
-
-        Raises
-        ------
-        FeatureError
-            If there are not as many frequencies.
-        """
-        made = 0
-        for part, flags in blocks(spectra, valid, self.n_block):
-            if part.shape[1] != len(self.frequency_hz):
-                msg = f"{part.shape[1]} frequencies, not {len(self.frequency_hz)}"
-                raise FeatureError(msg)
-            self._spectra_in.push(part, flags)
-            made += self._advance(
-                self._spectra_in.rows(len(part)), self._spectra_in.flags(len(part))
-            )
-        return made
-
-    def columns(self, n: int | None = None) -> Reals:
-        """Return the last columns, oldest first.
-
-        Parameters
-        ----------
-        n : int, optional
-            How many; all that are kept when not given.
-
-        Returns
-        -------
-        ndarray, shape (n_velocity, n), float64
-            Linear power. A copy; `columns_valid` tells which are touched by a lost frame.
-
-        Raises
-        ------
-        FeatureError
-            If there are not so many.
-        """
-        columns, _ = self._store.last(n)
-        return columns.T.copy() if self._store else np.zeros((len(self.velocity_mps), 0))
 
     def _advance(self, planar: NDArray[np.float32], flags: Flags) -> int:
         n_freq = len(self.frequency_hz)
@@ -239,19 +179,6 @@ class VelocityTransform(ColumnStream):
         power = _powers(rows[1:], self._design, n_columns, self.stride, self.n_cpi - 1)
         self._store.append(power, whole(good, self.n_cpi, self.stride))
         return n_columns
-
-
-def velocity_transform(
-    frames: ArrayLike, axis: FastTimeAxis, frame_rate_hz: float, **settings: float
-) -> Reals:
-    """Return the velocity-time map of a whole record: `VelocityTransform` fed once."""
-    rows = np.asarray(frames)
-    make = partial(VelocityTransform, axis, frame_rate_hz, n_keep=max(1, len(rows)))
-    stream = make(**settings)  # type: ignore[arg-type]
-    if stream.push(rows) == 0:
-        msg = f"frames of shape {rows.shape} cannot fill a CPI of {stream.n_cpi} frames"
-        raise FeatureError(msg)
-    return stream.columns()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -278,19 +205,16 @@ def _design(
     grid: tuple[int, float],
     n_frequencies: int,
     flatten: float,
-    taper: tuple[float, ...],
+    n_cpi: int,
 ) -> _Design:
     """Return what a transform is made of; kept, since it costs more than a dwell's columns."""
     n_side, step_mps = grid
     frequency_hz = range_frequencies(axis, n_frequencies)
     velocity_mps = np.arange(-n_side, n_side + 1, dtype=np.float64) * step_mps
-    weights = np.array(taper)
-    if not np.allclose(weights, weights[::-1]):
-        msg = "velocity transform: the taper must be the same from either end"
-        raise FeatureError(msg)
-    operator = velocity_operator(frequency_hz, velocity_mps[n_side:], frame_rate_hz, weights)
-    half = operator[..., : len(taper) // 2].copy()
-    if len(taper) % 2 == 0:
+    taper = gaussian_taper(n_cpi)
+    operator = velocity_operator(frequency_hz, velocity_mps[n_side:], frame_rate_hz, taper)
+    half = operator[..., : n_cpi // 2].copy()
+    if n_cpi % 2 == 0:
         # The step in the middle is its own partner.
         half[..., -1] /= 2
     made = _Design(

@@ -1,10 +1,10 @@
-"""Frequencies of the wideband velocity transform: which, by what matrix, and the definition.
+"""Frequencies of the wideband velocity transform: which ones, and by what matrices.
 
 Absolute frequencies are the carrier plus the baseband frequencies of the DFT over range.
 """
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from radard.dsp.gram import Reals, centring
 from radard.errors import FeatureError
@@ -81,31 +81,6 @@ def range_dft(
         weight *= 10 ** (0.5 * flatten * (2 * baseband_hz / axis.bandwidth_hz) ** 2)
     turns = np.outer(np.arange(axis.n_range) * delay_s, baseband_hz)
     return np.asarray(np.exp(-2j * np.pi * (turns % 1.0)) * weight)
-
-
-def velocity_transform_direct(
-    spectra: ArrayLike,
-    frequency_hz: Reals,
-    frame_rate_hz: float,
-    *,
-    velocity_mps: Reals,
-    taper: Reals,
-    stride: int = 1,
-) -> Reals:
-    """Return the map by its definition, in float64: the reference for the fast form."""
-    x = np.asarray(spectra, np.complex128)
-    n_cpi = len(taper)
-    time_s = (np.arange(n_cpi) - (n_cpi - 1) / 2) / frame_rate_hz
-    columns = []
-    for i in range(0, len(x) - n_cpi + 1, stride):
-        cpi = x[i : i + n_cpi] - x[i]
-        cpi = (cpi - cpi.mean(axis=0)) * taper[:, None]
-        power = np.zeros(len(velocity_mps))
-        for k, f in enumerate(frequency_hz):
-            turns = 2 * f / SPEED_OF_LIGHT_MPS * np.outer(velocity_mps, time_s)
-            power += np.abs(np.exp(-2j * np.pi * turns) @ cpi[:, k]) ** 2
-        columns.append(power)
-    return np.stack(columns, axis=1)
 
 
 def velocity_operator(

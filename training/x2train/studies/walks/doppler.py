@@ -6,7 +6,8 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from radard.dsp.doppler import gaussian_taper, unambiguous_velocity_mps
+from radard.dsp.doppler import unambiguous_velocity_mps
+from radard.dsp.gram import gaussian_taper
 from radard.dsp.wideband import range_dft, range_frequencies
 from x2radar.settings.x2 import SPEED_OF_LIGHT_MPS
 from x2train.studies.walks.follow import Array, Walk
