@@ -306,7 +306,7 @@ def test_a_simulated_module_that_streams_already_is_taken_over() -> None:
         left.open()
         take(left, 2)
         # As after a kill: nobody tells the module to stop.
-        left._opening.link.close()
+        left._module.link.close()
         with X2Radar(connect, SETTINGS) as radar:
             assert [f.index for f in take(radar, 3)] == [0, 1, 2]
 

@@ -7,27 +7,20 @@ the operating system's buffer overflow, and what is lost there is stated in `Fra
 import asyncio
 import contextlib
 import threading
-from types import TracebackType
 
 from x2radar.device.device import RadarStats, X2Radar
 from x2radar.errors import TransportClosed
 from x2radar.frame import Frame, StreamInfo
 
 MOST_WAITING = 64
+"""Frames read ahead. Chosen: a second of them at usual rates."""
 
 
 class AsyncRadar:
     """An asynchronous context manager and iterator around a radar.
 
-    Leaving the block closes the port, also when its task is cancelled, while the radar is
-    still being opened as well.
-
-    Parameters
-    ----------
-    radar : X2Radar
-        Closed; opened and closed here.
-    most_waiting : int
-        Frames read ahead.
+    `radar` is opened and closed here: leaving the block closes the port, also when its task is
+    cancelled, while the radar is still being opened as well.
 
     Examples
     --------
@@ -68,12 +61,7 @@ class AsyncRadar:
         self._thread.start()
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         """Close the port and wait for the reader; a second cancellation ends only the wait."""
         self._halt.set()
         self._room.release()

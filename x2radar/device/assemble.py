@@ -20,10 +20,7 @@ Samples = NDArray[np.float32] | NDArray[np.complex64]
 class FrameAssembler:
     """Build frames from messages, with unwrapped counters.
 
-    Parameters
-    ----------
-    settings : ModuleSettings
-        What the module was told; gives raw frames their axis, because they carry none.
+    `settings` are what the module was told; they give raw frames their axis, which carry none.
     """
 
     def __init__(self, settings: ModuleSettings) -> None:
@@ -36,17 +33,8 @@ class FrameAssembler:
     def frame(self, message: Message, t_mono_s: float) -> Frame | None:
         """Return the frame in `message`, or None when it holds none or repeats the last.
 
-        Parameters
-        ----------
-        message : Message
-            Anything that a module sends.
-        t_mono_s : float
-            When it was complete, on the host's monotonic clock.
-
-        Returns
-        -------
-        Frame or None
-            Samples are float32 for RF frames and complex64 for baseband, read-only.
+        Samples are float32 for RF frames and complex64 for baseband, read-only. `t_mono_s` is
+        when the message was complete, on the host's monotonic clock.
         """
         match message:
             case BasebandIq():

@@ -1,4 +1,4 @@
-"""Opening: one opening of a module, from the port to the start of its stream.
+"""BringUp: one opening of a module, from the port to the start of its stream.
 
 As real clients do (protocol notes, section 4): reset, wait for READY, ping until ready when
 READY was missed, configure while nothing runs, then start. A port on USB vanishes while its
@@ -15,13 +15,7 @@ from dataclasses import dataclass
 
 from x2radar.device.link import READ_S, RETRIES, Deadlines, Link, refusal
 from x2radar.device.transport import Transport
-from x2radar.errors import (
-    DeviceError,
-    PortError,
-    RestartRequired,
-    SafeModeError,
-    TransportClosed,
-)
+from x2radar.errors import DeviceError, PortError, RestartRequired, SafeModeError, TransportClosed
 from x2radar.settings.base import ModuleSettings
 from x2radar.wire import framing
 from x2radar.wire.codec import encode
@@ -30,51 +24,28 @@ from x2radar.wire.protocol import Answered, Event, Received, Refused
 from x2radar.wire.wire_ids import PongCode, SystemCode
 
 _REOPEN_EVERY_S = 0.1
+"""Pause between attempts to open a port that is not back yet. Chosen: well under the half second
+that a module takes to restart."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameReceiver:
-    """Who takes the stream.
-
-    Attributes
-    ----------
-    begin : callable
-        Called right before the module is told to start: what came before is void.
-    take : callable
-        Gets every message of the stream, and its time of arrival in seconds (monotonic).
-    has_frames : callable
-        Says whether frames have come since `begin`.
-    """
+    """Who takes the stream."""
 
     begin: Callable[[], None]
+    """Called right before the module is told to start: what came before is void."""
     take: Callable[[Message, float], None]
+    """Gets every message of the stream, and its time of arrival in seconds (monotonic)."""
     has_frames: Callable[[], bool]
+    """Says whether frames have come since `begin`."""
 
 
-class Opening:
+class BringUp:
     """A module whose port is open, or on its way to be.
 
-    Parameters
-    ----------
-    connect : callable
-        Opens a new transport to the module.
-    settings : ModuleSettings
-        What to configure.
-    sink : FrameReceiver
-        Who takes the stream.
-    name : str
-        What to call the module in messages.
-    deadlines : Deadlines
-        How long to wait.
-    counts : Counter
-        Where "retries" and "damaged" are counted.
-    halt : Event
-        Set by whoever wants every wait to end; `close` must follow.
-
-    Attributes
-    ----------
-    has_restarted : bool
-        Whether the module has restarted by itself and waits to be told again.
+    `connect` opens a new transport; "retries" and "damaged" are counted in `counts`; once `halt`
+    is set, every wait ends and `close` must follow. `has_restarted` says that the module has
+    restarted by itself and waits to be told again.
     """
 
     def __init__(
@@ -103,12 +74,8 @@ class Opening:
     def start(self) -> None:
         """Reset, configure and start.
 
-        Raises
-        ------
-        DeviceError
-            If the module does not answer, refuses a setting, or is in safe mode.
-        PortError, TransportClosed
-            If the port goes away meanwhile, or does not come back after the reset.
+        Raises DeviceError if the module does not answer, refuses a setting or is in safe mode;
+        PortError or TransportClosed if the port goes away, or is not back after the reset.
         """
         self._bring_up(self._reset)
 
@@ -125,10 +92,8 @@ class Opening:
     # ------------------------------------------------------------ the port
 
     def _attach(self) -> Link:
-        """Open the port."""
-        transport = self._connect()
         return Link(
-            transport,
+            self._connect(),
             self._on_event,
             name=self._name,
             deadlines=self._deadlines,
@@ -150,7 +115,7 @@ class Opening:
                 self._halt.wait(_REOPEN_EVERY_S)
             else:
                 if self._halt.is_set():
-                    # Whoever set it meanwhile may have closed the port before this one.
+                    # Who set it meanwhile may have closed the port before this one.
                     self.link.close()
                 return
 
@@ -278,5 +243,5 @@ class Opening:
             case Received(message) if self._is_streaming and not self.has_restarted:
                 self._sink.take(message, arrived_s)
             case _:
-                # Replies go to whoever asked; data from before the start are no stream.
+                # Replies go to who asked; data from before the start are no stream.
                 pass

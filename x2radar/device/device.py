@@ -10,10 +10,11 @@ import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from types import TracebackType
+from typing import Self
 
+from x2radar.closing import Closing
 from x2radar.device.assemble import FrameAssembler
-from x2radar.device.bring_up import FrameReceiver, Opening
+from x2radar.device.bring_up import BringUp, FrameReceiver
 from x2radar.device.link import READ_S, RETRIES, Deadlines
 from x2radar.device.transport import Transport
 from x2radar.errors import DeviceError, ReadTimeout, TransportClosed
@@ -54,41 +55,33 @@ _REPEATABLE = (
 )
 """Commands that may be sent twice without harm."""
 _STALL_FRAMES = 3
+"""Frames that must be missing before a slow stream counts as lost. Chosen."""
+
 _ASK_S = 0.5
+"""For the order code. Chosen: old firmware that does not know the question may stay silent."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RadarStats:
-    """What happened since the radar object was made, over all its openings.
-
-    Attributes
-    ----------
-    frames : int
-        Frames that arrived.
-    lost : int
-        Frames that the module counted but that did not arrive.
-    repeated : int
-        Frames that came twice; the second is dropped.
-    restarts : int
-        Frames with `Frame.restarted`.
-    damaged : int
-        Stretches of bytes that were dropped, and packets that could not be read.
-    retries : int
-        Commands sent again: unanswered, or refused by a busy module.
-    reconnects : int
-        Times that a lost device was opened again.
-    """
+    """What happened since the radar object was made, over all its openings."""
 
     frames: int = 0
+    """Frames that arrived."""
     lost: int = 0
+    """Frames that the module counted but that did not arrive."""
     repeated: int = 0
+    """Frames that came twice; the second is dropped."""
     restarts: int = 0
+    """Frames with `Frame.restarted`."""
     damaged: int = 0
+    """Stretches of bytes that were dropped, and packets that could not be read."""
     retries: int = 0
+    """Commands sent again: unanswered, or refused by a busy module."""
     reconnects: int = 0
+    """Times that a lost device was opened again."""
 
 
-class X2Radar:
+class X2Radar(Closing):
     """One module.
 
     Frames are read and commands are sent from one thread; `close` may be called from any.
@@ -104,11 +97,6 @@ class X2Radar:
         How long to wait.
     name : str
         What to call the module in messages.
-
-    Attributes
-    ----------
-    stream : StreamInfo or None
-        What holds for every frame; known with the first one.
 
     Examples
     --------
@@ -131,9 +119,10 @@ class X2Radar:
         )
         self.name = name
         self.stream: StreamInfo | None = None
+        """What holds for every frame; known with the first one."""
         self._connect = connect
         self._deadlines = deadlines or Deadlines()
-        self._opening: Opening | None = None
+        self._module: BringUp | None = None
         self._halt = threading.Event()
         self._halt_is_ours = True
         self._assembler = FrameAssembler(self.settings)
@@ -141,19 +130,10 @@ class X2Radar:
         self._first_index = self._next_index = 0
         self._counts: Counter[str] = Counter()
 
-    def __enter__(self) -> "X2Radar":
+    def __enter__(self) -> Self:
         """Open the module; see `open`."""
         self.open()
         return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Close the module."""
-        self.close()
 
     def __iter__(self) -> Iterator[Frame]:
         """Iterate over `frames`."""
@@ -169,22 +149,16 @@ class X2Radar:
     def open(self, *, stream: bool = True, halt: threading.Event | None = None) -> None:
         """Connect, reset, configure and start the stream; frames count from 0.
 
-        Parameters
-        ----------
-        stream : bool
-            False to connect only: the module is asked by `command`, and goes on with
-            whatever it does.
-        halt : Event, optional
-            Once it is set, by any thread, opening and stream end with TransportClosed.
+        With `stream` False it only connects: the module is asked by `command`, and goes on with
+        what it does. Once `halt` is set, by any thread, opening and stream end with
+        TransportClosed.
 
         Raises
         ------
-        PortError
-            If the port cannot be opened.
+        PortError, TransportClosed
+            If the port cannot be opened, or goes away meanwhile.
         DeviceError
             If the module does not answer, refuses a setting, or is in safe mode.
-        TransportClosed
-            If the port goes away meanwhile.
         """
         self._next_index = 0
         self._open(halt, stream=stream)
@@ -198,19 +172,14 @@ class X2Radar:
         self._counts["reconnects"] += 1
 
     def frames(self) -> Iterator[Frame]:
-        """Yield frames as they arrive, for as long as the module sends them.
+        """Yield frames in order as they arrive, for as long as the module sends them.
 
-        Yields
-        ------
-        Frame
-            In order; losses are stated in `Frame.lost` and `Frame.restarted`.
+        Losses are stated in `Frame.lost` and `Frame.restarted`.
 
         Raises
         ------
-        ReadTimeout
-            If no frame came for `Deadlines.stall_s`.
-        TransportClosed
-            If the port went away.
+        ReadTimeout, TransportClosed
+            If no frame came for `Deadlines.stall_s`, or the port went away.
         DeviceError
             If the module restarted by itself and cannot be configured again.
         """
@@ -218,46 +187,29 @@ class X2Radar:
         stall_s = max(self._deadlines.stall_s, _STALL_FRAMES / rate_hz)
         last_s = time.monotonic()
         while True:
-            opening = self._opened()
+            module = self._opened()
             while self._waiting:
                 frame = self._waiting.popleft()
                 if self.stream is None:
                     self.stream = StreamInfo(frame.axis, rate_hz, self.name)
                 yield frame
                 last_s = time.monotonic()
-            if opening.has_restarted:
-                opening.start_again()
+            if module.has_restarted:
+                module.start_again()
                 last_s = time.monotonic()
             else:
-                opening.link.pump(READ_S)
+                module.link.pump(READ_S)
             if not self._waiting and time.monotonic() - last_s > stall_s:
                 msg = f"{self.name}: no frame for {stall_s:g} s"
                 raise ReadTimeout(msg)
 
     def command(self, command: Message, *, wait_s: float | None = None) -> Message:
-        """Send one command and return its reply.
+        """Send one command, any host message, and return its reply.
 
         It is sent again while the module is busy; and, where that does no harm, up to three
-        times when no answer comes.
-
-        Parameters
-        ----------
-        command : Message
-            Any host message.
-        wait_s : float, optional
-            For each answer, in seconds; `Deadlines.reply_s` by default.
-
-        Returns
-        -------
-        Message
-            What answers the command.
-
-        Raises
-        ------
-        DeviceError
-            If the module refuses, or does not answer.
-        TransportClosed
-            If the port went away.
+        times when no answer came within `wait_s` seconds (`Deadlines.reply_s` by default).
+        Raises DeviceError if the module refuses or does not answer, TransportClosed if the port
+        went away.
         """
         resends = RETRIES if isinstance(command, _REPEATABLE) else 0
         answer = self._opened().link.command(command, resends=resends, wait_s=wait_s)
@@ -267,8 +219,7 @@ class X2Radar:
     def identify(self) -> None:
         """Settle `settings` where they depend on what the module calls itself.
 
-        Asks once, on a port opened for that; `open` does it where it has not been done.
-        Raises as `open`.
+        Asks once, on a port opened for that, as `open` does otherwise; raises as `open`.
         """
         self._halt = threading.Event()
         self._identify()
@@ -276,22 +227,16 @@ class X2Radar:
     def wrap_transport(
         self, wrap: Callable[[Callable[[], Transport]], Callable[[], Transport]]
     ) -> None:
-        """Let `wrap` see every transport from the next opening on.
-
-        Parameters
-        ----------
-        wrap : callable
-            Gets what opens a transport; returns what is called instead.
-        """
+        """Let `wrap` replace what opens a transport, from the next opening on."""
         self._connect = wrap(self._connect)
 
     def close(self) -> None:
         """Stop the module as far as it still listens, and close the port; from any thread."""
         if self._halt_is_ours:
             self._halt.set()
-        opening, self._opening = self._opening, None
-        if opening is not None:
-            opening.close()
+        module, self._module = self._module, None
+        if module is not None:
+            module.close()
 
     def _open(self, halt: threading.Event | None, *, stream: bool) -> None:
         self.close()
@@ -301,14 +246,14 @@ class X2Radar:
         self._waiting.clear()
         if stream:
             self._identify()
-        self._opening = opening = self._make_opening()
+        self._module = module = self._bring_up()
         if not stream:
             return
         try:
-            opening.start()
+            module.start()
         except BaseException:
-            self._opening = None
-            opening.link.close()
+            self._module = None
+            module.link.close()
             raise
 
     def _identify(self) -> None:
@@ -317,20 +262,20 @@ class X2Radar:
 
     def _order_code(self) -> str:
         """Return what the module calls itself; empty when it does not say."""
-        self._opening = opening = self._make_opening()
+        self._module = module = self._bring_up()
         try:
             ask = GetSystemInfo(InfoItem.ORDER_CODE)
-            answer = opening.link.command(ask, resends=1, wait_s=_ASK_S)
+            answer = module.link.command(ask, resends=1, wait_s=_ASK_S)
         except DeviceError:
             return ""
         finally:
-            self._opening = None
-            opening.link.close()
+            self._module = None
+            module.link.close()
         text = answer.value if isinstance(answer, Reply) else ""
         return text if isinstance(text, str) else ""
 
-    def _make_opening(self) -> Opening:
-        return Opening(
+    def _bring_up(self) -> BringUp:
+        return BringUp(
             self._connect,
             self.settings,
             FrameReceiver(
@@ -342,11 +287,11 @@ class X2Radar:
             halt=self._halt,
         )
 
-    def _opened(self) -> Opening:
-        if self._opening is None:
+    def _opened(self) -> BringUp:
+        if self._module is None:
             msg = f"{self.name} is not open"
             raise TransportClosed(msg)
-        return self._opening
+        return self._module
 
     def _begin(self) -> None:
         """Begin a stream; where one was before, its numbers go on."""

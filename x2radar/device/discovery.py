@@ -27,12 +27,16 @@ from x2radar.wire.messages import Ping, Pong, Unknown
 from x2radar.wire.wire_ids import PongCode
 
 ANSWER_S = 0.3
+"""How long a port is listened to. Chosen: a module answers a ping within milliseconds."""
+
 BY_ID = Path("/dev/serial/by-id")
 LOCK_FOLDERS = (Path("/run/lock"), Path("/var/lock"))
 _MOST_AT_ONCE = 16
+"""Ports asked at the same time. Chosen: more than most machines have."""
+
 _PING = encode(Ping())
-# Opening one of these calls somebody by radio.
 _NEVER_ASKED = ("rfcomm",)
+"""Opening one of these calls somebody by radio."""
 
 USB_IDS: dict[tuple[int, int], tuple[str, str]] = {
     (0x03EB, 0x6124): ("XeThru X4 module (Atmel CDC)", "documented"),
@@ -46,32 +50,19 @@ that an X2 module may have it as well is inferred from its being the maker's def
 
 @dataclass(frozen=True, slots=True)
 class PortRow:
-    """A serial port of this machine; texts are empty where nothing is known.
-
-    Attributes
-    ----------
-    path : str
-        Device path.
-    usb_id : str
-        Vendor and product, as in ``03eb:6124``.
-    manufacturer, product, serial_number : str
-        As the device says.
-    by_id : str
-        The stable link under /dev/serial/by-id.
-    known : str
-        What is known of this USB id.
-    known_from : {'documented', 'inferred', ''}
-        How it is known.
-    """
+    """A serial port of this machine; texts are empty where nothing is known."""
 
     path: str
     usb_id: str = ""
+    """Vendor and product, as in ``03eb:6124``."""
     manufacturer: str = ""
     product: str = ""
     serial_number: str = ""
     by_id: str = ""
+    """The stable link under /dev/serial/by-id."""
     known: str = ""
     known_from: str = ""
+    """What is known of this USB id, and how: 'documented' or 'inferred'."""
 
 
 def list_ports() -> list[PortRow]:
@@ -100,25 +91,11 @@ def list_ports() -> list[PortRow]:
 
 
 def probe(path: str, timeout_s: float = ANSWER_S) -> str:
-    """Ping a port once, and listen.
+    """Ping a port once, and listen; return what is there.
 
-    Parameters
-    ----------
-    path : str
-        Device path.
-    timeout_s : float
-        How long to listen, in seconds.
-
-    Returns
-    -------
-    str
-        'ready', 'not ready' or 'safe mode', as a module answers; 'streams' for any other
-        sound packet of a module; '' when nothing of the kind came.
-
-    Raises
-    ------
-    PortError
-        If the port cannot be opened, or another program holds it.
+    That is 'ready', 'not ready' or 'safe mode', as a module answers; 'streams' for any other
+    sound packet of a module; '' when nothing of the kind came. Raises PortError if the port
+    cannot be opened, or another program holds it.
     """
     _refuse_locked(path)
     transport = SerialTransport(path)
@@ -144,24 +121,10 @@ def probe(path: str, timeout_s: float = ANSWER_S) -> str:
 
 
 def find_module(candidates: Iterable[str] | None = None, timeout_s: float = ANSWER_S) -> str:
-    """Return the only port on which a module answers.
+    """Return the only port on which a module answers, as it was given.
 
-    Parameters
-    ----------
-    candidates : iterable of str, optional
-        Ports to ask; all of this machine by default, but for radio links.
-    timeout_s : float
-        How long to listen, in seconds; the ports are asked at the same time.
-
-    Returns
-    -------
-    str
-        Path of the port, as it was given.
-
-    Raises
-    ------
-    PortNotFound
-        If none or several answer; the message lists what was found.
+    `candidates` are all ports of this machine by default, but for radio links; they are asked
+    at the same time. Raises PortNotFound if none or several answer, with what was found.
     """
     if candidates is None:
         candidates = [r.path for r in list_ports() if not _is_radio_link(r.path)]

@@ -22,64 +22,45 @@ from x2radar.wire.protocol import Answered, Damaged, Event, Received, Refused, S
 from x2radar.wire.wire_ids import ErrorCode
 
 RETRIES = 3
+"""How often a command is sent again. Chosen: one lost packet is common, four in a row are not."""
+
 READ_S = 0.25
-# The module did not take the command, and says that it may do so later.
+"""Longest wait of one read. Chosen: so much later a call of `close` is noticed at the latest."""
+
 _AGAIN = frozenset({ErrorCode.BUSY, ErrorCode.CRC_FAILED})
+"""The module did not take the command, and says that it may do so later."""
 
 Listener = Callable[[Event, float], None]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Deadlines:
-    """How long the driver waits, in seconds.
-
-    Attributes
-    ----------
-    reply_s : float
-        For the reply to one command (ModuleConnector waits 2 s), and in all for a module
-        that says it is busy.
-    ready_s : float
-        From reset to ready; a module on USB re-enumerates in between.
-    ping_every_s : float
-        Pause after which a module that should be ready is asked again.
-    usb_gone_s : float
-        After a reset was acknowledged, until a port on USB is opened again and any module is
-        asked whether it is ready: it acknowledges first and restarts half a second later.
-    stall_s : float
-        Without a frame for so long, a stream counts as lost although the port is open; or
-        for three frames, where that is longer.
-    restart_s : float
-        For a module that answered that it restarts by itself (error 0x22).
-    again_s : float
-        Until a busy module is asked again.
-    """
+    """How long the driver waits, in seconds; chosen where no source is named."""
 
     reply_s: float = 2.0
+    """For the reply to one command (as ModuleConnector), and in all for a busy module."""
     ready_s: float = 10.0
+    """From reset to ready; a module on USB re-enumerates in between."""
     ping_every_s: float = 0.25
+    """Until a module that should be ready is asked again."""
     usb_gone_s: float = 0.7
+    """After a reset was acknowledged, until a port on USB is opened again and any module is asked
+    whether it is ready: it acknowledges first and restarts half a second later (docs/protocol.md)."""
     stall_s: float = 1.5
+    """Without a frame for so long, or for three frames where that is longer, a stream counts as
+    lost although the port is open."""
     restart_s: float = 2.0
+    """For a module that answered that it restarts by itself (error 0x22)."""
     again_s: float = 0.1
+    """Until a busy module is asked again."""
 
 
 class Link:
     """One open port with its session.
 
-    Parameters
-    ----------
-    transport : Transport
-        Just opened; closed by `close`.
-    listener : callable
-        Gets every event, replies too, with its time of arrival in seconds (monotonic).
-    name : str
-        What to call the module in messages.
-    deadlines : Deadlines
-        How long to wait.
-    counts : Counter
-        Where "retries" and "damaged" are counted.
-    halt : Event
-        Set by whoever wants every wait to end.
+    `transport` was just opened and is closed by `close`; `listener` gets every event, replies
+    too, with its time of arrival in seconds (monotonic); "retries" and "damaged" are counted in
+    `counts`; once `halt` is set, every wait ends with TransportClosed.
     """
 
     def __init__(
@@ -115,10 +96,7 @@ class Link:
     def pump(self, wait_s: float) -> Answered | Refused | None:
         """Move bytes once, waiting up to `wait_s` seconds for the first; return the reply.
 
-        Raises
-        ------
-        TransportClosed
-            If the port went away, or is being closed.
+        Raises TransportClosed if the port went away, or is being closed.
         """
         if self._halt.is_set():
             msg = f"{self._name} was closed"
@@ -149,20 +127,7 @@ class Link:
             self.pump(min(left_s, READ_S))
 
     def ask(self, command: Message, wait_s: float) -> Message | Refused | None:
-        """Send a command once.
-
-        Parameters
-        ----------
-        command : Message
-            Any host message.
-        wait_s : float
-            How long to wait for the answer, in seconds.
-
-        Returns
-        -------
-        Message, Refused or None
-            The reply, the refusal, or nothing in time.
-        """
+        """Send a command once; return the reply, the refusal, or None after `wait_s` seconds."""
         session = self._session
         session.give_up()
         session.send(command)
@@ -182,28 +147,12 @@ class Link:
         wait_s: float | None = None,
         is_done: Callable[[], bool] = lambda: False,
     ) -> Message | None:
-        """Send a command until it is answered.
+        """Send a command until it is answered, up to `resends` times more; return the reply.
 
-        Parameters
-        ----------
-        command : Message
-            Any host message.
-        resends : int
-            How often it may be sent again when no answer comes.
-        wait_s : float, optional
-            For each answer, in seconds; otherwise `Deadlines.reply_s`.
-        is_done : callable
-            Asked when no answer came: whether the command shows its effect all the same.
-
-        Returns
-        -------
-        Message or None
-            The reply; None when `is_done` said so.
-
-        Raises
-        ------
-        DeviceError
-            If the module refuses (RestartRequired with error 0x22), or never answers.
+        Each answer has `wait_s` seconds, `Deadlines.reply_s` by default. When none came,
+        `is_done` says whether the command shows its effect all the same: then None is returned.
+        Raises DeviceError if the module refuses (RestartRequired with error 0x22), or never
+        answers.
         """
         wait_s = self._deadlines.reply_s if wait_s is None else wait_s
         busy_until_s = time.monotonic() + wait_s

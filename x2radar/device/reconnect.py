@@ -11,9 +11,9 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from types import TracebackType
 from typing import Literal
 
+from x2radar.closing import Closing
 from x2radar.device.device import RadarStats, X2Radar
 from x2radar.errors import DeviceError, PortError, ReadTimeout, TransportClosed, X2RadarError
 from x2radar.frame import Frame, StreamInfo
@@ -24,48 +24,31 @@ _LOSSES = (PortError, TransportClosed, ReadTimeout, DeviceError)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StreamEvent:
-    """Something that happened to a stream between two frames.
-
-    Attributes
-    ----------
-    kind : {'lost', 'found', 'gap', 'repeat', 'restart'}
-        The device is away, for `reason`. It is back. Frames are missing before the next
-        one. Frames came twice and were dropped. The counter or the module began anew: the
-        time that passed before the next frame is unknown, as it is after 'found'.
-    reason : str
-        For people.
-    n_frames : int
-        Frames missing or repeated, else 0.
-    t_mono_s : float
-        Host's monotonic clock, in seconds.
-    """
+    """Something that happened to a stream between two frames."""
 
     kind: EventKind
+    """The device is away ('lost'), for `reason`. It is back ('found'). Frames are missing before
+    the next one ('gap'). Frames came twice and were dropped ('repeat'). The counter or the module
+    restarted ('restart'): how much time passed is unknown, as it is after 'found'."""
     reason: str
     n_frames: int = 0
+    """Frames missing or repeated, else 0."""
     t_mono_s: float = 0.0
+    """Host's monotonic clock, in seconds."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Backoff:
-    """Pauses between attempts to open a device: doubled each time, up to a cap.
-
-    Attributes
-    ----------
-    first_s, most_s : float
-        First and longest pause, in seconds.
-    jitter : float
-        Share by which a pause varies, so that several programs on one hub do not knock at
-        the same time; the cap holds with it.
-    stable_s : float
-        A stream that lasted as long, in seconds, starts the pauses anew; a device that is
-        lost again and again sooner is left alone longer and longer.
-    """
+    """Pauses between attempts to open a device: doubled each time, up to a cap; all chosen."""
 
     first_s: float = 0.25
     most_s: float = 10.0
     jitter: float = 0.2
+    """Share by which a pause varies, so that several programs on one hub do not knock at the same
+    time; the cap holds with it."""
     stable_s: float = 10.0
+    """After a stream of so many seconds the pauses are short again; a device that is lost sooner
+    again and again is left alone longer and longer."""
 
     def pause_s(self, attempt: int, rng: random.Random) -> float:
         """Return the pause before attempt number `attempt`, counted from 0, in seconds."""
@@ -75,25 +58,13 @@ class Backoff:
         return min(varied_s, self.most_s)
 
 
-class ReconnectingRadar:
+class ReconnectingRadar(Closing):
     """Frames of a device that is opened again whenever it was lost.
 
-    Parameters
-    ----------
-    radar : X2Radar
-        Not opened yet; opened, reopened and closed here.
-    wait : bool
-        Wait also for a device that is absent at first, instead of raising.
-    quit_on_loss : bool
-        Raise when the device is lost later, instead of waiting for it.
-    backoff : Backoff, optional
-        Pauses between attempts.
-    rng : random.Random, optional
-        Source of the jitter.
-    clock : callable, optional
-        Returns the time in seconds; time.monotonic by default.
-    sleep : callable, optional
-        Sleeps for some seconds; by default a sleep that `close` ends at once.
+    `radar` is not opened yet; it is opened, reopened and closed here, when the first item is
+    asked for. `wait` waits also for a device that is absent at first; `quit_on_loss` raises when
+    it is lost later. Tests give their own `rng` of the jitter, `clock` (seconds) and `sleep`,
+    which by default `close` ends at once.
 
     Examples
     --------
@@ -129,19 +100,6 @@ class ReconnectingRadar:
         self._is_found = False
         self._told = ""
 
-    def __enter__(self) -> "ReconnectingRadar":
-        """Return the radar; it opens when the first item is asked for."""
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Close the device."""
-        self.close()
-
     def __iter__(self) -> Iterator[Frame]:
         """Iterate over `frames`."""
         return self.frames()
@@ -157,13 +115,7 @@ class ReconnectingRadar:
         return self._radar.stream
 
     def frames(self) -> Iterator[Frame]:
-        """Yield the frames of `items` alone.
-
-        Yields
-        ------
-        Frame
-            `Frame.restarted` and `Frame.lost` still say where time is not continuous.
-        """
+        """Yield the frames of `items` alone; `restarted` and `lost` still say where time jumps."""
         for item in self.items():
             if isinstance(item, Frame):
                 yield item
@@ -171,13 +123,8 @@ class ReconnectingRadar:
     def items(self) -> Iterator[Frame | StreamEvent]:
         """Open the device; yield its frames, and in between what happened, until `close`.
 
-        Every frame with `restarted` stands behind a 'found' or a 'restart', every frame with
-        `lost` behind a 'gap'. To be called once.
-
-        Yields
-        ------
-        Frame or StreamEvent
-            In order; frame numbers go on over a loss.
+        In order; frame numbers go on over a loss. Every frame with `restarted` stands behind a
+        'found' or a 'restart', every frame with `lost` behind a 'gap'. To be called once.
 
         Raises
         ------
@@ -217,7 +164,7 @@ class ReconnectingRadar:
     def _found_again(self, err: X2RadarError) -> Iterator[StreamEvent]:
         """Say that the device is lost, and open it again."""
         while True:
-            # First, because whoever hears of the loss may look at the port.
+            # First, because a listener to the loss may look at the port.
             self._radar.close()
             if (reason := str(err)) != self._told:
                 self._told = reason
@@ -255,7 +202,7 @@ class ReconnectingRadar:
             self._is_found, self._told = False, ""
             yield self._event("found", f"{self._radar.name} sends frames again")
         elif frame.restarted:
-            yield self._event("restart", f"the frame counter begins anew at {frame.counter}")
+            yield self._event("restart", f"the frame counter restarts at {frame.counter}")
         if frame.lost:
             yield self._event("gap", f"{frame.lost} frames lost", frame.lost)
 

@@ -21,7 +21,11 @@ import serial
 from x2radar.errors import PortBusy, PortDenied, PortError, PortNotFound, TransportClosed
 
 READ_SIZE = 1 << 16
+"""Most bytes of one read. Chosen: more than any system's buffer of a serial port."""
+
 WRITE_TIMEOUT_S = 5.0
+"""Until a port that takes no bytes counts as gone. Chosen."""
+
 TTY_CLASS = Path("/sys/class/tty")
 
 
@@ -47,17 +51,9 @@ class Transport(Protocol):
 class SerialTransport:
     """A serial port, or anything that pyserial has a URL for.
 
-    Parameters
-    ----------
-    url : str
-        ``/dev/ttyACM0``, ``COM3``, ``socket://host:port``, ``rfc2217://host:port`` …
-    baud : int
-        Rate of a UART; USB ports ignore it.
-
-    Raises
-    ------
-    PortNotFound, PortDenied, PortBusy, PortError
-        If the port cannot be opened. It is locked exclusively while it is open.
+    `url` is ``/dev/ttyACM0``, ``COM3``, ``socket://host:port``, ``rfc2217://host:port`` …; USB
+    ports ignore `baud`. The port is locked exclusively while it is open. Raises PortNotFound,
+    PortDenied, PortBusy or PortError if it cannot be opened.
     """
 
     def __init__(self, url: str, baud: int = 115_200) -> None:
@@ -107,7 +103,7 @@ class SerialTransport:
         return data
 
     def _set_timeout(self, timeout_s: float) -> None:
-        # pyserial configures the whole port anew for this, over rfc2217 through the network.
+        # pyserial configures the whole port again for this, over rfc2217 through the network.
         if self._serial.timeout != timeout_s:
             self._serial.timeout = timeout_s
 
