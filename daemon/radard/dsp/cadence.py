@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 from radard.dsp.gram import gaussian_taper
 from radard.errors import FeatureError
 
-# Levels at which squares of float32 numbers neither overflow nor lose digits.
-_LOW, _HIGH = 1e-15, 1e15
+_LOW, _HIGH = 1e-15, 1e15  # squares of numbers between fit float32 and lose no digits
 
 
 def cadence_velocity_diagram(spectrogram: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -30,25 +29,11 @@ def cadence_velocity_diagram(spectrogram: NDArray[np.float32]) -> NDArray[np.flo
 
 
 def type1_vector(diagram: NDArray[np.float32], n_cadence: int) -> NDArray[np.float32]:
-    """Return the thesis' type 1 vector (3.11-3.15).
+    """Return the thesis' type 1 vector (3.11-3.15), shape (n_doppler * n_cadence,), float32.
 
-    Parameters
-    ----------
-    diagram : ndarray, shape (n_doppler, n_seg), float32
-        Cadence velocity diagram.
-    n_cadence : int
-        Columns kept, from cadence zero up.
-
-    Returns
-    -------
-    ndarray, shape (n_doppler * n_cadence,), float32
-        Column by column, divided by the Frobenius norm of the whole diagram; zero where
-        that norm is zero. Relative error (norm) against float64 at most 1e-6 from 1e-35 up.
-
-    Raises
-    ------
-    FeatureError
-        If the diagram has fewer columns.
+    The first `n_cadence` columns of the `cadence_velocity_diagram`, one behind the other, divided
+    by the Frobenius norm of the whole diagram; zero where that norm is zero. Relative error (norm)
+    against float64 at most 1e-6 from 1e-35 up. Raises FeatureError if there are fewer columns.
     """
     if not 1 <= n_cadence <= diagram.shape[1]:
         msg = f"n_cadence {n_cadence} is not in 1 to {diagram.shape[1]}"

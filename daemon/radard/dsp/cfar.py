@@ -16,20 +16,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radard.dsp.clutter import AnyFrames, Flags, block_power, part_edges, sound_rows
+from radard.dsp.velocity import CPI_S
 from x2radar.frame import FastTimeAxis
 from x2radar.settings.x2 import SPEED_OF_LIGHT_MPS
 
 Array = NDArray[np.float64]
-BLOCK_S = 0.12
-GUARD_M = 0.25
-WINDOW_M = 1.0
-PEAK_M = 0.3
-RANK = 0.4
-FALSE_ALARM = 1e-4
-_REFERENCES = 12
+# Chosen; tests/test_cfar.py and tests/test_tracks.py hold what they give.
+BLOCK_S = 0.12  # a quarter of a CPI
+GUARD_M = 0.25  # a body's own extent on either side
+WINDOW_M = 1.0  # how far the surroundings reach
+PEAK_M = 0.3  # least distance of two peaks
+RANK = 0.4  # of the ordered statistic: looks past a second body
+FALSE_ALARM = 1e-4  # a cell and block, in noise
+_REFERENCES = 12  # most reference cells a side: more cost time and tell little
 # Moving multipath hardly changes within a block, so that its looks are not independent.
 _ECHO_LOOKS = 2.0
-_MOST_PEAKS = 8
+_MOST_PEAKS = 8  # a block: as many tracks are followed
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,18 +47,10 @@ class PowerMap:
 
 @dataclass(frozen=True, slots=True)
 class Peak:
-    """Something that stands out, in one block.
+    """Something that stands out, in one block."""
 
-    Attributes
-    ----------
-    range_m : float
-        Centre of its power, in metres.
-    power_db : float
-        Highest power over the floor, in dB.
-    """
-
-    range_m: float
-    power_db: float
+    range_m: float  # centre of its power
+    power_db: float  # highest power over the floor
 
 
 def power_map(
@@ -67,36 +61,30 @@ def power_map(
     frame_rate_hz: float,
     end_s: float,
     floor: Array,
-    cpi_s: float = 28 / 60,
 ) -> PowerMap:
-    """Return the map of residual power.
+    """Return the map of residual power, in blocks of 0.12 s and cells of half the resolution.
 
     Parameters
     ----------
-    frames : ndarray, shape (n_slow, n_range)
-        Baseband frames; the mean over each CPI is taken off as in `residual_power`.
-    valid : ndarray, shape (n_slow,), bool
-        False for frames that were lost; blocks without a usable frame are left out.
+    frames, valid : ndarray, shape (n_slow, n_range) and (n_slow,)
+        Baseband frames and which of them are good; the mean over each CPI is taken off as in
+        `block_power`. Blocks without a usable frame are left out.
     axis : FastTimeAxis
-        Axis of the rows. Bins are put together to cells of half the range resolution.
-    frame_rate_hz : float
-        Frames per second.
-    end_s : float
-        Stream time behind the last frame, in seconds.
+        Axis of the rows.
+    frame_rate_hz, end_s : float
+        Frames per second, and stream time behind the last frame.
     floor : ndarray, shape (n_range,), float64
         Noise and background of every bin, in sample units squared.
-    cpi_s : float
-        Length of a CPI, in seconds.
 
     Returns
     -------
     PowerMap
-        Blocks of about 0.12 s. Relative error of a cell as in `residual_power`, 1e-5, at any
-        level of the samples from denormal to 1e30.
+        Relative error of a cell as in `block_power`, 1e-5, at any level of the samples from
+        denormal to 1e30.
     """
     rows, usable, scale = sound_rows(frames, valid)
-    n_cpi = min(max(4, round(cpi_s * frame_rate_hz)), len(rows))
-    n_parts = max(1, min(round(cpi_s / BLOCK_S), n_cpi // 2))
+    n_cpi = min(max(4, round(CPI_S * frame_rate_hz)), len(rows))
+    n_parts = max(1, min(round(CPI_S / BLOCK_S), n_cpi // 2))
     power, kept = block_power(rows, usable, n_cpi, n_parts)
     cell_bins = _cell_bins(axis)
     starts = np.arange(0, axis.n_range, cell_bins)
@@ -176,11 +164,9 @@ def floor_factor(n_looks: float, false_alarm: float) -> float:
 
 @lru_cache(maxsize=16)
 def _gamma(shape: float) -> tuple[Array, Array, Array]:
-    """Return a grid, and on it a gamma variable's distribution and the log of its tail.
-
-    By the trapezoidal rule: better than 1e-4 for probabilities from 1e-12. SciPy has these
-    functions, and takes a tenth of a second to load.
-    """
+    """Return a grid, and on it a gamma variable's distribution and the log of its tail."""
+    # By the trapezoidal rule: better than 1e-4 for probabilities from 1e-12. SciPy has these
+    # functions, and takes a tenth of a second to load.
     root = np.linspace(1e-6, np.sqrt(shape + 12 * np.sqrt(shape) + 80), 20001)
     x = root**2
     log_density = (shape - 1) * np.log(x) - x - math.lgamma(shape) + np.log(2 * root)
@@ -192,20 +178,10 @@ def _gamma(shape: float) -> tuple[Array, Array, Array]:
 
 
 def find_peaks(chart: PowerMap, least_db: float) -> list[list[Peak]]:
-    """Return what stands out, block by block.
+    """Return what stands out, one list a block, strongest first, at most eight peaks.
 
-    Parameters
-    ----------
-    chart : PowerMap
-        From `power_map`.
-    least_db : float
-        A peak must also be so far over its floor, in dB.
-
-    Returns
-    -------
-    list of list of Peak
-        One list a block, strongest first, at most eight peaks. Two peaks are at least
-        0.3 m apart: an extended body gives one, or one a limb when it is longer.
+    A peak must also be `least_db` over its floor. Two peaks are at least 0.3 m apart: an
+    extended body gives one, or one a limb when it is longer.
     """
     ratio, cell_m = chart.ratio, chart.cell_m
     guard = max(1, round(GUARD_M / cell_m))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from radard.dsp.median import median
 from radard.errors import FeatureError
 
-_SPIKE = 100.0
+_SPIKE = 100.0  # chosen: 20 dB, see `spike_rows`
 
 AnyFrames = NDArray[np.inexact] | NDArray[np.integer]
 Flags = NDArray[np.bool_]
@@ -65,15 +65,9 @@ def sound_rows(frames: AnyFrames, valid: Flags) -> tuple[NDArray[np.complex64], 
 
 
 def repeat_usable(rows: NDArray[np.complex64], usable: Flags, where: Flags) -> None:
-    """Let rows repeat the usable row before them, in place.
+    """Let the rows at `where` repeat the usable row before them, in place.
 
-    Parameters
-    ----------
-    rows : ndarray, shape (n_slow, n_range), complex64
-        Changed at `where`: the first usable row fills the beginning; without any usable row
-        they become zero.
-    usable, where : ndarray, shape (n_slow,), bool
-        Rows to copy from, rows to fill.
+    The first usable row fills the beginning; without any usable row they become zero.
     """
     good = np.flatnonzero(usable)
     if good.size == 0:
@@ -87,20 +81,9 @@ def spike_rows(rows: NDArray[np.complex64], usable: Flags) -> Flags:
     """Return which frames are alone in what they show: spikes, bursts, torn frames.
 
     A spike's distance to either neighbour is 20 dB over the usual one and over that from
-    neighbour to neighbour. Nothing that moves is in a place for one frame only.
-
-    Parameters
-    ----------
-    rows : ndarray, shape (n_slow, n_range), complex64
-        From `sound_rows`.
-    usable : ndarray, shape (n_slow,), bool
-        Rows that are looked at. The outermost of them are compared with the two rows
-        inwards.
-
-    Returns
-    -------
-    ndarray, shape (n_slow,), bool
-        True for spikes; all False for less than five usable rows.
+    neighbour to neighbour. Nothing that moves is in a place for one frame only. `rows` and
+    `usable` are from `sound_rows`; the outermost usable rows are compared with the two inwards.
+    True for spikes, shape (n_slow,); all False for less than five usable rows.
     """
     spikes = np.zeros(len(rows), np.bool_)
     at = np.flatnonzero(usable)
@@ -197,20 +180,9 @@ def centre_spread_m(
 ) -> float:
     """Return how far the residual power's centre wanders within the dwell, in metres.
 
-    Parameters
-    ----------
-    power : ndarray, shape (n_cpis, n_range), float64
-        From `block_power`, one part a CPI.
-    noise : float
-        Noise power per bin and frame; cells below four times that do not count.
-    range_m : ndarray, shape (n_range,), float64
-        Range axis, in metres.
-
-    Returns
-    -------
-    float
-        Distance between the nearest and the farthest centre of power, over the CPIs with at
-        least a tenth of the strongest one's power; 0 when nothing stands out.
+    The distance between the nearest and the farthest centre of power, over the CPIs with at
+    least a tenth of the strongest one's power; 0 when nothing stands out. `power` is from
+    `block_power`, shape (n_cpis, n_range); cells below four times the noise do not count.
     """
     weight = np.maximum(power - 4 * noise, 0)
     total = weight.sum(axis=1)

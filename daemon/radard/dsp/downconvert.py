@@ -17,9 +17,8 @@ from radard.errors import FeatureError
 from x2radar.frame import FastTimeAxis
 from x2radar.settings.x2 import SPEED_OF_LIGHT_MPS
 
-# The pulse has decayed to 1.5e-8 there.
-_REACH_SIGMA = 6.0
-_FRAMES_AT_ONCE = 16
+_REACH_SIGMA = 6.0  # the pulse has decayed to 1.5e-8 there
+_FRAMES_AT_ONCE = 16  # chosen: their windows stay in the cache
 
 
 class DownConverter:
@@ -132,8 +131,7 @@ class DownConverter:
         Raises
         ------
         FeatureError
-            If the frames do not have the length that the axis promised, or are complex
-            where RF is due.
+            If the frames do not have the axis' length, or are complex where RF is due.
         """
         frames = np.asarray(samples)
         if frames.shape[-1:] != (self._n_range,):
@@ -162,7 +160,7 @@ class DownConverter:
             n = len(part)
             data, mean, mixed = self._frames[:n], self._mean[:n], self._mixed[:n]
             np.copyto(data, part, casting="same_kind")
-            # Twice: what float32 leaves of a strong idle line goes with the second mean.
+            # Twice: the second pass removes the float32 residue of a strong idle line.
             for _ in range(2):
                 np.add.reduce(data, axis=1, out=mean, keepdims=True)
                 mean /= self._n_range

@@ -1,4 +1,4 @@
-"""Slower streams: means of frames in a row, made from frame-to-frame steps.
+"""Means of frames in a row, made from their steps, for streams faster than needed.
 
 Slow motion needs few frames a second. A mean of n frames before every n-th is left keeps the
 noise down as all frames would, and what is too fast for the lower rate is weaker before it
@@ -14,16 +14,11 @@ Steps = NDArray[np.complex64]
 
 
 class FrameMeans:
-    """Steps of a stream in, steps between the means of `n_mean` frames out.
+    """Steps of a stream in, steps between the means of `n_mean` frames out; 1 changes nothing.
 
     With s_m the step from frame m - 1 to m, and y_k the mean of the frames from k n on::
 
         y_k - y_(k-1) = (1 / n) sum_i (n - |i|) s_(k n + i),   |i| < n
-
-    Parameters
-    ----------
-    n_mean : int
-        Frames in a mean; 1 leaves the stream as it is.
     """
 
     def __init__(self, n_mean: int) -> None:
@@ -39,12 +34,8 @@ class FrameMeans:
     def add(self, steps: Steps, flags: Flags) -> tuple[Steps, Flags]:
         """Take steps, shape (n, n_freq), and flags of the frames that they lead to.
 
-        Returns
-        -------
-        steps : ndarray, shape (n_out, n_freq), complex64
-            Those that are whole by now; the rest waits for the next call.
-        flags : ndarray, shape (n_out,), bool
-            False for means with a bad frame.
+        Return the steps that are whole by now, and False for means with a bad frame; the rest
+        waits for the next call.
         """
         n = self._n_mean
         if n == 1:

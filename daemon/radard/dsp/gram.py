@@ -26,8 +26,8 @@ from radard.errors import FeatureError
 Reals = NDArray[np.float64]
 Steps = NDArray[np.float32] | NDArray[np.float64]
 
-_TAPER_WIDTH = 2 / 4.29193
-_LARGEST_STORED = 128
+_TAPER_WIDTH = 2 / 4.29193  # one tenth at both ends (2.31)
+_LARGEST_STORED = 128  # frames of a CPI; chosen: 16 MiB of map
 # Squares of rows within these energies neither overflow float32 nor lose digits in it.
 _LOW, _HIGH = 1e-25, 1e30
 
@@ -44,10 +44,8 @@ def gaussian_taper(n_cpi: int) -> Reals:
 def checked_taper(n_cpi: int, taper: NDArray[np.floating] | None) -> Reals:
     """Return the taper in float64, the Gaussian one when none is given.
 
-    Raises
-    ------
-    FeatureError
-        If a CPI has fewer than two frames, or the taper is not one finite number a frame.
+    Raises FeatureError if a CPI has fewer than two frames, or the taper is not one finite number
+    a frame.
     """
     if n_cpi < 2:
         msg = f"a CPI of {n_cpi} frames has no Doppler; at least 2 are needed"
@@ -62,15 +60,7 @@ def checked_taper(n_cpi: int, taper: NDArray[np.floating] | None) -> Reals:
 def step_operator(taper: Reals) -> NDArray[np.complex128]:
     """Return B, which leads from the steps within a CPI to its Doppler lines.
 
-    Parameters
-    ----------
-    taper : ndarray, shape (n_cpi,), float64
-        Weight of every frame.
-
-    Returns
-    -------
-    ndarray, shape (n_cpi, n_cpi - 1), complex128
-        Rows in ascending Doppler, zero Doppler in row n_cpi // 2.
+    Shape (n_cpi, n_cpi - 1), complex128; rows in ascending Doppler, zero in row n_cpi // 2.
     """
     n_cpi = len(taper)
     k = np.arange(n_cpi)
@@ -102,21 +92,10 @@ class GramMap:
         return np.where(b <= a, np.where(b == a, 1.0, 2.0) * pairs.real, -2.0 * pairs.imag)
 
     def columns(self, gram: Reals, n: int, stride: int = 1) -> Reals:
-        """Return the spectrogram's columns.
+        """Return `n` columns of the spectrogram, shape (n, n_cpi), float64.
 
-        Parameters
-        ----------
-        gram : ndarray, shape (n_steps, n_steps), float64
-            Q of consecutive steps, from `gram`; C-contiguous.
-        n : int
-            Columns wanted; the first one's steps are the first of `gram`.
-        stride : int
-            Steps from one column to the next.
-
-        Returns
-        -------
-        ndarray, shape (n, n_cpi), float64
-            Power by column and Doppler line.
+        `gram` is Q of consecutive steps, shape (n_steps, n_steps), C-contiguous; the first
+        column's steps are its first, and columns lie `stride` steps apart.
         """
         width = self.n_cpi - 1
         s0, s1 = gram.strides
@@ -142,20 +121,11 @@ def gram_map(taper: Reals) -> GramMap:
 
 
 def gram(rows: Steps, band: tuple[int, int]) -> Reals:
-    """Return the Gram matrix of steps over a band of range bins.
+    """Return Q, shape (n_steps, n_steps), float64, of steps over a band of range bins.
 
-    Parameters
-    ----------
-    rows : ndarray, shape (n_steps, 2 n_range), float32 or float64
-        Planar steps, all finite.
-    band : (int, int)
-        First bin and the bin behind the last.
-
-    Returns
-    -------
-    ndarray, shape (n_steps, n_steps), float64
-        Q. Products are summed in the type of the rows; rows so strong or weak that float32
-        cannot hold their squares are scaled by powers of two first, each by its own.
+    `rows` are planar steps, shape (n_steps, 2 n_range), all finite; `band` is the first bin and
+    the one behind the last. Products are summed in the type of the rows; rows so strong or weak
+    that float32 cannot hold their squares are scaled by powers of two first, each by its own.
     """
     n_range = rows.shape[1] // 2
     first, stop = band
@@ -172,21 +142,9 @@ def gram(rows: Steps, band: tuple[int, int]) -> Reals:
 
 
 def extend(kept: Reals, rows: Steps, band: tuple[int, int]) -> Reals | None:
-    """Return the Gram matrix with one step more: one matrix-vector product.
+    """Return Q with one step more, by one matrix-vector product.
 
-    Parameters
-    ----------
-    kept : ndarray, shape (n_steps - 1, n_steps - 1), float64
-        Q of all steps but the last.
-    rows : ndarray, shape (n_steps, 2 n_range), float32 or float64
-        Planar steps.
-    band : (int, int)
-        First bin and the bin behind the last.
-
-    Returns
-    -------
-    ndarray, shape (n_steps, n_steps), float64, or None
-        Q; None when the levels ask for `gram`, which scales.
+    `kept` is Q of all `rows` but the last. None when the levels ask for `gram`, which scales.
     """
     n_range = rows.shape[1] // 2
     first, stop = band

@@ -9,24 +9,14 @@ from radard.errors import FeatureError
 Reals = NDArray[np.float64]
 
 LEAST_COVERAGE = 0.5
-"""A cell of which less than this was seen is not known."""
+"""A cell of which less than this was seen is not known; chosen: a half."""
 
 
 def overlap(sample_edges: Reals, cell_edges: Reals) -> Reals:
-    """Return how much of each cell each sample covers.
+    """Return how much of each cell each sample covers, as shares of the cells' widths.
 
-    Parameters
-    ----------
-    sample_edges : ndarray, shape (n_samples + 1,), float64
-        Where the samples begin and end, ascending.
-    cell_edges : ndarray, shape (n_cells + 1,), float64
-        Likewise for the cells, in the same unit.
-
-    Returns
-    -------
-    ndarray, shape (n_samples, n_cells), float64
-        Shares of the cells' widths; a cell that lies within the samples has shares that
-        sum to one.
+    From ascending edges, shapes (n_samples + 1,) and (n_cells + 1,), in one unit; the result
+    has shape (n_samples, n_cells). A cell within the samples has shares that sum to one.
     """
     low = np.maximum(sample_edges[:-1, None], cell_edges[:-1])
     high = np.minimum(sample_edges[1:, None], cell_edges[1:])
@@ -45,16 +35,13 @@ def time_cells(
 
     Parameters
     ----------
-    columns : ndarray, shape (n_rows, n_columns)
-        Power by column; each stands for one period of `column_rate_hz`.
-    valid : ndarray, shape (n_columns,), bool
-        False for columns that a lost frame touches: they do not count.
+    columns, valid : ndarray, shape (n_rows, n_columns) and (n_columns,)
+        Power, and False for columns that a lost frame touches: they do not count.
     column_rate_hz : float
-        Columns per second.
-    cell_s : float
-        Length of a cell; it need be neither a whole number of columns nor longer than one.
-    n_cells : int
-        Cells wanted.
+        Columns per second; each stands for one period.
+    cell_s, n_cells : float, int
+        Length of a cell, which need be neither a whole number of columns nor longer than one,
+        and cells wanted.
 
     Returns
     -------

@@ -37,38 +37,28 @@ MOST_DELAY_S = 1e-12
 """A common delay of more rms is no jitter (modules: 0.13 to 0.23 ps): left alone."""
 MOST_GAIN = 0.01
 """A common gain of more rms is no gain noise (modules: up to 0.12 %): left alone."""
-_ITERATIONS = 2
-_TOLERANCE = 4.0
-# Six sigmas of a Gaussian, in medians of its magnitude.
-_OUTLIER = 9.0
-_CELL_PULSES = 2.0
-_CELL_BINS = 4
-_GUARD_CELLS = 2
+# Chosen; tests/test_jitter.py holds what they give.
+_ITERATIONS = 2  # of the weights
+_TOLERANCE = 4.0  # of the Cauchy weights, in usual powers of a cell
+_OUTLIER = 9.0  # six sigmas of a Gaussian, in medians of its magnitude
+_CELL_PULSES = 2.0  # length of a cell, in pulses, so that neighbours hold tails
+_CELL_BINS = 4  # and in bins, where the bandwidth is not known
+_GUARD_CELLS = 2  # on either side, that have no say in a cell's correction
 _FEWEST_FRAMES = 8
-_TINY = 1e-30
-_UNIQUE = 1e-9
+_TINY = 1e-30  # instead of zero, under rows from `sound_rows`
+_UNIQUE = 1e-9  # least determinant, by its largest possible one
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JitterFit:
-    """What was found.
+    """What was found."""
 
-    Attributes
-    ----------
-    delay_s : ndarray, shape (n_slow,), float64
-        Common delay of every frame about the dwell's mean, in seconds; later is positive.
-    gain : ndarray, shape (n_slow,), float64
-        Common gain of every frame, less one.
-    delay_trust, gain_trust : float
-        Share of them that was taken off, 0 to 1; mean over the clutter's power.
-    """
-
-    delay_s: Array
-    gain: Array
-    delay_trust: float
-    gain_trust: float
+    delay_s: Array  # of every frame about the dwell's mean, shape (n_slow,); later is positive
+    gain: Array  # of every frame, less one; likewise
+    delay_trust: float  # share that was taken off, 0 to 1; mean over the clutter's power
+    gain_trust: float  # likewise
 
 
 def take_out_jitter(rows: NDArray[np.complex64], usable: Flags, axis: FastTimeAxis) -> JitterFit:
@@ -96,7 +86,7 @@ def take_out_jitter(rows: NDArray[np.complex64], usable: Flags, axis: FastTimeAx
 
 @lru_cache(maxsize=8)
 def _cell_starts(axis: FastTimeAxis) -> NDArray[np.intp]:
-    """Return where cells begin, some two pulse lengths each, so that neighbours hold tails."""
+    """Return where cells begin."""
     n_bins = _CELL_BINS
     if axis.bandwidth_hz > 0:
         length_m = _CELL_PULSES * SPEED_OF_LIGHT_MPS / (2 * axis.bandwidth_hz)
@@ -110,10 +100,8 @@ def _cell_starts(axis: FastTimeAxis) -> NDArray[np.intp]:
 def _columns(
     mean: NDArray[np.complex128], axis: FastTimeAxis, starts: NDArray[np.intp]
 ) -> NDArray[np.float32]:
-    """Return both columns of every cell, shape (2 n_cells, 2 n_range), zero outside the cell.
-
-    The first is the derivative by the carrier's turn in radians, the second the clutter.
-    """
+    """Return both columns of every cell, shape (2 n_cells, 2 n_range), zero outside the cell."""
+    # First the derivative by the carrier's turn in radians, then the clutter.
     bin_s = 2 * axis.bin_length_m / SPEED_OF_LIGHT_MPS
     turn = 2 * np.pi * axis.carrier_hz
     delay = axis.phase_sign * 1j * mean - _slope(mean) / (turn * bin_s)

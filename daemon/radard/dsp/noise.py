@@ -9,24 +9,16 @@ from numpy.typing import NDArray
 
 from radard.dsp.clutter import Flags
 
-_LOW_QUANTILE = 0.1
+_LOW_QUANTILE = 0.1  # chosen: a target fills far less than nine tenths of the cells
 # An exponential variable's quantile q lies at -ln(1 - q) of its mean.
 _TO_MEAN = -1 / np.log1p(-_LOW_QUANTILE)
-_SECOND_DIFFERENCE_GAIN = 6.0
+_SECOND_DIFFERENCE_GAIN = 6.0  # 1 + 4 + 1, of the power of white noise
 
 
 def second_differences(rows: NDArray[np.complex64], usable: Flags) -> NDArray[np.float32]:
-    """Return the power of all second differences of usable frames.
+    """Return |y[t+1] - 2 y[t] + y[t-1]|^2 / 6 of usable rows: its mean is the noise power.
 
-    Parameters
-    ----------
-    rows, usable
-        From `sound_rows`.
-
-    Returns
-    -------
-    ndarray, shape (n_triples, n_range), float32
-        |y[t+1] - 2 y[t] + y[t-1]|^2 / 6: its mean is the noise power.
+    `rows` and `usable` are from `sound_rows`; float32, shape (n_triples, n_range).
     """
     good = usable[2:] & usable[1:-1] & usable[:-2]
     step = rows[1:] - rows[:-1]
@@ -58,19 +50,11 @@ def noise_of(cells: NDArray[np.float32]) -> float:
 
 
 def noise_profile(cells: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Return the noise power of every bin by itself.
+    """Return the noise power of every bin by itself, from cells of `second_differences`.
 
-    Parameters
-    ----------
-    cells : ndarray, shape (n_triples, n_range), float32
-        From `second_differences`.
-
-    Returns
-    -------
-    ndarray, shape (n_range,), float64
-        Median over time, scaled to the mean of noise: a target that stays less than half of
-        the time in a bin hardly moves it. About 15 % of scatter for two seconds at 60 Hz.
-        NaN when there are no cells.
+    Shape (n_range,), float64; NaN when there are no cells. It is the median over time, scaled to
+    the mean of noise: a target that stays less than half of the time in a bin hardly moves it.
+    About 15 % of scatter for two seconds at 60 Hz.
     """
     if len(cells) == 0:
         return np.full(cells.shape[1], np.nan)

@@ -18,20 +18,18 @@ def range_gates(
     Parameters
     ----------
     paths_m : ndarray, shape (n_tracks, n_slow), float64
-        Range of every track at every frame, in metres (`Track.path_m`).
+        Range of every track at every frame (`Track.path_m`).
     range_m : ndarray, shape (n_range,), float64
-        Range axis of the dwell, in metres.
-    half_width_m : float
-        A gate's weight is one half at this distance from its track, in metres.
-    taper_m : float
-        Length of its raised-cosine edges, in metres.
+        Range axis of the dwell.
+    half_width_m, taper_m : float
+        Distance from a track at which its gate's weight is one half, and length of the gate's
+        raised-cosine edges.
 
     Returns
     -------
     ndarray, shape (n_tracks, n_slow, n_range), float32
-        Weights of amplitude in [0, 1]. Where gates overlap they hand over in the middle
-        between the tracks, over the same length; the weights of a cell sum to at most one,
-        to 1e-6.
+        Weights of amplitude, 0 to 1. Overlapping gates hand over in the middle between the
+        tracks, over the same length; the weights of a cell sum to at most one, to 1e-6.
         Multiply frames that are free of static clutter: a moving gate would modulate what
         stands still.
 

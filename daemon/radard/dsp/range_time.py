@@ -45,10 +45,9 @@ class RangeTimeMap(ColumnStream):
 
     Attributes
     ----------
-    range_m : ndarray, shape (n_cells,), float64
-        Middle of every cell.
-    is_covered : ndarray, shape (n_cells,), bool
-        Whether the swath holds at least half of the cell; the others' power is zero.
+    range_m, is_covered : ndarray, shape (n_cells,)
+        Middle of every cell, and whether the swath holds at least half of it; else its
+        power is zero.
     weights : ndarray, shape (2 n_range, n_cells), float32
         What leads from the squares of a frame's real, then imaginary, parts to the cells.
 

@@ -30,23 +30,14 @@ Flags = NDArray[np.bool_]
 def blocks(
     frames: ArrayLike, valid: ArrayLike | None, size: int
 ) -> Iterator[tuple[Frames, Flags | None]]:
-    """Yield a frame or many, cut into blocks of at most `size`, with their flags.
+    """Yield a frame or many, cut into blocks of at most `size` with their flags, as views.
 
     Parameters
     ----------
     frames : array_like, shape (n_slow, n_range) or (n_range,)
         Complex or real numbers of any width and byte order.
     valid : array_like of bool, shape (n_slow,), optional
-        False for frames that were lost.
-    size : int
-        Most frames in one block.
-
-    Yields
-    ------
-    frames : ndarray, shape (n, n_range)
-        A view.
-    valid : ndarray, shape (n,), bool, or None
-        None when all are.
+        False for frames that were lost; without it the blocks' flags are None.
 
     Raises
     ------
@@ -67,21 +58,9 @@ def blocks(
 
 
 def whole(valid: Flags, n_cpi: int, stride: int = 1) -> Flags:
-    """Return which CPIs hold good frames only.
+    """Return which CPIs hold good frames only, shape (1 + (n_slow - n_cpi) // stride,), bool.
 
-    Parameters
-    ----------
-    valid : ndarray, shape (n_slow,), bool
-        False for frames that were lost.
-    n_cpi : int
-        Frames in a CPI.
-    stride : int
-        Frames from one CPI's beginning to the next one's.
-
-    Returns
-    -------
-    ndarray, shape (1 + (n_slow - n_cpi) // stride,), bool
-        One flag a CPI.
+    `valid`, shape (n_slow,), is False for lost frames; CPIs begin `stride` frames apart.
     """
     n_lost = np.concatenate(([0], np.cumsum(~valid)))
     return np.asarray((n_lost[n_cpi:] == n_lost[:-n_cpi])[::stride])
@@ -91,14 +70,8 @@ class StepBuffer:
     """The last steps of one stream, contiguous, oldest first.
 
     Rows are planar: all real parts, then all imaginary parts, which is what the real
-    matrix products want.
-
-    Parameters
-    ----------
-    n_keep : int
-        Rows that stay available before those of the latest push.
-    n_block : int
-        Most frames in one push.
+    matrix products want. `n_keep` rows stay available before those of the latest push, which is
+    of at most `n_block` frames.
     """
 
     def __init__(self, n_keep: int, n_block: int) -> None:
@@ -119,19 +92,9 @@ class StepBuffer:
         self.n_frames = 0
 
     def push(self, frames: Frames, valid: Flags | None = None) -> None:
-        """Add frames.
+        """Add frames and flags from `blocks`; those that are not finite count as lost unnamed.
 
-        Parameters
-        ----------
-        frames : ndarray, shape (n, n_range), n at most `n_block`
-            From `blocks`.
-        valid : ndarray, shape (n,), bool, optional
-            From `blocks`. Frames that are not finite count as lost without being named.
-
-        Raises
-        ------
-        FeatureError
-            If the number of range bins changed without a restart.
+        Raises FeatureError if the number of range bins changed without a restart.
         """
         n, n_range = frames.shape
         if self.n_frames == 0 and n_range != self.n_range:

@@ -47,12 +47,10 @@ class StreamingDoppler(ColumnStream):
     Notes
     -----
     One new frame costs one matrix-vector product with the last CPI's steps; a block of
-    frames, one matrix product, which is several times cheaper per frame.
-
-    Relative error (norm) against the definition in float64 (tests/dsp_reference.py): at most 1e-5
-    with static clutter of 0 to 140 dB under the motion, at signal amplitudes from 1e-38 to
-    1e37 and at any time of the stream. One push of all frames and any cut into smaller ones
-    agree to 1e-6.
+    frames, one matrix product, which is several times cheaper per frame. Relative error (norm)
+    against the definition in float64 (tests/dsp_reference.py): at most 1e-5 with static clutter
+    of 0 to 140 dB under the motion, at signal amplitudes from 1e-38 to 1e37 and at any time of
+    the stream. One push of all frames and any cut into smaller ones agree to 1e-6.
     """
 
     def __init__(

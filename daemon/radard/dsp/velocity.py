@@ -183,15 +183,13 @@ class VelocityTransform(ColumnStream):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Design:
-    """Grids and matrices of a transform, read-only.
-
-    The operator that leads from the steps of a CPI to a velocity is C + j S, that of the
-    opposite velocity C - j S. C is odd and S even about the middle of the CPI, so half of
-    either is kept, shape (n_freq, n_side + 1, (n_cpi + 1) // 2) from velocity 0 up.
-    """
+    """Grids and matrices of a transform, read-only."""
 
     frequency_hz: Reals
     velocity_mps: Reals
+    # The operator that leads from the steps of a CPI to a velocity is C + j S, that of the
+    # opposite velocity C - j S. C is odd and S even about the middle of the CPI, so half of
+    # either is kept, shape (n_freq, n_side + 1, (n_cpi + 1) // 2) from velocity 0 up.
     odd: NDArray[np.float32]
     even: NDArray[np.float32]
     dft: NDArray[np.float32]

@@ -11,32 +11,17 @@ from radard.errors import FeatureError
 from x2radar.frame import FastTimeAxis
 from x2radar.settings.x2 import SPEED_OF_LIGHT_MPS
 
-_REACH = 1.3 / 2.3
-_UNKNOWN_BANDWIDTH = 0.2
+_REACH = 1.3 / 2.3  # of the -10 dB band, to either side; chosen: beyond it is noise
+_UNKNOWN_BANDWIDTH = 0.2  # of the carrier; chosen: less than any module's
 
 
 def range_frequencies(axis: FastTimeAxis, n_most: int = 64) -> Reals:
-    """Return the absolute frequencies at which a stream's frames are looked at.
+    """Return the absolute frequencies at which a stream's frames are looked at, in hertz.
 
-    Parameters
-    ----------
-    axis : FastTimeAxis
-        Axis of the baseband frames. An unknown bandwidth is taken for a fifth of the
-        carrier.
-    n_most : int
-        Most frequencies.
-
-    Returns
-    -------
-    ndarray, shape (n_freq,), float64
-        Around the carrier, ascending, in hertz, over 1.13 of the -10 dB band (1.3 GHz to
-        either side for the X2) as far as the bins sample it. They are c / (2 swath) apart,
-        all that differ for that many bins, or a multiple of it to stay within `n_most`.
-
-    Raises
-    ------
-    FeatureError
-        If the axis has no carrier or no bins.
+    Shape (n_freq,), float64: around the carrier, ascending, over 1.13 of the -10 dB band (1.3 GHz
+    to either side for the X2) as far as the bins sample it. They are c / (2 swath) apart, all that
+    differ for that many bins, or a multiple of it to stay within `n_most`. An unknown bandwidth is
+    taken for a fifth of the carrier. Raises FeatureError if the axis has no carrier or no bins.
     """
     if axis.carrier_hz <= 0 or axis.bin_length_m <= 0 or n_most < 1:
         msg = f"no frequencies: carrier {axis.carrier_hz:g} Hz, bins of {axis.bin_length_m:g} m"
