@@ -8,6 +8,7 @@ from radard.dsp.doppler import (
     micro_doppler,
     range_doppler,
     unambiguous_velocity_mps,
+    velocity_mps,
 )
 from radard.errors import FeatureError
 from tests.dsp_helpers import error, under_clutter
@@ -120,7 +121,7 @@ def test_velocity_axis_up_to_15_mps(speed, rate_hz, carrier_hz, n_cpi):
     step = fold / n_cpi
     if abs(folded) < 2 * step:
         return  # in the clutter notch
-    axis = doppler_hz(n_cpi, rate_hz) * LIGHT_MPS / (2 * carrier_hz)
+    axis = velocity_mps(n_cpi, rate_hz, carrier_hz)
     found = axis[micro_doppler(frames, n_cpi)[:, 0].argmax()]
     assert abs((found - folded + fold / 2) % fold - fold / 2) < 0.75 * step
 
@@ -133,7 +134,8 @@ def test_axes(n_cpi, rate_hz):
     assert axis[n_cpi // 2] == 0
     assert np.all(np.diff(axis) > 0)
     assert axis[0] >= -rate_hz / 2
-    mps = axis * LIGHT_MPS / (2 * 6.8e9)
+    mps = velocity_mps(n_cpi, rate_hz, 6.8e9)
+    assert np.allclose(mps, axis * LIGHT_MPS / 6.8e9 / 2)
     assert abs(mps).max() <= unambiguous_velocity_mps(rate_hz, 6.8e9) * (1 + 1e-12)
 
 

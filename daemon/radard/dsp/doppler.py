@@ -21,6 +21,15 @@ def doppler_hz(n_cpi: int, frame_rate_hz: float) -> NDArray[np.float64]:
     return np.asarray(np.fft.fftshift(np.fft.fftfreq(n_cpi, 1 / frame_rate_hz)))
 
 
+def velocity_mps(n_cpi: int, frame_rate_hz: float, carrier_hz: float) -> NDArray[np.float64]:
+    """Return the radial velocity of every Doppler line, approaching positive (2.25).
+
+    Shape (n_cpi,), ascending, zero at n_cpi // 2. Faster motion folds back by whole multiples
+    of twice `unambiguous_velocity_mps`.
+    """
+    return doppler_hz(n_cpi, frame_rate_hz) * (SPEED_OF_LIGHT_MPS / (2 * carrier_hz))
+
+
 def unambiguous_velocity_mps(frame_rate_hz: float, carrier_hz: float) -> float:
     """Return the speed from which Doppler folds, lambda fp / 4, in metres per second."""
     return SPEED_OF_LIGHT_MPS / carrier_hz * frame_rate_hz / 4
