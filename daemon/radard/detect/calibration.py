@@ -29,69 +29,37 @@ FORMAT = "radard-calibration"
 VERSION = 1
 _NUMBERS = ("frame_rate_hz", "bin_length_m", "range_offset_m")
 _LISTS = ("noise_floor_db", "threshold_db")
-_MOST_DB = 120.0
+_MOST_DB = 120.0  # of a threshold; chosen: beyond any receiver's range
 MOST_AGE_D = 90.0
-"""Older than this, a calibration is called stale: rooms and receivers change."""
+"""Older than this, a calibration is called stale: rooms and receivers change. Chosen."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Provenance:
-    """Where a calibration is from; empty texts and zeros where that is not known.
+    """Where a calibration is from; empty texts and zeros where that is not known."""
 
-    Attributes
-    ----------
-    made_utc : str
-        When, ISO 8601.
-    device : str
-        What sent the frames, as `StreamInfo.device` has it.
-    port : str
-        Where it was, without secrets.
-    software : str
-        Version of radard.
-    model : str
-        Whose range bins and CPI these are.
-    carrier_hz : float
-        Centre frequency, in hertz.
-    duration_s : float
-        Stream time that was listened to, in seconds.
-    n_dwells : int
-        Dwells in it.
-    false_gates_per_day : float
-        Predicted: decisions a day on which the gate opens in such an empty room.
-    """
-
-    made_utc: str = ""
-    device: str = ""
-    port: str = ""
-    software: str = ""
-    model: str = ""
+    made_utc: str = ""  # ISO 8601
+    device: str = ""  # what sent the frames, as `StreamInfo.device` has it
+    port: str = ""  # without secrets
+    software: str = ""  # version of radard
+    model: str = ""  # whose range bins and CPI these are
     carrier_hz: float = 0.0
-    duration_s: float = 0.0
-    n_dwells: int = 0
-    false_gates_per_day: float = 0.0
+    duration_s: float = 0.0  # stream time that was listened to
+    n_dwells: int = 0  # dwells in it
+    false_gates_per_day: float = (
+        0.0  # predicted: decisions that open the gate in such an empty room
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Calibration:
-    """What an empty room looks like.
-
-    Attributes
-    ----------
-    frame_rate_hz, bin_length_m, range_offset_m : float
-        Stream that it was made with, behind down-conversion and range decimation.
-    floor : ndarray, shape (n_range,), float64
-        Noise power of every bin in sample units squared; 0 where a bin is dead.
-    threshold_db : ndarray, shape (n_range,), float64
-        How far over its floor a bin's residual power must stand, in dB.
-    provenance : Provenance
-        Where this is from.
-    """
+    """What an empty room looks like, behind down-conversion and range decimation."""
 
     frame_rate_hz: float
     bin_length_m: float
     range_offset_m: float
-    floor: NDArray[np.float64]
-    threshold_db: NDArray[np.float64]
+    floor: NDArray[np.float64]  # noise power of every bin, sample units squared; 0: dead
+    threshold_db: NDArray[np.float64]  # how far over its floor a bin's residual power must stand
     provenance: Provenance = field(default_factory=Provenance)
 
     def check(self, axis: FastTimeAxis, frame_rate_hz: float) -> None:
@@ -108,14 +76,10 @@ class Calibration:
                 raise ConfigError(msg)
 
     def stale(self, *, device: str, software: str, now: datetime) -> Iterator[str]:
-        """Yield, in a few words each, why this should be made anew; nothing if it is fresh.
+        """Yield, in a few words each, why this should be made again; nothing if it is fresh.
 
-        Parameters
-        ----------
-        device, software : str
-            Of the stream and program that want to use it; empty means not known.
-        now : datetime
-            With its time zone.
+        `device` and `software` are of the stream and program that want to use it, empty when not
+        known; `now` has its time zone.
         """
         made = self.provenance
         if made.made_utc:
@@ -149,22 +113,9 @@ class Calibration:
 
 
 def load_calibration(path: Path) -> Calibration:
-    """Read a calibration file.
+    """Read a calibration file; its values are checked, not yet its fit to a stream.
 
-    Parameters
-    ----------
-    path : Path
-        Its content is that of `Calibration.text`.
-
-    Returns
-    -------
-    Calibration
-        Its values checked, not yet its fit to a stream (`Calibration.check`).
-
-    Raises
-    ------
-    ConfigError
-        If it cannot be read or a value makes no sense; names file and key.
+    Raises ConfigError, naming file and key, if it cannot be read or a value makes no sense.
     """
     try:
         raw = json.loads(path.read_text(encoding="utf-8"))

@@ -14,7 +14,7 @@ from radard.dsp.jitter import JitterFit, take_out_jitter
 from radard.dsp.noise import noise_of, second_differences
 from radard.stream.ring import Dwell
 
-_STILL = 2.0
+_STILL = 2.0  # power over the noise up to which a bin is still; chosen
 
 
 class ClutterMap:
@@ -51,9 +51,7 @@ class ClutterMap:
         Parameters
         ----------
         block_mean : ndarray, shape (n_range,), complex128
-            Mean of its usable frames.
-        n : int
-            How many they are; none changes nothing.
+            Mean of its `n` usable frames.
         motion : ndarray, shape (n_range,), float64
             Residual power over the noise, linear; up to 2 a bin counts as still.
         """
@@ -83,20 +81,11 @@ class ClutterRemover:
         self._map = None
 
     def remove(self, dwell: Dwell) -> Dwell:
-        """Return the dwell without its clutter.
+        """Return the dwell without its clutter, in frames of its own and the same unit.
 
-        Parameters
-        ----------
-        dwell : Dwell
-            As the ring hands it out; it is not changed.
-
-        Returns
-        -------
-        Dwell
-            Frames of its own, in the same unit. Spikes and frames that are not finite are
-            marked as lost in `valid` and `n_lost`, and every lost frame repeats the one
-            before; `longest_gap_s` stays that of the stream. The map is one frame that is
-            taken off all frames alike, so Doppler is what it was.
+        Spikes and frames that are not finite are marked as lost in `valid` and `n_lost`, and every
+        lost frame repeats the one before; `longest_gap_s` stays that of the stream. The map is one
+        frame that is taken off all frames alike, so Doppler is what it was.
         """
         rows, usable, scale = sound_rows(dwell.frames, dwell.valid)
         usable &= ~spike_rows(rows, usable)

@@ -43,27 +43,13 @@ _TINY = 1e-300  # chosen: 10 log10 of it is finite
 
 @dataclass(frozen=True, slots=True)
 class GateReading:
-    """What the gate saw.
+    """What the gate saw; powers in dB of sample units squared."""
 
-    Attributes
-    ----------
-    is_open : bool
-        Something moves; the same as power_db > threshold_db.
-    power_db : float
-        Mean residual power of the stretch of range that stands out most.
-    noise_floor_db : float
-        Receiver's noise and learned background there, mean over bins.
-    threshold_db : float
-        What the power had to exceed.
-    range_m : float
-        Where the residual power stands out most, in metres.
-    """
-
-    is_open: bool
-    power_db: float
-    noise_floor_db: float
-    threshold_db: float
-    range_m: float
+    is_open: bool  # something moves; the same as power_db > threshold_db
+    power_db: float  # mean residual power of the stretch of range that stands out most
+    noise_floor_db: float  # receiver's noise and learned background there, mean over bins
+    threshold_db: float  # what the power had to exceed
+    range_m: float  # where the residual power stands out most
 
 
 class Gate:
@@ -74,10 +60,9 @@ class Gate:
     settings : GateSettings
         Threshold and learning.
     hop_s : float
-        Stream time between dwells, in seconds.
+        Stream time between dwells.
     calibration : Calibration, optional
-        Floors and thresholds instead of those of stream and settings; checked against the
-        stream by whoever loads it.
+        Floors and thresholds instead of those of stream and settings, checked against the stream.
     """
 
     def __init__(
@@ -103,17 +88,9 @@ class Gate:
         self._in_place.clear()
 
     def read(self, dwell: Dwell) -> GateReading:
-        """Judge one dwell and learn from it.
+        """Judge one dwell, whole enough for it, with or without its static clutter; learn from it.
 
-        Parameters
-        ----------
-        dwell : Dwell
-            Whole enough to be judged; with or without its static clutter.
-
-        Returns
-        -------
-        GateReading
-            A stream without any power is closed, and so is a dwell without a usable CPI.
+        A stream without any power is closed, and so is a dwell without a usable CPI.
         """
         n_cpi = min(max(4, round(CPI_S * dwell.frame_rate_hz)), len(dwell.frames))
         rows, usable, scale = sound_rows(dwell.frames, dwell.valid)
@@ -165,19 +142,11 @@ def bins_of(extent_m: float, bin_length_m: float) -> int:
 
 
 def stretches(values: NDArray[np.float64], n_bins: int) -> NDArray[np.float64]:
-    """Return the means over all stretches of neighbouring bins.
+    """Return the means over all stretches of `n_bins` neighbouring bins.
 
-    Parameters
-    ----------
-    values : ndarray, shape (..., n_range), float64
-        Not negative.
-    n_bins : int
-        Length of a stretch; all bins where there are fewer.
-
-    Returns
-    -------
-    ndarray, shape (..., n_stretches), float64
-        Stretch k begins at bin k. Relative error at most 1e-12 of the strongest.
+    Values are not negative, shape (..., n_range); the result has shape (..., n_stretches), and
+    stretch k begins at bin k. A swath with fewer bins is one stretch. Relative error at most 1e-12
+    of the strongest.
     """
     n_bins = min(n_bins, values.shape[-1])
     return np.asarray(sliding_window_view(values, n_bins, axis=-1).mean(axis=-1))

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from radard.dsp.noise import noise_of, noise_profile
 
-_GAIN = 0.2
-_SIGMAS = 4.0
-_SPAN_DB = (-10.0, 20.0)
-_MOST_MEMBERS = 24
+_GAIN = 0.2  # of a step towards what a dwell shows; chosen: five dwells' memory
+_SIGMAS = 4.0  # of a CPI's power, within which a bin counts as noise; chosen
+_SPAN_DB = (-10.0, 20.0)  # of the shape; chosen: wider than any receiver's
+_MOST_MEMBERS = 24  # of a median; chosen: more cost time and tell little
 
 
 class NoiseFloor:
@@ -30,8 +30,8 @@ class NoiseFloor:
     n_memory : int
         Dwells whose least level counts.
     most_db_per_dwell : float
-        Most that the shape moves from one dwell to the next, in dB; in the first
-        dwell it is taken as it is.
+        Most that the shape moves from one dwell to the next; in the first dwell it is taken as it
+        is.
 
     Notes
     -----
@@ -52,7 +52,7 @@ class NoiseFloor:
     def update(
         self, cells: NDArray[np.float32], cpi_power: NDArray[np.float64], n_cpi: int, unit: float
     ) -> tuple[float, NDArray[np.float64]]:
-        """Learn from one dwell.
+        """Learn from one dwell; return the common level and every bin's noise power.
 
         Parameters
         ----------
@@ -68,9 +68,9 @@ class NoiseFloor:
         Returns
         -------
         level : float
-            Common noise level in sample units squared.
+            In sample units squared.
         floor : ndarray, shape (n_range,), float64
-            Noise power of every bin; zero in bins that do not change at all.
+            Likewise; zero in bins that do not change at all.
         """
         here = noise_of(cells)
         if np.isfinite(here):

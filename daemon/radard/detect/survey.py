@@ -31,12 +31,12 @@ from radard.stream.ring import Dwell
 from x2radar.frame import FastTimeAxis
 
 DAY_S = 86_400.0
-LEAST_DB = 3.0
-LEAST_INDEPENDENT = 8
-_UNREST_DB = 6.0
-_PLACE_M = 0.5
-_SPAN = (-12.0, 12.0)
-_STEPS = 50
+LEAST_DB = 3.0  # of a threshold; chosen: twice the power, more than a receiver's warming up
+LEAST_INDEPENDENT = 8  # dwells; chosen: Student's t promises nothing with fewer
+_UNREST_DB = 6.0  # of a bin over its noise; chosen: breath is stronger
+_PLACE_M = 0.5  # chosen: what moves less stays in its place
+_SPAN = (-12.0, 12.0)  # of log u
+_STEPS = 50  # of the bisection
 
 Array = NDArray[np.float64]
 
@@ -61,7 +61,7 @@ class RoomSurvey:
     settings : GateSettings
         Those of the gate that will use the calibration.
     hop_s : float
-        Stream time between dwells, in seconds.
+        Stream time between dwells.
     """
 
     def __init__(self, settings: GateSettings, hop_s: float) -> None:
@@ -109,11 +109,8 @@ class RoomSurvey:
     def check_empty(self, *, takes_machines: bool = False) -> None:
         """Raise RoomNotEmpty if something moved.
 
-        Parameters
-        ----------
-        takes_machines : bool
-            What stays in its place is part of the room: only who travels half a metre or
-            more counts.
+        With `takes_machines` what stays in its place is part of the room: only what travels half a
+        metre or more counts.
         """
         axis, seen = self._axis, self._seen
         noise = np.mean(self._noise, axis=0)
@@ -152,7 +149,7 @@ class RoomSurvey:
         false_gates_per_day: float = 1.0,
         least_db: float = LEAST_DB,
     ) -> Calibration:
-        """Return the calibration.
+        """Return the calibration; raise RadardError if too little was heard.
 
         Parameters
         ----------
@@ -162,17 +159,7 @@ class RoomSurvey:
         false_gates_per_day : float
             How many decisions a day may open the gate in this room.
         least_db : float
-            No threshold is lower, in dB.
-
-        Returns
-        -------
-        Calibration
-            Checked against nothing but itself.
-
-        Raises
-        ------
-        RadardError
-            If too little was heard.
+            No threshold is lower.
         """
         independent = self.n_dwells * self._hop_s / max(self._dwell_s, self._hop_s)
         if independent < LEAST_INDEPENDENT or not np.any(self._power):

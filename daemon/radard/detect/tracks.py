@@ -20,18 +20,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radard.dsp.cfar import Peak, find_peaks, power_map
+from radard.dsp.velocity import CPI_S
 from radard.stream.ring import Dwell
 
-_BIRTH_HITS = 4
+# Chosen; tests/test_tracks.py holds what they give.
+_BIRTH_HITS = 4  # of so many first
 _BIRTH_BLOCKS = 6
-_FIRST_SPEED_MPS = 1.5
-_LEAVE_M = 0.3
-_SLOW_DOWN_S = 0.3
-_POWER_MEMORY = 0.2
-_SAME_RATE_MPS = 0.4
-_REACH = 4.0
-_POWER_SPREAD_DB = 6.0
-_MERGE_S = 1.0
+_FIRST_SPEED_MPS = 1.5  # sigma of a candidate's range rate: a walker's
+_LEAVE_M = 0.3  # a track may coast so far behind the edge
+_SLOW_DOWN_S = 0.3  # time constant of the speed of a track without hits
+_POWER_MEMORY = 0.2  # share of a new hit in the power
+_SAME_RATE_MPS = 0.4  # tracks closer in speed move together
+_REACH = 4.0  # sigmas within which a peak may be a body's
+_POWER_SPREAD_DB = 6.0  # sigma of a peak's power about its track's
+_MERGE_S = 1.0  # a track dies after so long beside an older one
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,30 +50,16 @@ class TrackSettings:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Track:
-    """A body at the end of a dwell.
+    """A body at the end of a dwell."""
 
-    Attributes
-    ----------
-    id : int
-        Number in the order of birth, from 1; never given twice.
-    range_m : float
-        Range at the end of the dwell, in metres.
-    radial_velocity_mps : float
-        Positive when it approaches, in metres per second.
-    power_db : float
-        Smoothed peak power over the floor, in dB.
-    unseen_s : float
-        Time since its last hit, in seconds.
-    path_m : ndarray, shape (n_slow,), float64
-        Its range at every frame of the dwell; before it was first seen, its first range.
-    """
-
-    id: int
+    id: int  # number in the order of birth, from 1; never given twice
     range_m: float
-    radial_velocity_mps: float
-    power_db: float
-    unseen_s: float
-    path_m: NDArray[np.float64]
+    radial_velocity_mps: float  # positive when it approaches
+    power_db: float  # smoothed peak power over the floor
+    unseen_s: float  # since its last hit
+    path_m: NDArray[
+        np.float64
+    ]  # its range at every frame, shape (n_slow,); before it was seen, its first
 
 
 @dataclass(slots=True)
@@ -123,13 +111,7 @@ class _Body:
 
 
 class Tracker:
-    """Follow the bodies of one stream.
-
-    Parameters
-    ----------
-    settings : TrackSettings, optional
-        How bodies are followed.
-    """
+    """Follow the bodies of one stream."""
 
     def __init__(self, settings: TrackSettings | None = None) -> None:
         self._settings = settings or TrackSettings()
@@ -148,26 +130,16 @@ class Tracker:
         self._time_s = -np.inf
 
     def update(self, dwell: Dwell, floor: NDArray[np.float64]) -> tuple[Track, ...]:
-        """Take a dwell; return the tracks that are alive at its end.
+        """Take a dwell without its clutter, in order; return the tracks alive at its end, by id.
 
-        Parameters
-        ----------
-        dwell : Dwell
-            Without its clutter (`ClutterRemover`), in order. After dwells that were left out
-            a dwell's own blocks are all that is known.
-        floor : ndarray, shape (n_range,), float64
-            Noise and background of every bin (`Gate.background`).
-
-        Returns
-        -------
-        tuple of Track
-            In the order of their ids.
+        After dwells that were left out, a dwell's own blocks are all that is known. `floor` is the
+        noise and background of every bin, shape (n_range,) (`Gate.background`).
         """
         rate_hz = dwell.frame_rate_hz
         n_rows = len(dwell.frames)
         if np.isfinite(self._time_s):
             # Blocks already seen are not computed again.
-            cpi = max(4, round(28 / 60 * rate_hz))
+            cpi = max(4, round(CPI_S * rate_hz))
             fresh = (dwell.t_s - self._time_s) * rate_hz
             n_rows = min(n_rows, max(1, int(np.ceil(fresh / cpi))) * cpi)
         chart = power_map(
