@@ -330,7 +330,7 @@ def test_other_float_arrays_are_sent_as_float32(values: np.ndarray) -> None:
         Data(0, 0, np.array(["a"])),
         Data(0, 0, np.array([1e39])),
         BasebandIq(1, 1.0, 1.0, 1.0, 1.0, np.zeros(2), np.zeros(3)),
-        Message(),
+        pytest.param(Message(), id="Message"),
     ],
     ids=str,
 )
