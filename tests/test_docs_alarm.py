@@ -1,4 +1,4 @@
-"""docs/what-stops-an-alarm.md: its settings, its quotations and what it says of motion in place."""
+"""docs/what-stops-an-alarm.md: its settings, its quotations, and motion in one place."""
 
 import re
 from pathlib import Path

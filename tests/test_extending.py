@@ -184,7 +184,7 @@ def test_broken_sinks_are_one_line(text, words, folder):
     ],
 )
 def test_broken_features_are_one_line(text, error, words, folder):
-    offer(folder, {"radard.classify.features": {"odd": "odd:thing"}}, odd=text)
+    offer(folder, {"radard.features": {"odd": "odd:thing"}}, odd=text)
     with pytest.raises(error, match=words):
         feature_shape("odd", FeatureSettings())
 
@@ -202,7 +202,7 @@ def test_features_of_another_form_are_refused(made, words, folder):
         "import numpy as np\nclass Odd:\n def shape(self, s): return (3,)\n"
         f" def extract(self, dwell, s): return {made}\nthing = Odd()\n"
     )
-    offer(folder, {"radard.classify.features": {"odd": "odd:thing"}}, odd=text)
+    offer(folder, {"radard.features": {"odd": "odd:thing"}}, odd=text)
     stream = FeatureStream(FeatureSettings(), ("odd",))
     with pytest.raises(FeatureError, match=words):
         stream.extract(dwell_of(noise(147)))
@@ -270,7 +270,7 @@ def test_built_in_names_cannot_be_taken(folder):
         {
             "radard.sources": {"sim": "odd:thing", "replay": "odd:thing"},
             "radard.sinks": {"json": "odd:thing", "null": "odd:thing"},
-            "radard.classify.features": {"thesis_type1": "odd:thing"},
+            "radard.features": {"thesis_type1": "odd:thing"},
             "x2radar.bodies": {"human": "odd:thing"},
         },
         odd="raise RuntimeError('was loaded')",

@@ -12,7 +12,7 @@ from x2radar.plugins import Plugin, find_plugin, plugin_names
 
 SOURCES = "radard.sources"
 SINKS = "radard.sinks"
-FEATURES = "radard.classify.features"
+FEATURES = "radard.features"
 # Not a Windows port, and not a URL of pyserial's.
 _SCHEME = re.compile(r"([a-z][a-z0-9+._-]+):(?!//)")
 
