@@ -17,7 +17,7 @@ import pytest
 from amqtt.broker import Broker as Amqtt
 from paho.mqtt.enums import CallbackAPIVersion
 
-from radard.config.sink_sections import OutboxSection
+from radard.config.sink_table import OutboxSection
 
 QUICK = OutboxSection(first_retry_s=0.02, longest_retry_s=0.05, attempts=3)
 USER, PASSWORD = "hall", "correct horse"
@@ -96,7 +96,7 @@ def status(state: str, reason: str = "") -> dict:
     return {"type": "status", "state": state, "reason": reason}
 
 
-def wait_for(condition, timeout_s: float = 8.0):
+def wait_for(condition, timeout_s: float = 60.0):
     """Return what `condition` returns once that is true; fail if it never is."""
     end_s = time.monotonic() + timeout_s
     while not (found := condition()):
@@ -130,11 +130,11 @@ class MqttBroker:
     def stop(self):
         if self._process is not None:
             self._process.terminate()
-            self._process.wait(5)
+            self._process.wait(60)
             self._process = None
         if self._thread is not None:
             self._loop.call_soon_threadsafe(self._over.set)
-            self._thread.join(5)
+            self._thread.join(60)
             self._thread = None
             # amqtt leaves open transports to the collector; here they trouble no test.
             with warnings.catch_warnings():
@@ -187,7 +187,7 @@ class MqttBroker:
         ready = threading.Event()
         self._thread = threading.Thread(target=self._serve, args=(config, ready), name="amqtt")
         self._thread.start()
-        assert ready.wait(5)
+        assert ready.wait(60)
 
     def _serve(self, config, ready):
         async def body():
@@ -221,7 +221,7 @@ class Listener:
         )
         self.client.connect("127.0.0.1", port)
         self.client.loop_start()
-        assert self._ready.wait(5)
+        assert self._ready.wait(60)
 
     def on(self, topic: str) -> list[bytes]:
         """Payloads on a topic."""
@@ -229,7 +229,7 @@ class Listener:
 
     def say(self, topic: str, payload: str = "", **how):
         """Publish, and wait for it."""
-        self.client.publish(topic, payload, qos=1, **how).wait_for_publish(5)
+        self.client.publish(topic, payload, qos=1, **how).wait_for_publish(60)
 
     def close(self):
         self.client.disconnect()

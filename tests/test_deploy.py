@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from radard.config.sink_sections import MqttSection
+from radard.config.sink_table import MqttSection
 from radard.sinks.homeassistant import entities
 from radard.web import metrics
 from x2radar.device.discovery import USB_IDS

@@ -24,7 +24,7 @@ launch = pytest.fixture(launcher)
 def quick(monkeypatch):
     monkeypatch.setattr("radard.service.sink_watch.GRACE_S", 0.2)
     monkeypatch.setattr("radard.service.sink_watch.STUCK_S", 0.6)
-    monkeypatch.setattr("radard.sinks.mqtt._LATE_S", 1.2)
+    monkeypatch.setattr("radard.sinks.mqtt._HANGS_S", 1.2)
 
 
 def report(tmp_path):
@@ -72,8 +72,8 @@ SINKS = {
     "store": (StoreSink, "_deliver", "store:"),
     "webhook": (WebhookSink, "_send", "webhook:"),
     "exec": (ProgramSink, "_send", "exec:"),
-    "mqtt courier": (MqttSink, "_send", "mqtt:"),
-    "mqtt": (MqttSink, "_look_around", "mqtt:"),
+    "mqtt delivery": (MqttSink, "_send", "mqtt:"),
+    "mqtt": (MqttSink, "_tick", "mqtt:"),
 }
 
 

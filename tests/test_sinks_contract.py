@@ -9,7 +9,7 @@ import threading
 
 import pytest
 
-from radard.config.sink_sections import MqttSection, SinkOptions
+from radard.config.sink_table import MqttSection, SinkOptions
 from radard.sinks import open_output
 from radard.sinks.base import SinkContext
 from tests.sink_helpers import (
@@ -196,7 +196,7 @@ def in_time(function, *arguments):
     """Call a function that must not hang."""
     thread = threading.Thread(target=function, args=arguments, daemon=True)
     thread.start()
-    thread.join(8)
+    thread.join(60)
     assert not thread.is_alive()
 
 
@@ -298,7 +298,7 @@ def test_a_reader_that_pauses_costs_decisions_and_no_events(url, pipe):
     text = b""
     while b"human at 7.0 m" not in text:
         text += os.read(pipe.read_fd, 65_536)
-    end.join(8)
+    end.join(60)
     assert not end.is_alive()
     kept = n + 2 - sink.state.n_dropped
     assert sink.state.n_sent == kept
@@ -312,7 +312,7 @@ def test_a_stream_that_can_wait_waits_for_the_reader(pipe):
     )
     writer.start()
     lines = lines_of(pipe.read_fd, n)
-    writer.join(8)
+    writer.join(60)
     assert [json.loads(line)["seq"] for line in lines] == list(range(n))
     assert sink.state.n_dropped == 0
 

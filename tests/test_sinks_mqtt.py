@@ -7,7 +7,7 @@ import ssl
 
 import pytest
 
-from radard.config.sink_sections import MqttSection, SinkOptions
+from radard.config.sink_table import MqttSection, SinkOptions
 from radard.errors import ConfigError, UsageError
 from radard.health.health import Status
 from radard.sinks import open_output

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from radard.config.sink_sections import ExecSection, SinkOptions, SyslogSection, WebhookSection
+from radard.config.sink_table import ExecSection, SinkOptions, SyslogSection, WebhookSection
 from radard.errors import ConfigError, OutputError, UsageError
 from radard.sinks import open_output
 from radard.sinks.base import SinkContext

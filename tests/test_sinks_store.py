@@ -6,11 +6,11 @@ import sqlite3
 import pytest
 
 from radard import cli
-from radard.config.sink_sections import SinkOptions, StoreSection
+from radard.config.sink_table import SinkOptions, StoreSection
 from radard.errors import OutputError
 from radard.sinks import open_output
 from radard.sinks.base import SinkContext
-from radard.sinks.store import tidy
+from radard.sinks.store import prune
 from radard.sinks.store_query import parse_since, read_events
 from tests.sink_helpers import decision, event, hello, status, ulid
 
@@ -63,7 +63,7 @@ def test_decisions_can_be_left_out(path):
 def test_what_is_too_old_goes(path):
     filled(path, [event(1), decision(1), status("online")])
     db = sqlite3.connect(path, isolation_level=None)
-    tidy(db, StoreSection(keep_days=30), NOW_S + 86_400 * 365)
+    prune(db, StoreSection(keep_days=30), NOW_S + 86_400 * 365)
     db.close()
     assert [count(path, table) for table in ("events", "decisions", "statuses")] == [0, 0, 0]
 
@@ -73,7 +73,7 @@ def test_too_large_a_file_shrinks_and_keeps_its_events(path):
     filled(path, [event(1), *(decision(k, label=long) for k in range(1, 9001))])
     before = path.stat().st_size
     db = sqlite3.connect(path, isolation_level=None)
-    tidy(db, StoreSection(keep_mb=1, keep_days=36_500), NOW_S)
+    prune(db, StoreSection(keep_mb=1, keep_days=36_500), NOW_S)
     newest = db.execute("SELECT max(seq), count(*) FROM decisions").fetchone()
     db.close()
     assert before > 2e6

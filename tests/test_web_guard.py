@@ -8,8 +8,7 @@ import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from radard.config.config import load_config
-from radard.config.sink_sections import SinkOptions
-from radard.config.web_sections import WebSection
+from radard.config.sink_table import SinkOptions, WebSection
 from radard.errors import ConfigError, UsageError
 from radard.health.health import Health
 from radard.outputs.fanout import Host

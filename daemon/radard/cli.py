@@ -4,6 +4,7 @@ import argparse
 import json
 import logging
 import sys
+import textwrap
 from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import Any
 
 from radard.config.config import Config, load_config
 from radard.config.options import add_options, config_options
+from radard.config.sink_table import FORMS
 from radard.errors import UsageError
 from x2radar.command import Parser, installed_version, run_command
 
@@ -19,7 +21,7 @@ usage: radard --port PORT [options]    watch a radar; alarm for people, not pets
        radard COMMAND [options]        see radard COMMAND --help
 
   --port /dev/ttyACM0 | auto | URL | sim:SCENE | replay:FILE
-  -o json | json:FILE | mqtt://HOST | webhook:URL | store:FILE ...   repeatable
+{outputs}
   --model NAME | FILE | none     --profile fast | balanced | accurate
   --sensitivity low|normal|high  --config FILE  --duration S  --speed max
   --record FILE  --wait  --on-device-loss wait|quit  -v  -q  --log-format json
@@ -30,7 +32,6 @@ examples:
   radard --port sim:demo --speed max --duration 30 -o json
   radard --port replay:night.h5 --model none        the gate alone
   radard --config house.yaml                        several radars, its sensors:
-
 configuration, later wins: built-in, /etc/radard/config.yaml, ./config.yaml,
 --config, RADARD_SECTION__KEY, options. TERM, INT end; HUP reloads; USR1 dumps.
 """
@@ -121,7 +122,8 @@ class _ShortHelp(argparse.Action):
     """Print what fits a screen, and end."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: Any, **__: Any) -> None:
-        print(_SHORT.format(commands=_command_list()), end="")
+        outputs = textwrap.indent(textwrap.fill(f"-o {FORMS}; repeatable", 75), "     ")[3:]
+        print(_SHORT.format(outputs=outputs, commands=_command_list()), end="")
         parser.exit()
 
 

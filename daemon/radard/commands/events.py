@@ -8,7 +8,7 @@ from datetime import datetime
 from pathlib import Path
 
 from radard.config.config import load_config
-from radard.config.sink_sections import KINDS
+from radard.config.sink_table import KINDS
 from radard.errors import UsageError
 from radard.sinks.store_query import StoredEvent, parse_since, read_events
 from x2radar.command import new_parser

@@ -1,4 +1,4 @@
 """The configuration: from files, environment and options to one validated, frozen object.
 
-It imports only `radard.plugins` and `radard.errors`.
+It imports only `radard.errors`.
 """

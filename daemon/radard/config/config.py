@@ -19,7 +19,7 @@ from pydantic import Field, StringConstraints, ValidationError, model_validator
 
 from radard.config.saved_zones import lay_over, state_folder, zones_path
 from radard.config.sections import NAME, OWN_SECTIONS, RadarSections, SensorEntry, SensorSection
-from radard.config.sink_sections import SinkOptions
+from radard.config.sink_table import SinkOptions
 from radard.config.sources import Places, explain, put, read_environment, read_yaml
 from radard.errors import ConfigError, UsageError
 

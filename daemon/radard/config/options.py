@@ -4,6 +4,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from radard.config.sink_table import FORMS
 from radard.errors import UsageError
 
 
@@ -11,7 +12,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options that configuration can hold as well, and --config."""
     add = parser.add_argument
     add("--port", help="/dev/ttyACM0, a pyserial URL, sim:SCENE[?seed=1] or replay:FILE")
-    add("-o", "--output", action="append", help="json, json:FILE, table or null; repeatable")
+    add("-o", "--output", action="append", metavar="OUTPUT", help=f"{FORMS}; repeatable")
     add("--model", help="installed bundle, .onnx file, none for the gate alone, or auto")
     add("--profile", help="fast, balanced or accurate: the bundle of that name")
     add("--sensitivity", choices=["low", "normal", "high"], help="see radard explain (normal)")

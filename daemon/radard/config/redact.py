@@ -1,8 +1,10 @@
-"""Secrets out of what is printed: passwords in URLs, tokens in paths, arguments of programs."""
+"""Redaction of what is printed: passwords in URLs, tokens in paths, arguments of programs."""
 
 import re
 from collections.abc import Mapping
 from typing import Any
+
+from radard.config.sink_table import find_row
 
 MASK = "***"
 _USERINFO = re.compile(r"(//[^/@:\s]*):[^/@\s]*@")
@@ -13,17 +15,18 @@ _KEY = re.compile(r"pass(word)?|secret|token|api_?key", re.IGNORECASE)
 def redact(text: str) -> str:
     """Return a port, output or error text without what only its owner should know.
 
-    Of a webhook only scheme and host stay, of a command only the program: their paths and
+    `SinkRow.shows` says of which outputs only the host or the program stays: paths and
     arguments are where tokens are kept.
     """
-    scheme, colon, rest = text.partition(":")
-    if scheme == "webhook":
+    scheme, _, rest = text.partition(":")
+    row = find_row(text)
+    if row is not None and row.shows == "host":
         url = re.match(r"\w+://[^/?#\s]*", rest)
         host = re.sub(r"//[^/@]*@", f"//{MASK}@", url.group()) if url else ""
-        return f"webhook:{host}" + ("" if host == rest else f"/{MASK}")
-    if scheme == "exec" and colon:
+        return f"{scheme}:{host}" + ("" if host == rest else f"/{MASK}")
+    if row is not None and row.shows == "program":
         program, _, arguments = rest.strip().partition(" ")
-        return f"exec:{program}" + (f" {MASK}" if arguments else "")
+        return f"{scheme}:{program}" + (f" {MASK}" if arguments else "")
     return _QUERY.sub(rf"\1={MASK}", _USERINFO.sub(rf"\1:{MASK}@", text))
 
 

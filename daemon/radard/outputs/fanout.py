@@ -1,9 +1,9 @@
 """Outputs: all sinks of a process, opened, written to and reopened together.
 
-All sensors of a process share them, and every record of several sensors says whose it is;
+All sensors of a process share them, and every record of several sensors names its sensor;
 only MQTT, where a sensor is a client with a last will of its own, has a sink for each. A sink
-that wants more than records, such as the dashboard, has a method `attach(host)` and gets the
-`Host` of every sensor: the health and panel it reports, the command it passes on.
+that needs more than records, such as the dashboard, has a method `attach(host)` and gets the
+`Host` of every sensor.
 """
 
 import logging
@@ -14,7 +14,7 @@ from typing import Any
 
 from radard.config.config import Config
 from radard.config.directories import outbox_dir
-from radard.config.sink_sections import SinkOptions
+from radard.config.sink_table import SinkOptions, find_row
 from radard.errors import RadardError
 from radard.health.health import Health, overall
 from radard.outputs.records import Record
@@ -24,23 +24,10 @@ from radard.stream.playback import Playback
 from radard.stream.ring import FrameRing
 
 log = logging.getLogger("radard")
-COMMANDS = ("arm", "disarm", "ack", "calibrate")
 SHARED = "radard"
 """Stands for all sensors of a process, where a sink needs one name."""
-_PATIENCE_S = 1.0
-_STDOUT = ("", "json", "table")
-_PER_SENSOR = ("mqtt", "mqtts")
-_SECTIONS = {
-    "json": {"jsonl"},
-    "mqtt": {"mqtt", "outbox"},
-    "mqtts": {"mqtt", "outbox"},
-    "webhook": {"webhook", "outbox"},
-    "exec": {"exec", "outbox"},
-    "syslog": {"syslog", "outbox"},
-    "store": {"store"},
-    "http": {"web"},
-}
-"""Sections of the configuration that an output of a scheme depends on; of others: all."""
+_LOCK_S = 1.0
+"""Chosen: a sink takes far less for a record; a thread that holds the lock for longer hangs."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,12 +39,12 @@ class Host:
     sensor : str
         Name of the sensor.
     health : Health
-        To be asked for its status whenever one is shown.
+        Its status at any moment.
     panel : callable
         Returns a mapping: armed, panel (its state, see `radard.alarm.panel`), alarm_id, open
         (reasons of events that are on, by kind), seq, t_s, gate, label.
     command : callable
-        Takes one of `COMMANDS`; raises ValueError on anything else. Never waits.
+        Takes one of `radard.sinks.base.COMMANDS`; raises ValueError on anything else. Never waits.
     config : callable
         Returns the configuration that holds.
     ring : callable
@@ -86,7 +73,7 @@ class Host:
 
 @dataclass(slots=True, eq=False)
 class _Open:
-    """An open output: what -o named, whose records alone it gets, and what waits for it."""
+    """An open output: what -o named, its sensor if only one, and records held while it reopens."""
 
     name: str
     sensor: str | None
@@ -101,15 +88,7 @@ class _Open:
 
 
 class Outputs:
-    """The sinks of a process.
-
-    Parameters
-    ----------
-    hosts : sequence of Host
-        Every sensor's, for sinks that want it.
-    stdout_is_terminal : bool
-        Whether a person reads stdout.
-    """
+    """The sinks of a process; `hosts` are those of all its sensors."""
 
     def __init__(self, hosts: Sequence[Host], *, stdout_is_terminal: bool) -> None:
         self._hosts = {
@@ -134,19 +113,11 @@ class Outputs:
 
     @property
     def sinks(self) -> list[tuple[str | None, Sink]]:
-        """All sinks, each with the sensor whose records alone it gets; for any thread."""
+        """All sinks, each with its sensor or None if it gets all records; for any thread."""
         return [(each.sensor, each.sink) for each in self._open]
 
     def open(self, config: Config, *, can_wait: bool = False) -> None:
-        """Open what -o/--output names, once; raises UsageError or OutputError, see open_sinks.
-
-        Parameters
-        ----------
-        config : Config
-            Outputs and their options.
-        can_wait : bool
-            The stream can wait for files and stdout, see `SinkContext`.
-        """
+        """Open what -o/--output names, once; `can_wait` and errors are those of `open_sinks`."""
         if self._is_open:
             return
         self._can_wait, self._options = can_wait, _options_of(config)
@@ -165,14 +136,14 @@ class Outputs:
         self._is_open = True
 
     def put(self, record: Record, sensor: str | None = None, *, waits: bool = False) -> bool:
-        """Hand a record to every sink; return False if another thread is stuck in one.
+        """Hand a record to every sink; return False if another thread hangs in one.
 
         Parameters
         ----------
         record : Record
             Of any type.
         sensor : str or None
-            Whose it is; None: that of the only one.
+            Its sensor; None: the only one.
         waits : bool
             Wait for as long as it takes where streams can wait for a sink.
 
@@ -181,8 +152,8 @@ class Outputs:
         OutputError, BrokenPipeError
             If a sink cannot keep it.
         """
-        patience_s = -1 if waits and self._can_wait else _PATIENCE_S
-        if not self._lock.acquire(timeout=patience_s):
+        wait_s = -1 if waits and self._can_wait else _LOCK_S
+        if not self._lock.acquire(timeout=wait_s):
             return False
         try:
             for each in self._open:
@@ -193,22 +164,18 @@ class Outputs:
         return True
 
     def reload(self, config: Config, hellos: Sequence[Record]) -> None:
-        """Open new outputs, close those that are gone, reopen those whose options changed.
+        """Open new outputs, close removed ones, reopen those whose options changed.
 
         All others, and stdout, go on as they are. Records that come while a sink is being
-        reopened wait for it. One that cannot be opened is said and left out: the others
-        matter more.
-
-        Parameters
-        ----------
-        config : Config
-            Outputs and their options.
-        hellos : sequence of Record
-            What every sensor's run now begins with.
+        reopened wait for it. One that cannot be opened is logged and left out. New sinks get
+        the `hellos` of all sensors first.
         """
         wanted = self._wanted(config)
         options = _options_of(config)
-        changed = {n for n in SinkOptions.model_fields if getattr(options, n) != self._option(n)}
+        before = self._options
+        changed = {
+            n for n in SinkOptions.model_fields if getattr(options, n) != getattr(before, n)
+        }
         with self._lock:
             gone = [each for each in self._open if (each.name, each.sensor) not in wanted]
             kept = [each for each in self._open if each not in gone]
@@ -223,23 +190,21 @@ class Outputs:
             if each in again:
                 self._reopen(each, config, hellos)
             elif each.name.startswith("json:"):
-                _greet(each, hellos)
+                _write_hellos(each, hellos)
         for name, sensor in wanted:
             if (name, sensor) not in known:
                 self._add(name, sensor, config, hellos)
 
     def close(self) -> None:
-        """Close all sinks; what one of them still has to say does not keep the others open."""
+        """Close all sinks; log what goes wrong."""
         _close(each.sink for each in self._open)
 
-    def _option(self, name: str) -> object:
-        return getattr(self._options, name)
-
     def _wanted(self, config: Config) -> list[tuple[str, str | None]]:
-        """Return every output with the sensor that it is for alone."""
+        """Return every output, with a sensor where each has its own."""
         found: list[tuple[str, str | None]] = []
         for name in config.output or ("",):
-            is_apart = config.is_one_of_several and name.partition(":")[0] in _PER_SENSOR
+            row = find_row(name)
+            is_apart = config.is_one_of_several and row is not None and row.is_per_sensor
             found += [(name, sensor) for sensor in (self._hosts if is_apart else (None,))]
         return found
 
@@ -253,7 +218,7 @@ class Outputs:
             return
         with self._lock:
             held, each.held, each.sink = each.held or [], None, sink
-            _greet(each, hellos)
+            _write_hellos(each, hellos)
             for record in held:
                 sink.write(record)
 
@@ -267,7 +232,7 @@ class Outputs:
             return
         each = _Open(name, sensor, sink)
         with self._lock:
-            _greet(each, hellos)
+            _write_hellos(each, hellos)
             self._open.append(each)
 
     def _opened(self, outputs: Sequence[str], sensor: str | None, config: Config) -> list[Sink]:
@@ -309,15 +274,7 @@ class Outputs:
 
 
 class Feed:
-    """Hands on the records of one sensor.
-
-    Parameters
-    ----------
-    outputs : Outputs
-        Where they go.
-    sensor : str or None
-        Its name, one of several; None for the only one, whose records do not repeat it.
-    """
+    """Hands on the records of one sensor; the only one is None, and its records do not name it."""
 
     def __init__(self, outputs: Outputs, sensor: str | None = None) -> None:
         self._outputs = outputs
@@ -331,14 +288,15 @@ class Feed:
 
 
 def _depends(name: str, changed: set[str]) -> bool:
-    """Return whether an output must be opened anew when these sections have changed."""
-    if name in _STDOUT:
-        return False
-    sections = _SECTIONS.get(name.partition(":")[0], set(SinkOptions.model_fields))
-    return bool(sections & changed)
+    """Return whether an output must be reopened when these sections have changed."""
+    row = find_row(name)
+    if row is not None:
+        return bool(changed.intersection(row.sections))
+    # A plug-in may read any of them; no output at all is stdout.
+    return bool(name and changed)
 
 
-def _greet(each: _Open, hellos: Sequence[Record]) -> None:
+def _write_hellos(each: _Open, hellos: Sequence[Record]) -> None:
     for hello in hellos:
         if each.sensor in {None, hello.get("sensor")}:
             each.sink.write(hello)

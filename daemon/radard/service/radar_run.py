@@ -14,7 +14,7 @@ from radard.config.config import Config
 from radard.config.quiet_hours import Now, recorded_clock, wall_clock
 from radard.errors import RadardError, UsageError
 from radard.health.health import STALE_S, Health, Status
-from radard.outputs.fanout import COMMANDS, Feed, Host, Outputs
+from radard.outputs.fanout import Feed, Host, Outputs
 from radard.outputs.records import Record, hello_record, status_record
 from radard.pipeline import Pipeline
 from radard.service.components import (
@@ -28,6 +28,7 @@ from radard.service.components import (
 )
 from radard.service.tap import Tap
 from radard.service.worker import Worker
+from radard.sinks.base import COMMANDS
 from radard.stream.playback import Playback
 from radard.stream.ring import FrameRing, Notice
 from radard.stream.source import FrameSource, Notify, open_source, parse_speed

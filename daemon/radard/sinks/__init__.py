@@ -3,9 +3,10 @@
 Every sink has a bounded queue and a thread of its own, so that a slow or broken one delays
 neither the stream nor the other sinks; `radard.sinks.base` has the contract. Events for a
 far end over the network wait in an outbox until they are delivered. Nothing here knows of
-radar: sinks take mappings, and import nothing of the pipeline.
+radar: sinks take mappings, and import nothing of the pipeline. The table of all sinks is
+`radard.config.sink_table`.
 """
 
-from radard.sinks.registry import KNOWN, close_sinks, open_output, open_sinks
+from radard.sinks.registry import close_sinks, open_output, open_sinks
 
-__all__ = ["KNOWN", "close_sinks", "open_output", "open_sinks"]
+__all__ = ["close_sinks", "open_output", "open_sinks"]

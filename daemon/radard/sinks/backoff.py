@@ -28,5 +28,5 @@ class Backoff:
         return wait_s * self._factor
 
     def reset(self) -> None:
-        """Begin anew after a success."""
+        """Start again with the first wait, after a success."""
         self._next_s = self._first_s

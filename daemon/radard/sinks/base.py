@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
+COMMANDS = ("arm", "disarm", "ack", "calibrate")
 Record = Mapping[str, Any]
 
 
@@ -32,17 +33,15 @@ class DeliveryError(Exception):
 
 
 class HealthState(Protocol):
-    """A state of the daemon and why, as in the records of type status."""
+    """State (starting, online, degraded, offline) and reason, as in records of type status."""
 
     @property
     def state(self) -> str:
-        """starting, online, degraded or offline."""
-        ...
+        """The state's name."""
 
     @property
     def reason(self) -> str:
         """For people."""
-        ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,7 +60,7 @@ class SinkContext:
         The stream can wait, as a replay or a simulation at full speed: `write` to a file or
         to stdout then waits for room instead of dropping, and their failure ends the run.
     command : callable or None
-        Takes arm, disarm, ack or calibrate, from any thread; must not wait.
+        Takes one of `COMMANDS`, from any thread; must not wait.
     panel : callable or None
         Returns a mapping with the key armed, for any thread.
     health : callable or None
@@ -87,10 +86,8 @@ class SinkState:
         Retrying: the last attempt failed, or nothing is connected yet.
     reason : str
         Why it is retrying; empty when ok.
-    n_sent : int
-        Records handed on.
-    n_waiting : int
-        Records that wait, with those of an earlier run.
+    n_sent, n_waiting : int
+        Records handed on, and records that wait, with those of an earlier run.
     n_dropped : int
         Records that were given up: no room, refused too often, too old, or left at the end.
     n_failures : int
@@ -119,17 +116,14 @@ class Sink(Protocol):
     @property
     def name(self) -> str:
         """What -o/--output named, without secrets."""
-        ...
 
     @property
     def state(self) -> SinkState:
         """How it is doing; for any thread."""
-        ...
 
     @property
     def waits(self) -> bool:
         """Whether `write` waits for room, see `SinkContext.can_wait`."""
-        ...
 
     def write(self, record: Record) -> None:
         """Take one record; returns at once unless the sink `waits`.
@@ -141,20 +135,12 @@ class Sink(Protocol):
         OutputError
             If stdout fails, or a file of a run that can wait. No other sink raises.
         """
-        ...
 
     def finish(self, timeout_s: float | None = None) -> None:
-        """Take no more records and begin to end; returns at once.
-
-        Parameters
-        ----------
-        timeout_s : float, optional
-            Time for handing on what is left.
-        """
-        ...
+        """Take no more records, begin to hand on the rest within `timeout_s`; returns at once."""
 
     def close(self, timeout_s: float | None = None) -> None:
-        """Finish, hand on what is left if that is possible in time, and let go.
+        """Finish, hand on what is left if that is possible in time, and release everything.
 
         Parameters
         ----------
@@ -167,7 +153,6 @@ class Sink(Protocol):
         BrokenPipeError, OutputError
             As `write`, unless that has already raised it.
         """
-        ...
 
 
 class StateKeeper:
@@ -190,19 +175,16 @@ class StateKeeper:
     def sent(self, n: int = 1) -> bool:
         """Count success; return whether it ends a time of trouble."""
         with self._lock:
-            was_ok = self._state.is_ok
-            self._state = replace(
-                self._state, status="ok", reason="", n_sent=self._state.n_sent + n
-            )
-            return not was_ok
+            was = self._state
+            self._state = replace(was, status="ok", reason="", n_sent=was.n_sent + n)
+            return not was.is_ok
 
     def failed(self, reason: str) -> bool:
         """Count a failed attempt; return whether this trouble is new."""
         with self._lock:
-            is_new = reason != self._state.reason
-            n = self._state.n_failures + 1
-            self._state = replace(self._state, status="retrying", reason=reason, n_failures=n)
-            return is_new
+            was, n = self._state, self._state.n_failures + 1
+            self._state = replace(was, status="retrying", reason=reason, n_failures=n)
+            return reason != was.reason
 
     def dropped(self, n: int) -> bool:
         """Count dropped records; return whether they are the first."""

@@ -1,4 +1,4 @@
-"""SQLite files that survive a kill: WAL, checked, put aside when damaged."""
+"""SQLite files that survive a kill: in WAL mode, checked, put aside when damaged."""
 
 import logging
 import sqlite3
@@ -8,7 +8,7 @@ from types import MappingProxyType
 
 log = logging.getLogger("radard")
 Newer = Mapping[int, Sequence[str]]
-_BUSY_S = 1.0
+_BUSY_S = 1.0  # chosen: how long to wait for a lock, as of a backup
 
 
 class ForeignDatabase(Exception):
@@ -23,7 +23,7 @@ def open_database(
     version: int,
     newer: Newer = MappingProxyType({}),
 ) -> sqlite3.Connection:
-    """Open or make a database.
+    """Open or make a database; every commit reaches the disk.
 
     Parameters
     ----------
@@ -31,25 +31,22 @@ def open_database(
         The file; None is memory.
     schema : str
         Statements that make the tables, and do nothing to those that exist.
-    application_id : int
-        Marks the file as ours.
-    version : int
-        Of the schema.
+    application_id, version : int
+        Mark the file as ours, and of this schema.
     newer : mapping of int to sequence of str
         Statements that make a file of the version before into one of that version.
 
     Returns
     -------
     sqlite3.Connection
-        In autocommit mode, for use from any thread under a lock of the caller's. What is
-        committed has reached the disk.
+        In autocommit mode, for use from any thread under a lock of the caller's.
 
     Raises
     ------
     ForeignDatabase
         If it is not ours to change.
     OSError, sqlite3.Error
-        If it cannot be made. One that is damaged is renamed to *.broken and begun anew.
+        If it cannot be made. A damaged one is renamed to *.broken, and a new one made.
     """
     if path is None:
         return _prepared(":memory:", schema, application_id, version, newer)
@@ -100,5 +97,5 @@ def _check(db: sqlite3.Connection, application_id: int, version: int) -> int:
     if own > version:
         msg = "made by a newer version"
         raise ForeignDatabase(msg)
-    # Without a number its making was cut short: what is missing, the schema makes.
+    # Without a version it was not finished: the schema adds what is missing.
     return own or version

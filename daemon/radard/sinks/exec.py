@@ -1,8 +1,8 @@
 """exec: a program is run for every event, with the event on its standard input.
 
 It is started without a shell, in a session of its own, and killed with all its children when
-its time is up. Exit status 0 confirms the event; any other counts as a refusal. What it
-prints on stdout is thrown away, for stdout is for data; its stderr is the daemon's.
+its time is up. Exit status 0 confirms the event; any other counts as a refusal. Its stdout is
+discarded, for stdout is for data; its stderr is the daemon's.
 """
 
 import contextlib
@@ -12,12 +12,11 @@ import shutil
 import signal
 import subprocess
 
-from radard.config.sink_sections import SinkOptions
+from radard.config.sink_table import SinkOptions
 from radard.errors import OutputError, UsageError
 from radard.sinks.base import DeliveryError, Record, SinkContext
-from radard.sinks.event_filter import body_of, wants_events
 from radard.sinks.outbox import Item
-from radard.sinks.outbox_sink import OutboxSink, outbox_path
+from radard.sinks.outbox_sink import OutboxSink, body_of, outbox_path, wants_events
 
 _FIELDS = ("id", "phase", "kind", "t_s", "time", "peak", "reason", "clip")
 
@@ -33,9 +32,7 @@ def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> "Prog
     if not words:
         msg = "--output exec: no command"
         raise UsageError(msg)
-    sink = ProgramSink(words, options, context)
-    sink.start()
-    return sink
+    return ProgramSink(words, options, context).start()
 
 
 class ProgramSink(OutboxSink):

@@ -4,8 +4,8 @@
 `components`: one for every entity; older versions and openHAB understand only these. Keys are
 the abbreviated ones of Home Assistant's documentation of MQTT discovery.
 
-The alarm is a `motion` sensor, because alarm panels take motion for an intruder; who else
-moves is `occupancy`, which they do not. `exp_aft` makes an entity unavailable when a daemon
+The alarm is a `motion` sensor, because alarm panels take motion for an intruder; any other
+movement is `occupancy`, which they ignore. `exp_aft` makes an entity unavailable when a daemon
 that hangs keeps its connection but sends no state.
 """
 
@@ -14,12 +14,12 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from radard.config.sink_sections import MqttSection
+from radard.config.sink_table import MqttSection
 
 
 @dataclass(frozen=True, slots=True)
 class Entity:
-    """One entity."""
+    """One entity; `expires`: it is unavailable without a fresh state."""
 
     platform: str
     key: str
@@ -113,7 +113,7 @@ _DECISION_ENTITIES = (
         True,
     ),
 )
-"""Off until somebody wants them: a value every second fills Home Assistant's database."""
+"""Disabled at first: a value every second fills Home Assistant's database."""
 _COMMAND_ENTITIES = (
     Entity("button", "arm", _button("Arm", "arm", ic="mdi:shield-lock")),
     Entity("button", "disarm", _button("Disarm", "disarm", ic="mdi:shield-off")),
@@ -140,19 +140,8 @@ def discovery(
 ) -> Iterator[tuple[str, str]]:
     """Yield topic and payload of everything to be retained; an empty payload removes.
 
-    What the chosen form does not use is removed first, so that a change of form, of options
-    or to none at all leaves nothing behind.
-
-    Parameters
-    ----------
-    sensor : str
-        Name of the sensor.
-    base : str
-        Its topics are below this one.
-    hello : mapping
-        The run's first record: device and version.
-    options : MqttSection
-        Form, topic of Home Assistant, expiry.
+    `base` is the topic above the sensor's own, `hello` the run's first record. What the chosen
+    form does not use is removed first, so that a change of form or options leaves nothing behind.
     """
     prefix, form = options.discovery_prefix, options.discovery
     wanted = {e.key: e for e in entities(options)}

@@ -1,8 +1,8 @@
 """JSON Lines into a file: whole lines only, put aside by size, reopened when moved away.
 
 `FILE` is the newest; `FILE.1` the one before it, and so on. Every file begins with the
-run's `hello`, that of every sensor, so each can be read by itself. A file that another
-program (logrotate) has moved or removed is begun anew.
+run's `hello`, that of every sensor, so each can be read by itself. When another program
+(logrotate) has moved or removed the file, a new one is made.
 """
 
 import contextlib
@@ -11,7 +11,7 @@ import os
 import stat
 from pathlib import Path
 
-from radard.config.sink_sections import JsonlSection
+from radard.config.sink_table import SinkOptions
 from radard.errors import OutputError
 from radard.sinks.backoff import Backoff
 from radard.sinks.base import DeliveryError, Record, SinkContext
@@ -21,29 +21,19 @@ from radard.sinks.thread_sink import DirectSink
 _FLAGS = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC | os.O_NONBLOCK
 
 
+def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> "JsonLinesSink":
+    """Return the sink of `json:FILE`; pipes and terminals work too, without rotation."""
+    return JsonLinesSink(Path(url.partition(":")[2]), options, context).start()
+
+
 class JsonLinesSink(DirectSink):
-    """Append records to a file.
+    """Append records to a file; rotates nothing if the stream can wait, so that none is lost."""
 
-    Parameters
-    ----------
-    path : Path
-        The file. Pipes and terminals work too, without rotation.
-    options : JsonlSection
-        When to rotate.
-    context : SinkContext
-        Of the run; one whose stream can wait rotates nothing, so that nothing is lost.
-
-    Raises
-    ------
-    OutputError
-        If the file cannot be opened.
-    """
-
-    def __init__(self, path: Path, options: JsonlSection, context: SinkContext) -> None:
+    def __init__(self, path: Path, options: SinkOptions, context: SinkContext) -> None:
         super().__init__(f"json:{path}", Backoff(0.5, 10.0, str(path)), waits=context.can_wait)
         self._path = path
-        self._most_bytes = float("inf") if context.can_wait else options.rotate_mb * 1e6
-        self._n_keep = options.keep_files
+        self._most_bytes = float("inf") if context.can_wait else options.jsonl.rotate_mb * 1e6
+        self._n_keep = options.jsonl.keep_files
         self._hellos: dict[str, Record] = {}
         self._fd: int | None = None
         self._is_regular = True
@@ -106,7 +96,7 @@ class JsonLinesSink(DirectSink):
         return is_new
 
     def _rotate(self) -> bool:
-        """Shift FILE to FILE.1, FILE.1 to FILE.2 and so on, the last one goes; then reopen."""
+        """Rename FILE to FILE.1, FILE.1 to FILE.2 and so on, delete the last; then reopen."""
         if self._size() == 0:
             return False
         names = [self._path, *(Path(f"{self._path}.{k}") for k in range(1, self._n_keep + 1))]
@@ -129,6 +119,6 @@ class JsonLinesSink(DirectSink):
                 if self._is_regular:
                     os.ftruncate(fd, size)
                 else:
-                    # Nothing can be taken back from a pipe; its reader is better off anew.
+                    # Nothing can be taken back from a pipe; its reader sees the end of it.
                     self._shut()
             raise

@@ -1,6 +1,6 @@
 """MQTT: the sensor's topics on a broker, its commands, and Home Assistant's discovery.
 
-`mqtt_board` decides what to publish, `mqtt_link` keeps the connection, the outbox keeps the
+`mqtt_topics` decides what to publish, `mqtt_link` keeps the connection, the outbox keeps the
 events; this file joins them. Events are published one after another, each when the broker
 has confirmed the one before (QoS 1), so they arrive in order. When a connection breaks
 between a delivery and its confirmation the event comes twice, with the same id, phase and
@@ -11,9 +11,10 @@ import logging
 import re
 import time
 from dataclasses import replace
+from typing import Self
 from urllib.parse import SplitResult, unquote, urlsplit
 
-from radard.config.sink_sections import MqttSection, SinkOptions
+from radard.config.sink_table import MqttSection, SinkOptions
 from radard.errors import UsageError
 from radard.sinks.backoff import Backoff
 from radard.sinks.base import Record, SinkContext
@@ -24,23 +25,21 @@ from radard.sinks.outbox_sink import OutboxSink, outbox_path
 
 log = logging.getLogger("radard")
 _PORTS = {"mqtt": 1883, "mqtts": 8883}
-_FAREWELL_S = 1.0
-_LATE_S = 10.0
-"""The sink's thread comes by every `tick_s`; later than this, it hangs."""
+_CLOSE_S = 1.0  # chosen: for the messages that say that the run has ended
+_HANGS_S = 10.0
+"""The sink's thread runs every `tick_s`; after so long without it, it hangs (chosen)."""
 
 
 def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> "MqttSink":
     """Return the sink of `mqtt://[user@]host[:port][/prefix]`, or `mqtts://` with TLS."""
-    broker, prefix = parse_url(url, options.mqtt, context.sensor)
+    broker, prefix = _parse_url(url, options.mqtt, context.sensor)
     if context.is_one_of_several and options.mqtt.client_id:
-        # A broker puts out who has the same name as a newcomer.
+        # The broker disconnects an existing client when another connects with the same id.
         broker = replace(broker, client_id=f"{options.mqtt.client_id}-{context.sensor}")
-    sink = MqttSink(broker, prefix, options, context)
-    sink.start()
-    return sink
+    return MqttSink(broker, prefix, options, context).start()
 
 
-def parse_url(url: str, options: MqttSection, sensor: str) -> tuple[Broker, str]:
+def _parse_url(url: str, options: MqttSection, sensor: str) -> tuple[Broker, str]:
     """Return where the broker is, and the first part of the topics."""
     scheme = url.partition(":")[0]
     try:
@@ -87,56 +86,56 @@ class MqttSink(OutboxSink):
         name = f"{scheme}://{broker.host}:{broker.port}/{prefix}"
         name += f"/{context.sensor}" if context.is_one_of_several else ""
         self._context = context
-        self._board = topics = MqttTopics(context.sensor, prefix, options.mqtt)
-        self._has_news = False
-        self._here_s = time.monotonic()
+        self._topics = topics = MqttTopics(context.sensor, prefix, options.mqtt)
+        self._must_announce = False
+        self._ticked_s = time.monotonic()
         o = options.outbox
-        followed = [topics.birth_topic] if options.mqtt.discovery != "off" else []
-        followed += [topics.command_filter] if options.mqtt.commands else []
+        subscriptions = [topics.birth_topic] if options.mqtt.discovery != "off" else []
+        subscriptions += [topics.command_filter] if options.mqtt.commands else []
         self._link = MqttLink(
             broker,
             options.mqtt,
             Backoff(o.first_retry_s, o.longest_retry_s, broker.client_id),
             will=topics.will,
-            topics=followed,
+            subscriptions=subscriptions,
             on_up=self._on_up,
             on_down=self._failed,
             on_message=self._on_message,
-            is_alive=lambda: time.monotonic() - self._here_s < _LATE_S,
+            is_alive=lambda: time.monotonic() - self._ticked_s < _HANGS_S,
         )
         path = outbox_path(context, scheme, f"{broker.host}:{broker.port}/{prefix}")
         super().__init__(name, path, o, lambda record: record["type"] == "event")
         self._keeper.begin("not connected yet")
 
-    def start(self) -> None:
+    def start(self) -> Self:
         """Begin to connect and to work."""
-        self._here_s = time.monotonic()
+        self._ticked_s = time.monotonic()
         self._link.start()
-        super().start()
+        return super().start()
 
     def _take(self, record: Record) -> None:
         super()._take(record)
-        self._publish(self._board.on_record(record, time.monotonic()))
+        self._publish(self._topics.on_record(record, time.monotonic()))
 
-    def _look_around(self) -> None:
-        self._here_s = now_s = time.monotonic()
-        if self._has_news:
-            self._has_news = False
-            self._publish(self._board.announce(now_s))
+    def _tick(self) -> None:
+        self._ticked_s = now_s = time.monotonic()
+        if self._must_announce:
+            self._must_announce = False
+            self._publish(self._topics.announce(now_s))
         health = self._context.health() if self._context.health else None
         panel = self._context.panel() if self._context.panel else {}
         status = (health.state, health.reason) if health else None
         room = panel.get("calibration") or {}
-        told = ": ".join(str(room[key]) for key in ("phase", "text") if room.get(key))
+        text = ": ".join(str(room[key]) for key in ("phase", "text") if room.get(key))
         self._publish(
-            self._board.refresh(
-                now_s, status, is_armed=panel.get("armed"), calibration=told or None
+            self._topics.refresh(
+                now_s, status, is_armed=panel.get("armed"), calibration=text or None
             )
         )
 
     def _publish(self, messages: list[Publication]) -> None:
-        if not self._link.is_up or self._has_news:
-            # The announcement that follows a connection says all that matters.
+        if not self._link.is_up or self._must_announce:
+            # `announce` publishes all of it after a connection.
             return
         for message in messages:
             if not self._link.publish(message):
@@ -145,7 +144,7 @@ class MqttSink(OutboxSink):
                 self._sent()
 
     def _send(self, item: Item) -> None:
-        self._link.publish_confirmed(self._board.event(item.record))
+        self._link.publish_confirmed(self._topics.event(item.record))
 
     def _on_up(self) -> None:
         self._sent(0)
@@ -153,16 +152,16 @@ class MqttSink(OutboxSink):
         self._retry_now()
 
     def _announce(self) -> None:
-        self._has_news = True
-        self._queue.poke()
+        self._must_announce = True
+        self._queue.wake()
 
     def _on_message(self, topic: str, payload: bytes, is_retained: bool) -> None:
         try:
-            if topic == self._board.birth_topic:
+            if topic == self._topics.birth_topic:
                 if payload == b"online":
                     self._announce()
                 return
-            name = self._board.command_of(topic, payload, is_retained=is_retained)
+            name = self._topics.command_of(topic, payload, is_retained=is_retained)
             if name is not None and self._context.command is not None:
                 log.info("%s: command %s", self.name, name)
                 self._context.command(name)
@@ -172,6 +171,6 @@ class MqttSink(OutboxSink):
     def _shut(self) -> None:
         super()._shut()
         if self._link.is_up:
-            for message in self._board.farewell(""):
+            for message in self._topics.at_end():
                 self._link.publish(message)
-        self._link.close(min(self._left_s(), _FAREWELL_S))
+        self._link.close(min(self._left_s(), _CLOSE_S))

@@ -1,6 +1,6 @@
 """MqttLink: one connection to a broker, made again whenever it is lost.
 
-Every connection is a new client of the library, without a memory: what must survive is in
+Every connection is a new client of the library with a clean session: what must survive is in
 the outbox, and nothing else may be sent a second time.
 """
 
@@ -18,16 +18,17 @@ from paho.mqtt.enums import CallbackAPIVersion, MQTTErrorCode
 from paho.mqtt.properties import Properties
 from paho.mqtt.reasoncodes import ReasonCode
 
-from radard.config.sink_sections import MqttSection, read_secret
+from radard.config.credentials import read_secret
+from radard.config.sink_table import MqttSection
 from radard.errors import ConfigError
 from radard.sinks.backoff import Backoff
 from radard.sinks.base import DeliveryError
 from radard.sinks.mqtt_topics import Publication
 
-_CONFIRM_S = 10.0
-_LOOK_S = 0.1
-_SHORT_S = 5.0
-_MOST_UNSENT = 50
+_CONFIRM_S = 10.0  # chosen: far above a round trip, below what a person waits for an alarm
+_POLL_S = 0.1  # chosen: how soon a lost connection is noticed
+_SHORT_S = 5.0  # chosen: a connection as short as this hints at a second client of this id
+_MOST_UNSENT = 50  # messages of QoS 0, chosen: a minute of decisions
 _STANDS_STILL = "the output's own thread stands still"
 _NO_ANSWER = "no answer; is it an MQTT broker?"
 
@@ -36,17 +37,7 @@ OnMessage = Callable[[str, bytes, bool], None]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Broker:
-    """Where the broker is, and as whom to go there.
-
-    Attributes
-    ----------
-    host, port : str, int
-        Address.
-    is_tls : bool
-        Whether the line is encrypted.
-    client_id, username : str, str or None
-        As whom.
-    """
+    """Address of the broker, and the client's names there."""
 
     host: str
     port: int
@@ -56,32 +47,27 @@ class Broker:
 
 
 class MqttLink:
-    """Keep a connection.
+    """Keep a connection; raises ConfigError if the password or a certificate cannot be read.
 
     Parameters
     ----------
     broker : Broker
-        Where to.
+        Where to connect.
     options : MqttSection
         Keep-alive, certificates, password.
     backoff : Backoff
         Waits between attempts.
     will : Publication
         What the broker publishes when the connection is lost.
-    topics : list of str
-        To be subscribed to, QoS 1.
+    subscriptions : list of str
+        Topic filters, subscribed to with QoS 1.
     on_up, on_down : callable
         Called when connected and subscribed, and with a reason when not; must not wait.
     on_message : callable
         Called with topic, payload and whether it was retained; must not wait.
     is_alive : callable
-        Whether whoever publishes is at work. If not, the connection is cut without a word, so
-        that the broker publishes the last will: what stands there would be old.
-
-    Raises
-    ------
-    ConfigError
-        If the password or a certificate cannot be read.
+        Whether the publishing thread still runs. If not, the connection is closed without
+        DISCONNECT, so that the broker publishes the last will: the state would be stale.
     """
 
     def __init__(
@@ -91,17 +77,17 @@ class MqttLink:
         backoff: Backoff,
         *,
         will: Publication,
-        topics: list[str],
+        subscriptions: list[str],
         on_up: Callable[[], None],
         on_down: Callable[[str], None],
         on_message: OnMessage,
-        is_alive: Callable[[], bool] = lambda: True,
+        is_alive: Callable[[], bool],
     ) -> None:
         self._broker = broker
         self._options = options
         self._backoff = backoff
         self._will = will
-        self._topics = topics
+        self._subscriptions = subscriptions
         self._on_up = on_up
         self._on_down = on_down
         self._on_message = on_message
@@ -110,7 +96,7 @@ class MqttLink:
         self._unsent: deque[paho.MQTTMessageInfo] = deque()
         self._halt = threading.Event()
         self._lost = threading.Event()
-        self._reason = self._told = ""
+        self._reason = self._last_reason = ""
         self._new_client()
         self._thread = threading.Thread(target=self._run, name="mqtt link", daemon=True)
 
@@ -141,12 +127,12 @@ class MqttLink:
             self._unsent.append(info)
         return is_taken
 
-    def publish_confirmed(self, message: Publication, timeout_s: float = _CONFIRM_S) -> None:
+    def publish_confirmed(self, message: Publication) -> None:
         """Publish and wait for the broker's confirmation; raises DeliveryError without it."""
         client = self._client
         if client is None:
-            raise DeliveryError(self._told or "not connected yet")
-        end_s = time.monotonic() + timeout_s
+            raise DeliveryError(self._last_reason or "not connected yet")
+        end_s = time.monotonic() + _CONFIRM_S
         try:
             info = client.publish(
                 message.topic, message.payload.encode(), message.qos, message.is_retained
@@ -155,16 +141,16 @@ class MqttLink:
                 if client is not self._client:
                     raise DeliveryError(self._reason or "connection lost")
                 if time.monotonic() > end_s:
-                    # Whatever holds it up: a new connection is the way to know.
-                    self._lose(client, f"no confirmation within {timeout_s:g} s")
+                    # A new connection shows whether the broker still answers.
+                    self._lose(client, f"no confirmation within {_CONFIRM_S:g} s")
                     raise DeliveryError(self._reason)
-                info.wait_for_publish(_LOOK_S)
+                info.wait_for_publish(_POLL_S)
         except (RuntimeError, ValueError) as err:
             msg = f"not published: {err}"
             raise DeliveryError(msg) from err
 
     def close(self, timeout_s: float) -> None:
-        """Disconnect; without the last will, if there is time to say so."""
+        """Disconnect; if there is time for it, without the last will."""
         self._halt.set()
         client = self._client
         if client is not None:
@@ -176,7 +162,7 @@ class MqttLink:
     def _run(self) -> None:
         while not self._halt.is_set():
             if not self._is_alive():
-                self._halt.wait(_LOOK_S)
+                self._halt.wait(_POLL_S)
                 continue
             self._lost.clear()
             self._reason = ""
@@ -198,14 +184,14 @@ class MqttLink:
                 self._reason += f"; is another client called '{self._broker.client_id}'?"
             elif was_up:
                 self._backoff.reset()
-            self._told = self._reason
+            self._last_reason = self._reason
             self._on_down(self._reason)
             self._halt.wait(self._backoff.next_s())
 
     def _wait(self, client: paho.Client) -> None:
         """Wait until the connection is lost; an answer must come within the keep-alive."""
         end_s = time.monotonic() + self._options.keepalive_s
-        while not self._lost.wait(_LOOK_S):
+        while not self._lost.wait(_POLL_S):
             if self._client is None and time.monotonic() > end_s:
                 self._lose(client, _NO_ANSWER)
             if not self._is_alive():
@@ -250,8 +236,8 @@ class MqttLink:
         if code.is_failure:
             self._lose(client, f"the broker refuses: {code}")
             return
-        if self._topics:
-            client.subscribe([(topic, 1) for topic in self._topics])
+        if self._subscriptions:
+            client.subscribe([(topic, 1) for topic in self._subscriptions])
         self._unsent.clear()
         self._client = client
         self._on_up()
@@ -264,15 +250,15 @@ class MqttLink:
         code: ReasonCode,
         _properties: Properties | None,
     ) -> None:
-        told = "connection lost" if str(code) == "Unspecified error" else f"lost: {code}"
-        self._lose(client, told if client is self._client else _NO_ANSWER)
+        lost = "connection lost" if str(code) == "Unspecified error" else f"lost: {code}"
+        self._lose(client, lost if client is self._client else _NO_ANSWER)
 
     def _received(self, _client: paho.Client, _data: object, message: paho.MQTTMessage) -> None:
         self._on_message(message.topic, bytes(message.payload), message.retain)
 
 
 def _end(client: paho.Client, *, is_clean: bool) -> None:
-    """End a client's thread, whatever it waits for; an unclean end brings the last will."""
+    """End a client's thread; without `is_clean` the broker publishes the last will."""
     if is_clean:
         client.disconnect()
     sock = client.socket()

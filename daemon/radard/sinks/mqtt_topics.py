@@ -1,4 +1,4 @@
-"""MqttTopics: what a sensor's topics say; decides which messages to publish, and when.
+"""MqttTopics: the content of a sensor's topics; decides which messages to publish, and when.
 
 No network here: records, states and times go in, messages come out. Topics below
 `PREFIX/SENSOR/`:
@@ -16,12 +16,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from radard.config.sink_sections import MqttSection
-from radard.sinks.base import Record
+from radard.config.sink_table import MqttSection
+from radard.sinks.base import COMMANDS, Record
 from radard.sinks.homeassistant import discovery
 
-COMMANDS = ("arm", "disarm", "ack", "calibrate")
 _HOP_S = 1.0
+"""Time from one decision to the next (`radard.pipeline`)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,17 +35,7 @@ class Publication:
 
 
 class MqttTopics:
-    """What is on a sensor's topics.
-
-    Parameters
-    ----------
-    sensor : str
-        Name of the sensor.
-    prefix : str
-        First part of the topics.
-    options : MqttSection
-        Expiry, discovery, what is wanted.
-    """
+    """What a sensor's topics hold, all below `prefix`/`sensor`."""
 
     def __init__(self, sensor: str, prefix: str, options: MqttSection) -> None:
         self._sensor = sensor
@@ -60,16 +50,16 @@ class MqttTopics:
         self._t_s = 0.0
         self._status = ("starting", "")
         self._decided_s = self._stated_s = float("-inf")
-        self._shown: dict[str, str] = {}
+        self._published: dict[str, str] = {}
 
     @property
     def will(self) -> Publication:
-        """The last will: what the broker says when the daemon is gone."""
+        """The last will: what the broker publishes when the connection is lost."""
         return Publication(f"{self.base}/availability", "offline")
 
     @property
     def command_filter(self) -> str:
-        """Subscription that brings all commands."""
+        """Topic filter of all commands."""
         return f"{self.base}/command/+"
 
     @property
@@ -78,13 +68,10 @@ class MqttTopics:
         return f"{self._options.discovery_prefix}/status"
 
     def command_of(self, topic: str, payload: bytes, *, is_retained: bool) -> str | None:
-        """Return the command that a message gives; None if it is none.
+        """Return the command of a message; None on other topics.
 
-        Raises
-        ------
-        ValueError
-            If it looks like one and is not: unknown, with a payload, or retained. A retained
-            `disarm` would disarm at every reconnection.
+        Raises ValueError if it is unknown, has a payload, or was retained: a retained `disarm`
+        would disarm at every reconnection.
         """
         head, _, name = topic.rpartition("/")
         if head != f"{self.base}/command":
@@ -105,20 +92,7 @@ class MqttTopics:
         return Publication(f"{self.base}/event", _json(record), 1, is_retained=False)
 
     def on_record(self, record: Record, now_s: float) -> list[Publication]:
-        """Take a record.
-
-        Parameters
-        ----------
-        record : Record
-            Any.
-        now_s : float
-            Monotonic time.
-
-        Returns
-        -------
-        list of Publication
-            To be published now; events are not among them, see `event`.
-        """
+        """Take a record at a monotonic time; return what to publish now, but events (`event`)."""
         kind = record["type"]
         if kind == "hello":
             self._hello = record
@@ -142,40 +116,28 @@ class MqttTopics:
         is_armed: bool | None,
         calibration: str | None = None,
     ) -> list[Publication]:
-        """Ask what holds now; return what has changed.
-
-        Parameters
-        ----------
-        now_s : float
-            Monotonic time.
-        status : (str, str) or None
-            State and reason of the daemon; None: as the last record said.
-        is_armed : bool or None
-            None: as before.
-        calibration : str or None
-            How far the calibration is that a command asked for, or how it ended.
-        """
+        """Take state and reason, armed (each None: as before), progress; return what changed."""
         self._calibration = calibration
         self._status = status or self._status
         self._is_armed = self._is_armed if is_armed is None else is_armed
         return self._changes(now_s)
 
     def announce(self, now_s: float) -> list[Publication]:
-        """Return all that is retained: after a connection, and when Home Assistant is born."""
-        self._shown.clear()
+        """Return all that is retained: after a connection, and when Home Assistant starts."""
+        self._published.clear()
         return self._discovery() + self._changes(now_s)
 
-    def farewell(self, reason: str) -> list[Publication]:
-        """Return what is said at a clean end."""
-        self._status = ("offline", reason or self._status[1] or "stopped")
+    def at_end(self) -> list[Publication]:
+        """Return what to publish at a clean end."""
+        self._status = ("offline", self._status[1] or "stopped")
         return self._changes(float("inf"))
 
     def _on_decision(self, record: Record, now_s: float) -> list[Publication]:
         self._label, self._gate, self._t_s = record["label"], record["gate"], record["t_s"]
         self._decided_s = now_s
-        # The next decision may come too late for the third: this one must do then.
+        # The state is published every third of its expiry; the next decision would be too late.
         if now_s - self._stated_s >= self._options.expire_after_s / 3 - _HOP_S:
-            self._shown.pop("state", None)
+            self._published.pop("state", None)
         messages = self._changes(now_s)
         if self._options.decisions:
             topic = f"{self.base}/decision"
@@ -192,34 +154,34 @@ class MqttTopics:
             "tamper": self._open.get("tamper"),
             "calibration": self._calibration,
         }
-        messages = self._show("health", health, health)
-        # A state from before an outage must not look like a fresh one.
+        messages = self._if_changed("health", health, health)
+        # A state from before an outage would be stale.
         if now_s - self._decided_s < self._options.expire_after_s:
-            telling = {
+            held = {
                 "armed": self._is_armed,
                 "alarm": "alarm" in self._open,
                 "label": self._label,
                 "gate": self._gate,
             }
-            state_messages = self._show("state", telling, {**telling, "t_s": self._t_s})
+            state_messages = self._if_changed("state", held, {**held, "t_s": self._t_s})
             if state_messages:
                 self._stated_s = now_s
             messages += state_messages
         availability = "online" if is_well else "offline"
-        if self._shown.get("availability") != availability:
-            self._shown["availability"] = availability
+        if self._published.get("availability") != availability:
+            self._published["availability"] = availability
             message = Publication(f"{self.base}/availability", availability)
-            # Good news after, bad news before the values that it is about.
+            # `online` after the state topics, `offline` before them.
             messages.insert(len(messages) if is_well else 0, message)
         return messages
 
-    def _show(
-        self, name: str, telling: Mapping[str, Any], whole: Mapping[str, Any]
+    def _if_changed(
+        self, name: str, held: Mapping[str, Any], whole: Mapping[str, Any]
     ) -> list[Publication]:
-        text = _json(telling)
-        if self._shown.get(name) == text:
+        text = _json(held)
+        if self._published.get(name) == text:
             return []
-        self._shown[name] = text
+        self._published[name] = text
         return [Publication(f"{self.base}/{name}", _json(whole))]
 
     def _discovery(self) -> list[Publication]:

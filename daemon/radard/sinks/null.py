@@ -1,6 +1,12 @@
 """A sink that drops everything."""
 
-from radard.sinks.base import Record, SinkState
+from radard.config.sink_table import SinkOptions
+from radard.sinks.base import Record, SinkContext, SinkState
+
+
+def open_from_url(_url: str, _options: SinkOptions, _context: SinkContext) -> "NullSink":
+    """Return the sink of `null`."""
+    return NullSink()
 
 
 class NullSink:

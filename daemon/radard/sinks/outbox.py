@@ -1,9 +1,9 @@
 """Outbox: events that wait for their delivery, on disk, in order.
 
-Rows leave only when the far end has confirmed them, so a kill between delivery and
-confirmation repeats an event and never loses one. What makes a row is (id, phase, t_s): a
-receiver that has seen these three before has seen the event's phase. While the disk takes
-nothing, events wait in memory instead; the alarm must not fail with its disk.
+A row is deleted only when the far end has confirmed it, so a kill between delivery and
+confirmation repeats an event and never loses one. The key of a row is (id, phase, t_s), by
+which a receiver can tell repetitions. While the disk takes nothing, events wait in memory
+instead; the alarm must not fail with its disk.
 """
 
 import contextlib
@@ -23,7 +23,7 @@ from radard.sinks.database import ForeignDatabase, open_database
 log = logging.getLogger("radard")
 _APPLICATION_ID = int.from_bytes(b"rdob", "big")
 _VERSION = 1
-_TRANSIENT = 100
+_TRANSIENT = 100  # records in memory, chosen: of states and decisions only the newest matter
 _SCHEMA = """
 CREATE TABLE IF NOT EXISTS outbox (
     n INTEGER PRIMARY KEY AUTOINCREMENT,
@@ -35,28 +35,17 @@ CREATE TABLE IF NOT EXISTS outbox (
 
 @dataclass(frozen=True, slots=True)
 class Item:
-    """What is delivered next.
-
-    Attributes
-    ----------
-    n : int
-        Row; 0 for what is only in memory.
-    key : str
-        The same in every attempt, and in no other item.
-    put_s : float
-        Wall-clock time at which it was put in, in seconds since 1970.
-    record : Record
-        The content.
-    """
+    """A record that waits; `key` is the same in every attempt, and in no other item."""
 
     n: int
+    """Row; 0 for what is only in memory."""
     key: str
     put_s: float
+    """Wall-clock time at which it was put in, in seconds since 1970."""
     record: Record
 
 
-def key_of(record: Record) -> str:
-    """Return what distinguishes a record from all others of a sensor."""
+def _key_of(record: Record) -> str:
     if record.get("type") == "event":
         return f"{record['id']}-{record['phase']}-{record['t_s']:g}"
     return f"{record.get('type')}-{record.get('seq', '')}-{time.time_ns()}"
@@ -68,17 +57,12 @@ class Outbox:
     Parameters
     ----------
     path : Path or None
-        SQLite file, made with its folder when missing; None keeps all in memory.
+        SQLite file, see `open_database`; OutputError if it cannot be made.
     most : int
-        Beyond so many the oldest goes.
-
-    Raises
-    ------
-    OutputError
-        If the file cannot be made. One that is damaged is put aside and begun anew.
+        Beyond so many the oldest is dropped.
     """
 
-    def __init__(self, path: Path | None, most: int = 10_000) -> None:
+    def __init__(self, path: Path | None, most: int) -> None:
         self._most = most
         self._lock = threading.Lock()
         self._unsaved: deque[Item] = deque(maxlen=most)
@@ -95,23 +79,22 @@ class Outbox:
         self._n_saved = int(self._db.execute("SELECT count(*) FROM outbox").fetchone()[0])
 
     def __len__(self) -> int:
-        """Return how many items wait."""
         with self._lock:
             return self._n_saved + len(self._unsaved) + len(self._transient)
 
     def put(self, record: Record) -> int:
-        """Keep an event; return how many others had to go for it."""
-        item = Item(0, key_of(record), time.time(), record)
+        """Keep an event; return how many others were dropped for it."""
+        item = Item(0, _key_of(record), time.time(), record)
         with self._lock:
             n_full = int(len(self._unsaved) >= self._most)
             self._unsaved.append(item)
             return n_full + self._save()
 
     def put_transient(self, record: Record) -> int:
-        """Keep a record in memory only; return how many others had to go for it."""
+        """Keep a record in memory only; return how many others were dropped for it."""
         with self._lock:
             n_full = int(len(self._transient) == _TRANSIENT)
-            self._transient.append(Item(0, key_of(record), time.time(), record))
+            self._transient.append(Item(0, _key_of(record), time.time(), record))
             return n_full
 
     def first(self) -> Item | None:
@@ -130,7 +113,7 @@ class Outbox:
             return waiting[0] if waiting else None
 
     def remove(self, item: Item) -> None:
-        """Forget an item: it is delivered, or given up."""
+        """Delete an item: it is delivered, or given up."""
         with self._lock:
             if item.n:
                 # Noted here too: a disk that takes no deletion must not repeat the event.
@@ -142,12 +125,12 @@ class Outbox:
                     row.remove(item)
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Close the file."""
         with self._lock, contextlib.suppress(sqlite3.Error):
             self._db.close()
 
     def _save(self) -> int:
-        """Write to the file what is only in memory; return how many rows had to go."""
+        """Write to the file what is only in memory; return how many rows were dropped."""
         n_gone = 0
         while self._unsaved:
             item = self._unsaved[0]

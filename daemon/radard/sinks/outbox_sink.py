@@ -1,21 +1,23 @@
-"""OutboxSink: store and forward. Events go to an `Outbox` first; a courier delivers them.
+"""OutboxSink: store and forward. Events go to an `Outbox` first; a second thread delivers them.
 
-Two threads: the sink's own, which does nothing but local work, so that an event is on disk
-within milliseconds whatever the far end does; and the courier, which may wait for the far
-end as long as it takes. Events arrive in order: none is tried before the one ahead of it has
-been confirmed or given up.
+The sink's own thread does nothing but local work, so that an event is on disk within
+milliseconds whatever the far end does; the delivery thread may wait for the far end as long
+as it takes. Events arrive in order: none is tried before the one ahead of it has been
+confirmed or given up.
 """
 
 import hashlib
+import json
 import logging
 import threading
 import time
 from abc import abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Self
 
-from radard.config.sink_sections import OutboxSection
+from radard.config.sink_table import OutboxSection
 from radard.sinks.backoff import Backoff
 from radard.sinks.base import DeliveryError, Record, SinkContext, SinkState
 from radard.sinks.outbox import Item, Outbox
@@ -23,6 +25,7 @@ from radard.sinks.thread_sink import ThreadSink
 
 log = logging.getLogger("radard")
 _LAST_ROUND_S = 60.0
+"""Longest that `close` waits for deliveries; chosen: the run's own limit is far shorter."""
 
 
 def outbox_path(context: SinkContext, scheme: str, target: str) -> Path | None:
@@ -35,6 +38,24 @@ def outbox_path(context: SinkContext, scheme: str, target: str) -> Path | None:
         return None
     digest = hashlib.blake2b(target.encode(), digest_size=4).hexdigest()
     return context.state_dir / "outbox" / f"{context.sensor}-{scheme}-{digest}.db"
+
+
+def wants_events(
+    kinds: Sequence[str], phases: Sequence[str], others: Sequence[str] = ()
+) -> Callable[[Record], bool]:
+    """Return a filter: events of these kinds and phases, and records of these other types."""
+
+    def wants(record: Record) -> bool:
+        if record["type"] == "event":
+            return record["kind"] in kinds and record["phase"] in phases
+        return record["type"] in others
+
+    return wants
+
+
+def body_of(sensor: str, record: Record) -> bytes:
+    """Return the JSON of a record with the key `sensor` in front."""
+    return json.dumps({"sensor": sensor, **record}, separators=(",", ":")).encode("ascii")
 
 
 class OutboxSink(ThreadSink):
@@ -64,19 +85,21 @@ class OutboxSink(ThreadSink):
         self._options = options
         self._wants = wants
         self._backoff = Backoff(options.first_retry_s, options.longest_retry_s, name)
-        self._wake = threading.Event()
-        self._hurry = threading.Event()
+        self._has_work = threading.Event()
+        self._skips_wait = threading.Event()
         self._is_last_round = self._is_over = False
         self._n_refused = 0
         self._begun_s: float | None = None
-        self._courier = threading.Thread(target=self._carry, name=f"courier {name}", daemon=True)
+        self._deliverer = threading.Thread(
+            target=self._run_delivery, name=f"delivery {name}", daemon=True
+        )
 
-    def start(self) -> None:
+    def start(self) -> Self:
         """Begin to work, with what an earlier run has left."""
         if n := len(self._outbox):
             log.info("%s: %d events of an earlier run wait", self.name, n)
-        self._courier.start()
-        super().start()
+        self._deliverer.start()
+        return super().start()
 
     @property
     def state(self) -> SinkState:
@@ -87,48 +110,45 @@ class OutboxSink(ThreadSink):
 
     @abstractmethod
     def _send(self, item: Item) -> None:
-        """Hand on one item; in the courier's thread.
-
-        Returns when the far end has confirmed it. Raises DeliveryError otherwise.
-        """
+        """Hand on one item, in the delivery thread; raises DeliveryError unless confirmed."""
 
     def _take(self, record: Record) -> None:
         if self._wants(record):
             is_event = record["type"] == "event"
             put = self._outbox.put if is_event else self._outbox.put_transient
             self._drop(put(record), "the outbox is full")
-            self._wake.set()
+            self._has_work.set()
 
     def _retry_now(self) -> None:
-        """Let the courier try at once: something has changed for the better."""
+        """Deliver at once: something has changed for the better."""
         self._backoff.reset()
-        self._hurry.set()
+        self._skips_wait.set()
 
     def _shut(self) -> None:
         self._is_last_round = True
-        self._wake.set()
-        self._hurry.set()
-        self._courier.join(min(self._left_s(), _LAST_ROUND_S))
+        self._has_work.set()
+        self._skips_wait.set()
+        self._deliverer.join(min(self._left_s(), _LAST_ROUND_S))
         self._is_over = True
-        if not self._courier.is_alive():
+        if not self._deliverer.is_alive():
             self._outbox.close()
 
-    def _carry(self) -> None:
+    def _run_delivery(self) -> None:
         while not self._is_over:
             is_last_round = self._is_last_round
-            self._wake.clear()
-            wait_s = self._carry_all()
+            self._has_work.clear()
+            wait_s = self._deliver_all()
             if is_last_round:
                 return
             if wait_s is None:
-                self._wake.wait()
+                self._has_work.wait()
             else:
                 # New events do not shorten the wait, and a last round needs none.
-                self._hurry.clear()
+                self._skips_wait.clear()
                 if not self._is_last_round:
-                    self._hurry.wait(wait_s)
+                    self._skips_wait.wait(wait_s)
 
-    def _carry_all(self) -> float | None:
+    def _deliver_all(self) -> float | None:
         """Deliver until nothing is left; return how long to wait after a failure."""
         while not self._is_over and (item := self._outbox.first()) is not None:
             self._begun_s = time.monotonic()

@@ -1,16 +1,18 @@
-"""store: events, states and decisions in a SQLite file, with an end to its growth.
+"""store: events, states and decisions in a SQLite file of limited size.
 
 An event is one row, whatever phases it has gone through; `radard events` lists them. Events
-and states are committed at once, decisions every ten seconds. Rows go when they are too old,
-and the oldest go when the file is too large: decisions before events.
+and states are committed at once, decisions every ten seconds. Rows are deleted when they are
+too old, and the oldest when the file is too large: decisions before events.
 """
 
+import contextlib
 import sqlite3
 import time
+from collections.abc import Iterator
 from datetime import datetime
 from pathlib import Path
 
-from radard.config.sink_sections import SinkOptions, StoreSection
+from radard.config.sink_table import SinkOptions, StoreSection
 from radard.errors import OutputError
 from radard.sinks.backoff import Backoff
 from radard.sinks.base import DeliveryError, Record, SinkContext
@@ -19,8 +21,8 @@ from radard.sinks.thread_sink import DirectSink
 
 APPLICATION_ID = int.from_bytes(b"rdst", "big")
 VERSION = 2
-_COMMIT_S = 10.0
-_TIDY_S = 600.0
+_COMMIT_S = 10.0  # chosen: what a power cut may cost of decisions
+_PRUNE_S = 600.0  # chosen: how often rows are deleted
 _SCHEMA = """
 CREATE TABLE IF NOT EXISTS events (
     id TEXT PRIMARY KEY, sensor TEXT NOT NULL, kind TEXT NOT NULL, phase TEXT NOT NULL,
@@ -54,7 +56,7 @@ VALUES (:time_s, :seq, :t_s, :gate, :power_db, :threshold_db, :fused_p_human, :f
         :fused_p_other, :label, :alarm, :range_m, :sensor)
 """
 _NEWER = {2: tuple(f"ALTER TABLE {t} ADD COLUMN sensor TEXT" for t in ("statuses", "decisions"))}
-"""What makes a file of the version before into one of each version."""
+"""Statements that bring a file of the previous version to each version."""
 _OLDEST = """
 DELETE FROM {0} WHERE rowid IN (
     SELECT rowid FROM {0} ORDER BY {1} LIMIT max(1, (SELECT count(*) FROM {0}) / 10)
@@ -64,9 +66,7 @@ DELETE FROM {0} WHERE rowid IN (
 
 def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> "StoreSink":
     """Return the sink of `store:FILE`."""
-    sink = StoreSink(Path(url.partition(":")[2]), options.store, context)
-    sink.start()
-    return sink
+    return StoreSink(Path(url.partition(":")[2]), options.store, context).start()
 
 
 class StoreSink(DirectSink):
@@ -80,7 +80,7 @@ class StoreSink(DirectSink):
         self._sensor = context.sensor
         self._n_open = 0
         self._committed_s = time.monotonic()
-        self._tidied_s = float("-inf")
+        self._pruned_s = float("-inf")
         try:
             self._db = open_database(
                 path, _SCHEMA, application_id=APPLICATION_ID, version=VERSION, newer=_NEWER
@@ -114,25 +114,19 @@ class StoreSink(DirectSink):
             msg = f"cannot keep it: {err}"
             raise DeliveryError(msg) from err
 
-    def _look_around(self) -> None:
+    def _tick(self) -> None:
         now_s = time.monotonic()
-        try:
+        with self._rolled_back_on_error():
             if self._n_open and now_s - self._committed_s > _COMMIT_S:
                 self._commit()
-            if now_s - self._tidied_s > _TIDY_S:
-                self._tidied_s = now_s
+            if now_s - self._pruned_s > _PRUNE_S:
+                self._pruned_s = now_s
                 self._commit()
-                tidy(self._db, self._options, time.time())
-        except sqlite3.Error as err:
-            self._roll_back()
-            self._failed(f"cannot commit: {err}")
+                prune(self._db, self._options, time.time())
 
     def _shut(self) -> None:
-        try:
+        with self._rolled_back_on_error():
             self._commit()
-        except sqlite3.Error as err:
-            self._roll_back()
-            self._failed(f"cannot commit: {err}")
         self._db.close()
 
     def _event_row(self, record: Record) -> dict[str, object]:
@@ -153,15 +147,23 @@ class StoreSink(DirectSink):
             self._db.execute("COMMIT")
         self._n_open = 0
 
+    @contextlib.contextmanager
+    def _rolled_back_on_error(self) -> Iterator[None]:
+        try:
+            yield
+        except sqlite3.Error as err:
+            self._roll_back()
+            self._failed(f"cannot commit: {err}")
+
     def _roll_back(self) -> None:
-        """Give up what is not committed; those are decisions of ten seconds at most."""
+        """Drop what is not committed: decisions of ten seconds at most."""
         if self._db.in_transaction:
             self._db.execute("ROLLBACK")
         self._drop(self._n_open, "the store takes nothing")
         self._n_open = 0
 
 
-def tidy(db: sqlite3.Connection, options: StoreSection, now_s: float) -> None:
+def prune(db: sqlite3.Connection, options: StoreSection, now_s: float) -> None:
     """Delete what is too old, and the oldest while the file is too large."""
     limit_s = now_s - options.keep_days * 86_400
     for table, column in (("decisions", "time_s"), ("statuses", "time_s"), ("events", "start_s")):

@@ -1,4 +1,4 @@
-"""Read the events in a store; what `radard events` lists."""
+"""The events in a store, as `radard events` and the dashboard list them."""
 
 import re
 import sqlite3
@@ -23,22 +23,10 @@ class StoreError(RadardError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StoredEvent:
-    """One event, in its last known phase.
+    """One event in its last known phase, by the names of the records of type event.
 
-    Attributes
-    ----------
-    id, sensor, kind, phase : str
-        As in the records of type event.
-    start_time, end_time : str or None
-        Wall clock in UTC, ISO 8601; no end: it has not ended, or nobody was there to see it.
-    start_t_s, end_t_s : float or None
-        Stream time, in seconds.
-    peak : float
-        Highest probability of a human.
-    reason : str
-        For people.
-    clip : str or None
-        The recording made of it.
+    `start_time` and `end_time` are the wall clock in UTC, ISO 8601; `end_time` is None if it has
+    not ended, or the daemon did not see its end. `*_t_s` are stream time, in seconds.
     """
 
     id: str
@@ -98,19 +86,10 @@ def read_events(
 
 
 def parse_since(text: str, now_s: float) -> float:
-    """Return a wall-clock time, in seconds since 1970.
+    """Return a wall-clock time in seconds since 1970; raises UsageError if `text` is none.
 
-    Parameters
-    ----------
-    text : str
-        90s, 30min, 24h, 7d, 2w ago, or an ISO 8601 date or time; UTC unless it says otherwise.
-    now_s : float
-        The time now.
-
-    Raises
-    ------
-    UsageError
-        If it is neither.
+    `text` is 90s, 30min, 24h, 7d, 2w before `now_s`, or an ISO 8601 date or time, in UTC unless
+    it says otherwise.
     """
     match = re.fullmatch(r"(\d+(?:\.\d+)?)\s*(s|min|h|d|w)", text)
     if match:

@@ -14,7 +14,7 @@ from collections.abc import Callable
 from pathlib import Path
 from urllib.parse import urlsplit
 
-from radard.config.sink_sections import SinkOptions
+from radard.config.sink_table import SinkOptions
 from radard.errors import UsageError
 from radard.sinks.backoff import Backoff
 from radard.sinks.base import DeliveryError, Record, SinkContext
@@ -22,7 +22,8 @@ from radard.sinks.thread_sink import DirectSink
 
 JOURNAL = Path("/run/systemd/journal/socket")
 DEV_LOG = Path("/dev/log")
-_SEND_S = 5.0
+_SEND_S = 5.0  # chosen: a log that takes nothing for so long is tried again later
+# Facilities and severities of RFC 5424, tables 1 and 2.
 _FACILITY = {"user": 1, "daemon": 3, "auth": 4, "authpriv": 10} | {
     f"local{k}": 16 + k for k in range(8)
 }
@@ -35,20 +36,11 @@ Address = str | tuple[str, int]
 
 def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> "SyslogSink":
     """Return the sink of `syslog:`, `syslog:/socket` or `syslog:udp://host[:port]`."""
-    rest = url.partition(":")[2]
-    sink = SyslogSink(parse_address(rest), options, context)
-    sink.start()
-    return sink
+    return SyslogSink(_parse_address(url.partition(":")[2]), options, context).start()
 
 
-def parse_address(rest: str) -> Address | None:
-    """Return a socket's path, or host and port; None for this machine's own log.
-
-    Raises
-    ------
-    UsageError
-        If it is none of these.
-    """
+def _parse_address(rest: str) -> Address | None:
+    """Return a socket's path, or host and port; None for this machine's own log."""
     if not rest:
         return None
     if rest.startswith("/"):
@@ -84,7 +76,7 @@ class SyslogSink(DirectSink):
         self._form: Callable[[int, str, Record], bytes] = self._plain
 
     def _deliver(self, record: Record) -> None:
-        told = message_of(record)
+        told = _message_of(record)
         if told is None or (record["type"] == "decision" and not self._has_decisions):
             return
         try:
@@ -135,7 +127,7 @@ class SyslogSink(DirectSink):
         return b"".join(_field(key, str(v)) for key, v in fields.items() if v is not None)
 
 
-def message_of(record: Record) -> tuple[int, str] | None:
+def _message_of(record: Record) -> tuple[int, str] | None:
     """Return severity, as syslog counts it, and text of a record; None for `hello`."""
     kind = record["type"]
     if kind == "event":
@@ -157,7 +149,6 @@ def _connected(
 ) -> socket.socket:
     sock = socket.socket(family, kind)
     try:
-        # A log that takes nothing blocks its writers; this one then tries again later.
         sock.settimeout(_SEND_S)
         sock.connect(target)
     except OSError:
@@ -167,7 +158,7 @@ def _connected(
 
 
 def _field(key: str, value: str) -> bytes:
-    """Return a field in journald's native protocol (systemd, "Native Journal Protocol")."""
+    """Return a field of journald's native protocol (systemd, "Native Journal Protocol")."""
     data = value.encode()
     if b"\n" in data:
         return key.encode() + b"\n" + len(data).to_bytes(8, "little") + data + b"\n"

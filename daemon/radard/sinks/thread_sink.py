@@ -8,14 +8,99 @@ import logging
 import threading
 import time
 from abc import ABC, abstractmethod
+from collections import deque
+from typing import Self
 
 from radard.errors import OutputError
 from radard.sinks.backoff import Backoff
 from radard.sinks.base import DeliveryError, Record, SinkState, StateKeeper
-from radard.sinks.record_queue import ROOM, RecordQueue
 
 log = logging.getLogger("radard")
 CLOSE_S = 2.0
+"""Chosen: with the stream's own end it stays within the 6 s of TimeoutStopSec in the unit."""
+_ROOMS = {"decision": 1000, "event": 10_000, "status": 100}
+"""Records of a type that may wait; chosen: decisions of a quarter of an hour, all events."""
+
+
+class RecordQueue:
+    """Hand records from one thread to another, in order; bounded for each type.
+
+    When a sink cannot keep up, decisions go first, the oldest of them: there is another one in
+    a second. States are few and only the newest matters. Events have room of their own that no
+    flood of decisions can take. With `waits`, `put` waits for room instead of dropping.
+    """
+
+    def __init__(self, *, waits: bool = False) -> None:
+        self._waits = waits
+        self._rows: dict[str, deque[tuple[int, Record]]] = {kind: deque() for kind in _ROOMS}
+        self._n_put = 0
+        self._is_ended = self._is_woken = False
+        self._changed = threading.Condition()
+
+    def __len__(self) -> int:
+        with self._changed:
+            return sum(map(len, self._rows.values()))
+
+    @property
+    def is_ended(self) -> bool:
+        """Whether `end` was called."""
+        return self._is_ended
+
+    def put(self, record: Record) -> int:
+        """Take a record; return how many were dropped for it."""
+        kind = str(record.get("type"))
+        if kind == "hello":
+            kind = "status"
+        elif kind not in self._rows:
+            kind = "decision"
+        with self._changed:
+            row, room = self._rows[kind], _ROOMS[kind]
+            while self._waits and len(row) >= room and not self._is_ended:
+                self._changed.wait()
+            if self._is_ended:
+                return 1
+            n_dropped = 0
+            if len(row) >= room:
+                row.popleft()
+                n_dropped = 1
+            row.append((self._n_put, record))
+            self._n_put += 1
+            self._changed.notify_all()
+            return n_dropped
+
+    def take(self, timeout_s: float | None = None) -> Record | None:
+        """Return the oldest record; None after `timeout_s`, after `wake`, or at the end."""
+        deadline_s = None if timeout_s is None else time.monotonic() + timeout_s
+        with self._changed:
+            while True:
+                waiting = [row for row in self._rows.values() if row]
+                if waiting:
+                    _, record = min(waiting, key=lambda row: row[0][0]).popleft()
+                    self._changed.notify_all()
+                    return record
+                left_s = None if deadline_s is None else deadline_s - time.monotonic()
+                is_late = left_s is not None and left_s <= 0
+                if self._is_ended or self._is_woken or is_late:
+                    self._is_woken = False
+                    return None
+                self._changed.wait(left_s)
+
+    def wake(self) -> None:
+        """Let `take` return although there is no record."""
+        with self._changed:
+            self._is_woken = True
+            self._changed.notify_all()
+
+    def wait_for_end(self, timeout_s: float) -> bool:
+        """Wait until `end` is called; return whether it was."""
+        with self._changed:
+            return self._changed.wait_for(lambda: self._is_ended, timeout_s)
+
+    def end(self) -> None:
+        """Refuse further records; what waits can still be taken."""
+        with self._changed:
+            self._is_ended = True
+            self._changed.notify_all()
 
 
 class ThreadSink(ABC):
@@ -25,33 +110,30 @@ class ThreadSink(ABC):
     ----------
     name : str
         For people; without secrets.
-    room : int
-        Decisions that may wait.
     waits : bool
         The stream waits for this sink, see `SinkContext.can_wait`.
 
     Attributes
     ----------
-    waits : bool
-        The stream waits for this sink.
     tick_s : float or None
-        How often `_look_around` is called when nothing comes; None is never.
+        How often `_tick` is called when nothing comes; None is never.
     """
 
     tick_s: float | None = None
 
-    def __init__(self, name: str, *, room: int = ROOM, waits: bool = False) -> None:
+    def __init__(self, name: str, *, waits: bool = False) -> None:
         self.name = name
         self.waits = waits
         self._keeper = StateKeeper()
-        self._queue = RecordQueue(room, waits=waits)
+        self._queue = RecordQueue(waits=waits)
         self._fatal: Exception | None = None
         self._deadline_s = float("inf")
         self._thread = threading.Thread(target=self._run, name=f"sink {name}", daemon=True)
 
-    def start(self) -> None:
-        """Begin to work."""
+    def start(self) -> Self:
+        """Begin to work; return the sink."""
         self._thread.start()
+        return self
 
     @property
     def state(self) -> SinkState:
@@ -116,7 +198,7 @@ class ThreadSink(ABC):
                 try:
                     if record is not None:
                         self._take(record)
-                    self._look_around()
+                    self._tick()
                 except Exception as err:
                     # One record that cannot be made into output must not cost all others.
                     log.exception("%s: a record could not be handled", self.name)
@@ -129,11 +211,11 @@ class ThreadSink(ABC):
     def _take(self, record: Record) -> None:
         """Handle one record; in the sink's thread."""
 
-    def _look_around(self) -> None:  # noqa: B027 - a hook that few need
-        """See to what is not a record; in the sink's thread."""
+    def _tick(self) -> None:  # noqa: B027 - a hook that few need
+        """Do what no record asks for; in the sink's thread."""
 
     def _shut(self) -> None:  # noqa: B027 - likewise
-        """Let go, within `_left_s()`; in the sink's thread."""
+        """Release everything, within `_left_s()`; in the sink's thread."""
 
 
 class DirectSink(ThreadSink):
@@ -141,16 +223,14 @@ class DirectSink(ThreadSink):
 
     Parameters
     ----------
-    name, room, waits
+    name, waits
         As in `ThreadSink`.
     backoff : Backoff
         Waits between attempts.
     """
 
-    def __init__(
-        self, name: str, backoff: Backoff, *, room: int = ROOM, waits: bool = False
-    ) -> None:
-        super().__init__(name, room=room, waits=waits)
+    def __init__(self, name: str, backoff: Backoff, *, waits: bool = False) -> None:
+        super().__init__(name, waits=waits)
         self._backoff = backoff
 
     @abstractmethod

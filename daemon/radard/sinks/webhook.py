@@ -17,17 +17,17 @@ import time
 from pathlib import Path
 from urllib.parse import urlsplit
 
-from radard.config.sink_sections import SinkOptions, WebhookSection, read_secret
+from radard.config.credentials import read_secret
+from radard.config.sink_table import SinkOptions, WebhookSection
 from radard.errors import ConfigError, UsageError
 from radard.sinks.base import DeliveryError, SinkContext
-from radard.sinks.event_filter import body_of, wants_events
 from radard.sinks.outbox import Item
-from radard.sinks.outbox_sink import OutboxSink, outbox_path
+from radard.sinks.outbox_sink import OutboxSink, body_of, outbox_path, wants_events
 from x2radar.command import installed_version
 
 _REFUSALS = frozenset({400, 405, 406, 409, 410, 411, 413, 414, 415, 422})
-"""Answers that speak of this body, not of the moment or of who asks."""
-_MOST_ANSWER = 65_536
+"""Status codes about this very body (RFC 9110); others count as an outage of the server."""
+_MOST_ANSWER = 65_536  # bytes that are read of an answer; chosen
 _LATE = "no answer within the time limit"
 
 
@@ -49,9 +49,7 @@ def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> "Webh
             "URL in it; user and password do not belong there, see webhook.token_file"
         )
         raise UsageError(msg)
-    sink = WebhookSink(target, options, context)
-    sink.start()
-    return sink
+    return WebhookSink(target, options, context).start()
 
 
 class WebhookSink(OutboxSink):
@@ -63,7 +61,7 @@ class WebhookSink(OutboxSink):
         self._is_tls = parts.scheme == "https"
         self._host, self._port = parts.hostname or "", parts.port
         self._path = (parts.path or "/") + (f"?{parts.query}" if parts.query else "")
-        self._options_web = o
+        self._section = o
         self._sensor = context.sensor
         self._tls = _tls(o) if self._is_tls else None
         self._headers(b"", "check")
@@ -84,15 +82,15 @@ class WebhookSink(OutboxSink):
         except ConfigError as err:
             raise DeliveryError(str(err)) from err
         except (OSError, ValueError, http.client.HTTPException) as err:
-            # ValueError: the line was hung up by the watch while TLS was reading.
-            is_late = time.monotonic() - began_s >= self._options_web.timeout_s
+            # ValueError: `_hang_up` closed the connection while TLS was reading.
+            is_late = time.monotonic() - began_s >= self._section.timeout_s
             raise DeliveryError(_LATE if is_late else _explain(err)) from err
         if not 200 <= code < 300:
             msg = f"the server answers {code} {http.client.responses.get(code, '')}"
             raise DeliveryError(msg, is_refusal=code in _REFUSALS)
 
     def _post(self, body: bytes, headers: dict[str, str]) -> int:
-        timeout_s = self._options_web.timeout_s
+        timeout_s = self._section.timeout_s
         link: http.client.HTTPConnection
         if self._tls is not None:
             link = http.client.HTTPSConnection(
@@ -114,7 +112,7 @@ class WebhookSink(OutboxSink):
             link.close()
 
     def _headers(self, body: bytes, key: str) -> dict[str, str]:
-        o = self._options_web
+        o = self._section
         now = str(int(time.time()))
         headers = {
             "Content-Type": "application/json",
@@ -132,21 +130,9 @@ class WebhookSink(OutboxSink):
 
 
 def sign(secret: str, key: str, timestamp: str, body: bytes) -> str:
-    """Return the signature header of a message.
+    """Return the header webhook-signature of a body, from webhook-id and webhook-timestamp.
 
-    Parameters
-    ----------
-    secret : str
-        Shared key; base64 behind `whsec_`, or any text.
-    key, timestamp : str
-        Headers webhook-id and webhook-timestamp.
-    body : bytes
-        What is sent.
-
-    Raises
-    ------
-    ConfigError
-        If what follows `whsec_` is not base64.
+    The secret is base64 behind `whsec_` (ConfigError if it is not), or any text.
     """
     raw = secret.encode()
     if secret.startswith("whsec_"):

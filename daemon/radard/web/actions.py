@@ -13,8 +13,8 @@ from starlette.routing import Route
 from radard.config.saved_zones import forget, save
 from radard.config.sections import ZonesSection
 from radard.errors import OutputError
-from radard.outputs.fanout import COMMANDS
 from radard.outputs.records import utc_now
+from radard.sinks.base import COMMANDS
 from radard.web.auth import SESSION_S, AccessControl, Allowance
 from radard.web.labels import LABELS
 from radard.web.middleware import refusal

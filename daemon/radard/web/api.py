@@ -16,7 +16,7 @@ from starlette.responses import FileResponse, JSONResponse, Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket
 
-from radard.config.sink_sections import KINDS
+from radard.config.sink_table import KINDS
 from radard.errors import RadardError, UsageError
 from radard.sinks.store_query import parse_since
 from radard.web import socket

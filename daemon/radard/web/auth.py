@@ -16,8 +16,8 @@ from dataclasses import dataclass
 from typing import Literal
 from urllib.parse import urlsplit
 
-from radard.config.sink_sections import read_secret
-from radard.config.web_sections import WebSection
+from radard.config.credentials import read_secret
+from radard.config.sink_table import WebSection
 from radard.errors import ConfigError
 
 Role = Literal["nobody", "viewer", "operator"]

@@ -10,7 +10,7 @@ from radard.alarm.sensitivity import alarm_policy
 from radard.config.config import Config
 from radard.config.directories import state_dir, zones_file
 from radard.config.redact import redact_value
-from radard.config.web_sections import WebSection
+from radard.config.sink_table import WebSection
 from radard.health.health import Status, overall
 from radard.outputs.fanout import Host
 from radard.sinks.store_query import StoreError, read_events

@@ -8,8 +8,7 @@ import logging
 from typing import Any
 from urllib.parse import urlsplit
 
-from radard.config.sink_sections import SinkOptions
-from radard.config.web_sections import WebSection
+from radard.config.sink_table import SinkOptions, WebSection
 from radard.errors import UsageError
 from radard.outputs.fanout import Host
 from radard.sinks.base import Record, SinkContext, SinkState, StateKeeper

@@ -6,7 +6,7 @@ from typing import Any
 
 from starlette.types import Receive, Scope, Send
 
-from radard.config.web_sections import WebSection
+from radard.config.sink_table import WebSection
 from radard.outputs.fanout import Host
 from radard.sinks.base import Record
 from radard.web.api import OF_ONE, Api

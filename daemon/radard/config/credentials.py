@@ -1,0 +1,51 @@
+"""Credentials: the configuration names a file or an environment variable, never the value.
+
+So no printed configuration, and no `repr`, can hold one, and a renewed file counts from the
+next connection on.
+"""
+
+import os
+from pathlib import Path
+
+from radard.errors import ConfigError
+
+
+def read_secret(what: str, file: Path | None, variable: str | None) -> str | None:
+    """Return a credential, or None when neither place is named.
+
+    Parameters
+    ----------
+    what : str
+        Key of the configuration without `_file` and `_env`, for messages.
+    file : Path or None
+        Its first line is the credential.
+    variable : str or None
+        Name of the environment variable.
+
+    Raises
+    ------
+    ConfigError
+        If both are named, or there is nothing in the one that is. The message names the
+        place, never the content.
+    """
+    if file is not None and variable is not None:
+        msg = f"{what}_file and {what}_env are both given; one is enough"
+        raise ConfigError(msg)
+    if variable is not None:
+        secret = os.environ.get(variable, "")
+        if not secret:
+            msg = f"{what}_env: the variable {variable} is empty or not set"
+            raise ConfigError(msg)
+        return secret
+    if file is None:
+        return None
+    try:
+        lines = file.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as err:
+        why = err.strerror if isinstance(err, OSError) else "not text"
+        msg = f"{what}_file: {file}: {why}"
+        raise ConfigError(msg) from err
+    if not lines or not lines[0].strip():
+        msg = f"{what}_file: {file}: the first line is empty"
+        raise ConfigError(msg)
+    return lines[0].strip()

@@ -1,0 +1,256 @@
+"""The table of outputs (-o/--output): a row for each, and the sections of their options.
+
+A new sink is a module in `radard.sinks`, a row of `SINKS` here, a section if it has options,
+and its row in docs/outputs.md.
+"""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+from pydantic import Field
+
+from radard.config.sections import Section
+
+EventKind = Literal["alarm", "fault", "tamper"]
+Phase = Literal["new", "update", "end"]
+Local = Literal["local0", "local1", "local2", "local3", "local4", "local5", "local6", "local7"]
+Facility = Literal["user", "daemon", "auth", "authpriv"] | Local
+PHASES: tuple[Phase, ...] = ("new", "update", "end")
+KINDS: tuple[EventKind, ...] = ("alarm", "fault", "tamper")
+
+
+class JsonlSection(Section):
+    """JSON Lines files; a run whose stream can wait rotates nothing."""
+
+    rotate_mb: float = Field(50.0, gt=0, description="a file as large as this is put aside")
+    keep_files: int = Field(10, ge=0, le=1000, description="so many are kept beside the newest")
+
+
+class MqttSection(Section):
+    """MQTT and Home Assistant."""
+
+    username: str | None = Field(None, description="unless the URL names one")
+    password_file: Path | None = Field(None, description="file whose first line is the password")
+    password_env: str | None = Field(None, description="or variable that holds it")
+    client_id: str | None = Field(None, description="null: radard-SENSOR")
+    keepalive_s: int = Field(10, ge=1, le=3600, description="a dead line is noticed in 1.5 times")
+    ca_file: Path | None = Field(None, description="who signs the broker; null: the system's")
+    cert_file: Path | None = Field(None, description="certificate of this client")
+    key_file: Path | None = Field(None, description="and its key")
+    check_hostname: bool = Field(True, description="the certificate must name the host")
+    decisions: bool = Field(True, description="publish every decision")
+    commands: bool = Field(True, description="heed arm, disarm, ack and calibrate")
+    expire_after_s: float = Field(30.0, ge=6, le=3600, description="a state older than so is void")
+    discovery: Literal["device", "components", "off"] = Field(
+        "device", description="Home Assistant from 2024.11; components: older ones and openHAB"
+    )
+    discovery_prefix: str = Field("homeassistant", pattern=r"^[^+#\s]+$", description="its topic")
+
+
+class OutboxSection(Section):
+    """Events that wait for their delivery: mqtt, webhook and exec."""
+
+    max_events: int = Field(10_000, ge=1, le=1_000_000, description="then the oldest go")
+    first_retry_s: float = Field(1.0, gt=0, le=3600, description="wait after a failure; doubles")
+    longest_retry_s: float = Field(60.0, gt=0, le=86_400, description="up to this")
+    attempts: int = Field(8, ge=1, le=1000, description="refusals until an event is given up")
+    give_up_h: float = Field(168.0, gt=0, description="an older one is given up when it fails")
+
+
+class StoreSection(Section):
+    """The SQLite store."""
+
+    decisions: bool = Field(True, description="keep decisions too, not only events and states")
+    keep_days: float = Field(90.0, gt=0, le=36_500, description="then rows go")
+    keep_mb: float = Field(200.0, ge=1, description="the oldest rows go beyond that")
+
+
+class WebhookSection(Section):
+    """HTTP POST of every event."""
+
+    timeout_s: float = Field(10.0, gt=0, le=300, description="for one attempt, all in all")
+    kinds: tuple[EventKind, ...] = Field(KINDS, description="events to send")
+    phases: tuple[Phase, ...] = Field(PHASES, description="and their phases")
+    statuses: bool = Field(False, description="send changes of the daemon's state too")
+    decisions: bool = Field(False, description="and every decision")
+    token_file: Path | None = Field(None, description="file with a bearer token")
+    token_env: str | None = Field(None, description="or variable that holds it")
+    secret_file: Path | None = Field(None, description="file with the key that signs (HMAC)")
+    secret_env: str | None = Field(None, description="or variable that holds it")
+    ca_file: Path | None = Field(None, description="who signs the server; null: the system's")
+
+
+class ExecSection(Section):
+    """A program that is run for every event."""
+
+    timeout_s: float = Field(30.0, gt=0, le=3600, description="then it is killed")
+    kinds: tuple[EventKind, ...] = Field(KINDS, description="events to run it for")
+    phases: tuple[Phase, ...] = Field(PHASES, description="and their phases")
+
+
+class SyslogSection(Section):
+    """syslog and journald."""
+
+    facility: Facility = Field("daemon", description="of the messages")
+    decisions: bool = Field(False, description="log every decision too, as debug")
+
+
+class WebSection(Section):
+    """The dashboard and its HTTP interface (-o http://HOST:PORT)."""
+
+    token_file: Path | None = Field(None, description="file with the token for looking on")
+    token_env: str | None = Field(None, description="or variable that holds it")
+    operator_token_file: Path | None = Field(None, description="token for arming, too")
+    operator_token_env: str | None = Field(None, description="or variable that holds it")
+    commands: bool = Field(True, description="false: nobody arms or labels from here")
+    max_viewers: int = Field(32, ge=1, le=200, description="open pages at the same time")
+    labels_file: Path | None = Field(None, description="null: labels.jsonl, state directory")
+    sensors: dict[str, str] = Field(
+        default_factory=dict, description="other dashboards to link to, name: URL"
+    )
+
+
+class SinkOptions(Section):
+    """The sections of all sinks; each belongs to a row of `SINKS`."""
+
+    jsonl: JsonlSection = JsonlSection()
+    mqtt: MqttSection = MqttSection()
+    outbox: OutboxSection = OutboxSection()
+    store: StoreSection = StoreSection()
+    webhook: WebhookSection = WebhookSection()
+    exec: ExecSection = ExecSection()
+    syslog: SyslogSection = SyslogSection()
+    web: WebSection = WebSection()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SinkRow:
+    """What help, configuration, redaction, reload and docs/outputs.md say of one output.
+
+    Attributes
+    ----------
+    form : str
+        The value of -o; the scheme is what stands before the colon.
+    module : str
+        Imported when it is named; has `open_from_url`, a `radard.sinks.registry.Opener`.
+    value : {'none', 'optional', 'required'}
+        What follows the scheme; none: not even a colon.
+    sections : tuple of str
+        What it reads of `SinkOptions`; it is reopened when a reload changes one of them.
+    has_outbox : bool
+        Its events wait on disk until the far end has confirmed them.
+    is_per_sensor : bool
+        Of several radars in one process each has its own.
+    shows : {'all', 'host', 'program'}
+        What is printed of its value; passwords in URLs never are (`radard.config.redact`).
+    gets, on_failure : str
+        Its row in docs/outputs.md: what it gets, and what happens when it breaks.
+    """
+
+    form: str
+    module: str
+    value: Literal["none", "optional", "required"] = "required"
+    sections: tuple[str, ...] = ()
+    has_outbox: bool = False
+    is_per_sensor: bool = False
+    shows: Literal["all", "host", "program"] = "all"
+    gets: str
+    on_failure: str = "never"
+
+    @property
+    def scheme(self) -> str:
+        """What stands before the colon."""
+        return self.form.partition(":")[0]
+
+
+_MQTT = SinkRow(
+    form="mqtt://HOST",
+    module="radard.sinks.mqtt",
+    sections=("mqtt", "outbox"),
+    has_outbox=True,
+    is_per_sensor=True,
+    gets="topics below",
+    on_failure="events wait on disk; all that is retained is published again after a connection",
+)
+SINKS = (
+    SinkRow(
+        form="json",
+        module="radard.sinks.stdout",
+        value="none",
+        gets="all records, on stdout",
+        on_failure="a reader that pauses costs the oldest decisions, never events (up to "
+        "10 000); one that goes away ends the run. A replay, or a simulation at full speed, "
+        "waits instead",
+    ),
+    SinkRow(
+        form="json:FILE",
+        module="radard.sinks.jsonl",
+        sections=("jsonl",),
+        gets="all records",
+        on_failure="tried again while the queue has room; a replay ends with exit 1",
+    ),
+    SinkRow(
+        form="table",
+        module="radard.sinks.stdout",
+        value="none",
+        gets="all records, as lines for people, on stdout",
+        on_failure="as `json`",
+    ),
+    SinkRow(
+        form="null", module="radard.sinks.null", value="none", gets="nothing is kept"
+    ),
+    _MQTT,
+    replace(_MQTT, form="mqtts://HOST", gets="the same, encrypted", on_failure="as `mqtt`"),
+    SinkRow(
+        form="webhook:URL",
+        module="radard.sinks.webhook",
+        value="optional",
+        sections=("webhook", "outbox"),
+        has_outbox=True,
+        shows="host",
+        gets="events, as chosen",
+        on_failure="events wait on disk",
+    ),
+    SinkRow(
+        form="exec:COMMAND",
+        module="radard.sinks.exec",
+        sections=("exec", "outbox"),
+        has_outbox=True,
+        shows="program",
+        gets="events, as chosen",
+        on_failure="events wait on disk",
+    ),
+    SinkRow(
+        form="syslog:",
+        module="radard.sinks.syslog",
+        value="optional",
+        sections=("syslog", "outbox"),
+        gets="events, states",
+        on_failure="tried again while the queue has room",
+    ),
+    SinkRow(
+        form="store:FILE",
+        module="radard.sinks.store",
+        sections=("store",),
+        gets="events, states, decisions",
+        on_failure="tried again; a damaged file is put aside as `FILE.broken`",
+    ),
+    SinkRow(
+        form="http://HOST:PORT",
+        module="radard.web.sink",
+        sections=("web",),
+        gets="dashboard, HTTP interface, Prometheus",
+        on_failure="a busy port is a warning, tried again",
+    ),
+)
+"""All built-in outputs, in the order in which help and docs/outputs.md list them."""
+SCHEMES = frozenset(row.scheme for row in SINKS)
+FORMS = ", ".join(row.form for row in SINKS)
+
+
+def find_row(output: str) -> SinkRow | None:
+    """Return the row of a value of -o; None if no built-in sink has this form."""
+    scheme, colon, rest = output.partition(":")
+    given = {"none": not colon, "optional": bool(colon), "required": bool(rest)}
+    return next((row for row in SINKS if row.scheme == scheme and given[row.value]), None)
