@@ -18,14 +18,14 @@ class Gate:
 
     def wait(self):
         """Pass, or stand before it."""
-        self._open.wait(20)
+        self._open.wait(120)
 
     def before(self, monkeypatch, cls, name):
         """Put the door before a method."""
         original = getattr(cls, name)
 
         def guarded(*args, **kwargs):
-            self._open.wait(20)
+            self._open.wait(120)
             return original(*args, **kwargs)
 
         monkeypatch.setattr(cls, name, guarded)
@@ -36,7 +36,7 @@ class Gate:
 
         def guarded(*args, **kwargs):
             for item in original(*args, **kwargs):
-                self._open.wait(20)
+                self._open.wait(120)
                 yield item
 
         monkeypatch.setattr(cls, name, guarded)
@@ -86,7 +86,7 @@ class Daemon:
     def stop(self):
         """End it, once, and return its exit code or error."""
         self.ask("stop")
-        self._thread.join(15)
+        self._thread.join(60)
         self.far.close()
         return self.result
 

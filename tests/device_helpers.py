@@ -64,7 +64,7 @@ def simulated(kind: str, speed: float | None = None) -> Iterator[Callable[[], Tr
         yield connect
     finally:
         far.close()
-        thread.join(5)
+        thread.join(60)
         assert not thread.is_alive()
 
 
@@ -99,7 +99,7 @@ class FarEnd:
 
     def join(self) -> None:
         """Wait until everything is read that came before the near end closed."""
-        self._thread.join(5)
+        self._thread.join(60)
         assert not self._thread.is_alive()
 
     def close(self) -> None:

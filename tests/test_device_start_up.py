@@ -358,7 +358,7 @@ def test_closing_from_another_thread_ends_the_opening(answer) -> None:
         thread = in_thread(opening)
         time.sleep(0.05)
         radar.close()
-        thread.join(2)
+        thread.join(60)
         assert caught
 
 

@@ -91,7 +91,7 @@ def test_a_module_that_restarts_in_mid_stream_is_told_again_and_its_frames_marke
 
 
 def wait_until(happens: Callable[[], bool]) -> None:
-    until_s = time.monotonic() + 5
+    until_s = time.monotonic() + 60
     while not happens():
         assert time.monotonic() < until_s
         time.sleep(0.002)
@@ -105,7 +105,7 @@ def test_a_simulated_module_that_reboots_again_and_again_streams_on() -> None:
         frames = take(radar, 200)
         stats = radar.stats
     far.close()
-    thread.join(5)
+    thread.join(60)
     indexes = [f.index for f in frames]
     assert indexes == sorted(set(indexes))
     assert stats.restarts >= 2

@@ -388,7 +388,7 @@ def test_a_killed_recorder_leaves_readable_parts(tmp_path, kill):
         cwd=ROOT,
     )
     try:
-        give_up_s = time.monotonic() + 20
+        give_up_s = time.monotonic() + 60
         while not existing_parts(tmp_path / "w.h5") and time.monotonic() < give_up_s:
             time.sleep(0.005)
         time.sleep((0.0, 0.11, 0.31)[kill])

@@ -158,7 +158,7 @@ def test_stop_frees_a_waiting_writer():
 
     threading.Thread(target=push).start()
     ring.stop()
-    assert done.wait(5)
+    assert done.wait(60)
 
 
 def test_take_times_out():

@@ -35,7 +35,7 @@ def ended(daemon):
         seen.add(phase_of(daemon))
         return phase_of(daemon) in {"made", "failed"}
 
-    wait_for(is_over, 20.0)
+    wait_for(is_over)
     assert {"leave", "listen"} <= seen
     return radar.panel()["calibration"]
 
@@ -155,7 +155,7 @@ def test_mqtt_and_the_dashboard_start_it_and_tell_how_it_went(tmp_path, launch):
         wait_for(lambda: listener.on("radard/radar/health"))
         listener.say("radard/radar/command/calibrate")
         wait_for(lambda: said() == "leave")
-        wait_for(lambda: said().startswith("made: "), 20.0)
+        wait_for(lambda: said().startswith("made: "))
         path = tmp_path / "state" / "radar.sim.calibration.json"
         first = path.read_text()
         body = json.dumps({"command": "calibrate"}).encode()
@@ -166,7 +166,7 @@ def test_mqtt_and_the_dashboard_start_it_and_tell_how_it_went(tmp_path, launch):
             return ask(base + "/api/v1/status")[1]["panel"]["calibration"]["phase"]
 
         wait_for(lambda: shown() == "listen")
-        wait_for(lambda: shown() == "made", 20.0)
+        wait_for(lambda: shown() == "made")
         assert path.read_text() != first
     finally:
         listener.close()

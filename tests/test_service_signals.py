@@ -63,7 +63,7 @@ def finish(process):
     out, err = process.stdout.read(), process.stderr.read()
     process.stdout.close()
     process.stderr.close()
-    process.wait(timeout=10)
+    process.wait(timeout=60)
     return out, err
 
 
@@ -164,7 +164,7 @@ def test_a_second_signal_forces_the_end():
     process.send_signal(signal.SIGTERM)
     time.sleep(0.2)
     process.send_signal(signal.SIGTERM)
-    assert process.wait(timeout=3) == -signal.SIGTERM
+    assert process.wait(timeout=60) == -signal.SIGTERM
     process.stdout.close()
     process.stderr.close()
 

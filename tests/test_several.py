@@ -333,7 +333,7 @@ def test_a_reader_that_goes_away_ends_all(tmp_path):
     )
     assert process.stdout.readline()
     process.stdout.close()
-    assert process.wait(10) in {0, 1, 141, -13}
+    assert process.wait(60) in {0, 1, 141, -13}
 
 
 def test_a_command_to_a_sensor_that_is_away_holds_when_it_comes(tmp_path, launch):
@@ -353,7 +353,7 @@ def test_a_command_to_a_sensor_that_is_away_holds_when_it_comes(tmp_path, launch
     thread.start()
     name.symlink_to(pty.path)
     try:
-        wait_for(lambda: attic.panel().get("armed") is False, 15.0)
+        wait_for(lambda: attic.panel().get("armed") is False)
         assert hall.panel()["armed"] is True
     finally:
         assert daemon.stop() == 0

@@ -151,7 +151,7 @@ def test_auto_asks_the_module_what_it_is(firmware, settings):
             assert next(radar.frames()).axis.carrier_hz == settings.carrier_hz
     finally:
         far.close()
-        thread.join(5)
+        thread.join(60)
 
 
 def test_order_codes():

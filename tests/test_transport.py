@@ -22,7 +22,7 @@ from x2radar.device.transport import (
 from x2radar.errors import PortBusy, PortDenied, PortError, PortNotFound, TransportClosed
 
 Ends = tuple[Transport, Transport]
-LONG_S = 10.0
+LONG_S = 60.0
 
 
 class SocketEnd:

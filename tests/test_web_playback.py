@@ -31,11 +31,11 @@ def test_a_pause_holds_and_says_so():
     passed = threading.Event()
     thread = threading.Thread(target=lambda: (playback.pace(1.0), passed.set()))
     thread.start()
-    assert reminders.wait(5)
+    assert reminders.wait(60)
     assert not passed.is_set()
     assert not playback.state.is_playing
     playback.play()
-    assert passed.wait(5)
+    assert passed.wait(60)
     thread.join()
 
 
@@ -55,7 +55,7 @@ def test_closing_frees_the_reader():
     thread = threading.Thread(target=playback.pace, args=(0.0,))
     thread.start()
     playback.close()
-    thread.join(5)
+    thread.join(60)
     assert not thread.is_alive()
 
 

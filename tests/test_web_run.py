@@ -100,7 +100,7 @@ def test_decisions_are_the_same_with_a_dashboard_and_pages(launch, tmp_path):
         page.send('{"pictures": true}')
         # Some never read.
         pages.append(page)
-    running.process.wait(30)
+    running.process.wait(60)
     lines = [json.loads(line) for line in (tmp_path / "o.jsonl").read_text().splitlines()]
     assert stable(lines) == stable(alone)
     for page in pages:
@@ -150,7 +150,7 @@ def test_a_replay_is_paused_moved_and_let_go(launch, tmp_path):
     assert play("speed", "fast")[0] == 400
     assert play("speed", 8)[0] == 202
     assert play("play")[0] == 202
-    assert running.process.wait(20) == 0
+    assert running.process.wait(60) == 0
     assert "Traceback" not in running.log
 
 

@@ -233,7 +233,7 @@ def test_sigterm_ends_a_command_cleanly_and_is_put_back(capsys):
 
     def body(_args):
         os.kill(os.getpid(), signal.SIGTERM)
-        threading.Event().wait(10)
+        threading.Event().wait(60)
         return 1
 
     assert run_command("tool", body, []) == 0
@@ -259,7 +259,7 @@ def test_commands_run_outside_the_main_thread():
         target=lambda: codes.append(run_command("tool", lambda _args: 5, []))
     )
     thread.start()
-    thread.join(10)
+    thread.join(60)
     assert codes == [5]
 
 
@@ -297,7 +297,7 @@ def test_a_simulated_module_on_a_terminal_streams_like_a_real_one(end):
         with X2Radar(lambda: SerialTransport(path)) as radar:
             assert len(list(islice(radar.frames(), 3))) == 3
             process.send_signal(end)  # in the middle of the stream
-            assert process.wait(10) == 0
+            assert process.wait(60) == 0
         assert process.stdout.read() == b""
         assert process.stderr.read() == b""
 
@@ -311,7 +311,7 @@ def test_a_module_whose_host_has_stopped_reading_still_ends():
             with pytest.raises(subprocess.TimeoutExpired):
                 process.wait(0.3)
             process.send_signal(signal.SIGINT)
-            assert process.wait(10) == 0
+            assert process.wait(60) == 0
 
 
 def test_a_recording_ends_with_sigint_and_is_whole(tmp_path):
@@ -329,7 +329,7 @@ def test_a_recording_ends_with_sigint_and_is_whole(tmp_path):
             with pytest.raises(subprocess.TimeoutExpired):
                 process.wait(0.05)
         process.send_signal(signal.SIGINT)
-        out, err = process.communicate(timeout=40)
+        out, err = process.communicate(timeout=60)
     finally:
         process.kill()
         process.communicate()
@@ -351,4 +351,4 @@ def test_a_reader_that_goes_away_is_no_error(tmp_path):
     process.stdout.close()
     assert process.stderr.read() == b""
     process.stderr.close()
-    assert process.wait(10) == 0
+    assert process.wait(60) == 0

@@ -119,7 +119,7 @@ class Running:
         sent = HEADERS if headers is None else headers
         return ask(self.base + path, data=json.dumps(body).encode(), headers=sent)
 
-    def wait(self, what, timeout_s=30.0):
+    def wait(self, what, timeout_s=60.0):
         """Return what `what()` returns once that is true; a refused connection is false."""
         return wait(what, timeout_s, lambda: self.log)
 
@@ -136,12 +136,12 @@ class Running:
         """Stop it; return its exit code."""
         if self.process.poll() is None:
             self.process.terminate()
-        code = self.process.wait(10)
+        code = self.process.wait(60)
         self._log.close()
         return code
 
 
-def wait(what, timeout_s=30.0, explain=lambda: ""):
+def wait(what, timeout_s=60.0, explain=lambda: ""):
     """Return what `what()` returns once that is true."""
     end_s = time.monotonic() + timeout_s
     while time.monotonic() < end_s:
@@ -196,7 +196,7 @@ class Client:
         return self.request("POST", path, headers=headers, content=content)
 
     def request(self, method, path, *, headers=None, content=None):
-        line = http.client.HTTPConnection("127.0.0.1", self.port, timeout=10)
+        line = http.client.HTTPConnection("127.0.0.1", self.port, timeout=60)
         sent = {"Host": self.host, **self._cookie(), **(headers or {})}
         is_chunked = content is not None and not isinstance(content, bytes)
         if is_chunked:
@@ -214,7 +214,7 @@ class Client:
 
     def socket(self, *, origin=None, host=None):
         """Return an open WebSocket."""
-        line = socket.create_connection(("127.0.0.1", self.port), timeout=10)
+        line = socket.create_connection(("127.0.0.1", self.port), timeout=60)
         try:
             return connect(
                 f"ws://{host or self.host}/ws",
