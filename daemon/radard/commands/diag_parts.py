@@ -34,7 +34,7 @@ from x2radar.device.discovery import list_ports
 
 _PACKAGES = (
     *("numpy", "scipy", "pyserial", "pyyaml", "h5py", "onnxruntime", "pydantic", "paho-mqtt"),
-    *("torch", "prometheus-client"),
+    "torch",
 )
 _LIMITS = ("NOFILE", "MEMLOCK", "AS", "CORE", "NPROC", "RTPRIO")
 _CGROUP = ("memory.max", "memory.high", "memory.current", "cpu.max", "pids.max")
