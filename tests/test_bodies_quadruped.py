@@ -19,8 +19,9 @@ from x2radar.sim.bodies.quadruped.gait import (
 )
 from x2radar.sim.bodies.quadruped.jump import Leap
 from x2radar.sim.bodies.quadruped.pet_build import draw_build
+from x2radar.sim.bodies.quadruped.species import SPECIES
 
-HIP_M = {"dog": 0.44, "cat": 0.24}
+HIP_M = {"dog": 0.44, "cat": 0.24, "rabbit": 0.14}
 BRISK = Agility(acceleration_mps2=20.0)
 
 
@@ -31,12 +32,12 @@ def speed_at(fr, species):
 def going(name, fr, species="dog", *, is_mirrored=False):
     """A straight run at a Froude number, up to speed from 1 s on, for at least 6 s."""
     speed = speed_at(fr, species)
-    build = draw_build(np.random.default_rng(0), species)
+    build = draw_build(np.random.default_rng(0), SPECIES[species])
     h = HIP_M[species]
     steps = gait(
         name,
         h,
-        is_cat=species == "cat",
+        species=SPECIES[species],
         girdle_m=(-0.25, 0.25),
         half_track_m=0.06,
         stride_factor=1.0,
@@ -67,6 +68,8 @@ RUNS = [
     ("walk", 0.2, "cat"),
     ("trot", 1.0, "cat"),
     ("bound", 4.0, "cat"),
+    ("bound", 0.3, "rabbit"),
+    ("bound", 3.0, "rabbit"),
 ]
 
 
@@ -74,6 +77,8 @@ RUNS = [
 def test_strides_are_as_long_as_published(name, fr, species):
     if species == "cat":
         published = 3.5 * fr**0.42
+    elif species == "rabbit":
+        published = 2.2 * fr**0.40
     elif name == "canter":
         published = 1.9 * fr**0.40
     else:
@@ -89,7 +94,7 @@ def test_strides_are_as_long_as_published(name, fr, species):
 def test_the_stride_relations_meet_between_froude_2_and_3():
     hip = 0.5
     speed = np.sqrt(np.linspace(0.01, 12, 400) * GRAVITY_MPS2 * hip)
-    dog = stride_m(speed, hip, is_cat=False) / hip
+    dog = stride_m(speed, hip, SPECIES["dog"]) / hip
     fr = froude(speed, hip)
     assert dog[fr < 2] == pytest.approx(2.4 * fr[fr < 2] ** 0.34)
     assert dog[fr > 3] == pytest.approx(1.9 * fr[fr > 3] ** 0.40)
@@ -177,7 +182,7 @@ def test_a_bound_pairs_hind_and_fore_feet():
 def test_the_gait_goes_with_the_froude_number(fr, dog, cat):
     for species, wanted in (("dog", dog), ("cat", cat)):
         speed = speed_at(fr, species)
-        assert usual_gait(speed, HIP_M[species], is_cat=species == "cat") == wanted
+        assert usual_gait(speed, HIP_M[species], SPECIES[species]) == wanted
 
 
 @pytest.mark.parametrize("name", ["walk", "trot", "pace"])

@@ -19,7 +19,7 @@ from x2radar.sim.bodies.path.courses import COURSES, FAR_M, NEAR_M, Waypoints, d
 from x2radar.sim.bodies.path.path import Path
 from x2radar.sim.bodies.person.person import draw_person
 from x2radar.sim.bodies.quadruped.pet import PET_AGILITY, draw_pet
-from x2radar.sim.bodies.quadruped.pet_build import Species
+from x2radar.sim.bodies.quadruped.species import SPECIES, Species
 from x2radar.sim.bodies.thesis_bodies import THESIS_BODIES, Scatterer, draw, ranges_xyz
 from x2radar.sim.keys import Key, unknown
 from x2radar.sim.points import Label, Mover, Points
@@ -245,7 +245,7 @@ def _pet_maker(species: Species) -> Maker:
             if speed is not None:
                 course = points or draw_course(rng, "wander")
                 path = Path.through(course, speed, agility=PET_AGILITY, start_s=start_s)
-            return draw_pet(rng, species=species, path=path, **options)
+            return draw_pet(rng, species=species.name, path=path, **options)
         except SceneError as err:
             raise _at(err, where) from err
 
@@ -288,8 +288,7 @@ def _flyer_maker(draw_flyer: Callable[..., Mover], keys: tuple[str, ...]) -> Mak
 BODIES: Mapping[str, BodyKind] = MappingProxyType(
     {
         "human": BodyKind("A person of any age.", _human_maker()),
-        "cat": BodyKind("A cat.", _pet_maker("cat")),
-        "dog": BodyKind("A dog, small to large.", _pet_maker("dog")),
+        **{s.name: BodyKind(s.sentence, _pet_maker(s)) for s in SPECIES.values()},
         "bird": BodyKind(
             "A bird: budgerigar, cockatiel or pigeon.",
             _flyer_maker(draw_bird, ("species", "style", "home_m", "mass_kg", "total_rcs_dbsm")),

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from x2radar.sim.bodies.path.feet import Gait
+from x2radar.sim.bodies.quadruped.species import Species
 
 Array = NDArray[np.float64]
 
@@ -70,48 +71,28 @@ def froude(speed_mps: Array | float, hip_m: float) -> Array:
     return np.asarray(np.square(speed_mps) / (GRAVITY_MPS2 * hip_m), dtype=np.float64)
 
 
-def stride_m(speed_mps: Array, hip_m: float, *, is_cat: bool) -> Array:
-    """Return the length of a stride.
+def stride_m(speed_mps: Array, hip_m: float, species: Species) -> Array:
+    """Return the length of a stride, in metres, at speeds of any shape.
 
-    Parameters
-    ----------
-    speed_mps : ndarray, float64
-        Speed.
-    hip_m : float
-        Height of the hip.
-    is_cat : bool
-        Cats, which go on bent legs, take longer strides for their hip height.
-
-    Returns
-    -------
-    ndarray, float64
-        Metres, same shape: 2.4 h Fr^0.34 for symmetric gaits, 1.9 h Fr^0.40 for asymmetric
-        ones, one fading into the other between Fr 2 and 3; 3.5 h Fr^0.42 for cats.
+    ``k h Fr^e``, see `Species.stride`: of two relations, that of symmetric gaits fades into
+    that of asymmetric ones between Fr 2 and 3.
     """
     fr = froude(speed_mps, hip_m)
-    if is_cat:
-        return np.asarray(3.5 * hip_m * fr**0.42, dtype=np.float64)
-    share = _asymmetric(fr)
+    (factor, power), *fast = species.stride
+    if not fast:
+        return np.asarray(factor * hip_m * fr**power, dtype=np.float64)
+    ((fast_factor, fast_power),), share = fast, _asymmetric(fr)
     return np.asarray(
-        hip_m * (2.4 * fr**0.34) ** (1.0 - share) * (1.9 * fr**0.40) ** share, dtype=np.float64
+        hip_m * (factor * fr**power) ** (1.0 - share) * (fast_factor * fr**fast_power) ** share,
+        dtype=np.float64,
     )
 
 
 def duty(speed_mps: Array, hip_m: float) -> Array:
-    """Return the share of a stride that a foot is on the floor.
+    """Return the share of a stride that a foot is on the floor, at speeds of any shape.
 
-    Parameters
-    ----------
-    speed_mps : ndarray, float64
-        Speed.
-    hip_m : float
-        Height of the hip.
-
-    Returns
-    -------
-    ndarray, float64
-        0.52 Fr^-0.14 for symmetric gaits, 0.53 Fr^-0.28 for asymmetric ones (recalled),
-        blended like the stride, within `DUTY`.
+    0.52 Fr^-0.14 for symmetric gaits, 0.53 Fr^-0.28 for asymmetric ones (recalled), blended
+    like the stride, within `DUTY`.
     """
     fr = np.maximum(froude(speed_mps, hip_m), 1e-6)
     share = _asymmetric(fr)
@@ -119,36 +100,17 @@ def duty(speed_mps: Array, hip_m: float) -> Array:
     return np.asarray(np.clip(free, *DUTY), dtype=np.float64)
 
 
-def usual_gait(speed_mps: float, hip_m: float, *, is_cat: bool) -> str:
-    """Return the gait that an animal takes at a speed.
-
-    Parameters
-    ----------
-    speed_mps : float
-        Speed.
-    hip_m : float
-        Height of the hip.
-    is_cat : bool
-        Cats bound where dogs canter, and begin a little earlier.
-
-    Returns
-    -------
-    str
-        A key of `FOOTWORK`: walk up to Fr 0.5, then trot, above Fr 2 to 3 canter or bound.
-    """
+def usual_gait(speed_mps: float, hip_m: float, species: Species) -> str:
+    """Return the gait that an animal takes at a speed, a key of `FOOTWORK`."""
     fr = float(froude(speed_mps, hip_m))
-    if fr < 0.5:
-        return "walk"
-    if is_cat:
-        return "trot" if fr < 2.0 else "bound"
-    return "trot" if fr < 2.5 else "canter"
+    return next(name for name, limit in species.gaits.items() if fr < limit)
 
 
 def gait(
     name: str,
     hip_m: float,
     *,
-    is_cat: bool,
+    species: Species,
     girdle_m: tuple[float, float],
     half_track_m: float,
     stride_factor: float,
@@ -164,8 +126,8 @@ def gait(
         A key of `FOOTWORK`.
     hip_m : float
         Height of the hip.
-    is_cat : bool
-        As in `stride_m`.
+    species : Species
+        Gives the stride.
     girdle_m : tuple of float
         How far ahead of the trunk's middle the hind and the fore feet stand.
     half_track_m : float
@@ -191,7 +153,7 @@ def gait(
     return Gait(
         offset=offset,
         home_m=tuple((girdle_m[k % 2], sides[k]) for k in range(4)),
-        stride_m=lambda v: stride_factor * stride_m(v, hip_m, is_cat=is_cat),
+        stride_m=lambda v: stride_factor * stride_m(v, hip_m, species),
         duty=lambda v: duty(v, hip_m),
         lift_m=(0.9 * lift * hip_m, lift * hip_m) * 2,
         ramp=ramp,

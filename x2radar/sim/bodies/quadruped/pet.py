@@ -1,4 +1,4 @@
-"""Random cats and dogs: what they do, and how to draw one."""
+"""Random four-legged animals: what they do, and how to draw one."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from x2radar.sim.bodies.path.path import Agility, Path
 from x2radar.sim.bodies.quadruped.actions import Going
 from x2radar.sim.bodies.quadruped.build import NAMES, TRUNK, QuadrupedBuild
 from x2radar.sim.bodies.quadruped.gait import FOOTWORK, GRAVITY_MPS2, froude, gait, usual_gait
-from x2radar.sim.bodies.quadruped.pet_build import Species, draw_build, draw_manner
+from x2radar.sim.bodies.quadruped.pet_build import draw_build, draw_manner
 from x2radar.sim.bodies.quadruped.pet_place import (
     STANDING,
     draw_jumping,
@@ -21,6 +21,7 @@ from x2radar.sim.bodies.quadruped.pet_place import (
     draw_staying,
 )
 from x2radar.sim.bodies.quadruped.quadruped import Action, Quadruped, posture
+from x2radar.sim.bodies.quadruped.species import SPECIES, Species
 from x2radar.sim.bodies.rcs.segments import SegmentRcs, TotalRcs
 
 Array = NDArray[np.float64]
@@ -40,7 +41,6 @@ class PetStyle:
     weight: float
     froude: tuple[float, float] | None = None
     gait: str | None = None
-    species: tuple[Species, ...] = ("cat", "dog")
 
 
 PET_STYLES: Mapping[str, PetStyle] = MappingProxyType(
@@ -48,41 +48,41 @@ PET_STYLES: Mapping[str, PetStyle] = MappingProxyType(
         "roam": PetStyle("goes about in the gait that goes with its speed", 4, (0.1, 2.2)),
         "walk": PetStyle("walks, one foot after the other", 4, (0.10, 0.45), "walk"),
         "trot": PetStyle("trots, diagonal feet together", 3, (0.6, 2.0), "trot"),
-        "pace": PetStyle("paces, feet of one side together", 1, (0.5, 1.6), "pace", ("dog",)),
-        "canter": PetStyle("canters in three beats", 1, (2.5, 6.0), "canter", ("dog",)),
-        "bound": PetStyle("bounds, both hind feet together", 1, (2.5, 8.0), "bound", ("cat",)),
+        "pace": PetStyle("paces, feet of one side together", 1, (0.5, 1.6), "pace"),
+        "canter": PetStyle("canters in three beats", 1, (2.5, 6.0), "canter"),
+        "bound": PetStyle("bounds, both hind feet together", 1, (2.5, 8.0), "bound"),
         "sniff": PetStyle("sniffs along the floor, stops and goes on", 3, (0.03, 0.15), "walk"),
-        "stalk": PetStyle("creeps with its body low", 1, (0.02, 0.08), "walk", ("cat",)),
+        "stalk": PetStyle("creeps with its body low", 1, (0.02, 0.08), "walk"),
         "stand": PetStyle("stands, looks about and moves its tail", 1),
         "sit": PetStyle("sits and moves its tail", 2),
         "lie": PetStyle("lies and breathes", 1),
-        "pant": PetStyle("lies and pants", 1, species=("dog",)),
+        "pant": PetStyle("lies and pants", 1),
         "groom": PetStyle("sits and licks its coat", 1),
         "scratch": PetStyle("sits and scratches itself with a hind paw", 1),
         "play": PetStyle("turns, hops, bows and shakes itself on the spot", 1),
         "jump": PetStyle("jumps onto furniture, stays, and jumps down", 1),
     }
 )
-"""What pets do, by name."""
+"""What animals do, by name; `Species.styles` says which does what."""
 
 
 def draw_pet(
     rng: np.random.Generator,
     *,
-    species: Species = "dog",
+    species: str = "dog",
     style: str | None = None,
     path: Path | Sequence[tuple[float, float]] | None = None,
     mass_kg: float | None = None,
     total_rcs_dbsm: TotalRcs = None,
 ) -> Quadruped:
-    """Draw a cat or a dog.
+    """Draw an animal.
 
     Parameters
     ----------
     rng : numpy.random.Generator
         Everything random comes from it.
-    species : {'cat', 'dog'}, optional
-        What it is.
+    species : str, optional
+        A key of `SPECIES`.
     style : str, optional
         A key of `PET_STYLES`; drawn by their weights by default.
     path : Path, or sequence of (float, float), optional
@@ -90,7 +90,7 @@ def draw_pet(
         default, within 2.5 m to the sides and 0.8 to 6 m ahead. One that stays, or jumps,
         does so where the path begins, facing along it.
     mass_kg : float, optional
-        Instead of a draw, 1 to 10 for a cat, 1 to 100 for a dog.
+        Instead of a draw, within the species' `possible_kg`.
     total_rcs_dbsm : float, 'physical' or None, optional
         Mean total cross section, see `SegmentRcs.sized`; drawn by default, whatever its
         size.
@@ -98,41 +98,42 @@ def draw_pet(
     Returns
     -------
     Quadruped
-        An animal, labelled pet.
+        An animal.
 
     Raises
     ------
     SceneError
         If a value is unknown or impossible; the message names its key.
     """
-    if species not in ("cat", "dog"):
-        msg = f"species: no pet '{species}'; known are cat, dog"
+    if species not in SPECIES:
+        msg = f"species: no pet '{species}'; known are {', '.join(SPECIES)}"
         raise SceneError(msg)
-    known = [name for name, s in PET_STYLES.items() if species in s.species]
+    row = SPECIES[species]
+    known = row.styles
     if style is None:
         weight = np.array([PET_STYLES[name].weight for name in known])
         style = known[int(rng.choice(len(known), p=weight / weight.sum()))]
     if style not in known:
         msg = f"style: no {species} style '{style}'; known are {', '.join(known)}"
         raise SceneError(msg)
-    build = draw_build(rng, species, mass_kg)
+    build = draw_build(rng, row, mass_kg)
     course = path if isinstance(path, Path) else _draw_path(rng, style, build, path)
-    footwork = _footwork(build, species, style, course)
-    manner = draw_manner(rng, build, species, style, FOOTWORK[footwork].nod_rad)
+    footwork = _footwork(build, row, style, course)
+    manner = draw_manner(rng, build, row, style, FOOTWORK[footwork].nod_rad)
     action: Action
     begin, end = course.start_s, course.end_s
     if style == "jump":
-        action, end = draw_jumping(rng, build, course, is_cat=species == "cat")
+        action, end = draw_jumping(rng, build, course, row)
     elif style == "play":
         action, begin, end = draw_playing(rng, build, course), 0.0, 40.0
     elif PET_STYLES[style].froude is None:
         action, begin, end = draw_staying(rng, build, style, course), 0.0, 40.0
     else:
-        action = _going(rng, build, course, style, footwork, is_cat=species == "cat")
+        action = _going(rng, build, course, style, footwork, species=row)
     rcs = SegmentRcs.draw(rng, build.half_lengths(), n_trunk=len(TRUNK))
     times = np.linspace(begin, end, _N_POSTURES)
     rcs = rcs.sized(rng, total_rcs_dbsm, *posture(build, action, manner, times))
-    return Quadruped("pet", NAMES, build, action, manner, rcs)
+    return Quadruped(row.label, NAMES, build, action, manner, rcs)
 
 
 def _draw_path(
@@ -167,14 +168,16 @@ def _footwork(build: QuadrupedBuild, species: Species, style: str, path: Path) -
     fastest = float(path.pieces[2].max())
     fr = float(froude(fastest, build.hip_m))
     name = PET_STYLES[style].gait
+    if name not in species.gaits:
+        name = None
     most = LARGEST_WALK_FROUDE if name == "walk" else LARGEST_FROUDE
     if PET_STYLES[style].froude is not None and fr > most:
         msg = (
-            f"path: {fastest:g} m/s is too fast for a {species} with its hip at "
+            f"path: {fastest:g} m/s is too fast for a {species.name} with its hip at "
             f"{build.hip_m:.2f} m to {style}"
         )
         raise SceneError(msg)
-    return name or usual_gait(fastest, build.hip_m, is_cat=species == "cat")
+    return name or usual_gait(fastest, build.hip_m, species)
 
 
 def _going(
@@ -184,14 +187,14 @@ def _going(
     style: str,
     footwork: str,
     *,
-    is_cat: bool,
+    species: Species,
 ) -> Going:
     h = build.hip_m
     low = 0.72 if style == "stalk" else STANDING * rng.uniform(0.96, 1.0)
     steps = gait(
         footwork,
         h,
-        is_cat=is_cat,
+        species=species,
         girdle_m=(-0.5 * build.back_m, 0.5 * build.back_m),
         half_track_m=build.half_track_m,
         stride_factor=float(np.exp(np.clip(rng.normal(0.0, 0.06), -0.15, 0.15))),

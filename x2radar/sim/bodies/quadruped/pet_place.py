@@ -10,6 +10,7 @@ from x2radar.sim.bodies.quadruped.build import QuadrupedBuild
 from x2radar.sim.bodies.quadruped.gait import LEGS
 from x2radar.sim.bodies.quadruped.jump import Jumping, Leap
 from x2radar.sim.bodies.quadruped.quadruped import Stance
+from x2radar.sim.bodies.quadruped.species import Species
 
 Array = NDArray[np.float64]
 
@@ -140,7 +141,7 @@ def draw_playing(rng: np.random.Generator, build: QuadrupedBuild, path: Path) ->
 
 
 def draw_jumping(
-    rng: np.random.Generator, build: QuadrupedBuild, path: Path, *, is_cat: bool
+    rng: np.random.Generator, build: QuadrupedBuild, path: Path, species: Species
 ) -> tuple[Jumping, float]:
     """Draw an animal that jumps onto something, stays, and jumps down on its other side.
 
@@ -152,8 +153,8 @@ def draw_jumping(
         Sizes.
     path : Path
         It stands where this begins, and jumps along it.
-    is_cat : bool
-        Cats jump higher for their size.
+    species : Species
+        Says how high it jumps for its size.
 
     Returns
     -------
@@ -164,9 +165,7 @@ def draw_jumping(
     """
     standing = draw_staying(rng, build, "jump", path)
     h = build.hip_m
-    # A chair or a table for cats, a sofa for dogs.
-    climb = h * (rng.uniform(1.6, 3.2) if is_cat else rng.uniform(0.8, 1.3))
-    climb = float(np.clip(climb, 0.2, 0.9))
+    climb = float(np.clip(h * rng.uniform(*species.jump), 0.2, 0.9))
     crouch = rng.uniform(0.3, 0.7, 2)
     up = Leap.over(rng.uniform(0.8, 2.0), climb, h * rng.uniform(1.2, 2.2), h, crouch[0])
     stays = rng.uniform(1.5, 6.0)
