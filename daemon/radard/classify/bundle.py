@@ -21,7 +21,7 @@ from x2radar.frame import FastTimeAxis
 SCHEMA = 1
 CLASSES = ("human", "pet", "other")
 POLICIES = ("window", "fused")
-_MOST_HIDDEN = 4096
+_MOST_HIDDEN = 4096  # chosen: far more than any head here, little enough to keep
 _STREAM_KEYS = ("frame_rate_hz", "bin_length_m", "carrier_hz", "bandwidth_hz")
 
 
@@ -36,46 +36,19 @@ class ModelInput:
 
 @dataclass(frozen=True, slots=True)
 class Bundle:
-    """A sidecar, read and checked.
-
-    Attributes
-    ----------
-    name : str
-        Name of the bundle.
-    onnx : bytes
-        The network, its hash compared.
-    inputs : tuple of ModelInput
-        What the network takes.
-    features : FeatureSettings
-        How that is made.
-    stream : mapping of str to (float, float)
-        Range of frame_rate_hz, bin_length_m, carrier_hz and bandwidth_hz it was made for.
-    classes : tuple of str
-        Order of the network's outputs.
-    temperature : float
-        Logits are divided by it.
-    pet_limit : float
-        The alarm stays off only above this probability of pet and other together.
-    policy : str
-        'window' or 'fused'.
-    evidence : mapping of str to float
-        How windows are fused, see `radard.classify.evidence`; empty for its defaults.
-    n_hidden : int
-        Values that the network's temporal head hands itself from window to window; 0 for a
-        network that knows single windows only.
-    """
+    """A sidecar, read and checked."""
 
     name: str
-    onnx: bytes
-    inputs: tuple[ModelInput, ...]
-    features: FeatureSettings
-    stream: Mapping[str, tuple[float, float]]
-    classes: tuple[str, ...]
-    temperature: float
-    pet_limit: float
-    policy: str
-    evidence: Mapping[str, Any]
-    n_hidden: int = 0
+    onnx: bytes  # the network, its hash compared
+    inputs: tuple[ModelInput, ...]  # what the network takes, and
+    features: FeatureSettings  # how that is made
+    stream: Mapping[str, tuple[float, float]]  # least and most of each of `_STREAM_KEYS`
+    classes: tuple[str, ...]  # order of the network's outputs
+    temperature: float  # logits are divided by it
+    pet_limit: float  # no alarm above this p(pet) + p(other)
+    policy: str  # 'window' or 'fused'
+    evidence: Mapping[str, Any]  # how windows are fused, see `EvidenceSettings`
+    n_hidden: int = 0  # values that a temporal head hands on to the next window; 0 without one
 
     @property
     def sha256(self) -> str:
@@ -87,10 +60,7 @@ class Bundle:
         return not self._misfits(axis, frame_rate_hz)
 
     def check_stream(self, axis: FastTimeAxis, frame_rate_hz: float) -> None:
-        """Raise ModelMismatch, naming every misfit, if the stream is not what it was made for.
-
-        The message names installed bundles that take it.
-        """
+        """Raise ModelMismatch, naming misfits and bundles that fit, unless it takes a stream."""
         misfits = self._misfits(axis, frame_rate_hz)
         if misfits:
             others = [name for name in bundle_names() if name != self.name]
@@ -123,12 +93,8 @@ def bundle_names() -> tuple[str, ...]:
 def load_bundle(name: str) -> Bundle:
     """Read a bundle by name, or by the path of its .onnx or .json file.
 
-    Raises
-    ------
-    BundleError
-        If a file is missing or unreadable.
-    ModelMismatch
-        If the sidecar makes no sense or the weights are not those it names.
+    Raises BundleError if a file is missing or unreadable, ModelMismatch if the sidecar makes no
+    sense or the weights are not those it names.
     """
     if name in bundle_names():
         folder = resources.files("radard.models")

@@ -17,51 +17,28 @@ Three = tuple[float | None, float | None, float | None]
 class Passing:
     """How one sensitivity did on whole passages of people and pets.
 
-    Attributes
-    ----------
-    intrusions, pet_visits : int
-        How many.
-    missed, visits_with_alarm : tuple
-        Shares of them: value, low and high end of the 95 % interval.
-    half_alarmed_after_s, nine_in_ten_alarmed_after_s : tuple
-        Time from coming in to the alarm, in seconds; None: so many never alarm.
-    pet_hours : float
-        How long the visits last together.
-    alarms_per_pet_hour : tuple
-        Alarms that began.
+    A `Three` is a value with the low and high end of its 95 % interval.
     """
 
-    intrusions: int
-    missed: Three
-    half_alarmed_after_s: Three
-    nine_in_ten_alarmed_after_s: Three
+    intrusions: int  # how many
+    missed: Three  # share of them
+    half_alarmed_after_s: Three  # from coming in to the alarm; None: so many never alarm
+    nine_in_ten_alarmed_after_s: Three  # likewise
     pet_visits: int
-    visits_with_alarm: Three
-    pet_hours: float
-    alarms_per_pet_hour: Three
+    visits_with_alarm: Three  # share of them
+    pet_hours: float  # how long the visits last together
+    alarms_per_pet_hour: Three  # alarms that began
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Card:
-    """Quality of a bundle.
+    """Quality of a bundle."""
 
-    Attributes
-    ----------
-    metrics : mapping of str to object
-        Of single windows, by name.
-    policy, command : str
-        Decision policy that was evaluated, and the command; empty without an evaluation.
-    passages : int
-        Simulated passages of that evaluation.
-    sensitivities : mapping of str to Passing
-        What each made of them.
-    """
-
-    metrics: Mapping[str, Any]
-    policy: str = ""
-    command: str = ""
-    passages: int = 0
-    sensitivities: Mapping[str, Passing]
+    metrics: Mapping[str, Any]  # of single windows, by name
+    policy: str = ""  # that was evaluated; empty without an evaluation
+    command: str = ""  # that evaluated it
+    passages: int = 0  # simulated passages of that evaluation
+    sensitivities: Mapping[str, Passing]  # what each made of them
 
 
 def sidecar_path(model: str) -> Path:
@@ -72,13 +49,7 @@ def sidecar_path(model: str) -> Path:
 
 
 def read_card(model: str) -> Card:
-    """Read the card of a bundle that has been loaded, by its name or path.
-
-    Raises
-    ------
-    ModelMismatch
-        If the evaluation in it is garbled.
-    """
+    """Read the card of a loaded bundle by name or path; ModelMismatch if it is garbled."""
     raw = json.loads(sidecar_path(model).read_text(encoding="utf-8"))
     metrics = raw.get("metrics", {})
     metrics = metrics if isinstance(metrics, Mapping) else {}

@@ -26,36 +26,20 @@ class Probabilities:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Answer:
-    """What a network says of a window.
+    """What a network says of a window."""
 
-    Attributes
-    ----------
-    window : Probabilities
-        Of the window alone.
-    fused_log_p : ndarray, shape (3,), float64, or None
-        Log-probabilities of `CLASSES` by this window and those before it, -inf for a class that
-        the network does not know; None without a temporal head.
-    hidden : ndarray, shape (n_hidden,), float32, or None
-        To be given back with the next window.
-    """
-
-    window: Probabilities
+    window: Probabilities  # of the window alone
+    # Log-probabilities of `CLASSES` by this window and those before it, -inf for a class that the
+    # network does not know; None without a temporal head.
     fused_log_p: NDArray[np.float64] | None = None
-    hidden: Hidden | None = None
+    hidden: Hidden | None = None  # shape (n_hidden,), to be given back with the next window
 
 
 class Classifier:
     """Run a bundle's network.
 
-    Parameters
-    ----------
-    bundle : Bundle
-        From `load_bundle`.
-
-    Raises
-    ------
-    ModelMismatch
-        If the network is unreadable or its inputs or outputs are not the sidecar's.
+    Raises ModelMismatch if the network is unreadable or its inputs or outputs are not the
+    sidecar's.
     """
 
     def __init__(self, bundle: Bundle) -> None:
@@ -106,17 +90,9 @@ class Classifier:
     def answer(self, features: FeatureSet, hidden: Hidden | None = None) -> Answer:
         """Return what the network says of a window.
 
-        Parameters
-        ----------
-        features : FeatureSet
-            Of the window.
-        hidden : ndarray, shape (n_hidden,), float32, or None
-            `Answer.hidden` of the window before; None if there was none.
+        `hidden` is `Answer.hidden` of the window before, if there was one.
 
-        Raises
-        ------
-        ModelMismatch
-            If the network's answer is not finite: the caller must treat that as a fault.
+        Raises ModelMismatch if the answer is not finite: the caller must treat that as a fault.
         """
         bundle = self.bundle
         feed = {i.name: features.inputs[i.feature][None] for i in bundle.inputs}

@@ -24,68 +24,31 @@ _ROUNDING_S = 0.07
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrackVerdict:
-    """One body, judged by itself: by what moves within its own range gate.
+    """One body, judged by itself: by what moves within its own range gate."""
 
-    Attributes
-    ----------
-    id : int
-        Number of the track.
-    range_m, radial_velocity_mps : float
-        At the end of the dwell; approaching is positive.
-    window : Probabilities or None
-        Of this window; None without a model.
-    """
-
-    id: int
-    range_m: float
-    radial_velocity_mps: float
-    window: Probabilities | None
+    id: int  # number of the track
+    range_m: float  # at the end of the dwell
+    radial_velocity_mps: float  # likewise; approaching is positive
+    window: Probabilities | None  # of this window; None without a model
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Decision:
-    """What was decided on one dwell.
+    """What was decided on one dwell."""
 
-    Attributes
-    ----------
-    seq : int
-        Number of the decision, from 1.
-    t_s : float
-        Stream time at the end of the dwell, in seconds.
-    gate : {'open', 'closed', 'invalid'}
-        Whether something moves; invalid when too many frames are missing.
-    reading : GateReading or None
-        Powers and range; None when invalid.
-    window, fused : Probabilities or None
-        Of this window, and of the evidence over windows; None unless the gate is open and
-        a model is loaded.
-    label : str or None
-        Who moves; None without a model while the gate is open.
-    alarm : bool
-        The verdict of this decision.
-    frames, dropped : int
-        Frames in the dwell and frames missing in it.
-    tracks : tuple of TrackVerdict
-        Bodies that are followed; none while the gate is closed.
-    fault : str
-        Why the window is invalid; empty otherwise.
-    t_mono_s : float
-        When the dwell's last frame arrived, on the host's monotonic clock.
-    """
-
-    seq: int
-    t_s: float
-    gate: GateState
-    reading: GateReading | None
-    window: Probabilities | None
-    fused: Probabilities | None
-    label: Label | None
-    alarm: bool
-    frames: int
-    dropped: int
-    tracks: tuple[TrackVerdict, ...] = ()
-    fault: str = ""
-    t_mono_s: float = 0.0
+    seq: int  # from 1
+    t_s: float  # stream time at the end of the dwell
+    gate: GateState  # whether something moves; invalid: too many frames are missing
+    reading: GateReading | None  # powers and range; None when invalid
+    window: Probabilities | None  # of this window; None without a model or motion
+    fused: Probabilities | None  # of the evidence over windows, likewise
+    label: Label | None  # who moves; None without a model while the gate is open
+    alarm: bool  # the verdict of this decision
+    frames: int  # in the dwell
+    dropped: int  # missing in it
+    tracks: tuple[TrackVerdict, ...] = ()  # none while the gate is closed
+    fault: str = ""  # why the window is invalid; empty otherwise
+    t_mono_s: float = 0.0  # when the dwell's last frame arrived, on the host's monotonic clock
 
 
 def invalid_decision(dwell: Dwell, fault: str, *, seq: int = 0) -> Decision:
@@ -107,22 +70,10 @@ def invalid_decision(dwell: Dwell, fault: str, *, seq: int = 0) -> Decision:
 
 
 def judge(p: Probabilities, pet_limit: float) -> tuple[Label, bool]:
-    """Apply the rule to one set of probabilities.
+    """Apply the rule to the probabilities of one window, or fused ones: the label and the alarm.
 
-    Parameters
-    ----------
-    p : Probabilities
-        Of one window, or fused.
-    pet_limit : float
-        Probability of pet and other together above which there is no alarm, if one of the
-        two is at least a half.
-
-    Returns
-    -------
-    label : {'human', 'pet', 'other'}
-        Human whenever the alarm is on.
-    alarm : bool
-        The verdict.
+    No alarm if p(pet) + p(other) is above `pet_limit` and one of the two is at least a half. The
+    label is human whenever the alarm is on.
     """
     if p.pet + p.other > pet_limit and max(p.pet, p.other) >= LEAST_P:
         return ("pet" if p.pet >= p.other else "other"), False
@@ -139,7 +90,7 @@ class Verdict:
     human_limit : float
         From this fused probability of a person on the alarm does not wait.
     decide_within_s : float
-        So long after the gate has opened the alarm waits for evidence, in seconds.
+        So long after the gate has opened the alarm waits for evidence.
     """
 
     def __init__(self, pet_limit: float, human_limit: float, decide_within_s: float) -> None:
@@ -155,21 +106,9 @@ class Verdict:
         self._is_pending = False
 
     def judge(self, fused: Probabilities, t_s: float) -> tuple[Label, bool]:
-        """Apply the rule to fused probabilities while the gate is open.
+        """Apply the rule, while the gate is open, to what was fused since it opened.
 
-        Parameters
-        ----------
-        fused : Probabilities
-            Of everything since the gate has opened.
-        t_s : float
-            Stream time of the decision, in seconds.
-
-        Returns
-        -------
-        label : {'human', 'pet', 'other', 'pending'}
-            Human whenever the alarm is on.
-        alarm : bool
-            The verdict.
+        The label is 'pending' while the alarm waits for evidence, and human whenever it is on.
         """
         if self._since_s is None:
             self._since_s = t_s

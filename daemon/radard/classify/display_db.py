@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 WEAKEST_COLUMN_DB = 25.0
+"""Columns weaker than this under the maximum stay dark: chosen, the maps' own depth."""
 
 Map = NDArray[np.float32]
 
@@ -46,23 +47,11 @@ def shown(power: NDArray[np.float64], valid: NDArray[np.bool_], depth_db: float)
 
 
 def busiest_rows(power: NDArray[np.float64], n_rows: int) -> NDArray[np.float64]:
-    """Return the neighbouring rows in which most moves, as many as asked for.
+    """Return a copy of the `n_rows` neighbouring rows in which most moves, the nearest of equals.
 
     Every column counts the same: rows are chosen by the mean of each row's share of its
     column, so one strong moment does not decide. A map with fewer rows is filled up with
     empty ones behind its last.
-
-    Parameters
-    ----------
-    power : ndarray, shape (n_all, n_cells), float64
-        Linear power by time cell, not negative.
-    n_rows : int
-        Rows wanted.
-
-    Returns
-    -------
-    ndarray, shape (n_rows, n_cells), float64
-        A copy; of equally busy places the nearest.
     """
     n_all = len(power)
     if n_all <= n_rows:

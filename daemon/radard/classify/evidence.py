@@ -1,7 +1,7 @@
 """Evidence: windows fused over time, while something is there.
 
 A network with a temporal head has seen windows in their order and says itself what they come
-to; only the leaning is added. For a network without one, windows' probabilities are summed.
+to; only the prior is added. For a network without one, windows' probabilities are summed.
 Overlapping windows of one body say much the same, so each counts with a discount only. The sum
 is bounded, as in a CUSUM: a pet that was there for minutes does not outvote the person who
 comes in after it for longer than a few windows.
@@ -23,29 +23,17 @@ from numpy.typing import NDArray
 from radard.classify.classifier import Answer, Hidden, Probabilities, softmax
 from radard.errors import ModelMismatch
 
-_LEAST_P = 1e-6
+_LEAST_P = 1e-6  # chosen: 14 nats, beyond the usual bound
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EvidenceSettings:
-    """How windows are fused; the optional key `evidence` of a bundle's sidecar.
+    """How windows are fused; the optional key `evidence` of a bundle's sidecar."""
 
-    Attributes
-    ----------
-    discount : float
-        What a window counts against an independent one, above 0, up to 1; of sums.
-    most : float
-        No class falls further behind the leading one, in nats; of sums.
-    prior_human : float
-        Added to the log-likelihood of a person, in nats.
-    human_limit : float
-        From this fused probability of a person on there is nothing to wait for.
-    """
-
-    discount: float = 0.6
-    most: float = 5.0
-    prior_human: float = 0.0
-    human_limit: float = 0.8
+    discount: float = 0.6  # what a window counts against an independent one; of sums
+    most: float = 5.0  # nats that no class falls further behind the leading one; of sums
+    prior_human: float = 0.0  # nats added to the log-likelihood of a person
+    human_limit: float = 0.8  # from this fused p(human) on there is nothing to wait for
 
     @classmethod
     def from_mapping(cls, raw: Mapping[str, Any]) -> "EvidenceSettings":
@@ -72,13 +60,7 @@ class EvidenceSettings:
 
 
 class Evidence:
-    """What is known of somebody, window after window.
-
-    Parameters
-    ----------
-    settings : EvidenceSettings
-        From the bundle.
-    """
+    """What is known of somebody, window after window."""
 
     def __init__(self, settings: EvidenceSettings) -> None:
         self._settings = settings
@@ -93,25 +75,19 @@ class Evidence:
     def take(self, answer: Answer) -> Probabilities:
         """Take what the network says of a window, given `hidden`; return the fused probabilities.
 
-        They are those of its temporal head, leaning as the settings say, or else those of `add`.
+        They are those of its temporal head, with the prior of the settings, or else those of
+        `add`.
         """
         if answer.fused_log_p is None:
             return self.add(answer.window)
         self.hidden = answer.hidden
-        return self._leaning(answer.fused_log_p)
+        return self._with_prior(answer.fused_log_p)
 
     def add(self, window: Probabilities) -> Probabilities:
-        """Take a window; return the fused probabilities.
+        """Take a window's calibrated probabilities; return the fused ones.
 
-        Parameters
-        ----------
-        window : Probabilities
-            Calibrated; a class of probability 0 in every window stays impossible.
-
-        Returns
-        -------
-        Probabilities
-            They sum to 1 within 1e-12 and depend on the windows since `reset` alone.
+        They sum to 1 within 1e-12 and depend on the windows since `reset` alone. A class of
+        probability 0 in every window stays impossible.
         """
         s = self._settings
         p = np.array([window.human, window.pet, window.other])
@@ -120,8 +96,8 @@ class Evidence:
         known = self._log.copy()
         # A network of two classes does not know the third.
         known[2] = known[2] if window.other > 0 else -math.inf
-        return self._leaning(known)
+        return self._with_prior(known)
 
-    def _leaning(self, log_p: NDArray[np.float64]) -> Probabilities:
-        leaning = log_p + np.array([self._settings.prior_human, 0.0, 0.0])
-        return Probabilities(*(float(p) for p in softmax(leaning)))
+    def _with_prior(self, log_p: NDArray[np.float64]) -> Probabilities:
+        weighed = log_p + np.array([self._settings.prior_human, 0.0, 0.0])
+        return Probabilities(*(float(p) for p in softmax(weighed)))

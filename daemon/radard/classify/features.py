@@ -28,78 +28,39 @@ from x2radar.errors import renamed
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FeatureSettings:
-    """How features are made; part of a bundle's sidecar.
+    """How features are made; part of a bundle's sidecar. Keys in metres, seconds and dB."""
 
-    Attributes
-    ----------
-    dwell_s : float
-        Length of the spectrogram, in seconds.
-    n_cpi : int
-        Frames in a CPI of the spectrogram.
-    n_cadence : int
-        Columns of the cadence velocity diagram that are used.
-    n_profile : int
-        Length of the range profile of the type 2 vector.
-    range_decimation : int
-        Keep every so many range bins behind the matched filter.
-    clutter : {'cpi', 'removed'}
-        Frames as they come, each CPI losing its own mean; or without the clutter map and
-        its jitter (`radard.detect.clutter_map`).
-    cell_s : float
-        Time cell of the maps, in seconds.
-    velocity_max_mps, velocity_step_mps : float
-        Grid of the velocity-time map.
-    velocity_cpi_s : float
-        Length of its CPI, in seconds: 0.47 resolves 0.07 m/s, 0.2 the swing of a leg.
-    velocity_cpi_carrier_hz : float
-        The carrier, in hertz, for which that holds: at another the CPI lasts in proportion
-        to the wavelength, so that every radar resolves the same velocity. 0: the same length
-        for all.
-    velocity_cpi_frames : int
-        Fewest frames of a CPI.
-    medium_cpi_s, medium_max_mps, medium_step_mps, medium_cell_s : float
-        CPI, grid and time cell of the map with the medium CPI, see `radard.classify.velocity_map`.
-    long_cpi_s, long_max_mps, long_step_mps, long_cell_s : float
-        Likewise for the long CPI.
-    long_sampling : float
-        Of the maps with longer CPIs, see `VelocityGrid.sampling`.
-    range_window : {'fixed', 'target'}
-        Whether the range-time map shows `near_m` to `far_m`, or as many metres of the swath
-        where most moves, wherever that is (`radard.classify.display_db.busiest_rows`).
-    near_m, far_m, cell_m : float
-        Grid of the range-time map; cells outside the swath stay empty.
-    velocity_depth_db, long_depth_db, range_depth_db : float
-        What is shown of the velocity-time map, of those with longer CPIs, and of the range-time
-        map, see `radard.classify.display_db`.
-    """
-
-    dwell_s: float = 2.0
-    n_cpi: int = 28
-    n_cadence: int = 28
-    n_profile: int = 392
-    range_decimation: int = 1
+    dwell_s: float = 2.0  # length of the spectrogram
+    n_cpi: int = 28  # frames in a CPI of the spectrogram; 0: 28/60 s at any rate
+    n_cadence: int = 28  # columns of the cadence velocity diagram that are used
+    n_profile: int = 392  # length of the range profile of the type 2 vector
+    range_decimation: int = 1  # keep every so many range bins behind the matched filter
+    # Frames as they come, each CPI losing its own mean; or 'removed': without the clutter map and
+    # its jitter (`radard.detect.clutter_map`).
     clutter: str = "cpi"
-    cell_s: float = 0.05
-    velocity_max_mps: float = 5.0
+    cell_s: float = 0.05  # time cell of the maps
+    velocity_max_mps: float = 5.0  # grid of the velocity-time map
     velocity_step_mps: float = 0.1
-    velocity_cpi_s: float = CPI_S
-    velocity_cpi_carrier_hz: float = 0.0
-    velocity_cpi_frames: int = 4
-    medium_cpi_s: float = 0.6
+    velocity_cpi_s: float = CPI_S  # 0.47 resolves 0.07 m/s, 0.2 the swing of a leg
+    velocity_cpi_carrier_hz: float = 0.0  # see `VelocityGrid.carrier_hz`
+    velocity_cpi_frames: int = 4  # fewest of a CPI
+    medium_cpi_s: float = 0.6  # the map with the medium CPI, see `radard.classify.velocity_map`
     medium_max_mps: float = 1.5
     medium_step_mps: float = 0.05
     medium_cell_s: float = 0.075
-    long_cpi_s: float = 1.5
+    long_cpi_s: float = 1.5  # the map with the long CPI
     long_max_mps: float = 0.6
     long_step_mps: float = 0.015
     long_cell_s: float = 0.1
-    long_sampling: float = 0.0
+    long_sampling: float = 0.0  # of the maps with longer CPIs, see `VelocityGrid.sampling`
+    # The range-time map shows `near_m` to `far_m`; or 'target': as many metres of the swath where
+    # most moves, wherever that is (`radard.classify.display_db.busiest_rows`).
     range_window: str = "fixed"
     near_m: float = 0.4
     far_m: float = 4.4
-    cell_m: float = 0.1
-    velocity_depth_db: float = 25.0
-    long_depth_db: float = 30.0
+    cell_m: float = 0.1  # cells outside the swath stay empty
+    velocity_depth_db: float = 25.0  # what is shown, see `radard.classify.display_db`
+    long_depth_db: float = 30.0  # of both maps with longer CPIs
     range_depth_db: float = 30.0
 
     @classmethod
@@ -202,7 +163,7 @@ _EMPTY = np.zeros((0, 0), np.float32)
 
 
 class FeatureMaker(Protocol):
-    """What an entry point of `radard.classify.features` names; its own name is the feature's."""
+    """What an entry point of `radard.features` names; its own name is the feature's."""
 
     def shape(self, settings: FeatureSettings) -> tuple[int, ...]:
         """Return the shape of the feature."""
@@ -237,14 +198,7 @@ class FeatureStream:
 
     Dwells may be left out, as while the gate is closed; a dwell that does not follow on the
     last one is taken whole. Live, replayed and single dwells give the same features: to
-    1e-6 of a map's power, the bound of `StreamingDoppler`.
-
-    Parameters
-    ----------
-    settings : FeatureSettings
-        From the bundle.
-    names : tuple of str
-        The features wanted, of `FEATURES`.
+    1e-6 of a map's power, the bound of `StreamingDoppler`. `names` are of `FEATURES` or plug-ins'.
     """
 
     def __init__(self, settings: FeatureSettings, names: tuple[str, ...]) -> None:
@@ -257,22 +211,9 @@ class FeatureStream:
         self._plugged = {name: plugin for name, plugin in found if plugin is not None}
 
     def extract(self, dwell: Dwell) -> FeatureSet:
-        """Return the features of one dwell.
+        """Return the features of one dwell, whole enough to be judged, in arrays of its own.
 
-        Parameters
-        ----------
-        dwell : Dwell
-            Whole enough to be judged (`Dwell.is_whole`).
-
-        Returns
-        -------
-        FeatureSet
-            Arrays of its own; nothing points into the dwell.
-
-        Raises
-        ------
-        FeatureError
-            If the dwell is too short for the settings.
+        Raises FeatureError if the dwell is too short for the settings.
         """
         settings = self._settings
         n_slow = len(dwell.frames)

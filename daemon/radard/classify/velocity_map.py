@@ -18,44 +18,26 @@ from radard.stream.ring import Dwell
 from x2radar.settings.x2 import SPEED_OF_LIGHT_MPS
 
 _MOST_SHARE = 0.75
-"""Of a dwell, for a CPI: the rest is what its columns move over."""
+"""Of a dwell, for a CPI: the rest is what its columns move over. Chosen."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VelocityGrid:
-    """One map's CPI and axes.
+    """One map's CPI and axes."""
 
-    Attributes
-    ----------
-    cpi_s : float
-        Length of the CPI, in seconds, at the carrier `carrier_hz`.
-    carrier_hz : float
-        At another carrier the CPI lasts in proportion to the wavelength, so that every radar
-        resolves the same velocity. 0: the same length for all.
-    least_frames : int
-        Fewest frames of a CPI.
-    max_mps, step_mps : float
-        Reach and spacing of the rows.
-    cell_s : float
-        Time cell.
-    n_cells : int
-        Columns of the map, the last of which ends with the dwell.
-    depth_db : float
-        What is shown, see `radard.classify.display_db.shown`.
-    sampling : float
-        Frames a second that are enough, as a share of what tells velocities to `max_mps` apart,
-        4 f `max_mps` / c: of faster streams so many frames in a row are one that no fewer are
-        left. 0: every frame.
-    """
-
-    cpi_s: float
+    cpi_s: float  # length of the CPI at the carrier `carrier_hz`
+    # At another carrier the CPI lasts in proportion to the wavelength, so that every radar
+    # resolves the same velocity. 0: the same length for all.
     carrier_hz: float
-    least_frames: int
-    max_mps: float
-    step_mps: float
-    cell_s: float
-    n_cells: int
-    depth_db: float
+    least_frames: int  # of a CPI
+    max_mps: float  # reach of the rows
+    step_mps: float  # and their spacing
+    cell_s: float  # time cell
+    n_cells: int  # columns, the last of which ends with the dwell
+    depth_db: float  # what is shown, see `radard.classify.display_db.shown`
+    # Frames a second that are enough, as a share of what tells velocities to `max_mps` apart,
+    # 4 f `max_mps` / c: of faster streams so many frames in a row are one that no fewer are
+    # left. 0: every frame.
     sampling: float = 0.0
 
     @property
@@ -64,19 +46,9 @@ class VelocityGrid:
         return 2 * int(self.max_mps / self.step_mps + 1e-9) + 1, self.n_cells
 
     def transform(self, dwell: Dwell, column_rate_hz: float | None = None) -> VelocityTransform:
-        """Return what makes the columns of a stream of such dwells.
+        """Return what makes the columns of a stream of such dwells; FeatureError for bad settings.
 
-        Parameters
-        ----------
-        dwell : Dwell
-            Any of the stream.
-        column_rate_hz : float, optional
-            Columns wanted a second, when not one for each cell.
-
-        Raises
-        ------
-        FeatureError
-            If a setting makes no sense.
+        `column_rate_hz` are the columns wanted a second, one for each cell when not given.
         """
         n_slow, n_mean = len(dwell.frames), self._n_mean(dwell)
         rate_hz = dwell.frame_rate_hz / n_mean

@@ -46,9 +46,7 @@ class Provenance:
     carrier_hz: float = 0.0
     duration_s: float = 0.0  # stream time that was listened to
     n_dwells: int = 0  # dwells in it
-    false_gates_per_day: float = (
-        0.0  # predicted: decisions that open the gate in such an empty room
-    )
+    false_gates_per_day: float = 0.0  # predicted: decisions that open the gate in such a room
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -57,9 +57,7 @@ class Track:
     radial_velocity_mps: float  # positive when it approaches
     power_db: float  # smoothed peak power over the floor
     unseen_s: float  # since its last hit
-    path_m: NDArray[
-        np.float64
-    ]  # its range at every frame, shape (n_slow,); before it was seen, its first
+    path_m: NDArray[np.float64]  # its range at every frame; before it was seen, its first
 
 
 @dataclass(slots=True)
