@@ -98,3 +98,19 @@ def test_files_named_by_their_end_are_there(page):
     ]
     for name in re.findall(r"`((?:\w+/)*\w+\.py)`", text_of(page)):
         assert any(path.endswith(f"/{name}") for path in known), name
+
+
+def test_readme_is_short_and_lists_every_page():
+    text = (ROOT / "README.md").read_text("utf-8")
+    assert len(text.splitlines()) < 90
+    linked = set(re.findall(r"\]\(([^)#\s]+)", text))
+    assert {f"docs/{page.name}" for page in (ROOT / "docs").glob("*.md")} <= linked
+
+
+def test_contributing_lists_every_room():
+    text = (ROOT / "CONTRIBUTING.md").read_text("utf-8")
+    for package in PACKAGES.values():
+        rooms = {init.parent.name for init in (ROOT / package).glob("*/__init__.py")}
+        assert rooms
+        for room in rooms:
+            assert f"`{room}/`" in text, f"{package}/{room}"
