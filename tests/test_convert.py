@@ -18,8 +18,8 @@ from tests.recording_helpers import (
 )
 from x2radar.errors import RecordingError, SettingsError
 from x2radar.recording.blocks import Overrides
-from x2radar.recording.convert import WRITABLE, convert
-from x2radar.recording.registry import KINDS, open_recording
+from x2radar.recording.convert import convert
+from x2radar.recording.registry import FORMATS, WRITABLE, open_recording
 
 NAMES = {
     "hdf5": "out.h5",
@@ -225,7 +225,7 @@ WRONG = [
     (["gone.h5", "out.npz"], 66, "gone.h5: no such recording"),
     (["gone", "out.npz"], 66, "gone: no such recording"),
     (["text.txt", "out.npz"], 66, "text.txt: no recording of a known format (HDF5"),
-    (["empty", "out.npz"], 66, "empty: no xethru_"),
+    (["empty", "out.npz"], 66, "empty: no recording of a known format"),
     (["junk.mat", "out.npz"], 66, "junk.mat: not a MATLAB file"),
     (["junk.npz", "out.h5"], 66, "junk.npz: not a NumPy archive"),
     (["junk.sigmf-meta", "out.npz"], 66, "junk.sigmf-meta: not a SigMF meta file"),
@@ -311,4 +311,14 @@ def test_every_format_can_be_forced(tmp_path):
     for kind in (None, "npz"):
         with open_recording(odd, kind=kind) as reader:
             assert np.array_equal(content(reader)[0], samples)
-    assert set(KINDS) >= set(WRITABLE)
+
+
+def test_the_table_of_the_docs_is_that_of_the_formats():
+    page = Path(__file__).parents[1] / "docs" / "recordings.md"
+    rows = [line.split("|")[1:-1] for line in page.read_text("utf-8").splitlines()]
+    told = {cells[0].strip(" `"): cells for cells in rows if len(cells) == 10}
+    assert set(FORMATS) <= set(told)
+    for name, row in FORMATS.items():
+        _, suffixes, is_read, is_written, *_ = (cell.strip() for cell in told[name])
+        assert f"`{row.suffixes[0]}`" in suffixes
+        assert (is_read, is_written) == ("yes", "yes" if row.writer else "no")

@@ -13,7 +13,7 @@ import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from importlib.metadata import PackageNotFoundError, version
-from typing import NoReturn
+from typing import NoReturn, TextIO
 
 
 class Parser(argparse.ArgumentParser):
@@ -22,6 +22,32 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Print one line and end with exit code 2."""
         self.exit(2, f"{self.prog}: {' '.join(message.split())}; see {self.prog} --help\n")
+
+
+class StatusLine:
+    """One line that changes while a command works, where a person watches; silence elsewhere.
+
+    `out` is usually stderr: stdout carries data only.
+    """
+
+    def __init__(self, out: TextIO) -> None:
+        self.is_on = out.isatty()
+        self._out = out
+        self._width = 0
+
+    def show(self, text: str) -> None:
+        """Put `text` into the place of what stands there."""
+        if self.is_on:
+            self._out.write("\r" + text.ljust(self._width))
+            self._out.flush()
+            self._width = len(text)
+
+    def clear(self) -> None:
+        """Take the line away, before something else is printed."""
+        if self._width:
+            self.show("")
+            self._out.write("\r")
+            self._out.flush()
 
 
 def new_parser(prog: str, description: str, examples: str) -> Parser:
@@ -50,19 +76,7 @@ def run_command(
 ) -> int:
     """Run a command's body and turn what it raises into one line and an exit code.
 
-    Parameters
-    ----------
-    prog : str
-        Name of the command.
-    body : callable
-        Takes the arguments, returns the exit code.
-    argv : sequence of str, optional
-        Arguments; the process' own by default.
-
-    Returns
-    -------
-    int
-        The exit code.
+    `argv` are the process' own arguments by default.
     """
     args = list(sys.argv[1:] if argv is None else argv)
     try:

@@ -13,6 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 Kind = Literal["rf", "baseband"]
+LONGEST_GAP = 36_000
+"""More missing frames than this are a restart of the module. Chosen: ten minutes at 60 Hz."""
+
 _WRAP = 1 << 32
 
 
@@ -125,33 +128,18 @@ class Step(Enum):
 
 
 class CounterTracker:
-    """Unwrap a 32-bit frame counter and name every irregularity.
+    """Unwrap a 32-bit frame counter and name every irregularity."""
 
-    Parameters
-    ----------
-    longest_gap : int
-        More missing frames than this are taken for a restart of the module.
-    """
-
-    def __init__(self, longest_gap: int = 36_000) -> None:
+    def __init__(self, longest_gap: int = LONGEST_GAP) -> None:
         self._longest_gap = longest_gap
         self._last: int | None = None
         self.index = -1
 
     def update(self, counter: int) -> tuple[Step, int]:
-        """Take the next counter; `index` then holds the frame's unwrapped number.
+        """Take the counter, 0 to 2**32 - 1, of the frame just received.
 
-        Parameters
-        ----------
-        counter : int
-            Counter of the frame just received, 0 to 2**32 - 1.
-
-        Returns
-        -------
-        step : Step
-            How the counter follows. A repeat leaves `index` as it was.
-        lost : int
-            Frames missing in between, 0 unless the step is `Step.GAP`.
+        Returns how it follows, and how many frames are missing in between (`Step.GAP`). `index`
+        then holds the frame's unwrapped number; a repeat leaves it as it was.
         """
         last, self._last = self._last, counter
         if last is None:

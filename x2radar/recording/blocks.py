@@ -8,14 +8,16 @@ than one block of samples is held.
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from types import TracebackType
-from typing import Any, Self
+from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from x2radar.closing import Closing
 from x2radar.errors import RecordingError
-from x2radar.frame import FastTimeAxis, Frame, StreamInfo, read_only
+from x2radar.frame import LONGEST_GAP, FastTimeAxis, Frame, StreamInfo, read_only
+from x2radar.settings.x2 import SPEED_OF_LIGHT_MPS
 
 Samples = NDArray[np.float32] | NDArray[np.complex64]
 Label = tuple[float, float, str]
@@ -23,10 +25,11 @@ SAMPLE_DTYPES: dict[str, type[np.float32 | np.complex64]] = {
     "rf": np.float32,
     "baseband": np.complex64,
 }
-SPEED_OF_LIGHT_MPS = 299_792_458.0
 BLOCK_BYTES = 1 << 21
-LONGEST_GAP = 36_000
+"""Samples held at a time. Chosen: a block costs no more memory than a process of Python anyway."""
+
 _WRAP = 1 << 32
+"""The module counts frames in 32 bits."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,19 +64,8 @@ class Steps:
 def unwrap(counter: NDArray[Any], last: int | None = None, index: int = -1) -> Steps:
     """Unwrap many 32-bit counters at once, as `x2radar.frame.CounterTracker` does one by one.
 
-    Parameters
-    ----------
-    counter : ndarray, shape (n,)
-        Whole numbers, 0 to 2**32 - 1.
-    last : int, optional
-        The counter before; None at the beginning of a stream.
-    index : int
-        Unwrapped number of `last`.
-
-    Returns
-    -------
-    Steps
-        Unwrapped numbers, frames lost before each, restarts and repeats.
+    `counter`, shape (n,), are whole numbers from 0 to 2**32 - 1; `last` is the one before, None
+    at the beginning of a stream, and `index` its unwrapped number.
     """
     now = np.asarray(counter).astype(np.int64)
     before = np.empty_like(now)
@@ -92,11 +84,8 @@ def unwrap(counter: NDArray[Any], last: int | None = None, index: int = -1) -> S
 class Overrides:
     """What the user knows better than the file; None leaves the file's value.
 
-    Attributes
-    ----------
-    frame_rate_hz, bin_length_m, range_offset_m, carrier_hz, bandwidth_hz, sample_rate_hz : float
-        As in `FastTimeAxis` and `StreamInfo`. A sample rate alone also sets the bin length
-        of RF frames, c / (2 fs).
+    Names as in `FastTimeAxis` and `StreamInfo`. A sample rate alone also sets the bin length of
+    RF frames, c / (2 fs).
     """
 
     frame_rate_hz: float | None = None
@@ -126,53 +115,32 @@ class Overrides:
 NO_OVERRIDES = Overrides()
 
 
-class BlockReader:
-    """Base of all readers of recordings.
+class BlockReader(Closing):
+    """Base of all readers of recordings: made of a path and `Overrides`.
 
-    Attributes
-    ----------
-    stream : StreamInfo
-        Axes and rate.
-    n_frames : int
-        Frames in the recording.
-    started_utc : str
-        Wall clock of the first frame, ISO 8601; empty when unknown.
-    device, settings : mapping
-        What the recording says about its module; may be empty.
-    labels : list of (t0_s, t1_s, label)
-        Labelled stretches; empty when there are none.
-    warning : str or None
-        What is odd about the recording, for people.
+    A file that is missing, damaged or none of its format raises RecordingError, one line that
+    says what.
     """
 
     stream: StreamInfo
     n_frames: int
     started_utc: str = ""
+    """Wall clock of the first frame, ISO 8601; empty when unknown."""
     warning: str | None = None
+    """What is odd about the recording, for people."""
     _overrides: Overrides = NO_OVERRIDES
-
-    def __enter__(self) -> Self:
-        """Return the reader."""
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Close the recording."""
-        self.close()
+    _device: Mapping[str, Any] | None = None
+    _settings: Mapping[str, Any] = MappingProxyType({})
 
     @property
     def device(self) -> Mapping[str, Any]:
-        """What the recording says about its module."""
-        return {"name": self.stream.device}
+        """What the recording says about its module; may be empty."""
+        return {"name": self.stream.device} if self._device is None else self._device
 
     @property
     def settings(self) -> Mapping[str, Any]:
         """The module's settings, as far as the recording holds them."""
-        return {}
+        return self._settings
 
     @property
     def labels(self) -> list[Label]:
@@ -185,38 +153,18 @@ class BlockReader:
     def blocks(self, *, samples: bool = True) -> Iterator[Block]:
         """Yield the recording block by block, repeated frames included.
 
-        Parameters
-        ----------
-        samples : bool
-            False leaves the samples out (shape (n, 0)), for a look at the counters.
-
-        Raises
-        ------
-        RecordingError
-            If a part of the file cannot be read.
+        `samples` False leaves the samples out, shape (n, 0), for a look at the counters. Raises
+        RecordingError if a part of the file cannot be read.
         """
         for first, last, counter, _, t_s in self._walk():
             rows = self.read_samples(first, last) if samples else self._no_samples(last - first)
             yield Block(rows, counter.astype(np.uint32), t_s)
 
     def frames(self, start_s: float = 0.0) -> Iterator[Frame]:
-        """Yield the frames in order.
+        """Yield the frames in order, from the first at or behind `start_s` seconds of the file.
 
-        Parameters
-        ----------
-        start_s : float
-            Begin with the first frame at or behind this time of the file, in seconds.
-
-        Yields
-        ------
-        Frame
-            `index` counts from the file's first frame, losses included, wherever reading
-            begins; repeated counters are skipped, as the driver does.
-
-        Raises
-        ------
-        RecordingError
-            If a part of the file cannot be read.
+        `index` counts from the file's first frame, losses included, wherever reading begins;
+        repeated counters are skipped, as the driver does. Raises as `blocks`.
         """
         axis = self.stream.axis
         begun = False

@@ -26,7 +26,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from x2radar.device.transport import Transport
-from x2radar.errors import RecordingError, TransportClosed
+from x2radar.errors import TransportClosed
+from x2radar.recording.blocks import refuse
 
 MAGIC = b"X2RADARC"
 VERSION = 1
@@ -34,6 +35,7 @@ _HEAD = struct.Struct("<8sHHI")
 _RECORD = struct.Struct("<BQI")
 _CRC = struct.Struct("<I")
 _LONGEST = 1 << 26
+"""Bytes of a head or record above which it is damaged. Chosen: a read gives 64 KiB at most."""
 
 FROM_MODULE = 0x3C
 TO_MODULE = 0x3E
@@ -43,17 +45,7 @@ _KINDS = frozenset({FROM_MODULE, TO_MODULE, OPENED, CLOSED})
 
 
 class Chunk(NamedTuple):
-    """One record of a capture.
-
-    Attributes
-    ----------
-    kind : int
-        `FROM_MODULE`, `TO_MODULE`, `OPENED` or `CLOSED`.
-    t_s : float
-        Time since the capture's start, in seconds.
-    data : bytes
-        The bytes.
-    """
+    """One record of a capture: its kind, seconds since the capture's start, and the bytes."""
 
     kind: int
     t_s: float
@@ -63,17 +55,8 @@ class Chunk(NamedTuple):
 class CaptureWriter:
     """Append what a wire carries to a new file; may be called from several threads.
 
-    Parameters
-    ----------
-    path : Path
-        File to make; an existing one is never overwritten.
-    about : mapping
-        What the head says: port, settings …
-
-    Raises
-    ------
-    RecordingError
-        If the file exists or cannot be made; from `add` if the disk does not take it.
+    `about` is what the head says: port, settings … Raises RecordingError if the file exists or
+    cannot be made; from `add` if the disk does not take it.
     """
 
     def __init__(self, path: Path, about: Mapping[str, Any]) -> None:
@@ -83,11 +66,9 @@ class CaptureWriter:
         try:
             self._file = os.open(path, flags, 0o644)
         except FileExistsError as err:
-            msg = f"{path}: exists already; captures are never overwritten"
-            raise RecordingError(msg) from err
+            raise refuse(path, "exists already; captures are never overwritten") from err
         except OSError as err:
-            msg = f"{path}: cannot make a capture there: {err.strerror}"
-            raise RecordingError(msg) from err
+            raise refuse(path, f"cannot make a capture there: {err.strerror}") from err
         self._lock = threading.Lock()
         self._begun_ns = time.monotonic_ns()
         self.n_bytes = 0
@@ -120,8 +101,7 @@ class CaptureWriter:
                 self.n_bytes += n
                 left = left[n:]
         except OSError as err:
-            msg = f"{self._path}: cannot write: {err.strerror}"
-            raise RecordingError(msg) from err
+            raise refuse(self._path, f"cannot write: {err.strerror}") from err
 
 
 class CapturingTransport:
@@ -168,24 +148,10 @@ def capturing(
 
 
 class Capture:
-    """A capture file.
+    """A capture file, which may still be written to.
 
-    Parameters
-    ----------
-    path : Path or str
-        The file; it may still be written to.
-
-    Attributes
-    ----------
-    about : dict
-        What the head says.
-    warning : str or None
-        What was left out, once the chunks have been read to the end.
-
-    Raises
-    ------
-    RecordingError
-        If the file is missing or no capture.
+    `about` is what the head says; `warning` what was left out, once the chunks have been read to
+    the end. Raises RecordingError if the file is missing or no capture.
     """
 
     def __init__(self, path: Path | str) -> None:
@@ -195,22 +161,18 @@ class Capture:
             with self.path.open("rb") as file:
                 head = file.read(_HEAD.size)
                 if len(head) < _HEAD.size or head[:8] != MAGIC:
-                    msg = f"{path}: not a wire capture"
-                    raise RecordingError(msg)
+                    raise refuse(path, "not a wire capture")
                 _, version, _, n = _HEAD.unpack(head)
                 if version != VERSION:
-                    msg = f"{path}: capture version {version}, this reads {VERSION}"
-                    raise RecordingError(msg)
+                    raise refuse(path, f"capture version {version}, this reads {VERSION}")
                 self._begin = _HEAD.size + n
                 about = file.read(n) if n <= _LONGEST else b""
         except OSError as err:
-            msg = f"{path}: cannot be read: {err.strerror}"
-            raise RecordingError(msg) from err
+            raise refuse(path, f"cannot be read: {err.strerror}") from err
         try:
             self.about = dict(json.loads(about))
         except (ValueError, TypeError) as err:
-            msg = f"{path}: the head of the capture is damaged"
-            raise RecordingError(msg) from err
+            raise refuse(path, "the head of the capture is damaged") from err
 
     def chunks(self) -> Iterator[Chunk]:
         """Yield the whole records in order."""
@@ -252,13 +214,7 @@ class CaptureReplay:
         self.check_writes = check_writes
 
     def connect(self) -> "CaptureTransport":
-        """Return the next opening of the port.
-
-        Raises
-        ------
-        TransportClosed
-            If the capture holds no more of them.
-        """
+        """Return the next opening of the port; raises TransportClosed if there are no more."""
         for chunk in self._chunks:
             if chunk.kind == OPENED:
                 return CaptureTransport(self, is_usb=chunk.data == b"\x01")

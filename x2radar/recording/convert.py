@@ -9,10 +9,13 @@ from pathlib import Path
 
 from x2radar.errors import SettingsError, X2RadarError
 from x2radar.recording.blocks import NO_OVERRIDES, BlockReader, Overrides, refuse
-from x2radar.recording.formats.sigmf import pair_of
-from x2radar.recording.registry import KINDS, Kind, kind_by_name, open_recording
-
-WRITABLE = tuple(name for name, kind in KINDS.items() if kind.writer)
+from x2radar.recording.registry import (
+    FORMATS,
+    WRITABLE,
+    Format,
+    format_by_name,
+    open_recording,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,24 +36,11 @@ def convert(
     out_kind: str | None = None,
     overrides: Overrides = NO_OVERRIDES,
 ) -> Converted:
-    """Write the recording `source` in another format.
+    """Write the recording `source` as a new file or folder `out`, in another format.
 
-    Parameters
-    ----------
-    source : Path
-        What `open_recording` opens.
-    out : Path
-        File or folder to make; nothing is ever overwritten, and a failed conversion leaves
-        nothing behind.
-    source_kind, out_kind : str, optional
-        Names of formats; else by content, and by the suffix of `out`.
-    overrides : Overrides
-        Instead of what the source says about its axis and rate.
-
-    Returns
-    -------
-    Converted
-        What was done.
+    Nothing is ever overwritten, and a failed conversion leaves nothing behind. The formats are
+    named, or found by content and by the suffix of `out`; `overrides` go before what the source
+    says about its axis and rate.
 
     Raises
     ------
@@ -59,32 +49,32 @@ def convert(
     SettingsError
         If the format of `out` is unknown or cannot hold these frames.
     """
-    kind = _kind_to_write(out, out_kind)
-    for path in pair_of(out) if kind.name == "sigmf" else (out,):
+    found = _format_to_write(out, out_kind)
+    for path in found.files(out):
         if path.exists():
             raise refuse(path, "exists already; recordings are never overwritten")
     with open_recording(source, kind=source_kind, overrides=overrides) as reader:
         with _beside(out) as folder:
             try:
-                notes = kind.write(folder / out.name, reader)
+                notes = found.write(folder / out.name, reader)
             except OSError as err:
                 msg = f"{out}: cannot write: {err.strerror or err}"
                 raise X2RadarError(msg) from err
             _put_in_place(folder, out)
         duration_s = _duration_s(reader)
         warnings = [reader.warning] if reader.warning else []
-        return Converted(kind.name, reader.n_frames, duration_s, (*warnings, *notes))
+        return Converted(found.name, reader.n_frames, duration_s, (*warnings, *notes))
 
 
-def _kind_to_write(out: Path, out_kind: str | None) -> Kind:
-    kind = KINDS[out_kind] if out_kind else kind_by_name(out)
-    if kind is None:
+def _format_to_write(out: Path, out_kind: str | None) -> Format:
+    found = FORMATS[out_kind] if out_kind else format_by_name(out)
+    if found is None:
         msg = f"{out}: its name names no format; use --to with one of {', '.join(WRITABLE)}"
         raise SettingsError(msg)
-    if not kind.writer:
-        msg = f"{out}: {kind.title}s are only read; written are {', '.join(WRITABLE)}"
+    if not found.writer:
+        msg = f"{out}: {found.title}s are only read; written are {', '.join(WRITABLE)}"
         raise SettingsError(msg)
-    return kind
+    return found
 
 
 @contextlib.contextmanager
@@ -102,7 +92,7 @@ def _beside(out: Path) -> Iterator[Path]:
 
 def _put_in_place(folder: Path, out: Path) -> None:
     """Move what was written to its place; nothing is replaced."""
-    # Data before meta: whoever sees the meta file finds its data.
+    # Data before meta: a program that sees the meta file finds its data.
     pairs = [(made, out.parent / made.name) for made in sorted(folder.iterdir())]
     for _, place in pairs:
         if place.exists():

@@ -26,7 +26,6 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from x2radar.errors import RecordingError
 from x2radar.frame import FastTimeAxis, StreamInfo
 from x2radar.recording.blocks import (
     BLOCK_BYTES,
@@ -37,6 +36,7 @@ from x2radar.recording.blocks import (
     Overrides,
     Samples,
     as_samples,
+    refuse,
     rows_per_block,
 )
 from x2radar.recording.hdf5_writer import FORMAT, VERSION, RecordingWriter, reason
@@ -46,45 +46,24 @@ __all__ = ["FORMAT", "VERSION", "RecordingReader", "RecordingWriter"]
 _NUMBERS = ("frame_rate_hz", "carrier_hz", "sample_rate_hz", "bin_length_m", "range_offset_m")
 _TEXTS = ("started_utc", "device", "settings")
 _MOST_BLOCK_BYTES = 1 << 26
+"""Largest chunk that is read as a whole. Chosen: other programs may write a file in one chunk."""
 
 
 class RecordingReader(BlockReader):
-    """Read a recording.
+    """Read a recording, which may still be written to.
 
-    Parameters
-    ----------
-    path : Path or str
-        The file; it may still be written to.
-
-    Attributes
-    ----------
-    stream : StreamInfo
-        Axes and rate. `axis.phase_sign` is always -1: a recording with +1 is conjugated.
-    n_frames : int
-        Whole frames in the file.
-    started_utc : str
-        Wall clock of the first frame.
-    warning : str or None
-        What is odd about the file, for people.
-
-    Raises
-    ------
-    RecordingError
-        If the file is missing, damaged, or no recording; one line that says what.
+    `axis.phase_sign` is always -1: a recording with +1 is conjugated.
     """
 
     def __init__(self, path: Path | str, overrides: Overrides = NO_OVERRIDES) -> None:
         self.path = Path(path)
-        self.warning: str | None = None
         self._overrides = overrides
         if not self.path.is_file():
-            msg = f"{path}: no such recording"
-            raise RecordingError(msg)
+            raise refuse(path, "no such recording")
         try:
             self._file = h5py.File(self.path, "r", swmr=True)
         except OSError as err:
-            msg = f"{path}: not an HDF5 file, or damaged ({reason(err)})"
-            raise RecordingError(msg) from err
+            raise refuse(path, f"not an HDF5 file, or damaged ({reason(err)})") from err
         try:
             self._check()
         except BaseException:
@@ -103,16 +82,6 @@ class RecordingReader(BlockReader):
             return []
         rows = zip(group["t0_s"][()], group["t1_s"][()], group["label"][()], strict=True)
         return [(float(t0), float(t1), _text(label)) for t0, t1, label in rows]
-
-    @property
-    def device(self) -> Mapping[str, Any]:
-        """What the recording says about its module."""
-        return self._json("device") or {"name": self.stream.device}
-
-    @property
-    def settings(self) -> Mapping[str, Any]:
-        """The module's settings, as far as the recording holds them."""
-        return self._json("settings")
 
     @property
     def attributes(self) -> dict[str, Any]:
@@ -161,25 +130,30 @@ class RecordingReader(BlockReader):
         try:
             return np.asarray(self._file["frames"][name][first:last])
         except (OSError, KeyError, RuntimeError) as err:
-            msg = f"{self.path}: frames {first} to {last} cannot be read ({reason(err)})"
-            raise RecordingError(msg) from err
+            raise refuse(
+                self.path, f"frames {first} to {last} cannot be read ({reason(err)})"
+            ) from err
 
     def _check(self) -> None:
         attrs = self._file.attrs
         if _text(attrs.get("format", "")) != FORMAT:
-            self._refuse(f"no recording (attribute 'format' is not '{FORMAT}')")
+            raise refuse(self.path, f"no recording (attribute 'format' is not '{FORMAT}')")
         if int(attrs.get("format_version", 0)) != VERSION:
-            self._refuse(f"format_version {attrs.get('format_version')}, this reads {VERSION}")
+            raise refuse(
+                self.path, f"format_version {attrs.get('format_version')}, this reads {VERSION}"
+            )
         for name in ("kind", *_NUMBERS, *_TEXTS):
             if name not in attrs:
-                self._refuse(f"attribute '{name}' is missing")
+                raise refuse(self.path, f"attribute '{name}' is missing")
         kind = _text(attrs["kind"])
         if kind not in SAMPLE_DTYPES:
-            self._refuse(f"kind '{kind}' is neither rf nor baseband")
+            raise refuse(self.path, f"kind '{kind}' is neither rf nor baseband")
         numbers = {name: self._number(name) for name in _NUMBERS}
         for name in ("frame_rate_hz", "bin_length_m", "carrier_hz"):
             if numbers[name] <= 0:
-                self._refuse(f"attribute '{name}' is {numbers[name]:g}, must be above 0")
+                raise refuse(
+                    self.path, f"attribute '{name}' is {numbers[name]:g}, must be above 0"
+                )
         n_range = self._check_sets(kind)
         self.started_utc = _text(attrs["started_utc"])
         self._conjugate = kind == "baseband" and self._number("phase_sign", -1) > 0
@@ -192,7 +166,8 @@ class RecordingReader(BlockReader):
             bandwidth_hz=self._number("bandwidth_hz", 0.0),
             sample_rate_hz=numbers["sample_rate_hz"],
         )
-        stream = StreamInfo(axis, numbers["frame_rate_hz"], self._device())
+        self._device, self._settings = self._json("device") or None, self._json("settings")
+        stream = StreamInfo(axis, numbers["frame_rate_hz"], self._name())
         self.stream = self._overrides.apply(stream)
 
     def _check_sets(self, kind: str) -> int:
@@ -203,27 +178,27 @@ class RecordingReader(BlockReader):
             except (KeyError, OSError):
                 item = None
             if not isinstance(item, h5py.Dataset):
-                self._refuse(f"data set '/frames/{name}' is missing")
+                raise refuse(self.path, f"data set '/frames/{name}' is missing")
             sets[name] = item
         shape, dtype = sets["samples"].shape, sets["samples"].dtype
         if len(shape) != 2 or shape[1] == 0:
-            self._refuse(f"/frames/samples has the shape {shape}, not (n, n_range)")
+            raise refuse(self.path, f"/frames/samples has the shape {shape}, not (n, n_range)")
         if dtype.kind != ("c" if kind == "baseband" else "f"):
-            self._refuse(f"/frames/samples is {dtype}, which is no {kind} data")
+            raise refuse(self.path, f"/frames/samples is {dtype}, which is no {kind} data")
         for name in ("counter", "t_s"):
             if sets[name].ndim != 1 or sets[name].dtype.kind not in "iuf":
-                self._refuse(f"/frames/{name} is no list of numbers")
+                raise refuse(self.path, f"/frames/{name} is no list of numbers")
         lengths = {name: len(item) for name, item in sets.items()}
         self.n_frames = min(lengths.values())
         if self.n_frames == 0:
-            self._refuse("no frames in it")
+            raise refuse(self.path, "no frames in it")
         if len(set(lengths.values())) > 1:
             self.warning = (
                 f"{self.path}: the recording was cut off; {self.n_frames} whole frames are read"
             )
         return int(shape[1])
 
-    def _device(self) -> str:
+    def _name(self) -> str:
         try:
             raw = json.loads(_text(self._file.attrs["device"]))
         except ValueError:
@@ -244,12 +219,8 @@ class RecordingReader(BlockReader):
         except (TypeError, ValueError):
             number = float("nan")
         if not np.isfinite(number):
-            self._refuse(f"attribute '{name}' is {value!r}, not a number")
+            raise refuse(self.path, f"attribute '{name}' is {value!r}, not a number")
         return number
-
-    def _refuse(self, why: str) -> None:
-        msg = f"{self.path}: {why}"
-        raise RecordingError(msg)
 
 
 def _text(value: Any) -> str:

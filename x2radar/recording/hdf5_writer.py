@@ -13,25 +13,24 @@ import os
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
-from types import MappingProxyType, TracebackType
+from types import MappingProxyType
 from typing import Any
 
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from x2radar.closing import Closing
 from x2radar.errors import RecordingError
 from x2radar.frame import Frame, StreamInfo
-from x2radar.recording.blocks import SAMPLE_DTYPES, Block, Label
+from x2radar.recording.blocks import SAMPLE_DTYPES, Block, Label, refuse
 
 FORMAT = "x2radar-recording"
 VERSION = 1
-
-
 _NOTHING: Mapping[str, Any] = MappingProxyType({})
 
 
-class RecordingWriter:
+class RecordingWriter(Closing):
     """Write frames into a new recording.
 
     Parameters
@@ -51,11 +50,6 @@ class RecordingWriter:
     fsync : bool
         Wait for the disk after every chunk, so that a power failure costs no more than a
         kill; twice a second, some milliseconds on an SSD, up to a second on an SD card.
-
-    Attributes
-    ----------
-    n_frames : int
-        Frames taken so far.
 
     Raises
     ------
@@ -130,19 +124,6 @@ class RecordingWriter:
         self._published = self._made_as == path
         self._file.swmr_mode = True
 
-    def __enter__(self) -> "RecordingWriter":
-        """Return the writer."""
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Close the recording."""
-        self.close()
-
     @property
     def n_bytes(self) -> int:
         """Size of the file so far, in bytes; the last second is not in it."""
@@ -154,14 +135,13 @@ class RecordingWriter:
     def write(self, frame: Frame) -> None:
         """Keep one frame; a second's worth goes to the disk at once.
 
-        Raises
-        ------
-        RecordingError
-            If the disk does not take it, or the frame has another length than the stream.
+        Raises RecordingError if the disk does not take it, or the frame has another length than
+        the stream.
         """
         if frame.samples.shape != self._samples.shape[1:]:
-            msg = f"{self._path}: a frame of {frame.samples.size} bins does not fit the recording"
-            raise RecordingError(msg)
+            raise refuse(
+                self._path, f"a frame of {frame.samples.size} bins does not fit the recording"
+            )
         k = self._filled
         self._samples[k] = frame.samples
         self._counter[k] = frame.counter
@@ -223,8 +203,7 @@ class RecordingWriter:
                     os.fsync(self._file.id.get_vfd_handle())
         except (OSError, RuntimeError) as err:
             self._let_go()
-            msg = f"{self._path}: cannot write: {reason(err)}"
-            raise RecordingError(msg) from err
+            raise refuse(self._path, f"cannot write: {reason(err)}") from err
         if not self._published:
             self._publish()
 
@@ -260,7 +239,7 @@ class RecordingWriter:
 
     def _cannot_make(self, err: OSError) -> RecordingError:
         why = "exists already" if self._path.exists() else reason(err)
-        return RecordingError(f"{self._path}: cannot make a recording there: {why}")
+        return refuse(self._path, f"cannot make a recording there: {why}")
 
 
 def write_labels(path: Path, labels: list[Label]) -> None:

@@ -7,24 +7,14 @@ from typing import Any
 import numpy as np
 
 from x2radar.recording.blocks import BlockReader, unwrap
-from x2radar.recording.registry import kind_of, open_recording
+from x2radar.recording.registry import format_of, open_recording
 
 
 def describe_recording(path: Path) -> dict[str, Any]:
     """Return facts about a recording, JSON-safe; counters and times are read, not samples.
 
-    Returns
-    -------
-    dict
-        format, kind, n_frames, duration_s, frame_rate_hz (stated), measured_rate_hz (from
-        t_s over counters; null for one frame), lost, gaps, longest_gap, restarts, repeats,
-        axis, started_utc, device, settings, labels, has_decisions, compression, n_bytes,
-        parts, warning.
-
-    Raises
-    ------
-    RecordingError
-        If it cannot be read.
+    measured_rate_hz is that of t_s over the counters, null for one frame. Raises RecordingError
+    if it cannot be read.
     """
     with open_recording(path) as reader:
         axis = asdict(reader.stream.axis)
@@ -33,7 +23,7 @@ def describe_recording(path: Path) -> dict[str, Any]:
         parts = [str(part) for part in getattr(reader, "paths", [])]
         return {
             "path": str(path),
-            "format": "hdf5" if parts else kind_of(path).name,
+            "format": format_of(path).name,
             "kind": axis.pop("kind"),
             **_counted(reader),
             "axis": axis,
@@ -83,10 +73,7 @@ def _size(path: Path, parts: list[str]) -> int:
         return sum(Path(part).stat().st_size for part in parts)
     if path.is_dir():
         return sum(file.stat().st_size for file in path.iterdir() if file.is_file())
-    name = path.name.removesuffix(".sigmf-meta").removesuffix(".sigmf-data")
-    if name != path.name:
-        return sum(p.stat().st_size for p in path.parent.glob(f"{name}.sigmf-*"))
-    return path.stat().st_size
+    return sum(file.stat().st_size for file in format_of(path).files(path))
 
 
 def summary(facts: dict[str, Any]) -> list[str]:

@@ -13,10 +13,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol, TextIO
 
+from x2radar.command import StatusLine
 from x2radar.errors import ReadTimeout, RecordingError, TransportClosed, X2RadarError
 from x2radar.frame import Frame
 
 _SHOW_EVERY_S = 0.5
+"""Chosen: as fast as numbers can be read."""
 
 
 class FrameWriter(Protocol):
@@ -43,49 +45,29 @@ class Tally:
 
 
 class RecordingProgress:
-    """One line on a terminal, written again and again; nothing anywhere else.
-
-    Parameters
-    ----------
-    name : str
-        What is recorded to.
-    out : TextIO
-        Where the line goes.
-    """
+    """How a recording goes, as one line on a terminal."""
 
     def __init__(self, name: str, out: TextIO) -> None:
         self._name = name
-        self._out = out
-        self._is_on = out.isatty()
-        self._width = 0
+        self._line = StatusLine(out)
         self._n_before = 0
         self._shown_s = time.monotonic()
 
     def show(self, tally: Tally) -> None:
         """Rewrite the line, twice a second at most."""
-        if not self._is_on:
-            return
         now_s = time.monotonic()
-        if now_s - self._shown_s < _SHOW_EVERY_S:
+        if not self._line.is_on or now_s - self._shown_s < _SHOW_EVERY_S:
             return
         rate_hz = (tally.n_frames - self._n_before) / (now_s - self._shown_s)
         self._shown_s, self._n_before = now_s, tally.n_frames
-        self._put(
+        self._line.show(
             f"{self._name}: {tally.n_frames} frames, {rate_hz:.1f} Hz, "
             f"{tally.n_lost} lost, {tally.n_bytes / 1e6:.1f} MB"
         )
 
     def clear(self) -> None:
         """Take the line away."""
-        if self._width:
-            self._put("")
-            self._out.write("\r")
-            self._out.flush()
-
-    def _put(self, line: str) -> None:
-        self._out.write("\r" + line.ljust(self._width))
-        self._out.flush()
-        self._width = len(line)
+        self._line.clear()
 
 
 def free_bytes(*paths: Path) -> float:
@@ -137,36 +119,10 @@ def record(
 ) -> Tally:
     """Write frames until the stream is long enough, `stop` is set or the disk is full.
 
-    Parameters
-    ----------
-    frames : iterator of Frame
-        The stream.
-    writer : FrameWriter
-        Open; the caller closes it.
-    stop : Event
-        Ends the recording before the next frame.
-    most_frames : float
-        Stream time to record, lost frames included.
-    check_every : int
-        Frames between two looks at the free space.
-    floor_bytes : float
-        Free space to leave.
-    paths : tuple of Path
-        Files whose disks are looked at.
-    progress : RecordingProgress, optional
-        Where to show how it goes.
-
-    Returns
-    -------
-    Tally
-        What was written.
-
-    Raises
-    ------
-    X2RadarError
-        If the disk does not take a frame.
-    ReadTimeout, TransportClosed
-        If the device is lost and `stop` is not set.
+    `most_frames` counts lost frames, too. Every `check_every` frames the disks of `paths` are
+    looked at: `floor_bytes` are to stay free. The caller closes the writer. Raises X2RadarError
+    if the disk does not take a frame, ReadTimeout or TransportClosed if the device is lost and
+    `stop` is not set.
     """
     tally = Tally()
     try:

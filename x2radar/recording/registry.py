@@ -1,153 +1,153 @@
 """Open a recording of any known format by what it is.
 
-`KINDS` is the table of formats. Their modules are imported when one is opened, because h5py
-and scipy take a while.
+`FORMATS` is the table of formats, a row each. Their modules are imported when one is opened,
+because h5py and scipy take a while.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from x2radar.errors import RecordingError
 from x2radar.recording.blocks import NO_OVERRIDES, BlockReader, Overrides, refuse
-
-Reader = BlockReader
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Kind:
-    """One format.
-
-    Attributes
-    ----------
-    name : str
-        As ``--from`` and ``--to`` take it.
-    title : str
-        For people.
-    reader : str
-        ``module:class``, called with path and overrides.
-    writer : str
-        ``module`` with a function ``write(path, source)``; empty when it is only read.
-    suffixes : tuple of str
-        Ends of file names.
-    magic : bytes
-        First bytes of such files; empty when they have none.
-    """
+class Format:
+    """One format; what it takes from modules is named ``module:name``, below this folder."""
 
     name: str
+    """As ``--from`` and ``--to`` take it."""
     title: str
     reader: str
-    writer: str
+    """Makes a BlockReader of a path and overrides."""
+    writer: str = ""
+    """``write(path, source)`` into what is new; empty when the format is only read."""
     suffixes: tuple[str, ...]
     magic: bytes = b""
+    """First bytes of such files; empty when they have none."""
+    in_folder: str = ""
+    """Pattern of the files in a folder that is such a recording; empty when none is."""
+    pair: str = ""
+    """Gives the files of a recording from the name of any; empty when there is but one."""
 
     def open(self, path: Path, overrides: Overrides) -> BlockReader:
         """Return a reader of `path`."""
-        module, _, name = self.reader.partition(":")
-        made: BlockReader = getattr(import_module(module), name)(path, overrides=overrides)
+        made: BlockReader = _named(self.reader)(path, overrides=overrides)
         return made
 
     def write(self, path: Path, source: BlockReader) -> list[str]:
         """Write `source` into `path`, which is new; return what was not kept."""
-        write: Callable[[Path, Any], list[str]] = import_module(self.writer).write
-        return write(path, source)
+        notes: list[str] = _named(self.writer)(path, source)
+        return notes
+
+    def files(self, path: Path) -> tuple[Path, ...]:
+        """Return the files that make the recording `path`, whether they are there or not."""
+        return tuple(_named(self.pair)(path)) if self.pair else (path,)
 
 
-_FORMATS = "x2radar.recording.formats."
-_KINDS = (
-    Kind(
-        name="hdf5",
-        title="HDF5 recording",
-        reader="x2radar.recording.hdf5_reader:RecordingReader",
-        writer=_FORMATS + "hdf5",
-        suffixes=(".h5", ".hdf5"),
-        magic=b"\x89HDF\r\n\x1a\n",
-    ),
-    Kind(
-        name="xethru",
-        title="XeThru recording",
-        reader="x2radar.recording.xethru:XethruReader",
-        writer=_FORMATS + "xethru_writer",
-        suffixes=(".dat",),
-    ),
-    Kind(
-        name="framelogger",
-        title="FrameLogger file",
-        reader=_FORMATS + "framelogger:FrameLoggerReader",
-        writer=_FORMATS + "framelogger",
-        suffixes=(".framelogger",),
-        magic=b"\xa2\x00\xfe\xfe",
-    ),
-    Kind(
-        name="p4xx",
-        title="P4xx MATLAB file",
-        reader=_FORMATS + "p4xx:P4xxReader",
-        writer="",
-        suffixes=(".mat",),
-        magic=b"MATLAB ",
-    ),
-    Kind(
-        name="sigmf",
-        title="SigMF pair",
-        reader=_FORMATS + "sigmf:SigmfReader",
-        writer=_FORMATS + "sigmf",
-        suffixes=(".sigmf-meta", ".sigmf-data", ".sigmf"),
-    ),
-    Kind(
-        name="npz",
-        title="NumPy archive",
-        reader=_FORMATS + "npz:NpzReader",
-        writer=_FORMATS + "npz",
-        suffixes=(".npz",),
-        magic=b"PK\x03\x04",
-    ),
-    Kind(
-        name="capture",
-        title="wire capture",
-        reader=_FORMATS + "wire:WireReader",
-        writer="",
-        suffixes=(".x2cap",),
-        magic=b"X2RADARC",
-    ),
-)
-KINDS = {kind.name: kind for kind in _KINDS}
+def _named(text: str) -> Any:
+    module, _, name = text.partition(":")
+    return getattr(import_module(f"x2radar.recording.{module}"), name)
 
 
-def kind_by_name(path: Path) -> Kind | None:
+FORMATS: Mapping[str, Format] = {
+    row.name: row
+    for row in (
+        Format(
+            name="hdf5",
+            title="HDF5 recording",
+            reader="rotating:open_hdf5",
+            writer="formats.hdf5:write",
+            suffixes=(".h5", ".hdf5"),
+            magic=b"\x89HDF\r\n\x1a\n",
+            in_folder="[!.]*.h5",
+        ),
+        Format(
+            name="xethru",
+            title="XeThru recording",
+            reader="xethru:XethruReader",
+            writer="formats.xethru_writer:write",
+            suffixes=(".dat",),
+            in_folder="xethru_*.dat",
+        ),
+        Format(
+            name="framelogger",
+            title="FrameLogger file",
+            reader="formats.framelogger:FrameLoggerReader",
+            writer="formats.framelogger:write",
+            suffixes=(".framelogger",),
+            magic=b"\xa2\x00\xfe\xfe",
+        ),
+        Format(
+            name="p4xx",
+            title="P4xx MATLAB file",
+            reader="formats.p4xx:P4xxReader",
+            suffixes=(".mat",),
+            magic=b"MATLAB ",
+        ),
+        Format(
+            name="sigmf",
+            title="SigMF pair",
+            reader="formats.sigmf:SigmfReader",
+            writer="formats.sigmf:write",
+            suffixes=(".sigmf-meta", ".sigmf-data", ".sigmf"),
+            pair="formats.sigmf:pair_of",
+        ),
+        Format(
+            name="npz",
+            title="NumPy archive",
+            reader="formats.npz:NpzReader",
+            writer="formats.npz:write",
+            suffixes=(".npz",),
+            magic=b"PK\x03\x04",
+        ),
+        Format(
+            name="capture",
+            title="wire capture",
+            reader="formats.wire:WireReader",
+            suffixes=(".x2cap",),
+            magic=b"X2RADARC",
+        ),
+    )
+}
+WRITABLE = tuple(row.name for row in FORMATS.values() if row.writer)
+
+
+def format_by_name(path: Path) -> Format | None:
     """Return the format that a file's name promises, or None."""
-    for kind in KINDS.values():
-        if path.name.endswith(kind.suffixes):
-            return kind
-    return None
+    return next((row for row in FORMATS.values() if path.name.endswith(row.suffixes)), None)
 
 
-def kind_of(path: Path) -> Kind:
+def format_of(path: Path) -> Format:
     """Return the format of what is there, by content first, then by name.
 
-    Raises
-    ------
-    RecordingError
-        If nothing is there, or nothing says what it is.
+    Raises RecordingError if nothing is there, or nothing says what it is.
     """
+    found = next(_candidates(path), None)
+    if found is not None:
+        return found
+    if not path.exists():
+        raise refuse(path, "no such recording")
+    known = ", ".join(row.title for row in FORMATS.values())
+    raise refuse(path, f"no recording of a known format ({known})")
+
+
+def _candidates(path: Path) -> Iterator[Format]:
+    rows = FORMATS.values()
     if path.is_dir():
-        return KINDS["hdf5" if _h5_files(path) and not _xethru_files(path) else "xethru"]
+        # The last first: HDF5 files may lie beside a XeThru recording, not the other way round.
+        fits = [row for row in rows if row.in_folder and any(path.glob(row.in_folder))]
+        yield from reversed(fits)
+        return
     if path.is_file():
         with path.open("rb") as file:
             head = file.read(16)
-        for kind in KINDS.values():
-            if kind.magic and head.startswith(kind.magic):
-                return kind
-    found = kind_by_name(path)
-    if found is None and path.with_name(path.name + ".sigmf-meta").is_file():
-        found = KINDS["sigmf"]
-    if not (found or path.exists()):
-        raise refuse(path, "no such recording")
-    if found is None:
-        known = ", ".join(kind.title for kind in KINDS.values())
-        raise refuse(path, f"no recording of a known format ({known})")
-    return found
+        yield from (row for row in rows if row.magic and head.startswith(row.magic))
+    if by_name := format_by_name(path):
+        yield by_name
+    yield from (row for row in rows if row.pair and row.files(path)[0].is_file())
 
 
 def open_recording(
@@ -156,7 +156,7 @@ def open_recording(
     kind: str | None = None,
     overrides: Overrides = NO_OVERRIDES,
 ) -> BlockReader:
-    """Return a reader for a recording of any format in `KINDS`.
+    """Return a reader for a recording of any format in `FORMATS`.
 
     Parameters
     ----------
@@ -168,50 +168,17 @@ def open_recording(
     overrides : Overrides
         Instead of what the recording says about its axis and rate.
 
-    Returns
-    -------
-    BlockReader
-        Has stream, n_frames, started_utc, warning, labels, device and settings, and yields
-        `frames(start_s)` or `blocks()`.
-
     Raises
     ------
     RecordingError
         If nothing readable is there; one line that says what.
     """
     if not isinstance(path, str | Path):
-        return _open_parts([Path(p) for p in path], overrides)
+        from x2radar.recording.rotating import PartsReader  # noqa: PLC0415 - h5py takes a while
+
+        return PartsReader([Path(part) for part in path], overrides)
     path = Path(path)
     try:
-        found = KINDS[kind] if kind else kind_of(path)
-        if found.name == "hdf5" and not path.is_file():
-            return _open_parts(_h5_files(path) or _parts_of(path), overrides)
-        return found.open(path, overrides)
+        return (FORMATS[kind] if kind else format_of(path)).open(path, overrides)
     except OSError as err:
         raise refuse(path, f"cannot be read: {err.strerror or err}") from err
-
-
-def _open_parts(paths: list[Path], overrides: Overrides) -> BlockReader:
-    from x2radar.recording.rotating import PartsReader  # noqa: PLC0415 - h5py takes a while
-
-    if not paths:
-        msg = "no parts of a recording are named"
-        raise RecordingError(msg)
-    return PartsReader(paths, overrides)
-
-
-def _parts_of(path: Path) -> list[Path]:
-    from x2radar.recording.rotating import existing_parts  # noqa: PLC0415 - h5py takes a while
-
-    parts = existing_parts(path)
-    if not parts:
-        raise refuse(path, "no such recording" if not path.is_dir() else "no .h5 file in it")
-    return parts
-
-
-def _h5_files(path: Path) -> list[Path]:
-    return sorted(p for p in path.glob("*.h5") if not p.name.startswith("."))
-
-
-def _xethru_files(path: Path) -> bool:
-    return any(path.glob("xethru_*.dat"))

@@ -11,12 +11,12 @@ import uuid
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import datetime, timedelta
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from x2radar.closing import Closing
 from x2radar.errors import RecordingError
 from x2radar.frame import Frame, StreamInfo
 from x2radar.recording.blocks import NO_OVERRIDES, BlockReader, Label, Overrides, Samples, refuse
@@ -38,30 +38,13 @@ def existing_parts(path: Path) -> list[Path]:
     return [p for m, p in sorted(found, key=lambda pair: int(pair[0][1]))]
 
 
-class RotatingWriter:
+class RotatingWriter(Closing):
     """Write frames into one recording, or into parts of a size or length.
 
-    Parameters
-    ----------
-    path : Path
-        File to make, or the name that the parts' names are made of.
-    stream : StreamInfo
-        Axes and rate.
-    started_utc : str
-        Wall clock of the first frame, ISO 8601; parts count on from it in stream time.
-    device, settings : mapping
-        Kept as JSON in every part.
-    rotate_bytes : float, optional
-        A part ends before it outgrows this; it holds a second of frames at least.
-    rotate_s : float, optional
-        Stream time of one part, in seconds.
-    fsync : bool
-        As in `RecordingWriter`.
-
-    Raises
-    ------
-    RecordingError
-        If the file, or any part of that name, exists or cannot be made.
+    Arguments as of `RecordingWriter`; `path` is also what the parts' names are made of, and the
+    parts' `started_utc` count on in stream time. A part ends before it outgrows `rotate_bytes`,
+    but holds a second of frames at least, and after `rotate_s` seconds of stream time. Raises
+    RecordingError if the file, or any part of that name, exists or cannot be made.
     """
 
     def __init__(
@@ -91,19 +74,6 @@ class RotatingWriter:
         check_free_name(path, rotating=self.is_rotating)
         self._next_part(0)
 
-    def __enter__(self) -> "RotatingWriter":
-        """Return the writer."""
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Close the recording."""
-        self.close()
-
     @property
     def is_rotating(self) -> bool:
         """Whether the recording comes in parts."""
@@ -115,16 +85,9 @@ class RotatingWriter:
         return self._done_bytes + (self._writer.n_bytes if self._writer else 0)
 
     def write(self, frame: Frame) -> None:
-        """Keep one frame, in a new part if the old one is full.
-
-        Raises
-        ------
-        RecordingError
-            If the disk does not take it, or the frame has another length than the stream.
-        """
+        """Keep one frame, in a new part if the old one is full; raises as `RecordingWriter`."""
         if self._writer is None:
-            msg = f"{self._path}: the recording is closed"
-            raise RecordingError(msg)
+            raise refuse(self._path, "the recording is closed")
         if self._writer.n_frames and self._is_full(frame.index):
             self._close_part()
             writer = self._next_part(frame.index)
@@ -183,21 +146,19 @@ def check_free_name(path: Path, *, rotating: bool) -> None:
         raise refuse(taken, "exists already; recordings are never overwritten")
 
 
+def open_hdf5(path: Path, overrides: Overrides = NO_OVERRIDES) -> BlockReader:
+    """Return a reader of a file, a folder with parts, or the parts of a name without a file."""
+    if path.is_file():
+        return RecordingReader(path, overrides)
+    is_folder = path.is_dir()
+    parts = sorted(path.glob("[!.]*.h5")) if is_folder else existing_parts(path)
+    if not parts:
+        raise refuse(path, "no .h5 file in it" if is_folder else "no such recording")
+    return PartsReader(parts, overrides)
+
+
 class PartsReader(BlockReader):
-    """Read the parts of a recording as one.
-
-    Parameters
-    ----------
-    paths : sequence of Path
-        The parts, in any order when they say their number, else in this one.
-    overrides : Overrides
-        Instead of what the files say.
-
-    Raises
-    ------
-    RecordingError
-        If no part can be read, or they do not belong together.
-    """
+    """Read the parts of a recording as one, by their numbers, else in the order of `paths`."""
 
     def __init__(self, paths: Sequence[Path], overrides: Overrides = NO_OVERRIDES) -> None:
         self._overrides = overrides
@@ -211,16 +172,18 @@ class PartsReader(BlockReader):
                     # Killed before its first second was over: the other parts are good.
                     warnings.append(f"left out: {err}")
             if not parts:
-                raise RecordingError("; ".join(warnings).replace("left out: ", "") or "no parts")
+                said = "; ".join(warnings).replace("left out: ", "")
+                raise RecordingError(said or "no parts of a recording are named")
             self._parts = _in_order(parts)
             opened.pop_all()
-        self.stream = self._parts[0].stream
-        self.started_utc = self._parts[0].started_utc
+        first = self._parts[0]
+        self.stream, self.started_utc = first.stream, first.started_utc
+        self._device, self._settings = first.device, first.settings
         self.n_frames = sum(part.n_frames for part in self._parts)
         warnings += [part.warning for part in self._parts if part.warning]
         numbers = [_number(part) for part in self._parts]
         if None not in numbers and numbers != list(range(len(numbers))):
-            warnings.append(f"{self._parts[0].path.parent}: parts are missing")
+            warnings.append(f"{first.path.parent}: parts are missing")
         self.warning = "; ".join(warnings) or None
         self._first = np.cumsum([0, *(part.n_frames for part in self._parts)]).tolist()
         self._start_s = self._starts()
@@ -229,16 +192,6 @@ class PartsReader(BlockReader):
     def paths(self) -> list[Path]:
         """The parts that are read."""
         return [part.path for part in self._parts]
-
-    @property
-    def device(self) -> Mapping[str, Any]:
-        """As the first part says."""
-        return self._parts[0].device
-
-    @property
-    def settings(self) -> Mapping[str, Any]:
-        """As the first part says."""
-        return self._parts[0].settings
 
     @property
     def labels(self) -> list[Label]:

@@ -23,19 +23,10 @@ _BARE = re.compile(r"[0-9a-fA-F]{2}")
 
 
 def read_trace(data: bytes) -> bytes:
-    """Return the wire's bytes from a trace file.
+    """Return the wire's bytes from a trace file: raw, or text with lines of hex bytes.
 
-    Parameters
-    ----------
-    data : bytes
-        Raw bytes, or text with lines of hex bytes: ``0x7d 0x10``, also behind a label
-        that ends in a colon, or nothing but ``7d 10``. What follows ``//`` or ``#`` is a
-        comment; lines with anything else are prose and left out.
-
-    Returns
-    -------
-    bytes
-        The bytes in order; `data` itself when it is no such text.
+    Those are ``0x7d 0x10``, also behind a label that ends in a colon, or nothing but ``7d 10``.
+    What follows ``//`` or ``#`` is a comment; lines with anything else are prose and left out.
     """
     try:
         text = data.decode("utf-8-sig")
@@ -57,16 +48,8 @@ def read_trace(data: bytes) -> bytes:
 def describe(data: bytes) -> Iterator[dict[str, Any]]:
     """Yield one JSON-safe object for every packet and every stretch of dropped bytes.
 
-    Parameters
-    ----------
-    data : bytes
-        The wire's bytes, both directions mixed.
-
-    Yields
-    ------
-    dict
-        ``{"message": name, ...fields}`` or ``{"fault": why, "n_bytes": n}``. Arrays become
-        lists, numbers that JSON has no word for become null.
+    ``{"message": name, ...fields}`` or ``{"fault": why, "n_bytes": n}``; both directions may be
+    mixed. Arrays become lists, numbers that JSON has no word for become null.
     """
     decoder = PacketDecoder()
     for item in decoder.feed(data):
@@ -76,15 +59,11 @@ def describe(data: bytes) -> Iterator[dict[str, Any]]:
 
 
 def describe_capture(capture: Capture) -> Iterator[dict[str, Any]]:
-    """Yield what `describe` does for a wire capture, with time and direction in front.
+    """Yield what `describe` does for a wire capture, with t_s and direction in front.
 
-    Yields
-    ------
-    dict
-        ``{"t_s": seconds, "direction": "from_module" or "to_module", ...}``; the time is
-        that of the packet's last byte. Where the port was opened or closed,
-        ``{"t_s": seconds, "port": "opened" or "closed"}``. What a capture lacks at its end
-        comes last, as a fault.
+    The time is that of the packet's last byte. Where the port was opened or closed:
+    ``{"t_s": seconds, "port": "opened" or "closed"}``. What a capture lacks at its end comes
+    last, as a fault.
     """
     ways: dict[int, tuple[str, PacketDecoder, Callable[[PacketData], Message]]] = {
         FROM_MODULE: ("from_module", PacketDecoder(), decode_response),

@@ -25,7 +25,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from x2radar.errors import RecordingError
 from x2radar.frame import FastTimeAxis, Kind, StreamInfo
 from x2radar.recording.blocks import (
     NO_OVERRIDES,
@@ -34,6 +33,7 @@ from x2radar.recording.blocks import (
     Overrides,
     Samples,
     as_samples,
+    refuse,
     rows_per_block,
 )
 
@@ -55,8 +55,11 @@ DATA_BITS = {"baseband_ap": 0x1, "baseband_iq": 0x2, "datafloat": 0x400}
 X4_BIN_LENGTH_M = 1.5e8 / 2.916e9
 X4_CARRIER_HZ = 7.29e9
 X4_BANDWIDTH_HZ = 1.4e9
+"""An X4's decimated bin, with c as the module reckons, and pulse (`x2radar.settings.x4`)."""
+
 _LONGEST_META = 1 << 28
 _MOST_BINS = 1 << 14
+"""Above these a file is damaged. Chosen: days of frames; ten times the bins of any module."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,32 +70,10 @@ class _Meta:
 
 
 class XethruReader(BlockReader):
-    """Read a recording folder or one of its data files.
+    """Read a recording folder, or one ``.dat`` file in it.
 
-    Parameters
-    ----------
-    path : Path or str
-        Folder, or a ``.dat`` file in it.
-    frame_rate_hz : float, optional
-        Instead of the rate that the meta file's times give.
-    overrides : Overrides
-        Instead of what the files say; its frame rate goes before `frame_rate_hz`.
-
-    Attributes
-    ----------
-    stream : StreamInfo
-        Axes, and the measured frame rate.
-    n_frames : int
-        Whole frames.
-    started_utc : str
-        When the recording began; empty without a meta file.
-    warning : str or None
-        Assumed axes, a cut-off record.
-
-    Raises
-    ------
-    RecordingError
-        If nothing readable is there; one line that says what.
+    The frame rate is that of `overrides`, else `frame_rate_hz`, else what the times of the meta
+    file give; `started_utc` is empty without that file.
     """
 
     def __init__(
@@ -109,30 +90,21 @@ class XethruReader(BlockReader):
         self._parts = [self._map(file) for file in files]
         self.n_frames = sum(len(part) for part in self._parts)
         if self.n_frames == 0:
-            msg = f"{path}: no whole record in it"
-            raise RecordingError(msg)
+            raise refuse(path, "no whole record in it")
         meta_file = files[0].parent / META
         meta = _read_meta(meta_file) if meta_file.is_file() else None
         self.started_utc = meta.started_utc if meta else ""
         self._ours = meta.ours if meta else {}
+        self._device, self._settings = (
+            _mapping(self._ours, "device"),
+            _mapping(self._ours, "settings"),
+        )
         axis = self._axis()
         rate_hz = overrides.frame_rate_hz or frame_rate_hz or self._rate(meta)
         device = str(self.device.get("name", f"XeThru {kind} recording"))
         self.stream = overrides.apply(StreamInfo(axis, rate_hz, device))
         self.warning = "; ".join(self._warnings) or None
         self._first = np.cumsum([0, *(len(part) for part in self._parts)]).tolist()
-
-    @property
-    def device(self) -> Mapping[str, Any]:
-        """As the user header says, if it is ours."""
-        known = self._ours.get("device")
-        return known if isinstance(known, dict) else {}
-
-    @property
-    def settings(self) -> Mapping[str, Any]:
-        """As the user header says, if it is ours."""
-        known = self._ours.get("settings")
-        return known if isinstance(known, dict) else {}
 
     @property
     def labels(self) -> list[Label]:
@@ -176,8 +148,7 @@ class XethruReader(BlockReader):
         n = words[2] // 2 if self._kind == "datafloat" else words[1]
         odd = self._kind == "datafloat" and (words[0] != 0 or words[2] % 2)
         if odd or not 0 < n <= _MOST_BINS:
-            msg = f"{file}: no {self._kind} records in it"
-            raise RecordingError(msg)
+            raise refuse(file, f"no {self._kind} records in it")
         pair = [("a", "<f4", (n,)), ("b", "<f4", (n,))]
         if self._kind == "datafloat":
             fields = [("content", "<u4"), ("counter", "<u4"), ("n", "<u4"), *pair]
@@ -192,8 +163,7 @@ class XethruReader(BlockReader):
             return np.empty(0, dtype)
         records = np.memmap(file, dtype, "r", shape=(n_records,))
         if not (records["n"] == words[2 if self._kind == "datafloat" else 1]).all():
-            msg = f"{file}: records of different length, or damaged"
-            raise RecordingError(msg)
+            raise refuse(file, "records of different length, or damaged")
         return records
 
     def _axis(self) -> FastTimeAxis:
@@ -214,8 +184,9 @@ class XethruReader(BlockReader):
                 bandwidth_hz=X4_BANDWIDTH_HZ,
             )
         if not (0 < first["bin"] < 10 and 1e8 < first["carrier"] < 1e11):
-            msg = f"{self._path}: bin length {first['bin']:g} m, carrier {first['carrier']:g} Hz"
-            raise RecordingError(msg)
+            raise refuse(
+                self._path, f"bin length {first['bin']:g} m, carrier {first['carrier']:g} Hz"
+            )
         return FastTimeAxis(
             kind=kind,
             n_range=n,
@@ -241,38 +212,37 @@ class XethruReader(BlockReader):
 
     def _measured_rate(self, meta: _Meta | None) -> float:
         if meta is None:
-            msg = f"{self._path}: the frame rate is unknown without {META}"
-            raise RecordingError(msg)
+            raise refuse(self._path, f"the frame rate is unknown without {META}")
         times_ms = meta.times_ms.get(DATA_BITS[self._kind], np.empty(0, np.int64))
         counters = np.concatenate([part["counter"] for part in self._parts]).astype(np.int64)
         n = min(len(times_ms), len(counters))
         if n < 2 or times_ms[n - 1] <= times_ms[0]:
-            msg = f"{self._path}: {META} holds no times for these records"
-            raise RecordingError(msg)
+            raise refuse(self._path, f"{META} holds no times for these records")
         # Stamps are whole milliseconds and bursty: the slope of a line through all of them.
         slope_ms = np.polyfit(counters[:n] - counters[0], times_ms[:n] - times_ms[0], 1)[0]
         if not slope_ms > 0:
-            msg = f"{self._path}: {META} has times that do not grow with the frames"
-            raise RecordingError(msg)
+            raise refuse(self._path, f"{META} has times that do not grow with the frames")
         return float(1e3 / slope_ms)
+
+
+def _mapping(ours: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    known = ours.get(name)
+    return known if isinstance(known, dict) else {}
 
 
 def _data_files(path: Path) -> tuple[str, list[Path]]:
     if not path.exists():
-        msg = f"{path}: no such recording"
-        raise RecordingError(msg)
+        raise refuse(path, "no such recording")
     if path.is_file():
         for kind in _KINDS:
             if path.name.startswith(f"xethru_{kind}"):
                 return kind, [path]
-        msg = f"{path}: not one of XeThru's {', '.join(_KINDS)} files"
-        raise RecordingError(msg)
+        raise refuse(path, f"not one of XeThru's {', '.join(_KINDS)} files")
     for kind in _KINDS:
         files = sorted(path.glob(f"xethru_{kind}_*.dat"))
         if files:
             return kind, files
-    msg = f"{path}: no xethru_datafloat, baseband_iq or baseband_ap file in this folder"
-    raise RecordingError(msg)
+    raise refuse(path, "no xethru_datafloat, baseband_iq or baseband_ap file in this folder")
 
 
 def _read_meta(file: Path) -> _Meta:
@@ -281,15 +251,13 @@ def _read_meta(file: Path) -> _Meta:
     try:
         magic, _version, start_ms = struct.unpack_from("<IIQ", data)
         if magic != META_MAGIC:
-            msg = f"{file}: not a XeThru meta file"
-            raise RecordingError(msg)
+            raise refuse(file, "not a XeThru meta file")
         (n_id,) = struct.unpack_from("<I", data, META_HEAD)
         at = META_HEAD + 4 + n_id
         (n_header,) = struct.unpack_from("<I", data, at)
         at += 4 + n_header
     except struct.error as err:
-        msg = f"{file}: cut off"
-        raise RecordingError(msg) from err
+        raise refuse(file, "cut off") from err
     # Entries are walked to the end; the first that is no record ends them.
     n_most = max(0, len(data) - at) // ENTRY.itemsize
     entries = np.frombuffer(data, ENTRY, n_most, offset=at if n_most else 0)

@@ -22,26 +22,10 @@ def stream_from(
     overrides: Overrides,
     device: str,
 ) -> StreamInfo:
-    """Return the stream that `attributes`, then `overrides`, describe.
+    """Return the stream that `attributes`, then `overrides`, describe; `shape` is (kind, n_range).
 
-    Parameters
-    ----------
-    path : object
-        What to name in errors.
-    shape : (kind, n_range)
-        'rf' or 'baseband', and range bins in a frame.
-    attributes : mapping
-        Some of frame_rate_hz, bin_length_m, carrier_hz, range_offset_m, bandwidth_hz,
-        sample_rate_hz; None counts as missing.
-    overrides : Overrides
-        What goes before them.
-    device : str
-        For people.
-
-    Raises
-    ------
-    RecordingError
-        If frame rate, bin length or carrier is in neither; the line names the options.
+    Attributes are named as in `FastTimeAxis` and `StreamInfo`; None counts as missing. Raises
+    RecordingError if frame rate, bin length or carrier is in neither; it names the options.
     """
     kind, n_range = shape
     numbers = {}

@@ -28,7 +28,6 @@ from numpy.typing import NDArray
 from x2radar.errors import SettingsError
 from x2radar.recording.blocks import (
     NO_OVERRIDES,
-    SPEED_OF_LIGHT_MPS,
     BlockReader,
     Overrides,
     Samples,
@@ -37,15 +36,20 @@ from x2radar.recording.blocks import (
 )
 from x2radar.recording.formats.axis import stream_from
 from x2radar.recording.stamps import count_by_stamps
-from x2radar.settings.x2 import PULSE_GENERATORS
+from x2radar.settings.x2 import PULSE_GENERATORS, SPEED_OF_LIGHT_MPS
 
 MAGIC = 0xFEFE00A2
 ASSUMED_SAMPLE_RATE_HZ = 39e9
+"""A user's figure of an X2's sampler (docs/hardware.md)."""
+
 _HEAD = struct.Struct("<I6ifi2f4i")
 _X2 = 2
 _DAC_LEVELS = 8192
 _FINEST_PULSES = 1 << 16
+"""Pulses of a sweep that is unknown. Chosen: finer than float32 resolves, and 32 bits hold it."""
+
 _U32_TOP = (1 << 32) - 1
+_SWEEP = ("iterations", "pulses_per_step", "dac_min", "dac_max", "dac_step")
 
 
 class _Sweep(NamedTuple):
@@ -72,20 +76,7 @@ class _Sweep(NamedTuple):
 
 
 class FrameLoggerReader(BlockReader):
-    """Read a FrameLogger file of an X2.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    overrides : Overrides
-        Instead of what its head says.
-
-    Raises
-    ------
-    RecordingError
-        If it is no such file, or of another radar.
-    """
+    """Read a FrameLogger file of an X2; its settings are named as in `RadarSettings`."""
 
     def __init__(self, path: Path, overrides: Overrides = NO_OVERRIDES) -> None:
         self._path = path
@@ -114,22 +105,15 @@ class FrameLoggerReader(BlockReader):
         warnings: list[str] = []
         self._counter, rate_hz = _rate(stamps, float(fps), warnings)
         self._settings = {
-            **self._sweep._asdict(),
-            "pulses_per_step": self._sweep.pulses,
+            **dict(zip(_SWEEP, self._sweep, strict=True)),
             "pulse_generator": pg_select,
             "sample_delay_s": delay_s,
         }
-        del self._settings["pulses"]
         said = self._axis(pg_select, offset_m, warnings)
         said["frame_rate_hz"] = rate_hz
         device = "FrameLogger recording of an X2"
         self.stream = stream_from(path, ("rf", n_range), said, overrides, device)
         self.warning = f"{path}: {'; '.join(warnings)}" if warnings else None
-
-    @property
-    def settings(self) -> Mapping[str, Any]:
-        """Sweep and pulse of the chip, named as in `RadarSettings`."""
-        return self._settings
 
     def close(self) -> None:
         """Let go of the file."""
@@ -189,10 +173,7 @@ def _rate(
 def write(path: Path, source: BlockReader) -> list[str]:
     """Write `source` into a new file; return what was not kept.
 
-    Raises
-    ------
-    SettingsError
-        If the frames are no RF frames in the module's unit.
+    Raises SettingsError if the frames are no RF frames in the module's unit.
     """
     axis = source.stream.axis
     if axis.kind != "rf":
@@ -245,9 +226,8 @@ def _write_rows(path: Path, file: Any, samples: Samples, sweep: _Sweep) -> float
 
 
 def _sweep_of(settings: Mapping[str, Any]) -> _Sweep | None:
-    names = ("iterations", "pulses_per_step", "dac_min", "dac_max", "dac_step")
     try:
-        sweep = _Sweep(*(int(settings[name]) for name in names))
+        sweep = _Sweep(*(int(settings[name]) for name in _SWEEP))
     except (KeyError, TypeError, ValueError):
         return None
     return sweep if sweep.is_sound else None

@@ -33,20 +33,7 @@ _SAMPLES = "samples.npy"
 
 
 class NpzReader(BlockReader):
-    """Read a NumPy archive; samples are streamed, not loaded.
-
-    Parameters
-    ----------
-    path : Path
-        The archive.
-    overrides : Overrides
-        Instead of its attributes, or for those that are missing.
-
-    Raises
-    ------
-    RecordingError
-        If it is no such archive, or the axis stays unknown.
-    """
+    """Read a NumPy archive; samples are streamed, not loaded."""
 
     def __init__(self, path: Path, overrides: Overrides = NO_OVERRIDES) -> None:
         self._path = path
@@ -63,21 +50,13 @@ class NpzReader(BlockReader):
         self._begin = self._rows.tell()
         self.n_frames, n_range = shape
         kind = "baseband" if self._dtype.kind == "c" else "rf"
-        self.stream = stream_from(path, (kind, n_range), self._small, overrides, self._name())
+        self._device, self._settings = self._json("device") or None, self._json("settings")
+        name = str((self._device or {}).get("name", path.name))
+        self.stream = stream_from(path, (kind, n_range), self._small, overrides, name)
         self._counter = self._column("counter", np.arange(1, self.n_frames + 1))
         self._t_s = self._column("t_s", None)
-        self.started_utc = self._text("started_utc")
+        self.started_utc = str(self._small.get("started_utc", ""))
         self._conjugate = kind == "baseband" and float(self._small.get("phase_sign", -1)) > 0
-
-    @property
-    def device(self) -> Mapping[str, Any]:
-        """As the archive says."""
-        return self._json("device") or {"name": self.stream.device}
-
-    @property
-    def settings(self) -> Mapping[str, Any]:
-        """As the archive says."""
-        return self._json("settings")
 
     @property
     def labels(self) -> list[Label]:
@@ -131,13 +110,6 @@ class NpzReader(BlockReader):
         if column.shape != (self.n_frames,) or column.dtype.kind not in "iuf":
             raise refuse(self._path, f"{name} is no list of {self.n_frames} numbers")
         return column
-
-    def _text(self, name: str) -> str:
-        value = self._small.get(name)
-        return "" if value is None else str(value)
-
-    def _name(self) -> str:
-        return str(self._json("device").get("name", self._path.name))
 
     def _json(self, name: str) -> Mapping[str, Any]:
         try:

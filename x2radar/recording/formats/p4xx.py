@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from x2radar.recording.blocks import (
     NO_OVERRIDES,
-    SPEED_OF_LIGHT_MPS,
     BlockReader,
     Overrides,
     Samples,
@@ -23,29 +22,20 @@ from x2radar.recording.blocks import (
 )
 from x2radar.recording.formats.axis import stream_from
 from x2radar.recording.stamps import count_by_stamps
+from x2radar.settings.x2 import SPEED_OF_LIGHT_MPS
 
 BIN_S = 61.035e-12
 WINDOW_START_S = 17.499e-9
 CARRIER_HZ = 4.0e9
 BANDWIDTH_HZ = 1.7e9
+"""As above."""
+
 _WINDOW_STARTS_PS = (0, 1_000_000)
+"""What Tstrt may be. Chosen: above, the window would begin beyond 150 m."""
 
 
 class P4xxReader(BlockReader):
-    """Read a P4xx recording.
-
-    Parameters
-    ----------
-    path : Path
-        A ``.mat`` file up to version 7 (7.3 is HDF5 and not read).
-    overrides : Overrides
-        Instead of the values above.
-
-    Raises
-    ------
-    RecordingError
-        If it is no such file.
-    """
+    """Read a ``.mat`` file of a P4xx, up to version 7 (7.3 is HDF5 and not read)."""
 
     def __init__(self, path: Path, overrides: Overrides = NO_OVERRIDES) -> None:
         self._overrides = overrides

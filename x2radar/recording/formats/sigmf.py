@@ -11,7 +11,6 @@ rate are kept bit by bit; times are counted with the rate.
 
 import hashlib
 import json
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -44,20 +43,7 @@ def pair_of(path: Path) -> tuple[Path, Path]:
 
 
 class SigmfReader(BlockReader):
-    """Read a SigMF pair whose channels are range bins.
-
-    Parameters
-    ----------
-    path : Path
-        Either file.
-    overrides : Overrides
-        Instead of what the meta file says, or lacks.
-
-    Raises
-    ------
-    RecordingError
-        If a file is missing, or not of this kind.
-    """
+    """Read a SigMF pair whose channels are range bins, by the name of either file."""
 
     def __init__(self, path: Path, overrides: Overrides = NO_OVERRIDES) -> None:
         self._overrides = overrides
@@ -71,7 +57,6 @@ class SigmfReader(BlockReader):
             raise refuse(err.filename, f"cannot be read: {err.strerror}") from err
         except (ValueError, KeyError, TypeError) as err:
             raise refuse(meta, f"not a SigMF meta file ({err!r})") from err
-        self._head = head
         kind, dtype = _KINDS.get(str(head.get("core:datatype")), ("", ""))
         n_range = head.get("core:num_channels", 1)
         if not kind or not isinstance(n_range, int) or n_range < 1:
@@ -87,25 +72,16 @@ class SigmfReader(BlockReader):
         said = {name: head.get(f"x2radar:{name}") for name in _KEPT}
         said["frame_rate_hz"] = head.get("core:sample_rate")
         said["carrier_hz"] = segments[0].get("core:frequency") if segments else None
-        name = str(self.device.get("name", meta.name))
+        known = {
+            k: v for k in ("device", "settings") if isinstance(v := head.get(f"x2radar:{k}"), dict)
+        }
+        self._settings = known.get("settings", {})
+        self._device = known.get("device", {"name": head["core:hw"]} if "core:hw" in head else {})
+        name = str(self._device.get("name", meta.name))
         self.stream = stream_from(meta, (kind, n_range), said, overrides, name)
         self._conjugate = kind == "baseband" and head.get("x2radar:phase_sign", -1) == 1
         self.started_utc = str(segments[0].get("core:datetime", "")) if segments else ""
         self._begin, self._number = _segments(meta, segments, self.n_frames)
-
-    @property
-    def device(self) -> Mapping[str, Any]:
-        """As the meta file says."""
-        known = self._head.get("x2radar:device")
-        if isinstance(known, dict):
-            return known
-        return {"name": self._head["core:hw"]} if "core:hw" in self._head else {}
-
-    @property
-    def settings(self) -> Mapping[str, Any]:
-        """As the meta file says."""
-        known = self._head.get("x2radar:settings")
-        return known if isinstance(known, dict) else {}
 
     @property
     def labels(self) -> list[Label]:

@@ -6,7 +6,7 @@ from the settings in the capture's head. Read only. Damaged packets are named in
 """
 
 import contextlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -38,26 +38,15 @@ from x2radar.wire.wire_ids import Mode
 
 
 class WireReader(BlockReader):
-    """Read the frames of a capture.
-
-    Parameters
-    ----------
-    path : Path
-        The capture.
-    overrides : Overrides
-        Instead of what settings and messages say.
-
-    Raises
-    ------
-    RecordingError
-        If it is no capture, or holds no frames.
-    """
+    """Read the frames of a capture."""
 
     def __init__(self, path: Path, overrides: Overrides = NO_OVERRIDES) -> None:
         self._overrides = overrides
         self._capture = Capture(path)
         about = self._capture.about
-        self._settings = _settings(about.get("settings"))
+        said = about.get("settings")
+        self._settings = said if isinstance(said, dict) else {}
+        self._module = _module_settings(said)
         self.started_utc = str(about.get("started_utc", ""))
         self._n_damaged = 0
         self._is_started = self._has_start()
@@ -73,7 +62,7 @@ class WireReader(BlockReader):
         self._counter = np.array(counters, np.uint32)
         self.n_frames = len(counters)
         name = str(about.get("port") or path.name)
-        rate_hz = self._settings.frame_rate_hz
+        rate_hz = self._module.frame_rate_hz
         self.stream = overrides.apply(StreamInfo(first.axis, rate_hz, name))
         warnings = [self._capture.warning] if self._capture.warning else []
         if self._n_damaged:
@@ -81,12 +70,6 @@ class WireReader(BlockReader):
         self.warning = "; ".join(warnings) or None
         self._at = -1
         self._rest: Iterator[Frame] = iter(())
-
-    @property
-    def settings(self) -> Mapping[str, Any]:
-        """As the capture's head says."""
-        known = self._capture.about.get("settings")
-        return known if isinstance(known, dict) else {}
 
     def read_counters(self, first: int, last: int) -> NDArray[Any]:
         """See `BlockReader`."""
@@ -107,11 +90,11 @@ class WireReader(BlockReader):
 
     def _decoded(self) -> Iterator[Frame]:
         session, host = Session(), PacketDecoder()
-        assembler = None if self._is_started else FrameAssembler(self._settings)
+        assembler = None if self._is_started else FrameAssembler(self._module)
         self._n_damaged = 0
         for chunk in self._capture.chunks():
             if assembler is None and _starts(host, chunk):
-                assembler = FrameAssembler(self._settings)
+                assembler = FrameAssembler(self._module)
             if chunk.kind == OPENED:
                 session.reset()
             if chunk.kind == FROM_MODULE:
@@ -152,7 +135,7 @@ def _is_start(command: Message) -> bool:
             return False
 
 
-def _settings(known: Any) -> ModuleSettings:
+def _module_settings(known: Any) -> ModuleSettings:
     """Return the settings that the head names, as far as this version knows them."""
     try:
         return settings_from_mapping(dict(known or {}))

@@ -28,10 +28,7 @@ _RECORD, _END_OF_FILE, _FILE_LIST = 1, 2, 3
 def write(path: Path, source: BlockReader) -> list[str]:
     """Write `source` into a new folder; return what was not kept.
 
-    Raises
-    ------
-    SettingsError
-        If the frames are no baseband.
+    Raises SettingsError if the frames are no baseband.
     """
     axis = source.stream.axis
     if axis.kind != "baseband":
