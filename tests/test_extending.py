@@ -21,6 +21,11 @@ from tests.radar_helpers import dwell_of, noise, run_radard
 from x2radar.errors import PluginError, SceneError
 from x2radar.plugins import find_plugin, plugin_names
 from x2radar.sim.scene.scene import parse_scene
+from x2train.cli import main as train_export
+from x2train.scenarios.families import LABELS, plugged_family
+from x2train.scenarios.passages import play
+from x2train.scenarios.sites import X2, draw_site
+from x2train.windows.window_set import load_windows
 
 PAGE = (Path(__file__).parents[1] / "docs" / "extending.md").read_text()
 BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
@@ -70,12 +75,12 @@ def page(folder):
     return folder
 
 
-def shell(word):
+def shell(word, command="radard"):
     """Arguments of the page's command that holds a word."""
     lines = [line for kind, text in BLOCKS if kind == "sh" for line in text.splitlines()]
     (line,) = [line for line in lines if word in line]
     program, *arguments = shlex.split(line)
-    assert program == "radard"
+    assert program == command
     return arguments
 
 
@@ -129,6 +134,27 @@ def test_body(page):
     assert all(1.2 < d["range_m"] < 3.0 for d in opened)
     with pytest.raises(SceneError, match=r"steps\[0\]\.colour: unknown key"):
         parse_scene("steps: [{body: pendulum, duration_s: 1, colour: 1}]", "x", "x")
+
+
+def test_windows_of_a_body(page, capsys):
+    try:
+        assert train_export(shell("--families", "train-export")) == 0
+        windows, (about,) = load_windows(Path("sets/pendulum"))
+        rng, site = np.random.default_rng(3), draw_site(np.random.default_rng(0), X2)
+        passage = play(rng, site, (plugged_family("pendulum"),), duration_s=3.0)
+    finally:
+        plugged_family.cache_clear()
+    assert about["use"] == "pendulum"
+    assert len(set(windows["passage"])) > 1
+    assert {LABELS[k] for k in windows["label"]} == {"other"}
+    assert set(windows["family"]) == {-1}
+    # It hangs 2 m away and swings by 0.3 m; antennas are not at its height.
+    assert 1.5 < windows["true_range_m"].min() <= windows["true_range_m"].max() < 3.0
+    assert np.abs(passage.truth.velocity_mps).max() < 1.2
+    assert (passage.truth.snr_db > 3).any()
+    capsys.readouterr()
+    assert train_export(["dataset", "--families", "pendulums", "--out", "sets/x"]) == 2
+    assert "'pendulums': neither a use nor a plug-in body; known" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -8,13 +8,18 @@ out families are never in the training of a bundle that is judged on them.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from functools import cache
+from typing import Any, Literal, get_args
 
 import numpy as np
 
+from x2radar import plugins
+from x2radar.errors import SettingsError
 from x2radar.sim.points import Label
+from x2radar.sim.scene.cast import BodyKind, plugged_body
 
 Use = Literal["train", "staying", "things", "held out", "thesis", "all"]
+USES: tuple[Use, ...] = get_args(Use)
 LABELS: tuple[Label, ...] = ("human", "pet", "other")
 
 
@@ -33,9 +38,11 @@ class Family:
     options : mapping
         Of the body.
     use : {'train', 'held out', 'thesis'}
-        Held out: kept from training where transfer is measured. Seed: the thesis' bodies.
+        Held out: kept from training where transfer is measured. Thesis: the thesis' bodies.
     weight : float
         Share within its label.
+    plugged : BodyKind or None
+        The body itself, where a plug-in brings it; it draws its own place and way.
     """
 
     name: str
@@ -44,6 +51,7 @@ class Family:
     options: Mapping[str, Any] = field(default_factory=dict)
     use: Use = "train"
     weight: float = 1.0
+    plugged: BodyKind | None = None
 
     @property
     def stays(self) -> bool:
@@ -157,6 +165,26 @@ def family(name: str) -> Family:
     return {f.name: f for f in FAMILIES}[name]
 
 
+@cache
+def plugged_family(name: str) -> Family:
+    """Return the family of a body that a plug-in brings.
+
+    Raises
+    ------
+    SettingsError
+        If no plug-in of `x2radar.bodies` has that name.
+    PluginError
+        If it makes no body.
+    """
+    kind = plugged_body(name)
+    if kind is None:
+        known = ", ".join((*USES, *plugins.plugin_names(plugins.BODIES)))
+        msg = f"families '{name}': neither a use nor a plug-in body; known are {known}"
+        raise SettingsError(msg)
+    label = kind.make(np.random.default_rng(0), {}, name).label
+    return Family(name, label, name, plugged=kind)
+
+
 def draw_family(rng: np.random.Generator, label: Label, use: Use) -> Family:
     """Return a family of a label, drawn by weight."""
     rows = families(label, use)
@@ -173,11 +201,13 @@ PAIRS: Mapping[tuple[Label, Label], float] = {
 """How often somebody has company of each label, by (who, company)."""
 
 
-def draw_cast(rng: np.random.Generator, label: Label, use: Use) -> tuple[Family, ...]:
+def draw_cast(rng: np.random.Generator, label: Label, use: Use | str) -> tuple[Family, ...]:
     """Return one or two families for a scene of a label; the first one gives the label.
 
-    A person with a pet counts as held out.
+    A person with a pet counts as held out. Where `use` names a plug-in body, it comes alone.
     """
+    if use not in USES:
+        return (plugged_family(use),)
     if use == "thesis":
         return (draw_family(rng, label, use),)
     company = [(other, p) for (who, other), p in PAIRS.items() if who == label]

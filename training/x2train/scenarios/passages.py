@@ -176,7 +176,9 @@ def _actor(
     bearing = rng.uniform(-0.7, 0.7)
     away_m = rng.uniform(near_m + 0.2, far_m - 0.2)
     x, y = float(away_m * np.sin(bearing)), float(away_m * np.cos(bearing))
-    if family.label == "other" and family.kind != "moth":
+    if family.plugged is not None:
+        pass  # Only it knows which options it takes.
+    elif family.label == "other" and family.kind != "moth":
         options["position_m"] = [x, y]
     elif family.kind == "bird":
         options["home_m"] = [x, y, float(rng.uniform(0.8, 1.8))]
@@ -191,6 +193,7 @@ def _actor(
         family.kind,
         MappingProxyType(options),
         family.name,
+        plugged=family.plugged,
         antenna_m=(0.0, 0.0, site.antenna.height_m),
         swath_m=(site.radar.near_m, site.radar.far_m),
         lead_s=lead_s,

@@ -37,8 +37,8 @@ class WindowSpec:
     ----------
     seed : int
         Passage k draws from ``[seed, k]``.
-    use : {'train', 'staying', 'things', 'held out', 'thesis', 'all'}
-        Families.
+    use : {'train', 'staying', 'things', 'held out', 'thesis', 'all'} or str
+        Families, or the body of a plug-in.
     rooms : {'usual', 'unseen'}
         Kind of room.
     radar : {'any', 'x2', 'x4m03'}
@@ -52,7 +52,7 @@ class WindowSpec:
     """
 
     seed: int = 0
-    use: Use = "all"
+    use: Use | str = "all"
     rooms: RoomKind = "usual"
     radar: RadarKind = "any"
     settings: FeatureSettings
