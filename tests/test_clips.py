@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 from radard.clips.clip_file import ClipFile, ClipWriter, make_room
-from radard.clips.keeper import ClipKeeper, ClipSettings
+from radard.clips.keeper import ClipKeeper
 from radard.clips.spectrogram_png import PictureMaker, encode_png
+from radard.config.sections import ClipsSection
 from radard.errors import OutputError
 from tests.radar_helpers import BASEBAND, noise, run_radard
 from x2radar.frame import Frame, StreamInfo
@@ -177,8 +178,8 @@ class Feeder:
 
 
 def make_keeper(tmp_path, **settings):
-    given = {"pre_s": 5.0, "post_s": 2.0, "longest_s": 30.0, "free_bytes": 0.0, **settings}
-    keeper = ClipKeeper(ClipSettings(folder=tmp_path / "clips", **given), STREAM, N_SLOW, {})
+    given = {"pre_s": 5.0, "post_s": 2.0, "longest_s": 30.0, "free_mb": 0.0, **settings}
+    keeper = ClipKeeper(ClipsSection(**given), tmp_path / "clips", STREAM, N_SLOW, {})
     return keeper, Feeder(keeper)
 
 
@@ -230,7 +231,7 @@ def test_no_clip_reaches_back_over_a_restart(tmp_path):
 
 
 def test_a_full_disk_is_a_complaint_and_the_next_clip_is_tried(tmp_path):
-    keeper, feeder = make_keeper(tmp_path, free_bytes=1e18)
+    keeper, feeder = make_keeper(tmp_path, free_mb=1e12)
     feeder.hop(3)
     assert keeper.begin(event(), feeder.t_s)
     feeder.after(is_seen=False, n=5)
@@ -239,7 +240,7 @@ def test_a_full_disk_is_a_complaint_and_the_next_clip_is_tried(tmp_path):
             break
         time.sleep(0.02)
     assert "MB are free" in keeper.complaint
-    keeper._settings.folder.rmdir()
+    keeper._folder.rmdir()
     assert keeper.begin(event(), feeder.t_s)
     assert keeper.close(5.0)
 

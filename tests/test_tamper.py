@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from radard.alarm.dwell_cells import is_frozen, read_cells
-from radard.alarm.tamper import TamperSettings, TamperWatch
+from radard.alarm.tamper import TamperWatch
 from radard.config.config import Config
+from radard.config.sections import TamperSection
 from radard.pipeline import Pipeline
 from radard.stream.ring import Dwell
 from radard.stream.source import open_source
@@ -18,7 +19,7 @@ from x2radar.sim.scene.scene import builtin_scenes
 RATE_HZ = 60.0
 N_SLOW = 147
 AXIS = replace(BASEBAND, n_range=128)
-SETTINGS = TamperSettings(learn_s=5, hold_s=4)
+SETTINGS = TamperSection(learn_s=5, hold_s=4)
 REAL = Path(__file__).parents[2] / "shared" / "data"
 
 
@@ -219,7 +220,7 @@ def findings_of(port, seconds, settings=None, change=lambda _t_s, frames: frames
     source = open_source(port, speed="max")
     pipeline = Pipeline(source.stream, Config(), None)
     ring = pipeline.make_ring()
-    watch = TamperWatch(settings or TamperSettings())
+    watch = TamperWatch(settings or TamperSection())
     found = set()
     for frame in source.frames():
         if frame.index >= seconds * source.stream.frame_rate_hz:
@@ -269,7 +270,7 @@ def shifted(frames, n_bins):
     ],
 )
 def test_a_real_room_that_changes_while_somebody_walks_in_it(name, change, kinds):
-    settings = TamperSettings(learn_s=6, hold_s=5)
+    settings = TamperSection(learn_s=6, hold_s=5)
     found, _ = findings_of(
         f"replay:{REAL / name}", 100, settings, lambda t_s, f: change(f) if t_s > 16 else f
     )

@@ -11,34 +11,24 @@ from numpy.typing import NDArray
 
 from radard.stream.ring import Dwell
 
-CELL_M = 0.3
-_PARTS = 4
-_EVERY = 4
+# Chosen; tests/test_tamper.py holds what they give.
+CELL_M = 0.3  # a piece of furniture
+_PARTS = 4  # of a dwell, for the unrest
+_EVERY = 4  # of so many frames one is looked at
 _NOISE_FRAMES = 16
-_LEAST_WHITE, _MOST_WHITE = 0.8, 1.25
-_MOST_SPREAD_DB = 6.0
+_LEAST_WHITE, _MOST_WHITE = 0.8, 1.25  # second over first differences
+_MOST_SPREAD_DB = 6.0  # of the noise over range
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CellReading:
-    """What one dwell shows, cell by cell.
+    """What one dwell shows, cell by cell; powers in sample units squared."""
 
-    Attributes
-    ----------
-    echoes : ndarray, shape (n_cells, n_bins), complex128
-        Mean over the dwell, in sample units.
-    energy : ndarray, shape (n_cells,), float64
-        Sum over a cell's bins of the means' squared magnitude.
-    unrest : ndarray, shape (n_cells,), float64
-        Same sum for how the means over quarters of the dwell differ from that over all.
-    noise_db : float or None
-        Receiver's noise, dB of sample units squared; None where motion hides it.
-    """
-
-    echoes: NDArray[np.complex128]
-    energy: NDArray[np.float64]
+    echoes: NDArray[np.complex128]  # mean over the dwell, shape (n_cells, n_bins)
+    energy: NDArray[np.float64]  # sum over a cell's bins of the means' power, shape (n_cells,)
+    # Likewise, of how the means over quarters of the dwell differ from that over all.
     unrest: NDArray[np.float64]
-    noise_db: float | None
+    noise_db: float | None  # receiver's noise; None where motion hides it
 
 
 def read_cells(dwell: Dwell) -> CellReading | None:
@@ -70,12 +60,10 @@ def is_frozen(dwell: Dwell) -> bool:
 
 
 def _noise_db(dwell: Dwell, shape: tuple[int, int]) -> float | None:
-    """Return the noise of the newest frames, where first and second differences agree.
-
-    White noise of power s has differences of power 2 s and second differences of 6 s; motion
-    that the frames follow has less in the second. Motion that they do not follow looks white,
-    but not alike at all ranges.
-    """
+    """Return the noise of the newest frames, where first and second differences agree."""
+    # White noise of power s has differences of power 2 s and second differences of 6 s; motion
+    # that the frames follow has less in the second. Motion that they do not follow looks
+    # white, but not alike at all ranges.
     n = min(_NOISE_FRAMES, len(dwell.frames))
     if n < 4 or not dwell.valid[-n:].all():
         return None

@@ -26,37 +26,17 @@ See = Callable[[Decision, AlarmPolicy], Sight]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Event:
-    """One phase of an alarm, a fault or a tamper.
+    """One phase of an alarm, a fault or a tamper."""
 
-    Attributes
-    ----------
-    id : str
-        ULID; the same in every phase of one event.
-    phase : {'new', 'update', 'end'}
-        Whether it begins, changes or ends.
-    kind : {'alarm', 'fault', 'tamper'}
-        What it is.
-    t_s, start_t_s : float
-        Stream time of this phase and of the beginning, in seconds.
-    end_t_s : float or None
-        Stream time of the end.
-    peak : float
-        Highest probability of a human so far; 0 for fault and tamper.
-    reason : str
-        For people.
-    clip : str or None
-        The recording made of it.
-    """
-
-    id: str
-    phase: Phase
+    id: str  # ULID; the same in every phase of one event
+    phase: Phase  # whether it begins, changes or ends
     kind: Kind
-    t_s: float
-    start_t_s: float
+    t_s: float  # stream time of this phase
+    start_t_s: float  # and of the beginning
     end_t_s: float | None
-    peak: float
-    reason: str
-    clip: str | None = None
+    peak: float  # highest p(human) so far; 0 for fault and tamper
+    reason: str  # for people
+    clip: str | None = None  # the recording made of it
 
 
 def see_anywhere(decision: Decision, policy: AlarmPolicy) -> Sight:
@@ -67,14 +47,9 @@ def see_anywhere(decision: Decision, policy: AlarmPolicy) -> Sight:
 class EventTracker:
     """Follow decisions, notices and commands; return the events that they make.
 
-    Parameters
-    ----------
-    panel : AlarmPanel, optional
-        Armed, and an alarm for as long as the verdict stands, when not given.
-    see : callable, optional
-        Turns a decision and the panel's policy into a sight.
-    sensor : str
-        Goes into the ids; of several sensors in one process, two may see the same frames.
+    Without a panel it is armed, and an alarm lasts as long as the verdict stands. `see` turns a
+    decision and the panel's policy into a sight. `sensor` goes into the ids: of several in one
+    process, two may see the same frames.
     """
 
     def __init__(
@@ -128,25 +103,18 @@ class EventTracker:
         findings: Sequence[Finding] = (),
         fault: str = "",
     ) -> list[Event]:
-        """Take a decision, the dwell it was made on, and what else was found in that.
+        """Take a decision; return the events that it makes, in order.
 
         Parameters
         ----------
-        decision : Decision
-            The next one.
         dwell : Dwell
-            Its frames name new events.
+            That it was made on; its frames name new events.
         is_quiet : bool
             Whether a quiet period holds.
         findings : sequence of Finding
             Tamper that holds now.
         fault : str
             What is wrong with a dwell that could be judged; empty when nothing is.
-
-        Returns
-        -------
-        list of Event
-            In order.
         """
         is_invalid = decision.gate == "invalid"
         t_s = decision.t_s

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 PanelState = Literal["disarmed", "armed", "entry", "alarm"]
-# One window in which somebody is missed does not say that they left.
+# One window in which somebody is missed does not say that they left. Chosen.
 _UNSEEN_S = 3.0
 # Stream times are quotients: what is due at this decision must not wait for the next.
 _SLACK_S = 1e-6
@@ -26,50 +26,24 @@ StepKind = Literal["new", "update", "end"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AlarmPolicy:
-    """When hits are an alarm, and for how long.
+    """When hits are an alarm, and for how long."""
 
-    Attributes
-    ----------
-    k, n : int
-        So many hits among so many decisions confirm.
-    p_on : float
-        Least probability of a human that makes a verdict a hit.
-    p_off : float
-        An alarm that is on sees somebody above it, verdict or not; 1: by the verdict alone.
-    entry_delay_s : float
-        From confirmation to alarm, in seconds.
-    latch_s : float
-        An alarm ends when nobody was seen for so long, in seconds.
-    refractory_s : float
-        After an alarm none begins for so long, in seconds.
-    """
-
-    k: int = 1
-    n: int = 1
-    p_on: float = 0.0
-    p_off: float = 1.0
-    entry_delay_s: float = 0.0
-    latch_s: float = 0.0
-    refractory_s: float = 0.0
+    k: int = 1  # so many hits
+    n: int = 1  # among so many decisions confirm
+    p_on: float = 0.0  # least p(human) that makes a verdict a hit
+    p_off: float = 1.0  # an alarm sees somebody above it, verdict or not; 1: by the verdict alone
+    entry_delay_s: float = 0.0  # from confirmation to alarm
+    latch_s: float = 0.0  # an alarm ends when nobody was seen for so long
+    refractory_s: float = 0.0  # after an alarm none begins for so long
 
 
 @dataclass(frozen=True, slots=True)
 class Sight:
-    """What one valid decision says of people.
+    """What one valid decision says of people."""
 
-    Attributes
-    ----------
-    is_hit : bool
-        Somebody who counts towards an alarm.
-    is_seen : bool
-        Somebody still there, for an alarm that is on; every hit is.
-    reason : str
-        Who and where, for people.
-    """
-
-    is_hit: bool
-    is_seen: bool
-    reason: str = ""
+    is_hit: bool  # somebody who counts towards an alarm
+    is_seen: bool  # somebody still there, for an alarm that is on; every hit is
+    reason: str = ""  # who and where, for people
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,15 +55,7 @@ class PanelChange:
 
 
 class AlarmPanel:
-    """Follow sights and commands.
-
-    Parameters
-    ----------
-    policy : AlarmPolicy
-        May be replaced at any time (`policy`); what is on stays on.
-    is_armed : bool
-        State to begin in.
-    """
+    """Follow sights and commands; `policy` may be replaced, and what is on stays on."""
 
     def __init__(self, policy: AlarmPolicy | None = None, *, is_armed: bool = True) -> None:
         self.policy = policy or AlarmPolicy()
@@ -118,21 +84,9 @@ class AlarmPanel:
     def on_sight(
         self, t_s: float, sight: Sight | None, *, is_quiet: bool = False
     ) -> list[PanelChange]:
-        """Take what a decision says.
+        """Take what a decision says, None for an invalid window; return the changes in order.
 
-        Parameters
-        ----------
-        t_s : float
-            Stream time, in seconds.
-        sight : Sight or None
-            None when the window was invalid.
-        is_quiet : bool
-            Whether a quiet period holds: no new alarm is confirmed.
-
-        Returns
-        -------
-        list of PanelChange
-            In order.
+        While `is_quiet`, in a quiet period, no new alarm is confirmed.
         """
         if self.state == "disarmed":
             return []

@@ -21,18 +21,14 @@ SENSITIVITIES: dict[str, dict[str, Numbers]] = {
         "high": (1, 1, 0.0, 0.05),
     },
 }
-"""By decision policy and name: K of N, least p(human) of a hit, p(human) of still being there."""
+"""By decision policy and name: K of N, least p(human) of a hit, p(human) of still being there.
+Chosen; what they cost is measured on passages and told by `radard explain`."""
 
 
 def alarm_policy(section: AlarmSection, decision_policy: str) -> AlarmPolicy:
     """Return the numbers that hold: those of the name, but for the ones that were given.
 
-    Parameters
-    ----------
-    section : AlarmSection
-        Of the configuration.
-    decision_policy : str
-        'window' or 'fused'.
+    `decision_policy` is 'window' or 'fused'.
     """
     k, n, p_on, p_off = SENSITIVITIES[decision_policy][section.sensitivity]
     k = section.confirm_k or min(k, section.confirm_n or k)

@@ -16,35 +16,18 @@ log = logging.getLogger("radard")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KeptState:
-    """What is kept.
+    """What is kept."""
 
-    Attributes
-    ----------
-    is_armed : bool
-        The last word of a command.
-    alarm_id : str or None
-        Id of an alarm that was on when the daemon ended.
-    alarm_reason : str
-        Why it was on.
-    alarm_peak : float
-        Highest probability of a human in it.
-    """
-
-    is_armed: bool
-    alarm_id: str | None = None
-    alarm_reason: str = ""
-    alarm_peak: float = 0.0
+    is_armed: bool  # the last word of a command
+    alarm_id: str | None = None  # of an alarm that was on when the daemon ended
+    alarm_reason: str = ""  # why it was on
+    alarm_peak: float = 0.0  # highest p(human) in it
 
 
 class StateStore:
-    """Keep one `KeptState` in a file.
+    """Keep one `KeptState` in a file; without a path, nothing.
 
-    Parameters
-    ----------
-    path : Path or None
-        The file; None keeps nothing.
-    keeps_alarms : bool
-        Whether an alarm that is on is kept too, not only the last command's word.
+    Without `keeps_alarms` only the last command's word is kept, not an alarm that is on.
     """
 
     def __init__(self, path: Path | None, *, keeps_alarms: bool = True) -> None:

@@ -29,38 +29,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radard.alarm.dwell_cells import CellReading, quantile, read_cells
+from radard.config.sections import TamperSection
 from radard.stream.ring import Dwell
 
 TamperKind = Literal["covered", "moved", "noise"]
-_TINY = 1e-300
-_STILL = 0.3
-_FEWEST_CELLS = 3
-_MEMORY_S = 600.0
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TamperSettings:
-    """What counts as tamper.
-
-    Attributes
-    ----------
-    learn_s : float
-        Stream time with still echoes that makes a fingerprint, in seconds.
-    hold_s : float
-        How long a change must last, in seconds; as long it must be gone again.
-    covered_db : float
-        Change of the still echoes' level, in dB.
-    moved_coherence : float
-        Coherence with the learned echoes below which the sensor was moved, 0 to 1.
-    noise_db : float
-        Change of the receiver's noise, in dB.
-    """
-
-    learn_s: float = 20.0
-    hold_s: float = 20.0
-    covered_db: float = 6.0
-    moved_coherence: float = 0.8
-    noise_db: float = 6.0
+_TINY = 1e-300  # instead of zero power
+_STILL = 0.3  # a cell is still if less of its energy is unrest; chosen, see tests/test_tamper.py
+_FEWEST_CELLS = 3  # chosen: a median over fewer is one piece of furniture
+_MEMORY_S = 600.0  # chosen: follows temperature, not a hand
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,17 +48,9 @@ class Finding:
 
 
 class TamperWatch:
-    """Compare dwells with the fingerprint that was learned from those before.
+    """Compare dwells, `hop_s` apart, with the fingerprint that was learned from those before."""
 
-    Parameters
-    ----------
-    settings : TamperSettings
-        Thresholds and times.
-    hop_s : float
-        Stream time between dwells, in seconds.
-    """
-
-    def __init__(self, settings: TamperSettings, hop_s: float = 1.0) -> None:
+    def __init__(self, settings: TamperSection, hop_s: float = 1.0) -> None:
         self._settings = settings
         self._hop_s = hop_s
         self._n_learn = max(1, round(settings.learn_s / hop_s))
@@ -107,18 +75,7 @@ class TamperWatch:
         self._noise_db = 0.0
 
     def update(self, dwell: Dwell) -> tuple[Finding, ...]:
-        """Judge one dwell and learn from it.
-
-        Parameters
-        ----------
-        dwell : Dwell
-            Whole enough to be judged, clutter in it.
-
-        Returns
-        -------
-        tuple of Finding
-            What holds now, at most one of every kind.
-        """
+        """Judge a dwell, whole and with its clutter, and learn from it; return what holds."""
         cells = read_cells(dwell)
         if cells is None:
             return self._findings()
@@ -171,7 +128,7 @@ class TamperWatch:
         self._hold(
             "covered",
             is_level,
-            f"still echoes {'fell' if level < 0 else 'rose'} {abs(level):.0f} dB",
+            f"still echoes {_change(level)}",
         )
         # Without level there is no shape: a covered sensor is not called moved as well.
         self._hold("moved", is_shape and not is_level, f"echoes agree {alike:.2f} with the room's")
@@ -198,7 +155,7 @@ class TamperWatch:
         self._hold(
             "noise",
             is_jump,
-            f"noise {'rose' if change_db > 0 else 'fell'} {abs(change_db):.0f} dB",
+            f"noise {_change(change_db)}",
         )
         if not is_jump:
             self._noise_db += self._hop_s / _MEMORY_S * change_db

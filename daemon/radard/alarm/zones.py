@@ -16,15 +16,9 @@ Spans = tuple[tuple[float, float], ...]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Zones:
-    """Ranges in metres, from below to.
+    """Ranges in metres, from below to, that count, and that do not."""
 
-    Attributes
-    ----------
-    include, exclude : tuple of (float, float)
-        Ranges that count, and that do not; an empty `include` is everything.
-    """
-
-    include: Spans = ()
+    include: Spans = ()  # empty: everywhere
     exclude: Spans = ()
 
     def heeds(self, range_m: float) -> bool:
@@ -34,22 +28,11 @@ class Zones:
 
 
 def sight_of(decision: Decision, policy: AlarmPolicy, zones: Zones, pet_limit: float) -> Sight:
-    """Return what a valid decision means for the alarm.
+    """Return what a valid decision means for the alarm, by the rule's `pet_limit`.
 
     A verdict is a hit from p(human) `p_on` on. A verdict that stands although p(human) is
     below what the rule asks for rests on other grounds (undecided too long, like nothing
     known) and is a hit whatever its p(human).
-
-    Parameters
-    ----------
-    decision : Decision
-        Not an invalid one.
-    policy : AlarmPolicy
-        Thresholds.
-    zones : Zones
-        Ranges that count.
-    pet_limit : float
-        Of the rule that made the verdict.
     """
     p_human = decision.fused.human if decision.fused else 0.0
     by_rule = decision.fused is not None and p_human >= 1 - pet_limit - 1e-9

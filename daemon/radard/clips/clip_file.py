@@ -78,19 +78,9 @@ class ClipFile:
         self._picture.push(frames)
 
     def finish(self, decisions: Sequence[Mapping[str, Any]], event: Mapping[str, Any]) -> None:
-        """Close the clip and add what was decided.
+        """Close the clip and add what was decided, in order, as the JSON Lines contract has it.
 
-        Parameters
-        ----------
-        decisions : sequence of mapping
-            Records as the JSON Lines contract has them, in order.
-        event : mapping
-            Likewise.
-
-        Raises
-        ------
-        OutputError
-            If the disk does not take it; the frames are then there all the same.
+        Raises OutputError if the disk does not take it; the frames are then there all the same.
         """
         picture = self._picture.picture()
         try:
@@ -122,15 +112,7 @@ class ClipWriter:
 
     Each returns whether a clip has just been made without fault, and raises OutputError or
     OSError when the clip at hand cannot go on; what is still told of that one is then dropped.
-
-    Parameters
-    ----------
-    stream : StreamInfo
-        Axis and rate of the frames.
-    folder : Path
-        Made when it is not there, for its owner only.
-    keep_bytes, free_bytes : float
-        See `make_room`.
+    The folder is made when it is not there, for its owner only.
     """
 
     def __init__(

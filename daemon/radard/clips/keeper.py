@@ -16,40 +16,15 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
+from radard.config.sections import ClipsSection
 from radard.errors import FeatureError, OutputError
 from x2radar.frame import Frame, StreamInfo
 
 log = logging.getLogger("radard")
 Job = Callable[[Any], bool]
-_SLACK_S = 4.0
-_MOST_JOBS = 200
-_MOST_PAST = 128
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ClipSettings:
-    """How much is kept.
-
-    Attributes
-    ----------
-    folder : Path
-        Where clips are made.
-    pre_s, post_s : float
-        Stream time before the alarm's dwell, and after somebody was last seen, in seconds.
-    longest_s : float
-        Most of one clip, in seconds; never less than what led to the alarm.
-    keep_bytes : float
-        Most of all clips together.
-    free_bytes : float
-        Space to leave on the disk.
-    """
-
-    folder: Path
-    pre_s: float = 12.0
-    post_s: float = 5.0
-    longest_s: float = 60.0
-    keep_bytes: float = 500e6
-    free_bytes: float = 200e6
+_SLACK_S = 4.0  # held beyond `pre_s`; chosen: a decision is never so late
+_MOST_JOBS = 200  # that wait for the disk; chosen: some minutes
+_MOST_PAST = 128  # decisions; chosen: twice the longest `pre_s`
 
 
 @dataclass(slots=True)
@@ -68,8 +43,10 @@ class ClipKeeper:
 
     Parameters
     ----------
-    settings : ClipSettings
+    settings : ClipsSection
         How much is kept.
+    folder : Path
+        Where clips are made.
     stream : StreamInfo
         Axis and rate of the frames.
     n_slow : int
@@ -80,12 +57,14 @@ class ClipKeeper:
 
     def __init__(
         self,
-        settings: ClipSettings,
+        settings: ClipsSection,
+        folder: Path,
         stream: StreamInfo,
         n_slow: int,
         attributes: Mapping[str, str],
     ) -> None:
         self._settings = settings
+        self._folder = folder
         self._stream = stream
         self._rate_hz = stream.frame_rate_hz
         self._n_slow = n_slow
@@ -130,7 +109,7 @@ class ClipKeeper:
         past = [item for item in self._past if item[0] >= earliest]
         first = past[0][0] if past else end - self._n_slow
         last = max(end, first + round(self._settings.longest_s * self._rate_hz))
-        path = self._settings.folder / f"{event['id']}.h5"
+        path = self._folder / f"{event['id']}.h5"
         event = {**event, "clip": str(path)}
         self._running = _Running(event, first, last, t_s, [record for _, record in past])
         began = datetime.now(UTC) - timedelta(seconds=(end - first) / self._rate_hz)
@@ -193,12 +172,11 @@ class ClipKeeper:
         # Here, so that a run without alarms never loads h5py.
         from radard.clips.clip_file import ClipWriter  # noqa: PLC0415
 
-        s = self._settings
         writer = ClipWriter(
             self._stream,
-            s.folder,
-            keep_bytes=s.keep_bytes,
-            free_bytes=s.free_bytes,
+            self._folder,
+            keep_bytes=self._settings.keep_mb * 1e6,
+            free_bytes=self._settings.free_mb * 1e6,
         )
         while (job := self._jobs.get()) is not None:
             try:

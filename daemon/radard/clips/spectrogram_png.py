@@ -12,14 +12,15 @@ from numpy.typing import NDArray
 
 from radard.dsp.doppler import micro_doppler
 from radard.dsp.downconvert import DownConverter
+from radard.dsp.velocity import CPI_S
 from x2radar.frame import Frame, StreamInfo
 
 Rgb = NDArray[np.uint8]
 
-_DECIMATION = 4
+# Chosen by eye:
+_DECIMATION = 4  # of the range bins
 _COLUMNS_PER_S = 20.0
-_CPI_S = 28 / 60
-_SCALE = 2
+_SCALE = 2  # pixels a column
 _SPAN_DB = 45.0
 # Dark blue over violet and orange to pale yellow, even in lightness.
 _COLOURS = np.array(
@@ -28,17 +29,11 @@ _COLOURS = np.array(
 
 
 class PictureMaker:
-    """Take a clip's frames block by block, give its picture.
-
-    Parameters
-    ----------
-    stream : StreamInfo
-        Axis and rate of the frames.
-    """
+    """Take a clip's frames block by block, give its picture."""
 
     def __init__(self, stream: StreamInfo) -> None:
         self._converter = DownConverter(stream.axis, _DECIMATION)
-        self._n_cpi = max(4, round(_CPI_S * stream.frame_rate_hz))
+        self._n_cpi = max(4, round(CPI_S * stream.frame_rate_hz))
         self._group = max(1, round(stream.frame_rate_hz / _COLUMNS_PER_S))
         self._rows = np.zeros((0, self._converter.axis.n_range), np.complex64)
         self._doppler: list[NDArray[np.float32]] = []

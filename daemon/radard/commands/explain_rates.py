@@ -2,10 +2,10 @@
 
 from collections.abc import Iterable, Iterator
 
-from radard.alarm.k_of_n import alarm_probability, windows_until
 from radard.alarm.sensitivity import SENSITIVITIES, alarm_policy
 from radard.classify.bundle import Bundle
 from radard.classify.card import Card, Passing, Three
+from radard.commands.explain_k_of_n import alarm_probability, windows_until
 from radard.config.config import Config
 from radard.config.sections import AlarmSection, DecisionSection, GateSection
 from radard.pipeline import HOP_S

@@ -10,12 +10,12 @@ from radard.alarm.events import See
 from radard.alarm.panel import AlarmPolicy
 from radard.alarm.sensitivity import alarm_policy
 from radard.alarm.state_store import StateStore
-from radard.alarm.tamper import TamperSettings, TamperWatch
+from radard.alarm.tamper import TamperWatch
 from radard.alarm.zones import Zones, sight_of
 from radard.classify.bundle import load_bundle
 from radard.classify.classifier import Classifier
 from radard.classify.model_choice import model_for
-from radard.clips.keeper import ClipKeeper, ClipSettings
+from radard.clips.keeper import ClipKeeper
 from radard.config.config import Config
 from radard.config.directories import calibration_file, clip_dir, named_state_dir, state_dir
 from radard.config.quiet_hours import Now, QuietHours, parse_quiet, time_zone
@@ -213,34 +213,18 @@ def _make_see(config: Config, pipeline: Pipeline) -> See:
 
 
 def _make_tamper(config: Config, pipeline: Pipeline) -> TamperWatch | None:
-    t = config.tamper
-    if not t.enabled:
+    if not config.tamper.enabled:
         return None
-    settings = TamperSettings(
-        learn_s=t.learn_s,
-        hold_s=t.hold_s,
-        covered_db=t.covered_db,
-        moved_coherence=t.moved_coherence,
-        noise_db=t.noise_db,
-    )
-    return TamperWatch(settings, pipeline.shape.hop_s)
+    return TamperWatch(config.tamper, pipeline.shape.hop_s)
 
 
 def _make_clips(config: Config, pipeline: Pipeline) -> ClipKeeper | None:
-    folder: Path | None = clip_dir(config)
+    folder = clip_dir(config)
     if folder is None:
         return None
-    c = config.clips
-    settings = ClipSettings(
-        folder=folder,
-        pre_s=c.pre_s,
-        post_s=c.post_s,
-        longest_s=c.longest_s,
-        keep_bytes=c.keep_mb * 1e6,
-        free_bytes=c.free_mb * 1e6,
-    )
     about = _about_clips(config, pipeline)
-    return ClipKeeper(settings, pipeline.stream, pipeline.shape.n_slow, about)
+    n_slow = pipeline.shape.n_slow
+    return ClipKeeper(config.clips, folder, pipeline.stream, n_slow, about)
 
 
 def _about_clips(config: Config, pipeline: Pipeline) -> dict[str, str]:

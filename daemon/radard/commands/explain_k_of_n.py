@@ -1,7 +1,7 @@
-"""What K of N does to error rates and to the delay, from the rate of single windows.
+"""K of N for `radard explain` alone: what it does to error rates and to the delay.
 
-Two cases bound what happens: every window is a draw of its own, or all windows of one pass
-fare alike. Real windows overlap and lie in between.
+It decides nothing; `radard.alarm.panel` does. Two cases bound what happens: every window is a
+draw of its own, or all windows of one pass fare alike. Real windows overlap and lie in between.
 """
 
 from collections.abc import Iterator
