@@ -20,7 +20,6 @@ from x2radar.settings.x4 import X4Settings
 from x2radar.sim.module.firmware import FIRMWARES, X2Firmware, X4Firmware
 from x2radar.sim.module.host import connect, serve
 from x2radar.sim.module.module import SimulatedModule
-from x2radar.sim.module.stream import stream_axis
 from x2radar.sim.scene.scene import load_scene
 from x2radar.wire.messages import (
     Ack,
@@ -171,7 +170,7 @@ def test_every_module_has_a_row_a_firmware_and_a_name_in_the_docs():
 def test_a_module_streams_the_axis_of_its_settings(device):
     _, stream = opened(f"sim:empty?device={device}", 2)
     s = MODULES[device].settings.for_port(None, None)
-    axis = stream_axis(s)
+    axis = s.axis
     assert (stream.frame_rate_hz, stream.axis.kind) == (s.frame_rate_hz, axis.kind)
     assert stream.axis.range_m == pytest.approx(axis.range_m)
     assert stream.axis.carrier_hz == pytest.approx(axis.carrier_hz)

@@ -22,7 +22,6 @@ from x2radar.sim.module.faults import parse_faults
 from x2radar.sim.module.firmware import FIRMWARES
 from x2radar.sim.module.host import connect as connect_sim
 from x2radar.sim.module.module import SimulatedModule
-from x2radar.sim.module.stream import stream_axis
 from x2radar.sim.scene.scene import load_scene
 from x2radar.sim.scene.stage import check_swath
 
@@ -190,7 +189,7 @@ def _connector(
         raise SettingsError(msg)
     seed, scene = int(text), load_scene(spec.target)
     if not callable(settings):
-        range_m = stream_axis(settings).range_m
+        range_m = settings.axis.range_m
         check_swath(scene, float(range_m[0]), float(range_m[-1]))
     faults = parse_faults(spec.options["fault"]) if "fault" in spec.options else None
     firmware = FIRMWARES[spec.options.get("device", _SIM_DEVICE)]

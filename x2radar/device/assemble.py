@@ -4,12 +4,13 @@ Raw RF frames, baseband I/Q and baseband amplitude/phase all become a `Frame` wi
 every other message is none.
 """
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from x2radar.frame import CounterTracker, FastTimeAxis, Frame, Kind, Step, read_only
+from x2radar.frame import CounterTracker, FastTimeAxis, Frame, Step, read_only
 from x2radar.settings.base import ModuleSettings
 from x2radar.wire.messages import BasebandAp, BasebandIq, Data, Message
 from x2radar.wire.wire_ids import ContentId
@@ -26,8 +27,8 @@ class FrameAssembler:
     def __init__(self, settings: ModuleSettings) -> None:
         self._settings = settings
         self._counter = CounterTracker()
-        self._axis_key: tuple[Kind | float, ...] = ()
-        self._axis: FastTimeAxis | None = None
+        self._said: dict[str, Any] = {}
+        self._axis = settings.axis
         self.n_repeated = 0
 
     def frame(self, message: Message, t_mono_s: float) -> Frame | None:
@@ -78,34 +79,22 @@ class FrameAssembler:
         return samples
 
     def _raw_axis(self, n_range: int) -> FastTimeAxis:
-        s = self._settings
-        return self._cached_axis(
-            s.raw_kind, n_range, s.bin_length_m, s.range_offset_m, s.carrier_hz, s.sample_rate_hz
-        )
+        return self._shared_axis(kind=self._settings.raw_kind, n_range=n_range)
 
     def _baseband_axis(self, message: BasebandIq | BasebandAp) -> FastTimeAxis:
-        return self._cached_axis(
-            "baseband",
-            message.i.size if isinstance(message, BasebandIq) else message.amplitude.size,
-            message.bin_length_m,
-            message.range_offset_m,
-            message.carrier_hz,
-            message.sample_rate_hz,
+        rows = message.i if isinstance(message, BasebandIq) else message.amplitude
+        return self._shared_axis(
+            kind="baseband",
+            n_range=rows.size,
+            bin_length_m=message.bin_length_m,
+            range_offset_m=message.range_offset_m,
+            carrier_hz=message.carrier_hz,
+            sample_rate_hz=message.sample_rate_hz,
         )
 
-    def _cached_axis(self, kind: Kind, n_range: int, *numbers: float) -> FastTimeAxis:
-        """Return the last axis while nothing changes, so that frames share one."""
-        key = (kind, n_range, *numbers)
-        if self._axis is None or self._axis_key != key:
-            bin_length_m, range_offset_m, carrier_hz, sample_rate_hz = numbers
-            self._axis_key = key
-            self._axis = FastTimeAxis(
-                kind=kind,
-                n_range=n_range,
-                bin_length_m=bin_length_m,
-                range_offset_m=range_offset_m,
-                carrier_hz=carrier_hz,
-                bandwidth_hz=self._settings.bandwidth_hz,
-                sample_rate_hz=sample_rate_hz,
-            )
+    def _shared_axis(self, **said: Any) -> FastTimeAxis:
+        """Return the settings' axis with what a frame says; one while nothing changes."""
+        if said != self._said:
+            self._said = said
+            self._axis = replace(self._settings.axis, **said)
         return self._axis

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from x2radar.errors import SettingsError
-from x2radar.frame import Kind
+from x2radar.frame import FastTimeAxis
+from x2radar.settings.base import ModuleSettings
 from x2radar.settings.x2 import (
     OUTPUTS,
     PULSE_GENERATORS,
@@ -31,9 +32,12 @@ from x2radar.wire.messages import (
 from x2radar.wire.wire_ids import Led, Mode, OutputRef, Profile
 
 FRAME_RATE_HZ = 20.0
+"""XTAN-11; measured 19.99."""
+
 SAMPLE_RATE_HZ = 39e9
 DECIMATION = 10
 _PULSE = PULSE_GENERATORS[6]
+"""A user's figures of a real module, and the pulse that is inferred (docs/hardware.md)."""
 
 
 class ProfileRow(NamedTuple):
@@ -51,7 +55,7 @@ PROFILES = {
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ProfileSettings:
+class ProfileSettings(ModuleSettings):
     """Settings of a module that runs a profile and sends its baseband besides.
 
     Attributes
@@ -66,11 +70,6 @@ class ProfileSettings:
         Baseband as I/Q or amplitude/phase messages.
     led : int
         Row of `wire_ids.Led`.
-
-    Raises
-    ------
-    SettingsError
-        If any field is out of range; all faults are named at once.
     """
 
     profile: str = "sleep"
@@ -135,45 +134,22 @@ class ProfileSettings:
 
     @property
     def frame_rate_hz(self) -> float:
-        """Frames per second: fixed (measured 19.99)."""
+        """Frames per second: fixed."""
         return FRAME_RATE_HZ
 
     @property
-    def kind(self) -> Kind:
-        """What the stream's frames hold."""
-        return "baseband"
+    def axis(self) -> FastTimeAxis:
+        """Bins of ten RF samples: the zone and 0.4 m behind it; pulse and length are inferred.
 
-    @property
-    def raw_kind(self) -> Kind:
-        """What raw frames would hold; a profile sends none."""
-        return "rf"
-
-    @property
-    def n_range(self) -> int:
-        """Bins in one frame: the zone and 0.4 m behind it (52 for 0.4 to 2.0 m: inferred)."""
-        return round((self.zone_end_m - self.zone_start_m + 0.4) / self.bin_length_m)
-
-    @property
-    def carrier_hz(self) -> float:
-        """Centre frequency of the pulse, in hertz (inferred)."""
-        return _PULSE.carrier_hz
-
-    @property
-    def bandwidth_hz(self) -> float:
-        """Bandwidth of the pulse at -10 dB, in hertz (inferred)."""
-        return _PULSE.bandwidth_hz
-
-    @property
-    def sample_rate_hz(self) -> float:
-        """Nominal rate of the RF sampler, in hertz."""
-        return SAMPLE_RATE_HZ
-
-    @property
-    def bin_length_m(self) -> float:
-        """Range of one baseband bin, in metres: ten RF samples."""
-        return DECIMATION * SPEED_OF_LIGHT_MPS / (2 * SAMPLE_RATE_HZ)
-
-    @property
-    def range_offset_m(self) -> float:
-        """Range of bin 0, in metres."""
-        return self.zone_start_m
+        A zone of 0.4 to 2.0 m makes 52 bins.
+        """
+        bin_length_m = DECIMATION * SPEED_OF_LIGHT_MPS / (2 * SAMPLE_RATE_HZ)
+        return FastTimeAxis(
+            kind="baseband",
+            n_range=round((self.zone_end_m - self.zone_start_m + 0.4) / bin_length_m),
+            bin_length_m=bin_length_m,
+            range_offset_m=self.zone_start_m,
+            carrier_hz=_PULSE.carrier_hz,
+            bandwidth_hz=_PULSE.bandwidth_hz,
+            sample_rate_hz=SAMPLE_RATE_HZ,
+        )

@@ -10,7 +10,8 @@ from numbers import Integral, Real
 from typing import Any, NamedTuple
 
 from x2radar.errors import SettingsError
-from x2radar.frame import Kind
+from x2radar.frame import FastTimeAxis
+from x2radar.settings.base import ModuleSettings
 from x2radar.wire.messages import Message, SetMode, SetOutput, SetSysFloat, SetSysInt
 from x2radar.wire.wire_ids import BasebandOutput, Mode, OutputRef, SysCfg
 
@@ -79,7 +80,7 @@ _WHOLE = (
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RadarSettings:
+class RadarSettings(ModuleSettings):
     """Settings of an X2 module in MANUAL mode.
 
     Attributes
@@ -102,11 +103,7 @@ class RadarSettings:
     output : {'rf', 'iq', 'ap'}
         Raw RF frames, or baseband as I/Q or amplitude/phase messages.
 
-    Raises
-    ------
-    SettingsError
-        If any field is out of range, or the threshold sweep takes longer than a frame.
-        All faults are named at once.
+    The threshold sweep must fit into a frame.
     """
 
     frame_rate_hz: float = 60.0
@@ -166,18 +163,8 @@ class RadarSettings:
     def for_frame_rate(cls, frame_rate_hz: float, *, output: str = "rf") -> "RadarSettings":
         """Return settings that integrate as long as `frame_rate_hz` allows.
 
-        Parameters
-        ----------
-        frame_rate_hz : float
-            Frames per second.
-        output : {'rf', 'iq', 'ap'}
-            As in the class.
-
-        Returns
-        -------
-        RadarSettings
-            Defaults, with fewer iterations (then fewer pulses, then a coarser DAC step)
-            where the sweep would not fit into a frame.
+        Fewer iterations (then fewer pulses, then a coarser DAC step) where the sweep would not
+        fit into a frame.
         """
         if not 1 <= frame_rate_hz <= 1000 or frame_rate_hz % 1:
             return cls(frame_rate_hz=frame_rate_hz, output=output)
@@ -213,39 +200,18 @@ class RadarSettings:
         )
 
     @property
-    def kind(self) -> Kind:
-        """What the stream's frames hold."""
-        return "rf" if self.output == "rf" else "baseband"
-
-    @property
-    def raw_kind(self) -> Kind:
-        """What raw frames hold."""
-        return "rf"
-
-    @property
-    def n_range(self) -> int:
-        """Samples in one frame."""
-        return SAMPLERS * self.frame_stitch
-
-    @property
-    def carrier_hz(self) -> float:
-        """Centre frequency of the pulse, in hertz."""
-        return PULSE_GENERATORS[self.pulse_generator].carrier_hz
-
-    @property
-    def bandwidth_hz(self) -> float:
-        """Bandwidth of the pulse at -10 dB, in hertz."""
-        return PULSE_GENERATORS[self.pulse_generator].bandwidth_hz
-
-    @property
-    def bin_length_m(self) -> float:
-        """Range of one RF sample, c / (2 fs), in metres."""
-        return SPEED_OF_LIGHT_MPS / (2 * self.sample_rate_hz)
-
-    @property
-    def range_offset_m(self) -> float:
-        """Range of bin 0, c ts / 2, in metres."""
-        return SPEED_OF_LIGHT_MPS * self.sample_delay_s / 2
+    def axis(self) -> FastTimeAxis:
+        """RF samples of c / (2 fs), from c ts / 2 on; those of baseband follow in its messages."""
+        pulse = PULSE_GENERATORS[self.pulse_generator]
+        return FastTimeAxis(
+            kind="rf" if self.output == "rf" else "baseband",
+            n_range=SAMPLERS * self.frame_stitch,
+            bin_length_m=SPEED_OF_LIGHT_MPS / (2 * self.sample_rate_hz),
+            range_offset_m=SPEED_OF_LIGHT_MPS * self.sample_delay_s / 2,
+            carrier_hz=pulse.carrier_hz,
+            bandwidth_hz=pulse.bandwidth_hz,
+            sample_rate_hz=self.sample_rate_hz,
+        )
 
     @property
     def n_steps(self) -> int:

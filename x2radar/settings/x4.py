@@ -11,7 +11,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from x2radar.errors import SettingsError
-from x2radar.frame import Kind
+from x2radar.frame import FastTimeAxis, Kind
+from x2radar.settings.base import ModuleSettings
 from x2radar.settings.x2 import SPEED_OF_LIGHT_MPS, is_number, is_whole
 from x2radar.wire.messages import Message, SetMode
 from x2radar.wire.messages_x4 import (
@@ -76,7 +77,7 @@ _WHOLE = (
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class X4Settings:
+class X4Settings(ModuleSettings):
     """Settings of an X4 module that streams frames itself.
 
     Attributes
@@ -98,11 +99,7 @@ class X4Settings:
     prf_divider : int
         Pulse rate = 243 MHz / divider, at most 40.5 MHz.
 
-    Raises
-    ------
-    SettingsError
-        If any field is out of range, the area is longer than the chip's 1536 samples, or
-        the sweep takes longer than a frame.
+    The area is no longer than the chip's 1536 samples; the sweep must fit into a frame.
     """
 
     frame_rate_hz: float = 60.0
@@ -161,18 +158,7 @@ class X4Settings:
     def for_frame_rate(cls, frame_rate_hz: float, *, is_baseband: bool = True) -> "X4Settings":
         """Return settings that integrate as long as `frame_rate_hz` allows.
 
-        Parameters
-        ----------
-        frame_rate_hz : float
-            Frames per second.
-        is_baseband : bool
-            As in the class.
-
-        Returns
-        -------
-        X4Settings
-            Defaults, with fewer iterations, then fewer pulses, where the sweep would not fit
-            into a frame.
+        Fewer iterations, then fewer pulses, where the sweep would not fit into a frame.
         """
         for pulses in (16, 8, 4, 2, 1):
             one = cls(
@@ -220,42 +206,25 @@ class X4Settings:
         return PRF_SOURCE_HZ / self.prf_divider * DUTY / sweep
 
     @property
-    def kind(self) -> Kind:
-        """What the stream's frames hold: those are raw frames."""
-        return self.raw_kind
+    def axis(self) -> FastTimeAxis:
+        """Bins of 6.4 mm (RF) or 51.4 mm, from the area's start as asked for (inferred) on.
+
+        Both ends of the area have a bin (inferred).
+        """
+        step = BASEBAND_STEP if self.is_baseband else 1
+        bin_length_m = step * SPEED_OF_LIGHT_MPS / (2 * SAMPLE_RATE_HZ)
+        carrier_hz, bandwidth_hz = PULSES[self.centre_frequency]
+        return FastTimeAxis(
+            kind=self.raw_kind,
+            n_range=int((self.area_end_m - self.area_start_m) / bin_length_m) + 1,
+            bin_length_m=bin_length_m,
+            range_offset_m=self.area_start_m,
+            carrier_hz=carrier_hz,
+            bandwidth_hz=bandwidth_hz,
+            sample_rate_hz=SAMPLE_RATE_HZ,
+        )
 
     @property
     def raw_kind(self) -> Kind:
-        """What raw frames hold."""
+        """What its frames hold, which are all raw."""
         return "baseband" if self.is_baseband else "rf"
-
-    @property
-    def n_range(self) -> int:
-        """Bins in one frame (inferred: both ends of the area have one)."""
-        return int((self.area_end_m - self.area_start_m) / self.bin_length_m) + 1
-
-    @property
-    def carrier_hz(self) -> float:
-        """Centre frequency of the pulse, in hertz."""
-        return PULSES[self.centre_frequency][0]
-
-    @property
-    def bandwidth_hz(self) -> float:
-        """Bandwidth of the pulse at -10 dB, in hertz."""
-        return PULSES[self.centre_frequency][1]
-
-    @property
-    def sample_rate_hz(self) -> float:
-        """Rate of the RF sampler, in hertz."""
-        return SAMPLE_RATE_HZ
-
-    @property
-    def bin_length_m(self) -> float:
-        """Range of one sample of a raw frame, in metres: 6.4 mm RF, 51.4 mm baseband."""
-        step = BASEBAND_STEP if self.is_baseband else 1
-        return step * SPEED_OF_LIGHT_MPS / (2 * SAMPLE_RATE_HZ)
-
-    @property
-    def range_offset_m(self) -> float:
-        """Range of bin 0, in metres (inferred: the area's start as asked for)."""
-        return self.area_start_m

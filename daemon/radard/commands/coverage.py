@@ -8,7 +8,6 @@ import numpy as np
 from radard.dsp.velocity import CPI_S
 from radard.errors import UsageError
 from x2radar.settings.x2 import SPEED_OF_LIGHT_MPS, RadarSettings
-from x2radar.sim.module.stream import stream_axis
 from x2radar.sim.place.antenna import Antenna
 from x2radar.sim.scene.cast import SEED_GAIN
 from x2radar.sim.signal.noise import baseband_noise_power
@@ -89,7 +88,7 @@ def snr_db(options: CoverageOptions, x_m: float, y_m: float, z_m: float) -> floa
     float or None
         None outside the swath.
     """
-    axis = stream_axis(RadarSettings())
+    axis = RadarSettings().axis
     antenna, budget = options.antenna, LinkBudget()
     towards_m = np.array([x_m, y_m, z_m]) - antenna.position_m
     range_m = float(np.linalg.norm(towards_m))
@@ -110,7 +109,7 @@ def coverage_table(options: CoverageOptions) -> Iterator[str]:
     options : CoverageOptions
         The mount.
     """
-    axis = stream_axis(RadarSettings())
+    axis = RadarSettings().axis
     yield (
         f"radar {options.height_m:g} m over the floor, tilted {options.tilt_deg:g} degrees down, "
         f"beam {options.width_deg:g} degrees;"

@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 
-from x2radar.frame import FastTimeAxis
 from x2radar.settings.base import ModuleSettings
 from x2radar.settings.x2 import RadarSettings
 from x2radar.sim.echo import frames as echo_frames
@@ -25,19 +24,6 @@ _UNSEEN = 0.1
 _NOISE, _ROOM = 0x4E01, 0x2001
 
 
-def stream_axis(settings: ModuleSettings) -> FastTimeAxis:
-    """Return the axis of the frames that a module with these settings sends."""
-    return FastTimeAxis(
-        kind=settings.kind,
-        n_range=settings.n_range,
-        bin_length_m=settings.bin_length_m,
-        range_offset_m=settings.range_offset_m,
-        carrier_hz=settings.carrier_hz,
-        bandwidth_hz=settings.bandwidth_hz,
-        sample_rate_hz=settings.sample_rate_hz,
-    )
-
-
 class EchoStream:
     """Frames of a scene.
 
@@ -53,7 +39,7 @@ class EchoStream:
 
     def __init__(self, scene: Scene, seed: int, settings: ModuleSettings) -> None:
         self.settings = settings
-        self.axis = axis = stream_axis(settings)
+        self.axis = axis = settings.axis
         self._budget = budget = LinkBudget()
         # The sweep of other modules is taken to be that of an X2 at this frame rate.
         sweep = (
