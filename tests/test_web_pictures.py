@@ -179,7 +179,7 @@ def test_recent_never_hands_out_torn_rows():
 
 
 class Told:
-    """What an picture_thread said."""
+    """What a picture thread has emitted."""
 
     def __init__(self):
         self.axes, self.data = [], []
@@ -191,20 +191,20 @@ class Told:
         return len(self.data) >= n
 
 
-def test_an_onlooker_works_only_while_it_is_wanted():
+def test_a_picture_thread_works_only_while_it_is_wanted():
     ring = ring_of(noise(300, seed=9))
     told = Told()
     picture_thread = PictureThread(lambda: ring, told.axes.append, told.data.append)
     assert not [t for t in threading.enumerate() if t.name == "pictures"]
     picture_thread.want(is_wanted=True)
-    assert told.wait(60)
+    assert told.wait(1)
     picture_thread.want(is_wanted=False)
     assert len(told.axes) == 1
     assert HEAD.unpack_from(told.data[0])[0] == 1
     picture_thread.close()
 
 
-def test_an_onlooker_survives_what_goes_wrong(monkeypatch, caplog):
+def test_a_picture_thread_survives_what_goes_wrong(monkeypatch, caplog):
     told = Told()
 
     def broken():

@@ -197,9 +197,7 @@ SINKS = (
         gets="all records, as lines for people, on stdout",
         on_failure="as `json`",
     ),
-    SinkRow(
-        form="null", module="radard.sinks.null", value="none", gets="nothing is kept"
-    ),
+    SinkRow(form="null", module="radard.sinks.null", value="none", gets="nothing is kept"),
     _MQTT,
     replace(_MQTT, form="mqtts://HOST", gets="the same, encrypted", on_failure="as `mqtt`"),
     SinkRow(

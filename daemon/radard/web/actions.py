@@ -1,4 +1,4 @@
-"""Actions: what changes something. POST requests, by operators, from our own page alone."""
+"""Actions: routes that change something. POST requests, by operators, from our own page only."""
 
 import logging
 from collections.abc import Awaitable, Callable
@@ -15,33 +15,25 @@ from radard.config.sections import ZonesSection
 from radard.errors import OutputError
 from radard.outputs.records import utc_now
 from radard.sinks.base import COMMANDS
-from radard.web.auth import SESSION_S, AccessControl, Allowance
+from radard.web.auth import SESSION_S, AccessControl, RateLimit
 from radard.web.labels import LABELS
 from radard.web.middleware import refusal
 from radard.web.queries import Queries
 
 log = logging.getLogger("radard")
-_MOST_ZONES = 32
-_LEAST_ZONE_M = 0.01
+_MOST_ZONES = 32  # chosen: more than any room has
+_LEAST_ZONE_M = 0.01  # chosen: below a range bin, 0.029 m at the finest
 Handler = Callable[[dict[str, Any]], Awaitable[Response]]
 
 
 class Actions:
-    """Routes of what changes something.
+    """Routes that change something."""
 
-    Parameters
-    ----------
-    queries : Queries
-        Knows the run.
-    guard : AccessControl
-        Knows roles.
-    """
-
-    def __init__(self, queries: Queries, guard: AccessControl) -> None:
-        self._desk = queries
-        self._guard = guard
-        # Commands stand in the same line as decisions: a flood must not.
-        self._allowance = Allowance(20, 4)
+    def __init__(self, queries: Queries, access: AccessControl) -> None:
+        self._queries = queries
+        self._access = access
+        # Commands wait in one queue with decisions: a flood of them must not.
+        self._rate_limit = RateLimit(20, 4)
         self.routes = [
             self._route("/api/v1/command", self._command),
             self._route("/api/v1/labels", self._label),
@@ -53,20 +45,20 @@ class Actions:
 
     def _route(self, path: str, handler: Handler) -> Route:
         async def guarded(request: Request) -> Response:
-            role = self._guard.role(request.headers, request.cookies)
+            role = self._access.role(request.headers, request.cookies)
             if role == "nobody":
                 return refusal(401, "show a token")
             if role != "operator":
                 return refusal(403, "only an operator may do this")
-            if not self._allowance.take():
+            if not self._rate_limit.take():
                 return refusal(429, "too much at once; wait a moment")
-            said = await _said(request)
-            return await handler(said) if said is not None else refusal(400, "no JSON object")
+            body = await _json_body(request)
+            return refusal(400, "no JSON object") if body is None else await handler(body)
 
         return Route(path, guarded, methods=["POST"])
 
-    async def _command(self, said: dict[str, Any]) -> Response:
-        name, host = said.get("command"), self._desk.host
+    async def _command(self, body: dict[str, Any]) -> Response:
+        name, host = body.get("command"), self._queries.host
         if not isinstance(name, str) or name not in COMMANDS:
             return refusal(400, f"command is one of {', '.join(COMMANDS)}")
         if host is None:
@@ -75,11 +67,11 @@ class Actions:
         host.command(name)
         return JSONResponse({"accepted": name}, 202)
 
-    async def _label(self, said: dict[str, Any]) -> Response:
-        event_id, label = said.get("event"), said.get("label")
+    async def _label(self, body: dict[str, Any]) -> Response:
+        event_id, label = body.get("event"), body.get("label")
         if label not in LABELS or not isinstance(event_id, str):
             return refusal(400, f"event and a label of {', '.join(LABELS)} are wanted")
-        event = await run_in_threadpool(self._desk.event, event_id)
+        event = await run_in_threadpool(self._queries.event, event_id)
         if event is None:
             return refusal(404, "this event is not known")
         line = {
@@ -89,24 +81,24 @@ class Actions:
             "sensor": event["sensor"],
             "kind": event["kind"],
             "peak": event["peak"],
-            "model": self._desk.history.hello.get("model"),
+            "model": self._queries.history.hello.get("model"),
             "time": utc_now(),
         }
         try:
-            await run_in_threadpool(self._desk.label_file.add, line)
+            await run_in_threadpool(self._queries.label_file.add, line)
         except OutputError as err:
             return refusal(507, str(err))
         return JSONResponse({"event": event_id, "label": label}, 201)
 
-    async def _zones(self, said: dict[str, Any]) -> Response:
-        host = self._desk.host
+    async def _zones(self, body: dict[str, Any]) -> Response:
+        host = self._queries.host
         if host is None:
             return refusal(503, "there is no run yet")
         try:
-            zones = None if said.get("forget") is True else _zones_of(said)
+            zones = None if body.get("forget") is True else _zones_of(body)
         except ValueError as err:
             return refusal(400, str(err))
-        path = self._desk.zones_file
+        path = self._queries.zones_file
         try:
             if zones is None:
                 await run_in_threadpool(forget, path)
@@ -117,16 +109,16 @@ class Actions:
         except OutputError as err:
             return refusal(507, str(err))
         log.info("zones from the dashboard: %s", "forgotten" if zones is None else path)
-        # The one way in which a configuration is read, so `config show` says the same.
+        # Through the configuration, so that `config show` says the same.
         host.reload()
         return JSONResponse({"file": None if zones is None else str(path)}, 202)
 
-    async def _playback(self, said: dict[str, Any]) -> Response:
-        host = self._desk.host
+    async def _playback(self, body: dict[str, Any]) -> Response:
+        host = self._queries.host
         playback = host.playback() if host is not None else None
         if playback is None:
             return refusal(409, "this is no replay")
-        action, value = said.get("action"), said.get("value")
+        action, value = body.get("action"), body.get("value")
         is_number = isinstance(value, int | float) and not isinstance(value, bool)
         try:
             if action == "play":
@@ -141,21 +133,21 @@ class Actions:
                 return refusal(400, "action is play, pause, seek or speed, with its value")
         except ValueError as err:
             return refusal(400, str(err))
-        return JSONResponse(self._desk.now()["playback"], 202)
+        return JSONResponse(self._queries.now()["playback"], 202)
 
     async def _log_in(self, request: Request) -> Response:
-        said = await _said(request)
-        token = (said or {}).get("token")
+        body = await _json_body(request)
+        token = (body or {}).get("token")
         if not isinstance(token, str) or len(token) > 512:
             return refusal(400, "a token is wanted")
-        if self._guard.is_locked:
+        if self._access.is_locked:
             return refusal(429, "too many wrong tokens; wait a minute")
-        role, session = self._guard.log_in(token)
+        role, session = self._access.log_in(token)
         if role == "nobody":
             return refusal(401, "this is not the token")
         answer = JSONResponse({"role": role})
         answer.set_cookie(
-            self._guard.cookie,
+            self._access.cookie,
             session,
             max_age=int(SESSION_S),
             httponly=True,
@@ -165,19 +157,19 @@ class Actions:
         return answer
 
     async def _log_out(self, request: Request) -> Response:
-        self._guard.log_out(request.cookies)
+        self._access.log_out(request.cookies)
         answer = JSONResponse({})
-        answer.delete_cookie(self._guard.cookie)
+        answer.delete_cookie(self._access.cookie)
         return answer
 
 
-def _zones_of(said: dict[str, Any]) -> ZonesSection:
-    """Return zones that somebody wants; raises ValueError with what is wrong."""
-    if set(said) != {"include", "exclude"}:
+def _zones_of(body: dict[str, Any]) -> ZonesSection:
+    """Return the zones of a request; raises ValueError with what is wrong."""
+    if set(body) != {"include", "exclude"}:
         msg = "include and exclude are wanted, lists of [from, to] in metres"
         raise ValueError(msg)
     try:
-        zones = ZonesSection.model_validate(said)
+        zones = ZonesSection.model_validate(body)
     except ValidationError as err:
         fault = err.errors()[0]
         where = ".".join(str(part) for part in fault["loc"])
@@ -193,12 +185,12 @@ def _zones_of(said: dict[str, Any]) -> ZonesSection:
     return zones
 
 
-async def _said(request: Request) -> dict[str, Any] | None:
+async def _json_body(request: Request) -> dict[str, Any] | None:
     """Return the JSON object of a body, None when it is none."""
     if request.headers.get("content-type", "").partition(";")[0] != "application/json":
         return None
     try:
-        said = await request.json()
+        body = await request.json()
     except (ValueError, RecursionError):
         return None
-    return said if isinstance(said, dict) else None
+    return body if isinstance(body, dict) else None

@@ -22,9 +22,10 @@ from radard.sinks.store_query import parse_since
 from radard.web import socket
 from radard.web.actions import Actions
 from radard.web.auth import AccessControl, Role
+from radard.web.history import DECISIONS
 from radard.web.hub import Hub
 from radard.web.labels import LABELS
-from radard.web.middleware import Shield, refusal
+from radard.web.middleware import SecurityMiddleware, refusal
 from radard.web.queries import EventFilter, Queries
 from x2radar.errors import X2RadarError
 
@@ -40,107 +41,90 @@ _TYPES = {
 _FIELDS = ("id", "sensor", "kind", "began", "ended", "peak", "reason", "label", "clip")
 OF_ONE = "radard.sensor"
 """Key of a request's scope: it was for one of several sensors, this one."""
-_MOST_DECISIONS = 3600
-_MOST_WAITING = 4
+_MOST_WAITING = 4  # requests for a clip's pictures, chosen: each takes seconds
 
 
 class Api:
-    """All routes.
+    """All routes of one sensor."""
 
-    Parameters
-    ----------
-    queries : Queries
-        Answers.
-    guard : AccessControl
-        Roles.
-    hub : Hub
-        Open pages.
-    """
-
-    def __init__(self, queries: Queries, guard: AccessControl, hub: Hub) -> None:
-        self._desk = queries
-        self._guard = guard
+    def __init__(self, queries: Queries, access: AccessControl, hub: Hub) -> None:
+        self._queries = queries
+        self._access = access
         self._hub = hub
         self._static = _read_static()
-        actions = Actions(queries, guard)
-        # Few threads: whatever they do, decisions need the processor more.
+        actions = Actions(queries, access)
+        # Few threads: decisions need the processor more.
         self._reading = CapacityLimiter(2)
         self._painting = CapacityLimiter(1)
         routes: list[Route | WebSocketRoute] = [
             Route("/healthz", self._healthz),
-            Route("/metrics", self._seen(self._metrics)),
-            Route("/api/v1/status", self._seen(self._status)),
-            Route("/api/v1/decisions", self._seen(self._decisions)),
-            Route("/api/v1/decisions/{seq:int}", self._seen(self._why)),
-            Route("/api/v1/events", self._seen(self._events)),
-            Route("/api/v1/events/export", self._seen(self._export)),
-            Route("/api/v1/events/{id}/clip", self._seen(self._clip)),
-            Route("/api/v1/events/{id}/pictures", self._seen(self._pictures)),
-            Route("/api/v1/config", self._seen(self._config)),
+            Route("/metrics", self._for_viewers(self._metrics)),
+            Route("/api/v1/status", self._for_viewers(self._status)),
+            Route("/api/v1/decisions", self._for_viewers(self._decisions)),
+            Route("/api/v1/decisions/{seq:int}", self._for_viewers(self._why)),
+            Route("/api/v1/events", self._for_viewers(self._events)),
+            Route("/api/v1/events/export", self._for_viewers(self._export)),
+            Route("/api/v1/events/{id}/clip", self._for_viewers(self._clip)),
+            Route("/api/v1/events/{id}/pictures", self._for_viewers(self._pictures)),
+            Route("/api/v1/config", self._for_viewers(self._config)),
             *actions.routes,
             WebSocketRoute("/ws", self._ws),
             Route("/", self._page),
             Route("/static/{path:path}", self._file),
         ]
-        self.app = Shield(Starlette(routes=routes), guard)
+        self.app = SecurityMiddleware(Starlette(routes=routes), access)
 
-    def _seen(self, endpoint: Endpoint) -> Endpoint:
-        """Return an endpoint for those who may look."""
+    def _for_viewers(self, endpoint: Endpoint) -> Endpoint:
+        """Return an endpoint that wants a role; a UsageError of it is a bad request."""
 
         async def guarded(request: Request) -> Response:
             if self._role(request) == "nobody":
                 return refusal(401, "show a token")
-            return await endpoint(request)
+            try:
+                return await endpoint(request)
+            except UsageError as err:
+                return refusal(400, str(err))
 
         return guarded
 
     def _role(self, request: Request) -> Role:
-        return self._guard.role(request.headers, request.cookies)
+        return self._access.role(request.headers, request.cookies)
 
     async def _healthz(self, request: Request) -> Response:
-        now = self._desk.health(is_whole=OF_ONE not in request.scope)
+        now = self._queries.health(is_whole=OF_ONE not in request.scope)
         body: dict[str, str] = {"state": now.state}
         if self._role(request) != "nobody":
             body["reason"] = now.reason
         return JSONResponse(body, 200 if now.is_well else 503)
 
     async def _metrics(self, _request: Request) -> Response:
-        return Response(self._desk.metrics_text(), media_type="text/plain; version=0.0.4")
+        return Response(self._queries.metrics_text(), media_type="text/plain; version=0.0.4")
 
     async def _status(self, request: Request) -> Response:
-        return JSONResponse({**self._desk.status(self._role(request)), "viewers": len(self._hub)})
+        status = self._queries.status(self._role(request))
+        return JSONResponse({**status, "viewers": len(self._hub)})
 
     async def _config(self, _request: Request) -> Response:
-        return JSONResponse(self._desk.config_shown())
+        return JSONResponse(self._queries.config_shown())
 
     async def _decisions(self, request: Request) -> Response:
-        try:
-            limit = _whole(request, "limit", 100, _MOST_DECISIONS)
-            before = _whole(request, "before_seq", 0, 1 << 53)
-        except UsageError as err:
-            return refusal(400, str(err))
-        found = self._desk.history.decisions(limit, before_seq=before or None)
+        limit = _whole_number(request, "limit", 100, DECISIONS)
+        before = _whole_number(request, "before_seq", 0, 1 << 53)
+        found = self._queries.history.decisions(limit, before_seq=before or None)
         return JSONResponse({"decisions": found})
 
     async def _why(self, request: Request) -> Response:
-        found = self._desk.why(request.path_params["seq"])
+        found = self._queries.why(request.path_params["seq"])
         if found is None:
             return refusal(404, "this decision is not remembered any more")
         return JSONResponse(found)
 
     async def _events(self, request: Request) -> Response:
-        try:
-            wanted = _filter(request)
-        except UsageError as err:
-            return refusal(400, str(err))
-        return JSONResponse({"events": await self._read(self._desk.events, wanted)})
+        found = await self._read(self._queries.events, _filter(request))
+        return JSONResponse({"events": found})
 
     async def _export(self, request: Request) -> Response:
-        try:
-            wanted = _filter(request)
-        except UsageError as err:
-            return refusal(400, str(err))
-        events = await self._read(self._desk.events, wanted)
+        events = await self._read(self._queries.events, _filter(request))
         is_csv = request.query_params.get("format") == "csv"
         name = "events.csv" if is_csv else "events.jsonl"
         text = _csv(events) if is_csv else "".join(json.dumps(e) + "\n" for e in events)
@@ -148,16 +132,16 @@ class Api:
         return Response(text, media_type=kind, headers=_attached(name))
 
     async def _clip(self, request: Request) -> Response:
-        path = await self._read(self._desk.clip, request.path_params["id"])
+        path = await self._read(self._queries.clip, request.path_params["id"])
         if path is None:
             return refusal(404, "there is no clip of this event")
         return FileResponse(path, media_type="application/x-hdf5", headers=_attached(path.name))
 
     async def _pictures(self, request: Request) -> Response:
-        path = await self._read(self._desk.clip, request.path_params["id"])
+        path = await self._read(self._queries.clip, request.path_params["id"])
         if path is None:
             return refusal(404, "there is no clip of this event")
-        # Late: h5py takes a while, and most runs replay nothing.
+        # Late: h5py takes a while, and most runs show no clip.
         from radard.web.clip_view import clip_view  # noqa: PLC0415
 
         if self._painting.statistics().tasks_waiting >= _MOST_WAITING:
@@ -172,7 +156,7 @@ class Api:
         return await to_thread.run_sync(call, *arguments, limiter=self._reading)
 
     async def _ws(self, websocket: WebSocket) -> None:
-        queries, role = self._desk, self._guard.role(websocket.headers, websocket.cookies)
+        queries, role = self._queries, self._access.role(websocket.headers, websocket.cookies)
         welcome = {
             "type": "welcome",
             **queries.status(role),
@@ -180,7 +164,7 @@ class Api:
             "events": queries.history.events()[-50:],
         }
         most = queries.section.max_viewers
-        await socket.serve(websocket, self._guard, self._hub, most, welcome)
+        await socket.serve(websocket, self._access, self._hub, most, welcome)
 
     async def _page(self, request: Request) -> Response:
         is_known = self._role(request) != "nobody"
@@ -212,7 +196,7 @@ def _read_static() -> dict[str, tuple[str, str, bytes]]:
     return found
 
 
-def _whole(request: Request, name: str, default: int, most: int) -> int:
+def _whole_number(request: Request, name: str, default: int, most: int) -> int:
     text = request.query_params.get(name, str(default))
     if not text.isdecimal() or int(text) > most:
         msg = f"{name}: a whole number up to {most} is wanted"
@@ -232,7 +216,7 @@ def _filter(request: Request) -> EventFilter:
         since_s=parse_since(since, time.time()) if since else None,
         label=label,
         text=text,
-        limit=_whole(request, "limit", 200, 2000),
+        limit=_whole_number(request, "limit", 200, 2000),
     )
 
 
@@ -245,7 +229,7 @@ def _csv(events: list[dict[str, Any]]) -> str:
 
 
 def _safe_cell(value: Any) -> Any:
-    """Return a value that a spreadsheet does not take for a formula."""
+    """Return a value that a spreadsheet does not run as a formula."""
     return f"'{value}" if isinstance(value, str) and value[:1] in "=+-@\t" else value
 
 

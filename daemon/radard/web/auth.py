@@ -1,9 +1,9 @@
-"""Guard: who may look and who may arm, and where requests may come from.
+"""Access control: who may see and who may arm, and which sites requests may come from.
 
-On a loopback address without tokens everybody on this machine is its operator, but only
-through a host name of loopback: another site whose name was pointed at 127.0.0.1 (DNS
-rebinding) is turned away. With tokens, or on any other address, a token is demanded; a page
-trades it for a session in a cookie that scripts cannot read and other sites cannot send.
+On a loopback address without tokens everybody on this machine is an operator, but only
+through a host name of loopback: a site whose name was pointed at 127.0.0.1 (DNS rebinding) is
+refused. With tokens, or on any other address, a token is required; a page exchanges it for a
+session in a cookie that scripts cannot read and other sites cannot send.
 """
 
 import hmac
@@ -21,16 +21,16 @@ from radard.config.sink_table import WebSection
 from radard.errors import ConfigError
 
 Role = Literal["nobody", "viewer", "operator"]
-SESSION_S = 12 * 3600.0
-_MOST_SESSIONS = 64
-_MOST_FAILURES, _FAILURES_S = 10, 60.0
-_LEAST_LENGTH = 12
+SESSION_S = 12 * 3600.0  # chosen: a day's work
+_MOST_SESSIONS = 64  # chosen: the oldest ends
+_MOST_FAILURES, _FAILURES_S = 10, 60.0  # chosen: 5 million guesses a year, of 12 characters
+_LEAST_LENGTH = 12  # characters of a token, chosen
 _LOOPBACK = {"localhost", "127.0.0.1", "::1"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tokens:
-    """Secrets that open a dashboard; None where there is none."""
+    """Tokens of a dashboard; None where there is none."""
 
     viewer: str | None = None
     operator: str | None = None
@@ -40,7 +40,7 @@ class Tokens:
 
 
 def is_loopback(host: str) -> bool:
-    """Return whether an address to listen on is reached from this machine alone."""
+    """Return whether an address to listen on is reachable only from this machine."""
     if host.lower() in _LOOPBACK:
         return True
     try:
@@ -52,10 +52,8 @@ def is_loopback(host: str) -> bool:
 def read_tokens(section: WebSection, host: str) -> Tokens:
     """Return the tokens that the configuration names.
 
-    Raises
-    ------
-    ConfigError
-        If one cannot be read or is short, or if there is none and `host` is not loopback.
+    Raises ConfigError if one cannot be read or is short, or if there is none and `host` is not
+    loopback.
     """
     tokens = Tokens(
         viewer=read_secret("web.token", section.token_file, section.token_env),
@@ -76,28 +74,16 @@ def read_tokens(section: WebSection, host: str) -> Tokens:
     return tokens
 
 
-class Allowance:
-    """So many acts at once, and so many a second after that.
+class RateLimit:
+    """A token bucket: `most` acts at once, and `per_s` a second after that."""
 
-    Parameters
-    ----------
-    most : float
-        At once.
-    per_s : float
-        Regained a second.
-    clock : callable
-        Monotonic, in seconds.
-    """
-
-    def __init__(
-        self, most: float, per_s: float, clock: Callable[[], float] = time.monotonic
-    ) -> None:
-        self._most, self._per_s, self._clock = most, per_s, clock
-        self._left, self._at_s = most, clock()
+    def __init__(self, most: float, per_s: float) -> None:
+        self._most, self._per_s = most, per_s
+        self._left, self._at_s = most, time.monotonic()
 
     def take(self) -> bool:
         """Count an act; return whether it may be done."""
-        now_s = self._clock()
+        now_s = time.monotonic()
         self._left = min(self._most, self._left + (now_s - self._at_s) * self._per_s)
         self._at_s = now_s
         if self._left < 1:
@@ -109,16 +95,8 @@ class Allowance:
 class AccessControl:
     """Says what a request may do; used by the web's own thread alone.
 
-    Parameters
-    ----------
-    tokens : Tokens
-        From `read_tokens`.
-    may_command : bool
-        False: nobody is an operator.
-    cookie : str
-        Name of the session's cookie: browsers share cookies between ports.
-    clock : callable
-        Monotonic, in seconds.
+    Without `may_command` nobody is an operator. `cookie` is the name of the session's cookie:
+    browsers share cookies between ports. `clock` is monotonic, in seconds.
     """
 
     def __init__(
@@ -138,7 +116,7 @@ class AccessControl:
 
     @property
     def wants_token(self) -> bool:
-        """Whether a token must be shown at all."""
+        """Whether a request must have a token at all."""
         return self._tokens.viewer is not None or self._tokens.operator is not None
 
     @property
@@ -173,11 +151,11 @@ class AccessControl:
         return role, session
 
     def log_out(self, cookies: Mapping[str, str]) -> None:
-        """Forget a session."""
+        """End a session."""
         self._sessions.pop(cookies.get(self.cookie, ""), None)
 
     def is_right_host(self, headers: Mapping[str, str]) -> bool:
-        """Return whether a request names a host that it may: without tokens, loopback."""
+        """Return whether the host of a request is allowed: without tokens, only loopback."""
         if self.wants_token:
             return True
         return _host_of(f"//{headers.get('host', '')}") in _LOOPBACK

@@ -1,4 +1,4 @@
-"""A clip's pictures and decisions for a page: one answer, made when it is asked for.
+"""A clip's pictures and decisions for a page: one answer, made on request.
 
 ::
 
@@ -22,24 +22,16 @@ from x2radar.recording.registry import open_recording
 
 Row = tuple[NDArray[np.complex64], bool]
 
-_BLOCK = 32
-_MOST_S = 660.0
-_BREATHE_S = 0.002
+_BLOCK = 32  # frames between two pauses
+_MOST_S = 660.0  # above the longest clip, clips.longest_s of 600 s and its pre_s
+_PAUSE_S = 0.002  # chosen: decisions take the interpreter meanwhile
 _KEYS = ("t_s", "seq", "gate", "label", "alarm", "fused_p_human", "fused_p_pet", "range_m")
 
 
 def clip_view(path: Path) -> bytes:
-    """Return the answer for a clip.
+    """Return the answer for a clip; pictures are made of eleven minutes at most.
 
-    Parameters
-    ----------
-    path : Path
-        A recording; pictures are made of eleven minutes at most.
-
-    Raises
-    ------
-    X2RadarError, FeatureError, OSError
-        If it cannot be read or is no radar's.
+    Raises X2RadarError, FeatureError or OSError if the file cannot be read or is no radar's.
     """
     with open_recording(path) as reader:
         stream = reader.stream
@@ -54,14 +46,13 @@ def clip_view(path: Path) -> bytes:
             if length_s > _MOST_S:
                 break
             row = converter.convert(frame.samples)
-            # Time goes on where frames are missing.
+            # Lost frames take their time in the pictures.
             rows += [(row, False)] * min(frame.lost, _BLOCK) if rows else []
             rows.append((row, bool(np.isfinite(row).all())))
             if len(rows) >= _BLOCK:
                 _push(spectrograms, rows, length_s, made)
                 rows = []
-                # Decisions come first: leave the interpreter to them now and then.
-                time.sleep(_BREATHE_S)
+                time.sleep(_PAUSE_S)
         if rows:
             _push(spectrograms, rows, length_s, made)
     head = {"length_s": length_s, "axes": axes(spectrograms), "decisions": _decisions(path)}

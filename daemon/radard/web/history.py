@@ -7,11 +7,11 @@ from typing import Any
 
 from radard.sinks.base import Record
 
-DECISIONS, EVENTS = 3600, 500
+DECISIONS, EVENTS = 3600, 500  # chosen: an hour of decisions, and as many events as a page shows
 
 
 class History:
-    """Holds an hour of decisions, the last events in their last phase, and the hello."""
+    """The last decisions, the last events in their last phase, and the hello."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()

@@ -1,8 +1,8 @@
 """Hub: hands records and pictures to every page; a page that is slow gets fewer pictures.
 
-Lives in the web's own thread (asyncio). Records are few and wait, to a limit; a page that
-cannot even take those is closed and comes back by itself. Pictures never wait: a page says
-how many it has drawn, and gets none while too many are under way.
+It runs in the web's own thread (asyncio). Records are few and wait, to a limit; a page that
+cannot even take those is closed and reconnects by itself. Pictures never wait: a page reports
+how many it has drawn, and gets none while too many are in flight.
 """
 
 import asyncio
@@ -11,19 +11,13 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Any
 
-MOST_TEXTS = 400
-MOST_UNDER_WAY = 24
-_BACKLOG = 512
+MOST_TEXTS = 400  # chosen: minutes of records
+MOST_IN_FLIGHT = 24  # pictures, chosen: three seconds of them
+_BACKLOG = 512  # messages, chosen: a minute of pictures for a page that opens
 
 
 class Viewer:
-    """One open page.
-
-    Attributes
-    ----------
-    wants_pictures : bool
-        Whether it shows any now.
-    """
+    """One open page; `wants_pictures` while it shows some."""
 
     def __init__(self) -> None:
         self.wants_pictures = False
@@ -44,21 +38,21 @@ class Viewer:
 
     def put_picture(self, data: bytes) -> None:
         """Queue a picture, or drop it."""
-        under_way = self._n_sent - self._n_drawn + len(self._pictures)
-        if not self.wants_pictures or under_way >= MOST_UNDER_WAY:
+        in_flight = self._n_sent - self._n_drawn + len(self._pictures)
+        if not self.wants_pictures or in_flight >= MOST_IN_FLIGHT:
             self.n_dropped += self.wants_pictures
             return
         self._pictures.append(data)
         self._wake.set()
 
     def put_backlog(self, data: list[bytes]) -> None:
-        """Queue the pictures of the last while, which do not count as under way."""
+        """Queue earlier pictures, which do not count as in flight."""
         self._n_sent -= len(data)
         self._pictures.extend(data)
         self._wake.set()
 
     def drawn(self, n: int) -> None:
-        """Note how many pictures the page has taken so far."""
+        """Note how many pictures the page has drawn so far."""
         self._n_drawn = max(self._n_drawn, min(n, self._n_sent))
 
     async def next(self) -> str | bytes:
@@ -74,13 +68,7 @@ class Viewer:
 
 
 class Hub:
-    """All open pages.
-
-    Parameters
-    ----------
-    want_pictures : callable
-        Told whether any page wants pictures, whenever that changes.
-    """
+    """All open pages; calls `want_pictures` when the first wants some, or none any more."""
 
     def __init__(self, want_pictures: Callable[[bool], None]) -> None:
         self._want_pictures = want_pictures
@@ -93,21 +81,21 @@ class Hub:
         return len(self._viewers)
 
     def add(self, viewer: Viewer) -> None:
-        """Take in a page."""
+        """Add a page."""
         self._viewers.add(viewer)
 
     def remove(self, viewer: Viewer) -> None:
-        """Let a page go."""
+        """Remove a page."""
         self._viewers.discard(viewer)
-        self._look()
+        self._update_wanted()
 
     def watch(self, viewer: Viewer, *, wants_pictures: bool) -> None:
-        """Note whether a page shows pictures; it gets those of the last while at first."""
+        """Note whether a page shows pictures; it gets earlier ones first."""
         if wants_pictures and not viewer.wants_pictures and self._axes is not None:
             viewer.put_text(_dump({"type": "axes", **self._axes}))
             viewer.put_backlog(list(self._backlog))
         viewer.wants_pictures = wants_pictures
-        self._look()
+        self._update_wanted()
 
     def broadcast(self, message: Mapping[str, Any]) -> None:
         """Send a message to every page."""
@@ -117,7 +105,7 @@ class Hub:
                 viewer.put_text(text)
 
     def announce(self, axes: Mapping[str, Any]) -> None:
-        """Take the axes of the pictures to come."""
+        """Send the axes of the pictures to come."""
         self._axes = axes
         self._backlog.clear()
         self.broadcast({"type": "axes", **axes})
@@ -129,7 +117,7 @@ class Hub:
         for viewer in self._viewers:
             viewer.put_picture(data)
 
-    def _look(self) -> None:
+    def _update_wanted(self) -> None:
         is_wanted = any(viewer.wants_pictures for viewer in self._viewers)
         if is_wanted != self._is_wanted:
             self._is_wanted = is_wanted

@@ -1,4 +1,4 @@
-"""Labels: what people say of events, one JSON object a line, for `train-export finetune`.
+"""Labels: people's verdicts on events, one JSON object a line, for `train-export finetune`.
 
 ::
 
@@ -6,8 +6,8 @@
      "label": "human|pet|other|wrong", "clip": "/path/ULID.h5", "sensor": "hall",
      "kind": "alarm", "peak": 0.93, "model": "thesis", "time": "2026-…Z"}
 
-Lines are only added; the last one of an event holds. `wrong` says that the verdict was wrong
-without saying what it was: with an alarm, that it was no human.
+Lines are only added; the last one of an event holds. `wrong` says only that the verdict was
+wrong: of an alarm, that it was no human.
 """
 
 import json
@@ -20,17 +20,11 @@ from radard.errors import OutputError
 
 LABELS = ("human", "pet", "other", "wrong")
 FORMAT, VERSION = "radard-label", 1
-_MOST_BYTES = 20_000_000
+_MOST_BYTES = 20_000_000  # chosen: a hundred thousand labels
 
 
 class LabelFile:
-    """The labels of one sensor; any thread may use it.
-
-    Parameters
-    ----------
-    path : Path
-        Made, with its folder, when the first label comes.
-    """
+    """The labels of one sensor, in a file made with the first; any thread may use it."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -44,13 +38,7 @@ class LabelFile:
             return dict(self._read())
 
     def add(self, line: Mapping[str, Any]) -> None:
-        """Add a line; its keys are those of the module's example.
-
-        Raises
-        ------
-        OutputError
-            If it cannot be written.
-        """
+        """Add a line with the keys of the module's example; raises OutputError if it cannot."""
         full = {"format": FORMAT, "format_version": VERSION, **line}
         with self._lock:
             try:

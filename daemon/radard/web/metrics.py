@@ -1,9 +1,8 @@
 """Metrics: counters of a run, and their Prometheus text form.
 
-`Metrics` is fed with the same records as the sinks and holds plain numbers; `exposition`
-turns it, the states of the sinks and what the driver counted into text. Names follow
-Prometheus' rules: one prefix, base units, `_total` for what only grows. Powers stay in dB,
-relative to a unit that only the recording knows.
+`Metrics` takes the same records as the sinks; `exposition` turns it, the states of the sinks and
+what the driver counted into text. Names follow Prometheus' rules: one prefix, base units, `_total`
+for counters. Powers stay in dB, relative to the sample unit of the module.
 """
 
 import bisect
@@ -11,17 +10,16 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from itertools import chain
 from typing import Any
 
+from radard.config.sink_table import KINDS
 from radard.sinks.base import Record, Sink
 
+# Buckets, chosen: latencies lie at 5 to 30 ms (docs/outputs.md), up to the hop of 1 s when late.
 _LATENCY_S = (0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5)
 _SCORE = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 _STATES = ("starting", "online", "degraded", "offline")
-_KINDS = ("alarm", "fault", "tamper")
-
 _DRIVER: Mapping[str, tuple[str, Mapping[str, str]]] = {
     "frames": ("radard_frames_total", {}),
     "lost": ("radard_frames_dropped_total", {"reason": "lost"}),
@@ -31,44 +29,43 @@ _DRIVER: Mapping[str, tuple[str, Mapping[str, str]]] = {
     "retries": ("radard_command_retries_total", {}),
     "reconnects": ("radard_reconnects_total", {}),
 }
+"""Metric and labels of each field of `x2radar.RadarStats`."""
+_GAUGES = {
+    "power_db": "radard_residual_power_db",
+    "noise_floor_db": "radard_noise_floor_db",
+    "threshold_db": "radard_gate_threshold_db",
+    "dropped": "radard_dwell_dropped_frames",
+    "t_s": "radard_stream_seconds",
+}
+"""Metric of each key of the last decision."""
 
 Sample = tuple[str, Mapping[str, str], float]
+"""Name, labels, value."""
 
 
-@dataclass(slots=True)
-class Histogram:
-    """Counts of values up to each limit, as Prometheus wants them."""
+class _Histogram:
+    """Counts of values up to each limit."""
 
-    limits: Sequence[float]
-    counts: list[int] = field(default_factory=list)
-    total: float = 0.0
-
-    def __post_init__(self) -> None:
-        self.counts = [0] * (len(self.limits) + 1)
+    def __init__(self, limits: Sequence[float]) -> None:
+        self._limits = limits
+        self._counts = [0] * (len(limits) + 1)
+        self._total = 0.0
 
     def observe(self, value: float) -> None:
-        """Count a value."""
-        self.counts[bisect.bisect_left(self.limits, value)] += 1
-        self.total += value
+        self._counts[bisect.bisect_left(self._limits, value)] += 1
+        self._total += value
 
     def samples(self, name: str) -> Iterator[Sample]:
-        """Yield the samples under a metric's name."""
         n = 0
-        for limit, count in zip((*self.limits, None), self.counts, strict=True):
+        for limit, count in zip((*self._limits, None), self._counts, strict=True):
             n += count
             yield f"{name}_bucket", {"le": "+Inf" if limit is None else f"{limit:g}"}, n
-        yield f"{name}_sum", {}, self.total
+        yield f"{name}_sum", {}, self._total
         yield f"{name}_count", {}, n
 
 
 class Metrics:
-    """Counters of a run; `on_record` takes what the sinks take, from any thread.
-
-    Parameters
-    ----------
-    sensor : str
-        Label of all samples, for one of several sensors; empty: no such label.
-    """
+    """Counters of a run; one of several `sensors` labels all its samples with its name."""
 
     def __init__(self, sensor: str = "") -> None:
         self._labels = {"sensor": sensor} if sensor else {}
@@ -81,11 +78,11 @@ class Metrics:
         self._open: set[str] = set()
         self._decisions: Counter[tuple[str, str]] = Counter()
         self._events: Counter[tuple[str, str]] = Counter()
-        self._latency = Histogram(_LATENCY_S)
-        self._score = Histogram(_SCORE)
+        self._latency = _Histogram(_LATENCY_S)
+        self._score = _Histogram(_SCORE)
 
     def on_record(self, record: Record) -> None:
-        """Take a record."""
+        """Take a record, from any thread."""
         with self._lock:
             kind = record["type"]
             if kind == "decision":
@@ -109,22 +106,15 @@ class Metrics:
     def refresh(
         self, *, state: str, is_armed: bool, driver: Mapping[str, int] | None = None
     ) -> None:
-        """Note what holds at this moment, whether or not a record said so.
+        """Take what holds at this moment: a thread that hangs writes no record.
 
-        Parameters
-        ----------
-        state : str
-            Of the sensor's health; a thread that hangs writes no record.
-        is_armed : bool
-            As the last command said.
-        driver : mapping of str to int, optional
-            What the driver has counted since its start, by the names of `x2radar.RadarStats`.
+        `driver` is what the driver has counted, by the names of `x2radar.RadarStats`.
         """
         self._state, self._is_armed = state, is_armed
         self._driver = driver or {}
 
     def samples(self) -> Iterator[Sample]:
-        """Yield what holds now: name, labels, value."""
+        """Yield what holds now."""
         for name, labels, value in self._samples():
             yield name, {**self._labels, **labels}, value
 
@@ -136,8 +126,8 @@ class Metrics:
                 yield "radard_state", {"state": state}, self._state == state
             yield "radard_up", {}, self._state in {"online", "degraded"}
             yield "radard_armed", {}, self._is_armed
-            for kind in _KINDS:
-                yield "radard_event_active", {"kind": kind}, kind in self._open
+            for each in KINDS:
+                yield "radard_event_active", {"kind": each}, each in self._open
             for (gate, label), n in sorted(self._decisions.items()):
                 yield "radard_decisions_total", {"gate": gate, "label": label}, n
             for (kind, phase), n in sorted(self._events.items()):
@@ -157,13 +147,7 @@ class Metrics:
             self._latency.observe(record["latency_ms"] / 1e3)
         if record["fused_p_human"] is not None:
             self._score.observe(record["fused_p_human"])
-        for name, key in (
-            ("radard_residual_power_db", "power_db"),
-            ("radard_noise_floor_db", "noise_floor_db"),
-            ("radard_gate_threshold_db", "threshold_db"),
-            ("radard_dwell_dropped_frames", "dropped"),
-            ("radard_stream_seconds", "t_s"),
-        ):
+        for key, name in _GAUGES.items():
             if record[key] is not None:
                 self._gauges[name] = record[key]
         self._gauges["radard_last_decision_timestamp_seconds"] = time.time()
@@ -201,8 +185,8 @@ HELP = {
 """Type and help text of every metric."""
 
 
-def sink_samples(sinks: Iterable[Sink]) -> Iterator[Sample]:
-    """Yield the states of the sinks; two of the same name are told apart by a number."""
+def _sink_samples(sinks: Iterable[Sink]) -> Iterator[Sample]:
+    """Yield the states of the sinks; a second one of the same name gets a number."""
     seen: Counter[str] = Counter()
     for sink in sinks:
         seen[sink.name] += 1
@@ -216,23 +200,10 @@ def sink_samples(sinks: Iterable[Sink]) -> Iterator[Sample]:
 
 
 def exposition(metrics: Iterable[Metrics], sinks: Iterable[Sink] = ()) -> str:
-    """Return all samples in Prometheus' text format 0.0.4.
-
-    Parameters
-    ----------
-    metrics : iterable of Metrics
-        Of every sensor.
-    sinks : iterable of Sink
-        Whose states to add.
-
-    Returns
-    -------
-    str
-        For `Content-Type: text/plain; version=0.0.4`.
-    """
+    """Return the samples of all sensors and sinks in Prometheus' text format 0.0.4."""
     families: dict[str, list[str]] = {}
     own = chain.from_iterable(each.samples() for each in metrics)
-    for name, labels, value in (*own, *sink_samples(sinks)):
+    for name, labels, value in (*own, *_sink_samples(sinks)):
         families.setdefault(_family(name), []).append(_line(name, labels, value))
     parts = []
     for family, lines in families.items():

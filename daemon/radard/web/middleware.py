@@ -1,8 +1,8 @@
-"""Middleware: what holds for every request, before any route sees it.
+"""Middleware: checks of every request before any route sees it, and security headers.
 
-Headers that keep a browser from doing what a page of ours never asks for, the right host, a
-limit on bodies, and for whatever changes something: our own origin and our own header, which
-no form and no page of another site can send.
+The host must be allowed and the body short; a request that changes something must come from
+our own origin with our own header, which no form and no page of another site can send. The
+headers keep a browser from doing what our pages never ask for.
 """
 
 import asyncio
@@ -13,11 +13,11 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from radard.web.auth import AccessControl
 
-MOST_BODY = 4096
-BODY_S = 10.0
-OWN_HEADER = "x-radard"
+MOST_BODY = 4096  # bytes, chosen: 32 zones fit
+_BODY_S = 10.0  # chosen: for a body that comes slowly
+_OWN_HEADER = "x-radard"
 _SAFE = {"GET", "HEAD", "OPTIONS"}
-HEADERS = {
+_HEADERS = {
     "Content-Security-Policy": (
         "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; "
         "connect-src 'self'; manifest-src 'self'; base-uri 'none'; form-action 'none'; "
@@ -36,8 +36,8 @@ class _TooLong(Exception):
     """A body is longer than `MOST_BODY`."""
 
 
-async def _taken(receive: Receive) -> Receive:
-    """Take the whole body; return a `receive` that hands it on in one piece."""
+async def _whole_body(receive: Receive) -> Receive:
+    """Read the whole body; return a `receive` that hands it on in one piece."""
     body = b""
     while True:
         message = await receive()
@@ -63,26 +63,18 @@ class _Answer:
     async def __call__(self, message: Message) -> None:
         if message["type"] == "http.response.start":
             out = MutableHeaders(scope=message)
-            for name, value in HEADERS.items():
+            for name, value in _HEADERS.items():
                 out[name] = value
             out.setdefault("Cache-Control", "no-store")
         await self._send(message)
 
 
-class Shield:
-    """ASGI middleware; see the module.
+class SecurityMiddleware:
+    """ASGI middleware; see the module."""
 
-    Parameters
-    ----------
-    app : ASGI application
-        What is behind.
-    guard : AccessControl
-        Knows hosts and origins.
-    """
-
-    def __init__(self, app: ASGIApp, guard: AccessControl) -> None:
+    def __init__(self, app: ASGIApp, access: AccessControl) -> None:
         self._app = app
-        self._guard = guard
+        self._access = access
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Let a request pass, or answer it."""
@@ -97,8 +89,8 @@ class Shield:
             return
         if scope["method"] not in _SAFE:
             try:
-                async with asyncio.timeout(BODY_S):
-                    receive = await _taken(receive)
+                async with asyncio.timeout(_BODY_S):
+                    receive = await _whole_body(receive)
             except TimeoutError:
                 await refusal(408, "the body does not come")(scope, receive, answer)
                 return
@@ -108,14 +100,14 @@ class Shield:
         await self._app(scope, receive, answer)
 
     def _fault(self, method: str, headers: Headers) -> JSONResponse | None:
-        if not self._guard.is_right_host(headers):
+        if not self._access.is_right_host(headers):
             return refusal(421, "this host name is not served here")
         if method in _SAFE:
             return None
         length = headers.get("content-length", "0")
         if not length.isdecimal() or int(length) > MOST_BODY:
             return refusal(413, "the body is too long")
-        if not self._guard.is_same_origin(headers) or OWN_HEADER not in headers:
+        if not self._access.is_same_origin(headers) or _OWN_HEADER not in headers:
             return refusal(403, "only the dashboard itself may do this")
         return None
 

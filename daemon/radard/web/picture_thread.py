@@ -1,7 +1,7 @@
 """PictureThread: makes pictures of the running stream, on a thread of its own, while asked to.
 
-It looks into the ring (`FrameRing.recent`) instead of being called, so the reader and the
-worker do not know of it; what it is too slow for is left out and shows as a gap.
+It reads the ring (`FrameRing.recent`) instead of being called, so the reader and the worker do
+not depend on it; what it is too slow for is left out and shows as a gap.
 """
 
 import logging
@@ -15,16 +15,16 @@ from radard.web.spectrograms import Spectrograms
 from radard.web.wire import axes, encode_columns, encode_gait
 
 log = logging.getLogger("radard")
-EVERY_S = 0.125
-_GAIT_EVERY_S = 0.5
-_MOST_BUSY = 0.5
+_EVERY_S = 0.125  # chosen: pictures move smoothly enough
+_GAIT_EVERY_S = 0.5  # chosen: the gait picture spans two seconds
+_MOST_BUSY = 0.5  # of a core, chosen: decisions come first
 
 Emit = Callable[[bytes], None]
 Announce = Callable[[dict[str, Any]], None]
 
 
 class PictureThread:
-    """Watch a ring.
+    """Make pictures of the frames in a ring.
 
     Parameters
     ----------
@@ -45,13 +45,13 @@ class PictureThread:
         self._is_wanted = threading.Event()
         self._is_ended = False
         self._thread: threading.Thread | None = None
-        self._of: FrameRing | None = None
-        self._lens: Spectrograms | None = None
+        self._shown_ring: FrameRing | None = None
+        self._spectrograms: Spectrograms | None = None
         self._end = self._begun_at = self._first = self._epoch = 0
         self._gait_s = 0.0
 
     def want(self, *, is_wanted: bool) -> None:
-        """Begin or cease to make pictures; returns at once."""
+        """Start or stop to make pictures; returns at once."""
         if is_wanted and not self._is_ended:
             self._is_wanted.set()
             if self._thread is None:
@@ -68,44 +68,45 @@ class PictureThread:
     def _run(self) -> None:
         while True:
             if not self._is_wanted.is_set():
-                # What was shown last is old when somebody looks again.
-                self._of = None
+                # What was shown last is stale when a page shows pictures again.
+                self._shown_ring = None
                 self._is_wanted.wait()
             if self._is_ended:
                 return
             begun_s = time.monotonic()
             try:
-                self._look()
+                self._make_pictures()
             except Exception:
                 # Pictures are a help; without them everything else goes on.
                 log.exception("a picture could not be made")
-                self._of = None
+                self._shown_ring = None
                 time.sleep(5.0)
             spent_s = time.monotonic() - begun_s
-            time.sleep(max(EVERY_S - spent_s, spent_s * (1 - _MOST_BUSY) / _MOST_BUSY, 0.01))
+            time.sleep(max(_EVERY_S - spent_s, spent_s * (1 - _MOST_BUSY) / _MOST_BUSY, 0.01))
 
-    def _look(self) -> None:
+    def _make_pictures(self) -> None:
         ring = self._ring()
         if ring is None:
             return
-        if ring is not self._of or self._lens is None:
-            self._of, self._lens = ring, Spectrograms(ring.axis, ring.frame_rate_hz)
+        if ring is not self._shown_ring or self._spectrograms is None:
+            self._shown_ring = ring
+            self._spectrograms = Spectrograms(ring.axis, ring.frame_rate_hz)
             self._end, self._begun_at = 0, -1
-            self._announce(axes(self._lens))
+            self._announce(axes(self._spectrograms))
         recent = ring.recent(self._end)
         n = len(recent.frames)
         if n == 0:
             return
         if recent.begun_at != self._begun_at or recent.end_frame - n > self._end:
-            self._lens.restart()
+            self._spectrograms.restart()
             self._begun_at = recent.begun_at
             self._epoch, self._first = self._epoch + 1, 0
         self._end = recent.end_frame
-        self._show(self._lens, recent)
+        self._show(self._spectrograms, recent)
 
     def _show(self, spectrograms: Spectrograms, recent: Recent) -> None:
         n = len(recent.frames)
-        rate_hz = self._of.frame_rate_hz if self._of else 1.0
+        rate_hz = self._shown_ring.frame_rate_hz if self._shown_ring else 1.0
         for at in range(0, n, spectrograms.longest_push):
             until = min(n, at + spectrograms.longest_push)
             t_s = recent.t_s - (n - until) / rate_hz

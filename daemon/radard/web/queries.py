@@ -1,4 +1,4 @@
-"""Queries: what the routes answer with, gathered from the run, its store and its files."""
+"""Queries: the answers of the routes, from the run, its store and its files."""
 
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -13,7 +13,8 @@ from radard.config.redact import redact_value
 from radard.config.sink_table import WebSection
 from radard.health.health import Status, overall
 from radard.outputs.fanout import Host
-from radard.sinks.store_query import StoreError, read_events
+from radard.sinks.base import Sink
+from radard.sinks.store_query import StoredEvent, StoreError, read_events
 from radard.web.auth import Role
 from radard.web.history import History
 from radard.web.labels import LabelFile
@@ -21,64 +22,56 @@ from radard.web.metrics import Metrics, exposition
 from radard.web.why import explain
 
 _ULID = re.compile(r"[0-9A-HJKMNP-TV-Z]{26}")
-_MOST_EVENTS = 2000
+_MOST_EVENTS = 2000  # chosen: what an answer reads of a store
 _N_BEFORE = 16
+"""Decisions that confirmation looks at, at most (`alarm.confirm_n`)."""
+_SAME = ("id", "kind", "phase", "start_t_s", "end_t_s", "peak", "clip")
+"""What an answer has under the name that a record and a stored event have, too."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EventFilter:
-    """Which events are wanted.
-
-    Attributes
-    ----------
-    kinds : tuple of str
-        Only these; none means all.
-    since_s : float or None
-        Begun at this wall-clock time or later, in seconds since 1970.
-    label : str
-        Only with this label; 'none': without one; empty: all.
-    text : str
-        Their reason or id holds this.
-    limit : int
-        The newest so many.
-    """
+    """Which events are wanted; empty means all."""
 
     kinds: tuple[str, ...] = ()
     since_s: float | None = None
+    """Begun at this wall-clock time or later, in seconds since 1970."""
     label: str = ""
+    """'none': without one."""
     text: str = ""
+    """Part of their reason or id."""
     limit: int = 200
 
 
 class Queries:
-    """Answers.
+    """Answers about one sensor.
 
     Parameters
     ----------
     section : WebSection
         Of the configuration.
     history : History
-        Fed by the sink.
+        Filled by the sink.
     sensor : str
         Name of one of several sensors; empty: there is only this one.
-    all_desks : callable
-        Returns the desks of all sensors.
+    of_all : callable
+        Returns the queries of all sensors.
     """
 
     def __init__(
         self,
         section: WebSection,
         history: History,
-        sensor: str = "",
-        all_desks: Callable[[], Sequence["Queries"]] = tuple,
+        sensor: str,
+        of_all: Callable[[], Sequence["Queries"]],
     ) -> None:
         self.section = section
         self.history = history
         self.metrics = Metrics(sensor)
         self._sensor = sensor
-        self._all_desks = all_desks
+        self._of_all = of_all
         self.panels: dict[int, str] = {}
-        """State of the panel just before a decision, by the decision's number."""
+        """State of the panel just before each decision, by its number."""
         self.host: Host | None = None
         self._labels: LabelFile | None = None
 
@@ -89,7 +82,7 @@ class Queries:
 
     @property
     def label_file(self) -> LabelFile:
-        """Where labels go."""
+        """The file of labels."""
         path = self.section.labels_file or state_dir(self.config) / "labels.jsonl"
         if self._labels is None or self._labels.path != path:
             self._labels = LabelFile(path)
@@ -97,11 +90,11 @@ class Queries:
 
     @property
     def zones_file(self) -> Path:
-        """Where zones that are saved here go."""
+        """The file of zones saved on the dashboard."""
         return zones_file(self.config)
 
     def now(self) -> dict[str, Any]:
-        """Return what changes from moment to moment."""
+        """Return state, panel, zones and playback at this moment."""
         host = self.host
         zones = {"zones": self.config.zones.model_dump(mode="json")}
         if host is None:
@@ -134,11 +127,11 @@ class Queries:
             "confirm": [policy.k, policy.n],
             "latch_s": policy.latch_s,
             "has_saved_zones": self.zones_file.is_file(),
-            "sensors": {**self._beside(), **self.section.sensors},
+            "sensors": {**self._other_sensors(), **self.section.sensors},
             "has_store": self._store() is not None,
             "outputs": [
                 {"name": s.name, "status": s.state.status, "reason": s.state.reason}
-                for s in (self.host.sinks() if self.host is not None else ())
+                for s in self._sinks()
             ],
         }
 
@@ -149,48 +142,41 @@ class Queries:
 
     def health(self, *, is_whole: bool) -> Status:
         """Return the state of this sensor, or of all sensors of the process together."""
-        desks = self._all_desks() if is_whole else ()
-        hosts = [queries.host for queries in desks or (self,) if queries.host is not None]
+        of_all = self._of_all() if is_whole else ()
+        hosts = [queries.host for queries in of_all or (self,) if queries.host is not None]
         if not hosts:
             return Status("starting", "")
         return overall({host.sensor: host.health for host in hosts})
 
     def metrics_text(self) -> str:
         """Return Prometheus' text, of all sensors of the process."""
-        desks = self._all_desks() or (self,)
-        for queries in desks:
-            queries.refresh_metrics()
-        host = self.host
-        sinks = host.sinks() if host is not None else ()
-        return exposition([queries.metrics for queries in desks], sinks)
+        of_all = self._of_all() or (self,)
+        for queries in of_all:
+            if (host := queries.host) is not None:
+                queries.metrics.refresh(
+                    state=host.health.status.state,
+                    is_armed=bool(host.panel().get("armed", True)),
+                    driver=host.driver(),
+                )
+        return exposition([queries.metrics for queries in of_all], self._sinks())
 
-    def refresh_metrics(self) -> None:
-        """Ask the run for what no record says."""
-        host = self.host
-        if host is not None:
-            self.metrics.refresh(
-                state=host.health.status.state,
-                is_armed=bool(host.panel().get("armed", True)),
-                driver=host.driver(),
-            )
+    def _sinks(self) -> Sequence[Sink]:
+        return self.host.sinks() if self.host is not None else ()
 
-    def _beside(self) -> dict[str, str]:
-        """Return the other sensors of this process, and where their pages are."""
-        hosts = [queries.host for queries in self._all_desks()]
+    def _other_sensors(self) -> dict[str, str]:
+        """Return the other sensors of this process with the paths of their pages."""
+        hosts = [queries.host for queries in self._of_all()]
         others = [host.sensor for host in hosts if host is not None and host is not self.host]
         return {name: f"/sensor/{name}/" for name in others}
 
     def why(self, seq: int) -> dict[str, Any] | None:
-        """Return a decision, those before it and why it is so; None when it is not known."""
+        """Return a decision and why it is so; None when it is not known any more."""
         records = self.history.around(seq, _N_BEFORE)
         if not records:
             return None
+        history = self.history
         reasons = explain(
-            records,
-            self.history.hello,
-            self.config,
-            self.history.events(),
-            self.panels.get(seq),
+            records, history.hello, self.config, history.events(), self.panels.get(seq)
         )
         return {"decision": dict(records[-1]), **reasons}
 
@@ -209,10 +195,7 @@ class Queries:
         return found[0] if found else None
 
     def clip(self, event_id: str) -> Path | None:
-        """Return the clip of an event, if it is there.
-
-        The name in the record is not trusted further than the event's own id.
-        """
+        """Return the clip of an event, if it is there and named by the event's own id."""
         event = self.event(event_id)
         path = Path(event["clip"]) if event and event["clip"] else None
         if path is None or path.name != f"{event_id}.h5" or not path.is_file():
@@ -244,33 +227,19 @@ class Queries:
 
 def _of_record(record: Mapping[str, Any], sensor: str) -> dict[str, Any]:
     return {
-        "id": record["id"],
+        **{key: record[key] for key in _SAME},
         "sensor": sensor,
-        "kind": record["kind"],
-        "phase": record["phase"],
         "began": record["began"],
         "ended": record["time"] if record["phase"] == "end" else None,
-        "start_t_s": record["start_t_s"],
-        "end_t_s": record["end_t_s"],
-        "peak": record["peak"],
         "reason": record["cause"],
-        "clip": record["clip"],
     }
 
 
-def _of_store(event: Any) -> dict[str, Any]:
+def _of_store(event: StoredEvent) -> dict[str, Any]:
     return {
-        "id": event.id,
-        "sensor": event.sensor,
-        "kind": event.kind,
-        "phase": event.phase,
+        **{key: getattr(event, key) for key in (*_SAME, "sensor", "reason")},
         "began": event.start_time,
         "ended": event.end_time,
-        "start_t_s": event.start_t_s,
-        "end_t_s": event.end_t_s,
-        "peak": event.peak,
-        "reason": event.reason,
-        "clip": event.clip,
     }
 
 

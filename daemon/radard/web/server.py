@@ -1,6 +1,6 @@
 """Server: uvicorn in a thread of its own, with limits on connections.
 
-Starts as soon as the port is free: a busy one is said once and tried again, and the run
+It starts as soon as the port is free: a busy one is logged once and tried again, and the run
 goes on without a dashboard meanwhile.
 """
 
@@ -19,11 +19,12 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 from radard.web.socket import MOST_MESSAGE
 
 log = logging.getLogger("radard")
-MOST_CONNECTIONS = 256
+# Limits, all chosen: for a home's browsers and scrapers, not for the internet.
+_MOST_CONNECTIONS = 256
 _HEADER_S = 10.0
-_MOST_HEADER = 16_384
+_MOST_HEADER = 16_384  # bytes
 _RETRY_S = 5.0
-_SEND_BUFFER = 65_536
+_SEND_BUFFER = 65_536  # bytes; what a slow page cannot take shall not pile up in the kernel
 
 
 class _Connection(H11Protocol):
@@ -33,11 +34,10 @@ class _Connection(H11Protocol):
     transport: asyncio.Transport | None  # type: ignore[assignment]
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        if len(self.connections) >= MOST_CONNECTIONS:
+        if len(self.connections) >= _MOST_CONNECTIONS:
             transport.abort()
             return
         super().connection_made(transport)
-        # Small: what a page cannot take shall not pile up here.
         own: socket.socket | None = transport.get_extra_info("socket")
         if own is not None:
             own.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
@@ -67,11 +67,10 @@ class WebServer:
         Where to listen; port 0 is any free one.
     app : ASGI application
         What to serve.
-    on_loop : callable
-        Called in the web's thread with its loop before anything is served; returns a
-        coroutine that runs beside the server.
+    beside : callable
+        Takes the loop of the web's thread, returns a coroutine that runs beside the server.
     on_trouble : callable
-        Told why it does not listen; an empty text once it does.
+        Takes why it does not listen; an empty text once it does.
     """
 
     def __init__(
@@ -79,12 +78,12 @@ class WebServer:
         host: str,
         port: int,
         app: ASGIApp,
-        on_loop: Callable[[asyncio.AbstractEventLoop], Any],
+        beside: Callable[[asyncio.AbstractEventLoop], Any],
         on_trouble: Callable[[str], None],
     ) -> None:
         self._host, self._port = host, port
         self._app = app
-        self._on_loop = on_loop
+        self._beside = beside
         self._on_trouble = on_trouble
         self._stop = threading.Event()
         self._server: uvicorn.Server | None = None
@@ -93,19 +92,19 @@ class WebServer:
         """Where it listens; None while it does not."""
 
     def start(self) -> None:
-        """Begin; returns once it listens or has said why not."""
+        """Start; returns once it listens or `on_trouble` knows why not."""
         args = (self._bind(),)
         self._thread = threading.Thread(target=self._run, args=args, name="web", daemon=True)
         self._thread.start()
 
     def stop(self) -> None:
-        """Ask for the end."""
+        """Begin to stop."""
         self._stop.set()
         if self._server is not None:
             self._server.should_exit = True
 
     def join(self, timeout_s: float) -> bool:
-        """Wait for the end; return whether it came."""
+        """Wait until it has stopped; return whether it has."""
         if self._thread is None:
             return True
         self._thread.join(timeout_s)
@@ -161,7 +160,7 @@ class WebServer:
         )
         self._server = uvicorn.Server(config)
         # Signals are the main thread's business.
-        beside = asyncio.create_task(self._on_loop(asyncio.get_running_loop()))
+        beside = asyncio.create_task(self._beside(asyncio.get_running_loop()))
         try:
             if not self._stop.is_set():
                 await self._server.serve(sockets=[sock])

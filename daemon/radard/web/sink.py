@@ -14,16 +14,16 @@ from radard.outputs.fanout import Host
 from radard.sinks.base import Record, SinkContext, SinkState, StateKeeper
 from radard.web.auth import AccessControl, read_tokens
 from radard.web.server import WebServer
-from radard.web.view import Doors, View
+from radard.web.view import SensorRouter, View
 
 log = logging.getLogger("radard")
-PORT = 8434
-_LOOK_S = 0.5
-_CLOSE_S = 2.0
+PORT = 8434  # chosen
+_POLL_S = 0.5  # chosen: how soon pages show health, panel and playback
+_CLOSE_S = 2.0  # as `radard.sinks.thread_sink.CLOSE_S`
 
 
-def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> "WebSink":  # noqa: ARG001
-    """Return the dashboard of `http://HOST:PORT`, at work."""
+def open_from_url(url: str, options: SinkOptions, _context: SinkContext) -> "WebSink":
+    """Return the dashboard of `http://HOST:PORT`."""
     host, port = parse_address(url)
     sink = WebSink(host, port, options.web)
     sink.start()
@@ -54,15 +54,15 @@ class WebSink:
         self._keeper = StateKeeper()
         self._section = section
         tokens = read_tokens(section, host)
-        self._guard = AccessControl(tokens, may_command=section.commands, cookie=f"radard_{port}")
+        self._access = AccessControl(tokens, may_command=section.commands, cookie=f"radard_{port}")
         self._first = first = self._view("")
         self._views: dict[str, View] = {}
         self._loop: asyncio.AbstractEventLoop | None = None
-        doors = Doors(first, self._views)
-        self._server = WebServer(host, port, doors, self._beside, self._trouble)
+        app = SensorRouter(first, self._views)
+        self._server = WebServer(host, port, app, self._poll_views, self._on_trouble)
 
     def _view(self, sensor: str) -> View:
-        return View(self._section, self._guard, self._post, sensor, self._all_views)
+        return View(self._section, self._access, self._post, sensor, self._all_views)
 
     def _all_views(self) -> list[View]:
         return list(self._views.values()) or [self._first]
@@ -74,7 +74,7 @@ class WebSink:
 
     @property
     def url(self) -> str | None:
-        """Where pages find it; None while it does not listen."""
+        """Its URL; None while it does not listen."""
         address = self._server.address
         if address is None:
             return None
@@ -82,13 +82,13 @@ class WebSink:
         return f"http://{f'[{host}]' if ':' in host else host}:{port}/"
 
     def start(self) -> None:
-        """Begin to listen; a port that is not free is said, and tried again."""
+        """Begin to listen; a port that is not free is logged, and tried again."""
         self._server.start()
         if self.url is not None:
             log.info("dashboard at %s", self.url)
 
     def attach(self, host: Host) -> None:
-        """Take what a sensor's run offers; one of several gets pages of its own."""
+        """Take a sensor's host; one of several gets pages of its own."""
         if not host.config().is_one_of_several:
             self._first.attach(host)
             return
@@ -121,21 +121,21 @@ class WebSink:
             try:
                 loop.call_soon_threadsafe(call, value)
             except RuntimeError:
-                # The loop has closed between the two lines: the run is over.
+                # The loop has closed since the line above: the run is over.
                 self._loop = None
 
-    async def _beside(self, loop: asyncio.AbstractEventLoop) -> None:
-        """Tell pages what changes without a record."""
+    async def _poll_views(self, loop: asyncio.AbstractEventLoop) -> None:
+        """Send pages what changes without a record."""
         self._loop = loop
         try:
             while True:
-                await asyncio.sleep(_LOOK_S)
+                await asyncio.sleep(_POLL_S)
                 for view in self._all_views():
-                    view.look()
+                    view.poll()
         finally:
             self._loop = None
 
-    def _trouble(self, reason: str) -> None:
+    def _on_trouble(self, reason: str) -> None:
         if reason and self._keeper.failed(reason):
             log.warning("%s: %s; the dashboard waits for it", self.name, reason)
         elif not reason and self._keeper.sent(0):

@@ -1,7 +1,7 @@
-"""Socket: one page's WebSocket. It gets records and pictures, and says little.
+"""Socket: one page's WebSocket, which gets records and pictures.
 
-What a page may say is small JSON: ``{"pictures": true}`` while it shows some, and
-``{"drawn": n}``, how many it has drawn. Commands do not go this way; they are POST requests.
+A page sends small JSON: ``{"pictures": true}`` while it shows some, and ``{"drawn": n}``, how
+many it has drawn. Commands are POST requests.
 """
 
 import asyncio
@@ -11,34 +11,20 @@ from typing import Any
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from radard.web.auth import AccessControl, Allowance
+from radard.web.auth import AccessControl, RateLimit
 from radard.web.hub import Hub, Viewer
 
-MOST_MESSAGE = 512
-_MOST_PER_S = 20.0
-_CLOSE_POLICY, _CLOSE_BUSY, _CLOSE_SLOW = 1008, 1013, 4008
+MOST_MESSAGE = 512  # bytes, chosen
+_MOST_PER_S = 20.0  # messages of a page, chosen: it reports 8 pictures a second
+_CLOSE_POLICY, _CLOSE_BUSY, _CLOSE_SLOW = 1008, 1013, 4008  # RFC 6455 and IANA; 4000 on are ours
 
 
 async def serve(
-    socket: WebSocket, guard: AccessControl, hub: Hub, most_viewers: int, welcome: dict[str, Any]
+    socket: WebSocket, access: AccessControl, hub: Hub, most_viewers: int, welcome: dict[str, Any]
 ) -> None:
-    """Serve one page until it goes.
-
-    Parameters
-    ----------
-    socket : WebSocket
-        Not accepted yet.
-    guard : AccessControl
-        Says who may look.
-    hub : Hub
-        Where records and pictures come from.
-    most_viewers : int
-        Pages that may be open at once.
-    welcome : mapping
-        First message.
-    """
-    is_ours = guard.is_right_host(socket.headers) and guard.is_same_origin(socket.headers)
-    if not is_ours or guard.role(socket.headers, socket.cookies) == "nobody":
+    """Serve one page until it disconnects; `welcome` is its first message."""
+    is_ours = access.is_right_host(socket.headers) and access.is_same_origin(socket.headers)
+    if not is_ours or access.role(socket.headers, socket.cookies) == "nobody":
         await socket.close(_CLOSE_POLICY)
         return
     await socket.accept()
@@ -73,21 +59,21 @@ async def _send(socket: WebSocket, viewer: Viewer) -> None:
 
 
 async def _listen(socket: WebSocket, viewer: Viewer, hub: Hub) -> None:
-    allowance = Allowance(_MOST_PER_S, _MOST_PER_S)
+    rate_limit = RateLimit(_MOST_PER_S, _MOST_PER_S)
     while True:
         try:
             text = await socket.receive_text()
         except (WebSocketDisconnect, KeyError):
             return
-        if not allowance.take() or len(text) > MOST_MESSAGE:
+        if not rate_limit.take() or len(text) > MOST_MESSAGE:
             return
         try:
-            said = json.loads(text)
+            message = json.loads(text)
         except ValueError:
             return
-        if not isinstance(said, dict):
+        if not isinstance(message, dict):
             return
-        if isinstance(said.get("pictures"), bool):
-            hub.watch(viewer, wants_pictures=said["pictures"])
-        if isinstance(said.get("drawn"), int):
-            viewer.drawn(said["drawn"])
+        if isinstance(message.get("pictures"), bool):
+            hub.watch(viewer, wants_pictures=message["pictures"])
+        if isinstance(message.get("drawn"), int):
+            viewer.drawn(message["drawn"])

@@ -21,38 +21,25 @@ from x2radar.settings.x2 import SPEED_OF_LIGHT_MPS
 Bytes = NDArray[np.uint8]
 Reals = NDArray[np.float64]
 
-COLUMN_RATE_HZ = 15.0
-GAIT_S = 2.0
+COLUMN_RATE_HZ = 15.0  # chosen: a step of a person is some seven columns
+GAIT_S = 2.0  # chosen: some four steps of a person
 SPANS_DB = {"range": 30.0, "velocity": 11.0, "doppler": 26.0, "gait": 20.0}
 """From dark to bright. Aliases of fast bodies lie 7 to 9 dB under the true velocity."""
-_MOST_BINS = 256
-_MOST_ROWS = 96
+_MOST_BINS = 256  # chosen: the bins of an X2
+_MOST_ROWS = 96  # chosen: as many as a page's picture shows
 _CELLS_M = (0.05, 0.1, 0.2, 0.5, 1.0)
-_QUIET_SHARE = 0.3
-# Noise has peaks; they should not look like motion.
-_DIM_DB = 4.0
-_RISE_DB_PER_S = 0.5
-_FALL_DB_PER_S = 12.0
+_QUIET_SHARE = 0.3  # chosen: a body fills less than the other share of a column
+_DIM_DB = 4.0  # chosen: peaks of the noise should not look like motion
+_RISE_DB_PER_S, _FALL_DB_PER_S = 0.5, 12.0  # chosen: a body that stays is not learned as noise
 _TINY = 1e-300
 
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """What the rows of a picture are.
-
-    Attributes
-    ----------
-    name : str
-        range, velocity, doppler or gait.
-    unit : str
-        Of the rows.
-    first, step : float
-        Value of row 0 and from one row to the next.
-    n_rows : int
-        How many.
-    """
+    """The rows of a picture: unit, value of row 0, and step from one row to the next."""
 
     name: str
+    """range, velocity, doppler or gait."""
     unit: str
     first: float
     step: float
@@ -81,7 +68,7 @@ class Columns:
 
 @dataclass(slots=True)
 class _Floor:
-    """Noise of a picture, in dB: falls quickly, rises slowly, so that nobody becomes noise."""
+    """Noise of a picture, in dB: it falls quickly and rises slowly, so no body becomes noise."""
 
     level_db: float = field(default=np.nan)
 

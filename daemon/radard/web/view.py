@@ -1,4 +1,4 @@
-"""View: what the dashboard holds of one sensor; `Doors` leads every request to its sensor."""
+"""View: what the dashboard holds of one sensor; `SensorRouter` routes requests to sensors."""
 
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -17,31 +17,18 @@ from radard.web.picture_thread import PictureThread
 from radard.web.queries import Queries
 
 Post = Callable[[Callable[[Any], None], Any], None]
+"""Calls something with a value in the web's own thread."""
 _OWN_PATH = re.compile(r"/sensor/([A-Za-z0-9_-]+)(/.*)?")
-_MOST_PANELS = 4000
+_MOST_PANELS = 4000  # above the decisions of `radard.web.history`
 
 
 class View:
-    """One sensor's records, pictures, pages and routes.
-
-    Parameters
-    ----------
-    section : WebSection
-        Of the configuration.
-    guard : AccessControl
-        Knows roles, for all sensors.
-    post : callable
-        Calls something with a value in the web's own thread.
-    sensor : str
-        Name of one of several sensors; empty: there is only this one.
-    all_views : callable
-        Returns those of all sensors.
-    """
+    """One sensor's records, pictures, pages and routes; `sensor` is empty for the only one."""
 
     def __init__(
         self,
         section: WebSection,
-        guard: AccessControl,
+        access: AccessControl,
         post: Post,
         sensor: str,
         all_views: Callable[[], Sequence["View"]],
@@ -57,11 +44,11 @@ class View:
             lambda axes: post(self.hub.announce, axes),
             lambda data: post(self.hub.show, data),
         )
-        self.app = Api(self.queries, guard, self.hub).app
+        self.app = Api(self.queries, access, self.hub).app
         self._last: Mapping[str, Any] = {}
 
     def attach(self, host: Host) -> None:
-        """Take what the sensor's run offers."""
+        """Take the sensor's host."""
         self.queries.host = host
 
     def take(self, record: Record) -> None:
@@ -77,8 +64,8 @@ class View:
         if len(self.hub):
             self._post(self.hub.broadcast, record)
 
-    def look(self) -> None:
-        """Tell pages what changes without a record: health, panel, playback."""
+    def poll(self) -> None:
+        """Send pages what changes without a record: health, panel, playback."""
         if not len(self.hub):
             return
         now = self.queries.now()
@@ -87,27 +74,22 @@ class View:
             self.hub.broadcast({"type": "now", **now})
 
 
-class Doors:
+class SensorRouter:
     """ASGI application: /sensor/NAME/... is NAME's, everything else the first sensor's.
 
-    Parameters
-    ----------
-    first : View
-        Of the only sensor.
-    views : mapping of str to View
-        Of several sensors; empty when there is only one.
+    `only` is the view without a name, `views` are those of several sensors.
     """
 
-    def __init__(self, first: View, views: Mapping[str, View]) -> None:
-        self._first = first
+    def __init__(self, only: View, views: Mapping[str, View]) -> None:
+        self._only = only
         self._views = views
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Hand on a request."""
+        """Route a request."""
         match = _OWN_PATH.fullmatch(scope.get("path", ""))
         view = self._views.get(match[1]) if match else None
         if match is None or view is None:
-            first = next(iter(self._views.values()), self._first)
+            first = next(iter(self._views.values()), self._only)
             await first.app(scope, receive, send)
             return
         path = match[2] or "/"

@@ -1,7 +1,7 @@
 """Why: a decision in words, stage by stage, up to the one that decided.
 
-The words are made of the decision's own record and those before it, by the same functions
-that the alarm went through (`radard.alarm.zones.sight_of`), so they cannot say something else.
+The words are made of the decision's own record and those before it, by the functions of the
+alarm itself (`radard.alarm.zones.sight_of`), so that they agree with it.
 """
 
 from collections.abc import Mapping, Sequence
@@ -42,7 +42,7 @@ def explain(
     ----------
     records : sequence of mapping
         Decisions in order, the one to explain last, with those before it that confirmation
-        looks at.
+        counts.
     hello : mapping
         Of the run: policy and pet limit.
     config : Config
