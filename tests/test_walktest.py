@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from radard.cli import main
-from radard.commands.progress_line import Live, bar
+from radard.commands.progress_line import ProgressLine, bar
 from radard.commands.walk_report import Cell, WalkDecision, by_range, report
 from radard.commands.walktest import line_of
 
@@ -110,7 +110,7 @@ def test_live_line_is_for_terminals():
             return True
 
     for out, is_shown in ((Terminal(), True), (io.StringIO(), False)):
-        live = Live(out)
+        live = ProgressLine(out)
         live.show(0.5, "x" * 200)
         live.clear()
         shown = out.getvalue()

@@ -51,7 +51,9 @@ from radard.stream.ring import Dwell, DwellShape, FrameRing
 from x2radar.frame import StreamInfo
 
 HOP_S = 1.0
+"""Stream time from one decision to the next: chosen, half a dwell."""
 HIGH_PET_LIMIT = 0.9
+"""Least pet limit at sensitivity 'high' under policy 'fused'; docs/evaluation.md measures it."""
 COARSE_BIN_M = 0.03
 """Behind the matched filter an X2's bins may be that long without loss (41 GS/s, 8 of them)."""
 
@@ -73,10 +75,8 @@ class Pipeline:
 
     Raises
     ------
-    ModelMismatch
-        If the classifier was not made for such a stream.
-    FeatureError
-        If the stream's frames cannot be processed.
+    ModelMismatch, FeatureError
+        If the classifier was not made for such a stream, or its frames cannot be processed.
     """
 
     def __init__(
@@ -155,12 +155,9 @@ class Pipeline:
             other.decide(dwell)
 
     def use(self, calibration: Calibration | None) -> None:
-        """Give the gate the calibration of its room, or take it away; it begins anew.
+        """Give the gate the calibration of its room, or take it away; it starts afresh.
 
-        Raises
-        ------
-        ConfigError
-            If it was made for another stream or model; the old one then stays.
+        Raises ConfigError if it was made for another stream or model; the old one then stays.
         """
         if calibration is not None:
             calibration.check(self._converter().axis, self.stream.frame_rate_hz)
@@ -168,7 +165,7 @@ class Pipeline:
         self._gate = Gate(self._config.gate, HOP_S, calibration)
 
     def restart(self) -> None:
-        """Forget what was learned of the room: the module began anew."""
+        """Forget what was learned of the room: the module has restarted."""
         self._gate.reset()
         self._remover.reset()
         self._tracker.reset()
@@ -177,18 +174,7 @@ class Pipeline:
         self._verdict.reset()
 
     def decide(self, dwell: Dwell) -> Decision:
-        """Judge one dwell.
-
-        Parameters
-        ----------
-        dwell : Dwell
-            From the ring that `make_ring` made.
-
-        Returns
-        -------
-        Decision
-            Numbered from 1.
-        """
+        """Judge one dwell from the ring that `make_ring` made; decisions are numbered from 1."""
         self._seq = seq = self._seq + 1
         if not dwell.is_whole:
             return invalid_decision(dwell, f"{dwell.n_lost} frames missing", seq=seq)
@@ -272,24 +258,18 @@ class Pipeline:
 
 
 def pet_limit_of(config: Config, bundle: Bundle | None) -> float:
-    """Return the pet limit that holds: the one given, else the bundle's.
-
-    Under policy 'fused' the alarm's sensitivity 'high' asks for at least 0.9. There is nothing
-    else that it could ask for: one verdict is an alarm already.
-    """
+    """Return the pet limit that holds: the one given, else the bundle's."""
     if config.decision.pet_limit:
         return config.decision.pet_limit
     limit = bundle.pet_limit if bundle else 0.8
     policy = config.decision.policy or (bundle.policy if bundle else "window")
+    # A single fused verdict is an alarm already: a higher limit is all that 'high' can ask for.
     is_high = policy == "fused" and config.alarm.sensitivity == "high"
     return max(limit, HIGH_PET_LIMIT) if is_high else limit
 
 
 def settings_at(settings: FeatureSettings, frame_rate_hz: float) -> FeatureSettings:
-    """Return a bundle's settings with the CPI counted in frames of a stream.
-
-    A bundle for many frame rates leaves `n_cpi` at 0: then a CPI lasts 28/60 s at any rate.
-    """
+    """Return a bundle's settings with the CPI in frames of a stream; `n_cpi` 0 means 28/60 s."""
     if settings.n_cpi:
         return settings
     return replace(settings, n_cpi=max(2, round(CPI_S * frame_rate_hz)))

@@ -16,7 +16,7 @@ examples:
   radard bench --port 'sim:human?rate=200' --model none
   radard bench --port replay:night.h5 --json
 """
-_SPARE = 0.7
+_SPARE = 0.7  # of the cores that radars may take; chosen
 
 
 def run(argv: Sequence[str]) -> int:

@@ -25,8 +25,8 @@ from x2radar.frame import Frame, StreamInfo
 from x2radar.ports import make_radar, parse_port
 from x2radar.wire.protocol import Received, Session
 
-_FFT_LENGTH = 4096
-_N_FFTS = 200
+_FFT_LENGTH = 4096  # chosen: of a size that any machine does in its cache
+_N_FFTS = 200  # chosen: some ten milliseconds
 _REFERENCE = f"{_N_FFTS} FFTs of {_FFT_LENGTH} complex numbers, per second of stream"
 
 
@@ -41,25 +41,13 @@ class TimedPart:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cost:
-    """What was measured.
+    """What was measured."""
 
-    Attributes
-    ----------
-    stages : tuple of TimedPart
-        In the order of the way; the last one is all of it at its worst.
-    frame_rate_hz, duration_s : float
-        Of the stream.
-    model : str
-        Name of the bundle, or none.
-    reference : str
-        What the ratios are to.
-    """
-
-    stages: tuple[TimedPart, ...]
-    frame_rate_hz: float
-    duration_s: float
-    model: str
-    reference: str = _REFERENCE
+    stages: tuple[TimedPart, ...]  # along the way; the last one is all of it at its worst
+    frame_rate_hz: float  # of the stream, and
+    duration_s: float  # how much of it was taken
+    model: str  # name of the bundle, or none
+    reference: str = _REFERENCE  # what the ratios are to
 
     @property
     def all_s(self) -> float:
@@ -78,21 +66,10 @@ class _Heard:
 
 
 def measured(config: Config, duration_s: float, rounds: int) -> Cost:
-    """Measure.
+    """Measure every part `rounds` times, on `duration_s` of the stream of a configuration's port.
 
-    Parameters
-    ----------
-    config : Config
-        Names port and model.
-    duration_s : float
-        How much of the stream to take, in seconds.
-    rounds : int
-        How often each part is measured.
-
-    Raises
-    ------
-    RadardError, X2RadarError
-        If port or model are not to be had, or the stream is too short.
+    Raises RadardError or X2RadarError if port or model are not to be had, or the stream is too
+    short.
     """
     classifier = make_classifier(config)
     heard = _heard(config.sensor.port or "", duration_s)

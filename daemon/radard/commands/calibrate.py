@@ -16,7 +16,7 @@ from radard.commands.offline_stream import (
     listen,
     listening_config,
 )
-from radard.commands.progress_line import Live
+from radard.commands.progress_line import ProgressLine
 from radard.config.config import Config
 from radard.config.directories import calibration_file, named_state_dir
 from radard.detect.calibration import Calibration
@@ -35,8 +35,8 @@ examples:
 """
 SYSTEM_STATE_DIR = Path("/var/lib/radard")
 """Where the installed service keeps its state."""
-_LEAST_S = 25.0
-_CELL_M = 0.5
+_LEAST_S = 25.0  # of listening: `LEAST_INDEPENDENT` dwells and some more
+_CELL_M = 0.5  # of the report
 
 
 def run(argv: Sequence[str]) -> int:
@@ -73,14 +73,7 @@ def run(argv: Sequence[str]) -> int:
 def report(calibration: Calibration, path: Path, *, is_own: bool) -> Iterator[str]:
     """Yield the lines for people: the noise map by half metres, what it promises, where it is.
 
-    Parameters
-    ----------
-    calibration : Calibration
-        With its provenance.
-    path : Path
-        Where it was saved.
-    is_own : bool
-        Whether the daemon finds it there by itself.
+    `is_own`: the daemon finds the file there by itself.
     """
     made = calibration.provenance
     yield f"{made.device}, {made.duration_s:.0f} s, {made.n_dwells} windows, {made.made_utc}"
@@ -109,7 +102,7 @@ def _rate(per_day: float) -> str:
 
 def _surveyed(listening: Listening, config: Config, args: argparse.Namespace) -> RoomSurvey:
     survey = RoomSurvey(config.gate, HOP_S)
-    live = Live(sys.stderr)
+    line = ProgressLine(sys.stderr)
     begun_s = None
     for item in listening.dwells(args.duration, skip_s=args.delay):
         if isinstance(item, Notice):
@@ -117,24 +110,16 @@ def _surveyed(listening: Listening, config: Config, args: argparse.Namespace) ->
             raise RadardError(msg)
         moves = survey.add(item)
         begun_s = item.t_s if begun_s is None else begun_s
-        live.show(
+        line.show(
             (item.t_s - begun_s) / args.duration,
             f"{survey.n_dwells} windows" + (", something moves" if moves else ""),
         )
-    live.clear()
+    line.clear()
     return survey
 
 
 def _own_file(config: Config) -> Path:
-    """Return where the daemon looks for it: the service, where one is installed.
-
-    Raises
-    ------
-    UsageError
-        For a port whose calibration the daemon does not take by itself.
-    NotAllowed
-        If only root may write there.
-    """
+    """Return where the daemon looks for it: the service, where one is installed."""
     port = config.sensor.port or ""
     if port.startswith(("sim:", "replay:")):
         msg = "--out FILE: needed here; only a real radar's calibration is kept as its own"

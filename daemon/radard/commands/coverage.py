@@ -27,32 +27,13 @@ _LIMITS = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CoverageOptions:
-    """A mount.
+    """A mount; raises UsageError if a value makes no sense."""
 
-    Attributes
-    ----------
-    height_m : float
-        Of the radar over the floor, in metres.
-    tilt_deg : float
-        Down from level, in degrees.
-    width_deg : float
-        Beam's full width at half power, both ways, in degrees.
-    limit_db : float
-        Less than this over the noise counts as unseen, in dB.
-    rcs_m2 : float
-        Cross section of what is looked at, in square metres; 0.01 is about a shank's.
-
-    Raises
-    ------
-    UsageError
-        If a value makes no sense.
-    """
-
-    height_m: float = 1.5
-    tilt_deg: float = 0.0
-    width_deg: float = 65.0
-    limit_db: float = 10.0
-    rcs_m2: float = 0.01
+    height_m: float = 1.5  # of the radar over the floor
+    tilt_deg: float = 0.0  # down from level
+    width_deg: float = 65.0  # beam's full width at half power, both ways
+    limit_db: float = 10.0  # less than this over the noise counts as unseen
+    rcs_m2: float = 0.01  # cross section of what is looked at; 0.01 is about a shank's
 
     def __post_init__(self) -> None:
         """Check every value."""
@@ -74,19 +55,9 @@ class CoverageOptions:
 
 
 def snr_db(options: CoverageOptions, x_m: float, y_m: float, z_m: float) -> float | None:
-    """Return a point's echo over the noise of its bin in one frame, in dB.
+    """Return a point's echo over the noise of its bin in one frame; None outside the swath.
 
-    Parameters
-    ----------
-    options : CoverageOptions
-        The mount.
-    x_m, y_m, z_m : float
-        Where the point is: to the right, ahead, up from the floor.
-
-    Returns
-    -------
-    float or None
-        None outside the swath.
+    The point is `x_m` to the right, `y_m` ahead and `z_m` up from the floor.
     """
     axis = RadarSettings().axis
     antenna, budget = options.antenna, LinkBudget()
@@ -102,13 +73,7 @@ def snr_db(options: CoverageOptions, x_m: float, y_m: float, z_m: float) -> floa
 
 
 def coverage_table(options: CoverageOptions) -> Iterator[str]:
-    """Yield the lines for a mount: straight ahead by height and distance, then to the side.
-
-    Parameters
-    ----------
-    options : CoverageOptions
-        The mount.
-    """
+    """Yield the lines for a mount: ahead by height and distance, then to the side."""
     axis = RadarSettings().axis
     yield (
         f"radar {options.height_m:g} m over the floor, tilted {options.tilt_deg:g} degrees down, "

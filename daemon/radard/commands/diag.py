@@ -1,4 +1,4 @@
-"""`radard diag`: one file for a report of trouble, with nothing in it that is nobody's business.
+"""`radard diag`: write a support bundle without secrets.
 
 Every part is gathered by itself: what fails says so in its own file and stops no other.
 """
@@ -30,7 +30,7 @@ numbers, the name of the user's folder. No frames and no clips, unless they were
 Look through it before you send it on.
 
 """
-_MOST_ADDED_BYTES = 500e6
+_MOST_ADDED_BYTES = 500e6  # chosen: all clips that a daemon keeps
 
 
 def run(argv: Sequence[str]) -> int:
@@ -55,21 +55,9 @@ def run(argv: Sequence[str]) -> int:
 
 
 def write_bundle(path: Path, parts: Mapping[str, str], added: Sequence[Path]) -> None:
-    """Write the file.
+    """Write parts by name and, as they are, the files that were added; `path` must not exist.
 
-    Parameters
-    ----------
-    path : Path
-        Must not exist.
-    parts : mapping of str to str
-        Names and contents.
-    added : sequence of Path
-        Files that go along as they are.
-
-    Raises
-    ------
-    RadardError
-        If a file is not to be had, is too large, or the bundle cannot be written.
+    Raises RadardError if a file is not to be had, is too large, or the bundle cannot be written.
     """
     try:
         total = sum(file.stat().st_size for file in added)

@@ -39,20 +39,14 @@ _PACKAGES = (
 _LIMITS = ("NOFILE", "MEMLOCK", "AS", "CORE", "NPROC", "RTPRIO")
 _CGROUP = ("memory.max", "memory.high", "memory.current", "cpu.max", "pids.max")
 _WATCHED = ("ModemManager", "brltty", "gpsd", "mosquitto", "radard")
-_LAST = 200
-_LEAST_SECRET = 4
+_LAST = 200  # decisions, states and events; chosen: some minutes
+_LEAST_SECRET = 4  # characters: shorter ones would blacken half of the report
 _USERINFO = re.compile(r"//[^/@:\s]*:([^/@\s]+)@")
 
 
 @dataclass(frozen=True, slots=True)
 class Scrubber:
-    """Takes secrets out of any text: the known ones, and what looks like one.
-
-    Attributes
-    ----------
-    secrets : tuple of str
-        Values that are known to be secret.
-    """
+    """Takes secrets out of any text: those that are known, and what looks like one."""
 
     secrets: tuple[str, ...]
 
@@ -68,15 +62,7 @@ class Scrubber:
 
 
 def gather(file: Path | None, environ: Mapping[str, str] = os.environ) -> dict[str, str]:
-    """Return names and texts of all parts.
-
-    Parameters
-    ----------
-    file : Path or None
-        Configuration file, if one is named.
-    environ : mapping
-        Of the process.
-    """
+    """Return names and texts of all parts; `file` is the configuration, if one is named."""
     loaded: Loaded | None = None
     fault = ""
     try:
@@ -256,7 +242,6 @@ def _secrets(file: Path | None, config: Config, environ: Mapping[str, str]) -> s
             found.add((_first_line(Path(text)) or "").strip())
         if key.endswith("_env"):
             found.add(environ.get(text, ""))
-    # A secret of three letters would blacken half of the report.
     return {text for text in found if len(text) >= _LEAST_SECRET}
 
 

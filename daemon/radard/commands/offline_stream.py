@@ -12,35 +12,21 @@ from radard.pipeline import Pipeline
 from radard.service.components import classifier_for, make_classifier
 from radard.stream.ring import Dwell, FrameRing, Notice
 from radard.stream.source import FrameSource, open_source
-from x2radar.frame import Frame
 
-LONGEST_S = 86_400.0
+LONGEST_S = 86_400.0  # a day; chosen
 
 
 @dataclass(frozen=True, slots=True)
 class Listening:
-    """An open port and the pipeline for its stream.
-
-    Attributes
-    ----------
-    source : FrameSource
-        Gives the frames.
-    pipeline : Pipeline
-        For its stream, with the model that the configuration names.
-    """
+    """An open port, and the pipeline for its stream with the configured model."""
 
     source: FrameSource
     pipeline: Pipeline
 
     def dwells(self, duration_s: float, *, skip_s: float = 0.0) -> Iterator[Dwell | Notice]:
-        """Yield the dwells and notices of some seconds of the stream, in this thread.
+        """Yield the dwells and notices of `duration_s` of the stream, in this thread.
 
-        Parameters
-        ----------
-        duration_s : float
-            How long to listen, in seconds of the stream.
-        skip_s : float
-            Seconds at the start that are thrown away.
+        The first `skip_s` are thrown away.
         """
         ring = self.pipeline.make_ring()
         rate_hz = self.pipeline.stream.frame_rate_hz
@@ -56,25 +42,13 @@ class Listening:
             while (item := _ready(ring)) is not None:
                 yield item
 
-    def frames(self, duration_s: float) -> Iterator[Frame]:
-        """Yield the frames of some seconds of the stream."""
-        most = max(1, round(duration_s * self.pipeline.stream.frame_rate_hz))
-        for n, frame in enumerate(self.source.frames()):
-            if n >= most:
-                return
-            yield frame
-
 
 @contextmanager
 def listen(config: Config) -> Iterator[Listening]:
     """Open the port of a configuration and make its pipeline; close it in the end.
 
-    Raises
-    ------
-    UsageError
-        If there is no port.
-    RadardError, X2RadarError
-        If port or model are not to be had, or do not fit each other.
+    Raises UsageError if there is no port, RadardError or X2RadarError if port or model are not to
+    be had, or do not fit each other.
     """
     sensor = config.sensor
     if sensor.port is None:
@@ -110,10 +84,8 @@ def add_listening(parser: argparse.ArgumentParser) -> None:
 def listening_config(args: argparse.Namespace, default_port: str | None = None) -> Config:
     """Return the configuration that holds for what is listened to.
 
-    Raises
-    ------
-    ConfigError, UsageError
-        If it is wrong, or does not say which of several sensors is meant.
+    Raises ConfigError or UsageError if it is wrong, or does not say which of several sensors is
+    meant.
     """
     sensor = {key: getattr(args, key) for key in ("port", "speed") if getattr(args, key)}
     if args.port and args.sensor:

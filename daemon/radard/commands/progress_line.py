@@ -1,19 +1,13 @@
-"""A line that changes while a command works, where a person watches; silence elsewhere."""
+"""A line that changes while a command works, on a terminal; nothing elsewhere."""
 
 from typing import TextIO
 
-_WIDTH = 30
-_LINE = 78
+_WIDTH = 30  # of the bar
+_LINE = 78  # of it all: a terminal has 80
 
 
-class Live:
-    """One line on a terminal.
-
-    Parameters
-    ----------
-    out : TextIO
-        Usually stderr: stdout carries data only.
-    """
+class ProgressLine:
+    """One line on a terminal, usually of stderr: stdout carries data only."""
 
     def __init__(self, out: TextIO) -> None:
         self._out = out

@@ -16,33 +16,17 @@ from numpy.typing import NDArray
 from radard.classify.decision import Decision
 
 CELL_M = 0.5
-LONGEST_GAP_S = 10.0
-_SAME_M = 0.5
+LONGEST_GAP_S = 10.0  # chosen: longer, nobody knows where the walker was
+_SAME_M = 0.5  # chosen: a body so near to the strongest echo is its source
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WalkDecision:
-    """One decision of the walk.
-
-    Attributes
-    ----------
-    t_s : float
-        Stream time, in seconds.
-    range_m : float or None
-        Where something moves; None while the gate is closed or the window invalid.
-    over_floor_db : float or None
-        Power over the noise and what the room has of its own; None when invalid.
-    label : str or None
-        As in the decision.
-    p_human : float or None
-        Of the evidence so far.
-    alarm : bool
-        As in the decision.
-    """
+    """What a walk needs of a decision; p(human) is that of the evidence so far."""
 
     t_s: float
-    range_m: float | None
-    over_floor_db: float | None
+    range_m: float | None  # where something moves; None while the gate is closed or invalid
+    over_floor_db: float | None  # over the noise and the room's own motion; None when invalid
     label: str | None
     p_human: float | None
     alarm: bool
@@ -50,34 +34,17 @@ class WalkDecision:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cell:
-    """What became of the walker in one stretch of range.
-
-    Attributes
-    ----------
-    near_m, far_m : float
-        The stretch.
-    windows : int
-        Decisions while the walker was there.
-    seen : int
-        Those with the gate open.
-    alarms : int
-        Those with an alarm.
-    visits : int
-        How often the walker came in.
-    missed : int
-        Visits without a sighting.
-    first_seen_s : float or None
-        From coming in to the first sighting, in seconds, the longest of all visits; None
-        without a visit whose beginning is known and that was seen.
-    """
+    """What became of the walker in one stretch of range, from `near_m` to `far_m`."""
 
     near_m: float
     far_m: float
-    windows: int
-    seen: int
-    alarms: int
-    visits: int
-    missed: int
+    windows: int  # decisions while the walker was there
+    seen: int  # those with the gate open
+    alarms: int  # those with an alarm
+    visits: int  # how often the walker came in
+    missed: int  # visits without a sighting
+    # From coming in to the first sighting, the longest of all visits; None without a visit whose
+    # beginning is known and that was seen.
     first_seen_s: float | None
 
 
@@ -105,13 +72,7 @@ def step_of(decision: Decision) -> WalkDecision:
 
 
 def by_range(steps: Sequence[WalkDecision]) -> list[Cell]:
-    """Return the cells that the walker was in, near to far.
-
-    Parameters
-    ----------
-    steps : sequence of WalkDecision
-        In the order of time.
-    """
+    """Return the cells that the walker was in, near to far, from decisions in their order."""
     times_s = np.array([step.t_s for step in steps])
     where_m = _walk(times_s, steps)
     cells = [None if math.isnan(m) else math.floor(m / CELL_M) for m in where_m]

@@ -14,7 +14,7 @@ from radard.commands.offline_stream import (
     listen,
     listening_config,
 )
-from radard.commands.progress_line import Live, bar
+from radard.commands.progress_line import ProgressLine, bar
 from radard.commands.walk_report import WalkDecision, by_range, report, step_of
 from radard.service.components import use_calibration
 from radard.stream.ring import Notice
@@ -28,7 +28,7 @@ examples:
 
 Walk slowly from the farthest corner to the radar and back, then along walls.
 """
-_FULL_DB = 30.0
+_FULL_DB = 30.0  # of a full bar; chosen: a walker near the radar
 _BAR = 20
 
 
@@ -68,7 +68,7 @@ def _share(step: WalkDecision) -> float:
 
 def _walked(listening: Listening, args: argparse.Namespace) -> list[WalkDecision]:
     steps: list[WalkDecision] = []
-    pipeline, live = listening.pipeline, Live(sys.stderr)
+    pipeline, line = listening.pipeline, ProgressLine(sys.stderr)
     try:
         for item in listening.dwells(args.duration):
             if isinstance(item, Notice):
@@ -76,16 +76,16 @@ def _walked(listening: Listening, args: argparse.Namespace) -> list[WalkDecision
                 continue
             step = step_of(pipeline.decide(item))
             steps.append(step)
-            live.clear()
+            line.clear()
             if not args.json:
                 print(line_of(step), flush=True)
             seen = "nothing" if step.range_m is None else f"{step.range_m:.1f} m"
-            live.show(_share(step), f"{seen}; Ctrl-C ends the walk")
+            line.show(_share(step), f"{seen}; Ctrl-C ends the walk")
     except KeyboardInterrupt:
         # The way to end a walk: now comes the report.
         pass
     finally:
-        live.clear()
+        line.clear()
     return steps
 
 

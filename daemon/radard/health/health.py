@@ -1,4 +1,4 @@
-"""Health: one state machine, fed by decisions from fresh frames; all that tells reads it.
+"""Health: one state machine, fed by decisions from fresh frames; every status output reads it.
 
 systemd's watchdog, the status file, MQTT's availability, `/healthz` and `radard health` ask
 this object. It is asked, it does not ask: without a decision for `stale_s` it says offline
@@ -16,8 +16,8 @@ from radard.classify.decision import Decision
 from radard.stream.ring import Notice
 
 State = Literal["starting", "online", "degraded", "offline"]
-STALE_S = 5.0
-START_S = 15.0
+STALE_S = 5.0  # chosen: five hops, half of the unit's WatchdogSec
+START_S = 15.0  # chosen: a module's reset and the first dwell
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,14 +36,8 @@ class Status:
 class Health:
     """Online means: a decision was made from fresh frames. Any thread may ask.
 
-    Methods that take something return a status when the state has changed, else None.
-
-    Parameters
-    ----------
-    stale_s : float
-        Without a decision for so long, in seconds, it is offline.
-    clock : callable
-        Host's monotonic clock.
+    Methods that take something return a status when the state has changed, else None. Without a
+    decision for `stale_s` it is offline, by the host's monotonic clock.
     """
 
     def __init__(

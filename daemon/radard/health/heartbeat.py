@@ -18,42 +18,22 @@ from radard.health.status_file import read_status, write_status
 from radard.health.systemd import Notifier
 
 log = logging.getLogger("radard")
-_EVERY_S = 0.5
-_MAIN_LATE_S = 5.0
+_EVERY_S = 0.5  # chosen: `radard health` calls a file of 10 s stale
+_MAIN_LATE_S = 5.0  # chosen: the main thread comes by once a second
 
 
 @dataclass(slots=True)
 class Watched:
-    """One sensor.
-
-    Attributes
-    ----------
-    name : str
-        Of the sensor.
-    health : Health
-        Asked at every beat.
-    path : Path or None
-        The status file; None when it is another process's, or cannot be written.
-    panel : callable
-        Further content of the status file, see `radard.outputs.fanout.Host`.
-    """
+    """One sensor."""
 
     name: str
-    health: Health
-    path: Path | None
-    panel: Callable[[], Mapping[str, Any]]
+    health: Health  # asked at every beat
+    path: Path | None  # the status file; None when another process has it, or it cannot be written
+    panel: Callable[[], Mapping[str, Any]]  # further content, see `radard.outputs.fanout.Host`
 
 
 class Heartbeat:
-    """Beat until stopped.
-
-    Parameters
-    ----------
-    watched : sequence of Watched
-        All sensors of the process.
-    notifier : Notifier
-        systemd, or nobody.
-    """
+    """Beat until stopped, for all sensors of the process."""
 
     def __init__(self, watched: Sequence[Watched], notifier: Notifier) -> None:
         self._watched = watched
@@ -87,7 +67,7 @@ class Heartbeat:
         self._main_s = time.monotonic()
 
     def stop(self) -> None:
-        """Say the end, and end; nothing if it never began."""
+        """Report shutdown and stop; no-op if not started."""
         if self._thread.ident is None:
             return
         self._halt.set()

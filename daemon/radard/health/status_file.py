@@ -14,7 +14,7 @@ from typing import Any
 from radard.config.atomic import write_atomically
 from radard.health.health import Status
 
-STALE_S = 10.0
+STALE_S = 10.0  # chosen: twenty beats
 _BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 
 
@@ -35,10 +35,7 @@ def status_path(folder: Path, sensor: str) -> Path:
 def write_status(path: Path, status: Status, more: dict[str, Any]) -> None:
     """Write the file, for everybody to read: what the folder allows is its owner's choice.
 
-    Raises
-    ------
-    OSError
-        If it cannot be written.
+    Raises OSError if it cannot be written.
     """
     content = {
         "state": status.state,

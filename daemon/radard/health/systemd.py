@@ -17,10 +17,7 @@ log = logging.getLogger("radard")
 class Notifier:
     """Send messages to the service manager, if there is one.
 
-    Parameters
-    ----------
-    environ : mapping
-        Where NOTIFY_SOCKET, WATCHDOG_USEC and WATCHDOG_PID are looked up.
+    `environ` has its NOTIFY_SOCKET, WATCHDOG_USEC and WATCHDOG_PID.
     """
 
     def __init__(self, environ: Mapping[str, str] = os.environ) -> None:

@@ -33,33 +33,15 @@ RESTART_SECTIONS = ("sensor", "service")
 
 @dataclass(slots=True)
 class Parts:
-    """What a worker works with; a reload replaces some of it.
+    """What a worker works with; a reload replaces some of it."""
 
-    Attributes
-    ----------
-    config : Config
-        What the rest was made of.
-    pipeline : Pipeline
-        Dwell to decision.
-    policy : AlarmPolicy
-        Decisions to alarm.
-    see : callable
-        Decision to sight.
-    quiet : QuietHours
-        When no alarm is wanted.
-    tamper : TamperWatch or None
-        None when it is off.
-    clips : ClipKeeper or None
-        None when nothing is kept.
-    """
-
-    config: Config
-    pipeline: Pipeline
-    policy: AlarmPolicy
-    see: See
-    quiet: QuietHours
-    tamper: TamperWatch | None
-    clips: ClipKeeper | None
+    config: Config  # what the rest was made of
+    pipeline: Pipeline  # dwell to decision
+    policy: AlarmPolicy  # decisions to alarm
+    see: See  # decision to sight
+    quiet: QuietHours  # when no alarm is wanted
+    tamper: TamperWatch | None  # None when it is off
+    clips: ClipKeeper | None  # None when nothing is kept
 
 
 def logger_of(config: Config) -> logging.Logger:
@@ -118,12 +100,8 @@ def use_calibration(
     """Give a pipeline the calibration that is named, unless it has it already.
 
     `auto` takes that of the state directory for a real device, if it is there and fits. With
-    `keeps`, any other stream keeps the one that was made of it.
-
-    Raises
-    ------
-    ConfigError
-        If a file that was named cannot be had or does not fit.
+    `keeps`, any other stream keeps the one that was made of it. Raises ConfigError if a file that
+    was named cannot be had or does not fit.
     """
     asked = config.gate.calibration
     calibration: Calibration | None = None
@@ -149,26 +127,22 @@ def _take_calibration(path: Path, pipeline: Pipeline) -> Calibration:
     if was is not None and was.text() == calibration.text():
         return was
     pipeline.use(calibration)
-    log.info("calibration: %s, made %s", path, calibration.provenance.made_utc or "who knows when")
+    made_utc = calibration.provenance.made_utc
+    log.info("calibration: %s, %s", path, f"made {made_utc}" if made_utc else "date unknown")
     reasons = calibration.stale(
         device=pipeline.stream.device, software=installed_version(), now=datetime.now(UTC)
     )
     for reason in reasons:
-        log.warning("%s is stale: %s; make it anew with radard calibrate", path, reason)
+        log.warning("%s is stale: %s; make a new one with radard calibrate", path, reason)
     return calibration
 
 
 def remake_parts(config: Config, old: Parts, *, now: Now, is_live: bool) -> Parts:
     """Make the parts of a configuration that was read again, for the stream that goes on.
 
-    Changes of `sensor` and `service` are said and left for a restart.
-
-    Raises
-    ------
-    BundleError, ModelMismatch
-        If the model cannot be had.
-    ConfigError
-        If the model takes other dwells than those that the ring cuts.
+    Changes of `sensor` and `service` are logged and left for a restart. Raises BundleError or
+    ModelMismatch if the model cannot be had, ConfigError if it takes other dwells than those
+    that the ring cuts.
     """
     was = old.config
     for name in RESTART_SECTIONS:
@@ -194,14 +168,12 @@ def _cut_of(pipeline: Pipeline) -> tuple[DwellShape, int]:
 
 
 def make_store(config: Config, *, is_live: bool) -> StateStore:
-    """Return where arming is kept: nowhere for a replay, apart for a simulated sensor.
-
-    An alarm that is on is kept only in a folder that was named: a run by hand begins afresh.
-    """
+    """Return where arming is kept: nowhere for a replay, apart for a simulated sensor."""
     if not is_live:
         return StateStore(None)
     is_sim = (config.sensor.port or "").startswith("sim:")
     name = f"{config.sensor.name}{'.sim' if is_sim else ''}.json"
+    # An alarm that is on is kept only in a folder that was named: a run by hand begins afresh.
     is_named = named_state_dir(config) is not None
     return StateStore(state_dir(config) / name, keeps_alarms=is_named)
 

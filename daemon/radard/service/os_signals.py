@@ -21,10 +21,7 @@ _ASK = {
 class Signals:
     """Install the handlers for a `with` block; outside the main thread nothing happens.
 
-    Attributes
-    ----------
-    wake : threading.Event
-        Set by every signal, and by whoever wants the main thread to look up.
+    `wake` is set by every signal, and by whatever else the main thread must notice.
     """
 
     def __init__(self) -> None:

@@ -34,52 +34,26 @@ from radard.stream.ring import FrameRing, Notice
 from radard.stream.source import FrameSource, Notify, open_source, parse_speed
 
 Reload = Callable[[], Config]
-_JOIN_S = 1.5
+_JOIN_S = 1.5  # for each thread; chosen: all of them within the 4.5 s of a forced end
 _KEPT_COMMANDS = ("arm", "disarm")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunOptions:
-    """What only the command line can say.
+    """What only the command line can say."""
 
-    Attributes
-    ----------
-    duration_s : float or None
-        Stream seconds after which to stop.
-    record : Path or None
-        Write the frames into this recording as well.
-    stdout_is_terminal : bool
-        Whether a person reads stdout.
-    reload : callable or None
-        Reads the configuration again, as at the start.
-    """
-
-    duration_s: float | None = None
-    record: Path | None = None
-    stdout_is_terminal: bool = False
-    reload: Reload | None = None
+    duration_s: float | None = None  # stream seconds after which to stop
+    record: Path | None = None  # write the frames into this recording as well
+    stdout_is_terminal: bool = False  # whether a person reads stdout
+    reload: Reload | None = None  # reads the configuration again, as at the start
 
 
 class RadarRun:
     """Run one radar: `open`, `prepare`, `start`, and `finish` once it is over or stopped.
 
-    Parameters
-    ----------
-    config : Config
-        What holds for this radar.
-    options : RunOptions
-        The rest.
-    wake : callable
-        Called from another thread when the work is over.
-    reload : callable
-        Asks for the configuration to be read again, as SIGHUP does.
-
-    Raises
-    ------
-    UsageError
-        If there is no port, or its speed makes no sense.
-    BundleError, ModelMismatch
-        If the model cannot be had.
+    `wake` is called from another thread when the work is over; `reload` asks for the configuration
+    to be read again, as SIGHUP does. Raises UsageError if there is no port or its speed makes no
+    sense, BundleError or ModelMismatch if the model cannot be had.
     """
 
     def __init__(
@@ -167,19 +141,10 @@ class RadarRun:
         self._feed = Feed(outputs, self.name if self._config.is_one_of_several else None)
 
     def open(self, on_notice: Notify, *, is_wanted: Callable[[], bool] = lambda: True) -> None:
-        """Open the port, which may mean to wait for a device.
+        """Open the port, which may mean to wait for a device; raises as `open_source` does.
 
-        Parameters
-        ----------
-        on_notice : callable
-            Told what happens to the device before there is a stream.
-        is_wanted : callable
-            Asked before a wait begins that `stop` could no more end.
-
-        Raises
-        ------
-        X2RadarError, UsageError
-            See `open_source`.
+        `on_notice` is told what happens to the device before there is a stream; `is_wanted` is
+        asked before a wait begins that `stop` could no longer end.
         """
 
         def notice(kind: str, reason: str) -> None:
@@ -210,10 +175,7 @@ class RadarRun:
     def prepare(self) -> Tap:
         """Make what fits the stream; return the tap of its frames, to be closed by the caller.
 
-        Raises
-        ------
-        ModelMismatch, FeatureError, RecordingError
-            If model or recording do not fit the stream.
+        Raises ModelMismatch, FeatureError or RecordingError if model or recording do not fit it.
         """
         assert self._source is not None  # noqa: S101 - `open` came before
         stream = self._source.stream
@@ -224,10 +186,7 @@ class RadarRun:
     def start(self, tap: Tap) -> None:
         """Begin to work, in threads; the first record is this run's `hello`.
 
-        Raises
-        ------
-        ConfigError
-            If a calibration that was named does not fit.
+        Raises ConfigError if a calibration that was named does not fit.
         """
         source, pipeline, feed = self._source, self._pipeline, self._feed
         assert source is not None  # noqa: S101 - `open`, `prepare` and `bind` came before
@@ -296,17 +255,14 @@ class RadarRun:
         return stuck
 
     def tell(self, status: Status | None) -> None:
-        """Hand on a change of state, once there is somebody to tell; not for long."""
+        """Hand on a change of state, once there are outputs; not waiting for them."""
         if status is not None and self._feed is not None:
             self._feed.put(status_record(status), waits=False)
 
     def remade(self, config: Config) -> Parts | None:
         """Return the parts for a configuration that was read again; None without a stream.
 
-        Raises
-        ------
-        RadardError
-            If it cannot hold; the old one then stays.
+        Raises RadardError if it cannot hold; the old one then stays.
         """
         if self.worker is None or self._source is None:
             return None

@@ -26,7 +26,7 @@ from x2radar.command import installed_version
 from x2radar.frame import StreamInfo
 
 log = logging.getLogger("radard")
-_MOST_WAITING = 30
+_MOST_WAITING = 30  # dwells; chosen: half a minute of a machine that lags
 _REPLAY = "replay:"
 
 
@@ -84,7 +84,7 @@ class RoomCalibration:
     sign : callable
         See `signer`.
     t_s : float
-        Stream time of the command, in seconds.
+        Stream time of the command.
     on_made : callable
         Given the calibration, from another thread, once it is kept.
     """

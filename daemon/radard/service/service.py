@@ -16,25 +16,10 @@ __all__ = ["RunOptions", "run"]
 
 
 def run(config: Config, options: RunOptions) -> int:
-    """Run the daemon.
+    """Run the daemon; return the exit code.
 
-    Parameters
-    ----------
-    config : Config
-        What holds.
-    options : RunOptions
-        The rest.
-
-    Returns
-    -------
-    int
-        Exit code.
-
-    Raises
-    ------
-    RadardError, X2RadarError
-        With the exit code that the command ends with. Nothing was written when the fault
-        is in what was asked for.
+    Raises RadardError or X2RadarError with the exit code that the command ends with. Nothing was
+    written when the fault is in what was asked for.
     """
     if config.is_one_of_several:
         return SeveralRadars(config, options).go()
@@ -42,7 +27,7 @@ def run(config: Config, options: RunOptions) -> int:
 
 
 class OneRadar(Supervisor):
-    """Run one radar; whatever ends it ends the process."""
+    """Run one radar; the process ends with it."""
 
     def __init__(self, config: Config, options: RunOptions) -> None:
         signals = Signals()

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from radard.sinks.base import Sink, SinkState
 
 GRACE_S = 5.0
-"""A retry that helps within that is no trouble; a connection takes a moment, too."""
+"""A retry that helps within that is no trouble; a connection takes a moment, too. Chosen."""
 STUCK_S = 20.0
-"""Records wait and nothing moves for so long: the sink's thread hangs, or its far end does."""
+"""Records wait and nothing moves: the sink's thread hangs, or its far end does. Chosen."""
 DROPPED_S = 60.0
-"""How long it is said that records were dropped."""
+"""How long it is said that records were dropped. Chosen."""
 
 Key = tuple[str | None, str]
 
@@ -28,25 +28,16 @@ class _Seen:
 
 
 class SinkWatch:
-    """Look at sinks again and again.
-
-    Parameters
-    ----------
-    clock : callable
-        Host's monotonic clock.
-    """
+    """Look at sinks again and again, by the host's monotonic clock."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
         self._seen: dict[Key, _Seen] = {}
 
     def look(self, sinks: Iterable[tuple[str | None, Sink]]) -> dict[Key, str]:
-        """Return what is wrong, by sensor and name of the sink; nothing of those that are well.
+        """Return what is wrong with sinks, by sensor and name; nothing of those that are well.
 
-        Parameters
-        ----------
-        sinks : iterable of (str or None, Sink)
-            All of them, each with the sensor that it is for alone.
+        Each comes with the sensor that it is for alone, if it is.
         """
         found: dict[Key, str] = {}
         now_s = self._clock()

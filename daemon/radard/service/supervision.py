@@ -21,24 +21,12 @@ from radard.service.radar_run import RadarRun, RunOptions
 from radard.service.sink_watch import SinkWatch
 
 log = logging.getLogger("radard")
-_BEAT_S = 1.0
-_DEADLINE_S = 4.5
+_BEAT_S = 1.0  # chosen: outputs in trouble are noticed that late
+_DEADLINE_S = 4.5  # from the first signal to a forced end; chosen: below 5 s
 
 
 class Supervisor:
-    """What runs of one radar and of several have in common.
-
-    Parameters
-    ----------
-    config : Config
-        What holds.
-    options : RunOptions
-        The rest.
-    signals : Signals
-        Heard here.
-    radars : sequence of RadarRun
-        All radars of the process.
-    """
+    """What runs of one radar and of several have in common; heeds `signals`."""
 
     def __init__(
         self, config: Config, options: RunOptions, signals: Signals, radars: Sequence[RadarRun]
@@ -101,7 +89,7 @@ class Supervisor:
         return states
 
     def _shut(self) -> None:
-        """Say the end and close what all radars share."""
+        """Report the shutdown and close what all radars share."""
         self._heart.stop()
         self._outputs.close()
         # Not with a thread stuck in stdout: the interpreter's own end would hang there.

@@ -10,13 +10,7 @@ from x2radar.frame import Frame
 
 
 class Tap:
-    """Write every frame of a source into a recording; without a path, do nothing.
-
-    Raises
-    ------
-    RecordingError
-        If the recording cannot be made.
-    """
+    """Write every frame of a source into a recording; without a path, do nothing."""
 
     def __init__(self, path: Path | None, source: FrameSource) -> None:
         self._close: Callable[[], None] = lambda: None

@@ -24,24 +24,13 @@ from radard.service.room_calibration import RoomCalibration, can_calibrate, sign
 from radard.stream.ring import Dwell, FrameRing, Notice
 from x2radar.frame import Frame
 
-_LOOK_UP_S = 0.5
+_LOOK_UP_S = 0.5  # chosen: so late silence is noticed
 
 
 class Worker:
-    """Work on one stream.
+    """Work on one stream: dwells and notices of the ring become records for the outputs.
 
-    Parameters
-    ----------
-    parts : Parts
-        What to work with.
-    ring : FrameRing
-        Where dwells and notices come from.
-    outputs : Feed
-        Where records go.
-    health : Health
-        Fed here.
-    store : StateStore
-        Keeps arming and an alarm that is on.
+    Health is fed here; the store keeps arming and an alarm that is on.
     """
 
     def __init__(
@@ -210,7 +199,7 @@ class Worker:
     def _calibrate(self, t_s: float) -> None:
         config, pipeline = self.parts.config, self.parts.pipeline
         if not can_calibrate(config):
-            # No calibration is wanted: the gate learns the room anew, as at the start.
+            # No calibration is wanted: the gate learns the room again, as at the start.
             pipeline.restart()
             return
         if self._room is not None:

@@ -1,4 +1,4 @@
-"""Gathered reads: a stream's bytes are left to collect, so that one wake-up takes many.
+"""Coalesced reads: a stream's bytes are left to collect, so that one wake-up takes many.
 
 To wake a thread costs more than to decode a frame, and a serial port wakes its reader several
 times a frame. While a stream flows, reading pauses for `PAUSE_S`; the port's own buffer
@@ -16,14 +16,14 @@ from x2radar.errors import TransportClosed
 
 PAUSE_S = 0.04
 """At 614 kB/s (768 bins of RF at 200 Hz) 25 kB collect; a kernel's buffer holds 64 kB."""
-_FLOWS_BYTES = 512
+_FLOWS_BYTES = 512  # in a read: more than any reply to a command
 _EARLY_S = 0.006
-"""More than a due frame was ever early: the frame_timing errs by a share of a millisecond."""
-_LATE_S = 0.1
+"""More than a due frame was ever early: `FrameTiming` errs by a share of a millisecond."""
+_LATE_S = 0.1  # chosen: a frame that late is lost
 # A Linux terminal gives at most 4095 bytes to a read, whatever waits behind them: a read of
 # about that many is followed by another one at once.
 _FULL_BYTES = range(4000, 4097)
-_MOST_READS = 16
+_MOST_READS = 16  # in a row: 64 kB, all that a kernel's buffer holds
 
 
 class CoalescedReads:

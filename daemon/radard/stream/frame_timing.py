@@ -10,13 +10,7 @@ from collections.abc import Callable
 
 
 class FrameTiming:
-    """Say when a frame is due, by its number.
-
-    Parameters
-    ----------
-    frame_rate_hz : float
-        Frames per second.
-    """
+    """Say when a frame is due, by its number."""
 
     def __init__(self, frame_rate_hz: float) -> None:
         self._rate_hz = frame_rate_hz
@@ -32,7 +26,7 @@ class FrameTiming:
         self._before_s, self._lead_s = self._lead_s, math.inf
 
     def reset(self) -> None:
-        """Forget everything: the stream began anew."""
+        """Forget everything: the stream has restarted."""
         self._lead_s = self._before_s = math.inf
 
     def arrival_s(self, number: int) -> float:
@@ -41,18 +35,16 @@ class FrameTiming:
 
 
 class NextHop:
-    """When the frame that completes the next dwell will arrive, once there is whom to ask.
-
-    A port is opened before anybody counts its frames.
-    """
+    """When the frame that completes the next dwell will arrive, once `ask` is called."""
 
     def __init__(self) -> None:
-        self._forecast: Callable[[], float] = lambda: math.inf
+        # A port is opened before anybody counts its frames.
+        self._arrival_s: Callable[[], float] = lambda: math.inf
 
     def due_s(self) -> float:
         """Return it, on the host's monotonic clock, in seconds; infinite when unknown."""
-        return self._forecast()
+        return self._arrival_s()
 
     def ask(self, frame_timing: Callable[[], float]) -> None:
         """Ask `frame_timing` from now on."""
-        self._forecast = frame_timing
+        self._arrival_s = frame_timing

@@ -6,8 +6,8 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-SLOWEST, FASTEST = 0.25, 64.0
-_REMIND_S = 2.0
+SLOWEST, FASTEST = 0.25, 64.0  # chosen: what a person can follow, and an hour in a minute
+_REMIND_S = 2.0  # chosen: below the 5 s after which health calls a stream stale
 TICK_S = 0.1
 """A paced replay hands out frames so often: each at most that late, all in order."""
 
@@ -25,14 +25,7 @@ class PlaybackState:
 class Playback:
     """Paces the frames of a recording; commands come from any thread.
 
-    Parameters
-    ----------
-    length_s : float
-        Of the recording, in seconds.
-    speed : float or None
-        To begin with.
-    on_pause : callable
-        Called by the reading thread when it pauses, and every 2 s while it does.
+    `on_pause` is called by the reading thread when it pauses, and every 2 s while it does.
     """
 
     def __init__(
@@ -97,17 +90,9 @@ class Playback:
             self._changed.notify_all()
 
     def pace(self, position_s: float) -> float | None:
-        """Wait until a frame is due.
+        """Wait until the frame at a position on the recording's clock is due.
 
-        Parameters
-        ----------
-        position_s : float
-            Of the frame, on the recording's clock.
-
-        Returns
-        -------
-        float or None
-            Where to read on instead, if somebody has asked for that.
+        Return where to read on instead, if somebody has asked for that.
         """
         with self._changed:
             if position_s < self._position_s:

@@ -19,31 +19,22 @@ from x2radar.frame import FastTimeAxis, Frame
 
 Convert = Callable[[NDArray[np.float32] | NDArray[np.complex64], NDArray[np.complex64]], object]
 
+# What may be missing in a dwell; chosen: less than moves a map by what noise does.
 MOST_LOST = 0.02
 LONGEST_GAP_S = 0.05
-_FRAMES_AT_ONCE = 64
-# After somebody looked on, frames are converted that late at most, for so long.
+_FRAMES_AT_ONCE = 64  # chosen: a hop at 60 Hz
+# After somebody looked on, frames are converted that late at most, for so long. Chosen.
 _LATE_S = 0.05
 _WATCHED_S = 2.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DwellShape:
-    """How dwells are cut from the stream.
+    """How dwells are cut from the stream."""
 
-    Attributes
-    ----------
-    n_slow : int
-        Frames in a dwell: columns of the spectrogram + frames of a CPI - 1.
-    hop_s : float
-        Stream time from one dwell to the next, in seconds.
-    frame_rate_hz : float
-        Frames per second of stream time.
-    """
-
-    n_slow: int
-    hop_s: float
-    frame_rate_hz: float
+    n_slow: int  # frames in a dwell: columns of the spectrogram + frames of a CPI - 1
+    hop_s: float  # stream time from one dwell to the next
+    frame_rate_hz: float  # of stream time
 
     @classmethod
     def of(cls, *, dwell_s: float, hop_s: float, frame_rate_hz: float, n_cpi: int) -> "DwellShape":
@@ -56,38 +47,19 @@ class DwellShape:
 class Dwell:
     """The block of frames that is judged together.
 
-    Attributes
-    ----------
-    frames : ndarray, shape (n_slow, n_range), complex64
-        Baseband, oldest first; a view that is good until the next `FrameRing.take`. A lost
-        frame's row repeats the one before it.
-    valid : ndarray, shape (n_slow,), bool
-        False for frames that were lost or unusable.
-    axis : FastTimeAxis
-        Axis of the rows.
-    frame_rate_hz : float
-        Frames per second.
-    t_s : float
-        Stream time at the end of the dwell, in seconds.
-    n_lost : int
-        Rows that are not valid.
-    longest_gap_s : float
-        Longest run of them, in seconds.
-    t_mono_s : float
-        When the last frame arrived, on the host's monotonic clock; 0 in recordings.
-    end_frame : int
-        Frames that the ring had taken when this dwell ended: the difference of two dwells'
-        numbers is how many frames are new in the later one. 0 for a dwell of its own.
+    `frames` is a view that is good until the next `FrameRing.take`.
     """
 
-    frames: NDArray[np.complex64]
-    valid: NDArray[np.bool_]
-    axis: FastTimeAxis
+    frames: NDArray[np.complex64]  # (n_slow, n_range), oldest first; lost rows repeat the last
+    valid: NDArray[np.bool_]  # (n_slow,), False for frames that were lost or unusable
+    axis: FastTimeAxis  # of the rows
     frame_rate_hz: float
-    t_s: float
-    n_lost: int = 0
-    longest_gap_s: float = 0.0
-    t_mono_s: float = 0.0
+    t_s: float  # stream time at the end of the dwell
+    n_lost: int = 0  # rows that are not valid
+    longest_gap_s: float = 0.0  # longest run of them
+    t_mono_s: float = 0.0  # when the last frame arrived, on the host's clock; 0 in recordings
+    # Frames that the ring had taken when this dwell ended: the difference of two dwells' numbers
+    # is how many frames are new in the later one. 0 for a dwell of its own.
     end_frame: int = 0
 
     @property
@@ -101,46 +73,27 @@ class Dwell:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Recent:
-    """Rows that a ring has taken lately, for those who only look on.
+    """Rows that a ring has taken lately, for those who only look on."""
 
-    Attributes
-    ----------
-    frames : ndarray, shape (n, n_range), complex64
-        Baseband, oldest first; a copy.
-    valid : ndarray, shape (n,), bool
-        False for frames that were lost or unusable.
-    end_frame : int
-        Frames that the ring had taken when these ended.
-    begun_at : int
-        `end_frame` when the stream last began anew.
-    t_s : float
-        Stream time at the end, in seconds.
-    """
-
-    frames: NDArray[np.complex64]
-    valid: NDArray[np.bool_]
-    end_frame: int
-    begun_at: int
-    t_s: float
+    frames: NDArray[np.complex64]  # (n, n_range), oldest first; a copy
+    valid: NDArray[np.bool_]  # (n,), False for frames that were lost or unusable
+    end_frame: int  # frames that the ring had taken when these ended
+    begun_at: int  # `end_frame` when the stream last began again
+    t_s: float  # stream time at the end
 
 
 @dataclass(frozen=True, slots=True)
 class Notice:
     """Something that happened to the stream between two dwells.
 
-    Attributes
-    ----------
-    kind : {'restart', 'lost', 'found'}
-        The counter or device started anew; the device is away; it is back.
-    reason : str
-        For people.
-    t_s : float
-        Stream time, in seconds.
+    'restart': counter or device started again; 'lost' and 'found': the device is away, is back;
+    'paused', 'silent': a replay stands still, nothing comes. The others ask the worker for
+    something.
     """
 
     kind: str
-    reason: str
-    t_s: float
+    reason: str  # for people
+    t_s: float  # stream time
 
 
 class FrameRing:
@@ -181,7 +134,7 @@ class FrameRing:
         self._due = 0
         self._hops = 0
         self.n_unusable = 0
-        self._forecast = FrameTiming(shape.frame_rate_hz)
+        self._timing = FrameTiming(shape.frame_rate_hz)
         self._schedule(0)
 
     @property
@@ -196,7 +149,7 @@ class FrameRing:
 
     def due_s(self) -> float:
         """Return when the next dwell's last frame should arrive, by `FrameTiming`."""
-        return self._forecast.arrival_s(self._due)
+        return self._timing.arrival_s(self._due)
 
     def recent(self, after: int = 0) -> Recent:
         """Return the rows behind number `after`, or as many of them as are still there.
@@ -216,18 +169,10 @@ class FrameRing:
         return Recent(rows[torn:], valid[torn:], end, begun_at, t_s)
 
     def push(self, frame: Frame) -> bool:
-        """Add a frame; wait while the worker is too far behind.
+        """Add the next frame; wait while the worker is too far behind.
 
-        Parameters
-        ----------
-        frame : Frame
-            The next frame of the stream. Frames lost before it become invalid rows; a
-            restart empties the ring. A frame that is not finite counts as lost.
-
-        Returns
-        -------
-        bool
-            False once the worker has stopped: no further frame is wanted.
+        Frames lost before it become invalid rows; a restart empties the ring. A frame that is not
+        finite counts as lost. False once the worker has stopped: no further frame is wanted.
         """
         if frame.restarted or self._taken == 0:
             self._restart(frame)
@@ -237,7 +182,7 @@ class FrameRing:
                 if not self._add(None, 0.0):
                     return False
         self._index = frame.index
-        self._forecast.note(self._taken + 1, frame.t_mono_s)
+        self._timing.note(self._taken + 1, frame.t_mono_s)
         return self._add(frame.samples, frame.t_mono_s)
 
     def post(self, kind: str, reason: str) -> None:
@@ -261,13 +206,8 @@ class FrameRing:
     def take(self, timeout_s: float | None = None) -> Dwell | Notice | None:
         """Return the next dwell or notice; None at the end of the stream.
 
-        The dwell taken before is given back by this call, and its frames may be
-        overwritten from here on.
-
-        Raises
-        ------
-        TimeoutError
-            If nothing came within `timeout_s`.
+        The dwell taken before is given back by this call, and its frames may be overwritten from
+        here on. Raises TimeoutError if nothing came within `timeout_s`.
         """
         with self._changed:
             self._held_from = None
@@ -286,9 +226,9 @@ class FrameRing:
         if self._taken:
             self.post("restart", f"the frame counter jumped to {frame.counter}")
         self._convert_waiting()
-        # Rows that waiting dwells still need stay where they are: only the schedule starts anew.
+        # Rows that waiting dwells still need stay where they are: only the schedule starts again.
         self._base = self._taken
-        self._forecast.reset()
+        self._timing.reset()
         self._hops = 0
         self._schedule(0)
 
@@ -374,7 +314,7 @@ class FrameRing:
             self._taken,
         )
         self._hops += 1
-        self._forecast.next_hop()
+        self._timing.next_hop()
         self._schedule(self._hops)
         with self._changed:
             self._queue.append((first, dwell))

@@ -23,7 +23,7 @@ from x2radar.ports import PortSpec, check_options, make_radar, number_option, pa
 
 Notify = Callable[[str, str], None]
 REPLAY_KEYS = frozenset({"start", "loop"})
-_FASTEST_GATHERED = 2.0
+_FASTEST_COALESCED = 2.0  # times real time; chosen: faster streams never let reads pause
 
 
 class FrameSource(Protocol):
@@ -111,10 +111,8 @@ def open_source(
 
     Parameters
     ----------
-    port : str
-        As --port takes it.
-    speed : str
-        As --speed takes it.
+    port, speed : str
+        As --port and --speed take them.
     wait : bool
         Wait for a port that is absent or denied, instead of raising.
     quit_on_loss : bool
@@ -123,11 +121,6 @@ def open_source(
         Called with ('lost' or 'found', reason) from the thread that reads frames.
     on_wait : callable
         Given, before a device is waited for, what ends that wait; any thread may call it.
-
-    Returns
-    -------
-    FrameSource
-        Open, with its stream known.
 
     Raises
     ------
@@ -146,7 +139,7 @@ def open_source(
     if spec.scheme == "replay":
         return ReplaySource(spec, factor, on_notice)
     radar, hop = make_radar(spec, speed=factor), NextHop()
-    if factor is not None and factor <= _FASTEST_GATHERED:
+    if factor is not None and factor <= _FASTEST_COALESCED:
         radar.wrap_transport(lambda connect: coalesced(connect, hop.due_s))
     device = ReconnectingRadar(radar, wait=wait, quit_on_loss=quit_on_loss)
     on_wait(device.close)
@@ -174,10 +167,8 @@ class LiveSource:
     def frames(self) -> Iterator[Frame]:
         """Yield frames; after a loss, the first one is marked as a restart.
 
-        Raises
-        ------
-        TransportClosed, ReadTimeout, DeviceError
-            If the device is lost and is not waited for.
+        Raises TransportClosed, ReadTimeout or DeviceError if the device is lost and not waited
+        for.
         """
         return chain([self._first], self._frames)
 
