@@ -46,7 +46,7 @@ __all__ = [
 def open(  # noqa: A001 - x2radar.open reads as the file of a radar
     port: str, settings: ModuleSettings | None = None, *, speed: float | None = 1.0
 ) -> X2Radar:
-    """Open a radar and start its stream.
+    """Open a radar and start its stream; return it, an iterable of frames to be closed.
 
     Parameters
     ----------
@@ -56,11 +56,6 @@ def open(  # noqa: A001 - x2radar.open reads as the file of a radar
         What to configure; otherwise what the port string asks for.
     speed : float or None
         For ``sim:``, scene seconds per real second; None is as fast as it is read.
-
-    Returns
-    -------
-    X2Radar
-        Streaming; a context manager and an iterable of frames.
 
     Raises
     ------
@@ -79,24 +74,10 @@ def open_reconnecting(
     speed: float | None = 1.0,
     wait: bool = False,
 ) -> ReconnectingRadar:
-    """Return a radar that is opened again whenever it was lost.
+    """Return a radar that is opened again whenever it was lost; arguments as of `open`.
 
-    Parameters
-    ----------
-    port, settings, speed
-        As in `open`.
-    wait : bool
-        Wait for a device that is absent at first, instead of raising.
-
-    Returns
-    -------
-    ReconnectingRadar
-        A context manager; it opens when its first item or frame is asked for.
-
-    Raises
-    ------
-    X2RadarError
-        If the port string makes no sense.
+    It opens when its first item or frame is asked for; `wait` waits for a device that is absent
+    at first, instead of raising. Raises X2RadarError if the port string makes no sense.
     """
     return ReconnectingRadar(
         make_radar(parse_port(port), speed=speed, settings=settings), wait=wait
@@ -106,22 +87,9 @@ def open_reconnecting(
 def open_async(
     port: str, settings: ModuleSettings | None = None, *, speed: float | None = 1.0
 ) -> "AsyncRadar":
-    """Return a radar for ``async with`` and ``async for``.
+    """Return a radar for ``async with`` and ``async for``; arguments as of `open`.
 
-    Parameters
-    ----------
-    port, settings, speed
-        As in `open`.
-
-    Returns
-    -------
-    AsyncRadar
-        An asynchronous context manager; it opens when the block is entered.
-
-    Raises
-    ------
-    X2RadarError
-        If the port string makes no sense.
+    It opens when the block is entered. Raises X2RadarError if the port string makes no sense.
     """
     # Late: asyncio takes a while to load, and most programs do without.
     from x2radar.device.aio import AsyncRadar  # noqa: PLC0415

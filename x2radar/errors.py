@@ -7,7 +7,7 @@ The tree::
      +-- PortError                  a port cannot be opened
      |    +-- PortNotFound          nothing there
      |    +-- PortDenied            there, but no permission
-     |    +-- PortBusy              somebody else holds it
+     |    +-- PortBusy              another program holds it
      +-- TransportClosed            the port went away while it was open
      +-- ReadTimeout                (also TimeoutError) nothing came within the deadline
      +-- ProtocolError              bytes that break the wire format
@@ -17,7 +17,7 @@ The tree::
      |    +-- RestartRequired       the module must be reset before it obeys
      +-- RecordingError             a file is missing, damaged or no recording
      +-- SceneError                 a scene does not exist or makes no sense
-     +-- PluginError                somebody else's plug-in is broken
+     +-- PluginError                a plug-in is broken
 
 Any other exception that leaves this package is a bug.
 """

@@ -21,36 +21,24 @@ _WRAP = 1 << 32
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FastTimeAxis:
-    """Where the samples of a frame lie, and what they are.
-
-    Attributes
-    ----------
-    kind : {'rf', 'baseband'}
-        Real samples at the RF sampling rate, or complex baseband.
-    n_range : int
-        Range bins in a frame.
-    bin_length_m : float
-        Range of one bin, in metres.
-    range_offset_m : float
-        Range of bin 0, in metres.
-    carrier_hz : float
-        Centre frequency of the pulse, in hertz.
-    bandwidth_hz : float
-        Bandwidth of the pulse at -10 dB, in hertz; 0 when unknown.
-    sample_rate_hz : float
-        Rate of the RF sampler, in hertz; 0 when unknown.
-    phase_sign : int
-        -1 when the baseband phase falls with range, exp(-j 4 pi R / lambda); +1 otherwise.
-    """
+    """Where the samples of a frame lie, and what they are."""
 
     kind: Kind
+    """Real samples at the RF sampling rate, or complex baseband."""
     n_range: int
+    """Range bins in a frame."""
     bin_length_m: float
+    """Range of one bin, in metres."""
     range_offset_m: float
+    """Range of bin 0, in metres."""
     carrier_hz: float
+    """Centre frequency of the pulse, in hertz."""
     bandwidth_hz: float = 0.0
+    """Bandwidth of the pulse at -10 dB, in hertz; 0 when unknown."""
     sample_rate_hz: float = 0.0
+    """Rate of the RF sampler, in hertz; 0 when unknown."""
     phase_sign: int = -1
+    """-1 when the baseband phase falls with range, exp(-j 4 pi R / lambda); +1 otherwise."""
 
     @property
     def range_m(self) -> NDArray[np.float64]:
@@ -69,52 +57,32 @@ def _range_m(n_range: int, bin_length_m: float, range_offset_m: float) -> NDArra
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame:
-    """One fast-time record from the module.
-
-    Attributes
-    ----------
-    samples : ndarray, shape (n_range,), float32 (rf) or complex64 (baseband)
-        The echo per range bin, in the module's own unit. Read-only.
-    counter : int
-        Frame number as the module counts it.
-    index : int
-        Unwrapped number since the stream's first frame, lost frames included; from 0.
-    lost : int
-        Frames missing directly before this one.
-    restarted : bool
-        The counter jumped in a way that no loss explains: how much time passed is unknown.
-    axis : FastTimeAxis
-        What the samples are and where they lie; `frame.axis.range_m` is the range axis.
-    t_mono_s : float
-        Host's monotonic clock when the frame was complete, in seconds; 0 in recordings.
-    """
+    """One fast-time record from the module."""
 
     samples: NDArray[np.float32] | NDArray[np.complex64]
+    """The echo per range bin, shape (n_range,), in the module's own unit; read-only."""
     counter: int
+    """Frame number as the module counts it."""
     index: int
+    """Unwrapped number since the stream's first frame, lost frames included; from 0."""
     lost: int
+    """Frames missing directly before this one."""
     restarted: bool
+    """The counter jumped in a way that no loss explains: how much time passed is unknown."""
     axis: FastTimeAxis
     t_mono_s: float = 0.0
+    """Host's monotonic clock when the frame was complete, in seconds; 0 in recordings."""
 
 
 @dataclass(frozen=True, slots=True)
 class StreamInfo:
-    """What holds for every frame of a stream.
-
-    Attributes
-    ----------
-    axis : FastTimeAxis
-        Axes of the frames.
-    frame_rate_hz : float
-        Frames per second of stream time.
-    device : str
-        What sends the frames, for people.
-    """
+    """What holds for every frame of a stream."""
 
     axis: FastTimeAxis
     frame_rate_hz: float
+    """Frames per second of stream time."""
     device: str
+    """What sends the frames, for people."""
 
 
 class Step(Enum):

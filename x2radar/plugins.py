@@ -16,21 +16,13 @@ BODIES = "x2radar.bodies"
 
 @dataclass(frozen=True, slots=True)
 class Plugin:
-    """One plug-in.
-
-    Attributes
-    ----------
-    name : str
-        As the entry point has it.
-    about : str
-        Group, name and distribution, for messages.
-    made : object
-        What the entry point names.
-    """
+    """One plug-in."""
 
     name: str
     about: str
+    """Group, name and distribution, for messages."""
     made: Any
+    """What the entry point names."""
 
     def call(self, *args: Any, **options: Any) -> Any:
         """Call what the entry point names; see `guard`."""
@@ -60,17 +52,7 @@ class Plugin:
 def find_plugin(group: str, name: str) -> Plugin | None:
     """Return the plug-in of a group with a name, loaded; None if there is none.
 
-    Parameters
-    ----------
-    group : str
-        As in a distribution's ``[project.entry-points."x2radar.bodies"]``.
-    name : str
-        Of the entry point.
-
-    Raises
-    ------
-    PluginError
-        If it cannot be loaded, or two distributions offer it.
+    Raises PluginError if it cannot be loaded, or two distributions offer it.
     """
     # Late: the import alone is more than most runs should pay.
     from importlib.metadata import entry_points  # noqa: PLC0415

@@ -33,30 +33,20 @@ SERIAL_KEYS = frozenset({"rate", "kind", "device"})
 
 @dataclass(frozen=True, slots=True)
 class PortSpec:
-    """A port string, taken apart.
-
-    Attributes
-    ----------
-    scheme : str
-        'sim', 'replay' or 'serial' (also pyserial URLs).
-    target : str
-        Scene, file, device path or URL.
-    options : mapping of str to str
-        The keys behind the question mark.
-    """
+    """A port string, taken apart."""
 
     scheme: str
+    """'sim', 'replay' or 'serial' (also pyserial URLs)."""
     target: str
+    """Scene, file, device path or URL."""
     options: Mapping[str, str] = field(default_factory=dict)
+    """The keys behind the question mark."""
 
 
 def parse_port(text: str) -> PortSpec:
     """Take a port string apart.
 
-    Raises
-    ------
-    SettingsError
-        If a key is given twice or without a value, or nothing stands before the keys.
+    Raises SettingsError if a key is given twice or without a value, or nothing stands before them.
     """
     target, _, query = text.partition("?")
     if not target:
@@ -107,21 +97,16 @@ def make_radar(
     speed: float | None = 1.0,
     settings: ModuleSettings | None = None,
 ) -> X2Radar:
-    """Return the radar that a port string names, not opened yet.
+    """Return the radar that a port string, 'sim' or 'serial', names, not opened yet.
 
     Parameters
     ----------
     spec : PortSpec
-        From `parse_port`; 'sim' or 'serial'.
+        From `parse_port`.
     speed : float or None
         For ``sim:``, scene seconds per real second; None is as fast as it is read.
     settings : ModuleSettings, optional
         Instead of those that device, rate and kind ask for.
-
-    Returns
-    -------
-    X2Radar
-        Call `open`, or use it as a context manager.
 
     Raises
     ------
@@ -138,22 +123,10 @@ def make_radar(
 
 
 def port_settings(spec: PortSpec) -> ModuleSettings | SettingsChooser:
-    """Return the settings that the keys of a port string ask for.
+    """Return the settings that the keys of a port string, 'sim' or 'serial', ask for.
 
-    Parameters
-    ----------
-    spec : PortSpec
-        From `parse_port`; 'sim' or 'serial'.
-
-    Returns
-    -------
-    ModuleSettings or callable
-        For device=auto, what gives them for the module's order code.
-
-    Raises
-    ------
-    SettingsError
-        If a key's value makes no sense.
+    For device=auto that is what gives them for the module's order code. Raises SettingsError if
+    a key's value makes no sense.
     """
     is_sim = spec.scheme == "sim"
     known = tuple(MODULES) if is_sim else ("auto", *MODULES)

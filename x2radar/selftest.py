@@ -1,8 +1,7 @@
 """Self-test of a module: what it answers, how it streams, how clean its frames are.
 
-It is made for strangers' modules: the only road to evidence on hardware that we do not own.
-So it asks before it resets, reports whatever it has found when something fails, and judges
-with limits that stand in one place, at the top.
+It is made for users' modules: the only evidence on hardware that we do not own. So it asks before
+it resets, reports what it has found when something fails, and judges by the limits at the top.
 """
 
 import platform
@@ -21,7 +20,11 @@ from x2radar.wire.messages import GetSystemInfo, Message, Ping, Pong, Reply
 from x2radar.wire.wire_ids import InfoItem, PongCode
 
 ASK_S = 0.25
+"""For an answer. Chosen: short, because old firmware leaves many questions unanswered."""
+
 KEPT_BYTES = 32 << 20
+"""Most samples kept for the recording. Chosen: what can be sent in by mail."""
+
 SLOW_START_S = 8.0
 RATE_ERROR = (0.02, 0.1)
 LOSS = (0.001, 0.02)
@@ -31,6 +34,11 @@ WEAK_CLUTTER_DB = 15.0
 PHASE_JITTER_RAD = 0.05
 SPIKE_TIMES = 4.0
 FLAT_RUN = 3
+"""Limits: pass up to the first (or only) one, warn up to the second. Chosen: a simulated module
+passes, and 2 % of losses are what a dwell of the daemon may lack."""
+
+_CHI2_MEDIAN = 0.4549
+"""Median of the square of a standard normal variable."""
 
 Samples = NDArray[np.float32] | NDArray[np.complex64]
 
@@ -54,6 +62,10 @@ class Report:
     frames: list[Frame] = field(default_factory=list)
     error: X2RadarError | None = None
 
+    def judge(self, about: str, level: str, why: str) -> None:
+        """Add one line of judgement."""
+        self.verdicts.append(Verdict(level, about, why))
+
 
 def software() -> dict[str, str]:
     """Return the versions of what takes part in a test."""
@@ -67,24 +79,10 @@ def software() -> dict[str, str]:
 
 
 def selftest(radar: X2Radar, duration_s: float) -> Report:
-    """Test a module.
+    """Test a module for `duration_s` seconds of stream time; it is closed before and afterwards.
 
-    Parameters
-    ----------
-    radar : X2Radar
-        Closed; closed again afterwards.
-    duration_s : float
-        Stream time to test, in seconds.
-
-    Returns
-    -------
-    Report
-        With `error` set when the module did not stream, or not to the end.
-
-    Raises
-    ------
-    PortError
-        If the port cannot be opened at all.
+    `error` of the report is set when the module did not stream, or not to the end. Raises
+    PortError if the port cannot be opened at all.
     """
     report = Report()
     try:
@@ -116,7 +114,7 @@ def selftest(radar: X2Radar, duration_s: float) -> Report:
     finally:
         radar.close()
     if report.error is not None:
-        report.verdicts.append(Verdict("fail", "stream", str(report.error)))
+        report.judge("stream", "fail", str(report.error))
     _judge_start(report)
     stats = radar.stats
     for name in ("frames", "lost", "repeated", "restarts", "damaged", "retries"):
@@ -148,17 +146,18 @@ def _ask(radar: X2Radar, report: Report) -> None:
 
 
 def _judge_ping(report: Report) -> None:
-    if report.ping == "ready":
-        report.verdicts.append(Verdict("pass", "ping", "answered: ready"))
-    else:
-        said = report.ping.replace("_", " ") or "nothing"
-        report.verdicts.append(Verdict("warn", "ping", f"answered: {said}"))
+    said = report.ping.replace("_", " ") or "nothing"
+    report.judge("ping", _warn_unless(said == "ready"), f"answered: {said}")
 
 
 def _judge_start(report: Report) -> None:
     if (start_s := report.figures.get("start_s")) is not None:
-        level = "pass" if start_s <= SLOW_START_S else "warn"
-        report.verdicts.append(Verdict(level, "start-up", f"streams after {start_s:.1f} s"))
+        level = _warn_unless(start_s <= SLOW_START_S)
+        report.judge("start-up", level, f"streams after {start_s:.1f} s")
+
+
+def _warn_unless(good: bool) -> str:
+    return "pass" if good else "warn"
 
 
 def _level(value: float, limits: tuple[float, float]) -> str:
@@ -178,25 +177,23 @@ def _judge_pace(report: Report, stamps: NDArray[np.float64], asked_hz: float) ->
     for name, share in (("p05", 0.05), ("p50", 0.5), ("p95", 0.95), ("p99", 0.99), ("max", 1)):
         report.figures[f"interval_{name}_ms"] = round(float(np.quantile(late_ms, share)), 2)
     why = f"{reached_hz:.2f} of {asked_hz:g} frames a second"
-    report.verdicts.append(
-        Verdict(_level(abs(reached_hz / asked_hz - 1), RATE_ERROR), "rate", why)
-    )
+    report.judge("rate", _level(abs(reached_hz / asked_hz - 1), RATE_ERROR), why)
     p99_ms, most_ms = report.figures["interval_p99_ms"], 1e3 * LATE_PERIODS / asked_hz
     why = f"99 % of the frames within {p99_ms:.1f} ms of the one before"
-    report.verdicts.append(Verdict("pass" if p99_ms <= most_ms else "warn", "jitter", why))
+    report.judge("jitter", _warn_unless(p99_ms <= most_ms), why)
 
 
 def _judge_line(report: Report) -> None:
     count = report.figures
     share = count["lost"] / max(1, count["frames"] + count["lost"])
     why = f"{count['lost']:.0f} frames lost ({share:.2%})"
-    report.verdicts.append(Verdict(_level(share, LOSS), "losses", why))
+    report.judge("losses", _level(share, LOSS), why)
     why = f"{count['damaged']:.0f} damaged stretches"
     level = _level(count["damaged"] / max(1, count["frames"]), DAMAGED)
-    report.verdicts.append(Verdict(level, "line", why))
+    report.judge("line", level, why)
     if count["restarts"]:
-        why = f"the counter or the module began anew {count['restarts']:.0f} times"
-        report.verdicts.append(Verdict("fail", "restarts", why))
+        why = f"the counter or the module restarted {count['restarts']:.0f} times"
+        report.judge("restarts", "fail", why)
 
 
 def judge_signal(report: Report) -> None:
@@ -210,7 +207,7 @@ def judge_signal(report: Report) -> None:
     if len(rows) < 3:
         return
     if not np.isfinite(rows).all():
-        report.verdicts.append(Verdict("fail", "samples", "some are not finite"))
+        report.judge("samples", "fail", "some are not finite")
         rows = np.nan_to_num(rows, posinf=0.0, neginf=0.0)
     sigma = noise_sigma(rows)
     wide = np.complex128 if np.iscomplexobj(rows) else np.float64
@@ -236,19 +233,20 @@ def judge_signal(report: Report) -> None:
         "clipped_samples": clipped,
         "equal_frames": equal,
     }
-    add = report.verdicts.append
+    judge = report.judge
     if sigma == 0 or equal:
         why = f"{equal} frames equal the one before: a dead receiver, or no receiver"
-        add(Verdict("fail", "noise", why))
+        judge("noise", "fail", why)
     else:
-        add(Verdict("pass", "noise", f"{sigma:.3g} per sample"))
-    level = "pass" if over_db >= WEAK_CLUTTER_DB else "warn"
-    add(Verdict(level, "clutter", f"strongest still echo {over_db:.1f} dB over the noise"))
-    if over_db >= WEAK_CLUTTER_DB:
-        level = "pass" if jitter_rad <= PHASE_JITTER_RAD else "warn"
-        add(Verdict(level, "phase", f"jitter {jitter_rad:.3g} rad in the strongest bin"))
-    add(Verdict("warn" if spikes else "pass", "spikes", f"{spikes} samples"))
-    add(Verdict("warn" if clipped else "pass", "clipping", f"{clipped} samples at an end stop"))
+        judge("noise", "pass", f"{sigma:.3g} per sample")
+    is_strong = over_db >= WEAK_CLUTTER_DB
+    why = f"strongest still echo {over_db:.1f} dB over the noise"
+    judge("clutter", _warn_unless(is_strong), why)
+    if is_strong:
+        level = _warn_unless(jitter_rad <= PHASE_JITTER_RAD)
+        judge("phase", level, f"jitter {jitter_rad:.3g} rad in the strongest bin")
+    judge("spikes", _warn_unless(not spikes), f"{spikes} samples")
+    judge("clipping", _warn_unless(not clipped), f"{clipped} samples at an end stop")
 
 
 def noise_sigma(rows: Samples) -> float:
@@ -258,7 +256,7 @@ def noise_sigma(rows: Samples) -> float:
     median of a squared normal, or of an exponential variable, to its mean.
     """
     second = np.diff(rows, 2, axis=0)
-    ratio = np.log(2) if np.iscomplexobj(rows) else 0.4549
+    ratio = np.log(2) if np.iscomplexobj(rows) else _CHI2_MEDIAN
     per_bin = np.sqrt(np.median(np.abs(second) ** 2, axis=0) / ratio / 6)
     return float(np.median(per_bin))
 
@@ -277,7 +275,7 @@ def phase_jitter_rad(rows: Samples, at: int) -> float:
         kernel = np.fft.ifft(weight)
         signal = rows.astype(np.float64) @ kernel[(at - np.arange(n)) % n]
     step_rad = np.angle(signal[1:] * np.conj(signal[:-1]))
-    return float(np.sqrt(np.median(step_rad**2) / 0.4549 / 2))
+    return float(np.sqrt(np.median(step_rad**2) / _CHI2_MEDIAN / 2))
 
 
 def clipped_samples(rows: Samples) -> int:

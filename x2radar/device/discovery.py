@@ -36,7 +36,7 @@ _MOST_AT_ONCE = 16
 
 _PING = encode(Ping())
 _NEVER_ASKED = ("rfcomm",)
-"""Opening one of these calls somebody by radio."""
+"""Opening one of these sets up a radio connection."""
 
 USB_IDS: dict[tuple[int, int], tuple[str, str]] = {
     (0x03EB, 0x6124): ("XeThru X4 module (Atmel CDC)", "documented"),

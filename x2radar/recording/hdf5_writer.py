@@ -219,7 +219,7 @@ class RecordingWriter(Closing):
             os.close(nowhere)
 
     def _publish(self) -> None:
-        """Give the file its name, unless somebody else has taken it meanwhile."""
+        """Give the file its name, unless another program has taken it meanwhile."""
         try:
             try:
                 os.link(self._made_as, self._path)

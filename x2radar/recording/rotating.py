@@ -269,7 +269,7 @@ def _number(part: RecordingReader) -> int | None:
 
 
 def _later(started_utc: str, seconds: float) -> str:
-    """Return an ISO time so much later; what is no such time stays."""
+    """Return an ISO time so much later; other texts as they are."""
     try:
         started = datetime.fromisoformat(started_utc)
     except ValueError:

@@ -275,7 +275,7 @@ def _read_meta(file: Path) -> _Meta:
 
 
 def _our_header(header: bytes) -> Mapping[str, Any]:
-    """Return what we wrote into the user header; nothing if it is somebody else's."""
+    """Return what we wrote into the user header; nothing if another program wrote it."""
     try:
         ours = json.loads(header)["x2radar"]
     except (ValueError, KeyError, TypeError):

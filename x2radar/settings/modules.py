@@ -16,28 +16,18 @@ from x2radar.settings.x4 import X4Settings
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModuleRow:
-    """One module.
-
-    Attributes
-    ----------
-    device : str
-        As the key `device` of a port string names it.
-    title : str
-        For people.
-    settings : type
-        Its settings, with its axis and its start-up commands.
-    order_codes : tuple of str
-        How the order codes of such modules begin, in capitals: that is how `device=auto` knows
-        them. "" takes what no other row does; without any it must be named.
-    bundle : str
-        The daemon's model bundle for this module alone; empty for the one of all modules.
-    """
+    """One module."""
 
     device: str
+    """As the key `device` of a port string names it."""
     title: str
     settings: type[ModuleSettings]
+    """Its settings, with its fast-time axis and its start-up commands."""
     order_codes: tuple[str, ...] = ()
+    """How the order codes of such modules begin, in capitals: that is how `device=auto` knows
+    them. "" takes what no other row does; without any, the module must be named."""
     bundle: str = ""
+    """The daemon's model bundle for this module alone; empty for that of all modules."""
 
 
 MODULES: Mapping[str, ModuleRow] = {
@@ -73,22 +63,10 @@ def module_for(order_code: str) -> ModuleRow:
 
 
 def settings_from_mapping(known: Mapping[str, Any]) -> ModuleSettings:
-    """Return the settings that a recording or capture names.
+    """Return the settings that a recording or capture names, as `dataclasses.asdict` gave them.
 
-    Parameters
-    ----------
-    known : mapping
-        As `dataclasses.asdict` gives it; names of later versions are left out.
-
-    Returns
-    -------
-    ModuleSettings
-        Of the class that most of the names belong to; RadarSettings for none.
-
-    Raises
-    ------
-    SettingsError
-        If a value is out of range.
+    The class is the one that most of the names belong to, RadarSettings for none; names of later
+    versions are left out. Raises SettingsError if a value is out of range.
     """
     classes: list[Any] = [row.settings for row in MODULES.values()]
     cls = max(classes, key=lambda c: len(c.__dataclass_fields__.keys() & known.keys()))

@@ -1,6 +1,6 @@
 """What an X2M200 or X2M300 is told before one of its profiles streams baseband.
 
-A profile runs at a fixed 20 Hz, where Doppler holds 0.2 m/s at most: enough for somebody who
+A profile runs at a fixed 20 Hz, where Doppler holds 0.2 m/s at most: enough for a person who
 sits and breathes, not for gait; use `RadarSettings` (MANUAL mode) for that. Facts come from
 XTAN-11 rev C and clients of real modules; which pulse generator the profiles use is inferred
 (docs/hardware.md). Frames carry their own axis in the message; what stands here for it holds
@@ -56,28 +56,19 @@ PROFILES = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProfileSettings(ModuleSettings):
-    """Settings of a module that runs a profile and sends its baseband besides.
-
-    Attributes
-    ----------
-    profile : {'respiration', 'sleep', 'presence'}
-        Row of `PROFILES`; presence is the X2M300's.
-    zone_start_m, zone_end_m : float
-        Detection zone, in metres. The module rounds it to its own grid.
-    sensitivity : int
-        Of the profile's own detection, 0 to 9.
-    output : {'iq', 'ap'}
-        Baseband as I/Q or amplitude/phase messages.
-    led : int
-        Row of `wire_ids.Led`.
-    """
+    """Settings of a module that runs a profile and sends its baseband besides."""
 
     profile: str = "sleep"
+    """Row of `PROFILES`; presence is the X2M300's."""
     zone_start_m: float = 0.4
     zone_end_m: float = 2.0
+    """Detection zone, in metres. The module rounds it to its own grid."""
     sensitivity: int = 9
+    """Of the profile's own detection, 0 to 9."""
     output: str = "iq"
+    """Baseband as 'iq' (I/Q) or 'ap' (amplitude/phase) messages."""
     led: int = Led.OFF
+    """Row of `wire_ids.Led`."""
 
     def __post_init__(self) -> None:
         """Check every field, then the zone."""

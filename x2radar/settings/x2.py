@@ -81,42 +81,28 @@ _WHOLE = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RadarSettings(ModuleSettings):
-    """Settings of an X2 module in MANUAL mode.
-
-    Attributes
-    ----------
-    frame_rate_hz : float
-        Frames per second of the whole, stitched frame.
-    frame_stitch : int
-        Offsets joined into one frame, 1 to 5; the frame has 256 times as many samples.
-    pulse_generator : int
-        Row of `PULSE_GENERATORS`; 5 is the 6.8 GHz pulse.
-    sample_delay_s : float
-        Delay of the first sample behind the pulse, in seconds; sets the range of bin 0.
-    dac_min, dac_max, dac_step : int
-        Threshold sweep of the sampler, in counts of the 13-bit DAC.
-    pulses_per_step, iterations : int
-        Pulses integrated at each threshold, and sweeps summed.
-    sample_rate_hz : float
-        Sampling rate of this chip, in hertz. It differs from chip to chip (38-41 GS/s)
-        and cannot be asked for over this protocol, so it is stated here.
-    output : {'rf', 'iq', 'ap'}
-        Raw RF frames, or baseband as I/Q or amplitude/phase messages.
-
-    The threshold sweep must fit into a frame.
-    """
+    """Settings of an X2 module in MANUAL mode; the sweep must fit into a frame."""
 
     frame_rate_hz: float = 60.0
+    """Frames per second of the whole, stitched frame."""
     frame_stitch: int = 3
+    """Offsets joined into one frame, 1 to 5; the frame has 256 times as many samples."""
     pulse_generator: int = 5
+    """Row of `PULSE_GENERATORS`; 5 is the 6.8 GHz pulse."""
     sample_delay_s: float = 4e-9
+    """Delay of the first sample behind the pulse, in seconds; sets the range of bin 0."""
     dac_min: int = 0
     dac_max: int = DAC_TOP
     dac_step: int = 4
+    """Threshold sweep of the sampler, in counts of the 13-bit DAC."""
     pulses_per_step: int = 16
     iterations: int = 16
+    """Pulses integrated at each threshold, and sweeps summed."""
     sample_rate_hz: float = 41e9
+    """Sampling rate of this chip, in hertz. It differs from chip to chip (38-41 GS/s) and cannot
+    be asked for over this protocol, so it is stated here."""
     output: str = "rf"
+    """'rf', or baseband as 'iq' (I/Q) or 'ap' (amplitude/phase) messages."""
 
     def __post_init__(self) -> None:
         """Check every field, then the sweep time."""

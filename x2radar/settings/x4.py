@@ -38,7 +38,7 @@ DUTY = 0.95
 """Sampler, decimation, pulse source and share of a frame that the sweep may take (XTAN-13)."""
 
 DEFAULT_ITERATIONS = 64
-"""Chosen: as much as 60 Hz has room for."""
+"""Chosen: two thirds of what 60 Hz has room for."""
 
 PULSES = {3: (7.29e9, 1.4e9), 4: (8.748e9, 1.5e9)}
 """Centre frequency and bandwidth at -10 dB, in hertz, by the driver's code."""
@@ -78,42 +78,27 @@ _WHOLE = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class X4Settings(ModuleSettings):
-    """Settings of an X4 module that streams frames itself.
-
-    Attributes
-    ----------
-    frame_rate_hz : float
-        Frames per second.
-    area_start_m, area_end_m : float
-        Range that the frame covers, in metres.
-    area_offset_m : float
-        Range of the antenna's own delay, in metres.
-    is_baseband : bool
-        The chip mixes down and keeps every eighth sample; otherwise RF.
-    centre_frequency : int
-        3 for 7.29 GHz, 4 for 8.748 GHz.
-    dac_min, dac_max, dac_step : int
-        Threshold sweep, in counts of the 11-bit DAC; the step's code is inferred.
-    pulses_per_step, iterations : int
-        Pulses integrated at each threshold, and sweeps summed.
-    prf_divider : int
-        Pulse rate = 243 MHz / divider, at most 40.5 MHz.
-
-    The area is no longer than the chip's 1536 samples; the sweep must fit into a frame.
-    """
+    """Settings of an X4 module that streams frames itself; the sweep must fit into a frame."""
 
     frame_rate_hz: float = 60.0
     area_start_m: float = 0.4
     area_end_m: float = 5.0
+    """Range that the frame covers, in metres: at most the chip's 1536 samples."""
     area_offset_m: float = 0.18
+    """Range of the antenna's own delay, in metres."""
     is_baseband: bool = True
+    """The chip mixes down and keeps every eighth sample; otherwise RF."""
     centre_frequency: int = 3
+    """3 for 7.29 GHz, 4 for 8.748 GHz."""
     dac_min: int = 949
     dac_max: int = 1100
     dac_step: int = 1
+    """Threshold sweep, in counts of the 11-bit DAC; the step's code is inferred."""
     pulses_per_step: int = 16
     iterations: int = DEFAULT_ITERATIONS
+    """Pulses integrated at each threshold, and sweeps summed."""
     prf_divider: int = 16
+    """Pulse rate = 243 MHz / divider, at most 40.5 MHz."""
 
     def __post_init__(self) -> None:
         """Check every field, then what they make together; name all faults at once."""

@@ -10,8 +10,8 @@ holds at most one outstanding command and matches by type, from the table `layou
 * ERROR refuses it (`Refused`);
 * everything else, an extra ACK too, is passed on as a `Received` event.
 
-There is no clock here: whoever holds the session decides when it has waited long enough,
-calls `give_up`, and may send again. No port either: `data_to_send` empties into one.
+There is no clock here: the caller decides when it has waited long enough, calls `give_up`, and
+may send again. No port either: `data_to_send` empties into one.
 """
 
 from collections import deque
