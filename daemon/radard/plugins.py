@@ -26,7 +26,7 @@ def scheme_of(text: str) -> str:
 
 
 def plugged(group: str, name: str) -> Plugin | None:
-    """Return a plug-in, loaded; None for an empty name or where nobody offers it.
+    """Return a plug-in, loaded; None if the name is empty or no distribution offers it.
 
     Raises
     ------

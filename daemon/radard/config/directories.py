@@ -1,8 +1,8 @@
-"""Where the daemon keeps things: state that must outlive it, and the status of this moment.
+"""Folders of the daemon: state that must outlive it, and the status of this moment.
 
 systemd names both folders (StateDirectory=, RuntimeDirectory=); run by hand, they are the
-user's own, and the last command's word (armed or not) is all that goes to the former. Clips,
-large and private, are made only where a folder was named.
+user's own, and the former holds only what the last command was (armed or not). Clips, large and
+private, are made only where a folder was named.
 """
 
 import os
@@ -14,7 +14,7 @@ from radard.config.config import Config
 from radard.config.saved_zones import state_folder, zones_path
 
 SYSTEM_RUNTIME_DIR = Path("/run/radard")
-"""Where the unit in deploy/systemd has it."""
+"""RuntimeDirectory= of the unit in deploy/systemd."""
 
 
 def state_dir(config: Config, environ: Mapping[str, str] = os.environ) -> Path:
@@ -33,10 +33,7 @@ def calibration_file(config: Config, environ: Mapping[str, str] = os.environ) ->
 
 
 def clip_dir(config: Config, environ: Mapping[str, str] = os.environ) -> Path | None:
-    """Return the folder of the clips; None when there shall be none.
-
-    Of several sensors in one process each has its own.
-    """
+    """Return the folder of a sensor's clips; None when there shall be none."""
     if not config.clips.enabled:
         return None
     named = named_state_dir(config, environ)
@@ -49,7 +46,7 @@ def clip_dir(config: Config, environ: Mapping[str, str] = os.environ) -> Path | 
 def outbox_dir(config: Config, environ: Mapping[str, str] = os.environ) -> Path | None:
     """Return where undelivered events are kept; None with a sensor simulated or replayed by hand.
 
-    What such a run leaves undelivered must not arrive in the name of the real sensor.
+    What such a run leaves undelivered must not be taken for the real sensor's.
     """
     if any((each.sensor.port or "").startswith(("sim:", "replay:")) for each in config.each()):
         return named_state_dir(config, environ)

@@ -1,8 +1,8 @@
-"""Quiet periods: hours of the week in which nobody wants an alarm, as for a cleaning robot.
+"""Quiet periods: hours of the week without alarms, as for a cleaning robot.
 
 A period is written ``HH:MM-HH:MM`` or ``DAYS HH:MM-HH:MM`` with DAYS as ``Mon``, ``Mon-Fri``
 or ``Sat,Sun``. One that ends before it begins goes on over midnight and belongs to the day
-on which it begins. The end does not belong to it.
+on which it begins. The end is exclusive.
 """
 
 import re
@@ -39,14 +39,8 @@ class QuietPeriod:
 class QuietHours:
     """Say whether a quiet period holds at a stream time.
 
-    Parameters
-    ----------
-    periods : sequence of QuietPeriod
-        None of them: never.
-    zone : tzinfo or None
-        Time zone of the periods; None is the machine's.
-    now : callable
-        Turns stream time into wall clock, None when it is unknown: then no period holds.
+    `zone` is the time zone of the periods, None the machine's; `now` turns stream time into wall
+    clock, None when it is unknown: then no period holds.
     """
 
     def __init__(self, periods: Sequence[QuietPeriod], zone: tzinfo | None, now: Now) -> None:
@@ -56,9 +50,7 @@ class QuietHours:
 
     def holds(self, t_s: float) -> bool:
         """Return whether it is quiet at a stream time, in seconds."""
-        if not self._periods:
-            return False
-        now = self._now(t_s)
+        now = self._now(t_s) if self._periods else None
         if now is None:
             return False
         local = now.astimezone(self._zone)

@@ -13,7 +13,7 @@ _KEY = re.compile(r"pass(word)?|secret|token|api_?key", re.IGNORECASE)
 
 
 def redact(text: str) -> str:
-    """Return a port, output or error text without what only its owner should know.
+    """Return a port, output or error text without its secrets.
 
     `SinkRow.shows` says of which outputs only the host or the program stays: paths and
     arguments are where tokens are kept.

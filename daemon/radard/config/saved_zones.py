@@ -7,8 +7,8 @@
       include: [[0.600, 3.000]]
       exclude: []
 
-It lies in the state directory, one a sensor, and is read with the configuration: later than
-its file, earlier than environment and command line. Without it nothing has changed.
+It lies in the state directory, one for each sensor, and is read with the configuration: after
+its file, before environment and command line.
 """
 
 import contextlib
@@ -42,21 +42,9 @@ def zones_path(folder: Path, sensor: str, port: str | None) -> Path:
 
 
 def lay_over(path: Path, tree: dict[str, Any], places: Places) -> bool:
-    """Put saved zones into the sections of a configuration; return whether that changed any.
+    """Put saved zones, if any, into sections and places; return whether that changed them.
 
-    Parameters
-    ----------
-    path : Path
-        From `zones_path`; nothing happens when it is not there.
-    tree : dict
-        Sections, changed in place.
-    places : dict
-        Where values came from, changed in place.
-
-    Raises
-    ------
-    ConfigError
-        If it is no file of zones.
+    Raises ConfigError if `path`, from `zones_path`, is no file of zones.
     """
     with contextlib.suppress(OSError):
         if path.is_file():
@@ -78,7 +66,7 @@ def save(path: Path, include: Spans, exclude: Spans, *, now_utc: str) -> None:
 
 
 def forget(path: Path) -> None:
-    """Take saved zones away; raises OutputError if that cannot be done."""
+    """Delete saved zones; raises OutputError if that cannot be done."""
     try:
         path.unlink(missing_ok=True)
     except OSError as err:
@@ -98,7 +86,7 @@ def _lay(path: Path, tree: dict[str, Any], places: Places) -> bool:
         raise ConfigError(msg)
     old = tree.get("zones")
     if old is not None and not isinstance(old, dict):
-        # Wrong, and said so by whoever checks the section.
+        # Wrong; the check of the section says so.
         return False
     is_changed = False
     for key, value in zones.items():

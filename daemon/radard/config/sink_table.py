@@ -131,7 +131,7 @@ class SinkRow:
     Attributes
     ----------
     form : str
-        The value of -o; the scheme is what stands before the colon.
+        The value of -o; the scheme is the word before the colon.
     module : str
         Imported when it is named; has `open_from_url`, a `radard.sinks.registry.Opener`.
     value : {'none', 'optional', 'required'}
@@ -160,7 +160,7 @@ class SinkRow:
 
     @property
     def scheme(self) -> str:
-        """What stands before the colon."""
+        """The word before the colon."""
         return self.form.partition(":")[0]
 
 
@@ -180,7 +180,7 @@ SINKS = (
         value="none",
         gets="all records, on stdout",
         on_failure="a reader that pauses costs the oldest decisions, never events (up to "
-        "10 000); one that goes away ends the run. A replay, or a simulation at full speed, "
+        "10 000); one that closes it ends the run. A replay, or a simulation at full speed, "
         "waits instead",
     ),
     SinkRow(

@@ -209,14 +209,11 @@ class Outputs:
         return found
 
     def _reopen(self, each: _Open, config: Config, hellos: Sequence[Record]) -> None:
-        try:
-            (sink,) = self._opened([each.name] if each.name else [], each.sensor, config)
-        except (RadardError, OSError) as err:
-            log.warning("reload: %s", err)
-            with self._lock:
-                self._open = [other for other in self._open if other is not each]
-            return
+        sink = self._try_to_open(each.name, each.sensor, config)
         with self._lock:
+            if sink is None:
+                self._open = [other for other in self._open if other is not each]
+                return
             held, each.held, each.sink = each.held or [], None, sink
             _write_hellos(each, hellos)
             for record in held:
@@ -225,15 +222,19 @@ class Outputs:
     def _add(
         self, name: str, sensor: str | None, config: Config, hellos: Sequence[Record]
     ) -> None:
+        sink = self._try_to_open(name, sensor, config)
+        if sink is not None:
+            each = _Open(name, sensor, sink)
+            with self._lock:
+                _write_hellos(each, hellos)
+                self._open.append(each)
+
+    def _try_to_open(self, name: str, sensor: str | None, config: Config) -> Sink | None:
         try:
-            (sink,) = self._opened([name] if name else [], sensor, config)
+            return self._opened([name], sensor, config)[0]
         except (RadardError, OSError) as err:
             log.warning("reload: %s", err)
-            return
-        each = _Open(name, sensor, sink)
-        with self._lock:
-            _write_hellos(each, hellos)
-            self._open.append(each)
+            return None
 
     def _opened(self, outputs: Sequence[str], sensor: str | None, config: Config) -> list[Sink]:
         sinks = open_sinks(

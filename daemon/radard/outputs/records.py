@@ -56,7 +56,7 @@ def hello_record(pipeline: Pipeline, config: Config, *, is_armed: bool) -> Recor
 
 
 def decision_record(decision: Decision) -> Record:
-    """Return the line of one decision; call it once the decision stands."""
+    """Return the line of one decision; `latency_ms` ends at this call."""
     r = decision.reading
     is_open = decision.gate == "open"
     latency_ms = (time.monotonic() - decision.t_mono_s) * 1e3 if decision.t_mono_s else None

@@ -23,7 +23,7 @@ def open_database(
     version: int,
     newer: Newer = MappingProxyType({}),
 ) -> sqlite3.Connection:
-    """Open or make a database; every commit reaches the disk.
+    """Open or make a database in autocommit mode; every commit reaches the disk.
 
     Parameters
     ----------
@@ -36,17 +36,14 @@ def open_database(
     newer : mapping of int to sequence of str
         Statements that make a file of the version before into one of that version.
 
-    Returns
-    -------
-    sqlite3.Connection
-        In autocommit mode, for use from any thread under a lock of the caller's.
-
     Raises
     ------
     ForeignDatabase
         If it is not ours to change.
     OSError, sqlite3.Error
         If it cannot be made. A damaged one is renamed to *.broken, and a new one made.
+
+    Any thread may use the connection, under a lock of the caller's.
     """
     if path is None:
         return _prepared(":memory:", schema, application_id, version, newer)

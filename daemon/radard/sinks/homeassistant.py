@@ -27,102 +27,60 @@ class Entity:
     expires: bool = False
 
 
-def _flag(name: str, expression: str, **more: str) -> dict[str, Any]:
+def _flag(key: str, name: str, expression: str, *, topic: str = "state", **more: str) -> Entity:
     template = "{{ 'ON' if " + expression + " else 'OFF' }}"
-    return {"name": name, "stat_t": "~/state", "val_tpl": template, **more}
+    config = {"name": name, "stat_t": f"~/{topic}", "val_tpl": template, **more}
+    return Entity("binary_sensor", key, config, expires=topic == "state")
 
 
-def _button(name: str, command: str, **more: str) -> dict[str, Any]:
-    return {"name": name, "cmd_t": f"~/command/{command}", "pl_prs": "", **more}
+def _value(key: str, name: str, topic: str, expression: str, **more: Any) -> Entity:
+    config = {"name": name, "stat_t": f"~/{topic}", "val_tpl": f"{{{{ {expression} }}}}", **more}
+    return Entity("sensor", key, config, expires=True)
+
+
+def _button(key: str, name: str, **more: str) -> Entity:
+    return Entity("button", key, {"name": name, "cmd_t": f"~/command/{key}", "pl_prs": "", **more})
 
 
 _LABELS = ["human", "pet", "other", "pending", "none", "invalid"]
+_OPEN = "value_json.gate == 'open'"
+_PROBLEM = "value_json.state != 'online' or value_json.fault"
 _STATE_ENTITIES = (
-    Entity("binary_sensor", "alarm", _flag("Alarm", "value_json.alarm", dev_cla="motion"), True),
-    Entity(
-        "binary_sensor",
-        "movement",
-        _flag("Movement", "value_json.gate == 'open'", dev_cla="occupancy", ent_cat="diagnostic"),
-        True,
-    ),
-    Entity(
-        "binary_sensor",
-        "pet",
-        _flag("Pet", "value_json.label == 'pet'", dev_cla="occupancy"),
-        True,
-    ),
-    Entity("binary_sensor", "armed", _flag("Armed", "value_json.armed", ic="mdi:shield"), True),
-    Entity(
-        "sensor",
-        "label",
-        {
-            "name": "Who",
-            "stat_t": "~/state",
-            "val_tpl": "{{ value_json.label or 'none' }}",
-            "dev_cla": "enum",
-            "ops": _LABELS,
-        },
-        True,
-    ),
-    Entity(
-        "binary_sensor",
-        "tamper",
-        _flag("Tamper", "value_json.tamper", stat_t="~/health", dev_cla="tamper"),
-    ),
-    Entity(
-        "binary_sensor",
+    _flag("alarm", "Alarm", "value_json.alarm", dev_cla="motion"),
+    _flag("movement", "Movement", _OPEN, dev_cla="occupancy", ent_cat="diagnostic"),
+    _flag("pet", "Pet", "value_json.label == 'pet'", dev_cla="occupancy"),
+    _flag("armed", "Armed", "value_json.armed", ic="mdi:shield"),
+    _value("label", "Who", "state", "value_json.label or 'none'", dev_cla="enum", ops=_LABELS),
+    _flag("tamper", "Tamper", "value_json.tamper", topic="health", dev_cla="tamper"),
+    _flag(
         "problem",
-        _flag(
-            "Problem",
-            "value_json.state != 'online' or value_json.fault",
-            stat_t="~/health",
-            dev_cla="problem",
-            ent_cat="diagnostic",
-            json_attr_t="~/health",
-        ),
+        "Problem",
+        _PROBLEM,
+        topic="health",
+        dev_cla="problem",
+        ent_cat="diagnostic",
+        json_attr_t="~/health",
     ),
 )
+_PERCENT = {"unit_of_meas": "%", "stat_cla": "measurement", "sug_dsp_prc": 0, "en": False}
+_METRES = {
+    "unit_of_meas": "m",
+    "dev_cla": "distance",
+    "stat_cla": "measurement",
+    "sug_dsp_prc": 1,
+    "en": False,
+}
+_P_HUMAN = "(value_json.fused_p_human or 0) * 100"
 _DECISION_ENTITIES = (
-    Entity(
-        "sensor",
-        "p_human",
-        {
-            "name": "Human",
-            "stat_t": "~/decision",
-            "val_tpl": "{{ (value_json.fused_p_human or 0) * 100 }}",
-            "unit_of_meas": "%",
-            "stat_cla": "measurement",
-            "sug_dsp_prc": 0,
-            "en": False,
-        },
-        True,
-    ),
-    Entity(
-        "sensor",
-        "range",
-        {
-            "name": "Range",
-            "stat_t": "~/decision",
-            "val_tpl": "{{ value_json.range_m }}",
-            "unit_of_meas": "m",
-            "dev_cla": "distance",
-            "stat_cla": "measurement",
-            "sug_dsp_prc": 1,
-            "en": False,
-        },
-        True,
-    ),
+    _value("p_human", "Human", "decision", _P_HUMAN, **_PERCENT),
+    _value("range", "Range", "decision", "value_json.range_m", **_METRES),
 )
 """Disabled at first: a value every second fills Home Assistant's database."""
 _COMMAND_ENTITIES = (
-    Entity("button", "arm", _button("Arm", "arm", ic="mdi:shield-lock")),
-    Entity("button", "disarm", _button("Disarm", "disarm", ic="mdi:shield-off")),
-    Entity("button", "ack", _button("Acknowledge", "ack", ic="mdi:check")),
-    Entity(
-        "button",
-        "calibrate",
-        _button("Calibrate", "calibrate", ic="mdi:tune", ent_cat="config"),
-    ),
+    _button("arm", "Arm", ic="mdi:shield-lock"),
+    _button("disarm", "Disarm", ic="mdi:shield-off"),
+    _button("ack", "Acknowledge", ic="mdi:check"),
+    _button("calibrate", "Calibrate", ic="mdi:tune", ent_cat="config"),
 )
 
 
@@ -163,14 +121,9 @@ def discovery(
 
 
 def _about(sensor: str, base: str, hello: Mapping[str, Any]) -> dict[str, Any]:
-    version = str(hello.get("version", "unknown"))
+    version, model = str(hello.get("version", "unknown")), str(hello.get("device", "radar"))
     return {
-        "dev": {
-            "ids": [f"radard_{sensor}"],
-            "name": sensor,
-            "mdl": str(hello.get("device", "radar")),
-            "sw": version,
-        },
+        "dev": {"ids": [f"radard_{sensor}"], "name": sensor, "mdl": model, "sw": version},
         "o": {"name": "radard", "sw": version},
         "avty_t": f"{base}/availability",
         "qos": 1,

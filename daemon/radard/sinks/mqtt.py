@@ -12,7 +12,7 @@ import re
 import time
 from dataclasses import replace
 from typing import Self
-from urllib.parse import SplitResult, unquote, urlsplit
+from urllib.parse import unquote, urlsplit
 
 from radard.config.sink_table import MqttSection, SinkOptions
 from radard.errors import UsageError
@@ -52,9 +52,9 @@ def _parse_url(url: str, options: MqttSection, sensor: str) -> tuple[Broker, str
         msg = f"--output {scheme}: no password in the URL; use mqtt.password_file or _env"
         raise UsageError(msg)
     prefix = unquote(parts.path).strip("/") or "radard"
-    fault = _fault_of(parts, prefix)
-    if not fault and ("?" in url or "#" in url):
-        fault = "nothing may follow the prefix"
+    fault = "nothing may follow the prefix" if "?" in url or "#" in url else ""
+    fault = "the prefix holds + or #" if re.search(r"[+#\0]", prefix) else fault
+    fault = fault if parts.hostname else "no host"
     if fault:
         msg = f"--output {scheme}: {fault}; it is {scheme}://[user@]host[:port][/prefix]"
         raise UsageError(msg)
@@ -66,12 +66,6 @@ def _parse_url(url: str, options: MqttSection, sensor: str) -> tuple[Broker, str
         username=unquote(parts.username) if parts.username else options.username,
     )
     return broker, prefix
-
-
-def _fault_of(parts: SplitResult, prefix: str) -> str:
-    if not parts.hostname:
-        return "no host"
-    return "the prefix holds + or #" if re.search(r"[+#\0]", prefix) else ""
 
 
 class MqttSink(OutboxSink):

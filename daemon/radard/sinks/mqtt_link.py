@@ -12,10 +12,10 @@ import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import paho.mqtt.client as paho
 from paho.mqtt.enums import CallbackAPIVersion, MQTTErrorCode
-from paho.mqtt.properties import Properties
 from paho.mqtt.reasoncodes import ReasonCode
 
 from radard.config.credentials import read_secret
@@ -31,8 +31,6 @@ _SHORT_S = 5.0  # chosen: a connection as short as this hints at a second client
 _MOST_UNSENT = 50  # messages of QoS 0, chosen: a minute of decisions
 _STANDS_STILL = "the output's own thread stands still"
 _NO_ANSWER = "no answer; is it an MQTT broker?"
-
-OnMessage = Callable[[str, bytes, bool], None]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,7 +78,7 @@ class MqttLink:
         subscriptions: list[str],
         on_up: Callable[[], None],
         on_down: Callable[[str], None],
-        on_message: OnMessage,
+        on_message: Callable[[str, bytes, bool], None],
         is_alive: Callable[[], bool],
     ) -> None:
         self._broker = broker
@@ -119,9 +117,7 @@ class MqttLink:
                 self._unsent.popleft()
             if len(self._unsent) >= _MOST_UNSENT:
                 return False
-        info = client.publish(
-            message.topic, message.payload.encode(), message.qos, message.is_retained
-        )
+        info = _publish(client, message)
         is_taken = info.rc == MQTTErrorCode.MQTT_ERR_SUCCESS
         if message.qos == 0 and is_taken:
             self._unsent.append(info)
@@ -134,9 +130,7 @@ class MqttLink:
             raise DeliveryError(self._last_reason or "not connected yet")
         end_s = time.monotonic() + _CONFIRM_S
         try:
-            info = client.publish(
-                message.topic, message.payload.encode(), message.qos, message.is_retained
-            )
+            info = _publish(client, message)
             while not info.is_published():
                 if client is not self._client:
                     raise DeliveryError(self._reason or "connection lost")
@@ -225,14 +219,7 @@ class MqttLink:
         client.on_message = self._received
         return client
 
-    def _connected(
-        self,
-        client: paho.Client,
-        _data: object,
-        _flags: paho.ConnectFlags,
-        code: ReasonCode,
-        _properties: Properties | None,
-    ) -> None:
+    def _connected(self, client: paho.Client, _d: Any, _f: Any, code: ReasonCode, _p: Any) -> None:
         if code.is_failure:
             self._lose(client, f"the broker refuses: {code}")
             return
@@ -243,18 +230,18 @@ class MqttLink:
         self._on_up()
 
     def _disconnected(
-        self,
-        client: paho.Client,
-        _data: object,
-        _flags: paho.DisconnectFlags,
-        code: ReasonCode,
-        _properties: Properties | None,
+        self, client: paho.Client, _d: Any, _f: Any, code: ReasonCode, _p: Any
     ) -> None:
         lost = "connection lost" if str(code) == "Unspecified error" else f"lost: {code}"
         self._lose(client, lost if client is self._client else _NO_ANSWER)
 
-    def _received(self, _client: paho.Client, _data: object, message: paho.MQTTMessage) -> None:
+    def _received(self, _client: paho.Client, _data: Any, message: paho.MQTTMessage) -> None:
         self._on_message(message.topic, bytes(message.payload), message.retain)
+
+
+def _publish(client: paho.Client, message: Publication) -> paho.MQTTMessageInfo:
+    payload = message.payload.encode()
+    return client.publish(message.topic, payload, message.qos, message.is_retained)
 
 
 def _end(client: paho.Client, *, is_clean: bool) -> None:

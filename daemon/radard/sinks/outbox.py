@@ -131,20 +131,20 @@ class Outbox:
 
     def _save(self) -> int:
         """Write to the file what is only in memory; return how many rows were dropped."""
-        n_gone = 0
+        n_dropped = 0
         while self._unsaved:
             item = self._unsaved[0]
             row = (item.key, item.put_s, json.dumps(dict(item.record)))
             if not self._execute(
                 "INSERT OR IGNORE INTO outbox (key, put_s, record) VALUES (?, ?, ?)", row
             ):
-                return n_gone
+                return n_dropped
             self._unsaved.popleft()
             if self._n_saved > self._most and self._execute(
                 "DELETE FROM outbox WHERE n = (SELECT min(n) FROM outbox)", ()
             ):
-                n_gone += 1
-        return n_gone
+                n_dropped += 1
+        return n_dropped
 
     def _execute(self, statement: str, values: tuple[object, ...]) -> bool:
         try:

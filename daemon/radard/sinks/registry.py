@@ -41,7 +41,7 @@ def check_output(output: str) -> None:
         return
     if scheme not in SCHEMES and plugins.plugged(plugins.SINKS, scheme) is not None:
         return
-    # Only the scheme: the rest may hold what nobody else should read.
+    # Only the scheme: the rest may hold a secret.
     shown = output if scheme == output else f"{scheme}:{'...' if scheme in SCHEMES else rest}"
     msg = f"--output '{shown}': unknown or incomplete; known are {FORMS}"
     raise UsageError(msg)

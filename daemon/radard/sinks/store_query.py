@@ -49,23 +49,18 @@ def read_events(
     kinds: Sequence[str] = (),
     limit: int | None = None,
 ) -> list[StoredEvent]:
-    """Return events, the oldest first.
+    """Return events, the oldest first; a daemon may be writing into the store meanwhile.
 
     Parameters
     ----------
     path : Path
-        The store; a daemon may be writing into it.
+        The store; StoreError if it is missing, no store, or unreadable.
     since_s : float, optional
         Only those that began at this wall-clock time or later, in seconds since 1970.
     kinds : sequence of str
         Only these; none means all.
     limit : int, optional
         Only so many, the newest.
-
-    Raises
-    ------
-    StoreError
-        If it is missing, no store, or unreadable.
     """
     if not path.is_file():
         msg = f"{path}: no such store"
@@ -103,7 +98,7 @@ def parse_since(text: str, now_s: float) -> float:
 
 
 def _open(path: Path) -> sqlite3.Connection:
-    """Open read-only; also where nothing can be written beside the file."""
+    """Open read-only; also in a folder that cannot be written."""
     where = path.resolve().as_uri()
     for mode in ("mode=ro", "mode=ro&immutable=1"):
         db = sqlite3.connect(f"{where}?{mode}", uri=True)

@@ -76,12 +76,12 @@ class SyslogSink(DirectSink):
         self._form: Callable[[int, str, Record], bytes] = self._plain
 
     def _deliver(self, record: Record) -> None:
-        told = _message_of(record)
-        if told is None or (record["type"] == "decision" and not self._has_decisions):
+        message = _message_of(record)
+        if message is None or (record["type"] == "decision" and not self._has_decisions):
             return
         try:
             sock = self._socket or self._connect()
-            sock.sendall(self._form(told[0], told[1], record))
+            sock.sendall(self._form(*message, record))
         except OSError as err:
             self._shut()
             msg = f"cannot log: {err.strerror or err}"

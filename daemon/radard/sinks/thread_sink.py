@@ -25,7 +25,7 @@ _ROOMS = {"decision": 1000, "event": 10_000, "status": 100}
 class RecordQueue:
     """Hand records from one thread to another, in order; bounded for each type.
 
-    When a sink cannot keep up, decisions go first, the oldest of them: there is another one in
+    When a sink cannot keep up, it drops the oldest decisions first: there is another one in
     a second. States are few and only the newest matters. Events have room of their own that no
     flood of decisions can take. With `waits`, `put` waits for room instead of dropping.
     """

@@ -113,5 +113,5 @@ class SecurityMiddleware:
 
 
 def refusal(code: int, reason: str) -> JSONResponse:
-    """Return an answer that says no and why."""
+    """Return an error response with its reason."""
     return JSONResponse({"error": reason}, status_code=code)

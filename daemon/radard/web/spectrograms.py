@@ -97,11 +97,13 @@ class Spectrograms:
         Their axes; gait is the last.
     column_s : float
         Stream time from one column to the next, in seconds.
+    longest_push : int
+        Most frames that `push` takes at once without leaving columns out.
 
     Notes
     -----
-    Every bin beyond 256 in a frame is left out: the matched filter has made neighbours
-    alike, and the pictures have fewer rows than that.
+    Of more than 256 bins only every second, third and so on is used: the matched filter has
+    made neighbours alike, and the pictures have fewer rows than that.
     """
 
     def __init__(self, axis: FastTimeAxis, frame_rate_hz: float) -> None:
@@ -130,7 +132,8 @@ class Spectrograms:
         self._doppler = StreamingDoppler(n_cpi, stride=self._stride, n_keep=max(n_keep, 2 * block))
         self._shared = SharedSteps(self._ranges, self._velocity, self._doppler)
         self._n_gait = n_keep
-        self._block = block
+        self.longest_push = block
+        self._floors = {name: _Floor() for name in SPANS_DB}
         self.restart()
         v, d_hz = self._velocity.velocity_mps, frame_rate_hz / n_cpi
         to_mps = SPEED_OF_LIGHT_MPS / (2 * axis.carrier_hz) if axis.carrier_hz > 0 else 0.0
@@ -152,9 +155,6 @@ class Spectrograms:
     def restart(self) -> None:
         """Forget the frames so far, as after a jump of the stream; the floors are kept."""
         self._shared.restart()
-        self._floors = getattr(self, "_floors", None) or {
-            name: _Floor() for name in ("range", "velocity", "doppler", "gait")
-        }
         self._n_seen = self._n_made = 0
 
     def push(
@@ -187,11 +187,6 @@ class Spectrograms:
         values = {name: self._shown(name, p, n * self.column_s) for name, p in power.items()}
         end_s = t_s - behind / self._rate_hz - self._middle_s
         return Columns(end_s, self._velocity.columns_valid(n), values)
-
-    @property
-    def longest_push(self) -> int:
-        """Most frames that `push` takes at once without leaving columns out."""
-        return self._block
 
     def gait(self) -> Bytes | None:
         """Return the gait picture, shape (n_doppler, n_cadence), uint8; None before it is due.

@@ -17,15 +17,13 @@ from radard.config.config import Config
 from radard.detect.gate import GateReading
 from radard.sinks.base import Record
 
-Outcome = Literal["passed", "decided", "skipped"]
-
 
 @dataclass(frozen=True, slots=True)
 class DecisionStage:
     """One stage of a decision."""
 
     name: str
-    outcome: Outcome
+    outcome: Literal["passed", "decided"]
     text: str
 
 
@@ -79,29 +77,29 @@ def explain(
     }
 
 
+def _passed(name: str, text: str) -> DecisionStage:
+    return DecisionStage(name, "passed", text)
+
+
+def _decided(name: str, text: str) -> DecisionStage:
+    return DecisionStage(name, "decided", text)
+
+
 def _frames(record: Record, events: Sequence[Mapping[str, Any]]) -> DecisionStage:
     n, lost = record["frames"], record["dropped"]
     if record["gate"] != "invalid":
         missing = f"{lost} missing, few enough" if lost else "none missing"
-        return DecisionStage("frames", "passed", f"{n + lost} frames in the window, {missing}.")
+        return _passed("frames", f"{n + lost} frames in the window, {missing}.")
     if lost:
         text = (
             f"The window is invalid because of a gap: {lost} of {n + lost} frames are missing. "
             "At most 2 % may be, and no gap longer than 50 ms."
         )
-        return DecisionStage("frames", "decided", text)
+        return _decided("frames", text)
     at_s = record["t_s"]
-    fault = next(
-        (
-            e["reason"]
-            for e in events
-            if e["kind"] == "fault"
-            and e["start_t_s"] <= at_s
-            and (e["end_t_s"] is None or at_s <= e["end_t_s"])
-        ),
-        "its frames could not be used",
-    )
-    return DecisionStage("frames", "decided", f"The window is invalid: {fault}.")
+    reasons = (e["reason"] for e in events if e["kind"] == "fault" and _covers(e, at_s))
+    reason = next(reasons, "its frames could not be used")
+    return _decided("frames", f"The window is invalid: {reason}.")
 
 
 def _gate(record: Record) -> DecisionStage:
@@ -112,47 +110,43 @@ def _gate(record: Record) -> DecisionStage:
             f"The gate is closed: what moves has {_db(power)}, {apart} under the threshold of "
             f"{_db(threshold)}. Nobody is there, or nobody moves."
         )
-        return DecisionStage("gate", "decided", text)
+        return _decided("gate", text)
     text = f"The gate is open: {_db(power)} is {apart} over the threshold of {_db(threshold)}"
     where = f", most of it at {record['range_m']:.1f} m." if record["range_m"] is not None else "."
-    return DecisionStage("gate", "passed", text + where)
+    return _passed("gate", text + where)
 
 
 def _classified(record: Record, limit: float) -> list[DecisionStage]:
     if record["p_human"] is None:
         text = "No model is loaded: the gate works alone, and there is no verdict."
-        return [DecisionStage("classifier", "decided", text)]
+        return [_decided("classifier", text)]
     shares = ", ".join(
         f"{name} {record[f'p_{name}']:.2f}"
         for name in ("human", "pet", "other")
         if name != "other" or record["p_other"]
     )
-    stages = [DecisionStage("classifier", "passed", f"The network says: {shares}.")]
+    stages = [_passed("classifier", f"The network says: {shares}.")]
     own = [record[f"p_{k}"] for k in ("human", "pet", "other")]
     fused = [record[f"fused_p_{k}"] for k in ("human", "pet", "other")]
     if fused != own:
         text = f"With the windows before it: human {fused[0]:.2f}, pet {fused[1]:.2f}."
-        stages.append(DecisionStage("evidence", "passed", text))
+        stages.append(_passed("evidence", text))
     return [*stages, _rule(record, fused[1] + fused[2], limit)]
 
 
 def _rule(record: Record, harmless: float, limit: float) -> DecisionStage:
     name = "p(pet) + p(other)" if record["fused_p_other"] else "p(pet)"
     if record["label"] == "pending":
-        text = (
-            f"Undecided: {name} {harmless:.2f}, and neither side is sure yet. It goes on looking."
-        )
-        return DecisionStage("rule", "decided", text)
+        text = f"Undecided: {name} {harmless:.2f}, and neither side is sure yet."
+        return _decided("rule", f"{text} It goes on looking.")
     if not record["alarm"]:
         what = "a pet" if record["label"] == "pet" else "a harmless thing"
-        return DecisionStage(
-            "rule", "decided", f"{name} {harmless:.2f} > {limit:.2f}: {what}, no alarm."
-        )
+        return _decided("rule", f"{name} {harmless:.2f} > {limit:.2f}: {what}, no alarm.")
     if harmless > limit:
         text = f"{name} is {harmless:.2f}, but it resembles nothing known: that counts as human."
-        return DecisionStage("rule", "passed", text)
+        return _passed("rule", text)
     text = f"{name} {harmless:.2f} ≤ {limit:.2f}: not surely a pet, so it counts as human."
-    return DecisionStage("rule", "passed", text)
+    return _passed("rule", text)
 
 
 def _confirmed(
@@ -167,37 +161,33 @@ def _confirmed(
             "It does not count towards an alarm: it is outside of the zones, or p(human) is "
             f"under {policy.p_on:.2f}."
         )
-        return [DecisionStage("zones", "decided", text)]
-    stages = [DecisionStage("zones", "passed", "It is where it counts.")]
+        return [_decided("zones", text)]
     n_hits = sum(hits)
     counted = f"{n_hits} of the last {policy.n} windows say human; {policy.k} are needed"
-    alarm = next((e for e in events if _is_on(e, record["t_s"])), None)
+    alarms = (e for e in events if e["kind"] == "alarm" and _covers(e, record["t_s"]))
+    alarm = next(alarms, None)
     if alarm is not None and alarm["start_t_s"] == record["t_s"]:
-        text = f"Confirmed: {counted}. The alarm began here."
-        return [*stages, DecisionStage("confirmation", "decided", text)]
-    if alarm is not None:
-        text = f"The alarm is on already ({alarm.get('cause', alarm['reason'])})."
-        return [*stages, DecisionStage("panel", "decided", text)]
-    if panel == "disarmed":
-        text = f"{counted}, but the sensor is disarmed: nobody is told."
-        return [*stages, DecisionStage("panel", "decided", text)]
-    if n_hits < policy.k:
-        return [
-            *stages,
-            DecisionStage("confirmation", "decided", f"Not confirmed yet: {counted}."),
-        ]
-    text = f"{counted}; it waits for the entry delay, a quiet period or the pause after an alarm."
-    return [*stages, DecisionStage("panel", "decided", text)]
+        by = _decided("confirmation", f"Confirmed: {counted}. The alarm began here.")
+    elif alarm is not None:
+        cause = alarm.get("cause", alarm["reason"])
+        by = _decided("panel", f"The alarm is on already ({cause}).")
+    elif panel == "disarmed":
+        by = _decided("panel", f"{counted}, but the sensor is disarmed: nobody is told.")
+    elif n_hits < policy.k:
+        by = _decided("confirmation", f"Not confirmed yet: {counted}.")
+    else:
+        waits_for = "it waits for the entry delay, a quiet period or the pause after an alarm"
+        by = _decided("panel", f"{counted}; {waits_for}.")
+    return [_passed("zones", "It is where it counts."), by]
 
 
 def _db(value: float) -> str:
     return f"{value:.1f} dB".replace("-", "\N{MINUS SIGN}")
 
 
-def _is_on(event: Mapping[str, Any], t_s: float) -> bool:
+def _covers(event: Mapping[str, Any], t_s: float) -> bool:
     end_s = event["end_t_s"]
-    is_within = event["start_t_s"] <= t_s and (end_s is None or t_s <= end_s)
-    return event["kind"] == "alarm" and is_within
+    return bool(event["start_t_s"] <= t_s and (end_s is None or t_s <= end_s))
 
 
 def _headline(record: Record, by: DecisionStage) -> str:

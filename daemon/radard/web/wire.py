@@ -3,7 +3,7 @@
 All numbers are little-endian. A message of columns::
 
     u8 kind (1), u8 pictures, u16 columns, u32 number of the first column,
-    u32 epoch (changes when the stream begins anew), f32 column_s, f64 t_s of the last column,
+    u32 epoch (changes when the stream restarts), f32 column_s, f64 t_s of the last column,
     a byte per column (1: valid), then for each picture rows x columns bytes, column by column
 
 and one of the gait picture::
@@ -23,7 +23,7 @@ _HEAD = struct.Struct("<BBHIIfd")
 
 
 def axes(spectrograms: Spectrograms) -> dict[str, Any]:
-    """Return what a page must know to draw the pictures of `spectrograms`."""
+    """Return what a page needs to draw the pictures of `spectrograms`."""
     return {
         "column_s": spectrograms.column_s,
         "gait_step_hz": spectrograms.gait_step_hz,
