@@ -1,22 +1,22 @@
 """Pipeline: the way of a dwell to a decision. Read this file first.
 
-A frame's way through the program::
+A frame's way through the program (docs/FOLLOW_A_FRAME.md tells it)::
 
     x2radar.device.transport   bytes from the port
-    x2radar.wire.framing     bytes -> packets
-    x2radar.wire.codec       packets -> messages
+    x2radar.wire.framing       bytes -> packets
+    x2radar.wire.codec         packets -> messages
     x2radar.device.assemble    messages -> Frame (numbered, losses stated)
-    radard.dsp.downconvert   RF -> baseband, matched filter        [reader thread]
-    radard.stream.ring         frames -> Dwell, 2 s of them every 1 s      [reader | worker]
-    radard.detect.clutter_map  takes out what stands still, with its jitter [worker]
+    radard.dsp.downconvert     RF -> baseband, matched filter             [reader thread]
+    radard.stream.ring         frames -> Dwell, 2 s of them every 1 s     [reader | worker]
+    radard.detect.clutter_map  takes out what stands still, with its jitter     [worker]
     radard.detect.gate         does anything move?
     radard.detect.tracks       where, and how many?
-    radard.classify.features     Dwell -> spectrogram, cadence, vectors
-    radard.classify.classifier   features -> probabilities
-    radard.classify.evidence     probabilities over windows -> what is known by now
-    radard.classify.decision     probabilities -> label, alarm
-    radard.alarm.events       decisions -> events with a beginning and an end
-    radard.sinks        everything -> JSON Lines, table
+    radard.classify.features   Dwell -> maps of range and velocity over time
+    radard.classify.classifier features -> probabilities
+    radard.classify.evidence   probabilities over windows -> what is known by now
+    radard.classify.decision   probabilities -> label, alarm
+    radard.alarm.events        decisions -> events with a beginning and an end
+    radard.sinks               everything -> JSON Lines, table
 
 `Pipeline.decide` is all of the worker's part that computes, without threads or clocks, so
 live, replayed and offline data take the same way.
