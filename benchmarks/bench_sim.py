@@ -13,18 +13,24 @@ import argparse
 import json
 import math
 import statistics
+import sys
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[1]))  # for tests.echo_references
 
 import numpy as np
 from numpy.typing import NDArray
 
 from radard.dsp.doppler import micro_doppler
+from tests.echo_references import passband
 from x2radar.frame import FastTimeAxis
 from x2radar.settings.x2 import SPEED_OF_LIGHT_MPS, RadarSettings
-from x2radar.sim.echo import TIERS, Pulse, Task, choose, frames, noise_colour
+from x2radar.sim.echo import TIERS, Pulse, Task, choose, frames
 from x2radar.sim.echo.choose import FramesOf
+from x2radar.sim.signal.noise import baseband_noise_power, matched_noise
 from x2radar.sim.signal.pulse import LinkBudget
 
 ERROR_DB = -60.0
@@ -107,13 +113,13 @@ def compare(axis: FastTimeAxis, rounds: int) -> dict[str, object]:
     rng = np.random.default_rng(0)
     range_m = motion(rng, 400, 20, 200.0)
     amplitude = rng.uniform(0.1, 1.0, range_m.shape)
-    reference = TIERS["passband"].frames(range_m, amplitude, axis, error_db=-120.0)
+    reference = passband(range_m, amplitude, axis)
     cheapest = choose(Task(400, 20, axis, Pulse.of(axis), ERROR_DB))
 
     def way(make: FramesOf) -> Callable[[], NDArray[np.complex64]]:
         return lambda: make(range_m, amplitude, axis, error_db=ERROR_DB)
 
-    tiers = {name: way(tier.frames) for name, tier in TIERS.items() if name != "passband"}
+    tiers = {name: way(tier.frames) for name, tier in TIERS.items()}
     errors = {name: round(error_db(make(), reference), 1) for name, make in tiers.items()}
     peers = {
         "complex128": lambda: dense(range_m, amplitude, axis),
@@ -191,7 +197,7 @@ def one_regret(axis: FastTimeAxis, n_slow: int, n_points: int) -> float:
     times = {
         name: time_of(tier.frames)
         for name, tier in TIERS.items()
-        if name != "passband" and math.isfinite(tier.cost_ns(task))
+        if math.isfinite(tier.cost_ns(task))
     }
     return times[choose(task)] / min(times.values())
 
@@ -204,9 +210,9 @@ class Windows:
         self._rate_hz = rate_hz
         self._n_slow = round(2 * rate_hz) + N_CPI - 1
         self._budget = LinkBudget()
-        self._colour = noise_colour(self._axis)
         self._rng = np.random.default_rng(3)
-        self._clutter_level = 10 ** (57 / 20) * self._budget.noise_sigma * self._colour.sigma
+        noise = baseband_noise_power(self._axis, self._budget.noise_sigma)
+        self._clutter_level = math.sqrt(10 ** (57 / 10) * noise)
 
     def one(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Return micro-Doppler and range-time map of a new window."""
@@ -215,7 +221,7 @@ class Windows:
         rcs_m2 = rng.uniform(100, 2000, 20)
         amplitude = self._budget.amplitude(range_m, rcs_m2, self._axis)
         y = frames(range_m, amplitude, self._axis, error_db=ERROR_DB)
-        y += self._colour.draw(rng, self._n_slow, self._budget.noise_sigma)
+        y += matched_noise(self._n_slow, self._axis, rng, self._budget.noise_sigma)
         clutter = rng.standard_normal((self._axis.n_range, 2)) @ np.array([1.0, 1j])
         y += (self._clutter_level / math.sqrt(2) * clutter).astype(np.complex64)
         moving = y - y.mean(axis=0)
@@ -226,38 +232,6 @@ class Windows:
     def per_s(self, repeats: int) -> float:
         """Return windows a second: the best of some runs of twenty."""
         return 20 / seconds(lambda: [self.one() for _ in range(20)], repeats)
-
-
-def on_gpu(axis: FastTimeAxis, rate_hz: float, batch: int) -> float | None:
-    """Return windows a second, features only, on a GPU; None without torch or a GPU."""
-    try:
-        import torch  # noqa: PLC0415
-
-        from x2train.gpu import BatchEcho  # noqa: PLC0415
-        from x2train.gpu_features import BatchFeatures, MapSettings, feature_maps  # noqa: PLC0415
-    except ImportError:
-        return None
-    if not torch.cuda.is_available():
-        return None
-    echo = BatchEcho(decimated(axis), device="cuda")
-    settings = MapSettings(rate_hz, n_cpi=N_CPI)
-    features = BatchFeatures(echo.grid, echo.axis.range_m, settings, device="cuda")
-    n_slow = round(2 * rate_hz) + N_CPI - 1
-    generator = torch.Generator("cuda").manual_seed(0)
-    rng = np.random.default_rng(4)
-    ranges = np.stack([motion(rng, n_slow, 20, rate_hz) for _ in range(batch)])
-    range_m = torch.from_numpy(ranges).cuda()
-    amplitude = torch.ones(range_m.shape, device="cuda")
-
-    def work() -> None:
-        names = ("micro_doppler", "range_time")
-        feature_maps(
-            echo, features, range_m, amplitude, names=names, sigma_rf=0.04, generator=generator
-        )
-        torch.cuda.synchronize()
-
-    work()
-    return batch / seconds(work, 9)
 
 
 def main() -> None:
@@ -273,8 +247,6 @@ def main() -> None:
         result[f"windows_per_s_{rate_hz:.0f}hz"] = round(windows.per_s(args.rounds), 1)
     result |= linearity(axis)
     result["auto_regret"] = round(regret([axis, decimated(axis), replace(axis, kind="rf")]), 3)
-    gpu = on_gpu(axis, 60.0, 2048)
-    result["gpu_windows_per_s_60hz"] = None if gpu is None else round(gpu)
     print(json.dumps(result))
 
 

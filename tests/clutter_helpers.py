@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from tests.echo_references import baseband_echo
 from tests.radar_helpers import noise
 from x2radar.frame import FastTimeAxis
-from x2radar.sim.signal.pulse import baseband_echo
 
 SPEED_OF_LIGHT_MPS = 299_792_458.0
 AXIS = FastTimeAxis(

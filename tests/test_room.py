@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 
 from radard.dsp.downconvert import DownConverter
+from tests.echo_references import baseband_echo
 from tests.sim_helpers import axis_of
 from x2radar.errors import SceneError, SettingsError
 from x2radar.settings.x2 import RadarSettings
 from x2radar.sim.keys import settings_from
 from x2radar.sim.place.room import Room, RoomSettings
 from x2radar.sim.signal.noise import baseband_noise_power
-from x2radar.sim.signal.pulse import LinkBudget, baseband_echo
+from x2radar.sim.signal.pulse import LinkBudget
 
 RF, BASEBAND = axis_of("rf"), axis_of("baseband")
 NOISE = baseband_noise_power(BASEBAND, 0.04)

@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 
 from radard.dsp.downconvert import DownConverter
+from tests.echo_references import baseband_echo
 from tests.receiver_helpers import BASEBAND, RF, affected, room_echo
 from x2radar.errors import SceneError, SettingsError
 from x2radar.sim.keys import settings_from
 from x2radar.sim.signal.effects import FrameDraws, ReceiverEffects, chip_axis, chip_ramp
-from x2radar.sim.signal.pulse import baseband_echo, rf_echo
+from x2radar.sim.signal.pulse import rf_echo
 from x2radar.sim.signal.receiver import MIDDLE
 
 # ---------------------------------------------------------------- draws by frame number

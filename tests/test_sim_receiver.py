@@ -5,12 +5,13 @@ import numpy as np
 import pytest
 
 from radard.dsp.downconvert import DownConverter
+from tests.echo_references import baseband_echo
 from tests.receiver_helpers import BASEBAND, RF, affected, room_echo, silence
 from tests.sim_helpers import axis_of
 from x2radar.settings.x2 import RadarSettings
 from x2radar.sim.signal.effects import FrameDraws, ReceiverEffects
 from x2radar.sim.signal.noise import baseband_noise_power, matched_noise, noise_sigma, white_noise
-from x2radar.sim.signal.pulse import LinkBudget, baseband_echo, pulse_sigma_s, rf_echo
+from x2radar.sim.signal.pulse import LinkBudget, pulse_sigma_s, rf_echo
 from x2radar.sim.signal.receiver import MIDDLE, Receiver, delayed_baseband, delayed_rf
 
 

@@ -5,10 +5,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.echo_references import baseband_echo
 from tests.sim_helpers import axis_of
 from x2radar.errors import SceneError
 from x2radar.sim.place.antenna import Antenna
-from x2radar.sim.signal.pulse import LinkBudget, baseband_echo
+from x2radar.sim.signal.pulse import LinkBudget
 from x2radar.sim.things import THINGS, draw_mount, draw_thing
 from x2radar.sim.things.mount import DRAWS as MOUNT_DRAWS
 

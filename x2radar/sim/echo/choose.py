@@ -2,7 +2,6 @@
 
 | tier | error down to | its cost grows with |
 |---|---|---|
-| passband | -130 dB | bins x scatterers, on the carrier: the reference, never chosen |
 | dense | -130 dB | bins x scatterers |
 | local | -100 dB | scatterers x the bins that an echo touches |
 | gridded | -100 dB | scatterers x 8 to 15 grid points, and bins |
@@ -11,22 +10,23 @@
 Errors are the largest of any bin over the sum of the amplitudes. The costs are linear
 models in nanoseconds, fitted to measurements on one core at 1 to 400 frames, 1 to 200
 scatterers, six axes (RF and baseband, 3.7 to 51 mm a bin); measured times were 0.7 to 1.8
-times the model (passband up to 3.2). Only ratios matter: over those tasks the choice took
-1.4 % longer than the best tier of each. `benchmarks/bench_sim.py` measures it again.
+times the model. Only ratios matter: over those tasks the choice took 1.4 % longer than the
+best tier of each. `benchmarks/bench_sim.py` measures it again.
+
+Every tier has its tasks: dense where up to five echoes move or errors are under -100 dB,
+gridded on the X2's own bins and RF, local on decimated bins, spectral for many echoes there.
 """
 
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Protocol
 
 from x2radar.errors import SceneError
 from x2radar.frame import FastTimeAxis
-from x2radar.sim.echo import dense, design, gridded, local, passband, spectral
+from x2radar.sim.echo import dense, design, gridded, local, spectral
 from x2radar.sim.echo.common import FINEST_DB, Amplitude, Array, Frames, Pulse, blocks, check
 from x2radar.sim.echo.spectral_grid import grid_for
-
-TierName = Literal["auto", "passband", "dense", "local", "gridded", "spectral"]
 
 
 class FramesOf(Protocol):
@@ -42,7 +42,7 @@ class FramesOf(Protocol):
         error_db: float,
         floor: float = 0.0,
     ) -> Frames:
-        """Return frames."""
+        """Return frames; arguments and result are those of `frames` below."""
         ...
 
 
@@ -98,14 +98,6 @@ class Tier:
     cost_ns: Callable[[Task], float]
 
 
-def _passband_ns(task: Task) -> float:
-    per_wave = task.axis.bin_length_m * task.axis.carrier_hz
-    samples = max(1.0, per_wave / 3.7e7) if task.axis.kind == "baseband" else 1.0
-    n_bins = task.axis.n_range * samples
-    filter_ns = 0.15 * task.axis.n_range if task.axis.kind == "baseband" else 0.0
-    return 2e4 + n_bins * (15 * task.n_echoes + filter_ns * task.n_slow)
-
-
 def _dense_ns(task: Task) -> float:
     return 2.5e4 + task.axis.n_range * (3.5 * task.n_echoes + 3.2 * task.n_slow)
 
@@ -141,7 +133,6 @@ def _spectral_ns(task: Task) -> float:
 
 
 TIERS: Mapping[str, Tier] = {
-    "passband": Tier(passband.frames, -130.0, _passband_ns),
     "dense": Tier(dense.frames, -130.0, _dense_ns),
     "local": Tier(local.frames, FINEST_DB, _local_ns),
     "gridded": Tier(gridded.frames, FINEST_DB, _gridded_ns),
@@ -149,8 +140,8 @@ TIERS: Mapping[str, Tier] = {
 }
 """Every tier by its name."""
 
-_CHOSEN_FROM = ("dense", "local", "gridded", "spectral")
 _COARSEST_DB, _FINEST_DB = -20.0, -130.0
+"""Coarser is no frame; finer is under float32's rounding."""
 
 
 def choose(task: Task) -> str:
@@ -162,7 +153,7 @@ def choose(task: Task) -> str:
         If the error is not within -130 to -20 dB.
     """
     _check_error(task.error_db)
-    able = [name for name in _CHOSEN_FROM if TIERS[name].finest_db <= task.error_db]
+    able = [name for name, tier in TIERS.items() if tier.finest_db <= task.error_db]
     return min(able, key=lambda name: TIERS[name].cost_ns(task))
 
 
@@ -172,7 +163,6 @@ def frames(
     axis: FastTimeAxis,
     pulse: Pulse | None = None,
     *,
-    tier: TierName = "auto",
     error_db: float = -60.0,
     floor: float = 0.0,
 ) -> Frames:
@@ -188,8 +178,6 @@ def frames(
         Of either kind; decides what comes out.
     pulse : Pulse, optional
         The axis' own by default.
-    tier : {'auto', 'passband', 'dense', 'local', 'gridded', 'spectral'}
-        How; 'auto' takes the cheapest.
     error_db : float
         Largest error of a bin over the sum of the frame's amplitudes, -130 to -20 dB.
     floor : float
@@ -206,23 +194,13 @@ def frames(
     Raises
     ------
     SceneError
-        If the tier is unknown or cannot reach the error, the shapes differ, or the axis
-        has no bandwidth.
+        If the error is not within -130 to -20 dB, the shapes differ, or the axis has no
+        bandwidth.
     """
     check(range_m, amplitude)
-    _check_error(error_db)
     pulse = pulse or Pulse.of(axis)
-    if tier == "auto":
-        tier_name = choose(Task(len(range_m), range_m.shape[1], axis, pulse, error_db))
-    elif tier not in TIERS:
-        msg = f"tier '{tier}': unknown; there are auto, {', '.join(TIERS)}"
-        raise SceneError(msg)
-    elif TIERS[tier].finest_db > error_db:
-        msg = f"tier '{tier}' reaches {TIERS[tier].finest_db:g} dB, not {error_db:g} dB"
-        raise SceneError(msg)
-    else:
-        tier_name = tier
-    return TIERS[tier_name].frames(range_m, amplitude, axis, pulse, error_db=error_db, floor=floor)
+    tier = TIERS[choose(Task(len(range_m), range_m.shape[1], axis, pulse, error_db))]
+    return tier.frames(range_m, amplitude, axis, pulse, error_db=error_db, floor=floor)
 
 
 def _check_error(error_db: float) -> None:

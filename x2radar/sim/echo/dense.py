@@ -18,8 +18,10 @@ from x2radar.sim.echo.common import (
     kept,
 )
 
-_REACH_SIGMA = 7.0  # beyond it an echo is below 2e-11 and is left out as a whole
-_BLOCK_SAMPLES = 1 << 17  # exponentials held at a time: 1 MiB
+_REACH_SIGMA = 7.0
+"""Beyond it an echo is below 2e-11 and is left out as a whole."""
+_BLOCK_SAMPLES = 1 << 17
+"""Exponentials held at a time: 1 MiB, a core's second-level cache."""
 
 
 def frames(
@@ -31,33 +33,10 @@ def frames(
     error_db: float = -120.0,
     floor: float = 0.0,
 ) -> Frames:
-    """Return frames by the echo sum over all bins.
+    """Return frames by the echo sum over all bins; see `choose.FramesOf`.
 
-    Parameters
-    ----------
-    range_m : ndarray, shape (n_slow, n_points), float64
-        Distances, in metres; constant within a frame (2.16).
-    amplitude : ndarray, shape (n_slow, n_points), float64 or complex128
-        Peak amplitudes, with no NaN among them.
-    axis : FastTimeAxis
-        Of either kind.
-    pulse : Pulse, optional
-        The axis' own by default.
-    error_db : float
-        Not used: this tier has one accuracy.
-    floor : float
-        Echoes up to this amplitude are left out.
-
-    Returns
-    -------
-    ndarray, shape (n_slow, n_range), float32 (rf) or complex64 (baseband)
-        ``sum_k a_k g(x - R_k) exp(-j 4 pi R_k / lambda)`` (2.19), or that on its carrier
-        (2.12). Error below 1e-7 of the sum of amplitudes.
-
-    Raises
-    ------
-    SceneError
-        If the shapes differ or the axis has no bandwidth.
+    ``sum_k a_k g(x - R_k) exp(-j 4 pi R_k / lambda)`` (2.19), or that on its carrier (2.12).
+    Error below 1e-7 of the sum of amplitudes, whatever was asked for.
     """
     del error_db
     pulse = pulse or Pulse.of(axis)

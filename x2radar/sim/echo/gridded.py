@@ -23,33 +23,11 @@ def frames(
     error_db: float = -60.0,
     floor: float = 0.0,
 ) -> Frames:
-    """Return frames by way of a coarse grid.
+    """Return frames by way of a coarse grid; see `choose.FramesOf`.
 
-    Parameters
-    ----------
-    range_m : ndarray, shape (n_slow, n_points), float64
-        Distances, in metres; constant within a frame (2.16).
-    amplitude : ndarray, shape (n_slow, n_points), float64 or complex128
-        Peak amplitudes, with no NaN among them.
-    axis : FastTimeAxis
-        Of either kind; its bins must be shorter than a third of the pulse's sigma.
-    pulse : Pulse, optional
-        The axis' own by default.
-    error_db : float
-        Largest error in a bin, over the sum of the amplitudes of the echoes near it; down
-        to -100 dB. Further than about 18 sigma from an echo its error is exactly zero.
-    floor : float
-        Echoes up to this amplitude are left out.
-
-    Returns
-    -------
-    ndarray, shape (n_slow, n_range), float32 (rf) or complex64 (baseband)
-        As `dense.frames` returns them, with an error up to `error_db`.
-
-    Raises
-    ------
-    SceneError
-        If the shapes differ, the axis has no bandwidth, or its bins are too long.
+    The error is over the sum of the amplitudes of the echoes near the bin; further than about
+    18 sigma from an echo it is exactly zero. Raises SceneError, too, where the axis' bins are
+    longer than a third of the pulse's sigma.
     """
     check(range_m, amplitude)
     design = design_for(axis, pulse or Pulse.of(axis), error_db)

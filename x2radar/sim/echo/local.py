@@ -33,34 +33,10 @@ def frames(
     error_db: float = -60.0,
     floor: float = 0.0,
 ) -> Frames:
-    """Return frames from the bins that echoes touch.
+    """Return frames from the bins that echoes touch; see `choose.FramesOf`.
 
-    Parameters
-    ----------
-    range_m : ndarray, shape (n_slow, n_points), float64
-        Distances, in metres; constant within a frame (2.16).
-    amplitude : ndarray, shape (n_slow, n_points), float64 or complex128
-        Peak amplitudes, with no NaN among them.
-    axis : FastTimeAxis
-        Of either kind.
-    pulse : Pulse, optional
-        The axis' own by default.
-    error_db : float
-        Largest error in a bin, over the sum of the amplitudes of the echoes that reach it;
-        down to -100 dB.
-    floor : float
-        Echoes up to this amplitude are left out.
-
-    Returns
-    -------
-    ndarray, shape (n_slow, n_range), float32 (rf) or complex64 (baseband)
-        As `dense.frames` returns them, with an error up to `error_db`. A bin that no echo
-        reaches is exactly zero.
-
-    Raises
-    ------
-    SceneError
-        If the shapes differ or the axis has no bandwidth.
+    The error is over the sum of the amplitudes of the echoes that reach the bin; a bin that
+    none reaches is exactly zero.
     """
     check(range_m, amplitude)
     pulse = pulse or Pulse.of(axis)

@@ -3,8 +3,7 @@
 A delay is a phase ramp over frequency, and a ramp is a geometric sequence: with
 z = exp(-j 2 pi (R - R0) / P) the echo's line i is z**i. Splitting i = r q + s makes the sum
 over scatterers one small matrix product per frame, of Q + r powers instead of Q r. The
-inverse transform gives the bins; features that want X(f, t) take it as it is, and no
-frame is built.
+inverse transform gives the bins.
 """
 
 import numpy as np
@@ -27,6 +26,7 @@ from x2radar.sim.echo.common import (
 from x2radar.sim.echo.spectral_grid import SpectralGrid, grid_for
 
 _FFT_ROWS = 64
+"""Frames transformed at a time: their buffers stay in a core's cache."""
 
 
 def frames(
@@ -38,33 +38,10 @@ def frames(
     error_db: float = -60.0,
     floor: float = 0.0,
 ) -> Frames:
-    """Return frames from the echoes' spectra.
+    """Return frames from the echoes' spectra; see `choose.FramesOf`.
 
-    Parameters
-    ----------
-    range_m : ndarray, shape (n_slow, n_points), float64
-        Distances, in metres; constant within a frame (2.16).
-    amplitude : ndarray, shape (n_slow, n_points), float64 or complex128
-        Peak amplitudes, with no NaN among them.
-    axis : FastTimeAxis
-        Of either kind.
-    pulse : Pulse, optional
-        The axis' own by default.
-    error_db : float
-        Largest error in a bin over the sum of **all** amplitudes of the frame, wherever
-        they lie: rounding is spread over the whole range. Down to -100 dB.
-    floor : float
-        Echoes up to this amplitude are left out.
-
-    Returns
-    -------
-    ndarray, shape (n_slow, n_range), float32 (rf) or complex64 (baseband)
-        As `dense.frames` returns them, with an error up to `error_db`.
-
-    Raises
-    ------
-    SceneError
-        If the shapes differ or the axis has no bandwidth.
+    Rounding is spread over the whole range, so the error is over the sum of all amplitudes of
+    the frame, wherever they lie.
     """
     check(range_m, amplitude)
     grid = grid_for(axis, pulse or Pulse.of(axis), error_db)
@@ -74,48 +51,6 @@ def frames(
     for part in blocks(*r.shape):
         _write_bins(_lines(r[part], a[part], axis, grid), axis, grid, out[part])
     return out
-
-
-def spectrum(
-    range_m: Array,
-    amplitude: Amplitude,
-    axis: FastTimeAxis,
-    pulse: Pulse | None = None,
-    *,
-    error_db: float = -60.0,
-    floor: float = 0.0,
-) -> tuple[Baseband, SpectralGrid]:
-    """Return X(f, t), for features that need no range bins.
-
-    Parameters
-    ----------
-    range_m, amplitude, axis, pulse, error_db, floor
-        As in `frames`. Echoes whose centre is outside the swath do not count: there are
-        no bins that would cut them off.
-
-    Returns
-    -------
-    lines : ndarray, shape (n_slow, n_freq), complex64
-        ``X_i = c_i sum_k a_k exp(-j 4 pi R_k / lambda) exp(-j 2 pi i (R_k - R0) / P)`` with
-        c_i the pulse's Fourier coefficients. Up to a constant phase a line, that is the
-        transform over range, divided by n_fft, of the frames without ends; for an echo
-        further than the grid's reach from the ends the frames have no ends. Error below
-        1e-5 of the sum of amplitudes times c_i.
-    grid : SpectralGrid
-        Frequencies and the rest.
-
-    Raises
-    ------
-    SceneError
-        If the shapes differ or the axis has no bandwidth.
-    """
-    grid = grid_for(axis, pulse or Pulse.of(axis), error_db)
-    # Half a bin of grace: a centre on the last bin is inside.
-    r, a = kept(range_m, amplitude, axis, reach_m=axis.bin_length_m / 2, floor=floor)
-    out = np.zeros((len(r), grid.n_freq), np.complex64)
-    for part in blocks(*r.shape):
-        out[part] = _lines(r[part], a[part], axis, grid)
-    return out, grid
 
 
 def _lines(

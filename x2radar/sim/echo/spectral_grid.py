@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from x2radar.frame import FastTimeAxis
-from x2radar.settings.x2 import SPEED_OF_LIGHT_MPS
 from x2radar.sim.echo.common import Array, Pulse
+from x2radar.sim.signal.noise import fast_length
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -22,12 +22,9 @@ class SpectralGrid:
 
     Attributes
     ----------
-    offset_hz : ndarray, shape (n_freq,), float64
-        Baseband frequencies, ascending, `n_freq // 2` of them below zero.
-    absolute_hz : ndarray, shape (n_freq,), float64
-        Carrier and baseband frequency together: what the velocity transform takes.
     weight : ndarray, shape (n_freq,), float32
-        The pulse's spectrum: its Fourier coefficients on the period.
+        The pulse's Fourier coefficients on the period, lines ascending, `n_freq // 2` of them
+        below zero.
     period_m : float
         The spectrum repeats in range after this: swath and a pulse's reach on both sides,
         so that no echo that shows at one end wraps into the other.
@@ -41,8 +38,6 @@ class SpectralGrid:
         Q and r of the factorisation; their product is n_freq.
     """
 
-    offset_hz: Array
-    absolute_hz: Array
     weight: NDArray[np.float32]
     period_m: float
     reference_m: float
@@ -55,7 +50,7 @@ class SpectralGrid:
     @property
     def n_freq(self) -> int:
         """How many frequencies."""
-        return self.offset_hz.size
+        return self.weight.size
 
 
 @lru_cache(maxsize=16)
@@ -65,7 +60,7 @@ def grid_for(axis: FastTimeAxis, pulse: Pulse, error_db: float) -> SpectralGrid:
     # Half the error to the pulse's tails in range, half to those in frequency.
     tail = math.sqrt(-2 * math.log(10 ** (error_db / 20) / 2))
     reach_m = tail * sigma_m
-    n_fft = _fast_length(axis.n_range + 2 * math.ceil(reach_m / axis.bin_length_m))
+    n_fft = fast_length(axis.n_range + 2 * math.ceil(reach_m / axis.bin_length_m))
     period_m = n_fft * axis.bin_length_m
     line = 2 * np.pi * sigma_m / period_m  # width of the spectrum: one sigma in 1 / line lines
     n_half = math.ceil(tail / line)
@@ -73,10 +68,7 @@ def grid_for(axis: FastTimeAxis, pulse: Pulse, error_db: float) -> SpectralGrid:
     n_slow = -(-(2 * n_half + 1) // n_fast)
     i: Array = np.arange(n_slow * n_fast, dtype=np.float64) - n_slow * n_fast // 2
     weight = line / math.sqrt(2 * np.pi) * np.exp(-0.5 * (line * i) ** 2)
-    offset_hz = i * (SPEED_OF_LIGHT_MPS / (2 * period_m))
     grid = SpectralGrid(
-        offset_hz=offset_hz,
-        absolute_hz=axis.carrier_hz - axis.phase_sign * offset_hz,
         weight=weight.astype(np.float32),
         period_m=period_m,
         reference_m=axis.range_offset_m + (axis.n_range - 1) / 2 * axis.bin_length_m,
@@ -86,18 +78,5 @@ def grid_for(axis: FastTimeAxis, pulse: Pulse, error_db: float) -> SpectralGrid:
         n_slow_power=n_slow,
         n_fast_power=n_fast,
     )
-    for array in (grid.offset_hz, grid.absolute_hz, grid.weight):
-        array.flags.writeable = False
+    grid.weight.flags.writeable = False
     return grid
-
-
-def _fast_length(n: int) -> int:
-    """Return the next length that has no prime factor above 5."""
-    while True:
-        rest = n
-        for prime in (2, 3, 5):
-            while rest % prime == 0:
-                rest //= prime
-        if rest == 1:
-            return n
-        n += 1

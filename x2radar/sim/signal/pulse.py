@@ -1,11 +1,9 @@
-"""From ranges to echoes: the pulse, the radar equation, RF samples and complex baseband.
+"""From ranges to echoes: the pulse, the radar equation, and RF samples as the thesis has them.
 
 The pulse is the thesis' Gaussian (2.3): ``p(t) = exp(-t^2 / (2 sp^2))`` on a carrier. Its
-centre, not its start, defines the delay, so that the range axis reads true. Only samples
-within five sigma of an echo are computed, where the pulse has fallen to 4e-6 (-108 dB).
+centre, not its start, defines the delay, so that the range axis reads true.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,9 +14,13 @@ from x2radar.settings.x2 import SPEED_OF_LIGHT_MPS
 
 Array = NDArray[np.float64]
 REACH_SIGMA = 5.0
+"""Samples further from an echo are left out: the pulse has fallen to 4e-6 (-108 dB)."""
 NEAREST_M = 0.1
+"""Nearer points count as here: chosen, the near field has no radar equation."""
 BOLTZMANN = 1.380_649e-23
+"""J/K, exact (SI 2019)."""
 ROOM_K = 290.0
+"""Standard noise temperature (IEEE)."""
 
 
 def pulse_sigma_s(bandwidth_hz: float) -> float:
@@ -100,58 +102,21 @@ def rf_echo(range_m: Array, amplitude: Array, axis: FastTimeAxis) -> NDArray[np.
         from the time since the echo's centre, in float64: error below 1e-6 of a turn.
     """
     sigma_s = pulse_sigma_s(axis.bandwidth_hz)
-
-    def shape(since_s: Array) -> Array:
-        envelope = np.exp(since_s**2 * (-0.5 / sigma_s**2))
-        return np.asarray(envelope * np.cos(2 * np.pi * axis.carrier_hz * since_s))
-
-    out = np.zeros((len(range_m), axis.n_range), np.float32)
-    _add_local(out, range_m, amplitude, axis, reach_s=REACH_SIGMA * sigma_s, shape=shape)
-    return out
-
-
-def baseband_echo(range_m: Array, amplitude: Array, axis: FastTimeAxis) -> NDArray[np.complex64]:
-    """Return matched-filtered baseband frames of moving points.
-
-    The matched filter widens the Gaussian by sqrt(2) and is scaled to leave an echo's
-    peak at its amplitude. The phase is -4 pi R / lambda, reduced to one turn in float64.
-    """
-    sigma_s = pulse_sigma_s(axis.bandwidth_hz) * np.sqrt(2)
-    turns = 2 * range_m * (axis.carrier_hz / SPEED_OF_LIGHT_MPS)
-    phasor = amplitude * np.exp(-2j * np.pi * (turns % 1.0))
-
-    def shape(since_s: Array) -> Array:
-        return np.asarray(np.exp(since_s**2 * (-0.5 / sigma_s**2)))
-
-    out = np.zeros((len(range_m), axis.n_range), np.complex64)
-    _add_local(out, range_m, phasor, axis, reach_s=REACH_SIGMA * sigma_s, shape=shape)
-    return out
-
-
-def _add_local(
-    out: NDArray[np.float32] | NDArray[np.complex64],
-    range_m: Array,
-    amplitude: Array | NDArray[np.complex128],
-    axis: FastTimeAxis,
-    *,
-    reach_s: float,
-    shape: Callable[[Array], Array],
-) -> None:
-    """Add every scatterer's echo to the bins it touches; others cost nothing."""
     bin_s = 2 * axis.bin_length_m / SPEED_OF_LIGHT_MPS
-    half = int(np.ceil(reach_s / bin_s))
+    half = int(np.ceil(REACH_SIGMA * sigma_s / bin_s))
     offsets = np.arange(-half, half + 1)
     position = (range_m - axis.range_offset_m) / axis.bin_length_m
     seen = (position > -half) & (position < axis.n_range - 1 + half)
+    out = np.zeros((len(range_m), axis.n_range), np.float32)
     for k in range(range_m.shape[1]):
         rows = np.flatnonzero(seen[:, k])
-        if rows.size == 0:
-            continue
-        centre = np.rint(position[rows, k])
-        bins = centre.astype(np.int64)[:, None] + offsets
+        bins = np.rint(position[rows, k]).astype(np.int64)[:, None] + offsets
         since_s = (bins - position[rows, k, None]) * bin_s
-        echo = amplitude[rows, k, None] * shape(since_s)
+        envelope = np.exp(since_s**2 * (-0.5 / sigma_s**2))
+        pulse = envelope * np.cos(2 * np.pi * axis.carrier_hz * since_s)
+        echo = amplitude[rows, k, None] * pulse
         inside = (bins >= 0) & (bins < axis.n_range)
         row_index = np.broadcast_to(rows[:, None], bins.shape)
         # Within one scatterer no (frame, bin) pair comes twice, so plain indexing adds.
-        out[row_index[inside], bins[inside]] += echo[inside].astype(out.dtype)
+        out[row_index[inside], bins[inside]] += echo[inside].astype(np.float32)
+    return out
