@@ -96,7 +96,8 @@ def test_sets_of_later_steps_are_made_beside_the_training(tmp_path, monkeypatch,
 
     monkeypatch.setattr(make.subprocess, "Popen", Beside)
     parser = argparse.ArgumentParser()
-    make.register(parser.add_subparsers(), lambda step: events.append(step[0]) or 0)
+    parser.set_defaults(train_export=lambda step: events.append(step[0]) or 0)
+    make.register(parser.add_subparsers())
     args = parser.parse_args(["make", "fast", "--out", str(tmp_path), "--workers", "3"])
     assert args.run(args) == 0
     (began,) = (k for k, event in enumerate(events) if isinstance(event, list))

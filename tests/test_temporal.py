@@ -89,9 +89,9 @@ def test_onnxruntime_computes_what_torch_trained(folder):
     network = with_head(bundle.onnx, made)
     maps = {name: windows[name] for name in MAPS}
     seen = given(bundle, windows)
-    found, _ = outputs_of(network, maps, is_first=seen.is_first)
+    found = outputs_of(network, maps, is_first=seen.is_first)
     np.testing.assert_allclose(found.fused, logits_over(made.head, seen) / 1.7, atol=1e-4)
-    plain, _ = outputs_of(bundle.onnx, maps)
+    plain = outputs_of(bundle.onnx, maps)
     np.testing.assert_array_equal(found.logits, plain.logits)
     assert plain.fused is None
     assert n_parameters(network) > n_parameters(bundle.onnx)
@@ -104,7 +104,7 @@ def test_the_daemon_hands_on_what_the_head_wants_until_the_gate_closes(folder):
     classifier, evidence = Classifier(bundle), Evidence(EvidenceSettings(prior_human=0.3))
     whole = {name: (windows[name] / np.float32(255)).astype(np.float32) for name in MAPS}
     is_first = np.arange(24) % 4 == 0
-    at_once, _ = outputs_of(bundle.onnx, whole, is_first=is_first)
+    at_once = outputs_of(bundle.onnx, whole, is_first=is_first)
     log_p = at_once.fused_log_p()
     p = at_once.p(bundle.temperature)
     for k in range(24):
@@ -164,7 +164,7 @@ def test_torch_computes_the_graph_with_its_head(folder):
     assert sum(p.numel() for p in net.parameters()) == n_parameters(bundle.onnx)
     maps, is_first = {n: toy(12)[n] for n in MAPS}, np.arange(12) % 4 == 0
     both = (net.to_onnx(), bundle.onnx)
-    again, first = (outputs_of(x, maps, is_first=is_first)[0] for x in both)
+    again, first = (outputs_of(x, maps, is_first=is_first) for x in both)
     np.testing.assert_array_equal(again.fused, first.fused)
     assert (first.hidden[is_first] == 0).all()
     inputs = [torch.from_numpy(m / np.float32(255)) for m in maps.values()]

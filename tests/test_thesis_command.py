@@ -1,21 +1,34 @@
 import json
+import os
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 
+from radard.classify.bundle import load_bundle
+from radard.classify.classifier import Classifier
+from radard.classify.features import extract
 from radard.errors import UsageError
 from x2radar.frame import StreamInfo
 from x2radar.recording.blocks import Block
 from x2radar.recording.hdf5_writer import RecordingWriter, write_labels
 from x2train.cli import main
+from x2train.studies.thesis.bundle import CLASSES, folded
 from x2train.studies.thesis.elements import ElementSpec, dwell
+from x2train.studies.thesis.fit import Fitted
+from x2train.studies.thesis.mlp import RepeatedMlp
 from x2train.studies.thesis.page import page
-from x2train.studies.thesis.recipe import Recipe, variants, wanted_cells
+from x2train.studies.thesis.recipe import FRESH_FROM, Recipe, variants, wanted_cells
 from x2train.studies.thesis.recordings import load_recordings
 from x2train.studies.thesis.results import CellResult, ResultFile, judged
 from x2train.studies.thesis.settings import FitSettings
 
+ROOT = Path(__file__).parents[1]
 SMALL = [
     *("--elements", "80", "--fresh", "40", "--repeats", "2", "--workers", "1"),
     *("--pretrain", "1,1", "--output-epochs", "1", "--epochs", "4", "--look-every", "2"),
@@ -148,6 +161,110 @@ def test_a_folder_that_cannot_be_written(tmp_path, capsys):
     assert "Traceback" not in capsys.readouterr().err
 
 
+# ---------------------------------------------------------------- a bundle
+
+
+def test_a_repeat_becomes_a_bundle_that_the_daemon_takes(published, tmp_path, capsys):
+    shutil.copytree(published[0] / "cache" / "data", tmp_path / "data")
+    out = tmp_path / "models" / "mine"
+    # Of dogs alone, whose elements are there; scaled inputs, which are folded into the weights.
+    how = [*ONE, "--scaling", "each", "--bundle", str(out)]
+    assert seed(tmp_path, *how) == 0
+    assert f"wrote {out}.onnx" in capsys.readouterr().out
+    bundle = load_bundle(f"{out}.onnx")
+    assert bundle.classes == CLASSES
+    assert bundle.stream["frame_rate_hz"] == pytest.approx((57, 63))
+    sidecar = json.loads(out.with_suffix(".json").read_text())
+    assert "--scaling each" in sidecar["training"]["command"]
+    assert sidecar["training"]["command"].endswith("--bundle models/mine")
+    assert "people against dogs at 60 Hz" in sidecar["training"]["recipe"]
+    metrics = sidecar["metrics"]
+    assert metrics["logit difference torch - onnxruntime"] <= 1e-5
+    # On the fresh elements, whose vectors the daemon's own code makes of frames.
+    classifier, spec, right = Classifier(bundle), ElementSpec(), []
+    for number in range(FRESH_FROM, FRESH_FROM + 20):
+        for body, name in (("dog", "pet"), ("human", "human")):
+            found = extract(dwell(spec, body, number)[0], bundle.features, ("thesis_type2",))
+            p = classifier.classify(found)
+            right.append(getattr(p, name) > 0.5)
+    assert metrics["accuracy"] == pytest.approx(np.mean(right), abs=1e-4)
+    assert metrics["windows"] == 40
+    first = out.with_suffix(".onnx").read_bytes()
+    assert b"site-packages" not in first
+    assert seed(tmp_path, *how) == 0
+    assert out.with_suffix(".onnx").read_bytes() == first
+    assert seed(tmp_path, *how, "--rectified") == 2
+    assert "--rectified: the daemon makes no such" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("n_outputs", "activation"), [(2, "tanh"), (1, "sigmoid")])
+def test_what_is_folded_says_the_same(n_outputs, activation):
+    rng = np.random.default_rng(0)
+    net = RepeatedMlp(3, (8, 5, 4, n_outputs), activation, seed=2)
+    mean, scale = rng.standard_normal((2, 8)).astype(np.float32)
+    empty = np.zeros((1, 3))
+    fitted = Fitted(net, mean, scale, empty, empty)
+    x = rng.standard_normal((20, 8)).astype(np.float32)
+    p = torch.softmax(folded(fitted, 1)(torch.from_numpy(x)), dim=1).detach().numpy()
+    np.testing.assert_allclose(p, fitted.predict(x)[1], atol=1e-6)
+
+
+# ---------------------------------------------------------------- the command where it is
+
+
+def test_an_installed_command_says_where_the_thesis_is(tmp_path):
+    # What the wheel takes of training, beside the other two packages as they are.
+    listed = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
+    for name in listed["packages"]:
+        if name.split(".")[0] == "x2train":
+            source = (ROOT / "training" / name.replace(".", "/")).glob("*.py")
+            folder = tmp_path / name.replace(".", "/")
+            folder.mkdir(parents=True)
+            for path in source:
+                shutil.copy(path, folder)
+    # An editable installation would find the checkout all the same.
+    code = (
+        "import sys; sys.meta_path[:] = [f for f in sys.meta_path if 'editable' not in repr(f)]\n"
+        "from x2train.cli import main; sys.exit(main())"
+    )
+
+    def run(*argv):
+        path = os.pathsep.join(map(str, (tmp_path, ROOT, ROOT / "daemon")))
+        environment = os.environ | {"PYTHONPATH": path}
+        command = [sys.executable, "-c", code, *argv]
+        return subprocess.run(
+            command, env=environment, cwd=tmp_path, capture_output=True, text=True, check=False
+        )
+
+    missing = run("thesis", "--cpi", "500")
+    assert missing.returncode == 2
+    assert missing.stderr.count("\n") == 1
+    assert "'thesis' is no command of an installed train-export" in missing.stderr
+    assert "checkout" in missing.stderr
+    shown = run("--help").stdout
+    assert "dataset" in shown
+    assert "tradeoff" not in shown
+
+
+def test_a_checkout_lists_its_studies(capsys):
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    shown = capsys.readouterr().out
+    for name in ("dataset", "make", "scene", "thesis", "tradeoff", "walks"):
+        assert f"\n    {name} " in shown
+
+
+@pytest.mark.parametrize(
+    ("old", "says"), [("seed", "called 'thesis' now"), ("train", "train-export thesis --bundle")]
+)
+def test_old_commands_say_what_to_use(old, says, capsys):
+    with pytest.raises(SystemExit):
+        main([old, "--elements", "200"])
+    err = capsys.readouterr().err
+    assert says in err
+    assert err.count("\n") == 1
+
+
 # ---------------------------------------------------------------- parts
 
 
@@ -212,7 +329,8 @@ def record(path, labels, rate_hz=60, seconds=6):
     return path
 
 
-def test_recordings_stop_and_retrain(tmp_path, capsys):
+def test_recordings_stop_and_retrain(published, tmp_path, capsys):
+    shutil.copytree(published[0] / "cache" / "data", tmp_path / "data")
     path = record(tmp_path / "a.h5", [(0, 6, "dog"), (0, 6, "human"), (0, 6, "chair")])
     loaded = load_recordings([path], ElementSpec())
     assert loaded.x.shape == (8, 1176)

@@ -1,23 +1,15 @@
 """The command `train-export`: simulate, train, export."""
 
+import pkgutil
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from importlib import import_module
+from importlib.util import find_spec
+from types import ModuleType
 
 from x2radar.command import new_parser, run_command
 from x2radar.errors import renamed
-from x2train.commands import (
-    dataset,
-    evaluate,
-    finetune,
-    fit,
-    make,
-    scene,
-    temporal,
-    thesis,
-    tradeoff,
-    train,
-    walks,
-)
+from x2train import commands
 
 _EXAMPLES = """\
 examples:
@@ -25,25 +17,14 @@ examples:
   train-export fit --train sets/train --validate sets/validate
   train-export temporal --model models/mine.onnx --train sets/long --validate sets/check
   train-export make balanced --show           how a shipped bundle is made, or do it
-  train-export finetune rex.h5=pet --guard sets/guard
+  train-export finetune rex.h5=pet --guard sets/guard --mix sets/mix
   train-export evaluate --out report          a bundle, judged like an alarm
-  train-export thesis --animal dog --repeats 3  the thesis, reproduced
-  train-export scene human --plot human.png   a scene as the radar sees it
-  train-export tradeoff                       what each switch costs and loses
-  train-export walks 101.mat 102.mat --out .  simulated walkers beside recorded ones
 """
-_COMMANDS = (
-    dataset,
-    evaluate,
-    finetune,
-    fit,
-    scene,
-    thesis,
-    temporal,
-    tradeoff,
-    train,
-    walks,
-)
+_STUDIES = "x2train.studies"
+_GONE = {
+    "seed": f"{renamed('seed')}see train-export thesis --help",
+    "train": "'train' is gone: train-export thesis --bundle writes the bundle of such a network",
+}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -53,15 +34,35 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _body(argv: Sequence[str]) -> int:
     parser = new_parser("train-export", "Simulate, train and export classifiers.", _EXAMPLES)
-    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for command in _COMMANDS:
-        command.register(commands)
-    make.register(commands, _body)
-    if argv and argv[0] == "seed":
-        parser.error(f"{renamed('seed')}see train-export thesis --help")
+    parser.set_defaults(train_export=_body)
+    known = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    for module in _modules():
+        module.register(known)
+    name = argv[0] if argv else ""
+    if name in _GONE:
+        parser.error(_GONE[name])
+    if name and not name.startswith("-") and name not in known.choices and not _has_studies():
+        parser.error(
+            f"'{name}' is no command of an installed train-export; the studies behind the pages "
+            "of docs run from a checkout of the source"
+        )
     args = parser.parse_args(argv)
     code: int = args.run(args)
     return code
+
+
+def _modules() -> Iterator[ModuleType]:
+    """Yield what registers a command: each file of commands, and each study where it is."""
+    for found in pkgutil.iter_modules(commands.__path__):
+        yield import_module(f"{commands.__name__}.{found.name}")
+    if _has_studies():
+        for found in pkgutil.iter_modules(import_module(_STUDIES).__path__):
+            yield import_module(f"{_STUDIES}.{found.name}.command")
+
+
+def _has_studies() -> bool:
+    """Return whether this is a checkout: the wheel has no studies."""
+    return find_spec(_STUDIES) is not None
 
 
 if __name__ == "__main__":

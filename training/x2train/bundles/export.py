@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 from radard.classify.bundle import SCHEMA, Bundle, ModelInput
 from radard.classify.features import FeatureSettings
 from radard.classify.onnx_runtime import ort
-from radard.config.atomic import write_atomically
+from radard.errors import RadardError
 from x2train.bundles.recipes import recipe_of
+from x2train.generate.shards import write_whole
 
 PARITY = 1e-5
 _NOTES = """Measured on windows that training never saw, drawn from the same simulated bodies. They
@@ -153,6 +154,14 @@ def parity(net: torch.nn.Module, onnx_bytes: bytes, x: Mapping[str, NDArray[np.f
     return float(np.abs(np.asarray(ours) - theirs).max())
 
 
+def checked(difference: float, most: float) -> float:
+    """Return how far onnxruntime is from torch; raise RadardError if over the most allowed."""
+    if not difference <= most:
+        msg = f"torch and onnxruntime differ by {difference:.2g} (at most {most:g} allowed)"
+        raise RadardError(msg)
+    return difference
+
+
 def write_bundle(folder: Path, spec: BundleSpec, onnx_bytes: bytes) -> None:
     """Write NAME.onnx, NAME.json and NAME.md, each at once or not at all."""
     sidecar = {
@@ -176,13 +185,12 @@ def write_bundle(folder: Path, spec: BundleSpec, onnx_bytes: bytes) -> None:
         },
         "metrics": spec.metrics,
     }
-    folder.mkdir(parents=True, exist_ok=True)
     for suffix, data in (
         (".onnx", onnx_bytes),
         (".json", (json.dumps(sidecar, indent=2) + "\n").encode()),
         (".md", _card(sidecar, len(onnx_bytes), spec.notes).encode()),
     ):
-        write_atomically(folder / f"{spec.name}{suffix}", data, sync=False)
+        write_whole(folder / f"{spec.name}{suffix}", data)
 
 
 def _card(sidecar: dict[str, Any], n_bytes: int, notes: str) -> str:

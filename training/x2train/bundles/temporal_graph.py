@@ -19,7 +19,6 @@ from onnx.onnx_ml_pb2 import TensorProto
 
 from radard.classify.classifier import FUSED_LOGITS, HIDDEN, NEXT_HIDDEN
 from radard.errors import UsageError
-from x2train.nets.bundle_graph import given_to_last
 from x2train.nets.temporal_head import HeadTrained
 
 _P = "temporal_"
@@ -32,11 +31,11 @@ def with_given(onnx_bytes: bytes) -> bytes:
     Raises
     ------
     UsageError
-        If it does not end in a linear layer, or has a temporal head or a verifier already.
+        If it does not end in a linear layer, or has a temporal head already.
     """
     model = onnx.load_from_string(onnx_bytes)
     _check(model)
-    name = given_to_last(model)
+    name = _given_to_last(model)
     model.graph.node.append(helper.make_node("Identity", [name], [GIVEN]))
     model.graph.output.append(helper.make_tensor_value_info(GIVEN, TensorProto.FLOAT, None))
     return bytes(model.SerializeToString())
@@ -60,7 +59,7 @@ def with_head(onnx_bytes: bytes, trained: HeadTrained) -> bytes:
     model = onnx.load_from_string(onnx_bytes)
     _check(model)
     graph = model.graph
-    given, values = given_to_last(model), _values(trained)
+    given, values = _given_to_last(model), _values(trained)
     for name, array in values.items():
         graph.initializer.append(numpy_helper.from_array(array, _P + name))
     n_hidden = values["recurrence"].shape[2]
@@ -103,6 +102,19 @@ def _check(model: onnx.ModelProto) -> None:
     if HIDDEN in {each.name for each in model.graph.input}:
         msg = "the bundle has a temporal head already; take the one that it was made from"
         raise UsageError(msg)
+
+
+def _given_to_last(model: onnx.ModelProto) -> str:
+    """Return the name of what the layer before the logits is given."""
+    by_output = {name: node for node in model.graph.node for name in node.output}
+    constants = {each.name for each in model.graph.initializer}
+    node = by_output.get(model.graph.output[0].name)
+    if node is not None and node.op_type == "Add":
+        node = next((by_output[name] for name in node.input if name in by_output), None)
+    if node is None or node.op_type not in {"Gemm", "MatMul"} or node.input[1] not in constants:
+        msg = "the bundle's network does not end in a linear layer; a temporal head needs one"
+        raise UsageError(msg)
+    return str(node.input[0])
 
 
 def _values(trained: HeadTrained) -> dict[str, NDArray[Any]]:

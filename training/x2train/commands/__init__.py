@@ -1,20 +1,23 @@
-"""Subcommands of `train-export`: each file registers one."""
+"""Subcommands of `train-export`: each file registers one. Here is what several of them need."""
 
 import argparse
+import time
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from radard.errors import UsageError
-
-if TYPE_CHECKING:
-    from x2train.nets.epoch import Epoch
+from x2train.generate.workers import Tell
+from x2train.nets.epoch import Epoch
 
 Commands: TypeAlias = "argparse._SubParsersAction[Any]"
 _T = TypeVar("_T")
+_LOG_EVERY_S = 30.0
+"""Between lines where stderr is no terminal but a log: chosen, two a minute."""
 
 
 def check_least(args: argparse.Namespace, **least: int) -> None:
@@ -25,61 +28,79 @@ def check_least(args: argparse.Namespace, **least: int) -> None:
             raise UsageError(msg)
 
 
-def sets_of(args: argparse.Namespace) -> str:
-    """Return `--train` and `--validate` as they were given, for a card."""
+def sets_of(args: argparse.Namespace, *options: str) -> str:
+    """Return options that name sets, as they were given, for a card."""
     return " ".join(
-        f"--{name} {' '.join(str(p) for p in getattr(args, name))}"
-        for name in ("train", "validate")
+        f"--{name} {' '.join(str(p) for p in getattr(args, name))}" for name in options
     )
 
 
-def tell_bundle(path: Path, metrics: Mapping[str, object], more: str = "") -> None:
+def tell_bundle(path: Path, metrics: Mapping[str, object]) -> None:
     """Say which bundle was written, by its path without suffix, and what it achieves."""
     console = result_console()
-    console.print(f"wrote {path}.onnx, .json and .md{more}")
+    console.print(f"wrote {path}.onnx, .json and .md")
     for key, value in metrics.items():
         console.print(f"  {key}: {value}")
 
 
-def result_console() -> Console:
+def result_console(*, stderr: bool = False) -> Console:
     """Return the console for results, on stdout: a line stays one line, a path what it is.
 
     rich would break lines at 80 columns where stdout is no terminal, within a path if need be,
     and take what stands in brackets for a style.
     """
-    return Console(soft_wrap=True, highlight=False, markup=False)
+    return Console(stderr=stderr, soft_wrap=True, highlight=False, markup=False)
 
 
 def progress() -> Progress:
-    """Return a bar on stderr: what, how far, of how much, time left."""
+    """Return a bar on stderr: what, how far, of how much, time left; none where it is a log.
+
+    It leaves nothing behind, so that an error is one line.
+    """
+    console = result_console(stderr=True)
     return Progress(
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
         BarColumn(),
         MofNCompleteColumn(),
         TimeRemainingColumn(),
-        console=Console(stderr=True),
+        console=console,
+        transient=True,
+        disable=not console.is_terminal,
     )
+
+
+@contextmanager
+def counted(text: str) -> Iterator[Tell]:
+    """Yield what shows progress: a bar, or a line now and then where stderr is a log."""
+    with progress() as bar:
+        task = bar.add_task(text, total=None)
+        next_s = time.monotonic() + _LOG_EVERY_S
+
+        def tell(done: int, total: int) -> None:
+            nonlocal next_s
+            bar.update(task, completed=done, total=total)
+            if not bar.console.is_terminal and time.monotonic() >= next_s:
+                next_s = time.monotonic() + _LOG_EVERY_S
+                bar.console.print(f"{text}: {done:,} of {total:,}")
+
+        yield tell
 
 
 def last(steps: Iterator[int | _T], total: int, text: str) -> _T:
     """Run a generator of counts behind a bar; return the result that it ends with."""
     result: _T | None = None
-    with progress() as bar:
-        task = bar.add_task(text, total=total)
+    with counted(text) as tell:
         for step in steps:
             if isinstance(step, int):
-                bar.update(task, completed=step)
+                tell(step, total)
             else:
                 result = step
     assert result is not None  # noqa: S101 - generators end with their result
     return result
 
 
-def followed(steps: "Iterator[Epoch | _T]", epochs: int) -> _T:
-    """Run a training behind a bar; return what it ends with."""
-    # Late: torch takes seconds, and --help must not.
-    from x2train.nets.epoch import Epoch  # noqa: PLC0415
-
+def followed(steps: Iterator[Epoch | _T], epochs: int) -> _T:
+    """Run a training behind a bar; return what it ends with. A log gets a line an epoch."""
     result: _T | None = None
     with progress() as bar:
         task = bar.add_task("train", total=epochs)
@@ -87,10 +108,11 @@ def followed(steps: "Iterator[Epoch | _T]", epochs: int) -> _T:
             if not isinstance(step, Epoch):
                 result = step
                 continue
-            text = f"loss {step.loss:.3f}, validation {step.validation_loss:.3f}"
+            text = f"loss {step.loss:.3f}"
+            if step.validation_loss is not None:
+                text += f", validation {step.validation_loss:.3f}"
             bar.update(task, completed=step.number, description=f"train ({text})")
             if not bar.console.is_terminal:
-                # A log has no use for a bar, and an epoch takes minutes.
                 bar.console.print(f"epoch {step.number} of {epochs}: {text}")
     assert result is not None  # noqa: S101 - trainings end with their result
     return result

@@ -8,7 +8,7 @@ from pathlib import Path
 from radard.classify.bundle import load_bundle
 from radard.classify.features import MAP_FEATURES, FeatureSettings
 from radard.errors import UsageError
-from x2train.commands import Commands, check_least, result_console
+from x2train.commands import Commands, check_least, counted, result_console
 
 FEATURES = FeatureSettings(
     clutter="removed",
@@ -35,6 +35,7 @@ def register(commands: Commands) -> None:
             "  train-export dataset --out sets/train --passages 24000\n"
             "  train-export dataset --out sets/big --passages 1000000 --cluster tcp://host:8786\n"
             "  train-export dataset --out sets/guard --families 'held out' --like accurate\n"
+            "  train-export dataset --out sets/pendulum --families pendulum --passages 2000\n"
         ),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -43,9 +44,10 @@ def register(commands: Commands) -> None:
     add("--passages", type=int, default=24_000, help="passages to simulate (24000)")
     add(
         "--families",
-        choices=("train", "staying", "things", "held out", "thesis", "all"),
+        metavar="USE",
         default="train",
-        help="who moves; staying: who stays in place; things: nobody (train)",
+        help="who moves: train, staying (in place), things (nobody), held out, thesis, all, or a "
+        "plug-in's body (train)",
     )
     add("--rooms", choices=("usual", "unseen"), default="usual", help="where")
     add("--radar", choices=("any", "x2", "x4m03"), default="any", help="with which radar (any)")
@@ -69,9 +71,12 @@ def _run(args: argparse.Namespace) -> int:
         msg = f"--longest {args.longest:g}: must be {_SHORTEST_S:g} to {_LONGEST_S:g} s"
         raise UsageError(msg)
     # Late: the simulator takes a second, and --help must not.
-    from x2train.generate.shard_run import ProgressLine, make_shards  # noqa: PLC0415
+    from x2train.generate.shard_run import make_shards  # noqa: PLC0415
+    from x2train.scenarios.families import USES, plugged_family  # noqa: PLC0415
     from x2train.windows.windows import WindowSpec  # noqa: PLC0415
 
+    if args.families not in USES:
+        plugged_family(args.families)
     spec = WindowSpec(
         seed=args.seed,
         use=args.families,
@@ -80,15 +85,16 @@ def _run(args: argparse.Namespace) -> int:
         longest_s=args.longest,
         settings=_features_of(args.like) if args.like else FEATURES,
     )
-    shards = make_shards(
-        args.out,
-        {"kind": "windows", **asdict(spec)},
-        args.passages,
-        spec,
-        workers=args.workers,
-        cluster=args.cluster,
-        report=ProgressLine("passages"),
-    )
+    with counted("passages") as tell:
+        shards = make_shards(
+            args.out,
+            {"kind": "windows", **asdict(spec)},
+            args.passages,
+            spec,
+            workers=args.workers,
+            cluster=args.cluster,
+            report=tell,
+        )
     n = sum(len(shards.read(name).get("label", ())) for name in shards.names())
     result_console().print(f"{args.out}: {n} windows of {args.passages} passages")
     return 0

@@ -10,7 +10,7 @@ from typing import Any
 from radard.classify.bundle import Bundle, load_bundle
 from radard.config.sections import DEFAULT_MODEL
 from radard.errors import UsageError
-from x2train.commands import Commands, check_least, result_console
+from x2train.commands import Commands, check_least, counted, result_console
 from x2train.generate.shards import MANIFEST
 
 _MOST_PET_HOURS = 10_000.0
@@ -77,7 +77,7 @@ def _check_against(folder: Path, radar: str) -> None:
 def _run(args: argparse.Namespace) -> int:
     check_least(args, passages=1, seed=0, workers=1)
     # Late: the simulator takes a second, and --help must not.
-    from x2train.generate.shard_run import ProgressLine, make_shards  # noqa: PLC0415
+    from x2train.generate.shard_run import make_shards  # noqa: PLC0415
     from x2train.judge.card import evaluation_of, write_card  # noqa: PLC0415
     from x2train.judge.judging import OWN_RADARS, JudgeSpec  # noqa: PLC0415
     from x2train.judge.pictures import passage_png  # noqa: PLC0415
@@ -109,16 +109,17 @@ def _run(args: argparse.Namespace) -> int:
     )
     spec.check(bundle)
     n_all = args.passages + n_more_pets(args.pet_hours, args.passages, args.only)
-    make_shards(
-        args.out / "passages",
-        {"kind": "passages", **asdict(spec), **_told_by(bundle)},
-        n_all,
-        spec,
-        per_shard=200,
-        workers=args.workers,
-        cluster=args.cluster,
-        report=ProgressLine("passages"),
-    )
+    with counted("passages") as tell:
+        make_shards(
+            args.out / "passages",
+            {"kind": "passages", **asdict(spec), **_told_by(bundle)},
+            n_all,
+            spec,
+            per_shard=200,
+            workers=args.workers,
+            cluster=args.cluster,
+            report=tell,
+        )
     table = PassageTable.load(args.out / "passages")
     title = f"Bundle {bundle.name}, policy {args.policy or bundle.policy}"
     if args.radar != OWN_RADARS:

@@ -9,7 +9,7 @@ from rich.table import Table
 from radard.classify.bundle import load_bundle
 from radard.config.sections import AUTO_MODEL
 from radard.errors import UsageError
-from x2train.commands import Commands, result_console
+from x2train.commands import Commands, followed, result_console, sets_of
 
 _MOST_EPOCHS = 20
 
@@ -22,9 +22,11 @@ def register(commands: Commands) -> None:
         epilog=(
             "examples:\n"
             "  train-export dataset --out sets/guard --families 'held out' --like accurate\n"
+            "  train-export dataset --out sets/mix --families train --like accurate --seed 73\n"
             "  train-export finetune --labels ~/.local/state/radard/labels.jsonl "
-            "--guard sets/guard\n"
-            "  train-export finetune rex1.h5=pet rex2.h5=pet me.h5=human --guard sets/guard\n"
+            "--guard sets/guard --mix sets/mix\n"
+            "  train-export finetune rex1.h5=pet rex2.h5=pet me.h5=human --guard sets/guard "
+            "--mix sets/mix\n"
             "  radard --model own.onnx\n"
         ),
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -36,13 +38,13 @@ def register(commands: Commands) -> None:
     add("--model", default=AUTO_MODEL, help="bundle to start from (that which judges the clips)")
     add("--guard", type=Path, nargs="+", required=True, help="sets of people not to be missed")
     add("--mix", type=Path, nargs="+", help="simulated sets to learn from beside the clips")
-    ways = parser.add_mutually_exclusive_group()
-    ways.add_argument("--verifier", action="store_true", help="a head beside the network (so)")
-    ways.add_argument("--full", action="store_true", help="retrain the network; needs --mix")
+    # Accepted of old: the one way that is left, and the one that is gone.
+    add("--full", action="store_true", help=argparse.SUPPRESS)
+    add("--verifier", action="store_true", help=argparse.SUPPRESS)
     add("--name", default="own", help="name of the new bundle (own)")
     add("--out", type=Path, default=Path(), help="its folder (this one)")
-    add("--epochs", type=int, default=4, help="with --full: passes over the mix (4)")
-    add("--seed", type=int, default=0, help="with --full: same seed, same file (0)")
+    add("--epochs", type=int, default=4, help="passes over the mix (4)")
+    add("--seed", type=int, default=0, help="same seed, same file (0)")
     parser.set_defaults(run=_run)
 
 
@@ -50,11 +52,10 @@ def _run(args: argparse.Namespace) -> int:
     _check(args)
     # Late: torch takes seconds, and --help must not.
     from x2train.finetune.bundle import rows_of, write_finetuned  # noqa: PLC0415
-    from x2train.finetune.finetune import Tuned, tune_network, tune_verifier  # noqa: PLC0415
+    from x2train.finetune.finetune import Tuned, tune  # noqa: PLC0415
     from x2train.finetune.guard import load_guard  # noqa: PLC0415
     from x2train.finetune.labels import labelled_clips, merged, named_clips  # noqa: PLC0415
     from x2train.finetune.windows import judge_of, own_windows  # noqa: PLC0415
-    from x2train.nets.epoch import Epoch  # noqa: PLC0415
 
     console = result_console()
     clips = list(named_clips(args.clips))
@@ -69,28 +70,17 @@ def _run(args: argparse.Namespace) -> int:
         _check_name(args)
     bundle = load_bundle(args.model)
     guard = load_guard(args.guard, bundle)
-    mix = load_guard(args.mix, bundle, least=1) if args.mix else None
-    tuned: Tuned | None = None
-    # A spinner, not a bar: it leaves nothing behind, so an error stays one line.
-    with Console(stderr=True).status("own clips") as status:
+    mix = load_guard(args.mix, bundle, least=1)
+    # A spinner: how long replaying clips takes is not known.
+    with Console(stderr=True).status("own clips"):
         own = [own_windows(clip, bundle) for clip in clips]
-        if args.full and mix is not None:
-            for step in tune_network(bundle, own, guard, mix, epochs=args.epochs, seed=args.seed):
-                if isinstance(step, Epoch):
-                    status.update(
-                        f"retrain, {step.number} of {args.epochs} (loss {step.loss:.4f})"
-                    )
-                else:
-                    tuned = step
-        else:
-            tuned = tune_verifier(bundle, own, guard, mix, status.update)
-    assert tuned is not None  # noqa: S101 - both ways end with one
+    steps = tune(bundle, own, guard, mix, epochs=args.epochs, seed=args.seed)
+    tuned: Tuned = followed(steps, args.epochs)
     write_finetuned(
         args.out,
         args.name,
         bundle,
         tuned,
-        way="full" if args.full else "verifier",
         own=own,
         guard=guard,
         command=_command(args),
@@ -118,10 +108,13 @@ def _check(args: argparse.Namespace) -> None:
     if args.folder is not None and args.labels is None:
         msg = "--clips says where the clips of --labels are; there is no --labels"
         raise UsageError(msg)
-    if args.full and not args.mix:
-        msg = "--full needs --mix: simulated windows keep the network what it is"
+    if args.verifier:
+        msg = "--verifier is gone: retraining with --mix hides fewer people and calms more pets"
         raise UsageError(msg)
-    if set(args.mix or ()) & set(args.guard):
+    if not args.mix:
+        msg = "--mix is needed: simulated windows keep the network what it is"
+        raise UsageError(msg)
+    if set(args.mix) & set(args.guard):
         msg = "--mix and --guard share a set: people learned from say nothing of people missed"
         raise UsageError(msg)
     _check_name(args)
@@ -139,12 +132,7 @@ def _command(args: argparse.Namespace) -> str:
         f"{Path(file).name}={label}"
         for file, _, label in (text.rpartition("=") for text in args.clips)
     )
-    sets = " ".join(
-        f"--{name} {' '.join(str(p) for p in getattr(args, name))}"
-        for name in ("guard", "mix")
-        if getattr(args, name)
-    )
     labels = f"--labels {args.labels.name}" if args.labels else ""
-    way = f"--full --epochs {args.epochs} --seed {args.seed}" if args.full else "--verifier"
-    parts = ("train-export finetune", clips, labels, sets, way, f"--name {args.name}")
+    how = f"--epochs {args.epochs} --seed {args.seed} --name {args.name}"
+    parts = ("train-export finetune", clips, labels, sets_of(args, "guard", "mix"), how)
     return " ".join(part for part in (*parts, f"--model {Path(args.model).stem}") if part)

@@ -154,8 +154,9 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _command(args: argparse.Namespace) -> str:
+    sets = sets_of(args, "train", "validate")
     return (
-        f"train-export fit {sets_of(args)} --name {args.name} --size {args.size} "
+        f"train-export fit {sets} --name {args.name} --size {args.size} "
         f"--epochs {args.epochs} --seed {args.seed}"
         f"{' --half' if args.half else ''}{' --compile' if args.compile else ''}"
         f"{f' --teacher {args.teacher}' if args.teacher else ''}"

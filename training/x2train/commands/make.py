@@ -5,29 +5,19 @@ import os
 import shlex
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
-from rich.console import Console
-
 from radard.errors import UsageError
 from x2train.bundles.recipes import RECIPES, arguments
-from x2train.commands import Commands, check_least
+from x2train.commands import Commands, check_least, result_console
 
 _DATASET = "dataset"
 
 
-def register(commands: Commands, run: Callable[[list[str]], int]) -> None:
-    """Add the subcommand.
-
-    Parameters
-    ----------
-    commands : Commands
-        Where to.
-    run : callable
-        Runs `train-export` with arguments and returns its exit code.
-    """
+def register(commands: Commands) -> None:
+    """Add the subcommand."""
     parser = commands.add_parser(
         "make",
         help="make a shipped bundle from nothing, sets included",
@@ -51,10 +41,10 @@ def register(commands: Commands, run: Callable[[list[str]], int]) -> None:
     add("--workers", type=int, default=os.cpu_count() or 1, help="processes (all cores)")
     add("--sets", action="store_true", help="make its sets and stop")
     add("--show", action="store_true", help="print the commands and do nothing")
-    parser.set_defaults(run=lambda args: _run(args, run))
+    parser.set_defaults(run=_run)
 
 
-def _run(args: argparse.Namespace, run: Callable[[list[str]], int]) -> int:
+def _run(args: argparse.Namespace) -> int:
     check_least(args, workers=1)
     if not 0 < args.share <= 1:
         msg = f"--share {args.share:g}: must be over 0, 1 at most"
@@ -65,13 +55,13 @@ def _run(args: argparse.Namespace, run: Callable[[list[str]], int]) -> int:
     if args.show:
         print("\n".join(f"train-export {shlex.join(step)}" for step in steps))  # noqa: T201
         return 0
-    console = Console(stderr=True, soft_wrap=True, highlight=False, markup=False)
+    console = result_console(stderr=True)
     for number, step in enumerate(steps, 1):
         console.print(f"[{number}/{len(steps)}] train-export {shlex.join(step)}")
         is_needed_later = any(each[0] == _DATASET for each in steps[number:])
         is_training = step[0] != _DATASET
         with _sets_beside(args) if is_training and is_needed_later else nullcontext():
-            code = run(step)
+            code: int = args.train_export(step)
         if code:
             return code
     return 0

@@ -71,7 +71,8 @@ def _run(args: argparse.Namespace) -> int:
 
 def _command(args: argparse.Namespace) -> str:
     name = f" --name {args.name}" if args.name else ""
+    sets = sets_of(args, "train", "validate")
     return (
-        f"train-export temporal --model {args.model} {sets_of(args)} --size {args.size}{name} "
+        f"train-export temporal --model {args.model} {sets} --size {args.size}{name} "
         f"--epochs {args.epochs} --seed {args.seed}"
     )

@@ -1,1 +1,1 @@
-"""A bundle that learns one's own pet: clips, guard, verifier, light retraining."""
+"""A bundle that learns one's own pet: clips, guard, light retraining."""

@@ -13,17 +13,10 @@ from x2train.finetune.guard import MOST_RISE, Guard
 from x2train.finetune.windows import OwnWindows
 from x2train.report.intervals import Estimate, wilson
 
-_RECIPES = {
-    "verifier": (
-        "Made of the bundle `{base}` for one household: a verifier beside its last layer, "
-        "taught on {n} own clips, may turn an alarm into a pet and nothing else. Where it is "
-        "not sure, the answers are those of `{base}`."
-    ),
-    "full": (
-        "Made of the bundle `{base}` for one household: its network, retrained lightly on {n} "
-        "own clips with simulated windows mixed in."
-    ),
-}
+_RECIPE = (
+    "Made of the bundle `{base}` for one household: its network, retrained lightly on {n} own "
+    "clips with simulated windows mixed in."
+)
 
 
 def write_finetuned(
@@ -32,7 +25,6 @@ def write_finetuned(
     base: Bundle,
     tuned: Tuned,
     *,
-    way: str,
     own: Sequence[OwnWindows],
     guard: Guard,
     command: str,
@@ -48,8 +40,6 @@ def write_finetuned(
         What it was made from.
     tuned : Tuned
         The result.
-    way : {'verifier', 'full'}
-        How.
     own : sequence of OwnWindows
         Own clips; the card names their files and hashes, never folders.
     guard : Guard
@@ -59,12 +49,12 @@ def write_finetuned(
     """
     metrics = _metrics(tuned, guard)
     training: dict[str, Any] = {
-        "recipe": _RECIPES[way].format(base=base.name, n=len(own)),
+        "recipe": _RECIPE.format(base=base.name, n=len(own)),
         "command": command,
         "seed": seed,
         "finetuned": {
-            "way": way,
-            "detail": tuned.detail,
+            "way": "full",
+            "detail": _detail(tuned),
             "base": base.name,
             "base_onnx_sha256": base.sha256,
             "own": [
@@ -110,10 +100,6 @@ def rows_of(tuned: Tuned) -> list[tuple[str, str, str]]:
         old, new, n = tuned.count(is_human=is_human)
         if n:
             rows.append((title, _share(old, n), _share(new, n)))
-    if tuned.left_out is not None:
-        quiet, n = tuned.left_out
-        title = "own clips, each by a verifier that has not seen it"
-        rows.append((title, _share(n, n), _share(n - quiet, n)))
     return rows
 
 
@@ -140,14 +126,17 @@ def _metrics(tuned: Tuned, guard: Guard) -> Mapping[str, float]:
 def _notes(tuned: Tuned) -> str:
     rows = "\n".join(f"| {name} | {old} | {new} |" for name, old, new in rows_of(tuned))
     return f"""Chosen so that on these simulated people misses rise by no more than
-{100 * MOST_RISE:g} points ({tuned.detail}), which flatters the figures a
-little; brackets are Wilson's 95 %. Own clips were learned from, so theirs flatter more, but for
-those of the last line, if it is there. People were simulated: nothing here was measured on a
-real one.
+{100 * MOST_RISE:g} points ({_detail(tuned)}), which flatters the figures
+a little; brackets are Wilson's 95 %. Own clips were learned from, so theirs flatter more. People
+were simulated: nothing here was measured on a real one.
 
 | | before | after |
 |---|---|---|
 {rows}"""
+
+
+def _detail(tuned: Tuned) -> str:
+    return f"{tuned.share:.1f} of the way from the old weights to the trained ones"
 
 
 def _share(count: int, total: int) -> str:

@@ -93,12 +93,6 @@ class Guard:
         has_human = np.bincount(number, self.label == CLASSES.index("human")) > 0
         return self.part(has_human[number])
 
-    def halves(self) -> tuple["Guard", "Guard"]:
-        """Return two parts, of other passages each and with as many people."""
-        # Passages take turns in who is in them, so parity alone would part people from pets.
-        second = np.asarray(self.columns["passage"]) // 10 % 2 == 1
-        return self.part(~second), self.part(second)
-
     @property
     def is_first(self) -> NDArray[np.bool_]:
         """Return where the gate has opened."""

@@ -21,6 +21,7 @@ from radard.stream.ring import Dwell, FrameRing, Notice
 from x2radar.recording.blocks import BlockReader
 from x2radar.recording.registry import open_recording
 from x2train.finetune.labels import OwnClip
+from x2train.nets.evidence_fit import first_windows
 
 Maps = Mapping[str, NDArray[np.float32]]
 
@@ -48,6 +49,11 @@ class OwnWindows:
     inputs: Maps
     t_s: NDArray[np.float64]
     n_alarms: int
+
+    @property
+    def is_first(self) -> NDArray[np.bool_]:
+        """Where the gate has opened, shape (n,)."""
+        return first_windows(np.zeros(len(self.t_s), np.int64), self.t_s)
 
 
 class _Listener(Classifier):

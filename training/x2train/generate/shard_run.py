@@ -1,4 +1,4 @@
-"""Farm: make the elements of a data set, in one process or a hundred, always the same.
+"""Make the elements of a data set, in one process or a hundred, always the same.
 
 Element k is made by `make(k)`, which draws from a generator seeded with k. Elements are
 handed out in small chunks; the parent alone joins them, in order, and writes shards. So
@@ -9,44 +9,20 @@ Linear algebra may round differently with another number of threads: wherever el
 made, it has one.
 """
 
-import sys
-import time
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from radard.errors import RadardError, UsageError
 from x2train.generate.shards import ShardSet
-from x2train.generate.workers import (
-    CHUNK,
-    Chunk,
-    Crew,
-    Made,
-    Make,
-    Rows,
-    in_process,
-    is_pinned,
-    on_cluster,
-    pool,
-)
+from x2train.generate.workers import CHUNK, Chunk, Make, Rows, Tell, workers_for
 
 
 class ElementError(RadardError):
     """An element could not be made; the message names it."""
-
-
-@dataclass(frozen=True, slots=True)
-class ShardProgress:
-    """How far a run is."""
-
-    done: int
-    total: int
-    per_s: float
-    left_s: float
 
 
 def make_shards(
@@ -58,7 +34,7 @@ def make_shards(
     per_shard: int = 1000,
     workers: int = 1,
     cluster: str | None = None,
-    report: Callable[[ShardProgress], None] | None = None,
+    report: Tell | None = None,
 ) -> ShardSet:
     """Make a set of shards, or what is missing of it.
 
@@ -81,7 +57,7 @@ def make_shards(
         Address of a Dask scheduler, whose workers are used instead; they must have this
         package, and what `make` needs, installed.
     report : callable, optional
-        Told the progress after every chunk.
+        Told how many are done, of how many, after every chunk.
 
     Returns
     -------
@@ -112,100 +88,57 @@ def make_shards(
         f"shard-{k:05d}": (first, min(first + per_shard, n_elements))
         for k, first in enumerate(range(0, n_elements, per_shard))
     }
+    fill(shards, bounds, make, workers=workers, cluster=cluster, report=report)
+    return shards
+
+
+def fill(
+    shards: ShardSet,
+    bounds: Mapping[str, tuple[int, int]],
+    make: Make,
+    *,
+    workers: int = 1,
+    cluster: str | None = None,
+    report: Tell | None = None,
+) -> None:
+    """Make the shards of a set that are missing; see `make_shards`.
+
+    Parameters
+    ----------
+    shards : ShardSet
+        The set.
+    bounds : mapping of str to (int, int)
+        By name of the shard: its first element, and the one behind its last.
+    make, workers, cluster, report
+        As in `make_shards`.
+    """
     missing = {name: ends for name, ends in bounds.items() if name not in shards}
+    total = sum(last - first for first, last in bounds.values())
+    done = total - sum(last - first for first, last in missing.values())
+    if report is not None:
+        report(done, total)
     chunks = [
         Chunk(k, min(k + CHUNK, last))
         for first, last in missing.values()
         for k in range(first, last, CHUNK)
     ]
     if not chunks:
-        return shards
-    clock = _Clock(n_elements, sum(c.last - c.first for c in chunks), report)
-    with _pool(min(workers, len(chunks)), cluster) as run:
+        return
+    with workers_for(min(workers, len(chunks)), cluster) as run:
         made = run(make, chunks)
         for name, (first, last) in missing.items():
-            shards.write(name, _joined(_shard_rows(made, first, last, clock)))
-    return shards
-
-
-def _pool(workers: int, cluster: str | None) -> Crew:
-    if cluster is not None:
-        return on_cluster(cluster)
-    return in_process() if workers == 1 and is_pinned() else pool(workers)
-
-
-def _shard_rows(made: Iterator[Made], first: int, last: int, clock: "_Clock") -> list[Rows]:
-    rows: list[Rows] = []
-    for start in range(first, last, CHUNK):
-        part = next(made)
-        if part.error:
-            raise ElementError(part.error)
-        rows += part.rows
-        clock.count(min(CHUNK, last - start))
-    return rows
+            rows: list[Rows] = []
+            for start in range(first, last, CHUNK):
+                part = next(made)
+                if part.error:
+                    raise ElementError(part.error)
+                rows += part.rows
+                done += min(CHUNK, last - start)
+                if report is not None:
+                    report(done, total)
+            shards.write(name, _joined(rows))
 
 
 def _joined(rows: list[Rows]) -> dict[str, NDArray[Any]]:
     names = list(rows[0]) if rows else []
     return {name: np.concatenate([row[name] for row in rows]) for name in names}
-
-
-@dataclass(slots=True)
-class _Clock:
-    """Counts elements, and tells."""
-
-    total: int
-    missing: int
-    report: Callable[[ShardProgress], None] | None
-    made: int = 0
-    began_s: float = field(default_factory=time.monotonic)
-
-    def count(self, n: int) -> None:
-        self.made += n
-        if self.report is not None:
-            per_s = self.made / max(time.monotonic() - self.began_s, 1e-9)
-            left = self.missing - self.made
-            self.report(ShardProgress(self.total - left, self.total, per_s, left / per_s))
-
-
-class ProgressLine:
-    """Writes progress: one line that is rewritten on a terminal, else a line now and then.
-
-    Parameters
-    ----------
-    text : str
-        What is being made.
-    stream : file
-        Where to; stderr unless given.
-    every_s : float
-        Least time between lines where they are not rewritten, in seconds.
-    """
-
-    def __init__(self, text: str, stream: TextIO | None = None, every_s: float = 30.0) -> None:
-        self._text = text
-        self._stream = sys.stderr if stream is None else stream
-        self._is_rewritten = self._stream.isatty()
-        self._every_s = 0.2 if self._is_rewritten else every_s
-        self._next_s = -1.0
-
-    def __call__(self, now: ShardProgress) -> None:
-        """Write, unless it was done a moment ago; the last one always."""
-        is_last = now.done == now.total
-        if time.monotonic() < self._next_s and not is_last:
-            return
-        self._next_s = time.monotonic() + self._every_s
-        line = (
-            f"{self._text}: {now.done:,} of {now.total:,} ({now.done / now.total:.0%}), "
-            f"{now.per_s:.3g}/s, {_duration(now.left_s)} left"
-        )
-        if self._is_rewritten:
-            self._stream.write(f"\r{line}\x1b[K" + ("\n" if is_last else ""))
-        else:
-            self._stream.write(line + "\n")
-        self._stream.flush()
-
-
-def _duration(seconds: float) -> str:
-    minutes, seconds = divmod(round(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours}:{minutes:02d}:{seconds:02d}" if hours else f"{minutes}:{seconds:02d}"

@@ -1,4 +1,4 @@
-"""Crews: who makes the elements of a farm - this process, local ones, or a Dask cluster.
+"""Workers: who makes the elements of a set - this process, local ones, or a Dask cluster.
 
 A pool takes chunks and returns what was made of them in the same order. It keeps only a
 few chunks ahead of the writer, so that a fast pool does not fill the memory.
@@ -25,11 +25,14 @@ from radard.errors import RadardError
 
 Rows: TypeAlias = Mapping[str, NDArray[Any]]
 Make: TypeAlias = Callable[[int], Rows | None]
+Tell: TypeAlias = Callable[[int, int], None]
+"""Is told how many are done, of how many."""
 CHUNK = 8
 """Elements handed out at a time."""
 AHEAD = 4
 """Chunks per worker that are under way or wait for their turn to be written."""
 _CONNECT_S = 30
+"""For a scheduler to answer, and for its first worker: chosen."""
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
@@ -54,7 +57,7 @@ class Made:
 
 
 Run: TypeAlias = Callable[[Make, Sequence[Chunk]], Iterator[Made]]
-Crew: TypeAlias = AbstractContextManager[Run]
+Workers: TypeAlias = AbstractContextManager[Run]
 
 
 def make_chunk(make: Make, chunk: Chunk) -> Made:
@@ -72,9 +75,12 @@ def make_chunk(make: Make, chunk: Chunk) -> Made:
     return Made(tuple(rows))
 
 
-def is_pinned() -> bool:
-    """Return whether linear algebra has one thread in this process, as in a worker."""
-    return any(os.environ.get(name) == "1" for name in _THREADS[:2])
+def workers_for(workers: int, cluster: str | None = None) -> Workers:
+    """Return a pool: of so many processes, of this one if that rounds alike, or of a cluster."""
+    if cluster is not None:
+        return on_cluster(cluster)
+    is_pinned = any(os.environ.get(name) == "1" for name in _THREADS[:2])
+    return in_process() if workers == 1 and is_pinned else pool(workers)
 
 
 @contextmanager

@@ -6,14 +6,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from onnx import TensorProto, helper
 
 from radard.classify.classifier import FUSED_LOGITS, HIDDEN, NEXT_HIDDEN, Hidden, softmax
 from radard.classify.onnx_runtime import ort
-from x2train.nets.bundle_graph import SEEN, with_seen
 
 Array = NDArray[np.float64]
 _AT_ONCE = 128
+"""Windows a call: chosen, more cost memory and gain no time."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,37 +44,14 @@ class Answers:
         z = self.fused - self.fused.max(axis=1, keepdims=True)
         return np.asarray(z - np.log(np.exp(z).sum(axis=1, keepdims=True)))
 
-    def turned(
-        self, excess: Array, fused_excess: Array, *, pet: int, temperature: float
-    ) -> "Answers":
-        """Return them as a verifier leaves them, see `x2train.nets.bundle_graph.with_verifier`.
-
-        Parameters
-        ----------
-        excess, fused_excess : ndarray, shape (n,), float64
-            What is added for a pet to windows and to the temporal head, in nats.
-        pet : int
-            Which class that is.
-        temperature : float
-            Logits of windows are divided by it later.
-        """
-        logits = self.logits.copy()
-        logits[:, pet] += temperature * excess
-        if self.fused is None:
-            return Answers(logits)
-        fused = self.fused.copy()
-        fused[:, pet] += fused_excess
-        return Answers(logits, fused, self.hidden)
-
 
 def outputs_of(
     onnx_bytes: bytes,
     inputs: Mapping[str, NDArray[Any]],
     *,
     is_first: NDArray[np.bool_] | None = None,
-    with_what_is_seen: bool = False,
-) -> tuple[Answers, NDArray[np.float32]]:
-    """Return the answers to windows, and what is seen of them.
+) -> Answers:
+    """Return the answers to windows.
 
     Parameters
     ----------
@@ -86,20 +62,8 @@ def outputs_of(
     is_first : ndarray, shape (n,), bool, optional
         Where the gate has opened, of windows in order; None for windows that have nothing to do
         with each other, which have no fused answers.
-    with_what_is_seen : bool
-        Whether the second result is wanted; it is empty otherwise.
-
-    Returns
-    -------
-    answers : Answers
-    seen : ndarray, shape (n, n_seen), float32
     """
-    tap = ""
-    if with_what_is_seen:
-        model = with_seen(onnx_bytes)
-        model.graph.output.append(helper.make_tensor_value_info(SEEN, TensorProto.FLOAT, None))
-        onnx_bytes, tap = model.SerializeToString(), SEEN
-    return _run(onnx_bytes, inputs, is_first, tap)
+    return _run(onnx_bytes, inputs, is_first, "")[0]
 
 
 def tapped(

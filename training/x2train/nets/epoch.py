@@ -7,11 +7,11 @@ import numpy as np
 
 @dataclass(frozen=True, slots=True)
 class Epoch:
-    """Progress of a training."""
+    """Progress of a training; None where nothing is kept apart to validate on."""
 
     number: int
     loss: float
-    validation_loss: float
+    validation_loss: float | None = None
 
 
 def temperature_of(logits: np.ndarray, y: np.ndarray) -> float:

@@ -50,7 +50,7 @@ def taught_by(bundle: Bundle, windows: Mapping[str, NDArray[Any]]) -> Array:
                 f"teacher '{bundle.name}': takes {each.feature} of shape {each.shape}, not {found}"
             )
             raise UsageError(msg)
-    answers, _ = outputs_of(bundle.onnx, {i.name: windows[i.feature] for i in bundle.inputs})
+    answers = outputs_of(bundle.onnx, {i.name: windows[i.feature] for i in bundle.inputs})
     return answers.p(bundle.temperature).astype(np.float32)
 
 

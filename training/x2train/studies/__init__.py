@@ -1,4 +1,5 @@
 """Studies that make pages for docs: the thesis, recorded walks, the trade-off. Not in the wheel.
 
-They may import all of x2train but `x2train.commands`; nothing else imports them.
+Each folder's `command.py` is a command of `train-export`, which finds them where they are. They
+may import all of x2train; nothing imports them.
 """

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal
 
-Animal = Literal["dog", "cat"]
+Animal = Literal["dog", "cat", "pet"]
 Activation = Literal["relu", "sigmoid"]
 RATES_HZ = (60, 200)
 
@@ -16,8 +16,8 @@ class Cell:
     ----------
     vector : int
         1, or 2 for the range profile in front of type 1.
-    animal : {'dog', 'cat'}
-        Class 1; people are class 2.
+    animal : {'dog', 'cat', 'pet'}
+        Class 1; people are class 2. 'pet', dogs and cats in turn, is not the thesis'.
     frame_rate_hz : int
         60 or 200 in the thesis; any in this recipe.
     """
@@ -25,6 +25,11 @@ class Cell:
     vector: int
     animal: Animal
     frame_rate_hz: int
+
+    @property
+    def bodies(self) -> tuple[str, ...]:
+        """What class 1 is drawn from."""
+        return ("dog", "cat") if self.animal == "pet" else (self.animal,)
 
     @property
     def name(self) -> str:

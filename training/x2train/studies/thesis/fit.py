@@ -85,6 +85,11 @@ class Fitted:
         """Return the look that was kept of each repeat; the first cannot be."""
         return np.asarray(self.scores[1:].argmin(axis=0) + 1, np.int64)
 
+    @property
+    def best_repeat(self) -> int:
+        """Return the repeat with the best score at any look but the first."""
+        return int(self.scores[1:].min(axis=0).argmin())
+
 
 def fit(
     train: CellData,

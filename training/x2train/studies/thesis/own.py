@@ -202,7 +202,7 @@ def own_jobs(recipe: Recipe, cells: Iterable[Cell], settings: OwnSettings) -> It
 def _run(job: OwnJob, tell: Tell) -> CellResult:
     recipe, cell, settings, name = job.recipe, job.cell, job.settings, job.name
     spec: ElementSpec = recipe.spec(cell.frame_rate_hz)
-    recipe.make(spec, cell.animal, tell)
+    recipe.make(spec, cell, tell)
     maps, data = load_maps(recipe.data, spec, cell, 0, recipe.n_elements)
     fresh_maps, fresh = load_maps(recipe.data, spec, cell, FRESH_FROM, recipe.n_fresh)
     n_train = recipe.n_elements - recipe.n_evaluate

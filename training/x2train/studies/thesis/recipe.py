@@ -3,6 +3,7 @@
 import hashlib
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -163,12 +164,14 @@ class Recipe:
             n_cadence=self.n_cadence,
         )
 
-    def make(self, spec: ElementSpec, animal: str, tell: Tell) -> None:
-        """Make the elements that the sets of one rate and animal need."""
-        for body in (animal, "human"):
+    def make(self, spec: ElementSpec, cell: Cell, tell: Tell) -> None:
+        """Make the elements that a cell needs of one rate."""
+        for body in (*cell.bodies, "human"):
             for first, n in ((0, self.n_elements // 2), (FRESH_FROM, self.n_fresh // 2)):
-                for done in make_bodies(self.data, spec, body, first, n, workers=self.workers):
-                    tell(f"simulate {body} at {spec.frame_rate_hz} Hz", done, n)
+                text = f"simulate {body} at {spec.frame_rate_hz} Hz"
+                make_bodies(
+                    self.data, spec, body, first, n, workers=self.workers, tell=partial(tell, text)
+                )
 
     def load(self, cell: Cell, variant: Variant) -> tuple[CellData, CellData, CellData]:
         """Return what trains, what evaluates, and the fresh elements."""
@@ -203,22 +206,10 @@ class Recipe:
             "recordings": digest,
         }
 
-    def kept(
-        self, cell: Cell, variant: Variant, recordings: CellData | None = None
-    ) -> CellResult | None:
-        """Return the result of an earlier run of the same settings."""
-        settings = self.settings(variant, recordings)
-        return self.results.load(cell.name, variant.label, settings)
-
-    def run(
-        self,
-        cell: Cell,
-        variant: Variant,
-        tell: Tell,
-        *,
-        recordings: CellData | None = None,
-    ) -> CellResult:
-        """Train one configuration, or return what was kept of it.
+    def train(
+        self, cell: Cell, variant: Variant, tell: Tell, recordings: CellData | None = None
+    ) -> "Trained":
+        """Train one configuration.
 
         Parameters
         ----------
@@ -232,11 +223,8 @@ class Recipe:
             Labelled recordings: the score that stops training, as in the thesis; then half of
             them retrain the network, and the other half scores.
         """
-        known = self.kept(cell, variant, recordings)
-        if known is not None:
-            return known
         for rate_hz in {cell.frame_rate_hz, variant.train_rate_hz or cell.frame_rate_hz}:
-            self.make(self.spec(rate_hz, variant), cell.animal, tell)
+            self.make(self.spec(rate_hz, variant), cell, tell)
         train, evaluate, fresh = self.load(cell, variant)
         if recordings is None:
             n_fit = len(train.y) - self.n_stop
@@ -255,22 +243,17 @@ class Recipe:
             short = replace(variant.fit, learning_rate=rate)
             fitted = _last(fit(half, rest, short, start=fitted), cell, tell)
             stopped_by = f"{len(rest.y)} windows of recordings, after retraining on {len(half.y)}"
-        p = fitted.predict(fresh.x)
-        result = CellResult(
-            cell.name,
-            variant.label,
-            int(fitted.scores[1:].min(axis=0).argmin()),
-            tuple(int(k) * variant.fit.look_every for k in fitted.best_looks),
-            judged(fitted.predict(evaluate.x), evaluate.y),
-            judged(p, fresh.y),
-            seen(fresh, p),
-            stopped_by,
-            self.settings(variant, recordings),
-            tuple(tuple(look) for look in fitted.scores.round(4).tolist()),
-            tuple(tuple(map(tuple, look)) for look in fitted.confidence.round(4).tolist()),
-        )
-        self.results.save(result)
-        return result
+        return Trained(fitted, evaluate, fresh, stopped_by)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trained:
+    """A training, what it is judged on, and what stopped it."""
+
+    fitted: Fitted
+    evaluate: CellData
+    fresh: CellData
+    stopped_by: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -294,13 +277,37 @@ class Job:
     variant: Variant
     recordings: CellData | None = None
 
+    @property
+    def _settings(self) -> dict[str, Any]:
+        return self.recipe.settings(self.variant, self.recordings)
+
     def kept(self) -> CellResult | None:
-        """Return the result of an earlier run."""
-        return self.recipe.kept(self.cell, self.variant, self.recordings)
+        """Return the result of an earlier run of the same settings."""
+        return self.recipe.results.load(self.cell.name, self.variant.label, self._settings)
 
     def run(self, tell: Tell) -> CellResult:
         """Train, or return what was kept."""
-        return self.recipe.run(self.cell, self.variant, tell, recordings=self.recordings)
+        known = self.kept()
+        if known is not None:
+            return known
+        made = self.recipe.train(self.cell, self.variant, tell, self.recordings)
+        fitted, fresh = made.fitted, made.fresh
+        p = fitted.predict(fresh.x)
+        result = CellResult(
+            self.cell.name,
+            self.variant.label,
+            fitted.best_repeat,
+            tuple(int(k) * self.variant.fit.look_every for k in fitted.best_looks),
+            judged(fitted.predict(made.evaluate.x), made.evaluate.y),
+            judged(p, fresh.y),
+            seen(fresh, p),
+            made.stopped_by,
+            self._settings,
+            tuple(tuple(look) for look in fitted.scores.round(4).tolist()),
+            tuple(tuple(map(tuple, look)) for look in fitted.confidence.round(4).tolist()),
+        )
+        self.recipe.results.save(result)
+        return result
 
 
 def wanted_cells(

@@ -2,20 +2,22 @@
 
 import hashlib
 import json
-from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from x2train.generate.shard_run import fill
 from x2train.generate.shards import ShardSet
+from x2train.generate.workers import Rows, Tell
 from x2train.studies.thesis.cells import Cell
 from x2train.studies.thesis.elements import PROFILE, ElementSpec, element
 
-_CHUNK = 250
+_SHARD = 250
+"""Elements of a shard: chosen, a run that is stopped loses a minute or two."""
 _LEVELS = 255
 """Maps are kept as bytes: a step is 0.12 dB."""
 
@@ -44,50 +46,22 @@ class CellData:
 
 
 def make_bodies(
-    folder: Path, spec: ElementSpec, body: str, first: int, n: int, *, workers: int = 1
-) -> Iterator[int]:
-    """Make the shards of one body's elements; yield how many are there.
+    folder: Path,
+    spec: ElementSpec,
+    body: str,
+    first: int,
+    n: int,
+    *,
+    workers: int = 1,
+    tell: Tell | None = None,
+) -> None:
+    """Make the shards of one body's elements `first` to before `first + n`.
 
-    Parameters
-    ----------
-    folder : Path
-        Of the cache.
-    spec : ElementSpec
-        What to draw from.
-    body : str
-        Which body.
-    first, n : int
-        Numbers of the elements.
-    workers : int
-        Processes; the shards do not depend on it.
-
-    Yields
-    ------
-    int
-        Elements done.
+    The shards do not depend on the number of workers; `tell` is told how many are there.
     """
+    bounds = {_name(*ends): ends for ends in _bounds(first, n)}
     shards = _shards(folder, spec, body)
-    jobs = []
-    done = 0
-    for at in range(first, first + n, _CHUNK):
-        last = min(at + _CHUNK, first + n)
-        if _name(at, last) in shards:
-            done += last - at
-        else:
-            jobs.append((spec, body, at, last))
-    yield done
-    if workers == 1 or len(jobs) < 2:
-        results: Iterator[dict[str, NDArray[Any]]] = map(_chunk, jobs)
-        for job, arrays in zip(jobs, results, strict=True):
-            shards.write(_name(job[2], job[3]), arrays)
-            done += job[3] - job[2]
-            yield done
-        return
-    with ProcessPoolExecutor(workers) as pool:
-        for job, arrays in zip(jobs, pool.map(_chunk, jobs), strict=True):
-            shards.write(_name(job[2], job[3]), arrays)
-            done += job[3] - job[2]
-            yield done
+    fill(shards, bounds, partial(_row, spec, body), workers=workers, report=tell)
 
 
 def load_cell(
@@ -105,7 +79,7 @@ def load_cell(
     rectified : bool
         Turn range profiles so that the strongest sample lies left of the centre.
     """
-    x, in_view = _in_turn(_pair(folder, spec, cell), first, n, ("vector", "in_view"))
+    x, in_view = _in_turn(folder, spec, cell, (first, n), ("vector", "in_view"))
     if cell.vector == 1:
         x = np.ascontiguousarray(x[:, PROFILE:])
     elif rectified:
@@ -118,7 +92,7 @@ def load_maps(
 ) -> tuple[dict[str, NDArray[np.float32]], CellData]:
     """Return the maps of a data set, 'mu' and 'range_time', and the set (without vectors)."""
     keys = ("mu", "range_time", "in_view")
-    mu, range_time, in_view = _in_turn(_pair(folder, spec, cell), first, n, keys)
+    mu, range_time, in_view = _in_turn(folder, spec, cell, (first, n), keys)
     maps = {
         name: (values / np.float32(_LEVELS)).astype(np.float32)
         for name, values in (("mu", mu), ("range_time", range_time))
@@ -128,11 +102,19 @@ def load_maps(
 
 
 def _in_turn(
-    pair: tuple[ShardSet, ShardSet], first: int, n: int, keys: tuple[str, ...]
+    folder: Path, spec: ElementSpec, cell: Cell, which: tuple[int, int], keys: tuple[str, ...]
 ) -> list[NDArray[Any]]:
-    parts = [_load(shards, first, n // 2, keys) for shards in pair]
-    both = [np.stack([part[key] for part in parts], axis=1) for key in keys]
-    return [array.reshape(-1, *array.shape[2:]) for array in both]
+    first, n = which
+    number = np.arange(n // 2)
+    parts = [
+        _load(_shards(folder, spec, body), first, n // 2, keys) for body in (*cell.bodies, "human")
+    ]
+    made = []
+    for key in keys:
+        animals = np.stack([part[key] for part in parts[:-1]])
+        both = np.stack([animals[number % len(animals), number], parts[-1][key]], axis=1)
+        made.append(both.reshape(-1, *both.shape[2:]))
+    return made
 
 
 def rectify(x: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -147,30 +129,18 @@ def rectify(x: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def _load(shards: ShardSet, first: int, n: int, keys: tuple[str, ...]) -> dict[str, NDArray[Any]]:
-    parts = [
-        shards.read(_name(at, min(at + _CHUNK, first + n)))
-        for at in range(first, first + n, _CHUNK)
-    ]
+    parts = [shards.read(_name(*ends)) for ends in _bounds(first, n)]
     return {key: np.concatenate([p[key] for p in parts]) for key in keys}
 
 
-def _chunk(job: tuple[ElementSpec, str, int, int]) -> dict[str, NDArray[Any]]:
-    spec, body, first, last = job
-    made = [element(spec, body, k) for k in range(first, last)]
-
-    def levels(maps: list[NDArray[np.float32]]) -> NDArray[np.uint8]:
-        return np.rint(np.stack(maps) * _LEVELS).astype(np.uint8)
-
+def _row(spec: ElementSpec, body: str, number: int) -> Rows:
+    made = element(spec, body, number)
     return {
-        "vector": np.stack([e.vector for e in made]),
-        "mu": levels([e.mu for e in made]),
-        "range_time": levels([e.range_time for e in made]),
-        "in_view": np.array([e.in_view for e in made], np.float32),
+        "vector": made.vector[None],
+        "mu": np.rint(made.mu[None] * _LEVELS).astype(np.uint8),
+        "range_time": np.rint(made.range_time[None] * _LEVELS).astype(np.uint8),
+        "in_view": np.array([made.in_view], np.float32),
     }
-
-
-def _pair(folder: Path, spec: ElementSpec, cell: Cell) -> tuple[ShardSet, ShardSet]:
-    return _shards(folder, spec, cell.animal), _shards(folder, spec, "human")
 
 
 def _shards(folder: Path, spec: ElementSpec, body: str) -> ShardSet:
@@ -178,6 +148,10 @@ def _shards(folder: Path, spec: ElementSpec, body: str) -> ShardSet:
     digest = hashlib.sha256(json.dumps(about, sort_keys=True).encode()).hexdigest()[:8]
     name = f"{body}-{spec.frame_rate_hz}-{digest}"
     return ShardSet(folder / name, {"set": "thesis elements", "body": body, **about})
+
+
+def _bounds(first: int, n: int) -> list[tuple[int, int]]:
+    return [(at, min(at + _SHARD, first + n)) for at in range(first, first + n, _SHARD)]
 
 
 def _name(first: int, last: int) -> str:

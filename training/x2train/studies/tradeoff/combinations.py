@@ -113,7 +113,7 @@ def combinations(
             maps = _blanked(windows.maps[bundle.features, setting.decimation], setting.cpis)
             inputs = {i.name: maps[i.feature] for i in bundle.inputs}
             for precision, onnx_bytes in nets.items():
-                answers, _ = outputs_of(onnx_bytes, inputs)
+                answers = outputs_of(onnx_bytes, inputs)
                 made.append(
                     Combination(
                         model=bundle.name,

@@ -8,7 +8,7 @@ mpl.use("Agg")
 
 import matplotlib.pyplot as plt
 
-from x2train.studies.scene_plot import draw_range_time, draw_velocity_time, pictures
+from x2train.studies.scene.plot import draw_range_time, draw_velocity_time, pictures
 from x2train.studies.walks.comparison import Comparison
 
 SHOWN_MPS = 1.5

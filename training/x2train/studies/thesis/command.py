@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 from rich.progress import Progress, TaskID
 
 from radard.errors import UsageError
-from x2train.commands import Commands, progress, result_console
+from x2train.commands import Commands, progress, result_console, tell_bundle
 
 if TYPE_CHECKING:
     from x2train.studies.thesis.own import OwnJob
-    from x2train.studies.thesis.recipe import Job, Recipe
+    from x2train.studies.thesis.recipe import Job, Recipe, Variant
     from x2train.studies.thesis.results import CellResult
 
 _EXAMPLES = """\
@@ -24,6 +24,7 @@ examples:
   train-export thesis --animal dog --frame-rate 60 --repeats 3
   train-export thesis --finetune walks.h5 dogs.h5       retrain on labelled recordings
   train-export thesis --publish docs/thesis-results.md    everything, and the page
+  train-export thesis --bundle models/mine              a bundle of such a network
 A run that was interrupted goes on where it was when the same command is given again.
 """
 PARTS = ("networks", "own", "switches")
@@ -47,6 +48,7 @@ def register(commands: Commands) -> None:
         "networks by default, all with --publish",
     )
     add("--folder", type=Path, default=Path("build/seed"), help="cache and results (build/seed)")
+    add("--bundle", type=Path, metavar="PATH", help="train one network for the daemon instead")
     add("--publish", type=Path, metavar="FILE", help="write tables and pictures here")
     add("--kept", action="store_true", help="train nothing: show what earlier runs have kept")
     parser.set_defaults(run=_run)
@@ -108,6 +110,8 @@ def _run(args: argparse.Namespace) -> int:
         n_cadence=args.cadences,
         workers=args.workers,
     )
+    if args.bundle:
+        return _bundle(args, recipe)
     jobs = list(_jobs(args, recipe, parts))
     results: list[CellResult] = []
     with progress() as bar:
@@ -130,7 +134,27 @@ def _run(args: argparse.Namespace) -> int:
     if args.publish:
         from x2train.studies.thesis.publish import publish  # noqa: PLC0415
 
-        console.print(str(publish(recipe, results, args.publish, _command(args))))
+        command = _command(args, "--publish", f"docs/{args.publish.name}")
+        console.print(str(publish(recipe, results, args.publish, command)))
+    return 0
+
+
+def _bundle(args: argparse.Namespace, recipe: "Recipe") -> int:
+    """Write a bundle: of the type 2 vector of dogs and cats at 60 Hz, unless told otherwise."""
+    from x2train.studies.thesis.bundle import write_thesis_bundle  # noqa: PLC0415
+    from x2train.studies.thesis.cells import Cell  # noqa: PLC0415
+
+    if args.rectified:
+        msg = "--rectified: the daemon makes no such profiles for a bundle"
+        raise UsageError(msg)
+    cell = Cell(args.vector or 2, args.animal or "pet", args.frame_rate or 60)
+    variant = _variant(args, args.activation or "relu")
+    command = _command(args, "--bundle", f"models/{args.bundle.name}")
+    with progress() as bar:
+        metrics = write_thesis_bundle(
+            args.bundle, recipe, cell, variant, _teller(bar), command=command
+        )
+    tell_bundle(args.bundle, metrics)
     return 0
 
 
@@ -149,23 +173,13 @@ def _jobs(
     args: argparse.Namespace, recipe: "Recipe", parts: tuple[str, ...]
 ) -> Iterator["Job | OwnJob"]:
     from x2train.studies.thesis.own import OwnSettings, own_jobs  # noqa: PLC0415
-    from x2train.studies.thesis.recipe import Job, Variant, variants, wanted_cells  # noqa: PLC0415
+    from x2train.studies.thesis.recipe import Job, variants, wanted_cells  # noqa: PLC0415
     from x2train.studies.thesis.recordings import load_recordings  # noqa: PLC0415
     from x2train.studies.thesis.settings import fit_settings  # noqa: PLC0415
 
     cells = tuple(wanted_cells(vector=args.vector, animal=args.animal, rate_hz=args.frame_rate))
-    fit = _fit_changes(args)
-    plain = {
-        name: Variant(
-            label=name,
-            fit=fit_settings(name, **fit),
-            rectified=args.rectified,
-            clutter=args.clutter,
-            noise=args.noise,
-            train_rate_hz=args.train_rate,
-        )
-        for name in ((args.activation,) if args.activation else ("relu", "sigmoid"))
-    }
+    names = (args.activation,) if args.activation else ("relu", "sigmoid")
+    plain = {name: _variant(args, name) for name in names}
     first = next(iter(plain.values()))
     for cell in cells:
         # Refuse what makes no vector before anything is simulated.
@@ -179,7 +193,7 @@ def _jobs(
         yield from own_jobs(recipe, cells, own)
     tried = next(c for c in (*cells, *wanted_cells()) if c.vector == 2)
     if "switches" in parts:
-        base = fit_settings("relu", **fit)
+        base = fit_settings("relu", **_fit_changes(args))
         yield from (Job(recipe, tried, v) for v in variants(base))
     if args.finetune:
         wanted = cells if "networks" in parts and not args.publish else (tried,)
@@ -187,6 +201,20 @@ def _jobs(
             recordings = load_recordings(args.finetune, recipe.spec(cell.frame_rate_hz))
             named = replace(first, label=f"{first.label} retrained")
             yield Job(recipe, cell, named, recordings.of(cell.vector))
+
+
+def _variant(args: argparse.Namespace, activation: str) -> "Variant":
+    from x2train.studies.thesis.recipe import Variant  # noqa: PLC0415
+    from x2train.studies.thesis.settings import fit_settings  # noqa: PLC0415
+
+    return Variant(
+        label=activation,
+        fit=fit_settings(activation, **_fit_changes(args)),
+        rectified=args.rectified,
+        clutter=args.clutter,
+        noise=args.noise,
+        train_rate_hz=args.train_rate,
+    )
 
 
 def _fit_changes(args: argparse.Namespace) -> dict[str, Any]:
@@ -223,7 +251,7 @@ def _teller(bar: Progress) -> Callable[[str, int, int], None]:
     return tell
 
 
-def _command(args: argparse.Namespace) -> str:
+def _command(args: argparse.Namespace, *more: str) -> str:
     """Return the command line again, without what only says where and how fast."""
     parser = argparse.ArgumentParser()
     _add_data(parser)
@@ -241,4 +269,4 @@ def _command(args: argparse.Namespace) -> str:
                 str(v.name if isinstance(v, Path) else v)
                 for v in (given if isinstance(given, list) else [given])
             ]
-    return shlex.join([*words, "--publish", f"docs/{args.publish.name}"])
+    return shlex.join([*words, *more])

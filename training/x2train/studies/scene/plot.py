@@ -22,7 +22,7 @@ from radard.dsp.downconvert import DownConverter
 from radard.dsp.range_time import RangeTimeMap
 from radard.dsp.velocity import VelocityTransform
 from x2radar.frame import FastTimeAxis
-from x2radar.settings.any import ModuleSettings
+from x2radar.settings.base import ModuleSettings
 from x2radar.sim.module.stream import EchoStream
 from x2radar.sim.scene.scene import Scene
 from x2radar.sim.scene.stage import Stage
@@ -113,7 +113,7 @@ def plot_scene(
         What to play.
     seed : int
         Of its draws.
-    settings : RadarSettings, X4Settings or ProfileSettings
+    settings : ModuleSettings
         Of the radar.
     duration_s : float
         How long, in seconds.

@@ -29,7 +29,7 @@ def register(commands: Commands) -> None:
 
 def _run(args: argparse.Namespace) -> int:
     # Late: matplotlib takes a second, and --help must not.
-    from x2train.studies.scene_plot import plot_scene  # noqa: PLC0415
+    from x2train.studies.scene.plot import plot_scene  # noqa: PLC0415
 
     if not 2 <= args.duration <= 3600:
         msg = f"--duration {args.duration:g}: must be 2 to 3600 seconds"

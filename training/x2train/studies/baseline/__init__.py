@@ -1,1 +1,0 @@
-"""The thesis' network on the daemon's features: the bundle `thesis`."""

@@ -1,0 +1,1 @@
+"""A scene as the radar sees it, by eye."""
