@@ -58,17 +58,9 @@ class Config(SinkOptions, RadarSections):
         return tuple(map(self.of_sensor, self.sensors)) if self.sensors else (self,)
 
     def of_sensor(self, name: str | None) -> "Config":
-        """Return the configuration as it holds for one radar of `sensors`.
+        """Return the configuration of one radar of `sensors`; None is the only one.
 
-        Parameters
-        ----------
-        name : str or None
-            Whose; None is the only one there is.
-
-        Raises
-        ------
-        UsageError
-            If there is none of this name, or several and no name.
+        Raises UsageError if there is none of this name, or several and no name.
         """
         if name is None and len(self.sensors) == 1:
             (name,) = self.sensors
@@ -140,24 +132,18 @@ def load_with_origins(
     options : mapping of section to mapping of key to value, optional
         From the command line.
 
-    Returns
-    -------
-    Loaded
-        Checked.
-
     Raises
     ------
     ConfigError
         With every fault, each with its place.
     """
+    environ = os.environ if environ is None else environ
     tree: dict[str, Any] = {}
     places: Places = {}
     path = file or next((p for p in DEFAULT_FILES if p.is_file()), None)
     if path is not None:
         tree, places = read_yaml(path)
-    for (section, key), value, place in read_environment(
-        os.environ if environ is None else environ
-    ):
+    for (section, key), value, place in read_environment(environ):
         put(tree, section, key, value)
         _came_from(place, (section, key) if key else (section,), value, places)
     for name, values in (options or {}).items():
@@ -172,7 +158,7 @@ def load_with_origins(
         # One radar was asked for by hand: that is the whole run.
         tree.pop("sensors", None)
     config = _checked(tree, places)
-    folder = state_folder(config.service.state_dir, os.environ if environ is None else environ)
+    folder = state_folder(config.service.state_dir, environ)
     is_changed = lay_over(zones_path(folder, config.sensor.name, config.sensor.port), tree, places)
     for name, entry in config.sensors.items():
         own: Places = {}

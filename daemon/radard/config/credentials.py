@@ -25,8 +25,7 @@ def read_secret(what: str, file: Path | None, variable: str | None) -> str | Non
     Raises
     ------
     ConfigError
-        If both are named, or there is nothing in the one that is. The message names the
-        place, never the content.
+        If both are named, or the one that is holds nothing. It never shows the content.
     """
     if file is not None and variable is not None:
         msg = f"{what}_file and {what}_env are both given; one is enough"

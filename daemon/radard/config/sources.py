@@ -32,13 +32,7 @@ def put(tree: dict[str, Any], section: str, key: str | None, value: Any) -> None
 
 
 def read_yaml(path: Path) -> tuple[dict[str, Any], Places]:
-    """Return a file's sections and the line of every key.
-
-    Raises
-    ------
-    ConfigError
-        If it cannot be read or is no mapping.
-    """
+    """Return a file's sections and the place of every key; raises ConfigError if it cannot."""
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as err:

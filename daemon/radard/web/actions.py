@@ -53,7 +53,14 @@ class Actions:
             if not self._rate_limit.take():
                 return refusal(429, "too much at once; wait a moment")
             body = await _json_body(request)
-            return refusal(400, "no JSON object") if body is None else await handler(body)
+            if body is None:
+                return refusal(400, "no JSON object")
+            try:
+                return await handler(body)
+            except ValueError as err:
+                return refusal(400, str(err))
+            except OutputError as err:
+                return refusal(507, str(err))
 
         return Route(path, guarded, methods=["POST"])
 
@@ -77,37 +84,25 @@ class Actions:
         line = {
             "event": event_id,
             "label": label,
-            "clip": event["clip"],
-            "sensor": event["sensor"],
-            "kind": event["kind"],
-            "peak": event["peak"],
+            **{key: event[key] for key in ("clip", "sensor", "kind", "peak")},
             "model": self._queries.history.hello.get("model"),
             "time": utc_now(),
         }
-        try:
-            await run_in_threadpool(self._queries.label_file.add, line)
-        except OutputError as err:
-            return refusal(507, str(err))
+        await run_in_threadpool(self._queries.label_file.add, line)
         return JSONResponse({"event": event_id, "label": label}, 201)
 
     async def _zones(self, body: dict[str, Any]) -> Response:
         host = self._queries.host
         if host is None:
             return refusal(503, "there is no run yet")
-        try:
-            zones = None if body.get("forget") is True else _zones_of(body)
-        except ValueError as err:
-            return refusal(400, str(err))
+        zones = None if body.get("forget") is True else _zones_of(body)
         path = self._queries.zones_file
-        try:
-            if zones is None:
-                await run_in_threadpool(forget, path)
-            else:
-                await run_in_threadpool(
-                    lambda: save(path, zones.include, zones.exclude, now_utc=utc_now())
-                )
-        except OutputError as err:
-            return refusal(507, str(err))
+        if zones is None:
+            await run_in_threadpool(forget, path)
+        else:
+            await run_in_threadpool(
+                lambda: save(path, zones.include, zones.exclude, now_utc=utc_now())
+            )
         log.info("zones from the dashboard: %s", "forgotten" if zones is None else path)
         # Through the configuration, so that `config show` says the same.
         host.reload()
@@ -120,19 +115,16 @@ class Actions:
             return refusal(409, "this is no replay")
         action, value = body.get("action"), body.get("value")
         is_number = isinstance(value, int | float) and not isinstance(value, bool)
-        try:
-            if action == "play":
-                playback.play()
-            elif action == "pause":
-                playback.pause()
-            elif action == "seek" and is_number:
-                playback.seek(float(value))  # type: ignore[arg-type]
-            elif action == "speed" and (is_number or value is None):
-                playback.set_speed(None if value is None else float(value))
-            else:
-                return refusal(400, "action is play, pause, seek or speed, with its value")
-        except ValueError as err:
-            return refusal(400, str(err))
+        if action == "play":
+            playback.play()
+        elif action == "pause":
+            playback.pause()
+        elif action == "seek" and is_number:
+            playback.seek(float(value))  # type: ignore[arg-type]
+        elif action == "speed" and (is_number or value is None):
+            playback.set_speed(None if value is None else float(value))
+        else:
+            return refusal(400, "action is play, pause, seek or speed, with its value")
         return JSONResponse(self._queries.now()["playback"], 202)
 
     async def _log_in(self, request: Request) -> Response:
