@@ -2,10 +2,11 @@
 
 import itertools
 import signal
-from types import SimpleNamespace
 
 import pytest
 from hypothesis import HealthCheck, settings
+
+from tests.busy_machine import allow_for_it
 
 settings.register_profile(
     "fixed",
@@ -24,10 +25,9 @@ def pytest_configure():
 
 
 @pytest.fixture(scope="session", autouse=True)
-def no_forced_end():
-    """Take from a daemon in this process its last resort, which would end the whole run."""
+def busy_machine():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("radard.health.thread_dump.os", SimpleNamespace(_exit=lambda _code: None))
+        allow_for_it(patch)
         yield
 
 

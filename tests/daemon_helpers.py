@@ -15,17 +15,20 @@ class Gate:
         self._open = threading.Event()
         self._open.set()
         self.shut, self.open = self._open.clear, self._open.set
+        self.n_before = 0
 
     def wait(self):
         """Pass, or stand before it."""
-        self._open.wait(120)
+        if not self._open.is_set():
+            self.n_before += 1
+            self._open.wait(120)
 
     def before(self, monkeypatch, cls, name):
         """Put the door before a method."""
         original = getattr(cls, name)
 
         def guarded(*args, **kwargs):
-            self._open.wait(120)
+            self.wait()
             return original(*args, **kwargs)
 
         monkeypatch.setattr(cls, name, guarded)
@@ -36,7 +39,7 @@ class Gate:
 
         def guarded(*args, **kwargs):
             for item in original(*args, **kwargs):
-                self._open.wait(120)
+                self.wait()
                 yield item
 
         monkeypatch.setattr(cls, name, guarded)
@@ -47,7 +50,7 @@ class Daemon:
 
     n_made = 0
 
-    def __init__(self, tmp_path, monkeypatch, *, stale_s=0.6, reload=None, **options):
+    def __init__(self, tmp_path, monkeypatch, *, stale_s=60.0, reload=None, **options):
         Daemon.n_made += 1
         self.far = NotifySocket(tmp_path / f"notify{Daemon.n_made}")
         monkeypatch.setenv("NOTIFY_SOCKET", self.far.name)

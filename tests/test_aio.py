@@ -76,7 +76,7 @@ def test_a_slow_task_reads_every_frame_in_order():
 def test_a_loss_is_raised_once_then_the_stream_is_over(faults, error):
     async def main():
         got = []
-        stream = AsyncRadar(radar(faults, deadlines=Deadlines(stall_s=0.3)))
+        stream = AsyncRadar(radar(faults, deadlines=Deadlines(reply_s=60, stall_s=1)))
         async with stream:
             with pytest.raises(error):
                 await everything(stream, got)
@@ -123,7 +123,7 @@ def test_cancelled_while_it_opens_and_while_it_waits():
         began_s = time.monotonic()
         with pytest.raises(TimeoutError):
             asyncio.run(asyncio.wait_for(task(), 0.4))
-        assert time.monotonic() - began_s < 3
+        assert time.monotonic() - began_s < 30
         assert not readers()
     silent.close()
 

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 
@@ -99,9 +100,10 @@ def wait_until(happens: Callable[[], bool]) -> None:
 
 def test_a_simulated_module_that_reboots_again_and_again_streams_on() -> None:
     plan = FaultPlan({"reboot": 0.03})
+    patient = replace(SHORT, stall_s=60.0)
     near, far = memory_pair()
     thread = in_thread(serve, SimulatedModule(load_scene("human"), 3, plan), far, speed=8.0)
-    with X2Radar(lambda: near, SETTINGS, deadlines=SHORT) as radar:
+    with X2Radar(lambda: near, SETTINGS, deadlines=patient) as radar:
         frames = take(radar, 200)
         stats = radar.stats
     far.close()

@@ -1,7 +1,5 @@
 """Hold up each thread of a running daemon in turn: systemd's notification must stop."""
 
-import time
-
 import pytest
 
 from radard.health.heartbeat import Heartbeat
@@ -11,6 +9,7 @@ from radard.service.os_signals import Signals
 from radard.service.worker import Worker
 from radard.stream.source import LiveSource
 from tests.daemon_helpers import Gate, launcher
+from tests.sink_helpers import wait_for
 
 STALE_S = 0.6
 launch = pytest.fixture(launcher)
@@ -24,6 +23,10 @@ WHERE = {
 }
 
 
+def status(tmp_path):
+    return read_status(status_path(tmp_path, "radar"))
+
+
 @pytest.mark.parametrize("where", WHERE)
 def test_a_thread_that_stands_still_stops_the_notification(where, tmp_path, monkeypatch, launch):
     gate = Gate()
@@ -34,13 +37,10 @@ def test_a_thread_that_stands_still_stops_the_notification(where, tmp_path, monk
         daemon.far.wait_for("READY")
         daemon.far.wait_for("WATCHDOG")
         gate.shut()
-        time.sleep(STALE_S + 0.4)
-        daemon.far.drain()
-        assert daemon.far.silent_for(0.6)
+        wait_for(lambda: daemon.far.silent_for(0.6))
         if where not in {"main", "heartbeat"}:
-            report = read_status(status_path(tmp_path, "radar"))
-            assert report.content["state"] == "offline"
-            assert "no decision" in report.line
+            wait_for(lambda: "no decision" in (report := status(tmp_path)).line and report)
+            assert status(tmp_path).content["state"] == "offline"
         gate.open()
         assert daemon.far.wait_for("WATCHDOG")
     finally:
@@ -56,7 +56,7 @@ def test_a_daemon_that_is_well_is_fed_and_says_its_end(tmp_path, launch):
     daemon.ask("stop")
     assert daemon.far.wait_for("STOPPING")["STATUS"] == "stopped"
     assert daemon.stop() == 0
-    assert read_status(status_path(tmp_path, "radar")).line == "offline: stopped"
+    assert status(tmp_path).line == "offline: stopped"
 
 
 def test_a_thread_that_never_comes_back_does_not_hold_up_the_end(monkeypatch, launch):
@@ -68,10 +68,10 @@ def test_a_thread_that_never_comes_back_does_not_hold_up_the_end(monkeypatch, la
     daemon = launch()
     daemon.far.wait_for("READY")
     gate.shut()
-    time.sleep(0.3)
+    wait_for(lambda: gate.n_before)
     result = daemon.stop()
     assert str(result) == "stuck and left behind: worker"
     assert result.exit_code == 1
-    time.sleep(0.6)
+    wait_for(lambda: forced)
     gate.open()
     assert forced == [1]

@@ -142,9 +142,7 @@ def test_mqtt_and_the_dashboard_start_it_and_tell_how_it_went(tmp_path, launch):
     broker = MqttBroker(tmp_path)
     listener = Listener(broker.port, "radard/radar/health")
     base = f"http://127.0.0.1:{free_port()}"
-    daemon = launch(
-        stale_s=5.0, sensor=FAST, gate=GATE, output=[f"mqtt://127.0.0.1:{broker.port}", base]
-    )
+    daemon = launch(sensor=FAST, gate=GATE, output=[f"mqtt://127.0.0.1:{broker.port}", base])
 
     def said():
         messages = listener.on("radard/radar/health")

@@ -5,8 +5,9 @@ import json
 import os
 import signal
 import subprocess
+import sys
+import termios
 import threading
-import time
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,7 @@ from radard.errors import ConfigError
 from tests.alarm_helpers import NotifySocket
 from tests.daemon_helpers import launcher
 from tests.radar_helpers import python
+from tests.sink_helpers import wait_for
 from x2radar.device.transport import PtyTransport
 from x2radar.sim.module.host import serve
 from x2radar.sim.module.module import SimulatedModule
@@ -34,7 +36,7 @@ def far(tmp_path):
 
 def start(*argv, **environ):
     return subprocess.Popen(
-        [python(), "-m", "radard.cli", *argv],
+        [python(), "-m", "tests.busy_machine", *argv],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -82,7 +84,8 @@ def test_hup_reloads_without_losing_the_stream_and_usr1_dumps(tmp_path, far):
     far.wait_for("READY")
     between = []
     while not between or over_floor_db(between[-1]) != 9:
-        between += records_until(process, '"decision"', most=50)
+        new = records_until(process, '"decision"', most=50)
+        between += [r for r in new if r["type"] == "decision"]
         assert len(between) < 400
     config.write_text("gate: {treshold_db: 9}\n")
     process.send_signal(signal.SIGHUP)
@@ -155,27 +158,26 @@ def test_the_end_while_waiting_for_a_device(tmp_path, far):
     assert "lost" in err
 
 
+def n_unread(pipe):
+    return int.from_bytes(fcntl.ioctl(pipe, termios.FIONREAD, bytes(4)), sys.byteorder)
+
+
 def test_a_second_signal_forces_the_end():
     process = start("--port", "sim:empty", "--speed", "max", "-o", "json", "--model", "none")
     fcntl.fcntl(process.stdout, fcntl.F_SETPIPE_SZ, 4096)
     process.stdout.read(1)
     # Nobody reads on: the pipe fills up, and the worker stands in a write.
-    time.sleep(0.8)
+    wait_for(lambda: n_unread(process.stdout) > 2000)
     process.send_signal(signal.SIGTERM)
-    time.sleep(0.2)
-    process.send_signal(signal.SIGTERM)
-    assert process.wait(timeout=60) == -signal.SIGTERM
+    wait_for(lambda: process.poll() is not None or process.send_signal(signal.SIGTERM))
+    assert process.returncode == -signal.SIGTERM
     process.stdout.close()
     process.stderr.close()
 
 
 def panel_of(daemon, key, wanted):
     """Wait until the panel says so."""
-    for _ in range(1000):
-        if daemon.run.radar.panel().get(key) == wanted:
-            return
-        time.sleep(0.02)
-    raise AssertionError(daemon.run.radar.panel())
+    wait_for(lambda: daemon.run.radar.panel().get(key) == wanted)
 
 
 def test_disarmed_is_kept_over_a_restart_and_so_is_armed(tmp_path, launch):
@@ -246,13 +248,9 @@ def test_reload_changes_the_policy_the_outputs_and_the_clips(tmp_path, launch):
         )
     )
     daemon.ask("reload")
-    for _ in range(200):
-        if second.exists() and daemon.run.parts.clips is None:
-            break
-        time.sleep(0.02)
+    wait_for(lambda: second.exists() and daemon.run.parts.clips is None)
     seq = daemon.run.radar.panel()["seq"]
-    while daemon.run.radar.panel()["seq"] < seq + 2:
-        time.sleep(0.02)
+    wait_for(lambda: daemon.run.radar.panel()["seq"] >= seq + 2)
     assert daemon.stop() == 0
     assert daemon.run.parts.policy.k == 3
     for path in (first, second):
@@ -281,10 +279,7 @@ def test_a_model_that_takes_other_dwells_is_left_for_a_restart(launch, caplog):
     model = daemon.config.model.model_copy(update={"name": "thesis"})
     choices[0] = lambda: daemon.config.model_copy(update={"model": model})
     daemon.ask("reload")
-    for _ in range(200):
-        if daemon.run.parts.config.model.name == "thesis":
-            break
-        time.sleep(0.02)
+    wait_for(lambda: daemon.run.parts.config.model.name == "thesis")
     assert daemon.run.parts.pipeline.classifier is not None
     assert daemon.stop() == 0
     assert "unknown key" in caplog.text
@@ -299,10 +294,7 @@ def test_a_reload_keeps_the_frames_that_a_clip_will_need(tmp_path, launch):
     configs.append(daemon.config.model_copy(update={"gate": gate}))
     held = len(clips._held)
     daemon.ask("reload")
-    for _ in range(200):
-        if daemon.run.parts.config.gate.threshold_db == 9:
-            break
-        time.sleep(0.02)
+    wait_for(lambda: daemon.run.parts.config.gate.threshold_db == 9)
     assert daemon.run.parts.clips is clips
     assert len(clips._held) >= held > 0
     assert clips._attributes["config_hash"] == configs[0].digest()

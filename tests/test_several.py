@@ -81,7 +81,7 @@ def test_one_that_cannot_work_is_named_and_leaves_the_others_alone(tmp_path, lau
         "attic": {"port": f"replay:{tmp_path / 'gone.h5'}"},
         "cellar": {"port": str(tmp_path / "ttyX2")},
     }
-    daemon = launch(stale_s=5.0, sensors=sensors, output=[f"json:{out}"])
+    daemon = launch(sensors=sensors, output=[f"json:{out}"])
     assert daemon.far.wait_for("READY")["STATUS"].startswith("degraded: attic: offline")
     text = daemon.far.wait_for("WATCHDOG")["STATUS"]
     assert "cellar: offline: device absent" in text
@@ -118,7 +118,7 @@ def test_work_that_breaks_off_is_begun_anew(tmp_path, launch, monkeypatch):
     monkeypatch.setattr(LiveSource, "frames", frames)
     out = tmp_path / "out.jsonl"
     sensors = {"hall": {"port": "sim:empty"}, "attic": {"port": "sim:dog"}}
-    daemon = launch(stale_s=5.0, sensors=sensors, output=[f"json:{out}"])
+    daemon = launch(sensors=sensors, output=[f"json:{out}"])
     wait_for(lambda: out.exists() and out.read_text().count('"hello"') == 3)
     wait_for(lambda: states(tmp_path, "attic") == {"attic": "online"})
     assert daemon.stop() == 0
@@ -142,13 +142,13 @@ def test_a_thread_of_one_that_stands_still_stops_the_notification(tmp_path, monk
         return plain(self, dwell)
 
     monkeypatch.setattr(Pipeline, "decide", decide)
-    daemon = launch(sensors={"hall": {"port": "sim:empty"}, "attic": {"port": "sim:dog"}})
+    sensors = {"hall": {"port": "sim:empty"}, "attic": {"port": "sim:dog"}}
+    daemon = launch(stale_s=0.6, sensors=sensors)
     try:
         daemon.far.wait_for("READY")
         gate.shut()
         wait_for(lambda: states(tmp_path, "attic") == {"attic": "offline"})
-        daemon.far.drain()
-        assert daemon.far.silent_for(0.5)
+        wait_for(lambda: daemon.far.silent_for(0.5))
         wait_for(lambda: states(tmp_path, "hall") == {"hall": "online"})
         gate.open()
         assert daemon.far.wait_for("WATCHDOG")

@@ -45,7 +45,7 @@ OUTBOX = {"first_retry_s": 0.05, "longest_retry_s": 0.1}
 def test_a_broker_that_is_away_degrades_until_it_is_back(tmp_path, launch, quick):
     broker, out = MqttBroker(tmp_path), tmp_path / "out.jsonl"
     outputs = [f"mqtt://127.0.0.1:{broker.port}", f"json:{out}"]
-    daemon = launch(stale_s=5.0, output=outputs, outbox=OUTBOX)
+    daemon = launch(output=outputs, outbox=OUTBOX)
     try:
         wait_for_state(tmp_path, "online")
         broker.stop()
@@ -62,9 +62,11 @@ def test_a_broker_that_is_away_degrades_until_it_is_back(tmp_path, launch, quick
         broker.stop()
     told = [json.loads(line) for line in out.read_text().splitlines()]
     states = [r["state"] for r in told if r["type"] == "status"]
-    assert states[:4] == ["starting", "online", "degraded", "online"]
-    assert states[-1] == "offline"
-    assert set(states[4:-1]) <= {"degraded", "online"}
+    assert (states[0], states[-1]) == ("starting", "offline")
+    # In this order; on a busy machine an output may be in trouble besides.
+    left = iter(states[1:-1])
+    assert all(state in left for state in ("online", "degraded", "online"))
+    assert set(states[1:-1]) <= {"degraded", "online"}
 
 
 SINKS = {
@@ -95,7 +97,6 @@ def test_a_sink_that_stands_still_degrades_and_delays_nothing(
     }
     # Somebody walks about, so there are events for those who take nothing else.
     daemon = launch(
-        stale_s=5.0,
         sensor={"port": "sim:human", "speed": "10"},
         alarm={"sensitivity": "high", "refractory_s": 0, "latch_s": 0},
         model={"name": "thesis"},
@@ -141,14 +142,14 @@ def test_a_radar_that_stands_still_is_offline_on_the_broker(
     put(gate, monkeypatch, cls, name)
     broker = MqttBroker(tmp_path)
     listener = Listener(broker.port, "radard/radar/#")
-    daemon = launch(output=[f"mqtt://127.0.0.1:{broker.port}"], outbox=OUTBOX)
+    url = f"mqtt://127.0.0.1:{broker.port}"
+    daemon = launch(stale_s=0.6, output=[url], outbox=OUTBOX)
     try:
         wait_for(lambda: listener.on("radard/radar/availability")[-1:] == [b"online"])
         gate.shut()
         wait_for(lambda: listener.on("radard/radar/availability")[-1] == b"offline")
         wait_for(lambda: b"no decision from fresh" in listener.on("radard/radar/health")[-1])
-        daemon.far.drain()
-        assert daemon.far.silent_for(0.5)
+        wait_for(lambda: daemon.far.silent_for(0.5))
         gate.open()
         wait_for(lambda: listener.on("radard/radar/availability")[-1] == b"online")
     finally:
@@ -161,13 +162,11 @@ def test_a_radar_that_stands_still_is_offline_on_the_broker(
 def test_a_port_of_the_dashboard_that_is_taken_is_said_and_costs_nothing(tmp_path, launch, quick):
     port = free_port()
     server = WebServer(port)
-    daemon = launch(stale_s=5.0, output=[f"http://127.0.0.1:{port}"])
+    daemon = launch(output=[f"http://127.0.0.1:{port}"])
     try:
         wait_for_state(tmp_path, "degraded", "cannot listen")
-        begun_s = time.monotonic()
         seq = report(tmp_path)["seq"]
         wait_for(lambda: report(tmp_path)["seq"] > seq + 3)
-        assert time.monotonic() > begun_s
     finally:
         assert daemon.stop() == 0
         server.close()
@@ -176,7 +175,6 @@ def test_a_port_of_the_dashboard_that_is_taken_is_said_and_costs_nothing(tmp_pat
 def test_a_replay_says_the_same_whatever_its_outputs_do(tmp_path, launch, quick):
     out = tmp_path / "out.jsonl"
     daemon = launch(
-        stale_s=5.0,
         sensor={"port": "sim:empty", "speed": "max"},
         output=[f"mqtt://127.0.0.1:{free_port()}", f"json:{out}"],
         outbox=OUTBOX,
