@@ -17,7 +17,7 @@ from radard.health.health import Status
 from radard.pipeline import Pipeline
 from x2radar.command import installed_version
 
-SCHEMA = 1
+SCHEMA = 1  # of output.schema.json
 Record = dict[str, Any]
 
 

@@ -24,7 +24,7 @@ from radard.sinks.outbox import Item
 from radard.sinks.outbox_sink import OutboxSink, outbox_path
 
 log = logging.getLogger("radard")
-_PORTS = {"mqtt": 1883, "mqtts": 8883}
+_PORTS = {"mqtt": 1883, "mqtts": 8883}  # registered with IANA
 _CLOSE_S = 1.0  # chosen: for the messages that say that the run has ended
 _HANGS_S = 10.0
 """The sink's thread runs every `tick_s`; after so long without it, it hangs (chosen)."""

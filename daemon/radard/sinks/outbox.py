@@ -22,7 +22,7 @@ from radard.sinks.database import ForeignDatabase, open_database
 
 log = logging.getLogger("radard")
 _APPLICATION_ID = int.from_bytes(b"rdob", "big")
-_VERSION = 1
+_VERSION = 1  # of the schema
 _TRANSIENT = 100  # records in memory, chosen: of states and decisions only the newest matter
 _SCHEMA = """
 CREATE TABLE IF NOT EXISTS outbox (

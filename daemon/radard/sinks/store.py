@@ -20,7 +20,7 @@ from radard.sinks.database import ForeignDatabase, open_database
 from radard.sinks.thread_sink import DirectSink
 
 APPLICATION_ID = int.from_bytes(b"rdst", "big")
-VERSION = 2
+VERSION = 2  # of the schema; see `_NEWER`
 _COMMIT_S = 10.0  # chosen: what a power cut may cost of decisions
 _PRUNE_S = 600.0  # chosen: how often rows are deleted
 _SCHEMA = """

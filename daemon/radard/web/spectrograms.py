@@ -25,13 +25,13 @@ COLUMN_RATE_HZ = 15.0  # chosen: a step of a person is some seven columns
 GAIT_S = 2.0  # chosen: some four steps of a person
 SPANS_DB = {"range": 30.0, "velocity": 11.0, "doppler": 26.0, "gait": 20.0}
 """From dark to bright. Aliases of fast bodies lie 7 to 9 dB under the true velocity."""
-_MOST_BINS = 256  # chosen: the bins of an X2
+_MOST_BINS = 256  # chosen: above the rows of any picture
 _MOST_ROWS = 96  # chosen: as many as a page's picture shows
-_CELLS_M = (0.05, 0.1, 0.2, 0.5, 1.0)
+_CELLS_M = (0.05, 0.1, 0.2, 0.5, 1.0)  # chosen: the first that gives so few rows
 _QUIET_SHARE = 0.3  # chosen: a body fills less than the other share of a column
 _DIM_DB = 4.0  # chosen: peaks of the noise should not look like motion
 _RISE_DB_PER_S, _FALL_DB_PER_S = 0.5, 12.0  # chosen: a body that stays is not learned as noise
-_TINY = 1e-300
+_TINY = 1e-300  # for log10 of zero
 
 
 @dataclass(frozen=True, slots=True)
