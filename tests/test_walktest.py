@@ -9,7 +9,7 @@ import pytest
 
 from radard.cli import main
 from radard.commands.progress_line import ProgressLine, bar
-from radard.commands.walk_report import Cell, WalkDecision, by_range, report
+from radard.commands.walk_report import RangeCell, WalkDecision, by_range, report
 from radard.commands.walktest import line_of
 
 
@@ -61,7 +61,7 @@ def test_longer_gaps_are_nobodys(gap_s, n_cells):
 def test_coming_in_unseen_takes_time():
     # In at 2 m at 2 s, seen at 5 s.
     walk = [step(0.0, 1.5), step(1.0), step(2.0), step(3.0), step(4.0), step(5.0, 2.75)]
-    assert by_range(walk)[1] == Cell(
+    assert by_range(walk)[1] == RangeCell(
         near_m=2.0,
         far_m=2.5,
         windows=2,

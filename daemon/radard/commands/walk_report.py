@@ -33,7 +33,7 @@ class WalkDecision:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Cell:
+class RangeCell:
     """What became of the walker in one stretch of range, from `near_m` to `far_m`."""
 
     near_m: float
@@ -71,7 +71,7 @@ def step_of(decision: Decision) -> WalkDecision:
     )
 
 
-def by_range(steps: Sequence[WalkDecision]) -> list[Cell]:
+def by_range(steps: Sequence[WalkDecision]) -> list[RangeCell]:
     """Return the cells that the walker was in, near to far, from decisions in their order."""
     times_s = np.array([step.t_s for step in steps])
     where_m = _walk(times_s, steps)
@@ -100,11 +100,11 @@ def _walk(times_s: NDArray[np.float64], steps: Sequence[WalkDecision]) -> NDArra
 
 def _cell(
     cell: int, visits: list[list[int]], steps: Sequence[WalkDecision], where_m: NDArray[np.float64]
-) -> Cell:
+) -> RangeCell:
     inside = [steps[k] for visit in visits for k in visit]
     firsts = [_first_seen(cell, visit, steps, where_m) for visit in visits]
     delays = [delay for delay in firsts if delay is not None]
-    return Cell(
+    return RangeCell(
         near_m=cell * CELL_M,
         far_m=(cell + 1) * CELL_M,
         windows=len(inside),
@@ -130,7 +130,7 @@ def _first_seen(
     return steps[seen].t_s - came_s
 
 
-def report(steps: Sequence[WalkDecision], cells: Sequence[Cell]) -> Iterator[str]:
+def report(steps: Sequence[WalkDecision], cells: Sequence[RangeCell]) -> Iterator[str]:
     """Yield the lines for people."""
     seen = [step for step in steps if step.range_m is not None]
     if not seen:
