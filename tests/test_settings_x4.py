@@ -71,7 +71,7 @@ def test_whole_numbers_out_of_range(name, low, high):
         ({"frame_rate_hz": 900, "iterations": 255}, "allow 23.3"),
         ({"area_end_m": 0.1}, "area_end_m"),
         ({"area_start_m": 0, "area_end_m": 9.9}, "at most 9.87 m"),
-        ({"centre_frequency": 5}, "3 or 4"),
+        ({"centre_frequency": 5}, "a whole number, 3 to 4"),
         ({"dac_max": 10}, "dac_max = 10: must be above dac_min = 949"),
         ({"is_baseband": 1}, "True or False"),
         ({"iterations": 0, "prf_divider": 1}, "iterations.*prf_divider"),

@@ -5,7 +5,6 @@ import math
 import sys
 from contextlib import ExitStack
 from dataclasses import asdict
-from datetime import UTC, datetime
 from itertools import chain
 from pathlib import Path
 
@@ -37,6 +36,7 @@ def _run(args: argparse.Namespace) -> int:
     from x2radar.recording.capture import CaptureWriter, capturing  # noqa: PLC0415
     from x2radar.recording.recorder import RecordingProgress, record, stop_flag  # noqa: PLC0415
     from x2radar.recording.rotating import RotatingWriter, check_free_name  # noqa: PLC0415
+    from x2radar.recording.stamps import utc_text  # noqa: PLC0415
 
     _check(args)
     check_free_name(args.file, rotating=bool(args.rotate_size or args.rotate_time))
@@ -47,7 +47,7 @@ def _run(args: argparse.Namespace) -> int:
     settings = asdict(radar.settings)
     with ExitStack() as open_now:
         if args.capture_wire:
-            about = {"started_utc": _utc_now(), "port": radar.name, "settings": settings}
+            about = {"started_utc": utc_text(), "port": radar.name, "settings": settings}
             wire = CaptureWriter(args.capture_wire, about)
             open_now.callback(wire.close)
             radar.wrap_transport(lambda connect: capturing(connect, wire))
@@ -61,7 +61,7 @@ def _run(args: argparse.Namespace) -> int:
             RotatingWriter(
                 args.file,
                 radar.stream,
-                started_utc=_utc_now(),
+                started_utc=utc_text(),
                 device={"name": radar.name},
                 settings=settings,
                 rotate_bytes=args.rotate_size and args.rotate_size * _MB,
@@ -115,7 +115,3 @@ def _check_space(args: argparse.Namespace, paths: tuple[Path, ...]) -> None:
             f"{args.free_floor:g} MB to leave (--free-floor)"
         )
         raise X2RadarError(msg)
-
-
-def _utc_now() -> str:
-    return datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")

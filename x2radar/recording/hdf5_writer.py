@@ -11,7 +11,6 @@ import errno
 import json
 import os
 from collections.abc import Mapping
-from datetime import UTC, datetime
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -24,6 +23,7 @@ from x2radar.closing import Closing
 from x2radar.errors import RecordingError
 from x2radar.frame import Frame, StreamInfo
 from x2radar.recording.blocks import SAMPLE_DTYPES, Block, Label, refuse
+from x2radar.recording.stamps import utc_text
 
 FORMAT = "x2radar-recording"
 VERSION = 1
@@ -77,33 +77,18 @@ class RecordingWriter(Closing):
         # An open file cannot be renamed on Windows.
         hidden = path.with_name(f".{path.name}.{os.getpid()}.new")
         self._made_as = path if os.name == "nt" else hidden
-        axis = stream.axis
         try:
             if path.exists():
                 raise FileExistsError(errno.EEXIST, "exists already")
             self._file = h5py.File(self._made_as, "x", libver="latest")
         except OSError as err:
             raise self._cannot_make(err) from err
-        self._file.attrs.update(
-            {
-                "format": FORMAT,
-                "format_version": VERSION,
-                "kind": axis.kind,
-                "frame_rate_hz": stream.frame_rate_hz,
-                "carrier_hz": axis.carrier_hz,
-                "sample_rate_hz": axis.sample_rate_hz,
-                "bin_length_m": axis.bin_length_m,
-                "range_offset_m": axis.range_offset_m,
-                "bandwidth_hz": axis.bandwidth_hz,
-                "phase_sign": axis.phase_sign,
-                "started_utc": started_utc or _utc_now(),
-                "device": json.dumps(dict(device), default=str),
-                "settings": json.dumps(dict(settings), default=str),
-                **(attributes or {}),
-            }
-        )
+        about = root_attributes(stream, started_utc or utc_text(), device, settings)
+        self._file.attrs.update({**about, **(attributes or {})})
         n_chunk = max(1, round(stream.frame_rate_hz))
-        self._samples: NDArray[Any] = np.empty((n_chunk, axis.n_range), SAMPLE_DTYPES[axis.kind])
+        self._samples: NDArray[Any] = np.empty(
+            (n_chunk, stream.axis.n_range), SAMPLE_DTYPES[stream.axis.kind]
+        )
         self._counter = np.empty(n_chunk, np.uint32)
         self._t_s = np.empty(n_chunk, np.float64)
         self._filled = self._flushed = 0
@@ -242,6 +227,28 @@ class RecordingWriter(Closing):
         return refuse(self._path, f"cannot make a recording there: {why}")
 
 
+def root_attributes(
+    stream: StreamInfo, started_utc: str, device: Mapping[str, Any], settings: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return what a recording says about itself, JSON as text."""
+    axis = stream.axis
+    return {
+        "format": FORMAT,
+        "format_version": VERSION,
+        "kind": axis.kind,
+        "frame_rate_hz": stream.frame_rate_hz,
+        "carrier_hz": axis.carrier_hz,
+        "sample_rate_hz": axis.sample_rate_hz,
+        "bin_length_m": axis.bin_length_m,
+        "range_offset_m": axis.range_offset_m,
+        "bandwidth_hz": axis.bandwidth_hz,
+        "phase_sign": axis.phase_sign,
+        "started_utc": started_utc,
+        "device": json.dumps(dict(device), default=str),
+        "settings": json.dumps(dict(settings), default=str),
+    }
+
+
 def write_labels(path: Path, labels: list[Label]) -> None:
     """Add labelled stretches to a recording that is not being written any more."""
     if not labels:
@@ -267,7 +274,3 @@ def _sync_path(path: Path) -> None:
             os.fsync(descriptor)
         finally:
             os.close(descriptor)
-
-
-def _utc_now() -> str:
-    return datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")

@@ -22,6 +22,7 @@ from x2radar.frame import Frame, StreamInfo
 from x2radar.recording.blocks import NO_OVERRIDES, BlockReader, Label, Overrides, Samples, refuse
 from x2radar.recording.hdf5_reader import RecordingReader
 from x2radar.recording.hdf5_writer import RecordingWriter
+from x2radar.recording.stamps import utc_text
 
 
 def part_path(path: Path, part: int) -> Path:
@@ -274,5 +275,4 @@ def _later(started_utc: str, seconds: float) -> str:
         started = datetime.fromisoformat(started_utc)
     except ValueError:
         return started_utc
-    later = (started + timedelta(seconds=seconds)).isoformat(timespec="milliseconds")
-    return later.replace("+00:00", "Z")
+    return utc_text(started + timedelta(seconds=seconds))

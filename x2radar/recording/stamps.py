@@ -1,32 +1,29 @@
-"""From time stamps to frame counters, for formats that stamp frames and do not count them."""
+"""Times as text; from time stamps to frame counters, for formats that do not count frames."""
+
+from datetime import UTC, datetime
 
 import numpy as np
 from numpy.typing import NDArray
 
 
+def utc_text(when: datetime | None = None) -> str:
+    """Return a UTC time, now by default, as ISO 8601 text with milliseconds and a Z."""
+    text = (when or datetime.now(UTC)).isoformat(timespec="milliseconds")
+    return text.replace("+00:00", "Z")
+
+
 def count_by_stamps(
     stamp_s: NDArray[np.float64], nominal_s: float | None = None
 ) -> tuple[NDArray[np.uint32], float]:
-    """Return counters with the losses that the stamps show, and the frame period.
+    """Return counters, from 1, with the losses that the stamps show, and the frame period.
 
-    Parameters
-    ----------
-    stamp_s : ndarray, shape (n,), n >= 2
-        When each frame came, in seconds; may be rounded and late, not reordered.
-    nominal_s : float, optional
-        Frame period to begin with, in seconds; the median distance without it.
+    `stamp_s`, shape (n,) with n >= 2, is when each frame came, in seconds; it may be rounded and
+    late, not reordered: a frame that is late, with those behind it on time, is no loss. The
+    period is the slope of the stamps over the counters, in seconds, nan when they do not grow;
+    it is looked for from `nominal_s` on, or from the median distance.
 
-    Returns
-    -------
-    counter : ndarray, shape (n,), uint32
-        From 1. A frame that is late, with those behind it on time, is no loss.
-    period_s : float
-        Slope of the stamps over the counters, in seconds; nan when they do not grow.
-
-    Notes
-    -----
-    The losses before frame k can be no more than any later stamp leaves room for, so they
-    are the running minimum, from the end, of (stamp / period - k).
+    The losses before frame k can be no more than any later stamp leaves room for, so they are
+    the running minimum, from the end, of (stamp / period - k).
     """
     stamp = stamp_s - stamp_s[0]
     gaps = np.diff(stamp)

@@ -36,6 +36,7 @@ from x2radar.recording.blocks import (
     refuse,
     rows_per_block,
 )
+from x2radar.recording.stamps import utc_text
 
 META = "xethru_recording_meta.dat"
 META_MAGIC = 0xA0B1C2D3
@@ -270,7 +271,7 @@ def _read_meta(file: Path) -> _Meta:
     }
     ours = _our_header(data[at - n_header : at])
     started = datetime.fromtimestamp(start_ms / 1e3, UTC) if 0 < start_ms < 1 << 43 else None
-    text = started.isoformat(timespec="milliseconds").replace("+00:00", "Z") if started else ""
+    text = utc_text(started) if started else ""
     return _Meta(str(ours.get("started_utc", text)), times, ours)
 
 

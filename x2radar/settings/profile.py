@@ -7,19 +7,14 @@ XTAN-11 rev C and clients of real modules; which pulse generator the profiles us
 until the first one.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
 from x2radar.errors import SettingsError
 from x2radar.frame import FastTimeAxis
 from x2radar.settings.base import ModuleSettings
-from x2radar.settings.x2 import (
-    OUTPUTS,
-    PULSE_GENERATORS,
-    SPEED_OF_LIGHT_MPS,
-    is_number,
-    is_whole,
-)
+from x2radar.settings.x2 import OUTPUTS, PULSE_GENERATORS, SPEED_OF_LIGHT_MPS
 from x2radar.wire.messages import (
     LoadProfile,
     Message,
@@ -70,27 +65,15 @@ class ProfileSettings(ModuleSettings):
     led: int = Led.OFF
     """Row of `wire_ids.Led`."""
 
-    def __post_init__(self) -> None:
-        """Check every field, then the zone."""
-        faults = [
-            f"{name} = {getattr(self, name)!r}: must be {rule}"
-            for name, good, rule in (
-                ("profile", self.profile in PROFILES, ", ".join(PROFILES)),
-                ("zone_start_m", is_number(self.zone_start_m, 0.1, 10), "0.1 to 10"),
-                ("zone_end_m", is_number(self.zone_end_m, 0.1, 10), "0.1 to 10"),
-                ("sensitivity", is_whole(self.sensitivity, 0, 9), "a whole number, 0 to 9"),
-                ("output", self.output in {"iq", "ap"}, "iq or ap"),
-                ("led", is_whole(self.led, 0, 3), "a whole number, 0 to 3"),
-            )
-            if not good
-        ]
-        if not faults and self.zone_end_m <= self.zone_start_m:
-            faults.append(
-                f"zone_end_m = {self.zone_end_m:g}: must be above zone_start_m = "
-                f"{self.zone_start_m:g}"
-            )
-        if faults:
-            raise SettingsError("; ".join(faults))
+    NUMBERS = (("zone_start_m", 0.1, 10), ("zone_end_m", 0.1, 10))
+    WHOLE = (("sensitivity", 0, 9), ("led", 0, 3))
+    CHOICES = (("profile", tuple(PROFILES)), ("output", ("iq", "ap")))
+
+    def faults_together(self) -> Iterator[str]:
+        """As in `ModuleSettings`."""
+        if self.zone_end_m <= self.zone_start_m:
+            start = f"zone_start_m = {self.zone_start_m:g}"
+            yield f"zone_end_m = {self.zone_end_m:g}: must be above {start}"
 
     @classmethod
     def for_profile(cls, profile: str, *, output: str = "iq") -> "ProfileSettings":

@@ -4,10 +4,9 @@ Owns the chip's limits, the table of pulse generators, and the commands that con
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from numbers import Integral, Real
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from x2radar.errors import SettingsError
 from x2radar.frame import FastTimeAxis
@@ -68,16 +67,6 @@ OUTPUTS: Mapping[str, BasebandOutput] = {
 }
 """What `output` is on the wire; amplitude or phase alone make no frame."""
 
-_WHOLE = (
-    ("frame_stitch", 1, 5),
-    ("pulse_generator", 0, len(PULSE_GENERATORS) - 1),
-    ("dac_min", 0, DAC_TOP),
-    ("dac_max", 0, DAC_TOP),
-    ("dac_step", 1, 1024),
-    ("pulses_per_step", 1, 65535),
-    ("iterations", 1, 65535),
-)
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RadarSettings(ModuleSettings):
@@ -104,46 +93,35 @@ class RadarSettings(ModuleSettings):
     output: str = "rf"
     """'rf', or baseband as 'iq' (I/Q) or 'ap' (amplitude/phase) messages."""
 
-    def __post_init__(self) -> None:
-        """Check every field, then the sweep time."""
-        faults = [
-            f"{name} = {getattr(self, name)!r}: {rule}"
-            for name, good, rule in (
-                (
-                    "frame_rate_hz",
-                    is_number(self.frame_rate_hz, 1, 1000) and self.frame_rate_hz % 1 == 0,
-                    "must be a whole number, 1 to 1000 (the module takes an integer)",
-                ),
-                (
-                    "sample_delay_s",
-                    is_number(self.sample_delay_s, 0, 200e-9),
-                    "must be 0 to 200e-9",
-                ),
-                (
-                    "sample_rate_hz",
-                    is_number(self.sample_rate_hz, 1e9, 100e9),
-                    "must be 1e9 to 100e9",
-                ),
-                ("output", self.output in {"rf", "iq", "ap"}, "must be rf, iq or ap"),
-            )
-            if not good
-        ]
-        faults += [
-            f"{name} = {getattr(self, name)!r}: must be a whole number, {low} to {high}"
-            for name, low, high in _WHOLE
-            if not is_whole(getattr(self, name), low, high)
-        ]
-        if not faults and self.dac_max <= self.dac_min:
-            faults.append(f"dac_max = {self.dac_max}: must be above dac_min = {self.dac_min}")
-        if not faults and self.sweep_s * self.frame_rate_hz > 1:
-            most = self._most_pulses()
-            faults.append(
+    NUMBERS = (
+        ("frame_rate_hz", 1, 1000),
+        ("sample_delay_s", 0, 200e-9),
+        ("sample_rate_hz", 1e9, 100e9),
+    )
+    WHOLE = (
+        ("frame_stitch", 1, 5),
+        ("pulse_generator", 0, len(PULSE_GENERATORS) - 1),
+        ("dac_min", 0, DAC_TOP),
+        ("dac_max", 0, DAC_TOP),
+        ("dac_step", 1, 1024),
+        ("pulses_per_step", 1, 65535),
+        ("iterations", 1, 65535),
+    )
+    CHOICES = (("output", tuple(OUTPUTS)),)
+
+    def faults_together(self) -> Iterator[str]:
+        """As in `ModuleSettings`."""
+        if self.frame_rate_hz % 1:
+            yield f"frame_rate_hz = {self.frame_rate_hz!r}: must be a whole number"
+        elif self.dac_max <= self.dac_min:
+            yield f"dac_max = {self.dac_max}: must be above dac_min = {self.dac_min}"
+        elif self.sweep_s * self.frame_rate_hz > 1:
+            most = int(PRF_HZ / (self.frame_rate_hz * self.frame_stitch * self.n_steps))
+            yield (
                 f"iterations x pulses_per_step = {self.iterations * self.pulses_per_step}: "
                 f"one frame would take {self.sweep_s * 1e3:.1f} ms; at "
                 f"{self.frame_rate_hz:g} Hz at most {most} fit"
             )
-        if faults:
-            raise SettingsError("; ".join(faults))
 
     @classmethod
     def for_frame_rate(cls, frame_rate_hz: float, *, output: str = "rf") -> "RadarSettings":
@@ -209,16 +187,3 @@ class RadarSettings(ModuleSettings):
         """Time of the threshold sweeps of one stitched frame, in seconds."""
         pulses = self.n_steps * self.pulses_per_step * self.iterations * self.frame_stitch
         return pulses / PRF_HZ
-
-    def _most_pulses(self) -> int:
-        return int(PRF_HZ / (self.frame_rate_hz * self.frame_stitch * self.n_steps))
-
-
-def is_number(value: Any, low: float, high: float) -> bool:
-    """Say whether `value` is a real number from `low` to `high`."""
-    return isinstance(value, Real) and low <= float(value) <= high
-
-
-def is_whole(value: Any, low: int, high: int) -> bool:
-    """Say whether `value` is an integer from `low` to `high`."""
-    return isinstance(value, Integral) and low <= int(value) <= high

@@ -10,10 +10,9 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from x2radar.errors import SettingsError
 from x2radar.frame import FastTimeAxis, Kind
-from x2radar.settings.base import ModuleSettings
-from x2radar.settings.x2 import SPEED_OF_LIGHT_MPS, is_number, is_whole
+from x2radar.settings.base import ModuleSettings, is_number
+from x2radar.settings.x2 import SPEED_OF_LIGHT_MPS
 from x2radar.wire.messages import Message, SetMode
 from x2radar.wire.messages_x4 import (
     X4Init,
@@ -60,20 +59,6 @@ X4_FIELDS: Mapping[type[Any], tuple[str, ...]] = {
 """Which command sets which fields, in the order in which a module is told."""
 
 _LOWEST_HZ = 0.01
-_NUMBERS = (
-    ("frame_rate_hz", _LOWEST_HZ, 1000),
-    ("area_start_m", -1, 10),
-    ("area_end_m", -1, 20),
-    ("area_offset_m", -1, 1),
-)
-_WHOLE = (
-    ("dac_min", 0, 2047),
-    ("dac_max", 0, 2047),
-    ("dac_step", 1, 255),
-    ("pulses_per_step", 1, 65535),
-    ("iterations", 1, 255),
-    ("prf_divider", 6, 255),
-)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -100,31 +85,25 @@ class X4Settings(ModuleSettings):
     prf_divider: int = 16
     """Pulse rate = 243 MHz / divider, at most 40.5 MHz."""
 
-    def __post_init__(self) -> None:
-        """Check every field, then what they make together; name all faults at once."""
-        faults = [
-            f"{name} = {getattr(self, name)!r}: must be {low:g} to {high:g}"
-            for name, low, high in _NUMBERS
-            if not is_number(getattr(self, name), low, high)
-        ]
-        faults += [
-            f"{name} = {getattr(self, name)!r}: must be a whole number, {low} to {high}"
-            for name, low, high in _WHOLE
-            if not is_whole(getattr(self, name), low, high)
-        ]
-        faults += [
-            f"{name} = {getattr(self, name)!r}: must be True or False"
-            for name in ("is_baseband",)
-            if not isinstance(getattr(self, name), bool)
-        ]
-        if not is_whole(self.centre_frequency, min(PULSES), max(PULSES)):
-            faults.append(f"centre_frequency = {self.centre_frequency!r}: must be 3 or 4")
-        if not faults:
-            faults = list(self._together())
-        if faults:
-            raise SettingsError("; ".join(faults))
+    NUMBERS = (
+        ("frame_rate_hz", _LOWEST_HZ, 1000),
+        ("area_start_m", -1, 10),
+        ("area_end_m", -1, 20),
+        ("area_offset_m", -1, 1),
+    )
+    WHOLE = (
+        ("dac_min", 0, 2047),
+        ("dac_max", 0, 2047),
+        ("dac_step", 1, 255),
+        ("pulses_per_step", 1, 65535),
+        ("iterations", 1, 255),
+        ("prf_divider", 6, 255),
+        ("centre_frequency", min(PULSES), max(PULSES)),
+    )
+    CHOICES = (("is_baseband", (True, False)),)
 
-    def _together(self) -> Iterator[str]:
+    def faults_together(self) -> Iterator[str]:
+        """As in `ModuleSettings`."""
         span_m = self.area_end_m - self.area_start_m
         if not 0 < span_m <= SPAN_M:
             yield (

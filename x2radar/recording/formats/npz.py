@@ -27,7 +27,7 @@ from x2radar.recording.blocks import (
     refuse,
 )
 from x2radar.recording.formats.axis import stream_from
-from x2radar.recording.hdf5_reader import FORMAT, VERSION
+from x2radar.recording.hdf5_writer import root_attributes
 
 _SAMPLES = "samples.npy"
 
@@ -150,19 +150,7 @@ def write(path: Path, source: BlockReader) -> list[str]:
         small: dict[str, Any] = {
             "counter": np.concatenate(counters),
             "t_s": np.concatenate(times),
-            "format": FORMAT,
-            "format_version": VERSION,
-            "kind": axis.kind,
-            "frame_rate_hz": source.stream.frame_rate_hz,
-            "carrier_hz": axis.carrier_hz,
-            "sample_rate_hz": axis.sample_rate_hz,
-            "bin_length_m": axis.bin_length_m,
-            "range_offset_m": axis.range_offset_m,
-            "bandwidth_hz": axis.bandwidth_hz,
-            "phase_sign": axis.phase_sign,
-            "started_utc": source.started_utc,
-            "device": json.dumps(dict(source.device), default=str),
-            "settings": json.dumps(dict(source.settings), default=str),
+            **root_attributes(source.stream, source.started_utc, source.device, source.settings),
         }
         if labels:
             small["labels_t0_s"], small["labels_t1_s"], small["labels_label"] = zip(
