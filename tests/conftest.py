@@ -1,7 +1,11 @@
 """Settings of all tests: the same on any machine and however they were started."""
 
 import itertools
+import json
+import os
 import signal
+import tempfile
+from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -22,6 +26,35 @@ def pytest_configure():
     """Give tests and the processes that they start a Ctrl-C; a shell's background ignores it."""
     if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_auto_num_workers(config):
+    """Return how many processes test; some of the files are done sooner than others are begun."""
+    named = config.option.file_or_dir
+    if named and all(".py" in name for name in named) and len(named) < 4:
+        return 0
+    return min(4, len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 2)
+
+
+def pytest_terminal_summary(terminalreporter, config):
+    """Show the coverage of every folder, if it was measured."""
+    controller = getattr(config.pluginmanager.getplugin("_cov"), "cov_controller", None)
+    if controller is None:
+        return
+    with tempfile.NamedTemporaryFile("r") as file:
+        controller.cov.json_report(outfile=file.name)
+        found = json.load(file)
+    folders = {}
+    for name, each in found["files"].items():
+        folders.setdefault(str(Path(name).parent), []).append(each["summary"])
+    terminalreporter.section("coverage: lines, branches")
+    for folder, parts in [*folders.items(), ("all", [found["totals"]])]:
+        told = f"{folder:45}"
+        for hit, of in ("covered_lines", "num_statements"), ("covered_branches", "num_branches"):
+            n_hit, n = (sum(part[key] for part in parts) for key in (hit, of))
+            told += f"{100 * n_hit / max(1, n):6.1f} % of {n:6}"
+        terminalreporter.line(told)
 
 
 @pytest.fixture(scope="session", autouse=True)
