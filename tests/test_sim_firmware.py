@@ -13,7 +13,7 @@ from x2radar.errors import DeviceError, SettingsError
 from x2radar.ports import make_radar, parse_port
 from x2radar.recording.capture import CaptureWriter, capturing
 from x2radar.recording.formats.wire import WireReader
-from x2radar.settings.modules import MODULES, module_for, settings_from_mapping
+from x2radar.settings.modules import MODULES, ModuleRow, module_for, settings_from_mapping
 from x2radar.settings.profile import PROFILES, ProfileSettings
 from x2radar.settings.x2 import RadarSettings
 from x2radar.settings.x4 import X4Settings
@@ -161,9 +161,20 @@ def test_order_codes():
 def test_every_module_has_a_row_a_firmware_and_a_name_in_the_docs():
     assert FIRMWARES.keys() == MODULES.keys()
     docs = Path(__file__).parents[1] / "docs"
-    for page in ("api.md", "simulated-module.md"):
+    for page in ("api.md", "commands.md", "simulated-module.md"):
         text = (docs / page).read_text("utf-8")
         assert all(device in text for device in MODULES)
+
+
+def test_a_row_and_its_firmware_are_all_that_a_module_needs(monkeypatch):
+    row = ModuleRow(device="mine", settings=X4Settings, order_codes=("X4M0",), bundle="mine")
+    monkeypatch.setitem(MODULES, "mine", row)
+    monkeypatch.setitem(FIRMWARES, "mine", X4Firmware)
+    frames, stream = opened("sim:human?device=mine&rate=20", 3)
+    assert (len(frames), stream.frame_rate_hz, stream.axis.carrier_hz) == (3, 20, 7.29e9)
+    assert module_for("X4M03") is row
+    with pytest.raises(SettingsError, match="known are auto, x2raw, x2m200, x4m03, mine"):
+        make_radar(parse_port("/dev/ttyX?device=x9"))
 
 
 @pytest.mark.parametrize("device", MODULES)

@@ -16,7 +16,7 @@ Kind = Literal["rf", "baseband"]
 LONGEST_GAP = 36_000
 """More missing frames than this are a restart of the module. Chosen: ten minutes at 60 Hz."""
 
-_WRAP = 1 << 32
+_WRAP = 1 << 32  # the module counts in 32 bits
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -20,7 +20,6 @@ class ModuleRow:
 
     device: str
     """As the key `device` of a port string names it."""
-    title: str
     settings: type[ModuleSettings]
     """Its settings, with its fast-time axis and its start-up commands."""
     order_codes: tuple[str, ...] = ()
@@ -33,24 +32,9 @@ class ModuleRow:
 MODULES: Mapping[str, ModuleRow] = {
     row.device: row
     for row in (
-        ModuleRow(
-            device="x2raw",
-            title="X2 in MANUAL mode",
-            settings=RadarSettings,
-            order_codes=("",),
-        ),
-        ModuleRow(
-            device="x2m200",
-            title="sleep profile of an X2M200, 20 Hz",
-            settings=ProfileSettings,
-        ),
-        ModuleRow(
-            device="x4m03",
-            title="X4M03 with XEP firmware",
-            settings=X4Settings,
-            order_codes=("X4", "XEP"),
-            bundle="x4m03",
-        ),
+        ModuleRow(device="x2raw", settings=RadarSettings, order_codes=("",)),
+        ModuleRow(device="x2m200", settings=ProfileSettings),
+        ModuleRow(device="x4m03", settings=X4Settings, order_codes=("X4", "XEP"), bundle="x4m03"),
     )
 }
 

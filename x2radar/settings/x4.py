@@ -59,6 +59,7 @@ X4_FIELDS: Mapping[type[Any], tuple[str, ...]] = {
 """Which command sets which fields, in the order in which a module is told."""
 
 _LOWEST_HZ = 0.01
+"""Chosen: no document gives one."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -23,6 +23,7 @@ _META_VERSION = 13
 _SESSION = b"x2radar\0"
 _KEPT = ("bin_length_m", "range_offset_m", "carrier_hz", "bandwidth_hz", "sample_rate_hz")
 _RECORD, _END_OF_FILE, _FILE_LIST = 1, 2, 3
+"""Version and kinds of entries as in real recordings."""
 
 
 def write(path: Path, source: BlockReader) -> list[str]:
