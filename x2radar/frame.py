@@ -13,6 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 Kind = Literal["rf", "baseband"]
+Samples = NDArray[np.float32] | NDArray[np.complex64]
+"""Of frames: RF, or complex baseband."""
+
 LONGEST_GAP = 36_000
 """More missing frames than this are a restart of the module. Chosen: ten minutes at 60 Hz."""
 
@@ -59,7 +62,7 @@ def _range_m(n_range: int, bin_length_m: float, range_offset_m: float) -> NDArra
 class Frame:
     """One fast-time record from the module."""
 
-    samples: NDArray[np.float32] | NDArray[np.complex64]
+    samples: Samples
     """The echo per range bin, shape (n_range,), in the module's own unit; read-only."""
     counter: int
     """Frame number as the module counts it."""
@@ -123,6 +126,6 @@ class CounterTracker:
         return (Step.NEXT, 0) if ahead == 1 else (Step.GAP, ahead - 1)
 
 
-def read_only(samples: NDArray[np.float32] | NDArray[np.complex64]) -> None:
+def read_only(samples: Samples) -> None:
     """Make an array read-only in place, as all arrays that leave the driver are."""
     samples.flags.writeable = False

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from x2radar.device.device import X2Radar
 from x2radar.errors import DeviceError, PortError, ReadTimeout, TransportClosed, X2RadarError
-from x2radar.frame import Frame
+from x2radar.frame import Frame, Samples
 from x2radar.wire.messages import GetSystemInfo, Message, Ping, Pong, Reply
 from x2radar.wire.wire_ids import InfoItem, PongCode
 
@@ -39,8 +39,6 @@ passes, and 2 % of losses are what a dwell of the daemon may lack."""
 
 _CHI2_MEDIAN = 0.4549
 """Median of the square of a standard normal variable."""
-
-Samples = NDArray[np.float32] | NDArray[np.complex64]
 
 
 class Verdict(NamedTuple):

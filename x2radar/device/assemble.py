@@ -10,12 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from x2radar.frame import CounterTracker, FastTimeAxis, Frame, Step, read_only
+from x2radar.frame import CounterTracker, FastTimeAxis, Frame, Samples, Step, read_only
 from x2radar.settings.base import ModuleSettings
 from x2radar.wire.messages import BasebandAp, BasebandIq, Data, Message
 from x2radar.wire.wire_ids import ContentId
-
-Samples = NDArray[np.float32] | NDArray[np.complex64]
 
 
 class FrameAssembler:

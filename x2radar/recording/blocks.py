@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 
 from x2radar.closing import Closing
 from x2radar.errors import RecordingError
-from x2radar.frame import LONGEST_GAP, FastTimeAxis, Frame, StreamInfo, read_only
+from x2radar.frame import LONGEST_GAP, FastTimeAxis, Frame, Samples, StreamInfo, read_only
 from x2radar.settings.x2 import SPEED_OF_LIGHT_MPS
 
-Samples = NDArray[np.float32] | NDArray[np.complex64]
 Label = tuple[float, float, str]
 SAMPLE_DTYPES: dict[str, type[np.float32 | np.complex64]] = {
     "rf": np.float32,

@@ -26,7 +26,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from x2radar.frame import FastTimeAxis, StreamInfo
+from x2radar.frame import FastTimeAxis, Samples, StreamInfo
 from x2radar.recording.blocks import (
     BLOCK_BYTES,
     NO_OVERRIDES,
@@ -34,7 +34,6 @@ from x2radar.recording.blocks import (
     BlockReader,
     Label,
     Overrides,
-    Samples,
     as_samples,
     refuse,
     rows_per_block,

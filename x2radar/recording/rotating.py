@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from x2radar.closing import Closing
 from x2radar.errors import RecordingError
-from x2radar.frame import Frame, StreamInfo
-from x2radar.recording.blocks import NO_OVERRIDES, BlockReader, Label, Overrides, Samples, refuse
+from x2radar.frame import Frame, Samples, StreamInfo
+from x2radar.recording.blocks import NO_OVERRIDES, BlockReader, Label, Overrides, refuse
 from x2radar.recording.hdf5_reader import RecordingReader
 from x2radar.recording.hdf5_writer import RecordingWriter
 from x2radar.recording.stamps import utc_text

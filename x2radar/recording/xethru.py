@@ -25,13 +25,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from x2radar.frame import FastTimeAxis, Kind, StreamInfo
+from x2radar.frame import FastTimeAxis, Kind, Samples, StreamInfo
 from x2radar.recording.blocks import (
     NO_OVERRIDES,
     BlockReader,
     Label,
     Overrides,
-    Samples,
     as_samples,
     refuse,
     rows_per_block,

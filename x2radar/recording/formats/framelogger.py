@@ -26,11 +26,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from x2radar.errors import SettingsError
+from x2radar.frame import Samples
 from x2radar.recording.blocks import (
     NO_OVERRIDES,
     BlockReader,
     Overrides,
-    Samples,
     as_samples,
     refuse,
 )

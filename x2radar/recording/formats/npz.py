@@ -16,13 +16,13 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from x2radar.frame import Samples
 from x2radar.recording.blocks import (
     NO_OVERRIDES,
     SAMPLE_DTYPES,
     BlockReader,
     Label,
     Overrides,
-    Samples,
     as_samples,
     refuse,
 )

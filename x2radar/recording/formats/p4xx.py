@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from x2radar.frame import Samples
 from x2radar.recording.blocks import (
     NO_OVERRIDES,
     BlockReader,
     Overrides,
-    Samples,
     as_samples,
     refuse,
 )

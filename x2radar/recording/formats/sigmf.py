@@ -17,12 +17,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from x2radar.frame import Samples
 from x2radar.recording.blocks import (
     NO_OVERRIDES,
     BlockReader,
     Label,
     Overrides,
-    Samples,
     as_samples,
     refuse,
     unwrap,

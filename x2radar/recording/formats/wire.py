@@ -16,12 +16,11 @@ from numpy.typing import NDArray
 
 from x2radar.device.assemble import FrameAssembler
 from x2radar.errors import MessageError, SettingsError
-from x2radar.frame import Frame, StreamInfo
+from x2radar.frame import Frame, Samples, StreamInfo
 from x2radar.recording.blocks import (
     NO_OVERRIDES,
     BlockReader,
     Overrides,
-    Samples,
     as_samples,
     refuse,
 )
