@@ -5,6 +5,7 @@ from pathlib import Path
 
 from radard.errors import UsageError
 from x2radar.ports import PortSpec, port_settings
+from x2radar.settings.modules import MODULES
 from x2radar.sim.scene.scene import load_scene
 from x2train.commands import Commands, result_console
 
@@ -23,7 +24,7 @@ def register(commands: Commands) -> None:
     add("--seed", type=int, default=0, help="same seed, same scene (0)")
     add("--duration", type=float, default=12.0, metavar="S", help="seconds (12)")
     add("--rate", type=float, default=60.0, metavar="HZ", help="frames per second (60)")
-    add("--device", default="x2raw", help="x2raw, x2m200 or x4m03 (x2raw)")
+    add("--device", default="x2raw", help=f"{', '.join(MODULES)} (x2raw)")
     parser.set_defaults(run=_run)
 
 
