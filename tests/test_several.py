@@ -165,7 +165,7 @@ def test_each_has_its_own_armed_state_and_clip_folder(tmp_path, launch):
     attic.command("disarm")
     wait_for(lambda: attic.panel()["armed"] is False)
     assert hall.panel()["armed"] is True
-    folders = {radar.name: radar.parts.clips._settings.folder for radar in (hall, attic)}
+    folders = {radar.name: radar.parts.clips._folder for radar in (hall, attic)}
     assert folders == {n: tmp_path / "state" / "clips" / n for n in sensors}
     assert daemon.stop() == 0
     kept = {n: json.loads((tmp_path / "state" / f"{n}.sim.json").read_text()) for n in ("attic",)}
