@@ -96,6 +96,11 @@ class ModuleSettings(ABC):
         """Bandwidth of the pulse at -10 dB, in hertz."""
         return self.axis.bandwidth_hz
 
+    @property
+    def sample_rate_hz(self) -> float:
+        """Rate of the RF sampler, in hertz."""
+        return self.axis.sample_rate_hz
+
 
 SettingsChooser = Callable[[str], ModuleSettings]
 """Gives the settings for a module by its order code, which is empty when it tells none."""
