@@ -1,6 +1,7 @@
 """dataset, fit and evaluate: small from end to end, and wrong input in one line."""
 
 import json
+import shutil
 from dataclasses import asdict
 from importlib import resources
 
@@ -9,9 +10,11 @@ import numpy as np
 import pytest
 
 from radard.classify.bundle import load_bundle
+from radard.config.sections import GateSettings
 from tests.radar_helpers import run_radard
 from tests.training_helpers import FEATURES, toy
 from x2radar.errors import RecordingError
+from x2train.bundles.map_bundle import gate_of
 from x2train.cli import main
 from x2train.generate.shards import MANIFEST, ShardSet, read_all
 from x2train.report import PassageTable
@@ -49,6 +52,8 @@ def test_the_sidecar_says_how_it_came_about(bundle):
     assert "Families kept out of training: none" in sidecar["training"]["recipe"]
     about, columns = read_all(bundle.parents[1] / "sets")
     assert sidecar["training"]["sets"] == [about]
+    assert sidecar["gate"] == about["gate"] == GateSettings().model_dump()
+    assert ", threshold_db 5" in bundle.with_suffix(".md").read_text()
     assert sidecar["metrics"]["windows"] == len(columns["label"])
     assert set(columns["label"]) == {0, 1, 2}
 
@@ -91,6 +96,22 @@ def test_a_set_that_is_there_is_not_made_again(bundle, monkeypatch, capsys):
     assert "windows of 30 passages" in capsys.readouterr().out
     assert main([*argv, "--seed", "2", "--workers", "1"]) == 2
     assert "seed: 1, not 2" in one_line(capsys)
+
+
+def test_a_set_of_before_gates_were_recorded_is_accepted_and_said(bundle, tmp_path, capsys):
+    sets = tmp_path / "sets"
+    shutil.copytree(bundle.parents[1] / "sets", sets)
+    raw = json.loads((sets / MANIFEST).read_text())
+    argv = ["dataset", "--out", str(sets), "--passages", "30", "--families", "all"]
+    raw["about"]["gate"]["threshold_db"] = 4.0
+    (sets / MANIFEST).write_text(json.dumps(raw))
+    assert main([*argv, "--seed", "1", "--workers", "1"]) == 2
+    assert "made otherwise (gate: " in one_line(capsys)
+    del raw["about"]["gate"]
+    (sets / MANIFEST).write_text(json.dumps(raw))
+    assert main([*argv, "--seed", "1", "--workers", "1"]) == 0
+    assert "made before sets recorded the gate's settings" in capsys.readouterr().out
+    assert gate_of([raw["about"], {"gate": {"threshold_db": 5.0}}]) == {}
 
 
 def test_evaluate_judges_it(bundle, tmp_path, capsys, monkeypatch):

@@ -70,6 +70,7 @@ def write_tiny(folder, network, *, name="tiny", **own):
         "training": {"recipe": "a toy.", "command": "train-export fit"},
         "metrics": {},
         "evidence": EvidenceSettings(),
+        "gate": {},
         "notes": "",
     }
     write_map_bundle(

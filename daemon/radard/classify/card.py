@@ -37,6 +37,7 @@ class Card:
     metrics: Mapping[str, Any]  # of single windows, by name
     policy: str = ""  # that was evaluated; empty without an evaluation
     command: str = ""  # that evaluated it
+    gate: Mapping[str, Any]  # its settings in that evaluation; empty where not known
     passages: int = 0  # simulated passages of that evaluation
     sensitivities: Mapping[str, Passing]  # what each made of them
 
@@ -54,13 +55,14 @@ def read_card(model: str) -> Card:
     metrics = raw.get("metrics", {})
     metrics = metrics if isinstance(metrics, Mapping) else {}
     if "evaluation" not in raw:
-        return Card(metrics=metrics, sensitivities={})
+        return Card(metrics=metrics, gate={}, sensitivities={})
     try:
         found = raw["evaluation"]
         return Card(
             metrics=metrics,
             policy=str(found["policy"]),
             command=str(found["command"]),
+            gate=dict(found.get("gate", {})),
             passages=int(found["passages"]),
             sensitivities={n: _passing(p) for n, p in found["sensitivities"].items()},
         )

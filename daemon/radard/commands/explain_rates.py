@@ -38,7 +38,7 @@ def passage_rates(config: Config, bundle: Bundle, card: Card) -> Iterator[str]:
     yield from _basis(next(iter(card.sensitivities.values()), None))
     if delay_s:
         yield f"times with the entry delay of {delay_s:g} s"
-    given = _given(config, bundle)
+    given = _given(config, bundle, card)
     if given:
         yield f"{', '.join(given)} given: the rates then differ, and are not known"
     yield f"made by: {card.command}"
@@ -54,7 +54,7 @@ def _basis(made: Passing | None) -> Iterator[str]:
     )
 
 
-def _given(config: Config, bundle: Bundle) -> list[str]:
+def _given(config: Config, bundle: Bundle, card: Card) -> list[str]:
     """Return the settings that differ from those that were evaluated."""
     names = [f"alarm.{n}" for n in _NUMBERS if getattr(config.alarm, n) is not None]
     limit = config.decision.pet_limit
@@ -62,7 +62,7 @@ def _given(config: Config, bundle: Bundle) -> list[str]:
         names.append("decision.pet_limit")
     if config.decision.decide_within_s != DecisionSection().decide_within_s:
         names.append("decision.decide_within_s")
-    if config.gate.threshold_db != GateSection().threshold_db:
+    if config.gate.threshold_db != card.gate.get("threshold_db", GateSection().threshold_db):
         names.append("gate.threshold_db")
     return names
 

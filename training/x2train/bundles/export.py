@@ -54,6 +54,8 @@ class BundleSpec:
         'window' or 'fused'.
     evidence : dict
         How windows are fused, for 'fused'.
+    gate : mapping
+        Settings of the gate that chose the windows to train on; empty where not known.
     notes : str
         For the card: what the figures mean, and what they do not.
     pet_limit : float
@@ -72,6 +74,7 @@ class BundleSpec:
     metrics: dict[str, Any]
     policy: str = "window"
     evidence: dict[str, float] = field(default_factory=dict)
+    gate: Mapping[str, float] = field(default_factory=dict)
     notes: str = ""
     pet_limit: float = 0.8
     n_hidden: int = 0
@@ -179,6 +182,7 @@ def write_bundle(folder: Path, spec: BundleSpec, onnx_bytes: bytes) -> None:
         "policy": spec.policy,
         **({"evidence": spec.evidence} if spec.evidence else {}),
         **({"hidden": spec.n_hidden} if spec.n_hidden else {}),
+        **({"gate": dict(spec.gate)} if spec.gate else {}),
         "training": {
             **spec.training,
             "versions": {name: version(name) for name in ("torch", "onnx", "numpy", "x2radar")},
@@ -199,6 +203,7 @@ def _card(sidecar: dict[str, Any], n_bytes: int, notes: str) -> str:
     training = sidecar["training"]
     inputs = ", ".join(f"`{i['feature']}`" for i in sidecar["inputs"])
     recipe = recipe_of(training["command"])
+    gate = ", ".join(f"{key} {value:g}" for key, value in sidecar.get("gate", {}).items())
     whole = f"\n\nand with its sets by\n\n    train-export make {recipe}" if recipe else ""
     return f"""# Model `{sidecar["name"]}`
 
@@ -221,5 +226,5 @@ For streams of
 {stream}
 
 Classes: {", ".join(sidecar["classes"])}. No alarm above {sidecar["pet_limit"]:g} pet. Policy
-`{sidecar["policy"]}`. Inputs {inputs}, {n_bytes} bytes of weights.
+`{sidecar["policy"]}`. Inputs {inputs}, {n_bytes} bytes of weights.{gate and f" Gate: {gate}."}
 """

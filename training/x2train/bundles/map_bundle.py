@@ -50,6 +50,12 @@ def kept_out_of(abouts: Sequence[Mapping[str, Any]]) -> str:
     return "none" if has_all else "as `x2train.scenarios.families` lists them"
 
 
+def gate_of(abouts: Sequence[Mapping[str, Any]]) -> Mapping[str, float]:
+    """Return the gate's settings that sets were made with; none if not all record the same."""
+    gates = [about.get("gate", {}) for about in abouts]
+    return gates[0] if all(gate == gates[0] for gate in gates) else {}
+
+
 def map_metrics(
     trained: MapTrained, validation: Arrays, prior_human: float = PRIOR_HUMAN["balanced"]
 ) -> tuple[EvidenceSettings, Mapping[str, float]]:
@@ -140,6 +146,7 @@ def write_map_bundle(
     training: Mapping[str, Any],
     metrics: Mapping[str, float],
     evidence: EvidenceSettings,
+    gate: Mapping[str, float],
     notes: str,
     sample: Arrays,
 ) -> None:
@@ -167,6 +174,7 @@ def write_map_bundle(
         metrics={**metrics, "logit difference torch - onnxruntime": float(f"{difference:.1e}")},
         policy="fused",
         evidence=asdict(evidence),
+        gate=gate,
         notes=notes,
     )
     write_bundle(folder, spec, onnx_bytes)

@@ -14,7 +14,14 @@ from radard.classify.card import sidecar_path
 from radard.classify.evidence import EvidenceSettings
 from radard.errors import RadardError
 from x2train.bundles.export import PARITY, checked, spec_like, write_bundle
-from x2train.bundles.map_bundle import HUMAN_LIMIT, NOTES, kept_out_of, rounded, window_metrics
+from x2train.bundles.map_bundle import (
+    HUMAN_LIMIT,
+    NOTES,
+    gate_of,
+    kept_out_of,
+    rounded,
+    window_metrics,
+)
 from x2train.bundles.temporal_graph import GIVEN, n_parameters, with_given, with_head
 from x2train.nets.bundle_answers import Answers, outputs_of, tapped
 from x2train.nets.evidence_fit import Sequences, first_windows, fit_evidence, log_loss
@@ -136,6 +143,7 @@ def write_temporal(
         policy="fused",
         # What the head says is taken at its word: it leans nowhere.
         evidence={"human_limit": HUMAN_LIMIT},
+        gate=gate_of(abouts),
         notes=NOTES,
         n_hidden=trained.head.gru.hidden_size,
     )

@@ -35,6 +35,12 @@ def sets_of(args: argparse.Namespace, *options: str) -> str:
     )
 
 
+def tell_gate(folder: Path, about: Mapping[str, object]) -> None:
+    """Say so if a set was made before sets recorded the settings of their gate."""
+    if "gate" not in about:
+        result_console().print(f"{folder}: made before sets recorded the gate's settings")
+
+
 def tell_bundle(path: Path, metrics: Mapping[str, object]) -> None:
     """Say which bundle was written, by its path without suffix, and what it achieves."""
     console = result_console()

@@ -8,7 +8,7 @@ from pathlib import Path
 from radard.classify.bundle import load_bundle
 from radard.classify.features import MAP_FEATURES, FeatureSettings
 from radard.errors import UsageError
-from x2train.commands import Commands, check_least, counted, result_console
+from x2train.commands import Commands, check_least, counted, result_console, tell_gate
 
 FEATURES = FeatureSettings(
     clutter="removed",
@@ -73,7 +73,7 @@ def _run(args: argparse.Namespace) -> int:
     # Late: the simulator takes a second, and --help must not.
     from x2train.generate.shard_run import make_shards  # noqa: PLC0415
     from x2train.scenarios.families import USES, plugged_family  # noqa: PLC0415
-    from x2train.windows.windows import WindowSpec  # noqa: PLC0415
+    from x2train.windows.windows import GATE, WindowSpec  # noqa: PLC0415
 
     if args.families not in USES:
         plugged_family(args.families)
@@ -88,13 +88,14 @@ def _run(args: argparse.Namespace) -> int:
     with counted("passages") as tell:
         shards = make_shards(
             args.out,
-            {"kind": "windows", **asdict(spec)},
+            {"kind": "windows", **asdict(spec), "gate": GATE.model_dump()},
             args.passages,
             spec,
             workers=args.workers,
             cluster=args.cluster,
             report=tell,
         )
+    tell_gate(args.out, shards.about)
     n = sum(len(shards.read(name).get("label", ())) for name in shards.names())
     result_console().print(f"{args.out}: {n} windows of {args.passages} passages")
     return 0

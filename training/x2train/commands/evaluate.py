@@ -10,7 +10,7 @@ from typing import Any
 from radard.classify.bundle import Bundle, load_bundle
 from radard.config.sections import DEFAULT_MODEL
 from radard.errors import UsageError
-from x2train.commands import Commands, check_least, counted, result_console
+from x2train.commands import Commands, check_least, counted, result_console, tell_gate
 from x2train.generate.shards import MANIFEST
 
 _MOST_PET_HOURS = 10_000.0
@@ -84,6 +84,7 @@ def _run(args: argparse.Namespace) -> int:
     from x2train.judge.suites import n_more_pets  # noqa: PLC0415
     from x2train.report import PassageTable, write  # noqa: PLC0415
     from x2train.scenarios.sites import ONE_RADAR  # noqa: PLC0415
+    from x2train.windows.windows import GATE  # noqa: PLC0415
 
     if not 0 <= args.pet_hours <= _MOST_PET_HOURS:
         msg = f"--pet-hours {args.pet_hours:g}: must be 0 to {_MOST_PET_HOURS:g}"
@@ -110,9 +111,14 @@ def _run(args: argparse.Namespace) -> int:
     spec.check(bundle)
     n_all = args.passages + n_more_pets(args.pet_hours, args.passages, args.only)
     with counted("passages") as tell:
-        make_shards(
+        shards = make_shards(
             args.out / "passages",
-            {"kind": "passages", **asdict(spec), **_told_by(bundle)},
+            {
+                "kind": "passages",
+                **asdict(spec),
+                **_told_by(bundle),
+                "gate": GATE.model_dump(),
+            },
             n_all,
             spec,
             per_shard=200,
@@ -120,6 +126,7 @@ def _run(args: argparse.Namespace) -> int:
             cluster=args.cluster,
             report=tell,
         )
+    tell_gate(args.out, shards.about)
     table = PassageTable.load(args.out / "passages")
     title = f"Bundle {bundle.name}, policy {args.policy or bundle.policy}"
     if args.radar != OWN_RADARS:
@@ -134,7 +141,7 @@ def _run(args: argparse.Namespace) -> int:
     console = result_console()
     console.print(f"wrote {args.out / 'report.html'} and report.json")
     if args.card:
-        made = evaluation_of(table, bundle, _command(args))
+        made = evaluation_of(table, bundle, _command(args), shards.about.get("gate", {}))
         console.print(f"entered the rates into {write_card(args.model, made)}")
     return 0
 

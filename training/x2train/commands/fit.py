@@ -96,6 +96,7 @@ def _run(args: argparse.Namespace) -> int:
         NOTES,
         PRIOR_HUMAN,
         check_calibration,
+        gate_of,
         kept_out_of,
         map_metrics,
         write_map_bundle,
@@ -146,6 +147,7 @@ def _run(args: argparse.Namespace) -> int:
         training=training,
         metrics=metrics,
         evidence=evidence,
+        gate=gate_of(abouts),
         notes=NOTES,
         sample=validation,
     )

@@ -8,6 +8,7 @@ from typing import Any
 
 from radard.classify.bundle import Bundle
 from x2train.bundles.export import spec_like, write_bundle
+from x2train.bundles.map_bundle import gate_of
 from x2train.finetune.finetune import Tuned, quiet_shares
 from x2train.finetune.guard import MOST_RISE, Guard
 from x2train.finetune.windows import OwnWindows
@@ -72,7 +73,12 @@ def write_finetuned(
         },
     }
     spec = spec_like(
-        tuned.bundle, name=name, training=training, metrics=dict(metrics), notes=_notes(tuned)
+        tuned.bundle,
+        name=name,
+        training=training,
+        metrics=dict(metrics),
+        gate=gate_of(guard.abouts),
+        notes=_notes(tuned),
     )
     write_bundle(folder, spec, tuned.bundle.onnx)
     return metrics

@@ -20,7 +20,9 @@ from x2train.report.table import PassageTable
 _HEAD = "## As an alarm"
 
 
-def evaluation_of(table: PassageTable, bundle: Bundle, command: str) -> dict[str, Any]:
+def evaluation_of(
+    table: PassageTable, bundle: Bundle, command: str, gate: Mapping[str, float] | None = None
+) -> dict[str, Any]:
     """Return what a sidecar says under ``evaluation``.
 
     Parameters
@@ -31,12 +33,14 @@ def evaluation_of(table: PassageTable, bundle: Bundle, command: str) -> dict[str
         Which one.
     command : str
         What made the table.
+    gate : mapping
+        Settings of the gate that it was made with, where they are known.
 
     Returns
     -------
     dict
-        ``policy``, ``command``, ``passages``, whether no single feature tells people from
-        pets (``is_matched``), and by name of sensitivity the figures of
+        ``policy``, ``command``, ``gate``, ``passages``, whether no single feature tells people
+        from pets (``is_matched``), and by name of sensitivity the figures of
         `x2train.report.levels.Level`, each estimate as [value, low, high]; null is not known
         or infinite.
 
@@ -52,6 +56,7 @@ def evaluation_of(table: PassageTable, bundle: Bundle, command: str) -> dict[str
     return {
         "policy": bundle.policy,
         "command": command,
+        **({"gate": dict(gate)} if gate else {}),
         "passages": len(table),
         "is_matched": figures(table, 0).is_matched,
         "sensitivities": {level.name: _plain(level) for level in made},

@@ -22,6 +22,8 @@ from x2train.scenarios.passages import Passage, play
 from x2train.scenarios.sites import RadarKind, RoomKind, draw_close, draw_radar, draw_site
 
 HOP_S = 1.0
+GATE = GateSettings()
+"""The gate of sets and evaluations: the daemon's default, recorded with them."""
 _VISIBLE_DB = 3.0
 _LEAST_SHARE = 0.12
 _A_RADAR, _RADAR = 16, 0x5ADA
@@ -92,7 +94,7 @@ def windows_of(
     shape = DwellShape.of(
         dwell_s=settings.dwell_s, hop_s=HOP_S, frame_rate_hz=rate_hz, n_cpi=settings.n_cpi
     )
-    remover, gate = ClutterRemover(), Gate(GateSettings(), HOP_S)
+    remover, gate = ClutterRemover(), Gate(GATE, HOP_S)
     stream = FeatureStream(settings, MAP_FEATURES)
     rows: list[dict[str, Any]] = []
     n = shape.n_slow
