@@ -8,13 +8,19 @@ from pathlib import Path
 
 import numpy as np
 
+from x2train.generate.workers import _Pooled
+
 
 @dataclass(frozen=True)
 class Draws:
-    """Element k: k % 3 rows of draws seeded with k; some none at all."""
+    """Element k: k % 3 rows of draws seeded with k; some none at all.
+
+    It may fail, kill its process, wait for the end (`waits_at`), or wait until so many
+    processes make elements (`meets`).
+    """
 
     seed: int = 1
-    sleep_s: float = 0.0
+    meets: int = 0
     fails_at: int = -1
     dies_at: int = -1
     killed_once_at: int = -1
@@ -25,7 +31,12 @@ class Draws:
         if self.log is not None:
             with self.log.open("a") as file:
                 file.write(f"{number} {os.getpid()}\n")
-        time.sleep(4 if number == self.waits_at else self.sleep_s)
+        if number == self.waits_at:
+            _Pooled.stop.wait(60)
+        for _ in range(6000):
+            if not self.meets or len(self.made()[1]) >= self.meets:
+                break
+            time.sleep(0.01)
         if number == self.killed_once_at and self.made()[0].count(number) == 1:
             os.kill(os.getpid(), signal.SIGKILL)
         if number == self.fails_at:
