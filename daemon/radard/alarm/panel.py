@@ -111,7 +111,7 @@ class AlarmPanel:
         return self._begin(t_s, reason, is_seen=True)
 
     def arm(self) -> list[PanelChange]:
-        """Arm; confirmation starts anew."""
+        """Arm; confirmation starts from nothing."""
         if self.state == "disarmed":
             self.state, self._ready_s = "armed", float("-inf")
             self._hits.clear()

@@ -89,7 +89,7 @@ class ClipKeeper:
         self._attributes = attributes
 
     def restart(self) -> None:
-        """Note that the stream began anew: no clip begins before this."""
+        """Note that the stream restarted: no clip begins before this."""
         self._past.clear()
 
     def on_decision(self, record: Mapping[str, Any], t_s: float) -> None:

@@ -162,7 +162,7 @@ class Tracker:
         s = self._settings
         for body in self._bodies:
             body.predict(time_s, s.acceleration_mps2)
-            # Who leaves waits at the door until the track has coasted to its end.
+            # A track that leaves waits at the edge until it has coasted to its end.
             body.range_m = min(max(body.range_m, swath[0] - _LEAVE_M), swath[1] + _LEAVE_M)
         taken = self._assign(peaks)
         for i, j in taken.items():

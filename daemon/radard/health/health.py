@@ -89,7 +89,7 @@ class Health:
         return self._go(Status("degraded", notice.reason))
 
     def on_start(self) -> Status | None:
-        """Note that the work begins anew."""
+        """Note that the work begins again."""
         with self._lock:
             self._is_absent = False
             self._base = Status("starting", "waiting for the first dwell")
@@ -97,7 +97,7 @@ class Health:
             return self._changed()
 
     def on_failure(self, reason: str) -> Status | None:
-        """Note that the work broke off and will be begun anew: declared, as an absent device."""
+        """Note that the work broke off and will begin again: declared, as an absent device."""
         return self._go(Status("offline", reason), absent=True)
 
     def on_end(self, reason: str) -> Status | None:

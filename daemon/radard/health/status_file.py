@@ -1,6 +1,6 @@
 """The status file: how `radard health` knows, from outside and without HTTP.
 
-A JSON object in the runtime directory, written anew once a second by the supervisor. It
+A JSON object in the runtime directory, rewritten twice a second by the heartbeat. It
 counts only while it is fresh, by the clock that all processes of one boot share.
 """
 

@@ -300,7 +300,7 @@ class RadarRun:
                 worker.hold(frame)
                 if not ring.push(frame):
                     break
-        except BaseException as err:  # noqa: BLE001 - handed over to whoever finishes
+        except BaseException as err:  # noqa: BLE001 - handed over to `finish`
             self.failure = err
         finally:
             ring.end()

@@ -157,7 +157,7 @@ class FrameRing:
         For any thread. Takes no lock and keeps nobody waiting: rows that the reader has
         overwritten while they were copied are left out.
         """
-        # Whoever looks on wants to see what is new, so frames wait for few others meanwhile.
+        # A viewer wants to see what is new, so frames wait for few others meanwhile.
         self._watched_to = self._taken + round(_WATCHED_S * self._shape.frame_rate_hz)
         begun_at, (end, index) = self._base, self._converted
         first = min(max(after, begun_at, end - self._capacity), end)
