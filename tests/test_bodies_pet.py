@@ -24,7 +24,7 @@ def pet(seed=0, **keys):
 def run_past(speed_mps):
     """A path across the room, on which it is up to speed for some seconds."""
     length = 3.0 * speed_mps + 2.0
-    return Path.straight((-length / 2, 3.0), (length / 2, 3.0), speed_mps, agility=PET_AGILITY)
+    return Path.through(((-length / 2, 3.0), (length / 2, 3.0)), speed_mps, agility=PET_AGILITY)
 
 
 def strongest_hz(place_m, step_s):
@@ -334,7 +334,7 @@ def test_broadside_a_dog_is_larger_than_end_on():
 
 @pytest.mark.parametrize(("species", "style"), STAYING)
 def test_one_that_stays_does_so_where_the_path_begins(species, style):
-    path = Path.straight((1.0, 2.0), (1.0, 4.0), 0.5)
+    path = Path.through(((1.0, 2.0), (1.0, 4.0)), 0.5)
     one = pet(0, species=species, style=style, path=path)
     centre, axis, _ = posture(one.build, one.action, one.manner, np.arange(0, 30, 0.5))
     plays = style == "play"

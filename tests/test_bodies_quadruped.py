@@ -45,7 +45,7 @@ def going(name, fr, species="dog", *, is_mirrored=False):
         ramp=0.4,
         is_mirrored=is_mirrored,
     )
-    path = Path.straight((0.0, 0.0), (7 * speed, 0.0), speed, agility=BRISK)
+    path = Path.through(((0.0, 0.0), (7 * speed, 0.0)), speed, agility=BRISK)
     return Going.plan(path, steps, FOOTWORK[name], build, height_m=0.97 * h)
 
 

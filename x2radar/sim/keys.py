@@ -21,28 +21,14 @@ _T = TypeVar("_T")
 
 @dataclass(frozen=True, slots=True)
 class Key:
-    """What one setting may be.
+    """What one setting may be."""
 
-    Attributes
-    ----------
-    low, high : float
-        Least and greatest number that makes sense.
-    meaning : str
-        A few words with the unit, for help and docs.
-    is_whole : bool
-        Whether it is a count.
-    is_optional : bool
-        Whether None is allowed.
-    choices : tuple of str
-        Words it may be, instead of a number.
-    """
-
-    low: float
+    low: float  # least number that makes sense
     high: float
-    meaning: str
+    meaning: str  # a few words with the unit, for help and docs
     is_whole: bool = False
-    is_optional: bool = False
-    choices: tuple[str, ...] = ()
+    is_optional: bool = False  # None is allowed
+    choices: tuple[str, ...] = ()  # words it may be, instead of a number
 
     def fault(self, value: Any) -> str:
         """Return what is wrong with `value` in a few words, or an empty string."""
@@ -82,13 +68,7 @@ def keys_of(cls: type) -> dict[str, Key]:
 
 
 def check_fields(settings: Any) -> None:
-    """Judge every field of a settings object.
-
-    Raises
-    ------
-    SettingsError
-        If any is impossible; all are named.
-    """
+    """Judge every field of a settings object; raise SettingsError that names all faults."""
     faults = [
         f"{name} = {value!r}: {fault}"
         for name, key in keys_of(type(settings)).items()
@@ -101,49 +81,16 @@ def check_fields(settings: Any) -> None:
 def settings_from(cls: type[_T], raw: Any, where: str) -> _T:
     """Return a settings object from a mapping as a scene file holds it.
 
-    Parameters
-    ----------
-    cls : type
-        A settings class.
-    raw : mapping or None
-        Keys are field names; None is empty.
-    where : str
-        Path of the mapping in its file, such as ``room.yaml: receiver``.
-
-    Returns
-    -------
-    object of `cls`
-        Fields that are not named keep their defaults.
-
-    Raises
-    ------
-    SceneError
-        If `raw` is no mapping, or a key is unknown or impossible; one line with its path.
+    Fields that are not named keep their defaults; None is empty. Raises SceneError, one line
+    with `where` and the key, if `raw` is no mapping, or a key is unknown or impossible.
     """
     return cls(**checked(raw, keys_of(cls), where))
 
 
 def checked(raw: Any, keys: Mapping[str, Key], where: str) -> dict[str, Any]:
-    """Return the mapping `raw` once every key and value in it has been judged.
+    """Return a copy of the mapping `raw` once every key and value in it has been judged.
 
-    Parameters
-    ----------
-    raw : mapping or None
-        As a scene file holds it; None is empty.
-    keys : mapping of str to Key
-        What may be in it.
-    where : str
-        Path of the mapping.
-
-    Returns
-    -------
-    dict
-        A copy.
-
-    Raises
-    ------
-    SceneError
-        One line with the path of the first faulty key.
+    Raises SceneError as `settings_from`.
     """
     if raw is None:
         return {}

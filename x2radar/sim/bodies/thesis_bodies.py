@@ -18,34 +18,17 @@ _HALF_TURN = np.pi / 2
 
 @dataclass(frozen=True, slots=True)
 class Scatterer:
-    """One point of a body.
+    """One point of a body."""
 
-    Attributes
-    ----------
-    x_m, y_m, z_m : float
-        Position at the start, in metres; the radar is at the origin.
-    vy_mps : float
-        Velocity along y, in m/s; negative approaches.
-    gait_hz : float
-        Frequency of the swing along y, in hertz.
-    phase_rad : float
-        Phase of the swing.
-    swing_m, swing3_m : float
-        Amplitudes of the swing and of its third harmonic, in metres.
-    rcs_m2 : float
-        Radar cross section, in square metres, the module's integration gain included
-        (the thesis' 10,000 m^2 stands for about 1 m^2 and 40 dB of gain).
-    """
-
-    x_m: float
+    x_m: float  # at the start
     y_m: float
     z_m: float
-    vy_mps: float
-    gait_hz: float
+    vy_mps: float  # along y; negative approaches
+    gait_hz: float  # frequency of the swing along y
     phase_rad: float
     swing_m: float
-    swing3_m: float
-    rcs_m2: float
+    swing3_m: float  # amplitude of its third harmonic
+    rcs_m2: float  # integration gain included: 10,000 m2 stand for about 1 m2 and 40 dB
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,21 +81,9 @@ THESIS_BODIES: Mapping[str, tuple[Scatterer, ...]] = MappingProxyType(
 def draw(
     body: tuple[Scatterer, ...], rng: np.random.Generator, spread: Variation | None = None
 ) -> tuple[Scatterer, ...]:
-    """Return `body` with one random variation applied to all its scatterers.
+    """Return a body with one random variation, of seven normal numbers, of all its scatterers.
 
-    Parameters
-    ----------
-    body : tuple of Scatterer
-        A row of `THESIS_BODIES`, or any other.
-    rng : numpy.random.Generator
-        Seven normal numbers are drawn from it.
-    spread : Variation, optional
-        Standard deviations.
-
-    Returns
-    -------
-    tuple of Scatterer
-        Same order. Radar cross sections stay above 5 % of their mean.
+    Radar cross sections stay above 5 % of their mean.
     """
     s = spread or Variation()
     dx, dy, dv, dw, dp, da, dr = rng.standard_normal(7)
@@ -132,21 +103,9 @@ def draw(
 
 
 def ranges(body: tuple[Scatterer, ...], t_s: Array) -> tuple[Array, Array]:
-    """Return how far the scatterers are from the radar at given times.
+    """Return distances in metres, shape (n_slow, n_scatterers), and cross sections in m2.
 
-    Parameters
-    ----------
-    body : tuple of Scatterer
-        As `draw` returned it.
-    t_s : ndarray, shape (n_slow,), float64
-        Times since the body's start, in seconds.
-
-    Returns
-    -------
-    range_m : ndarray, shape (n_slow, n_scatterers), float64
-        Distance from the radar, in metres.
-    rcs_m2 : ndarray, shape (n_scatterers,), float64
-        Radar cross section of each, in square metres.
+    Times are since the body's start; cross sections are of shape (n_scatterers,).
     """
     position_m, rcs_m2 = ranges_xyz(body, t_s)
     x, y, z = np.moveaxis(position_m, -1, 0)

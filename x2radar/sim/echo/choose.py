@@ -48,25 +48,13 @@ class FramesOf(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """What frames are wanted.
-
-    Attributes
-    ----------
-    n_slow, n_points : int
-        Frames and scatterers.
-    axis : FastTimeAxis
-        Of the frames.
-    pulse : Pulse
-        The transmitted pulse.
-    error_db : float
-        Largest error allowed.
-    """
+    """What frames are wanted."""
 
     n_slow: int
     n_points: int
     axis: FastTimeAxis
     pulse: Pulse
-    error_db: float
+    error_db: float  # largest allowed
 
     @property
     def n_echoes(self) -> int:
@@ -81,21 +69,11 @@ class Task:
 
 @dataclass(frozen=True, slots=True)
 class Tier:
-    """One way to make frames.
-
-    Attributes
-    ----------
-    frames : callable
-        Makes them.
-    finest_db : float
-        Smallest error that it can be asked for.
-    cost_ns : callable
-        Estimates its time for a `Task`; infinite if the tier cannot do it.
-    """
+    """One way to make frames."""
 
     frames: FramesOf
-    finest_db: float
-    cost_ns: Callable[[Task], float]
+    finest_db: float  # smallest error that it can be asked for
+    cost_ns: Callable[[Task], float]  # an estimate; infinite if the tier cannot do it
 
 
 def _dense_ns(task: Task) -> float:

@@ -30,32 +30,20 @@ FAINTEST = float(np.finfo(np.float32).tiny)
 FINEST_DB = -100.0
 """Smallest error that the fast tiers can be asked for; their rounding is -107 to -130 dB."""
 
-# Echoes worked on at a time: their kernels then stay in a core's second-level cache.
+# Echoes worked on at a time: their kernels then stay in a core's second-level cache (measured).
 BLOCK_ECHOES = 8192
 BLOCK_FRAMES = 1024
 
 
 @dataclass(frozen=True, slots=True)
 class Pulse:
-    """The transmitted Gaussian pulse (2.3).
+    """The transmitted Gaussian pulse (2.3)."""
 
-    Attributes
-    ----------
-    sigma_s : float
-        Standard deviation of the envelope, in seconds.
-    """
-
-    sigma_s: float
+    sigma_s: float  # standard deviation of the envelope
 
     @classmethod
     def of(cls, axis: FastTimeAxis) -> Self:
-        """Return the pulse that has the axis' bandwidth at -10 dB.
-
-        Raises
-        ------
-        SceneError
-            If the axis states no bandwidth.
-        """
+        """Return the pulse of the axis' bandwidth at -10 dB; SceneError if it states none."""
         if not axis.bandwidth_hz > 0:
             msg = f"bandwidth_hz {axis.bandwidth_hz:g}: echoes need a pulse with a bandwidth"
             raise SceneError(msg)
@@ -102,24 +90,10 @@ def kept(
     reach_m: float,
     floor: float,
 ) -> tuple[Array, Amplitude]:
-    """Leave out what does not count, for tiers that work on whole columns.
+    """Leave out scatterers that never count, for tiers that work on whole columns.
 
-    Parameters
-    ----------
-    range_m, amplitude : ndarray, shape (n_slow, n_points)
-        As every tier takes them.
-    axis : FastTimeAxis
-        Its first and last bin bound the swath.
-    reach_m : float
-        How far outside the swath an echo still shows, in metres.
-    floor : float
-        Amplitudes up to here do not count.
-
-    Returns
-    -------
-    range_m, amplitude : ndarray, shape (n_slow, n_kept)
-        Scatterers that count at least once. Where one does not, its amplitude is zero and
-        its range is the swath's beginning, so that nothing overflows.
+    Echoes show up to `reach_m` outside the swath. Where one of the others does not count, its
+    amplitude is zero and its range the swath's beginning, so that nothing overflows.
     """
     check(range_m, amplitude)
     first_m = axis.range_offset_m

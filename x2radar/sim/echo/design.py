@@ -23,16 +23,16 @@ from x2radar.sim.echo.common import FINEST_DB, Array, Baseband, Frames, Pulse, c
 from x2radar.sim.echo.spread import SpreadGrid
 
 _SHARES = (0.5, 0.6, 0.7, 0.76)  # of the variance that the first Gaussian takes
-_FAR_SIGMA = 7.0
-_PACKED_POINTS = 1 << 15  # 256 KiB
+_FAR_SIGMA = 7.0  # a Gaussian has fallen to 2e-11
+_PACKED_POINTS = 1 << 15  # 256 KiB, a share of the cache (chosen)
 # The best matrix may do this much better than the estimate of what it cannot do.
 _HOPE_DB = 4.0
-_FINEST_SPACING = 0.4  # sigmas
+_FINEST_SPACING = 0.4  # sigmas; the errors asked for need no finer
 # Nanoseconds of the product: a row, a point of its window times a bin, a bin; and a bin
 # that must be copied because the blocks do not end where the swath does. Measured.
 _ROW_NS, _PRODUCT_NS, _BIN_NS, _COPY_NS = 6.0, 0.04, 0.06, 0.2
 _TOUCH_NS = 1.5  # an echo at a point
-_USUAL_POINTS = 20
+_USUAL_POINTS = 20  # of a body
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,10 +84,7 @@ def suits(axis: FastTimeAxis, pulse: Pulse) -> bool:
 def design_for(axis: FastTimeAxis, pulse: Pulse, error_db: float) -> Design:
     """Return the design for an axis, made once.
 
-    Raises
-    ------
-    SceneError
-        If the bins are too long, or no design reaches the error.
+    Raises SceneError if the bins are too long, or no design reaches the error.
     """
     if not suits(axis, pulse) or error_db < FINEST_DB:
         msg = (

@@ -18,34 +18,19 @@ from x2radar.sim.signal.noise import fast_length
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SpectralGrid:
-    """Frequencies on which an axis' echoes are written.
+    """Frequencies on which an axis' echoes are written."""
 
-    Attributes
-    ----------
-    weight : ndarray, shape (n_freq,), float32
-        The pulse's Fourier coefficients on the period, lines ascending, `n_freq // 2` of them
-        below zero.
-    period_m : float
-        The spectrum repeats in range after this: swath and a pulse's reach on both sides,
-        so that no echo that shows at one end wraps into the other.
-    reference_m : float
-        Range at which every line has the carrier's phase: the middle of the swath.
-    reach_m : float
-        How far outside the swath an echo still shows.
-    n_fft, n_fold : int
-        Bins on the period, and how much finer the transform must be to hold the band.
-    n_slow_power, n_fast_power : int
-        Q and r of the factorisation; their product is n_freq.
-    """
-
+    # (n_freq,): the pulse's Fourier coefficients on the period, ascending, half of them below 0.
     weight: NDArray[np.float32]
+    # The spectrum repeats in range after this: swath and a pulse's reach on both sides, so that no
+    # echo that shows at one end wraps into the other.
     period_m: float
-    reference_m: float
-    reach_m: float
-    n_fft: int
-    n_fold: int
-    n_slow_power: int
-    n_fast_power: int
+    reference_m: float  # the middle of the swath: every line has the carrier's phase there
+    reach_m: float  # how far outside the swath an echo still shows
+    n_fft: int  # bins on the period
+    n_fold: int  # how much finer the transform must be to hold the band
+    n_slow_power: int  # Q of the factorisation
+    n_fast_power: int  # r of it; their product is n_freq
 
     @property
     def n_freq(self) -> int:

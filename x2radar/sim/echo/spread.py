@@ -15,54 +15,28 @@ from x2radar.frame import FastTimeAxis
 from x2radar.sim.echo.common import Amplitude, Array, Baseband, carrier_turns, counted, phasor
 
 # With more than this share of the echoes in view, picking them out costs more than it saves.
-_WORTH_PICKING = 0.8
+_WORTH_PICKING = 0.8  # measured
 
 
 @dataclass(frozen=True, slots=True)
 class SpreadGrid:
-    """A regular grid in range and the Gaussian that is put on it.
+    """A regular grid in range and the Gaussian that is put on it."""
 
-    Attributes
-    ----------
-    origin_m, spacing_m : float
-        Range of point 0 and distance of the points, in metres.
-    n_grid : int
-        Points.
-    sigma_m : float
-        Standard deviation of the Gaussian, in metres.
-    n_touched : int
-        Points that an echo is added to: those within half as many spacings.
-    """
-
-    origin_m: float
+    origin_m: float  # range of point 0
     spacing_m: float
-    n_grid: int
-    sigma_m: float
-    n_touched: int
+    n_grid: int  # points
+    sigma_m: float  # of the Gaussian
+    n_touched: int  # points that an echo is added to: those within half as many spacings
 
 
 def spread(
     range_m: Array, amplitude: Amplitude, axis: FastTimeAxis, grid: SpreadGrid, floor: float
 ) -> Baseband:
-    """Return all echoes on the grid.
+    """Return all echoes on the grid, shape (n_slow, n_grid); any distance is allowed.
 
-    Parameters
-    ----------
-    range_m, amplitude : ndarray, shape (n_slow, n_points)
-        Distances in metres (float64) and peak amplitudes; any distance is allowed.
-    axis : FastTimeAxis
-        Gives the carrier and the sign of its phase.
-    grid : SpreadGrid
-        Where to.
-    floor : float
-        Echoes up to this amplitude are left out.
-
-    Returns
-    -------
-    ndarray, shape (n_slow, n_grid), complex64
-        ``sum_k a_k exp(-(x - R_k)^2 / 2 s^2) exp(-j 4 pi R_k / lambda)``, cut off
-        n_touched / 2 spacings from the echo; relative rounding error below 3e-6. May be a
-        view of something larger.
+    ``sum_k a_k exp(-(x - R_k)^2 / 2 s^2) exp(-j 4 pi R_k / lambda)``, cut off n_touched / 2
+    spacings from the echo; relative rounding error below 3e-6. May be a view of something
+    larger.
     """
     n_slow, n_points = range_m.shape
     touched = grid.n_touched

@@ -20,7 +20,8 @@ from x2radar.sim.signal.receiver import MIDDLE
 from x2radar.wire.messages import ErrorReply, Message, Ping, Pong, Reset
 from x2radar.wire.wire_ids import ErrorCode, PongCode
 
-SPIKE = 900.0  # far beyond the 0 to 100 of a frame
+# Far beyond the 0 to 100 of a frame, and samples of a frame that a spike meets (chosen).
+SPIKE = 900.0
 _SPIKES = 3
 
 
@@ -37,6 +38,7 @@ class Kind:
 
 _SHARE = (0.0, 1.0)
 _LONGEST_S = 1e6
+"""Beyond any run (chosen)."""
 KINDS: Mapping[str, Kind] = MappingProxyType(
     {
         # On the line.
@@ -86,23 +88,10 @@ class FaultPlan:
 
 
 def parse_faults(text: str) -> FaultPlan:
-    """Read ``kind:value[,kind:value...]``.
+    """Read ``kind:value[,kind:value...]``, units as in `KINDS`.
 
-    Parameters
-    ----------
-    text : str
-        What stands behind ``fault=``; units of the values are those of `KINDS`.
-
-    Returns
-    -------
-    FaultPlan
-        Checked.
-
-    Raises
-    ------
-    SettingsError
-        If a kind is unknown or given twice, or its value is missing or out of range; the
-        message is one line and lists the kinds.
+    Raises SettingsError if a kind is unknown or given twice, or its value is missing or out of
+    range; the message is one line and lists the kinds.
     """
     values: dict[str, float] = {}
     for item in text.split(","):
@@ -139,15 +128,7 @@ def describe_faults() -> str:
 
 
 class Dice:
-    """One generator a kind of fault.
-
-    Parameters
-    ----------
-    plan : FaultPlan
-        What to make.
-    seed : int
-        Of the module.
-    """
+    """One generator a kind of fault."""
 
     def __init__(self, plan: FaultPlan, seed: int) -> None:
         self._plan = plan
@@ -180,29 +161,13 @@ _ON_FRAMES = {"drop_frames", "duplicate", "spike", "clip", "counter_restart", "r
 
 
 class ModuleFaults:
-    """What goes wrong inside the module.
-
-    Parameters
-    ----------
-    plan : FaultPlan
-        What to make.
-    dice : Dice
-        Its draws.
-
-    Attributes
-    ----------
-    reply_delay_s : float
-        From a command's arrival until it is obeyed and answered, in module time.
-    not_ready_s : float
-        From boot until pings answer READY, in module time; 0 for at once.
-    announces_ready : bool
-        Whether READY is said after boot.
-    """
+    """What goes wrong inside the module."""
 
     def __init__(self, plan: FaultPlan, dice: Dice) -> None:
         self._plan = plan
         self._dice = dice
         self._touches_frames = not _ON_FRAMES.isdisjoint(plan.values)
+        # From a command's arrival until it is obeyed, and from boot until pings answer READY.
         self.reply_delay_s = plan.value("slow_ack")
         self.not_ready_s = plan.value("not_ready")
         self.announces_ready = not (self.not_ready_s or plan.value("safe_mode"))

@@ -11,6 +11,7 @@ from x2radar.errors import TransportClosed
 from x2radar.sim.module.module import SimulatedModule
 
 _IDLE_S = 0.05
+"""Longest wait before `stop` is asked again (chosen)."""
 
 
 def serve(
@@ -22,16 +23,8 @@ def serve(
 ) -> None:
     """Run `module` behind `transport` until the transport closes or `stop` says so.
 
-    Parameters
-    ----------
-    module : SimulatedModule
-        What answers.
-    transport : Transport
-        Where its bytes come and go.
-    speed : float or None
-        Module seconds per real second; None is as fast as the host reads.
-    stop : callable
-        Asked before every wait.
+    `speed` is module seconds per real second; None is as fast as the host reads. `stop` is
+    asked before every wait.
     """
     started_s = time.monotonic()
     now_s = 0.0
@@ -101,19 +94,9 @@ class _PieceReader:
 
 
 def connect(make: Callable[[], SimulatedModule], speed: float | None) -> Transport:
-    """Return a transport to a new module that runs in a thread of this process.
+    """Return a transport to a new module that runs in a thread of this process, as `serve`.
 
-    Parameters
-    ----------
-    make : callable
-        Makes the module.
-    speed : float or None
-        As in `serve`.
-
-    Returns
-    -------
-    Transport
-        The host's end; closing it ends the thread.
+    Closing it ends the thread.
     """
     module = make()
     near, far = memory_pair()

@@ -15,6 +15,7 @@ _ON_LINE = {
     *("drop_bytes", "flip_bits", "junk"),
     *("split", "merge", "stall", "bursts", "silent", "hang_up"),
 }
+# Chosen; docs/simulated-module.md names both.
 _JUNK_MOST = 40
 _STALL_EVERY_S = 10.0
 # Lateness of the frames of one second, in frame periods, by counter modulo 20: measured on a
@@ -23,15 +24,7 @@ _LATE_FRAMES = {0: 3.8, 1: 2.9, 2: 2.0, 3: 1.1, 10: 1.0}
 
 
 class Line:
-    """A faulty line.
-
-    Parameters
-    ----------
-    plan : FaultPlan
-        What it does.
-    dice : Dice
-        Its draws.
-    """
+    """A faulty line."""
 
     def __init__(self, plan: FaultPlan, dice: Dice) -> None:
         self._plan = plan

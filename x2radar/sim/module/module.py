@@ -36,9 +36,11 @@ from x2radar.wire.messages import (
 )
 from x2radar.wire.wire_ids import PING_SEED, ErrorCode, PongCode, SystemCode
 
+# Chosen: real modules take half a second and more (docs/simulated-module.md).
 RESET_DELAY_S = 0.05
 BOOT_S = 0.05
 LATEST_S = 2.0
+"""A module's buffer is full when its host has not read for so long (chosen)."""
 _FOREVER_S = float("inf")
 _NO_FRAME = np.zeros(1, np.float32)
 
@@ -127,9 +129,9 @@ class SimulatedModule:
     def advance(self, now_s: float) -> None:
         """Do what is due until `now_s` (module time, in seconds, never going back).
 
-        In order of time, so that many small steps and one large one come to the same. A
-        module whose host does not read for more than `LATEST_S` loses frames, as a real one
-        does: its counter goes on.
+        In order of time, so that many small steps and one large one come to the same. A module
+        whose host does not read for more than `LATEST_S` loses frames, as a real one does: its
+        counter goes on.
         """
         until_s = max(self._now_s, now_s)
         while (at_s := self._own_due_s) <= until_s and at_s < _FOREVER_S:
@@ -221,7 +223,7 @@ class SimulatedModule:
             case Ping(seed) if seed == PING_SEED:
                 return Pong(PongCode.READY)
             case Reset():
-                # A host that resets configures anew; only a reboot of its own resumes.
+                # A host that resets configures again; only a reboot of its own resumes.
                 self._resume = None
                 self._reset_due_s = self._now_s + RESET_DELAY_S
                 return Ack()

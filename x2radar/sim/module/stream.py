@@ -18,9 +18,11 @@ from x2radar.sim.signal.pulse import LinkBudget
 from x2radar.sim.signal.receiver import Receiver
 
 _BLOCK = 16
+"""Frames made at a time (chosen)."""
 ERROR_DB = -60.0
 """Of a frame's echoes, see `x2radar.sim.echo`: 20 dB under the noise beside a body at 1 m."""
 _UNSEEN = 0.1
+"""Echoes under this share of a bin's noise are not made (chosen)."""
 _NOISE, _ROOM = 0x4E01, 0x2001
 
 
@@ -65,7 +67,6 @@ class EchoStream:
         if scene.room is not None:
             rng = np.random.default_rng([seed, _ROOM])
             self._room = Room(rng, scene.room, self._echo_axis, budget)
-        # Echoes that far under a bin's noise are not made.
         noise = baseband_noise_power(axis, budget.noise_sigma)
         self._floor = _UNSEEN * float(np.sqrt(noise))
         self._has_jitter = bool(scene.receiver.frame_jitter)

@@ -21,19 +21,12 @@ SHAPES = ("gaussian", "cosine", "isotropic")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EchoRows:
-    """Echoes, each as if of one point on the antenna's axis.
+    """Echoes, each as if of one point on the antenna's axis."""
 
-    Attributes
-    ----------
-    range_m : ndarray, shape (n_slow, n_rows), float64
-        Half the way out and back, in metres.
-    root_rcs_m : ndarray, shape (n_slow, n_rows), float64
-        Root of the cross section that a point at `range_m` on the axis needs to give this
-        echo: pattern, reflections and the true spreading of the way are in it. Negative
-        where reflections turned the echo by half a turn.
-    """
-
-    range_m: Array
+    range_m: Array  # (n_slow, n_rows): half the way out and back
+    # (n_slow, n_rows): root of the cross section that a point at `range_m` on the axis needs to
+    # give this echo: pattern, reflections and the true spreading of the way are in it. Negative
+    # where reflections turned the echo by half a turn.
     root_rcs_m: Array
 
     def amplitude(self, budget: LinkBudget, axis: FastTimeAxis) -> Array:
@@ -57,36 +50,17 @@ def join(rows: tuple[EchoRows, ...]) -> EchoRows:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Antenna:
-    """A pair of antennas side by side.
-
-    Attributes
-    ----------
-    height_m : float
-        Above the floor, in metres.
-    tilt_deg, pan_deg : float
-        Where they look: down from level, and to the right of the y axis, in degrees.
-    azimuth_width_deg, elevation_width_deg : float
-        Full widths at half power, in degrees. 65 by 65 for the X2 kit's antennas is
-        recalled, not checked.
-    shape : {'gaussian', 'cosine', 'isotropic'}
-        ``exp(-ln 2 (2 angle / width)^2)``, ``cos^n(angle)`` with the n of the width, or none,
-        which costs nothing.
-    floor_db : float
-        Least power gain beside and behind, relative to the axis, in dB; our choice, real
-        antennas of this kind are not below it indoors.
-
-    Raises
-    ------
-    SettingsError
-        If any field makes no sense.
-    """
+    """A pair of antennas side by side; raises SettingsError if a field makes no sense."""
 
     height_m: float = limited(1.5, 0.05, 10, "mounting height, m")
     tilt_deg: float = limited(0.0, -90, 90, "down from level, degrees")
     pan_deg: float = limited(0.0, -180, 180, "to the right, degrees")
+    # Full widths; 65 by 65 for the X2 kit's antennas is recalled.
     azimuth_width_deg: float = limited(65.0, 5, 175, "half-power width, degrees")
     elevation_width_deg: float = limited(65.0, 5, 175, "half-power width, degrees")
+    # ``exp(-ln 2 (2 angle / width)^2)``, ``cos^n(angle)`` with the n of the width, or none.
     shape: str = one_of("gaussian", SHAPES, "pattern")
+    # Of power, beside and behind; chosen: real antennas of this kind are not below it indoors.
     floor_db: float = limited(-20.0, -60, 0, "least gain, dB")
 
     def __post_init__(self) -> None:
@@ -104,18 +78,10 @@ class Antenna:
         return np.asarray(self._turned()[1])
 
     def gain(self, towards_m: Array) -> Array:
-        """Return the power gain of one antenna, relative to its axis.
+        """Return the power gain of one antenna, relative to its axis, `floor_db` to 1.
 
-        Parameters
-        ----------
-        towards_m : ndarray, shape (..., 3), float64
-            Vectors from the antenna; any length, zero counts as on the axis.
-
-        Returns
-        -------
-        ndarray, shape (...), float64
-            From `floor_db` to 1. Out and back by one direction, an echo's amplitude takes
-            this once, its power twice.
+        Vectors from the antenna are of shape (..., 3) and of any length; zero counts as on the
+        axis. Out and back by one direction, an echo's amplitude takes this once.
         """
         if self.shape == "isotropic":
             return np.ones(towards_m.shape[:-1])
@@ -127,19 +93,9 @@ class Antenna:
         return np.maximum(gain, 10 ** (self.floor_db / 10))
 
     def direct(self, points: Points, offset_m: Array | None = None) -> EchoRows:
-        """Return the echoes that come straight back.
+        """Return the echoes that come straight back, one row a point, in their order.
 
-        Parameters
-        ----------
-        points : Points
-            Of any thing.
-        offset_m : ndarray, shape (n_slow, 3), optional
-            How far the mount has moved the antenna from its place, in metres.
-
-        Returns
-        -------
-        EchoRows
-            One row a point, in their order.
+        `offset_m`, shape (n_slow, 3), is how far the mount has moved the antenna from its place.
         """
         towards_m = points.position_m - self.position_m
         if offset_m is not None:

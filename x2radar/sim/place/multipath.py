@@ -24,8 +24,11 @@ from x2radar.sim.signal.pulse import NEAREST_M
 Array = NDArray[np.float64]
 _AXES = {"x": 0, "y": 1, "z": 2}
 _CLEAR_M = 0.3
+"""Nearer things count as here: chosen, bodies are no points."""
+# Where the body stood, and how far behind it the tail was measured; see `TailSettings`.
 _CALIBRATED_AT_M = 1.7
 _GAP_M = (0.4, 3.0)
+# Chosen: points of a body with aspects of their own, and places drawn for each that is taken.
 _N_ASPECTS = 64
 _PLACES_A_PATH = 20
 _TINY = 1e-300
@@ -33,32 +36,17 @@ _TINY = 1e-300
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Surface:
-    """A large flat reflector: the floor, the ceiling or a wall.
+    """A large flat reflector: floor, ceiling or wall.
 
-    Attributes
-    ----------
-    axis : {'x', 'y', 'z'}
-        Room axis that it stands across: z for floor and ceiling.
-    at_m : float
-        Where on that axis, in metres.
-    permittivity : float
-        Relative, real. Floorboard 3.66, concrete 5.3, plasterboard 2.9, wood 2.0 (recalled
-        from ITU-R P.2040).
-    smoothness : float
-        Share of the reflected amplitude that stays in the mirror direction, 0 to 1.
-    polarisation : {'vertical', 'horizontal'}
-        Of the antennas. With vertical ones the floor reflects little near its Brewster angle.
-
-    Raises
-    ------
-    SettingsError
-        If any field makes no sense.
+    Raises SettingsError if a field makes no sense.
     """
 
     axis: str = one_of("z", tuple(_AXES), "axis across the surface")
     at_m: float = limited(0.0, -100, 100, "position on the axis, m")
+    # Floorboard 3.66, concrete 5.3, plasterboard 2.9, wood 2.0 (ITU-R P.2040, recalled).
     permittivity: float = limited(3.66, 1, 100, "relative permittivity")
     smoothness: float = limited(1.0, 0, 1, "share of amplitude left in the mirror direction")
+    # With vertical ones the floor reflects little near its Brewster angle.
     polarisation: str = one_of("vertical", ("vertical", "horizontal"), "of the antennas")
 
     def __post_init__(self) -> None:
@@ -81,21 +69,10 @@ class Surface:
 def image_rows(points: Points, antenna: Antenna, surface: Surface) -> EchoRows:
     """Return the echoes of points by way of one surface.
 
-    Parameters
-    ----------
-    points : Points
-        Of any thing.
-    antenna : Antenna
-        Its pattern counts in the directions in which the ways leave.
-    surface : Surface
-        Points on its far side give no echo.
-
-    Returns
-    -------
-    EchoRows
-        First one row a point for out or back by the surface (both orders come in together,
-        so twice the amplitude), half of ``R + R'`` long, R' being the way to the image; then
-        one row a point for out and back by it, R' long.
+    First one row a point for out or back by the surface (both orders come in together, so twice
+    the amplitude), half of ``R + R'`` long, R' being the way to the image; then one row a point
+    for out and back by it, R' long. The antenna's pattern counts in the directions in which the
+    ways leave; points on the surface's far side give no echo.
     """
     k = _AXES[surface.axis]
     here = antenna.position_m
@@ -123,8 +100,8 @@ class TailSettings:
     """The moving clutter that fills the range behind a body.
 
     Between a body and the static things around it echoes go both ways: antenna, body, thing,
-    antenna, and back. In two recorded walks (P4xx module, 3.1-5.3 GHz, a 4 x 4 m room, 680
-    and 370 frames of 33 ms, body at 0.5 to 3.3 m, slow time high-passed at 1 s) we measured:
+    antenna, and back. Measured in two recorded walks (P4xx module, 3.1-5.3 GHz, a 4 x 4 m room,
+    680 and 370 frames of 33 ms, body at 0.5 to 3.3 m, slow time high-passed at 1 s):
     the tail begins with the body and reaches the end of the window, 3.9 m behind it; its mean
     power is 14 dB (10 to 15) under the body's peak at +0.5 to +1 m, 18 at +1.5, 21 at +2, 24
     at +2.5, 25 at +3 and 27 at +3.5 m; at one absolute range it hardly depends on where the
@@ -132,32 +109,19 @@ class TailSettings:
     body; its mean Doppler is half to three quarters of the body's (antennas that see all
     round; with a beam less comes from behind, and this model gives a fifth to a half).
 
-    Attributes
-    ----------
-    energy_db : float
-        Energy of the tail from 0.4 to 3 m behind a body 1.7 m ahead of the antenna, relative
-        to the body's own, in dB. What was measured holds floor and wall echoes too; with
-        those named as well, take some 2 dB less.
-    n_paths : int
-        Ways; 128 within 4 m are 2 to 4 in a range cell (8 cm) behind a body.
-    reach_m : float
-        Static things lie all over the disc of this radius around the antenna, with even
-        power. Those beyond the swath's end never show, so it is best set there.
-    ceiling_m : float
-        And evenly in height from the floor to here.
-    free_m : float
-        Free floor: no thing lies nearer to the antenna, and none counts as nearer to a body.
-
-    Raises
-    ------
-    SettingsError
-        If any field makes no sense.
+    Raises SettingsError if a field makes no sense.
     """
 
+    # From 0.4 to 3 m behind a body 1.7 m ahead of the antenna. What was measured holds floor and
+    # wall echoes too; with those named as well, take some 2 dB less.
     energy_db: float = limited(-5.0, -60, 10, "tail energy against the body's, dB")
+    # 128 within 4 m are 2 to 4 in a range cell (8 cm) behind a body.
     n_paths: int = limited(128, 16, 4096, "ways", is_whole=True)
+    # Static things lie all over the disc of this radius around the antenna, with even power. Those
+    # beyond the swath's end never show, so it is best set there.
     reach_m: float = limited(4.0, 0.5, 30, "radius of the things around, m")
     ceiling_m: float = limited(2.5, 0.5, 20, "height of the things around, m")
+    # No thing lies nearer to the antenna, and none counts as nearer to a body.
     free_m: float = limited(0.0, 0, 10, "free floor about antenna and bodies, m")
 
     def __post_init__(self) -> None:
@@ -196,18 +160,11 @@ class DiffuseTail:
         self._root *= 10 ** (settings.energy_db / 20) / np.sqrt(self._calibration())
 
     def rows(self, points: Points) -> EchoRows:
-        """Return the echoes by way of the static things.
+        """Return one body's echoes by way of the static things, one row a way.
 
-        Parameters
-        ----------
-        points : Points
-            Of one body; from the 65th on, points share the aspects of the first.
-
-        Returns
-        -------
-        EchoRows
-            One row a way, ``(R_body + d + R_thing) / 2`` long, d from body to thing; never
-            shorter than the way to the body's centre of scattering.
+        Each is ``(R_body + d + R_thing) / 2`` long, d from body to thing; never shorter than the
+        way to the body's centre of scattering. From the 65th on, points share the aspects of the
+        first.
         """
         n_points = points.rcs_m2.shape[1]
         aspect = self._aspect[np.arange(n_points) % _N_ASPECTS]

@@ -21,6 +21,8 @@ from x2radar.sim.signal.pulse import LinkBudget, pulse_sigma_s
 
 Array = NDArray[np.float64]
 Frames = NDArray[np.float32] | NDArray[np.complex64]
+# Chosen: points of distributed clutter a range cell, enough for Rayleigh statistics; directions it
+# comes from, echoes of the leak's ringing, sinusoids of a drift, and the slowest of them.
 _PER_CELL = 6
 _N_SECTORS = 6
 _RING_POINTS = 12
@@ -32,53 +34,31 @@ _SLOWEST_S = 600.0
 class RoomSettings:
     """A room, in levels over noise; None leaves a part out.
 
-    Attributes
-    ----------
-    objects_db : float or None
-        Strongest single object, in dB. On real UWB modules the strongest static bin lies 49
-        to 57 dB over the noise; in two P4xx recordings we measured 47 and 54 dB, and 10 to
-        12 maxima more than 33 dB over it within 4.4 m.
-    n_objects : int
-        Objects; the others lie up to 20 dB below the strongest.
-    diffuse_db : float or None
-        Mean level of the distributed clutter 1 m away, in dB. In the two recordings, means
-        over half a metre lie at 33 to 37 dB there.
-    profile : {'exponential', 'power'}
-        How the distributed clutter falls with range.
-    decay_db_per_m : float
-        Of the exponential profile. The recordings give 0.6 and 1.5 dB/m over 0.5 to 4.4 m.
-    exponent : float
-        Of the power profile: power goes with range to minus this.
-    leakage_db : float or None
-        Peak of what goes straight from one antenna into the other, in dB.
-    leakage_m : float
-        Range at which it appears: half the antennas' distance, and cables.
-    ringing_db_per_m : float
-        How fast the antennas' ringing behind it falls.
-    drift_m : float
-        Slow drift of every strong object's range, rms over ten minutes, in metres. In the
-        recordings strong bins turn by 1 to 3 mrad rms within 7 s, some by 18 where echoes
-        nearly cancel; 5e-5 to 1e-4 m give that.
-    drift_gain : float
-        And of its amplitude, rms. Recorded: 0.1 to 0.3 % rms within 7 s, which 0.01 gives;
-        up to 10 % in the first half minute after switching on, which is not modelled.
-
-    Raises
-    ------
-    SettingsError
-        If any field makes no sense.
+    Raises SettingsError if a field makes no sense. 'Recorded' is two P4xx recordings
+    (docs/scenes.md).
     """
 
+    # On real UWB modules the strongest static bin lies 49 to 57 dB over the noise; recorded: 47
+    # and 54 dB, and 10 to 12 maxima more than 33 dB over it within 4.4 m.
     objects_db: float | None = limited(None, -20, 120, "strongest object over noise, dB")
+    # All but the strongest lie up to 20 dB below it.
     n_objects: int = limited(10, 1, 200, "objects", is_whole=True)
+    # Recorded: means over half a metre lie at 33 to 37 dB.
     diffuse_db: float | None = limited(None, -40, 100, "distributed clutter at 1 m, dB")
     profile: str = one_of("exponential", ("exponential", "power"), "fall with range")
+    # Of the exponential profile; recorded: 0.6 and 1.5 dB/m over 0.5 to 4.4 m.
     decay_db_per_m: float = limited(1.5, 0, 60, "fall with range, dB/m")
-    exponent: float = limited(2.0, 0, 8, "fall with range")
+    exponent: float = limited(2.0, 0, 8, "fall with range")  # of the power profile
+    # Straight from one antenna into the other; its peak.
     leakage_db: float | None = limited(None, -20, 140, "leakage over noise, dB")
+    # Half the antennas' distance, and cables.
     leakage_m: float = limited(0.1, 0.0, 2, "where the leakage appears, m")
     ringing_db_per_m: float = limited(80.0, 5, 1000, "fall of the ringing, dB/m")
+    # Of strong objects, over ten minutes. Recorded: strong bins turn by 1 to 3 mrad rms within 7
+    # s, some by 18 where echoes nearly cancel; 5e-5 to 1e-4 m give that.
     drift_m: float = limited(0.0, 0, 0.005, "slow drift of range, rms, m")
+    # Recorded: 0.1 to 0.3 % rms within 7 s, which 0.01 gives; up to 10 % in the first half minute
+    # after switching on, which is not modelled.
     drift_gain: float = limited(0.0, 0, 0.2, "slow drift of amplitude, rms")
 
     def __post_init__(self) -> None:
@@ -151,19 +131,11 @@ class Room:
         return self._still
 
     def echo(self, t_s: Array, offset_m: Array | None = None) -> Frames:
-        """Return the room's echo at given times.
+        """Return the room's echo at times since the stream began, in any order.
 
-        Parameters
-        ----------
-        t_s : ndarray, shape (n_slow,), float64
-            Seconds since the stream began; any times in any order.
-        offset_m : ndarray, shape (n_slow, 3), optional
-            How far the mount has moved the antenna, in metres; less than a centimetre.
-
-        Returns
-        -------
-        ndarray, shape (n_slow, n_range), float32 or complex64
-            A read-only view of one row where nothing drifts or moves.
+        `offset_m`, shape (n_slow, 3), is how far the mount has moved the antenna: less than a
+        centimetre. The result, shape (n_slow, n_range), is a read-only view of one row where
+        nothing drifts or moves.
         """
         has_drift = bool(self._drift_m.any() or self._drift_gain.any())
         if offset_m is None and not has_drift:

@@ -1,7 +1,7 @@
 """Cast: the names by which scenes call bodies and things, and what each is made from.
 
-An actor is checked when its scene is read, by making it once; then it is made anew, with new
-draws, whenever its step begins.
+An actor is checked when its scene is read, by making it once; then it is made with new draws
+whenever its step begins.
 """
 
 from collections.abc import Callable, Mapping
@@ -28,7 +28,7 @@ from x2radar.sim.things.draws import floor_position
 
 Array = NDArray[np.float64]
 SEED_GAIN = 1e4
-"""The thesis' cross sections include 40 dB of the module's integration."""
+"""The thesis' cross sections include 40 dB of the module's integration (its table 4.1)."""
 _PROBABILITY = Key(0.0, 1.0, "probability")
 
 Maker = Callable[[np.random.Generator, Mapping[str, Any], str], Mover]
@@ -37,27 +37,13 @@ Maker = Callable[[np.random.Generator, Mapping[str, Any], str], Mover]
 
 @dataclass(frozen=True, slots=True)
 class Actor:
-    """A body or thing as a scene names it.
+    """A body or thing as a scene names it."""
 
-    Attributes
-    ----------
-    kind : str
-        Name of a body or a thing.
-    options : mapping
-        What the scene says of it.
-    where : str
-        Its path in the scene file.
-    probability : float
-        How often it is there at all.
-    plugged : BodyKind or None
-        The kind itself, where a plug-in brings it.
-    """
-
-    kind: str
+    kind: str  # name of a body or a thing
     options: Mapping[str, Any] = field(default_factory=dict)
-    where: str = ""
-    probability: float = 1.0
-    plugged: "BodyKind | None" = None
+    where: str = ""  # its path in the scene file
+    probability: float = 1.0  # that it is there at all
+    plugged: "BodyKind | None" = None  # the kind itself, where a plug-in brings it
 
     def make(self, rng: np.random.Generator) -> Mover:
         """Return it with new draws; raises SceneError as `read_actor`."""
@@ -104,25 +90,11 @@ class ThesisBody:
 
 
 def read_actor(raw: Any, where: str) -> Actor:
-    """Return the actor that a scene file describes.
+    """Return the actor that a scene file describes, checked: it can be made.
 
-    Parameters
-    ----------
-    raw : mapping
-        ``body: NAME`` or ``thing: NAME``, its options, and perhaps its probability.
-    where : str
-        Path in the file.
-
-    Returns
-    -------
-    Actor
-        Checked: it can be made.
-
-    Raises
-    ------
-    SceneError
-        If it names nothing known, or an option is unknown or impossible; one line with the
-        path of the key.
+    `raw` has ``body: NAME`` or ``thing: NAME``, its options, and perhaps its probability. Raises
+    SceneError if it names nothing known, or an option is unknown or impossible; one line with
+    the path of the key.
     """
     if not isinstance(raw, dict):
         msg = f"{where}: must be a mapping with the key body or thing"

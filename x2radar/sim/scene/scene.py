@@ -28,6 +28,7 @@ from x2radar.sim.signal.effects import ReceiverEffects
 from x2radar.sim.things import draw_mount
 
 LONGEST_STEP_S = 86_400.0
+"""A day (chosen)."""
 _DURATION = Key(0.1, LONGEST_STEP_S, "s")
 _WEIGHT = Key(0.0, 1e6, "weight")
 _POINT = {"range_m": Key(0.1, 1000, "m"), "rcs_m2": Key(0, 1e9, "m2, processing gain included")}
@@ -40,22 +41,12 @@ _SCENE_KEYS = (
 
 @dataclass(frozen=True, slots=True)
 class SceneStep:
-    """Some seconds with some moving things.
+    """Some seconds with some moving things."""
 
-    Attributes
-    ----------
-    actors : tuple of Actor
-        Bodies and things; empty for an empty room.
-    least_s, most_s : float
-        The duration is drawn evenly between them.
-    weight : float
-        Within a choice: how often this step is taken against the others.
-    """
-
-    actors: tuple[Actor, ...]
-    least_s: float
-    most_s: float
-    weight: float = 1.0
+    actors: tuple[Actor, ...]  # bodies and things; empty for an empty room
+    least_s: float  # the duration is drawn evenly from here
+    most_s: float  # to here
+    weight: float = 1.0  # within a choice: how often this step is taken against the others
 
     def duration_s(self, rng: np.random.Generator) -> float:
         """Return a duration; nothing is drawn where it is fixed."""
@@ -86,44 +77,18 @@ class StaticPoint:
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """What a scene file says.
+    """What a scene file says."""
 
-    Attributes
-    ----------
-    name : str
-        Built-in name or file name.
-    description : str
-        One sentence for people.
-    steps : tuple of SceneStep or SceneChoice
-        Played in order, then again.
-    background : tuple of Actor
-        What moves all the time.
-    clutter : tuple of StaticPoint
-        Single static echoes.
-    room : RoomSettings or None
-        Static objects, distributed clutter, leakage.
-    antenna : Antenna
-        By default one that sees everywhere alike.
-    surfaces : tuple of Surface
-        Floor and walls that mirror.
-    tail : TailSettings or None
-        The moving clutter behind bodies.
-    mount : mapping or None
-        Vibration of the antenna's mount.
-    receiver : ReceiverEffects
-        Imperfections; none by default.
-    """
-
-    name: str
-    description: str
-    steps: tuple[SceneStep | SceneChoice, ...]
-    background: tuple[Actor, ...] = ()
-    clutter: tuple[StaticPoint, ...] = ()
-    room: RoomSettings | None = None
+    name: str  # built-in name or file name
+    description: str  # one sentence for people
+    steps: tuple[SceneStep | SceneChoice, ...]  # played in order, then again
+    background: tuple[Actor, ...] = ()  # what moves all the time
+    clutter: tuple[StaticPoint, ...] = ()  # single static echoes
+    room: RoomSettings | None = None  # static objects, distributed clutter, leakage
     antenna: Antenna = field(default_factory=lambda: Antenna(shape="isotropic"))
-    surfaces: tuple[Surface, ...] = ()
-    tail: TailSettings | None = None
-    mount: Mapping[str, float] | None = None
+    surfaces: tuple[Surface, ...] = ()  # floor and walls that mirror
+    tail: TailSettings | None = None  # the moving clutter behind bodies
+    mount: Mapping[str, float] | None = None  # vibration of the antenna's mount
     receiver: ReceiverEffects = field(default_factory=ReceiverEffects)
 
 
@@ -139,23 +104,10 @@ def builtin_scenes() -> tuple[Scene, ...]:
 
 
 def load_scene(name: str) -> Scene:
-    """Return a scene by built-in name, or from a YAML file.
+    """Return a scene by built-in name, or from a YAML file whose path ends in .yaml or .yml.
 
-    Parameters
-    ----------
-    name : str
-        ``human``, or a path that ends in .yaml or .yml.
-
-    Returns
-    -------
-    Scene
-        The scene, checked.
-
-    Raises
-    ------
-    SceneError
-        If there is no such scene or file, or it says something impossible; the message
-        names the key's path.
+    Raises SceneError if there is no such scene or file, or it says something impossible; the
+    message names the key's path.
     """
     if name.endswith((".yaml", ".yml")):
         try:

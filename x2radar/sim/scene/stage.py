@@ -21,29 +21,18 @@ from x2radar.sim.things import MountVibration, draw_mount
 
 Array = NDArray[np.float64]
 _LONGEST_LOOK_S = 60.0
+"""How long `check_swath` follows a body (chosen)."""
 _BACKGROUND, _MOUNT, _TAIL, _STEP = 0xBAC0, 0x3071, 0x7A11, 0x57E9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Block:
-    """Consecutive frames of one step.
+    """Consecutive frames of one step."""
 
-    Attributes
-    ----------
-    rows : EchoRows
-        Echoes; physical cross sections.
-    offset_m : ndarray, shape (n_slow, 3), or None
-        How far the mount has moved the antenna.
-    movers : tuple of Mover
-        Bodies and things of this step, then those of the background.
-    points : tuple of Points
-        Where they are.
-    """
-
-    rows: EchoRows
-    offset_m: Array | None
-    movers: tuple[Mover, ...]
-    points: tuple[Points, ...]
+    rows: EchoRows  # echoes; physical cross sections
+    offset_m: Array | None  # (n_slow, 3): how far the mount has moved the antenna
+    movers: tuple[Mover, ...]  # bodies and things of this step, then those of the background
+    points: tuple[Points, ...]  # where they are
 
     @property
     def n_slow(self) -> int:
@@ -94,13 +83,8 @@ class Stage:
     def next_block(self, most: int, times_s: Array | None = None) -> Block:
         """Return the next frames, `most` of them or fewer where a step ends.
 
-        Parameters
-        ----------
-        most : int
-            Frames wanted.
-        times_s : ndarray, shape (most,), optional
-            When the frames are really taken, since the stream's start, in seconds; by
-            default the frame number over the rate.
+        `times_s`, shape (most,), is when they are really taken, since the stream's start; by
+        default the frame number over the rate.
         """
         now = self._now
         if self._at == now.begun + now.n:
@@ -158,19 +142,9 @@ class Stage:
 
 
 def check_swath(scene: Scene, near_m: float, far_m: float) -> None:
-    """Refuse a scene in which something that was put in a place never enters the swath.
+    """Raise SceneError if a thing that was put in a place never enters the swath.
 
-    Parameters
-    ----------
-    scene : Scene
-        What is to be played.
-    near_m, far_m : float
-        Swath of the radar, in metres.
-
-    Raises
-    ------
-    SceneError
-        One line with the path of the body or thing.
+    One line with the path of the body or thing.
     """
     listed = [(actor, _LONGEST_LOOK_S) for actor in scene.background]
     for item in scene.steps:

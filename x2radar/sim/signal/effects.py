@@ -18,10 +18,12 @@ from x2radar.sim.keys import check_fields, limited, one_of
 from x2radar.sim.signal.pulse import pulse_sigma_s
 
 Array = NDArray[np.float64]
+# Chosen: frames a generator, frames of the longest burst (a second), spikes of a frame.
 _BLOCK = 256
 _LONGEST_BURST = 60
 _MOST_SPIKES = 3
 _SPIKE_TOP = 1 << 16
+"""Raw samples are 16-bit words."""
 _KINDS = ("delay", "gain", "clock", "burst", "spike", "lost")
 
 
@@ -29,53 +31,29 @@ _KINDS = ("delay", "gain", "clock", "burst", "spike", "lost")
 class ReceiverEffects:
     """Imperfections of one receiver; all off by default.
 
-    Attributes
-    ----------
-    noise_figure_db : float
-        In dB; the noise level of the link budget belongs to its own 13 dB.
-    noise : {'coloured', 'white'}
-        Baseband noise as the matched filter leaves it, or white with the same power in
-        every bin (of no real receiver, and dearer: more numbers are drawn). RF noise is
-        always white.
-    jitter_s : float
-        Common delay of a frame, rms, in seconds; 0.13e-12 to 0.23e-12 measured on real UWB
-        modules.
-    gain_noise : float
-        Common gain of a frame, rms; up to 0.0012 measured.
-    true_sample_rate_hz : float or None
-        What this chip really samples at (38 to 41 GS/s), while its settings say another
-        rate; None for no error. Enters through `chip_axis`, not through the receiver.
-    frame_jitter : float
-        Frame times scatter by so much of a frame period, rms; never more than 0.05.
-    burst_rate_hz, burst_s : float
-        Interference, such as Wi-Fi at 6 GHz: bursts per second, and their mean length in
-        seconds; at least one frame, at most 60.
-    burst_least_db, burst_most_db : float
-        A burst raises the noise by so much, drawn evenly in dB.
-    clip : float
-        The converter clips at this share of full scale on both sides of the middle.
-    spike_share : float
-        Share of frames in which 1 to 3 samples lie above the converter's 8191 counts.
-    lost_share : float
-        Share of frames that never arrive.
-
-    Raises
-    ------
-    SettingsError
-        If any field makes no sense.
+    Raises SettingsError if a field makes no sense.
     """
 
+    # The noise level of the link budget belongs to its own 13 dB.
     noise_figure_db: float = limited(13.0, 0, 40, "noise figure, dB")
+    # As the matched filter leaves it, or white with the same power in every bin (of no real
+    # receiver, and dearer: more numbers are drawn). RF noise is always white.
     noise: str = one_of("coloured", ("coloured", "white"), "colour of baseband noise")
+    # 0.13e-12 to 0.23e-12 measured on real UWB modules, and a gain of up to 0.0012.
     jitter_s: float = limited(0.0, 0, 2e-12, "common delay of a frame, rms, s")
     gain_noise: float = limited(0.0, 0, 0.05, "common gain of a frame, rms")
+    # 38 to 41 GS/s, while its settings say another rate. Enters through `chip_axis`.
     true_sample_rate_hz: float | None = limited(None, 30e9, 50e9, "the chip's real rate, Hz")
     frame_jitter: float = limited(0.0, 0, 0.05, "of the frame period, rms")
+    # Interference, such as Wi-Fi at 6 GHz; a burst lasts 1 to 60 frames.
     burst_rate_hz: float = limited(0.0, 0, 100, "interference bursts per second")
     burst_s: float = limited(0.05, 0.001, 10, "mean length of a burst, s")
+    # Drawn evenly in dB.
     burst_least_db: float = limited(3.0, 0, 40, "least rise of the noise, dB")
     burst_most_db: float = limited(20.0, 0, 40, "greatest rise of the noise, dB")
+    # On both sides of the converter's middle.
     clip: float = limited(1.0, 0.001, 1, "share of full scale")
+    # 1 to 3 samples of such a frame lie above the converter's 8191 counts.
     spike_share: float = limited(0.0, 0, 1, "share of frames with spikes")
     lost_share: float = limited(0.0, 0, 1, "share of frames lost")
 
@@ -147,12 +125,9 @@ class FrameDraws:
         return np.asarray(self._uniform("lost", first, n) < self._effects.lost_share)
 
     def spikes(self, first: int, n: int, n_range: int) -> tuple[NDArray[np.int64], ...]:
-        """Return the samples that lie above the converter's top.
+        """Return the samples above the converter's top: frame from `first`, range bin, raw value.
 
-        Returns
-        -------
-        row, column, counts : ndarray, shape (n_spikes,), int64
-            Frame from `first`, range bin, and its raw value, 8192 to 65535.
+        Three arrays of shape (n_spikes,), int64; values are 8192 to 65535.
         """
         if self._effects.spike_share == 0:
             none = np.zeros(0, np.int64)
@@ -195,21 +170,11 @@ def _spikes(rng: np.random.Generator) -> Array:
 
 
 def chip_axis(axis: FastTimeAxis, true_sample_rate_hz: float) -> FastTimeAxis:
-    """Return the axis with which the echoes of a chip must be made.
+    """Return the axis with which the echoes of a chip must be made; frames keep that given.
 
-    Parameters
-    ----------
-    axis : FastTimeAxis
-        What the settings say; frames keep it.
-    true_sample_rate_hz : float
-        What the chip does.
-
-    Returns
-    -------
-    FastTimeAxis
-        Bins lie where the chip samples. For baseband the carrier is that at which an echo's
-        phase turns after mixing with, and filtering for, the wrong one; `chip_ramp` is then
-        still to be applied to the frames.
+    Bins lie where the chip samples. For baseband the carrier is that at which an echo's phase
+    turns after mixing with, and filtering for, the wrong one; `chip_ramp` is then still to be
+    applied to the frames.
     """
     true = replace(
         axis,
@@ -222,17 +187,12 @@ def chip_axis(axis: FastTimeAxis, true_sample_rate_hz: float) -> FastTimeAxis:
 
 
 def chip_ramp(axis: FastTimeAxis, true_sample_rate_hz: float) -> NDArray[np.complex64]:
-    """Return what baseband frames made with `chip_axis` are to be multiplied with.
+    """Return phase over range and loss of frames made with `chip_axis`, shape (n_range,).
 
     A pulse that is off by ``df`` behind the mixer, ``p(t) exp(j 2 pi df t)``, leaves its
     matched filter as ``p(t / sqrt 2) exp(j pi df t)``, smaller by ``exp(-(pi df sp)^2)``: the
     convolution of two Gaussians. That the chip's rate also stretches the filter's length is
     left out: 1.3 % of the peak at 40 GS/s for 41, 4.2 % at 38.
-
-    Returns
-    -------
-    ndarray, shape (n_range,), complex64
-        Phase over range, and the loss.
     """
     true = chip_axis(axis, true_sample_rate_hz)
     detuned_hz = _detuned_hz(axis, true)

@@ -15,6 +15,7 @@ from x2radar.sim.signal.effects import ReceiverEffects
 from x2radar.sim.signal.pulse import LinkBudget, pulse_sigma_s
 
 UNIT_PER_COUNT = 100.0 / 8192.0
+"""Of a 13-bit count, as Radarlib normalises."""
 # The settings for 60 Hz: the level of the link budget is taken to be theirs.
 REFERENCE_PULSES = 256
 REFERENCE_STEP = 4
@@ -29,21 +30,8 @@ def noise_sigma(
     with noise of sigma s before the comparator and steps of d, the sum over the thresholds
     has the variance ``d s / (M sqrt(pi))`` (the integral of P (1 - P) over a Gaussian). So
     less integration and coarser steps cost the same signal-to-noise ratio as the time they
-    save.
-
-    Parameters
-    ----------
-    settings : RadarSettings
-        Its steps, pulses and iterations; those for 60 Hz give the budget's own level.
-    budget : LinkBudget
-        Level and noise figure that belong together.
-    effects : ReceiverEffects, optional
-        Another noise figure.
-
-    Returns
-    -------
-    float
-        Never zero unless the budget's is.
+    save. The settings for 60 Hz give the budget's own level; `effects` may have another noise
+    figure.
     """
     pulses = settings.pulses_per_step * settings.iterations
     power = REFERENCE_PULSES / pulses * settings.dac_step / REFERENCE_STEP
@@ -65,25 +53,12 @@ def baseband_noise_power(axis: FastTimeAxis, sigma: float) -> float:
 def matched_noise(
     n_slow: int, axis: FastTimeAxis, rng: np.random.Generator, sigma: float = 1.0
 ) -> NDArray[np.complex64]:
-    """Return noise as the mixer and the matched filter leave it.
+    """Return noise as the mixer and the matched filter leave it, shape (n_slow, n_range).
 
-    Parameters
-    ----------
-    n_slow : int
-        Frames; they are drawn one after another.
-    axis : FastTimeAxis
-        An axis of kind 'baseband' whose bandwidth and sampling rate are known.
-    rng : numpy.random.Generator
-        Source.
-    sigma : float
-        Standard deviation of the raw samples' noise.
-
-    Returns
-    -------
-    ndarray, shape (n_slow, n_range), complex64
-        Circular Gaussian, of `baseband_noise_power` in every bin and with the pulse's own
-        autocorrelation over range. Only the frequencies that the filter passes are drawn
-        (down to -80 dB).
+    Circular Gaussian, frame after frame, of `baseband_noise_power` in every bin and with the
+    pulse's own autocorrelation over range, for raw samples of standard deviation `sigma`. Only
+    the frequencies that the filter passes are drawn (down to -80 dB). The axis is baseband, of
+    known bandwidth and sampling rate.
     """
     width = 2 * np.pi * pulse_sigma_s(axis.bandwidth_hz) * bins_per_s(axis)
     # So long that the first and last bins of a circular frame do not know each other.

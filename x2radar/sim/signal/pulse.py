@@ -33,42 +33,21 @@ def pulse_sigma_s(bandwidth_hz: float) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LinkBudget:
-    """What decides the signal-to-noise ratio (the thesis' table B.5).
+    """What decides the signal-to-noise ratio (the thesis' table B.5)."""
 
-    Attributes
-    ----------
-    tx_power_w : float
-        Peak power of the pulse, in watts (0 dBm).
-    antenna_gain : float
-        Gain of either antenna, linear (4 dB).
-    noise_figure : float
-        Of the receiver, linear (13 dB), referred to its input.
-    noise_sigma : float
-        Standard deviation of the noise in the module's unit, 0 to 100 over the threshold
-        sweep; measured on an X2 in open air at 128 integrations.
-    """
-
-    tx_power_w: float = 1e-3
-    antenna_gain: float = 10**0.4
-    noise_figure: float = 10**1.3
+    tx_power_w: float = 1e-3  # peak of the pulse (0 dBm)
+    antenna_gain: float = 10**0.4  # gain of either antenna, linear (4 dB)
+    noise_figure: float = 10**1.3  # of the receiver, linear (13 dB), referred to its input
+    # In the module's unit, 0 to 100 over the threshold sweep; measured on an X2 in open air at 128
+    # integrations.
     noise_sigma: float = 0.04
 
     def amplitude(self, range_m: Array, rcs_m2: Array, axis: FastTimeAxis) -> Array:
-        """Return the echo's amplitude in the module's unit (2.11, 2.13).
+        """Return the peak amplitude of RF echoes in the module's unit (2.11, 2.13).
 
-        Parameters
-        ----------
-        range_m : ndarray, shape (..., n_scatterers)
-            Distances, in metres; nearer than 0.1 m counts as 0.1 m.
-        rcs_m2 : ndarray, shape (n_scatterers,)
-            Radar cross sections, in square metres.
-        axis : FastTimeAxis
-            Gives wavelength and noise bandwidth (the sampling rate, as the thesis has it).
-
-        Returns
-        -------
-        ndarray
-            Peak amplitude of the RF echo, same shape as `range_m`.
+        Ranges, in metres, are of shape (..., n_scatterers), cross sections (n_scatterers,);
+        nearer than 0.1 m counts as 0.1 m. The axis gives wavelength and noise bandwidth (the
+        sampling rate, as the thesis has it).
         """
         wavelength_m = SPEED_OF_LIGHT_MPS / axis.carrier_hz
         r = np.maximum(range_m, NEAREST_M)
@@ -84,22 +63,11 @@ class LinkBudget:
 
 
 def rf_echo(range_m: Array, amplitude: Array, axis: FastTimeAxis) -> NDArray[np.float32]:
-    """Return RF frames of moving points, sampled at the axis' rate.
+    """Return RF frames of moving points, shape (n_slow, n_range), sampled at the axis' rate.
 
-    Parameters
-    ----------
-    range_m : ndarray, shape (n_slow, n_scatterers), float64
-        Distances, in metres; constant within a frame (2.16).
-    amplitude : ndarray, same shape
-        Peak amplitudes.
-    axis : FastTimeAxis
-        An axis of kind 'rf'.
-
-    Returns
-    -------
-    ndarray, shape (n_slow, n_range), float32
-        ``sum_k a_k p(t - tau_k) cos(2 pi fc (t - tau_k))`` (2.12). The phase is computed
-        from the time since the echo's centre, in float64: error below 1e-6 of a turn.
+    ``sum_k a_k p(t - tau_k) cos(2 pi fc (t - tau_k))`` (2.12), ranges, constant within a frame
+    (2.16), and peak amplitudes of shape (n_slow, n_scatterers). The phase is computed from the
+    time since the echo's centre, in float64: error below 1e-6 of a turn.
     """
     sigma_s = pulse_sigma_s(axis.bandwidth_hz)
     bin_s = 2 * axis.bin_length_m / SPEED_OF_LIGHT_MPS

@@ -24,7 +24,9 @@ from x2radar.sim.signal.pulse import LinkBudget, pulse_sigma_s
 
 Array = NDArray[np.float64]
 MIDDLE = 50.0
+"""Of the threshold sweep, in the module's unit (Radarlib)."""
 _SLOPE_TAPS = 12
+"""Of the differentiator, either side: 0.2 % error, see `delayed_rf` (chosen)."""
 
 
 class Receiver:
@@ -165,8 +167,6 @@ def delayed_rf(
     comes from a windowed differentiator, good to 0.2 % from 0.05 to 0.45 of the sampling
     rate. Frames count as zero beyond their ends, so the last 12 samples there are inexact
     where an echo is cut off.
-
-    Parameters and result are those of `delayed_baseband`, for float32.
     """
     turn = 2 * np.pi * axis.carrier_hz * delay_s
     # Slope per sample, so the factor is in samples.

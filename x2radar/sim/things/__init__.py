@@ -41,32 +41,11 @@ THINGS: Mapping[str, ThingKind] = MappingProxyType(
 def draw_thing(
     rng: np.random.Generator, kind: str, position_m: Any, raw: Any = None, where: str = "thing"
 ) -> Mover:
-    """Return a thing that moves in its place.
+    """Return a thing of `THINGS` that moves in its place on the floor, [x, y] in metres.
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Draws what `raw` leaves out, and everything else random.
-    kind : str
-        A name of `THINGS`.
-    position_m : sequence of two numbers
-        Where it stands on the floor, x to the right and y away from the radar, in metres: its
-        middle, or the hinge of a door.
-    raw : mapping, optional
-        Its numbers that are given; the kind's `draws` name them.
-    where : str
-        Path of the thing in its scene file, for messages.
-
-    Returns
-    -------
-    Mover
-        Label 'other'.
-
-    Raises
-    ------
-    SceneError
-        If there is no such kind, or a number is unknown or impossible; one line with the
-        path of the key.
+    That is its middle, or the hinge of a door. What `raw` leaves out of the kind's `draws`, and
+    everything else random, is drawn. Raises SceneError, one line with `where` and the key, if
+    there is no such kind, or a number is unknown or impossible.
     """
     if kind not in THINGS:
         raise SceneError(unknown(kind, THINGS, where, "no such thing"))

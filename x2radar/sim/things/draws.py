@@ -17,25 +17,13 @@ Values = Mapping[str, float]
 
 @dataclass(frozen=True, slots=True)
 class Draw:
-    """One number of a thing: its limits, and the usual ones from which it is drawn.
+    """One number of a thing: its limits, and the usual ones from which it is drawn."""
 
-    Attributes
-    ----------
-    low, high : float
-        What a scene may ask for.
-    usual : tuple of float
-        Least and greatest that is drawn when the scene does not say.
-    meaning : str
-        A few words with the unit.
-    is_log : bool
-        Whether it is drawn evenly on a logarithmic scale.
-    """
-
-    low: float
+    low: float  # least that a scene may ask for
     high: float
-    usual: tuple[float, float]
-    meaning: str
-    is_log: bool = False
+    usual: tuple[float, float]  # least and greatest that is drawn
+    meaning: str  # a few words with the unit
+    is_log: bool = False  # drawn evenly on a logarithmic scale
 
     def value(self, rng: np.random.Generator) -> float:
         """Return a usual value; one number is drawn."""
@@ -46,20 +34,10 @@ class Draw:
 
 @dataclass(frozen=True, slots=True)
 class ThingKind:
-    """One kind of moving thing.
+    """One kind of moving thing."""
 
-    Attributes
-    ----------
-    sentence : str
-        What it is, for people.
-    draws : mapping of str to Draw
-        Its numbers, in the order in which they are drawn.
-    make : callable
-        ``make(rng, position_m, values) -> Mover``.
-    """
-
-    sentence: str
-    draws: Mapping[str, Draw]
+    sentence: str  # what it is, for people
+    draws: Mapping[str, Draw]  # its numbers, in the order in which they are drawn
     make: Callable[[np.random.Generator, Array, Values], Mover]
 
 
@@ -75,12 +53,8 @@ def values_of(
 ) -> dict[str, float]:
     """Return a thing's numbers: what `raw` says, the rest drawn.
 
-    Every number is drawn, said or not, so that saying one does not change the others.
-
-    Raises
-    ------
-    SceneError
-        If `raw` holds anything unknown or impossible; one line with the key's path.
+    Every number is drawn, said or not, so that saying one does not change the others. Raises
+    SceneError if `raw` holds anything unknown or impossible.
     """
     keys = {name: Key(d.low, d.high, d.meaning) for name, d in draws.items()}
     said = checked(raw, keys, where)
@@ -130,15 +104,7 @@ def shares(rng: np.random.Generator, n: int) -> Array:
 
 
 class Gust:
-    """A slow random rise and fall between 0 and 1: four sinusoids.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Draws frequencies and phases.
-    slow_hz, fast_hz : float
-        Limits of the frequencies, drawn evenly on a logarithmic scale.
-    """
+    """A slow random rise and fall between 0 and 1: four sinusoids between two frequencies."""
 
     def __init__(self, rng: np.random.Generator, slow_hz: float, fast_hz: float) -> None:
         share, self._turns = rng.random((2, 4))

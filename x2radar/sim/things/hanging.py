@@ -7,6 +7,7 @@ from x2radar.sim.things.draws import RCS, Array, Draw, Gust, ThingKind, Values, 
 
 _GRAVITY = 9.81
 _N_LEAVES = 12
+"""Chosen: enough that none stands out."""
 
 
 class Plant:

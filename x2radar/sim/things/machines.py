@@ -17,6 +17,8 @@ from x2radar.sim.things.draws import (
     shares,
 )
 
+# Chosen: points a blade; rate of tumbling, how long it tumbles, runs up and spins (a washing
+# programme in short), and the damping of the drum.
 _PER_BLADE = 3
 _TUMBLE_HZ = 0.8
 _TUMBLE_S, _RAMP_S, _SPIN_S = 12.0, 10.0, 18.0

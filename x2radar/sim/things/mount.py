@@ -10,8 +10,8 @@ import numpy as np
 
 from x2radar.sim.things.draws import Array, Draw, Gust, Values, values_of
 
-SENTENCE = "Vibration of the antenna's mount: a bracket that hums and is shaken by steps."
 _DECAY_S = 0.2
+"""Of a shock (chosen)."""
 DRAWS = {
     "hum_hz": Draw(1, 200, (5, 30), "of the bracket, Hz"),
     "hum_m": Draw(0, 0.005, (1e-5, 3e-4), "greatest swing, m"),
@@ -39,17 +39,9 @@ class MountVibration:
         self._swell, self._sway = Gust(rng, 0.02, 0.5), Gust(rng, 0.05, 0.3)
 
     def offset_m(self, t_s: Array) -> Array:
-        """Return where the antenna is, relative to its place, at any times in any order.
+        """Return how far the antenna is off its place, shape (n_slow, 3), in metres.
 
-        Parameters
-        ----------
-        t_s : ndarray, shape (n_slow,), float64
-            In seconds.
-
-        Returns
-        -------
-        ndarray, shape (n_slow, 3), float64
-            In metres, in room coordinates; shocks that overlap add up.
+        Times may come in any order; shocks that overlap add up.
         """
         hum_m = self._hum_m * self._swell.at(t_s)
         hum_m *= np.sin(2 * np.pi * ((self._hz * t_s + self._turn) % 1.0))
@@ -72,25 +64,8 @@ class MountVibration:
 def draw_mount(
     rng: np.random.Generator, raw: Values | None = None, where: str = "mount"
 ) -> MountVibration:
-    """Return a mount that vibrates.
+    """Return a mount that vibrates; what `raw` leaves out of `DRAWS` is drawn.
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Draws what `raw` leaves out, and all phases.
-    raw : mapping, optional
-        Numbers of `DRAWS` that are given.
-    where : str
-        Path of `raw` in its scene file, for messages.
-
-    Returns
-    -------
-    MountVibration
-        Its displacement as a function of time.
-
-    Raises
-    ------
-    SceneError
-        If `raw` holds anything unknown or impossible.
+    Raises SceneError if `raw` holds anything unknown or impossible.
     """
     return MountVibration(rng, values_of(rng, DRAWS, raw, where))

@@ -18,6 +18,7 @@ from x2radar.sim.things.draws import (
 )
 
 _WAVES = 3
+"""Along a curtain (chosen)."""
 
 
 class Curtain:

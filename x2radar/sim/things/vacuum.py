@@ -5,6 +5,8 @@ import numpy as np
 from x2radar.sim.points import Label, Points
 from x2radar.sim.things.draws import RCS, Array, Draw, ThingKind, Values, facing, lit, shares
 
+# Chosen, by what such machines do: after how long the way is repeated, how fast it turns, how far
+# and fast it backs off, points of the rim and bristles of the brush.
 _LOOP_S = 600.0
 _TURN_DEG_PER_S = 100.0
 _BACK_M, _BACK_MPS = 0.04, 0.1

@@ -9,42 +9,24 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 _N_WAVES = 6
+"""Sinusoids of a `Wander`: enough that it does not look periodic (chosen)."""
 _HOP_S = 0.25
+"""How long a small bird hops (recalled)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Wander:
-    """Smooth random numbers within limits: a sum of sinusoids for each.
+    """Smooth random numbers within limits: a sum of sinusoids for each."""
 
-    Attributes
-    ----------
-    amplitude : ndarray, shape (n_waves, n_numbers), float64
-        Of each sinusoid; a column adds up to the limit.
-    omega_rad_s, phase_rad : ndarray, same shape
-        Frequencies and phases.
-    """
-
-    amplitude: Array
-    omega_rad_s: Array
-    phase_rad: Array
+    amplitude: Array  # (n_waves, n_numbers): of each sinusoid; a column adds up to the limit
+    omega_rad_s: Array  # (n_waves, n_numbers)
+    phase_rad: Array  # (n_waves, n_numbers)
 
     @classmethod
     def draw(cls, rng: np.random.Generator, limits: Array, rms_rate: Array) -> Self:
-        """Draw numbers that stay within ``-limits`` to ``limits``.
+        """Draw numbers within ``-limits`` to ``limits``, shape (n_numbers,).
 
-        Parameters
-        ----------
-        rng : numpy.random.Generator
-            Weights, frequencies and phases come from it.
-        limits : ndarray, shape (n_numbers,), float64
-            Largest size of each.
-        rms_rate : ndarray, shape (n_numbers,), float64
-            Root mean square of each one's time derivative.
-
-        Returns
-        -------
-        Wander
-            The numbers.
+        `rms_rate` is the root mean square of each one's time derivative.
         """
         shape = (_N_WAVES, len(limits))
         ladder = 1.35 ** np.arange(_N_WAVES)[:, None]
@@ -63,57 +45,24 @@ class Wander:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Flight:
-    """A course through the air.
+    """A course through the air."""
 
-    Attributes
-    ----------
-    home_m : ndarray, shape (3,), float64
-        Middle of the rounds, or first perch.
-    orbit_m : float
-        Radius of the rounds.
-    orbit_rad_s, orbit_rad : float
-        Turn rate of the rounds, whose sign is the way round, and the angle at time 0.
-    wander : Wander
-        Offsets in x, y, z, in metres, and of the heading, in radians.
-    effort : Wander
-        One number in -1 to 1; the wings rest where it is low.
-    rest_below : float
-        How low: -2 for wings that never rest, 2 for wings that do so until a hop.
-    hop_s : ndarray, shape (n_hops,), float64
-        When hops begin, rising, within one period.
-    perch_m : ndarray, shape (n_hops, 3), float64
-        Where each hop begins, from `home_m`; it ends where the next begins.
-    period_s : float
-        After which the hops begin anew.
-    """
-
-    home_m: Array
-    orbit_m: float
-    orbit_rad_s: float
-    orbit_rad: float
-    wander: Wander
-    effort: Wander
-    rest_below: float
-    hop_s: Array
-    perch_m: Array
-    period_s: float
+    home_m: Array  # (3,): middle of the rounds, or first perch
+    orbit_m: float  # radius of the rounds
+    orbit_rad_s: float  # turn rate of the rounds; its sign is the way round
+    orbit_rad: float  # angle at time 0
+    wander: Wander  # offsets in x, y, z, in metres, and of the heading, in radians
+    effort: Wander  # one number in -1 to 1; the wings rest where it is low
+    rest_below: float  # how low: -2 for wings that never rest, 2 for wings that do so until a hop
+    hop_s: Array  # (n_hops,): when hops begin, rising, within one period
+    perch_m: Array  # (n_hops, 3): where each hop begins, from `home_m`
+    period_s: float  # after which the hops are repeated
 
     def at(self, t_s: Array) -> tuple[Array, Array, Array]:
-        """Return place, heading and effort at given times.
+        """Return place, heading and effort at times of shape (n_slow,).
 
-        Parameters
-        ----------
-        t_s : ndarray, shape (n_slow,), float64
-            Times, in seconds.
-
-        Returns
-        -------
-        place_m : ndarray, shape (n_slow, 3), float64
-            Where it is, in room coordinates.
-        heading_rad : ndarray, shape (n_slow,), float64
-            Where it faces, counter-clockwise from the x axis.
-        effort : ndarray, shape (n_slow,), float64
-            How hard the wings beat, 0 to 1.
+        Shapes (n_slow, 3), in room coordinates, (n_slow,), counter-clockwise from the x axis, and
+        (n_slow,): how hard the wings beat, 0 to 1.
         """
         offset = self.wander.at(t_s)
         turn = self.orbit_rad + self.orbit_rad_s * t_s

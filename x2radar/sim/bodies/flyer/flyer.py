@@ -28,6 +28,7 @@ BIRD_STYLES = {
 BIRD_MASS_KG = {"budgerigar": (0.028, 0.045), "cockatiel": (0.08, 0.12), "pigeon": (0.25, 0.4)}
 MOTH_SPAN_M = (0.06, 0.13)
 MOTH_BEAT_HZ = (20.0, 60.0)
+"""Masses, spans and beats: see above."""
 _NAMES = (
     "body",
     "head",
@@ -72,20 +73,7 @@ class Flyer:
         return self.rcs.points(t_s, centre, axis, side, antenna_m)
 
     def posture(self, t_s: Array) -> tuple[Array, Array, Array]:
-        """Return middles, axes and side vectors of its parts at given times.
-
-        Parameters
-        ----------
-        t_s : ndarray, shape (n_slow,), float64
-            Times, in seconds.
-
-        Returns
-        -------
-        centre_m, axis : ndarray, shape (n_slow, 7, 3), float64
-            Middles in room coordinates and unit vectors along the parts.
-        side : ndarray, shape (n_slow, 1, 3), float64
-            Unit vectors to its left.
-        """
+        """Return middles, axes and side vectors of its parts; see `quadruped.posture`."""
         return _posture(self.build, self.flight, t_s)
 
 
@@ -154,11 +142,6 @@ def draw_bird(
     total_rcs_dbsm : float, 'physical' or None, optional
         See `SegmentRcs.sized`; drawn by default.
 
-    Returns
-    -------
-    Flyer
-        A bird, labelled pet.
-
     Raises
     ------
     SceneError
@@ -197,27 +180,10 @@ def draw_moth(
     home_m: tuple[float, float, float] = (0.0, 0.35, 1.2),
     total_rcs_dbsm: TotalRcs = "physical",
 ) -> Flyer:
-    """Draw a large moth.
+    """Draw a large moth; raises SceneError if a value is impossible.
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Everything random comes from it.
-    home_m : tuple of float, optional
-        What it flies about, such as the module's lamp, in room coordinates.
-    total_rcs_dbsm : float, 'physical' or None, optional
-        See `SegmentRcs.sized`. Physical by default: close to the antenna the echo of a
-        moth is loud without help.
-
-    Returns
-    -------
-    Flyer
-        A moth, labelled other.
-
-    Raises
-    ------
-    SceneError
-        If a value is impossible; the message names its key.
+    `home_m` is what it flies about, such as the module's lamp, in room coordinates. Its total
+    cross section is physical by default: close to the antenna its echo is loud without help.
     """
     span = rng.uniform(*MOTH_SPAN_M)
     # Within the range large moths beat slower.

@@ -7,27 +7,20 @@ from itertools import pairwise
 
 from x2radar.errors import SceneError
 
+# What scenes may ask for (chosen).
 LARGEST_M = 1000.0
 TURN_RADIUS_M = (0.02, 100.0)
-SHARP_RAD = math.radians(130.0)
-"""Corners sharper than this cannot be cut short without missing the waypoint by far."""
 _NEAREST_M = 0.1
+SHARP_RAD = math.radians(130.0)
+"""Corners sharper than this cannot be cut short without missing the waypoint by far (chosen)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Bend:
-    """A part of a course with one curvature.
-
-    Attributes
-    ----------
-    length_m : float
-        How long it is.
-    curvature_per_m : float
-        One over the radius, positive to the left; 0 is a straight line.
-    """
+    """A part of a course with one curvature."""
 
     length_m: float
-    curvature_per_m: float
+    curvature_per_m: float  # one over the radius, positive to the left; 0 is a straight line
 
     def end(self, begin: tuple[float, float, float], way_m: float) -> tuple[float, float, float]:
         """Return x, y and direction after `way_m`, from x, y and direction at the beginning."""
@@ -44,26 +37,10 @@ class Bend:
 def bends(
     waypoints_m: Sequence[tuple[float, float]], turn_radius_m: float
 ) -> tuple[tuple[float, float, float], list[Bend]]:
-    """Return a course through waypoints.
+    """Return x, y and direction of the beginning of a course through waypoints, and its parts.
 
-    Parameters
-    ----------
-    waypoints_m : sequence of (float, float)
-        Two or more points (x, y), each at least 0.1 m from the next.
-    turn_radius_m : float
-        Radius of the corners; smaller where the waypoints leave no room.
-
-    Returns
-    -------
-    begin : tuple of float
-        x, y and direction of the beginning.
-    course : list of Bend
-        From there on.
-
-    Raises
-    ------
-    SceneError
-        If there are too few points, or points or radius make no sense.
+    Corners are rounded to `turn_radius_m`, or less where the waypoints leave no room. Raises
+    SceneError if there are fewer than two points, or points or radius make no sense.
     """
     if len(waypoints_m) < 2:
         msg = f"waypoints_m: {len(waypoints_m)} waypoint, but a course has 2 or more"

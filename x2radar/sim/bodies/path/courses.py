@@ -12,6 +12,8 @@ Waypoints = list[tuple[float, float]]
 
 NEAR_M, FAR_M = 0.6, 3.4
 """Swath of the X2's default settings, in metres."""
+# Chosen: how far outside the swath a course begins, how far from the radar's wall it stays, radii
+# that bodies usually take, and how far to the sides the radar looks.
 _LEAD_M = 1.5
 _WALL_M = 0.4
 _TURN_RADII_M = (0.2, 0.3, 0.4, 0.5, 0.6)
@@ -83,23 +85,11 @@ COURSES: Mapping[str, Callable[[np.random.Generator, float, float], Waypoints]] 
 def draw_course(
     rng: np.random.Generator, name: str, near_m: float = NEAR_M, far_m: float = FAR_M
 ) -> Waypoints:
-    """Return the waypoints of a course.
+    """Return the waypoints of a course of `COURSES` through a swath along the floor.
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Draws it.
-    name : str
-        A key of `COURSES`.
-    near_m, far_m : float
-        The swath, along the floor, in metres.
-
-    Returns
-    -------
-    list of (float, float)
-        Two or more points (x, y), in room coordinates; no two neighbours are nearer than
-        0.1 m. The whole course, corners included, stays 0.4 m off the wall that the radar
-        hangs on: nobody passes beneath the antenna, or through the wall.
+    Two or more points (x, y), in room coordinates, in metres; neighbours are 0.1 m apart or
+    more. The whole course, corners included, stays 0.4 m off the wall that the radar hangs on:
+    nobody passes beneath the antenna, or through the wall.
     """
     return off_wall(COURSES[name](rng, near_m, far_m))
 

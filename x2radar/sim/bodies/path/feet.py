@@ -21,106 +21,50 @@ OfSpeed = Callable[[Array], Array]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FootState:
-    """Feet at given times.
+    """Feet at given times."""
 
-    Attributes
-    ----------
-    position_m : ndarray, shape (n_slow, n_legs, 3), float64
-        Where they are, in room coordinates; z is the height over the floor.
-    heading_rad : ndarray, shape (n_slow, n_legs), float64
-        Where they point.
-    phase : ndarray, shape (n_slow, n_legs), float64
-        Stride phase of each leg, from 0 at touch-down over the duty factor at lift-off to 1.
-        In a stance that lasts because the body stands, it waits in the middle.
-    swing : ndarray, shape (n_slow, n_legs), float64
-        How much of its swing a foot has done, from 0 to 1; 0 on the floor.
-    is_stance : ndarray, shape (n_slow, n_legs), bool
-        Whether the foot stands.
-    """
-
-    position_m: Array
-    heading_rad: Array
+    position_m: Array  # (n_slow, n_legs, 3): in room coordinates
+    heading_rad: Array  # (n_slow, n_legs): where they point
+    # (n_slow, n_legs): of the stride, from 0 at touch-down over the duty factor at lift-off to 1.
+    # In a stance that lasts because the body stands, it waits in the middle.
     phase: Array
-    swing: Array
-    is_stance: NDArray[np.bool_]
+    swing: Array  # (n_slow, n_legs): share of the swing that is done; 0 on the floor
+    is_stance: NDArray[np.bool_]  # (n_slow, n_legs)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Gait:
-    """How a body puts its feet.
+    """How a body puts its feet; tuples are by leg."""
 
-    Attributes
-    ----------
-    offset : tuple of float
-        For each leg, how much later than leg 0 it lands, in strides from 0 to 1.
-    home_m : tuple of (float, float)
-        For each leg, where it stands under the body: metres ahead and to the left of the
-        point that follows the path. In a stance the foot is there half-way.
-    stride_m : callable
-        Stride length in metres as a function of speed in m/s (arrays, speed above 0).
-    duty : callable
-        Share of the stride that a foot is on the floor, likewise.
-    lift_m : tuple of float
-        For each leg, how high it is lifted in a stride of usual length.
-    more_duty : tuple of float, optional
-        For each leg, what is added to `duty`: a leg that hurts is spared.
-    ramp : float, optional
-        Share of the swing in which a foot gains, and loses, its speed; the peak is
-        ``1 / (1 - 2 ramp + 4 ramp / pi)`` times the mean.
-    lead : int, optional
-        The leg that goes first.
-    ahead_s : float, optional
-        How long before the body the first foot starts.
-    """
-
-    offset: tuple[float, ...]
+    offset: tuple[float, ...]  # how much later than leg 0 it lands, in strides from 0 to 1
+    # Where it stands, half-way through a stance: ahead and left of the point on the path.
     home_m: tuple[tuple[float, float], ...]
-    stride_m: OfSpeed
-    duty: OfSpeed
-    lift_m: tuple[float, ...]
-    more_duty: tuple[float, ...] = ()
+    stride_m: OfSpeed  # of a speed in m/s, above 0
+    duty: OfSpeed  # share of the stride that a foot is on the floor, likewise
+    lift_m: tuple[float, ...]  # in a stride of usual length
+    more_duty: tuple[float, ...] = ()  # added to `duty`: a leg that hurts is spared
+    # Share of the swing in which a foot gains, and loses, its speed; the peak is
+    # ``1 / (1 - 2 ramp + 4 ramp / pi)`` times the mean.
     ramp: float = 0.3
-    lead: int = 0
-    ahead_s: float = 0.2
+    lead: int = 0  # the leg that goes first
+    ahead_s: float = 0.2  # how long before the body the first foot starts
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Feet:
-    """All footfalls of one body on one path.
+    """All footfalls of one body on one path."""
 
-    Attributes
-    ----------
-    clock : Clock
-        Strides gone, as a function of time.
-    falls : Footfalls
-        Stances of each leg in order.
-    ramp : float
-        As in `Gait`.
-    """
-
-    clock: Clock
-    falls: Footfalls
-    ramp: float
+    clock: Clock  # strides gone, as a function of time
+    falls: Footfalls  # stances of each leg in order
+    ramp: float  # as in `Gait`
 
     @classmethod
     def plan(cls, path: Path, gait: Gait) -> Self:
         """Return the footfalls of a gait along a path.
 
         Feet begin to step a little before the body goes and go on for a stride after it has
-        stopped, until they stand under it. In between, a foot is left where it is if
-        moving it would not bring it anywhere else.
-
-        Parameters
-        ----------
-        path : Path
-            Where the body goes.
-        gait : Gait
-            How it steps.
-
-        Returns
-        -------
-        Feet
-            The plan.
+        stopped, until they stand under it. In between, a foot is left where it is if moving it
+        would not bring it anywhere else.
         """
         arm = max(float(np.hypot(*home)) for home in gait.home_m)
         clock = Clock.along(path, gait.stride_m, gait.duty, arm_m=arm, ahead_s=gait.ahead_s)
@@ -137,18 +81,9 @@ class Feet:
         return cls(clock, falls, gait.ramp)
 
     def at(self, t_s: Array) -> FootState:
-        """Return the feet at given times.
+        """Return the feet at times of shape (n_slow,), in any order.
 
-        Parameters
-        ----------
-        t_s : ndarray, shape (n_slow,), float64
-            Times, in seconds, in any order.
-
-        Returns
-        -------
-        FootState
-            New arrays. On the floor a foot is still to the last bit; at both ends of a
-            swing its velocity is zero.
+        On the floor a foot is still to the last bit; at both ends of a swing its velocity is zero.
         """
         f = self.falls.at(t_s)
         t = t_s[:, None]

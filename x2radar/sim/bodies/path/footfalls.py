@@ -12,6 +12,8 @@ from x2radar.sim.bodies.path.stride import STEP_S, Clock
 Array = NDArray[np.float64]
 
 _EVER_S = 1e9
+"""Beyond any scene."""
+# Steps that bring a foot less far, in metres and radians, are not made (chosen).
 _SAME_PLACE_M = 0.01
 _SAME_HEADING = 0.05
 
@@ -22,31 +24,16 @@ class Footfalls:
 
     The last axis but `place` and `step`'s is legs; those two add one of length 3: x and y in
     metres, heading in radians. The first axis is stances in order, or times in `at`.
-
-    Attributes
-    ----------
-    touch_down_s, lift_off_s : ndarray, shape (n_stances, n_legs), float64
-        When the stance begins and ends.
-    swing_s : ndarray, shape (n_stances, n_legs), float64
-        How long the swing after it takes.
-    full_s : ndarray, shape (n_stances, n_legs), float64
-        How long the stance would be in steady movement, or is, if that is less.
-    duty : ndarray, shape (n_stances, n_legs), float64
-        Duty factor.
-    lift_m : ndarray, shape (n_stances, n_legs), float64
-        How high the foot is lifted in the swing.
-    place, step : ndarray, shape (n_stances, n_legs, 3), float64
-        Where the foot stands, and what the swing adds to that.
     """
 
     touch_down_s: Array
     lift_off_s: Array
-    swing_s: Array
-    full_s: Array
+    swing_s: Array  # how long the swing after it takes
+    full_s: Array  # how long the stance would be in steady movement, or is, if that is less
     duty: Array
     lift_m: Array
-    place: Array
-    step: Array
+    place: Array  # where the foot stands
+    step: Array  # what the swing adds to that
 
     @property
     def n_legs(self) -> int:
@@ -87,23 +74,9 @@ class _Leg:
 def fall(
     path: Path, clock: Clock, *, offset: Array, more_duty: Array, home_m: Array, lift_m: Array
 ) -> Footfalls:
-    """Return all footfalls along a path.
+    """Return all footfalls along a path; arrays by leg, as in `Gait`.
 
-    Parameters
-    ----------
-    path : Path
-        Where the body goes.
-    clock : Clock
-        Its strides.
-    offset, more_duty, lift_m : ndarray, shape (n_legs,), float64
-        As in `Gait`.
-    home_m : ndarray, shape (n_legs, 2), float64
-        As in `Gait`.
-
-    Returns
-    -------
-    Footfalls
-        Legs with fewer steps than others are filled up with stances that never come.
+    Legs with fewer steps than others are filled up with stances that never come.
     """
     legs = [
         _leg(path, clock, *row)

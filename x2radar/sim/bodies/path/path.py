@@ -5,7 +5,6 @@ in each piece both the curvature and the acceleration are constant, which gives 
 as a parabola of time and the position in closed form.
 """
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Self
@@ -13,7 +12,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from x2radar.sim.bodies.path.course import LARGEST_M, TURN_RADIUS_M, Bend, bends, check
+from x2radar.sim.bodies.path.course import LARGEST_M, Bend, bends, check
 from x2radar.sim.bodies.path.timetable import Agility, Pace, timetable
 
 __all__ = ["FACING_S", "Agility", "Pace", "Path", "PathState"]
@@ -21,6 +20,7 @@ __all__ = ["FACING_S", "Agility", "Pace", "Path", "PathState"]
 Array = NDArray[np.float64]
 
 FACING_S = 0.2
+"""A body turns smoothly: its heading is the mean direction so long before and after (chosen)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,7 +32,6 @@ class PathState:
     heading_rad: Array
     speed_mps: Array
     turn_rad_s: Array
-    distance_m: Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,21 +39,13 @@ class Path:
     """A course on the floor with the times at which it is gone along.
 
     Before `start_s` the body stands at the beginning, after `end_s` at the end.
-
-    Attributes
-    ----------
-    pieces : ndarray, shape (9, n_pieces), float64
-        For the beginning of each piece of time: time, distance, speed, acceleration, x, y,
-        direction, curvature, and the time integral of the direction less the first one.
-    start_s, end_s : float
-        When it begins to move and when it has come to rest for good.
-    length_m : float
-        Length of the course.
     """
 
+    # (9, n_pieces), at the beginning of each piece of time: time, distance, speed, acceleration,
+    # x, y, direction, curvature, and the time integral of the direction less the first one.
     pieces: Array
-    start_s: float
-    end_s: float
+    start_s: float  # when it begins to move
+    end_s: float  # when it has come to rest for good
     length_m: float
 
     @classmethod
@@ -83,11 +74,6 @@ class Path:
         start_s : float, optional
             When it begins to move; negative for a body that moves already at time 0.
 
-        Returns
-        -------
-        Path
-            The path.
-
         Raises
         ------
         SceneError
@@ -95,19 +81,6 @@ class Path:
         """
         begin, course = bends(waypoints_m, turn_radius_m)
         return cls._timed(begin, course, paces, agility or Agility(), start_s)
-
-    @classmethod
-    def straight(
-        cls,
-        start_m: tuple[float, float],
-        end_m: tuple[float, float],
-        speed_mps: float,
-        *,
-        agility: Agility | None = None,
-        start_s: float = 0.0,
-    ) -> Self:
-        """Return a straight path at one speed; see `through`."""
-        return cls.through((start_m, end_m), speed_mps, agility=agility, start_s=start_s)
 
     @classmethod
     def stop_and_go(
@@ -120,27 +93,9 @@ class Path:
         agility: Agility | None = None,
         start_s: float = 0.0,
     ) -> Self:
-        """Return a path with stops.
+        """Return a path with stops: way since the last one, in metres, and how long, in seconds.
 
-        Parameters
-        ----------
-        waypoints_m, turn_radius_m, agility, start_s
-            As in `through`.
-        speed_mps : float
-            Speed between the stops.
-        stops : sequence of (float, float)
-            For each stop the distance from the one before, or from the beginning, in metres,
-            and how long it lasts, in seconds.
-
-        Returns
-        -------
-        Path
-            The path.
-
-        Raises
-        ------
-        SceneError
-            As in `through`.
+        `speed_mps` is that between the stops; else as `through`.
         """
         paces = [Pace(speed_mps, length, pause) for length, pause in stops]
         return cls.through(
@@ -152,75 +107,15 @@ class Path:
         )
 
     @classmethod
-    def turn(
-        cls,
-        start_m: tuple[float, float],
-        heading_rad: float,
-        *,
-        before_m: float,
-        angle_rad: float,
-        after_m: float,
-        speed_mps: float,
-        turn_radius_m: float = 0.3,
-        agility: Agility | None = None,
-        start_s: float = 0.0,
-    ) -> Self:
-        """Return a path that goes straight, turns by `angle_rad` and goes straight again.
-
-        Parameters
-        ----------
-        start_m, heading_rad
-            Where it begins, and in which direction.
-        before_m, after_m : float
-            Lengths of the straight parts.
-        angle_rad : float
-            How far it turns, positive to the left; up to a whole turn.
-        speed_mps, turn_radius_m, agility, start_s
-            As in `through`.
-
-        Returns
-        -------
-        Path
-            The path.
-
-        Raises
-        ------
-        SceneError
-            If a value makes no sense; the message names its key.
-        """
-        for axis, value in zip("xy", start_m, strict=True):
-            check(f"start_m.{axis}", value, -LARGEST_M, LARGEST_M)
-        check("heading_rad", heading_rad, -100.0, 100.0)
-        check("before_m", before_m, 0.0, LARGEST_M)
-        check("after_m", after_m, 0.0, LARGEST_M)
-        check("angle_rad", angle_rad, -2 * math.pi, 2 * math.pi)
-        check("turn_radius_m", turn_radius_m, *TURN_RADIUS_M)
-        arc = Bend(turn_radius_m * abs(angle_rad), math.copysign(1 / turn_radius_m, angle_rad))
-        course = [Bend(before_m, 0.0), arc, Bend(after_m, 0.0)]
-        begin = (start_m[0], start_m[1], heading_rad)
-        return cls._timed(begin, course, speed_mps, agility or Agility(), start_s)
-
-    @classmethod
     def standing(cls, place_m: tuple[float, float], heading_rad: float = 0.0) -> Self:
-        """Return a path that stays where it is; see `turn` for the arguments."""
+        """Return a path that stays where it is; facing `heading_rad`."""
         for axis, value in zip("xy", place_m, strict=True):
             check(f"place_m.{axis}", value, -LARGEST_M, LARGEST_M)
         check("heading_rad", heading_rad, -100.0, 100.0)
         return cls._timed((*place_m, heading_rad), [], 1.0, Agility(), 0.0)
 
     def at(self, t_s: Array) -> PathState:
-        """Return the state at given times.
-
-        Parameters
-        ----------
-        t_s : ndarray, shape (n_slow,), float64
-            Times, in seconds, in any order.
-
-        Returns
-        -------
-        PathState
-            New arrays.
-        """
+        """Return the state at times of shape (n_slow,), in any order."""
         dt, p = self._piece(t_s)
         way = (p[2] + 0.5 * p[3] * dt) * dt
         half = 0.5 * p[7] * way
@@ -234,7 +129,6 @@ class Path:
             heading_rad=self.pieces[6, 0] + (late[0] - early[0]) / span,
             speed_mps=p[2] + p[3] * dt,
             turn_rad_s=(late[1] - early[1]) / span,
-            distance_m=p[1] + way,
         )
 
     @classmethod

@@ -13,6 +13,10 @@ from x2radar.sim.bodies.path.path import Path
 Array = NDArray[np.float64]
 
 STEP_S = 0.02
+"""Of the table: a tenth of the quickest stride or less (chosen)."""
+# Chosen by eye: over how long, and how much, steps get shorter before they get slower; the duty
+# factor of somebody who comes to a stand; below which speed a body stands; and how long the table
+# goes on after that.
 _NEAR_S = 1.0
 _SLOWED = 0.64
 _STANDING_DUTY = 0.62
@@ -22,27 +26,13 @@ _TAIL_S = 8.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Clock:
-    """Strides gone at any time, tabulated every `STEP_S`.
+    """Strides gone at any time, tabulated every `STEP_S`."""
 
-    Attributes
-    ----------
-    start_s : float
-        Time of the first entry.
-    rate_hz : ndarray, shape (n_times,), float64
-        Strides per second; 0 where the body stands.
-    duty : ndarray, shape (n_times,), float64
-        Duty factor.
-    spans : ndarray, shape (n_spans, 2), int64
-        First and last entries of the spans in which feet step.
-    strides : ndarray, shape (n_times,), float64
-        Strides gone; never less than before. In between, parabolas.
-    """
-
-    start_s: float
-    rate_hz: Array
-    duty: Array
-    spans: NDArray[np.int64]
-    strides: Array
+    start_s: float  # of the first entry
+    rate_hz: Array  # (n_times,): strides per second; 0 where the body stands
+    duty: Array  # (n_times,)
+    spans: NDArray[np.int64]  # (n_spans, 2): first and last entries in which feet step
+    strides: Array  # (n_times,): strides gone; never less than before. In between, parabolas
 
     @classmethod
     def along(
@@ -54,23 +44,10 @@ class Clock:
         arm_m: float,
         ahead_s: float,
     ) -> Self:
-        """Return the clock of a body on a path.
+        """Return the clock of a body on a path, counted from 0 at the first step; see `started`.
 
-        Parameters
-        ----------
-        path : Path
-            Where it goes.
-        stride_m, duty : callable
-            Stride length and duty factor as functions of speed.
-        arm_m : float
-            How far the feet are from the middle: turning on the spot moves them.
-        ahead_s : float
-            How long before the body the feet start.
-
-        Returns
-        -------
-        Clock
-            Strides are counted from 0 at the first step; see `started`.
+        `arm_m` is how far the feet are from the middle: turning on the spot moves them. They
+        start `ahead_s` before the body.
         """
         first = path.start_s - ahead_s - _NEAR_S
         n = int((path.end_s + _TAIL_S - first) / STEP_S) + 2
@@ -93,20 +70,10 @@ class Clock:
         return cls(first, rate, share, spans, gone)
 
     def started(self, offset: float, more_duty: float) -> Self:
-        """Return the clock set so that one leg lifts off at the beginning of every span.
+        """Return a clock set so that one leg lifts off at the beginning of every span.
 
-        Parameters
-        ----------
-        offset : float
-            How much later than leg 0 that leg lands, in strides.
-        more_duty : float
-            What its duty factor exceeds that of the others by.
-
-        Returns
-        -------
-        Clock
-            A copy; while the body stands, the count goes on slowly to where the next span
-            begins.
+        It lands `offset` strides later than leg 0, and stands `more_duty` longer than others.
+        While the body stands, the count goes on slowly to where the next span begins.
         """
         gone = self.strides.copy()
         last = 0

@@ -12,47 +12,29 @@ from x2radar.sim.bodies.path.course import Bend, check
 
 Array = NDArray[np.float64]
 
+# What scenes may ask for (chosen): the fastest sprinters run 12 m/s.
 SPEED_MPS = (0.02, 12.0)
 _LONGEST_S = 86_400.0
 _TINY = 1e-9
+"""Shorter stretches, in metres or seconds, are rounding."""
 
 
 @dataclass(frozen=True, slots=True)
 class Agility:
-    """How fast a body changes speed and direction.
+    """How fast a body changes speed and direction."""
 
-    Attributes
-    ----------
-    acceleration_mps2 : float
-        Speeding up and slowing down.
-    lateral_mps2 : float
-        Largest centripetal acceleration; it slows the body down in bends.
-    turn_rad_s : float
-        Largest turn rate; it slows the body down in the tightest bends.
-    """
-
-    acceleration_mps2: float = 1.2
-    lateral_mps2: float = 1.5
-    turn_rad_s: float = 2.5
+    acceleration_mps2: float = 1.2  # speeding up and slowing down
+    lateral_mps2: float = 1.5  # largest in bends; it slows the body down
+    turn_rad_s: float = 2.5  # largest turn rate; it slows the body down in the tightest bends
 
 
 @dataclass(frozen=True, slots=True)
 class Pace:
-    """A stretch of the course at one speed.
+    """A stretch of the course at one speed."""
 
-    Attributes
-    ----------
-    speed_mps : float
-        Speed, where bends and accelerations allow it.
-    length_m : float
-        How long the stretch is; the last one of a course goes on to its end.
-    pause_s : float
-        Standing still at the end of the stretch, in seconds; 0 goes on without a stop.
-    """
-
-    speed_mps: float
-    length_m: float = math.inf
-    pause_s: float = 0.0
+    speed_mps: float  # where bends and accelerations allow it
+    length_m: float = math.inf  # the last one of a course goes on to its end
+    pause_s: float = 0.0  # standing still at its end; 0 goes on without a stop
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,30 +54,10 @@ def timetable(
     agility: Agility,
     start_s: float,
 ) -> Array:
-    """Return the pieces of a path, from rest to rest.
+    """Return the pieces of a path, from rest to rest, shape (9, n_pieces); see `Path.pieces`.
 
-    Parameters
-    ----------
-    begin : tuple of float
-        x, y and direction of the beginning.
-    course : sequence of Bend
-        The course; empty for a body that stays where it is.
-    paces : sequence of Pace
-        Speeds along it.
-    agility : Agility
-        Limits of acceleration and turn rate.
-    start_s : float
-        When it begins to move.
-
-    Returns
-    -------
-    ndarray, shape (9, n_pieces), float64
-        As `Path.pieces`; the last piece is at rest and goes on for ever.
-
-    Raises
-    ------
-    SceneError
-        If a value makes no sense; the message names its key.
+    An empty course is that of a body that stays; the last piece is at rest and goes on for
+    ever. Raises SceneError if a value makes no sense; the message names its key.
     """
     _check_all(paces, agility, start_s)
     stretches = _stretches([b for b in course if b.length_m > _TINY], paces, agility)

@@ -21,6 +21,7 @@ from x2radar.sim.bodies.path.course import check
 Array = NDArray[np.float64]
 
 STATURE_M = (0.6, 2.3)
+"""That a scene may ask for (chosen)."""
 TODDLER_M = (0.75, 0.95)
 CHILD_M = (0.95, 1.45)
 Age = Literal["adult", "child", "toddler"]
@@ -33,7 +34,7 @@ NAMES = (
 )
 TRUNK = 3
 TRUNK_AT = (0.47, 0.78, 0.06)
-"""Where middles of the trunk's parts are between hips (0) and shoulders (1)."""
+"""Where middles of the trunk's parts are between hips (0) and shoulders (1) (Winter)."""
 _GROWN: Mapping[Age, float] = MappingProxyType({"toddler": 0.0, "adult": 1.0})
 _GROWTH = (0.85, 1.05, 1.45), (0.0, 0.55, 1.0)
 """Statures of children, and how far their proportions are from a toddler's to an adult's."""
@@ -42,36 +43,20 @@ ARMS, LEGS = slice(4, 10), slice(10, 16)
 
 @dataclass(frozen=True, slots=True)
 class PersonBuild:
-    """One person's sizes, in metres.
+    """One person's sizes, in metres."""
 
-    Attributes
-    ----------
-    stature_m : float
-        Height of the whole body.
-    thigh_m, shank_m, foot_m, ankle_m : float
-        Lengths of the leg's parts, and the ankle's height over the sole.
-    hip_m, shoulder_m : float
-        Half widths.
-    trunk_m, neck_m : float
-        From hips to shoulders, and from there to the middle of the head.
-    upper_arm_m, forearm_m : float
-        Lengths of the arm's parts.
-    girth : float
-        Thickness against an average body of this stature.
-    """
-
-    stature_m: float
+    stature_m: float  # height of the whole body
     thigh_m: float
     shank_m: float
     foot_m: float
-    ankle_m: float
-    hip_m: float
-    shoulder_m: float
-    trunk_m: float
-    neck_m: float
+    ankle_m: float  # height over the sole
+    hip_m: float  # half the width
+    shoulder_m: float  # half the width
+    trunk_m: float  # from hips to shoulders
+    neck_m: float  # from shoulders to the middle of the head
     upper_arm_m: float
     forearm_m: float
-    girth: float
+    girth: float  # thickness against an average body of this stature
 
     @property
     def leg_m(self) -> float:
@@ -109,26 +94,10 @@ class PersonBuild:
 def draw_person_build(
     rng: np.random.Generator, *, age: Age = "adult", height_m: float | None = None
 ) -> PersonBuild:
-    """Draw a person's sizes.
+    """Draw a person's sizes, scattered by some per cent about their shares of the stature.
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Twelve numbers are drawn, whatever is given.
-    age : {'adult', 'child', 'toddler'}
-        The younger, the shorter the legs and the larger the head for the stature.
-    height_m : float, optional
-        Stature, instead of a draw.
-
-    Returns
-    -------
-    PersonBuild
-        Segments scatter by some per cent around their shares.
-
-    Raises
-    ------
-    SceneError
-        If the stature is not from 0.6 to 2.3 m.
+    Twelve numbers are drawn, whatever is given. Raises SceneError if `height_m` is not from
+    0.6 to 2.3 m.
     """
     is_man, z, share = rng.random(), rng.standard_normal(10), rng.random()
     if age == "toddler":

@@ -2,7 +2,7 @@
 
 Somebody who searches a drawer, gets dressed or talks goes nowhere and still moves. No motion
 capture stands behind this: how far things move is anatomy, how fast is a guess at everyday speed
-(hands 0.2 to 0.9 m/s, rms), and the rest is drawn anew for everybody.
+(hands 0.2 to 0.9 m/s, rms), and the rest is drawn for each person.
 """
 
 from dataclasses import dataclass
@@ -15,6 +15,7 @@ from x2radar.sim.bodies.person.doing import REST, Doing, within_reach
 
 Array = NDArray[np.float64]
 
+# How far, how fast (rms a second) and where hands work, in lengths of the arm: see above.
 _SHIFT_M, _CROUCH, _LEAN_RAD, _TWIST_RAD = 0.06, 0.28, 0.75, 0.7
 _LIMITS = np.array([_SHIFT_M, _SHIFT_M, 1.0, 1.0, _TWIST_RAD, *[1.0] * 6])
 _RATES = np.array([0.04, 0.04, 0.35, 0.7, 0.4, *[1.4] * 6])
@@ -23,21 +24,11 @@ _MIDDLE, _SPAN = np.array([0.50, 0.05, -0.30]), np.array([0.35, 0.30, 0.55])
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Busy:
-    """Somebody's ways with the hands; see `Doer`.
+    """Somebody's ways with the hands; see `Doer`."""
 
-    Attributes
-    ----------
-    wander : Wander
-        Shift of the hips (2), crouch, lean, twist, and the two hands (6).
-    effort : Wander
-        One number in -1 to 1: hands rest where it is low.
-    size : float
-        How far all of it goes, 1 for what everyday work takes.
-    """
-
-    wander: Wander
-    effort: Wander
-    size: float
+    wander: Wander  # shift of the hips (2), crouch, lean, twist, and the two hands (6)
+    effort: Wander  # one number in -1 to 1: hands rest where it is low
+    size: float  # how far all of it goes, 1 for what everyday work takes
 
     @classmethod
     def draw(cls, rng: np.random.Generator) -> "Busy":
@@ -53,7 +44,7 @@ class Busy:
         much = self.size * share
         lean = 0.5 + 0.5 * w[:, 3]
         hands = REST + self.size * (_MIDDLE + _SPAN * w[:, 5:].reshape(-1, 2, 3) - REST)
-        # Who bends forward puts the hips back.
+        # Bending forward puts the hips back.
         ahead = w[:, 0] - 0.18 * np.sin(_LEAN_RAD * lean)
         return Doing(
             share,

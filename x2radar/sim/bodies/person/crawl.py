@@ -14,35 +14,20 @@ from x2radar.sim.bodies.person.posture import direction, two_links
 Array = NDArray[np.float64]
 
 _KNEE_M = 0.06
+"""Height of a kneeling knee's middle (recalled)."""
 _SIDES = np.array([1.0, -1.0])[:, None]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Crawling:
-    """Somebody who crawls along a path.
+    """Somebody who crawls along a path."""
 
-    Attributes
-    ----------
-    path : Path
-        Where the middle of the trunk goes.
-    feet : Feet
-        Contacts: left knee, left hand, right knee, right hand.
-    build : PersonBuild
-        Sizes.
-    cruise_mps : float
-        Speed at which it moves fully.
-    sway : Wander
-        Sway in x, y, z, in metres, and turn and nod of the head, in radians.
-    roll_m : float
-        Amplitude of the trunk to the sides, once a stride.
-    """
-
-    path: Path
-    feet: Feet
+    path: Path  # where the middle of the trunk goes
+    feet: Feet  # contacts: left knee, left hand, right knee, right hand
     build: PersonBuild
-    cruise_mps: float
-    sway: Wander
-    roll_m: float
+    cruise_mps: float  # speed at which it moves fully
+    sway: Wander  # x, y, z, in metres, and turn and nod of the head, in radians
+    roll_m: float  # amplitude of the trunk to the sides, once a stride
 
     def posture(self, t_s: Array) -> tuple[Array, Array, Array]:
         """Return middles, axes and side vectors of all parts; see `person.Action`."""

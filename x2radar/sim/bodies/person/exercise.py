@@ -1,7 +1,7 @@
 """Somebody who exercises or dances in one place: the whole body to one beat.
 
 Squats, jumping jacks, knees raised in turn, kicks, arms swung: all are a few sinusoids of one
-beat and its double, with sizes and phases drawn anew for everybody. Drawn, not captured: beats
+beat and its double, with sizes and phases drawn for each person. Drawn, not captured: beats
 of 0.4 to 1.6 Hz and the ranges of the joints are what everyday exercise takes (a guess).
 """
 
@@ -16,6 +16,7 @@ from x2radar.sim.bodies.person.doing import REST, Doing, within_reach
 Array = NDArray[np.float64]
 
 _BEAT_HZ = (0.4, 1.6)
+# How uneven the beat is; middle and span of the hands, in lengths of the arm: chosen by eye.
 _DRIFT_RAD = 0.8
 _MIDDLE = np.array([0.50, 0.25, -0.20])
 _SPAN = np.array([0.22, 0.40, 0.75])
@@ -23,40 +24,20 @@ _SPAN = np.array([0.22, 0.40, 0.75])
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Exercise:
-    """Somebody's exercise; see `Doer`.
+    """Somebody's exercise; see `Doer`."""
 
-    Attributes
-    ----------
-    beat_hz : float
-        Beats a second.
-    drift, effort : Wander
-        Of the beat, in radians; and one number in -1 to 1, it rests where that is low.
-    crouch, hop_m : float
-        How deep it squats, as a share of the leg, and how high both feet leave the floor.
-    step_m : ndarray, shape (3,), float64
-        How far a foot is put ahead and outward and is raised, once a beat.
-    is_in_turn : bool
-        Whether the feet go in turn, not together.
-    lean_rad, twist_rad, sway_m : float
-        Amplitudes of the trunk and the hips.
-    hands : ndarray, shape (2, 2, 3), float64
-        Amplitudes at the beat and at its double, by hand, in lengths of the arm.
-    phase_rad : ndarray, shape (2, 3), float64
-        Of each hand's directions.
-    """
-
-    beat_hz: float
-    drift: Wander
-    effort: Wander
-    crouch: float
-    hop_m: float
-    step_m: Array
-    is_in_turn: bool
-    lean_rad: float
+    beat_hz: float  # beats a second
+    drift: Wander  # of the beat, in radians
+    effort: Wander  # one number in -1 to 1; it rests where that is low
+    crouch: float  # how deep it squats, as a share of the leg
+    hop_m: float  # how high both feet leave the floor
+    step_m: Array  # (3,): how far a foot is put ahead and outward and is raised, once a beat
+    is_in_turn: bool  # whether the feet go in turn, not together
+    lean_rad: float  # amplitudes of trunk, chest and hips
     twist_rad: float
     sway_m: float
-    hands: Array
-    phase_rad: Array
+    hands: Array  # (2, 2, 3): at the beat and its double, by hand, in lengths of the arm
+    phase_rad: Array  # (2, 3): of each hand's directions
 
     @classmethod
     def draw(cls, rng: np.random.Generator, leg_m: float) -> "Exercise":

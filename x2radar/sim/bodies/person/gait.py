@@ -20,53 +20,28 @@ Array = NDArray[np.float64]
 
 STRIDE = 1.346
 FASTEST_WALK = 3.0
-"""Relative speed RV up to which the relation holds."""
+"""Relative speed RV up to which the relation holds (Boulic and Thalmann, recalled)."""
 SURGE = 0.084
+"""Of the hips, see `carriage_at`."""
 BRISK = 1.5
-"""Relative speed of the carriage that a free walk has: about 1.4 m/s."""
+"""Relative speed of the carriage that a free walk has: about 1.4 m/s (chosen)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Carriage:
-    """How a body is carried over its feet.
+    """How a body is carried over its feet."""
 
-    Attributes
-    ----------
-    bend : float
-        How much lower the hips are than on straight legs, as a share of the leg.
-    lean_rad : float
-        Of the trunk, forward.
-    bob_m, sway_m : float
-        Amplitudes of the hips up and down twice a stride, and to the sides once, in metres
-        at cruising speed.
-    is_spring : bool
-        Lowest over the standing foot, as in running, not highest.
-    arm_rad : float
-        Amplitude of the arms' swing.
-    arm_rest_rad : float
-        About which the arms swing, forward.
-    elbow_rad : float
-        Bend of the elbows.
-    surge_m : float
-        Amplitude of the hips ahead of and behind their even way, twice a stride: a body is
-        slowest over the standing foot.
-    yaw_rad : float
-        Amplitude of the pelvis' turn; the chest turns against it.
-    heel_rad : float
-        How far the heel has risen at toe-off.
-    """
-
-    bend: float = 0.012
-    lean_rad: float = 0.05
-    bob_m: float = 0.022
-    sway_m: float = 0.02
-    surge_m: float = 0.0
-    is_spring: bool = False
-    arm_rad: float = 0.40
-    arm_rest_rad: float = 0.05
-    elbow_rad: float = 0.45
-    yaw_rad: float = 0.12
-    heel_rad: float = 0.9
+    bend: float = 0.012  # how much lower the hips are than on straight legs, as a share of the leg
+    lean_rad: float = 0.05  # of the trunk, forward
+    bob_m: float = 0.022  # of the hips, up and down twice a stride, at cruising speed
+    sway_m: float = 0.02  # and to the sides, once a stride
+    surge_m: float = 0.0  # and ahead of their even way: slowest over the standing foot
+    is_spring: bool = False  # lowest over the standing foot, as in running, not highest
+    arm_rad: float = 0.40  # amplitude of the arms' swing
+    arm_rest_rad: float = 0.05  # about which the arms swing, forward
+    elbow_rad: float = 0.45  # bend of the elbows
+    yaw_rad: float = 0.12  # amplitude of the pelvis' turn; the chest turns against it
+    heel_rad: float = 0.9  # how far the heel has risen at toe-off
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,6 +57,20 @@ class PersonStyle:
     grows: bool = False
     age: Age = "adult"
     does: Literal["", "busy", "sit", "exercise"] = ""
+
+
+def _running(
+    bend: float, lean: float, bob: float, *, arm: float, elbow: float, heel: float
+) -> Carriage:
+    return Carriage(
+        bend=bend,
+        lean_rad=lean,
+        bob_m=bob,
+        is_spring=True,
+        arm_rad=arm,
+        elbow_rad=elbow,
+        heel_rad=heel,
+    )
 
 
 STYLES: Mapping[str, PersonStyle] = MappingProxyType(
@@ -103,30 +92,14 @@ STYLES: Mapping[str, PersonStyle] = MappingProxyType(
         "jog": PersonStyle(
             "jogs",
             (1.8, 2.8),
-            Carriage(
-                bend=0.07,
-                lean_rad=0.10,
-                bob_m=0.035,
-                is_spring=True,
-                arm_rad=0.5,
-                elbow_rad=1.5,
-                heel_rad=1.1,
-            ),
+            _running(0.07, 0.10, 0.035, arm=0.5, elbow=1.5, heel=1.1),
             lift=0.16,
             kind="run",
         ),
         "run": PersonStyle(
             "runs",
             (2.8, 4.5),
-            Carriage(
-                bend=0.08,
-                lean_rad=0.17,
-                bob_m=0.04,
-                is_spring=True,
-                arm_rad=0.8,
-                elbow_rad=1.6,
-                heel_rad=1.2,
-            ),
+            _running(0.08, 0.17, 0.04, arm=0.8, elbow=1.6, heel=1.2),
             lift=0.24,
             kind="run",
         ),
@@ -155,15 +128,7 @@ STYLES: Mapping[str, PersonStyle] = MappingProxyType(
         "child_run": PersonStyle(
             "a child of 0.95 to 1.45 m runs about",
             (1.3, 3.0),
-            Carriage(
-                bend=0.07,
-                lean_rad=0.12,
-                bob_m=0.03,
-                is_spring=True,
-                arm_rad=0.6,
-                elbow_rad=1.3,
-                heel_rad=1.1,
-            ),
+            _running(0.07, 0.12, 0.03, arm=0.6, elbow=1.3, heel=1.1),
             lift=0.18,
             kind="run",
             age="child",
@@ -182,7 +147,7 @@ STYLES: Mapping[str, PersonStyle] = MappingProxyType(
         ),
     }
 )
-"""What people do, by name."""
+"""What people do, by name; speeds and carriages by eye, where no source stands above."""
 
 
 def walking_stride_m(speed_mps: Array, hip_height_m: float) -> Array:
@@ -203,15 +168,6 @@ def carriage_at(style: PersonStyle, speed_mps: float, hip_height_m: float) -> Ca
     turn of the pelvis grow with the relative speed RV, and the surge of the hips be
     0.084 RV (1 - RV) of the hip height up to RV = 0.5 and 0.021 beyond. Somebody who goes at
     0.3 m/s does not swing the arms as at 1.4 m/s.
-
-    Parameters
-    ----------
-    style : PersonStyle
-        What is done.
-    speed_mps : float
-        How fast.
-    hip_height_m : float
-        Ht.
     """
     if style.kind != "walk":
         return style.carriage
@@ -227,22 +183,10 @@ def carriage_at(style: PersonStyle, speed_mps: float, hip_height_m: float) -> Ca
 def gait_of(
     kind: str, hip_height_m: float, *, cadence: float, width_m: float, lift_m: float, limp: float
 ) -> Gait:
-    """Return the footwork of a gait.
+    """Return the footwork of a walk or a run.
 
-    Parameters
-    ----------
-    kind : {'walk', 'run'}
-        Which.
-    hip_height_m : float
-        Ht.
-    cadence : float
-        Strides a second against the usual; strides are the shorter.
-    width_m : float
-        Half the distance between the feet.
-    lift_m : float
-        Of the feet.
-    limp : float
-        Share of the stride that the right foot is spared.
+    `cadence` is strides a second against the usual, strides being the shorter; `width_m` half
+    the distance between the feet; `limp` the share of the stride that the right foot is spared.
     """
     if kind == "run":
 

@@ -34,10 +34,12 @@ Array = NDArray[np.float64]
 Posture = tuple[Array, Array, Array]
 
 _N_POSTURES = 16
+"""Over which the mean cross section is taken (chosen)."""
 _CHEST = NAMES.index("chest")
 _FASTEST_RUN_MPS = 8.0
+"""Sprints of amateurs (recalled)."""
 _QUICKER: Mapping[Age, float] = {"adult": 1.0, "child": 1.1, "toddler": 1.35}
-"""Cadence against that of an adult of the same leg length and speed."""
+"""Cadence against that of an adult of the same leg length and speed (recalled)."""
 _CARRIED = {"carry": ("box", (0.2, 0.18, 0.15)), "carry_pet": ("pet", (0.2, 0.08, 0.08))}
 
 
@@ -122,27 +124,13 @@ class OnFeet:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Person:
-    """A person; see `Mover`.
-
-    Attributes
-    ----------
-    names : tuple of str
-        The parts.
-    action : Action
-        Where they are.
-    breath : Breath
-        Of the chest.
-    rcs : SegmentRcs
-        Cross sections.
-    burden : ndarray, shape (3,), float64, or None
-        What is carried: metres ahead of the chest, to its left, and over it.
-    """
+    """A person; see `Mover`."""
 
     names: tuple[str, ...]
     action: Action
     breath: Breath
     rcs: SegmentRcs
-    burden: Array | None = None
+    burden: Array | None = None  # (3,): what is carried: ahead of the chest, left, over it, m
 
     @property
     def label(self) -> Label:
@@ -206,11 +194,6 @@ def draw_person(
         Mean total cross section, see `SegmentRcs.sized`; drawn by default, whatever the size.
     start_s : float, optional
         When it begins to move; negative for somebody who is under way at time 0.
-
-    Returns
-    -------
-    Person
-        Labelled human.
 
     Raises
     ------

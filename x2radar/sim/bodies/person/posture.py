@@ -20,28 +20,20 @@ from x2radar.sim.bodies.person.gait import Carriage
 Array = NDArray[np.float64]
 
 HEEL_OFF = 0.65
-"""Share of the stance after which the heel begins to rise: 40 % of a walking stride."""
+"""Share of the stance after which the heel begins to rise: 40 % of a walking stride (Perry)."""
 _FACE = 0.015
-"""The middle of the head is so much of the stature ahead of the neck, where the face is: a head
-that turns moves its echo."""
+"""Share of the stature by which the head's middle is ahead of the neck: one that turns moves
+its echo (chosen)."""
 STIFF_TO = 0.93
-"""Share of a limb's length up to which it reaches; beyond, its upper joint gives."""
+"""Share of a limb's length up to which it reaches; beyond, its upper joint gives (chosen)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Soles:
-    """Feet at given times, left and right.
+    """Feet at given times, left and right."""
 
-    Attributes
-    ----------
-    state : FootState
-        `position_m` is the ball of the foot.
-    duty : ndarray, shape (n_slow, 2), float64
-        Duty factor of the stride that each foot is in.
-    """
-
-    state: FootState
-    duty: Array
+    state: FootState  # `position_m` is the ball of the foot
+    duty: Array  # (n_slow, 2): duty factor of the stride that each foot is in
 
 
 def moved(soles: Soles, heading_rad: Array, feet_m: Array) -> Soles:
@@ -54,30 +46,14 @@ def moved(soles: Soles, heading_rad: Array, feet_m: Array) -> Soles:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hips:
-    """Where the middle of the hips is, and how the body is turned.
+    """Where the middle of the hips is, and how the body is turned."""
 
-    Attributes
-    ----------
-    middle_m : ndarray, shape (n_slow, 3), float64
-        Middle between the hip joints.
-    heading_rad : ndarray, shape (n_slow,), float64
-        Where the body faces.
-    yaw_rad : ndarray, shape (n_slow,), float64
-        Turn of the pelvis against that; the chest turns the other way.
-    vigour : ndarray, shape (n_slow,), float64
-        0 standing to 1 at cruising speed.
-    swing : ndarray, shape (n_slow,), float64
-        -1 to 1: 1 when the left leg is foremost.
-    lean_rad : ndarray, shape (n_slow,), float64
-        Of the trunk, forward.
-    """
-
-    middle_m: Array
-    heading_rad: Array
-    yaw_rad: Array
-    vigour: Array
-    swing: Array
-    lean_rad: Array
+    middle_m: Array  # (n_slow, 3): middle between the hip joints
+    heading_rad: Array  # (n_slow,): where the body faces
+    yaw_rad: Array  # (n_slow,): turn of the pelvis against that; the chest turns the other way
+    vigour: Array  # (n_slow,): 0 standing to 1 at cruising speed
+    swing: Array  # (n_slow,): -1 to 1: 1 when the left leg is foremost
+    lean_rad: Array  # (n_slow,): of the trunk, forward
 
 
 def direction(yaw_rad: Array, pitch_rad: Array | float = 0.0) -> Array:
@@ -98,27 +74,8 @@ def upright(
 ) -> tuple[Array, Array, Array]:
     """Return middles, axes and side vectors of all parts of somebody on two feet.
 
-    Parameters
-    ----------
-    b : PersonBuild
-        Sizes.
-    c : Carriage
-        Arms and heels.
-    hips : Hips
-        Where the hips are.
-    feet : Soles
-        Left and right.
-    look : ndarray, shape (n_slow, 2), float64
-        Turn and nod of the head, in radians.
-    doing : Doing, optional
-        Of the hands; without it the arms swing.
-
-    Returns
-    -------
-    centre_m, axis : ndarray, shape (n_slow, 16, 3), float64
-        Middles in room coordinates and unit vectors, in the order of `NAMES`.
-    side : ndarray, shape (n_slow, 1, 3), float64
-        Unit vectors to the body's left.
+    `look` is turn and nod of the head, shape (n_slow, 2), in radians; without `doing` the arms
+    swing. Shapes as `quadruped.posture`, parts in the order of `NAMES`.
     """
     n = len(hips.heading_rad)
     centre, axis = np.empty((n, len(NAMES), 3)), np.empty((n, len(NAMES), 3))
@@ -181,9 +138,8 @@ def _elbow(
 ) -> tuple[Array, Array]:
     """Return shoulder and elbow of an arm whose wrist is given.
 
-    Before the body elbows point down. For other directions of the arm that goes along with the
-    shortest turn: back where the arm hangs, ahead where it is raised, and smooth everywhere but
-    for an arm into one's own back.
+    Before the body elbows point down. For other directions that turns with the arm by the
+    shortest way: back where it hangs, ahead where it is raised, smooth all but behind the back.
     """
     ahead = np.stack([left[:, 1], -left[:, 0], left[:, 2]], axis=-1)
     up = np.array([0.0, 0.0, 1.0])
@@ -238,19 +194,9 @@ def two_links(
 ) -> tuple[Array, Array]:
     """Return where the upper joint comes to lie, and the middle joint, of two-link limbs.
 
-    Parameters
-    ----------
-    joint, end : ndarray, shape (n_slow, n_limbs, 3), float64
-        Where the limb hangs, and where it ends; the end is always reached.
-    upper_m, lower_m : float
-        Lengths.
-    bend : ndarray, shape (n_slow, n_limbs or 1, 3), float64
-        The side to which the middle joint bends.
-
-    Returns
-    -------
-    top, middle : ndarray, shape (n_slow, n_limbs, 3), float64
-        Both links keep their lengths. Where the limb is too short, the upper joint gives.
+    Joints and ends are of shape (n_slow, n_limbs, 3); the end is always reached, both links
+    keep their lengths, and where the limb is too short, the upper joint gives. `bend` is the
+    side to which the middle joint bends.
     """
     reach = joint - end
     distance = _size(reach)

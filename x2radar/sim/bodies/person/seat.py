@@ -1,8 +1,8 @@
-"""Somebody who sits: hands, trunk and head move; who likes gets up for a while and sits again.
+"""Somebody who sits: hands, trunk and head move; some get up for a while and sit down again.
 
 A seat is where thighs are about level. How far head and trunk move is anatomy, how fast a guess
 at everyday speed (head 0.1 to 0.6 rad/s turned by the wander, rms; up to 2 shakes or nods a
-second), as in `person_busy`.
+second), as in `busy`.
 """
 
 from dataclasses import dataclass, replace
@@ -18,11 +18,11 @@ Array = NDArray[np.float64]
 
 _RISE_S = 1.4
 """How long getting up takes, and sitting down; 1 to 2 s of the healthy (recalled)."""
-_BOW_RAD = 0.6
-_TRUNK_RAD = 0.22
+# How far the trunk bows to get up and leans, and the head turns and nods (anatomy, chosen).
+_BOW_RAD, _TRUNK_RAD = 0.6, 0.22
 _TURN_RAD, _NOD_RAD = 0.9, 0.3
 _HEAD_ALONE_SHARE = 0.25
-"""Who listens or watches moves the head alone."""
+"""Share of people who move the head alone, listening or watching (chosen)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,36 +43,16 @@ class Shake:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Seated:
-    """Somebody's ways on a seat; see `Doer`.
+    """Somebody's ways on a seat; see `Doer`."""
 
-    Attributes
-    ----------
-    crouch : float
-        How much lower the hips are than standing, as a share of the leg.
-    back_m : float
-        How far the hips are behind the feet.
-    recline_rad : float
-        Of the back, backwards.
-    busy : Busy
-        The hands.
-    trunk : Wander
-        Lean of the trunk, turn and nod of the head, in radians.
-    shake : Shake
-        Of the head.
-    up_s : tuple of float
-        When it gets up first and when it sits down again, after the start of each period.
-    period_s : float
-        After which it gets up anew; infinite for somebody who stays.
-    """
-
-    crouch: float
-    back_m: float
-    recline_rad: float
-    busy: Busy
-    trunk: Wander
-    shake: Shake
-    up_s: tuple[float, float]
-    period_s: float
+    crouch: float  # how much lower the hips are than standing, as a share of the leg
+    back_m: float  # how far the hips are behind the feet
+    recline_rad: float  # of the back, backwards
+    busy: Busy  # the hands
+    trunk: Wander  # lean of the trunk, turn and nod of the head, in radians
+    shake: Shake  # of the head
+    up_s: tuple[float, float]  # gets up, and sits down, after the start of each period
+    period_s: float  # infinite for somebody who stays
 
     @classmethod
     def draw(cls, rng: np.random.Generator, leg_m: float) -> "Seated":
@@ -104,7 +84,7 @@ class Seated:
         """Return what is done; see `Doer`."""
         doing = self.busy.at(t_s, vigour)
         sits = (1 - vigour) * (1 - self._up(t_s))
-        # Who gets up bends forward over the feet first.
+        # Getting up begins with bending forward over the feet.
         bow = 4 * sits * (1 - sits)
         trunk = self.trunk.at(t_s)
         look = trunk[:, 1:] + self.shake.at(t_s)

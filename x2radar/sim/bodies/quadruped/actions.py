@@ -18,39 +18,17 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Going:
-    """Walking, trotting, cantering along a path, standing where it stops.
+    """Walking, trotting, cantering along a path, standing where it stops."""
 
-    Attributes
-    ----------
-    path : Path
-        Where the middle of the trunk goes.
-    feet : Feet
-        Footfalls along it.
-    footwork : Footwork
-        What the trunk does.
-    offset : tuple of float
-        When each leg lands, in strides.
-    build : QuadrupedBuild
-        Sizes.
-    height_m : float
-        Height of the trunk's middle, standing.
-    cruise_mps : float
-        Speed at which the trunk moves as the footwork says; below, less.
-    duty : float
-        Duty factor at that speed.
-    crouch : float
-        How much lower the trunk is in front, in hip heights: a nose at the floor.
-    """
-
-    path: Path
-    feet: Feet
-    footwork: Footwork
-    offset: tuple[float, ...]
-    build: QuadrupedBuild
-    height_m: float
-    cruise_mps: float
-    duty: float
-    crouch: float
+    path: Path  # where the middle of the trunk goes
+    feet: Feet  # footfalls along it
+    footwork: Footwork  # what the trunk does
+    offset: tuple[float, ...]  # when each leg lands, in strides
+    build: QuadrupedBuild  # sizes
+    height_m: float  # height of the trunk's middle, standing
+    cruise_mps: float  # speed at which the trunk moves as the footwork says; below, less
+    duty: float  # duty factor at that speed
+    crouch: float  # how much lower the trunk is in front, in hip heights: a nose at the floor
 
     @classmethod
     def plan(
@@ -63,7 +41,7 @@ class Going:
         height_m: float,
         crouch: float = 0.0,
     ) -> Self:
-        """Return the going of an animal along a path; see the attributes."""
+        """Return the going of an animal along a path; see the fields."""
         cruise = max(float(path.pieces[2].max()), 0.05)
         duty = float(gait.duty(np.array([cruise]))[0])
         feet = Feet.plan(path, gait)
@@ -109,25 +87,13 @@ class Going:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scratch:
-    """A hind paw that scratches, in bouts.
+    """A hind paw that scratches, in bouts."""
 
-    Attributes
-    ----------
-    leg : int
-        Which, of `LEGS`.
-    raised_m : tuple of float
-        How far ahead and up the paw is held.
-    stroke_m, hz : float
-        Amplitude and frequency of the strokes.
-    bout : Wander
-        One number in -1 to 1; it scratches where that is above 0.
-    """
-
-    leg: int
-    raised_m: tuple[float, float]
-    stroke_m: float
-    hz: float
-    bout: Wander
+    leg: int  # which, of `LEGS`
+    raised_m: tuple[float, float]  # how far ahead and up the paw is held
+    stroke_m: float  # amplitude of the strokes
+    hz: float  # their frequency
+    bout: Wander  # one number in -1 to 1; it scratches where that is above 0
 
     def at(self, t_s: Array) -> tuple[Array, Array]:
         """Return how far ahead and up the paw is, in metres, each of shape (n_slow,)."""
@@ -139,21 +105,11 @@ class Scratch:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Staying:
-    """Standing, sitting or lying in one place; the trunk sways a little over still paws.
+    """Standing, sitting or lying in one place; the trunk sways a little over still paws."""
 
-    Attributes
-    ----------
-    stance : Stance
-        The posture, for one time.
-    sway : Wander
-        Offsets of the trunk in x, y, z, in metres, and of its pitch, in radians.
-    scratch : Scratch or None
-        What a hind paw does.
-    """
-
-    stance: Stance
-    sway: Wander
-    scratch: Scratch | None = None
+    stance: Stance  # the posture, for one time
+    sway: Wander  # offsets of the trunk in x, y, z, in metres, and of its pitch, in radians
+    scratch: Scratch | None = None  # what a hind paw does
 
     def at(self, t_s: Array) -> Stance:
         """Return where trunk and paws are; see `Action`."""
@@ -179,38 +135,18 @@ class Staying:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Romping:
-    """Playing on the spot: turning, hopping from foot to foot, bowing, shaking itself.
+    """Playing on the spot: turning, hopping from foot to foot, bowing, shaking itself."""
 
-    Attributes
-    ----------
-    stance : Stance
-        Where it stands at first, for one time.
-    wander : Wander
-        Offsets of the trunk in x and y, in metres, of its heading and its pitch, in radians.
-    step_hz, lift_m : float
-        How often each paw steps, and how high.
-    offset : tuple of float
-        When each paw steps, in steps.
-    bounce_m : float
-        Amplitude of the trunk's bounce, twice a step.
-    bow_rad : float
-        How far the front goes down where it bows.
-    shake_m, shake_hz : float
-        Amplitude and frequency of the trunk where it shakes itself.
-    bout : Wander
-        Bowing, shaking: each happens where its number, -1 to 1, is above 0.4.
-    """
-
-    stance: Stance
-    wander: Wander
-    step_hz: float
-    lift_m: float
-    offset: tuple[float, ...]
-    bounce_m: float
-    bow_rad: float
-    shake_m: float
-    shake_hz: float
-    bout: Wander
+    stance: Stance  # where it stands at first, for one time
+    wander: Wander  # of the trunk: x and y, in metres, heading and pitch, in radians
+    step_hz: float  # how often each paw steps
+    lift_m: float  # and how high
+    offset: tuple[float, ...]  # when each paw steps, in steps
+    bounce_m: float  # amplitude of the trunk's bounce, twice a step
+    bow_rad: float  # how far the front goes down where it bows
+    shake_m: float  # amplitude of the trunk where it shakes itself
+    shake_hz: float  # and frequency
+    bout: Wander  # bowing, shaking: each happens where its number, -1 to 1, is above 0.4
 
     def at(self, t_s: Array) -> Stance:
         """Return where trunk and paws are; see `Action`."""

@@ -19,46 +19,25 @@ NAMES = (
     *TAIL,
     *(f"{leg} {part}" for leg in LEGS for part in ("upper leg", "lower leg", "paw")),
 )
-N_PARTS = len(NAMES)
 """Parts of the body, in order."""
 
 
 @dataclass(frozen=True, slots=True)
 class QuadrupedBuild:
-    """Sizes of an animal, in metres but for its mass.
-
-    Attributes
-    ----------
-    mass_kg : float
-        Mass.
-    hip_m : float
-        Height of the hip, standing.
-    back_m : float
-        From hip to shoulder.
-    half_width_m, half_depth_m : float
-        Half the trunk's width and depth.
-    neck_m, head_m, tail_m : float
-        Lengths.
-    upper_m, lower_m : float
-        Lengths of the two links of a leg; together more than `hip_m`.
-    paw_m : float
-        Length of a paw; its middle is half its height over the sole.
-    half_track_m : float
-        Half the distance between left and right feet.
-    """
+    """Sizes of an animal, in metres but for its mass."""
 
     mass_kg: float
-    hip_m: float
-    back_m: float
-    half_width_m: float
+    hip_m: float  # height of the hip, standing
+    back_m: float  # from hip to shoulder
+    half_width_m: float  # of the trunk
     half_depth_m: float
     neck_m: float
     head_m: float
     tail_m: float
-    upper_m: float
+    upper_m: float  # upper link of a leg; both together are longer than `hip_m`
     lower_m: float
-    paw_m: float
-    half_track_m: float
+    paw_m: float  # length of a paw; its middle is half its height over the sole
+    half_track_m: float  # half the distance between left and right feet
 
     def half_lengths(self) -> list[tuple[float, float, float]]:
         """Return half-lengths of all parts, as `SegmentRcs.draw` takes them."""
@@ -83,54 +62,23 @@ class QuadrupedBuild:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Manner:
-    """What an animal does with head, tail and chest.
+    """What an animal does with head, tail and chest."""
 
-    Attributes
-    ----------
-    neck_rad, head_rad : float
-        How far neck and head point up.
-    down_rad : tuple of float
-        How far neck and head point up with the nose at the floor.
-    nod_rad : float
-        Amplitude of the neck's nod.
-    gaze : Wander
-        What is added to the yaw of neck and head, and to their pitch, in radians.
-    down : Wander
-        One number in -1 to 1; below `down_below` the nose is at the floor.
-    down_below : float
-        -2 for never, 2 for always.
-    tail_rad : float
-        How far the tail points up.
-    wag_hz, wag_rad, wag_lag_rad : float
-        Frequency and amplitude of the wag, and how far each third of the tail lags behind
-        the one before.
-    bout : Wander
-        One number in -1 to 1; the tail wags where it is above `wag_above`.
-    wag_above : float
-        -2 for always, 2 for never.
-    breath_hz, breath_m : float
-        Breathing, and how far the chest's surface moves either way.
-    breath_rad : float
-        Phase at time 0.
-    lick_hz, lick_rad : float
-        Frequency and amplitude of the neck's strokes while the nose is down.
-    """
-
-    neck_rad: float
-    head_rad: float
-    down_rad: tuple[float, float]
-    nod_rad: float
-    gaze: Wander
-    down: Wander
-    down_below: float
-    tail_rad: float
+    neck_rad: float  # how far the neck points up
+    head_rad: float  # and the head
+    down_rad: tuple[float, float]  # the same with the nose at the floor
+    nod_rad: float  # amplitude of the neck's nod
+    gaze: Wander  # what is added to the yaw of neck and head, and to their pitch, in radians
+    down: Wander  # one number in -1 to 1; below `down_below` the nose is at the floor
+    down_below: float  # -2 for never, 2 for always
+    tail_rad: float  # how far the tail points up
     wag_hz: float
-    wag_rad: float
-    wag_lag_rad: float
-    bout: Wander
-    wag_above: float
+    wag_rad: float  # amplitude of the wag
+    wag_lag_rad: float  # how far each third of the tail lags behind the one before
+    bout: Wander  # one number in -1 to 1; the tail wags where it is above `wag_above`
+    wag_above: float  # -2 for always, 2 for never
     breath_hz: float
-    breath_m: float
-    breath_rad: float
-    lick_hz: float = 0.0
-    lick_rad: float = 0.0
+    breath_m: float  # how far the chest's surface moves either way
+    breath_rad: float  # phase at time 0
+    lick_hz: float = 0.0  # of the neck's strokes while the nose is down
+    lick_rad: float = 0.0  # their amplitude

@@ -20,35 +20,19 @@ Array = NDArray[np.float64]
 GRAVITY_MPS2 = 9.81
 LEGS = ("left hind", "left fore", "right hind", "right fore")
 DUTY = (0.28, 0.70)
+"""Least and greatest duty factor: galloping and creeping animals (recalled)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Footwork:
-    """An order of footfalls, with what the trunk does in it.
+    """An order of footfalls, with what the trunk does in it."""
 
-    Attributes
-    ----------
-    offset : tuple of float
-        For each of `LEGS`, when it lands, in strides after the left hind.
-    bobs : int
-        How often the trunk goes up and down in a stride.
-    is_vault : bool
-        Whether the trunk is highest over the standing leg, as on stilts, or lowest, as on
-        springs.
-    bob : float
-        Amplitude of either end of the trunk, in hip heights.
-    sway : float
-        Amplitude to the sides, once a stride, in hip heights.
-    nod_rad : float
-        Amplitude of the neck's nod.
-    """
-
-    offset: tuple[float, float, float, float]
-    bobs: int
-    is_vault: bool
-    bob: float
-    sway: float
-    nod_rad: float
+    offset: tuple[float, float, float, float]  # landing of each of `LEGS`, strides after the first
+    bobs: int  # how often the trunk goes up and down in a stride
+    is_vault: bool  # highest over the standing leg, as on stilts; else lowest, as on springs
+    bob: float  # amplitude of either end of the trunk, in hip heights
+    sway: float  # amplitude to the sides, once a stride, in hip heights
+    nod_rad: float  # amplitude of the neck's nod
 
 
 FOOTWORK: Mapping[str, Footwork] = MappingProxyType(
@@ -63,7 +47,7 @@ FOOTWORK: Mapping[str, Footwork] = MappingProxyType(
         "bound": Footwork((0.0, 0.46, 0.06, 0.53), 1, False, 0.090, 0.010, 0.10),
     }
 )
-"""Gaits by name."""
+"""Gaits by name: footfalls of the textbooks, amplitudes recalled or chosen by eye."""
 
 
 def froude(speed_mps: Array | float, hip_m: float) -> Array:
@@ -118,33 +102,11 @@ def gait(
     ramp: float,
     is_mirrored: bool,
 ) -> Gait:
-    """Return a gait for the footfall planner.
+    """Return a gait for the footfall planner, legs in the order of `LEGS`.
 
-    Parameters
-    ----------
-    name : str
-        A key of `FOOTWORK`.
-    hip_m : float
-        Height of the hip.
-    species : Species
-        Gives the stride.
-    girdle_m : tuple of float
-        How far ahead of the trunk's middle the hind and the fore feet stand.
-    half_track_m : float
-        Half the distance between left and right feet.
-    stride_factor : float
-        This animal's stride over that of `stride_m`.
-    lift : float
-        How high feet are lifted, in hip heights.
-    ramp : float
-        As in `Gait`.
-    is_mirrored : bool
-        Whether right and left change places: the other lead of a canter.
-
-    Returns
-    -------
-    Gait
-        Legs in the order of `LEGS`.
+    `girdle_m` is how far ahead of the trunk's middle the hind and the fore feet stand,
+    `stride_factor` this animal's stride over that of `stride_m`, `lift` how high feet are
+    lifted, in hip heights; mirrored, right and left change places: the other lead of a canter.
     """
     offset = FOOTWORK[name].offset
     if is_mirrored:

@@ -15,11 +15,10 @@ from x2radar.sim.bodies.quadruped.quadruped import Stance
 
 Array = NDArray[np.float64]
 
-_CROUCH = 0.3
-_PUSH = 0.9
-_LANDING = 0.4
-_CLEAR_M = 0.08
-_TUCK_S = 0.3
+# Chosen, by eye: crouch before, push of the legs and yield at the landing, in hip heights; how
+# far a paw clears what it jumps onto; how quickly legs fold.
+_CROUCH, _PUSH, _LANDING = 0.3, 0.9, 0.4
+_CLEAR_M, _TUCK_S = 0.08, 0.3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,62 +27,26 @@ class Leap:
 
     Distances are along the heading and up. A crouch, a push at constant acceleration, a
     parabola, a landing at constant deceleration and a rise.
-
-    Attributes
-    ----------
-    begin_s : float
-        When the crouch begins.
-    crouch_s, push_s, flight_s, landing_s, rise_s : float
-        How long each part takes.
-    velocity_mps : tuple of float
-        Ahead and up at take-off.
-    landing_mps : float
-        Upward velocity at touch-down, negative.
-    climb_m : float
-        Height of where it lands over where it begins.
-    hip_m : float
-        Hip height.
     """
 
-    begin_s: float
-    crouch_s: float
+    begin_s: float  # when the crouch begins
+    crouch_s: float  # how long each part takes, and those that follow
     push_s: float
     flight_s: float
     landing_s: float
     rise_s: float
-    velocity_mps: tuple[float, float]
-    landing_mps: float
-    climb_m: float
-    hip_m: float
+    velocity_mps: tuple[float, float]  # ahead and up at take-off
+    landing_mps: float  # upward velocity at touch-down, negative
+    climb_m: float  # height of where it lands over where it begins
+    hip_m: float  # hip height
 
     @classmethod
     def over(
         cls, begin_s: float, climb_m: float, ahead_m: float, hip_m: float, crouch_s: float
     ) -> Self:
-        """Return a jump.
+        """Return a jump `climb_m` up (negative: down) that goes `ahead_m` in the air.
 
-        Parameters
-        ----------
-        begin_s : float
-            When the crouch begins.
-        climb_m : float
-            Height of the place to land, negative for a jump down.
-        ahead_m : float
-            Way ahead in the air.
-        hip_m : float
-            Hip height.
-        crouch_s : float
-            How long the crouch takes.
-
-        Returns
-        -------
-        Leap
-            The jump.
-
-        Raises
-        ------
-        SceneError
-            If it is higher than six hip heights.
+        Raises SceneError if it is higher than six hip heights.
         """
         if not abs(climb_m) <= 6.0 * hip_m:
             msg = f"climb_m: {climb_m:g} m is more than six hip heights"
@@ -165,21 +128,11 @@ class Leap:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Jumping:
-    """Jumps one after the other, all ahead, and standing in between.
+    """Jumps one after the other, all ahead, and standing in between."""
 
-    Attributes
-    ----------
-    standing : Staying
-        The posture before the first jump.
-    build : QuadrupedBuild
-        Sizes.
-    leaps : tuple of Leap
-        In order of time.
-    """
-
-    standing: Staying
-    build: QuadrupedBuild
-    leaps: tuple[Leap, ...]
+    standing: Staying  # the posture before the first jump
+    build: QuadrupedBuild  # sizes
+    leaps: tuple[Leap, ...]  # in order of time
 
     def at(self, t_s: Array) -> Stance:
         """Return where trunk and paws are; see `Action`."""

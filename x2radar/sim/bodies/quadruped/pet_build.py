@@ -1,8 +1,8 @@
 """Random sizes and manners of animals.
 
 The hip is ``0.155 M^0.35`` m high, times what animals differ by. Resting breaths follow
-``53.5 M^-0.26`` a minute (Stahl 1967, recalled), within what the species has. Who pants does so
-at 4 to 6 Hz (recalled).
+``53.5 M^-0.26`` a minute (Stahl 1967, recalled), within what the species has; panting is at 4
+to 6 Hz (recalled).
 """
 
 import numpy as np
@@ -22,27 +22,7 @@ _WIDEST_WAG_RAD = 1.1
 def draw_build(
     rng: np.random.Generator, species: Species, mass_kg: float | None = None
 ) -> QuadrupedBuild:
-    """Draw the sizes of an animal.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Everything random comes from it.
-    species : Species
-        What it is.
-    mass_kg : float, optional
-        Instead of a draw, within the species' `possible_kg`.
-
-    Returns
-    -------
-    QuadrupedBuild
-        Its sizes.
-
-    Raises
-    ------
-    SceneError
-        If the mass is impossible.
-    """
+    """Draw the sizes of an animal; raises SceneError if `mass_kg` is impossible for it."""
     drawn = species.mass_kg(rng)
     kg = drawn if mass_kg is None else mass_kg
     least, most = species.possible_kg
@@ -76,25 +56,9 @@ def draw_build(
 def draw_manner(
     rng: np.random.Generator, build: QuadrupedBuild, species: Species, style: str, nod_rad: float
 ) -> Manner:
-    """Draw what an animal does with head, tail and chest.
+    """Draw what an animal does with head, tail and chest, in a style of `PET_STYLES`.
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Everything random comes from it; how much does not depend on species and style.
-    build : QuadrupedBuild
-        Its sizes.
-    species : Species
-        What it is.
-    style : str
-        A key of `PET_STYLES`.
-    nod_rad : float
-        How far the neck nods in its gait.
-
-    Returns
-    -------
-    Manner
-        Its manners.
+    How much is drawn does not depend on species and style. `nod_rad` is that of its gait.
     """
     u = rng.uniform(0.0, 1.0, 8)
     sits = style in {"sit", "groom", "scratch"}

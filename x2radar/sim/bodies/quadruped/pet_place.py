@@ -1,4 +1,4 @@
-"""Postures of cats and dogs that stay in one place, or jump."""
+"""Postures of animals that stay in one place, or jump."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,10 +15,10 @@ from x2radar.sim.bodies.quadruped.species import Species
 Array = NDArray[np.float64]
 
 STANDING = 0.97
-"""Height of a standing trunk's middle, in hip heights."""
+"""Height of a standing trunk's middle, in hip heights: legs are a little bent (chosen)."""
 
 # Trunk's middle and hind and fore paws ahead of hip and shoulder, in hip heights; pitch;
-# distance of the paws from the middle line, in half tracks.
+# distance of the paws from the middle line, in half tracks. Chosen by eye.
 _POSTURES = {
     "stand": (STANDING, 0.0, 0.0, 0.0, 1.0),
     "sit": (0.62, 0.32, 0.05, 0.58, 1.1),
@@ -39,22 +39,8 @@ def draw_staying(
 ) -> Staying:
     """Draw an animal that stays where a path begins, facing along it.
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        The sway of the trunk and the places of the paws come from it.
-    build : QuadrupedBuild
-        Sizes.
-    style : {'stand', 'sit', 'lie', 'pant', 'groom', 'scratch', 'jump', 'play'}
-        The posture; one that pants lies, one that grooms or scratches sits, one that jumps
-        or plays stands first.
-    path : Path
-        Where.
-
-    Returns
-    -------
-    Staying
-        The action.
+    One that pants lies, one that grooms or scratches sits, one that jumps or plays stands
+    first.
     """
     name = _POSTURE_OF.get(style, style)
     height, hind, fore, pitch, spread = _POSTURES[name]
@@ -63,7 +49,7 @@ def draw_staying(
     cos, sin = np.cos(start.heading_rad[0]), np.sin(start.heading_rad[0])
     girdle = 0.5 * build.back_m * np.cos(pitch)
     ahead = np.array([-girdle + hind * h, girdle + fore * h] * 2)
-    # Nobody stands on a drawing board.
+    # Paws do not stand quite evenly.
     ahead += 0.04 * h * rng.uniform(-1.0, 1.0, 4)
     left = spread * build.half_track_m * np.array([1.0, 1.0, -1.0, -1.0])
     paw = np.stack(
@@ -107,20 +93,6 @@ def draw_playing(rng: np.random.Generator, build: QuadrupedBuild, path: Path) ->
 
     How fast it turns and hops is a guess; it shakes itself 4 to 5 times a second, small ones
     faster (Dickerson et al. 2012, recalled: the frequency goes with mass to the power -0.22).
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Everything random comes from it.
-    build : QuadrupedBuild
-        Sizes.
-    path : Path
-        Where.
-
-    Returns
-    -------
-    Romping
-        The action.
     """
     standing = draw_staying(rng, build, "play", path)
     u, h, lively = rng.random(6), build.hip_m, float(np.exp(rng.uniform(-0.7, 0.7)))
@@ -143,25 +115,10 @@ def draw_playing(rng: np.random.Generator, build: QuadrupedBuild, path: Path) ->
 def draw_jumping(
     rng: np.random.Generator, build: QuadrupedBuild, path: Path, species: Species
 ) -> tuple[Jumping, float]:
-    """Draw an animal that jumps onto something, stays, and jumps down on its other side.
+    """Draw one that jumps onto something, stays, and jumps down on its other side.
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Times, height and width come from it.
-    build : QuadrupedBuild
-        Sizes.
-    path : Path
-        It stands where this begins, and jumps along it.
-    species : Species
-        Says how high it jumps for its size.
-
-    Returns
-    -------
-    jumping : Jumping
-        The action.
-    end_s : float
-        When it stands on the floor again.
+    It stands where the path begins, and jumps along it. Also returns when it stands on the
+    floor again, in seconds.
     """
     standing = draw_staying(rng, build, "jump", path)
     h = build.hip_m

@@ -19,33 +19,19 @@ from x2radar.sim.points import Label, Points
 Array = NDArray[np.float64]
 
 STIFF_TO = 0.85
-"""Share of a leg's length up to which it alone reaches for the floor."""
+"""Share of a leg's length up to which it alone reaches for the floor (chosen)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stance:
-    """Where trunk and paws are at given times.
+    """Where trunk and paws are at given times."""
 
-    Attributes
-    ----------
-    middle_m : ndarray, shape (n_slow, 3), float64
-        Half-way between hip and shoulder.
-    heading_rad, pitch_rad : ndarray, shape (n_slow,), float64
-        Of the trunk; pitch is up at the shoulder.
-    paw_m : ndarray, shape (n_slow, 4, 3), float64
-        Soles, in the order of `LEGS`.
-    nod : ndarray, shape (n_slow,), float64
-        -1 to 1, once or twice a stride; 0 at rest.
-    turn_rad_s : ndarray, shape (n_slow,), float64
-        Turn rate; the head looks into the bend.
-    """
-
-    middle_m: Array
-    heading_rad: Array
-    pitch_rad: Array
-    paw_m: Array
-    nod: Array
-    turn_rad_s: Array
+    middle_m: Array  # (n_slow, 3): half-way between hip and shoulder
+    heading_rad: Array  # (n_slow,): of the trunk
+    pitch_rad: Array  # (n_slow,): up at the shoulder
+    paw_m: Array  # (n_slow, 4, 3): soles, in the order of `LEGS`
+    nod: Array  # (n_slow,): -1 to 1, once or twice a stride; 0 at rest
+    turn_rad_s: Array  # (n_slow,): turn rate; the head looks into the bend
 
 
 class Action(Protocol):
@@ -58,29 +44,13 @@ class Action(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Quadruped:
-    """A cat or a dog; see `Mover`.
+    """A four-legged animal; see `Mover`."""
 
-    Attributes
-    ----------
-    label : {'human', 'pet', 'other'}
-        What an alarm should take it for.
-    names : tuple of str
-        Its parts.
-    build : QuadrupedBuild
-        Its sizes.
-    action : Action
-        Where trunk and paws are.
-    manner : Manner
-        Head, tail and breathing.
-    rcs : SegmentRcs
-        Its cross sections.
-    """
-
-    label: Label
+    label: Label  # what an alarm should take it for
     names: tuple[str, ...]
     build: QuadrupedBuild
-    action: Action
-    manner: Manner
+    action: Action  # where trunk and paws are
+    manner: Manner  # head, tail and breathing
     rcs: SegmentRcs
 
     def at(self, t_s: Array, antenna_m: Array) -> Points:
@@ -106,25 +76,10 @@ def breath_m(manner: Manner, t_s: Array) -> Array:
 def posture(
     b: QuadrupedBuild, action: Action, manner: Manner, t_s: Array
 ) -> tuple[Array, Array, Array]:
-    """Return middles, axes and side vectors of all parts.
+    """Return middles, axes and side vectors of all parts at times of shape (n_slow,).
 
-    Parameters
-    ----------
-    b : QuadrupedBuild
-        Sizes.
-    action : Action
-        Where trunk and paws are.
-    manner : Manner
-        Head and tail.
-    t_s : ndarray, shape (n_slow,), float64
-        Times, in seconds.
-
-    Returns
-    -------
-    centre_m, axis : ndarray, shape (n_slow, n_parts, 3), float64
-        Middles in room coordinates, and unit vectors, in the order of `NAMES`.
-    side : ndarray, shape (n_slow, 1, 3), float64
-        Unit vectors to its left.
+    Middles in room coordinates and unit vectors along the parts are of shape (n_slow,
+    n_parts, 3), in the order of `NAMES`; unit vectors to the left of shape (n_slow, 1, 3).
     """
     s = action.at(t_s)
     frame = _Frame.of(s)

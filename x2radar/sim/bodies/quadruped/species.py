@@ -44,64 +44,32 @@ class Swing:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Species:
-    """How animals of one kind are built, how they go, and what they do.
+    """How animals of one kind are built, how they go, and what they do."""
 
-    Attributes
-    ----------
-    name, sentence : str
-        As scenes call it, and as people do.
-    mass_kg : callable
-        Draws a mass.
-    possible_kg : tuple of float
-        Masses that a scene may ask for.
-    tall : callable
-        Draws the hip's height over ``0.155 M^0.35`` m.
-    back, neck, head, tail, paw : tuple of float
-        Lengths, in hip heights; the back is from hip to shoulder.
-    leg : float
-        Length of a straight leg, in hip heights.
-    trunk_share : float
-        Share of the mass in the trunk, at the density of water: with the lengths, it makes
-        the cross sections.
-    stride : tuple of (float, float)
-        Factor and exponent of ``k h Fr^e`` at any gait, or at symmetric and asymmetric ones.
-    gaits : mapping of str to float
-        Rows of `gait.FOOTWORK`, each with the Froude number up to which it is the usual one.
-    styles : tuple of str
-        Keys of `pet.PET_STYLES`: what it does.
-    jump : tuple of float
-        Height of what it jumps onto, in hip heights.
-    neck_rad, rise_rad : tuple of float
-        How far neck and tail point up.
-    tail_moves : Wag or Swing
-        What the tail does.
-    breaths_per_min : tuple of float
-        At rest.
-    label : {'human', 'pet', 'other'}
-        What an alarm should take it for.
-    """
-
-    name: str
-    sentence: str
+    name: str  # as scenes call it
+    sentence: str  # for people
     mass_kg: Draw
-    possible_kg: Span
-    tall: Draw
-    back: Span
+    possible_kg: Span  # masses that a scene may ask for
+    tall: Draw  # draws the hip's height over ``0.155 M^0.35`` m
+    back: Span  # lengths, in hip heights; the back is from hip to shoulder
     neck: Span
     head: Span
     tail: Span
     paw: Span = (0.13, 0.18)
-    leg: float
+    leg: float  # length of a straight leg, in hip heights
+    # Of the mass, at the density of water: with the lengths it makes the cross sections.
     trunk_share: float = 0.55
+    # Factor and exponent of ``k h Fr^e`` at any gait, or at symmetric and asymmetric ones.
     stride: tuple[tuple[float, float], ...]
+    # Rows of `gait.FOOTWORK`, each with the Froude number up to which it is the usual one.
     gaits: Mapping[str, float]
-    styles: tuple[str, ...]
-    jump: Span
-    neck_rad: Band
-    rise_rad: Band
-    tail_moves: Wag | Swing
-    breaths_per_min: Span
-    label: Label = "pet"
+    styles: tuple[str, ...]  # keys of `pet.PET_STYLES`: what it does
+    jump: Span  # height of what it jumps onto, in hip heights
+    neck_rad: Band  # how far the neck points up
+    rise_rad: Band  # and the tail
+    tail_moves: Wag | Swing  # what the tail does
+    breaths_per_min: Span  # at rest
+    label: Label = "pet"  # what an alarm should take it for
 
 
 def _normal(mean: float, sigma: float, low: float, high: float) -> Draw:

@@ -14,9 +14,11 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+# Guesses: skin and cloth change within a step's time; docs/scenes.md has the coherence measured.
 SPREAD_DB = (2.0, 4.0)
 CORRELATION_S = (0.1, 0.5)
 _N_OSCILLATORS = 32
+"""Enough for a Gaussian correlation at both ends of `CORRELATION_S` (tests)."""
 _NEPER_PER_DB = np.log(10.0) / 10.0
 
 
@@ -25,43 +27,17 @@ class Fluctuation:
     """Power factors of several parts, each log-normal with mean 1.
 
     The correlation of the decibels falls as ``exp(-(lag / correlation_s)**2)``.
-
-    Attributes
-    ----------
-    spread_db : ndarray, shape (n_parts,), float64
-        Standard deviation of each part, in decibels.
-    correlation_s : ndarray, shape (n_parts,), float64
-        Lag at which the correlation has fallen to 1/e, in seconds.
-    omega_rad_s : ndarray, shape (n_oscillators,), float64
-        Frequencies, shared by all parts.
-    weight : ndarray, shape (2 * n_oscillators, n_parts), float64
-        Amplitude of each oscillator's cosine, then sine, in nepers of power.
-    offset : ndarray, shape (n_parts,), float64
-        Nepers that make the mean over time 1.
     """
 
-    spread_db: Array
-    correlation_s: Array
-    omega_rad_s: Array
-    weight: Array
-    offset: Array
+    spread_db: Array  # (n_parts,): standard deviation
+    correlation_s: Array  # (n_parts,): lag at which the correlation has fallen to 1/e
+    omega_rad_s: Array  # (n_oscillators,): frequencies, shared by all parts
+    weight: Array  # (2 * n_oscillators, n_parts): of cosines, then sines, in nepers of power
+    offset: Array  # (n_parts,): nepers that make the mean over time 1
 
     @classmethod
     def draw(cls, rng: np.random.Generator, n_parts: int) -> Self:
-        """Draw the fluctuation of `n_parts` parts.
-
-        Parameters
-        ----------
-        rng : numpy.random.Generator
-            Spreads, correlation times, frequencies and phases come from it.
-        n_parts : int
-            How many parts.
-
-        Returns
-        -------
-        Fluctuation
-            Spreads in `SPREAD_DB` and correlation times in `CORRELATION_S`, uniform.
-        """
+        """Draw it; spreads are even in `SPREAD_DB`, correlation times in `CORRELATION_S`."""
         spread_db = rng.uniform(*SPREAD_DB, n_parts)
         correlation_s = rng.uniform(*CORRELATION_S, n_parts)
         # A Gaussian correlation has a Gaussian spectrum of this width. The grid covers the
@@ -85,18 +61,7 @@ class Fluctuation:
         return cls(spread_db, correlation_s, omega, weight, offset)
 
     def at(self, t_s: Array) -> Array:
-        """Return the power factors at given times.
-
-        Parameters
-        ----------
-        t_s : ndarray, shape (n_slow,), float64
-            Times, in seconds.
-
-        Returns
-        -------
-        ndarray, shape (n_slow, n_parts), float64
-            Factors, positive, with mean 1 over long times; good to six digits.
-        """
+        """Return positive power factors, shape (n_slow, n_parts), good to six digits."""
         # Single precision is five times as fast and plenty for a power; but only after the
         # whole turns are gone, or an hour of them would leave no digits for the phase.
         turn = t_s[:, None] * (self.omega_rad_s / (2.0 * np.pi))

@@ -28,44 +28,33 @@ Array = NDArray[np.float64]
 TotalRcs = float | Literal["physical"] | None
 
 SKIN_REFLECTION = 0.54
+"""Of power, skin over muscle at 7 GHz (recalled)."""
 FLOOR = (0.05, 0.10)
+"""Least over broadside cross section: real parts are rough and bent (a guess)."""
 SHADOW_DB = (6.0, 15.0)
+"""What a trunk takes from a part behind it (a guess; creeping waves fill the rest)."""
 TOTAL_RCS_DBSM = (-15.0, 3.0)
+"""From a cat's to a large man's (recalled), the same for every body; see `draw_total_m2`."""
 LARGEST_HALF_M = 1.0
+"""No part of an animal is longer than 2 m (chosen)."""
 _NEPER_PER_DB = np.log(10.0) / 10.0
 _N_AZIMUTHS = 72
+"""5 degrees apart (chosen)."""
 _DEEPEST = 0.7
+"""Of the way to an antenna inside a part (chosen)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SegmentRcs:
-    """Cross sections of the parts of one body.
+    """Cross sections of the parts of one body."""
 
-    Attributes
-    ----------
-    half_m : ndarray, shape (n_segments, 3), float64
-        Half-lengths along the part's axis, across it to the side, and across both.
-    floor_m2 : ndarray, shape (n_segments,), float64
-        Least cross section of each, before `scale`.
-    shadow_db : ndarray, shape (n_segments,), float64
-        How much the trunk takes from a part right behind it.
-    trunk : int
-        Which part casts the shadow; it has none itself.
-    fluctuation : Fluctuation
-        Change over time.
-    scale : float
-        Factor on all cross sections.
-    n_trunk : int
-        So many parts, from `trunk` on, are one surface.
-    """
-
-    half_m: Array
-    floor_m2: Array
-    shadow_db: Array
-    trunk: int
-    fluctuation: Fluctuation
-    scale: float = 1.0
-    n_trunk: int = 1
+    half_m: Array  # (n_segments, 3): half-lengths along the part, to the side, across both
+    floor_m2: Array  # (n_segments,): least cross section, before `scale`
+    shadow_db: Array  # (n_segments,): how much the trunk takes from a part right behind it
+    trunk: int  # which part casts the shadow; it has none itself
+    fluctuation: Fluctuation  # change over time
+    scale: float = 1.0  # factor on all cross sections
+    n_trunk: int = 1  # so many parts, from `trunk` on, are one surface
 
     @classmethod
     def draw(
@@ -73,26 +62,9 @@ class SegmentRcs:
     ) -> Self:
         """Draw what is random about the echo of a body; its scale is the physical one.
 
-        Parameters
-        ----------
-        rng : numpy.random.Generator
-            Floors, shadow depths and the fluctuation come from it.
-        half_m : array_like, shape (n_segments, 3)
-            Half-lengths of the parts, in metres: along the axis, to the side, across both.
-        trunk : int, optional
-            Which part casts the shadow.
-        n_trunk : int, optional
-            How many parts, from that one on, are one surface.
-
-        Returns
-        -------
-        SegmentRcs
-            Floors 5 to 10 % of the broadside echo and shadows 6 to 15 dB deep, uniform.
-
-        Raises
-        ------
-        SceneError
-            If a half-length is not above zero and at most 1 m.
+        `half_m` is as the field; `trunk` is the part that casts the shadow, and so many parts from
+        it on are one surface. Floors and shadows are even in `FLOOR` and `SHADOW_DB`. Raises
+        SceneError if a half-length is not above zero and at most 1 m.
         """
         half = np.array(half_m, dtype=np.float64)
         if half.ndim != 2 or half.shape[1] != 3 or not -1 < trunk < len(half):
@@ -113,18 +85,15 @@ class SegmentRcs:
     ) -> Points:
         """Return the parts as the antenna sees them.
 
-        An ellipsoid echoes where its surface faces the antenna, nearer than its middle by
-        the root of ``a^2 l^2 + b^2 m^2 + c^2 n^2``: 10 to 20 cm at a person's trunk, 4 to
-        8 cm at the limbs.
+        An ellipsoid echoes where its surface faces the antenna, nearer than its middle by the root
+        of ``a^2 l^2 + b^2 m^2 + c^2 n^2``: 10 to 20 cm at a person's trunk, 4 to 8 cm at limbs.
 
         Parameters
         ----------
         t_s : ndarray, shape (n_slow,), float64
             Times, in seconds; they matter to the fluctuation alone.
-        centre_m : ndarray, shape (n_slow, n_segments, 3), float64
-            Middles of the parts, in room coordinates.
-        axis : ndarray, shape (n_slow, n_segments, 3), float64
-            Unit vectors along the parts.
+        centre_m, axis : ndarray, shape (n_slow, n_segments, 3), float64
+            Middles of the parts, in room coordinates, and unit vectors along them.
         side : ndarray, shape (n_slow, n_segments or 1, 3), float64
             Unit vectors square to the axes, to the body's left. Parts that are round about
             their axis do not care.
@@ -157,18 +126,10 @@ class SegmentRcs:
         return one_surface(points, parts, still, floor, antenna_m)
 
     def mean_total_m2(self, centre_m: Array, axis: Array, side: Array) -> float:
-        """Return the sum over all parts, averaged over aspect and over the given postures.
+        """Return the sum over all parts in square metres, averaged over aspect and postures.
 
-        Parameters
-        ----------
-        centre_m, axis, side : ndarray, shape (n_postures, n_segments, 3), float64
-            Postures, as in `at`.
-
-        Returns
-        -------
-        float
-            Square metres, seen level from far away, every azimuth weighing the same. The
-            fluctuation has mean 1 and does not change it.
+        Postures are of shape (n_postures, n_segments, 3), as in `points`. Seen level from far
+        away, every azimuth weighs the same; the fluctuation has mean 1 and changes nothing.
         """
         turn = np.arange(_N_AZIMUTHS) * (2.0 * np.pi / _N_AZIMUTHS)
         level = np.stack([np.cos(turn), np.sin(turn), np.zeros_like(turn)])
@@ -186,27 +147,12 @@ class SegmentRcs:
         axis: Array,
         side: Array,
     ) -> Self:
-        """Return the same body with another mean total cross section.
+        """Return the same body with another mean total cross section over given postures.
 
-        Parameters
-        ----------
-        rng : numpy.random.Generator
-            One number is drawn, used or not: the choice changes nothing drawn later.
-        total_rcs_dbsm : float, 'physical' or None
-            What `mean_total_m2` shall be, in decibels over a square metre; 'physical' leaves
-            what the ellipsoids give, None draws as `draw_total_m2` does.
-        centre_m, axis, side : ndarray, shape (n_postures, n_segments, 3), float64
-            Postures to average over, as in `at`.
-
-        Returns
-        -------
-        SegmentRcs
-            A copy with another `scale`.
-
-        Raises
-        ------
-        SceneError
-            If `total_rcs_dbsm` is a number outside -70 to 30.
+        `total_rcs_dbsm` is what `mean_total_m2` shall be, in decibels over a square metre;
+        'physical' leaves what the ellipsoids give, None draws as `draw_total_m2` does. One
+        number is drawn, used or not: the choice changes nothing drawn later. Raises SceneError
+        if it is outside -70 to 30.
         """
         total_m2 = draw_total_m2(rng)
         if total_rcs_dbsm == "physical":

@@ -19,6 +19,7 @@ BLEND_M = 0.011
 """Depth within which parts of the surface answer together: the first Fresnel zone is a quarter
 of a wavelength deep, 11 mm at 6.8 GHz."""
 _TINY = 1e-300
+"""For parts without an echo, which weigh nothing."""
 
 
 def one_surface(
@@ -30,25 +31,11 @@ def one_surface(
 ) -> Points:
     """Return points of a body with its trunk as one bright spot and weak places about it.
 
-    Parameters
-    ----------
-    points : Points
-        Every ellipsoid by itself, with `nearer_m`.
-    parts : slice
-        Those of the trunk; the first becomes the bright spot.
-    still_m2 : ndarray, shape (n_slow, n_points), float64
-        Cross sections without fluctuation: the spot must not wander when an echo glints.
-    floor_m2 : ndarray, shape (n_points,), float64
-        What roughness gives in any view; no more than this stays with the other parts.
-    antenna_m : ndarray, shape (3,), float64
-        Where the antenna is.
-
-    Returns
-    -------
-    Points
-        The same sum of cross sections at every time, middles as they were. The spot is so much
-        nearer than the first part's middle as the nearest surface is; where two are equally
-        near, between them.
+    `still_m2`, shape (n_slow, n_points), is without fluctuation: the spot must not wander when
+    an echo glints. `floor_m2`, shape (n_points,), is what roughness gives in any view; no more
+    stays with the other `parts`. The sum of cross sections is the same at every time. The spot,
+    at the first of the parts, is so much nearer than its middle as the nearest surface is;
+    where two are equally near, between them.
     """
     assert points.nearer_m is not None  # noqa: S101 - SegmentRcs gives it
     first = parts.start
