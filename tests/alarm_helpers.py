@@ -47,7 +47,7 @@ class NotifySocket:
         self.name = str(path)
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         self._socket.bind(f"\0{self.name[1:]}" if self.name.startswith("@") else self.name)
-        self._socket.settimeout(60)
+        self._socket.settimeout(180)
 
     def next(self):
         """Return the next message as a mapping."""
@@ -67,7 +67,7 @@ class NotifySocket:
             while True:
                 self._socket.recv(4096)
         except BlockingIOError:
-            self._socket.settimeout(60)
+            self._socket.settimeout(180)
 
     def silent_for(self, seconds, *, key="WATCHDOG"):
         """Return whether no message with `key` comes for so long."""
@@ -78,7 +78,7 @@ class NotifySocket:
         except TimeoutError:
             return True
         finally:
-            self._socket.settimeout(60)
+            self._socket.settimeout(180)
         return False
 
     def close(self):

@@ -8,7 +8,6 @@ import socket
 import ssl
 import subprocess
 import threading
-import time
 import warnings
 from pathlib import Path
 
@@ -18,6 +17,7 @@ from amqtt.broker import Broker as Amqtt
 from paho.mqtt.enums import CallbackAPIVersion
 
 from radard.config.sink_table import OutboxSection
+from tests.waiting import free_port, wait_for
 
 QUICK = OutboxSection(first_retry_s=0.02, longest_retry_s=0.05, attempts=3)
 USER, PASSWORD = "hall", "correct horse"
@@ -94,22 +94,6 @@ def hello(**changes) -> dict:
 def status(state: str, reason: str = "") -> dict:
     """A status record."""
     return {"type": "status", "state": state, "reason": reason}
-
-
-def wait_for(condition, timeout_s: float = 60.0):
-    """Return what `condition` returns once that is true; fail if it never is."""
-    end_s = time.monotonic() + timeout_s
-    while not (found := condition()):
-        assert time.monotonic() < end_s, "waited in vain"
-        time.sleep(0.004)
-    return found
-
-
-def free_port() -> int:
-    """A TCP port that nobody uses."""
-    with socket.socket() as sock:
-        sock.bind(("127.0.0.1", 0))
-        return sock.getsockname()[1]
 
 
 class MqttBroker:

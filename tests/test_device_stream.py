@@ -1,7 +1,6 @@
 """What X2Radar makes of losses, damage, stalls and restarts in mid-stream."""
 
 import time
-from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
@@ -19,6 +18,7 @@ from tests.device_helpers import (
     take,
     wire,
 )
+from tests.waiting import wait_for
 from x2radar.device.device import X2Radar
 from x2radar.device.transport import memory_pair
 from x2radar.errors import ReadTimeout, TransportClosed
@@ -81,7 +81,7 @@ def test_a_module_that_restarts_in_mid_stream_is_told_again_and_its_frames_marke
         n_told = len(far.commands)
         # It streams by itself, with settings that it has not been told yet.
         far.send(wire(*said) + raw(3))
-        in_thread(lambda: (wait_until(lambda: len(far.commands) > n_told + 10), far.send(raw(3))))
+        in_thread(lambda: (wait_for(lambda: len(far.commands) > n_told + 10), far.send(raw(3))))
         after = next(frames)
         assert Reset() not in far.commands[n_told:]
         assert far.commands[n_told] == SetMode(Mode.IDLE)
@@ -89,13 +89,6 @@ def test_a_module_that_restarts_in_mid_stream_is_told_again_and_its_frames_marke
         far.send(raw(4))
         assert (next(frames).index, radar.stats.restarts) == (3, 1)
     assert [f.restarted for f in before] == [False, False]
-
-
-def wait_until(happens: Callable[[], bool]) -> None:
-    until_s = time.monotonic() + 60
-    while not happens():
-        assert time.monotonic() < until_s
-        time.sleep(0.002)
 
 
 def test_a_simulated_module_that_reboots_again_and_again_streams_on() -> None:

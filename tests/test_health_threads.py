@@ -9,9 +9,9 @@ from radard.service.os_signals import Signals
 from radard.service.worker import Worker
 from radard.stream.source import LiveSource
 from tests.daemon_helpers import Gate, launcher
-from tests.sink_helpers import wait_for
+from tests.waiting import wait_for
 
-STALE_S = 0.6
+STALE_S = 1.5
 launch = pytest.fixture(launcher)
 WHERE = {
     "reader, waiting for the port": (Gate.before_each, LiveSource, "frames"),

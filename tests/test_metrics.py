@@ -6,7 +6,8 @@ from prometheus_client.parser import text_string_to_metric_families
 from radard.pipeline import Pipeline
 from radard.web.metrics import HELP, Metrics, exposition
 from tests.daemon_helpers import Gate, launcher
-from tests.sink_helpers import decision, event, free_port, hello, wait_for
+from tests.sink_helpers import decision, event, hello
+from tests.waiting import free_port, wait_for
 from tests.web_helpers import ask, wait
 
 launch = pytest.fixture(launcher)
@@ -66,7 +67,7 @@ def test_all_of_them_are_fed(scraped):
     wait_for(lambda: ("radard_events_total", ("kind", "alarm"), ("phase", "new")) in scraped())
 
 
-@pytest.mark.parametrize("scraped", [0.6], indirect=True, ids=["soon stale"])
+@pytest.mark.parametrize("scraped", [1.5], indirect=True, ids=["soon stale"])
 def test_a_daemon_that_decides_nothing_is_not_up(scraped, monkeypatch):
     gate = Gate()
     gate.before(monkeypatch, Pipeline, "decide")

@@ -8,7 +8,8 @@ from radard.config.config import load_config
 from radard.health.health import Health
 from radard.outputs.fanout import Host, Outputs
 from radard.sinks.store_query import read_events
-from tests.sink_helpers import WebServer, event, hello, ulid, wait_for
+from tests.sink_helpers import WebServer, event, hello, ulid
+from tests.waiting import wait_for
 
 
 @pytest.fixture

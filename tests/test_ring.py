@@ -26,7 +26,7 @@ def dwells(ring, frames):
     thread = threading.Thread(target=push)
     thread.start()
     out = []
-    while (item := ring.take(5)) is not None:
+    while (item := ring.take(60)) is not None:
         out.append(replace(item, frames=item.frames.copy()) if isinstance(item, Dwell) else item)
     thread.join()
     return out
@@ -103,6 +103,23 @@ def test_a_long_gap_gives_its_invalid_dwells():
     assert [round(d.t_s, 2) for d in got] == [2.45 + k for k in range(15)]
     assert got[5].n_lost == 147
     assert got[-1].is_whole
+
+
+def test_in_one_thread_a_long_gap_gives_the_same_dwells():
+    frames = [replace(f, lost=700 * (f.index == 200)) for f in frames_of(noise(400))]
+    alone, ring = [], copy_ring(147, 60)
+
+    def both():
+        for frame in frames:
+            alone.extend((item.t_s, item.n_lost) for item in ring.items(frame))
+
+    # On a thread that ends with the process: it must not wait for itself.
+    thread = threading.Thread(target=both, daemon=True)
+    thread.start()
+    thread.join(60)
+    assert not thread.is_alive()
+    assert alone == [(item.t_s, item.n_lost) for item in dwells(copy_ring(147, 60), frames)]
+    assert max(n_lost for _, n_lost in alone) == 147
 
 
 def test_restart_begins_a_new_dwell_and_says_so():

@@ -11,7 +11,8 @@ from radard.detect.calibration import Provenance, load_calibration
 from radard.service.room_calibration import RoomCalibration, can_calibrate, kept_calibration
 from tests.daemon_helpers import launcher
 from tests.radar_helpers import dwell_of, noise
-from tests.sink_helpers import Listener, MqttBroker, free_port, wait_for
+from tests.sink_helpers import Listener, MqttBroker
+from tests.waiting import free_port, wait_for
 from tests.web_helpers import ask, wait
 
 pytestmark = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")

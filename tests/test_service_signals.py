@@ -16,7 +16,7 @@ from radard.errors import ConfigError
 from tests.alarm_helpers import NotifySocket
 from tests.daemon_helpers import launcher
 from tests.radar_helpers import python
-from tests.sink_helpers import wait_for
+from tests.waiting import wait_for
 from x2radar.device.transport import PtyTransport
 from x2radar.sim.module.host import serve
 from x2radar.sim.module.module import SimulatedModule

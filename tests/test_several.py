@@ -18,7 +18,8 @@ from radard.pipeline import Pipeline
 from radard.stream.source import LiveSource
 from tests.daemon_helpers import Gate, launcher
 from tests.radar_helpers import python, run_radard, stable
-from tests.sink_helpers import Listener, MqttBroker, free_port, wait_for
+from tests.sink_helpers import Listener, MqttBroker
+from tests.waiting import free_port, wait_for
 from tests.web_helpers import ask, wait
 from x2radar.device.transport import PtyTransport
 from x2radar.sim.module.host import serve
@@ -143,7 +144,7 @@ def test_a_thread_of_one_that_stands_still_stops_the_notification(tmp_path, monk
 
     monkeypatch.setattr(Pipeline, "decide", decide)
     sensors = {"hall": {"port": "sim:empty"}, "attic": {"port": "sim:dog"}}
-    daemon = launch(stale_s=0.6, sensors=sensors)
+    daemon = launch(stale_s=1.5, sensors=sensors)
     try:
         daemon.far.wait_for("READY")
         gate.shut()

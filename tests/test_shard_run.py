@@ -5,13 +5,13 @@ import os
 import signal
 import subprocess
 import sys
-import time
 
 import numpy as np
 import pytest
 
 from radard.errors import UsageError
 from tests.shard_helpers import Draws
+from tests.waiting import wait_for
 from x2train.commands import counted
 from x2train.generate.shard_run import ElementError, make_shards
 from x2train.generate.workers import GenerateError
@@ -187,13 +187,6 @@ def test_ctrl_c_ends_cleanly_and_the_run_goes_on(tmp_path, alone):
     make(tmp_path / "set", draws)
     assert min(draws.made()[0]) == 20
     assert checksums(tmp_path / "set") == alone
-
-
-def wait_for(condition):
-    deadline_s = time.monotonic() + 60
-    while not condition():
-        assert time.monotonic() < deadline_s
-        time.sleep(0.01)
 
 
 @pytest.fixture(scope="module")

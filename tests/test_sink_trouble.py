@@ -14,7 +14,8 @@ from radard.sinks.store import StoreSink
 from radard.sinks.webhook import WebhookSink
 from radard.stream.source import LiveSource
 from tests.daemon_helpers import Gate, launcher
-from tests.sink_helpers import Listener, MqttBroker, WebServer, free_port, wait_for
+from tests.sink_helpers import Listener, MqttBroker, WebServer
+from tests.waiting import free_port, wait_for
 
 pytestmark = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 launch = pytest.fixture(launcher)
@@ -143,7 +144,7 @@ def test_a_radar_that_stands_still_is_offline_on_the_broker(
     broker = MqttBroker(tmp_path)
     listener = Listener(broker.port, "radard/radar/#")
     url = f"mqtt://127.0.0.1:{broker.port}"
-    daemon = launch(stale_s=0.6, output=[url], outbox=OUTBOX)
+    daemon = launch(stale_s=1.5, output=[url], outbox=OUTBOX)
     try:
         wait_for(lambda: listener.on("radard/radar/availability")[-1:] == [b"online"])
         gate.shut()

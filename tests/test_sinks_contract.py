@@ -20,11 +20,10 @@ from tests.sink_helpers import (
     WebServer,
     decision,
     event,
-    free_port,
     hello,
     ulid,
-    wait_for,
 )
+from tests.waiting import free_port, wait_for
 
 OPTIONS = SinkOptions(outbox=QUICK, mqtt=MqttSection(keepalive_s=1, discovery="off"))
 

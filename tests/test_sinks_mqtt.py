@@ -24,8 +24,8 @@ from tests.sink_helpers import (
     make_cert,
     status,
     ulid,
-    wait_for,
 )
+from tests.waiting import wait_for
 
 BASE = "radard/hall"
 # paho leaves the socket of a failed handshake to the collector, amqtt those of its clients.

@@ -11,18 +11,8 @@ from radard.errors import ConfigError, OutputError, UsageError
 from radard.sinks import open_output
 from radard.sinks.base import SinkContext
 from radard.sinks.webhook import sign
-from tests.sink_helpers import (
-    QUICK,
-    WebServer,
-    decision,
-    event,
-    free_port,
-    hello,
-    make_cert,
-    status,
-    ulid,
-    wait_for,
-)
+from tests.sink_helpers import QUICK, WebServer, decision, event, hello, make_cert, status, ulid
+from tests.waiting import free_port, wait_for
 
 
 @pytest.fixture

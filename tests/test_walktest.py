@@ -135,16 +135,26 @@ def test_command_logs_and_reports(capsys):
 
 
 def test_interrupt_ends_the_walk_with_its_report():
-    command = [sys.executable, "-m", "radard.cli", "walktest", "--port", "sim:human?seed=1"]
+    command = [
+        sys.executable,
+        "-m",
+        "tests.busy_machine",
+        "walktest",
+        "--port",
+        "sim:human?seed=1",
+    ]
     with subprocess.Popen(
         [*command, "--speed", "8", "--model", "none"],
         stdout=subprocess.PIPE,
         text=True,
         env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
     ) as running:
-        first = [running.stdout.readline() for _ in range(4)]
-        running.send_signal(signal.SIGINT)
-        rest = running.communicate(timeout=60)[0]
+        try:
+            first = [running.stdout.readline() for _ in range(4)]
+            running.send_signal(signal.SIGINT)
+            rest = running.communicate(timeout=60)[0]
+        finally:
+            running.kill()
     assert running.returncode == 0
     assert all(" dB " in line for line in first)
     assert "range           seen" in rest or "nothing was seen" in rest

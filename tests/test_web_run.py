@@ -11,7 +11,8 @@ import pytest
 from radard.web.spectrograms import COLUMN_RATE_HZ
 from tests.alarm_helpers import write_recording
 from tests.radar_helpers import noise, run_radard, stable
-from tests.web_helpers import Client, Running, free_port, wait
+from tests.waiting import free_port
+from tests.web_helpers import Client, Running, wait
 
 
 @pytest.fixture

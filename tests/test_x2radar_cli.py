@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.waiting import wait_for
 from x2radar.cli import main
 from x2radar.command import installed_version, run_command
 from x2radar.device.device import X2Radar
@@ -325,11 +326,7 @@ def test_a_recording_ends_with_sigint_and_is_whole(tmp_path):
     )
     try:
         # A second of frames is on the disk.
-        for _ in range(200):
-            if path.exists() and path.stat().st_size > 100_000:
-                break
-            with pytest.raises(subprocess.TimeoutExpired):
-                process.wait(0.05)
+        wait_for(lambda: path.exists() and path.stat().st_size > 100_000)
         process.send_signal(signal.SIGINT)
         out, err = process.communicate(timeout=60)
     finally:

@@ -7,21 +7,15 @@ import os
 import socket
 import subprocess
 import sys
-import time
 from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import urlsplit
 
 from websockets.sync.client import connect
 
+from tests.waiting import free_port, wait_for
+
 HEADERS = {"Content-Type": "application/json", "X-Radard": "1"}
-
-
-def free_port():
-    """A port that nobody listens on."""
-    with socket.socket() as sock:
-        sock.bind(("127.0.0.1", 0))
-        return sock.getsockname()[1]
 
 
 def decision(seq=1, t_s=2.45, **changes):
@@ -119,7 +113,7 @@ class Running:
         sent = HEADERS if headers is None else headers
         return ask(self.base + path, data=json.dumps(body).encode(), headers=sent)
 
-    def wait(self, what, timeout_s=60.0):
+    def wait(self, what, timeout_s=180.0):
         """Return what `what()` returns once that is true; a refused connection is false."""
         return wait(what, timeout_s, lambda: self.log)
 
@@ -141,16 +135,14 @@ class Running:
         return code
 
 
-def wait(what, timeout_s=60.0, explain=lambda: ""):
-    """Return what `what()` returns once that is true."""
-    end_s = time.monotonic() + timeout_s
-    while time.monotonic() < end_s:
+def wait(what, timeout_s=180.0, explain=lambda: ""):
+    """Return what `what()` returns once that is true; a refused connection is false."""
+
+    def found():
         with contextlib.suppress(OSError):
-            if found := what():
-                return found
-        time.sleep(0.05)
-    msg = f"it did not come to that in time: {explain()}"
-    raise AssertionError(msg)
+            return what()
+
+    return wait_for(found, timeout_s, explain)
 
 
 def ask(url, *, data=None, headers=None):

@@ -153,13 +153,7 @@ def _pipeline(heard: _Heard, config: Config, classifier: Classifier | None) -> P
 def _dwells(pipeline: Pipeline, heard: _Heard) -> Iterator[Dwell]:
     ring = pipeline.make_ring()
     for frame in heard.frames:
-        ring.push(frame)
-        try:
-            item = ring.take(0)
-        except TimeoutError:
-            continue
-        if isinstance(item, Dwell):
-            yield item
+        yield from (item for item in ring.items(frame) if isinstance(item, Dwell))
 
 
 def _decode(heard: _Heard) -> None:

@@ -10,7 +10,7 @@ from radard.config.config import Config, load_config
 from radard.errors import UsageError
 from radard.pipeline import Pipeline
 from radard.service.components import classifier_for, make_classifier
-from radard.stream.ring import Dwell, FrameRing, Notice
+from radard.stream.ring import Dwell, Notice
 from radard.stream.source import FrameSource, open_source
 
 LONGEST_S = 86_400.0  # a day; chosen
@@ -38,9 +38,7 @@ class Listening:
                 return
             if at_s < skip_s:
                 continue
-            ring.push(frame)
-            while (item := _ready(ring)) is not None:
-                yield item
+            yield from ring.items(frame)
 
 
 @contextmanager
@@ -96,10 +94,3 @@ def listening_config(args: argparse.Namespace, default_port: str | None = None) 
         own = config.sensor.model_copy(update={"port": config.sensor.port or default_port})
         return config.model_copy(update={"sensor": own, "sensors": {}})
     return config.of_sensor(args.sensor)
-
-
-def _ready(ring: FrameRing) -> Dwell | Notice | None:
-    try:
-        return ring.take(0)
-    except TimeoutError:
-        return None

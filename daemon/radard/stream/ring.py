@@ -8,8 +8,8 @@ writer waits before it would overwrite a row that a waiting dwell still needs.
 
 import threading
 from collections import deque
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -184,6 +184,25 @@ class FrameRing:
         self._index = frame.index
         self._timing.note(self._taken + 1, frame.t_mono_s)
         return self._add(frame.samples, frame.t_mono_s)
+
+    def items(self, frame: Frame) -> Iterator[Dwell | Notice]:
+        """Push a frame and yield what it completes, where reader and worker are one thread.
+
+        `push` would wait for its own thread when so many frames were lost that dwells ended.
+        """
+        if frame.lost and self._taken and not frame.restarted:
+            for _ in range(frame.lost):
+                self._index += 1
+                self._add(None, 0.0)
+                yield from self._completed()
+            frame = replace(frame, lost=0)
+        self.push(frame)
+        yield from self._completed()
+
+    def _completed(self) -> Iterator[Dwell | Notice]:
+        while self._queue:
+            if (item := self.take(0)) is not None:
+                yield item
 
     def post(self, kind: str, reason: str) -> None:
         """Queue a notice for the worker."""

@@ -1,0 +1,27 @@
+"""Wait for what happens, however slow the machine; ports for servers of tests run in parallel."""
+
+import random
+import socket
+import time
+
+
+def wait_for(condition, timeout_s=180.0, explain=lambda: ""):
+    """Return what `condition` returns once that is true; fail if it never is."""
+    end_s = time.monotonic() + timeout_s
+    while not (found := condition()):
+        assert time.monotonic() < end_s, f"waited in vain: {explain()}"
+        time.sleep(0.004)
+    return found
+
+
+def free_port():
+    """Return a TCP port that nobody uses, below those that the system hands out by itself."""
+    draw = random.SystemRandom()
+    while True:
+        port = draw.randrange(10_000, 32_000)
+        with socket.socket() as sock:
+            try:
+                sock.bind(("127.0.0.1", port))
+            except OSError:
+                continue
+            return port
