@@ -24,6 +24,7 @@ ERROR_DB = -60.0
 _UNSEEN = 0.1
 """Echoes under this share of a bin's noise are not made (chosen)."""
 _NOISE, _ROOM = 0x4E01, 0x2001
+"""Of generators, beside the seed: any numbers will do, but they must stay as they are."""
 
 
 class EchoStream:

@@ -23,6 +23,7 @@ Array = NDArray[np.float64]
 _LONGEST_LOOK_S = 60.0
 """How long `check_swath` follows a body (chosen)."""
 _BACKGROUND, _MOUNT, _TAIL, _STEP = 0xBAC0, 0x3071, 0x7A11, 0x57E9
+"""Of generators, as in `module.stream`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -16,6 +16,7 @@ from x2radar.sim.bodies.person.doing import REST, Doing, within_reach
 Array = NDArray[np.float64]
 
 _BEAT_HZ = (0.4, 1.6)
+"""See above."""
 # How uneven the beat is; middle and span of the hands, in lengths of the arm: chosen by eye.
 _DRIFT_RAD = 0.8
 _MIDDLE = np.array([0.50, 0.25, -0.20])

@@ -40,6 +40,7 @@ _FASTEST_RUN_MPS = 8.0
 """Sprints of amateurs (recalled)."""
 _QUICKER: Mapping[Age, float] = {"adult": 1.0, "child": 1.1, "toddler": 1.35}
 """Cadence against that of an adult of the same leg length and speed (recalled)."""
+# Half-lengths in metres, chosen.
 _CARRIED = {"carry": ("box", (0.2, 0.18, 0.15)), "carry_pet": ("pet", (0.2, 0.08, 0.08))}
 
 
