@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from x2train.studies.thesis.own import MapNet, OwnSettings, own_jobs, predict_maps, train_maps
+from x2train.studies.thesis.own import OwnSettings, TwoMapNet, own_jobs, predict_maps, train_maps
 from x2train.studies.thesis.recipe import Recipe, wanted_cells
 
 QUICK = OwnSettings(channels=(2, 4, 4), hidden=8, epochs=4, batch=20, learning_rate=0.01)
@@ -55,7 +55,7 @@ def test_same_seed_same_network_and_torchs_generator_left_alone():
 
 def test_either_map_alone_decides_something():
     shapes = {"mu": (28, 40), "range_time": (56, 40)}
-    net = MapNet(shapes, QUICK).eval()
+    net = TwoMapNet(shapes, QUICK).eval()
     some = {name: torch.rand(2, 1, *shape) for name, shape in shapes.items()}
     base = net(some)
     for name in shapes:

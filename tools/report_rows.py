@@ -88,7 +88,7 @@ def rows(folder: Path) -> Iterator[tuple[str, ...]]:
 
 
 def asked(description: str) -> list[Path]:
-    """Return the folders of the command line; whoever names one without a report is told."""
+    """Return the folders of the command line; one without a report is an error."""
     parser = argparse.ArgumentParser(description=description)
     parser.add_argument("folders", type=Path, nargs="+", metavar="DIR")
     folders: list[Path] = parser.parse_args().folders

@@ -23,72 +23,38 @@ from radard.errors import RadardError
 from x2train.bundles.recipes import recipe_of
 from x2train.generate.shards import write_whole
 
-PARITY = 1e-5
+PARITY = 1e-5  # most that torch and onnxruntime may differ: single precision
 _NOTES = """Measured on windows that training never saw, drawn from the same simulated bodies. They
 say nothing about real people and pets."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BundleSpec:
-    """What the sidecar and the card say beside the network.
-
-    Attributes
-    ----------
-    name : str
-        Name of the bundle.
-    inputs : tuple of ModelInput
-        What goes in, in the order in which the network takes it.
-    settings : FeatureSettings
-        How it is made.
-    stream : dict of str to (float, float)
-        Ranges of streams it was made for.
-    classes : tuple of str
-        Order of the outputs.
-    temperature : float
-        Logits are divided by it.
-    training : dict
-        Recipe, command and seed.
-    metrics : dict
-        Measured on data that training never saw.
-    policy : str
-        'window' or 'fused'.
-    evidence : dict
-        How windows are fused, for 'fused'.
-    gate : mapping
-        Settings of the gate that chose the windows to train on; empty where not known.
-    notes : str
-        For the card: what the figures mean, and what they do not.
-    pet_limit : float
-        The alarm stays off only above this probability of pet and other together.
-    n_hidden : int
-        Values that a temporal head hands itself from window to window; 0 without one.
-    """
+    """What the sidecar and the card say beside the network."""
 
     name: str
-    inputs: tuple[ModelInput, ...]
+    inputs: tuple[ModelInput, ...]  # what goes in, in the order in which the network takes it
     settings: FeatureSettings
-    stream: dict[str, tuple[float, float]]
-    classes: tuple[str, ...]
-    temperature: float
-    training: dict[str, Any]
-    metrics: dict[str, Any]
-    policy: str = "window"
-    evidence: dict[str, float] = field(default_factory=dict)
+    stream: dict[str, tuple[float, float]]  # ranges of streams it was made for
+    classes: tuple[str, ...]  # order of the outputs
+    temperature: float  # logits are divided by it
+    training: dict[str, Any]  # recipe, command and seed
+    metrics: dict[str, Any]  # measured on data that training never saw
+    policy: str = "window"  # 'window' or 'fused'
+    evidence: dict[str, float] = field(default_factory=dict)  # how windows are fused, for 'fused'
+    # settings of the gate that chose the windows to train on; empty where not known
     gate: Mapping[str, float] = field(default_factory=dict)
-    notes: str = ""
+    notes: str = ""  # for the card: what the figures mean, and what they do not
+    # the alarm stays off only above this probability of pet and other together
     pet_limit: float = 0.8
+    # values that a temporal head hands itself from window to window; 0 without one
     n_hidden: int = 0
 
 
 def spec_like(base: Bundle, **own: Any) -> BundleSpec:
-    """Return the spec of a bundle made from another; what is not given is that of the other.
+    """Return the spec of a bundle made from another: what `own` does not give is the other's.
 
-    Parameters
-    ----------
-    base : Bundle
-        The other.
-    own : object
-        Values of `BundleSpec`; name, training and metrics are needed.
+    Of `own`, values of `BundleSpec`, name, training and metrics are needed.
     """
     same: dict[str, Any] = {
         "inputs": base.inputs,

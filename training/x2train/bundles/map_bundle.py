@@ -17,8 +17,8 @@ from x2train.nets.evidence_fit import fit_evidence, fused, log_loss, sequences
 from x2train.nets.map_fit import INPUTS, Arrays, MapTrained, logits_of
 from x2train.nets.nets import n_parameters
 from x2train.report.ranking import Ranking
+from x2train.report.verdicts import PET_LIMIT
 
-PET_LIMIT = 0.8
 TRUST = 2 / 3
 """Share of the discount that fits families of training with which a bundle is shipped. A twin
 counts windows of families that it had not seen 0.3 and those of its own 0.6: evidence of
@@ -27,7 +27,7 @@ HUMAN_LIMIT = 0.65
 PRIOR_HUMAN = {"fast": 0.0, "balanced": 0.25, "accurate": 0.25}
 """How policies that sum lean towards the alarm, by size of the network. Chosen on 1600 passages
 that neither training nor docs/evaluation.md uses."""
-_N_SAMPLE = 256
+_N_SAMPLE = 256  # windows that torch and onnxruntime are compared on: chosen
 NOTES = (
     "Measured on windows of passages that training never saw: new draws of the families it "
     "was trained on. What it does on bodies, rooms and radars that it was not trained on is in "
@@ -61,22 +61,10 @@ def map_metrics(
 ) -> tuple[EvidenceSettings, Mapping[str, float]]:
     """Return how evidence is best fused, and what windows and fused values achieve.
 
-    Parameters
-    ----------
-    trained : MapTrained
-        The network.
-    validation : mapping
-        Windows of passages that training never saw, in order within each.
-    prior_human : float, optional
-        How far the policy leans, in nats; of `PRIOR_HUMAN`.
-
-    Returns
-    -------
-    EvidenceSettings
-        With `TRUST` times the discount of the lowest log loss, leaning to the alarm. The log loss
-        in the metrics is that of the best discount and leans nowhere.
-    mapping of str to float
-        Rounded to four digits; what the windows cannot tell is left out.
+    `validation` are windows of passages that training never saw, in order within each;
+    `prior_human` is how far the policy leans, in nats, of `PRIOR_HUMAN`. The settings have `TRUST`
+    times the discount of the lowest log loss; the log loss in the metrics is that of the best
+    discount, without a prior. Metrics have four digits; what the windows cannot tell is left out.
 
     Raises
     ------
@@ -152,10 +140,7 @@ def write_map_bundle(
 ) -> None:
     """Export a network and write its bundle; see `BundleSpec` for what the values mean.
 
-    Raises
-    ------
-    RadardError
-        If onnxruntime and torch do not agree on a sample of windows.
+    Raises RadardError if onnxruntime and torch do not agree on a sample of windows.
     """
     onnx_bytes = to_onnx(trained.net, inputs)
     x: dict[str, NDArray[np.float32]] = {

@@ -20,12 +20,7 @@ _Key = TypeVar("_Key")
 def window_ms(nets: Mapping[_Key, tuple[bytes, Feed]], calls: int) -> dict[_Key, float]:
     """Return the CPU time of a window on one thread, in milliseconds, of networks in turn.
 
-    Parameters
-    ----------
-    nets : mapping of any key to (bytes, mapping of str to ndarray)
-        Networks, and what each is given.
-    calls : int
-        How often; the median counts.
+    Networks come with what each is given; the median of `calls` counts.
     """
     options = ort.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
@@ -45,20 +40,10 @@ def window_ms(nets: Mapping[_Key, tuple[bytes, Feed]], calls: int) -> dict[_Key,
 def quantised(onnx_bytes: bytes, rows: Sequence[Feed]) -> bytes:
     """Return a network with weights and activations in int8, weights by channel.
 
-    Weights use seven of their eight bits: without dot-product instructions (VNNI) onnxruntime
-    adds pairs of products in 16 bits, where 255 x 127 x 2 saturates and 255 x 64 x 2 does not.
-
-    Parameters
-    ----------
-    onnx_bytes : bytes
-        A bundle's network.
-    rows : sequence of mapping of str to ndarray, shape (1, ...), float32
-        What it may be given; ranges of activations are those that these bring about.
-
-    Returns
-    -------
-    bytes
-        The network, quantised statically (QDQ), with the same inputs and outputs.
+    Ranges of activations are those that `rows` bring about: what it may be given, each of shape
+    (1, ...), float32. Quantised statically (QDQ), with the same inputs and outputs. Weights use
+    seven of their eight bits: without dot-product instructions (VNNI) onnxruntime adds pairs of
+    products in 16 bits, where 255 x 127 x 2 saturates and 255 x 64 x 2 does not.
     """
     # It imports onnxruntime: only after `radard.classify.onnx_runtime` has done so.
     from onnxruntime.quantization import (  # noqa: PLC0415, TID251

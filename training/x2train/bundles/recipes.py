@@ -60,15 +60,9 @@ _ALONE = "--seed 0 --half --compile"
 
 @dataclass(frozen=True, slots=True)
 class Recipe:
-    """How a bundle is made.
+    """How a bundle is made."""
 
-    Attributes
-    ----------
-    commands : tuple of str
-        Of `train-export`, behind its sets, as the bundle's card has them.
-    """
-
-    commands: tuple[str, ...]
+    commands: tuple[str, ...]  # of `train-export`, behind its sets, as the bundle's card has them
 
     @property
     def command(self) -> str:
@@ -109,21 +103,8 @@ def arguments(
 ) -> list[list[str]]:
     """Return the arguments of every command of a recipe, its sets before each.
 
-    Parameters
-    ----------
-    name : str
-        In `RECIPES`.
-    share : float
-        Of the passages; less than 1 is for trying, and makes sets in a folder of their own.
-    workers : int
-        Processes that make sets.
-    models : Path
-        Folder of the bundles.
-
-    Returns
-    -------
-    list of list of str
-        Each as `train-export` takes it.
+    `share` is of the passages: less than 1 is for trying, and makes sets in a folder of their own.
+    `workers` processes make sets; `models` is the folder of the bundles.
     """
     folder = "sets" if share == 1 else f"sets-{share:g}"
     made: dict[str, list[str]] = {}

@@ -29,9 +29,9 @@ from x2train.nets.evidence_fit import fused as summed
 from x2train.nets.temporal_head import Given, HeadTrained, logits_over
 from x2train.windows.window_set import Columns, check_made_for, load_windows
 
-_N_SAMPLE = 512
+_N_SAMPLE = 512  # windows that torch and onnxruntime are compared on: chosen
 _RECIPE = (
-    " A temporal head (GRU) follows whoever is there from window to window. Families kept out of "
+    " A temporal head (GRU) integrates evidence over successive windows. Families kept out of "
     "its training: {kept_out}."
 )
 
@@ -48,14 +48,8 @@ class Sets:
 def given_of_sets(bundle: Bundle, folders: Sequence[Path]) -> tuple[Sets, list[Mapping[str, Any]]]:
     """Return what a bundle's last layer is given of sets, and what each was made from.
 
-    One set after the other, so that the maps of one at a time are in memory.
-
-    Raises
-    ------
-    RecordingError
-        If a set is missing, unreadable or damaged.
-    UsageError
-        If a set's maps are not those that the bundle takes.
+    One set after the other, so that the maps of one at a time are in memory. Raises RecordingError
+    if a set is missing or damaged, UsageError if its maps are not those that the bundle takes.
     """
     network = with_given(bundle.onnx)
     made: list[Given] = []
@@ -97,14 +91,10 @@ def write_temporal(
         Where, and under which name.
     model : str
         Name or path of the bundle that it was made from.
-    trained : HeadTrained
-        The head.
-    validation : Sets
-        Of passages that training never saw.
-    abouts : sequence of mapping
-        What the sets to train on were made from.
-    command : str
-        For the card; that of the base goes before it.
+    trained, validation : HeadTrained and Sets
+        The head, and passages that training never saw.
+    abouts, command : sequence of mapping, and str
+        What the sets to train on were made from; for the card, behind the base's command.
 
     Raises
     ------
@@ -141,7 +131,7 @@ def write_temporal(
         },
         metrics={**metrics, "logit difference torch - onnxruntime": float(f"{difference:.1e}")},
         policy="fused",
-        # What the head says is taken at its word: it leans nowhere.
+        # No prior is added to the head's posterior.
         evidence={"human_limit": HUMAN_LIMIT},
         gate=gate_of(abouts),
         notes=NOTES,

@@ -28,10 +28,7 @@ GIVEN = f"{_P}given"
 def with_given(onnx_bytes: bytes) -> bytes:
     """Return the network with what its last layer is given as an output, `GIVEN`.
 
-    Raises
-    ------
-    UsageError
-        If it does not end in a linear layer, or has a temporal head already.
+    Raises UsageError if it does not end in a linear layer, or has a temporal head already.
     """
     model = onnx.load_from_string(onnx_bytes)
     _check(model)
@@ -42,19 +39,9 @@ def with_given(onnx_bytes: bytes) -> bytes:
 
 
 def with_head(onnx_bytes: bytes, trained: HeadTrained) -> bytes:
-    """Return the network with a temporal head.
+    """Return a bundle's network with a temporal head; raises UsageError as `with_given`.
 
-    Parameters
-    ----------
-    onnx_bytes : bytes
-        A bundle's network, without one.
-    trained : HeadTrained
-        What standardises is taken into the projection, the temperature into the last layer.
-
-    Raises
-    ------
-    UsageError
-        As for `with_given`.
+    What standardises is taken into the projection, the temperature into the last layer.
     """
     model = onnx.load_from_string(onnx_bytes)
     _check(model)

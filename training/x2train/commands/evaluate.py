@@ -13,7 +13,7 @@ from radard.errors import UsageError
 from x2train.commands import Commands, check_least, counted, result_console, tell_gate
 from x2train.generate.shards import MANIFEST
 
-_MOST_PET_HOURS = 10_000.0
+_MOST_PET_HOURS = 10_000.0  # chosen: weeks of simulation
 
 
 def register(commands: Commands) -> None:

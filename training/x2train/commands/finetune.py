@@ -11,7 +11,7 @@ from radard.config.sections import AUTO_MODEL
 from radard.errors import UsageError
 from x2train.commands import Commands, followed, result_console, sets_of
 
-_MOST_EPOCHS = 20
+_MOST_EPOCHS = 20  # chosen: a minute or two each
 
 
 def register(commands: Commands) -> None:

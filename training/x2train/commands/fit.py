@@ -126,7 +126,7 @@ def _run(args: argparse.Namespace) -> int:
     )
     trained = followed(fit_maps(train, validation, settings, taught), args.epochs)
     inputs = tuple(ModelInput(name, feature_shape(name, features), name) for name in INPUTS)
-    # What a teacher has seen is not asked: it may be anything.
+    # The teacher's training sets are not checked: they may hold any family.
     held_out = kept_out_of(abouts) if teacher is None else "none"
     training: dict[str, Any] = {
         "recipe": _RECIPE.format(held_out=held_out),

@@ -31,22 +31,9 @@ def write_finetuned(
     command: str,
     seed: int,
 ) -> Mapping[str, float]:
-    """Write the bundle; return its metrics.
+    """Write the bundle made from `base`; return its metrics.
 
-    Parameters
-    ----------
-    folder, name : Path and str
-        Where, and under which name.
-    base : Bundle
-        What it was made from.
-    tuned : Tuned
-        The result.
-    own : sequence of OwnWindows
-        Own clips; the card names their files and hashes, never folders.
-    guard : Guard
-        All of it.
-    command, seed : str and int
-        For the card.
+    The card names the files of own clips and their hashes, never folders.
     """
     metrics = _metrics(tuned, guard)
     training: dict[str, Any] = {

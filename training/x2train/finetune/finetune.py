@@ -19,26 +19,16 @@ _HUMAN = CLASSES.index("human")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tuned:
-    """A network that was finetuned, and what that did.
+    """A network that was finetuned, and what that did."""
 
-    Attributes
-    ----------
-    bundle : Bundle
-        With the new network, else the old one.
-    before, after : Misses
-        Of people of the guard.
-    own : tuple of (str, bool, bool)
-        Of every own clip: label, whether it was an alarm, whether it is one now; by the
-        daemon's own pipeline. Training has seen them.
-    share : float
-        How far from the old weights to the trained ones it went, 0 to 1.
-    """
-
-    bundle: Bundle
+    bundle: Bundle  # with the new network, else the old one
+    # of people of the guard
     before: Misses
     after: Misses
+    # of every own clip: label, whether it was an alarm, whether it is one now; by the daemon's
+    # own pipeline. Training has seen them.
     own: tuple[tuple[str, bool, bool], ...]
-    share: float
+    share: float  # how far from the old weights to the trained ones it went, 0 to 1
 
     def count(self, *, is_human: bool) -> tuple[int, int, int]:
         """Return own clips of people or of others: with an alarm before, after, and all."""
@@ -57,21 +47,8 @@ def tune(
 ) -> Iterator[Epoch | Tuned]:
     """Retrain lightly; yield every epoch, and at last the bundle.
 
-    Parameters
-    ----------
-    bundle : Bundle
-        The old one.
-    own : sequence of OwnWindows
-        Own clips.
-    guard, mix : Guard
-        Simulated people to hold it to, and simulated windows mixed in.
-    epochs, seed : int
-        Passes over the mix, and the order.
-
-    Raises
-    ------
-    UsageError
-        If the guard allows no such network.
+    `guard` are simulated people to hold it to, `mix` simulated windows to learn from. Raises
+    UsageError if the guard allows no such network, or if it calms no own clip.
     """
     for step in retrain(bundle, own, mix, epochs=epochs, seed=seed):
         if isinstance(step, Epoch):

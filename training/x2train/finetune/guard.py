@@ -32,22 +32,15 @@ LEAST_WINDOWS = 500
 
 @dataclass(frozen=True, slots=True)
 class Misses:
-    """People who raise no alarm.
+    """People who raise no alarm."""
 
-    Attributes
-    ----------
-    windows, n_windows : int
-        Windows of people that the rule alone keeps quiet, and all.
-    passages, n_passages : int
-        Passages of people without an alarm, and all.
-    fused : int
-        Windows of people at which the temporal head's answer keeps quiet; 0 without one.
-    """
-
+    # windows of people that the rule alone keeps quiet, and all
     windows: int
     n_windows: int
+    # passages of people without an alarm, and all
     passages: int
     n_passages: int
+    # windows of people at which the temporal head's answer keeps quiet; 0 without one
     fused: int = 0
 
     def allows(self, later: "Misses") -> bool:
@@ -61,18 +54,10 @@ class Misses:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Guard:
-    """Windows of simulated passages, as the network takes them.
+    """Windows of simulated passages, as the network takes them."""
 
-    Attributes
-    ----------
-    columns : mapping of str to ndarray
-        As `x2train.windows.window_set.load_windows` gives them.
-    abouts : tuple of mapping
-        What the sets were made from.
-    """
-
-    columns: Columns
-    abouts: tuple[Mapping[str, Any], ...]
+    columns: Columns  # as `x2train.windows.window_set.load_windows` gives them
+    abouts: tuple[Mapping[str, Any], ...]  # what the sets were made from
 
     @property
     def label(self) -> NDArray[np.int64]:
@@ -102,14 +87,9 @@ class Guard:
         )
 
     def misses(self, bundle: Bundle, answers: Answers) -> Misses:
-        """Return how many people are missed.
+        """Return how many people are missed by answers to all windows.
 
-        Parameters
-        ----------
-        bundle : Bundle
-            Its temperature, limits, policy and evidence count, not its network.
-        answers : Answers
-            Of its network, or of another, to all windows.
+        The bundle's temperature, limits, policy and evidence count, not its network.
         """
         t_s = np.asarray(self.columns["t_s"], np.float64)
         is_human = self.label == CLASSES.index("human")
@@ -141,10 +121,7 @@ class Guard:
 def load_guard(folders: list[Path], bundle: Bundle, *, least: int = LEAST_WINDOWS) -> Guard:
     """Return the guard of some window sets.
 
-    Raises
-    ------
-    UsageError
-        If they do not fit the bundle, or hold too few windows of people.
+    Raises UsageError if they do not fit the bundle, or hold too few windows of people.
     """
     columns, abouts = load_windows(*folders)
     check_made_for(bundle, columns, abouts[0], folders[0])

@@ -16,17 +16,10 @@ from radard.web.labels import FORMAT, LABELS, VERSION
 
 @dataclass(frozen=True, slots=True)
 class OwnClip:
-    """A recording and what people say that it shows.
-
-    Attributes
-    ----------
-    path : Path
-        The recording.
-    label : {'human', 'pet', 'other', 'wrong'}
-        `wrong`, of an alarm: it was no human, whatever it was.
-    """
+    """A recording and what people say that it shows."""
 
     path: Path
+    # human, pet, other, or wrong: an alarm that was for no human, whatever it was
     label: str
 
     @property
@@ -61,17 +54,8 @@ def named_clips(arguments: Iterable[str]) -> tuple[OwnClip, ...]:
 def labelled_clips(path: Path, folder: Path | None = None) -> Found:
     """Return the clips that the dashboard's labels point to.
 
-    Parameters
-    ----------
-    path : Path
-        labels.jsonl.
-    folder : Path, optional
-        Where the clips are now, when they are no longer where they were made.
-
-    Raises
-    ------
-    UsageError
-        If the file cannot be read, or a line is no label or one of another version.
+    `folder` is where the clips are now, when they are no longer where they were made. Raises
+    UsageError if the file cannot be read, or a line is no label or one of another version.
     """
     events = _last_lines(path)
     clips, left_out = [], []
@@ -93,10 +77,7 @@ def labelled_clips(path: Path, folder: Path | None = None) -> Found:
 def merged(clips: Iterable[OwnClip]) -> tuple[OwnClip, ...]:
     """Return clips, each once.
 
-    Raises
-    ------
-    UsageError
-        If one has two labels, or none of them shows anything but people.
+    Raises UsageError if one has two labels, or none of them shows anything but people.
     """
     by_path: dict[Path, OwnClip] = {}
     for clip in clips:

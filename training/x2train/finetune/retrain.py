@@ -50,25 +50,9 @@ class Retrained:
 def retrain(
     bundle: Bundle, own: Sequence[OwnWindows], mix: Guard, *, epochs: int, seed: int
 ) -> Iterator[Epoch | GraphNet]:
-    """Train; yield every epoch, and at last the network at the end of the line.
+    """Train on own clips and `mix`; yield every epoch, and at last the end of the line.
 
-    Parameters
-    ----------
-    bundle : Bundle
-        Whose network it is.
-    own : sequence of OwnWindows
-        Own clips.
-    mix : Guard
-        Simulated windows.
-    epochs : int
-        Passes over them.
-    seed : int
-        Of the order.
-
-    Raises
-    ------
-    RadardError
-        If torch does not compute the bundle's graph as onnxruntime does.
+    Raises RadardError if torch does not compute the bundle's graph as onnxruntime does.
     """
     torch.set_num_threads(1)
     torch.use_deterministic_algorithms(True)
@@ -128,21 +112,8 @@ def guarded_line(
 ) -> Retrained:
     """Return the network on the line from old to trained weights that the guard allows.
 
-    Parameters
-    ----------
-    bundle : Bundle
-        The old one.
-    net : GraphNet
-        The trained network; it is left at the point that is returned.
-    guard : Guard
-        Simulated people.
-    own : sequence of OwnWindows
-        Own clips; those of people must keep their alarms.
-
-    Raises
-    ------
-    UsageError
-        If no point on the line is allowed.
+    `net` is left at the point that is returned; own clips of people must keep their alarms. Raises
+    UsageError if no point on the line is allowed.
     """
     given = guard.inputs(bundle)
     is_first = guard.is_first

@@ -28,27 +28,13 @@ Maps = Mapping[str, NDArray[np.float32]]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OwnWindows:
-    """What the network saw of a clip, and what was decided.
+    """What the network saw of a clip, and what was decided."""
 
-    Attributes
-    ----------
-    clip : OwnClip
-        The recording and its label.
-    sha256 : str
-        Of the file.
-    inputs : mapping of str to ndarray, shape (n, ...), float32
-        By the network's input names; one row a window with the gate open.
-    t_s : ndarray, shape (n,), float64
-        Stream time at the end of each, in seconds.
-    n_alarms : int
-        Decisions with an alarm.
-    """
-
-    clip: OwnClip
+    clip: OwnClip  # the recording and its label
     sha256: str
-    inputs: Maps
-    t_s: NDArray[np.float64]
-    n_alarms: int
+    inputs: Maps  # (n, ...): by the network's input names; one row a window with the gate open
+    t_s: NDArray[np.float64]  # (n,): stream time at the end of each, in seconds
+    n_alarms: int  # decisions with an alarm
 
     @property
     def is_first(self) -> NDArray[np.bool_]:
@@ -79,14 +65,8 @@ def judge_of(clips: Sequence[OwnClip]) -> str:
 def own_windows(clip: OwnClip, bundle: Bundle) -> OwnWindows:
     """Replay a clip.
 
-    Raises
-    ------
-    ModelMismatch
-        If the bundle was not made for such a stream.
-    UsageError
-        If nothing moves in it.
-    X2RadarError
-        If it cannot be read.
+    Raises ModelMismatch if the bundle was not made for such a stream, UsageError if nothing moves
+    in it, X2RadarError if it cannot be read.
     """
     listener = _Listener(bundle)
     rows: list[FeatureSet] = []

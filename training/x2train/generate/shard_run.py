@@ -101,16 +101,9 @@ def fill(
     cluster: str | None = None,
     report: Tell | None = None,
 ) -> None:
-    """Make the shards of a set that are missing; see `make_shards`.
+    """Make the shards of a set that are missing; all else as in `make_shards`.
 
-    Parameters
-    ----------
-    shards : ShardSet
-        The set.
-    bounds : mapping of str to (int, int)
-        By name of the shard: its first element, and the one behind its last.
-    make, workers, cluster, report
-        As in `make_shards`.
+    `bounds` are, by name of the shard, its first element and the one behind its last.
     """
     missing = {name: ends for name, ends in bounds.items() if name not in shards}
     total = sum(last - first for first, last in bounds.values())

@@ -71,12 +71,9 @@ class ShardSet:
         return name in self._shards and (self.folder / f"{name}.npz").exists()
 
     def write(self, name: str, arrays: Arrays) -> None:
-        """Add a shard; a second one of the same name replaces the first.
+        """Add a shard, or replace the one of this name.
 
-        Raises
-        ------
-        RecordingError
-            If the disk does not take it; the set is then as it was.
+        Raises RecordingError if the disk does not take it; the set is then as it was.
         """
         memory = io.BytesIO()
         arrays_by_name: dict[str, Any] = dict(arrays)
@@ -96,10 +93,7 @@ class ShardSet:
     def read(self, name: str) -> dict[str, NDArray[Any]]:
         """Return a shard's arrays.
 
-        Raises
-        ------
-        RecordingError
-            If it is missing, or its checksum is not that of the manifest.
+        Raises RecordingError if it is missing, or its checksum is not that of the manifest.
         """
         path = self.folder / f"{name}.npz"
         try:
@@ -148,10 +142,7 @@ def write_whole(path: Path, data: bytes) -> None:
 def read_all(folder: Path) -> tuple[Mapping[str, Any], dict[str, NDArray[Any]]]:
     """Return what a set was made from, and the columns of all its shards, in order.
 
-    Raises
-    ------
-    RecordingError
-        If there is no set, or one of its shards is missing or damaged.
+    Raises RecordingError if there is no set, or one of its shards is missing or damaged.
     """
     path = folder / MANIFEST
     if not path.exists():

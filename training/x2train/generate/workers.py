@@ -97,10 +97,7 @@ def in_process() -> Iterator[Run]:
 def pool(workers: int) -> Iterator[Run]:
     """Yield a pool of local processes; they end with the block, after at most an element.
 
-    Raises
-    ------
-    GenerateError
-        If one of them dies.
+    Raises GenerateError if one of them dies.
     """
     context = multiprocessing.get_context("spawn")
     stop = context.Event()
@@ -137,11 +134,8 @@ def pool(workers: int) -> Iterator[Run]:
 def on_cluster(address: str) -> Iterator[Run]:
     """Yield a pool of the workers of a Dask cluster; a worker that dies is made up for.
 
-    Raises
-    ------
-    GenerateError
-        If the scheduler is not reached, has no workers, or gives a chunk up because every
-        worker that took it died.
+    Raises GenerateError if the scheduler is not reached, has no workers, or gives a chunk up
+    because every worker that took it died.
     """
     # Late: only those who ask for a cluster wait for the import.
     distributed: Any = importlib.import_module("distributed")

@@ -23,26 +23,12 @@ _HEAD = "## As an alarm"
 def evaluation_of(
     table: PassageTable, bundle: Bundle, command: str, gate: Mapping[str, float] | None = None
 ) -> dict[str, Any]:
-    """Return what a sidecar says under ``evaluation``.
+    """Return what a sidecar says under ``evaluation``, of a run of a bundle with its own policy.
 
-    Parameters
-    ----------
-    table : PassageTable
-        Of a run of the bundle with its own policy.
-    bundle : Bundle
-        Which one.
-    command : str
-        What made the table.
-    gate : mapping
-        Settings of the gate that it was made with, where they are known.
-
-    Returns
-    -------
-    dict
-        ``policy``, ``command``, ``gate``, ``passages``, whether no single feature tells people
-        from pets (``is_matched``), and by name of sensitivity the figures of
-        `x2train.report.levels.Level`, each estimate as [value, low, high]; null is not known
-        or infinite.
+    ``policy``, ``command``, ``gate`` (its settings, where they are known), ``passages``, whether
+    no single feature tells people from pets (``is_matched``), and by name of sensitivity the
+    figures of `x2train.report.levels.Level`, each estimate as [value, low, high]; null is not
+    known or infinite.
 
     Raises
     ------
@@ -66,14 +52,8 @@ def evaluation_of(
 def write_card(model: str, evaluation: Mapping[str, Any]) -> Path:
     """Enter an evaluation into the sidecar and the card of a bundle; return the sidecar.
 
-    What an earlier one left there is replaced; weights and all else stay as they are.
-
-    Raises
-    ------
-    BundleError, ModelMismatch
-        If the bundle cannot be read.
-    RecordingError
-        If a file cannot be written.
+    What an earlier one left there is replaced; weights and all else stay as they are. Raises
+    BundleError or ModelMismatch if the bundle, RecordingError if a file cannot be used.
     """
     load_bundle(model)
     path = sidecar_path(model)

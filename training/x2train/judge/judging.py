@@ -39,33 +39,19 @@ OWN_RADARS = "suites"
 class JudgeSpec:
     """What a bundle is judged on; passage k is the same for every bundle.
 
-    Attributes
-    ----------
-    model : str
-        Name or path of the bundle.
-    seed : int
-        Passage k draws from ``[seed, k]``.
-    n_passages : int
-        The suites share them; numbers beyond are more visits of pets.
-    policy : str
-        'window' or 'fused'; empty for the bundle's own.
-    radar : str
-        'suites', or a name in `ONE_RADAR`: every passage is then before that one.
-    only : tuple of str
-        Names of suites that there are; empty for all.
-
     Raises
     ------
     UsageError
         If there is no such radar or suite.
     """
 
-    model: str
-    seed: int
-    n_passages: int
-    policy: str = ""
+    model: str  # name or path of the bundle
+    seed: int  # passage k draws from ``[seed, k]``
+    n_passages: int  # the suites share them; numbers beyond are more visits of pets
+    policy: str = ""  # 'window' or 'fused'; empty for the bundle's own
+    # 'suites', or a name in `ONE_RADAR`: every passage is then before that one
     radar: str = OWN_RADARS
-    only: tuple[str, ...] = ()
+    only: tuple[str, ...] = ()  # names of suites that there are; empty for all
 
     def __post_init__(self) -> None:
         """Check the names of radar and suites."""

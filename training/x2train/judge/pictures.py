@@ -10,7 +10,7 @@ from radard.dsp.range_time import RangeTimeMap
 from radard.stream.ring import Dwell
 from x2train.judge.judging import JudgeSpec
 
-_CELL_S = 0.1
+_CELL_S = 0.1  # chosen: a pixel or two of the picture
 
 
 def passage_png(spec: JudgeSpec, number: int) -> bytes:

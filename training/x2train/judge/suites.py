@@ -28,35 +28,15 @@ from x2train.scenarios.sites import (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Suite:
-    """Passages of one kind.
+    """Passages of one kind."""
 
-    Attributes
-    ----------
-    name : str
-        For reports; 'walk test: ...' for those.
-    split : str
-        What is new to the network in it.
-    share : float
-        Passages of it, of those that a run makes.
-    cast : tuple of (Label or Family)
-        A label draws a family of training, a family is itself.
-    radar : Radar or None
-        None draws from those of training.
-    rooms : {'usual', 'unseen'}
-        Kind of room.
-    is_close : bool
-        Whether bodies are close to the radar, see `draw_close`.
-    duration_s : float
-        Of a passage.
-    """
-
-    name: str
-    split: str
-    share: float
-    cast: tuple[Label | Family, ...] = ()
-    radar: Radar | None = field(default=X2)
+    name: str  # for reports; 'walk test: ...' for those
+    split: str  # what is new to the network in it
+    share: float  # passages of it, of those that a run makes
+    cast: tuple[Label | Family, ...] = ()  # a label draws one of training
+    radar: Radar | None = field(default=X2)  # None: drawn, as in training
     rooms: RoomKind = "usual"
-    is_close: bool = False
+    is_close: bool = False  # whether bodies are close to the radar, see `draw_close`
     duration_s: float = 14.0
 
     def families(self, rng: np.random.Generator) -> tuple[Family, ...]:
@@ -87,10 +67,10 @@ class Suite:
         return replace(self, name=name, split="train families", radar=radar)
 
 
-_PET_S = 20.0
-_GOLDEN = (5**0.5 - 1) / 2
+_PET_S = 20.0  # a visit: chosen, a pet crosses and lingers
+_GOLDEN = (5**0.5 - 1) / 2  # see `suite_of`
 _WALK = family("human walk")
-_NEAR_X2 = replace(X2, near_m=0.3, far_m=3.1)
+_NEAR_X2 = replace(X2, near_m=0.3, far_m=3.1)  # looks at who is close: chosen
 
 
 def _walk(name: str, style: str = "walk", *, duration_s: float = 14.0, **options: object) -> Suite:
@@ -177,15 +157,8 @@ SUITES: tuple[Suite, ...] = _suites()
 def suite_of(number: int, n_passages: int, only: Collection[str] = ()) -> Suite:
     """Return the suite of a passage: each has its share of a run, the same for every seed.
 
-    Parameters
-    ----------
-    number : int
-        Of the passage. Those beyond `n_passages` are more visits of pets: those suites in turn,
-        by their shares.
-    n_passages : int
-        That the suites share.
-    only : collection of str
-        Names of suites that there are; empty for all.
+    Passages beyond `n_passages` are more visits of pets: those suites in turn, by their shares.
+    `only` names the suites that there are; empty for all.
     """
     suites = _named(only)
     at = (number + 0.5) / n_passages
@@ -200,10 +173,7 @@ def suite_of(number: int, n_passages: int, only: Collection[str] = ()) -> Suite:
 def n_more_pets(pet_hours: float, n_passages: int, only: Collection[str] = ()) -> int:
     """Return how many visits must follow a run for its pets to last so long, in hours.
 
-    Raises
-    ------
-    UsageError
-        If there must be some, and none of the suites is of pets alone.
+    Raises UsageError if there must be some, and none of the suites is of pets alone.
     """
     suites = [suite_of(k, n_passages, only) for k in range(n_passages)]
     missing_s = 3600 * pet_hours - sum(s.duration_s for s in suites if s.is_of_pets)

@@ -17,21 +17,14 @@ _AT_ONCE = 128
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Answers:
-    """Answers to windows.
+    """Answers to windows."""
 
-    Attributes
-    ----------
-    logits : ndarray, shape (n, n_classes), float64
-        Of every window alone, to be divided by the bundle's temperature.
-    fused : ndarray, shape (n, n_classes), float64, or None
-        Of its temporal head, after this window and those before it; None without one.
-    hidden : ndarray, shape (n, n_hidden), float32, or None
-        What the head was given with each window.
-    """
-
+    # (n, n_classes): of every window alone, to be divided by the bundle's temperature
     logits: Array
+    # (n, n_classes): of its temporal head, after this window and those before it; None without
+    # one
     fused: Array | None = None
-    hidden: Hidden | None = None
+    hidden: Hidden | None = None  # (n, n_hidden): what the head was given with each window
 
     def p(self, temperature: float) -> Array:
         """Return the probabilities of every window alone."""

@@ -9,27 +9,17 @@ from radard.classify.classifier import Probabilities, softmax
 from radard.classify.evidence import Evidence, EvidenceSettings
 
 Array = NDArray[np.float64]
-_DISCOUNTS = (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
-_LARGEST_STEP_S = 1.5
+_DISCOUNTS = (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)  # tried: 1 for independent windows
+_LARGEST_STEP_S = 1.5  # windows are 1 s apart while the gate is open
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sequences:
-    """Windows in the order in which the daemon would see them.
+    """Windows in the order in which the daemon would see them."""
 
-    Attributes
-    ----------
-    p : ndarray, shape (n, 3), float64
-        Calibrated probabilities.
-    is_human : ndarray, shape (n,), bool
-        Truth.
-    is_first : ndarray, shape (n,), bool
-        Where the gate has opened: nothing was known before.
-    """
-
-    p: Array
+    p: Array  # (n, 3): calibrated probabilities
     is_human: NDArray[np.bool_]
-    is_first: NDArray[np.bool_]
+    is_first: NDArray[np.bool_]  # (n,): where the gate has opened: nothing was known before
 
 
 def sequences(
@@ -40,19 +30,10 @@ def sequences(
     passage: NDArray[np.int64],
     t_s: Array,
 ) -> Sequences:
-    """Return windows of sets as sequences.
+    """Return windows of sets, in order within their passages, as sequences.
 
-    Parameters
-    ----------
-    logits : ndarray, shape (n, 3), float64
-        Of windows that lie in order within their passages.
-    temperature : float
-        Logits are divided by it.
-    label, passage : ndarray, shape (n,), int64
-        Class, and number of the passage. Time that runs back begins another one: a second
-        set numbers its passages from 0 again.
-    t_s : ndarray, shape (n,), float64
-        Stream time at the end of each, in seconds.
+    `logits`, shape (n, 3), are divided by the temperature. Time that runs back begins another
+    passage: a second set numbers its passages from 0 again.
     """
     p = np.stack([softmax(row / temperature) for row in logits])
     return Sequences(p, label == 0, first_windows(passage, t_s))

@@ -22,53 +22,25 @@ INPUTS = ("velocity_time", "range_time", "velocity_time_medium", "velocity_time_
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MapFitSettings:
-    """How to train.
-
-    Attributes
-    ----------
-    epochs : int
-        Passes over the windows.
-    batch : int
-        Windows a step.
-    learning_rate, matrix_rate : float
-        Greatest of the one cycle, of AdamW and of Muon; see `MuonAdamW`.
-    weight_decay, matrix_decay : float
-        Of AdamW and of Muon.
-    dropout : float
-        Of what decides.
-    smoothing : float
-        Of the labels, where there is no teacher.
-    teacher_share : float
-        What a teacher counts beside the labels.
-    widths, long_widths : tuple of int
-        Of `MapNet`.
-    hidden : int
-        Of `MapNet`.
-    seed : int
-        Of weights, order and augmentation.
-    threads : int
-        Of torch; the same number, the same weights.
-    is_half : bool
-        Whether layers compute in bfloat16; weights stay in single precision.
-    is_compiled : bool
-        Whether torch compiles the network first, which takes a C++ compiler.
-    """
+    """How to train."""
 
     epochs: int = 12
     batch: int = 128
+    # greatest of the one cycle, of AdamW and of Muon; see `MuonAdamW`
     learning_rate: float = 4e-3
     matrix_rate: float = 0.06
     weight_decay: float = 2e-3
     matrix_decay: float = 1e-2
-    dropout: float = 0.05
-    smoothing: float = 0.01
-    teacher_share: float = 0.5
+    dropout: float = 0.05  # of what decides
+    smoothing: float = 0.01  # of the labels, where there is no teacher
+    teacher_share: float = 0.5  # what a teacher counts beside the labels
     widths: Widths = (12, 16, 20, 20)
     long_widths: Widths = (12, 16, 20, 20)
     hidden: int = 40
-    seed: int = 0
-    threads: int = 1
-    is_half: bool = False
+    seed: int = 0  # of weights, order and augmentation
+    threads: int = 1  # of torch; the same number, the same weights
+    is_half: bool = False  # whether layers compute in bfloat16; weights stay in single precision
+    # whether torch compiles the network first, which takes a C++ compiler
     is_compiled: bool = False
 
 
@@ -88,19 +60,8 @@ def fit_maps(
 ) -> Iterator[Epoch | MapTrained]:
     """Train; yield every epoch, and at last the network.
 
-    Parameters
-    ----------
-    train, validation : mapping
-        `INPUTS` as bytes, shape (n, rows, n_cells), and `label`.
-    settings : MapFitSettings
-        How.
-    taught : ndarray, shape (n, 3), float32, optional
-        What a teacher makes of the windows to train on, see `x2train.nets.teacher`.
-
-    Yields
-    ------
-    Epoch or MapTrained
-        Progress, then the result.
+    Windows are `INPUTS` as bytes, shape (n, rows, n_cells), and `label`. `taught`, shape (n, 3),
+    is what a teacher makes of the windows to train on, see `x2train.nets.teacher`.
     """
     torch.manual_seed(settings.seed)
     torch.set_num_threads(settings.threads)

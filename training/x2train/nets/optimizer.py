@@ -11,8 +11,8 @@ from collections.abc import Sequence
 import torch
 from torch import nn
 
-_RISE = 0.2
-_LEAST_ROWS, _LEAST_COLUMNS = 4, 31
+_RISE = 0.2  # of the steps: chosen, as usual for one cycle
+_LEAST_ROWS, _LEAST_COLUMNS = 4, 31  # chosen: the layers named above are smaller
 
 
 class MuonAdamW:

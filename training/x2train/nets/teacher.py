@@ -1,9 +1,8 @@
-"""Teachers: a network that is there already shows a smaller one how sure to be.
+"""Distillation: a smaller network learns from labels and from a larger network's probabilities.
 
-A label says what was there, not how much of it could be seen: of a body that hardly shows, it
-asks for a certainty that nobody has. The probabilities of a larger network, trained on the same
-windows, carry that, and a smaller one learns from both (Hinton, Vinyals and Dean, "Distilling
-the knowledge in a neural network", 2015, recalled).
+A label says what was there, not how much of it could be seen; the probabilities of a larger
+network, trained on the same windows, carry that (Hinton, Vinyals and Dean, "Distilling the
+knowledge in a neural network", 2015, recalled).
 """
 
 from collections.abc import Mapping
@@ -21,24 +20,10 @@ Array = NDArray[np.float32]
 
 
 def taught_by(bundle: Bundle, windows: Mapping[str, NDArray[Any]]) -> Array:
-    """Return what a bundle makes of windows, without any change to them.
+    """Return what a bundle makes of windows as they are: calibrated probabilities, shape (n, 3).
 
-    Parameters
-    ----------
-    bundle : Bundle
-        Of three classes, on maps that the windows hold.
-    windows : mapping of str to ndarray, shape (n, ...)
-        By feature, as `x2train.windows.window_set.load_windows` gives them.
-
-    Returns
-    -------
-    ndarray, shape (n, 3), float32
-        Calibrated probabilities of `CLASSES`.
-
-    Raises
-    ------
-    UsageError
-        If the bundle has other classes, or takes other maps.
+    Windows come by feature, as `x2train.windows.window_set.load_windows` gives them. Raises
+    UsageError if the bundle has other classes than `CLASSES`, or takes other maps.
     """
     if bundle.classes != CLASSES:
         msg = f"teacher '{bundle.name}': tells {', '.join(bundle.classes)} apart"
@@ -64,18 +49,8 @@ def taught_error(
 ) -> torch.Tensor:
     """Return the cross-entropy with labels and teacher, every class weighing as `weight` says.
 
-    Parameters
-    ----------
-    answers : Tensor, shape (n, 3), float32
-        Logits.
-    labels : Tensor, shape (n,), int64
-        Classes.
-    taught : Tensor, shape (n, 3), float32
-        The teacher's probabilities.
-    share : float
-        What the teacher counts; the label counts the rest.
-    weight : Tensor, shape (3,), float32
-        Of windows of each class, whoever says what they are.
+    Logits and the teacher's probabilities have shape (n, 3), labels (n,), weights (3,). The
+    teacher counts `share`, the label the rest.
     """
     wanted = share * taught
     wanted[torch.arange(len(labels)), labels] += 1 - share

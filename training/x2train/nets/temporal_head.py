@@ -1,7 +1,6 @@
-"""Temporal head: what windows come to in their order, learned instead of summed.
+"""Temporal head: it integrates evidence over successive windows, learned instead of summed.
 
-The network says what one window shows; the head follows whoever is there from window to window.
-It takes what the network's last layer is given, so nothing of the window is lost on the way
+It takes what the network's last layer is given, so nothing of a window is lost on the way
 through three probabilities::
 
     projected = relu(A (given - mean) / spread + a)
@@ -22,26 +21,16 @@ from torch.nn import functional
 
 from x2train.nets.epoch import Epoch, temperature_of
 
-_IGNORED = -100
+_IGNORED = -100  # torch's label for what does not count
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Given:
-    """Windows as a head sees them, in order within what the daemon would see in one go.
+    """Windows as a head sees them, in order within what the daemon would see in one go."""
 
-    Attributes
-    ----------
-    values : ndarray, shape (n, n_given), float32
-        What the network's last layer is given.
-    label : ndarray, shape (n,), int64
-        Class.
-    is_first : ndarray, shape (n,), bool
-        Where the gate has opened.
-    """
-
-    values: NDArray[np.float32]
+    values: NDArray[np.float32]  # (n, n_given): what the network's last layer is given
     label: NDArray[np.int64]
-    is_first: NDArray[np.bool_]
+    is_first: NDArray[np.bool_]  # (n,): where the gate has opened
 
     def runs(self) -> list[slice]:
         """Return the windows of every stay."""
@@ -52,34 +41,16 @@ class Given:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeadSettings:
-    """How large a head is, and how it is trained.
-
-    Attributes
-    ----------
-    n_projected, n_hidden : int
-        Channels.
-    epochs : int
-        Passes over the stays.
-    batch : int
-        Stays a step.
-    learning_rate : float
-        Greatest of the one cycle.
-    weight_decay : float
-        Of AdamW.
-    dropout : float
-        Of what is given, in training.
-    seed : int
-        Of weights and order.
-    """
+    """How large a head is, and how it is trained."""
 
     n_projected: int = 16
     n_hidden: int = 24
-    epochs: int = 6
-    batch: int = 64
-    learning_rate: float = 5e-3
+    epochs: int = 6  # passes over the stays
+    batch: int = 64  # stays a step
+    learning_rate: float = 5e-3  # greatest of the one cycle
     weight_decay: float = 1e-3
-    dropout: float = 0.3
-    seed: int = 0
+    dropout: float = 0.3  # of what is given, in training
+    seed: int = 0  # of weights and order
 
 
 class TemporalHead(nn.Module):
@@ -122,21 +93,9 @@ class HeadTrained:
 def fit_head(
     train: Given, validation: Given, settings: HeadSettings
 ) -> Iterator[Epoch | HeadTrained]:
-    """Train; yield every epoch, and at last the head.
+    """Train on passages apart from those to validate on; yield every epoch, and at last the head.
 
     Classes weigh the same, however many windows each has. Same seed, same weights on one machine.
-
-    Parameters
-    ----------
-    train, validation : Given
-        Of passages that have nothing in common.
-    settings : HeadSettings
-        How.
-
-    Yields
-    ------
-    Epoch or HeadTrained
-        Progress, then the result.
     """
     torch.manual_seed(settings.seed)
     torch.set_num_threads(1)

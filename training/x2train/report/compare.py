@@ -27,21 +27,13 @@ class Overlap:
 
 @dataclass(frozen=True, slots=True)
 class Pairing:
-    """Who got wrong what the other did not.
+    """Who got wrong what the other did not."""
 
-    Attributes
-    ----------
-    name : str
-        The operating point of both.
-    missed, alarmed : Overlap
-        Intrusions without an alarm, and passages of pets with one.
-    miss_rate_less_other : Estimate
-        Miss rate less that of the other; the interval is of passages drawn again in pairs.
-    """
-
-    name: str
+    name: str  # the operating point of both
+    # intrusions without an alarm, and passages of pets with one
     missed: Overlap
     alarmed: Overlap
+    # miss rate less that of the other; the interval is of passages drawn again in pairs
     miss_rate_less_other: Estimate
 
 

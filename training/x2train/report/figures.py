@@ -35,7 +35,7 @@ from x2train.report.windows import (
 
 BUDGET_H = 60.0
 """The budget that the groups and the comparison are given at."""
-WORST = 20
+WORST = 20  # passages with a picture: chosen, as many as are looked at
 
 
 @dataclass(frozen=True, slots=True)

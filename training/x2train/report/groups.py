@@ -17,34 +17,21 @@ EDGES = {
     "snr_db": (0.0, 6.0, 12.0, 18.0, 24.0, 30.0, 36.0),
 }
 """Lower ends of the bins; what is below the first has a bin of its own."""
-MOST_BUILDS = 40
+MOST_BUILDS = 40  # chosen: a longer table is not read
 _Bool = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True)
 class Group:
-    """Passages that have something in common.
+    """Passages that have something in common."""
 
-    Attributes
-    ----------
-    name : str
-        What: a family, or '0.3 to 0.6'.
-    shipped, at_budget : Outcome
-        At the limit the daemon ships with, and at the one for the false-alarm budget.
-    quiet_hours : float
-        How long other motion, or nothing, was there.
-    n_quiet_alarms : int
-        Minutes of that with an alarm, as shipped.
-    quiet_alarms_per_hour : Estimate
-        Per hour of it.
-    """
-
-    name: str
+    name: str  # what: a family, or '0.3 to 0.6'
+    # at the limit the daemon ships with, and at the one for the false-alarm budget
     shipped: Outcome
     at_budget: Outcome
-    quiet_hours: float
-    n_quiet_alarms: int
-    quiet_alarms_per_hour: Estimate
+    quiet_hours: float  # how long other motion, or nothing, was there
+    n_quiet_alarms: int  # minutes of that with an alarm, as shipped
+    quiet_alarms_per_hour: Estimate  # per hour of it
 
 
 def group(

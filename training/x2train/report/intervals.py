@@ -7,21 +7,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-CONFIDENCE = 0.95
-REPLICATES = 200
+CONFIDENCE = 0.95  # as usual
+REPLICATES = 200  # chosen: a report takes seconds
 _TAIL = (1 - CONFIDENCE) / 2
 
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """A figure and its interval; NaN or infinite where nothing is known.
+    """A figure and its interval; NaN or infinite where nothing is known."""
 
-    Attributes
-    ----------
-    value, low, high : float
-        The figure, and the ends of its 95 % interval.
-    """
-
+    # the figure, and the ends of its 95 % interval
     value: float
     low: float
     high: float

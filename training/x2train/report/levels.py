@@ -25,51 +25,26 @@ from x2train.report.verdicts import hours, intrusions, quantile_s
 
 @dataclass(frozen=True, slots=True)
 class Level:
-    """How one sensitivity did.
-
-    Attributes
-    ----------
-    name : str
-        Of the sensitivity.
-    n_intrusions : int
-        People who came in.
-    missed : Estimate
-        Share of them without an alarm from then on.
-    half_s, most_s : Estimate
-        Time from coming in to the alarm for half and for 90 % of them, a missed one taking
-        for ever.
-    n_visits : int
-        Passages of pets.
-    visits_with_alarm : Estimate
-        Share of them.
-    pet_hours : float
-        How long they last together.
-    alarms_per_pet_hour : Estimate
-        Alarms that began, per hour of that.
-    """
+    """How one sensitivity did."""
 
     name: str
-    n_intrusions: int
-    missed: Estimate
+    n_intrusions: int  # people who came in
+    missed: Estimate  # share of them without an alarm from then on
+    # time from coming in to the alarm for half and for 90 % of them, a missed one taking for
+    # ever
     half_s: Estimate
     most_s: Estimate
-    n_visits: int
+    n_visits: int  # passages of pets
     visits_with_alarm: Estimate
-    pet_hours: float
-    alarms_per_pet_hour: Estimate
+    pet_hours: float  # how long they last together
+    alarms_per_pet_hour: Estimate  # alarms that began, per hour of that
 
 
 def levels(table: PassageTable, bundle: Bundle, rng: np.random.Generator) -> tuple[Level, ...]:
     """Return what every sensitivity makes of a bundle's own policy.
 
-    Parameters
-    ----------
-    table : PassageTable
-        Of a run of that bundle with that policy and the default configuration.
-    bundle : Bundle
-        Its policy, limits and evidence settings count.
-    rng : Generator
-        For the intervals of times.
+    The table is of a run of that bundle with that policy and the default configuration; `rng`
+    draws for the intervals of times.
     """
     made = []
     for name in SENSITIVITIES[bundle.policy]:

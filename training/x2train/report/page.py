@@ -27,7 +27,7 @@ _BY = {
     "aspect_deg": "By aspect, degrees",
     "snr_db": "By SNR, dB",
 }
-_LEAST_SHARE = 1e-3
+_LEAST_SHARE = 1e-3  # left end of the bars: chosen
 DASH = "\N{EN DASH}"
 Render = Callable[[int], bytes | None]
 
@@ -41,16 +41,9 @@ def page(
 ) -> str:
     """Return the page.
 
-    Parameters
-    ----------
-    made : mapping
-        The report's JSON: every figure in words is taken from it.
-    table, here : PassageTable, Figures
-        What the curves are drawn from.
-    there : (PassageTable, Figures), optional
-        Those of the other model.
-    render : callable, optional
-        Index of a passage to a PNG of it, or None.
+    Every figure in words is taken from `made`, the report's JSON; curves are drawn from `here` and
+    from `there`, those of the other model. `render` gives a PNG of a passage by its index, or
+    None.
     """
     both = [("this model", table, here)]
     if there is not None:

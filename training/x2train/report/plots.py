@@ -48,7 +48,7 @@ _STYLE: Any = {
     "legend.frameon": False,
     "lines.linewidth": 2,
 }
-_DET_TICKS = (0.0001, 0.001, 0.01, 0.05, 0.2, 0.5)
+_DET_TICKS = (0.0001, 0.001, 0.01, 0.05, 0.2, 0.5)  # chosen
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,7 +95,7 @@ def tradeoff(here: Figures, there: Figures | None) -> str:
 
 
 def roc(curves: Sequence[Curve]) -> str:
-    """Return windows of people called so against windows of pets called people."""
+    """Return the ROC curve of windows: people called human against pets called human."""
     figure, axes = _axes("pet windows called human", "human windows called human")
     lowest = min((curve.x[curve.x > 0].min(initial=1.0) for curve in curves), default=1.0)
     left = max(float(lowest) / 2, 1e-5)
@@ -128,8 +128,8 @@ def det(curves: Sequence[Curve]) -> str:
 
 
 def diagram(name: str, found: Reliability) -> str:
-    """Return how many of what was given each probability were people."""
-    figure, axes = _axes("probability given", "share of people")
+    """Return a reliability diagram: observed frequency per bin of predicted probability."""
+    figure, axes = _axes("predicted probability of a person", "observed frequency")
     axes.plot([0, 1], [0, 1], color=_INK, lw=1, ls=":")
     bins = [b for b in found.bins if b.n]
     p = np.array([b.mean_p for b in bins])

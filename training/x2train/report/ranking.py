@@ -10,17 +10,9 @@ _Float = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ranking:
-    """Scores of two classes, sorted once and weighted as often as needed.
+    """Scores of two classes, sorted once and weighted as often as needed."""
 
-    Attributes
-    ----------
-    score : ndarray, shape (n,), float64
-        Higher speaks for the positive class; infinities are allowed.
-    is_positive : ndarray, shape (n,), bool
-        The truth.
-    """
-
-    score: _Float
+    score: _Float  # (n,): higher speaks for the positive class; infinities are allowed
     is_positive: NDArray[np.bool_]
     levels: _Float = field(init=False)
     _level: NDArray[np.int64] = field(init=False)

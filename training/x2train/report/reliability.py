@@ -1,4 +1,4 @@
-"""Reliability: whether 70 % of what was given 70 % were people."""
+"""Reliability diagram: observed frequency per bin of predicted probability."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from x2train.report.intervals import Estimate, resampled
 
-BINS = 10
+BINS = 10  # as usual (Guo et al. 2017 have 15)
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,17 +21,10 @@ class Bin:
 
 @dataclass(frozen=True, slots=True)
 class Reliability:
-    """A reliability diagram and its error.
+    """A reliability diagram and its error."""
 
-    Attributes
-    ----------
-    bins : tuple of Bin
-        From 0 to 1, equally wide.
-    error : Estimate
-        Expected calibration error: mean distance of share and probability (Guo et al. 2017).
-    """
-
-    bins: tuple[Bin, ...]
+    bins: tuple[Bin, ...]  # from 0 to 1, equally wide
+    # expected calibration error: mean distance of share and probability (Guo et al. 2017)
     error: Estimate
 
 
@@ -41,18 +34,9 @@ def reliability(
     passage: NDArray[np.int64],
     rng: np.random.Generator,
 ) -> Reliability:
-    """Return how probabilities of a person compare with the truth.
+    """Return the observed share of people per bin of predicted probability, shape (n,), finite.
 
-    Parameters
-    ----------
-    p : ndarray, shape (n,), float64
-        Finite probabilities.
-    is_human : ndarray, shape (n,), bool
-        The truth.
-    passage : ndarray, shape (n,), int64
-        Passages they are of: what is drawn again for the intervals.
-    rng : Generator
-        For those draws.
+    `passage`, shape (n,), is what is drawn again for the intervals.
     """
     passages, which = np.unique(passage, return_inverse=True)
     n = len(passages)

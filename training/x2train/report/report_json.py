@@ -14,13 +14,13 @@ from x2train.report.figures import Figures
 from x2train.report.table import PassageTable
 from x2train.report.verdicts import EPISODE_S
 
-VERSION = 1
-DIGITS = 4
+VERSION = 1  # of the schema
+DIGITS = 4  # chosen: intervals are wider
 _HOW = {
     "intrusion": "a person who was in the swath; missed without an alarm from then on",
     "false alarm": f"a minute ({EPISODE_S:g} s from a passage's first decision) with an alarm",
     "pet-hours": "how long the passages of pets last together, in the swath and out of it",
-    "time to alarm": "from entering the swath, over all intrusions; a missed one takes for ever",
+    "time to alarm": "from entering the swath, over all intrusions; infinite for a missed one",
     "limits for budgets": "chosen on these same passages",
     "intervals": (
         "95 %: Clopper-Pearson for shares, exact Poisson for rates (3/H after none in H hours), "

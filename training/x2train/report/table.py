@@ -51,78 +51,46 @@ SERIES = (
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class JudgedPassage:
-    """One passage and its decisions.
+    """One passage and its decisions."""
 
-    Attributes
-    ----------
-    family : str
-        What moved: 'walker', 'dog, large', 'crawler', 'fan', ...
-    label : {'human', 'pet', 'other', 'empty'}
-        The truth; a person with a pet is human.
-    split : str
-        'train families', 'held-out family', 'unseen room', ...
-    suite : str
-        A named test this passage is part of ('walk test: across 1.0 m/s'); or empty.
-    build : str
-        Of the body, its height, mass and limbs.
-    speed_mps, range_m, aspect_deg, snr_db, rcs_dbsm : float
-        Means over the time in the swath; NaN where there is no such thing.
-    duration_s : float
-        Of the passage.
-    enters_s, leaves_s : float
-        First and last stream second in which the body was in the swath; NaN when never.
-    t_s : ndarray, shape (n,), float64
-        Stream time at the end of every dwell that was decided on, ascending.
-    is_open, is_pending, is_alarm : ndarray, shape (n,), bool
-        Gate open; label `pending`; the daemon's verdict.
-    p_human, p_pet, p_other : ndarray, shape (n,), float64
-        Calibrated probabilities of each window; NaN with the gate closed.
-    fused_quiet : ndarray, shape (n,), float64
-        Fused p_pet + p_other. Not as one minus p_human: 1e-12 and 1e-6 must differ. NaN with
-        the gate closed.
-    fused_most : ndarray, shape (n,), float64
-        The larger of the two in it; NaN with the gate closed.
-    power_db : ndarray, shape (n,), float64
-        Total residual power.
-    target_range_m : ndarray, shape (n,), float64
-        Where it is; NaN with the gate closed.
-    compensated_db : ndarray, shape (n,), float64
-        Residual power times range to the fourth: what the radar cross-section would be.
-    """
-
-    family: str
-    label: Label
-    split: str = ""
-    suite: str = ""
-    build: str = ""
+    family: str  # what moved: 'walker', 'dog, large', 'crawler', 'fan', ...
+    label: Label  # the truth; a person with a pet is human
+    split: str = ""  # 'train families', 'held-out family', 'unseen room', ...
+    suite: str = ""  # a named test ('walk test: across 1.0 m/s'), or empty
+    build: str = ""  # of the body, its height, mass and limbs
+    # means over the time in the swath; NaN where there is no such thing
     speed_mps: float = np.nan
     range_m: float = np.nan
     aspect_deg: float = np.nan
     snr_db: float = np.nan
     rcs_dbsm: float = np.nan
-    duration_s: float
+    duration_s: float  # of the passage
+    # first and last stream second in which the body was in the swath; NaN when never
     enters_s: float = np.nan
     leaves_s: float = np.nan
+    # (n,): stream time at the end of every dwell that was decided on, ascending
     t_s: NDArray[np.float64]
+    # (n,): gate open; label `pending`; the daemon's verdict
     is_open: NDArray[np.bool_]
     is_pending: NDArray[np.bool_]
     is_alarm: NDArray[np.bool_]
+    # (n,): calibrated probabilities of each window; NaN with the gate closed
     p_human: NDArray[np.float64]
     p_pet: NDArray[np.float64]
     p_other: NDArray[np.float64]
+    # (n,): fused p_pet + p_other. Not as one minus p_human: 1e-12 and 1e-6 must differ. NaN with
+    # the gate closed.
     fused_quiet: NDArray[np.float64]
-    fused_most: NDArray[np.float64]
-    power_db: NDArray[np.float64]
-    target_range_m: NDArray[np.float64]
+    fused_most: NDArray[np.float64]  # (n,): the larger of the two in it; NaN with the gate closed
+    power_db: NDArray[np.float64]  # (n,): total residual power
+    target_range_m: NDArray[np.float64]  # (n,): where it is; NaN with the gate closed
+    # (n,): residual power times range to the fourth: what the radar cross-section would be
     compensated_db: NDArray[np.float64]
 
     def columns(self) -> dict[str, _Column]:
         """Return the passage as one row of the passages' columns and n of the decisions'.
 
-        Raises
-        ------
-        UsageError
-            If the label is none of the four, or the arrays differ in length.
+        Raises UsageError if the label is none of the four, or the arrays differ in length.
         """
         if self.label not in LABELS:
             msg = f"label {self.label!r}: must be one of {', '.join(LABELS)}"
@@ -141,18 +109,9 @@ class JudgedPassage:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class PassageTable:
-    """Many passages in columns; see `JudgedPassage` for their meaning.
+    """Many passages in columns; see `JudgedPassage` for their meaning."""
 
-    Attributes
-    ----------
-    n_decisions : ndarray, shape (n_passages,), int64
-        How many rows of the decisions' columns belong to each passage, in order.
-    first : ndarray, shape (n_passages + 1,), int64
-        Row of the decisions' columns at which each passage begins.
-    passage : ndarray, shape (n_decisions,), int64
-        JudgedPassage of every decision.
-    """
-
+    # (n_passages,): how many rows of the decisions' columns belong to each passage, in order
     n_decisions: NDArray[np.int64]
     family: NDArray[np.str_]
     label: NDArray[np.str_]
@@ -179,7 +138,9 @@ class PassageTable:
     power_db: NDArray[np.float64]
     target_range_m: NDArray[np.float64]
     compensated_db: NDArray[np.float64]
+    # (n_passages + 1,): row of the decisions' columns at which each passage begins
     first: NDArray[np.int64] = field(init=False)
+    # (n_decisions,): passage of every decision
     passage: NDArray[np.int64] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -209,13 +170,7 @@ class PassageTable:
 
     @classmethod
     def joined(cls, parts: Iterable[Mapping[str, _Column]]) -> "PassageTable":
-        """Return a table of sets of columns, one below the other.
-
-        Raises
-        ------
-        UsageError
-            If a column is missing.
-        """
+        """Return a table of sets of columns, one below the other; UsageError if one is missing."""
         parts = [_empty(), *(part for part in parts if part)]
         try:
             columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
@@ -240,12 +195,8 @@ class PassageTable:
     def load(cls, folder: Path) -> "PassageTable":
         """Read a set of shards of passages.
 
-        Raises
-        ------
-        RecordingError
-            If the folder holds no set, or a shard is damaged.
-        UsageError
-            If it is a set of something else.
+        Raises RecordingError if there is none or a shard is damaged, UsageError if it is of
+        something else.
         """
         shards = ShardSet(folder, _about(folder))
         return cls.joined(shards.read(name) for name in shards.names())

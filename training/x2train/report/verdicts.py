@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 from x2train.report.intervals import Estimate, per_hour, resampled, share
 from x2train.report.table import PassageTable
 
-PET_LIMIT = 0.8
+PET_LIMIT = 0.8  # the thesis' rule, and every bundle's
 BUDGET_HOURS = (1.0, 10.0, 60.0, 180.0)
 """False-alarm budgets: one in so many pet-hours; 60 are 30 days of 2 h."""
 EPISODE_S = 60.0
 """Alarms in the same minute from a passage's first decision are one: the first calls somebody."""
 Policy: TypeAlias = Literal["fused", "window"]
-_TINY = 1e-300
+_TINY = 1e-300  # chosen: its logarithm is finite
 _Float = NDArray[np.float64]
 _Bool = NDArray[np.bool_]
 
@@ -51,19 +51,12 @@ def limit_evidence(pet_limit: float) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Verdicts:
-    """What a policy says about every passage.
+    """What a policy says about every passage."""
 
-    Attributes
-    ----------
-    alarm_s : ndarray, shape (n_passages,), float64
-        From entering the swath to the first alarm at or after that; infinite without one.
-        From the start of the passage for bodies that never enter, and for none.
-    false_alarms : ndarray, shape (n_passages,), int64
-        Minutes with an alarm.
-    """
-
+    # (n_passages,): from entering the swath to the first alarm at or after that; infinite
+    # without one. From the start of the passage for bodies that never enter, and for none.
     alarm_s: _Float
-    false_alarms: NDArray[np.int64]
+    false_alarms: NDArray[np.int64]  # (n_passages,): minutes with an alarm
 
     @property
     def is_alarm(self) -> _Bool:
@@ -95,21 +88,13 @@ def hours(table: PassageTable, chosen: _Bool) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sweep:
-    """Misses and false alarms at every limit.
+    """Misses and false alarms at every limit."""
 
-    Attributes
-    ----------
-    intrusion : ndarray, shape (n_intrusions,), float64
-        Most evidence of each after it entered, ascending.
-    pet_minute : ndarray, shape (n_minutes,), float64
-        Most evidence of each minute of the pets, ascending; those without any left out.
-    pet_hours : float
-        How long the pets were there.
-    """
-
-    intrusion: _Float
+    intrusion: _Float  # (n_intrusions,): most evidence of each after it entered, ascending
+    # (n_minutes,): most evidence of each minute of the pets, ascending; those without any left
+    # out
     pet_minute: _Float
-    pet_hours: float
+    pet_hours: float  # how long the pets were there
 
     @classmethod
     def of(cls, table: PassageTable, score: _Float) -> "Sweep":
@@ -146,32 +131,18 @@ class Sweep:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """How an alarm did on people and pets.
+    """How an alarm did on people and pets."""
 
-    Attributes
-    ----------
-    n_intrusions, n_missed : int
-        People who entered the swath; those without an alarm from then on.
-    miss_rate : Estimate
-        Their share.
-    median_s, p90_s : Estimate
-        Time to alarm from entering, over all intrusions: a missed one takes for ever.
-    pet_hours : float
-        How long the pets were there.
-    n_false_alarms : int
-        Minutes of theirs with an alarm.
-    false_alarms_per_hour : Estimate
-        Per pet-hour.
-    """
-
+    # people who entered the swath; those without an alarm from then on
     n_intrusions: int
     n_missed: int
     miss_rate: Estimate
+    # time to alarm from entering, over all intrusions: a missed one takes for ever
     median_s: Estimate
     p90_s: Estimate
-    pet_hours: float
-    n_false_alarms: int
-    false_alarms_per_hour: Estimate
+    pet_hours: float  # how long the pets were there
+    n_false_alarms: int  # minutes of theirs with an alarm
+    false_alarms_per_hour: Estimate  # per pet-hour
 
 
 def outcome(

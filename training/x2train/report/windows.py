@@ -3,7 +3,7 @@
 A window counts when the gate was open and its middle lies in the time the body was in the
 swath; `all_open` figures take every window with an open gate. The single features are the
 test of the test set: where total power, range, cross-section or SNR alone tells people
-from pets, a network may have learnt that instead of motion.
+from pets, a network may have learned that instead of motion.
 """
 
 from dataclasses import dataclass
@@ -15,34 +15,22 @@ from x2train.report.intervals import Estimate, resampled
 from x2train.report.ranking import Ranking
 from x2train.report.table import LABELS, PassageTable
 
-DWELL_S = 2.0
-MATCHED_BELOW = 0.60
+DWELL_S = 2.0  # as all bundles have it
+MATCHED_BELOW = 0.60  # AUC: chosen, hardly over chance
 GUESSES = ("human", "pet", "other")
-_BINS = 20
+_BINS = 20  # chosen: enough windows in each
 _Float = NDArray[np.float64]
 _Bool = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Windows:
-    """Windows of people and pets.
+    """Windows of people and pets."""
 
-    Attributes
-    ----------
-    row : ndarray, shape (n,), int64
-        Their decisions in the table.
-    passage : ndarray, shape (n,), int64
-        Passage of each, numbered anew from 0.
-    is_human : ndarray, shape (n,), bool
-        The truth: human, else pet.
-    n_passages : int
-        How many passages have such windows.
-    """
-
-    row: NDArray[np.int64]
-    passage: NDArray[np.int64]
-    is_human: _Bool
-    n_passages: int
+    row: NDArray[np.int64]  # (n,): their decisions in the table
+    passage: NDArray[np.int64]  # (n,): passage of each, without gaps from 0
+    is_human: _Bool  # (n,): the truth: human, else pet
+    n_passages: int  # how many passages have such windows
 
     @classmethod
     def of(cls, table: PassageTable, chosen: _Bool) -> "Windows":
@@ -123,28 +111,15 @@ def confusion(table: PassageTable) -> dict[str, dict[str, int]]:
 
 @dataclass(frozen=True, slots=True)
 class Baseline:
-    """What one feature alone achieves.
-
-    Attributes
-    ----------
-    name : str
-        Of the feature.
-    is_required : bool
-        Whether the set counts only if this one stays below 0.60.
-    auc : Estimate
-        Of the feature, in whichever direction is better.
-    auc_binned : float
-        Of the share of people among windows in the same twentieth of its values, learnt on
-        every other passage and asked on the rest: finds what is not one-directional.
-    is_below : bool
-        Whether both stay below 0.60; true where the feature is not known.
-    """
+    """What one feature alone achieves."""
 
     name: str
-    is_required: bool
-    auc: Estimate
+    is_required: bool  # whether the set counts only if this one stays below 0.60
+    auc: Estimate  # of the feature, in whichever direction is better
+    # of the share of people among windows in the same twentieth of its values, learnt on every
+    # other passage and asked on the rest: finds what is not one-directional
     auc_binned: float
-    is_below: bool
+    is_below: bool  # whether both stay below 0.60; true where the feature is not known
 
 
 def baselines(

@@ -21,18 +21,14 @@ def write(
     render: Callable[[int], bytes | None] | None = None,
     seed: int = 0,
 ) -> dict[str, Any]:
-    """Write the report of a model; return what is in its JSON.
+    """Write report.json and report.html of a model into a folder; return what is in the JSON.
 
     Parameters
     ----------
-    table : PassageTable
-        What the model said of each passage.
-    out_dir : Path
-        Folder for report.json and report.html; made when missing.
-    title : str
-        Headline of the page.
-    other : PassageTable, optional
-        What another model said of the same passages, to compare with.
+    table, other : PassageTable
+        What the model said of each passage; what another one said of the same ones, to compare.
+    out_dir, title : Path and str
+        The folder, made when missing; headline of the page.
     render : callable, optional
         Index of a passage to its picture, a PNG, or None; asked for the worst twenty.
     seed : int

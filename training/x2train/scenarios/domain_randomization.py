@@ -1,7 +1,7 @@
-"""Guises: what makes two bodies of one family unlike each other, beyond what they draw.
+"""Domain randomization: bodies of one family differ in more than what the simulator draws.
 
 Simulated bodies agree in things in which real ones do not: how strong the echo of each part
-is, how even the pace. A randomization draws these anew, the same way for every class, so that a
+is, how even the pace. A randomization draws these, the same way for every class, so that a
 network finds nothing to learn there: gains of the parts, trunks of one bright spot or of
 several, cross sections held constant, clocks that run fast, slow and unevenly.
 """
@@ -18,14 +18,14 @@ from x2radar.sim.points import Label, Mover, Points
 from x2radar.sim.scene.cast import Actor
 
 Array = NDArray[np.float64]
-_LONGEST_LOOK_S = 40.0
-_LOOK_STEP_S = 0.1
-_GOES_MPS = 0.15
-_LEAST_WAY_S = 1.0
-_N_WAVES = 4
-_CONTRAST = (0.7, 1.8)
-_JOINED = 0.25
-_JOIN_SHARE, _CONSTANT_SHARE, _LOOSE_SHARE = 0.25, 0.3, 0.4
+_LONGEST_LOOK_S = 40.0  # chosen: courses are shorter
+_LOOK_STEP_S = 0.1  # chosen: a tenth of a step
+_GOES_MPS = 0.15  # chosen: slower bodies stay
+_LEAST_WAY_S = 1.0  # chosen: half a dwell of going
+_N_WAVES = 4  # chosen: uneven, but smooth
+_CONTRAST = (0.7, 1.8)  # exponent on the parts' strengths, chosen
+_JOINED = 0.25  # of the strongest part: chosen, -6 dB
+_JOIN_SHARE, _CONSTANT_SHARE, _LOOSE_SHARE = 0.25, 0.3, 0.4  # of bodies: chosen
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,23 +88,13 @@ def _joined(points: Points) -> Points:
 
 @dataclass(frozen=True, slots=True)
 class RandomizedActor(Actor):
-    """An actor who comes in a randomization.
+    """An actor who comes in a randomization."""
 
-    Attributes
-    ----------
-    antenna_m : tuple of float
-        Where the antenna is.
-    swath_m : tuple of float
-        Near and far end of what the radar sees.
-    lead_s : tuple of float
-        It enters the swath so many seconds after time 0, drawn evenly.
-    is_plain : bool
-        Without randomization, but for its entry: bodies as their own files make them.
-    """
-
-    antenna_m: tuple[float, float, float] = (0.0, 0.0, 1.0)
-    swath_m: tuple[float, float] = (0.6, 3.4)
+    antenna_m: tuple[float, float, float] = (0.0, 0.0, 1.0)  # where the antenna is
+    swath_m: tuple[float, float] = (0.6, 3.4)  # near and far end of what the radar sees
+    # it enters the swath so many seconds after time 0, drawn evenly
     lead_s: tuple[float, float] = (0.2, 2.5)
+    # without randomization, but for its entry: bodies as their own files make them
     is_plain: bool = False
 
     def make(self, rng: np.random.Generator) -> Mover:

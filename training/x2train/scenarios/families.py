@@ -25,32 +25,16 @@ LABELS: tuple[Label, ...] = ("human", "pet", "other")
 
 @dataclass(frozen=True, slots=True)
 class Family:
-    """One way of moving.
-
-    Attributes
-    ----------
-    name : str
-        For reports.
-    label : {'human', 'pet', 'other'}
-        What it is.
-    kind : str
-        Body or thing.
-    options : mapping
-        Of the body.
-    use : {'train', 'held out', 'thesis'}
-        Held out: kept from training where transfer is measured. Thesis: the thesis' bodies.
-    weight : float
-        Share within its label.
-    plugged : BodyKind or None
-        The body itself, where a plug-in brings it; it draws its own place and way.
-    """
+    """One way of moving."""
 
     name: str
     label: Label
-    kind: str
+    kind: str  # body or thing
     options: Mapping[str, Any] = field(default_factory=dict)
+    # held out: kept from training where transfer is measured
     use: Use = "train"
-    weight: float = 1.0
+    weight: float = 1.0  # share within its label
+    # the body itself, where a plug-in brings it; it draws its own place and way
     plugged: BodyKind | None = None
 
     @property
@@ -108,7 +92,8 @@ _CATS = {
     "play": 0.5,
     "jump": 1.0,
 }
-_LARGE_DOG_KG = 55
+"""Styles of movement by their share: chosen, what a home sees most the more often."""
+_LARGE_DOG_KG = 55  # a mastiff: chosen
 _THESIS: tuple[tuple[str, Label], ...] = (("human", "human"), ("dog", "pet"), ("cat", "pet"))
 _THINGS = ("curtain", "fan", "robot_vacuum", "washing_machine", "door", "plant", "rain", "moth")
 

@@ -28,9 +28,9 @@ from x2train.scenarios.sites import Site
 
 Array = NDArray[np.float64]
 _COURSES = ("cross", "approach", "leave", "oblique", "wander")
-_WALL_M = 0.3
-_UNSEEN = 0.1
-_ERROR_DB = -50.0
+_WALL_M = 0.3  # chosen: nearest to the wall that the radar hangs on
+_UNSEEN = 0.1  # of the noise's amplitude: echoes under it are not made
+_ERROR_DB = -50.0  # of echoes: chosen, far under clutter that jitter leaves
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,24 +45,12 @@ class Truth:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Passage:
-    """A piece of a stream, and its truth.
-
-    Attributes
-    ----------
-    site : Site
-        Where.
-    cast : tuple of Family
-        Who.
-    frames : ndarray, shape (n_slow, n_range), complex64
-        Baseband at the axis of the site's radar.
-    truth : Truth
-        Of every body of the cast.
-    """
+    """A piece of a stream, and its truth."""
 
     site: Site
     cast: tuple[Family, ...]
-    frames: NDArray[np.complex64]
-    truth: Truth
+    frames: NDArray[np.complex64]  # (n_slow, n_range): baseband at the axis of the site's radar
+    truth: Truth  # of every body of the cast
 
 
 def play(
@@ -74,27 +62,9 @@ def play(
     lead_s: tuple[float, float] = (0.2, 2.5),
     is_plain: bool = False,
 ) -> Passage:
-    """Simulate a passage.
+    """Simulate a passage of a cast through a site, for `duration_s`, everything random from `rng`.
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Everything random comes from it.
-    site : Site
-        Where.
-    cast : tuple of Family
-        Who moves.
-    duration_s : float
-        How long.
-    lead_s : tuple of float
-        When the bodies enter, see `RandomizedActor`.
-    is_plain : bool
-        Without guises.
-
-    Returns
-    -------
-    Passage
-        New arrays.
+    `lead_s` is when the bodies enter, see `RandomizedActor`; `is_plain` leaves randomization out.
     """
     radar = site.radar
     axis, rate_hz = radar.axis(), radar.frame_rate_hz

@@ -31,25 +31,14 @@ class Radar:
 
     Most here are decimated in range as well, as the maps need it: what the daemon would drop
     is then not even made. `THESIS` has all its bins, and the daemon decimates them itself.
-
-    Attributes
-    ----------
-    name : str
-        For reports.
-    carrier_hz, bandwidth_hz : float
-        Of the pulse; bandwidth at -10 dB.
-    bin_length_m : float
-        As the frames come.
-    near_m, far_m : float
-        Swath.
-    frame_rate_hz : float
-        Frames per second.
     """
 
     name: str
+    # of the pulse; bandwidth at -10 dB
     carrier_hz: float
     bandwidth_hz: float
-    bin_length_m: float
+    bin_length_m: float  # as the frames come
+    # swath
     near_m: float
     far_m: float
     frame_rate_hz: float
@@ -94,6 +83,7 @@ P4XX = Radar(
     far_m=4.4,
     frame_rate_hz=30.5,
 )
+"""The three radars by their data sheets, the X2's bins eight and the P4xx's three together."""
 
 
 def _thesis() -> Radar:
@@ -117,8 +107,8 @@ same, for it is that of the matched filter; eight neighbours share nearly the sa
 """
 ONE_RADAR: Mapping[str, Radar] = MappingProxyType({"thesis": THESIS, "x4m03": X4M03, "p4xx": P4XX})
 """Radars before which every suite can be played, by the name that `evaluate` takes."""
-_X2_SHARE = 0.7
-_CLOSE_M = 0.7
+_X2_SHARE = 0.7  # chosen: the radar that the bundles are for
+_CLOSE_M = 0.7  # chosen: an arm's length from a shelf or table
 
 
 def draw_rate_hz(rng: np.random.Generator, least_hz: float = 30.0) -> float:
@@ -171,39 +161,17 @@ def draw_radar(rng: np.random.Generator, kind: RadarKind = "any") -> Radar:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Site:
-    """Where and with what is measured.
-
-    Attributes
-    ----------
-    radar : Radar
-        Which one.
-    antenna : Antenna
-        And how it is mounted.
-    room : RoomSettings or None
-        What stands still.
-    surfaces : tuple of Surface
-        Floor and walls.
-    tail : TailSettings or None
-        Moving clutter behind bodies.
-    receiver : ReceiverEffects
-        Imperfections.
-    level_db : float
-        Strength of all echoes against the radar equation.
-    kind : {'usual', 'unseen'}
-        Of the room.
-    depth_m : float
-        How far behind the near end of the swath bodies go.
-    """
+    """Where and with what is measured."""
 
     radar: Radar
     antenna: Antenna
-    room: RoomSettings | None
+    room: RoomSettings | None  # what stands still
     surfaces: tuple[Surface, ...]
-    tail: TailSettings | None
+    tail: TailSettings | None  # moving clutter behind bodies
     receiver: ReceiverEffects
-    level_db: float
+    level_db: float  # strength of all echoes against the radar equation
     kind: RoomKind = "usual"
-    depth_m: float = np.inf
+    depth_m: float = np.inf  # how far behind the near end of the swath bodies go
 
     @property
     def is_close(self) -> bool:

@@ -19,12 +19,8 @@ _NEEDED = (*MAP_FEATURES, "label", "passage", "t_s")
 def load_windows(*folders: Path) -> tuple[Columns, list[Mapping[str, Any]]]:
     """Return the columns of one or more sets, and what each was made from.
 
-    Raises
-    ------
-    RecordingError
-        If a set is missing, unreadable or damaged.
-    UsageError
-        If it holds no windows, or windows made with other features than the first's.
+    Raises RecordingError if a set is missing, unreadable or damaged, UsageError if it holds no
+    windows, or windows made with other features than the first's.
     """
     made: list[Columns] = []
     abouts: list[Mapping[str, Any]] = []

@@ -24,42 +24,25 @@ from x2train.scenarios.sites import RadarKind, RoomKind, draw_close, draw_radar,
 HOP_S = 1.0
 GATE = GateSettings()
 """The gate of sets and evaluations: the daemon's default, recorded with them."""
-_VISIBLE_DB = 3.0
-_LEAST_SHARE = 0.12
-_A_RADAR, _RADAR = 16, 0x5ADA
-_CLOSE_SHARE = 0.1
+_VISIBLE_DB = 3.0  # over the noise: chosen
+_LEAST_SHARE = 0.12  # of a dwell, a quarter of a second: chosen
+_A_RADAR, _RADAR = 16, 0x5ADA  # passages that share one; marks its generator
+_CLOSE_SHARE = 0.1  # of passages in usual rooms: chosen
 _FAMILY = {f.name: k for k, f in enumerate(FAMILIES)}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WindowSpec:
-    """What windows are drawn from.
+    """What windows are drawn from."""
 
-    Attributes
-    ----------
-    seed : int
-        Passage k draws from ``[seed, k]``.
-    use : {'train', 'staying', 'things', 'held out', 'thesis', 'all'} or str
-        Families, or the body of a plug-in.
-    rooms : {'usual', 'unseen'}
-        Kind of room.
-    radar : {'any', 'x2', 'x4m03'}
-        See `draw_radar`.
-    settings : FeatureSettings
-        How the maps are made.
-    is_plain : bool
-        Without guises.
-    longest_s : float
-        Bodies are there for 2 s to so long.
-    """
-
-    seed: int = 0
+    seed: int = 0  # passage k draws from ``[seed, k]``
+    # families, or the body of a plug-in
     use: Use | str = "all"
     rooms: RoomKind = "usual"
-    radar: RadarKind = "any"
+    radar: RadarKind = "any"  # see `draw_radar`
     settings: FeatureSettings
-    is_plain: bool = False
-    longest_s: float = 6.0
+    is_plain: bool = False  # without domain randomization
+    longest_s: float = 6.0  # bodies are there for 2 s to so long
 
     def __call__(self, number: int) -> Mapping[str, NDArray[Any]] | None:
         """Return the windows of passage `number`; None if it has none."""

@@ -20,51 +20,31 @@ from matplotlib.axes import Axes
 from radard.dsp.doppler import micro_doppler, velocity_mps
 from radard.dsp.downconvert import DownConverter
 from radard.dsp.range_time import RangeTimeMap
-from radard.dsp.velocity import VelocityTransform
+from radard.dsp.velocity import CPI_S, VelocityTransform
 from x2radar.frame import FastTimeAxis
 from x2radar.settings.base import ModuleSettings
 from x2radar.sim.module.stream import EchoStream
 from x2radar.sim.scene.scene import Scene
 from x2radar.sim.scene.stage import Stage
 
-CPI_S = 28 / 60
-RANGE_DB, VELOCITY_DB = 40.0, 30.0
-_OVER_NOISE_DB = 22.0
+RANGE_DB, VELOCITY_DB = 40.0, 30.0  # shown under the peak: chosen by eye
+_OVER_NOISE_DB = 22.0  # columns under it are not stretched: chosen by eye
 _COLOURS = {"human": "tab:red", "pet": "tab:blue", "other": "tab:green"}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pictures:
-    """What is drawn.
+    """What is drawn."""
 
-    Attributes
-    ----------
-    axis : FastTimeAxis
-        Of the baseband frames.
-    frame_rate_hz : float
-        Frames per second.
-    range_time : ndarray, shape (n_cells, n_columns), float64
-        Power without clutter.
-    range_m : ndarray, shape (n_cells,), float64
-        Middles of its cells.
-    velocity_time : ndarray, shape (n_velocity, n_columns), float64
-        Power; `velocity_mps` is its axis, approaching positive.
-    velocity_mps : ndarray, shape (n_velocity,), float64
-        Velocities.
-    spectrogram : ndarray, shape (n_doppler, n_columns), float64
-        mu.
-    duration_s : float
-        Of all three.
-    """
-
-    axis: FastTimeAxis
+    axis: FastTimeAxis  # of the baseband frames
     frame_rate_hz: float
-    range_time: NDArray[np.float64]
-    range_m: NDArray[np.float64]
+    range_time: NDArray[np.float64]  # (n_cells, n_columns): power without clutter
+    range_m: NDArray[np.float64]  # (n_cells,): middles of its cells
+    # (n_velocity, n_columns): power; `velocity_mps` is its axis, approaching positive
     velocity_time: NDArray[np.float64]
     velocity_mps: NDArray[np.float64]
-    spectrogram: NDArray[np.float64]
-    duration_s: float
+    spectrogram: NDArray[np.float64]  # (n_doppler, n_columns): mu
+    duration_s: float  # of all three
 
 
 def scene_frames(
@@ -105,26 +85,7 @@ def pictures(frames: NDArray[np.complex64], axis: FastTimeAxis, frame_rate_hz: f
 def plot_scene(
     scene: Scene, seed: int, settings: ModuleSettings, duration_s: float, path: Path
 ) -> Path:
-    """Draw a scene into a file.
-
-    Parameters
-    ----------
-    scene : Scene
-        What to play.
-    seed : int
-        Of its draws.
-    settings : ModuleSettings
-        Of the radar.
-    duration_s : float
-        How long, in seconds.
-    path : Path
-        PNG, PDF or SVG by its suffix.
-
-    Returns
-    -------
-    Path
-        The file.
-    """
+    """Draw a scene into a file, PNG, PDF or SVG by its suffix; return the file."""
     frames, axis = scene_frames(scene, seed, settings, duration_s)
     shown = pictures(frames, axis, settings.frame_rate_hz)
     figure, axes = plt.subplots(2, 2, figsize=(12, 7.5))

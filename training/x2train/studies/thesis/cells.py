@@ -5,26 +5,17 @@ from typing import Literal
 
 Animal = Literal["dog", "cat", "pet"]
 Activation = Literal["relu", "sigmoid"]
-RATES_HZ = (60, 200)
+RATES_HZ = (60, 200)  # the thesis'
 
 
 @dataclass(frozen=True, slots=True, order=True)
 class Cell:
-    """One data set.
+    """One data set."""
 
-    Attributes
-    ----------
-    vector : int
-        1, or 2 for the range profile in front of type 1.
-    animal : {'dog', 'cat', 'pet'}
-        Class 1; people are class 2. 'pet', dogs and cats in turn, is not the thesis'.
-    frame_rate_hz : int
-        60 or 200 in the thesis; any in this recipe.
-    """
-
-    vector: int
+    vector: int  # 1, or 2 for the range profile in front of type 1
+    # class 1; people are class 2. 'pet', dogs and cats in turn, is not the thesis'
     animal: Animal
-    frame_rate_hz: int
+    frame_rate_hz: int  # 60 or 200 in the thesis; any in this recipe
 
     @property
     def bodies(self) -> tuple[str, ...]:

@@ -21,32 +21,20 @@ State = dict[str, torch.Tensor]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Checkpoint:
-    """Everything that a training goes on from.
+    """Everything that a training goes on from."""
 
-    Attributes
-    ----------
-    print : str
-        Of data and settings.
-    epoch, steps : int
-        Done.
-    net, mean_net, best : dict
-        Weights: as they are, their running mean, every repeat's best.
-    best_score, scores, confidence : list
-        Of the looks so far.
-    order : Tensor
-        State of the generator that orders elements.
-    """
-
-    print: str
+    print: str  # of data and settings
     epoch: int
     steps: int
+    # weights: as they are, their running mean, every repeat's best
     net: State
     mean_net: State
     best: State
+    # of the looks so far
     best_score: list[float]
     scores: list[list[float]]
     confidence: list[list[list[float]]]
-    order: torch.Tensor
+    order: torch.Tensor  # state of the generator that orders elements
 
 
 def fingerprint(data: Iterable[CellData], settings: FitSettings, start: RepeatedMlp | None) -> str:

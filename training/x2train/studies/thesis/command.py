@@ -182,7 +182,7 @@ def _jobs(
     plain = {name: _variant(args, name) for name in names}
     first = next(iter(plain.values()))
     for cell in cells:
-        # Refuse what makes no vector before anything is simulated.
+        # Validates the settings before anything is simulated.
         recipe.spec(cell.frame_rate_hz)
         if args.train_rate is not None:
             recipe.spec(args.train_rate)

@@ -29,41 +29,27 @@ BODIES = ("human", "dog", "cat")
 CLUTTER = ((0.75, 3e4), (1.90, 6e4), (3.10, 4e5))
 """Range in metres and cross section of the echoes that the switch `clutter` adds."""
 NOISES = ("input", "printed")
-_LNA_GAIN = 10.0
-_MU_DEPTH_DB = 30.0
+_LNA_GAIN = 10.0  # of (2.14)
+_MU_DEPTH_DB = 30.0  # chosen, as the bundles' long maps have it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ElementSpec:
-    """What elements are drawn from.
-
-    Attributes
-    ----------
-    frame_rate_hz : int
-        Frames per second.
-    seed : int
-        Every draw follows from it.
-    clutter : bool
-        Whether static echoes are added.
-    noise : {'input', 'printed'}
-        Noise figure referred to the input, Te = TA + TRx; or the thesis' own (2.12-2.14),
-        whose receiver noise is divided by the gain that its signal is multiplied with.
-    n_cpi, n_cadence : int
-        M and I alpha.
-    dwell_s : float
-        T.
-    """
+    """What elements are drawn from."""
 
     frame_rate_hz: int = 60
-    seed: int = 0
-    clutter: bool = False
+    seed: int = 0  # every draw follows from it
+    clutter: bool = False  # whether static echoes are added
+    # 'input', 'printed': noise figure referred to the input, Te = TA + TRx; or the thesis' own
+    # (2.12-2.14), whose receiver noise is divided by the gain that its signal is multiplied with
     noise: str = "input"
+    # M and I alpha
     n_cpi: int = 28
     n_cadence: int = 28
-    dwell_s: float = 2.0
+    dwell_s: float = 2.0  # T
 
     def __post_init__(self) -> None:
-        """Refuse what makes no vector."""
+        """Validate the settings."""
         if not 1 <= self.frame_rate_hz <= 1000:
             msg = f"frame rate {self.frame_rate_hz}: must be 1 to 1000 a second"
             raise UsageError(msg)
@@ -103,24 +89,15 @@ class ElementSpec:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Element:
-    """One element.
+    """One element."""
 
-    Attributes
-    ----------
-    vector : ndarray, shape (Q2,), float32
-        Type 2; type 1 is what follows on the first 392.
-    mu : ndarray, shape (n_cpi, n_cells), float32
-        Spectrogram in decibels, by time cells of 50 ms: `radard.classify.display_db.shown`.
-    range_time : ndarray, shape (n_range_cells, n_cells), float32
-        Likewise, power of what moves by cells of 50 mm.
-    in_view : float
-        Share of the time with the torso in the swath.
-    """
-
-    vector: NDArray[np.float32]
+    vector: NDArray[np.float32]  # (Q2,): type 2; type 1 is what follows on the first 392
+    # (n_cpi, n_cells): spectrogram in decibels, by time cells of 50 ms:
+    # `radard.classify.display_db.shown`
     mu: NDArray[np.float32]
+    # (n_range_cells, n_cells): likewise, power of what moves by cells of 50 mm
     range_time: NDArray[np.float32]
-    in_view: float
+    in_view: float  # share of the time with the torso in the swath
 
 
 @lru_cache(maxsize=1)
@@ -145,14 +122,7 @@ def _converter() -> DownConverter:
 def dwell(spec: ElementSpec, body: str, number: int) -> tuple[Dwell, float]:
     """Return one element's frames, and the share of them with its torso in the swath.
 
-    Parameters
-    ----------
-    spec : ElementSpec
-        What to draw from.
-    body : {'human', 'dog', 'cat'}
-        Which body.
-    number : int
-        Which element; the same number is the same body at every frame rate.
+    The same number is the same body at every frame rate.
     """
     axis, budget = _axis(), spec.budget
     rng = np.random.default_rng([spec.seed, BODIES.index(body), number])

@@ -16,24 +16,12 @@ from radard.dsp.doppler import doppler_hz, micro_doppler, range_doppler
 from x2train.studies.thesis.elements import PROFILE, ElementSpec, dwell
 from x2train.studies.thesis.plots import save
 
-_LEAST_DB = -40.0
+_LEAST_DB = -40.0  # as in the thesis' plots
 Extent = tuple[float, float, float, float]
 
 
 def features(folder: Path, spec: ElementSpec, body: str, number: int) -> Path:
-    """Draw one element.
-
-    Parameters
-    ----------
-    folder : Path
-        Of the picture.
-    spec : ElementSpec
-        What it is drawn from.
-    body : str
-        Which body.
-    number : int
-        Which element.
-    """
+    """Draw one element of a body into a folder; return the file."""
     made, _ = dwell(spec, body, number)
     n_cpi, rate_hz = spec.n_cpi, spec.frame_rate_hz
     first = len(made.frames) // 2 - n_cpi // 2

@@ -26,52 +26,35 @@ from x2train.studies.thesis.mlp import ACTIVATIONS, RepeatedMlp, affine, probabi
 from x2train.studies.thesis.sets import CellData
 from x2train.studies.thesis.settings import FitSettings
 
-_LEAST = 1e-12
-_LBFGS_MEMORY = 20
-_SEED_STRIDE = 1000
+_LEAST = 1e-12  # probability: chosen, its logarithm is finite
+_LBFGS_MEMORY = 20  # chosen: torch's 100 take five times the memory
+_SEED_STRIDE = 1000  # chosen: no repeat has another one's seeds
 
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """The network at one look.
+    """The network at one look."""
 
-    Attributes
-    ----------
-    stage : str
-        'autoencoder 1', ..., 'output', 'whole'.
-    epoch, epochs : int
-        Done, and at most to do.
-    scores : tuple of float
-        Of every repeat: smaller is better; empty before the whole network trains.
-    """
-
-    stage: str
+    stage: str  # 'autoencoder 1', ..., 'output', 'whole'
+    # done, and at most to do
     epoch: int
     epochs: int
+    # of every repeat: smaller is better; empty before the whole network trains
     scores: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fitted:
-    """The result.
+    """The result."""
 
-    Attributes
-    ----------
-    net : RepeatedMlp
-        Every repeat at its best look.
-    mean, scale : ndarray, shape (Q,), float32
-        The input is taken as (x - mean) scale.
-    scores : ndarray, shape (n_looks, n_repeats), float64
-        Cross-entropy on the elements that stop training, look by look, the first before the
-        whole network trained.
-    confidence : ndarray, shape (n_looks, n_repeats, 2), float64
-        Mean probability of the true class, by class, likewise.
-    """
-
-    net: RepeatedMlp
+    net: RepeatedMlp  # every repeat at its best look
+    # (Q,): the input is taken as (x - mean) scale
     mean: NDArray[np.float32]
     scale: NDArray[np.float32]
+    # (n_looks, n_repeats): cross-entropy on the elements that stop training, look by look, the
+    # first before the whole network trained
     scores: NDArray[np.float64]
+    # (n_looks, n_repeats, 2): mean probability of the true class, by class, likewise
     confidence: NDArray[np.float64]
 
     def predict(self, x: NDArray[np.float32]) -> NDArray[np.float64]:
@@ -103,22 +86,14 @@ def fit(
 
     Parameters
     ----------
-    train : CellData
-        What trains.
-    stop : CellData
-        What scores at every look.
-    settings : FitSettings
-        How. L-BFGS trains repeat by repeat: its line search would tie them together.
+    train, stop, settings : CellData, CellData and FitSettings
+        What trains, what scores at every look, and how. L-BFGS trains repeat by repeat: its line
+        search would tie them together.
     checkpoint : Path, optional
         File that is written at every look and from which a run goes on, with the same result
         as if it had not stopped; one of another run is not taken.
     start : Fitted, optional
         Go on from here, without the autoencoders (retraining on recordings).
-
-    Yields
-    ------
-    Look or Fitted
-        Progress, then the result.
     """
     if settings.optimiser != "lbfgs" or settings.repeats == 1 or start is not None:
         yield from _fit(train, stop, settings, checkpoint, start)

@@ -7,8 +7,8 @@ from torch.nn import functional
 
 from x2train.studies.thesis.mlp import probabilities
 
-_SPARSE_TO = 0.05
-TYPE1 = 784
+_SPARSE_TO = 0.05  # as usual for sparse autoencoders
+TYPE1 = 784  # 28 x 28: M times I alpha
 
 
 def scaling_of(
@@ -33,16 +33,9 @@ def scaling_of(
 
 
 def output_error(logits: torch.Tensor, y: torch.Tensor, kind: str) -> torch.Tensor:
-    """Return the sum over repeats of the mean error.
+    """Return the sum over repeats of the mean error, 'cross-entropy' or 'mse'.
 
-    Parameters
-    ----------
-    logits : Tensor, shape (n_repeats, n, n_outputs)
-        What goes into the output function.
-    y : Tensor, shape (n,), int64
-        Classes.
-    kind : {'cross-entropy', 'mse'}
-        Which error.
+    Logits have shape (n_repeats, n, n_outputs), classes `y` (n,), int64.
     """
     n = len(y)
     if kind == "mse":

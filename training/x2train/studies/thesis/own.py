@@ -23,43 +23,26 @@ from x2train.studies.thesis.sets import load_maps
 
 Maps = dict[str, NDArray[np.float32]]
 LABEL = "own"
-_AT_ONCE = 500
+_AT_ONCE = 500  # chosen for memory
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OwnSettings:
-    """How the map network is trained.
+    """How the map network is trained."""
 
-    Attributes
-    ----------
-    channels : tuple of int
-        Of the three layers of either branch.
-    hidden : int
-        Units behind both.
-    dropout : float
-        Share of units left out while training.
-    learning_rate, decay : float
-        Of AdamW; the rate rises and falls once.
-    batch, epochs : int
-        As elsewhere.
-    repeats : int
-        Initial weights.
-    seed : int
-        Of weights, order and dropout.
-    """
-
-    channels: tuple[int, int, int] = (8, 16, 32)
+    channels: tuple[int, int, int] = (8, 16, 32)  # of the three layers of either branch
     hidden: int = 64
-    dropout: float = 0.3
+    dropout: float = 0.3  # share of units left out while training
+    # of AdamW; the rate rises and falls once
     learning_rate: float = 0.002
     decay: float = 0.01
     batch: int = 64
     epochs: int = 30
-    repeats: int = 1
-    seed: int = 0
+    repeats: int = 1  # initial weights
+    seed: int = 0  # of weights, order and dropout
 
 
-class MapNet(nn.Module):
+class TwoMapNet(nn.Module):
     """Three convolutions on each map, then both together.
 
     Parameters
@@ -109,18 +92,18 @@ def _branch(channels: tuple[int, ...]) -> nn.Sequential:
 
 def train_maps(
     maps: Maps, y: NDArray[np.int64], s: OwnSettings, tell: Callable[[int], None]
-) -> MapNet:
+) -> TwoMapNet:
     """Return a trained network."""
     # Initial weights and dropout draw from torch's own generator: lent, and given back.
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(s.seed)
         shapes = {name: (values.shape[1], values.shape[2]) for name, values in maps.items()}
-        return _train(MapNet(shapes, s), maps, y, s, tell)
+        return _train(TwoMapNet(shapes, s), maps, y, s, tell)
 
 
 def _train(
-    net: MapNet, maps: Maps, y: NDArray[np.int64], s: OwnSettings, tell: Callable[[int], None]
-) -> MapNet:
+    net: TwoMapNet, maps: Maps, y: NDArray[np.int64], s: OwnSettings, tell: Callable[[int], None]
+) -> TwoMapNet:
     inputs = {name: torch.from_numpy(values[:, None]) for name, values in maps.items()}
     wanted = torch.from_numpy(y)
     optimiser = torch.optim.AdamW(net.parameters(), s.learning_rate, weight_decay=s.decay)
@@ -138,7 +121,7 @@ def _train(
     return net
 
 
-def predict_maps(net: MapNet, maps: Maps) -> NDArray[np.float64]:
+def predict_maps(net: TwoMapNet, maps: Maps) -> NDArray[np.float64]:
     """Return probabilities, shape (n, 2), float64."""
     net.eval()
     n = len(next(iter(maps.values())))
@@ -152,20 +135,10 @@ def predict_maps(net: MapNet, maps: Maps) -> NDArray[np.float64]:
 
 @dataclass(frozen=True, slots=True)
 class OwnJob:
-    """The map network on one set.
+    """The map network on one set."""
 
-    Attributes
-    ----------
-    recipe : Recipe
-        Where data and results lie.
-    cell : Cell
-        Which set; its vector makes no difference.
-    settings : OwnSettings
-        How.
-    """
-
-    recipe: Recipe
-    cell: Cell
+    recipe: Recipe  # where data and results lie
+    cell: Cell  # which set; its vector makes no difference
     settings: OwnSettings
 
     @property

@@ -24,19 +24,7 @@ def page(
     command: str,
     folder: Path,
 ) -> str:
-    """Return the page.
-
-    Parameters
-    ----------
-    results : sequence of CellResult
-        Everything that was trained.
-    figures : mapping of str to sequence of Path
-        Pictures by heading.
-    command : str
-        What made them.
-    folder : Path
-        Where the page lies; pictures are named relative to it.
-    """
+    """Return the page of all that was trained, with pictures by heading, named from `folder`."""
     main = [r for r in results if r.label in MAIN]
     own = [r for r in results if r.label == OWN]
     rest = [r for r in results if r.label not in {*MAIN, OWN}]

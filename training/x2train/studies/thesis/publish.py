@@ -13,32 +13,13 @@ from x2train.studies.thesis.page import MAIN, page
 from x2train.studies.thesis.recipe import Recipe
 from x2train.studies.thesis.results import CellResult
 
-_EXAMPLE = 3
+_EXAMPLE = 3  # number of the element that is drawn: chosen
 
 
 def publish(recipe: Recipe, results: Sequence[CellResult], path: Path, command: str) -> Path:
-    """Write tables and pictures of results.
+    """Write tables of results, and pictures into a folder of the page's name beside it.
 
-    Parameters
-    ----------
-    recipe : Recipe
-        What the examples are drawn from.
-    results : sequence of CellResult
-        Everything that the page shows.
-    path : Path
-        The page; pictures go into a folder of its name beside it.
-    command : str
-        What the page says made it.
-
-    Returns
-    -------
-    Path
-        The page.
-
-    Raises
-    ------
-    RecordingError
-        If the disk does not take it.
+    The page says that `command` made it. Raises RecordingError if the disk does not take it.
     """
     try:
         return _publish(recipe, results, path, command)

@@ -21,45 +21,29 @@ FRESH_FROM = 1_000_000
 """Number of the first fresh element: no training set reaches it."""
 _STOP_SHARE = 20
 """One in so many training elements scores instead, when there are no recordings."""
-_RETRAIN_RATE = 0.25
+_RETRAIN_RATE = 0.25  # of the learning rate: chosen
 
 Tell = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Variant:
-    """One configuration of a cell.
+    """One configuration of a cell."""
 
-    Attributes
-    ----------
-    label : str
-        Short, for tables and file names.
-    fit : FitSettings
-        Of the training.
-    rectified, clutter : bool
-        Switches of the data.
-    noise : str
-        As in `ElementSpec`.
-    train_rate_hz : int or None
-        Train on sets of another frame rate than the cell's.
-    """
-
-    label: str
+    label: str  # short, for tables and file names
     fit: FitSettings
+    # switches of the data
     rectified: bool = False
     clutter: bool = False
-    noise: str = "input"
-    train_rate_hz: int | None = None
+    noise: str = "input"  # as in `ElementSpec`
+    train_rate_hz: int | None = None  # train on sets of another frame rate than the cell's
 
 
 def variants(base: FitSettings) -> tuple[Variant, ...]:
     """Return the rows of section 7: what the thesis leaves to be tried.
 
-    Parameters
-    ----------
-    base : FitSettings
-        Of the plain ReLU network; each row changes one thing. Learning rates and decays that
-        an optimiser or activation cannot do with go with it.
+    Each changes one thing of the plain ReLU network; learning rates and decays that an optimiser
+    or activation cannot do with go with it.
     """
 
     def row(label: str, **changes: Any) -> Variant:
@@ -97,34 +81,19 @@ def variants(base: FitSettings) -> tuple[Variant, ...]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Recipe:
-    """Where things lie and how much of them there is.
+    """Where things lie and how much of them there is."""
 
-    Attributes
-    ----------
-    folder : Path
-        Of data, results and checkpoints.
-    n_elements : int
-        Of a data set; a tenth of it evaluates.
-    n_fresh : int
-        Further elements that judge.
-    seed : int
-        Of all draws.
-    n_cpi, n_cadence : int
-        M and I alpha.
-    workers : int
-        Processes that simulate.
-    """
-
-    folder: Path
-    n_elements: int = 5000
-    n_fresh: int = FRESH
+    folder: Path  # of data, results and checkpoints
+    n_elements: int = 5000  # of a data set; a tenth of it evaluates
+    n_fresh: int = FRESH  # further elements that judge
     seed: int = 0
+    # M and I alpha
     n_cpi: int = 28
     n_cadence: int = 28
-    workers: int = 1
+    workers: int = 1  # processes that simulate
 
     def __post_init__(self) -> None:
-        """Refuse what makes no sets."""
+        """Validate the settings."""
         for name, least in (("n_elements", 40), ("n_fresh", 2), ("seed", 0), ("workers", 1)):
             if getattr(self, name) < least:
                 msg = f"{name.removeprefix('n_')} {getattr(self, name)}: must be at least {least}"
@@ -209,19 +178,10 @@ class Recipe:
     def train(
         self, cell: Cell, variant: Variant, tell: Tell, recordings: CellData | None = None
     ) -> "Trained":
-        """Train one configuration.
+        """Train one configuration; `tell` gets what is done, how far, of how much.
 
-        Parameters
-        ----------
-        cell : Cell
-            Which set.
-        variant : Variant
-            How.
-        tell : callable
-            Gets what is done, how far, of how much.
-        recordings : CellData, optional
-            Labelled recordings: the score that stops training, as in the thesis; then half of
-            them retrain the network, and the other half scores.
+        Labelled recordings, if given, are the score that stops training, as in the thesis; then
+        half of them retrain the network, and the other half scores.
         """
         for rate_hz in {cell.frame_rate_hz, variant.train_rate_hz or cell.frame_rate_hz}:
             self.make(self.spec(rate_hz, variant), cell, tell)
@@ -258,24 +218,12 @@ class Trained:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Job:
-    """One training that is due.
+    """One training that is due."""
 
-    Attributes
-    ----------
-    recipe : Recipe
-        Where things lie.
-    cell : Cell
-        Which set.
-    variant : Variant
-        How.
-    recordings : CellData or None
-        Windows to stop by and to retrain on.
-    """
-
-    recipe: Recipe
+    recipe: Recipe  # where things lie
     cell: Cell
     variant: Variant
-    recordings: CellData | None = None
+    recordings: CellData | None = None  # windows to stop by and to retrain on
 
     @property
     def _settings(self) -> dict[str, Any]:

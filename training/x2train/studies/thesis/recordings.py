@@ -37,17 +37,9 @@ class Recordings:
 def load_recordings(paths: Sequence[Path], spec: ElementSpec) -> Recordings:
     """Return the windows inside labels of recordings, hop one second.
 
-    Parameters
-    ----------
-    paths : sequence of Path
-        Recordings with labels pet, dog, cat, human or person; other labels are left out.
-    spec : ElementSpec
-        Frame rate and lengths; a recording may differ by 5 % in its rate.
-
-    Raises
-    ------
-    UsageError
-        If one has another frame rate, or none holds a labelled window of each class.
+    Labels are pet, dog, cat, human or person; others are left out. A recording may differ by 5 %
+    in its rate from the spec's. Raises UsageError if one differs more, or none holds a labelled
+    window of each class.
     """
     rows: list[NDArray[np.float32]] = []
     classes: list[int] = []

@@ -14,8 +14,8 @@ from radard.errors import UsageError
 from x2train.generate.shards import write_whole
 from x2train.studies.thesis.sets import CellData
 
-IN_VIEW = 0.25
-_LEAST = 1e-12
+IN_VIEW = 0.25  # of the time: chosen, half a second
+_LEAST = 1e-12  # probability: chosen, its logarithm is finite
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,39 +37,21 @@ class SetResult:
 
 @dataclass(frozen=True, slots=True)
 class CellResult:
-    """One cell, one configuration.
-
-    Attributes
-    ----------
-    name : str
-        Of the cell, T1D60.
-    label : str
-        What differs from the thesis' configuration; its activation in the main tables.
-    best : int
-        Which repeat had the best score while it trained.
-    epochs : tuple of int
-        Looks that were best, of each repeat.
-    evaluation, fresh, in_view : SetResult
-        The thesis' 500 elements, fresh ones, and those of the fresh ones in the swath for at
-        least a quarter of the time.
-    stopped_by : str
-        What the score was computed on.
-    settings : mapping
-        Of the training.
-    scores, confidence : tuple
-        Of every look and repeat: cross-entropy, and the mean probability of the true class of
-        pets and of people, on what stopped the training; the first before it began.
-    """
+    """One cell, one configuration."""
 
     name: str
-    label: str
-    best: int
-    epochs: tuple[int, ...]
+    label: str  # what differs from the thesis' configuration; its activation in the main tables
+    best: int  # which repeat had the best score while it trained
+    epochs: tuple[int, ...]  # looks that were best, of each repeat
+    # the thesis' 500 elements, fresh ones, and those of the fresh ones in the swath for at least
+    # a quarter of the time
     evaluation: SetResult
     fresh: SetResult
     in_view: SetResult
-    stopped_by: str
+    stopped_by: str  # what the score was computed on
     settings: Mapping[str, Any] = field(default_factory=dict)
+    # of every look and repeat: cross-entropy, and the mean probability of the true class of pets
+    # and of people, on what stopped the training; the first before it began
     scores: tuple[tuple[float, ...], ...] = ()
     confidence: tuple[tuple[tuple[float, ...], ...], ...] = ()
 

@@ -24,21 +24,11 @@ _LEVELS = 255
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CellData:
-    """One data set.
+    """One data set."""
 
-    Attributes
-    ----------
-    x : ndarray, shape (n, Q), float32
-        Feature vectors.
-    y : ndarray, shape (n,), int64
-        0 for the animal (class 1), 1 for people (class 2), in turn.
-    in_view : ndarray, shape (n,), float32
-        Share of the time in the swath.
-    """
-
-    x: NDArray[np.float32]
-    y: NDArray[np.int64]
-    in_view: NDArray[np.float32]
+    x: NDArray[np.float32]  # (n, Q): feature vectors
+    y: NDArray[np.int64]  # (n,): 0 for the animal (class 1), 1 for people (class 2), in turn
+    in_view: NDArray[np.float32]  # (n,): share of the time in the swath
 
     def part(self, first: int, last: int) -> "CellData":
         """Return elements `first` to before `last`."""
@@ -67,17 +57,9 @@ def make_bodies(
 def load_cell(
     folder: Path, spec: ElementSpec, cell: Cell, first: int, n: int, *, rectified: bool = False
 ) -> CellData:
-    """Return a data set whose shards were made: animal and person in turn.
+    """Return `n` elements of a data set whose shards were made: animal and person in turn.
 
-    Parameters
-    ----------
-    folder, spec, first : as in `make_bodies`
-    cell : Cell
-        Which vector and animal; its frame rate is the spec's.
-    n : int
-        Elements, half of each class.
-    rectified : bool
-        Turn range profiles so that the strongest sample lies left of the centre.
+    `rectified` turns range profiles so that the strongest sample lies left of the centre.
     """
     x, in_view = _in_turn(folder, spec, cell, (first, n), ("vector", "in_view"))
     if cell.vector == 1:

@@ -14,76 +14,42 @@ ERRORS = ("cross-entropy", "mse")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FitSettings:
-    """How to train.
-
-    Attributes
-    ----------
-    layers : tuple of int
-        Hidden layers.
-    activation : str
-        'relu', 'sigmoid' or 'tanh'.
-    n_outputs : int
-        2 (softmax), or 1 (logistic).
-    error : {'cross-entropy', 'mse'}
-        What training makes small.
-    optimiser : {'adam', 'momentum', 'lbfgs'}
-        Batches of `batch`, but for L-BFGS, which takes the whole set.
-    learning_rate : float
-        Of the optimiser; L-BFGS searches along its line and takes none.
-    momentum : float
-        Share of the last step in the next one (3.5); with Adam, of its mean gradient.
-    batch : int
-        Elements a step.
-    decay : float
-        A step takes this times the learning rate off every weight: an L2 penalty, with Adam
-        in its decoupled form (Loshchilov and Hutter 2019, recalled). L-BFGS gets the penalty
-        itself. It holds in every stage: autoencoders without it learn to blow up the weakest
-        inputs.
-    averaging : float
-        Networks are judged by the running mean of their weights, this share of it kept at
-        every step (Polyak and Juditsky 1992, recalled); 0 for the weights themselves.
-    sparsity : float
-        Penalty on the autoencoders' codes: L1 for ReLU, else the Kullback-Leibler divergence
-        of their mean from 0.05.
-    pretrain_epochs : tuple of int
-        Of each autoencoder; () for none.
-    output_epochs : int
-        Of the output layer alone.
-    epochs, look_every : int
-        Of the whole network, and how often it is looked at.
-    patience : int
-        Looks without a gain in any repeat that end a training.
-    repeats : int
-        Initial weights tried.
-    seed : int
-        Of weights and order.
-    scaling : {'none', 'block', 'each'}
-        Inputs as they are; the range profile and the type 1 part each by one factor to a mean
-        square of 1; or every input to mean 0 and deviation 1.
-    """
+    """How to train."""
 
     layers: tuple[int, ...] = (100, 50)
-    activation: str = "relu"
-    n_outputs: int = 2
-    error: str = "cross-entropy"
+    activation: str = "relu"  # 'relu', 'sigmoid' or 'tanh'
+    n_outputs: int = 2  # 2 (softmax), or 1 (logistic)
+    error: str = "cross-entropy"  # 'cross-entropy', 'mse': what training makes small
+    # 'adam', 'momentum', 'lbfgs': batches of `batch`, but for L-BFGS, which takes the whole set
     optimiser: str = "adam"
-    learning_rate: float = 0.001
+    learning_rate: float = 0.001  # of the optimiser; L-BFGS searches along its line and takes none
+    # share of the last step in the next one (3.5); with Adam, of its mean gradient
     momentum: float = 0.9
     batch: int = 100
+    # a step takes this times the learning rate off every weight: an L2 penalty, with Adam in its
+    # decoupled form (Loshchilov and Hutter 2019, recalled). L-BFGS gets the penalty itself. It
+    # holds in every stage: autoencoders without it learn to blow up the weakest inputs.
     decay: float = 0.7
+    # networks are judged by the running mean of their weights, this share of it kept at every
+    # step (Polyak and Juditsky 1992, recalled); 0 for the weights themselves
     averaging: float = 0.999
+    # penalty on the autoencoders' codes: L1 for ReLU, else the Kullback-Leibler divergence of
+    # their mean from 0.05
     sparsity: float = 0.0
-    pretrain_epochs: tuple[int, ...] = (500, 100)
-    output_epochs: int = 400
+    pretrain_epochs: tuple[int, ...] = (500, 100)  # of each autoencoder; () for none
+    output_epochs: int = 400  # of the output layer alone
+    # of the whole network, and how often it is looked at
     epochs: int = 2000
     look_every: int = 100
-    patience: int = 2
-    repeats: int = 10
-    seed: int = 0
+    patience: int = 2  # looks without a gain in any repeat that end a training
+    repeats: int = 10  # initial weights tried
+    seed: int = 0  # of weights and order
+    # 'none', 'block', 'each': inputs as they are; the range profile and the type 1 part each by
+    # one factor to a mean square of 1; or every input to mean 0 and deviation 1
     scaling: str = "none"
 
     def __post_init__(self) -> None:
-        """Name every field that makes no sense."""
+        """Validate the settings; the error names every wrong one."""
         n_pretrain = len(self.pretrain_epochs)
         rules = (
             ("layers", bool(self.layers) and min(self.layers) > 0, "at least one, above 0"),
@@ -121,11 +87,5 @@ _LESS: Mapping[str, Mapping[str, Any]] = {
 
 
 def fit_settings(activation: str, **changes: Any) -> FitSettings:
-    """Return the settings that suit an activation, with changes.
-
-    Raises
-    ------
-    UsageError
-        As `FitSettings`.
-    """
+    """Return the settings that suit an activation, with changes; raises as `FitSettings`."""
     return FitSettings(**{"activation": activation, **_LESS.get(activation, {}), **changes})

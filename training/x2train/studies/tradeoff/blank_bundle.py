@@ -17,9 +17,9 @@ from onnx import TensorProto, helper, numpy_helper
 from radard.classify.bundle import CLASSES, SCHEMA
 from radard.classify.features import FeatureSettings, feature_shape
 
-_WIDTHS = (16, 24, 40)
-_OPSET = 17
-_IR = 10
+_WIDTHS = (16, 24, 40)  # of the three layers: some 30,000 weights
+_OPSET = 17  # chosen: any onnxruntime reads it
+_IR = 10  # likewise
 ANY_STREAM = {
     "frame_rate_hz": (1.0, 1000.0),
     "bin_length_m": (1e-3, 0.1),

@@ -2,7 +2,7 @@
 
 A window goes to every network as its bundle wants it, at every decimation, with all of its
 velocity-time maps or with the longer ones blank, in single precision and in int8. No network
-is trained anew: one that was made for what it is given here could do better.
+is retrained: one that was made for what it is given here could do better.
 """
 
 from collections.abc import Iterator, Mapping
@@ -22,45 +22,27 @@ from x2train.report.ranking import Ranking
 from x2train.studies.tradeoff.maps import Setting
 from x2train.studies.tradeoff.windows import JudgedWindows, Maps
 
-DECIMATIONS = (4, 8, 16)
-CPIS = (3, 2, 1)
+DECIMATIONS = (4, 8, 16)  # as shipped, and half and double of it
+CPIS = (3, 2, 1)  # as shipped, and fewer
 PRECISIONS = ("fp32", "int8")
 SETTINGS = tuple(Setting(decimation=d, cpis=c) for d in DECIMATIONS for c in CPIS)
 _LONGER = ("velocity_time_medium", "velocity_time_long")
-_CALIBRATED_ON = 200
-_CALLS = 200
-_REPLICATES = 400
+_CALIBRATED_ON = 200  # windows: chosen
+_CALLS = 200  # of which the median counts: chosen
+_REPLICATES = 400  # chosen: more than reports, since rows are compared
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Combination:
-    """One of them.
-
-    Attributes
-    ----------
-    model : str
-        Name of the bundle.
-    precision : {'fp32', 'int8'}
-        Of its network.
-    decimation : int
-        Keep every so many range bins.
-    cpis : {1, 2, 3}
-        Velocity-time maps that are not blank.
-    ms_per_hop : float
-        CPU time of frames to maps, and of the network.
-    network_ms : float
-        The network's part.
-    auc : Estimate
-        Of windows, people against pets.
-    """
+    """One of them."""
 
     model: str
-    precision: str
-    decimation: int
-    cpis: int
-    ms_per_hop: float
+    precision: str  # of its network: 'fp32' or 'int8'
+    decimation: int  # keep every so many range bins
+    cpis: int  # velocity-time maps that are not blank
+    ms_per_hop: float  # CPU time of frames to maps, and of the network
     network_ms: float
-    auc: Estimate
+    auc: Estimate  # of windows, people against pets
 
     @property
     def is_shipped(self) -> bool:
@@ -84,25 +66,11 @@ def combinations(
     chain_ms: Mapping[Setting, float],
     seed: int,
 ) -> Iterator[int | list[Combination]]:
-    """Judge every combination.
+    """Judge every combination; yield how many are done, then all.
 
-    Parameters
-    ----------
-    bundles : list of Bundle
-        Of maps.
-    windows : JudgedWindows
-        What is judged by, at `DECIMATIONS`.
-    others : JudgedWindows
-        Of other passages: ranges of int8 are found on these.
-    chain_ms : mapping of Setting to float
-        CPU time of a hop without the network, of `SETTINGS`.
-    seed : int
-        Of the intervals.
-
-    Yields
-    ------
-    int or list of Combination
-        Combinations done, then all.
+    `windows`, at `DECIMATIONS`, judge; ranges of int8 are found on `others`, of other passages.
+    `chain_ms` is the CPU time of a hop without the network, of `SETTINGS`; `seed` is of the
+    intervals.
     """
     made: list[Combination] = []
     for bundle in bundles:

@@ -13,8 +13,8 @@ from radard.dsp.wideband import range_dft, velocity_operator
 from x2radar.frame import FastTimeAxis
 
 Steps = NDArray[np.complex128]
-_FLATTEN = 1.5
-_N_KEPT = 400
+_FLATTEN = 1.5  # as the velocity map's
+_N_KEPT = 400  # columns: two dwells at 200 Hz
 
 
 class DoubleMaps:

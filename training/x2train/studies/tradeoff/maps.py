@@ -19,17 +19,16 @@ from radard.dsp.downconvert import DownConverter
 from radard.dsp.grid import time_cells
 from radard.dsp.range_time import RangeTimeMap
 from radard.dsp.streaming import StreamingDoppler
-from radard.dsp.velocity import VelocityTransform
+from radard.dsp.velocity import CPI_S, VelocityTransform
 from radard.stream.ring import Dwell
 from x2radar.frame import FastTimeAxis
 from x2train.studies.tradeoff.double import DoubleMaps, DoubleRanges
 
-CPI_S = 28 / 60
-DWELL_S = 2.0
-CELL_S = 0.05
-NEAR_M, FAR_M, CELL_M = 0.4, 4.4, 0.1
-RANGE_DEPTH_DB, DOPPLER_DEPTH_DB = 30.0, 25.0
-_FEATURES = FeatureSettings(velocity_cpi_s=0.2)
+DWELL_S = 2.0  # as all bundles have it
+CELL_S = 0.05  # likewise
+NEAR_M, FAR_M, CELL_M = 0.4, 4.4, 0.1  # of the range-time map: chosen
+RANGE_DEPTH_DB, DOPPLER_DEPTH_DB = 30.0, 25.0  # as the bundles' maps have them
+_FEATURES = FeatureSettings(velocity_cpi_s=0.2)  # as the bundles'
 
 Picture = NDArray[np.float32]
 Samples = NDArray[np.float32] | NDArray[np.complex64]
@@ -37,32 +36,15 @@ Samples = NDArray[np.float32] | NDArray[np.complex64]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Setting:
-    """Where every switch stands; the defaults are those of the shipped bundles.
+    """Where every switch stands; the defaults are those of the shipped bundles."""
 
-    Attributes
-    ----------
-    source : {'rf', 'baseband'}
-        What the module sends.
-    decimation : int
-        Keep every so many range bins behind the matched filter.
-    stride : int
-        Frames from one column of the velocity map to the next.
-    step_mps : float
-        Distance of the velocity map's rows.
-    cpis : {1, 2, 3}
-        Velocity-time maps: the short CPI's, the medium's too, the long's too.
-    precision : {32, 64}
-        Bits of the maps' arithmetic.
-    bands : int
-        Range bands of a spectrogram that is made instead of the two maps; 0 for the maps.
-    """
-
-    source: str = "rf"
-    decimation: int = 8
-    stride: int = 3
-    step_mps: float = 0.1
-    cpis: int = 3
-    precision: int = 32
+    source: str = "rf"  # 'rf' or 'baseband', as the module sends
+    decimation: int = 8  # keep every so many range bins behind the matched filter
+    stride: int = 3  # frames from one column of the velocity map to the next
+    step_mps: float = 0.1  # distance of the velocity map's rows
+    cpis: int = 3  # velocity-time maps: the short CPI's, the medium's, the long's
+    precision: int = 32  # 32 or 64 bits of the maps' arithmetic
+    # range bands of a spectrogram that is made instead of the two maps; 0 for the maps
     bands: int = 0
 
     def but(self, name: str, value: str | float) -> "Setting":
@@ -73,18 +55,10 @@ class Setting:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pictures:
-    """What one hop shows.
+    """What one hop shows."""
 
-    Attributes
-    ----------
-    maps : dict of str to ndarray, float32
-        Of `MAP_FEATURES`, or 'spectrogram'; 0 to 1 over `depth_db`.
-    depth_db : dict of str to float
-        By the same names.
-    """
-
-    maps: dict[str, Picture]
-    depth_db: dict[str, float]
+    maps: dict[str, Picture]  # of `MAP_FEATURES`, or 'spectrogram'; 0 to 1 over `depth_db`
+    depth_db: dict[str, float]  # by the same names
 
 
 class Chain:

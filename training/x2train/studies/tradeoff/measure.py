@@ -48,55 +48,25 @@ SWITCHES = (
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One value of one switch.
-
-    Attributes
-    ----------
-    switch : str
-        Its name.
-    value : str or float
-        Where it stands.
-    is_default : bool
-        Whether the shipped bundles have it there.
-    ms_per_hop : float
-        CPU time in milliseconds: median over hops, best of the rounds.
-    ratio : float
-        To the switch's finest value, in the same round; median over rounds.
-    loss_db : dict of str to float
-        By picture; 0 for the finest.
-    """
+    """One value of one switch."""
 
     switch: str
     value: str | float
-    is_default: bool
-    ms_per_hop: float
-    ratio: float
-    loss_db: dict[str, float]
+    is_default: bool  # whether the shipped bundles have it there
+    ms_per_hop: float  # CPU time in milliseconds: median over hops, best of the rounds
+    ratio: float  # to the switch's finest value, in the same round; median over rounds
+    loss_db: dict[str, float]  # by picture; 0 for the finest
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Recording:
-    """A scene's frames, in both kinds.
-
-    Attributes
-    ----------
-    scene : str
-        Its name.
-    seed : int
-        Of its draws.
-    frame_rate_hz : float
-        Frames per second.
-    frames : dict of str to ndarray, shape (n_frames, n_range)
-        By what the module sends.
-    axes : dict of str to FastTimeAxis
-        Likewise.
-    """
+    """A scene's frames, in both kinds."""
 
     scene: str
-    seed: int
+    seed: int  # of its draws
     frame_rate_hz: float
-    frames: dict[str, Samples]
-    axes: dict[str, FastTimeAxis]
+    frames: dict[str, Samples]  # (n_frames, n_range): by what the module sends
+    axes: dict[str, FastTimeAxis]  # likewise
 
 
 def record(scene: str, frame_rate_hz: float, duration_s: float, seed: int) -> Recording:
@@ -119,22 +89,7 @@ def record(scene: str, frame_rate_hz: float, duration_s: float, seed: int) -> Re
 def measure(
     recordings: list[Recording], rounds: int, switches: tuple[Switch, ...] = SWITCHES
 ) -> Iterator[int | list[Row]]:
-    """Measure all switches.
-
-    Parameters
-    ----------
-    recordings : list of Recording
-        Scenes.
-    rounds : int
-        How often everything is timed.
-    switches : tuple of Switch, optional
-        Which.
-
-    Yields
-    ------
-    int or list of Row
-        Settings done, then the table.
-    """
+    """Measure switches on recordings, timed in rounds; yield settings done, then the table."""
     open_hops = _some_open(recordings)
     rows: list[Row] = []
     n_done = 0
@@ -161,21 +116,9 @@ def n_steps(rounds: int, switches: tuple[Switch, ...] = SWITCHES) -> int:
 def chain_ms(
     recordings: list[Recording], settings: Sequence[Setting], rounds: int
 ) -> Iterator[int | dict[Setting, float]]:
-    """Time the chain at several settings, in turn.
+    """Time the chain at several settings, in turn; yield settings done, then the result.
 
-    Parameters
-    ----------
-    recordings : list of Recording
-        Scenes.
-    settings : sequence of Setting
-        Where the switches stand.
-    rounds : int
-        How often; the best round counts.
-
-    Yields
-    ------
-    int or dict of Setting to float
-        Settings done, then the CPU time of a hop with an open gate, in milliseconds.
+    That is the CPU time of a hop with an open gate, in milliseconds, of the best round.
     """
     open_hops = _some_open(recordings)
     best: dict[Setting, float] = {}

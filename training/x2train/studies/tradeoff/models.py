@@ -34,28 +34,15 @@ class Accuracy:
 
 @dataclass(frozen=True, slots=True)
 class ModelRow:
-    """One bundle.
-
-    Attributes
-    ----------
-    name : str
-        Of the bundle.
-    is_profile : bool
-        Whether `radard --profile` knows it.
-    ms_per_hop : float
-        CPU time of a hop with an open gate, in milliseconds: down-conversion, clutter, gate,
-        tracks, features and network, of the dwell and of every track in it.
-    network_ms : float
-        The network's part of it.
-    accuracy : Accuracy or None
-        From its evaluation; None without one.
-    """
+    """One bundle."""
 
     name: str
-    is_profile: bool
+    is_profile: bool  # whether `radard --profile` knows it
+    # CPU time of a hop with an open gate, in milliseconds: down-conversion, clutter, gate,
+    # tracks, features and network, of the dwell and of every track in it
     ms_per_hop: float
-    network_ms: float
-    accuracy: Accuracy | None
+    network_ms: float  # the network's part of it
+    accuracy: Accuracy | None  # from its evaluation; None without one
 
 
 def parse_model(text: str) -> tuple[str, Path | None]:
@@ -70,21 +57,8 @@ def parse_model(text: str) -> tuple[str, Path | None]:
 def read_accuracy(path: Path) -> Accuracy:
     """Read the accuracy over windows out of an evaluation.
 
-    Parameters
-    ----------
-    path : Path
-        A report (windows.balanced_accuracy), a bundle's sidecar (metrics), or an object with
-        the key "accuracy".
-
-    Returns
-    -------
-    Accuracy
-        As the file has it.
-
-    Raises
-    ------
-    UsageError
-        If the file is no such thing.
+    A report has it (windows.balanced_accuracy), a bundle's sidecar (metrics), or an object with
+    the key "accuracy". Raises UsageError if the file is no such thing.
     """
     try:
         raw = json.loads(path.read_text(encoding="utf-8"))

@@ -33,8 +33,8 @@ _MEANING = {
     "mostly another draw of the receiver's noise.",
     "bands": "Spectrogram alone. One band is what sums over range leave of it.",
 }
-_LEAST_LOSS_DB = 1e-3
-_N_ACROSS = 3
+_LEAST_LOSS_DB = 1e-3  # drawn for none
+_N_ACROSS = 3  # plots in a row
 
 
 def page(
@@ -48,25 +48,8 @@ def page(
 ) -> str:
     """Return the page in Markdown.
 
-    Parameters
-    ----------
-    rows : list of Row
-        From `measure`.
-    models : list of ModelRow
-        Bundles; may be empty.
-    grid : list of str
-        Section of their combinations, see `grid_section`; may be empty.
-    how : str
-        Scenes and machine, a sentence.
-    command : str
-        What made it.
-    plot : str
-        Where the plot lies, from the page.
-
-    Returns
-    -------
-    str
-        With its end of line.
+    `how` is a sentence on scenes and machine, `command` what made it, `plot` where the plot lies
+    from the page; `models` and `grid`, the section of `grid_section`, may be empty.
     """
     parts = [
         "# Speed against accuracy",

@@ -24,20 +24,11 @@ _Columns = Mapping[str, NDArray[Any]]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JudgedWindows:
-    """Windows in which a person or a pet is in view.
-
-    Attributes
-    ----------
-    is_human : ndarray, shape (n,), bool
-        Who.
-    passage : ndarray, shape (n,), int64
-        Of which passage, counted from 0 without gaps.
-    maps : dict of (FeatureSettings, int) to mapping of str to ndarray, shape (n, rows, cells)
-        By settings and decimation; bytes, 255 for 1.
-    """
+    """Windows in which a person or a pet is in view."""
 
     is_human: NDArray[np.bool_]
-    passage: NDArray[np.int64]
+    passage: NDArray[np.int64]  # (n,): of which passage, counted from 0 without gaps
+    # (n, rows, cells): by settings and decimation; bytes, 255 for 1
     maps: Mapping[tuple[FeatureSettings, int], Maps]
 
 
@@ -49,26 +40,9 @@ def judged_windows(
 ) -> Iterator[int | JudgedWindows]:
     """Play passages of people and pets once, and make their windows every way.
 
-    Parameters
-    ----------
-    n_passages : int
-        Of all suites; those of things and of empty rooms are passed over.
-    seed : int
-        Passage k is that of `train-export evaluate --radar thesis` with this seed.
-    kinds : sequence of FeatureSettings
-        How maps are made.
-    decimations : sequence of int
-        Keep every so many range bins.
-
-    Yields
-    ------
-    int or JudgedWindows
-        Passages done, then the windows: dwells with an open gate at every decimation.
-
-    Raises
-    ------
-    UsageError
-        If nobody is in view.
+    Passage k is that of `train-export evaluate --radar thesis` with this seed; those of things and
+    of empty rooms are passed over. Yields passages done, then the windows: dwells with an open
+    gate at every decimation. Raises UsageError if nobody is in view.
     """
     spec = JudgeSpec(model="", seed=seed, n_passages=n_passages, radar=RADAR)
     ways = [(kind, d) for kind in kinds for d in decimations]

@@ -6,7 +6,7 @@ from pathlib import Path
 from radard.errors import UsageError
 from x2train.commands import Commands, last, result_console
 
-_MOST_FILES = 2
+_MOST_FILES = 2  # modules 101 and 102
 
 
 def register(commands: Commands) -> None:

@@ -13,7 +13,7 @@ from x2train.studies.walks.follow import Array, Walk, follow
 from x2train.studies.walks.measure import BEHIND_M, measure
 from x2train.studies.walks.scene import FRAMES, RADARS_X_M, simulated_walk, without_delay
 
-WITHIN = 0.2
+WITHIN = 0.2  # chosen, see docs/scenes.md
 _ROWS = (
     ("range rate, mean", "m/s", 1.0),
     ("range rate, spread along straight stretches", "m/s", 1.0),
@@ -33,26 +33,15 @@ _ROWS = (
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One measure, recorded and simulated.
-
-    Attributes
-    ----------
-    name, unit : str
-        What it is.
-    recorded : tuple of float
-        One for each recording.
-    mean, sd : float
-        Of the simulated people, each averaged over the same radars.
-    is_level : bool
-        In decibels: judged by difference.
-    """
+    """One measure, recorded and simulated."""
 
     name: str
     unit: str
     recorded: tuple[float, ...]
+    # of the simulated people, each averaged over the same radars
     mean: float
     sd: float
-    is_level: bool = False
+    is_level: bool = False  # in decibels: judged by difference
 
     @property
     def against(self) -> float:
@@ -68,17 +57,10 @@ class Row:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Comparison:
-    """Recorded and simulated walks.
-
-    Attributes
-    ----------
-    rows : tuple of Row
-        The numbers.
-    recorded, simulated : tuple of Walk
-        One for each radar; the simulated are those of the first seed.
-    """
+    """Recorded and simulated walks."""
 
     rows: tuple[Row, ...]
+    # one for each radar; the simulated are those of the first seed
     recorded: tuple[Walk, ...]
     simulated: tuple[Walk, ...]
 
@@ -118,22 +100,8 @@ def recorded_walk(path: Path) -> Walk:
 def compare(paths: Sequence[Path], n_seeds: int) -> Iterator[int | Comparison]:
     """Measure recordings, and as many simulated people before the same radars.
 
-    Parameters
-    ----------
-    paths : sequence of Path
-        Recordings of modules 101 and 102, in this order; or the first alone.
-    n_seeds : int
-        Simulated people.
-
-    Yields
-    ------
-    int or Comparison
-        People done so far; at the end the comparison.
-
-    Raises
-    ------
-    RecordingError
-        See `recorded_walk`.
+    `paths` are recordings of modules 101 and 102, in this order, or the first alone. Yields people
+    done, then the comparison. Raises RecordingError as `recorded_walk`.
     """
     recorded = tuple(recorded_walk(path) for path in paths)
     places = tuple(zip(recorded, RADARS_X_M, strict=False))

@@ -15,12 +15,12 @@ from x2train.studies.walks.swing import swing_rms, swinging
 
 SLOW_STEP_HZ = (0.6, 1.7)
 """Where steps are looked for: walks of 0.2 to 1 m/s."""
-TRUNK_MPS, LIMB_MPS = 0.3, 0.25
-_GATE_M, _GATE_EDGE_M = (-0.7, 0.35), 0.1
-_STEP_MPS = 0.05
-_LINE_CPI_S = 1 / 3
-_FLATTEN = 1.5
-_TINY = 1e-300
+TRUNK_MPS, LIMB_MPS = 0.3, 0.25  # about the body's way: chosen by eye
+_GATE_M, _GATE_EDGE_M = (-0.7, 0.35), 0.1  # limbs reach ahead, multipath falls behind
+_STEP_MPS = 0.05  # chosen: half of what the CPI resolves
+_LINE_CPI_S = 1 / 3  # chosen: a third of a step
+_FLATTEN = 1.5  # as the velocity map's
+_TINY = 1e-300  # chosen: no division by zero
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,15 +35,8 @@ class DopplerNumbers:
 def doppler_numbers(walk: Walk, frames: NDArray[np.complex64]) -> DopplerNumbers:
     """Return how the trunk's line swings, how fast parts move about it, and how often.
 
-    Only the unambiguous interval is looked at. Faster parts fold into it, recorded or
-    simulated.
-
-    Parameters
-    ----------
-    walk : Walk
-        A walk.
-    frames : ndarray, shape (n_slow, n_range), complex64
-        From `standing_still`.
+    Of frames from `standing_still`. Only the unambiguous interval is looked at: faster parts fold
+    into it, recorded or simulated.
     """
     columns, v, n_cpi = _velocities(walk, frames)
     columns = columns / np.maximum(columns.sum(axis=0), _TINY)

@@ -28,72 +28,37 @@ PATH_S = 2.5
 SLOWEST_MPS = 0.12
 BODY_M = 0.4
 """Half of what a body takes of the range: at full stride its feet are 0.35 m from its hips."""
-_FASTEST_MPS = 2.5
-_PENALTY_DB = 0.5
-_SHORTEST_S = 4.0
-_QUIETEST = 0.02
+_FASTEST_MPS = 2.5  # chosen: limbs of a slow walk are slower
+_PENALTY_DB = 0.5  # of a cell's jump: chosen by eye
+_SHORTEST_S = 4.0  # chosen: the way needs 2.5 s
+_QUIETEST = 0.02  # quantile that is taken for an empty cell
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Walk:
-    """A record without clutter, and the way of the body in it.
+    """A record without clutter, and the way of the body in it."""
 
-    Attributes
-    ----------
-    frames : ndarray, shape (n_slow, n_range), complex64
-        Baseband without static clutter, but for half a second at either end, where the
-        mean has no room.
-    axis : FastTimeAxis
-        Of the frames.
-    frame_rate_hz : float
-        Frames per second.
-    power : ndarray, shape (n_cells, n_slow), float64
-        Range-time map.
-    range_m : ndarray, shape (n_cells,), float64
-        Middles of its cells.
-    noise : float
-        Power of an empty cell.
-    body_m : ndarray, shape (n_slow,), float64
-        Range of the body: centre of the power within `BODY_M` of its way.
-    path_m, rate_mps : ndarray, shape (n_slow,), float64
-        Its way without the steps, and how fast the range grows.
-    is_walking : ndarray, shape (n_slow,), bool
-        Frames that count.
-    """
-
+    # (n_slow, n_range): baseband without static clutter, but for half a second at either end,
+    # where the mean has no room
     frames: NDArray[np.complex64]
-    axis: FastTimeAxis
+    axis: FastTimeAxis  # of the frames
     frame_rate_hz: float
-    power: Array
-    range_m: Array
-    noise: float
-    body_m: Array
+    power: Array  # (n_cells, n_slow): range-time map
+    range_m: Array  # (n_cells,): middles of its cells
+    noise: float  # power of an empty cell
+    body_m: Array  # (n_slow,): range of the body: centre of the power within `BODY_M` of its way
+    # (n_slow,): its way without the steps, and how fast the range grows
     path_m: Array
     rate_mps: Array
-    is_walking: Flags
+    is_walking: Flags  # (n_slow,): frames that count
 
 
 def follow(frames: NDArray[np.complex64], axis: FastTimeAxis, frame_rate_hz: float) -> Walk:
     """Return the way of the one body in a record.
 
-    Parameters
-    ----------
-    frames : ndarray, shape (n_slow, n_range), complex64
-        Baseband frames, clutter and all; the body should move from the first to the last.
-    axis : FastTimeAxis
-        Their axis.
-    frame_rate_hz : float
-        Frames per second.
-
-    Returns
-    -------
-    Walk
-        The way.
-
-    Raises
-    ------
-    FeatureError
-        If the record is shorter than 4 s, or nobody walks in it.
+    Frames are baseband, shape (n_slow, n_range), clutter and all; the body should move from the
+    first to the last. Raises FeatureError if the record is shorter than 4 s, or nobody walks in
+    it.
     """
     n = len(frames)
     if n < _SHORTEST_S * frame_rate_hz:

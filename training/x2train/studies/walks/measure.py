@@ -17,10 +17,10 @@ from x2train.studies.walks.doppler import doppler_numbers, standing_still
 from x2train.studies.walks.follow import CELL_M, Array, Walk
 from x2train.studies.walks.swing import spread_about_lines, swing_rms
 
-PEAK_M = 0.25
-BEHIND_M = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0)
-EDGE_DB, LIMB_DB = 6.0, 15.0
-_FARTHEST_EDGE_M = 1.0
+PEAK_M = 0.25  # the peak is that near to the way: chosen, a trunk's depth
+BEHIND_M = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0)  # where multipath is measured: chosen
+EDGE_DB, LIMB_DB = 6.0, 15.0  # trunk and limbs: chosen by eye
+_FARTHEST_EDGE_M = 1.0  # chosen: farther than any limb
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,23 +80,11 @@ def measure(walk: Walk) -> WalkNumbers:
 
 
 def edge_m(walk: Walk, below_db: float, *, far: bool = False) -> Array:
-    """Return where the body ends: out from its peak, the first place so far below it.
+    """Return where the body ends, shape (n_slow,): the first place so far below its peak.
 
-    Whatever lies beyond a gap does not count: interference, but also a limb that is apart.
-
-    Parameters
-    ----------
-    walk : Walk
-        A walk.
-    below_db : float
-        How far below the peak of its column.
-    far : bool, optional
-        The edge away from the radar instead of the near one.
-
-    Returns
-    -------
-    ndarray, shape (n_slow,), float64
-        Ranges, interpolated between cells; no further than 1 m from the peak.
+    Ranges are interpolated between cells, and no further than 1 m from the peak; `far` is the edge
+    away from the radar. Whatever lies beyond a gap does not count: interference, but also a limb
+    that is apart.
     """
     level = 10 * np.log10(np.maximum(walk.power, walk.noise))
     near = np.abs(walk.range_m[:, None] - walk.path_m) <= PEAK_M

@@ -11,25 +11,12 @@ import matplotlib.pyplot as plt
 from x2train.studies.scene.plot import draw_range_time, draw_velocity_time, pictures
 from x2train.studies.walks.comparison import Comparison
 
-SHOWN_MPS = 1.5
-_DPI = 72
+SHOWN_MPS = 1.5  # chosen: what 30 frames a second leave
+_DPI = 72  # chosen for the size of the file
 
 
 def plot_walks(comparison: Comparison, path: Path) -> Path:
-    """Draw range over time and velocity over time of every walk into a file.
-
-    Parameters
-    ----------
-    comparison : Comparison
-        From `compare`.
-    path : Path
-        PNG, PDF or SVG by its suffix.
-
-    Returns
-    -------
-    Path
-        The file.
-    """
+    """Draw range over time and velocity over time of every walk into a file; return it."""
     pairs = zip(comparison.recorded, comparison.simulated, strict=True)
     columns = [
         (walk, f"radar {k + 1}, {what}")

@@ -40,7 +40,7 @@ WAYPOINTS_M = ((2.9, 2.9), (2.9, 0.95), (1.2, 0.92), (1.12, 1.1), (2.85, 2.65))
 SPEED_MPS = 0.30
 FRAMES = (30, 740)
 """The recorded frames in which somebody walks."""
-_ERROR_DB = -80.0
+_ERROR_DB = -80.0  # of echoes: chosen, far under the tail
 
 _SCENE = """
 description: The recorded walk, a simulated person.
@@ -79,23 +79,10 @@ def without_delay(axis: FastTimeAxis) -> FastTimeAxis:
 def simulated_walk(
     seed: int, axis: FastTimeAxis, frame_rate_hz: float, radar_x_m: float
 ) -> NDArray[np.complex64]:
-    """Return the frames of the recorded walk with a simulated person.
+    """Return the frames of the recorded walk with a simulated person, shape (n_slow, n_range).
 
-    Parameters
-    ----------
-    seed : int
-        Draws the person, the room and the noise; one seed is one person for both radars.
-    axis : FastTimeAxis
-        Baseband, ranges those in the room.
-    frame_rate_hz : float
-        Frames per second.
-    radar_x_m : float
-        Where on the wall the radar is: one of `RADARS_X_M`.
-
-    Returns
-    -------
-    ndarray, shape (n_slow, n_range), complex64
-        As many frames as the recorded walk has.
+    The seed draws person, room and noise: one seed is one person for both radars, at `RADARS_X_M`
+    on the wall. Ranges of the axis are those in the room.
     """
     scene = walk_scene(radar_x_m)
     n_frames, budget = FRAMES[1] - FRAMES[0], LinkBudget()

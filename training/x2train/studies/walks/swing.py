@@ -6,8 +6,8 @@ from x2train.studies.walks.follow import Array, Flags
 
 STEP_HZ = (0.5, 2.5)
 """Where swinging is looked for: strides and steps of walks from 0.2 to 1.5 m/s."""
-_SHORTEST_S = 3.0
-_N_FFT = 2048
+_SHORTEST_S = 3.0  # chosen: two strides
+_N_FFT = 2048  # chosen: lines 0.015 Hz apart
 
 
 def swing_rms(x: Array, counts: Flags, rate_hz: float) -> float:
@@ -20,21 +20,8 @@ def swing_rms(x: Array, counts: Flags, rate_hz: float) -> float:
 def swinging(x: Array, counts: Flags, rate_hz: float) -> tuple[Array, Array]:
     """Return the power spectrum of what swings, over all stretches that count.
 
-    Parameters
-    ----------
-    x : ndarray, shape (n_slow,), float64
-        Any length by time.
-    counts : ndarray, shape (n_slow,), bool
-        Stretches shorter than 3 s are left out, unless all are.
-    rate_hz : float
-        Samples per second.
-
-    Returns
-    -------
-    frequency_hz : ndarray, shape (n_freq,), float64
-        From 0.
-    density : ndarray, shape (n_freq,), float64
-        Squared units per hertz, one-sided, the line through each stretch taken off.
+    Frequencies are in hertz from 0, densities in squared units per hertz, one-sided, the line
+    through each stretch taken off. Stretches shorter than 3 s are left out, unless all are.
     """
     total, weight = np.zeros(_N_FFT // 2 + 1), 0.0
     for bent in _without_lines(x, counts, rate_hz):
