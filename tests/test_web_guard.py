@@ -1,77 +1,35 @@
 """Who may look, who may arm, and what is turned away: the application without a network."""
 
 import contextlib
+import hmac
 import json
-from urllib.parse import urlsplit
 
 import pytest
+from starlette.requests import HTTPConnection
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
-from radard.config.config import load_config
 from radard.config.sink_table import SinkOptions, WebSection
 from radard.errors import ConfigError, UsageError
-from radard.health.health import Health
-from radard.outputs.fanout import Host
 from radard.web.auth import SESSION_S, AccessControl, Tokens, is_loopback, read_tokens
 from radard.web.middleware import MOST_BODY
-from radard.web.sink import WebSink, open_from_url, parse_address
-from tests.web_helpers import HEADERS, Client, decision, event, open_decision
+from radard.web.sink import open_from_url, parse_address
+from tests.dashboard_helpers import maker, post
+from tests.web_helpers import HEADERS, decision, event, open_decision
 
 VIEWER, OPERATOR = "look-but-not-touch", "may-arm-and-disarm"
 ANYWHERE = "0.0.0.0"  # noqa: S104 - with a token
 ULID = "01J0000000000000000000000A"
 
 
-class Run:
-    """A run that only notes what is asked of it."""
-
-    def __init__(self, tmp_path, **sections):
-        self.asked = []
-        self.config = load_config(
-            environ={},
-            options={"sensor": {"port": "sim:empty"}, "service": {"state_dir": tmp_path}}
-            | sections,
-        )
-        panel = {"armed": True, "panel": "armed", "alarm_id": None, "open": {}, "seq": 0}
-        self.host = Host(
-            "radar", Health(), lambda: panel, self.asked.append, config=lambda: self.config
-        )
-
-
-@pytest.fixture
-def make(tmp_path, monkeypatch):
-    """A function that makes a dashboard and a client of it."""
-    made = []
-
-    def build(*, host="127.0.0.1", base=None, section=None, tokens=(), **sections):
-        values = dict(section or {})
-        for name, token in zip(("token", "operator_token"), tokens, strict=False):
-            if token is not None:
-                (tmp_path / name).write_text(token + "\n")
-                values[f"{name}_file"] = tmp_path / name
-        sink = WebSink(host, 0, WebSection(**values))
-        run = Run(tmp_path, **sections)
-        sink.attach(run.host)
-        sink.write({"type": "hello", "version": "1", "model": None, "frame_rate_hz": 60.0})
-        sink.start()
-        client = Client(urlsplit(sink.url).port, base)
-        client.run, client.sink = run, sink
-        made.append(sink)
-        return client
-
-    yield build
-    for sink in made:
-        sink.close()
-
-
-def post(client, path, body, headers=HEADERS, **options):
-    return client.post(path, content=json.dumps(body), headers=headers, **options)
+make = pytest.fixture(maker)
 
 
 # Addresses and tokens -----------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("host", ["127.0.0.1", "127.8.9.1", "::1", "localhost", "LOCALHOST"])
+@pytest.mark.parametrize(
+    "host", ["127.0.0.1", "127.8.9.1", "::ffff:127.0.0.1", "::1", "localhost", "LOCALHOST"]
+)
 def test_loopback(host):
     assert is_loopback(host)
 
@@ -114,25 +72,63 @@ def test_tokens_do_not_show_in_their_repr():
     assert VIEWER not in repr(Tokens(viewer=VIEWER))
 
 
+def asked_with(session):
+    """A request with a session's cookie."""
+    cookie = (b"cookie", f"radard={session}".encode())
+    return HTTPConnection({"type": "http", "headers": [cookie]})
+
+
 def test_sessions_end_and_are_bounded():
     now = [0.0]
     guard = AccessControl(Tokens(operator=OPERATOR), clock=lambda: now[0])
-    sessions = [guard.log_in(OPERATOR)[1] for _ in range(100)]
-    assert guard.role({}, {"radard": sessions[-1]}) == "operator"
-    assert guard.role({}, {"radard": sessions[0]}) == "nobody"
+    sessions = [guard.log_in(OPERATOR, "")[1] for _ in range(100)]
+    assert guard.role(asked_with(sessions[-1])) == "operator"
+    assert guard.role(asked_with(sessions[0])) == "nobody"
     now[0] = SESSION_S + 1
-    assert guard.role({}, {"radard": sessions[-1]}) == "nobody"
+    assert guard.role(asked_with(sessions[-1])) == "nobody"
 
 
-def test_guessing_is_slow():
+def test_guessing_is_slow_and_locks_out_nobody_else():
     now = [0.0]
     guard = AccessControl(Tokens(viewer=VIEWER), clock=lambda: now[0])
+    stranger, owner = "192.168.1.66", "192.168.1.5"
     for _ in range(10):
-        assert guard.log_in("not it, not it")[0] == "nobody"
-    assert guard.is_locked
-    assert guard.log_in(VIEWER)[0] == "nobody"
+        assert guard.log_in("not it, not it", stranger)[0] == "nobody"
+    # Ten wrong ones stop neither the owner nor one who then finds the right one.
+    assert guard.log_in(VIEWER, owner)[0] == "viewer"
+    assert guard.log_in(VIEWER, stranger)[0] == "viewer"
+    for _ in range(1000):
+        guard.log_in("not it, not it", stranger)
+    assert guard.is_locked(stranger)
+    assert guard.log_in(VIEWER, stranger)[0] == "nobody"
+    assert guard.log_in(VIEWER, owner)[0] == "viewer"
     now[0] = 61.0
-    assert guard.log_in(VIEWER)[0] == "viewer"
+    n_checked = 0
+    while not guard.is_locked(stranger):
+        guard.log_in("not it, not it", stranger)
+        n_checked += 1
+    assert n_checked <= 11
+    now[0] = 122.0
+    assert guard.log_in(VIEWER, stranger)[0] == "viewer"
+
+
+def test_many_guessing_addresses_take_little_memory():
+    guard = AccessControl(Tokens(viewer=VIEWER))
+    for n in range(3000):
+        guard.log_in("not it, not it", f"10.0.{n // 256}.{n % 256}")
+    assert len(guard._guesses) <= 1024
+
+
+def test_tokens_are_compared_in_constant_time(monkeypatch):
+    compared = []
+    equal = hmac.compare_digest
+    monkeypatch.setattr(hmac, "compare_digest", lambda a, b: compared.append(b) or equal(a, b))
+    guard = AccessControl(Tokens(viewer=VIEWER, operator=OPERATOR))
+    for token in (OPERATOR, VIEWER, "neither of both"):
+        compared.clear()
+        guard.log_in(token, "")
+        # Both, whichever it is.
+        assert compared == [OPERATOR.encode(), VIEWER.encode()]
 
 
 # Loopback -----------------------------------------------------------------------------------

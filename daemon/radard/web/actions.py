@@ -1,5 +1,6 @@
 """Actions: routes that change something. POST requests, by operators, from our own page only."""
 
+import json
 import logging
 from collections.abc import Awaitable, Callable
 from typing import Any
@@ -15,7 +16,7 @@ from radard.config.sections import ZonesSection
 from radard.errors import OutputError
 from radard.outputs.records import utc_now
 from radard.sinks.base import COMMANDS
-from radard.web.auth import SESSION_S, AccessControl, RateLimit
+from radard.web.auth import SESSION_S, AccessControl, RateLimit, address_of
 from radard.web.labels import LABELS
 from radard.web.middleware import refusal
 from radard.web.queries import Queries
@@ -45,7 +46,7 @@ class Actions:
 
     def _route(self, path: str, handler: Handler) -> Route:
         async def guarded(request: Request) -> Response:
-            role = self._access.role(request.headers, request.cookies)
+            role = self._access.role(request)
             if role == "nobody":
                 return refusal(401, "show a token")
             if role != "operator":
@@ -57,6 +58,8 @@ class Actions:
                 return refusal(400, "no JSON object")
             try:
                 return await handler(body)
+            except OverflowError:
+                return refusal(400, "a number is too large")
             except ValueError as err:
                 return refusal(400, str(err))
             except OutputError as err:
@@ -132,9 +135,10 @@ class Actions:
         token = (body or {}).get("token")
         if not isinstance(token, str) or len(token) > 512:
             return refusal(400, "a token is wanted")
-        if self._access.is_locked:
-            return refusal(429, "too many wrong tokens; wait a minute")
-        role, session = self._access.log_in(token)
+        address = address_of(request)
+        if self._access.is_locked(address):
+            return refusal(429, "too many wrong tokens from this address; wait a minute")
+        role, session = self._access.log_in(token, address)
         if role == "nobody":
             return refusal(401, "this is not the token")
         answer = JSONResponse({"role": role})
@@ -182,7 +186,12 @@ async def _json_body(request: Request) -> dict[str, Any] | None:
     if request.headers.get("content-type", "").partition(";")[0] != "application/json":
         return None
     try:
-        body = await request.json()
+        body = json.loads(await request.body(), parse_constant=_no_number)
     except (ValueError, RecursionError):
         return None
     return body if isinstance(body, dict) else None
+
+
+def _no_number(name: str) -> float:
+    msg = f"{name} is no JSON"
+    raise ValueError(msg)

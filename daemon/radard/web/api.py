@@ -22,12 +22,12 @@ from radard.sinks.store_query import parse_since
 from radard.web import socket
 from radard.web.actions import Actions
 from radard.web.auth import AccessControl, Role
+from radard.web.clip_process import ClipTimeoutError, read_clip
 from radard.web.history import DECISIONS
 from radard.web.hub import Hub
 from radard.web.labels import LABELS
-from radard.web.middleware import SecurityMiddleware, refusal
+from radard.web.middleware import SecurityMiddleware, refusal, whole_number
 from radard.web.queries import EventFilter, Queries
-from x2radar.errors import X2RadarError
 
 T = TypeVar("T")
 Endpoint = Callable[[Request], Awaitable[Response]]
@@ -41,6 +41,7 @@ _TYPES = {
 _FIELDS = ("id", "sensor", "kind", "began", "ended", "peak", "reason", "label", "clip")
 OF_ONE = "radard.sensor"
 """Key of a request's scope: it was for one of several sensors, this one."""
+_MOST_SEQ = 1 << 53  # what JavaScript counts to
 _MOST_WAITING = 4  # requests for a clip's pictures, chosen: each takes seconds
 
 
@@ -61,7 +62,7 @@ class Api:
             Route("/metrics", self._for_viewers(self._metrics)),
             Route("/api/v1/status", self._for_viewers(self._status)),
             Route("/api/v1/decisions", self._for_viewers(self._decisions)),
-            Route("/api/v1/decisions/{seq:int}", self._for_viewers(self._why)),
+            Route("/api/v1/decisions/{seq}", self._for_viewers(self._why)),
             Route("/api/v1/events", self._for_viewers(self._events)),
             Route("/api/v1/events/export", self._for_viewers(self._export)),
             Route("/api/v1/events/{id}/clip", self._for_viewers(self._clip)),
@@ -88,7 +89,7 @@ class Api:
         return guarded
 
     def _role(self, request: Request) -> Role:
-        return self._access.role(request.headers, request.cookies)
+        return self._access.role(request)
 
     async def _healthz(self, request: Request) -> Response:
         now = self._queries.health(is_whole=OF_ONE not in request.scope)
@@ -109,12 +110,13 @@ class Api:
 
     async def _decisions(self, request: Request) -> Response:
         limit = _whole_number(request, "limit", 100, DECISIONS)
-        before = _whole_number(request, "before_seq", 0, 1 << 53)
+        before = _whole_number(request, "before_seq", 0, _MOST_SEQ)
         found = self._queries.history.decisions(limit, before_seq=before or None)
         return JSONResponse({"decisions": found})
 
     async def _why(self, request: Request) -> Response:
-        found = self._queries.why(request.path_params["seq"])
+        seq = whole_number(request.path_params["seq"], _MOST_SEQ)
+        found = None if seq is None else self._queries.why(seq)
         if found is None:
             return refusal(404, "this decision is not remembered any more")
         return JSONResponse(found)
@@ -141,22 +143,21 @@ class Api:
         path = await self._read(self._queries.clip, request.path_params["id"])
         if path is None:
             return refusal(404, "there is no clip of this event")
-        # Late: h5py takes a while, and most runs show no clip.
-        from radard.web.clip_view import clip_view  # noqa: PLC0415
-
         if self._painting.statistics().tasks_waiting >= _MOST_WAITING:
             return refusal(503, "others wait for pictures; try again soon")
         try:
-            data = await to_thread.run_sync(clip_view, path, limiter=self._painting)
-        except (X2RadarError, RadardError, OSError) as err:
-            return refusal(422, f"the clip cannot be shown: {' '.join(str(err).split())}")
+            async with self._painting:
+                data = await read_clip(path)
+        except (RadardError, OSError) as err:
+            code = 504 if isinstance(err, ClipTimeoutError) else 422
+            return refusal(code, f"the clip cannot be shown: {' '.join(str(err).split())}")
         return Response(data, media_type="application/octet-stream")
 
     async def _read(self, call: Callable[..., T], *arguments: Any) -> T:
         return await to_thread.run_sync(call, *arguments, limiter=self._reading)
 
     async def _ws(self, websocket: WebSocket) -> None:
-        queries, role = self._queries, self._access.role(websocket.headers, websocket.cookies)
+        queries, role = self._queries, self._access.role(websocket)
         welcome = {
             "type": "welcome",
             **queries.status(role),
@@ -197,11 +198,11 @@ def _read_static() -> dict[str, tuple[str, str, bytes]]:
 
 
 def _whole_number(request: Request, name: str, default: int, most: int) -> int:
-    text = request.query_params.get(name, str(default))
-    if not text.isdecimal() or int(text) > most:
+    number = whole_number(request.query_params.get(name, str(default)), most)
+    if number is None:
         msg = f"{name}: a whole number up to {most} is wanted"
         raise UsageError(msg)
-    return int(text)
+    return number
 
 
 def _filter(request: Request) -> EventFilter:

@@ -10,11 +10,12 @@ import hmac
 import ipaddress
 import secrets
 import time
-from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 from urllib.parse import urlsplit
+
+from starlette.requests import HTTPConnection
 
 from radard.config.credentials import read_secret
 from radard.config.sink_table import WebSection
@@ -23,7 +24,9 @@ from radard.errors import ConfigError
 Role = Literal["nobody", "viewer", "operator"]
 SESSION_S = 12 * 3600.0  # chosen: a day's work
 _MOST_SESSIONS = 64  # chosen: the oldest ends
-_MOST_FAILURES, _FAILURES_S = 10, 60.0  # chosen: 5 million guesses a year, of 12 characters
+# Wrong tokens of one address, chosen: 5 million guesses a year, of 12 characters.
+_MOST_GUESSES, _GUESSES_PER_S = 50, 10 / 60
+_MOST_ADDRESSES = 1024  # chosen: that guess; the one that guessed longest ago is forgotten
 _LEAST_LENGTH = 12  # characters of a token, chosen
 _LOOPBACK = {"localhost", "127.0.0.1", "::1"}
 
@@ -40,13 +43,14 @@ class Tokens:
 
 
 def is_loopback(host: str) -> bool:
-    """Return whether an address to listen on is reachable only from this machine."""
+    """Return whether an address is of this machine alone."""
     if host.lower() in _LOOPBACK:
         return True
     try:
-        return ipaddress.ip_address(host).is_loopback
+        address = ipaddress.ip_address(host)
     except ValueError:
         return False
+    return (getattr(address, "ipv4_mapped", None) or address).is_loopback
 
 
 def read_tokens(section: WebSection, host: str) -> Tokens:
@@ -77,16 +81,23 @@ def read_tokens(section: WebSection, host: str) -> Tokens:
 class RateLimit:
     """A token bucket: `most` acts at once, and `per_s` a second after that."""
 
-    def __init__(self, most: float, per_s: float) -> None:
-        self._most, self._per_s = most, per_s
-        self._left, self._at_s = most, time.monotonic()
+    def __init__(
+        self, most: float, per_s: float, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._most, self._per_s, self._clock = most, per_s, clock
+        self._left, self._at_s = most, clock()
+
+    @property
+    def is_spent(self) -> bool:
+        """Whether an act may not be done now."""
+        now_s = self._clock()
+        self._left = min(self._most, self._left + (now_s - self._at_s) * self._per_s)
+        self._at_s = now_s
+        return self._left < 1
 
     def take(self) -> bool:
         """Count an act; return whether it may be done."""
-        now_s = time.monotonic()
-        self._left = min(self._most, self._left + (now_s - self._at_s) * self._per_s)
-        self._at_s = now_s
-        if self._left < 1:
+        if self.is_spent:
             return False
         self._left -= 1
         return True
@@ -112,35 +123,33 @@ class AccessControl:
         self._may_command = may_command
         self._clock = clock
         self._sessions: dict[str, tuple[Role, float]] = {}
-        self._failures: deque[float] = deque(maxlen=_MOST_FAILURES)
+        self._guesses: dict[str, RateLimit] = {}
 
     @property
     def wants_token(self) -> bool:
         """Whether a request must have a token at all."""
         return self._tokens.viewer is not None or self._tokens.operator is not None
 
-    @property
-    def is_locked(self) -> bool:
-        """Whether too many wrong tokens came in the last minute."""
-        failures = self._failures
-        is_full = len(failures) == _MOST_FAILURES
-        return is_full and self._clock() - failures[0] < _FAILURES_S
+    def is_locked(self, address: str) -> bool:
+        """Return whether too many wrong tokens came from an address lately."""
+        guesses = self._guesses.get(address)
+        return guesses is not None and guesses.is_spent
 
-    def role(self, headers: Mapping[str, str], cookies: Mapping[str, str]) -> Role:
+    def role(self, connection: HTTPConnection) -> Role:
         """Return the role of a request."""
         if not self.wants_token:
             return self._granted("operator")
-        session = self._sessions.get(cookies.get(self.cookie, ""))
+        session = self._sessions.get(connection.cookies.get(self.cookie, ""))
         if session is not None and session[1] > self._clock():
             return session[0]
-        scheme, _, token = headers.get("authorization", "").partition(" ")
+        scheme, _, token = connection.headers.get("authorization", "").partition(" ")
         if scheme.lower() == "bearer" and token.strip():
-            return self._role_of(token.strip())
+            return self._role_of(token.strip(), address_of(connection))
         return "nobody"
 
-    def log_in(self, token: str) -> tuple[Role, str]:
-        """Return role and session for a token; ('nobody', '') for a wrong one."""
-        role = self._role_of(token)
+    def log_in(self, token: str, address: str) -> tuple[Role, str]:
+        """Return role and session for a token of an address; ('nobody', '') for a wrong one."""
+        role = self._role_of(token, address)
         if role == "nobody":
             return role, ""
         now_s = self._clock()
@@ -170,21 +179,36 @@ class AccessControl:
             return True
         return urlsplit(origin).netloc == headers.get("host", "") != ""
 
-    def _role_of(self, token: str) -> Role:
-        if self.is_locked:
+    def _role_of(self, token: str, address: str) -> Role:
+        if self.is_locked(address):
             return "nobody"
-        given = token.encode()
+        # JSON can hold half of a surrogate pair, which is no UTF-8.
+        given = token.encode(errors="surrogatepass")
         is_operator = _equal(given, self._tokens.operator)
         is_viewer = _equal(given, self._tokens.viewer)
         if is_operator:
             return self._granted("operator")
         if is_viewer:
             return "viewer"
-        self._failures.append(self._clock())
+        self._note_guess(address)
         return "nobody"
+
+    def _note_guess(self, address: str) -> None:
+        """Count a wrong token; each address has its own count, so no stranger spends another's."""
+        fresh = RateLimit(_MOST_GUESSES, _GUESSES_PER_S, self._clock)
+        guesses = self._guesses.pop(address, fresh)
+        guesses.take()
+        self._guesses[address] = guesses
+        if len(self._guesses) > _MOST_ADDRESSES:
+            del self._guesses[next(iter(self._guesses))]
 
     def _granted(self, role: Role) -> Role:
         return role if self._may_command else "viewer"
+
+
+def address_of(connection: HTTPConnection) -> str:
+    """Return the address that a request came from."""
+    return connection.client.host if connection.client is not None else ""
 
 
 def _equal(given: bytes, wanted: str | None) -> bool:

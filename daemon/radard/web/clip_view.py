@@ -3,11 +3,16 @@
 ::
 
     u32 length of the JSON, the JSON, then one message of columns (`radard.web.wire`)
+
+It is a program, `python -m radard.web.clip_view FILE`, for `radard.web.clip_process`: the answer
+goes to stdout, or one line to stderr why there is none.
 """
 
 import json
+import os
+import resource
 import struct
-import time
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -22,9 +27,10 @@ from x2radar.recording.registry import open_recording
 
 Row = tuple[NDArray[np.complex64], bool]
 
-_BLOCK = 32  # frames between two pauses
+_BLOCK = 32  # frames at once, chosen
 _MOST_S = 660.0  # above the longest clip, clips.longest_s of 600 s and its pre_s
-_PAUSE_S = 0.002  # chosen: decisions take the interpreter meanwhile
+_MOST_MEMORY = 2 << 30  # bytes of addresses, chosen: numpy, h5py and eleven minutes fit
+_NICE = 10  # chosen: decisions come first
 _KEYS = ("t_s", "seq", "gate", "label", "alarm", "fused_p_human", "fused_p_pet", "range_m")
 
 
@@ -52,7 +58,6 @@ def clip_view(path: Path) -> bytes:
             if len(rows) >= _BLOCK:
                 _push(spectrograms, rows, length_s, made)
                 rows = []
-                time.sleep(_PAUSE_S)
         if rows:
             _push(spectrograms, rows, length_s, made)
     head = {"length_s": length_s, "axes": axes(spectrograms), "decisions": _decisions(path)}
@@ -96,3 +101,23 @@ def _plain(value: Any) -> Any:
         return value.decode()
     number = value.item()
     return None if isinstance(number, float) and not np.isfinite(number) else number
+
+
+def main(path: str) -> int:
+    """Write the answer for a clip to stdout, within limits; return the exit code."""
+    os.nice(_NICE)
+    resource.setrlimit(resource.RLIMIT_AS, (_MOST_MEMORY, _MOST_MEMORY))
+    try:
+        data = clip_view(Path(path))
+    except MemoryError:
+        sys.stderr.write("it asks for too much memory; the file may be damaged\n")
+        return 1
+    except Exception as err:  # noqa: BLE001 - h5py raises all kinds of errors on damaged files
+        sys.stderr.write(" ".join(str(err).split())[:500] + "\n")
+        return 1
+    sys.stdout.buffer.write(data)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1]))

@@ -11,51 +11,110 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
-import h11
 import uvicorn
 from starlette.types import ASGIApp
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
+from radard.web.auth import is_loopback
 from radard.web.socket import MOST_MESSAGE
 
 log = logging.getLogger("radard")
 # Limits, all chosen: for a home's browsers and scrapers, not for the internet.
 _MOST_CONNECTIONS = 256
-_HEADER_S = 10.0
+_KEPT_FOR_LOOPBACK = 32  # of those; `/healthz` and disarming on this machine always find room
+_MOST_OF_ONE_ADDRESS = 64  # a browser opens seven; loopback may stand for a whole proxy
+_HEADER_S = 10.0  # for each request's header
 _MOST_HEADER = 16_384  # bytes
 _RETRY_S = 5.0
 _SEND_BUFFER = 65_536  # bytes; what a slow page cannot take shall not pile up in the kernel
 
 
 class _Connection(H11Protocol):
-    """One connection; closed when there are too many, or when it does not ask in time."""
+    """One connection; closed when a request's header does not come in time.
 
-    _late: asyncio.TimerHandle | None = None
+    Where there are too many, one that asks for nothing gives way to the next, so that half-open
+    connections cannot keep others out.
+    """
+
     transport: asyncio.Transport | None  # type: ignore[assignment]
+    _late: asyncio.TimerHandle | None = None
+    _since_s = 0.0
+
+    @property
+    def is_idle(self) -> bool:
+        """Whether no request is being answered."""
+        return not self.has_asked or self.cycle.response_complete
+
+    @property
+    def worth(self) -> tuple[bool, float]:
+        """What gives way first is least: those that never asked, then the oldest."""
+        return self.has_asked, self._since_s
+
+    @property
+    def has_asked(self) -> bool:
+        """Whether a whole header has ever come."""
+        return getattr(self, "cycle", None) is not None
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        if len(self.connections) >= _MOST_CONNECTIONS:
+        peer = transport.get_extra_info("peername")
+        if not _make_room(self.connections, peer[0] if peer else ""):
             transport.abort()
             return
         super().connection_made(transport)
         own: socket.socket | None = transport.get_extra_info("socket")
         if own is not None:
             own.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
-        self._late = self.loop.call_later(_HEADER_S, self._give_up)
+        self._since_s = self.loop.time()
+        self._late = self.loop.call_later(_HEADER_S, self.give_way)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        if self._late is not None:
-            self._late.cancel()
+        self._stop_timer()
+        if self.transport is not None:
             super().connection_lost(exc)
 
-    def handle_websocket_upgrade(self, event: h11.Request) -> None:
+    def data_received(self, data: bytes) -> None:
+        super().data_received(data)
+        # A WebSocket is out of the set: it has a protocol of its own from here on.
+        if not self.is_idle or self not in self.connections:
+            self._since_s = self.loop.time()
+            self._stop_timer()
+        elif self._late is None:
+            self._late = self.loop.call_later(_HEADER_S, self.give_way)
+
+    def give_way(self) -> None:
+        """Close at once."""
+        self._stop_timer()
+        self.connections.discard(self)
+        if self.transport is not None:
+            self.transport.abort()
+
+    def _stop_timer(self) -> None:
         if self._late is not None:
             self._late.cancel()
-        super().handle_websocket_upgrade(event)
+            self._late = None
 
-    def _give_up(self) -> None:
-        if getattr(self, "cycle", None) is None and self.transport is not None:
-            self.transport.abort()
+
+def _make_room(connections: set[Any], address: str) -> bool:
+    """Return whether one more connection of an address may come; an idle one gives way to it."""
+    local = [each for each in connections if each.client and is_loopback(each.client[0])]
+    strangers = [each for each in connections if each not in local]
+    own = [each for each in strangers if each.client and each.client[0] == address]
+    if is_loopback(address):
+        is_full = len(connections) >= _MOST_CONNECTIONS
+        return not is_full or _drop_idle(strangers) or _drop_idle(local)
+    if len(own) >= _MOST_OF_ONE_ADDRESS:
+        return _drop_idle(own)
+    is_full = len(connections) >= _MOST_CONNECTIONS - _KEPT_FOR_LOOPBACK
+    half_open = [each for each in local if not getattr(each, "has_asked", True)]
+    return not is_full or _drop_idle(strangers) or _drop_idle(half_open)
+
+
+def _drop_idle(connections: list[Any]) -> bool:
+    """Close the least worthy of the idle connections; return whether there was one."""
+    idle = [each for each in connections if isinstance(each, _Connection) and each.is_idle]
+    if idle:
+        min(idle, key=lambda each: each.worth).give_way()
+    return bool(idle)
 
 
 class WebServer:

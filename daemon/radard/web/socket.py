@@ -24,7 +24,7 @@ async def serve(
 ) -> None:
     """Serve one page until it disconnects; `welcome` is its first message."""
     is_ours = access.is_right_host(socket.headers) and access.is_same_origin(socket.headers)
-    if not is_ours or access.role(socket.headers, socket.cookies) == "nobody":
+    if not is_ours or access.role(socket) == "nobody":
         await socket.close(_CLOSE_POLICY)
         return
     await socket.accept()

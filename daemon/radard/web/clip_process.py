@@ -1,0 +1,53 @@
+"""Clip pictures in a process of their own, with limits on time and memory.
+
+A damaged HDF5 file can keep its reader busy for minutes, without letting go of the interpreter,
+or ask for gigabytes. In a process of its own that costs the page an answer and decisions nothing.
+"""
+
+import asyncio
+import contextlib
+import os
+import sys
+from pathlib import Path
+
+from radard.errors import RadardError
+
+DEADLINE_S = 20.0  # chosen: the longest clip, eleven minutes, takes some seconds
+
+
+class ClipTimeoutError(RadardError):
+    """A clip was not read within `DEADLINE_S`."""
+
+
+async def read_clip(path: Path) -> bytes:
+    """Return `radard.web.clip_view.clip_view` of a clip, made in another process.
+
+    Raises RadardError with one line if the clip cannot be read, ClipTimeoutError if that takes
+    too long. The process ends with the call, also if it is cancelled.
+    """
+    packages = os.pathsep.join(part for part in sys.path if part)
+    # One thread: others' stacks would count as memory, and decisions need the processor.
+    environ = {**os.environ, "PYTHONPATH": packages, "OPENBLAS_NUM_THREADS": "1"}
+    process = await asyncio.create_subprocess_exec(
+        *(sys.executable, "-P", "-m", "radard.web.clip_view", str(path)),
+        stdin=asyncio.subprocess.DEVNULL,
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.PIPE,
+        env=environ,
+    )
+    try:
+        async with asyncio.timeout(DEADLINE_S):
+            data, complaint = await process.communicate()
+    except TimeoutError as err:
+        msg = f"it took longer than {DEADLINE_S:g} s; the file may be damaged"
+        raise ClipTimeoutError(msg) from err
+    finally:
+        if process.returncode is None:
+            with contextlib.suppress(ProcessLookupError):
+                process.kill()
+            await process.wait()
+    if process.returncode:
+        lines = complaint.decode(errors="replace").splitlines()
+        msg = lines[-1] if lines else f"its reader ended with {process.returncode}"
+        raise RadardError(msg)
+    return data

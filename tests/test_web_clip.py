@@ -1,0 +1,127 @@
+"""A clip's pictures: made in a process of their own, which a damaged file may not keep."""
+
+import asyncio
+import struct
+import threading
+import time
+from pathlib import Path
+
+import h5py
+import pytest
+
+from radard.errors import RadardError
+from radard.web import clip_process
+from radard.web.clip_process import ClipTimeoutError, read_clip
+from tests.alarm_helpers import write_recording
+from tests.dashboard_helpers import maker
+from tests.radar_helpers import noise
+from tests.web_helpers import event
+
+ULID = "01J0000000000000000000000A"
+make = pytest.fixture(maker)
+
+
+@pytest.fixture
+def clip(tmp_path):
+    """A clip of ten seconds."""
+    path = tmp_path / f"{ULID}.h5"
+    write_recording(path, noise(600))
+    return path
+
+
+@pytest.fixture
+def hanging(monkeypatch, tmp_path):
+    """A program in the place of the one that reads clips: it never ends, and says its number."""
+    program = tmp_path / "bin" / "hang"
+    program.parent.mkdir()
+    program.write_text(f"#!/bin/sh\necho $$ > {tmp_path}/pid\nexec sleep 600\n")
+    program.chmod(0o755)
+    monkeypatch.setattr(clip_process.sys, "executable", str(program))
+    return tmp_path / "pid"
+
+
+def is_running(pid):
+    """Whether a process is there."""
+    try:
+        with Path(f"/proc/{pid}/stat").open() as file:
+            return file.read().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+def test_pictures_of_a_clip(make, clip):
+    client = make()
+    client.sink.write(event(ULID, clip=str(clip)))
+    answer = client.get(f"/api/v1/events/{ULID}/pictures")
+    assert answer.status_code == 200
+    (n,) = struct.unpack_from("<I", answer.content)
+    assert b'"length_s": 10.0' in answer.content[4 : 4 + n]
+    assert answer.content[4 + n] == 1
+
+
+def test_a_clip_that_does_not_end_stops_nothing_else(make, clip, hanging, monkeypatch):
+    monkeypatch.setattr(clip_process, "DEADLINE_S", 3.0)
+    client = make()
+    client.sink.write(event(ULID, clip=str(clip)))
+    answers = []
+
+    def ask():
+        answers.append(client.get(f"/api/v1/events/{ULID}/pictures"))
+
+    asking = threading.Thread(target=ask)
+    asking.start()
+    while not hanging.exists():
+        assert asking.is_alive()
+        time.sleep(0.01)
+    assert client.get("/healthz").status_code == 503
+    assert asking.is_alive()
+    asking.join(60)
+    (answer,) = answers
+    assert answer.status_code == 504
+    error = answer.json()["error"]
+    assert "longer than 3 s" in error
+    assert "\n" not in error
+    assert not is_running(hanging.read_text().strip())
+
+
+def test_nobody_waits_for_the_process_when_the_dashboard_ends(clip, hanging):
+    async def end_early():
+        task = asyncio.create_task(read_clip(clip))
+        while not hanging.exists():
+            await asyncio.sleep(0.01)
+        task.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await task
+
+    asyncio.run(end_early())
+    assert not is_running(hanging.read_text().strip())
+
+
+def test_a_clip_late_by_itself(clip, monkeypatch):
+    monkeypatch.setattr(clip_process, "DEADLINE_S", 0.001)
+    with pytest.raises(ClipTimeoutError, match=r"longer than 0\.001 s"):
+        asyncio.run(read_clip(clip))
+
+
+@pytest.mark.parametrize("where", [0.001, 0.01, 0.5])
+def test_a_cut_clip_is_an_error_of_one_line(clip, where):
+    data = clip.read_bytes()
+    clip.write_bytes(data[: int(len(data) * where)])
+    with pytest.raises(RadardError) as err:
+        asyncio.run(read_clip(clip))
+    assert "\n" not in str(err.value)
+    assert "Traceback" not in str(err.value)
+
+
+def test_a_clip_that_asks_for_gigabytes_gets_none(tmp_path):
+    path = tmp_path / f"{ULID}.h5"
+    write_recording(path, noise(60))
+    with h5py.File(path, "r+") as file:
+        group = file.create_group("decisions")
+        for key in ("seq", "gate", "label", "alarm", "fused_p_human", "fused_p_pet", "range_m"):
+            group[key] = [0.0]
+        # A few bytes that stand for 8 GB.
+        group.create_dataset("t_s", (1_000_000_000,), "f8", chunks=(1_000_000,), fillvalue=0.0)
+    assert path.stat().st_size < 1_000_000
+    with pytest.raises(RadardError, match=r"too much memory|allocate"):
+        asyncio.run(read_clip(path))

@@ -1,0 +1,252 @@
+"""What strangers may cost the dashboard: connections, numbers, bodies, requests that change."""
+
+import contextlib
+import dataclasses
+import http.client
+import json
+import socket
+import threading
+import time
+
+import pytest
+from starlette.routing import Route
+
+from radard.web import server
+from tests.dashboard_helpers import maker, post
+from tests.web_helpers import HEADERS, event
+
+TOKEN = "-".join(("may", "look", "and", "arm"))
+STRANGER = "127.0.0.9"
+ULID = "01J0000000000000000000000A"
+make = pytest.fixture(maker)
+
+
+@pytest.fixture
+def strangers(monkeypatch):
+    """Only 127.0.0.1 is this machine: 127.0.0.9 is another."""
+    monkeypatch.setattr(server, "is_loopback", lambda address: address == "127.0.0.1")
+
+
+@pytest.fixture
+def half_open():
+    """A function that opens connections from an address and sends half of a header on each."""
+    lines = []
+
+    def open_some(n, port, address, data=b"GET / HTTP/1.1\r\nHost: "):
+        for _ in range(n):
+            line = socket.create_connection(("127.0.0.1", port), 60, (address, 0))
+            lines.append(line)
+            with contextlib.suppress(OSError):
+                line.sendall(data)
+        return lines
+
+    yield open_some
+    for line in lines:
+        line.close()
+
+
+def is_closed(line, within_s=60.0):
+    """Whether the other end closes a connection in time."""
+    line.settimeout(within_s)
+    try:
+        while line.recv(4096):
+            pass
+    except TimeoutError:
+        return False
+    except OSError:
+        return True
+    return True
+
+
+def ask_from(address, client, path, body=None):
+    """Ask from an address, with a body as the page does; return the status code."""
+    line = http.client.HTTPConnection("127.0.0.1", client.port, 60, source_address=(address, 0))
+    with contextlib.closing(line):
+        line.request("POST" if body else "GET", path, body, HEADERS)
+        return line.getresponse().status
+
+
+# Connections --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("address", ["127.0.0.1", STRANGER])
+def test_half_open_connections_keep_nobody_out(make, half_open, strangers, address):
+    client = make()
+    half_open(400, client.port, address)
+    assert client.get("/healthz").json()["state"] == "starting"
+    assert post(client, "/api/v1/command", {"command": "disarm"}).status_code == 202
+    assert ask_from("127.0.0.8", client, "/healthz") == 503
+    assert client.run.asked == ["disarm"]
+
+
+def test_an_address_has_no_more_connections_than_its_share(make, half_open, strangers):
+    client = make()
+    lines = half_open(server._MOST_OF_ONE_ADDRESS + 5, client.port, STRANGER)
+    assert client.get("/healthz").status_code == 503
+    assert all(is_closed(line) for line in lines[:5])
+    assert not is_closed(lines[-1], 0.2)
+
+
+def test_busy_connections_leave_room_for_this_machine(make, half_open, strangers, monkeypatch):
+    monkeypatch.setattr(server, "_MOST_CONNECTIONS", 12)
+    monkeypatch.setattr(server, "_KEPT_FOR_LOOPBACK", 4)
+    client = make()
+    begun = b"POST /api/v1/login HTTP/1.1\r\nHost: x\r\nX-Radard: 1\r\nContent-Length: 9\r\n"
+    begun = begun.replace(b"Host: x", f"Host: {client.host}".encode())
+    # Their bodies do not come: these are being answered, none is idle.
+    half_open(8, client.port, STRANGER, begun + b"\r\n")
+    assert client.get("/healthz").status_code == 503
+    (refused,) = half_open(1, client.port, STRANGER)[-1:]
+    assert is_closed(refused)
+    assert client.get("/healthz").status_code == 503
+
+
+def test_every_requests_header_has_its_time(make, half_open, monkeypatch):
+    monkeypatch.setattr(server, "_HEADER_S", 0.3)
+    client = make()
+    (first,) = half_open(1, client.port, "127.0.0.1")
+    assert is_closed(first)
+    line = socket.create_connection(("127.0.0.1", client.port), 60)
+    with contextlib.closing(line):
+        line.sendall(f"GET /healthz HTTP/1.1\r\nHost: {client.host}\r\n\r\n".encode())
+        assert line.recv(4096).startswith(b"HTTP/1.1 503")
+        # The second one drips: each byte alone must not begin the time again.
+        stop = threading.Event()
+
+        def drip():
+            with contextlib.suppress(OSError):
+                while not stop.wait(0.05):
+                    line.sendall(b"G")
+
+        dripping = threading.Thread(target=drip)
+        dripping.start()
+        assert is_closed(line)
+        stop.set()
+        dripping.join()
+
+
+def test_a_page_stays_connected_beyond_the_time_for_a_header(make, monkeypatch):
+    monkeypatch.setattr(server, "_HEADER_S", 0.2)
+    client = make()
+    with client.socket() as page:
+        page.recv(60)
+        end_s = time.monotonic() + 0.6
+        while time.monotonic() < end_s:
+            page.send('{"drawn": 0}')
+            time.sleep(0.1)
+        client.sink.write(event(ULID))
+        while json.loads(page.recv(60))["type"] != "event":
+            pass
+
+
+# Tokens -------------------------------------------------------------------------------------
+
+
+def test_a_stranger_with_wrong_tokens_locks_out_nobody(make):
+    client = make(tokens=(None, TOKEN))
+    wrong = json.dumps({"token": "wrong, wrong, wrong"})
+
+    def guess():
+        return ask_from(STRANGER, client, "/api/v1/login", wrong)
+
+    codes = [guess() for _ in range(120)]
+    assert codes[:10] == [401] * 10
+    assert codes[-1] == 429
+    bearer = {"Authorization": f"Bearer {TOKEN}"}
+    assert client.get("/api/v1/status", headers=bearer).json()["role"] == "operator"
+    assert post(client, "/api/v1/login", {"token": TOKEN}).status_code == 200
+
+
+# Numbers and bodies -------------------------------------------------------------------------
+
+LONG = "9" * 5000
+
+
+@pytest.mark.parametrize("tokens", [(), (None, TOKEN)])
+@pytest.mark.parametrize(
+    "path",
+    [
+        f"decisions?limit={LONG}",
+        f"decisions?before_seq={LONG}",
+        f"decisions/{LONG}",
+        "decisions/-1",
+        "decisions/%C2%B2",
+        f"events?limit={LONG}",
+        f"events?since={LONG}d",
+        "events?since=" + "9" * 190 + "w",
+        "events?since=0001-01-01",
+    ],
+)
+def test_numbers_of_any_length(make, caplog, path, tokens):
+    client = make(tokens=tokens)
+    wanted = {401} if tokens else {200, 400, 404}
+    assert client.get(f"/api/v1/{path}").status_code in wanted
+    assert "Traceback" not in caplog.text
+
+
+LARGE = (LONG[:4000], "-" + LONG[:4000], "1e999", "1e308")
+ODD = ("NaN", "Infinity", '"\\ud800"')
+
+
+@pytest.mark.parametrize("number", LARGE + ODD)
+def test_numbers_of_any_length_in_json(make, caplog, number):
+    client = make()
+    client.sink.attach(dataclasses.replace(client.run.host, playback=FakePlayback))
+    for path, text in (
+        ("playback", '{"action": "seek", "value": %s}'),
+        ("playback", '{"action": "speed", "value": %s}'),
+        ("zones", '{"include": [[0, %s]], "exclude": []}'),
+        ("labels", '{"event": %s, "label": "pet"}'),
+        ("command", '{"command": %s}'),
+        ("login", '{"token": %s}'),
+    ):
+        answer = client.post(f"/api/v1/{path}", (text % number).encode(), HEADERS)
+        assert answer.status_code in {400, 401, 404, 413}, (path, answer.status_code)
+    assert "Traceback" not in caplog.text
+
+
+class FakePlayback:
+    """A replay of ten seconds."""
+
+    def seek(self, position_s):
+        if not 0 <= position_s < 10:
+            msg = f"position {position_s:g}"
+            raise ValueError(msg)
+
+    def set_speed(self, speed):
+        if not 0.25 <= speed <= 64:
+            msg = f"speed {speed:g}"
+            raise ValueError(msg)
+
+
+def test_half_a_surrogate_pair_is_no_token(make, caplog):
+    client = make(tokens=(None, TOKEN))
+    answer = client.post("/api/v1/login", b'{"token": "\\ud800 and so on"}', HEADERS)
+    assert answer.status_code == 401
+    assert "Traceback" not in caplog.text
+
+
+def test_lengths_of_bodies_that_are_no_numbers(make):
+    client = make()
+    for length in (LONG, "-1", "1e3"):
+        headers = {**HEADERS, "Content-Length": length}
+        assert client.post("/api/v1/command", b"{}", headers).status_code in {400, 413}
+
+
+# Nothing changes by looking -------------------------------------------------------------------
+
+
+def test_no_get_changes_anything(make):
+    client = make()
+    client.sink.write(event(ULID))
+    app = client.sink._first.app._app
+    changing = [r for r in app.routes if isinstance(r, Route) and "POST" in r.methods]
+    assert len(changing) == 6
+    for route in changing:
+        assert route.methods == {"POST"}
+        for method in ("GET", "HEAD", "PUT", "DELETE", "PATCH"):
+            query = "?command=disarm&label=pet&forget=true&action=pause"
+            code = client.request(method, route.path + query, headers=HEADERS).status_code
+            assert code == 405, (method, route.path)
+    assert client.run.asked == []
+    assert client.get("/api/v1/events").json()["events"][0]["label"] is None
