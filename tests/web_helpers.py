@@ -120,7 +120,8 @@ class Running:
     def wait_online(self):
         """Wait until it decides; one that never does is ended."""
         try:
-            self.wait(lambda: self.get("/healthz")[0] == 200)
+            self.wait(lambda: self.process.poll() is not None or self.get("/healthz")[0] == 200)
+            assert self.process.returncode is None, self.log
         except BaseException:
             self.end()
             raise
