@@ -22,6 +22,10 @@ settings.register_profile(
 settings.load_profile("fixed")
 
 
+def pytest_addoption(parser):
+    parser.addoption("--renew", action="store_true", help="write golden files, compare nothing")
+
+
 def pytest_configure():
     """Give tests and the processes that they start a Ctrl-C; a shell's background ignores it."""
     if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
@@ -91,3 +95,16 @@ def set_folders(patch, folder):
     folder.mkdir()
     for name in ("XDG_STATE_HOME", "XDG_RUNTIME_DIR"):
         patch.setenv(name, str(folder))
+
+
+@pytest.fixture
+def golden(request):
+    """Return what gives the rows of a file in tests/data; with --renew, today's are kept there."""
+
+    def kept(name, rows):
+        path = Path(__file__).parent / "data" / name
+        if request.config.getoption("--renew"):
+            path.write_text("".join(json.dumps(row) + "\n" for row in rows))
+        return [json.loads(line) for line in path.read_text().splitlines()]
+
+    return kept
