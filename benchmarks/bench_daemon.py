@@ -164,7 +164,7 @@ def main() -> None:
 def blank(folder: Path) -> str:
     """Make the blank bundle."""
     # Late: it needs onnx, which is not installed with the daemon.
-    from x2train.studies.tradeoff.blank_bundle import write_blank_bundle  # noqa: PLC0415
+    from blank_bundle import write_blank_bundle  # noqa: PLC0415
 
     settings = FeatureSettings(range_decimation=8, clutter="removed")
     return str(write_blank_bundle(folder, "blank", settings, MAP_FEATURES))

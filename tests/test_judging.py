@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.blank_bundle import write_blank_bundle
 from radard.classify.bundle import load_bundle
 from radard.classify.classifier import Answer, Classifier, Probabilities
 from radard.config.config import Config
@@ -18,7 +19,6 @@ from x2train.judge.suites import SUITES
 from x2train.scenarios.families import family
 from x2train.scenarios.passages import play
 from x2train.scenarios.sites import P4XX, X2, X4M03, draw_site
-from x2train.studies.tradeoff.blank_bundle import write_blank_bundle
 
 
 @pytest.fixture(scope="module")

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.blank_bundle import write_blank_bundle
 from radard.classify.bundle import load_bundle
 from radard.classify.classifier import Classifier
 from radard.config.config import Config
@@ -23,7 +24,6 @@ from x2train.judge.suites import SUITES, suite_of
 from x2train.scenarios.families import family
 from x2train.scenarios.passages import play
 from x2train.scenarios.sites import ONE_RADAR, P4XX, THESIS, X2, draw_site
-from x2train.studies.tradeoff.blank_bundle import write_blank_bundle
 
 STEP = 8
 N = 400

@@ -7,6 +7,7 @@ import numpy as np
 import onnx
 import pytest
 
+from benchmarks.blank_bundle import write_blank_bundle
 from radard.classify.bundle import load_bundle
 from radard.classify.classifier import Classifier
 from radard.classify.features import MAP_FEATURES, FeatureSettings, FeatureStream
@@ -18,7 +19,6 @@ from x2train.bundles.network_cost import quantised, window_ms
 from x2train.cli import main
 from x2train.nets.bundle_answers import outputs_of
 from x2train.report.intervals import Estimate
-from x2train.studies.tradeoff.blank_bundle import write_blank_bundle
 from x2train.studies.tradeoff.combinations import (
     DECIMATIONS,
     PRECISIONS,
@@ -171,9 +171,12 @@ def test_profiles_are_marked(walk, tmp_path):
     assert 0 < row.network_ms < row.ms_per_hop
 
 
-def test_command_writes_page_and_plot(tmp_path, monkeypatch):
+def test_command_writes_page_and_plot(seen, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    write_blank_bundle(tmp_path, "balanced", BLANK, MAPS)
+    # Passages that were played already.
+    played = "x2train.studies.tradeoff.windows.judged_windows"
+    monkeypatch.setattr(played, lambda n, *_: iter([n, seen]))
+    write_blank_bundle(tmp_path, "balanced", SHIPPED, MAPS)
     (tmp_path / "eval.json").write_text('{"accuracy": 0.9}')
     argv = ["tradeoff", "--scenes", "human", "--draws", "1", "--duration", "6", "--rounds", "1"]
     argv += ["--models", "balanced.onnx=eval.json", "--combine", "balanced.onnx"]
