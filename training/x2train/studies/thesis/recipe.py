@@ -15,7 +15,6 @@ from x2train.studies.thesis.results import CellResult, ResultFile, judged, seen
 from x2train.studies.thesis.sets import CellData, load_cell, make_bodies
 from x2train.studies.thesis.settings import FitSettings
 
-EVALUATE = 500
 FRESH = 5000
 FRESH_FROM = 1_000_000
 """Number of the first fresh element: no training set reaches it."""
