@@ -109,7 +109,7 @@ def test_what_a_clip_holds(tmp_path):
 
 def test_two_runs_make_the_same_clip(tmp_path):
     def frames(name):
-        _, (clip, *_) = run_with_clips(tmp_path / name, "sim:demo", 40)
+        _, (clip, *_) = run_with_clips(tmp_path / name, "sim:demo?run=test", 40)
         with h5py.File(clip) as file:
             return clip.name, file["frames/samples"][()].tobytes(), file["picture"][()].tobytes()
 

@@ -86,6 +86,8 @@ class StreamInfo:
     """Frames per second of stream time."""
     device: str
     """What sends the frames, for people."""
+    run_id: str = ""
+    """What tells this run of the module from all others; recordings keep it. Empty: unknown."""
 
 
 class Step(Enum):

@@ -2,8 +2,9 @@
 
 ``/dev/ttyACM0``, ``socket://host:port``, ``auto`` (the only port that answers) or
 ``sim:SCENE?key=value&key=value``. Values are percent-encoded. Keys of ``sim:`` are seed (0),
-rate (60, frames per second), kind (rf or baseband), device and fault (kind:value, see
-`x2radar.sim.module.faults`); of serial ports: rate, kind and device. A device is a row of
+rate (60, frames per second), kind (rf or baseband), device, fault (kind:value, see
+`x2radar.sim.module.faults`) and run (the run's id, instead of one that no other run has); of
+serial ports: rate, kind and device. A device is a row of
 `x2radar.settings.modules.MODULES`, or auto: what the module calls itself decides.
 """
 
@@ -27,7 +28,7 @@ from x2radar.sim.scene.stage import check_swath
 
 _KINDS = ("rf", "baseband")
 _SIM_DEVICE = "x2raw"
-SIM_KEYS = frozenset({"seed", "rate", "kind", "fault", "device"})
+SIM_KEYS = frozenset({"seed", "rate", "kind", "fault", "device", "run"})
 SERIAL_KEYS = frozenset({"rate", "kind", "device"})
 
 
@@ -119,7 +120,11 @@ def make_radar(
     check_options(spec, SIM_KEYS if spec.scheme == "sim" else SERIAL_KEYS)
     chosen = settings or port_settings(spec)
     connect = _connector(spec, speed, chosen)
-    return X2Radar(connect, chosen, name=f"{spec.scheme}:{spec.target}")
+    run_id = spec.options.get("run", "")
+    if "run" in spec.options and not re.fullmatch(r"[A-Za-z0-9._-]{1,64}", run_id):
+        msg = f"port key 'run': '{run_id}' must be 1 to 64 letters, digits, '.', '_' or '-'"
+        raise SettingsError(msg)
+    return X2Radar(connect, chosen, name=f"{spec.scheme}:{spec.target}", run_id=run_id)
 
 
 def port_settings(spec: PortSpec) -> ModuleSettings | SettingsChooser:

@@ -7,6 +7,7 @@ owns the frames: their numbers, their marks after a restart, and the counts of w
 
 import threading
 import time
+import uuid
 from collections import Counter, deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -97,6 +98,8 @@ class X2Radar(Closing):
         How long to wait.
     name : str
         What to call the module in messages.
+    run_id : str, optional
+        `StreamInfo.run_id`; one that no other run has by default.
 
     Examples
     --------
@@ -112,12 +115,14 @@ class X2Radar(Closing):
         *,
         deadlines: Deadlines | None = None,
         name: str = "X2 module",
+        run_id: str = "",
     ) -> None:
         self._choose = settings if callable(settings) else None
         self.settings: ModuleSettings = (
             RadarSettings() if settings is None or callable(settings) else settings
         )
         self.name = name
+        self._run_id = run_id or uuid.uuid4().hex
         self.stream: StreamInfo | None = None
         """What holds for every frame; known with the first one."""
         self._connect = connect
@@ -191,7 +196,7 @@ class X2Radar(Closing):
             while self._waiting:
                 frame = self._waiting.popleft()
                 if self.stream is None:
-                    self.stream = StreamInfo(frame.axis, rate_hz, self.name)
+                    self.stream = StreamInfo(frame.axis, rate_hz, self.name, self._run_id)
                 yield frame
                 last_s = time.monotonic()
             if module.has_restarted:

@@ -1,8 +1,8 @@
 """Decisions to events: alarm, fault and tamper have a beginning, an end, and an id.
 
-The id is a ULID whose time part is stream time and whose random part is a digest of the
-frames that the event began with. So a replay gives the same ids, and two nights of live
-frames never do.
+The id is a ULID whose time part is stream time and whose random part is a digest of the run's
+id and of the frame that the event began with. So a replay, which has the id of the run that was
+recorded, gives the same ids, and two runs never do.
 """
 
 import hashlib
@@ -48,15 +48,15 @@ class EventTracker:
     """Follow decisions, notices and commands; return the events that they make.
 
     Without a panel it is armed, and an alarm lasts as long as the verdict stands. `see` turns a
-    decision and the panel's policy into a sight. `sensor` goes into the ids: of several in one
-    process, two may see the same frames.
+    decision and the panel's policy into a sight. `run` goes into the ids: what tells the run
+    from others (`StreamInfo.run_id`), and its sensor from others of the process.
     """
 
     def __init__(
-        self, panel: AlarmPanel | None = None, see: See = see_anywhere, sensor: str = ""
+        self, panel: AlarmPanel | None = None, see: See = see_anywhere, run: str = ""
     ) -> None:
         self.panel = panel or AlarmPanel()
-        self._sensor = sensor
+        self._run = run
         self.see = see
         self._open: dict[Kind, Event] = {}
 
@@ -184,7 +184,7 @@ class EventTracker:
         self, kind: Kind, reason: str, t_s: float, peak: float, dwell: Dwell | None
     ) -> Event:
         event = Event(
-            id=_ulid(f"{kind} {t_s:.6f}{self._sensor}", t_s, dwell),
+            id=_ulid(f"{kind} {t_s:.6f}{self._run}", t_s, dwell),
             phase="new",
             kind=kind,
             t_s=t_s,

@@ -103,6 +103,14 @@ def status_record(status: Status) -> Record:
     return {"type": "status", "state": status.state, "reason": status.reason}
 
 
+def marked(record: Record, mark: str) -> Record:
+    """Return a record that says what its stream is: 'simulated' or 'replayed'; '' says nothing.
+
+    Decisions are not marked: there are many of them, and `hello` comes before.
+    """
+    return {**record, mark: True} if mark and record["type"] != "decision" else record
+
+
 def _track(track: TrackVerdict) -> Record:
     return {
         "id": track.id,

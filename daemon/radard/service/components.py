@@ -168,13 +168,13 @@ def _cut_of(pipeline: Pipeline) -> tuple[DwellShape, int]:
 
 
 def make_store(config: Config, *, is_live: bool) -> StateStore:
-    """Return where arming is kept: nowhere for a replay, apart for a simulated sensor."""
-    if not is_live:
-        return StateStore(None)
+    """Return where arming is kept: nowhere for a replay or a demo, apart for a simulated sensor."""
     is_sim = (config.sensor.port or "").startswith("sim:")
-    name = f"{config.sensor.name}{'.sim' if is_sim else ''}.json"
     # An alarm that is on is kept only in a folder that was named: a run by hand begins afresh.
     is_named = named_state_dir(config) is not None
+    if not is_live or (is_sim and not is_named):
+        return StateStore(None)
+    name = f"{config.sensor.name}{'.sim' if is_sim else ''}.json"
     return StateStore(state_dir(config) / name, keeps_alarms=is_named)
 
 

@@ -15,7 +15,7 @@ from radard.config.quiet_hours import Now, recorded_clock, wall_clock
 from radard.errors import RadardError, UsageError
 from radard.health.health import STALE_S, Health, Status
 from radard.outputs.fanout import Feed, Host, Outputs
-from radard.outputs.records import Record, hello_record, status_record
+from radard.outputs.records import Record, hello_record, marked, status_record
 from radard.pipeline import Pipeline
 from radard.service.components import (
     Parts,
@@ -97,6 +97,7 @@ class RadarRun:
             playback=self._playback,
             driver=self._driver,
             reload=reload,
+            mark=lambda: self.mark,
         )
 
     @property
@@ -107,8 +108,18 @@ class RadarRun:
     @property
     def can_wait(self) -> bool:
         """Whether the stream can wait for a slow output, as far as is known by now."""
-        is_live = self._source.is_live if self._source else not self._port.startswith("replay:")
-        return not is_live or self._factor is None
+        return not self._is_live or self._factor is None
+
+    @property
+    def mark(self) -> str:
+        """What records and topics must say of the stream, see `Host.mark`."""
+        if self._port.startswith("sim:"):
+            return "simulated"
+        return "" if self._is_live else "replayed"
+
+    @property
+    def _is_live(self) -> bool:
+        return self._source.is_live if self._source else not self._port.startswith("replay:")
 
     @property
     def parts(self) -> Parts:
@@ -123,7 +134,8 @@ class RadarRun:
 
     def panel(self) -> dict[str, object]:
         """See `Host.panel`."""
-        return dict(self.worker.panel()) if self.worker is not None else {}
+        panel = dict(self.worker.panel()) if self.worker is not None else {}
+        return {**panel, self.mark: True} if self.mark else panel
 
     def command(self, name: str) -> None:
         """See `Host.command`; what comes without a stream holds for the next one."""
@@ -138,7 +150,8 @@ class RadarRun:
 
     def bind(self, outputs: Outputs) -> None:
         """Take the outputs that records go to."""
-        self._feed = Feed(outputs, self.name if self._config.is_one_of_several else None)
+        sensor = self.name if self._config.is_one_of_several else None
+        self._feed = Feed(outputs, sensor, lambda: self.mark)
 
     def open(self, on_notice: Notify, *, is_wanted: Callable[[], bool] = lambda: True) -> None:
         """Open the port, which may mean to wait for a device; raises as `open_source` does.
@@ -222,7 +235,8 @@ class RadarRun:
         """Return the record that a run with these parts begins with."""
         assert self.worker is not None  # noqa: S101 - `start` came before
         is_armed = self.worker.tracker.panel.is_armed
-        return hello_record(parts.pipeline, parts.config, is_armed=is_armed)
+        hello = hello_record(parts.pipeline, parts.config, is_armed=is_armed)
+        return marked(hello, self.mark)
 
     def stop(self) -> None:
         """Ask for the end, also of waiting for a device; any thread may."""

@@ -58,8 +58,9 @@ class Worker:
             self._log.warning("%s, as the last command said", word)
         panel = AlarmPanel(parts.policy, is_armed=kept.is_armed)
         config = parts.config
-        salt = config.sensor.name if config.is_one_of_several else ""
-        self.tracker = EventTracker(panel, parts.see, salt)
+        sensor = f" {config.sensor.name}" if config.is_one_of_several else ""
+        run = f" {parts.pipeline.stream.run_id}{sensor}"
+        self.tracker = EventTracker(panel, parts.see, run)
         self._kept_events = self.tracker.resume(kept)
         self._room: RoomCalibration | None = None
         self._made: Calibration | None = None

@@ -212,6 +212,7 @@ class ReplaySource:
         from x2radar.recording.registry import open_recording  # noqa: PLC0415
 
         self._reader = open_recording(spec.target)
+        self.stream: StreamInfo = replace(self._reader.stream, run_id=self._reader.run_id)
         self._closed = False
         self.warning = self._reader.warning
         self.started_utc = self._reader.started_utc
@@ -220,11 +221,6 @@ class ReplaySource:
             msg = f"{spec.target}: start={self._start_s:g} is behind its end ({end_s:.1f} s)"
             raise RecordingError(msg)
         self.playback = Playback(end_s, speed, lambda: on_notice("paused", "the replay is paused"))
-
-    @property
-    def stream(self) -> StreamInfo:
-        """As in `FrameSource`."""
-        return self._reader.stream
 
     def frames(self) -> Iterator[Frame]:
         """Yield the recording's frames, again and again with loop=1."""
