@@ -46,7 +46,7 @@ def one_thread():
     torch.set_num_threads(before)
 
 
-def seed(folder, *more):
+def thesis(folder, *more):
     return main(["thesis", "--folder", str(folder), *SMALL, *more])
 
 
@@ -55,7 +55,7 @@ def published(tmp_path_factory):
     folder = tmp_path_factory.mktemp("thesis")
     path = folder / "docs" / "thesis-results.md"
     args = [*ONE, "--activation", "relu", "--parts", "networks,own", "--publish", str(path)]
-    assert seed(folder / "cache", *args) == 0
+    assert thesis(folder / "cache", *args) == 0
     return folder, path, args
 
 
@@ -79,13 +79,13 @@ def test_a_second_run_trains_nothing(published, monkeypatch, capsys):
     folder, _, args = published
     monkeypatch.setattr("x2train.studies.thesis.recipe.fit", None)  # would raise
     monkeypatch.setattr("x2train.studies.thesis.own.train_maps", None)
-    assert seed(folder / "cache", *args[:-2]) == 0
+    assert thesis(folder / "cache", *args[:-2]) == 0
     assert "T2D60 relu:" in capsys.readouterr().out
 
 
 def test_kept_shows_what_there_is(published, capsys):
     folder, _, _ = published
-    assert seed(folder / "cache", "--kept") == 0
+    assert thesis(folder / "cache", "--kept") == 0
     out = capsys.readouterr().out
     assert out.splitlines()[0].startswith("T2D60 relu:")
     assert len(out.splitlines()) == 1
@@ -93,7 +93,7 @@ def test_kept_shows_what_there_is(published, capsys):
 
 def test_other_settings_are_another_result(published, capsys):
     folder, _, _ = published
-    assert seed(folder / "cache", "--kept", "--rate", "0.5") == 2
+    assert thesis(folder / "cache", "--kept", "--rate", "0.5") == 2
     assert "no results of these settings" in capsys.readouterr().err
 
 
@@ -102,7 +102,7 @@ def test_a_result_that_was_cut_short_is_not_trusted(published, tmp_path, capsys)
     kept = ResultFile(folder / "cache" / "results").path("T2D60", "relu")
     broken = ResultFile(tmp_path / "results").path("T2D60", "relu")
     broken.write_bytes(kept.read_bytes()[:200])
-    assert seed(tmp_path, "--kept", *ONE) == 2
+    assert thesis(tmp_path, "--kept", *ONE) == 2
     err = capsys.readouterr().err
     assert "no result" in err
     assert "remove it to make it again" in err
@@ -114,7 +114,7 @@ def test_a_shard_with_a_wrong_checksum_is_one_line(published, tmp_path, capsys):
     good = path.read_bytes()
     path.write_bytes(good[:-1] + b"!")
     try:
-        assert seed(folder / "cache", *ONE, "--rate", "0.002", "--activation", "relu") == 66
+        assert thesis(folder / "cache", *ONE, "--rate", "0.002", "--activation", "relu") == 66
     finally:
         path.write_bytes(good)
     lines = capsys.readouterr().err.splitlines()
@@ -146,7 +146,7 @@ def test_a_shard_with_a_wrong_checksum_is_one_line(published, tmp_path, capsys):
 )
 def test_bad_input_is_one_line(tmp_path, capsys, args, says):
     try:
-        code = seed(tmp_path, *args)
+        code = thesis(tmp_path, *args)
     except SystemExit as err:
         code = err.code
     err = capsys.readouterr().err.strip().splitlines()
@@ -157,7 +157,7 @@ def test_bad_input_is_one_line(tmp_path, capsys, args, says):
 
 def test_a_folder_that_cannot_be_written(tmp_path, capsys):
     (tmp_path / "file").write_text("")
-    assert seed(tmp_path / "file", *ONE) != 0
+    assert thesis(tmp_path / "file", *ONE) != 0
     assert "Traceback" not in capsys.readouterr().err
 
 
@@ -169,7 +169,7 @@ def test_a_repeat_becomes_a_bundle_that_the_daemon_takes(published, tmp_path, ca
     out = tmp_path / "models" / "mine"
     # Of dogs alone, whose elements are there; scaled inputs, which are folded into the weights.
     how = [*ONE, "--scaling", "each", "--bundle", str(out)]
-    assert seed(tmp_path, *how) == 0
+    assert thesis(tmp_path, *how) == 0
     assert f"wrote {out}.onnx" in capsys.readouterr().out
     bundle = load_bundle(f"{out}.onnx")
     assert bundle.classes == CLASSES
@@ -191,9 +191,9 @@ def test_a_repeat_becomes_a_bundle_that_the_daemon_takes(published, tmp_path, ca
     assert metrics["windows"] == 40
     first = out.with_suffix(".onnx").read_bytes()
     assert b"site-packages" not in first
-    assert seed(tmp_path, *how) == 0
+    assert thesis(tmp_path, *how) == 0
     assert out.with_suffix(".onnx").read_bytes() == first
-    assert seed(tmp_path, *how, "--rectified") == 2
+    assert thesis(tmp_path, *how, "--rectified") == 2
     assert "--rectified: the daemon makes no such" in capsys.readouterr().err
 
 
@@ -336,7 +336,7 @@ def test_recordings_stop_and_retrain(published, tmp_path, capsys):
     assert loaded.x.shape == (8, 1176)
     np.testing.assert_array_equal(loaded.y, [0, 1] * 4)
     assert loaded.of(1).x.shape == (8, 784)
-    assert seed(tmp_path, *ONE, "--activation", "relu", "--finetune", str(path)) == 0
+    assert thesis(tmp_path, *ONE, "--activation", "relu", "--finetune", str(path)) == 0
     result = ResultFile(tmp_path / "results").path("T2D60", "relu retrained")
     assert json.loads(result.read_text())["stopped_by"] == (
         "4 windows of recordings, after retraining on 4"
