@@ -1,4 +1,4 @@
-"""`train-export temporal`: a bundle learns what windows come to in their order."""
+"""`train-export temporal`: a bundle learns to integrate evidence over successive windows."""
 
 import argparse
 from pathlib import Path
@@ -16,7 +16,7 @@ def register(commands: Commands) -> None:
     """Add the subcommand."""
     parser = commands.add_parser(
         "temporal",
-        help="teach a bundle what windows come to in their order",
+        help="teach a bundle to integrate evidence over successive windows",
         epilog=(
             "example:\n"
             "  train-export dataset --out sets/long --passages 8000 --longest 18\n"

@@ -47,7 +47,12 @@ def register(commands: Commands) -> None:
         help="of networks (the thesis'), own (our features), switches (section 7 of its plans); "
         "networks by default, all with --publish",
     )
-    add("--folder", type=Path, default=Path("build/thesis"), help="cache and results (build/thesis)")
+    add(
+        "--folder",
+        type=Path,
+        default=Path("build/thesis"),
+        help="of cache and results (build/thesis)",
+    )
     add("--bundle", type=Path, metavar="PATH", help="train one network for the daemon instead")
     add("--publish", type=Path, metavar="FILE", help="write tables and pictures here")
     add("--kept", action="store_true", help="train nothing: show what earlier runs have kept")
