@@ -151,6 +151,32 @@ def test_what_is_kept_comes_back():
     assert EventTracker().resume(KeptState(is_armed=False, alarm_id=new.id)) == []
 
 
+def test_an_entry_delay_is_kept_and_its_alarm_begins_at_once():
+    policy = AlarmPolicy(entry_delay_s=30, latch_s=20)
+    tracker = EventTracker(AlarmPanel(policy))
+    assert tracker.on_decision(decision(1, 0.9, range_m=2.5), DWELL) == []
+    kept = tracker.kept
+    assert "2.5 m" in kept.entry_reason
+    again = EventTracker(AlarmPanel(policy, is_armed=kept.is_armed), run="b")
+    (event,) = again.resume(kept)
+    assert (event.kind, event.phase, event.t_s) == ("alarm", "new", 0.0)
+    assert event.reason.startswith(kept.entry_reason)
+    assert "restarted during the entry delay" in event.reason
+    assert again.kept.alarm_id == event.id
+    assert again.kept.entry_reason is None
+    ended = [e for t_s in range(1, 30) for e in again.on_decision(decision(t_s), DWELL)]
+    assert [(e.phase, e.id) for e in ended] == [("end", event.id)]
+    assert tracker.on_command("disarm", 2) == []
+    assert tracker.kept == KeptState(is_armed=False)
+
+
+def test_a_clip_is_known_after_a_restart():
+    tracker = EventTracker(AlarmPanel(AlarmPolicy(latch_s=10)))
+    (new,) = tracker.on_decision(decision(1, 0.7), DWELL)
+    tracker.has_clip(new.id, "a.h5")
+    assert EventTracker(AlarmPanel()).resume(tracker.kept)[0].clip == "a.h5"
+
+
 def test_a_clip_is_named_in_the_phases_that_follow():
     tracker = EventTracker(AlarmPanel(AlarmPolicy(latch_s=10)))
     (new,) = tracker.on_decision(decision(1, 0.7), DWELL)
@@ -162,6 +188,7 @@ def test_the_state_file_is_whole_or_the_old_one(tmp_path, caplog):
     path = tmp_path / "deep" / "radar.json"
     assert StateStore(path).load(is_armed=True) == KeptState(is_armed=True)
     state = KeptState(is_armed=False, alarm_id="X", alarm_reason="r", alarm_peak=0.5)
+    state = dataclasses.replace(state, alarm_clip="a.h5", entry_reason="human")
     StateStore(path).save(state)
     assert StateStore(path).load(is_armed=True) == state
     assert [p.name for p in path.parent.iterdir()] == ["radar.json"]

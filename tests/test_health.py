@@ -1,5 +1,6 @@
 """The health state machine and its readers: status file, heartbeat, systemd, `radard health`."""
 
+import errno
 import json
 import os
 import time
@@ -198,6 +199,26 @@ def test_the_status_file_of_another_process_is_left_alone(health, tmp_path, capl
     heartbeat.stop()
     assert json.loads(path.read_text())["pid"] == os.getppid()
     assert "belongs to process" in caplog.text
+
+
+def test_a_full_disk_silences_the_status_only_while_it_is_full(
+    health, tmp_path, monkeypatch, caplog
+):
+    heartbeat, _ = make_heart(health, tmp_path)
+    path = status_path(tmp_path, "radar")
+
+    def full(*_args, **_more):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    for _ in range(2):
+        with monkeypatch.context() as disk:
+            disk.setattr("radard.health.heartbeat.write_status", full)
+            for _ in range(3):
+                heartbeat.beat()
+        assert not path.exists()
+        heartbeat.beat()
+        path.unlink()
+    assert caplog.text.count("No space left on device") == 2
 
 
 def test_a_stopped_heart_leaves_the_last_word(health, tmp_path):

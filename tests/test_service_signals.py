@@ -12,7 +12,10 @@ from pathlib import Path
 
 import pytest
 
+from radard.alarm.state_store import KeptState
+from radard.config.config import load_config
 from radard.errors import ConfigError
+from radard.service.components import make_store
 from tests.alarm_helpers import NotifySocket
 from tests.daemon_helpers import launcher
 from tests.radar_helpers import python
@@ -222,6 +225,39 @@ def test_an_alarm_is_kept_until_somebody_acknowledges_it(tmp_path, launch):
     events = [json.loads(line) for line in out.read_text().splitlines() if '"event"' in line]
     assert [(e["phase"], e["id"]) for e in events] == [("update", alarm_id), ("end", alarm_id)]
     assert events[-1]["reason"] == "acknowledged"
+
+
+def test_an_entry_delay_that_a_restart_cuts_off_is_an_alarm(tmp_path, launch):
+    options = {
+        "sensor": {"port": "sim:human", "speed": "max"},
+        "model": {"name": "thesis"},
+        "alarm": {"sensitivity": "high", "entry_delay_s": 600, "latch_s": 86_400},
+    }
+    daemon = launch(**options)
+    panel_of(daemon, "panel", "entry")
+    assert daemon.stop() == 0
+    out = tmp_path / "out.jsonl"
+    sensor = {"port": "sim:empty", "speed": "max"}
+    daemon = launch(**{**options, "sensor": sensor, "output": [f"json:{out}"]})
+    panel_of(daemon, "panel", "alarm")
+    wait_for(lambda: daemon.run.radar.panel()["seq"] >= 2)
+    daemon.run.radar.command("ack")
+    panel_of(daemon, "panel", "armed")
+    assert daemon.stop() == 0
+    events = [json.loads(line) for line in out.read_text().splitlines() if '"event"' in line]
+    assert [e["phase"] for e in events if e["kind"] == "alarm"] == ["new", "end"]
+    assert "restarted during the entry delay" in events[0]["reason"]
+    assert Path(events[0]["clip"]).is_file()
+
+
+def test_a_demo_is_disarmed_for_itself_alone(tmp_path, monkeypatch):
+    monkeypatch.delenv("STATE_DIRECTORY", raising=False)
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    for port, is_kept in (("sim:empty", False), ("/dev/ttyACM0", True)):
+        options = {"sensor": {"port": port}}
+        config = load_config(environ={"XDG_STATE_HOME": str(tmp_path)}, options=options)
+        make_store(config, is_live=True).save(KeptState(is_armed=False))
+        assert make_store(config, is_live=True).load(is_armed=True).is_armed is not is_kept
 
 
 def test_reload_changes_the_policy_the_outputs_and_the_clips(tmp_path, launch):

@@ -70,15 +70,28 @@ class EventTracker:
         """What must outlive the daemon."""
         alarm = self._open.get("alarm")
         if alarm is None:
-            return KeptState(is_armed=self.panel.is_armed)
+            return KeptState(is_armed=self.panel.is_armed, entry_reason=self.panel.entry_reason)
         return KeptState(
-            is_armed=True, alarm_id=alarm.id, alarm_reason=alarm.reason, alarm_peak=alarm.peak
+            is_armed=True,
+            alarm_id=alarm.id,
+            alarm_reason=alarm.reason,
+            alarm_peak=alarm.peak,
+            alarm_clip=alarm.clip,
         )
 
     def resume(self, kept: KeptState) -> list[Event]:
-        """Go on where the last run ended: armed or not, and an alarm that was on."""
-        if kept.alarm_id is None or not kept.is_armed:
+        """Go on where the last run ended: an alarm that was on, or one that was about to begin.
+
+        Nobody knows how much of an entry delay has passed, so its alarm begins at once.
+        """
+        if not kept.is_armed:
             return []
+        if kept.alarm_id is None:
+            if kept.entry_reason is None:
+                return []
+            reason = f"{kept.entry_reason}; radard was restarted during the entry delay"
+            self.panel.resume(reason)
+            return [self._begin("alarm", reason, 0.0, 0.0, None)]
         reason = f"{kept.alarm_reason.removesuffix(_KEPT)}{_KEPT}"
         self.panel.resume(reason)
         event = Event(
@@ -90,6 +103,7 @@ class EventTracker:
             end_t_s=None,
             peak=kept.alarm_peak,
             reason=reason,
+            clip=kept.alarm_clip,
         )
         self._open["alarm"] = event
         return [event]

@@ -77,8 +77,13 @@ class AlarmPanel:
         """Whether an alarm is on and somebody is in sight."""
         return self.state == "alarm" and self._is_seen
 
+    @property
+    def entry_reason(self) -> str | None:
+        """Why an alarm will begin once the entry delay is over; None while none is running."""
+        return self._reason if self.state == "entry" else None
+
     def resume(self, reason: str) -> None:
-        """Go on with an alarm that was on before a restart."""
+        """Go on with an alarm that was on, or about to begin, before a restart."""
         self.state, self._reason = "alarm", reason
 
     def on_sight(

@@ -8,6 +8,7 @@ import json
 import logging
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 from radard.config.atomic import write_atomically
 
@@ -22,12 +23,14 @@ class KeptState:
     alarm_id: str | None = None  # of an alarm that was on when the daemon ended
     alarm_reason: str = ""  # why it was on
     alarm_peak: float = 0.0  # highest p(human) in it
+    alarm_clip: str | None = None  # the recording made of it
+    entry_reason: str | None = None  # of an entry delay that was running
 
 
 class StateStore:
     """Keep one `KeptState` in a file; without a path, nothing.
 
-    Without `keeps_alarms` only the last command's word is kept, not an alarm that is on.
+    Without `keeps_alarms` only the last command's word is kept, not an alarm or an entry delay.
     """
 
     def __init__(self, path: Path | None, *, keeps_alarms: bool = True) -> None:
@@ -50,13 +53,15 @@ class StateStore:
             raw = json.loads(self._path.read_text(encoding="utf-8"))
             kept = KeptState(
                 is_armed=bool(raw["is_armed"]),
-                alarm_id=None if raw.get("alarm_id") is None else str(raw["alarm_id"]),
+                alarm_id=_text(raw.get("alarm_id")),
                 alarm_reason=str(raw.get("alarm_reason", "")),
                 alarm_peak=float(raw.get("alarm_peak", 0.0)),
+                alarm_clip=_text(raw.get("alarm_clip")),
+                entry_reason=_text(raw.get("entry_reason")),
             )
         except FileNotFoundError:
             return None
-        except (OSError, ValueError, KeyError, TypeError) as err:
+        except (OSError, ValueError, LookupError, TypeError, ArithmeticError, RecursionError) as err:
             log.warning("%s: the kept state is unreadable and not used (%r)", self._path, err)
             return None
         return kept
@@ -73,3 +78,7 @@ class StateStore:
             log.warning("%s: cannot keep the state: %s", self._path, err.strerror or err)
         else:
             self._last = state
+
+
+def _text(value: Any) -> str | None:
+    return None if value is None else str(value)

@@ -107,7 +107,8 @@ class ClipKeeper:
         end = round(t_s * self._rate_hz)
         earliest = end - self._n_slow - round(self._settings.pre_s * self._rate_hz)
         past = [item for item in self._past if item[0] >= earliest]
-        first = past[0][0] if past else end - self._n_slow
+        # An alarm of before a restart begins before there is a dwell.
+        first = past[0][0] if past else max(0, end - self._n_slow)
         last = max(end, first + round(self._settings.longest_s * self._rate_hz))
         path = self._folder / f"{event['id']}.h5"
         event = {**event, "clip": str(path)}

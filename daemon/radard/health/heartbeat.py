@@ -28,8 +28,9 @@ class Watched:
 
     name: str
     health: Health  # asked at every beat
-    path: Path | None  # the status file; None when another process has it, or it cannot be written
+    path: Path | None  # the status file; None when another process has it
     panel: Callable[[], Mapping[str, Any]]  # further content, see `radard.outputs.fanout.Host`
+    is_failing: bool = False  # whether the last status could not be written
 
 
 class Heartbeat:
@@ -102,8 +103,12 @@ class Heartbeat:
             try:
                 write_status(each.path, each.health.status, more)
             except OSError as err:
-                log.warning("%s: cannot write the status: %s", each.path, err.strerror or err)
-                each.path = None
+                # Once; the next beat tries again, because a full disk is not full for ever.
+                if not each.is_failing:
+                    log.warning("%s: cannot write the status: %s", each.path, err.strerror or err)
+                each.is_failing = True
+            else:
+                each.is_failing = False
 
 
 def _is_other(pid: Any) -> bool:

@@ -168,7 +168,7 @@ def _cut_of(pipeline: Pipeline) -> tuple[DwellShape, int]:
 
 
 def make_store(config: Config, *, is_live: bool) -> StateStore:
-    """Return where arming is kept: nowhere for a replay or a demo, apart for a simulated sensor."""
+    """Return where arming is kept: nowhere for a replay or a demo, apart for a simulation."""
     is_sim = (config.sensor.port or "").startswith("sim:")
     # An alarm that is on is kept only in a folder that was named: a run by hand begins afresh.
     is_named = named_state_dir(config) is not None

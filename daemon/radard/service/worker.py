@@ -21,6 +21,7 @@ from radard.outputs.fanout import Feed
 from radard.outputs.records import decision_record, event_record, status_record
 from radard.service.components import Parts, logger_of
 from radard.service.room_calibration import RoomCalibration, can_calibrate, signer
+from radard.stream.frame_timing import RateWatch
 from radard.stream.ring import Dwell, FrameRing, Notice
 from x2radar.frame import Frame
 
@@ -30,7 +31,8 @@ _LOOK_UP_S = 0.5  # chosen: so late silence is noticed
 class Worker:
     """Work on one stream: dwells and notices of the ring become records for the outputs.
 
-    Health is fed here; the store keeps arming and an alarm that is on.
+    Health is fed here; the store keeps arming, an alarm that is on and a running entry delay.
+    `rate` compares the rate of frames with the clock, where they come in real time.
     """
 
     def __init__(
@@ -40,8 +42,10 @@ class Worker:
         outputs: Feed,
         health: Health,
         store: StateStore,
+        rate: RateWatch | None = None,
     ) -> None:
         self.parts = parts
+        self._rate = rate
         self._next: Parts | None = None
         self._ring = ring
         self._outputs = outputs
@@ -148,9 +152,12 @@ class Worker:
         self._outputs.put(record)
         if parts.clips is not None:
             parts.clips.on_decision(record, decision.t_s)
+        was = self.tracker.panel.state
         is_whole = decision.gate != "invalid"
         findings = parts.tamper.update(dwell) if parts.tamper and is_whole else ()
         fault = "dead sensor: all frames are the same" if is_whole and is_frozen(dwell) else ""
+        if self._rate is not None:
+            fault = fault or self._rate.note(dwell.t_s, dwell.t_mono_s)
         events = self.tracker.on_decision(
             decision,
             dwell,
@@ -159,6 +166,8 @@ class Worker:
             fault=fault,
         )
         told = self._emit(events)
+        if self.tracker.panel.state != was:
+            self._store.save(self.tracker.kept)
         self._complain("sensor", fault)
         self._after_clip(decision.t_s, told)
 
@@ -175,6 +184,8 @@ class Worker:
             self.parts.pipeline.restart()
             if self.parts.clips is not None:
                 self.parts.clips.restart()
+        if self._rate is not None:
+            self._rate.reset()
         if notice.kind in {"restart", "lost"} and self._room is not None:
             self._room.stop(f"the stream broke off ({notice.reason})")
         if notice.kind == "paused":

@@ -1,4 +1,4 @@
-"""FrameTiming: when a frame will arrive that has not come yet, from when others did.
+"""FrameTiming: when a frame will arrive that has not come yet; RateWatch: do they keep time?
 
 Frames come late or in time, never early: they wait in buffers for their reader. So the least
 delayed frame of the last two hops, each by its number, says where in time the stream stands;
@@ -6,7 +6,11 @@ two hops, because the module's clock and the host's do not run alike.
 """
 
 import math
+from collections import deque
 from collections.abc import Callable
+
+_STRETCH = 5  # dwells, of a second each; chosen: a fault is announced after ten seconds
+_MOST_OFF = 0.1  # chosen: clocks differ by 1e-4, and speeds by this much do no harm
 
 
 class FrameTiming:
@@ -32,6 +36,45 @@ class FrameTiming:
     def arrival_s(self, number: int) -> float:
         """Return when a frame should arrive, in seconds; infinite while nothing is known."""
         return min(self._lead_s, self._before_s) + number / self._rate_hz
+
+
+class RateWatch:
+    """Compare the rate of the frames that arrive with the rate that the stream should have.
+
+    Two stretches of time, one after the other, must both be off to the same side: a pause of
+    the host or of the module makes one of them longer, but never both.
+    """
+
+    def __init__(self, frame_rate_hz: float) -> None:
+        self._rate_hz = frame_rate_hz
+        self._points: deque[tuple[float, float]] = deque(maxlen=2 * _STRETCH + 1)
+
+    def reset(self) -> None:
+        """Begin again: the stream was interrupted."""
+        self._points.clear()
+
+    def note(self, t_s: float, t_mono_s: float) -> str:
+        """Take when a dwell's last frame arrived; return what is wrong, empty when nothing is.
+
+        `t_s` is its stream time, `t_mono_s` the host's monotonic clock, both in seconds; 0 is not
+        known.
+        """
+        points = self._points
+        points.append((t_s, t_mono_s))
+        if not t_mono_s or len(points) <= 2 * _STRETCH:
+            return ""
+        first, middle, last = points[0], points[_STRETCH], points[-1]
+        before, after = _pace(first, middle), _pace(middle, last)
+        is_off = max(before, after) < 1 - _MOST_OFF or min(before, after) > 1 + _MOST_OFF
+        if not is_off:
+            return ""
+        rate_hz = _pace(first, last) * self._rate_hz
+        return f"frames come at {rate_hz:.3g} Hz, not at {self._rate_hz:g} Hz: speeds are wrong"
+
+
+def _pace(a: tuple[float, float], b: tuple[float, float]) -> float:
+    """Return seconds of the stream per second of the clock."""
+    return (b[0] - a[0]) / max(1e-9, b[1] - a[1])
 
 
 class NextHop:
