@@ -49,6 +49,18 @@ def test_an_event_is_one_row_with_its_last_phase(path):
     assert (count(path, "decisions"), count(path, "statuses")) == (2, 1)
 
 
+def test_an_alarm_keeps_why_it_began_and_its_clip(path, capsys):
+    began = {**event(1), "clip": "a.h5"}
+    ended = {**event(1, phase="end"), "reason": "nobody seen for 15 s"}
+    tamper = event(2, kind="tamper")
+    filled(path, [began, ended, tamper, {**tamper, "phase": "update", "reason": "covered"}])
+    alarm, changed = read_events(path)
+    assert (alarm.phase, alarm.reason, alarm.clip) == ("end", "human at 1.0 m", "a.h5")
+    assert changed.reason == "covered"
+    assert cli.main(["events", "--store", str(path)]) == 0
+    assert "human at 1.0 m" in capsys.readouterr().out
+
+
 def test_a_run_goes_on_where_the_last_ended(path):
     filled(path, [event(1)])
     filled(path, [event(1, phase="end"), event(2)])

@@ -29,8 +29,8 @@ from radard.service.components import (
 from radard.service.tap import Tap
 from radard.service.worker import Worker
 from radard.sinks.base import COMMANDS
-from radard.stream.playback import Playback
 from radard.stream.frame_timing import RateWatch
+from radard.stream.playback import Playback
 from radard.stream.ring import FrameRing, Notice
 from radard.stream.source import FrameSource, Notify, open_source, parse_speed
 
@@ -214,7 +214,7 @@ class RadarRun:
         # What comes faster or slower on purpose says nothing about the module.
         is_real_time = source.is_live and self._factor == 1.0
         rate = RateWatch(source.stream.frame_rate_hz) if is_real_time else None
-        worker = Worker(parts, ring, feed, self.health, store, rate)
+        worker = Worker(parts, ring, feed, self.health, store, rate=rate)
         self.worker, self._ring = worker, ring
         self._is_finished = False
         expect = getattr(source, "expect", None)

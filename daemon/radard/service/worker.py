@@ -42,6 +42,7 @@ class Worker:
         outputs: Feed,
         health: Health,
         store: StateStore,
+        *,
         rate: RateWatch | None = None,
     ) -> None:
         self.parts = parts

@@ -1,4 +1,4 @@
-"""FrameTiming: when a frame will arrive that has not come yet; RateWatch: do they keep time?
+"""FrameTiming: when a frame will arrive, from when others did; RateWatch: whether they keep time.
 
 Frames come late or in time, never early: they wait in buffers for their reader. So the least
 delayed frame of the last two hops, each by its number, says where in time the stream stands;
