@@ -154,7 +154,7 @@ def test_alarm_arrives_and_is_acknowledged(tab, radard):
 
     radard.wait(alarm_is_on)
     one.page.wait_for_selector(".banner.alarm[role=alert]")
-    assert "Human" in one.page.inner_text(".banner.alarm .text")
+    assert "person" in one.page.inner_text(".banner.alarm .text")
     with one.page.expect_response("**/api/v1/command") as answered:
         one.page.get_by_role("button", name="Acknowledge").click()
     assert answered.value.status == 202
@@ -264,7 +264,7 @@ def test_zones_are_dragged_saved_and_hold(tab, radard):
     after = float(low.input_value())
     assert after < before - 0.2
     save.click()
-    one.until("document.querySelector('#page').textContent.includes('heeds them from now on')")
+    one.until("document.querySelector('#page').textContent.includes('follows them from now on')")
     (span,) = zones()["exclude"]
     assert span[0] == after
     assert f"[{after:.3f}, " in (radard.folder / "radar.sim.zones.yaml").read_text()

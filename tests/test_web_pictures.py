@@ -124,6 +124,12 @@ def test_axes_name_units_and_spans():
     assert [p["name"] for p in told["pictures"]] == [*TIMED, "gait"]
     assert [p["unit"] for p in told["pictures"]] == ["m", "m/s", "m/s", "m/s"]
     assert {p["name"]: p["span_db"] for p in told["pictures"]} == SPANS_DB
+    # c fp / (2 f): as wide as the spectrogram, whose rows repeat beyond it.
+    doppler = told["pictures"][2]
+    assert told["unambiguous_mps"] == pytest.approx(
+        299_792_458 * RATE_HZ / (2 * BASEBAND.carrier_hz)
+    )
+    assert told["unambiguous_mps"] == pytest.approx(doppler["step"] * doppler["n_rows"], rel=0.02)
 
 
 # The ring and the picture thread ----------------------------------------------------------------

@@ -18,6 +18,7 @@ from starlette.websockets import WebSocket
 
 from radard.config.sink_table import KINDS
 from radard.errors import RadardError, UsageError
+from radard.health.health import Status
 from radard.sinks.store_query import parse_since
 from radard.web import socket
 from radard.web.actions import Actions
@@ -59,6 +60,7 @@ class Api:
         self._painting = CapacityLimiter(1)
         routes: list[Route | WebSocketRoute] = [
             Route("/healthz", self._healthz),
+            Route("/readyz", self._readyz),
             Route("/metrics", self._for_viewers(self._metrics)),
             Route("/api/v1/status", self._for_viewers(self._status)),
             Route("/api/v1/decisions", self._for_viewers(self._decisions)),
@@ -92,11 +94,18 @@ class Api:
         return self._access.role(request)
 
     async def _healthz(self, request: Request) -> Response:
+        return self._told(request, lambda now: now.is_well)
+
+    async def _readyz(self, request: Request) -> Response:
+        return self._told(request, lambda now: now.state == "online")
+
+    def _told(self, request: Request, is_good: Callable[[Status], bool]) -> Response:
+        """Return the state, 200 or 503; the reason for those who may look."""
         now = self._queries.health(is_whole=OF_ONE not in request.scope)
         body: dict[str, str] = {"state": now.state}
         if self._role(request) != "nobody":
             body["reason"] = now.reason
-        return JSONResponse(body, 200 if now.is_well else 503)
+        return JSONResponse(body, 200 if is_good(now) else 503)
 
     async def _metrics(self, _request: Request) -> Response:
         return Response(self._queries.metrics_text(), media_type="text/plain; version=0.0.4")

@@ -6,11 +6,14 @@ for counters. Powers stay in dB, relative to the sample unit of the module.
 """
 
 import bisect
+import os
+import resource
 import threading
 import time
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import chain
+from pathlib import Path
 from typing import Any
 
 from radard.config.sink_table import KINDS
@@ -176,6 +179,10 @@ HELP = {
     "radard_wire_errors_total": ("counter", "Damaged stretches of bytes."),
     "radard_command_retries_total": ("counter", "Commands to the module sent again."),
     "radard_reconnects_total": ("counter", "Times that a lost device was opened again."),
+    "radard_process_cpu_seconds_total": ("counter", "Processor time of the daemon, all threads."),
+    "radard_process_resident_memory_bytes": ("gauge", "Memory of the daemon."),
+    "radard_process_open_fds": ("gauge", "Open files and connections of the daemon."),
+    "radard_process_threads": ("gauge", "Threads of the daemon."),
     "radard_sink_ok": ("gauge", "1 unless the sink's last attempt failed."),
     "radard_sink_waiting_records": ("gauge", "Records that wait in a sink."),
     "radard_sink_sent_records_total": ("counter", "Records handed on."),
@@ -199,11 +206,27 @@ def _sink_samples(sinks: Iterable[Sink]) -> Iterator[Sample]:
         yield "radard_sink_failures_total", label, state.n_failures
 
 
+def _process_samples() -> Iterator[Sample]:
+    """Yield what the process uses; Linux alone tells memory, files and threads."""
+    times = os.times()
+    yield "radard_process_cpu_seconds_total", {}, times.user + times.system
+    own = Path("/proc/self")
+    try:
+        n_pages = int((own / "statm").read_text().split()[1])
+        n_fds = len(list((own / "fd").iterdir())) - 1  # less the listing's own
+        n_threads = len(list((own / "task").iterdir()))
+    except OSError:
+        return
+    yield "radard_process_resident_memory_bytes", {}, n_pages * resource.getpagesize()
+    yield "radard_process_open_fds", {}, n_fds
+    yield "radard_process_threads", {}, n_threads
+
+
 def exposition(metrics: Iterable[Metrics], sinks: Iterable[Sink] = ()) -> str:
-    """Return the samples of all sensors and sinks in Prometheus' text format 0.0.4."""
+    """Return what sensors, process and sinks tell in Prometheus' text format 0.0.4."""
     families: dict[str, list[str]] = {}
     own = chain.from_iterable(each.samples() for each in metrics)
-    for name, labels, value in (*own, *_sink_samples(sinks)):
+    for name, labels, value in (*own, *_process_samples(), *_sink_samples(sinks)):
         families.setdefault(_family(name), []).append(_line(name, labels, value))
     parts = []
     for family, lines in families.items():

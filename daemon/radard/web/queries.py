@@ -28,6 +28,9 @@ _N_BEFORE = 16
 _SAME = ("id", "kind", "phase", "start_t_s", "end_t_s", "peak", "clip")
 """What an answer has under the name that a record and a stored event have, too."""
 
+_MARKS = ("simulated", "replayed")
+"""What a record of a stream that is not live has."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EventFilter:
@@ -232,6 +235,7 @@ def _of_record(record: Mapping[str, Any], sensor: str) -> dict[str, Any]:
         "began": record["began"],
         "ended": record["time"] if record["phase"] == "end" else None,
         "reason": record["cause"],
+        **{key: True for key in _MARKS if key in record},
     }
 
 

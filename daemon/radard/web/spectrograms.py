@@ -1,7 +1,7 @@
 """Spectrograms: frames to the columns of the dashboard's pictures, as bytes on a dB scale.
 
-Three pictures share their columns of time: range (where), velocity (how fast; aliases
-suppressed, see `radard.dsp.velocity`) and Doppler (mu, what the thesis' network sees). A
+Three pictures share their columns of time: range (where), velocity (how fast; its aliases are
+weaker, not absent, see `radard.dsp.velocity`) and Doppler (mu, what the thesis' network sees). A
 fourth, gait, is the cadence velocity diagram of the last two seconds.
 """
 
@@ -97,6 +97,8 @@ class Spectrograms:
         Their axes; gait is the last.
     column_s : float
         Stream time from one column to the next, in seconds.
+    unambiguous_mps : float or None
+        Speeds this far apart look alike at the frame rate: c fp / (2 f). None without a carrier.
     longest_push : int
         Most frames that `push` takes at once without leaving columns out.
 
@@ -137,6 +139,7 @@ class Spectrograms:
         self.restart()
         v, d_hz = self._velocity.velocity_mps, frame_rate_hz / n_cpi
         to_mps = SPEED_OF_LIGHT_MPS / (2 * axis.carrier_hz) if axis.carrier_hz > 0 else 0.0
+        self.unambiguous_mps = frame_rate_hz * to_mps or None
         doppler = ("m/s", d_hz * to_mps) if to_mps else ("Hz", d_hz)
         lowest = -(n_cpi // 2) * doppler[1]
         r = self._ranges.range_m

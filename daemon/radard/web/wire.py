@@ -27,6 +27,7 @@ def axes(spectrograms: Spectrograms) -> dict[str, Any]:
     return {
         "column_s": spectrograms.column_s,
         "gait_step_hz": spectrograms.gait_step_hz,
+        "unambiguous_mps": spectrograms.unambiguous_mps,
         "pictures": [
             {
                 "name": p.name,

@@ -7,7 +7,7 @@ import { livePage } from "./live.js";
 import { connect, post, watchPictures } from "./net.js";
 import { setupPage } from "./setup.js";
 import { isOperator, on, state } from "./state.js";
-import { duration, h, minutes, replace, toast } from "./ui.js";
+import { duration, h, inWords, minutes, replace, setText, toast } from "./ui.js";
 import { whyPage } from "./why.js";
 
 const PAGES = { live: livePage, why: whyPage, events: eventsPage, setup: setupPage };
@@ -93,11 +93,21 @@ function drawHealth() {
   box.title = state.reason || text;
 }
 
+const MARKS = {
+  simulated: ["Simulated", "A simulated module: what you see does not happen anywhere"],
+  replayed: ["Replayed", "A recording: what you see happened earlier"],
+};
+
 function drawSensor() {
   const others = Object.entries(state.sensors);
   const box = byId("sensor");
+  const model = h("span", { class: "model" }, state.hello.model ?? (state.hello.port ? "no model" : ""));
+  model.title = "The model that decides";
+  byId("badge").hidden = !state.mark;
+  setText(byId("badge"), MARKS[state.mark]?.[0] ?? "");
+  byId("badge").title = MARKS[state.mark]?.[1] ?? "";
   if (!others.length) {
-    replace(box, h("span", { title: state.hello.port ?? "" }, state.sensor));
+    replace(box, h("span", {}, state.sensor), model);
     return;
   }
   const choice = h(
@@ -111,7 +121,7 @@ function drawSensor() {
     h("option", { value: "" }, state.sensor),
     others.map(([name, url]) => h("option", { value: url }, name)),
   );
-  replace(box, choice);
+  replace(box, choice, model);
 }
 
 // Banner: nothing while all is well --------------------------------------------------------
@@ -129,7 +139,8 @@ function bannerOf() {
       ["Acknowledge", "ack", "primary"],
       ["Disarm", "disarm", ""],
     ];
-    return ["alarm", "Alarm", alarmText(), isOperator() ? buttons : []];
+    const title = state.mark ? `${MARKS[state.mark][0]} alarm` : "Alarm";
+    return ["alarm", title, alarmText(), isOperator() ? buttons : []];
   }
   if (panel.panel === "entry") {
     const buttons = isOperator() ? [["Disarm", "disarm", "primary"]] : [];
@@ -151,8 +162,10 @@ function alarmText() {
   const now = state.decisions[state.decisions.length - 1];
   const lasted = event && now ? now.t_s - event.start_t_s : 0;
   const since = lasted >= 1 ? `, ${duration(lasted)} ago` : "";
-  const after = reason === cause ? "" : `; now ${reason}`;
-  return `${cause.charAt(0).toUpperCase()}${cause.slice(1)}${since}${after}`;
+  const isBack = reason.endsWith(", again");
+  const after = reason === cause ? "" : isBack ? `; now ${inWords(reason)}` : `; ${reason} now`;
+  const first = inWords(cause);
+  return `${first.charAt(0).toUpperCase()}${first.slice(1)}${since}${after}`;
 }
 
 let bannerKey = "";
@@ -300,6 +313,21 @@ matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () =>
   setTheme(localStorage.getItem("radard-theme")),
 );
 setTheme(localStorage.getItem("radard-theme"));
+
+// Details ----------------------------------------------------------------------------------
+
+function setDetails(isOn) {
+  if (isOn) document.documentElement.dataset.details = "";
+  else delete document.documentElement.dataset.details;
+  byId("details").setAttribute("aria-pressed", String(isOn));
+}
+
+byId("details").addEventListener("click", () => {
+  const isOn = document.documentElement.dataset.details === undefined;
+  localStorage.setItem("radard-details", isOn ? "yes" : "");
+  setDetails(isOn);
+});
+setDetails(Boolean(localStorage.getItem("radard-details")));
 
 on("now", () => {
   drawHealth();

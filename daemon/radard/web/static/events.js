@@ -4,8 +4,8 @@ import { card } from "./live.js";
 import { at, get, post } from "./net.js";
 import { Pictures } from "./pictures.js";
 import { LinePlot } from "./plot.js";
-import { isOperator, limit, on } from "./state.js";
-import { clock, day, duration, fixed, h, minutes, percent, replace, setText, toast, verdict } from "./ui.js";
+import { isOperator, limit, markOf, on } from "./state.js";
+import { clock, day, duration, fixed, h, inWords, minutes, percent, replace, setText, toast, verdict } from "./ui.js";
 
 const LABELS = [
   ["human", "Person"],
@@ -135,8 +135,8 @@ class EventsPage {
       },
       h("span", { class: "dot" }),
       h("span", { class: "number when" }, clock(event.began)),
-      h("span", { class: "what" }, h("strong", {}, KINDS[event.kind] ?? event.kind), ` ${event.reason}`),
-      h("span", { class: "badges" }, event.label ? h("span", { class: "pill" }, NAMES[event.label]) : null, event.has_clip ? h("span", { class: "pill clip", title: "has a clip" }, "clip") : null, event.phase === "end" ? null : h("span", { class: "pill human" }, "on")),
+      h("span", { class: "what" }, h("strong", {}, KINDS[event.kind] ?? event.kind), ` ${inWords(event.reason)}`),
+      h("span", { class: "badges" }, markOf(event) ? h("span", { class: "pill mark-unreal" }, markOf(event)) : null, event.label ? h("span", { class: "pill" }, NAMES[event.label]) : null, event.has_clip ? h("span", { class: "pill clip", title: "has a clip" }, "clip") : null, event.phase === "end" ? null : h("span", { class: "pill human" }, "on")),
     );
   }
 
@@ -150,12 +150,12 @@ class EventsPage {
     const facts = [
       ["Began", `${day(event.began)}, ${clock(event.began)}`],
       ["Lasted", lasted === null ? "still on" : duration(lasted)],
-      ["Highest p(person)", event.kind === "alarm" ? percent(event.peak) : "–"],
-      ["Reason", event.reason],
-      ["Id", event.id],
+      ["Surest of a person", event.kind === "alarm" ? percent(event.peak) : "–"],
+      ["Reason", inWords(event.reason)],
+      ["Id", event.id, "exact"],
     ];
     const box = card(KINDS[event.kind] ?? event.kind, event.sensor);
-    box.append(h("dl", { class: "facts" }, facts.map(([k, v]) => h("div", {}, h("dt", {}, k), h("dd", {}, v)))));
+    box.append(h("dl", { class: "facts" }, facts.map(([k, v, who]) => h("div", { class: who }, h("dt", {}, k), h("dd", {}, v)))));
     if (event.kind === "alarm") box.append(this.#labels(event));
     const clip = h("div", {});
     box.append(clip);
@@ -251,7 +251,7 @@ class ClipPlayer {
       this.words,
     );
     this.maps = ["range", "velocity", "doppler"].map((name) => {
-      this.element.append(h("h3", {}, `${TITLES[name][0]} `, h("small", {}, TITLES[name][1])));
+      this.element.append(h("h3", {}, `${TITLES[name][0]} `, h("small", { class: "exact" }, TITLES[name][1])));
       return new HeatMap(this.element, name, pictures, { height: name === "doppler" ? 108 : 136, isRelative: false });
     });
     this.maps[0].marks = decisions

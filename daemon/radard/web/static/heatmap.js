@@ -50,6 +50,7 @@ export class HeatMap extends Chart {
       c.fillRect(this.box.x, Math.round(y(0)), this.box.w, 1);
       c.globalAlpha = 1;
     }
+    if (this.name === "velocity") this.#drawUnambiguous(c, y, axes.unambiguous_mps, high);
     this.#drawMarks(c, y);
     this.drawY(low, high, y, picture.unit);
     if (this.hasTime) this.drawTime(this.isRelative);
@@ -134,6 +135,21 @@ export class HeatMap extends Chart {
       c.fillRect(Math.round(right) - 1, y, 1, h);
     }
     c.restore();
+  }
+
+  // Speeds between the dashed lines have no double.
+  #drawUnambiguous(c, y, apart, high) {
+    if (!apart || apart / 2 >= high) return;
+    c.strokeStyle = colour("dim");
+    c.setLineDash([4, 4]);
+    c.lineWidth = 1;
+    for (const value of [-apart / 2, apart / 2]) {
+      c.beginPath();
+      c.moveTo(this.box.x, y(value));
+      c.lineTo(this.box.x + this.box.w, y(value));
+      c.stroke();
+    }
+    c.setLineDash([]);
   }
 
   #drawMarks(c, y) {

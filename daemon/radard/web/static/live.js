@@ -3,16 +3,37 @@ import { GaitMap, HeatMap, TITLES, drawScale } from "./heatmap.js";
 import { LinePlot } from "./plot.js";
 import { themeVersion } from "./chart.js";
 import { lastDecision, limit, on, pictures, state } from "./state.js";
-import { clock, fixed, h, percent, replace, setText, verdict } from "./ui.js";
+import { clock, fixed, h, percent, replace, setText, timesText, verdict, words } from "./ui.js";
 
 const SPAN_S = 30;
 const SLOW_MS = 500;
-const NOTES = {
-  range: "strong: what moves there",
-  velocity: "approaching is up; aliases suppressed",
-  doppler: "µ, what the limbs do; approaching is up",
-  gait: "how often limbs swing",
+const CAPTIONS = {
+  range: () => words("Strong: something moves at that distance.", "Power after clutter removal, by range."),
+  velocity: velocityCaption,
+  doppler: () =>
+    words(
+      "How arms and legs swing about the speed of the body. Coming closer is up.",
+      "Micro-Doppler spectrogram µ, as the networks see it; approaching is positive.",
+    ),
+  gait: () =>
+    words(
+      "How often limbs swing in a second: steady steps are a strong spot away from the left edge.",
+      "Cadence velocity diagram of the last 2 s.",
+    ),
 };
+
+// What the eye sees in "How fast": one movement as several bands, where the frames come too
+// seldom to tell its speed from others.
+function velocityCaption(axes) {
+  const apart = axes?.unambiguous_mps;
+  const highest = axes ? -pictures.by.get("velocity").first : 0;
+  if (!apart || apart / 2 >= highest) return words("Coming closer is up.", "Radial velocity; approaching is positive.");
+  const rate = fixed(state.hello.frame_rate_hz, 0);
+  return words(
+    `Coming closer is up. Parallel bands, ${fixed(apart, 1)} m/s apart, are one movement: the strongest is the likely speed, the others repeat it.`,
+    `Radial velocity. At ${rate} Hz it is unambiguous within ±${fixed(apart / 2, 2)} m/s (dashed); beyond, aliases ${fixed(apart, 2)} m/s apart are weaker by some dB, not absent.`,
+  );
+}
 
 export function card(title, note, ...children) {
   return h(
@@ -30,10 +51,17 @@ function pictureHead(name) {
     "h3",
     {},
     `${title} `,
-    h("small", {}, `${subtitle} · ${NOTES[name]}`),
-    h("span", { class: "key", "aria-hidden": "true" }, h("span", { class: "depth" }), scale, "0 dB"),
+    h("small", { class: "exact" }, subtitle),
+    h(
+      "span",
+      { class: "key", "aria-hidden": "true" },
+      h("span", { class: "plain" }, "weak"),
+      h("span", { class: "exact depth" }),
+      scale,
+      words("strong", "0 dB"),
+    ),
   );
-  return { head, scale };
+  return { head, scale, caption: h("p", { class: "caption" }, CAPTIONS[name](null)) };
 }
 
 export function livePage(_argument, signal) {
@@ -42,9 +70,9 @@ export function livePage(_argument, signal) {
   const made = card("What it makes of it", "a decision every second");
   const scales = new Map();
   const place = (box, name) => {
-    const { head, scale } = pictureHead(name);
-    scales.set(name, scale);
-    box.append(head);
+    const { head, scale, caption } = pictureHead(name);
+    scales.set(name, { scale, caption });
+    box.append(head, caption);
   };
   const maps = ["range", "velocity", "doppler"].map((name) => {
     place(seen, name);
@@ -52,7 +80,12 @@ export function livePage(_argument, signal) {
     return new HeatMap(seen, name, pictures, { height });
   });
   made.append(
-    h("h3", {}, "Person or pet ", h("small", {}, "evidence so far; dotted: this window alone"), legend()),
+    h("h3", {}, "Person or pet ", legend()),
+    h(
+      "p",
+      { class: "caption" },
+      words("How sure it is, with all it has seen of this visit. Dotted: from the last two seconds alone.", "Fused probabilities; dotted: this window alone."),
+    ),
   );
   const chances = new LinePlot(made, {
     label: "Probabilities over time",
@@ -68,7 +101,14 @@ export function livePage(_argument, signal) {
     ],
     limits: () => [{ value: limit(), text: `pet above ${fixed(limit(), 2)}: no alarm`, tone: "pet" }],
   });
-  made.append(h("h3", {}, "Motion ", h("small", {}, "power that is left after the clutter")));
+  made.append(
+    h("h3", {}, "Motion"),
+    h(
+      "p",
+      { class: "caption" },
+      words("How strong the movement is. Over the dashed line it counts; the faint line is the room's own noise.", "Residual power after clutter removal; dashed: the gate's threshold, faint: the noise floor."),
+    ),
+  );
   const power = new LinePlot(made, {
     label: "Gate power over time",
     height: 138,
@@ -97,8 +137,9 @@ export function livePage(_argument, signal) {
     nodes: [
       h("h1", { class: "hidden" }, "Live"),
       hero.element,
-      h("div", { class: "columns" }, seen, h("div", { class: "stack" }, made)),
+      // On a wide page the style puts it last; on a phone it comes before six charts.
       list.element,
+      h("div", { class: "columns" }, seen, h("div", { class: "stack" }, made)),
     ],
   };
 }
@@ -121,6 +162,7 @@ function animate(signal, maps, plots, gait, scales) {
   let drawnMs = 0;
   let lastMs = performance.now();
   let drawnTheme = -1;
+  let drawnAxes = null;
   const step = (nowMs) => {
     if (signal.aborted) return;
     requestAnimationFrame(step);
@@ -137,11 +179,13 @@ function animate(signal, maps, plots, gait, scales) {
     for (const plot of plots) plot.draw(view, state.decisions);
     gait.draw();
     maps[0].marks = marks();
-    if (pictures.axes && drawnTheme !== themeVersion()) {
+    if (pictures.axes && (drawnTheme !== themeVersion() || drawnAxes !== pictures.axes)) {
       drawnTheme = themeVersion();
-      for (const [name, scale] of scales) {
+      drawnAxes = pictures.axes;
+      for (const [name, { scale, caption }] of scales) {
         const { span_db } = pictures.by.get(name);
         drawScale(scale, span_db);
+        replace(caption, ...CAPTIONS[name](drawnAxes));
         scale.parentElement.querySelector(".depth").textContent = `−${span_db} dB`;
       }
     }
@@ -177,12 +221,13 @@ function makeHero() {
   const bar = h("div", { class: "evidence", role: "img" }, h("i", { class: "human" }), h("i", { class: "pet" }), h("b", {}));
   const facts = new Map(
     [
-      ["range", "Range", "m"],
-      ["speed", "Speed", "m/s"],
-      ["power", "Over threshold", "dB"],
-      ["bodies", "Bodies", ""],
-      ["latency", "Latency", "ms"],
-    ].map(([key, title, unit]) => [key, { title, unit, value: h("span", { class: "number" }) }]),
+      ["range", "Distance", "m"],
+      ["speed", "Closing speed", "m/s"],
+      ["times", "Over the room's noise", "", "plain"],
+      ["power", "Over threshold", "dB", "exact"],
+      ["bodies", "Moving bodies", ""],
+      ["latency", "Latency", "ms", "exact"],
+    ].map(([key, title, unit, who]) => [key, { title, unit, who, value: h("span", { class: "number" }) }]),
   );
   const element = h(
     "section",
@@ -192,8 +237,8 @@ function makeHero() {
     h(
       "dl",
       {},
-      [...facts.values()].map(({ title, unit, value }) =>
-        h("div", {}, h("dt", {}, title), h("dd", {}, value, unit ? h("small", {}, ` ${unit}`) : null)),
+      [...facts.values()].map(({ title, unit, who, value }) =>
+        h("div", { class: who }, h("dt", {}, title), h("dd", {}, value, unit ? h("small", {}, ` ${unit}`) : null)),
       ),
     ),
   );
@@ -219,6 +264,7 @@ function makeHero() {
       const nearest = d?.tracks?.[0];
       put("range", fixed(d?.range_m, 1));
       put("speed", fixed(nearest?.radial_velocity_mps, 1));
+      put("times", timesText(d));
       put("power", d && d.power_db !== null ? fixed(d.power_db - d.threshold_db, 1) : "–");
       put("bodies", d ? String(d.tracks.length) : "–");
       put("latency", fixed(d?.latency_ms, 0));
@@ -234,6 +280,17 @@ function subtitle(d) {
   return "Armed, all is well";
 }
 
+const HEADINGS = [
+  ["Time"],
+  ["Verdict"],
+  ["Person"],
+  ["Pet"],
+  ["Distance"],
+  ["Over the noise", "plain"],
+  ["Over threshold", "exact"],
+  ["Reason", "hidden"],
+];
+
 // The last decisions, newest first; one opens the page that explains it.
 function makeList() {
   const body = h("tbody", {});
@@ -244,11 +301,16 @@ function makeList() {
     h(
       "thead",
       {},
-      h("tr", {}, ["Time", "Verdict", "Person", "Pet", "Range", "Over threshold", ""].map((t) => h("th", { scope: "col" }, t))),
+      h("tr", {}, HEADINGS.map(([text, who]) =>
+        who === "hidden"
+          ? h("th", { scope: "col" }, h("span", { class: who }, text))
+          : h("th", { scope: "col", class: who }, text),
+      )),
     ),
     body,
   );
   const element = card("Decisions", "choose one to see why", table);
+  element.classList.add("latest");
   let newest = -1;
   return {
     element,
@@ -274,7 +336,8 @@ function row(d) {
     h("td", { class: "number" }, percent(d.fused_p_human)),
     h("td", { class: "number" }, percent(d.fused_p_pet)),
     h("td", { class: "number" }, d.range_m === null ? "–" : `${fixed(d.range_m, 1)} m`),
-    h("td", { class: "number" }, over === null ? "–" : `${fixed(over, 1)} dB`),
+    h("td", { class: "number plain" }, timesText(d)),
+    h("td", { class: "number exact" }, over === null ? "–" : `${fixed(over, 1)} dB`),
     h("td", {}, h("a", { href: `#/why/${d.seq}`, "aria-label": `Why decision ${d.seq}: ${text}` }, "Why?")),
   );
 }

@@ -4,6 +4,7 @@ import { pictures, state, take, tell } from "./state.js";
 const FIRST_RETRY_MS = 500;
 const LONGEST_RETRY_MS = 4000;
 const SILENT_MS = 12000;
+const DRAWN_MS = 250;
 
 // One of several sensors has its pages, and all it asks for, below a path of its own.
 const HOME = (location.pathname.match(/^\/sensor\/[\w-]+/) ?? [""])[0];
@@ -14,6 +15,7 @@ let socket = null;
 let retryMs = FIRST_RETRY_MS;
 let wantsPictures = false;
 let nTaken = 0;
+let drawnTimer = null;
 let heardMs = 0;
 
 export function connect() {
@@ -35,8 +37,7 @@ export function connect() {
     }
     nTaken += 1;
     pictures.take(event.data);
-    // Not every one: this only bounds what is under way.
-    if (nTaken % 6 === 0) say({ drawn: nTaken });
+    tellDrawn();
   });
   socket.addEventListener("close", lost);
 }
@@ -46,6 +47,15 @@ export function watchPictures(isWanted) {
   wantsPictures = isWanted;
   if (isWanted) pictures.clear();
   say({ pictures: isWanted });
+}
+
+// Not for every picture: a minute of them comes at once to a page that opens, and the daemon
+// takes only so many messages a second.
+function tellDrawn() {
+  drawnTimer ??= setTimeout(() => {
+    drawnTimer = null;
+    say({ drawn: nTaken });
+  }, DRAWN_MS);
 }
 
 function say(message) {

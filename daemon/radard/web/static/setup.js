@@ -67,7 +67,7 @@ function calibration(signal) {
     else most = 1;
     bar.value = 100 * (1 - left / most);
     if (phase) setText(said, CALIBRATION[phase](left, text));
-    else if (asked && state.playback) setText(said, "The gate learns the room anew; a replay keeps no calibration.");
+    else if (asked && state.playback) setText(said, "It learns the room again; a replay keeps no calibration.");
   }
   on("now", follow, signal);
   follow();
@@ -230,7 +230,7 @@ async function told(body) {
   for (let k = 0; k < 30; k += 1) {
     const { zones: now } = await get("/api/v1/status");
     if (JSON.stringify({ include: now.include, exclude: now.exclude }) === wanted) {
-      return "Saved. The alarm heeds them from now on.";
+      return "Saved. The alarm follows them from now on.";
     }
     await new Promise((done) => setTimeout(done, 100));
   }

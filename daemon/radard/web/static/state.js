@@ -11,6 +11,8 @@ export const state = {
   role: "viewer",
   sensor: "",
   hello: {},
+  // "simulated" or "replayed" where the stream is not a live one.
+  mark: "",
   confirm: [1, 1],
   zones: { include: [], exclude: [] },
   hasSavedZones: false,
@@ -48,17 +50,26 @@ export function take(message) {
   if (type === "welcome") welcome(message);
   else if (type === "decision") takeDecision(message);
   else if (type === "event") takeEvent(message);
-  else if (type === "status") takeNow({ state: message.state, reason: message.reason });
+  else if (type === "status") {
+    state.mark = markOf(message) || state.mark;
+    takeNow({ state: message.state, reason: message.reason });
+  }
   else if (type === "now") takeNow(message);
   else if (type === "axes") pictures.setAxes(message);
   else if (type === "hello") {
     state.hello = message;
+    state.mark = markOf(message);
     tell("hello");
   }
 }
 
+export function markOf(record) {
+  return record.simulated ? "simulated" : record.replayed ? "replayed" : "";
+}
+
 function welcome(message) {
   for (const key of ["role", "sensor", "hello", "confirm", "sensors"]) state[key] = message[key];
+  state.mark = markOf(state.hello);
   state.hasSavedZones = message.has_saved_zones;
   state.decisions = message.decisions;
   state.events = new Map(message.events.map((event) => [event.id, event]));

@@ -21,6 +21,36 @@ export function setText(element, text) {
   if (element.textContent !== text) element.textContent = text;
 }
 
+// Words for a person, and those for an engineer, who asks for them by the switch "Details".
+export function words(plain, exact) {
+  return [h("span", { class: "plain" }, plain), h("span", { class: "exact" }, exact)];
+}
+
+const WHO = {
+  human: "a person",
+  pending: "something that may be a person",
+  pet: "a pet that may be a person",
+  other: "a thing that may be a person",
+};
+
+// The reason of an alarm, "human at 1.8 m, again", as a person would say it.
+export function inWords(reason) {
+  const [, label, where] = /^(\w+)( at [\d.]+ m)?(?:, again)?$/.exec(reason) ?? [];
+  return WHO[label] ? `${WHO[label]}${where ?? ""}` : reason;
+}
+
+// How much stronger than the noise, as a factor.
+export function times(d) {
+  if (!d || d.power_db === null || d.noise_floor_db === null) return null;
+  return 10 ** ((d.power_db - d.noise_floor_db) / 10);
+}
+
+export function timesText(d) {
+  const ratio = times(d);
+  if (ratio === null || !Number.isFinite(ratio)) return DASH;
+  return ratio >= 1000 ? "> 1000 ×" : `${ratio.toFixed(ratio < 9.95 ? 1 : 0)} ×`;
+}
+
 const DASH = "–";
 const MINUS = "−";
 

@@ -4,19 +4,19 @@ import { card } from "./live.js";
 import { get } from "./net.js";
 import { LinePlot } from "./plot.js";
 import { lastDecision, limit, on, pictures, state } from "./state.js";
-import { clock, fixed, h, replace, setText, verdict } from "./ui.js";
+import { clock, fixed, h, replace, setText, verdict, words } from "./ui.js";
 
 const AROUND_S = 6;
 const BEHIND_S = 1.5;
 const STAGES = {
-  frames: "Frames",
-  gate: "Gate",
-  classifier: "Network",
-  evidence: "Evidence",
-  rule: "Rule",
-  zones: "Zones",
-  confirmation: "Confirmation",
-  panel: "Panel",
+  frames: ["Was everything received?", "Frames"],
+  gate: ["Does something move?", "Gate"],
+  classifier: ["What does it look like?", "Network"],
+  evidence: ["And with the seconds before?", "Evidence"],
+  rule: ["Does it count as a person?", "Rule"],
+  zones: ["Is it where it counts?", "Zones"],
+  confirmation: ["Has it been seen often enough?", "Confirmation"],
+  panel: ["Is the alarm on?", "Panel"],
 };
 const MOST_TICKS = 90;
 
@@ -126,7 +126,7 @@ function stages(why) {
       h(
         "li",
         { class: outcome === "decided" && name === why.decided_by ? "decided" : "passed" },
-        h("h3", {}, STAGES[name] ?? name, name === why.decided_by ? h("span", { class: "mark" }, "decided here") : null),
+        h("h3", {}, STAGES[name] ? words(...STAGES[name]) : name, name === why.decided_by ? h("span", { class: "mark" }, "decided here") : null),
         h("p", {}, text),
       ),
     ),
@@ -141,7 +141,7 @@ function drawFrozen(box, d, signal) {
   const draw = () => {
     const maps = ["range", "velocity", "doppler"].map((name) => {
       const [title, subtitle] = TITLES[name];
-      box.append(h("h3", {}, `${title} `, h("small", {}, subtitle)));
+      box.append(h("h3", {}, `${title} `, h("small", { class: "exact" }, subtitle)));
       const height = name === "doppler" ? 112 : 142;
       const map = new HeatMap(box, name, null, { height, isRelative: false });
       map.shade = { from_s: d.t_s - dwell_s, to_s: d.t_s };

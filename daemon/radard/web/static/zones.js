@@ -83,7 +83,7 @@ export class ZoneEditor {
         "p",
         { class: "buttons" },
         h("button", { type: "button", onclick: () => this.#add("exclude") }, "Exclude a range"),
-        h("button", { type: "button", onclick: () => this.#add("include") }, "Heed only a range"),
+        h("button", { type: "button", onclick: () => this.#add("include") }, "Alarm only in a range"),
       ),
     );
     this.targets = [];

@@ -1,0 +1,144 @@
+"""The dashboard's words in a real browser: for a person, for an engineer, and what is not real."""
+
+import importlib
+
+import pytest
+
+from tests.alarm_helpers import write_recording
+from tests.radar_helpers import noise
+from tests.web_helpers import Running
+
+pytest.importorskip("playwright.sync_api", reason="no playwright: pip install '.[browser]'")
+# Not before: a module that was skipped stays half loaded.
+browser_tests = importlib.import_module("tests.test_web_browser")
+browser, radard, tab = browser_tests.browser, browser_tests.radard, browser_tests.tab
+pytestmark = browser_tests.pytestmark
+SHOWN = "[...document.querySelectorAll('{}')].filter(e => e.checkVisibility()).length"
+
+
+def test_a_simulated_module_does_not_look_real(tab, radard):
+    one = tab().open()
+    one.until("document.querySelector('#badge').textContent === 'Simulated'")
+    assert one.page.is_visible("#badge")
+    header = one.page.inner_text("header")
+    assert radard.get("/api/v1/status")[1]["hello"]["model"] in header
+    assert "sim:" not in one.page.content()
+    radard.post("/api/v1/command", {"command": "arm"})
+    one.page.wait_for_selector(".banner.alarm")
+    assert "Simulated alarm" in one.page.inner_text(".banner.alarm")
+    one.page.goto(f"{radard.base}/#/events")
+    one.page.wait_for_selector(".event .mark-unreal")
+
+
+def test_a_replay_does_not_look_live(browser, tmp_path):
+    path = tmp_path / "r.h5"
+    write_recording(path, noise(60 * 60))
+    argv = ("--port", f"replay:{path}", "--speed", "1", "--model", "none")
+    running = Running(tmp_path, *argv).wait_online()
+    try:
+        one = browser_tests.Tab(browser, running).open()
+        one.until("document.querySelector('#badge').textContent === 'Replayed'")
+        assert "no model" in one.page.inner_text("header")
+        one.page.close()
+    finally:
+        running.end()
+
+
+def test_details_are_for_those_who_ask(tab):
+    one = tab().open()
+    assert one.page.evaluate(SHOWN.format(".exact")) == 0
+    assert one.page.evaluate(SHOWN.format(".plain")) > 5
+    words = one.page.inner_text("main")
+    assert "Over the room's noise" in words
+    for jargon in ("threshold", "Latency", "clutter", "micro-Doppler", "µ"):
+        assert jargon not in words
+    one.page.get_by_role("button", name="Details for engineers").click()
+    assert one.page.evaluate(SHOWN.format(".plain")) == 0
+    assert "Over threshold" in one.page.inner_text("main")
+    one.page.reload()
+    one.page.wait_for_selector(".hero")
+    assert one.page.get_attribute("#details", "aria-pressed") == "true"
+    assert "Latency" in one.page.inner_text(".hero")
+
+
+def test_how_fast_says_what_the_bands_are(tab):
+    one = tab().open()
+    caption = "document.querySelectorAll('.caption')[1].textContent"
+    one.until(f"{caption}.includes('m/s apart')")
+    words = one.page.evaluate(caption)
+    # c fp / (2 f) of an X2 at 60 Hz.
+    assert "Parallel bands, 1.3 m/s apart, are one movement" in words
+    assert "unambiguous within ±0.66 m/s" in words
+    assert "suppressed" not in words
+
+
+def test_on_a_phone_decisions_come_before_the_charts(tab):
+    top = "document.querySelector('{}').getBoundingClientRect().top"
+    phone, desk = tab(width=390, height=844).open(), tab().open()
+    for one in (phone, desk):
+        one.until("document.querySelectorAll('.decisions tbody tr').length > 5")
+    for one, is_first in ((phone, True), (desk, False)):
+        decisions, charts = (one.page.evaluate(top.format(s)) for s in (".latest", ".columns"))
+        assert (decisions < charts) is is_first
+    cut = """[...document.querySelectorAll('main h2, main h3, main small, .caption, dt, td')]
+        .filter(e => e.checkVisibility() && (e.scrollWidth > e.clientWidth + 1
+          && getComputedStyle(e).display !== 'inline'
+          || e.getBoundingClientRect().right > innerWidth)).map(e => e.textContent)"""
+    assert phone.page.evaluate(cut) == []
+    assert phone.page.evaluate("document.documentElement.scrollWidth") <= 390
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_small_words_are_readable(tab, scheme):
+    one = tab(scheme=scheme).open()
+    worst = one.page.evaluate(
+        """() => {
+          const options = { willReadFrequently: true };
+          const c = document.createElement('canvas').getContext('2d', options);
+          const light = (colour) => {
+            c.fillStyle = colour; c.fillRect(0, 0, 1, 1);
+            const [r, g, b] = [...c.getImageData(0, 0, 1, 1).data].map((v) => v / 255)
+              .map((v) => v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4);
+            return 0.2126 * r + 0.7152 * g + 0.0722 * b;
+          };
+          const kinds = ['pill human', 'pill pet', 'pill invalid', 'pill', 'unreal', 'pill clip'];
+          return kinds.map((kind) => {
+            const e = Object.assign(document.createElement('span'), { className: kind });
+            document.querySelector('.card').append(e);
+            const { color, backgroundColor } = getComputedStyle(e);
+            const [a, b] = [light(color), light(backgroundColor)];
+            return [(Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05), kind];
+          }).sort()[0];
+        }"""
+    )
+    # WCAG 2.2, 1.4.3.
+    assert worst[0] >= 4.5, worst
+    assert one.page.evaluate("[...document.querySelectorAll('th')].every(e => e.textContent)")
+
+
+def test_a_page_that_opens_late_takes_the_backlog_and_stays(tab):
+    def counted(one):
+        lines = []
+
+        def note(line):
+            lines.append({"pictures": 0, "is_closed": False})
+            now = lines[-1]
+
+            def took(data):
+                now["pictures"] += isinstance(data, bytes)
+
+            line.on("framereceived", took)
+            line.on("close", lambda _: now.update(is_closed=True))
+
+        one.page.on("websocket", note)
+        one.open()
+        return lines
+
+    first, late = tab(), tab()
+    (line,) = counted(first)
+    while line["pictures"] < 200:
+        first.page.wait_for_timeout(100)
+    lines = counted(late)
+    while lines[0]["pictures"] < 230 and not lines[0]["is_closed"]:
+        late.page.wait_for_timeout(100)
+    assert [line["is_closed"] for line in lines] == [False]
