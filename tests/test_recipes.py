@@ -55,6 +55,9 @@ def test_a_share_has_sets_and_a_folder_of_its_own():
     assert "sets-0.01/longcheck" in last
     assert not any(word.startswith("sets/") for step in (*sets, last) for word in step)
     assert recipe_of(f"train-export {shlex.join(last)}") is None
+    for share, is_fast in ((0.01, False), (0.001, False), (0.05, True), (1.0, True)):
+        fit = next(step for step in arguments("balanced", share=share) if step[0] == "fit")
+        assert ("--compile" in fit, "--half" in fit) == (is_fast, is_fast)
     smallest = [step for step in arguments("fast", share=1e-6) if step[0] == "dataset"]
     assert {step[step.index("--passages") + 1] for step in smallest} == {"12"}
 

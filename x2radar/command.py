@@ -15,6 +15,10 @@ from contextlib import contextmanager
 from importlib.metadata import PackageNotFoundError, version
 from typing import NoReturn, TextIO
 
+_EXTRAS = {"radard": "daemon", "train-export": "train"}
+"""What pyproject.toml calls the packages that a command needs."""
+_OURS = ("x2radar", "radard", "x2train")
+
 
 class Parser(argparse.ArgumentParser):
     """An argument parser whose errors are one line."""
@@ -93,10 +97,30 @@ def run_command(
         if "--debug" in args:
             traceback.print_exc()
         known = getattr(err, "exit_code", None)
-        text = str(err) if known is not None else f"internal error: {err!r}; --debug shows more"
+        text = str(err) if known is not None else _missing_extra(prog, err)
+        text = text or f"internal error: {err!r}; --debug shows more"
         print(f"{prog}: {' '.join(text.split())}", file=sys.stderr)  # noqa: T201 - the one line
         return known if isinstance(known, int) else 1
     return code
+
+
+def import_fault(err: ModuleNotFoundError, *, prog: str) -> BaseException:
+    """Return what to raise instead of `err` where a command's own imports fail.
+
+    One line that names the extra, and exit code 1, when a package of that extra is missing.
+    """
+    text = _missing_extra(prog, err)
+    return SystemExit(f"{prog}: {text}") if text else err
+
+
+def _missing_extra(prog: str, err: BaseException) -> str:
+    extra = _EXTRAS.get(prog)
+    if extra is None or not isinstance(err, ModuleNotFoundError) or not err.name:
+        return ""
+    name = err.name.partition(".")[0]
+    if name in _OURS:
+        return ""
+    return f"needs {name}, which is not installed: pip install 'x2radar[{extra}]'"
 
 
 @contextmanager

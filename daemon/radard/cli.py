@@ -10,11 +10,15 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from radard.config.config import Config, load_config
-from radard.config.options import add_options, config_options
-from radard.config.sink_table import FORMS
-from radard.errors import UsageError
-from x2radar.command import Parser, installed_version, run_command
+from x2radar.command import Parser, import_fault, installed_version, run_command
+
+try:
+    from radard.config.config import Config, load_config
+    from radard.config.options import add_options, config_options
+    from radard.config.sink_table import FORMS
+    from radard.errors import UsageError
+except ModuleNotFoundError as err:
+    raise import_fault(err, prog="radard") from err
 
 _SHORT = """\
 usage: radard --port PORT [options]    watch a radar; alarm for people, not pets
@@ -116,6 +120,8 @@ def _start_logging(more: int, *, as_json: bool) -> None:
     text = logging.Formatter("%(levelname)s %(name)s: %(message)s")
     handler.setFormatter(_JsonFormatter() if as_json else text)
     logging.basicConfig(level=logging.WARNING - 10 * more, handlers=[handler], force=True)
+    # Where the dashboard listens is news to everybody who has not asked for silence.
+    logging.getLogger("radard.dashboard").setLevel(logging.INFO if more >= 0 else logging.NOTSET)
 
 
 class _ShortHelp(argparse.Action):

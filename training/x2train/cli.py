@@ -7,9 +7,13 @@ from importlib import import_module
 from importlib.util import find_spec
 from types import ModuleType
 
-from x2radar.command import new_parser, run_command
+from x2radar.command import import_fault, new_parser, run_command
 from x2radar.errors import renamed
-from x2train import commands
+
+try:
+    from x2train import commands
+except ModuleNotFoundError as err:
+    raise import_fault(err, prog="train-export") from err
 
 _EXAMPLES = """\
 examples:

@@ -55,7 +55,10 @@ _X4_LONG_SETS = (
     "sets/x4long sets/x4longheld "
     "--validate sets/x4check sets/x4hcheck sets/x4longcheck sets/x4longhcheck"
 )
-_ALONE = "--seed 0 --half --compile"
+_FAST = ("--half", "--compile")
+"""Pay on a whole set alone: torch compiles for minutes, and half precision needs the hardware."""
+_ALONE = f"--seed 0 {' '.join(_FAST)}"
+_SMALL_SHARE = 0.05  # chosen: to try it; an epoch is shorter than the compiler's work
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +106,8 @@ def arguments(
 ) -> list[list[str]]:
     """Return the arguments of every command of a recipe, its sets before each.
 
-    `share` is of the passages: less than 1 is for trying, and makes sets in a folder of their own.
+    `share` is of the passages: less than 1 is for trying, and makes sets in a folder of their own;
+    a small one leaves out what makes long trainings fast.
     `workers` processes make sets; `models` is the folder of the bundles.
     """
     folder = "sets" if share == 1 else f"sets-{share:g}"
@@ -117,6 +121,8 @@ def arguments(
                 words.append(f"{folder}/{rest}")
             else:
                 words.append(str(models / rest) if top == "models" and rest else word)
+        if share < _SMALL_SHARE:
+            words = [word for word in words if word not in _FAST]
         made[command] = words if models == Path("models") else [*words, "--out", str(models)]
     return list(made.values())
 
