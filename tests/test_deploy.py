@@ -139,7 +139,7 @@ def test_home_assistant_names_entities_that_discovery_makes():
     package = yaml.safe_load(text)
     made = {
         f"{entity.platform}.radar_{entity.config['name'].lower().replace(' ', '_')}"
-        for entity in entities(MqttSection())
+        for entity in entities(MqttSection(), takes_commands=True)
     } | {f"button.radar_{name}" for name in ("arm", "disarm", "ack")}
     named = set(re.findall(r"\b(?:binary_sensor|sensor|button)\.\w+", text)) - {"button.press"}
     assert named <= made

@@ -7,6 +7,7 @@ import pytest
 from radard.config.config import load_config
 from radard.health.health import Health
 from radard.outputs.fanout import Host, Outputs
+from radard.sinks import start_sink
 from radard.sinks.store_query import read_events
 from tests.sink_helpers import WebServer, event, hello, ulid
 from tests.waiting import wait_for
@@ -86,7 +87,82 @@ def test_an_output_that_cannot_be_opened_at_a_reload_is_said(tmp_path, server, c
     assert "cannot write there" in caplog.text
     out.put(event(1))
     wait_for(lambda: server.posts)
+    assert [why for _, why in out.faults] == ["json:/nowhere/x"]
+    out.reload(config, [hello()])
+    assert out.faults == {}
     out.close()
+
+
+def test_a_sink_goes_on_until_the_one_that_replaces_it_can_be_opened(
+    tmp_path, server, caplog, monkeypatch
+):
+    monkeypatch.setattr("radard.outputs.fanout._RETRY_S", 0.0)
+    secret, out = tmp_path / "secret", outputs()
+    good = configured(tmp_path, server)
+    out.open(good)
+    bad = configured(tmp_path, server, secret_file=str(secret), phases=["new"])
+    for _ in range(2):
+        out.reload(bad, [hello()])
+        out.retry()
+    ((_, name), why), *more = out.faults.items()
+    assert not more
+    assert name == f"webhook:http://127.0.0.1:{server.port}"
+    assert "webhook.secret_file" in why
+    assert len([r for r in caplog.records if "secret_file" in r.getMessage()]) == 2
+    out.put(event(1, phase="update"))
+    wait_for(lambda: len(server.posts) == 1)
+    secret.write_text("shared\n")
+    out.retry()
+    assert out.faults == {}
+    out.put(event(2, phase="update"))
+    out.put(event(3))
+    wait_for(lambda: len(server.posts) == 2)
+    out.close()
+    assert [b["id"] for b in bodies(server)] == [ulid(1), ulid(3)]
+    assert "webhook-signature" in {name.lower() for name in server.posts[-1][1]}
+
+
+def test_undoing_a_change_that_could_not_be_opened_is_no_fault(tmp_path, server):
+    out = outputs()
+    good = configured(tmp_path, server)
+    out.open(good)
+    before = out.sinks
+    out.reload(configured(tmp_path, server, ca_file="/nowhere/x"), [hello()])
+    assert out.faults
+    out.reload(good, [hello()])
+    assert (out.faults, out.sinks) == ({}, before)
+    out.close()
+
+
+def test_records_wait_for_an_output_that_is_added_and_cannot_be_opened_yet(
+    tmp_path, server, monkeypatch
+):
+    monkeypatch.setattr("radard.outputs.fanout._RETRY_S", 0.0)
+    out = outputs()
+    config = configured(tmp_path, server)
+    out.open(config)
+    file = tmp_path / "later" / "x.jsonl"
+    out.reload(config.model_copy(update={"output": (f"json:{file}",)}), [hello()])
+    out.put(event(1))
+    file.parent.mkdir()
+    out.retry()
+    out.close()
+    lines = [json.loads(line) for line in file.read_text().splitlines()]
+    assert [line["type"] for line in lines] == ["hello", "event"]
+
+
+def test_what_only_memory_holds_outlives_a_reload(tmp_path, server):
+    (tmp_path / "outbox").write_text("where the folder should be\n")
+    server.code = 500
+    out = outputs()
+    out.open(configured(tmp_path, server))
+    out.put(event(1))
+    wait_for(lambda: server.posts)
+    out.reload(configured(tmp_path, server, timeout_s=9.0), [hello()])
+    server.code = 200
+    wait_for(lambda: out.sinks[0][1].state.n_sent == 1)
+    out.close()
+    assert {b["id"] for b in bodies(server)} == {ulid(1)}
 
 
 def test_only_what_changed_is_reopened(tmp_path, server):
@@ -114,14 +190,14 @@ def test_what_comes_while_an_output_is_reopened_waits_for_it(tmp_path, server, m
     file, store = tmp_path / "a.jsonl", tmp_path / "a.db"
     config = config.model_copy(update={"output": (f"json:{file}", f"store:{store}")})
     out.open(config)
-    plain, told = Outputs._opened, []
+    told = []
 
-    def opened(self, *args):
+    def start(sink):
         # As another thread would, in the middle of a reload.
         told.extend(out.put(event(n)) for n in range(5))
-        return plain(self, *args)
+        start_sink(sink)
 
-    monkeypatch.setattr(Outputs, "_opened", opened)
+    monkeypatch.setattr("radard.outputs.fanout.start_sink", start)
     days = config.store.model_copy(update={"keep_days": 7000.0})
     out.reload(config.model_copy(update={"store": days}), [hello()])
     out.close()

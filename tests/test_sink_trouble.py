@@ -109,7 +109,9 @@ def test_a_sink_that_stands_still_degrades_and_delays_nothing(
     try:
         wait_for_state(tmp_path, "online")
         if listener:
-            wait_for(lambda: listener.on("radard/radar/availability")[-1:] == [b"online"])
+            wait_for(
+                lambda: listener.on("radard/radar-simulated/availability")[-1:] == [b"online"]
+            )
         gate.shut()
         wait_for_state(tmp_path, "degraded", f"output {scheme}")
         seq = report(tmp_path)["seq"]
@@ -117,11 +119,11 @@ def test_a_sink_that_stands_still_degrades_and_delays_nothing(
         daemon.far.drain()
         assert daemon.far.wait_for("WATCHDOG")
         if listener:
-            wait_for(lambda: listener.on("radard/radar/availability")[-1] == b"offline")
+            wait_for(lambda: listener.on("radard/radar-simulated/availability")[-1] == b"offline")
         gate.open()
         wait_for_state(tmp_path, "online")
         if listener:
-            wait_for(lambda: listener.on("radard/radar/availability")[-1] == b"online")
+            wait_for(lambda: listener.on("radard/radar-simulated/availability")[-1] == b"online")
     finally:
         gate.open()
         if listener:
@@ -142,17 +144,19 @@ def test_a_radar_that_stands_still_is_offline_on_the_broker(
     put, cls, name = where
     put(gate, monkeypatch, cls, name)
     broker = MqttBroker(tmp_path)
-    listener = Listener(broker.port, "radard/radar/#")
+    listener = Listener(broker.port, "radard/radar-simulated/#")
     url = f"mqtt://127.0.0.1:{broker.port}"
     daemon = launch(stale_s=1.5, output=[url], outbox=OUTBOX)
     try:
-        wait_for(lambda: listener.on("radard/radar/availability")[-1:] == [b"online"])
+        wait_for(lambda: listener.on("radard/radar-simulated/availability")[-1:] == [b"online"])
         gate.shut()
-        wait_for(lambda: listener.on("radard/radar/availability")[-1] == b"offline")
-        wait_for(lambda: b"no decision from fresh" in listener.on("radard/radar/health")[-1])
+        wait_for(lambda: listener.on("radard/radar-simulated/availability")[-1] == b"offline")
+        wait_for(
+            lambda: b"no decision from fresh" in listener.on("radard/radar-simulated/health")[-1]
+        )
         wait_for(lambda: daemon.far.silent_for(0.5))
         gate.open()
-        wait_for(lambda: listener.on("radard/radar/availability")[-1] == b"online")
+        wait_for(lambda: listener.on("radard/radar-simulated/availability")[-1] == b"online")
     finally:
         gate.open()
         listener.close()

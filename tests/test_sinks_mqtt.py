@@ -10,8 +10,9 @@ import pytest
 from radard.config.sink_table import MqttSection, SinkOptions
 from radard.errors import ConfigError, UsageError
 from radard.health.health import Status
-from radard.sinks import open_output
+from radard.sinks import make_output, open_output
 from radard.sinks.base import SinkContext
+from radard.sinks.mqtt_link import MqttLink
 from tests.sink_helpers import (
     PASSWORD,
     QUICK,
@@ -57,6 +58,7 @@ def publish(broker, tmp_path):
     with contextlib.ExitStack() as stack:
 
         def begin(*, url=None, context=None, **section):
+            section = {"commands": "always", **section}
             options = SinkOptions(outbox=QUICK, mqtt=MqttSection(keepalive_s=1, **section))
             given = {"sensor": "hall", "state_dir": tmp_path / "state", **(context or {})}
             url = url or f"mqtt://127.0.0.1:{broker.port}"
@@ -127,7 +129,8 @@ def test_health_is_asked_for_and_not_only_heard_of(publish, listen):
     wait_for(lambda: json.loads(last(listener, "state"))["armed"] is False)
 
 
-def test_commands_and_what_is_none(publish, listen, caplog):
+def test_commands_and_what_is_none(publish, listen, caplog, monkeypatch):
+    monkeypatch.setattr("radard.sinks.mqtt._WARN_S", 0.0)
     listener = listen(f"{BASE}/#")
     heard = []
     listener.say(f"{BASE}/command/disarm", "now", retain=True)
@@ -143,6 +146,60 @@ def test_commands_and_what_is_none(publish, listen, caplog):
     assert heard == ["ack", "arm", "disarm", "calibrate"]
     assert "no command 'explode'" in caplog.text
     assert "payload must be empty" in caplog.text
+
+
+def test_a_flood_of_commands_that_are_none_is_logged_once(publish, listen, caplog):
+    listener = listen(f"{BASE}/#")
+    heard = []
+    sink = publish(discovery="off", context={"command": heard.append})
+    sink.write(hello())
+    sink.write(status("online"))
+    wait_for(lambda: last(listener, "availability") == "online")
+    for n in range(20):
+        listener.say(f"{BASE}/command/explode{n}{'x' * 200}")
+    listener.say(f"{BASE}/command/ack")
+    wait_for(lambda: heard)
+    lines = [r.getMessage() for r in caplog.records if "no command" in r.getMessage()]
+    assert len(lines) == 1
+    assert len(lines[0]) < 200
+
+
+def test_a_stranger_cannot_disarm_where_nothing_is_said_of_commands(publish, listen, caplog):
+    listener, found = listen(f"{BASE}/#"), listen("homeassistant/#")
+    heard = []
+    sink = publish(commands="auto", context={"command": heard.append})
+    sink.write(hello())
+    sink.write(status("online"))
+    wait_for(lambda: last(listener, "availability") == "online")
+    listener.say(f"{BASE}/command/disarm")
+    wait_for(lambda: last(listener, "command/disarm") == "")
+    sink.write(event(1))
+    wait_for(lambda: ids(listener))
+    assert heard == []
+    assert "takes no commands" in caplog.text
+    topic = "homeassistant/device/radard_hall/config"
+    parts = json.loads(wait_for(lambda: found.on(topic))[-1])["cmps"]
+    # The platform alone: what an earlier version offered goes.
+    assert parts["disarm"] == {"p": "button"}
+    assert "stat_t" in parts["alarm"]
+
+
+@pytest.mark.parametrize("given", ["auto", "always", "off", True, False])
+def test_what_takes_commands(given, tmp_path, monkeypatch):
+    monkeypatch.setattr(MqttLink, "_new_client", lambda _: None)
+    (tmp_path / "words").write_text("x\n")
+    password = {"username": "u", "password_file": tmp_path / "words"}
+    certificate = {"cert_file": tmp_path / "cert", "key_file": tmp_path / "key"}
+    taken = set()
+    for scheme in ("mqtt", "mqtts"):
+        for name, section in (("-", {}), ("password", password), ("certificate", certificate)):
+            options = SinkOptions(mqtt=MqttSection(commands=given, **section))
+            sink = make_output(f"{scheme}://h", options, SinkContext(sensor="hall"))
+            topics = sink._link._subscriptions
+            taken |= {f"{scheme} {name}"} if f"{BASE}/command/+" in topics else set()
+    everything = {f"{s} {n}" for s in ("mqtt", "mqtts") for n in ("-", "password", "certificate")}
+    secure = {"mqtts password", "mqtts certificate"}
+    assert taken == {"auto": secure, "always": everything, True: everything}.get(given, set())
 
 
 def test_commands_can_be_switched_off(publish, listen):
@@ -319,3 +376,27 @@ def test_a_missing_password_is_told_at_once(tmp_path):
     options = SinkOptions(mqtt=MqttSection(username="u", password_file=tmp_path / "none"))
     with pytest.raises(ConfigError, match=r"mqtt.password_file: .*No such file"):
         open_output("mqtt://h", options, SinkContext())
+
+
+@pytest.mark.parametrize("mark", ["simulated", "replayed"])
+def test_what_no_module_sends_has_topics_entities_and_a_client_of_its_own(
+    publish, listen, tmp_path, mark
+):
+    listener = listen("#")
+    real = publish(client_id="house", decisions=False)
+    demo = publish(context={"mark": mark}, client_id="house", decisions=False)
+    for sink in (demo, real):
+        for record in (hello(), status("online"), event(1)):
+            sink.write(record)
+    base = f"radard/hall-{mark}"
+    wait_for(lambda: listener.on(f"{base}/event") and ids(listener))
+    wait_for(lambda: listener.on(f"{base}/availability")[-1:] == [b"online"])
+    wait_for(lambda: listener.on(f"homeassistant/device/radard_hall-{mark}/config"))
+    found = json.loads(listener.on(f"homeassistant/device/radard_hall-{mark}/config")[-1])
+    assert found["dev"]["ids"] == [f"radard_hall-{mark}"]
+    own = [c["uniq_id"] for c in found["cmps"].values() if "uniq_id" in c]
+    assert own
+    assert all(text.startswith(f"radard_hall-{mark}_") for text in own)
+    wait_for(lambda: last(listener, "availability") == "online")
+    assert len(ids(listener)) == len(listener.on(f"{base}/event")) == 1
+    assert len(list((tmp_path / "state" / "outbox").glob("*.db"))) == 2

@@ -145,7 +145,8 @@ def test_a_program_gets_the_event_on_stdin_and_in_its_environment(tmp_path):
     sink.close()
     body, kind = out.read_text().rsplit("}", 1)
     assert json.loads(body + "}") == {"sensor": "hall", **event(1)}
-    assert kind == "alarm"
+    # A line, as `read` of a shell and `while read` want it.
+    assert kind == "\nalarm"
 
 
 @pytest.mark.parametrize(
@@ -153,11 +154,99 @@ def test_a_program_gets_the_event_on_stdin_and_in_its_environment(tmp_path):
 )
 def test_a_program_that_fails_is_run_again_and_then_given_up(tmp_path, text, words):
     sink = opened(program(tmp_path, text), exec=ExecSection(timeout_s=0.3))
-    sink.write(event(1))
+    sink.write(event(1, kind="fault"))
     wait_for(lambda: sink.state.n_dropped == 1)
     assert sink.state.reason == words
     assert sink.state.n_failures == QUICK.attempts
     sink.close()
+
+
+def test_an_alarm_is_not_given_up_because_a_program_fails(tmp_path):
+    works = tmp_path / "works"
+    sink = opened(program(tmp_path, f"sys.exit(not os.path.exists({str(works)!r}))"))
+    sink.write(event(1))
+    wait_for(lambda: sink.state.n_failures > 2 * QUICK.attempts)
+    assert (sink.state.n_dropped, sink.state.reason) == (0, "exit status 1")
+    works.touch()
+    wait_for(lambda: sink.state.n_sent == 1)
+    sink.close()
+
+
+def redirected(server, section, code=307):
+    """What two servers got of one event, when the first sends it to the second."""
+    far = WebServer()
+    try:
+        server.code = code
+        server.headers = {"Location": f"http://localhost:{far.port}/there?x=1"}
+        sink = opened(f"webhook:http://127.0.0.1:{server.port}/here", webhook=section)
+        sink.write(event(1))
+        wait_for(lambda: sink.state.n_sent or sink.state.n_failures)
+        reason = sink.state.reason
+        sink.close(0.3)
+    finally:
+        far.close()
+    return far.posts, reason
+
+
+def test_no_redirect_is_followed_unless_asked(server):
+    posts, reason = redirected(server, WebhookSection())
+    assert posts == []
+    assert "webhook.follow_redirects" in reason
+
+
+@pytest.mark.parametrize("code", [301, 302, 307, 308])
+def test_a_redirect_that_may_be_followed_gets_the_post_without_the_token(server, code, tmp_path):
+    token = tmp_path / "token"
+    token.write_text("letmein\n")
+    section = WebhookSection(follow_redirects=True, token_file=token)
+    posts, _ = redirected(server, section, code)
+    (path, headers, body), *more = posts
+    assert (path, more) == ("/there?x=1", [])
+    assert json.loads(body)["id"] == ulid(1)
+    assert "Authorization" in server.posts[0][1]
+    assert "Authorization" not in headers
+
+
+def test_redirects_in_a_circle_and_to_another_scheme_end(server):
+    section = WebhookSection(follow_redirects=True)
+    url = f"http://127.0.0.1:{server.port}/"
+    server.code, server.headers = 302, {"Location": url}
+    sink = opened(f"webhook:{url}", webhook=section)
+    sink.write(event(1))
+    wait_for(lambda: "answers 302" in sink.state.reason)
+    server.headers = {"Location": "file:///etc/passwd"}
+    wait_for(lambda: "redirects to what is no" in sink.state.reason)
+    assert sink.state.n_dropped == 0
+    sink.close(0.3)
+
+
+def test_a_log_that_nobody_hears_is_said_once_with_a_count(caplog):
+    sink = opened(f"syslog:udp://127.0.0.1:{free_port()}")
+    for n in range(40):
+        sink.write(event(n))
+    sink.close(20.0)
+    lines = [r.getMessage() for r in caplog.records if "cannot log" in r.getMessage()]
+    assert len(lines) == 2
+    assert "more times" in lines[-1]
+    # Each at most twice: nothing is repeated once it was sent.
+    assert 40 <= sink.state.n_sent + sink.state.n_dropped <= 41
+
+
+def test_syslog_over_tcp_is_lines_and_outlives_its_server():
+    def served():
+        with listener.accept()[0] as far, far.makefile("rb") as lines:
+            far.settimeout(60)
+            return lines.readline().decode()
+
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        listener.settimeout(60)
+        sink = opened(f"syslog:tcp://127.0.0.1:{listener.getsockname()[1]}")
+        for n in (1, 2):
+            sink.write({**event(n), "reason": f"human\nat {n} m"})
+            text = served()
+            assert text.startswith("<25>radard[")
+            assert f"hall: alarm new: human at {n} m" in text
+        sink.close()
 
 
 def test_syslog_over_udp_with_severity():
@@ -187,7 +276,7 @@ def test_syslog_over_udp_with_severity():
         ("exec:/nowhere/program", OutputError, "no such program"),
         ("exec:'", UsageError, "No closing quotation"),
         ("exec: ", UsageError, "no command"),
-        ("syslog:tcp://h", UsageError, "use syslog:"),
+        ("syslog:ftp://h", UsageError, "use syslog:"),
         ("store:/proc/nope/x.db", OutputError, "cannot be used"),
         ("json:/nowhere/x", OutputError, "cannot write there"),
         ("smoke:signal", UsageError, "unknown or incomplete"),

@@ -5,7 +5,9 @@ user's own, and the former holds only what the last command was (armed or not). 
 private, are made only where a folder was named.
 """
 
+import contextlib
 import os
+import stat
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -61,14 +63,33 @@ def status_dirs(config: Config, environ: Mapping[str, str] = os.environ) -> tupl
 
 
 def runtime_dir(config: Config, environ: Mapping[str, str] = os.environ) -> Path:
-    """Return the folder of the status file."""
+    """Return the folder of the status file.
+
+    The one in /tmp that stands in for systemd's or the session's is used only if nobody else
+    could have made it or may write there; else it is below the state directory.
+    """
     if config.service.runtime_dir is not None:
         return config.service.runtime_dir
     if given := environ.get("RUNTIME_DIRECTORY"):
         return Path(given.partition(":")[0])
     if given := environ.get("XDG_RUNTIME_DIR"):
         return Path(given) / "radard"
-    return Path(tempfile.gettempdir()) / f"radard-{os.getuid()}"
+    folder = Path(tempfile.gettempdir()) / f"radard-{os.getuid()}"
+    if _is_private(folder):
+        return folder
+    return state_folder(config.service.state_dir, environ) / "run"
+
+
+def _is_private(folder: Path) -> bool:
+    """Make a folder where everybody may; return whether it is this user's alone."""
+    try:
+        with contextlib.suppress(FileExistsError):
+            folder.mkdir(mode=0o700)
+        found = folder.lstat()
+    except OSError:
+        return False
+    is_own = stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid()
+    return is_own and not found.st_mode & 0o077
 
 
 def named_state_dir(config: Config, environ: Mapping[str, str] = os.environ) -> Path | None:

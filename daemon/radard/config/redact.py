@@ -7,7 +7,8 @@ from typing import Any
 from radard.config.sink_table import find_row
 
 MASK = "***"
-_USERINFO = re.compile(r"(//[^/@:\s]*):[^/@\s]*@")
+_USERINFO = re.compile(r"(//[^:\s]*):\S*@")
+"""Up to the last @: a password that nobody encoded may hold /, @ and :, too."""
 _QUERY = re.compile(r"([?&][^=&\s]*(?:pass|secret|token|key|auth)[^=&\s]*)=[^&\s]*", re.IGNORECASE)
 _KEY = re.compile(r"pass(word)?|secret|token|api_?key", re.IGNORECASE)
 
@@ -21,8 +22,9 @@ def redact(text: str) -> str:
     scheme, _, rest = text.partition(":")
     row = find_row(text)
     if row is not None and row.shows == "host":
-        url = re.match(r"\w+://[^/?#\s]*", rest)
-        host = re.sub(r"//[^/@]*@", f"//{MASK}@", url.group()) if url else ""
+        # After an @ nobody knows what is the host, and what a password.
+        url = None if "@" in rest else re.match(r"\w+://[^/?#\s]*", rest)
+        host = url.group() if url else ""
         return f"{scheme}:{host}" + ("" if host == rest else f"/{MASK}")
     if row is not None and row.shows == "program":
         program, _, arguments = rest.strip().partition(" ")

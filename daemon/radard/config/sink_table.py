@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from radard.config.sections import Section
 
@@ -40,12 +40,20 @@ class MqttSection(Section):
     key_file: Path | None = Field(None, description="and its key")
     check_hostname: bool = Field(True, description="the certificate must name the host")
     decisions: bool = Field(True, description="publish every decision")
-    commands: bool = Field(True, description="heed arm, disarm, ack and calibrate")
+    commands: Literal["auto", "always", "off"] = Field(
+        "auto", description="arm, disarm, ack, calibrate; auto: only over TLS and authenticated"
+    )
     expire_after_s: float = Field(30.0, ge=6, le=3600, description="a state older than so is void")
     discovery: Literal["device", "components", "off"] = Field(
         "device", description="Home Assistant from 2024.11; components: older ones and openHAB"
     )
     discovery_prefix: str = Field("homeassistant", pattern=r"^[^+#\s]+$", description="its topic")
+
+    @field_validator("commands", mode="before")
+    @classmethod
+    def _take_truth(cls, value: object) -> object:
+        """Take what earlier versions did; and YAML's `off` is false."""
+        return {True: "always", False: "off"}[value] if isinstance(value, bool) else value
 
 
 class OutboxSection(Section):
@@ -55,7 +63,9 @@ class OutboxSection(Section):
     first_retry_s: float = Field(1.0, gt=0, le=3600, description="wait after a failure; doubles")
     longest_retry_s: float = Field(60.0, gt=0, le=86_400, description="up to this")
     attempts: int = Field(8, ge=1, le=1000, description="refusals until an event is given up")
-    give_up_h: float = Field(168.0, gt=0, description="an older one is given up when it fails")
+    give_up_h: float = Field(
+        168.0, gt=0, description="one that waited so long while radard ran goes when it fails"
+    )
 
 
 class StoreSection(Section):
@@ -79,6 +89,7 @@ class WebhookSection(Section):
     secret_file: Path | None = Field(None, description="file with the key that signs (HMAC)")
     secret_env: str | None = Field(None, description="or variable that holds it")
     ca_file: Path | None = Field(None, description="who signs the server; null: the system's")
+    follow_redirects: bool = Field(False, description="also to another host, without the token")
 
 
 class ExecSection(Section):

@@ -8,24 +8,29 @@ that needs more than records, such as the dashboard, has a method `attach(host)`
 
 import logging
 import threading
+import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 from radard.config.config import Config
 from radard.config.directories import outbox_dir
+from radard.config.redact import redact
 from radard.config.sink_table import SinkOptions, find_row
 from radard.errors import RadardError
 from radard.health.health import Health, overall
-from radard.outputs.records import Record
-from radard.sinks import close_sinks, open_sinks
+from radard.outputs.records import Record, marked
+from radard.sinks import close_sinks, default_output, make_output, open_sinks, start_sink
 from radard.sinks.base import Sink, SinkContext
+from radard.sinks.thread_sink import RecordQueue
 from radard.stream.playback import Playback
 from radard.stream.ring import FrameRing
 
 log = logging.getLogger("radard")
 SHARED = "radard"
 """Stands for all sensors of a process, where a sink needs one name."""
+_RETRY_S = 10.0
+"""Chosen: how soon an output is tried again that could not be opened."""
 _LOCK_S = 1.0
 """Chosen: a sink takes far less for a record; a thread that holds the lock for longer hangs."""
 
@@ -57,6 +62,8 @@ class Host:
         Returns all sinks of the run.
     reload : callable
         Asks for the configuration to be read again, as SIGHUP does. Never waits.
+    mark : callable
+        Returns 'simulated' or 'replayed'; an empty text while a module sends the frames.
     """
 
     sensor: str
@@ -69,22 +76,39 @@ class Host:
     driver: Callable[[], Mapping[str, int]] = dict
     sinks: Callable[[], Sequence[Sink]] = tuple
     reload: Callable[[], None] = lambda: None
+    mark: Callable[[], str] = lambda: ""
 
 
 @dataclass(slots=True, eq=False)
 class _Open:
-    """An open output: what -o named, its sensor if only one, and records held while it reopens."""
+    """An output: what -o named, its sensor if only one, its sink and the options of that.
+
+    Records are `held` until there is a sink for them; `fault` is why the sink that the
+    configuration asks for cannot be opened. The one of before goes on meanwhile.
+    """
 
     name: str
     sensor: str | None
-    sink: Sink
-    held: list[Record] | None = None
+    options: SinkOptions
+    sink: Sink | None = None
+    held: RecordQueue | None = None
+    fault: str = ""
 
     def write(self, record: Record) -> None:
-        if self.held is None:
+        if self.held is not None:
+            self.held.put(record)
+        elif self.sink is not None:
             self.sink.write(record)
-        else:
-            self.held.append(record)
+
+    def is_outdated(self, options: SinkOptions) -> bool:
+        """Return whether the sink must be opened, or opened again, for these options."""
+        before, row = self.options, find_row(self.name)
+        fields = SinkOptions.model_fields
+        changed = {n for n in fields if getattr(options, n) != getattr(before, n)}
+        if row is not None:
+            changed.intersection_update(row.sections)
+        # A plug-in may read any of them; no output at all is stdout.
+        return self.sink is None or bool(self.name and changed)
 
 
 class Outputs:
@@ -92,13 +116,15 @@ class Outputs:
 
     def __init__(self, hosts: Sequence[Host], *, stdout_is_terminal: bool) -> None:
         self._hosts = {
-            host.sensor: replace(host, sinks=lambda: [each.sink for each in self._open])
+            host.sensor: replace(host, sinks=lambda: [sink for _, sink in self.sinks])
             for host in hosts
         }
         self._stdout_is_terminal = stdout_is_terminal
         self._open: list[_Open] = []
         self._is_open = self._can_wait = False
-        self._options = SinkOptions()
+        self._config = Config()
+        self._hellos: Sequence[Record] = ()
+        self._retry_s = 0.0
         self._lock = threading.Lock()
 
     @property
@@ -114,13 +140,23 @@ class Outputs:
     @property
     def sinks(self) -> list[tuple[str | None, Sink]]:
         """All sinks, each with its sensor or None if it gets all records; for any thread."""
-        return [(each.sensor, each.sink) for each in self._open]
+        return [(each.sensor, each.sink) for each in self._open if each.sink is not None]
+
+    @property
+    def faults(self) -> dict[tuple[str | None, str], str]:
+        """Why outputs cannot be opened as a reload asked for, by sensor and name; see `retry`."""
+        return {
+            (each.sensor, each.sink.name if each.sink else redact(each.name)): each.fault
+            for each in self._open
+            if each.fault
+        }
 
     def open(self, config: Config, *, can_wait: bool = False) -> None:
         """Open what -o/--output names, once; `can_wait` and errors are those of `open_sinks`."""
         if self._is_open:
             return
-        self._can_wait, self._options = can_wait, _options_of(config)
+        self._can_wait, self._config = can_wait, config
+        options = _options_of(config)
         wanted = self._wanted(config)
         shared = [name for name, sensor in wanted if sensor is None]
         # All shared ones in one go: two that want stdout are a fault.
@@ -128,9 +164,9 @@ class Outputs:
         try:
             for name, sensor in wanted:
                 sink = next(sinks) if sensor is None else self._opened([name], sensor, config)[0]
-                self._open.append(_Open(name, sensor, sink))
+                self._open.append(_Open(name, sensor, options, sink))
         except BaseException:
-            _close([*(each.sink for each in self._open), *sinks])
+            _close([*(sink for _, sink in self.sinks), *sinks])
             self._open = []
             raise
         self._is_open = True
@@ -166,38 +202,39 @@ class Outputs:
     def reload(self, config: Config, hellos: Sequence[Record]) -> None:
         """Open new outputs, close removed ones, reopen those whose options changed.
 
-        All others, and stdout, go on as they are. Records that come while a sink is being
-        reopened wait for it. One that cannot be opened is logged and left out. New sinks get
-        the `hellos` of all sensors first.
+        All others, and stdout, go on as they are. A sink goes on until the one that replaces it
+        can be opened, and records that come in between wait for that. What cannot be opened is
+        logged, is among the `faults` and is tried again by `retry`. New sinks get the `hellos` of
+        all sensors first.
         """
-        wanted = self._wanted(config)
-        options = _options_of(config)
-        before = self._options
-        changed = {
-            n for n in SinkOptions.model_fields if getattr(options, n) != getattr(before, n)
-        }
+        self._config, self._hellos = config, hellos
+        wanted, options = self._wanted(config), _options_of(config)
         with self._lock:
             gone = [each for each in self._open if (each.name, each.sensor) not in wanted]
             kept = [each for each in self._open if each not in gone]
-            again = [each for each in kept if _depends(each.name, changed)]
-            for each in again:
-                each.held = []
-            self._open, self._options = kept, options
+            known = [(each.name, each.sensor) for each in kept]
+            new = [_Open(*key, options, held=RecordQueue()) for key in wanted if key not in known]
+            self._open = kept + new
         # Not under the lock: an outbox may take a moment to end, and the workers must not wait.
-        _close(each.sink for each in (*gone, *again))
-        known = [(each.name, each.sensor) for each in kept]
-        for each in kept:
-            if each in again:
-                self._reopen(each, config, hellos)
+        _close(each.sink for each in gone if each.sink is not None)
+        for each in kept + new:
+            each.fault = ""
+            if each.is_outdated(options):
+                self._reopen(each)
             elif each.name.startswith("json:"):
                 _write_hellos(each, hellos)
-        for name, sensor in wanted:
-            if (name, sensor) not in known:
-                self._add(name, sensor, config, hellos)
+        self._retry_s = time.monotonic() + _RETRY_S
+
+    def retry(self) -> None:
+        """Try outputs again that could not be opened; to be called now and then."""
+        if time.monotonic() >= self._retry_s:
+            for each in [each for each in self._open if each.fault]:
+                self._reopen(each)
+            self._retry_s = time.monotonic() + _RETRY_S
 
     def close(self) -> None:
         """Close all sinks; log what goes wrong."""
-        _close(each.sink for each in self._open)
+        _close(sink for _, sink in self.sinks)
 
     def _wanted(self, config: Config) -> list[tuple[str, str | None]]:
         """Return every output, with a sensor where each has its own."""
@@ -208,33 +245,34 @@ class Outputs:
             found += [(name, sensor) for sensor in (self._hosts if is_apart else (None,))]
         return found
 
-    def _reopen(self, each: _Open, config: Config, hellos: Sequence[Record]) -> None:
-        sink = self._try_to_open(each.name, each.sensor, config)
-        with self._lock:
-            if sink is None:
-                self._open = [other for other in self._open if other is not each]
-                return
-            held, each.held, each.sink = each.held or [], None, sink
-            _write_hellos(each, hellos)
-            for record in held:
-                sink.write(record)
-
-    def _add(
-        self, name: str, sensor: str | None, config: Config, hellos: Sequence[Record]
-    ) -> None:
-        sink = self._try_to_open(name, sensor, config)
-        if sink is not None:
-            each = _Open(name, sensor, sink)
-            with self._lock:
-                _write_hellos(each, hellos)
-                self._open.append(each)
-
-    def _try_to_open(self, name: str, sensor: str | None, config: Config) -> Sink | None:
+    def _reopen(self, each: _Open) -> None:
+        """Replace a sink by one of the options that hold now, or note why that cannot be."""
         try:
-            return self._opened([name], sensor, config)[0]
+            name = each.name or default_output(stdout_is_terminal=self._stdout_is_terminal)
+            sink = make_output(name, self._config, self._context(each.sensor, self._config))
         except (RadardError, OSError) as err:
-            log.warning("reload: %s", err)
-            return None
+            why = " ".join(str(err).split())
+            if why != each.fault:
+                log.warning("reload: %s", why)
+            each.fault = why
+            return
+        before = each.sink
+        with self._lock:
+            each.held = each.held or RecordQueue()
+        if before is not None:
+            _close([before])
+        start_sink(sink)
+        self._attach([sink], each.sensor)
+        with self._lock:
+            held, each.held = each.held, None
+            each.sink, each.options, each.fault = sink, _options_of(self._config), ""
+            _write_hellos(each, self._hellos)
+            # What an outbox holds in memory alone, as while the disk is full.
+            left = getattr(before, "left", list)
+            for record in left():
+                sink.write(record)
+            while (record := held.take(0)) is not None:
+                sink.write(record)
 
     def _opened(self, outputs: Sequence[str], sensor: str | None, config: Config) -> list[Sink]:
         sinks = open_sinks(
@@ -243,13 +281,16 @@ class Outputs:
             options=config,
             context=self._context(sensor, config),
         )
+        self._attach(sinks, sensor)
+        return sinks
+
+    def _attach(self, sinks: Sequence[Sink], sensor: str | None) -> None:
         hosts = self._hosts.values() if sensor is None else [self._hosts[sensor]]
         for sink in sinks:
             attach = getattr(sink, "attach", None)
             if attach is not None:
                 for host in hosts:
                     attach(host)
-        return sinks
 
     def _context(self, sensor: str | None, config: Config) -> SinkContext:
         hosts = self._hosts if sensor is None else {sensor: self._hosts[sensor]}
@@ -268,6 +309,7 @@ class Outputs:
             is_one_of_several=config.is_one_of_several,
             state_dir=None if self._can_wait else outbox_dir(config),
             can_wait=self._can_wait,
+            mark=own.mark() if own else "",
             command=command,
             panel=own.panel if own else panel,
             health=lambda: overall({name: host.health for name, host in hosts.items()}),
@@ -275,32 +317,30 @@ class Outputs:
 
 
 class Feed:
-    """Hands on the records of one sensor; the only one is None, and its records do not name it."""
+    """Hands on the records of one sensor; the only one is None, and its records do not name it.
 
-    def __init__(self, outputs: Outputs, sensor: str | None = None) -> None:
+    `mark` says what to mark them with, see `Host`.
+    """
+
+    def __init__(
+        self, outputs: Outputs, sensor: str | None = None, mark: Callable[[], str] = lambda: ""
+    ) -> None:
         self._outputs = outputs
         self._sensor = sensor
+        self._mark = mark
 
     def put(self, record: Record, *, waits: bool = True) -> bool:
         """Hand on one record, see `Outputs.put`."""
         if self._sensor is not None:
             record = {**record, "sensor": self._sensor}
+        record = marked(record, self._mark())
         return self._outputs.put(record, self._sensor, waits=waits)
-
-
-def _depends(name: str, changed: set[str]) -> bool:
-    """Return whether an output must be reopened when these sections have changed."""
-    row = find_row(name)
-    if row is not None:
-        return bool(changed.intersection(row.sections))
-    # A plug-in may read any of them; no output at all is stdout.
-    return bool(name and changed)
 
 
 def _write_hellos(each: _Open, hellos: Sequence[Record]) -> None:
     for hello in hellos:
         if each.sensor in {None, hello.get("sensor")}:
-            each.sink.write(hello)
+            each.write(hello)
 
 
 def _options_of(config: Config) -> SinkOptions:

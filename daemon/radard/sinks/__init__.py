@@ -7,6 +7,20 @@ radar: sinks take mappings, and import nothing of the pipeline. The table of all
 `radard.config.sink_table`.
 """
 
-from radard.sinks.registry import close_sinks, open_output, open_sinks
+from radard.sinks.registry import (
+    close_sinks,
+    default_output,
+    make_output,
+    open_output,
+    open_sinks,
+    start_sink,
+)
 
-__all__ = ["close_sinks", "open_output", "open_sinks"]
+__all__ = [
+    "close_sinks",
+    "default_output",
+    "make_output",
+    "open_output",
+    "open_sinks",
+    "start_sink",
+]

@@ -5,6 +5,7 @@ radar. Whatever happens at its far end, `write` returns at once, and the run hea
 through `state` alone.
 """
 
+import errno
 import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -13,6 +14,8 @@ from typing import Any, Literal, Protocol
 
 COMMANDS = ("arm", "disarm", "ack", "calibrate")
 Record = Mapping[str, Any]
+PASSING = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO})
+"""Faults of a disk that may pass: a sink starts in spite of them, and tries again."""
 
 
 class DeliveryError(Exception):
@@ -59,6 +62,8 @@ class SinkContext:
     can_wait : bool
         The stream can wait, as a replay or a simulation at full speed: `write` to a file or
         to stdout then waits for room instead of dropping, and their failure ends the run.
+    mark : {'', 'simulated', 'replayed'}
+        What the stream is, unless a module sends it now.
     command : callable or None
         Takes one of `COMMANDS`, from any thread; must not wait.
     panel : callable or None
@@ -71,9 +76,15 @@ class SinkContext:
     is_one_of_several: bool = False
     state_dir: Path | None = None
     can_wait: bool = False
+    mark: str = ""
     command: Callable[[str], None] | None = None
     panel: Callable[[], Mapping[str, Any]] | None = None
     health: Callable[[], HealthState] | None = None
+
+    @property
+    def marked_sensor(self) -> str:
+        """The sensor's name where a simulated or replayed stream must not look real."""
+        return f"{self.sensor}-{self.mark}" if self.mark else self.sensor
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

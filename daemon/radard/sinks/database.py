@@ -1,14 +1,21 @@
 """SQLite files that survive a kill: in WAL mode, checked, put aside when damaged."""
 
+import contextlib
 import logging
+import os
 import sqlite3
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 
+from radard.sinks.base import PASSING
+
 log = logging.getLogger("radard")
 Newer = Mapping[int, Sequence[str]]
 _BUSY_S = 1.0  # chosen: how long to wait for a lock, as of a backup
+_PASSING_CODES = frozenset(
+    {sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED, sqlite3.SQLITE_IOERR, sqlite3.SQLITE_FULL}
+)
 
 
 class ForeignDatabase(Exception):
@@ -48,6 +55,7 @@ def open_database(
     if path is None:
         return _prepared(":memory:", schema, application_id, version, newer)
     path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+    _make_private(path)
     try:
         return _prepared(str(path), schema, application_id, version, newer)
     except sqlite3.OperationalError:
@@ -58,7 +66,22 @@ def open_database(
         path.replace(aside)
         for tail in ("-wal", "-shm"):
             path.with_name(path.name + tail).unlink(missing_ok=True)
+        _make_private(path)
         return _prepared(str(path), schema, application_id, version, newer)
+
+
+def is_passing(err: Exception) -> bool:
+    """Return whether a fault of `open_database` may pass by itself, as a full disk does."""
+    if isinstance(err, sqlite3.Error):
+        return getattr(err, "sqlite_errorcode", 0) & 0xFF in _PASSING_CODES
+    return isinstance(err, OSError) and err.errno in PASSING
+
+
+def _make_private(path: Path) -> None:
+    """Make the file for its owner alone, whatever the umask; SQLite's others follow its mode."""
+    with contextlib.suppress(FileExistsError):
+        fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600)
+        os.close(fd)
 
 
 def _prepared(
@@ -74,8 +97,10 @@ def _prepared(
             statements = (*newer.get(step, ()), f"PRAGMA user_version={step}")
             db.executescript("; ".join(("BEGIN IMMEDIATE", *statements, "COMMIT")))
         db.executescript(schema)
-        db.execute(f"PRAGMA application_id={application_id}")
-        db.execute(f"PRAGMA user_version={version}")
+        # Only if it must be: a file that is open elsewhere cannot always be written.
+        for name, value in (("application_id", application_id), ("user_version", version)):
+            if db.execute(f"PRAGMA {name}").fetchone()[0] != value:
+                db.execute(f"PRAGMA {name}={value}")
     except BaseException:
         db.close()
         raise

@@ -1,8 +1,9 @@
 """exec: a program is run for every event, with the event on its standard input.
 
 It is started without a shell, in a session of its own, and killed with all its children when
-its time is up. Exit status 0 confirms the event; any other counts as a refusal. Its stdout is
-discarded, for stdout is for data; its stderr is the daemon's.
+its time is up. Exit status 0 confirms the event. Any other counts as a refusal, but for an alarm
+as an outage: a program cannot say that it never will. Its stdout is discarded, for stdout is for
+data; its stderr is the daemon's.
 """
 
 import contextlib
@@ -32,7 +33,7 @@ def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> "Prog
     if not words:
         msg = "--output exec: no command"
         raise UsageError(msg)
-    return ProgramSink(words, options, context).start()
+    return ProgramSink(words, options, context)
 
 
 class ProgramSink(OutboxSink):
@@ -54,6 +55,7 @@ class ProgramSink(OutboxSink):
         )
 
     def _send(self, item: Item) -> None:
+        is_refusal = item.record.get("kind") != "alarm"
         try:
             process = subprocess.Popen(  # noqa: S603 - the command is the user's own
                 self._words,
@@ -66,17 +68,18 @@ class ProgramSink(OutboxSink):
             msg = f"cannot be started: {err.strerror}"
             raise DeliveryError(msg) from err
         try:
-            process.communicate(body_of(self._sensor, item.record), self._timeout_s)
+            body = body_of(self._sensor, item.record) + b"\n"
+            process.communicate(body, self._timeout_s)
         except subprocess.TimeoutExpired as err:
             with contextlib.suppress(ProcessLookupError, PermissionError):
                 os.killpg(process.pid, signal.SIGKILL)
             process.communicate()
             msg = f"killed after {self._timeout_s:g} s"
-            raise DeliveryError(msg, is_refusal=True) from err
+            raise DeliveryError(msg, is_refusal=is_refusal) from err
         code = process.returncode
         if code != 0:
             how = f"ended by {signal.Signals(-code).name}" if code < 0 else f"exit status {code}"
-            raise DeliveryError(how, is_refusal=True)
+            raise DeliveryError(how, is_refusal=is_refusal)
 
     def _variables(self, record: Record) -> dict[str, str]:
         """Return the environment: not RADARD_..., which the daemon reads as configuration."""

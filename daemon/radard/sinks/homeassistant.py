@@ -84,17 +84,25 @@ _COMMAND_ENTITIES = (
 )
 
 
-def entities(options: MqttSection) -> tuple[Entity, ...]:
+_ENTITIES = (*_STATE_ENTITIES, *_DECISION_ENTITIES, *_COMMAND_ENTITIES)
+
+
+def entities(options: MqttSection, *, takes_commands: bool) -> tuple[Entity, ...]:
     """Return the entities that a sensor has with these options."""
     return (
         *_STATE_ENTITIES,
         *(_DECISION_ENTITIES if options.decisions else ()),
-        *(_COMMAND_ENTITIES if options.commands else ()),
+        *(_COMMAND_ENTITIES if takes_commands else ()),
     )
 
 
 def discovery(
-    sensor: str, base: str, hello: Mapping[str, Any], options: MqttSection
+    sensor: str,
+    base: str,
+    hello: Mapping[str, Any],
+    options: MqttSection,
+    *,
+    takes_commands: bool,
 ) -> Iterator[tuple[str, str]]:
     """Yield topic and payload of everything to be retained; an empty payload removes.
 
@@ -102,20 +110,24 @@ def discovery(
     form does not use is removed first, so that a change of form or options leaves nothing behind.
     """
     prefix, form = options.discovery_prefix, options.discovery
-    wanted = {e.key: e for e in entities(options)}
+    wanted = {e.key: e for e in entities(options, takes_commands=takes_commands)}
     device_topic = f"{prefix}/device/radard_{sensor}/config"
     about = _about(sensor, base, hello)
     if form != "device":
         yield device_topic, ""
-    for entity in (*_STATE_ENTITIES, *_DECISION_ENTITIES, *_COMMAND_ENTITIES):
+    for entity in _ENTITIES:
         topic = f"{prefix}/{entity.platform}/radard_{sensor}/{entity.key}/config"
         is_wanted = form == "components" and entity.key in wanted
         config = {**about, **_config(entity, sensor, base, options)}
         yield topic, json.dumps(config) if is_wanted else ""
     if form == "device":
+        # With its platform alone, an entity that there once was is removed.
         components = {
-            key: {"p": entity.platform, **_config(entity, sensor, base, options)}
-            for key, entity in wanted.items()
+            entity.key: {
+                "p": entity.platform,
+                **(_config(entity, sensor, base, options) if entity.key in wanted else {}),
+            }
+            for entity in _ENTITIES
         }
         yield device_topic, json.dumps({**about, "cmps": components})
 

@@ -14,16 +14,16 @@ from pathlib import Path
 from radard.config.sink_table import SinkOptions
 from radard.errors import OutputError
 from radard.sinks.backoff import Backoff
-from radard.sinks.base import DeliveryError, Record, SinkContext
+from radard.sinks.base import PASSING, DeliveryError, Record, SinkContext
 from radard.sinks.stdout import json_line
 from radard.sinks.thread_sink import DirectSink
 
-_FLAGS = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC | os.O_NONBLOCK
+_FLAGS = os.O_WRONLY | os.O_APPEND | os.O_CLOEXEC | os.O_NONBLOCK
 
 
 def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> "JsonLinesSink":
     """Return the sink of `json:FILE`; pipes and terminals work too, without rotation."""
-    return JsonLinesSink(Path(url.partition(":")[2]), options, context).start()
+    return JsonLinesSink(Path(url.partition(":")[2]), options, context)
 
 
 class JsonLinesSink(DirectSink):
@@ -37,11 +37,14 @@ class JsonLinesSink(DirectSink):
         self._hellos: dict[str, Record] = {}
         self._fd: int | None = None
         self._is_regular = True
+        self._lacks_hello = False
+        self._mode = 0o600
         try:
             self._open()
         except OSError as err:
-            # A pipe that nobody reads yet may get its reader later.
-            if err.errno != errno.ENXIO:
+            # A pipe that nobody reads yet may get its reader later, a full disk room.
+            may_pass = err.errno == errno.ENXIO or (err.errno in PASSING and not self.waits)
+            if not may_pass:
                 msg = f"--output {self.name}: cannot write there: {err.strerror}"
                 raise OutputError(msg) from err
 
@@ -51,12 +54,13 @@ class JsonLinesSink(DirectSink):
         if is_hello:
             self._hellos[record.get("sensor", "")] = record
         try:
-            is_new = False
             if self._has_moved():
-                is_new = self._reopen()
+                self._reopen()
             elif self._is_regular and self._size() + len(line) > self._most_bytes:
-                is_new = self._rotate()
-            if not (is_new and is_hello):
+                self._rotate()
+            is_told = is_hello and self._lacks_hello
+            self._write_hellos()
+            if not is_told:
                 self._append(line)
         except OSError as err:
             raise DeliveryError(err.strerror or str(err)) from err
@@ -67,8 +71,16 @@ class JsonLinesSink(DirectSink):
             self._fd = None
 
     def _open(self) -> int:
-        fd = os.open(self._path, _FLAGS, 0o644)
-        self._is_regular = stat.S_ISREG(os.fstat(fd).st_mode)
+        """Open the file; a new one has the mode of the one before, else its owner alone reads."""
+        try:
+            fd = os.open(self._path, _FLAGS | os.O_CREAT | os.O_EXCL, 0o600)
+        except FileExistsError:
+            fd = os.open(self._path, _FLAGS | os.O_CREAT, 0o600)
+        else:
+            os.fchmod(fd, self._mode)
+        mode = os.fstat(fd).st_mode
+        self._is_regular = stat.S_ISREG(mode)
+        self._mode = stat.S_IMODE(mode) if self._is_regular else self._mode
         self._fd = fd
         return fd
 
@@ -85,26 +97,28 @@ class JsonLinesSink(DirectSink):
         ours = os.fstat(self._fd)
         return (there.st_dev, there.st_ino) != (ours.st_dev, ours.st_ino)
 
-    def _reopen(self) -> bool:
-        """Open the file; return whether it is a new one, which then holds every `hello`."""
+    def _reopen(self) -> None:
+        """Open the file; a new one holds every `hello` first."""
         self._shut()
         self._open()
-        is_new = self._is_regular and self._size() == 0
-        if is_new:
-            for hello in self._hellos.values():
-                self._append(json_line(hello).encode("ascii"))
-        return is_new
+        self._lacks_hello = self._is_regular and self._size() == 0
 
-    def _rotate(self) -> bool:
+    def _write_hellos(self) -> None:
+        if self._lacks_hello:
+            lines = [json_line(hello).encode("ascii") for hello in self._hellos.values()]
+            self._append(b"".join(lines))
+            self._lacks_hello = False
+
+    def _rotate(self) -> None:
         """Rename FILE to FILE.1, FILE.1 to FILE.2 and so on, delete the last; then reopen."""
         if self._size() == 0:
-            return False
+            return
         names = [self._path, *(Path(f"{self._path}.{k}") for k in range(1, self._n_keep + 1))]
         names[-1].unlink(missing_ok=True)
         for old, new in zip(reversed(names[:-1]), reversed(names[1:]), strict=True):
             with contextlib.suppress(FileNotFoundError):
                 old.rename(new)
-        return self._reopen()
+        self._reopen()
 
     def _append(self, line: bytes) -> None:
         """Write a whole line or nothing of it; the next attempt must not begin in its middle."""

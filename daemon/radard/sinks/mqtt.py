@@ -11,7 +11,6 @@ import logging
 import re
 import time
 from dataclasses import replace
-from typing import Self
 from urllib.parse import unquote, urlsplit
 
 from radard.config.sink_table import MqttSection, SinkOptions
@@ -26,17 +25,18 @@ from radard.sinks.outbox_sink import OutboxSink, outbox_path
 log = logging.getLogger("radard")
 _PORTS = {"mqtt": 1883, "mqtts": 8883}  # registered with IANA
 _CLOSE_S = 1.0  # chosen: for the messages that say that the run has ended
+_WARN_S = 60.0  # chosen: commands that are none are logged once in so long
 _HANGS_S = 10.0
 """The sink's thread runs every `tick_s`; after so long without it, it hangs (chosen)."""
 
 
 def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> "MqttSink":
     """Return the sink of `mqtt://[user@]host[:port][/prefix]`, or `mqtts://` with TLS."""
-    broker, prefix = _parse_url(url, options.mqtt, context.sensor)
-    if context.is_one_of_several and options.mqtt.client_id:
+    broker, prefix = _parse_url(url, options.mqtt, context.marked_sensor)
+    if (context.is_one_of_several or context.mark) and options.mqtt.client_id:
         # The broker disconnects an existing client when another connects with the same id.
-        broker = replace(broker, client_id=f"{options.mqtt.client_id}-{context.sensor}")
-    return MqttSink(broker, prefix, options, context).start()
+        broker = replace(broker, client_id=f"{options.mqtt.client_id}-{context.marked_sensor}")
+    return MqttSink(broker, prefix, options, context)
 
 
 def _parse_url(url: str, options: MqttSection, sensor: str) -> tuple[Broker, str]:
@@ -68,6 +68,13 @@ def _parse_url(url: str, options: MqttSection, sensor: str) -> tuple[Broker, str
     return broker, prefix
 
 
+def _takes_commands(broker: Broker, options: MqttSection) -> bool:
+    """Return whether commands may come in: whoever can publish there can disarm."""
+    has_password = options.password_file is not None or options.password_env is not None
+    is_authenticated = broker.is_tls and (has_password or options.cert_file is not None)
+    return options.commands == "always" or (options.commands == "auto" and is_authenticated)
+
+
 class MqttSink(OutboxSink):
     """Publish to a broker."""
 
@@ -80,12 +87,17 @@ class MqttSink(OutboxSink):
         name = f"{scheme}://{broker.host}:{broker.port}/{prefix}"
         name += f"/{context.sensor}" if context.is_one_of_several else ""
         self._context = context
-        self._topics = topics = MqttTopics(context.sensor, prefix, options.mqtt)
+        self._commands = options.mqtt.commands
+        self._takes_commands = takes_commands = _takes_commands(broker, options.mqtt)
+        self._topics = topics = MqttTopics(
+            context.marked_sensor, prefix, options.mqtt, takes_commands=takes_commands
+        )
+        self._warned_s, self._n_unsaid = float("-inf"), 0
         self._must_announce = False
         self._ticked_s = time.monotonic()
         o = options.outbox
         subscriptions = [topics.birth_topic] if options.mqtt.discovery != "off" else []
-        subscriptions += [topics.command_filter] if options.mqtt.commands else []
+        subscriptions += [topics.command_filter] if takes_commands else []
         self._link = MqttLink(
             broker,
             options.mqtt,
@@ -101,17 +113,23 @@ class MqttSink(OutboxSink):
         super().__init__(name, path, o, lambda record: record["type"] == "event")
         self._keeper.begin("not connected yet")
 
-    def start(self) -> Self:
-        """Begin to connect and to work."""
+    def _begin(self) -> None:
+        super()._begin()
+        if not self._takes_commands and self._commands == "auto":
+            log.warning(
+                "%s: takes no commands: that needs mqtts:// with a password or a client "
+                "certificate, or mqtt.commands: always (off: without this line)",
+                self.name,
+            )
         self._ticked_s = time.monotonic()
         self._link.start()
-        return super().start()
 
     def _take(self, record: Record) -> None:
         super()._take(record)
         self._publish(self._topics.on_record(record, time.monotonic()))
 
     def _tick(self) -> None:
+        super()._tick()
         self._ticked_s = now_s = time.monotonic()
         if self._must_announce:
             self._must_announce = False
@@ -160,7 +178,17 @@ class MqttSink(OutboxSink):
                 log.info("%s: command %s", self.name, name)
                 self._context.command(name)
         except Exception as err:  # noqa: BLE001 - in the library's thread, which must go on
-            log.warning("%s: %s", self.name, err)
+            self._warn(str(err))
+
+    def _warn(self, text: str) -> None:
+        """Log what is wrong with a command, once a minute; whoever sends them must not fill it."""
+        now_s = time.monotonic()
+        if now_s - self._warned_s < _WARN_S:
+            self._n_unsaid += 1
+            return
+        more = f" ({self._n_unsaid} more before it)" if self._n_unsaid else ""
+        log.warning("%s: %s%s", self.name, text, more)
+        self._warned_s, self._n_unsaid = now_s, 0
 
     def _shut(self) -> None:
         super()._shut()

@@ -151,7 +151,8 @@ class MqttLink:
             client.disconnect()
         self._lost.wait(timeout_s if client is not None else 0.0)
         self._lost.set()
-        self._thread.join(min(timeout_s, _SHORT_S))
+        if self._thread.ident is not None:
+            self._thread.join(min(timeout_s, _SHORT_S))
 
     def _run(self) -> None:
         while not self._halt.is_set():

@@ -20,6 +20,7 @@ from radard.config.sink_table import MqttSection
 from radard.sinks.base import COMMANDS, Record
 from radard.sinks.homeassistant import discovery
 
+_MOST_SHOWN = 40  # characters of a stranger's topic in the log, chosen
 _HOP_S = 1.0
 """Time from one decision to the next (`radard.pipeline`)."""
 
@@ -37,8 +38,11 @@ class Publication:
 class MqttTopics:
     """What a sensor's topics hold, all below `prefix`/`sensor`."""
 
-    def __init__(self, sensor: str, prefix: str, options: MqttSection) -> None:
+    def __init__(
+        self, sensor: str, prefix: str, options: MqttSection, *, takes_commands: bool
+    ) -> None:
         self._sensor = sensor
+        self._takes_commands = takes_commands
         self._options = options
         self.base = f"{prefix}/{sensor}"
         self._hello: Record | None = None
@@ -76,14 +80,15 @@ class MqttTopics:
         head, _, name = topic.rpartition("/")
         if head != f"{self.base}/command":
             return None
+        shown = repr(name[:_MOST_SHOWN])
         if is_retained:
-            msg = f"command '{name}' ignored: it was retained; remove it from the broker"
+            msg = f"command {shown} ignored: it was retained; remove it from the broker"
             raise ValueError(msg)
         if name not in COMMANDS:
-            msg = f"no command '{name}'; known are {', '.join(COMMANDS)}"
+            msg = f"no command {shown}; known are {', '.join(COMMANDS)}"
             raise ValueError(msg)
         if payload:
-            msg = f"command '{name}' ignored: its payload must be empty"
+            msg = f"command {shown} ignored: its payload must be empty"
             raise ValueError(msg)
         return name
 
@@ -187,7 +192,13 @@ class MqttTopics:
     def _discovery(self) -> list[Publication]:
         if self._hello is None:
             return []
-        pairs = discovery(self._sensor, self.base, self._hello, self._options)
+        pairs = discovery(
+            self._sensor,
+            self.base,
+            self._hello,
+            self._options,
+            takes_commands=self._takes_commands,
+        )
         return [Publication(topic, payload) for topic, payload in pairs]
 
 

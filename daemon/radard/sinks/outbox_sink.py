@@ -15,7 +15,6 @@ from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Self
 
 from radard.config.sink_table import OutboxSection
 from radard.sinks.backoff import Backoff
@@ -37,7 +36,7 @@ def outbox_path(context: SinkContext, scheme: str, target: str) -> Path | None:
     if context.state_dir is None:
         return None
     digest = hashlib.blake2b(target.encode(), digest_size=4).hexdigest()
-    return context.state_dir / "outbox" / f"{context.sensor}-{scheme}-{digest}.db"
+    return context.state_dir / "outbox" / f"{context.marked_sensor}-{scheme}-{digest}.db"
 
 
 def wants_events(
@@ -73,6 +72,8 @@ class OutboxSink(ThreadSink):
         Whether a record is for this sink.
     """
 
+    tick_s = 5.0
+
     def __init__(
         self,
         name: str,
@@ -94,19 +95,25 @@ class OutboxSink(ThreadSink):
             target=self._run_delivery, name=f"delivery {name}", daemon=True
         )
 
-    def start(self) -> Self:
-        """Begin to work, with what an earlier run has left."""
+    def _begin(self) -> None:
+        """Begin with what an earlier run has left."""
+        self._outbox.open()
         if n := len(self._outbox):
             log.info("%s: %d events of an earlier run wait", self.name, n)
         self._deliverer.start()
-        return super().start()
 
     @property
     def state(self) -> SinkState:
         """As in `Sink`."""
         state = self._keeper.state(len(self._queue) + len(self._outbox))
+        if state.is_ok and (fault := self._outbox.fault):
+            state = replace(state, status="retrying", reason=fault)
         begun_s = self._begun_s
         return state if begun_s is None else replace(state, busy_s=time.monotonic() - begun_s)
+
+    def left(self) -> list[Record]:
+        """Return the events that only memory holds, once it is closed."""
+        return self._outbox.unsaved()
 
     @abstractmethod
     def _send(self, item: Item) -> None:
@@ -119,6 +126,9 @@ class OutboxSink(ThreadSink):
             self._drop(put(record), "the outbox is full")
             self._has_work.set()
 
+    def _tick(self) -> None:
+        self._drop(self._outbox.tend(), "the outbox is full")
+
     def _retry_now(self) -> None:
         """Deliver at once: something has changed for the better."""
         self._backoff.reset()
@@ -128,7 +138,8 @@ class OutboxSink(ThreadSink):
         self._is_last_round = True
         self._has_work.set()
         self._skips_wait.set()
-        self._deliverer.join(min(self._left_s(), _LAST_ROUND_S))
+        if self._deliverer.ident is not None:
+            self._deliverer.join(min(self._left_s(), _LAST_ROUND_S))
         self._is_over = True
         if not self._deliverer.is_alive():
             self._outbox.close()
@@ -150,7 +161,7 @@ class OutboxSink(ThreadSink):
 
     def _deliver_all(self) -> float | None:
         """Deliver until nothing is left; return how long to wait after a failure."""
-        while not self._is_over and (item := self._outbox.first()) is not None:
+        while not self._is_over and (item := self._next()) is not None:
             self._begun_s = time.monotonic()
             try:
                 self._send(item)
@@ -171,9 +182,14 @@ class OutboxSink(ThreadSink):
                 self._begun_s = None
         return None
 
+    def _next(self) -> Item | None:
+        item = self._outbox.first()
+        self._drop(self._outbox.take_unreadable(), "unreadable in the outbox")
+        return item
+
     def _gives_up(self, item: Item, err: DeliveryError) -> bool:
         self._n_refused += err.is_refusal
-        age_s = time.time() - item.put_s
+        age_s = time.monotonic() - item.put_s
         if self._n_refused >= self._options.attempts:
             self._give_up(item, f"refused {self._n_refused} times")
         elif age_s > self._options.give_up_h * 3600:

@@ -11,17 +11,33 @@ from radard.sinks.base import Sink, SinkContext
 from radard.sinks.thread_sink import CLOSE_S
 
 Opener = Callable[[str, SinkOptions, SinkContext], Sink]
-"""Takes all of -o, the configuration's sections and the run; returns a sink at work.
+"""Takes all of -o, the configuration's sections and the run; returns a sink.
 
 `open_from_url` of a built-in sink's module, or a plug-in. It raises UsageError if the value is
 incomplete, ConfigError if a credential cannot be read, and OutputError if a file, a program or a
-folder is not to be had. A far end need not be there yet.
+folder is not to be had. A far end need not be there yet. At a reload the sink that it replaces
+is still at work: what only one can hold belongs in a method `start`, which is called once when
+that one is closed.
 """
 _OF_A_SINK = ("name", "state", "waits", "write", "finish", "close")
 
 
 def open_output(output: str, options: SinkOptions, context: SinkContext) -> Sink:
-    """Return the sink that one value of -o/--output names; raises what an `Opener` does."""
+    """Return the sink that one value of -o/--output names, at work; raises as an `Opener` does."""
+    sink = make_output(output, options, context)
+    start_sink(sink)
+    return sink
+
+
+def start_sink(sink: Sink) -> None:
+    """Let a sink of `make_output` begin to work."""
+    start = getattr(sink, "start", None)
+    if start is not None:
+        start()
+
+
+def make_output(output: str, options: SinkOptions, context: SinkContext) -> Sink:
+    """Return the sink that one value of -o/--output names, to be started; raises likewise."""
     check_output(output)
     row = find_row(output)
     if row is not None:
@@ -72,7 +88,7 @@ def open_sinks(
     UsageError, ConfigError, OutputError
         See `Opener`; also if two outputs want stdout.
     """
-    chosen = list(outputs) or ["table" if stdout_is_terminal else "json"]
+    chosen = list(outputs) or [default_output(stdout_is_terminal=stdout_is_terminal)]
     for output in chosen:
         check_output(output)
     if sum(output in {"json", "table"} for output in chosen) > 1:
@@ -83,11 +99,18 @@ def open_sinks(
     sinks: list[Sink] = []
     try:
         for output in chosen:
-            sinks.append(open_output(output, options, context))  # noqa: PERF401 - closed on error
+            sinks.append(make_output(output, options, context))  # noqa: PERF401 - closed on error
     except BaseException:
         close_sinks(sinks, 0.0)
         raise
+    for sink in sinks:
+        start_sink(sink)
     return sinks
+
+
+def default_output(*, stdout_is_terminal: bool) -> str:
+    """Return what is meant where no output is named."""
+    return "table" if stdout_is_terminal else "json"
 
 
 def close_sinks(sinks: Sequence[Sink], timeout_s: float = CLOSE_S) -> list[Exception]:

@@ -26,7 +26,7 @@ def open_from_url(name: str, _options: SinkOptions, context: SinkContext) -> "St
     render = json_line
     if name == "table":
         render = Table(has_colour=sys.stdout is not None and sys.stdout.isatty()).render
-    return StdoutSink(name, render, waits=context.can_wait).start()
+    return StdoutSink(name, render, waits=context.can_wait)
 
 
 def json_line(record: Record) -> str:

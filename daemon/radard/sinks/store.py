@@ -16,7 +16,7 @@ from radard.config.sink_table import SinkOptions, StoreSection
 from radard.errors import OutputError
 from radard.sinks.backoff import Backoff
 from radard.sinks.base import DeliveryError, Record, SinkContext
-from radard.sinks.database import ForeignDatabase, open_database
+from radard.sinks.database import ForeignDatabase, is_passing, open_database
 from radard.sinks.thread_sink import DirectSink
 
 APPLICATION_ID = int.from_bytes(b"rdst", "big")
@@ -47,8 +47,10 @@ VALUES (:id, :sensor, :kind, :phase, :time_s, :end_s, :start_t_s, :end_t_s, :pea
         :clip)
 ON CONFLICT (id) DO UPDATE SET
     phase = excluded.phase, end_s = excluded.end_s, end_t_s = excluded.end_t_s,
-    peak = max(peak, excluded.peak), reason = excluded.reason, clip = excluded.clip
+    peak = max(peak, excluded.peak), clip = coalesce(excluded.clip, clip),
+    reason = CASE excluded.kind WHEN 'alarm' THEN reason ELSE excluded.reason END
 """
+"""An alarm keeps the reason of its beginning: that of its end is nearly always 'nobody seen'."""
 _PUT_DECISION = """
 INSERT INTO decisions (time_s, seq, t_s, gate, power_db, threshold_db, p_human, p_pet, p_other,
                        label, alarm, range_m, sensor)
@@ -66,7 +68,7 @@ DELETE FROM {0} WHERE rowid IN (
 
 def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> "StoreSink":
     """Return the sink of `store:FILE`."""
-    return StoreSink(Path(url.partition(":")[2]), options.store, context).start()
+    return StoreSink(Path(url.partition(":")[2]), options.store, context)
 
 
 class StoreSink(DirectSink):
@@ -81,35 +83,48 @@ class StoreSink(DirectSink):
         self._n_open = 0
         self._committed_s = time.monotonic()
         self._pruned_s = float("-inf")
+        self._path = path
+        self._db: sqlite3.Connection | None = None
         try:
-            self._db = open_database(
-                path, _SCHEMA, application_id=APPLICATION_ID, version=VERSION, newer=_NEWER
-            )
+            self._db = self._opened()
         except (OSError, sqlite3.Error, ForeignDatabase) as err:
-            msg = f"--output {self.name}: cannot be used: {err}"
-            raise OutputError(msg) from err
+            # Where nobody waits, a full disk must not keep the radar from its work.
+            if self.waits or not is_passing(err):
+                msg = f"--output {self.name}: cannot be used: {err}"
+                raise OutputError(msg) from err
+
+    def _opened(self) -> sqlite3.Connection:
+        return open_database(
+            self._path, _SCHEMA, application_id=APPLICATION_ID, version=VERSION, newer=_NEWER
+        )
+
+    def _take(self, record: Record) -> None:
+        kind = record["type"]
+        if kind in {"event", "status"} or (kind == "decision" and self._options.decisions):
+            super()._take(record)
 
     def _deliver(self, record: Record) -> None:
         kind = record["type"]
         try:
-            if kind == "decision" and self._options.decisions:
-                self._begin()
+            if self._db is None:
+                self._db = self._opened()
+            if not self._db.in_transaction:
+                self._db.execute("BEGIN IMMEDIATE")
+            if kind == "decision":
                 time_s = _seconds(record["time"])
                 row = {**record, "time_s": time_s, "sensor": self._of(record)}
                 self._db.execute(_PUT_DECISION, row)
                 self._n_open += 1
             elif kind == "event":
-                self._begin()
                 self._db.execute(_PUT_EVENT, self._event_row(record))
                 self._commit()
-            elif kind == "status":
-                self._begin()
+            else:
                 self._db.execute(
                     "INSERT INTO statuses (time_s, state, reason, sensor) VALUES (?, ?, ?, ?)",
                     (time.time(), record["state"], record["reason"], self._of(record)),
                 )
                 self._commit()
-        except sqlite3.Error as err:
+        except (OSError, sqlite3.Error, ForeignDatabase) as err:
             self._roll_back()
             msg = f"cannot keep it: {err}"
             raise DeliveryError(msg) from err
@@ -119,7 +134,7 @@ class StoreSink(DirectSink):
         with self._rolled_back_on_error():
             if self._n_open and now_s - self._committed_s > _COMMIT_S:
                 self._commit()
-            if now_s - self._pruned_s > _PRUNE_S:
+            if self._db is not None and now_s - self._pruned_s > _PRUNE_S:
                 self._pruned_s = now_s
                 self._commit()
                 prune(self._db, self._options, time.time())
@@ -127,7 +142,8 @@ class StoreSink(DirectSink):
     def _shut(self) -> None:
         with self._rolled_back_on_error():
             self._commit()
-        self._db.close()
+        if self._db is not None:
+            self._db.close()
 
     def _event_row(self, record: Record) -> dict[str, object]:
         time_s = _seconds(record["time"])
@@ -137,13 +153,9 @@ class StoreSink(DirectSink):
     def _of(self, record: Record) -> str:
         return str(record.get("sensor", self._sensor))
 
-    def _begin(self) -> None:
-        if not self._db.in_transaction:
-            self._db.execute("BEGIN IMMEDIATE")
-
     def _commit(self) -> None:
         self._committed_s = time.monotonic()
-        if self._db.in_transaction:
+        if self._db is not None and self._db.in_transaction:
             self._db.execute("COMMIT")
         self._n_open = 0
 
@@ -157,8 +169,9 @@ class StoreSink(DirectSink):
 
     def _roll_back(self) -> None:
         """Drop what is not committed: decisions of ten seconds at most."""
-        if self._db.in_transaction:
-            self._db.execute("ROLLBACK")
+        if self._db is not None and self._db.in_transaction:
+            with contextlib.suppress(sqlite3.Error):
+                self._db.execute("ROLLBACK")
         self._drop(self._n_open, "the store takes nothing")
         self._n_open = 0
 

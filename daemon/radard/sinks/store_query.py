@@ -1,5 +1,6 @@
 """The events in a store, as `radard events` and the dashboard list them."""
 
+import os
 import re
 import sqlite3
 from collections.abc import Sequence
@@ -64,6 +65,9 @@ def read_events(
     """
     if not path.is_file():
         msg = f"{path}: no such store"
+        raise StoreError(msg)
+    if not os.access(path, os.R_OK):
+        msg = f"{path}: only its owner may read it; try sudo -u {path.owner()}"
         raise StoreError(msg)
     wanted = ",".join("?" * len(kinds)) if kinds else "SELECT DISTINCT kind FROM events"
     query = (

@@ -2,15 +2,17 @@
 
 `syslog:` alone is this machine: journald's own protocol where it runs, with the record's
 fields to search for, else /dev/log. `syslog:/path` is another local socket,
-`syslog:udp://host[:port]` a server. The text form is that of RFC 3164 without time and host,
-which the receiver adds, as Python's SysLogHandler sends it.
+`syslog:udp://host[:port]` or `syslog:tcp://host[:port]` a server. The text form is that of RFC
+3164 without time and host, which the receiver adds, as Python's SysLogHandler sends it.
 """
 
 import errno
 import os
+import select
 import socket
 import stat
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -31,12 +33,30 @@ _ALERT, _CRITICAL, _ERROR, _WARNING, _NOTICE, _INFO, _DEBUG = range(1, 8)
 _NEW = {"alarm": _ALERT, "tamper": _CRITICAL, "fault": _ERROR}
 _STATE = {"online": _INFO, "starting": _INFO, "degraded": _WARNING, "offline": _WARNING}
 
-Address = str | tuple[str, int]
+_KINDS = {"udp": socket.SOCK_DGRAM, "tcp": socket.SOCK_STREAM}
+_PORT = 514  # registered with IANA for UDP; servers take it for TCP, too
+
+
+@dataclass(frozen=True, slots=True)
+class Server:
+    """A log server."""
+
+    scheme: str
+    host: str
+    port: int
+
+    @property
+    def kind(self) -> socket.SocketKind:
+        """How it is reached."""
+        return _KINDS[self.scheme]
+
+
+Address = str | Server
 
 
 def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> "SyslogSink":
-    """Return the sink of `syslog:`, `syslog:/socket` or `syslog:udp://host[:port]`."""
-    return SyslogSink(_parse_address(url.partition(":")[2]), options, context).start()
+    """Return the sink of `syslog:`, `syslog:/socket`, `syslog:udp://host[:port]` or `tcp://`."""
+    return SyslogSink(_parse_address(url.partition(":")[2]), options, context)
 
 
 def _parse_address(rest: str) -> Address | None:
@@ -47,12 +67,12 @@ def _parse_address(rest: str) -> Address | None:
         return rest
     try:
         parts = urlsplit(rest)
-        if parts.scheme == "udp" and parts.hostname and not parts.path.strip("/"):
-            return parts.hostname, parts.port or 514
+        if parts.scheme in _KINDS and parts.hostname and not parts.path.strip("/"):
+            return Server(parts.scheme, parts.hostname, parts.port or _PORT)
     except ValueError as err:
         msg = f"--output syslog:{rest}: {err}"
         raise UsageError(msg) from err
-    msg = f"--output syslog:{rest}: use syslog:, syslog:/socket or syslog:udp://host[:port]"
+    msg = f"--output syslog:{rest}: use syslog:, syslog:/socket, syslog:udp://host[:port] or tcp:"
     raise UsageError(msg)
 
 
@@ -63,8 +83,8 @@ class SyslogSink(DirectSink):
         self, address: Address | None, options: SinkOptions, context: SinkContext
     ) -> None:
         shown = address or ""
-        if isinstance(address, tuple):
-            shown = f"udp://{address[0]}:{address[1]}"
+        if isinstance(address, Server):
+            shown = f"{address.scheme}://{address.host}:{address.port}"
         name = f"syslog:{shown}"
         o = options.outbox
         super().__init__(name, Backoff(o.first_retry_s, o.longest_retry_s, name))
@@ -75,13 +95,18 @@ class SyslogSink(DirectSink):
         self._socket: socket.socket | None = None
         self._form: Callable[[int, str, Record], bytes] = self._plain
 
+    def _take(self, record: Record) -> None:
+        kind = record["type"]
+        if kind in {"event", "status"} or (kind == "decision" and self._has_decisions):
+            super()._take(record)
+
     def _deliver(self, record: Record) -> None:
-        message = _message_of(record)
-        if message is None or (record["type"] == "decision" and not self._has_decisions):
-            return
         try:
-            sock = self._socket or self._connect()
-            sock.sendall(self._form(*message, record))
+            sock = self._socket
+            if sock is None or _is_closed(sock):
+                self._shut()
+                sock = self._connect()
+            sock.sendall(self._form(*_message_of(record), record))
         except OSError as err:
             self._shut()
             msg = f"cannot log: {err.strerror or err}"
@@ -98,9 +123,11 @@ class SyslogSink(DirectSink):
             is_journal = JOURNAL.exists() and stat.S_ISSOCK(JOURNAL.stat().st_mode)
             address = str(JOURNAL if is_journal else DEV_LOG)
             self._form = self._journal if is_journal else self._plain
-        if isinstance(address, tuple):
-            where = socket.getaddrinfo(*address, type=socket.SOCK_DGRAM)[0]
-            self._socket = _connected(where[0], socket.SOCK_DGRAM, where[4])
+        if isinstance(address, Server):
+            if address.kind == socket.SOCK_STREAM:
+                self._form = self._line
+            where = socket.getaddrinfo(address.host, address.port, type=address.kind)[0]
+            self._socket = _connected(where[0], address.kind, where[4])
             return self._socket
         try:
             self._socket = _connected(socket.AF_UNIX, socket.SOCK_DGRAM, address)
@@ -115,6 +142,11 @@ class SyslogSink(DirectSink):
         sensor = record.get("sensor", self._sensor)
         return f"<{priority}>radard[{os.getpid()}]: {sensor}: {text}\0".encode()
 
+    def _line(self, severity: int, text: str, record: Record) -> bytes:
+        """Return a message over TCP, which a line end closes (RFC 6587, 3.4.2)."""
+        plain = self._plain(severity, text, record).rstrip(b"\0")
+        return plain.replace(b"\n", b" ") + b"\n"
+
     def _journal(self, severity: int, text: str, record: Record) -> bytes:
         fields = {
             "MESSAGE": f"{record.get('sensor', self._sensor)}: {text}",
@@ -127,8 +159,8 @@ class SyslogSink(DirectSink):
         return b"".join(_field(key, str(v)) for key, v in fields.items() if v is not None)
 
 
-def _message_of(record: Record) -> tuple[int, str] | None:
-    """Return severity, as syslog counts it, and text of a record; None for `hello`."""
+def _message_of(record: Record) -> tuple[int, str]:
+    """Return severity, as syslog counts it, and text of a record."""
     kind = record["type"]
     if kind == "event":
         severity = _NEW.get(record["kind"], _WARNING) if record["phase"] == "new" else _NOTICE
@@ -138,10 +170,15 @@ def _message_of(record: Record) -> tuple[int, str] | None:
     if kind == "status":
         reason = f": {record['reason']}" if record["reason"] else ""
         return _STATE.get(record["state"], _WARNING), f"{record['state']}{reason}"
-    if kind == "decision":
-        text = f"decision {record['seq']}: gate {record['gate']}, label {record['label']}"
-        return _DEBUG, text
-    return None
+    return _DEBUG, f"decision {record['seq']}: gate {record['gate']}, label {record['label']}"
+
+
+def _is_closed(sock: socket.socket) -> bool:
+    """Return whether the far end has closed a stream; what is sent then would be lost."""
+    poll = select.poll()
+    poll.register(sock, select.POLLIN)
+    is_stream = sock.type == socket.SOCK_STREAM
+    return is_stream and bool(poll.poll(0)) and sock.recv(1, socket.MSG_PEEK) == b""
 
 
 def _connected(

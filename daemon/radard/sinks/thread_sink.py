@@ -20,6 +20,8 @@ CLOSE_S = 2.0
 """Chosen: with the stream's own end it stays within the 6 s of TimeoutStopSec in the unit."""
 _ROOMS = {"decision": 1000, "event": 10_000, "status": 100}
 """Records of a type that may wait; chosen: decisions of a quarter of an hour, all events."""
+_SAID_AGAIN_S = 60.0
+"""Chosen: trouble that comes and goes is logged once in so long, and counted meanwhile."""
 
 
 class RecordQueue:
@@ -128,11 +130,14 @@ class ThreadSink(ABC):
         self._queue = RecordQueue(waits=waits)
         self._fatal: Exception | None = None
         self._deadline_s = float("inf")
+        self._told, self._told_s, self._n_untold = "", float("-inf"), 0
         self._thread = threading.Thread(target=self._run, name=f"sink {name}", daemon=True)
 
     def start(self) -> Self:
-        """Begin to work; return the sink."""
-        self._thread.start()
+        """Begin to work; return the sink. A second call does nothing."""
+        if self._thread.ident is None:
+            self._begin()
+            self._thread.start()
         return self
 
     @property
@@ -156,7 +161,9 @@ class ThreadSink(ABC):
         if timeout_s is None and not self.waits:
             timeout_s = CLOSE_S
         self.finish(timeout_s)
-        if self._thread.ident is not None:
+        if self._thread.ident is None:
+            self._shut()
+        else:
             self._thread.join(timeout_s)
         if self._thread.is_alive():
             # A thread that waits for its far end cannot be ended, only left behind.
@@ -182,11 +189,23 @@ class ThreadSink(ABC):
             log.warning("%s: drops records (%s); `state` counts them", self.name, why)
 
     def _failed(self, reason: str) -> None:
-        if self._keeper.failed(reason):
-            log.warning("%s: %s", self.name, reason)
+        if not self._keeper.failed(reason):
+            return
+        now_s = time.monotonic()
+        if reason == self._told and now_s - self._told_s < _SAID_AGAIN_S:
+            self._n_untold += 1
+            return
+        self._tell_the_rest()
+        self._told, self._told_s = reason, now_s
+        log.warning("%s: %s", self.name, reason)
+
+    def _tell_the_rest(self) -> None:
+        if self._n_untold:
+            log.warning("%s: %s (%d more times)", self.name, self._told, self._n_untold)
+            self._n_untold = 0
 
     def _sent(self, n: int = 1) -> None:
-        if self._keeper.sent(n):
+        if self._keeper.sent(n) and not self._n_untold:
             log.info("%s: works again", self.name)
 
     def _run(self) -> None:
@@ -205,7 +224,11 @@ class ThreadSink(ABC):
                     self._keeper.failed(f"internal error: {err!r}")
                     self._drop(record is not None, "cannot be handled")
         finally:
+            self._tell_the_rest()
             self._shut()
+
+    def _begin(self) -> None:  # noqa: B027 - a hook that few need
+        """Begin what works beside the sink's own thread."""
 
     @abstractmethod
     def _take(self, record: Record) -> None:
@@ -215,7 +238,7 @@ class ThreadSink(ABC):
         """Do what no record asks for; in the sink's thread."""
 
     def _shut(self) -> None:  # noqa: B027 - likewise
-        """Release everything, within `_left_s()`; in the sink's thread."""
+        """Release everything, within `_left_s()`; in the sink's thread if it was started."""
 
 
 class DirectSink(ThreadSink):
@@ -242,8 +265,9 @@ class DirectSink(ThreadSink):
             if self.waits:
                 self._fail_for_good(OutputError(f"--output {self.name}: {self.state.reason}"))
                 return
-            if self._queue.wait_for_end(self._backoff.next_s()) and not self._try(record):
-                self._drop(1 + self._drain(), "left at the end")
+            if self._queue.wait_for_end(self._backoff.next_s()):
+                if not self._try(record):
+                    self._drop(1 + self._drain(), "left at the end")
                 return
 
     def _try(self, record: Record) -> bool:

@@ -1,7 +1,8 @@
 """Webhook: every event as an HTTP POST, repeated until a server takes it.
 
-Written on `http.client`: no redirect is followed, since that would turn the POST into a GET
-or carry it to a host that nobody named, and the time limit is one for the whole attempt.
+Written on `http.client`: no redirect is followed unless `webhook.follow_redirects` asks for it,
+since that would carry an alarm to a host that nobody named, and the time limit is one for the
+whole attempt.
 Signatures and the three headers are those of the Standard Webhooks specification, 1.0
 (recalled): `webhook-id` is the same in every attempt, so a receiver can tell repetitions.
 """
@@ -15,7 +16,7 @@ import ssl
 import threading
 import time
 from pathlib import Path
-from urllib.parse import urlsplit
+from urllib.parse import urljoin, urlsplit
 
 from radard.config.credentials import read_secret
 from radard.config.sink_table import SinkOptions, WebhookSection
@@ -27,7 +28,11 @@ from x2radar.command import installed_version
 
 _REFUSALS = frozenset({400, 405, 406, 409, 410, 411, 413, 414, 415, 422})
 """Status codes about this very body (RFC 9110); others count as an outage of the server."""
+_REDIRECTS = frozenset({301, 302, 307, 308})
+"""Those after which a POST may be repeated elsewhere (RFC 9110); 303 asks for a GET."""
+_MOST_HOPS = 3  # chosen
 _MOST_ANSWER = 65_536  # bytes that are read of an answer; chosen
+_SCHEMES = frozenset({"http", "https"})
 _LATE = "no answer within the time limit"
 
 
@@ -39,7 +44,7 @@ def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> "Webh
         target = read_secret("webhook.url", Path(target[1:]), None) or ""
     try:
         parts = urlsplit(target)
-        is_right = parts.scheme in {"http", "https"} and bool(parts.hostname)
+        is_right = parts.scheme in _SCHEMES and bool(parts.hostname)
         is_right = is_right and parts.port != 0 and parts.username is None
     except ValueError:
         is_right = False
@@ -49,7 +54,7 @@ def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> "Webh
             "URL in it; user and password do not belong there, see webhook.token_file"
         )
         raise UsageError(msg)
-    return WebhookSink(target, options, context).start()
+    return WebhookSink(target, options, context)
 
 
 class WebhookSink(OutboxSink):
@@ -58,17 +63,15 @@ class WebhookSink(OutboxSink):
     def __init__(self, url: str, options: SinkOptions, context: SinkContext) -> None:
         o = options.webhook
         parts = urlsplit(url)
-        self._is_tls = parts.scheme == "https"
-        self._host, self._port = parts.hostname or "", parts.port
-        self._path = (parts.path or "/") + (f"?{parts.query}" if parts.query else "")
+        self._url = url
         self._section = o
         self._sensor = context.sensor
-        self._tls = _tls(o) if self._is_tls else None
+        self._tls = _tls(o)
         self._headers(b"", "check")
         others = ["status"] * o.statuses + ["decision"] * o.decisions
-        port = f":{self._port}" if self._port else ""
+        port = f":{parts.port}" if parts.port else ""
         super().__init__(
-            f"webhook:{parts.scheme}://{self._host}{port}",
+            f"webhook:{parts.scheme}://{parts.hostname}{port}",
             outbox_path(context, "webhook", url),
             options.outbox,
             wants_events(o.kinds, o.phases, others),
@@ -78,7 +81,7 @@ class WebhookSink(OutboxSink):
         body = body_of(self._sensor, item.record)
         began_s = time.monotonic()
         try:
-            code = self._post(body, self._headers(body, item.key))
+            code = self._post_to_the_end(body, self._headers(body, item.key))
         except ConfigError as err:
             raise DeliveryError(str(err)) from err
         except (OSError, ValueError, http.client.HTTPException) as err:
@@ -87,26 +90,48 @@ class WebhookSink(OutboxSink):
             raise DeliveryError(_LATE if is_late else _explain(err)) from err
         if not 200 <= code < 300:
             msg = f"the server answers {code} {http.client.responses.get(code, '')}"
+            if code in _REDIRECTS and not self._section.follow_redirects:
+                msg += ", a redirect, which webhook.follow_redirects may follow"
             raise DeliveryError(msg, is_refusal=code in _REFUSALS)
 
-    def _post(self, body: bytes, headers: dict[str, str]) -> int:
-        timeout_s = self._section.timeout_s
+    def _post_to_the_end(self, body: bytes, headers: dict[str, str]) -> int:
+        """Return the code of the last answer, after redirects if they are followed."""
+        url, end_s = self._url, time.monotonic() + self._section.timeout_s
+        code, location = self._post(url, body, headers, self._section.timeout_s)
+        n_hops = _MOST_HOPS if self._section.follow_redirects else 0
+        while n_hops and location and code in _REDIRECTS:
+            n_hops -= 1
+            before, url = url, urljoin(url, location)
+            if urlsplit(url).scheme not in ({"https"} if before[:6] == "https:" else _SCHEMES):
+                msg = "the server redirects to what is no https"
+                raise DeliveryError(msg)
+            if urlsplit(url)[:2] != urlsplit(before)[:2]:
+                # The token is for the host that was named.
+                headers.pop("Authorization", None)
+            code, location = self._post(url, body, headers, max(0.001, end_s - time.monotonic()))
+        return code
+
+    def _post(
+        self, url: str, body: bytes, headers: dict[str, str], timeout_s: float
+    ) -> tuple[int, str]:
+        """Return an answer's code, and where it redirects to."""
+        parts = urlsplit(url)
+        host, port = parts.hostname or "", parts.port
         link: http.client.HTTPConnection
-        if self._tls is not None:
-            link = http.client.HTTPSConnection(
-                self._host, self._port, timeout=timeout_s, context=self._tls
-            )
+        if parts.scheme == "https":
+            link = http.client.HTTPSConnection(host, port, timeout=timeout_s, context=self._tls)
         else:
-            link = http.client.HTTPConnection(self._host, self._port, timeout=timeout_s)
+            link = http.client.HTTPConnection(host, port, timeout=timeout_s)
         # The library's limit is for every read; a server that drips bytes would outlive it.
         watch = threading.Timer(timeout_s, _hang_up, (link,))
         watch.daemon = True
         watch.start()
         try:
-            link.request("POST", self._path, body, headers)
+            path = (parts.path or "/") + (f"?{parts.query}" if parts.query else "")
+            link.request("POST", path, body, headers)
             answer = link.getresponse()
             answer.read(_MOST_ANSWER)
-            return answer.status
+            return answer.status, answer.getheader("Location", "")
         finally:
             watch.cancel()
             link.close()

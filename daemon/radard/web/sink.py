@@ -25,9 +25,7 @@ _CLOSE_S = 2.0  # as `radard.sinks.thread_sink.CLOSE_S`
 def open_from_url(url: str, options: SinkOptions, _context: SinkContext) -> "WebSink":
     """Return the dashboard of `http://HOST:PORT`."""
     host, port = parse_address(url)
-    sink = WebSink(host, port, options.web)
-    sink.start()
-    return sink
+    return WebSink(host, port, options.web)
 
 
 def parse_address(url: str) -> tuple[str, int]:
@@ -85,7 +83,7 @@ class WebSink:
         """Begin to listen; a port that is not free is logged, and tried again."""
         self._server.start()
         if self.url is not None:
-            log.info("dashboard at %s", self.url)
+            log.getChild("dashboard").info("listening at %s", self.url)
 
     def attach(self, host: Host) -> None:
         """Take a sensor's host; one of several gets pages of its own."""

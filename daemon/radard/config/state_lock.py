@@ -1,0 +1,56 @@
+"""A lock on the state directory, so that two daemons do not share one.
+
+They would deliver each other's events, overwrite what was armed and delete each other's clips.
+The lock is on the folder itself (flock): it needs no file, and ends with the process however
+that ends.
+"""
+
+import contextlib
+import fcntl
+import logging
+import os
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+from radard.config.config import Config
+from radard.config.directories import outbox_dir
+from radard.errors import ConfigError
+
+log = logging.getLogger("radard")
+
+
+@contextlib.contextmanager
+def state_lock(config: Config, environ: Mapping[str, str] = os.environ) -> Iterator[None]:
+    """Hold the state directory; raises ConfigError while another daemon does.
+
+    Replays, and simulations that nobody gave a folder, keep nothing there and need no lock. A
+    folder that cannot be locked, as on a disk that is read-only, is used without: the radar must
+    not fail with its disk.
+    """
+    folder = outbox_dir(config, environ)
+    if folder is None or all((e.sensor.port or "").startswith("replay:") for e in config.each()):
+        yield
+        return
+    with contextlib.ExitStack() as stack:
+        try:
+            fd = _locked(folder)
+        except BlockingIOError as err:
+            msg = f"{folder}: another radard uses this state directory; stop it, or name another "
+            msg += "folder in service.state_dir (RADARD_SERVICE__STATE_DIR)"
+            raise ConfigError(msg) from err
+        except OSError as err:
+            log.warning("%s: not locked against a second radard: %s", folder, err.strerror or err)
+        else:
+            stack.callback(os.close, fd)
+        yield
+
+
+def _locked(folder: Path) -> int:
+    folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+    fd = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(fd)
+        raise
+    return fd
