@@ -6,6 +6,7 @@ What belongs to a radar is in `radard.service.radar_run`, what a process needs b
 """
 
 from radard.config.config import Config
+from radard.config.state_lock import state_lock
 from radard.service.components import Parts
 from radard.service.os_signals import Signals
 from radard.service.radar_run import RadarRun, RunOptions
@@ -21,9 +22,10 @@ def run(config: Config, options: RunOptions) -> int:
     Raises RadardError or X2RadarError with the exit code that the command ends with. Nothing was
     written when the fault is in what was asked for.
     """
-    if config.is_one_of_several:
-        return SeveralRadars(config, options).go()
-    return OneRadar(config, options).go()
+    with state_lock(config):
+        if config.is_one_of_several:
+            return SeveralRadars(config, options).go()
+        return OneRadar(config, options).go()
 
 
 class OneRadar(Supervisor):

@@ -56,6 +56,7 @@ class Supervisor:
         """Heed signals while it goes on; return whether one asked for the end."""
         while goes_on():
             self._heart.main_is_alive()
+            self._outputs.retry()
             self._look_at_outputs()
             self.signals.wake.wait(_BEAT_S)
             self.signals.wake.clear()
@@ -74,7 +75,7 @@ class Supervisor:
         if self._outputs.can_wait:
             # Nobody is guarded by it, and a replay says the same every time.
             return
-        found = self._watch.look(self._outputs.sinks)
+        found = self._watch.look(self._outputs.sinks) | self._outputs.faults
         for radar in self._radars:
             own = {name: why for (of, name), why in found.items() if of in {None, radar.name}}
             for name in self._troubled[radar.name] | set(own):
