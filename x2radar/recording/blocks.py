@@ -6,8 +6,11 @@ and the start in the middle mean the same whatever file they come from. At no ti
 than one block of samples is held.
 """
 
-from collections.abc import Iterator, Mapping
+import contextlib
+import hashlib
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
@@ -15,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from x2radar.closing import Closing
-from x2radar.errors import RecordingError
+from x2radar.errors import RecordingError, X2RadarError
 from x2radar.frame import LONGEST_GAP, FastTimeAxis, Frame, Samples, StreamInfo, read_only
 from x2radar.settings.x2 import SPEED_OF_LIGHT_MPS
 
@@ -27,6 +30,10 @@ SAMPLE_DTYPES: dict[str, type[np.float32 | np.complex64]] = {
 BLOCK_BYTES = 1 << 21
 """Samples held at a time. Chosen: a block costs no more memory than a process of Python anyway."""
 
+MOST_BINS = 1 << 14
+"""Above these a file is damaged. Chosen: ten times the bins of any module, 150 m of a P4xx."""
+_LONGEST_MESSAGE = 1000
+"""Characters of why a file is refused. Chosen: what a file says may be of any length."""
 _WRAP = 1 << 32
 """The module counts frames in 32 bits."""
 
@@ -121,6 +128,8 @@ class BlockReader(Closing):
     says what.
     """
 
+    path: Path
+    """What messages call the recording."""
     stream: StreamInfo
     n_frames: int
     started_utc: str = ""
@@ -143,8 +152,24 @@ class BlockReader(Closing):
 
     @property
     def labels(self) -> list[Label]:
-        """Labelled stretches (t0_s, t1_s, label)."""
-        return []
+        """Labelled stretches (t0_s, t1_s, label); empty when there are none."""
+        with unreadable(self.path):
+            return [(float(t0), float(t1), str(text)) for t0, t1, text in self.read_labels()]
+
+    def read_labels(self) -> Iterable[tuple[Any, Any, Any]]:
+        """Return the labels as the file has them."""
+        return ()
+
+    @property
+    def run_id(self) -> str:
+        """The run that was recorded: as the recording names it, else from its first frame."""
+        if self.stream.run_id:
+            return self.stream.run_id
+        with unreadable(self.path):
+            about = (self.started_utc, self.n_frames, *self.read_counters(0, 1).tolist())
+            digest = hashlib.blake2b(repr(about).encode(), digest_size=16)
+            digest.update(self.read_samples(0, 1).tobytes())
+        return digest.hexdigest()
 
     def close(self) -> None:
         """Let go of the file."""
@@ -156,7 +181,10 @@ class BlockReader(Closing):
         RecordingError if a part of the file cannot be read.
         """
         for first, last, counter, _, t_s in self._walk():
-            rows = self.read_samples(first, last) if samples else self._no_samples(last - first)
+            with unreadable(self.path):
+                rows = (
+                    self.read_samples(first, last) if samples else self._no_samples(last - first)
+                )
             yield Block(rows, counter.astype(np.uint32), t_s)
 
     def frames(self, start_s: float = 0.0) -> Iterator[Frame]:
@@ -176,7 +204,8 @@ class BlockReader(Closing):
                     continue
                 begun = True
                 skip = int(late.argmax())
-            samples = self.read_samples(first, last)
+            with unreadable(self.path):
+                samples = self.read_samples(first, last)
             rows = zip(
                 counter.tolist(),
                 steps.index.tolist(),
@@ -195,12 +224,13 @@ class BlockReader(Closing):
         before: int | None = None
         index = -1
         for first, last in self.ranges():
-            counter = self.read_counters(first, last).astype(np.int64) % _WRAP
-            steps = unwrap(counter, before, index)
-            before, index = int(counter[-1]), int(steps.index[-1])
-            t_s = None if self._overrides.frame_rate_hz else self.read_times(first, last)
-            if t_s is None:
-                t_s = steps.index / self.stream.frame_rate_hz
+            with unreadable(self.path):
+                counter = self.read_counters(first, last).astype(np.int64) % _WRAP
+                steps = unwrap(counter, before, index)
+                before, index = int(counter[-1]), int(steps.index[-1])
+                t_s = None if self._overrides.frame_rate_hz else self.read_times(first, last)
+                if t_s is None:
+                    t_s = steps.index / self.stream.frame_rate_hz
             yield first, last, counter, steps, t_s
 
     def ranges(self) -> Iterator[tuple[int, int]]:
@@ -241,5 +271,30 @@ def as_samples(array: NDArray[Any], kind: str) -> Samples:
 
 
 def refuse(path: object, why: str) -> RecordingError:
-    """Return the error that says in one line what is wrong with a file."""
-    return RecordingError(f"{path}: {why}")
+    """Return the error that says in one line, of bounded length, what is wrong with a file."""
+    rest = " …" if len(why) > _LONGEST_MESSAGE else ""
+    return RecordingError(f"{path}: {why[:_LONGEST_MESSAGE]}{rest}")
+
+
+@contextlib.contextmanager
+def unreadable(path: object) -> Iterator[None]:
+    """Turn what a damaged or hostile file makes of a reader into RecordingError, one line.
+
+    This is the one seam where files meet the readers: behind it lie libraries (HDF5, zlib, JSON,
+    numpy) that answer bad bytes with almost any exception.
+    """
+    try:
+        yield
+    except (X2RadarError, NameError, AssertionError):
+        raise
+    except OSError as err:
+        raise refuse(path, f"cannot be read: {err.strerror or one_line(err)}") from err
+    except MemoryError as err:
+        raise refuse(path, "asks for more memory than there is") from err
+    except Exception as err:
+        raise refuse(path, f"damaged ({type(err).__name__}: {one_line(err)})") from err
+
+
+def one_line(err: BaseException) -> str:
+    """Return what an error says, on one line of at most 200 characters."""
+    return " ".join(str(err).split())[:200]

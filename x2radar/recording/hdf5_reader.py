@@ -5,16 +5,17 @@ Layout (format 1)::
     attributes       format "x2radar-recording", format_version 1, kind "baseband" | "rf",
                      frame_rate_hz, carrier_hz, sample_rate_hz, bin_length_m,
                      range_offset_m, started_utc, device and settings (JSON),
-                     optional phase_sign (-1), bandwidth_hz (0: unknown)
+                     optional phase_sign (-1), bandwidth_hz (0: unknown), run_id
     /frames/samples  (n, n_range) complex64 or float32
     /frames/counter  (n,) uint32
     /frames/t_s      (n,) float64
     /labels          optional: t0_s, t1_s, label
 
 Written in SWMR mode, a chunk a second, shuffled and gzipped: after a kill every whole chunk
-is readable. `frame_rate_hz` is the rate that decisions run on, so that a replay decides as
-the live run did. Parts of one recording (`x2radar.recording.rotating`) carry the attributes
-recording_id, part and part_start_s as well.
+is readable. Opened and looked into by `x2radar.recording.hdf5_file`, which trusts no file.
+`frame_rate_hz` is the rate that decisions run on, so that a replay decides as the live run did.
+Parts of one recording (`x2radar.recording.rotating`) carry the attributes recording_id, part
+and part_start_s as well.
 """
 
 import json
@@ -22,13 +23,13 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from x2radar.frame import FastTimeAxis, Samples, StreamInfo
 from x2radar.recording.blocks import (
     BLOCK_BYTES,
+    MOST_BINS,
     NO_OVERRIDES,
     SAMPLE_DTYPES,
     BlockReader,
@@ -37,15 +38,23 @@ from x2radar.recording.blocks import (
     as_samples,
     refuse,
     rows_per_block,
+    unreadable,
 )
+from x2radar.recording.hdf5_file import MOST_CHUNK_BYTES, Hdf5File
 from x2radar.recording.hdf5_writer import FORMAT, VERSION, RecordingWriter, reason
 
 __all__ = ["FORMAT", "VERSION", "RecordingReader", "RecordingWriter"]
 
 _NUMBERS = ("frame_rate_hz", "carrier_hz", "sample_rate_hz", "bin_length_m", "range_offset_m")
 _TEXTS = ("started_utc", "device", "settings")
-_MOST_BLOCK_BYTES = 1 << 26
-"""Largest chunk that is read as a whole. Chosen: other programs may write a file in one chunk."""
+_SETS = ("samples", "counter", "t_s")
+_MOST_LABELS = 10_000
+"""Chosen: a label every few seconds for a night."""
+_MOST_LABEL_CHARACTERS = 1 << 22
+"""Of all labels together. Chosen: some hundred each."""
+
+_MOST_RUN_ID = 64
+"""Letters of a run's id that are read. Chosen: twice what a run gets."""
 
 
 class RecordingReader(BlockReader):
@@ -59,12 +68,10 @@ class RecordingReader(BlockReader):
         self._overrides = overrides
         if not self.path.is_file():
             raise refuse(path, "no such recording")
+        self._file = Hdf5File(self.path)
         try:
-            self._file = h5py.File(self.path, "r", swmr=True)
-        except OSError as err:
-            raise refuse(path, f"not an HDF5 file, or damaged ({reason(err)})") from err
-        try:
-            self._check()
+            with unreadable(path):
+                self._check()
         except BaseException:
             self._file.close()
             raise
@@ -73,32 +80,42 @@ class RecordingReader(BlockReader):
         """Close the file."""
         self._file.close()
 
-    @property
-    def labels(self) -> list[Label]:
-        """Labelled stretches (t0_s, t1_s, label); empty when there are none."""
-        group = self._file.get("labels")
-        if not isinstance(group, h5py.Group):
-            return []
-        rows = zip(group["t0_s"][()], group["t1_s"][()], group["label"][()], strict=True)
-        return [(float(t0), float(t1), _text(label)) for t0, t1, label in rows]
+    def read_labels(self) -> Iterator[Label]:
+        """See `BlockReader`."""
+        if "labels" not in self._file.file:
+            return
+        found = [self._file.data_set(f"labels/{name}") for name in ("t0_s", "t1_s", "label")]
+        sets = [item for item in found if item is not None and item.ndim == 1]
+        n = min(map(len, sets), default=0)
+        if len(sets) < len(found) or n < max(map(len, sets)):
+            raise refuse(self.path, "/labels lacks t0_s, t1_s or label, or they differ in length")
+        if n > _MOST_LABELS:
+            raise refuse(self.path, f"{n} labels, at most {_MOST_LABELS} are read")
+        n_left = _MOST_LABEL_CHARACTERS
+        for k in range(n):
+            # One by one: many labels of a hostile file may share one long text.
+            t0_s, t1_s, label = (self._file.read(item, k, k + 1).item() for item in sets)
+            text = _text(label)
+            n_left -= len(text)
+            if n_left < 0:
+                raise refuse(self.path, "labels of more text than those of any recording")
+            yield t0_s, t1_s, text
 
-    @property
-    def attributes(self) -> dict[str, Any]:
-        """The root attributes, texts as str."""
-        return {
-            name: _text(value) if isinstance(value, bytes | str) else value
-            for name, value in self._file.attrs.items()
-        }
+    def attribute(self, name: str) -> Any:
+        """Return a root attribute, text or a number; None if there is none."""
+        with unreadable(self.path):
+            return self._file.attribute(name)
 
     @property
     def has_decisions(self) -> bool:
         """Whether decisions of a daemon are kept in the file."""
-        return "decisions" in self._file
+        with unreadable(self.path):
+            return "decisions" in self._file.file
 
     @property
     def compression(self) -> str:
         """How the samples are packed, for people."""
-        samples = self._file["frames/samples"]
+        samples = self._sets["samples"]
         packed = samples.compression or "none"
         return f"shuffle+{packed}" if samples.shuffle else str(packed)
 
@@ -106,8 +123,8 @@ class RecordingReader(BlockReader):
         """See `BlockReader`."""
         # Whole chunks: every one is unpacked once.
         n_block = rows_per_block(self.stream.axis)
-        chunks = self._file["frames/samples"].chunks
-        if chunks and chunks[0] * BLOCK_BYTES < n_block * _MOST_BLOCK_BYTES:
+        chunks = self._sets["samples"].chunks
+        if chunks and chunks[0] * BLOCK_BYTES < n_block * MOST_CHUNK_BYTES:
             n_block = max(1, n_block // chunks[0]) * chunks[0]
         for first in range(0, self.n_frames, n_block):
             yield first, min(first + n_block, self.n_frames)
@@ -127,24 +144,22 @@ class RecordingReader(BlockReader):
 
     def _read(self, name: str, first: int, last: int) -> NDArray[Any]:
         try:
-            return np.asarray(self._file["frames"][name][first:last])
+            return self._file.read(self._sets[name], first, last)
         except (OSError, KeyError, RuntimeError) as err:
             raise refuse(
                 self.path, f"frames {first} to {last} cannot be read ({reason(err)})"
             ) from err
 
     def _check(self) -> None:
-        attrs = self._file.attrs
-        if _text(attrs.get("format", "")) != FORMAT:
+        said = self._file.attribute
+        if said("format") != FORMAT:
             raise refuse(self.path, f"no recording (attribute 'format' is not '{FORMAT}')")
-        if int(attrs.get("format_version", 0)) != VERSION:
-            raise refuse(
-                self.path, f"format_version {attrs.get('format_version')}, this reads {VERSION}"
-            )
+        if (version := said("format_version")) != VERSION:
+            raise refuse(self.path, f"format_version {version}, this reads {VERSION}")
         for name in ("kind", *_NUMBERS, *_TEXTS):
-            if name not in attrs:
+            if said(name) is None:
                 raise refuse(self.path, f"attribute '{name}' is missing")
-        kind = _text(attrs["kind"])
+        kind = str(said("kind"))
         if kind not in SAMPLE_DTYPES:
             raise refuse(self.path, f"kind '{kind}' is neither rf nor baseband")
         numbers = {name: self._number(name) for name in _NUMBERS}
@@ -154,7 +169,7 @@ class RecordingReader(BlockReader):
                     self.path, f"attribute '{name}' is {numbers[name]:g}, must be above 0"
                 )
         n_range = self._check_sets(kind)
-        self.started_utc = _text(attrs["started_utc"])
+        self.started_utc = str(said("started_utc"))
         self._conjugate = kind == "baseband" and self._number("phase_sign", -1) > 0
         axis = FastTimeAxis(
             kind="rf" if kind == "rf" else "baseband",
@@ -166,21 +181,20 @@ class RecordingReader(BlockReader):
             sample_rate_hz=numbers["sample_rate_hz"],
         )
         self._device, self._settings = self._json("device") or None, self._json("settings")
-        stream = StreamInfo(axis, numbers["frame_rate_hz"], self._name())
+        run_id = str(said("run_id") or "")[:_MOST_RUN_ID]
+        stream = StreamInfo(axis, numbers["frame_rate_hz"], self._name(), run_id)
         self.stream = self._overrides.apply(stream)
 
     def _check_sets(self, kind: str) -> int:
-        sets = {}
-        for name in ("samples", "counter", "t_s"):
-            try:
-                item = self._file[f"frames/{name}"]
-            except (KeyError, OSError):
-                item = None
-            if not isinstance(item, h5py.Dataset):
+        sets: dict[str, Any] = {}
+        for name in _SETS:
+            item = self._file.data_set(f"frames/{name}")
+            if item is None:
                 raise refuse(self.path, f"data set '/frames/{name}' is missing")
             sets[name] = item
+        self._sets = sets
         shape, dtype = sets["samples"].shape, sets["samples"].dtype
-        if len(shape) != 2 or shape[1] == 0:
+        if len(shape) != 2 or not 0 < shape[1] <= MOST_BINS:
             raise refuse(self.path, f"/frames/samples has the shape {shape}, not (n, n_range)")
         if dtype.kind != ("c" if kind == "baseband" else "f"):
             raise refuse(self.path, f"/frames/samples is {dtype}, which is no {kind} data")
@@ -191,30 +205,33 @@ class RecordingReader(BlockReader):
         self.n_frames = min(lengths.values())
         if self.n_frames == 0:
             raise refuse(self.path, "no frames in it")
-        if len(set(lengths.values())) > 1:
+        if self._file.is_unclosed or len(set(lengths.values())) > 1:
+            still = "is being written, or " if self._file.is_unclosed else ""
             self.warning = (
-                f"{self.path}: the recording was cut off; {self.n_frames} whole frames are read"
+                f"{self.path}: the recording {still}was cut off; "
+                f"{self.n_frames} whole frames are read"
             )
         return int(shape[1])
 
     def _name(self) -> str:
         try:
-            raw = json.loads(_text(self._file.attrs["device"]))
+            raw = json.loads(str(self._file.attribute("device")))
         except ValueError:
             return self.path.name
         return str(raw.get("name", self.path.name)) if isinstance(raw, dict) else str(raw)
 
     def _json(self, name: str) -> Mapping[str, Any]:
         try:
-            value = json.loads(_text(self._file.attrs[name]))
+            value = json.loads(str(self._file.attribute(name)))
         except ValueError:
             return {}
         return value if isinstance(value, dict) else {}
 
     def _number(self, name: str, default: float = 0.0) -> float:
-        value = self._file.attrs.get(name, default)
+        value = self._file.attribute(name)
+        value = default if value is None else value
         try:
-            number = float(np.asarray(value).item())
+            number = float(value)
         except (TypeError, ValueError):
             number = float("nan")
         if not np.isfinite(number):

@@ -246,6 +246,7 @@ def root_attributes(
         "started_utc": started_utc,
         "device": json.dumps(dict(device), default=str),
         "settings": json.dumps(dict(settings), default=str),
+        **({"run_id": stream.run_id} if stream.run_id else {}),
     }
 
 

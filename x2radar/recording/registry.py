@@ -10,7 +10,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from x2radar.recording.blocks import NO_OVERRIDES, BlockReader, Overrides, refuse
+from x2radar.recording.blocks import NO_OVERRIDES, BlockReader, Overrides, refuse, unreadable
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -178,7 +178,5 @@ def open_recording(
 
         return PartsReader([Path(part) for part in path], overrides)
     path = Path(path)
-    try:
+    with unreadable(path):
         return (FORMATS[kind] if kind else format_of(path)).open(path, overrides)
-    except OSError as err:
-        raise refuse(path, f"cannot be read: {err.strerror or err}") from err

@@ -19,7 +19,14 @@ from numpy.typing import NDArray
 from x2radar.closing import Closing
 from x2radar.errors import RecordingError
 from x2radar.frame import Frame, Samples, StreamInfo
-from x2radar.recording.blocks import NO_OVERRIDES, BlockReader, Label, Overrides, refuse
+from x2radar.recording.blocks import (
+    NO_OVERRIDES,
+    BlockReader,
+    Label,
+    Overrides,
+    refuse,
+    unreadable,
+)
 from x2radar.recording.hdf5_reader import RecordingReader
 from x2radar.recording.hdf5_writer import RecordingWriter
 from x2radar.recording.stamps import utc_text
@@ -175,9 +182,11 @@ class PartsReader(BlockReader):
             if not parts:
                 said = "; ".join(warnings).replace("left out: ", "")
                 raise RecordingError(said or "no parts of a recording are named")
-            self._parts = _in_order(parts)
+            with unreadable(paths[0]):
+                self._parts = _in_order(parts)
             opened.pop_all()
         first = self._parts[0]
+        self.path = first.path.parent
         self.stream, self.started_utc = first.stream, first.started_utc
         self._device, self._settings = first.device, first.settings
         self.n_frames = sum(part.n_frames for part in self._parts)
@@ -194,9 +203,8 @@ class PartsReader(BlockReader):
         """The parts that are read."""
         return [part.path for part in self._parts]
 
-    @property
-    def labels(self) -> list[Label]:
-        """Labels of all parts, in the time of the whole."""
+    def read_labels(self) -> list[Label]:
+        """Return the labels of all parts, in the time of the whole."""
         return [
             (t0_s + start_s, t1_s + start_s, label)
             for start_s, part in zip(self._start_s, self._parts, strict=True)
@@ -210,7 +218,7 @@ class PartsReader(BlockReader):
 
     def _starts(self) -> list[float]:
         """Return when each part begins, from its own word or from the counters."""
-        said = [part.attributes.get("part_start_s") for part in self._parts]
+        said = [part.attribute("part_start_s") for part in self._parts]
         if None not in said and not self._overrides.frame_rate_hz:
             start_s = np.asarray(said, np.float64)
             return [float(s) for s in start_s - start_s[0]]
@@ -251,7 +259,7 @@ def _in_order(parts: list[RecordingReader]) -> list[RecordingReader]:
     """Return the parts by number; raise RecordingError if they are of different recordings."""
     first = parts[0]
     for part in parts[1:]:
-        same = part.attributes.get("recording_id") == first.attributes.get("recording_id")
+        same = part.attribute("recording_id") == first.attribute("recording_id")
         axis_fits = (part.stream.axis, part.stream.frame_rate_hz) == (
             first.stream.axis,
             first.stream.frame_rate_hz,
@@ -265,7 +273,7 @@ def _in_order(parts: list[RecordingReader]) -> list[RecordingReader]:
 
 
 def _number(part: RecordingReader) -> int | None:
-    number = part.attributes.get("part")
+    number = part.attribute("part")
     return None if number is None else int(number)
 
 

@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 
 from x2radar.frame import FastTimeAxis, Kind, Samples, StreamInfo
 from x2radar.recording.blocks import (
+    MOST_BINS,
     NO_OVERRIDES,
     BlockReader,
     Label,
@@ -58,8 +59,7 @@ X4_BANDWIDTH_HZ = 1.4e9
 """An X4's decimated bin, with c as the module reckons, and pulse (`x2radar.settings.x4`)."""
 
 _LONGEST_META = 1 << 28
-_MOST_BINS = 1 << 14
-"""Above these a file is damaged. Chosen: days of frames; ten times the bins of any module."""
+"""Above this a file is damaged. Chosen: days of frames."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,9 +82,9 @@ class XethruReader(BlockReader):
         frame_rate_hz: float | None = None,
         overrides: Overrides = NO_OVERRIDES,
     ) -> None:
-        self._path = Path(path)
+        self.path = Path(path)
         self._overrides = overrides
-        kind, files = _data_files(self._path)
+        kind, files = _data_files(self.path)
         self._warnings: list[str] = []
         self._kind = kind
         self._parts = [self._map(file) for file in files]
@@ -106,10 +106,9 @@ class XethruReader(BlockReader):
         self.warning = "; ".join(self._warnings) or None
         self._first = np.cumsum([0, *(len(part) for part in self._parts)]).tolist()
 
-    @property
-    def labels(self) -> list[Label]:
-        """As the user header says, if it is ours."""
-        return [(float(t0), float(t1), str(text)) for t0, t1, text in self._ours.get("labels", [])]
+    def read_labels(self) -> list[Label]:
+        """Return what the user header says, if it is ours."""
+        return list(self._ours.get("labels", []))
 
     def ranges(self) -> Iterator[tuple[int, int]]:
         """See `BlockReader`; a block lies in one file."""
@@ -147,7 +146,7 @@ class XethruReader(BlockReader):
             words = struct.unpack("<III", stream.read(12))
         n = words[2] // 2 if self._kind == "datafloat" else words[1]
         odd = self._kind == "datafloat" and (words[0] != 0 or words[2] % 2)
-        if odd or not 0 < n <= _MOST_BINS:
+        if odd or not 0 < n <= MOST_BINS:
             raise refuse(file, f"no {self._kind} records in it")
         pair = [("a", "<f4", (n,)), ("b", "<f4", (n,))]
         if self._kind == "datafloat":
@@ -185,7 +184,7 @@ class XethruReader(BlockReader):
             )
         if not (0 < first["bin"] < 10 and 1e8 < first["carrier"] < 1e11):
             raise refuse(
-                self._path, f"bin length {first['bin']:g} m, carrier {first['carrier']:g} Hz"
+                self.path, f"bin length {first['bin']:g} m, carrier {first['carrier']:g} Hz"
             )
         return FastTimeAxis(
             kind=kind,
@@ -212,16 +211,16 @@ class XethruReader(BlockReader):
 
     def _measured_rate(self, meta: _Meta | None) -> float:
         if meta is None:
-            raise refuse(self._path, f"the frame rate is unknown without {META}")
+            raise refuse(self.path, f"the frame rate is unknown without {META}")
         times_ms = meta.times_ms.get(DATA_BITS[self._kind], np.empty(0, np.int64))
         counters = np.concatenate([part["counter"] for part in self._parts]).astype(np.int64)
         n = min(len(times_ms), len(counters))
         if n < 2 or times_ms[n - 1] <= times_ms[0]:
-            raise refuse(self._path, f"{META} holds no times for these records")
+            raise refuse(self.path, f"{META} holds no times for these records")
         # Stamps are whole milliseconds and bursty: the slope of a line through all of them.
         slope_ms = np.polyfit(counters[:n] - counters[0], times_ms[:n] - times_ms[0], 1)[0]
         if not slope_ms > 0:
-            raise refuse(self._path, f"{META} has times that do not grow with the frames")
+            raise refuse(self.path, f"{META} has times that do not grow with the frames")
         return float(1e3 / slope_ms)
 
 
@@ -247,7 +246,8 @@ def _data_files(path: Path) -> tuple[str, list[Path]]:
 
 def _read_meta(file: Path) -> _Meta:
     """Read start time, our user header, and the record times of every data type."""
-    data = file.read_bytes()[:_LONGEST_META]
+    with file.open("rb") as stream:
+        data = stream.read(_LONGEST_META)
     try:
         magic, _version, start_ms = struct.unpack_from("<IIQ", data)
         if magic != META_MAGIC:

@@ -2,7 +2,8 @@
 
 A bundle is three files: NAME.onnx (weights), NAME.json (sidecar) and NAME.md (card). The
 sidecar says which features go in, with which settings, for which streams the network was
-trained, and the hash of the weights. Nothing is guessed: what does not fit is refused.
+trained, and the hash of the weights. Nothing is guessed: what does not fit is refused, and so is
+a network with weights in other files or operators of other libraries (`onnx_safety`).
 """
 
 import hashlib
@@ -14,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from radard.classify.features import FeatureSettings, feature_shape
+from radard.classify.onnx_safety import unsafe_in
 from radard.errors import BundleError, ModelMismatch
 from x2radar.errors import renamed
 from x2radar.frame import FastTimeAxis
@@ -22,6 +24,7 @@ SCHEMA = 1
 CLASSES = ("human", "pet", "other")
 POLICIES = ("window", "fused")
 _MOST_HIDDEN = 4096  # chosen: far more than any head here, little enough to keep
+_MOST_MESSAGE = 500  # characters of what is wrong; chosen: a sidecar's values may be of any length
 _STREAM_KEYS = ("frame_rate_hz", "bin_length_m", "carrier_hz", "bandwidth_hz")
 
 
@@ -118,13 +121,13 @@ def _read(name: str, sidecar: Any, weights: Any) -> Bundle:
     except OSError as err:
         msg = f"model '{name}': cannot read {err.filename}: {err.strerror}"
         raise BundleError(msg) from err
-    except ValueError as err:
+    except (ValueError, RecursionError) as err:
         msg = f"model '{name}': the sidecar is not JSON: {err}"
         raise BundleError(msg) from err
     try:
         return _parse(raw, onnx)
-    except (KeyError, TypeError, ValueError) as err:
-        msg = f"model '{name}': the sidecar lacks or garbles {err}"
+    except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError) as err:
+        msg = f"model '{name}': the sidecar lacks or garbles {str(err)[:_MOST_MESSAGE]}"
         raise ModelMismatch(msg) from err
 
 
@@ -135,6 +138,9 @@ def _parse(raw: dict[str, Any], onnx: bytes) -> Bundle:
         raise ModelMismatch(msg)
     if hashlib.sha256(onnx).hexdigest() != raw["onnx_sha256"]:
         msg = f"model '{name}': the weights are not those of the sidecar (sha256 differs)"
+        raise ModelMismatch(msg)
+    if unsafe := unsafe_in(onnx):
+        msg = f"model '{name}': the network is refused: {unsafe}"
         raise ModelMismatch(msg)
     classes = tuple(raw["classes"])
     if not {"human", "pet"} <= set(classes) <= set(CLASSES):

@@ -1,6 +1,7 @@
 """Where configuration comes from: files and environment, every value with its place."""
 
 import difflib
+import reprlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, get_args, get_origin
@@ -10,6 +11,7 @@ from pydantic import BaseModel
 
 from radard.config.redact import redact_value
 from radard.errors import ConfigError
+from x2radar.bounded_yaml import compose_yaml, construct, load_yaml
 
 ENV_PREFIX = "RADARD_"
 Where = tuple[str, ...]
@@ -39,8 +41,8 @@ def read_yaml(path: Path) -> tuple[dict[str, Any], Places]:
         msg = f"{path}: cannot read the configuration ({err})"
         raise ConfigError(msg) from err
     try:
-        node = yaml.compose(text, yaml.SafeLoader)
-        raw = yaml.safe_load(text)
+        node = compose_yaml(text)
+        raw = construct(node)
     except (yaml.YAMLError, ValueError, RecursionError) as err:
         # Only the place: the text around it may hold a password.
         mark = getattr(err, "problem_mark", None)
@@ -63,8 +65,8 @@ def read_environment(
         if name.startswith(ENV_PREFIX):
             section, double, key = name[len(ENV_PREFIX) :].lower().partition("__")
             try:
-                value = yaml.safe_load(environ[name])
-            except (yaml.YAMLError, ValueError):
+                value = load_yaml(environ[name])
+            except (yaml.YAMLError, ValueError, RecursionError):
                 value = environ[name]
             yield (section, key if double else None), value, name
 
@@ -85,7 +87,7 @@ def explain(fault: Any, places: Mapping[Where, str], root: type[BaseModel]) -> s
         if not where:
             return message
         got = redact_value(where[-1] if where else "", fault["input"])
-        return f"{head}{'.'.join(where)}: {message} (got {got!r})"
+        return f"{head}{'.'.join(where)}: {message} (got {reprlib.repr(got)})"
     if where[-2:] in _GONE:
         return f"{head}{'.'.join(where)}: {_GONE[where[-2:]]}"
     model = _section_of(where, root)

@@ -12,6 +12,7 @@ are dB over the floor. The provenance, which may be missing, says where all this
 """
 
 import json
+import reprlib
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field, fields
 from datetime import UTC, datetime
@@ -30,6 +31,7 @@ VERSION = 1
 _NUMBERS = ("frame_rate_hz", "bin_length_m", "range_offset_m")
 _LISTS = ("noise_floor_db", "threshold_db")
 _MOST_DB = 120.0  # of a threshold; chosen: beyond any receiver's range
+_MOST_NUMBER = 1e15  # chosen: beyond any carrier; a whole number of JSON has no end
 MOST_AGE_D = 90.0
 """Older than this, a calibration is called stale: rooms and receivers change. Chosen."""
 
@@ -117,7 +119,7 @@ def load_calibration(path: Path) -> Calibration:
     """
     try:
         raw = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as err:
+    except (OSError, ValueError, RecursionError) as err:
         msg = f"{path}: cannot read the calibration ({err})"
         raise ConfigError(msg) from err
     if not isinstance(raw, dict) or raw.get("format") != FORMAT:
@@ -174,10 +176,10 @@ def _provenance(path: Path, raw: Any) -> Provenance:
 
 
 def _number(path: Path, name: str, value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
-        msg = f"{path}: {name}: {value!r} is not a number"
-        raise ConfigError(msg)
-    return float(value)
+    if type(value) in {int, float} and abs(value) <= _MOST_NUMBER:
+        return float(value)
+    msg = f"{path}: {name}: {reprlib.repr(value)} is not a number"
+    raise ConfigError(msg)
 
 
 def _list(path: Path, name: str, value: Any) -> NDArray[np.float64]:

@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 from x2radar.errors import SettingsError
 from x2radar.frame import Samples
 from x2radar.recording.blocks import (
+    MOST_BINS,
     NO_OVERRIDES,
     BlockReader,
     Overrides,
@@ -79,7 +80,7 @@ class FrameLoggerReader(BlockReader):
     """Read a FrameLogger file of an X2; its settings are named as in `RadarSettings`."""
 
     def __init__(self, path: Path, overrides: Overrides = NO_OVERRIDES) -> None:
-        self._path = path
+        self.path = path
         self._overrides = overrides
         try:
             with path.open("rb") as file:
@@ -95,7 +96,7 @@ class FrameLoggerReader(BlockReader):
         n_range, self.n_frames, _, fps = numbers[11:]
         if radar != _X2:
             raise refuse(path, f"radar type {radar}: only X2 files (type 2) are read")
-        if not (0 < n_range <= 1 << 14 and self.n_frames > 0 and self._sweep.is_sound):
+        if not (0 < n_range <= MOST_BINS and self.n_frames > 0 and self._sweep.is_sound):
             raise refuse(path, f"{self.n_frames} frames of {n_range} samples: damaged")
         at = _HEAD.size + 8 * self.n_frames
         if size < at + 4 * n_range * self.n_frames:

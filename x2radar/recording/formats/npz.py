@@ -4,12 +4,15 @@ Everything is kept bit by bit. Arrays: samples (n, n_range) float32 or complex64
 uint32, t_s (n,) float64, the attributes of an HDF5 recording as arrays without dimensions,
 and labels_t0_s, labels_t1_s, labels_label where there are labels. Foreign archives need
 samples only: counters then run from 1, and what the axis lacks must be given.
+
+Nothing in an archive is unpickled, and arrays that it does not name above are not read.
 """
 
 import io
 import json
+import math
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import IO, Any
 
@@ -18,6 +21,7 @@ from numpy.typing import NDArray
 
 from x2radar.frame import Samples
 from x2radar.recording.blocks import (
+    MOST_BINS,
     NO_OVERRIDES,
     SAMPLE_DTYPES,
     BlockReader,
@@ -30,42 +34,54 @@ from x2radar.recording.formats.axis import stream_from
 from x2radar.recording.hdf5_writer import root_attributes
 
 _SAMPLES = "samples.npy"
+_LABELS = ("labels_t0_s", "labels_t1_s", "labels_label")
+_ROOT = (
+    *("frame_rate_hz", "carrier_hz", "sample_rate_hz", "bin_length_m", "range_offset_m"),
+    *("bandwidth_hz", "phase_sign", "started_utc", "device", "settings", "run_id"),
+)
+_MOST_SMALL_BYTES = 1 << 22
+"""Of an attribute or of the labels. Chosen: device and settings are some kB of JSON."""
+_MOST_HEADER_BYTES = 10_000
+"""As in numpy."""
+_MOST_PACKED = 1100
+"""Bytes that one byte of an archive unpacks to; deflate reaches 1032 at most."""
 
 
 class NpzReader(BlockReader):
     """Read a NumPy archive; samples are streamed, not loaded."""
 
     def __init__(self, path: Path, overrides: Overrides = NO_OVERRIDES) -> None:
-        self._path = path
+        self.path = path
         self._overrides = overrides
         try:
             self._zip = zipfile.ZipFile(path)
-            self._small = self._load_small()
-            self._rows = self._zip.open(_SAMPLES)
-            shape, self._dtype = _read_header(self._rows)
+            self._rows = self._open(_SAMPLES, None)
+            shape, fortran, self._dtype = _read_header(self._rows)
         except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as err:
             raise refuse(path, f"not a NumPy archive of frames ({err})") from err
-        if len(shape) != 2 or 0 in shape:
+        if fortran or self._dtype.kind not in "cf":
+            order = " in Fortran order" if fortran else ""
+            raise refuse(path, f"no frames: samples are {self._dtype}{order}")
+        if len(shape) != 2 or 0 in shape or shape[1] > MOST_BINS:
             raise refuse(path, f"samples have the shape {shape}, not (n, n_range)")
+        if math.prod(shape) * self._dtype.itemsize > self._zip.getinfo(_SAMPLES).file_size:
+            raise refuse(path, "samples are cut off")
         self._begin = self._rows.tell()
         self.n_frames, n_range = shape
+        self._small = {n: self._load(n, _MOST_SMALL_BYTES) for n in (*_ROOT, *_LABELS)}
         kind = "baseband" if self._dtype.kind == "c" else "rf"
         self._device, self._settings = self._json("device") or None, self._json("settings")
         name = str((self._device or {}).get("name", path.name))
         self.stream = stream_from(path, (kind, n_range), self._small, overrides, name)
-        self._counter = self._column("counter", np.arange(1, self.n_frames + 1))
-        self._t_s = self._column("t_s", None)
-        self.started_utc = str(self._small.get("started_utc", ""))
-        self._conjugate = kind == "baseband" and float(self._small.get("phase_sign", -1)) > 0
+        self._counter = self._column("counter")
+        self._t_s = self._column("t_s")
+        self.started_utc = str(self._known("started_utc", ""))
+        self._conjugate = kind == "baseband" and float(self._known("phase_sign", -1)) > 0
 
-    @property
-    def labels(self) -> list[Label]:
-        """As the archive says."""
-        names = ("labels_t0_s", "labels_t1_s", "labels_label")
-        if any(name not in self._small for name in names):
-            return []
-        rows = zip(*(self._small[name].tolist() for name in names), strict=False)
-        return [(float(t0_s), float(t1_s), str(label)) for t0_s, t1_s, label in rows]
+    def read_labels(self) -> Iterable[Label]:
+        """Return what the archive says."""
+        columns = [self._small[name] for name in _LABELS]
+        return zip(*(c.tolist() for c in columns if c is not None), strict=False)
 
     def close(self) -> None:
         """Close the archive."""
@@ -74,7 +90,9 @@ class NpzReader(BlockReader):
 
     def read_counters(self, first: int, last: int) -> NDArray[Any]:
         """See `BlockReader`."""
-        return np.asarray(self._counter)[first:last]
+        if self._counter is None:
+            return np.arange(first + 1, last + 1)
+        return self._counter[first:last]
 
     def read_times(self, first: int, last: int) -> NDArray[np.float64] | None:
         """See `BlockReader`."""
@@ -88,47 +106,73 @@ class NpzReader(BlockReader):
             self._rows.seek(self._begin + first * row_bytes)
             data = self._rows.read((last - first) * row_bytes)
         except (OSError, EOFError, zipfile.BadZipFile) as err:
-            raise refuse(self._path, f"samples cannot be read ({err})") from err
+            raise refuse(self.path, f"samples cannot be read ({err})") from err
         if len(data) < (last - first) * row_bytes:
-            raise refuse(self._path, "samples are cut off")
+            raise refuse(self.path, "samples are cut off")
         rows = np.frombuffer(data, self._dtype).reshape(last - first, n_range)
         return as_samples(rows.conj() if self._conjugate else rows, self.stream.axis.kind)
 
-    def _load_small(self) -> dict[str, NDArray[Any]]:
-        names = [name for name in self._zip.namelist() if name != _SAMPLES]
-        small = {}
-        for name in names:
-            with self._zip.open(name) as file:
-                array = np.lib.format.read_array(io.BytesIO(file.read()), allow_pickle=False)
-            small[name.removesuffix(".npy")] = array
-        return small
+    def _open(self, name: str, most_bytes: int | None) -> IO[bytes]:
+        """Open a member whose declared size the archive can hold; most_bytes None: any size."""
+        about = self._zip.getinfo(name)
+        most = self.path.stat().st_size * _MOST_PACKED if most_bytes is None else most_bytes
+        if about.file_size > most:
+            raise refuse(self.path, f"{name} says {about.file_size} bytes, which is too much")
+        if about.compress_type not in {zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED}:
+            raise refuse(self.path, f"{name} is packed in a way that NumPy does not write")
+        return self._zip.open(name)
 
-    def _column(self, name: str, default: Any) -> Any:
-        column = self._small.get(name)
-        if column is None:
-            return default
-        if column.shape != (self.n_frames,) or column.dtype.kind not in "iuf":
-            raise refuse(self._path, f"{name} is no list of {self.n_frames} numbers")
+    def _load(self, name: str, most_bytes: int) -> NDArray[Any] | None:
+        """Return a small array, None if there is none; its size is checked before it is read."""
+        member = f"{name}.npy"
+        if member not in self._zip.NameToInfo:
+            return None
+        with self._open(member, most_bytes) as file:
+            shape, fortran, dtype = _read_header(file)
+            n_bytes = math.prod(shape) * dtype.itemsize
+            if dtype.hasobject or fortran or n_bytes > most_bytes:
+                raise refuse(self.path, f"{name} is {dtype} of shape {shape}, which is not read")
+            data = file.read(n_bytes)
+        if len(data) < n_bytes:
+            raise refuse(self.path, f"{name} is cut off")
+        return np.frombuffer(data, dtype).reshape(shape) if n_bytes else np.empty(shape, dtype)
+
+    def _column(self, name: str) -> NDArray[Any] | None:
+        # An array of 8 bytes a frame and its header; numpy itself writes no longer one.
+        column = self._load(name, 8 * self.n_frames + _MOST_HEADER_BYTES)
+        if column is not None and (
+            column.shape != (self.n_frames,) or column.dtype.kind not in "iuf"
+        ):
+            raise refuse(self.path, f"{name} is no list of {self.n_frames} numbers")
         return column
+
+    def _known(self, name: str, default: Any) -> Any:
+        value = self._small[name]
+        return default if value is None else value
 
     def _json(self, name: str) -> Mapping[str, Any]:
         try:
-            value = json.loads(str(self._small.get(name, "{}")))
+            value = json.loads(str(self._known(name, "{}")))
         except ValueError:
             return {}
         return value if isinstance(value, dict) else {}
 
 
-def _read_header(file: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any]]:
+def _read_header(file: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
     version = np.lib.format.read_magic(file)
+    length = file.read(2 if version == (1, 0) else 4)
+    n = int.from_bytes(length, "little")
+    if n > _MOST_HEADER_BYTES:
+        msg = f"an array has a header of {n} bytes"
+        raise ValueError(msg)
     reader = np.lib.format.read_array_header_1_0
     if version != (1, 0):
         reader = np.lib.format.read_array_header_2_0
-    shape, fortran, dtype = reader(file)
-    if fortran or dtype.kind not in "cf":
-        msg = f"samples are {dtype}{' in Fortran order' if fortran else ''}"
+    shape, fortran, dtype = reader(io.BytesIO(length + file.read(n)))
+    if any(n < 0 for n in shape):
+        msg = f"an array has the shape {shape}"
         raise ValueError(msg)
-    return shape, dtype
+    return shape, fortran and len(shape) > 1, dtype
 
 
 def write(path: Path, source: BlockReader) -> list[str]:

@@ -6,6 +6,7 @@ milliseconds; its slope is the frame period and its gaps are lost frames. Read o
 are exact up to 2**24. The file is loaded as a whole, there is no other way.
 """
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 
 from x2radar.frame import Samples
 from x2radar.recording.blocks import (
+    MOST_BINS,
     NO_OVERRIDES,
     BlockReader,
     Overrides,
@@ -21,6 +23,7 @@ from x2radar.recording.blocks import (
     refuse,
 )
 from x2radar.recording.formats.axis import stream_from
+from x2radar.recording.formats.mat5 import Mat5File
 from x2radar.recording.stamps import count_by_stamps
 from x2radar.settings.x2 import SPEED_OF_LIGHT_MPS
 
@@ -38,17 +41,19 @@ class P4xxReader(BlockReader):
     """Read a ``.mat`` file of a P4xx, up to version 7 (7.3 is HDF5 and not read)."""
 
     def __init__(self, path: Path, overrides: Overrides = NO_OVERRIDES) -> None:
+        self.path = path
         self._overrides = overrides
-        scans = _load(path)
+        scans = Mat5File(path).struct("scn", ("scn", "T", "Tstrt"))
+        if not scans:
+            raise refuse(path, "no P4xx recording: no struct 'scn' with the fields scn and T")
         try:
-            rows = [np.asarray(row).ravel() for row in scans["scn"]]
-            stamps_ms = np.array([np.asarray(t).item() for t in scans["T"]], np.float64)
-            samples = np.stack(rows).astype(np.float32)
-        except (ValueError, TypeError) as err:
+            stamps_ms = np.array([scan["T"].item() for scan in scans], np.float64)
+            samples = np.stack([scan["scn"] for scan in scans], dtype=np.float32, casting="unsafe")
+        except (ValueError, KeyError) as err:
             raise refuse(path, f"scans of different length, or no numbers ({err})") from err
         self.n_frames, n_range = samples.shape
-        if n_range == 0:
-            raise refuse(path, "scans without bins")
+        if not 0 < n_range <= MOST_BINS:
+            raise refuse(path, f"scans of {n_range} bins")
         self._rows = as_samples(samples, "rf")
         counter, period_s = np.ones(1, np.uint32), float("nan")
         if self.n_frames > 1:
@@ -57,7 +62,7 @@ class P4xxReader(BlockReader):
         said = {
             "frame_rate_hz": 1 / period_s if np.isfinite(period_s) else None,
             "bin_length_m": SPEED_OF_LIGHT_MPS * BIN_S / 2,
-            "range_offset_m": SPEED_OF_LIGHT_MPS * _window_start_s(scans) / 2,
+            "range_offset_m": SPEED_OF_LIGHT_MPS * _window_start_s(scans[0]) / 2,
             "carrier_hz": CARRIER_HZ,
             "bandwidth_hz": BANDWIDTH_HZ,
             "sample_rate_hz": 1 / BIN_S,
@@ -73,28 +78,9 @@ class P4xxReader(BlockReader):
         return self._rows[first:last]
 
 
-def _load(path: Path) -> dict[str, NDArray[Any]]:
-    """Return the fields of `scn`, each a list of objects."""
-    import scipy.io  # noqa: PLC0415 - slow to import, and other formats do without
-
-    try:
-        content = scipy.io.loadmat(path, variable_names=["scn"])
-    except NotImplementedError as err:
-        raise refuse(path, "MATLAB 7.3 files are not read; save it with -v7") from err
-    except Exception as err:
-        raise refuse(path, f"not a MATLAB file, or damaged ({err})") from err
-    scans = content.get("scn")
-    names = None if scans is None else scans.dtype.names
-    if scans is None or names is None or not {"scn", "T"} <= set(names) or scans.size == 0:
-        raise refuse(path, "no P4xx recording: no struct 'scn' with the fields scn and T")
-    return {name: scans[name].ravel() for name in names}
-
-
-def _window_start_s(scans: dict[str, NDArray[Any]]) -> float:
+def _window_start_s(scan: Mapping[str, NDArray[Any]]) -> float:
     """Return when the window begins behind the pulse, in seconds; Tstrt is in picoseconds."""
-    try:
-        start_ps = float(np.asarray(scans["Tstrt"][0]).item())
-    except (KeyError, ValueError, TypeError):
-        return WINDOW_START_S
+    said = scan.get("Tstrt")
+    start_ps = float(said[0]) if said is not None and said.size == 1 else 0.0
     low, high = _WINDOW_STARTS_PS
     return start_ps * 1e-12 if low < start_ps < high else WINDOW_START_S

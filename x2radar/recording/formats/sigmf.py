@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from x2radar.frame import Samples
 from x2radar.recording.blocks import (
+    MOST_BINS,
     NO_OVERRIDES,
     BlockReader,
     Label,
@@ -33,6 +34,8 @@ META = ".sigmf-meta"
 DATA = ".sigmf-data"
 _VERSION = "1.0.0"
 _KINDS = {"cf32_le": ("baseband", "<c8"), "rf32_le": ("rf", "<f4")}
+_LONGEST_META = 1 << 26
+"""Bytes. Chosen: a capture segment a gap, for days; as JSON in memory some hundred MB."""
 _KEPT = ("bin_length_m", "range_offset_m", "bandwidth_hz", "sample_rate_hz")
 
 
@@ -46,10 +49,15 @@ class SigmfReader(BlockReader):
     """Read a SigMF pair whose channels are range bins, by the name of either file."""
 
     def __init__(self, path: Path, overrides: Overrides = NO_OVERRIDES) -> None:
+        self.path = path
         self._overrides = overrides
         meta, data = pair_of(path)
         try:
-            root = json.loads(meta.read_text("utf-8"))
+            with meta.open("rb") as file:
+                text = file.read(_LONGEST_META + 1)
+            if len(text) > _LONGEST_META:
+                raise refuse(meta, "too long for a SigMF meta file")
+            root = json.loads(text)
             head, segments = dict(root["global"]), [dict(s) for s in root.get("captures", [])]
             self._annotations = [dict(a) for a in root.get("annotations", [])]
             size = data.stat().st_size
@@ -59,7 +67,7 @@ class SigmfReader(BlockReader):
             raise refuse(meta, f"not a SigMF meta file ({err!r})") from err
         kind, dtype = _KINDS.get(str(head.get("core:datatype")), ("", ""))
         n_range = head.get("core:num_channels", 1)
-        if not kind or not isinstance(n_range, int) or n_range < 1:
+        if not kind or type(n_range) is not int or not 0 < n_range <= MOST_BINS:
             why = f"{head.get('core:datatype')} x {n_range} channels; "
             raise refuse(meta, why + "read are cf32_le and rf32_le with a channel a range bin")
         row_bytes = np.dtype(dtype).itemsize * n_range
@@ -83,9 +91,8 @@ class SigmfReader(BlockReader):
         self.started_utc = str(segments[0].get("core:datetime", "")) if segments else ""
         self._begin, self._number = _segments(meta, segments, self.n_frames)
 
-    @property
-    def labels(self) -> list[Label]:
-        """The annotations that have a label; in whole frames unless we wrote them."""
+    def read_labels(self) -> list[Label]:
+        """Return the annotations that have a label; in whole frames unless we wrote them."""
         out = []
         rate_hz = self.stream.frame_rate_hz
         for note in self._annotations:
@@ -93,7 +100,7 @@ class SigmfReader(BlockReader):
             last = first + note.get("core:sample_count", self.n_frames - first)
             t0_s, t1_s = note.get("x2radar:t_s", (first / rate_hz, last / rate_hz))
             if "core:label" in note:
-                out.append((float(t0_s), float(t1_s), str(note["core:label"])))
+                out.append((t0_s, t1_s, note["core:label"]))
         return out
 
     def close(self) -> None:

@@ -40,6 +40,7 @@ class WireReader(BlockReader):
     """Read the frames of a capture."""
 
     def __init__(self, path: Path, overrides: Overrides = NO_OVERRIDES) -> None:
+        self.path = path
         self._overrides = overrides
         self._capture = Capture(path)
         about = self._capture.about

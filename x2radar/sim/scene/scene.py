@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 import yaml
 
+from x2radar.bounded_yaml import load_yaml
 from x2radar.errors import SceneError, renamed
 from x2radar.sim.keys import Key, checked, settings_from, unknown
 from x2radar.sim.place.antenna import Antenna
@@ -29,6 +30,7 @@ from x2radar.sim.things import draw_mount
 
 LONGEST_STEP_S = 86_400.0
 """A day (chosen)."""
+_LONGEST_MESSAGE = 1000  # characters of an error (chosen): a file's values may be of any length
 _DURATION = Key(0.1, LONGEST_STEP_S, "s")
 _WEIGHT = Key(0.0, 1e6, "weight")
 _POINT = {"range_m": Key(0.1, 1000, "m"), "rcs_m2": Key(0, 1e9, "m2, processing gain included")}
@@ -128,9 +130,23 @@ def load_scene(name: str) -> Scene:
 def parse_scene(text: str, name: str, where: str) -> Scene:
     """Return the scene that a YAML text says; raises as `load_scene`."""
     try:
-        raw = yaml.safe_load(text)
+        return _parsed(text, name, where)
+    except SceneError as err:
+        if len(str(err)) <= _LONGEST_MESSAGE:
+            raise
+        msg = f"{str(err)[:_LONGEST_MESSAGE]} …"
+        raise SceneError(msg) from err
+    except (TypeError, ValueError, LookupError, AttributeError, ArithmeticError) as err:
+        # Values of kinds that no key takes: lists and mappings for numbers and words.
+        msg = f"{where}: a value makes no sense ({str(err)[:_LONGEST_MESSAGE]})"
+        raise SceneError(msg) from err
+
+
+def _parsed(text: str, name: str, where: str) -> Scene:
+    try:
+        raw = load_yaml(text)
     except (yaml.YAMLError, ValueError, RecursionError) as err:
-        # ValueError: a date that does not exist, or a number of thousands of digits.
+        # ValueError: also a date that does not exist, or a number of thousands of digits.
         msg = f"{where}: not YAML: {' '.join(str(err).split())}"
         raise SceneError(msg) from err
     top = _inherited(_mapping(raw, where, _SCENE_KEYS), where)

@@ -1,0 +1,345 @@
+"""Bad input: mutated and hostile files at every reader; what is not refused cleanly is counted.
+
+    python campaigns/fuzz.py --seconds 600 --keep found/
+    python campaigns/fuzz.py --inputs 50 --targets hdf5,npz      # the same inputs each time
+
+Targets are the decoder, recordings (HDF5, XeThru, FrameLogger, P4xx .mat, npz, SigMF, wire
+captures), scenes, the configuration, model bundles (sidecar and ONNX), calibrations and kept
+state. An input is run in a process of its own kind, which dies with it if it must: 1 s of its
+processor's time (or 60 s by the clock) is a hang, and the address space may grow by 512 MiB over
+what the imports took; more is counted as over_memory. Right is a result or one of the project's
+own errors; any other exception, or the death of the process, is unhandled.
+
+Where atheris is installed and --seconds is given, half of each target's time is guided by
+coverage (libFuzzer with `fuzz_mutate` as its mutator); without it, and with --inputs, all inputs
+are mutations by a seeded generator. The last line is one JSON object: inputs, unhandled, hangs,
+over_memory, and the same for each of `targets`. Exit code 1 if one of them but inputs is not 0.
+"""
+
+import argparse
+import hashlib
+import importlib.util
+import json
+import os
+import random
+import resource
+import selectors
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+
+_ROOT = Path(__file__).parents[1]
+sys.path[:0] = [str(_ROOT), str(_ROOT / "daemon")]
+
+from campaigns.fuzz_mutate import mutate  # noqa: E402 - below the path
+
+MOST_GROWTH_BYTES = 512 << 20
+TIME_LIMIT_S = 1.0
+_CLOCK_LIMIT_S = 60.0
+"""By the clock, for an input that waits; busy machines take long over little work."""
+_START_LIMIT_S = 120.0
+_KEYS = ("inputs", "unhandled", "hangs", "over_memory")
+TARGETS = (
+    *("decoder", "hdf5", "xethru", "framelogger", "p4xx", "npz", "sigmf", "capture"),
+    *("scene", "config", "bundle", "calibration", "state"),
+)
+
+
+class Worker:
+    """A process that runs inputs of one target, and is started again when it has died."""
+
+    def __init__(self, target: str, folder: Path) -> None:
+        self._target = target
+        self._input = folder / "input"
+        self._folder = folder / "work"
+        self._folder.mkdir(exist_ok=True)
+        self._process: subprocess.Popen[bytes] | None = None
+
+    def run(self, data: bytes) -> tuple[str, str]:
+        """Return what became of an input: fine, unhandled, hangs or over_memory, and a line."""
+        process = self._process or self._start()
+        self._input.write_bytes(data)
+        begun_s = _cpu_s(process.pid)
+        assert process.stdin is not None
+        process.stdin.write(b"\n")
+        process.stdin.flush()
+        give_up_s = time.monotonic() + _CLOCK_LIMIT_S
+        while True:
+            line = self._line(process, TIME_LIMIT_S)
+            if line is None:
+                if _cpu_s(process.pid) - begun_s < TIME_LIMIT_S and time.monotonic() < give_up_s:
+                    continue
+                self.close()
+                return "hangs", f"more than {TIME_LIMIT_S:g} s"
+            if not line:
+                code = process.wait()
+                self.close()
+                name = signal.Signals(-code).name if code < 0 else f"exit code {code}"
+                return "unhandled", f"the process died of {name}"
+            kind, text = json.loads(line)
+            return kind, text
+
+    def close(self) -> None:
+        """End the process."""
+        if self._process is not None:
+            self._process.kill()
+            self._process.wait()
+            for pipe in (self._process.stdin, self._process.stdout):
+                if pipe is not None:
+                    pipe.close()
+            self._process = None
+
+    def _start(self) -> subprocess.Popen[bytes]:
+        options = ["--worker", self._target, str(self._folder), str(self._input)]
+        self._process = process = subprocess.Popen(
+            [sys.executable, __file__, *options],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
+        )
+        if not self._line(process, _START_LIMIT_S):
+            msg = f"the worker of {self._target} does not start"
+            raise RuntimeError(msg)
+        return process
+
+    @staticmethod
+    def _line(process: subprocess.Popen[bytes], limit_s: float) -> bytes | None:
+        """Return the next line; empty at its death, None after the time limit."""
+        assert process.stdout is not None
+        with selectors.DefaultSelector() as selector:
+            selector.register(process.stdout, selectors.EVENT_READ)
+            return process.stdout.readline() if selector.select(limit_s) else None
+
+
+def _cpu_s(pid: int) -> float:
+    """Return the processor time that a process has used."""
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return 0.0
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def work(target: str, folder: Path, source: Path) -> None:
+    """Run inputs, one for every line on stdin; answer each with a line of JSON."""
+    from campaigns.fuzz_targets import TARGETS as KNOWN  # noqa: PLC0415 - slow imports
+    from campaigns.fuzz_targets import verdict  # noqa: PLC0415
+
+    out = os.fdopen(os.dup(1), "w")
+    os.dup2(2, 1)
+    run = KNOWN[target].run
+    seed = next(iter(seeds_of(target)), b"")
+    verdict(lambda: run(folder, seed))  # what is imported late is not the input's
+    limit_memory()
+    for _ in _lines(out):
+        _empty(folder)
+        data = source.read_bytes()
+        out.write(json.dumps(verdict(lambda data=data: run(folder, data))) + "\n")  # type: ignore[misc]
+        out.flush()
+
+
+def _lines(out: "os._TextIOWrapper") -> Iterator[str]:  # type: ignore[name-defined]
+    out.write("ready\n")
+    out.flush()
+    yield from sys.stdin
+
+
+def limit_memory() -> None:
+    """Let the address space of this process grow by `MOST_GROWTH_BYTES` at most."""
+    pages = int(Path("/proc/self/statm").read_text().split()[0])
+    most = pages * resource.getpagesize() + MOST_GROWTH_BYTES
+    resource.setrlimit(resource.RLIMIT_AS, (most, most))
+
+
+def _empty(folder: Path) -> None:
+    for path in folder.iterdir():
+        path.unlink()
+
+
+def seeds_of(target: str) -> list[bytes]:
+    """Return good inputs of a target."""
+    from campaigns.fuzz_targets import TARGETS as KNOWN  # noqa: PLC0415 - slow imports
+
+    with tempfile.TemporaryDirectory() as folder:
+        return KNOWN[target].seeds(Path(folder))
+
+
+class Campaign:
+    """Counts what became of inputs, and keeps those that are not as they should be."""
+
+    def __init__(self, keep: Path | None) -> None:
+        self._keep = keep
+        self.counts: dict[str, Counter[str]] = {}
+        self.found: list[tuple[str, str, str]] = []
+
+    def feed(self, target: str, inputs: Iterator[bytes]) -> None:
+        """Run inputs of one target."""
+        count = self.counts.setdefault(target, Counter())
+        with tempfile.TemporaryDirectory() as folder:
+            worker = Worker(target, Path(folder))
+            try:
+                for data in inputs:
+                    count["inputs"] += 1
+                    kind, text = worker.run(data)
+                    if kind != "fine":
+                        count[kind] += 1
+                        self.note(target, kind, text, data)
+            finally:
+                worker.close()
+
+    def note(self, target: str, kind: str, text: str, data: bytes) -> None:
+        """Say and keep one input."""
+        self.found.append((target, kind, text))
+        name = f"{target}-{kind}-{hashlib.sha256(data).hexdigest()[:12]}"
+        print(f"{name}: {text[:200]}", file=sys.stderr)
+        if self._keep is not None:
+            self._keep.mkdir(parents=True, exist_ok=True)
+            (self._keep / name).write_bytes(data)
+
+    def summary(self) -> dict[str, object]:
+        """Return what the last line says."""
+        totals = {key: sum(count[key] for count in self.counts.values()) for key in _KEYS}
+        each = {name: {key: count[key] for key in _KEYS} for name, count in self.counts.items()}
+        return {**totals, "targets": each}
+
+
+def mutations(
+    target: str, seed: int, n: int | None, until_s: float, seeds: list[bytes]
+) -> Iterator[bytes]:
+    """Yield the good inputs, then mutations of them, until a number or a time is reached."""
+    from campaigns.fuzz_targets import BORDER  # noqa: PLC0415 - slow imports
+
+    rng = random.Random(f"{target} {seed}")  # noqa: S311 - no secret
+    done = 0
+    while (n is None or done < n) and time.monotonic() < until_s:
+        if done < len(seeds):
+            yield seeds[done]
+        else:
+            yield mutated(rng, seeds, BORDER)
+        done += 1
+
+
+def mutated(rng: random.Random, seeds: list[bytes], border: bytes) -> bytes:
+    """Return a mutation of one part of a good input."""
+    parts = rng.choice(seeds).split(border)
+    k = rng.randrange(len(parts))
+    parts[k] = mutate(rng, parts[k], seeds)
+    return border.join(parts)
+
+
+def guided(campaign: Campaign, target: str, until_s: float, seed: int, folder: Path) -> None:
+    """Let atheris look for inputs that reach new code; what it finds is run by a worker again."""
+    count = campaign.counts.setdefault(target, Counter())
+    for name in ("corpus", "found"):
+        (folder / name).mkdir(exist_ok=True)
+    for k, data in enumerate(seeds_of(target)):
+        (folder / "corpus" / f"seed{k}").write_bytes(data)
+    while (left_s := int(until_s - time.monotonic())) > 1:
+        options = ["--atheris", target, str(folder), str(seed), str(left_s)]
+        subprocess.run(
+            [sys.executable, str(Path(__file__).resolve()), *options],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            check=False,
+            cwd=folder,
+        )
+        seed += 1
+        tally = folder / "tally"
+        count["inputs"] += int(tally.read_text() or 0) if tally.exists() else 0
+        tally.unlink(missing_ok=True)
+        suspects = sorted((folder / "found").iterdir())
+        campaign.feed(target, iter([path.read_bytes() for path in suspects[:200]]))
+        for path in suspects:
+            path.unlink()
+        if not suspects and time.monotonic() < until_s - 5:
+            break
+
+
+def guide(target: str, folder: Path, seed: str, left_s: str) -> None:
+    """Run libFuzzer on one target; inputs that are not fine are put into a folder."""
+    import atheris  # type: ignore[import-not-found] # noqa: PLC0415 - optional
+
+    with atheris.instrument_imports(include=["x2radar", "radard"]):
+        from campaigns.fuzz_targets import BORDER, verdict  # noqa: PLC0415
+        from campaigns.fuzz_targets import TARGETS as KNOWN  # noqa: PLC0415
+
+    run = KNOWN[target].run
+    work_in = folder / "work"
+    work_in.mkdir(exist_ok=True)
+    seeds = seeds_of(target)
+    begun_s, n = time.monotonic(), 0
+
+    def one(data: bytes) -> None:
+        nonlocal n
+        n += 1
+        if n % 100 == 0:
+            (folder / "tally").write_text(str(n))
+            if time.monotonic() - begun_s > float(left_s):
+                os._exit(0)
+        _empty(work_in)
+        kind, _ = verdict(lambda: run(work_in, data))
+        if kind != "fine":
+            name = hashlib.sha256(data).hexdigest()[:16]
+            (folder / "found" / name).write_bytes(data)
+
+    def mutator(data: bytes, most: int, seed: int) -> bytes:
+        rng = random.Random(seed)  # noqa: S311 - no secret
+        out = mutated(rng, [data or seeds[0]], BORDER) if seed % 4 else atheris.Mutate(data, most)
+        return bytes(out[:most])
+
+    options = [f"-seed={int(seed) + 1}", f"-max_total_time={left_s}", "-timeout=5"]
+    options += ["-max_len=200000", f"-artifact_prefix={folder / 'found'}/", "-rss_limit_mb=0"]
+    atheris.Setup([sys.argv[0], *options, str(folder / "corpus")], one, custom_mutator=mutator)
+    limit_memory()
+    atheris.Fuzz()
+
+
+def run_campaign(args: argparse.Namespace) -> Campaign:
+    """Feed all targets that are asked for."""
+    campaign = Campaign(args.keep)
+    targets = args.targets.split(",")
+    has_atheris = importlib.util.find_spec("atheris") is not None and not args.no_atheris
+    for target in targets:
+        share_s = float("inf") if args.inputs else args.seconds / len(targets)
+        is_guided = has_atheris and not args.inputs and share_s >= 10
+        until_s = time.monotonic() + share_s
+        middle_s = until_s - share_s / 2 if is_guided else until_s
+        made = seeds_of(target)
+        campaign.feed(target, mutations(target, args.seed, args.inputs, middle_s, made))
+        if is_guided:
+            with tempfile.TemporaryDirectory() as folder:
+                guided(campaign, target, until_s, args.seed, Path(folder))
+        print(f"{target}: {dict(campaign.counts[target])}", file=sys.stderr)
+    return campaign
+
+
+def main() -> int:
+    """Run the campaign, or be one of its processes."""
+    if sys.argv[1:2] == ["--worker"]:
+        work(sys.argv[2], Path(sys.argv[3]), Path(sys.argv[4]))
+        return 0
+    if sys.argv[1:2] == ["--atheris"]:
+        guide(sys.argv[2], Path(sys.argv[3]), sys.argv[4], sys.argv[5])
+        return 0
+    about = (__doc__ or "").split("\n\n")
+    parser = argparse.ArgumentParser(description=about[0], epilog=about[1])
+    parser.add_argument("--seconds", type=float, default=60.0, help="for all targets together")
+    parser.add_argument("--inputs", type=int, help="of each target, instead of --seconds")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--targets", default=",".join(TARGETS), help="some, with commas")
+    parser.add_argument("--keep", type=Path, metavar="DIR", help="write what was found there")
+    parser.add_argument("--no-atheris", action="store_true")
+    campaign = run_campaign(parser.parse_args())
+    summary = campaign.summary()
+    print(json.dumps(summary))
+    return 1 if any(summary[key] for key in _KEYS[1:]) else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
