@@ -52,17 +52,28 @@ signals: TERM and INT end it (a second one at once), HUP reads the configuration
 again, USR1 logs all of the state.
 """
 _COMMANDS = {
-    "calibrate": "learn the empty room",
-    "walktest": "what it sees, by range",
-    "config": "check, show, schema",
-    "explain": "what sensitivity means",
-    "events": "list what happened",
-    "health": "is the daemon well?",
-    "diag": "a file to report trouble",
-    "setup": "udev, systemd, coverage",
-    "bench": "how many radars fit here",
+    "calibrate": "learn a room",
+    "walktest": "what it sees",
+    "explain": "sensitivities",
+    "status": "what it does",
+    "health": "is it well?",
+    "events": "what happened",
+    "arm": "alarms on",
+    "disarm": "alarms off",
+    "test-alarm": "try outputs",
+    "config": "check, show",
+    "setup": "udev, systemd",
+    "diag": "for trouble",
+    "bench": "how many fit",
 }
-"""One file each in `radard.commands`, and what it does in a few words."""
+"""What each does in a few words."""
+_PLACES = {
+    "status": ("health", "run_status"),
+    "arm": ("control", "run_arm"),
+    "disarm": ("control", "run_disarm"),
+    "test-alarm": ("control", "run_test_alarm"),
+}
+"""File of `radard.commands` and function, where that is not `run` in a file of the same name."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -72,7 +83,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _body(argv: Sequence[str]) -> int:
     if argv and argv[0] in _COMMANDS:
-        code: int = import_module(f"radard.commands.{argv[0]}").run(argv[1:])
+        module, function = _PLACES.get(argv[0], (argv[0], "run"))
+        code: int = getattr(import_module(f"radard.commands.{module}"), function)(argv[1:])
         return code
     args = _parser().parse_args(argv)
     _start_logging(args.verbose - args.quiet, as_json=args.log_format == "json")
@@ -134,10 +146,10 @@ class _ShortHelp(argparse.Action):
 
 
 def _command_list() -> str:
-    """Return the subcommands, two in a line."""
-    cells = [f"  {name:<10}{text:<27}" for name, text in _COMMANDS.items()]
-    pairs = ("".join(cells[k : k + 2]).rstrip() for k in range(0, len(cells), 2))
-    return "\n".join(("commands:", *pairs, ""))
+    """Return the subcommands, three in a line."""
+    cells = [f"  {name:<11}{text:<13}" for name, text in _COMMANDS.items()]
+    rows = ("".join(cells[k : k + 3]).rstrip() for k in range(0, len(cells), 3))
+    return "\n".join(("commands:", *rows, ""))
 
 
 def _parser() -> Parser:

@@ -6,6 +6,7 @@ recorded, gives the same ids, and two runs never do.
 """
 
 import hashlib
+import uuid
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -37,11 +38,28 @@ class Event:
     peak: float  # highest p(human) so far; 0 for fault and tamper
     reason: str  # for people
     clip: str | None = None  # the recording made of it
+    is_trial: bool = False  # asked for, to see whether outputs hand it on
 
 
 def see_anywhere(decision: Decision, policy: AlarmPolicy) -> Sight:
     """Return what a decision says of people at any range, by the usual limit."""
     return sight_of(decision, policy, Zones(), 0.8)
+
+
+def trial_alarm(t_s: float) -> list[Event]:
+    """Return both phases of an alarm that is only a test, at a stream time."""
+    new = Event(
+        id=_ulid(f"test {uuid.uuid4()}", t_s, None),
+        phase="new",
+        kind="alarm",
+        t_s=t_s,
+        start_t_s=t_s,
+        end_t_s=None,
+        peak=0.0,
+        reason="test alarm: nobody was seen",
+        is_trial=True,
+    )
+    return [new, replace(new, phase="end", end_t_s=t_s)]
 
 
 class EventTracker:

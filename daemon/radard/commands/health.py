@@ -1,7 +1,7 @@
-"""`radard health`: is the daemon that runs on this machine well? Exit code 0 or 1."""
+"""`radard health` and `status`: how is the daemon that runs on this machine? Exit code 0 or 1."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from radard.config.config import Config, load_config
@@ -16,9 +16,49 @@ examples:
 """
 
 
+_STATUS_EXAMPLES = """\
+examples:
+  radard status                    online, armed, nobody there, a decision 0.4 s ago
+  radard status --sensor hall --json
+"""
+
+
 def run(argv: Sequence[str]) -> int:
-    """Run the subcommand."""
-    parser = new_parser("radard health", "Ask after the daemon that runs here.", _EXAMPLES)
+    """Run `radard health`."""
+    text = "Ask after the daemon that runs here."
+    return _run("health", text, _EXAMPLES, lambda report: report.line, argv)
+
+
+def run_status(argv: Sequence[str]) -> int:
+    """Run `radard status`: what it sees and whether it is armed, besides."""
+    text = "Tell what the daemon that runs here is doing."
+    return _run("status", text, _STATUS_EXAMPLES, _told, argv)
+
+
+def _told(report: StatusReport) -> str:
+    """Return a line for people of all that a status file says."""
+    content = report.content
+    if not report.is_healthy or "armed" not in content:
+        return report.line
+    panel = content.get("panel")
+    parts = [report.line, "armed" if content["armed"] else "disarmed"]
+    parts += {"alarm": ["ALARM"], "entry": ["entry delay"]}.get(str(panel), [])
+    gate = content.get("gate")
+    seen = "nobody moves" if gate == "closed" else content.get("label") or "something moves"
+    parts += [str(seen)] if gate else []
+    parts.append(f"decided {float(content.get('decision_age_s', 0.0)):.1f} s ago")
+    parts += [mark for mark in ("simulated", "replayed") if content.get(mark)]
+    return ", ".join(parts)
+
+
+def _run(
+    command: str,
+    text: str,
+    examples: str,
+    line: Callable[[StatusReport], str],
+    argv: Sequence[str],
+) -> int:
+    parser = new_parser(f"radard {command}", text, examples)
     add = parser.add_argument
     add("--sensor", metavar="NAME", help="only this one (all that are configured)")
     add("--config", type=Path, metavar="FILE", help="configuration file")
@@ -32,7 +72,7 @@ def run(argv: Sequence[str]) -> int:
             about = {"healthy": report.is_healthy, "line": report.line, **report.content}
             print(json.dumps({"sensor": name, **about} if len(reports) > 1 else about))
         else:
-            print(f"{name}: {report.line}" if len(reports) > 1 else report.line)
+            print(f"{name}: {line(report)}" if len(reports) > 1 else line(report))
     # As /healthz says it: degraded, with one of several away, is not down.
     return 0 if any(report.is_healthy for report in reports.values()) else 1
 

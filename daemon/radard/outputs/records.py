@@ -95,6 +95,7 @@ def event_record(event: Event) -> Record:
         "peak": round(event.peak, 4),
         "reason": event.reason,
         "clip": event.clip,
+        **({"test": True} if event.is_trial else {}),
     }
 
 

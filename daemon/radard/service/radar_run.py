@@ -10,12 +10,13 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from radard.alarm.events import trial_alarm
 from radard.config.config import Config
 from radard.config.quiet_hours import Now, recorded_clock, wall_clock
 from radard.errors import RadardError, UsageError
 from radard.health.health import STALE_S, Health, Status
 from radard.outputs.fanout import Feed, Host, Outputs
-from radard.outputs.records import Record, hello_record, marked, status_record
+from radard.outputs.records import Record, event_record, hello_record, marked, status_record
 from radard.pipeline import Pipeline
 from radard.service.components import (
     Parts,
@@ -148,6 +149,17 @@ class RadarRun:
         elif name in _KEPT_COMMANDS:
             self.log.warning("%s: holds once there is a stream", name)
             self._waiting_command = name
+
+    def try_alarm(self) -> None:
+        """Send a test alarm through all outputs; raises ValueError while a real one is on."""
+        if self.panel().get("alarm_id"):
+            msg = "an alarm is on: acknowledge it first"
+            raise ValueError(msg)
+        if self.worker is not None and not self._is_finished:
+            self.worker.try_alarm()
+        elif self._feed is not None:
+            for event in trial_alarm(0.0):
+                self._feed.put(event_record(event), waits=False)
 
     def bind(self, outputs: Outputs) -> None:
         """Take the outputs that records go to."""

@@ -52,7 +52,7 @@ class OneRadar(Supervisor):
                     self._outputs.open(self._config, can_wait=radar.can_wait)
                     radar.start(tap)
                     self._heart.main_is_alive()
-                    self._heart.start()
+                    self._show_life()
                     why = self._until_over()
             finally:
                 radar.close()
@@ -77,7 +77,7 @@ class OneRadar(Supervisor):
         # Before there is a stream: outputs that show the state do so, the others stay silent.
         if not self._outputs.is_open:
             self._outputs.open(self._config)
-            self._heart.start()
+            self._show_life()
 
     def _until_over(self) -> str:
         """Supervise until the end; return why it ended."""

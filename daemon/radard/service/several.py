@@ -156,7 +156,7 @@ class SeveralRadars(Supervisor):
                 can_wait = all(radar.can_wait for radar in self._radars)
                 self._outputs.open(self._config, can_wait=can_wait)
                 self._heart.main_is_alive()
-                self._heart.start()
+                self._show_life()
                 for keeper in self._keepers:
                     keeper.start()
                 is_stopped = self._supervise(self._goes_on)

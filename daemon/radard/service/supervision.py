@@ -16,6 +16,7 @@ from radard.health.status_file import status_path
 from radard.health.systemd import Notifier
 from radard.health.thread_dump import force_after, state_dump, state_of
 from radard.outputs.fanout import Outputs
+from radard.service.control import ControlServer
 from radard.service.os_signals import Signals
 from radard.service.radar_run import RadarRun, RunOptions
 from radard.service.sink_watch import SinkWatch
@@ -47,10 +48,17 @@ class Supervisor:
             for radar in radars
         ]
         self._heart = Heartbeat(watched, self._notifier)
+        self._control = ControlServer(radars, self._outputs, folder)
         self._watch = SinkWatch()
         self._troubled: dict[str, set[str]] = {radar.name: set() for radar in radars}
         for radar in radars:
             radar.bind(self._outputs)
+
+    def _show_life(self) -> None:
+        """Begin to show that this process lives, and to take commands; a second call is none."""
+        self._heart.start()
+        if not self._outputs.can_wait:
+            self._control.start()
 
     def _supervise(self, goes_on: Callable[[], bool]) -> bool:
         """Heed signals while it goes on; return whether one asked for the end."""
@@ -91,6 +99,7 @@ class Supervisor:
 
     def _shut(self) -> None:
         """Report the shutdown and close what all radars share."""
+        self._control.stop()
         self._heart.stop()
         self._outputs.close()
         # Not with a thread stuck in stdout: the interpreter's own end would hang there.

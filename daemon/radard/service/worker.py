@@ -10,7 +10,7 @@ from dataclasses import asdict, replace
 from typing import Any
 
 from radard.alarm.dwell_cells import is_frozen
-from radard.alarm.events import Event, EventTracker
+from radard.alarm.events import Event, EventTracker, trial_alarm
 from radard.alarm.panel import AlarmPanel
 from radard.alarm.state_store import StateStore
 from radard.classify.decision import Decision, invalid_decision
@@ -92,6 +92,10 @@ class Worker:
         """Queue a command, see `Host.command`; for any thread."""
         self._ring.post("command", name)
 
+    def try_alarm(self) -> None:
+        """Send a test alarm through the outputs; for any thread."""
+        self._ring.post("test", "")
+
     def exchange(self, parts: Parts) -> None:
         """Work with other parts from the next item on; for any thread."""
         self._next = parts
@@ -134,6 +138,11 @@ class Worker:
             self._take_dwell(item)
         elif item.kind == "command":
             self._take_command(item)
+        elif item.kind == "test":
+            # Between two decisions, so that no output takes its end for that of a real alarm.
+            if "alarm" not in self.tracker.open_events:
+                for event in trial_alarm(item.t_s):
+                    self._outputs.put(event_record(event))
         elif item.kind == "reload":
             self._take_parts()
         elif item.kind == "calibrated":
