@@ -61,7 +61,14 @@ class StateStore:
             )
         except FileNotFoundError:
             return None
-        except (OSError, ValueError, LookupError, TypeError, ArithmeticError, RecursionError) as err:
+        except (
+            OSError,
+            ValueError,
+            LookupError,
+            TypeError,
+            ArithmeticError,
+            RecursionError,
+        ) as err:
             log.warning("%s: the kept state is unreadable and not used (%r)", self._path, err)
             return None
         return kept
