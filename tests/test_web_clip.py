@@ -1,7 +1,10 @@
 """A clip's pictures: made in a process of their own, which a damaged file may not keep."""
 
 import asyncio
+import json
 import struct
+import subprocess
+import sys
 import threading
 import time
 from pathlib import Path
@@ -9,13 +12,15 @@ from pathlib import Path
 import h5py
 import pytest
 
+from radard.clips.clip_file import ClipFile
 from radard.errors import RadardError
 from radard.web import clip_process
 from radard.web.clip_process import ClipTimeoutError, read_clip
 from tests.alarm_helpers import write_recording
 from tests.dashboard_helpers import maker
-from tests.radar_helpers import noise
+from tests.radar_helpers import BASEBAND, frames_of, noise
 from tests.web_helpers import event
+from x2radar.frame import StreamInfo
 
 ULID = "01J0000000000000000000000A"
 make = pytest.fixture(maker)
@@ -95,6 +100,37 @@ def test_nobody_waits_for_the_process_when_the_dashboard_ends(clip, hanging):
 
     asyncio.run(end_early())
     assert not is_running(hanging.read_text().strip())
+
+
+HOLD = """
+import sys, h5py
+with h5py.File(sys.argv[1], "r"):
+    print("open", flush=True)
+    sys.stdin.read()
+"""
+
+
+def test_a_clip_that_is_read_can_be_written(clip):
+    command = [sys.executable, "-P", "-c", HOLD, str(clip)]
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    with subprocess.Popen(command, env=clip_process.environ(), **pipes) as reader:
+        assert reader.stdout.readline() == b"open\n"
+        # As a clip that ends does, to add its decisions.
+        h5py.File(clip, "r+", libver="latest").close()
+        reader.communicate()
+    assert reader.returncode == 0
+
+
+def test_a_clip_is_shown_while_it_is_written(tmp_path):
+    path = tmp_path / f"{ULID}.h5"
+    stream = StreamInfo(BASEBAND, 60.0, "test")
+    clip = ClipFile(path, stream, first_index=0, started_utc="2026-01-01T00:00:00Z", attributes={})
+    clip.write(list(frames_of(noise(200))))
+    data = asyncio.run(read_clip(path))
+    (n,) = struct.unpack_from("<I", data)
+    assert json.loads(data[4 : 4 + n])["decisions"] == []
+    clip.finish([], {})
+    assert asyncio.run(read_clip(path))
 
 
 def test_a_clip_late_by_itself(clip, monkeypatch):

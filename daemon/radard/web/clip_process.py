@@ -25,15 +25,12 @@ async def read_clip(path: Path) -> bytes:
     Raises RadardError with one line if the clip cannot be read, ClipTimeoutError if that takes
     too long. The process ends with the call, also if it is cancelled.
     """
-    packages = os.pathsep.join(part for part in sys.path if part)
-    # One thread: others' stacks would count as memory, and decisions need the processor.
-    environ = {**os.environ, "PYTHONPATH": packages, "OPENBLAS_NUM_THREADS": "1"}
     process = await asyncio.create_subprocess_exec(
         *(sys.executable, "-P", "-m", "radard.web.clip_view", str(path)),
         stdin=asyncio.subprocess.DEVNULL,
         stdout=asyncio.subprocess.PIPE,
         stderr=asyncio.subprocess.PIPE,
-        env=environ,
+        env=environ(),
     )
     try:
         async with asyncio.timeout(DEADLINE_S):
@@ -51,3 +48,15 @@ async def read_clip(path: Path) -> bytes:
         msg = lines[-1] if lines else f"its reader ended with {process.returncode}"
         raise RadardError(msg)
     return data
+
+
+def environ() -> dict[str, str]:
+    """Return the environment of the process that reads."""
+    return {
+        **os.environ,
+        "PYTHONPATH": os.pathsep.join(part for part in sys.path if part),
+        # Others' stacks would count as memory, and decisions need the processor.
+        "OPENBLAS_NUM_THREADS": "1",
+        # A clip that is being written must come to its end, whatever reads it.
+        "HDF5_USE_FILE_LOCKING": "FALSE",
+    }

@@ -84,8 +84,16 @@ def _joined(made: list[Columns], spectrograms: Spectrograms) -> bytes:
 
 
 def _decisions(path: Path) -> list[dict[str, Any]]:
-    """Return what was decided on the clip, on its own clock; nothing for a bare recording."""
-    with h5py.File(path, "r") as file:
+    """Return what was decided on the clip, on its own clock; nothing for a bare recording.
+
+    A clip gets its decisions when it ends; before, or after a kill, HDF5 takes it for a file that
+    is being written and opens it in another way alone.
+    """
+    try:
+        file = h5py.File(path, "r")
+    except OSError:
+        return []
+    with file:
         group = file.get("decisions")
         if group is None or not all(key in group for key in _KEYS):
             return []
