@@ -12,6 +12,9 @@ from hypothesis import HealthCheck, settings
 
 from tests.busy_machine import allow_for_it
 
+# Before numpy is there: threads of its algebra wait in loops, for cores that other tests need.
+os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
+
 settings.register_profile(
     "fixed",
     derandomize=True,
