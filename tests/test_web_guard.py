@@ -436,6 +436,7 @@ def test_a_flood_closes_a_page(make):
 def test_opening_by_url(tmp_path):
     sink = open_from_url("http://127.0.0.1:0", SinkOptions(), None)
     try:
+        sink.start()
         assert sink.url.startswith("http://127.0.0.1:")
         assert sink.state.is_ok
     finally:
