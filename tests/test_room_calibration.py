@@ -141,18 +141,23 @@ def test_where_it_is_kept(tmp_path, port, calibration, name):
 
 def test_mqtt_and_the_dashboard_start_it_and_tell_how_it_went(tmp_path, launch):
     broker = MqttBroker(tmp_path)
-    listener = Listener(broker.port, "radard/radar/health")
+    listener = Listener(broker.port, "radard/radar-simulated/health")
     base = f"http://127.0.0.1:{free_port()}"
-    daemon = launch(sensor=FAST, gate=GATE, output=[f"mqtt://127.0.0.1:{broker.port}", base])
+    daemon = launch(
+        sensor=FAST,
+        gate=GATE,
+        output=[f"mqtt://127.0.0.1:{broker.port}", base],
+        mqtt={"commands": "always"},
+    )
 
     def said():
-        messages = listener.on("radard/radar/health")
+        messages = listener.on("radard/radar-simulated/health")
         return json.loads(messages[-1])["calibration"] or "" if messages else ""
 
     try:
         wait(lambda: ask(base + "/healthz")[0] == 200)
-        wait_for(lambda: listener.on("radard/radar/health"))
-        listener.say("radard/radar/command/calibrate")
+        wait_for(lambda: listener.on("radard/radar-simulated/health"))
+        listener.say("radard/radar-simulated/command/calibrate")
         wait_for(lambda: said() == "leave")
         wait_for(lambda: said().startswith("made: "))
         path = tmp_path / "state" / "radar.sim.calibration.json"

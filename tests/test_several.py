@@ -203,20 +203,20 @@ def test_mqtt_has_topics_and_a_client_for_each(tmp_path, launch):
         daemon = launch(
             sensors={"hall": {"port": "sim:empty"}, "attic": {"port": str(tmp_path / "gone")}},
             output=[f"mqtt://127.0.0.1:{broker.port}"],
-            mqtt={"client_id": "ours"},
+            mqtt={"client_id": "ours", "commands": "always"},
         )
-        wait_for(lambda: b"online" in listener.on("radard/hall/availability"))
+        wait_for(lambda: b"online" in listener.on("radard/hall-simulated/availability"))
         wait_for(lambda: b"offline" in listener.on("radard/attic/availability"))
-        wait_for(lambda: listener.on("radard/hall/decision"))
+        wait_for(lambda: listener.on("radard/hall-simulated/decision"))
         assert not listener.on("radard/attic/decision")
-        assert json.loads(listener.on("radard/hall/decision")[0])["sensor"] == "hall"
-        listener.say("radard/hall/command/disarm")
+        assert json.loads(listener.on("radard/hall-simulated/decision")[0])["sensor"] == "hall"
+        listener.say("radard/hall-simulated/command/disarm")
         hall = daemon.run._radars[0]
         wait_for(lambda: hall.panel()["armed"] is False)
         names = [sink.name for _, sink in daemon.run._outputs.sinks]
         assert [name.rpartition("/")[2] for name in names] == ["hall", "attic"]
         assert daemon.stop() == 0
-        wait_for(lambda: listener.on("radard/hall/availability")[-1] == b"offline")
+        wait_for(lambda: listener.on("radard/hall-simulated/availability")[-1] == b"offline")
     finally:
         listener.close()
         broker.stop()
