@@ -30,8 +30,10 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
+from typing import TextIO
 
 _ROOT = Path(__file__).parents[1]
 sys.path[:0] = [str(_ROOT), str(_ROOT / "daemon")]
@@ -51,22 +53,25 @@ TARGETS = (
 
 
 class Worker:
-    """A process that runs inputs of one target, and is started again when it has died."""
+    """A process that runs inputs, and is started again when it has died."""
 
-    def __init__(self, target: str, folder: Path) -> None:
-        self._target = target
+    def __init__(
+        self, targets: Sequence[str], folder: Path, program: str = str(Path(__file__).resolve())
+    ) -> None:
+        self._targets = targets
+        self._program = program
         self._input = folder / "input"
         self._folder = folder / "work"
         self._folder.mkdir(exist_ok=True)
         self._process: subprocess.Popen[bytes] | None = None
 
-    def run(self, data: bytes) -> tuple[str, str]:
+    def run(self, target: str, data: bytes) -> tuple[str, str]:
         """Return what became of an input: fine, unhandled, hangs or over_memory, and a line."""
         process = self._process or self._start()
         self._input.write_bytes(data)
         begun_s = _cpu_s(process.pid)
         assert process.stdin is not None
-        process.stdin.write(b"\n")
+        process.stdin.write(f"{target}\n".encode())
         process.stdin.flush()
         give_up_s = time.monotonic() + _CLOCK_LIMIT_S
         while True:
@@ -95,16 +100,17 @@ class Worker:
             self._process = None
 
     def _start(self) -> subprocess.Popen[bytes]:
-        options = ["--worker", self._target, str(self._folder), str(self._input)]
+        options = ["--worker", ",".join(self._targets), str(self._folder), str(self._input)]
         self._process = process = subprocess.Popen(
-            [sys.executable, __file__, *options],
+            [sys.executable, self._program, *options],
+            cwd=_ROOT,
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
             env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
         )
         if not self._line(process, _START_LIMIT_S):
-            msg = f"the worker of {self._target} does not start"
+            msg = "the process for inputs does not start"
             raise RuntimeError(msg)
         return process
 
@@ -126,25 +132,27 @@ def _cpu_s(pid: int) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
-def work(target: str, folder: Path, source: Path) -> None:
-    """Run inputs, one for every line on stdin; answer each with a line of JSON."""
+def work(targets: str, folder: Path, source: Path) -> None:
+    """Run inputs, one for every line on stdin, its target; answer each with a line of JSON."""
     from campaigns.fuzz_targets import TARGETS as KNOWN  # noqa: PLC0415 - slow imports
     from campaigns.fuzz_targets import verdict  # noqa: PLC0415
 
     out = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)
-    run = KNOWN[target].run
-    seed = next(iter(seeds_of(target)), b"")
-    verdict(lambda: run(folder, seed))  # what is imported late is not the input's
+    for name in targets.split(","):
+        # What is imported late is not the input's.
+        _empty(folder)
+        seed = seeds_of(name)[0]
+        verdict(partial(KNOWN[name].run, folder, seed))
     limit_memory()
-    for _ in _lines(out):
+    for line in _lines(out):
         _empty(folder)
         data = source.read_bytes()
-        out.write(json.dumps(verdict(lambda data=data: run(folder, data))) + "\n")  # type: ignore[misc]
+        out.write(json.dumps(verdict(partial(KNOWN[line.strip()].run, folder, data))) + "\n")
         out.flush()
 
 
-def _lines(out: "os._TextIOWrapper") -> Iterator[str]:  # type: ignore[name-defined]
+def _lines(out: TextIO) -> Iterator[str]:
     out.write("ready\n")
     out.flush()
     yield from sys.stdin
@@ -173,25 +181,21 @@ def seeds_of(target: str) -> list[bytes]:
 class Campaign:
     """Counts what became of inputs, and keeps those that are not as they should be."""
 
-    def __init__(self, keep: Path | None) -> None:
+    def __init__(self, keep: Path | None, worker: Worker) -> None:
         self._keep = keep
+        self._worker = worker
         self.counts: dict[str, Counter[str]] = {}
         self.found: list[tuple[str, str, str]] = []
 
     def feed(self, target: str, inputs: Iterator[bytes]) -> None:
         """Run inputs of one target."""
         count = self.counts.setdefault(target, Counter())
-        with tempfile.TemporaryDirectory() as folder:
-            worker = Worker(target, Path(folder))
-            try:
-                for data in inputs:
-                    count["inputs"] += 1
-                    kind, text = worker.run(data)
-                    if kind != "fine":
-                        count[kind] += 1
-                        self.note(target, kind, text, data)
-            finally:
-                worker.close()
+        for data in inputs:
+            count["inputs"] += 1
+            kind, text = self._worker.run(target, data)
+            if kind != "fine":
+                count[kind] += 1
+                self.note(target, kind, text, data)
 
     def note(self, target: str, kind: str, text: str, data: bytes) -> None:
         """Say and keep one input."""
@@ -302,8 +306,19 @@ def guide(target: str, folder: Path, seed: str, left_s: str) -> None:
 
 def run_campaign(args: argparse.Namespace) -> Campaign:
     """Feed all targets that are asked for."""
-    campaign = Campaign(args.keep)
     targets = args.targets.split(",")
+    with tempfile.TemporaryDirectory() as folder:
+        worker = Worker(targets, Path(folder))
+        try:
+            campaign = Campaign(args.keep, worker)
+            feed_all(campaign, targets, args)
+        finally:
+            worker.close()
+    return campaign
+
+
+def feed_all(campaign: Campaign, targets: Sequence[str], args: argparse.Namespace) -> None:
+    """Share the time, or the number of inputs, out among the targets."""
     has_atheris = importlib.util.find_spec("atheris") is not None and not args.no_atheris
     for target in targets:
         share_s = float("inf") if args.inputs else args.seconds / len(targets)
@@ -316,7 +331,6 @@ def run_campaign(args: argparse.Namespace) -> Campaign:
             with tempfile.TemporaryDirectory() as folder:
                 guided(campaign, target, until_s, args.seed, Path(folder))
         print(f"{target}: {dict(campaign.counts[target])}", file=sys.stderr)
-    return campaign
 
 
 def main() -> int:

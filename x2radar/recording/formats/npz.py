@@ -8,6 +8,7 @@ samples only: counters then run from 1, and what the axis lacks must be given.
 Nothing in an archive is unpickled, and arrays that it does not name above are not read.
 """
 
+import contextlib
 import io
 import json
 import math
@@ -53,9 +54,15 @@ class NpzReader(BlockReader):
     def __init__(self, path: Path, overrides: Overrides = NO_OVERRIDES) -> None:
         self.path = path
         self._overrides = overrides
+        with contextlib.ExitStack() as opened:
+            self._look_into(opened)
+            self._opened = opened.pop_all()
+
+    def _look_into(self, opened: contextlib.ExitStack) -> None:
+        path = self.path
         try:
-            self._zip = zipfile.ZipFile(path)
-            self._rows = self._open(_SAMPLES, None)
+            self._zip = opened.enter_context(zipfile.ZipFile(path))
+            self._rows = opened.enter_context(self._open(_SAMPLES, None))
             shape, fortran, self._dtype = _read_header(self._rows)
         except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as err:
             raise refuse(path, f"not a NumPy archive of frames ({err})") from err
@@ -72,7 +79,7 @@ class NpzReader(BlockReader):
         kind = "baseband" if self._dtype.kind == "c" else "rf"
         self._device, self._settings = self._json("device") or None, self._json("settings")
         name = str((self._device or {}).get("name", path.name))
-        self.stream = stream_from(path, (kind, n_range), self._small, overrides, name)
+        self.stream = stream_from(path, (kind, n_range), self._small, self._overrides, name)
         self._counter = self._column("counter")
         self._t_s = self._column("t_s")
         self.started_utc = str(self._known("started_utc", ""))
@@ -80,13 +87,12 @@ class NpzReader(BlockReader):
 
     def read_labels(self) -> Iterable[Label]:
         """Return what the archive says."""
-        columns = [self._small[name] for name in _LABELS]
-        return zip(*(c.tolist() for c in columns if c is not None), strict=False)
+        columns = [c.tolist() for name in _LABELS if (c := self._small[name]) is not None]
+        return zip(*columns, strict=False) if len(columns) == len(_LABELS) else ()
 
     def close(self) -> None:
         """Close the archive."""
-        self._rows.close()
-        self._zip.close()
+        self._opened.close()
 
     def read_counters(self, first: int, last: int) -> NDArray[Any]:
         """See `BlockReader`."""
