@@ -11,6 +11,7 @@ from radard.alarm.events import EventTracker
 from radard.stream.ring import Notice
 from radard.stream.source import open_source
 from tests.radar_helpers import run_radard, stable
+from x2radar.cli import main as x2radar_main
 from x2radar.errors import SettingsError
 from x2radar.ports import make_radar, parse_port
 from x2radar.recording.hdf5_reader import RecordingReader
@@ -53,6 +54,14 @@ def test_a_replay_repeats_the_ids_of_the_run(tmp_path):
     again = tmp_path / "again.h5"
     run(f"replay:{file}", "--record", str(again))
     assert RecordingReader(again).stream.run_id == RecordingReader(file).stream.run_id
+
+
+def test_the_driver_records_the_id_too(tmp_path):
+    file = tmp_path / "own.h5"
+    assert (
+        x2radar_main(["record", str(file), "--port", "sim:human?run=abc", "--duration", "1"]) == 0
+    )
+    assert RecordingReader(file).stream.run_id == "abc"
 
 
 def test_a_recording_without_an_id_has_one_of_its_content(tmp_path):
