@@ -12,6 +12,7 @@ import secrets
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Literal
 from urllib.parse import urlsplit
 
@@ -42,6 +43,7 @@ class Tokens:
         return f"Tokens(viewer={self.viewer is not None}, operator={self.operator is not None})"
 
 
+@lru_cache(maxsize=1024)
 def is_loopback(host: str) -> bool:
     """Return whether an address is of this machine alone."""
     if host.lower() in _LOOPBACK:

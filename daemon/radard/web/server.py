@@ -96,8 +96,11 @@ class _Connection(H11Protocol):
 
 def _make_room(connections: set[Any], address: str) -> bool:
     """Return whether one more connection of an address may come; an idle one gives way to it."""
-    local = [each for each in connections if each.client and is_loopback(each.client[0])]
-    strangers = [each for each in connections if each not in local]
+    local: list[Any] = []
+    strangers: list[Any] = []
+    for each in connections:
+        is_local = each.client is not None and is_loopback(each.client[0])
+        (local if is_local else strangers).append(each)
     own = [each for each in strangers if each.client and each.client[0] == address]
     if is_loopback(address):
         is_full = len(connections) >= _MOST_CONNECTIONS
