@@ -1,6 +1,7 @@
 """Ids of events: of this run alone, the same in its replay; a demo never looks real."""
 
 import json
+from dataclasses import replace
 from importlib import resources
 
 import h5py
@@ -62,6 +63,21 @@ def test_the_driver_records_the_id_too(tmp_path):
         x2radar_main(["record", str(file), "--port", "sim:human?run=abc", "--duration", "1"]) == 0
     )
     assert RecordingReader(file).stream.run_id == "abc"
+
+
+def test_live_frames_of_a_plug_in_have_an_id_per_run(tmp_path, monkeypatch):
+    def opened(port, **more):
+        source = open_source(port, **more)
+        source.stream = replace(source.stream, run_id="")
+        return source
+
+    monkeypatch.setattr("radard.service.radar_run.open_source", opened)
+    files = [tmp_path / name for name in ("a.h5", "b.h5")]
+    for file in files:
+        run("sim:empty?run=same", "--duration", "3", "--record", str(file))
+    first, second = (RecordingReader(file).stream.run_id for file in files)
+    assert first
+    assert first != second
 
 
 def test_a_recording_without_an_id_has_one_of_its_content(tmp_path):

@@ -6,8 +6,9 @@ ring; the *worker* (`radard.service.worker`) takes dwells, decides, and writes t
 """
 
 import threading
+import uuid
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from radard.alarm.events import trial_alarm
@@ -205,9 +206,12 @@ class RadarRun:
         """
         assert self._source is not None  # noqa: S101 - `open` came before
         stream = self._source.stream
+        if self._source.is_live and not stream.run_id:
+            # A plug-in's: its runs must not share ids either.
+            stream = replace(stream, run_id=uuid.uuid4().hex)
         self._classifier = classifier_for(stream, self._config, self._classifier)
         self._pipeline = Pipeline(stream, self._config, self._classifier)
-        return Tap(self._options.record, self._source)
+        return Tap(self._options.record, stream)
 
     def start(self, tap: Tap) -> None:
         """Begin to work, in threads; the first record is this run's `hello`.

@@ -5,14 +5,13 @@ from pathlib import Path
 from types import TracebackType
 
 from radard.outputs.records import utc_now
-from radard.stream.source import FrameSource
-from x2radar.frame import Frame
+from x2radar.frame import Frame, StreamInfo
 
 
 class Tap:
-    """Write every frame of a source into a recording; without a path, do nothing."""
+    """Write every frame of a stream into a recording; without a path, do nothing."""
 
-    def __init__(self, path: Path | None, source: FrameSource) -> None:
+    def __init__(self, path: Path | None, stream: StreamInfo) -> None:
         self._close: Callable[[], None] = lambda: None
         self.write: Callable[[Frame], None] = lambda _frame: None
         if path is None:
@@ -20,7 +19,6 @@ class Tap:
         # Late: a run that records nothing must not wait for h5py at start.
         from x2radar.recording.hdf5_reader import RecordingWriter  # noqa: PLC0415
 
-        stream = source.stream
         writer = RecordingWriter(
             path, stream, started_utc=utc_now(), device={"name": stream.device}, settings={}
         )

@@ -31,7 +31,7 @@ class FrameSource(Protocol):
 
     @property
     def stream(self) -> StreamInfo:
-        """Axis and rate of the frames."""
+        """Axis and rate of the frames; a live one without a `run_id` is given one."""
         ...
 
     @property
