@@ -1,7 +1,7 @@
 """Daemons and simulated modules that may be as slow as a busy machine makes them.
 
-A module waits where it would lose frames, a daemon stays online and waits for its threads, and
-its last resort, which would end the process, is taken from it.
+A module waits where it would lose frames, its host is patient, a daemon stays online and waits
+for its threads, and its last resort, which would end the process, is taken from it.
 
     python -m tests.busy_machine ARGUMENTS    runs radard so
 """
@@ -9,6 +9,7 @@ its last resort, which would end the process, is taken from it.
 import sys
 import threading
 import time
+from functools import partial
 from types import SimpleNamespace
 
 import pytest
@@ -28,7 +29,11 @@ class PatientClock(threading.local):
 
 
 def allow_for_it(patch):
+    from x2radar.device.link import Deadlines
+
     patch.setattr("x2radar.sim.module.host.time", PatientClock())
+    patient = partial(Deadlines, reply_s=60.0, ready_s=60.0, stall_s=60.0)
+    patch.setattr("x2radar.device.device.Deadlines", patient)
     patch.setattr("radard.service.radar_run.STALE_S", 60.0)
     patch.setattr("radard.service.radar_run._JOIN_S", 60.0)
     patch.setattr("radard.service.several._JOIN_S", 60.0)

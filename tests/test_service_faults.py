@@ -1,6 +1,7 @@
 """Fail-safe: what goes wrong is announced, in time, and never taken for quiet."""
 
 import json
+from functools import partial
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from radard.errors import ModelMismatch
 from radard.pipeline import Pipeline
 from tests.alarm_helpers import write_recording
 from tests.radar_helpers import run_radard, stable
+from x2radar.device.link import Deadlines
 
 FAST = ("--speed", "max", "-o", "json")
 GATE = ("--model", "none", "-o", "json")
@@ -90,7 +92,8 @@ def test_a_dead_sensor_is_a_fault(tmp_path):
     assert any(state == "degraded" for state, _ in states(records))
 
 
-def test_a_silent_module_is_a_fault_and_comes_back():
+def test_a_silent_module_is_a_fault_and_comes_back(monkeypatch):
+    monkeypatch.setattr("x2radar.device.device.Deadlines", partial(Deadlines, stall_s=0.5))
     port = "sim:empty?fault=silent:8"
     _, records, err = run_radard("--port", port, "--speed", "4", *GATE, "--duration", "14")
     new, end = events(records, "fault")
