@@ -213,3 +213,18 @@ def test_without_a_named_folder_only_the_command_is_kept(tmp_path):
     assert not path.exists()
     store.save(KeptState(is_armed=False))
     assert StateStore(path, keeps_alarms=False).load(is_armed=True) == KeptState(is_armed=False)
+
+
+def test_a_remark_is_an_update_and_the_reason_comes_back():
+    tracker = EventTracker()
+    covered = Finding("covered", "still echoes fell 12 dB")
+    (new,) = tracker.on_decision(decision(2), DWELL, findings=[covered])
+    (said,) = tracker.remark("tamper", "armed all the same", 2.5)
+    assert (said.id, said.phase, said.reason) == (
+        new.id,
+        "update",
+        f"{new.reason}; armed all the same",
+    )
+    (back,) = tracker.on_decision(decision(3), DWELL, findings=[covered])
+    assert (back.phase, back.reason) == ("update", new.reason)
+    assert tracker.remark("fault", "x", 3.5) == []

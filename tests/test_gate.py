@@ -313,9 +313,8 @@ def readings(path, step=1):
 def test_real_x4m03_recording():
     time_s, is_open = readings(DATA / "x4m03_recording")
     assert is_open[(time_s >= 6) & (time_s <= 68)].all()
-    still = is_open[time_s > 71]
-    assert len(still) == 18
-    assert still.sum() <= 4
+    # Who stays breathes 40 dB over the noise, and what filled the swath before was not learned.
+    assert is_open[time_s > 71].all()
 
 
 @needs_data

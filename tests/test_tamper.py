@@ -19,7 +19,8 @@ from x2radar.sim.scene.scene import builtin_scenes
 RATE_HZ = 60.0
 N_SLOW = 147
 AXIS = replace(BASEBAND, n_range=128)
-SETTINGS = TamperSection(learn_s=5, hold_s=4)
+SETTINGS = TamperSection(learn_s=5, hold_s=16)
+SLOW, FAST = 15, 3  # the dwell in which a change is found, and one of twice the limit
 REAL = Path(__file__).parents[2] / "shared" / "data"
 
 
@@ -78,15 +79,16 @@ def test_a_covered_sensor(unit, change_db):
     stream.found(watch, 8)
     usual = stream.echoes
     stream.echoes = usual * 10 ** (change_db / 20)
-    assert stream.found(watch, 6) == [(3, ("covered",))]
+    at = FAST if abs(change_db) >= 12 else SLOW
+    assert stream.found(watch, 18) == [(at, ("covered",))]
     stream.echoes = usual
-    assert stream.found(watch, 6) == [(3, ())]
+    assert stream.found(watch, 18) == [(SLOW, ())]
 
 
 def test_echoes_that_die_to_noise(learned):
     stream, watch = learned
     stream.echoes = np.zeros(AXIS.n_range)
-    assert stream.found(watch, 6) == [(3, ("covered",))]
+    assert stream.found(watch, 6) == [(FAST, ("covered",))]
     (finding,) = watch.update(stream.dwell())
     assert finding.reason.startswith("still echoes fell ")
 
@@ -94,16 +96,17 @@ def test_echoes_that_die_to_noise(learned):
 def test_a_moved_sensor(learned):
     stream, watch = learned
     stream.echoes = room(seed=2)
-    assert stream.found(watch, 6) == [(3, ("moved",))]
+    assert stream.found(watch, 6) == [(FAST, ("moved",))]
 
 
 @pytest.mark.parametrize("change_db", [-7.0, 7.0, 20.0])
 def test_a_jump_of_the_noise(learned, change_db):
     stream, watch = learned
     stream.noise = 10 ** (change_db / 10)
-    assert stream.found(watch, 6) == [(3, ("noise",))]
+    at = FAST if abs(change_db) >= 12 else SLOW
+    assert stream.found(watch, 18) == [(at, ("noise",))]
     stream.noise = 1.0
-    assert stream.found(watch, 6) == [(3, ())]
+    assert stream.found(watch, 18) == [(SLOW, ())]
 
 
 @pytest.mark.parametrize("change_db", [-4.0, 4.0])
@@ -112,6 +115,15 @@ def test_small_changes_are_none(learned, change_db):
     stream.echoes = stream.echoes * 10 ** (change_db / 20)
     stream.noise = 10 ** (change_db / 10)
     assert stream.found(watch, 20) == []
+
+
+def test_a_slow_ramp_of_the_noise_does_not_take_the_reference_along(learned):
+    stream, watch = learned
+    for k in range(1500):
+        stream.noise = 10 ** (0.008 * k / 10)
+        if watch.update(stream.dwell()):
+            break
+    assert 6 / 0.008 <= k <= 10 / 0.008
 
 
 def test_a_change_that_does_not_last_is_none(learned):
@@ -163,7 +175,7 @@ def test_a_void_cannot_be_judged_but_its_noise_can():
     assert stream.found(watch, 20) == []
     assert watch.is_blind
     stream.noise = 10.0
-    assert stream.found(watch, 6) == [(3, ("noise",))]
+    assert stream.found(watch, 18) == [(SLOW, ("noise",))]
 
 
 def test_somebody_who_was_there_from_the_start_is_not_learned_as_the_room():

@@ -129,6 +129,11 @@ class Pipeline:
         most = max(1, int(COARSE_BIN_M / self.stream.axis.bin_length_m))
         return DownConverter(self.stream.axis, min(self._features.range_decimation, most))
 
+    @property
+    def gate(self) -> Gate:
+        """The gate, with what it saw of the last dwell."""
+        return self._gate
+
     def warm_up(self) -> None:
         """Judge a made-up dwell and forget it, so that the first real one takes no longer.
 

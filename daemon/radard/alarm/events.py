@@ -179,6 +179,11 @@ class EventTracker:
             return self._step(self.panel.disarm(), t_s)
         return self._step(self.panel.acknowledge(t_s), t_s)
 
+    def remark(self, kind: Kind, text: str, t_s: float) -> list[Event]:
+        """Update an event that is on with a remark; the next decision tells its reason again."""
+        on = self._open.get(kind)
+        return [] if on is None else [self._go_on(kind, f"{on.reason}; {text}", t_s, "update")]
+
     def has_clip(self, event_id: str, clip: str | None) -> None:
         """Note which clip is made of an event that is on; its further phases name it."""
         for kind, event in self._open.items():

@@ -1,4 +1,4 @@
-"""Tamper: the sensor is covered, was moved, or its noise floor jumped.
+"""Tamper: the sensor is covered, was moved, or jammed.
 
 What stands still in a room is the sensor's fingerprint. `TamperWatch` learns it cell by
 cell (a cell is 0.3 m of range) and compares every dwell with it:
@@ -12,12 +12,14 @@ moved
 noise
     The receiver's noise, median over cells, changed by `noise_db` or more: a jammer, a
     broken receiver.
+interference
+    Any other that fills the swath: see `radard.alarm.interference`.
 
-Each must last `hold_s`. What moves must not count: a cell is only judged in a dwell in
-which it stands still, medians over cells let furniture and people change some of them, and
-noise is only read where it is white in slow time and alike in all cells. A stream without
-three cells of still echoes (a simulated void, people all over the place) is not judged but
-for its noise; `is_blind` says so.
+Each must last `hold_s`, or a quarter of it when the change is twice as large. What moves must
+not count: a cell is only judged in a dwell in which it stands still, medians over cells let
+furniture and people change some of them, and noise is only read where it is white in slow time
+and alike in all cells. A stream without three cells of still echoes (a simulated void, people
+all over the place) is not judged but for its noise; `is_blind` says so.
 
 All state follows from the dwells, so a replay finds the same.
 """
@@ -29,14 +31,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radard.alarm.dwell_cells import CellReading, quantile, read_cells
+from radard.alarm.interference import MEMORY_S, MOST_DRIFT_DB, URGENT, InterferenceWatch
 from radard.config.sections import TamperSection
+from radard.detect.gate import Gate
 from radard.stream.ring import Dwell
 
-TamperKind = Literal["covered", "moved", "noise"]
+TamperKind = Literal["covered", "moved", "noise", "interference"]
 _TINY = 1e-300  # instead of zero power
 _STILL = 0.3  # a cell is still if less of its energy is unrest; chosen, see tests/test_tamper.py
 _FEWEST_CELLS = 3  # chosen: a median over fewer is one piece of furniture
-_MEMORY_S = 600.0  # chosen: follows temperature, not a hand
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +68,9 @@ class TamperWatch:
     def relearn(self) -> None:
         """Forget the fingerprint and every finding: what is there now is as it should be."""
         self._held = {kind: _Held() for kind in ("covered", "moved", "noise")}
+        s = self._settings
+        self._interference = InterferenceWatch(s.noise_db, s.hold_s, self._hop_s)
+        self._interfered = ""
         self._sum: NDArray[np.complex128] | None = None
         self._energy = np.zeros(0)
         self._n_still = np.zeros(0, np.int64)
@@ -72,10 +78,18 @@ class TamperWatch:
         self._usable: NDArray[np.bool_] | None = None
         self._echoes = np.zeros((0, 0), np.complex128)
         self._noise_learned: list[float] = []
-        self._noise_db = 0.0
+        self._noise_db = self._noise_kept_db = 0.0
 
-    def update(self, dwell: Dwell) -> tuple[Finding, ...]:
-        """Judge a dwell, whole and with its clutter, and learn from it; return what holds."""
+    def update(
+        self, dwell: Dwell, gate: Gate | None = None, *, is_passed_over: bool = False
+    ) -> tuple[Finding, ...]:
+        """Judge a dwell, whole and with its clutter, and learn from it; return what holds.
+
+        `gate` has judged the same dwell, and `is_passed_over` is whether its verdict was no
+        alarm; without a gate, interference is not looked for.
+        """
+        if gate is not None:
+            self._interfered = self._interference.update(gate, is_passed_over=is_passed_over)
         cells = read_cells(dwell)
         if cells is None:
             return self._findings()
@@ -87,7 +101,10 @@ class TamperWatch:
         return self._findings()
 
     def _findings(self) -> tuple[Finding, ...]:
-        return tuple(Finding(k, held.reason) for k, held in self._held.items() if held.is_on)
+        held = [Finding(k, held.reason) for k, held in self._held.items() if held.is_on]
+        if self._interfered:
+            held.append(Finding("interference", self._interfered))
+        return tuple(held)
 
     def _learn(self, cells: CellReading) -> None:
         """Sum up the still cells of `learn_s` of dwells; keep those that agree with themselves."""
@@ -125,22 +142,24 @@ class TamperWatch:
         alike = quantile(coherence[judged], 0.5)
         is_level = abs(level) >= s.covered_db
         is_shape = alike < s.moved_coherence
-        self._hold(
-            "covered",
-            is_level,
-            f"still echoes {_change(level)}",
-        )
+        is_far = abs(level) >= 2 * s.covered_db
+        self._hold("covered", is_level, f"still echoes {_change(level)}", is_urgent=is_far)
         # Without level there is no shape: a covered sensor is not called moved as well.
-        self._hold("moved", is_shape and not is_level, f"echoes agree {alike:.2f} with the room's")
+        self._hold(
+            "moved",
+            is_shape and not is_level,
+            f"echoes agree {alike:.2f} with the room's",
+            is_urgent=alike < 0.75 * s.moved_coherence,
+        )
         if not (is_level or is_shape):
             self._follow(cells, judged, product)
 
     def _follow(
         self, cells: CellReading, judged: NDArray[np.bool_], product: NDArray[np.complex128]
     ) -> None:
-        """Let the fingerprint follow the room within `_MEMORY_S`; phases drift, so turn them."""
+        """Let the fingerprint follow the room within `MEMORY_S`; phases drift, so turn them."""
         turn = product.conj() / np.maximum(np.abs(product), _TINY)
-        step = np.where(judged, self._hop_s / _MEMORY_S, 0.0)[:, None]
+        step = np.where(judged, self._hop_s / MEMORY_S, 0.0)[:, None]
         self._echoes += step * (cells.echoes * turn[:, None] - self._echoes)
 
     def _judge_noise(self, cells: CellReading) -> None:
@@ -149,21 +168,21 @@ class TamperWatch:
         if len(self._noise_learned) < self._n_learn:
             self._noise_learned.append(cells.noise_db)
             self._noise_db = quantile(np.array(self._noise_learned), 0.5)
+            self._noise_kept_db = self._noise_db
             return
         change_db = cells.noise_db - self._noise_db
         is_jump = abs(change_db) >= self._settings.noise_db
-        self._hold(
-            "noise",
-            is_jump,
-            f"noise {_change(change_db)}",
-        )
+        is_far = abs(change_db) >= 2 * self._settings.noise_db
+        self._hold("noise", is_jump, f"noise {_change(change_db)}", is_urgent=is_far)
         if not is_jump:
-            self._noise_db += self._hop_s / _MEMORY_S * change_db
+            drift_db = self._noise_db + self._hop_s / MEMORY_S * change_db - self._noise_kept_db
+            drift_db = min(max(drift_db, -MOST_DRIFT_DB), MOST_DRIFT_DB)
+            self._noise_db = self._noise_kept_db + drift_db
 
-    def _hold(self, kind: TamperKind, is_now: bool, reason: str) -> None:
+    def _hold(self, kind: TamperKind, is_now: bool, reason: str, *, is_urgent: bool) -> None:
         held = self._held[kind]
         if is_now != held.is_on:
-            held.for_s += self._hop_s
+            held.for_s += self._hop_s * (URGENT if is_now and is_urgent else 1)
             if held.for_s >= self._settings.hold_s:
                 held.is_on, held.for_s, held.reason = is_now, 0.0, reason
         else:

@@ -7,11 +7,13 @@ has no range counts: it is never cut out by not knowing where it is.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 from radard.alarm.panel import AlarmPolicy, Sight
 from radard.classify.decision import Decision, TrackVerdict, judge
 
 Spans = tuple[tuple[float, float], ...]
+_SLACK_M = 0.2  # chosen: a zone is drawn by hand
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -25,6 +27,26 @@ class Zones:
         """Return whether a target at a range counts."""
         is_in = not self.include or any(a <= range_m <= b for a, b in self.include)
         return is_in and not any(a <= range_m <= b for a, b in self.exclude)
+
+
+def zone_fault(zones: Zones, near_m: float, far_m: float) -> str:
+    """Return what is wrong if no range of a swath counts, so that nobody could raise an alarm."""
+    edges_m = sorted({near_m, far_m, *(m for s in (*zones.include, *zones.exclude) for m in s)})
+    inside_m = [m for m in edges_m if near_m <= m <= far_m]
+    middles_m = [(a + b) / 2 for a, b in pairwise(inside_m)]
+    if any(zones.heeds(m) for m in middles_m):
+        return ""
+    return f"zones: nothing counts within the sensor's swath, {near_m:.2f} to {far_m:.2f} m"
+
+
+def zone_warnings(zones: Zones, near_m: float, far_m: float) -> Iterator[str]:
+    """Yield which included zones reach beyond a swath."""
+    for start_m, end_m in zones.include:
+        if start_m < near_m - _SLACK_M or end_m > far_m + _SLACK_M:
+            yield (
+                f"zones.include: {start_m:g} to {end_m:g} m reaches beyond the sensor's swath, "
+                f"{near_m:.2f} to {far_m:.2f} m: there nobody is seen"
+            )
 
 
 def sight_of(decision: Decision, policy: AlarmPolicy, zones: Zones, pet_limit: float) -> Sight:

@@ -61,8 +61,7 @@ class GateSettings(Section):
     """How the gate (`radard.detect.gate`) decides whether something moves.
 
     What `threshold_db` costs: at 4 dB instead of 5, 2.1 instead of 2.5 % of people are missed,
-    21.3 instead of 20.2 % of pets' visits raise an alarm, and the still end of the recorded
-    X4M03 opens the gate in 8 of 18 dwells instead of 4 (docs/evaluation-tried.md). Empty
+    and 21.3 instead of 20.2 % of pets' visits raise an alarm (docs/evaluation-tried.md). Empty
     simulated rooms stayed 3.5 dB below the threshold of 5 (docs/evaluation.md). A calibration
     file replaces it by a threshold for every range bin and predicts how often a day the gate
     opens for nothing (`radard calibrate`).
@@ -108,6 +107,9 @@ class AlarmSection(Section):
     p_on: float | None = Field(None, ge=0, le=1, description="least p(human) that counts")
     p_off: float | None = Field(None, ge=0, le=1, description="below it, nobody is seen")
     entry_delay_s: float = Field(0.0, ge=0, le=600, description="time to disarm")
+    arm_with_tamper: Literal["warn", "refuse"] = Field(
+        "warn", description="arming while a tamper event is on"
+    )
     latch_s: float = Field(15.0, ge=0, le=86_400, description="alarm stays on unseen so long")
     refractory_s: float = Field(10.0, ge=0, le=3600, description="no new alarm after one")
     quiet: tuple[Annotated[str, AfterValidator(_check_quiet)], ...] = Field(

@@ -4,8 +4,9 @@ The receiver's noise is visible in every dwell, also in one with somebody in it,
 works from the first dwell on and in any unit. On top of it, a background is learned per
 range bin: what stays in one place for long (a breathing sleeper, a washing machine, a dog
 in its basket) blinds its own few bins and no others. Only dwells whose motion keeps its
-range are learned from, so nobody who walks through the room ever becomes background, and
-power far over the noise is never learned at all.
+range and fills three quarters of the swath at most are learned from, so neither somebody who
+walks through the room nor interference at all ranges ever becomes background, and power far
+over the noise is never learned at all.
 
 With p the residual power of a bin, k the threshold, the background b >= noise and means over
 any stretch of range as long as a body::
@@ -38,6 +39,7 @@ from radard.stream.ring import Dwell
 
 EXTENT_M = 0.4
 """Length of a stretch of range that is judged as one: chosen, about the extent of a body."""
+_MOST_IN_PLACE = 0.75  # of the swath; a body with its echoes' tail fills 0.68 (built-in scenes)
 _TINY = 1e-300  # chosen: 10 log10 of it is finite
 
 
@@ -81,6 +83,11 @@ class Gate:
         """Residual power of every bin in the last dwell, in the same unit and shape."""
         self.noise: NDArray[np.float64] = np.zeros(0)
         """Receiver's noise of every bin as the stream itself shows it, likewise."""
+        self.floor: NDArray[np.float64] = np.zeros(0)
+        """What held before anything was learned: that noise, or the calibration's."""
+        self.cpi_power: NDArray[np.float64] = np.zeros((0, 0))
+        """Residual power of every CPI, newest last, shape (n_cpis, n_range)."""
+        self.bin_length_m = 0.0
 
     def reset(self) -> None:
         """Forget what was learned, as after a restart of the module."""
@@ -100,14 +107,18 @@ class Gate:
         self.noise = floor
         if self._calibration is not None:
             floor = self._calibration.floor
+        self.floor, self.bin_length_m = floor, dwell.axis.bin_length_m
         cpi_power *= unit
+        self.cpi_power = cpi_power
         power = cpi_power.mean(axis=0) if len(cpi_power) else np.zeros(len(floor))
         self.power = power
         self.background = self._learned(noise, floor)
         spread_m = centre_spread_m(cpi_power, noise, dwell.axis.range_m)
-        self._in_place.append(power if spread_m < self._settings.in_place_m else None)
-
         over = self._over()
+        is_local = np.count_nonzero(power > over * floor) <= _MOST_IN_PLACE * len(power)
+        is_in_place = is_local and spread_m < self._settings.in_place_m
+        self._in_place.append(power if is_in_place else None)
+
         background = np.minimum(power, over * self.background)
         n_bins = bins_of(EXTENT_M, dwell.axis.bin_length_m)
         means = stretches(np.stack([power, background + (over - 1) * floor]), n_bins)

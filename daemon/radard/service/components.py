@@ -11,7 +11,7 @@ from radard.alarm.panel import AlarmPolicy
 from radard.alarm.sensitivity import alarm_policy
 from radard.alarm.state_store import StateStore
 from radard.alarm.tamper import TamperWatch
-from radard.alarm.zones import Zones, sight_of
+from radard.alarm.zones import Zones, sight_of, zone_fault, zone_warnings
 from radard.classify.bundle import load_bundle
 from radard.classify.classifier import Classifier
 from radard.classify.model_choice import model_for
@@ -42,6 +42,7 @@ class Parts:
     quiet: QuietHours  # when no alarm is wanted
     tamper: TamperWatch | None  # None when it is off
     clips: ClipKeeper | None  # None when nothing is kept
+    zone_fault: str = ""  # why nobody can raise an alarm
 
 
 def logger_of(config: Config) -> logging.Logger:
@@ -68,7 +69,14 @@ def classifier_for(
 def make_parts(
     config: Config, pipeline: Pipeline, *, now: Now, is_live: bool, old: Parts | None = None
 ) -> Parts:
-    """Make what `config` asks for around a pipeline; keep of `old` what has not changed."""
+    """Make what `config` asks for around a pipeline; keep of `old` what has not changed.
+
+    Raises ConfigError if the calibration does not fit or, at the start, if no zone lies within the
+    swath; later that is a fault, and zones can be corrected where they were saved.
+    """
+    fault = _check_zones(config, pipeline)
+    if fault and old is None:
+        raise ConfigError(fault)
     was = old.config if old else None
     made_here = old is not None and old.config.gate.calibration == config.gate.calibration
     use_calibration(config, pipeline, is_live=is_live, keeps=made_here)
@@ -91,6 +99,7 @@ def make_parts(
         quiet=quiet,
         tamper=tamper,
         clips=clips,
+        zone_fault=fault,
     )
 
 
@@ -178,8 +187,21 @@ def make_store(config: Config, *, is_live: bool) -> StateStore:
     return StateStore(state_dir(config) / name, keeps_alarms=is_named)
 
 
+def _zones_of(config: Config) -> Zones:
+    return Zones(include=config.zones.include, exclude=config.zones.exclude)
+
+
+def _check_zones(config: Config, pipeline: Pipeline) -> str:
+    zones, range_m = _zones_of(config), pipeline.stream.axis.range_m
+    swath = float(range_m[0]), float(range_m[-1])
+    fault = zone_fault(zones, *swath)
+    for text in () if fault else zone_warnings(zones, *swath):
+        logger_of(config).warning("%s", text)
+    return fault
+
+
 def _make_see(config: Config, pipeline: Pipeline) -> See:
-    zones = Zones(include=config.zones.include, exclude=config.zones.exclude)
+    zones = _zones_of(config)
     pet_limit = pipeline.pet_limit
     return lambda decision, policy: sight_of(decision, policy, zones, pet_limit)
 

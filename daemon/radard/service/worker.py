@@ -13,6 +13,7 @@ from radard.alarm.dwell_cells import is_frozen
 from radard.alarm.events import Event, EventTracker, trial_alarm
 from radard.alarm.panel import AlarmPanel
 from radard.alarm.state_store import StateStore
+from radard.alarm.tamper import Finding
 from radard.classify.decision import Decision, invalid_decision
 from radard.detect.calibration import Calibration
 from radard.errors import ConfigError
@@ -164,10 +165,11 @@ class Worker:
             parts.clips.on_decision(record, decision.t_s)
         was = self.tracker.panel.state
         is_whole = decision.gate != "invalid"
-        findings = parts.tamper.update(dwell) if parts.tamper and is_whole else ()
+        findings = self._look_for_tamper(dwell, decision) if is_whole else ()
         fault = "dead sensor: all frames are the same" if is_whole and is_frozen(dwell) else ""
         if self._rate is not None:
             fault = fault or self._rate.note(dwell.t_s, dwell.t_mono_s)
+        fault = fault or parts.zone_fault
         events = self.tracker.on_decision(
             decision,
             dwell,
@@ -180,6 +182,13 @@ class Worker:
             self._store.save(self.tracker.kept)
         self._complain("sensor", fault)
         self._after_clip(decision.t_s, told)
+
+    def _look_for_tamper(self, dwell: Dwell, decision: Decision) -> Sequence[Finding]:
+        tamper, gate = self.parts.tamper, self.parts.pipeline.gate
+        if tamper is None:
+            return ()
+        is_passed_over = decision.label is not None and not decision.alarm
+        return tamper.update(dwell, gate, is_passed_over=is_passed_over)
 
     def _decide(self, dwell: Dwell) -> Decision:
         try:
@@ -210,13 +219,27 @@ class Worker:
         name = notice.reason
         self._log.info("command: %s", name)
         tamper = self.parts.tamper
-        if tamper is not None and (name == "calibrate" or "tamper" in self.tracker.open_events):
-            tamper.relearn()
         if name == "calibrate":
+            # Nothing else ends a tamper that lasts: who arms at night must still be told.
+            if tamper is not None:
+                tamper.relearn()
             self._calibrate(notice.t_s)
+        elif name == "arm" and not self._may_arm(notice.t_s):
+            return
         else:
             self._emit(self.tracker.on_command(name, notice.t_s))
         self._store.save(self.tracker.kept)
+
+    def _may_arm(self, t_s: float) -> bool:
+        """Tell people who arm while a tamper event is on; return whether the sensor is armed."""
+        on = self.tracker.open_events.get("tamper")
+        if on is None or self.tracker.panel.is_armed:
+            return True
+        is_refused = self.parts.config.alarm.arm_with_tamper == "refuse"
+        word = "arming was refused" if is_refused else "armed all the same"
+        self._log.warning("%s: tamper: %s", word, on.reason)
+        self._emit(self.tracker.remark("tamper", word, t_s))
+        return not is_refused
 
     def _calibrate(self, t_s: float) -> None:
         config, pipeline = self.parts.config, self.parts.pipeline

@@ -1,0 +1,224 @@
+"""Jamming, masking, blinding: an alarm or an announcement, never silence (docs/reliability.md)."""
+
+import numpy as np
+import pytest
+
+from radard.alarm.dwell_cells import is_frozen
+from radard.alarm.tamper import TamperWatch
+from radard.config.config import Config
+from radard.config.sections import GateSettings, TamperSection
+from radard.detect.gate import Gate
+from radard.detect.survey import RoomNotEmpty, RoomSurvey
+from radard.pipeline import Pipeline
+from radard.stream.ring import Dwell
+from radard.stream.source import open_source
+from tests.jamming_helpers import (
+    N_WALKS,
+    ON_S,
+    RATE_HZ,
+    STREAM_S,
+    Jammer,
+    announced,
+    judged,
+    rows_of,
+    scene_text,
+    spans,
+    walk_ins,
+)
+from tests.radar_helpers import BASEBAND, dwell_of, noise, run_radard, walker
+from x2radar.sim.scene.scene import builtin_scenes
+
+
+def made(name):
+    rows, stream, axis = rows_of(walk_ins(), STREAM_S)
+    return judged(getattr(Jammer(rows, axis), name)(), stream, axis)[0]
+
+
+def test_without_interference_every_walk_in_is_an_alarm_and_nothing_is_tamper():
+    events = made("none")
+    assert announced(events, "alarm") == N_WALKS
+    assert spans(events, "tamper", "fault") == []
+
+
+@pytest.mark.parametrize(
+    ("name", "word"),
+    [
+        ("continuous_wave", "interference: all ranges alike rose"),
+        ("shaped_noise", "interference: all ranges alike rose"),
+        ("pulses", "interference: all ranges alike rose"),
+        ("white_noise", "noise: noise rose"),
+        ("reflector", ": "),
+        ("unplugged", "covered: still echoes fell"),
+    ],
+)
+def test_strong_interference_is_announced_within_ten_seconds(name, word):
+    events = made(name)
+    new = next(e for e in events if e.kind == "tamper")
+    assert word in new.reason
+    assert ON_S < new.t_s <= ON_S + 10
+    # It stays on while it lasts, in one event, and with few updates.
+    assert announced(events, "tamper") == N_WALKS
+    assert len([e for e in events if e.kind == "tamper"]) <= 4
+
+
+@pytest.mark.parametrize("name", ["saturation", "second_radar"])
+def test_what_moves_like_somebody_is_an_alarm(name):
+    events = made(name)
+    first_s = min(start for start, _ in spans(events, "alarm", "tamper", "fault"))
+    assert first_s <= ON_S + 10
+    assert announced(events, "alarm", "tamper", "fault") == N_WALKS
+
+
+def test_a_receiver_that_is_stuck_is_dead():
+    rows, _, axis = rows_of(walk_ins(), STREAM_S)
+    stuck = Jammer(rows, axis).stuck()[-147:]
+    assert is_frozen(Dwell(stuck, np.ones(147, np.bool_), axis, RATE_HZ, 1.0))
+
+
+def test_no_walk_in_is_silent_under_a_fast_ramp():
+    events = made("ramp")
+    assert announced(events, "alarm", "tamper") == N_WALKS
+    assert spans(events, "tamper")[0][0] <= ON_S + 6 / 0.06 + 20
+
+
+def test_an_hour_of_a_slow_ramp_is_announced_and_hides_nobody():
+    gate, watch = Gate(GateSettings()), TamperWatch(TamperSection())
+    quiet = [noise(147, seed=k) for k in range(16)]
+    silent, first_s = [], None
+    for second in range(3600):
+        frames = quiet[second % 16] * np.float32(10 ** (0.008 * second / 20))
+        visit_s = second % 300 - 290
+        if visit_s >= 0:
+            start_m = 2.4 - 0.15 * visit_s
+            frames = frames + walker(147, 60, speed_mps=0.4, start_m=start_m, level=15)
+        dwell = dwell_of(frames)
+        reading = gate.read(dwell)
+        is_told = bool(watch.update(dwell, gate, is_passed_over=False))
+        first_s = second if is_told and first_s is None else first_s
+        if visit_s == 5 and not (reading.is_open or is_told):
+            silent.append(second)
+    assert silent == []
+    # 6 dB of rise; the reference follows 3 dB at most.
+    assert 6 / 0.008 <= first_s <= 9 / 0.008 + 90
+
+
+def test_nothing_is_learned_as_background_at_all_ranges():
+    gate = Gate(GateSettings())
+    tone = 30 * np.exp(2j * np.pi * 13 / 60 * np.arange(147))[:, None] * np.ones(64)
+    for k in range(50):
+        jam = tone if k >= 10 else 0
+        reading = gate.read(dwell_of((noise(147, seed=k) + jam).astype(np.complex64)))
+        assert reading.is_open == (k >= 10)
+    assert np.array_equal(gate.background, gate.noise)
+
+
+def test_what_fills_the_swath_without_an_alarm_is_announced_after_half_a_minute():
+    gate, watch = Gate(GateSettings()), TamperWatch(TamperSection())
+    rng = np.random.default_rng(0)
+    for k in range(5):
+        dwell = dwell_of(noise(147, seed=k))
+        gate.read(dwell)
+        assert watch.update(dwell, gate, is_passed_over=True) == ()
+    found = {}
+    for passed_over in (False, True):
+        for k in range(35):
+            # Of another shape in every CPI: no steady interference.
+            shape = np.repeat(10 ** rng.uniform(0.8, 2.0, (6, 64)), 25, axis=0)[:147]
+            dwell = dwell_of((noise(147, seed=k) * shape).astype(np.complex64))
+            gate.read(dwell)
+            # The floor alone would follow it, and be announced as such.
+            gate.background = gate.floor = np.ones(64)
+            findings = watch.update(dwell, gate, is_passed_over=passed_over)
+            if findings and passed_over not in found:
+                found[passed_over] = (k, findings[-1].reason)
+    assert list(found) == [True]
+    k, reason = found[True]
+    assert k in {29, 30}
+    assert reason == "motion at all ranges for 30 s, and no verdict was an alarm"
+
+
+def interfered(port, seconds):
+    """What is found in a port's stream, with the gate's help."""
+    source = open_source(port, speed="max")
+    pipeline = Pipeline(source.stream, Config(), None)
+    ring, watch, found = pipeline.make_ring(), TamperWatch(TamperSection()), set()
+    for frame in source.frames():
+        if frame.index >= seconds * source.stream.frame_rate_hz:
+            break
+        for item in ring.items(frame):
+            if isinstance(item, Dwell) and pipeline.decide(item).gate != "invalid":
+                found |= {f.kind for f in watch.update(item, pipeline.gate, is_passed_over=True)}
+    source.close()
+    return found
+
+
+@pytest.mark.parametrize("scene", [scene.name for scene in builtin_scenes()])
+def test_no_scene_is_interference(scene):
+    assert interfered(f"sim:{scene}?seed=6", 60) == set()
+
+
+def test_who_waits_until_he_is_background_is_seen_when_he_moves_on(tmp_path):
+    scene = tmp_path / "waits.yaml"
+    here = "body: human, style: exercise, waypoints_m: [[0.0, 2.0], [0.0, 2.01]], duration_s: 60"
+    away = "body: human, style: walk, waypoints_m: [[0.0, 2.0], [0.3, 0.9]], duration_s: 6"
+    scene.write_text(f"like: empty\nsteps:\n  - {{{here}}}\n  - {{{away}}}\n")
+    argv = ("--port", f"sim:{scene}", "--duration", "66", "--speed", "max", "-o", "json")
+    records = run_radard(*argv)[1]
+    new = [r["t_s"] for r in records if r["type"] == "event" and r["phase"] == "new"]
+    assert len(new) == 2
+    assert new[0] <= 3
+    assert 60 < new[1] <= 63
+
+
+def test_who_enters_during_a_calibration_prevents_it_and_is_an_alarm():
+    rows, stream, axis = rows_of(walk_ins(), STREAM_S)
+    part = rows[: 60 * RATE_HZ]
+    survey = RoomSurvey(Config().gate, 1.0)
+    for end in range(147, len(part) + 1, RATE_HZ):
+        valid = np.ones(147, np.bool_)
+        survey.add(
+            Dwell(part[end - 147 : end], valid, axis, RATE_HZ, end / RATE_HZ, end_frame=end)
+        )
+    with pytest.raises(RoomNotEmpty):
+        survey.check_empty()
+    ((start_s, _),) = spans(judged(part, stream, axis)[0], "alarm")
+    assert 40 < start_s <= 46
+
+
+def test_who_follows_a_dog_is_an_alarm():
+    argv = ("--port", "sim:human_behind_dog?seed=3", "--duration", "16", "--speed", "max")
+    records = run_radard(*argv, "-o", "json")[1]
+    new = [r["t_s"] for r in records if r["type"] == "event" and r["phase"] == "new"]
+    assert new
+    assert new[0] <= 10
+
+
+def test_who_stands_still_under_a_jammer_is_not_seen_but_the_jammer_is_announced():
+    text = scene_text(
+        (20, "body: human, style: stand, waypoints_m: [[0.0, 2.0], [0.0, 2.01]]", 50)
+    )
+    rows, stream, axis = rows_of(text, 70)
+    events, _ = judged(Jammer(rows, axis).continuous_wave(), stream, axis)
+    assert ON_S < spans(events, "tamper")[0][0] <= ON_S + 10
+
+
+def test_interference_ends_a_while_after_it_has_gone_and_not_before():
+    gate, watch = Gate(GateSettings()), TamperWatch(TamperSection())
+    tone = 30 * np.exp(2j * np.pi * 13 / 60 * np.arange(147))[:, None] * np.ones(64)
+    on = []
+    for k in range(160):
+        jam = tone if 30 <= k < 60 else 0
+        dwell = dwell_of((noise(147, seed=k) + jam).astype(np.complex64))
+        gate.read(dwell)
+        kinds = {f.kind for f in watch.update(dwell, gate, is_passed_over=False)}
+        on += [k] * ("interference" in kinds)
+    assert on[0] <= 39
+    # The gate's floor takes as long as it rose, half a decibel a second; then 20 s of calm.
+    assert 75 <= on[-1] < 60 + 30 + 20 + 10
+    assert on == list(range(on[0], on[-1] + 1))
+
+
+def test_the_swath_of_the_tests_is_that_of_the_module():
+    assert rows_of(walk_ins(), STREAM_S)[2].bin_length_m == pytest.approx(
+        BASEBAND.bin_length_m, abs=1e-4
+    )
