@@ -22,9 +22,11 @@ def small_chunks(monkeypatch):
 def make(folder, spec=SPEC, first=0, n=5, workers=1):
     for body in ("dog", "human"):
         told = []
-        make_bodies(
-            folder, spec, body, first, n, workers=workers, tell=lambda *now: told.append(now)
-        )
+
+        def tell(*now, told=told):
+            told.append(now)
+
+        make_bodies(folder, spec, body, first, n, workers=workers, tell=tell)
         assert told[-1] == (n, n)
 
 
