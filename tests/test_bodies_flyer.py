@@ -193,7 +193,7 @@ def test_total_is_what_was_asked_for(total_dbsm):
 
 
 def physical_dbsm(one):
-    return 10 * math.log10(one.rcs.mean_total_m2(*one.posture(MANY_S)))
+    return 10 * math.log10(one.skin.mean_total_m2(*one.posture(MANY_S)))
 
 
 def test_physical_totals_are_those_of_birds_and_moths():

@@ -206,7 +206,7 @@ def test_totals_do_not_depend_on_the_body():
             person = draw_person(np.random.default_rng([seed, len(style)]), style=style)
             centre, axis, side = person.action.posture(np.linspace(1, 4, 12))
             side = np.broadcast_to(side, axis.shape)
-            out.append(10 * np.log10(person.rcs.mean_total_m2(centre, axis, side)))
+            out.append(10 * np.log10(person.skin.mean_total_m2(centre, axis, side)))
     for levels in (adult, child):
         assert -16.5 < min(levels) < -11
         assert 0 < max(levels) < 4.5
@@ -302,7 +302,7 @@ def test_elbows_never_snap(style):
 def test_physical_totals_are_those_of_people():
     person = draw_person(np.random.default_rng(0), total_rcs_dbsm="physical")
     centre, axis, side = person.action.posture(np.linspace(1, 4, 12))
-    total = person.rcs.mean_total_m2(centre, axis, np.broadcast_to(side, axis.shape))
+    total = person.skin.mean_total_m2(centre, axis, np.broadcast_to(side, axis.shape))
     assert 0.3 < total < 1.6
 
 

@@ -128,13 +128,13 @@ def test_joined_parts_are_one_in_their_middle_and_the_weak_stay():
 @pytest.mark.parametrize(("kind", "style"), [("human", "walk"), ("dog", "trot")])
 def test_trunks_are_one_surface_or_several(kind, style):
     trunks = [
-        actor(kind, style).make(np.random.default_rng(seed)).mover.rcs.n_trunk
+        actor(kind, style).make(np.random.default_rng(seed)).mover.skin.n_trunk
         for seed in range(40)
     ]
     assert set(trunks) == {1, 3}
     assert 8 <= trunks.count(1) <= 24
     plain = actor(kind, style, is_plain=True)
-    assert plain.make(np.random.default_rng(0)).mover.rcs.n_trunk == 3
+    assert plain.make(np.random.default_rng(0)).mover.skin.n_trunk == 3
 
 
 def test_without_a_lead_it_begins_at_its_beginning():

@@ -209,3 +209,27 @@ def test_a_cpi_lasts_as_long_at_any_rate(rate_hz, n_cpi):
     assert settings_at(FEATURES, rate_hz).n_cpi == n_cpi
     fixed = FeatureSettings(n_cpi=28)
     assert settings_at(fixed, rate_hz) is fixed
+
+
+LAWS = replace(
+    FEW,
+    motions=("gait", "footfalls", "angles"),
+    skins=("surface", "points", "ellipsoids", "capsules"),
+    physical_share=0.5,
+    plain_share=0.5,
+)
+
+
+def test_windows_say_which_motion_and_skin_made_them():
+    made = [rows for k in range(24) if (rows := LAWS(k)) is not None]
+    for key, n in (("motion", 3), ("skin", 4), ("is_physical", 2)):
+        values = np.concatenate([rows[key] for rows in made])
+        assert set(values.tolist()) == set(range(n))
+    again = LAWS(7)
+    assert all(np.array_equal(again[key], value) for key, value in LAWS(7).items())
+
+
+def test_the_first_laws_are_the_default():
+    plain, named = FEW(3), replace(FEW, motions=("gait",), skins=("surface",))(3)
+    assert all(np.array_equal(named[key], value) for key, value in plain.items())
+    assert set(plain["motion"]) == set(plain["skin"]) == {0}

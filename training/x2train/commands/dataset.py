@@ -8,6 +8,8 @@ from pathlib import Path
 from radard.classify.bundle import load_bundle
 from radard.classify.features import MAP_FEATURES, FeatureSettings
 from radard.errors import UsageError
+from x2radar.sim.bodies.motion.curves import MOTIONS
+from x2radar.sim.bodies.skin.draw import SKINS
 from x2train.commands import Commands, check_least, counted, result_console, tell_gate
 
 FEATURES = FeatureSettings(
@@ -35,6 +37,8 @@ def register(commands: Commands) -> None:
             "  train-export dataset --out sets/train --passages 24000\n"
             "  train-export dataset --out sets/big --passages 1000000 --cluster tcp://host:8786\n"
             "  train-export dataset --out sets/guard --families 'held out' --like accurate\n"
+            "  train-export dataset --out sets/laws --motion gait footfalls angles \\\n"
+            "      --skin surface points ellipsoids capsules --physical 0.5\n"
             "  train-export dataset --out sets/pendulum --families pendulum --passages 2000\n"
         ),
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -58,6 +62,22 @@ def register(commands: Commands) -> None:
         default=6.0,
         help="bodies are there for 2 s to so long (6); temporal heads learn from long ones",
     )
+    add("--motion", nargs="+", choices=MOTIONS, default=["gait"], help="generators (gait)")
+    add("--skin", nargs="+", choices=tuple(SKINS), default=["surface"], help="echoes (surface)")
+    add(
+        "--physical",
+        metavar="SHARE",
+        type=float,
+        default=0.0,
+        help="of passages with cross sections that follow from sizes, 0 to 1 (0)",
+    )
+    add(
+        "--plain",
+        metavar="SHARE",
+        type=float,
+        default=0.0,
+        help="of passages without domain randomization, 0 to 1 (0)",
+    )
     add("--like", metavar="MODEL", help="maps as this bundle takes them, for finetune --guard")
     add("--seed", type=int, default=1, help="same seed, same set (1)")
     add("--workers", type=int, default=os.cpu_count() or 1, help="processes (all cores)")
@@ -70,6 +90,10 @@ def _run(args: argparse.Namespace) -> int:
     if not _SHORTEST_S <= args.longest <= _LONGEST_S:
         msg = f"--longest {args.longest:g}: must be {_SHORTEST_S:g} to {_LONGEST_S:g} s"
         raise UsageError(msg)
+    for name in ("physical", "plain"):
+        if not 0.0 <= getattr(args, name) <= 1.0:
+            msg = f"--{name} {getattr(args, name):g}: must be 0 to 1"
+            raise UsageError(msg)
     # Late: the simulator takes a second, and --help must not.
     from x2train.generate.shard_run import make_shards  # noqa: PLC0415
     from x2train.scenarios.families import USES, plugged_family  # noqa: PLC0415
@@ -83,6 +107,10 @@ def _run(args: argparse.Namespace) -> int:
         rooms=args.rooms,
         radar=args.radar,
         longest_s=args.longest,
+        motions=tuple(args.motion),
+        skins=tuple(args.skin),
+        physical_share=args.physical,
+        plain_share=args.plain,
         settings=_features_of(args.like) if args.like else FEATURES,
     )
     with counted("passages") as tell:

@@ -4,14 +4,16 @@ Frames are made at the axis of the site's radar, behind the matched filter and, 
 decimation too, so a passage costs what a scene requires and no more.
 """
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from x2radar.settings.x2 import RadarSettings
+from x2radar.sim.bodies.quadruped.species import SPECIES
 from x2radar.sim.echo import frames as echo_frames
 from x2radar.sim.place.antenna import length_m
 from x2radar.sim.place.room import Room
@@ -28,6 +30,8 @@ from x2train.scenarios.sites import Site
 
 Array = NDArray[np.float64]
 _COURSES = ("cross", "approach", "leave", "oblique", "wander")
+_MADE = frozenset({"human", *SPECIES})
+"""Bodies that a `Making` concerns: they have motions and skins."""
 _WALL_M = 0.3  # chosen: nearest to the wall that the radar hangs on
 _UNSEEN = 0.1  # of the noise's amplitude: echoes under it are not made
 _ERROR_DB = -50.0  # of echoes: chosen, far under clutter that jitter leaves
@@ -43,6 +47,33 @@ class Truth:
     snr_db: Array
 
 
+@dataclass(frozen=True, slots=True)
+class Making:
+    """Which laws make the people, cats and dogs of a passage."""
+
+    motion: str = "gait"  # of `MOTIONS`
+    skin: str = "surface"  # of `SKINS`
+    is_physical: bool = False  # cross sections follow from sizes, not from a draw
+
+    @classmethod
+    def draw(
+        cls,
+        rng: np.random.Generator,
+        motions: Sequence[str],
+        skins: Sequence[str],
+        physical_share: float,
+    ) -> Self:
+        """Draw the laws evenly; all bodies of a passage share them."""
+        motion, skin = (names[int(rng.integers(len(names)))] for names in (motions, skins))
+        return cls(motion, skin, bool(rng.random() < physical_share))
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """As a scene has them."""
+        size = {"total_rcs_dbsm": "physical"} if self.is_physical else {}
+        return {"motion": self.motion, "skin": self.skin, **size}
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Passage:
     """A piece of a stream, and its truth."""
@@ -51,6 +82,7 @@ class Passage:
     cast: tuple[Family, ...]
     frames: NDArray[np.complex64]  # (n_slow, n_range): baseband at the axis of the site's radar
     truth: Truth  # of every body of the cast
+    making: Making = Making()
 
 
 def play(
@@ -61,14 +93,17 @@ def play(
     duration_s: float,
     lead_s: tuple[float, float] = (0.2, 2.5),
     is_plain: bool = False,
+    making: Making = Making(),
 ) -> Passage:
     """Simulate a passage of a cast through a site, for `duration_s`, everything random from `rng`.
 
-    `lead_s` is when the bodies enter, see `RandomizedActor`; `is_plain` leaves randomization out.
+    `lead_s` is when the bodies enter, see `RandomizedActor`; `is_plain` leaves randomization out;
+    `making` says which laws make people, cats and dogs.
     """
     radar = site.radar
     axis, rate_hz = radar.axis(), radar.frame_rate_hz
-    actors = tuple(_actor(rng, site, f, lead_s, is_plain=is_plain) for f in cast)
+    given = {} if making == Making() else making.options
+    actors = tuple(_actor(rng, site, f, lead_s, given, is_plain=is_plain) for f in cast)
     scene = Scene(
         name="passage",
         description="",
@@ -103,8 +138,8 @@ def play(
     # Of this receiver's noise, not of the budget's.
     level = noise * 10 ** ((site.receiver.noise_figure_db - 13) / 20)
     if not cast:
-        return Passage(site, cast, made, Truth(*np.zeros((4, n_slow, 0))))
-    return Passage(site, cast, made, _truth(site, block.points, budget, gain, level))
+        return Passage(site, cast, made, Truth(*np.zeros((4, n_slow, 0))), making)
+    return Passage(site, cast, made, _truth(site, block.points, budget, gain, level), making)
 
 
 def _truth(
@@ -138,11 +173,14 @@ def _actor(
     site: Site,
     family: Family,
     lead_s: tuple[float, float],
+    given: Mapping[str, Any],
     *,
     is_plain: bool,
 ) -> RandomizedActor:
     near_m, far_m = site.course_m
     options: dict[str, Any] = dict(family.options)
+    if family.kind in _MADE:
+        options = {**given, **options}
     bearing = rng.uniform(-0.7, 0.7)
     away_m = rng.uniform(near_m + 0.2, far_m - 0.2)
     x, y = float(away_m * np.sin(bearing)), float(away_m * np.cos(bearing))

@@ -40,7 +40,9 @@ def load_windows(*folders: Path) -> tuple[Columns, list[Mapping[str, Any]]]:
             msg = f"{folder}: windows without {', '.join(sorted(missing))}"
             raise UsageError(msg)
         abouts.append(about)
-        made.append(columns)
+        # Sets of version 0.1 know one motion and one skin, the first of each.
+        first = np.zeros(len(columns["label"]), np.int64)
+        made.append({"motion": first, "skin": first, **columns})
     keys = [key for key in made[0] if all(key in columns for columns in made)]
     return {key: np.concatenate([columns[key] for columns in made]) for key in keys}, abouts
 

@@ -17,8 +17,10 @@ from radard.detect.clutter_map import ClutterRemover
 from radard.detect.gate import Gate
 from radard.pipeline import settings_at
 from radard.stream.ring import Dwell, DwellShape
+from x2radar.sim.bodies.motion.curves import MOTIONS
+from x2radar.sim.bodies.skin.draw import SKINS
 from x2train.scenarios.families import FAMILIES, LABELS, Use, draw_cast
-from x2train.scenarios.passages import Passage, play
+from x2train.scenarios.passages import Making, Passage, play
 from x2train.scenarios.sites import RadarKind, RoomKind, draw_close, draw_radar, draw_site
 
 HOP_S = 1.0
@@ -26,6 +28,7 @@ GATE = GateSettings()
 """The gate of sets and evaluations: the daemon's default, recorded with them."""
 _VISIBLE_DB = 3.0  # over the noise: chosen
 _LEAST_SHARE = 0.12  # of a dwell, a quarter of a second: chosen
+_LAW = 0x1A35  # marks the generator of motion and skin
 _A_RADAR, _RADAR = 16, 0x5ADA  # passages that share one; marks its generator
 _CLOSE_SHARE = 0.1  # of passages in usual rooms: chosen
 _FAMILY = {f.name: k for k, f in enumerate(FAMILIES)}
@@ -43,6 +46,10 @@ class WindowSpec:
     settings: FeatureSettings
     is_plain: bool = False  # without domain randomization
     longest_s: float = 6.0  # bodies are there for 2 s to so long
+    motions: tuple[str, ...] = ("gait",)  # of `MOTIONS`, drawn evenly
+    skins: tuple[str, ...] = ("surface",)  # of `SKINS`, likewise
+    physical_share: float = 0.0  # of passages with cross sections that follow from sizes
+    plain_share: float = 0.0  # of passages without domain randomization
 
     def __call__(self, number: int) -> Mapping[str, NDArray[Any]] | None:
         """Return the windows of passage `number`; None if it has none."""
@@ -59,7 +66,11 @@ class WindowSpec:
         is_close = self.rooms == "usual" and rng.random() < _CLOSE_SHARE
         site = draw_close(rng, radar) if is_close else draw_site(rng, radar, self.rooms)
         duration_s = 2.6 + float(rng.uniform(2.0, self.longest_s))
-        passage = play(rng, site, cast, duration_s=duration_s, is_plain=self.is_plain)
+        # A generator of its own: other laws leave the site and the course as they are.
+        law_rng = np.random.default_rng([self.seed, number, _LAW])
+        is_plain = self.is_plain or bool(law_rng.random() < self.plain_share)
+        making = Making.draw(law_rng, self.motions, self.skins, self.physical_share)
+        passage = play(rng, site, cast, duration_s=duration_s, is_plain=is_plain, making=making)
         return windows_of(passage, self.settings, number)
 
 
@@ -105,6 +116,9 @@ def windows_of(
                 "excess_db": reading.power_db - reading.noise_floor_db,
                 "range_m": reading.range_m,
                 "frame_rate_hz": rate_hz,
+                "motion": MOTIONS.index(passage.making.motion),
+                "skin": tuple(SKINS).index(passage.making.skin),
+                "is_physical": passage.making.is_physical,
             }
         )
     if not rows:

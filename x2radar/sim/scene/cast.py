@@ -4,7 +4,7 @@ An actor is checked when its scene is read, by making it once; then it is made w
 whenever its step begins.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, get_args
@@ -15,11 +15,14 @@ from numpy.typing import NDArray
 from x2radar import plugins
 from x2radar.errors import PluginError, SceneError
 from x2radar.sim.bodies.flyer.flyer import draw_bird, draw_moth
+from x2radar.sim.bodies.motion.curves import MOTIONS
 from x2radar.sim.bodies.path.courses import COURSES, FAR_M, NEAR_M, Waypoints, draw_course
 from x2radar.sim.bodies.path.path import Path
 from x2radar.sim.bodies.person.person import draw_person
 from x2radar.sim.bodies.quadruped.pet import PET_AGILITY, draw_pet
 from x2radar.sim.bodies.quadruped.species import SPECIES, Species
+from x2radar.sim.bodies.recorded import draw_recorded
+from x2radar.sim.bodies.skin.draw import SKINS
 from x2radar.sim.bodies.thesis_bodies import THESIS_BODIES, Scatterer, draw, ranges_xyz
 from x2radar.sim.keys import Key, unknown
 from x2radar.sim.points import Label, Mover, Points
@@ -63,6 +66,13 @@ class BodyKind:
 
 
 _RCS = Key(-60.0, 30.0, "mean total cross section, dBsm", is_optional=True)
+_CHOICES: Mapping[str, Collection[str]] = {
+    "course": COURSES,
+    "motion": MOTIONS,
+    "skin": SKINS,
+    "label": get_args(Label),
+    "up": ("y", "z"),
+}
 _NUMBERS = {
     "mass_kg": Key(0.001, 200.0, "kg"),
     "height_m": Key(0.3, 2.6, "stature, m"),
@@ -70,7 +80,10 @@ _NUMBERS = {
     "near_m": Key(0.2, 20.0, "near end of the course, m"),
     "far_m": Key(0.5, 30.0, "far end of the course, m"),
     "start_s": Key(-600.0, 600.0, "when it begins to move, s"),
+    "scale": Key(1e-4, 10.0, "metres per unit of the file"),
+    "turn_deg": Key(-360.0, 360.0, "turn to the left, degrees"),
 }
+_ECHO_KEYS = ("total_rcs_dbsm", "skin")
 _WHERE_KEYS = ("course", "waypoints_m", "speed_mps", "near_m", "far_m", "start_s")
 
 
@@ -176,8 +189,10 @@ def _options(raw: Mapping[str, Any], known: tuple[str, ...], where: str) -> dict
             fault = _NUMBERS[name].fault(value)
         elif name == "total_rcs_dbsm" and value != "physical":
             fault = _RCS.fault(value)
-        elif name == "course" and value not in COURSES:
-            fault = f"must be one of {', '.join(COURSES)}, not {value!r}"
+        elif name in _CHOICES and value not in _CHOICES[name]:
+            fault = f"must be one of {', '.join(_CHOICES[name])}, not {value!r}"
+        elif name == "file" and not isinstance(value, str):
+            fault = f"must be the path of a file, not {value!r}"
         if fault:
             msg = f"{where}.{name}: {fault}"
             raise SceneError(msg)
@@ -206,7 +221,7 @@ def _at(error: SceneError, where: str) -> SceneError:
 
 
 def _pet_maker(species: Species) -> Maker:
-    keys = ("style", "mass_kg", "total_rcs_dbsm", *_WHERE_KEYS)
+    keys = ("style", "mass_kg", *_ECHO_KEYS, "motion", *_WHERE_KEYS)
 
     def make(rng: np.random.Generator, raw: Mapping[str, Any], where: str) -> Mover:
         options = _options(raw, keys, where)
@@ -225,7 +240,7 @@ def _pet_maker(species: Species) -> Maker:
 
 
 def _human_maker() -> Maker:
-    keys = ("style", "height_m", "total_rcs_dbsm", *_WHERE_KEYS)
+    keys = ("style", "height_m", *_ECHO_KEYS, "motion", *_WHERE_KEYS)
 
     def make(rng: np.random.Generator, raw: Mapping[str, Any], where: str) -> Mover:
         options = _options(raw, keys, where)
@@ -257,18 +272,36 @@ def _flyer_maker(draw_flyer: Callable[..., Mover], keys: tuple[str, ...]) -> Mak
     return make
 
 
+_RECORDED_KEYS = ("file", "label", "scale", "up", "place_m", "turn_deg", "start_s", *_ECHO_KEYS)
+
+
+def _recorded(rng: np.random.Generator, raw: Mapping[str, Any], where: str) -> Mover:
+    options = _options(raw, _RECORDED_KEYS, where)
+    if "file" not in options:
+        msg = f"{where}.file: is missing: a BVH file or an archive of joint positions"
+        raise SceneError(msg)
+    if "place_m" in options:
+        x, y = floor_position(options["place_m"], f"{where}.place_m")
+        options["place_m"] = (float(x), float(y))
+    try:
+        return draw_recorded(rng, **options)
+    except SceneError as err:
+        raise _at(err, where) from err
+
+
 BODIES: Mapping[str, BodyKind] = MappingProxyType(
     {
         "human": BodyKind("A person of any age.", _human_maker()),
         **{s.name: BodyKind(s.sentence, _pet_maker(s)) for s in SPECIES.values()},
         "bird": BodyKind(
             "A bird: budgerigar, cockatiel or pigeon.",
-            _flyer_maker(draw_bird, ("species", "style", "home_m", "mass_kg", "total_rcs_dbsm")),
+            _flyer_maker(draw_bird, ("species", "style", "home_m", "mass_kg", *_ECHO_KEYS)),
         ),
         "moth": BodyKind(
             "A large moth near the antenna.",
-            _flyer_maker(draw_moth, ("home_m", "total_rcs_dbsm")),
+            _flyer_maker(draw_moth, ("home_m", *_ECHO_KEYS)),
         ),
+        "motion": BodyKind("A recorded skeleton: a BVH file or joint positions.", _recorded),
         "thesis_human": BodyKind(
             "The thesis' person: five sinusoids.", _seed_maker("thesis_human", "human")
         ),

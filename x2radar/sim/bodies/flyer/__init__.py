@@ -1,1 +1,1 @@
-"""Birds and moths: where they fly and what of them echoes. It may import `rcs`."""
+"""Birds and moths: where they fly and what of them echoes. It may import `skin`."""

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from x2radar.errors import SceneError
 from x2radar.sim.bodies.flyer.flight import Flight, Wander
-from x2radar.sim.bodies.rcs.segments import SegmentRcs, TotalRcs
+from x2radar.sim.bodies.skin.base import Skin, TotalRcs, sized
+from x2radar.sim.bodies.skin.draw import draw_skin
 from x2radar.sim.points import Label, Points
 
 Array = NDArray[np.float64]
@@ -65,12 +66,12 @@ class Flyer:
     names: tuple[str, ...]
     build: FlyerBuild
     flight: Flight
-    rcs: SegmentRcs
+    skin: Skin
 
     def at(self, t_s: Array, antenna_m: Array) -> Points:
         """Return its points; see `Mover`."""
         centre, axis, side = self.posture(t_s)
-        return self.rcs.points(t_s, centre, axis, side, antenna_m)
+        return self.skin.points(centre, axis, side, antenna_m)
 
     def posture(self, t_s: Array) -> tuple[Array, Array, Array]:
         """Return middles, axes and side vectors of its parts; see `quadruped.posture`."""
@@ -124,6 +125,7 @@ def draw_bird(
     home_m: tuple[float, float, float] = (0.0, 2.0, 1.6),
     mass_kg: float | None = None,
     total_rcs_dbsm: TotalRcs = None,
+    skin: str = "surface",
 ) -> Flyer:
     """Draw a bird.
 
@@ -140,7 +142,7 @@ def draw_bird(
     mass_kg : float, optional
         Instead of a draw, 0.01 to 2.
     total_rcs_dbsm : float, 'physical' or None, optional
-        See `SegmentRcs.sized`; drawn by default.
+        See `skin.base.sized`; drawn by default.
 
     Raises
     ------
@@ -171,7 +173,7 @@ def draw_bird(
         folds=style == "perch",
     )
     flight = _bird_flight(rng, style, home_m)
-    return _flyer(rng, "pet", build, flight, total_rcs_dbsm)
+    return _flyer(rng, "pet", build, flight, (total_rcs_dbsm, skin))
 
 
 def draw_moth(
@@ -179,6 +181,7 @@ def draw_moth(
     *,
     home_m: tuple[float, float, float] = (0.0, 0.35, 1.2),
     total_rcs_dbsm: TotalRcs = "physical",
+    skin: str = "surface",
 ) -> Flyer:
     """Draw a large moth; raises SceneError if a value is impossible.
 
@@ -216,7 +219,7 @@ def draw_moth(
         perch_m=np.zeros((0, 3)),
         period_s=60.0,
     )
-    return _flyer(rng, "other", build, flight, total_rcs_dbsm)
+    return _flyer(rng, "other", build, flight, (total_rcs_dbsm, skin))
 
 
 def _bird_flight(
@@ -247,8 +250,13 @@ def _bird_flight(
 
 
 def _flyer(
-    rng: np.random.Generator, label: Label, b: FlyerBuild, flight: Flight, total: TotalRcs
+    rng: np.random.Generator,
+    label: Label,
+    b: FlyerBuild,
+    flight: Flight,
+    echo: tuple[TotalRcs, str],
 ) -> Flyer:
+    total, skin = echo
     # Bone and muscle at the front of the wing; feathers and scales let the wave through.
     thick = 0.02 * b.span_m
     wing = [(0.07 * b.span_m, thick, thick), (0.06 * b.span_m, 0.6 * thick, 0.6 * thick)]
@@ -259,9 +267,9 @@ def _flyer(
         *wing,
         *wing,
     ]
-    rcs = SegmentRcs.draw(rng, half)
-    posture = _posture(b, flight, np.linspace(0.0, 40.0, 97))
-    return Flyer(label, _NAMES, b, flight, rcs.sized(rng, total, *posture))
+    drawn = draw_skin(rng, skin, half)
+    drawn = sized(drawn, rng, total, _posture(b, flight, np.linspace(0.0, 40.0, 97)))
+    return Flyer(label, drawn.names(_NAMES), b, flight, drawn)
 
 
 def _place(home_m: tuple[float, float, float]) -> Array:

@@ -9,14 +9,17 @@ from numpy.typing import NDArray
 
 from x2radar.errors import SceneError
 from x2radar.sim.bodies.flyer.flight import Wander
+from x2radar.sim.bodies.motion.curves import check_motion
 from x2radar.sim.bodies.path.courses import draw_course
 from x2radar.sim.bodies.path.feet import Feet
 from x2radar.sim.bodies.path.path import Path
+from x2radar.sim.bodies.person.angle_motion import AnglePerson
 from x2radar.sim.bodies.person.build import NAMES, TRUNK, Age, PersonBuild, draw_person_build
 from x2radar.sim.bodies.person.busy import Busy
 from x2radar.sim.bodies.person.crawl import Crawling
 from x2radar.sim.bodies.person.doing import Doer
 from x2radar.sim.bodies.person.exercise import Exercise
+from x2radar.sim.bodies.person.footfall_motion import FootfallPerson, draw_gesture, draw_ways
 from x2radar.sim.bodies.person.gait import (
     FASTEST_WALK,
     STYLES,
@@ -27,7 +30,8 @@ from x2radar.sim.bodies.person.gait import (
 )
 from x2radar.sim.bodies.person.posture import Hips, Soles, moved, upright
 from x2radar.sim.bodies.person.seat import Seated
-from x2radar.sim.bodies.rcs.segments import SegmentRcs, TotalRcs
+from x2radar.sim.bodies.skin.base import Skin, TotalRcs, sized
+from x2radar.sim.bodies.skin.draw import draw_skin
 from x2radar.sim.points import Label, Points
 
 Array = NDArray[np.float64]
@@ -130,7 +134,7 @@ class Person:
     names: tuple[str, ...]
     action: Action
     breath: Breath
-    rcs: SegmentRcs
+    skin: Skin
     burden: Array | None = None  # (3,): what is carried: ahead of the chest, left, over it, m
 
     @property
@@ -141,14 +145,13 @@ class Person:
     def at(self, t_s: Array, antenna_m: Array) -> Points:
         """Return its points; see `Mover`."""
         centre, axis, side = loaded(self.action.posture(t_s), self.burden)
-        points = self.rcs.points(t_s, centre, axis, side, antenna_m)
         # Breathing moves the surface of the trunk towards the antenna.
         towards = antenna_m - centre[:, :TRUNK]
         distance = np.sqrt((towards**2).sum(axis=-1, keepdims=True))
         share = np.array([1.0, 1.0, 0.1])[:, None]
         swell = self.breath.at(t_s)[:, None, None] * share
         centre[:, :TRUNK] += towards * (swell / np.maximum(distance, 0.05))
-        return Points(centre, points.rcs_m2, points.nearer_m)
+        return self.skin.points(centre, axis, side, antenna_m)
 
 
 def loaded(posture: Posture, burden: Array | None) -> Posture:
@@ -175,6 +178,8 @@ def draw_person(
     height_m: float | None = None,
     total_rcs_dbsm: TotalRcs = None,
     start_s: float = 0.0,
+    motion: str = "gait",
+    skin: str = "surface",
 ) -> Person:
     """Draw a person.
 
@@ -192,9 +197,14 @@ def draw_person(
     height_m : float, optional
         Stature.
     total_rcs_dbsm : float, 'physical' or None, optional
-        Mean total cross section, see `SegmentRcs.sized`; drawn by default, whatever the size.
+        Mean total cross section, see `skin.base.sized`; drawn by default, whatever the size.
     start_s : float, optional
         When it begins to move; negative for somebody who is under way at time 0.
+    motion : str, optional
+        One of `MOTIONS`: which generator moves somebody who goes on two feet; people who stay in
+        place, crawl or are busy move by the first.
+    skin : str, optional
+        A key of `SKINS`: how the parts echo.
 
     Raises
     ------
@@ -204,6 +214,7 @@ def draw_person(
     if style not in STYLES:
         msg = f"style: no style '{style}' of people; known are {', '.join(STYLES)}"
         raise SceneError(msg)
+    check_motion(motion)
     kind = STYLES[style]
     build = draw_person_build(rng, age=kind.age, height_m=height_m)
     z, share = rng.standard_normal(12).clip(-2.5, 2.5), rng.random(8)
@@ -216,8 +227,12 @@ def draw_person(
     _check_speed(kind.kind, max(fastest, speed_mps or 0.0), build)
     if kind.kind == "crawl":
         action: Action = _crawling(rng, course, build, (z, share))
-    else:
+    elif motion == "gait" or kind.speed_mps is None or kind.does:
         action = _on_feet(rng, style, course, build, (z, share))
+    elif motion == "footfalls":
+        action = FootfallPerson.plan(rng, course, build, draw_ways(rng, style), draw_gesture(rng))
+    else:
+        action = AnglePerson.draw(rng, course, build, style, draw_gesture(rng))
     breath = Breath(0.001 + 0.002 * share[4], 0.2 + 0.15 * share[5], 2 * np.pi * share[6])
     half, burden = build.half_lengths(), None
     names: tuple[str, ...] = NAMES
@@ -226,15 +241,10 @@ def draw_person(
         names = (*names, name)
         half = np.vstack([half, np.array(size) * (0.8 + 0.4 * share[7])])
         burden = np.array([0.14 * build.stature_m, 0.0, -0.05 * build.stature_m])
-    rcs = SegmentRcs.draw(rng, half, n_trunk=TRUNK)
+    drawn = draw_skin(rng, skin, half, TRUNK)
     times = np.linspace(course.start_s, max(course.end_s, course.start_s + 4.0), _N_POSTURES)
-    rcs = rcs.sized(rng, total_rcs_dbsm, *_full(loaded(action.posture(times), burden)))
-    return Person(names, action, breath, rcs, burden)
-
-
-def _full(posture: Posture) -> Posture:
-    centre, axis, side = posture
-    return centre, axis, np.broadcast_to(side, axis.shape)
+    drawn = sized(drawn, rng, total_rcs_dbsm, loaded(action.posture(times), burden))
+    return Person(drawn.names(names), action, breath, drawn, burden)
 
 
 def _crawling(

@@ -1,4 +1,4 @@
 """Four-legged animals: build, gait, what they do on the floor, and jumps.
 
-It may import `path`, `rcs` and, for the drawing of numbers they share, `flyer`.
+It may import `path`, `motion`, `skin` and, for the drawing of numbers they share, `flyer`.
 """

@@ -40,7 +40,7 @@ class QuadrupedBuild:
     half_track_m: float  # half the distance between left and right feet
 
     def half_lengths(self) -> list[tuple[float, float, float]]:
-        """Return half-lengths of all parts, as `SegmentRcs.draw` takes them."""
+        """Return half-lengths of all parts, as `draw_skin` takes them."""
         w, d = self.half_width_m, self.half_depth_m
         thick = 0.045 * self.hip_m
         tail = (self.tail_m / 6, 0.025 * self.hip_m, 0.025 * self.hip_m)

@@ -8,10 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from x2radar.errors import SceneError
+from x2radar.sim.bodies.motion.curves import check_motion
 from x2radar.sim.bodies.path.courses import off_wall
 from x2radar.sim.bodies.path.path import Agility, Path
 from x2radar.sim.bodies.quadruped.actions import Going
+from x2radar.sim.bodies.quadruped.angle_motion import AngleQuadruped
 from x2radar.sim.bodies.quadruped.build import NAMES, TRUNK, QuadrupedBuild
+from x2radar.sim.bodies.quadruped.footfall_motion import FootfallQuadruped
 from x2radar.sim.bodies.quadruped.gait import FOOTWORK, GRAVITY_MPS2, froude, gait, usual_gait
 from x2radar.sim.bodies.quadruped.pet_build import draw_build, draw_manner
 from x2radar.sim.bodies.quadruped.pet_place import (
@@ -20,9 +23,10 @@ from x2radar.sim.bodies.quadruped.pet_place import (
     draw_playing,
     draw_staying,
 )
-from x2radar.sim.bodies.quadruped.quadruped import Action, Quadruped, posture
+from x2radar.sim.bodies.quadruped.quadruped import Action, Hung, Motion, Quadruped
 from x2radar.sim.bodies.quadruped.species import SPECIES, Species
-from x2radar.sim.bodies.rcs.segments import SegmentRcs, TotalRcs
+from x2radar.sim.bodies.skin.base import TotalRcs, sized
+from x2radar.sim.bodies.skin.draw import draw_skin
 
 Array = NDArray[np.float64]
 
@@ -79,6 +83,8 @@ def draw_pet(
     path: Path | Sequence[tuple[float, float]] | None = None,
     mass_kg: float | None = None,
     total_rcs_dbsm: TotalRcs = None,
+    motion: str = "gait",
+    skin: str = "surface",
 ) -> Quadruped:
     """Draw an animal.
 
@@ -97,8 +103,12 @@ def draw_pet(
     mass_kg : float, optional
         Instead of a draw, within the species' `possible_kg`.
     total_rcs_dbsm : float, 'physical' or None, optional
-        Mean total cross section, see `SegmentRcs.sized`; drawn by default, whatever its
+        Mean total cross section, see `skin.base.sized`; drawn by default, whatever its
         size.
+    motion : str, optional
+        One of `MOTIONS`: which generator moves an animal that goes; others move by the first.
+    skin : str, optional
+        A key of `SKINS`: how the parts echo.
 
     Raises
     ------
@@ -108,6 +118,7 @@ def draw_pet(
     if species not in SPECIES:
         msg = f"species: no pet '{species}'; known are {', '.join(SPECIES)}"
         raise SceneError(msg)
+    check_motion(motion)
     row = SPECIES[species]
     known = row.styles
     if style is None:
@@ -130,10 +141,14 @@ def draw_pet(
         action, begin, end = draw_staying(rng, build, style, course), 0.0, 40.0
     else:
         action = _going(rng, build, course, style, footwork, species=row)
-    rcs = SegmentRcs.draw(rng, build.half_lengths(), n_trunk=len(TRUNK))
-    times = np.linspace(begin, end, _N_POSTURES)
-    rcs = rcs.sized(rng, total_rcs_dbsm, *posture(build, action, manner, times))
-    return Quadruped(row.label, NAMES, build, action, manner, rcs)
+    moves: Motion = Hung(build, action, manner)
+    if motion != "gait" and isinstance(action, Going):
+        other = FootfallQuadruped if motion == "footfalls" else AngleQuadruped
+        moves = other.draw(rng, course, build, style)
+    drawn = draw_skin(rng, skin, build.half_lengths(), len(TRUNK))
+    postures = moves.posture(np.linspace(begin, end, _N_POSTURES))
+    drawn = sized(drawn, rng, total_rcs_dbsm, postures)
+    return Quadruped(row.label, drawn.names(NAMES), moves, manner, drawn)
 
 
 def _draw_path(

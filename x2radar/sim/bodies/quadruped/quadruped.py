@@ -2,7 +2,7 @@
 
 What an animal does (`Action`) says where trunk and paws are; here the rest follows: two-link
 legs by inverse kinematics with the elbow backwards and the knee forwards, neck and head,
-tail, breathing. The parts are ellipsoids, see `segments`.
+tail, breathing. How the parts echo, their skin says.
 """
 
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from x2radar.sim.bodies.flyer.flight import smooth_step
 from x2radar.sim.bodies.quadruped.build import NAMES, TRUNK, Manner, QuadrupedBuild
-from x2radar.sim.bodies.rcs.segments import SegmentRcs
+from x2radar.sim.bodies.skin.base import Skin
 from x2radar.sim.points import Label, Points
 
 Array = NDArray[np.float64]
@@ -42,28 +42,47 @@ class Action(Protocol):
         ...
 
 
+class Motion(Protocol):
+    """Where all parts of an animal are; a function of time alone."""
+
+    def posture(self, t_s: Array) -> tuple[Array, Array, Array]:
+        """Return middles, axes and side vectors of all parts at times of shape (n_slow,)."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Hung:
+    """A skeleton hung between its feet and a moving trunk: the first of three generators."""
+
+    build: QuadrupedBuild
+    action: Action  # where trunk and paws are
+    manner: Manner  # head and tail
+
+    def posture(self, t_s: Array) -> tuple[Array, Array, Array]:
+        """Return middles, axes and side vectors; see `Motion`."""
+        return posture(self.build, self.action, self.manner, t_s)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Quadruped:
     """A four-legged animal; see `Mover`."""
 
     label: Label  # what an alarm should take it for
     names: tuple[str, ...]
-    build: QuadrupedBuild
-    action: Action  # where trunk and paws are
-    manner: Manner  # head, tail and breathing
-    rcs: SegmentRcs
+    motion: Motion
+    manner: Manner  # breathing
+    skin: Skin
 
     def at(self, t_s: Array, antenna_m: Array) -> Points:
         """Return its points; see `Mover`."""
-        centre, axis, side = posture(self.build, self.action, self.manner, t_s)
-        points = self.rcs.points(t_s, centre, axis, side, antenna_m)
+        centre, axis, side = self.motion.posture(t_s)
         # Breathing moves the surface of the trunk towards the antenna.
         n = len(TRUNK)
         towards = antenna_m - centre[:, :n]
         distance = np.sqrt((towards**2).sum(axis=-1, keepdims=True))
         swell = breath_m(self.manner, t_s)[:, None, None]
         centre[:, :n] += towards * (swell / np.maximum(distance, 0.05))
-        return Points(centre, points.rcs_m2, points.nearer_m)
+        return self.skin.points(centre, axis, side, antenna_m)
 
 
 def breath_m(manner: Manner, t_s: Array) -> Array:

@@ -37,7 +37,7 @@ def one_surface(
     at the first of the parts, is so much nearer than its middle as the nearest surface is;
     where two are equally near, between them.
     """
-    assert points.nearer_m is not None  # noqa: S101 - SegmentRcs gives it
+    assert points.nearer_m is not None  # noqa: S101 - SurfaceSkin gives it
     first = parts.start
     rcs, nearer_m = points.rcs_m2.copy(), points.nearer_m.copy()
     still = np.maximum(still_m2[:, parts], _TINY)

@@ -1,18 +1,14 @@
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from x2radar.sim.bodies.rcs.fluctuation import CORRELATION_S, SPREAD_DB, Fluctuation
-from x2radar.sim.bodies.rcs.segments import (
-    FLOOR,
-    SHADOW_DB,
-    SKIN_REFLECTION,
-    SegmentRcs,
-    draw_total_m2,
-)
+from x2radar.sim.bodies.skin.aspect import AspectFluctuation
+from x2radar.sim.bodies.skin.base import SKIN_REFLECTION, WAVELENGTH_M, draw_total_m2, sized
+from x2radar.sim.bodies.skin.surface import FLOOR, SHADOW_DB, SPREAD_DB, SurfaceSkin
 from x2radar.sim.place.antenna import Antenna
 from x2radar.sim.points import Points
 
@@ -22,13 +18,12 @@ FAR = 1e6
 
 def steady(rcs):
     """Cross sections of a body whose fluctuation is switched off."""
-    f = rcs.fluctuation
-    still = Fluctuation(f.spread_db, f.correlation_s, f.omega_rad_s, 0 * f.weight, 0 * f.offset)
-    return SegmentRcs(rcs.half_m, rcs.floor_m2, rcs.shadow_db, rcs.trunk, still, rcs.scale)
+    still = replace(rcs.fluctuation, amplitude=0 * rcs.fluctuation.amplitude)
+    return replace(rcs, fluctuation=still)
 
 
 def one(half_m, seed=0):
-    return steady(SegmentRcs.draw(np.random.default_rng(seed), [half_m]))
+    return steady(SurfaceSkin.draw(np.random.default_rng(seed), np.array([half_m])))
 
 
 def echo(rcs, *args):
@@ -40,7 +35,7 @@ def seen(rcs, direction, *, axis=X, side=Y):
     """Cross section of a lone segment at the origin, seen from far along `direction`."""
     unit = np.asarray(direction, float) / np.linalg.norm(direction)
     args = (np.zeros((1, 1, 3)), axis.reshape(1, 1, 3), side.reshape(1, 1, 3))
-    return rcs.points(np.zeros(1), *args, FAR * unit).rcs_m2[0, 0]
+    return rcs.points(*args, FAR * unit).rcs_m2[0, 0]
 
 
 def curvature_rcs(half_m, unit):
@@ -114,9 +109,9 @@ OPEN_M2 = SKIN_REFLECTION * math.pi * 0.05**2
 
 
 def lost_db(place, direction, seed=0):
-    rcs = steady(SegmentRcs.draw(np.random.default_rng(seed), [(0.35, 0.12, 0.14), BALL]))
+    rcs = steady(SurfaceSkin.draw(np.random.default_rng(seed), [(0.35, 0.12, 0.14), BALL]))
     unit = np.asarray(direction, float) / np.linalg.norm(direction)
-    ours = rcs.points(np.zeros(1), *limb_beside_trunk(place), FAR * unit).rcs_m2[0, 1]
+    ours = rcs.points(*limb_beside_trunk(place), FAR * unit).rcs_m2[0, 1]
     return 10 * math.log10(OPEN_M2 / ours), rcs.shadow_db[1]
 
 
@@ -156,52 +151,62 @@ def test_the_shadow_is_smooth_and_bounded_all_around():
 
 
 def test_the_trunk_does_not_shadow_itself():
-    rcs = SegmentRcs.draw(np.random.default_rng(0), [BALL, (0.3, 0.1, 0.1), BALL], trunk=1)
+    rcs = SurfaceSkin.draw(np.random.default_rng(0), [BALL, (0.3, 0.1, 0.1), BALL], trunk=1)
     assert rcs.shadow_db[1] == 0
     assert (rcs.shadow_db[[0, 2]] > 0).all()
 
 
+def directions(n, seed=0):
+    """Unit vectors evenly over the sphere, shape (n, 1, 3)."""
+    u = np.random.default_rng(seed).standard_normal((n, 1, 3))
+    return u / np.linalg.norm(u, axis=-1, keepdims=True)
+
+
 def test_fluctuation_has_the_spread_and_the_mean_it_drew():
-    f = Fluctuation.draw(np.random.default_rng(3), 20)
-    for values, limits in ((f.spread_db, SPREAD_DB), (f.correlation_s, CORRELATION_S)):
-        assert limits[0] <= values.min() < values.max() <= limits[1]
-    power = f.at(np.arange(0, 2500, 0.02))
-    assert power.mean(axis=0) == pytest.approx(1, abs=0.02)
+    half = np.full((40, 3), 0.1)
+    spread_db = np.random.default_rng(3).uniform(*SPREAD_DB, 40)
+    f = AspectFluctuation.draw(np.random.default_rng(4), half, spread_db)
+    power = f.at(np.repeat(directions(20_000), 40, axis=1))
+    # One body shows one draw of a random function: its parts scatter about mean and spread.
+    assert power.mean() == pytest.approx(1, abs=0.05)
     db = 10 * np.log10(power)
-    assert db.std(axis=0) == pytest.approx(f.spread_db, rel=0.02)
-    # Log-normal: skew 0, kurtosis near 3 (a finite sum of oscillators is a little below).
-    z = (db - db.mean(axis=0)) / db.std(axis=0)
-    assert np.abs((z**3).mean(axis=0)).max() < 0.2
-    kurtosis = (z**4).mean(axis=0)
-    assert 2.5 < kurtosis.min() < kurtosis.max() < 3.2
+    assert db.std(axis=0) / spread_db == pytest.approx(np.ones(40), abs=0.35)
+    assert (db.std(axis=0) / spread_db).mean() == pytest.approx(1, abs=0.05)
 
 
-def test_fluctuation_forgets_after_its_correlation_time():
-    f = Fluctuation.draw(np.random.default_rng(4), 12)
-    step_s = 0.01
-    db = 10 * np.log10(f.at(np.arange(0, 1200, step_s)))
-    z = (db - db.mean(axis=0)) / db.std(axis=0)
-    for part, tau_s in enumerate(f.correlation_s):
-        for lag_s in (0.25 * tau_s, 0.5 * tau_s, tau_s, 2 * tau_s):
-            k = round(lag_s / step_s)
-            ours = (z[k:, part] * z[:-k, part]).mean()
-            assert ours == pytest.approx(math.exp(-((k * step_s / tau_s) ** 2)), abs=0.1)
+@pytest.mark.parametrize("half_m", [0.06, 0.15, 0.3])
+def test_fluctuation_forgets_when_the_part_turns_by_its_width(half_m):
+    turn = WAVELENGTH_M / (4 * half_m)
+    angles = np.arange(0, 2 * math.pi, turn / 8)
+    around = np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=-1)[:, None]
+    kept = {1: [], 8: [], 24: []}
+    for seed in range(60):
+        f = AspectFluctuation.draw(
+            np.random.default_rng(seed), np.array([[half_m, 0.02, 0.02]]), np.array([3.0])
+        )
+        db = 10 * np.log10(f.at(around))[:, 0]
+        z = (db - db.mean()) / db.std()
+        for lag, found in kept.items():
+            found.append((z[lag:] * z[:-lag]).mean())
+    assert np.mean(kept[1]) > 0.95
+    assert 0.4 < np.mean(kept[8]) < 0.75  # exp(-1/2)
+    assert abs(np.mean(kept[24])) < 0.1
 
 
-def test_parts_fluctuate_apart_from_each_other():
-    f = Fluctuation.draw(np.random.default_rng(5), 20)
-    both = np.corrcoef(np.log(f.at(np.arange(0, 1000, 0.05))).T)
-    apart = both[~np.eye(20, dtype=bool)]
-    assert np.abs(apart).max() < 0.75
-    assert math.sqrt((apart**2).mean()) < 0.35
+def test_a_part_that_does_not_turn_does_not_scintillate():
+    f = AspectFluctuation.draw(np.random.default_rng(5), np.full((5, 3), 0.2), np.full(5, 4.0))
+    power = f.at(np.repeat(directions(5)[None, :, 0], 300, axis=0))
+    assert np.ptp(power, axis=0).max() == 0
 
 
-def test_fluctuation_equals_double_precision_after_a_day():
-    f = Fluctuation.draw(np.random.default_rng(6), 5)
-    t = np.array([0.0, 1.234, 3600.5, 86_400.25, -17.0])
-    turn = t[:, None] * f.omega_rad_s
-    wanted = np.exp(np.hstack([np.cos(turn), np.sin(turn)]) @ f.weight + f.offset)
-    assert f.at(t) == pytest.approx(wanted, rel=1e-5)
+def test_fluctuation_equals_double_precision():
+    f = AspectFluctuation.draw(np.random.default_rng(6), np.full((4, 3), 0.3), np.full(4, 4.0))
+    seen = np.repeat(directions(50), 4, axis=1)
+    turned = seen @ f.wave.T / f.turn_rad[:, None] + f.phase_rad.T
+    wanted = np.exp(
+        f.amplitude * np.cos(turned).sum(axis=-1) - len(f.wave) * np.log(np.i0(f.amplitude))
+    )
+    assert f.at(seen) == pytest.approx(wanted, rel=2e-4)
 
 
 def body(n=15, n_slow=60, seed=0):
@@ -215,14 +220,13 @@ def body(n=15, n_slow=60, seed=0):
 def test_total_is_what_it_was_scaled_to():
     half, centre, axis, side = body()
     rng = np.random.default_rng(7)
-    rcs = SegmentRcs.draw(rng, half).sized(rng, 10 * math.log10(0.3), centre, axis, side)
+    rcs = sized(SurfaceSkin.draw(rng, half), rng, 10 * math.log10(0.3), (centre, axis, side))
     assert rcs.mean_total_m2(centre, axis, side) == pytest.approx(0.3, rel=1e-12)
-    # And what antennas all around see, over a long time.
-    t = np.arange(60) * 7.3
+    # And what antennas all around see.
     around = np.linspace(0, 2 * math.pi, 90, endpoint=False)
     views = [
-        echo(rcs, t + 11 * k, centre, axis, side, FAR * np.array([math.cos(a), math.sin(a), 0]))
-        for k, a in enumerate(around)
+        echo(rcs, centre, axis, side, FAR * np.array([math.cos(a), math.sin(a), 0]))
+        for a in around
     ]
     total = np.mean(views, axis=0).sum(axis=1).mean()
     assert 10 * math.log10(total / 0.3) == pytest.approx(0, abs=0.3)
@@ -245,7 +249,7 @@ def test_a_man_of_ellipsoids_is_as_large_as_measured():
     centre, axis = (np.array([[row[k] for row in sizes]], float) for k in (0, 1))
     side = np.array([[Y]])
     for seed in range(10):
-        rcs = SegmentRcs.draw(np.random.default_rng(seed), [row[2] for row in sizes])
+        rcs = SurfaceSkin.draw(np.random.default_rng(seed), [row[2] for row in sizes])
         assert 0.4 < rcs.mean_total_m2(centre, axis, side) < 1.5
 
 
@@ -260,21 +264,20 @@ def test_totals_are_drawn_whatever_the_body():
 
 def test_one_seed_one_echo_and_no_state():
     half, centre, axis, side = body()
-    t = np.sort(np.random.default_rng(9).uniform(0, 100, 60))
     antenna = np.array([0.3, -2.0, 1.2])
-    first, second = (SegmentRcs.draw(np.random.default_rng(10), half) for _ in range(2))
-    whole = echo(first, t, centre, axis, side, antenna)
-    assert np.array_equal(whole, echo(second, t, centre, axis, side, antenna))
+    first, second = (SurfaceSkin.draw(np.random.default_rng(10), half) for _ in range(2))
+    whole = echo(first, centre, axis, side, antenna)
+    assert np.array_equal(whole, echo(second, centre, axis, side, antenna))
     order = np.random.default_rng(11).permutation(60)
-    mixed = echo(first, t[order], centre[order], axis[order], side[order], antenna)
+    mixed = echo(first, centre[order], axis[order], side[order], antenna)
     # Six digits is what the fluctuation is good to.
     assert mixed == pytest.approx(whole[order], rel=2e-6)
     for k in (0, 17, 59):
         cut = slice(k, k + 1)
-        alone = echo(first, t[cut], centre[cut], axis[cut], side[cut], antenna)
+        alone = echo(first, centre[cut], axis[cut], side[cut], antenna)
         assert alone == pytest.approx(whole[cut], rel=2e-6)
-    other = SegmentRcs.draw(np.random.default_rng(12), half)
-    assert not np.allclose(echo(other, t, centre, axis, side, antenna), whole)
+    other = SurfaceSkin.draw(np.random.default_rng(12), half)
+    assert not np.allclose(echo(other, centre, axis, side, antenna), whole)
 
 
 def test_arguments_stay_as_they_were_and_one_side_serves_all():
@@ -282,8 +285,8 @@ def test_arguments_stay_as_they_were_and_one_side_serves_all():
     half[:, 2] = half[:, 1]
     side = np.broadcast_to(Y, (60, 1, 3))
     kept = centre.copy(), axis.copy()
-    rcs = SegmentRcs.draw(np.random.default_rng(13), half)
-    out = echo(rcs, np.arange(60.0), centre, axis, side, np.array([0, 0, 1.0]))
+    rcs = SurfaceSkin.draw(np.random.default_rng(13), half)
+    out = echo(rcs, centre, axis, side, np.array([0, 0, 1.0]))
     assert out.shape == (60, 15)
     assert out.dtype == np.float64
     assert np.array_equal(centre, kept[0])
@@ -292,13 +295,13 @@ def test_arguments_stay_as_they_were_and_one_side_serves_all():
 
 def test_no_time_and_an_antenna_inside_a_part():
     half, centre, axis, side = body(n_slow=3)
-    rcs = SegmentRcs.draw(np.random.default_rng(14), half)
-    none = echo(rcs, np.zeros(0), centre[:0], axis[:0], side[:0], np.zeros(3))
+    rcs = SurfaceSkin.draw(np.random.default_rng(14), half)
+    none = echo(rcs, centre[:0], axis[:0], side[:0], np.zeros(3))
     assert none.shape == (0, 15)
-    inside = echo(rcs, np.zeros(3), centre, axis, side, centre[1, 4])
+    inside = echo(rcs, centre, axis, side, centre[1, 4])
     assert np.isfinite(inside).all()
     assert (inside > 0).all()
-    nearer = rcs.points(np.zeros(3), centre, axis, side, centre[1, 4]).nearer_m
+    nearer = rcs.points(centre, axis, side, centre[1, 4]).nearer_m
     assert np.isfinite(nearer).all()
 
 
@@ -310,7 +313,7 @@ def test_an_echo_comes_from_the_surface_that_faces_the_antenna(seed):
     rng = np.random.default_rng(seed)
     half, unit = rng.uniform(0.03, 0.4, 3), rng.standard_normal(3)
     unit /= np.linalg.norm(unit)
-    args = (np.zeros(1), np.zeros((1, 1, 3)), X.reshape(1, 1, 3), Y.reshape(1, 1, 3))
+    args = (np.zeros((1, 1, 3)), X.reshape(1, 1, 3), Y.reshape(1, 1, 3))
     points = one(half).points(*args, FAR * unit)
     # The farthest point of the ellipsoid along the line of sight, found by trying.
     sphere = rng.standard_normal((200_000, 3))
@@ -327,9 +330,9 @@ def test_an_echo_comes_from_the_surface_that_faces_the_antenna(seed):
 
 def test_an_antenna_close_by_has_every_part_in_front():
     half, centre, axis, side = body(n_slow=3)
-    rcs = SegmentRcs.draw(np.random.default_rng(15), half)
+    rcs = SurfaceSkin.draw(np.random.default_rng(15), half)
     for away in (1e-6, 0.01, 0.1, 1.0):
         antenna = centre[1, 4] + away * np.array([0.6, 0.0, 0.8])
-        nearer = rcs.points(np.zeros(3), centre, axis, side, antenna).nearer_m
+        nearer = rcs.points(centre, axis, side, antenna).nearer_m
         assert (nearer > 0).all()
         assert (nearer <= 0.7 * np.linalg.norm(centre - antenna, axis=-1)).all()

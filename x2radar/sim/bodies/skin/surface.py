@@ -1,4 +1,4 @@
-"""Radar cross sections of bodies made of ellipsoids.
+"""The first skin: ellipsoids, with a trunk that is one surface with one bright spot.
 
 Each part of a body is an ellipsoid. High-frequency backscatter of a perfectly conducting
 ellipsoid with half-lengths a, b, c, seen along a unit vector with components l, m, n in its
@@ -13,30 +13,25 @@ a radius above a wavelength over 2 pi (7 mm at 6.8 GHz): a thin tail is at its l
 A trunk is drawn as several ellipsoids, but it is one surface with one bright spot, see `trunk`.
 """
 
-from dataclasses import dataclass, replace
-from typing import Literal, Self
+from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from x2radar.errors import SceneError
-from x2radar.sim.bodies.rcs.fluctuation import Fluctuation
-from x2radar.sim.bodies.rcs.trunk import one_surface
+from x2radar.sim.bodies.skin.aspect import AspectFluctuation
+from x2radar.sim.bodies.skin.base import SKIN_REFLECTION
+from x2radar.sim.bodies.skin.trunk import one_surface
 from x2radar.sim.points import Points
 
 Array = NDArray[np.float64]
-TotalRcs = float | Literal["physical"] | None
 
-SKIN_REFLECTION = 0.54
-"""Of power, skin over muscle at 7 GHz (recalled)."""
+SPREAD_DB = (2.0, 4.0)
+"""Of a part's echo over all aspects (a guess: skin and cloth)."""
 FLOOR = (0.05, 0.10)
 """Least over broadside cross section: real parts are rough and bent (a guess)."""
 SHADOW_DB = (6.0, 15.0)
 """What a trunk takes from a part behind it (a guess; creeping waves fill the rest)."""
-TOTAL_RCS_DBSM = (-15.0, 3.0)
-"""From a cat's to a large man's (recalled), the same for every body; see `draw_total_m2`."""
-LARGEST_HALF_M = 1.0
-"""No part of an animal is longer than 2 m (chosen)."""
 _NEPER_PER_DB = np.log(10.0) / 10.0
 _N_AZIMUTHS = 72
 """5 degrees apart (chosen)."""
@@ -45,66 +40,44 @@ _DEEPEST = 0.7
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SegmentRcs:
-    """Cross sections of the parts of one body."""
+class SurfaceSkin:
+    """Cross sections of the parts of one body; see `Skin`."""
 
     half_m: Array  # (n_segments, 3): half-lengths along the part, to the side, across both
     floor_m2: Array  # (n_segments,): least cross section, before `scale`
     shadow_db: Array  # (n_segments,): how much the trunk takes from a part right behind it
     trunk: int  # which part casts the shadow; it has none itself
-    fluctuation: Fluctuation  # change over time
+    fluctuation: AspectFluctuation  # change with the aspect
     scale: float = 1.0  # factor on all cross sections
     n_trunk: int = 1  # so many parts, from `trunk` on, are one surface
 
     @classmethod
     def draw(
-        cls, rng: np.random.Generator, half_m: ArrayLike, *, trunk: int = 0, n_trunk: int = 1
+        cls, rng: np.random.Generator, half_m: Array, *, trunk: int = 0, n_trunk: int = 1
     ) -> Self:
         """Draw what is random about the echo of a body; its scale is the physical one.
 
         `half_m` is as the field; `trunk` is the part that casts the shadow, and so many parts from
-        it on are one surface. Floors and shadows are even in `FLOOR` and `SHADOW_DB`. Raises
-        SceneError if a half-length is not above zero and at most 1 m.
+        it on are one surface. Floors and shadows are even in `FLOOR` and `SHADOW_DB`.
         """
-        half = np.array(half_m, dtype=np.float64)
-        if half.ndim != 2 or half.shape[1] != 3 or not -1 < trunk < len(half):
-            msg = f"half_m: must be (n_segments, 3) with a trunk, not {half.shape} and {trunk}"
-            raise SceneError(msg)
-        if not ((half > 0) & (half <= LARGEST_HALF_M)).all():
-            msg = f"half_m: half-lengths must be above 0 and at most {LARGEST_HALF_M:g} m"
-            raise SceneError(msg)
+        half = np.asarray(half_m, dtype=np.float64)
         # Broadside is along the shortest half-length.
         broadside = SKIN_REFLECTION * np.pi * (half.prod(axis=1) / half.min(axis=1) ** 2) ** 2
         floor = rng.uniform(*FLOOR, len(half)) * broadside
         shadow_db = rng.uniform(*SHADOW_DB, len(half))
         shadow_db[trunk] = 0.0
-        return cls(half, floor, shadow_db, trunk, Fluctuation.draw(rng, len(half)), 1.0, n_trunk)
+        fluctuation = AspectFluctuation.draw(rng, half, rng.uniform(*SPREAD_DB, len(half)))
+        return cls(half, floor, shadow_db, trunk, fluctuation, 1.0, n_trunk)
 
-    def points(
-        self, t_s: Array, centre_m: Array, axis: Array, side: Array, antenna_m: Array
-    ) -> Points:
-        """Return the parts as the antenna sees them.
+    def names(self, parts: tuple[str, ...], /) -> tuple[str, ...]:
+        """Return the parts' names."""
+        return parts
+
+    def points(self, centre_m: Array, axis: Array, side: Array, antenna_m: Array, /) -> Points:
+        """Return the parts as the antenna sees them; see `Skin`.
 
         An ellipsoid echoes where its surface faces the antenna, nearer than its middle by the root
         of ``a^2 l^2 + b^2 m^2 + c^2 n^2``: 10 to 20 cm at a person's trunk, 4 to 8 cm at limbs.
-
-        Parameters
-        ----------
-        t_s : ndarray, shape (n_slow,), float64
-            Times, in seconds; they matter to the fluctuation alone.
-        centre_m, axis : ndarray, shape (n_slow, n_segments, 3), float64
-            Middles of the parts, in room coordinates, and unit vectors along them.
-        side : ndarray, shape (n_slow, n_segments or 1, 3), float64
-            Unit vectors square to the axes, to the body's left. Parts that are round about
-            their axis do not care.
-        antenna_m : ndarray, shape (3,), float64
-            Where the antenna is.
-
-        Returns
-        -------
-        Points
-            The middles as given; cross sections with aspect, floor, shadow, fluctuation and
-            scale; and how much nearer the surfaces are, the trunk's as one.
         """
         middle, along, left = _first(centre_m), _first(axis), _first(side)
         towards = antenna_m[:, None, None] - middle
@@ -113,9 +86,11 @@ class SegmentRcs:
         towards /= distance
         nearer2 = self._nearer2_m2(along, left, towards)
         still = self._still_m2(middle, along, left, towards, nearer2)
+        ways = (along, left, _cross(along, left + 0.0 * along))
+        seen = np.stack([_dot(way, towards) for way in ways], axis=-1)
         points = Points(
             centre_m,
-            np.asarray(still * self.fluctuation.at(t_s), dtype=np.float64),
+            np.asarray(still * self.fluctuation.at(seen), dtype=np.float64),
             # An antenna inside a part still has it in front.
             np.minimum(np.sqrt(nearer2), _DEEPEST * distance),
         )
@@ -125,7 +100,7 @@ class SegmentRcs:
         floor = self.scale * self.floor_m2
         return one_surface(points, parts, still, floor, antenna_m)
 
-    def mean_total_m2(self, centre_m: Array, axis: Array, side: Array) -> float:
+    def mean_total_m2(self, centre_m: Array, axis: Array, side: Array, /) -> float:
         """Return the sum over all parts in square metres, averaged over aspect and postures.
 
         Postures are of shape (n_postures, n_segments, 3), as in `points`. Seen level from far
@@ -138,32 +113,6 @@ class SegmentRcs:
         nearer2 = self._nearer2_m2(along, left, towards)
         total = self._still_m2(middle, along, left, towards, nearer2).sum(axis=-1)
         return float(total.mean())
-
-    def sized(
-        self,
-        rng: np.random.Generator,
-        total_rcs_dbsm: TotalRcs,
-        centre_m: Array,
-        axis: Array,
-        side: Array,
-    ) -> Self:
-        """Return the same body with another mean total cross section over given postures.
-
-        `total_rcs_dbsm` is what `mean_total_m2` shall be, in decibels over a square metre;
-        'physical' leaves what the ellipsoids give, None draws as `draw_total_m2` does. One
-        number is drawn, used or not: the choice changes nothing drawn later. Raises SceneError
-        if it is outside -70 to 30.
-        """
-        total_m2 = draw_total_m2(rng)
-        if total_rcs_dbsm == "physical":
-            return self
-        if total_rcs_dbsm is not None:
-            if not -70.0 <= total_rcs_dbsm <= 30.0:
-                msg = f"total_rcs_dbsm: {total_rcs_dbsm} is not in -70 to 30"
-                raise SceneError(msg)
-            total_m2 = 10.0 ** (total_rcs_dbsm / 10.0)
-        factor = total_m2 / self.mean_total_m2(centre_m, axis, side)
-        return replace(self, scale=self.scale * factor)
 
     def _nearer2_m2(self, axis: Array, side: Array, towards: Array) -> Array:
         """Return the squared distance from middles to surfaces; x, y, z come first."""
@@ -205,14 +154,6 @@ class SegmentRcs:
             ahead = ahead - q * u
         miss2 = place2 - ahead * np.abs(ahead) / ray2
         return _ramp(ahead / np.sqrt(ray2), 0.2, 1.0) * (1.0 - _ramp(miss2, 0.5, 1.7))
-
-
-def draw_total_m2(rng: np.random.Generator, dbsm: tuple[float, float] = TOTAL_RCS_DBSM) -> float:
-    """Draw a body's mean total cross section, whatever the body is.
-
-    Were people larger than pets, a classifier would learn size instead of movement.
-    """
-    return float(10.0 ** (rng.uniform(*dbsm) / 10.0))
 
 
 def _first(x: Array) -> Array:

@@ -1,0 +1,148 @@
+"""Motion generators: feet that stand, limbs of one length, bodies that go where they should."""
+
+import numpy as np
+import pytest
+
+from x2radar.sim.bodies.motion.curves import N_HARMONICS, WALK_KNEE, JointCurve, harmonics
+from x2radar.sim.bodies.motion.limbs import bent
+from x2radar.sim.bodies.motion.stride_phase import Footprints, StridePhase
+from x2radar.sim.bodies.path.path import Path
+from x2radar.sim.bodies.person.angle_motion import AnglePerson
+from x2radar.sim.bodies.person.build import NAMES, draw_person_build
+from x2radar.sim.bodies.person.footfall_motion import FootfallPerson, draw_gesture, draw_ways
+from x2radar.sim.bodies.person.person import draw_person
+from x2radar.sim.bodies.quadruped.pet import draw_pet
+
+T_S = np.arange(0, 6, 1 / 60)
+
+
+def person(kind, seed=0, style="walk", speed=1.2):
+    rng = np.random.default_rng(seed)
+    build = draw_person_build(rng)
+    path = Path.through([(0.0, 8.0), (0.0, 0.5)], speed)
+    if kind == "footfalls":
+        return FootfallPerson.plan(
+            rng, path, build, draw_ways(rng, style), draw_gesture(rng)
+        ), build
+    return AnglePerson.draw(rng, path, build, style, draw_gesture(rng)), build
+
+
+def ends(motion, build, t_s):
+    centre, axis, _ = motion.posture(t_s)
+    half = build.half_lengths()[:, :1]
+    return centre - half * axis, centre + half * axis
+
+
+@pytest.mark.parametrize("kind", ["footfalls", "angles"])
+@pytest.mark.parametrize("seed", range(5))
+def test_limbs_keep_their_length_and_join(kind, seed):
+    motion, build = person(kind, seed)
+    begin, end = ends(motion, build, T_S)
+    for upper, lower in (("left thigh", "left shank"), ("right upper arm", "right forearm")):
+        knee = end[:, NAMES.index(upper)] - begin[:, NAMES.index(lower)]
+        assert np.abs(knee).max() < 0.02
+
+
+@pytest.mark.parametrize("kind", ["footfalls", "angles"])
+@pytest.mark.parametrize("seed", range(5))
+def test_the_trunk_goes_where_the_path_goes(kind, seed):
+    motion, _ = person(kind, seed)
+    centre, _, _ = motion.posture(T_S)
+    state = motion.path.at(T_S)
+    trunk = centre[:, 0]
+    assert np.abs(trunk[:, 0] - state.x_m).max() < 0.15
+    assert np.abs(trunk[:, 1] - state.y_m).max() < 0.45  # somebody who leans
+    assert (np.abs(centre[:, NAMES.index("head"), 2]) < 2.3).all()
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_standing_foot_stands(seed):
+    rng = np.random.default_rng(seed)
+    path = Path.through([(0.0, 6.0), (1.0, 3.0), (-1.0, 1.0)], 1.1)
+    phase = StridePhase.along(path, lambda v: 0.4 + 0.6 * v)
+    duty = rng.uniform(0.4, 0.7)
+    prints = Footprints.plan(path, phase, offset=0.3, duty=duty, home_m=(0.0, 0.1), lift_m=0.1)
+    t_s = np.arange(0, 8, 0.01)
+    place, swing = prints.at(t_s, np.ones(len(t_s)))
+    stands = (swing[1:] == 0) & (swing[:-1] == 0)
+    assert stands.mean() > 0.3
+    assert np.abs(np.diff(place, axis=0)[stands]).max() < 1e-12
+    assert (place[:, 2] >= 0).all()
+    assert place[:, 2].max() == pytest.approx(0.1, rel=0.05)
+    # It stands under the body: half-way through a stance the body is over it.
+    middle = phase.time_s(np.arange(2.0, 5.0) + 0.3 + 0.5 * duty)
+    at, _ = prints.at(middle, np.ones(3))
+    body = path.at(middle)
+    assert np.hypot(at[:, 0] - body.x_m, at[:, 1] - body.y_m) == pytest.approx(0.1, abs=0.01)
+
+
+def test_standing_still_stops_the_phase():
+    path = Path.stop_and_go([(0.0, 6.0), (0.0, 2.0)], 1.0, [(1.5, 2.0)])
+    phase = StridePhase.along(path, lambda v: np.full_like(v, 1.2))
+    t_s = np.arange(path.start_s, path.end_s, 0.01)
+    still = path.at(t_s).speed_mps == 0
+    assert still.sum() > 150
+    strides = phase.at(t_s)
+    assert np.abs(np.diff(strides)[still[1:] & still[:-1]]).max() < 2e-3
+    assert strides[-1] == pytest.approx(path.length_m / 1.2, rel=0.02)
+
+
+@pytest.mark.parametrize("far_m", [0.3, 0.8, 1.5])
+def test_a_limb_reaches_or_is_stretched(far_m):
+    top, end = np.array([[0.0, 0.0, 1.0]]), np.array([[far_m, 0.0, 1.0]])
+    joint, reached = bent(top, end, 0.5, 0.5, np.array([[0.0, 0.0, 1.0]]))
+    assert np.linalg.norm(joint - top) == pytest.approx(0.5)
+    assert np.linalg.norm(reached - joint) == pytest.approx(0.5)
+    assert reached[0, 0] == pytest.approx(min(far_m, 0.995))
+    assert joint[0, 2] >= 1.0
+
+
+def test_a_curve_without_spread_is_the_published_one():
+    c = harmonics(WALK_KNEE)
+    curve = JointCurve(float(c[0].real), 2 * np.abs(c[1:]), np.angle(c[1:]))
+    phase = np.arange(10) / 10
+    made = np.rad2deg(curve.at(phase, np.ones(10)))
+    # Four harmonics hold a knee to two degrees.
+    assert np.abs(made - WALK_KNEE).max() < 2.5
+    assert len(curve.amplitude_rad) == N_HARMONICS
+
+
+@pytest.mark.parametrize("motion", ["gait", "footfalls", "angles"])
+@pytest.mark.parametrize("seed", range(4))
+def test_feet_are_faster_than_the_trunk_and_heads_are_not(motion, seed):
+    rng = np.random.default_rng(seed)
+    body = draw_person(
+        rng,
+        style="walk",
+        path=[(0.0, 9.0), (0.0, 0.5)],
+        speed_mps=1.3,
+        motion=motion,
+        skin="points",
+    )
+    t_s = np.arange(2.0, 5.0, 1 / 120)
+    place = body.at(t_s, np.array([0.0, 0.0, 1.0])).position_m
+    speed = np.linalg.norm(np.diff(place, axis=0), axis=-1) * 120
+    names = np.array(body.names)
+    feet = speed[:, np.char.endswith(names, "foot")].max()
+    head = np.median(speed[:, names == "head"])
+    assert 2.4 < feet < 7.5
+    assert head == pytest.approx(1.3, abs=0.35)
+
+
+@pytest.mark.parametrize("motion", ["footfalls", "angles"])
+@pytest.mark.parametrize("style", ["walk", "trot", "canter", "roam", "stalk"])
+def test_a_pets_paws_reach_the_floor_and_do_not_go_through_it(motion, style):
+    species = "cat" if style == "stalk" else "dog"
+    for seed in range(4):
+        body = draw_pet(
+            np.random.default_rng(seed),
+            species=species,
+            style=style,
+            path=[(0.0, 5.0), (0.0, 1.0)],
+            motion=motion,
+        )
+        t_s = np.arange(0.5, 4.0, 1 / 60)
+        centre, _, _ = body.motion.posture(t_s)
+        paws = centre[:, 10::3, 2]
+        assert paws.min() > -0.06
+        assert (paws.min(axis=1) < 0.12).mean() > 0.6

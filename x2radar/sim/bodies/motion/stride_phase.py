@@ -1,0 +1,161 @@
+"""The phase of a gait along a path, and the places where feet stand.
+
+The phase counts strides. It is the time integral of speed over stride length, kept as a table
+of 10 ms steps between which it is taken as straight; standing still stops it.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from x2radar.sim.bodies.path.path import Path
+
+Array = NDArray[np.float64]
+
+_STEP_S = 0.01
+_MARGIN_S = 0.5
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StridePhase:
+    """Strides done since the path's beginning.
+
+    Attributes
+    ----------
+    t_s : ndarray, shape (n_steps,), float64
+        Times of the table.
+    strides : ndarray, shape (n_steps,), float64
+        Strides done; never falls.
+    """
+
+    t_s: Array
+    strides: Array
+
+    @classmethod
+    def along(cls, path: Path, stride_m: Callable[[Array], Array]) -> Self:
+        """Return the phase along a path.
+
+        Parameters
+        ----------
+        path : Path
+            Where the body goes, and how fast.
+        stride_m : callable
+            Takes speeds in m/s, returns lengths of strides in metres, above zero.
+        """
+        t_s = np.arange(path.start_s - _MARGIN_S, path.end_s + _MARGIN_S, _STEP_S)
+        speed = path.at(t_s).speed_mps
+        rate_hz = speed / np.maximum(stride_m(np.maximum(speed, 0.05)), 0.02)
+        steps = 0.5 * (rate_hz[1:] + rate_hz[:-1]) * _STEP_S
+        return cls(t_s, np.concatenate([[0.0], np.cumsum(steps)]))
+
+    def at(self, t_s: Array) -> Array:
+        """Return the strides done at times of shape (n_slow,)."""
+        return np.interp(t_s, self.t_s, self.strides)
+
+    def time_s(self, strides: Array) -> Array:
+        """Return when so many strides are done; the ends of the table outside of it."""
+        # A phase that stands still would have no inverse.
+        rising = self.strides + 1e-9 * np.arange(len(self.strides))
+        return np.interp(strides, rising, self.t_s)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Footprints:
+    """Where one foot stands, stance after stance, and how it gets from one to the next.
+
+    Attributes
+    ----------
+    phase : StridePhase
+        Of the body.
+    offset, duty : float
+        Phase at which the foot lands, in strides, and the share of a stride it stands.
+    first : int
+        Number of the first print.
+    place_m : ndarray, shape (n_prints, 2), float64
+        Prints on the floor.
+    lift_m, lift_skew : float
+        Height of the swing, and where its top is: 1 in the middle, less is earlier.
+    """
+
+    phase: StridePhase
+    offset: float
+    duty: float
+    first: int
+    place_m: Array
+    lift_m: float
+    lift_skew: float
+
+    @classmethod
+    def plan(
+        cls,
+        path: Path,
+        phase: StridePhase,
+        *,
+        offset: float,
+        duty: float,
+        home_m: tuple[float, float],
+        facing_rad: float = 0.0,
+        lift_m: float,
+        lift_skew: float = 1.0,
+        scatter_m: Array | None = None,
+    ) -> Self:
+        """Return the prints of a foot whose place under the body is `home_m`.
+
+        Parameters
+        ----------
+        path, phase : Path, StridePhase
+            The body's way.
+        offset, duty, lift_m, lift_skew
+            As the attributes.
+        home_m : tuple of float
+            Ahead of the body's middle and to its left, half-way through the stance.
+        facing_rad : float
+            How far the body is turned to the left of its way.
+        scatter_m : ndarray, shape (64, 2), float64, optional
+            What is added to the prints, in turn.
+        """
+        first = int(np.floor(phase.strides[0] - offset)) - 1
+        last = int(np.ceil(phase.strides[-1] - offset)) + 1
+        number = np.arange(first, last + 1)
+        state = path.at(phase.time_s(np.asarray(number + offset + 0.5 * duty, np.float64)))
+        facing = state.heading_rad + facing_rad
+        ahead, left = home_m
+        place = np.stack(
+            [
+                state.x_m + ahead * np.cos(facing) - left * np.sin(facing),
+                state.y_m + ahead * np.sin(facing) + left * np.cos(facing),
+            ],
+            axis=-1,
+        )
+        if scatter_m is not None:
+            place = place + scatter_m[number % len(scatter_m)]
+        return cls(phase, offset, duty, first, place, lift_m, lift_skew)
+
+    def at(self, t_s: Array, vigour: Array) -> tuple[Array, Array]:
+        """Return where the foot's sole is, and how far its swing is.
+
+        Parameters
+        ----------
+        t_s : ndarray, shape (n_slow,), float64
+            Times.
+        vigour : ndarray, shape (n_slow,), float64
+            0 standing, 1 going: a body that stops puts its feet down.
+
+        Returns
+        -------
+        place_m : ndarray, shape (n_slow, 3), float64
+            Room coordinates.
+        swing : ndarray, shape (n_slow,), float64
+            0 on the floor, then 0 to 1 in the air.
+        """
+        p = self.phase.at(t_s) - self.offset
+        whole = np.floor(p)
+        k = np.clip(whole.astype(np.int64) - self.first, 0, len(self.place_m) - 2)
+        swing = np.clip((p - whole - self.duty) / (1.0 - self.duty), 0.0, 1.0)
+        ease = swing * swing * (3.0 - 2.0 * swing)
+        flat = self.place_m[k] + ease[:, None] * (self.place_m[k + 1] - self.place_m[k])
+        up = self.lift_m * vigour * np.sin(np.pi * swing**self.lift_skew) ** 1.5
+        return np.concatenate([flat, up[:, None]], axis=1), swing
