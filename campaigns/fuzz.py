@@ -18,6 +18,7 @@ over_memory, and the same for each of `targets`. Exit code 1 if one of them but 
 
 import argparse
 import hashlib
+import importlib
 import importlib.util
 import json
 import os
@@ -272,6 +273,11 @@ def guide(target: str, folder: Path, seed: str, left_s: str) -> None:
     with atheris.instrument_imports(include=["x2radar", "radard"]):
         from campaigns.fuzz_targets import BORDER, verdict  # noqa: PLC0415
         from campaigns.fuzz_targets import TARGETS as KNOWN  # noqa: PLC0415
+        from x2radar.recording.registry import FORMATS  # noqa: PLC0415
+
+        for row in FORMATS.values():
+            # Else imported when first needed, and not instrumented.
+            importlib.import_module(f"x2radar.recording.{row.reader.partition(':')[0]}")
 
     run = KNOWN[target].run
     work_in = folder / "work"
