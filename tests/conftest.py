@@ -2,6 +2,7 @@
 
 import itertools
 import json
+import logging
 import os
 import signal
 import tempfile
@@ -84,6 +85,14 @@ def nobodys_folders(fresh_folders):
     with pytest.MonkeyPatch.context() as patch:
         set_folders(patch, next(fresh_folders))
         yield
+
+
+@pytest.fixture(autouse=True)
+def own_log_level():
+    """Give the log its level back: a command that ran within the process has set its own."""
+    level = logging.root.level
+    yield
+    logging.root.setLevel(level)
 
 
 @pytest.fixture(autouse=True)

@@ -166,7 +166,8 @@ def test_who_waits_until_he_is_background_is_seen_when_he_moves_on(tmp_path):
     records = run_radard(*argv)[1]
     new = [r["t_s"] for r in records if r["type"] == "event" and r["phase"] == "new"]
     assert len(new) == 2
-    assert new[0] <= 3
+    # Exercise on one spot may stay undecided for `decide_within_s`.
+    assert new[0] <= 5.5
     assert 60 < new[1] <= 63
 
 
