@@ -17,8 +17,8 @@ from tests.training_helpers import (
     MAPS,
     give_head,
     settings,
+    tiny,
     toy,
-    trained,
     write_tiny,
 )
 from x2radar.errors import RecordingError
@@ -43,7 +43,7 @@ def windows(folder, n, seed):
 def made(request, tmp_path_factory):
     """Return a folder: a bundle that takes all for people, guards, and clips of a dog."""
     folder = tmp_path_factory.mktemp("finetune")
-    network = replace(trained()[0], temperature=12.0)
+    network = replace(tiny()[0], temperature=12.0)
     write_tiny(folder, network)
     if request.param == "temporal":
         give_head(folder / "tiny.onnx", temperature=2.5)

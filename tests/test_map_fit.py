@@ -13,7 +13,7 @@ from radard.classify.classifier import Classifier, softmax
 from radard.classify.evidence import EvidenceSettings
 from radard.classify.features import FeatureSet
 from radard.errors import RadardError, UsageError
-from tests.training_helpers import FEATURES, INPUTS, TINY, toy, trained, write_tiny
+from tests.training_helpers import FEATURES, INPUTS, TINY, tiny, toy, trained, write_tiny
 from x2train.bundles.export import parity, to_onnx
 from x2train.bundles.map_bundle import HUMAN_LIMIT, PRIOR_HUMAN, TRUST, map_metrics
 from x2train.commands.fit import WIDTHS
@@ -24,7 +24,7 @@ from x2train.nets.nets import MapNet, n_parameters
 
 @pytest.fixture(scope="module")
 def made():
-    return trained()
+    return tiny()
 
 
 def test_what_a_glance_tells_apart_is_learnt(made):

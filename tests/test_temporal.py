@@ -20,8 +20,8 @@ from tests.training_helpers import (
     given,
     head_for,
     settings,
+    tiny,
     toy,
-    trained,
     write_tiny,
 )
 from x2train.bundles.temporal_graph import GIVEN, n_parameters, with_given, with_head
@@ -40,7 +40,7 @@ def folder(tmp_path_factory):
     """Return a folder with the bundle `plain`, `tiny` with a head, and sets."""
     folder = tmp_path_factory.mktemp("temporal")
     for name in ("plain", "tiny"):
-        write_tiny(folder, trained()[0], name=name)
+        write_tiny(folder, tiny()[0], name=name)
     give_head(folder / "tiny.onnx")
     about = {"kind": "windows", "use": "all", "settings": settings()}
     ShardSet(folder / "set", about).write("shard-00000", toy(96))
@@ -177,7 +177,7 @@ def test_torch_computes_the_graph_with_its_head(folder):
 def test_what_the_last_layer_is_given_makes_the_logits(folder):
     bundle, windows = load_bundle(str(folder / "plain.onnx")), toy(12)
     answers, values = tapped(with_given(bundle.onnx), {n: windows[n] for n in MAPS}, GIVEN)
-    out = trained()[0].net.out[1]
+    out = tiny()[0].net.out[1]
     logits = values @ out.weight.detach().numpy().T + out.bias.detach().numpy()
     np.testing.assert_allclose(answers.logits, logits, atol=1e-4)
 

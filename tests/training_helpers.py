@@ -3,12 +3,15 @@
 import hashlib
 import json
 from dataclasses import asdict, replace
+from functools import cache
 
 import numpy as np
+import pytest
 
 from radard.classify.bundle import ModelInput, load_bundle
 from radard.classify.evidence import EvidenceSettings
 from radard.classify.features import feature_shape
+from x2train.bundles.export import to_onnx
 from x2train.bundles.map_bundle import write_map_bundle
 from x2train.bundles.temporal_graph import GIVEN, with_given, with_head
 from x2train.commands.dataset import FEATURES
@@ -59,6 +62,15 @@ def trained(settings=TINY, *, n=96):
     return made, epochs
 
 
+@cache
+def tiny():
+    """Return `trained()` once for all tests: none may change it."""
+    return trained()
+
+
+_exported = cache(to_onnx)
+
+
 def settings():
     """Return the settings of the maps, as a set's manifest has them."""
     return asdict(FEATURES)
@@ -73,16 +85,18 @@ def write_tiny(folder, network, *, name="tiny", **own):
         "gate": {},
         "notes": "",
     }
-    write_map_bundle(
-        folder,
-        name,
-        network,
-        inputs=INPUTS,
-        features=FEATURES,
-        stream=STREAM,
-        sample=toy(48, seed=1),
-        **(usual | own),
-    )
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("x2train.bundles.map_bundle.to_onnx", _exported)
+        write_map_bundle(
+            folder,
+            name,
+            network,
+            inputs=INPUTS,
+            features=FEATURES,
+            stream=STREAM,
+            sample=toy(48, seed=1),
+            **(usual | own),
+        )
 
 
 def given(bundle, columns):
