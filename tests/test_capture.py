@@ -1,6 +1,5 @@
 import json
 import threading
-import time
 from itertools import islice
 
 import numpy as np
@@ -110,28 +109,47 @@ def test_unchecked_writes_are_ignored(tmp_path):
         transport.write(b"x")
 
 
-def test_paced_replay_keeps_the_times(tmp_path):
-    path = tmp_path / "w.x2cap"
+class Clock:
+    """Time that passes only where somebody waits."""
+
+    def __init__(self):
+        self.now_s = 100.0
+
+    def monotonic(self):
+        return self.now_s
+
+    def monotonic_ns(self):
+        return round(1e9 * self.now_s)
+
+    def wait(self, s):
+        self.now_s += s
+
+
+def test_paced_replay_keeps_the_times(tmp_path, monkeypatch):
+    path, clock = tmp_path / "w.x2cap", Clock()
+    monkeypatch.setattr("x2radar.recording.capture.time", clock)
     writer = CaptureWriter(path, {})
     near, far = memory_pair()
     transport = capturing(lambda: near, writer)()
     for k in range(4):
         far.write(bytes([k]))
         assert transport.read(1) == bytes([k])
-        time.sleep(0.1)
+        clock.wait(0.1)
     writer.close()
-    for speed, least, most in ((1.0, 0.28, 0.6), (4.0, 0.07, 0.2), (None, 0, 0.1)):
+    for speed, takes_s in ((1.0, 0.3), (4.0, 0.075), (None, 0.0)):
         replayed = CaptureReplay(Capture(path), speed=speed).connect()
-        begun_s = time.monotonic()
+        replayed._changed.wait = clock.wait
+        begun_s = clock.now_s
         got = [replayed.read(1.0) for _ in range(4)]
         assert got == [b"\0", b"\1", b"\2", b"\3"]
-        assert least <= time.monotonic() - begun_s < most
+        assert clock.now_s - begun_s == pytest.approx(takes_s, abs=1e-6)
+    monkeypatch.undo()
     replayed = CaptureReplay(Capture(path), speed=0.1).connect()
     assert replayed.read(0.01) == b"\0"
     assert replayed.read(0.01) == b""
     threading.Timer(0.05, replayed.close).start()
     with pytest.raises(TransportClosed):
-        replayed.read(5)
+        replayed.read(60)
 
 
 # ---------------------------------------------------------------- the file

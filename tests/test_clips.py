@@ -3,7 +3,6 @@
 import json
 import os
 import struct
-import time
 import zlib
 from pathlib import Path
 
@@ -17,6 +16,7 @@ from radard.clips.spectrogram_png import PictureMaker, encode_png
 from radard.config.sections import ClipsSection
 from radard.errors import OutputError
 from tests.radar_helpers import BASEBAND, noise, run_radard
+from tests.waiting import wait_for
 from x2radar.frame import Frame, StreamInfo
 from x2radar.recording.registry import open_recording
 
@@ -198,7 +198,7 @@ def test_the_frames_of_a_clip_do_not_depend_on_who_is_faster(tmp_path, ahead):
     path = keeper.begin(event(), feeder.t_s)
     feeder.after(is_seen=True, n=3)
     feeder.after(is_seen=False, n=4)
-    assert keeper.close(5.0)
+    assert keeper.close(60.0)
     # 5 s before the dwell of decision 20, on the grid of the hops; 2 s after it was last seen.
     first, last, n = span(path)
     assert first == 1 + 60 * 14
@@ -214,7 +214,7 @@ def test_early_alarms_long_alarms_and_one_clip_at_a_time(tmp_path):
     feeder.after(is_seen=True, n=30)
     other = keeper.begin(event("2" * 26), feeder.t_s)
     keeper.after(feeder.t_s, is_seen=True)
-    assert keeper.close(5.0)
+    assert keeper.close(60.0)
     assert span(path)[:2] == (1, 600)
     assert span(other)[1] == N_SLOW + 60 * 31
     assert not keeper.complaint
@@ -226,7 +226,7 @@ def test_no_clip_reaches_back_over_a_restart(tmp_path):
     keeper.restart()
     feeder.hop(1)
     path = keeper.begin(event(), feeder.t_s)
-    assert keeper.close(5.0)
+    assert keeper.close(60.0)
     assert span(path)[0] == 1 + 60 * 10
 
 
@@ -235,14 +235,11 @@ def test_a_full_disk_is_a_complaint_and_the_next_clip_is_tried(tmp_path):
     feeder.hop(3)
     assert keeper.begin(event(), feeder.t_s)
     feeder.after(is_seen=False, n=5)
-    for _ in range(100):
-        if keeper.complaint:
-            break
-        time.sleep(0.02)
+    wait_for(lambda: keeper.complaint)
     assert "MB are free" in keeper.complaint
     keeper._folder.rmdir()
     assert keeper.begin(event(), feeder.t_s)
-    assert keeper.close(5.0)
+    assert keeper.close(60.0)
 
 
 def test_a_folder_that_cannot_be_made(tmp_path):
@@ -251,7 +248,7 @@ def test_a_folder_that_cannot_be_made(tmp_path):
     feeder.hop(3)
     keeper.begin(event(), feeder.t_s)
     feeder.after(is_seen=False, n=5)
-    assert keeper.close(5.0)
+    assert keeper.close(60.0)
     assert keeper.complaint
 
 

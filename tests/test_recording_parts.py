@@ -17,6 +17,7 @@ import pytest
 
 from tests.radar_helpers import BASEBAND, frames_of, noise, run_radard, stable
 from tests.recording_helpers import content, run
+from tests.waiting import wait_for
 from x2radar.errors import ReadTimeout, RecordingError, X2RadarError
 from x2radar.frame import Frame, StreamInfo
 from x2radar.recording import recorder
@@ -388,9 +389,7 @@ def test_a_killed_recorder_leaves_readable_parts(tmp_path, kill):
         cwd=ROOT,
     )
     try:
-        give_up_s = time.monotonic() + 60
-        while not existing_parts(tmp_path / "w.h5") and time.monotonic() < give_up_s:
-            time.sleep(0.005)
+        wait_for(lambda: existing_parts(tmp_path / "w.h5"))
         time.sleep((0.0, 0.11, 0.31)[kill])
     finally:
         os.kill(process.pid, signal.SIGKILL)

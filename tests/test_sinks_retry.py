@@ -252,7 +252,7 @@ def test_syslog_over_tcp_is_lines_and_outlives_its_server():
 def test_syslog_over_udp_with_severity():
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as far:
         far.bind(("127.0.0.1", 0))
-        far.settimeout(5)
+        far.settimeout(60)
         url = f"syslog:udp://127.0.0.1:{far.getsockname()[1]}"
         sink = opened(url, syslog=SyslogSection(facility="local3"))
         for record in (hello(), decision(), event(1), event(1, phase="end")):

@@ -282,7 +282,7 @@ def test_a_session_in_a_cookie_that_scripts_cannot_read(make):
     assert VIEWER not in cookie
     assert client.get("/api/v1/status").json()["role"] == "viewer"
     with client.socket() as page:
-        assert json.loads(page.recv(5))["role"] == "viewer"
+        assert json.loads(page.recv(60))["role"] == "viewer"
     assert post(client, "/api/v1/logout", {}).status_code == 200
     assert client.get("/api/v1/status").status_code == 401
 
@@ -397,7 +397,7 @@ def test_a_page_is_welcomed_with_what_there_is(make):
     client.sink.write(open_decision(1, 2.45, human=0.9))
     client.sink.write(event(ULID))
     with client.socket() as page:
-        welcome = json.loads(page.recv(5))
+        welcome = json.loads(page.recv(60))
     assert welcome["type"] == "welcome"
     assert [d["seq"] for d in welcome["decisions"]] == [1]
     assert [e["id"] for e in welcome["events"]] == [ULID]
@@ -406,9 +406,9 @@ def test_a_page_is_welcomed_with_what_there_is(make):
 def test_pages_beyond_the_limit_are_sent_away(make):
     client = make(section={"max_viewers": 1})
     with client.socket() as page:
-        json.loads(page.recv(5))
+        json.loads(page.recv(60))
         with client.socket() as second, pytest.raises(ConnectionClosed) as err:
-            second.recv(5)
+            second.recv(60)
         assert err.value.rcvd.code == 1013
 
 
@@ -416,21 +416,21 @@ def test_pages_beyond_the_limit_are_sent_away(make):
 def test_nonsense_closes_a_page(make, text):
     client = make()
     with client.socket() as page:
-        json.loads(page.recv(5))
+        json.loads(page.recv(60))
         page.send(text)
         with pytest.raises(ConnectionClosed):
-            json.loads(page.recv(5))
+            json.loads(page.recv(60))
 
 
 def test_a_flood_closes_a_page(make):
     client = make()
     with client.socket() as page:
-        json.loads(page.recv(5))
+        json.loads(page.recv(60))
         with contextlib.suppress(ConnectionClosed):
             for _ in range(1000):
                 page.send('{"drawn": 1}')
         with pytest.raises(ConnectionClosed):
-            page.recv(5)
+            page.recv(60)
 
 
 def test_opening_by_url(tmp_path):

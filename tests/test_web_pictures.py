@@ -2,7 +2,6 @@
 
 import struct
 import threading
-import time
 
 import numpy as np
 import pytest
@@ -12,6 +11,7 @@ from radard.web.picture_thread import PictureThread
 from radard.web.spectrograms import GAIT_S, SPANS_DB, Spectrograms
 from radard.web.wire import TIMED, axes, encode_columns, encode_gait
 from tests.radar_helpers import BASEBAND, frames_of, noise, walker
+from tests.waiting import wait_for
 
 RATE_HZ = 60.0
 HEAD = struct.Struct("<BBHIIfd")
@@ -190,11 +190,8 @@ class Told:
     def __init__(self):
         self.axes, self.data = [], []
 
-    def wait(self, n, timeout_s=60.0):
-        end_s = time.monotonic() + timeout_s
-        while len(self.data) < n and time.monotonic() < end_s:
-            time.sleep(0.01)
-        return len(self.data) >= n
+    def wait(self, n):
+        return wait_for(lambda: len(self.data) >= n)
 
 
 def test_a_picture_thread_works_only_while_it_is_wanted():

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from radard.health.status_file import read_status, status_path
 from radard.web.spectrograms import COLUMN_RATE_HZ
 from tests.alarm_helpers import write_recording
 from tests.radar_helpers import noise, run_radard, stable
@@ -36,9 +37,9 @@ def test_a_page_gets_decisions_and_pictures_of_a_live_stream(launch):
     page = Client(running.port).socket()
     page.send('{"pictures": true}')
     texts, n_columns = {}, 0
-    end_s = time.monotonic() + 4
-    while time.monotonic() < end_s:
-        data = page.recv(5)
+    # What the ring still held, and what came meanwhile.
+    while len(texts.get("decision", ())) < 2 or n_columns <= 3 * COLUMN_RATE_HZ:
+        data = page.recv(60)
         if isinstance(data, str):
             message = json.loads(data)
             texts.setdefault(message["type"], []).append(message)
@@ -47,9 +48,6 @@ def test_a_page_gets_decisions_and_pictures_of_a_live_stream(launch):
     page.close()
     assert [m["type"] for m in texts["welcome"]] == ["welcome"]
     assert len(texts["axes"]) == 1
-    assert len(texts["decision"]) >= 2
-    # What the ring still held, and four seconds of what came.
-    assert n_columns > 3 * COLUMN_RATE_HZ
     status = running.get("/api/v1/status")[1]
     assert status["hello"]["port"] == "sim:human?seed=1"
 
@@ -126,10 +124,11 @@ def test_floods_of_connections_do_not_stop_decisions(launch):
             line.send(b"GET / HTTP/1.1\r\nHost: ")
         except OSError:
             continue
-    time.sleep(2.2)
+    report = status_path(running.folder, "radar")
+    running.wait(lambda: read_status(report).content["seq"] >= before + 2)
     for line in lines:
         line.close()
-    running.wait(lambda: running.get("/api/v1/status")[1]["panel"]["seq"] >= before + 2)
+    running.wait(lambda: running.get("/api/v1/status")[0] == 200)
 
 
 def test_a_replay_is_paused_moved_and_let_go(launch, tmp_path):
@@ -161,7 +160,7 @@ def test_no_page_no_work(launch):
     tasks = Path(f"/proc/{running.process.pid}/task")
     n_before = len(list(tasks.iterdir()))
     page = Client(running.port).socket()
-    page.recv(5)
+    page.recv(60)
     time.sleep(0.3)
     assert len(list(tasks.iterdir())) == n_before
     page.send('{"pictures": true}')
