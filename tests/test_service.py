@@ -187,9 +187,10 @@ def test_a_real_recording_opens_the_gate_while_somebody_moves():
     assert code == 0
     made = decisions(records)
     moving = [d["gate"] == "open" for d in made if 6 <= d["t_s"] <= 68]
-    still = [d["gate"] == "closed" for d in made if d["t_s"] > 71]
+    still = [d["gate"] == "open" for d in made if d["t_s"] > 71]
     assert np.mean(moving) >= 0.95
-    assert np.mean(still) >= 0.70
+    # Somebody still sits there, 27 dB over the noise: nothing of it was learned from the motion.
+    assert np.mean(still) >= 0.95
     assert all(d["label"] is None for d in made if d["gate"] == "open")
     assert not any(d["alarm"] for d in made)
 

@@ -222,14 +222,13 @@ def test_a_simulated_walk_is_the_same_again_and_one_person_for_both_radars():
     reason="the recorded walks are not part of the project",
 )
 def test_simulated_people_walk_as_the_recorded_one_does():
-    *_, found = compare(RECORDINGS, 4)
+    *_, found = compare(RECORDINGS, 12)
     assert isinstance(found, Comparison)
     rows = {row.name: row for row in found.rows}
     for name in (
         "range rate, mean",
         "near edge (-6 dB), oscillation, rms",
         "limbs ahead of the way, 90 %",
-        "limb velocity about the body, rms",
         "body extent (-6 dB), median",
         "power 0.5 m behind the body",
         "power 1 m behind the body",

@@ -230,7 +230,13 @@ def test_lengths_of_bodies_that_are_no_numbers(make):
     client = make()
     for length in (LONG, "-1", "1e3"):
         headers = {**HEADERS, "Content-Length": length}
-        assert client.post("/api/v1/command", b"{}", headers).status_code in {400, 413}
+        try:
+            status = client.post("/api/v1/command", b"{}", headers).status_code
+        except ConnectionResetError:
+            # The server has closed with the body unread: the answer may be lost on the way.
+            status = 400
+        assert status in {400, 413}
+    assert client.run.asked == []
 
 
 # Nothing changes by looking -------------------------------------------------------------------
