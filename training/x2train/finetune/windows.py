@@ -1,9 +1,9 @@
 """Own windows: a recording through the daemon's own pipeline, and what its network was given."""
 
-import contextlib
 import hashlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from radard.config.config import Config
 from radard.config.sections import AUTO_MODEL, DEFAULT_MODEL
 from radard.errors import ModelMismatch, UsageError
 from radard.pipeline import Pipeline
-from radard.stream.ring import Dwell, FrameRing, Notice
+from radard.stream.ring import Notice
 from x2radar.recording.blocks import BlockReader
 from x2radar.recording.registry import open_recording
 from x2train.finetune.labels import OwnClip
@@ -102,19 +102,12 @@ def decisions_on(clip: OwnClip, bundle: Bundle) -> list[Decision]:
 
 
 def _decided(reader: BlockReader, pipeline: Pipeline) -> Iterator[Decision]:
-    for item in _items(reader, pipeline.make_ring()):
+    ring = pipeline.make_ring()
+    for item in chain.from_iterable(map(ring.items, reader.frames(0.0))):
         if isinstance(item, Notice):
             pipeline.restart()
         else:
             yield pipeline.decide(item)
-
-
-def _items(reader: BlockReader, ring: FrameRing) -> Iterator[Dwell | Notice]:
-    for frame in reader.frames(0.0):
-        ring.push(frame)
-        with contextlib.suppress(TimeoutError):
-            while (item := ring.take(0)) is not None:
-                yield item
 
 
 def stacked(clips: Sequence[OwnWindows]) -> Maps:
