@@ -55,9 +55,10 @@ def pytest_terminal_summary(terminalreporter, config):
         found = json.load(file)
     folders = {}
     for name, each in found["files"].items():
-        folders.setdefault(str(Path(name).parent), []).append(each["summary"])
+        if each["summary"]["num_statements"]:
+            folders.setdefault(str(Path(name).parent), []).append(each["summary"])
     terminalreporter.section("coverage: lines, branches")
-    for folder, parts in [*folders.items(), ("all", [found["totals"]])]:
+    for folder, parts in [*sorted(folders.items()), ("all", [found["totals"]])]:
         told = f"{folder:45}"
         for hit, of in ("covered_lines", "num_statements"), ("covered_branches", "num_branches"):
             n_hit, n = (sum(part[key] for part in parts) for key in (hit, of))
