@@ -290,7 +290,7 @@ def test_colours_are_even_and_follow_the_page(tab):
     one = tab().open()
     steps = one.page.evaluate(
         """async () => {
-          const { colourMap } = await import('/static/colour.js');
+          const { colourMap } = await import('/static/charts/colour.js');
           const light = (v) => { const c = v / 255;
             return c <= 0.04045 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4; };
           const okl = (n) => { const [r, g, b] = [n, n >> 8, n >> 16].map((x) => light(x & 255));

@@ -14,8 +14,8 @@ import pytest
 
 from radard.clips.clip_file import ClipFile
 from radard.errors import RadardError
-from radard.web import clip_process
-from radard.web.clip_process import ClipTimeoutError, read_clip
+from radard.web.pictures import clip_process
+from radard.web.pictures.clip_process import ClipTimeoutError, read_clip
 from tests.alarm_helpers import write_recording
 from tests.dashboard_helpers import maker
 from tests.radar_helpers import BASEBAND, frames_of, noise

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from radard.stream.ring import DwellShape, FrameRing
-from radard.web.picture_thread import PictureThread
-from radard.web.spectrograms import GAIT_S, SPANS_DB, Spectrograms
-from radard.web.wire import TIMED, axes, encode_columns, encode_gait
+from radard.web.pictures.picture_thread import PictureThread
+from radard.web.pictures.spectrograms import GAIT_S, SPANS_DB, Spectrograms
+from radard.web.pictures.wire import TIMED, axes, encode_columns, encode_gait
 from tests.radar_helpers import BASEBAND, frames_of, noise, walker
 from tests.waiting import wait_for
 
@@ -215,7 +215,8 @@ def test_a_picture_thread_survives_what_goes_wrong(monkeypatch, caplog):
         raise RuntimeError(msg)
 
     picture_thread = PictureThread(broken, told.axes.append, told.data.append)
-    monkeypatch.setattr("radard.web.picture_thread.time.sleep", lambda _s: picture_thread.close())
+    path = "radard.web.pictures.picture_thread.time.sleep"
+    monkeypatch.setattr(path, lambda _s: picture_thread.close())
     picture_thread.want(is_wanted=True)
     thread = picture_thread._thread
     thread.join(60)

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from radard.health.status_file import read_status, status_path
-from radard.web.spectrograms import COLUMN_RATE_HZ
+from radard.web.pictures.spectrograms import COLUMN_RATE_HZ
 from tests.alarm_helpers import write_recording
 from tests.radar_helpers import noise, run_radard, stable
 from tests.waiting import free_port

@@ -6,9 +6,7 @@ A record's way to a page::
     history         the last of them                                       [any thread]
     hub             hands them to every page, drops what one cannot take   [asyncio]
     socket          one page
-    spectrograms    frames of the ring to columns of the pictures          [own thread]
-    picture_thread  runs the spectrograms while a page shows them
-    wire            columns to bytes
+    pictures        frames of the ring, or of a clip, to columns of bytes  [own thread]
     why             a decision in words
     auth            roles: who may see, who may arm
     server          limits on connections; the thread itself

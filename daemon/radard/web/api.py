@@ -23,11 +23,11 @@ from radard.sinks.store_query import parse_since
 from radard.web import socket
 from radard.web.actions import Actions
 from radard.web.auth import AccessControl, Role
-from radard.web.clip_process import ClipTimeoutError, read_clip
 from radard.web.history import DECISIONS
 from radard.web.hub import Hub
 from radard.web.labels import LABELS
 from radard.web.middleware import SecurityMiddleware, refusal, whole_number
+from radard.web.pictures.clip_process import ClipTimeoutError, read_clip
 from radard.web.queries import EventFilter, Queries
 
 T = TypeVar("T")
@@ -195,14 +195,19 @@ class Api:
 
 def _read_static() -> dict[str, tuple[str, str, bytes]]:
     """Return type, tag and content of every file of the pages, by path."""
-    found = {}
-    folder = resources.files("radard.web") / "static"
-    for item in folder.iterdir():
-        suffix = "." + item.name.rpartition(".")[2]
-        if suffix in _TYPES:
-            data = item.read_bytes()
-            tag = f'"{hashlib.blake2b(data, digest_size=8).hexdigest()}"'
-            found[item.name] = (_TYPES[suffix], tag, data)
+    found: dict[str, tuple[str, str, bytes]] = {}
+    folders = [("", resources.files("radard.web") / "static")]
+    while folders:
+        above, folder = folders.pop()
+        for item in folder.iterdir():
+            path = above + item.name
+            suffix = "." + item.name.rpartition(".")[2]
+            if item.is_dir():
+                folders.append((f"{path}/", item))
+            elif suffix in _TYPES:
+                data = item.read_bytes()
+                tag = f'"{hashlib.blake2b(data, digest_size=8).hexdigest()}"'
+                found[path] = (_TYPES[suffix], tag, data)
     return found
 
 

@@ -13,7 +13,7 @@ from radard.web.api import OF_ONE, Api
 from radard.web.auth import AccessControl
 from radard.web.history import History
 from radard.web.hub import Hub
-from radard.web.picture_thread import PictureThread
+from radard.web.pictures.picture_thread import PictureThread
 from radard.web.queries import Queries
 
 Post = Callable[[Callable[[Any], None], Any], None]

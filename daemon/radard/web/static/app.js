@@ -1,14 +1,14 @@
 // The frame around every page: routes, health, arming, banner, replay controls, theme.
-import { themeChanged } from "./chart.js";
-import { isDarkNow } from "./colour.js";
+import { themeChanged } from "./charts/chart.js";
+import { isDarkNow } from "./charts/colour.js";
 import { command } from "./command.js";
-import { eventsPage } from "./events.js";
-import { livePage } from "./live.js";
+import { eventsPage } from "./pages/events.js";
+import { livePage } from "./pages/live.js";
 import { connect, post, watchPictures } from "./net.js";
-import { setupPage } from "./setup.js";
+import { setupPage } from "./pages/setup.js";
 import { isOperator, on, state } from "./state.js";
 import { duration, h, inWords, minutes, replace, setText, toast } from "./ui.js";
-import { whyPage } from "./why.js";
+import { whyPage } from "./pages/why.js";
 
 const PAGES = { live: livePage, why: whyPage, events: eventsPage, setup: setupPage };
 const TITLES = { live: "Live", why: "Why", events: "Events", setup: "Set up" };

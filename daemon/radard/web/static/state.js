@@ -1,5 +1,5 @@
 // What the pages know, and who wants to hear of changes.
-import { Pictures } from "./pictures.js";
+import { Pictures } from "./charts/pictures.js";
 
 const MOST_DECISIONS = 900;
 

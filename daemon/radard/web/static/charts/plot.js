@@ -1,6 +1,6 @@
 // Lines over stream time, made of decisions: probabilities, gate power, evidence.
 import { Chart, colour } from "./chart.js";
-import { fixed } from "./ui.js";
+import { fixed } from "../ui.js";
 
 export class LinePlot extends Chart {
   // series: [{key, label, tone, width, dash, isStep}], read from decisions by key.

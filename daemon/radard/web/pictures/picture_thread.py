@@ -11,8 +11,8 @@ from collections.abc import Callable
 from typing import Any
 
 from radard.stream.ring import FrameRing, Recent
-from radard.web.spectrograms import Spectrograms
-from radard.web.wire import axes, encode_columns, encode_gait
+from radard.web.pictures.spectrograms import Spectrograms
+from radard.web.pictures.wire import axes, encode_columns, encode_gait
 
 log = logging.getLogger("radard")
 _EVERY_S = 0.125  # chosen: pictures move smoothly enough
@@ -31,7 +31,7 @@ class PictureThread:
     ring : callable
         Returns the ring, None before there is one.
     announce : callable
-        Takes the axes (`radard.web.wire.axes`) of a stream before its first picture.
+        Takes the axes (`radard.web.pictures.wire.axes`) of a stream before its first picture.
     emit : callable
         Takes every message.
     """

@@ -1,5 +1,5 @@
 // What all charts share: a canvas that fits its place, axes with units, and a tooltip.
-import { h } from "./ui.js";
+import { h } from "../ui.js";
 
 export const MARGIN = { left: 52, right: 12, top: 6, bottom: 20 };
 

@@ -2,7 +2,7 @@
 import { Chart, colour, themeVersion, tickText, ticks } from "./chart.js";
 import { css, currentMap } from "./colour.js";
 import { GOOD, MISSING } from "./pictures.js";
-import { fixed } from "./ui.js";
+import { fixed } from "../ui.js";
 
 export const TITLES = {
   range: ["Where", "range"],

@@ -2,10 +2,10 @@
 
 ::
 
-    u32 length of the JSON, the JSON, then one message of columns (`radard.web.wire`)
+    u32 length of the JSON, the JSON, then one message of columns (`radard.web.pictures.wire`)
 
-It is a program, `python -m radard.web.clip_view FILE`, for `radard.web.clip_process`: the answer
-goes to stdout, or one line to stderr why there is none.
+It is a program, `python -m radard.web.pictures.clip_view FILE`, for `clip_process`: the
+answer goes to stdout, or one line to stderr why there is none.
 """
 
 import json
@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radard.dsp.downconvert import DownConverter
-from radard.web.spectrograms import Columns, Spectrograms
-from radard.web.wire import TIMED, axes, encode_columns
+from radard.web.pictures.spectrograms import Columns, Spectrograms
+from radard.web.pictures.wire import TIMED, axes, encode_columns
 from x2radar.recording.registry import open_recording
 
 Row = tuple[NDArray[np.complex64], bool]

@@ -1,11 +1,11 @@
 // Events: list, filter, replay of a clip's pictures, export, labels.
-import { HeatMap, TITLES } from "./heatmap.js";
+import { HeatMap, TITLES } from "../charts/heatmap.js";
 import { card } from "./live.js";
-import { at, get, post } from "./net.js";
-import { Pictures } from "./pictures.js";
-import { LinePlot } from "./plot.js";
-import { isOperator, limit, markOf, on } from "./state.js";
-import { clock, day, duration, fixed, h, inWords, minutes, percent, replace, setText, toast, verdict } from "./ui.js";
+import { at, get, post } from "../net.js";
+import { Pictures } from "../charts/pictures.js";
+import { LinePlot } from "../charts/plot.js";
+import { isOperator, limit, markOf, on } from "../state.js";
+import { clock, day, duration, fixed, h, inWords, minutes, percent, replace, setText, toast, verdict } from "../ui.js";
 
 const LABELS = [
   ["human", "Person"],

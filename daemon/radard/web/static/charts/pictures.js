@@ -1,4 +1,4 @@
-// Columns of the pictures as they come, by stream time; see radard/web/wire.py for the bytes.
+// Columns of the pictures as they come, by stream time; see radard/web/pictures/wire.py for the bytes.
 
 const SLOTS = 1500;
 const HEAD_BYTES = 24;
@@ -121,7 +121,7 @@ export class Pictures {
     return copy;
   }
 
-  // Pictures of a clip, see radard/web/clip_view.py.
+  // Pictures of a clip, see radard/web/pictures/clip_view.py.
   static ofClip(buffer) {
     const length = new DataView(buffer).getUint32(0, true);
     const head = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, length)));

@@ -1,10 +1,10 @@
 // Set up: calibrate, walk the room, and draw zones on the range axis.
-import { command } from "./command.js";
-import { LinePlot } from "./plot.js";
+import { command } from "../command.js";
+import { LinePlot } from "../charts/plot.js";
 import { card } from "./live.js";
-import { get, post } from "./net.js";
-import { isOperator, lastDecision, on, pictures, state } from "./state.js";
-import { copy, download, fixed, h, replace, setText, toast } from "./ui.js";
+import { get, post } from "../net.js";
+import { isOperator, lastDecision, on, pictures, state } from "../state.js";
+import { copy, download, fixed, h, replace, setText, toast } from "../ui.js";
 import { ZoneEditor } from "./zones.js";
 
 const CELL_M = 0.5;

@@ -1,6 +1,6 @@
 // The range axis with zones on it: drag their ends, or type them.
-import { Chart, colour } from "./chart.js";
-import { fixed, h, replace } from "./ui.js";
+import { Chart, colour } from "../charts/chart.js";
+import { fixed, h, replace } from "../ui.js";
 
 const LEAST_M = 0.1;
 const KINDS = { include: "Only here", exclude: "Not here" };

@@ -20,13 +20,13 @@ class ClipTimeoutError(RadardError):
 
 
 async def read_clip(path: Path) -> bytes:
-    """Return `radard.web.clip_view.clip_view` of a clip, made in another process.
+    """Return `radard.web.pictures.clip_view.clip_view` of a clip, made in another process.
 
     Raises RadardError with one line if the clip cannot be read, ClipTimeoutError if that takes
     too long. The process ends with the call, also if it is cancelled.
     """
     process = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-P", "-m", "radard.web.clip_view", str(path)),
+        *(sys.executable, "-P", "-m", "radard.web.pictures.clip_view", str(path)),
         stdin=asyncio.subprocess.DEVNULL,
         stdout=asyncio.subprocess.PIPE,
         stderr=asyncio.subprocess.PIPE,

@@ -1,10 +1,10 @@
 // Why: one decision, its pictures frozen, and the stage that decided.
-import { HeatMap, TITLES } from "./heatmap.js";
+import { HeatMap, TITLES } from "../charts/heatmap.js";
 import { card } from "./live.js";
-import { get } from "./net.js";
-import { LinePlot } from "./plot.js";
-import { lastDecision, limit, on, pictures, state } from "./state.js";
-import { clock, fixed, h, replace, setText, verdict, words } from "./ui.js";
+import { get } from "../net.js";
+import { LinePlot } from "../charts/plot.js";
+import { lastDecision, limit, on, pictures, state } from "../state.js";
+import { clock, fixed, h, replace, setText, verdict, words } from "../ui.js";
 
 const AROUND_S = 6;
 const BEHIND_S = 1.5;

@@ -1,9 +1,9 @@
 // Live: what the radar sees, and what it makes of it.
-import { GaitMap, HeatMap, TITLES, drawScale } from "./heatmap.js";
-import { LinePlot } from "./plot.js";
-import { themeVersion } from "./chart.js";
-import { lastDecision, limit, on, pictures, state } from "./state.js";
-import { clock, fixed, h, percent, replace, setText, timesText, verdict, words } from "./ui.js";
+import { GaitMap, HeatMap, TITLES, drawScale } from "../charts/heatmap.js";
+import { LinePlot } from "../charts/plot.js";
+import { themeVersion } from "../charts/chart.js";
+import { lastDecision, limit, on, pictures, state } from "../state.js";
+import { clock, fixed, h, percent, replace, setText, timesText, verdict, words } from "../ui.js";
 
 const SPAN_S = 30;
 const SLOW_MS = 500;

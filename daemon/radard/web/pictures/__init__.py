@@ -1,0 +1,1 @@
+"""Pictures for a page: frames of the ring, or of a clip, to columns, to bytes."""
