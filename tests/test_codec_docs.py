@@ -1,4 +1,4 @@
-"""What the docstrings call inferred or unknown stands in docs/hardware.md, and nothing else."""
+"""What docstrings call inferred or unknown stands in docs/research/hardware.md; nothing else."""
 
 import re
 from pathlib import Path
@@ -19,7 +19,8 @@ def test_every_reading_of_ours_is_listed() -> None:
         and cls.__module__ == module.__name__
         and re.search(r"inferred|unknown|not seen|known for", cls.__doc__ or "")
     } - {"Unknown"}
-    section = (DOCS / "hardware.md").read_text("utf-8").split("## Readings of ours")[1]
+    page = (DOCS / "research" / "hardware.md").read_text("utf-8")
+    section = page.split("## Readings of ours")[1]
     listed = set(re.findall(r"`([A-Z][A-Za-z0-9]+)`", section))
     assert doubtful - listed == set()
     known = {row.cls.__name__ for row in ROWS} | {"Data", "DataText", "SetOutput"}
@@ -27,7 +28,7 @@ def test_every_reading_of_ours_is_listed() -> None:
 
 
 def test_every_row_is_in_the_reference() -> None:
-    text = (DOCS / "protocol.md").read_text("utf-8")
+    text = (DOCS / "reference" / "protocol.md").read_text("utf-8")
     for row in ROWS:
         assert f"| `{row.cls.__name__}` | `{row.prefix.hex(' ')}` |" in text
     for name in ("SetOutput", "Reply", "ByteReply", "Data", "DataText", "Unknown"):

@@ -2,7 +2,7 @@
 
 The vectors were computed with another implementation of the protocol. `OUTSIDE` names those
 that the maker's document, a public client or a trace of a real module prints as well.
-docs/hardware.md states the counts.
+docs/research/hardware.md states the counts.
 """
 
 import re
@@ -47,7 +47,7 @@ from x2radar.wire.wire_ids import (
     SystemCode,
 )
 
-DOCS = Path(__file__).parents[1] / "docs" / "hardware.md"
+DOCS = Path(__file__).parents[1] / "docs" / "research" / "hardware.md"
 
 
 def f32(value: float) -> float:

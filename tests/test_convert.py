@@ -314,7 +314,7 @@ def test_every_format_can_be_forced(tmp_path):
 
 
 def test_the_table_of_the_docs_is_that_of_the_formats():
-    page = Path(__file__).parents[1] / "docs" / "recordings.md"
+    page = Path(__file__).parents[1] / "docs" / "research" / "recordings.md"
     rows = [line.split("|")[1:-1] for line in page.read_text("utf-8").splitlines()]
     told = {cells[0].strip(" `"): cells for cells in rows if len(cells) == 10}
     assert set(FORMATS) <= set(told)

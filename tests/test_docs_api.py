@@ -1,9 +1,9 @@
-"""Every block of docs/api.md runs, in order, in one namespace."""
+"""Every block of docs/reference/python.md runs, in order, in one namespace."""
 
 import re
 from pathlib import Path
 
-PAGE = Path(__file__).parents[1] / "docs" / "api.md"
+PAGE = Path(__file__).parents[1] / "docs" / "reference" / "python.md"
 
 
 def test_the_page(tmp_path, monkeypatch, capsys):

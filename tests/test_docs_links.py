@@ -10,7 +10,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 PAGES = sorted(
     page
-    for pattern in ("*.md", "docs/*.md", "deploy/*.md", "models/*.md")
+    for pattern in ("*.md", "docs/**/*.md", "deploy/*.md", "models/*.md")
     for page in ROOT.glob(pattern)
     if page.name != "CHANGELOG.md"
 )
@@ -104,7 +104,7 @@ def test_readme_is_short_and_lists_every_page():
     text = (ROOT / "README.md").read_text("utf-8")
     assert len(text.splitlines()) < 90
     linked = set(re.findall(r"\]\(([^)#\s]+)", text))
-    assert {f"docs/{page.name}" for page in (ROOT / "docs").glob("*.md")} <= linked
+    assert {str(page.relative_to(ROOT)) for page in (ROOT / "docs").rglob("*.md")} <= linked
 
 
 def test_contributing_lists_every_room():

@@ -1,4 +1,4 @@
-"""Plug-ins: every example of docs/extending.md runs, and broken ones say so in one line."""
+"""Plug-ins: each example of docs/research/extending.md runs; broken ones say so in one line."""
 
 import csv
 import importlib.metadata
@@ -27,7 +27,7 @@ from x2train.scenarios.passages import play
 from x2train.scenarios.sites import X2, draw_site
 from x2train.windows.window_set import load_windows
 
-PAGE = (Path(__file__).parents[1] / "docs" / "extending.md").read_text()
+PAGE = (Path(__file__).parents[1] / "docs" / "research" / "extending.md").read_text()
 BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
 
 

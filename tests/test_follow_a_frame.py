@@ -1,4 +1,4 @@
-"""FOLLOW_A_FRAME.md names files, functions and an order that hold; so does the pipeline's head."""
+"""follow-a-frame.md names files, functions and an order that hold; so does the pipeline's head."""
 
 import ast
 import importlib
@@ -10,7 +10,7 @@ import pytest
 from radard import pipeline
 
 ROOT = Path(__file__).parents[1]
-PAGE = (ROOT / "docs" / "FOLLOW_A_FRAME.md").read_text("utf-8")
+PAGE = (ROOT / "docs" / "research" / "follow-a-frame.md").read_text("utf-8")
 ROWS = re.findall(r"^\| (\w) \|.*\| `([\w/.]+)` \| (.*) \|$", PAGE, re.MULTILINE)
 
 

@@ -34,7 +34,7 @@ from x2radar.wire.wire_ids import BasebandOutput, ErrorCode, Mode, OutputRef, Po
 SCENE = load_scene("human")
 MANUAL = SetMode(Mode.MANUAL)
 REFUSED = ErrorReply(ErrorCode.COMMAND_FAILED)
-DOCS = Path(__file__).parents[1] / "docs" / "simulated-module.md"
+DOCS = Path(__file__).parents[1] / "docs" / "research" / "simulated-module.md"
 
 
 def made(faults, seed=0):

@@ -161,7 +161,7 @@ def test_order_codes():
 def test_every_module_has_a_row_a_firmware_and_a_name_in_the_docs():
     assert FIRMWARES.keys() == MODULES.keys()
     docs = Path(__file__).parents[1] / "docs"
-    for page in ("api.md", "commands.md", "simulated-module.md"):
+    for page in ("reference/python.md", "reference/cli.md", "research/simulated-module.md"):
         text = (docs / page).read_text("utf-8")
         assert all(device in text for device in MODULES)
 

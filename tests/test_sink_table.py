@@ -25,7 +25,7 @@ EXAMPLES = {
 
 
 def test_the_docs_table_is_the_rows():
-    text = (ROOT / "docs" / "outputs.md").read_text()
+    text = (ROOT / "docs" / "reference" / "outputs.md").read_text()
     wanted = [f"| `{row.form}` | {row.gets} | {row.on_failure} |" for row in SINKS]
     assert text.partition("|---|---|---|\n")[2].partition("\n\n")[0].splitlines() == wanted
 

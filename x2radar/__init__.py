@@ -6,7 +6,7 @@
 >>> frame.samples.shape, frame.axis.kind
 ((768,), 'rf')
 
-docs/api.md shows the rest.
+docs/reference/python.md shows the rest.
 """
 
 from typing import TYPE_CHECKING

@@ -1,6 +1,6 @@
 """Pipeline: the way of a dwell to a decision. Read this file first.
 
-A frame's way through the program (docs/FOLLOW_A_FRAME.md tells it)::
+A frame's way through the program (docs/research/follow-a-frame.md tells it)::
 
     x2radar.device.transport   bytes from the port
     x2radar.wire.framing       bytes -> packets

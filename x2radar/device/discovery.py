@@ -44,8 +44,8 @@ USB_IDS: dict[tuple[int, int], tuple[str, str]] = {
     (0x0403, 0x6001): ("FTDI serial adapter, as used with XeThru modules", "documented"),
     (0x0403, 0x6014): ("FTDI FT232H adapter, as used with X2 kits", "documented"),
 }
-"""What is known of a USB id, and how: see docs/hardware.md. The bootloader's is documented,
-that an X2 module may have it as well is inferred from its being the maker's default."""
+"""What is known of a USB id, and how: see docs/research/hardware.md. The bootloader's is
+documented; that an X2 module may have it too is inferred from its being the maker's default."""
 
 
 @dataclass(frozen=True, slots=True)

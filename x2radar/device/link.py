@@ -45,7 +45,8 @@ class Deadlines:
     """Until a module that should be ready is asked again."""
     usb_gone_s: float = 0.7
     """After a reset was acknowledged, until a port on USB is opened again and any module is asked
-    whether it is ready: it restarts half a second after the answer (docs/protocol.md)."""
+    whether it is ready: it restarts half a second after the answer
+    (docs/reference/protocol.md)."""
     stall_s: float = 1.5
     """Without a frame for so long, or for three frames where that is longer, a stream counts as
     lost although the port is open."""

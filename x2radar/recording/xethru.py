@@ -1,7 +1,7 @@
 """Novelda's recordings: `xethru_recording_meta.dat` with datafloat and baseband files.
 
-Layouts (XTAN-05; the meta file decoded from real ones, see docs/hardware.md), little-endian,
-records back to back::
+Layouts (XTAN-05; the meta file decoded from real ones, see docs/research/hardware.md),
+little-endian, records back to back::
 
     datafloat     u32 content id, u32 frame counter, u32 n, f32[n]      n/2 I then n/2 Q
     baseband_iq   u32 counter, u32 n, f32 bin length, sampling rate, carrier, range offset,

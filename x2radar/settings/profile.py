@@ -3,8 +3,8 @@
 A profile runs at a fixed 20 Hz, where Doppler holds 0.2 m/s at most: enough for a person who
 sits and breathes, not for gait; use `RadarSettings` (MANUAL mode) for that. Facts come from
 XTAN-11 rev C and clients of real modules; which pulse generator the profiles use is inferred
-(docs/hardware.md). Frames carry their own axis in the message; what stands here for it holds
-until the first one.
+(docs/research/hardware.md). Frames carry their own axis in the message; what stands here for it
+holds until the first one.
 """
 
 from collections.abc import Iterator
@@ -32,7 +32,7 @@ FRAME_RATE_HZ = 20.0
 SAMPLE_RATE_HZ = 39e9
 DECIMATION = 10
 _PULSE = PULSE_GENERATORS[6]
-"""A user's figures of a real module, and the pulse that is inferred (docs/hardware.md)."""
+"""A user's figures of a real module, and the inferred pulse (docs/research/hardware.md)."""
 
 
 class ProfileRow(NamedTuple):

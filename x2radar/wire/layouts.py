@@ -2,7 +2,7 @@
 
 Both directions, in the order of the module's documents. A row is all that a message of
 fixed fields and counted arrays needs; `x2radar.wire.codec` reads them. Sources: XTAN-11 rev C, the
-firmware's public headers, public clients; what is inferred stands in docs/hardware.md.
+firmware's public headers, public clients; what is inferred stands in docs/research/hardware.md.
 """
 
 from dataclasses import dataclass

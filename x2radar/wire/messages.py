@@ -3,7 +3,7 @@
 Fields stand in wire order. Which bytes they become is the business of `x2radar.wire.layouts` and
 `x2radar.wire.codec`. The everyday messages are here; `x2radar.wire.messages_expert` has the other
 commands, `x2radar.wire.messages_status` what profiles report. A docstring with the word inferred
-or unknown marks what no document or client settles; docs/hardware.md gives the reasons.
+or unknown marks what no document or client settles; docs/research/hardware.md gives the reasons.
 """
 
 from dataclasses import dataclass

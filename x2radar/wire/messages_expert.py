@@ -1,7 +1,7 @@
 """Commands beyond the everyday ones: radar level, noise map, pins, generic ones.
 
 Codes come from the firmware's public headers. A docstring with the word inferred or unknown
-marks a payload that no document or client settles; docs/hardware.md gives the reasons.
+marks a payload that no document or client settles; docs/research/hardware.md gives the reasons.
 """
 
 from dataclasses import dataclass

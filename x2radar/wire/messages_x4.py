@@ -1,7 +1,7 @@
 """Commands of the X4 driver, the counterpart of SYSCFG on X4 modules.
 
 Codes come from XTAN-11 rev C and the firmware's public headers. A docstring with the word
-inferred or unknown marks what no document or client settles; docs/hardware.md gives the
+inferred or unknown marks what no document or client settles; docs/research/hardware.md gives the
 reasons.
 """
 

@@ -1,7 +1,7 @@
 """The numbers of the module's protocol, as one table.
 
 Sources: XTAN-11 rev C, mcp_wrapper 1.3.1 and the module firmware's public headers. What is
-a reading of ours is said so here and listed in docs/hardware.md.
+a reading of ours is said so here and listed in docs/research/hardware.md.
 """
 
 from enum import IntEnum, IntFlag

@@ -1,7 +1,7 @@
 """The table of outputs (-o/--output): a row for each, and the sections of their options.
 
 A new sink is a module in `radard.sinks`, a row of `SINKS` here, a section if it has options,
-and its row in docs/outputs.md.
+and its row in docs/reference/outputs.md.
 """
 
 from dataclasses import dataclass, replace
@@ -137,7 +137,7 @@ class SinkOptions(Section):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SinkRow:
-    """What help, configuration, redaction, reload and docs/outputs.md say of one output.
+    """What help, configuration, redaction, reload and docs/reference/outputs.md say of one output.
 
     Attributes
     ----------
@@ -156,7 +156,7 @@ class SinkRow:
     shows : {'all', 'host', 'program'}
         What is printed of its value; passwords in URLs never are (`radard.config.redact`).
     gets, on_failure : str
-        Its row in docs/outputs.md: what it gets, and what happens when it breaks.
+        Its row in docs/reference/outputs.md: what it gets, and what happens when it breaks.
     """
 
     form: str
@@ -253,7 +253,7 @@ SINKS = (
         on_failure="a busy port is a warning, tried again",
     ),
 )
-"""All built-in outputs, in the order in which help and docs/outputs.md list them."""
+"""All built-in outputs, in the order in which help and docs/reference/outputs.md list them."""
 SCHEMES = frozenset(row.scheme for row in SINKS)
 FORMS = ", ".join(row.form for row in SINKS)
 

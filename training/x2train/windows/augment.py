@@ -3,7 +3,7 @@
 Everything is a change that a radar or a room could have made: the body stands nearer or
 farther, its echoes span more or fewer decibels, the noise is higher, it comes or leaves within
 the dwell, frames are lost. Maps are not turned round, approaching for leaving: networks that
-learn from such maps as well do worse (docs/evaluation-tried.md).
+learn from such maps as well do worse (docs/research/evaluation-tried.md).
 """
 
 import torch

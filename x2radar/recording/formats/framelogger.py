@@ -41,7 +41,7 @@ from x2radar.settings.x2 import PULSE_GENERATORS, SPEED_OF_LIGHT_MPS
 
 MAGIC = 0xFEFE00A2
 ASSUMED_SAMPLE_RATE_HZ = 39e9
-"""A user's figure of an X2's sampler (docs/hardware.md)."""
+"""A user's figure of an X2's sampler (docs/research/hardware.md)."""
 
 _HEAD = struct.Struct("<I6ifi2f4i")
 _X2 = 2

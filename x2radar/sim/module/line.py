@@ -15,7 +15,7 @@ _ON_LINE = {
     *("drop_bytes", "flip_bits", "junk"),
     *("split", "merge", "stall", "bursts", "silent", "hang_up"),
 }
-# Chosen; docs/simulated-module.md names both.
+# Chosen; docs/research/simulated-module.md names both.
 _JUNK_MOST = 40
 _STALL_EVERY_S = 10.0
 # Lateness of the frames of one second, in frame periods, by counter modulo 20: measured on a

@@ -36,7 +36,7 @@ from x2radar.wire.messages import (
 )
 from x2radar.wire.wire_ids import PING_SEED, ErrorCode, PongCode, SystemCode
 
-# Chosen: real modules take half a second and more (docs/simulated-module.md).
+# Chosen: real modules take half a second and more (docs/research/simulated-module.md).
 RESET_DELAY_S = 0.05
 BOOT_S = 0.05
 LATEST_S = 2.0

@@ -35,7 +35,7 @@ class RoomSettings:
     """A room, in levels over noise; None leaves a part out.
 
     Raises SettingsError if a field makes no sense. 'Recorded' is two P4xx recordings
-    (docs/scenes.md).
+    (docs/research/scenes.md).
     """
 
     # On real UWB modules the strongest static bin lies 49 to 57 dB over the noise; recorded: 47

@@ -27,7 +27,7 @@ _MEANING = {
     "step_mps": "401, 201, 101, 51 and 25 rows from -5 to 5 m/s. A CPI of 0.2 s resolves "
     "0.15 m/s.",
     "cpis": "CPIs of 0.2, 0.6 and 1.5 s; of 0.2 and 0.6 s; of 0.2 s alone. What the longer ones "
-    "are worth to a network that is trained so: [what was tried](evaluation-tried.md).",
+    "are worth to a network that is trained so: [what was tried](research/evaluation-tried.md).",
     "precision": "Arithmetic of the maps; frames are float32 either way.",
     "source": "RF that is down-converted here, or baseband that the module made. The loss is "
     "mostly another draw of the receiver's noise.",

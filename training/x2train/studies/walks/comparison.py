@@ -13,7 +13,7 @@ from x2train.studies.walks.follow import Array, Walk, follow
 from x2train.studies.walks.measure import BEHIND_M, measure
 from x2train.studies.walks.scene import FRAMES, RADARS_X_M, simulated_walk, without_delay
 
-WITHIN = 0.2  # chosen, see docs/scenes.md
+WITHIN = 0.2  # chosen, see docs/research/scenes.md
 _ROWS = (
     ("range rate, mean", "m/s", 1.0),
     ("range rate, spread along straight stretches", "m/s", 1.0),

@@ -1,7 +1,7 @@
 """The recorded walk once more: a simulated person before two simulated radars.
 
-The recordings (IR-UWB P4xx modules 101 and 102, docs/scenes.md) hold *one* walk, seen by two
-radars: their stamps agree to 8 ms. Two ranges give a place on the floor but for two numbers,
+The recordings (IR-UWB P4xx modules 101 and 102, docs/research/scenes.md) hold *one* walk, seen by
+two radars: their stamps agree to 8 ms. Two ranges give a place on the floor but for two numbers,
 the delay of the cables and the distance between the radars. With 4.0 m between the radars,
 the width of the 4 x 4 m room, and a delay of 1.75 m, the walk becomes what somebody would
 walk on purpose: along one wall, along the next, both a metre off, and straight back. Over
