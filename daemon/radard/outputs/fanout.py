@@ -20,6 +20,7 @@ from radard.config.sink_table import SinkOptions, find_row
 from radard.errors import RadardError
 from radard.health.health import Health, overall
 from radard.outputs.records import Record, marked
+from radard.outputs.trial import tried
 from radard.sinks import close_sinks, default_output, make_output, open_sinks, start_sink
 from radard.sinks.base import Sink, SinkContext
 from radard.sinks.thread_sink import RecordQueue
@@ -62,6 +63,9 @@ class Host:
         Returns all sinks of the run.
     reload : callable
         Asks for the configuration to be read again, as SIGHUP does. Never waits.
+    test_alarm : callable
+        Sends a test alarm; returns what every output made of it (`radard.outputs.trial`) within
+        some seconds. Raises ValueError while a real alarm is on.
     mark : callable
         Returns 'simulated' or 'replayed'; an empty text while a module sends the frames.
     """
@@ -76,6 +80,7 @@ class Host:
     driver: Callable[[], Mapping[str, int]] = dict
     sinks: Callable[[], Sequence[Sink]] = tuple
     reload: Callable[[], None] = lambda: None
+    test_alarm: Callable[[], Sequence[Mapping[str, str]]] = tuple
     mark: Callable[[], str] = lambda: ""
 
 
@@ -141,6 +146,12 @@ class Outputs:
     def sinks(self) -> list[tuple[str | None, Sink]]:
         """All sinks, each with its sensor or None if it gets all records; for any thread."""
         return [(each.sensor, each.sink) for each in self._open if each.sink is not None]
+
+    def try_alarm(
+        self, sensor: str, send: Callable[[], None], halt: threading.Event | None = None
+    ) -> list[dict[str, str]]:
+        """Send a sensor's test alarm; return what became of it, see `radard.outputs.trial`."""
+        return tried([sink for of, sink in self.sinks if of in {None, sensor}], send, halt)
 
     @property
     def faults(self) -> dict[tuple[str | None, str], str]:
