@@ -93,6 +93,60 @@ def test_entry_delay_gives_time_to_disarm():
     assert play(panel, [HIT] * 30, start_s=7) == []
 
 
+def test_the_exit_delay_gives_time_to_leave():
+    policy = AlarmPolicy(exit_delay_s=10, latch_s=100)
+    panel = AlarmPanel(policy, is_armed=False)
+    panel.arm(0.5)
+    assert (panel.state, panel.is_armed, panel.left_s(4.5)) == ("exit", True, 6.0)
+    # Who is still there when it ends is seen by the window after it, and no earlier.
+    assert kinds(play(panel, [HIT] * 12)) == [(12, "new")]
+    assert panel.left_s(12) is None
+
+
+def test_to_disarm_in_the_exit_delay_leaves_nothing_behind():
+    panel = AlarmPanel(AlarmPolicy(exit_delay_s=10), is_armed=False)
+    panel.arm(0)
+    play(panel, [HIT] * 3)
+    assert panel.disarm() == []
+    assert play(panel, [HIT] * 20) == []
+    assert AlarmPanel(AlarmPolicy(exit_delay_s=10)).state == "armed"
+
+
+def test_no_way_around_the_alarm_through_the_exit_delay():
+    panel = AlarmPanel(AlarmPolicy(exit_delay_s=10, entry_delay_s=5, latch_s=100))
+    play(panel, [HIT])
+    for mode in ("home", "away"):
+        panel.arm(2, mode)
+    assert panel.state == "entry"
+    assert kinds(play(panel, [NOTHING] * 6, start_s=2)) == [(6, "new")]
+    panel.arm(7, "home")
+    assert panel.state == "alarm"
+
+
+def test_to_arm_in_another_way_is_to_arm_again():
+    panel = AlarmPanel(AlarmPolicy(exit_delay_s=10), is_armed=False)
+    panel.arm(0, "home")
+    panel.arm(4, "away")
+    assert (panel.state, panel.mode, panel.left_s(4)) == ("exit", "away", 6.0)
+    play(panel, [NOTHING], start_s=10)
+    panel.arm(11, "away")
+    assert panel.state == "armed"
+    panel.arm(12, "home")
+    assert (panel.state, panel.mode) == ("exit", "home")
+
+
+def test_what_ends_the_exit_delay_early_leaves_the_sensor_armed():
+    panel = AlarmPanel(AlarmPolicy(exit_delay_s=600), is_armed=False)
+    panel.arm(0)
+    assert panel.on_loss(2) == []
+    assert panel.state == "armed"
+    panel.disarm()
+    panel.arm(3)
+    panel.policy = AlarmPolicy(exit_delay_s=2)
+    play(panel, [NOTHING], start_s=5)
+    assert panel.state == "armed"
+
+
 def test_no_way_around_the_entry_delay():
     policy = AlarmPolicy(entry_delay_s=10, latch_s=100)
     blinded = AlarmPanel(policy)
@@ -139,9 +193,9 @@ def test_a_resumed_alarm_waits_for_its_acknowledgement():
 @pytest.mark.parametrize("seed", range(5))
 def test_any_history_keeps_the_rules(seed):
     rng = np.random.default_rng(seed)
-    policy = AlarmPolicy(k=2, n=3, entry_delay_s=2, latch_s=4, refractory_s=3)
+    policy = AlarmPolicy(k=2, n=3, exit_delay_s=2, entry_delay_s=2, latch_s=4, refractory_s=3)
     panel = AlarmPanel(policy)
-    is_on, ended_s = False, -1e9
+    is_on, ended_s, armed_s = False, -1e9, -1e9
     for t_s in range(2000):
         draw = rng.random()
         if draw < 0.02:
@@ -149,8 +203,11 @@ def test_any_history_keeps_the_rules(seed):
         elif draw < 0.03:
             steps = panel.disarm()
         elif draw < 0.05:
-            ended_s = ended_s if panel.is_armed else -1e9
-            steps = panel.arm()
+            mode = ["away", "home"][rng.integers(2)]
+            is_anew = panel.state != "entry" and (not panel.is_armed or panel.mode != mode)
+            ended_s = -1e9 if is_anew else ended_s
+            steps = panel.arm(t_s, mode)
+            armed_s = t_s if is_anew and not is_on else armed_s
         else:
             sight = [HIT, SEEN, NOTHING, NOTHING, NOTHING, None][rng.integers(6)]
             steps = panel.on_sight(t_s, sight)
@@ -158,6 +215,8 @@ def test_any_history_keeps_the_rules(seed):
             assert is_on == (step.kind != "new")
             if step.kind == "new":
                 assert t_s - ended_s >= policy.refractory_s
+                # Armed again meanwhile, within an exit delay, only the first of them counts.
+                assert t_s - armed_s >= policy.entry_delay_s
                 is_on = True
             elif step.kind == "end":
                 is_on, ended_s = False, t_s

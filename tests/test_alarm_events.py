@@ -138,14 +138,14 @@ def test_a_sensor_torn_off_in_the_entry_delay_raises_the_alarm():
 
 def test_what_is_kept_comes_back():
     tracker = EventTracker(AlarmPanel(AlarmPolicy(latch_s=20)))
-    assert tracker.kept == KeptState(is_armed=True)
+    assert tracker.kept(1.0) == KeptState(is_armed=True)
     (new,) = tracker.on_decision(decision(5, 0.7), DWELL)
-    kept = tracker.kept
+    kept = tracker.kept(1.0)
     again = EventTracker(AlarmPanel(AlarmPolicy(latch_s=20), is_armed=kept.is_armed))
     (event,) = again.resume(kept)
     assert (event.id, event.phase, event.peak) == (new.id, "update", 0.7)
     assert "before a restart" in event.reason
-    assert again.resume(again.kept)[0].reason == event.reason
+    assert again.resume(again.kept(1.0))[0].reason == event.reason
     ended = [e for t_s in range(1, 30) for e in again.on_decision(decision(t_s), DWELL)]
     assert [(e.phase, e.id) for e in ended] == [("end", new.id)]
     assert EventTracker().resume(KeptState(is_armed=False, alarm_id=new.id)) == []
@@ -155,26 +155,53 @@ def test_an_entry_delay_is_kept_and_its_alarm_begins_at_once():
     policy = AlarmPolicy(entry_delay_s=30, latch_s=20)
     tracker = EventTracker(AlarmPanel(policy))
     assert tracker.on_decision(decision(1, 0.9, range_m=2.5), DWELL) == []
-    kept = tracker.kept
+    kept = tracker.kept(1.0)
     assert "2.5 m" in kept.entry_reason
     again = EventTracker(AlarmPanel(policy, is_armed=kept.is_armed), run="b")
     (event,) = again.resume(kept)
     assert (event.kind, event.phase, event.t_s) == ("alarm", "new", 0.0)
     assert event.reason.startswith(kept.entry_reason)
     assert "restarted during the entry delay" in event.reason
-    assert again.kept.alarm_id == event.id
-    assert again.kept.entry_reason is None
+    assert again.kept(1.0).alarm_id == event.id
+    assert again.kept(1.0).entry_reason is None
     ended = [e for t_s in range(1, 30) for e in again.on_decision(decision(t_s), DWELL)]
     assert [(e.phase, e.id) for e in ended] == [("end", event.id)]
     assert tracker.on_command("disarm", 2) == []
-    assert tracker.kept == KeptState(is_armed=False)
+    assert tracker.kept(1.0) == KeptState(is_armed=False)
+
+
+def test_an_exit_delay_goes_on_after_a_restart_by_the_clock_on_the_wall(tmp_path):
+    policy, now = AlarmPolicy(exit_delay_s=60), [1000.0]
+    store = StateStore(tmp_path / "radar.json", now_s=lambda: now[0])
+    tracker = EventTracker(AlarmPanel(policy, is_armed=False))
+    tracker.on_command("arm-home", 5.0)
+    store.save(tracker.kept(15.0))
+    for clock_s, left_s in ((1020.0, 30.0), (1049.0, 1.0), (1051.0, 0.0), (900.0, 50.0)):
+        now[0] = clock_s
+        kept = store.load(is_armed=False)
+        assert (kept.is_armed, kept.mode, kept.exit_left_s) == (True, "home", left_s)
+        panel = AlarmPanel(policy, is_armed=kept.is_armed, mode=kept.mode)
+        assert EventTracker(panel).resume(kept) == []
+        assert (panel.state, panel.left_s(0.0)) == (
+            ("exit", left_s) if left_s else ("armed", None)
+        )
+        assert panel.mode == "home"
+
+
+def test_an_exit_delay_without_a_named_folder_is_over_at_a_restart(tmp_path):
+    path = tmp_path / "radar.json"
+    tracker = EventTracker(AlarmPanel(AlarmPolicy(exit_delay_s=60), is_armed=False))
+    tracker.on_command("arm-home", 0.0)
+    StateStore(path, keeps_alarms=False).save(tracker.kept(1.0))
+    kept = StateStore(path, keeps_alarms=False).load(is_armed=False)
+    assert kept == KeptState(is_armed=True, mode="home")
 
 
 def test_a_clip_is_known_after_a_restart():
     tracker = EventTracker(AlarmPanel(AlarmPolicy(latch_s=10)))
     (new,) = tracker.on_decision(decision(1, 0.7), DWELL)
     tracker.has_clip(new.id, "a.h5")
-    assert EventTracker(AlarmPanel()).resume(tracker.kept)[0].clip == "a.h5"
+    assert EventTracker(AlarmPanel()).resume(tracker.kept(1.0))[0].clip == "a.h5"
 
 
 def test_a_clip_is_named_in_the_phases_that_follow():

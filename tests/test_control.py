@@ -58,6 +58,18 @@ def test_disarm_and_arm_over_the_socket(tmp_path, launch, said):
     assert (code, "no radard runs here" in line) == (1, True)
 
 
+def test_arm_at_home_and_after_the_exit_delay(tmp_path, launch, said):
+    daemon = running(launch, tmp_path, alarm={"exit_delay_s": 600, "armed": False})
+    code, line = said("arm", "--home")
+    assert (code, line.startswith("armed at home in ")) == (0, True)
+    panel = daemon.run.radar.panel()
+    assert (panel["armed"], panel["panel"], panel["mode"]) == (True, "exit", "home")
+    wait_for(lambda: "armed at home, exit delay, " in said("status")[1])
+    assert said("arm")[1].startswith("armed in ")
+    assert said("disarm") == (0, "disarmed")
+    assert daemon.stop() == 0
+
+
 def test_status_is_a_line_or_all_of_it(tmp_path, launch, said):
     daemon = running(launch, tmp_path)
     wait_for(lambda: said("status")[0] == 0)

@@ -196,7 +196,7 @@ def test_disarmed_is_kept_over_a_restart_and_so_is_armed(tmp_path, launch):
     assert daemon.stop() == 0
     daemon = launch(alarm={"armed": False})
     panel_of(daemon, "armed", True)
-    with pytest.raises(ValueError, match="known are arm, disarm, ack, calibrate"):
+    with pytest.raises(ValueError, match="known are arm, arm-home, disarm, ack, calibrate"):
         daemon.run.radar.command("dance")
     assert daemon.stop() == 0
     assert json.loads((tmp_path / "state" / "radar.sim.json").read_text())["is_armed"]
@@ -248,6 +248,21 @@ def test_an_entry_delay_that_a_restart_cuts_off_is_an_alarm(tmp_path, launch):
     assert [e["phase"] for e in events if e["kind"] == "alarm"] == ["new", "end"]
     assert "restarted during the entry delay" in events[0]["reason"]
     assert Path(events[0]["clip"]).is_file()
+
+
+def test_an_exit_delay_goes_on_after_a_restart(tmp_path, launch):
+    alarm = {"armed": False, "exit_delay_s": 600}
+    daemon = launch(alarm=alarm)
+    wait_for(lambda: daemon.run.radar.panel().get("seq", 0) >= 1)
+    daemon.run.radar.command("arm-home")
+    panel_of(daemon, "panel", "exit")
+    assert daemon.stop() == 0
+    daemon = launch(alarm=alarm)
+    panel_of(daemon, "panel", "exit")
+    panel = daemon.run.radar.panel()
+    assert (panel["mode"], panel["armed"]) == ("home", True)
+    assert 0 < panel["delay_left_s"] <= 600
+    assert daemon.stop() == 0
 
 
 def test_a_demo_is_disarmed_for_itself_alone(tmp_path, monkeypatch):

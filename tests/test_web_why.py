@@ -76,6 +76,19 @@ def test_disarmed():
     assert "disarmed" in text
 
 
+def test_the_exit_delay():
+    by, _, text = said(open_decision(human=0.9), open_decision(human=0.9), panel="exit")
+    assert (by, "exit delay is running" in text) == ("panel", True)
+
+
+def test_who_is_at_home_where_people_are_at_home():
+    zones = {"away": [[0, 100]]}
+    for mode, wanted in (("home", "zones"), ("away", "confirmation")):
+        record = open_decision(human=0.9)
+        found = explain([record], HELLO, config(zones=zones), (), "armed", mode=mode)
+        assert found["decided_by"] == wanted
+
+
 def test_entry_delay_or_quiet():
     records = [open_decision(k, 1.45 + k, human=0.9) for k in (1, 2)]
     by, _, text = said(*records, panel="entry")

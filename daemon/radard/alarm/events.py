@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from radard.alarm.panel import AlarmPanel, AlarmPolicy, PanelChange, Sight
+from radard.alarm.panel import ARM_MODES, AlarmPanel, AlarmPolicy, ArmMode, PanelChange, Sight
 from radard.alarm.state_store import KeptState
 from radard.alarm.tamper import Finding
 from radard.alarm.zones import Zones, sight_of
@@ -22,7 +22,7 @@ _CROCKFORD = "0123456789ABCDEFGHJKMNPQRSTVWXYZ"
 
 Phase = Literal["new", "update", "end"]
 Kind = Literal["alarm", "fault", "tamper"]
-See = Callable[[Decision, AlarmPolicy], Sight]
+See = Callable[[Decision, AlarmPolicy, ArmMode], Sight]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,7 +41,11 @@ class Event:
     is_trial: bool = False  # asked for, to see whether outputs hand it on
 
 
-def see_anywhere(decision: Decision, policy: AlarmPolicy) -> Sight:
+def see_anywhere(
+    decision: Decision,
+    policy: AlarmPolicy,
+    mode: ArmMode = "away",  # noqa: ARG001 - as in `See`
+) -> Sight:
     """Return what a decision says of people at any range, by the usual limit."""
     return sight_of(decision, policy, Zones(), 0.8)
 
@@ -66,8 +70,8 @@ class EventTracker:
     """Follow decisions, notices and commands; return the events that they make.
 
     Without a panel it is armed, and an alarm lasts as long as the verdict stands. `see` turns a
-    decision and the panel's policy into a sight. `run` goes into the ids: what tells the run
-    from others (`StreamInfo.run_id`), and its sensor from others of the process.
+    decision, the panel's policy and how it is armed into a sight. `run` goes into the ids: what
+    tells the run from others (`StreamInfo.run_id`), and its sensor from others of the process.
     """
 
     def __init__(
@@ -83,14 +87,19 @@ class EventTracker:
         """What is on now, by kind."""
         return dict(self._open)
 
-    @property
-    def kept(self) -> KeptState:
-        """What must outlive the daemon."""
-        alarm = self._open.get("alarm")
+    def kept(self, t_s: float) -> KeptState:
+        """Return what must outlive the daemon, at a stream time."""
+        panel, alarm = self.panel, self._open.get("alarm")
         if alarm is None:
-            return KeptState(is_armed=self.panel.is_armed, entry_reason=self.panel.entry_reason)
+            return KeptState(
+                is_armed=panel.is_armed,
+                mode=panel.mode,
+                entry_reason=panel.entry_reason,
+                exit_left_s=panel.left_s(t_s) if panel.state == "exit" else None,
+            )
         return KeptState(
             is_armed=True,
+            mode=panel.mode,
             alarm_id=alarm.id,
             alarm_reason=alarm.reason,
             alarm_peak=alarm.peak,
@@ -98,12 +107,16 @@ class EventTracker:
         )
 
     def resume(self, kept: KeptState) -> list[Event]:
-        """Go on where the last run ended: an alarm that was on, or one that was about to begin.
+        """Go on where the last run ended: an alarm, or one that was about to begin; a delay.
 
-        Nobody knows how much of an entry delay has passed, so its alarm begins at once.
+        Nobody could disarm in the entry delay meanwhile: its alarm begins at once. An exit delay
+        goes on.
         """
         if not kept.is_armed:
             return []
+        self.panel.mode = kept.mode
+        if kept.exit_left_s:
+            self.panel.resume_exit(kept.exit_left_s)
         if kept.alarm_id is None:
             if kept.entry_reason is None:
                 return []
@@ -155,7 +168,7 @@ class EventTracker:
         if not is_invalid:
             tamper = "; ".join(f"{f.kind}: {f.reason}" for f in findings) or None
             events += self._follow("tamper", tamper, t_s=t_s, dwell=dwell)
-        sight = None if is_invalid else self.see(decision, self.panel.policy)
+        sight = None if is_invalid else self.see(decision, self.panel.policy, self.panel.mode)
         p_human = decision.fused.human if decision.fused and sight and sight.is_seen else 0.0
         steps = self.panel.on_sight(t_s, sight, is_quiet=is_quiet)
         alarm = self._open.get("alarm")
@@ -172,9 +185,9 @@ class EventTracker:
         return events + self._step(steps, notice.t_s)
 
     def on_command(self, name: str, t_s: float) -> list[Event]:
-        """Take 'arm', 'disarm' or 'ack'."""
-        if name == "arm":
-            return self._step(self.panel.arm(), t_s)
+        """Take 'arm', 'arm-home', 'disarm' or 'ack'."""
+        if name in ARM_MODES:
+            return self._step(self.panel.arm(t_s, ARM_MODES[name]), t_s)
         if name == "disarm":
             return self._step(self.panel.disarm(), t_s)
         return self._step(self.panel.acknowledge(t_s), t_s)

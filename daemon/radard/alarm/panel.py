@@ -2,21 +2,25 @@
 
 The states::
 
-    disarmed --arm--> armed --K of N hits--> entry --entry_delay_s--> alarm
-        ^               ^                      |                        |
-        +----disarm-----+----------disarm------+-------disarm-----------+
-                        +-------ack, or latch_s without anybody---------+
+    disarmed --arm--> exit --exit_delay_s--> armed --K of N hits--> entry --entry_delay_s--> alarm
+        ^              |                      ^ |                     |                       |
+        +---disarm-----+--------disarm--------|-+-------disarm--------+--------disarm---------+
+                                              +-----ack, or latch_s without anybody-----------+
 
-All times are stream time. What cannot be judged is never taken for quiet: an invalid window
-neither ends an alarm nor stops an entry delay, and a device that is lost during one raises
-the alarm at once.
+Armed is `away`, or `home` where ranges may be left out (`radard.alarm.zones`); to change between
+the two is to arm again. All times are stream time. What cannot be judged is never taken for
+quiet: an invalid window neither ends an alarm nor stops a delay. A device that is lost during the
+entry delay raises the alarm at once, and during the exit delay ends that delay.
 """
 
 from collections import deque
 from dataclasses import dataclass
 from typing import Literal
 
-PanelState = Literal["disarmed", "armed", "entry", "alarm"]
+PanelState = Literal["disarmed", "exit", "armed", "entry", "alarm"]
+ArmMode = Literal["away", "home"]
+ARM_MODES: dict[str, ArmMode] = {"arm": "away", "arm-home": "home"}
+"""Commands that arm."""
 # One window in which somebody is missed does not say that they left. Chosen.
 _UNSEEN_S = 3.0
 # Stream times are quotients: what is due at this decision must not wait for the next.
@@ -32,6 +36,7 @@ class AlarmPolicy:
     n: int = 1  # among so many decisions confirm
     p_on: float = 0.0  # least p(human) that makes a verdict a hit
     p_off: float = 1.0  # an alarm sees somebody above it, verdict or not; 1: by the verdict alone
+    exit_delay_s: float = 0.0  # from the command to being armed
     entry_delay_s: float = 0.0  # from confirmation to alarm
     latch_s: float = 0.0  # an alarm ends when nobody was seen for so long
     refractory_s: float = 0.0  # after an alarm none begins for so long
@@ -57,9 +62,16 @@ class PanelChange:
 class AlarmPanel:
     """Follow sights and commands; `policy` may be replaced, and what is on stays on."""
 
-    def __init__(self, policy: AlarmPolicy | None = None, *, is_armed: bool = True) -> None:
+    def __init__(
+        self,
+        policy: AlarmPolicy | None = None,
+        *,
+        is_armed: bool = True,
+        mode: ArmMode = "away",
+    ) -> None:
         self.policy = policy or AlarmPolicy()
         self.state: PanelState = "armed" if is_armed else "disarmed"
+        self.mode: ArmMode = mode
         self._hits: deque[bool] = deque(maxlen=16)
         self._since_s = 0.0
         self._seen_s = 0.0
@@ -69,7 +81,7 @@ class AlarmPanel:
 
     @property
     def is_armed(self) -> bool:
-        """Whether hits can raise an alarm."""
+        """Whether hits can raise an alarm, now or once the exit delay is over."""
         return self.state != "disarmed"
 
     @property
@@ -82,9 +94,19 @@ class AlarmPanel:
         """Why an alarm will begin once the entry delay is over; None while none is running."""
         return self._reason if self.state == "entry" else None
 
+    def left_s(self, t_s: float) -> float | None:
+        """Return what is left of the exit or entry delay at a stream time; None if none runs."""
+        delays_s = {"exit": self.policy.exit_delay_s, "entry": self.policy.entry_delay_s}
+        delay_s = delays_s.get(self.state)
+        return None if delay_s is None else max(0.0, self._since_s + delay_s - t_s)
+
     def resume(self, reason: str) -> None:
         """Go on with an alarm that was on, or about to begin, before a restart."""
         self.state, self._reason = "alarm", reason
+
+    def resume_exit(self, left_s: float) -> None:
+        """Go on at stream time 0 with so much of an exit delay, at most all of it."""
+        self.state, self._since_s = "exit", min(0.0, left_s - self.policy.exit_delay_s)
 
     def on_sight(
         self, t_s: float, sight: Sight | None, *, is_quiet: bool = False
@@ -97,6 +119,11 @@ class AlarmPanel:
             return []
         if self.state == "alarm":
             return self._while_on(t_s, sight)
+        if self.state == "exit":
+            # The window that ends with the delay shows who has just left: the next one counts.
+            if t_s - self._since_s >= self.policy.exit_delay_s - _SLACK_S:
+                self.state = "armed"
+            return []
         if sight is not None:
             self._hits.append(sight.is_hit and not is_quiet)
             if self._hits[-1]:
@@ -110,16 +137,26 @@ class AlarmPanel:
 
     def on_loss(self, t_s: float) -> list[PanelChange]:
         """Note that the device is lost: stream time stands still from here on."""
+        if self.state == "exit":
+            self.state = "armed"
         if self.state != "entry":
             return []
         reason = f"{self._reason}; the sensor was lost during the entry delay"
         return self._begin(t_s, reason, is_seen=True)
 
-    def arm(self) -> list[PanelChange]:
-        """Arm; confirmation starts from nothing."""
-        if self.state == "disarmed":
-            self.state, self._ready_s = "armed", float("-inf")
-            self._hits.clear()
+    def arm(self, t_s: float = 0.0, mode: ArmMode = "away") -> list[PanelChange]:
+        """Arm after the exit delay; confirmation starts from nothing.
+
+        No way around a running delay or an alarm: with one on, nothing changes.
+        """
+        if self.state in {"entry", "alarm"} or (self.is_armed and self.mode == mode):
+            return []
+        if self.state != "exit":
+            self.state, self._since_s = "exit", t_s
+        if self.policy.exit_delay_s <= 0:
+            self.state = "armed"
+        self.mode, self._ready_s = mode, float("-inf")
+        self._hits.clear()
         return []
 
     def disarm(self) -> list[PanelChange]:

@@ -40,6 +40,7 @@ def alarm_policy(section: AlarmSection, decision_policy: str) -> AlarmPolicy:
         n=n,
         p_on=p_on,
         p_off=p_off,
+        exit_delay_s=section.exit_delay_s,
         entry_delay_s=section.entry_delay_s,
         latch_s=section.latch_s,
         refractory_s=section.refractory_s,

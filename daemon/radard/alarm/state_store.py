@@ -6,10 +6,13 @@ armed unless somebody chose otherwise.
 
 import json
 import logging
+import time
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from radard.alarm.panel import ArmMode
 from radard.config.atomic import write_atomically
 
 log = logging.getLogger("radard")
@@ -20,21 +23,32 @@ class KeptState:
     """What is kept."""
 
     is_armed: bool  # the last word of a command
+    mode: ArmMode = "away"  # and how it is armed
     alarm_id: str | None = None  # of an alarm that was on when the daemon ended
     alarm_reason: str = ""  # why it was on
     alarm_peak: float = 0.0  # highest p(human) in it
     alarm_clip: str | None = None  # the recording made of it
     entry_reason: str | None = None  # of an entry delay that was running
+    exit_left_s: float | None = None  # of an exit delay that was running
 
 
 class StateStore:
     """Keep one `KeptState` in a file; without a path, nothing.
 
-    Without `keeps_alarms` only the last command's word is kept, not an alarm or an entry delay.
+    Without `keeps_alarms` only the last command's word is kept, not an alarm or a delay. An exit
+    delay goes on while nothing runs, by `now_s`, the wall clock in seconds: it is kept as the time
+    at which it ends. A clock that was set back makes it no longer than it was.
     """
 
-    def __init__(self, path: Path | None, *, keeps_alarms: bool = True) -> None:
+    def __init__(
+        self,
+        path: Path | None,
+        *,
+        keeps_alarms: bool = True,
+        now_s: Callable[[], float] = time.time,
+    ) -> None:
         self._path = path
+        self._now_s = now_s
         self._keeps_alarms = keeps_alarms
         self._last: KeptState | None = None
 
@@ -42,7 +56,7 @@ class StateStore:
         """Return what was kept; without anything, a state without an alarm that is so armed."""
         kept = self._load()
         if kept is None or not self._keeps_alarms:
-            kept = KeptState(is_armed=is_armed if kept is None else kept.is_armed)
+            kept = _word_of(kept or KeptState(is_armed=is_armed))
         self._last = kept
         return kept
 
@@ -58,6 +72,8 @@ class StateStore:
                 alarm_peak=float(raw.get("alarm_peak", 0.0)),
                 alarm_clip=_text(raw.get("alarm_clip")),
                 entry_reason=_text(raw.get("entry_reason")),
+                mode="home" if raw.get("mode") == "home" else "away",
+                exit_left_s=self._exit_left_s(raw),
             )
         except FileNotFoundError:
             return None
@@ -76,15 +92,28 @@ class StateStore:
     def save(self, state: KeptState) -> None:
         """Keep a state; a failure is logged, for an alarm must not fail with its disk."""
         if not self._keeps_alarms:
-            state = KeptState(is_armed=state.is_armed)
+            state = _word_of(state)
         if self._path is None or state == self._last:
             return
+        raw = asdict(state)
+        if state.exit_left_s is not None:
+            raw["exit_ends_unix_s"] = round(self._now_s() + state.exit_left_s, 3)
         try:
-            write_atomically(self._path, json.dumps(asdict(state)) + "\n", mode=0o600)
+            write_atomically(self._path, json.dumps(raw) + "\n", mode=0o600)
         except OSError as err:
             log.warning("%s: cannot keep the state: %s", self._path, err.strerror or err)
         else:
             self._last = state
+
+    def _exit_left_s(self, raw: dict[str, Any]) -> float | None:
+        left_s, ends_s = raw.get("exit_left_s"), raw.get("exit_ends_unix_s")
+        if left_s is None or ends_s is None:
+            return None
+        return max(0.0, min(float(left_s), float(ends_s) - self._now_s()))
+
+
+def _word_of(state: KeptState) -> KeptState:
+    return KeptState(is_armed=state.is_armed, mode=state.mode)
 
 
 def _text(value: Any) -> str | None:

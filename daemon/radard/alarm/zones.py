@@ -2,14 +2,15 @@
 
 A radar of one antenna knows ranges, no directions: a zone is a shell around the sensor. A
 target counts when it is in an included zone, or none is named, and in no excluded one. What
-has no range counts: it is never cut out by not knowing where it is.
+has no range counts: it is never cut out by not knowing where it is. Where people are while they
+are at home counts only while the sensor is armed away.
 """
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 
-from radard.alarm.panel import AlarmPolicy, Sight
+from radard.alarm.panel import AlarmPolicy, ArmMode, Sight
 from radard.classify.decision import Decision, TrackVerdict, judge
 
 Spans = tuple[tuple[float, float], ...]
@@ -22,6 +23,12 @@ class Zones:
 
     include: Spans = ()  # empty: everywhere
     exclude: Spans = ()
+    away: Spans = ()  # excluded while armed at home
+
+    def armed(self, mode: ArmMode) -> "Zones":
+        """Return the zones that hold while the sensor is so armed."""
+        exclude = (*self.exclude, *self.away) if mode == "home" else self.exclude
+        return Zones(include=self.include, exclude=exclude)
 
     def heeds(self, range_m: float) -> bool:
         """Return whether a target at a range counts."""
@@ -35,7 +42,10 @@ def zone_fault(zones: Zones, near_m: float, far_m: float) -> str:
     inside_m = [m for m in edges_m if near_m <= m <= far_m]
     middles_m = [(a + b) / 2 for a, b in pairwise(inside_m)]
     if any(zones.heeds(m) for m in middles_m):
-        return ""
+        if not zones.away:
+            return ""
+        fault = zone_fault(zones.armed("home"), near_m, far_m)
+        return f"{fault}, while armed at home" if fault else ""
     return f"zones: nothing counts within the sensor's swath, {near_m:.2f} to {far_m:.2f} m"
 
 

@@ -55,7 +55,12 @@ def _run(name: str, argv: Sequence[str]) -> int:
     parser = new_parser(f"radard {name}", _WORDS[name], _EXAMPLES.format(name))
     parser.add_argument("--sensor", metavar="NAME", help="only this one (all that are configured)")
     parser.add_argument("--config", type=Path, metavar="FILE", help="configuration file")
+    if name == "arm":
+        parser.add_argument(
+            "--home", action="store_true", help="leave out zones.away: people are at home"
+        )
     args = parser.parse_args(argv)
+    command = "arm-home" if name == "arm" and args.home else name
     config = load_config(args.config)
     known = [each.sensor.name for each in config.each()]
     if args.sensor and config.is_one_of_several and args.sensor not in known:
@@ -63,7 +68,7 @@ def _run(name: str, argv: Sequence[str]) -> int:
         raise UsageError(msg)
     is_well = True
     for sensor in [args.sensor] if args.sensor else known:
-        answer = _asked([control_path(folder, sensor) for folder in status_dirs(config)], name)
+        answer = _asked([control_path(folder, sensor) for folder in status_dirs(config)], command)
         head = f"{sensor}: " if len(known) > 1 else ""
         if name == "test-alarm":
             for each in answer["outputs"]:
@@ -72,7 +77,7 @@ def _run(name: str, argv: Sequence[str]) -> int:
         elif answer["armed"] is None:
             print(f"{head}{name}: holds once there is a stream")
         else:
-            print(f"{head}{'armed' if answer['armed'] else 'disarmed'}")
+            print(f"{head}{_panel_line(answer)}")
     return 0 if is_well else 1
 
 
@@ -96,6 +101,14 @@ def _asked(paths: Sequence[Path], command: str) -> Mapping[str, Any]:
     if not answer.get("ok"):
         raise NoDaemon(str(answer.get("error", "refused")))
     return answer
+
+
+def _panel_line(answer: Mapping[str, Any]) -> str:
+    if not answer["armed"]:
+        return "disarmed"
+    how = "armed at home" if answer.get("mode") == "home" else "armed"
+    left_s = answer.get("delay_left_s")
+    return f"{how} in {left_s:.0f} s" if answer.get("panel") == "exit" else how
 
 
 def _owner(path: Path) -> str:

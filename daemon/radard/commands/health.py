@@ -41,8 +41,11 @@ def _told(report: StatusReport) -> str:
     if not report.is_healthy or "armed" not in content:
         return report.line
     panel = content.get("panel")
-    parts = [report.line, "armed" if content["armed"] else "disarmed"]
-    parts += {"alarm": ["ALARM"], "entry": ["entry delay"]}.get(str(panel), [])
+    is_home = content.get("mode") == "home"
+    how = "armed at home" if is_home else "armed"
+    parts = [report.line, how if content["armed"] else "disarmed"]
+    delays = {"exit": ["exit delay"], "entry": ["entry delay"], "alarm": ["ALARM"]}
+    parts += delays.get(str(panel), [])
     gate = content.get("gate")
     seen = "nobody moves" if gate == "closed" else content.get("label") or "something moves"
     parts += [str(seen)] if gate else []

@@ -61,10 +61,10 @@ class GateSettings(Section):
     """How the gate (`radard.detect.gate`) decides whether something moves.
 
     What `threshold_db` costs: at 4 dB instead of 5, 2.1 instead of 2.5 % of people are missed,
-    and 21.3 instead of 20.2 % of pets' visits raise an alarm (docs/evaluation-tried.md). Empty
-    simulated rooms stayed 3.5 dB below the threshold of 5 (docs/evaluation.md). A calibration
-    file replaces it by a threshold for every range bin and predicts how often a day the gate
-    opens for nothing (`radard calibrate`).
+    and 21.3 instead of 20.2 % of pets' visits raise an alarm
+    (docs/research/evaluation-tried.md). Empty simulated rooms stayed 3.5 dB below
+    the threshold of 5 (docs/evaluation.md). A calibration file replaces it by a threshold for
+    every range bin and predicts how often a day the gate opens for nothing (`radard calibrate`).
     """
 
     threshold_db: float = Field(
@@ -106,6 +106,7 @@ class AlarmSection(Section):
     confirm_n: int | None = Field(None, ge=1, le=16, description="of so many")
     p_on: float | None = Field(None, ge=0, le=1, description="least p(human) that counts")
     p_off: float | None = Field(None, ge=0, le=1, description="below it, nobody is seen")
+    exit_delay_s: float = Field(0.0, ge=0, le=600, description="time to leave, once it is armed")
     entry_delay_s: float = Field(0.0, ge=0, le=600, description="time to disarm")
     arm_with_tamper: Literal["warn", "refuse"] = Field(
         "warn", description="arming while a tamper event is on"
@@ -132,6 +133,7 @@ class ZonesSection(Section):
 
     include: tuple[Span, ...] = Field((), description="only these; empty: all")
     exclude: tuple[Span, ...] = Field((), description="not these")
+    away: tuple[Span, ...] = Field((), description="not these while armed at home")
 
 
 class TamperSection(Section):

@@ -188,7 +188,7 @@ def make_store(config: Config, *, is_live: bool) -> StateStore:
 
 
 def _zones_of(config: Config) -> Zones:
-    return Zones(include=config.zones.include, exclude=config.zones.exclude)
+    return Zones(**config.zones.model_dump())
 
 
 def _check_zones(config: Config, pipeline: Pipeline) -> str:
@@ -201,9 +201,8 @@ def _check_zones(config: Config, pipeline: Pipeline) -> str:
 
 
 def _make_see(config: Config, pipeline: Pipeline) -> See:
-    zones = _zones_of(config)
-    pet_limit = pipeline.pet_limit
-    return lambda decision, policy: sight_of(decision, policy, zones, pet_limit)
+    zones, pet_limit = _zones_of(config), pipeline.pet_limit
+    return lambda decision, policy, mode: sight_of(decision, policy, zones.armed(mode), pet_limit)
 
 
 def _make_tamper(config: Config, pipeline: Pipeline) -> TamperWatch | None:

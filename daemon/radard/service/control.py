@@ -19,6 +19,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from radard.alarm.panel import ARM_MODES
 from radard.sinks.base import Sink, SinkState
 
 if TYPE_CHECKING:
@@ -27,7 +28,8 @@ if TYPE_CHECKING:
     from radard.service.radar_run import RadarRun
 
 log = logging.getLogger("radard")
-COMMANDS = ("arm", "disarm", "test-alarm")
+COMMANDS = ("arm", "arm-home", "disarm", "test-alarm")
+_TOLD = ("armed", "mode", "panel", "delay_left_s")
 _MOST_BYTES = 4096  # of a request; chosen: they have about thirty
 _REQUEST_S = 2.0  # chosen: the other end is a program on the same machine
 _TAKEN_UP_S = 5.0  # chosen: a worker is never so long in one dwell
@@ -114,10 +116,10 @@ class ControlServer:
         if name == "test-alarm":
             return {"ok": True, "outputs": self._tried(radar)}
         radar.command(name)
-        wanted = name == "arm"
-        _wait(lambda: radar.panel().get("armed") is wanted, _TAKEN_UP_S, self._halt)
+        mode = ARM_MODES.get(name)
+        _wait(lambda: _is_so(radar.panel(), mode), _TAKEN_UP_S, self._halt)
         panel = radar.panel()
-        return {"ok": True, "armed": panel.get("armed"), "panel": panel.get("panel")}
+        return {"ok": True, **{key: panel.get(key) for key in _TOLD}}
 
     def _tried(self, radar: "RadarRun") -> list[dict[str, str]]:
         """Send a test alarm; return what every output made of it."""
@@ -127,6 +129,11 @@ class ControlServer:
         pairs = list(zip(sinks, before, strict=True))
         _wait(lambda: all(_has_answered(*pair) for pair in pairs), _ANSWERED_S, self._halt)
         return [{"output": sink.name, "answer": _answered(sink, was)} for sink, was in pairs]
+
+
+def _is_so(panel: Mapping[str, object], mode: str | None) -> bool:
+    """Return whether a panel is armed in a mode; None: disarmed."""
+    return panel.get("armed") is (mode is not None) and mode in {None, panel.get("mode")}
 
 
 def ask(path: Path, command: str) -> Mapping[str, Any]:

@@ -12,6 +12,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from radard.alarm.events import trial_alarm
+from radard.alarm.panel import ARM_MODES
 from radard.config.config import Config
 from radard.config.quiet_hours import Now, recorded_clock, wall_clock
 from radard.errors import RadardError, UsageError
@@ -38,7 +39,7 @@ from radard.stream.source import FrameSource, Notify, open_source, parse_speed
 
 Reload = Callable[[], Config]
 _JOIN_S = 1.5  # for each thread; chosen: all of them within the 4.5 s of a forced end
-_KEPT_COMMANDS = ("arm", "disarm")
+_KEPT_COMMANDS = (*ARM_MODES, "disarm")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -86,6 +87,7 @@ class RadarRun:
         self._pipeline: Pipeline | None = None
         self._ring: FrameRing | None = None
         self._feed: Feed | None = None
+        self._outputs: Outputs | None = None
         self._now: Now = wall_clock
         self._waiting_command: str | None = None
         self._is_finished = False
@@ -100,6 +102,7 @@ class RadarRun:
             playback=self._playback,
             driver=self._driver,
             reload=reload,
+            test_alarm=self.test_alarm,
             mark=lambda: self.mark,
         )
 
@@ -162,9 +165,15 @@ class RadarRun:
             for event in trial_alarm(0.0):
                 self._feed.put(event_record(event), waits=False)
 
+    def test_alarm(self, halt: threading.Event | None = None) -> list[dict[str, str]]:
+        """See `Host.test_alarm`; `halt` ends the wait for answers."""
+        outputs = self._outputs
+        return outputs.try_alarm(self.name, self.try_alarm, halt) if outputs is not None else []
+
     def bind(self, outputs: Outputs) -> None:
         """Take the outputs that records go to."""
         sensor = self.name if self._config.is_one_of_several else None
+        self._outputs = outputs
         self._feed = Feed(outputs, sensor, lambda: self.mark)
 
     def open(self, on_notice: Notify, *, is_wanted: Callable[[], bool] = lambda: True) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 
 from radard.alarm.dwell_cells import is_frozen
 from radard.alarm.events import Event, EventTracker, trial_alarm
-from radard.alarm.panel import AlarmPanel
+from radard.alarm.panel import ARM_MODES, AlarmPanel
 from radard.alarm.state_store import StateStore
 from radard.alarm.tamper import Finding
 from radard.classify.decision import Decision, invalid_decision
@@ -62,7 +62,7 @@ class Worker:
         if kept.is_armed != parts.config.alarm.armed:
             word = "armed" if kept.is_armed else "disarmed"
             self._log.warning("%s, as the last command said", word)
-        panel = AlarmPanel(parts.policy, is_armed=kept.is_armed)
+        panel = AlarmPanel(parts.policy, is_armed=kept.is_armed, mode=kept.mode)
         config = parts.config
         sensor = f" {config.sensor.name}" if config.is_one_of_several else ""
         run = f" {parts.pipeline.stream.run_id}{sensor}"
@@ -75,11 +75,14 @@ class Worker:
 
     def panel(self) -> Mapping[str, Any]:
         """Return what people may want to know, see `Host.panel`; for any thread."""
-        events = self.tracker.open_events
+        events, panel = self.tracker.open_events, self.tracker.panel
         alarm, last = events.get("alarm"), self._last
         return {
-            "armed": self.tracker.panel.is_armed,
-            "panel": self.tracker.panel.state,
+            "armed": panel.is_armed,
+            "mode": panel.mode,
+            "panel": panel.state,
+            "delay_left_s": panel.left_s(self._t_s),
+            "sensitivity": self.parts.config.alarm.sensitivity,
             "alarm_id": alarm.id if alarm else None,
             "open": {kind: event.reason for kind, event in events.items()},
             "t_s": round(self._t_s, 3),
@@ -179,7 +182,7 @@ class Worker:
         )
         told = self._emit(events)
         if self.tracker.panel.state != was:
-            self._store.save(self.tracker.kept)
+            self._keep(decision.t_s)
         self._complain("sensor", fault)
         self._after_clip(decision.t_s, told)
 
@@ -224,11 +227,14 @@ class Worker:
             if tamper is not None:
                 tamper.relearn()
             self._calibrate(notice.t_s)
-        elif name == "arm" and not self._may_arm(notice.t_s):
+        elif name in ARM_MODES and not self._may_arm(notice.t_s):
             return
         else:
             self._emit(self.tracker.on_command(name, notice.t_s))
-        self._store.save(self.tracker.kept)
+        self._keep(notice.t_s)
+
+    def _keep(self, t_s: float) -> None:
+        self._store.save(self.tracker.kept(t_s))
 
     def _may_arm(self, t_s: float) -> bool:
         """Tell people who arm while a tamper event is on; return whether the sensor is armed."""
@@ -293,7 +299,7 @@ class Worker:
         for event in told:
             self._outputs.put(event_record(event))
         if any(event.kind == "alarm" for event in told):
-            self._store.save(self.tracker.kept)
+            self._keep(told[-1].t_s)
         return told
 
     def _with_clip(self, event: Event) -> Event:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
-COMMANDS = ("arm", "disarm", "ack", "calibrate")
+COMMANDS = ("arm", "arm-home", "disarm", "ack", "calibrate")
 Record = Mapping[str, Any]
 PASSING = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO})
 """Faults of a disk that may pass: a sink starts in spite of them, and tries again."""

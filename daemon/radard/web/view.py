@@ -6,6 +6,7 @@ from typing import Any
 
 from starlette.types import Receive, Scope, Send
 
+from radard.alarm.panel import ArmMode
 from radard.config.sink_table import WebSection
 from radard.outputs.fanout import Host
 from radard.sinks.base import Record
@@ -57,8 +58,9 @@ class View:
         self._history.take(record)
         queries.metrics.on_record(record)
         if record["type"] == "decision" and queries.host is not None:
-            panels = queries.panels
-            panels[record["seq"]] = str(queries.host.panel().get("panel", ""))
+            panels, panel = queries.panels, queries.host.panel()
+            mode: ArmMode = "home" if panel.get("mode") == "home" else "away"
+            panels[record["seq"]] = (str(panel.get("panel", "")), mode)
             while len(panels) > _MOST_PANELS:
                 del panels[next(iter(panels))]
         if len(self.hub):

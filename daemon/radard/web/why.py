@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
-from radard.alarm.panel import AlarmPolicy
+from radard.alarm.panel import AlarmPolicy, ArmMode
 from radard.alarm.sensitivity import alarm_policy
 from radard.alarm.zones import Zones, sight_of
 from radard.classify.classifier import Probabilities
@@ -33,6 +33,8 @@ def explain(
     config: Config,
     events: Sequence[Mapping[str, Any]] = (),
     panel: str | None = None,
+    *,
+    mode: ArmMode = "away",
 ) -> dict[str, Any]:
     """Return why the last of some decisions is what it is.
 
@@ -49,6 +51,8 @@ def explain(
         Events of the run.
     panel : str, optional
         State of the panel just before the decision.
+    mode : {'away', 'home'}
+        How it was armed then.
 
     Returns
     -------
@@ -64,7 +68,7 @@ def explain(
     if record["gate"] == "open":
         stages += _classified(record, limit)
     if record["alarm"]:
-        zones = Zones(include=config.zones.include, exclude=config.zones.exclude)
+        zones = Zones(**config.zones.model_dump()).armed(mode)
         hits = [_is_hit(r, policy, zones, limit) for r in records[-policy.n :]]
         stages += _confirmed(hits, policy, record, events, panel)
     by = next((s for s in reversed(stages) if s.outcome == "decided"), stages[-1])
@@ -173,6 +177,8 @@ def _confirmed(
         by = _decided("panel", f"The alarm is on already ({cause}).")
     elif panel == "disarmed":
         by = _decided("panel", f"{counted}, but the sensor is disarmed: nobody is told.")
+    elif panel == "exit":
+        by = _decided("panel", f"{counted}, but the exit delay is running: nobody is told.")
     elif n_hits < policy.k:
         by = _decided("confirmation", f"Not confirmed yet: {counted}.")
     else:
