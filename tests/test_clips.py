@@ -12,7 +12,7 @@ import pytest
 
 from radard.clips.clip_file import ClipFile, ClipWriter, make_room
 from radard.clips.keeper import ClipKeeper
-from radard.clips.spectrogram_png import PictureMaker, encode_png
+from radard.clips.spectrogram_png import PictureMaker, decode_png, encode_png
 from radard.config.sections import ClipsSection
 from radard.errors import OutputError
 from tests.radar_helpers import BASEBAND, noise, run_radard
@@ -86,7 +86,8 @@ def test_what_a_clip_holds(tmp_path):
     with h5py.File(clip) as file:
         attrs = dict(file.attrs)
         picture = file["picture"][()]
-        assert file["frames/samples"].shape[1] == 768
+        n_frames, n_samples = file["frames/samples"].shape
+    assert n_samples == 768
     assert attrs["format"] == "x2radar-recording"
     assert attrs["config_hash"] == hello["config_hash"]
     assert (attrs["model"], attrs["sensor"]) == ("accurate", "radar")
@@ -100,7 +101,12 @@ def test_what_a_clip_holds(tmp_path):
     assert picture.max() > 220
     png = clip.with_suffix(".png").read_bytes()
     assert png.startswith(b"\x89PNG\r\n\x1a\n")
-    assert struct.unpack(">II", png[16:24]) == picture.shape[1::-1]
+    decoded, axes = decode_png(png)
+    assert (decoded == picture).all()
+    # c fp / (4 f) of an X2 at 60 Hz; its swath; the clip's length but for the last CPI.
+    assert axes["velocity_mps"] == pytest.approx([-0.66, 0.66], abs=0.03)
+    assert axes["range_m"] == pytest.approx([0.6, 3.4], abs=0.1)
+    assert axes["length_s"] == pytest.approx(n_frames / 60, abs=0.5)
     assert clip.stat().st_mode & 0o600 == 0o600
     assert clip.parent.stat().st_mode & 0o077 == 0
     with open_recording(clip) as reader:
@@ -312,6 +318,23 @@ def test_a_png_holds_the_picture():
     lines = np.frombuffer(zlib.decompress(chunks[b"IDAT"]), np.uint8).reshape(7, 34)
     assert not lines[:, 0].any()
     assert (lines[:, 1:].reshape(7, 11, 3) == picture).all()
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"",
+        b"GIF89a",
+        encode_png(np.zeros((2, 2, 3), np.uint8))[:40],
+        encode_png(np.zeros((2, 2, 3), np.uint8)).replace(b"IDAT", b"IDOT"),
+        encode_png(np.zeros((2, 2, 3), np.uint8)).replace(b"\x02\x08\x02", b"\x02\x08\x03"),
+        encode_png(np.zeros((2, 2, 3), np.uint8)).replace(b"\0\0\0\x02\0\0\0\x02", b"\xff" * 8),
+        encode_png(np.zeros((2, 2, 3), np.uint8), {}).replace(b"\0{}", b"\0{{"),
+    ],
+)
+def test_what_is_no_picture_of_ours_is_refused(data):
+    with pytest.raises(ValueError, match=r"."):
+        decode_png(data)
 
 
 def test_pictures_of_odd_streams():

@@ -96,7 +96,8 @@ class ClipFile:
                     image.attrs["IMAGE_SUBCLASS"] = np.bytes_("IMAGE_TRUECOLOR")
                     image.attrs["INTERLACE_MODE"] = np.bytes_("INTERLACE_PIXEL")
             if picture is not None:
-                self.path.with_suffix(".png").write_bytes(encode_png(picture))
+                png = encode_png(picture, self._picture.axes())
+                self.path.with_suffix(".png").write_bytes(png)
         except (RecordingError, OSError, RuntimeError) as err:
             msg = f"{self.path}: the clip lacks its decisions: {' '.join(str(err).split())}"
             raise OutputError(msg) from err
