@@ -8,7 +8,8 @@ from importlib import resources
 import pytest
 
 from radard.alarm.panel import AlarmPanel, AlarmPolicy, Sight
-from radard.alarm.sensitivity import SENSITIVITIES, alarm_policy
+from radard.alarm.sensitivity import SENSITIVITIES, alarm_policy, sensitivity_choices
+from radard.classify.card import read_card
 from radard.cli import main
 from radard.commands.explain import explained
 from radard.commands.explain_k_of_n import alarm_probability, windows_until
@@ -80,6 +81,25 @@ def test_delay_grows_with_confirmation():
     assert windows_until(0.95, 0.965, 3, 5) == 4
     assert windows_until(0.95, 0.0, 1, 1) is None
     assert windows_until(1.0, 1.0, 16, 16) == 16
+
+
+def test_every_choice_of_sensitivity_says_what_it_costs():
+    choices = sensitivity_choices(section(confirm_k=3), "fused", read_card("accurate"))
+    assert [c.name for c in choices] == ["low", "normal", "high"]
+    assert [c.is_chosen for c in choices] == [False, True, False]
+    assert [(c.policy.k, c.policy.n) for c in choices] == [(2, 3), (1, 1), (1, 1)]
+    missed = [c.made.missed[0] for c in choices]
+    assert missed == sorted(missed, reverse=True)
+    for choice in choices:
+        assert f"Misses {100 * choice.made.missed[0]:.2g} % of people" in choice.costs
+        assert f"{100 * choice.made.visits_with_alarm[0]:.2g} % of pets' visits" in choice.costs
+
+
+@pytest.mark.parametrize("card", [None, read_card("accurate")])
+def test_costs_of_another_policy_are_not_told(card):
+    for choice in sensitivity_choices(section(), "window", card):
+        assert choice.made is None
+        assert "not known" in choice.costs
 
 
 NIGHT = "22:00-06:30"

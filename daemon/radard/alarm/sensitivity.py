@@ -4,7 +4,10 @@ What a name means depends on the decision's policy: fused verdicts have joined t
 of several windows already, verdicts of single windows need confirmation.
 """
 
+from dataclasses import dataclass
+
 from radard.alarm.panel import AlarmPolicy
+from radard.classify.card import Card, Passing
 from radard.config.sections import AlarmSection
 
 # Order: k of n, then p_on and p_off of `AlarmPolicy`.
@@ -45,3 +48,54 @@ def alarm_policy(section: AlarmSection, decision_policy: str) -> AlarmPolicy:
         latch_s=section.latch_s,
         refractory_s=section.refractory_s,
     )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SensitivityChoice:
+    """One sensitivity to choose, and what it costs."""
+
+    name: str
+    is_chosen: bool
+    policy: AlarmPolicy  # the numbers of this name alone
+    made: Passing | None  # of simulated passages, by the model's card; None: not known
+    costs: str  # the same as a sentence for people
+
+
+def sensitivity_choices(
+    section: AlarmSection, decision_policy: str, card: Card | None
+) -> tuple[SensitivityChoice, ...]:
+    """Return all sensitivities from low to high, for whoever offers them.
+
+    `decision_policy` is 'window' or 'fused', `card` the loaded model's; None without a model.
+    """
+    own = dict.fromkeys(("confirm_k", "confirm_n", "p_on", "p_off"))
+    choices = []
+    for name in SENSITIVITIES[decision_policy]:
+        policy = alarm_policy(
+            section.model_copy(update={**own, "sensitivity": name}), decision_policy
+        )
+        is_known = card is not None and card.policy == decision_policy
+        made = card.sensitivities.get(name) if card is not None and is_known else None
+        choices.append(
+            SensitivityChoice(
+                name=name,
+                is_chosen=name == section.sensitivity,
+                policy=policy,
+                made=made,
+                costs=_costs(made),
+            )
+        )
+    return tuple(choices)
+
+
+def _costs(made: Passing | None) -> str:
+    if made is None:
+        return "What it costs is not known for this model."
+    missed, visits = (
+        "?" if share is None else f"{100 * share:.2g} %"
+        for share in (made.missed[0], made.visits_with_alarm[0])
+    )
+    text = f"Misses {missed} of people who come in; {visits} of pets' visits raise an alarm"
+    half_s = made.half_alarmed_after_s[0]
+    late = f"; half of the alarms come within {half_s:.1f} s" if half_s is not None else ""
+    return f"{text}{late} (simulated bodies)."
