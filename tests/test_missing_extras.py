@@ -26,7 +26,8 @@ def test_a_missing_extra_is_one_line_that_names_it(module, prog, missing, extra)
     assert done.returncode == 1
     assert done.stdout == ""
     assert done.stderr == (
-        f"{prog}: needs {missing}, which is not installed: pip install 'x2radar[{extra}]'\n"
+        f"{prog}: needs {missing}, which is not installed: "
+        f"pip install 'uwb-radar-alarm[{extra}]'\n"
     )
 
 

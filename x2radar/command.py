@@ -15,6 +15,8 @@ from contextlib import contextmanager
 from importlib.metadata import PackageNotFoundError, version
 from typing import NoReturn, TextIO
 
+from x2radar.distribution import DISTRIBUTION, install_hint
+
 _EXTRAS = {"radard": "daemon", "train-export": "train"}
 """What pyproject.toml calls the packages that a command needs."""
 _OURS = ("x2radar", "radard", "x2train")
@@ -70,7 +72,7 @@ def new_parser(prog: str, description: str, examples: str) -> Parser:
 def installed_version() -> str:
     """Return the version of the installed distribution, or 'unknown'."""
     try:
-        return version("x2radar")
+        return version(DISTRIBUTION)
     except PackageNotFoundError:
         return "unknown"
 
@@ -120,7 +122,7 @@ def _missing_extra(prog: str, err: BaseException) -> str:
     name = err.name.partition(".")[0]
     if name in _OURS:
         return ""
-    return f"needs {name}, which is not installed: pip install 'x2radar[{extra}]'"
+    return f"needs {name}, which is not installed: {install_hint(extra)}"
 
 
 @contextmanager

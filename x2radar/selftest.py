@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from x2radar.command import installed_version
 from x2radar.device.device import X2Radar
 from x2radar.errors import DeviceError, PortError, ReadTimeout, TransportClosed, X2RadarError
 from x2radar.frame import Frame, Samples
@@ -67,8 +68,12 @@ class Report:
 
 def software() -> dict[str, str]:
     """Return the versions of what takes part in a test."""
-    found = {"python": platform.python_version(), "system": platform.system()}
-    for name in ("x2radar", "numpy", "pyserial", "h5py"):
+    found = {
+        "x2radar": installed_version(),
+        "python": platform.python_version(),
+        "system": platform.system(),
+    }
+    for name in ("numpy", "pyserial", "h5py"):
         try:
             found[name] = version(name)
         except PackageNotFoundError:

@@ -20,6 +20,7 @@ from radard.classify.bundle import SCHEMA, Bundle, ModelInput
 from radard.classify.features import FeatureSettings
 from radard.classify.onnx_runtime import ort
 from radard.errors import RadardError
+from x2radar.command import installed_version
 from x2train.bundles.recipes import recipe_of
 from x2train.generate.shards import write_whole
 
@@ -151,7 +152,10 @@ def write_bundle(folder: Path, spec: BundleSpec, onnx_bytes: bytes) -> None:
         **({"gate": dict(spec.gate)} if spec.gate else {}),
         "training": {
             **spec.training,
-            "versions": {name: version(name) for name in ("torch", "onnx", "numpy", "x2radar")},
+            "versions": {
+                **{name: version(name) for name in ("torch", "onnx", "numpy")},
+                "x2radar": installed_version(),
+            },
         },
         "metrics": spec.metrics,
     }
