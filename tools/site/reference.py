@@ -19,6 +19,33 @@ from x2radar import cli as x2radar_cli
 ROOT = Path(__file__).resolve().parents[2]
 OPENAPI = ROOT / "docs" / "reference" / "openapi.yaml"
 _WIDTH = "88"
+_WORDS = {
+    "string": "text",
+    "boolean": "`true`, `false`",
+    "null": "`null`",
+    "object": "a mapping",
+}
+_PYTHON = {
+    "The driver": """
+        x2radar.open x2radar.open_reconnecting x2radar.open_async
+        x2radar.device.device.X2Radar x2radar.device.device.RadarStats
+        x2radar.device.device.Deadlines x2radar.device.reconnect.ReconnectingRadar
+        x2radar.device.reconnect.StreamEvent x2radar.device.aio.AsyncRadar
+        x2radar.frame.Frame x2radar.frame.FastTimeAxis x2radar.frame.StreamInfo
+        x2radar.settings.x2.RadarSettings x2radar.settings.x4.X4Settings
+        x2radar.settings.profile.ProfileSettings x2radar.errors
+    """,
+    "Recordings": """
+        x2radar.recording.registry.open_recording x2radar.recording.hdf5_writer.RecordingWriter
+    """,
+    "Contracts of plug-ins": """
+        radard.stream.source.FrameSource radard.stream.source.SourceOpener
+        radard.sinks.base.Sink radard.sinks.base.SinkContext radard.sinks.registry.Opener
+        radard.classify.features.FeatureMaker radard.classify.features.FeatureSettings
+        radard.stream.ring.Dwell x2radar.sim.scene.cast.BodyKind x2radar.sim.points.Points
+    """,
+}
+"""What programs of others use: the names whose docstrings are shown."""
 
 
 def cli() -> str:
@@ -55,7 +82,7 @@ def _help_of(main: Callable[[list[str]], int], *argv: str) -> str:
 def _subcommands(name: str, text: str) -> list[str]:
     """Return the names of the subcommands that a help lists."""
     if name == "radard":
-        return list(radard_cli._COMMANDS)  # noqa: SLF001 - the one table of them
+        return list(radard_cli._COMMANDS)
     _, _, listed = text.partition("COMMAND\n")
     return re.findall(r"^    ([a-z][\w-]*)(?: |$)", listed, re.MULTILINE)
 
@@ -125,8 +152,7 @@ def _takes(spec: Mapping[str, Any], known: Mapping[str, Any]) -> str:
         inner = spec.get("items") or {}
         items = _takes(inner, known) if isinstance(inner, dict) and inner else ""
         return "[from, to]" if "prefixItems" in spec else f"a list of {items or 'values'}"
-    words = {"string": "text", "boolean": "`true`, `false`", "null": "`null`", "object": "a mapping"}
-    return words.get(kind, kind or "any value")
+    return _WORDS.get(kind, kind or "any value")
 
 
 def _range(spec: Mapping[str, Any], word: str) -> str:
@@ -205,9 +231,18 @@ def contributing() -> str:
 
 
 def cards() -> str:
-    """Return the cards of the bundles that ship, one heading lower."""
+    """Return the cards of the bundles that ship, two headings lower."""
     texts = [path.read_text("utf-8") for path in sorted((ROOT / "models").glob("*.md"))]
-    return "\n".join(re.sub(r"^#", "##", text, flags=re.MULTILINE) for text in texts)
+    return "\n".join(re.sub(r"^#", "###", text, flags=re.MULTILINE) for text in texts)
+
+
+def python() -> str:
+    """Return what mkdocstrings makes the reference of Python names of."""
+    parts = [
+        f"### {title}\n\n" + "\n\n".join(f"::: {name}" for name in names.split())
+        for title, names in _PYTHON.items()
+    ]
+    return "\n\n".join(parts)
 
 
 PARTS: Mapping[str, Callable[[], str]] = {
@@ -215,6 +250,7 @@ PARTS: Mapping[str, Callable[[], str]] = {
     "config": config,
     "records": records,
     "http": http,
+    "python": python,
     "contributing": contributing,
     "cards": cards,
 }
