@@ -48,8 +48,8 @@ _CLOCK_LIMIT_S = 60.0
 _START_LIMIT_S = 120.0
 _KEYS = ("inputs", "unhandled", "hangs", "over_memory")
 TARGETS = (
-    *("decoder", "hdf5", "xethru", "framelogger", "p4xx", "npz", "sigmf", "capture"),
-    *("scene", "config", "bundle", "calibration", "state"),
+    *("decoder", "hdf5", "xethru", "framelogger", "p4xx", "mat", "npz", "sigmf"),
+    *("capture", "scene", "config", "bundle", "calibration", "state"),
 )
 
 
@@ -277,7 +277,8 @@ def guide(target: str, folder: Path, seed: str, left_s: str) -> None:
 
         for row in FORMATS.values():
             # Else imported when first needed, and not instrumented.
-            importlib.import_module(f"x2radar.recording.{row.reader.partition(':')[0]}")
+            if row.reader:
+                importlib.import_module(f"x2radar.recording.{row.reader.partition(':')[0]}")
 
     run = KNOWN[target].run
     work_in = folder / "work"

@@ -381,7 +381,7 @@ def _config_seeds(_folder: Path) -> list[bytes]:
         b"output: [json, 'mqtt://h/p']\nalarm: {entry_delay_s: 30}\ndecision: {pet_limit: 0.8}\n"
     )
     several = (
-        b"sensors:\n  a: {port: 'sim:dog', gate: {threshold_db: 6}}\n  b: {port: 'sim:fan'}\n"
+        b"sensors:\n  a: {port: 'sim:dog', gate: {false_alarms_per_day: 6}}\n  b: {port: 'sim:fan'}\n"
     )
     return [text, made, several, b"output:\n" + _laughs(b"  ")]
 
@@ -456,6 +456,7 @@ _ROWS = (
     Target("xethru", _pair(_DATA, _META, ""), _converted("xethru", "a", _BASEBAND)),
     Target("framelogger", _file("a.framelogger"), _framelogger_seeds),
     Target("p4xx", _file("a.mat"), _mat_seeds),
+    Target("mat", _file("a.mat"), _converted("mat", "a.mat", _BASEBAND, _RF)),
     Target("npz", _file("a.npz"), _npz_seeds),
     Target(
         "sigmf",

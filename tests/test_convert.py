@@ -27,11 +27,15 @@ NAMES = {
     "framelogger": "out.framelogger",
     "sigmf": "out.sigmf-meta",
     "npz": "out.npz",
+    "mat": "out.mat",
+    "parquet": "out.parquet",
+    "mcap": "out.mcap",
 }
 HOLDS = [
     *(("hdf5", kind) for kind in ("rf", "baseband")),
     *(("npz", kind) for kind in ("rf", "baseband")),
     *(("sigmf", kind) for kind in ("rf", "baseband")),
+    *(("mat", kind) for kind in ("rf", "baseband")),
     ("xethru", "baseband"),
 ]
 
@@ -205,7 +209,7 @@ def folder(tmp_path, monkeypatch):
     make(Path("in.h5"))
     make(Path("rf.h5"), "rf")
     Path("text.txt").write_text("hello")
-    for suffix in ("mat", "npz", "sigmf-meta", "dat", "framelogger", "x2cap", "h5"):
+    for suffix in ("mat", "npz", "sigmf-meta", "dat", "framelogger", "x2cap", "h5", "parquet"):
         Path(f"junk.{suffix}").write_bytes(b"hello")
     Path("empty").mkdir()
     return tmp_path
@@ -214,7 +218,9 @@ def folder(tmp_path, monkeypatch):
 WRONG = [
     (["in.h5"], 2, "the following arguments are required: OUT"),
     (["in.h5", "out.foo"], 2, "out.foo: its name names no format; use --to with one of hdf5,"),
-    (["in.h5", "out.mat"], 2, "out.mat: P4xx MATLAB files are only read"),
+    (["in.h5", "out.x2cap"], 2, "out.x2cap: wire captures are only read"),
+    (["in.h5", "out.npz", "--from", "mcap"], 2, "argument --from: invalid choice: 'mcap'"),
+    (["junk.parquet", "out.npz"], 66, "junk.parquet: Parquet tables are only written"),
     (["in.h5", "out.npz", "--to", "p4xx"], 2, "argument --to: invalid choice: 'p4xx'"),
     (["in.h5", "out.npz", "--from", "x"], 2, "argument --from: invalid choice: 'x'"),
     (["in.h5", "out.npz", "--carrier", "0"], 2, "--carrier 0: must be above 0"),
@@ -321,4 +327,5 @@ def test_the_table_of_the_docs_is_that_of_the_formats():
     for name, row in FORMATS.items():
         _, suffixes, is_read, is_written, *_ = (cell.strip() for cell in told[name])
         assert f"`{row.suffixes[0]}`" in suffixes
-        assert (is_read, is_written) == ("yes", "yes" if row.writer else "no")
+        known = ("yes" if row.reader else "no", "yes" if row.writer else "no")
+        assert (is_read, is_written) == known

@@ -18,6 +18,7 @@ The tree::
      +-- RecordingError             a file is missing, damaged or no recording
      +-- SceneError                 a scene does not exist or makes no sense
      +-- PluginError                a plug-in is broken
+     +-- MissingExtra               an optional package is not installed
 
 Any other exception that leaves this package is a bug.
 """
@@ -103,6 +104,10 @@ class PluginError(X2RadarError):
     """A plug-in that cannot be loaded or does not keep its contract; the message names it."""
 
     exit_code = 78
+
+
+class MissingExtra(X2RadarError):
+    """A package that only one purpose needs is not installed; the message names its extra."""
 
 
 def renamed(name: str) -> str:

@@ -8,7 +8,7 @@ from pathlib import Path
 from x2radar.commands import Commands
 from x2radar.errors import SettingsError
 from x2radar.recording.blocks import Overrides
-from x2radar.recording.registry import FORMATS, WRITABLE
+from x2radar.recording.registry import FORMATS, READABLE, WRITABLE
 
 _AXIS = (
     ("frame_rate_hz", "--frame-rate", "HZ", "frames per second"),
@@ -25,7 +25,7 @@ def register(commands: Commands) -> None:
     parser = commands.add_parser("convert", help="write a recording in another format")
     parser.add_argument("source", type=Path, metavar="IN", help="file or folder to read")
     parser.add_argument("out", type=Path, metavar="OUT", help="file or folder to make")
-    parser.add_argument("--from", dest="source_kind", choices=list(FORMATS), help="format of IN")
+    parser.add_argument("--from", dest="source_kind", choices=READABLE, help="format of IN")
     parser.add_argument("--to", dest="out_kind", choices=WRITABLE, help="format of OUT")
     for name, option, metavar, text in _AXIS:
         parser.add_argument(option, dest=name, type=float, metavar=metavar, help=text)

@@ -26,7 +26,7 @@ def register(commands: Commands) -> None:
 
 
 def _run(args: argparse.Namespace) -> int:
-    if _is_port(args.what):
+    if is_port(args.what):
         facts = _ask(args.what)
         lines = _port_lines(facts)
     else:
@@ -39,7 +39,8 @@ def _run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _is_port(what: str) -> bool:
+def is_port(what: str) -> bool:
+    """Return whether a word names a port, rather than a file."""
     return bool(_PORT.fullmatch(what)) or Path(what).is_char_device()
 
 

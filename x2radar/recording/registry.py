@@ -20,8 +20,8 @@ class Format:
     name: str
     """As ``--from`` and ``--to`` take it."""
     title: str
-    reader: str
-    """Makes a BlockReader of a path and overrides."""
+    reader: str = ""
+    """Makes a BlockReader of a path and overrides; empty when the format is only written."""
     writer: str = ""
     """``write(path, source)`` into what is new; empty when the format is only read."""
     suffixes: tuple[str, ...]
@@ -33,7 +33,9 @@ class Format:
     """Gives the files of a recording from the name of any; empty when there is but one."""
 
     def open(self, path: Path, overrides: Overrides) -> BlockReader:
-        """Return a reader of `path`."""
+        """Return a reader of `path`; raises RecordingError if the format is only written."""
+        if not self.reader:
+            raise refuse(path, f"{self.title}s are only written; open what it was made of")
         made: BlockReader = _named(self.reader)(path, overrides=overrides)
         return made
 
@@ -80,6 +82,15 @@ FORMATS: Mapping[str, Format] = {
             suffixes=(".framelogger",),
             magic=b"\xa2\x00\xfe\xfe",
         ),
+        # Before p4xx: its first bytes are those of every MATLAB file.
+        Format(
+            name="mat",
+            title="MATLAB file",
+            reader="formats.mat:MatReader",
+            writer="formats.mat:write",
+            suffixes=(".mat",),
+            magic=b"MATLAB 5.0 MAT-file x2radar",
+        ),
         Format(
             name="p4xx",
             title="P4xx MATLAB file",
@@ -104,6 +115,20 @@ FORMATS: Mapping[str, Format] = {
             magic=b"PK\x03\x04",
         ),
         Format(
+            name="parquet",
+            title="Parquet table",
+            writer="formats.parquet:write",
+            suffixes=(".parquet",),
+            magic=b"PAR1",
+        ),
+        Format(
+            name="mcap",
+            title="MCAP file",
+            writer="formats.mcap:write",
+            suffixes=(".mcap",),
+            magic=b"\x89MCAP0\r\n",
+        ),
+        Format(
             name="capture",
             title="wire capture",
             reader="formats.wire:WireReader",
@@ -113,6 +138,9 @@ FORMATS: Mapping[str, Format] = {
     )
 }
 WRITABLE = tuple(row.name for row in FORMATS.values() if row.writer)
+READABLE = tuple(row.name for row in FORMATS.values() if row.reader)
+
+_MOST_MAGIC = max(len(row.magic) for row in FORMATS.values())
 
 
 def format_by_name(path: Path) -> Format | None:
@@ -130,7 +158,7 @@ def format_of(path: Path) -> Format:
         return found
     if not path.exists():
         raise refuse(path, "no such recording")
-    known = ", ".join(row.title for row in FORMATS.values())
+    known = ", ".join(row.title for row in FORMATS.values() if row.reader)
     raise refuse(path, f"no recording of a known format ({known})")
 
 
@@ -143,7 +171,7 @@ def _candidates(path: Path) -> Iterator[Format]:
         return
     if path.is_file():
         with path.open("rb") as file:
-            head = file.read(16)
+            head = file.read(_MOST_MAGIC)
         yield from (row for row in rows if row.magic and head.startswith(row.magic))
     if by_name := format_by_name(path):
         yield by_name

@@ -41,7 +41,8 @@ def stream_from(
         bandwidth_hz=numbers["bandwidth_hz"],
         sample_rate_hz=numbers["sample_rate_hz"],
     )
-    stream = overrides.apply(StreamInfo(axis, numbers["frame_rate_hz"], device))
+    run_id = str(attributes.get("run_id") or "")
+    stream = overrides.apply(StreamInfo(axis, numbers["frame_rate_hz"], device, run_id))
     known = {
         "frame_rate_hz": stream.frame_rate_hz,
         "bin_length_m": stream.axis.bin_length_m,

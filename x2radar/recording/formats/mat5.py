@@ -1,4 +1,4 @@
-"""Structs of numbers from MATLAB files of version 5 to 7, without trust.
+"""Numbers and text from MATLAB files of version 5 to 7, without trust.
 
 MATLAB, "MAT-File Format", Level 5. A file is 128 bytes of head and then elements; an element is
 a tag (u32 type, u32 bytes; both in one u32 when there are 4 bytes at most) and its data, padded
@@ -28,7 +28,8 @@ _NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f
     13: "u8",
 }
 """Types of data; the class of an array may promise more than its values need."""
-_STRUCT = 2
+_UTF8 = 16
+_STRUCT, _CHARS = 2, 4
 _NUMERIC = range(6, 16)
 _COMPLEX = 0x0800
 """Classes and a flag of arrays."""
@@ -70,13 +71,32 @@ class Mat5File:
 
         Fields that are not there, or hold no numbers, are missing in all or some rows.
         """
+        for array in self._variables():
+            if array.name == name:
+                return self._rows(array, fields) if array.kind == _STRUCT else None
+        return None
+
+    def variables(self, names: tuple[str, ...]) -> dict[str, NDArray[np.generic] | str]:
+        """Return arrays of numbers, in their own shape, and texts; others are left out."""
+        found: dict[str, NDArray[np.generic] | str] = {}
+        for array in self._variables():
+            if array.name in names and array.kind in _NUMERIC:
+                parts = [self._values(array) for _ in range(2 if array.is_complex else 1)]
+                values = parts[0] if len(parts) == 1 else _joined(*parts)
+                found[array.name] = values.reshape(array.dims, order="F")
+            elif array.name in names and array.kind == _CHARS:
+                kind, data = next(array.parts, (_UTF8, memoryview(b"")))
+                if kind == _UTF8:
+                    found[array.name] = bytes(data).decode("utf-8", "replace")
+        return found
+
+    def _variables(self) -> Iterator[_Array]:
         for kind, found in self._elements(self._data):
             data = found
             if kind == _COMPRESSED:
                 kind, data = next(self._elements(self._unpacked(found)), (0, found))  # noqa: PLW2901
-            if kind == _MATRIX and (array := self._array(data)).name == name:
-                return self._rows(array, fields) if array.kind == _STRUCT else None
-        return None
+            if kind == _MATRIX:
+                yield self._array(data)
 
     def _unpacked(self, data: memoryview) -> memoryview:
         unpack = zlib.decompressobj()
@@ -138,11 +158,13 @@ class Mat5File:
     def _numbers(self, data: memoryview) -> NDArray[np.generic] | None:
         """Return the numbers of a real array in MATLAB's order; None if it is no such array."""
         array = self._array(data)
-        if array.kind not in _NUMERIC or array.is_complex:
-            return None
+        is_real = array.kind in _NUMERIC and not array.is_complex
+        return self._values(array) if is_real else None
+
+    def _values(self, array: _Array) -> NDArray[np.generic]:
         kind, values = next(array.parts, (9, memoryview(b"")))
         if kind not in _NUMBERS:
-            return None
+            raise refuse(self._path, f"numbers of the type {kind}")
         numbers = np.frombuffer(values, self._order + _NUMBERS[kind])
         if numbers.size != math.prod(array.dims):
             raise refuse(self._path, f"{numbers.size} numbers in an array of {array.dims}")
@@ -153,3 +175,10 @@ class Mat5File:
         if found is None:
             raise refuse(self._path, "cut off")
         return found[1]
+
+
+def _joined(real: NDArray[np.generic], imaginary: NDArray[np.generic]) -> NDArray[np.generic]:
+    """Return complex64 of parts that may be stored as smaller whole numbers."""
+    out = np.empty(real.shape, np.complex64)
+    out.real, out.imag = real, imaginary
+    return out

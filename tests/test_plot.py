@@ -1,0 +1,138 @@
+"""`x2radar plot` and the maps that it draws."""
+
+import numpy as np
+import pytest
+
+from radard.dsp.velocity import VelocityTransform
+from tests.recording_helpers import make
+from x2radar import maps
+from x2radar.cli import main
+from x2radar.commands.plot import Look, _filled
+from x2radar.errors import SettingsError
+from x2radar.frame import FastTimeAxis, Frame, StreamInfo
+
+AXIS = FastTimeAxis(
+    kind="baseband",
+    n_range=80,
+    bin_length_m=0.04,
+    range_offset_m=0.5,
+    carrier_hz=6.8e9,
+    bandwidth_hz=1.75e9,
+)
+
+
+def walker(speed_mps, n=180, axis=AXIS, rate_hz=60.0):
+    """A point that approaches, as RF or baseband, on top of a strong still echo."""
+    rng = np.random.default_rng(3)
+    range_m = 3.4 - speed_mps * np.arange(n) / rate_hz
+    away_m = axis.range_m - range_m[:, None]
+    pulse = np.exp(-((away_m / 0.06) ** 2))
+    turns = 2 * axis.carrier_hz / 299792458.0
+    if axis.kind == "rf":
+        rows = pulse * np.cos(2 * np.pi * turns * away_m) + 50 * np.cos(axis.range_m)
+        return (rows + 0.01 * rng.standard_normal(rows.shape)).astype(np.float32)
+    rows = pulse * np.exp(-2j * np.pi * turns * range_m)[:, None] + 50
+    return (rows + 0.01 * rng.standard_normal(rows.shape)).astype(np.complex64)
+
+
+RF_AXIS = FastTimeAxis(
+    kind="rf",
+    n_range=800,
+    bin_length_m=0.004,
+    range_offset_m=0.5,
+    carrier_hz=6.8e9,
+    bandwidth_hz=1.75e9,
+)
+
+
+@pytest.mark.parametrize("axis", [AXIS, RF_AXIS], ids=["baseband", "rf"])
+@pytest.mark.parametrize("speed_mps", [-0.5, 0.4, 1.0])
+def test_the_velocity_of_a_point_is_the_true_one(axis, speed_mps):
+    """±0.66 m/s can be told apart at 60 frames a second: the band tells 1.0 from -0.32."""
+    frames = walker(speed_mps, axis=axis)
+    power, velocity_mps, t_s = maps.velocity_time(frames, axis, 60.0)
+    assert power.shape == (len(velocity_mps), len(t_s))
+    assert velocity_mps[power.mean(axis=1).argmax()] == pytest.approx(speed_mps, abs=0.06)
+
+
+def test_it_agrees_with_the_transform_of_the_alarm():
+    frames = walker(1.2)
+    ours, velocity_mps, _ = maps.velocity_time(frames, AXIS, 60.0)
+    theirs = VelocityTransform(AXIS, 60.0, n_keep=len(frames))
+    theirs.push(frames)
+    peak_mps = theirs.velocity_mps[theirs.columns().mean(axis=1).argmax()]
+    assert velocity_mps[ours.mean(axis=1).argmax()] == pytest.approx(peak_mps, abs=0.1)
+
+
+@pytest.mark.parametrize("axis", [AXIS, RF_AXIS], ids=["baseband", "rf"])
+def test_the_range_of_a_point(axis):
+    power, range_m, t_s = maps.range_time(walker(0.8, axis=axis), axis, 60.0)
+    found = range_m[power.argmax(axis=0)]
+    assert np.abs(found - (3.4 - 0.8 * t_s)).max() < 0.12
+
+
+def test_without_a_bandwidth_the_strong_frequencies_are_taken():
+    unknown = FastTimeAxis(
+        kind="baseband", n_range=80, bin_length_m=0.04, range_offset_m=0.5, carrier_hz=6.8e9
+    )
+    power, velocity_mps, _ = maps.velocity_time(walker(0.4), unknown, 60.0)
+    assert velocity_mps[power.mean(axis=1).argmax()] == pytest.approx(0.4, abs=0.06)
+
+
+def test_nothing_and_too_little():
+    still = np.zeros((60, 80), np.complex64)
+    for make_map in (maps.range_time, maps.velocity_time):
+        assert not make_map(still, AXIS, 60.0)[0].any()
+        with pytest.raises(SettingsError, match="20 frames: at least 28 are needed"):
+            make_map(still[:20], AXIS, 60.0)
+
+
+def test_a_missing_frame_repeats_the_one_before():
+    def frame(index, value):
+        return Frame(np.full(2, value, np.float32), index, index, 0, False, AXIS)
+
+    rows = _filled([frame(5, 1), frame(6, 2), frame(9, 3)], 99)
+    assert rows[:, 0].tolist() == [1, 2, 2, 2, 3]
+    look = Look("", StreamInfo(AXIS, 60.0, ""), rows, 0.0, 2)
+    assert len(look.samples) == 5
+
+
+@pytest.mark.parametrize("suffix", [".png", ".svg"])
+def test_a_recording_is_drawn(tmp_path, capsys, suffix):
+    source, _ = make(tmp_path / "in.h5", "rf", np.delete(np.arange(1, 200), [50, 51]))
+    out = tmp_path / f"out{suffix}"
+    argv = ["plot", str(source), "--out", str(out), "--start", "0.5", "--duration", "2"]
+    assert main(argv) == 0
+    data = out.read_bytes()
+    assert data.startswith(b"\x89PNG") if suffix == ".png" else b"2 frames missing" in data
+    assert str(out) in capsys.readouterr().err
+
+
+def test_a_port_is_drawn(tmp_path):
+    out = tmp_path / "out.png"
+    argv = ["plot", "sim:dog?seed=1&kind=baseband", "--duration", "1", "--out", str(out)]
+    assert main(argv) == 0
+    assert out.stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    "case",
+    [
+        (["in.h5"], 2, "no window can be opened here; give --out FILE.png"),
+        (["in.h5", "--out", "a.bmp"], 2, "--out a.bmp: must end in .png, .pdf, .svg"),
+        (["in.h5", "--out", "gone/a.png"], 66, "gone/a.png: cannot write"),
+        (["in.h5", "--duration", "0.1", "--out", "a.png"], 2, "6 frames: at least 28"),
+        (["in.h5", "--start", "99", "--out", "a.png"], 66, "no frame at or behind --start 99"),
+        (["gone.h5", "--out", "a.png"], 66, "gone.h5: no such recording"),
+        (["sim:nobody", "--out", "a.png"], 66, "nobody"),
+    ],
+)
+def test_what_cannot_be_drawn_is_one_line(tmp_path, monkeypatch, capsys, case):
+    argv, code, said = case
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MPLBACKEND", "agg")
+    make(tmp_path / "in.h5")
+    assert main(["plot", *argv]) == code
+    err = capsys.readouterr().err
+    assert said in err
+    assert err.count("\n") == 1

@@ -1,0 +1,170 @@
+"""`x2radar plot`: range-time, velocity-time and spectrum of a recording or a port."""
+
+import argparse
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from x2radar.command import StatusLine
+from x2radar.commands import Commands, check_duration
+from x2radar.commands.info import is_port
+from x2radar.errors import RecordingError, SettingsError
+from x2radar.extras import needed
+from x2radar.frame import Frame, Samples, StreamInfo
+from x2radar.maps import range_time, spectrum, velocity_time
+from x2radar.ports import make_radar, parse_port
+
+_DEPTHS_DB = (40.0, 30.0)
+"""Shown under the peak of range and of velocity: chosen by eye."""
+_SUFFIXES = (".png", ".pdf", ".svg")
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """The frames that are drawn."""
+
+    title: str
+    stream: StreamInfo
+    samples: Samples
+    """Shape (n, n_range); a missing frame repeats the one before."""
+    start_s: float
+    n_lost: int
+
+
+def register(commands: Commands) -> None:
+    """Add the subcommand."""
+    parser = commands.add_parser("plot", help="draw a recording, or what a port sends")
+    add = parser.add_argument
+    add("what", metavar="FILE|PORT", help="recording, device, URL or sim:SCENE")
+    add("--out", type=Path, metavar="FILE", help="PNG, PDF or SVG to make; a window without")
+    add("--start", type=float, default=0.0, metavar="S", help="of a recording: begin here (0)")
+    add("--duration", type=float, default=20.0, metavar="S", help="seconds to draw (20)")
+    parser.set_defaults(run=_run)
+
+
+def _run(args: argparse.Namespace) -> int:
+    check_duration(args.duration)
+    if args.out is not None and args.out.suffix not in _SUFFIXES:
+        msg = f"--out {args.out}: must end in {', '.join(_SUFFIXES)}"
+        raise SettingsError(msg)
+    needed("matplotlib", what="pictures")
+    if is_port(args.what):
+        look = _look_at_port(args.what, args.duration)
+    else:
+        look = _look_at_file(args.what.removeprefix("replay:"), args.start, args.duration)
+    plt: Any = needed("matplotlib.pyplot", what="pictures")
+    if args.out is None and plt.get_backend().lower() == "agg":
+        msg = "no window can be opened here; give --out FILE.png"
+        raise SettingsError(msg)
+    figure = draw(look)
+    if args.out is None:
+        plt.show()
+        return 0
+    try:
+        figure.savefig(args.out, dpi=110)
+    except OSError as err:
+        msg = f"{args.out}: cannot write: {err.strerror or err}"
+        raise RecordingError(msg) from err
+    print(args.out, file=sys.stderr)
+    return 0
+
+
+def _look_at_port(port: str, duration_s: float) -> Look:
+    status = StatusLine(sys.stderr)
+    with make_radar(parse_port(port), speed=None) as radar:
+        frames = radar.frames()
+        first = next(frames)
+        assert radar.stream is not None  # noqa: S101 - known with the first frame
+        n = max(2, round(duration_s * radar.stream.frame_rate_hz))
+        rows: list[Frame] = [first]
+        for frame in frames:
+            if frame.restarted or frame.index - first.index >= n:
+                break
+            rows.append(frame)
+            status.show(f"{port}: {frame.index - first.index + 1} of {n} frames")
+        status.clear()
+        return Look(port, radar.stream, _filled(rows, n), 0.0, _lost(rows))
+
+
+def _look_at_file(path: str, start_s: float, duration_s: float) -> Look:
+    # Late: h5py takes a while, and a port does without.
+    from x2radar.recording.registry import open_recording  # noqa: PLC0415
+
+    with open_recording(path) as recording:
+        rate_hz = recording.stream.frame_rate_hz
+        n = max(2, round(duration_s * rate_hz))
+        rows: list[Frame] = []
+        for frame in recording.frames(start_s):
+            if rows and (frame.restarted or frame.index - rows[0].index >= n):
+                break
+            rows.append(frame)
+        if not rows:
+            msg = f"{path}: no frame at or behind --start {start_s:g}"
+            raise RecordingError(msg)
+        return Look(Path(path).name, recording.stream, _filled(rows, n), start_s, _lost(rows))
+
+
+def _lost(rows: list[Frame]) -> int:
+    return rows[-1].index - rows[0].index + 1 - len(rows)
+
+
+def _filled(rows: list[Frame], most: int) -> Samples:
+    """Return the samples of frames; a missing one repeats the one before it."""
+    index = np.array([frame.index - rows[0].index for frame in rows])
+    wanted = np.arange(min(int(index[-1]) + 1, most))
+    samples: Any = np.nan_to_num(np.stack([frame.samples for frame in rows]))
+    filled: Samples = samples[np.searchsorted(index, wanted, "right") - 1]
+    return filled
+
+
+def draw(look: Look) -> Any:
+    """Return a matplotlib figure of three pictures."""
+    plt: Any = needed("matplotlib.pyplot", what="pictures")
+    axis, rate_hz = look.stream.axis, look.stream.frame_rate_hz
+    ranges = range_time(look.samples, axis, rate_hz)
+    velocities = velocity_time(look.samples, axis, rate_hz)
+    total, moving, frequency_hz = spectrum(look.samples, axis)
+    figure, (top, middle, bottom) = plt.subplots(3, 1, figsize=(9, 10), layout="constrained")
+    lost = f", {look.n_lost} frames missing" if look.n_lost else ""
+    figure.suptitle(f"{look.title}: {len(look.samples) / rate_hz:.1f} s at {rate_hz:g} Hz{lost}")
+    _image(top, ranges, look.start_s, _DEPTHS_DB[0])
+    top.set(ylabel="range (m)", title="what moves, by range", xlabel="time (s)")
+    _image(middle, velocities, look.start_s, _DEPTHS_DB[1])
+    middle.set(ylabel="approaching (m/s)", title="by radial velocity", xlabel="time (s)")
+    for values, name in ((total, "all"), (moving, "what moves")):
+        # Without the mean of the RF samples, which is not of the pulse and above all else.
+        bottom.plot(frequency_hz[1:] / 1e9, _db(values)[1:], label=name, lw=1)
+    bottom.set(xlabel="frequency (GHz)", ylabel="dB", title="spectrum of the frames")
+    bottom.legend(loc="upper right")
+    return figure
+
+
+def _image(
+    axes: Any,
+    shown: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]],
+    start_s: float,
+    depth_db: float,
+) -> None:
+    power, rows, t_s = shown
+    times_s, extent = t_s + start_s, []
+    for values in (times_s, rows):
+        half = (values[-1] - values[0]) / max(1, len(values) - 1) / 2 or 0.5
+        extent += [values[0] - half, values[-1] + half]
+    level_db = _db(power)
+    axes.imshow(
+        level_db - level_db.max(),
+        aspect="auto",
+        origin="lower",
+        extent=extent,
+        vmin=-depth_db,
+        vmax=0,
+    )
+
+
+def _db(power: NDArray[np.float64]) -> NDArray[np.float64]:
+    least: float = np.finfo(np.float64).tiny
+    return np.asarray(10 * np.log10(np.maximum(power, least)))
