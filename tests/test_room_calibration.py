@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from radard.config.config import load_config
+from radard.config.directories import kept_calibration
 from radard.detect.calibration import Provenance, load_calibration
-from radard.service.room_calibration import RoomCalibration, can_calibrate, kept_calibration
+from radard.service.room_calibration import RoomCalibration, can_calibrate
 from tests.daemon_helpers import launcher
 from tests.radar_helpers import dwell_of, noise
 from tests.sink_helpers import Listener, MqttBroker

@@ -9,7 +9,7 @@ import pytest
 
 from radard.commands.config import shown
 from radard.config.config import load_config, load_with_origins
-from radard.config.saved_zones import forget, save, zones_path
+from radard.config.saved import forget, save, saved_path
 from radard.errors import ConfigError, OutputError
 from tests.web_helpers import Running
 
@@ -36,9 +36,13 @@ def zones_now(running):
     return running.get("/api/v1/status")[1]["zones"]
 
 
+def save_zones(path, include, exclude):
+    save(path, {"zones": {"include": include, "exclude": exclude}}, now_utc=NOW)
+
+
 def test_saved_zones_hold_at_once_and_after_a_restart(run, tmp_path):
     running = run()
-    wanted = {"include": [], "exclude": [[1.2, 1.9], [3.0, 4.25]]}
+    wanted = {"include": [], "exclude": [[1.2, 1.9], [3.0, 4.25]], "away": [[0.5, 0.8]]}
     assert running.post("/api/v1/zones", wanted)[0] == 202
     running.wait(lambda: zones_now(running) == wanted)
     assert running.get("/api/v1/status")[1]["has_saved_zones"] is True
@@ -49,7 +53,7 @@ def test_saved_zones_hold_at_once_and_after_a_restart(run, tmp_path):
     assert zones_now(again) == wanted
     # What is in the file of the configuration holds again once they are forgotten.
     assert again.post("/api/v1/zones", {"forget": True})[0] == 202
-    again.wait(lambda: zones_now(again) == {"include": [[0.5, 5.0]], "exclude": []})
+    again.wait(lambda: zones_now(again) == {"include": [[0.5, 5.0]], "exclude": [], "away": []})
     assert again.get("/api/v1/status")[1]["has_saved_zones"] is False
     assert not (tmp_path / "radar.sim.zones.yaml").exists()
 
@@ -57,7 +61,9 @@ def test_saved_zones_hold_at_once_and_after_a_restart(run, tmp_path):
 def test_the_environment_stands_before_what_was_saved(run):
     running = run(RADARD_ZONES__EXCLUDE="[[2, 3]]")
     assert running.post("/api/v1/zones", {"include": [[1, 4]], "exclude": []})[0] == 202
-    running.wait(lambda: zones_now(running) == {"include": [[1, 4]], "exclude": [[2, 3]]})
+    running.wait(
+        lambda: zones_now(running) == {"include": [[1, 4]], "exclude": [[2, 3]], "away": []}
+    )
 
 
 def test_what_is_no_zone_is_refused_and_nothing_is_written(run, tmp_path):
@@ -88,7 +94,7 @@ def saved(tmp_path):
     """The file of a real sensor's zones, and a configuration beside it."""
     (tmp_path / "c.yaml").write_text("zones:\n  include: [[0.5, 5.0]]\n  exclude: [[2, 3]]\n")
     path = tmp_path / "radar.zones.yaml"
-    save(path, [(1.0, 2.5)], [], now_utc=NOW)
+    save_zones(path, [(1.0, 2.5)], [])
     return path
 
 
@@ -137,13 +143,13 @@ def test_order_of_file_saved_environment_and_options(saved, tmp_path):
     ],
 )
 def test_a_simulated_sensor_has_zones_of_its_own(port, name, tmp_path):
-    assert zones_path(tmp_path, "hall", port) == tmp_path / name
+    assert saved_path(tmp_path, "hall", port, "zones") == tmp_path / name
 
 
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("gate: {threshold_db: 1}\n", "not the zones that the dashboard saves"),
+        ("gate: {false_alarms_per_day: 1}\n", "not the zones that the dashboard saves"),
         ("zones: {inside: []}\n", "not the zones that the dashboard saves"),
         ("zones: [1, 2]\n", "not the zones that the dashboard saves"),
         ("zones: {include: [[2, 1]]}\n", "radar.zones.yaml:1, saved on the dashboard: zones"),
@@ -159,18 +165,19 @@ def test_a_file_that_was_tampered_with_is_named(saved, tmp_path, text, words):
 
 def test_a_folder_that_takes_nothing_is_said(tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(OutputError, match="cannot keep the zones"):
-        save(tmp_path / "file" / "x.zones.yaml", [], [], now_utc=NOW)
-    with pytest.raises(OutputError, match="cannot take the zones away"):
+    with pytest.raises(OutputError, match="cannot be kept"):
+        save_zones(tmp_path / "file" / "x.zones.yaml", [], [])
+    with pytest.raises(OutputError, match="cannot be taken away"):
         forget(tmp_path)
 
 
 def test_numbers_come_back_as_they_were(tmp_path):
     path = tmp_path / "radar.zones.yaml"
-    save(path, [(0.0, 1e-3), (0.1, 999.0)], [(1.2345, 2)], now_utc=NOW)
+    save_zones(path, [(0.0, 1e-3), (0.1, 999.0)], [(1.2345, 2)])
     (tmp_path / "c.yaml").write_text("{}")
     zones = load(tmp_path).config.zones
     assert json.loads(zones.model_dump_json()) == {
         "include": [[0.0, 0.001], [0.1, 999.0]],
         "exclude": [[1.234, 2.0]],
+        "away": [],
     }

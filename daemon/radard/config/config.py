@@ -1,7 +1,7 @@
 """Configuration: one validated object from built-in values, files, environment, options.
 
 Later ones win: built-in < /etc/radard/config.yaml < ./config.yaml < --config FILE <
-RADARD_SECTION__KEY < command line; zones saved on the dashboard (`radard.config.saved_zones`) come
+RADARD_SECTION__KEY < command line; what was saved on the dashboard (`radard.config.saved`) comes
 after the file. Files do not add up: the first one found in the order
 --config, ./config.yaml, /etc/radard/config.yaml is the file. An unknown key is an error
 that names file, line and the nearest right key.
@@ -17,7 +17,7 @@ from typing import Annotated, Any
 
 from pydantic import Field, StringConstraints, ValidationError, model_validator
 
-from radard.config.saved_zones import lay_over, state_folder, zones_path
+from radard.config.saved import lay_over, state_folder
 from radard.config.sections import NAME, OWN_SECTIONS, RadarSections, SensorEntry, SensorSection
 from radard.config.sink_table import SinkOptions
 from radard.config.sources import Places, explain, put, read_environment, read_yaml
@@ -159,12 +159,12 @@ def load_with_origins(
         tree.pop("sensors", None)
     config = _checked(tree, places)
     folder = state_folder(config.service.state_dir, environ)
-    is_changed = lay_over(zones_path(folder, config.sensor.name, config.sensor.port), tree, places)
+    is_changed = lay_over(folder, config.sensor.name, config.sensor.port, tree, places)
     for name, entry in config.sensors.items():
         own: Places = {}
         radar: dict[str, Any] = dict(tree["sensors"][name])
         tree["sensors"][name] = radar
-        is_changed |= lay_over(zones_path(folder, name, entry.port), radar, own)
+        is_changed |= lay_over(folder, name, entry.port, radar, own)
         places.update({("sensors", name, *where): place for where, place in own.items()})
     return Loaded(_checked(tree, places) if is_changed else config, places)
 

@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from radard.config.config import Config
-from radard.config.saved_zones import state_folder, zones_path
+from radard.config.saved import saved_path, state_folder
 
 SYSTEM_RUNTIME_DIR = Path("/run/radard")
 """RuntimeDirectory= of the unit in deploy/systemd."""
@@ -24,14 +24,24 @@ def state_dir(config: Config, environ: Mapping[str, str] = os.environ) -> Path:
     return state_folder(config.service.state_dir, environ)
 
 
-def zones_file(config: Config, environ: Mapping[str, str] = os.environ) -> Path:
-    """Return where the dashboard keeps the sensor's zones."""
-    return zones_path(state_dir(config, environ), config.sensor.name, config.sensor.port)
+def saved_file(config: Config, kind: str, environ: Mapping[str, str] = os.environ) -> Path:
+    """Return where the dashboard keeps the sensor's 'zones' or 'settings'."""
+    folder, sensor = state_dir(config, environ), config.sensor
+    return saved_path(folder, sensor.name, sensor.port, kind)
 
 
 def calibration_file(config: Config, environ: Mapping[str, str] = os.environ) -> Path:
     """Return where the calibration of the sensor's room is kept."""
     return state_dir(config, environ) / f"{config.sensor.name}.calibration.json"
+
+
+def kept_calibration(config: Config) -> Path:
+    """Return where a running sensor keeps the calibration that it makes."""
+    if config.gate.calibration not in {"auto", "none"}:
+        return Path(config.gate.calibration)
+    own = calibration_file(config)
+    is_sim = (config.sensor.port or "").startswith("sim:")
+    return own.with_name(f"{config.sensor.name}.sim.calibration.json") if is_sim else own
 
 
 def clip_dir(config: Config, environ: Mapping[str, str] = os.environ) -> Path | None:

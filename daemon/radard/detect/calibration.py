@@ -31,6 +31,9 @@ VERSION = 1
 _NUMBERS = ("frame_rate_hz", "bin_length_m", "range_offset_m")
 _LISTS = ("noise_floor_db", "threshold_db")
 _MOST_DB = 120.0  # of a threshold; chosen: beyond any receiver's range
+_RESTLESS_DB = 6.0  # chosen: as a survey calls a bin restless
+_CELL_M = 0.1  # chosen: spans for people
+_LEAST_M = 0.3  # chosen: a machine is as large
 _MOST_NUMBER = 1e15  # chosen: beyond any carrier; a whole number of JSON has no end
 MOST_AGE_D = 90.0
 """Older than this, a calibration is called stale: rooms and receivers change. Chosen."""
@@ -110,6 +113,30 @@ class Calibration:
     def save(self, path: Path) -> None:
         """Write the file, for all users to read; raises OSError if that fails."""
         write_atomically(path, self.text())
+
+
+def restless_spans(calibration: Calibration) -> list[tuple[float, float]]:
+    """Return the ranges, [from, to] in metres, where something moved in the empty room.
+
+    There a body needs 6 dB more power than in half of the bins to open the gate: a machine, or a
+    curtain in the draught, that `radard calibrate --with-machines` took for a part of the room.
+    """
+    with np.errstate(divide="ignore"):
+        needed_db = 10 * np.log10(calibration.floor) + calibration.threshold_db
+    live = np.isfinite(needed_db)
+    if not live.any():
+        return []
+    is_restless = live & (needed_db > np.median(needed_db[live]) + _RESTLESS_DB)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], is_restless.astype(int), [0]])))
+    start_m, bin_m = calibration.range_offset_m, calibration.bin_length_m
+    spans: list[tuple[float, float]] = []
+    for first, end in edges.reshape(-1, 2):
+        low_m = np.floor((start_m + first * bin_m) / _CELL_M) * _CELL_M
+        high_m = np.ceil((start_m + end * bin_m) / _CELL_M) * _CELL_M
+        if spans and low_m <= spans[-1][1] + _LEAST_M:
+            low_m = spans.pop()[0]
+        spans.append((round(max(low_m, 0.0), 2), round(high_m, 2)))
+    return [span for span in spans if span[1] - span[0] >= _LEAST_M - 1e-9]
 
 
 def load_calibration(path: Path) -> Calibration:

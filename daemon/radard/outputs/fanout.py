@@ -11,15 +11,17 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 from radard.config.config import Config
-from radard.config.directories import outbox_dir
+from radard.config.directories import outbox_dir, saved_file
 from radard.config.redact import redact
+from radard.config.saved import read_saved, save
 from radard.config.sink_table import SinkOptions, find_row
 from radard.errors import RadardError
 from radard.health.health import Health, overall
-from radard.outputs.records import Record, marked
+from radard.outputs.records import Record, marked, utc_now
 from radard.outputs.trial import tried
 from radard.sinks import close_sinks, default_output, make_output, open_sinks, start_sink
 from radard.sinks.base import Sink, SinkContext
@@ -322,6 +324,7 @@ class Outputs:
             can_wait=self._can_wait,
             mark=own.mark() if own else "",
             command=command,
+            choose=None if own is None else partial(_choose, own),
             panel=own.panel if own else panel,
             health=lambda: overall({name: host.health for name, host in hosts.items()}),
         )
@@ -346,6 +349,15 @@ class Feed:
             record = {**record, "sensor": self._sensor}
         record = marked(record, self._mark())
         return self._outputs.put(record, self._sensor, waits=waits)
+
+
+def _choose(host: Host, sensitivity: str) -> None:
+    """Keep a sensitivity as the dashboard does, and have the configuration read again."""
+    path = saved_file(host.config(), "settings")
+    kept = read_saved(path, "settings")
+    alarm = {**kept.get("alarm", {}), "sensitivity": sensitivity}
+    save(path, {**kept, "alarm": alarm}, now_utc=utc_now())
+    host.reload()
 
 
 def _write_hellos(each: _Open, hellos: Sequence[Record]) -> None:

@@ -14,7 +14,7 @@ from radard.classify.decision import Decision, TrackVerdict
 from radard.config.config import Config
 from radard.config.redact import redact
 from radard.health.health import Status
-from radard.pipeline import Pipeline
+from radard.pipeline import Pipeline, pet_limit_of
 from x2radar.command import installed_version
 
 SCHEMA = 1  # of output.schema.json
@@ -40,7 +40,7 @@ def hello_record(pipeline: Pipeline, config: Config, *, is_armed: bool) -> Recor
         "device": pipeline.stream.device,
         "model": bundle.name if bundle else None,
         "policy": pipeline.policy,
-        "pet_limit": pipeline.pet_limit,
+        "pet_limit": pet_limit_of(config, bundle),
         "frame_rate_hz": pipeline.stream.frame_rate_hz,
         "kind": axis.kind,
         "n_range": axis.n_range,

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 from radard.sinks.base import Sink, SinkState
 
-_ANSWERED_S = 8.0  # chosen: above what a webhook may take
+ANSWERED_S = 8.0  # chosen: above what a webhook may take
 _LOOK_S = 0.1  # chosen: a person waits
 
 
@@ -19,7 +19,7 @@ def tried(
     """
     pairs = [(sink, sink.state) for sink in sinks]
     send()
-    end_s = time.monotonic() + _ANSWERED_S
+    end_s = time.monotonic() + ANSWERED_S
     halt = halt or threading.Event()
     while not all(_has_answered(*pair) for pair in pairs) and time.monotonic() < end_s:
         if halt.wait(_LOOK_S):

@@ -20,11 +20,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from radard.alarm.panel import ARM_MODES
-from radard.sinks.base import Sink, SinkState
+from radard.outputs.trial import ANSWERED_S
 
 if TYPE_CHECKING:
     # Not for the other end of the line, which must answer at once.
-    from radard.outputs.fanout import Outputs
     from radard.service.radar_run import RadarRun
 
 log = logging.getLogger("radard")
@@ -33,7 +32,6 @@ _TOLD = ("armed", "mode", "panel", "delay_left_s")
 _MOST_BYTES = 4096  # of a request; chosen: they have about thirty
 _REQUEST_S = 2.0  # chosen: the other end is a program on the same machine
 _TAKEN_UP_S = 5.0  # chosen: a worker is never so long in one dwell
-_ANSWERED_S = 8.0  # chosen: above what a webhook may take
 _LOOK_S = 0.1  # chosen: a person waits
 
 
@@ -45,9 +43,8 @@ def control_path(folder: Path, sensor: str) -> Path:
 class ControlServer:
     """Serve the sockets of all radars of a process, in a thread."""
 
-    def __init__(self, radars: "Sequence[RadarRun]", outputs: "Outputs", folder: Path) -> None:
+    def __init__(self, radars: "Sequence[RadarRun]", folder: Path) -> None:
         self._radars = radars
-        self._outputs = outputs
         self._folder = folder
         self._selector = selectors.DefaultSelector()
         self._open: list[tuple[socket.socket, Path, int]] = []
@@ -114,21 +111,12 @@ class ControlServer:
             raise ValueError(msg)
         log.warning("%s: asked for on the command line", name)
         if name == "test-alarm":
-            return {"ok": True, "outputs": self._tried(radar)}
+            return {"ok": True, "outputs": radar.test_alarm(self._halt)}
         radar.command(name)
         mode = ARM_MODES.get(name)
         _wait(lambda: _is_so(radar.panel(), mode), _TAKEN_UP_S, self._halt)
         panel = radar.panel()
         return {"ok": True, **{key: panel.get(key) for key in _TOLD}}
-
-    def _tried(self, radar: "RadarRun") -> list[dict[str, str]]:
-        """Send a test alarm; return what every output made of it."""
-        sinks = [sink for of, sink in self._outputs.sinks if of in {None, radar.name}]
-        before = [sink.state for sink in sinks]
-        radar.try_alarm()
-        pairs = list(zip(sinks, before, strict=True))
-        _wait(lambda: all(_has_answered(*pair) for pair in pairs), _ANSWERED_S, self._halt)
-        return [{"output": sink.name, "answer": _answered(sink, was)} for sink, was in pairs]
 
 
 def _is_so(panel: Mapping[str, object], mode: str | None) -> bool:
@@ -139,7 +127,7 @@ def _is_so(panel: Mapping[str, object], mode: str | None) -> bool:
 def ask(path: Path, command: str) -> Mapping[str, Any]:
     """Give a daemon a command and return its answer; raises OSError or ValueError."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as line:
-        line.settimeout(_ANSWERED_S + _TAKEN_UP_S)
+        line.settimeout(ANSWERED_S + _TAKEN_UP_S)
         line.connect(str(path))
         line.sendall(json.dumps({"command": command}).encode() + b"\n")
         answer: Mapping[str, Any] = json.loads(_first_line(line))
@@ -190,17 +178,3 @@ def _wait(condition: Callable[[], bool], timeout_s: float, halt: threading.Event
     end_s = time.monotonic() + timeout_s
     while not condition() and time.monotonic() < end_s and not halt.wait(_LOOK_S):
         pass
-
-
-def _has_answered(sink: Sink, was: SinkState) -> bool:
-    now = sink.state
-    return now.n_failures > was.n_failures or (now.is_ok and now.n_sent > was.n_sent)
-
-
-def _answered(sink: Sink, was: SinkState) -> str:
-    now = sink.state
-    if not now.is_ok:
-        return f"failed: {now.reason}"
-    if now.n_sent > was.n_sent:
-        return "taken"
-    return "no answer yet" if now.n_waiting else "not wanted there"

@@ -12,11 +12,10 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from pathlib import Path
 
 from radard.classify.classifier import Classifier
 from radard.config.config import Config
-from radard.config.directories import calibration_file
+from radard.config.directories import kept_calibration
 from radard.config.redact import redact
 from radard.detect.calibration import Calibration, Provenance, utc_text
 from radard.errors import RadardError
@@ -42,15 +41,6 @@ class CalibrationProgress:
 def can_calibrate(config: Config) -> bool:
     """Return whether a running sensor may make its own calibration."""
     return config.gate.calibration != "none" and not (config.sensor.port or "").startswith(_REPLAY)
-
-
-def kept_calibration(config: Config) -> Path:
-    """Return where a running sensor keeps the calibration that it makes."""
-    if config.gate.calibration not in {"auto", "none"}:
-        return Path(config.gate.calibration)
-    own = calibration_file(config)
-    is_sim = (config.sensor.port or "").startswith("sim:")
-    return own.with_name(f"{config.sensor.name}.sim.calibration.json") if is_sim else own
 
 
 def signer(

@@ -48,7 +48,7 @@ class Supervisor:
             for radar in radars
         ]
         self._heart = Heartbeat(watched, self._notifier)
-        self._control = ControlServer(radars, self._outputs, folder)
+        self._control = ControlServer(radars, folder)
         self._watch = SinkWatch()
         self._troubled: dict[str, set[str]] = {radar.name: set() for radar in radars}
         for radar in radars:

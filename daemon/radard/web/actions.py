@@ -2,18 +2,19 @@
 
 import json
 import logging
-from collections.abc import Awaitable, Callable
-from typing import Any
+from collections.abc import Awaitable, Callable, Mapping
+from typing import Any, TypeVar
 
+from anyio import CapacityLimiter, to_thread
 from pydantic import ValidationError
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 
-from radard.config.saved_zones import forget, save
-from radard.config.sections import ZonesSection
-from radard.errors import OutputError
+from radard.config.saved import KEYS, Sections, forget, read_saved, save
+from radard.config.sections import RadarSections, Section, ZonesSection
+from radard.errors import ConfigError, OutputError
 from radard.outputs.records import utc_now
 from radard.sinks.base import COMMANDS
 from radard.web.auth import SESSION_S, AccessControl, RateLimit, address_of
@@ -24,6 +25,7 @@ from radard.web.queries import Queries
 log = logging.getLogger("radard")
 _MOST_ZONES = 32  # chosen: more than any room has
 _LEAST_ZONE_M = 0.01  # chosen: below a range bin, 0.029 m at the finest
+S = TypeVar("S", bound=Section)
 Handler = Callable[[dict[str, Any]], Awaitable[Response]]
 
 
@@ -35,10 +37,13 @@ class Actions:
         self._access = access
         # Commands wait in one queue with decisions: a flood of them must not.
         self._rate_limit = RateLimit(20, 4)
+        self._testing = CapacityLimiter(1)
         self.routes = [
             self._route("/api/v1/command", self._command),
             self._route("/api/v1/labels", self._label),
             self._route("/api/v1/zones", self._zones),
+            self._route("/api/v1/settings", self._settings),
+            self._route("/api/v1/test-alarm", self._test_alarm),
             self._route("/api/v1/playback", self._playback),
             Route("/api/v1/login", self._log_in, methods=["POST"]),
             Route("/api/v1/logout", self._log_out, methods=["POST"]),
@@ -62,7 +67,7 @@ class Actions:
                 return refusal(400, "a number is too large")
             except ValueError as err:
                 return refusal(400, str(err))
-            except OutputError as err:
+            except (OutputError, ConfigError) as err:
                 return refusal(507, str(err))
 
         return Route(path, guarded, methods=["POST"])
@@ -95,21 +100,42 @@ class Actions:
         return JSONResponse({"event": event_id, "label": label}, 201)
 
     async def _zones(self, body: dict[str, Any]) -> Response:
+        zones = None if _is_forget(body) else _zones_of(body)
+        return await self._keep("zones", None if zones is None else {"zones": zones.model_dump()})
+
+    async def _settings(self, body: dict[str, Any]) -> Response:
+        if _is_forget(body):
+            return await self._keep("settings", None)
+        given = _settings_of(body)
+        old = read_saved(self._queries.saved_file("settings"), "settings")
+        return await self._keep(
+            "settings",
+            {name: {**old.get(name, {}), **given.get(name, {})} for name in {**old, **given}},
+        )
+
+    async def _keep(self, kind: str, sections: Sections | None) -> Response:
+        """Save sections, or forget what was saved, and have the configuration read again."""
         host = self._queries.host
         if host is None:
             return refusal(503, "there is no run yet")
-        zones = None if body.get("forget") is True else _zones_of(body)
-        path = self._queries.zones_file
-        if zones is None:
+        path = self._queries.saved_file(kind)
+        if sections is None:
             await run_in_threadpool(forget, path)
         else:
-            await run_in_threadpool(
-                lambda: save(path, zones.include, zones.exclude, now_utc=utc_now())
-            )
-        log.info("zones from the dashboard: %s", "forgotten" if zones is None else path)
+            await run_in_threadpool(lambda: save(path, sections, now_utc=utc_now()))
+        log.info("%s from the dashboard: %s", kind, "forgotten" if sections is None else path)
         # Through the configuration, so that `config show` says the same.
         host.reload()
-        return JSONResponse({"file": None if zones is None else str(path)}, 202)
+        return JSONResponse({"file": None if sections is None else str(path)}, 202)
+
+    async def _test_alarm(self, _body: dict[str, Any]) -> Response:
+        host = self._queries.host
+        if host is None:
+            return refusal(503, "there is no run yet")
+        log.warning("test alarm from the dashboard")
+        # Threads of its own: outputs may take seconds to answer.
+        answers = await to_thread.run_sync(host.test_alarm, limiter=self._testing)
+        return JSONResponse({"outputs": answers})
 
     async def _playback(self, body: dict[str, Any]) -> Response:
         host = self._queries.host
@@ -159,19 +185,18 @@ class Actions:
         return answer
 
 
-def _zones_of(body: dict[str, Any]) -> ZonesSection:
+def _is_forget(body: Mapping[str, Any]) -> bool:
+    return body.get("forget") is True
+
+
+def _zones_of(body: Mapping[str, Any]) -> ZonesSection:
     """Return the zones of a request; raises ValueError with what is wrong."""
-    if set(body) != {"include", "exclude"}:
+    known = set(KEYS["zones"]["zones"])
+    if not {"include", "exclude"} <= set(body) <= known:
         msg = "include and exclude are wanted, lists of [from, to] in metres"
         raise ValueError(msg)
-    try:
-        zones = ZonesSection.model_validate(body)
-    except ValidationError as err:
-        fault = err.errors()[0]
-        where = ".".join(str(part) for part in fault["loc"])
-        msg = f"{where}: {str(fault['msg']).removeprefix('Value error, ')}"
-        raise ValueError(msg) from err
-    spans = (*zones.include, *zones.exclude)
+    zones = _checked(ZonesSection, body)
+    spans = [span for key in body for span in getattr(zones, key)]
     if len(spans) > _MOST_ZONES:
         msg = f"more than {_MOST_ZONES} zones"
         raise ValueError(msg)
@@ -179,6 +204,33 @@ def _zones_of(body: dict[str, Any]) -> ZonesSection:
         msg = f"a zone is at least {_LEAST_ZONE_M:g} m long"
         raise ValueError(msg)
     return zones
+
+
+def _settings_of(body: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """Return the settings of a request by section; raises ValueError with what is wrong."""
+    known = KEYS["settings"]
+    found = {}
+    for name, values in body.items():
+        if not isinstance(values, dict) or not set(values) <= set(known.get(name, ())):
+            names = ", ".join(
+                f"{section}.{key}" for section, keys in known.items() for key in keys
+            )
+            msg = f"what may be set is {names}"
+            raise ValueError(msg)
+        section = _checked(type(getattr(RadarSections(), name)), values)
+        found[name] = {key: getattr(section, key) for key in values}
+    return found
+
+
+def _checked(section: type[S], values: Mapping[str, Any]) -> S:
+    """Return a section of given values; raises ValueError with the first fault."""
+    try:
+        return section.model_validate(values)
+    except ValidationError as err:
+        fault = err.errors()[0]
+        where = ".".join(str(part) for part in fault["loc"])
+        msg = f"{where}: {str(fault['msg']).removeprefix('Value error, ')}"
+        raise ValueError(msg) from err
 
 
 async def _json_body(request: Request) -> dict[str, Any] | None:

@@ -28,6 +28,7 @@ from radard.web.hub import Hub
 from radard.web.labels import LABELS
 from radard.web.middleware import SecurityMiddleware, refusal, whole_number
 from radard.web.pictures.clip_process import ClipTimeoutError, read_clip
+from radard.web.pictures.thumbnail import thumbnail
 from radard.web.queries import EventFilter, Queries
 
 T = TypeVar("T")
@@ -69,6 +70,9 @@ class Api:
             Route("/api/v1/events/export", self._for_viewers(self._export)),
             Route("/api/v1/events/{id}/clip", self._for_viewers(self._clip)),
             Route("/api/v1/events/{id}/pictures", self._for_viewers(self._pictures)),
+            Route("/api/v1/events/{id}/thumbnail", self._for_viewers(self._thumbnail)),
+            Route("/api/v1/sensitivities", self._for_viewers(self._sensitivities)),
+            Route("/api/v1/calibration", self._for_viewers(self._calibration)),
             Route("/api/v1/config", self._for_viewers(self._config)),
             *actions.routes,
             WebSocketRoute("/ws", self._ws),
@@ -161,6 +165,21 @@ class Api:
             code = 504 if isinstance(err, ClipTimeoutError) else 422
             return refusal(code, f"the clip cannot be shown: {' '.join(str(err).split())}")
         return Response(data, media_type="application/octet-stream")
+
+    async def _thumbnail(self, request: Request) -> Response:
+        path = await self._read(self._queries.picture, request.path_params["id"])
+        if path is None:
+            return refusal(404, "there is no picture of this event")
+        try:
+            return JSONResponse(await self._read(thumbnail, path))
+        except (OSError, ValueError) as err:
+            return refusal(422, f"the picture cannot be shown: {err}")
+
+    async def _sensitivities(self, _request: Request) -> Response:
+        return JSONResponse(await self._read(self._queries.sensitivities))
+
+    async def _calibration(self, _request: Request) -> Response:
+        return JSONResponse(await self._read(self._queries.calibration))
 
     async def _read(self, call: Callable[..., T], *arguments: Any) -> T:
         return await to_thread.run_sync(call, *arguments, limiter=self._reading)

@@ -8,16 +8,23 @@ from typing import Any
 from radard.sinks.base import Record
 
 DECISIONS, EVENTS = 3600, 500  # chosen: an hour of decisions, and as many events as a page shows
+N_BEFORE = 16
+"""Decisions that confirmation looks at, at most (`alarm.confirm_n`)."""
+_MOST_ALARMS = 100  # chosen: whose decisions are kept for longer
 
 
 class History:
-    """The last decisions, the last events in their last phase, and the hello."""
+    """The last decisions, the last events in their last phase, and the hello.
+
+    The decision that an alarm began with, and those before it, are kept for longer than others.
+    """
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._hello: Record = {}
         self._decisions: deque[Record] = deque(maxlen=DECISIONS)
         self._events: dict[str, Record] = {}
+        self._causes: dict[str, list[Record]] = {}
 
     def take(self, record: Record) -> None:
         """Keep a record."""
@@ -27,6 +34,8 @@ class History:
                 self._decisions.append(record)
             elif kind == "event":
                 first = self._events.pop(record["id"], record)
+                if first is record and record["kind"] == "alarm":
+                    self._keep_cause(record)
                 self._events[record["id"]] = {
                     **record,
                     "began": first.get("began", first["time"]),
@@ -53,12 +62,29 @@ class History:
             known = [d for d in known if d["seq"] < before_seq]
         return known[-limit:] if limit else []
 
-    def around(self, seq: int, n_before: int) -> list[Record]:
-        """Return a decision and those before it, oldest first; empty when it is not known."""
+    def around(self, seq: int) -> list[Record]:
+        """Return a decision and `N_BEFORE` before it, oldest first; empty when it is not known."""
         with self._lock:
             known = list(self._decisions)
+            causes = list(self._causes.values())
         at = next((i for i, d in enumerate(known) if d["seq"] == seq), None)
-        return [] if at is None else known[max(0, at - n_before) : at + 1]
+        if at is not None:
+            return known[max(0, at - N_BEFORE) : at + 1]
+        return next((found for found in causes if found[-1]["seq"] == seq), [])
+
+    def cause(self, event_id: str) -> int | None:
+        """Return the number of the decision that an alarm began with; None if not known."""
+        with self._lock:
+            found = self._causes.get(event_id)
+        return None if found is None else int(found[-1]["seq"])
+
+    def _keep_cause(self, alarm: Record) -> None:
+        """Keep the decisions up to the one that an alarm began with, if there was one."""
+        last = list(self._decisions)[-N_BEFORE - 1 :]
+        if last and last[-1]["t_s"] == alarm["start_t_s"]:
+            self._causes[alarm["id"]] = last
+        while len(self._causes) > _MOST_ALARMS:
+            del self._causes[next(iter(self._causes))]
 
     def events(self) -> list[Mapping[str, Any]]:
         """Return events of this run, oldest first, each in its last phase."""

@@ -1,16 +1,23 @@
 """Queries: the answers of the routes, from the run, its store and its files."""
 
+import contextlib
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from radard.alarm.sensitivity import alarm_policy
+from radard.alarm.panel import ArmMode
+from radard.alarm.sensitivity import alarm_policy, sensitivity_choices
+from radard.classify.card import read_card
 from radard.config.config import Config
-from radard.config.directories import state_dir, zones_file
+from radard.config.directories import kept_calibration, saved_file, state_dir
 from radard.config.redact import redact_value
+from radard.config.saved import KEYS
+from radard.config.sections import AUTO_MODEL
 from radard.config.sink_table import WebSection
+from radard.detect.calibration import load_calibration, restless_spans
+from radard.errors import ConfigError, ModelMismatch
 from radard.health.health import Status, overall
 from radard.outputs.fanout import Host
 from radard.sinks.base import Sink
@@ -22,14 +29,13 @@ from radard.web.metrics import Metrics, exposition
 from radard.web.why import explain
 
 _ULID = re.compile(r"[0-9A-HJKMNP-TV-Z]{26}")
+_NUMBERS = ("confirm_k", "confirm_n", "p_on", "p_off")
 _MOST_EVENTS = 2000  # chosen: what an answer reads of a store
-_N_BEFORE = 16
-"""Decisions that confirmation looks at, at most (`alarm.confirm_n`)."""
 _SAME = ("id", "kind", "phase", "start_t_s", "end_t_s", "peak", "clip")
 """What an answer has under the name that a record and a stored event have, too."""
 
-_MARKS = ("simulated", "replayed")
-"""What a record of a stream that is not live has."""
+_MARKS = ("simulated", "replayed", "test")
+"""What a record has of a stream that is not live, and of an event that is only a test."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -73,8 +79,8 @@ class Queries:
         self.metrics = Metrics(sensor)
         self._sensor = sensor
         self._of_all = of_all
-        self.panels: dict[int, str] = {}
-        """State of the panel just before each decision, by its number."""
+        self.panels: dict[int, tuple[str, ArmMode]] = {}
+        """State of the panel just before each decision, and how it was armed, by its number."""
         self.host: Host | None = None
         self._labels: LabelFile | None = None
 
@@ -91,24 +97,24 @@ class Queries:
             self._labels = LabelFile(path)
         return self._labels
 
-    @property
-    def zones_file(self) -> Path:
-        """The file of zones saved on the dashboard."""
-        return zones_file(self.config)
+    def saved_file(self, kind: str) -> Path:
+        """Return the file of `radard.config.saved.KEYS` that the dashboard keeps."""
+        return saved_file(self.config, kind)
 
     def now(self) -> dict[str, Any]:
         """Return state, panel, zones and playback at this moment."""
         host = self.host
-        zones = {"zones": self.config.zones.model_dump(mode="json")}
+        config = self.config
+        held = {"zones": config.zones.model_dump(mode="json"), "settings": _settings_of(config)}
         if host is None:
-            return {"state": "starting", "reason": "", "panel": {}, **zones, "playback": None}
+            return {"state": "starting", "reason": "", "panel": {}, **held, "playback": None}
         status, playback = host.health.status, host.playback()
         state = playback.state if playback is not None else None
         return {
             "state": status.state,
             "reason": status.reason,
             "panel": dict(host.panel()),
-            **zones,
+            **held,
             "playback": state
             and {
                 "position_s": round(state.position_s, 2),
@@ -129,13 +135,44 @@ class Queries:
             "hello": dict(hello),
             "confirm": [policy.k, policy.n],
             "latch_s": policy.latch_s,
-            "has_saved_zones": self.zones_file.is_file(),
+            **{f"has_saved_{kind}": self.saved_file(kind).is_file() for kind in KEYS},
             "sensors": {**self._other_sensors(), **self.section.sensors},
             "has_store": self._store() is not None,
             "outputs": [
                 {"name": s.name, "status": s.state.status, "reason": s.state.reason}
                 for s in self._sinks()
             ],
+        }
+
+    def sensitivities(self) -> dict[str, Any]:
+        """Return the sensitivities to choose from, and what each costs by the model's card."""
+        config, hello = self.config, self.history.hello
+        model, policy = hello.get("model"), hello.get("policy", "window")
+        if config.model.name not in {AUTO_MODEL, "none"}:
+            model = config.model.name
+        card = None
+        if model is not None:
+            with contextlib.suppress(ModelMismatch, OSError, ValueError):
+                card = read_card(model)
+        alarm = config.alarm
+        return {
+            "choices": [asdict(each) for each in sensitivity_choices(alarm, policy, card)],
+            # They go before those of the name.
+            "given": [key for key in _NUMBERS if getattr(alarm, key) is not None],
+        }
+
+    def calibration(self) -> dict[str, Any] | None:
+        """Return what the sensor's own calibration says of its room; None without one."""
+        if self.config.gate.calibration == "none":
+            return None
+        try:
+            found = load_calibration(kept_calibration(self.config))
+        except ConfigError:
+            return None
+        return {
+            "made_utc": found.provenance.made_utc,
+            "false_gates_per_day": found.provenance.false_gates_per_day,
+            "restless": restless_spans(found),
         }
 
     def config_shown(self) -> dict[str, Any]:
@@ -174,19 +211,19 @@ class Queries:
 
     def why(self, seq: int) -> dict[str, Any] | None:
         """Return a decision and why it is so; None when it is not known any more."""
-        records = self.history.around(seq, _N_BEFORE)
+        records = self.history.around(seq)
         if not records:
             return None
         history = self.history
-        reasons = explain(
-            records, history.hello, self.config, history.events(), self.panels.get(seq)
-        )
+        known: tuple[str | None, ArmMode] = self.panels.get(seq) or (None, "away")
+        panel, mode = known
+        reasons = explain(records, history.hello, self.config, history.events(), panel, mode=mode)
         return {"decision": dict(records[-1]), **reasons}
 
     def events(self, wanted: EventFilter) -> list[dict[str, Any]]:
         """Return events, the newest first: of the store where there is one, else of this run."""
         labels = self.label_file.labels()
-        found = [_shown(e, labels) for e in self._all_events(wanted)]
+        found = [self._shown(e, labels) for e in self._all_events(wanted)]
         found = [e for e in found if _fits(e, wanted)]
         return found[: wanted.limit]
 
@@ -204,6 +241,22 @@ class Queries:
         if path is None or path.name != f"{event_id}.h5" or not path.is_file():
             return None
         return path
+
+    def picture(self, event_id: str) -> Path | None:
+        """Return the picture that was made of an event's clip."""
+        clip = self.clip(event_id)
+        path = clip.with_suffix(".png") if clip is not None else None
+        return path if path is not None and path.is_file() else None
+
+    def _shown(self, event: Mapping[str, Any], labels: Mapping[str, str]) -> dict[str, Any]:
+        clip = Path(event["clip"]) if event["clip"] else None
+        return {
+            **event,
+            "has_clip": clip is not None and clip.is_file(),
+            "has_picture": clip is not None and clip.with_suffix(".png").is_file(),
+            "label": labels.get(event["id"]),
+            "why": self.history.cause(event["id"]),
+        }
 
     def _all_events(self, wanted: EventFilter) -> Sequence[Mapping[str, Any]]:
         own = {e["id"]: _of_record(e, self.config.sensor.name) for e in self.history.events()}
@@ -228,6 +281,14 @@ class Queries:
         return None
 
 
+def _settings_of(config: Config) -> dict[str, Any]:
+    """Return what may be set on the dashboard, as it holds."""
+    return {
+        section: {key: getattr(getattr(config, section), key) for key in keys}
+        for section, keys in KEYS["settings"].items()
+    }
+
+
 def _of_record(record: Mapping[str, Any], sensor: str) -> dict[str, Any]:
     return {
         **{key: record[key] for key in _SAME},
@@ -244,15 +305,6 @@ def _of_store(event: StoredEvent) -> dict[str, Any]:
         **{key: getattr(event, key) for key in (*_SAME, "sensor", "reason")},
         "began": event.start_time,
         "ended": event.end_time,
-    }
-
-
-def _shown(event: Mapping[str, Any], labels: Mapping[str, str]) -> dict[str, Any]:
-    clip = event["clip"]
-    return {
-        **event,
-        "has_clip": bool(clip) and Path(clip).is_file(),
-        "label": labels.get(event["id"]),
     }
 
 

@@ -1,0 +1,220 @@
+"""Settings, a test alarm and what helps to choose: the routes behind the set-up page."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from radard.clips.spectrogram_png import encode_png
+from radard.config.config import load_config
+from radard.config.saved import read_saved
+from radard.detect.calibration import Calibration, load_calibration, restless_spans
+from radard.errors import ConfigError
+from tests.dashboard_helpers import maker, post
+from tests.web_helpers import Running, decision, event
+
+make = pytest.fixture(maker)
+ULID = "01J0000000000000000000000A"
+HELLO = {"type": "hello", "version": "1", "frame_rate_hz": 60.0}
+
+
+def settings_file(client):
+    return client.run.config.service.state_dir / "radar.sim.settings.yaml"
+
+
+def test_settings_are_saved_and_become_the_configuration(tmp_path):
+    argv = ("--port", "sim:empty", "--model", "none")
+    running = Running(tmp_path, *argv).wait_online()
+
+    def alarm():
+        return running.get("/api/v1/status")[1]["settings"]["alarm"]
+
+    try:
+        assert alarm() == {"sensitivity": "normal", "entry_delay_s": 0, "exit_delay_s": 0}
+        wanted = {"alarm": {"sensitivity": "high", "entry_delay_s": 20}}
+        assert running.post("/api/v1/settings", wanted)[0] == 202
+        running.wait(lambda: alarm()["entry_delay_s"] == 20)
+        # What was saved before stays.
+        assert running.post("/api/v1/settings", {"alarm": {"exit_delay_s": 30.5}})[0] == 202
+        expected = {"sensitivity": "high", "entry_delay_s": 20, "exit_delay_s": 30.5}
+        running.wait(lambda: alarm() == expected)
+        running.wait(lambda: running.get("/api/v1/status")[1]["panel"]["sensitivity"] == "high")
+        assert running.end() == 0
+        running = Running(tmp_path, *argv).wait_online()
+        assert alarm() == expected
+        assert running.get("/api/v1/status")[1]["has_saved_settings"] is True
+        assert running.post("/api/v1/settings", {"forget": True})[0] == 202
+        running.wait(lambda: alarm()["sensitivity"] == "normal")
+    finally:
+        running.end()
+
+
+def test_variables_and_options_stand_before_what_was_saved(make, tmp_path):
+    client = make()
+    assert post(client, "/api/v1/settings", {"alarm": {"sensitivity": "low"}}).status_code == 202
+    assert settings_file(client).is_file()
+    base = {"service": {"state_dir": tmp_path}, "sensor": {"port": "sim:empty"}}
+    assert load_config(environ={}, options=base).alarm.sensitivity == "low"
+    environ = {"RADARD_ALARM__SENSITIVITY": "high"}
+    assert load_config(environ=environ, options=base).alarm.sensitivity == "high"
+    given = base | {"alarm": {"sensitivity": "high"}}
+    assert load_config(environ={}, options=given).alarm.sensitivity == "high"
+
+
+@pytest.mark.parametrize(
+    ("body", "words"),
+    [
+        ({"alarm": {"sensitivity": "huge"}}, "sensitivity"),
+        ({"alarm": {"entry_delay_s": -1}}, "greater than or equal to 0"),
+        ({"alarm": {"entry_delay_s": 1e9}}, "less than or equal to 600"),
+        ({"alarm": {"quiet": ["00:00-24:00"]}}, "what may be set is alarm.sensitivity"),
+        ({"output": {"x": 1}}, "what may be set is"),
+        ({"alarm": []}, "what may be set is"),
+        ({"service": {"state_dir": "/"}}, "what may be set is"),
+    ],
+)
+def test_what_may_not_be_set_is_refused_and_nothing_is_written(make, body, words):
+    client = make()
+    answer = post(client, "/api/v1/settings", body)
+    assert answer.status_code == 400
+    assert words in answer.json()["error"]
+    assert not settings_file(client).exists()
+
+
+def test_a_file_of_settings_that_was_tampered_with_is_named(make, tmp_path):
+    client = make()
+    path = settings_file(client)
+    path.write_text("output:\n  - exec:/bin/sh\n")
+    with pytest.raises(ConfigError, match="not the settings that the dashboard saves"):
+        read_saved(path, "settings")
+    answer = post(client, "/api/v1/settings", {"alarm": {"sensitivity": "low"}})
+    assert (answer.status_code, "take it away" in answer.json()["error"]) == (507, True)
+    # It is taken away by forgetting.
+    assert post(client, "/api/v1/settings", {"forget": True}).status_code == 202
+    assert not path.exists()
+
+
+def test_viewers_change_nothing_and_try_no_alarm(make):
+    look = "-".join(("a", "token", "for", "looking"))
+    client = make(tokens=(look, None))
+    client.post(
+        "/api/v1/login",
+        content=json.dumps({"token": look}),
+        headers={"Content-Type": "application/json", "X-Radard": "1"},
+    )
+    for path in ("/api/v1/settings", "/api/v1/test-alarm"):
+        assert post(client, path, {}).status_code == 403
+    assert not settings_file(client).exists()
+
+
+def test_a_test_alarm_says_what_every_output_answered(tmp_path):
+    out = tmp_path / "out.jsonl"
+    argv = ("--port", "sim:empty", "--model", "none", "-o", f"json:{out}")
+    running = Running(tmp_path, *argv).wait_online()
+    try:
+        code, answer = running.post("/api/v1/test-alarm", {})
+        assert code == 200
+        answers = {each["output"]: each["answer"] for each in answer["outputs"]}
+        assert answers == {f"json:{out}": "taken", running.base: "taken"}
+        listed = running.wait(lambda: running.get("/api/v1/events")[1]["events"])
+        assert [e["test"] for e in listed] == [True]
+    finally:
+        running.end()
+    kinds = [json.loads(line) for line in out.read_text().splitlines()]
+    assert [r["phase"] for r in kinds if r["type"] == "event" and r.get("test")] == ["new", "end"]
+
+
+def test_a_test_alarm_waits_for_a_real_one(make):
+    client = make()
+
+    def on():
+        msg = "an alarm is on: acknowledge it first"
+        raise ValueError(msg)
+
+    object.__setattr__(client.run.host, "test_alarm", on)
+    answer = post(client, "/api/v1/test-alarm", {})
+    assert (answer.status_code, answer.json()["error"][:14]) == (400, "an alarm is on")
+
+
+def test_sensitivities_say_what_they_cost(make):
+    client = make()
+    client.sink.write(HELLO | {"model": "accurate", "policy": "fused"})
+    found = client.get("/api/v1/sensitivities").json()
+    names = [choice["name"] for choice in found["choices"]]
+    assert names == ["low", "normal", "high"]
+    assert [choice["is_chosen"] for choice in found["choices"]] == [False, True, False]
+    misses = [choice["made"]["missed"][0] for choice in found["choices"]]
+    assert misses == sorted(misses, reverse=True)
+    assert "of people" in found["choices"][0]["costs"]
+    client.sink.write(HELLO | {"model": None, "policy": "window"})
+    found = client.get("/api/v1/sensitivities").json()
+    assert {choice["made"] for choice in found["choices"]} == {None}
+
+
+def calibration(threshold_db, floor_db):
+    return Calibration(
+        frame_rate_hz=60.0,
+        bin_length_m=0.1,
+        range_offset_m=0.6,
+        floor=10 ** (np.array(floor_db) / 10),
+        threshold_db=np.array(threshold_db),
+    )
+
+
+def test_restless_ranges_of_a_calibrated_room():
+    calm = calibration([3.0] * 40, [-60.0] * 40)
+    assert restless_spans(calm) == []
+    floor_db, threshold_db = [-60.0] * 40, [3.0] * 40
+    # A fan at 1.6 to 2.1 m, with a bin between that is calm; one bin that is not enough.
+    floor_db[10:15] = [-45.0, -45.0, -60.0, -45.0, -45.0]
+    threshold_db[30] = 12.0
+    assert restless_spans(calibration(threshold_db, floor_db)) == [(1.6, 2.1)]
+    assert restless_spans(calibration([3.0] * 4, [-np.inf] * 4)) == []
+
+
+def test_the_calibration_is_told_where_there_is_one(make, tmp_path):
+    client = make()
+    assert client.get("/api/v1/calibration").json() is None
+    path = tmp_path / "radar.sim.calibration.json"
+    calibration([3.0] * 40, [-60.0] * 20 + [-40.0] * 5 + [-60.0] * 15).save(path)
+    assert load_calibration(path).frame_rate_hz == 60.0
+    assert client.get("/api/v1/calibration").json()["restless"] == [[2.6, 3.1]]
+
+
+def test_an_alarm_links_to_the_decision_it_began_with(make):
+    client = make()
+    for seq in range(1, 5):
+        client.sink.write(decision(seq, float(seq)))
+    client.sink.write(event(ULID, start_t_s=4.0, t_s=4.0))
+    # An hour and more later.
+    for seq in range(5, 3700):
+        client.sink.write(decision(seq, float(seq)))
+    (found,) = client.get("/api/v1/events").json()["events"]
+    assert found["why"] == 4
+    why = client.get("/api/v1/decisions/4").json()
+    assert why["decision"]["seq"] == 4
+    assert client.get("/api/v1/decisions/5").status_code == 404
+    other = "01J0000000000000000000000B"
+    client.sink.write(event(other, start_t_s=9.0, t_s=9.0))
+    found = client.get(f"/api/v1/events?text={other}").json()["events"]
+    assert found[0]["why"] is None
+
+
+def test_a_thumbnail_with_its_axes(make, tmp_path):
+    client = make()
+    clip = tmp_path / f"{ULID}.h5"
+    clip.write_bytes(b"")
+    client.sink.write(event(ULID, clip=str(clip)))
+    path = f"/api/v1/events/{ULID}/thumbnail"
+    assert client.get(path).status_code == 404
+    assert client.get("/api/v1/events").json()["events"][0]["has_picture"] is False
+    axes = {"velocity_mps": [-0.7, 0.7], "range_m": [0.6, 3.4], "length_s": 12.0}
+    picture = np.zeros((40, 60, 3), np.uint8)
+    Path(clip).with_suffix(".png").write_bytes(encode_png(picture, axes))
+    assert client.get("/api/v1/events").json()["events"][0]["has_picture"] is True
+    answer = client.get(path).json()
+    assert answer["axes"] == axes
+    assert answer["png"].startswith("data:image/png;base64,iVBOR")
+    Path(clip).with_suffix(".png").write_bytes(b"no picture")
+    assert client.get(path).status_code == 422
