@@ -380,9 +380,7 @@ def _config_seeds(_folder: Path) -> list[bytes]:
         b"sensor: {name: hall, port: 'sim:dog'}\nzones: {include: [[0.5, 2.0]]}\n"
         b"output: [json, 'mqtt://h/p']\nalarm: {entry_delay_s: 30}\ndecision: {pet_limit: 0.8}\n"
     )
-    several = (
-        b"sensors:\n  a: {port: 'sim:dog', gate: {false_alarms_per_day: 6}}\n  b: {port: 'sim:fan'}\n"
-    )
+    several = b"sensors:\n  a: {port: 'sim:dog', gate: {adapt_db: 6}}\n  b: {port: 'sim:fan'}\n"
     return [text, made, several, b"output:\n" + _laughs(b"  ")]
 
 
@@ -418,7 +416,7 @@ def _calibration(folder: Path, data: bytes) -> None:
 def _calibration_seeds(_folder: Path) -> list[bytes]:
     raw: dict[str, Any] = {
         "format": "radard-calibration",
-        "format_version": 1,
+        "format_version": 2,
         "frame_rate_hz": 60.0,
         "bin_length_m": 0.0293,
         "range_offset_m": 0.6,

@@ -178,12 +178,14 @@ def test_explain_prints_the_rates_of_the_policy(own, table, capsys):
     assert "alarm.confirm_k given: the rates then differ" in text
     text = told(own, decision={"pet_limit": 0.9, "decide_within_s": 2})
     assert "decision.pet_limit, decision.decide_within_s given" in text
-    assert "gate.threshold_db given" in told(own, gate={"threshold_db": 4})
+    assert "gate.false_alarms_per_day given" in told(own, gate={"false_alarms_per_day": 4})
     # What counts is the threshold of the evaluation, where it is known.
-    made = evaluation_of(table, bundle(), "train-export evaluate --card", {"threshold_db": 4.0})
+    made = evaluation_of(
+        table, bundle(), "train-export evaluate --card", {"false_alarms_per_day": 4.0}
+    )
     write_card(str(own), made)
-    assert "are not known" not in told(own, gate={"threshold_db": 4})
-    assert "gate.threshold_db given" in told(own)
+    assert "are not known" not in told(own, gate={"false_alarms_per_day": 4})
+    assert "gate.false_alarms_per_day given" in told(own)
     assert "every window a draw of its own" in told(own, decision={"policy": "window"})
 
 

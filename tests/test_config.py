@@ -28,10 +28,10 @@ def test_the_documented_default_is_the_built_in_one():
 
 
 def test_order_file_environment_options():
-    write("gate: {threshold_db: 5, adapt_db: 1}\nmodel: {name: a}\n")
+    write("gate: {false_alarms_per_day: 5, adapt_db: 1}\nmodel: {name: a}\n")
     environ = {"RADARD_GATE__ADAPT_DB": "2", "RADARD_MODEL__NAME": "b", "OTHER": "x"}
     config = load_config(environ=environ, options={"model": {"name": "c"}, "output": ["null"]})
-    assert config.gate.threshold_db == 5
+    assert config.gate.false_alarms_per_day == 5
     assert config.gate.adapt_db == 2
     assert config.model.name == "c"
     assert config.output == ("null",)
@@ -48,13 +48,14 @@ def test_named_file_wins_over_the_one_that_lies_here():
     ("text", "words"),
     [
         (
-            "gate:\n  treshold_db: 3\n",
-            "config.yaml:2: unknown key 'gate.treshold_db'; did you mean 'threshold_db'",
+            "gate:\n  false_alarm_per_day: 3\n",
+            "config.yaml:2: unknown key 'gate.false_alarm_per_day'; "
+            "did you mean 'false_alarms_per_day'",
         ),
         ("gates: {}\n", "config.yaml:1: unknown key 'gates'; did you mean 'gate'"),
         ("\nmodel:\n  xyzzy: 1\n", "config.yaml:3: unknown key 'model.xyzzy'; known: name"),
-        ("gate: {threshold_db: high}", "config.yaml:1: gate.threshold_db"),
-        ("gate: {threshold_db: -1}", "greater than or equal to 0"),
+        ("gate: {false_alarms_per_day: high}", "config.yaml:1: gate.false_alarms_per_day"),
+        ("gate: {false_alarms_per_day: -1}", "greater than 0"),
         ("decision: {pet_limit: 0.2}", "decision.pet_limit"),
         ("sensor: {name: 'a b'}", "sensor.name"),
         ("gate: 3", "config.yaml:1: gate"),
@@ -71,8 +72,8 @@ def test_faults_name_their_place(text, words):
 
 
 def test_all_faults_at_once():
-    write("gate: {treshold_db: 1}\nmodle: {}\n")
-    with pytest.raises(ConfigError, match=r"treshold_db.*modle"):
+    write("gate: {false_alarm_per_day: 1}\nmodle: {}\n")
+    with pytest.raises(ConfigError, match=r"false_alarm_per_day.*modle"):
         load_config(environ={})
 
 

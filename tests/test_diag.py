@@ -36,9 +36,9 @@ def config(tmp_path):
 
 
 def test_parts_tell_what_helps(config):
-    parts = gather(config, {"RADARD_GATE__THRESHOLD_DB": "7"})
-    assert "threshold_db: 7" in parts["config.txt"]
-    assert json.loads(parts["environment.json"]) == {"RADARD_GATE__THRESHOLD_DB": "7"}
+    parts = gather(config, {"RADARD_GATE__FALSE_ALARMS_PER_DAY": "7"})
+    assert "false_alarms_per_day: 7" in parts["config.txt"]
+    assert json.loads(parts["environment.json"]) == {"RADARD_GATE__FALSE_ALARMS_PER_DAY": "7"}
     (status,) = json.loads(parts["status.json"]).values()
     assert (status["line"], status["seq"]) == ("online", 7)
     assert '"seq": 499' in parts["decisions.txt"]
@@ -57,9 +57,9 @@ def test_no_secret_gets_through(config, monkeypatch):
 
 def test_a_wrong_configuration_is_part_of_the_report(tmp_path):
     path = tmp_path / "mine.yaml"
-    path.write_text("gate: {treshold_db: 1}\nmqtt: {password: t0psecret-token}\n")
+    path.write_text("gate: {false_alarm_per_day: 1}\nmqtt: {password: t0psecret-token}\n")
     parts = gather(path, {})
-    assert "unknown key 'gate.treshold_db'" in parts["config.txt"]
+    assert "unknown key 'gate.false_alarm_per_day'" in parts["config.txt"]
     assert "t0psecret-token" not in "\n".join(parts.values())
 
 

@@ -9,7 +9,7 @@ from radard.config.config import Config
 from radard.config.sections import GateSettings
 from radard.detect.calibration import FORMAT, Calibration, load_calibration
 from radard.detect.clutter_map import ClutterRemover
-from radard.detect.gate import Gate, stretches
+from radard.detect.gate import Gate
 from radard.detect.noise_floor import NoiseFloor
 from radard.dsp.clutter import block_power, sound_rows
 from radard.dsp.downconvert import DownConverter
@@ -39,8 +39,10 @@ def test_opens_for_a_walker_from_the_first_dwell_in_any_unit(unit):
         assert gate.read(dwell_of((moving * unit).astype(np.complex64))).is_open is True
         reading = quiet.read(dwell_of((here * unit).astype(np.complex64)))
         assert reading.is_open is False
-        assert reading.power_db == pytest.approx(db(unit**2), abs=0.5)
-        assert reading.threshold_db - reading.noise_floor_db == pytest.approx(5, abs=0.5)
+        # The strongest of some thousand cells of noise, and what noise reaches once in 100 days.
+        assert reading.power_db == pytest.approx(db(unit**2) + 6, abs=1.5)
+        assert reading.noise_floor_db == pytest.approx(db(unit**2), abs=1)
+        assert reading.threshold_db - reading.noise_floor_db == pytest.approx(8.7, abs=0.1)
 
 
 @pytest.mark.parametrize("n_range", [64, 180, 400])
@@ -65,15 +67,6 @@ def test_the_length_of_the_swath_does_not_hide_a_weak_body(n_range):
     assert reading.range_m == pytest.approx(axis.range_m[41], abs=0.1)
 
 
-@pytest.mark.parametrize("n_bins", [1, 3, 9, 20])
-def test_stretches_are_means_of_neighbours(n_bins):
-    values = np.random.default_rng(4).random((2, 9)) * 10.0 ** np.arange(9)
-    made = stretches(values, n_bins)
-    n = min(n_bins, 9)
-    expected = [[row[k : k + n].mean() for k in range(10 - n)] for row in values]
-    assert made == pytest.approx(np.array(expected), rel=1e-12)
-
-
 def test_range_is_where_the_walker_is():
     frames = noise(147) + walker(147, 60, speed_mps=0.1, start_m=1.9, level=30)
     reading = Gate(GateSettings()).read(dwell_of(frames.astype(np.complex64)))
@@ -92,7 +85,9 @@ def test_learns_a_fidgeting_corner_but_not_who_walks_through_it():
     readings = [gate.read(dwell_of(noise(147, seed=k) + corner())) for k in range(30)]
     assert all(r.is_open for r in readings[:20])
     assert not any(r.is_open for r in readings[20:])
-    assert readings[-1].noise_floor_db > readings[0].noise_floor_db + 5
+    assert db(gate.background[5]) > 5
+    assert gate.level[5] > 5
+    assert np.delete(gate.level, 5).max() < 1.5
     walk = walker(147, 60, speed_mps=0.5, start_m=2.2, level=20)
     assert gate.read(dwell_of(noise(147, seed=99) + corner() + walk)).is_open
     gate.reset()
@@ -143,7 +138,7 @@ def test_a_gap_at_every_position_changes_nothing(position):
     dwell.frames[position] = 1e5
     reading = Gate(GateSettings()).read(dwell)
     assert reading.is_open is False
-    assert reading.power_db == pytest.approx(0, abs=0.4)
+    assert reading.power_db == pytest.approx(6, abs=1.5)
 
 
 @pytest.mark.parametrize("steps", [(1.0, 4.0), (4.0, 1.0), (1.0, 16.0)])
@@ -215,7 +210,8 @@ def test_calibration_takes_the_place_of_floor_and_threshold():
     assert not reading.is_open
     gate = Gate(GateSettings(), calibration=calibration(floor=0.01))
     reading = gate.read(dwell_of(noise(147)))
-    assert reading.threshold_db == pytest.approx(db(0.01 * 10 + 0.01 * 9), abs=0.1)
+    # Of what is over the calibrated floor, as much again may be clutter's residue.
+    assert reading.threshold_db == pytest.approx(db(2 * 0.01 * 10), abs=0.1)
     assert reading.is_open
 
 
@@ -249,7 +245,8 @@ def test_calibration_of_another_stream_is_refused(axis, rate_hz, word):
     ("change", "word"),
     [
         ({"format": "other"}, "format is not"),
-        ({"format_version": 2}, "format_version 2"),
+        ({"format_version": 1}, "format_version 1 is not 2.*calibrate again"),
+        ({"format_version": 3}, "format_version 3"),
         ({"frame_rate_hz": "60"}, "frame_rate_hz"),
         ({"bin_length_m": True}, "bin_length_m"),
         ({"noise_floor_db": []}, "noise_floor_db"),
@@ -262,7 +259,7 @@ def test_calibration_of_another_stream_is_refused(axis, rate_hz, word):
 def test_wrong_calibration_files_name_their_fault(change, word, tmp_path):
     content = {
         "format": FORMAT,
-        "format_version": 1,
+        "format_version": 2,
         "frame_rate_hz": 60.0,
         "bin_length_m": 0.03,
         "range_offset_m": 0.6,

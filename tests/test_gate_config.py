@@ -8,7 +8,7 @@ from tests.radar_helpers import BASEBAND
 from x2radar.frame import StreamInfo
 
 KEYS = {
-    "threshold_db": 7.0,
+    "false_alarms_per_day": 0.5,
     "adapt_db": 30.0,
     "memory_s": 90.0,
     "learn_s": 30.0,
@@ -28,7 +28,8 @@ def test_every_key_reaches_the_gate():
     ("text", "words"),
     [
         ("{floor_rate_db_per_s: -1}", "gate.floor_rate_db_per_s"),
-        ("{threshold_db: perhaps}", "gate.threshold_db"),
+        ("{false_alarms_per_day: perhaps}", "gate.false_alarms_per_day"),
+        ("{false_alarms_per_day: 0}", "gate.false_alarms_per_day"),
     ],
 )
 def test_faults_are_told(tmp_path, text, words):
@@ -49,3 +50,12 @@ def test_a_key_that_is_gone_is_told_in_one_line(tmp_path, key, head):
     told = f"{path}:1: {where}: is gone with the adaptive threshold; 'radard calibrate' sets"
     assert str(caught.value).startswith(told)
     assert "\n" not in str(caught.value)
+
+
+def test_the_threshold_of_the_old_gate_is_refused_with_what_took_its_place(tmp_path):
+    path = tmp_path / "config.yaml"
+    path.write_text("gate: {threshold_db: 5}\n")
+    with pytest.raises(ConfigError) as caught:
+        load_config(path, environ={})
+    assert str(caught.value).startswith(f"{path}:1: gate.threshold_db: is gone")
+    assert "gate.false_alarms_per_day" in str(caught.value)

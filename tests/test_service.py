@@ -261,12 +261,12 @@ def test_config_subcommands(capsys, tmp_path, monkeypatch):
 
     assert main(["config", "check"]) == 0
     assert main(["config", "show"]) == 0
-    assert f"threshold_db: {Config().gate.threshold_db}" in capsys.readouterr().out
+    assert f"false_alarms_per_day: {Config().gate.false_alarms_per_day}" in capsys.readouterr().out
     assert main(["config", "schema"]) == 0
     assert json.loads(capsys.readouterr().out)["title"] == "Config"
-    Path("config.yaml").write_text("gate: {treshold_db: 1}")
+    Path("config.yaml").write_text("gate: {false_alarm_per_day: 1}")
     assert main(["config", "check"]) == 78
-    assert "did you mean 'threshold_db'" in capsys.readouterr().err
+    assert "did you mean 'false_alarms_per_day'" in capsys.readouterr().err
 
 
 def test_json_file_and_table(tmp_path, capsys):

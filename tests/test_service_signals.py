@@ -74,14 +74,16 @@ def finish(process):
 
 def test_hup_reloads_without_losing_the_stream_and_usr1_dumps(tmp_path, far):
     config = tmp_path / "radard.yaml"
-    config.write_text("gate: {threshold_db: 6}\nmodel: {name: none}\n")
+    config.write_text("gate: {false_alarms_per_day: 1000}\nmodel: {name: none}\n")
     process = start(
         *("--port", "sim:empty", "--speed", "8", "--config", str(config), "-o", "json"),
         NOTIFY_SOCKET=far.name,
     )
     before = records_until(process, '"seq":3,')
     far.wait_for("READY")
-    config.write_text("gate: {threshold_db: 9}\nmodel: {name: none}\nsensor: {name: other}\n")
+    config.write_text(
+        "gate: {false_alarms_per_day: 0.01}\nmodel: {name: none}\nsensor: {name: other}\n"
+    )
     process.send_signal(signal.SIGHUP)
     assert "MONOTONIC_USEC" in far.wait_for("RELOADING")
     far.wait_for("READY")
@@ -90,7 +92,7 @@ def test_hup_reloads_without_losing_the_stream_and_usr1_dumps(tmp_path, far):
         new = records_until(process, '"decision"', most=50)
         between += [r for r in new if r["type"] == "decision"]
         assert len(between) < 400
-    config.write_text("gate: {treshold_db: 9}\n")
+    config.write_text("gate: {false_alarm_per_day: 9}\n")
     process.send_signal(signal.SIGHUP)
     far.wait_for("RELOADING")
     far.wait_for("READY")
@@ -104,13 +106,13 @@ def test_hup_reloads_without_losing_the_stream_and_usr1_dumps(tmp_path, far):
     assert [d["seq"] for d in made] == list(range(1, len(made) + 1))
     assert [d["t_s"] for d in made] == [round(2.45 + k, 3) for k in range(len(made))]
     over = [over_floor_db(d) for d in made]
-    assert over[0] == 6
+    assert over[0] == 7
     assert over[-1] == 9
     assert over == sorted(over)
     assert {r["type"] for r in records} == {"hello", "status", "decision"}
     assert "changes of 'sensor' take a restart" in err
     assert "the old configuration stays" in err
-    assert "did you mean 'threshold_db'" in err
+    assert "did you mean 'false_alarms_per_day'" in err
     (dump,) = [line for line in err.splitlines() if " state {" in line]
     state = json.loads(dump.partition(" state ")[2])
     assert state["state"] == "online"
@@ -342,11 +344,11 @@ def test_a_reload_keeps_the_frames_that_a_clip_will_need(tmp_path, launch):
     daemon = launch(reload=lambda: configs[0])
     panel_of(daemon, "gate", "closed")
     clips = daemon.run.parts.clips
-    gate = daemon.config.gate.model_copy(update={"threshold_db": 9.0})
+    gate = daemon.config.gate.model_copy(update={"false_alarms_per_day": 9.0})
     configs.append(daemon.config.model_copy(update={"gate": gate}))
     held = len(clips._held)
     daemon.ask("reload")
-    wait_for(lambda: daemon.run.parts.config.gate.threshold_db == 9)
+    wait_for(lambda: daemon.run.parts.config.gate.false_alarms_per_day == 9)
     assert daemon.run.parts.clips is clips
     assert len(clips._held) >= held > 0
     assert clips._attributes["config_hash"] == configs[0].digest()

@@ -52,7 +52,7 @@ def test_two_decide_as_each_alone(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     sensors = {
         "hall": {**TWO["hall"], "alarm": {"sensitivity": "high"}},
-        "attic": {**TWO["attic"], "gate": {"threshold_db": 9.0}},
+        "attic": {**TWO["attic"], "gate": {"false_alarms_per_day": 9.0}},
     }
     config = written(tmp_path, sensors=sensors, model={"name": "thesis"})
     common = ("--speed", "max", "--duration", "14", "-o", "json", "--model", "thesis")
@@ -61,7 +61,7 @@ def test_two_decide_as_each_alone(tmp_path, monkeypatch):
     alone = {
         "hall": run_radard("--port", TWO["hall"]["port"], "--sensitivity", "high", *common)[1]
     }
-    monkeypatch.setenv("RADARD_GATE__THRESHOLD_DB", "9")
+    monkeypatch.setenv("RADARD_GATE__FALSE_ALARMS_PER_DAY", "9")
     alone["attic"] = run_radard("--port", TWO["attic"]["port"], *common)[1]
     for sensor, records in alone.items():
         assert bare(of(both, sensor)) == bare(records)
@@ -180,11 +180,11 @@ def test_a_reload_changes_one_and_leaves_the_streams(tmp_path, launch):
     hall, attic = daemon.run._radars
     wait_for(lambda: hall.panel().get("seq") and attic.panel().get("seq"))
     entry = daemon.config.sensors["attic"]
-    gate = daemon.config.gate.model_copy(update={"threshold_db": 11.0})
+    gate = daemon.config.gate.model_copy(update={"false_alarms_per_day": 11.0})
     changed = {**daemon.config.sensors, "attic": entry.model_copy(update={"gate": gate})}
     choices.append(daemon.config.model_copy(update={"sensors": changed}))
     daemon.ask("reload")
-    wait_for(lambda: attic.parts.config.gate.threshold_db == 11)
+    wait_for(lambda: attic.parts.config.gate.false_alarms_per_day == 11)
     seq = attic.panel()["seq"]
     wait_for(lambda: attic.panel()["seq"] > seq + 1)
     assert hall.parts.config.gate == GateSection()
@@ -275,17 +275,18 @@ def test_health_tells_of_each_and_counts_as_the_whole(tmp_path, launch, capsys):
 
 def test_sections_of_an_entry_complete_the_common_ones(tmp_path):
     entry = {"port": "sim:dog", "gate": {"adapt_db": 3}}
-    path = written(tmp_path, gate={"threshold_db": 8}, sensors={"a": {"port": "x"}, "b": entry})
+    gate = {"false_alarms_per_day": 8}
+    path = written(tmp_path, gate=gate, sensors={"a": {"port": "x"}, "b": entry})
     loaded = load_with_origins(path, environ={})
     a, b = loaded.config.each()
-    assert (a.sensor.name, a.sensor.port, a.gate.threshold_db, a.gate.adapt_db) == (
+    assert (a.sensor.name, a.sensor.port, a.gate.false_alarms_per_day, a.gate.adapt_db) == (
         "a",
         "x",
         8,
         40,
     )
-    assert (b.gate.threshold_db, b.gate.adapt_db) == (8, 3)
-    assert loaded.origin("sensors", "b", "gate", "threshold_db").startswith(str(path))
+    assert (b.gate.false_alarms_per_day, b.gate.adapt_db) == (8, 3)
+    assert loaded.origin("sensors", "b", "gate", "false_alarms_per_day").startswith(str(path))
     assert load_config(path, environ={}, options={"sensor": {"port": "y"}}).sensors == {}
     assert a.of_sensor("b") == b
     for name in ("c", None):
@@ -296,7 +297,7 @@ def test_sections_of_an_entry_complete_the_common_ones(tmp_path):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("sensors: {a: {port: x, gate: {treshold_db: 3}}}", "did you mean 'threshold_db'"),
+        ("sensors: {a: {port: x, gate: {adapt: 3}}}", "did you mean 'adapt_db'"),
         ("sensors: {a: {port: x, prt: y}}", "unknown key 'sensors.a.prt'; did you mean 'port'"),
         ("sensors: {a: {}}", "sensors.a.port"),
         ("sensors: {'a b': {port: x}}", "sensors.a b"),

@@ -53,7 +53,7 @@ def test_the_sidecar_says_how_it_came_about(bundle):
     about, columns = read_all(bundle.parents[1] / "sets")
     assert sidecar["training"]["sets"] == [about]
     assert sidecar["gate"] == about["gate"] == GateSettings().model_dump()
-    assert ", threshold_db 5" in bundle.with_suffix(".md").read_text()
+    assert "false_alarms_per_day 0.01" in bundle.with_suffix(".md").read_text()
     assert sidecar["metrics"]["windows"] == len(columns["label"])
     assert set(columns["label"]) == {0, 1, 2}
 
@@ -103,7 +103,7 @@ def test_a_set_of_before_gates_were_recorded_is_accepted_and_said(bundle, tmp_pa
     shutil.copytree(bundle.parents[1] / "sets", sets)
     raw = json.loads((sets / MANIFEST).read_text())
     argv = ["dataset", "--out", str(sets), "--passages", "30", "--families", "all"]
-    raw["about"]["gate"]["threshold_db"] = 4.0
+    raw["about"]["gate"]["false_alarms_per_day"] = 4.0
     (sets / MANIFEST).write_text(json.dumps(raw))
     assert main([*argv, "--seed", "1", "--workers", "1"]) == 2
     assert "made otherwise (gate: " in one_line(capsys)
@@ -111,7 +111,7 @@ def test_a_set_of_before_gates_were_recorded_is_accepted_and_said(bundle, tmp_pa
     (sets / MANIFEST).write_text(json.dumps(raw))
     assert main([*argv, "--seed", "1", "--workers", "1"]) == 0
     assert "made before sets recorded the gate's settings" in capsys.readouterr().out
-    assert gate_of([raw["about"], {"gate": {"threshold_db": 5.0}}]) == {}
+    assert gate_of([raw["about"], {"gate": {"false_alarms_per_day": 5.0}}]) == {}
 
 
 def test_evaluate_judges_it(bundle, tmp_path, capsys, monkeypatch):

@@ -14,6 +14,7 @@ import numpy as np
 
 from radard.classify.classifier import Classifier
 from radard.config.config import Config
+from radard.detect.gate import DAY_S
 from radard.errors import RadardError
 from radard.pipeline import Pipeline
 from radard.service.components import classifier_for, make_classifier
@@ -75,7 +76,7 @@ def measured(config: Config, duration_s: float, rounds: int) -> Cost:
     heard = _heard(config.sensor.port or "", duration_s)
     classifier = classifier_for(heard.stream, config, classifier)
     heard_s = len(heard.frames) / heard.stream.frame_rate_hz
-    open_gate = config.gate.model_copy(update={"threshold_db": 0.0})
+    open_gate = config.gate.model_copy(update={"false_alarms_per_day": DAY_S})
     always_open = config.model_copy(update={"gate": open_gate})
     dwells = sum(1 for _ in _dwells(_pipeline(heard, config, classifier), heard))
     if dwells == 0:

@@ -20,12 +20,13 @@ from radard.commands.progress_line import ProgressLine
 from radard.config.config import Config
 from radard.config.directories import calibration_file, named_state_dir
 from radard.detect.calibration import Calibration
-from radard.detect.survey import DAY_S, LEAST_DB, RoomSurvey
+from radard.detect.gate import DAY_S
+from radard.detect.survey import RoomSurvey
 from radard.errors import NotAllowed, RadardError, UsageError
 from radard.pipeline import HOP_S
 from radard.service.room_calibration import signer
 from radard.stream.ring import Notice
-from x2radar.command import new_parser
+from x2radar.command import Parser, new_parser
 
 _EXAMPLES = """\
 examples:
@@ -41,14 +42,11 @@ _CELL_M = 0.5  # of the report
 
 def run(argv: Sequence[str]) -> int:
     """Run the subcommand."""
-    args = _parser().parse_args(argv)
+    args = make_parser().parse_args(argv)
     check_seconds("--duration", args.duration, _LEAST_S)
     check_seconds("--delay", args.delay, 0.0)
     if not 0 < args.false_gates <= DAY_S:
         msg = f"--false-gates {args.false_gates:g}: must be above 0, and 86400 a day at most"
-        raise UsageError(msg)
-    if not 0 <= args.least_db <= 60:
-        msg = f"--least-db {args.least_db:g}: must be 0 to 60"
         raise UsageError(msg)
     config = listening_config(args)
     path = args.out or _own_file(config)
@@ -59,7 +57,6 @@ def run(argv: Sequence[str]) -> int:
         calibration = survey.calibration(
             signer(stream, classifier, config.sensor.port or ""),
             false_gates_per_day=args.false_gates,
-            least_db=args.least_db,
         )
     # What was saved is what will hold, so the report is made of the same.
     calibration.save(path)
@@ -135,7 +132,8 @@ def _own_file(config: Config) -> Path:
     return SYSTEM_STATE_DIR / own.name
 
 
-def _parser() -> argparse.ArgumentParser:
+def make_parser() -> Parser:
+    """Return the parser of the subcommand."""
     parser = new_parser(
         "radard calibrate",
         "Listen to the empty room: its noise over range, and thresholds that suit it.",
@@ -152,13 +150,6 @@ def _parser() -> argparse.ArgumentParser:
         default=1.0,
         metavar="N",
         help="windows a day that may open the gate (1)",
-    )
-    add(
-        "--least-db",
-        type=float,
-        default=LEAST_DB,
-        metavar="DB",
-        help=f"no threshold is lower, so that drift opens nothing ({LEAST_DB:g})",
     )
     add(
         "--with-machines", action="store_true", help="what stays in one place is no reason to stop"

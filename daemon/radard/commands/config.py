@@ -9,22 +9,19 @@ import yaml
 from radard.config.config import Config, Loaded, load_with_origins
 from radard.config.options import add_options, config_options
 from radard.config.redact import redact_value
-from x2radar.command import new_parser
+from x2radar.command import Parser, new_parser
 
 _EXAMPLES = """\
 examples:
   radard config check --config new.yaml
-  RADARD_GATE__THRESHOLD_DB=8 radard config show --model none
+  RADARD_GATE__ADAPT_DB=30 radard config show --model none
   radard config schema > radard.schema.json
 """
 
 
 def run(argv: Sequence[str]) -> int:
     """Run the subcommand."""
-    parser = new_parser("radard config", "Check or show the configuration that holds.", _EXAMPLES)
-    parser.add_argument("what", choices=["check", "show", "schema"])
-    add_options(parser)
-    args = parser.parse_args(argv)
+    args = make_parser().parse_args(argv)
     if args.what == "schema":
         print(json.dumps(Config.model_json_schema(), indent=2))
         return 0
@@ -34,6 +31,14 @@ def run(argv: Sequence[str]) -> int:
     else:
         print("configuration ok")
     return 0
+
+
+def make_parser() -> Parser:
+    """Return the parser of the subcommand."""
+    parser = new_parser("radard config", "Check or show the configuration that holds.", _EXAMPLES)
+    parser.add_argument("what", choices=["check", "show", "schema"], help="what to do with it")
+    add_options(parser)
+    return parser
 
 
 def shown(loaded: Loaded) -> Iterator[str]:

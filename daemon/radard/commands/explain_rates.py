@@ -62,8 +62,9 @@ def _given(config: Config, bundle: Bundle, card: Card) -> list[str]:
         names.append("decision.pet_limit")
     if config.decision.decide_within_s != DecisionSection().decide_within_s:
         names.append("decision.decide_within_s")
-    if config.gate.threshold_db != card.gate.get("threshold_db", GateSection().threshold_db):
-        names.append("gate.threshold_db")
+    rate = GateSection().false_alarms_per_day
+    if config.gate.false_alarms_per_day != card.gate.get("false_alarms_per_day", rate):
+        names.append("gate.false_alarms_per_day")
     return names
 
 

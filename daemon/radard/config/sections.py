@@ -49,6 +49,16 @@ class SensorSection(Section):
     on_device_loss: Literal["wait", "quit"] = Field("wait", description="when the port goes")
 
 
+class MountSection(Section):
+    """How the radar hangs, as far as it is known: what a network may use besides the motion."""
+
+    height_m: float | None = Field(None, ge=0.1, le=5, description="over the floor; null: unknown")
+    tilt_deg: float | None = Field(None, ge=-30, le=60, description="down from level, likewise")
+    level_db: float | None = Field(
+        None, ge=-20, le=100, description="what an adult shows at 1 m, from `radard walktest`"
+    )
+
+
 class ModelSection(Section):
     """Which classifier."""
 
@@ -60,15 +70,13 @@ class ModelSection(Section):
 class GateSettings(Section):
     """How the gate (`radard.detect.gate`) decides whether something moves.
 
-    What `threshold_db` costs: at 4 dB instead of 5, 2.1 instead of 2.5 % of people are missed,
-    and 21.3 instead of 20.2 % of pets' visits raise an alarm
-    (docs/research/evaluation-tried.md). Empty simulated rooms stayed 3.5 dB below
-    the threshold of 5 (docs/evaluation.md). A calibration file replaces it by a threshold for
-    every range bin and predicts how often a day the gate opens for nothing (`radard calibrate`).
+    `false_alarms_per_day` sets the threshold of range-Doppler cells (`radard.dsp.range_doppler`):
+    8.7 dB over the noise for an X2 at 60 Hz; ten times as many, 0.25 dB less. A calibration
+    file replaces it by a threshold for every range bin (`radard calibrate`).
     """
 
-    threshold_db: float = Field(
-        5.0, ge=0, le=60, description="over the noise floor; a calibration overrides it"
+    false_alarms_per_day: float = Field(
+        0.01, gt=0, le=86_400, description="decisions that noise opens; a calibration overrides it"
     )
     adapt_db: float = Field(40.0, ge=0, le=60, description="most that a bin may learn")
     memory_s: float = Field(60.0, ge=1, le=3600, description="how long a dwell is remembered")
@@ -170,6 +178,7 @@ class RadarSections(Section):
     """What concerns the radar and what is made of it."""
 
     sensor: SensorSection = SensorSection()
+    mount: MountSection = MountSection()
     model: ModelSection = ModelSection()
     gate: GateSection = GateSection()
     decision: DecisionSection = DecisionSection()
@@ -185,7 +194,8 @@ class SensorEntry(Section):
 
     port: str = Field(description="what --port says")
     speed: str = Field("auto", description="realtime, max, a factor, or auto")
-    model: ModelSection | None = Field(None, description="null: as all the others")
+    mount: MountSection | None = Field(None, description="null: as all the others")
+    model: ModelSection | None = None
     gate: GateSection | None = None
     decision: DecisionSection | None = None
     alarm: AlarmSection | None = None

@@ -20,7 +20,10 @@ _ADAPTIVE = ("adaptive", "least_db", "most_db", "threshold_rate_db_per_s")
 _GONE: dict[Where, str] = dict.fromkeys(
     (("gate", key) for key in _ADAPTIVE),
     "is gone with the adaptive threshold; 'radard calibrate' sets thresholds that suit the room",
-)
+) | {
+    ("gate", "threshold_db"): "is gone: the gate's threshold follows from "
+    "gate.false_alarms_per_day now; remove this line, or set that",
+}
 """Keys of earlier versions, by section and key, and what to do instead."""
 
 

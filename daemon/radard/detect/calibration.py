@@ -2,7 +2,7 @@
 
 Made in an empty room, it takes the place of what the gate learns from the stream. The file::
 
-    {"format": "radard-calibration", "format_version": 1, "frame_rate_hz": 60.0,
+    {"format": "radard-calibration", "format_version": 2, "frame_rate_hz": 60.0,
      "bin_length_m": 0.02925, "range_offset_m": 0.6,
      "noise_floor_db": [one per bin], "threshold_db": [one per bin],
      "provenance": {"made_utc": ..., "device": ..., "software": ..., ...}}
@@ -27,7 +27,7 @@ from radard.errors import ConfigError
 from x2radar.frame import FastTimeAxis
 
 FORMAT = "radard-calibration"
-VERSION = 1
+VERSION = 2
 _NUMBERS = ("frame_rate_hz", "bin_length_m", "range_offset_m")
 _LISTS = ("noise_floor_db", "threshold_db")
 _MOST_DB = 120.0  # of a threshold; chosen: beyond any receiver's range
@@ -153,7 +153,10 @@ def load_calibration(path: Path) -> Calibration:
         msg = f"{path}: not a calibration: format is not '{FORMAT}'"
         raise ConfigError(msg)
     if raw.get("format_version") != VERSION:
-        msg = f"{path}: format_version {raw.get('format_version')!r} is not {VERSION}"
+        found = raw.get("format_version")
+        msg = f"{path}: format_version {found!r} is not {VERSION}"
+        if found == 1:
+            msg += ": its thresholds are those of an earlier gate; calibrate again"
         raise ConfigError(msg)
     numbers = {name: _number(path, name, raw.get(name)) for name in _NUMBERS}
     floor_db, threshold_db = (_list(path, name, raw.get(name)) for name in _LISTS)

@@ -8,24 +8,24 @@ range and fills three quarters of the swath at most are learned from, so neither
 walks through the room nor interference at all ranges ever becomes background, and power far
 over the noise is never learned at all.
 
-With p the residual power of a bin, k the threshold, the background b >= noise and means over
-any stretch of range as long as a body::
+The test is on range-Doppler cells (`radard.dsp.range_doppler`). With c a CPI's strongest cells
+in a bin, l the bin's level and k the factor that follows from `false_alarms_per_day`::
 
-    background = mean over bins of min(p, k b)
-    open if  mean(p) > background + (k - 1) noise
+    level = max(noise, min(residue, 2 noise), learned)
+    open if  c > k level  somewhere, in two of three CPIs in a row
 
-In an empty room that is k times the noise. A stretch, not the swath: spread over all of it,
-somebody far away is weaker by the ratio of the two (8 dB for an X2, 13 dB for an X4M03 that
-looks 9 m deep). Noise, background and k are per range bin: noise from the stream
-(`radard.detect.noise_floor`) or, with k, from a calibration file. Powers are dB of 10 log10(mean
-residual power per bin and frame) of the stretch that stands out most, in sample units squared.
+It was chosen against the mean power over 2 s, which integrates all Doppler's noise and so needs
+10 dB more of a walker (benchmarks/bench_gate.py). Noise is per range bin: from the stream
+(`radard.detect.noise_floor`) or, with a k for every bin, from a calibration file. Learned is what
+the dwells in place showed: the median of their usual cells, in units of what noise shows there.
+Powers are dB of 10 log10(power of the cells, scaled so that noise reads as its mean power per bin
+and frame), in sample units squared.
 """
 
 from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from radard.config.sections import GateSettings
@@ -34,11 +34,18 @@ from radard.detect.noise_floor import NoiseFloor
 from radard.dsp.clutter import block_power, centre_spread_m, sound_rows
 from radard.dsp.median import median
 from radard.dsp.noise import second_differences
+from radard.dsp.range_doppler import (
+    MOST_RESIDUE,
+    cell_factor,
+    doppler_peaks,
+    two_of_three,
+    usual_peak,
+)
 from radard.dsp.velocity import CPI_S
 from radard.stream.ring import Dwell
 
-EXTENT_M = 0.4
-"""Length of a stretch of range that is judged as one: chosen, about the extent of a body."""
+DAY_S = 86_400.0
+_MOVES = 10**0.5  # times its floor that the power of a bin in motion stands: chosen
 _MOST_IN_PLACE = 0.75  # of the swath; a body with its echoes' tail fills 0.68 (built-in scenes)
 _TINY = 1e-300  # chosen: 10 log10 of it is finite
 
@@ -48,10 +55,10 @@ class GateReading:
     """What the gate saw; powers in dB of sample units squared."""
 
     is_open: bool  # something moves; the same as power_db > threshold_db
-    power_db: float  # mean residual power of the stretch of range that stands out most
-    noise_floor_db: float  # receiver's noise and learned background there, mean over bins
+    power_db: float  # of the cells that stand out most, in two of three CPIs
+    noise_floor_db: float  # their bin's level: noise, clutter's residue, learned background
     threshold_db: float  # what the power had to exceed
-    range_m: float  # where the residual power stands out most
+    range_m: float  # where the cells stand out most
 
 
 class Gate:
@@ -60,7 +67,7 @@ class Gate:
     Parameters
     ----------
     settings : GateSettings
-        Threshold and learning.
+        False alarms and learning.
     hop_s : float
         Stream time between dwells.
     calibration : Calibration, optional
@@ -72,9 +79,11 @@ class Gate:
     ) -> None:
         self._settings = settings
         self._calibration = calibration
+        self._share = settings.false_alarms_per_day * hop_s / DAY_S
         n_memory = max(1, round(settings.memory_s / hop_s))
         self._n_learn = max(1, round(settings.learn_s / hop_s))
         self._noise = NoiseFloor(n_memory, settings.floor_rate_db_per_s * hop_s)
+        # Power and usual cells of every bin, by dwell; None where motion was not in place.
         self._in_place: deque[NDArray[np.float64] | None] = deque(maxlen=n_memory)
         self.background: NDArray[np.float64] = np.zeros(0)
         """Noise and learned background of every bin at the last dwell, in sample units
@@ -87,6 +96,12 @@ class Gate:
         """What held before anything was learned: that noise, or the calibration's."""
         self.cpi_power: NDArray[np.float64] = np.zeros((0, 0))
         """Residual power of every CPI, newest last, shape (n_cpis, n_range)."""
+        self.cell_peak: NDArray[np.float64] = np.zeros((0, 0))
+        """Strongest Doppler cells of every CPI, likewise (`radard.dsp.range_doppler`)."""
+        self.residue: NDArray[np.float64] = np.zeros(0)
+        """What clutter left in every bin, as the same cells show it, shape (n_range,)."""
+        self.level: NDArray[np.float64] = np.zeros(0)
+        """What these stood on: noise, residue and learned background, shape (n_range,)."""
         self.bin_length_m = 0.0
 
     def reset(self) -> None:
@@ -103,64 +118,69 @@ class Gate:
         rows, usable, scale = sound_rows(dwell.frames, dwell.valid)
         unit = scale**2
         cpi_power = block_power(rows, usable, n_cpi, 1)[0][:, 0]
+        peak, residue = doppler_peaks(rows, usable, n_cpi)
         noise, floor = self._noise.update(second_differences(rows, usable), cpi_power, n_cpi, unit)
         self.noise = floor
         if self._calibration is not None:
             floor = self._calibration.floor
         self.floor, self.bin_length_m = floor, dwell.axis.bin_length_m
         cpi_power *= unit
-        self.cpi_power = cpi_power
-        power = cpi_power.mean(axis=0) if len(cpi_power) else np.zeros(len(floor))
-        self.power = power
-        self.background = self._learned(noise, floor)
+        peak *= unit
+        self.cpi_power, self.cell_peak = cpi_power, peak
+        self.power = cpi_power.mean(axis=0) if len(cpi_power) else np.zeros(len(floor))
+        self._learn(noise, floor, n_cpi)
+        self.residue = residue * unit
+        self.level = np.maximum(self.level, level_over(floor, self.residue))
         spread_m = centre_spread_m(cpi_power, noise, dwell.axis.range_m)
-        over = self._over()
-        is_local = np.count_nonzero(power > over * floor) <= _MOST_IN_PLACE * len(power)
-        is_in_place = is_local and spread_m < self._settings.in_place_m
-        self._in_place.append(power if is_in_place else None)
+        is_local = np.count_nonzero(self.power > _MOVES * floor) <= _MOST_IN_PLACE * len(floor)
+        is_in_place = is_local and spread_m < self._settings.in_place_m and len(peak) > 0
+        self._in_place.append(
+            np.stack([self.power, peak.mean(axis=0)], axis=1) if is_in_place else None
+        )
+        return self._judge(self._factor(n_cpi), dwell)
 
-        background = np.minimum(power, over * self.background)
-        n_bins = bins_of(EXTENT_M, dwell.axis.bin_length_m)
-        means = stretches(np.stack([power, background + (over - 1) * floor]), n_bins)
+    def _judge(self, factor: float | NDArray[np.float64], dwell: Dwell) -> GateReading:
+        """Return what two of three CPIs say."""
+        threshold = factor * self.level
         # Over no noise at all, any power stands out without bounds.
-        ratio = np.where(means[0] > 0, np.inf, 0.0)
-        k = int(np.argmax(np.divide(means[0], means[1], out=ratio, where=means[1] > 0)))
-        mean, threshold = (float(row[k]) for row in means)
+        excess = np.where(self.cell_peak > 0, np.inf, 0.0)
+        np.divide(self.cell_peak, threshold, out=excess, where=threshold > 0)
+        reached, cpi = two_of_three(excess.max(axis=1))
+        at = int(np.argmax(excess[cpi])) if len(excess) else 0
+        strongest = int(np.argmax(excess.max(axis=0))) if len(excess) else 0
         return GateReading(
-            mean > threshold,
-            _db(mean),
-            _db(float(self.background[k : k + n_bins].mean())),
-            _db(threshold),
-            float(dwell.axis.range_m[int(np.argmax(power - background))]),
+            reached > 1,
+            _db(float(self.cell_peak[cpi, at])) if len(excess) else _db(0.0),
+            _db(float(self.level[at])),
+            _db(float(threshold[at])),
+            float(dwell.axis.range_m[strongest]),
         )
 
-    def _over(self) -> float | NDArray[np.float64]:
+    def _factor(self, n_cpi: int) -> float | NDArray[np.float64]:
         if self._calibration is not None:
             return np.asarray(10 ** (self._calibration.threshold_db / 10))
-        return float(10 ** (self._settings.threshold_db / 10))
+        return cell_factor(self._share, len(self.cell_peak), n_cpi, len(self.power))
 
-    def _learned(self, noise: float, floor: NDArray[np.float64]) -> NDArray[np.float64]:
-        learned = [power for power in self._in_place if power is not None]
+    def _learn(self, noise: float, floor: NDArray[np.float64], n_cpi: int) -> None:
+        """Set background and level to what noise and the dwells in place say."""
+        self.background = self.level = floor
+        learned = [each for each in self._in_place if each is not None]
         if len(learned) < self._n_learn:
-            return floor
+            return
+        power, peak = median(np.stack(learned, axis=-1)).T
         most = noise * 10 ** (self._settings.adapt_db / 10)
-        return np.maximum(np.minimum(median(np.stack(learned, axis=1)), most), floor)
+        self.background = np.maximum(np.minimum(power, most), floor)
+        # What may be learned is bounded by its power: a steady tone is stronger in its cells.
+        share = np.minimum(1.0, most / np.maximum(power, _TINY))
+        self.level = np.maximum(peak / usual_peak(n_cpi) * share, floor)
 
 
-def bins_of(extent_m: float, bin_length_m: float) -> int:
-    """Return how many range bins make a stretch of a length."""
-    return max(1, round(extent_m / bin_length_m))
-
-
-def stretches(values: NDArray[np.float64], n_bins: int) -> NDArray[np.float64]:
-    """Return the means over all stretches of `n_bins` neighbouring bins.
-
-    Values are not negative, shape (..., n_range); the result has shape (..., n_stretches), and
-    stretch k begins at bin k. A swath with fewer bins is one stretch. Relative error at most 1e-12
-    of the strongest.
-    """
-    n_bins = min(n_bins, values.shape[-1])
-    return np.asarray(sliding_window_view(values, n_bins, axis=-1).mean(axis=-1))
+def level_over(floor: NDArray[np.float64], residue: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the level that cells must stand out of: noise, and what clutter left on it."""
+    # Where noise steps over range, the learned floor steps a bin too early or too late.
+    beside = np.pad(floor, 1, mode="edge")
+    most = MOST_RESIDUE * np.maximum(np.maximum(beside[:-2], beside[2:]), floor)
+    return np.clip(residue, floor, most)
 
 
 def _db(power: float) -> float:

@@ -1,17 +1,12 @@
 """Survey of an empty room: from its dwells to a `Calibration`, and what that one promises.
 
-For every dwell there is a factor u at which thresholds 1 + u h, h over range, would just
-open the gate; it solves, with p the residual power and b the floor (see `radard.detect.gate`)::
-
-    mean(max(p - (1 + u h) b, 0)) = u mean(h b)
-
-with means over the stretch of range that gives the largest u. Whether a threshold is ever
-reached in this room is so a question about one number a dwell.
+For every dwell there is a factor u: how far its cells stand over u h times their level, in two
+of three CPIs (see `radard.detect.gate`), with h how restless each range bin is. Whether a
+threshold is ever reached in this room is so a question about one number a dwell.
 Its logarithm is taken as normal, and what is predicted for dwells to come is Student's t
 with as many degrees of freedom as there were dwells without overlap, less one: a short
 survey promises less. (The predictive distribution of a normal sample; Geisser 1993,
-recalled.) What no survey can see, such as a receiver that warms up over hours, is left to
-`least_db`.
+recalled.) No threshold is lower than the gate's own.
 """
 
 from collections.abc import Callable
@@ -24,19 +19,18 @@ from scipy.special import stdtr, stdtrit
 from radard.config.sections import GateSettings
 from radard.detect.calibration import Calibration, Provenance
 from radard.detect.clutter_map import ClutterRemover
-from radard.detect.gate import EXTENT_M, Gate, bins_of, stretches
+from radard.detect.gate import DAY_S, Gate, level_over
 from radard.detect.tracks import Tracker
+from radard.dsp.range_doppler import cell_factor, two_of_three, usual_peak
+from radard.dsp.velocity import CPI_S
 from radard.errors import RadardError
 from radard.stream.ring import Dwell
 from x2radar.frame import FastTimeAxis
 
-DAY_S = 86_400.0
-LEAST_DB = 3.0  # of a threshold; chosen: twice the power, more than a receiver's warming up
 LEAST_INDEPENDENT = 8  # dwells; chosen: Student's t promises nothing with fewer
 _UNREST_DB = 6.0  # of a bin over its noise; chosen: breath is stronger
 _PLACE_M = 0.5  # chosen: what moves less stays in its place
-_SPAN = (-12.0, 12.0)  # of log u
-_STEPS = 50  # of the bisection
+_SPAN = (-12.0, 12.0)  # of log u; chosen: beyond any room's
 
 Array = NDArray[np.float64]
 
@@ -65,11 +59,14 @@ class RoomSurvey:
     """
 
     def __init__(self, settings: GateSettings, hop_s: float) -> None:
+        self._settings = settings
         self._gate = Gate(settings, hop_s)
         self._remover = ClutterRemover()
         self._tracker = Tracker()
         self._hop_s = hop_s
         self._power: list[Array] = []
+        self._peak: list[Array] = []
+        self._residue: list[Array] = []
         self._noise: list[Array] = []
         self._seen: list[_Seen] = []
         self._paths: dict[int, tuple[float, float]] = {}
@@ -94,6 +91,8 @@ class RoomSurvey:
         reading = self._gate.read(moving)
         tracks = self._tracker.update(moving, self._gate.background)
         self._power.append(self._gate.power)
+        self._peak.append(self._gate.cell_peak)
+        self._residue.append(self._gate.residue)
         self._noise.append(self._gate.noise)
         self._dwell_s = len(dwell.frames) / dwell.frame_rate_hz
         self._last = moving
@@ -147,7 +146,6 @@ class RoomSurvey:
         provenance: Callable[[int, float, float], Provenance],
         *,
         false_gates_per_day: float = 1.0,
-        least_db: float = LEAST_DB,
     ) -> Calibration:
         """Return the calibration; raise RadardError if too little was heard.
 
@@ -158,8 +156,6 @@ class RoomSurvey:
             false gates a day.
         false_gates_per_day : float
             How many decisions a day may open the gate in this room.
-        least_db : float
-            No threshold is lower.
         """
         independent = self.n_dwells * self._hop_s / max(self._dwell_s, self._hop_s)
         if independent < LEAST_INDEPENDENT or not np.any(self._power):
@@ -168,28 +164,27 @@ class RoomSurvey:
                 f"frames missing; give it a longer --duration, or see 'x2radar selftest'"
             )
             raise RadardError(msg)
-        power = np.array(self._power)
-        floor = power.mean(axis=0)
-        live = floor > 0
-        n_bins = bins_of(EXTENT_M, self._axis.bin_length_m)
-        scatter = np.zeros(len(floor))
-        scatter[live] = power[:, live].std(axis=0, ddof=1) / floor[live]
-        # A bin that happened to be calm is not calmer than half of them by much.
-        scatter = np.maximum(scatter, np.median(scatter[live]) / 2)
+        assert self._last is not None  # noqa: S101 - there were dwells
+        floor = np.mean(self._power, axis=0)
+        levels = [level_over(floor, residue) for residue in self._residue]
+        n_cpi = max(4, round(CPI_S * self._last.frame_rate_hz))
+        usual = np.mean([peak.mean(axis=0) for peak in self._peak], axis=0) / usual_peak(n_cpi)
+        # A bin that happened to be calm is not calmer than noise.
+        restless = np.maximum(_ratio(usual, floor), 1.0)
         share = min(0.5, false_gates_per_day * self._hop_s / DAY_S)
-        least = 10 ** (least_db / 10) - 1
-        log_u = _factors(power, floor, scatter, n_bins)
-        over = np.maximum(max(_reach(log_u, share, independent), 0) * scatter, least)
-        log_u = _factors(power, floor, over, n_bins)
+        demanded = self._settings.false_alarms_per_day * self._hop_s / DAY_S
+        least = cell_factor(demanded, len(self._peak[-1]), n_cpi, len(floor))
+        log_u = _factors(self._peak, [restless * level for level in levels])
+        over = np.maximum(_reach(log_u, share, independent) * restless, least)
+        log_u = _factors(self._peak, [over * level for level in levels])
         predicted = _share_over(log_u, independent) * DAY_S / self._hop_s
         heard_s = (self.n_dwells - 1) * self._hop_s + self._dwell_s
-        assert self._last is not None  # noqa: S101 - there were dwells
         return Calibration(
             frame_rate_hz=self._last.frame_rate_hz,
             bin_length_m=self._axis.bin_length_m,
             range_offset_m=self._axis.range_offset_m,
             floor=floor,
-            threshold_db=_db(1 + over),
+            threshold_db=_db(over),
             provenance=provenance(self.n_dwells, heard_s, predicted),
         )
 
@@ -201,17 +196,19 @@ class RoomSurvey:
         return self._last.axis
 
 
-def _factors(power: Array, floor: Array, over: Array, n_bins: int) -> Array:
-    """Return log u of every dwell, shape (n_dwells,): bisection, to 1e-11 of it."""
-    low, high = np.full(len(power), _SPAN[0]), np.full(len(power), _SPAN[1])
-    need = stretches(over * floor, n_bins)
-    for _ in range(_STEPS):
-        middle = (low + high) / 2
-        u = np.exp(middle)[:, None]
-        excess = stretches(np.maximum(power - (1 + u * over) * floor, 0), n_bins)
-        opens = (excess > u * need).any(axis=1)
-        low, high = np.where(opens, middle, low), np.where(opens, high, middle)
-    return np.asarray((low + high) / 2)
+def _factors(peaks: list[Array], thresholds: list[Array]) -> Array:
+    """Return log u of every dwell, shape (n_dwells,): by how much it passes its threshold."""
+    reached = [
+        two_of_three(_ratio(peak, threshold).max(axis=1))[0]
+        for peak, threshold in zip(peaks, thresholds, strict=True)
+    ]
+    return np.clip(np.log(np.maximum(reached, 1e-300)), *_SPAN)
+
+
+def _ratio(values: Array, over: Array) -> Array:
+    """Return values over others, zero where those are."""
+    out = np.zeros(np.broadcast_shapes(values.shape, over.shape))
+    return np.asarray(np.divide(values, over, out=out, where=over > 0))
 
 
 def _reach(log_u: Array, share: float, independent: float) -> float:
