@@ -1,0 +1,106 @@
+"""Pages of the documentation, cut into blocks of code and prose."""
+
+import re
+import shlex
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+PROGRAMS = ("radard", "x2radar", "train-export")
+FIRST_WORDS = {
+    *PROGRAMS,
+    "./run",
+    "./test",
+    "python",
+    "pip",
+    "sudo",
+    "curl",
+    "systemctl",
+    "mkdocs",
+}
+PAGES = sorted(
+    path
+    for pattern in ("README.md", "CONTRIBUTING.md", "docs/**/*.md", "deploy/*.md")
+    for path in ROOT.glob(pattern)
+)
+GENERATED = {"docs/thesis-results.md": "takes hours", "docs/tradeoff.md": "takes an hour"}
+"""Pages that a command writes: why that command is not run."""
+_MARK = re.compile(r"<!-- not run: (.+) -->")
+
+
+@dataclass(frozen=True)
+class Block:
+    """A block of code; `reason` is why it is not run, empty where it is."""
+
+    page: str
+    line: int
+    kind: str
+    text: str
+    reason: str
+
+    @property
+    def name(self):
+        return f"{self.page}:{self.line}"
+
+    def commands(self):
+        """Commands of a shell block: continued lines joined, comments left out."""
+        joined = re.sub(r"\\\n\s*", " ", self.text)
+        lines = (re.sub(r"(^|\s+)#\s.*$", "", line).strip() for line in joined.splitlines())
+        return [line for line in lines if line]
+
+
+def blocks_of(path):
+    """Every block of code of a page: fenced ones, and indented ones that begin with a command."""
+    lines = path.read_text("utf-8").splitlines()
+    page = str(path.relative_to(ROOT))
+    always = GENERATED.get(page, "")
+    reason, k = always, 0
+    while k < len(lines):
+        line = lines[k]
+        fence = re.match(r"( *)(```+)(\w*)", line)
+        words = line.split()
+        begins = line.startswith("    ") and (k == 0 or not lines[k - 1].strip())
+        if fence:
+            end = next(n for n in range(k + 1, len(lines)) if lines[n].strip() == fence[2])
+            indent = len(fence[1])
+            text = "\n".join(each[indent:] for each in lines[k + 1 : end])
+            yield Block(page, k + 1, fence[3], text, reason)
+            k, reason = end, always
+        elif begins and words and words[0] in FIRST_WORDS:
+            end = k
+            while end < len(lines) and lines[end].startswith("    "):
+                end += 1
+            yield Block(page, k + 1, "sh", "\n".join(x[4:] for x in lines[k:end]), reason)
+            k, reason = end, always
+        elif mark := _MARK.search(line):
+            reason = mark[1]
+        elif words:
+            reason = always
+        k += 1
+
+
+def inline_commands(path):
+    """Commands of our programs that stand within a sentence or a table, as lists of words."""
+    text = re.sub(r"^ *```.*?^ *```", "", path.read_text("utf-8"), flags=re.DOTALL | re.MULTILINE)
+    for quoted in re.findall(r"`([^`]+)`", text):
+        flat = " ".join(quoted.replace("\\|", "|").split())
+        if flat.startswith(tuple(f"{name} " for name in PROGRAMS)) and "..." not in flat:
+            yield shlex.split(flat)
+
+
+def prose_of(path):
+    """Sentences of a page: without code, tables, headings, pictures and addresses of links."""
+    text = path.read_text("utf-8")
+    text = re.sub(r"^ *```.*?^ *```", "", text, flags=re.DOTALL | re.MULTILINE)
+    text = re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL)
+    kept = []
+    for part in re.split(r"\n\s*\n|\n(?=\s*(?:[*-]|\d+\.|\|) )", text):
+        flat = " ".join(part.split())
+        is_code = part.startswith("    ") and flat.split(" ")[0] in FIRST_WORDS
+        if not flat or flat[0] in "#|!<" or is_code:
+            continue
+        flat = re.sub(r"^(?:[*-]|\d+\.|:) +", "", flat)
+        flat = re.sub(r"!?\[([^\]]*)\]\([^)]*\)", r"\1", flat)
+        flat = re.sub(r"`[^`]*`", "X", flat)
+        kept += [s for s in re.split(r"(?<=[.!?])[*\"')]* +(?=[\"'(*A-Z0-9])", flat) if s.split()]
+    return kept

@@ -1,0 +1,166 @@
+"""Every command and block of code of the documentation runs, or at least parses.
+
+A block that needs a module, other people's files or minutes has a comment before it, with the
+reason: `<!-- not run: needs a module -->`. Such commands still go through the real parsers.
+"""
+
+import argparse
+import contextlib
+import json
+import os
+import re
+import shlex
+import statistics
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+import yaml
+
+from radard.cli import main as radard
+from radard.config.config import Config
+from tests.docs_helpers import PAGES, PROGRAMS, ROOT, blocks_of, inline_commands, prose_of
+from x2radar.cli import main as x2radar
+from x2radar.sim.scene.scene import parse_scene
+from x2train.cli import main as train_export
+
+MAINS = {"radard": radard, "x2radar": x2radar, "train-export": train_export}
+BLOCKS = {path: list(blocks_of(path)) for path in PAGES}
+ALL = [block for blocks in BLOCKS.values() for block in blocks]
+ELSEWHERE = {
+    "docs/reference/python.md": "test_docs_api.py",
+    "docs/research/extending.md": "test_extending.py",
+}
+"""Pages whose blocks depend on each other in a way of their own: who runs them."""
+KINDS = {"sh", "python", "yaml", "json", "toml", "text"}
+USER = (
+    "index install mounting home-assistant troubleshooting how-it-decides what-stops-an-alarm "
+    "accuracy glossary privacy contribute"
+)
+USER_PAGES = ["README.md", *(f"docs/{name}.md" for name in USER.split())]
+SHELL = re.compile(r"[|&;<>$`]|^\w+=")
+
+
+class ParsedError(Exception):
+    """A command's arguments were taken."""
+
+
+@pytest.fixture
+def parsing(monkeypatch):
+    """A function that gives a command to the real parsers, and does nothing else."""
+    parse = argparse.ArgumentParser.parse_args
+
+    def parse_only(self, args=None, namespace=None):
+        parse(self, args, namespace)
+        raise ParsedError
+
+    def check(words):
+        with monkeypatch.context() as patch:
+            patch.setattr(argparse.ArgumentParser, "parse_args", parse_only)
+            try:
+                # Not MAINS' run_command: it turns every exception into a line.
+                code = MAINS[words[0]](words[1:])
+            except ParsedError:
+                return
+            except SystemExit as end:
+                code = end.code
+            assert code == 0, words
+
+    return check
+
+
+def ids(block):
+    return block.name
+
+
+def test_every_fence_says_what_it_holds():
+    assert {block.name for block in ALL if block.kind not in KINDS} == set()
+
+
+def test_reasons_are_for_blocks_that_would_run():
+    assert {b.name for b in ALL if b.reason and b.kind not in {"sh", "python"}} == set()
+
+
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_the_page_runs(path, tmp_path, monkeypatch, capfd):
+    page = str(path.relative_to(ROOT))
+    blocks = [b for b in BLOCKS[path] if b.kind in {"sh", "python"} and not b.reason]
+    if page in ELSEWHERE:
+        assert (ROOT / "tests" / ELSEWHERE[page]).is_file()
+        return
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("RADARD_SERVICE__STATE_DIR", str(tmp_path / "state"))
+    monkeypatch.setenv("RADARD_SERVICE__RUNTIME_DIR", str(tmp_path / "state"))
+    names = {"__name__": "page"}
+    for block in blocks:
+        if block.kind == "python":
+            exec(compile(block.text, block.name, "exec"), names)  # noqa: S102 - our own page
+            continue
+        for command in block.commands():
+            assert run(command) == 0, (block.name, command, capfd.readouterr().err)
+
+
+def run(command):
+    """Run a command, in this process where it is one of ours alone; return its exit code."""
+    words = shlex.split(command)
+    if words[0] in PROGRAMS and not SHELL.search(command):
+        with contextlib.suppress(SystemExit):
+            return MAINS[words[0]](words[1:])
+        return 0
+    folder = str(Path(sys.executable).parent)
+    roots = os.pathsep.join(str(ROOT / name) for name in (".", "daemon", "training"))
+    environ = {**os.environ, "PATH": f"{folder}:{os.environ['PATH']}", "PYTHONPATH": roots}
+    return subprocess.run(["bash", "-c", command], env=environ, check=False).returncode  # noqa: S607
+
+
+@pytest.mark.parametrize("block", [b for b in ALL if b.reason and b.kind == "sh"], ids=ids)
+def test_what_is_not_run_parses(block, parsing):
+    done = subprocess.run(["bash", "-n"], input=block.text.encode(), check=False)  # noqa: S607
+    assert done.returncode == 0
+    for command in block.commands():
+        for each in re.split(r" (?:&&|\|\|?) ", command):
+            words = shlex.split(each)
+            if words[0] == "./run":
+                words[0] = "radard"
+            if words[0] == "sudo":
+                words = words[words.index("radard") :] if "radard" in words else words[1:]
+            if words[0] in PROGRAMS:
+                parsing(words)
+
+
+@pytest.mark.parametrize("block", [b for b in ALL if b.reason and b.kind == "python"], ids=ids)
+def test_python_that_is_not_run_compiles(block):
+    compile(block.text, block.name, "exec")
+
+
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_commands_within_sentences_parse(path, parsing):
+    for words in inline_commands(path):
+        shown = [re.sub(r"^(S|K|N|NAME)$", "1", word) for word in words]
+        parsing([word for word in shown if word not in {"...", "…"}])
+
+
+@pytest.mark.parametrize("block", [b for b in ALL if b.kind in {"yaml", "json", "toml"}], ids=ids)
+def test_data_is_what_the_program_takes(block):
+    if block.kind == "toml":
+        assert tomllib.loads(block.text)
+    elif block.kind == "json":
+        for line in block.text.splitlines() if block.text.count("\n{") else [block.text]:
+            json.loads(line)
+    else:
+        tree = yaml.safe_load(block.text)
+        if set(tree) <= set(Config.model_fields):
+            Config.model_validate(tree)
+        elif "steps" in tree and block.page not in ELSEWHERE:
+            parse_scene(block.text, block.name, block.name)
+
+
+@pytest.mark.parametrize("page", USER_PAGES)
+def test_sentences_of_user_pages_are_short(page):
+    """`python tools/site/sentences.py` prints them."""
+    lengths = [len(sentence.split()) for sentence in prose_of(ROOT / page)]
+    median = statistics.median(lengths)
+    assert median <= 20
+    assert max(lengths) <= 40
