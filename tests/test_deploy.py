@@ -49,7 +49,7 @@ def test_unit_notifies_and_is_watched():
     service = unit()["Service"]
     assert service["Type"] == ["notify"]
     assert float(service["WatchdogSec"][0]) == 10
-    assert service["DynamicUser"] == ["yes"]
+    assert service["User"] == ["radard"]
     assert service["SupplementaryGroups"] == ["dialout"]
     assert service["StateDirectory"] == service["RuntimeDirectory"] == ["radard"]
     # What does not get right by itself, and nothing else.

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from radard.cli import main
-from radard.commands.coverage import CoverageOptions, coverage_table, snr_db
-from radard.commands.setup import UDEV_FILE, UNIT_FILE, install, systemd_unit, udev_rules
+from radard.commands.setup.coverage import CoverageOptions, coverage_table, snr_db
+from radard.commands.setup.files import UDEV_FILE, UNIT_FILE, systemd_unit, udev_rules
+from radard.commands.setup.system import write_file
 from radard.errors import UsageError
 from x2radar.settings.x2 import RadarSettings
 from x2radar.sim.module.stream import EchoStream
@@ -105,7 +106,7 @@ def test_install_without_the_right_to(tmp_path, monkeypatch, capsys):
 def test_install_where_nothing_can_be_written(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(Exception, match="cannot be written"):
-        list(install(tmp_path / "file" / "x" / "y", "text"))
+        list(write_file(tmp_path / "file" / "x" / "y", "text"))
 
 
 @pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="no systemd-analyze here")

@@ -4,7 +4,8 @@ import sys
 from collections.abc import Sequence
 
 from x2radar.command import new_parser, run_command
-from x2radar.commands import convert, decode, info, ports, record, scenes, selftest, simulate
+from x2radar.commands import convert, decode, info, plot, ports, record, scenes, selftest, simulate
+from x2radar.manual import add_manual
 
 _EXAMPLES = """\
 examples:
@@ -14,10 +15,11 @@ examples:
   x2radar simulate --scene human --pty        a module to open like a real one
   x2radar record --port sim:dog --duration 10 dog.h5
   x2radar info dog.h5                         what is in a file, or behind a port
+  x2radar plot dog.h5 --out dog.png           range, velocity and spectrum
   x2radar convert dog.h5 dog.npz              between recording formats
   x2radar decode trace.txt                    a byte trace as JSON Lines
 """
-_COMMANDS = (ports, selftest, scenes, simulate, info, record, convert, decode)
+_COMMANDS = (ports, selftest, scenes, simulate, info, plot, record, convert, decode)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -27,6 +29,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _body(argv: Sequence[str]) -> int:
     parser = new_parser("x2radar", "Tool for XeThru X2 radar modules.", _EXAMPLES)
+    add_manual(parser)
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for module in _COMMANDS:
         module.register(commands)

@@ -5,15 +5,17 @@ the `exit_code` of the errors themselves.
 """
 
 import argparse
+import itertools
 import os
 import signal
 import sys
 import threading
 import traceback
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from difflib import get_close_matches
 from importlib.metadata import PackageNotFoundError, version
-from typing import NoReturn, TextIO
+from typing import Any, NoReturn, TextIO
 
 from x2radar.distribution import DISTRIBUTION, install_hint
 
@@ -23,11 +25,58 @@ _OURS = ("x2radar", "radard", "x2train")
 
 
 class Parser(argparse.ArgumentParser):
-    """An argument parser whose errors are one line."""
+    """An argument parser whose errors are one line, with the nearest word that it knows."""
+
+    words: Sequence[str] = ()
+    """Words that may stand first, where they are not a choice of argparse's own."""
 
     def error(self, message: str) -> NoReturn:
         """Print one line and end with exit code 2."""
         self.exit(2, f"{self.prog}: {' '.join(message.split())}; see {self.prog} --help\n")
+
+    def parse_known_args(  # type: ignore[override] # one of typeshed's two overloads
+        self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None
+    ) -> tuple[argparse.Namespace, list[str]]:
+        """Parse; whatever is left over is an error of this parser, not of the one above it."""
+        words = list(sys.argv[1:] if args is None else args)
+        self._check_options(words)
+        found, left = super().parse_known_args(words, namespace)
+        if left:
+            self._refuse(left, [*self.words, *self._option_string_actions])
+        return found, left
+
+    def _check_options(self, words: Sequence[str]) -> None:
+        """Refuse an option that does not exist before argparse misses what it stood for."""
+        if any(isinstance(action, argparse._SubParsersAction) for action in self._actions):
+            return
+        for word in itertools.takewhile(lambda word: word != "--", words):
+            name = word.partition("=")[0]
+            is_known = any(option.startswith(name) for option in self._option_string_actions)
+            if word.startswith("--") and not is_known:
+                self._refuse([word], self._option_string_actions)
+
+    def _refuse(self, left: Sequence[str], known: Iterable[str]) -> NoReturn:
+        self.error(f"unrecognized arguments: {' '.join(left)}{nearest(left[0], known)}")
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        if action.choices is not None and value not in action.choices:
+            known = [str(choice) for choice in action.choices]
+            hint = nearest(str(value), known) or f" (choose from {', '.join(known)})"
+            raise argparse.ArgumentError(action, f"invalid choice: '{value}'{hint}")
+
+
+def nearest(word: str, known: Iterable[str]) -> str:
+    """Return what a message says after a word that is not known.
+
+    >>> nearest("evnts", ["events", "explain"])
+    "; did you mean 'events'?"
+    >>> nearest("--prot=x", ["--port", "--help"])
+    "; did you mean '--port'?"
+    >>> nearest("horse", ["events", "explain"])
+    ''
+    """
+    close = get_close_matches(word.partition("=")[0], known, 1)
+    return f"; did you mean '{close[0]}'?" if close else ""
 
 
 class StatusLine:

@@ -30,6 +30,11 @@ _KINDS = ("rf", "baseband")
 _SIM_DEVICE = "x2raw"
 SIM_KEYS = frozenset({"seed", "rate", "kind", "fault", "device", "run"})
 SERIAL_KEYS = frozenset({"rate", "kind", "device"})
+PORT_FORMS = (
+    "auto (the only port that answers), /dev/ttyACM0 or any pyserial URL "
+    f"[?{'=, '.join(sorted(SERIAL_KEYS))}=], sim:SCENE [?{'=, '.join(sorted(SIM_KEYS))}=]"
+)
+"""What a port may be and which keys it takes, for help; keys are joined by &."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,9 +8,11 @@ import textwrap
 from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from x2radar.command import Parser, import_fault, installed_version, run_command
+from x2radar.manual import add_manual
 
 try:
     from radard.config.config import Config, load_config
@@ -29,7 +31,7 @@ usage: radard --port PORT [options]    watch a radar; alarm for people, not pets
   --model NAME | FILE | none     --profile fast | balanced | accurate
   --sensitivity low|normal|high  --config FILE  --duration S  --speed max
   --record FILE  --wait  --on-device-loss wait|quit  -v  -q  --log-format json
-  --help-all: all of it   --version   --debug: tracebacks with errors
+  --help-all: all of it  --version  --debug  --print-man  --print-completion zsh
 
 {commands}
 examples:
@@ -62,7 +64,7 @@ _COMMANDS = {
     "disarm": "alarms off",
     "test-alarm": "try outputs",
     "config": "check, show",
-    "setup": "udev, systemd",
+    "setup": "install it",
     "diag": "for trouble",
     "bench": "how many fit",
 }
@@ -72,8 +74,12 @@ _PLACES = {
     "arm": ("control", "run_arm"),
     "disarm": ("control", "run_disarm"),
     "test-alarm": ("control", "run_test_alarm"),
+    "setup": ("setup.command", "run"),
 }
-"""File of `radard.commands` and function, where that is not `run` in a file of the same name."""
+"""File of `radard.commands` and function, where that is not `run` in a file of the same name.
+
+Beside `run` stands `make_parser`, beside `run_status` `make_status_parser`.
+"""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -83,8 +89,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _body(argv: Sequence[str]) -> int:
     if argv and argv[0] in _COMMANDS:
-        module, function = _PLACES.get(argv[0], (argv[0], "run"))
-        code: int = getattr(import_module(f"radard.commands.{module}"), function)(argv[1:])
+        module, function = _place(argv[0])
+        code: int = getattr(module, function)(argv[1:])
         return code
     args = _parser().parse_args(argv)
     _start_logging(args.verbose - args.quiet, as_json=args.log_format == "json")
@@ -109,6 +115,34 @@ def _body(argv: Sequence[str]) -> int:
             reload=load,
         ),
     )
+
+
+def whole_parser() -> Parser:
+    """Return the parser with every subcommand in it, as man page and completion need it.
+
+    The command itself parses a subcommand's arguments alone, so that only its file is read.
+    """
+    parser = _parser()
+    commands = parser.add_subparsers(metavar="COMMAND")
+    for name, text in _COMMANDS.items():
+        module, function = _place(name)
+        sub: Parser = getattr(module, function.replace("run", "make", 1) + "_parser")()
+        commands.add_parser(
+            name,
+            prog=sub.prog,
+            help=text,
+            description=sub.description,
+            epilog=sub.epilog,
+            parents=[sub],
+            add_help=False,
+        )
+    return parser
+
+
+def _place(name: str) -> tuple[ModuleType, str]:
+    """Return a subcommand's file and function."""
+    module, function = _PLACES.get(name, (name, "run"))
+    return import_module(f"radard.commands.{module}"), function
 
 
 class _JsonFormatter(logging.Formatter):
@@ -160,6 +194,7 @@ def _parser() -> Parser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
         add_help=False,
     )
+    parser.words = tuple(_COMMANDS)
     add = parser.add_argument
     add("-h", "--help", action=_ShortHelp, nargs=0, help="the most of it, on one screen")
     add("--help-all", action="help", help="show this help message and exit")
@@ -171,6 +206,7 @@ def _parser() -> Parser:
     add("-v", "--verbose", action="count", default=0, help="log more")
     add("-q", "--quiet", action="count", default=0, help="log less")
     add("--log-format", choices=["text", "json"], default="text", help="form of the log")
+    add_manual(parser, whole_parser)
     return parser
 
 

@@ -9,6 +9,7 @@ from types import ModuleType
 
 from x2radar.command import import_fault, new_parser, run_command
 from x2radar.errors import renamed
+from x2radar.manual import add_manual
 
 try:
     from x2train import commands
@@ -38,6 +39,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _body(argv: Sequence[str]) -> int:
     parser = new_parser("train-export", "Simulate, train and export classifiers.", _EXAMPLES)
+    add_manual(parser)
     parser.set_defaults(train_export=_body)
     known = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for module in _modules():

@@ -9,6 +9,19 @@ from x2radar.errors import SettingsError
 Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 
+def add_command(
+    commands: Commands, name: str, text: str, examples: str
+) -> argparse.ArgumentParser:
+    """Add a subcommand; `text` says what it does, `examples` end its help."""
+    return commands.add_parser(
+        name,
+        help=text,
+        description=f"{text[0].upper()}{text[1:]}.",
+        epilog=examples,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+
+
 def parse_speed(text: str) -> float | None:
     """Return scene seconds per real second; None is as fast as possible.
 

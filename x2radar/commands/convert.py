@@ -5,7 +5,7 @@ import math
 import sys
 from pathlib import Path
 
-from x2radar.commands import Commands
+from x2radar.commands import Commands, add_command
 from x2radar.errors import SettingsError
 from x2radar.recording.blocks import Overrides
 from x2radar.recording.registry import FORMATS, READABLE, WRITABLE
@@ -22,7 +22,14 @@ _AXIS = (
 
 def register(commands: Commands) -> None:
     """Add the subcommand."""
-    parser = commands.add_parser("convert", help="write a recording in another format")
+    parser = add_command(
+        commands,
+        "convert",
+        "write a recording in another format",
+        "examples:\n"
+        "  x2radar convert dog.h5 dog.npz\n"
+        "  x2radar convert walk.npy walk.h5 --frame-rate 200 --bin-length 0.0514\n",
+    )
     parser.add_argument("source", type=Path, metavar="IN", help="file or folder to read")
     parser.add_argument("out", type=Path, metavar="OUT", help="file or folder to make")
     parser.add_argument("--from", dest="source_kind", choices=READABLE, help="format of IN")

@@ -4,7 +4,7 @@ import argparse
 import json
 from pathlib import Path
 
-from x2radar.commands import Commands
+from x2radar.commands import Commands, add_command
 from x2radar.errors import RecordingError
 from x2radar.recording.capture import MAGIC, Capture
 from x2radar.recording.trace import describe, describe_capture, read_trace
@@ -12,7 +12,12 @@ from x2radar.recording.trace import describe, describe_capture, read_trace
 
 def register(commands: Commands) -> None:
     """Add the subcommand."""
-    parser = commands.add_parser("decode", help="print a byte trace as one JSON object a packet")
+    parser = add_command(
+        commands,
+        "decode",
+        "print a byte trace as one JSON object a packet",
+        "example:\n  x2radar decode trace.txt\n",
+    )
     parser.add_argument("file", type=Path, help="hex text, raw bytes or a wire capture")
     parser.set_defaults(run=_run)
 

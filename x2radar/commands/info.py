@@ -7,7 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from x2radar.commands import Commands
+from x2radar.commands import Commands, add_command
 from x2radar.device.device import X2Radar
 from x2radar.errors import DeviceError
 from x2radar.ports import make_radar, parse_port
@@ -19,7 +19,12 @@ _PORT = re.compile(r"sim:.*|[a-z0-9]+://.*|/dev/.*|COM\d+.*", re.IGNORECASE | re
 
 def register(commands: Commands) -> None:
     """Add the subcommand."""
-    parser = commands.add_parser("info", help="describe a recording or a module")
+    parser = add_command(
+        commands,
+        "info",
+        "describe a recording or a module",
+        "examples:\n  x2radar info dog.h5\n  x2radar info /dev/ttyACM0 --json\n",
+    )
     parser.add_argument("what", metavar="FILE|PORT", help="recording, device, URL or sim:SCENE")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.set_defaults(run=_run)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from x2radar.command import StatusLine
-from x2radar.commands import Commands, check_duration
+from x2radar.commands import Commands, add_command, check_duration
 from x2radar.commands.info import is_port
 from x2radar.errors import RecordingError, SettingsError
 from x2radar.extras import needed
@@ -37,7 +37,12 @@ class Look:
 
 def register(commands: Commands) -> None:
     """Add the subcommand."""
-    parser = commands.add_parser("plot", help="draw a recording, or what a port sends")
+    parser = add_command(
+        commands,
+        "plot",
+        "draw a recording, or what a port sends",
+        "examples:\n  x2radar plot dog.h5 --out dog.png\n  x2radar plot sim:dog --duration 10\n",
+    )
     add = parser.add_argument
     add("what", metavar="FILE|PORT", help="recording, device, URL or sim:SCENE")
     add("--out", type=Path, metavar="FILE", help="PNG, PDF or SVG to make; a window without")

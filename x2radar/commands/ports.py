@@ -4,17 +4,17 @@ import argparse
 import json
 from dataclasses import asdict
 
-from x2radar.commands import Commands
+from x2radar.commands import Commands, add_command
 from x2radar.device.discovery import PortRow, list_ports, port_state
 
 
 def register(commands: Commands) -> None:
     """Add the subcommand."""
-    parser = commands.add_parser(
+    parser = add_command(
+        commands,
         "ports",
-        help="list serial ports and what is known of them",
-        epilog="example:\n  x2radar ports --probe\n",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        "list serial ports and what is known of them",
+        "example:\n  x2radar ports --probe\n",
     )
     parser.add_argument("--probe", action="store_true", help="ping every port, one after another")
     parser.add_argument("--json", action="store_true", help="one JSON object a port")

@@ -8,19 +8,26 @@ from dataclasses import asdict
 from itertools import chain
 from pathlib import Path
 
-from x2radar.commands import Commands, check_duration, parse_speed
+from x2radar.commands import Commands, add_command, check_duration, parse_speed
 from x2radar.errors import SettingsError, X2RadarError
-from x2radar.ports import make_radar, parse_port
+from x2radar.ports import PORT_FORMS, make_radar, parse_port
 
 _MB = 1e6
 
 
 def register(commands: Commands) -> None:
     """Add the subcommand."""
-    parser = commands.add_parser("record", help="record frames into an HDF5 file")
+    parser = add_command(
+        commands,
+        "record",
+        "record frames into an HDF5 file",
+        "examples:\n"
+        "  x2radar record --port /dev/ttyACM0 --rotate-time 3600 night.h5\n"
+        "  x2radar record --port 'sim:dog?seed=4' --duration 10 --speed max dog.h5\n",
+    )
     add = parser.add_argument
     add("file", type=Path, help="file to make; in parts FILE_000.h5, FILE_001.h5 ...")
-    add("--port", required=True, help="device, URL or sim:SCENE")
+    add("--port", required=True, help=PORT_FORMS)
     add("--duration", type=float, metavar="S", help="stop after S seconds")
     add("--rotate-size", type=float, metavar="MB", help="begin a new part before MB are full")
     add("--rotate-time", type=float, metavar="S", help="begin a new part every S seconds")

@@ -2,13 +2,18 @@
 
 import argparse
 
-from x2radar.commands import Commands
+from x2radar.commands import Commands, add_command
 from x2radar.sim.scene.scene import builtin_scenes
 
 
 def register(commands: Commands) -> None:
     """Add the subcommand."""
-    parser = commands.add_parser("scenes", help="list the built-in scenes")
+    parser = add_command(
+        commands,
+        "scenes",
+        "list the built-in scenes",
+        "example:\n  x2radar scenes\n",
+    )
     parser.set_defaults(run=_run)
 
 

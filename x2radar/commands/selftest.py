@@ -7,21 +7,21 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from x2radar.commands import Commands, check_duration
+from x2radar.commands import Commands, add_command, check_duration
 from x2radar.device.device import X2Radar
 from x2radar.errors import RecordingError
-from x2radar.ports import make_radar, parse_port
+from x2radar.ports import PORT_FORMS, make_radar, parse_port
 
 
 def register(commands: Commands) -> None:
     """Add the subcommand."""
-    parser = commands.add_parser(
+    parser = add_command(
+        commands,
         "selftest",
-        help="test a module and make a report to send in",
-        epilog="example:\n  x2radar selftest --port /dev/ttyACM0 --out mine.h5 > report.txt\n",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        "test a module and make a report to send in",
+        "example:\n  x2radar selftest --port /dev/ttyACM0 --out mine.h5 > report.txt\n",
     )
-    parser.add_argument("--port", required=True, help="device, URL or sim:SCENE")
+    parser.add_argument("--port", required=True, help=PORT_FORMS)
     parser.add_argument("--duration", type=float, default=10.0, metavar="S", help="seconds (10)")
     parser.add_argument(
         "--out",

@@ -2,7 +2,7 @@
 
 import argparse
 
-from x2radar.commands import Commands, parse_speed
+from x2radar.commands import Commands, add_command, parse_speed
 from x2radar.device.transport import PtyTransport
 from x2radar.errors import SettingsError
 from x2radar.sim.module.faults import describe_faults, parse_faults
@@ -13,12 +13,14 @@ from x2radar.sim.scene.scene import load_scene
 
 def register(commands: Commands) -> None:
     """Add the subcommand."""
-    parser = commands.add_parser(
+    parser = add_command(
+        commands,
         "simulate",
-        help="serve a simulated module on a pseudo-terminal",
-        epilog="faults, with the unit of their value (seconds are module time):\n"
-        + describe_faults(),
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        "serve a simulated module on a pseudo-terminal",
+        "examples:\n"
+        "  x2radar simulate --scene human --pty\n"
+        "  x2radar simulate --pty --fault drop_frames:0.01,bursts:1\n\n"
+        "faults, with the unit of their value (seconds are module time):\n" + describe_faults(),
     )
     parser.add_argument("--scene", default="demo", help="built-in scene or YAML file (demo)")
     parser.add_argument("--seed", type=int, default=0, help="same seed, same frames (0)")

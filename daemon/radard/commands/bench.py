@@ -1,6 +1,5 @@
 """`radard bench`: how many radars this machine carries."""
 
-import argparse
 import json
 import os
 from collections.abc import Sequence
@@ -8,7 +7,7 @@ from collections.abc import Sequence
 from radard.commands.bench_stages import Cost, measured
 from radard.commands.offline_stream import add_listening, check_seconds, listening_config
 from radard.errors import UsageError
-from x2radar.command import new_parser
+from x2radar.command import Parser, new_parser
 
 _EXAMPLES = """\
 examples:
@@ -21,7 +20,7 @@ _SPARE = 0.7  # of the cores that radars may take; chosen
 
 def run(argv: Sequence[str]) -> int:
     """Run the subcommand."""
-    args = _parser().parse_args(argv)
+    args = make_parser().parse_args(argv)
     check_seconds("--duration", args.duration, 4.0)
     if not 1 <= args.rounds <= 100:
         msg = f"--rounds {args.rounds}: must be 1 to 100"
@@ -59,7 +58,8 @@ def _verdict(cost: Cost, n_cores: int, n_radars: int) -> str:
     return f"this machine ({cores}) carries {n_radars} such radars, with 30 % to spare"
 
 
-def _parser() -> argparse.ArgumentParser:
+def make_parser() -> Parser:
+    """Return the parser of the subcommand."""
     parser = new_parser(
         "radard bench", "Measure what one radar costs, and so how many fit.", _EXAMPLES
     )

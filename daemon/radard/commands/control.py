@@ -8,7 +8,7 @@ from radard.config.config import load_config
 from radard.config.directories import status_dirs
 from radard.errors import RadardError, UsageError
 from radard.service.control import ask, control_path
-from x2radar.command import new_parser
+from x2radar.command import Parser, new_parser
 
 _WORDS = {
     "arm": "Arm the daemon that runs here.",
@@ -38,27 +38,46 @@ class NotAllowed(RadardError):
 
 def run_arm(argv: Sequence[str]) -> int:
     """Run `radard arm`."""
-    return _run("arm", argv)
+    return _run(make_arm_parser(), "arm", argv)
 
 
 def run_disarm(argv: Sequence[str]) -> int:
     """Run `radard disarm`."""
-    return _run("disarm", argv)
+    return _run(make_disarm_parser(), "disarm", argv)
 
 
 def run_test_alarm(argv: Sequence[str]) -> int:
     """Run `radard test-alarm`; 1 when an output failed."""
-    return _run("test-alarm", argv)
+    return _run(make_test_alarm_parser(), "test-alarm", argv)
 
 
-def _run(name: str, argv: Sequence[str]) -> int:
+def make_arm_parser() -> Parser:
+    """Return the parser of `radard arm`."""
+    parser = _parser("arm")
+    parser.add_argument(
+        "--home", action="store_true", help="leave out zones.away: people are at home"
+    )
+    return parser
+
+
+def make_disarm_parser() -> Parser:
+    """Return the parser of `radard disarm`."""
+    return _parser("disarm")
+
+
+def make_test_alarm_parser() -> Parser:
+    """Return the parser of `radard test-alarm`."""
+    return _parser("test-alarm")
+
+
+def _parser(name: str) -> Parser:
     parser = new_parser(f"radard {name}", _WORDS[name], _EXAMPLES.format(name))
     parser.add_argument("--sensor", metavar="NAME", help="only this one (all that are configured)")
     parser.add_argument("--config", type=Path, metavar="FILE", help="configuration file")
-    if name == "arm":
-        parser.add_argument(
-            "--home", action="store_true", help="leave out zones.away: people are at home"
-        )
+    return parser
+
+
+def _run(parser: Parser, name: str, argv: Sequence[str]) -> int:
     args = parser.parse_args(argv)
     command = "arm-home" if name == "arm" and args.home else name
     config = load_config(args.config)

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from radard.commands.diag_parts import Scrubber, gather
 from radard.errors import RadardError
-from x2radar.command import new_parser
+from x2radar.command import Parser, new_parser
 
 _EXAMPLES = """\
 examples:
@@ -35,13 +35,7 @@ _MOST_ADDED_BYTES = 500e6  # chosen: all clips that a daemon keeps
 
 def run(argv: Sequence[str]) -> int:
     """Run the subcommand."""
-    parser = new_parser("radard diag", "Make one redacted file to report trouble with.", _EXAMPLES)
-    add = parser.add_argument
-    add("--config", type=Path, metavar="FILE", help="configuration file")
-    add("--out", type=Path, metavar="FILE", help="file to make (radard-diag-TIME.tar.gz)")
-    add("--add", type=Path, action="append", default=[], metavar="FILE", help="a recording")
-    add("--list", action="store_true", help="print the parts instead of making a file")
-    args = parser.parse_args(argv)
+    args = make_parser().parse_args(argv)
     when = datetime.now(UTC)
     parts = gather(args.config)
     if args.list:
@@ -52,6 +46,17 @@ def run(argv: Sequence[str]) -> int:
     write_bundle(path, {"README.txt": _readme(when, parts, args.add), **parts}, args.add)
     print(path)
     return 0
+
+
+def make_parser() -> Parser:
+    """Return the parser of the subcommand."""
+    parser = new_parser("radard diag", "Make one redacted file to report trouble with.", _EXAMPLES)
+    add = parser.add_argument
+    add("--config", type=Path, metavar="FILE", help="configuration file")
+    add("--out", type=Path, metavar="FILE", help="file to make (radard-diag-TIME.tar.gz)")
+    add("--add", type=Path, action="append", default=[], metavar="FILE", help="a recording")
+    add("--list", action="store_true", help="print the parts instead of making a file")
+    return parser
 
 
 def write_bundle(path: Path, parts: Mapping[str, str], added: Sequence[Path]) -> None:

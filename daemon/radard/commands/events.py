@@ -11,7 +11,7 @@ from radard.config.config import load_config
 from radard.config.sink_table import KINDS
 from radard.errors import UsageError
 from radard.sinks.store_query import StoredEvent, parse_since, read_events
-from x2radar.command import new_parser
+from x2radar.command import Parser, new_parser
 
 _EXAMPLES = """\
 examples:
@@ -23,15 +23,7 @@ examples:
 
 def run(argv: Sequence[str]) -> int:
     """Run the subcommand."""
-    parser = new_parser("radard events", "List the events that -o store:FILE has kept.", _EXAMPLES)
-    add = parser.add_argument
-    add("--store", type=Path, metavar="FILE", help="the file of -o store:FILE")
-    add("--since", metavar="WHEN", help="30min, 24h, 7d, or a date; all without it")
-    add("--kind", action="append", choices=KINDS, help="only this kind; repeatable")
-    add("--limit", type=int, metavar="N", help="the newest N only")
-    add("--json", action="store_true", help="one JSON object an event")
-    add("--config", type=Path, metavar="FILE", help="whose outputs name the store")
-    args = parser.parse_args(argv)
+    args = make_parser().parse_args(argv)
     if args.limit is not None and args.limit < 1:
         msg = f"--limit {args.limit}: must be above 0"
         raise UsageError(msg)
@@ -41,6 +33,19 @@ def run(argv: Sequence[str]) -> int:
     for line in (json.dumps(asdict(e)) for e in events) if args.json else _table(events):
         print(line)
     return 0
+
+
+def make_parser() -> Parser:
+    """Return the parser of the subcommand."""
+    parser = new_parser("radard events", "List the events that -o store:FILE has kept.", _EXAMPLES)
+    add = parser.add_argument
+    add("--store", type=Path, metavar="FILE", help="the file of -o store:FILE")
+    add("--since", metavar="WHEN", help="30min, 24h, 7d, or a date; all without it")
+    add("--kind", action="append", choices=KINDS, help="only this kind; repeatable")
+    add("--limit", type=int, metavar="N", help="the newest N only")
+    add("--json", action="store_true", help="one JSON object an event")
+    add("--config", type=Path, metavar="FILE", help="whose outputs name the store")
+    return parser
 
 
 def _configured(file: Path | None) -> Path:

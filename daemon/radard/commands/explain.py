@@ -12,7 +12,7 @@ from radard.config.config import Config, load_config
 from radard.config.options import add_options, config_options
 from radard.config.sections import AUTO_MODEL, AlarmSection
 from radard.pipeline import HOP_S, pet_limit_of
-from x2radar.command import new_parser
+from x2radar.command import Parser, new_parser
 
 _EXAMPLES = """\
 examples:
@@ -24,6 +24,19 @@ examples:
 
 def run(argv: Sequence[str]) -> int:
     """Run the subcommand."""
+    parser = make_parser()
+    args = parser.parse_args(argv)
+    if not 1 <= args.pass_time <= 120:
+        parser.error(f"--pass-time {args.pass_time:g}: must be 1 to 120 s")
+    config = load_config(args.config, options=config_options(args))
+    if args.sensor or not config.sensors:
+        config = config.of_sensor(args.sensor)
+    print("\n".join(explained(config, pass_s=args.pass_time)))
+    return 0
+
+
+def make_parser() -> Parser:
+    """Return the parser of the subcommand."""
     parser = new_parser(
         "radard explain",
         "Say what becomes of verdicts, and how often that is wrong, by the model's card.",
@@ -34,14 +47,7 @@ def run(argv: Sequence[str]) -> int:
     parser.add_argument(
         "--pass-time", type=float, default=5.0, metavar="S", help="how long a body is in sight (5)"
     )
-    args = parser.parse_args(argv)
-    if not 1 <= args.pass_time <= 120:
-        parser.error(f"--pass-time {args.pass_time:g}: must be 1 to 120 s")
-    config = load_config(args.config, options=config_options(args))
-    if args.sensor or not config.sensors:
-        config = config.of_sensor(args.sensor)
-    print("\n".join(explained(config, pass_s=args.pass_time)))
-    return 0
+    return parser
 
 
 def explained(config: Config, *, pass_s: float) -> Iterator[str]:

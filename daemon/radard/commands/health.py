@@ -7,7 +7,7 @@ from pathlib import Path
 from radard.config.config import Config, load_config
 from radard.config.directories import status_dirs
 from radard.health.status_file import StatusReport, read_status, status_path
-from x2radar.command import new_parser
+from x2radar.command import Parser, new_parser
 
 _EXAMPLES = """\
 examples:
@@ -25,14 +25,22 @@ examples:
 
 def run(argv: Sequence[str]) -> int:
     """Run `radard health`."""
-    text = "Ask after the daemon that runs here."
-    return _run("health", text, _EXAMPLES, lambda report: report.line, argv)
+    return _run(make_parser(), lambda report: report.line, argv)
 
 
 def run_status(argv: Sequence[str]) -> int:
     """Run `radard status`: what it sees and whether it is armed, besides."""
-    text = "Tell what the daemon that runs here is doing."
-    return _run("status", text, _STATUS_EXAMPLES, _told, argv)
+    return _run(make_status_parser(), _told, argv)
+
+
+def make_parser() -> Parser:
+    """Return the parser of `radard health`."""
+    return _parser("health", "Ask after the daemon that runs here.", _EXAMPLES)
+
+
+def make_status_parser() -> Parser:
+    """Return the parser of `radard status`."""
+    return _parser("status", "Tell what the daemon that runs here is doing.", _STATUS_EXAMPLES)
 
 
 def _told(report: StatusReport) -> str:
@@ -54,18 +62,16 @@ def _told(report: StatusReport) -> str:
     return ", ".join(parts)
 
 
-def _run(
-    command: str,
-    text: str,
-    examples: str,
-    line: Callable[[StatusReport], str],
-    argv: Sequence[str],
-) -> int:
+def _parser(command: str, text: str, examples: str) -> Parser:
     parser = new_parser(f"radard {command}", text, examples)
     add = parser.add_argument
     add("--sensor", metavar="NAME", help="only this one (all that are configured)")
     add("--config", type=Path, metavar="FILE", help="configuration file")
     add("--json", action="store_true", help="all that the status file says")
+    return parser
+
+
+def _run(parser: Parser, line: Callable[[StatusReport], str], argv: Sequence[str]) -> int:
     args = parser.parse_args(argv)
     config = load_config(args.config)
     names = [args.sensor] if args.sensor else [each.sensor.name for each in config.each()]

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from radard.config.config import Config, load_config
+from radard.config.options import PORTS
 from radard.errors import UsageError
 from radard.pipeline import Pipeline
 from radard.service.components import classifier_for, make_classifier
@@ -72,7 +73,7 @@ def check_seconds(name: str, value: float, least: float) -> None:
 def add_listening(parser: argparse.ArgumentParser) -> None:
     """Add the options that say what to listen to; see `listening_config`."""
     add = parser.add_argument
-    add("--port", help="/dev/ttyACM0, a pyserial URL, auto, sim:SCENE or replay:FILE")
+    add("--port", help=PORTS)
     add("--sensor", metavar="NAME", help="one of the configuration's sensors")
     add("--model", help="installed bundle, .onnx file, or none for the gate alone")
     add("--speed", help="realtime, max or a factor (sim and replay)")

@@ -18,7 +18,7 @@ from radard.commands.progress_line import ProgressLine, bar
 from radard.commands.walk_report import WalkDecision, by_range, report, step_of
 from radard.service.components import use_calibration
 from radard.stream.ring import Notice
-from x2radar.command import new_parser
+from x2radar.command import Parser, new_parser
 
 _EXAMPLES = """\
 examples:
@@ -34,7 +34,7 @@ _BAR = 20
 
 def run(argv: Sequence[str]) -> int:
     """Run the subcommand."""
-    args = _parser().parse_args(argv)
+    args = make_parser().parse_args(argv)
     check_seconds("--duration", args.duration, 1.0)
     config = listening_config(args)
     with listen(config) as listening:
@@ -89,7 +89,8 @@ def _walked(listening: Listening, args: argparse.Namespace) -> list[WalkDecision
     return steps
 
 
-def _parser() -> argparse.ArgumentParser:
+def make_parser() -> Parser:
+    """Return the parser of the subcommand."""
     parser = new_parser(
         "radard walktest",
         "Log what the radar sees while somebody walks; report it by range at the end.",

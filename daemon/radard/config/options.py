@@ -6,12 +6,16 @@ from typing import Any
 
 from radard.config.sink_table import FORMS
 from radard.errors import UsageError
+from x2radar.ports import PORT_FORMS
+
+PORTS = f"{PORT_FORMS}, replay:FILE or replay:FOLDER [?loop=, start=]"
+"""What --port may be, for help."""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options that configuration can hold as well, and --config."""
     add = parser.add_argument
-    add("--port", help="/dev/ttyACM0, a pyserial URL, sim:SCENE[?seed=1] or replay:FILE")
+    add("--port", help=PORTS)
     add("-o", "--output", action="append", metavar="OUTPUT", help=f"{FORMS}; repeatable")
     add("--model", help="installed bundle, .onnx file, none for the gate alone, or auto")
     add("--profile", help="fast, balanced or accurate: the bundle of that name")

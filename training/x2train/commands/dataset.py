@@ -8,6 +8,7 @@ from pathlib import Path
 from radard.classify.bundle import load_bundle
 from radard.classify.features import MAP_FEATURES, FeatureSettings
 from radard.errors import UsageError
+from x2radar.commands import add_command
 from x2radar.sim.bodies.motion.curves import MOTIONS
 from x2radar.sim.bodies.skin.draw import SKINS
 from x2train.commands import Commands, check_least, counted, result_console, tell_gate
@@ -29,10 +30,11 @@ _SHORTEST_S, _LONGEST_S = 2.0, 600.0  # a dwell; and ten minutes, chosen
 
 def register(commands: Commands) -> None:
     """Add the subcommand."""
-    parser = commands.add_parser(
+    parser = add_command(
+        commands,
         "dataset",
-        help="simulate passages into shards of windows",
-        epilog=(
+        "simulate passages into shards of windows",
+        (
             "examples:\n"
             "  train-export dataset --out sets/train --passages 24000\n"
             "  train-export dataset --out sets/big --passages 1000000 --cluster tcp://host:8786\n"
@@ -41,7 +43,6 @@ def register(commands: Commands) -> None:
             "      --skin surface points ellipsoids capsules --physical 0.5\n"
             "  train-export dataset --out sets/pendulum --families pendulum --passages 2000\n"
         ),
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = parser.add_argument
     add("--out", type=Path, required=True, help="folder of the set; what is there is kept")

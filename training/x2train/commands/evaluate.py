@@ -10,6 +10,7 @@ from typing import Any
 from radard.classify.bundle import Bundle, load_bundle
 from radard.config.sections import DEFAULT_MODEL
 from radard.errors import UsageError
+from x2radar.commands import add_command
 from x2train.commands import Commands, check_least, counted, result_console, tell_gate
 from x2train.generate.shards import MANIFEST
 
@@ -18,10 +19,11 @@ _MOST_PET_HOURS = 10_000.0  # chosen: weeks of simulation
 
 def register(commands: Commands) -> None:
     """Add the subcommand."""
-    parser = commands.add_parser(
+    parser = add_command(
+        commands,
         "evaluate",
-        help="judge a bundle on simulated passages, write a report",
-        epilog=(
+        "judge a bundle on simulated passages, write a report",
+        (
             "examples:\n"
             "  train-export evaluate --model balanced --out report/balanced\n"
             "  train-export evaluate --model fast --against report/balanced --out report/fast\n"
@@ -29,7 +31,6 @@ def register(commands: Commands) -> None:
             "  train-export evaluate --only fan 'empty room' --passages 240 --out report/quiet\n"
             "  train-export evaluate --model mine.onnx --card --out report/mine\n"
         ),
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = parser.add_argument
     add("--model", default=DEFAULT_MODEL, help=f"bundle by name or file ({DEFAULT_MODEL})")

@@ -9,6 +9,7 @@ from rich.table import Table
 from radard.classify.bundle import load_bundle
 from radard.config.sections import AUTO_MODEL
 from radard.errors import UsageError
+from x2radar.commands import add_command
 from x2train.commands import Commands, followed, result_console, sets_of
 
 _MOST_EPOCHS = 20  # chosen: a minute or two each
@@ -16,10 +17,11 @@ _MOST_EPOCHS = 20  # chosen: a minute or two each
 
 def register(commands: Commands) -> None:
     """Add the subcommand."""
-    parser = commands.add_parser(
+    parser = add_command(
+        commands,
         "finetune",
-        help="teach a bundle one's own pet",
-        epilog=(
+        "teach a bundle one's own pet",
+        (
             "examples:\n"
             "  train-export dataset --out sets/guard --families 'held out' --like accurate\n"
             "  train-export dataset --out sets/mix --families train --like accurate --seed 73\n"
@@ -29,7 +31,6 @@ def register(commands: Commands) -> None:
             "--mix sets/mix\n"
             "  radard --model own.onnx\n"
         ),
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = parser.add_argument
     add("clips", nargs="*", metavar="FILE=LABEL", help="human, pet, other or wrong (no human)")

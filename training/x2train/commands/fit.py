@@ -8,6 +8,7 @@ from typing import Any
 from radard.classify.bundle import ModelInput, load_bundle
 from radard.classify.features import FeatureSettings, feature_shape
 from radard.errors import UsageError
+from x2radar.commands import add_command
 from x2train.commands import Commands, check_least, followed, sets_of, tell_bundle
 
 WIDTHS = {
@@ -46,14 +47,14 @@ _RECIPE = (
 
 def register(commands: Commands) -> None:
     """Add the subcommand."""
-    parser = commands.add_parser(
+    parser = add_command(
+        commands,
         "fit",
-        help="train a network on sets of windows, write a bundle",
-        epilog=(
+        "train a network on sets of windows, write a bundle",
+        (
             "example:\n"
             "  train-export fit --train sets/train --validate sets/validate --name balanced\n"
         ),
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = parser.add_argument
     add("--train", type=Path, nargs="+", required=True, help="sets to train on")

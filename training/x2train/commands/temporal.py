@@ -6,6 +6,7 @@ from pathlib import Path
 from rich.console import Console
 
 from radard.classify.bundle import load_bundle
+from x2radar.commands import add_command
 from x2train.commands import Commands, check_least, followed, sets_of, tell_bundle
 
 SIZES = {"fast": (12, 20), "balanced": (16, 24), "accurate": (48, 64)}
@@ -14,16 +15,16 @@ SIZES = {"fast": (12, 20), "balanced": (16, 24), "accurate": (48, 64)}
 
 def register(commands: Commands) -> None:
     """Add the subcommand."""
-    parser = commands.add_parser(
+    parser = add_command(
+        commands,
         "temporal",
-        help="teach a bundle to integrate evidence over successive windows",
-        epilog=(
+        "teach a bundle to integrate evidence over successive windows",
+        (
             "example:\n"
             "  train-export dataset --out sets/long --passages 8000 --longest 18\n"
             "  train-export temporal --model models/mine.onnx --train sets/train sets/long "
             "--validate sets/check\n"
         ),
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = parser.add_argument
     add("--model", required=True, help="a bundle without a temporal head, of three classes")

@@ -4,21 +4,22 @@ import argparse
 import json
 from pathlib import Path
 
+from x2radar.commands import add_command
 from x2train.commands import Commands, check_least, followed, result_console
 
 
 def register(commands: Commands) -> None:
     """Add the subcommand."""
-    parser = commands.add_parser(
+    parser = add_command(
+        commands,
         "leave-one-out",
-        help="train without each motion and skin in turn, judge on it",
-        epilog=(
+        "train without each motion and skin in turn, judge on it",
+        (
             "example:\n"
             "  train-export dataset --out sets/laws --motion gait footfalls angles \\\n"
             "      --skin surface points ellipsoids capsules --passages 20000\n"
             "  train-export leave-one-out --sets sets/laws --epochs 8 --out left-out.json\n"
         ),
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = parser.add_argument
     add("--sets", type=Path, nargs="+", required=True, help="sets with several motions and skins")

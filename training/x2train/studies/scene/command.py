@@ -4,6 +4,7 @@ import argparse
 from pathlib import Path
 
 from radard.errors import UsageError
+from x2radar.commands import add_command
 from x2radar.ports import PortSpec, port_settings
 from x2radar.settings.modules import MODULES
 from x2radar.sim.scene.scene import load_scene
@@ -12,11 +13,11 @@ from x2train.commands import Commands, result_console
 
 def register(commands: Commands) -> None:
     """Add the subcommand."""
-    parser = commands.add_parser(
+    parser = add_command(
+        commands,
         "scene",
-        help="draw a scene: range, velocity, spectrogram, from above",
-        epilog="example:\n  train-export scene human --plot human.png --seed 3\n",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        "draw a scene: range, velocity, spectrogram, from above",
+        "example:\n  train-export scene human --plot human.png --seed 3\n",
     )
     add = parser.add_argument
     add("name", help="built-in scene (x2radar scenes) or YAML file")

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from rich.progress import Progress, TaskID
 
 from radard.errors import UsageError
+from x2radar.commands import add_command
 from x2train.commands import Commands, progress, result_console, tell_bundle
 
 if TYPE_CHECKING:
@@ -32,11 +33,11 @@ PARTS = ("networks", "own", "switches")
 
 def register(commands: Commands) -> None:
     """Add the subcommand."""
-    parser = commands.add_parser(
+    parser = add_command(
+        commands,
         "thesis",
-        help="the thesis, reproduced: data, training, tables, pictures",
-        epilog=_EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        "the thesis, reproduced: data, training, tables, pictures",
+        _EXAMPLES,
     )
     _add_data(parser.add_argument_group("data"))
     _add_training(parser.add_argument_group("training"))
@@ -82,8 +83,8 @@ def _add_training(group: Any) -> None:
     add("--activation", choices=("relu", "sigmoid", "tanh"), help="relu and sigmoid by default")
     add("--layers", default="100,50", help="hidden layers (100,50)")
     add("--outputs", type=int, choices=(1, 2), default=2, help="softmax of two, or one (2)")
-    add("--error", choices=("cross-entropy", "mse"), default="cross-entropy")
-    add("--optimiser", choices=("adam", "momentum", "lbfgs"), default="adam")
+    add("--error", choices=("cross-entropy", "mse"), default="cross-entropy", help="(the first)")
+    add("--optimiser", choices=("adam", "momentum", "lbfgs"), default="adam", help="(adam)")
     add("--rate", type=float, default=0.001, help="learning rate (0.001)")
     add("--momentum", type=float, default=0.9, help="(0.9)")
     add("--batch", type=int, default=100, help="elements a step (100)")

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from radard.classify.bundle import Bundle, load_bundle
 from radard.errors import UsageError
+from x2radar.commands import add_command
 from x2train.commands import Commands, last
 
 if TYPE_CHECKING:
@@ -26,11 +27,11 @@ _OTHER_SEED = 1  # so that they are other ones
 
 def register(commands: Commands) -> None:
     """Add the subcommand."""
-    parser = commands.add_parser(
+    parser = add_command(
+        commands,
         "tradeoff",
-        help="measure what every switch costs and loses",
-        epilog=_EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        "measure what every switch costs and loses",
+        _EXAMPLES,
     )
     add = parser.add_argument
     add("--scenes", nargs="+", default=["human", "dog", "fan"], metavar="SCENE", help="built-in")

@@ -4,6 +4,7 @@ import argparse
 from pathlib import Path
 
 from radard.errors import UsageError
+from x2radar.commands import add_command
 from x2train.commands import Commands, last, result_console
 
 _MOST_FILES = 2  # modules 101 and 102
@@ -11,11 +12,11 @@ _MOST_FILES = 2  # modules 101 and 102
 
 def register(commands: Commands) -> None:
     """Add the subcommand."""
-    parser = commands.add_parser(
+    parser = add_command(
+        commands,
         "walks",
-        help="compare simulated walkers with the two recorded P4xx walks",
-        epilog="example:\n  train-export walks p410_walk_101.mat p410_walk_102.mat --out walks/\n",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        "compare simulated walkers with the two recorded P4xx walks",
+        "example:\n  train-export walks p410_walk_101.mat p410_walk_102.mat --out walks/\n",
     )
     add = parser.add_argument
     add("files", nargs="+", type=Path, metavar="FILE", help="recordings, 101 first")

@@ -1,0 +1,141 @@
+"""`radard setup`: the whole installation, one file of it, or the coverage of a mount."""
+
+import argparse
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+from radard.commands.setup import files
+from radard.commands.setup.coverage import CoverageOptions, coverage_table
+from radard.commands.setup.system import (
+    Installation,
+    install_system,
+    uninstall_system,
+    write_file,
+)
+from x2radar.command import Parser, new_parser
+
+_EXAMPLES = """\
+examples:
+  sudo radard setup --install                    user, udev, unit, config, state
+  sudo radard setup --install --name attic --port /dev/ttyACM1    one more radar
+  sudo radard setup --uninstall                  --purge: with settings and state
+  radard setup udev                              print the rule of the port
+  sudo radard setup udev --install --usb 0403:6001 --serial A1B2C3
+  radard setup systemd --name %i                 print radard@.service
+  radard setup coverage --height 2.2 --tilt 20   what a mount would see
+"""
+_AFTER = {
+    "udev": ("udevadm control --reload", "udevadm trigger --subsystem-match=tty"),
+    "systemd": ("systemctl daemon-reload", "systemctl enable --now radard"),
+    "user": ("systemd-sysusers radard.conf",),
+}
+
+
+def run(argv: Sequence[str]) -> int:
+    """Run the subcommand."""
+    parser = make_parser()
+    args = parser.parse_args(argv)
+    if args.what is None and args.install == args.uninstall:
+        parser.error("give --install, --uninstall, or one of udev, systemd, user, coverage")
+    lines = _WHATS[args.what](args) if args.what else _whole(args)
+    for line in lines:
+        print(line, flush=True)
+    return 0
+
+
+def _whole(args: argparse.Namespace) -> Iterator[str]:
+    root = Path(args.root).resolve()
+    if args.uninstall:
+        return uninstall_system(root, purge=args.purge)
+    program = args.exec or files.own_program()
+    return install_system(Installation(root, program, args.port, args.name))
+
+
+def _udev(args: argparse.Namespace) -> Iterator[str]:
+    return _one(args, files.UDEV_FILE, files.udev_rules(args.usb, args.serial))
+
+
+def _systemd(args: argparse.Namespace) -> Iterator[str]:
+    if args.name:
+        return _one(args, files.INSTANCE_FILE, files.systemd_instance_unit(args.exec))
+    return _one(args, files.UNIT_FILE, files.systemd_unit(args.exec, args.port))
+
+
+def _user(args: argparse.Namespace) -> Iterator[str]:
+    return _one(args, files.USER_FILE, files.user_declaration())
+
+
+def _coverage(args: argparse.Namespace) -> Iterator[str]:
+    options = CoverageOptions(
+        height_m=args.height,
+        tilt_deg=args.tilt,
+        width_deg=args.width,
+        limit_db=args.limit,
+        rcs_m2=args.rcs,
+    )
+    return iter(coverage_table(options))
+
+
+_WHATS: dict[str, Callable[[argparse.Namespace], Iterator[str]]] = {
+    "udev": _udev,
+    "systemd": _systemd,
+    "user": _user,
+    "coverage": _coverage,
+}
+
+
+def _one(args: argparse.Namespace, path: Path, text: str) -> Iterator[str]:
+    """Print or install one file."""
+    if not args.install:
+        yield text.removesuffix("\n")
+        return
+    yield from write_file(Path(args.root) / path, text)
+    yield "now:"
+    yield from (f"  {line}" for line in _AFTER[args.what])
+
+
+def make_parser() -> Parser:
+    """Return the parser of the subcommand."""
+    about = "Install the service and what it needs; print one file; see a mount's coverage."
+    parser = new_parser("radard setup", about, _EXAMPLES)
+    add = parser.add_argument
+    add("--install", action="store_true", help="the whole installation, as root")
+    add("--uninstall", action="store_true", help="undo it; settings that were changed stay")
+    add("--purge", action="store_true", help="with --uninstall: settings, state and user go too")
+    add("--root", default="/", metavar="DIR", help="root of the machine or image (/)")
+    add("--exec", type=Path, metavar="FILE", help="the radard to start (this one)")
+    add("--port", default=files.PORT, help=f"as for radard ({files.PORT})")
+    add("--name", metavar="NAME", help="one more radar: radard@NAME, /etc/radard/NAME.yaml")
+    whats = parser.add_subparsers(dest="what", metavar="udev|systemd|user|coverage")
+    udev = _sub(whats, "udev", "the rule that names a module /dev/x2radar")
+    udev.add_argument("--usb", metavar="VVVV:PPPP", help="an adapter's USB id (x2radar ports)")
+    udev.add_argument("--serial", metavar="TEXT", help="and its serial number")
+    systemd = _sub(whats, "systemd", "the unit that starts radard with the machine")
+    # What the whole command has as well: given on either side, it holds.
+    add = systemd.add_argument
+    add("--port", default=argparse.SUPPRESS, help=f"as for radard ({files.PORT})")
+    add("--exec", type=Path, default=argparse.SUPPRESS, metavar="FILE", help="radard (this one)")
+    add("--name", default=argparse.SUPPRESS, metavar="NAME", help="any: print radard@.service")
+    user = _sub(whats, "user", "the user that radard runs as, for systemd-sysusers")
+    for sub in (udev, systemd, user):
+        add = sub.add_argument
+        add("--install", action="store_true", default=argparse.SUPPRESS, help="write it, as root")
+        add("--root", default=argparse.SUPPRESS, metavar="DIR", help="instead of /")
+    coverage = _sub(whats, "coverage", "signal over noise of a body, by height and range")
+    add = coverage.add_argument
+    add("--height", type=float, default=1.5, metavar="M", help="of the radar over the floor (1.5)")
+    add("--tilt", type=float, default=0.0, metavar="DEG", help="down from level (0)")
+    add("--width", type=float, default=65.0, metavar="DEG", help="beam, full at half power (65)")
+    add("--limit", type=float, default=10.0, metavar="DB", help="least that is seen (10)")
+    add("--rcs", type=float, default=0.01, metavar="M2", help="cross section (0.01: a shank)")
+    return parser
+
+
+def _sub(subs: "argparse._SubParsersAction[Parser]", name: str, text: str) -> Parser:
+    return subs.add_parser(
+        name,
+        help=text,
+        description=f"{'Show' if name == 'coverage' else 'Print or install'} {text}.",
+        epilog=f"example:\n  radard setup {name}\n",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )

@@ -1,0 +1,122 @@
+"""What the system's files hold: udev rules, units, user and the first configuration."""
+
+import re
+import sys
+from importlib import resources
+from pathlib import Path
+
+from radard.errors import UsageError
+
+UDEV_FILE = Path("etc/udev/rules.d/60-x2radar.rules")
+UNIT_FILE = Path("etc/systemd/system/radard.service")
+INSTANCE_FILE = Path("etc/systemd/system/radard@.service")
+USER_FILE = Path("etc/sysusers.d/radard.conf")
+CONFIG_FOLDER = Path("etc/radard")
+STATE_FOLDER = Path("var/lib/radard")
+PORT = "/dev/x2radar"
+"""The name that the udev rules give a module."""
+_CONFIG = "/etc/radard/config.yaml"
+_USB_ID = re.compile(r"[0-9a-f]{4}:[0-9a-f]{4}")
+_SERIAL = re.compile(r"[A-Za-z0-9._-]{1,64}")
+_NAME = re.compile(r"[A-Za-z0-9_-]{1,64}")
+
+
+def udev_rules(usb_id: str | None = None, serial: str | None = None) -> str:
+    """Return the udev rules; with an adapter's USB id and serial number, for it as well."""
+    text = _shipped("60-x2radar.rules")
+    if usb_id is None and serial is None:
+        return text
+    if usb_id is None or serial is None:
+        msg = "--usb and --serial belong together: adapters of one kind carry other things too"
+        raise UsageError(msg)
+    if not _USB_ID.fullmatch(usb_id.lower()):
+        msg = f"--usb '{usb_id}': must be two hexadecimal numbers, as in 0403:6001"
+        raise UsageError(msg)
+    if not _SERIAL.fullmatch(serial):
+        msg = f"--serial '{serial}': must be letters, digits and . _ - only"
+        raise UsageError(msg)
+    vendor, product = usb_id.lower().split(":")
+    rule = (
+        f'ATTRS{{idVendor}}=="{vendor}", ATTRS{{idProduct}}=="{product}", '
+        f'ATTRS{{serial}}=="{serial}", ENV{{X2RADAR}}="1"\n'
+    )
+    mark = "# Common adapters"
+    return text.replace(mark, f"# The adapter that was named.\n{rule}\n{mark}", 1)
+
+
+def own_program() -> Path:
+    """Return the `radard` of the installation that runs."""
+    return Path(sys.prefix) / "bin" / "radard"
+
+
+def systemd_unit(program: Path | None = None, port: str = PORT) -> str:
+    """Return the systemd unit for a program and a port."""
+    return _with_start(_program_words(program), "--port", port, "--wait", "--config", _CONFIG)
+
+
+def systemd_instance_unit(program: Path | None = None) -> str:
+    """Return the unit radard@.service: one process for each /etc/radard/NAME.yaml."""
+    text = _with_start(_program_words(program), "--wait", "--config", "/etc/radard/%i.yaml")
+    text = text.replace("Description=radard radar alarm", "Description=radard radar alarm: %i", 1)
+    return re.sub(r"(?m)^(State|Runtime)Directory=radard$", r"\1Directory=radard-%i", text)
+
+
+def user_declaration() -> str:
+    """Return the user radard for systemd-sysusers."""
+    return _shipped("radard.sysusers")
+
+
+def first_config(name: str | None = None, port: str = PORT) -> str:
+    """Return a configuration to begin with; for `name`, that of radard@name.service."""
+    if name is None:
+        head = _HEAD.format(what="the service radard.service", keys="")
+    else:
+        if not _NAME.fullmatch(name):
+            msg = f"--name '{name}': must be letters, digits, - and _ only"
+            raise UsageError(msg)
+        head = _HEAD.format(what=f"radard@{name}.service", keys=_KEYS.format(name=name, port=port))
+    out = "http://127.0.0.1:8434" if name is None else f"store:/var/lib/radard-{name}/radard.db"
+    built_in = re.sub(r"(?m)^(?=[^#\n])", "#", _shipped("config.yaml"))
+    return f'{head}output: ["{out}"]\n\n# What can be set, as it is built in:\n\n{built_in}'
+
+
+_HEAD = """\
+# Configuration of {what}. After a change:
+#   radard config check --config FILE
+# `systemctl reload` takes up all but ports and the number of sensors.
+{keys}"""
+_KEYS = """\
+sensor: {{name: {name}, port: "{port}"}}
+service: {{state_dir: /var/lib/radard-{name}, runtime_dir: /run/radard-{name}}}
+"""
+
+
+def _shipped(name: str) -> str:
+    return (resources.files("radard.units") / name).read_text(encoding="utf-8")
+
+
+def _program_words(program: Path | None) -> str:
+    program = program or own_program()
+    if not program.is_absolute():
+        msg = f"--exec '{program}': must be a whole path, as systemd wants it"
+        raise UsageError(msg)
+    return str(program)
+
+
+def _with_start(*words: str) -> str:
+    """Return the shipped unit with another command to start; %i stands for itself."""
+    line = "ExecStart=" + " ".join(_unit_word(word) for word in words)
+    line = line.replace("%%i.yaml", "%i.yaml")
+    text = _shipped("radard.service")
+    return re.sub(r"^ExecStart=.*$", lambda _: line, text, count=1, flags=re.MULTILINE)
+
+
+def _unit_word(word: str) -> str:
+    """Return a word as it must stand in ExecStart=."""
+    if not word.isprintable():
+        msg = f"{word!r}: cannot stand in a unit file"
+        raise UsageError(msg)
+    word = word.replace("%", "%%").replace("$", "$$")
+    if re.search(r"[\s\"'\\;]", word):
+        return '"' + word.replace("\\", "\\\\").replace('"', '\\"') + '"'
+    return word
