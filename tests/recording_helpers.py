@@ -1,9 +1,11 @@
 """Recordings and commands that the tests of files and formats share."""
 
 from dataclasses import replace
+from itertools import chain
 
 import numpy as np
 
+import x2radar
 from tests.radar_helpers import BASEBAND, noise
 from x2radar.command import new_parser, run_command
 from x2radar.commands import convert, decode, info, record
@@ -52,6 +54,21 @@ def make(path, kind="baseband", counters=None, *, samples=None, rate_hz=RATE_HZ,
         writer.write_block(Block(samples, counters.astype(np.uint32), t_s))
     write_labels(path, LABELS)
     return path, samples
+
+
+def record_scene(path, scene, *, n, lost=()):
+    """An HDF5 recording of the first `n` frames of a scene, without those that are lost."""
+    with x2radar.open(f"sim:{scene}?seed=3&run={scene}", speed=None) as radar:
+        frames = radar.frames()
+        first = next(frames)
+        about = {"started_utc": "2026-03-01T12:00:00.500Z", "device": {"name": "sim"}}
+        with RecordingWriter(path, radar.stream, **about, settings={}) as writer:
+            for frame in chain([first], frames):
+                if frame.index not in lost:
+                    writer.write(frame)
+                if frame.index == n:
+                    break
+    return path
 
 
 def content(reader):

@@ -57,6 +57,8 @@ _COMMANDS = {
     "calibrate": "learn a room",
     "walktest": "what it sees",
     "explain": "sensitivities",
+    "detect": "judge files",
+    "why": "one moment",
     "status": "what it does",
     "health": "is it well?",
     "events": "what happened",

@@ -1,0 +1,128 @@
+"""`radard detect`: many recordings judged as the daemon would, into one table."""
+
+import contextlib
+import os
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from radard.commands.progress_line import ProgressLine
+from radard.config.config import load_config
+from radard.config.options import config_options
+from radard.errors import OutputError, RadardError, UsageError
+from radard.offline.detect import Judged, judge_all
+from radard.offline.tables import COLUMNS, FORMATS, Table, open_table
+from radard.service.components import make_classifier
+from x2radar.command import Parser, new_parser
+
+_EXAMPLES = """\
+examples:
+  radard detect night.h5                        decisions as CSV, on stdout
+  radard detect *.h5 --out decisions.parquet    all cores; the suffix says the format
+  radard detect /data/* --rows events --out alarms.csv
+  radard detect a.h5 b.h5 --to jsonl --model mine.onnx | jq .label
+"""
+_MOST_JOBS = 1024
+"""Chosen: beyond the cores of any machine that this runs on."""
+
+
+def run(argv: Sequence[str]) -> int:
+    """Run the subcommand."""
+    parser = make_parser()
+    args = parser.parse_args(argv)
+    if args.jobs is not None and not 1 <= args.jobs <= _MOST_JOBS:
+        parser.error(f"--jobs {args.jobs}: must be 1 to {_MOST_JOBS}")
+    kind = _format(args.to, args.out)
+    config = load_config(args.config, options=config_options(args)).of_sensor(args.sensor)
+    # Else every recording would say that it cannot be had.
+    make_classifier(config)
+    line = ProgressLine(sys.stderr)
+    paths: list[Path] = args.files
+    jobs = args.jobs or min(len(paths), os.cpu_count() or 1)
+    faulty: list[Judged] = []
+
+    def tell(share: float, n: int) -> None:
+        line.show(share, f"{n} of {len(paths)} recordings")
+
+    with _table(kind, args.rows, args.out) as table:
+        for judged in judge_all(paths, config, jobs=jobs, tell=tell):
+            if not judged.fault:
+                table.add(judged)
+                continue
+            faulty.append(judged)
+            if len(paths) > 1:
+                line.clear()
+                print(f"radard: {judged.fault}", file=sys.stderr)
+        line.clear()
+        if len(faulty) == len(paths):
+            # Before a table without rows takes the place of an older one.
+            raise _error(faulty, len(paths))
+    if faulty:
+        raise _error(faulty, len(paths))
+    return 0
+
+
+def make_parser() -> Parser:
+    """Return the parser of the subcommand."""
+    parser = new_parser(
+        "radard detect",
+        "Judge recordings as radard --port replay:FILE does, and write a table.",
+        _EXAMPLES,
+    )
+    add = parser.add_argument
+    add("files", nargs="+", type=Path, metavar="FILE", help="recording, or folder of its parts")
+    add("--to", choices=FORMATS, help="format (by the suffix of --out, else csv)")
+    add("--out", type=Path, metavar="FILE", help="file to write (stdout)")
+    add("--rows", choices=list(COLUMNS), default="decisions", help="of the table (decisions)")
+    add("--jobs", type=int, metavar="N", help="processes (all cores)")
+    add("--model", help="installed bundle, .onnx file, none for the gate alone, or auto")
+    add("--profile", help="fast, balanced or accurate: the bundle of that name")
+    add("--sensitivity", choices=["low", "normal", "high"], help="see radard explain (normal)")
+    add("--config", type=Path, metavar="FILE", help="configuration file")
+    add("--sensor", metavar="NAME", help="one of the configuration's sensors")
+    defaults = {"port": None, "output": None, "speed": None, "wait": None, "on_device_loss": None}
+    parser.set_defaults(**defaults)
+    return parser
+
+
+def _format(to: str | None, out: Path | None) -> str:
+    by_name = out.suffix.removeprefix(".") if out is not None else ""
+    kind = to or (by_name if by_name in FORMATS else "csv")
+    if kind == "parquet" and out is None:
+        msg = "--to parquet: a table like that needs --out FILE"
+        raise UsageError(msg)
+    return kind
+
+
+@contextlib.contextmanager
+def _table(kind: str, rows: str, out: Path | None) -> Iterator[Table]:
+    """Lend a table; what it replaces stays until all of it is written."""
+    if out is None:
+        table = open_table(kind, rows, sys.stdout, None)
+        yield table
+        table.close()
+        return
+    part = out.with_name(f".{out.name}.part")
+    try:
+        with contextlib.ExitStack() as opened:
+            is_text = kind != "parquet"
+            file = opened.enter_context(part.open("w", encoding="utf-8")) if is_text else None
+            table = open_table(kind, rows, file, part)
+            try:
+                yield table
+            finally:
+                table.close()
+        part.replace(out)
+    except OSError as err:
+        msg = f"--out {out}: cannot write: {err.strerror or err}"
+        raise OutputError(msg) from err
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def _error(faulty: Sequence[Judged], n: int) -> RadardError:
+    first = faulty[0]
+    said = first.fault if n == 1 else f"{len(faulty)} of {n} recordings could not be judged"
+    error = RadardError(said)
+    error.exit_code = first.exit_code
+    return error

@@ -1,0 +1,180 @@
+"""Recordings to records: each is replayed by the service's own code, several at the same time.
+
+A recording takes the way of ``radard --port replay:FILE -o json:RECORDS``, in a process of its
+own, so its decisions and events are those of the daemon.
+"""
+
+import json
+import multiprocessing
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+from urllib.parse import quote
+
+from radard.config.config import Config
+from radard.errors import RadardError
+from radard.outputs.fanout import Outputs
+from radard.outputs.records import Record
+from radard.service.radar_run import RadarRun, RunOptions
+from x2radar.errors import X2RadarError
+from x2radar.recording.registry import open_recording
+
+_LOOK_S = 0.2
+"""Chosen: so often progress is noted."""
+_progress: Any = None
+"""In a process of the pool: seconds of every recording that are done, as a shared array."""
+
+Tell = Callable[[float, int], None]
+"""Told the share that is done, 0 to 1, and how many recordings are finished."""
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """What became of one recording; `fault` is empty if all went well."""
+
+    path: Path
+    records: Path
+    started_utc: str = ""
+    fault: str = ""
+    exit_code: int = 0
+
+    def read(self) -> Iterator[Record]:
+        """Yield the records, `hello` first."""
+        with self.records.open(encoding="utf-8") as file:
+            yield from map(json.loads, file)
+
+
+def judge_all(
+    paths: Sequence[Path], config: Config, *, jobs: int, tell: Tell = lambda _share, _n: None
+) -> Iterator[Judged]:
+    """Judge recordings; yield what became of each, in the order of `paths`.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+        Files or folders, as ``replay:`` takes them.
+    config : Config
+        Model, gate, alarm and so on; port and outputs are not used.
+    jobs : int
+        Processes; with one the work is done in this one.
+    tell : callable
+        Told of progress.
+
+    Yields
+    ------
+    Judged
+        Its records are gone when the next one is asked for.
+    """
+    with TemporaryDirectory(prefix="radard-detect-") as folder:
+        todo = [
+            (config, path, Path(folder) / f"{number}.jsonl", number)
+            for number, path in enumerate(paths)
+        ]
+        judged = _in_turn(todo, tell) if jobs == 1 else _at_once(todo, jobs, tell)
+        for done in judged:
+            yield done
+            done.records.unlink(missing_ok=True)
+
+
+_Job = tuple[Config, Path, Path, int]
+
+
+def _in_turn(todo: Sequence[_Job], tell: Tell) -> Iterator[Judged]:
+    for number, job in enumerate(todo):
+
+        def note(share: float, number: int = number) -> None:
+            tell((number + share) / len(todo), number)
+
+        yield _judge(job, note)
+
+
+def _at_once(todo: Sequence[_Job], jobs: int, tell: Tell) -> Iterator[Judged]:
+    context = multiprocessing.get_context("spawn")
+    shares = context.Array("d", len(todo), lock=False)
+    pool = ProcessPoolExecutor(
+        min(jobs, len(todo)), context, initializer=_take_progress, initargs=(shares,)
+    )
+    try:
+        futures = [pool.submit(_judge_in_pool, job) for job in todo]
+        for future in futures:
+            while not future.done():
+                time.sleep(_LOOK_S)
+                tell(sum(shares) / len(todo), sum(each.done() for each in futures))
+            yield future.result()
+    except BrokenProcessPool as err:
+        msg = "a process ended in the middle of its work, perhaps for memory: try --jobs 1"
+        raise RadardError(msg) from err
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def _take_progress(shares: Any) -> None:
+    global _progress  # noqa: PLW0603 - how a pool's initializer hands something over
+    _progress = shares
+
+
+def _judge_in_pool(job: _Job) -> Judged:
+    def note(share: float) -> None:
+        _progress[job[3]] = share
+
+    return _judge(job, note)
+
+
+def _judge(job: _Job, note: Callable[[float], None]) -> Judged:
+    config, path, records, _ = job
+    try:
+        return Judged(path, records, replay_into(records, config, path, note=note))
+    except (RadardError, X2RadarError) as err:
+        return Judged(path, records, "", str(err), err.exit_code)
+    finally:
+        note(1.0)
+
+
+def replay_into(
+    records: Path,
+    config: Config,
+    path: Path,
+    *,
+    until_s: float | None = None,
+    note: Callable[[float], None] = lambda _share: None,
+) -> str:
+    """Replay a recording, or its first `until_s`, into a file of records; return its start.
+
+    The start is ISO 8601, empty where it is not known. Raises RadardError or X2RadarError if the
+    recording cannot be read or the model does not fit it.
+    """
+    with open_recording(path) as recording:
+        started_utc = recording.started_utc
+        length_s = recording.n_frames / recording.stream.frame_rate_hz
+    ended = threading.Event()
+    config = replaying(config, path, f"json:{records}")
+    run = RadarRun(config, RunOptions(duration_s=until_s), ended.set, lambda: None)
+    outputs = Outputs([run.host], stdout_is_terminal=False)
+    run.bind(outputs)
+    try:
+        run.open(lambda _kind, _reason: None)
+        with run.prepare() as tap:
+            outputs.open(config, can_wait=True)
+            run.start(tap)
+            while not ended.wait(_LOOK_S):
+                note(min(1.0, float(str(run.panel().get("t_s", 0.0))) / length_s))
+            run.finish()
+    finally:
+        run.close()
+        outputs.close()
+    if run.failure is not None:
+        raise run.failure
+    return started_utc
+
+
+def replaying(config: Config, path: Path, *output: str) -> Config:
+    """Return a configuration that replays a recording as fast as can be."""
+    port = f"replay:{quote(str(path))}"
+    sensor = config.sensor.model_copy(update={"port": port, "speed": "max"})
+    return config.model_copy(update={"sensor": sensor, "sensors": {}, "output": output})

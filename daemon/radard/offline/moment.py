@@ -1,0 +1,152 @@
+"""One moment of a recording: what was decided, why, and what the network saw."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from radard.classify.bundle import Bundle
+from radard.classify.classifier import Answer, Classifier, Hidden, Probabilities
+from radard.classify.evidence import Evidence, EvidenceSettings
+from radard.classify.features import FeatureSet, FeatureSettings
+from radard.config.config import Config
+from radard.errors import UsageError
+from radard.offline.detect import replay_into, replaying
+from radard.outputs.records import Record
+from radard.pipeline import Pipeline, settings_at
+from radard.service.components import classifier_for, make_classifier, use_calibration
+from radard.stream.ring import Notice
+from radard.stream.source import open_source
+from radard.web.why import explain
+
+_PAST_S = 1.0
+"""A window may end so long behind the moment that is asked for: one hop."""
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """What the network took in and gave out."""
+
+    features: FeatureSet
+    hidden: Hidden | None
+    answer: Answer
+
+
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """A decision of a recording.
+
+    `records` are the decisions up to this one, `told` is what `radard.web.why.explain` makes of
+    them, and `seen` is None where no network was asked: the gate was closed, or there is none.
+    """
+
+    path: Path
+    hello: Record
+    records: Sequence[Record]
+    told: Mapping[str, Any]
+    classifier: Classifier | None
+    settings: FeatureSettings
+    seen: Seen | None
+
+    @property
+    def record(self) -> Record:
+        """The decision."""
+        return self.records[-1]
+
+    @property
+    def pet_limit(self) -> float:
+        """No alarm above it."""
+        return float(self.hello["pet_limit"])
+
+
+class _Watched(Classifier):
+    """A classifier that keeps what it was last asked about the whole dwell."""
+
+    def __init__(self, bundle: Bundle) -> None:
+        super().__init__(bundle)
+        self.seen: Seen | None = None
+
+    def classify(self, features: FeatureSet) -> Probabilities:
+        """As in `Classifier`; of single bodies, which are not kept."""
+        return super().answer(features).window
+
+    def answer(self, features: FeatureSet, hidden: Hidden | None = None) -> Answer:
+        """As in `Classifier`."""
+        answer = super().answer(features, hidden)
+        self.seen = Seen(features, hidden, answer)
+        return answer
+
+
+def moment_of(path: Path, at_s: float, config: Config) -> Moment:
+    """Return the decision whose window ends nearest to `at_s` seconds of a recording.
+
+    Raises UsageError if the recording has no decision by then; RadardError or X2RadarError if it
+    cannot be read or the model does not fit it.
+    """
+    with TemporaryDirectory(prefix="radard-why-") as folder:
+        kept = Path(folder) / "records.jsonl"
+        replay_into(kept, config, path, until_s=at_s + 2 * _PAST_S)
+        records = [json.loads(line) for line in kept.read_text("utf-8").splitlines()]
+    decisions = [r for r in records if r["type"] == "decision"]
+    if not decisions:
+        msg = f"--at {at_s:g}: {path} has no decision before {at_s + _PAST_S:g} s"
+        raise UsageError(msg)
+    nearest = min(decisions, key=lambda r: abs(r["t_s"] - at_s))
+    if abs(nearest["t_s"] - at_s) > 2 * _PAST_S:
+        first, last = decisions[0]["t_s"], decisions[-1]["t_s"]
+        msg = f"--at {at_s:g}: {path} has decisions from {first:g} to {last:g} s"
+        raise UsageError(msg)
+    before = [r for r in decisions if r["seq"] <= nearest["seq"]]
+    hello = next(r for r in records if r["type"] == "hello")
+    told = explain(before, hello, config, _events_by(records, nearest["t_s"]))
+    settings, classifier, seen = _looked_on(path, config, int(nearest["seq"]))
+    return Moment(path, hello, before, told, classifier, settings, seen)
+
+
+def _events_by(records: Sequence[Record], t_s: float) -> list[Record]:
+    """Return the events as they stood at some time, the last phase of each."""
+    events = {r["id"]: r for r in records if r["type"] == "event" and r["t_s"] <= t_s}
+    return list(events.values())
+
+
+def _looked_on(
+    path: Path, config: Config, seq: int
+) -> tuple[FeatureSettings, Classifier | None, Seen | None]:
+    """Replay up to a decision; return the settings, the network and what it saw there."""
+    config = replaying(config, path)
+    source = open_source(config.sensor.port or "", speed="max")
+    try:
+        plain = classifier_for(source.stream, config, make_classifier(config))
+        watched = _Watched(plain.bundle) if plain is not None else None
+        pipeline = Pipeline(source.stream, config, watched, judges_tracks=False)
+        use_calibration(config, pipeline, is_live=False)
+        ring, n = pipeline.make_ring(), 0
+        for frame in source.frames():
+            for item in ring.items(frame):
+                if isinstance(item, Notice):
+                    pipeline.restart()
+                    continue
+                if watched is not None:
+                    watched.seen = None
+                pipeline.decide(item)
+                n += 1
+                if n == seq:
+                    features = watched.bundle.features if watched else FeatureSettings()
+                    settings = settings_at(features, source.stream.frame_rate_hz)
+                    return settings, watched, watched.seen if watched else None
+    finally:
+        source.close()
+    msg = f"{path}: the recording ends before decision {seq}"
+    raise UsageError(msg)
+
+
+def judged_by(answer: Answer, bundle: Bundle) -> Probabilities:
+    """Return the probabilities that the rule takes of a network with a temporal head.
+
+    Of a network without one they are those of this window alone.
+    """
+    if answer.fused_log_p is None:
+        return answer.window
+    return Evidence(EvidenceSettings.from_mapping(bundle.evidence)).take(answer)

@@ -1,0 +1,166 @@
+"""Records to rows: CSV, Parquet or JSON Lines of many recordings in one table.
+
+`time` is when it was, by the recording's own start, and empty where that is not known: the wall
+clock of the replay, and how long it took, are left out, so the same recordings give the same
+table, byte for byte.
+"""
+
+import csv
+import json
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from datetime import datetime, timedelta
+from pathlib import Path
+from typing import Any, Protocol, TextIO
+
+from radard.offline.detect import Judged
+from radard.outputs.records import Record
+from x2radar.extras import needed
+
+FORMATS = ("csv", "parquet", "jsonl")
+DECISIONS: Mapping[str, str] = {
+    "file": "string",
+    "seq": "int64",
+    "t_s": "float64",
+    "time": "string",
+    "gate": "string",
+    **dict.fromkeys(("power_db", "noise_floor_db", "threshold_db"), "float64"),
+    **dict.fromkeys(("p_human", "p_pet", "p_other"), "float64"),
+    **dict.fromkeys(("fused_p_human", "fused_p_pet", "fused_p_other"), "float64"),
+    "label": "string",
+    "alarm": "bool_",
+    "range_m": "float64",
+    "n_tracks": "int64",
+    "frames": "int64",
+    "dropped": "int64",
+}
+EVENTS: Mapping[str, str] = {
+    "file": "string",
+    "id": "string",
+    "phase": "string",
+    "kind": "string",
+    "t_s": "float64",
+    "time": "string",
+    "start_t_s": "float64",
+    "end_t_s": "float64",
+    "peak": "float64",
+    "reason": "string",
+}
+COLUMNS = {"decisions": DECISIONS, "events": EVENTS}
+"""Columns of a table and their types, as pyarrow names them."""
+_BATCH = 4096
+"""Rows of a Parquet row group: chosen, about a megabyte."""
+
+Row = dict[str, Any]
+
+
+class Table(Protocol):
+    """Takes what was judged, recording by recording."""
+
+    def add(self, judged: Judged) -> None:
+        """Write the rows of one recording."""
+
+    def close(self) -> None:
+        """Write what is left."""
+
+
+def open_table(kind: str, rows: str, file: TextIO | None, path: Path | None) -> Table:
+    """Return a table of `FORMATS` with the `COLUMNS` of `rows`; JSON Lines hold all records.
+
+    `file` is for text; Parquet takes the `path`. Raises MissingExtra without pyarrow.
+    """
+    if kind == "parquet":
+        return _Parquet(path, rows)
+    assert file is not None  # noqa: S101 - text formats have one
+    return _Csv(file, rows) if kind == "csv" else _JsonLines(file)
+
+
+class _JsonLines:
+    def __init__(self, file: TextIO) -> None:
+        self._file = file
+
+    def add(self, judged: Judged) -> None:
+        for record in judged.read():
+            told = {"file": str(judged.path), **_timed(record, judged.started_utc)}
+            self._file.write(json.dumps(told, separators=(",", ":"), allow_nan=False) + "\n")
+
+    def close(self) -> None:
+        self._file.flush()
+
+
+class _Csv:
+    def __init__(self, file: TextIO, rows: str) -> None:
+        self._rows = rows
+        self._file = file
+        self._writer = csv.DictWriter(file, list(COLUMNS[rows]), lineterminator="\n")
+        self._writer.writeheader()
+
+    def add(self, judged: Judged) -> None:
+        for row in table_rows(judged, self._rows):
+            self._writer.writerow({k: _plain(v) for k, v in row.items()})
+
+    def close(self) -> None:
+        self._file.flush()
+
+
+class _Parquet:
+    def __init__(self, path: Path | None, rows: str) -> None:
+        self._pa: Any = needed("pyarrow", what="Parquet files")
+        parquet: Any = needed("pyarrow.parquet", what="Parquet files")
+        self._rows = rows
+        types = COLUMNS[rows].items()
+        self._schema = self._pa.schema([(name, getattr(self._pa, t)()) for name, t in types])
+        self._writer = parquet.ParquetWriter(path, self._schema, compression="zstd")
+
+    def add(self, judged: Judged) -> None:
+        for batch in _batches(table_rows(judged, self._rows)):
+            self._writer.write_table(self._pa.Table.from_pylist(batch, schema=self._schema))
+
+    def close(self) -> None:
+        self._writer.close()
+
+
+def table_rows(judged: Judged, rows: str) -> Iterator[Row]:
+    """Yield the rows of a recording, as mappings with the columns of `rows`."""
+    wanted = rows.removesuffix("s")
+    names = COLUMNS[rows]
+    for record in judged.read():
+        if record["type"] == wanted:
+            told = {"file": str(judged.path), **_timed(record, judged.started_utc)}
+            told["n_tracks"] = len(record.get("tracks", ()))
+            yield {name: told[name] for name in names}
+
+
+def _timed(record: Record, started_utc: str) -> Row:
+    kept = {k: v for k, v in record.items() if k not in {"time", "latency_ms"}}
+    if "t_s" in record:
+        kept["time"] = time_of(started_utc, record["t_s"])
+    return kept
+
+
+def time_of(started_utc: str, t_s: float) -> str | None:
+    """Return a moment of a recording in ISO 8601; None if its start is not known.
+
+    >>> time_of("2026-03-01T12:30:00.250Z", 61.5)
+    '2026-03-01T12:31:01.750Z'
+    >>> time_of("", 61.5)
+    """
+    try:
+        at = datetime.fromisoformat(started_utc) + timedelta(seconds=t_s)
+    except ValueError:
+        return None
+    return at.isoformat(timespec="milliseconds").replace("+00:00", "Z")
+
+
+def _plain(value: Any) -> Any:
+    return str(value).lower() if isinstance(value, bool) else value
+
+
+def _batches(rows: Iterable[Row]) -> Iterator[Sequence[Row]]:
+    batch: list[Row] = []
+    for row in rows:
+        batch.append(row)
+        if len(batch) == _BATCH:
+            yield batch
+            batch = []
+    if batch:
+        yield batch

@@ -1,0 +1,135 @@
+"""`radard detect`: the decisions of `radard --port replay:`, for many recordings, in a table."""
+
+import csv
+import io
+import json
+from pathlib import Path
+
+import pytest
+from pyarrow import parquet
+
+from radard.commands.detect import run
+from radard.config.config import Config
+from radard.offline.detect import judge_all
+from radard.offline.tables import COLUMNS, time_of
+from tests.radar_helpers import run_radard, stable
+from tests.recording_helpers import record_scene
+from x2radar.command import run_command
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("recordings")
+    gap = range(200, 208)
+    return [
+        record_scene(folder / f"{scene} 1.h5", scene, n=420, lost=gap)
+        for scene in ("human", "dog")
+    ]
+
+
+def replayed(path, *argv):
+    code, records, said = run_radard("--port", f"replay:{path}", "-o", "json", *argv)
+    assert code == 0, said
+    return [r for r in stable(records) if r["type"] in {"decision", "event"}]
+
+
+def detect(capsys, *argv):
+    code = run_command("radard", run, [str(a) for a in argv])
+    out, err = capsys.readouterr()
+    return code, out, err
+
+
+def test_decisions_and_events_are_those_of_a_replay(files, capsys):
+    code, out, err = detect(capsys, *files, "--to", "jsonl", "--jobs", "1")
+    assert (code, err) == (0, "")
+    told = [json.loads(line) for line in out.splitlines()]
+    for path in files:
+        own = [r for r in told if r["file"] == str(path) and r["type"] in {"decision", "event"}]
+        times = [r.pop("time") for r in own]
+        assert times[0] == "2026-03-01T12:00:02.950Z"
+        assert [{k: v for k, v in r.items() if k != "file"} for r in own] == replayed(path)
+        assert "invalid" in {r.get("gate") for r in own}
+    assert {r["model"] for r in told if r["type"] == "hello"} == {"accurate"}
+    assert any(r["type"] == "event" and r["kind"] == "alarm" for r in told)
+
+
+def test_every_core_makes_the_same_table(files, capsys, tmp_path):
+    one = detect(capsys, *files, "--jobs", "1")
+    assert detect(capsys, *files, "--jobs", "2") == one
+    code, text, _ = one
+    assert code == 0
+    rows = list(csv.DictReader(io.StringIO(text)))
+    assert list(rows[0]) == list(COLUMNS["decisions"])
+    assert [row["file"] for row in rows] == sorted([row["file"] for row in rows], reverse=True)
+    out = tmp_path / "all.parquet"
+    assert detect(capsys, *files, "--out", out)[0] == 0
+    table = parquet.read_table(out).to_pylist()
+    assert len(table) == len(rows)
+    for row, of_csv in zip(table, rows, strict=True):
+        for name, value in row.items():
+            wanted = "" if value is None else value
+            wanted = str(wanted).lower() if isinstance(wanted, bool) else str(wanted)
+            assert of_csv[name] == wanted, name
+    first = replayed(files[0])[0]
+    for name in ("seq", "t_s", "gate", "p_human", "label", "alarm", "power_db"):
+        assert table[0][name] == first[name]
+
+
+def test_events_as_rows(files, capsys):
+    code, text, _ = detect(capsys, files[0], "--rows", "events")
+    rows = list(csv.DictReader(io.StringIO(text)))
+    assert code == 0
+    assert {row["kind"] for row in rows} >= {"alarm"}
+    wanted = [r for r in replayed(files[0]) if r["type"] == "event"]
+    assert [row["id"] for row in rows] == [r["id"] for r in wanted]
+
+
+def test_the_model_that_is_asked_for(files, capsys):
+    code, text, _ = detect(capsys, files[0], "--model", "none")
+    assert code == 0
+    assert {row["p_human"] for row in csv.DictReader(io.StringIO(text))} == {""}
+
+
+def test_one_that_cannot_be_read_does_not_stop_the_others(files, capsys, tmp_path):
+    out = tmp_path / "all.csv"
+    gone = tmp_path / "gone.h5"
+    code, _, err = detect(capsys, gone, files[0], "--jobs", "2", "--out", out)
+    assert code == 66
+    assert err.splitlines() == [
+        f"radard: {gone}: no such recording",
+        "radard: 1 of 2 recordings could not be judged",
+    ]
+    assert len(out.read_text().splitlines()) > 2
+
+
+@pytest.mark.parametrize(
+    "case",
+    [
+        (["gone.h5"], 66, "radard: gone.h5: no such recording"),
+        (["gone.h5", "--out", "old.csv"], 66, "radard: gone.h5: no such recording"),
+        (["gone.h5", "--to", "parquet"], 2, "radard: --to parquet: a table like that needs --out"),
+        (["gone.h5", "--model", "gone"], 66, "radard: no model 'gone'"),
+        (["gone.h5", "--sensor", "attic"], 2, "radard: no sensor 'attic'"),
+        (["gone.h5", "--out", "gone/a.csv"], 1, "radard: --out gone/a.csv: cannot write"),
+    ],
+)
+def test_what_cannot_be_done_is_one_line(capsys, tmp_path, monkeypatch, case):
+    argv, code, said = case
+    monkeypatch.chdir(tmp_path)
+    Path("old.csv").write_text("kept")
+    ended, _, err = detect(capsys, *argv)
+    assert (ended, err.count("\n")) == (code, 1)
+    assert err.startswith(said)
+    assert [(p.name, p.read_text()) for p in tmp_path.iterdir()] == [("old.csv", "kept")]
+
+
+def test_progress_is_told(files):
+    told = []
+    list(judge_all(files, Config(), jobs=1, tell=lambda share, n: told.append((share, n))))
+    assert told[-1] == (1.0, 1)
+    assert [share for share, _ in told] == sorted(share for share, _ in told)
+
+
+def test_times_of_a_recording_whose_start_is_unknown():
+    assert time_of("some day", 1.0) is None
+    assert time_of("2026-03-01T23:59:59Z", 1.0) == "2026-03-02T00:00:00.000Z"
