@@ -136,6 +136,17 @@ def test_repeat_is_dropped_and_counted() -> None:
     assert assembler.n_repeated == 2
 
 
+def test_another_echo_under_the_same_number_is_a_restart() -> None:
+    """A counter that restarts at 1 right behind the first frame: found by campaigns/faults.py."""
+    assembler = FrameAssembler(SETTINGS)
+    other = raw(1, np.arange(1, 9, dtype=np.float32))
+    got = [assembler.frame(message, 0.0) for message in (raw(1), other, other, raw(2))]
+    assert [(f.index, f.lost, f.restarted) if f else None for f in got] == [
+        *((0, 0, False), (1, 0, True), None, (2, 0, False))
+    ]
+    assert assembler.n_repeated == 1
+
+
 def test_restart_is_stated() -> None:
     got = [(f.index, f.lost, f.restarted) for f in frames([raw(900), raw(1), raw(2)]) if f]
     assert got == [(0, 0, False), (1, 0, True), (2, 0, False)]

@@ -298,9 +298,9 @@ def test_pauses_grow_up_to_the_cap_with_jitter():
     items = take_until(radar.items(), is_restarted)
     # The same reason is told once.
     assert kinds(items) == ["frame", "lost", "lost", "found", "frame"]
-    plain = [min(0.25 * 2**k, 10.0) for k in range(13)]
+    plain = [min(0.25 * 2**k, 2.0) for k in range(13)]
     assert len(clock.slept) == 13
-    assert all(0.8 * p <= s <= min(1.2 * p, 10) for p, s in zip(plain, clock.slept, strict=True))
+    assert all(0.8 * p <= s <= min(1.2 * p, 2) for p, s in zip(plain, clock.slept, strict=True))
     assert len(set(clock.slept)) > 8
     again, _, other = scripted([1, GONE], *failures, [1])
     take_until(again.items(), is_restarted)

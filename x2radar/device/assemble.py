@@ -27,11 +27,14 @@ class FrameAssembler:
         self._counter = CounterTracker()
         self._said: dict[str, Any] = {}
         self._axis = settings.axis
+        self._last: Samples | None = None
         self.n_repeated = 0
 
     def frame(self, message: Message, t_mono_s: float) -> Frame | None:
         """Return the frame in `message`, or None when it holds none or repeats the last.
 
+        Another echo under the same number is no repeat: a counter that restarts at 1 right behind
+        the first frame looks so.
         Samples are float32 for RF frames and complex64 for baseband, read-only. `t_mono_s` is
         when the message was complete, on the host's monotonic clock.
         """
@@ -57,8 +60,12 @@ class FrameAssembler:
             return None
         step, lost = self._counter.update(counter)
         if step is Step.REPEAT:
-            self.n_repeated += 1
-            return None
+            if self._last is not None and np.array_equal(samples, self._last):
+                self.n_repeated += 1
+                return None
+            step = Step.RESTART
+            self._counter.index += 1
+        self._last = samples
         read_only(samples)
         restarted = step is Step.RESTART
         return Frame(samples, counter, self._counter.index, lost, restarted, axis, t_mono_s)

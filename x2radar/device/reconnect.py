@@ -42,7 +42,8 @@ class Backoff:
     """Pauses between attempts to open a device: doubled each time, up to a cap; all chosen."""
 
     first_s: float = 0.25
-    most_s: float = 10.0
+    most_s: float = 2.0
+    """A module that is back must not be blind for longer; to look for a port costs nothing."""
     jitter: float = 0.2
     """Share by which a pause varies, so that several programs on one hub do not knock at the same
     time; the cap holds with it."""

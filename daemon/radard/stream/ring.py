@@ -97,7 +97,7 @@ class Notice:
 
 
 class FrameRing:
-    """Collect converted frames; hand out a dwell every hop.
+    """Collect converted frames; hand out a dwell every hop, behind a gap the first whole one.
 
     Parameters
     ----------
@@ -130,7 +130,7 @@ class FrameRing:
         self._converted = (0, -1)
         self._watched_to = 0
         self._most_watched = min(_FRAMES_AT_ONCE, max(1, round(_LATE_S * shape.frame_rate_hz)))
-        self._base = 0
+        self._base = self._origin = 0
         self._due = 0
         self._hops = 0
         self.n_unusable = 0
@@ -246,14 +246,24 @@ class FrameRing:
             self.post("restart", f"the frame counter jumped to {frame.counter}")
         self._convert_waiting()
         # Rows that waiting dwells still need stay where they are: only the schedule starts again.
-        self._base = self._taken
+        self._base = self._origin = self._taken
         self._timing.reset()
         self._hops = 0
         self._schedule(0)
 
     def _schedule(self, hop: int) -> None:
         ahead = round(hop * self._shape.hop_s * self._shape.frame_rate_hz)
-        self._due = self._base + self._shape.n_slow + ahead
+        self._due = self._origin + self._shape.n_slow + ahead
+
+    def _schedule_next(self, dwell: Dwell) -> None:
+        """Let the next dwell be due a hop later, or with the first whole one behind a gap."""
+        self._hops += 1
+        first = self._taken - self._shape.n_slow
+        if not dwell.is_whole:
+            behind = first + int(np.flatnonzero(~dwell.valid)[-1]) + 1
+            if behind - first < round(self._shape.hop_s * self._shape.frame_rate_hz):
+                self._origin, self._hops = behind, 0
+        self._schedule(self._hops)
 
     def _add(
         self, samples: NDArray[np.float32] | NDArray[np.complex64] | None, t_mono_s: float
@@ -332,9 +342,8 @@ class FrameRing:
             t_mono_s,
             self._taken,
         )
-        self._hops += 1
         self._timing.next_hop()
-        self._schedule(self._hops)
+        self._schedule_next(dwell)
         with self._changed:
             self._queue.append((first, dwell))
             self._changed.notify_all()
