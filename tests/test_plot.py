@@ -7,9 +7,9 @@ from radard.dsp.velocity import VelocityTransform
 from tests.recording_helpers import make
 from x2radar import maps
 from x2radar.cli import main
-from x2radar.commands.plot import Look, _filled
+from x2radar.commands.plot import _look
 from x2radar.errors import SettingsError
-from x2radar.frame import FastTimeAxis, Frame, StreamInfo
+from x2radar.frame import FastTimeAxis, StreamInfo
 
 AXIS = FastTimeAxis(
     kind="baseband",
@@ -88,13 +88,10 @@ def test_nothing_and_too_little():
 
 
 def test_a_missing_frame_repeats_the_one_before():
-    def frame(index, value):
-        return Frame(np.full(2, value, np.float32), index, index, 0, False, AXIS)
-
-    rows = _filled([frame(5, 1), frame(6, 2), frame(9, 3)], 99)
-    assert rows[:, 0].tolist() == [1, 2, 2, 2, 3]
-    look = Look("", StreamInfo(AXIS, 60.0, ""), rows, 0.0, 2)
-    assert len(look.samples) == 5
+    rows = np.array([[1], [2], [np.nan], [np.nan], [3]], np.float32)
+    look = _look("", StreamInfo(AXIS, 60.0, ""), rows, 0.0)
+    assert look.samples[:, 0].tolist() == [1, 2, 2, 2, 3]
+    assert look.n_lost == 2
 
 
 @pytest.mark.parametrize("suffix", [".png", ".svg"])
@@ -122,7 +119,7 @@ def test_a_port_is_drawn(tmp_path):
         (["in.h5", "--out", "a.bmp"], 2, "--out a.bmp: must end in .png, .pdf, .svg"),
         (["in.h5", "--out", "gone/a.png"], 66, "gone/a.png: cannot write"),
         (["in.h5", "--duration", "0.1", "--out", "a.png"], 2, "6 frames: at least 28"),
-        (["in.h5", "--start", "99", "--out", "a.png"], 66, "no frame at or behind --start 99"),
+        (["in.h5", "--start", "99", "--out", "a.png"], 66, "no frame at or behind 99 s"),
         (["gone.h5", "--out", "a.png"], 66, "gone.h5: no such recording"),
         (["sim:nobody", "--out", "a.png"], 66, "nobody"),
     ],

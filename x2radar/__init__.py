@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from x2radar.arrays import read_frames, simulate
 from x2radar.device.device import Deadlines, RadarStats, X2Radar
 from x2radar.device.reconnect import ReconnectingRadar, StreamEvent
 from x2radar.errors import X2RadarError
@@ -46,6 +47,8 @@ __all__ = [
     "open_async",
     "open_reconnecting",
     "open_recording",
+    "read_frames",
+    "simulate",
 ]
 
 

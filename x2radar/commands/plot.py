@@ -2,13 +2,16 @@
 
 import argparse
 import sys
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from x2radar.arrays import read_frames, stacked
 from x2radar.command import StatusLine
 from x2radar.commands import Commands, add_command, check_duration
 from x2radar.commands.info import is_port
@@ -84,46 +87,28 @@ def _look_at_port(port: str, duration_s: float) -> Look:
         frames = radar.frames()
         first = next(frames)
         assert radar.stream is not None  # noqa: S101 - known with the first frame
-        n = max(2, round(duration_s * radar.stream.frame_rate_hz))
-        rows: list[Frame] = [first]
-        for frame in frames:
-            if frame.restarted or frame.index - first.index >= n:
-                break
-            rows.append(frame)
-            status.show(f"{port}: {frame.index - first.index + 1} of {n} frames")
+        n = max(1, round(duration_s * radar.stream.frame_rate_hz))
+
+        def watched() -> Iterator[Frame]:
+            for frame in chain([first], frames):
+                status.show(f"{port}: {frame.index - first.index + 1} of {n} frames")
+                yield frame
+
+        samples = stacked(watched(), radar.stream, n)
         status.clear()
-        return Look(port, radar.stream, _filled(rows, n), 0.0, _lost(rows))
+        return _look(port, radar.stream, samples, 0.0)
 
 
 def _look_at_file(path: str, start_s: float, duration_s: float) -> Look:
-    # Late: h5py takes a while, and a port does without.
-    from x2radar.recording.registry import open_recording  # noqa: PLC0415
-
-    with open_recording(path) as recording:
-        rate_hz = recording.stream.frame_rate_hz
-        n = max(2, round(duration_s * rate_hz))
-        rows: list[Frame] = []
-        for frame in recording.frames(start_s):
-            if rows and (frame.restarted or frame.index - rows[0].index >= n):
-                break
-            rows.append(frame)
-        if not rows:
-            msg = f"{path}: no frame at or behind --start {start_s:g}"
-            raise RecordingError(msg)
-        return Look(Path(path).name, recording.stream, _filled(rows, n), start_s, _lost(rows))
+    samples, stream = read_frames(path, start_s=start_s, duration_s=duration_s)
+    return _look(Path(path).name, stream, samples, start_s)
 
 
-def _lost(rows: list[Frame]) -> int:
-    return rows[-1].index - rows[0].index + 1 - len(rows)
-
-
-def _filled(rows: list[Frame], most: int) -> Samples:
-    """Return the samples of frames; a missing one repeats the one before it."""
-    index = np.array([frame.index - rows[0].index for frame in rows])
-    wanted = np.arange(min(int(index[-1]) + 1, most))
-    samples: Any = np.nan_to_num(np.stack([frame.samples for frame in rows]))
-    filled: Samples = samples[np.searchsorted(index, wanted, "right") - 1]
-    return filled
+def _look(title: str, stream: StreamInfo, samples: Samples, start_s: float) -> Look:
+    is_here = np.isfinite(samples).all(axis=1)
+    last = np.maximum.accumulate(np.where(is_here, np.arange(len(samples)), 0))
+    filled: Any = np.nan_to_num(samples[last])
+    return Look(title, stream, filled, start_s, int(np.count_nonzero(~is_here)))
 
 
 def draw(look: Look) -> Any:

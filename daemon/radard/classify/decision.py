@@ -74,6 +74,14 @@ def judge(p: Probabilities, pet_limit: float) -> tuple[Label, bool]:
 
     No alarm if p(pet) + p(other) is above `pet_limit` and one of the two is at least a half. The
     label is human whenever the alarm is on.
+
+    >>> judge(Probabilities(human=0.1, pet=0.85, other=0.05), pet_limit=0.8)
+    ('pet', False)
+
+    Motion that resembles nothing counts as human:
+
+    >>> judge(Probabilities(human=0.1, pet=0.45, other=0.45), pet_limit=0.8)
+    ('human', True)
     """
     if p.pet + p.other > pet_limit and max(p.pet, p.other) >= LEAST_P:
         return ("pet" if p.pet >= p.other else "other"), False

@@ -27,6 +27,10 @@ def share(count: int, total: int) -> Estimate:
 
     It holds the truth in at least 95 % of cases, for any count; of a total of zero
     everything is possible.
+
+    >>> missed = share(2, 100)
+    >>> missed.value, round(missed.low, 4), round(missed.high, 4)
+    (0.02, 0.0024, 0.0704)
     """
     if total == 0:
         return Estimate(np.nan, 0.0, 1.0)
@@ -55,6 +59,10 @@ def per_hour(count: int, hours: float) -> Estimate:
 
     Nothing in H hours means less than -ln(0.05) / H, about 3 / H, at 95 %: there is no lower
     end to share the error with.
+
+    >>> none = per_hour(0, 10.0)
+    >>> none.low, round(none.high, 4)
+    (0.0, 0.2996)
     """
     if hours <= 0:
         return Estimate(np.nan, 0.0, np.inf)
