@@ -9,7 +9,12 @@ from x2radar.sim.bodies.motion.stride_phase import Footprints, StridePhase
 from x2radar.sim.bodies.path.path import Path
 from x2radar.sim.bodies.person.angle_motion import AnglePerson
 from x2radar.sim.bodies.person.build import NAMES, draw_person_build
-from x2radar.sim.bodies.person.footfall_motion import FootfallPerson, draw_gesture, draw_ways
+from x2radar.sim.bodies.person.footfall_motion import (
+    FootfallPerson,
+    draw_gesture,
+    draw_ways,
+    sides,
+)
 from x2radar.sim.bodies.person.person import draw_person
 from x2radar.sim.bodies.quadruped.pet import draw_pet
 
@@ -146,3 +151,36 @@ def test_a_pets_paws_reach_the_floor_and_do_not_go_through_it(motion, style):
         paws = centre[:, 10::3, 2]
         assert paws.min() > -0.06
         assert (paws.min(axis=1) < 0.12).mean() > 0.6
+
+
+@pytest.mark.parametrize("motion", ["gait", "footfalls", "angles"])
+@pytest.mark.parametrize("skin", ["surface", "points", "ellipsoids", "capsules"])
+@pytest.mark.parametrize("style", ["carry", "carry_pet"])
+def test_what_is_carried_is_a_part_with_every_motion_and_skin(motion, skin, style):
+    body = draw_person(np.random.default_rng(1), style=style, motion=motion, skin=skin)
+    points = body.at(T_S[:30], np.array([0.0, 0.0, 1.0]))
+    assert len(body.names) == points.rcs_m2.shape[1]
+    assert np.isfinite(points.position_m).all()
+
+
+@pytest.mark.parametrize("kind", ["footfalls", "angles"])
+def test_the_trunk_gains_and_loses_speed_twice_a_stride(kind):
+    motion, _ = person(kind, 3)
+    t_s = np.arange(1.5, 5.0, 0.01)
+    speed = np.linalg.norm(np.diff(motion.posture(t_s)[0][:, 2, :2], axis=0), axis=1) / 0.01
+    strides = motion.phase.at(t_s[:-1])
+    wave = np.exp(-4j * np.pi * strides)
+    once, twice = (abs(np.mean((speed - speed.mean()) * w)) for w in (np.sqrt(wave), wave))
+    assert twice > 0.02
+    assert speed.mean() == pytest.approx(1.2, rel=0.1)
+    assert twice > once / 3
+
+
+def test_chest_and_pelvis_turn_against_each_other():
+    left = np.array([[0.0, 1.0, 0.0]])
+    side = sides(left, np.array([0.2]))
+    assert side.shape == (1, len(NAMES), 3)
+    assert np.linalg.norm(side, axis=-1) == pytest.approx(np.ones((1, len(NAMES))))
+    turn = np.arctan2(-side[0, :, 0], side[0, :, 1])
+    assert turn[NAMES.index("pelvis")] == pytest.approx(0.2)
+    assert turn[NAMES.index("chest")] == pytest.approx(-0.14)

@@ -25,6 +25,7 @@ live, replayed and offline data take the same way.
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from radard.classify.bundle import Bundle
 from radard.classify.classifier import Answer, Classifier, Probabilities
@@ -38,6 +39,7 @@ from radard.classify.decision import (
 )
 from radard.classify.evidence import Evidence, EvidenceSettings
 from radard.classify.features import FeatureSettings, FeatureStream, extract
+from radard.classify.installation import INSTALLATION, Mount, echo_at_1m_db, installation
 from radard.config.config import Config
 from radard.detect.calibration import Calibration
 from radard.detect.clutter_map import ClutterRemover
@@ -113,11 +115,16 @@ class Pipeline:
             frame_rate_hz=stream.frame_rate_hz,
             n_cpi=self._features.n_cpi,
         )
+        self._mount = Mount(config.mount.height_m, config.mount.tilt_deg, config.mount.level_db)
         self._gate = Gate(config.gate, HOP_S)
         self.calibration: Calibration | None = None
         self._remover = ClutterRemover()
         self._tracker = Tracker()
         self._seq = 0
+
+    def use_limit(self, pet_limit: float) -> None:
+        """Judge by another limit from the next dwell on; nothing else is forgotten."""
+        self.pet_limit = self._verdict.pet_limit = pet_limit
 
     def make_ring(self) -> FrameRing:
         """Return the ring that takes this stream's frames and gives this pipeline's dwells."""
@@ -203,8 +210,9 @@ class Pipeline:
             self._evidence.reset()
         else:
             try:
-                answer = self._answered(moving if self._features.clutter == "removed" else dwell)
-                verdicts = self._judged(moving, tracks) if self._judges_tracks else ()
+                judged = moving if self._features.clutter == "removed" else dwell
+                answer = self._answered(judged, self._known(gate, moving))
+                verdicts = self._judged(moving, tracks, answer) if self._judges_tracks else ()
             except (ModelMismatch, FeatureError) as err:
                 # No verdict is better announced than guessed.
                 return invalid_decision(dwell, str(err), seq=seq)
@@ -226,10 +234,18 @@ class Pipeline:
             t_mono_s=dwell.t_mono_s,
         )
 
-    def _answered(self, dwell: Dwell) -> Answer | None:
+    def _known(self, gate: Gate, moving: Dwell) -> NDArray[np.float32] | None:
+        """Return what is known besides the motion, for a network that takes it."""
+        if INSTALLATION not in self._feature_names:
+            return None
+        echo_db = echo_at_1m_db(gate.power, gate.noise, moving.axis.range_m)
+        return installation(moving.frame_rate_hz, self._mount, echo_db)
+
+    def _answered(self, dwell: Dwell, known: NDArray[np.float32] | None) -> Answer | None:
         if self.classifier is None:
             return None
-        return self.classifier.answer(self._stream.extract(dwell), self._evidence.hidden)
+        features = self._stream.extract(dwell, known)
+        return self.classifier.answer(features, self._evidence.hidden)
 
     def _ruled(self, answer: Answer, t_s: float) -> tuple[Probabilities, Label, bool]:
         """Apply the policy; return the fused probabilities and the verdict."""
@@ -238,15 +254,22 @@ class Pipeline:
         fused = self._evidence.take(answer)
         return fused, *self._verdict.judge(fused, t_s)
 
-    def _judged(self, moving: Dwell, tracks: tuple[Track, ...]) -> tuple[TrackVerdict, ...]:
-        """Judge every body by itself, by what its own range gate lets through."""
+    def _judged(
+        self, moving: Dwell, tracks: tuple[Track, ...], answer: Answer | None
+    ) -> tuple[TrackVerdict, ...]:
+        """Judge every body by itself, by what its own range gate lets through.
+
+        Of one that is alone the window says as much, at no cost.
+        """
         if not tracks:
             return ()
-        paths_m = np.stack([track.path_m for track in tracks])
-        gates = range_gates(paths_m, moving.axis.range_m) if self.classifier else None
+        gates = None
+        if self.classifier is not None and len(tracks) > 1:
+            paths_m = np.stack([track.path_m for track in tracks])
+            gates = range_gates(paths_m, moving.axis.range_m)
         verdicts = []
         for k, track in enumerate(tracks):
-            window: Probabilities | None = None
+            window = answer.window if answer else None
             if self.classifier is not None and gates is not None:
                 alone = replace(moving, frames=moving.frames * gates[k])
                 features = extract(alone, self._features, self._feature_names)

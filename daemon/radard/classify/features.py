@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from radard import plugins
 from radard.classify.display_db import busiest_rows, shown
+from radard.classify.installation import INSTALLATION, N_INSTALLATION, installation
 from radard.classify.velocity_map import VelocityGrid
 from radard.dsp.cadence import cadence_velocity_diagram, extent_profile, type1_vector
 from radard.dsp.columns import SharedSteps
@@ -154,7 +155,7 @@ class FeatureSet:
 THESIS_FEATURES = ("thesis_type1", "thesis_type2")
 VELOCITY_FEATURES = ("velocity_time", "velocity_time_medium", "velocity_time_long")
 MAP_FEATURES = (*VELOCITY_FEATURES, "range_time")
-FEATURES = (*THESIS_FEATURES, *MAP_FEATURES)
+FEATURES = (*THESIS_FEATURES, *MAP_FEATURES, INSTALLATION)
 """Every feature that a network may ask for."""
 CLUTTER = ("cpi", "removed")
 RANGE_WINDOWS = ("fixed", "target")
@@ -182,6 +183,7 @@ def feature_shape(name: str, settings: FeatureSettings) -> tuple[int, ...]:
         "thesis_type2": (n_type1 + settings.n_profile,),
         **{name: grid.shape for name, grid in settings.velocity_grids().items()},
         "range_time": (settings.n_range_cells, settings.n_cells),
+        INSTALLATION: (N_INSTALLATION,),
     }
     if name not in shapes:
         plugin = plugins.plugged(plugins.FEATURES, name)
@@ -210,10 +212,11 @@ class FeatureStream:
         found = ((name, plugins.plugged(plugins.FEATURES, name)) for name in own)
         self._plugged = {name: plugin for name, plugin in found if plugin is not None}
 
-    def extract(self, dwell: Dwell) -> FeatureSet:
+    def extract(self, dwell: Dwell, known: NDArray[np.float32] | None = None) -> FeatureSet:
         """Return the features of one dwell, whole enough to be judged, in arrays of its own.
 
-        Raises FeatureError if the dwell is too short for the settings.
+        `known` is what `installation` returns; without it only the frame rate is known. Raises
+        FeatureError if the dwell is too short for the settings.
         """
         settings = self._settings
         n_slow = len(dwell.frames)
@@ -249,6 +252,9 @@ class FeatureStream:
             if settings.range_window == "target":
                 power = busiest_rows(power, settings.n_range_cells)
             inputs["range_time"] = shown(power, valid, settings.range_depth_db)
+        if INSTALLATION in self._names:
+            nothing = installation(dwell.frame_rate_hz)
+            inputs[INSTALLATION] = nothing if known is None else known
         for name, plugin in self._plugged.items():
             inputs[name] = _plugged_feature(plugin, dwell, settings)
         return FeatureSet(spectrogram, cvd, {name: inputs[name] for name in self._names})

@@ -24,7 +24,7 @@ _LOOK_STEP_S = 0.1  # chosen: a tenth of a step
 _GOES_MPS = 0.15  # chosen: slower bodies stay
 _LEAST_WAY_S = 1.0  # chosen: half a dwell of going
 _N_WAVES = 4  # chosen: uneven, but smooth
-_CONTRAST = (0.7, 1.8)  # exponent on the parts' strengths, chosen
+_CONTRAST = (0.35, 1.3)  # exponent on the parts' strengths, chosen: limbs are recorded stronger
 _JOINED = 0.25  # of the strongest part: chosen, -6 dB
 _JOIN_SHARE, _CONSTANT_SHARE, _LOOSE_SHARE = 0.25, 0.3, 0.4  # of bodies: chosen
 

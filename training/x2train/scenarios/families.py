@@ -178,10 +178,10 @@ def draw_family(rng: np.random.Generator, label: Label, use: Use) -> Family:
 
 
 PAIRS: Mapping[tuple[Label, Label], float] = {
-    ("human", "pet"): 0.35,
-    ("human", "other"): 0.22,
-    ("pet", "pet"): 0.12,
-    ("pet", "other"): 0.14,
+    ("human", "pet"): 0.18,
+    ("human", "other"): 0.10,
+    ("pet", "pet"): 0.08,
+    ("pet", "other"): 0.07,
 }
 """How often somebody has company of each label, by (who, company)."""
 

@@ -83,6 +83,8 @@ class Passage:
     frames: NDArray[np.complex64]  # (n_slow, n_range): baseband at the axis of the site's radar
     truth: Truth  # of every body of the cast
     making: Making = Making()
+    is_plain: bool = False  # without domain randomization
+    level_db: float = 0.0  # what a square metre at 1 m on the axis shows, in dB over the noise
 
 
 def play(
@@ -138,8 +140,12 @@ def play(
     # Of this receiver's noise, not of the budget's.
     level = noise * 10 ** ((site.receiver.noise_figure_db - 13) / 20)
     if not cast:
-        return Passage(site, cast, made, Truth(*np.zeros((4, n_slow, 0))), making)
-    return Passage(site, cast, made, _truth(site, block.points, budget, gain, level), making)
+        truth = Truth(*np.zeros((4, n_slow, 0)))
+    else:
+        truth = _truth(site, block.points, budget, gain, level)
+    one_m2 = float(budget.amplitude(np.ones(1), np.ones(1), axis)[0]) * gain / level
+    level_db = float(20 * np.log10(one_m2))
+    return Passage(site, cast, made, truth, making, is_plain, level_db)
 
 
 def _truth(

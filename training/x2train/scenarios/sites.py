@@ -1,8 +1,8 @@
 """Sites: a radar, its room and its receiver, drawn for training and for judging.
 
 One distribution serves all classes. The room of kind 'unseen' is built otherwise than those
-of training: two walls and a ceiling, clutter that falls by a power law, a mount near the
-ceiling that looks down.
+of training: two walls and a ceiling, clutter that falls by a power law, a mount at the
+ceiling that looks steeply down.
 """
 
 from collections.abc import Mapping
@@ -107,20 +107,26 @@ same, for it is that of the matched filter; eight neighbours share nearly the sa
 """
 ONE_RADAR: Mapping[str, Radar] = MappingProxyType({"thesis": THESIS, "x4m03": X4M03, "p4xx": P4XX})
 """Radars before which every suite can be played, by the name that `evaluate` takes."""
-_X2_SHARE = 0.7  # chosen: the radar that the bundles are for
+_X2_SHARE = 0.8  # chosen: the radar that the bundles are for
 _CLOSE_M = 0.7  # chosen: an arm's length from a shelf or table
+_HIGH_SHARE = 0.4  # of usual sites: chosen
+_LOW_M, _LOW_TILT_DEG = (0.4, 1.6), (-8.0, 8.0)  # mounts on furniture and at switches: chosen
+_HIGH_M, _HIGH_TILT_DEG = (1.9, 2.5), (10.0, 32.0)  # mounts over doors: chosen
 
 
 def draw_rate_hz(rng: np.random.Generator, least_hz: float = 30.0) -> float:
-    """Return a frame rate: 60 Hz half the time, else up to 200 Hz, evenly in its logarithm."""
+    """Return a frame rate: 60 or 200 Hz, the X2's usual ones, or one between, by its logarithm."""
     rate = least_hz * (200 / least_hz) ** rng.random()
-    return 60.0 if rng.random() < 0.5 else float(round(rate, 1))
+    usual = rng.random()
+    if usual < 0.5:
+        return 60.0
+    return 200.0 if usual < 0.65 else float(round(rate, 1))
 
 
 def draw_radar(rng: np.random.Generator, kind: RadarKind = "any") -> Radar:
     """Return a radar like those that the bundles are made for.
 
-    Of any kind, seven in ten are an X2 with its chips' spread, the others have any carrier,
+    Of any kind, eight in ten are an X2 with its chips' spread, the others have any carrier,
     bandwidth and bin length between those of the P4xx and the X4M03, and go down to 15 Hz.
     """
     share = rng.random(6)
@@ -202,10 +208,11 @@ def draw_site(rng: np.random.Generator, radar: Radar, kind: RoomKind = "usual") 
     room_rng = rng.spawn(1)[0]
     if kind == "unseen":
         return _unseen(room_rng, radar)
-    height_m = float(rng.uniform(0.5, 2.2))
+    is_high = share[11] < _HIGH_SHARE
+    height_m = float(rng.uniform(*(_HIGH_M if is_high else _LOW_M)))
     antenna = Antenna(
         height_m=height_m,
-        tilt_deg=float(rng.uniform(-8, 8) + max(0.0, height_m - 1.0) * 15),
+        tilt_deg=float(rng.uniform(*(_HIGH_TILT_DEG if is_high else _LOW_TILT_DEG))),
         shape="gaussian" if share[0] < 0.75 else "isotropic",
         azimuth_width_deg=float(rng.uniform(55, 110)),
         elevation_width_deg=float(rng.uniform(55, 110)),
@@ -219,7 +226,7 @@ def draw_site(rng: np.random.Generator, radar: Radar, kind: RoomKind = "usual") 
     wall = Surface(axis="y", at_m=float(rng.uniform(radar.far_m, radar.far_m + 3.0)))
     floor = Surface(axis="z", smoothness=float(rng.uniform(0.3, 1.0)))
     ceiling = Surface(axis="z", at_m=2.4 + 0.8 * float(share[7]))
-    likely = ((floor, share[1] < 0.8), (wall, share[2] < 0.5), (ceiling, share[8] < 0.3))
+    likely = ((floor, share[1] < 0.55), (wall, share[2] < 0.35), (ceiling, share[8] < 0.2))
     surfaces = tuple(surface for surface, is_there in likely if is_there)
     tail = TailSettings(
         energy_db=float(rng.uniform(-16, -4)), reach_m=max(2.0, radar.far_m - radar.near_m)
@@ -236,9 +243,9 @@ def draw_site(rng: np.random.Generator, radar: Radar, kind: RoomKind = "usual") 
         antenna=antenna,
         room=room if share[3] < 0.85 else None,
         surfaces=surfaces,
-        tail=tail if share[4] < 0.8 else None,
+        tail=tail if share[4] < 0.45 else None,
         receiver=receiver,
-        level_db=float(rng.uniform(-8, 20) if share[6] < 0.85 else rng.uniform(20, 40)),
+        level_db=float(rng.uniform(-6, 28) if share[6] < 0.85 else rng.uniform(20, 40)),
     )
 
 
@@ -248,8 +255,8 @@ def _unseen(rng: np.random.Generator, radar: Radar) -> Site:
     return Site(
         radar=radar,
         antenna=Antenna(
-            height_m=float(rng.uniform(2.0, 2.5)),
-            tilt_deg=float(rng.uniform(18, 35)),
+            height_m=float(rng.uniform(2.6, 3.0)),
+            tilt_deg=float(rng.uniform(35, 50)),
             azimuth_width_deg=float(rng.uniform(50, 75)),
             elevation_width_deg=float(rng.uniform(50, 75)),
         ),

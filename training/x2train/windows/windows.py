@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radard.classify.features import MAP_FEATURES, FeatureSettings, FeatureStream
+from radard.classify.installation import echo_at_1m_db
 from radard.config.sections import GateSettings
 from radard.detect.clutter_map import ClutterRemover
 from radard.detect.gate import Gate
@@ -30,7 +31,7 @@ _VISIBLE_DB = 3.0  # over the noise: chosen
 _LEAST_SHARE = 0.12  # of a dwell, a quarter of a second: chosen
 _LAW = 0x1A35  # marks the generator of motion and skin
 _A_RADAR, _RADAR = 16, 0x5ADA  # passages that share one; marks its generator
-_CLOSE_SHARE = 0.1  # of passages in usual rooms: chosen
+_CLOSE_SHARE = 0.05  # of passages in usual rooms: chosen
 _FAMILY = {f.name: k for k, f in enumerate(FAMILIES)}
 
 
@@ -106,6 +107,7 @@ def windows_of(
         if truth is None:
             continue
         maps = stream.extract(moving).inputs
+        echo_db = echo_at_1m_db(gate.power, gate.noise, axis.range_m)
         rows.append(
             truth
             | {name: np.rint(maps[name] * 255).astype(np.uint8) for name in MAP_FEATURES}
@@ -116,9 +118,14 @@ def windows_of(
                 "excess_db": reading.power_db - reading.noise_floor_db,
                 "range_m": reading.range_m,
                 "frame_rate_hz": rate_hz,
+                "echo_db": np.nan if echo_db is None else echo_db,
+                "level_db": passage.level_db,
+                "height_m": passage.site.antenna.height_m,
+                "tilt_deg": passage.site.antenna.tilt_deg,
                 "motion": MOTIONS.index(passage.making.motion),
                 "skin": tuple(SKINS).index(passage.making.skin),
                 "is_physical": passage.making.is_physical,
+                "is_plain": passage.is_plain,
             }
         )
     if not rows:

@@ -18,6 +18,7 @@ from x2radar.sim.bodies.motion.limbs import Moment, direction, hung, segments
 from x2radar.sim.bodies.motion.stride_phase import StridePhase
 from x2radar.sim.bodies.path.path import Path
 from x2radar.sim.bodies.person.build import PersonBuild
+from x2radar.sim.bodies.person.footfall_motion import sides
 
 Array = NDArray[np.float64]
 
@@ -40,9 +41,9 @@ class AnglePerson:
         Hip, knee, ankle, shoulder, elbow.
     lag : ndarray, shape (4,), float64
         Of left leg, right leg, left arm, right arm, in strides.
-    crouch_rad, lean_rad, facing_rad, yaw_rad, hop_m : float
+    crouch_rad, lean_rad, facing_rad, yaw_rad, hop_m, surge_m : float
         Added to hip and knee; of the trunk; of the body against its way; of the pelvis; height of
-        the flight.
+        the flight; how far hips swing ahead and back.
     cruise_mps : float
         Speed at which amplitudes are whole.
     gesture : Wander
@@ -59,6 +60,7 @@ class AnglePerson:
     facing_rad: float
     yaw_rad: float
     hop_m: float
+    surge_m: float
     cruise_mps: float
     gesture: Wander
 
@@ -106,6 +108,7 @@ class AnglePerson:
             facing,
             float(0.12 * np.exp(0.4 * z[8])),
             float(0.04 * run * np.exp(0.3 * z[9])),
+            float(0.014 * leg_m * np.exp(0.5 * rng.standard_normal())),
             cruise,
             gesture,
         )
@@ -123,6 +126,8 @@ class AnglePerson:
         left = direction(facing + 0.5 * np.pi, level)
         yaw = facing + self.yaw_rad * vigour * np.cos(2 * np.pi * p)
         place = np.stack([state.x_m, state.y_m, level], axis=-1)
+        ahead = self.surge_m * vigour * np.sin(4 * np.pi * (p - 0.31))
+        place = place - ahead[:, None] * direction(state.heading_rad, level)
         now = Moment(facing, yaw, p, vigour, gesture)
         legs = [self._leg(k, place, now) for k in range(2)]
         drop = np.stack([-leg[2][1][:, 2] for leg in legs], axis=1)
@@ -142,7 +147,7 @@ class AnglePerson:
         head = (top + 0.6 * b.neck_m * look, top + 1.4 * b.neck_m * look)
         centre, axis = segments([*trunk, pelvis, head, *arms[0], *arms[1], *legs[0], *legs[1]])
         axis[:, 2] = up
-        return centre, axis, left[:, None]
+        return centre, axis, sides(left, yaw - facing)
 
     def _leg(self, k: int, middle: Array, now: Moment) -> list[tuple[Array, Array]]:
         b, side = self.build, _SIDES[k]

@@ -20,6 +20,8 @@ from x2radar.sim.bodies.person.build import PersonBuild
 Array = NDArray[np.float64]
 
 _SIDES = (1.0, -1.0)
+_TURNS = np.array([0.0, -0.7, 1.0, -0.2, *[-0.7] * 6, *[1.0] * 6])
+"""Of the parts, in their order, for one of the pelvis: the chest turns against it (recalled)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -34,8 +36,9 @@ class Ways:
         Share of a stride that a foot stands; under a half there is a flight.
     limp : float
         How much later than half a stride the right foot lands, in strides.
-    crouch, lift, bob, sway : float
-        Of the hips: lower than straight legs, and their amplitudes; of the feet: height of swing.
+    crouch, lift, bob, sway, surge : float
+        Of the hips: lower than straight legs, and their amplitudes up, aside and ahead; of the
+        feet: height of swing.
     bob_lag, arm_lag : float
         In strides, against the left foot's landing.
     lean, yaw, toe_out, facing : float
@@ -52,6 +55,7 @@ class Ways:
     lift: float = 0.10
     bob: float = 0.022
     sway: float = 0.025
+    surge: float = 0.014
     bob_lag: float = 0.0
     arm_lag: float = 0.0
     lean: float = 0.05
@@ -136,6 +140,9 @@ class FootfallPerson:
         height = b.ankle_m + b.leg_m * (1 - w.crouch + w.bob * vigour * np.cos(two))
         aside = b.leg_m * w.sway * vigour * np.cos(one)
         middle = np.stack([state.x_m, state.y_m, height], axis=-1) + aside[:, None] * left
+        # Fastest when both feet are down, slowest over the standing foot.
+        ahead = b.leg_m * w.surge * vigour * np.sin(4 * np.pi * (p - 0.5 * w.duty))
+        middle = middle - ahead[:, None] * direction(state.heading_rad, level)
         yaw = facing + w.yaw * vigour * np.sin(2 * np.pi * p)
         now = Moment(facing, yaw, p, vigour, gesture)
         legs = [self._leg(k, t_s, middle, now) for k in range(2)]
@@ -151,7 +158,7 @@ class FootfallPerson:
         centre, axis = segments(ends)
         # Half-lengths of the pelvis are given along the body's own axis.
         axis[:, 2] = up
-        return centre, axis, left[:, None]
+        return centre, axis, sides(left, yaw - facing)
 
     def _leg(self, k: int, t_s: Array, middle: Array, now: Moment) -> list[tuple[Array, Array]]:
         b, w, side = self.build, self.ways, _SIDES[k]
@@ -189,6 +196,16 @@ class FootfallPerson:
         return [(shoulder, elbow), (elbow, wrist), (wrist, hand)]
 
 
+def sides(left: Array, turn_rad: Array) -> Array:
+    """Return the side vectors of all parts, shape (n_slow, n_segments, 3).
+
+    Pelvis and legs turn with the stride, `turn_rad`, shape (n_slow,), chest and arms against it.
+    """
+    ahead = np.stack([left[:, 1], -left[:, 0], left[:, 2]], axis=-1)
+    angle = np.outer(turn_rad, _TURNS)[..., None]
+    return np.asarray(np.cos(angle) * left[:, None] - np.sin(angle) * ahead[:, None])
+
+
 def draw_ways(rng: np.random.Generator, style: str) -> Ways:
     """Draw how somebody goes in a style of `STYLES`; unknown ones walk.
 
@@ -210,6 +227,7 @@ def draw_ways(rng: np.random.Generator, style: str) -> Ways:
         lift=float((0.28 if runs else 0.12) * np.exp(0.4 * z[4])),
         bob=float((0.05 if runs else 0.022) * np.exp(0.4 * z[5])),
         sway=float(0.025 * np.exp(0.4 * z[6])),
+        surge=float(0.014 * np.exp(0.5 * z[15])),
         bob_lag=float((0.25 if runs else 0.06) + 0.06 * z[7]),
         arm_lag=0.05 * z[8],
         lean={"crouch": 0.6, "stealth": 0.3, "run": 0.2}.get(style, 0.06) + 0.06 * z[9],

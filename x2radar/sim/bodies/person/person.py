@@ -165,7 +165,8 @@ def loaded(posture: Posture, burden: Array | None) -> Posture:
     return (
         np.concatenate([centre, place[:, None]], axis=1),
         np.concatenate([axis, left[:, None]], axis=1),
-        side,
+        # What is carried has the trunk's side.
+        side if side.shape[1] == 1 else np.concatenate([side, side[:, :1]], axis=1),
     )
 
 

@@ -91,6 +91,9 @@ class AngleQuadruped:
         level = np.zeros_like(heading)
         left = direction(heading + 0.5 * np.pi, level)
         place = np.stack([state.x_m, state.y_m, level], axis=-1)
+        turn = 2 * np.pi * w.bobs * (p - w.bob_lag)
+        surge = b.hip_m * w.surge * vigour * np.cos(turn)
+        place = place + surge[:, None] * direction(heading, level)
         now = Moment(heading, heading, p, vigour, np.zeros((len(p), 0)))
         legs = [self._leg(k, place, now) for k in range(4)]
         drop = np.stack([-leg[-1][1][:, 2] for leg in legs], axis=1)

@@ -45,9 +45,9 @@ class Bearing:
     ----------
     neck_rad, head_rad, tail_rad : float
         How far neck, head and tail point up.
-    nod_rad, bob, roll, sway, spine_rad : float
-        Amplitudes: of the neck once or twice a stride; of the trunk up and down and to the sides,
-        in hip heights; of its pitch once a stride in canter and bound.
+    nod_rad, bob, sway, surge, spine_rad : float
+        Amplitudes: of the neck once or twice a stride; of the trunk up, aside and ahead, in hip
+        heights; of its pitch once a stride in canter and bound.
     bobs : int
         How often it goes up and down in a stride.
     bob_lag : float
@@ -64,6 +64,7 @@ class Bearing:
     nod_rad: float
     bob: float
     sway: float
+    surge: float
     spine_rad: float
     bobs: int
     bob_lag: float
@@ -86,6 +87,7 @@ class Bearing:
             nod_rad=float((0.14 if leaps else 0.07) * np.exp(0.4 * z[1])),
             bob=float((0.07 if leaps else 0.03) * np.exp(0.4 * z[2])),
             sway=float(0.02 * np.exp(0.5 * z[3])),
+            surge=float((0.04 if leaps else 0.012) * np.exp(0.5 * z[5])),
             spine_rad=float((0.16 if leaps else 0.02) * np.exp(0.4 * z[4])),
             bobs=1 if leaps else 2,
             bob_lag=u[3],
@@ -210,6 +212,8 @@ class FootfallQuadruped:
         height = self.height_m + b.hip_m * w.bob * vigour * np.cos(w.bobs * turn)
         aside = b.hip_m * w.sway * vigour * np.cos(turn)
         middle = np.stack([state.x_m, state.y_m, height], axis=-1) + aside[:, None] * left
+        surge = b.hip_m * w.surge * vigour * np.sin(w.bobs * turn + 0.5 * np.pi)
+        middle = middle + surge[:, None] * direction(heading, np.zeros_like(heading))
         pitch = w.spine_rad * vigour * np.sin(turn)
         ends, ahead = trunk_ends(b, w, t_s, (middle, heading, pitch, p * vigour))
         long = direction(heading, pitch)

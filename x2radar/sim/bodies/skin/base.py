@@ -23,6 +23,21 @@ _N_AZIMUTHS = 24
 _TINY_M2 = 1e-12
 
 
+def draw_gain(
+    rng: np.random.Generator, size: Array, *, most_power: float, spread_db: float
+) -> Array:
+    """Draw what segments echo against theory, shape (n_segments,), mean weighted by size 1.
+
+    `size` is what theory gives. Recorded people show stronger limbs than single bodies of theory
+    have (docs/scenes.md), so large parts lose to small ones by up to `most_power` of their ratio,
+    and each part has a draw of its own of up to `spread_db`.
+    """
+    power, spread = rng.uniform(0.0, most_power), rng.uniform(0.0, spread_db)
+    noise = 10 ** (spread / 10 * rng.standard_normal(len(size)).clip(-2, 2))
+    gain = (size / size.max()) ** -power * noise
+    return np.asarray(gain * (size.sum() / (size * gain).sum()))
+
+
 class Skin(Protocol):
     """How the segments of one body echo; everything random was drawn when it was made."""
 

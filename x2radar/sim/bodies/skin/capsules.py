@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from x2radar.sim.bodies.skin.base import (
     SKIN_REFLECTION,
     WAVELENGTH_M,
+    draw_gain,
     mean_over_azimuths,
     seen_from,
 )
@@ -26,7 +27,8 @@ _COHERENT_M = (0.03, 0.08)
 """Lengths over which skin or cloth is straight to an eighth of a wavelength (chosen)."""
 _SHADOW_DB = (3.0, 20.0)
 """Loss of a part right behind another: diffraction fills shadows a wavelength deep (chosen)."""
-_GAIN_DB = 2.0
+_MOST_POWER, _GAIN_DB = 1.1, 4.0
+"""Of `draw_gain` (chosen), as ellipsoids have it."""
 _DEEPEST = 0.7
 
 
@@ -55,9 +57,10 @@ class CapsuleSkin:
     @classmethod
     def draw(cls, rng: np.random.Generator, half_m: Array) -> Self:
         """Draw coherent length, depth of the shadows, and gains."""
-        gain = 10 ** (_GAIN_DB / 10 * rng.standard_normal(len(half_m)).clip(-2, 2))
+        area = half_m[:, 0] * np.sqrt(half_m[:, 1] * half_m[:, 2])
+        gain = draw_gain(rng, area, most_power=_MOST_POWER, spread_db=_GAIN_DB)
         coherent, shadow = rng.uniform(*_COHERENT_M), rng.uniform(*_SHADOW_DB)
-        return cls(half_m, coherent, shadow, gain / gain.mean())
+        return cls(half_m, coherent, shadow, gain)
 
     def names(self, parts: tuple[str, ...], /) -> tuple[str, ...]:
         """Return the names of sides, far ends and near ends."""

@@ -11,13 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from x2radar.sim.bodies.skin.aspect import AspectFluctuation
-from x2radar.sim.bodies.skin.base import SKIN_REFLECTION, mean_over_azimuths, seen_from
+from x2radar.sim.bodies.skin.base import SKIN_REFLECTION, draw_gain, mean_over_azimuths, seen_from
 from x2radar.sim.points import Points
 
 Array = NDArray[np.float64]
 
 _MOST_FLOOR, _MOST_SPREAD_DB = 0.10, 3.0
 """Largest floor, as a share of the broadside echo, and largest fluctuation (chosen)."""
+_MOST_POWER, _GAIN_DB = 1.1, 4.0
+"""Of `draw_gain` (chosen): joints and clothes echo besides, trunks are not smooth."""
 _DEEPEST = 0.7
 """An antenna inside a part still has it in front, by this share of the distance."""
 
@@ -32,6 +34,8 @@ class EllipsoidSkin:
         Half-lengths.
     floor_m2 : ndarray, shape (n_segments,), float64
         Least cross section of each, before `scale`.
+    gain : ndarray, shape (n_segments,), float64
+        What each echoes against theory.
     fluctuation : AspectFluctuation
         What clothes and bent limbs do to it.
     scale : float
@@ -40,6 +44,7 @@ class EllipsoidSkin:
 
     half_m: Array
     floor_m2: Array
+    gain: Array
     fluctuation: AspectFluctuation
     scale: float = 1.0
 
@@ -49,7 +54,8 @@ class EllipsoidSkin:
         broadside = SKIN_REFLECTION * np.pi * (half_m.prod(axis=1) / half_m.min(axis=1) ** 2) ** 2
         floor = rng.uniform(0.0, _MOST_FLOOR) * broadside
         spread_db = np.full(len(half_m), rng.uniform(0.0, _MOST_SPREAD_DB))
-        return cls(half_m, floor, AspectFluctuation.draw(rng, half_m, spread_db))
+        gain = draw_gain(rng, broadside, most_power=_MOST_POWER, spread_db=_GAIN_DB)
+        return cls(half_m, floor, gain, AspectFluctuation.draw(rng, half_m, spread_db))
 
     def names(self, parts: tuple[str, ...], /) -> tuple[str, ...]:
         """Return the segments' names."""
@@ -63,7 +69,7 @@ class EllipsoidSkin:
         # Unit vectors that are not quite square to each other must not make a hole.
         deep2 = np.maximum(deep2, 0.5 * np.minimum(np.minimum(a2, b2), c2))
         rcs = np.maximum(SKIN_REFLECTION * np.pi * a2 * b2 * c2 / deep2**2, self.floor_m2)
-        rcs = self.scale * rcs * self.fluctuation.at(seen)
+        rcs = self.scale * self.gain * rcs * self.fluctuation.at(seen)
         return Points(centre_m, rcs, np.minimum(np.sqrt(deep2), _DEEPEST * distance))
 
     def mean_total_m2(self, centre_m: Array, axis: Array, side: Array, /) -> float:

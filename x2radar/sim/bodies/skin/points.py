@@ -17,8 +17,11 @@ Array = NDArray[np.float64]
 
 _ONE_EACH = 0.3
 """Share of bodies with one scatterer a segment; others have one to four (chosen)."""
-_SPREAD_DB = 5.0
-"""Largest spread of the weights within a body (chosen: twice that of today's fluctuation)."""
+_SPREAD_DB = 6.0
+"""Largest spread of the weights within a body (chosen: twice that of the other skins)."""
+_AREA_POWER = (0.0, 1.6)
+"""Weights go with a segment's area to a power between (chosen): from limbs as strong as the trunk,
+as the first studies have them, to a trunk that outshines all else."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,7 +58,7 @@ class PointSkin:
         aside, across = depth * half[:, 1] * np.cos(around), depth * half[:, 2] * np.sin(around)
         area = half[:, 0] * np.sqrt(half[:, 1] * half[:, 2]) / count[segment]
         spread_db = rng.uniform(0, _SPREAD_DB) * rng.standard_normal(len(segment)).clip(-2, 2)
-        weight = area ** rng.uniform(0.6, 1.8) * 10 ** (spread_db / 10)
+        weight = area ** rng.uniform(*_AREA_POWER) * 10 ** (spread_db / 10)
         total = SKIN_REFLECTION * np.pi * (half_m[:, 0] * half_m[:, 1:].mean(axis=1)).sum()
         place = np.stack([along, aside, across], axis=1)
         return cls(segment, place, total * weight / weight.sum())

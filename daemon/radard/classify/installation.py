@@ -1,0 +1,70 @@
+"""What an installation knows besides the motion: frame rate, mount, and how strong the echo is.
+
+A network that was trained on it takes it as one more input, in which everything may be missing.
+The strength is that of the whole body, compared with an adult before the same radar
+(`mount.level_db`): for a radar whose level is known, size is evidence.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+INSTALLATION = "installation"
+N_INSTALLATION = 7
+"""Frame rate; whether the height is known, and the height; the same of tilt and strength."""
+_RATE_HZ, _HEIGHT_M, _TILT_DEG, _STRENGTH_DB = 60.0, 1.5, 30.0, 10.0  # units of the input: chosen
+_MOST = 4.0  # units that any of them counts at most: chosen
+_STANDS_OUT = 10**0.5  # times its floor, a bin's power counts: as the gate has it
+
+
+@dataclass(frozen=True, slots=True)
+class Mount:
+    """How a radar hangs; None is not known."""
+
+    height_m: float | None = None  # over the floor
+    tilt_deg: float | None = None  # down from level
+    level_db: float | None = None  # `echo_at_1m_db` of an adult who walks
+
+
+def echo_at_1m_db(
+    power: NDArray[np.float64], floor: NDArray[np.float64], range_m: NDArray[np.float64]
+) -> float | None:
+    """Return how strong what moves would be at 1 m, in dB over the noise; None if nothing moves.
+
+    Parameters
+    ----------
+    power, floor : ndarray, shape (n_range,), float64
+        Of the bins, without static clutter; floor is the receiver's noise (`Gate.noise`).
+    range_m : ndarray, shape (n_range,), float64
+        Of the bins.
+
+    Notes
+    -----
+    The powers of all bins that stand out are added, for a body fills several, and its echoes'
+    tail as well; they are taken to the fourth power of the strongest one's range (the radar
+    equation), not of each bin's own, which would count a tail too much.
+    """
+    over = np.where(power > _STANDS_OUT * floor, power - floor, 0.0)
+    noise = float(np.median(floor)) if len(floor) else 0.0
+    total = float(over.sum())
+    if not (0.0 < total < np.inf and noise > 0.0):
+        return None
+    at_m = max(float(range_m[int(np.argmax(over))]), 0.1)
+    return float(10 * np.log10(total / noise) + 40 * np.log10(at_m))
+
+
+def installation(
+    frame_rate_hz: float, mount: Mount = Mount(), echo_db: float | None = None
+) -> NDArray[np.float32]:
+    """Return the input, shape (`N_INSTALLATION`,), float32; zeros for what is not known."""
+    level_db = mount.level_db
+    strength_db = None if level_db is None or echo_db is None else echo_db - level_db
+    values = [np.log2(frame_rate_hz / _RATE_HZ)]
+    for value, unit, middle in (
+        (mount.height_m, _HEIGHT_M, _HEIGHT_M),
+        (mount.tilt_deg, _TILT_DEG, 0.0),
+        (strength_db, _STRENGTH_DB, 0.0),
+    ):
+        values += [0.0, 0.0] if value is None else [1.0, (value - middle) / unit]
+    return np.clip(values, -_MOST, _MOST).astype(np.float32)
