@@ -16,11 +16,12 @@ from x2radar.bounded_yaml import compose_yaml, construct, load_yaml
 ENV_PREFIX = "RADARD_"
 Where = tuple[str, ...]
 Places = dict[Where, str]
-_ADAPTIVE = ("adaptive", "least_db", "most_db", "threshold_rate_db_per_s")
-_GONE: dict[Where, str] = dict.fromkeys(
-    (("gate", key) for key in _ADAPTIVE),
-    "is gone with the adaptive threshold; 'radard calibrate' sets thresholds that suit the room",
-) | {
+_ADAPTIVE = "is gone with the adaptive threshold; 'radard calibrate' sets what suits the room"
+_GONE: dict[Where, str] = {
+    ("gate", "adaptive"): _ADAPTIVE,
+    ("gate", "least_db"): _ADAPTIVE,
+    ("gate", "most_db"): _ADAPTIVE,
+    ("gate", "threshold_rate_db_per_s"): _ADAPTIVE,
     ("gate", "threshold_db"): "is gone: the gate's threshold follows from "
     "gate.false_alarms_per_day now; remove this line, or set that",
 }

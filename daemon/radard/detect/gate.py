@@ -11,7 +11,7 @@ over the noise is never learned at all.
 The test is on range-Doppler cells (`radard.dsp.range_doppler`). With c a CPI's strongest cells
 in a bin, l the bin's level and k the factor that follows from `false_alarms_per_day`::
 
-    level = max(noise, min(residue, 2 noise), learned)
+    level = max(noise, min(residue, 2 noise), 5 (learned - noise))
     open if  c > k level  somewhere, in two of three CPIs in a row
 
 It was chosen against the mean power over 2 s, which integrates all Doppler's noise and so needs
@@ -46,6 +46,9 @@ from radard.stream.ring import Dwell
 
 DAY_S = 86_400.0
 _MOVES = 10**0.5  # times its floor that the power of a bin in motion stands: chosen
+_LEARNED = 5.0
+"""Times what motion in place usually shows: chosen. Cells of a fan, of people who exercise, sit or
+stand swing so far about their median (tests/test_gate.py)."""
 _MOST_IN_PLACE = 0.75  # of the swath; a body with its echoes' tail fills 0.68 (built-in scenes)
 _TINY = 1e-300  # chosen: 10 log10 of it is finite
 
@@ -172,7 +175,7 @@ class Gate:
         self.background = np.maximum(np.minimum(power, most), floor)
         # What may be learned is bounded by its power: a steady tone is stronger in its cells.
         share = np.minimum(1.0, most / np.maximum(power, _TINY))
-        self.level = np.maximum(peak / usual_peak(n_cpi) * share, floor)
+        self.level = np.maximum(_LEARNED * (peak / usual_peak(n_cpi) * share - floor), floor)
 
 
 def level_over(floor: NDArray[np.float64], residue: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -28,6 +28,9 @@ and among the best three at 200 Hz (benchmarks/bench_gate.py makes such bodies).
 MOST_RESIDUE = 2.0
 """Times the noise that a bin's residue may reach: simulated rooms with jitter of up to 0.23 ps
 and leakage of 60 dB left at most 2.0 times the noise in a bin."""
+ALONE = 10.0
+"""Times its threshold at which one CPI is enough: chosen. A burst of Wi-Fi of 50 ms, 20 dB over
+the noise, stays under a fifth of it."""
 _LEAST_FACTOR = 1e-3  # instead of zero, for a gate that is always open; chosen
 
 
@@ -84,10 +87,14 @@ def two_of_three(excess: Array) -> tuple[float, int]:
     """Return what two of three CPIs in a row reach, and the CPI that decided.
 
     `excess` is what every CPI reaches, shape (n_cpis,): the result is the second largest of the
-    three where that is greatest. One CPI alone counts as it is; without any the result is 0.
+    three where that is greatest. A CPI that reaches `ALONE` needs no second one, and one that is
+    all there is counts as it is; without any the result is 0.
     """
-    if len(excess) < 2:
-        return (float(excess[0]), 0) if len(excess) else (0.0, 0)
+    if len(excess) == 0:
+        return 0.0, 0
+    top = int(np.argmax(excess))
+    if len(excess) == 1 or excess[top] >= ALONE:
+        return float(excess[top]), top
     best, at = -1.0, 0
     for first in range(max(1, len(excess) - 2)):
         order = first + np.argsort(-excess[first : first + 3], kind="stable")
