@@ -29,6 +29,7 @@ from tests.sink_helpers import (
 from tests.waiting import wait_for
 
 BASE = "radard/hall"
+PLATFORMS = ("alarm_control_panel", "event", "image", "select")
 # paho leaves the socket of a failed handshake to the collector, amqtt those of its clients.
 pytestmark = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 
@@ -89,7 +90,7 @@ def test_topics_of_a_run_and_their_clean_end(publish, listen):
     wait_for(lambda: json.loads(last(listener, "state") or "{}").get("alarm"))
     state = json.loads(last(listener, "state"))
     wanted = {"armed": True, "alarm": True, "label": "human", "gate": "open", "t_s": 2.45}
-    assert state == wanted
+    assert state == {**wanted, "panel": "triggered", "sensitivity": None}
     assert json.loads(last(listener, "decision"))["seq"] == 1
     sink.write(event(1, phase="end"))
     wait_for(lambda: json.loads(last(listener, "state"))["alarm"] is False)
@@ -235,7 +236,8 @@ def test_discovery_of_home_assistant(publish, listen, form):
         assert set(found) == {whole}
         parts = found[whole]["cmps"]
         one = {**found[whole], **parts["alarm"]}
-        assert all(part["p"] in {"binary_sensor", "sensor", "button"} for part in parts.values())
+        platforms = {part["p"] for part in parts.values()}
+        assert platforms == {"binary_sensor", "sensor", "button", *PLATFORMS}
     else:
         assert whole not in found
         parts = one = found[alarm]

@@ -20,6 +20,8 @@ class ModuleRow:
 
     device: str
     """As the key `device` of a port string names it."""
+    name: str
+    """For people, as its maker writes it."""
     settings: type[ModuleSettings]
     """Its settings, with its fast-time axis and its start-up commands."""
     order_codes: tuple[str, ...] = ()
@@ -32,9 +34,15 @@ class ModuleRow:
 MODULES: Mapping[str, ModuleRow] = {
     row.device: row
     for row in (
-        ModuleRow(device="x2raw", settings=RadarSettings, order_codes=("",)),
-        ModuleRow(device="x2m200", settings=ProfileSettings),
-        ModuleRow(device="x4m03", settings=X4Settings, order_codes=("X4", "XEP"), bundle="x4m03"),
+        ModuleRow(device="x2raw", name="X2", settings=RadarSettings, order_codes=("",)),
+        ModuleRow(device="x2m200", name="X2M200", settings=ProfileSettings),
+        ModuleRow(
+            device="x4m03",
+            name="X4M03",
+            settings=X4Settings,
+            order_codes=("X4", "XEP"),
+            bundle="x4m03",
+        ),
     )
 }
 
@@ -44,6 +52,11 @@ def module_for(order_code: str) -> ModuleRow:
     code = order_code.strip().upper()
     prefixes = {prefix: row for row in MODULES.values() for prefix in row.order_codes}
     return prefixes[max(filter(code.startswith, prefixes), key=len)]
+
+
+def module_of(settings: ModuleSettings) -> ModuleRow:
+    """Return the row of a module that is told these settings."""
+    return next(row for row in MODULES.values() if type(settings) is row.settings)
 
 
 def settings_from_mapping(known: Mapping[str, Any]) -> ModuleSettings:

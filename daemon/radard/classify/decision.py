@@ -102,7 +102,7 @@ class Verdict:
     """
 
     def __init__(self, pet_limit: float, human_limit: float, decide_within_s: float) -> None:
-        self._pet_limit = pet_limit
+        self.pet_limit = pet_limit
         self._human_limit = human_limit
         self._within_s = decide_within_s
         self._since_s: float | None = None
@@ -120,7 +120,7 @@ class Verdict:
         """
         if self._since_s is None:
             self._since_s = t_s
-        label, alarm = judge(fused, self._pet_limit)
+        label, alarm = judge(fused, self.pet_limit)
         # Dwells end at whole frames, so three hops may last a little less than 3 s.
         may_wait = t_s - self._since_s < self._within_s - _ROUNDING_S
         self._is_pending = alarm and may_wait and fused.human < self._human_limit

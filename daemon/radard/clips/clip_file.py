@@ -18,7 +18,8 @@ from typing import Any
 import h5py
 import numpy as np
 
-from radard.clips.spectrogram_png import PictureMaker, encode_png
+from radard.clips.spectrogram_png import PictureMaker, Rgb, encode_png
+from radard.config.atomic import write_atomically
 from radard.errors import FeatureError, OutputError
 from x2radar.errors import RecordingError
 from x2radar.frame import Frame, StreamInfo
@@ -77,6 +78,15 @@ class ClipFile:
             raise OutputError(str(err)) from err
         self._picture.push(frames)
 
+    def preview(self) -> None:
+        """Draw what there is up to now, for those who are told of the alarm while it is on."""
+        self._draw(self._picture.picture())
+
+    def _draw(self, picture: Rgb | None) -> None:
+        if picture is not None:
+            png = encode_png(picture, self._picture.axes())
+            write_atomically(self.path.with_suffix(".png"), png, sync=False)
+
     def finish(self, decisions: Sequence[Mapping[str, Any]], event: Mapping[str, Any]) -> None:
         """Close the clip and add what was decided, in order, as the JSON Lines contract has it.
 
@@ -95,9 +105,7 @@ class ClipFile:
                     image.attrs["IMAGE_VERSION"] = np.bytes_("1.2")
                     image.attrs["IMAGE_SUBCLASS"] = np.bytes_("IMAGE_TRUECOLOR")
                     image.attrs["INTERLACE_MODE"] = np.bytes_("INTERLACE_PIXEL")
-            if picture is not None:
-                png = encode_png(picture, self._picture.axes())
-                self.path.with_suffix(".png").write_bytes(png)
+            self._draw(picture)
         except (RecordingError, OSError, RuntimeError) as err:
             msg = f"{self.path}: the clip lacks its decisions: {' '.join(str(err).split())}"
             raise OutputError(msg) from err
@@ -156,6 +164,12 @@ class ClipWriter:
                 self._file.abandon()
                 self._file = None
                 raise
+        return False
+
+    def preview(self) -> bool:
+        """Draw the clip at hand as far as it goes."""
+        if self._file is not None:
+            self._file.preview()
         return False
 
     def finish(self, decisions: Sequence[Mapping[str, Any]], event: Mapping[str, Any]) -> bool:

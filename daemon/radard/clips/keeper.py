@@ -118,6 +118,7 @@ class ClipKeeper:
         about = self._attributes
         self._do(lambda writer: writer.open(path, first, utc, about))
         self._take(self._running, end)
+        self._do(lambda writer: writer.preview())
         return str(path)
 
     def after(self, t_s: float, *, is_seen: bool, event: Mapping[str, Any] | None = None) -> None:

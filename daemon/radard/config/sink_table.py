@@ -43,6 +43,12 @@ class MqttSection(Section):
     commands: Literal["auto", "always", "off"] = Field(
         "auto", description="arm, disarm, ack, calibrate; auto: only over TLS and authenticated"
     )
+    code_file: Path | None = Field(None, description="file with the code that disarming takes")
+    code_env: str | None = Field(None, description="or variable that holds it")
+    picture: bool = Field(True, description="publish the picture of the last alarm")
+    dashboard_url: str | None = Field(
+        None, pattern=r"^https?://\S+$", description="Home Assistant's link to the dashboard"
+    )
     expire_after_s: float = Field(30.0, ge=6, le=3600, description="a state older than so is void")
     discovery: Literal["device", "components", "off"] = Field(
         "device", description="Home Assistant from 2024.11; components: older ones and openHAB"
@@ -237,6 +243,14 @@ SINKS = (
         sections=("syslog", "outbox"),
         gets="events, states",
         on_failure="tried again while the queue has room",
+    ),
+    SinkRow(
+        form="lsl:",
+        module="radard.sinks.lsl",
+        value="optional",
+        is_per_sensor=True,
+        gets="decisions, events, for the Lab Streaming Layer",
+        on_failure="an inlet that is not connected misses what is sent meanwhile",
     ),
     SinkRow(
         form="store:FILE",

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from radard.alarm.events import See
 from radard.alarm.panel import AlarmPolicy
+from radard.alarm.room_reference import RoomStore
 from radard.alarm.sensitivity import alarm_policy
 from radard.alarm.state_store import StateStore
 from radard.alarm.tamper import TamperWatch
@@ -22,13 +23,14 @@ from radard.config.quiet_hours import Now, QuietHours, parse_quiet, time_zone
 from radard.config.sections import AUTO_MODEL
 from radard.detect.calibration import Calibration, load_calibration
 from radard.errors import ConfigError
-from radard.pipeline import Pipeline
+from radard.pipeline import Pipeline, pet_limit_of
 from radard.stream.ring import DwellShape
 from x2radar.command import installed_version
 from x2radar.frame import StreamInfo
 
 log = logging.getLogger("radard")
 RESTART_SECTIONS = ("sensor", "service")
+_PIPELINE_SECTIONS = ("mount", "model", "gate", "decision")
 
 
 @dataclass(slots=True)
@@ -42,6 +44,7 @@ class Parts:
     quiet: QuietHours  # when no alarm is wanted
     tamper: TamperWatch | None  # None when it is off
     clips: ClipKeeper | None  # None when nothing is kept
+    pet_limit: float  # of the rule; the pipeline's from the exchange on
     zone_fault: str = ""  # why nobody can raise an alarm
 
 
@@ -78,14 +81,17 @@ def make_parts(
     if fault and old is None:
         raise ConfigError(fault)
     was = old.config if old else None
+    bundle = pipeline.classifier.bundle if pipeline.classifier else None
+    pet_limit = pet_limit_of(config, bundle)
     made_here = old is not None and old.config.gate.calibration == config.gate.calibration
     use_calibration(config, pipeline, is_live=is_live, keeps=made_here)
     quiet = QuietHours(
         [parse_quiet(text) for text in config.alarm.quiet], time_zone(config.alarm.timezone), now
     )
     tamper, clips = (old.tamper, old.clips) if old else (None, None)
-    if was is None or was.tamper != config.tamper:
-        tamper = _make_tamper(config, pipeline)
+    room = room_of(config, pipeline)
+    if tamper is None or was is None or was.tamper != config.tamper or tamper.room != room:
+        tamper = _make_tamper(config, pipeline, room, is_live=is_live, old=tamper)
     if was is None or was.clips != config.clips:
         clips = _make_clips(config, pipeline) if is_live else None
     elif clips is not None:
@@ -95,10 +101,11 @@ def make_parts(
         config=config,
         pipeline=pipeline,
         policy=alarm_policy(config.alarm, pipeline.policy),
-        see=_make_see(config, pipeline),
+        see=_make_see(config, pet_limit),
         quiet=quiet,
         tamper=tamper,
         clips=clips,
+        pet_limit=pet_limit,
         zone_fault=fault,
     )
 
@@ -159,7 +166,7 @@ def remake_parts(config: Config, old: Parts, *, now: Now, is_live: bool) -> Part
             log.warning("reload: changes of '%s' take a restart", name)
     config = config.model_copy(update={name: getattr(was, name) for name in RESTART_SECTIONS})
     pipeline = old.pipeline
-    if (config.model, config.gate, config.decision) != (was.model, was.gate, was.decision):
+    if any(getattr(config, name) != getattr(was, name) for name in _PIPELINE_SECTIONS):
         has_new = config.model != was.model
         stream = pipeline.stream
         classifier = make_classifier(config, stream) if has_new else pipeline.classifier
@@ -178,13 +185,16 @@ def _cut_of(pipeline: Pipeline) -> tuple[DwellShape, int]:
 
 def make_store(config: Config, *, is_live: bool) -> StateStore:
     """Return where arming is kept: nowhere for a replay or a demo, apart for a simulation."""
-    is_sim = (config.sensor.port or "").startswith("sim:")
     # An alarm that is on is kept only in a folder that was named: a run by hand begins afresh.
     is_named = named_state_dir(config) is not None
-    if not is_live or (is_sim and not is_named):
-        return StateStore(None)
-    name = f"{config.sensor.name}{'.sim' if is_sim else ''}.json"
-    return StateStore(state_dir(config) / name, keeps_alarms=is_named)
+    return StateStore(_kept_file(config, "json", is_live=is_live), keeps_alarms=is_named)
+
+
+def _kept_file(config: Config, ending: str, *, is_live: bool) -> Path | None:
+    is_sim = (config.sensor.port or "").startswith("sim:")
+    if not is_live or (is_sim and named_state_dir(config) is None):
+        return None
+    return state_dir(config) / f"{config.sensor.name}{'.sim' if is_sim else ''}.{ending}"
 
 
 def _zones_of(config: Config) -> Zones:
@@ -200,15 +210,36 @@ def _check_zones(config: Config, pipeline: Pipeline) -> str:
     return fault
 
 
-def _make_see(config: Config, pipeline: Pipeline) -> See:
-    zones, pet_limit = _zones_of(config), pipeline.pet_limit
+def _make_see(config: Config, pet_limit: float) -> See:
+    zones = _zones_of(config)
     return lambda decision, policy, mode: sight_of(decision, policy, zones.armed(mode), pet_limit)
 
 
-def _make_tamper(config: Config, pipeline: Pipeline) -> TamperWatch | None:
+def _make_tamper(
+    config: Config, pipeline: Pipeline, room: str, *, is_live: bool, old: TamperWatch | None
+) -> TamperWatch | None:
     if not config.tamper.enabled:
         return None
-    return TamperWatch(config.tamper, pipeline.shape.hop_s)
+    store = RoomStore(_kept_file(config, "room.json", is_live=is_live), room)
+    # Other settings are no reason to take what is there now for the room.
+    known = old.known if old is not None and old.room == room else None
+    return TamperWatch(config.tamper, pipeline.shape.hop_s, store, known)
+
+
+def room_of(config: Config, pipeline: Pipeline) -> str:
+    """Return whose reference this is: with another module, swath or calibration it is another."""
+    axis, port = pipeline.stream.axis, config.sensor.port or ""
+    n_bins = axis.n_range // _cut_of(pipeline)[1]
+    made_utc = pipeline.calibration.provenance.made_utc if pipeline.calibration else ""
+    return ", ".join(
+        (
+            port if port.startswith("sim:") else pipeline.stream.device,
+            f"{axis.kind}, {n_bins} bins from {axis.range_offset_m:.3f} m",
+            f"{axis.bin_length_m:.4g} m",
+            f"{axis.carrier_hz:.4g} Hz, {pipeline.stream.frame_rate_hz:.3g} frames a second",
+            f"calibrated {made_utc or ('then' if pipeline.calibration else 'never')}",
+        )
+    )
 
 
 def _make_clips(config: Config, pipeline: Pipeline) -> ClipKeeper | None:

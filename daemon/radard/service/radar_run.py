@@ -265,7 +265,8 @@ class RadarRun:
         assert self.worker is not None  # noqa: S101 - `start` came before
         is_armed = self.worker.tracker.panel.is_armed
         hello = hello_record(parts.pipeline, parts.config, is_armed=is_armed)
-        return marked(hello, self.mark)
+        module = getattr(self._source, "module", None)
+        return marked({**hello, "module": module}, self.mark)
 
     def stop(self) -> None:
         """Ask for the end, also of waiting for a device; any thread may."""

@@ -20,7 +20,7 @@ from radard.errors import ConfigError
 from radard.health.health import Health, Status
 from radard.outputs.fanout import Feed
 from radard.outputs.records import decision_record, event_record, status_record
-from radard.service.components import Parts, logger_of
+from radard.service.components import Parts, logger_of, room_of
 from radard.service.room_calibration import RoomCalibration, can_calibrate, signer
 from radard.stream.frame_timing import RateWatch
 from radard.stream.ring import Dwell, FrameRing, Notice
@@ -221,11 +221,7 @@ class Worker:
     def _take_command(self, notice: Notice) -> None:
         name = notice.reason
         self._log.info("command: %s", name)
-        tamper = self.parts.tamper
         if name == "calibrate":
-            # Nothing else ends a tamper that lasts: who arms at night must still be told.
-            if tamper is not None:
-                tamper.relearn()
             self._calibrate(notice.t_s)
         elif name in ARM_MODES and not self._may_arm(notice.t_s):
             return
@@ -252,6 +248,7 @@ class Worker:
         if not can_calibrate(config):
             # No calibration is wanted: the gate learns the room again, as at the start.
             pipeline.restart()
+            self._relearn_tamper(t_s)
             return
         if self._room is not None:
             self._room.stop("another one was asked for")
@@ -272,6 +269,15 @@ class Worker:
         except ConfigError as err:
             # A reload came between, with a model that takes other bins.
             self._log.warning("the calibration is not taken up: %s", err)
+        else:
+            self._relearn_tamper(self._t_s)
+
+    def _relearn_tamper(self, t_s: float) -> None:
+        """Take what is there now for the room; nothing else ends a tamper that lasts."""
+        parts = self.parts
+        if parts.tamper is not None:
+            self._emit(self.tracker.remark("tamper", "taken for the room: it was calibrated", t_s))
+            parts.tamper.relearn(room_of(parts.config, parts.pipeline))
 
     def _take_parts(self) -> None:
         parts, self._next = self._next, None
@@ -280,6 +286,7 @@ class Worker:
         if self.parts.clips is not None and self.parts.clips is not parts.clips:
             self.parts.clips.close(0.0)
         self.parts = parts
+        parts.pipeline.use_limit(parts.pet_limit)
         self.tracker.panel.policy = parts.policy
         self.tracker.see = parts.see
 

@@ -66,6 +66,9 @@ class SinkContext:
         What the stream is, unless a module sends it now.
     command : callable or None
         Takes one of `COMMANDS`, from any thread; must not wait.
+    choose : callable or None
+        Takes the name of a sensitivity, from any thread, and keeps it over restarts; raises
+        RadardError if that cannot be done.
     panel : callable or None
         Returns a mapping with the key armed, for any thread.
     health : callable or None
@@ -78,6 +81,7 @@ class SinkContext:
     can_wait: bool = False
     mark: str = ""
     command: Callable[[str], None] | None = None
+    choose: Callable[[str], None] | None = None
     panel: Callable[[], Mapping[str, Any]] | None = None
     health: Callable[[], HealthState] | None = None
 

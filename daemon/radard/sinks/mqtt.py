@@ -15,8 +15,10 @@ from urllib.parse import unquote, urlsplit
 
 from radard.config.sink_table import MqttSection, SinkOptions
 from radard.errors import UsageError
+from radard.sinks.alarm_picture import PictureWatch
 from radard.sinks.backoff import Backoff
 from radard.sinks.base import Record, SinkContext
+from radard.sinks.mqtt_commands import CommandReader, MqttCommand, code_of
 from radard.sinks.mqtt_link import Broker, MqttLink
 from radard.sinks.mqtt_topics import MqttTopics, Publication
 from radard.sinks.outbox import Item
@@ -89,15 +91,22 @@ class MqttSink(OutboxSink):
         self._context = context
         self._commands = options.mqtt.commands
         self._takes_commands = takes_commands = _takes_commands(broker, options.mqtt)
+        code = code_of(options.mqtt)
         self._topics = topics = MqttTopics(
-            context.marked_sensor, prefix, options.mqtt, takes_commands=takes_commands
+            context.marked_sensor,
+            prefix,
+            options.mqtt,
+            takes_commands=takes_commands,
+            code_form=("digits" if code.isdigit() else "text") if code else None,
         )
         self._warned_s, self._n_unsaid = float("-inf"), 0
         self._must_announce = False
         self._ticked_s = time.monotonic()
         o = options.outbox
         subscriptions = [topics.birth_topic] if options.mqtt.discovery != "off" else []
-        subscriptions += [topics.command_filter] if takes_commands else []
+        self._reader = CommandReader(topics.base, options.mqtt)
+        subscriptions += [self._reader.topics] if takes_commands else []
+        self._pictures = PictureWatch() if options.mqtt.picture else None
         self._link = MqttLink(
             broker,
             options.mqtt,
@@ -126,6 +135,8 @@ class MqttSink(OutboxSink):
 
     def _take(self, record: Record) -> None:
         super()._take(record)
+        if self._pictures is not None:
+            self._pictures.follow(record)
         self._publish(self._topics.on_record(record, time.monotonic()))
 
     def _tick(self) -> None:
@@ -139,11 +150,15 @@ class MqttSink(OutboxSink):
         status = (health.state, health.reason) if health else None
         room = panel.get("calibration") or {}
         text = ": ".join(str(room[key]) for key in ("phase", "text") if room.get(key))
-        self._publish(
-            self._topics.refresh(
-                now_s, status, is_armed=panel.get("armed"), calibration=text or None
-            )
-        )
+        self._publish(self._topics.refresh(now_s, status, panel, calibration=text or None))
+        self._publish_picture()
+
+    def _publish_picture(self) -> None:
+        if self._pictures is None or not self._link.is_up or self._must_announce:
+            return
+        png = self._pictures.fresh()
+        if png is not None:
+            self._publish([self._topics.picture(png)])
 
     def _publish(self, messages: list[Publication]) -> None:
         if not self._link.is_up or self._must_announce:
@@ -173,12 +188,20 @@ class MqttSink(OutboxSink):
                 if payload == b"online":
                     self._announce()
                 return
-            name = self._topics.command_of(topic, payload, is_retained=is_retained)
-            if name is not None and self._context.command is not None:
-                log.info("%s: command %s", self.name, name)
-                self._context.command(name)
+            command = self._reader.read(topic, payload, is_retained=is_retained)
+            if command is not None:
+                self._obey(command)
         except Exception as err:  # noqa: BLE001 - in the library's thread, which must go on
             self._warn(str(err))
+
+    def _obey(self, command: MqttCommand) -> None:
+        context = self._context
+        if command.sensitivity and context.choose is not None:
+            log.info("%s: sensitivity %s", self.name, command.sensitivity)
+            context.choose(command.sensitivity)
+        elif command.name and context.command is not None:
+            log.info("%s: command %s", self.name, command.name)
+            context.command(command.name)
 
     def _warn(self, text: str) -> None:
         """Log what is wrong with a command, once a minute; whoever sends them must not fill it."""

@@ -241,7 +241,8 @@ class MqttLink:
 
 
 def _publish(client: paho.Client, message: Publication) -> paho.MQTTMessageInfo:
-    payload = message.payload.encode()
+    payload = message.payload
+    payload = payload.encode() if isinstance(payload, str) else payload
     return client.publish(message.topic, payload, message.qos, message.is_retained)
 
 

@@ -4,11 +4,12 @@ No network here: records, states and times go in, messages come out. Topics belo
 `PREFIX/SENSOR/`:
 
     availability   online | offline                      retained, also the last will
-    state          {armed, alarm, label, gate, t_s}      retained
+    state          {armed, panel, alarm, label, ...}     retained
     health         {state, reason, fault, tamper, ...}   retained
     decision       every decision                        QoS 0
     event          every phase of every event            QoS 1, through the outbox
-    command/NAME   arm, disarm, ack, calibrate           empty payload, never retained
+    picture        PNG of the last alarm                 retained
+    command/NAME   see `radard.sinks.mqtt_commands`      never retained
 """
 
 import json
@@ -17,10 +18,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from radard.config.sink_table import MqttSection
-from radard.sinks.base import COMMANDS, Record
-from radard.sinks.homeassistant import discovery
+from radard.sinks.base import Record
+from radard.sinks.homeassistant import CodeForm, discovery, panel_state
 
-_MOST_SHOWN = 40  # characters of a stranger's topic in the log, chosen
 _HOP_S = 1.0
 """Time from one decision to the next (`radard.pipeline`)."""
 
@@ -30,7 +30,7 @@ class Publication:
     """One message to publish."""
 
     topic: str
-    payload: str
+    payload: str | bytes
     qos: int = 1
     is_retained: bool = True
 
@@ -39,8 +39,15 @@ class MqttTopics:
     """What a sensor's topics hold, all below `prefix`/`sensor`."""
 
     def __init__(
-        self, sensor: str, prefix: str, options: MqttSection, *, takes_commands: bool
+        self,
+        sensor: str,
+        prefix: str,
+        options: MqttSection,
+        *,
+        takes_commands: bool,
+        code_form: CodeForm = None,
     ) -> None:
+        self._code_form = code_form
         self._sensor = sensor
         self._takes_commands = takes_commands
         self._options = options
@@ -48,6 +55,8 @@ class MqttTopics:
         self._hello: Record | None = None
         self._open: dict[str, str] = {}
         self._is_armed = True
+        self._panel: Mapping[str, Any] = {}
+        self._sensitivity: str | None = None
         self._calibration: str | None = None
         self._label: str | None = "none"
         self._gate = "closed"
@@ -62,35 +71,9 @@ class MqttTopics:
         return Publication(f"{self.base}/availability", "offline")
 
     @property
-    def command_filter(self) -> str:
-        """Topic filter of all commands."""
-        return f"{self.base}/command/+"
-
-    @property
     def birth_topic(self) -> str:
         """Where Home Assistant says that it has started."""
         return f"{self._options.discovery_prefix}/status"
-
-    def command_of(self, topic: str, payload: bytes, *, is_retained: bool) -> str | None:
-        """Return the command of a message; None on other topics.
-
-        Raises ValueError if it is unknown, has a payload, or was retained: a retained `disarm`
-        would disarm at every reconnection.
-        """
-        head, _, name = topic.rpartition("/")
-        if head != f"{self.base}/command":
-            return None
-        shown = repr(name[:_MOST_SHOWN])
-        if is_retained:
-            msg = f"command {shown} ignored: it was retained; remove it from the broker"
-            raise ValueError(msg)
-        if name not in COMMANDS:
-            msg = f"no command {shown}; known are {', '.join(COMMANDS)}"
-            raise ValueError(msg)
-        if payload:
-            msg = f"command {shown} ignored: its payload must be empty"
-            raise ValueError(msg)
-        return name
 
     def event(self, record: Record) -> Publication:
         """Return the message of an event."""
@@ -102,6 +85,7 @@ class MqttTopics:
         if kind == "hello":
             self._hello = record
             self._is_armed = bool(record.get("armed", self._is_armed))
+            self._sensitivity = record.get("sensitivity")
             return self._discovery()
         if kind == "decision":
             return self._on_decision(record, now_s)
@@ -117,14 +101,20 @@ class MqttTopics:
         self,
         now_s: float,
         status: tuple[str, str] | None,
+        panel: Mapping[str, Any],
         *,
-        is_armed: bool | None,
         calibration: str | None = None,
     ) -> list[Publication]:
-        """Take state and reason, armed (each None: as before), progress; return what changed."""
+        """Take state and reason (None: as before), panel, progress; return what changed.
+
+        `panel` is that of `radard.sinks.base.SinkContext`; what it does not tell is as before.
+        """
         self._calibration = calibration
         self._status = status or self._status
-        self._is_armed = self._is_armed if is_armed is None else is_armed
+        self._panel = panel
+        armed = panel.get("armed")
+        self._is_armed = self._is_armed if armed is None else bool(armed)
+        self._sensitivity = panel.get("sensitivity", self._sensitivity)
         return self._changes(now_s)
 
     def announce(self, now_s: float) -> list[Publication]:
@@ -162,9 +152,12 @@ class MqttTopics:
         messages = self._if_changed("health", health, health)
         # A state from before an outage would be stale.
         if now_s - self._decided_s < self._options.expire_after_s:
+            is_on = "alarm" in self._open
             held = {
                 "armed": self._is_armed,
-                "alarm": "alarm" in self._open,
+                "panel": panel_state(self._panel, is_armed=self._is_armed, is_on=is_on),
+                "sensitivity": self._sensitivity,
+                "alarm": is_on,
                 "label": self._label,
                 "gate": self._gate,
             }
@@ -198,8 +191,15 @@ class MqttTopics:
             self._hello,
             self._options,
             takes_commands=self._takes_commands,
+            code_form=self._code_form,
         )
-        return [Publication(topic, payload) for topic, payload in pairs]
+        found = [Publication(topic, payload) for topic, payload in pairs]
+        # What an earlier version or setting left there.
+        return found if self._options.picture else [*found, self.picture(b"")]
+
+    def picture(self, png: bytes) -> Publication:
+        """Return the message of the last alarm's picture; empty removes it."""
+        return Publication(f"{self.base}/picture", png)
 
 
 def _json(content: Mapping[str, Any]) -> str:

@@ -20,6 +20,7 @@ from x2radar.device.reconnect import ReconnectingRadar
 from x2radar.errors import RecordingError, TransportClosed
 from x2radar.frame import Frame, StreamInfo
 from x2radar.ports import PortSpec, check_options, make_radar, number_option, parse_port
+from x2radar.settings.modules import module_of
 
 Notify = Callable[[str, str], None]
 REPLAY_KEYS = frozenset({"start", "loop"})
@@ -143,7 +144,7 @@ def open_source(
         radar.wrap_transport(lambda connect: coalesced(connect, hop.due_s))
     device = ReconnectingRadar(radar, wait=wait, quit_on_loss=quit_on_loss)
     on_wait(device.close)
-    return LiveSource(device, on_notice, hop)
+    return LiveSource(device, on_notice, hop, lambda: module_of(radar.settings).name)
 
 
 class LiveSource:
@@ -151,7 +152,13 @@ class LiveSource:
 
     is_live = True
 
-    def __init__(self, radar: ReconnectingRadar, on_notice: Notify, hop: NextHop) -> None:
+    def __init__(
+        self,
+        radar: ReconnectingRadar,
+        on_notice: Notify,
+        hop: NextHop,
+        module: Callable[[], str],
+    ) -> None:
         self._radar = radar
         self._hop = hop
         self._on_notice = on_notice
@@ -163,6 +170,8 @@ class LiveSource:
         self._first = first
         assert radar.stream is not None  # noqa: S101 - known with the first frame
         self.stream: StreamInfo = radar.stream
+        self.module = module()
+        """What sends the frames, as its maker calls it."""
 
     def frames(self) -> Iterator[Frame]:
         """Yield frames; after a loss, the first one is marked as a restart.
