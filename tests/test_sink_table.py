@@ -19,6 +19,7 @@ EXAMPLES = {
     "webhook:URL": "webhook:https://me@h.example/hooks/s3cret?token=s3cret",
     "exec:COMMAND": "exec:notify --key s3cret",
     "syslog:": "syslog:udp://log.lan:514",
+    "lsl:": "lsl:hall",
     "store:FILE": "store:/var/lib/radard/radard.db",
     "http://HOST:PORT": "http://127.0.0.1:8434",
 }

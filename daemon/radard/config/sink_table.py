@@ -253,6 +253,14 @@ SINKS = (
         on_failure="an inlet that is not connected misses what is sent meanwhile",
     ),
     SinkRow(
+        form="lsl:",
+        module="radard.sinks.lsl",
+        value="optional",
+        is_per_sensor=True,
+        gets="decisions, events, for the Lab Streaming Layer",
+        on_failure="an inlet that is not connected misses what is sent meanwhile",
+    ),
+    SinkRow(
         form="store:FILE",
         module="radard.sinks.store",
         sections=("store",),
