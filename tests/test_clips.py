@@ -3,6 +3,8 @@
 import json
 import os
 import struct
+import subprocess
+import sys
 import zlib
 from pathlib import Path
 
@@ -350,3 +352,42 @@ def test_pictures_of_odd_streams():
     nothing = Frame(np.zeros(64, np.complex64), 1, 0, 0, False, BASEBAND)
     silent.push([nothing] * 100)
     assert silent.picture().shape[2] == 3
+
+
+_LATE = """
+import sys, threading, time
+from pathlib import Path
+from h5py._hl.base import phil
+from radard.clips.clip_file import ClipWriter
+from radard.clips.keeper import ClipKeeper
+from radard.config.sections import ClipsSection
+from tests.test_clips import STREAM
+
+keeper = ClipKeeper(ClipsSection(), Path(sys.argv[1]), STREAM, 147, {})
+holds = threading.Event()
+
+def slow(writer):
+    with phil:
+        holds.set()
+        time.sleep(2)
+    return True
+
+keeper._do(slow)
+assert holds.wait(60)
+print(keeper.close(0.01))
+"""
+
+
+def test_a_clip_that_is_late_does_not_hang_the_end_of_the_process(tmp_path):
+    """It once did for ever: its thread held the lock of HDF5 when the interpreter ended."""
+    root = Path(__file__).parents[1]
+    roots = [str(root / name) for name in (".", "daemon", "training")]
+    done = subprocess.run(
+        [sys.executable, "-c", _LATE, str(tmp_path)],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(roots)},
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=True,
+    )
+    assert done.stdout == "False\n"

@@ -6,6 +6,7 @@ the first is the first of a dwell, so that a replay of the clip cuts the same dw
 last is that of a decision; how fast anything runs does not matter.
 """
 
+import contextlib
 import logging
 import queue
 import threading
@@ -24,6 +25,7 @@ log = logging.getLogger("radard")
 Job = Callable[[Any], bool]
 _SLACK_S = 4.0  # held beyond `pre_s`; chosen: a decision is never so late
 _MOST_JOBS = 200  # that wait for the disk; chosen: some minutes
+_POLL_S = 0.1  # chosen: a clip that ends late holds up the end of the process by so much
 _MOST_PAST = 128  # decisions; chosen: twice the longest `pre_s`
 
 
@@ -142,12 +144,21 @@ class ClipKeeper:
             self._finish(self._running)
         if self._thread is None:
             return True
-        try:
+        with contextlib.suppress(queue.Full):
             self._jobs.put(None, timeout=timeout_s)
-        except queue.Full:
-            return False
-        self._thread.join(timeout_s)
-        return not self._thread.is_alive()
+            self._thread.join(timeout_s)
+            if not self._thread.is_alive():
+                return True
+        # It may hold HDF5's lock, on which the interpreter's own end would wait for ever: this
+        # thread, which is no daemon, lets that end begin only when the clip has been written.
+        threading.Thread(target=self._wait, args=(self._thread,), name="end of clips").start()
+        return False
+
+    def _wait(self, thread: threading.Thread) -> None:
+        while thread.is_alive():
+            with contextlib.suppress(queue.Full):
+                self._jobs.put_nowait(None)
+            thread.join(_POLL_S)
 
     def _take(self, running: _Running, end: int) -> None:
         first, last = running.taken, min(end, running.end)
