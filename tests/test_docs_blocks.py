@@ -43,8 +43,8 @@ USER_PAGES = ["README.md", *(f"docs/{name}.md" for name in USER.split())]
 SHELL = re.compile(r"[|&;<>$`]|^\w+=")
 
 
-class ParsedError(Exception):
-    """A command's arguments were taken."""
+class Parsed(BaseException):
+    """A command's arguments were taken; no Exception, which the commands turn into a line."""
 
 
 @pytest.fixture
@@ -54,15 +54,14 @@ def parsing(monkeypatch):
 
     def parse_only(self, args=None, namespace=None):
         parse(self, args, namespace)
-        raise ParsedError
+        raise Parsed
 
     def check(words):
         with monkeypatch.context() as patch:
             patch.setattr(argparse.ArgumentParser, "parse_args", parse_only)
             try:
-                # Not MAINS' run_command: it turns every exception into a line.
                 code = MAINS[words[0]](words[1:])
-            except ParsedError:
+            except Parsed:
                 return
             except SystemExit as end:
                 code = end.code
