@@ -5,7 +5,7 @@ import pytest
 
 from radard.config.sections import GateSettings
 from radard.detect.gate import DAY_S, Gate
-from radard.dsp.clutter import sound_rows
+from radard.dsp.clutter import block_power, sound_rows
 from radard.dsp.range_doppler import (
     ALONE,
     MOST_RESIDUE,
@@ -23,7 +23,8 @@ def peaks_of(frames, lost=()):
     usable = np.ones(len(frames), np.bool_)
     usable[list(lost)] = False
     rows, usable, scale = sound_rows(frames, usable)
-    peak, residue = doppler_peaks(rows, usable, N_CPI)
+    peak, residue, power = doppler_peaks(rows, usable, N_CPI)
+    assert power == pytest.approx(block_power(rows, usable, N_CPI, 1)[0][:, 0], rel=1e-4, abs=1e-9)
     return peak * scale**2, residue * scale**2
 
 

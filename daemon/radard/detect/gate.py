@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from radard.config.sections import GateSettings
 from radard.detect.calibration import Calibration
 from radard.detect.noise_floor import NoiseFloor
-from radard.dsp.clutter import block_power, centre_spread_m, sound_rows
+from radard.dsp.clutter import centre_spread_m, sound_rows
 from radard.dsp.median import median
 from radard.dsp.noise import second_differences
 from radard.dsp.range_doppler import (
@@ -120,8 +120,7 @@ class Gate:
         n_cpi = min(max(4, round(CPI_S * dwell.frame_rate_hz)), len(dwell.frames))
         rows, usable, scale = sound_rows(dwell.frames, dwell.valid)
         unit = scale**2
-        cpi_power = block_power(rows, usable, n_cpi, 1)[0][:, 0]
-        peak, residue = doppler_peaks(rows, usable, n_cpi)
+        peak, residue, cpi_power = doppler_peaks(rows, usable, n_cpi)
         noise, floor = self._noise.update(second_differences(rows, usable), cpi_power, n_cpi, unit)
         self.noise = floor
         if self._calibration is not None:
@@ -138,7 +137,7 @@ class Gate:
         is_local = np.count_nonzero(self.power > _MOVES * floor) <= _MOST_IN_PLACE * len(floor)
         is_in_place = is_local and spread_m < self._settings.in_place_m and len(peak) > 0
         self._in_place.append(
-            np.stack([self.power, peak.mean(axis=0)], axis=1) if is_in_place else None
+            np.concatenate([self.power, peak.mean(axis=0)]) if is_in_place else None
         )
         return self._judge(self._factor(n_cpi), dwell)
 
@@ -170,7 +169,8 @@ class Gate:
         learned = [each for each in self._in_place if each is not None]
         if len(learned) < self._n_learn:
             return
-        power, peak = median(np.stack(learned, axis=-1)).T
+        # Dwells last, and in one piece: half the time of a stack along another axis.
+        power, peak = np.split(median(np.ascontiguousarray(np.array(learned).T)), 2)
         most = noise * 10 ** (self._settings.adapt_db / 10)
         self.background = np.maximum(np.minimum(power, most), floor)
         # What may be learned is bounded by its power: a steady tone is stronger in its cells.
@@ -181,9 +181,10 @@ class Gate:
 def level_over(floor: NDArray[np.float64], residue: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the level that cells must stand out of: noise, and what clutter left on it."""
     # Where noise steps over range, the learned floor steps a bin too early or too late.
-    beside = np.pad(floor, 1, mode="edge")
-    most = MOST_RESIDUE * np.maximum(np.maximum(beside[:-2], beside[2:]), floor)
-    return np.clip(residue, floor, most)
+    most = floor.copy()
+    np.maximum(most[1:], floor[:-1], out=most[1:])
+    np.maximum(most[:-1], floor[1:], out=most[:-1])
+    return np.clip(residue, floor, MOST_RESIDUE * most)
 
 
 def _db(power: float) -> float:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radard.dsp.cfar import floor_factor
-from radard.dsp.clutter import Flags, repeat_usable
+from radard.dsp.clutter import Flags, block_power, repeat_usable
 
 Array = NDArray[np.float64]
 N_DOPPLER = 3
@@ -36,8 +36,8 @@ _LEAST_FACTOR = 1e-3  # instead of zero, for a gate that is always open; chosen
 
 def doppler_peaks(
     rows: NDArray[np.complex64], usable: Flags, n_cpi: int
-) -> tuple[NDArray[np.float64], Array]:
-    """Return every bin's strongest Doppler cells, and the level that it stands on.
+) -> tuple[Array, Array, Array]:
+    """Return every bin's strongest Doppler cells, the level that they stand on, and all power.
 
     Parameters
     ----------
@@ -55,6 +55,8 @@ def doppler_peaks(
         half is usable are left out.
     residue : ndarray, shape (n_range,), float64
         Median of all cells, scaled to the mean of noise; zeros without a CPI.
+    power : ndarray, shape (n_cpis, n_range), float64
+        As `radard.dsp.clutter.block_power` gives it: here it is the sum of the cells.
     """
     n_cpis = len(rows) // n_cpi
     used = n_cpis * n_cpi
@@ -68,7 +70,7 @@ def doppler_peaks(
         blocks = blocks[kept]
     n_range = rows.shape[1]
     if not len(blocks):
-        return np.zeros((0, n_range)), np.zeros(n_range)
+        return np.zeros((0, n_range)), np.zeros(n_range), np.zeros((0, n_range))
     # Bins before frames: transforms along the last axis take half the time.
     spectra = np.fft.fft(blocks.transpose(0, 2, 1), axis=-1)[..., 1:]
     cells = spectra.real**2 + spectra.imag**2
@@ -80,7 +82,11 @@ def doppler_peaks(
     by_bin = np.ascontiguousarray(cells.transpose(1, 0, 2)).reshape(n_range, -1)
     k = by_bin.shape[1] // 2
     middle = np.partition(by_bin, k, axis=1)[:, k].astype(np.float64)
-    return peak, middle / (np.log(2) * n_cpi)
+    if usable[-used:].all():
+        power = cells.sum(axis=-1).astype(np.float64) / (n_cpi * (n_cpi - 1))
+    else:
+        power = block_power(rows, usable, n_cpi, 1)[0][:, 0]
+    return peak, middle / (np.log(2) * n_cpi), power
 
 
 def two_of_three(excess: Array) -> tuple[float, int]:
