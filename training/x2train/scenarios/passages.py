@@ -102,50 +102,64 @@ def play(
     `lead_s` is when the bodies enter, see `RandomizedActor`; `is_plain` leaves randomization out;
     `making` says which laws make people, cats and dogs.
     """
-    radar = site.radar
-    axis, rate_hz = radar.axis(), radar.frame_rate_hz
+    rate_hz = site.radar.frame_rate_hz
     given = {} if making == Making() else making.options
-    actors = tuple(_actor(rng, site, f, lead_s, given, is_plain=is_plain) for f in cast)
-    scene = Scene(
-        name="passage",
-        description="",
-        steps=(SceneStep(actors, duration_s, duration_s),),
-        room=site.room,
-        antenna=site.antenna,
-        surfaces=site.surfaces,
-        tail=site.tail,
-        receiver=site.receiver,
-    )
+    actors = tuple(actor(rng, site, f, lead_s, given, is_plain=is_plain) for f in cast)
+    player = Player(rng, site, (SceneStep(actors, duration_s, duration_s),))
     n_slow = round(duration_s * rate_hz)
-    stage = Stage(scene, int(rng.integers(2**31)), rate_hz)
-    budget = LinkBudget()
-    noise = float(np.sqrt(baseband_noise_power(axis, budget.noise_sigma)))
-    gain = float(np.sqrt(SEED_GAIN) * 10 ** (site.level_db / 20))
-    block = stage.next_block(n_slow)
-    frames = echo_frames(
-        block.rows.range_m,
-        block.rows.amplitude(budget, axis) * gain,
-        axis,
-        error_db=_ERROR_DB,
-        floor=_UNSEEN * noise,
-    )
-    if site.room is not None:
-        room = Room(rng, site.room, axis, budget)
-        frames = frames + room.echo(np.arange(n_slow) / rate_hz)
-    sweep = RadarSettings.for_frame_rate(max(1, round(rate_hz)))
-    receiver = Receiver(
-        sweep, axis, budget, rng, effects=site.receiver, seed=int(rng.integers(2**31))
-    )
-    made = receiver.baseband(np.asarray(frames, np.complex64))
-    # Of this receiver's noise, not of the budget's.
-    level = noise * 10 ** ((site.receiver.noise_figure_db - 13) / 20)
+    made, points = player.next_block(n_slow)
     if not cast:
-        truth = Truth(*np.zeros((4, n_slow, 0)))
-    else:
-        truth = _truth(site, block.points, budget, gain, level)
-    one_m2 = float(budget.amplitude(np.ones(1), np.ones(1), axis)[0]) * gain / level
-    level_db = float(20 * np.log10(one_m2))
-    return Passage(site, cast, made, truth, making, is_plain, level_db)
+        return Passage(site, cast, made, Truth(*np.zeros((4, n_slow, 0))), making)
+    return Passage(site, cast, made, player.truth(points), making)
+
+
+class Player:
+    """Play steps in a site, block after block, for ever; everything random from `rng`."""
+
+    def __init__(self, rng: np.random.Generator, site: Site, steps: tuple[SceneStep, ...]) -> None:
+        axis, rate_hz = site.radar.axis(), site.radar.frame_rate_hz
+        scene = Scene(
+            name="passage",
+            description="",
+            steps=steps,
+            room=site.room,
+            antenna=site.antenna,
+            surfaces=site.surfaces,
+            tail=site.tail,
+            receiver=site.receiver,
+        )
+        self._site, self._axis, self._rate_hz, self._at = site, axis, rate_hz, 0
+        self._stage = Stage(scene, int(rng.integers(2**31)), rate_hz)
+        self._budget = LinkBudget()
+        self._noise = float(np.sqrt(baseband_noise_power(axis, self._budget.noise_sigma)))
+        self._gain = float(np.sqrt(SEED_GAIN) * 10 ** (site.level_db / 20))
+        self._room = None if site.room is None else Room(rng, site.room, axis, self._budget)
+        sweep = RadarSettings.for_frame_rate(max(1, round(rate_hz)))
+        self._receiver = Receiver(
+            sweep, axis, self._budget, rng, effects=site.receiver, seed=int(rng.integers(2**31))
+        )
+
+    def next_block(self, most: int) -> tuple[NDArray[np.complex64], tuple[Points, ...]]:
+        """Return the next frames and where the bodies are; fewer than `most` where a step ends."""
+        block = self._stage.next_block(most)
+        frames = echo_frames(
+            block.rows.range_m,
+            block.rows.amplitude(self._budget, self._axis) * self._gain,
+            self._axis,
+            error_db=_ERROR_DB,
+            floor=_UNSEEN * self._noise,
+        )
+        n = block.n_slow
+        if self._room is not None:
+            frames = frames + self._room.echo((self._at + np.arange(n)) / self._rate_hz)
+        self._at += n
+        return self._receiver.baseband(np.asarray(frames, np.complex64)), block.points
+
+    def truth(self, points: tuple[Points, ...]) -> Truth:
+        """Return the truth about bodies of a block."""
+        # Of this receiver's noise, not of the budget's.
+        level = self._noise * 10 ** ((self._site.receiver.noise_figure_db - 13) / 20)
+        return _truth(self._site, points, self._budget, self._gain, level)
 
 
 def _truth(
@@ -174,7 +188,7 @@ def _truth(
     return Truth(*(np.stack(c, axis=1) for c in columns))
 
 
-def _actor(
+def actor(
     rng: np.random.Generator,
     site: Site,
     family: Family,
@@ -183,6 +197,7 @@ def _actor(
     *,
     is_plain: bool,
 ) -> RandomizedActor:
+    """Return a family's body in a site, its place and course drawn; `given` are options of all."""
     near_m, far_m = site.course_m
     options: dict[str, Any] = dict(family.options)
     if family.kind in _MADE:
