@@ -14,7 +14,7 @@ from tests.web_helpers import HEADERS, Client, Running, open_decision
 
 PATH = Path(__file__).parents[1] / "docs" / "reference" / "openapi.yaml"
 SPEC = yaml.safe_load(PATH.read_text("utf-8"))
-PAGES = {"/", "/ws", "/static/{path:path}"}
+PAGES = {"/", "/sw.js", "/ws", "/static/{path:path}"}
 """Routes that are no interface for programs."""
 make = pytest.fixture(maker)
 

@@ -272,7 +272,7 @@ def test_zones_are_dragged_saved_and_hold(tab, radard):
     other.until("document.querySelectorAll('.zonerow').length === 1")
     assert save.is_disabled()
     one.page.get_by_role("button", name="Forget what was saved").click()
-    radard.wait(lambda: zones() == {"include": [], "exclude": []})
+    radard.wait(lambda: zones() == {"include": [], "exclude": [], "away": []})
     one.until("document.querySelectorAll('.zonerow').length === 0")
 
 

@@ -24,7 +24,10 @@ from radard.errors import ConfigError, OutputError
 Sections = Mapping[str, Mapping[str, Any]]
 KEYS: dict[str, dict[str, tuple[str, ...]]] = {
     "zones": {"zones": ("include", "exclude", "away")},
-    "settings": {"alarm": ("sensitivity", "entry_delay_s", "exit_delay_s")},
+    "settings": {
+        "alarm": ("sensitivity", "entry_delay_s", "exit_delay_s"),
+        "mount": ("height_m", "tilt_deg"),
+    },
 }
 """What may be saved: by kind of file, the keys of every section."""
 _STRONGER = (ENV_PREFIX, "command line")

@@ -131,8 +131,8 @@ def restless_spans(calibration: Calibration) -> list[tuple[float, float]]:
     start_m, bin_m = calibration.range_offset_m, calibration.bin_length_m
     spans: list[tuple[float, float]] = []
     for first, end in edges.reshape(-1, 2):
-        low_m = np.floor((start_m + first * bin_m) / _CELL_M) * _CELL_M
-        high_m = np.ceil((start_m + end * bin_m) / _CELL_M) * _CELL_M
+        low_m = np.floor((start_m + first * bin_m) / _CELL_M + 1e-6) * _CELL_M
+        high_m = np.ceil((start_m + end * bin_m) / _CELL_M - 1e-6) * _CELL_M
         if spans and low_m <= spans[-1][1] + _LEAST_M:
             low_m = spans.pop()[0]
         spans.append((round(max(low_m, 0.0), 2), round(high_m, 2)))

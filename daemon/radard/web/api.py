@@ -38,6 +38,7 @@ _TYPES = {
     ".css": "text/css; charset=utf-8",
     ".js": "text/javascript; charset=utf-8",
     ".svg": "image/svg+xml",
+    ".png": "image/png",
     ".webmanifest": "application/manifest+json",
 }
 _FIELDS = ("id", "sensor", "kind", "began", "ended", "peak", "reason", "label", "clip")
@@ -77,6 +78,8 @@ class Api:
             *actions.routes,
             WebSocketRoute("/ws", self._ws),
             Route("/", self._page),
+            # Here, because a service worker is for what lies beside it.
+            Route("/sw.js", self._worker),
             Route("/static/{path:path}", self._file),
         ]
         self.app = SecurityMiddleware(Starlette(routes=routes), access)
@@ -198,6 +201,9 @@ class Api:
     async def _page(self, request: Request) -> Response:
         is_known = self._role(request) != "nobody"
         return self._served(request, "index.html" if is_known else "login.html")
+
+    async def _worker(self, request: Request) -> Response:
+        return self._served(request, "sw.js")
 
     async def _file(self, request: Request) -> Response:
         return self._served(request, request.path_params["path"])

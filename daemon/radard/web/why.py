@@ -17,6 +17,9 @@ from radard.config.config import Config
 from radard.detect.gate import GateReading
 from radard.sinks.base import Record
 
+_WORDS = {"human": "person", "pet": "pet", "other": "something else"}
+_SHOWN = 0.005  # chosen: what rounds to a percent
+
 
 @dataclass(frozen=True, slots=True)
 class DecisionStage:
@@ -24,7 +27,8 @@ class DecisionStage:
 
     name: str
     outcome: Literal["passed", "decided"]
-    text: str
+    text: str  # with the numbers that decided
+    plain: str  # the same for people
 
 
 def explain(
@@ -81,29 +85,30 @@ def explain(
     }
 
 
-def _passed(name: str, text: str) -> DecisionStage:
-    return DecisionStage(name, "passed", text)
+def _passed(name: str, text: str, plain: str) -> DecisionStage:
+    return DecisionStage(name, "passed", text, plain)
 
 
-def _decided(name: str, text: str) -> DecisionStage:
-    return DecisionStage(name, "decided", text)
+def _decided(name: str, text: str, plain: str) -> DecisionStage:
+    return DecisionStage(name, "decided", text, plain)
 
 
 def _frames(record: Record, events: Sequence[Mapping[str, Any]]) -> DecisionStage:
     n, lost = record["frames"], record["dropped"]
     if record["gate"] != "invalid":
         missing = f"{lost} missing, few enough" if lost else "none missing"
-        return _passed("frames", f"{n + lost} frames in the window, {missing}.")
+        plain = "All but a little arrived." if lost else "Everything arrived."
+        return _passed("frames", f"{n + lost} frames in the window, {missing}.", plain)
     if lost:
         text = (
             f"The window is invalid because of a gap: {lost} of {n + lost} frames are missing. "
             "At most 2 % may be, and no gap longer than 50 ms."
         )
-        return _decided("frames", text)
+        return _decided("frames", text, "Too much got lost between the sensor and this machine.")
     at_s = record["t_s"]
     reasons = (e["reason"] for e in events if e["kind"] == "fault" and _covers(e, at_s))
     reason = next(reasons, "its frames could not be used")
-    return _decided("frames", f"The window is invalid: {reason}.")
+    return _decided("frames", f"The window is invalid: {reason}.", f"No: {reason}.")
 
 
 def _gate(record: Record) -> DecisionStage:
@@ -114,43 +119,59 @@ def _gate(record: Record) -> DecisionStage:
             f"The gate is closed: what moves has {_db(power)}, {apart} under the threshold of "
             f"{_db(threshold)}. Nobody is there, or nobody moves."
         )
-        return _decided("gate", text)
+        return _decided("gate", text, "No: nobody is there, or nobody moves.")
     text = f"The gate is open: {_db(power)} is {apart} over the threshold of {_db(threshold)}"
     where = f", most of it at {record['range_m']:.1f} m." if record["range_m"] is not None else "."
-    return _passed("gate", text + where)
+    times = 10 ** ((power - threshold) / 10)
+    plain = f"Yes, {times:.1f} times as much as must be there to count{where}"
+    return _passed("gate", text + where, plain)
 
 
 def _classified(record: Record, limit: float) -> list[DecisionStage]:
     if record["p_human"] is None:
         text = "No model is loaded: the gate works alone, and there is no verdict."
-        return [_decided("classifier", text)]
-    shares = ", ".join(
-        f"{name} {record[f'p_{name}']:.2f}"
-        for name in ("human", "pet", "other")
-        if name != "other" or record["p_other"]
-    )
-    stages = [_passed("classifier", f"The network says: {shares}.")]
-    own = [record[f"p_{k}"] for k in ("human", "pet", "other")]
-    fused = [record[f"fused_p_{k}"] for k in ("human", "pet", "other")]
+        plain = "Nobody can say: no network is loaded, only movement is noticed."
+        return [_decided("classifier", text, plain)]
+    own = {key: record[f"p_{key}"] for key in _WORDS}
+    fused = {key: record[f"fused_p_{key}"] for key in _WORDS}
+    shown = [key for key in own if key != "other" or own[key]]
+    shares = ", ".join(f"{key} {own[key]:.2f}" for key in shown)
+    stages = [_passed("classifier", f"The network says: {shares}.", f"{_plain(own)}.")]
     if fused != own:
-        text = f"With the windows before it: human {fused[0]:.2f}, pet {fused[1]:.2f}."
-        stages.append(_passed("evidence", text))
-    return [*stages, _rule(record, fused[1] + fused[2], limit)]
+        text = f"With the windows before it: human {fused['human']:.2f}, pet {fused['pet']:.2f}."
+        stages.append(_passed("evidence", text, f"{_plain(fused)}."))
+    return [*stages, _rule(record, fused["pet"] + fused["other"], limit)]
+
+
+def _plain(shares: Mapping[str, float]) -> str:
+    text = ", ".join(
+        f"{word} {100 * shares[key]:.0f} %"
+        for key, word in _WORDS.items()
+        if key != "other" or shares[key] >= _SHOWN
+    )
+    return text[:1].upper() + text[1:]
 
 
 def _rule(record: Record, harmless: float, limit: float) -> DecisionStage:
     name = "p(pet) + p(other)" if record["fused_p_other"] else "p(pet)"
+    share = f"{100 * harmless:.0f} %"
     if record["label"] == "pending":
         text = f"Undecided: {name} {harmless:.2f}, and neither side is sure yet."
-        return _decided("rule", f"{text} It goes on looking.")
+        plain = f"Not clear yet: {share} harmless, and neither side is sure."
+        more = "It goes on looking."
+        return _decided("rule", f"{text} {more}", f"{plain} {more}")
     if not record["alarm"]:
         what = "a pet" if record["label"] == "pet" else "a harmless thing"
-        return _decided("rule", f"{name} {harmless:.2f} > {limit:.2f}: {what}, no alarm.")
+        text = f"{name} {harmless:.2f} > {limit:.2f}: {what}, no alarm."
+        plain = f"No: {share} sure that it is {what}, more than {100 * limit:.0f} %."
+        return _decided("rule", text, plain)
     if harmless > limit:
         text = f"{name} is {harmless:.2f}, but it resembles nothing known: that counts as human."
-        return _passed("rule", text)
+        plain = "Yes: it resembles nothing known, and that counts as a person."
+        return _passed("rule", text, plain)
     text = f"{name} {harmless:.2f} ≤ {limit:.2f}: not surely a pet, so it counts as human."
-    return _passed("rule", text)
+    plain = f"Yes: only {share} harmless. Unless it is surely a pet, it counts as a person."
+    return _passed("rule", text, plain)
 
 
 def _confirmed(
@@ -161,30 +182,48 @@ def _confirmed(
     panel: str | None,
 ) -> list[DecisionStage]:
     if not hits[-1]:
-        text = (
-            "It does not count towards an alarm: it is outside of the zones, or p(human) is "
-            f"under {policy.p_on:.2f}."
-        )
-        return [_decided("zones", text)]
-    n_hits = sum(hits)
+        where = "It does not count towards an alarm: it is outside of the zones, or"
+        return [
+            _decided(
+                "zones",
+                f"{where} p(human) is under {policy.p_on:.2f}.",
+                f"{where} less than {100 * policy.p_on:.0f} % a person.",
+            )
+        ]
+    return [
+        _passed("zones", "It is where it counts.", "Yes."),
+        _panel_stage(sum(hits), policy, record, events, panel),
+    ]
+
+
+def _panel_stage(
+    n_hits: int,
+    policy: AlarmPolicy,
+    record: Record,
+    events: Sequence[Mapping[str, Any]],
+    panel: str | None,
+) -> DecisionStage:
     counted = f"{n_hits} of the last {policy.n} windows say human; {policy.k} are needed"
+    plain = f"{n_hits} of the last {policy.n} decisions say person; {policy.k} must"
     alarms = (e for e in events if e["kind"] == "alarm" and _covers(e, record["t_s"]))
     alarm = next(alarms, None)
     if alarm is not None and alarm["start_t_s"] == record["t_s"]:
-        by = _decided("confirmation", f"Confirmed: {counted}. The alarm began here.")
-    elif alarm is not None:
+        began = "The alarm began here."
+        return _decided("confirmation", f"Confirmed: {counted}. {began}", f"{plain}. {began}")
+    if alarm is not None:
         cause = alarm.get("cause", alarm["reason"])
-        by = _decided("panel", f"The alarm is on already ({cause}).")
-    elif panel == "disarmed":
-        by = _decided("panel", f"{counted}, but the sensor is disarmed: nobody is told.")
-    elif panel == "exit":
-        by = _decided("panel", f"{counted}, but the exit delay is running: nobody is told.")
-    elif n_hits < policy.k:
-        by = _decided("confirmation", f"Not confirmed yet: {counted}.")
-    else:
-        waits_for = "it waits for the entry delay, a quiet period or the pause after an alarm"
-        by = _decided("panel", f"{counted}; {waits_for}.")
-    return [_passed("zones", "It is where it counts."), by]
+        on = "The alarm is on already"
+        return _decided("panel", f"{on} ({cause}).", f"{on}.")
+    held = {
+        "disarmed": "but the sensor is disarmed: nobody is told.",
+        "exit": "but the exit delay is running: nobody is told.",
+    }
+    if panel in held:
+        return _decided("panel", f"{counted}, {held[panel]}", f"{plain}, {held[panel]}")
+    if n_hits < policy.k:
+        return _decided("confirmation", f"Not confirmed yet: {counted}.", f"Not yet: {plain}.")
+    waits_for = "it waits for the entry delay, a quiet period or the pause after an alarm."
+    return _decided("panel", f"{counted}; {waits_for}", f"{plain}; {waits_for}")
 
 
 def _db(value: float) -> str:

@@ -5,6 +5,7 @@ import { command } from "./command.js";
 import { eventsPage } from "./pages/events.js";
 import { livePage } from "./pages/live.js";
 import { connect, post, watchPictures } from "./net.js";
+import { watchForNews } from "./notify.js";
 import { setupPage } from "./pages/setup.js";
 import { isOperator, on, state } from "./state.js";
 import { duration, h, inWords, minutes, replace, setText, toast } from "./ui.js";
@@ -50,10 +51,15 @@ let armingKey = "";
 
 function drawArming() {
   const { panel } = state;
-  const key = `${panel.armed} ${panel.panel} ${state.role} ${state.connection}`;
+  // At home differs from away only where some ranges are left out then.
+  const hasHome = (state.zones.away ?? []).length > 0;
+  const key = `${panel.armed} ${panel.panel} ${panel.mode} ${hasHome} ${state.role} ${state.connection}`;
   if (key === armingKey) return;
   armingKey = key;
   const isArmed = Boolean(panel.armed);
+  const isHome = isArmed && panel.mode === "home";
+  const mayNot = !isOperator() || state.connection !== "open" || panel.armed === undefined;
+  const title = isOperator() ? "" : "Only an operator may arm and disarm";
   const button = h(
     "button",
     {
@@ -61,16 +67,22 @@ function drawArming() {
       class: `arm ${isArmed ? "armed" : ""}`,
       id: "arm",
       "aria-pressed": String(isArmed),
-      disabled: !isOperator() || state.connection !== "open" || panel.armed === undefined,
-      title: isOperator() ? "" : "Only an operator may arm and disarm",
+      disabled: mayNot,
+      title,
       onclick: () => command(isArmed ? "disarm" : "arm"),
     },
     h("span", { class: "switch", "aria-hidden": "true" }),
-    h("span", {}, isArmed ? "Armed" : "Disarmed"),
+    h("span", {}, isArmed ? (isHome ? "Armed at home" : "Armed") : "Disarmed"),
   );
-  const hadFocus = document.activeElement?.id === "arm";
-  replace(byId("arming"), button);
-  if (hadFocus) button.focus();
+  const home = h(
+    "button",
+    { type: "button", class: "arm", id: "arm-home", disabled: mayNot, title, onclick: () => command("arm-home") },
+    "At home",
+  );
+  home.setAttribute("aria-label", "Arm at home");
+  const focused = document.activeElement?.id;
+  replace(byId("arming"), hasHome && !isArmed ? home : null, button);
+  if (focused === "arm" || focused === "arm-home") button.focus();
 }
 
 // Health -----------------------------------------------------------------------------------
@@ -144,7 +156,12 @@ function bannerOf() {
   }
   if (panel.panel === "entry") {
     const buttons = isOperator() ? [["Disarm", "disarm", "primary"]] : [];
-    return ["warn", "Somebody is in", "The alarm follows unless you disarm.", buttons];
+    const text = `The alarm follows ${inSeconds(panel)} unless you disarm.`;
+    return ["warn", "Somebody is in", text, buttons];
+  }
+  if (panel.panel === "exit") {
+    const buttons = isOperator() ? [["Disarm", "disarm", ""]] : [];
+    return ["calm", "Leave now", `Armed ${inSeconds(panel)}.`, buttons];
   }
   if (state.state === "offline") return ["warn", "Nobody is watching", state.reason, []];
   if (panel.open?.tamper) return ["warn", "Tampering", panel.open.tamper, []];
@@ -153,6 +170,10 @@ function bannerOf() {
     return ["warn", "Degraded", state.reason, []];
   }
   return null;
+}
+
+function inSeconds({ delay_left_s: left }) {
+  return Number.isFinite(left) ? `in ${Math.ceil(left)} s` : "soon";
 }
 
 function alarmText() {
@@ -346,6 +367,8 @@ on("hello", () => {
 addEventListener("hashchange", () => {
   if (shownRole) route();
 });
+on("zones", drawArming);
 drawHealth();
 drawArming();
+watchForNews();
 connect();

@@ -14,8 +14,10 @@ export const state = {
   // "simulated" or "replayed" where the stream is not a live one.
   mark: "",
   confirm: [1, 1],
-  zones: { include: [], exclude: [] },
+  zones: { include: [], exclude: [], away: [] },
   hasSavedZones: false,
+  settings: null,
+  outputs: [],
   sensors: {},
   state: "starting",
   reason: "",
@@ -31,6 +33,12 @@ export function on(name, listener, signal) {
 
 export function tell(name, detail) {
   bus.dispatchEvent(new CustomEvent(name, { detail }));
+}
+
+// The ranges that the sensor sees, in metres.
+export function swath() {
+  const { range_offset_m = 0.6, bin_length_m = 0.00366, n_range = 768 } = state.hello;
+  return { near: range_offset_m, far: range_offset_m + bin_length_m * n_range };
 }
 
 export function isOperator() {
@@ -71,6 +79,7 @@ function welcome(message) {
   for (const key of ["role", "sensor", "hello", "confirm", "sensors"]) state[key] = message[key];
   state.mark = markOf(state.hello);
   state.hasSavedZones = message.has_saved_zones;
+  state.outputs = message.outputs;
   state.decisions = message.decisions;
   state.events = new Map(message.events.map((event) => [event.id, event]));
   takeNow(message);
@@ -92,7 +101,7 @@ function takeEvent(event) {
   const began = known?.began ?? event.time;
   const cause = known?.cause ?? event.reason;
   state.events.set(event.id, { ...event, began, cause, clip: event.clip ?? known?.clip ?? null });
-  if (event.kind === "alarm") {
+  if (event.kind === "alarm" && !event.test) {
     // The panel's own word follows; the alarm must not wait for it.
     const panel = { ...state.panel };
     if (event.phase === "end") {
@@ -110,7 +119,7 @@ function takeEvent(event) {
 }
 
 function takeNow(message) {
-  for (const key of ["state", "reason", "panel", "playback"]) {
+  for (const key of ["state", "reason", "panel", "playback", "settings"]) {
     if (message[key] !== undefined) state[key] = message[key];
   }
   if (message.zones && JSON.stringify(message.zones) !== JSON.stringify(state.zones)) {

@@ -26,16 +26,31 @@ export function words(plain, exact) {
   return [h("span", { class: "plain" }, plain), h("span", { class: "exact" }, exact)];
 }
 
+export function hasDetails() {
+  return document.documentElement.dataset.details !== undefined;
+}
+
+export function card(title, note, ...children) {
+  return h(
+    "section",
+    { class: "card" },
+    h("h2", {}, title, note ? h("small", {}, ...[note].flat()) : null),
+    ...children,
+  );
+}
+
 const WHO = {
   human: "a person",
   pending: "something that may be a person",
   pet: "a pet that may be a person",
   other: "a thing that may be a person",
+  none: "somebody who left before it was clear",
 };
 
 // The reason of an alarm, "human at 1.8 m, again", as a person would say it.
 export function inWords(reason) {
   const [, label, where] = /^(\w+)( at [\d.]+ m)?(?:, again)?$/.exec(reason) ?? [];
+  if (label === "none") return WHO.none + (where ? `, last seen${where}` : "");
   return WHO[label] ? `${WHO[label]}${where ?? ""}` : reason;
 }
 

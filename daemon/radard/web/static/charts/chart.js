@@ -108,14 +108,14 @@ export class Chart {
   }
 
   // Values on the left: ticks that are never closer than a line of text.
-  drawY(low, high, y, unit) {
+  drawY(low, high, y, unit, text = tickText) {
     const c = this.context;
     const { found, step } = ticks(low, high, Math.max(2, this.box.h / 26));
     c.fillStyle = colour("dim");
     c.textAlign = "right";
     c.textBaseline = "middle";
     for (const value of found) {
-      c.fillText(tickText(value, step), this.box.x - 6, y(value));
+      c.fillText(text(value, step), this.box.x - 6, y(value));
       c.fillRect(this.box.x - 3, Math.round(y(value)), 3, 1);
     }
     c.save();

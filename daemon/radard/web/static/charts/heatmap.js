@@ -2,7 +2,7 @@
 import { Chart, colour, themeVersion, tickText, ticks } from "./chart.js";
 import { css, currentMap } from "./colour.js";
 import { GOOD, MISSING } from "./pictures.js";
-import { fixed } from "../ui.js";
+import { fixed, hasDetails } from "../ui.js";
 
 export const TITLES = {
   range: ["Where", "range"],
@@ -10,6 +10,24 @@ export const TITLES = {
   doppler: ["Limbs", "micro-Doppler"],
   gait: ["Gait", "cadence"],
 };
+
+// What stands in a cell, for those who did not ask for details.
+const LEVELS = [
+  [191, "strong"],
+  [110, "clear"],
+  [1, "weak"],
+  [0, "nothing"],
+];
+const PLACES = {
+  range: (value) => `${fixed(value, 1)} m away`,
+  velocity: speedText,
+  doppler: speedText,
+};
+
+function speedText(value) {
+  const speed = `${fixed(Math.abs(value), 1)} m/s`;
+  return Math.abs(value) < 0.05 ? speed : `${speed} ${value > 0 ? "nearer" : "farther"}`;
+}
 
 export class HeatMap extends Chart {
   constructor(host, name, pictures, options = {}) {
@@ -150,6 +168,16 @@ export class HeatMap extends Chart {
       c.stroke();
     }
     c.setLineDash([]);
+    const text = hasDetails() ? "unambiguous" : "sure between the lines";
+    const width = c.measureText(text).width;
+    c.globalAlpha = 0.8;
+    c.fillStyle = colour("plot");
+    c.fillRect(this.box.x + 4, y(apart / 2) - 15, width + 8, 14);
+    c.globalAlpha = 1;
+    c.fillStyle = colour("dim");
+    c.textAlign = "left";
+    c.textBaseline = "middle";
+    c.fillText(text, this.box.x + 8, y(apart / 2) - 8);
   }
 
   #drawMarks(c, y) {
@@ -178,8 +206,12 @@ export class HeatMap extends Chart {
     const row = Math.min(picture.n_rows - 1, Math.floor(height * picture.n_rows));
     const value = pictures.value(this.name, slot, row);
     if (value === null) return "";
+    const place = picture.first + row * picture.step;
+    if (!hasDetails()) {
+      return `${PLACES[this.name](place)} · ${LEVELS.find(([least]) => value >= least)[1]}`;
+    }
     const below = ((255 - value) / 255) * picture.span_db;
-    const at = fixed(picture.first + row * picture.step, 2);
+    const at = fixed(place, 2);
     const level = value === 0 ? `under −${picture.span_db} dB` : `${fixed(-below, 0)} dB`;
     return `${fixed(t_s, 1)} s · ${at} ${picture.unit} · ${level}`;
   }
@@ -210,7 +242,7 @@ export class GaitMap extends Chart {
     c.textBaseline = "top";
     for (const value of found) {
       const x = this.box.x + (value / this.high) * this.box.w;
-      const text = `${tickText(value, step)} Hz`;
+      const text = `${tickText(value, step)} ${hasDetails() ? "Hz" : "/s"}`;
       const half = c.measureText(text).width / 2;
       c.fillRect(Math.round(x), this.box.y + this.box.h, 1, 3);
       c.fillText(text, Math.min(x, this.width - half - 1), this.box.y + this.box.h + 6);
@@ -237,7 +269,9 @@ export class GaitMap extends Chart {
   explain(share, height) {
     if (!this.picture || !this.pictures.gait) return "";
     const { first, step, n_rows, unit } = this.picture;
-    return `${fixed(share * this.high, 1)} Hz · ${fixed(first + height * n_rows * step, 2)} ${unit}`;
+    const often = fixed(share * this.high, 1);
+    const speed = `${fixed(first + height * n_rows * step, 2)} ${unit}`;
+    return hasDetails() ? `${often} Hz · ${speed}` : `${often} times a second · ${speed}`;
   }
 }
 

@@ -1,11 +1,14 @@
 // Lines over stream time, made of decisions: probabilities, gate power, evidence.
 import { Chart, colour } from "./chart.js";
-import { fixed } from "../ui.js";
+import { fixed, hasDetails } from "../ui.js";
 
 export class LinePlot extends Chart {
   // series: [{key, label, tone, width, dash, isStep}], read from decisions by key.
-  constructor(host, { series, low, high, unit, label, limits = () => [], ...options }) {
+  // plain: {unit, tick, tell} for those who did not ask for details: the unit, a value's text on
+  // the axis, and a decision's text in the tooltip.
+  constructor(host, { series, low, high, unit, label, plain, limits = () => [], ...options }) {
     super(host, { label, ...options });
+    this.plain = plain;
     this.series = series;
     this.range = { low, high };
     this.unit = unit;
@@ -36,7 +39,8 @@ export class LinePlot extends Chart {
       c.fillRect(Math.round(this.x(this.cursor)), top, 1, h);
     }
     c.restore();
-    this.drawY(low, high, y, this.unit);
+    if (hasDetails()) this.drawY(low, high, y, this.unit);
+    else this.drawY(low, high, y, this.plain.unit, this.plain.tick);
     this.drawTime(this.isRelative);
   }
 
@@ -106,6 +110,7 @@ export class LinePlot extends Chart {
       if (!near || Math.abs(d.t_s - t_s) < Math.abs(near.t_s - t_s)) near = d;
     }
     if (!near || Math.abs(near.t_s - t_s) > 1.5) return "";
+    if (!hasDetails()) return this.plain.tell(near);
     const parts = this.series
       .filter((s) => near[s.key] !== null && near[s.key] !== undefined)
       .map((s) => `${s.label} ${fixed(near[s.key], s.digits ?? 2)}`);

@@ -1,11 +1,9 @@
 // Events: list, filter, replay of a clip's pictures, export, labels.
-import { HeatMap, TITLES } from "../charts/heatmap.js";
-import { card } from "./live.js";
 import { at, get, post } from "../net.js";
 import { Pictures } from "../charts/pictures.js";
-import { LinePlot } from "../charts/plot.js";
-import { isOperator, limit, markOf, on } from "../state.js";
-import { clock, day, duration, fixed, h, inWords, minutes, percent, replace, setText, toast, verdict } from "../ui.js";
+import { isOperator, markOf, on } from "../state.js";
+import { card, clock, day, duration, h, inWords, percent, replace, setText, toast, words } from "../ui.js";
+import { ClipPlayer, thumbnail } from "./clip.js";
 
 const LABELS = [
   ["human", "Person"],
@@ -15,6 +13,10 @@ const LABELS = [
 ];
 const NAMES = Object.fromEntries(LABELS);
 const KINDS = { alarm: "Alarm", fault: "Fault", tamper: "Tamper" };
+const MANY = { alarm: ["alarm", "alarms"], fault: ["fault", "faults"], tamper: ["tampering", "tamperings"] };
+const TEST = /^test alarm: /;
+const DAYS = 14;
+const MOST = 500;
 const SINCE = [
   ["", "any time"],
   ["1h", "last hour"],
@@ -22,6 +24,9 @@ const SINCE = [
   ["7d", "last 7 days"],
   ["30d", "last 30 days"],
 ];
+
+// Whether alarms without a label are gone through one after the other; a choice opens the page anew.
+let isReviewing = false;
 
 export function eventsPage(argument, signal) {
   const page = new EventsPage(argument, signal);
@@ -33,6 +38,8 @@ class EventsPage {
     this.signal = signal;
     this.chosen = chosen;
     this.list = h("div", { class: "eventlist" });
+    this.days = h("div", { class: "days", role: "img" });
+    this.review = h("button", { type: "button", onclick: () => this.#reviewNext(true) });
     this.count = h("p", { class: "quiet", role: "status" });
     this.detail = h("div", { class: "detail" });
     this.filters = this.#filters();
@@ -41,12 +48,13 @@ class EventsPage {
       h(
         "div",
         { class: "columns events" },
-        h("section", { class: "card" }, h("h2", {}, "Events", this.count), this.filters, this.list),
+        h("section", { class: "card" }, h("h2", {}, "Events", this.count), this.days, this.filters, h("p", { class: "buttons" }, this.review), this.list),
         this.detail,
       ),
     ];
     replace(this.detail, this.#nothingChosen());
     on("event", () => this.#loadSoon(), signal);
+    addEventListener("keydown", (event) => this.#onKey(event), { signal });
     this.load();
   }
 
@@ -89,6 +97,7 @@ class EventsPage {
 
   async load() {
     const query = this.#query();
+    query.set("limit", MOST);
     for (const link of this.filters.querySelectorAll("a[data-format]")) {
       const export_ = new URLSearchParams(query);
       export_.set("format", link.dataset.format);
@@ -101,7 +110,10 @@ class EventsPage {
       return;
     }
     if (this.signal.aborted) return;
-    setText(this.count, this.events.length === 1 ? "1 event" : `${this.events.length} events`);
+    const n = this.events.length;
+    setText(this.count, n === 1 ? "1 event" : n === MOST ? `the newest ${n} events` : `${n} events`);
+    this.#drawReview();
+    this.#drawDays();
     this.#drawList();
     if (this.chosen) {
       const event = this.events.find((e) => e.id === this.chosen);
@@ -109,15 +121,75 @@ class EventsPage {
     }
   }
 
+  #unlabelled() {
+    return this.events.filter((e) => e.kind === "alarm" && !isTest(e) && !e.label);
+  }
+
+  #drawReview() {
+    const n = this.#unlabelled().length;
+    this.review.disabled = !isOperator() || n === 0;
+    const what = n === 0 ? "Every alarm here has a label" : `Review next, ${n} without a label`;
+    setText(this.review, isReviewing && n ? `Skip this one, ${n} without a label` : what);
+  }
+
+  // The next alarm without a label, older than the one that is open; then from the newest again.
+  #reviewNext(isSkipping) {
+    const left = this.#unlabelled();
+    const open = this.events.find((e) => e.id === this.chosen);
+    const next = left.find((e) => open && e.began < open.began) ?? left.find((e) => e !== open);
+    const one = next ?? (isSkipping ? left[0] : undefined);
+    isReviewing = Boolean(one);
+    if (one) location.hash = `#/events/${one.id}`;
+    this.#drawReview();
+    if (!one) toast("Every alarm here has a label");
+  }
+
+  // 1 to 4 say what it was.
+  #onKey(event) {
+    const isTyping = event.target.closest?.("input, select, textarea");
+    if (isTyping || event.ctrlKey || event.metaKey || event.altKey) return;
+    this.detail.querySelectorAll(".labels button")[Number(event.key) - 1]?.click();
+  }
+
+  #drawDays() {
+    const counts = new Map();
+    for (const event of this.events) {
+      const name = new Date(event.began).toDateString();
+      if (event.kind === "alarm" && !isTest(event)) counts.set(name, (counts.get(name) ?? 0) + 1);
+    }
+    const last = Array.from({ length: DAYS }, (_, k) => {
+      const date = new Date();
+      date.setDate(date.getDate() - (DAYS - 1 - k));
+      return { name: day(date), n: counts.get(date.toDateString()) ?? 0, of: date.getDate() };
+    });
+    const most = Math.max(1, ...last.map(({ n }) => n));
+    const said = last.filter(({ n }) => n).map(({ name, n }) => `${name} ${n}`);
+    this.days.setAttribute("aria-label", `Alarms a day, last ${DAYS} days: ${said.join(", ") || "none"}`);
+    replace(
+      this.days,
+      ...last.map(({ name, n, of }) => {
+        const bar = h("i", { class: n ? "some" : "" });
+        bar.style.height = `${n ? Math.max(4, Math.round((28 * n) / most)) : 2}px`;
+        return h("span", { title: `${name}: ${countText("alarm", n)}` }, h("b", {}, n ? String(n) : ""), bar, h("small", {}, String(of)));
+      }),
+    );
+  }
+
   #drawList() {
     const focused = document.activeElement?.dataset?.event;
     const groups = [];
-    let last = "";
+    const byDay = new Map();
     for (const event of this.events) {
       const name = day(event.began);
-      if (name !== last) groups.push(h("h3", {}, name));
-      last = name;
-      groups.push(this.#item(event));
+      if (!byDay.has(name)) byDay.set(name, []);
+      byDay.get(name).push(event);
+    }
+    for (const [name, events] of byDay) {
+      const counted = Object.keys(MANY)
+        .map((kind) => [kind, events.filter((e) => e.kind === kind && !isTest(e)).length])
+        .filter(([, n]) => n)
+        .map(([kind, n]) => countText(kind, n));
+      groups.push(h("h3", {}, name, h("small", {}, counted.join(", "))), ...events.map((e) => this.#item(e)));
     }
     if (!groups.length) groups.push(h("p", { class: "quiet loading" }, "Nothing has happened, or nothing that fits."));
     replace(this.list, ...groups);
@@ -135,8 +207,9 @@ class EventsPage {
       },
       h("span", { class: "dot" }),
       h("span", { class: "number when" }, clock(event.began)),
-      h("span", { class: "what" }, h("strong", {}, KINDS[event.kind] ?? event.kind), ` ${inWords(event.reason)}`),
+      h("span", { class: "what" }, h("strong", {}, titleOf(event)), ` ${inWords(event.reason).replace(TEST, "")}`),
       h("span", { class: "badges" }, markOf(event) ? h("span", { class: "pill mark-unreal" }, markOf(event)) : null, event.label ? h("span", { class: "pill" }, NAMES[event.label]) : null, event.has_clip ? h("span", { class: "pill clip", title: "has a clip" }, "clip") : null, event.phase === "end" ? null : h("span", { class: "pill human" }, "on")),
+      event.has_picture ? thumbnail(event, this.signal) : null,
     );
   }
 
@@ -146,6 +219,7 @@ class EventsPage {
 
   show(event) {
     this.shown = event.id;
+    this.detail.classList.add("open");
     const lasted = event.ended ? (new Date(event.ended) - new Date(event.began)) / 1000 : null;
     const facts = [
       ["Began", `${day(event.began)}, ${clock(event.began)}`],
@@ -154,25 +228,36 @@ class EventsPage {
       ["Reason", inWords(event.reason)],
       ["Id", event.id, "exact"],
     ];
-    const box = card(KINDS[event.kind] ?? event.kind, event.sensor);
+    const box = card(titleOf(event), event.sensor);
+    box.append(h("a", { class: "button back", href: "#/events" }, "‹ All events"));
     box.append(h("dl", { class: "facts" }, facts.map(([k, v, who]) => h("div", { class: who }, h("dt", {}, k), h("dd", {}, v)))));
-    if (event.kind === "alarm") box.append(this.#labels(event));
+    if (event.kind === "alarm" && !isTest(event)) box.append(why(event), this.#labels(event));
+    if (event.has_picture) {
+      const picture = thumbnail(event, this.signal);
+      picture.classList.add("large");
+      box.append(h("h3", {}, "What the radar saw ", h("small", {}, "how fast limbs moved above, how far away below")), picture);
+    }
     const clip = h("div", {});
     box.append(clip);
     replace(this.detail, box);
-    if (event.has_clip) this.#clip(clip, event);
-    else clip.append(h("p", { class: "quiet" }, "There is no clip of this event."));
+    // Where they stand one below the other, what was chosen comes first.
+    if (matchMedia("(max-width: 1080px)").matches) scrollTo(0, 0);
+    if (event.has_clip) {
+      this.#clip(clip, event);
+      if (isReviewing) clip.querySelector("button").click();
+    } else clip.append(h("p", { class: "quiet" }, "There is no clip of this event."));
   }
 
   #labels(event) {
     const group = h("div", { class: "labels", role: "group", "aria-label": "What was it?" });
-    const buttons = LABELS.map(([label, text]) =>
+    const buttons = LABELS.map(([label, text], k) =>
       h(
         "button",
         {
           type: "button",
           "aria-pressed": String(event.label === label),
           disabled: !isOperator(),
+          "aria-keyshortcuts": String(k + 1),
           onclick: async () => {
             try {
               await post("/api/v1/labels", { event: event.id, label });
@@ -181,6 +266,10 @@ class EventsPage {
               return;
             }
             event.label = label;
+            if (isReviewing) {
+              this.#reviewNext(false);
+              return;
+            }
             for (const [i, button] of buttons.entries()) {
               button.setAttribute("aria-pressed", String(LABELS[i][0] === label));
             }
@@ -191,7 +280,7 @@ class EventsPage {
       ),
     );
     group.append(...buttons);
-    return h("div", { class: "ask" }, h("h3", {}, "What was it? ", h("small", {}, "train-export finetune learns from this")), group);
+    return h("div", { class: "ask" }, h("h3", {}, "What was it? ", h("small", { class: "keys" }, "keys 1 to 4; "), words(h("small", {}, "the sensor can be taught from this"), h("small", {}, "train-export finetune learns from this"))), group);
   }
 
   async #clip(box, event) {
@@ -222,92 +311,23 @@ class EventsPage {
   }
 }
 
-// Plays a clip's pictures from its beginning, with a slider, a speed and the space bar.
-class ClipPlayer {
-  constructor({ pictures, decisions, length_s }, signal) {
-    this.length_s = length_s;
-    this.decisions = decisions;
-    this.at_s = 0;
-    this.isPlaying = true;
-    this.play = h("button", { type: "button", class: "icon", onclick: () => this.toggle() });
-    this.slider = h("input", {
-      type: "range",
-      min: "0",
-      max: String(length_s),
-      step: "0.1",
-      "aria-label": "Position in the clip",
-      oninput: () => {
-        this.at_s = Number(this.slider.value);
-        this.isPlaying = false;
-      },
-    });
-    this.time = h("output", { class: "number" });
-    this.speed = h("select", { "aria-label": "Speed" }, [0.5, 1, 2, 4].map((s) => h("option", { value: s, selected: s === 1 }, `${s} ×`)));
-    this.words = h("p", { class: "clipverdict", "aria-live": "off" });
-    this.element = h(
-      "div",
-      { class: "clip" },
-      h("div", { class: "player" }, this.play, this.slider, this.time, this.speed),
-      this.words,
-    );
-    this.maps = ["range", "velocity", "doppler"].map((name) => {
-      this.element.append(h("h3", {}, `${TITLES[name][0]} `, h("small", { class: "exact" }, TITLES[name][1])));
-      return new HeatMap(this.element, name, pictures, { height: name === "doppler" ? 108 : 136, isRelative: false });
-    });
-    this.maps[0].marks = decisions
-      .filter((d) => d.range_m !== null)
-      .map((d) => ({ t_s: d.t_s, value: d.range_m, tone: d.alarm ? "human" : "pet" }));
-    this.element.append(h("h3", {}, "Person or pet"));
-    this.plot = new LinePlot(this.element, {
-      label: "Probabilities in the clip",
-      height: 120,
-      low: 0,
-      high: 1,
-      unit: "probability",
-      isRelative: false,
-      series: [
-        { key: "fused_p_pet", label: "pet", tone: "pet" },
-        { key: "fused_p_human", label: "person", tone: "human" },
-      ],
-      limits: () => [{ value: limit(), text: `pet above ${fixed(limit(), 2)}: no alarm`, tone: "pet" }],
-    });
-    let last = performance.now();
-    const step = (now) => {
-      if (signal.aborted || (this.wasShown && !this.element.isConnected)) {
-        for (const chart of [...this.maps, this.plot]) chart.close();
-        return;
-      }
-      this.wasShown ||= this.element.isConnected;
-      requestAnimationFrame(step);
-      this.tick(Math.min(0.2, (now - last) / 1000));
-      last = now;
-    };
-    requestAnimationFrame(step);
-  }
+function isTest(event) {
+  return Boolean(event.test) || TEST.test(event.reason);
+}
 
-  toggle() {
-    if (this.at_s >= this.length_s) this.at_s = 0;
-    this.isPlaying = !this.isPlaying;
-  }
+function titleOf(event) {
+  return isTest(event) ? "Test" : (KINDS[event.kind] ?? event.kind);
+}
 
-  tick(elapsed_s) {
-    if (this.isPlaying) this.at_s += elapsed_s * Number(this.speed.value);
-    if (this.at_s >= this.length_s) {
-      this.at_s = this.length_s;
-      this.isPlaying = false;
-    }
-    setText(this.play, this.isPlaying ? "❚❚" : "►");
-    this.play.setAttribute("aria-label", this.isPlaying ? "Pause" : "Play");
-    this.slider.value = String(this.at_s);
-    setText(this.time, `${minutes(this.at_s)} / ${minutes(this.length_s)}`);
-    const view = { from_s: 0, to_s: Math.max(1, this.length_s) };
-    for (const map of this.maps) {
-      map.shade = { from_s: -1, to_s: this.at_s };
-      map.draw(view);
-    }
-    this.plot.cursor = this.at_s;
-    this.plot.draw(view, this.decisions);
-    const now = this.decisions.findLast((d) => d.t_s <= this.at_s);
-    setText(this.words, now ? `${verdict({ ...now, label: now.label || null })[0]}${now.range_m === null ? "" : `, ${fixed(now.range_m, 1)} m`}` : "Before the first decision");
+function countText(kind, n) {
+  const [one, several] = MANY[kind];
+  return `${n} ${n === 1 ? one : several}`;
+}
+
+function why(event) {
+  if (event.why === null) {
+    const text = "The decision that raised it is not remembered any more; the clip shows what was decided.";
+    return h("p", { class: "quiet" }, text);
   }
+  return h("p", { class: "buttons" }, h("a", { class: "button", href: `#/why/${event.why}` }, "Why this alarm?"));
 }

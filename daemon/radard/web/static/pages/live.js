@@ -1,9 +1,9 @@
 // Live: what the radar sees, and what it makes of it.
 import { GaitMap, HeatMap, TITLES, drawScale } from "../charts/heatmap.js";
-import { LinePlot } from "../charts/plot.js";
+import { chancesPlot, powerPlot } from "../charts/plots.js";
 import { themeVersion } from "../charts/chart.js";
 import { lastDecision, limit, on, pictures, state } from "../state.js";
-import { clock, fixed, h, percent, replace, setText, timesText, verdict, words } from "../ui.js";
+import { card, clock, fixed, h, hasDetails, percent, replace, setText, timesText, verdict, words } from "../ui.js";
 
 const SPAN_S = 30;
 const SLOW_MS = 500;
@@ -32,15 +32,6 @@ function velocityCaption(axes) {
   return words(
     `Coming closer is up. Parallel bands, ${fixed(apart, 1)} m/s apart, are one movement: the strongest is the likely speed, the others repeat it.`,
     `Radial velocity. At ${rate} Hz it is unambiguous within ±${fixed(apart / 2, 2)} m/s (dashed); beyond, aliases ${fixed(apart, 2)} m/s apart are weaker by some dB, not absent.`,
-  );
-}
-
-export function card(title, note, ...children) {
-  return h(
-    "section",
-    { class: "card" },
-    h("h2", {}, title, note ? h("small", {}, note) : null),
-    ...children,
   );
 }
 
@@ -87,20 +78,7 @@ export function livePage(_argument, signal) {
       words("How sure it is, with all it has seen of this visit. Dotted: from the last two seconds alone.", "Fused probabilities; dotted: this window alone."),
     ),
   );
-  const chances = new LinePlot(made, {
-    label: "Probabilities over time",
-    height: 178,
-    low: 0,
-    high: 1,
-    unit: "probability",
-    series: [
-      { key: "p_pet", label: "pet", tone: "pet", width: 1.2, dash: [2, 3], hasDots: false },
-      { key: "p_human", label: "person", tone: "human", width: 1.2, dash: [2, 3], hasDots: false },
-      { key: "fused_p_pet", label: "pet, all", tone: "pet" },
-      { key: "fused_p_human", label: "person, all", tone: "human" },
-    ],
-    limits: () => [{ value: limit(), text: `pet above ${fixed(limit(), 2)}: no alarm`, tone: "pet" }],
-  });
+  const chances = chancesPlot(made, { label: "Person or pet over time", height: 178, hasWindows: true });
   made.append(
     h("h3", {}, "Motion"),
     h(
@@ -109,16 +87,7 @@ export function livePage(_argument, signal) {
       words("How strong the movement is. Over the dashed line it counts; the faint line is the room's own noise.", "Residual power after clutter removal; dashed: the gate's threshold, faint: the noise floor."),
     ),
   );
-  const power = new LinePlot(made, {
-    label: "Gate power over time",
-    height: 138,
-    unit: "dB",
-    series: [
-      { key: "threshold_db", label: "threshold", tone: "dim", width: 1.2, dash: [4, 4], hasDots: false, digits: 1 },
-      { key: "noise_floor_db", label: "floor", tone: "faint", width: 1, hasDots: false, digits: 1 },
-      { key: "power_db", label: "power", tone: "accent", digits: 1 },
-    ],
-  });
+  const power = powerPlot(made, { label: "Motion over time", height: 138 });
   place(made, "gait");
   const gait = new GaitMap(made, pictures, { height: 118 });
   const list = makeList();
@@ -209,10 +178,11 @@ function describe(maps, chances, power, d) {
   maps[0].describe(`Range over time, last ${SPAN_S} seconds: ${where}`);
   const speeds = d.tracks.map((t) => fixed(t.radial_velocity_mps, 1)).join(", ");
   maps[1].describe(`Velocity over time: ${speeds ? `${speeds} metres per second` : "nothing is followed"}`);
-  maps[2].describe("Micro-Doppler over time");
+  maps[2].describe("How arms and legs swing over time");
   const chance = d.fused_p_human === null ? "no verdict" : `person ${percent(d.fused_p_human)}, pet ${percent(d.fused_p_pet)}`;
-  chances.describe(`Probabilities over time: ${chance}`);
-  power.describe(`Gate power ${fixed(d.power_db)} decibels, threshold ${fixed(d.threshold_db)}`);
+  chances.describe(`Person or pet over time: ${chance}`);
+  const exact = `${fixed(d.power_db)} decibels, threshold ${fixed(d.threshold_db)}`;
+  power.describe(`Motion over time: ${hasDetails() ? exact : `${timesText(d)} the room's noise`}`);
 }
 
 function makeHero() {

@@ -1,21 +1,27 @@
-// Set up: calibrate, walk the room, and draw zones on the range axis.
+// Set up: calibrate, walk the room, choose what makes an alarm and who hears of it, draw zones.
 import { command } from "../command.js";
-import { LinePlot } from "../charts/plot.js";
-import { card } from "./live.js";
+import { powerPlot } from "../charts/plots.js";
 import { get, post } from "../net.js";
-import { isOperator, lastDecision, on, pictures, state } from "../state.js";
-import { copy, download, fixed, h, replace, setText, toast } from "../ui.js";
+import { isOperator, lastDecision, on, pictures, state, swath } from "../state.js";
+import { card, copy, day, fixed, h, setText, toast, words } from "../ui.js";
+import { news } from "./news.js";
+import { alarmSettings, mounting } from "./settings.js";
+import { walkTest, walkedSpan } from "./walk.js";
 import { ZoneEditor } from "./zones.js";
-
-const CELL_M = 0.5;
 
 export function setupPage(_argument, signal) {
   return {
     wantsPictures: true,
     nodes: [
       h("h1", { class: "hidden" }, "Set up"),
-      h("div", { class: "columns setup" }, calibration(signal), walkTest(signal)),
+      h(
+        "div",
+        { class: "columns setup" },
+        h("div", { class: "stack" }, calibration(signal), walkTest(signal)),
+        h("div", { class: "stack" }, alarmSettings(signal), mounting(signal)),
+      ),
       zones(signal),
+      news(signal),
     ],
   };
 }
@@ -33,18 +39,9 @@ function calibration(signal) {
     h("p", { class: "buttons" }, button),
     bar,
     said,
-    h("h3", {}, "Motion ", h("small", {}, "an empty room stays under the threshold")),
+    h("h3", {}, "Motion ", words(h("small", {}, "in an empty room it stays under the dashed line"), h("small", {}, "an empty room stays under the threshold"))),
   );
-  const plot = new LinePlot(box, {
-    label: "Gate power over the last minute",
-    height: 150,
-    unit: "dB",
-    series: [
-      { key: "threshold_db", label: "threshold", tone: "dim", width: 1.2, dash: [4, 4], hasDots: false, digits: 1 },
-      { key: "noise_floor_db", label: "floor", tone: "faint", width: 1, hasDots: false, digits: 1 },
-      { key: "power_db", label: "power", tone: "accent", digits: 1 },
-    ],
-  });
+  const plot = powerPlot(box, { label: "Motion over the last minute", height: 150 });
   signal.addEventListener("abort", () => plot.close());
   let asked = false;
   let most = 1;
@@ -81,85 +78,6 @@ const CALIBRATION = {
   failed: (_left, text) => `Not calibrated: ${text}. What held before still holds.`,
 };
 
-// Walk test --------------------------------------------------------------------------------
-
-function walkTest(signal) {
-  const button = h("button", { type: "button", class: "primary" }, "Start the walk test");
-  const save = h("button", { type: "button", disabled: true }, "Save the report");
-  const said = h("p", { role: "status" }, "");
-  const cells = h("div", { class: "coverage", role: "img", "aria-label": "Nothing walked yet" });
-  const box = card(
-    "Walk test",
-    "where a person is noticed",
-    h("p", { class: "quiet" }, "Start it, then walk the room: slowly, straight towards the radar, and along the edges. Disarm first, or it will raise the alarm."),
-    h("p", { class: "buttons" }, button, save),
-    said,
-    h("h3", {}, "By range ", h("small", {}, "filled: taken for a person; outlined: seen only")),
-    cells,
-  );
-  let test = null;
-  const draw = () => {
-    const { near, far } = swath();
-    const n = Math.max(1, Math.ceil((far - near) / CELL_M));
-    const rows = Array.from({ length: n }, (_, k) => {
-      const from = near + k * CELL_M;
-      const cell = test?.cells.get(k) ?? { seen: 0, human: 0 };
-      const share = cell.seen ? cell.human / cell.seen : 0;
-      const fill = h("i", {});
-      fill.style.width = `${100 * share}%`;
-      const text = cell.seen ? `${cell.human} of ${cell.seen} person` : "not walked";
-      return h("div", { class: cell.seen ? "seen" : "" }, h("span", { class: "number" }, `${fixed(from, 1)}–${fixed(Math.min(far, from + CELL_M), 1)} m`), h("b", {}, fill), h("span", { class: "quiet" }, text));
-    });
-    replace(cells, ...rows);
-    if (test) cells.setAttribute("aria-label", summary(test, n));
-  };
-  button.addEventListener("click", () => {
-    const isOn = test?.isOn;
-    if (isOn) {
-      test.isOn = false;
-      save.disabled = false;
-      setText(said, summary(test, cells.childElementCount));
-    } else {
-      test = { isOn: true, cells: new Map(), began: new Date().toISOString(), windows: [], alarms: 0 };
-      setText(said, "Walk.");
-    }
-    setText(button, test.isOn ? "Stop" : "Start the walk test");
-    draw();
-  });
-  save.addEventListener("click", () => {
-    const report = { ...test, cell_m: CELL_M, near_m: swath().near, sensor: state.sensor, model: state.hello.model };
-    report.cells = [...test.cells].map(([k, cell]) => ({ from_m: swath().near + k * CELL_M, ...cell }));
-    download("walk-test.json", JSON.stringify(report, null, 1), "application/json");
-  });
-  on("decision", (d) => {
-    if (!test?.isOn || d.gate !== "open" || d.range_m === null) return;
-    const range = d.tracks[0]?.range_m ?? d.range_m;
-    const k = Math.max(0, Math.floor((range - swath().near) / CELL_M));
-    const cell = test.cells.get(k) ?? { seen: 0, human: 0 };
-    cell.seen += 1;
-    cell.human += d.alarm ? 1 : 0;
-    test.cells.set(k, cell);
-    test.windows.push({ t_s: d.t_s, range_m: range, label: d.label, p_human: d.fused_p_human });
-    setText(said, `${d.alarm ? "Person" : "Seen, not taken for a person"} at ${fixed(range, 1)} m`);
-    draw();
-  }, signal);
-  on("hello", draw, signal);
-  draw();
-  return box;
-}
-
-function swath() {
-  const { range_offset_m = 0.6, bin_length_m = 0.00366, n_range = 768 } = state.hello;
-  return { near: range_offset_m, far: range_offset_m + bin_length_m * n_range };
-}
-
-function summary(test, n) {
-  const walked = [...test.cells.values()];
-  const good = walked.filter((c) => c.human / c.seen >= 0.5).length;
-  const windows = walked.reduce((sum, c) => sum + c.seen, 0);
-  return `${windows} windows in ${walked.length} of ${n} range cells; in ${good} of them most were taken for a person.`;
-}
-
 // Zones ------------------------------------------------------------------------------------
 
 function zones(signal) {
@@ -169,6 +87,7 @@ function zones(signal) {
   const lines = h("pre", { tabindex: "0", "aria-label": "Lines for config.yaml" });
   const save = h("button", { type: "button", class: "primary" }, "Save the zones");
   const forget = h("button", { type: "button" }, "Forget what was saved");
+  const suggest = h("button", { type: "button" }, "Suggest zones");
   const draw = () => {
     setText(lines, editor.yaml());
     save.disabled = !isOperator() || !editor.isTouched;
@@ -197,8 +116,13 @@ function zones(signal) {
   };
   save.addEventListener("click", () => send(editor.spans(), true));
   forget.addEventListener("click", () => send({ forget: true }, false));
+  suggest.addEventListener("click", async () => {
+    const found = await suggestions();
+    for (const { kind, span } of found.spans) editor.add(kind, span);
+    setText(said, found.text);
+  });
   box.append(
-    h("p", { class: "buttons" }, save, forget),
+    h("p", { class: "buttons" }, save, forget, suggest),
     said,
     h("h3", {}, "For config.yaml ", h("small", {}, "instead of saving here, or for another sensor")),
     lines,
@@ -223,13 +147,41 @@ function zones(signal) {
   return box;
 }
 
+// What the calibration and the last walk of this page speak for; nothing is saved by it.
+async function suggestions() {
+  const spans = [];
+  const texts = [];
+  const range = ([from, to]) => `${fixed(from, 1)} to ${fixed(to, 1)} m`;
+  let calibrated = null;
+  try {
+    calibrated = await get("/api/v1/calibration");
+  } catch (error) {
+    texts.push(`The calibration cannot be read: ${error.message}.`);
+  }
+  if (!calibrated) texts.push("This sensor keeps no calibration yet.");
+  else if (!calibrated.restless.length) texts.push("In the calibrated room nothing moves by itself.");
+  for (const span of calibrated?.restless ?? []) {
+    spans.push({ kind: "exclude", span });
+    texts.push(`At ${range(span)} something moved in the empty room (calibrated ${day(calibrated.made_utc)}).`);
+  }
+  const walked = walkedSpan();
+  if (walked) {
+    spans.push({ kind: "include", span: walked });
+    texts.push(`You were taken for a person from ${range(walked)}.`);
+  } else {
+    texts.push("A walk test would say how far the alarm should reach.");
+  }
+  if (spans.length) texts.push("Look at what is drawn, then save it.");
+  return { spans, text: texts.join(" ") };
+}
+
 // Waits until the daemon works with zones, and says so; variables and options may win.
 async function told(body) {
   if (body.forget) return "Forgotten. What the configuration says holds again.";
   const wanted = JSON.stringify(body);
   for (let k = 0; k < 30; k += 1) {
     const { zones: now } = await get("/api/v1/status");
-    if (JSON.stringify({ include: now.include, exclude: now.exclude }) === wanted) {
+    if (JSON.stringify({ include: now.include, exclude: now.exclude, away: now.away }) === wanted) {
       return "Saved. The alarm follows them from now on.";
     }
     await new Promise((done) => setTimeout(done, 100));

@@ -1,10 +1,9 @@
 // Why: one decision, its pictures frozen, and the stage that decided.
 import { HeatMap, TITLES } from "../charts/heatmap.js";
-import { card } from "./live.js";
 import { get } from "../net.js";
-import { LinePlot } from "../charts/plot.js";
-import { lastDecision, limit, on, pictures, state } from "../state.js";
-import { clock, fixed, h, replace, setText, verdict, words } from "../ui.js";
+import { chancesPlot } from "../charts/plots.js";
+import { lastDecision, on, pictures, state } from "../state.js";
+import { card, clock, fixed, h, replace, setText, verdict, words } from "../ui.js";
 
 const AROUND_S = 6;
 const BEHIND_S = 1.5;
@@ -103,7 +102,7 @@ async function showDecision(detail, seq, signal) {
   const head = h(
     "header",
     { class: "card whyhead", "data-tone": d.alarm ? "human" : tone },
-    h("div", {}, h("p", { class: "word", id: "headline" }, why.headline), h("p", { class: "quiet" }, `Decision ${seq}, ${clock(d.time)}, ${fixed(d.t_s, 2)} s of the stream`)),
+    h("div", {}, h("p", { class: "word", id: "headline" }, why.headline), h("p", { class: "quiet" }, `Decision ${seq}, ${clock(d.time)}`, h("span", { class: "exact" }, `, ${fixed(d.t_s, 2)} s of the stream`))),
     h(
       "nav",
       { "aria-label": "Neighbours" },
@@ -112,9 +111,9 @@ async function showDecision(detail, seq, signal) {
       h("a", { class: "button", href: "#/live" }, "Live"),
     ),
   );
-  const words = card("How it was decided", null, stages(why));
-  const frozen = card("What it was made of", "frozen; the bright part is this decision's window");
-  replace(detail, head, h("div", { class: "columns why" }, words, frozen));
+  const told = card("How it was decided", null, stages(why));
+  const frozen = card("What it was made of", words("frozen; the bright part is what it looked at", "frozen; the bright part is this decision's window"));
+  replace(detail, head, h("div", { class: "columns why" }, told, frozen));
   drawFrozen(frozen, d, signal);
 }
 
@@ -122,12 +121,12 @@ function stages(why) {
   return h(
     "ol",
     { class: "stages" },
-    why.stages.map(({ name, outcome, text }) =>
+    why.stages.map(({ name, outcome, text, plain }) =>
       h(
         "li",
         { class: outcome === "decided" && name === why.decided_by ? "decided" : "passed" },
         h("h3", {}, STAGES[name] ? words(...STAGES[name]) : name, name === why.decided_by ? h("span", { class: "mark" }, "decided here") : null),
-        h("p", {}, text),
+        h("p", {}, words(plain, text)),
       ),
     ),
   );
@@ -152,19 +151,7 @@ function drawFrozen(box, d, signal) {
     for (const map of maps) map.setPictures(kept);
     maps[0].marks = d.tracks.map((t) => ({ t_s: d.t_s, value: t.range_m, tone: d.alarm ? "human" : "pet" }));
     box.append(h("h3", {}, "Person or pet ", h("small", {}, "decisions around it")));
-    const plot = new LinePlot(box, {
-      label: "Probabilities around this decision",
-      height: 130,
-      low: 0,
-      high: 1,
-      unit: "probability",
-      isRelative: false,
-      series: [
-        { key: "fused_p_pet", label: "pet", tone: "pet" },
-        { key: "fused_p_human", label: "person", tone: "human" },
-      ],
-      limits: () => [{ value: limit(), text: `pet above ${fixed(limit(), 2)}: no alarm`, tone: "pet" }],
-    });
+    const plot = chancesPlot(box, { label: "Person or pet around this decision", height: 130, isRelative: false });
     plot.cursor = d.t_s;
     const charts = [...maps, plot];
     const paint = () => {

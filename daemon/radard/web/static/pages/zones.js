@@ -3,7 +3,8 @@ import { Chart, colour } from "../charts/chart.js";
 import { fixed, h, replace } from "../ui.js";
 
 const LEAST_M = 0.1;
-const KINDS = { include: "Only here", exclude: "Not here" };
+const KINDS = { include: "Only here", exclude: "Not here", away: "Not while at home" };
+const TONES = { include: "pet", exclude: "human", away: "other" };
 
 class RangeAxis extends Chart {
   draw(editor) {
@@ -29,7 +30,7 @@ class RangeAxis extends Chart {
       const left = this.x(zone.from);
       const right = this.x(zone.to);
       c.globalAlpha = 0.22;
-      c.fillStyle = colour(zone.kind === "include" ? "pet" : "human");
+      c.fillStyle = colour(TONES[zone.kind]);
       c.fillRect(left, y, right - left, height);
       c.globalAlpha = 1;
       c.fillRect(left - 1, y, 2, height);
@@ -82,8 +83,9 @@ export class ZoneEditor {
       h(
         "p",
         { class: "buttons" },
-        h("button", { type: "button", onclick: () => this.#add("exclude") }, "Exclude a range"),
-        h("button", { type: "button", onclick: () => this.#add("include") }, "Alarm only in a range"),
+        h("button", { type: "button", onclick: () => this.add("exclude") }, "Exclude a range"),
+        h("button", { type: "button", onclick: () => this.add("include") }, "Alarm only in a range"),
+        h("button", { type: "button", onclick: () => this.add("away") }, "No alarm here while at home"),
       ),
     );
     this.targets = [];
@@ -99,7 +101,7 @@ export class ZoneEditor {
 
   reset(swath, zones) {
     this.swath = swath;
-    this.zones = ["include", "exclude"].flatMap((kind) => zones[kind].map(([from, to]) => ({ kind, from, to })));
+    this.zones = Object.keys(KINDS).flatMap((kind) => zones[kind].map(([from, to]) => ({ kind, from, to })));
     this.#drawRows();
   }
 
@@ -123,20 +125,23 @@ export class ZoneEditor {
   spans() {
     const list = (kind) =>
       this.zones.filter((z) => z.kind === kind).map((z) => [Number(z.from.toFixed(2)), Number(z.to.toFixed(2))]);
-    return { include: list("include"), exclude: list("exclude") };
+    return { include: list("include"), exclude: list("exclude"), away: list("away") };
   }
 
   yaml() {
     const list = (spans) => spans.map(([from, to]) => `[${from.toFixed(2)}, ${to.toFixed(2)}]`).join(", ");
-    const { include, exclude } = this.spans();
-    return `zones:\n  include: [${list(include)}]\n  exclude: [${list(exclude)}]`;
+    const { include, exclude, away } = this.spans();
+    const atHome = away.length ? `\n  away: [${list(away)}]` : "";
+    return `zones:\n  include: [${list(include)}]\n  exclude: [${list(exclude)}]${atHome}`;
   }
 
-  #add(kind) {
+  // Adds a zone to edit; without a span, one in the middle.
+  add(kind, span) {
     const { near, far } = this.swath;
     const middle = (near + far) / 2;
     const half = (far - near) / (kind === "include" ? 3 : 10);
-    this.zones.push({ kind, from: middle - half, to: middle + half });
+    const [from, to] = span ?? [middle - half, middle + half];
+    this.zones.push({ kind, from, to });
     this.#changed(true);
   }
 

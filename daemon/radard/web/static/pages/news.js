@@ -1,0 +1,99 @@
+// Who hears of an alarm: the outputs and what each answers a test, and this browser.
+import { get, post } from "../net.js";
+import { permission, setNews, wantsNews } from "../notify.js";
+import { isOperator, on, state } from "../state.js";
+import { card, copy, h, replace, setText, toast } from "../ui.js";
+
+const EXAMPLE = `output:
+  - mqtt://broker.local
+  - webhook:https://example.net/alarm`;
+
+export function news(signal) {
+  const rows = h("tbody", {});
+  const table = h(
+    "table",
+    { class: "outputs" },
+    h("caption", { class: "hidden" }, "Outputs"),
+    h("thead", {}, h("tr", {}, ["Output", "State", "Test alarm"].map((text) => h("th", { scope: "col" }, text)))),
+    rows,
+  );
+  const button = h("button", { type: "button", class: "primary" }, "Send a test alarm");
+  const said = h("p", { role: "status", class: "quiet" });
+  let answers = new Map();
+  const draw = () => {
+    button.disabled = !isOperator();
+    replace(
+      rows,
+      ...state.outputs.map(({ name, status, reason }) =>
+        h(
+          "tr",
+          {},
+          h("td", { class: "name" }, name),
+          h("td", {}, h("span", { class: `pill ${status === "ok" ? "good" : "invalid"}` }, status === "ok" ? "well" : "in trouble"), reason ? h("small", {}, ` ${reason}`) : null),
+          h("td", { class: answers.get(name)?.startsWith("failed") ? "bad" : "" }, answers.get(name) ?? "–"),
+        ),
+      ),
+    );
+  };
+  const load = async () => {
+    try {
+      state.outputs = (await get("/api/v1/status")).outputs;
+    } catch {
+      // The page says by itself that the connection is lost.
+    }
+    if (!signal.aborted) draw();
+  };
+  button.addEventListener("click", async () => {
+    button.disabled = true;
+    setText(said, "Sent; waiting for answers …");
+    try {
+      const { outputs } = await post("/api/v1/test-alarm", {});
+      answers = new Map(outputs.map(({ output, answer }) => [output, answer]));
+      const failed = outputs.filter(({ answer }) => answer.startsWith("failed")).length;
+      setText(said, failed ? `${failed} of ${outputs.length} outputs failed.` : "Every output has it, marked as a test.");
+    } catch (error) {
+      setText(said, "");
+      toast(`No test: ${error.message}`, "bad");
+    }
+    await load();
+  });
+  const timer = setInterval(load, 5000);
+  signal.addEventListener("abort", () => clearInterval(timer));
+  on("hello", load, signal);
+  load();
+  const lines = h("pre", { tabindex: "0", "aria-label": "Lines for config.yaml" }, EXAMPLE);
+  return card(
+    "Notifications",
+    "who hears of an alarm",
+    h("p", { class: "buttons" }, button),
+    said,
+    table,
+    h("h3", {}, "In this browser ", h("small", {}, "while this page is open, also in the background")),
+    browserNews(),
+    h("h3", {}, "Elsewhere ", h("small", {}, "in config.yaml; docs/reference/outputs.md lists all kinds")),
+    lines,
+    h("p", { class: "buttons" }, h("button", { type: "button", onclick: () => copy(EXAMPLE) }, "Copy")),
+  );
+}
+
+function browserNews() {
+  const button = h("button", { type: "button", "aria-pressed": String(wantsNews()) });
+  const said = h("p", { class: "quiet", role: "status" });
+  const draw = () => {
+    const may = permission();
+    button.disabled = may === "" || may === "denied";
+    button.setAttribute("aria-pressed", String(wantsNews()));
+    setText(button, wantsNews() ? "Notifications are on" : "Show notifications here");
+    const why = {
+      "": "This browser shows none for a page without TLS; open it at localhost or behind a TLS proxy.",
+      denied: "This browser was told to show none for this page; its own settings allow them again.",
+    };
+    setText(said, why[may] ?? "");
+  };
+  button.addEventListener("click", async () => {
+    await setNews(!wantsNews());
+    draw();
+  });
+  draw();
+  return h("div", {}, h("p", { class: "buttons" }, button), said);
+}

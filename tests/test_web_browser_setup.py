@@ -1,0 +1,228 @@
+"""The set-up page and what a browser keeps: settings, walk test, notifications, the shell."""
+
+import importlib
+import json
+import re
+from importlib import resources
+
+import numpy as np
+import pytest
+
+from radard.detect.calibration import Calibration, Provenance
+from tests.web_helpers import Running, decision, open_decision
+
+pytest.importorskip("playwright.sync_api", reason="no playwright: pip install '.[browser]'")
+# Not before: a module that was skipped stays half loaded.
+browser_tests = importlib.import_module("tests.test_web_browser")
+browser, radard, tab = browser_tests.browser, browser_tests.radard, browser_tests.tab
+pytestmark = browser_tests.pytestmark
+STATIC = resources.files("radard.web") / "static"
+FEED = """async (decisions) => {
+    const { take } = await import('/static/state.js');
+    for (const d of decisions) take(d);
+}"""
+"""Gives the page decisions as the daemon would, far ahead of those that it gets."""
+
+
+@pytest.fixture
+def empty(tmp_path):
+    """A daemon before an empty room."""
+    running = Running(tmp_path, "--port", "sim:empty", "--model", "none").wait_online()
+    yield running
+    running.end()
+
+
+def test_settings_are_chosen_saved_and_hold(empty, tab):
+    one, other = tab(empty).open("setup"), tab(empty).open("setup")
+    form = one.page.locator("form.settings").first
+    save = form.get_by_role("button", name="Save")
+    one.until("document.querySelector('input[value=normal]').checked")
+    assert save.is_disabled()
+    one.page.get_by_label("Low").check()
+    one.page.get_by_label("Entry delay").fill("700")
+    assert save.is_disabled()
+    one.page.get_by_label("Entry delay").fill("12.5")
+    one.page.get_by_label("Exit delay").fill("30")
+    save.click()
+    one.until("document.querySelector('#page').textContent.includes('holds from now on')")
+    wanted = {"sensitivity": "low", "entry_delay_s": 12.5, "exit_delay_s": 30}
+    assert empty.get("/api/v1/status")[1]["settings"]["alarm"] == wanted
+    # Pages that look on follow.
+    other.until("document.querySelector('input[value=low]').checked")
+    # How it hangs: a number, and back to not known.
+    height = one.page.get_by_label("Height above the floor")
+    mounting = one.page.locator("form.settings").nth(1)
+    for text, value in (("2.2", 2.2), ("", None)):
+        height.fill(text)
+        mounting.get_by_role("button", name="Save").click()
+        empty.wait(
+            lambda value=value: (
+                empty.get("/api/v1/status")[1]["settings"]["mount"]["height_m"] == value
+            )
+        )
+
+
+def test_sensitivities_say_what_they_cost(tab):
+    one = tab().open("setup")
+    one.until("document.querySelectorAll('.level small')[0].textContent.includes('misses')")
+    texts = one.page.locator(".level small").all_inner_texts()
+    assert all(re.search(r"misses [\d.]+ % of people, alarms at [\d.]+ % of", t) for t in texts)
+    assert "simulated people" in one.page.inner_text("form.settings")
+
+
+def test_a_test_alarm_shows_what_each_output_answered(empty, tab):
+    one = tab(empty).open("setup")
+    one.page.get_by_role("button", name="Send a test alarm").click()
+    one.until("document.querySelector('.outputs tbody td:last-child').textContent === 'taken'")
+    assert "Every output has it" in one.page.inner_text("#page")
+    # It is no alarm of the panel, and the list of events says what it was.
+    assert one.page.locator(".banner.alarm").count() == 0
+    one.page.goto(f"{empty.base}/#/events")
+    one.until("document.querySelector('.event .what')?.textContent === 'Test nobody was seen'")
+    assert one.page.locator(".labels").count() == 0
+
+
+def far(d, k):
+    """A decision a long way ahead, so that none of the daemon's own is newer."""
+    return {**d, "seq": 100_000 + k, "t_s": 100_000.0 + k}
+
+
+def walk(steps):
+    """Decisions of a walk: a range with whether it is taken for a person, or None: unseen."""
+    found = []
+    for k, step in enumerate(steps):
+        if step is None:
+            found.append(far(decision(), k))
+            continue
+        range_m, is_person = step
+        record = open_decision(human=0.9 if is_person else 0.05, range_m=range_m)
+        found.append(far(record, k))
+    return found
+
+
+@pytest.mark.parametrize(
+    ("steps", "verdict"),
+    [
+        ([(3.2, True), (2.4, True), (1.9, True), (1.3, True), (0.8, True)], "Passed."),
+        # A decision is of all the way since the last one.
+        ([(3.2, True), (2.0, True), (0.8, True)], "Passed."),
+        ([(3.2, True), (2.4, False), (2.3, False), (1.2, True)], "less than half of the time at"),
+        ([(3.2, True), None, None, None, (0.8, True)], "less than half of the time at"),
+        ([(3.2, True), (3.0, True)], "Walk at least 1.5 m"),
+        ([None, None], "nobody was seen"),
+    ],
+)
+def test_a_walk_test_passes_or_fails(empty, tab, steps, verdict):
+    one = tab(empty).open("setup")
+    one.page.get_by_role("button", name="Start the walk test").click()
+    one.page.evaluate(FEED, walk(steps))
+    one.page.get_by_role("button", name="Stop").click()
+    text = one.page.inner_text(".verdict")
+    assert verdict in text
+    is_pass = one.page.get_attribute(".verdict", "data-pass") == "true"
+    assert is_pass is (verdict == "Passed.")
+    with one.page.expect_download() as got:
+        one.page.get_by_role("button", name="Save the report").click()
+    assert json.loads(got.value.path().read_text())["isPass"] is is_pass
+    one.page.get_by_role("button", name="Suggest zones").click()
+    one.until("document.querySelector('#page').textContent.includes('no calibration yet')")
+    spans = one.page.inner_text("pre >> nth=0")
+    if is_pass:
+        assert "include: [[0.6" in spans
+
+
+def test_a_walk_test_disarms_and_arms_again(empty, tab):
+    one = tab(empty).open("setup")
+    one.page.get_by_role("button", name="Disarm for the test").click()
+    empty.wait(lambda: empty.get("/api/v1/status")[1]["panel"]["armed"] is False)
+    one.page.get_by_role("button", name="Arm again").click()
+    empty.wait(lambda: empty.get("/api/v1/status")[1]["panel"]["armed"] is True)
+
+
+def test_zones_are_suggested_from_the_calibration(empty, tab):
+    floor = np.full(40, 1e-6)
+    floor[10:16] = 1e-3
+    made = Calibration(
+        frame_rate_hz=60.0,
+        bin_length_m=0.07,
+        range_offset_m=0.6,
+        floor=floor,
+        threshold_db=np.full(40, 3.0),
+        provenance=Provenance(made_utc="2026-11-21T06:00:00Z"),
+    )
+    made.save(empty.folder / "radar.sim.calibration.json")
+    one = tab(empty).open("setup")
+    one.page.get_by_role("button", name="Suggest zones").click()
+    one.until("document.querySelector('pre').textContent.includes('exclude: [[1.30, 1.80]]')")
+    assert "At 1.3 to 1.8 m something moved in the empty room" in one.page.inner_text("#page")
+    # Nothing is saved until it is looked at.
+    assert empty.get("/api/v1/status")[1]["zones"]["exclude"] == []
+
+
+def test_at_home_is_offered_where_it_differs(empty, tab):
+    one = tab(empty).open()
+    assert one.page.locator("#arm-home").count() == 0
+    empty.post("/api/v1/zones", {"include": [], "exclude": [], "away": [[0.5, 1.0]]})
+    empty.post("/api/v1/settings", {"alarm": {"exit_delay_s": 300}})
+    empty.post("/api/v1/command", {"command": "disarm"})
+    one.page.locator("#arm-home").click()
+    one.until("document.querySelector('#arm').textContent === 'Armed at home'")
+    one.page.wait_for_selector(".banner.calm")
+    assert re.search(r"Armed in \d+ s", one.page.inner_text(".banner.calm"))
+
+
+def test_the_shell_opens_while_the_daemon_is_away(browser, tmp_path):
+    first = Running(tmp_path, "--port", "sim:empty", "--model", "none").wait_online()
+    one = browser_tests.Tab(browser, first).open()
+    one.page.evaluate("navigator.serviceWorker.ready.then(() => true)")
+    paths = """async () => {
+        const cache = await caches.open('radard-shell');
+        return (await cache.keys()).map(k => new URL(k.url).pathname).sort(); }"""
+    shell = {"/"} | {
+        f"/static/{path.relative_to(STATIC)}"
+        for path in STATIC.rglob("*")
+        if path.suffix in {".js", ".css", ".svg"} and path.name not in {"sw.js", "login.js"}
+    }
+    one.until(f"(async () => (await ({paths})()).length === {len(shell)})()")
+    assert set(one.page.evaluate(paths)) == shell
+    one.page.goto(f"{first.base}/#/events")
+    one.page.wait_for_selector(".event, .loading")
+    # Nothing that the radar says is kept.
+    assert set(one.page.evaluate(paths)) == shell
+    first.end()
+    one.page.goto("about:blank")
+    one.page.goto(first.base)
+    one.until("document.querySelector('.health .state').textContent === 'No connection'")
+    assert one.page.inner_text("#page") == "Connecting to the radar …"
+    one.page.close()
+
+
+def test_the_page_can_be_installed(tab, radard):
+    one = tab().open()
+    session = one.page.context.new_cdp_session(one.page)
+    told = session.send("Page.getAppManifest")
+    assert told["errors"] == []
+    manifest = json.loads(told["data"])
+    assert (manifest["start_url"], manifest["display"]) == ("/", "standalone")
+    one.page.evaluate("navigator.serviceWorker.ready.then(() => true)")
+    found = session.send("Page.getInstallabilityErrors")["installabilityErrors"]
+    # A private window, as tests have, is never installed from.
+    assert {each["errorId"] for each in found} <= {"in-incognito"}
+
+
+def test_an_alarm_notifies_the_browser(browser, radard):
+    context = browser.new_context()
+    context.grant_permissions(["notifications"], origin=radard.base)
+    page = context.new_page()
+    page.goto(f"{radard.base}/#/setup")
+    page.evaluate("navigator.serviceWorker.ready.then(() => true)")
+    page.get_by_role("button", name="Show notifications here").click()
+    page.wait_for_selector("button[aria-pressed=true] >> text=Notifications are on")
+    assert radard.post("/api/v1/command", {"command": "disarm"})[0] == 202
+    radard.wait(lambda: not radard.get("/api/v1/status")[1]["panel"]["alarm_id"])
+    radard.wait(lambda: radard.post("/api/v1/test-alarm", {})[0] == 200)
+    seen = """async () => (await (await navigator.serviceWorker.ready).getNotifications())
+        .map(n => [n.title, n.body])"""
+    radard.wait(lambda: page.evaluate(seen))
+    assert page.evaluate(seen)[0] == ["Test: Alarm, radar", "test alarm: nobody was seen"]
+    context.close()
