@@ -99,6 +99,23 @@ class Jammer:
         is_pulse = (np.arange(len(self.rows)) % 30 < 4)[:, None]
         return self.rows + self.is_on * is_pulse * self.white(40)
 
+    def _far(self):
+        """Where the far three fifths of the swath are, (n_range,)."""
+        return np.arange(self.rows.shape[1]) >= 0.4 * self.rows.shape[1]
+
+    def far_tone(self):
+        return np.where(self._far(), self.continuous_wave(), self.rows)
+
+    def far_noise(self):
+        return self.rows + self.is_on * self.white(30) * self._far()
+
+    def far_pulses(self):
+        return np.where(self._far(), self.pulses(), self.rows)
+
+    def third_noise(self):
+        share = np.arange(self.rows.shape[1]) / self.rows.shape[1]
+        return self.rows + self.is_on * self.white(30) * ((share >= 0.3) & (share < 0.65))
+
     def white_noise(self):
         return self.rows + self.is_on * self.white(20)
 
@@ -133,6 +150,10 @@ class Jammer:
         pulse = np.exp(-0.5 * ((np.arange(n_range) - at[:, None]) / 1.5) ** 2)
         phase = np.exp(2j * np.pi * (turns + wander))[:, None]
         return self.rows + self.is_on * self.level(40) * pulse * phase
+
+    def same_pulse(self):
+        """A radar that keeps step with this one, so that its pulse stays where it is."""
+        return np.roll(self.second_radar(0.0) - self.rows, 30, axis=1) + self.rows
 
 
 def judged(rows, stream, axis, *, model="accurate", watch=None):

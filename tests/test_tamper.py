@@ -170,12 +170,30 @@ def test_relearning_takes_what_is_for_what_should_be(learned):
     assert stream.found(watch, 20) == [(0, ())]
 
 
-def test_a_void_cannot_be_judged_but_its_noise_can():
+def test_a_void_cannot_be_judged_but_its_noise_can_and_what_lasts_is_told():
     stream, watch = Stream(np.zeros(AXIS.n_range)), TamperWatch(SETTINGS)
-    assert stream.found(watch, 20) == []
+    assert stream.found(watch, 10) == []
     assert watch.is_blind
     stream.noise = 10.0
-    assert stream.found(watch, 18) == [(SLOW, ("noise",))]
+    assert stream.found(watch, 19) == [(SLOW, ("noise",))]
+    assert stream.found(watch, 3) == [(0, ("covered", "noise"))]
+    reason = watch.update(stream.dwell())[0].reason
+    assert reason == "no still echoes for 30 s: is the antenna connected and clear?"
+    # Connected at last: that is the room.
+    stream.echoes, stream.noise = room(), 1.0
+    assert stream.found(watch, 20)[-1][1] == ()
+    assert not watch.is_blind
+
+
+def test_who_walks_about_where_no_echoes_are_is_no_cover():
+    stream, watch = Stream(np.zeros(AXIS.n_range)), TamperWatch(SETTINGS)
+
+    def walking(k):
+        start = 1.0 + 2.5 * abs((k % 10) / 5 - 1)
+        track = walker(N_SLOW, RATE_HZ, speed_mps=0.5, start_m=start, level=300.0)
+        return np.pad(track, ((0, 0), (0, AXIS.n_range - track.shape[1])))
+
+    assert stream.found(watch, 60, walking) == []
 
 
 def test_somebody_who_was_there_from_the_start_is_not_learned_as_the_room():

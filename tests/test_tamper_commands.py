@@ -36,12 +36,13 @@ class Outputs:
 class Room:
     """A worker without threads, before a room whose echoes a test covers."""
 
-    def __init__(self, **alarm):
+    def __init__(self, *, port="replay:x", gate=None, state=None, **alarm):
         options = {
-            "sensor": {"port": "replay:x"},
+            "sensor": {"port": port},
             "model": {"name": "none"},
-            "gate": {"calibration": "none"},
+            "gate": gate or {"calibration": "none"},
             "alarm": {"armed": False, **alarm},
+            "service": {"state_dir": state},
         }
         config = load_config(environ={}, options=options)
         self.config, self.pipeline = config, Pipeline(STREAM, config)
@@ -152,3 +153,44 @@ def test_zones_outside_the_swath_are_a_fault_while_it_runs():
     room.worker._take(Notice("reload", "", room.t_s))
     room.listen(2)
     assert room.outputs.events("fault")[-1]["phase"] == "end"
+
+
+def test_a_calibration_that_fails_ends_no_tamper_and_one_that_is_made_does(tmp_path):
+    room = Room(
+        gate={"calibration": "auto", "calibrate_after_s": 0, "calibrate_s": 30},
+        port="sim:empty",
+        state=tmp_path,
+    )
+    room.cover()
+    room.command("calibrate")
+    room.listen(2, gain=0.1)
+    room.worker._take(Notice("restart", "the module restarted", room.t_s))
+    assert room.worker.panel()["calibration"]["phase"] == "failed"
+    room.listen(4, gain=0.1)
+    assert "tamper" in room.worker.tracker.open_events
+    # And while one is being made it is on, too.
+    room.command("calibrate")
+    room.listen(34, gain=0.1)
+    assert "tamper" in room.worker.tracker.open_events
+    notice = room.worker._ring.take(60)
+    assert notice.kind == "calibrated"
+    room.worker._take(notice)
+    room.listen(1, gain=0.1)
+    made = room.outputs.events("tamper")
+    assert made[-2]["reason"].endswith("; taken for the room: it was calibrated")
+    assert made[-1]["phase"] == "end"
+
+
+def test_a_reload_of_other_settings_ends_no_tamper():
+    room = Room()
+    room.cover()
+    config = room.config.model_copy(
+        update={"tamper": room.config.tamper.model_copy(update={"hold_s": 8.0})}
+    )
+    old = room.worker.parts
+    parts = make_parts(config, room.pipeline, now=lambda _t_s: None, is_live=False, old=old)
+    assert parts.tamper is not old.tamper
+    room.worker.exchange(parts)
+    room.worker._take(Notice("reload", "", room.t_s))
+    room.listen(4, gain=0.1)
+    assert "tamper" in room.worker.tracker.open_events

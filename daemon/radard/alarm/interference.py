@@ -4,10 +4,11 @@
 the first `_FIRST_S` of calm dwells, or the calibration's. Any of these is interference:
 
 steady
-    The residual power of most of the swath stands `noise_db` over the reference, and its shape
-    over range stays as it is: measured in cells of 0.3 m, 0.02 dB of scatter under a continuous
-    wave, 0.2 under noise, 0.6 under pulses, 1.1 or more under people and animals who fill the
-    swath (tests/test_jamming.py). A common level may come and go, as with pulses.
+    A third of the swath or more stands `noise_db` over the reference, and its shape over range
+    stays as it is, in cells of 0.3 m: measured, 0.02 to 0.1 dB of scatter under a continuous wave,
+    0.2 to 0.5 under noise, 0.6 to 0.9 under pulses; fans have 0.2 or more, bodies and plants 0.8.
+    Fans, too, are steady, but turn: so but for a continuous wave, the spectrum over slow time
+    must be as flat as noise's (0.96 or more; a fan's 0.7 at most). A common level may come and go.
 blind
     What the gate takes for background, floor and learned, stands so far over the reference in
     most of the swath: however it came about, weak motion is no longer seen. For `hold_s`; a
@@ -19,6 +20,7 @@ The reference follows slow change by `MOST_DRIFT_DB` in all, so no ramp can take
 """
 
 from collections import deque
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +28,7 @@ from numpy.typing import NDArray
 from radard.alarm.dwell_cells import CELL_M, quantile
 from radard.detect.gate import Gate
 from radard.dsp.velocity import CPI_S
+from radard.stream.ring import Dwell
 
 URGENT = 4
 """Changes of twice the limit are held for so much less: chosen, 5 s of `hold_s`."""
@@ -35,7 +38,11 @@ MEMORY_S = 600.0
 """Within which it does so: chosen, follows temperature, not a hand."""
 _FIRST_S = 600.0  # chosen: people leave a room at times within ten minutes
 _STEADY_S = 8.0  # chosen: with the first dwell, announced within 10 s
-_STEADY_DB = 0.75  # scatter of the shape; see above
+_STEADY_DB, _TONE_DB = 0.85, 0.12  # scatter of the shape of noise and of a tone; see above
+_FLAT = 0.93  # geometric over arithmetic mean of the spectrum; see above
+_LEAST_SHARE, _FEWEST_CELLS = 0.3, 3  # chosen: of the swath; a body fills up to 0.68, unsteadily
+_MOST_TIME = 0.9  # of `_STEADY_S`; chosen: a fade is no end
+_SKIRT = 3  # Doppler bins about what stands still, in the window's main lobe
 _MOST_SHARE = 0.75  # chosen: of the swath, for most of it
 _ALL_SHARE = 0.9  # chosen: for all of it
 _FILLED_S = 30.0  # chosen
@@ -44,23 +51,41 @@ _TINY = 1e-300  # instead of zero power
 Array = NDArray[np.float64]
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class FloorReference:
+    """What interference is measured against; powers in sample units squared, shape (n_range,)."""
+
+    first: Array  # least floor of the first calm minutes; infinite in bins that were dead
+    kept: Array  # the same, as it has followed the room
+    t_s: float  # calm stream time in it
+
+
 class InterferenceWatch:
     """Follow one gate, dwell after dwell, `hop_s` apart; forget all by making another one."""
 
-    def __init__(self, noise_db: float, hold_s: float, hop_s: float) -> None:
+    def __init__(
+        self, noise_db: float, hold_s: float, hop_s: float, reference: FloorReference | None = None
+    ) -> None:
         self._limit_db = noise_db
         self._hold_s = hold_s
         self._hop_s = hop_s
         self._n_new = max(1, int(hop_s / CPI_S))
         self._levels: deque[Array] = deque(maxlen=max(2, round(_STEADY_S / hop_s)))
-        self._reference: Array = np.zeros(0)
-        self._kept: Array = np.zeros(0)
-        self._t_s = self._blind_s = self._filled_s = 0.0
+        self._reference = reference.first if reference else np.zeros(0)
+        self._kept = reference.kept if reference else np.zeros(0)
+        self._t_s = reference.t_s if reference else 0.0
+        self._blind_s = self._filled_s = 0.0
         self._calm_s = hold_s  # nothing has happened yet
         self._reason = ""
+        self._where = np.zeros(0, np.bool_)
 
-    def update(self, gate: Gate, *, is_passed_over: bool) -> str:
-        """Take what the gate saw; return why this is interference, empty if it is none.
+    @property
+    def reference(self) -> FloorReference:
+        """What is compared with now; empty before the first dwell."""
+        return FloorReference(self._reference, self._kept, self._t_s)
+
+    def update(self, gate: Gate, dwell: Dwell, *, is_passed_over: bool) -> str:
+        """Take what the gate saw in a dwell; return why this is interference, empty if it is none.
 
         `is_passed_over` is whether there is a verdict and it is no alarm.
         """
@@ -71,6 +96,7 @@ class InterferenceWatch:
         if floor.shape != self._reference.shape:
             self._reference = self._kept = floor
             self._levels.clear()
+            self._where = np.zeros(0, np.bool_)
         power_db = _db(gate.power, self._kept)[live]
         rise_db = quantile(power_db, 1 - _MOST_SHARE)
         blind_db = quantile(_db(gate.background, self._kept)[live], 1 - _MOST_SHARE)
@@ -79,9 +105,10 @@ class InterferenceWatch:
         hurry = URGENT if blind_db >= 2 * self._limit_db else 1
         self._blind_s = self._blind_s + hurry * self._hop_s if is_blind else 0.0
         self._filled_s = self._filled_s + self._hop_s if is_filled else 0.0
-        is_calm = not is_blind and rise_db < self._limit_db
+        self._note_levels(gate, live)
+        found = self._steady(dwell) or self._lasting(blind_db)
+        is_calm = not is_blind and rise_db < self._limit_db and not self._still_stands
         self._calm_s = self._calm_s + self._hop_s if is_calm else 0.0
-        found = self._found(rise_db, blind_db, is_steady=self._is_steady(gate, live))
         if self._calm_s >= self._hold_s:
             self._reason = ""
             # Not sooner: the gate's floor is disturbed for as long.
@@ -91,9 +118,7 @@ class InterferenceWatch:
             self._reason = self._reason or found
         return self._reason
 
-    def _found(self, rise_db: float, blind_db: float, *, is_steady: bool) -> str:
-        if is_steady:
-            return f"all ranges alike rose {rise_db:.0f} dB"
+    def _lasting(self, blind_db: float) -> str:
         if self._blind_s >= self._hold_s:
             return f"the gate's floor rose {blind_db:.0f} dB at most ranges"
         if self._filled_s >= _FILLED_S:
@@ -102,6 +127,7 @@ class InterferenceWatch:
 
     def _learn(self, floor: Array) -> None:
         """Learn the reference from a calm dwell; later, let it follow within bounds."""
+        self._where = np.zeros(0, np.bool_)
         self._t_s += self._hop_s
         if self._t_s <= _FIRST_S:
             self._reference = self._kept = np.minimum(self._reference, floor)
@@ -113,20 +139,58 @@ class InterferenceWatch:
         most = 10 ** (MOST_DRIFT_DB / 10)
         self._kept = np.clip(kept, self._reference / most, self._reference * most)
 
-    def _is_steady(self, gate: Gate, live: NDArray[np.bool_]) -> bool:
-        """Whether most of the swath has risen for `_STEADY_S` in a shape that stays."""
+    def _note_levels(self, gate: Gate, live: NDArray[np.bool_]) -> None:
+        """Note how far cells of range stand over the reference in the newest CPIs."""
         n_bins = max(1, round(CELL_M / gate.bin_length_m))
         n_cells = max(1, len(live) // n_bins)
         share = np.where(live, gate.cpi_power[-self._n_new :] / self._kept, 0.0)
         cells = share[:, : n_cells * n_bins].reshape(len(share), n_cells, -1).mean(axis=2)
         self._levels.append(10 * np.log10(np.maximum(cells, _TINY)))
-        shape_db = np.concatenate(self._levels)
-        least = np.sort(shape_db, axis=1)[:, round((1 - _MOST_SHARE) * (n_cells - 1))]
-        risen = shape_db[least >= self._limit_db]
-        if len(self._levels) < (self._levels.maxlen or 0) or len(risen) < len(shape_db) - 2:
-            return False
-        risen = risen - np.median(risen, axis=1)[:, None]
-        return bool(np.median(risen.std(axis=0)) <= _STEADY_DB)
+
+    @property
+    def _still_stands(self) -> bool:
+        """Whether cells in which interference was found are as high as ever."""
+        here_db = self._levels[-1][:, self._where] if len(self._where) else np.zeros(0)
+        return here_db.size > 0 and float(np.median(here_db)) >= self._limit_db
+
+    def _steady(self, dwell: Dwell) -> str:
+        """Return which part of the swath has risen for `_STEADY_S` in a shape that stays."""
+        level_db = np.concatenate(self._levels)
+        risen = (level_db >= self._limit_db).mean(axis=0) >= _MOST_TIME
+        n_cells = len(risen)
+        fewest = min(n_cells, max(_FEWEST_CELLS, round(_LEAST_SHARE * n_cells)))
+        if len(self._levels) < (self._levels.maxlen or 0) or np.count_nonzero(risen) < fewest:
+            return ""
+        shape_db = level_db[:, risen]
+        middle_db = np.median(shape_db, axis=1)
+        scatter_db = float(np.median((shape_db - middle_db[:, None]).std(axis=0)))
+        n_bins = max(1, round(CELL_M / dwell.axis.bin_length_m))
+        is_steady = scatter_db <= _TONE_DB or (
+            scatter_db <= _STEADY_DB and _flatness(dwell, np.flatnonzero(risen), n_bins) >= _FLAT
+        )
+        if not is_steady:
+            return ""
+        self._where = risen
+        rise_db = float(np.median(middle_db))
+        if risen.all():
+            return f"all ranges alike rose {rise_db:.0f} dB"
+        at = np.flatnonzero(risen)
+        ends_m = dwell.axis.range_m[[at[0] * n_bins, (at[-1] + 1) * n_bins - 1]]
+        return f"ranges of {ends_m[0]:.1f} to {ends_m[1]:.1f} m alike rose {rise_db:.0f} dB"
+
+
+def _flatness(dwell: Dwell, cells: NDArray[np.intp], n_bins: int) -> float:
+    """Return how flat some cells' spectrum over slow time is, from 0 to 1, which is noise's.
+
+    Bins count alike, and what stands still not at all.
+    """
+    bins = (cells[:, None] * n_bins + np.arange(n_bins)).ravel()
+    rows = dwell.frames[:, bins].astype(np.complex128)
+    rows = (rows - rows.mean(axis=0)) * np.hanning(len(rows))[:, None]
+    spectrum = np.abs(np.fft.fft(rows, axis=0)) ** 2
+    mean = (spectrum / np.maximum(spectrum.mean(axis=0), _TINY)).mean(axis=1)
+    mean = np.maximum(mean[_SKIRT : 1 - _SKIRT], _TINY)
+    return float(np.exp(np.log(mean).mean()) / mean.mean()) if len(mean) else 0.0
 
 
 def _db(power: Array, reference: Array) -> Array:

@@ -19,9 +19,11 @@ Each must last `hold_s`, or a quarter of it when the change is twice as large. W
 not count: a cell is only judged in a dwell in which it stands still, medians over cells let
 furniture and people change some of them, and noise is only read where it is white in slow time
 and alike in all cells. A stream without three cells of still echoes (a simulated void, people
-all over the place) is not judged but for its noise; `is_blind` says so.
+all over the place) is not judged but for its noise; where nothing hides the receiver's noise and
+there are still no echoes for `_BLIND_S`, the antenna is unplugged or covered, and that is told.
 
-All state follows from the dwells, so a replay finds the same.
+All state follows from the dwells and from the reference that was kept, so a replay, which has
+none, finds the same each time.
 """
 
 from dataclasses import dataclass
@@ -31,7 +33,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radard.alarm.dwell_cells import CellReading, quantile, read_cells
-from radard.alarm.interference import MEMORY_S, MOST_DRIFT_DB, URGENT, InterferenceWatch
+from radard.alarm.interference import (
+    MEMORY_S,
+    MOST_DRIFT_DB,
+    URGENT,
+    FloorReference,
+    InterferenceWatch,
+)
+from radard.alarm.room_reference import RoomReference, RoomStore
 from radard.config.sections import TamperSection
 from radard.detect.gate import Gate
 from radard.stream.ring import Dwell
@@ -40,6 +49,8 @@ TamperKind = Literal["covered", "moved", "noise", "interference"]
 _TINY = 1e-300  # instead of zero power
 _STILL = 0.3  # a cell is still if less of its energy is unrest; chosen, see tests/test_tamper.py
 _FEWEST_CELLS = 3  # chosen: a median over fewer is one piece of furniture
+_BLIND_S = 30.0  # of noise without echoes; chosen: people hide the noise, so nobody is there
+_KEEP_EVERY_S = 600.0  # chosen: the reference follows the room as slowly
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,25 +62,68 @@ class Finding:
 
 
 class TamperWatch:
-    """Compare dwells, `hop_s` apart, with the fingerprint that was learned from those before."""
+    """Compare dwells, `hop_s` apart, with the fingerprint that was learned from those before.
 
-    def __init__(self, settings: TamperSection, hop_s: float = 1.0) -> None:
+    `store` keeps it over a restart; `known` is one to begin with, before the store's.
+    """
+
+    def __init__(
+        self,
+        settings: TamperSection,
+        hop_s: float = 1.0,
+        store: RoomStore | None = None,
+        known: RoomReference | None = None,
+    ) -> None:
         self._settings = settings
         self._hop_s = hop_s
         self._n_learn = max(1, round(settings.learn_s / hop_s))
-        self._held: dict[TamperKind, _Held] = {}
-        self.relearn()
+        self._store = store or RoomStore()
+        self._forget()
+        room = known or self._store.load()
+        if room is not None:
+            self._take(room)
 
     @property
     def is_blind(self) -> bool:
         """Whether there are no still echoes to judge by, so far."""
         return self._usable is None
 
-    def relearn(self) -> None:
-        """Forget the fingerprint and every finding: what is there now is as it should be."""
-        self._held = {kind: _Held() for kind in ("covered", "moved", "noise")}
-        s = self._settings
-        self._interference = InterferenceWatch(s.noise_db, s.hold_s, self._hop_s)
+    @property
+    def known(self) -> RoomReference | None:
+        """What is compared with now; None before anything was learned."""
+        is_noise = len(self._noise_learned) >= self._n_learn
+        floor = self._interference.reference
+        if floor.t_s == 0 or (self._usable is None and not is_noise):
+            return None
+        has_echoes = self._usable is not None
+        return RoomReference(
+            self._echoes if has_echoes else np.zeros((0, 0), np.complex128),
+            self._usable if self._usable is not None else np.zeros(0, np.bool_),
+            self._noise_kept_db if is_noise else None,
+            self._noise_db if is_noise else None,
+            floor,
+        )
+
+    @property
+    def room(self) -> str:
+        """Whose reference this is, see `RoomStore`."""
+        return self._store.stream
+
+    def relearn(self, room: str | None = None) -> None:
+        """Forget the fingerprint and every finding: what is there now is as it should be.
+
+        `room` says whose reference it will be, where that has changed.
+        """
+        self._forget()
+        self._store.forget()
+        if room is not None:
+            self._store.stream = room
+
+    def _forget(self) -> None:
+        self._held: dict[TamperKind, _Held] = {
+            kind: _Held() for kind in ("covered", "moved", "noise")
+        }
+        self._compare_floors(None)
         self._interfered = ""
         self._sum: NDArray[np.complex128] | None = None
         self._energy = np.zeros(0)
@@ -79,6 +133,21 @@ class TamperWatch:
         self._echoes = np.zeros((0, 0), np.complex128)
         self._noise_learned: list[float] = []
         self._noise_db = self._noise_kept_db = 0.0
+        self._blind_s = self._kept_s = 0.0
+
+    def _compare_floors(self, reference: FloorReference | None) -> None:
+        s = self._settings
+        self._interference = InterferenceWatch(s.noise_db, s.hold_s, self._hop_s, reference)
+
+    def _take(self, room: RoomReference) -> None:
+        """Go on with a reference that was learned before."""
+        if len(room.usable):
+            self._usable, self._echoes = room.usable, room.echoes
+        if room.noise_db is not None and room.noise_kept_db is not None:
+            self._noise_learned = [room.noise_db] * self._n_learn
+            self._noise_kept_db, self._noise_db = room.noise_db, room.noise_kept_db
+        self._compare_floors(room.floor)
+        self._kept_s = _KEEP_EVERY_S
 
     def update(
         self, dwell: Dwell, gate: Gate | None = None, *, is_passed_over: bool = False
@@ -89,16 +158,43 @@ class TamperWatch:
         alarm; without a gate, interference is not looked for.
         """
         if gate is not None:
-            self._interfered = self._interference.update(gate, is_passed_over=is_passed_over)
+            self._interfered = self._interference.update(
+                gate, dwell, is_passed_over=is_passed_over
+            )
         cells = read_cells(dwell)
         if cells is None:
             return self._findings()
         self._judge_noise(cells)
+        if self._usable is not None and self._echoes.shape != cells.echoes.shape:
+            # Kept of a stream with other bins.
+            self._usable = None
         if self._usable is None:
             self._learn(cells)
+            self._judge_blindness(cells)
         else:
             self._judge_echoes(cells, self._usable)
-        return self._findings()
+        findings = self._findings()
+        if not findings:
+            self._keep()
+        return findings
+
+    def _keep(self) -> None:
+        """Keep what was learned: when it is first known, and from time to time."""
+        self._kept_s -= self._hop_s
+        if self._kept_s < 0 and (room := self.known) is not None:
+            self._kept_s = _KEEP_EVERY_S
+            self._store.save(room)
+
+    def _judge_blindness(self, cells: CellReading) -> None:
+        """With noise alone at all ranges there is no antenna, or a cover before it."""
+        is_still = np.count_nonzero(cells.unrest < _STILL * cells.energy) >= _FEWEST_CELLS
+        if is_still or cells.noise_db is None:
+            self._blind_s = 0.0 if is_still else self._blind_s
+        else:
+            self._blind_s += self._hop_s
+        held = self._held["covered"]
+        held.is_on = self._blind_s >= _BLIND_S
+        held.reason = f"no still echoes for {_BLIND_S:.0f} s: is the antenna connected and clear?"
 
     def _findings(self) -> tuple[Finding, ...]:
         held = [Finding(k, held.reason) for k, held in self._held.items() if held.is_on]

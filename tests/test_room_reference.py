@@ -1,0 +1,197 @@
+"""What tamper is measured against outlives the daemon, a reload and a calibration that fails."""
+
+import json
+import logging
+
+import numpy as np
+import pytest
+
+from radard.alarm.interference import FloorReference
+from radard.alarm.room_reference import RoomReference, RoomStore
+from radard.alarm.tamper import TamperWatch
+from radard.config.sections import GateSettings, TamperSection
+from radard.detect.gate import Gate
+from tests.radar_helpers import dwell_of, noise
+
+SETTINGS = TamperSection(learn_s=5, hold_s=16)
+TONE = 30 * np.exp(2j * np.pi * 13 / 60 * np.arange(147))[:, None] * np.ones(64)
+ECHOES = (30 * np.random.default_rng(2).standard_normal((2, 64))).T @ [1, 1j]
+
+
+class Sensor:
+    """A gate and a watch before a room, dwell after dwell; a new one is a restart."""
+
+    def __init__(self, store=None, settings=SETTINGS, known=None):
+        self.gate = Gate(GateSettings())
+        self.watch = TamperWatch(settings, store=store, known=known)
+        self.k = 0
+
+    def listen(self, n, added=0, gain=1.0):
+        """Return after how many dwells which kinds were found first."""
+        for k in range(n):
+            frames = noise(147, seed=self.k) + gain * ECHOES + added
+            dwell = dwell_of(frames.astype(np.complex64))
+            self.k += 1
+            self.gate.read(dwell)
+            found = self.watch.update(dwell, self.gate, is_passed_over=False)
+            if found:
+                return k + 1, {each.kind for each in found}
+        return None
+
+
+@pytest.fixture
+def store(tmp_path):
+    return RoomStore(tmp_path / "radar.room.json", "a stream")
+
+
+def test_a_jammer_or_cover_that_is_on_at_a_restart_is_announced(store):
+    assert Sensor(store).listen(40) is None
+    assert store.path.stat().st_mode & 0o777 == 0o600
+    again = RoomStore(store.path, "a stream")
+    k, kinds = Sensor(again).listen(20, added=TONE)
+    assert k <= 10
+    assert "interference" in kinds
+    assert Sensor(again).listen(20, gain=0.1) == (4, {"covered"})
+    # As it was: nothing to tell, and nothing to learn.
+    sensor = Sensor(again)
+    assert not sensor.watch.is_blind
+    assert sensor.listen(40) is None
+
+
+def test_without_a_reference_what_is_on_at_the_start_is_the_room(store):
+    assert Sensor(store).listen(40, gain=0.1) is None
+    other = RoomStore(store.path, "another stream")
+    assert Sensor(other).listen(40) is None
+
+
+def test_what_is_kept_is_of_a_room_in_which_nothing_is_wrong(store):
+    sensor = Sensor(store)
+    assert sensor.listen(40) is None
+    kept = store.path.read_text()
+    assert sensor.listen(20, gain=0.1) is not None
+    for _ in range(700):
+        sensor.listen(1, gain=0.1)
+    assert store.path.read_text() == kept
+    assert sensor.watch.known is not None
+
+
+def test_it_follows_the_room_and_is_kept_every_ten_minutes(store):
+    sensor = Sensor(store)
+    sensor.listen(40)
+    kept = store.path.read_text()
+    sensor.listen(300, gain=0.9)
+    assert store.path.read_text() == kept
+    sensor.listen(300, gain=0.9)
+    assert store.path.read_text() != kept
+
+
+def test_other_settings_do_not_take_what_is_there_now_for_the_room():
+    sensor = Sensor()
+    assert sensor.watch.known is None
+    sensor.listen(40)
+    settings = TamperSection(learn_s=20, hold_s=12)
+    changed = Sensor(settings=settings, known=sensor.watch.known)
+    assert changed.listen(20, gain=0.1) == (3, {"covered"})
+
+
+def test_a_relearned_room_leaves_no_older_one_behind(store):
+    sensor = Sensor(store)
+    sensor.listen(40)
+    sensor.watch.relearn("the same, calibrated")
+    assert not store.path.exists()
+    assert sensor.listen(40, gain=0.1) is None
+    assert json.loads(store.path.read_text())["stream"] == "the same, calibrated"
+
+
+def test_echoes_of_other_bins_are_learned_again(store):
+    Sensor(store).listen(40)
+    raw = json.loads(store.path.read_text())
+    raw["echoes"] = [row[:-1] for row in raw["echoes"]]
+    raw["floor"] = raw["floor_kept"] = raw["floor"][:-1]
+    store.path.write_text(json.dumps(raw))
+    sensor = Sensor(store)
+    assert sensor.listen(40, gain=0.5) is None
+    assert not sensor.watch.is_blind
+
+
+def reference(**changes):
+    values = {
+        "echoes": np.array([[1 + 2j, 3], [0, -1j]]),
+        "usable": np.array([True, False]),
+        "noise_db": -3.0,
+        "noise_kept_db": -2.5,
+        "floor": FloorReference(np.array([1.0, np.inf]), np.array([2.0, np.inf]), 12.0),
+    }
+    return RoomReference(**{**values, **changes})
+
+
+def test_all_of_it_comes_back(store):
+    store.save(reference())
+    back = store.load()
+    assert np.array_equal(back.echoes, reference().echoes)
+    assert back.usable.tolist() == [True, False]
+    assert (back.noise_db, back.noise_kept_db, back.floor.t_s) == (-3.0, -2.5, 12.0)
+    assert np.array_equal(back.floor.first, [1, np.inf])
+    assert np.array_equal(back.floor.kept, [2, np.inf])
+    empty = np.zeros((0, 0), np.complex128)
+    store.save(
+        reference(echoes=empty, usable=np.zeros(0, bool), noise_db=None, noise_kept_db=None)
+    )
+    back = store.load()
+    assert len(back.usable) == 0
+    assert back.noise_db is None
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"format": "x"},
+        {"format_version": 2},
+        {"echoes": [[[1, 2]], [[3]]]},
+        {"echoes": [[[1e999, 0], [0, 0]], [[0, 0], [0, 0]]]},
+        {"echoes": None},
+        {"usable": [True, False, True]},
+        {"noise_db": None},
+        {"noise_db": "loud"},
+        {"floor": [1.0]},
+        {"floor": [0.0, 1.0]},
+        {"floor_kept": [-1.0, None]},
+        {"floor_kept": "x"},
+        {"calm_s": -1},
+        {"calm_s": 10**400},
+        {"calm_s": None},
+    ],
+)
+def test_a_file_that_makes_no_sense_counts_as_none(store, change, caplog):
+    store.save(reference())
+    raw = json.loads(store.path.read_text()) | change
+    store.path.write_text(json.dumps(raw).replace("Infinity", "1e999"))
+    assert store.load() is None
+    assert "the room's reference is unreadable and not used" in caplog.text
+
+
+@pytest.mark.parametrize("text", ["", "[" * 100_000, "7", "[]", '{"format": "radard-room"}', "\0"])
+def test_a_file_of_something_else_counts_as_none(store, text, caplog):
+    store.path.write_text(text)
+    assert store.load() is None
+    assert "unreadable" in caplog.text
+
+
+def test_a_disk_that_fails_is_told_once_and_is_no_end(tmp_path, caplog):
+    (tmp_path / "file").write_text("")
+    store = RoomStore(tmp_path / "file" / "radar.room.json")
+    for _ in range(3):
+        store.save(reference())
+    assert [r.levelno for r in caplog.records] == [logging.WARNING]
+    store.forget()
+    assert "cannot be removed" in caplog.text
+    (tmp_path / "file").unlink()
+    store.save(reference())
+    assert store.load() is not None
+
+
+def test_without_a_file_nothing_is_kept():
+    store = RoomStore()
+    store.save(reference())
+    store.forget()
+    assert store.load() is None
