@@ -17,6 +17,7 @@ EXAMPLES = {
     "mqtt://HOST": "mqtt://me:s3cret@broker/hall",
     "mqtts://HOST": "mqtts://me:s3cret@broker",
     "webhook:URL": "webhook:https://me@h.example/hooks/s3cret?token=s3cret",
+    "apprise:URL": "apprise:tgram://s3cret:s3cret/s3cret?token=s3cret",
     "exec:COMMAND": "exec:notify --key s3cret",
     "syslog:": "syslog:udp://log.lan:514",
     "lsl:": "lsl:hall",

@@ -126,6 +126,16 @@ class Hook(FarEnd):
             self._server.close()
 
 
+class Message(Hook):
+    def __init__(self, folder):
+        super().__init__(folder)
+        self.url = f"apprise:json://127.0.0.1:{self._port}/hook"
+
+    def events(self):
+        texts = [json.loads(body)["message"] for _, _, body in list(self._server.posts)]
+        return [ulid(round(float(text.split(" ")[2]))) for text in texts]
+
+
 class Program(FarEnd):
     def __init__(self, folder):
         self._flag, self._out = folder / "works", folder / "ids"
@@ -167,7 +177,7 @@ class Syslog(FarEnd):
         self._socket.close()
 
 
-@pytest.fixture(params=[File, Store, Mqtt, Hook, Program, Syslog])
+@pytest.fixture(params=[File, Store, Mqtt, Hook, Message, Program, Syslog])
 def far_end(request, tmp_path):
     end = request.param(tmp_path)
     yield end

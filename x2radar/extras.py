@@ -11,6 +11,7 @@ EXTRAS = {
     "pyarrow": "parquet",
     "mcap": "mcap",
     "pylsl": "lsl",
+    "apprise": "notify",
     "shtab": "completion",
 }
 """The extra of pyproject.toml that brings each package."""

@@ -16,8 +16,8 @@ _KEY = re.compile(r"pass(word)?|secret|token|api_?key", re.IGNORECASE)
 def redact(text: str) -> str:
     """Return a port, output or error text without its secrets.
 
-    `SinkRow.shows` says of which outputs only the host or the program stays: paths and
-    arguments are where tokens are kept.
+    `SinkRow.shows` says of which outputs only the host, the service or the program stays: paths
+    and arguments are where tokens are kept.
     """
     scheme, _, rest = text.partition(":")
     row = find_row(text)
@@ -26,6 +26,10 @@ def redact(text: str) -> str:
         url = None if "@" in rest else re.match(r"\w+://[^/?#\s]*", rest)
         host = url.group() if url else ""
         return f"{scheme}:{host}" + ("" if host == rest else f"/{MASK}")
+    if row is not None and row.shows == "service":
+        # Of which any part may be a token; a file's name is none.
+        service, found, _ = rest.partition("://")
+        return text if rest.startswith("@") else f"{scheme}:{service if found else ''}://{MASK}"
     if row is not None and row.shows == "program":
         program, _, arguments = rest.strip().partition(" ")
         return f"{scheme}:{program}" + (f" {MASK}" if arguments else "")

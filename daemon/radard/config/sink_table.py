@@ -63,7 +63,7 @@ class MqttSection(Section):
 
 
 class OutboxSection(Section):
-    """Events that wait for their delivery: mqtt, webhook and exec."""
+    """Events that wait for their delivery: mqtt, webhook, apprise and exec."""
 
     max_events: int = Field(10_000, ge=1, le=1_000_000, description="then the oldest go")
     first_retry_s: float = Field(1.0, gt=0, le=3600, description="wait after a failure; doubles")
@@ -96,6 +96,14 @@ class WebhookSection(Section):
     secret_env: str | None = Field(None, description="or variable that holds it")
     ca_file: Path | None = Field(None, description="who signs the server; null: the system's")
     follow_redirects: bool = Field(False, description="also to another host, without the token")
+
+
+class AppriseSection(Section):
+    """Messages to people, by Apprise."""
+
+    kinds: tuple[EventKind, ...] = Field(KINDS, description="events to tell")
+    phases: tuple[Phase, ...] = Field(("new",), description="and their phases")
+    picture: bool = Field(True, description="attach the alarm's picture")
 
 
 class ExecSection(Section):
@@ -136,6 +144,7 @@ class SinkOptions(Section):
     outbox: OutboxSection = OutboxSection()
     store: StoreSection = StoreSection()
     webhook: WebhookSection = WebhookSection()
+    apprise: AppriseSection = AppriseSection()
     exec: ExecSection = ExecSection()
     syslog: SyslogSection = SyslogSection()
     web: WebSection = WebSection()
@@ -159,7 +168,7 @@ class SinkRow:
         Its events wait on disk until the far end has confirmed them.
     is_per_sensor : bool
         Of several radars in one process each has its own.
-    shows : {'all', 'host', 'program'}
+    shows : {'all', 'host', 'program', 'service'}
         What is printed of its value; passwords in URLs never are (`radard.config.redact`).
     gets, on_failure : str
         Its row in docs/reference/outputs.md: what it gets, and what happens when it breaks.
@@ -171,7 +180,7 @@ class SinkRow:
     sections: tuple[str, ...] = ()
     has_outbox: bool = False
     is_per_sensor: bool = False
-    shows: Literal["all", "host", "program"] = "all"
+    shows: Literal["all", "host", "program", "service"] = "all"
     gets: str
     on_failure: str = "never"
 
@@ -228,6 +237,15 @@ SINKS = (
         on_failure="events wait on disk",
     ),
     SinkRow(
+        form="apprise:URL",
+        module="radard.sinks.apprise",
+        sections=("apprise", "outbox"),
+        has_outbox=True,
+        shows="service",
+        gets="events, as chosen, as messages to people",
+        on_failure="events wait on disk",
+    ),
+    SinkRow(
         form="exec:COMMAND",
         module="radard.sinks.exec",
         sections=("exec", "outbox"),
@@ -243,14 +261,6 @@ SINKS = (
         sections=("syslog", "outbox"),
         gets="events, states",
         on_failure="tried again while the queue has room",
-    ),
-    SinkRow(
-        form="lsl:",
-        module="radard.sinks.lsl",
-        value="optional",
-        is_per_sensor=True,
-        gets="decisions, events, for the Lab Streaming Layer",
-        on_failure="an inlet that is not connected misses what is sent meanwhile",
     ),
     SinkRow(
         form="lsl:",
