@@ -74,11 +74,11 @@ def test_it_has_every_route_and_no_other(make):
     routes = {}
     for route in starlette.routes:
         methods = getattr(route, "methods", None) or {"GET"}
+        if route.path in PAGES:
+            continue
         routes[re.sub(r":\w+\}", "}", route.path)] = {m.lower() for m in methods} - {"head"}
     told = {path: set(item) & {"get", "post"} for path, item in SPEC["paths"].items()}
-    assert told == {
-        path: m for path, m in routes.items() if path not in PAGES | {"/static/{path}"}
-    }
+    assert told == routes
 
 
 @pytest.mark.parametrize("template", [p for p, item in SPEC["paths"].items() if "get" in item])
@@ -116,9 +116,13 @@ def test_every_example_of_a_post_is_taken(path, name, value, daemon):
         value = {**value, "event": client.get("/api/v1/events").json()["events"][0]["id"]}
     answer = post(client, path, value)
     judge("post", path, answer)
-    wanted = {"/api/v1/playback": 409, "/api/v1/login": 401}
-    assert answer.status_code == wanted.get(path, answer.status_code)
-    assert answer.status_code in {200, 201, 202, 409, 401}
+    # This is no replay, no token is named, and a real alarm may be on.
+    refusals = {
+        "/api/v1/playback": {409},
+        "/api/v1/login": {401},
+        "/api/v1/test-alarm": {200, 400},
+    }
+    assert answer.status_code in refusals.get(path, {200, 201, 202})
     refused = client.post(path, json.dumps(value).encode(), {"Content-Type": "application/json"})
     assert refused.status_code == 403
     judge("post", path, refused)
