@@ -3,7 +3,7 @@
 import sys
 from collections.abc import Sequence
 
-from x2radar.command import new_parser, run_command
+from x2radar.command import Parser, new_parser, run_command
 from x2radar.commands import convert, decode, info, plot, ports, record, scenes, selftest, simulate
 from x2radar.manual import add_manual
 
@@ -28,14 +28,19 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _body(argv: Sequence[str]) -> int:
+    args = whole_parser().parse_args(argv)
+    code: int = args.run(args)
+    return code
+
+
+def whole_parser() -> Parser:
+    """Return the parser with every subcommand in it."""
     parser = new_parser("x2radar", "Tool for XeThru X2 radar modules.", _EXAMPLES)
     add_manual(parser)
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for module in _COMMANDS:
         module.register(commands)
-    args = parser.parse_args(argv)
-    code: int = args.run(args)
-    return code
+    return parser
 
 
 if __name__ == "__main__":

@@ -7,9 +7,9 @@ from importlib import import_module
 from importlib.util import find_spec
 from types import ModuleType
 
-from x2radar.command import import_fault, new_parser, run_command
+from x2radar.command import Parser, import_fault, new_parser, run_command
 from x2radar.errors import renamed
-from x2radar.manual import add_manual
+from x2radar.manual import add_manual, subparsers
 
 try:
     from x2train import commands
@@ -38,16 +38,12 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _body(argv: Sequence[str]) -> int:
-    parser = new_parser("train-export", "Simulate, train and export classifiers.", _EXAMPLES)
-    add_manual(parser)
-    parser.set_defaults(train_export=_body)
-    known = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for module in _modules():
-        module.register(known)
+    parser = whole_parser()
     name = argv[0] if argv else ""
     if name in _GONE:
         parser.error(_GONE[name])
-    if name and not name.startswith("-") and name not in known.choices and not _has_studies():
+    is_known = name.startswith("-") or name in subparsers(parser)
+    if name and not is_known and not _has_studies():
         parser.error(
             f"'{name}' is no command of an installed train-export; the studies behind the pages "
             "of docs run from a checkout of the source"
@@ -55,6 +51,17 @@ def _body(argv: Sequence[str]) -> int:
     args = parser.parse_args(argv)
     code: int = args.run(args)
     return code
+
+
+def whole_parser() -> Parser:
+    """Return the parser with every subcommand in it."""
+    parser = new_parser("train-export", "Simulate, train and export classifiers.", _EXAMPLES)
+    add_manual(parser)
+    parser.set_defaults(train_export=_body)
+    known = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    for module in _modules():
+        module.register(known)
+    return parser
 
 
 def _modules() -> Iterator[ModuleType]:

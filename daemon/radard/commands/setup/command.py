@@ -28,6 +28,7 @@ _AFTER = {
     "udev": ("udevadm control --reload", "udevadm trigger --subsystem-match=tty"),
     "systemd": ("systemctl daemon-reload", "systemctl enable --now radard"),
     "user": ("systemd-sysusers radard.conf",),
+    "config": ("radard config check",),
 }
 
 
@@ -36,7 +37,7 @@ def run(argv: Sequence[str]) -> int:
     parser = make_parser()
     args = parser.parse_args(argv)
     if args.what is None and args.install == args.uninstall:
-        parser.error("give --install, --uninstall, or one of udev, systemd, user, coverage")
+        parser.error(f"give --install, --uninstall, or one of {', '.join(_WHATS)}")
     lines = _WHATS[args.what](args) if args.what else _whole(args)
     for line in lines:
         print(line, flush=True)
@@ -65,6 +66,11 @@ def _user(args: argparse.Namespace) -> Iterator[str]:
     return _one(args, files.USER_FILE, files.user_declaration())
 
 
+def _config(args: argparse.Namespace) -> Iterator[str]:
+    path = files.CONFIG_FOLDER / f"{args.name or 'config'}.yaml"
+    return _one(args, path, files.first_config(args.name, args.port))
+
+
 def _coverage(args: argparse.Namespace) -> Iterator[str]:
     options = CoverageOptions(
         height_m=args.height,
@@ -80,6 +86,7 @@ _WHATS: dict[str, Callable[[argparse.Namespace], Iterator[str]]] = {
     "udev": _udev,
     "systemd": _systemd,
     "user": _user,
+    "config": _config,
     "coverage": _coverage,
 }
 
@@ -106,18 +113,21 @@ def make_parser() -> Parser:
     add("--exec", type=Path, metavar="FILE", help="the radard to start (this one)")
     add("--port", default=files.PORT, help=f"as for radard ({files.PORT})")
     add("--name", metavar="NAME", help="one more radar: radard@NAME, /etc/radard/NAME.yaml")
-    whats = parser.add_subparsers(dest="what", metavar="udev|systemd|user|coverage")
+    whats = parser.add_subparsers(dest="what", metavar="udev|systemd|user|config|coverage")
     udev = _sub(whats, "udev", "the rule that names a module /dev/x2radar")
     udev.add_argument("--usb", metavar="VVVV:PPPP", help="an adapter's USB id (x2radar ports)")
     udev.add_argument("--serial", metavar="TEXT", help="and its serial number")
     systemd = _sub(whats, "systemd", "the unit that starts radard with the machine")
     # What the whole command has as well: given on either side, it holds.
     add = systemd.add_argument
-    add("--port", default=argparse.SUPPRESS, help=f"as for radard ({files.PORT})")
     add("--exec", type=Path, default=argparse.SUPPRESS, metavar="FILE", help="radard (this one)")
-    add("--name", default=argparse.SUPPRESS, metavar="NAME", help="any: print radard@.service")
     user = _sub(whats, "user", "the user that radard runs as, for systemd-sysusers")
-    for sub in (udev, systemd, user):
+    config = _sub(whats, "config", "a configuration to begin with")
+    for sub in (systemd, config):
+        add = sub.add_argument
+        add("--port", default=argparse.SUPPRESS, help=f"as for radard ({files.PORT})")
+        add("--name", default=argparse.SUPPRESS, metavar="NAME", help="that of radard@NAME")
+    for sub in (udev, systemd, user, config):
         add = sub.add_argument
         add("--install", action="store_true", default=argparse.SUPPRESS, help="write it, as root")
         add("--root", default=argparse.SUPPRESS, metavar="DIR", help="instead of /")

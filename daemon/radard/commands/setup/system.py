@@ -14,11 +14,15 @@ import subprocess
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from radard.commands.setup import files
 from radard.errors import ConfigError, NotAllowed, RadardError, UsageError
+from x2radar.command import Parser
+from x2radar.errors import MissingExtra
+from x2radar.manual import completion, man_page
 
 RECORD_FILE = files.CONFIG_FOLDER / "installed.json"
 COMMANDS = {"radard": "radard", "x2radar": "x2radar", "train-export": "x2train"}
@@ -145,6 +149,9 @@ def _check(what: Installation) -> None:
     if (what.root / _PACKAGED).exists():
         msg = f"{what.root / _PACKAGED}: radard is installed as a package; nothing is left to do"
         raise UsageError(msg)
+    # Refuse them before anything is written.
+    files.systemd_unit(what.program, what.port)
+    files.first_config(what.name, what.port)
     program = _below(what.root, what.program)
     if not os.access(program, os.X_OK):
         msg = f"{program}: no such program; name the radard to start with --exec"
@@ -266,14 +273,15 @@ def _make_state(what: Installation, record: Record) -> Iterator[str]:
 def _put_commands(what: Installation, record: Record) -> Iterator[str]:
     """Put each command that works where shells find it, with its man page and completion."""
     for command, module in COMMANDS.items():
-        page = _printed(module, "--print-man")
+        parser = _parser_of(module)
         program = what.program.with_name(command)
-        if page is None or not os.access(_below(what.root, program), os.X_OK):
+        if parser is None or not os.access(_below(what.root, program), os.X_OK):
             continue
+        page = man_page(parser)
         yield from _put(what, record, Path(f"usr/local/share/man/man1/{command}.1"), page)
         for shell, place in _COMPLETIONS.items():
-            script = _printed(module, "--print-completion", shell)
-            if script is not None:
+            with contextlib.suppress(MissingExtra):
+                script = completion(parser, shell)
                 yield from _put(what, record, Path(place.format(command)), script)
         link = Path("usr/local/bin", command)
         if program == Path("/") / link or os.path.lexists(what.root / link):
@@ -284,12 +292,13 @@ def _put_commands(what: Installation, record: Record) -> Iterator[str]:
         yield f"{what.root / link}: link to {program}"
 
 
-def _printed(module: str, *options: str) -> str | None:
-    """Return what a command of this installation prints; None where an extra is missing."""
-    done = subprocess.run(  # noqa: S603 - our own modules
-        [sys.executable, "-m", module, *options], capture_output=True, text=True, check=False
-    )
-    return done.stdout if done.returncode == 0 else None
+def _parser_of(module: str) -> Parser | None:
+    """Return the whole parser of a command; None where it cannot run, for want of an extra."""
+    try:
+        parser: Parser = import_module(f"{module}.cli").whole_parser()
+    except (ModuleNotFoundError, SystemExit):
+        return None
+    return parser
 
 
 def _switch_on(what: Installation, record: Record, left: list[str]) -> Iterator[str]:
