@@ -4,6 +4,7 @@ It writes a status file for every sensor and feeds systemd's watchdog, and it do
 only while `Health` allows it and the main thread has been heard. It has no opinion of its own.
 """
 
+import contextlib
 import logging
 import os
 import threading
@@ -49,14 +50,22 @@ class Heartbeat:
         if self._thread.ident is not None:
             return
         for each in self._watched:
-            if each.path is None:
-                continue
-            report = read_status(each.path, stale_s=3.0)
-            pid = report.content.get("pid")
-            if report.content.get("state") != "offline" and _is_other(pid) and report.is_healthy:
-                log.warning("%s belongs to process %s; none is written", each.path, pid)
-                each.path = None
+            _leave_to_other(each)
         self._thread.start()
+
+    def add(self, watched: Watched) -> None:
+        """Show another sensor from now on."""
+        _leave_to_other(watched)
+        self._watched = [*self._watched, watched]
+
+    def remove(self, name: str) -> None:
+        """Show a sensor no more, and take its status file away."""
+        gone = [each for each in self._watched if each.name == name]
+        self._watched = [each for each in self._watched if each.name != name]
+        for each in gone:
+            if each.path is not None:
+                with contextlib.suppress(OSError):
+                    each.path.unlink()
 
     @property
     def status(self) -> Status:
@@ -109,6 +118,17 @@ class Heartbeat:
                 each.is_failing = True
             else:
                 each.is_failing = False
+
+
+def _leave_to_other(each: Watched) -> None:
+    """Write no status file that another process writes."""
+    if each.path is None:
+        return
+    report = read_status(each.path, stale_s=3.0)
+    pid = report.content.get("pid")
+    if report.content.get("state") != "offline" and _is_other(pid) and report.is_healthy:
+        log.warning("%s belongs to process %s; none is written", each.path, pid)
+        each.path = None
 
 
 def _is_other(pid: Any) -> bool:

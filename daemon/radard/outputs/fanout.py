@@ -122,17 +122,34 @@ class Outputs:
     """The sinks of a process; `hosts` are those of all its sensors."""
 
     def __init__(self, hosts: Sequence[Host], *, stdout_is_terminal: bool) -> None:
-        self._hosts = {
-            host.sensor: replace(host, sinks=lambda: [sink for _, sink in self.sinks])
-            for host in hosts
-        }
+        self._hosts: dict[str, Host] = {}
         self._stdout_is_terminal = stdout_is_terminal
         self._open: list[_Open] = []
+        for host in hosts:
+            self.add(host)
         self._is_open = self._can_wait = False
         self._config = Config()
         self._hellos: Sequence[Record] = ()
         self._retry_s = 0.0
         self._lock = threading.Lock()
+
+    def add(self, host: Host) -> None:
+        """Take another sensor; outputs of its own are opened by `open` or `reload`."""
+        host = replace(host, sinks=lambda: [sink for _, sink in self.sinks])
+        # Not changed in place: other threads may be looking through it.
+        self._hosts = {**self._hosts, host.sensor: host}
+        for of, sink in self.sinks:
+            attach = getattr(sink, "attach", None)
+            if of is None and attach is not None:
+                attach(host)
+
+    def remove(self, sensor: str) -> None:
+        """Forget a sensor; its own outputs are closed by `reload`."""
+        self._hosts = {name: host for name, host in self._hosts.items() if name != sensor}
+        for _, sink in self.sinks:
+            detach = getattr(sink, "detach", None)
+            if detach is not None:
+                detach(sensor)
 
     @property
     def is_open(self) -> bool:
@@ -306,15 +323,16 @@ class Outputs:
                     attach(host)
 
     def _context(self, sensor: str | None, config: Config) -> SinkContext:
-        hosts = self._hosts if sensor is None else {sensor: self._hosts[sensor]}
-        own = next(iter(hosts.values())) if len(hosts) == 1 else None
+        # Of several, sensors come and go while a sink that all share stays.
+        is_shared = sensor is None and config.is_one_of_several
+        own = None if is_shared else self._hosts[sensor or next(iter(self._hosts))]
 
         def command(name: str) -> None:
-            for host in hosts.values():
+            for host in self._hosts.values() if own is None else (own,):
                 host.command(name)
 
         def panel() -> Mapping[str, Any]:
-            panels = [host.panel() for host in hosts.values()]
+            panels = [host.panel() for host in self._hosts.values()]
             return {"armed": all(each.get("armed", True) for each in panels)}
 
         return SinkContext(
@@ -326,7 +344,11 @@ class Outputs:
             command=command,
             choose=None if own is None else partial(_choose, own),
             panel=own.panel if own else panel,
-            health=lambda: overall({name: host.health for name, host in hosts.items()}),
+            health=lambda: (
+                own.health.status
+                if own is not None
+                else overall({name: host.health for name, host in self._hosts.items()})
+            ),
         )
 
 

@@ -56,16 +56,21 @@ class ControlServer:
         if self._thread.ident is not None or not hasattr(socket, "SO_PEERCRED"):
             return
         for radar in self._radars:
-            path = control_path(self._folder, radar.name)
-            try:
-                sock = _listen(path)
-            except OSError as err:
-                log.warning("%s: no commands from there: %s", path, err.strerror or err)
-                continue
-            if sock is not None:
-                self._open.append((sock, path, path.stat().st_ino))
-                self._selector.register(sock, selectors.EVENT_READ, radar)
+            self._serve_radar(radar)
         self._thread.start()
+
+    def add(self, radar: "RadarRun") -> None:
+        """Serve another radar from now on, if any are served."""
+        if self._thread.ident is not None:
+            self._serve_radar(radar)
+
+    def remove(self, name: str) -> None:
+        """Serve a radar no more."""
+        path = control_path(self._folder, name)
+        for each in [each for each in self._open if each[1] == path]:
+            self._open.remove(each)
+            self._selector.unregister(each[0])
+            _take_away(*each)
 
     def stop(self) -> None:
         """Take the sockets away; no-op if not started."""
@@ -73,11 +78,19 @@ class ControlServer:
             return
         self._halt.set()
         self._thread.join(1.0)
-        for sock, path, inode in self._open:
-            sock.close()
-            with contextlib.suppress(OSError):
-                if path.stat().st_ino == inode:
-                    path.unlink()
+        for each in self._open:
+            _take_away(*each)
+
+    def _serve_radar(self, radar: "RadarRun") -> None:
+        path = control_path(self._folder, radar.name)
+        try:
+            sock = _listen(path)
+        except OSError as err:
+            log.warning("%s: no commands from there: %s", path, err.strerror or err)
+            return
+        if sock is not None:
+            self._open.append((sock, path, path.stat().st_ino))
+            self._selector.register(sock, selectors.EVENT_READ, radar)
 
     def _run(self) -> None:
         while not self._halt.is_set():
@@ -87,7 +100,8 @@ class ControlServer:
                 except OSError as err:
                     log.warning("a command was not answered: %s", err.strerror or err)
             if not self._open:
-                self._halt.wait()
+                # A radar may be added later.
+                self._halt.wait(_REQUEST_S)
 
     def _serve(self, sock: socket.socket, radar: "RadarRun") -> None:
         line, _ = sock.accept()
@@ -155,6 +169,14 @@ def _listen(path: Path) -> socket.socket | None:
         sock.close()
         raise
     return sock
+
+
+def _take_away(sock: socket.socket, path: Path, inode: int) -> None:
+    """Close a socket and remove its file, unless that is another daemon's by now."""
+    sock.close()
+    with contextlib.suppress(OSError):
+        if path.stat().st_ino == inode:
+            path.unlink()
 
 
 def _user_of(line: socket.socket) -> int:

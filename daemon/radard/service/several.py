@@ -3,20 +3,24 @@
 A device that is absent is waited for. Work that breaks off, unless a lost device explains it,
 is started again after a pause; a radar that never came to work, because its model does not fit
 or its recording is missing, stays away until the configuration is put right and the process
-is started again. Health says which one it is; the process ends when all have ended.
+is started again. A reload adds radars and takes others away. Health says which one is in
+trouble; the process ends when all have ended.
 """
 
+import logging
 import threading
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Sequence
 from functools import partial
 
 from radard.config.config import Config
 from radard.errors import OutputError, RadardError, UsageError
 from radard.service.os_signals import Signals
 from radard.service.radar_run import RadarRun, RunOptions
-from radard.service.supervision import Supervisor
+from radard.service.supervision import RadarChange, Supervisor
 from x2radar.errors import X2RadarError
 
+log = logging.getLogger("radard")
 # Chosen: a passing fault is soon over, a lasting one must not fill the log.
 _FIRST_PAUSE_S = 5.0
 _LONGEST_PAUSE_S = 300.0
@@ -135,15 +139,8 @@ class SeveralRadars(Supervisor):
             raise UsageError(msg)
         signals = Signals()
         self._keepers: list[Keeper] = []
-        radars = [
-            RadarRun(
-                each,
-                options,
-                partial(self._is_over, each.sensor.name),
-                lambda: signals.ask("reload"),
-            )
-            for each in config.each()
-        ]
+        self._ask = signals.ask
+        radars = [self._made(each, options) for each in config.each()]
         super().__init__(config, options, signals, radars)
         self._keepers = [Keeper(radar, signals.wake.set) for radar in radars]
 
@@ -170,6 +167,39 @@ class SeveralRadars(Supervisor):
             raise failure
         return 0
 
+    def _made(self, config: Config, options: RunOptions) -> RadarRun:
+        over = partial(self._is_over, config.sensor.name)
+        return RadarRun(config, options, over, lambda: self._ask("reload"))
+
+    def _change_of_radars(self, config: Config) -> RadarChange:
+        """As `Supervisor`; a radar on another port goes, and comes again."""
+        before = {radar.name: _source_of(radar.config) for radar in self._radars}
+        after = {each.sensor.name: each for each in config.each()}
+        stay = {name for name, each in after.items() if before.get(name) == _source_of(each)}
+        new = [self._made(each, self._options) for name, each in after.items() if name not in stay]
+        return RadarChange([name for name in before if name not in stay], new)
+
+    def _change_radars(self, change: RadarChange) -> None:
+        going = [keeper for keeper in self._keepers if keeper.radar.name in change.gone]
+        for keeper in going:
+            log.warning("%s: taken away by a reload", keeper.radar.name)
+            keeper.stop()
+        end_s = time.monotonic() + _JOIN_S
+        for keeper in going:
+            keeper.join(max(0.1, end_s - time.monotonic()))
+            if keeper.stuck:
+                log.warning("stuck and left behind: %s", ", ".join(keeper.stuck))
+        super()._change_radars(change)
+        self._keepers = [keeper for keeper in self._keepers if keeper not in going]
+
+    def _begin(self, radars: Sequence[RadarRun]) -> None:
+        """As `Supervisor`."""
+        for radar in radars:
+            log.warning("%s: added by a reload", radar.name)
+            keeper = Keeper(radar, self.signals.wake.set)
+            self._keepers.append(keeper)
+            keeper.start()
+
     def _goes_on(self) -> bool:
         is_read = not any(keeper.has_lost_output for keeper in self._keepers)
         return is_read and any(keeper.is_alive for keeper in self._keepers)
@@ -186,3 +216,8 @@ class SeveralRadars(Supervisor):
         for keeper in going:
             keeper.join(_JOIN_S)
         self._is_stuck = any(keeper.stuck for keeper in self._keepers)
+
+
+def _source_of(config: Config) -> tuple[str | None, str]:
+    """Return what a radar must begin again for: its port and speed."""
+    return config.sensor.port, config.sensor.speed

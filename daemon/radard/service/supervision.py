@@ -7,6 +7,7 @@ radars run, so signals are always heard.
 import logging
 import threading
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 from radard.config.config import Config
 from radard.config.directories import runtime_dir
@@ -26,6 +27,14 @@ _BEAT_S = 1.0  # chosen: outputs in trouble are noticed that late
 _DEADLINE_S = 4.5  # from the first signal to a forced end; chosen: below 5 s
 
 
+@dataclass(frozen=True, slots=True)
+class RadarChange:
+    """What a reload changes: names of radars that go, and radars that come."""
+
+    gone: Sequence[str] = ()
+    new: Sequence[RadarRun] = ()
+
+
 class Supervisor:
     """What runs of one radar and of several have in common; heeds `signals`."""
 
@@ -35,24 +44,24 @@ class Supervisor:
         self._config = config
         self._options = options
         self.signals = signals
-        self._radars = radars
+        self._radars = list(radars)
         self._notifier = Notifier()
         self._force: threading.Timer | None = None
         self._is_stuck = False
         self._outputs = Outputs(
             [radar.host for radar in radars], stdout_is_terminal=options.stdout_is_terminal
         )
-        folder = runtime_dir(config)
-        watched = [
-            Watched(radar.name, radar.health, status_path(folder, radar.name), radar.panel)
-            for radar in radars
-        ]
-        self._heart = Heartbeat(watched, self._notifier)
-        self._control = ControlServer(radars, folder)
+        self._folder = folder = runtime_dir(config)
+        self._heart = Heartbeat([self._watched(radar) for radar in radars], self._notifier)
+        self._control = ControlServer(self._radars, folder)
         self._watch = SinkWatch()
         self._troubled: dict[str, set[str]] = {radar.name: set() for radar in radars}
         for radar in radars:
             radar.bind(self._outputs)
+
+    def _watched(self, radar: RadarRun) -> Watched:
+        path = status_path(self._folder, radar.name)
+        return Watched(radar.name, radar.health, path, radar.panel)
 
     def _show_life(self) -> None:
         """Begin to show that this process lives, and to take commands; a second call is none."""
@@ -113,13 +122,15 @@ class Supervisor:
         self._notifier.reloading()
         try:
             config = self._options.reload()
-            if tuple(config.sensors) != tuple(self._config.sensors):
-                log.warning("reload: another choice of 'sensors' takes a restart")
+            if bool(config.sensors) != bool(self._config.sensors):
+                log.warning("reload: from one radar to several, or back, takes a restart")
                 config = config.model_copy(update={"sensors": self._config.sensors})
+            change = self._change_of_radars(config)
             remade = [
                 (radar, parts)
                 for radar in self._radars
-                if (parts := radar.remade(self._of(radar, config))) is not None
+                if radar.name not in change.gone
+                and (parts := radar.remade(self._of(radar, config))) is not None
             ]
         except RadardError as err:
             log.warning("reload: the old configuration stays: %s", err)
@@ -130,9 +141,34 @@ class Supervisor:
                 hellos.append(radar.hello(parts))
             kept = {"sensor": self._config.sensor, "service": self._config.service}
             self._config = config.model_copy(update=kept)
+            self._change_radars(change)
             self._outputs.reload(self._config, hellos)
+            self._begin(change.new)
             log.info("reload: done")
         self._notifier.ready(self._heart.status.state)
+
+    def _change_of_radars(self, config: Config) -> RadarChange:  # noqa: ARG002 - for several
+        """Return which radars a configuration takes away and adds; raises as `RadarRun`."""
+        return RadarChange()
+
+    def _change_radars(self, change: RadarChange) -> None:
+        """Take radars away, and let those that are new be seen and heard; they begin later."""
+        for name in change.gone:
+            self._radars[:] = [radar for radar in self._radars if radar.name != name]
+            self._heart.remove(name)
+            self._control.remove(name)
+            self._outputs.remove(name)
+            del self._troubled[name]
+        for radar in change.new:
+            self._radars.append(radar)
+            radar.bind(self._outputs)
+            self._heart.add(self._watched(radar))
+            self._control.add(radar)
+            self._outputs.add(radar.host)
+            self._troubled[radar.name] = set()
+
+    def _begin(self, radars: Sequence[RadarRun]) -> None:
+        """Let radars that are new begin to work, once they have their outputs."""
 
     def _of(self, radar: RadarRun, config: Config) -> Config:
         return config.of_sensor(radar.name) if config.is_one_of_several else config

@@ -94,6 +94,12 @@ class WebSink:
         view.attach(host)
         self._views[host.sensor] = view
 
+    def detach(self, sensor: str) -> None:
+        """Take the pages of a sensor away."""
+        view = self._views.pop(sensor, None)
+        if view is not None:
+            view.picture_thread.close()
+
     def write(self, record: Record) -> None:
         """As in `Sink`."""
         self._views.get(record.get("sensor", ""), self._first).take(record)
