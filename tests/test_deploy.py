@@ -2,16 +2,15 @@
 
 import json
 import re
-import shutil
-import subprocess
 import tomllib
+from fnmatch import fnmatchcase
 from itertools import combinations
 from pathlib import Path
 
 import pytest
 import yaml
 
-from radard.config.sink_table import MqttSection
+from radard.config.sink_table import MqttSection, WebSection
 from radard.sinks.homeassistant import entities
 from radard.web import metrics
 from x2radar.device.discovery import USB_IDS
@@ -57,21 +56,10 @@ def test_unit_notifies_and_is_watched():
     # The daemon's own five seconds, and one to spare.
     assert float(service["TimeoutStopSec"][0]) == 6
     assert unit()["Install"]["WantedBy"] == ["multi-user.target"]
-
-
-@pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="no systemd-analyze here")
-def test_systemd_itself_finds_no_fault(tmp_path):
-    copy = tmp_path / "radard.service"
-    text = (DEPLOY / "systemd/radard.service").read_text()
-    copy.write_text(re.sub("^ExecStart=.*$", "ExecStart=/bin/true", text, flags=re.MULTILINE))
-    said = subprocess.run(
-        [shutil.which("systemd-analyze"), "verify", "--man=no", str(copy)],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert "radard.service" not in said.stderr
-    assert said.returncode == 0
+    assert service["MemoryMax"] == ["1G"]
+    # What ends for good is told, by a unit that there is.
+    (told,) = unit()["Unit"]["OnFailure"]
+    assert (DEPLOY / "systemd" / told.replace("%n", "")).is_file()
 
 
 def test_every_udev_line_is_a_rule():
@@ -93,11 +81,33 @@ def test_udev_ids_are_those_of_the_driver():
     text = (DEPLOY / "udev/60-x2radar.rules").read_text()
     ids = re.findall(r'idVendor\}=="(\w+)", ATTRS\{idProduct\}=="(\w+)"', text)
     assert {(int(v, 16), int(p, 16)) for v, p in ids} == set(USB_IDS)
-    # An adapter's own id may belong to anything: only with a serial number.
+    # No id is only a radar's: the maker's name in the device's texts, or a serial number.
     for line in text.splitlines():
-        if "0403" in line and "idVendor" in line:
+        if "idVendor" in line and "ATTRS{serial}" in line:
             assert line.startswith("#")
-            assert "ATTRS{serial}" in line
+        elif "idVendor" in line:
+            assert re.search(r'ATTRS\{(manufacturer|product)\}=="[^"]+"', line)
+
+
+@pytest.mark.parametrize(
+    ("manufacturer", "product", "is_radar"),
+    [
+        ("Novelda AS", "XeThru X4M200", True),
+        ("ATMEL", "AT91USBSerial", False),
+        ("Arduino LLC", "Arduino Due Prog. Port", False),
+        ("Atmel", "X4M03", True),
+        ("XeThru", "Virtual COM Port", True),
+    ],
+)
+def test_a_board_that_only_shares_the_id_is_no_radar(manufacturer, product, is_radar):
+    text = (DEPLOY / "udev/60-x2radar.rules").read_text()
+    named = {"manufacturer": manufacturer, "product": product}
+    wanted = re.findall(
+        r'^ATTRS\{idVendor\}.*ATTRS\{(manufacturer|product)\}=="([^"]+)"', text, re.MULTILINE
+    )
+    assert len(wanted) == 4
+    found = [fnmatchcase(named[key], p) for key, patterns in wanted for p in patterns.split("|")]
+    assert any(found) == is_radar
 
 
 def instructions():
@@ -110,7 +120,18 @@ def instructions():
 def test_container_is_healthy_by_the_health_command_and_no_root():
     steps = instructions()
     known = {
-        *("FROM", "WORKDIR", "COPY", "RUN", "ENV", "USER", "VOLUME", "EXPOSE", "STOPSIGNAL"),
+        *(
+            "ARG",
+            "FROM",
+            "WORKDIR",
+            "COPY",
+            "RUN",
+            "ENV",
+            "USER",
+            "VOLUME",
+            "EXPOSE",
+            "STOPSIGNAL",
+        ),
         *("HEALTHCHECK", "ENTRYPOINT", "CMD"),
     }
     assert {name for name, _ in steps} <= known
@@ -120,6 +141,16 @@ def test_container_is_healthy_by_the_health_command_and_no_root():
     assert last["USER"] == "radard"
     assert json.loads(last["ENTRYPOINT"]) == ["radard"]
     assert json.loads(last["CMD"]) == ["--port", "sim:demo"]
+
+
+def test_container_is_made_of_one_image_that_can_be_pinned_and_of_files_with_hashes():
+    steps = instructions()
+    assert steps[0] == ("ARG", "BASE=docker.io/library/python:3.12-slim")
+    assert [rest.split()[0] for name, rest in steps if name == "FROM"] == ["$BASE", "$BASE"]
+    (build,) = (rest for name, rest in steps if name == "RUN" and "venv" in rest)
+    assert "--require-hashes --requirement requirements.txt" in build
+    # And nothing beside them.
+    assert "--no-index --no-build-isolation '.[daemon]'" in build
 
 
 def test_container_copies_what_the_package_needs():
@@ -164,6 +195,8 @@ def check_expression(text):
 def test_prometheus_scrapes_and_its_rules_know_their_metrics():
     scrape = yaml.safe_load((DEPLOY / "prometheus/prometheus.yml").read_text())
     (job,) = scrape["scrape_configs"]
+    text = (DEPLOY / "prometheus/prometheus.yml").read_text()
+    assert all(key in WebSection.model_fields for key in re.findall(r"`web\.(\w+)`", text))
     assert job["static_configs"] == [{"targets": ["127.0.0.1:8434"]}]
     (file,) = scrape["rule_files"]
     (group,) = yaml.safe_load((DEPLOY / "prometheus" / file).read_text())["groups"]

@@ -10,6 +10,7 @@ from radard.errors import UsageError
 UDEV_FILE = Path("etc/udev/rules.d/60-x2radar.rules")
 UNIT_FILE = Path("etc/systemd/system/radard.service")
 INSTANCE_FILE = Path("etc/systemd/system/radard@.service")
+FAILED_FILE = Path("etc/systemd/system/radard-failed@.service")
 USER_FILE = Path("etc/sysusers.d/radard.conf")
 CONFIG_FOLDER = Path("etc/radard")
 STATE_FOLDER = Path("var/lib/radard")
@@ -59,6 +60,11 @@ def systemd_instance_unit(program: Path | None = None) -> str:
     text = _with_start(_program_words(program), "--wait", "--config", "/etc/radard/%i.yaml")
     text = text.replace("Description=radard radar alarm", "Description=radard radar alarm: %i", 1)
     return re.sub(r"(?m)^(State|Runtime)Directory=radard$", r"\1Directory=radard-%i", text)
+
+
+def failed_unit() -> str:
+    """Return the unit that is started when another one has ended for good."""
+    return _shipped("radard-failed@.service")
 
 
 def user_declaration() -> str:

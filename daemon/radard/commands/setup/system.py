@@ -177,6 +177,7 @@ def _put_units(what: Installation, record: Record) -> Iterator[str]:
         yield from _put(what, record, files.UNIT_FILE, unit)
     text = files.systemd_instance_unit(what.program)
     yield from _put(what, record, files.INSTANCE_FILE, text)
+    yield from _put(what, record, files.FAILED_FILE, files.failed_unit())
 
 
 def _put_config(what: Installation, record: Record) -> Iterator[str]:
