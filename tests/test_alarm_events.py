@@ -1,17 +1,22 @@
 """Alarm events: zones, thresholds, peaks, faults and tamper beside them, and what is kept."""
 
 import dataclasses
+import json
+import threading
 
 import pytest
 
+from radard.alarm import state_store
 from radard.alarm.events import EventTracker
 from radard.alarm.panel import AlarmPanel, AlarmPolicy
 from radard.alarm.state_store import KeptState, StateStore
 from radard.alarm.tamper import Finding
 from radard.alarm.zones import Zones, sight_of
+from radard.outputs.fanout import Outputs
 from radard.stream.ring import Notice
 from tests.alarm_helpers import decision, track
-from tests.radar_helpers import dwell_of, noise
+from tests.radar_helpers import dwell_of, noise, run_radard
+from tests.waiting import wait_for
 
 DWELL = dwell_of(noise(10))
 POLICY = AlarmPolicy()
@@ -230,6 +235,54 @@ def test_a_state_that_cannot_be_kept_is_said_and_no_more(tmp_path, caplog):
     (tmp_path / "file").write_text("")
     StateStore(tmp_path / "file" / "radar.json").save(KeptState(is_armed=False))
     assert "cannot keep" in caplog.text
+
+
+def test_an_alarm_is_kept_before_anybody_is_told(tmp_path, monkeypatch):
+    """A kill right behind the first word of it must not forget it (campaigns/kill.py)."""
+    kept, plain = [], Outputs.put
+
+    def put(self, record, *args, **options):
+        if record["type"] == "event" and record["kind"] == "alarm":
+            kept.append(json.loads((tmp_path / "radar.sim.json").read_text())["alarm_id"])
+            assert kept[-1] == record["id"]
+        return plain(self, record, *args, **options)
+
+    monkeypatch.setattr(Outputs, "put", put)
+    monkeypatch.setenv("RADARD_SERVICE__STATE_DIR", str(tmp_path))
+    argv = ("--port", "sim:human", "--model", "thesis", "--sensitivity", "high")
+    code, *_ = run_radard(*argv, "--speed", "max", "--duration", "25", "-o", "null")
+    assert code == 0
+    assert kept
+
+
+def test_a_disk_that_hangs_delays_nothing_and_gets_the_newest_state(tmp_path, monkeypatch):
+    hangs, begun, plain = threading.Event(), threading.Event(), state_store.write_atomically
+
+    def hanging(*args, **options):
+        begun.set()
+        hangs.wait(60)
+        plain(*args, **options)
+
+    monkeypatch.setattr(state_store, "write_atomically", hanging)
+    monkeypatch.setattr(state_store, "_WAIT_S", 0.01)
+    path = tmp_path / "radar.json"
+    store = StateStore(path)
+    for name in "ABC":
+        store.save(KeptState(is_armed=True, alarm_id=name))
+    assert begun.is_set()
+    assert not path.exists()
+    hangs.set()
+    wait_for(lambda: StateStore(path).load(is_armed=True).alarm_id == "C")
+
+
+def test_a_state_that_could_not_be_kept_is_kept_later(tmp_path, caplog):
+    (tmp_path / "state").write_text("")
+    store = StateStore(tmp_path / "state" / "radar.json")
+    store.save(KeptState(is_armed=False))
+    assert "cannot keep" in caplog.text
+    (tmp_path / "state").unlink()
+    store.save(KeptState(is_armed=False))
+    assert not StateStore(tmp_path / "state" / "radar.json").load(is_armed=True).is_armed
 
 
 def test_without_a_named_folder_only_the_command_is_kept(tmp_path):

@@ -6,6 +6,7 @@ armed unless somebody chose otherwise.
 
 import json
 import logging
+import threading
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
@@ -16,6 +17,7 @@ from radard.alarm.panel import ArmMode
 from radard.config.atomic import write_atomically
 
 log = logging.getLogger("radard")
+_WAIT_S = 0.5  # chosen: a person does not notice it; disks take a tenth of it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,14 +52,18 @@ class StateStore:
         self._path = path
         self._now_s = now_s
         self._keeps_alarms = keeps_alarms
-        self._last: KeptState | None = None
+        self._asked: KeptState | None = None
+        self._has_failed = False
+        self._waiting: str | None = None
+        self._writer: threading.Thread | None = None
+        self._changed = threading.Condition()
 
     def load(self, *, is_armed: bool) -> KeptState:
         """Return what was kept; without anything, a state without an alarm that is so armed."""
         kept = self._load()
         if kept is None or not self._keeps_alarms:
             kept = _word_of(kept or KeptState(is_armed=is_armed))
-        self._last = kept
+        self._asked = kept
         return kept
 
     def _load(self) -> KeptState | None:
@@ -90,20 +96,44 @@ class StateStore:
         return kept
 
     def save(self, state: KeptState) -> None:
-        """Keep a state; a failure is logged, for an alarm must not fail with its disk."""
+        """Keep a state; a failure is logged, for an alarm must not fail with its disk.
+
+        Nor wait for it: after half a second a slow disk goes on by itself, and with the newest
+        state alone. One thread is to call this.
+        """
         if not self._keeps_alarms:
             state = _word_of(state)
-        if self._path is None or state == self._last:
+        if self._path is None or (state == self._asked and not self._has_failed):
             return
         raw = asdict(state)
         if state.exit_left_s is not None:
             raw["exit_ends_unix_s"] = round(self._now_s() + state.exit_left_s, 3)
-        try:
-            write_atomically(self._path, json.dumps(raw) + "\n", mode=0o600)
-        except OSError as err:
-            log.warning("%s: cannot keep the state: %s", self._path, err.strerror or err)
-        else:
-            self._last = state
+        with self._changed:
+            self._asked, self._waiting = state, json.dumps(raw) + "\n"
+            if self._writer is None:
+                self._writer = threading.Thread(
+                    target=self._write, args=(self._path,), name="state", daemon=True
+                )
+                self._writer.start()
+            if not self._changed.wait_for(lambda: self._writer is None, _WAIT_S):
+                log.warning("%s: the state is not kept yet: the disk is slow", self._path)
+
+    def _write(self, path: Path) -> None:
+        """Write what waits until nothing does."""
+        while True:
+            with self._changed:
+                text, self._waiting = self._waiting, None
+                if text is None:
+                    self._writer = None
+                    self._changed.notify_all()
+                    return
+            try:
+                write_atomically(path, text, mode=0o600)
+            except OSError as err:
+                log.warning("%s: cannot keep the state: %s", path, err.strerror or err)
+                self._has_failed = True
+            else:
+                self._has_failed = False
 
     def _exit_left_s(self, raw: dict[str, Any]) -> float | None:
         left_s, ends_s = raw.get("exit_left_s"), raw.get("exit_ends_unix_s")
