@@ -1,0 +1,125 @@
+"""The Debian package of deploy/deb/build, without the packages of others: those need a network."""
+
+import gzip
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from radard.commands.setup import files
+from tests.packaging_helpers import ROOT, build, copy_source
+
+pytestmark = pytest.mark.skipif(shutil.which("dpkg-deb") is None, reason="no dpkg-deb here")
+SCRIPTS = ("postinst", "prerm", "postrm")
+
+
+@pytest.fixture(scope="module")
+def deb(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("deb")
+    wheel = build("build_wheel", copy_source(folder / "source"), folder / "wheel")
+    environ = {
+        **os.environ,
+        "WHEEL": str(wheel),
+        "PYTHON": sys.executable,
+        "RADARD": f"{sys.executable} -m radard",
+        "SOURCE_DATE_EPOCH": "1700000000",
+        "COMPRESS": "none",
+    }
+    done = subprocess.run(
+        [ROOT / "deploy/deb/build", folder / "out", "--no-deps", "--no-index"],
+        env=environ,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return Path(done.stdout.strip())
+
+
+@pytest.fixture(scope="module")
+def content(deb, tmp_path_factory):
+    """The package's files, and its control files below DEBIAN."""
+    folder = tmp_path_factory.mktemp("content")
+    subprocess.run([shutil.which("dpkg-deb"), "-R", deb, folder], check=True)
+    return folder
+
+
+def test_files_lie_where_debian_wants_them(content):
+    opt = "/opt/radard/bin/radard"
+    expected = {
+        "usr/lib/systemd/system/radard.service": files.systemd_unit(Path(opt)),
+        "usr/lib/systemd/system/radard@.service": files.systemd_instance_unit(Path(opt)),
+        "usr/lib/udev/rules.d/60-x2radar.rules": files.udev_rules(),
+        "usr/lib/sysusers.d/radard.conf": files.user_declaration(),
+        "etc/radard/config.yaml": files.first_config(),
+        "usr/share/doc/uwb-radar-alarm/copyright": (ROOT / "LICENSE").read_text(),
+    }
+    for name, text in expected.items():
+        assert (content / name).read_text() == text, name
+    for name in ("radard", "x2radar"):
+        assert str((content / "usr/bin" / name).readlink()) == f"/opt/radard/bin/{name}"
+        first = (content / "opt/radard/bin" / name).read_text().splitlines()[0]
+        assert re.fullmatch(r"#!/opt/radard/bin/python[\d.]*", first)
+        page = gzip.decompress((content / f"usr/share/man/man1/{name}.1.gz").read_bytes())
+        assert page.startswith(b".TH " + name.upper().encode())
+        assert (content / f"usr/share/bash-completion/completions/{name}").stat().st_size
+        assert (content / f"usr/share/zsh/vendor-completions/_{name}").stat().st_size
+    (packages,) = (content / "opt/radard/lib").glob("python3.*/site-packages")
+    assert (packages / "radard/models/accurate.onnx").is_file()
+    assert not list(content.rglob("__pycache__"))
+
+
+def test_nothing_names_the_folder_that_it_was_built_in(content, deb):
+    for path in content.rglob("*"):
+        if path.is_file() and not path.is_symlink():
+            assert b"/stage/" not in path.read_bytes(), path
+
+
+def test_control_and_scripts(content):
+    fields = dict(
+        line.split(": ", 1)
+        for line in (content / "DEBIAN/control").read_text().splitlines()
+        if re.match(r"[A-Z][\w-]*: ", line)
+    )
+    assert fields["Package"] == "uwb-radar-alarm"
+    minor = sys.version_info.minor
+    assert f"python3 (>= 3.{minor}), python3 (<< 3.{minor + 1})" in fields["Depends"]
+    assert "systemd" in fields["Depends"]
+    assert (content / "DEBIAN/conffiles").read_text() == "/etc/radard/config.yaml\n"
+    for name in SCRIPTS:
+        script = content / "DEBIAN" / name
+        assert script.stat().st_mode & 0o777 == 0o755
+        subprocess.run(["/bin/sh", "-n", script], check=True)
+        assert "set -e" in script.read_text()
+    # Who installs the package sees the same user as the unit.
+    assert "systemd-sysusers radard.conf" in (content / "DEBIAN/postinst").read_text()
+
+
+def test_all_belongs_to_root_and_nothing_is_younger_than_asked_for(deb):
+    done = subprocess.run(
+        [shutil.which("dpkg-deb"), "-c", deb], capture_output=True, text=True, check=True
+    )
+    rows = [line.split(None, 5) for line in done.stdout.splitlines()]
+    assert len(rows) > 100
+    assert {row[1] for row in rows} == {"root/root"}
+    assert all(row[3] <= "2023-11-14" for row in rows)
+    assert not [row for row in rows if row[0][5] == "w" or row[0][8] == "w" if row[0][0] != "l"]
+
+
+@pytest.mark.skipif(shutil.which("lintian") is None, reason="no lintian here")
+def test_lintian_finds_no_error_but_opt(deb):
+    done = subprocess.run(
+        [
+            *(shutil.which("lintian"), "--no-cfg", "--allow-root", "--fail-on", "error"),
+            # Debian's own packages may not use /opt; those of others are there to.
+            *("--suppress-tags", "dir-or-file-in-opt", deb),
+        ],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout
