@@ -36,7 +36,14 @@ _PYTHON = {
         x2radar.settings.profile.ProfileSettings x2radar.errors
     """,
     "Recordings": """
-        x2radar.recording.registry.open_recording x2radar.recording.hdf5_writer.RecordingWriter
+        x2radar.open_recording x2radar.read_frames x2radar.recording.blocks.BlockReader
+        x2radar.recording.hdf5_writer.RecordingWriter
+    """,
+    "Frames in arrays": """
+        x2radar.simulate x2radar.maps.range_time x2radar.maps.velocity_time
+        x2radar.maps.spectrum radard.api.classify radard.api.features radard.api.spectrogram
+        radard.api.FeatureWindow radard.api.Spectrogram radard.classify.decision.Decision
+        radard.classify.classifier.Probabilities
     """,
     "Contracts of plug-ins": """
         radard.stream.source.FrameSource radard.stream.source.SourceOpener
