@@ -5,7 +5,7 @@ after six seconds of nobody, at strengths of -2 to 14 dB over the noise of a bin
 three seconds after they come in). Printed is the share
 for whom the gate opened within 1, 2 and 3 s of the first half second at the strength of the noise.
 
-`--rooms H`: H hours of rooms of each kind: empty, drifting (ten times the drift), rain on a
+`--rooms H`: H hours of rooms of each kind: empty, drifting (three times the drift), rain on a
 window, each in stretches of five minutes with a room of its own. Printed are openings a day,
 with a 95 % interval (exact, Poisson), at the default and at rates that can be counted.
 
@@ -122,7 +122,7 @@ def room_of(rng: np.random.Generator, kind: str, radar: Radar) -> Site:
     """Return a drawn site, made as its kind demands."""
     site = draw_site(rng, radar)
     if kind == "drifting" and site.room is not None:
-        room = replace(site.room, drift_m=10 * site.room.drift_m, drift_gain=0.01)
+        room = replace(site.room, drift_m=3 * site.room.drift_m, drift_gain=0.005)
         site = replace(site, room=room)
     return site
 

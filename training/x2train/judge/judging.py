@@ -4,7 +4,7 @@ No shortcut of training's is taken: clutter map, gate, tracks, features, onnxrun
 policy are those that run in `radard`.
 """
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -109,15 +109,20 @@ def decisions(
     played: Passage, model: str, policy: str = "", *, judges_tracks: bool = True
 ) -> list[Decision]:
     """Return what radard decides on a passage, by a bundle's name or path."""
-    radar = played.site.radar
-    axis, rate_hz = radar.axis(), radar.frame_rate_hz
+    pipeline = pipeline_for(played.site.radar, model, policy, judges_tracks=judges_tracks)
+    return [pipeline.decide(dwell) for dwell in _dwells(pipeline, played)]
+
+
+def pipeline_for(
+    radar: Radar, model: str, policy: str = "", *, judges_tracks: bool = False
+) -> Pipeline:
+    """Return the daemon's pipeline for a radar's frames."""
     config = Config()
     if policy:
         section = config.decision.model_copy(update={"policy": policy})
         config = config.model_copy(update={"decision": section})
-    stream = StreamInfo(axis, rate_hz, radar.name)
-    pipeline = Pipeline(stream, config, _classifier(model), judges_tracks=judges_tracks)
-    return [pipeline.decide(dwell) for dwell in _dwells(pipeline, played)]
+    stream = StreamInfo(radar.axis(), radar.frame_rate_hz, radar.name)
+    return Pipeline(stream, config, _classifier(model), judges_tracks=judges_tracks)
 
 
 def _dwells(pipeline: Pipeline, played: Passage) -> Iterator[Dwell]:
@@ -138,7 +143,22 @@ def judged(
     # A table has no columns of tracks, and they take a quarter of the time.
     made = decisions(played, model, policy, judges_tracks=False)
     rate_hz = played.site.radar.frame_rate_hz
-    truth, label = played.truth, played.cast[0].label if played.cast else "empty"
+    label = played.cast[0].label if played.cast else "empty"
+    return from_decisions(
+        made,
+        family=" with ".join(f.name for f in played.cast) or "empty room",
+        label=label,
+        split=suite.split,
+        suite=suite.name,
+        build=build,
+        duration_s=len(played.frames) / rate_hz,
+        **in_view(played),
+    )
+
+
+def in_view(played: Passage) -> dict[str, float]:
+    """Return when the first body is in view, and what it is like then; empty if it never is."""
+    rate_hz, truth = played.site.radar.frame_rate_hz, played.truth
     facts: dict[str, float] = {}
     if played.cast:
         seen = truth.snr_db[:, 0] > _IN_VIEW_DB
@@ -154,6 +174,11 @@ def judged(
                 "aspect_deg": float(np.degrees(np.arccos(np.clip(share.mean(), 0, 1)))),
                 "snr_db": float(truth.snr_db[seen, 0].mean()),
             }
+    return facts
+
+
+def from_decisions(made: Sequence[Decision], **facts: Any) -> JudgedPassage:
+    """Return a passage of decisions; `facts` are its texts and numbers."""
     readings = [d.reading for d in made]
     power_db = np.array([r.power_db if r else _NAN for r in readings])
     range_m = np.array([r.range_m if r and r.is_open else _NAN for r in readings])
@@ -164,12 +189,6 @@ def judged(
     windows = [(w.human, w.pet, w.other) if (w := d.window) else (_NAN,) * 3 for d in made]
     p = np.array(windows).reshape(-1, 3)
     return JudgedPassage(
-        family=" with ".join(f.name for f in played.cast) or "empty room",
-        label=label,
-        split=suite.split,
-        suite=suite.name,
-        build=build,
-        duration_s=len(played.frames) / rate_hz,
         t_s=np.array([d.t_s for d in made]),
         is_open=np.array([d.gate == "open" for d in made], bool),
         is_pending=np.array([d.label == "pending" for d in made], bool),

@@ -1,0 +1,97 @@
+"""`train-export accept`: the acceptance test of a product, entry by entry."""
+
+import argparse
+import os
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from radard.classify.bundle import load_bundle
+from radard.classify.model_choice import OF_ONE_MODULE
+from radard.config.sections import AUTO_MODEL, DEFAULT_MODEL
+from radard.errors import UsageError
+from x2radar.commands import add_command
+from x2train.commands import Commands, check_least, counted, result_console
+
+_PER_SHARD = 60  # passages: chosen, a minute of one core
+
+
+def register(commands: Commands) -> None:
+    """Add the subcommand."""
+    parser = add_command(
+        commands,
+        "accept",
+        "the acceptance test of a product: what a buyer asks, entry by entry",
+        (
+            "examples:\n"
+            "  train-export accept --out accept/shipped              twenty minutes of one core\n"
+            "  train-export accept --share 0.1 --out accept/short    a tenth of every entry\n"
+            "  train-export accept --model mine.onnx --out accept/mine\n"
+            "\n"
+            "A run that was interrupted goes on where it stopped; the number of workers changes\n"
+            "nothing.\n"
+        ),
+    )
+    add = parser.add_argument
+    add(
+        "--model",
+        default=AUTO_MODEL,
+        help=f"bundle by name or file; what radard takes before each radar ({AUTO_MODEL})",
+    )
+    add("--out", type=Path, required=True, help="folder: passages, acceptance.json and .html")
+    add("--share", type=float, default=1.0, metavar="F", help="of every entry's passages (1)")
+    add("--seed", type=int, default=90, help="same seed, same passages (90)")
+    add("--workers", type=int, default=os.cpu_count() or 1, help="processes (all cores)")
+    add("--cluster", metavar="ADDRESS", help="a Dask scheduler, instead of processes")
+    parser.set_defaults(run=_run)
+
+
+def _run(args: argparse.Namespace) -> int:
+    check_least(args, seed=0, workers=1)
+    if not 0 < args.share <= 1:
+        msg = f"--share {args.share:g}: must be above 0, and 1 at most"
+        raise UsageError(msg)
+    # Late: the simulator takes a second, and --help must not.
+    from x2train.generate.shard_run import make_shards  # noqa: PLC0415
+    from x2train.judge.acceptance import AcceptSpec  # noqa: PLC0415
+    from x2train.judge.acceptance_report import lines, write_acceptance  # noqa: PLC0415
+    from x2train.report import PassageTable  # noqa: PLC0415
+    from x2train.windows.windows import GATE  # noqa: PLC0415
+
+    names = (DEFAULT_MODEL, *OF_ONE_MODULE) if args.model == AUTO_MODEL else (args.model,)
+    told_by = {name: load_bundle(name).sha256 for name in names}
+    spec = AcceptSpec(model=args.model, seed=args.seed, share=args.share)
+    with counted("passages") as tell:
+        make_shards(
+            args.out / "passages",
+            {
+                "kind": "acceptance",
+                **asdict(spec),
+                "onnx_sha256": told_by,
+                "gate": GATE.model_dump(),
+            },
+            spec.n_passages,
+            spec,
+            per_shard=_PER_SHARD,
+            workers=args.workers,
+            cluster=args.cluster,
+            report=tell,
+        )
+    about: dict[str, Any] = {
+        "bundle": " and ".join(names),
+        "share": args.share,
+        "seed": args.seed,
+        "words": (
+            f"{args.share:.0%} of every entry's passages, seed {args.seed}; simulated bodies of "
+            "physical sizes before "
+            + ", ".join(s.name for s in spec.settings)
+            + ". Intervals hold 95 %."
+        ),
+    }
+    table = PassageTable.load(args.out / "passages")
+    made = write_acceptance(table, args.out, about)
+    console = result_console()
+    for name, counted_as, of, own, window in lines(made):
+        console.print(f"{name}: {counted_as}, {of}: {own}; by single windows {window}")
+    console.print(f"wrote {args.out / 'acceptance.html'} and acceptance.json")
+    return 0

@@ -1,0 +1,279 @@
+"""The acceptance test of a product: what a buyer asks of an alarm, entry by entry.
+
+Apart from the stress suites: two radars (X2, X4M03) at three mounts, bodies whose cross sections
+follow from their sizes, every motion and skin that the simulator has. Walk tests are modelled on
+EN 50131-2-3 (`x2train.judge.suites`), no more; pets cross the floor or stay for long; things move
+for an hour each. Passage k of an entry is the same for every bundle and every share of the test.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radard.classify.bundle import load_bundle
+from radard.classify.model_choice import model_for
+from radard.errors import ModelMismatch
+from radard.pipeline import Pipeline
+from radard.stream.ring import Dwell
+from x2radar.frame import Frame, StreamInfo
+from x2radar.sim.bodies.motion.curves import MOTIONS
+from x2radar.sim.bodies.skin.draw import SKINS
+from x2radar.sim.place.antenna import Antenna
+from x2radar.sim.scene.scene import SceneStep
+from x2train.judge.judging import decisions, from_decisions, in_view, pipeline_for
+from x2train.judge.suites import SUITES
+from x2train.scenarios.families import Family, families, family
+from x2train.scenarios.passages import Making, Player, actor, play
+from x2train.scenarios.sites import X2, X4M03, Radar, Site, draw_site
+
+Kind = Literal["walk test", "pets cross", "pets stay", "thing"]
+N_ENTRIES = 300
+"""Passages of a walk test or of pets that cross: none of 300 means less than 1.2 % at 95 %."""
+_N_STAYS = 12  # of each stay: chosen, seven hours
+_STAY_S = (600.0, 3600.0)
+_THING_S = 600.0
+_N_THINGS = 6  # an hour of each, ten minutes in every setting
+_VISIT_S = 20.0  # a pet that crosses: chosen, as in the stress suites
+_LEAD_S = (2.6, 4.0)
+_BLOCK_S = 10.0  # played at once: chosen, some megabytes
+_LEVEL_DB = 2.0  # radars differ by so much either way: chosen
+_BEAM_DEG = 65.0  # of the X2's antenna, by its data sheet
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """A radar and how it hangs; bodies go up to `far_m` from the point below it."""
+
+    radar: Radar
+    mount: str
+    height_m: float
+    tilt_deg: float
+    far_m: float
+
+    @property
+    def name(self) -> str:
+        """For reports."""
+        return f"{self.radar.name}, {self.mount}"
+
+
+def _settings() -> tuple[Setting, ...]:
+    # The third kind is in no training: chosen for that. What is claimed to be covered is what the
+    # beam and the swath leave on the floor.
+    mounts = (
+        ("1.2 m", 1.2, 0.0, 3.0, 5.0),
+        ("2.2 m, 23 degrees down", 2.2, 23.0, 2.7, 5.0),
+        ("ceiling, 2.6 m, 60 degrees down", 2.6, 60.0, 2.0, 3.0),
+    )
+    return tuple(
+        Setting(radar, mount, height_m, tilt_deg, far_m)
+        for mount, height_m, tilt_deg, *far in mounts
+        for radar, far_m in zip((X2, X4M03), far, strict=True)
+    )
+
+
+SETTINGS: tuple[Setting, ...] = _settings()
+"""Radars and mounts; passage k of an entry is in the k-th, and again from the first."""
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """One thing that is asked of an alarm."""
+
+    name: str
+    kind: Kind
+    casts: tuple[tuple[Family, ...], ...]  # in turn; of a stay, what it does, one after another
+    duration_s: float
+    count: int  # passages of the whole test
+
+    @property
+    def label(self) -> str:
+        """Who it is: 'human', 'pet', 'other' or 'empty'."""
+        return self.casts[0][0].label if self.casts[0] else "empty"
+
+
+def _pet(kind: str, style: str, **options: float) -> Family:
+    return replace(family(f"{kind} {style}"), options={"style": style, **options})
+
+
+def _entries() -> tuple[Entry, ...]:
+    rows = [
+        Entry(s.name, "walk test", (tuple(_families(s.cast)),), s.duration_s, N_ENTRIES)
+        for s in SUITES
+        if s.name.startswith("walk test")
+    ]
+    crossing: dict[str, list[tuple[str, dict[str, float]]]] = {"cat": [("cat", {})]}
+    crossing |= {f"dog of {kg} kg": [("dog", {"mass_kg": float(kg)})] for kg in (5, 20, 36)}
+    crossing["two cats"] = [("cat", {}), ("cat", {})]
+    for name, bodies in crossing.items():
+        casts = tuple(
+            tuple(_pet(kind, style, **options) for kind, options in bodies)
+            for style in ("walk", "trot")
+        )
+        crosses = "cross" if len(bodies) > 1 else "crosses"
+        rows.append(Entry(f"{name} {crosses} the floor", "pets cross", casts, _VISIT_S, N_ENTRIES))
+    stays: tuple[tuple[str, str, tuple[str, ...], dict[str, float]], ...] = (
+        ("cat", "cat", ("walk", "groom", "sit", "lie", "roam", "lie"), {}),
+        (
+            "dog of 20 kg",
+            "dog",
+            ("walk", "lie", "sniff", "pant", "roam", "lie"),
+            {"mass_kg": 20.0},
+        ),
+    )
+    for name, kind, styles, options in stays:
+        casts = tuple((_pet(kind, style, **options),) for style in styles)
+        rows.append(Entry(f"{name} for 10 to 60 min", "pets stay", casts, 0.0, _N_STAYS))
+    rows += [
+        Entry(f.name, "thing", ((f,),), _THING_S, _N_THINGS) for f in families("other", "things")
+    ]
+    rows.append(Entry("empty room", "thing", ((),), _THING_S, _N_THINGS))
+    return tuple(rows)
+
+
+def _families(cast: Sequence[Any]) -> Iterator[Family]:
+    yield from (f for f in cast if isinstance(f, Family))
+
+
+ENTRIES: tuple[Entry, ...] = _entries()
+"""Every entry."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AcceptSpec:
+    """An acceptance test: its passages, and who judges them.
+
+    Raises ModelMismatch if the bundle takes none of the radars.
+    """
+
+    model: str  # name or path of the bundle; 'auto': what the daemon takes before each radar
+    seed: int
+    share: float = 1.0  # of every entry's passages, at least one each
+
+    def __post_init__(self) -> None:
+        """Check that there is a radar for the bundle."""
+        if not self.settings:
+            msg = f"bundle '{self.model}' takes neither of the radars: it cannot be accepted"
+            raise ModelMismatch(msg)
+
+    @property
+    def settings(self) -> tuple[Setting, ...]:
+        """Those whose radar the bundle takes."""
+        if self.model == "auto":
+            return SETTINGS
+        bundle = load_bundle(self.model)
+        return tuple(s for s in SETTINGS if bundle.takes(s.radar.axis(), s.radar.frame_rate_hz))
+
+    @property
+    def n_passages(self) -> int:
+        """Passages of all entries."""
+        return sum(map(self._count, ENTRIES))
+
+    def _count(self, entry: Entry) -> int:
+        return max(1, round(entry.count * self.share))
+
+    def entry(self, number: int) -> tuple[int, int]:
+        """Return which entry passage `number` is of, and which of its passages."""
+        for index, entry in enumerate(ENTRIES):
+            count = self._count(entry)
+            if number < count:
+                return index, number
+            number -= count
+        raise IndexError(number)
+
+    def __call__(self, number: int) -> Mapping[str, NDArray[Any]]:
+        """Return the columns of passage `number`, see `JudgedPassage.columns`."""
+        index, k = self.entry(number)
+        entry, settings = ENTRIES[index], self.settings
+        setting = settings[k % len(settings)]
+        # Of the entry's own number, so that a share of the test is a part of it.
+        rng = np.random.default_rng([self.seed, index, k])
+        site = site_of(rng, setting)
+        making = Making.draw(rng, MOTIONS, tuple(SKINS), 1.0)
+        model = model_for(
+            self.model, StreamInfo(setting.radar.axis(), setting.radar.frame_rate_hz, "sim")
+        )
+        cast = entry.casts[k // len(settings) % len(entry.casts)]
+        facts: dict[str, Any] = {"duration_s": entry.duration_s}
+        if entry.kind in {"walk test", "pets cross"}:
+            played = play(
+                rng,
+                site,
+                cast,
+                duration_s=entry.duration_s,
+                lead_s=_LEAD_S,
+                is_plain=True,
+                making=making,
+            )
+            made = decisions(played, model, judges_tracks=False)
+            facts |= in_view(played)
+        else:
+            duration_s = entry.duration_s or float(rng.uniform(*_STAY_S))
+            facts["duration_s"] = duration_s
+            pipeline = pipeline_for(setting.radar, model)
+            steps = _steps(rng, entry, site, making, duration_s)
+            player = Player(rng, site, steps)
+            made = [pipeline.decide(d) for d in _long(pipeline, player, setting, duration_s)]
+        return from_decisions(
+            made,
+            family=entry.name,
+            label=entry.label,
+            split=setting.name,
+            suite=entry.name,
+            build=str(k),
+            **facts,
+        ).columns()
+
+
+def site_of(rng: np.random.Generator, setting: Setting) -> Site:
+    """Return a drawn room with a radar as the setting has it."""
+    radar = setting.radar
+    antenna = Antenna(
+        height_m=setting.height_m,
+        tilt_deg=setting.tilt_deg,
+        azimuth_width_deg=_BEAM_DEG,
+        elevation_width_deg=_BEAM_DEG,
+    )
+    return replace(
+        draw_site(rng, radar),
+        antenna=antenna,
+        level_db=float(rng.uniform(-_LEVEL_DB, _LEVEL_DB)),
+        depth_m=setting.far_m - radar.near_m,
+    )
+
+
+def _steps(
+    rng: np.random.Generator, entry: Entry, site: Site, making: Making, duration_s: float
+) -> tuple[SceneStep, ...]:
+    """Return what moves in a long presence: a thing all the time, or a pet that does many."""
+    if len(entry.casts) == 1:
+        bodies = tuple(
+            actor(rng, site, f, (-1.0, -1.0), {}, is_plain=True) for f in entry.casts[0]
+        )
+        return (SceneStep(bodies, duration_s, duration_s),)
+    steps = []
+    for cast in entry.casts:
+        bodies = tuple(
+            actor(rng, site, f, (0.2, 2.5), making.options, is_plain=True) for f in cast
+        )
+        # A crossing lasts seconds, what is done in a place lasts minutes.
+        piece_s = duration_s / 10 if cast[0].stays else _VISIT_S
+        steps.append(SceneStep(bodies, piece_s, piece_s))
+    return tuple(steps)
+
+
+def _long(
+    pipeline: Pipeline, player: Player, setting: Setting, duration_s: float
+) -> Iterator[Dwell]:
+    """Yield what the daemon's own ring makes of hours, which no memory would hold at once."""
+    ring, axis = pipeline.make_ring(), setting.radar.axis()
+    rate_hz = setting.radar.frame_rate_hz
+    n, at = round(duration_s * rate_hz), 0
+    while at < n:
+        frames, _ = player.next_block(min(n - at, round(_BLOCK_S * rate_hz)))
+        for samples in frames:
+            dwells = ring.items(Frame(samples, at, at, 0, False, axis))
+            yield from (each for each in dwells if isinstance(each, Dwell))
+            at += 1

@@ -1,0 +1,166 @@
+"""The acceptance test's report: misses and alarms entry by entry, as JSON and as a page.
+
+Each entry is judged by the bundle's own policy, as the daemon did, and by the thesis' rule, which
+is policy `window`: an alarm unless one window's p(pet) + p(other) is over 0.8 and one of them at
+least a half. Intervals are those of `x2train.report.intervals`.
+"""
+
+import html
+import json
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radard.classify.decision import LEAST_P
+from radard.errors import OutputError
+from x2train.judge.acceptance import ENTRIES, Entry
+from x2train.report.intervals import Estimate, per_hour, share
+from x2train.report.table import PassageTable
+from x2train.report.verdicts import PET_LIMIT, hours, verdicts
+
+POLICIES = ("bundle", "window")
+"""The bundle's own policy, and the thesis' rule."""
+_Alarms = NDArray[np.bool_]
+_WORDS = {
+    "walk test": ("missed", "of those in view"),
+    "pets cross": ("with an alarm", "of all"),
+    "pets stay": ("minutes with an alarm", "an hour"),
+    "thing": ("minutes with an alarm", "an hour"),
+}
+
+
+def alarms_by_window(table: PassageTable) -> _Alarms:
+    """Return the verdicts of policy `window` at 0.8, per decision."""
+    quiet = table.p_pet + table.p_other
+    most = np.maximum(table.p_pet, table.p_other)
+    judged = table.is_open & np.isfinite(quiet)
+    return np.asarray(judged & ~((quiet > PET_LIMIT) & (most >= LEAST_P)), np.bool_)
+
+
+def document(table: PassageTable, about: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the report's content: `about`, and every entry with what each policy did."""
+    alarms = {"bundle": table.is_alarm, "window": alarms_by_window(table)}
+    rows = []
+    for entry in ENTRIES:
+        chosen = table.suite == entry.name
+        row: dict[str, Any] = {"name": entry.name, "kind": entry.kind}
+        row |= _figures(table, entry, chosen, alarms)
+        row["settings"] = {
+            str(name): _figures(table, entry, chosen & (table.split == name), alarms)
+            for name in dict.fromkeys(table.split[chosen].tolist())
+        }
+        rows.append(row)
+    return {**about, "entries": rows}
+
+
+def _figures(
+    table: PassageTable, entry: Entry, chosen: _Alarms, alarms: Mapping[str, _Alarms]
+) -> dict[str, Any]:
+    part = table.chosen(chosen)
+    in_view = int(np.isfinite(part.enters_s).sum())
+    figures: dict[str, Any] = {"passages": len(part), "in_view": in_view}
+    if entry.kind in {"pets stay", "thing"}:
+        figures["hours"] = round(hours(part, np.ones(len(part), np.bool_)), 4)
+    for policy in POLICIES:
+        made = verdicts(part, alarms[policy][chosen[table.passage]])
+        figures[policy] = _figure(entry, part, made.is_alarm, made.false_alarms)
+        if entry.kind == "walk test" and made.is_alarm.any():
+            first_s = np.sort(made.alarm_s[np.isfinite(part.enters_s)])
+            # As many as were missed never alarmed: the median is of all in view.
+            median_s = first_s[len(first_s) // 2] if len(first_s) else np.inf
+            figures[policy]["median_s"] = float(median_s) if np.isfinite(median_s) else None
+    return figures
+
+
+def _figure(
+    entry: Entry, part: PassageTable, is_alarm: _Alarms, minutes: NDArray[np.int64]
+) -> dict[str, Any]:
+    if entry.kind == "walk test":
+        in_view = np.isfinite(part.enters_s)
+        count, total = int((in_view & ~is_alarm).sum()), int(in_view.sum())
+        return _estimate(count, total, share(count, total))
+    if entry.kind == "pets cross":
+        count = int((minutes > 0).sum())
+        return _estimate(count, len(part), share(count, len(part)))
+    total_h = hours(part, np.ones(len(part), np.bool_))
+    count = int(minutes.sum())
+    return _estimate(count, round(total_h, 4), per_hour(count, total_h))
+
+
+def _estimate(count: int, total: float, made: Estimate) -> dict[str, Any]:
+    ends = (made.value, made.low, made.high)
+    value, low, high = (float(x) if np.isfinite(x) else None for x in ends)
+    return {"count": count, "of": total, "value": value, "low": low, "high": high}
+
+
+def lines(made: Mapping[str, Any]) -> Iterator[tuple[str, str, str, str, str]]:
+    """Yield the rows of the table for people: entry, what counts, of how many, both policies."""
+    for row in made["entries"]:
+        is_rate = row["kind"] in {"pets stay", "thing"}
+        of = f"{row['hours']:.1f} h" if is_rate else f"{row['passages']}"
+        if row["kind"] == "walk test" and row["in_view"] != row["passages"]:
+            of = f"{row['in_view']} of {row['passages']} in view"
+        cells = (_cell(row[policy], is_rate=is_rate) for policy in POLICIES)
+        own, window = cells
+        yield row["name"], " ".join(_WORDS[row["kind"]]), of, own, window
+
+
+def _cell(figure: Mapping[str, Any], *, is_rate: bool) -> str:
+    if figure["value"] is None:
+        return "-"
+    if is_rate:
+        return f"{figure['value']:.2g} ({figure['low']:.2g} to {figure['high']:.2g})"
+    value, low, high = (100 * figure[key] for key in ("value", "low", "high"))
+    return f"{figure['count']}: {value:.1f} % ({low:.1f} to {high:.1f})"
+
+
+def write_acceptance(
+    table: PassageTable, out_dir: Path, about: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Write acceptance.json and acceptance.html into a folder; return what is in the JSON.
+
+    Raises OutputError if a file cannot be written.
+    """
+    made = document(table, about)
+    files: dict[str, Callable[[], str]] = {
+        "acceptance.json": lambda: json.dumps(made, indent=1, allow_nan=False) + "\n",
+        "acceptance.html": lambda: _page(made),
+    }
+    try:
+        out_dir.mkdir(parents=True, exist_ok=True)
+        for name, text in files.items():
+            (out_dir / name).write_text(text(), encoding="utf-8")
+    except OSError as err:
+        msg = f"{out_dir}: cannot write the report: {err.strerror}"
+        raise OutputError(msg) from err
+    return made
+
+
+def _page(made: Mapping[str, Any]) -> str:
+    title = html.escape(f"Acceptance test of {made['bundle']}")
+    head = ("entry", "counted", "passages or hours", "bundle's policy", "window at 0.8")
+    rows = [_row(line) for line in lines(made)]
+    by = []
+    for row in made["entries"]:
+        is_rate = row["kind"] in {"pets stay", "thing"}
+        for name, figures in row["settings"].items():
+            cells = (_cell(figures[policy], is_rate=is_rate) for policy in POLICIES)
+            by.append(_row((row["name"], name, str(figures["passages"]), *cells)))
+    return (
+        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{title}</title>'
+        "<style>body{font:16px/1.4 system-ui,sans-serif;margin:2em auto;max-width:70em}"
+        "table{border-collapse:collapse;margin:1em 0}th,td{border-bottom:1px solid #bbb;"
+        "padding:.3em .6em;text-align:left}</style></head><body>"
+        f"<h1>{title}</h1><p>{html.escape(made['words'])}</p>"
+        f"<table><thead>{_row(head, 'th')}</thead><tbody>{''.join(rows)}</tbody></table>"
+        "<h2>By radar and mount</h2>"
+        f"<table><thead>{_row((head[0], 'setting', *head[2:]), 'th')}</thead>"
+        f"<tbody>{''.join(by)}</tbody></table></body></html>\n"
+    )
+
+
+def _row(cells: tuple[str, ...], tag: str = "td") -> str:
+    return f"<tr>{''.join(f'<{tag}>{html.escape(cell)}</{tag}>' for cell in cells)}</tr>"
