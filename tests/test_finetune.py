@@ -14,7 +14,7 @@ from radard.web.labels import LabelFile
 from tests.alarm_helpers import write_recording
 from tests.radar_helpers import noise, run_radard
 from tests.training_helpers import (
-    MAPS,
+    NAMES,
     give_head,
     settings,
     tiny,
@@ -123,7 +123,7 @@ def test_own_clips_become_quiet_and_radard_runs_the_bundle(made, bundle, tmp_pat
 
 def test_a_graph_is_trained_as_onnxruntime_runs_it(bundle):
     windows = toy(24, seed=8)
-    given = {name: windows[name] for name in MAPS}
+    given = {name: windows[name] for name in NAMES}
     net = GraphNet(bundle.onnx)
     is_first = np.arange(24) % 4 == 0
     again, first = (outputs_of(x, given, is_first=is_first) for x in (net.to_onnx(), bundle.onnx))

@@ -13,7 +13,7 @@ from radard.classify.classifier import Classifier, softmax
 from radard.classify.evidence import EvidenceSettings
 from radard.classify.features import FeatureSet
 from radard.errors import RadardError, UsageError
-from tests.training_helpers import FEATURES, INPUTS, TINY, tiny, toy, trained, write_tiny
+from tests.training_helpers import FEATURES, INPUTS, TINY, as_float, tiny, toy, trained, write_tiny
 from x2train.bundles.export import parity, to_onnx
 from x2train.bundles.map_bundle import HUMAN_LIMIT, PRIOR_HUMAN, TRUST, map_metrics
 from x2train.commands.fit import WIDTHS
@@ -125,7 +125,7 @@ def test_a_bundle_comes_back_as_it_was_written(made, tmp_path):
     logits = logits_of(network.net, validation)
     classifier, empty = Classifier(bundle), np.zeros((0, 0), np.float32)
     for k in range(0, 48, 7):
-        inputs = {i.name: (validation[i.name][k] / 255).astype(np.float32) for i in INPUTS}
+        inputs = {i.name: as_float(validation[i.name][k]) for i in INPUTS}
         p = classifier.classify(FeatureSet(empty, empty, inputs))
         expected = softmax(logits[k] / network.temperature)
         np.testing.assert_allclose([p.human, p.pet, p.other], expected, atol=1e-5)

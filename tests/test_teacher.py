@@ -11,7 +11,7 @@ from radard.classify.bundle import load_bundle
 from radard.classify.classifier import Classifier
 from radard.classify.features import FeatureSet
 from radard.errors import UsageError
-from tests.training_helpers import TINY, toy
+from tests.training_helpers import TINY, as_float, toy
 from x2train.nets.map_fit import INPUTS, MapTrained, fit_maps
 from x2train.nets.teacher import taught_by, taught_error
 
@@ -83,7 +83,7 @@ def test_a_pupil_learns_what_its_teacher_says_against_the_labels():
     assert isinstance(made, MapTrained)
     made.net.eval()
     unseen = toy(48, seed=2)
-    maps = [torch.from_numpy(unseen[name]).float() / 255 for name in INPUTS]
+    maps = [torch.from_numpy(as_float(unseen[name])) for name in INPUTS]
     with torch.no_grad():
         guess = made.net(*maps).argmax(1).numpy()
     assert (guess == (unseen["label"] + 1) % 3).mean() > 0.9

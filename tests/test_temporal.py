@@ -15,7 +15,8 @@ from radard.classify.features import FeatureSet
 from radard.errors import ModelMismatch, UsageError
 from tests.training_helpers import (
     INPUTS,
-    MAPS,
+    NAMES,
+    as_float,
     give_head,
     given,
     head_for,
@@ -87,7 +88,7 @@ def test_onnxruntime_computes_what_torch_trained(folder):
     bundle, windows = load_bundle(str(folder / "plain.onnx")), toy(48, seed=4)
     made = replace(head_for(bundle), temperature=1.7)
     network = with_head(bundle.onnx, made)
-    maps = {name: windows[name] for name in MAPS}
+    maps = {name: windows[name] for name in NAMES}
     seen = given(bundle, windows)
     found = outputs_of(network, maps, is_first=seen.is_first)
     np.testing.assert_allclose(found.fused, logits_over(made.head, seen) / 1.7, atol=1e-4)
@@ -102,7 +103,7 @@ def test_onnxruntime_computes_what_torch_trained(folder):
 def test_the_daemon_hands_on_what_the_head_wants_until_the_gate_closes(folder):
     bundle, windows = load_bundle(str(folder / "tiny.onnx")), toy(24, seed=5)
     classifier, evidence = Classifier(bundle), Evidence(EvidenceSettings(prior_human=0.3))
-    whole = {name: (windows[name] / np.float32(255)).astype(np.float32) for name in MAPS}
+    whole = {name: as_float(windows[name]) for name in NAMES}
     is_first = np.arange(24) % 4 == 0
     at_once = outputs_of(bundle.onnx, whole, is_first=is_first)
     log_p = at_once.fused_log_p()
@@ -110,7 +111,7 @@ def test_the_daemon_hands_on_what_the_head_wants_until_the_gate_closes(folder):
     for k in range(24):
         if is_first[k]:
             evidence.reset()
-        features = FeatureSet(EMPTY, EMPTY, {name: whole[name][k] for name in MAPS})
+        features = FeatureSet(EMPTY, EMPTY, {name: whole[name][k] for name in NAMES})
         answer = classifier.answer(features, evidence.hidden)
         np.testing.assert_allclose(answer.fused_log_p, log_p[k], atol=1e-5)
         np.testing.assert_allclose(array(answer.window), p[k], atol=1e-6)
@@ -141,7 +142,7 @@ def test_a_class_that_the_network_does_not_know_stays_impossible():
 
 def test_an_answer_that_is_no_number_is_a_fault(folder):
     bundle = load_bundle(str(folder / "tiny.onnx"))
-    maps = {name: np.zeros(i.shape, np.float32) for name, i in zip(MAPS, INPUTS, strict=True)}
+    maps = {name: np.zeros(i.shape, np.float32) for name, i in zip(NAMES, INPUTS, strict=True)}
     hidden = np.full(bundle.n_hidden, np.nan, np.float32)
     with pytest.raises(ModelMismatch, match="answered"):
         Classifier(bundle).answer(FeatureSet(EMPTY, EMPTY, maps), hidden)
@@ -162,12 +163,12 @@ def test_torch_computes_the_graph_with_its_head(folder):
     bundle = load_bundle(str(folder / "tiny.onnx"))
     net = GraphNet(bundle.onnx)
     assert sum(p.numel() for p in net.parameters()) == n_parameters(bundle.onnx)
-    maps, is_first = {n: toy(12)[n] for n in MAPS}, np.arange(12) % 4 == 0
+    maps, is_first = {n: toy(12)[n] for n in NAMES}, np.arange(12) % 4 == 0
     both = (net.to_onnx(), bundle.onnx)
     again, first = (outputs_of(x, maps, is_first=is_first) for x in both)
     np.testing.assert_array_equal(again.fused, first.fused)
     assert (first.hidden[is_first] == 0).all()
-    inputs = [torch.from_numpy(m / np.float32(255)) for m in maps.values()]
+    inputs = [torch.from_numpy(as_float(m)) for m in maps.values()]
     with torch.no_grad():
         made = net(*inputs, torch.from_numpy(first.hidden))
     np.testing.assert_allclose(made[0], first.logits, atol=1e-4)
@@ -176,7 +177,7 @@ def test_torch_computes_the_graph_with_its_head(folder):
 
 def test_what_the_last_layer_is_given_makes_the_logits(folder):
     bundle, windows = load_bundle(str(folder / "plain.onnx")), toy(12)
-    answers, values = tapped(with_given(bundle.onnx), {n: windows[n] for n in MAPS}, GIVEN)
+    answers, values = tapped(with_given(bundle.onnx), {n: windows[n] for n in NAMES}, GIVEN)
     out = tiny()[0].net.out[1]
     logits = values @ out.weight.detach().numpy().T + out.bias.detach().numpy()
     np.testing.assert_allclose(answers.logits, logits, atol=1e-4)

@@ -253,7 +253,7 @@ def test_a_network_in_int8_says_nearly_the_same(seen):
     inputs = {i.name: maps[i.feature] for i in bundle.inputs}
     whole, rough = outputs_of(bundle.onnx, inputs), outputs_of(small, inputs)
     off = np.abs(whole.p(1.0) - rough.p(1.0))
-    assert 0 < off.max() < 0.2
+    assert 0 < off.max() < 0.25
     assert off.mean() < 0.02
     # Processors without dot products in int8 add pairs of products in 16 bits: none saturates.
     arrays = [w for w in onnx.load_from_string(small).graph.initializer if w.data_type == INT8]

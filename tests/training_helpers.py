@@ -11,13 +11,14 @@ import pytest
 from radard.classify.bundle import ModelInput, load_bundle
 from radard.classify.evidence import EvidenceSettings
 from radard.classify.features import feature_shape
+from radard.classify.installation import INSTALLATION, N_INSTALLATION
 from x2train.bundles.export import to_onnx
 from x2train.bundles.map_bundle import write_map_bundle
 from x2train.bundles.temporal_graph import GIVEN, with_given, with_head
 from x2train.commands.dataset import FEATURES
 from x2train.nets.bundle_answers import tapped
-from x2train.nets.map_fit import INPUTS as MAPS
-from x2train.nets.map_fit import MapFitSettings, MapTrained, fit_maps
+from x2train.nets.map_fit import INPUTS as NAMES
+from x2train.nets.map_fit import MAPS, MapFitSettings, MapTrained, fit_maps
 from x2train.nets.temporal_head import Given, HeadSettings, HeadTrained, fit_head
 
 TINY = MapFitSettings(
@@ -34,7 +35,12 @@ STREAM = {
     "carrier_hz": (3.8e9, 8.0e9),
     "bandwidth_hz": (1.3e9, 2.6e9),
 }
-INPUTS = tuple(ModelInput(name, feature_shape(name, FEATURES), name) for name in MAPS)
+INPUTS = tuple(ModelInput(name, feature_shape(name, FEATURES), name) for name in NAMES)
+
+
+def as_float(values):
+    """Return maps as networks take them; what is no map stays."""
+    return (values / 255 if values.dtype == np.uint8 else values).astype(np.float32)
 
 
 def toy(n=96, seed=0):
@@ -47,8 +53,10 @@ def toy(n=96, seed=0):
     for k, at in enumerate(label):
         maps["velocity_time"][k, 10 + 30 * at : 24 + 30 * at] = 220
         maps["range_time"][k, 30:34] = 200
+    known = rng.random((n, N_INSTALLATION), np.float32)
     return {
         **maps,
+        INSTALLATION: known,
         "label": label.astype(np.int64),
         "passage": np.arange(n) // 4,
         "t_s": 3.0 + np.arange(n) % 4,
@@ -101,7 +109,7 @@ def write_tiny(folder, network, *, name="tiny", **own):
 
 def given(bundle, columns):
     """Return what the last layer of a bundle's network is given of toy windows."""
-    maps = {name: columns[name] for name in MAPS}
+    maps = {name: columns[name] for name in NAMES}
     values = tapped(with_given(bundle.onnx), maps, GIVEN)[1]
     return Given(values, columns["label"], np.arange(len(values)) % 4 == 0)
 

@@ -144,7 +144,7 @@ def write_map_bundle(
     """
     onnx_bytes = to_onnx(trained.net, inputs)
     x: dict[str, NDArray[np.float32]] = {
-        name: (sample[name][:_N_SAMPLE] / 255).astype(np.float32) for name in INPUTS
+        name: _as_float(sample[name][:_N_SAMPLE]) for name in INPUTS
     }
     # Logits of some tens, in single precision.
     difference = checked(parity(trained.net, onnx_bytes, x), 10 * PARITY)
@@ -163,3 +163,7 @@ def write_map_bundle(
         notes=notes,
     )
     write_bundle(folder, spec, onnx_bytes)
+
+
+def _as_float(values: NDArray[Any]) -> NDArray[np.float32]:
+    return (values / 255 if values.dtype == np.uint8 else values).astype(np.float32)

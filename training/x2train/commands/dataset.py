@@ -7,6 +7,7 @@ from pathlib import Path
 
 from radard.classify.bundle import load_bundle
 from radard.classify.features import MAP_FEATURES, FeatureSettings
+from radard.classify.installation import INSTALLATION
 from radard.errors import UsageError
 from x2radar.commands import add_command
 from x2radar.sim.bodies.motion.curves import MOTIONS
@@ -132,7 +133,7 @@ def _run(args: argparse.Namespace) -> int:
 
 def _features_of(model: str) -> FeatureSettings:
     bundle = load_bundle(model)
-    if not {i.feature for i in bundle.inputs} <= set(MAP_FEATURES):
+    if not {i.feature for i in bundle.inputs} <= {*MAP_FEATURES, INSTALLATION}:
         taken = ", ".join(i.feature for i in bundle.inputs)
         msg = f"--like {model}: it takes {taken}; sets hold {', '.join(MAP_FEATURES)}"
         raise UsageError(msg)

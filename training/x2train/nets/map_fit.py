@@ -9,14 +9,17 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
+from radard.classify.installation import INSTALLATION, N_INSTALLATION
 from x2train.nets.epoch import Epoch, temperature_of
 from x2train.nets.nets import MapNet, Widths
 from x2train.nets.optimizer import MuonAdamW
 from x2train.nets.teacher import taught_error
 from x2train.windows.augment import augmented
+from x2train.windows.known import hidden_more
 
 Arrays = Mapping[str, NDArray[Any]]
-INPUTS = ("velocity_time", "range_time", "velocity_time_medium", "velocity_time_long")
+MAPS = ("velocity_time", "range_time", "velocity_time_medium", "velocity_time_long")
+INPUTS = (*MAPS, INSTALLATION)
 """In the order in which `MapNet` takes them."""
 
 
@@ -60,13 +63,14 @@ def fit_maps(
 ) -> Iterator[Epoch | MapTrained]:
     """Train; yield every epoch, and at last the network.
 
-    Windows are `INPUTS` as bytes, shape (n, rows, n_cells), and `label`. `taught`, shape (n, 3),
-    is what a teacher makes of the windows to train on, see `x2train.nets.teacher`.
+    Windows are `INPUTS`, maps as bytes, shape (n, rows, n_cells), and `label`. `taught`, shape
+    (n, 3), is what a teacher makes of the windows to train on, see `x2train.nets.teacher`.
     """
     torch.manual_seed(settings.seed)
     torch.set_num_threads(settings.threads)
     rng = torch.Generator().manual_seed(settings.seed)
-    maps = [torch.from_numpy(train[name]) for name in INPUTS]
+    maps = [torch.from_numpy(train[name]) for name in MAPS]
+    known = torch.from_numpy(train[INSTALLATION])
     labels = torch.from_numpy(np.asarray(train["label"], np.int64))
     net = network(tuple(m.shape[1] for m in maps), settings)
     counts = torch.bincount(labels, minlength=3).float()
@@ -80,7 +84,8 @@ def fit_maps(
         net.train()
         total = 0.0
         for part in torch.split(torch.randperm(len(labels), generator=rng), settings.batch):
-            batch = augmented(*(m[part].float() / 255 for m in maps), rng=rng)
+            shown_maps = augmented(*(m[part].float() / 255 for m in maps), rng=rng)
+            batch = (*shown_maps, hidden_more(known[part], rng))
             with torch.autocast("cpu", torch.bfloat16, enabled=settings.is_half):
                 answers = answer(*batch)
             if shown is None:
@@ -108,6 +113,7 @@ def network(rows: tuple[int, ...], settings: MapFitSettings) -> MapNet:
         rows[0],
         rows[1],
         rows[2:],
+        n_known=N_INSTALLATION,
         widths=settings.widths,
         long_widths=settings.long_widths,
         hidden=settings.hidden,
@@ -137,8 +143,9 @@ def logits_of(net: nn.Module, windows: Arrays) -> NDArray[np.float64]:
     with torch.no_grad():
         for first in range(0, n, 1024):
             rows = slice(first, first + 1024)
-            maps = [torch.from_numpy(windows[name][rows]).float() / 255 for name in INPUTS]
-            out.append(net(*maps).numpy().astype(np.float64))
+            maps = [torch.from_numpy(windows[name][rows]).float() / 255 for name in MAPS]
+            known = torch.from_numpy(windows[INSTALLATION][rows])
+            out.append(net(*maps, known).numpy().astype(np.float64))
     return np.concatenate(out) if out else np.zeros((0, 3))
 
 

@@ -4,6 +4,7 @@ import torch
 from torch import nn
 
 Widths = tuple[int, int, int, int]
+_KNOWN = 16  # units for what is known besides the maps: chosen
 
 
 class MapNet(nn.Module):
@@ -20,6 +21,8 @@ class MapNet(nn.Module):
         Rows of the velocity-time map and of the range-time map; 0 leaves a branch out.
     n_long : tuple of int
         Rows of the velocity-time maps with longer CPIs.
+    n_known : int
+        Numbers that are known besides (`radard.classify.installation`), as one more input.
     widths, long_widths : tuple of int
         Channels of the four convolutions of a branch, and of one with a longer CPI.
     hidden : int
@@ -36,6 +39,7 @@ class MapNet(nn.Module):
         n_range: int,
         n_long: tuple[int, ...] = (),
         *,
+        n_known: int = 0,
         widths: Widths = (12, 16, 20, 20),
         long_widths: Widths = (12, 16, 20, 20),
         hidden: int = 40,
@@ -53,14 +57,19 @@ class MapNet(nn.Module):
             _block(nn.Conv1d(long_widths[-1] * _strided(n), hidden // 2, 1, bias=False))
             for n in n_long
         )
-        n_deciding = 2 * hidden + len(n_long) * 2 * (hidden // 2)
+        self.known = nn.Sequential(nn.Linear(n_known, _KNOWN), nn.ReLU()) if n_known else None
+        n_deciding = 2 * hidden + len(n_long) * 2 * (hidden // 2) + bool(n_known) * _KNOWN
         self.out = nn.Sequential(nn.Dropout(dropout), nn.Linear(n_deciding, n_out))
 
     def forward(self, *maps: torch.Tensor) -> torch.Tensor:
         """Return logits, shape (n, n_out), of maps, each of shape (n, rows, n_cells).
 
-        Velocity-time, range-time, then those with longer CPIs.
+        Velocity-time, range-time, then those with longer CPIs; and what is known, (n, n_known).
         """
+        known: list[torch.Tensor] = []
+        if self.known is not None:
+            *given, last = maps
+            maps, known = tuple(given), [self.known(last)]
         branches = [branch for branch in (self.velocity, self.range) if branch is not None]
         seen = [
             branch(each[:, None]).flatten(1, 2)
@@ -71,7 +80,7 @@ class MapNet(nn.Module):
         deciding = [joined + self.mix(joined)]
         deciding += [join(each) for join, each in zip(self.long_junctions, seen[n:], strict=True)]
         pooled = [pool for each in deciding for pool in (each.mean(2), each.amax(2))]
-        logits: torch.Tensor = self.out(torch.cat(pooled, 1))
+        logits: torch.Tensor = self.out(torch.cat([*pooled, *known], 1))
         return logits
 
 

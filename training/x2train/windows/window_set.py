@@ -9,8 +9,10 @@ from numpy.typing import NDArray
 
 from radard.classify.bundle import CLASSES, Bundle
 from radard.classify.features import MAP_FEATURES, FeatureSettings
+from radard.classify.installation import INSTALLATION
 from radard.errors import UsageError
 from x2train.generate.shards import read_all
+from x2train.windows.known import known_of
 
 Columns = Mapping[str, NDArray[Any]]
 _NEEDED = (*MAP_FEATURES, "label", "passage", "t_s")
@@ -42,7 +44,8 @@ def load_windows(*folders: Path) -> tuple[Columns, list[Mapping[str, Any]]]:
         abouts.append(about)
         # Sets of version 0.1 know one motion and one skin, the first of each.
         first = np.zeros(len(columns["label"]), np.int64)
-        made.append({"motion": first, "skin": first, **columns})
+        known = {INSTALLATION: known_of(columns)}
+        made.append({"motion": first, "skin": first, **known, **columns})
     keys = [key for key in made[0] if all(key in columns for columns in made)]
     return {key: np.concatenate([columns[key] for columns in made]) for key in keys}, abouts
 

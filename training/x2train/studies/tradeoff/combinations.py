@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from radard.classify.bundle import CLASSES, Bundle
 from radard.classify.classifier import HIDDEN
 from radard.classify.features import MAP_FEATURES, FeatureSettings
+from radard.classify.installation import INSTALLATION
 from radard.errors import UsageError
 from x2train.bundles.network_cost import Feed, quantised, window_ms
 from x2train.nets.bundle_answers import outputs_of
@@ -54,7 +55,7 @@ class Combination:
 
 def check_combined(bundle: Bundle) -> None:
     """Raise UsageError if a bundle's network does not take maps alone."""
-    if not {i.feature for i in bundle.inputs} <= set(MAP_FEATURES):
+    if not {i.feature for i in bundle.inputs} <= {*MAP_FEATURES, INSTALLATION}:
         msg = f"model '{bundle.name}' takes more than maps and cannot be combined"
         raise UsageError(msg)
 
@@ -126,7 +127,11 @@ def feeds(bundle: Bundle, maps: Maps) -> list[Feed]:
     n = len(next(iter(maps.values())))
     picked = np.unique(np.linspace(0, n - 1, min(n, _CALIBRATED_ON)).astype(int))
     still = {HIDDEN: np.zeros((1, bundle.n_hidden), np.float32)} if bundle.n_hidden else {}
-    shown = {i.name: np.asarray(maps[i.feature][picked] / 255, np.float32) for i in bundle.inputs}
+    inputs = {i.name: maps[i.feature][picked] for i in bundle.inputs}
+    shown = {
+        name: np.asarray(v / 255 if v.dtype == np.uint8 else v, np.float32)
+        for name, v in inputs.items()
+    }
     return [still | {name: m[k, None] for name, m in shown.items()} for k in range(len(picked))]
 
 

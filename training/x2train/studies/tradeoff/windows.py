@@ -8,17 +8,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radard.classify.features import MAP_FEATURES, FeatureSettings
+from radard.classify.installation import INSTALLATION, installation
 from radard.errors import UsageError
 from x2train.judge.judging import JudgeSpec
 from x2train.scenarios.families import LABELS
 from x2train.scenarios.passages import Passage
+from x2train.scenarios.sites import ONE_RADAR
 from x2train.windows.windows import windows_of
 
 RADAR = "thesis"
 """An X2 with all its bins."""
 _HUMAN, _PET = LABELS.index("human"), LABELS.index("pet")
 
-Maps = Mapping[str, NDArray[np.uint8]]
+Maps = Mapping[str, NDArray[Any]]
 _Columns = Mapping[str, NDArray[Any]]
 
 
@@ -58,11 +60,16 @@ def judged_windows(
         raise UsageError(msg)
     labels = [each[0]["label"] for each in made]
     passage = np.repeat(np.arange(len(made)), [len(each) for each in labels])
-    maps = {
+    maps: dict[tuple[FeatureSettings, int], dict[str, NDArray[Any]]] = {
         way: {name: np.concatenate([each[k][name] for each in made]) for name in MAP_FEATURES}
         for k, way in enumerate(ways)
     }
-    yield JudgedWindows(np.concatenate(labels) == _HUMAN, passage, maps)
+    label = np.concatenate(labels)
+    # At the rate of `RADAR`, of which nothing else is known.
+    nothing = np.tile(installation(ONE_RADAR[RADAR].frame_rate_hz), (len(label), 1))
+    for each in maps.values():
+        each[INSTALLATION] = nothing
+    yield JudgedWindows(label == _HUMAN, passage, maps)
 
 
 def _has_people_or_pets(spec: JudgeSpec, number: int) -> bool:
