@@ -1,6 +1,8 @@
 """What ./run installs is pinned by version and hash, and audited where a database answers."""
 
+import json
 import re
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -58,7 +60,7 @@ def test_run_takes_only_files_with_these_hashes(tmp_path):
     for extras in ("daemon", "daemon,train,dev"):
         script = f'. tools/venv.sh; ensure_venv "$PWD" {extras}; ensure_venv "$PWD" {extras}'
         subprocess.run(
-            ["bash", "-euc", script],
+            [shutil.which("bash"), "-euc", script],
             cwd=tmp_path,
             check=True,
             env={"PATH": "/usr/bin:/bin", "PYTHON": sys.executable},
@@ -82,9 +84,9 @@ def test_a_stranger_s_file_is_refused(tmp_path):
     want = tmp_path / "want.txt"
     want.write_text(f"h11=={locked()['h11'][0]} --hash=sha256:{locked()['h11'][1][0]}\n")
     pip = [sys.executable, "-m", "pip", "download", "--isolated", "--no-index", "--no-deps"]
+    pip += ["--find-links", str(tmp_path), "--require-hashes", "-r", str(want)]
     said = subprocess.run(
-        [*pip, "--find-links", str(tmp_path), "--require-hashes", "-r", str(want)]
-        + ["-d", str(tmp_path / "out")],
+        [*pip, "-d", str(tmp_path / "out")],
         capture_output=True,
         text=True,
         check=False,
@@ -97,6 +99,34 @@ def test_a_stranger_s_file_is_refused(tmp_path):
 def test_all_scripts_install_by_the_same_function(name):
     text = (ROOT / name).read_text()
     assert "ensure_venv" in text
-    assert "pip install" not in re.sub(
-        r"(?m)^.*(playwright|pip-audit).*\n?", "", text.replace("\\\n", " ")
-    )
+    lines = [line for line in text.replace("\\\n", " ").splitlines() if "pip install" in line]
+    # Those of the tests in a browser and of the audit, which run with no radar.
+    assert all(re.search("playwright|pip-audit", line) for line in lines)
+
+
+def audited(*packages):
+    """What the audit makes of a report of pip-audit, with the script as .ci/run starts it."""
+    script = [sys.executable, str(ROOT / "tools/audit.py")]
+    text = json.dumps({"dependencies": packages, "fixes": []}) if packages else "no network"
+    said = subprocess.run(script, input=text, capture_output=True, text=True, check=False)
+    return said.returncode, said.stderr
+
+
+def test_an_audit_fails_for_what_is_known_and_is_a_stated_skip_without_a_database():
+    clean = {"name": "h11", "version": "0.16.0", "vulns": []}
+    bad = {"name": "idna", "version": "1.0", "vulns": [{"id": "PYSEC-1"}, {"id": "PYSEC-2"}]}
+    unknown = {"name": "numpy", "skip_reason": "not found on PyPI"}
+    assert audited(clean, unknown) == (0, "audit: 1 of 2 packages looked up\n")
+    code, text = audited(clean, bad)
+    assert code == 1
+    assert text.endswith("known vulnerabilities:\nidna 1.0: PYSEC-1, PYSEC-2\n")
+    for packages in ((unknown,), ()):
+        code, text = audited(*packages)
+        assert code == 0
+        assert text.startswith("audit skipped: ")
+
+
+def test_ci_audits():
+    text = (ROOT / ".ci/run").read_text()
+    assert "pip-audit --require-hashes" in text
+    assert "tools/audit.py" in text
