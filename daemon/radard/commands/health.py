@@ -57,6 +57,9 @@ def _told(report: StatusReport) -> str:
     gate = content.get("gate")
     seen = "nobody moves" if gate == "closed" else content.get("label") or "something moves"
     parts += [str(seen)] if gate else []
+    if drift := content.get("clock_drift"):
+        ppm, about_ppm = 1e6 * drift["ratio"], 1e6 * drift["uncertainty"]
+        parts.append(f"module's clock {ppm:+.0f} ppm (within {about_ppm:.0f})")
     parts.append(f"decided {float(content.get('decision_age_s', 0.0)):.1f} s ago")
     parts += [mark for mark in ("simulated", "replayed") if content.get(mark)]
     return ", ".join(parts)

@@ -77,6 +77,7 @@ class Worker:
         """Return what people may want to know, see `Host.panel`; for any thread."""
         events, panel = self.tracker.open_events, self.tracker.panel
         alarm, last = events.get("alarm"), self._last
+        drift = self._rate.clock.estimate if self._rate is not None else None
         return {
             "armed": panel.is_armed,
             "mode": panel.mode,
@@ -89,6 +90,7 @@ class Worker:
             "seq": last.seq if last else 0,
             "gate": last.gate if last else None,
             "label": last.label if last else None,
+            "clock_drift": asdict(drift) if drift is not None else None,
             "calibration": asdict(self._room.progress) if self._room is not None else None,
         }
 

@@ -9,6 +9,8 @@ import math
 from collections import deque
 from collections.abc import Callable
 
+from radard.stream.clock_drift import ClockDrift
+
 _STRETCH = 5  # dwells, of a second each; chosen: a fault is announced after ten seconds
 _MOST_OFF = 0.1  # chosen: clocks differ by 1e-4, and speeds by this much do no harm
 
@@ -46,12 +48,15 @@ class RateWatch:
     """
 
     def __init__(self, frame_rate_hz: float) -> None:
+        self.clock = ClockDrift()
+        """By how little the two differ where nothing is wrong."""
         self._rate_hz = frame_rate_hz
         self._points: deque[tuple[float, float]] = deque(maxlen=2 * _STRETCH + 1)
 
     def reset(self) -> None:
         """Begin again: the stream was interrupted."""
         self._points.clear()
+        self.clock.reset()
 
     def note(self, t_s: float, t_mono_s: float) -> str:
         """Take when a dwell's last frame arrived; return what is wrong, empty when nothing is.
@@ -59,6 +64,7 @@ class RateWatch:
         `t_s` is its stream time, `t_mono_s` the host's monotonic clock, both in seconds; 0 is not
         known.
         """
+        self.clock.note(t_s, t_mono_s)
         points = self._points
         points.append((t_s, t_mono_s))
         if not t_mono_s or len(points) <= 2 * _STRETCH:

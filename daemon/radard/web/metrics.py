@@ -33,6 +33,11 @@ _DRIVER: Mapping[str, tuple[str, Mapping[str, str]]] = {
     "reconnects": ("radard_reconnects_total", {}),
 }
 """Metric and labels of each field of `x2radar.RadarStats`."""
+_DRIFT = {
+    "ratio": "radard_module_clock_drift_ratio",
+    "uncertainty": "radard_module_clock_drift_uncertainty_ratio",
+}
+"""Metric of each field of `radard.stream.clock_drift.Drift`."""
 _GAUGES = {
     "power_db": "radard_residual_power_db",
     "noise_floor_db": "radard_noise_floor_db",
@@ -73,6 +78,7 @@ class Metrics:
     def __init__(self, sensor: str = "") -> None:
         self._labels = {"sensor": sensor} if sensor else {}
         self._driver: Mapping[str, int] = {}
+        self._drift: Mapping[str, float] = {}
         self._lock = threading.Lock()
         self._info: dict[str, str] = {}
         self._gauges: dict[str, float] = {}
@@ -107,12 +113,19 @@ class Metrics:
                 self._is_armed = bool(record.get("armed", True))
 
     def refresh(
-        self, *, state: str, is_armed: bool, driver: Mapping[str, int] | None = None
+        self,
+        *,
+        state: str,
+        is_armed: bool,
+        driver: Mapping[str, int] | None = None,
+        drift: Mapping[str, float] | None = None,
     ) -> None:
         """Take what holds at this moment: a thread that hangs writes no record.
 
-        `driver` is what the driver has counted, by the names of `x2radar.RadarStats`.
+        `driver` is what the driver has counted, by the names of `x2radar.RadarStats`, `drift` a
+        `radard.stream.clock_drift.Drift`.
         """
+        self._drift = drift or {}
         self._state, self._is_armed = state, is_armed
         self._driver = driver or {}
 
@@ -139,6 +152,8 @@ class Metrics:
                 yield name, {}, value
             yield from self._latency.samples("radard_decision_latency_seconds")
             yield from self._score.samples("radard_human_score")
+        for what, value in sorted(self._drift.items()):
+            yield _DRIFT[what], {}, value
         for what, n in sorted(self._driver.items()):
             if what in _DRIVER:
                 name, labels = _DRIVER[what]
@@ -178,6 +193,14 @@ HELP = {
     "radard_restarts_total": ("counter", "Restarts of the module."),
     "radard_wire_errors_total": ("counter", "Damaged stretches of bytes."),
     "radard_command_retries_total": ("counter", "Commands to the module sent again."),
+    "radard_module_clock_drift_ratio": (
+        "gauge",
+        "Seconds of the module's frame clock per second of the host's, less one.",
+    ),
+    "radard_module_clock_drift_uncertainty_ratio": (
+        "gauge",
+        "Half of its 95 % interval; without the host's own error.",
+    ),
     "radard_reconnects_total": ("counter", "Times that a lost device was opened again."),
     "radard_process_cpu_seconds_total": ("counter", "Processor time of the daemon, all threads."),
     "radard_process_resident_memory_bytes": ("gauge", "Memory of the daemon."),

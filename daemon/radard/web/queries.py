@@ -193,10 +193,12 @@ class Queries:
         of_all = self._of_all() or (self,)
         for queries in of_all:
             if (host := queries.host) is not None:
+                panel = host.panel()
                 queries.metrics.refresh(
                     state=host.health.status.state,
-                    is_armed=bool(host.panel().get("armed", True)),
+                    is_armed=bool(panel.get("armed", True)),
                     driver=host.driver(),
+                    drift=panel.get("clock_drift"),
                 )
         return exposition([queries.metrics for queries in of_all], self._sinks())
 
