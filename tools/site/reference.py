@@ -202,10 +202,12 @@ def _schema_words(spec: Mapping[str, Any], known: Mapping[str, Any]) -> str:
 def http() -> str:
     """Return a section for every path of the HTTP interface, from its OpenAPI file."""
     tree = yaml.safe_load(OPENAPI.read_text("utf-8"))
-    return "\n".join(part for path, item in tree["paths"].items() for part in _path(path, item))
+    return "\n".join(
+        part for path, item in tree["paths"].items() for part in _path(path, item, tree)
+    )
 
 
-def _path(path: str, item: Mapping[str, Any]) -> Iterator[str]:
+def _path(path: str, item: Mapping[str, Any], tree: Mapping[str, Any]) -> Iterator[str]:
     for method in ("get", "post"):
         if method not in item:
             continue
@@ -224,11 +226,16 @@ def _path(path: str, item: Mapping[str, Any]) -> Iterator[str]:
         body = spec.get("requestBody", {}).get("content", {}).get("application/json", {})
         for example in body.get("examples", {}).values():
             yield f"Body, as: `{json.dumps(example['value'])}`\n"
-        yield "| answer | |\n|---|---|"
-        for code, answer in spec["responses"].items():
-            about = answer.get("description") or answer["$ref"].rpartition("/")[2]
-            yield f"| {code} | {about} |"
-        yield ""
+        told = (f"{code} {_told(answer, tree)}" for code, answer in spec["responses"].items())
+        yield f"Answers: {'; '.join(told)}.\n"
+
+
+def _told(answer: Mapping[str, Any], tree: Mapping[str, Any]) -> str:
+    """Return what an answer is, in words that follow its code."""
+    if "$ref" in answer:
+        answer = tree["components"]["responses"][answer["$ref"].rpartition("/")[2]]
+    text: str = answer["description"]
+    return f"({text[:1].lower()}{text[1:]})"
 
 
 def contributing() -> str:
