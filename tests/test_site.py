@@ -188,6 +188,7 @@ def test_parts_made_from_the_program_are_in_place(site):
         "reference/python.html": ("open_reconnecting", "RecordingWriter", "PortNotFound"),
         "researchers.html": ("balanced accuracy",),
         "contribute.html": ("Wire code owns no port",),
+        "notebooks/1-simulate-and-look.html": ("import x2radar",),
     }.items():
         text = re.sub(r"<[^>]+>", "", (site / page).read_text("utf-8"))
         for each in words:

@@ -1,15 +1,38 @@
 """What mkdocs runs while it builds the site: parts of pages that are made from the program.
 
 A line `<!-- generated: NAME -->` of a page becomes what `reference.PARTS[NAME]` returns. A link to
-a file outside docs/ becomes the file's name.
+a file outside docs/ becomes the file's name. Notebooks become pages, with a link to the file.
 """
 
+import json
 import re
+from pathlib import Path
 from typing import Any
 
 import reference
+from mkdocs.structure.files import File, Files
 
 _MARK = re.compile(r"^<!-- generated: ([\w-]+) -->$", re.MULTILINE)
+
+
+def on_files(files: Files, *, config: Any) -> Files:
+    """Add a page for every notebook."""
+    for file in list(files):
+        if file.src_uri.endswith(".ipynb"):
+            text = _page_of(Path(file.abs_src_path))
+            name = file.src_uri.removesuffix(".ipynb")
+            files.append(File.generated(config, f"{name}.md", content=text))
+    return files
+
+
+def _page_of(notebook: Path) -> str:
+    """Return the cells of a notebook as a page; it is kept without outputs."""
+    parts = []
+    for cell in json.loads(notebook.read_text("utf-8"))["cells"]:
+        text = "".join(cell["source"])
+        parts.append(text if cell["cell_type"] == "markdown" else f"```python\n{text}\n```")
+    parts.insert(1, f"[The notebook as a file](<{notebook.name}>); `jupyter lab` runs it.")
+    return "\n\n".join(parts) + "\n"
 
 
 def on_page_markdown(markdown: str, *, page: Any, **_: Any) -> str:
@@ -18,6 +41,8 @@ def on_page_markdown(markdown: str, *, page: Any, **_: Any) -> str:
     up = re.escape("../" * page.file.src_uri.count("/"))
     outside = re.compile(rf"\[([^\]]+)\]\({up}\.\./(?!\.\.)([\w./-]+)(?:#[\w-]+)?\)")
     text = outside.sub(_named, markdown)
+    if not page.file.src_uri.startswith("notebooks/"):
+        text = re.sub(r"(\]\([\w./-]+)\.ipynb\)", r"\1.md)", text)
     return _MARK.sub(lambda match: reference.PARTS[match[1]](), text)
 
 
