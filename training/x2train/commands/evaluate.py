@@ -30,6 +30,7 @@ def register(commands: Commands) -> None:
             "  train-export evaluate --model thesis --radar thesis --out report/thesis\n"
             "  train-export evaluate --only fan 'empty room' --passages 240 --out report/quiet\n"
             "  train-export evaluate --model mine.onnx --card --out report/mine\n"
+            "  train-export evaluate --model auto --recordings home.csv --out report/home\n"
         ),
     )
     add = parser.add_argument
@@ -46,6 +47,12 @@ def register(commands: Commands) -> None:
         help="each suite's own, or one for all; thesis: an X2 with all its bins (suites)",
     )
     add("--only", nargs="+", default=[], metavar="SUITE", help="suites, by name (all)")
+    add(
+        "--recordings",
+        type=Path,
+        metavar="LIST",
+        help="instead of simulated passages: a CSV or YAML file of file, start, end, label",
+    )
     add("--against", type=Path, metavar="DIR", help="another bundle's folder, compared")
     add("--card", action="store_true", help="enter the rates into the bundle's card")
     add("--workers", type=int, default=os.cpu_count() or 1, help="processes (all cores)")
@@ -90,6 +97,8 @@ def _run(args: argparse.Namespace) -> int:
     if not 0 <= args.pet_hours <= _MOST_PET_HOURS:
         msg = f"--pet-hours {args.pet_hours:g}: must be 0 to {_MOST_PET_HOURS:g}"
         raise UsageError(msg)
+    if args.recordings:
+        return _run_recordings(args)
     bundle = load_bundle(args.model)
     if args.card and args.only:
         msg = "--card with --only: a card tells of all suites"
@@ -144,6 +153,24 @@ def _run(args: argparse.Namespace) -> int:
     if args.card:
         made = evaluation_of(table, bundle, _command(args), shards.about.get("gate", {}))
         console.print(f"entered the rates into {write_card(args.model, made)}")
+    return 0
+
+
+def _run_recordings(args: argparse.Namespace) -> int:
+    from x2train.judge.labelled import judge_labelled, read_list  # noqa: PLC0415
+    from x2train.report import PassageTable, write  # noqa: PLC0415
+
+    given = [name for name in ("only", "card", "pet_hours") if getattr(args, name)]
+    if given:
+        msg = f"--recordings with --{given[0].replace('_', '-')}: that is of simulated passages"
+        raise UsageError(msg)
+    other = PassageTable.load(args.against / "passages") if args.against else None
+    table = judge_labelled(read_list(args.recordings), args.model, args.policy or "")
+    about = {"kind": "recordings", "model": args.model, "policy": args.policy or ""}
+    table.save(args.out / "passages", {**about, "recordings": str(args.recordings)})
+    title = f"Bundle {args.model} on {args.recordings.name}"
+    write(table, args.out, title=title, other=other)
+    result_console().print(f"wrote {args.out / 'report.html'} and report.json")
     return 0
 
 
