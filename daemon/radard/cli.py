@@ -33,10 +33,8 @@ usage: radard --port PORT [options]    watch a radar; alarm for people, not pets
   --record FILE  --wait  --on-device-loss wait|quit  -v  -q  --log-format json
   --help-all: all of it  --version  --debug  --print-man  --print-completion zsh
 
-{commands}
-examples:
+{commands}examples:
   radard --port sim:demo --speed max --duration 30 -o json
-  radard --port replay:night.h5 --model none        the gate alone
   radard --config house.yaml                        several radars, its sensors:
 configuration, later wins: built-in, /etc/radard/config.yaml, ./config.yaml,
 --config, RADARD_SECTION__KEY, options. TERM, INT end; HUP reloads; USR1 dumps.
@@ -62,6 +60,7 @@ _COMMANDS = {
     "status": "what it does",
     "health": "is it well?",
     "events": "what happened",
+    "fleet": "all of them",
     "arm": "alarms on",
     "disarm": "alarms off",
     "test-alarm": "try outputs",

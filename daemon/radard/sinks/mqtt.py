@@ -34,14 +34,14 @@ _HANGS_S = 10.0
 
 def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> "MqttSink":
     """Return the sink of `mqtt://[user@]host[:port][/prefix]`, or `mqtts://` with TLS."""
-    broker, prefix = _parse_url(url, options.mqtt, context.marked_sensor)
+    broker, prefix = parse_url(url, options.mqtt, context.marked_sensor)
     if (context.is_one_of_several or context.mark) and options.mqtt.client_id:
         # The broker disconnects an existing client when another connects with the same id.
         broker = replace(broker, client_id=f"{options.mqtt.client_id}-{context.marked_sensor}")
     return MqttSink(broker, prefix, options, context)
 
 
-def _parse_url(url: str, options: MqttSection, sensor: str) -> tuple[Broker, str]:
+def parse_url(url: str, options: MqttSection, sensor: str) -> tuple[Broker, str]:
     """Return where the broker is, and the first part of the topics."""
     scheme = url.partition(":")[0]
     try:

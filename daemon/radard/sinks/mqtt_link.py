@@ -55,8 +55,8 @@ class MqttLink:
         Keep-alive, certificates, password.
     backoff : Backoff
         Waits between attempts.
-    will : Publication
-        What the broker publishes when the connection is lost.
+    will : Publication or None
+        What the broker publishes when the connection is lost, if anything.
     subscriptions : list of str
         Topic filters, subscribed to with QoS 1.
     on_up, on_down : callable
@@ -74,7 +74,7 @@ class MqttLink:
         options: MqttSection,
         backoff: Backoff,
         *,
-        will: Publication,
+        will: Publication | None,
         subscriptions: list[str],
         on_up: Callable[[], None],
         on_down: Callable[[str], None],
@@ -214,7 +214,8 @@ class MqttLink:
             raise ConfigError(msg)
         if broker.is_tls:
             client.tls_set_context(_tls(o))
-        client.will_set(self._will.topic, self._will.payload, self._will.qos, retain=True)
+        if (will := self._will) is not None:
+            client.will_set(will.topic, will.payload, will.qos, retain=True)
         client.on_connect = self._connected
         client.on_disconnect = self._disconnected
         client.on_message = self._received

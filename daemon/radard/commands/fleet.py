@@ -1,0 +1,246 @@
+"""`radard fleet`: all radars that publish to one MQTT broker, in one table."""
+
+import json
+import math
+import queue
+import sys
+import time
+import uuid
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from radard.config.config import Config, load_config
+from radard.errors import OutputError, UsageError
+from x2radar.command import Parser, new_parser
+
+_EXAMPLES = """\
+examples:
+  radard fleet mqtt://broker.lan       a table, every two seconds; Ctrl-C ends it
+  radard fleet --once                  once, at the configuration's own broker
+  radard fleet mqtts://me@broker.lan --once --json | jq 'select(.alarm)'
+"""
+_SETTLE_S = 2.0
+"""Until what a broker keeps has come; chosen: no broker takes longer to begin with it."""
+_EVERY_S = 2.0  # chosen: a person looks
+_TOPICS = ("availability", "state", "health")
+_MOST_SHOWN = 48  # characters of a reason
+
+
+@dataclass(slots=True)
+class Sensor:
+    """What one radar has published last."""
+
+    name: str
+    is_available: bool = False
+    state: Mapping[str, Any] = field(default_factory=dict)
+    health: Mapping[str, Any] = field(default_factory=dict)
+    stated_s: float = -math.inf  # when its state came, by the monotonic clock
+
+    def row(self, now_s: float) -> dict[str, Any]:
+        """Return what is shown; a radar that is not available is offline whatever it said."""
+        told = str(self.health.get("state", ""))
+        is_on = self.is_available
+        return {
+            "sensor": self.name,
+            "state": told if is_on and told else "offline",
+            "armed": self.state.get("armed") if is_on else None,
+            "alarm": bool(self.state.get("alarm")) and is_on,
+            "sees": self._sees() if is_on else None,
+            "fault": self.health.get("fault"),
+            "tamper": self.health.get("tamper"),
+            "reason": str(self.health.get("reason") or ""),
+            "age_s": round(now_s - self.stated_s, 1) if self.stated_s > -math.inf else None,
+        }
+
+    def _sees(self) -> str | None:
+        if self.state.get("gate") == "closed":
+            return "nobody"
+        label = self.state.get("label")
+        return None if label is None else str(label)
+
+
+class Fleet:
+    """What the messages of a broker say of its radars; topics as in `radard.sinks.mqtt_topics`."""
+
+    def __init__(self, prefix: str) -> None:
+        self._prefix = prefix
+        self._sensors: dict[str, Sensor] = {}
+        self.n_ignored = 0
+        """Messages on those topics that are none of ours."""
+
+    @property
+    def subscriptions(self) -> list[str]:
+        """Topic filters."""
+        return [f"{self._prefix}/+/{name}" for name in _TOPICS]
+
+    def take(self, topic: str, payload: bytes, now_s: float) -> None:
+        """Take a message that came at a monotonic time; what is none of ours is counted."""
+        head, _, kind = topic.rpartition("/")
+        name = head.removeprefix(f"{self._prefix}/")
+        if kind not in _TOPICS or not name or "/" in name:
+            return
+        if not payload:
+            # Somebody has removed it from the broker.
+            self._sensors.pop(name, None)
+            return
+        try:
+            content = payload.decode() if kind == "availability" else _object(payload)
+        except (ValueError, RecursionError):
+            self.n_ignored += 1
+            return
+        sensor = self._sensors.setdefault(name, Sensor(name))
+        if kind == "availability":
+            sensor.is_available = content == "online"
+        elif kind == "health":
+            sensor.health = content  # type: ignore[assignment]
+        else:
+            sensor.state, sensor.stated_s = content, now_s  # type: ignore[assignment]
+
+    def rows(self, now_s: float) -> list[dict[str, Any]]:
+        """Return a row for each radar: alarms first, then those in trouble, then by name."""
+        rows = [sensor.row(now_s) for sensor in self._sensors.values()]
+        return sorted(rows, key=lambda row: (_rank(row), row["sensor"]))
+
+
+def run(argv: Sequence[str]) -> int:
+    """Run the subcommand."""
+    args = make_parser().parse_args(argv)
+    config = load_config(args.config)
+    url = args.url or _configured(config)
+    if not args.wait > 0:
+        msg = f"--wait {args.wait:g}: must be above 0, in seconds"
+        raise UsageError(msg)
+    with _Watch(url, config) as watch:
+        watch.listen(args.wait)
+        while True:
+            rows = watch.fleet.rows(time.monotonic())
+            lines = [json.dumps(row) for row in rows] if args.json else list(table(rows))
+            if not args.once and sys.stdout.isatty():
+                # To the top left, and nothing below.
+                print("\x1b[H\x1b[2J", end="")
+            print(*lines, sep="\n", flush=True)
+            if args.once:
+                return 0 if rows and all(_is_well(row) for row in rows) else 1
+            watch.listen(_EVERY_S)
+
+
+def make_parser() -> Parser:
+    """Return the parser of the subcommand."""
+    parser = new_parser(
+        "radard fleet",
+        "Show all radars that publish to an MQTT broker. With --once the exit code is 0 if all "
+        "are online.",
+        _EXAMPLES,
+    )
+    add = parser.add_argument
+    add("url", nargs="?", metavar="mqtt://HOST/PREFIX", help="as -o takes it; else the config's")
+    add("--once", action="store_true", help="once, instead of again and again")
+    add("--json", action="store_true", help="one JSON object a radar")
+    add("--wait", type=float, default=_SETTLE_S, metavar="S", help="for messages (2)")
+    add("--config", type=Path, metavar="FILE", help="whose mqtt section holds")
+    return parser
+
+
+def table(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+    """Yield the lines of a table for people."""
+    n_alarms = sum(row["alarm"] for row in rows)
+    n_well = sum(_is_well(row) for row in rows)
+    yield f"{len(rows)} radars, {n_well} online, {n_alarms} with an alarm"
+    if not rows:
+        return
+    width = max(6, *(len(row["sensor"]) for row in rows))
+    yield f"{'sensor':<{width}}  {'state':<8}  {'armed':<8}  {'sees':<8}  {'age':>5}  remarks"
+    for row in rows:
+        armed = {True: "armed", False: "disarmed", None: "-"}[row["armed"]]
+        age = "-" if row["age_s"] is None else f"{row['age_s']:.0f} s"
+        sees = "ALARM" if row["alarm"] else row["sees"] or "-"
+        remarks = [f"tamper: {row['tamper']}"] if row["tamper"] else []
+        remarks += [f"fault: {row['fault']}"] if row["fault"] else []
+        remarks += [] if remarks or _is_well(row) else [row["reason"] or "no connection"]
+        text = "; ".join(remarks)[:_MOST_SHOWN]
+        line = f"{row['sensor']:<{width}}  {row['state']:<8}  {armed:<8}  {sees:<8}  {age:>5}"
+        yield f"{line}  {text}".rstrip()
+
+
+class _Watch:
+    """A connection to the broker; raises OutputError without one."""
+
+    def __init__(self, url: str, config: Config) -> None:
+        # Late: the help must not wait for it, and it may not be installed.
+        from radard.sinks.backoff import Backoff  # noqa: PLC0415
+        from radard.sinks.mqtt import parse_url  # noqa: PLC0415
+        from radard.sinks.mqtt_link import MqttLink  # noqa: PLC0415
+
+        # Another client of the same name would be thrown out.
+        name = f"radard-fleet-{uuid.uuid4().hex[:8]}"
+        options = config.mqtt.model_copy(update={"client_id": name})
+        broker, prefix = parse_url(url, options, "fleet")
+        self._address = f"{broker.host}:{broker.port}"
+        self.fleet = Fleet(prefix)
+        self._messages: queue.SimpleQueue[tuple[str, bytes] | str | None] = queue.SimpleQueue()
+        put: Callable[[Any], None] = self._messages.put
+        self._link = MqttLink(
+            broker,
+            options,
+            Backoff(1.0, 10.0, broker.client_id),
+            will=None,
+            subscriptions=self.fleet.subscriptions,
+            on_up=lambda: put(None),
+            on_down=put,
+            on_message=lambda topic, payload, _is_retained: put((topic, payload)),
+            is_alive=lambda: True,
+        )
+
+    def __enter__(self) -> "_Watch":
+        """Connect, and wait for the connection."""
+        self._link.start()
+        item = self._messages.get()
+        if isinstance(item, str):
+            self._link.close(0.5)
+            msg = f"mqtt {self._address}: {item}"
+            raise OutputError(msg)
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        """Disconnect."""
+        self._link.close(0.5)
+
+    def listen(self, seconds: float) -> None:
+        """Take messages for a while; raises OutputError when the connection is lost."""
+        end_s = time.monotonic() + seconds
+        while (left_s := end_s - time.monotonic()) > 0:
+            try:
+                item = self._messages.get(timeout=left_s)
+            except queue.Empty:
+                return
+            if isinstance(item, str):
+                msg = f"mqtt {self._address}: {item}"
+                raise OutputError(msg)
+            if item is not None:
+                self.fleet.take(*item, time.monotonic())
+
+
+def _configured(config: Config) -> str:
+    for output in config.output:
+        if output.partition(":")[0] in {"mqtt", "mqtts"}:
+            return output
+    msg = "no broker: give mqtt://HOST, or an output mqtt://HOST in the configuration"
+    raise UsageError(msg)
+
+
+def _object(payload: bytes) -> Mapping[str, Any]:
+    content = json.loads(payload)
+    if not isinstance(content, dict):
+        msg = "no object"
+        raise ValueError(msg)  # noqa: TRY004 - as json's own
+    return content
+
+
+def _is_well(row: Mapping[str, Any]) -> bool:
+    return bool(row["state"] == "online")
+
+
+def _rank(row: Mapping[str, Any]) -> int:
+    return 0 if row["alarm"] else 1 if not _is_well(row) or row["tamper"] or row["fault"] else 2

@@ -1,0 +1,152 @@
+"""`radard fleet`: radars of several processes at one real broker."""
+
+import json
+
+import pytest
+
+from radard.cli import main
+from radard.commands.fleet import Fleet, table
+from radard.errors import OutputError
+from tests.daemon_helpers import launcher
+from tests.sink_helpers import Listener, MqttBroker, Silent
+from tests.waiting import free_port, wait_for
+
+launch = pytest.fixture(launcher)
+
+
+@pytest.fixture
+def broker(tmp_path):
+    made = MqttBroker(tmp_path)
+    yield made
+    made.stop()
+
+
+def asked(capsys, *argv):
+    """Exit code and objects of one look at the fleet."""
+    code = main(["fleet", *argv, "--once", "--json"])
+    lines = capsys.readouterr().out.splitlines()
+    return code, {row["sensor"]: row for row in map(json.loads, filter(None, lines))}
+
+
+def test_two_processes_with_three_radars_are_one_fleet(tmp_path, launch, broker, capsys):
+    url = f"mqtt://127.0.0.1:{broker.port}/house"
+    listener = Listener(broker.port)
+    try:
+        two = {"hall": {"port": "sim:human?seed=1"}, "attic": {"port": str(tmp_path / "absent")}}
+        first = launch(sensors=two, output=[url], alarm={"armed": False})
+        second = launch(
+            sensor={"name": "shed", "port": "sim:empty", "speed": "10"},
+            service={"runtime_dir": tmp_path / "b", "state_dir": tmp_path / "b" / "state"},
+            output=[url],
+        )
+        for name in ("hall-simulated", "shed-simulated"):
+            wait_for(lambda name=name: listener.on(f"house/{name}/state"))
+            wait_for(lambda name=name: b"online" in listener.on(f"house/{name}/availability"))
+        wait_for(lambda: listener.on("house/attic/health"))
+        code, rows = asked(capsys, url)
+        assert code == 1
+        assert list(rows) == ["attic", "hall-simulated", "shed-simulated"]
+        assert [row["state"] for row in rows.values()] == ["offline", "online", "online"]
+        assert rows["attic"]["reason"].startswith("device absent")
+        assert [row["armed"] for row in rows.values()] == [None, False, True]
+        assert rows["shed-simulated"]["sees"] == "nobody"
+        # One that is killed is offline, by its last will; here a clean end says the same.
+        assert second.stop() == 0
+        wait_for(lambda: listener.on("house/shed-simulated/availability")[-1] == b"offline")
+        assert asked(capsys, url)[1]["shed-simulated"]["state"] == "offline"
+        # As people see it, by the configuration's own broker.
+        config = tmp_path / "radard.yaml"
+        config.write_text(f"output: ['{url}']\n")
+        assert main(["fleet", "--once", "--config", str(config)]) == 1
+        shown = capsys.readouterr().out
+        assert shown.startswith("3 radars, 1 online, 0 with an alarm\n")
+        assert "attic           offline" in shown
+        assert first.stop() == 0
+    finally:
+        listener.close()
+
+
+def test_no_radar_at_all_is_said(broker, capsys):
+    assert main(["fleet", f"mqtt://127.0.0.1:{broker.port}", "--once", "--wait", "0.3"]) == 1
+    assert capsys.readouterr().out == "0 radars, 0 online, 0 with an alarm\n"
+
+
+@pytest.mark.parametrize(
+    ("argv", "code", "word"),
+    [
+        ((), 2, "no broker: give mqtt://HOST"),
+        (("mqtt://127.0.0.1:{free}",), 1, "cannot connect: Connection refused"),
+        (("mqtt://",), 2, "no host"),
+        (("mqtt://me:secret@host",), 2, "no password in the URL"),
+        (("mqtt://127.0.0.1:{free}", "--wait", "nan"), 2, "must be above 0"),
+    ],
+)
+def test_what_cannot_be_watched_is_one_line(argv, code, word, capsys):
+    argv = [each.format(free=free_port()) for each in argv]
+    assert main(["fleet", *argv, "--once"]) == code
+    (line,) = capsys.readouterr().err.splitlines()
+    assert word in line
+    assert "secret" not in line.replace("me:secret@host", "")
+
+
+def test_a_broker_that_says_nothing_is_no_endless_wait(capsys, tmp_path):
+    silent = Silent()
+    config = tmp_path / "radard.yaml"
+    config.write_text("mqtt: {keepalive_s: 1}\n")
+    try:
+        url = f"mqtt://127.0.0.1:{silent.port}"
+        assert main(["fleet", url, "--once", "--config", str(config)]) == 1
+    finally:
+        silent.close()
+    assert "no answer" in capsys.readouterr().err
+
+
+def test_messages_that_are_none_of_ours_are_counted_and_change_nothing():
+    fleet = Fleet("radard")
+    good = b'{"state": "online", "reason": "", "fault": null, "tamper": null}'
+    fleet.take("radard/hall/availability", b"online", 1.0)
+    fleet.take("radard/hall/health", good, 1.0)
+    for payload in (b"\xff", b"[1]", b"{", b"9" * 5000, b"[" * 100_000):
+        for kind in ("state", "health"):
+            fleet.take(f"radard/hall/{kind}", payload, 2.0)
+    fleet.take("radard/hall/availability", b"\xff", 2.0)
+    fleet.take("radard/a/b/state", b"{}", 2.0)
+    fleet.take("elsewhere/hall/state", b"{}", 2.0)
+    assert fleet.n_ignored == 11
+    (row,) = fleet.rows(3.0)
+    assert (row["sensor"], row["state"]) == ("hall", "online")
+
+
+def test_alarms_come_first_then_trouble_and_what_was_removed_is_gone():
+    fleet = Fleet("radard")
+    for name, state in (("a", "online"), ("b", "degraded"), ("c", "online")):
+        fleet.take(f"radard/{name}/availability", b"online", 0.0)
+        health = {"state": state, "reason": "2 frames missing", "fault": None, "tamper": None}
+        fleet.take(f"radard/{name}/health", json.dumps(health).encode(), 0.0)
+        told = {"armed": True, "alarm": name == "c", "gate": "open", "label": "human"}
+        fleet.take(f"radard/{name}/state", json.dumps(told).encode(), 0.0)
+    assert [row["sensor"] for row in fleet.rows(1.0)] == ["c", "b", "a"]
+    first, _, alarm, trouble, _ = table(fleet.rows(61.0))
+    assert first == "3 radars, 2 online, 1 with an alarm"
+    assert alarm.split()[:4] == ["c", "online", "armed", "ALARM"]
+    assert "61 s" in alarm
+    assert trouble.endswith("2 frames missing")
+    for kind in ("availability", "health", "state"):
+        fleet.take(f"radard/c/{kind}", b"", 62.0)
+    assert [row["sensor"] for row in fleet.rows(63.0)] == ["b", "a"]
+
+
+def test_a_lost_broker_ends_the_watch(tmp_path, broker, capsys, monkeypatch):
+    # The broker ends while it listens.
+    from radard.commands import fleet as command
+
+    plain = command._Watch.listen
+
+    def ending(self, seconds):
+        broker.stop()
+        plain(self, 60.0)
+
+    monkeypatch.setattr(command._Watch, "listen", ending)
+    assert main(["fleet", f"mqtt://127.0.0.1:{broker.port}", "--once"]) == 1
+    assert "lost" in capsys.readouterr().err
+    assert OutputError("x").exit_code == 1
