@@ -1,8 +1,12 @@
 """webhook, exec and syslog with real servers and programs: retries, refusals, secrets."""
 
 import json
+import os
+import re
 import socket
+import ssl
 import sys
+import threading
 
 import pytest
 
@@ -247,6 +251,74 @@ def test_syslog_over_tcp_is_lines_and_outlives_its_server():
             assert text.startswith("<25>radard[")
             assert f"hall: alarm new: human at {n} m" in text
         sink.close()
+
+
+def test_syslog_over_tls_counts_octets_and_outlives_its_server(tmp_path):
+    cert, key = make_cert(tmp_path)
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.load_cert_chain(cert, key)
+
+    def served(n):
+        """So many messages of one connection, which is then closed."""
+        with listener.accept()[0] as plain, context.wrap_socket(plain, server_side=True) as far:
+            far.settimeout(60)
+            lines = far.makefile("rb")
+            found = []
+            for _ in range(n):
+                length = b""
+                while not length.endswith(b" "):
+                    length += lines.read(1)
+                found.append(lines.read(int(length)).decode())
+            lines.close()
+            return found
+
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        listener.settimeout(60)
+        port = listener.getsockname()[1]
+        sink = opened(f"syslog:tls://localhost:{port}", syslog=SyslogSection(ca_file=cert))
+        for n in (1, 3):
+            sink.write({**event(n), "reason": f"human\nat {n} m, \N{DEGREE SIGN}"})
+            sink.write(event(n + 1))
+            first, second = served(2)
+            head, _, text = first.partition(" - ")
+            assert re.fullmatch(rf"<25>1 2026-\S+Z \S+ radard {os.getpid()} event", head)
+            assert text.startswith(f"hall: alarm new: human\nat {n} m, \N{DEGREE SIGN}")
+            assert f"human at {n + 1}.0 m" in second
+        sink.close()
+
+
+def test_a_log_server_that_nobody_signed_gets_nothing(tmp_path):
+    cert, key = make_cert(tmp_path)
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.load_cert_chain(cert, key)
+    heard = []
+
+    def serve():
+        try:
+            with (
+                listener.accept()[0] as plain,
+                context.wrap_socket(plain, server_side=True) as far,
+            ):
+                heard.append(far.recv(4096))
+        except OSError:
+            pass
+
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        listener.settimeout(60)
+        thread = threading.Thread(target=serve)
+        thread.start()
+        sink = opened(f"syslog:tls://localhost:{listener.getsockname()[1]}")
+        sink.write(event(1))
+        wait_for(lambda: "certificate is not accepted" in sink.state.reason)
+        thread.join(60)
+        sink.close(0.1)
+    assert heard == []
+
+
+@pytest.mark.parametrize("key", ["ca_file", "cert_file"])
+def test_certificates_that_cannot_be_read_are_told_at_once(key, tmp_path):
+    with pytest.raises(ConfigError, match=rf"syslog\.{key}: .*none"):
+        opened("syslog:tls://h", syslog=SyslogSection(**{key: tmp_path / "none"}))
 
 
 def test_syslog_over_udp_with_severity():

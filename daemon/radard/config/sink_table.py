@@ -118,6 +118,9 @@ class SyslogSection(Section):
     """syslog and journald."""
 
     facility: Facility = Field("daemon", description="of the messages")
+    ca_file: Path | None = Field(None, description="who signs a tls: server; null: the system's")
+    cert_file: Path | None = Field(None, description="certificate of this client")
+    key_file: Path | None = Field(None, description="and its key")
     decisions: bool = Field(False, description="log every decision too, as debug")
 
 

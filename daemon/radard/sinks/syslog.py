@@ -4,12 +4,14 @@
 fields to search for, else /dev/log. `syslog:/path` is another local socket,
 `syslog:udp://host[:port]` or `syslog:tcp://host[:port]` a server. The text form is that of RFC
 3164 without time and host, which the receiver adds, as Python's SysLogHandler sends it.
+`syslog:tls://host[:port]` is RFC 5425: TLS, with messages of RFC 5424 whose octets are counted.
 """
 
 import errno
 import os
 import select
 import socket
+import ssl
 import stat
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -21,6 +23,7 @@ from radard.errors import UsageError
 from radard.sinks.backoff import Backoff
 from radard.sinks.base import DeliveryError, Record, SinkContext
 from radard.sinks.thread_sink import DirectSink
+from radard.sinks.tls import client_context, explain
 
 JOURNAL = Path("/run/systemd/journal/socket")
 DEV_LOG = Path("/dev/log")
@@ -33,8 +36,9 @@ _ALERT, _CRITICAL, _ERROR, _WARNING, _NOTICE, _INFO, _DEBUG = range(1, 8)
 _NEW = {"alarm": _ALERT, "tamper": _CRITICAL, "fault": _ERROR}
 _STATE = {"online": _INFO, "starting": _INFO, "degraded": _WARNING, "offline": _WARNING}
 
-_KINDS = {"udp": socket.SOCK_DGRAM, "tcp": socket.SOCK_STREAM}
-_PORT = 514  # registered with IANA for UDP; servers take it for TCP, too
+_KINDS = {"udp": socket.SOCK_DGRAM, "tcp": socket.SOCK_STREAM, "tls": socket.SOCK_STREAM}
+# Registered with IANA; 514 for UDP, and servers take it for TCP, too.
+_PORTS = {"udp": 514, "tcp": 514, "tls": 6514}
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +59,10 @@ Address = str | Server
 
 
 def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> "SyslogSink":
-    """Return the sink of `syslog:`, `syslog:/socket`, `syslog:udp://host[:port]` or `tcp://`."""
+    """Return the sink of `syslog:`, `syslog:/socket`, `syslog:udp://host[:port]`, `tcp:`, `tls:`.
+
+    Raises ConfigError if a certificate cannot be read.
+    """
     return SyslogSink(_parse_address(url.partition(":")[2]), options, context)
 
 
@@ -68,11 +75,12 @@ def _parse_address(rest: str) -> Address | None:
     try:
         parts = urlsplit(rest)
         if parts.scheme in _KINDS and parts.hostname and not parts.path.strip("/"):
-            return Server(parts.scheme, parts.hostname, parts.port or _PORT)
+            return Server(parts.scheme, parts.hostname, parts.port or _PORTS[parts.scheme])
     except ValueError as err:
         msg = f"--output syslog:{rest}: {err}"
         raise UsageError(msg) from err
-    msg = f"--output syslog:{rest}: use syslog:, syslog:/socket, syslog:udp://host[:port] or tcp:"
+    forms = "syslog:, syslog:/socket, syslog:udp://host[:port], tcp: or tls:"
+    msg = f"--output syslog:{rest}: use {forms}"
     raise UsageError(msg)
 
 
@@ -90,6 +98,10 @@ class SyslogSink(DirectSink):
         super().__init__(name, Backoff(o.first_retry_s, o.longest_retry_s, name))
         self._address = address
         self._facility = _FACILITY[options.syslog.facility]
+        self._tls: ssl.SSLContext | None = None
+        if isinstance(address, Server) and address.scheme == "tls":
+            s = options.syslog
+            self._tls = client_context("syslog", s.ca_file, s.cert_file, s.key_file)
         self._has_decisions = options.syslog.decisions
         self._sensor = context.sensor
         self._socket: socket.socket | None = None
@@ -109,7 +121,7 @@ class SyslogSink(DirectSink):
             sock.sendall(self._form(*_message_of(record), record))
         except OSError as err:
             self._shut()
-            msg = f"cannot log: {err.strerror or err}"
+            msg = f"cannot log: {explain(err)}"
             raise DeliveryError(msg) from err
 
     def _shut(self) -> None:
@@ -125,9 +137,10 @@ class SyslogSink(DirectSink):
             self._form = self._journal if is_journal else self._plain
         if isinstance(address, Server):
             if address.kind == socket.SOCK_STREAM:
-                self._form = self._line
+                self._form = self._line if self._tls is None else self._counted
             where = socket.getaddrinfo(address.host, address.port, type=address.kind)[0]
-            self._socket = _connected(where[0], address.kind, where[4])
+            plain = _connected(where[0], address.kind, where[4])
+            self._socket = plain if self._tls is None else _encrypted(plain, self._tls, address)
             return self._socket
         try:
             self._socket = _connected(socket.AF_UNIX, socket.SOCK_DGRAM, address)
@@ -146,6 +159,14 @@ class SyslogSink(DirectSink):
         """Return a message over TCP, which a line end closes (RFC 6587, 3.4.2)."""
         plain = self._plain(severity, text, record).rstrip(b"\0")
         return plain.replace(b"\n", b" ") + b"\n"
+
+    def _counted(self, severity: int, text: str, record: Record) -> bytes:
+        """Return a message over TLS: its length, and itself (RFC 5425, 4.3; RFC 5424, 6)."""
+        priority, sensor = self._facility << 3 | severity, record.get("sensor", self._sensor)
+        # What has no time is told as it happens; "-" leaves it to the receiver.
+        head = f"<{priority}>1 {record.get('time', '-')} {socket.gethostname() or '-'}"
+        message = f"{head} radard {os.getpid()} {record['type']} - {sensor}: {text}".encode()
+        return b"%d %s" % (len(message), message)
 
     def _journal(self, severity: int, text: str, record: Record) -> bytes:
         fields = {
@@ -177,8 +198,18 @@ def _is_closed(sock: socket.socket) -> bool:
     """Return whether the far end has closed a stream; what is sent then would be lost."""
     poll = select.poll()
     poll.register(sock, select.POLLIN)
-    is_stream = sock.type == socket.SOCK_STREAM
-    return is_stream and bool(poll.poll(0)) and sock.recv(1, socket.MSG_PEEK) == b""
+    if sock.type != socket.SOCK_STREAM or not poll.poll(0):
+        return False
+    if not isinstance(sock, ssl.SSLSocket):
+        return sock.recv(1, socket.MSG_PEEK) == b""
+    sock.settimeout(0)
+    try:
+        return sock.recv(1) == b""
+    except ssl.SSLWantReadError:
+        # TLS's own, such as the tickets of a session; log servers say nothing.
+        return False
+    finally:
+        sock.settimeout(_SEND_S)
 
 
 def _connected(
@@ -192,6 +223,14 @@ def _connected(
         sock.close()
         raise
     return sock
+
+
+def _encrypted(sock: socket.socket, tls: ssl.SSLContext, server: Server) -> socket.socket:
+    try:
+        return tls.wrap_socket(sock, server_hostname=server.host)
+    except OSError:
+        sock.close()
+        raise
 
 
 def _field(key: str, value: str) -> bytes:

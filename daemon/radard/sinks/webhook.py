@@ -19,11 +19,12 @@ from pathlib import Path
 from urllib.parse import urljoin, urlsplit
 
 from radard.config.credentials import read_secret
-from radard.config.sink_table import SinkOptions, WebhookSection
+from radard.config.sink_table import SinkOptions
 from radard.errors import ConfigError, UsageError
 from radard.sinks.base import DeliveryError, SinkContext
 from radard.sinks.outbox import Item
 from radard.sinks.outbox_sink import OutboxSink, body_of, outbox_path, wants_events
+from radard.sinks.tls import client_context, explain
 from x2radar.command import installed_version
 
 _REFUSALS = frozenset({400, 405, 406, 409, 410, 411, 413, 414, 415, 422})
@@ -66,7 +67,7 @@ class WebhookSink(OutboxSink):
         self._url = url
         self._section = o
         self._sensor = context.sensor
-        self._tls = _tls(o)
+        self._tls = client_context("webhook", o.ca_file)
         self._headers(b"", "check")
         others = ["status"] * o.statuses + ["decision"] * o.decisions
         port = f":{parts.port}" if parts.port else ""
@@ -180,17 +181,9 @@ def _hang_up(link: http.client.HTTPConnection) -> None:
             sock.close()
 
 
-def _tls(options: WebhookSection) -> ssl.SSLContext:
-    try:
-        return ssl.create_default_context(cafile=options.ca_file)
-    except (OSError, ValueError) as err:
-        msg = f"webhook.ca_file: {options.ca_file}: {err}"
-        raise ConfigError(msg) from err
-
-
 def _explain(err: Exception) -> str:
     if isinstance(err, ssl.SSLCertVerificationError):
-        return f"the server's certificate is not accepted: {err.verify_message}"
+        return explain(err)
     if isinstance(err, TimeoutError):
         return _LATE
     if isinstance(err, http.client.HTTPException):

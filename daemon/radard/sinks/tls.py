@@ -1,0 +1,35 @@
+"""TLS towards a server: whom it is checked against, and who we are."""
+
+import ssl
+from pathlib import Path
+
+from radard.errors import ConfigError
+
+
+def client_context(
+    section: str, ca_file: Path | None, cert_file: Path | None = None, key_file: Path | None = None
+) -> ssl.SSLContext:
+    """Return the context of a section of the configuration; ConfigError names its key.
+
+    Without `ca_file` the system's authorities sign; without `cert_file` we are nobody.
+    """
+    try:
+        context = ssl.create_default_context(cafile=ca_file)
+    except (OSError, ValueError) as err:
+        msg = f"{section}.ca_file: {ca_file}: {err}"
+        raise ConfigError(msg) from err
+    if cert_file is None:
+        return context
+    try:
+        context.load_cert_chain(cert_file, key_file)
+    except (OSError, ValueError) as err:
+        msg = f"{section}.cert_file: {cert_file}: {err}"
+        raise ConfigError(msg) from err
+    return context
+
+
+def explain(err: OSError) -> str:
+    """Return why a connection failed, for people."""
+    if isinstance(err, ssl.SSLCertVerificationError):
+        return f"the server's certificate is not accepted: {err.verify_message}"
+    return str(err.strerror or err)
