@@ -11,7 +11,7 @@ PARTS = (
     *("pyproject.toml", "MANIFEST.in", "README.md", "LICENSE", "CHANGELOG.md", "CONTRIBUTING.md"),
     *(
         "config.yaml",
-        "constraints.txt",
+        "constraints.txt", "requirements.txt",
         "x2radar",
         "daemon",
         "training",
