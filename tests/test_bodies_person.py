@@ -374,3 +374,24 @@ def test_no_course_passes_beneath_the_antenna_or_through_its_wall(name):
             place = path.at(np.arange(0, path.end_s, 0.05))
             # Between the radii that the course was judged by it may be a little nearer.
             assert place.y_m.min() > 0.37
+
+
+@pytest.mark.parametrize(("height_m", "least", "most"), [(1.75, 8, 26), (1.2, 13, 34)])
+def test_a_heart_beats_on_top_of_the_breath_and_both_are_quicker_in_children(
+    height_m, least, most
+):
+    t_s = np.arange(0, 120, 0.02)
+    rates, beats = [], []
+    for seed in range(12):
+        breath = draw_person(np.random.default_rng(seed), style="stand", height_m=height_m).breath
+        for one, wanted_hz in (
+            (breath, breath.rate_hz),
+            (replace(breath, size_m=0.0), breath.beat_hz),
+        ):
+            spectrum = np.abs(np.fft.rfft(one.at(t_s) * np.hanning(len(t_s))))
+            found_hz = np.fft.rfftfreq(len(t_s), 0.02)[spectrum.argmax()]
+            assert found_hz == pytest.approx(wanted_hz, abs=0.02)
+        rates.append(60 * breath.rate_hz)
+        beats.append(60 * breath.beat_hz)
+    assert least < min(rates) < max(rates) < most
+    assert 45 < min(beats) < max(beats) < 140

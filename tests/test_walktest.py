@@ -165,3 +165,16 @@ def test_usage(capsys):
     assert "--duration 0" in capsys.readouterr().err
     assert main(["walktest", "--speed", "max"]) == 2
     assert "no port" in capsys.readouterr().err
+
+
+def test_a_walk_measures_the_level_and_a_glance_does_not(capsys):
+    argv = ["walktest", "--port", "sim:human?seed=2", "--speed", "max"]
+    assert main([*argv, "--duration", "20", "--json"]) == 0
+    level_db = json.loads(capsys.readouterr().out)["level_db"]
+    assert 35 < level_db < 60
+    assert main([*argv, "--duration", "20"]) == 0
+    assert f"mount.level_db: {level_db:.1f} in the configuration" in capsys.readouterr().out
+    assert main([*argv, "--duration", "4", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["level_db"] is None
+    assert main([*argv, "--duration", "4"]) == 0
+    assert "Level" not in capsys.readouterr().out

@@ -50,7 +50,7 @@ from radard.dsp.range_gate import range_gates
 from radard.dsp.velocity import CPI_S
 from radard.errors import FeatureError, ModelMismatch
 from radard.stream.ring import Dwell, DwellShape, FrameRing
-from x2radar.frame import StreamInfo
+from x2radar.frame import FastTimeAxis, StreamInfo
 
 HOP_S = 1.0
 """Stream time from one decision to the next: chosen, half a dwell."""
@@ -238,8 +238,7 @@ class Pipeline:
         """Return what is known besides the motion, for a network that takes it."""
         if INSTALLATION not in self._feature_names:
             return None
-        echo_db = echo_at_1m_db(gate.power, gate.noise, moving.axis.range_m)
-        return installation(moving.frame_rate_hz, self._mount, echo_db)
+        return installation(moving.frame_rate_hz, self._mount, echo_of(gate, moving.axis))
 
     def _answered(self, dwell: Dwell, known: NDArray[np.float32] | None) -> Answer | None:
         if self.classifier is None:
@@ -283,6 +282,11 @@ class Pipeline:
                 )
             )
         return tuple(verdicts)
+
+
+def echo_of(gate: Gate, axis: FastTimeAxis) -> float | None:
+    """Return what moves in the dwell that a gate has read last: see `echo_at_1m_db`."""
+    return echo_at_1m_db(gate.power, gate.noise, axis.range_m)
 
 
 def pet_limit_of(config: Config, bundle: Bundle | None) -> float:

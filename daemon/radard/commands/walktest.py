@@ -5,6 +5,7 @@ import json
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict
+from statistics import median
 
 from radard.commands.offline_stream import (
     LONGEST_S,
@@ -16,6 +17,7 @@ from radard.commands.offline_stream import (
 )
 from radard.commands.progress_line import ProgressLine, bar
 from radard.commands.walk_report import WalkDecision, by_range, report, step_of
+from radard.pipeline import echo_of
 from radard.service.components import use_calibration
 from radard.stream.ring import Notice
 from x2radar.command import Parser, new_parser
@@ -30,6 +32,11 @@ Walk slowly from the farthest corner to the radar and back, then along walls.
 """
 _FULL_DB = 30.0  # of a full bar; chosen: a walker near the radar
 _BAR = 20
+_LEAST_ECHOES = 5  # decisions that a level needs: chosen, a walk there and back
+_LEVEL = (
+    "Level: {0:.1f} dB at 1 m. If an adult walked, mount.level_db: {0:.1f} in the configuration "
+    "lets the network judge sizes."
+)
 
 
 def run(argv: Sequence[str]) -> int:
@@ -40,12 +47,15 @@ def run(argv: Sequence[str]) -> int:
     with listen(config) as listening:
         # What holds for the daemon holds for the test of it.
         use_calibration(config, listening.pipeline, is_live=listening.source.is_live)
-        steps = _walked(listening, args)
+        steps, level_db = _walked(listening, args)
     cells = by_range(steps)
     if args.json:
-        print(json.dumps({"cells": [asdict(c) for c in cells], "log": [asdict(s) for s in steps]}))
+        shown = {"cells": [asdict(c) for c in cells], "log": [asdict(s) for s in steps]}
+        print(json.dumps({**shown, "level_db": level_db}))
     else:
         print("", *report(steps, cells), sep="\n")
+        if level_db is not None:
+            print(_LEVEL.format(level_db))
     return 0
 
 
@@ -66,8 +76,12 @@ def _share(step: WalkDecision) -> float:
     return (step.over_floor_db or 0.0) / _FULL_DB
 
 
-def _walked(listening: Listening, args: argparse.Namespace) -> list[WalkDecision]:
+def _walked(
+    listening: Listening, args: argparse.Namespace
+) -> tuple[list[WalkDecision], float | None]:
+    """Return the log, and the median strength of what moved at 1 m (`mount.level_db`)."""
     steps: list[WalkDecision] = []
+    echoes: list[float] = []
     pipeline, line = listening.pipeline, ProgressLine(sys.stderr)
     try:
         for item in listening.dwells(args.duration):
@@ -76,6 +90,9 @@ def _walked(listening: Listening, args: argparse.Namespace) -> list[WalkDecision
                 continue
             step = step_of(pipeline.decide(item))
             steps.append(step)
+            echo_db = echo_of(pipeline.gate, item.axis) if step.range_m is not None else None
+            if echo_db is not None:
+                echoes.append(echo_db)
             line.clear()
             if not args.json:
                 print(line_of(step), flush=True)
@@ -86,7 +103,7 @@ def _walked(listening: Listening, args: argparse.Namespace) -> list[WalkDecision
         pass
     finally:
         line.clear()
-    return steps
+    return steps, round(median(echoes), 1) if len(echoes) >= _LEAST_ECHOES else None
 
 
 def make_parser() -> Parser:

@@ -101,7 +101,7 @@ class DecisionSection(Section):
     policy: Literal["window", "fused"] | None = Field(None, description="null: the bundle's own")
     pet_limit: float | None = Field(None, ge=0.5, le=1, description="null: the bundle's own (0.8)")
     decide_within_s: float = Field(
-        3.0, ge=0, le=3, description="policy fused: wait for evidence at most so long"
+        3.0, ge=0, le=8, description="policy fused: wait for evidence at most so long"
     )
 
 

@@ -125,7 +125,9 @@ def _run(args: argparse.Namespace) -> int:
         is_half=args.half,
         is_compiled=args.compile,
     )
-    trained = followed(fit_maps(train, validation, settings, taught), args.epochs)
+    checkpoint = args.out / f"{args.name}.checkpoint"
+    steps = fit_maps(train, validation, settings, taught, checkpoint)
+    trained = followed(steps, args.epochs)
     inputs = tuple(ModelInput(name, feature_shape(name, features), name) for name in INPUTS)
     # The teacher's training sets are not checked: they may hold any family.
     held_out = kept_out_of(abouts) if teacher is None else "none"

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from torch import nn
 
 from radard.classify.installation import INSTALLATION, N_INSTALLATION
 from x2train.nets.epoch import Epoch, temperature_of
+from x2train.nets.map_checkpoint import Checkpoints, fingerprint
 from x2train.nets.nets import MapNet, Widths
 from x2train.nets.optimizer import MuonAdamW
 from x2train.nets.teacher import taught_error
@@ -60,11 +62,13 @@ def fit_maps(
     validation: Arrays,
     settings: MapFitSettings,
     taught: NDArray[np.float32] | None = None,
+    checkpoint: Path | None = None,
 ) -> Iterator[Epoch | MapTrained]:
     """Train; yield every epoch, and at last the network.
 
     Windows are `INPUTS`, maps as bytes, shape (n, rows, n_cells), and `label`. `taught`, shape
     (n, 3), is what a teacher makes of the windows to train on, see `x2train.nets.teacher`.
+    `checkpoint` is a file that an interrupted training goes on from.
     """
     torch.manual_seed(settings.seed)
     torch.set_num_threads(settings.threads)
@@ -80,10 +84,16 @@ def fit_maps(
     optimizer = optimizer_of(net, settings.epochs * -(-len(labels) // settings.batch), settings)
     # The last batch of an epoch is smaller: once more compiled, not made to fit any size.
     answer = torch.compile(net, dynamic=False) if settings.is_compiled else net
-    for number in range(1, settings.epochs + 1):
+    run = fingerprint(train, settings, taught) if checkpoint else ""
+    kept = Checkpoints(checkpoint, run)
+    first, done, total = kept.resume(net, optimizer, rng)
+    for number in range(first, settings.epochs + 1):
         net.train()
-        total = 0.0
-        for part in torch.split(torch.randperm(len(labels), generator=rng), settings.batch):
+        order = rng.get_state()
+        parts = torch.split(torch.randperm(len(labels), generator=rng), settings.batch)
+        if done:
+            kept.at_step(rng)
+        for step, part in enumerate(parts[done:], done + 1):
             shown_maps = augmented(*(m[part].float() / 255 for m in maps), rng=rng)
             batch = (*shown_maps, hidden_more(known[part], rng))
             with torch.autocast("cpu", torch.bfloat16, enabled=settings.is_half):
@@ -100,9 +110,12 @@ def fit_maps(
                 )
             optimizer.step(loss)
             total += loss.item() * len(part)
+            kept.save((number, step, total), net, optimizer, order, rng)
         logits = logits_of(net, validation)
         score = _cross_entropy(logits, np.asarray(validation["label"]))
         yield Epoch(number, total / len(labels), score)
+        done, total = 0, 0.0
+    kept.done()
     logits = logits_of(net, validation)
     yield MapTrained(net, temperature_of(logits, np.asarray(validation["label"])))
 

@@ -7,6 +7,7 @@ channels. Layers of few inputs or few outputs (the first, the last, norms) are A
 """
 
 from collections.abc import Sequence
+from typing import Any
 
 import torch
 from torch import nn
@@ -70,6 +71,15 @@ class MuonAdamW:
     def rates(self) -> Sequence[float]:
         """Learning rates of the next step: AdamW's, if it has anything to do, then Muon's."""
         return [each.param_groups[0]["lr"] for each in self._optimisers]
+
+    def state(self) -> list[dict[str, Any]]:
+        """Return everything that `load_state` needs to go on."""
+        return [each.state_dict() for each in (*self._optimisers, *self._cycles)]
+
+    def load_state(self, state: list[dict[str, Any]]) -> None:
+        """Go on from where another one for the same network and steps was."""
+        for each, values in zip((*self._optimisers, *self._cycles), state, strict=True):
+            each.load_state_dict(values)
 
     def step(self, loss: torch.Tensor) -> None:
         """Take one step down a loss."""

@@ -63,5 +63,13 @@ def load_checkpoint(path: Path) -> Checkpoint | None:
     try:
         state: dict[str, Any] = torch.load(path, weights_only=True, map_location="cpu")
         return Checkpoint(**state)
-    except (OSError, RuntimeError, EOFError, TypeError, ValueError, pickle.UnpicklingError):
+    except (
+        OSError,
+        RuntimeError,
+        EOFError,
+        TypeError,
+        ValueError,
+        LookupError,
+        pickle.UnpicklingError,
+    ):
         return None
