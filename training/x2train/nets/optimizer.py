@@ -72,13 +72,17 @@ class MuonAdamW:
         """Learning rates of the next step: AdamW's, if it has anything to do, then Muon's."""
         return [each.param_groups[0]["lr"] for each in self._optimisers]
 
+    @property
+    def _parts(self) -> list[Any]:
+        return [*self._optimisers, *self._cycles]
+
     def state(self) -> list[dict[str, Any]]:
         """Return everything that `load_state` needs to go on."""
-        return [each.state_dict() for each in (*self._optimisers, *self._cycles)]
+        return [each.state_dict() for each in self._parts]
 
     def load_state(self, state: list[dict[str, Any]]) -> None:
         """Go on from where another one for the same network and steps was."""
-        for each, values in zip((*self._optimisers, *self._cycles), state, strict=True):
+        for each, values in zip(self._parts, state, strict=True):
             each.load_state_dict(values)
 
     def step(self, loss: torch.Tensor) -> None:
