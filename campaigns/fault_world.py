@@ -1,0 +1,307 @@
+"""A world with a clock of its own: a simulated module, its cable, and the host's time.
+
+Nothing here waits: to read a port moves the clock to what comes next. Until `healed_s` the module
+and its line have faults, the cable is pulled and put in again, and the host stands still at
+times; from then on nothing goes wrong any more.
+"""
+
+import random
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from types import SimpleNamespace
+from typing import Any, ClassVar
+
+import numpy as np
+
+import x2radar.device.bring_up
+import x2radar.device.device
+import x2radar.device.link
+import x2radar.device.reconnect
+from campaigns.fault_run import StampingFirmware
+from radard.stream.coalesced_reads import CoalescedReads
+from x2radar.device.transport import Transport
+from x2radar.errors import PortNotFound, TransportClosed
+from x2radar.settings.base import ModuleSettings
+from x2radar.settings.x2 import RadarSettings
+from x2radar.sim.module.faults import KINDS, Dice, FaultPlan, ModuleFaults
+from x2radar.sim.module.line import Line
+from x2radar.sim.module.module import SimulatedModule
+from x2radar.sim.module.stream import EchoStream
+from x2radar.sim.scene.scene import load_scene
+
+_MOST_RATE = 0.1  # one in ten, as the issue of all rates
+_KERNEL_BYTES = 1 << 16
+_TERMINAL_BYTES = 4095  # a Linux terminal gives no more to one read
+_TICK_S = 0.5
+_READ_COST_S = 2e-5
+"""Of a read that finds nothing; else a loop without a pause would stop the clock."""
+_KEPT_FRAMES = 1800  # of the scene's echoes, which are then repeated
+SCENE = "human"
+
+
+class Over(BaseException):
+    """The run's time is over."""
+
+
+class _Echoes:
+    """The echoes of a scene, made once a process; for any rate, since nobody looks at speeds."""
+
+    _made: ClassVar[list[Any]] = []
+
+    def __init__(self, settings: ModuleSettings) -> None:
+        if not self._made:
+            stream = EchoStream(load_scene(SCENE), 0, RadarSettings.for_frame_rate(60))
+            self._made.extend(stream.next() for _ in range(_KEPT_FRAMES))
+        self.settings, self.axis = settings, settings.axis
+        self._at = 0
+
+    def next(self) -> Any:
+        self._at += 1
+        return self._made[self._at % _KEPT_FRAMES]
+
+
+class Module(SimulatedModule):
+    """A simulated module whose faults can end, with frames that say when they were made."""
+
+    def __init__(self, plan: FaultPlan, seed: int, born_s: float) -> None:
+        self.born_s = born_s
+        self.n_boots = 0
+        firmware = StampingFirmware(lambda: self.born_s + self._now_s)
+        super().__init__(load_scene(SCENE), seed, plan, firmware=firmware)
+
+    def heal(self) -> None:
+        """Let nothing go wrong from here on; what was held back comes now."""
+        queue = [piece for _, piece in self._line._queue]
+        plan = FaultPlan()
+        dice = Dice(plan, 0)
+        self._faults, self._line = ModuleFaults(plan, dice), Line(plan, dice)
+        for piece in queue:
+            self._line.put(piece, self._now_s)
+        self._commands = deque((self._now_s, command) for _, command in self._commands)
+        if self._ready_due_s < float("inf"):
+            self._ready_due_s = self._now_s
+
+    def _start(self, settings: ModuleSettings) -> None:
+        self._stream, self._resume = _Echoes(settings), None  # type: ignore[assignment]
+        self._counter, self._frame_due_s = 0, self._now_s
+
+    def _restart(self) -> None:
+        super()._restart()
+        self.n_boots += 1
+
+
+class World:
+    """One module on one cable, from the start to `end_s`, when `Over` is raised."""
+
+    def __init__(
+        self, plan: FaultPlan, seed: int, *, healed_s: float, end_s: float, is_usb: bool = False
+    ) -> None:
+        self._rng = random.Random(seed)  # noqa: S311 - no secret
+        self._plan, self._seed, self._is_usb = plan, seed, is_usb
+        self.healed_s, self._end_s = healed_s, end_s
+        self._now_s, self._tick_s = 1.0, 1.0
+        self._module = Module(plan, seed, self._now_s)
+        self.most_read = self._rng.choice((0, _TERMINAL_BYTES, _KERNEL_BYTES))
+        """Most bytes of one read; 0 for one piece of what the line made."""
+        self._port: Port | None = None
+        self._plugged_s = 0.0
+        self._is_healed = False
+        self._n_boots = 0
+        self.tick: Callable[[], object] = lambda: None
+        """Called twice a second."""
+        self.on_healed: Callable[[], object] = lambda: None
+        self.pauses: deque[tuple[float, float]] = deque()
+        """When the host stands still, and for how long."""
+
+    def now(self) -> float:
+        """Return the time, in seconds."""
+        return self._now_s
+
+    def sleep(self, seconds: float) -> None:
+        """Let time pass."""
+        until_s = self._now_s + seconds
+        while self._now_s < until_s:
+            self.step(until_s)
+
+    def connect(self) -> Transport:
+        """Open the port; raises PortNotFound while the cable is out."""
+        if self._now_s < self._plugged_s:
+            # To look for a port takes no time here, so some passes at least.
+            self.sleep(0.001)
+            msg = "module: no such port"
+            raise PortNotFound(msg)
+        self._port = Port(self, is_usb=self._is_usb)
+        return self._port
+
+    def write(self, data: bytes) -> None:
+        """Hand the module what the host sends."""
+        self._module.receive(data)
+
+    def step(self, until_s: float) -> None:
+        """Go on to what happens next, at `until_s` at the latest."""
+        module = self._module
+        wake_s = self._tick_s + _TICK_S
+        if not self._is_healed:
+            wake_s = min(wake_s, max(self.healed_s, self._now_s))
+        next_s = module.next_due_s
+        due_s = max(module.born_s + next_s, self._now_s)
+        self._now_s = min(due_s, wake_s, until_s)
+        if self._now_s >= self._end_s:
+            raise Over
+        if self._now_s >= self.healed_s and not self._is_healed:
+            self._is_healed = True
+            module.heal()
+            self.on_healed()
+        # Sums of floats: what is due now must not be due a moment later for ever.
+        own_s = self._now_s - module.born_s
+        module.advance(max(own_s, next_s) if self._now_s == due_s else own_s)
+        while out := module.data_to_send():
+            if self._port is not None:
+                self._port.arrive(out)
+        self._look_at_cable()
+        if self._now_s >= self._tick_s + _TICK_S:
+            self._tick_s = self._now_s
+            self.tick()
+
+    def pause(self) -> None:
+        """Stand still if the host is to do that now; what does not fit into buffers is lost."""
+        if self.pauses and self._now_s >= self.pauses[0][0]:
+            self.sleep(self.pauses.popleft()[1])
+
+    def _look_at_cable(self) -> None:
+        module = self._module
+        if module.has_hung_up:
+            self._pull(self._rng.uniform(0.1, 5.0))
+            self._seed += 1_000_003
+            plan = FaultPlan() if self._is_healed else self._plan
+            self._module, self._n_boots = Module(plan, self._seed, self._now_s), 0
+        elif module.n_boots > self._n_boots:
+            self._n_boots = module.n_boots
+            if self._is_usb:
+                self._pull(0.04)
+
+    def _pull(self, for_s: float) -> None:
+        if self._port is not None:
+            self._port.is_gone = True
+            self._port = None
+        self._plugged_s = self._now_s + for_s
+
+
+class Port:
+    """The host's end of the cable."""
+
+    def __init__(self, world: World, *, is_usb: bool) -> None:
+        self._world = world
+        self._waiting: deque[bytes] = deque()
+        self._size = 0
+        self.is_usb = is_usb
+        self.is_gone = self.is_closed = False
+
+    def arrive(self, data: bytes) -> None:
+        """Take bytes from the cable; those that no buffer holds are lost."""
+        taken = data[: max(0, _KERNEL_BYTES - self._size)]
+        if taken and not self.is_closed:
+            self._waiting.append(taken)
+            self._size += len(taken)
+
+    def read(self, timeout_s: float) -> bytes:
+        """As in `Transport`; a piece is what the module gave in one."""
+        world = self._world
+        world.pause()
+        until_s = world.now() + max(timeout_s, _READ_COST_S)
+        while not self._waiting and world.now() < until_s and not self._is_dead:
+            world.step(until_s)
+        if self._waiting:
+            if world.most_read:
+                data = b"".join(self._waiting)
+                self._waiting.clear()
+                if rest := data[world.most_read :]:
+                    self._waiting.append(rest)
+                data = data[: world.most_read]
+            else:
+                data = self._waiting.popleft()
+            self._size -= len(data)
+            return data
+        if self._is_dead:
+            msg = "module: the port is gone"
+            raise TransportClosed(msg)
+        return b""
+
+    def write(self, data: bytes) -> None:
+        """As in `Transport`."""
+        if self._is_dead:
+            msg = "module: the port is gone"
+            raise TransportClosed(msg)
+        self._world.write(data)
+
+    def close(self) -> None:
+        """As in `Transport`."""
+        self.is_closed = True
+        self._waiting.clear()
+
+    @property
+    def _is_dead(self) -> bool:
+        return self.is_gone or self.is_closed
+
+
+@contextmanager
+def clock_of(world: World) -> Iterator[None]:
+    """Let the driver have its time from a world."""
+
+    class Event:
+        def __init__(self) -> None:
+            self._is_set = False
+
+        def set(self) -> None:
+            self._is_set = True
+
+        def is_set(self) -> bool:
+            return self._is_set
+
+        def wait(self, seconds: float) -> bool:
+            world.sleep(seconds)
+            return self._is_set
+
+    driver = x2radar.device
+    modules: list[Any] = [driver.link, driver.bring_up, driver.device, driver.reconnect]
+    kept = [(m, name, getattr(m, name)) for m in modules for name in ("time", "threading")]
+    for module in modules:
+        module.time = SimpleNamespace(monotonic=world.now)
+        module.threading = SimpleNamespace(Event=Event)
+    try:
+        yield
+    finally:
+        for module, name, value in kept:
+            setattr(module, name, value)
+
+
+def coalesced(world: World) -> Callable[[], Transport]:
+    """Return what connects as the daemon does, with pauses between reads."""
+    return lambda: CoalescedReads(world.connect(), clock=world.now, sleep=world.sleep)
+
+
+def drawn_plan(n: int, seed: int, names: Sequence[str] = tuple(KINDS)) -> FaultPlan:
+    """Return the faults of run `n`: first each kind alone, at its highest rate, then mixtures."""
+    rng = np.random.default_rng([seed, n])
+    is_alone = n < len(names)
+    chosen = [names[n]] if is_alone else list(rng.choice(names, rng.integers(1, 5), False))
+    return FaultPlan({str(name): _value(str(name), rng, is_top=is_alone) for name in chosen})
+
+
+_SECONDS = {"silent": 15.0, "hang_up": 15.0, "slow_ack": 3.0, "not_ready": 12.0, "merge": 4.0}
+"""Highest values: longer than the faults last would say nothing new. Chosen."""
+
+
+def _value(name: str, rng: np.random.Generator, *, is_top: bool) -> float:
+    kind = KINDS[name]
+    if kind.unit.startswith("per "):
+        return _MOST_RATE if is_top else float(10 ** rng.uniform(-4, -1))
+    if kind.is_whole:
+        return float(rng.integers(1, 2000))
+    most = min(kind.most, _SECONDS.get(name, kind.most))
+    return (
+        most
+        if is_top and name not in {"silent", "hang_up"}
+        else float(rng.uniform(kind.least, most))
+    )

@@ -1,0 +1,352 @@
+"""Cases of what may happen around a daemon: to its broker, disk, clock, processor, port and files.
+
+Each starts a real daemon on a simulated module, does its worst, and takes it back. Then the
+daemon must be online again, without having been started again, and every event that it noted in
+its file must have reached the broker and the store.
+"""
+
+import contextlib
+import json
+import os
+import shutil
+import signal
+import sqlite3
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, closing, contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from campaigns.processes import ROOT, Broker, Daemon, wait_for
+
+_SETTLE_S = 120.0
+"""For the last events to arrive, on a busy machine."""
+
+
+class Skipped(Exception):
+    """A case that this machine cannot have."""
+
+
+@dataclass
+class Guard:
+    """A daemon with outputs, and what becomes of them."""
+
+    folder: Path
+    stack: ExitStack
+    is_full: bool
+    broker: Broker
+    daemon: Daemon
+    store: Path
+    out: Path
+    counts: dict[str, int] = field(default_factory=dict)
+    may_stay_degraded: bool = False
+
+    def hold(self, short_s: float, full_s: float) -> None:
+        """Let it last."""
+        time.sleep(full_s if self.is_full else short_s)
+
+    def reload(self, config: Mapping[str, Any] | str) -> None:
+        """Write a configuration, or a text that is none, and ask for it to be read."""
+        if isinstance(config, str):
+            self.daemon.config_file.write_text(config)
+        else:
+            self.daemon.configure(config)
+        self.daemon.send(signal.SIGHUP)
+
+    def seq(self) -> int:
+        """Return the number of the last decision."""
+        return int(self.daemon.status().get("seq") or 0)
+
+    def goes_on(self, n: int = 3) -> None:
+        """Wait for so many more decisions."""
+        first = self.seq()
+        wait_for(lambda: self.seq() >= first + n, f"{n} decisions more, from {first} on")
+
+    def settle(self) -> None:
+        """Let all events arrive; count those that do not."""
+        if not self.may_stay_degraded:
+            self.daemon.wait_state("online")
+        phases = {(event["id"], event["phase"]) for event in _events(self.out)}
+        missing = set(phases)
+
+        def has_all() -> bool:
+            nonlocal missing
+            taken = {(event["id"], event["phase"]) for event in self.broker.events()}
+            missing = phases - taken
+            return not missing
+
+        try:
+            wait_for(has_all, "events at the broker", _SETTLE_S)
+        except TimeoutError:
+            print(f"not at the broker: {missing}", file=sys.stderr)
+        kept = _kept(self.store)
+        lost = {event_id for event_id, _ in phases} - kept
+        self.counts["events"] = len(phases)
+        self.counts["lost_events"] = len(missing) + len(lost)
+
+
+def _events(path: Path) -> list[dict[str, Any]]:
+    lines = path.read_text().splitlines() if path.exists() else []
+    return [row for line in lines if (row := json.loads(line)).get("type") == "event"]
+
+
+def _kept(store: Path) -> set[str]:
+    with closing(sqlite3.connect(f"file:{store}?mode=ro", uri=True, timeout=30)) as db:
+        return {row[0] for row in db.execute("SELECT id FROM events")}
+
+
+CONFIG: Mapping[str, Any] = {
+    "alarm": {"sensitivity": "high"},
+    "outbox": {"first_retry_s": 0.2, "longest_retry_s": 1.0},
+    "model": {"name": "fast"},
+}
+_PORT = "sim:human"
+
+
+@contextmanager
+def guarded(case: "Case", *, is_full: bool) -> Iterator[Guard]:
+    """Start broker and daemon; end them."""
+    with ExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        broker = stack.enter_context(Broker(folder))
+        store, out = folder / "store" / "radard.db", folder / "out.jsonl"
+        store.parent.mkdir()
+        own = folder / "radard"
+        own.mkdir()
+        config = {**CONFIG, **case.prepare(folder, stack)}
+        outputs = [f"json:{out}", f"store:{store}", broker.url]
+        arguments = [word for output in outputs for word in ("-o", output)]
+        daemon = Daemon(own, "--port", _PORT, *arguments, config=config, before=case.before)
+        stack.enter_context(daemon)
+        guard = Guard(folder, stack, is_full, broker, daemon, store, out)
+        yield guard
+
+
+def broker_down(guard: Guard) -> None:
+    """Take the broker away for a while."""
+    guard.broker.stop()
+    guard.daemon.wait_state("degraded", "mqtt")
+    guard.hold(2, 60)
+    guard.broker.start()
+
+
+def broker_slow(guard: Guard) -> None:
+    """Hold the broker: it takes connections and answers nothing."""
+    guard.broker.send(signal.SIGSTOP)
+    guard.hold(6, 60)
+    guard.broker.send(signal.SIGCONT)
+
+
+def broker_flapping(guard: Guard) -> None:
+    """Let the broker come and go."""
+    for k in range(10 if guard.is_full else 3):
+        guard.broker.stop()
+        time.sleep(0.3 + 0.3 * (k % 3))
+        guard.broker.start()
+        time.sleep(0.5 * (k % 4))
+
+
+def store_locked(guard: Guard) -> None:
+    """Lock the store, as another program might."""
+    with closing(sqlite3.connect(guard.store, timeout=30, isolation_level=None)) as db:
+        db.execute("BEGIN EXCLUSIVE")
+        guard.hold(4, 60)
+        db.execute("ROLLBACK")
+
+
+def disk_full(guard: Guard) -> None:
+    """Fill the disk of the store."""
+    filler = guard.store.parent / "filler"
+    fd = os.open(filler, os.O_WRONLY | os.O_CREAT)
+    with contextlib.suppress(OSError):
+        while True:
+            os.write(fd, bytes(4096))
+    os.close(fd)
+    guard.hold(6, 60)
+    filler.unlink()
+
+
+def read_only_state(guard: Guard) -> None:
+    """Let nothing be kept in the state directory."""
+    guard.daemon.wait_state("degraded", "memory")
+    guard.hold(3, 20)
+    # Nobody makes the directory writable again.
+    guard.may_stay_degraded = True
+
+
+def clock_stepped(guard: Guard) -> None:
+    """Set the clock on the wall back by a day, and forward by a year."""
+    offset = guard.folder / "radard" / "offset"
+    for step_s in (-86_400, 365 * 86_400, 0):
+        offset.write_text(str(step_s))
+        guard.goes_on(4)
+
+
+def stopped(guard: Guard) -> None:
+    """Stop the process for a while."""
+    guard.daemon.send(signal.SIGSTOP)
+    guard.hold(8, 30)
+    guard.daemon.send(signal.SIGCONT)
+    guard.goes_on()
+
+
+def starved(guard: Guard) -> None:
+    """Let other programs have all processors, and come first."""
+    burn = [sys.executable, "-c", "while True: pass"]
+    os.setpriority(os.PRIO_PROCESS, guard.daemon.pid, 19)
+    burners = [subprocess.Popen(burn) for _ in range(2 * (os.cpu_count() or 1))]
+    try:
+        guard.hold(5, 30)
+    finally:
+        for each in burners:
+            each.kill()
+            each.wait()
+
+
+def model_replaced(guard: Guard) -> None:
+    """Replace the model's files: by garbage, then by good ones."""
+    models = Path(guard.daemon.folder)
+    for suffix in ("onnx", "json"):
+        (models / f"own.{suffix}").write_bytes(b"\x00garbage" * 100)
+    guard.goes_on()
+    changed = {**CONFIG, "model": {"name": str(models / "own.onnx")}, "gate": {"tau_s": 30.5}}
+    guard.reload(changed)
+    guard.goes_on()
+    for suffix in ("onnx", "json"):
+        (models / f"own.{suffix}").write_bytes((ROOT / "models" / f"fast.{suffix}").read_bytes())
+    guard.reload(changed)
+    guard.goes_on()
+
+
+def reload_broken(guard: Guard) -> None:
+    """Let it read a broken configuration again, then a good one."""
+    for broken in ("alarm: {sensitivity: loud}\n", "alarm: [", "\x00"):
+        guard.reload(broken)
+        guard.goes_on(1)
+    wait_for(lambda: "old configuration stays" in guard.daemon.log, "a warning")
+    guard.reload({**CONFIG, "alarm": {"sensitivity": "low"}})
+    wait_for(lambda: guard.daemon.status().get("sensitivity") == "low", "the reload")
+    guard.goes_on()
+
+
+def two_daemons(guard: Guard) -> None:
+    """Start a second daemon on the same state directory."""
+    second = Daemon(guard.folder / "second", "--port", _PORT, "-o", "null")
+    state = {"service": {"state_dir": str(guard.daemon.folder / "state")}}
+    second.configure(state)
+    second.start()
+    assert second.process is not None
+    code = second.process.wait(_SETTLE_S)
+    if code != 78 or "another radard" not in second.log:
+        guard.counts["unrecovered"] = 1
+        print(f"the second daemon ended with {code}: {second.log}", file=sys.stderr)
+    guard.goes_on()
+
+
+def _plain(folder: Path, stack: ExitStack) -> Mapping[str, Any]:  # noqa: ARG001 - as the others
+    return {}
+
+
+def _small_disk(folder: Path, stack: ExitStack) -> Mapping[str, Any]:
+    """Give the store a disk of its own, which takes root's rights."""
+    path = str(folder / "store")
+    command = ["mount", "-t", "tmpfs", "-o", "size=400k", "tmpfs", path]
+    try:
+        subprocess.run(command, check=True, capture_output=True)
+    except (OSError, subprocess.CalledProcessError) as err:
+        msg = "no disk can be mounted here"
+        raise Skipped(msg) from err
+    stack.callback(subprocess.run, ["umount", "-l", path], check=False)
+    return {}
+
+
+def _no_state(folder: Path, stack: ExitStack) -> Mapping[str, Any]:  # noqa: ARG001
+    # Root may write anywhere, but not below a file.
+    (folder / "radard" / "state").write_text("no folder")
+    return {}
+
+
+def _own_model(folder: Path, stack: ExitStack) -> Mapping[str, Any]:  # noqa: ARG001
+    for suffix in ("onnx", "json"):
+        shutil.copy(ROOT / "models" / f"fast.{suffix}", folder / "radard" / f"own.{suffix}")
+    return {"model": {"name": str(folder / "radard" / "own.onnx")}}
+
+
+_STEPPED = """
+import time
+from datetime import datetime
+from pathlib import Path
+import radard.clips.keeper, radard.config.quiet_hours, radard.outputs.records
+plain, offset = time.time, Path("offset")
+def stepped():
+    try:
+        return plain() + float(offset.read_text())
+    except (OSError, ValueError):
+        return plain()
+class Stepped(datetime):
+    @classmethod
+    def now(cls, tz=None):
+        return cls.fromtimestamp(stepped(), tz)
+time.time = stepped
+for module in (radard.clips.keeper, radard.config.quiet_hours, radard.outputs.records):
+    module.datetime = Stepped
+"""
+"""What sets the clock on the wall of one process, and no other's."""
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """What happens, what is needed for it, and what the daemon's process runs first."""
+
+    happen: Callable[[Guard], None]
+    prepare: Callable[[Path, ExitStack], Mapping[str, Any]] = _plain
+    before: str = ""
+
+
+CASES: Mapping[str, Case] = {
+    "broker_down": Case(broker_down),
+    "broker_slow": Case(broker_slow),
+    "broker_flapping": Case(broker_flapping),
+    "store_locked": Case(store_locked),
+    "disk_full": Case(disk_full, _small_disk),
+    "read_only_state": Case(read_only_state, _no_state),
+    "clock_stepped": Case(clock_stepped, before=_STEPPED),
+    "stopped": Case(stopped),
+    "starved": Case(starved),
+    "model_replaced": Case(model_replaced, _own_model),
+    "reload_broken": Case(reload_broken),
+    "two_daemons": Case(two_daemons),
+}
+
+
+def surrounded(names: Sequence[str], *, is_full: bool) -> dict[str, dict[str, Any]]:
+    """Run cases; return what was counted in each."""
+    return {name: _one(name, is_full=is_full) for name in names}
+
+
+def _one(name: str, *, is_full: bool) -> dict[str, Any]:
+    case = CASES[name]
+    begun_s = time.monotonic()
+    counts: dict[str, Any] = dict.fromkeys(("crashes", "unrecovered", "lost_events"), 0)
+    try:
+        with guarded(case, is_full=is_full) as guard:
+            try:
+                wait_for(lambda: guard.seq() > 0, "the first decision")
+                case.happen(guard)
+                guard.goes_on()
+                guard.settle()
+            except (TimeoutError, RuntimeError) as err:
+                counts["unrecovered"] = 1
+                print(f"{name}: {err}\n{guard.daemon.log[-2000:]}", file=sys.stderr)
+            is_ended = not guard.daemon.is_alive
+            counts["crashes"] = int(is_ended or "Traceback" in guard.daemon.log)
+            if counts["crashes"]:
+                print(f"{name}: {guard.daemon.log[-3000:]}", file=sys.stderr)
+            counts |= guard.counts
+    except Skipped as err:
+        return {"skipped": str(err)}
+    return {**counts, "seconds": round(time.monotonic() - begun_s)}
