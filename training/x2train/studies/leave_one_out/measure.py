@@ -1,7 +1,7 @@
 """Networks that never saw one law, and how well they tell people from pets under it.
 
 The figure is the window AUC of people against pets that go and are in view: a network that knows
-its simulator by heart falls on the law that it has not seen. Every tenth passage is kept from all
+its simulator by heart falls on the law that it has not seen. One passage in ten is kept from all
 trainings.
 """
 
@@ -20,7 +20,7 @@ from x2train.nets.map_fit import MapFitSettings, MapTrained, fit_maps, logits_of
 from x2train.report.ranking import Ranking
 from x2train.windows.window_set import Columns
 
-_KEPT = 10  # every so many passages are judged on alone: chosen
+_KEPT, _A_ROUND = 10, 5  # one in so many rounds is judged on alone: chosen; labels come in rounds
 _LEAST_SHARE, _LEAST_MPS = 0.7, 0.12  # of the window in view, and mean speed: chosen
 _LAWS: Mapping[str, tuple[str, ...]] = {"motion": MOTIONS, "skin": tuple(SKINS)}
 
@@ -59,7 +59,7 @@ def trained(
     windows: Columns, left_out: Law | None, epochs: int, seed: int
 ) -> Iterator[Epoch | MapTrained]:
     """Train a network without a law; yields as `fit_maps`."""
-    is_kept = windows["passage"] % _KEPT == 0
+    is_kept = _is_kept(windows)
     use = ~is_kept if left_out is None else ~is_kept & ~left_out.of(windows)
     train, judged = _rows(windows, use), _rows(windows, is_kept)
     return fit_maps(train, judged, MapFitSettings(epochs=epochs, seed=seed))
@@ -71,12 +71,17 @@ def auc_on(made: MapTrained, windows: Columns, law: Law) -> float | None:
     None if there are not both of them.
     """
     clear = (windows["share"] > _LEAST_SHARE) & (windows["speed_mps"] > _LEAST_MPS)
-    rows = _rows(windows, law.of(windows) & clear & (windows["passage"] % _KEPT == 0))
+    rows = _rows(windows, law.of(windows) & clear & _is_kept(windows))
     logits = logits_of(made.net, rows)
     others = np.logaddexp(logits[:, 1], logits[:, 2])
     ranking = Ranking(logits[:, 0] - others, np.asarray(rows["label"] == 0))
     auc = ranking.auc()
     return None if np.isnan(auc) else round(auc, 4)
+
+
+def _is_kept(windows: Columns) -> NDArray[np.bool_]:
+    """Return which windows no training sees, of all labels evenly, shape (n,)."""
+    return np.asarray(windows["passage"] // _A_ROUND % _KEPT == 0)
 
 
 def _rows(windows: Columns, use: NDArray[np.bool_]) -> Mapping[str, NDArray[Any]]:
