@@ -187,6 +187,9 @@ def test_a_decision_says_why_and_freezes_its_pictures(tab, radard):
     one.page.wait_for_selector("#headline")
     one.page.wait_for_selector(".stages .decided")
     assert one.page.locator(".stages .decided").count() == 1
+    # In plain words, and with the numbers for those who ask for them.
+    assert "threshold" not in one.page.inner_text(".stages")
+    one.page.get_by_role("button", name="Details for engineers").click()
     assert "threshold" in one.page.inner_text(".stages")
     one.page.wait_for_selector(".columns.why .chart canvas")
     seq = int(one.page.url.rpartition("/")[2])

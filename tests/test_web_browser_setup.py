@@ -60,6 +60,9 @@ def test_settings_are_chosen_saved_and_hold(empty, tab):
                 empty.get("/api/v1/status")[1]["settings"]["mount"]["height_m"] == value
             )
         )
+    one.page.get_by_role("button", name="Forget these settings").click()
+    one.until("document.querySelector('input[value=normal]').checked")
+    assert not (empty.folder / "radar.sim.settings.yaml").exists()
 
 
 def test_sensitivities_say_what_they_cost(tab):
@@ -183,6 +186,9 @@ def test_the_shell_opens_while_the_daemon_is_away(browser, tmp_path):
         for path in STATIC.rglob("*")
         if path.suffix in {".js", ".css", ".svg"} and path.name not in {"sw.js", "login.js"}
     }
+    # All of it is asked for at once, not one module after the other.
+    page = (STATIC / "index.html").read_text("utf-8")
+    assert {path for path in shell if f'"{path}"' not in page} == {"/"}
     one.until(f"(async () => (await ({paths})()).length === {len(shell)})()")
     assert set(one.page.evaluate(paths)) == shell
     one.page.goto(f"{first.base}/#/events")

@@ -1,5 +1,6 @@
 """Settings, a test alarm and what helps to choose: the routes behind the set-up page."""
 
+import gzip
 import json
 from pathlib import Path
 
@@ -218,3 +219,17 @@ def test_a_thumbnail_with_its_axes(make, tmp_path):
     assert answer["png"].startswith("data:image/png;base64,iVBOR")
     Path(clip).with_suffix(".png").write_bytes(b"no picture")
     assert client.get(path).status_code == 422
+
+
+def test_files_of_the_pages_are_packed_for_those_who_ask(make):
+    client = make()
+    plain = client.get("/static/pages/live.js")
+    packed = client.get("/static/pages/live.js", {"Accept-Encoding": "gzip, br"})
+    assert packed.headers["content-encoding"] == "gzip"
+    assert gzip.decompress(packed.content) == plain.content
+    assert len(packed.content) < len(plain.content) / 2
+    kept = {"Accept-Encoding": "gzip", "If-None-Match": packed.headers["etag"]}
+    assert client.get("/static/pages/live.js", kept).status_code == 304
+    worker = client.get("/sw.js")
+    assert worker.headers["content-type"].startswith("text/javascript")
+    assert worker.content == client.get("/static/sw.js").content

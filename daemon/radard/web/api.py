@@ -1,6 +1,7 @@
 """Routes: the HTTP contract of radard, /healthz, /metrics, /api/v1/..., /ws and the pages."""
 
 import csv
+import gzip
 import hashlib
 import io
 import json
@@ -211,16 +212,18 @@ class Api:
     def _served(self, request: Request, path: str) -> Response:
         if path not in self._static:
             return refusal(404, "no such file")
-        kind, tag, data = self._static[path]
-        headers = {"ETag": tag, "Cache-Control": "no-cache"}
+        kind, tag, data, packed = self._static[path]
+        headers = {"ETag": tag, "Cache-Control": "no-cache", "Vary": "Accept-Encoding"}
         if request.headers.get("if-none-match") == tag:
             return Response(status_code=304, headers=headers)
+        if "gzip" in request.headers.get("accept-encoding", ""):
+            data, headers["Content-Encoding"] = packed, "gzip"
         return Response(data, media_type=kind, headers=headers)
 
 
-def _read_static() -> dict[str, tuple[str, str, bytes]]:
-    """Return type, tag and content of every file of the pages, by path."""
-    found: dict[str, tuple[str, str, bytes]] = {}
+def _read_static() -> dict[str, tuple[str, str, bytes, bytes]]:
+    """Return type, tag, content and gzipped content of every file of the pages, by path."""
+    found: dict[str, tuple[str, str, bytes, bytes]] = {}
     folders = [("", resources.files("radard.web") / "static")]
     while folders:
         above, folder = folders.pop()
@@ -232,7 +235,7 @@ def _read_static() -> dict[str, tuple[str, str, bytes]]:
             elif suffix in _TYPES:
                 data = item.read_bytes()
                 tag = f'"{hashlib.blake2b(data, digest_size=8).hexdigest()}"'
-                found[path] = (_TYPES[suffix], tag, data)
+                found[path] = (_TYPES[suffix], tag, data, gzip.compress(data))
     return found
 
 

@@ -17,6 +17,7 @@ export const state = {
   zones: { include: [], exclude: [], away: [] },
   hasSavedZones: false,
   settings: null,
+  hasSavedSettings: false,
   outputs: [],
   sensors: {},
   state: "starting",
@@ -79,6 +80,7 @@ function welcome(message) {
   for (const key of ["role", "sensor", "hello", "confirm", "sensors"]) state[key] = message[key];
   state.mark = markOf(state.hello);
   state.hasSavedZones = message.has_saved_zones;
+  state.hasSavedSettings = message.has_saved_settings;
   state.outputs = message.outputs;
   state.decisions = message.decisions;
   state.events = new Map(message.events.map((event) => [event.id, event]));

@@ -7,6 +7,12 @@ import { card, clock, fixed, h, hasDetails, percent, replace, setText, timesText
 
 const SPAN_S = 30;
 const SLOW_MS = 500;
+const FAST_MS = 30;
+// Chosen: of the 16 ms of a frame, what a page that answers at once may draw in.
+const FRAME_MS = 8;
+// Of the time, at most so much is for drawing; a slow machine gets fewer pictures a second.
+const MOST_SHARE = 0.25;
+const LIGHT_MPS = 299792458;
 const CAPTIONS = {
   range: () => words("Strong: something moves at that distance.", "Power after clutter removal, by range."),
   velocity: velocityCaption,
@@ -25,10 +31,12 @@ const CAPTIONS = {
 // What the eye sees in "How fast": one movement as several bands, where the frames come too
 // seldom to tell its speed from others.
 function velocityCaption(axes) {
-  const apart = axes?.unambiguous_mps;
-  const highest = axes ? -pictures.by.get("velocity").first : 0;
+  const { frame_rate_hz: rate_hz, carrier_hz } = state.hello;
+  // As the pictures have it once they come: c fp / (2 f).
+  const apart = axes?.unambiguous_mps ?? (LIGHT_MPS * rate_hz) / (2 * carrier_hz);
+  const highest = axes ? -pictures.by.get("velocity").first : Infinity;
   if (!apart || apart / 2 >= highest) return words("Coming closer is up.", "Radial velocity; approaching is positive.");
-  const rate = fixed(state.hello.frame_rate_hz, 0);
+  const rate = fixed(rate_hz, 0);
   return words(
     `Coming closer is up. Parallel bands, ${fixed(apart, 1)} m/s apart, are one movement: the strongest is the likely speed, the others repeat it.`,
     `Radial velocity. At ${rate} Hz it is unambiguous within ±${fixed(apart / 2, 2)} m/s (dashed); beyond, aliases ${fixed(apart, 2)} m/s apart are weaker by some dB, not absent.`,
@@ -128,36 +136,51 @@ function legend() {
 function animate(signal, maps, plots, gait, scales) {
   const isCalm = matchMedia("(prefers-reduced-motion: reduce)").matches;
   let edge = null;
-  let drawnMs = 0;
   let lastMs = performance.now();
+  let startedMs = 0;
+  let costMs = 0;
   let drawnTheme = -1;
   let drawnAxes = null;
-  const step = (nowMs) => {
-    if (signal.aborted) return;
-    requestAnimationFrame(step);
-    if (nowMs - drawnMs < (isCalm ? SLOW_MS : 30)) return;
+  // What is left of a round; a slow machine draws it in several frames, to answer in between.
+  let left = [];
+  const round = (nowMs) => {
+    const pauseMs = isCalm ? SLOW_MS : Math.max(FAST_MS, costMs / MOST_SHARE);
+    if (nowMs - startedMs < pauseMs) return;
     const target = Math.max(pictures.end_s ?? -Infinity, (lastDecision()?.t_s ?? -Infinity) - 1);
     if (!Number.isFinite(target)) return;
     const elapsed_s = Math.min(1, (nowMs - lastMs) / 1000);
     lastMs = nowMs;
     if (edge === null || Math.abs(target - edge) > 3 || isCalm) edge = target;
     else edge += (target - edge) * (1 - Math.exp(-elapsed_s / 0.18));
-    drawnMs = nowMs;
+    startedMs = nowMs;
+    costMs = 0;
     const view = { from_s: edge - SPAN_S, to_s: edge };
-    for (const map of maps) map.draw(view);
-    for (const plot of plots) plot.draw(view, state.decisions);
-    gait.draw();
     maps[0].marks = marks();
-    if (pictures.axes && (drawnTheme !== themeVersion() || drawnAxes !== pictures.axes)) {
-      drawnTheme = themeVersion();
-      drawnAxes = pictures.axes;
-      for (const [name, { scale, caption }] of scales) {
-        const { span_db } = pictures.by.get(name);
-        drawScale(scale, span_db);
-        replace(caption, ...CAPTIONS[name](drawnAxes));
-        scale.parentElement.querySelector(".depth").textContent = `−${span_db} dB`;
-      }
+    left = [
+      ...maps.map((map) => () => map.draw(view)),
+      ...plots.map((plot) => () => plot.draw(view, state.decisions)),
+      () => gait.draw(),
+      drawScales,
+    ];
+  };
+  const drawScales = () => {
+    if (!pictures.axes || (drawnTheme === themeVersion() && drawnAxes === pictures.axes)) return;
+    drawnTheme = themeVersion();
+    drawnAxes = pictures.axes;
+    for (const [name, { scale, caption }] of scales) {
+      const { span_db } = pictures.by.get(name);
+      drawScale(scale, span_db);
+      replace(caption, ...CAPTIONS[name](drawnAxes));
+      scale.parentElement.querySelector(".depth").textContent = `−${span_db} dB`;
     }
+  };
+  const step = (nowMs) => {
+    if (signal.aborted) return;
+    requestAnimationFrame(step);
+    if (!left.length) round(nowMs);
+    const beganMs = performance.now();
+    while (left.length && performance.now() - beganMs < FRAME_MS) left.shift()();
+    costMs += performance.now() - beganMs;
   };
   requestAnimationFrame(step);
 }

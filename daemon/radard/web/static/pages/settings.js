@@ -1,6 +1,6 @@
 // What may be set without editing a file: sensitivity, delays, how the sensor is mounted.
 import { get, post } from "../net.js";
-import { isOperator, on, state } from "../state.js";
+import { isOperator, on, state, tell } from "../state.js";
 import { card, h, replace, setText, toast } from "../ui.js";
 
 const NAMES = { low: "Low", normal: "Normal", high: "High" };
@@ -49,6 +49,8 @@ class SettingsForm {
     this.draw();
     try {
       await post("/api/v1/settings", { [this.section]: wanted });
+      state.hasSavedSettings = true;
+      tell("now");
       setText(this.said, await told(this.section, wanted));
     } catch (error) {
       this.isTouched = true;
@@ -65,6 +67,7 @@ async function told(section, wanted) {
   for (let k = 0; k < 30; k += 1) {
     const { settings } = await get("/api/v1/status");
     if (Object.entries(wanted).every(([key, value]) => settings[section][key] === value)) {
+      state.settings = settings;
       return "Saved; this holds from now on.";
     }
     await new Promise((done) => setTimeout(done, 100));
@@ -146,11 +149,39 @@ function sayings(choices) {
   return `Measured on ${made.intrusions} simulated people coming in and ${made.pet_visits} visits of pets of 20 s; real ones may fare worse.`;
 }
 
+// Gives way to the configuration: what both forms saved.
+function forgetting(signal) {
+  const button = h("button", { type: "button" }, "Forget these settings");
+  const said = h("p", { role: "status", class: "quiet" });
+  const draw = () => {
+    button.disabled = !isOperator() || !state.hasSavedSettings;
+  };
+  button.addEventListener("click", async () => {
+    try {
+      await post("/api/v1/settings", { forget: true });
+      state.hasSavedSettings = false;
+      setText(said, "Forgotten. What the configuration says holds again.");
+    } catch (error) {
+      toast(`Not done: ${error.message}`, "bad");
+    }
+    draw();
+  });
+  on("now", draw, signal);
+  draw();
+  return h("div", {}, h("p", { class: "buttons" }, button), said);
+}
+
 export function mounting(signal) {
   const height = number("Height above the floor", "m", "of the sensor's face", { min: 0.1, max: 5, step: "any", isOptional: true });
   const tilt = number("Tilt", "°", "downwards; 0 looks straight ahead", { min: -30, max: 60, step: "any", isOptional: true });
   const form = new SettingsForm("mount", { height_m: height.field, tilt_deg: tilt.field }, signal);
   form.element.append(height.row, tilt.row, h("p", { class: "buttons" }, form.save), form.said);
   form.draw();
-  return card("Mounting", "how the sensor hangs; leave empty what is not known", form.element);
+  return card(
+    "Mounting",
+    "how the sensor hangs; leave empty what is not known",
+    form.element,
+    h("h3", {}, "Alarm and mounting ", h("small", {}, "saved here, they go before config.yaml")),
+    forgetting(signal),
+  );
 }
