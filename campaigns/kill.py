@@ -36,7 +36,7 @@ os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
 # All that the daemon will need: what is imported here costs a start nothing.
 for _name in (
     *("h5py", "paho.mqtt.client", "radard.classify.onnx_runtime", "radard.service.service"),
-    *("radard.sinks.mqtt", "radard.sinks.store", "x2radar.recording.hdf5_writer"),
+    *("radard.sinks.mqtt.sink", "radard.sinks.store", "x2radar.recording.hdf5_writer"),
 ):
     importlib.import_module(_name)
 
@@ -50,7 +50,7 @@ _SPEED = 4
 """Stream seconds a second: more happens between two kills."""
 _ALIVE_S = (0.3, 4.0)
 _CONFIG = {
-    "sensor": {"port": "sim:human", "speed": str(_SPEED)},
+    "sensor": {"port": "sim:human", "speed": str(_SPEED), "wait": True},
     # An alarm that is on stays on until somebody disarms.
     "alarm": {"sensitivity": "high", "latch_s": 3600},
     "outbox": {"first_retry_s": 0.2, "longest_retry_s": 1.0},
@@ -253,16 +253,19 @@ def main() -> int:
     about = (__doc__ or "").split("\n\n")
     parser = argparse.ArgumentParser(description=about[0], epilog=about[2])
     parser.add_argument("--kills", type=int, default=200)
+    parser.add_argument("--most-minutes", type=float, default=float("inf"), help="end sooner")
     parser.add_argument("--seed", type=int, default=0)
     args = parser.parse_args()
     rng = random.Random(args.seed)  # noqa: S311 - no secret
     with tempfile.TemporaryDirectory() as made, Broker(Path(made)) as broker:
         house = House(Path(made), broker, rng)
-        for _ in range(args.kills):
+        n, end_s = 0, time.monotonic() + args.most_minutes * 60
+        while n < args.kills and time.monotonic() < end_s:
             house.kill_once()
+            n += 1
         house.finish()
         events = {row["id"] for row in broker.events()}
-        found = {"kills": args.kills, "lost_events": house.lost(), **house.found}
+        found = {"kills": n, "lost_events": house.lost(), **house.found}
     print(json.dumps({**found, "events": len(events)}))
     return 1 if any(value for key, value in found.items() if key != "kills") else 0
 
