@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from radard.config.sink_table import MqttSection, WebSection
-from radard.sinks.homeassistant import entities
+from radard.sinks.mqtt.homeassistant import entities
 from radard.web import metrics
 from x2radar.device.discovery import USB_IDS
 

@@ -9,7 +9,7 @@ from radard.health.status_file import read_status, status_path
 from radard.pipeline import Pipeline
 from radard.sinks.exec import ProgramSink
 from radard.sinks.jsonl import JsonLinesSink
-from radard.sinks.mqtt import MqttSink
+from radard.sinks.mqtt.sink import MqttSink
 from radard.sinks.store import StoreSink
 from radard.sinks.webhook import WebhookSink
 from radard.stream.source import LiveSource
@@ -25,7 +25,7 @@ launch = pytest.fixture(launcher)
 def quick(monkeypatch):
     monkeypatch.setattr("radard.service.sink_watch.GRACE_S", 0.2)
     monkeypatch.setattr("radard.service.sink_watch.STUCK_S", 0.6)
-    monkeypatch.setattr("radard.sinks.mqtt._HANGS_S", 1.2)
+    monkeypatch.setattr("radard.sinks.mqtt.sink._HANGS_S", 1.2)
 
 
 def report(tmp_path):

@@ -11,8 +11,8 @@ from radard.errors import ConfigError
 from radard.health.health import Status
 from radard.sinks import open_output
 from radard.sinks.base import SinkContext
-from radard.sinks.homeassistant import panel_command, panel_state
-from radard.sinks.mqtt_commands import CommandReader, MqttCommand
+from radard.sinks.mqtt.commands import CommandReader, MqttCommand
+from radard.sinks.mqtt.homeassistant import panel_command, panel_state
 from tests.sink_helpers import QUICK, Listener, MqttBroker, decision, event, hello, status
 from tests.waiting import wait_for
 

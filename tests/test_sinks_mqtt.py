@@ -12,7 +12,7 @@ from radard.errors import ConfigError, UsageError
 from radard.health.health import Status
 from radard.sinks import make_output, open_output
 from radard.sinks.base import SinkContext
-from radard.sinks.mqtt_link import MqttLink
+from radard.sinks.mqtt.link import MqttLink
 from tests.sink_helpers import (
     PASSWORD,
     QUICK,
@@ -131,7 +131,7 @@ def test_health_is_asked_for_and_not_only_heard_of(publish, listen):
 
 
 def test_commands_and_what_is_none(publish, listen, caplog, monkeypatch):
-    monkeypatch.setattr("radard.sinks.mqtt._WARN_S", 0.0)
+    monkeypatch.setattr("radard.sinks.mqtt.sink._WARN_S", 0.0)
     listener = listen(f"{BASE}/#")
     heard = []
     listener.say(f"{BASE}/command/disarm", "now", retain=True)

@@ -195,7 +195,7 @@ class SinkRow:
 
 _MQTT = SinkRow(
     form="mqtt://HOST",
-    module="radard.sinks.mqtt",
+    module="radard.sinks.mqtt.sink",
     sections=("mqtt", "outbox"),
     has_outbox=True,
     is_per_sensor=True,

@@ -1,6 +1,6 @@
 """MQTT: the sensor's topics on a broker, its commands, and Home Assistant's discovery.
 
-`mqtt_topics` decides what to publish, `mqtt_link` keeps the connection, the outbox keeps the
+`topics` decides what to publish, `link` keeps the connection, the outbox keeps the
 events; this file joins them. Events are published one after another, each when the broker
 has confirmed the one before (QoS 1), so they arrive in order. When a connection breaks
 between a delivery and its confirmation the event comes twice, with the same id, phase and
@@ -18,9 +18,9 @@ from radard.errors import UsageError
 from radard.sinks.alarm_picture import PictureWatch
 from radard.sinks.backoff import Backoff
 from radard.sinks.base import Record, SinkContext
-from radard.sinks.mqtt_commands import CommandReader, MqttCommand, code_of
-from radard.sinks.mqtt_link import Broker, MqttLink
-from radard.sinks.mqtt_topics import MqttTopics, Publication
+from radard.sinks.mqtt.commands import CommandReader, MqttCommand, code_of
+from radard.sinks.mqtt.link import Broker, MqttLink
+from radard.sinks.mqtt.topics import MqttTopics, Publication
 from radard.sinks.outbox import Item
 from radard.sinks.outbox_sink import OutboxSink, outbox_path
 

@@ -19,7 +19,7 @@ from radard.alarm.sensitivity import SENSITIVITIES
 from radard.config.credentials import read_secret
 from radard.config.sink_table import MqttSection
 from radard.sinks.base import COMMANDS
-from radard.sinks.homeassistant import panel_command
+from radard.sinks.mqtt.homeassistant import panel_command
 
 _MOST_SHOWN = 40  # characters of a stranger's topic in the log, chosen
 _MOST_WRONG = 5  # chosen: as keypads of panels have it

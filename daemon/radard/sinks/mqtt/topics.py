@@ -9,7 +9,7 @@ No network here: records, states and times go in, messages come out. Topics belo
     decision       every decision                        QoS 0
     event          every phase of every event            QoS 1, through the outbox
     picture        PNG of the last alarm                 retained
-    command/NAME   see `radard.sinks.mqtt_commands`      never retained
+    command/NAME   see `radard.sinks.mqtt.commands`      never retained
 """
 
 import json
@@ -19,7 +19,7 @@ from typing import Any
 
 from radard.config.sink_table import MqttSection
 from radard.sinks.base import Record
-from radard.sinks.homeassistant import CodeForm, discovery, panel_state
+from radard.sinks.mqtt.homeassistant import CodeForm, discovery, panel_state
 
 _HOP_S = 1.0
 """Time from one decision to the next (`radard.pipeline`)."""

@@ -23,7 +23,7 @@ from radard.config.sink_table import MqttSection
 from radard.errors import ConfigError
 from radard.sinks.backoff import Backoff
 from radard.sinks.base import DeliveryError
-from radard.sinks.mqtt_topics import Publication
+from radard.sinks.mqtt.topics import Publication
 
 _CONFIRM_S = 10.0  # chosen: far above a round trip, below what a person waits for an alarm
 _POLL_S = 0.1  # chosen: how soon a lost connection is noticed
