@@ -157,10 +157,10 @@ def main() -> None:
     args.out.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as folder:
         command = [Path(sys.executable).parent / "radard", "--port", args.port, "-o", BASE]
-        command += ["-o", f"store:{folder}/radard.db"]
+        command += ["-o", "store:radard.db"]
         environ = {**os.environ, "RADARD_SERVICE__STATE_DIR": folder}
         environ |= {"RADARD_ALARM__LATCH_S": "4", "RADARD_CLIPS__POST_S": "2"}
-        with subprocess.Popen(command, env=environ) as daemon:  # noqa: S603 - our own
+        with subprocess.Popen(command, env=environ, cwd=folder) as daemon:  # noqa: S603 - our own
             try:
                 needs_clip = any(name.startswith("events") for name in args.only)
                 wait_for(alarm_with_clip if needs_clip else lambda: decision("human"), 120)

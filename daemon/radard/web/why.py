@@ -19,6 +19,8 @@ from radard.sinks.base import Record
 
 _WORDS = {"human": "person", "pet": "pet", "other": "something else"}
 _SHOWN = 0.005  # chosen: what rounds to a percent
+_FEW = 10  # chosen: from here on tenths say nothing
+_MANY = 1000  # chosen: times the threshold; more says nothing to people
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,7 +125,9 @@ def _gate(record: Record) -> DecisionStage:
     text = f"The gate is open: {_db(power)} is {apart} over the threshold of {_db(threshold)}"
     where = f", most of it at {record['range_m']:.1f} m." if record["range_m"] is not None else "."
     times = 10 ** ((power - threshold) / 10)
-    plain = f"Yes, {times:.1f} times as much as must be there to count{where}"
+    exact = f"{times:.1f}" if times < _FEW else f"{times:.0f}"
+    much = "over 1000" if times > _MANY else exact
+    plain = f"Yes, {much} times as much as must be there to count{where}"
     return _passed("gate", text + where, plain)
 
 

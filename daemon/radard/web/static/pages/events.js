@@ -224,7 +224,7 @@ class EventsPage {
     const facts = [
       ["Began", `${day(event.began)}, ${clock(event.began)}`],
       ["Lasted", lasted === null ? "still on" : duration(lasted)],
-      ["Surest of a person", event.kind === "alarm" ? percent(event.peak) : "–"],
+      ["How sure of a person", event.kind === "alarm" ? percent(event.peak) : "–"],
       ["Reason", inWords(event.reason)],
       ["Id", event.id, "exact"],
     ];
