@@ -27,7 +27,7 @@ def deb(tmp_path_factory):
         "PYTHON": sys.executable,
         "RADARD": f"{sys.executable} -m radard",
         "SOURCE_DATE_EPOCH": "1700000000",
-        "COMPRESS": "none",
+        "COMPRESS": "gzip",
         "OTHERS": "none",
     }
     done = subprocess.run(
