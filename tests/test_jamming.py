@@ -211,9 +211,9 @@ def test_who_waits_until_he_is_background_is_seen_when_he_moves_on(tmp_path):
     away = "body: human, style: walk, waypoints_m: [[0.0, 2.0], [0.3, 0.9]], duration_s: 6"
     scene.write_text(f"like: empty\nsteps:\n  - {{{here}}}\n  - {{{away}}}\n")
     argv = ("--port", f"sim:{scene}", "--duration", "66", "--speed", "max", "-o", "json")
-    records = run_radard(*argv)[1]
+    _, records, err = run_radard(*argv)
     new = [r["t_s"] for r in records if r["type"] == "event" and r["phase"] == "new"]
-    assert len(new) == 2
+    assert len(new) == 2, err
     # Exercise on one spot may stay undecided for `decide_within_s`.
     assert new[0] <= 5.5
     assert 60 < new[1] <= 63
@@ -236,9 +236,9 @@ def test_who_enters_during_a_calibration_prevents_it_and_is_an_alarm():
 
 def test_who_follows_a_dog_is_an_alarm():
     argv = ("--port", "sim:human_behind_dog?seed=3", "--duration", "16", "--speed", "max")
-    records = run_radard(*argv, "-o", "json")[1]
+    _, records, err = run_radard(*argv, "-o", "json")
     new = [r["t_s"] for r in records if r["type"] == "event" and r["phase"] == "new"]
-    assert new
+    assert new, err
     assert new[0] <= 10
 
 

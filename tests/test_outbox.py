@@ -201,6 +201,35 @@ def test_its_files_are_for_their_owner_alone(path, opened):
     assert path.parent.stat().st_mode & 0o777 == 0o700
 
 
+def test_what_is_deferred_comes_last_and_is_as_old_as_before(opened, clock):
+    box = opened()
+    for n in range(3):
+        box.put(event(n))
+    clock.now_s += 100
+    first = box.first()
+    box.defer(first)
+    assert len(box) == 3
+    # Another start finds it so, too.
+    box.close()
+    box = opened()
+    assert len(box) == 3
+    for n in (1, 2):
+        assert box.first().record["id"] == event(n)["id"]
+        box.remove(box.first())
+    last = box.first()
+    assert (last.key, last.put_s) == (first.key, pytest.approx(first.put_s))
+    box.put(event(3))
+    assert delivered(box) == [first.record["id"], event(3)["id"]]
+
+
+def test_what_is_deferred_in_memory_comes_last(clock):
+    box = Outbox(None, 10)
+    for n in range(3):
+        box.put(event(n))
+    box.defer(box.first())
+    assert delivered(box) == [event(n)["id"] for n in (1, 2, 0)]
+
+
 def test_the_oldest_go_where_there_is_no_room(opened):
     box = opened(most=3)
     assert sum(box.put(event(n)) for n in range(1, 6)) == 2

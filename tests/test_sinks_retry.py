@@ -74,13 +74,45 @@ def test_a_server_in_trouble_gets_it_later_with_the_same_id(server, code):
 def test_a_record_that_is_refused_is_given_up_for_those_behind_it(server, caplog):
     server.code = 400
     sink = opened(f"webhook:http://127.0.0.1:{server.port}/")
-    sink.write(event(1))
+    sink.write(event(1, kind="fault"))
     wait_for(lambda: sink.state.n_dropped == 1)
     assert len(server.posts) == QUICK.attempts
     server.code = 204
     sink.write(event(2))
     wait_for(lambda: sink.state.n_sent == 1)
     assert "gives up" in caplog.text
+    sink.close()
+
+
+def ids_of(server):
+    """The ids of what was posted, in order."""
+    return [json.loads(body)["id"] for _, _, body in server.posts]
+
+
+@pytest.mark.parametrize("has_disk", [True, False])
+def test_an_alarm_that_is_refused_is_not_given_up_and_stops_nobody(server, tmp_path, has_disk):
+    server.code = 400
+    folder = tmp_path if has_disk else None
+    sink = opened(f"webhook:http://127.0.0.1:{server.port}/", state_dir=folder)
+    sink.write(event(1))
+    sink.write(event(2))
+    # Each is tried again after the other.
+    both = [event(n)["id"] for n in (1, 2)]
+    wait_for(lambda: all(ids_of(server).count(each) > QUICK.attempts for each in both))
+    assert sink.state.n_dropped == 0
+    server.code = 204
+    wait_for(lambda: sink.state.n_sent == 2)
+    sink.close()
+
+
+def test_an_alarm_that_is_refused_for_too_long_is_given_up(server, caplog):
+    server.code = 400
+    options = SinkOptions(outbox=QUICK.model_copy(update={"give_up_h": 1e-6}))
+    url = f"webhook:http://127.0.0.1:{server.port}/"
+    sink = open_output(url, options, SinkContext(sensor="hall", state_dir=None))
+    sink.write(event(1))
+    wait_for(lambda: sink.state.n_dropped == 1)
+    assert "too old" in caplog.text
     sink.close()
 
 

@@ -16,9 +16,11 @@ from radard.clips.clip_file import ClipFile
 from radard.errors import RadardError
 from radard.web.pictures import clip_process
 from radard.web.pictures.clip_process import ClipTimeoutError, read_clip
+from radard.web.pictures.clip_view import clip_view
 from tests.alarm_helpers import write_recording
 from tests.dashboard_helpers import maker
 from tests.radar_helpers import BASEBAND, frames_of, noise
+from tests.sink_helpers import decision
 from tests.web_helpers import event
 from x2radar.frame import StreamInfo
 
@@ -119,6 +121,33 @@ def test_a_clip_that_is_read_can_be_written(clip):
         h5py.File(clip, "r+", libver="latest").close()
         reader.communicate()
     assert reader.returncode == 0
+
+
+@pytest.mark.parametrize("damage", ["none", "huge", "elsewhere", "link", "short", "flat"])
+def test_decisions_of_a_clip_are_read_without_trust(tmp_path, damage):
+    path = tmp_path / f"{ULID}.h5"
+    stream = StreamInfo(BASEBAND, 60.0, "test")
+    clip = ClipFile(path, stream, first_index=0, started_utc="2026-01-01T00:00:00Z", attributes={})
+    clip.write(list(frames_of(noise(200))))
+    clip.finish([decision()], {})
+    with h5py.File(path, "r+") as file:
+        group = file["decisions"]
+        if damage != "none":
+            del group["range_m"]
+        if damage == "huge":
+            group.create_dataset("range_m", (10**12,), "f8", chunks=(1000,), compression="gzip")
+        elif damage == "elsewhere":
+            group.create_dataset("range_m", (1,), "f8", external=[("/etc/hostname", 0, 8)])
+        elif damage == "link":
+            group["range_m"] = h5py.ExternalLink("/etc/passwd", "/x")
+        elif damage == "flat":
+            group["range_m"] = 1.0
+    data = clip_view(path)
+    (n,) = struct.unpack_from("<I", data)
+    made = json.loads(data[4 : 4 + n])["decisions"]
+    assert [row["range_m"] for row in made] == ([2.1] if damage == "none" else [])
+    if damage == "none":
+        assert (made[0]["label"], made[0]["alarm"]) == ("human", True)
 
 
 def test_a_clip_is_shown_while_it_is_written(tmp_path):

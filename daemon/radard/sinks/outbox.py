@@ -154,6 +154,17 @@ class Outbox:
             # Written to the file while it was being delivered.
             self._n_saved -= self._execute("DELETE FROM outbox WHERE key = ?", (item.key,)) or 0
 
+    def defer(self, item: Item) -> None:
+        """Put an event behind all others; it has waited as long as before."""
+        with self._lock:
+            if item in self._unsaved:
+                self._unsaved.remove(item)
+                self._unsaved.append(item)
+            else:
+                # One statement: a kill must not lose it.
+                last = "UPDATE outbox SET n = (SELECT max(n) + 1 FROM outbox) WHERE key = ?"
+                self._execute(last, (item.key,))
+
     def tend(self) -> int:
         """Now and then: try a disk again that failed, and note how long events have waited.
 

@@ -190,10 +190,17 @@ class OutboxSink(ThreadSink):
     def _gives_up(self, item: Item, err: DeliveryError) -> bool:
         self._n_refused += err.is_refusal
         age_s = time.monotonic() - item.put_s
-        if self._n_refused >= self._options.attempts:
-            self._give_up(item, f"refused {self._n_refused} times")
-        elif age_s > self._options.give_up_h * 3600:
+        is_refused = self._n_refused >= self._options.attempts
+        if age_s > self._options.give_up_h * 3600:
             self._give_up(item, "too old")
+        elif is_refused and item.record.get("kind") == "alarm":
+            # An alarm is tried as long as it is not too old; what is behind it comes first now.
+            log.error("%s: refuses %s %d times", self.name, item.key, self._n_refused)
+            self._n_refused = 0
+            self._outbox.defer(item)
+            return False
+        elif is_refused:
+            self._give_up(item, f"refused {self._n_refused} times")
         else:
             return False
         return True

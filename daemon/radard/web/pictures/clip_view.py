@@ -16,13 +16,14 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from radard.dsp.downconvert import DownConverter
 from radard.web.pictures.spectrograms import Columns, Spectrograms
 from radard.web.pictures.wire import TIMED, axes, encode_columns
+from x2radar.errors import RecordingError
+from x2radar.recording.hdf5_file import Hdf5File
 from x2radar.recording.registry import open_recording
 
 Row = tuple[NDArray[np.complex64], bool]
@@ -30,6 +31,7 @@ Row = tuple[NDArray[np.complex64], bool]
 _BLOCK = 32  # frames at once, chosen
 _MOST_S = 660.0  # above the longest clip, clips.longest_s of 600 s and its pre_s
 _MOST_MEMORY = 2 << 30  # bytes of addresses, chosen: numpy, h5py and eleven minutes fit
+_MOST_DECISIONS = 10_000  # chosen: one a second, of eleven minutes
 _NICE = 10  # chosen: decisions come first
 _KEYS = ("t_s", "seq", "gate", "label", "alarm", "fused_p_human", "fused_p_pet", "range_m")
 
@@ -86,21 +88,25 @@ def _joined(made: list[Columns], spectrograms: Spectrograms) -> bytes:
 def _decisions(path: Path) -> list[dict[str, Any]]:
     """Return what was decided on the clip, on its own clock; nothing for a bare recording.
 
-    A clip gets its decisions when it ends; before, or after a kill, HDF5 takes it for a file that
-    is being written and opens it in another way alone.
+    A clip gets its decisions when it ends. What lies in other files, or is more than the file can
+    hold, is not read.
     """
     try:
-        file = h5py.File(path, "r")
-    except OSError:
+        file = Hdf5File(path)
+    except RecordingError:
         return []
-    with file:
-        group = file.get("decisions")
-        if group is None or not all(key in group for key in _KEYS):
+    try:
+        sets = {key: file.data_set(f"decisions/{key}") for key in _KEYS}
+        if any(each is None or each.ndim != 1 for each in sets.values()):
             return []
-        columns = {key: group[key][:] for key in _KEYS}
+        columns = {key: file.read(each, 0, _MOST_DECISIONS) for key, each in sets.items()}
+    except (RecordingError, OSError):
+        return []
+    finally:
+        file.close()
     return [
         {key: _plain(values[i]) for key, values in columns.items()}
-        for i in range(len(columns["t_s"]))
+        for i in range(min(map(len, columns.values())))
     ]
 
 
