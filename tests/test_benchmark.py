@@ -125,15 +125,11 @@ def test_a_bundle_is_judged_as_it_is(folder):
     assert np.ptp(p) > 0.1
 
 
-def test_what_judges_alarms_is_named_once_it_is_there(folder, tmp_path, capsys, monkeypatch):
+def test_a_bundle_is_told_what_judges_alarms(folder, tmp_path, capsys):
     (tmp_path / "data").symlink_to(folder)
     argv = ["benchmark", "--folder", str(tmp_path), "--elements", "40", "--fresh", "40"]
-    argv += ["--tasks", "T1D60", "--workers", "1", "--entry", "fast"]
-    for module in ("x2train.commands.gone", "x2train.commands.evaluate"):
-        monkeypatch.setattr("x2train.studies.benchmark.command.ACCEPT", module)
-        assert main(argv) == 0
-        said = "train-export accept judges a bundle" in capsys.readouterr().out
-        assert said == module.endswith("evaluate")
+    assert main([*argv, "--tasks", "T1D60", "--workers", "1", "--entry", "fast"]) == 0
+    assert "train-export accept --model" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,6 @@
 
 import argparse
 import os
-from importlib.util import find_spec
 from pathlib import Path
 
 from x2radar.commands import add_command
@@ -17,8 +16,6 @@ examples:
   train-export benchmark --entry models/mine.onnx
 A run that was interrupted goes on where it was. docs/benchmark.md tells what counts.
 """
-ACCEPT = "x2train.commands.accept"
-"""Judges a bundle as an alarm; named after bundles where this version has it."""
 
 
 def register(commands: Commands) -> None:
@@ -73,8 +70,8 @@ def _run(args: argparse.Namespace) -> int:
             scores.append(made)
             console.print(f"{task.name} {entrant.name}: {100 * made.accuracy:.1f} %")
     console.print("\n".join(table(scores)), markup=False)
-    if find_spec(ACCEPT) is not None and any(entrant.is_bundle for entrant in entrants):
-        console.print("train-export accept judges a bundle as an alarm, on whole passages")
+    if any(entrant.is_bundle for entrant in entrants):
+        console.print("train-export accept --model NAME judges a bundle as an alarm")
     if args.publish:
         publish(args.publish, scores, _command(args))
     return 0
