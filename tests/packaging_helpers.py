@@ -11,7 +11,8 @@ PARTS = (
     *("pyproject.toml", "MANIFEST.in", "README.md", "LICENSE", "CHANGELOG.md", "CONTRIBUTING.md"),
     *(
         "config.yaml",
-        "constraints.txt", "requirements.txt",
+        "constraints.txt",
+        "requirements.txt",
         "x2radar",
         "daemon",
         "training",
