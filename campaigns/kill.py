@@ -205,7 +205,9 @@ class House:
                 self._over.add(self._open_alarm)
 
     def _look_at_recording(self) -> None:
-        last = [row for row in self._rows() if row["type"] == "decision"][-1]
+        # Behind the last one that had its frames there may be nothing to record.
+        made = [row for row in self._rows() if row["type"] == "decision"]
+        last = [row for row in made if row["gate"] != "invalid"][-1:] or made[:1]
         try:
             with open_recording(self._recording) as reader:
                 rate_hz = reader.stream.frame_rate_hz
@@ -216,9 +218,9 @@ class House:
             return
         self._recording.unlink()
         # A second of frames: it lasts longer where some of them never came.
-        if end_s < last["t_s"] - 1.0 - last["dropped"] / rate_hz:
+        if end_s < last[0]["t_s"] - 1.0 - last[0]["dropped"] / rate_hz:
             self.found["unreadable"] += 1
-            print(f"recording {self._n}: ends at {end_s}, decided {last}", file=sys.stderr)
+            print(f"recording {self._n}: ends at {end_s}, decided {last[0]}", file=sys.stderr)
 
     def _alarm_that_is_on(self) -> str | None:
         on: str | None = None

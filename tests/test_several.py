@@ -5,6 +5,7 @@ import os
 import subprocess
 import threading
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import yaml
@@ -15,6 +16,7 @@ from radard.config.sections import GateSection
 from radard.errors import ConfigError, UsageError
 from radard.health.status_file import read_status, status_path
 from radard.pipeline import Pipeline
+from radard.service.radar_run import RadarRun
 from radard.stream.source import LiveSource
 from tests.daemon_helpers import Gate, launcher
 from tests.radar_helpers import python, run_radard, stable
@@ -462,3 +464,24 @@ def test_a_reload_that_adds_a_radar_without_a_model_changes_nothing(tmp_path, la
     seq = hall.panel()["seq"]
     wait_for(lambda: hall.panel()["seq"] > seq)
     assert daemon.stop() == 0
+
+
+def test_a_radar_that_does_not_end_is_waited_for_until_the_end_is_forced(launch, monkeypatch):
+    """What a stuck thread holds, as HDF5's lock, would hang the interpreter's end for ever."""
+    codes = []
+    held = SimpleNamespace(_exit=codes.append)
+    monkeypatch.setattr("radard.health.thread_dump.os", held)
+    monkeypatch.setattr("radard.service.supervision._DEADLINE_S", 0.5)
+    monkeypatch.setattr("radard.service.several._JOIN_S", 0.05)
+    gate = Gate()
+    gate.before(monkeypatch, RadarRun, "finish")
+    daemon = launch(sensors={"hall": {"port": "sim:empty"}})
+    (hall,) = daemon.run._radars
+    wait_for(lambda: hall.panel().get("seq"))
+    gate.shut()
+    try:
+        daemon.ask("stop")
+        wait_for(lambda: codes == [1])
+    finally:
+        gate.open()
+    daemon.stop()

@@ -139,6 +139,7 @@ class SeveralRadars(Supervisor):
             raise UsageError(msg)
         signals = Signals()
         self._keepers: list[Keeper] = []
+        self._left: list[Keeper] = []
         self._ask = signals.ask
         radars = [self._made(each, options) for each in config.each()]
         super().__init__(config, options, signals, radars)
@@ -190,6 +191,7 @@ class SeveralRadars(Supervisor):
             if keeper.stuck:
                 log.warning("stuck and left behind: %s", ", ".join(keeper.stuck))
         super()._change_radars(change)
+        self._left += [keeper for keeper in going if keeper.is_alive]
         self._keepers = [keeper for keeper in self._keepers if keeper not in going]
 
     def _begin(self, radars: Sequence[RadarRun]) -> None:
@@ -215,7 +217,8 @@ class SeveralRadars(Supervisor):
             keeper.stop()
         for keeper in going:
             keeper.join(_JOIN_S)
-        self._is_stuck = any(keeper.stuck for keeper in self._keepers)
+        is_left = any(keeper.is_alive for keeper in self._left)
+        self._is_stuck = is_left or any(keeper.stuck for keeper in self._keepers)
 
 
 def _source_of(config: Config) -> tuple[str | None, str]:

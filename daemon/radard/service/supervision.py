@@ -111,8 +111,11 @@ class Supervisor:
         self._control.stop()
         self._heart.stop()
         self._outputs.close()
-        # Not with a thread stuck in stdout: the interpreter's own end would hang there.
-        if self._force is not None and not self._is_stuck:
+        if self._is_stuck:
+            # The interpreter's own end would wait for ever for what a stuck thread holds: stdout,
+            # or HDF5's lock.
+            (self._force or force_after(_DEADLINE_S)).join()
+        elif self._force is not None:
             self._force.cancel()
 
     def _reload(self) -> None:
