@@ -221,3 +221,10 @@ def test_any_history_keeps_the_rules(seed):
             elif step.kind == "end":
                 is_on, ended_s = False, t_s
         assert is_on == (panel.state == "alarm")
+
+
+def test_without_a_policy_the_verdict_alone_counts():
+    policy = AlarmPolicy()
+    assert (policy.k, policy.n, policy.p_on, policy.p_off) == (1, 1, 0.0, 1.0)
+    delays_s = policy.exit_delay_s, policy.entry_delay_s, policy.latch_s, policy.refractory_s
+    assert delays_s == (0.0, 0.0, 0.0, 0.0)

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from radard.classify.classifier import Probabilities
+from radard.classify.classifier import Answer, Probabilities
 from radard.classify.decision import Verdict
 from radard.classify.evidence import Evidence, EvidenceSettings
 from radard.errors import ModelMismatch
@@ -189,3 +189,26 @@ def test_three_hops_of_the_slowest_stream_are_three_seconds():
     verdict = Verdict(0.8, 0.65, 3.0)
     unsure = window(0.4, 0.4, 0.2)
     assert [verdict.judge(unsure, t)[0] for t in (0, 1, 2, 2.932)] == ["pending"] * 3 + ["human"]
+
+
+def test_a_temporal_head_answers_instead_of_the_sum():
+    evidence = Evidence(EvidenceSettings(prior_human=1.0))
+    own = window(0.1, 0.8, 0.1)
+    head = np.log([0.2, 0.5, 0.3])
+    hidden = np.arange(4.0)
+    made = evidence.take(Answer(own, head, hidden))
+    odds = np.array([0.2 * math.e, 0.5, 0.3])
+    assert array(made) == pytest.approx(odds / odds.sum())
+    assert evidence.hidden is hidden
+    evidence.reset()
+    assert evidence.hidden is None
+    # Without a head the windows' sum, of which the head's answer is no part.
+    without = Evidence(EvidenceSettings(prior_human=1.0))
+    assert evidence.take(Answer(own)) == without.add(own)
+    assert evidence.hidden is None
+
+
+def test_what_a_sidecar_without_evidence_stands_for():
+    # Models are in use whose sidecars say nothing of it: these numbers are theirs.
+    s = EvidenceSettings()
+    assert (s.discount, s.most, s.prior_human, s.human_limit) == (0.6, 5.0, 0.0, 0.8)
