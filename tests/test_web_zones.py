@@ -11,6 +11,7 @@ from radard.commands.config import shown
 from radard.config.config import load_config, load_with_origins
 from radard.config.saved import forget, save, saved_path
 from radard.errors import ConfigError, OutputError
+from tests.sink_helpers import Listener, MqttBroker
 from tests.web_helpers import Running
 
 NOW = "2026-11-21T06:00:00.000Z"
@@ -56,6 +57,34 @@ def test_saved_zones_hold_at_once_and_after_a_restart(run, tmp_path):
     again.wait(lambda: zones_now(again) == {"include": [[0.5, 5.0]], "exclude": [], "away": []})
     assert again.get("/api/v1/status")[1]["has_saved_zones"] is False
     assert not (tmp_path / "radar.sim.zones.yaml").exists()
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_zones_are_saved_although_an_output_cannot_be_made_again_and_it_goes_on(tmp_path):
+    broker = MqttBroker(tmp_path)
+    listener = Listener(broker.port, "radard/#")
+    file = tmp_path / "config.yaml"
+    file.write_text("{}\n")
+    argv = ("--port", "sim:empty", "--model", "none", "--config", str(file))
+    running = Running(tmp_path, *argv, "-o", f"mqtt://127.0.0.1:{broker.port}").wait_online()
+
+    def last(name):
+        found = [m for t, m, _ in list(listener.messages) if t.endswith(f"/{name}")]
+        return found[-1] if found else b""
+
+    try:
+        running.wait(lambda: last("availability") == b"online")
+        # To save zones reads all of the configuration again, and so this mistake.
+        file.write_text("mqtt: {username: u, password_file: /nowhere/words}\n")
+        wanted = {"include": [], "exclude": [[1.2, 1.9]], "away": []}
+        assert running.post("/api/v1/zones", wanted)[0] == 202
+        running.wait(lambda: zones_now(running) == wanted)
+        running.wait(lambda: b"mqtt.password_file" in last("health"))
+        assert last("availability") == b"online"
+    finally:
+        running.end()
+        listener.close()
+        broker.stop()
 
 
 def test_the_environment_stands_before_what_was_saved(run):
