@@ -13,7 +13,6 @@ from scipy.io import loadmat
 
 from tests.radar_helpers import python
 from tests.recording_helpers import COUNTERS, LABELS, RATE_HZ, make
-from x2radar.distribution import install_hint
 from x2radar.errors import MissingExtra, RecordingError
 from x2radar.extras import EXTRAS, needed
 from x2radar.recording.convert import convert
