@@ -2,6 +2,7 @@
 
 import asyncio
 import gc
+import getpass
 import http.server
 import shutil
 import socket
@@ -127,6 +128,8 @@ class MqttBroker:
 
     def _start_mosquitto(self):
         lines = [f"listener {self.port} 127.0.0.1", "persistence false", "log_type none"]
+        # As root it would become another user, who may not read what is in this folder.
+        lines += [f"user {getpass.getuser()}"]
         if self._auth:
             words = self._folder / "passwords"
             command = ["mosquitto_passwd", "-b", "-c", str(words), USER, PASSWORD]

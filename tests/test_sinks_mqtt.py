@@ -329,6 +329,33 @@ def test_tls_and_a_certificate_that_nobody_signed(tmp_path, caplog):
         broker.stop()
 
 
+def test_over_tls_and_with_a_password_commands_are_taken(tmp_path):
+    cert = make_cert(tmp_path)
+    broker = MqttBroker(tmp_path, cert=cert, auth=True)
+    trusted = ssl.create_default_context(cafile=cert[0])
+    listener = Listener(broker.port, f"{BASE}/#", tls=trusted, user=(USER, PASSWORD))
+    words = tmp_path / "words"
+    words.write_text(f"{PASSWORD}\n")
+    heard = []
+    # Nothing is said of commands.
+    mqtt = MqttSection(ca_file=cert[0], password_file=words, discovery="off")
+    sink = open_output(
+        f"mqtts://{USER}@localhost:{broker.port}",
+        SinkOptions(outbox=QUICK, mqtt=mqtt),
+        SinkContext(sensor="hall", command=heard.append),
+    )
+    try:
+        sink.write(hello())
+        sink.write(status("online"))
+        wait_for(lambda: last(listener, "availability") == "online")
+        listener.say(f"{BASE}/command/disarm")
+        wait_for(lambda: heard == ["disarm"])
+    finally:
+        sink.close(0.5)
+        listener.close()
+        broker.stop()
+
+
 def test_passwords_right_and_wrong(tmp_path):
     broker = MqttBroker(tmp_path, auth=True)
     listener = Listener(broker.port, user=(USER, PASSWORD))
