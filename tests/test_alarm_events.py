@@ -7,7 +7,7 @@ import threading
 import pytest
 
 from radard.alarm import state_store
-from radard.alarm.events import EventTracker
+from radard.alarm.events import EventTracker, trial_alarm
 from radard.alarm.panel import AlarmPanel, AlarmPolicy
 from radard.alarm.state_store import KeptState, StateStore
 from radard.alarm.tamper import Finding
@@ -308,3 +308,19 @@ def test_a_remark_is_an_update_and_the_reason_comes_back():
     (back,) = tracker.on_decision(decision(3), DWELL, findings=[covered])
     assert (back.phase, back.reason) == ("update", new.reason)
     assert tracker.remark("fault", "x", 3.5) == []
+
+
+def test_the_time_of_an_id_is_stream_time_in_milliseconds():
+    digits = "0123456789ABCDEFGHJKMNPQRSTVWXYZ"
+    for t_s in (0.0, 2.45, 3601.5):
+        new, end = trial_alarm(t_s)
+        made_ms = 0
+        for letter in new.id[:10]:
+            made_ms = 32 * made_ms + digits.index(letter)
+        assert made_ms == round(1000 * t_s)
+        assert len(new.id) == 26
+        assert (new.phase, end.phase, new.kind) == ("new", "end", "alarm")
+        assert (new.t_s, end.end_t_s) == (t_s, t_s)
+        assert new.id == end.id
+        assert new.is_trial
+        assert end.is_trial
