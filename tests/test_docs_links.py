@@ -93,7 +93,7 @@ def test_names_of_modules_are_right(page):
 def test_files_named_by_their_end_are_there(page):
     known = [
         f"/{path.relative_to(ROOT)}"
-        for folder in (*PACKAGES.values(), "tests", "benchmarks", "tools")
+        for folder in (*PACKAGES.values(), "tests", "benchmarks", "campaigns", "tools")
         for path in (ROOT / folder).rglob("*.py")
     ]
     for name in re.findall(r"`((?:\w+/)*\w+\.py)`", text_of(page)):
