@@ -89,7 +89,7 @@ def test_only_the_events_that_are_chosen(server, sink):
 def test_a_refusal_is_given_up(server, sink):
     server.code = 404
     made = sink()
-    made.write(event(1))
+    made.write(event(1, kind="fault"))
     wait_for(lambda: made.state.n_dropped == 1)
     assert made.state.reason == "the service answers 404"
     assert made.name == "apprise:json"
