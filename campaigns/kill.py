@@ -113,7 +113,7 @@ class House:
         """Start it, let it live a while, kill it, and look at what it left."""
         daemon = self._started()
         try:
-            self._check_state()
+            self._check_state(daemon.pid)
             if self._rng.random() < 0.5:
                 self._command()
             self._live(daemon)
@@ -126,7 +126,7 @@ class House:
         """Start it for the last time, until every event has arrived."""
         daemon = self._started()
         try:
-            self._check_state()
+            self._check_state(daemon.pid)
             with contextlib.suppress(TimeoutError):
                 wait_for(lambda: not self._missing_at_broker(), "events at the broker")
         finally:
@@ -187,9 +187,12 @@ class House:
                 # Whatever was on is over, although the kill may come before that is told.
                 self._over |= {row["id"] for row in self._told()}
 
-    def _check_state(self) -> None:
+    def _check_state(self, pid: int) -> None:
         """Compare what it says after the start with what held when it was killed."""
-        text = (self._folder / "radar.status.json").read_text()
+        path = self._folder / "radar.status.json"
+        # The file of the one that was killed is still there.
+        wait_for(lambda: path.exists() and json.loads(path.read_text())["pid"] == pid, "a status")
+        text = path.read_text()
         status = json.loads(text)
         if status.get("armed") is not self._is_armed:
             self.found["lost_states"] += 1
