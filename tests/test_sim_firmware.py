@@ -167,7 +167,9 @@ def test_every_module_has_a_row_a_firmware_and_a_name_in_the_docs():
 
 
 def test_a_row_and_its_firmware_are_all_that_a_module_needs(monkeypatch):
-    row = ModuleRow(device="mine", name="Mine", settings=X4Settings, order_codes=("X4M0",), bundle="mine")
+    row = ModuleRow(
+        device="mine", name="Mine", settings=X4Settings, order_codes=("X4M0",), bundle="mine"
+    )
     monkeypatch.setitem(MODULES, "mine", row)
     monkeypatch.setitem(FIRMWARES, "mine", X4Firmware)
     frames, stream = opened("sim:human?device=mine&rate=20", 3)
