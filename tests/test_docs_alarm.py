@@ -78,7 +78,7 @@ def test_no_exit_delay():
     assert panel.state == "armed"
 
 
-@pytest.mark.parametrize(("empty_s", "closed_s"), [(0, 24), (70, 33)])
+@pytest.mark.parametrize(("empty_s", "closed_s"), [(0, 24), (70, 31)])
 def test_motion_in_one_place_becomes_background(empty_s, closed_s, tmp_path):
     walk = "{body: human, style: walk, waypoints_m: [[0.3, 4.8], [0.0, 2.0]], speed_mps: 0.9"
     here = "{body: human, style: exercise, waypoints_m: [[0.0, 2.0], [0.0, 2.01]]"

@@ -111,9 +111,10 @@ def test_the_gate_sees_them_alike(model, name):
         readings.append([(r.noise_floor_db, r.power_db - r.noise_floor_db) for r in made])
         assert any(r.is_open for r in made) == bool(cast)
     floor_db, excess_db = np.median(readings, axis=1).T
-    # Two seconds tell the noise to some tenths of a decibel.
+    # Two seconds tell the noise to some tenths of a decibel; of more bins and cells the strongest
+    # is a little stronger.
     assert np.ptp(floor_db) < 0.5
-    assert np.ptp(excess_db) < 0.5
+    assert np.ptp(excess_db) < 0.9
 
 
 def test_the_same_passage_has_the_same_truth_before_both():

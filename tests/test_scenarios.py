@@ -262,4 +262,7 @@ def test_unseen_rooms_are_built_otherwise():
     assert "x" not in {each.axis for s in usual for each in s.surfaces}
     assert {s.room.profile for s in unseen} == {"power"}
     assert "power" not in {s.room.profile for s in usual if s.room}
-    assert max(s.antenna.tilt_deg for s in usual) < 27
+    assert max(s.antenna.tilt_deg for s in usual) < 33 < min(s.antenna.tilt_deg for s in unseen)
+    assert max(s.antenna.height_m for s in usual) < 2.55 < min(s.antenna.height_m for s in unseen)
+    # Nothing between a switch and a door frame.
+    assert not [s for s in usual if 1.65 < s.antenna.height_m < 1.85]

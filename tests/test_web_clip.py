@@ -188,5 +188,7 @@ def test_a_clip_that_asks_for_gigabytes_gets_none(tmp_path):
         # A few bytes that stand for 8 GB.
         group.create_dataset("t_s", (1_000_000_000,), "f8", chunks=(1_000_000,), fillvalue=0.0)
     assert path.stat().st_size < 1_000_000
-    with pytest.raises(RadardError, match=r"too much memory|allocate"):
-        asyncio.run(read_clip(path))
+    # Its pictures come; of what is more than the file can hold nothing is read.
+    data = asyncio.run(read_clip(path))
+    (n,) = struct.unpack_from("<I", data)
+    assert len(json.loads(data[4 : 4 + n])["decisions"]) <= 1

@@ -247,7 +247,7 @@ def test_no_get_changes_anything(make):
     client.sink.write(event(ULID))
     app = client.sink._first.app._app
     changing = [r for r in app.routes if isinstance(r, Route) and "POST" in r.methods]
-    assert len(changing) == 6
+    assert len(changing) == 8
     for route in changing:
         assert route.methods == {"POST"}
         for method in ("GET", "HEAD", "PUT", "DELETE", "PATCH"):

@@ -2,11 +2,11 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from statistics import NormalDist
 from typing import Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri
 
 from x2radar.errors import SceneError
 from x2radar.sim.bodies.flyer.flight import Wander
@@ -78,7 +78,7 @@ class Breath:
         by 2 to 6 mm with a breath and 0.2 to 0.5 mm with a beat (recalled).
         """
         small = (_ADULT_M / min(stature_m, _ADULT_M)) ** 0.85
-        breaths = (16 + 3 * float(ndtri(np.clip(share[1], 0.02, 0.98)))) * small
+        breaths = NormalDist(16, 3).inv_cdf(min(max(float(share[1]), 0.02), 0.98)) * small
         size_m, phase_rad = 0.001 + 0.002 * float(share[0]), 2 * np.pi * float(share[2])
         beats = (70 + 10 * float(rng.standard_normal())) * small
         beat_m = float(rng.uniform(1e-4, 2.5e-4))
