@@ -8,6 +8,7 @@ from x2train.studies.benchmark.scoring import Score
 from x2train.studies.benchmark.tasks import FULL
 
 BEGIN, END = "<!-- results -->", "<!-- end of results -->"
+_NOT_RUN = "<!-- not run: minutes of simulation -->\n"
 
 
 def table(scores: Sequence[Score]) -> Iterator[str]:
@@ -52,5 +53,7 @@ def publish(path: Path, scores: Sequence[Score], command: str) -> None:
     if not begin or not end:
         msg = f"{path}: lacks the marks {BEGIN} and {END}"
         raise UsageError(msg)
-    body = "\n".join(("", "", f"    {command}", "", *table(scores), "", ""))
+    # The pages' tests heed the mark: results take minutes, or hours.
+    lines = ("", "", _NOT_RUN, f"    {command}", "", *table(scores), "", "")
+    body = "\n".join(lines)
     path.write_text(f"{before}{begin}{body}{end}{behind}", "utf-8")
