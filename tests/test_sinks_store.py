@@ -183,3 +183,11 @@ def test_a_store_of_the_first_version_goes_on_and_says_whose_decisions(path):
     ]
     db.close()
     assert [(e.id, e.sensor) for e in read_events(path)] == [("OLD", "hall"), (ulid(1), "attic")]
+
+
+@pytest.mark.parametrize("mark", ["simulated", "replayed", "test", None])
+def test_a_store_says_what_was_not_live(path, mark):
+    marked = {**event(1), **({mark: True} if mark else {})}
+    filled(path, [marked, {**marked, "phase": "end"}])
+    (stored,) = read_events(path)
+    assert stored.mark == mark

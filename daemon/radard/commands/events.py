@@ -67,4 +67,5 @@ def _table(events: Sequence[StoredEvent]) -> Iterator[str]:
             s = datetime.fromisoformat(e.end_time) - datetime.fromisoformat(e.start_time)
             lasted = f"{s.total_seconds():.0f} s"
         began = e.start_time[:19].replace("T", " ")
-        yield f"{began:<20} {e.kind:<7} {lasted:>8} {e.peak:>5.2f}  {e.reason:<32} {e.id}"
+        mark = f"  {e.mark}" if e.mark else ""
+        yield f"{began:<20} {e.kind:<7} {lasted:>8} {e.peak:>5.2f}  {e.reason:<32} {e.id}{mark}"

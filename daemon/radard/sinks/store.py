@@ -19,15 +19,17 @@ from radard.sinks.base import DeliveryError, Record, SinkContext
 from radard.sinks.database import ForeignDatabase, is_passing, open_database
 from radard.sinks.thread_sink import DirectSink
 
+MARKS = ("test", "simulated", "replayed")
+"""What a record has of an event that is only a test, and of a stream that is not live."""
 APPLICATION_ID = int.from_bytes(b"rdst", "big")
-VERSION = 2  # of the schema; see `_NEWER`
+VERSION = 3  # of the schema; see `_NEWER`
 _COMMIT_S = 10.0  # chosen: what a power cut may cost of decisions
 _PRUNE_S = 600.0  # chosen: how often rows are deleted
 _SCHEMA = """
 CREATE TABLE IF NOT EXISTS events (
     id TEXT PRIMARY KEY, sensor TEXT NOT NULL, kind TEXT NOT NULL, phase TEXT NOT NULL,
     start_s REAL NOT NULL, end_s REAL, start_t_s REAL NOT NULL, end_t_s REAL,
-    peak REAL NOT NULL, reason TEXT NOT NULL, clip TEXT
+    peak REAL NOT NULL, reason TEXT NOT NULL, clip TEXT, mark TEXT
 );
 CREATE INDEX IF NOT EXISTS events_by_start ON events (start_s);
 CREATE TABLE IF NOT EXISTS statuses (
@@ -42,9 +44,9 @@ CREATE TABLE IF NOT EXISTS decisions (
 """
 _PUT_EVENT = """
 INSERT INTO events (id, sensor, kind, phase, start_s, end_s, start_t_s, end_t_s, peak, reason,
-                    clip)
+                    clip, mark)
 VALUES (:id, :sensor, :kind, :phase, :time_s, :end_s, :start_t_s, :end_t_s, :peak, :reason,
-        :clip)
+        :clip, :mark)
 ON CONFLICT (id) DO UPDATE SET
     phase = excluded.phase, end_s = excluded.end_s, end_t_s = excluded.end_t_s,
     peak = max(peak, excluded.peak), clip = coalesce(excluded.clip, clip),
@@ -57,7 +59,10 @@ INSERT INTO decisions (time_s, seq, t_s, gate, power_db, threshold_db, p_human, 
 VALUES (:time_s, :seq, :t_s, :gate, :power_db, :threshold_db, :fused_p_human, :fused_p_pet,
         :fused_p_other, :label, :alarm, :range_m, :sensor)
 """
-_NEWER = {2: tuple(f"ALTER TABLE {t} ADD COLUMN sensor TEXT" for t in ("statuses", "decisions"))}
+_NEWER = {
+    2: tuple(f"ALTER TABLE {t} ADD COLUMN sensor TEXT" for t in ("statuses", "decisions")),
+    3: ("ALTER TABLE events ADD COLUMN mark TEXT",),
+}
 """Statements that bring a file of the previous version to each version."""
 _OLDEST = """
 DELETE FROM {0} WHERE rowid IN (
@@ -148,7 +153,9 @@ class StoreSink(DirectSink):
     def _event_row(self, record: Record) -> dict[str, object]:
         time_s = _seconds(record["time"])
         end_s = time_s if record["phase"] == "end" else None
-        return {"sensor": self._sensor, **record, "time_s": time_s, "end_s": end_s}
+        mark = next((name for name in MARKS if record.get(name)), None)
+        row = {"sensor": self._sensor, **record, "time_s": time_s}
+        return row | {"end_s": end_s, "mark": mark}
 
     def _of(self, record: Record) -> str:
         return str(record.get("sensor", self._sensor))

@@ -13,7 +13,8 @@ from radard.errors import RadardError, UsageError
 from radard.sinks.store import APPLICATION_ID, VERSION
 
 _UNIT_S = {"s": 1, "min": 60, "h": 3600, "d": 86_400, "w": 604_800}
-_COLUMNS = "id, sensor, kind, phase, start_s, end_s, start_t_s, end_t_s, peak, reason, clip"
+_COLUMNS = "id, sensor, kind, phase, start_s, end_s, start_t_s, end_t_s, peak, reason, clip, mark"
+_MARKED = 3  # version of the first stores that have marks
 
 
 class StoreError(RadardError):
@@ -27,7 +28,8 @@ class StoredEvent:
     """One event in its last known phase, by the names of the records of type event.
 
     `start_time` and `end_time` are the wall clock in UTC, ISO 8601; `end_time` is None if it has
-    not ended, or the daemon did not see its end. `*_t_s` are stream time, in seconds.
+    not ended, or the daemon did not see its end. `*_t_s` are stream time, in seconds. `mark` is
+    one of `MARKS`, None of a live event and of those that stores of earlier versions hold.
     """
 
     id: str
@@ -41,6 +43,7 @@ class StoredEvent:
     peak: float
     reason: str
     clip: str | None
+    mark: str | None = None
 
 
 def read_events(
@@ -70,13 +73,15 @@ def read_events(
         msg = f"{path}: only its owner may read it; try sudo -u {path.owner()}"
         raise StoreError(msg)
     wanted = ",".join("?" * len(kinds)) if kinds else "SELECT DISTINCT kind FROM events"
-    query = (
-        f"SELECT {_COLUMNS} FROM events WHERE start_s >= ? AND kind IN ({wanted}) "  # noqa: S608
-        "ORDER BY start_s DESC, rowid DESC LIMIT ?"
-    )
     values = (since_s if since_s is not None else -1e18, *kinds, limit or -1)
     try:
         with closing(_open(path)) as db:
+            version = db.execute("PRAGMA user_version").fetchone()[0]
+            columns = _COLUMNS if version >= _MARKED else _COLUMNS.replace(", mark", ", NULL")
+            query = (
+                f"SELECT {columns} FROM events WHERE start_s >= ? AND kind IN ({wanted}) "  # noqa: S608
+                "ORDER BY start_s DESC, rowid DESC LIMIT ?"
+            )
             rows = db.execute(query, values).fetchall()
     except sqlite3.Error as err:
         msg = f"{path}: cannot be read as a store: {err}"

@@ -21,6 +21,7 @@ from radard.errors import ConfigError, ModelMismatch
 from radard.health.health import Status, overall
 from radard.outputs.fanout import Host
 from radard.sinks.base import Sink
+from radard.sinks.store import MARKS
 from radard.sinks.store_query import StoredEvent, StoreError, read_events
 from radard.web.auth import Role
 from radard.web.history import History
@@ -33,9 +34,6 @@ _NUMBERS = ("confirm_k", "confirm_n", "p_on", "p_off")
 _MOST_EVENTS = 2000  # chosen: what an answer reads of a store
 _SAME = ("id", "kind", "phase", "start_t_s", "end_t_s", "peak", "clip")
 """What an answer has under the name that a record and a stored event have, too."""
-
-_MARKS = ("simulated", "replayed", "test")
-"""What a record has of a stream that is not live, and of an event that is only a test."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -298,7 +296,7 @@ def _of_record(record: Mapping[str, Any], sensor: str) -> dict[str, Any]:
         "began": record["began"],
         "ended": record["time"] if record["phase"] == "end" else None,
         "reason": record["cause"],
-        **{key: True for key in _MARKS if key in record},
+        **{key: True for key in MARKS if key in record},
     }
 
 
@@ -307,6 +305,7 @@ def _of_store(event: StoredEvent) -> dict[str, Any]:
         **{key: getattr(event, key) for key in (*_SAME, "sensor", "reason")},
         "began": event.start_time,
         "ended": event.end_time,
+        **({event.mark: True} if event.mark else {}),
     }
 
 
