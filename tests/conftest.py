@@ -1,5 +1,6 @@
 """Settings of all tests: the same on any machine and however they were started."""
 
+import contextlib
 import itertools
 import json
 import logging
@@ -121,3 +122,28 @@ def golden(request):
         return [json.loads(line) for line in path.read_text().splitlines()]
 
     return kept
+
+
+@pytest.fixture
+def broker(tmp_path):
+    """Start a real MQTT broker; a file with one of its own has that."""
+    from tests.sink_helpers import MqttBroker
+
+    made = MqttBroker(tmp_path)
+    yield made
+    made.stop()
+
+
+@pytest.fixture
+def listen(broker):
+    """Return what listens to topics of the broker, until the end."""
+    from tests.sink_helpers import Listener
+
+    with contextlib.ExitStack() as stack:
+
+        def begin(*topics):
+            listener = Listener(broker.port, *topics)
+            stack.callback(listener.close)
+            return listener
+
+        yield begin

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from tests.training_helpers import TINY, toy
-from x2train.nets import map_checkpoint
+from x2train.nets import checkpoint_file, map_checkpoint
 from x2train.nets.epoch import Epoch
 from x2train.nets.map_fit import fit_maps
 
@@ -29,7 +29,7 @@ def often(monkeypatch):
     monkeypatch.setattr(map_checkpoint.Checkpoints.__init__, "__defaults__", (0.0,))
 
     def stop_after(n):
-        write, count = map_checkpoint.write_whole, [0]
+        write, count = checkpoint_file.write_whole, [0]
 
         def counted(path, data):
             write(path, data)
@@ -37,7 +37,7 @@ def often(monkeypatch):
             if count[0] == n:
                 raise Stopped
 
-        monkeypatch.setattr(map_checkpoint, "write_whole", counted)
+        monkeypatch.setattr(checkpoint_file, "write_whole", counted)
 
     return stop_after
 

@@ -13,32 +13,13 @@ from radard.sinks import open_output
 from radard.sinks.base import SinkContext
 from radard.sinks.mqtt.commands import CommandReader, MqttCommand
 from radard.sinks.mqtt.homeassistant import panel_command, panel_state
-from tests.sink_helpers import QUICK, Listener, MqttBroker, decision, event, hello, status
+from tests.sink_helpers import QUICK, decision, event, hello, status
 from tests.waiting import wait_for
 
 BASE = "radard/hall"
 DEVICE = "homeassistant/device/radard_hall/config"
 # amqtt leaves the sockets of its clients to the collector.
 pytestmark = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
-
-
-@pytest.fixture
-def broker(tmp_path):
-    made = MqttBroker(tmp_path)
-    yield made
-    made.stop()
-
-
-@pytest.fixture
-def listen(broker):
-    with contextlib.ExitStack() as stack:
-
-        def begin(*topics):
-            listener = Listener(broker.port, *topics)
-            stack.callback(listener.close)
-            return listener
-
-        yield begin
 
 
 @pytest.fixture

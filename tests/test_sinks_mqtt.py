@@ -35,25 +35,6 @@ pytestmark = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptio
 
 
 @pytest.fixture
-def broker(tmp_path):
-    made = MqttBroker(tmp_path)
-    yield made
-    made.stop()
-
-
-@pytest.fixture
-def listen(broker):
-    with contextlib.ExitStack() as stack:
-
-        def begin(*topics):
-            listener = Listener(broker.port, *topics)
-            stack.callback(listener.close)
-            return listener
-
-        yield begin
-
-
-@pytest.fixture
 def publish(broker, tmp_path):
     """Open a sink on the broker; closed at the end."""
     with contextlib.ExitStack() as stack:

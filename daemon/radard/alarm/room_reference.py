@@ -1,7 +1,7 @@
 """RoomReference: what tamper is measured against, kept over a restart in one small JSON file.
 
-Without it, whoever covers or jams the sensor and then restarts radard, or its machine, would have
-made that the room. A file that cannot be read, or is of another stream, counts as none.
+Without it, somebody who covers or jams the sensor and then restarts radard, or its machine,
+would have made that the room. A file that cannot be read, or is of another stream, counts as none.
 """
 
 import json

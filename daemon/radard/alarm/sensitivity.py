@@ -64,7 +64,7 @@ class SensitivityChoice:
 def sensitivity_choices(
     section: AlarmSection, decision_policy: str, card: Card | None
 ) -> tuple[SensitivityChoice, ...]:
-    """Return all sensitivities from low to high, for whoever offers them.
+    """Return all sensitivities from low to high, as pages and brokers offer them.
 
     `decision_policy` is 'window' or 'fused', `card` the loaded model's; None without a model.
     """

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from radard.commands.progress_line import ProgressLine
 from radard.config.config import load_config
-from radard.config.options import config_options
+from radard.config.options import add_judging, config_options
 from radard.errors import OutputError, RadardError, UsageError
 from radard.offline.detect import Judged, judge_all
 from radard.offline.tables import COLUMNS, FORMATS, Table, open_table
@@ -75,13 +75,7 @@ def make_parser() -> Parser:
     add("--out", type=Path, metavar="FILE", help="file to write (stdout)")
     add("--rows", choices=list(COLUMNS), default="decisions", help="of the table (decisions)")
     add("--jobs", type=int, metavar="N", help="processes (all cores)")
-    add("--model", help="installed bundle, .onnx file, none for the gate alone, or auto")
-    add("--profile", help="fast, balanced or accurate: the bundle of that name")
-    add("--sensitivity", choices=["low", "normal", "high"], help="see radard explain (normal)")
-    add("--config", type=Path, metavar="FILE", help="configuration file")
-    add("--sensor", metavar="NAME", help="one of the configuration's sensors")
-    defaults = {"port": None, "output": None, "speed": None, "wait": None, "on_device_loss": None}
-    parser.set_defaults(**defaults)
+    add_judging(parser)
     return parser
 
 

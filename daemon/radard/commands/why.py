@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from radard.config.config import load_config
-from radard.config.options import config_options
+from radard.config.options import add_judging, config_options
 from radard.errors import OutputError, UsageError
 from x2radar.command import Parser, new_parser
 from x2radar.extras import needed
@@ -63,11 +63,5 @@ def make_parser() -> Parser:
     add("file", type=Path, metavar="FILE", help="recording, or folder of its parts")
     add("--at", type=float, required=True, metavar="S", help="seconds of the recording")
     add("--out", type=Path, metavar="FILE", help="PNG, PDF or SVG to draw")
-    add("--model", help="installed bundle, .onnx file, or auto")
-    add("--profile", help="fast, balanced or accurate: the bundle of that name")
-    add("--sensitivity", choices=["low", "normal", "high"], help="see radard explain (normal)")
-    add("--config", type=Path, metavar="FILE", help="configuration file")
-    add("--sensor", metavar="NAME", help="one of the configuration's sensors")
-    defaults = {"port": None, "output": None, "speed": None, "wait": None, "on_device_loss": None}
-    parser.set_defaults(**defaults)
+    add_judging(parser)
     return parser

@@ -51,3 +51,15 @@ def config_options(args: argparse.Namespace) -> dict[str, Any]:
     if args.output:
         options["output"] = args.output
     return options
+
+
+def add_judging(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `config_options` that judging recordings takes."""
+    add = parser.add_argument
+    add("--model", help="installed bundle, .onnx file, none for the gate alone, or auto")
+    add("--profile", help="fast, balanced or accurate: the bundle of that name")
+    add("--sensitivity", choices=["low", "normal", "high"], help="see radard explain (normal)")
+    add("--config", type=Path, metavar="FILE", help="configuration file")
+    add("--sensor", metavar="NAME", help="one of the configuration's sensors")
+    defaults = {"port": None, "output": None, "speed": None, "wait": None, "on_device_loss": None}
+    parser.set_defaults(**defaults)

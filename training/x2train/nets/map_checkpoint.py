@@ -4,9 +4,7 @@ A training that goes on from one takes the same steps as one that was never inte
 """
 
 import hashlib
-import io
 import json
-import pickle
 import time
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
@@ -17,7 +15,7 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
-from x2train.generate.shards import write_whole
+from x2train.nets.checkpoint_file import read_checkpoint, write_checkpoint
 from x2train.nets.optimizer import MuonAdamW
 
 _EVERY_S = 300.0  # of wall clock: chosen, what an interruption costs at most
@@ -105,10 +103,8 @@ class Checkpoints:
             rng.get_state(),
             torch.get_rng_state(),
         )
-        data = io.BytesIO()
-        torch.save({f.name: getattr(point, f.name) for f in fields(point)}, data)
         self._path.parent.mkdir(parents=True, exist_ok=True)
-        write_whole(self._path, data.getvalue())
+        write_checkpoint(self._path, {f.name: getattr(point, f.name) for f in fields(point)})
         self._next_s = time.monotonic() + self._every_s
 
     def done(self) -> None:
@@ -118,18 +114,8 @@ class Checkpoints:
 
     def _read(self) -> Point | None:
         """Return the file's point; None if there is none, or it is of another run or damaged."""
-        if self._path is None or not self._path.exists():
+        known = read_checkpoint(self._path) if self._path is not None else None
+        if known is None or known.keys() != {f.name for f in fields(Point)}:
             return None
-        try:
-            point = Point(**torch.load(self._path, weights_only=True, map_location="cpu"))
-        except (
-            OSError,
-            RuntimeError,
-            EOFError,
-            TypeError,
-            ValueError,
-            LookupError,
-            pickle.UnpicklingError,
-        ):
-            return None
+        point = Point(**known)
         return point if point.print == self._run else None

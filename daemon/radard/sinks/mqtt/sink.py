@@ -71,7 +71,7 @@ def parse_url(url: str, options: MqttSection, sensor: str) -> tuple[Broker, str]
 
 
 def _takes_commands(broker: Broker, options: MqttSection) -> bool:
-    """Return whether commands may come in: whoever can publish there can disarm."""
+    """Return whether commands may come in: any client that can publish there can disarm."""
     has_password = options.password_file is not None or options.password_env is not None
     is_authenticated = broker.is_tls and (has_password or options.cert_file is not None)
     return options.commands == "always" or (options.commands == "auto" and is_authenticated)
@@ -204,7 +204,7 @@ class MqttSink(OutboxSink):
             context.command(command.name)
 
     def _warn(self, text: str) -> None:
-        """Log what is wrong with a command, once a minute; whoever sends them must not fill it."""
+        """Log what is wrong with a command, once a minute: a sender must not fill the log."""
         now_s = time.monotonic()
         if now_s - self._warned_s < _WARN_S:
             self._n_unsaid += 1

@@ -1,4 +1,4 @@
-"""The tasks: the thesis' eight sets, fixed by a version; whoever repeats them gets the same data.
+"""The tasks: the thesis' eight sets, fixed by a version; they give everybody the same data.
 
 A task is one of the sets of tables 4.2 of the thesis: people against dogs or cats, 60 or 200
 frames a second, with the thesis' type 1 or type 2 vector. Beside the vector every element has

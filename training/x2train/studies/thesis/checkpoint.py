@@ -1,17 +1,14 @@
 """Checkpoints of a training: whole or not there, and good for the very same run only."""
 
 import hashlib
-import io
 import json
-import pickle
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import Any
 
 import torch
 
-from x2train.generate.shards import write_whole
+from x2train.nets.checkpoint_file import read_checkpoint, write_checkpoint
 from x2train.studies.thesis.mlp import RepeatedMlp
 from x2train.studies.thesis.sets import CellData
 from x2train.studies.thesis.settings import FitSettings
@@ -51,25 +48,12 @@ def fingerprint(data: Iterable[CellData], settings: FitSettings, start: Repeated
 
 def save_checkpoint(path: Path, point: Checkpoint) -> None:
     """Write a checkpoint, whole or not at all; raise RecordingError if the disk refuses."""
-    data = io.BytesIO()
-    torch.save({f.name: getattr(point, f.name) for f in fields(point)}, data)
-    write_whole(path, data.getvalue())
+    write_checkpoint(path, {f.name: getattr(point, f.name) for f in fields(point)})
 
 
 def load_checkpoint(path: Path) -> Checkpoint | None:
     """Return a checkpoint; None if there is none that can be trusted."""
-    if not path.exists():
+    known = read_checkpoint(path)
+    if known is None or known.keys() != {f.name for f in fields(Checkpoint)}:
         return None
-    try:
-        state: dict[str, Any] = torch.load(path, weights_only=True, map_location="cpu")
-        return Checkpoint(**state)
-    except (
-        OSError,
-        RuntimeError,
-        EOFError,
-        TypeError,
-        ValueError,
-        LookupError,
-        pickle.UnpicklingError,
-    ):
-        return None
+    return Checkpoint(**known)

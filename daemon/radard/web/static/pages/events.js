@@ -25,7 +25,7 @@ const SINCE = [
   ["30d", "last 30 days"],
 ];
 
-// Whether alarms without a label are gone through one after the other; a choice opens the page anew.
+// Whether alarms without a label are gone through one after the other; a choice opens the page again.
 let isReviewing = false;
 
 export function eventsPage(argument, signal) {
