@@ -39,7 +39,8 @@ class EventsPage {
     this.chosen = chosen;
     this.list = h("div", { class: "eventlist" });
     this.days = h("div", { class: "days", role: "img" });
-    this.review = h("button", { type: "button", onclick: () => this.#reviewNext(true) });
+    // Named from the start: events may take a while to come.
+    this.review = h("button", { type: "button", disabled: true, onclick: () => this.#reviewNext(true) }, "Review alarms");
     this.count = h("p", { class: "quiet", role: "status" });
     this.detail = h("div", { class: "detail" });
     this.filters = this.#filters();

@@ -16,7 +16,7 @@ let last = null;
 export function walkTest(signal) {
   const button = h("button", { type: "button", class: "primary" }, "Start the walk test");
   const save = h("button", { type: "button", disabled: true }, "Save the report");
-  const arming = h("button", { type: "button", hidden: true });
+  const arming = h("button", { type: "button", hidden: true }, "Disarm");
   const said = h("p", { role: "status" }, "");
   const verdict = h("p", { class: "verdict", role: "status", hidden: true });
   const cells = h("div", { class: "coverage", role: "img", "aria-label": "Nothing walked yet" });
