@@ -62,7 +62,8 @@ def page(
         "clutter and jitter, maps, pictures. **ratio** is that against the switch's finest value",
         "in the same run. **loss** is how far a picture is from the one of the finest value,",
         "everything else alike: rms over all that either shows, in dB (25 dB deep for the",
-        "short CPI, 30 dB for the others). **Bold** is what the shipped bundles have.",
+        "short CPI, 30 dB for the others); pictures that stay alike are left out. **Bold** is",
+        "what the shipped bundles have.",
         "",
         f"![loss against cost]({plot})",
         "",
@@ -78,7 +79,8 @@ def page(
 
 
 def _table(switch: Switch, rows: list[Row]) -> list[str]:
-    names = list(rows[0].loss_db)
+    # What a switch does not change is not worth a column.
+    names = [name for name in rows[0].loss_db if any(row.loss_db.get(name) != 0 for row in rows)]
     heads = " | ".join(f"loss {_PICTURES[name]}, dB" for name in names)
     lines = [
         f"## {switch.title[:1].upper()}{switch.title[1:]}",
