@@ -5,7 +5,7 @@ import re
 import shutil
 import subprocess
 import sys
-from collections import deque
+from collections import Counter, deque
 from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
@@ -14,6 +14,7 @@ import pytest
 import yaml
 
 from tests.waiting import wait_for
+from x2radar.wire.layouts import COMMAND_VARIANTS, COMMANDS, RESPONSE_VARIANTS, RESPONSES
 
 pytest.importorskip("mkdocs", reason="no mkdocs: pip install '.[docs]'")
 ROOT = Path(__file__).parents[1]
@@ -193,6 +194,15 @@ def test_parts_made_from_the_program_are_in_place(site):
         text = re.sub(r"<[^>]+>", "", (site / page).read_text("utf-8"))
         for each in words:
             assert each in text, (page, each)
+
+
+def test_every_message_is_in_the_reference(site):
+    page = (site / "reference" / "protocol.html").read_text("utf-8")
+    cells = re.findall(r"<td><code>(\w+)</code></td>\s*<td><code>([0-9a-f ]+)</code></td>", page)
+    rows = COMMANDS + COMMAND_VARIANTS + RESPONSES + RESPONSE_VARIANTS
+    assert Counter(cells) == Counter((row.cls.__name__, row.prefix.hex(" ")) for row in rows)
+    for part in ("f32 i[n], f32 q[n]", "u32 n1, u32 n2", "u32 code, anything", "i32 value"):
+        assert part in page
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+import messages
 import yaml
 from pydantic import BaseModel
 
@@ -267,5 +268,6 @@ PARTS: Mapping[str, Callable[[], str]] = {
     "python": python,
     "contributing": contributing,
     "cards": cards,
+    **messages.PARTS,
 }
 """What a line `<!-- generated: NAME -->` of a page stands for."""

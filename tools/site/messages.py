@@ -1,0 +1,69 @@
+"""Tables of the protocol's messages, made from the rows of `x2radar.wire.layouts`."""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import fields
+
+from x2radar.wire.layouts import (
+    COMMAND_VARIANTS,
+    COMMANDS,
+    RESPONSE_VARIANTS,
+    RESPONSES,
+    Layout,
+)
+
+_TYPES = {
+    "B": "u8",
+    "I": "u32",
+    "i": "i32",
+    "f": "f32",
+    "u1": "u8",
+    "<u4": "u32",
+    "<f4": "f32",
+}
+
+
+def _table(rows: Iterable[Layout], *, is_answered: bool = False) -> str:
+    head = ["class", "begins with", "then", *(["answer"] if is_answered else [])]
+    lines = [f"| {' | '.join(head)} |", "|---" * len(head) + "|"]
+    for row in rows:
+        cells = [f"`{row.cls.__name__}`", f"`{row.prefix.hex(' ')}`", ", ".join(_parts(row))]
+        if is_answered:
+            name = row.answer.__name__
+            short = name.upper() if name in {"Reply", "Data", "Pong"} else name
+            cells.append("" if name == "Ack" else short)
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def _parts(row: Layout) -> Iterator[str]:
+    names = iter([each.name for each in fields(row.cls)])
+    counts = [f"n{k}" if len(row.counts) > 1 else "n" for k in range(1, len(row.counts) + 1)]
+    if not row.head and row.rest == "none":
+        yield "none"
+    left = iter(counts)
+    for place, code in enumerate(row.head):
+        yield f"{_TYPES[code]} {next(left) if place in row.counts else next(names)}"
+    for which, dtype in row.arrays:
+        yield f"{_TYPES[dtype]} {next(names)}[{counts[which]}]"
+    if row.rest != "none":
+        yield f"bytes {next(names)}" if row.rest == "kept" else "anything"
+
+
+def _by_first_byte(rows: Iterable[Layout], first: set[int]) -> list[Layout]:
+    return [row for row in rows if row.prefix[0] in first]
+
+
+_OWN = {0x10, 0x90, 0x50}  # first bytes of commands that have a section each
+PARTS: Mapping[str, Callable[[], str]] = {
+    "commands": lambda: _table(
+        [row for row in COMMANDS if row.prefix[0] not in _OWN], is_answered=True
+    ),
+    "commands-profiles": lambda: _table(_by_first_byte(COMMANDS, {0x10}), is_answered=True),
+    "commands-system": lambda: _table(_by_first_byte(COMMANDS, {0x90}), is_answered=True),
+    "commands-x4": lambda: _table(_by_first_byte(COMMANDS, {0x50}), is_answered=True),
+    "commands-variants": lambda: _table(COMMAND_VARIANTS),
+    "answers": lambda: _table([row for row in RESPONSES if row.prefix[0] != 0x50]),
+    "answers-profiles": lambda: _table(_by_first_byte(RESPONSES, {0x50})),
+    "answers-variants": lambda: _table(RESPONSE_VARIANTS),
+}
+"""What a line `<!-- generated: NAME -->` of docs/reference/protocol.md stands for."""
