@@ -6,6 +6,7 @@ that needs more than records, such as the dashboard, has a method `attach(host)`
 `Host` of every sensor.
 """
 
+import hashlib
 import logging
 import threading
 import time
@@ -21,11 +22,12 @@ from radard.config.saved import read_saved, save
 from radard.config.sink_table import SinkOptions, find_row
 from radard.errors import RadardError
 from radard.health.health import Health, overall
+from radard.outputs.journal import EventJournal
 from radard.outputs.records import Record, marked, utc_now
 from radard.outputs.trial import tried
 from radard.sinks import close_sinks, default_output, make_output, open_sinks, start_sink
 from radard.sinks.base import Sink, SinkContext
-from radard.sinks.thread_sink import RecordQueue
+from radard.sinks.thread_sink import RecordQueue, ThreadSink
 from radard.stream.playback import Playback
 from radard.stream.ring import FrameRing
 
@@ -91,7 +93,8 @@ class _Open:
     """An output: what -o named, its sensor if only one, its sink and the options of that.
 
     Records are `held` until there is a sink for them; `fault` is why the sink that the
-    configuration asks for cannot be opened. The one of before goes on meanwhile.
+    configuration asks for cannot be opened. The one of before goes on meanwhile. `key` is its name
+    in the journal.
     """
 
     name: str
@@ -100,6 +103,12 @@ class _Open:
     sink: Sink | None = None
     held: RecordQueue | None = None
     fault: str = ""
+    key: str = ""
+
+    @property
+    def is_durable(self) -> bool:
+        """Whether what it is told must outlive the process; unknown without a sink: it must."""
+        return self.sink is None or (isinstance(self.sink, ThreadSink) and self.sink.is_durable)
 
     def write(self, record: Record) -> None:
         if self.held is not None:
@@ -130,6 +139,8 @@ class Outputs:
         self._is_open = self._can_wait = False
         self._config = Config()
         self._hellos: Sequence[Record] = ()
+        self._journal = EventJournal(None)
+        self._left: dict[str, list[Record]] = {}
         self._retry_s = 0.0
         self._lock = threading.Lock()
 
@@ -194,11 +205,14 @@ class Outputs:
         try:
             for name, sensor in wanted:
                 sink = next(sinks) if sensor is None else self._opened([name], sensor, config)[0]
-                self._open.append(_Open(name, sensor, options, sink))
+                self._open.append(self._known(_Open(name, sensor, options, sink)))
         except BaseException:
             _close([*(sink for _, sink in self.sinks), *sinks])
             self._open = []
             raise
+        folder = None if can_wait else outbox_dir(config)
+        self._journal = EventJournal(folder / "journal.db" if folder else None)
+        self._left = self._journal.left()
         self._is_open = True
 
     def put(self, record: Record, sensor: str | None = None, *, waits: bool = False) -> bool:
@@ -218,13 +232,18 @@ class Outputs:
         OutputError, BrokenPipeError
             If a sink cannot keep it.
         """
+        wanted = [each for each in self._open if each.sensor in {None, sensor}]
+        if record["type"] == "event" and not record.get("test"):
+            self._journal.note(record, [each.key for each in wanted if each.is_durable])
         wait_s = -1 if waits and self._can_wait else _LOCK_S
         if not self._lock.acquire(timeout=wait_s):
             return False
         try:
             for each in self._open:
-                if each.sensor is None or each.sensor == sensor:
+                if each.sensor in {None, sensor}:
                     each.write(record)
+                    if record["type"] == "hello":
+                        self._tell_left(each)
         finally:
             self._lock.release()
         return True
@@ -243,7 +262,11 @@ class Outputs:
             gone = [each for each in self._open if (each.name, each.sensor) not in wanted]
             kept = [each for each in self._open if each not in gone]
             known = [(each.name, each.sensor) for each in kept]
-            new = [_Open(*key, options, held=RecordQueue()) for key in wanted if key not in known]
+            new = [
+                self._known(_Open(*key, options, held=RecordQueue()))
+                for key in wanted
+                if key not in known
+            ]
             self._open = kept + new
         # Not under the lock: an outbox may take a moment to end, and the workers must not wait.
         _close(each.sink for each in gone if each.sink is not None)
@@ -265,6 +288,24 @@ class Outputs:
     def close(self) -> None:
         """Close all sinks; log what goes wrong."""
         _close(sink for _, sink in self.sinks)
+        self._journal.close()
+
+    def _known(self, each: _Open) -> _Open:
+        """Let the journal hear what an output has kept, under a name that shows no secret."""
+        context = self._context(each.sensor, self._config)
+        what = f"{context.marked_sensor} {each.name}"
+        each.key = key = hashlib.blake2b(what.encode(), digest_size=8).hexdigest()
+        if isinstance(each.sink, ThreadSink):
+            # The journal is opened after the sinks.
+            each.sink.on_taken = lambda event: self._journal.taken(key, event)
+        return each
+
+    def _tell_left(self, each: _Open) -> None:
+        """Tell an output what a run that was killed has left for it."""
+        for event in self._left.pop(each.key, ()):
+            each.write(event)
+            if not each.is_durable:
+                self._journal.taken(each.key, event)
 
     def _wanted(self, config: Config) -> list[tuple[str, str | None]]:
         """Return every output, with a sensor where each has its own."""
@@ -296,6 +337,7 @@ class Outputs:
         with self._lock:
             held, each.held = each.held, None
             each.sink, each.options, each.fault = sink, _options_of(self._config), ""
+            self._known(each)
             _write_hellos(each, self._hellos)
             # What an outbox holds in memory alone, as while the disk is full.
             left = getattr(before, "left", list)

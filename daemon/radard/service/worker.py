@@ -305,8 +305,9 @@ class Worker:
     def _emit(self, events: Sequence[Event]) -> list[Event]:
         """Tell events; return them with the clip that a new alarm begins."""
         told = [self._with_clip(event) for event in events]
-        if any(event.kind == "alarm" for event in told):
-            # First: an alarm of which somebody was told must still be on after a kill.
+        if any(event.kind == "alarm" and event.phase != "end" for event in told):
+            # First: an alarm of which somebody was told must still be on after a kill. That one is
+            # over is kept by the caller, once the outputs have been told.
             self._keep(told[-1].t_s)
         for event in told:
             self._outputs.put(event_record(event))

@@ -29,6 +29,8 @@ def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> "Json
 class JsonLinesSink(DirectSink):
     """Append records to a file; rotates nothing if the stream can wait, so that none is lost."""
 
+    is_durable = True
+
     def __init__(self, path: Path, options: SinkOptions, context: SinkContext) -> None:
         super().__init__(f"json:{path}", Backoff(0.5, 10.0, str(path)), waits=context.can_wait)
         self._path = path

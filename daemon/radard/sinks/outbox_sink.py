@@ -73,6 +73,7 @@ class OutboxSink(ThreadSink):
     """
 
     tick_s = 5.0
+    is_durable = True
 
     def __init__(
         self,
@@ -125,6 +126,8 @@ class OutboxSink(ThreadSink):
             put = self._outbox.put if is_event else self._outbox.put_transient
             self._drop(put(record), "the outbox is full")
             self._has_work.set()
+        if not self._outbox.fault:
+            self._has_taken(record)
 
     def _tick(self) -> None:
         self._drop(self._outbox.tend(), "the outbox is full")

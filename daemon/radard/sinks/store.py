@@ -80,6 +80,7 @@ class StoreSink(DirectSink):
     """Keep records in a SQLite file."""
 
     tick_s = 1.0
+    is_durable = True
 
     def __init__(self, path: Path, options: StoreSection, context: SinkContext) -> None:
         super().__init__(f"store:{path}", Backoff(0.5, 10.0, str(path)), waits=context.can_wait)

@@ -9,6 +9,7 @@ import threading
 import time
 from abc import ABC, abstractmethod
 from collections import deque
+from collections.abc import Callable
 from typing import Self
 
 from radard.errors import OutputError
@@ -119,15 +120,20 @@ class ThreadSink(ABC):
     ----------
     tick_s : float or None
         How often `_tick` is called when nothing comes; None is never.
+    is_durable : bool
+        What it has taken outlives the process. `on_taken` is then called with every event that it
+        has kept, does not want or cannot handle: nobody need tell it again.
     """
 
     tick_s: float | None = None
+    is_durable = False
 
     def __init__(self, name: str, *, waits: bool = False) -> None:
         self.name = name
         self.waits = waits
         self._keeper = StateKeeper()
         self._queue = RecordQueue(waits=waits)
+        self.on_taken: Callable[[Record], None] = lambda _event: None
         self._fatal: Exception | None = None
         self._deadline_s = float("inf")
         self._told, self._told_s, self._n_untold = "", float("-inf"), 0
@@ -208,6 +214,11 @@ class ThreadSink(ABC):
         if self._keeper.sent(n) and not self._n_untold:
             log.info("%s: works again", self.name)
 
+    def _has_taken(self, record: Record | None) -> None:
+        """Say that a record needs this sink no more, if it is an event; subclasses call it."""
+        if record is not None and record.get("type") == "event":
+            self.on_taken(record)
+
     def _run(self) -> None:
         try:
             while True:
@@ -223,6 +234,7 @@ class ThreadSink(ABC):
                     log.exception("%s: a record could not be handled", self.name)
                     self._keeper.failed(f"internal error: {err!r}")
                     self._drop(record is not None, "cannot be handled")
+                    self._has_taken(record)
         finally:
             self._tell_the_rest()
             self._shut()
@@ -278,6 +290,7 @@ class DirectSink(ThreadSink):
             return False
         self._backoff.reset()
         self._sent()
+        self._has_taken(record)
         return True
 
     def _drain(self) -> int:
