@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from radard.alarm.state_store import KeptState
 from radard.config.config import load_config
 from radard.health.health import Health
 from radard.outputs import journal as journal_module
@@ -19,6 +20,7 @@ from radard.outputs.journal import EventJournal
 from radard.sinks.database import open_database
 from radard.sinks.store_query import read_events
 from tests.sink_helpers import WebServer, event, hello, ulid
+from tests.test_tamper_commands import Room
 from tests.waiting import wait_for
 
 ROOT = Path(__file__).parents[1]
@@ -267,3 +269,21 @@ def test_a_damaged_file_is_put_aside_and_a_foreign_one_left_alone(tmp_path, capl
     journal.note(event(1), ["a"])
     journal.close()
     assert "a database of another program" in caplog.text
+
+
+# ---------------------------------------------------------------- the worker's order
+
+
+def test_a_new_alarm_is_kept_before_it_is_told_and_an_end_is_told_before_that_is_kept():
+    room, order = Room(), []
+    store = room.worker._store
+    store.save = lambda state: order.append(("kept", state.alarm_id))
+    room.outputs.put = lambda record, **_: order.append((record["type"], record.get("phase")))
+    kept = KeptState(is_armed=True, entry_reason="human at 2.0 m")
+    room.worker._emit(room.worker.tracker.resume(kept))
+    (_, alarm_id), told = order
+    assert alarm_id is not None
+    assert told == ("event", "new")
+    order.clear()
+    room.command("disarm")
+    assert order == [("event", "end"), ("kept", None)]
