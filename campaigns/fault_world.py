@@ -152,6 +152,8 @@ class World:
         if self._now_s >= self.healed_s and not self._is_healed:
             self._is_healed = True
             module.heal()
+            # Somebody puts the cable in again.
+            self._plugged_s = min(self._plugged_s, self._now_s)
             self.on_healed()
         # Sums of floats: what is due now must not be due a moment later for ever.
         own_s = self._now_s - module.born_s

@@ -5,28 +5,28 @@
 
 Mutants of a module: comparisons, arithmetic, `and` and `or`, `not`, numbers, True and False,
 conditions, statements left out, what is returned. Texts, annotations, decorators and logging are
-left alone. Every mutant is tried in a process of its own, forked once the libraries are loaded,
-with the tests of the table below until the first fails; five times as long as usual counts as
+left alone. Every mutant is tried in a process of its own (`mutant_runs`), with the tests of the
+table below that run its statement, until the first fails; five times as long as usual counts as
 failed, too. The last line is one JSON object; `survivors` names line and change.
 """
 
 import argparse
 import ast
 import copy
-import importlib.abc
-import importlib.util
+import importlib
 import json
 import os
 import random
-import signal
 import sys
 import time
-from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
-from types import ModuleType
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / "daemon"), str(ROOT / "training")]
+os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
+
+from campaigns.mutant_runs import Module, Mutant, lines_of, survivors  # noqa: E402 - below the path
 
 MODULES: dict[str, tuple[str, str, tuple[str, ...]]] = {
     "framing": ("x2radar/wire", "framing", ("test_framing", "test_framing_faults")),
@@ -218,21 +218,6 @@ def _is_talk(node: ast.AST) -> bool:
     )
 
 
-class _Loader(importlib.abc.Loader, importlib.abc.MetaPathFinder):
-    """Give the mutant for the module."""
-
-    def __init__(self, name: str, path: Path, tree: ast.Module) -> None:
-        self._name, self._path, self._tree = name, path, tree
-
-    def find_spec(self, fullname: str, *_args: object) -> "importlib.machinery.ModuleSpec | None":
-        if fullname != self._name:
-            return None
-        return importlib.util.spec_from_file_location(fullname, self._path, loader=self)
-
-    def exec_module(self, module: ModuleType) -> None:
-        exec(compile(self._tree, str(self._path), "exec"), module.__dict__)  # noqa: S102 - ours
-
-
 def candidates(path: Path) -> list[tuple[int, str]]:
     """Return line and change of every mutant of a file."""
     mutator = Mutator()
@@ -240,43 +225,12 @@ def candidates(path: Path) -> list[tuple[int, str]]:
     return mutator.found
 
 
-def try_one(name: str, k: int | None, limit_s: float) -> bool:
-    """Run a module's tests on its k-th mutant, or as it is; return whether they pass."""
-    folder, module, tests = MODULES[name]
-    path = ROOT / folder / f"{module}.py"
-    pid = os.fork()
-    if pid == 0:
-        _in_child(folder, path, tests, k)
-    end_s = time.monotonic() + limit_s
-    while time.monotonic() < end_s:
-        done, status = os.waitpid(pid, os.WNOHANG)
-        if done:
-            return os.waitstatus_to_exitcode(status) == 0
-        time.sleep(0.02)
-    os.killpg(pid, signal.SIGKILL)
-    os.waitpid(pid, 0)
-    return False
-
-
-def _in_child(folder: str, path: Path, tests: Sequence[str], k: int | None) -> None:
-    os.setpgid(0, 0)
-    quiet = os.open(os.devnull, os.O_RDWR)
-    for fd in (0, 1, 2):
-        os.dup2(quiet, fd)
-    code = 3
-    try:
-        tree = ast.parse(path.read_text(encoding="utf-8"))
-        if k is not None:
-            mutant = Mutator(k).visit(copy.deepcopy(tree))
-            full = ".".join([*Path(folder).parts, path.stem]).removeprefix("daemon.")
-            sys.meta_path.insert(0, _Loader(full, path, ast.fix_missing_locations(mutant)))
-        os.chdir(ROOT)
-        import pytest  # noqa: PLC0415 - loaded already, by the parent
-
-        files = [f"tests/{each}.py" for each in tests]
-        code = pytest.main(["-x", "-q", "-n", "0", "-p", "no:cacheprovider", *files])
-    finally:
-        os._exit(int(code))
+def mutant(path: Path, k: int) -> Mutant:
+    """Return the k-th mutant of a file."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    mutator = Mutator(k)
+    changed = ast.fix_missing_locations(mutator.visit(copy.deepcopy(tree)))
+    return Mutant(k, changed, *lines_of(tree, mutator.found[k][0]))
 
 
 def main() -> int:
@@ -292,28 +246,31 @@ def main() -> int:
     for library in ("numpy", "pytest", "yaml", "pydantic", "serial", "h5py"):
         importlib.import_module(library)
     report: dict[str, object] = {}
-    survivors: list[str] = []
+    left: list[str] = []
     tried = killed = 0
     for name in args.modules or list(MODULES):
-        folder, module, _ = MODULES[name]
+        folder, module, tests = MODULES[name]
         all_of = candidates(ROOT / folder / f"{module}.py")
         ks = [k for k, (line, _) in enumerate(all_of) if args.line in {None, line}]
         n = min(args.most, max(1, round(args.share * len(ks))))
         chosen = sorted(random.Random(args.seed).sample(ks, n))  # noqa: S311 - a choice
         began_s = time.monotonic()
-        if not try_one(name, None, 600):
-            print(f"{name}: its tests fail as it is", file=sys.stderr)
+        full = ".".join([*Path(folder).parts, module]).removeprefix("daemon.")
+        path = ROOT / folder / f"{module}.py"
+        alive, fault = survivors(Module(path, full, tests), chosen, partial(mutant, path))
+        if fault:
+            print(f"{name}: {fault}", file=sys.stderr)
             return 1
-        limit_s = 10 + 5 * (time.monotonic() - began_s)
-        alive = [k for k in chosen if try_one(name, k, limit_s)]
-        survivors += [f"{folder}/{module}.py:{all_of[k][0]}: {all_of[k][1]}" for k in alive]
+        left += [f"{folder}/{module}.py:{all_of[k][0]}: {all_of[k][1]}" for k in alive]
         for k in alive:
             print(f"  {folder}/{module}.py:{all_of[k][0]}: {all_of[k][1]}", flush=True)
         tried, killed = tried + n, killed + n - len(alive)
         report[name] = {"mutants": len(all_of), "tried": n, "killed": n - len(alive)}
-        print(f"{name}: {n - len(alive)} of {n} killed, of {len(all_of)}", flush=True)
+        took_s = time.monotonic() - began_s
+        said = f"{name}: {n - len(alive)} of {n} killed, of {len(all_of)}, in {took_s:.0f} s"
+        print(said, flush=True)
     score = round(killed / tried, 4) if tried else 1.0
-    print(json.dumps({**report, "score": score, "survivors": survivors}))
+    print(json.dumps({**report, "score": score, "survivors": left}))
     return 0
 
 

@@ -11,7 +11,7 @@ from radard.alarm.events import EventTracker, trial_alarm
 from radard.alarm.panel import AlarmPanel, AlarmPolicy
 from radard.alarm.state_store import KeptState, StateStore
 from radard.alarm.tamper import Finding
-from radard.alarm.zones import Zones, sight_of
+from radard.alarm.zones import Zones, sight_of, zone_fault
 from radard.outputs.fanout import Outputs
 from radard.stream.ring import Notice
 from tests.alarm_helpers import decision, track
@@ -324,3 +324,56 @@ def test_the_time_of_an_id_is_stream_time_in_milliseconds():
         assert new.id == end.id
         assert new.is_trial
         assert end.is_trial
+
+
+def test_a_device_that_is_found_is_no_event():
+    tracker = EventTracker()
+    assert tracker.on_notice(Notice("found", "module sends frames again", 3.0)) == []
+    (fault,) = tracker.on_notice(Notice("lost", "the port is gone", 4.0))
+    assert (fault.kind, fault.phase, fault.reason) == ("fault", "new", "the port is gone")
+    assert tracker.on_notice(Notice("found", "module sends frames again", 5.0)) == []
+    assert tracker.open_events == {"fault": fault}
+
+
+def test_a_clip_of_an_event_that_is_over_names_nothing():
+    tracker = EventTracker(AlarmPanel(AlarmPolicy(latch_s=10)))
+    (new,) = tracker.on_decision(decision(1, 0.7), DWELL)
+    tracker.has_clip(f"{new.id}x", "a.h5")
+    assert tracker.open_events["alarm"].clip is None
+
+
+def test_zones_that_leave_nothing_at_home_are_a_fault_and_say_so():
+    home = Zones(exclude=((0.0, 1.0),), away=((1.0, 9.0),))
+    fault = zone_fault(home, 0.5, 9.0)
+    assert fault.endswith("0.50 to 9.00 m, while armed at home")
+    assert zone_fault(Zones(away=((1.0, 9.0),)), 0.5, 9.0) == ""
+    assert not zone_fault(Zones(exclude=((0.0, 9.0),)), 0.5, 9.0).endswith("home")
+
+
+def test_what_is_held_is_what_was_written(tmp_path, monkeypatch):
+    path = tmp_path / "radar.json"
+    store = StateStore(path)
+    store.load(is_armed=True)
+    assert store.holds(is_armed=True, mode="away")
+    store.save(KeptState(is_armed=False, mode="home"))
+    assert store.holds(is_armed=False, mode="home")
+    assert not store.holds(is_armed=False, mode="away")
+    assert not store.holds(is_armed=True, mode="home")
+    hangs, plain = threading.Event(), state_store.write_atomically
+
+    def hanging(*args, **options):
+        hangs.wait(60)
+        plain(*args, **options)
+
+    monkeypatch.setattr(state_store, "write_atomically", hanging)
+    monkeypatch.setattr(state_store, "_WAIT_S", 0.01)
+    store.save(KeptState(is_armed=True))
+    assert not store.holds(is_armed=True, mode="away")
+    hangs.set()
+    wait_for(lambda: store.holds(is_armed=True, mode="away"))
+    # Where nothing can be kept nobody is kept waiting.
+    assert StateStore(None).holds(is_armed=True, mode="away")
+    broken = StateStore(path / "radar.json")
+    assert not broken.holds(is_armed=False, mode="away")
+    broken.save(KeptState(is_armed=False))
+    wait_for(lambda: broken.holds(is_armed=False, mode="away"))

@@ -4,11 +4,13 @@ import json
 import os
 import socket
 import stat
+import time
 from importlib import resources
 
 import jsonschema
 import pytest
 
+from radard.alarm import state_store
 from radard.cli import main
 from radard.service import control
 from radard.service.control import ask, control_path
@@ -154,4 +156,21 @@ def test_a_socket_that_was_left_behind_is_replaced_and_one_in_use_is_not(tmp_pat
     assert said("disarm") == (0, "disarmed")
     assert control._listen(path) is None
     assert path.stat().st_ino == inode
+    assert daemon.stop() == 0
+
+
+def test_what_was_answered_is_on_disk_and_holds_after_a_kill(tmp_path, launch, said, monkeypatch):
+    daemon = running(launch, tmp_path)
+    plain = state_store.write_atomically
+
+    def slow(*args, **options):
+        # Longer than the command's own answer takes, if that does not wait for the disk.
+        time.sleep(0.4)
+        plain(*args, **options)
+
+    monkeypatch.setattr(state_store, "write_atomically", slow)
+    file = tmp_path / "state" / "radar.sim.json"
+    for command, is_armed in (("disarm", False), ("arm", True)):
+        assert said(command)[0] == 0
+        assert json.loads(file.read_text())["is_armed"] is is_armed
     assert daemon.stop() == 0

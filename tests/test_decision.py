@@ -1,7 +1,10 @@
+from dataclasses import replace
+
 import pytest
 
 from radard.classify.classifier import Probabilities
-from radard.classify.decision import judge
+from radard.classify.decision import invalid_decision, judge
+from tests.radar_helpers import dwell_of, noise
 
 
 @pytest.mark.parametrize(
@@ -19,3 +22,19 @@ from radard.classify.decision import judge
 )
 def test_the_rule(human, pet, other, label, alarm):
     assert judge(Probabilities(human, pet, other), 0.8) == (label, alarm)
+
+
+def test_a_window_that_cannot_be_judged_says_nothing_but_why():
+    dwell = dwell_of(noise(10))
+    made = invalid_decision(dwell, "12 lost", seq=7)
+    assert (made.seq, made.t_s, made.gate, made.fault) == (
+        7,
+        dwell.t_s,
+        "invalid",
+        "12 frames lost",
+    )
+    assert (made.reading, made.window, made.fused, made.label) == (None, None, None, "invalid")
+    assert (made.alarm, made.frames, made.dropped) == (False, len(dwell.frames), 0)
+    assert invalid_decision(replace(dwell, n_lost=4), "").frames == len(dwell.frames) - 4
+    assert made.t_mono_s == dwell.t_mono_s
+    assert invalid_decision(dwell, "").seq == 0

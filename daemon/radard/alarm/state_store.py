@@ -53,8 +53,9 @@ class StateStore:
         self._now_s = now_s
         self._keeps_alarms = keeps_alarms
         self._asked: KeptState | None = None
+        self._held: KeptState | None = None
         self._has_failed = False
-        self._waiting: str | None = None
+        self._waiting: tuple[KeptState, str] | None = None
         self._writer: threading.Thread | None = None
         self._changed = threading.Condition()
 
@@ -63,8 +64,17 @@ class StateStore:
         kept = self._load()
         if kept is None or not self._keeps_alarms:
             kept = _word_of(kept or KeptState(is_armed=is_armed))
-        self._asked = kept
+        self._asked = self._held = kept
         return kept
+
+    def holds(self, *, is_armed: bool, mode: ArmMode) -> bool:
+        """Return whether this would outlive a kill; true also where a disk fails or is absent.
+
+        Any thread may ask.
+        """
+        held = self._held
+        is_so = held is not None and (held.is_armed, held.mode) == (is_armed, mode)
+        return is_so or self._path is None or self._has_failed
 
     def _load(self) -> KeptState | None:
         if self._path is None:
@@ -109,7 +119,7 @@ class StateStore:
         if state.exit_left_s is not None:
             raw["exit_ends_unix_s"] = round(self._now_s() + state.exit_left_s, 3)
         with self._changed:
-            self._asked, self._waiting = state, json.dumps(raw) + "\n"
+            self._asked, self._waiting = state, (state, json.dumps(raw) + "\n")
             if self._writer is None:
                 self._writer = threading.Thread(
                     target=self._write, args=(self._path,), name="state", daemon=True
@@ -122,18 +132,18 @@ class StateStore:
         """Write what waits until nothing does."""
         while True:
             with self._changed:
-                text, self._waiting = self._waiting, None
-                if text is None:
+                waiting, self._waiting = self._waiting, None
+                if waiting is None:
                     self._writer = None
                     self._changed.notify_all()
                     return
             try:
-                write_atomically(path, text, mode=0o600)
+                write_atomically(path, waiting[1], mode=0o600)
             except OSError as err:
                 log.warning("%s: cannot keep the state: %s", path, err.strerror or err)
                 self._has_failed = True
             else:
-                self._has_failed = False
+                self._held, self._has_failed = waiting[0], False
 
     def _exit_left_s(self, raw: dict[str, Any]) -> float | None:
         left_s, ends_s = raw.get("exit_left_s"), raw.get("exit_ends_unix_s")

@@ -128,7 +128,8 @@ class ControlServer:
             return {"ok": True, "outputs": radar.test_alarm(self._halt)}
         radar.command(name)
         mode = ARM_MODES.get(name)
-        _wait(lambda: _is_so(radar.panel(), mode), _TAKEN_UP_S, self._halt)
+        # Kept, too: what was answered must hold after a kill.
+        _wait(lambda: _is_so(radar.panel(), mode) and radar.is_kept, _TAKEN_UP_S, self._halt)
         panel = radar.panel()
         return {"ok": True, **{key: panel.get(key) for key in _TOLD}}
 

@@ -138,6 +138,11 @@ class RadarRun:
         """Whether the worker works."""
         return bool(self._threads) and self._threads[1].is_alive()
 
+    @property
+    def is_kept(self) -> bool:
+        """Whether how it is armed would outlive a kill."""
+        return self.worker is None or self.worker.is_kept
+
     def panel(self) -> dict[str, object]:
         """See `Host.panel`."""
         panel = dict(self.worker.panel()) if self.worker is not None else {}

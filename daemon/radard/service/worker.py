@@ -94,6 +94,12 @@ class Worker:
             "calibration": asdict(self._room.progress) if self._room is not None else None,
         }
 
+    @property
+    def is_kept(self) -> bool:
+        """Whether it would be armed as it is after a kill, too; for any thread."""
+        panel = self.tracker.panel
+        return self._store.holds(is_armed=panel.is_armed, mode=panel.mode)
+
     def command(self, name: str) -> None:
         """Queue a command, see `Host.command`; for any thread."""
         self._ring.post("command", name)
