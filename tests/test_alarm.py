@@ -228,3 +228,20 @@ def test_without_a_policy_the_verdict_alone_counts():
     assert (policy.k, policy.n, policy.p_on, policy.p_off) == (1, 1, 0.0, 1.0)
     delays_s = policy.exit_delay_s, policy.entry_delay_s, policy.latch_s, policy.refractory_s
     assert delays_s == (0.0, 0.0, 0.0, 0.0)
+
+
+def test_who_is_seen_in_an_alarm_and_what_is_left_of_a_delay():
+    panel = AlarmPanel(AlarmPolicy(entry_delay_s=10, exit_delay_s=30, latch_s=60))
+    assert panel.is_seen is False
+    assert panel.left_s(0.0) is None
+    panel.on_sight(1.0, Sight(True, True, "human"))
+    assert panel.entry_reason == "human"
+    assert (panel.left_s(3.0), panel.left_s(11.0), panel.left_s(11.5)) == (8.0, 0.0, 0.0)
+    panel.on_loss(4.0)
+    # Nobody knows; so somebody is.
+    assert (panel.is_seen, panel.entry_reason, panel.left_s(5.0)) == (True, None, None)
+    panel.on_sight(20.0, Sight(False, False))
+    assert panel.is_seen is False
+    panel.disarm()
+    panel.arm(40.0)
+    assert (panel.left_s(50.0), panel.left_s(71.0)) == (20.0, 0.0)

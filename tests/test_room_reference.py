@@ -6,7 +6,7 @@ import logging
 import numpy as np
 import pytest
 
-from radard.alarm.interference import FloorReference
+from radard.alarm.interference import FloorReference, InterferenceWatch
 from radard.alarm.room_reference import RoomReference, RoomStore
 from radard.alarm.tamper import TamperWatch
 from radard.config.sections import GateSettings, TamperSection
@@ -195,3 +195,20 @@ def test_without_a_file_nothing_is_kept():
     store.save(reference())
     store.forget()
     assert store.load() is None
+
+
+def test_a_reference_may_know_echoes_or_noise_alone():
+    noise_alone = reference(usable=np.zeros(0, np.bool_), echoes=np.zeros((0, 0)))
+    assert TamperWatch(SETTINGS, known=noise_alone).is_blind
+    echoes_alone = TamperWatch(SETTINGS, known=reference(noise_db=None))
+    assert not echoes_alone.is_blind
+    assert echoes_alone.known.noise_db is None
+    whole = TamperWatch(SETTINGS, known=reference()).known
+    assert (whole.noise_db, whole.noise_kept_db) == (-3.0, -2.5)
+
+
+def test_a_gate_that_has_seen_nothing_tells_of_no_interference():
+    watch, gate = InterferenceWatch(6.0, 16.0, 1.0), Gate(GateSettings())
+    dwell = dwell_of(noise(147).astype(np.complex64))
+    assert watch.update(gate, dwell, is_passed_over=True) == ""
+    assert len(watch.reference.first) == 0

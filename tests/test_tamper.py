@@ -306,3 +306,9 @@ def test_a_real_room_that_changes_while_somebody_walks_in_it(name, change, kinds
         f"replay:{REAL / name}", 100, settings, lambda t_s, f: change(f) if t_s > 16 else f
     )
     assert found == kinds
+
+
+def test_where_everything_moves_no_echo_is_judged(learned):
+    stream, watch = learned
+    spread = np.exp(1j * np.linspace(0, 40, N_SLOW))[:, None] * room(seed=3, level=300.0)
+    assert stream.found(watch, 40, lambda _k: spread) == []
