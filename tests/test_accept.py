@@ -10,7 +10,7 @@ from radard.errors import ModelMismatch
 from x2train.cli import main
 from x2train.generate.shard_run import make_shards
 from x2train.judge import acceptance, acceptance_report
-from x2train.judge.acceptance import ENTRIES, SETTINGS, AcceptSpec, site_of
+from x2train.judge.acceptance import ENTRIES, SETTINGS, VERSION, AcceptSpec, definition, site_of
 from x2train.judge.acceptance_report import alarms_by_window, document, lines
 from x2train.report import JudgedPassage, PassageTable
 
@@ -30,6 +30,13 @@ def test_a_buyer_asks_for_this():
     assert len({s.mount for s in SETTINGS}) == 3
     # As many passages in each radar and mount.
     assert all(e.count % len(SETTINGS) == 0 for e in ENTRIES)
+
+
+def test_a_version_stands_for_its_entries_and_settings():
+    """Whoever changes them changes the version, too: results are compared by it."""
+    assert (VERSION, definition()) == ("accept-1", "ed3b13c9440c409f")
+    assert AcceptSpec(model="fast").version == VERSION
+    assert AcceptSpec(model="fast", seed=1).version == f"{VERSION}, seed 1"
 
 
 def test_a_share_of_the_test_is_a_part_of_it():
@@ -90,7 +97,10 @@ def test_short_form(tmp_path, monkeypatch, capsys):
     assert made["entries"][-1]["bundle"]["count"] == 0
     page = (out / "acceptance.html").read_text()
     assert "ceiling, 2.6 m, 60 degrees down" in page
-    assert capsys.readouterr().out.count("\n") == len(short) + 1
+    assert (made["version"], made["bundle"]) == (VERSION, "fast")
+    out_lines = capsys.readouterr().out.splitlines()
+    assert out_lines[0] == f"{VERSION}, a share of 0.002"
+    assert len(out_lines) == len(short) + 2
     # What is there is not made again.
     manifest = (out / "passages" / "manifest.json").stat().st_mtime_ns
     assert main(argv) == 0
@@ -101,6 +111,11 @@ def test_short_form(tmp_path, monkeypatch, capsys):
 def test_usage(share, tmp_path, capsys):
     assert main(["accept", "--share", share, "--out", str(tmp_path / "a")]) == 2
     assert "must be above 0" in capsys.readouterr().err
+
+
+def test_a_function_enters_the_benchmark(tmp_path, capsys):
+    assert main(["accept", "--model", "mine.py", "--out", str(tmp_path / "a")]) == 2
+    assert "benchmark takes functions" in capsys.readouterr().err
 
 
 def passage(entry, *, alarm, p_human, enters_s=1.0, setting="X2, 1.2 m"):

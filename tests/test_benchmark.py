@@ -109,27 +109,41 @@ def test_an_entry_does_not_see_the_truth(folder, tmp_path):
     assert score(TINY, ("peek", ""), 0, p, TINY.test(folder)).accuracy == 0.5
 
 
+@pytest.mark.parametrize("name", ["spectrogram_cnn", "svm_hand_features", "two_maps"])
+def test_who_does_not_look_at_the_vector_gets_none(name, folder):
+    module = entrants.import_module(f"{entrants.entries.__name__}.{name}")
+    assert not module.USES_VECTOR
+    seen = []
+
+    def scores(train, test, _seed):
+        seen.append((train.vector.shape, test.vector.shape))
+        return np.full(len(test), 0.5)
+
+    run = entrants._trained(scores, uses_vector=False)
+    run(TINY, folder, 0)
+    run(Task(CELLS[2], 40, 40), folder, 0)
+    assert seen == [((40, 0), (40, 0))]
+
+
 def test_the_example_of_the_page_is_an_entry(folder, tmp_path):
-    (code,) = re.findall(r"^```python\n(.*?)^```$", PAGE.read_text(), re.MULTILINE | re.DOTALL)
+    codes = re.findall(r"^```python\n(.*?)^```$", PAGE.read_text(), re.MULTILINE | re.DOTALL)
+    (code,) = (each for each in codes if "def scores" in each)
     (tmp_path / "mine.py").write_text(code)
     entrant = entrants.entrant_named(str(tmp_path / "mine.py"))
     assert entrant.title == "mean speed, one threshold"
     assert score(TINY, ("mine", ""), 0, entrant.run(TINY, folder, 0), TINY.test(folder))
 
 
-def test_a_bundle_is_judged_as_it_is(folder):
+def test_a_bundle_is_judged_as_it_is(folder, monkeypatch):
     entrant = entrants.entrant_named("fast")
     p = entrant.run(TINY, folder, 0)
+    assert entrant.kept_as.startswith("fast-")
+    # The task that differs in the vector alone is not judged again.
+    monkeypatch.delattr(entrants, "_test_dwells")
+    np.testing.assert_array_equal(entrant.run(Task(CELLS[2], 40, 40), folder, 0), p)
     assert p.shape == (40,)
     assert 0 <= p.min() <= p.max() <= 1
     assert np.ptp(p) > 0.1
-
-
-def test_a_bundle_is_told_what_judges_alarms(folder, tmp_path, capsys):
-    (tmp_path / "data").symlink_to(folder)
-    argv = ["benchmark", "--folder", str(tmp_path), "--elements", "40", "--fresh", "40"]
-    assert main([*argv, "--tasks", "T1D60", "--workers", "1", "--entry", "fast"]) == 0
-    assert "train-export accept --model" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
@@ -153,7 +167,7 @@ def test_tasks_by_name():
 
 def test_the_command_and_its_page(folder, tmp_path, capsys):
     page = tmp_path / "page.md"
-    page.write_text(f"before\n{results_page.BEGIN}\nold\n{results_page.END}\nbehind\n")
+    page.write_text(f"before\n{results_page.RESULTS[0]}\nold\n{results_page.RESULTS[1]}\nbehind\n")
     (tmp_path / "half.py").write_text(
         "import numpy as np\ndef scores(train, test, seed):\n    return np.full(len(test), 0.25)\n"
     )
@@ -178,7 +192,11 @@ def test_the_command_and_its_page(folder, tmp_path, capsys):
 
 
 def test_the_results_of_the_page_are_of_this_version():
-    text = PAGE.read_text().partition(results_page.BEGIN)[2].partition(results_page.END)[0]
+    text = (
+        PAGE.read_text()
+        .partition(results_page.RESULTS[0])[2]
+        .partition(results_page.RESULTS[1])[0]
+    )
     assert f"Version `{VERSION}`" in text
     for name in entrants.shipped():
         assert f"(`{name}`)" in text

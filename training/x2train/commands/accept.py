@@ -2,18 +2,13 @@
 
 import argparse
 import os
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from radard.classify.bundle import load_bundle
-from radard.classify.model_choice import OF_ONE_MODULE
-from radard.config.sections import AUTO_MODEL, DEFAULT_MODEL
+from radard.config.sections import AUTO_MODEL
 from radard.errors import UsageError
 from x2radar.commands import add_command
 from x2train.commands import Commands, check_least, counted, result_console
-
-_PER_SHARD = 60  # passages: chosen, a minute of one core
 
 
 def register(commands: Commands) -> None:
@@ -52,45 +47,37 @@ def _run(args: argparse.Namespace) -> int:
         msg = f"--share {args.share:g}: must be above 0, and 1 at most"
         raise UsageError(msg)
     # Late: the simulator takes a second, and --help must not.
-    from x2train.generate.shard_run import make_shards  # noqa: PLC0415
-    from x2train.judge.acceptance import AcceptSpec  # noqa: PLC0415
+    from x2train.judge.acceptance import AcceptSpec, accept  # noqa: PLC0415
     from x2train.judge.acceptance_report import lines, write_acceptance  # noqa: PLC0415
-    from x2train.report import PassageTable  # noqa: PLC0415
-    from x2train.windows.windows import GATE  # noqa: PLC0415
+    from x2train.judge.alarm_function import is_function  # noqa: PLC0415
 
-    names = (DEFAULT_MODEL, *OF_ONE_MODULE) if args.model == AUTO_MODEL else (args.model,)
-    told_by = {name: load_bundle(name).sha256 for name in names}
+    if is_function(args.model):
+        msg = f"--model {args.model}: no bundle; train-export benchmark takes functions"
+        raise UsageError(msg)
     spec = AcceptSpec(model=args.model, seed=args.seed, share=args.share)
     with counted("passages") as tell:
-        make_shards(
-            args.out / "passages",
-            {
-                "kind": "acceptance",
-                **asdict(spec),
-                "onnx_sha256": told_by,
-                "gate": GATE.model_dump(),
-            },
-            spec.n_passages,
+        table = accept(
             spec,
-            per_shard=_PER_SHARD,
+            args.out / "passages",
             workers=args.workers,
             cluster=args.cluster,
             report=tell,
         )
     about: dict[str, Any] = {
-        "bundle": " and ".join(names),
+        "version": spec.version,
+        "bundle": " and ".join(spec.files),
         "share": args.share,
         "seed": args.seed,
         "words": (
-            f"{args.share:.0%} of every entry's passages, seed {args.seed}; simulated bodies of "
-            "physical sizes before "
+            f"{spec.version}: {args.share:.0%} of every entry's passages, seed {args.seed}; "
+            "simulated bodies of physical sizes before "
             + ", ".join(s.name for s in spec.settings)
             + ". Intervals hold 95 %."
         ),
     }
-    table = PassageTable.load(args.out / "passages")
     made = write_acceptance(table, args.out, about)
     console = result_console()
+    console.print(f"{spec.version}, a share of {args.share:g}")
     for name, counted_as, of, own, window in lines(made):
         console.print(f"{name}: {counted_as}, {of}: {own}; by single windows {window}")
     console.print(f"wrote {args.out / 'acceptance.html'} and acceptance.json")

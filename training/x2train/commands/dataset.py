@@ -80,6 +80,13 @@ def register(commands: Commands) -> None:
         default=0.0,
         help="of passages without domain randomization, 0 to 1 (0)",
     )
+    add(
+        "--clear",
+        metavar="SHARE",
+        type=float,
+        default=0.0,
+        help="of passages of one body that goes, in a room without multipath, 0 to 1 (0)",
+    )
     add("--like", metavar="MODEL", help="maps as this bundle takes them, for finetune --guard")
     add("--seed", type=int, default=1, help="same seed, same set (1)")
     add("--workers", type=int, default=os.cpu_count() or 1, help="processes (all cores)")
@@ -92,7 +99,7 @@ def _run(args: argparse.Namespace) -> int:
     if not _SHORTEST_S <= args.longest <= _LONGEST_S:
         msg = f"--longest {args.longest:g}: must be {_SHORTEST_S:g} to {_LONGEST_S:g} s"
         raise UsageError(msg)
-    for name in ("physical", "plain"):
+    for name in ("physical", "plain", "clear"):
         if not 0.0 <= getattr(args, name) <= 1.0:
             msg = f"--{name} {getattr(args, name):g}: must be 0 to 1"
             raise UsageError(msg)
@@ -113,6 +120,7 @@ def _run(args: argparse.Namespace) -> int:
         skins=tuple(args.skin),
         physical_share=args.physical,
         plain_share=args.plain,
+        clear_share=args.clear,
         settings=_features_of(args.like) if args.like else FEATURES,
     )
     with counted("passages") as tell:

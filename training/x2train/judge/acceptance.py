@@ -4,17 +4,23 @@ Apart from the stress suites: two radars (X2, X4M03) at three mounts, bodies who
 follow from their sizes, every motion and skin that the simulator has. Walk tests are modelled on
 EN 50131-2-3 (`x2train.judge.suites`), no more; pets cross the floor or stay for long; things move
 for an hour each. Passage k of an entry is the same for every bundle and every share of the test.
+The test has a version: results of different versions are not compared.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+import hashlib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from radard.classify.bundle import load_bundle
-from radard.classify.model_choice import model_for
+from radard.classify.decision import Decision
+from radard.classify.model_choice import OF_ONE_MODULE, model_for
+from radard.config.config import Config
+from radard.config.sections import AUTO_MODEL, DEFAULT_MODEL
 from radard.errors import ModelMismatch
 from radard.pipeline import Pipeline
 from radard.stream.ring import Dwell
@@ -23,12 +29,28 @@ from x2radar.sim.bodies.motion.curves import MOTIONS
 from x2radar.sim.bodies.skin.draw import SKINS
 from x2radar.sim.place.antenna import Antenna
 from x2radar.sim.scene.scene import SceneStep
-from x2train.judge.judging import decisions, from_decisions, in_view, pipeline_for
+from x2train.generate.shard_run import make_shards
+from x2train.generate.workers import Tell
+from x2train.judge.alarm_function import (
+    FUNCTION,
+    AlarmFunction,
+    function_of,
+    is_function,
+    sha256_of,
+)
+from x2train.judge.judging import dwells, from_decisions, in_view, pipeline_for
 from x2train.judge.suites import SUITES
+from x2train.report import PassageTable
 from x2train.scenarios.families import Family, families, family
 from x2train.scenarios.passages import Making, Player, actor, play
 from x2train.scenarios.sites import X2, X4M03, Radar, Site, draw_site
+from x2train.windows.windows import GATE
 
+VERSION = "accept-1"
+"""Of entries, settings and seed (tests/test_accept.py holds them together)."""
+SEED = 90
+"""Passages of the version are drawn from it: chosen."""
+_PER_SHARD = 60  # passages: chosen, a minute of one core
 Kind = Literal["walk test", "pets cross", "pets stay", "thing"]
 N_ENTRIES = 300
 """Passages of a walk test or of pets that cross: none of 300 means less than 1.2 % at 95 %."""
@@ -148,8 +170,10 @@ class AcceptSpec:
     Raises ModelMismatch if the bundle takes none of the radars.
     """
 
-    model: str  # name or path of the bundle; 'auto': what the daemon takes before each radar
-    seed: int
+    # name or path of the bundle; 'auto': what the daemon takes before each radar; or a function,
+    # as FILE.py[:FUNCTION], see `x2train.judge.alarm_function`
+    model: str
+    seed: int = SEED
     share: float = 1.0  # of every entry's passages, at least one each
 
     def __post_init__(self) -> None:
@@ -160,11 +184,25 @@ class AcceptSpec:
 
     @property
     def settings(self) -> tuple[Setting, ...]:
-        """Those whose radar the bundle takes."""
-        if self.model == "auto":
+        """Those whose radar the bundle takes; a function gets all."""
+        if self.model == AUTO_MODEL or is_function(self.model):
             return SETTINGS
         bundle = load_bundle(self.model)
         return tuple(s for s in SETTINGS if bundle.takes(s.radar.axis(), s.radar.frame_rate_hz))
+
+    @property
+    def files(self) -> dict[str, str]:
+        """Who judges: the bundles' networks or the function's file, with their hashes."""
+        if is_function(self.model):
+            return {self.model: sha256_of(self.model)}
+        is_auto = self.model == AUTO_MODEL
+        names = (DEFAULT_MODEL, *OF_ONE_MODULE) if is_auto else (self.model,)
+        return {name: load_bundle(name).sha256 for name in names}
+
+    @property
+    def version(self) -> str:
+        """The test's version; with another seed than its own it is another test."""
+        return VERSION if self.seed == SEED else f"{VERSION}, seed {self.seed}"
 
     @property
     def n_passages(self) -> int:
@@ -192,9 +230,7 @@ class AcceptSpec:
         rng = np.random.default_rng([self.seed, index, k])
         site = site_of(rng, setting)
         making = Making.draw(rng, MOTIONS, tuple(SKINS), 1.0)
-        model = model_for(
-            self.model, StreamInfo(setting.radar.axis(), setting.radar.frame_rate_hz, "sim")
-        )
+        pipeline, decide = self._judge(setting.radar)
         cast = entry.casts[k // len(settings) % len(entry.casts)]
         facts: dict[str, Any] = {"duration_s": entry.duration_s}
         if entry.kind in {"walk test", "pets cross"}:
@@ -207,15 +243,14 @@ class AcceptSpec:
                 is_plain=True,
                 making=making,
             )
-            made = decisions(played, model, judges_tracks=False)
+            made = [decide(each) for each in dwells(pipeline, played)]
             facts |= in_view(played)
         else:
             duration_s = entry.duration_s or float(rng.uniform(*_STAY_S))
             facts["duration_s"] = duration_s
-            pipeline = pipeline_for(setting.radar, model)
             steps = _steps(rng, entry, site, making, duration_s)
             player = Player(rng, site, steps)
-            made = [pipeline.decide(d) for d in _long(pipeline, player, setting, duration_s)]
+            made = [decide(each) for each in _long(pipeline, player, setting, duration_s)]
         return from_decisions(
             made,
             family=entry.name,
@@ -225,6 +260,71 @@ class AcceptSpec:
             build=str(k),
             **facts,
         ).columns()
+
+    def _judge(self, radar: Radar) -> tuple[Pipeline, Callable[[Dwell], Decision]]:
+        """Return what makes windows of a radar's frames, and what decides on each."""
+        stream = StreamInfo(radar.axis(), radar.frame_rate_hz, radar.name)
+        if not is_function(self.model):
+            pipeline = pipeline_for(radar, model_for(self.model, stream))
+            return pipeline, pipeline.decide
+        alarms: Any = function_of(self.model, FUNCTION)
+        function = AlarmFunction(alarms, self.model)
+        gate_alone = Pipeline(stream, Config())
+
+        def decide(dwell: Dwell) -> Decision:
+            return replace(gate_alone.decide(dwell), alarm=function.is_alarm(dwell))
+
+        return gate_alone, decide
+
+
+def accept(
+    spec: AcceptSpec,
+    folder: Path,
+    *,
+    workers: int = 1,
+    cluster: str | None = None,
+    report: Tell | None = None,
+) -> PassageTable:
+    """Play a test's passages, or what is missing of them in a folder, and return them judged.
+
+    Errors are those of `x2train.generate.shard_run.make_shards`.
+    """
+    about = {
+        "kind": "acceptance",
+        "version": VERSION,
+        **asdict(spec),
+        # A function's file is known by its hash, wherever it lies.
+        "model": "function" if is_function(spec.model) else spec.model,
+        "files": list(spec.files.values()),
+        "gate": GATE.model_dump(),
+    }
+    make_shards(
+        folder,
+        about,
+        spec.n_passages,
+        spec,
+        per_shard=_PER_SHARD,
+        workers=workers,
+        cluster=cluster,
+        report=report,
+    )
+    return PassageTable.load(folder)
+
+
+def definition() -> str:
+    """Return a hash of all entries and settings: what a version stands for."""
+    rows = [
+        (
+            e.name,
+            e.kind,
+            e.duration_s,
+            e.count,
+            [[(f.name, f.options) for f in c] for c in e.casts],
+        )
+        for e in ENTRIES
+    ]
+    places = [(s.name, s.height_m, s.tilt_deg, s.far_m) for s in SETTINGS]
+    return hashlib.sha256(repr((SEED, rows, places)).encode()).hexdigest()[:16]
 
 
 def site_of(rng: np.random.Generator, setting: Setting) -> Site:

@@ -110,7 +110,7 @@ def decisions(
 ) -> list[Decision]:
     """Return what radard decides on a passage, by a bundle's name or path."""
     pipeline = pipeline_for(played.site.radar, model, policy, judges_tracks=judges_tracks)
-    return [pipeline.decide(dwell) for dwell in _dwells(pipeline, played)]
+    return [pipeline.decide(dwell) for dwell in dwells(pipeline, played)]
 
 
 def pipeline_for(
@@ -125,7 +125,7 @@ def pipeline_for(
     return Pipeline(stream, config, _classifier(model), judges_tracks=judges_tracks)
 
 
-def _dwells(pipeline: Pipeline, played: Passage) -> Iterator[Dwell]:
+def dwells(pipeline: Pipeline, played: Passage) -> Iterator[Dwell]:
     """Yield what the daemon's own ring makes of a passage: decimated as the bundle wants it."""
     ring = pipeline.make_ring()
     ends = set(dwell_ends(pipeline.shape, len(played.frames)))

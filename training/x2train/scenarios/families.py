@@ -177,6 +177,14 @@ def draw_family(rng: np.random.Generator, label: Label, use: Use) -> Family:
     return rows[int(rng.choice(len(rows), p=weights / weights.sum()))]
 
 
+def draw_goer(rng: np.random.Generator, label: Label, use: Use | str) -> Family:
+    """Return a family as `draw_cast` gives it first; people and pets do not stay in place."""
+    while True:
+        first = draw_cast(rng, label, use)[0]
+        if label == "other" or use == "staying" or not first.stays:
+            return first
+
+
 PAIRS: Mapping[tuple[Label, Label], float] = {
     ("human", "pet"): 0.18,
     ("human", "other"): 0.10,

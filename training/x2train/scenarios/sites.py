@@ -111,6 +111,7 @@ _X2_SHARE = 0.8  # chosen: the radar that the bundles are for
 _CLOSE_M = 0.7  # chosen: an arm's length from a shelf or table
 _HIGH_SHARE = 0.4  # of usual sites: chosen
 _LOW_M, _LOW_TILT_DEG = (0.4, 1.6), (-8.0, 8.0)  # mounts on furniture and at switches: chosen
+_CLEAR_LEVEL_DB = (0.0, 40.0)  # chosen: from barely seen to far over the noise
 _HIGH_M, _HIGH_TILT_DEG = (1.9, 2.5), (10.0, 32.0)  # mounts over doors: chosen
 
 
@@ -200,6 +201,11 @@ def draw_close(rng: np.random.Generator, radar: Radar) -> Site:
     height_m, tilt_deg = float(rng.uniform(0.2, 1.7)), float(rng.uniform(-15, 15))
     antenna = replace(site.antenna, height_m=height_m, tilt_deg=tilt_deg)
     return replace(site, antenna=antenna, depth_m=_CLOSE_M)
+
+
+def clear_site(rng: np.random.Generator, site: Site) -> Site:
+    """Return a site in which bodies are seen by themselves: without multipath, weak to strong."""
+    return replace(site, surfaces=(), tail=None, level_db=float(rng.uniform(*_CLEAR_LEVEL_DB)))
 
 
 def draw_site(rng: np.random.Generator, radar: Radar, kind: RoomKind = "usual") -> Site:

@@ -16,6 +16,8 @@ from x2train.windows.known import known_of
 
 Columns = Mapping[str, NDArray[Any]]
 _NEEDED = (*MAP_FEATURES, "label", "passage", "t_s")
+_LEAST_SHARE, _LEAST_MPS = 0.6, 0.1  # of a dwell in view, and towards or away: chosen
+_KEPT_PASSAGES = 5  # of so many passages one keeps all its windows: chosen
 
 
 def load_windows(*folders: Path) -> tuple[Columns, list[Mapping[str, Any]]]:
@@ -48,6 +50,22 @@ def load_windows(*folders: Path) -> tuple[Columns, list[Mapping[str, Any]]]:
         made.append({"motion": first, "skin": first, **known, **columns})
     keys = [key for key in made[0] if all(key in columns for columns in made)]
     return {key: np.concatenate([columns[key] for columns in made]) for key in keys}, abouts
+
+
+def worth_learning(columns: Columns) -> Columns:
+    """Return the windows in which people and pets show enough to tell them apart, and some more.
+
+    Who is in view for most of the dwell and comes nearer or goes away does. Of the other windows a
+    fifth stays, so that a network has seen entries and people who stand. Without them it learns
+    better (docs/training.md). Sets that do not say what is shown stay as they are.
+    """
+    if not {"share", "speed_mps", "aspect"} <= set(columns):
+        return columns
+    radial_mps = columns["speed_mps"] * columns["aspect"]
+    shows = (columns["share"] >= _LEAST_SHARE) & (radial_mps >= _LEAST_MPS)
+    is_kept = columns["passage"] % _KEPT_PASSAGES == 0
+    rows = np.flatnonzero(shows | is_kept | (columns["label"] == CLASSES.index("other")))
+    return {name: values[rows] for name, values in columns.items()}
 
 
 def check_made_for(

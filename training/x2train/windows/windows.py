@@ -20,9 +20,16 @@ from radard.pipeline import settings_at
 from radard.stream.ring import Dwell, DwellShape
 from x2radar.sim.bodies.motion.curves import MOTIONS
 from x2radar.sim.bodies.skin.draw import SKINS
-from x2train.scenarios.families import FAMILIES, LABELS, Use, draw_cast
+from x2train.scenarios.families import FAMILIES, LABELS, Use, draw_cast, draw_goer
 from x2train.scenarios.passages import Making, Passage, play
-from x2train.scenarios.sites import RadarKind, RoomKind, draw_close, draw_radar, draw_site
+from x2train.scenarios.sites import (
+    RadarKind,
+    RoomKind,
+    clear_site,
+    draw_close,
+    draw_radar,
+    draw_site,
+)
 
 HOP_S = 1.0
 GATE = GateSettings()
@@ -51,6 +58,7 @@ class WindowSpec:
     skins: tuple[str, ...] = ("surface",)  # of `SKINS`, likewise
     physical_share: float = 0.0  # of passages with cross sections that follow from sizes
     plain_share: float = 0.0  # of passages without domain randomization
+    clear_share: float = 0.0  # of passages of one body that goes, in a room without multipath
 
     def __call__(self, number: int) -> Mapping[str, NDArray[Any]] | None:
         """Return the windows of passage `number`; None if it has none."""
@@ -71,6 +79,8 @@ class WindowSpec:
         law_rng = np.random.default_rng([self.seed, number, _LAW])
         is_plain = self.is_plain or bool(law_rng.random() < self.plain_share)
         making = Making.draw(law_rng, self.motions, self.skins, self.physical_share)
+        if law_rng.random() < self.clear_share:
+            cast, site = (draw_goer(law_rng, label, self.use),), clear_site(law_rng, site)
         passage = play(rng, site, cast, duration_s=duration_s, is_plain=is_plain, making=making)
         return windows_of(passage, self.settings, number)
 

@@ -4,7 +4,6 @@ A bundle is not trained here: it judges each element as the first window of a st
 any before it, and says how much of p(human) + p(pet) is p(human).
 """
 
-import importlib.util
 import pkgutil
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -19,15 +18,16 @@ from radard.classify.bundle import load_bundle
 from radard.classify.classifier import Classifier
 from radard.classify.features import extract
 from radard.detect.clutter_map import ClutterRemover
-from radard.errors import UsageError
 from radard.pipeline import COARSE_BIN_M, settings_at
 from radard.stream.ring import Dwell
+from x2train.judge.alarm_function import function_of, is_function, module_of
 from x2train.studies.benchmark import entries
-from x2train.studies.benchmark.tasks import Elements, Task
+from x2train.studies.benchmark.tasks import Task
 from x2train.studies.thesis.elements import dwell
 from x2train.studies.thesis.recipe import FRESH_FROM
 
 Scores = NDArray[np.float64]
+Run = Callable[[Task, Path, int], Scores]
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,14 +38,16 @@ class Entrant:
     """For tables and file names."""
     title: str
     """For people."""
-    run: Callable[[Task, Path, int], Scores]
+    run: Run
     """Takes the task, the folder of its data and a seed; returns p(person) of its test."""
-    is_bundle: bool = False
+    kept_as: str = ""
+    """Its scores of earlier runs; empty where nobody knows that it is what it was."""
 
 
-def shipped() -> tuple[str, ...]:
-    """Return the names of the entries of this folder."""
-    return tuple(found.name for found in pkgutil.iter_modules(entries.__path__))
+def shipped(function: str = "scores") -> tuple[str, ...]:
+    """Return the names of the entries of this folder that have such a function."""
+    names = [found.name for found in pkgutil.iter_modules(entries.__path__)]
+    return tuple(n for n in names if hasattr(import_module(f"{entries.__name__}.{n}"), function))
 
 
 def entrant_named(text: str) -> Entrant:
@@ -55,49 +57,66 @@ def entrant_named(text: str) -> Entrant:
     """
     if text in shipped():
         module = import_module(f"{entries.__name__}.{text}")
-        return Entrant(text, module.TITLE, _trained(module.scores))
-    file, _, function = text.partition(":")
-    if file.endswith(".py"):
-        return _of_file(Path(file), function or "scores")
+        run = _trained(module.scores, uses_vector=getattr(module, "USES_VECTOR", True))
+        return Entrant(text, module.TITLE, run, kept_as=text)
+    if is_function(text):
+        return _of_file(text)
     bundle = load_bundle(text)
     title = f"bundle {bundle.name}, as it is"
-    return Entrant(bundle.name, title, _judged_by(text), is_bundle=True)
+    return Entrant(
+        bundle.name, title, _judged_by(text), kept_as=f"{bundle.name}-{bundle.sha256[:12]}"
+    )
 
 
-def _trained(scores: Callable[[Elements, Elements, int], Any]) -> Callable[..., Scores]:
+def _trained(scores: Callable[..., Any], *, uses_vector: bool = True) -> Run:
     def run(task: Task, folder: Path, seed: int) -> Scores:
         test = task.test(folder)
         # What an entry must not see.
         hidden = replace(
             test, is_person=np.zeros(len(test), np.bool_), in_view=np.ones(len(test), np.float32)
         )
-        return np.asarray(scores(task.train(folder), hidden, seed), np.float64)
+        train = task.train(folder)
+        if not uses_vector:
+            train = replace(train, vector=np.empty((len(train), 0), np.float32))
+            hidden = replace(hidden, vector=np.empty((len(test), 0), np.float32))
+        return np.asarray(scores(train, hidden, seed), np.float64)
 
-    return run
-
-
-def _of_file(path: Path, function: str) -> Entrant:
-    if not path.is_file():
-        msg = f"entry '{path}': no such file"
-        raise UsageError(msg)
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    assert spec is not None  # noqa: S101 - its name ends in .py
-    assert spec.loader is not None  # noqa: S101
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    scores = getattr(module, function, None)
-    if not callable(scores):
-        msg = f"entry '{path}': has no function '{function}'"
-        raise UsageError(msg)
-    return Entrant(path.stem, str(getattr(module, "TITLE", path.stem)), _trained(scores))
+    return run if uses_vector else _once(run)
 
 
-def _judged_by(name: str) -> Callable[[Task, Path, int], Scores]:
+def _once(run: Run) -> Run:
+    """Return `run` for those who do not look at the thesis' vector.
+
+    Tasks that differ in it alone are the same to them, and run once.
+    """
+    known: dict[tuple[Task, Path, int], Scores] = {}
+
+    def once(task: Task, folder: Path, seed: int) -> Scores:
+        frames = (replace(task, cell=replace(task.cell, vector=1)), folder, seed)
+        if frames not in known:
+            known[frames] = run(*frames)
+        return known[frames]
+
+    return once
+
+
+def _of_file(text: str) -> Entrant:
+    scores = function_of(text, "scores")
+    path = Path(text.partition(":")[0])
+    return Entrant(path.stem, title_of(text), _trained(scores))
+
+
+def title_of(text: str) -> str:
+    """Return what the file of ``FILE.py[:FUNCTION]`` calls its method: TITLE, else its name."""
+    return str(getattr(module_of(text), "TITLE", Path(text.partition(":")[0]).stem))
+
+
+def _judged_by(name: str) -> Run:
     def run(task: Task, _folder: Path, _seed: int) -> Scores:
         classifier = Classifier(load_bundle(name))
         return np.array([_person_by(classifier, each) for each in _test_dwells(task)])
 
-    return run
+    return _once(run)
 
 
 def _test_dwells(task: Task) -> Iterator[Dwell]:

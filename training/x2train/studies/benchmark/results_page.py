@@ -1,13 +1,14 @@
-"""Scores to the tables of docs/benchmark.md, between its two marks."""
+"""Scores to the tables of docs/benchmark.md, between its marks."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from radard.errors import UsageError
 from x2train.studies.benchmark.scoring import Score
 from x2train.studies.benchmark.tasks import FULL
 
-BEGIN, END = "<!-- results -->", "<!-- end of results -->"
+Marks = tuple[str, str]
+RESULTS: Marks = ("<!-- results -->", "<!-- end of results -->")
 _NOT_RUN = "<!-- not run: minutes of simulation -->\n"
 
 
@@ -42,18 +43,18 @@ def table(scores: Sequence[Score]) -> Iterator[str]:
         yield f"| {title} | {auc:.3f} | {entropy:.3f} | {100 * seen:.1f} |"
 
 
-def publish(path: Path, scores: Sequence[Score], command: str) -> None:
-    """Put the tables into a page, in the place of those that are there.
+def publish(path: Path, marks: Marks, table_lines: Iterable[str], command: str) -> None:
+    """Put tables and the command that made them into a page, in the place of those there.
 
     Raises UsageError if the page lacks the marks.
     """
     text = path.read_text("utf-8") if path.is_file() else ""
-    before, begin, rest = text.partition(BEGIN)
-    _, end, behind = rest.partition(END)
+    before, begin, rest = text.partition(marks[0])
+    _, end, behind = rest.partition(marks[1])
     if not begin or not end:
-        msg = f"{path}: lacks the marks {BEGIN} and {END}"
+        msg = f"{path}: lacks the marks {marks[0]} and {marks[1]}"
         raise UsageError(msg)
     # The pages' tests heed the mark: results take minutes, or hours.
-    lines = ("", "", _NOT_RUN, f"    {command}", "", *table(scores), "", "")
+    lines = ("", "", _NOT_RUN, f"    {command}", "", *table_lines, "", "")
     body = "\n".join(lines)
     path.write_text(f"{before}{begin}{body}{end}{behind}", "utf-8")

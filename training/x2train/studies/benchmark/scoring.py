@@ -88,19 +88,19 @@ class Kept:
     def __init__(self, folder: Path) -> None:
         self._folder = folder
 
-    def load(self, task: Task, entry: str, seed: int) -> Score | None:
-        """Return a score of an earlier run."""
+    def load(self, task: Task, key: str, seed: int) -> Score | None:
+        """Return a score of an earlier run; `key` is what the entry is kept as."""
         try:
-            return Score(**json.loads(self._path(task, entry, seed).read_text("utf-8")))
+            return Score(**json.loads(self._path(task, key, seed).read_text("utf-8")))
         except (OSError, ValueError, TypeError):
             return None
 
-    def save(self, task: Task, made: Score) -> None:
+    def save(self, task: Task, key: str, made: Score) -> None:
         """Keep a score."""
         self._folder.mkdir(parents=True, exist_ok=True)
         text = json.dumps(asdict(made), indent=1) + "\n"
-        write_atomically(self._path(task, made.entry, made.seed), text.encode())
+        write_atomically(self._path(task, key, made.seed), text.encode())
 
-    def _path(self, task: Task, entry: str, seed: int) -> Path:
-        name = f"{VERSION}-{task.name}-{entry}-{task.n_train}-{task.n_test}-{seed}.json"
+    def _path(self, task: Task, key: str, seed: int) -> Path:
+        name = f"{VERSION}-{task.name}-{key}-{task.n_train}-{task.n_test}-{seed}.json"
         return self._folder / name

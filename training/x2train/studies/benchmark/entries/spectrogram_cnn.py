@@ -14,6 +14,7 @@ from torch.nn import functional
 from x2train.studies.benchmark.tasks import Elements
 
 TITLE = "CNN on the spectrogram"
+USES_VECTOR = False
 _EPOCHS = 20
 _BATCH = 50
 """Chosen, as is Adam's usual rate; not tuned on any task."""

@@ -13,6 +13,7 @@ from scipy.optimize import minimize
 from x2train.studies.benchmark.tasks import Elements
 
 TITLE = "SVM on hand-made features"
+USES_VECTOR = False
 _OVER = 0.5
 """Of the map's depth of 30 dB: what is brighter belongs to the body. Chosen."""
 _N_RANDOM = 400

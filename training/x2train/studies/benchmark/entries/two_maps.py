@@ -11,6 +11,7 @@ from x2train.studies.benchmark.tasks import Elements
 from x2train.studies.thesis.own import OwnSettings, predict_maps, train_maps
 
 TITLE = "this project's maps"
+USES_VECTOR = False
 
 
 def scores(train: Elements, test: Elements, seed: int) -> NDArray[np.float64]:
