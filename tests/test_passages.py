@@ -11,9 +11,10 @@ from radard.stream.ring import DwellShape
 from tests.training_helpers import FEATURES
 from x2train.generate.shard_run import make_shards
 from x2train.generate.shards import read_all
-from x2train.scenarios.families import FAMILIES, LABELS, family
+from x2train.scenarios.families import FAMILIES, LABELS, draw_goer, family
 from x2train.scenarios.passages import Passage, Truth, play
-from x2train.scenarios.sites import X2, draw_close, draw_site
+from x2train.scenarios.sites import X2, clear_site, draw_close, draw_site
+from x2train.windows.window_set import worth_learning
 from x2train.windows.windows import WindowSpec, dwell_ends, windows_of
 
 FEW = WindowSpec(seed=4, use="train", settings=FEATURES)
@@ -233,3 +234,41 @@ def test_the_first_laws_are_the_default():
     plain, named = FEW(3), replace(FEW, motions=("gait",), skins=("surface",))(3)
     assert all(np.array_equal(named[key], value) for key, value in plain.items())
     assert set(plain["motion"]) == set(plain["skin"]) == {0}
+
+
+def test_clear_passages_have_one_body_that_goes_and_no_multipath():
+    rng = np.random.default_rng(5)
+    site = clear_site(rng, draw_site(rng, X2))
+    assert site.surfaces == ()
+    assert site.tail is None
+    assert all(not draw_goer(rng, label, "all").stays for label in ("human", "pet") * 40)
+    made = [rows for k in range(12) if (rows := replace(FEW, clear_share=1.0)(k)) is not None]
+    assert all((rows["company"] == -1).all() for rows in made)
+
+
+def test_the_share_of_clear_passages_changes_no_other():
+    some = replace(FEW, clear_share=0.5)
+    differ = 0
+    for k in range(8):
+        a, b = FEW(k), some(k)
+        is_same = (a is None) == (b is None)
+        if is_same and a is not None:
+            is_same = np.array_equal(a["velocity_time"], b["velocity_time"])
+        differ += not is_same
+    assert 0 < differ < 8
+
+
+def test_what_shows_little_is_learned_in_one_passage_of_five():
+    n = 40
+    windows = {
+        "label": np.tile([0, 1, 1, 2], 10),
+        "passage": np.arange(n) // 4,
+        "share": np.tile([0.9, 0.9, 0.3, 0.3], 10),
+        "speed_mps": np.full(n, 0.5),
+        "aspect": np.tile([0.9, 0.1, 0.9, 0.1], 10),
+    }
+    kept = worth_learning(windows)
+    assert len(kept["label"]) == 10 * 2 + 2 * 2  # people who show, things; and two whole passages
+    assert (kept["passage"] == 5).sum() == 4
+    old = {"label": windows["label"], "passage": windows["passage"]}
+    assert worth_learning(old) is old

@@ -250,11 +250,16 @@ def root_attributes(
     }
 
 
+def reopened(path: Path) -> h5py.File:
+    """Open a recording that is not being written any more, to add to it."""
+    return h5py.File(path, "r+", libver="latest")
+
+
 def write_labels(path: Path, labels: list[Label]) -> None:
     """Add labelled stretches to a recording that is not being written any more."""
     if not labels:
         return
-    with h5py.File(path, "r+", libver="latest") as file:
+    with reopened(path) as file:
         file["labels/t0_s"] = [t0_s for t0_s, _, _ in labels]
         file["labels/t1_s"] = [t1_s for _, t1_s, _ in labels]
         file["labels/label"] = [label for _, _, label in labels]

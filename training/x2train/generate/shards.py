@@ -24,8 +24,8 @@ from x2radar.errors import RecordingError
 Arrays = Mapping[str, NDArray[Any]]
 MANIFEST = "manifest.json"
 VERSION = 1
-_LATER = {"gate"}
-"""What manifests of version 0.1.0 lack; their sets are accepted, and stay without it."""
+_LATER = {"gate", "clear_share"}
+"""What older manifests lack; their sets are accepted, and stay without it."""
 
 
 class ShardSet:

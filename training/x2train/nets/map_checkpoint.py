@@ -22,7 +22,7 @@ _EVERY_S = 300.0  # of wall clock: chosen, what an interruption costs at most
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Point:
+class SavedPoint:
     """Where a training is: so many steps into an epoch."""
 
     print: str  # of data and settings, see `fingerprint`
@@ -94,7 +94,7 @@ class Checkpoints:
         """Write a checkpoint if it is time; `at` as `resume` returns it."""
         if self._path is None or time.monotonic() < self._next_s:
             return
-        point = Point(
+        point = SavedPoint(
             self._run,
             *at,
             net.state_dict(),
@@ -112,10 +112,10 @@ class Checkpoints:
         if self._path is not None:
             self._path.unlink(missing_ok=True)
 
-    def _read(self) -> Point | None:
+    def _read(self) -> SavedPoint | None:
         """Return the file's point; None if there is none, or it is of another run or damaged."""
         known = read_checkpoint(self._path) if self._path is not None else None
-        if known is None or known.keys() != {f.name for f in fields(Point)}:
+        if known is None or known.keys() != {f.name for f in fields(SavedPoint)}:
             return None
-        point = Point(**known)
+        point = SavedPoint(**known)
         return point if point.print == self._run else None

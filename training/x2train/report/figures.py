@@ -39,7 +39,7 @@ WORST = 20  # passages with a picture: chosen, as many as are looked at
 
 
 @dataclass(frozen=True, slots=True)
-class Point:
+class OperatingPoint:
     """One operating point."""
 
     name: str
@@ -80,7 +80,7 @@ class Figures:
     pet_hours_in_swath: float
     n_never_in_swath: int
     n_invalid: int
-    points: tuple[Point, ...]
+    points: tuple[OperatingPoint, ...]
     agreement: float
     windows: WindowFigures
     baselines: tuple[Baseline, ...]
@@ -112,7 +112,7 @@ def figures(table: PassageTable, seed: int) -> Figures:
     everything = np.ones(len(table), np.bool_)
     shipped = verdicts(table, table.is_alarm)
     own = outcome(table, shipped, everything, rng)
-    points = [Point("as shipped", "shipped", np.nan, PET_LIMIT, True, own)]
+    points = [OperatingPoint("as shipped", "shipped", np.nan, PET_LIMIT, True, own)]
     sweeps: dict[Policy, Sweep] = {}
     scores: dict[Policy, NDArray[np.float64]] = {}
     budget: Verdicts = shipped
@@ -127,7 +127,7 @@ def figures(table: PassageTable, seed: int) -> Figures:
             if policy == "fused" and budget_h == BUDGET_H:
                 budget = found
             points.append(
-                Point(
+                OperatingPoint(
                     _name(policy, budget_h),
                     policy,
                     budget_h,

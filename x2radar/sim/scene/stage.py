@@ -27,7 +27,7 @@ _BACKGROUND, _MOUNT, _TAIL, _STEP = 0xBAC0, 0x3071, 0x7A11, 0x57E9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Block:
+class SceneBlock:
     """Consecutive frames of one step."""
 
     rows: EchoRows  # echoes; physical cross sections
@@ -81,7 +81,7 @@ class Stage:
         self._now = _Playing((), 0, 0)
         self._at = 0
 
-    def next_block(self, most: int, times_s: Array | None = None) -> Block:
+    def next_block(self, most: int, times_s: Array | None = None) -> SceneBlock:
         """Return the next frames, `most` of them or fewer where a step ends.
 
         `times_s`, shape (most,), is when they are really taken, since the stream's start; by
@@ -107,7 +107,7 @@ class Stage:
         rows = [r for p in points for r in self._rows(p, offset_m)]
         if not rows:
             rows = [EchoRows(np.zeros((n, 0)), np.zeros((n, 0)))]
-        return Block(join(tuple(rows)), offset_m, movers, points)
+        return SceneBlock(join(tuple(rows)), offset_m, movers, points)
 
     def _rows(self, points: Points, offset_m: Array | None) -> Iterator[EchoRows]:
         antenna = self._scene.antenna

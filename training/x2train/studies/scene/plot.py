@@ -33,7 +33,7 @@ _COLOURS = {"human": "tab:red", "pet": "tab:blue", "other": "tab:green"}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Pictures:
+class ScenePictures:
     """What is drawn."""
 
     axis: FastTimeAxis  # of the baseband frames
@@ -63,14 +63,16 @@ def scene_frames(
     return converter.convert(rows), converter.axis
 
 
-def pictures(frames: NDArray[np.complex64], axis: FastTimeAxis, frame_rate_hz: float) -> Pictures:
+def pictures(
+    frames: NDArray[np.complex64], axis: FastTimeAxis, frame_rate_hz: float
+) -> ScenePictures:
     """Return the maps of baseband frames, made by the daemon's own code."""
     n_cpi = max(8, round(CPI_S * frame_rate_hz))
     ranges = RangeTimeMap(axis, n_cpi, cell_m=max(0.05, axis.bin_length_m), n_keep=len(frames))
     ranges.push(frames)
     transform = VelocityTransform(axis, frame_rate_hz, n_keep=len(frames))
     transform.push(frames)
-    return Pictures(
+    return ScenePictures(
         axis=axis,
         frame_rate_hz=frame_rate_hz,
         range_time=np.asarray(ranges.columns(), np.float64),
@@ -102,7 +104,7 @@ def plot_scene(
     return path
 
 
-def draw_range_time(axes: Axes, shown: Pictures) -> None:
+def draw_range_time(axes: Axes, shown: ScenePictures) -> None:
     """Draw the range-time map into `axes`."""
     extent = (0.0, shown.duration_s, float(shown.range_m[0]), float(shown.range_m[-1]))
     power = shown.range_time
@@ -110,7 +112,7 @@ def draw_range_time(axes: Axes, shown: Pictures) -> None:
     axes.set(xlabel="time (s)", ylabel="range (m)", title="range-time power")
 
 
-def draw_velocity_time(axes: Axes, shown: Pictures) -> None:
+def draw_velocity_time(axes: Axes, shown: ScenePictures) -> None:
     """Draw the velocity-time map into `axes`."""
     v = shown.velocity_mps
     _image(
@@ -122,7 +124,7 @@ def draw_velocity_time(axes: Axes, shown: Pictures) -> None:
     axes.set(xlabel="time (s)", ylabel="approaching (m/s)", title="velocity-time power")
 
 
-def draw_spectrogram(axes: Axes, shown: Pictures) -> None:
+def draw_spectrogram(axes: Axes, shown: ScenePictures) -> None:
     """Draw the spectrogram into `axes`."""
     v = velocity_mps(len(shown.spectrogram), shown.frame_rate_hz, shown.axis.carrier_hz)
     _image(

@@ -14,7 +14,7 @@ from x2train.nets.epoch import temperature_of
 from x2train.report.verdicts import PET_LIMIT
 from x2train.studies.thesis.cells import Cell
 from x2train.studies.thesis.fit import Fitted
-from x2train.studies.thesis.recipe import Recipe, Tell, Variant
+from x2train.studies.thesis.recipe import StudyRecipe, Tell, Variant
 from x2train.studies.thesis.results import judged
 
 CLASSES = ("pet", "human")
@@ -39,7 +39,7 @@ _ACTIVATIONS: Mapping[str, type[nn.Module]] = {
 
 
 def write_thesis_bundle(
-    path: Path, recipe: Recipe, cell: Cell, variant: Variant, tell: Tell, *, command: str
+    path: Path, recipe: StudyRecipe, cell: Cell, variant: Variant, tell: Tell, *, command: str
 ) -> Mapping[str, float]:
     """Train a cell, write the repeat with the best score as a bundle, return its metrics.
 

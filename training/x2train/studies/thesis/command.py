@@ -16,7 +16,7 @@ from x2train.commands import Commands, progress, result_console, tell_bundle
 
 if TYPE_CHECKING:
     from x2train.studies.thesis.own import OwnJob
-    from x2train.studies.thesis.recipe import Job, Recipe, Variant
+    from x2train.studies.thesis.recipe import Job, StudyRecipe, Variant
     from x2train.studies.thesis.results import CellResult
 
 _EXAMPLES = """\
@@ -104,10 +104,10 @@ def _add_training(group: Any) -> None:
 
 def _run(args: argparse.Namespace) -> int:
     # Late: torch takes seconds, and --help must not.
-    from x2train.studies.thesis.recipe import Recipe  # noqa: PLC0415
+    from x2train.studies.thesis.recipe import StudyRecipe  # noqa: PLC0415
 
     parts = _parts(args)
-    recipe = Recipe(
+    recipe = StudyRecipe(
         folder=args.folder,
         n_elements=args.elements // 20 * 20,
         n_fresh=args.fresh // 2 * 2,
@@ -145,7 +145,7 @@ def _run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _bundle(args: argparse.Namespace, recipe: "Recipe") -> int:
+def _bundle(args: argparse.Namespace, recipe: "StudyRecipe") -> int:
     """Write a bundle: of the type 2 vector of dogs and cats at 60 Hz, unless told otherwise."""
     from x2train.studies.thesis.bundle import write_thesis_bundle  # noqa: PLC0415
     from x2train.studies.thesis.cells import Cell  # noqa: PLC0415
@@ -176,7 +176,7 @@ def _parts(args: argparse.Namespace) -> tuple[str, ...]:
 
 
 def _jobs(
-    args: argparse.Namespace, recipe: "Recipe", parts: tuple[str, ...]
+    args: argparse.Namespace, recipe: "StudyRecipe", parts: tuple[str, ...]
 ) -> Iterator["Job | OwnJob"]:
     from x2train.studies.thesis.own import OwnSettings, own_jobs  # noqa: PLC0415
     from x2train.studies.thesis.recipe import Job, variants, wanted_cells  # noqa: PLC0415

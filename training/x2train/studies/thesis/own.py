@@ -17,7 +17,7 @@ from torch.nn import functional
 
 from x2train.studies.thesis.cells import Cell
 from x2train.studies.thesis.elements import ElementSpec
-from x2train.studies.thesis.recipe import FRESH_FROM, Recipe, Tell
+from x2train.studies.thesis.recipe import FRESH_FROM, StudyRecipe, Tell
 from x2train.studies.thesis.results import CellResult, judged, seen
 from x2train.studies.thesis.sets import load_maps
 
@@ -137,7 +137,7 @@ def predict_maps(net: TwoMapNet, maps: Maps) -> NDArray[np.float64]:
 class OwnJob:
     """The map network on one set."""
 
-    recipe: Recipe  # where data and results lie
+    recipe: StudyRecipe  # where data and results lie
     cell: Cell  # which set; its vector makes no difference
     settings: OwnSettings
 
@@ -166,7 +166,9 @@ class OwnJob:
         return self.kept() or _run(self, tell)
 
 
-def own_jobs(recipe: Recipe, cells: Iterable[Cell], settings: OwnSettings) -> Iterator[OwnJob]:
+def own_jobs(
+    recipe: StudyRecipe, cells: Iterable[Cell], settings: OwnSettings
+) -> Iterator[OwnJob]:
     """Yield one job for every animal and frame rate among the cells."""
     for cell in dict.fromkeys(replace(cell, vector=2) for cell in cells):
         yield OwnJob(recipe, cell, settings)

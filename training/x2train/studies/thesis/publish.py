@@ -10,13 +10,13 @@ from x2train.generate.shards import write_whole
 from x2train.studies.thesis import figures, plots
 from x2train.studies.thesis.cells import RATES_HZ
 from x2train.studies.thesis.page import MAIN, page
-from x2train.studies.thesis.recipe import Recipe
+from x2train.studies.thesis.recipe import StudyRecipe
 from x2train.studies.thesis.results import CellResult
 
 _EXAMPLE = 3  # number of the element that is drawn: chosen
 
 
-def publish(recipe: Recipe, results: Sequence[CellResult], path: Path, command: str) -> Path:
+def publish(recipe: StudyRecipe, results: Sequence[CellResult], path: Path, command: str) -> Path:
     """Write tables of results, and pictures into a folder of the page's name beside it.
 
     The page says that `command` made it. Raises RecordingError if the disk does not take it.
@@ -28,7 +28,7 @@ def publish(recipe: Recipe, results: Sequence[CellResult], path: Path, command: 
         raise RecordingError(msg) from err
 
 
-def _publish(recipe: Recipe, results: Sequence[CellResult], path: Path, command: str) -> Path:
+def _publish(recipe: StudyRecipe, results: Sequence[CellResult], path: Path, command: str) -> Path:
     folder = path.parent / path.stem
     main = [r for r in results if r.label in MAIN]
     pictures: dict[str, list[Path]] = {}

@@ -79,7 +79,7 @@ def variants(base: FitSettings) -> tuple[Variant, ...]:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Recipe:
+class StudyRecipe:
     """Where things lie and how much of them there is."""
 
     folder: Path  # of data, results and checkpoints
@@ -219,7 +219,7 @@ class Trained:
 class Job:
     """One training that is due."""
 
-    recipe: Recipe  # where things lie
+    recipe: StudyRecipe  # where things lie
     cell: Cell
     variant: Variant
     recordings: CellData | None = None  # windows to stop by and to retrain on

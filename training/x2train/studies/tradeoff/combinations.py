@@ -20,13 +20,13 @@ from x2train.bundles.network_cost import Feed, quantised, window_ms
 from x2train.nets.bundle_answers import outputs_of
 from x2train.report.intervals import Estimate, resampled
 from x2train.report.ranking import Ranking
-from x2train.studies.tradeoff.maps import Setting
+from x2train.studies.tradeoff.maps import MapSetting
 from x2train.studies.tradeoff.windows import JudgedWindows, Maps
 
 DECIMATIONS = (4, 8, 16)  # as shipped, and half and double of it
 CPIS = (3, 2, 1)  # as shipped, and fewer
 PRECISIONS = ("fp32", "int8")
-SETTINGS = tuple(Setting(decimation=d, cpis=c) for d in DECIMATIONS for c in CPIS)
+SETTINGS = tuple(MapSetting(decimation=d, cpis=c) for d in DECIMATIONS for c in CPIS)
 _LONGER = ("velocity_time_medium", "velocity_time_long")
 _CALIBRATED_ON = 200  # windows: chosen
 _CALLS = 200  # of which the median counts: chosen
@@ -48,7 +48,7 @@ class Combination:
     @property
     def is_shipped(self) -> bool:
         """Whether the bundle runs so."""
-        default = Setting()
+        default = MapSetting()
         shipped = (default.decimation, default.cpis, PRECISIONS[0])
         return (self.decimation, self.cpis, self.precision) == shipped
 
@@ -64,7 +64,7 @@ def combinations(
     bundles: list[Bundle],
     windows: JudgedWindows,
     others: JudgedWindows,
-    chain_ms: Mapping[Setting, float],
+    chain_ms: Mapping[MapSetting, float],
     seed: int,
 ) -> Iterator[int | list[Combination]]:
     """Judge every combination; yield how many are done, then all.
@@ -75,7 +75,7 @@ def combinations(
     """
     made: list[Combination] = []
     for bundle in bundles:
-        rows = feeds(bundle, others.maps[bundle.features, Setting().decimation])
+        rows = feeds(bundle, others.maps[bundle.features, MapSetting().decimation])
         nets = {"fp32": bundle.onnx, "int8": quantised(bundle.onnx, rows)}
         network_ms = window_ms({key: (net, rows[0]) for key, net in nets.items()}, _CALLS)
         for setting in SETTINGS:

@@ -35,7 +35,7 @@ Samples = NDArray[np.float32] | NDArray[np.complex64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Setting:
+class MapSetting:
     """Where every switch stands; the defaults are those of the shipped bundles."""
 
     source: str = "rf"  # 'rf' or 'baseband', as the module sends
@@ -47,14 +47,14 @@ class Setting:
     # range bands of a spectrogram that is made instead of the two maps; 0 for the maps
     bands: int = 0
 
-    def but(self, name: str, value: str | float) -> "Setting":
+    def but(self, name: str, value: str | float) -> "MapSetting":
         """Return this with one switch set."""
         values = {f.name: getattr(self, f.name) for f in fields(self)}
-        return Setting(**{**values, name: value})
+        return MapSetting(**{**values, name: value})
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Pictures:
+class MapPictures:
     """What one hop shows."""
 
     maps: dict[str, Picture]  # of `MAP_FEATURES`, or 'spectrogram'; 0 to 1 over `depth_db`
@@ -70,11 +70,11 @@ class Chain:
         Of the frames.
     frame_rate_hz : float
         Frames per second; a hop is one second.
-    setting : Setting
+    setting : MapSetting
         Where the switches stand.
     """
 
-    def __init__(self, axis: FastTimeAxis, frame_rate_hz: float, setting: Setting) -> None:
+    def __init__(self, axis: FastTimeAxis, frame_rate_hz: float, setting: MapSetting) -> None:
         self._converter = DownConverter(axis, setting.decimation)
         self._axis = self._converter.axis
         self._rate_hz = frame_rate_hz
@@ -113,7 +113,7 @@ class Chain:
         self.moving: Dwell | None = None
         """Last dwell without its clutter."""
 
-    def hop(self, samples: Samples) -> Pictures | None:
+    def hop(self, samples: Samples) -> MapPictures | None:
         """Take a hop's frames; return what the dwell shows, None before the first whole one."""
         n_new, n_slow = len(samples), len(self._rows)
         self._rows[:-n_new] = self._rows[n_new:]
@@ -133,13 +133,13 @@ class Chain:
             self._shared.push(moving.frames[new], moving.valid[new])
         return self._pictures()
 
-    def _pictures(self) -> Pictures:
+    def _pictures(self) -> MapPictures:
         if self._doppler is not None:
             power = self._doppler.columns(round(DWELL_S * self._rate_hz))
             stack = power.reshape(-1, power.shape[-1])
             good = np.ones(stack.shape[1], np.bool_)
             maps = {"spectrogram": shown(stack, good, DOPPLER_DEPTH_DB)}
-            return Pictures(maps, {"spectrogram": DOPPLER_DEPTH_DB})
+            return MapPictures(maps, {"spectrogram": DOPPLER_DEPTH_DB})
         made = self._double.made if self._double else self._maps
         maps, depth_db = {}, {}
         for name, source in made.items():
@@ -153,10 +153,10 @@ class Chain:
             else:
                 maps[name] = _on_cells(columns, self._rate_hz, RANGE_DEPTH_DB)
                 depth_db[name] = RANGE_DEPTH_DB
-        return Pictures(maps, depth_db)
+        return MapPictures(maps, depth_db)
 
 
-def _grids(setting: Setting) -> dict[str, VelocityGrid]:
+def _grids(setting: MapSetting) -> dict[str, VelocityGrid]:
     features = replace(_FEATURES, velocity_step_mps=setting.step_mps)
     return dict(list(features.velocity_grids().items())[: setting.cpis])
 

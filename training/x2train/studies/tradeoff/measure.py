@@ -20,9 +20,9 @@ from x2radar.frame import FastTimeAxis
 from x2radar.ports import PortSpec, port_settings
 from x2radar.sim.module.stream import EchoStream
 from x2radar.sim.scene.scene import load_scene
-from x2train.studies.tradeoff.maps import Chain, Picture, Pictures, Samples, Setting
+from x2train.studies.tradeoff.maps import Chain, MapPictures, MapSetting, Picture, Samples
 
-_SHIPPED = Setting()
+_SHIPPED = MapSetting()
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +32,7 @@ class Switch:
     name: str
     title: str
     values: tuple[str | float, ...]
-    base: Setting = _SHIPPED
+    base: MapSetting = _SHIPPED
 
 
 SWITCHES = (
@@ -42,12 +42,12 @@ SWITCHES = (
     Switch("cpis", "velocity-time maps", (3, 2, 1)),
     Switch("precision", "bits of the maps", (64, 32)),
     Switch("source", "module sends", ("rf", "baseband")),
-    Switch("bands", "range bands of the spectrogram", (8, 4, 2, 1), Setting(bands=8)),
+    Switch("bands", "range bands of the spectrogram", (8, 4, 2, 1), MapSetting(bands=8)),
 )
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class SwitchRow:
     """One value of one switch."""
 
     switch: str
@@ -88,15 +88,15 @@ def record(scene: str, frame_rate_hz: float, duration_s: float, seed: int) -> Re
 
 def measure(
     recordings: list[Recording], rounds: int, switches: tuple[Switch, ...] = SWITCHES
-) -> Iterator[int | list[Row]]:
+) -> Iterator[int | list[SwitchRow]]:
     """Measure switches on recordings, timed in rounds; yield settings done, then the table."""
     open_hops = _some_open(recordings)
-    rows: list[Row] = []
+    rows: list[SwitchRow] = []
     n_done = 0
     for switch in switches:
         settings = [switch.base.but(switch.name, value) for value in switch.values]
         seconds: list[list[float]] = [[] for _ in settings]
-        shows: list[list[Pictures]] = [[] for _ in settings]
+        shows: list[list[MapPictures]] = [[] for _ in settings]
         for _ in range(rounds):
             # The values of a switch take turns, so that a busy machine is busy for all.
             for k, setting in enumerate(settings):
@@ -114,14 +114,14 @@ def n_steps(rounds: int, switches: tuple[Switch, ...] = SWITCHES) -> int:
 
 
 def chain_ms(
-    recordings: list[Recording], settings: Sequence[Setting], rounds: int
-) -> Iterator[int | dict[Setting, float]]:
+    recordings: list[Recording], settings: Sequence[MapSetting], rounds: int
+) -> Iterator[int | dict[MapSetting, float]]:
     """Time the chain at several settings, in turn; yield settings done, then the result.
 
     That is the CPU time of a hop with an open gate, in milliseconds, of the best round.
     """
     open_hops = _some_open(recordings)
-    best: dict[Setting, float] = {}
+    best: dict[MapSetting, float] = {}
     for k in range(rounds):
         for n, setting in enumerate(settings, 1 + k * len(settings)):
             hops_s, _ = _run(recordings, setting, open_hops)
@@ -145,12 +145,12 @@ def picture_loss_db(ours: Picture, finest: Picture, depth_db: float) -> float:
 
 
 def _rows(
-    switch: Switch, seconds: list[list[float]], shows: list[list[Pictures]]
-) -> Iterator[Row]:
+    switch: Switch, seconds: list[list[float]], shows: list[list[MapPictures]]
+) -> Iterator[SwitchRow]:
     for k, value in enumerate(switch.values):
         setting = switch.base.but(switch.name, value)
         ratios = [a / b for a, b in zip(seconds[k], seconds[0], strict=True)]
-        yield Row(
+        yield SwitchRow(
             switch.name,
             value,
             is_default=setting == _SHIPPED,
@@ -160,7 +160,7 @@ def _rows(
         )
 
 
-def _losses(ours: list[Pictures], finest: list[Pictures], n_bands: int) -> dict[str, float]:
+def _losses(ours: list[MapPictures], finest: list[MapPictures], n_bands: int) -> dict[str, float]:
     losses: dict[str, list[float]] = {}
     for mine, best in zip(ours, finest, strict=True):
         for name, picture in mine.maps.items():
@@ -176,8 +176,8 @@ def _losses(ours: list[Pictures], finest: list[Pictures], n_bands: int) -> dict[
 
 
 def _run(
-    recordings: list[Recording], setting: Setting, open_hops: list[list[bool]]
-) -> tuple[list[float], list[Pictures]]:
+    recordings: list[Recording], setting: MapSetting, open_hops: list[list[bool]]
+) -> tuple[list[float], list[MapPictures]]:
     hops_s, found = [], []
     for recording, is_open in zip(recordings, open_hops, strict=True):
         chain = Chain(recording.axes[setting.source], recording.frame_rate_hz, setting)
@@ -201,7 +201,7 @@ def _some_open(recordings: list[Recording]) -> list[list[bool]]:
 
 def _open_hops(recording: Recording) -> list[bool]:
     """Return in which hops the daemon's gate is open, at the default setting."""
-    setting = Setting()
+    setting = MapSetting()
     chain = Chain(recording.axes[setting.source], recording.frame_rate_hz, setting)
     gate = Gate(GateSettings())
     is_open = []

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 
 from x2train.studies.tradeoff.combinations import Combination
 from x2train.studies.tradeoff.grid_page import draw_combinations
-from x2train.studies.tradeoff.measure import SWITCHES, Row, Switch
+from x2train.studies.tradeoff.measure import SWITCHES, Switch, SwitchRow
 from x2train.studies.tradeoff.models import ModelRow
 
 _PICTURES = {
@@ -38,7 +38,7 @@ _N_ACROSS = 3  # plots in a row
 
 
 def page(
-    rows: list[Row],
+    rows: list[SwitchRow],
     models: list[ModelRow],
     grid: list[str],
     *,
@@ -78,7 +78,7 @@ def page(
     return "\n".join(parts).rstrip("\n") + "\n"
 
 
-def _table(switch: Switch, rows: list[Row]) -> list[str]:
+def _table(switch: Switch, rows: list[SwitchRow]) -> list[str]:
     # What a switch does not change is not worth a column.
     names = [name for name in rows[0].loss_db if any(row.loss_db.get(name) != 0 for row in rows)]
     heads = " | ".join(f"loss {_PICTURES[name]}, dB" for name in names)
@@ -129,7 +129,9 @@ def _accuracy(model: ModelRow) -> str:
     return f"{found.value:.4f} ({found.low:.4f} to {found.high:.4f})"
 
 
-def draw(rows: list[Row], models: list[ModelRow], combined: list[Combination], path: Path) -> None:
+def draw(
+    rows: list[SwitchRow], models: list[ModelRow], combined: list[Combination], path: Path
+) -> None:
     """Draw loss against cost, and accuracy against cost.
 
     Of combinations, or, without any, of bundles that were evaluated.
@@ -154,7 +156,7 @@ def draw(rows: list[Row], models: list[ModelRow], combined: list[Combination], p
     plt.close(figure)
 
 
-def _draw_losses(axis: Axes, rows: list[Row], name: str) -> None:
+def _draw_losses(axis: Axes, rows: list[SwitchRow], name: str) -> None:
     for k, switch in enumerate(SWITCHES):
         own = [row for row in rows if row.switch == switch.name and name in row.loss_db]
         if not any(row.loss_db[name] > 0 for row in own):

@@ -32,7 +32,7 @@ _ROWS = (
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class MeasureRow:
     """One measure, recorded and simulated."""
 
     name: str
@@ -59,7 +59,7 @@ class Row:
 class Comparison:
     """Recorded and simulated walks."""
 
-    rows: tuple[Row, ...]
+    rows: tuple[MeasureRow, ...]
     # one for each radar; the simulated are those of the first seed
     recorded: tuple[Walk, ...]
     simulated: tuple[Walk, ...]
@@ -119,12 +119,12 @@ def compare(paths: Sequence[Path], n_seeds: int) -> Iterator[int | Comparison]:
     yield Comparison(rows, recorded, tuple(simulated))
 
 
-def _rows(recorded: Array, simulated: Array) -> tuple[Row, ...]:
+def _rows(recorded: Array, simulated: Array) -> tuple[MeasureRow, ...]:
     """Return the table's rows from numbers of shape (n_radars, n) and (n_seeds, n)."""
     levels = tuple((f"power {away:g} m behind the body", "dB", 1.0) for away in BEHIND_M)
     mean, sd = simulated.mean(axis=0), simulated.std(axis=0, ddof=1)
     return tuple(
-        Row(
+        MeasureRow(
             name=name,
             unit=unit,
             recorded=tuple((recorded[:, k] * factor).tolist()),

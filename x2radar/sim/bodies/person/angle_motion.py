@@ -23,6 +23,8 @@ from x2radar.sim.bodies.person.footfall_motion import sides
 Array = NDArray[np.float64]
 
 _SIDES = (1.0, -1.0)
+_BACKWARDS_SHARE = 0.15
+"""Of people who do not run (chosen)."""
 _SOFT_M = 0.02
 """Depth within which both feet carry; it keeps the hips from a kink when they change."""
 
@@ -96,7 +98,7 @@ class AnglePerson:
         bend = 1.4 if run or style == "carry" else 0.4
         elbow = JointCurve(bend * float(np.exp(0.3 * z[3])), 0.6 * size, np.pi - 0.4 + 0 * size)
         limp = 0.1 if style == "limp" else 0.02 * z[4]
-        facing = float(np.pi) if style in {"walk", "stroll"} and u[0] < 0.08 else 0.0
+        facing = float(np.pi) if not run and u[0] < _BACKWARDS_SHARE else 0.0
         return cls(
             path,
             build,

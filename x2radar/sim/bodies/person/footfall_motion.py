@@ -20,6 +20,8 @@ from x2radar.sim.bodies.person.build import PersonBuild
 Array = NDArray[np.float64]
 
 _SIDES = (1.0, -1.0)
+_TURNED_SHARE = 0.3
+"""Of people who do not run, those who do not go where they look (chosen)."""
 _TURNS = np.array([0.0, -0.7, 1.0, -0.2, *[-0.7] * 6, *[1.0] * 6])
 """Of the parts, in their order, for one of the pelvis: the chest turns against it (recalled)."""
 
@@ -215,9 +217,10 @@ def draw_ways(rng: np.random.Generator, style: str) -> Ways:
     runs = style in {"jog", "run", "child_run"}
     low = {"crouch": 0.25, "stealth": 0.12, "limp": 0.05}.get(style, 0.02)
     facing = 0.0
-    if style in {"walk", "stroll", "stealth"} and u[0] < 0.16:
-        # Backwards or sideways, as people do in front of a shelf.
-        facing = float(np.pi * (u[1] < 0.4) + (np.pi / 2) * (u[1] >= 0.4) * np.sign(z[0] + 1e-9))
+    if not runs and u[0] < _TURNED_SHARE:
+        # Backwards, sideways or aslant, as people do in front of a shelf.
+        aside = float(np.pi / 2 * np.sign(z[0] + 1e-9))
+        facing = np.pi if u[1] < 0.35 else aside if u[1] < 0.75 else 1.2 * aside * float(u[7])
     return Ways(
         stride=(2.3 if runs else 1.85) * float(np.exp(0.10 * z[1])),
         power=0.55 + 0.10 * z[2] / 2,
