@@ -4,11 +4,13 @@
     python campaigns/fuzz.py --inputs 50 --targets hdf5,npz      # the same inputs each time
 
 Targets are the decoder, recordings (HDF5, XeThru, FrameLogger, P4xx .mat, npz, SigMF, wire
-captures), scenes, the configuration, model bundles (sidecar and ONNX), calibrations and kept
-state. An input is run in a process of its own kind, which dies with it if it must: 1 s of its
-processor's time (or 60 s by the clock) is a hang, and the address space may grow by 512 MiB over
-what the imports took; more is counted as over_memory. Right is a result or one of the project's
-own errors; any other exception, or the death of the process, is unhandled.
+captures), scenes, the configuration, model bundles (sidecar and ONNX), calibrations, kept state,
+and what comes over a network: requests, messages of pages, commands over MQTT, what a module says
+of itself in Home Assistant's discovery, and what a broker says of a fleet. An input is run in a
+process of its own kind, which dies with it if it must: 1 s of its processor's time (or 60 s by
+the clock) is a hang, and the address space may grow by 512 MiB over what the imports took; more
+is counted as over_memory. Right is a result or one of the project's own errors; any other
+exception, or the death of the process, is unhandled.
 
 Where atheris is installed and --seconds is given, half of each target's time is guided by
 coverage (libFuzzer with `fuzz_mutate` as its mutator); without it, and with --inputs, all inputs
@@ -39,7 +41,7 @@ from typing import TextIO
 _ROOT = Path(__file__).parents[1]
 sys.path[:0] = [str(_ROOT), str(_ROOT / "daemon")]
 
-from campaigns.fuzz_mutate import mutate  # noqa: E402 - below the path
+from campaigns.fuzz_mutate import BORDER, mutate  # noqa: E402 - below the path
 
 MOST_GROWTH_BYTES = 512 << 20
 TIME_LIMIT_S = 1.0
@@ -50,6 +52,7 @@ _KEYS = ("inputs", "unhandled", "hangs", "over_memory")
 TARGETS = (
     *("decoder", "hdf5", "xethru", "framelogger", "p4xx", "mat", "npz", "sigmf"),
     *("capture", "scene", "config", "bundle", "calibration", "state"),
+    *("http", "websocket", "mqtt", "discovery", "fleet"),
 )
 
 
@@ -218,8 +221,6 @@ def mutations(
     target: str, seed: int, n: int | None, until_s: float, seeds: list[bytes]
 ) -> Iterator[bytes]:
     """Yield the good inputs, then mutations of them, until a number or a time is reached."""
-    from campaigns.fuzz_targets import BORDER  # noqa: PLC0415 - slow imports
-
     rng = random.Random(f"{target} {seed}")  # noqa: S311 - no secret
     done = 0
     while (n is None or done < n) and time.monotonic() < until_s:
@@ -271,8 +272,8 @@ def guide(target: str, folder: Path, seed: str, left_s: str) -> None:
     import atheris  # type: ignore[import-not-found] # noqa: PLC0415 - optional
 
     with atheris.instrument_imports(include=["x2radar", "radard"]):
-        from campaigns.fuzz_targets import BORDER, verdict  # noqa: PLC0415
         from campaigns.fuzz_targets import TARGETS as KNOWN  # noqa: PLC0415
+        from campaigns.fuzz_targets import verdict  # noqa: PLC0415
         from x2radar.recording.registry import FORMATS  # noqa: PLC0415
 
         for row in FORMATS.values():

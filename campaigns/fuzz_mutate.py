@@ -7,6 +7,8 @@ from collections.abc import Callable, Sequence
 
 from x2radar.recording.hdf5_file import lookup3
 
+BORDER = b"\n--8<--\n"
+"""Between the parts of an input."""
 _NUMBERS = (0, 1, 2, 3, 7, 8, 0x7F, 0x80, 0xFF, 0x7FFF, 0xFFFF, 0x7FFFFFFF, 0xFFFFFFFE, 0xFFFFFFFF)
 _LONG = (1 << 40, (1 << 63) - 1, (1 << 64) - 1)
 _WORDS = (
@@ -42,7 +44,7 @@ _TEXT = re.compile(rb'"[^"\n]{0,60}"|[A-Za-z_][A-Za-z0-9_]{2,}')
 
 def mutate(rng: random.Random, data: bytes, others: Sequence[bytes]) -> bytes:
     """Return `data` with one to six changes; `others` lend parts."""
-    out = bytearray(data)
+    out = bytearray(data or rng.choice(_WORDS))
     is_text = b"\0" not in data[:512]
     for _ in range(rng.choice((1, 1, 1, 2, 3, 6))):
         change = rng.choice(_TEXT_CHANGES if is_text and rng.random() < 0.8 else _CHANGES)

@@ -22,6 +22,8 @@ import h5py
 import numpy as np
 import scipy.io
 
+from campaigns import fuzz_network
+from campaigns.fuzz_mutate import BORDER
 from radard.alarm.state_store import StateStore
 from radard.classify.bundle import load_bundle
 from radard.config.config import load_config
@@ -52,7 +54,6 @@ from x2radar.sim.scene.scene import load_scene, scene_names
 from x2radar.sim.scene.stage import Stage
 from x2radar.wire.protocol import Session
 
-BORDER = b"\n--8<--\n"
 OWN_ERRORS = (X2RadarError, RadardError)
 _ROOT = Path(__file__).parents[1]
 _SHA_OF_PART = b"sha256-of-the-other-part"
@@ -467,6 +468,7 @@ _ROWS = (
     Target("bundle", _bundle, _bundle_seeds),
     Target("calibration", _calibration, _calibration_seeds),
     Target("state", _state, _state_seeds),
+    *(Target(*row) for row in fuzz_network.ROWS),
 )
 TARGETS: Mapping[str, Target] = {row.name: row for row in _ROWS}
 

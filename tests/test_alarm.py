@@ -245,3 +245,37 @@ def test_who_is_seen_in_an_alarm_and_what_is_left_of_a_delay():
     panel.disarm()
     panel.arm(40.0)
     assert (panel.left_s(50.0), panel.left_s(71.0)) == (20.0, 0.0)
+
+
+def seen(is_hit):
+    return Sight(is_hit, is_hit, "human")
+
+
+def test_what_was_confirmed_before_an_alarm_ended_confirms_no_other():
+    panel = AlarmPanel(AlarmPolicy(k=2, n=4, latch_s=60))
+    panel.on_sight(1.0, seen(True))
+    assert [c.kind for c in panel.on_sight(2.0, seen(True))] == ["new"]
+    panel.acknowledge(3.0)
+    assert panel.on_sight(4.0, seen(False)) == []
+    assert panel.on_sight(5.0, seen(True)) == []
+    assert [c.kind for c in panel.on_sight(6.0, seen(True))] == ["new"]
+
+
+def test_a_pause_after_an_alarm_is_over_at_its_very_end():
+    panel = AlarmPanel(AlarmPolicy(refractory_s=10, latch_s=60))
+    panel.on_sight(1.0, seen(True))
+    panel.acknowledge(20.0)
+    assert panel.on_sight(29.0, seen(True)) == []
+    assert [c.kind for c in panel.on_sight(30.0, seen(True))] == ["new"]
+
+
+def test_short_exit_delays_and_those_of_another_policy():
+    panel = AlarmPanel(AlarmPolicy(exit_delay_s=0.5), is_armed=False)
+    panel.arm(1.0)
+    assert panel.state == "exit"
+    panel = AlarmPanel(AlarmPolicy(exit_delay_s=30))
+    # Of a time when it was 70 s: it is no longer than it would be now.
+    panel.resume_exit(70.0)
+    assert panel.left_s(0.0) == 30.0
+    panel.on_sight(30.0, seen(True))
+    assert panel.state == "armed"

@@ -7,7 +7,7 @@ import threading
 import pytest
 
 from radard.alarm import state_store
-from radard.alarm.events import EventTracker, trial_alarm
+from radard.alarm.events import EventTracker, see_anywhere, trial_alarm
 from radard.alarm.panel import AlarmPanel, AlarmPolicy
 from radard.alarm.state_store import KeptState, StateStore
 from radard.alarm.tamper import Finding
@@ -377,3 +377,58 @@ def test_what_is_held_is_what_was_written(tmp_path, monkeypatch):
     assert not broken.holds(is_armed=False, mode="away")
     broken.save(KeptState(is_armed=False))
     wait_for(lambda: broken.holds(is_armed=False, mode="away"))
+
+
+def test_fault_and_tamper_are_told_once_and_only_tamper_when_its_reason_changes():
+    tracker = EventTracker()
+    covered = [Finding("covered", "it is dark")]
+    made = tracker.on_decision(decision(1.0), DWELL, fault="dead sensor", findings=covered)
+    assert [(e.kind, e.phase, e.peak, e.end_t_s) for e in made] == [
+        ("fault", "new", 0.0, None),
+        ("tamper", "new", 0.0, None),
+    ]
+    assert not any(e.is_trial for e in made)
+    assert tracker.on_decision(decision(2.0), DWELL, fault="dead sensor", findings=covered) == []
+    # What else is wrong with a dead sensor is no news.
+    assert tracker.on_decision(decision(3.0), DWELL, fault="slow", findings=covered) == []
+    moved = [Finding("moved", "it hangs elsewhere")]
+    (update,) = tracker.on_decision(decision(4.0), DWELL, fault="slow", findings=moved)
+    assert (update.phase, update.t_s) == ("update", 4.0)
+    assert (update.start_t_s, update.end_t_s) == (1.0, None)
+    ended = tracker.on_decision(decision(5.0), DWELL)
+    assert [(e.phase, e.t_s, e.end_t_s) for e in ended] == [("end", 5.0, 5.0)] * 2
+    assert tracker.open_events == {}
+
+
+def test_an_alarm_that_goes_on_begins_anew_in_stream_time():
+    kept = KeptState(is_armed=True, alarm_id="A", alarm_reason="human", alarm_peak=0.7)
+    (event,) = EventTracker().resume(kept)
+    assert (event.id, event.phase, event.t_s, event.start_t_s) == ("A", "update", 0.0, 0.0)
+    assert (event.peak, event.end_t_s, event.is_trial) == (0.7, None, False)
+    (begun,) = EventTracker().resume(KeptState(is_armed=True, entry_reason="human"))
+    assert (begun.phase, begun.t_s, begun.start_t_s, begun.peak) == ("new", 0.0, 0.0, 0.0)
+    assert trial_alarm(3.0)[0].peak == 0.0
+
+
+def test_without_zones_the_rule_is_the_usual_one():
+    policy = AlarmPolicy(p_on=0.5)
+    assert not see_anywhere(decision(1, 0.3, alarm=True), policy).is_hit
+    # Below what the rule asks for it rests on other grounds.
+    assert see_anywhere(decision(1, 0.1, alarm=True), policy).is_hit
+
+
+def test_ids_come_from_the_last_frame_and_the_time_and_never_grow():
+    def id_of(rows, t_s=1.0, run=" a"):
+        dwell = dataclasses.replace(DWELL, frames=rows)
+        return EventTracker(run=run).on_decision(decision(t_s, 0.9), dwell)[0].id
+
+    rows = noise(10)
+    other_first, other_last = rows.copy(), rows.copy()
+    other_first[:-1] += 1
+    other_last[-1] += 1
+    assert id_of(rows) == id_of(other_first) != id_of(other_last)
+    assert id_of(rows) != id_of(rows, run=" b")
+    # 48 bits of milliseconds: after that they begin again.
+    assert trial_alarm(((1 << 48) + 5) / 1000)[0].id[:10] == trial_alarm(0.005)[0].id[:10]
+    assert trial_alarm(0.005)[0].id[:10] == "0000000005"
+    assert len(trial_alarm(1e18)[0].id) == 26

@@ -27,12 +27,8 @@ def test_the_rule(human, pet, other, label, alarm):
 def test_a_window_that_cannot_be_judged_says_nothing_but_why():
     dwell = dwell_of(noise(10))
     made = invalid_decision(dwell, "12 lost", seq=7)
-    assert (made.seq, made.t_s, made.gate, made.fault) == (
-        7,
-        dwell.t_s,
-        "invalid",
-        "12 frames lost",
-    )
+    assert (made.seq, made.t_s) == (7, dwell.t_s)
+    assert (made.gate, made.fault) == ("invalid", "12 lost")
     assert (made.reading, made.window, made.fused, made.label) == (None, None, None, "invalid")
     assert (made.alarm, made.frames, made.dropped) == (False, len(dwell.frames), 0)
     assert invalid_decision(replace(dwell, n_lost=4), "").frames == len(dwell.frames) - 4

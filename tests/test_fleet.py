@@ -150,3 +150,19 @@ def test_a_lost_broker_ends_the_watch(tmp_path, broker, capsys, monkeypatch):
     assert main(["fleet", f"mqtt://127.0.0.1:{broker.port}", "--once"]) == 1
     assert "lost" in capsys.readouterr().err
     assert OutputError("x").exit_code == 1
+
+
+def test_a_stranger_at_the_broker_neither_ends_the_watch_nor_steers_the_terminal():
+    fleet = Fleet("radard")
+    fleet.take("radard/hall/availability", b"online", 1.0)
+    told = {"state": "online", "tamper": "\x1b[2J", "fault": ["\x07"], "reason": {"a": 1}}
+    fleet.take("radard/hall/health", json.dumps(told).encode(), 1.0)
+    for armed in (3, "yes", [], {}, None):
+        state = {"armed": armed, "label": "\x9b", "alarm": "x"}
+        fleet.take("radard/hall/state", json.dumps(state).encode(), 1.0)
+        (row,) = fleet.rows(2.0)
+        assert row["armed"] is None
+        assert all(line.isprintable() for line in table([row]))
+        assert (row["tamper"], row["sees"]) == ("?[2J", "?")
+    fleet.take("radard/\x1bc/availability", b"online", 1.0)
+    assert len(fleet.rows(2.0)) == 1

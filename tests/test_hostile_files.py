@@ -18,7 +18,8 @@ import pytest
 from onnx import TensorProto, helper
 
 from campaigns import fuzz
-from campaigns.fuzz_targets import BORDER, TARGETS
+from campaigns.fuzz_mutate import BORDER
+from campaigns.fuzz_targets import TARGETS
 from radard.alarm.state_store import StateStore
 from radard.classify.bundle import bundle_names, load_bundle
 from radard.classify.onnx_safety import unsafe_in

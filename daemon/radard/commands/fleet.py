@@ -40,17 +40,17 @@ class Sensor:
 
     def row(self, now_s: float) -> dict[str, Any]:
         """Return what is shown; a radar that is not available is offline whatever it said."""
-        told = str(self.health.get("state", ""))
-        is_on = self.is_available
+        told = _plain(self.health.get("state"))
+        is_on, armed = self.is_available, self.state.get("armed")
         return {
             "sensor": self.name,
             "state": told if is_on and told else "offline",
-            "armed": self.state.get("armed") if is_on else None,
+            "armed": armed if is_on and isinstance(armed, bool) else None,
             "alarm": bool(self.state.get("alarm")) and is_on,
             "sees": self._sees() if is_on else None,
-            "fault": self.health.get("fault"),
-            "tamper": self.health.get("tamper"),
-            "reason": str(self.health.get("reason") or ""),
+            "fault": _plain(self.health.get("fault")) or None,
+            "tamper": _plain(self.health.get("tamper")) or None,
+            "reason": _plain(self.health.get("reason")),
             "age_s": round(now_s - self.stated_s, 1) if self.stated_s > -math.inf else None,
         }
 
@@ -58,7 +58,7 @@ class Sensor:
         if self.state.get("gate") == "closed":
             return "nobody"
         label = self.state.get("label")
-        return None if label is None else str(label)
+        return _plain(label) or None
 
 
 class Fleet:
@@ -79,7 +79,7 @@ class Fleet:
         """Take a message that came at a monotonic time; what is none of ours is counted."""
         head, _, kind = topic.rpartition("/")
         name = head.removeprefix(f"{self._prefix}/")
-        if kind not in _TOPICS or not name or "/" in name:
+        if kind not in _TOPICS or not name or "/" in name or name != _plain(name):
             return
         if not payload:
             # Somebody has removed it from the broker.
@@ -228,6 +228,12 @@ def _configured(config: Config) -> str:
             return output
     msg = "no broker: give mqtt://HOST, or an output mqtt://HOST in the configuration"
     raise UsageError(msg)
+
+
+def _plain(value: object) -> str:
+    """Return a stranger's value as a text that steers no terminal; empty for none."""
+    text = "" if value is None else str(value)
+    return "".join(letter if letter.isprintable() else "?" for letter in text)
 
 
 def _object(payload: bytes) -> Mapping[str, Any]:

@@ -1,0 +1,331 @@
+"""What strangers on a network can send: requests, messages of pages, and what a broker hands on.
+
+The dashboard of `http` and `websocket` listens in this process, without the limits on how often
+somebody may ask, so that every input gets as far as it can. An answer of 5xx but 503 (there is no
+run) and 507 (the disk), or anything that the server logs with a traceback, is unhandled.
+"""
+
+import atexit
+import contextlib
+import json
+import logging
+import socket
+import struct
+import tempfile
+from collections.abc import Iterator
+from functools import lru_cache
+from pathlib import Path
+from unittest.mock import patch
+
+from campaigns.fuzz_mutate import BORDER
+from radard.alarm.events import trial_alarm
+from radard.commands.fleet import Fleet, table
+from radard.config.config import Config, load_config
+from radard.config.sink_table import MqttSection, WebSection
+from radard.errors import ConfigError
+from radard.health.health import Health
+from radard.outputs.fanout import Host
+from radard.outputs.records import event_record
+from radard.sinks import open_output
+from radard.sinks.base import SinkContext
+from radard.sinks.mqtt.commands import CommandReader
+from radard.sinks.mqtt.homeassistant import discovery
+from radard.web.sink import WebSink
+
+_LENGTH = b"@LENGTH"
+"""Stands for the length of what comes behind the border."""
+_RIGHT = (503, 507)
+_ANSWER_S = 0.3  # chosen: an answer takes a few milliseconds
+_HELLO = {
+    "type": "hello",
+    "schema": 1,
+    "version": "1.0",
+    "sensor": "hall",
+    "device": "X2",
+    "model": "fast",
+    "module": {"name": "X2M200", "firmware": "1.2"},
+    "frame_rate_hz": 60.0,
+    "n_range": 256,
+    "range_offset_m": 0.6,
+    "bin_length_m": 0.03,
+}
+_ID = "01J0000000000000000000000A"
+
+
+class Unhandled(Exception):
+    """The server has failed at an input."""
+
+
+class _NoLimit:
+    """A limit on how often something may be done, without a limit."""
+
+    def __init__(self, *_limits: float) -> None: ...
+
+    def take(self) -> bool:
+        """Allow it."""
+        return True
+
+
+class _Watch(logging.Handler):
+    """Notes what is logged with a traceback."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.seen: list[str] = []
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Note it."""
+        if record.exc_info and record.exc_info[0] is not None:
+            self.seen.append(f"{record.exc_info[0].__name__}: {record.exc_info[1]}")
+
+
+class _Dashboard:
+    """A dashboard with a run behind it that has decided and told an event."""
+
+    def __init__(self) -> None:
+        self.watch = _Watch()
+        for name in ("", "radard", "uvicorn", "uvicorn.error", "asyncio", "websockets"):
+            logging.getLogger(name).addHandler(self.watch)
+        folder = tempfile.TemporaryDirectory()
+        atexit.register(folder.cleanup)
+        store = f"store:{folder.name}/r.db"
+        self._config = load_config(
+            environ={},
+            options={
+                "sensor": {"port": "sim:empty"},
+                "service": {"state_dir": Path(folder.name)},
+                "output": [store],
+            },
+        )
+        panel = {"armed": True, "panel": "armed", "alarm_id": None, "open": {}, "seq": 1}
+        # Else all but the first inputs would be turned away.
+        with patch("radard.web.actions.RateLimit", _NoLimit):
+            self._sink = WebSink("127.0.0.1", 0, WebSection())
+        kept = open_output(store, self._config, SinkContext(state_dir=Path(folder.name)))
+        host = Host(
+            "radar",
+            Health(),
+            lambda: panel,
+            lambda _name: None,
+            config=self._now,
+            sinks=lambda: [kept],
+        )
+        self._sink.attach(host)
+        alarm = event_record(trial_alarm(2.0)[0])
+        for record in (_HELLO, _decision(), {**alarm, "id": _ID}):
+            self._sink.write(record)
+            kept.write(record)
+        kept.close()
+        self._sink.start()
+        atexit.register(self._sink.close)
+        url = self._sink.url
+        assert url is not None
+        self.port = int(url.rstrip("/").rpartition(":")[2])
+
+    def _now(self) -> Config:
+        return self._config
+
+    def send(self, data: bytes) -> bytes:
+        """Send bytes and no more; return what comes back."""
+        self.watch.seen.clear()
+        answer = b""
+        line = socket.create_connection(("127.0.0.1", self.port), timeout=_ANSWER_S)
+        with line, contextlib.suppress(ConnectionError):
+            line.sendall(data)
+            # Half a request gets no answer, and one whose sender has left may get none.
+            with contextlib.suppress(TimeoutError):
+                answer = line.recv(65536)
+            line.shutdown(socket.SHUT_WR)
+            line.settimeout(20)
+            while part := line.recv(65536):
+                answer = (answer + part)[:1_000_000]
+        if self.watch.seen:
+            raise Unhandled(self.watch.seen[0])
+        return answer
+
+
+def _decision() -> dict[str, object]:
+    nothing = dict.fromkeys(
+        ("p_human", "p_pet", "p_other", "fused_p_human", "fused_p_pet", "fused_p_other", "range_m")
+    )
+    return {
+        "type": "decision",
+        "seq": 1,
+        "t_s": 2.45,
+        "time": "2026-11-21T06:00:00.000Z",
+        "gate": "closed",
+        "power_db": -33.7,
+        "noise_floor_db": -33.9,
+        "threshold_db": -27.8,
+        **nothing,
+        "label": "none",
+        "alarm": False,
+        "tracks": [],
+        "frames": 147,
+        "dropped": 0,
+        "latency_ms": 3.0,
+    }
+
+
+@lru_cache(maxsize=1)
+def _dashboard() -> _Dashboard:
+    return _Dashboard()
+
+
+def http(_folder: Path, data: bytes) -> None:
+    """Send a request; its head says @LENGTH for the length of the body behind the border."""
+    head, border, body = data.partition(BORDER)
+    length = str(len(body)).encode()
+    raw = head.replace(b"\r\n", b"\n").replace(b"\n", b"\r\n").replace(_LENGTH, length)
+    answer = _dashboard().send(raw + (b"\r\n\r\n" + body if border else b""))
+    for line in answer.split(b"\r\n"):
+        if line.startswith(b"HTTP/1.1 5") and int(line[9:12]) not in _RIGHT:
+            raise Unhandled(line.decode(errors="replace"))
+
+
+def http_seeds(_folder: Path) -> list[bytes]:
+    """Return requests of every kind."""
+    head = "{} {} HTTP/1.1\nHost: 127.0.0.1\nConnection: close"
+    pages = (
+        *("/", "/healthz", "/readyz", "/metrics", "/static/app.js", "/api/v1/status"),
+        *("/api/v1/decisions?since=1&limit=5", "/api/v1/decisions/1", "/api/v1/config"),
+        *("/api/v1/events?since=24h&kind=alarm&limit=3", f"/api/v1/events/{_ID}/clip"),
+        *(f"/api/v1/events/{_ID}/pictures", f"/api/v1/events/{_ID}/thumbnail"),
+        *("/api/v1/events/export?format=csv", "/api/v1/sensitivities", "/api/v1/calibration"),
+    )
+    out = [f"{head.format('GET', page)}\n\n".encode() for page in pages]
+    json_head = "\nContent-Type: application/json\nX-Radard: 1\nContent-Length: @LENGTH"
+    posts = (
+        ("/api/v1/command", {"command": "disarm"}),
+        ("/api/v1/labels", {"event": _ID, "label": "human"}),
+        ("/api/v1/zones", {"include": [[0.5, 2.0]], "exclude": []}),
+        ("/api/v1/zones", {"forget": True}),
+        ("/api/v1/settings", {"alarm": {"sensitivity": "high", "entry_delay_s": 30}}),
+        ("/api/v1/test-alarm", {}),
+        ("/api/v1/playback", {"action": "seek", "value": 3.5}),
+        ("/api/v1/login", {"token": "x" * 40}),
+        ("/api/v1/logout", {}),
+    )
+    for path, body in posts:
+        first = head.format("POST", path) + json_head
+        out.append(first.encode() + BORDER + json.dumps(body).encode())
+    return out
+
+
+_UPGRADE = (
+    b"GET /ws HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n"
+    b"Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n\r\n"
+)
+
+
+def websocket(_folder: Path, data: bytes) -> None:
+    """Open a page's WebSocket and send frames: as they are, or texts behind borders as frames."""
+    if data[:1] != b"{":
+        _dashboard().send(_UPGRADE + data)
+        return
+    _dashboard().send(_UPGRADE + b"".join(_frame(1, text) for text in data.split(BORDER)))
+
+
+def _frame(opcode: int, payload: bytes) -> bytes:
+    """Return a frame of a client (RFC 6455, section 5.2), masked with zeros."""
+    n = len(payload)
+    size = bytes([0x80 | n]) if n < 126 else b"\xfe" + struct.pack(">H", n & 0xFFFF)
+    return bytes([0x80 | opcode]) + size + bytes(4) + payload
+
+
+def websocket_seeds(_folder: Path) -> list[bytes]:
+    """Return messages of a page, and frames of every kind."""
+    text = b'{"pictures": true}' + BORDER + b'{"drawn": 3}' + BORDER + b'{"pictures": false}'
+    frames = [_frame(k, b'{"drawn": 1}') for k in (0, 1, 2, 8, 9, 10)]
+    return [text, *frames, b"".join(frames)]
+
+
+@lru_cache(maxsize=1)
+def _reader() -> CommandReader:
+    with tempfile.NamedTemporaryFile("w", delete=False) as file:
+        file.write("1234\n")
+    atexit.register(Path(file.name).unlink)
+    options = MqttSection(code_file=Path(file.name))
+    return CommandReader("radard/hall", options, now_s=lambda: 0.0)
+
+
+def mqtt(_folder: Path, data: bytes) -> None:
+    """Read a message on a command's topic: the topic, a border, and the payload."""
+    topic, _, payload = data.partition(BORDER)
+    with contextlib.suppress(ValueError, ConfigError):
+        # A topic that is no UTF-8 is refused by brokers and the library.
+        _reader().read(topic.decode(errors="replace"), payload, is_retained=False)
+
+
+def mqtt_seeds(_folder: Path) -> list[bytes]:
+    """Return good commands."""
+    rows = (
+        *((name, b"") for name in ("arm", "arm-home", "ack", "calibrate")),
+        *(("disarm", b"1234"), ("sensitivity", b"high"), ("panel", b"ARM_AWAY")),
+        ("panel", b'{"action": "DISARM", "code": "1234"}'),
+    )
+    return [f"radard/hall/command/{name}".encode() + BORDER + body for name, body in rows]
+
+
+def announce(_folder: Path, data: bytes) -> None:
+    """Make Home Assistant's discovery of what a run, and its module, say of themselves."""
+    try:
+        hello = json.loads(data)
+    except (ValueError, RecursionError):
+        return
+    # The driver gives texts and numbers under these names, whatever the module has sent.
+    known = {key: type(value) for key, value in _HELLO.items()}
+    if not isinstance(hello, dict):
+        return
+    if not all(isinstance(hello.get(key), kind) for key, kind in known.items()):
+        return
+    options = MqttSection()
+    for topic, payload in discovery("hall", "radard/hall", hello, options, takes_commands=True):
+        topic.encode()
+        if payload:
+            json.loads(payload)
+
+
+def announce_seeds(_folder: Path) -> list[bytes]:
+    """Return a good hello."""
+    return [json.dumps(_HELLO).encode()]
+
+
+def fleet(_folder: Path, data: bytes) -> None:
+    """Show what messages of a broker say of radars: topic, border, payload, border, topic, ..."""
+    seen = Fleet("radard")
+    parts = data.split(BORDER)
+    for topic, payload in zip(parts[::2], parts[1::2], strict=False):
+        seen.take(topic.decode(errors="replace"), payload, 1.0)
+    rows = seen.rows(2.0)
+    for line in (*table(rows), *(json.dumps(row) for row in rows)):
+        if not line.isprintable():
+            # A stranger's text must not steer a terminal.
+            raise Unhandled(repr(line[:80]))
+
+
+def fleet_seeds(_folder: Path) -> list[bytes]:
+    """Return the messages of two radars."""
+    state = {"armed": True, "alarm": False, "gate": "open", "label": "pet"}
+    health = {"state": "online", "reason": "", "fault": None, "tamper": "covered: it is dark"}
+    return [BORDER.join(_messages(name, state, health)) for name in ("hall", "attic")]
+
+
+def _messages(name: str, state: object, health: object) -> Iterator[bytes]:
+    for kind, payload in (
+        ("availability", b"online"),
+        ("state", json.dumps(state).encode()),
+        ("health", json.dumps(health).encode()),
+    ):
+        yield f"radard/{name}/{kind}".encode()
+        yield payload
+
+
+ROWS = (
+    ("http", http, http_seeds),
+    ("websocket", websocket, websocket_seeds),
+    ("mqtt", mqtt, mqtt_seeds),
+    ("discovery", announce, announce_seeds),
+    ("fleet", fleet, fleet_seeds),
+)
+"""Name, what runs an input, and what makes good ones."""
