@@ -23,7 +23,7 @@ from x2train.studies.thesis.elements import ElementSpec, dwell
 from x2train.studies.thesis.fit import Fitted
 from x2train.studies.thesis.mlp import RepeatedMlp
 from x2train.studies.thesis.page import page
-from x2train.studies.thesis.recipe import FRESH_FROM, Recipe, variants, wanted_cells
+from x2train.studies.thesis.recipe import FRESH_FROM, StudyRecipe, variants, wanted_cells
 from x2train.studies.thesis.recordings import load_recordings
 from x2train.studies.thesis.results import CellResult, ResultFile, judged
 from x2train.studies.thesis.settings import FitSettings
@@ -360,5 +360,5 @@ def test_recordings_that_cannot_train(tmp_path, labels, rate_hz, says):
 
 
 def test_recipe_sizes():
-    recipe = Recipe(folder=None)
+    recipe = StudyRecipe(folder=None)
     assert (recipe.n_evaluate, recipe.n_stop) == (500, 224)

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from x2train.studies.thesis.own import OwnSettings, TwoMapNet, own_jobs, predict_maps, train_maps
-from x2train.studies.thesis.recipe import Recipe, wanted_cells
+from x2train.studies.thesis.recipe import StudyRecipe, wanted_cells
 
 QUICK = OwnSettings(channels=(2, 4, 4), hidden=8, epochs=4, batch=20, learning_rate=0.01)
 
@@ -64,5 +64,5 @@ def test_either_map_alone_decides_something():
 
 
 def test_one_job_for_both_vectors():
-    jobs = list(own_jobs(Recipe(folder=None), wanted_cells(), QUICK))
+    jobs = list(own_jobs(StudyRecipe(folder=None), wanted_cells(), QUICK))
     assert [job.name for job in jobs] == ["D60", "D200", "C60", "C200"]

@@ -29,7 +29,7 @@ from x2train.studies.tradeoff.combinations import (
     feeds,
     n_combinations,
 )
-from x2train.studies.tradeoff.maps import Chain, Setting
+from x2train.studies.tradeoff.maps import Chain, MapSetting
 from x2train.studies.tradeoff.measure import SWITCHES, measure, n_steps, picture_loss_db, record
 from x2train.studies.tradeoff.models import parse_model, read_accuracy, time_model
 from x2train.studies.tradeoff.windows import judged_windows
@@ -72,8 +72,8 @@ def test_the_finest_value_loses_nothing_and_coarser_ones_more(walk):
 
 @pytest.mark.parametrize("stride", [1, 3, 7])
 def test_maps_in_single_and_double_agree(walk, stride):
-    single = hops(walk, Setting(stride=stride))
-    double = hops(walk, Setting(stride=stride, precision=64))
+    single = hops(walk, MapSetting(stride=stride))
+    double = hops(walk, MapSetting(stride=stride, precision=64))
     assert [each is None for each in single] == [each is None for each in double]
     assert single[0] is None
     for ours, wanted in zip(single, double, strict=True):
@@ -87,7 +87,7 @@ def test_default_chain_shows_what_the_daemons_features_are(walk):
     converter = DownConverter(walk.axes["rf"], 8)
     rows = converter.convert(walk.frames["rf"])
     remover, stream = ClutterRemover(), FeatureStream(BLANK, MAPS)
-    shown = hops(walk, Setting())
+    shown = hops(walk, MapSetting())
     for k, pictures in enumerate(shown):
         end = 60 * (k + 1)
         if pictures is None:

@@ -10,7 +10,7 @@ from radard.errors import FeatureError
 from x2radar.frame import FastTimeAxis
 from x2radar.sim.echo import frames as echo_frames
 from x2train.cli import main
-from x2train.studies.walks.comparison import Comparison, Row, compare
+from x2train.studies.walks.comparison import Comparison, MeasureRow, compare
 from x2train.studies.walks.doppler import standing_still
 from x2train.studies.walks.follow import follow, ridge
 from x2train.studies.walks.measure import edge_m, measure
@@ -194,10 +194,10 @@ def test_a_body_that_is_held_still_stands_in_the_middle_in_phase():
 
 
 def test_rows_judge_ratios_and_levels():
-    ratio = Row("x", "m", (1.0, 3.0), 2.3, 0.1)
+    ratio = MeasureRow("x", "m", (1.0, 3.0), 2.3, 0.1)
     assert (ratio.against, ratio.is_within) == (pytest.approx(1.15), True)
-    assert not Row("x", "m", (1.0,), 1.25, 0.1).is_within
-    level = Row("x", "dB", (-10.0, -14.0), -15.0, 1.0, is_level=True)
+    assert not MeasureRow("x", "m", (1.0,), 1.25, 0.1).is_within
+    level = MeasureRow("x", "dB", (-10.0, -14.0), -15.0, 1.0, is_level=True)
     assert (level.against, level.is_within) == (pytest.approx(-3.0), False)
     table = Comparison((ratio, level), (None, None), (None, None)).table().splitlines()
     assert table[2] == "| x, m | 1.00 | 3.00 | 2.30 +- 0.10 | x1.15 |"

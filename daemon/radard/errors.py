@@ -8,7 +8,7 @@ The tree::
      +-- BundleError         a model bundle is missing or unreadable
      +-- ModelMismatch       a bundle whose hash, shapes or stream ranges do not fit
      +-- OutputError         a sink cannot keep what it is given
-     +-- NotAllowed          a file or folder that only root may write
+     +-- NotAllowed          what only root may do, or the daemon's user
      +-- FeatureError        (also ValueError) an array that a DSP routine cannot take
 """
 
@@ -48,7 +48,7 @@ class OutputError(RadardError):
 
 
 class NotAllowed(RadardError):
-    """A file or folder that only root may write."""
+    """What only root may do, or the user that the daemon belongs to."""
 
     exit_code = 77
 

@@ -23,7 +23,7 @@ from radard.config.atomic import write_atomically
 from radard.errors import FeatureError, OutputError
 from x2radar.errors import RecordingError
 from x2radar.frame import Frame, StreamInfo
-from x2radar.recording.hdf5_writer import RecordingWriter
+from x2radar.recording.hdf5_writer import RecordingWriter, reopened
 
 _NAME = re.compile(r"[0-9A-HJKMNP-TV-Z]{26}\.(h5|png)")
 _TEXTS = ("gate", "label")
@@ -95,7 +95,7 @@ class ClipFile:
         picture = self._picture.picture()
         try:
             self._writer.close()
-            with h5py.File(self.path, "r+", libver="latest") as file:
+            with reopened(self.path) as file:
                 file.attrs["event"] = json.dumps(event)
                 _write_decisions(file, decisions, self._stream_t_s)
                 if picture is not None:

@@ -6,7 +6,7 @@ from typing import Any
 
 from radard.config.config import load_config
 from radard.config.directories import status_dirs
-from radard.errors import RadardError, UsageError
+from radard.errors import NotAllowed, RadardError, UsageError
 from radard.service.control import ask, control_path
 from x2radar.command import Parser, new_parser
 
@@ -28,12 +28,6 @@ class NoDaemon(RadardError):
     """No daemon answers."""
 
     exit_code = 1
-
-
-class NotAllowed(RadardError):
-    """The daemon belongs to another user."""
-
-    exit_code = 77
 
 
 def run_arm(argv: Sequence[str]) -> int:

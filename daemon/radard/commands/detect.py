@@ -11,7 +11,7 @@ from radard.config.config import load_config
 from radard.config.options import add_judging, config_options
 from radard.errors import OutputError, RadardError, UsageError
 from radard.offline.detect import Judged, judge_all
-from radard.offline.tables import COLUMNS, FORMATS, Table, open_table
+from radard.offline.tables import COLUMNS, FORMATS, TableWriter, open_table
 from radard.service.components import make_classifier
 from x2radar.command import Parser, new_parser
 
@@ -89,7 +89,7 @@ def _format(to: str | None, out: Path | None) -> str:
 
 
 @contextlib.contextmanager
-def _table(kind: str, rows: str, out: Path | None) -> Iterator[Table]:
+def _table(kind: str, rows: str, out: Path | None) -> Iterator[TableWriter]:
     """Lend a table; what it replaces stays until all of it is written."""
     if out is None:
         table = open_table(kind, rows, sys.stdout, None)

@@ -131,7 +131,7 @@ class RangeTimeMap(ColumnStream):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Design:
+class _RangeTimeDesign:
     """Cells and matrices of a map, read-only."""
 
     range_m: Reals
@@ -141,7 +141,9 @@ class _Design:
 
 
 @lru_cache(maxsize=8)
-def _design(axis: FastTimeAxis, n_cpi: int, cell_m: float, near_m: float, far_m: float) -> _Design:
+def _design(
+    axis: FastTimeAxis, n_cpi: int, cell_m: float, near_m: float, far_m: float
+) -> _RangeTimeDesign:
     """Return what a map is made of; kept, since every track of a dwell wants the same."""
     bins = np.arange(axis.n_range + 1, dtype=np.float64)
     bin_edges = axis.range_offset_m - axis.bin_length_m / 2 + axis.bin_length_m * bins
@@ -158,7 +160,7 @@ def _design(axis: FastTimeAxis, n_cpi: int, cell_m: float, near_m: float, far_m:
     middle = centring(n_cpi)[n_cpi // 2]
     for i in range(n_block):
         residual[i, i : i + n_cpi - 1] = middle
-    made = _Design(
+    made = _RangeTimeDesign(
         (edges[:-1] + edges[1:]) / 2,
         is_covered,
         np.concatenate([share, share]).astype(np.float32),

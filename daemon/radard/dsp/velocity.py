@@ -182,7 +182,7 @@ class VelocityTransform(ColumnStream):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Design:
+class _VelocityDesign:
     """Grids and matrices of a transform, read-only."""
 
     frequency_hz: Reals
@@ -204,7 +204,7 @@ def _design(
     n_frequencies: int,
     flatten: float,
     n_cpi: int,
-) -> _Design:
+) -> _VelocityDesign:
     """Return what a transform is made of; kept, since it costs more than a dwell's columns."""
     n_side, step_mps = grid
     frequency_hz = range_frequencies(axis, n_frequencies)
@@ -215,7 +215,7 @@ def _design(
     if n_cpi % 2 == 0:
         # The step in the middle is its own partner.
         half[..., -1] /= 2
-    made = _Design(
+    made = _VelocityDesign(
         frequency_hz,
         velocity_mps,
         half.real.astype(np.float32),
@@ -240,7 +240,7 @@ def _planar_dft(axis: FastTimeAxis, n_frequencies: int, flatten: float) -> NDArr
 
 
 def _powers(
-    rows: NDArray[np.complex64], design: _Design, n: int, stride: int, width: int
+    rows: NDArray[np.complex64], design: _VelocityDesign, n: int, stride: int, width: int
 ) -> Reals:
     """Return `n` columns, shape (n, n_velocity), from steps, shape (n_steps, n_freq)."""
     n_freq, _, n_half = design.odd.shape

@@ -53,7 +53,7 @@ _BATCH = 4096
 Row = dict[str, Any]
 
 
-class Table(Protocol):
+class TableWriter(Protocol):
     """Takes what was judged, recording by recording."""
 
     def add(self, judged: Judged) -> None:
@@ -63,7 +63,7 @@ class Table(Protocol):
         """Write what is left."""
 
 
-def open_table(kind: str, rows: str, file: TextIO | None, path: Path | None) -> Table:
+def open_table(kind: str, rows: str, file: TextIO | None, path: Path | None) -> TableWriter:
     """Return a table of `FORMATS` with the `COLUMNS` of `rows`; JSON Lines hold all records.
 
     `file` is for text; Parquet takes the `path`. Raises MissingExtra without pyarrow.
