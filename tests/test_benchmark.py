@@ -191,6 +191,30 @@ def test_the_command_and_its_page(folder, tmp_path, capsys):
     assert main(argv) == 2
 
 
+def test_what_earlier_runs_left_is_published_by_itself(easy, tmp_path, capsys):
+    kept = Kept(tmp_path / "scores")
+    p = np.where(easy.is_person, 0.9, 0.2)
+
+    def save(entry, cell, n, *, right=True):
+        task = Task(cell, n, n)
+        kept.save(task, entry, score(task, (entry, entry), 0, p if right else 1 - p, easy))
+
+    for cell in CELLS:
+        save("good", cell, 5000)
+        save("good", cell, 400, right=False)
+        save("quick", cell, 400)
+    save("quick", CELLS[0], 5000)
+    argv = ["benchmark", "--folder", str(tmp_path), "--kept"]
+    assert main(argv) == 0
+    told = capsys.readouterr().out
+    assert "5000 elements to train with, 5000 fresh ones that judge." in told
+    assert "| good (`good`) | 100.0 |" in told
+    # One task at full size is less than eight.
+    assert "| quick (`quick`), with 400 and 400 elements | 100.0 |" in told
+    assert main([*argv, "--seed", "7"]) == 2
+    assert "with seed 7 are kept" in capsys.readouterr().err
+
+
 def test_the_results_of_the_page_are_of_this_version():
     text = (
         PAGE.read_text()

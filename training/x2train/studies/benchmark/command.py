@@ -33,6 +33,7 @@ def register(commands: Commands) -> None:
     add("--folder", type=Path, default=Path("build/benchmark"), help="of data and scores")
     add("--workers", type=int, default=os.cpu_count() or 1, help="processes that simulate")
     add("--data-only", action="store_true", help="make the data")
+    add("--kept", action="store_true", help="run nothing: the largest that earlier runs left")
     add("--publish", type=Path, metavar="FILE", help="page whose tables to replace")
     parser.set_defaults(run=_run)
 
@@ -51,6 +52,13 @@ def _run_elements(args: argparse.Namespace) -> int:
     from x2train.studies.benchmark.scoring import Kept, score  # noqa: PLC0415
     from x2train.studies.benchmark.tasks import tasks_named  # noqa: PLC0415
 
+    console = result_console()
+    if args.kept:
+        made_before = Kept(args.folder / "scores").largest(args.seed)
+        console.print("\n".join(table(made_before)), markup=False)
+        if args.publish:
+            publish(args.publish, RESULTS, table(made_before), "train-export benchmark")
+        return 0
     tasks = tasks_named(args.tasks, args.elements, args.fresh)
     entrants = [entrant_named(text) for text in args.entry or shipped()]
     data, kept = args.folder / "data", Kept(args.folder / "scores")
@@ -62,7 +70,6 @@ def _run_elements(args: argparse.Namespace) -> int:
 
         for task in tasks:
             task.make(data, tell, args.workers)
-    console = result_console()
     if args.data_only:
         console.print(str(data))
         return 0

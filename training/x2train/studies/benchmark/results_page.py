@@ -14,10 +14,10 @@ _NOT_RUN = "<!-- not run: minutes of simulation -->\n"
 
 def table(scores: Sequence[Score]) -> Iterator[str]:
     """Yield the lines of the tables."""
-    first = scores[0]
-    size = f"{first.n_train} elements to train with, {first.n_test} fresh ones that judge"
-    small = "" if first.n_train >= FULL else f"; **small: the full task has {FULL} of each**"
-    yield f"Version `{first.version}`, {size}{small}."
+    most = max(_size(s) for s in scores)
+    size = f"{most[0]} elements to train with, {most[1]} fresh ones that judge"
+    small = "" if most[0] >= FULL else f"; **small: the full task has {FULL} of each**"
+    yield f"Version `{scores[0].version}`, {size}{small}."
     yield ""
     tasks = list(dict.fromkeys(s.task for s in scores))
     entries = dict.fromkeys((s.entry, s.title) for s in scores)
@@ -27,10 +27,16 @@ def table(scores: Sequence[Score]) -> Iterator[str]:
         own = {s.task: s for s in scores if s.entry == entry}
         cells = [f"{100 * own[task].accuracy:.1f}" if task in own else "" for task in tasks]
         mean = sum(s.accuracy for s in own.values()) / len(own)
-        yield f"| {title} (`{entry}`) | {' | '.join(cells)} | {100 * mean:.1f} |"
+        its = _size(next(iter(own.values())))
+        less = "" if its == most else f", with {its[0]} and {its[1]} elements"
+        yield f"| {title} (`{entry}`){less} | {' | '.join(cells)} | {100 * mean:.1f} |"
     yield ""
-    widest = max((s.high - s.low) / 2 for s in scores)
-    yield f"The 95 % interval of each figure is at most ±{100 * widest:.1f} points (Wilson)."
+    widths = {
+        n: max((s.high - s.low) / 2 for s in scores if s.n_test == n)
+        for n in sorted({s.n_test for s in scores}, reverse=True)
+    }
+    told = ", ".join(f"±{100 * widest:.1f} points with {n}" for n, widest in widths.items())
+    yield f"The 95 % interval of each figure is at most {told} that judge (Wilson)."
     yield ""
     yield "| | mean AUC | mean cross-entropy, nats | mean accuracy of those in view |"
     yield "|---|---|---|---|"
@@ -41,6 +47,10 @@ def table(scores: Sequence[Score]) -> Iterator[str]:
         entropy = sum(s.cross_entropy for s in own_scores) / n
         seen = sum(s.accuracy_in_view for s in own_scores) / n
         yield f"| {title} | {auc:.3f} | {entropy:.3f} | {100 * seen:.1f} |"
+
+
+def _size(score: Score) -> tuple[int, int]:
+    return score.n_train, score.n_test
 
 
 def publish(path: Path, marks: Marks, table_lines: Iterable[str], command: str) -> None:

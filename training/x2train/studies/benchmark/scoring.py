@@ -12,6 +12,7 @@ from radard.config.atomic import write_atomically
 from radard.errors import UsageError
 from x2train.report.intervals import wilson
 from x2train.studies.benchmark.tasks import VERSION, Elements, Task
+from x2train.studies.thesis.cells import CELLS
 from x2train.studies.thesis.results import IN_VIEW
 
 _LEAST_P = 1e-6
@@ -82,6 +83,13 @@ def score(
     )
 
 
+def _read(path: Path) -> Score | None:
+    try:
+        return Score(**json.loads(path.read_text("utf-8")))
+    except (OSError, ValueError, TypeError):
+        return None
+
+
 class Kept:
     """Scores on disk, one file for each."""
 
@@ -90,10 +98,30 @@ class Kept:
 
     def load(self, task: Task, key: str, seed: int) -> Score | None:
         """Return a score of an earlier run; `key` is what the entry is kept as."""
-        try:
-            return Score(**json.loads(self._path(task, key, seed).read_text("utf-8")))
-        except (OSError, ValueError, TypeError):
-            return None
+        return _read(self._path(task, key, seed))
+
+    def largest(self, seed: int) -> list[Score]:
+        """Return of every entry the scores of its largest size, those of most tasks first.
+
+        Raises UsageError if nothing is kept.
+        """
+        found: dict[tuple[str, int, int], dict[str, Score]] = {}
+        paths = sorted(self._folder.glob(f"{VERSION}-*.json"), key=lambda p: p.stat().st_mtime_ns)
+        for path in paths:
+            made = _read(path)
+            if made is not None and (made.version, made.seed) == (VERSION, seed):
+                # Of one task the newest: a bundle of the same name may have been another.
+                size = (made.entry, made.n_train, made.n_test)
+                found.setdefault(size, {})[made.task] = made
+        if not found:
+            msg = f"{self._folder}: no scores of {VERSION} with seed {seed} are kept"
+            raise UsageError(msg)
+        best: dict[str, dict[str, Score]] = {}
+        for (entry, *_), own in sorted(found.items(), key=lambda e: (len(e[1]), e[0][1:])):
+            best[entry] = own
+        order = sorted(best.values(), key=lambda own: sum(s.accuracy for s in own.values()))
+        names = [cell.name for cell in CELLS]
+        return [own[name] for own in order for name in names if name in own]
 
     def save(self, task: Task, key: str, made: Score) -> None:
         """Keep a score."""
