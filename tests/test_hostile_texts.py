@@ -1,0 +1,86 @@
+"""YAML, calibrations and kept state that make no sense, or stand for more than they are."""
+
+import pytest
+
+from campaigns.fuzz_targets import TARGETS
+from radard.alarm.state_store import StateStore
+from radard.config.config import load_config
+from radard.detect.calibration import load_calibration
+from radard.errors import ConfigError
+from x2radar.errors import SceneError
+from x2radar.sim.scene.scene import load_scene
+
+LAUGHS = "".join(
+    f"- &{chr(k + 1)} [*{chr(k)}, *{chr(k)}, *{chr(k)}, *{chr(k)}]\n" for k in range(97, 121)
+)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "steps:\n- body: human\n  duration_s:\n  - &a [x, x]\n" + LAUGHS.replace("- ", "  - "),
+        "steps: &a [*a]\n",
+        "? &a [*a]\n: 1\n",
+        "steps: " + "[" * 5000,
+        "steps: [{duration_s: 1" + ":1" * 6000 + "}]\n",
+        "a: &a {b: 1}\nsteps: [{<<: [" + "*a, " * 60_000 + "*a]}]\n",
+        "steps: !!binary 1\n",
+        "steps: !!timestamp x\n",
+        "steps: !!int ''\n",
+        "steps: !!python/object/apply:os.system [true]\n",
+        "steps: [{body: human, course: {a: 1}}]\n",
+        "steps: [{body: human, duration_s: [[[1]], 2]}]\n",
+        "like: [dog]\n",
+        "x: 1\n" * 100_000,
+    ],
+)
+def test_yaml_that_stands_for_more_than_it_is(tmp_path, text):
+    path = tmp_path / "a.yaml"
+    path.write_text(text)
+    with pytest.raises(SceneError) as scene:
+        load_scene(str(path))
+    with pytest.raises(ConfigError) as config:
+        load_config(path, environ={})
+    for caught in (scene, config):
+        assert len(str(caught.value)) < 1500
+        assert str(path) in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        ("60.0", "1" + "0" * 400),
+        ("60.0", "1e999"),
+        ("60.0", "[" * 3000 + "]" * 3000),
+        ("-60.0", "1e300"),
+        ("-60.0", "9" * 100),
+        ('"provenance"', "9"),
+        ("600", '"' + "x" * 5000 + '"'),
+        ("2026-02-01T12:00:00Z", "9999-99-99"),
+    ],
+)
+def test_calibrations_that_make_no_sense(tmp_path, before, after):
+    text = TARGETS["calibration"].seeds(tmp_path)[1].decode()
+    assert before in text
+    (tmp_path / "a.json").write_text(text.replace(before, after, 1))
+    with pytest.raises(ConfigError) as caught:
+        load_calibration(tmp_path / "a.json")
+    assert len(str(caught.value)) < 1000
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        '{"is_armed": true, "alarm_peak": 1' + "0" * 400 + "}",
+        '{"is_armed": true, "alarm_peak": ' + "[" * 3000 + "]" * 3000 + "}",
+        "[" * 100_000,
+        "[1]",
+        "7",
+        '{"is_armed": true, "alarm_peak": {}}',
+    ],
+)
+def test_kept_state_that_makes_no_sense_is_not_used(tmp_path, caplog, text):
+    (tmp_path / "state.json").write_text(text)
+    kept = StateStore(tmp_path / "state.json").load(is_armed=True)
+    assert (kept.is_armed, kept.alarm_id) == (True, None)
+    assert "unreadable and not used" in caplog.text
