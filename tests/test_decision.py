@@ -1,3 +1,4 @@
+import dataclasses
 from dataclasses import replace
 
 import pytest
@@ -18,6 +19,7 @@ from tests.radar_helpers import dwell_of, noise
         (0.34, 0.33, 0.33, "human", True),  # resembles nothing: counts as a human
         (0.4, 0.6, 0.0, "human", True),  # likely a pet, but not likely enough
         (1.0, 0.0, 0.0, "human", True),
+        (0.0, 0.5, 0.5, "pet", False),
     ],
 )
 def test_the_rule(human, pet, other, label, alarm):
@@ -34,3 +36,5 @@ def test_a_window_that_cannot_be_judged_says_nothing_but_why():
     assert invalid_decision(replace(dwell, n_lost=4), "").frames == len(dwell.frames) - 4
     assert made.t_mono_s == dwell.t_mono_s
     assert invalid_decision(dwell, "").seq == 0
+    fields = {f.name: f.default for f in dataclasses.fields(made)}
+    assert (fields["tracks"], fields["fault"], fields["t_mono_s"]) == ((), "", 0.0)

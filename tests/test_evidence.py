@@ -114,6 +114,23 @@ def test_settings_that_make_no_sense_are_named(raw, words):
         EvidenceSettings.from_mapping(raw)
 
 
+@pytest.mark.parametrize(
+    ("key", "low", "high"),
+    [
+        ("discount", 0.001, 1.0),
+        ("most", 1.4, 50.0),
+        ("prior_human", -10.0, 10.0),
+        ("human_limit", 0.2, 1.0),
+    ],
+)
+def test_the_bounds_of_settings_are_within_them(key, low, high):
+    for value in (low, high):
+        assert getattr(EvidenceSettings.from_mapping({key: value}), key) == value
+    for value in (math.nextafter(low, -math.inf), math.nextafter(high, math.inf)):
+        with pytest.raises(ModelMismatch, match=key):
+            EvidenceSettings.from_mapping({key: value})
+
+
 def test_settings_are_read_from_a_sidecar():
     assert EvidenceSettings.from_mapping({}) == EvidenceSettings()
     assert EvidenceSettings.from_mapping({"most": 8, "discount": 1}).most == 8

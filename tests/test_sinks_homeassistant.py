@@ -196,7 +196,9 @@ def test_the_device_is_the_module_and_not_its_port(publish, listen, changes, dev
     assert found == {"ids": ["radard_hall"], "name": "hall", "sw": "0.1.0", **device}
 
 
-@pytest.mark.parametrize("payload", [b"", b"{}", b"[", b'{"action": 1}', b"{", b"\xff"])
+@pytest.mark.parametrize(
+    "payload", [b"", b"{}", b"[", b'{"action": 1}', b"{", b"\xff", b'{"a":' * 3000]
+)
 def test_what_is_no_command_of_a_panel(payload):
     with pytest.raises(ValueError, match=r"."):
         panel_command(payload)

@@ -182,7 +182,11 @@ def panel_command(payload: bytes) -> tuple[str, str]:
     """
     text, code = payload.decode(), ""
     if text.startswith("{"):
-        raw = json.loads(text)
+        try:
+            raw = json.loads(text)
+        except RecursionError as err:
+            msg = "a panel's command is nested too deeply"
+            raise ValueError(msg) from err
         text, code = str(raw.get("action")), str(raw.get("code") or "")
     if text not in PANEL_COMMANDS:
         msg = f"a panel's command is one of {', '.join(PANEL_COMMANDS)}"
