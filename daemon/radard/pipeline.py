@@ -74,6 +74,8 @@ class Pipeline:
     judges_tracks : bool
         Whether every body is judged by itself as well: for zones and people to look at. No
         verdict depends on it.
+    hop_s : float
+        From one dwell to the next; bundles learned from dwells `HOP_S` apart.
 
     Raises
     ------
@@ -88,8 +90,9 @@ class Pipeline:
         classifier: Classifier | None = None,
         *,
         judges_tracks: bool = True,
+        hop_s: float = HOP_S,
     ) -> None:
-        self._judges_tracks = judges_tracks
+        self._judges_tracks, self._hop_s = judges_tracks, hop_s
         self.stream = stream
         self.classifier = classifier
         self._config = config
@@ -111,12 +114,12 @@ class Pipeline:
         )
         self.shape = DwellShape.of(
             dwell_s=self._features.dwell_s,
-            hop_s=HOP_S,
+            hop_s=hop_s,
             frame_rate_hz=stream.frame_rate_hz,
             n_cpi=self._features.n_cpi,
         )
         self._mount = Mount(config.mount.height_m, config.mount.tilt_deg, config.mount.level_db)
-        self._gate = Gate(config.gate, HOP_S)
+        self._gate = Gate(config.gate, hop_s)
         self.calibration: Calibration | None = None
         self._remover = ClutterRemover()
         self._tracker = Tracker()
@@ -174,7 +177,7 @@ class Pipeline:
         if calibration is not None:
             calibration.check(self._converter().axis, self.stream.frame_rate_hz)
         self.calibration = calibration
-        self._gate = Gate(self._config.gate, HOP_S, calibration)
+        self._gate = Gate(self._config.gate, self._hop_s, calibration)
 
     def restart(self) -> None:
         """Forget what was learned of the room: the module has restarted."""
