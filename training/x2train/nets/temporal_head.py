@@ -7,7 +7,8 @@ through three probabilities::
     hidden    = gru(projected, hidden)           (Cho et al. 2014, recalled; torch's variant)
     logits    = B hidden + b
 
-Hidden values begin at zero whenever the gate has opened.
+Hidden values begin at zero whenever the gate has opened. What counts is the verdict of a visit, so
+the windows after 3, 5 and 8 s weigh more than the others.
 """
 
 from collections.abc import Iterator
@@ -22,6 +23,9 @@ from torch.nn import functional
 from x2train.nets.epoch import Epoch, temperature_of
 
 _IGNORED = -100  # torch's label for what does not count
+_VERDICTS = (2, 4, 7)
+"""Windows after the first at which a visit may be judged: 3, 5 and 8 s (`decide_within_s`)."""
+_BESIDE = 0.3  # what other windows count against those: chosen
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -115,9 +119,15 @@ def fit_head(
         total, n = 0.0, 0
         for part in torch.split(torch.randperm(len(runs), generator=rng), settings.batch):
             values, label = _padded(train, [runs[k] for k in part.tolist()])
-            loss = functional.cross_entropy(
-                head(values).flatten(0, 1), label.flatten(), weight, ignore_index=_IGNORED
+            each = functional.cross_entropy(
+                head(values).flatten(0, 1),
+                label.flatten(),
+                weight,
+                ignore_index=_IGNORED,
+                reduction="none",
             )
+            share = _shares(label)
+            loss = (each * share).sum() / share.sum()
             optimiser.zero_grad()
             torch.autograd.backward(loss)
             nn.utils.clip_grad_norm_(head.parameters(), 1.0)
@@ -148,6 +158,14 @@ def _padded(given: Given, runs: list[slice]) -> tuple[torch.Tensor, torch.Tensor
         values[k, :n] = torch.from_numpy(given.values[run])
         label[k, :n] = torch.from_numpy(given.label[run])
     return values, label
+
+
+def _shares(label: torch.Tensor) -> torch.Tensor:
+    """Return what each window counts, shape (n * n_windows,): most where visits are judged."""
+    share = torch.full(label.shape, _BESIDE)
+    share[:, [k for k in _VERDICTS if k < label.shape[1]]] = 1.0
+    share[label == _IGNORED] = 0.0
+    return share.flatten()
 
 
 def _loss(logits: NDArray[np.float64], label: NDArray[np.int64]) -> float:
