@@ -17,6 +17,7 @@ from radard.errors import ConfigError, UsageError
 from radard.health.status_file import read_status, status_path
 from radard.pipeline import Pipeline
 from radard.service.radar_run import RadarRun
+from radard.service.several import Turns
 from radard.stream.source import LiveSource
 from tests.daemon_helpers import Gate, launcher
 from tests.radar_helpers import python, run_radard, stable
@@ -364,6 +365,47 @@ def test_a_command_to_a_sensor_that_is_away_holds_when_it_comes(tmp_path, launch
         stop.set()
         pty.close()
         thread.join()
+
+
+def test_only_so_many_are_brought_up_at_once_and_those_that_are_away_count_not(
+    launch, monkeypatch
+):
+    lock, now, most, plain = threading.Lock(), [0], [0], RadarRun.open
+
+    def counted(self, on_notice, **options):
+        is_away = self.name.startswith("away")
+        with lock:
+            now[0] += not is_away
+            most[0] = max(most[0], now[0])
+        try:
+            plain(self, on_notice, **options)
+        finally:
+            with lock:
+                now[0] -= not is_away
+
+    monkeypatch.setattr(RadarRun, "open", counted)
+    monkeypatch.setattr("radard.service.several._AT_ONCE", 2)
+    away = {f"away{k}": {"port": f"/dev/nothing{k}"} for k in range(4)}
+    there = {f"r{k}": {"port": f"sim:empty?seed={k}"} for k in range(6)}
+    daemon = launch(sensors={**away, **there}, sensor={"speed": "max"})
+    wait_for(lambda: all(r.panel().get("seq") for r in daemon.run._radars if r.name in there))
+    assert 1 <= most[0] <= 2
+    assert daemon.stop() == 0
+
+
+def test_a_turn_is_waited_for_until_the_end_or_a_while(monkeypatch):
+    turns, halt = Turns(1), threading.Event()
+    turns.take("a", halt)
+    monkeypatch.setattr("radard.service.several._TURN_S", 0.1)
+    turns.take("b", halt)
+    # It goes without one, and has none to give.
+    turns.give("b")
+    halt.set()
+    monkeypatch.setattr("radard.service.several._TURN_S", 1e6)
+    turns.take("c", halt)
+    turns.give("a")
+    turns.give("a")
+    turns.take("d", threading.Event())
 
 
 def test_an_end_before_the_beginning(launch):

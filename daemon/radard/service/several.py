@@ -24,18 +24,50 @@ log = logging.getLogger("radard")
 # Chosen: a passing fault is soon over, a lasting one must not fill the log.
 _FIRST_PAUSE_S = 5.0
 _LONGEST_PAUSE_S = 300.0
+_AT_ONCE = 8
+"""Radars that are brought up at the same time: chosen. A module that is answered late, because a
+hundred others are asked for their names, is reset and asked again, which makes it later still."""
+_TURN_S = 60.0  # chosen: nobody waits longer for ports that hang
+_LOOK_S = 0.2  # chosen: so late a radar that waits for its turn heeds the end
 _JOIN_S = 4.0  # chosen: below the 4.5 s of a forced end
 
 
-class Keeper:
-    """Keep one radar at work."""
+class Turns:
+    """Turns of radars to be brought up, so many at the same time."""
 
-    def __init__(self, radar: RadarRun, wake: Callable[[], None]) -> None:
+    def __init__(self, n: int | None = None) -> None:
+        self._turns = threading.Semaphore(n or _AT_ONCE)
+        self._held: set[object] = set()
+        self._lock = threading.Lock()
+
+    def take(self, who: object, halt: threading.Event) -> None:
+        """Wait for a turn, a minute at most, or for the end."""
+        end_s = time.monotonic() + _TURN_S
+        while not self._turns.acquire(timeout=_LOOK_S):
+            if halt.is_set() or time.monotonic() > end_s:
+                return
+        with self._lock:
+            self._held.add(who)
+
+    def give(self, who: object) -> None:
+        """Give a turn back; a second time, or without one, does nothing."""
+        with self._lock:
+            if who not in self._held:
+                return
+            self._held.remove(who)
+        self._turns.release()
+
+
+class Keeper:
+    """Keep one radar at work; its device is brought up when it has its turn."""
+
+    def __init__(self, radar: RadarRun, wake: Callable[[], None], turns: Turns) -> None:
         self.radar = radar
         self.stuck: list[str] = []
         self.has_lost_output = False
         """Whether it ended because an output that the run was started for is gone."""
         self._wake = wake
+        self._turns = turns
         self._halt = threading.Event()
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._run, name=f"{radar.name} keeper", daemon=True)
@@ -102,7 +134,9 @@ class Keeper:
         radar, has_worked = self.radar, False
         radar.failure = None
         try:
+            self._turns.take(self, self._halt)
             radar.open(self._on_notice, is_wanted=lambda: not self._halt.is_set())
+            self._turns.give(self)
             with radar.prepare() as tap:
                 radar.start(tap)
                 has_worked = True
@@ -119,10 +153,13 @@ class Keeper:
             radar.log.exception("the run of %s broke off", radar.name)
             radar.failure = err
         finally:
+            self._turns.give(self)
             radar.close()
         return has_worked
 
     def _on_notice(self, _kind: str, _reason: str) -> None:
+        # It may take for ever until an absent one comes.
+        self._turns.give(self)
         self.radar.tell(self.radar.health.status)
 
 
@@ -138,12 +175,13 @@ class SeveralRadars(Supervisor):
             msg = "--record: takes the frames of one radar; name it with --port"
             raise UsageError(msg)
         signals = Signals()
+        self._turns = Turns()
         self._keepers: list[Keeper] = []
         self._left: list[Keeper] = []
         self._ask = signals.ask
         radars = [self._made(each, options) for each in config.each()]
         super().__init__(config, options, signals, radars)
-        self._keepers = [Keeper(radar, signals.wake.set) for radar in radars]
+        self._keepers = [self._keeper(radar) for radar in radars]
 
     def go(self) -> int:
         """Run until all have ended or a signal asks for it; return the exit code."""
@@ -172,6 +210,9 @@ class SeveralRadars(Supervisor):
         over = partial(self._is_over, config.sensor.name)
         return RadarRun(config, options, over, lambda: self._ask("reload"))
 
+    def _keeper(self, radar: RadarRun) -> Keeper:
+        return Keeper(radar, self.signals.wake.set, self._turns)
+
     def _change_of_radars(self, config: Config) -> RadarChange:
         """As `Supervisor`; a radar on another port goes, and comes again."""
         before = {radar.name: _source_of(radar.config) for radar in self._radars}
@@ -198,7 +239,7 @@ class SeveralRadars(Supervisor):
         """As `Supervisor`."""
         for radar in radars:
             log.warning("%s: added by a reload", radar.name)
-            keeper = Keeper(radar, self.signals.wake.set)
+            keeper = self._keeper(radar)
             self._keepers.append(keeper)
             keeper.start()
 
