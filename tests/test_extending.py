@@ -27,7 +27,9 @@ from x2train.scenarios.passages import play
 from x2train.scenarios.sites import X2, draw_site
 from x2train.windows.window_set import load_windows
 
-PAGE = (Path(__file__).parents[1] / "docs" / "research" / "extending.md").read_text()
+FOLDER = Path(__file__).parents[1] / "docs" / "research"
+PAGE = (FOLDER / "extending.md").read_text()
+EXAMPLES = {path.stem: path.read_text() for path in (FOLDER / "examples").glob("*.py")}
 BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
 
 
@@ -61,17 +63,16 @@ def folder(tmp_path, monkeypatch):
 @pytest.fixture
 def page(folder):
     """The examples of the page, installed."""
-    points, files = {}, {}
+    points = {}
     for kind, text in BLOCKS:
         if kind == "toml":
             points.update(tomllib.loads(text)["project"]["entry-points"])
-        elif head := re.match(r"# (\w+)\.(py|yaml)\n", text):
-            if head[2] == "py":
-                files[head[1]] = text
-            else:
-                (folder / f"{head[1]}.yaml").write_text(text)
-    offer(folder, points, **files)
-    assert len(points) == len(files) == 4
+        elif head := re.match(r"# (\w+\.yaml)\n", text):
+            (folder / head[1]).write_text(text)
+    shown = re.findall(r'^--8<-- "(\w+)\.py"$', PAGE, re.MULTILINE)
+    assert sorted(shown) == sorted(EXAMPLES)
+    offer(folder, points, **EXAMPLES)
+    assert len(points) == len(EXAMPLES) == 4
     return folder
 
 
@@ -89,7 +90,7 @@ def decisions(records):
 
 
 def test_source(page):
-    (script,) = [t for kind, t in BLOCKS if kind == "python" and not t.startswith("# ")]
+    (script,) = [t for kind, t in BLOCKS if kind == "python" and not t.startswith("--8<--")]
     exec(script, {"np": np})  # noqa: S102 - our own page
     code, records, err = run_radard(*shell("npy:"))
     assert (code, err) == (0, "")
