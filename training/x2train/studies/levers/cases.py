@@ -32,15 +32,17 @@ class Case:
     within_s: float = 3.0  # `decision.decide_within_s`
     hop_s: float = 1.0
     knows: Knows = "nothing"  # of the installation
-
-    @property
-    def is_usual(self) -> bool:
-        """Whether nothing is changed."""
-        return replace(self, lever="", value="") == Case(lever="", value="", model=self.model)
+    is_usual: bool = False  # nothing is changed
 
 
 def cases(models: tuple[str, ...]) -> Iterator[Case]:
     """Yield every case; the first of the models is the usual one."""
+    unchanged = Case(lever="", value="", model=models[0])
+    for case in _cases(models):
+        yield replace(case, is_usual=replace(case, lever="", value="") == unchanged)
+
+
+def _cases(models: tuple[str, ...]) -> Iterator[Case]:
     usual = models[0]
     for rate_hz in _RATES_HZ:
         setting = replace(USUAL, radar=replace(X2, frame_rate_hz=rate_hz))
