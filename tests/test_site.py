@@ -187,6 +187,7 @@ def test_parts_made_from_the_program_are_in_place(site):
         "reference/http-api.html": ("/api/v1/decisions/{seq}", "the newest so many"),
         "reference/outputs.html": ("fused_p_human", "start_t_s"),
         "reference/python.html": ("open_reconnecting", "RecordingWriter", "PortNotFound"),
+        "research/simulated-module.html": ("safe_mode", "up to 3 samples lie far above"),
         "researchers.html": ("balanced accuracy",),
         "contribute.html": ("Wire code owns no port",),
         "notebooks/1-simulate-and-look.html": ("import x2radar",),

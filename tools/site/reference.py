@@ -16,6 +16,7 @@ from pydantic import BaseModel
 from radard import cli as radard_cli
 from radard.config.config import Config
 from x2radar import cli as x2radar_cli
+from x2radar.sim.module.faults import KINDS
 
 ROOT = Path(__file__).resolve().parents[2]
 OPENAPI = ROOT / "docs" / "reference" / "openapi.yaml"
@@ -260,6 +261,12 @@ def python() -> str:
     return "\n\n".join(parts)
 
 
+def faults() -> str:
+    """Return a table of what can go wrong with the simulated module."""
+    rows = [f"| `{name}` | {kind.unit} | {kind.meaning} |" for name, kind in KINDS.items()]
+    return "\n".join(["| kind | value | what happens |", "|---|---|---|", *rows])
+
+
 PARTS: Mapping[str, Callable[[], str]] = {
     "cli": cli,
     "config": config,
@@ -268,6 +275,7 @@ PARTS: Mapping[str, Callable[[], str]] = {
     "python": python,
     "contributing": contributing,
     "cards": cards,
+    "faults": faults,
     **messages.PARTS,
 }
 """What a line `<!-- generated: NAME -->` of a page stands for."""
