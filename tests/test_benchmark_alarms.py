@@ -176,3 +176,27 @@ def test_the_example_of_the_page_enters(tmp_path):
     near, motion = played(f"{tmp_path / 'near.py'}", tmp_path), played("any_motion", tmp_path)
     assert near.title == "motion within 2 m (`near`)"
     assert all(a <= b for a, b in zip(counts(near)[1:], counts(motion)[1:], strict=True))
+
+
+PASSAGES = {
+    (0, 0): (0.00, 24.53, 2.02, -11.98),
+    (1, 3): (7.25, 17.47, 3.31, -10.51),
+    (2, 1): (0.00, 35.23, 2.97, 4.32),
+    (4, 4): (1.97, 26.51, 2.75, -5.71),
+    (6, 0): (7.55, 13.61, 2.30, -18.34),
+    (7, 5): (0.00, 12.92, 2.60, -22.30),
+    (10, 2): (4.33, 11.55, 2.64, -19.24),
+}
+"""Passages of the version, by entry and number: entry in s, SNR in dB, range in m, mean power."""
+
+
+@pytest.mark.parametrize("place", PASSAGES, ids=str)
+def test_passages_of_the_version_are_what_they_were(place):
+    """Whoever changes the simulator so that they differ gives the test another version."""
+    file = f"{Path(entrants.entries.__file__).parent / 'any_motion.py'}"
+    spec = AcceptSpec(model=file)
+    number = sum(e.count for e in ENTRIES[: place[0]]) + place[1]
+    assert spec.entry(number) == place
+    made = spec(number)
+    told = [float(made[name][0]) for name in ("enters_s", "snr_db", "range_m")]
+    assert [*told, float(made["power_db"].mean())] == pytest.approx(PASSAGES[place], abs=0.05)
