@@ -27,8 +27,8 @@ ROOT = Path(__file__).resolve().parents[1]
 _CONSTANTS = (bool, int, float, str, bytes, tuple, frozenset, dict)
 _UNSURE = 4
 """Exit code of a mutant that could not be tried in this way."""
-_SLOWER, _MORE_S = 5, 10.0
-"""A mutant may take so many times as long as usual, and so much more; then it counts as killed."""
+_SLOWER, _MORE_S = 5, 3.0
+"""A test may take so many times as long as usual, and so much more; then it has failed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,7 +194,7 @@ class _Server:
             if pid == 0:
                 _in_child(
                     lambda mutant=mutant, wanted=wanted: self._changed(  # type: ignore[misc]
-                        mutant, [items[n] for n in wanted], known, objects
+                        mutant, [(items[n], ran[n][1]) for n in wanted], known, objects
                     )
                 )
             code = _end_of(pid, limit_s)
@@ -246,7 +246,7 @@ class _Server:
     def _changed(
         self,
         mutant: Mutant,
-        items: Sequence[Any],
+        tests: Sequence[tuple[Any, float]],
         known: dict[object, CodeType],
         objects: dict[object, list[FunctionType]],
     ) -> int:
@@ -262,7 +262,10 @@ class _Server:
             if known.get(key) != new:
                 for function in objects.get(key, ()):
                     function.__code__ = new
-        for each, after in zip(items, [*items[1:], None], strict=True):
+        afters = [*(each for each, _ in tests[1:]), None][: len(tests)]
+        for (each, usual_s), after in zip(tests, afters, strict=True):
+            # Nothing heeds its signal: the process ends.
+            signal.setitimer(signal.ITIMER_REAL, _MORE_S + _SLOWER * usual_s)
             each.config.hook.pytest_runtest_protocol(item=each, nextitem=after)
             if self._has_failed:
                 return 1
