@@ -198,7 +198,8 @@ class _Server:
                     )
                 )
             code = _end_of(pid, limit_s)
-            if code == 0 and mutant.is_in_function:
+            # A function that no test enters may have run on import, and made what they use.
+            if code == 0 and mutant.is_in_function and wanted:
                 self._tell({"alive": k})
             elif code in {0, _UNSURE}:
                 self._tell({"unsure": k})

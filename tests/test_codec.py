@@ -193,6 +193,14 @@ def test_data_without_elements(wire: str) -> None:
     assert not message.values.flags.writeable
 
 
+@pytest.mark.parametrize("n", [0, 1, 2])
+def test_few_elements_are_sent_and_none_without_a_count(n: int) -> None:
+    values = np.arange(1, n + 1, dtype=np.float32)
+    data = encode(Data(0, 7, values))
+    assert len(data) == (10 if n == 0 else 14 + 4 * n)
+    assert same(decode_response(data), Data(0, 7, values))
+
+
 def test_error_with_a_single_byte() -> None:
     assert decode_response(b"\x20\x21") == ErrorReply(ErrorCode.COMMAND_FAILED)
 
@@ -224,6 +232,13 @@ def test_forms_of_replies_and_data(wire: str, expected: Message) -> None:
 def test_whole_numbers_keep_their_type() -> None:
     values = np.array([-1, 5], np.int32)
     data = bytes.fromhex("a0 11 0b 00 00 00 07 00 00 00 02 00 00 00 ff ff ff ff 05 00 00 00")
+    assert encode(Data(11, 7, values)) == data
+    assert same(decode_response(data), Data(11, 7, values))
+
+
+def test_octets_keep_their_type() -> None:
+    values = np.array([7, 255], np.uint8)
+    data = bytes.fromhex("a0 10 0b 00 00 00 07 00 00 00 02 00 00 00 07 ff")
     assert encode(Data(11, 7, values)) == data
     assert same(decode_response(data), Data(11, 7, values))
 
@@ -278,6 +293,12 @@ def test_other_widths_of_x4_settings(wire: str, expected: Message) -> None:
         ("50 10 23 00 00 00" + "00" * 20, True),
         ("50 10 00 00 00" + "00" * 44, False),
         ("50 12 00 00 00" + "00" * 44, False),
+        # The X4 driver's longest setting has 14 bytes; what is longer is a profile's message.
+        ("50 10 00 00 00" + "00" * 9, True),
+        ("50 10 00 00 00" + "00" * 10, False),
+        ("50 10", False),
+        ("50 10 11", True),
+        ("01 ae ea aa ee 00", True),
         ("50", False),
         ("c0 00", True),
         ("12 00", False),
@@ -356,6 +377,18 @@ def test_fields_that_do_not_fit_raise_message_error(message: Message) -> None:
 def test_counts_and_lengths_that_lie(wire: str) -> None:
     with pytest.raises(MessageError):
         decode_response(bytes.fromhex(wire))
+
+
+@pytest.mark.parametrize("head", ["a0 12", "11 12"])
+@pytest.mark.parametrize("count", ["01 00", "01 00 00"])
+def test_a_count_that_breaks_off_is_told_as_such(head: str, count: str) -> None:
+    with pytest.raises(MessageError, match="cut short"):
+        decode_response(bytes.fromhex(f"{head} 00 00 00 00 07 00 00 00 {count}"))
+
+
+def test_a_count_of_one_byte_is_cut_short() -> None:
+    with pytest.raises(MessageError, match="cut short"):
+        decode_response(bytes.fromhex("a0 12 00 00 00 00 07 00 00 00 01"))
 
 
 @pytest.mark.parametrize(

@@ -138,7 +138,7 @@ def decode_any(data: PacketData) -> Message:
 
 
 def _is_command(data: PacketData) -> bool:
-    match data[0] if data else 0:
+    match data[0] if data else None:
         case 0x01:
             return data[1:5] == _COUNT.pack(PING_SEED)
         case 0x10:
@@ -196,8 +196,8 @@ def _pack(form: _Form, message: Message) -> bytes:
     bodies = [_elements(a, dtype) for a, (_, dtype) in zip(after, row.arrays, strict=False)]
     for which, position in enumerate(row.counts):
         sizes = {
-            len(body) // np.dtype(dtype).itemsize
-            for body, (ruler, dtype) in zip(bodies, row.arrays, strict=True)
+            len(bodies[k]) // np.dtype(dtype).itemsize
+            for k, (ruler, dtype) in enumerate(row.arrays)
             if ruler == which
         }
         if len(sizes) != 1:
@@ -267,7 +267,7 @@ def _decode_reply(data: PacketData) -> Message:
         if size is None:
             return _decode(data, _RESPONSES, (2,))
         # Without elements there is no count; the element size is optional, see above.
-        n, at = (_COUNT.unpack_from(data, 10)[0], 14) if len(data) > 11 else (0, 10)
+        n, at = (_COUNT.unpack_from(data, 10)[0], 14) if len(data) > 11 else (0, len(data))
     except struct.error as err:
         msg = f"Reply cut short: {len(data)} bytes ({err})"
         raise MessageError(msg) from err
