@@ -33,7 +33,7 @@ MODULES: dict[str, tuple[str, str, tuple[str, ...]]] = {
     "codec": ("x2radar/wire", "codec", ("test_codec_bytes", "test_codec", "test_codec_vectors")),
     "protocol": ("x2radar/wire", "protocol", ("test_protocol", "test_device")),
     "ring": ("daemon/radard/stream", "ring", ("test_ring",)),
-    "gate": ("daemon/radard/detect", "gate", ("test_gate",)),
+    "gate": ("daemon/radard/detect", "gate", ("test_gate_limits", "test_gate")),
     "evidence": ("daemon/radard/classify", "evidence", ("test_evidence",)),
     "decision": ("daemon/radard/classify", "decision", ("test_decision", "test_evidence")),
     "panel": ("daemon/radard/alarm", "panel", ("test_alarm", "test_alarm_events")),
