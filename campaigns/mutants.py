@@ -29,10 +29,14 @@ os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
 from campaigns.mutant_runs import Module, Mutant, lines_of, survivors  # noqa: E402 - below the path
 
 MODULES: dict[str, tuple[str, str, tuple[str, ...]]] = {
-    "framing": ("x2radar/wire", "framing", ("test_framing", "test_framing_faults")),
+    "framing": (
+        "x2radar/wire",
+        "framing",
+        ("test_framing_limits", "test_framing", "test_framing_faults"),
+    ),
     "codec": ("x2radar/wire", "codec", ("test_codec_bytes", "test_codec", "test_codec_vectors")),
     "protocol": ("x2radar/wire", "protocol", ("test_protocol", "test_device")),
-    "ring": ("daemon/radard/stream", "ring", ("test_ring",)),
+    "ring": ("daemon/radard/stream", "ring", ("test_ring_limits", "test_ring")),
     "gate": ("daemon/radard/detect", "gate", ("test_gate_limits", "test_gate")),
     "evidence": ("daemon/radard/classify", "evidence", ("test_evidence",)),
     "decision": ("daemon/radard/classify", "decision", ("test_decision", "test_evidence")),

@@ -286,7 +286,7 @@ class PacketDecoder:
             data.flags.writeable = False
         # START, END and ESC are neighbours: shifted down, they are the bytes below three.
         flags = np.count_nonzero((data - _FIRST_FLAG) < _N_FLAGS)
-        if flags != end - at - 1 - len(data) or checksum(data.data):
+        if len(data) < 2 or flags != end - at - 1 - len(data) or checksum(data.data):
             return 0
         self._usual = len(data)
         self._emit(data.data[:-1])

@@ -124,18 +124,14 @@ class FrameRing:
         self._stopped = False
         self._samples: NDArray[np.float32] | NDArray[np.complex64] = np.zeros((0, 0), np.float32)
         self._is_here = np.zeros(_FRAMES_AT_ONCE, np.bool_)
-        self._n_waiting = 0
-        self._taken = 0
         self._index = -1
         self._converted = (0, -1)
-        self._watched_to = 0
         self._most_watched = min(_FRAMES_AT_ONCE, max(1, round(_LATE_S * shape.frame_rate_hz)))
-        self._base = self._origin = 0
-        self._due = 0
-        self._hops = 0
+        # The first frame is a restart: it sets when a dwell is due.
+        self._taken = self._n_waiting = self._watched_to = 0
+        self._base = self._origin = self._due = self._hops = 0
         self.n_unusable = 0
         self._timing = FrameTiming(shape.frame_rate_hz)
-        self._schedule(0)
 
     @property
     def axis(self) -> FastTimeAxis:
@@ -201,7 +197,7 @@ class FrameRing:
 
     def _completed(self) -> Iterator[Dwell | Notice]:
         while self._queue:
-            if (item := self.take(0)) is not None:
+            if (item := self.take()) is not None:
                 yield item
 
     def post(self, kind: str, reason: str) -> None:
