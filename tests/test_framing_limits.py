@@ -114,6 +114,42 @@ LINES = {
             ([is_dropped(LOST, 4), packet("00 00 7c 05")], 0),
         ],
     ),
+    "after a good packet an escape before a start flag is one again": (
+        ["7d 7c 03 10 7c 51 7c 03 05 02 01 7f 7f 05 3c 7e 7d 7f 7f 7f 7d 10 6d 7e"],
+        [([packet("7c 03 10 7c 51 7c 03 05 02 01 7f 05"), is_dropped(CRC, 8)], 0)],
+    ),
+    "of a start flag and a length packet behind junk the first counts": (
+        ["7e 7d 7c 7c 7c 7c"],
+        [([is_dropped(JUNK, 1)], 5)],
+    ),
+    "a length packet behind junk waits for its header": (
+        ["7e 7c 7c 7c 7c"],
+        [([is_dropped(JUNK, 1)], 4)],
+    ),
+    "an escaped escape behind other escapes": (
+        ["7d 05 7f 7d 7f 00 7f 7f 7d 07 7e"],
+        [([packet("05 7d 00 7f 7d")], 0)],
+    ),
+    "a length packet behind a false start waits for its bytes": (
+        ["7d 7d 7c 7c 7c 7c 0c 00 00 00 7f 7e 7d 6d 7e"],
+        [([is_dropped(LOST, 2)], 13)],
+    ),
+    "only what lies before a length packet is dropped": (
+        ["20 7d 7c 7c 7c 7c 01 00 00 00 7d 7e"],
+        [([is_dropped(JUNK, 1), is_dropped(LOST, 1), packet("7e", Packing.LENGTH)], 0)],
+    ),
+    "a length packet directly behind a broken start": (
+        ["7d 7c 7c 7c 7c 08 00 00 00 7e"],
+        [([is_dropped(CRC, 1)], 9)],
+    ),
+    "a fast packet of no byte in a broken packet is none": (
+        ["7d 7d 51 00 00 00 00 7d 28 7e"],
+        [([is_dropped(LOST, 7), is_dropped(NOTHING, 3)], 0)],
+    ),
+    "a length packet longer than the limit is refused by its header": (
+        ["7c 7c 7c 7c 00 00 02 00 7e"],
+        [([is_dropped(TOO_LONG, 1), is_dropped(JUNK, 8)], 0)],
+    ),
 }
 
 
@@ -145,3 +181,10 @@ def test_a_reset_in_a_packet_forgets_how_far_it_was_searched() -> None:
     decoder.reset()
     assert decoder.feed(bytes.fromhex(GOOD)) == [SOUND]
     assert decoder.n_buffered == 0
+
+
+def test_a_reset_forgets_that_a_fast_packet_may_have_an_end_flag() -> None:
+    decoder = PacketDecoder()
+    assert decoder.feed(bytes.fromhex("7d 51 01 00 00 00 64 49")) == [packet("64", Packing.FAST)]
+    decoder.reset()
+    assert decoder.feed(b"\x7e") == [is_dropped(JUNK, 1)]
