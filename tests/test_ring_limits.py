@@ -127,7 +127,8 @@ def test_a_writer_that_waits_for_its_rows_is_told_of_the_stop():
     ring = copy_ring(3, 1.0, hop_s=100.0)
 
     def push():
-        return [ring.push(frame) for frame in frames_of(noise(300))][-1]
+        pushed = map(ring.push, frames_of(noise(300)))
+        return next(each for each in pushed if each is not True)
 
     thread, out = in_thread(push)
     until_waits(ring)
@@ -213,6 +214,17 @@ def test_a_gap_of_a_whole_hop_leaves_the_schedule_as_it_is():
             ends.append(ring.take(0).end_frame)
     assert ends == [41 + round(17.5 * k) for k in range(len(ends))]
     assert len(ends) > 5
+
+
+def test_hops_of_half_a_second_and_what_a_notice_says_of_the_time():
+    ring, ends = copy_ring(10, RATE_HZ, hop_s=0.5), []
+    for frame in frames_of(noise(100)):
+        ring.push(frame)
+        while ring._queue:
+            ends.append(ring.take(0).end_frame)
+    assert ends == [10, 40, 70, 100]
+    ring.post("silent", "")
+    assert ring.take(0).t_s == pytest.approx(100 / RATE_HZ)
 
 
 def test_frames_that_wait_are_shown_when_the_stream_begins_again():
