@@ -25,7 +25,7 @@ def register(commands: Commands) -> None:
         metavar="NAME",
         help="bundles; the first is the usual one (accurate balanced fast)",
     )
-    add("--page", type=Path, metavar="FILE", help="whose results are replaced (docs/levers.md)")
+    add("--page", type=Path, metavar="FILE", help="a page whose results are replaced")
     add("--plot", type=Path, metavar="FILE", help="PNG")
     parser.set_defaults(run=_run)
 
