@@ -114,7 +114,8 @@ class MqttBroker:
 
     def stop(self):
         if self._process is not None:
-            self._process.terminate()
+            # A signal that comes before the broker's loop has begun is forgotten by it.
+            self._process.kill()
             self._process.wait(60)
             self._process = None
         if self._thread is not None:

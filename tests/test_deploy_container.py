@@ -9,6 +9,7 @@ import os
 import re
 import shlex
 import shutil
+import socket
 import subprocess
 import sys
 import tomllib
@@ -190,6 +191,17 @@ def test_composes_radard_takes_its_options(tmp_path):
     assert TOKEN not in done.stdout
 
 
+NOT_AUTHORIZED = bytes([0x20, 2, 0, 5])
+"""CONNACK of MQTT 3.1.1 (section 3.2.2.3)."""
+
+
+def connack(port):
+    """The broker's answer to a client that names no user."""
+    with socket.create_connection(("127.0.0.1", port), timeout=60) as broker:
+        broker.sendall(b"\x10\x0c\x00\x04MQTT\x04\x02\x00\x3c\x00\x00")
+        return broker.recv(4)
+
+
 @pytest.mark.skipif(shutil.which("mosquitto") is None, reason="no mosquitto here")
 def test_mosquitto_takes_its_file_and_wants_a_password(tmp_path):
     port = free_port()
@@ -214,8 +226,10 @@ def test_mosquitto_takes_its_file_and_wants_a_password(tmp_path):
             if "running" in line:
                 break
         assert not [line for line in said if "Error" in line], said
+        assert connack(port) == NOT_AUTHORIZED
     finally:
-        process.terminate()
+        # A signal that comes before the broker's loop has begun is forgotten by it.
+        process.kill()
         process.wait(60)
         process.stdout.close()
 
