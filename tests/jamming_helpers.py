@@ -124,9 +124,9 @@ class Jammer:
         return self.rows + self.white(0) * np.sqrt(power)[:, None]
 
     def saturation(self):
-        loud = np.where(self.is_on, self.rows * 1e3 + self.white(60), self.rows)
-        parts = np.ascontiguousarray(loud, np.complex64).view(np.float32)
-        return np.clip(parts, -0.5, 0.5).view(np.complex64)
+        loud = np.ascontiguousarray(self.rows * 1e3 + self.white(60), np.complex64)
+        clipped = np.clip(loud.view(np.float32), -0.5, 0.5).view(np.complex64)
+        return np.where(self.is_on, clipped, self.rows)
 
     def stuck(self):
         held = np.where(self.is_on, np.complex64(50), self.rows)

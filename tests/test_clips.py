@@ -374,16 +374,22 @@ def slow(writer):
 
 keeper._do(slow)
 assert holds.wait(60)
-print(keeper.close(0.01))
+closer = threading.Thread(target=lambda: print(keeper.close(0.01)), daemon=sys.argv[2] == "daemon")
+closer.start()
+closer.join()
 """
 
 
-def test_a_clip_that_is_late_does_not_hang_the_end_of_the_process(tmp_path):
-    """It once did for ever: its thread held the lock of HDF5 when the interpreter ended."""
+@pytest.mark.parametrize("closer", ["plain", "daemon"])
+def test_a_clip_that_is_late_does_not_hang_the_end_of_the_process(tmp_path, closer):
+    """It once did for ever: its thread held the lock of HDF5 when the interpreter ended.
+
+    With several radars the threads that close their clips are daemons.
+    """
     root = Path(__file__).parents[1]
     roots = [str(root / name) for name in (".", "daemon", "training")]
     done = subprocess.run(
-        [sys.executable, "-c", _LATE, str(tmp_path)],
+        [sys.executable, "-c", _LATE, str(tmp_path), closer],
         env={**os.environ, "PYTHONPATH": os.pathsep.join(roots)},
         capture_output=True,
         text=True,

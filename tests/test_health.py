@@ -201,6 +201,31 @@ def test_the_status_file_of_another_process_is_left_alone(health, tmp_path, capl
     assert "belongs to process" in caplog.text
 
 
+def test_a_sensor_removed_while_the_heart_beats_leaves_no_status_file(health, tmp_path):
+    heartbeat, _ = make_heart(health, tmp_path)
+    path = status_path(tmp_path, "attic")
+    removes = []
+
+    def panel():
+        if removes:
+            heartbeat.remove(removes.pop())
+        return {}
+
+    heartbeat.add(Watched("attic", health, path, panel))
+    heartbeat.beat()
+    assert path.exists()
+    # The beat that is under way when it is removed writes its file once more.
+    removes.append("attic")
+    heartbeat.beat()
+    heartbeat.beat()
+    assert not path.exists()
+    assert status_path(tmp_path, "radar").exists()
+    # Another of the same name, as when a port changes, has the file again.
+    heartbeat.add(Watched("attic", health, path, panel))
+    heartbeat.beat()
+    assert path.exists()
+
+
 def test_a_full_disk_silences_the_status_only_while_it_is_full(
     health, tmp_path, monkeypatch, caplog
 ):

@@ -1,13 +1,15 @@
 """YAML, calibrations and kept state that make no sense, or stand for more than they are."""
 
+import pickle
+
 import pytest
 
 from campaigns.fuzz_targets import TARGETS
 from radard.alarm.state_store import StateStore
 from radard.config.config import load_config
 from radard.detect.calibration import load_calibration
-from radard.errors import ConfigError
-from x2radar.errors import SceneError
+from radard.errors import ConfigError, RadardError
+from x2radar.errors import SceneError, SettingsError, X2RadarError
 from x2radar.sim.scene.scene import load_scene
 
 LAUGHS = "".join(
@@ -46,9 +48,36 @@ def test_yaml_that_stands_for_more_than_it_is(tmp_path, text):
         assert str(path) in str(caught.value)
 
 
+def test_messages_stay_short_whatever_they_quote(tmp_path):
+    """Found by fuzzing: a message was as long as the file made it."""
+    path = tmp_path / "a.yaml"
+    nested = "".join(
+        f"  - &{chr(k + 1)} [{', '.join(4 * [f'*{chr(k)}'])}]\n" for k in range(97, 103)
+    )
+    for text in (
+        "output:\n  - &a [x, x]\n" + nested,
+        "".join(f"key{k}: 1\n" for k in range(3000)),
+        "k" * 5000 + ": 1\n",
+    ):
+        path.write_text(text)
+        with pytest.raises(ConfigError) as config:
+            load_config(path, environ={})
+        assert len(str(config.value)) <= 2000
+        assert str(config.value).startswith(str(path))
+    for kind in (X2RadarError, RadardError, SettingsError):
+        long = kind("begin " + "x" * 9000 + " end")
+        assert str(long).startswith("begin x")
+        assert str(long).endswith("x end")
+        assert " ... " in str(long)
+        assert len(str(long)) == 2000
+        assert str(pickle.loads(pickle.dumps(long))) == str(long)  # noqa: S301 - our own
+        assert str(kind("a" * 2000)) == "a" * 2000
+
+
 @pytest.mark.parametrize(
     ("before", "after"),
     [
+        ("2026-02-01T12:00:00Z", "9" * 5000),
         ("60.0", "1" + "0" * 400),
         ("60.0", "1e999"),
         ("60.0", "[" * 3000 + "]" * 3000),

@@ -52,6 +52,7 @@ def test_without_interference_every_walk_in_is_an_alarm_and_nothing_is_tamper():
         ("shaped_noise", "interference: all ranges alike rose"),
         ("pulses", "interference: all ranges alike rose"),
         ("white_noise", "noise: noise rose"),
+        ("saturation", "noise: samples are at the receiver's limit"),
         ("reflector", ": "),
         ("unplugged", "covered: still echoes fell"),
     ],
@@ -109,9 +110,8 @@ def test_a_radar_that_keeps_step_hides_who_is_at_its_range_and_nobody_elsewhere(
     assert announced(events, "alarm") >= N_WALKS - 1
 
 
-@pytest.mark.parametrize("name", ["saturation", "second_radar"])
-def test_what_moves_like_somebody_is_an_alarm(name):
-    events = made(name)
+def test_what_moves_like_somebody_is_an_alarm():
+    events = made("second_radar")
     first_s = min(start for start, _ in spans(events, "alarm", "tamper", "fault"))
     assert first_s <= ON_S + 10
     assert announced(events, "alarm", "tamper", "fault") == N_WALKS

@@ -1,4 +1,5 @@
 import math
+import time
 from itertools import combinations, islice
 
 import numpy as np
@@ -7,9 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import x2radar
-from x2radar.errors import PortNotFound, SceneError, SettingsError
+from x2radar.device.device import Deadlines
+from x2radar.errors import PortNotFound, ReadTimeout, SceneError, SettingsError
 from x2radar.ports import SIM_KEYS, PortSpec, check_options, make_radar, number_option, parse_port
 from x2radar.settings.x2 import RadarSettings
+from x2radar.sim.module.stream import EchoStream
 
 # ---------------------------------------------------------------- parsing
 
@@ -172,6 +175,28 @@ def test_a_simulated_radar_streams():
     assert frames[0].samples.dtype == np.float32
     assert frames[0].axis.n_range == frames[0].samples.size == 768
     assert frames[0].axis.range_m[0] == pytest.approx(0.5996, abs=1e-3)
+
+
+@pytest.mark.parametrize("fault", ["", "?fault=spike:0.1"])
+def test_a_module_paced_by_its_reader_is_never_taken_for_silent(monkeypatch, fault):
+    """Among a hundred others its thread may be late; a reset would make it later still."""
+    plain, calls = EchoStream.next, []
+
+    def late(self):
+        calls.append(1)
+        if len(calls) == 500:
+            time.sleep(2.0)
+        return plain(self)
+
+    monkeypatch.setattr(EchoStream, "next", late)
+    short = Deadlines(stall_s=0.5)
+    monkeypatch.setattr("x2radar.device.device.Deadlines", lambda: short)
+    with make_radar(parse_port(f"sim:empty{fault}"), speed=None) as radar:
+        if fault:
+            with pytest.raises(ReadTimeout, match="no frame"):
+                list(islice(radar.frames(), 600))
+        else:
+            assert not any(frame.restarted for frame in islice(radar.frames(), 1, 600))
 
 
 def test_the_seed_decides_the_frames():

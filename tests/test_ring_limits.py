@@ -121,20 +121,24 @@ def test_a_writer_may_be_all_rows_ahead_and_no_further():
     thread.join(60)
     assert out == [False]
     assert ring.push(replace(real, lost=1)) is False
+    assert ring.push(real) is False
 
 
 def test_a_writer_that_waits_for_its_rows_is_told_of_the_stop():
-    ring = copy_ring(3, 1.0, hop_s=100.0)
+    ring, pushed = copy_ring(3, 1.0, hop_s=100.0), []
 
     def push():
-        pushed = map(ring.push, frames_of(noise(300)))
-        return next(each for each in pushed if each is not True)
+        for frame in frames_of(noise(300)):
+            pushed.append(ring.push(frame))
+            if pushed[-1] is not True:
+                return
 
-    thread, out = in_thread(push)
+    thread, _ = in_thread(push)
     until_waits(ring)
+    n = len(pushed)
     ring.stop()
     thread.join(60)
-    assert out == [False]
+    assert pushed == [True] * n + [False]
 
 
 @pytest.mark.parametrize("kind", ["post", "end", "dwell"])
@@ -233,6 +237,28 @@ def test_frames_that_wait_are_shown_when_the_stream_begins_again():
         ring.push(replace(frame, restarted=frame.index == 10))
     recent = ring.recent()
     assert (recent.begun_at, recent.end_frame) == (10, 10)
+
+
+@pytest.mark.parametrize("n_before", [0, 10])
+def test_what_was_lost_before_a_stream_begins_is_not_counted(n_before):
+    ring = copy_ring(147, RATE_HZ)
+    for frame in frames_of(noise(n_before + 1)):
+        is_last = frame.index == n_before
+        list(ring.items(replace(frame, lost=5 * is_last, restarted=is_last and n_before > 0)))
+    assert ring._taken == n_before + 1
+
+
+@pytest.mark.parametrize("lost", [4, 5, 6])
+def test_a_lost_row_repeats_the_one_before_it_wherever_it_lies(lost):
+    """Frames are converted a few at a time: here three, behind them four."""
+    ring, samples = copy_ring(3, 4.0), noise(12)
+    for frame in frames_of(samples):
+        if frame.index != lost:
+            ring.push(replace(frame, lost=int(frame.index == lost + 1)))
+    dwells = [ring.take(0), ring.take(0)]
+    want = samples.copy()
+    want[lost] = want[lost - 1]
+    assert np.array_equal(dwells[1].frames, want[4:7])
 
 
 # ---------------------------------------------------------------- times

@@ -12,7 +12,6 @@ import yaml
 
 from radard import cli
 from radard.config.config import load_config, load_with_origins
-from radard.config.sections import GateSection
 from radard.errors import ConfigError, UsageError
 from radard.health.status_file import read_status, status_path
 from radard.pipeline import Pipeline
@@ -174,29 +173,6 @@ def test_each_has_its_own_armed_state_and_clip_folder(tmp_path, launch):
     assert daemon.stop() == 0
     kept = {n: json.loads((tmp_path / "state" / f"{n}.sim.json").read_text()) for n in ("attic",)}
     assert kept["attic"]["is_armed"] is False
-
-
-def test_a_reload_changes_one_and_leaves_the_streams(tmp_path, launch):
-    out, choices = tmp_path / "out.jsonl", []
-    sensors = {"hall": {"port": "sim:empty"}, "attic": {"port": "sim:empty?seed=3"}}
-    daemon = launch(sensors=sensors, output=[f"json:{out}"], reload=lambda: choices[0])
-    hall, attic = daemon.run._radars
-    wait_for(lambda: hall.panel().get("seq") and attic.panel().get("seq"))
-    entry = daemon.config.sensors["attic"]
-    gate = daemon.config.gate.model_copy(update={"false_alarms_per_day": 11.0})
-    changed = {**daemon.config.sensors, "attic": entry.model_copy(update={"gate": gate})}
-    choices.append(daemon.config.model_copy(update={"sensors": changed}))
-    daemon.ask("reload")
-    wait_for(lambda: attic.parts.config.gate.false_alarms_per_day == 11)
-    seq = attic.panel()["seq"]
-    wait_for(lambda: attic.panel()["seq"] > seq + 1)
-    assert hall.parts.config.gate == GateSection()
-    assert daemon.stop() == 0
-    records = [json.loads(line) for line in out.read_text().splitlines()]
-    for name in sensors:
-        made = [r for r in of(records, name) if r["type"] == "decision"]
-        assert [d["seq"] for d in made] == list(range(1, len(made) + 1))
-        assert {d["dropped"] for d in made} == {0}
 
 
 def test_mqtt_has_topics_and_a_client_for_each(tmp_path, launch):
@@ -412,100 +388,6 @@ def test_an_end_before_the_beginning(launch):
     for _ in range(3):
         daemon = launch(sensors={"hall": {"port": "sim:empty"}, "attic": {"port": "/dev/nowhere"}})
         assert daemon.stop() == 0
-
-
-def with_others(daemon, sensors):
-    """The configuration of a daemon, with other sensors."""
-    options = daemon.config.model_dump(exclude={"sensors", "sensor"})
-    options["sensor"] = {"speed": "10"}
-    return load_config(environ={}, options={**options, "sensors": sensors})
-
-
-def test_a_reload_adds_and_removes_radars_and_leaves_the_others(tmp_path, launch):
-    out, choices = tmp_path / "out.jsonl", []
-    sensors = {"hall": {"port": "sim:empty"}, "attic": {"port": "sim:empty?seed=3"}}
-    daemon = launch(sensors=sensors, output=[f"json:{out}"], reload=lambda: choices[0])
-    hall, attic = daemon.run._radars
-    wait_for(lambda: hall.panel().get("seq") and attic.panel().get("seq"))
-    more = {"shed": {"port": "sim:empty?seed=4"}, "cellar": {"port": str(tmp_path / "absent")}}
-    choices.append(with_others(daemon, {"hall": sensors["hall"], **more}))
-    daemon.ask("reload")
-    wait_for(lambda: [radar.name for radar in daemon.run._radars] == ["hall", "shed", "cellar"])
-    shed = daemon.run._radars[1]
-    wait_for(lambda: shed.panel().get("seq", 0) > 2)
-    # Its status, its socket and its threads are gone; another's have come.
-    assert not status_path(tmp_path, "attic").exists()
-    assert not (tmp_path / "attic.sock").exists()
-    assert (tmp_path / "shed.sock").exists()
-    wait_for(lambda: status_path(tmp_path, "shed").exists())
-    assert not any(t.name.startswith("attic") for t in threading.enumerate())
-    wait_for(lambda: daemon.run._heart.status.state == "degraded")
-    assert "cellar: offline" in daemon.run._heart.status.reason
-    seq = hall.panel()["seq"]
-    wait_for(lambda: hall.panel()["seq"] > seq + 1)
-    assert daemon.stop() == 0
-    records = [json.loads(line) for line in out.read_text().splitlines()]
-    seqs = [r["seq"] for r in of(records, "shed") if r["type"] == "decision"]
-    assert seqs == list(range(1, len(seqs) + 1))
-    assert next(r for r in of(records, "shed") if r["type"] != "status")["type"] == "hello"
-    last = [r for r in of(records, "attic") if r["type"] == "status"][-1]
-    assert (last["state"], last["reason"]) == ("offline", "stopped")
-
-
-def test_radars_that_a_reload_adds_have_topics_and_pages(tmp_path, launch):
-    choices, base = [], f"http://127.0.0.1:{free_port()}"
-    broker = MqttBroker(tmp_path)
-    listener = Listener(broker.port)
-    sensors = {"hall": {"port": "sim:empty"}, "attic": {"port": "sim:empty?seed=3"}}
-    try:
-        outputs = [f"mqtt://127.0.0.1:{broker.port}", base]
-        daemon = launch(sensors=sensors, output=outputs, reload=lambda: choices[0])
-        wait_for(lambda: b"online" in listener.on("radard/attic-simulated/availability"))
-        assert ask(base + "/sensor/attic/healthz")[0] == 200
-        more = {"shed": {"port": "sim:empty?seed=4"}}
-        choices.append(with_others(daemon, {"hall": sensors["hall"], **more}))
-        daemon.ask("reload")
-        wait_for(lambda: b"online" in listener.on("radard/shed-simulated/availability"))
-        wait_for(lambda: listener.on("radard/attic-simulated/availability")[-1] == b"offline")
-        wait_for(lambda: ask(base + "/sensor/shed/healthz")[0] == 200)
-        assert ask(base + "/sensor/attic/healthz")[0] == 404
-        assert ask(base + "/api/v1/status")[1]["sensors"] == {"shed": "/sensor/shed/"}
-        assert daemon.stop() == 0
-    finally:
-        listener.close()
-        broker.stop()
-
-
-def test_a_reload_begins_a_radar_again_whose_port_is_another(tmp_path, launch):
-    choices = []
-    sensors = {"hall": {"port": "sim:empty"}, "attic": {"port": "sim:empty?seed=3"}}
-    daemon = launch(sensors=sensors, reload=lambda: choices[0])
-    hall, attic = daemon.run._radars
-    wait_for(lambda: hall.panel().get("seq") and attic.panel().get("seq"))
-    entry = daemon.config.sensors["hall"].model_copy(update={"port": "sim:empty?seed=9"})
-    changed = {**daemon.config.sensors, "hall": entry}
-    choices.append(daemon.config.model_copy(update={"sensors": changed}))
-    daemon.ask("reload")
-    wait_for(lambda: daemon.run._radars[0] is attic and len(daemon.run._radars) == 2)
-    again = daemon.run._radars[1]
-    assert (again.name, again is hall) == ("hall", False)
-    wait_for(lambda: again.panel().get("seq"))
-    assert daemon.stop() == 0
-
-
-def test_a_reload_that_adds_a_radar_without_a_model_changes_nothing(tmp_path, launch, caplog):
-    choices = []
-    daemon = launch(sensors={"hall": {"port": "sim:empty"}}, reload=lambda: choices[0])
-    (hall,) = daemon.run._radars
-    wait_for(lambda: hall.panel().get("seq"))
-    broken = {"port": "sim:empty", "model": {"name": "nosuch"}}
-    choices.append(with_others(daemon, {"hall": {"port": "sim:empty"}, "shed": broken}))
-    daemon.ask("reload")
-    wait_for(lambda: "the old configuration stays" in caplog.text)
-    assert daemon.run._radars == [hall]
-    seq = hall.panel()["seq"]
-    wait_for(lambda: hall.panel()["seq"] > seq)
-    assert daemon.stop() == 0
 
 
 def test_a_radar_that_does_not_end_is_waited_for_until_the_end_is_forced(launch, monkeypatch):

@@ -23,8 +23,20 @@ The tree::
 Any other exception that leaves this package is a bug.
 """
 
+_MOST_CHARACTERS = 2000
+"""Of a message: chosen. What a damaged file says of itself may be longer than a log can take."""
 
-class X2RadarError(Exception):
+
+class BriefError(Exception):
+    """An error whose message stays short, whatever it quotes; its middle is left out."""
+
+    def __init__(self, message: str = "") -> None:
+        if len(message) > _MOST_CHARACTERS:
+            message = f"{message[: _MOST_CHARACTERS - 505]} ... {message[-500:]}"
+        super().__init__(message)
+
+
+class X2RadarError(BriefError):
     """Base of all errors raised on purpose; `exit_code` is what a command ends with."""
 
     exit_code = 1

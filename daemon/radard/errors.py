@@ -12,8 +12,10 @@ The tree::
      +-- FeatureError        (also ValueError) an array that a DSP routine cannot take
 """
 
+from x2radar.errors import BriefError
 
-class RadardError(Exception):
+
+class RadardError(BriefError):
     """Base of all errors raised on purpose; `exit_code` is what the command ends with."""
 
     exit_code = 1

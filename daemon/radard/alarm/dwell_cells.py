@@ -29,6 +29,7 @@ class CellReading:
     # Likewise, of how the means over quarters of the dwell differ from that over all.
     unrest: NDArray[np.float64]
     noise_db: float | None  # receiver's noise; None where motion hides it
+    at_limit: float  # share of samples with a part as large as any
 
 
 def read_cells(dwell: Dwell) -> CellReading | None:
@@ -50,6 +51,7 @@ def read_cells(dwell: Dwell) -> CellReading | None:
         energy=_power(mean).reshape(shape).sum(axis=1),
         unrest=_power(parts - mean).mean(axis=0).reshape(shape).sum(axis=1),
         noise_db=_noise_db(dwell, shape),
+        at_limit=_at_limit(used),
     )
 
 
@@ -57,6 +59,12 @@ def is_frozen(dwell: Dwell) -> bool:
     """Return whether the newest frames are all the same: a receiver that lives has noise."""
     rows = dwell.frames[dwell.valid][-_NOISE_FRAMES:]
     return len(rows) >= 4 and bool((rows[1:] == rows[0]).all())
+
+
+def _at_limit(rows: NDArray[np.complex64]) -> float:
+    parts = np.maximum(np.abs(rows.real), np.abs(rows.imag))
+    largest = parts.max()
+    return float((parts == largest).mean()) if largest > 0 else 0.0
 
 
 def _noise_db(dwell: Dwell, shape: tuple[int, int]) -> float | None:

@@ -11,7 +11,7 @@ moved
     carrier is none.
 noise
     The receiver's noise, median over cells, changed by `noise_db` or more: a jammer, a
-    broken receiver.
+    broken receiver. Or it clips: many samples are at one and the same limit.
 interference
     Any other that fills the swath: see `radard.alarm.interference`.
 
@@ -50,6 +50,7 @@ _TINY = 1e-300  # instead of zero power
 _STILL = 0.3  # a cell is still if less of its energy is unrest; chosen, see tests/test_tamper.py
 _FEWEST_CELLS = 3  # chosen: a median over fewer is one piece of furniture
 _BLIND_S = 30.0  # of noise without echoes; chosen: people hide the noise, so nobody is there
+_CLIPPED = 0.1  # chosen: of a dwell's samples; without clipping one or two are the largest
 _KEEP_EVERY_S = 600.0  # chosen: the reference follows the room as slowly
 
 
@@ -163,6 +164,9 @@ class TamperWatch:
             )
         cells = read_cells(dwell)
         if cells is None:
+            return self._findings()
+        if cells.at_limit >= _CLIPPED:
+            self._hold("noise", True, "samples are at the receiver's limit", is_urgent=True)
             return self._findings()
         self._judge_noise(cells)
         if self._usable is not None and self._echoes.shape != cells.echoes.shape:

@@ -151,7 +151,8 @@ class ClipKeeper:
                 return True
         # It may hold HDF5's lock, on which the interpreter's own end would wait for ever: this
         # thread, which is no daemon, lets that end begin only when the clip has been written.
-        threading.Thread(target=self._wait, args=(self._thread,), name="end of clips").start()
+        name, args = "end of clips", (self._thread,)
+        threading.Thread(target=self._wait, args=args, name=name, daemon=False).start()
         return False
 
     def _wait(self, thread: threading.Thread) -> None:

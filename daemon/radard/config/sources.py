@@ -14,6 +14,8 @@ from radard.errors import ConfigError
 from x2radar.bounded_yaml import compose_yaml, construct, load_yaml
 
 ENV_PREFIX = "RADARD_"
+_SHORT = reprlib.Repr()
+_SHORT.maxlevel = 2  # chosen: aliases of YAML nest a few words into thousands
 Where = tuple[str, ...]
 Places = dict[Where, str]
 _ADAPTIVE = "is gone with the adaptive threshold; 'radard calibrate' sets what suits the room"
@@ -91,7 +93,7 @@ def explain(fault: Any, places: Mapping[Where, str], root: type[BaseModel]) -> s
         if not where:
             return message
         got = redact_value(where[-1] if where else "", fault["input"])
-        return f"{head}{'.'.join(where)}: {message} (got {reprlib.repr(got)})"
+        return f"{head}{'.'.join(where)}: {message} (got {_SHORT.repr(got)})"
     if where[-2:] in _GONE:
         return f"{head}{'.'.join(where)}: {_GONE[where[-2:]]}"
     model = _section_of(where, root)

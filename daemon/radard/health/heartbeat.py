@@ -40,6 +40,7 @@ class Heartbeat:
     def __init__(self, watched: Sequence[Watched], notifier: Notifier) -> None:
         self._watched = watched
         self._notifier = notifier
+        self._written: set[Path] = set()
         self._main_s: float | None = None
         self._is_ready = False
         self._halt = threading.Event()
@@ -59,13 +60,8 @@ class Heartbeat:
         self._watched = [*self._watched, watched]
 
     def remove(self, name: str) -> None:
-        """Show a sensor no more, and take its status file away."""
-        gone = [each for each in self._watched if each.name == name]
+        """Show a sensor no more; the next beat takes its status file away."""
         self._watched = [each for each in self._watched if each.name != name]
-        for each in gone:
-            if each.path is not None:
-                with contextlib.suppress(OSError):
-                    each.path.unlink()
 
     @property
     def status(self) -> Status:
@@ -105,9 +101,16 @@ class Heartbeat:
         self._notifier.feed(text, now_s)
 
     def _write(self) -> None:
-        for each in self._watched:
+        # One thread writes and unlinks: a file that is taken away cannot be written once more.
+        watched = self._watched
+        for path in self._written - {each.path for each in watched}:
+            with contextlib.suppress(OSError):
+                path.unlink()
+            self._written.discard(path)
+        for each in watched:
             if each.path is None:
                 continue
+            self._written.add(each.path)
             more = {**each.panel(), "decision_age_s": round(each.health.age_s, 1)}
             try:
                 write_status(each.path, each.health.status, more)

@@ -33,6 +33,8 @@ _STRUCT, _CHARS = 2, 4
 _NUMERIC = range(6, 16)
 _COMPLEX = 0x0800
 """Classes and a flag of arrays."""
+_MOST_LETTERS, _MOST_FIELDS = 64, 1000
+"""MATLAB's longest name of a field, with its end; and what no recording needs (chosen)."""
 _MOST_BYTES = 1 << 30
 """Unpacked. Chosen: an hour of scans of a P440; the file is held as a whole."""
 
@@ -137,13 +139,17 @@ class Mat5File:
     def _rows(self, array: _Array, wanted: tuple[str, ...]) -> Rows:
         (length,) = struct.unpack(f"{self._order}i", self._next(array.parts))
         joined = bytes(self._next(array.parts))
-        if not 0 < length <= 64:
+        if not 0 < length <= _MOST_LETTERS:
             raise refuse(self._path, f"names of fields with {length} letters")
+        if len(joined) > _MOST_FIELDS * length:
+            raise refuse(self._path, f"a struct of {len(joined) // length} fields")
         names = [
             joined[k : k + length].split(b"\0")[0].decode("latin-1")
             for k in range(0, len(joined), length)
         ]
         rows: Rows = []
+        if not set(wanted) & set(names):
+            return rows
         for _ in range(math.prod(array.dims)):
             # As many elements must be there as the shape says: an empty one has 8 bytes.
             row = {}
@@ -153,7 +159,7 @@ class Mat5File:
                 if numbers is not None:
                     row[name] = numbers
             rows.append(row)
-        return rows if set(wanted) & set(names) else []
+        return rows
 
     def _numbers(self, data: memoryview) -> NDArray[np.generic] | None:
         """Return the numbers of a real array in MATLAB's order; None if it is no such array."""
