@@ -8,7 +8,7 @@ from x2train.cli import main
 from x2train.commands import last
 from x2train.studies.levers import cases as levers
 from x2train.studies.levers.cases import USUAL, cases
-from x2train.studies.levers.measure import measure, n_played, of_lever
+from x2train.studies.levers.measure import measure, n_played
 
 FEW = ("fast",)
 
@@ -35,7 +35,7 @@ def test_cases_are_judged_on_the_same_passages(few):
     usual = [f for f in figures if f.case.is_usual]
     assert len(usual) == 6
     assert len({(f.missed.value, f.pets.value, f.median_s) for f in usual}) == 1
-    at_once, waits = of_lever(figures, "`decide_within_s`")
+    at_once, waits = (f for f in figures if f.case.lever == "`decide_within_s`")
     assert at_once.pets.value >= waits.pets.value
     assert at_once.median_s <= waits.median_s
     assert all(f.cpu_ms > 0 and math.isfinite(f.kib_per_s) for f in figures)

@@ -167,8 +167,3 @@ def _quantile(taken_s: NDArray[np.float64], level: float) -> float:
     if not len(taken_s):
         return float("nan")
     return float(taken_s[min(int(level * len(taken_s)), len(taken_s) - 1)])
-
-
-def of_lever(figures: Sequence[Figures], lever: str) -> tuple[Figures, ...]:
-    """Return the figures of one lever."""
-    return tuple(f for f in figures if f.case.lever == lever)

@@ -6,7 +6,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from x2train.report.intervals import Estimate
-from x2train.studies.levers.measure import Figures, of_lever
+from x2train.studies.levers.measure import Figures
 
 
 def table(figures: Sequence[Figures], n: int) -> Iterator[str]:
@@ -28,21 +28,24 @@ def table(figures: Sequence[Figures], n: int) -> Iterator[str]:
 
 
 def draw(figures: Sequence[Figures], path: Path) -> None:
-    """Draw missed people against pets' visits with an alarm, lever by lever."""
-    levers = tuple(dict.fromkeys(f.case.lever for f in figures))
-    figure = Figure(figsize=(10, 6.2), layout="constrained")
-    axes = figure.subplots(2, -(-len(levers) // 2), sharex=True, sharey=True)
-    for lever, ax in zip(levers, axes.flat, strict=False):
-        rows = of_lever(figures, lever)
-        x, y = [100 * f.pets.value for f in rows], [100 * f.missed.value for f in rows]
-        ax.plot(x, y, "-", color="0.7")
-        for f, px, py in zip(rows, x, y, strict=True):
-            ax.plot(px, py, "o", color="C1" if f.case.is_usual else "C0")
-            ax.annotate(f.case.value, (px, py), (4, 4), textcoords="offset points", fontsize=7)
-        ax.set_title(lever.replace("`", ""))
-        ax.grid(alpha=0.3)
-    figure.supxlabel("pets' visits with an alarm, %")
-    figure.supylabel("people missed, %")
+    """Draw what each value does to misses and to pets' alarms, a row each, with 95 % intervals."""
+    figure = Figure(figsize=(9, 0.8 + 0.3 * len(figures)), layout="constrained")
+    of_people, of_pets = figure.subplots(1, 2, sharey=True, width_ratios=(1, 2))
+    for row, f in enumerate(figures):
+        colour = "C1" if f.case.is_usual else "C0"
+        for ax, e in ((of_people, f.missed), (of_pets, f.pets)):
+            ax.plot([100 * e.low, 100 * e.high], [row, row], color=colour, alpha=0.4, lw=3)
+            ax.plot(100 * e.value, row, "o", color=colour)
+    levers = [f.case.lever.replace("`", "") for f in figures]
+    for ax, title in ((of_people, "people missed, %"), (of_pets, "pets' visits with an alarm, %")):
+        ax.set(title=title, xlim=(0, None))
+        ax.grid(axis="x", alpha=0.3)
+        for row in range(1, len(figures)):
+            if levers[row] != levers[row - 1]:
+                ax.axhline(row - 0.5, color="0.6", lw=0.8)
+    names = [f"{lever}:  {f.case.value}" for lever, f in zip(levers, figures, strict=True)]
+    of_people.set_yticks(range(len(figures)), names)
+    of_people.invert_yaxis()
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=110)
 
