@@ -149,17 +149,23 @@ def test_sensitivity_is_chosen_and_shown(publish, listen):
     assert chosen == ["high"]
 
 
+def put_whole(path, content, at_ns):
+    """Put a file in place as clips are: nobody sees it half written."""
+    new = path.with_suffix(".new")
+    new.write_bytes(content)
+    os.utime(new, ns=(at_ns, at_ns))
+    new.replace(path)
+
+
 def test_the_picture_of_an_alarm_and_its_final_form(publish, listen, tmp_path):
     listener, topic = listen("#"), f"{BASE}/picture"
     sink = publish()
     parts = about(listener)["cmps"]["picture"]
     assert (parts["p"], parts["img_t"], parts["cont_type"]) == ("image", topic, "image/png")
-    png = tmp_path / "clip.png"
     sink.write({**event(1), "clip": str(tmp_path / "clip.h5")})
-    png.write_bytes(b"first")
+    put_whole(tmp_path / "clip.png", b"first", 2)
     wait_for(lambda: listener.on(topic) == [b"first"])
-    png.write_bytes(b"whole")
-    os.utime(png, ns=(1, 1))
+    put_whole(tmp_path / "clip.png", b"whole", 1)
     wait_for(lambda: listener.on(topic) == [b"first", b"whole"])
     late = listen(topic)
     wait_for(lambda: late.on(topic) == [b"whole"])

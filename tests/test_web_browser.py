@@ -74,9 +74,10 @@ class Tab:
         return self
 
     def until(self, script):
-        """Wait until an expression of the page is true."""
+        """Wait until an expression of the page is true; what is not there yet is not true."""
         # Not wait_for_function: the page's own policy forbids what that does.
-        wait_for(lambda: self.page.evaluate(script), explain=lambda: script)
+        asked = f"() => {{ try {{ return {script} }} catch {{ return false }} }}"
+        wait_for(lambda: self.page.evaluate(asked), explain=lambda: script)
 
 
 @pytest.fixture

@@ -2,6 +2,8 @@
 
 import struct
 import threading
+import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -215,8 +217,9 @@ def test_a_picture_thread_survives_what_goes_wrong(monkeypatch, caplog):
         raise RuntimeError(msg)
 
     picture_thread = PictureThread(broken, told.axes.append, told.data.append)
-    path = "radard.web.pictures.picture_thread.time.sleep"
-    monkeypatch.setattr(path, lambda _s: picture_thread.close())
+    # Its own clock: another test's thread may sleep, too.
+    clock = SimpleNamespace(monotonic=time.monotonic, sleep=lambda _s: picture_thread.close())
+    monkeypatch.setattr("radard.web.pictures.picture_thread.time", clock)
     picture_thread.want(is_wanted=True)
     thread = picture_thread._thread
     thread.join(60)
