@@ -1,6 +1,7 @@
 """`train-export make`: how shipped bundles come about, and that the commands are theirs."""
 
 import argparse
+import itertools
 import json
 import shlex
 import sys
@@ -34,7 +35,7 @@ def test_sets_are_those_of_the_sidecar(name):
     }
     made = set()
     for step in steps:
-        options = dict(zip(step[1::2], step[2::2], strict=True))
+        options = dict(itertools.pairwise(step))
         made.add(
             (
                 int(options["--passages"]),
@@ -50,13 +51,15 @@ def test_sets_are_those_of_the_sidecar(name):
 def test_a_share_has_sets_and_a_folder_of_its_own():
     *sets, last = arguments("balanced", share=0.01, workers=3)
     assert sets[0] == shlex.split(
-        "dataset --out sets-0.01/train --seed 1 --passages 400 --workers 3"
+        "dataset --out sets-0.01/clear --families all --motion gait footfalls angles "
+        "--skin points ellipsoids capsules surface points ellipsoids --plain 0.7 --clear 0.7 "
+        "--physical 0.4 --longest 7 --seed 302 --passages 170 --workers 3"
     )
-    assert "sets-0.01/longcheck" in last
+    assert "sets-0.01/longallcheck" in last
     assert not any(word.startswith("sets/") for step in (*sets, last) for word in step)
     assert recipe_of(f"train-export {shlex.join(last)}") is None
     for share, is_fast in ((0.01, False), (0.001, False), (0.05, True), (1.0, True)):
-        fit = next(step for step in arguments("balanced", share=share) if step[0] == "fit")
+        fit = next(step for step in arguments("x4m03", share=share) if step[0] == "fit")
         assert ("--compile" in fit, "--half" in fit) == (is_fast, is_fast)
     smallest = [step for step in arguments("fast", share=1e-6) if step[0] == "dataset"]
     assert {step[step.index("--passages") + 1] for step in smallest} == {"12"}
@@ -104,9 +107,9 @@ def test_sets_of_later_steps_are_made_beside_the_training(tmp_path, monkeypatch,
     args = parser.parse_args(["make", "fast", "--out", str(tmp_path), "--workers", "3"])
     assert args.run(args) == 0
     (began,) = (k for k, event in enumerate(events) if isinstance(event, list))
-    assert events[:began] == ["dataset"] * 5
+    assert events[:began] == ["dataset"] * 7
     assert events[began + 1 :][:2] == ["fit", "waited"]
-    assert [e for e in events[began + 3 :] if e != "waited"] == ["dataset"] * 4 + ["temporal"]
+    assert [e for e in events[began + 3 :] if e != "waited"] == ["dataset"] * 2 + ["temporal"]
     python, flag, module, *argv = events[began]
     assert (python, flag, module) == (sys.executable, "-m", "x2train.cli")
     capsys.readouterr()
@@ -127,7 +130,7 @@ def test_commands_are_shown(capsys):
     words = [line.split() for line in capsys.readouterr().out.splitlines()]
     kinds = [each[1] for each in words]
     # What a head alone needs is made while the network trains.
-    assert kinds == ["dataset"] * 5 + ["fit"] + ["dataset"] * 4 + ["temporal"]
+    assert kinds == ["dataset"] * 7 + ["fit"] + ["dataset"] * 2 + ["temporal"]
     assert main(["make", "balanced", "--sets", "--show"]) == 0
     assert capsys.readouterr().out.count("dataset") == 9
     assert main(["make", "x4m03", "--show", "--workers", "2"]) == 0

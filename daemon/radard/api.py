@@ -174,7 +174,7 @@ def features(
 
     >>> window, = radard.features(frames, stream.axis, 60.0, model="fast")
     >>> list(window.inputs)[0], len(window.inputs)
-    ('velocity_time', 4)
+    ('velocity_time', 5)
     """
     frames = _checked(frames, axis, frame_rate_hz)
     if model is not None:

@@ -6,8 +6,8 @@ from x2radar.frame import StreamInfo
 from x2radar.settings.modules import MODULES
 
 OF_ONE_MODULE = tuple(row.bundle for row in MODULES.values() if row.bundle)
-"""Bundles that were made for one module: there they miss less than `DEFAULT_MODEL` at as many
-false alarms (docs/evaluation.md)."""
+"""Bundles that were made for one module: they judge its streams that `DEFAULT_MODEL` does not
+take."""
 
 
 def model_for(name: str, stream: StreamInfo | None = None) -> str:
@@ -24,12 +24,12 @@ def model_for(name: str, stream: StreamInfo | None = None) -> str:
     Returns
     -------
     str
-        `DEFAULT_MODEL`, or the bundle in `OF_ONE_MODULE` that takes such streams.
+        `DEFAULT_MODEL`, unless only a bundle in `OF_ONE_MODULE` takes such streams.
     """
     if name != AUTO_MODEL:
         return name
     if stream is None or stream.axis.bandwidth_hz == 0:
         return DEFAULT_MODEL
     axis, rate_hz = stream.axis, stream.frame_rate_hz
-    own = (each for each in OF_ONE_MODULE if load_bundle(each).takes(axis, rate_hz))
-    return next(own, DEFAULT_MODEL)
+    known = (DEFAULT_MODEL, *OF_ONE_MODULE)
+    return next((each for each in known if load_bundle(each).takes(axis, rate_hz)), DEFAULT_MODEL)

@@ -10,25 +10,34 @@ _LEAST_PASSAGES = 12
 _HELD_OUT = "'held out'"
 _X4M03 = "--radar x4m03"
 _LONG = "--longest 18"
+_BODIES = (
+    "--families all --motion gait footfalls angles "
+    "--skin points ellipsoids capsules surface points ellipsoids --plain 0.7"
+)
+_X2_CLEAR = (
+    "--families all --motion footfalls angles --skin points ellipsoids --radar x2 --clear 1 "
+    "--plain 1 --longest 6"
+)
+"""What transfers best to recorded motion (docs/research/evaluation-tried.md)."""
 _SETS: Mapping[str, tuple[int, str]] = MappingProxyType(
     {
+        "clear": (17_000, f"{_BODIES} --clear 0.7 --physical 0.4 --longest 7 --seed 302"),
+        "clearmore": (10_000, f"{_BODIES} --clear 0.7 --physical 0.4 --longest 7 --seed 301"),
+        "rooms": (12_000, f"{_BODIES} --clear 0.2 --physical 0.7 --longest 7 --seed 304"),
+        "x2clear": (12_000, f"{_X2_CLEAR} --seed 306"),
+        "x2clearmore": (9_000, f"{_X2_CLEAR} --seed 307"),
+        "x2sizes": (7_000, f"{_X2_CLEAR} --physical 0.3 --seed 305"),
+        "check": (1_500, f"{_BODIES} --clear 0.5 --physical 0.5 --longest 7 --seed 303"),
+        "longall": (3_000, f"{_BODIES} --clear 0.5 --physical 0.5 {_LONG} --seed 308"),
+        "longallcheck": (600, f"{_BODIES} --clear 0.5 --physical 0.5 {_LONG} --seed 309"),
         "train": (40_000, "--seed 1"),
-        "check": (4_000, "--seed 2"),
         "held": (16_000, f"--families {_HELD_OUT} --seed 3"),
-        "thesis": (2_400, "--families thesis --seed 4"),
-        "hcheck": (1_600, f"--families {_HELD_OUT} --seed 5"),
         "x4train": (6_000, f"{_X4M03} --seed 11"),
         "x4check": (1_500, f"{_X4M03} --seed 12"),
         "x4held": (2_000, f"{_X4M03} --families {_HELD_OUT} --seed 13"),
         "x4hcheck": (600, f"{_X4M03} --families {_HELD_OUT} --seed 15"),
         "long": (8_000, f"{_LONG} --seed 21"),
-        "longcheck": (1_500, f"{_LONG} --seed 22"),
         "longheld": (5_000, f"{_LONG} --families {_HELD_OUT} --seed 23"),
-        "longhcheck": (800, f"{_LONG} --families {_HELD_OUT} --seed 24"),
-        "longmore": (8_000, f"{_LONG} --seed 25"),
-        "heldmore": (4_000, f"{_LONG} --families {_HELD_OUT} --seed 26"),
-        "stay": (6_000, f"{_LONG} --families staying --seed 41"),
-        "things": (4_000, f"{_LONG} --families things --seed 43"),
         "x4long": (2_000, f"{_X4M03} {_LONG} --seed 31"),
         "x4longcheck": (600, f"{_X4M03} {_LONG} --seed 32"),
         "x4longheld": (1_500, f"{_X4M03} {_LONG} --families {_HELD_OUT} --seed 33"),
@@ -36,19 +45,13 @@ _SETS: Mapping[str, tuple[int, str]] = MappingProxyType(
     }
 )
 """Passages, and whatever else `train-export dataset` is told, by the set's folder."""
-_ALL = "--train sets/train sets/held sets/thesis --validate sets/check sets/hcheck"
+_ALL = (
+    "--train sets/clear sets/clearmore sets/x2clear sets/x2clearmore sets/x2sizes sets/rooms "
+    "--validate sets/check"
+)
+_LONG_SETS = "--train sets/clear sets/rooms sets/longall --validate sets/check sets/longallcheck"
 _X4_SETS = (
     "--train sets/train sets/held sets/x4train sets/x4held --validate sets/x4check sets/x4hcheck"
-)
-_LONG_SETS = (
-    "--train sets/train sets/held sets/thesis sets/long sets/longheld "
-    "--validate sets/check sets/hcheck sets/longcheck sets/longhcheck"
-)
-_MORE = "--train sets/train sets/held sets/thesis sets/long sets/longheld sets/stay sets/things"
-_MORE_SETS = f"{_MORE} --validate sets/check sets/hcheck"
-_MORE_LONG_SETS = (
-    f"{_MORE} sets/longmore sets/heldmore "
-    "--validate sets/check sets/hcheck sets/longcheck sets/longhcheck"
 )
 _X4_LONG_SETS = (
     "--train sets/train sets/held sets/x4train sets/x4held sets/long sets/longheld "
@@ -57,7 +60,6 @@ _X4_LONG_SETS = (
 )
 _FAST = ("--half", "--compile")
 """Pay on a whole set alone: torch compiles for minutes, and half precision needs the hardware."""
-_ALONE = f"--seed 0 {' '.join(_FAST)}"
 _SMALL_SHARE = 0.05  # chosen: to try it; an epoch is shorter than the compiler's work
 
 
@@ -74,22 +76,29 @@ class Recipe:
 
 
 def _recipe(
-    name: str, size: str, epochs: int, sets: str = _ALL, long_sets: str = _LONG_SETS
+    name: str, size: str, fit: str, *, sets: str = _ALL, long_sets: str = _LONG_SETS
 ) -> Recipe:
-    fit = f"train-export fit {sets} --name {name} --size {size} --epochs {epochs} {_ALONE}"
-    head = (
-        f"train-export temporal --model models/{name}.onnx {long_sets} "
-        f"--size {size} --epochs 6 --seed 0"
+    return Recipe(
+        (
+            f"train-export fit {sets} --name {name} --size {size} {fit}",
+            f"train-export temporal --model models/{name}.onnx {long_sets} "
+            f"--size {size} --epochs 6 --seed 0",
+        )
     )
-    return Recipe((fit, head))
 
 
 RECIPES: Mapping[str, Recipe] = MappingProxyType(
     {
-        "accurate": _recipe("accurate", "accurate", 6, _MORE_SETS, _MORE_LONG_SETS),
-        "balanced": _recipe("balanced", "balanced", 10),
-        "fast": _recipe("fast", "fast", 6),
-        "x4m03": _recipe("x4m03", "accurate", 7, _X4_SETS, _X4_LONG_SETS),
+        "accurate": _recipe("accurate", "accurate", "--epochs 5 --seed 0 --half"),
+        "balanced": _recipe("balanced", "balanced", "--epochs 8 --seed 0 --half"),
+        "fast": _recipe("fast", "fast", "--epochs 6 --seed 0 --half"),
+        "x4m03": _recipe(
+            "x4m03",
+            "accurate",
+            "--epochs 7 --seed 0 --half --compile",
+            sets=_X4_SETS,
+            long_sets=_X4_LONG_SETS,
+        ),
     }
 )
 """By name of the bundle."""

@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 from radard.classify.bundle import load_bundle
 from radard.classify.decision import Decision
-from radard.classify.model_choice import OF_ONE_MODULE, model_for
+from radard.classify.model_choice import model_for
 from radard.config.config import Config
-from radard.config.sections import AUTO_MODEL, DEFAULT_MODEL
+from radard.config.sections import AUTO_MODEL
 from radard.errors import ModelMismatch
 from radard.pipeline import Pipeline
 from radard.stream.ring import Dwell
@@ -155,6 +155,10 @@ def _entries() -> tuple[Entry, ...]:
     return tuple(rows)
 
 
+def _stream(radar: Radar) -> StreamInfo:
+    return StreamInfo(radar.axis(), radar.frame_rate_hz, radar.name)
+
+
 def _families(cast: Sequence[Any]) -> Iterator[Family]:
     yield from (f for f in cast if isinstance(f, Family))
 
@@ -195,8 +199,7 @@ class AcceptSpec:
         """Who judges: the bundles' networks or the function's file, with their hashes."""
         if is_function(self.model):
             return {self.model: sha256_of(self.model)}
-        is_auto = self.model == AUTO_MODEL
-        names = (DEFAULT_MODEL, *OF_ONE_MODULE) if is_auto else (self.model,)
+        names = sorted({model_for(self.model, _stream(s.radar)) for s in self.settings})
         return {name: load_bundle(name).sha256 for name in names}
 
     @property
@@ -263,7 +266,7 @@ class AcceptSpec:
 
     def _judge(self, radar: Radar) -> tuple[Pipeline, Callable[[Dwell], Decision]]:
         """Return what makes windows of a radar's frames, and what decides on each."""
-        stream = StreamInfo(radar.axis(), radar.frame_rate_hz, radar.name)
+        stream = _stream(radar)
         if not is_function(self.model):
             pipeline = pipeline_for(radar, model_for(self.model, stream))
             return pipeline, pipeline.decide
