@@ -340,5 +340,5 @@ def test_a_written_xethru_recording_without_our_header(tmp_path):
         assert np.array_equal(content(reader)[0], samples)
         assert reader.stream.frame_rate_hz == pytest.approx(60.25, rel=1e-3)
         assert reader.stream.axis.bin_length_m == pytest.approx(axis.bin_length_m, rel=1e-7)
-        assert reader.stream.axis.bandwidth_hz == 0
+        assert reader.stream.axis.bandwidth_hz == axis.bandwidth_hz
         assert reader.started_utc == "2026-03-01T12:30:00.250Z"

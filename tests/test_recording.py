@@ -13,6 +13,7 @@ import pytest
 from tests.radar_helpers import BASEBAND, frames_of, noise
 from x2radar.errors import RecordingError
 from x2radar.frame import FastTimeAxis, Frame, StreamInfo
+from x2radar.recording.blocks import Overrides
 from x2radar.recording.hdf5_reader import RecordingReader, RecordingWriter
 from x2radar.recording.registry import open_recording
 
@@ -113,6 +114,30 @@ def test_a_foreign_file_with_only_what_must_be_there(tmp_path):
     assert reader.labels == []
 
 
+@pytest.mark.parametrize(
+    ("sampled_hz", "carrier_hz", "stated_hz", "known_hz"),
+    [
+        (41e9, 6.8e9, None, 2.3e9),
+        (38.9e9, 7.3e9, None, 2.35e9),
+        (41e9, 6.8e9, 1.7e9, 1.7e9),
+        (41e9, 4.2e9, None, 0),
+        (23.328e9, 7.29e9, None, 1.4e9),
+        (23.328e9, 8.748e9, None, 1.5e9),
+        (23.328e9, 6.8e9, None, 0),
+        (16e9, 6.8e9, None, 0),
+    ],
+)
+def test_a_pulse_is_known_by_its_sampler_and_carrier(
+    tmp_path, sampled_hz, carrier_hz, stated_hz, known_hz
+):
+    """Without it the velocities of a stream are made otherwise than those of a live module."""
+    said = {"sample_rate_hz": sampled_hz, "carrier_hz": carrier_hz, "bandwidth_hz": stated_hz}
+    path = minimal(tmp_path / "r.h5", **said)
+    assert RecordingReader(path).stream.axis.bandwidth_hz == known_hz
+    own = RecordingReader(path, Overrides(bandwidth_hz=2e9))
+    assert own.stream.axis.bandwidth_hz == 2e9
+
+
 def test_phase_sign_is_brought_to_falling(tmp_path):
     samples = noise(10, 8)
     reader = RecordingReader(minimal(tmp_path / "m.h5", samples=samples, phase_sign=1))
@@ -201,6 +226,7 @@ from pathlib import Path
 sys.path[:0] = ['.', 'daemon']
 from tests.radar_helpers import BASEBAND, frames_of, noise
 from x2radar.frame import StreamInfo
+from x2radar.recording.blocks import Overrides
 from x2radar.recording.hdf5_reader import RecordingWriter
 samples = noise(20000)
 writer = RecordingWriter(Path(sys.argv[1]), StreamInfo(BASEBAND, 60, 'x'),

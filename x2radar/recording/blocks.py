@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from x2radar.closing import Closing
 from x2radar.errors import RecordingError, X2RadarError
 from x2radar.frame import LONGEST_GAP, FastTimeAxis, Frame, Samples, StreamInfo, read_only
+from x2radar.settings.modules import pulse_bandwidth_hz
 from x2radar.settings.x2 import SPEED_OF_LIGHT_MPS
 
 Label = tuple[float, float, str]
@@ -102,7 +103,10 @@ class Overrides:
     sample_rate_hz: float | None = None
 
     def apply(self, stream: StreamInfo) -> StreamInfo:
-        """Return `stream` with what is set here."""
+        """Return `stream` with what is set here.
+
+        A bandwidth that nobody states is that of the module with this sampler and carrier.
+        """
         changes: dict[str, Any] = {}
         for name in FastTimeAxis.__dataclass_fields__:
             value = getattr(self, name, None)
@@ -111,9 +115,13 @@ class Overrides:
         by_rate = self.sample_rate_hz is not None and self.bin_length_m is None
         if by_rate and self.sample_rate_hz and stream.axis.kind == "rf":
             changes["bin_length_m"] = SPEED_OF_LIGHT_MPS / (2 * self.sample_rate_hz)
+        axis = replace(stream.axis, **changes)
+        if not axis.bandwidth_hz:
+            band_hz = pulse_bandwidth_hz(axis.sample_rate_hz, axis.carrier_hz)
+            axis = replace(axis, bandwidth_hz=band_hz)
         return replace(
             stream,
-            axis=replace(stream.axis, **changes),
+            axis=axis,
             frame_rate_hz=self.frame_rate_hz or stream.frame_rate_hz,
         )
 

@@ -10,8 +10,13 @@ from typing import Any
 
 from x2radar.settings.base import ModuleSettings
 from x2radar.settings.profile import ProfileSettings
-from x2radar.settings.x2 import RadarSettings
-from x2radar.settings.x4 import X4Settings
+from x2radar.settings.x2 import PULSE_GENERATORS, RadarSettings
+from x2radar.settings.x4 import PULSES, SAMPLE_RATE_HZ, X4Settings
+
+_X2_SAMPLERS_HZ = (38e9, 41e9)
+"""Of the NVA6201, from chip to chip (protocol notes, section 5)."""
+_NEAR = 0.01
+"""Chosen: a carrier is known to 1 %; pulses of a module lie farther apart."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,6 +57,27 @@ def module_for(order_code: str) -> ModuleRow:
     code = order_code.strip().upper()
     prefixes = {prefix: row for row in MODULES.values() for prefix in row.order_codes}
     return prefixes[max(filter(code.startswith, prefixes), key=len)]
+
+
+def pulse_bandwidth_hz(sample_rate_hz: float, carrier_hz: float) -> float:
+    """Return the bandwidth at -10 dB of the module's pulse with this sampler and carrier, in hertz.
+
+    0 if no module in `MODULES` has both. For recordings that name these and not their bandwidth.
+
+    >>> pulse_bandwidth_hz(41e9, 6.8e9) / 1e9
+    2.3
+    """
+    pulses: tuple[tuple[float, float], ...] = ()
+    low_hz, high_hz = _X2_SAMPLERS_HZ
+    if (1 - _NEAR) * low_hz <= sample_rate_hz <= (1 + _NEAR) * high_hz:
+        pulses = tuple((each.carrier_hz, each.bandwidth_hz) for each in PULSE_GENERATORS)
+    elif abs(sample_rate_hz / SAMPLE_RATE_HZ - 1) <= _NEAR:
+        pulses = tuple(PULSES.values())
+    off, found_hz = min(
+        ((abs(carrier_hz / own_hz - 1), width_hz) for own_hz, width_hz in pulses),
+        default=(1.0, 0.0),
+    )
+    return found_hz if off <= _NEAR else 0.0
 
 
 def module_of(settings: ModuleSettings) -> ModuleRow:
