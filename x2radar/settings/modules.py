@@ -60,7 +60,7 @@ def module_for(order_code: str) -> ModuleRow:
 
 
 def pulse_bandwidth_hz(sample_rate_hz: float, carrier_hz: float) -> float:
-    """Return the bandwidth at -10 dB of the module's pulse with this sampler and carrier, in hertz.
+    """Return the bandwidth at -10 dB, in hertz, of the pulse with this sampler and carrier.
 
     0 if no module in `MODULES` has both. For recordings that name these and not their bandwidth.
 
