@@ -26,6 +26,10 @@ class PictureWatch:
         if path is not None and path != self._path:
             self._path, self._seen_ns = path, 0
 
+    def again(self) -> None:
+        """Show it once more: who has it may have lost it."""
+        self._seen_ns = 0
+
     def fresh(self) -> bytes | None:
         """Return the picture if it has changed since the last call."""
         if self._path is None:

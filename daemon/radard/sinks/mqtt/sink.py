@@ -145,6 +145,8 @@ class MqttSink(OutboxSink):
         if self._must_announce:
             self._must_announce = False
             self._publish(self._topics.announce(now_s))
+            if self._pictures is not None:
+                self._pictures.again()
         health = self._context.health() if self._context.health else None
         panel = self._context.panel() if self._context.panel else {}
         status = (health.state, health.reason) if health else None
