@@ -271,9 +271,10 @@ def test_events_survive_an_outage_and_a_restart(publish, listen, broker):
         wait_for(lambda: again.state.n_waiting == 0)
         again.write(event(6))
         wait_for(lambda: ulid(6) in ids(late))
-        got = ids(late)
+        # At least once: one that was answered late comes twice.
+        got = list(dict.fromkeys(ids(late)))
         assert got == [ulid(k) for k in range(7 - len(got), 7)]
-        assert again.state.n_sent >= 5
+        wait_for(lambda: again.state.n_sent >= 5)
     finally:
         late.close()
     wait_for(lambda: again.state.is_ok)
