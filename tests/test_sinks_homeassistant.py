@@ -150,7 +150,7 @@ def test_sensitivity_is_chosen_and_shown(publish, listen):
 
 
 def distinct(listener, topic):
-    """Payloads on a topic, each once: on a busy machine a connection may be lost and made again."""
+    """Payloads on a topic, each once: a busy machine loses connections and makes them again."""
     return list(dict.fromkeys(listener.on(topic)))
 
 
