@@ -20,6 +20,18 @@ def of(records, sensor):
     return [r for r in records if r.get("sensor") == sensor]
 
 
+ROOMS = {"hall": {"port": "sim:empty"}, "attic": {"port": "sim:empty?seed=3"}}
+
+
+def two_rooms(launch, **how):
+    """A daemon whose two radars decide, what its reload takes (to be filled), and the radars."""
+    choices = []
+    daemon = launch(sensors=ROOMS, reload=lambda: choices[0], **how)
+    hall, attic = daemon.run._radars
+    wait_for(lambda: hall.panel().get("seq") and attic.panel().get("seq"))
+    return daemon, choices, hall, attic
+
+
 def with_others(daemon, sensors):
     """The configuration of a daemon, with other sensors."""
     options = daemon.config.model_dump(exclude={"sensors", "sensor"})
@@ -28,13 +40,10 @@ def with_others(daemon, sensors):
 
 
 def test_a_reload_adds_and_removes_radars_and_leaves_the_others(tmp_path, launch):
-    out, choices = tmp_path / "out.jsonl", []
-    sensors = {"hall": {"port": "sim:empty"}, "attic": {"port": "sim:empty?seed=3"}}
-    daemon = launch(sensors=sensors, output=[f"json:{out}"], reload=lambda: choices[0])
-    hall, attic = daemon.run._radars
-    wait_for(lambda: hall.panel().get("seq") and attic.panel().get("seq"))
+    out = tmp_path / "out.jsonl"
+    daemon, choices, hall, _ = two_rooms(launch, output=[f"json:{out}"])
     more = {"shed": {"port": "sim:empty?seed=4"}, "cellar": {"port": str(tmp_path / "absent")}}
-    choices.append(with_others(daemon, {"hall": sensors["hall"], **more}))
+    choices.append(with_others(daemon, {"hall": ROOMS["hall"], **more}))
     daemon.ask("reload")
     wait_for(lambda: [radar.name for radar in daemon.run._radars] == ["hall", "shed", "cellar"])
     shed = daemon.run._radars[1]
@@ -62,14 +71,13 @@ def test_radars_that_a_reload_adds_have_topics_and_pages(tmp_path, launch):
     choices, base = [], f"http://127.0.0.1:{free_port()}"
     broker = MqttBroker(tmp_path)
     listener = Listener(broker.port)
-    sensors = {"hall": {"port": "sim:empty"}, "attic": {"port": "sim:empty?seed=3"}}
     try:
         outputs = [f"mqtt://127.0.0.1:{broker.port}", base]
-        daemon = launch(sensors=sensors, output=outputs, reload=lambda: choices[0])
+        daemon = launch(sensors=ROOMS, output=outputs, reload=lambda: choices[0])
         wait_for(lambda: b"online" in listener.on("radard/attic-simulated/availability"))
         assert ask(base + "/sensor/attic/healthz")[0] == 200
         more = {"shed": {"port": "sim:empty?seed=4"}}
-        choices.append(with_others(daemon, {"hall": sensors["hall"], **more}))
+        choices.append(with_others(daemon, {"hall": ROOMS["hall"], **more}))
         daemon.ask("reload")
         wait_for(lambda: b"online" in listener.on("radard/shed-simulated/availability"))
         wait_for(lambda: listener.on("radard/attic-simulated/availability")[-1] == b"offline")
@@ -82,12 +90,8 @@ def test_radars_that_a_reload_adds_have_topics_and_pages(tmp_path, launch):
         broker.stop()
 
 
-def test_a_reload_begins_a_radar_again_whose_port_is_another(tmp_path, launch):
-    choices = []
-    sensors = {"hall": {"port": "sim:empty"}, "attic": {"port": "sim:empty?seed=3"}}
-    daemon = launch(sensors=sensors, reload=lambda: choices[0])
-    hall, attic = daemon.run._radars
-    wait_for(lambda: hall.panel().get("seq") and attic.panel().get("seq"))
+def test_a_reload_begins_a_radar_again_whose_port_is_another(launch):
+    daemon, choices, hall, attic = two_rooms(launch)
     entry = daemon.config.sensors["hall"].model_copy(update={"port": "sim:empty?seed=9"})
     changed = {**daemon.config.sensors, "hall": entry}
     choices.append(daemon.config.model_copy(update={"sensors": changed}))
@@ -115,11 +119,8 @@ def test_a_reload_that_adds_a_radar_without_a_model_changes_nothing(tmp_path, la
 
 
 def test_a_reload_changes_one_and_leaves_the_streams(tmp_path, launch):
-    out, choices = tmp_path / "out.jsonl", []
-    sensors = {"hall": {"port": "sim:empty"}, "attic": {"port": "sim:empty?seed=3"}}
-    daemon = launch(sensors=sensors, output=[f"json:{out}"], reload=lambda: choices[0])
-    hall, attic = daemon.run._radars
-    wait_for(lambda: hall.panel().get("seq") and attic.panel().get("seq"))
+    out = tmp_path / "out.jsonl"
+    daemon, choices, hall, attic = two_rooms(launch, output=[f"json:{out}"])
     entry = daemon.config.sensors["attic"]
     gate = daemon.config.gate.model_copy(update={"false_alarms_per_day": 11.0})
     changed = {**daemon.config.sensors, "attic": entry.model_copy(update={"gate": gate})}
@@ -131,7 +132,7 @@ def test_a_reload_changes_one_and_leaves_the_streams(tmp_path, launch):
     assert hall.parts.config.gate == GateSection()
     assert daemon.stop() == 0
     records = [json.loads(line) for line in out.read_text().splitlines()]
-    for name in sensors:
+    for name in ROOMS:
         made = [r for r in of(records, name) if r["type"] == "decision"]
         assert [d["seq"] for d in made] == list(range(1, len(made) + 1))
         assert {d["dropped"] for d in made} == {0}

@@ -13,10 +13,8 @@ from x2radar.settings.profile import ProfileSettings
 from x2radar.settings.x2 import PULSE_GENERATORS, RadarSettings
 from x2radar.settings.x4 import PULSES, SAMPLE_RATE_HZ, X4Settings
 
-_X2_SAMPLERS_HZ = (38e9, 41e9)
-"""Of the NVA6201, from chip to chip (protocol notes, section 5)."""
 _NEAR = 0.01
-"""Chosen: a carrier is known to 1 %; pulses of a module lie farther apart."""
+"""Chosen: sampler and carrier are known to 1 %; pulses of a module lie farther apart."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -32,6 +30,11 @@ class ModuleRow:
     order_codes: tuple[str, ...] = ()
     """How the order codes of such modules begin, in capitals: that is how `device=auto` knows
     them. "" takes what no other row does; without any, the module must be named."""
+    samplers_hz: tuple[float, float] = (0.0, 0.0)
+    """Slowest and fastest RF sampler of such modules, in hertz; of modules that share a chip, one
+    states it."""
+    pulses: tuple[tuple[float, float], ...] = ()
+    """Carriers of its pulses and their bandwidths at -10 dB, in hertz."""
     bundle: str = ""
     """The daemon's model bundle for this module alone; empty for that of all modules."""
 
@@ -39,13 +42,23 @@ class ModuleRow:
 MODULES: Mapping[str, ModuleRow] = {
     row.device: row
     for row in (
-        ModuleRow(device="x2raw", name="X2", settings=RadarSettings, order_codes=("",)),
+        ModuleRow(
+            device="x2raw",
+            name="X2",
+            settings=RadarSettings,
+            order_codes=("",),
+            # The NVA6201, from chip to chip (protocol notes, section 5).
+            samplers_hz=(38e9, 41e9),
+            pulses=tuple((each.carrier_hz, each.bandwidth_hz) for each in PULSE_GENERATORS),
+        ),
         ModuleRow(device="x2m200", name="X2M200", settings=ProfileSettings),
         ModuleRow(
             device="x4m03",
             name="X4M03",
             settings=X4Settings,
             order_codes=("X4", "XEP"),
+            samplers_hz=(SAMPLE_RATE_HZ, SAMPLE_RATE_HZ),
+            pulses=tuple(PULSES.values()),
             bundle="x4m03",
         ),
     )
@@ -67,17 +80,22 @@ def pulse_bandwidth_hz(sample_rate_hz: float, carrier_hz: float) -> float:
     >>> pulse_bandwidth_hz(41e9, 6.8e9) / 1e9
     2.3
     """
-    pulses: tuple[tuple[float, float], ...] = ()
-    low_hz, high_hz = _X2_SAMPLERS_HZ
-    if (1 - _NEAR) * low_hz <= sample_rate_hz <= (1 + _NEAR) * high_hz:
-        pulses = tuple((each.carrier_hz, each.bandwidth_hz) for each in PULSE_GENERATORS)
-    elif abs(sample_rate_hz / SAMPLE_RATE_HZ - 1) <= _NEAR:
-        pulses = tuple(PULSES.values())
     off, found_hz = min(
-        ((abs(carrier_hz / own_hz - 1), width_hz) for own_hz, width_hz in pulses),
+        (
+            (abs(carrier_hz / own_hz - 1), width_hz)
+            for row in MODULES.values()
+            if (1 - _NEAR) * row.samplers_hz[0]
+            <= sample_rate_hz
+            <= (1 + _NEAR) * row.samplers_hz[1]
+            for own_hz, width_hz in row.pulses
+        ),
         default=(1.0, 0.0),
     )
     return found_hz if off <= _NEAR else 0.0
+
+
+def _is_near(value: float, low: float, high: float) -> bool:
+    return (1 - _NEAR) * low <= value <= (1 + _NEAR) * high
 
 
 def module_of(settings: ModuleSettings) -> ModuleRow:
