@@ -19,6 +19,7 @@ from x2radar.sim.bodies.motion.stride_phase import StridePhase
 from x2radar.sim.bodies.path.path import Path
 from x2radar.sim.bodies.person.build import PersonBuild
 from x2radar.sim.bodies.person.footfall_motion import sides
+from x2radar.sim.bodies.person.torso import Torso
 
 Array = NDArray[np.float64]
 
@@ -48,7 +49,7 @@ class AnglePerson:
         the flight; how far hips swing ahead and back.
     cruise_mps : float
         Speed at which amplitudes are whole.
-    gesture : Wander
+    gesture, torso : Wander, Torso
         As in `FootfallPerson`.
     """
 
@@ -65,6 +66,7 @@ class AnglePerson:
     surge_m: float
     cruise_mps: float
     gesture: Wander
+    torso: Torso
 
     @classmethod
     def draw(
@@ -92,7 +94,7 @@ class AnglePerson:
             for name, share in shares.items()
         ]
         n = curves.N_HARMONICS
-        swing = 0.35 * float(np.exp(0.5 * z[1])) * (0.15 if style == "carry" else 1.0)
+        swing = 0.35 * scale * float(np.exp(0.5 * z[1])) * (0.15 if style == "carry" else 1.0)
         size = swing * np.array([1.0, 0.12, 0.04, 0.02]) * np.exp(0.3 * rng.standard_normal(n))
         shoulder = JointCurve(0.1 * z[2], size, np.pi + 0.3 * rng.standard_normal(n))
         bend = 1.4 if run or style == "carry" else 0.4
@@ -108,11 +110,12 @@ class AnglePerson:
             {"crouch": 0.7, "stealth": 0.45}.get(style, 0.05) + 0.08 * float(u[1]),
             {"crouch": 0.5, "stealth": 0.3, "run": 0.15}.get(style, 0.05) + 0.05 * z[7],
             facing,
-            float(0.12 * np.exp(0.4 * z[8])),
+            float(0.16 * np.exp(0.5 * z[8])),
             float(0.04 * run * np.exp(0.3 * z[9])),
-            float(0.014 * leg_m * np.exp(0.5 * rng.standard_normal())),
+            float(0.018 * leg_m * np.exp(0.6 * rng.standard_normal())),
             cruise,
             gesture,
+            Torso.draw(rng),
         )
 
     def posture(self, t_s: Array) -> tuple[Array, Array, Array]:
@@ -140,7 +143,8 @@ class AnglePerson:
         lift = height[:, None] * np.array([0.0, 0.0, 1.0])
         legs = [[(a + lift, c + lift) for a, c in leg] for leg in legs]
         middle = place + lift
-        up = direction(facing, 0.5 * np.pi - self.lean_rad * (0.4 + 0.6 * vigour))
+        lean = self.lean_rad * (0.4 + 0.6 * vigour)
+        up = self.torso.up(t_s, facing, lean, p, vigour)
         top = middle + b.trunk_m * up
         arms = [self._arm(k, top, now) for k in range(2)]
         look = direction(facing + gesture[:, 4], 0.5 * np.pi - 0.4 * gesture[:, 5])
@@ -173,7 +177,9 @@ class AnglePerson:
         angle = self.joints[3].at(phase, vigour) + gesture[:, 2 * k]
         bend = np.maximum(self.joints[4].at(phase, vigour) + gesture[:, 2 * k + 1], 0.05)
         level = np.zeros_like(facing)
-        shoulder = top + side * b.shoulder_m * direction(facing + 0.5 * np.pi, level)
+        # The chest turns against the pelvis.
+        chest = facing - 0.7 * (now.yaw_rad - facing)
+        shoulder = top + side * b.shoulder_m * direction(chest + 0.5 * np.pi, level)
         elbow = hung(shoulder, facing, angle, b.upper_arm_m, 0.12 * side)
         wrist = hung(elbow, facing, angle + bend, b.forearm_m, 0.06 * side)
         return [(shoulder, elbow), (elbow, wrist), (wrist, wrist + 0.3 * (wrist - elbow))]

@@ -16,6 +16,7 @@ from x2radar.sim.bodies.motion.limbs import Moment, bent, direction, hung, segme
 from x2radar.sim.bodies.motion.stride_phase import Footprints, StridePhase
 from x2radar.sim.bodies.path.path import Path
 from x2radar.sim.bodies.person.build import PersonBuild
+from x2radar.sim.bodies.person.torso import Torso
 
 Array = NDArray[np.float64]
 
@@ -91,6 +92,8 @@ class FootfallPerson:
         Speed at which amplitudes are whole.
     gesture : Wander
         Six numbers added to the angles of shoulders and elbows and to the head's turn and nod.
+    torso : Torso
+        How the trunk swings.
     """
 
     path: Path
@@ -100,12 +103,13 @@ class FootfallPerson:
     prints: tuple[Footprints, ...]
     cruise_mps: float
     gesture: Wander
+    torso: Torso
 
     @classmethod
     def plan(
         cls, rng: np.random.Generator, path: Path, build: PersonBuild, ways: Ways, gesture: Wander
     ) -> Self:
-        """Plan the footfalls along a path; the scatter of the prints is drawn."""
+        """Plan the footfalls along a path; the prints' scatter and the torso are drawn."""
         leg_m = build.leg_m
         phase = StridePhase.along(
             path, lambda v: ways.stride * leg_m * (v / np.sqrt(9.81 * leg_m)) ** ways.power
@@ -126,7 +130,7 @@ class FootfallPerson:
             for side in _SIDES
         )
         cruise = max(float(path.pieces[2].max(initial=0.0)), 0.1)
-        return cls(path, build, ways, phase, prints, cruise, gesture)
+        return cls(path, build, ways, phase, prints, cruise, gesture, Torso.draw(rng))
 
     def posture(self, t_s: Array) -> tuple[Array, Array, Array]:
         """Return middles, axes and side vectors of all parts; see `Action`."""
@@ -149,7 +153,7 @@ class FootfallPerson:
         now = Moment(facing, yaw, p, vigour, gesture)
         legs = [self._leg(k, t_s, middle, now) for k in range(2)]
         lean = w.lean * (0.4 + 0.6 * vigour)
-        up = direction(facing, 0.5 * np.pi - lean)
+        up = self.torso.up(t_s, facing, lean, p, vigour)
         top = middle + b.trunk_m * up
         arms = [self._arm(k, top, now) for k in range(2)]
         look = direction(facing + gesture[:, 4], 0.5 * np.pi - 0.5 * lean - 0.4 * gesture[:, 5])
@@ -229,12 +233,12 @@ def draw_ways(rng: np.random.Generator, style: str) -> Ways:
         crouch=low + 0.05 * u[4] + (0.06 if runs else 0.0),
         lift=float((0.28 if runs else 0.12) * np.exp(0.4 * z[4])),
         bob=float((0.05 if runs else 0.022) * np.exp(0.4 * z[5])),
-        sway=float(0.025 * np.exp(0.4 * z[6])),
-        surge=float(0.014 * np.exp(0.5 * z[15])),
+        sway=float(0.03 * np.exp(0.6 * z[6])),
+        surge=float(0.018 * np.exp(0.6 * z[15])),
         bob_lag=float((0.25 if runs else 0.06) + 0.06 * z[7]),
         arm_lag=0.05 * z[8],
         lean={"crouch": 0.6, "stealth": 0.3, "run": 0.2}.get(style, 0.06) + 0.06 * z[9],
-        yaw=float(0.12 * np.exp(0.4 * z[10])),
+        yaw=float(0.16 * np.exp(0.5 * z[10])),
         toe_out=0.12 + 0.1 * z[11],
         facing=facing,
         arm=float(

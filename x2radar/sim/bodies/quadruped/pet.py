@@ -40,6 +40,8 @@ _N_POSTURES = 24
 """Over which the mean cross section is taken: within 3 % of that over 480 (measured)."""
 _FASTEST_DRAWN_MPS = 4.5
 """Chosen: indoors nobody runs faster."""
+_STROLL_FROUDE, _STROLL_SHARE = (0.008, 0.06), 0.5
+"""Of animals that walk or roam: at home they go slower than those that are led (chosen)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,7 +130,8 @@ def draw_pet(
         msg = f"style: no {species} style '{style}'; known are {', '.join(known)}"
         raise SceneError(msg)
     build = draw_build(rng, row, mass_kg)
-    course = path if isinstance(path, Path) else _draw_path(rng, style, build, path)
+    span = _froude(rng, style, motion)
+    course = path if isinstance(path, Path) else _draw_path(rng, style, build, path, span)
     footwork = _footwork(build, row, style, course)
     manner = draw_manner(rng, build, row, style, FOOTWORK[footwork].nod_rad)
     action: Action
@@ -151,13 +154,21 @@ def draw_pet(
     return Quadruped(row.label, drawn.names(NAMES), moves, manner, drawn)
 
 
+def _froude(rng: np.random.Generator, style: str, motion: str) -> tuple[float, float]:
+    """Return the Froude numbers that an animal draws from; by the first motion none strolls."""
+    if motion != "gait" and style in {"roam", "walk"} and rng.random() < _STROLL_SHARE:
+        return _STROLL_FROUDE
+    return PET_STYLES[style].froude or (0.1, 0.2)
+
+
 def _draw_path(
     rng: np.random.Generator,
     style: str,
     build: QuadrupedBuild,
     waypoints_m: Sequence[tuple[float, float]] | None,
+    froude: tuple[float, float],
 ) -> Path:
-    fr = rng.uniform(*(PET_STYLES[style].froude or (0.1, 0.2)))
+    fr = rng.uniform(*froude)
     speed = min(float(np.sqrt(fr * GRAVITY_MPS2 * build.hip_m)), _FASTEST_DRAWN_MPS)
     points = _draw_waypoints(rng) if waypoints_m is None else waypoints_m
     radius = rng.uniform(0.3, 0.6)

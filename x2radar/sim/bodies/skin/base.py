@@ -23,18 +23,24 @@ _N_AZIMUTHS = 24
 _TINY_M2 = 1e-12
 
 
-def draw_gain(
-    rng: np.random.Generator, size: Array, *, most_power: float, spread_db: float
-) -> Array:
+_MOST_POWER, _SPREAD_DB, _TRUNK_DB, _WEAK_SHARE = 1.1, 4.0, 10.0, 0.5
+"""Of `draw_gain` (chosen): joints and clothes echo besides, trunks are not smooth."""
+
+
+def draw_gain(rng: np.random.Generator, size: Array, n_trunk: int) -> Array:
     """Draw what segments echo against theory, shape (n_segments,), mean weighted by size 1.
 
     `size` is what theory gives. Recorded people show stronger limbs than single bodies of theory
-    have (docs/scenes.md), so large parts lose to small ones by up to `most_power` of their ratio,
-    and each part has a draw of its own of up to `spread_db`.
+    have (docs/research/scenes.md), so large parts lose to small ones by up to their ratio, the
+    trunk, the first `n_trunk` segments, loses up to 10 dB in half of the bodies, and each part has
+    a draw of its own of up to 4 dB.
     """
-    power, spread = rng.uniform(0.0, most_power), rng.uniform(0.0, spread_db)
+    power, spread = rng.uniform(0.0, _MOST_POWER), rng.uniform(0.0, _SPREAD_DB)
     noise = 10 ** (spread / 10 * rng.standard_normal(len(size)).clip(-2, 2))
     gain = (size / size.max()) ** -power * noise
+    loss_db, weak = rng.uniform(0.0, _TRUNK_DB), rng.random()
+    if weak < _WEAK_SHARE:
+        gain[:n_trunk] *= 10 ** (-loss_db / 10)
     return np.asarray(gain * (size.sum() / (size * gain).sum()))
 
 

@@ -27,8 +27,6 @@ _COHERENT_M = (0.03, 0.08)
 """Lengths over which skin or cloth is straight to an eighth of a wavelength (chosen)."""
 _SHADOW_DB = (3.0, 20.0)
 """Loss of a part right behind another: diffraction fills shadows a wavelength deep (chosen)."""
-_MOST_POWER, _GAIN_DB = 1.1, 4.0
-"""Of `draw_gain` (chosen), as ellipsoids have it."""
 _DEEPEST = 0.7
 
 
@@ -55,10 +53,10 @@ class CapsuleSkin:
     scale: float = 1.0
 
     @classmethod
-    def draw(cls, rng: np.random.Generator, half_m: Array) -> Self:
+    def draw(cls, rng: np.random.Generator, half_m: Array, n_trunk: int = 1) -> Self:
         """Draw coherent length, depth of the shadows, and gains."""
         area = half_m[:, 0] * np.sqrt(half_m[:, 1] * half_m[:, 2])
-        gain = draw_gain(rng, area, most_power=_MOST_POWER, spread_db=_GAIN_DB)
+        gain = draw_gain(rng, area, n_trunk)
         coherent, shadow = rng.uniform(*_COHERENT_M), rng.uniform(*_SHADOW_DB)
         return cls(half_m, coherent, shadow, gain)
 

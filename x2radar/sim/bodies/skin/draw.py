@@ -22,8 +22,8 @@ SKINS: Mapping[str, Draw] = MappingProxyType(
     {
         "surface": lambda rng, half, n: SurfaceSkin.draw(rng, half, n_trunk=n),
         "points": lambda rng, half, _: PointSkin.draw(rng, half),
-        "ellipsoids": lambda rng, half, _: EllipsoidSkin.draw(rng, half),
-        "capsules": lambda rng, half, _: CapsuleSkin.draw(rng, half),
+        "ellipsoids": EllipsoidSkin.draw,
+        "capsules": CapsuleSkin.draw,
     }
 )
 """Every skin: how it is drawn, from half-lengths and the number of trunk segments."""

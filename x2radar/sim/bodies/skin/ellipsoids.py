@@ -18,8 +18,6 @@ Array = NDArray[np.float64]
 
 _MOST_FLOOR, _MOST_SPREAD_DB = 0.10, 3.0
 """Largest floor, as a share of the broadside echo, and largest fluctuation (chosen)."""
-_MOST_POWER, _GAIN_DB = 1.1, 4.0
-"""Of `draw_gain` (chosen): joints and clothes echo besides, trunks are not smooth."""
 _DEEPEST = 0.7
 """An antenna inside a part still has it in front, by this share of the distance."""
 
@@ -49,12 +47,12 @@ class EllipsoidSkin:
     scale: float = 1.0
 
     @classmethod
-    def draw(cls, rng: np.random.Generator, half_m: Array) -> Self:
-        """Draw a body's floor and fluctuation."""
+    def draw(cls, rng: np.random.Generator, half_m: Array, n_trunk: int = 1) -> Self:
+        """Draw a body's floor, gains and fluctuation."""
         broadside = SKIN_REFLECTION * np.pi * (half_m.prod(axis=1) / half_m.min(axis=1) ** 2) ** 2
         floor = rng.uniform(0.0, _MOST_FLOOR) * broadside
         spread_db = np.full(len(half_m), rng.uniform(0.0, _MOST_SPREAD_DB))
-        gain = draw_gain(rng, broadside, most_power=_MOST_POWER, spread_db=_GAIN_DB)
+        gain = draw_gain(rng, broadside, n_trunk)
         return cls(half_m, floor, gain, AspectFluctuation.draw(rng, half_m, spread_db))
 
     def names(self, parts: tuple[str, ...], /) -> tuple[str, ...]:

@@ -15,8 +15,8 @@ from x2radar.sim.points import Points
 
 Array = NDArray[np.float64]
 
-_ONE_EACH = 0.3
-"""Share of bodies with one scatterer a segment; others have one to four (chosen)."""
+_COUNTS = ((0.3, (1, 1)), (0.8, (1, 4)), (1.0, (3, 8)))
+"""Scatterers a segment, fewest and most, of bodies up to a cumulated share (chosen)."""
 _SPREAD_DB = 6.0
 """Largest spread of the weights within a body (chosen: twice that of the other skins)."""
 _AREA_POWER = (0.0, 1.6)
@@ -48,9 +48,9 @@ class PointSkin:
     @classmethod
     def draw(cls, rng: np.random.Generator, half_m: Array) -> Self:
         """Draw places, and weights that follow the segments' areas to a drawn power."""
-        count = rng.integers(1, 5, len(half_m))
-        if rng.random() < _ONE_EACH:
-            count[:] = 1
+        share = rng.random()
+        fewest, most = next(span for top, span in _COUNTS if share < top)
+        count = rng.integers(fewest, most + 1, len(half_m))
         segment = np.repeat(np.arange(len(half_m)), count)
         half = half_m[segment]
         along = rng.uniform(-0.9, 0.9, len(segment)) * half[:, 0]
