@@ -150,7 +150,7 @@ def test_a_trunk_swings_twice_and_rolls_once_a_stride(seed):
     assert lean == pytest.approx(0.2, abs=torso.pitch_rad + 0.13)
 
 
-def test_a_trunk_that_stands_only_wanders_and_a_stiff_one_keeps_its_lean():
+def test_a_trunk_that_stands_only_wanders():
     t_s, level = np.arange(0, 20, 0.05), np.zeros(400)
     swings = []
     for seed in range(20):
@@ -159,9 +159,7 @@ def test_a_trunk_that_stands_only_wanders_and_a_stiff_one_keeps_its_lean():
         assert np.abs(np.arctan2(up[:, 0], up[:, 2])).max() < 0.121
         assert np.abs(np.arcsin(up[:, 1])).max() < 0.101
         swings.append(np.ptp(up[:, 0]))
-    is_stiff = np.array(swings) < 1e-9
-    assert 0.1 < is_stiff.mean() < 0.6
-    assert np.array(swings)[~is_stiff].min() > 0.01
+    assert min(swings) > 0.01
 
 
 @pytest.mark.parametrize("motion", ["footfalls", "angles"])

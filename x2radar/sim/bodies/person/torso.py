@@ -15,10 +15,8 @@ from x2radar.sim.bodies.motion.limbs import direction
 
 Array = NDArray[np.float64]
 
-_SWING_RAD, _MOST_SIGMAS = 0.05, 1.5
+_SWING_RAD, _MOST_SIGMAS = 0.05, 2.0
 """Standard deviation of the amplitudes of pitch and roll, and where draws end."""
-_STIFF_SHARE = 0.3
-"""Of bodies: their trunk keeps its lean."""
 _WANDER_RAD, _WANDER_RAD_S = np.array([0.12, 0.10]), np.array([0.15, 0.12])
 """Limits and rates of what lean and roll do besides."""
 
@@ -46,10 +44,9 @@ class Torso:
     @classmethod
     def draw(cls, rng: np.random.Generator) -> Self:
         """Draw a trunk's swing."""
-        pitch_lag, roll_lag, stiff = rng.random(3)
-        much = 0.0 if stiff < _STIFF_SHARE else 1.0
-        pitch, roll = much * _SWING_RAD * np.abs(rng.standard_normal(2)).clip(0, _MOST_SIGMAS)
-        wander = Wander.draw(rng, much * _WANDER_RAD, _WANDER_RAD_S)
+        pitch_lag, roll_lag = rng.random(2)
+        pitch, roll = _SWING_RAD * np.abs(rng.standard_normal(2)).clip(0, _MOST_SIGMAS)
+        wander = Wander.draw(rng, _WANDER_RAD, _WANDER_RAD_S)
         return cls(float(pitch), float(roll), float(pitch_lag), float(roll_lag), wander)
 
     def up(

@@ -79,7 +79,7 @@ class Bearing:
         u, z = rng.random(8), rng.standard_normal(6).clip(-2, 2)
         leaps = gait in {"canter", "bound"}
         low = style in {"stalk", "sniff"}
-        wags = u[0] < 0.3
+        wags = u[0] < 0.25
         return cls(
             neck_rad=-0.3 - 0.5 * u[1] if low else 0.1 + 0.9 * u[1],
             head_rad=-0.3 + 0.3 * z[0],
@@ -91,8 +91,8 @@ class Bearing:
             spine_rad=float((0.16 if leaps else 0.02) * np.exp(0.4 * z[4])),
             bobs=1 if leaps else 2,
             bob_lag=u[3],
-            wag_hz=1.5 + 4.0 * u[4] if wags else 0.3 + 0.7 * u[4],
-            wag_rad=0.1 + 0.6 * u[5],
+            wag_hz=1.5 + 2.5 * u[4] if wags else 0.3 + 0.7 * u[4],
+            wag_rad=0.1 + 0.4 * u[5],
             wag_lag_rad=0.1 + 0.8 * u[6],
             gaze=Wander.draw(rng, np.array([0.3, 0.15]), np.array([0.3, 0.15])),
         )

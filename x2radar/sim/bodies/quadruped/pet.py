@@ -25,7 +25,7 @@ from x2radar.sim.bodies.quadruped.pet_place import (
 )
 from x2radar.sim.bodies.quadruped.quadruped import Action, Hung, Motion, Quadruped
 from x2radar.sim.bodies.quadruped.species import SPECIES, Species
-from x2radar.sim.bodies.skin.base import TotalRcs, sized
+from x2radar.sim.bodies.skin.base import PETS, TotalRcs, sized
 from x2radar.sim.bodies.skin.draw import draw_skin
 
 Array = NDArray[np.float64]
@@ -40,7 +40,7 @@ _N_POSTURES = 24
 """Over which the mean cross section is taken: within 3 % of that over 480 (measured)."""
 _FASTEST_DRAWN_MPS = 4.5
 """Chosen: indoors nobody runs faster."""
-_STROLL_FROUDE, _STROLL_SHARE = (0.008, 0.06), 0.5
+_STROLL_FROUDE, _STROLL_SHARE = (0.008, 0.10), 0.7
 """Of animals that walk or roam: at home they go slower than those that are led (chosen)."""
 
 
@@ -130,8 +130,7 @@ def draw_pet(
         msg = f"style: no {species} style '{style}'; known are {', '.join(known)}"
         raise SceneError(msg)
     build = draw_build(rng, row, mass_kg)
-    span = _froude(rng, style, motion)
-    course = path if isinstance(path, Path) else _draw_path(rng, style, build, path, span)
+    course = path if isinstance(path, Path) else _draw_path(rng, style, build, path, motion)
     footwork = _footwork(build, row, style, course)
     manner = draw_manner(rng, build, row, style, FOOTWORK[footwork].nod_rad)
     action: Action
@@ -148,17 +147,17 @@ def draw_pet(
     if motion != "gait" and isinstance(action, Going):
         other = FootfallQuadruped if motion == "footfalls" else AngleQuadruped
         moves = other.draw(rng, course, build, style)
-    drawn = draw_skin(rng, skin, build.half_lengths(), len(TRUNK))
+    drawn = draw_skin(rng, skin, build.half_lengths(), len(TRUNK), PETS)
     postures = moves.posture(np.linspace(begin, end, _N_POSTURES))
     drawn = sized(drawn, rng, total_rcs_dbsm, postures)
     return Quadruped(row.label, drawn.names(NAMES), moves, manner, drawn)
 
 
-def _froude(rng: np.random.Generator, style: str, motion: str) -> tuple[float, float]:
-    """Return the Froude numbers that an animal draws from; by the first motion none strolls."""
+def _draw_froude(rng: np.random.Generator, style: str, motion: str) -> float:
+    """Draw the Froude number of an animal's speed; by the first motion none strolls."""
     if motion != "gait" and style in {"roam", "walk"} and rng.random() < _STROLL_SHARE:
-        return _STROLL_FROUDE
-    return PET_STYLES[style].froude or (0.1, 0.2)
+        return float(rng.uniform(*np.sqrt(_STROLL_FROUDE)) ** 2)
+    return float(rng.uniform(*(PET_STYLES[style].froude or (0.1, 0.2))))
 
 
 def _draw_path(
@@ -166,9 +165,9 @@ def _draw_path(
     style: str,
     build: QuadrupedBuild,
     waypoints_m: Sequence[tuple[float, float]] | None,
-    froude: tuple[float, float],
+    motion: str,
 ) -> Path:
-    fr = rng.uniform(*froude)
+    fr = _draw_froude(rng, style, motion)
     speed = min(float(np.sqrt(fr * GRAVITY_MPS2 * build.hip_m)), _FASTEST_DRAWN_MPS)
     points = _draw_waypoints(rng) if waypoints_m is None else waypoints_m
     radius = rng.uniform(0.3, 0.6)

@@ -1,6 +1,6 @@
 """The contract of a skin, and the size of its echo."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, Literal, Protocol, TypeVar
 
 import numpy as np
@@ -23,24 +23,42 @@ _N_AZIMUTHS = 24
 _TINY_M2 = 1e-12
 
 
-_MOST_POWER, _SPREAD_DB, _TRUNK_DB, _WEAK_SHARE = 1.1, 4.0, 10.0, 0.5
-"""Of `draw_gain` (chosen): joints and clothes echo besides, trunks are not smooth."""
+_SPREAD_DB = 4.0
+"""Of `draw_gain` (chosen): most that parts' own draws spread."""
 
 
-def draw_gain(rng: np.random.Generator, size: Array, n_trunk: int) -> Array:
+@dataclass(frozen=True, slots=True)
+class Balance:
+    """How loud limbs are against the trunk: spans of even draws, one for each body.
+
+    Recorded people show stronger limbs than single bodies of theory have, a recorded dog weaker
+    ones (docs/research/scenes.md). Values are chosen.
+    """
+
+    power: tuple[float, float] = (0.0, 0.5)
+    """Of the parts' ratio by theory that large parts lose to small ones; negative: gain."""
+    trunk_db: tuple[float, float] = (0.0, 0.0)
+    """Added to the trunk."""
+    area_power: tuple[float, float] = (0.0, 1.6)
+    """Weights of constant scatterers go with a segment's area to it: from limbs as strong as the
+    trunk, as the first studies have them, to a trunk that outshines all else."""
+
+
+ANYBODY = Balance()
+PEOPLE = Balance(trunk_db=(-10.0, 0.0))
+PETS = Balance(power=(-0.3, 0.0), trunk_db=(0.0, 6.0), area_power=(0.0, 2.0))
+
+
+def draw_gain(rng: np.random.Generator, size: Array, n_trunk: int, balance: Balance) -> Array:
     """Draw what segments echo against theory, shape (n_segments,), mean weighted by size 1.
 
-    `size` is what theory gives. Recorded people show stronger limbs than single bodies of theory
-    have (docs/research/scenes.md), so large parts lose to small ones by up to their ratio, the
-    trunk, the first `n_trunk` segments, loses up to 10 dB in half of the bodies, and each part has
-    a draw of its own of up to 4 dB.
+    `size` is what theory gives; the first `n_trunk` segments are the trunk. Besides `balance` each
+    part has a draw of its own of up to 4 dB.
     """
-    power, spread = rng.uniform(0.0, _MOST_POWER), rng.uniform(0.0, _SPREAD_DB)
+    power, spread = rng.uniform(*balance.power), rng.uniform(0.0, _SPREAD_DB)
     noise = 10 ** (spread / 10 * rng.standard_normal(len(size)).clip(-2, 2))
     gain = (size / size.max()) ** -power * noise
-    loss_db, weak = rng.uniform(0.0, _TRUNK_DB), rng.random()
-    if weak < _WEAK_SHARE:
-        gain[:n_trunk] *= 10 ** (-loss_db / 10)
+    gain[:n_trunk] *= 10 ** (rng.uniform(*balance.trunk_db) / 10)
     return np.asarray(gain * (size.sum() / (size * gain).sum()))
 
 
