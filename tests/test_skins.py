@@ -7,7 +7,7 @@ from x2radar.errors import SceneError
 from x2radar.sim.bodies.person.build import NAMES, TRUNK, draw_person_build
 from x2radar.sim.bodies.person.person import draw_person
 from x2radar.sim.bodies.quadruped.pet import draw_pet
-from x2radar.sim.bodies.skin.base import SKIN_REFLECTION, sized
+from x2radar.sim.bodies.skin.base import SKIN_REFLECTION, Loudness, sized
 from x2radar.sim.bodies.skin.capsules import CapsuleSkin
 from x2radar.sim.bodies.skin.draw import SKINS, draw_skin
 from x2radar.sim.bodies.skin.ellipsoids import EllipsoidSkin
@@ -163,3 +163,32 @@ def test_who_stands_still_has_no_echo_of_somebody_who_goes(skin, seed):
     )
     assert share_db(person, 0.03, 0.1) > -60  # it sways and breathes
     assert share_db(person, 0.1, 0.3) < -50
+
+
+@pytest.mark.parametrize("name", ["points", "ellipsoids", "capsules"])
+def test_groups_of_parts_lose_what_their_loudness_says(name):
+    trunk = tuple(range(TRUNK))
+    quieter = Loudness(losses=((trunk, 10.0),))
+    shares = []
+    for loudness in (Loudness(), quieter):
+        found = []
+        for seed in range(40):
+            skin = draw_skin(np.random.default_rng(seed), name, HALF, TRUNK, loudness)
+            rcs = skin.points(*posture(1), ANTENNA).rcs_m2[0]
+            names = np.array(skin.names(NAMES))
+            of_trunk = np.char.startswith(names, "trunk")
+            of_trunk |= np.char.startswith(names, "chest") | np.char.startswith(names, "pelvis")
+            found.append(rcs[of_trunk].sum() / rcs[~of_trunk].sum())
+        shares.append(10 * np.log10(np.array(found)))
+    assert 3.0 < (shares[0] - shares[1]).mean() < 7.0
+
+
+def test_a_dogs_paws_are_quieter_than_theory_has_them():
+    ends, thighs = [], []
+    for seed in range(40):
+        dog = draw_pet(np.random.default_rng(seed), species="dog", style="walk", skin="ellipsoids")
+        names = np.array(dog.names)
+        gain = dog.skin.gain
+        ends.append(gain[np.char.endswith(names, "paw")].mean())
+        thighs.append(gain[np.char.endswith(names, "upper leg")].mean())
+    assert 3.0 < 10 * np.log10(np.median(thighs) / np.median(ends)) < 7.0

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from x2radar.sim.bodies.path.course import check
+from x2radar.sim.bodies.skin.base import Loudness
 
 Array = NDArray[np.float64]
 
@@ -33,6 +34,7 @@ NAMES = (
     *("right thigh", "right shank", "right foot"),
 )
 TRUNK = 3
+LOUDNESS = Loudness(losses=((tuple(range(TRUNK)), 10.0),))
 TRUNK_AT = (0.47, 0.78, 0.06)
 """Where middles of the trunk's parts are between hips (0) and shoulders (1) (Winter)."""
 _GROWN: Mapping[Age, float] = MappingProxyType({"toddler": 0.0, "adult": 1.0})

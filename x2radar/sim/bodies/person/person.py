@@ -15,7 +15,14 @@ from x2radar.sim.bodies.path.courses import draw_course
 from x2radar.sim.bodies.path.feet import Feet
 from x2radar.sim.bodies.path.path import Path
 from x2radar.sim.bodies.person.angle_motion import AnglePerson
-from x2radar.sim.bodies.person.build import NAMES, TRUNK, Age, PersonBuild, draw_person_build
+from x2radar.sim.bodies.person.build import (
+    LOUDNESS,
+    NAMES,
+    TRUNK,
+    Age,
+    PersonBuild,
+    draw_person_build,
+)
 from x2radar.sim.bodies.person.busy import Busy
 from x2radar.sim.bodies.person.crawl import Crawling
 from x2radar.sim.bodies.person.doing import Doer
@@ -31,7 +38,7 @@ from x2radar.sim.bodies.person.gait import (
 )
 from x2radar.sim.bodies.person.posture import Hips, Soles, moved, upright
 from x2radar.sim.bodies.person.seat import Seated
-from x2radar.sim.bodies.skin.base import PEOPLE, Skin, TotalRcs, sized
+from x2radar.sim.bodies.skin.base import Skin, TotalRcs, sized
 from x2radar.sim.bodies.skin.draw import draw_skin
 from x2radar.sim.points import Label, Points
 
@@ -265,7 +272,7 @@ def draw_person(
         names = (*names, name)
         half = np.vstack([half, np.array(size) * (0.8 + 0.4 * share[7])])
         burden = np.array([0.14 * build.stature_m, 0.0, -0.05 * build.stature_m])
-    drawn = draw_skin(rng, skin, half, TRUNK, PEOPLE)
+    drawn = draw_skin(rng, skin, half, TRUNK, LOUDNESS)
     times = np.linspace(course.start_s, max(course.end_s, course.start_s + 4.0), _N_POSTURES)
     drawn = sized(drawn, rng, total_rcs_dbsm, loaded(action.posture(times), burden))
     breath = Breath.draw(rng, share[4:7], build.stature_m)

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from x2radar.sim.bodies.flyer.flight import Wander
 from x2radar.sim.bodies.quadruped.gait import LEGS
+from x2radar.sim.bodies.skin.base import Loudness
 
 Array = NDArray[np.float64]
 
@@ -20,6 +21,11 @@ NAMES = (
     *(f"{leg} {part}" for leg in LEGS for part in ("upper leg", "lower leg", "paw")),
 )
 """Parts of the body, in order."""
+_ENDS = tuple(
+    k for k, part in enumerate(NAMES) if part in TAIL or part.endswith(("lower leg", "paw"))
+)
+LOUDNESS = Loudness(most_power=0.0, losses=((tuple(range(len(TRUNK))), 5.0), (_ENDS, 10.0)))
+"""Legs are slender, and a recorded dog shows less of its paws than of its thighs."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,7 @@ from x2radar.sim.bodies.path.courses import off_wall
 from x2radar.sim.bodies.path.path import Agility, Path
 from x2radar.sim.bodies.quadruped.actions import Going
 from x2radar.sim.bodies.quadruped.angle_motion import AngleQuadruped
-from x2radar.sim.bodies.quadruped.build import NAMES, TRUNK, QuadrupedBuild
+from x2radar.sim.bodies.quadruped.build import LOUDNESS, NAMES, TRUNK, QuadrupedBuild
 from x2radar.sim.bodies.quadruped.footfall_motion import FootfallQuadruped
 from x2radar.sim.bodies.quadruped.gait import FOOTWORK, GRAVITY_MPS2, froude, gait, usual_gait
 from x2radar.sim.bodies.quadruped.pet_build import draw_build, draw_manner
@@ -25,7 +25,7 @@ from x2radar.sim.bodies.quadruped.pet_place import (
 )
 from x2radar.sim.bodies.quadruped.quadruped import Action, Hung, Motion, Quadruped
 from x2radar.sim.bodies.quadruped.species import SPECIES, Species
-from x2radar.sim.bodies.skin.base import PETS, TotalRcs, sized
+from x2radar.sim.bodies.skin.base import TotalRcs, sized
 from x2radar.sim.bodies.skin.draw import draw_skin
 
 Array = NDArray[np.float64]
@@ -147,7 +147,7 @@ def draw_pet(
     if motion != "gait" and isinstance(action, Going):
         other = FootfallQuadruped if motion == "footfalls" else AngleQuadruped
         moves = other.draw(rng, course, build, style)
-    drawn = draw_skin(rng, skin, build.half_lengths(), len(TRUNK), PETS)
+    drawn = draw_skin(rng, skin, build.half_lengths(), len(TRUNK), LOUDNESS)
     postures = moves.posture(np.linspace(begin, end, _N_POSTURES))
     drawn = sized(drawn, rng, total_rcs_dbsm, postures)
     return Quadruped(row.label, drawn.names(NAMES), moves, manner, drawn)

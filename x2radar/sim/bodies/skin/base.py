@@ -21,44 +21,42 @@ TOTAL_RCS_DBSM = (-15.0, 3.0)
 _FAR_M = 50.0
 _N_AZIMUTHS = 24
 _TINY_M2 = 1e-12
-
-
 _SPREAD_DB = 4.0
-"""Of `draw_gain` (chosen): most that parts' own draws spread."""
+"""Most that parts' own draws spread in `draw_gain` (chosen)."""
 
 
 @dataclass(frozen=True, slots=True)
-class Balance:
-    """How loud limbs are against the trunk: spans of even draws, one for each body.
+class Loudness:
+    """How loud the parts of a kind of body are against theory; drawn anew for each body.
 
     Recorded people show stronger limbs than single bodies of theory have, a recorded dog weaker
-    ones (docs/research/scenes.md). Values are chosen.
+    paws (docs/research/scenes.md). Values are chosen.
     """
 
-    power: tuple[float, float] = (0.0, 0.5)
-    """Of the parts' ratio by theory that large parts lose to small ones; negative: gain."""
-    trunk_db: tuple[float, float] = (0.0, 0.0)
-    """Added to the trunk."""
-    area_power: tuple[float, float] = (0.0, 1.6)
-    """Weights of constant scatterers go with a segment's area to it: from limbs as strong as the
-    trunk, as the first studies have them, to a trunk that outshines all else."""
+    most_power: float = 0.5
+    """Large parts lose to small ones by up to so much of their ratio."""
+    losses: tuple[tuple[tuple[int, ...], float], ...] = ()
+    """Groups of parts, by number, and the most that each group loses, in dB."""
+
+    def draw(self, rng: np.random.Generator, n_segments: int) -> Array:
+        """Draw the factors of the groups' losses, shape (n_segments,)."""
+        factor = np.ones(n_segments)
+        for parts, most_db in self.losses:
+            factor[list(parts)] *= 10 ** (-rng.uniform(0.0, most_db) / 10)
+        return factor
 
 
-ANYBODY = Balance()
-PEOPLE = Balance(trunk_db=(-10.0, 0.0))
-PETS = Balance(power=(-0.3, 0.0), trunk_db=(0.0, 6.0), area_power=(0.0, 2.0))
+ANYBODY = Loudness()
 
 
-def draw_gain(rng: np.random.Generator, size: Array, n_trunk: int, balance: Balance) -> Array:
+def draw_gain(rng: np.random.Generator, size: Array, loudness: Loudness) -> Array:
     """Draw what segments echo against theory, shape (n_segments,), mean weighted by size 1.
 
-    `size` is what theory gives; the first `n_trunk` segments are the trunk. Besides `balance` each
-    part has a draw of its own of up to 4 dB.
+    `size` is what theory gives. Besides `loudness` each part has a draw of its own of up to 4 dB.
     """
-    power, spread = rng.uniform(*balance.power), rng.uniform(0.0, _SPREAD_DB)
+    power, spread = rng.uniform(0.0, loudness.most_power), rng.uniform(0.0, _SPREAD_DB)
     noise = 10 ** (spread / 10 * rng.standard_normal(len(size)).clip(-2, 2))
-    gain = (size / size.max()) ** -power * noise
-    gain[:n_trunk] *= 10 ** (rng.uniform(*balance.trunk_db) / 10)
+    gain = (size / size.max()) ** -power * noise * loudness.draw(rng, len(size))
     return np.asarray(gain * (size.sum() / (size * gain).sum()))
 
 

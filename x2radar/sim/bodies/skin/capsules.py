@@ -16,7 +16,7 @@ from x2radar.sim.bodies.skin.base import (
     ANYBODY,
     SKIN_REFLECTION,
     WAVELENGTH_M,
-    Balance,
+    Loudness,
     draw_gain,
     mean_over_azimuths,
     seen_from,
@@ -55,16 +55,10 @@ class CapsuleSkin:
     scale: float = 1.0
 
     @classmethod
-    def draw(
-        cls,
-        rng: np.random.Generator,
-        half_m: Array,
-        n_trunk: int = 1,
-        balance: Balance = ANYBODY,
-    ) -> Self:
+    def draw(cls, rng: np.random.Generator, half_m: Array, loudness: Loudness = ANYBODY) -> Self:
         """Draw coherent length, depth of the shadows, and gains."""
         area = half_m[:, 0] * np.sqrt(half_m[:, 1] * half_m[:, 2])
-        gain = draw_gain(rng, area, n_trunk, balance)
+        gain = draw_gain(rng, area, loudness)
         coherent, shadow = rng.uniform(*_COHERENT_M), rng.uniform(*_SHADOW_DB)
         return cls(half_m, coherent, shadow, gain)
 

@@ -7,26 +7,26 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from x2radar.errors import SceneError
-from x2radar.sim.bodies.skin.base import ANYBODY, Balance, Skin
+from x2radar.sim.bodies.skin.base import ANYBODY, Loudness, Skin
 from x2radar.sim.bodies.skin.capsules import CapsuleSkin
 from x2radar.sim.bodies.skin.ellipsoids import EllipsoidSkin
 from x2radar.sim.bodies.skin.points import PointSkin
 from x2radar.sim.bodies.skin.surface import SurfaceSkin
 
 Array = NDArray[np.float64]
-Draw = Callable[[np.random.Generator, Array, int, Balance], Skin]
+Draw = Callable[[np.random.Generator, Array, int, Loudness], Skin]
 
 LARGEST_HALF_M = 1.0
 """No part of a person or pet is 2 m long."""
 SKINS: Mapping[str, Draw] = MappingProxyType(
     {
         "surface": lambda rng, half, n, _: SurfaceSkin.draw(rng, half, n_trunk=n),
-        "points": lambda rng, half, _, balance: PointSkin.draw(rng, half, balance),
-        "ellipsoids": EllipsoidSkin.draw,
-        "capsules": CapsuleSkin.draw,
+        "points": lambda rng, half, _, loudness: PointSkin.draw(rng, half, loudness),
+        "ellipsoids": lambda rng, half, _, loudness: EllipsoidSkin.draw(rng, half, loudness),
+        "capsules": lambda rng, half, _, loudness: CapsuleSkin.draw(rng, half, loudness),
     }
 )
-"""Every skin: how it is drawn, from half-lengths, the number of trunk segments and the balance."""
+"""Every skin: how it is drawn, from half-lengths, the number of trunk segments, the loudness."""
 
 
 def draw_skin(
@@ -34,7 +34,7 @@ def draw_skin(
     name: str,
     half_m: ArrayLike,
     n_trunk: int = 1,
-    balance: Balance = ANYBODY,
+    loudness: Loudness = ANYBODY,
 ) -> Skin:
     """Draw a skin for a body; its scale is the physical one.
 
@@ -48,8 +48,8 @@ def draw_skin(
         Half-lengths of the segments, in metres: along the axis, to the side, across both.
     n_trunk : int
         How many segments, from the first on, are the trunk.
-    balance : Balance
-        How loud limbs are against it; the surface skin has a balance of its own.
+    loudness : Loudness
+        How loud the parts are; the surface skin has levels of its own.
 
     Raises
     ------
@@ -66,4 +66,4 @@ def draw_skin(
     if not ((half > 0) & (half <= LARGEST_HALF_M)).all():
         msg = f"half_m: half-lengths must be above 0 and at most {LARGEST_HALF_M:g} m"
         raise SceneError(msg)
-    return SKINS[name](rng, half, n_trunk, balance)
+    return SKINS[name](rng, half, n_trunk, loudness)

@@ -14,7 +14,7 @@ from x2radar.sim.bodies.skin.aspect import AspectFluctuation
 from x2radar.sim.bodies.skin.base import (
     ANYBODY,
     SKIN_REFLECTION,
-    Balance,
+    Loudness,
     draw_gain,
     mean_over_azimuths,
     seen_from,
@@ -54,18 +54,12 @@ class EllipsoidSkin:
     scale: float = 1.0
 
     @classmethod
-    def draw(
-        cls,
-        rng: np.random.Generator,
-        half_m: Array,
-        n_trunk: int = 1,
-        balance: Balance = ANYBODY,
-    ) -> Self:
+    def draw(cls, rng: np.random.Generator, half_m: Array, loudness: Loudness = ANYBODY) -> Self:
         """Draw a body's floor, gains and fluctuation."""
         broadside = SKIN_REFLECTION * np.pi * (half_m.prod(axis=1) / half_m.min(axis=1) ** 2) ** 2
         floor = rng.uniform(0.0, _MOST_FLOOR) * broadside
         spread_db = np.full(len(half_m), rng.uniform(0.0, _MOST_SPREAD_DB))
-        gain = draw_gain(rng, broadside, n_trunk, balance)
+        gain = draw_gain(rng, broadside, loudness)
         return cls(half_m, floor, gain, AspectFluctuation.draw(rng, half_m, spread_db))
 
     def names(self, parts: tuple[str, ...], /) -> tuple[str, ...]:

@@ -10,7 +10,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from x2radar.sim.bodies.skin.base import ANYBODY, SKIN_REFLECTION, Balance, mean_over_azimuths
+from x2radar.sim.bodies.skin.base import ANYBODY, SKIN_REFLECTION, Loudness, mean_over_azimuths
 from x2radar.sim.points import Points
 
 Array = NDArray[np.float64]
@@ -19,6 +19,9 @@ _COUNTS = ((0.3, (1, 1)), (0.65, (3, 8)), (1.0, (1, 4)))
 """Scatterers a segment, fewest and most, of bodies up to a cumulated share (chosen)."""
 _SPREAD_DB = 6.0
 """Largest spread of the weights within a body (chosen: twice that of the other skins)."""
+_AREA_POWER = (0.0, 1.6)
+"""Weights go with a segment's area to a power between (chosen): from limbs as strong as the trunk,
+as the first studies have them, to a trunk that outshines all else."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,7 +46,7 @@ class PointSkin:
     scale: float = 1.0
 
     @classmethod
-    def draw(cls, rng: np.random.Generator, half_m: Array, balance: Balance = ANYBODY) -> Self:
+    def draw(cls, rng: np.random.Generator, half_m: Array, loudness: Loudness = ANYBODY) -> Self:
         """Draw places, and weights that follow the segments' areas to a drawn power."""
         share = rng.random()
         fewest, most = next(span for top, span in _COUNTS if share < top)
@@ -55,7 +58,8 @@ class PointSkin:
         aside, across = depth * half[:, 1] * np.cos(around), depth * half[:, 2] * np.sin(around)
         area = half[:, 0] * np.sqrt(half[:, 1] * half[:, 2]) / count[segment]
         spread_db = rng.uniform(0, _SPREAD_DB) * rng.standard_normal(len(segment)).clip(-2, 2)
-        weight = area ** rng.uniform(*balance.area_power) * 10 ** (spread_db / 10)
+        weight = area ** rng.uniform(*_AREA_POWER) * 10 ** (spread_db / 10)
+        weight *= loudness.draw(rng, len(half_m))[segment]
         total = SKIN_REFLECTION * np.pi * (half_m[:, 0] * half_m[:, 1:].mean(axis=1)).sum()
         place = np.stack([along, aside, across], axis=1)
         return cls(segment, place, total * weight / weight.sum())
