@@ -97,6 +97,20 @@ def status(state: str, reason: str = "") -> dict:
     return {"type": "status", "state": state, "reason": reason}
 
 
+class SteadySubscriptions(dict):
+    """A broker's subscriptions, which it may change while it goes through them.
+
+    amqtt 0.12 awaits inside such loops; a client that subscribes meanwhile would end them, and
+    with them another client's connection or all delivery.
+    """
+
+    def __iter__(self):
+        return iter(list(super().__iter__()))
+
+    def items(self):
+        return list(super().items())
+
+
 class MqttBroker:
     """mosquitto where installed, else amqtt in this process; on one port, with stops."""
 
@@ -181,6 +195,7 @@ class MqttBroker:
         async def body():
             self._loop, self._over = asyncio.get_running_loop(), asyncio.Event()
             broker = Amqtt(config)
+            broker._subscriptions = SteadySubscriptions()
             await broker.start()
             ready.set()
             await self._over.wait()

@@ -84,9 +84,7 @@ def pulse_bandwidth_hz(sample_rate_hz: float, carrier_hz: float) -> float:
         (
             (abs(carrier_hz / own_hz - 1), width_hz)
             for row in MODULES.values()
-            if (1 - _NEAR) * row.samplers_hz[0]
-            <= sample_rate_hz
-            <= (1 + _NEAR) * row.samplers_hz[1]
+            if _is_near(sample_rate_hz, *row.samplers_hz)
             for own_hz, width_hz in row.pulses
         ),
         default=(1.0, 0.0),
