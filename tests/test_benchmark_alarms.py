@@ -1,4 +1,4 @@
-"""The benchmark's task accept-1: bundles and functions as alarms, its table, and its page."""
+"""The benchmark's task accept-2: bundles and functions as alarms, its table, and its page."""
 
 import re
 from dataclasses import replace
