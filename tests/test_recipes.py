@@ -51,9 +51,9 @@ def test_sets_are_those_of_the_sidecar(name):
 def test_a_share_has_sets_and_a_folder_of_its_own():
     *sets, last = arguments("balanced", share=0.01, workers=3)
     assert sets[0] == shlex.split(
-        "dataset --out sets-0.01/clear --families all --motion gait footfalls angles "
-        "--skin points ellipsoids capsules surface points ellipsoids --plain 0.7 --clear 0.7 "
-        "--physical 0.4 --longest 7 --seed 302 --passages 170 --workers 3"
+        "dataset --out sets-0.01/x2clear --families all --motion footfalls angles "
+        "--skin points ellipsoids --radar x2 --clear 1 --plain 1 --longest 6 --seed 506 "
+        "--passages 260 --workers 3"
     )
     assert "sets-0.01/longallcheck" in last
     assert not any(word.startswith("sets/") for step in (*sets, last) for word in step)
@@ -107,7 +107,7 @@ def test_sets_of_later_steps_are_made_beside_the_training(tmp_path, monkeypatch,
     args = parser.parse_args(["make", "fast", "--out", str(tmp_path), "--workers", "3"])
     assert args.run(args) == 0
     (began,) = (k for k, event in enumerate(events) if isinstance(event, list))
-    assert events[:began] == ["dataset"] * 7
+    assert events[:began] == ["dataset"] * 5
     assert events[began + 1 :][:2] == ["fit", "waited"]
     assert [e for e in events[began + 3 :] if e != "waited"] == ["dataset"] * 2 + ["temporal"]
     python, flag, module, *argv = events[began]
@@ -115,8 +115,8 @@ def test_sets_of_later_steps_are_made_beside_the_training(tmp_path, monkeypatch,
     capsys.readouterr()
     assert main([*argv, "--show"]) == 0
     shown = capsys.readouterr().out
-    assert shown.count("train-export dataset") == 9
-    assert shown.count("--workers 2") == 9
+    assert shown.count("train-export dataset") == 7
+    assert shown.count("--workers 2") == 7
 
 
 @pytest.mark.parametrize("argv", [["--share", "0"], ["--share", "2"], ["--workers", "0"]])
@@ -130,9 +130,9 @@ def test_commands_are_shown(capsys):
     words = [line.split() for line in capsys.readouterr().out.splitlines()]
     kinds = [each[1] for each in words]
     # What a head alone needs is made while the network trains.
-    assert kinds == ["dataset"] * 7 + ["fit"] + ["dataset"] * 2 + ["temporal"]
+    assert kinds == ["dataset"] * 5 + ["fit"] + ["dataset"] * 2 + ["temporal"]
     assert main(["make", "balanced", "--sets", "--show"]) == 0
-    assert capsys.readouterr().out.count("dataset") == 9
+    assert capsys.readouterr().out.count("dataset") == 7
     assert main(["make", "x4m03", "--show", "--workers", "2"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert (
