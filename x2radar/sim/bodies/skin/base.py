@@ -27,10 +27,10 @@ _SPREAD_DB = 4.0
 
 @dataclass(frozen=True, slots=True)
 class Loudness:
-    """How loud the parts of a kind of body are against theory; drawn anew for each body.
+    """How loud the parts of a kind of body are against theory; every body draws its own.
 
     Recorded people show stronger limbs than single bodies of theory have, a recorded dog weaker
-    paws (docs/research/scenes.md). Values are chosen.
+    paws (docs/research/evaluation-tried.md). Values are chosen.
     """
 
     most_power: float = 0.5
