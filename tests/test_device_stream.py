@@ -73,15 +73,15 @@ def test_three_frames_of_a_slow_stream_are_no_stall() -> None:
     "said", [(SystemMessage(SystemCode.BOOTING), READY), (READY,)], ids=["both", "ready"]
 )
 def test_a_module_that_restarts_in_mid_stream_is_told_again_and_its_frames_marked(said) -> None:
-    with scripted() as (radar, far):
+    with scripted(deadlines=replace(SHORT, stall_s=60.0)) as (radar, far):
         radar.open()
         frames = iter(radar)
         far.send(raw(1) + raw(2))
         before = [next(frames), next(frames)]
-        n_told = len(far.commands)
+        n_told, start = len(far.commands), far.commands[-1]
         # It streams by itself, with settings that it has not been told yet.
         far.send(wire(*said) + raw(3))
-        in_thread(lambda: (wait_for(lambda: len(far.commands) > n_told + 10), far.send(raw(3))))
+        in_thread(lambda: (wait_for(lambda: start in far.commands[n_told:]), far.send(raw(3))))
         after = next(frames)
         assert Reset() not in far.commands[n_told:]
         assert far.commands[n_told] == SetMode(Mode.IDLE)
