@@ -259,6 +259,14 @@ def test_sets_are_read_one_below_the_other(tmp_path):
         np.testing.assert_array_equal(columns[key], np.concatenate([value, value]))
 
 
+def test_windows_can_be_chosen_while_sets_are_read(tmp_path):
+    sets = windows(tmp_path / "a"), windows(tmp_path / "b", seed=2)
+    every = load_windows(*sets)[0]
+    half = load_windows(*sets, choose=lambda c: {key: value[::2] for key, value in c.items()})[0]
+    for key, value in half.items():
+        np.testing.assert_array_equal(value, every[key][::2])
+
+
 def test_columns_that_not_all_sets_have_are_left_out(tmp_path):
     a = windows(tmp_path / "a", {**toy(12), "extra": np.arange(12)})
     b = windows(tmp_path / "b", seed=2)

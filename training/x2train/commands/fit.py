@@ -106,13 +106,12 @@ def _run(args: argparse.Namespace) -> int:
     from x2train.nets.teacher import taught_by  # noqa: PLC0415
     from x2train.windows.window_set import load_windows, worth_learning  # noqa: PLC0415
 
-    train, abouts = load_windows(*args.train)
+    train, abouts = load_windows(*args.train, choose=worth_learning)
     validation, judged = load_windows(*args.validate)
     if judged[0]["settings"] != abouts[0]["settings"]:
         msg = f"{args.validate[0]}: its maps were made with other settings than those to train on"
         raise UsageError(msg)
     check_calibration(validation["label"])
-    train = worth_learning(train)
     features = FeatureSettings.from_mapping(abouts[0]["settings"])
     teacher = load_bundle(args.teacher) if args.teacher else None
     taught = taught_by(teacher, train) if teacher else None

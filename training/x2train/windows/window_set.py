@@ -1,6 +1,6 @@
 """Window sets on disk, read back: columns of all shards, in order."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -20,13 +20,17 @@ _LEAST_SHARE, _LEAST_MPS = 0.6, 0.1  # of a dwell in view, and towards or away: 
 _KEPT_PASSAGES = 5  # of so many passages one keeps all its windows: chosen
 
 
-def load_windows(*folders: Path) -> tuple[Columns, list[Mapping[str, Any]]]:
+def load_windows(
+    *folders: Path, choose: Callable[[Columns], Columns] = lambda columns: columns
+) -> tuple[Columns, list[Mapping[str, Any]]]:
     """Return the columns of one or more sets, and what each was made from.
+
+    `choose` returns the windows of a set that are wanted, so that no others stay in memory.
 
     Raises RecordingError if a set is missing, unreadable or damaged, UsageError if it holds no
     windows, or windows made with other features than the first's.
     """
-    made: list[Columns] = []
+    made: list[dict[str, NDArray[Any]]] = []
     abouts: list[Mapping[str, Any]] = []
     for folder in folders:
         about, columns = read_all(folder)
@@ -47,9 +51,10 @@ def load_windows(*folders: Path) -> tuple[Columns, list[Mapping[str, Any]]]:
         # Sets of version 0.1 know one motion and one skin, the first of each.
         first = np.zeros(len(columns["label"]), np.int64)
         known = {INSTALLATION: known_of(columns)}
-        made.append({"motion": first, "skin": first, **known, **columns})
+        made.append(dict(choose({"motion": first, "skin": first, **known, **columns})))
     keys = [key for key in made[0] if all(key in columns for columns in made)]
-    return {key: np.concatenate([columns[key] for columns in made]) for key in keys}, abouts
+    # A million windows take 10 GB: no column stays twice.
+    return {key: np.concatenate([each.pop(key) for each in made]) for key in keys}, abouts
 
 
 def worth_learning(columns: Columns) -> Columns:
