@@ -152,5 +152,6 @@ def read_all(folder: Path) -> tuple[Mapping[str, Any], dict[str, NDArray[Any]]]:
     shards = ShardSet(folder, known["about"])
     # A shard of elements that were all left out has no columns.
     parts = [part for name in sorted(known["shards"]) if (part := shards.read(name))]
-    keys = parts[0] if parts else {}
-    return known["about"], {key: np.concatenate([part[key] for part in parts]) for key in keys}
+    keys = list(parts[0]) if parts else []
+    # Popped: sets take gigabytes, and no column stays twice.
+    return known["about"], {key: np.concatenate([p.pop(key) for p in parts]) for key in keys}
