@@ -38,6 +38,14 @@ def test_an_adult_is_as_strong_as_an_adult_to_two_decibels():
     assert strength.std() == pytest.approx(2.0, abs=0.6)
 
 
+def test_fewer_know_the_level_where_size_says_nothing_of_the_echo():
+    shares = [
+        known_of(windows(4000) | {"is_physical": np.full(4000, is_physical)})[:, 5].mean()
+        for is_physical in (True, False)
+    ]
+    assert shares == pytest.approx([0.6, 0.2], abs=0.05)
+
+
 def test_an_echo_that_is_not_there_has_no_strength():
     made = windows()
     made["echo_db"] = np.full(400, np.nan)

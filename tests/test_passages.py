@@ -63,6 +63,20 @@ def test_frames_and_truth_have_the_passages_length(walk):
     assert (np.abs(truth.velocity_mps) <= truth.speed_mps + 0.05).all()
 
 
+def test_a_passage_says_what_a_square_metre_shows():
+    quiet = replace(site(), level_db=0.0, surfaces=(), tail=None)
+    made = [
+        play(np.random.default_rng(3), each, (family("human walk"),), duration_s=4.0)
+        for each in (quiet, replace(quiet, level_db=10.0))
+    ]
+    assert made[1].level_db == pytest.approx(made[0].level_db + 10)
+    for passage in made:
+        # Cross section and antenna's pattern, in dB over a square metre on the axis.
+        truth = passage.truth
+        over_db = truth.snr_db + 40 * np.log10(truth.range_m) - passage.level_db
+        assert -30 < np.median(over_db) < 10
+
+
 def test_an_empty_room_has_a_truth_of_nobody():
     empty = played()
     assert empty.truth.range_m.shape == (300, 0)
@@ -228,6 +242,17 @@ def test_windows_say_which_motion_and_skin_made_them():
         assert set(values.tolist()) == set(range(n))
     again = LAWS(7)
     assert all(np.array_equal(again[key], value) for key, value in LAWS(7).items())
+
+
+def test_windows_know_how_strong_their_body_is():
+    made = [rows for k in range(24) if (rows := LAWS(k)) is not None]
+    levels = {float(rows["level_db"][0]) for rows in made}
+    assert len(levels) == len(made)
+    strength_db = np.concatenate([rows["echo_db"] - rows["level_db"] for rows in made])
+    label = np.concatenate([rows["label"] for rows in made])
+    bodies = strength_db[(label < 2) & np.isfinite(strength_db)]
+    assert -40 < bodies.min() <= bodies.max() < 20
+    assert {bool(v) for rows in made for v in rows["is_plain"]} == {False, True}
 
 
 def test_the_first_laws_are_the_default():

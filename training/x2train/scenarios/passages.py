@@ -84,7 +84,7 @@ class Passage:
     truth: Truth  # of every body of the cast
     making: Making = Making()
     is_plain: bool = False  # without domain randomization
-    level_db: float = 0.0  # what a square metre at 1 m on the axis shows, in dB over the noise
+    level_db: float = 0.0  # see `level_db_of`
 
 
 def play(
@@ -108,9 +108,15 @@ def play(
     player = Player(rng, site, (SceneStep(actors, duration_s, duration_s),))
     n_slow = round(duration_s * rate_hz)
     made, points = player.next_block(n_slow)
-    if not cast:
-        return Passage(site, cast, made, Truth(*np.zeros((4, n_slow, 0))), making)
-    return Passage(site, cast, made, player.truth(points), making)
+    truth = player.truth(points) if cast else Truth(*np.zeros((4, n_slow, 0)))
+    return Passage(site, cast, made, truth, making, is_plain, level_db_of(site))
+
+
+def level_db_of(site: Site) -> float:
+    """Return what a square metre at 1 m on the axis shows, in dB over the receiver's noise."""
+    axis, budget = site.radar.axis(), LinkBudget()
+    amplitude = float(budget.amplitude(np.ones(1), np.ones(1), axis)[0]) * _gain(site)
+    return float(20 * np.log10(amplitude / _noise_level(site, budget)))
 
 
 class Player:
@@ -132,7 +138,7 @@ class Player:
         self._stage = Stage(scene, int(rng.integers(2**31)), rate_hz)
         self._budget = LinkBudget()
         self._noise = float(np.sqrt(baseband_noise_power(axis, self._budget.noise_sigma)))
-        self._gain = float(np.sqrt(SEED_GAIN) * 10 ** (site.level_db / 20))
+        self._gain = _gain(site)
         self._room = None if site.room is None else Room(rng, site.room, axis, self._budget)
         sweep = RadarSettings.for_frame_rate(max(1, round(rate_hz)))
         self._receiver = Receiver(
@@ -157,9 +163,18 @@ class Player:
 
     def truth(self, points: tuple[Points, ...]) -> Truth:
         """Return the truth about bodies of a block."""
-        # Of this receiver's noise, not of the budget's.
-        level = self._noise * 10 ** ((self._site.receiver.noise_figure_db - 13) / 20)
+        level = _noise_level(self._site, self._budget)
         return _truth(self._site, points, self._budget, self._gain, level)
+
+
+def _gain(site: Site) -> float:
+    return float(np.sqrt(SEED_GAIN) * 10 ** (site.level_db / 20))
+
+
+def _noise_level(site: Site, budget: LinkBudget) -> float:
+    """Return the amplitude of this receiver's noise, which is not the budget's."""
+    noise = float(np.sqrt(baseband_noise_power(site.radar.axis(), budget.noise_sigma)))
+    return noise * 10 ** ((site.receiver.noise_figure_db - 13) / 20)
 
 
 def _truth(

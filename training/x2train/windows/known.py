@@ -1,7 +1,8 @@
 """What installations know of windows: the input `installation`, with things missing.
 
 Each passage is one installation: it knows its mount or not, its level or not, and the level to
-2 dB. Training hides more, batch by batch, so that a network works without any of it.
+2 dB; more of them know it where cross sections follow from sizes. Training hides more, batch by
+batch, so that a network works without any of it.
 """
 
 from collections.abc import Mapping
@@ -18,6 +19,9 @@ ADULT_DB = -9.0
 """What a person who walks shows against a square metre on the axis: median of 850 windows of
 physical sizes in view (set laws1), half of them between -12.4 and -4.9 dB."""
 _KNOWN_Z = 0.2533  # six in ten installations know their mount, and their level: chosen
+_FREE_KNOWN_Z = -0.8416
+"""Of bodies whose cross section does not follow from their size two in ten know the level: chosen,
+so that size is evidence, and a small or shaded person is not lost."""
 _LEVEL_ERROR_DB = 2.0  # sigma: chosen, what a walk test repeats to
 _HIDDEN_SHARE = 0.3  # of windows, for each of height, tilt and strength, in training: chosen
 
@@ -34,10 +38,13 @@ def known_of(windows: Mapping[str, NDArray[Any]]) -> NDArray[np.float32]:
     # One table, row by row: a passage draws the same in any company.
     drawn = np.random.default_rng(0).standard_normal((int(passage.max(initial=0)) + 1, 3))
     is_known = drawn[:, :2] < _KNOWN_Z
+    knows_free = drawn[:, 1] < _FREE_KNOWN_Z
+    is_physical = np.asarray(windows.get("is_physical", np.ones(n, bool)), bool).tolist()
     error_db = _LEVEL_ERROR_DB * drawn[:, 2]
     made = np.zeros((n, N_INSTALLATION), np.float32)
     for k, at in enumerate(passage.tolist()):
         has_mount, has_level = is_known[at].tolist()
+        has_level = has_level if is_physical[k] else bool(knows_free[at])
         level_db = float(windows["level_db"][k]) + ADULT_DB + float(error_db[at])
         echo_db = float(windows["echo_db"][k])
         made[k] = installation(
