@@ -6,13 +6,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from radard.config.config import Config
 from radard.errors import ModelMismatch
 from x2train.cli import main
 from x2train.generate.shard_run import make_shards
 from x2train.judge import acceptance, acceptance_report
 from x2train.judge.acceptance import ENTRIES, SETTINGS, VERSION, AcceptSpec, definition, site_of
 from x2train.judge.acceptance_report import alarms_by_window, document, lines
+from x2train.judge.installed import KNOWS, installed
 from x2train.report import JudgedPassage, PassageTable
+from x2train.scenarios.passages import level_db_of
+from x2train.windows.known import ADULT_DB
 
 
 def test_a_buyer_asks_for_this():
@@ -170,3 +174,25 @@ def test_the_report_counts_misses_alarms_and_hours():
     assert told[walk.name] == ("10 of 11 in view", "1: 10.0 % (0.3 to 44.5)")
     assert told["moth"][1] == "-"
     assert alarms_by_window(table).sum() == 4 * 10 + 4
+
+
+def test_what_an_installation_is_told_changes_no_passage():
+    spec = AcceptSpec(model="fast", seed=2, share=0.02)
+    told = replace(spec, knows="mount and level")
+    number = next(
+        n for n in range(spec.n_passages) if ENTRIES[spec.entry(n)[0]].kind == "walk test"
+    )
+    one, other = spec(number), told(number)
+    np.testing.assert_array_equal(one["enters_s"], other["enters_s"])
+    assert not np.array_equal(one["p_human"], other["p_human"], equal_nan=True)
+
+
+def test_an_installation_says_as_much_as_it_knows():
+    place = site_of(np.random.default_rng(3), SETTINGS[1])
+    made = {
+        knows: installed(Config(), place, knows, np.random.default_rng(1)).mount for knows in KNOWS
+    }
+    assert made["nothing"] == Config().mount
+    assert made["mount"].height_m == made["mount and level"].height_m == SETTINGS[1].height_m
+    assert made["mount"].level_db is None
+    assert abs(made["mount and level"].level_db - level_db_of(place) - ADULT_DB) < 8

@@ -22,6 +22,7 @@ def register(commands: Commands) -> None:
             "  train-export accept --out accept/shipped              twenty minutes of one core\n"
             "  train-export accept --share 0.1 --out accept/short    a tenth of every entry\n"
             "  train-export accept --model mine.onnx --out accept/mine\n"
+            "  train-export accept --level --out accept/level        as after a walk test\n"
             "\n"
             "A run that was interrupted goes on where it stopped; the number of workers changes\n"
             "nothing.\n"
@@ -32,6 +33,11 @@ def register(commands: Commands) -> None:
         "--model",
         default=AUTO_MODEL,
         help=f"bundle by name or file; what radard takes before each radar ({AUTO_MODEL})",
+    )
+    add(
+        "--level",
+        action="store_true",
+        help="tell the daemon its mount and level, as after `radard walktest` (to 2 dB)",
     )
     add("--out", type=Path, required=True, help="folder: passages, acceptance.json and .html")
     add("--share", type=float, default=1.0, metavar="F", help="of every entry's passages (1)")
@@ -50,11 +56,13 @@ def _run(args: argparse.Namespace) -> int:
     from x2train.judge.acceptance import AcceptSpec, accept  # noqa: PLC0415
     from x2train.judge.acceptance_report import lines, write_acceptance  # noqa: PLC0415
     from x2train.judge.alarm_function import is_function  # noqa: PLC0415
+    from x2train.judge.installed import Knows  # noqa: PLC0415
 
     if is_function(args.model):
         msg = f"--model {args.model}: no bundle; train-export benchmark takes functions"
         raise UsageError(msg)
-    spec = AcceptSpec(model=args.model, seed=args.seed, share=args.share)
+    knows: Knows = "mount and level" if args.level else "nothing"
+    spec = AcceptSpec(model=args.model, seed=args.seed, share=args.share, knows=knows)
     with counted("passages") as tell:
         table = accept(
             spec,
@@ -68,11 +76,12 @@ def _run(args: argparse.Namespace) -> int:
         "bundle": " and ".join(spec.files),
         "share": args.share,
         "seed": args.seed,
+        "knows": knows,
         "words": (
             f"{spec.version}: {args.share:.0%} of every entry's passages, seed {args.seed}; "
             "simulated bodies of physical sizes before "
             + ", ".join(s.name for s in spec.settings)
-            + ". Intervals hold 95 %."
+            + f"; the installation knows {knows}. Intervals hold 95 %."
         ),
     }
     made = write_acceptance(table, args.out, about)

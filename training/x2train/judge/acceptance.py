@@ -38,6 +38,7 @@ from x2train.judge.alarm_function import (
     is_function,
     sha256_of,
 )
+from x2train.judge.installed import Knows, installed
 from x2train.judge.judging import dwells, from_decisions, in_view, pipeline_for
 from x2train.judge.suites import SUITES
 from x2train.report import PassageTable
@@ -50,6 +51,7 @@ VERSION = "accept-2"
 """Of entries, settings and seed (tests/test_accept.py holds them together), and of the bodies."""
 SEED = 90
 """Passages of the version are drawn from it: chosen."""
+_TOLD = 1  # a generator's number: what an installation is told changes no passage
 _PER_SHARD = 60  # passages: chosen, a minute of one core
 Kind = Literal["walk test", "pets cross", "pets stay", "thing"]
 N_ENTRIES = 300
@@ -179,6 +181,7 @@ class AcceptSpec:
     model: str
     seed: int = SEED
     share: float = 1.0  # of every entry's passages, at least one each
+    knows: Knows = "nothing"  # of the installation
 
     def __post_init__(self) -> None:
         """Check that there is a radar for the bundle."""
@@ -233,7 +236,9 @@ class AcceptSpec:
         rng = np.random.default_rng([self.seed, index, k])
         site = site_of(rng, setting)
         making = Making.draw(rng, MOTIONS, tuple(SKINS), 1.0)
-        pipeline, decide = self._judge(setting.radar)
+        told = np.random.default_rng([self.seed, index, k, _TOLD])
+        config = installed(Config(), site, self.knows, told)
+        pipeline, decide = self._judge(setting.radar, config)
         cast = entry.casts[k // len(settings) % len(entry.casts)]
         facts: dict[str, Any] = {"duration_s": entry.duration_s}
         if entry.kind in {"walk test", "pets cross"}:
@@ -264,15 +269,15 @@ class AcceptSpec:
             **facts,
         ).columns()
 
-    def _judge(self, radar: Radar) -> tuple[Pipeline, Callable[[Dwell], Decision]]:
+    def _judge(self, radar: Radar, config: Config) -> tuple[Pipeline, Callable[[Dwell], Decision]]:
         """Return what makes windows of a radar's frames, and what decides on each."""
         stream = _stream(radar)
         if not is_function(self.model):
-            pipeline = pipeline_for(radar, model_for(self.model, stream))
+            pipeline = pipeline_for(radar, model_for(self.model, stream), config=config)
             return pipeline, pipeline.decide
         alarms: Any = function_of(self.model, FUNCTION)
         function = AlarmFunction(alarms, self.model)
-        gate_alone = Pipeline(stream, Config())
+        gate_alone = Pipeline(stream, config)
 
         def decide(dwell: Dwell) -> Decision:
             return replace(gate_alone.decide(dwell), alarm=function.is_alarm(dwell))

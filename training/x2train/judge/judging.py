@@ -114,10 +114,15 @@ def decisions(
 
 
 def pipeline_for(
-    radar: Radar, model: str, policy: str = "", *, judges_tracks: bool = False
+    radar: Radar,
+    model: str,
+    policy: str = "",
+    *,
+    judges_tracks: bool = False,
+    config: Config | None = None,
 ) -> Pipeline:
     """Return the daemon's pipeline for a radar's frames."""
-    config = Config()
+    config = config or Config()
     if policy:
         section = config.decision.model_copy(update={"policy": policy})
         config = config.model_copy(update={"decision": section})

@@ -2,12 +2,11 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Literal
 
 from x2train.judge.acceptance import Setting
+from x2train.judge.installed import KNOWS, Knows
 from x2train.scenarios.sites import X2
 
-Knows = Literal["nothing", "mount", "mount and level"]
 USUAL = Setting(X2, "1.2 m, level", 1.2, 0.0, 3.0)
 """The lower of the acceptance test's mounts."""
 _MOUNTS = (
@@ -57,6 +56,5 @@ def _cases(models: tuple[str, ...]) -> Iterator[Case]:
         )
     for hop_s in _HOPS_S:
         yield Case(lever="hop", value=f"{hop_s:g} s", model=usual, hop_s=hop_s)
-    knows: tuple[Knows, ...] = ("nothing", "mount", "mount and level")
-    for known in knows:
+    for known in KNOWS:
         yield Case(lever="what `mount` says", value=known, model=usual, knows=known)

@@ -21,6 +21,7 @@ from x2radar.frame import StreamInfo
 from x2radar.sim.bodies.motion.curves import MOTIONS
 from x2radar.sim.bodies.skin.draw import SKINS
 from x2train.judge.acceptance import Setting, site_of
+from x2train.judge.installed import installed
 from x2train.judge.judging import dwells, from_decisions, in_view
 from x2train.report import JudgedPassage, PassageTable
 from x2train.report.intervals import Estimate, share
@@ -28,12 +29,10 @@ from x2train.report.verdicts import verdicts
 from x2train.scenarios.families import draw_goer
 from x2train.scenarios.passages import Making, Passage, play
 from x2train.studies.levers.cases import Case
-from x2train.windows.known import ADULT_DB
 
 _SEED = 70  # of no other suite: chosen
 _LASTS_S = {"human": 14.0, "pet": 20.0}  # as walk tests and visits of the acceptance test
 _LEAD_S = (2.6, 4.0)
-_LEVEL_ERROR_DB = 2.0  # what a walk test repeats to: chosen
 _BYTES = 8  # of a sample on the line: I and Q, four bytes each
 
 
@@ -136,14 +135,8 @@ def _judged(case: Case, played: Passage, k: int) -> tuple[JudgedPassage, float, 
 def _config(case: Case, played: Passage, k: int) -> Config:
     config = Config()
     decision = config.decision.model_copy(update={"decide_within_s": case.within_s})
-    mount = config.mount
-    if case.knows != "nothing":
-        known = {"height_m": case.setting.height_m, "tilt_deg": case.setting.tilt_deg}
-        if case.knows == "mount and level":
-            error_db = _LEVEL_ERROR_DB * np.random.default_rng([_SEED, k]).standard_normal()
-            known["level_db"] = float(played.level_db + ADULT_DB + error_db)
-        mount = mount.model_copy(update=known)
-    return config.model_copy(update={"decision": decision, "mount": mount})
+    config = config.model_copy(update={"decision": decision})
+    return installed(config, played.site, case.knows, np.random.default_rng([_SEED, k]))
 
 
 def _figures(case: Case, table: PassageTable, cpu_ms: float) -> Figures:
