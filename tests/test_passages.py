@@ -12,7 +12,7 @@ from tests.training_helpers import FEATURES
 from x2train.generate.shard_run import make_shards
 from x2train.generate.shards import read_all
 from x2train.scenarios.families import FAMILIES, LABELS, draw_goer, family
-from x2train.scenarios.passages import Passage, Truth, play
+from x2train.scenarios.passages import Passage, Truth, level_db_of, play
 from x2train.scenarios.sites import X2, clear_site, draw_close, draw_site
 from x2train.windows.window_set import worth_learning
 from x2train.windows.windows import WindowSpec, dwell_ends, windows_of
@@ -69,11 +69,11 @@ def test_a_passage_says_what_a_square_metre_shows():
         play(np.random.default_rng(3), each, (family("human walk"),), duration_s=4.0)
         for each in (quiet, replace(quiet, level_db=10.0))
     ]
-    assert made[1].level_db == pytest.approx(made[0].level_db + 10)
+    assert level_db_of(made[1].site) == pytest.approx(level_db_of(made[0].site) + 10)
     for passage in made:
         # Cross section and antenna's pattern, in dB over a square metre on the axis.
         truth = passage.truth
-        over_db = truth.snr_db + 40 * np.log10(truth.range_m) - passage.level_db
+        over_db = truth.snr_db + 40 * np.log10(truth.range_m) - level_db_of(passage.site)
         assert -30 < np.median(over_db) < 10
 
 

@@ -7,11 +7,10 @@ import numpy as np
 from radard.config.config import Config
 from x2train.scenarios.passages import level_db_of
 from x2train.scenarios.sites import Site
-from x2train.windows.known import ADULT_DB
+from x2train.windows.known import ADULT_DB, LEVEL_ERROR_DB
 
 Knows = Literal["nothing", "mount", "mount and level"]
 KNOWS: tuple[Knows, ...] = get_args(Knows)
-_LEVEL_ERROR_DB = 2.0  # what a walk test repeats to: chosen
 
 
 def installed(config: Config, site: Site, knows: Knows, rng: np.random.Generator) -> Config:
@@ -20,6 +19,6 @@ def installed(config: Config, site: Site, knows: Knows, rng: np.random.Generator
         return config
     known = {"height_m": site.antenna.height_m, "tilt_deg": site.antenna.tilt_deg}
     if knows == "mount and level":
-        error_db = _LEVEL_ERROR_DB * rng.standard_normal()
+        error_db = LEVEL_ERROR_DB * rng.standard_normal()
         known["level_db"] = float(level_db_of(site) + ADULT_DB + error_db)
     return config.model_copy(update={"mount": config.mount.model_copy(update=known)})

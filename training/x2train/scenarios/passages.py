@@ -84,7 +84,6 @@ class Passage:
     truth: Truth  # of every body of the cast
     making: Making = Making()
     is_plain: bool = False  # without domain randomization
-    level_db: float = 0.0  # see `level_db_of`
 
 
 def play(
@@ -109,7 +108,7 @@ def play(
     n_slow = round(duration_s * rate_hz)
     made, points = player.next_block(n_slow)
     truth = player.truth(points) if cast else Truth(*np.zeros((4, n_slow, 0)))
-    return Passage(site, cast, made, truth, making, is_plain, level_db_of(site))
+    return Passage(site, cast, made, truth, making, is_plain)
 
 
 def level_db_of(site: Site) -> float:

@@ -22,7 +22,7 @@ _KNOWN_Z = 0.2533  # six in ten installations know their mount, and their level:
 _FREE_KNOWN_Z = -0.8416
 """Of bodies whose cross section does not follow from their size two in ten know the level: chosen,
 so that size is evidence, and a small or shaded person is not lost."""
-_LEVEL_ERROR_DB = 2.0  # sigma: chosen, what a walk test repeats to
+LEVEL_ERROR_DB = 2.0  # sigma: chosen, what a walk test repeats to
 _HIDDEN_SHARE = 0.3  # of windows, for each of height, tilt and strength, in training: chosen
 
 
@@ -40,7 +40,7 @@ def known_of(windows: Mapping[str, NDArray[Any]]) -> NDArray[np.float32]:
     is_known = drawn[:, :2] < _KNOWN_Z
     knows_free = drawn[:, 1] < _FREE_KNOWN_Z
     is_physical = np.asarray(windows.get("is_physical", np.ones(n, bool)), bool).tolist()
-    error_db = _LEVEL_ERROR_DB * drawn[:, 2]
+    error_db = LEVEL_ERROR_DB * drawn[:, 2]
     made = np.zeros((n, N_INSTALLATION), np.float32)
     for k, at in enumerate(passage.tolist()):
         has_mount, has_level = is_known[at].tolist()

@@ -21,7 +21,7 @@ from radard.stream.ring import Dwell, DwellShape
 from x2radar.sim.bodies.motion.curves import MOTIONS
 from x2radar.sim.bodies.skin.draw import SKINS
 from x2train.scenarios.families import FAMILIES, LABELS, Use, draw_cast, draw_goer
-from x2train.scenarios.passages import Making, Passage, play
+from x2train.scenarios.passages import Making, Passage, level_db_of, play
 from x2train.scenarios.sites import (
     RadarKind,
     RoomKind,
@@ -129,7 +129,7 @@ def windows_of(
                 "range_m": reading.range_m,
                 "frame_rate_hz": rate_hz,
                 "echo_db": np.nan if echo_db is None else echo_db,
-                "level_db": passage.level_db,
+                "level_db": level_db_of(passage.site),
                 "height_m": passage.site.antenna.height_m,
                 "tilt_deg": passage.site.antenna.tilt_deg,
                 "motion": MOTIONS.index(passage.making.motion),
