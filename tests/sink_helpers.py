@@ -1,6 +1,7 @@
 """Far ends that are real: brokers, HTTP servers, sockets; and records to send there."""
 
 import asyncio
+import contextlib
 import gc
 import getpass
 import http.server
@@ -237,6 +238,46 @@ class Listener:
     def close(self):
         self.client.disconnect()
         self.client.loop_stop()
+
+
+class Relay:
+    """A port at which nobody answers, until it is opened to another on this machine."""
+
+    def __init__(self, far_port: int):
+        self.port = free_port()
+        self._far_port = far_port
+        self._server: socket.socket | None = None
+        self._ends: list[socket.socket] = []
+
+    def open(self):
+        """Answer, and hand on what comes, both ways."""
+        self._server = socket.create_server(("127.0.0.1", self.port))
+        threading.Thread(target=self._accept, args=(self._server,), daemon=True).start()
+
+    def _accept(self, server):
+        with contextlib.suppress(OSError):  # closed
+            while True:
+                near, _ = server.accept()
+                far = socket.create_connection(("127.0.0.1", self._far_port))
+                self._ends += [near, far]
+                for ends in ((near, far), (far, near)):
+                    threading.Thread(target=self._pump, args=ends, daemon=True).start()
+
+    @staticmethod
+    def _pump(source, target):
+        with contextlib.suppress(OSError):
+            while data := source.recv(4096):
+                target.sendall(data)
+        with contextlib.suppress(OSError):
+            target.shutdown(socket.SHUT_RDWR)
+
+    def close(self):
+        """Hang up."""
+        for end in (self._server, *self._ends):
+            if end is not None:
+                with contextlib.suppress(OSError):
+                    end.shutdown(socket.SHUT_RDWR)
+                end.close()
 
 
 class Silent:

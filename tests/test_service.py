@@ -196,14 +196,20 @@ def test_a_real_recording_opens_the_gate_while_somebody_moves():
 
 
 @pytest.mark.skipif(not REAL.is_dir(), reason="the real X4M03 recording is not on this machine")
-def test_a_real_recording_raises_the_alarm():
-    code, records, _ = run_radard("--port", f"replay:{REAL}", "-o", "json")
+@pytest.mark.parametrize(
+    ("bundle", "share"), [("fast", 0.9), ("balanced", 0.9), ("accurate", 0.6)]
+)
+def test_a_real_recording_raises_the_alarm(bundle, share):
+    code, records, _ = run_radard("--port", f"replay:{REAL}", "--model", bundle, "-o", "json")
     assert code == 0
     made = decisions(records)
     assert any(d["alarm"] for d in made if d["t_s"] <= 6)
-    # Then it stays on while the body moves; of the head alone that is moved on, bundles differ
-    # (docs/evaluation.md).
-    assert np.mean([d["alarm"] for d in made if 6 <= d["t_s"] <= 22]) >= 0.9
+    # The body moves until 22 s, then the head alone (docs/evaluation.md). `accurate` takes it for
+    # a pet for six seconds of that, which are too few to end the alarm.
+    alarms = [r for r in records if r["type"] == "event" and r["kind"] == "alarm"]
+    assert alarms[0]["t_s"] <= 6
+    assert not any(r["phase"] == "end" and r["t_s"] <= 22 for r in alarms)
+    assert np.mean([d["alarm"] for d in made if 6 <= d["t_s"] <= 22]) >= share
 
 
 @pytest.mark.parametrize(

@@ -16,6 +16,7 @@ from tests.sink_helpers import (
     QUICK,
     Listener,
     MqttBroker,
+    Relay,
     Silent,
     WebServer,
     decision,
@@ -91,21 +92,21 @@ class Store(FarEnd):
 
 class Mqtt(FarEnd):
     def __init__(self, folder):
+        # The listener is there before the sink is: it must not be late for what is published.
         self._broker = MqttBroker(folder)
-        self._broker.stop()
-        self._listener = None
-        self.url = f"mqtt://127.0.0.1:{self._broker.port}"
+        self._listener = Listener(self._broker.port, "radard/hall/event")
+        self._relay = Relay(self._broker.port)
+        self.url = f"mqtt://127.0.0.1:{self._relay.port}"
 
     def mend(self):
-        self._broker.start()
-        self._listener = Listener(self._broker.port, "radard/hall/event")
+        self._relay.open()
 
     def events(self):
         return [json.loads(body)["id"] for body in self._listener.on("radard/hall/event")]
 
     def close(self):
-        if self._listener:
-            self._listener.close()
+        self._relay.close()
+        self._listener.close()
         self._broker.stop()
 
 

@@ -25,6 +25,7 @@ from tests.training_helpers import (
     toy,
     write_tiny,
 )
+from x2train.bundles.temporal_bundle import HUMAN_LIMIT
 from x2train.bundles.temporal_graph import GIVEN, n_parameters, with_given, with_head
 from x2train.cli import main
 from x2train.generate.shards import ShardSet
@@ -196,6 +197,7 @@ def test_the_command_writes_a_bundle_that_the_daemon_takes(folder, tmp_path, cap
     sidecar = json.loads((tmp_path / "own.json").read_text())
     plain = load_bundle(str(folder / "plain.onnx"))
     assert (sidecar["hidden"], sidecar["policy"]) == (20, "fused")
+    assert sidecar["evidence"] == {"human_limit": HUMAN_LIMIT["fast"]}
     assert sidecar["training"]["temporal"]["base_onnx_sha256"] == plain.sha256
     assert sidecar["training"]["recipe"].endswith("kept out of its training: none.")
     assert sidecar["training"]["command"].startswith("train-export fit && train-export temporal")

@@ -1,5 +1,6 @@
 """Pictures of the dashboard: frames to columns, columns to bytes, and who makes them when."""
 
+import logging
 import struct
 import threading
 import time
@@ -220,6 +221,9 @@ def test_a_picture_thread_survives_what_goes_wrong(monkeypatch, caplog):
     # Its own clock: another test's thread may sleep, too.
     clock = SimpleNamespace(monotonic=time.monotonic, sleep=lambda _s: picture_thread.close())
     monkeypatch.setattr("radard.web.pictures.picture_thread.time", clock)
+    # Another test's late thread may set up logging anew, and take away what the root logger has.
+    caplog.set_level(logging.ERROR, "radard")
+    monkeypatch.setattr(logging.getLogger("radard"), "handlers", [caplog.handler])
     picture_thread.want(is_wanted=True)
     thread = picture_thread._thread
     thread.join(60)

@@ -43,7 +43,11 @@ def _run(args: argparse.Namespace) -> int:
     bundle = load_bundle(args.model)
     # Late: torch takes seconds, and --help must not.
     from x2train.bundles.map_bundle import check_calibration  # noqa: PLC0415
-    from x2train.bundles.temporal_bundle import given_of_sets, write_temporal  # noqa: PLC0415
+    from x2train.bundles.temporal_bundle import (  # noqa: PLC0415
+        HUMAN_LIMIT,
+        given_of_sets,
+        write_temporal,
+    )
     from x2train.nets.temporal_head import HeadSettings, fit_head  # noqa: PLC0415
 
     n_projected, n_hidden = SIZES[args.size]
@@ -65,6 +69,7 @@ def _run(args: argparse.Namespace) -> int:
         validation=validation,
         abouts=abouts,
         command=_command(args),
+        human_limit=HUMAN_LIMIT[args.size],
     )
     tell_bundle(args.out / name, metrics)
     return 0
