@@ -221,7 +221,7 @@ def test_a_picture_thread_survives_what_goes_wrong(monkeypatch, caplog):
     # Its own clock: another test's thread may sleep, too.
     clock = SimpleNamespace(monotonic=time.monotonic, sleep=lambda _s: picture_thread.close())
     monkeypatch.setattr("radard.web.pictures.picture_thread.time", clock)
-    # Another test's late thread may set up logging anew, and take away what the root logger has.
+    # Another test's late thread may set up logging again, and take away what the root logger has.
     caplog.set_level(logging.ERROR, "radard")
     monkeypatch.setattr(logging.getLogger("radard"), "handlers", [caplog.handler])
     picture_thread.want(is_wanted=True)
