@@ -113,6 +113,24 @@ def test_a_late_page_gets_axes_and_the_last_pictures():
     asyncio.run(go())
 
 
+def test_all_is_sent_once_every_page_has_taken_every_text():
+    async def go():
+        hub, pages, _ = hub_of(2)
+        hub.broadcast({"type": "status", "state": "offline"})
+        told = asyncio.create_task(hub.has_sent_all())
+        await taken(pages[0])
+        assert not told.done()
+        await taken(pages[1])
+        await asyncio.wait_for(told, 60)
+        hub.broadcast({"type": "status", "state": "offline"})
+        again = asyncio.create_task(hub.has_sent_all())
+        await asyncio.sleep(0)
+        assert not again.done()
+        again.cancel()
+
+    asyncio.run(go())
+
+
 def test_broken_lines_among_labels_are_passed_over(tmp_path):
     path = tmp_path / "deep" / "labels.jsonl"
     labels = LabelFile(path)

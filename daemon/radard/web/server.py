@@ -5,10 +5,11 @@ goes on without a dashboard meanwhile.
 """
 
 import asyncio
+import contextlib
 import logging
 import socket
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
 from typing import Any
 
 import uvicorn
@@ -26,6 +27,7 @@ _MOST_OF_ONE_ADDRESS = 64  # a browser opens seven; loopback may stand for a who
 _HEADER_S = 10.0  # for each request's header
 _MOST_HEADER = 16_384  # bytes
 _RETRY_S = 5.0
+_LAST_WORDS_S = 0.5  # for pages that do not read
 _SEND_BUFFER = 65_536  # bytes; what a slow page cannot take shall not pile up in the kernel
 
 
@@ -133,6 +135,9 @@ class WebServer:
         Takes the loop of the web's thread, returns a coroutine that runs beside the server.
     on_trouble : callable
         Takes why it does not listen; an empty text once it does.
+    last_words : callable
+        Returns a coroutine that ends once pages have all they are to get; it is waited for, not
+        long, before their connections are closed.
     """
 
     def __init__(
@@ -142,13 +147,17 @@ class WebServer:
         app: ASGIApp,
         beside: Callable[[asyncio.AbstractEventLoop], Any],
         on_trouble: Callable[[str], None],
+        *,
+        last_words: Callable[[], Coroutine[Any, Any, None]],
     ) -> None:
         self._host, self._port = host, port
         self._app = app
         self._beside = beside
         self._on_trouble = on_trouble
+        self._last_words = last_words
         self._stop = threading.Event()
-        self._server: uvicorn.Server | None = None
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._stopping = asyncio.Event()
         self._thread: threading.Thread | None = None
         self.address: tuple[str, int] | None = None
         """Where it listens; None while it does not."""
@@ -162,8 +171,10 @@ class WebServer:
     def stop(self) -> None:
         """Begin to stop."""
         self._stop.set()
-        if self._server is not None:
-            self._server.should_exit = True
+        if self._loop is not None:
+            # A loop that has closed since the line above has stopped already.
+            with contextlib.suppress(RuntimeError):
+                self._loop.call_soon_threadsafe(self._stopping.set)
 
     def join(self, timeout_s: float) -> bool:
         """Wait until it has stopped; return whether it has."""
@@ -220,12 +231,23 @@ class WebServer:
             timeout_graceful_shutdown=1,
             h11_max_incomplete_event_size=_MOST_HEADER,
         )
-        self._server = uvicorn.Server(config)
-        # Signals are the main thread's business.
-        beside = asyncio.create_task(self._beside(asyncio.get_running_loop()))
+        server = uvicorn.Server(config)
+        self._loop = asyncio.get_running_loop()
+        beside = [
+            asyncio.create_task(self._beside(self._loop)),
+            asyncio.create_task(self._until_stopped(server)),
+        ]
         try:
             if not self._stop.is_set():
-                await self._server.serve(sockets=[sock])
+                # Signals are the main thread's business.
+                await server.serve(sockets=[sock])
         finally:
-            beside.cancel()
-            await asyncio.gather(beside, return_exceptions=True)
+            for task in beside:
+                task.cancel()
+            await asyncio.gather(*beside, return_exceptions=True)
+
+    async def _until_stopped(self, server: uvicorn.Server) -> None:
+        await self._stopping.wait()
+        with contextlib.suppress(TimeoutError):
+            await asyncio.wait_for(self._last_words(), _LAST_WORDS_S)
+        server.should_exit = True

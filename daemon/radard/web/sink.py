@@ -57,7 +57,9 @@ class WebSink:
         self._views: dict[str, View] = {}
         self._loop: asyncio.AbstractEventLoop | None = None
         app = SensorRouter(first, self._views)
-        self._server = WebServer(host, port, app, self._poll_views, self._on_trouble)
+        self._server = WebServer(
+            host, port, app, self._poll_views, self._on_trouble, last_words=self._last_words
+        )
 
     def _view(self, sensor: str) -> View:
         return View(self._section, self._access, self._post, sensor, self._all_views)
@@ -138,6 +140,10 @@ class WebSink:
                     view.poll()
         finally:
             self._loop = None
+
+    async def _last_words(self) -> None:
+        """Wait until every page knows how the run has ended."""
+        await asyncio.gather(*(view.hub.has_sent_all() for view in self._all_views()))
 
     def _on_trouble(self, reason: str) -> None:
         if reason and self._keeper.failed(reason):
