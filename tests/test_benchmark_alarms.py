@@ -1,4 +1,4 @@
-"""The benchmark's task accept-2: bundles and functions as alarms, its table, and its page."""
+"""The benchmark's task accept-3: bundles and functions as alarms, its table, and its page."""
 
 import re
 from dataclasses import replace
@@ -179,11 +179,11 @@ def test_the_example_of_the_page_enters(tmp_path):
 
 
 PASSAGES = {
-    (0, 0): (3.37, 23.83, 2.09, -9.95),
-    (1, 3): (0.00, 22.13, 2.74, 0.00),
-    (2, 1): (0.00, 34.59, 3.08, 8.90),
+    (0, 0): (3.23, 23.85, 2.08, -9.31),
+    (1, 3): (0.00, 22.08, 2.74, 1.03),
+    (2, 1): (0.00, 34.55, 3.08, 9.49),
     (4, 4): (0.00, 25.43, 2.82, -7.97),
-    (6, 0): (9.82, 13.90, 2.33, -13.26),
+    (6, 0): (9.82, 13.90, 2.33, -13.21),
     (7, 5): (0.00, 10.42, 3.09, -21.49),
     (10, 2): (4.07, 11.88, 2.64, -19.11),
 }

@@ -135,6 +135,32 @@ def test_feet_are_faster_than_the_trunk_and_heads_are_not(motion, seed):
     assert head == pytest.approx(1.3, abs=0.45)
 
 
+@pytest.mark.parametrize("motion", ["gait", "footfalls", "angles"])
+@pytest.mark.parametrize(("speed_mps", "steps_a_minute"), [(0.6, 74), (1.3, 110)])
+def test_people_walk_at_the_cadence_of_people(motion, speed_mps, steps_a_minute):
+    # Steps of 6.5 mm for every step a minute, so cadence is sqrt(60 speed / 0.0065).
+    found = []
+    for seed in range(16):
+        body = draw_person(
+            np.random.default_rng(seed),
+            style="walk",
+            path=[(0.0, 9.0), (0.0, 0.5)],
+            speed_mps=speed_mps,
+            motion=motion,
+            skin="points",
+        )
+        t_s = np.arange(2.0, 5.0, 1 / 120)
+        place = body.at(t_s, np.array([0.0, 0.0, 1.0])).position_m
+        foot = place[:, body.names.index("left foot")]
+        speed = np.linalg.norm(np.diff(foot, axis=0), axis=-1) * 120
+        spectrum = np.abs(np.fft.rfft((speed - speed.mean()) * np.hanning(len(speed)), 4096))
+        rate_hz = np.fft.rfftfreq(4096, 1 / 120)
+        # A foot goes once a stride of two steps.
+        spectrum[(rate_hz < 0.35) | (rate_hz > 1.4)] = 0
+        found.append(120 * rate_hz[spectrum.argmax()])
+    assert np.median(found) == pytest.approx(steps_a_minute, rel=0.12)
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_a_trunk_swings_twice_and_rolls_once_a_stride(seed):
     torso = Torso.draw(np.random.default_rng(seed))

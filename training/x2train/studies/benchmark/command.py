@@ -15,7 +15,7 @@ examples:
   train-export benchmark --entry mine.py --tasks T1D60,T2D60
   train-export benchmark --entry mine.py:my_scores --elements 1000
   train-export benchmark --entry models/mine.onnx
-  train-export benchmark --tasks accept-2 --share 0.1 --entry models/mine.onnx --entry mine.py
+  train-export benchmark --tasks accept-3 --share 0.1 --entry models/mine.onnx --entry mine.py
 A run that was interrupted goes on where it was. docs/benchmark.md tells what counts.
 """
 
@@ -25,11 +25,11 @@ def register(commands: Commands) -> None:
     parser = add_command(commands, "benchmark", "fixed tasks, peers' methods and yours", _EXAMPLES)
     add = parser.add_argument
     add("--entry", action="append", metavar="NAME|FILE.py[:FUNCTION]|BUNDLE", help="repeatable")
-    add("--tasks", metavar="LIST", help="of T1D60, T1D200, ..., T2C200 (all eight), or accept-2")
+    add("--tasks", metavar="LIST", help="of T1D60, T1D200, ..., T2C200 (all eight), or accept-3")
     add("--elements", type=int, default=5000, help="of a set, to train with (5000)")
     add("--fresh", type=int, default=5000, help="further ones that judge (5000)")
     add("--seed", type=int, default=0, help="of an entry's own draws (0)")
-    add("--share", type=float, default=1.0, metavar="F", help="of accept-2's passages (1)")
+    add("--share", type=float, default=1.0, metavar="F", help="of accept-3's passages (1)")
     add("--folder", type=Path, default=Path("build/benchmark"), help="of data and scores")
     add("--workers", type=int, default=os.cpu_count() or 1, help="processes that simulate")
     add("--data-only", action="store_true", help="make the data")

@@ -11,12 +11,15 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from x2radar.sim.bodies.path.feet import eased
 from x2radar.sim.bodies.path.path import Path
 
 Array = NDArray[np.float64]
 
 _STEP_S = 0.01
 _MARGIN_S = 0.5
+_RAMP = 0.25
+"""Of a swing: a foot's peak speed is 1.2 times its mean, some 3.3 times a walker's (recalled)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -155,7 +158,7 @@ class Footprints:
         whole = np.floor(p)
         k = np.clip(whole.astype(np.int64) - self.first, 0, len(self.place_m) - 2)
         swing = np.clip((p - whole - self.duty) / (1.0 - self.duty), 0.0, 1.0)
-        ease = swing * swing * (3.0 - 2.0 * swing)
-        flat = self.place_m[k] + ease[:, None] * (self.place_m[k + 1] - self.place_m[k])
+        done = eased(swing, _RAMP)
+        flat = self.place_m[k] + done[:, None] * (self.place_m[k + 1] - self.place_m[k])
         up = self.lift_m * vigour * np.sin(np.pi * swing**self.lift_skew) ** 1.5
         return np.concatenate([flat, up[:, None]], axis=1), swing

@@ -18,7 +18,7 @@ from x2radar.sim.bodies.motion.limbs import Moment, direction, hung, segments
 from x2radar.sim.bodies.motion.stride_phase import StridePhase
 from x2radar.sim.bodies.path.path import Path
 from x2radar.sim.bodies.person.build import PersonBuild
-from x2radar.sim.bodies.person.footfall_motion import sides
+from x2radar.sim.bodies.person.footfall_motion import RUN_STRIDE, WALK_STRIDE, sides
 from x2radar.sim.bodies.person.torso import Torso
 
 Array = NDArray[np.float64]
@@ -83,10 +83,13 @@ class AnglePerson:
         leg_m = build.leg_m
         fr = cruise / np.sqrt(9.81 * leg_m)
         run = 1.0 if style in {"jog", "run", "child_run"} else 0.0
-        stride = (2.2 if run else 1.8) * leg_m * float(np.exp(0.1 * z[0])) * fr**0.5
-        # Legs that open as wide as the stride asks, at a stance of some 60 % of it.
+        stride = (RUN_STRIDE if run else WALK_STRIDE) * leg_m * fr**0.5
+        stride *= float(np.exp(0.12 * z[0]))
+        # Legs that open as wide as the stride asks, at a stance of some 60 % of it, in which the
+        # foot rolls from heel to toe: as published at 1.3 m/s.
         mean = 0.4 if run else 0.62
-        scale = float(np.clip(stride * mean / (2 * leg_m * np.sin(0.36)), 0.25, 1.5))
+        opening_m = stride * mean - build.foot_m
+        scale = float(np.clip(opening_m / (2 * leg_m * np.sin(0.36)), 0.25, 1.5))
         kind = "RUN" if run else "WALK"
         shares = {"HIP": scale, "KNEE": 0.4 + 0.6 * scale, "ANKLE": 0.4 + 0.6 * scale}
         legs = [

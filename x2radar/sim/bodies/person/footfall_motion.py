@@ -23,6 +23,13 @@ Array = NDArray[np.float64]
 _SIDES = (1.0, -1.0)
 _TURNED_SHARE = 0.3
 """Of people who do not run, those who do not go where they look (chosen)."""
+WALK_STRIDE, RUN_STRIDE = 2.65, 2.6
+"""`Ways.stride` at half a power of the speed. Walkers take steps of 6.5 mm for every step a minute
+(Sekiya et al. 1996, recalled), strides of 1.42 m at 1.3 m/s; runners 2.2 m at 3 m/s."""
+_TURNED_STRIDE = 0.85
+"""Of those who do not go where they look, for one of those who do (chosen)."""
+_HEEL_RISE_RAD = 1.1
+"""Of the foot when it leaves the floor (recalled: 60 degrees)."""
 _TURNS = np.array([0.0, -0.7, 1.0, -0.2, *[-0.7] * 6, *[1.0] * 6])
 """Of the parts, in their order, for one of the pelvis: the chest turns against it (recalled)."""
 
@@ -50,7 +57,7 @@ class Ways:
         Amplitude and rest of the arms' swing, bend of the elbows and its swing, arms outward.
     """
 
-    stride: float = 1.9
+    stride: float = WALK_STRIDE
     power: float = 0.5
     duty: float = 0.62
     limp: float = 0.0
@@ -176,10 +183,14 @@ class FootfallPerson:
         stance = np.clip((p - np.floor(p)) / w.duty, 0.0, 1.0)
         # The heel rises in the last quarter of the stance, and is down again before landing.
         late = np.clip((stance - 0.7) / 0.3, 0.0, 1.0) * (1 - swing)
-        rise = vigour * 0.9 * late**2 + vigour * 0.5 * np.sin(np.pi * swing) * (swing < 1)
+        rise = vigour * _HEEL_RISE_RAD * late**2 + vigour * 0.5 * np.sin(np.pi * swing) * (
+            swing < 1
+        )
         way = direction(facing + side * w.toe_out, -rise)
         ankle = sole + np.array([0.0, 0.0, b.ankle_m])
         ankle[:, 2] += 0.7 * b.foot_m * np.sin(rise)
+        # About the ball of the foot, so that the ankle goes ahead as the heel rises.
+        ankle += (0.7 * b.foot_m * (1 - np.cos(rise)))[:, None] * direction(facing, level)
         knee, ankle = bent(hip, ankle, b.thigh_m, b.shank_m, direction(facing, level))
         heel = ankle - 0.25 * b.foot_m * way
         return [(hip, knee), (knee, ankle), (heel, heel + b.foot_m * way)]
@@ -225,9 +236,10 @@ def draw_ways(rng: np.random.Generator, style: str) -> Ways:
         # Backwards, sideways or aslant, as people do in front of a shelf.
         aside = float(np.pi / 2 * np.sign(z[0] + 1e-9))
         facing = np.pi if u[1] < 0.35 else aside if u[1] < 0.75 else 1.2 * aside * float(u[7])
+    stride = RUN_STRIDE if runs else WALK_STRIDE * (_TURNED_STRIDE if facing else 1.0)
     return Ways(
-        stride=(2.3 if runs else 1.85) * float(np.exp(0.10 * z[1])),
-        power=0.55 + 0.10 * z[2] / 2,
+        stride=stride * float(np.exp(0.12 * z[1])),
+        power=0.52 + 0.04 * z[2],
         duty=float(0.36 + 0.08 * u[2] if runs else 0.56 + 0.14 * u[2]),
         limp=float((0.08 + 0.08 * u[3]) if style == "limp" else 0.02 * z[3]),
         crouch=low + 0.05 * u[4] + (0.06 if runs else 0.0),
