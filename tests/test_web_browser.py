@@ -9,7 +9,7 @@ from radard.classify.bundle import load_bundle
 from tests.alarm_helpers import write_recording
 from tests.radar_helpers import noise
 from tests.waiting import wait_for
-from tests.web_helpers import Running
+from tests.web_helpers import Running, is_finished
 from x2train.finetune.labels import labelled_clips
 from x2train.finetune.windows import own_windows
 
@@ -217,6 +217,8 @@ def test_events_are_filtered_replayed_and_labelled(tab, radard):
     # What train-export finetune makes of it.
     (clip,) = labelled_clips(radard.folder / "labels.jsonl").clips
     assert (clip.path.name, clip.label) == (f"{event_id}.h5", "pet")
+    # It goes on for a while behind the alarm's end.
+    radard.wait(lambda: is_finished(clip.path))
     seen = own_windows(clip, load_bundle("accurate"))
     assert seen.n_alarms > 0
     one.page.select_option("select[name=label]", "pet")

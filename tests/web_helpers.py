@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import urlsplit
 
+import h5py
 from websockets.sync.client import connect
 
 from tests.waiting import free_port, wait_for
@@ -144,6 +145,13 @@ def wait(what, timeout_s=180.0, explain=lambda: ""):
             return what()
 
     return wait_for(found, timeout_s, explain)
+
+
+def is_finished(clip):
+    """Whether a clip has been closed, with its event; OSError while it is being written."""
+    # Without a lock: the daemon's own writing must not fail on it.
+    with h5py.File(clip, "r", locking=False) as file:
+        return "event" in file.attrs
 
 
 def ask(url, *, data=None, headers=None):
