@@ -183,9 +183,8 @@ class FootfallPerson:
         stance = np.clip((p - np.floor(p)) / w.duty, 0.0, 1.0)
         # The heel rises in the last quarter of the stance, and is down again before landing.
         late = np.clip((stance - 0.7) / 0.3, 0.0, 1.0) * (1 - swing)
-        rise = vigour * _HEEL_RISE_RAD * late**2 + vigour * 0.5 * np.sin(np.pi * swing) * (
-            swing < 1
-        )
+        rise = vigour * _HEEL_RISE_RAD * late**2
+        rise += vigour * 0.5 * np.sin(np.pi * swing) * (swing < 1)
         way = direction(facing + side * w.toe_out, -rise)
         ankle = sole + np.array([0.0, 0.0, b.ankle_m])
         ankle[:, 2] += 0.7 * b.foot_m * np.sin(rise)
