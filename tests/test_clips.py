@@ -1,5 +1,6 @@
 """Clips: the frames around an alarm, kept whole, replayed alike, and never too many."""
 
+import fcntl
 import json
 import os
 import struct
@@ -283,6 +284,17 @@ def test_after_a_kill_the_frames_are_there(tmp_path):
     with open_recording(path) as reader:
         assert reader.n_frames >= 120
     clip.abandon()
+
+
+def test_a_reader_keeps_no_decision_out_of_a_clip(tmp_path):
+    path = tmp_path / "read.h5"
+    clip = ClipFile(path, STREAM, first_index=0, started_utc="2026-01-01T00:00:00Z", attributes={})
+    clip.write([frame(k) for k in range(150)])
+    with path.open("rb") as reader:
+        fcntl.flock(reader, fcntl.LOCK_SH)
+        clip.finish([], event())
+    with h5py.File(path) as file:
+        assert "event" in file.attrs
 
 
 def test_an_existing_file_is_not_overwritten(tmp_path):

@@ -252,7 +252,8 @@ def root_attributes(
 
 def reopened(path: Path) -> h5py.File:
     """Open a recording that is not being written any more, to add to it."""
-    return h5py.File(path, "r+", libver="latest")
+    # Whoever reads it meanwhile holds a lock, and must not keep out what belongs into it.
+    return h5py.File(path, "r+", libver="latest", locking=False)
 
 
 def write_labels(path: Path, labels: list[Label]) -> None:
