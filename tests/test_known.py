@@ -43,7 +43,7 @@ def test_fewer_know_the_level_where_size_says_nothing_of_the_echo():
         known_of(windows(4000) | {"is_physical": np.full(4000, is_physical)})[:, 5].mean()
         for is_physical in (True, False)
     ]
-    assert shares == pytest.approx([0.6, 0.2], abs=0.05)
+    assert shares == pytest.approx([0.6, 0.04], abs=0.02)
 
 
 def test_an_echo_that_is_not_there_has_no_strength():
