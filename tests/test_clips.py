@@ -7,6 +7,7 @@ import struct
 import subprocess
 import sys
 import zlib
+from collections import defaultdict
 from pathlib import Path
 
 import h5py
@@ -292,9 +293,11 @@ def test_a_reader_keeps_no_decision_out_of_a_clip(tmp_path):
     clip.write([frame(k) for k in range(150)])
     with path.open("rb") as reader:
         fcntl.flock(reader, fcntl.LOCK_SH)
-        clip.finish([], event())
+        decision = defaultdict(int, t_s=2.0, gate="open", label="human")
+        clip.finish([decision], event())
     with h5py.File(path) as file:
         assert "event" in file.attrs
+        assert list(file["decisions/t_s"]) == [2.0]
 
 
 def test_an_existing_file_is_not_overwritten(tmp_path):

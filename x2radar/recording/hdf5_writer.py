@@ -252,7 +252,7 @@ def root_attributes(
 
 def reopened(path: Path) -> h5py.File:
     """Open a recording that is not being written any more, to add to it."""
-    # Whoever reads it meanwhile holds a lock, and must not keep out what belongs into it.
+    # A reader's lock must not keep out what belongs into it; there is one writer.
     return h5py.File(path, "r+", libver="latest", locking=False)
 
 
