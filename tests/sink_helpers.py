@@ -1,21 +1,19 @@
 """Far ends that are real: brokers, HTTP servers, sockets; and records to send there."""
 
-import asyncio
 import contextlib
-import gc
 import getpass
 import http.server
+import json
 import shutil
 import socket
 import ssl
 import subprocess
+import sys
 import threading
-import warnings
 from pathlib import Path
 
 import paho.mqtt.client as paho
 import pytest
-from amqtt.broker import Broker as Amqtt
 from paho.mqtt.enums import CallbackAPIVersion
 
 from radard.config.sink_table import OutboxSection
@@ -98,27 +96,13 @@ def status(state: str, reason: str = "") -> dict:
     return {"type": "status", "state": state, "reason": reason}
 
 
-class SteadySubscriptions(dict):
-    """A broker's subscriptions, which it may change while it goes through them.
-
-    amqtt 0.12 awaits inside such loops; a client that subscribes meanwhile would end them, and
-    with them another client's connection or all delivery.
-    """
-
-    def __iter__(self):
-        return iter(list(super().__iter__()))
-
-    def items(self):
-        return list(super().items())
-
-
 class MqttBroker:
-    """mosquitto where installed, else amqtt in this process; on one port, with stops."""
+    """mosquitto where installed, else amqtt, in a process; on one port, with stops."""
 
     def __init__(self, folder: Path, *, cert: tuple[Path, Path] | None = None, auth=False):
         self.port = free_port()
         self._folder, self._cert, self._auth = folder, cert, auth
-        self._process = self._thread = None
+        self._process = None
         self.start()
 
     def start(self):
@@ -128,19 +112,11 @@ class MqttBroker:
             self._start_amqtt()
 
     def stop(self):
+        """Kill it: a signal that comes before the broker's loop has begun is forgotten by it."""
         if self._process is not None:
-            # A signal that comes before the broker's loop has begun is forgotten by it.
-            self._process.kill()
-            self._process.wait(60)
+            with self._process:
+                self._process.kill()
             self._process = None
-        if self._thread is not None:
-            self._loop.call_soon_threadsafe(self._over.set)
-            self._thread.join(60)
-            self._thread = None
-            # amqtt leaves open transports to the collector; here they trouble no test.
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", ResourceWarning)
-                gc.collect()
 
     def _start_mosquitto(self):
         lines = [f"listener {self.port} 127.0.0.1", "persistence false", "log_type none"]
@@ -187,22 +163,14 @@ class MqttBroker:
                 "amqtt.plugins.authentication.FileAuthPlugin": {"password_file": str(words)}
             }
         config = {"listeners": {"default": listener}, "plugins": plugins}
-        ready = threading.Event()
-        self._thread = threading.Thread(target=self._serve, args=(config, ready), name="amqtt")
-        self._thread.start()
-        assert ready.wait(60)
-
-    def _serve(self, config, ready):
-        async def body():
-            self._loop, self._over = asyncio.get_running_loop(), asyncio.Event()
-            broker = Amqtt(config)
-            broker._subscriptions = SteadySubscriptions()
-            await broker.start()
-            ready.set()
-            await self._over.wait()
-            await broker.shutdown()
-
-        asyncio.run(body())
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "tests.mqtt_broker", json.dumps(config)],
+            cwd=Path(__file__).parents[1],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+        )
+        assert self._process.stdout.readline() == b"serves\n"
 
 
 class Listener:

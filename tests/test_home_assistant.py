@@ -21,8 +21,6 @@ BLUEPRINT = Path(__file__).parents[1] / "deploy/homeassistant/blueprints/notify_
 # parts ask for: paho-mqtt 1.6.1, janus 1.0.0, numpy 1.26.0.
 PYTHON = os.environ.get("RADARD_TEST_HOME_ASSISTANT")
 WITHOUT = "no Home Assistant here: RADARD_TEST_HOME_ASSISTANT names the Python of one"
-# amqtt leaves the sockets of its clients to the collector.
-pytestmark = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 
 
 @pytest.fixture

@@ -16,7 +16,6 @@ from tests.sink_helpers import Listener, MqttBroker
 from tests.waiting import free_port, wait_for
 from tests.web_helpers import ask, wait
 
-pytestmark = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 launch = pytest.fixture(launcher)
 FAST = {"port": "sim:empty", "speed": "10"}
 GATE = {"calibrate_after_s": 3.0, "calibrate_s": 25.0}

@@ -37,7 +37,7 @@ def wait_for_state(tmp_path, state, words=""):
         found = report(tmp_path)
         return found.get("state") == state and words in found.get("reason", "")
 
-    wait_for(holds)
+    wait_for(holds, explain=lambda: report(tmp_path))
 
 
 OUTBOX = {"first_retry_s": 0.05, "longest_retry_s": 0.1}

@@ -18,8 +18,6 @@ from tests.waiting import wait_for
 
 BASE = "radard/hall"
 DEVICE = "homeassistant/device/radard_hall/config"
-# amqtt leaves the sockets of its clients to the collector.
-pytestmark = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 
 
 @pytest.fixture

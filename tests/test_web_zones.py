@@ -59,7 +59,6 @@ def test_saved_zones_hold_at_once_and_after_a_restart(run, tmp_path):
     assert not (tmp_path / "radar.sim.zones.yaml").exists()
 
 
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 def test_zones_are_saved_although_an_output_cannot_be_made_again_and_it_goes_on(tmp_path):
     broker = MqttBroker(tmp_path)
     listener = Listener(broker.port, "radard/#")
