@@ -13,10 +13,12 @@ import torch
 from torch import nn
 
 from radard.classify.features import feature_shape
+from radard.classify.installation import N_INSTALLATION
 from x2train.commands.dataset import FEATURES
 from x2train.commands.fit import WIDTHS
-from x2train.nets.map_fit import INPUTS, MapFitSettings, network, optimizer_of
+from x2train.nets.map_fit import MAPS, MapFitSettings, network, optimizer_of
 from x2train.windows.augment import augmented
+from x2train.windows.known import hidden_more
 
 _WAYS = {
     "plain": (False, False),
@@ -28,13 +30,14 @@ _N_FIRST = 3
 """Steps that are not counted: the first one compiles."""
 
 
-def _step(size: str, *, is_half: bool, is_compiled: bool) -> Callable[[], None]:
+def step_of(size: str, *, is_half: bool, is_compiled: bool) -> Callable[[], None]:
     """Return what takes one step, on maps of noise."""
     widths, long_widths, hidden = WIDTHS[size]
     settings = MapFitSettings(widths=widths, long_widths=long_widths, hidden=hidden)
     rng = torch.Generator().manual_seed(0)
-    shapes = [feature_shape(name, FEATURES) for name in INPUTS]
+    shapes = [feature_shape(name, FEATURES) for name in MAPS]
     maps = [torch.rand(settings.batch, *shape, generator=rng) for shape in shapes]
+    known = torch.rand(settings.batch, N_INSTALLATION, generator=rng)
     labels = torch.arange(settings.batch) % 3
     net = network(tuple(shape[0] for shape in shapes), settings)
     optimizer = optimizer_of(net, 10_000, settings)
@@ -42,7 +45,7 @@ def _step(size: str, *, is_half: bool, is_compiled: bool) -> Callable[[], None]:
     error = nn.CrossEntropyLoss()
 
     def step() -> None:
-        batch = augmented(*maps, rng=rng)
+        batch = (*augmented(*maps, rng=rng), hidden_more(known, rng))
         with torch.autocast("cpu", torch.bfloat16, enabled=is_half):
             answers = answer(*batch)
         optimizer.step(error(answers.float(), labels))
@@ -57,7 +60,7 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=20)
     args = parser.parse_args()
     torch.set_num_threads(1)
-    steps = {k: _step(args.size, is_half=h, is_compiled=c) for k, (h, c) in _WAYS.items()}
+    steps = {k: step_of(args.size, is_half=h, is_compiled=c) for k, (h, c) in _WAYS.items()}
     took_s: dict[str, list[float]] = {name: [] for name in steps}
     for number in range(_N_FIRST + args.steps):
         for name, step in steps.items():

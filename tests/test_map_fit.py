@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 
+from benchmarks.bench_training import step_of
 from radard.classify.bundle import CLASSES, load_bundle
 from radard.classify.classifier import Classifier, softmax
 from radard.classify.evidence import EvidenceSettings
@@ -236,3 +237,7 @@ def test_log_loss_weighs_people_and_others_alike():
     p = np.array([0.5] * 9 + [0.1])
     assert log_loss(p, np.arange(10) == 9) == pytest.approx(-0.5 * (np.log(0.1) + np.log(0.5)))
     assert np.isfinite(log_loss(np.array([0.0, 1.0]), np.array([True, False])))
+
+
+def test_the_benchmark_takes_such_a_step():
+    step_of("fast", is_half=False, is_compiled=False)()
