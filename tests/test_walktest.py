@@ -11,6 +11,7 @@ from radard.cli import main
 from radard.commands.progress_line import ProgressLine, bar
 from radard.commands.walk_report import RangeCell, WalkDecision, by_range, report
 from radard.commands.walktest import line_of
+from tests.waiting import unmeasured
 
 
 def step(t_s, range_m=None, *, alarm=False):
@@ -147,7 +148,7 @@ def test_interrupt_ends_the_walk_with_its_report():
         [*command, "--speed", "8", "--model", "none"],
         stdout=subprocess.PIPE,
         text=True,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+        env={**unmeasured(), "PYTHONPATH": os.pathsep.join(sys.path)},
     ) as running:
         try:
             first = [running.stdout.readline() for _ in range(4)]

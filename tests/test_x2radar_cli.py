@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.waiting import wait_for
+from tests.waiting import unmeasured, wait_for
 from x2radar.cli import main
 from x2radar.command import installed_version, run_command
 from x2radar.device.device import X2Radar
@@ -275,7 +275,10 @@ def command(*argv):
 def simulated(*argv):
     """A running `x2radar simulate --pty` and the device path that it printed."""
     process = subprocess.Popen(
-        command("simulate", "--pty", *argv), stdout=subprocess.PIPE, stderr=subprocess.PIPE
+        command("simulate", "--pty", *argv),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        env=unmeasured(),
     )
     try:
         yield process, process.stdout.readline().decode().strip()
@@ -323,6 +326,7 @@ def test_a_recording_ends_with_sigint_and_is_whole(tmp_path):
         command("record", "--port", "sim:cat?seed=1", "--speed", "5", str(path)),
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
+        env=unmeasured(),
     )
     try:
         # A second of frames is on the disk.

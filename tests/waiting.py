@@ -1,5 +1,6 @@
 """Wait for what happens, however slow the machine; ports for servers of tests run in parallel."""
 
+import os
 import random
 import socket
 import time
@@ -25,3 +26,11 @@ def free_port():
             except OSError:
                 continue
             return port
+
+
+def unmeasured():
+    """Return the environment of a process that a signal is to end in the midst of its work.
+
+    coverage.py takes a lock at calls; an interrupt within it keeps the lock, and nothing ends.
+    """
+    return {k: v for k, v in os.environ.items() if not k.startswith("COVERAGE_")}
