@@ -1,4 +1,4 @@
-"""Wait for what happens, however slow the machine; ports for servers of tests run in parallel."""
+"""What keeps tests deterministic: waiting, free ports, processes that can be interrupted."""
 
 import os
 import random
