@@ -9,9 +9,9 @@ import json
 
 import numpy as np
 
-from radard.classify.bundle import load_bundle
-from radard.classify.classifier import HIDDEN
-from x2train.bundles.network_cost import Feed, quantised, window_ms
+from radard.judge.bundle import load_bundle
+from radard.judge.classifier import HIDDEN
+from x2train.bundle.network_cost import Feed, quantised, window_ms
 
 
 def main() -> None:

@@ -24,10 +24,10 @@ from pathlib import Path
 
 import numpy as np
 
-from radard.classify.features import MAP_FEATURES, FeatureSettings
+from radard.judge.features import MAP_FEATURES, FeatureSettings
 from x2radar.frame import Frame, StreamInfo
+from x2radar.modules.x2 import RadarSettings
 from x2radar.recording.hdf5_writer import RecordingWriter
-from x2radar.settings.x2 import RadarSettings
 from x2radar.sim.module.stream import EchoStream
 from x2radar.sim.scene.scene import load_scene
 

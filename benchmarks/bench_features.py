@@ -36,9 +36,6 @@ import scipy.fft  # noqa: E402
 import scipy.signal  # noqa: E402
 from numpy.lib.stride_tricks import sliding_window_view  # noqa: E402
 
-from radard.classify.bundle import load_bundle  # noqa: E402
-from radard.classify.classifier import Classifier  # noqa: E402
-from radard.classify.features import FeatureSet  # noqa: E402
 from radard.config.sections import GateSettings  # noqa: E402
 from radard.detect.gate import Gate  # noqa: E402
 from radard.dsp.cadence import (  # noqa: E402
@@ -53,6 +50,9 @@ from radard.dsp.gram import centring, gaussian_taper, step_operator  # noqa: E40
 from radard.dsp.range_time import RangeTimeMap  # noqa: E402
 from radard.dsp.streaming import StreamingDoppler  # noqa: E402
 from radard.dsp.velocity import VelocityTransform  # noqa: E402
+from radard.judge.bundle import load_bundle  # noqa: E402
+from radard.judge.classifier import Classifier  # noqa: E402
+from radard.judge.features import FeatureSet  # noqa: E402
 from radard.stream.ring import Dwell  # noqa: E402
 from tests.dsp_reference import micro_doppler_direct  # noqa: E402
 from x2radar.frame import FastTimeAxis  # noqa: E402

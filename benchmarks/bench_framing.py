@@ -15,7 +15,7 @@ from collections.abc import Callable
 import numpy as np
 
 from x2radar.device.assemble import FrameAssembler
-from x2radar.settings.x2 import RadarSettings
+from x2radar.modules.x2 import RadarSettings
 from x2radar.wire.codec import decode_response, encode
 from x2radar.wire.framing import Packet, PacketDecoder
 from x2radar.wire.framing import encode as frame

@@ -25,10 +25,10 @@ from radard.config.sections import GateSettings
 from radard.detect.clutter_map import ClutterRemover
 from radard.detect.gate import DAY_S, Gate
 from radard.stream.ring import Dwell, DwellShape
-from x2train.scenarios.families import family
-from x2train.scenarios.passages import Passage, play
-from x2train.scenarios.sites import X2, X4M03, Radar, Site, draw_site
-from x2train.windows.windows import dwell_ends
+from x2train.sets.families import family
+from x2train.sets.passages import Passage, play
+from x2train.sets.sites import X2, X4M03, Radar, Site, draw_site
+from x2train.sets.windows import dwell_ends
 
 STYLES = ("walk", "stroll", "stealth", "run")
 LEAD_S, SEEN_S = 6.0, 6.0

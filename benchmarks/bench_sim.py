@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from radard.dsp.doppler import micro_doppler
 from tests.echo_references import passband
 from x2radar.frame import FastTimeAxis
-from x2radar.settings.x2 import SPEED_OF_LIGHT_MPS, RadarSettings
+from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS, RadarSettings
 from x2radar.sim.echo import TIERS, Pulse, Task, choose, frames
 from x2radar.sim.echo.choose import FramesOf
 from x2radar.sim.signal.noise import baseband_noise_power, matched_noise

@@ -12,13 +12,13 @@ import numpy as np
 import torch
 from torch import nn
 
-from radard.classify.features import feature_shape
-from radard.classify.installation import N_INSTALLATION
+from radard.judge.features import feature_shape
+from radard.judge.installation import N_INSTALLATION
 from x2train.commands.dataset import FEATURES
 from x2train.commands.fit import WIDTHS
 from x2train.nets.map_fit import MAPS, MapFitSettings, network, optimizer_of
-from x2train.windows.augment import augmented
-from x2train.windows.known import hidden_more
+from x2train.sets.augment import augmented
+from x2train.sets.known import hidden_more
 
 _WAYS = {
     "plain": (False, False),

@@ -14,8 +14,8 @@ import numpy as np
 import onnx
 from onnx import TensorProto, helper, numpy_helper
 
-from radard.classify.bundle import CLASSES, SCHEMA
-from radard.classify.features import FeatureSettings, feature_shape
+from radard.judge.bundle import CLASSES, SCHEMA
+from radard.judge.features import FeatureSettings, feature_shape
 
 _WIDTHS = (16, 24, 40)  # of the three layers: some 30,000 weights
 _OPSET = 17  # chosen: any onnxruntime reads it

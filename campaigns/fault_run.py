@@ -18,13 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radard.alarm.state_store import StateStore
-from radard.classify.classifier import Classifier
 from radard.config.config import load_config
 from radard.config.quiet_hours import wall_clock
 from radard.health.health import STALE_S, Health
+from radard.judge.classifier import Classifier
 from radard.pipeline import HOP_S, Pipeline
-from radard.service.components import make_parts
-from radard.service.worker import Worker
+from radard.run.components import make_parts
+from radard.run.worker import Worker
 from radard.stream.frame_timing import RateWatch
 from radard.stream.ring import LONGEST_GAP_S, MOST_LOST, Dwell, Notice
 from x2radar.device.device import X2Radar
@@ -32,7 +32,7 @@ from x2radar.device.link import Deadlines
 from x2radar.device.reconnect import ReconnectingRadar
 from x2radar.device.transport import Transport
 from x2radar.frame import Frame, StreamInfo
-from x2radar.settings.x2 import RadarSettings
+from x2radar.modules.x2 import RadarSettings
 from x2radar.sim.module.firmware import X2Firmware
 from x2radar.wire.messages import Message
 

@@ -22,8 +22,8 @@ from campaigns.fault_run import StampingFirmware
 from radard.stream.coalesced_reads import CoalescedReads
 from x2radar.device.transport import Transport
 from x2radar.errors import PortNotFound, TransportClosed
-from x2radar.settings.base import ModuleSettings
-from x2radar.settings.x2 import RadarSettings
+from x2radar.modules.base import ModuleSettings
+from x2radar.modules.x2 import RadarSettings
 from x2radar.sim.module.faults import KINDS, Dice, FaultPlan, ModuleFaults
 from x2radar.sim.module.line import Line
 from x2radar.sim.module.module import SimulatedModule

@@ -42,8 +42,8 @@ from campaigns.fault_lines import injected_run, pty_run  # noqa: E402 - below th
 from campaigns.fault_run import Run  # noqa: E402
 from campaigns.fault_world import Over, World, clock_of, coalesced, drawn_plan  # noqa: E402
 from campaigns.surroundings import CASES, surrounded  # noqa: E402
-from radard.classify.bundle import load_bundle  # noqa: E402
-from radard.classify.classifier import Classifier  # noqa: E402
+from radard.judge.bundle import load_bundle  # noqa: E402
+from radard.judge.classifier import Classifier  # noqa: E402
 
 _STUCK_S = 300
 """Of real time, for a run that takes a second where nothing else runs."""

@@ -24,12 +24,12 @@ from radard.config.config import Config, load_config
 from radard.config.sink_table import MqttSection, WebSection
 from radard.errors import ConfigError
 from radard.health.health import Health
+from radard.outputs import open_output
+from radard.outputs.base import SinkContext
 from radard.outputs.fanout import Host
+from radard.outputs.mqtt.commands import CommandReader
+from radard.outputs.mqtt.homeassistant import discovery
 from radard.outputs.records import event_record
-from radard.sinks import open_output
-from radard.sinks.base import SinkContext
-from radard.sinks.mqtt.commands import CommandReader
-from radard.sinks.mqtt.homeassistant import discovery
 from radard.web.sink import WebSink
 
 _LENGTH = b"@LENGTH"

@@ -25,13 +25,14 @@ import scipy.io
 from campaigns import fuzz_network
 from campaigns.fuzz_mutate import BORDER
 from radard.alarm.state_store import StateStore
-from radard.classify.bundle import load_bundle
 from radard.config.config import load_config
 from radard.detect.calibration import load_calibration
 from radard.errors import RadardError
+from radard.judge.bundle import load_bundle
 from x2radar.device.device import X2Radar
 from x2radar.errors import X2RadarError
 from x2radar.frame import FastTimeAxis, StreamInfo
+from x2radar.modules.x2 import RadarSettings
 from x2radar.recording.blocks import Block
 from x2radar.recording.capture import (
     FROM_MODULE,
@@ -47,7 +48,6 @@ from x2radar.recording.hdf5_file import lookup3
 from x2radar.recording.hdf5_writer import RecordingWriter, write_labels
 from x2radar.recording.registry import open_recording
 from x2radar.recording.trace import describe, read_trace
-from x2radar.settings.x2 import RadarSettings
 from x2radar.sim.module.host import connect
 from x2radar.sim.module.module import SimulatedModule
 from x2radar.sim.scene.scene import load_scene, scene_names

@@ -35,14 +35,14 @@ os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
 
 # All that the daemon will need: what is imported here costs a start nothing.
 for _name in (
-    *("h5py", "paho.mqtt.client", "radard.classify.onnx_runtime", "radard.service.service"),
-    *("radard.sinks.mqtt.sink", "radard.sinks.store", "x2radar.recording.hdf5_writer"),
+    *("h5py", "paho.mqtt.client", "radard.judge.onnx_runtime", "radard.run.service"),
+    *("radard.outputs.mqtt.sink", "radard.outputs.store", "x2radar.recording.hdf5_writer"),
 ):
     importlib.import_module(_name)
 
 from campaigns.processes import Broker, wait_for  # noqa: E402 - below the path
 from radard.cli import main as radard_main  # noqa: E402
-from radard.service.control import ask, control_path  # noqa: E402
+from radard.run.control import ask, control_path  # noqa: E402
 from x2radar.errors import RecordingError  # noqa: E402
 from x2radar.recording.registry import open_recording  # noqa: E402
 

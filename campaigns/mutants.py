@@ -38,8 +38,8 @@ MODULES: dict[str, tuple[str, str, tuple[str, ...]]] = {
     "protocol": ("x2radar/wire", "protocol", ("test_protocol", "test_device")),
     "ring": ("daemon/radard/stream", "ring", ("test_ring_limits", "test_ring")),
     "gate": ("daemon/radard/detect", "gate", ("test_gate_limits", "test_gate")),
-    "evidence": ("daemon/radard/classify", "evidence", ("test_evidence",)),
-    "decision": ("daemon/radard/classify", "decision", ("test_decision", "test_evidence")),
+    "evidence": ("daemon/radard/judge", "evidence", ("test_evidence",)),
+    "decision": ("daemon/radard/judge", "decision", ("test_decision", "test_evidence")),
     "panel": ("daemon/radard/alarm", "panel", ("test_alarm", "test_alarm_events")),
     "events": ("daemon/radard/alarm", "events", ("test_alarm_events", "test_alarm")),
 }

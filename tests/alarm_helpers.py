@@ -5,9 +5,9 @@ import socket
 import h5py
 import numpy as np
 
-from radard.classify.classifier import Probabilities
-from radard.classify.decision import Decision, TrackVerdict
 from radard.detect.gate import GateReading
+from radard.judge.classifier import Probabilities
+from radard.judge.decision import Decision, TrackVerdict
 
 
 def decision(t_s, human=None, *, alarm=None, range_m=1.5, label=None, fault="", t_mono_s=0.0):

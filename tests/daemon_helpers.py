@@ -3,8 +3,8 @@
 import threading
 
 from radard.config.config import load_config
-from radard.service.service import OneRadar, RunOptions
-from radard.service.several import SeveralRadars
+from radard.run.service import OneRadar, RunOptions
+from radard.run.several import SeveralRadars
 from tests.alarm_helpers import NotifySocket
 
 
@@ -55,11 +55,11 @@ class Daemon:
         self.far = NotifySocket(tmp_path / f"notify{Daemon.n_made}")
         monkeypatch.setenv("NOTIFY_SOCKET", self.far.name)
         monkeypatch.setenv("WATCHDOG_USEC", "200000")
-        monkeypatch.setattr("radard.service.radar_run.STALE_S", stale_s)
+        monkeypatch.setattr("radard.run.radar_run.STALE_S", stale_s)
         monkeypatch.setattr("radard.health.heartbeat._EVERY_S", 0.05)
         monkeypatch.setattr("radard.health.heartbeat._MAIN_LATE_S", stale_s)
-        monkeypatch.setattr("radard.service.supervision._BEAT_S", 0.05)
-        monkeypatch.setattr("radard.service.worker._LOOK_UP_S", 0.05)
+        monkeypatch.setattr("radard.run.supervision._BEAT_S", 0.05)
+        monkeypatch.setattr("radard.run.worker._LOOK_UP_S", 0.05)
         one = {} if "sensors" in options else {"port": "sim:empty"}
         self.config = load_config(
             environ={},

@@ -12,7 +12,7 @@ from x2radar.device.device import Deadlines, X2Radar
 from x2radar.device.transport import PtyTransport, SerialTransport, Transport, memory_pair
 from x2radar.errors import TransportClosed
 from x2radar.frame import Frame
-from x2radar.settings.x2 import RadarSettings
+from x2radar.modules.x2 import RadarSettings
 from x2radar.sim.module.host import serve
 from x2radar.sim.module.module import SimulatedModule
 from x2radar.sim.scene.scene import load_scene

@@ -4,7 +4,7 @@ import numpy as np
 
 from tests.radar_helpers import noise
 from x2radar.frame import FastTimeAxis
-from x2radar.settings.x2 import SPEED_OF_LIGHT_MPS
+from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
 
 X2 = FastTimeAxis(
     kind="baseband",

@@ -6,7 +6,7 @@ from radard.dsp.clutter import block_power, sound_rows
 from radard.dsp.gram import checked_taper
 from radard.dsp.jitter import take_out_jitter
 from radard.dsp.noise import noise_of, second_differences
-from x2radar.settings.x2 import SPEED_OF_LIGHT_MPS
+from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
 
 
 def micro_doppler_direct(frames, n_cpi, *, taper=None):

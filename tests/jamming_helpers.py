@@ -10,10 +10,10 @@ from radard.alarm.events import EventTracker
 from radard.alarm.panel import AlarmPanel
 from radard.alarm.sensitivity import alarm_policy
 from radard.alarm.tamper import TamperWatch
-from radard.classify.bundle import load_bundle
-from radard.classify.classifier import Classifier
 from radard.config.config import Config
 from radard.config.sections import AlarmSection
+from radard.judge.bundle import load_bundle
+from radard.judge.classifier import Classifier
 from radard.pipeline import Pipeline
 from radard.stream.ring import Dwell
 from radard.stream.source import open_source

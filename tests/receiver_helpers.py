@@ -3,7 +3,7 @@
 import numpy as np
 
 from tests.sim_helpers import axis_of
-from x2radar.settings.x2 import RadarSettings
+from x2radar.modules.x2 import RadarSettings
 from x2radar.sim.place.room import Room, RoomSettings
 from x2radar.sim.signal.effects import ReceiverEffects
 from x2radar.sim.signal.pulse import LinkBudget

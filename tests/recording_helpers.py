@@ -10,9 +10,9 @@ from tests.radar_helpers import BASEBAND, noise
 from x2radar.command import new_parser, run_command
 from x2radar.commands import convert, decode, info, record
 from x2radar.frame import FastTimeAxis, StreamInfo
+from x2radar.modules.x2 import RadarSettings
 from x2radar.recording.blocks import Block, unwrap
 from x2radar.recording.hdf5_writer import RecordingWriter, write_labels
-from x2radar.settings.x2 import RadarSettings
 
 RATE_HZ = 60.25
 SETTINGS = RadarSettings()

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from x2train.generate.workers import _Pooled
+from x2train.sets.workers import _Pooled
 
 
 @dataclass(frozen=True)

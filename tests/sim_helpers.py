@@ -1,7 +1,7 @@
 """Axes that the simulator's tests share."""
 
 from x2radar.frame import FastTimeAxis
-from x2radar.settings.x2 import RadarSettings
+from x2radar.modules.x2 import RadarSettings
 
 
 def axis_of(kind, settings=None):

@@ -8,13 +8,13 @@ from functools import cache
 import numpy as np
 import pytest
 
-from radard.classify.bundle import ModelInput, load_bundle
-from radard.classify.evidence import EvidenceSettings
-from radard.classify.features import feature_shape
-from radard.classify.installation import INSTALLATION, N_INSTALLATION
-from x2train.bundles.export import to_onnx
-from x2train.bundles.map_bundle import write_map_bundle
-from x2train.bundles.temporal_graph import GIVEN, with_given, with_head
+from radard.judge.bundle import ModelInput, load_bundle
+from radard.judge.evidence import EvidenceSettings
+from radard.judge.features import feature_shape
+from radard.judge.installation import INSTALLATION, N_INSTALLATION
+from x2train.bundle.export import to_onnx
+from x2train.bundle.map_bundle import write_map_bundle
+from x2train.bundle.temporal_graph import GIVEN, with_given, with_head
 from x2train.commands.dataset import FEATURES
 from x2train.nets.bundle_answers import tapped
 from x2train.nets.map_fit import INPUTS as NAMES
@@ -94,7 +94,7 @@ def write_tiny(folder, network, *, name="tiny", **own):
         "notes": "",
     }
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("x2train.bundles.map_bundle.to_onnx", _exported)
+        patch.setattr("x2train.bundle.map_bundle.to_onnx", _exported)
         write_map_bundle(
             folder,
             name,

@@ -18,7 +18,7 @@ from report_rows import asked, auc, missed_at, percent
 from x2train.report import PassageTable
 from x2train.report.intervals import Estimate, share
 from x2train.report.verdicts import Verdicts, intrusions, verdicts
-from x2train.scenarios.families import FAMILIES
+from x2train.sets.families import FAMILIES
 
 Flags = NDArray[np.bool_]
 VISITS = (0.05, 0.1, 0.15, 0.2, 0.25)

@@ -18,12 +18,12 @@ from x2radar.device.device import Deadlines, RadarStats, X2Radar
 from x2radar.device.reconnect import ReconnectingRadar, StreamEvent
 from x2radar.errors import X2RadarError
 from x2radar.frame import FastTimeAxis, Frame, StreamInfo
+from x2radar.modules.base import ModuleSettings
+from x2radar.modules.profile import ProfileSettings
+from x2radar.modules.x2 import RadarSettings
+from x2radar.modules.x4 import X4Settings
 from x2radar.ports import make_radar, parse_port
 from x2radar.recording.blocks import NO_OVERRIDES, BlockReader, Overrides
-from x2radar.settings.base import ModuleSettings
-from x2radar.settings.profile import ProfileSettings
-from x2radar.settings.x2 import RadarSettings
-from x2radar.settings.x4 import X4Settings
 
 if TYPE_CHECKING:
     from x2radar.device.aio import AsyncRadar

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from x2radar.errors import SettingsError
 from x2radar.frame import FastTimeAxis, Samples
-from x2radar.settings.x2 import SPEED_OF_LIGHT_MPS
+from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
 
 CPI_S = 28 / 60
 """Length of a CPI: that of the thesis, which resolves 0.05 m/s at 6.8 GHz."""

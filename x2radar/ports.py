@@ -5,7 +5,7 @@
 rate (60, frames per second), kind (rf or baseband), device, fault (kind:value, see
 `x2radar.sim.module.faults`) and run (the run's id, instead of one that no other run has); of
 serial ports: rate, kind and device. A device is a row of
-`x2radar.settings.modules.MODULES`, or auto: what the module calls itself decides.
+`x2radar.modules.modules.MODULES`, or auto: what the module calls itself decides.
 """
 
 import re
@@ -17,8 +17,8 @@ from x2radar.device.device import Deadlines, X2Radar
 from x2radar.device.discovery import find_module
 from x2radar.device.transport import SerialTransport, Transport
 from x2radar.errors import SettingsError
-from x2radar.settings.base import ModuleSettings, SettingsChooser
-from x2radar.settings.modules import MODULES, module_for
+from x2radar.modules.base import ModuleSettings, SettingsChooser
+from x2radar.modules.modules import MODULES, module_for
 from x2radar.sim.module.faults import parse_faults
 from x2radar.sim.module.firmware import FIRMWARES
 from x2radar.sim.module.host import connect as connect_sim

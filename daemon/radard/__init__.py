@@ -20,11 +20,11 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 if TYPE_CHECKING:
     from radard.api import FeatureWindow, Spectrogram, classify, features, spectrogram
-    from radard.classify.bundle import Bundle, bundle_names, load_bundle
-    from radard.classify.classifier import Probabilities
-    from radard.classify.decision import Decision
-    from radard.classify.features import FEATURES, FeatureSettings
     from radard.errors import RadardError
+    from radard.judge.bundle import Bundle, bundle_names, load_bundle
+    from radard.judge.classifier import Probabilities
+    from radard.judge.decision import Decision
+    from radard.judge.features import FEATURES, FeatureSettings
 
 _PLACES = {
     "FEATURES": "classify.features",

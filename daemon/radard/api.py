@@ -1,6 +1,6 @@
 """Features and classification of frames in an array, for scripts and notebooks.
 
-`radard.classify`, `radard.features` and `radard.spectrogram` are these functions. They take the
+`radard.judge`, `radard.features` and `radard.spectrogram` are these functions. They take the
 daemon's own way through the same code, window by window, so that what a script sees is what an
 alarm would have seen. Frames come from `x2radar.simulate`, `x2radar.read_frames`, or elsewhere.
 """
@@ -12,10 +12,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from radard.classify.bundle import load_bundle
-from radard.classify.decision import Decision
-from radard.classify.features import FeatureSettings, FeatureStream
-from radard.classify.model_choice import model_for
 from radard.config.config import Config
 from radard.config.sections import ModelSection
 from radard.detect.clutter_map import ClutterRemover
@@ -23,8 +19,12 @@ from radard.dsp.doppler import micro_doppler, velocity_mps
 from radard.dsp.downconvert import DownConverter
 from radard.dsp.velocity import CPI_S
 from radard.errors import UsageError
+from radard.judge.bundle import load_bundle
+from radard.judge.decision import Decision
+from radard.judge.features import FeatureSettings, FeatureStream
+from radard.judge.model_choice import model_for
 from radard.pipeline import COARSE_BIN_M, HOP_S, Pipeline, settings_at
-from radard.service.components import make_classifier
+from radard.run.components import make_classifier
 from radard.stream.ring import Dwell, DwellShape, FrameRing, Notice
 from x2radar.frame import FastTimeAxis, Frame, StreamInfo
 

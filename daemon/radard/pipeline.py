@@ -11,10 +11,10 @@ A frame's way through the program (docs/research/follow-a-frame.md tells it)::
     radard.detect.clutter_map  takes out what stands still, with its jitter     [worker]
     radard.detect.gate         does anything move?
     radard.detect.tracks       where, and how many?
-    radard.classify.features   Dwell -> maps of range and velocity over time
-    radard.classify.classifier features -> probabilities
-    radard.classify.evidence   probabilities over windows -> what is known by now
-    radard.classify.decision   probabilities -> label, alarm
+    radard.judge.features   Dwell -> maps of range and velocity over time
+    radard.judge.classifier features -> probabilities
+    radard.judge.evidence   probabilities over windows -> what is known by now
+    radard.judge.decision   probabilities -> label, alarm
     radard.alarm.events        decisions -> events with a beginning and an end
     radard.sinks               everything -> JSON Lines, table
 
@@ -27,19 +27,6 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from radard.classify.bundle import Bundle
-from radard.classify.classifier import Answer, Classifier, Probabilities
-from radard.classify.decision import (
-    Decision,
-    Label,
-    TrackVerdict,
-    Verdict,
-    invalid_decision,
-    judge,
-)
-from radard.classify.evidence import Evidence, EvidenceSettings
-from radard.classify.features import FeatureSettings, FeatureStream, extract
-from radard.classify.installation import INSTALLATION, Mount, echo_at_1m_db, installation
 from radard.config.config import Config
 from radard.detect.calibration import Calibration
 from radard.detect.clutter_map import ClutterRemover
@@ -49,6 +36,19 @@ from radard.dsp.downconvert import DownConverter
 from radard.dsp.range_gate import range_gates
 from radard.dsp.velocity import CPI_S
 from radard.errors import FeatureError, ModelMismatch
+from radard.judge.bundle import Bundle
+from radard.judge.classifier import Answer, Classifier, Probabilities
+from radard.judge.decision import (
+    Decision,
+    Label,
+    TrackVerdict,
+    Verdict,
+    invalid_decision,
+    judge,
+)
+from radard.judge.evidence import Evidence, EvidenceSettings
+from radard.judge.features import FeatureSettings, FeatureStream, extract
+from radard.judge.installation import INSTALLATION, Mount, echo_at_1m_db, installation
 from radard.stream.ring import Dwell, DwellShape, FrameRing
 from x2radar.frame import FastTimeAxis, StreamInfo
 

@@ -2,8 +2,8 @@
 
 Each is called by the name of its entry point, which is the word before the colon of --port or
 -o, or a feature's name in a bundle's sidecar. The contracts stand where they are used:
-`radard.stream.source.SourceOpener`, `radard.sinks.registry.Opener`,
-`radard.classify.features.FeatureMaker`.
+`radard.stream.source.SourceOpener`, `radard.outputs.registry.Opener`,
+`radard.judge.features.FeatureMaker`.
 """
 
 import re

@@ -34,8 +34,8 @@ _PYTHON = {
         x2radar.device.device.Deadlines x2radar.device.reconnect.ReconnectingRadar
         x2radar.device.reconnect.StreamEvent x2radar.device.aio.AsyncRadar
         x2radar.frame.Frame x2radar.frame.FastTimeAxis x2radar.frame.StreamInfo
-        x2radar.settings.x2.RadarSettings x2radar.settings.x4.X4Settings
-        x2radar.settings.profile.ProfileSettings x2radar.errors
+        x2radar.modules.x2.RadarSettings x2radar.modules.x4.X4Settings
+        x2radar.modules.profile.ProfileSettings x2radar.errors
     """,
     "Recordings": """
         x2radar.open_recording x2radar.read_frames x2radar.recording.blocks.BlockReader
@@ -44,13 +44,13 @@ _PYTHON = {
     "Frames in arrays": """
         x2radar.simulate x2radar.maps.range_time x2radar.maps.velocity_time
         x2radar.maps.spectrum radard.api.classify radard.api.features radard.api.spectrogram
-        radard.api.FeatureWindow radard.api.Spectrogram radard.classify.decision.Decision
-        radard.classify.classifier.Probabilities
+        radard.api.FeatureWindow radard.api.Spectrogram radard.judge.decision.Decision
+        radard.judge.classifier.Probabilities
     """,
     "Contracts of plug-ins": """
         radard.stream.source.FrameSource radard.stream.source.SourceOpener
-        radard.sinks.base.Sink radard.sinks.base.SinkContext radard.sinks.registry.Opener
-        radard.classify.features.FeatureMaker radard.classify.features.FeatureSettings
+        radard.outputs.base.Sink radard.outputs.base.SinkContext radard.outputs.registry.Opener
+        radard.judge.features.FeatureMaker radard.judge.features.FeatureSettings
         radard.stream.ring.Dwell x2radar.sim.scene.cast.BodyKind x2radar.sim.points.Points
     """,
 }

@@ -25,7 +25,7 @@ examples:
   train-export finetune rex.h5=pet --guard sets/guard --mix sets/mix
   train-export evaluate --out report          a bundle, judged like an alarm
 """
-_STUDIES = "x2train.studies"
+_STUDIES = "research"
 _GONE = {
     "seed": f"{renamed('seed')}see train-export thesis --help",
     "train": "'train' is gone: train-export thesis --bundle writes the bundle of such a network",
@@ -68,6 +68,7 @@ def _modules() -> Iterator[ModuleType]:
     """Yield what registers a command: each file of commands, and each study where it is."""
     for found in pkgutil.iter_modules(commands.__path__):
         yield import_module(f"{commands.__name__}.{found.name}")
+    yield import_module("x2train.thesis.command")
     if _has_studies():
         for found in pkgutil.iter_modules(import_module(_STUDIES).__path__):
             yield import_module(f"{_STUDIES}.{found.name}.command")

@@ -1,4 +1,4 @@
 """A module at a port: transport, link, bring-up, frames, and what happens when it is lost.
 
-It may import `x2radar.settings` and `x2radar.wire`.
+It may import `x2radar.modules` and `x2radar.wire`.
 """

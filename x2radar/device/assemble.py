@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from x2radar.frame import CounterTracker, FastTimeAxis, Frame, Samples, Step, read_only
-from x2radar.settings.base import ModuleSettings
+from x2radar.modules.base import ModuleSettings
 from x2radar.wire.messages import BasebandAp, BasebandIq, Data, Message
 from x2radar.wire.wire_ids import ContentId
 

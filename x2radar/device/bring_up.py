@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from x2radar.device.link import READ_S, RETRIES, Deadlines, Link, refusal
 from x2radar.device.transport import Transport
 from x2radar.errors import DeviceError, PortError, RestartRequired, SafeModeError, TransportClosed
-from x2radar.settings.base import ModuleSettings
+from x2radar.modules.base import ModuleSettings
 from x2radar.wire import framing
 from x2radar.wire.codec import encode
 from x2radar.wire.messages import Message, Ping, Pong, Reset, SystemMessage

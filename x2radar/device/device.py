@@ -20,8 +20,8 @@ from x2radar.device.link import READ_S, RETRIES, Deadlines
 from x2radar.device.transport import Transport
 from x2radar.errors import DeviceError, ReadTimeout, TransportClosed
 from x2radar.frame import Frame, StreamInfo
-from x2radar.settings.base import ModuleSettings, SettingsChooser
-from x2radar.settings.x2 import RadarSettings
+from x2radar.modules.base import ModuleSettings, SettingsChooser
+from x2radar.modules.x2 import RadarSettings
 from x2radar.wire.messages import (
     GetMode,
     GetSystemInfo,

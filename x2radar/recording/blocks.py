@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from x2radar.closing import Closing
 from x2radar.errors import RecordingError, X2RadarError
 from x2radar.frame import LONGEST_GAP, FastTimeAxis, Frame, Samples, StreamInfo, read_only
-from x2radar.settings.modules import pulse_bandwidth_hz
-from x2radar.settings.x2 import SPEED_OF_LIGHT_MPS
+from x2radar.modules.modules import pulse_bandwidth_hz
+from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
 
 Label = tuple[float, float, str]
 SAMPLE_DTYPES: dict[str, type[np.float32 | np.complex64]] = {

@@ -56,7 +56,7 @@ DATA_BITS = {"baseband_ap": 0x1, "baseband_iq": 0x2, "datafloat": 0x400}
 X4_BIN_LENGTH_M = 1.5e8 / 2.916e9
 X4_CARRIER_HZ = 7.29e9
 X4_BANDWIDTH_HZ = 1.4e9
-"""An X4's decimated bin, with c as the module reckons, and pulse (`x2radar.settings.x4`)."""
+"""An X4's decimated bin, with c as the module reckons, and pulse (`x2radar.modules.x4`)."""
 
 _LONGEST_META = 1 << 28
 """Above this a file is damaged. Chosen: days of frames."""

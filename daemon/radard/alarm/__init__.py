@@ -1,4 +1,4 @@
 """From decisions to alarms: zones, sensitivity, the panel, tampering, events with an id.
 
-It may import `radard.classify` and below.
+It may import `radard.judge` and below.
 """

@@ -15,7 +15,7 @@ from radard.alarm.panel import ARM_MODES, AlarmPanel, AlarmPolicy, ArmMode, Pane
 from radard.alarm.state_store import KeptState
 from radard.alarm.tamper import Finding
 from radard.alarm.zones import Zones, sight_of
-from radard.classify.decision import Decision
+from radard.judge.decision import Decision
 from radard.stream.ring import Dwell, Notice
 
 _CROCKFORD = "0123456789ABCDEFGHJKMNPQRSTVWXYZ"

@@ -7,8 +7,8 @@ of several windows already, verdicts of single windows need confirmation.
 from dataclasses import dataclass
 
 from radard.alarm.panel import AlarmPolicy
-from radard.classify.card import Card, Passing
 from radard.config.sections import AlarmSection
+from radard.judge.card import Card, Passing
 
 # Order: k of n, then p_on and p_off of `AlarmPolicy`.
 Numbers = tuple[int, int, float, float]

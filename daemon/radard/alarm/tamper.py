@@ -47,7 +47,9 @@ from radard.stream.ring import Dwell
 
 TamperKind = Literal["covered", "moved", "noise", "interference"]
 _TINY = 1e-300  # instead of zero power
-_STILL = 0.3  # a cell is still if less of its energy is unrest; chosen, see tests/test_tamper.py
+_STILL = (
+    0.3  # a cell is still if less of its energy is unrest; chosen, see tests/detect/test_tamper.py
+)
 _FEWEST_CELLS = 3  # chosen: a median over fewer is one piece of furniture
 _BLIND_S = 30.0  # of noise without echoes; chosen: people hide the noise, so nobody is there
 _CLIPPED = 0.1  # chosen: of a dwell's samples; without clipping one or two are the largest

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 from radard.alarm.panel import AlarmPolicy, ArmMode, Sight
-from radard.classify.decision import Decision, TrackVerdict, judge
+from radard.judge.decision import Decision, TrackVerdict, judge
 
 Spans = tuple[tuple[float, float], ...]
 _SLACK_M = 0.2  # chosen: a zone is drawn by hand

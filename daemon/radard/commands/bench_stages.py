@@ -12,12 +12,12 @@ from statistics import median
 
 import numpy as np
 
-from radard.classify.classifier import Classifier
 from radard.config.config import Config
 from radard.detect.gate import DAY_S
 from radard.errors import RadardError
+from radard.judge.classifier import Classifier
 from radard.pipeline import Pipeline
-from radard.service.components import classifier_for, make_classifier
+from radard.run.components import classifier_for, make_classifier
 from radard.stream.ring import Dwell
 from radard.stream.source import open_source
 from x2radar.device.assemble import FrameAssembler

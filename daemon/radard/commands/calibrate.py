@@ -24,7 +24,7 @@ from radard.detect.gate import DAY_S
 from radard.detect.survey import RoomSurvey
 from radard.errors import NotAllowed, RadardError, UsageError
 from radard.pipeline import HOP_S
-from radard.service.room_calibration import signer
+from radard.run.room_calibration import signer
 from radard.stream.ring import Notice
 from x2radar.command import Parser, new_parser
 

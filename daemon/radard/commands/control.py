@@ -7,7 +7,7 @@ from typing import Any
 from radard.config.config import load_config
 from radard.config.directories import status_dirs
 from radard.errors import NotAllowed, RadardError, UsageError
-from radard.service.control import ask, control_path
+from radard.run.control import ask, control_path
 from x2radar.command import Parser, new_parser
 
 _WORDS = {

@@ -12,7 +12,7 @@ from radard.config.options import add_judging, config_options
 from radard.errors import OutputError, RadardError, UsageError
 from radard.offline.detect import Judged, judge_all
 from radard.offline.tables import COLUMNS, FORMATS, TableWriter, open_table
-from radard.service.components import make_classifier
+from radard.run.components import make_classifier
 from x2radar.command import Parser, new_parser
 
 _EXAMPLES = """\

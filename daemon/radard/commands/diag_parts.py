@@ -19,8 +19,6 @@ from typing import Any
 
 import yaml
 
-from radard.classify.bundle import bundle_names, load_bundle
-from radard.classify.model_choice import model_for
 from radard.commands.config import shown
 from radard.config.config import DEFAULT_FILES, Config, Loaded, load_with_origins
 from radard.config.directories import calibration_file, state_dir, status_dirs
@@ -29,6 +27,8 @@ from radard.config.sources import ENV_PREFIX
 from radard.detect.calibration import load_calibration
 from radard.errors import RadardError
 from radard.health.status_file import read_status, status_path
+from radard.judge.bundle import bundle_names, load_bundle
+from radard.judge.model_choice import model_for
 from x2radar.command import installed_version
 from x2radar.device.discovery import list_ports
 

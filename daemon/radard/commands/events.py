@@ -10,7 +10,7 @@ from pathlib import Path
 from radard.config.config import load_config
 from radard.config.sink_table import KINDS
 from radard.errors import UsageError
-from radard.sinks.store_query import StoredEvent, parse_since, read_events
+from radard.outputs.store_query import StoredEvent, parse_since, read_events
 from x2radar.command import Parser, new_parser
 
 _EXAMPLES = """\

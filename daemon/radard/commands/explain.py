@@ -3,14 +3,14 @@
 from collections.abc import Iterator, Sequence
 
 from radard.alarm.sensitivity import alarm_policy
-from radard.classify.bundle import load_bundle
-from radard.classify.card import read_card
-from radard.classify.decision import LEAST_P
-from radard.classify.model_choice import OF_ONE_MODULE, model_for
 from radard.commands.explain_rates import passage_rates, window_rates
 from radard.config.config import Config, load_config
 from radard.config.options import add_options, config_options
 from radard.config.sections import AUTO_MODEL, AlarmSection
+from radard.judge.bundle import load_bundle
+from radard.judge.card import read_card
+from radard.judge.decision import LEAST_P
+from radard.judge.model_choice import OF_ONE_MODULE, model_for
 from radard.pipeline import HOP_S, pet_limit_of
 from x2radar.command import Parser, new_parser
 

@@ -3,11 +3,11 @@
 from collections.abc import Iterable, Iterator
 
 from radard.alarm.sensitivity import SENSITIVITIES, alarm_policy
-from radard.classify.bundle import Bundle
-from radard.classify.card import Card, Passing, Three
 from radard.commands.explain_k_of_n import alarm_probability, windows_until
 from radard.config.config import Config
 from radard.config.sections import AlarmSection, DecisionSection, GateSection
+from radard.judge.bundle import Bundle
+from radard.judge.card import Card, Passing, Three
 from radard.pipeline import HOP_S
 
 _SHARE = "share without alarm, "

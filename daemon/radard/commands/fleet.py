@@ -62,7 +62,7 @@ class Sensor:
 
 
 class Fleet:
-    """What the messages of a broker say of its radars; topics as in `radard.sinks.mqtt.topics`."""
+    """What the messages of a broker say of its radars; see `radard.outputs.mqtt.topics`."""
 
     def __init__(self, prefix: str) -> None:
         self._prefix = prefix
@@ -169,9 +169,9 @@ class _Watch:
 
     def __init__(self, url: str, config: Config) -> None:
         # Late: the help must not wait for it, and it may not be installed.
-        from radard.sinks.backoff import Backoff  # noqa: PLC0415
-        from radard.sinks.mqtt.link import MqttLink  # noqa: PLC0415
-        from radard.sinks.mqtt.sink import parse_url  # noqa: PLC0415
+        from radard.outputs.backoff import Backoff  # noqa: PLC0415
+        from radard.outputs.mqtt.link import MqttLink  # noqa: PLC0415
+        from radard.outputs.mqtt.sink import parse_url  # noqa: PLC0415
 
         # Another client of the same name would be thrown out.
         name = f"radard-fleet-{uuid.uuid4().hex[:8]}"

@@ -10,7 +10,7 @@ from radard.config.config import Config, load_config
 from radard.config.options import PORTS
 from radard.errors import UsageError
 from radard.pipeline import Pipeline
-from radard.service.components import classifier_for, make_classifier
+from radard.run.components import classifier_for, make_classifier
 from radard.stream.ring import Dwell, Notice
 from radard.stream.source import FrameSource, open_source
 

@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from radard.classify.decision import Decision
+from radard.judge.decision import Decision
 
 CELL_M = 0.5
 LONGEST_GAP_S = 10.0  # chosen: longer, nobody knows where the walker was

@@ -18,7 +18,7 @@ from radard.commands.offline_stream import (
 from radard.commands.progress_line import ProgressLine, bar
 from radard.commands.walk_report import WalkDecision, by_range, report, step_of
 from radard.pipeline import echo_of
-from radard.service.components import use_calibration
+from radard.run.components import use_calibration
 from radard.stream.ring import Notice
 from x2radar.command import Parser, new_parser
 

@@ -10,7 +10,7 @@ from radard.config.quiet_hours import parse_quiet, time_zone
 NAME = r"^[A-Za-z0-9_-]+$"
 """What the name of a sensor looks like: it becomes a part of topics and of file names."""
 AUTO_MODEL, DEFAULT_MODEL = "auto", "accurate"
-"""`model.name` that leaves the choice to `radard.classify.model_choice`, and the usual choice."""
+"""`model.name` that leaves the choice to `radard.judge.model_choice`, and the usual choice."""
 
 
 class Section(BaseModel):

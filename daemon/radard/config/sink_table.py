@@ -1,6 +1,6 @@
 """The table of outputs (-o/--output): a row for each, and the sections of their options.
 
-A new sink is a module in `radard.sinks`, a row of `SINKS` here, a section if it has options,
+A new sink is a module in `radard.outputs`, a row of `SINKS` here, a section if it has options,
 and its row in docs/reference/outputs.md.
 """
 
@@ -162,7 +162,7 @@ class SinkRow:
     form : str
         The value of -o; the scheme is the word before the colon.
     module : str
-        Imported when it is named; has `open_from_url`, a `radard.sinks.registry.Opener`.
+        Imported when it is named; has `open_from_url`, a `radard.outputs.registry.Opener`.
     value : {'none', 'optional', 'required'}
         What follows the scheme; none: not even a colon.
     sections : tuple of str
@@ -195,7 +195,7 @@ class SinkRow:
 
 _MQTT = SinkRow(
     form="mqtt://HOST",
-    module="radard.sinks.mqtt.sink",
+    module="radard.outputs.mqtt.sink",
     sections=("mqtt", "outbox"),
     has_outbox=True,
     is_per_sensor=True,
@@ -205,7 +205,7 @@ _MQTT = SinkRow(
 SINKS = (
     SinkRow(
         form="json",
-        module="radard.sinks.stdout",
+        module="radard.outputs.stdout",
         value="none",
         gets="all records, on stdout",
         on_failure="a reader that pauses costs the oldest decisions, never events (up to "
@@ -214,24 +214,24 @@ SINKS = (
     ),
     SinkRow(
         form="json:FILE",
-        module="radard.sinks.jsonl",
+        module="radard.outputs.jsonl",
         sections=("jsonl",),
         gets="all records",
         on_failure="tried again while the queue has room; a replay ends with exit 1",
     ),
     SinkRow(
         form="table",
-        module="radard.sinks.stdout",
+        module="radard.outputs.stdout",
         value="none",
         gets="all records, as lines for people, on stdout",
         on_failure="as `json`",
     ),
-    SinkRow(form="null", module="radard.sinks.null", value="none", gets="nothing is kept"),
+    SinkRow(form="null", module="radard.outputs.null", value="none", gets="nothing is kept"),
     _MQTT,
     replace(_MQTT, form="mqtts://HOST", gets="the same, encrypted", on_failure="as `mqtt`"),
     SinkRow(
         form="webhook:URL",
-        module="radard.sinks.webhook",
+        module="radard.outputs.webhook",
         value="optional",
         sections=("webhook", "outbox"),
         has_outbox=True,
@@ -241,7 +241,7 @@ SINKS = (
     ),
     SinkRow(
         form="apprise:URL",
-        module="radard.sinks.apprise",
+        module="radard.outputs.apprise",
         sections=("apprise", "outbox"),
         has_outbox=True,
         shows="service",
@@ -250,7 +250,7 @@ SINKS = (
     ),
     SinkRow(
         form="exec:COMMAND",
-        module="radard.sinks.exec",
+        module="radard.outputs.exec",
         sections=("exec", "outbox"),
         has_outbox=True,
         shows="program",
@@ -259,7 +259,7 @@ SINKS = (
     ),
     SinkRow(
         form="syslog:",
-        module="radard.sinks.syslog",
+        module="radard.outputs.syslog",
         value="optional",
         sections=("syslog", "outbox"),
         gets="events, states",
@@ -267,7 +267,7 @@ SINKS = (
     ),
     SinkRow(
         form="lsl:",
-        module="radard.sinks.lsl",
+        module="radard.outputs.lsl",
         value="optional",
         is_per_sensor=True,
         gets="decisions, events, for the Lab Streaming Layer",
@@ -275,7 +275,7 @@ SINKS = (
     ),
     SinkRow(
         form="store:FILE",
-        module="radard.sinks.store",
+        module="radard.outputs.store",
         sections=("store",),
         gets="events, states, decisions",
         on_failure="tried again; a damaged file is put aside as `FILE.broken`",

@@ -48,7 +48,7 @@ DAY_S = 86_400.0
 _MOVES = 10**0.5  # times its floor that the power of a bin in motion stands: chosen
 _LEARNED = 5.0
 """Times what motion in place usually shows: chosen. Cells of a fan, of people who exercise, sit or
-stand swing so far about their median (tests/test_gate.py)."""
+stand swing so far about their median (tests/detect/test_gate.py)."""
 _MOST_IN_PLACE = 0.75  # of the swath; a body with its echoes' tail fills 0.68 (built-in scenes)
 _TINY = 1e-300  # chosen: 10 log10 of it is finite
 

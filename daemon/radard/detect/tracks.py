@@ -23,7 +23,7 @@ from radard.dsp.cfar import Peak, find_peaks, power_map
 from radard.dsp.velocity import CPI_S
 from radard.stream.ring import Dwell
 
-# Chosen; tests/test_tracks.py holds what they give.
+# Chosen; tests/detect/test_tracks.py holds what they give.
 _BIRTH_HITS = 4  # of so many first
 _BIRTH_BLOCKS = 6
 _FIRST_SPEED_MPS = 1.5  # sigma of a candidate's range rate: a walker's

@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 from radard.dsp.clutter import AnyFrames, Flags, block_power, part_edges, sound_rows
 from radard.dsp.velocity import CPI_S
 from x2radar.frame import FastTimeAxis
-from x2radar.settings.x2 import SPEED_OF_LIGHT_MPS
+from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
 
 Array = NDArray[np.float64]
-# Chosen; tests/test_cfar.py and tests/test_tracks.py hold what they give.
+# Chosen; tests/detect/test_cfar.py and tests/detect/test_tracks.py hold what they give.
 BLOCK_S = 0.12  # a quarter of a CPI
 GUARD_M = 0.25  # a body's own extent on either side
 WINDOW_M = 1.0  # how far the surroundings reach

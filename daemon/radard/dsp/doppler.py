@@ -13,7 +13,7 @@ from radard.dsp.gram import gaussian_taper, step_operator
 from radard.dsp.steps import StepBuffer, blocks
 from radard.dsp.streaming import StreamingDoppler
 from radard.errors import FeatureError
-from x2radar.settings.x2 import SPEED_OF_LIGHT_MPS
+from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
 
 
 def doppler_hz(n_cpi: int, frame_rate_hz: float) -> NDArray[np.float64]:

@@ -31,13 +31,13 @@ from radard.dsp.clutter import Flags
 from radard.dsp.median import median
 from radard.errors import FeatureError
 from x2radar.frame import FastTimeAxis
-from x2radar.settings.x2 import SPEED_OF_LIGHT_MPS
+from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
 
 MOST_DELAY_S = 1e-12
 """A common delay of more rms is no jitter (modules: 0.13 to 0.23 ps): left alone."""
 MOST_GAIN = 0.01
 """A common gain of more rms is no gain noise (modules: up to 0.12 %): left alone."""
-# Chosen; tests/test_jitter.py holds what they give.
+# Chosen; tests/detect/test_jitter.py holds what they give.
 _ITERATIONS = 2  # of the weights
 _TOLERANCE = 4.0  # of the Cauchy weights, in usual powers of a cell
 _OUTLIER = 9.0  # six sigmas of a Gaussian, in medians of its magnitude

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from radard.dsp.gram import Reals, centring
 from radard.errors import FeatureError
 from x2radar.frame import FastTimeAxis
-from x2radar.settings.x2 import SPEED_OF_LIGHT_MPS
+from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
 
 _REACH = 1.3 / 2.3  # of the -10 dB band, to either side; chosen: beyond it is noise
 _UNKNOWN_BANDWIDTH = 0.2  # of the carrier; chosen: less than any module's

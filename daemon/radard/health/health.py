@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from radard.classify.decision import Decision
+from radard.judge.decision import Decision
 from radard.stream.ring import Notice
 
 State = Literal["starting", "online", "degraded", "offline"]

@@ -21,7 +21,7 @@ from radard.config.config import Config
 from radard.errors import RadardError
 from radard.outputs.fanout import Outputs
 from radard.outputs.records import Record
-from radard.service.radar_run import RadarRun, RunOptions
+from radard.run.radar_run import RadarRun, RunOptions
 from x2radar.errors import X2RadarError
 from x2radar.recording.registry import open_recording
 

@@ -7,16 +7,16 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from radard.classify.bundle import Bundle
-from radard.classify.classifier import Answer, Classifier, Hidden, Probabilities
-from radard.classify.evidence import Evidence, EvidenceSettings
-from radard.classify.features import FeatureSet, FeatureSettings
 from radard.config.config import Config
 from radard.errors import UsageError
+from radard.judge.bundle import Bundle
+from radard.judge.classifier import Answer, Classifier, Hidden, Probabilities
+from radard.judge.evidence import Evidence, EvidenceSettings
+from radard.judge.features import FeatureSet, FeatureSettings
 from radard.offline.detect import replay_into, replaying
 from radard.outputs.records import Record
 from radard.pipeline import Pipeline, settings_at
-from radard.service.components import classifier_for, make_classifier, use_calibration
+from radard.run.components import classifier_for, make_classifier, use_calibration
 from radard.stream.ring import Notice
 from radard.stream.source import open_source
 from radard.web.why import explain

@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from radard.classify.classifier import Classifier
-from radard.classify.decision import judge
-from radard.classify.features import FeatureSettings
+from radard.judge.classifier import Classifier
+from radard.judge.decision import judge
+from radard.judge.features import FeatureSettings
 from radard.offline.moment import Seen, judged_by
 
 _PATCHES = (8, 5)

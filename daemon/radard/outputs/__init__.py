@@ -1,4 +1,26 @@
-"""All sinks of a process together, and the records of the JSON Lines contract that they get.
+"""Outputs: where records go. `open_sinks` reads what -o/--output says.
 
-It may import `radard.sinks` and below.
+Every sink has a bounded queue and a thread of its own, so that a slow or broken one delays
+neither the stream nor the other sinks; `radard.outputs.base` has the contract. Events for a
+far end over the network wait in an outbox until they are delivered. Nothing here knows of
+radar: sinks take mappings, and import nothing of the pipeline. The table of all sinks is
+`radard.config.sink_table`.
 """
+
+from radard.outputs.registry import (
+    close_sinks,
+    default_output,
+    make_output,
+    open_output,
+    open_sinks,
+    start_sink,
+)
+
+__all__ = [
+    "close_sinks",
+    "default_output",
+    "make_output",
+    "open_output",
+    "open_sinks",
+    "start_sink",
+]

@@ -22,12 +22,12 @@ from radard.config.saved import read_saved, save
 from radard.config.sink_table import SinkOptions, find_row
 from radard.errors import RadardError
 from radard.health.health import Health, overall
+from radard.outputs import close_sinks, default_output, make_output, open_sinks, start_sink
+from radard.outputs.base import Sink, SinkContext
 from radard.outputs.journal import EventJournal
 from radard.outputs.records import Record, marked, utc_now
+from radard.outputs.thread_sink import RecordQueue, ThreadSink
 from radard.outputs.trial import tried
-from radard.sinks import close_sinks, default_output, make_output, open_sinks, start_sink
-from radard.sinks.base import Sink, SinkContext
-from radard.sinks.thread_sink import RecordQueue, ThreadSink
 from radard.stream.playback import Playback
 from radard.stream.ring import FrameRing
 
@@ -54,7 +54,7 @@ class Host:
         Returns a mapping: armed, panel (its state, see `radard.alarm.panel`), alarm_id, open
         (reasons of events that are on, by kind), seq, t_s, gate, label.
     command : callable
-        Takes one of `radard.sinks.base.COMMANDS`; raises ValueError on anything else. Never waits.
+        Takes one of `radard.outputs.base.COMMANDS`, else raises ValueError. Never waits.
     config : callable
         Returns the configuration that holds.
     ring : callable

@@ -18,8 +18,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from radard.outputs.database import ForeignDatabase, open_database
 from radard.outputs.records import Record
-from radard.sinks.database import ForeignDatabase, open_database
 
 log = logging.getLogger("radard")
 _APPLICATION_ID = int.from_bytes(b"rdej", "big")

@@ -9,11 +9,11 @@ from datetime import UTC, datetime
 from typing import Any
 
 from radard.alarm.events import Event
-from radard.classify.classifier import Probabilities
-from radard.classify.decision import Decision, TrackVerdict
 from radard.config.config import Config
 from radard.config.redact import redact
 from radard.health.health import Status
+from radard.judge.classifier import Probabilities
+from radard.judge.decision import Decision, TrackVerdict
 from radard.pipeline import Pipeline, pet_limit_of
 from x2radar.command import installed_version
 

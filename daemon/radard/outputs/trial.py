@@ -4,7 +4,7 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 
-from radard.sinks.base import Sink, SinkState
+from radard.outputs.base import Sink, SinkState
 
 ANSWERED_S = 8.0  # chosen: above what a webhook may take
 _LOOK_S = 0.1  # chosen: a person waits

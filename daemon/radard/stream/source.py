@@ -19,8 +19,8 @@ from x2radar.device.device import RadarStats
 from x2radar.device.reconnect import ReconnectingRadar
 from x2radar.errors import RecordingError, TransportClosed
 from x2radar.frame import Frame, StreamInfo
+from x2radar.modules.modules import module_of
 from x2radar.ports import PortSpec, check_options, make_radar, number_option, parse_port
-from x2radar.settings.modules import module_of
 
 Notify = Callable[[str, str], None]
 REPLAY_KEYS = frozenset({"start", "loop"})

@@ -15,8 +15,8 @@ from starlette.routing import Route
 from radard.config.saved import KEYS, Sections, forget, read_saved, save
 from radard.config.sections import RadarSections, Section, ZonesSection
 from radard.errors import ConfigError, OutputError
+from radard.outputs.base import COMMANDS
 from radard.outputs.records import utc_now
-from radard.sinks.base import COMMANDS
 from radard.web.auth import SESSION_S, AccessControl, RateLimit, address_of
 from radard.web.labels import LABELS
 from radard.web.middleware import refusal

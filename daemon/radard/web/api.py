@@ -20,7 +20,7 @@ from starlette.websockets import WebSocket
 from radard.config.sink_table import KINDS
 from radard.errors import RadardError, UsageError
 from radard.health.health import Status
-from radard.sinks.store_query import parse_since
+from radard.outputs.store_query import parse_since
 from radard.web import socket
 from radard.web.actions import Actions
 from radard.web.auth import AccessControl, Role

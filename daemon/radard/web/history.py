@@ -5,7 +5,7 @@ from collections import deque
 from collections.abc import Mapping
 from typing import Any
 
-from radard.sinks.base import Record
+from radard.outputs.base import Record
 
 DECISIONS, EVENTS = 3600, 500  # chosen: an hour of decisions, and as many events as a page shows
 N_BEFORE = 16

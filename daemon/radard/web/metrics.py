@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from radard.config.sink_table import KINDS
-from radard.sinks.base import Record, Sink
+from radard.outputs.base import Record, Sink
 
 # Buckets, chosen: latencies lie at 5 to 30 ms (docs/reference/outputs.md), late up to a hop, 1 s.
 _LATENCY_S = (0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5)

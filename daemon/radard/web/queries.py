@@ -9,7 +9,6 @@ from typing import Any
 
 from radard.alarm.panel import ArmMode
 from radard.alarm.sensitivity import alarm_policy, sensitivity_choices
-from radard.classify.card import read_card
 from radard.config.config import Config
 from radard.config.directories import kept_calibration, saved_file, state_dir
 from radard.config.redact import redact_value
@@ -19,10 +18,11 @@ from radard.config.sink_table import WebSection
 from radard.detect.calibration import load_calibration, restless_spans
 from radard.errors import ConfigError, ModelMismatch
 from radard.health.health import Status, overall
+from radard.judge.card import read_card
+from radard.outputs.base import Sink
 from radard.outputs.fanout import Host
-from radard.sinks.base import Sink
-from radard.sinks.store import MARKS
-from radard.sinks.store_query import StoredEvent, StoreError, read_events
+from radard.outputs.store import MARKS
+from radard.outputs.store_query import StoredEvent, StoreError, read_events
 from radard.web.auth import Role
 from radard.web.history import History
 from radard.web.labels import LabelFile

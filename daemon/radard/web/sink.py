@@ -10,8 +10,8 @@ from urllib.parse import urlsplit
 
 from radard.config.sink_table import SinkOptions, WebSection
 from radard.errors import UsageError
+from radard.outputs.base import Record, SinkContext, SinkState, StateKeeper
 from radard.outputs.fanout import Host
-from radard.sinks.base import Record, SinkContext, SinkState, StateKeeper
 from radard.web.auth import AccessControl, read_tokens
 from radard.web.server import WebServer
 from radard.web.view import SensorRouter, View
@@ -19,7 +19,7 @@ from radard.web.view import SensorRouter, View
 log = logging.getLogger("radard")
 PORT = 8434  # chosen
 _POLL_S = 0.5  # chosen: how soon pages show health, panel and playback
-_CLOSE_S = 2.0  # as `radard.sinks.thread_sink.CLOSE_S`
+_CLOSE_S = 2.0  # as `radard.outputs.thread_sink.CLOSE_S`
 
 
 def open_from_url(url: str, options: SinkOptions, _context: SinkContext) -> "WebSink":

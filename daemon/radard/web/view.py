@@ -8,8 +8,8 @@ from starlette.types import Receive, Scope, Send
 
 from radard.alarm.panel import ArmMode
 from radard.config.sink_table import WebSection
+from radard.outputs.base import Record
 from radard.outputs.fanout import Host
-from radard.sinks.base import Record
 from radard.web.api import OF_ONE, Api
 from radard.web.auth import AccessControl
 from radard.web.history import History

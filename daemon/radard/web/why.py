@@ -11,11 +11,11 @@ from typing import Any, Literal
 from radard.alarm.panel import AlarmPolicy, ArmMode
 from radard.alarm.sensitivity import alarm_policy
 from radard.alarm.zones import Zones, sight_of
-from radard.classify.classifier import Probabilities
-from radard.classify.decision import Decision, TrackVerdict
 from radard.config.config import Config
 from radard.detect.gate import GateReading
-from radard.sinks.base import Record
+from radard.judge.classifier import Probabilities
+from radard.judge.decision import Decision, TrackVerdict
+from radard.outputs.base import Record
 
 _WORDS = {"human": "person", "pet": "pet", "other": "something else"}
 _SHOWN = 0.005  # chosen: what rounds to a percent

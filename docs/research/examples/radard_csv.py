@@ -5,9 +5,9 @@ from pathlib import Path
 
 from radard.config.sink_table import SinkOptions
 from radard.errors import OutputError
-from radard.sinks.backoff import Backoff
-from radard.sinks.base import DeliveryError, Record, Sink, SinkContext
-from radard.sinks.thread_sink import DirectSink
+from radard.outputs.backoff import Backoff
+from radard.outputs.base import DeliveryError, Record, Sink, SinkContext
+from radard.outputs.thread_sink import DirectSink
 
 COLUMNS = ("time", "t_s", "gate", "label", "alarm", "range_m")
 

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from radard.classify.features import FeatureSettings
+from radard.judge.features import FeatureSettings
 from radard.stream.ring import Dwell
 
 

@@ -11,8 +11,8 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from radard.errors import UsageError
-from x2train.generate.workers import Tell
 from x2train.nets.epoch import Epoch
+from x2train.sets.workers import Tell
 
 Commands: TypeAlias = "argparse._SubParsersAction[Any]"
 _T = TypeVar("_T")

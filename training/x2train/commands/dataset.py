@@ -5,10 +5,10 @@ import os
 from dataclasses import asdict
 from pathlib import Path
 
-from radard.classify.bundle import load_bundle
-from radard.classify.features import MAP_FEATURES, FeatureSettings
-from radard.classify.installation import INSTALLATION
 from radard.errors import UsageError
+from radard.judge.bundle import load_bundle
+from radard.judge.features import MAP_FEATURES, FeatureSettings
+from radard.judge.installation import INSTALLATION
 from x2radar.commands import add_command
 from x2radar.sim.bodies.motion.curves import MOTIONS
 from x2radar.sim.bodies.skin.draw import SKINS
@@ -104,9 +104,9 @@ def _run(args: argparse.Namespace) -> int:
             msg = f"--{name} {getattr(args, name):g}: must be 0 to 1"
             raise UsageError(msg)
     # Late: the simulator takes a second, and --help must not.
-    from x2train.generate.shard_run import make_shards  # noqa: PLC0415
-    from x2train.scenarios.families import USES, plugged_family  # noqa: PLC0415
-    from x2train.windows.windows import GATE, WindowSpec  # noqa: PLC0415
+    from x2train.sets.families import USES, plugged_family  # noqa: PLC0415
+    from x2train.sets.shard_run import make_shards  # noqa: PLC0415
+    from x2train.sets.windows import GATE, WindowSpec  # noqa: PLC0415
 
     if args.families not in USES:
         plugged_family(args.families)

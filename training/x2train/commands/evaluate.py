@@ -7,12 +7,12 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from radard.classify.bundle import Bundle, load_bundle
 from radard.config.sections import DEFAULT_MODEL
 from radard.errors import UsageError
+from radard.judge.bundle import Bundle, load_bundle
 from x2radar.commands import add_command
 from x2train.commands import Commands, check_least, counted, result_console, tell_gate
-from x2train.generate.shards import MANIFEST
+from x2train.sets.shards import MANIFEST
 
 _MOST_PET_HOURS = 10_000.0  # chosen: weeks of simulation
 
@@ -85,14 +85,14 @@ def _check_against(folder: Path, radar: str) -> None:
 def _run(args: argparse.Namespace) -> int:
     check_least(args, passages=1, seed=0, workers=1)
     # Late: the simulator takes a second, and --help must not.
-    from x2train.generate.shard_run import make_shards  # noqa: PLC0415
     from x2train.judge.card import evaluation_of, write_card  # noqa: PLC0415
     from x2train.judge.judging import OWN_RADARS, JudgeSpec  # noqa: PLC0415
     from x2train.judge.pictures import passage_png  # noqa: PLC0415
     from x2train.judge.suites import n_more_pets  # noqa: PLC0415
     from x2train.report import PassageTable, write  # noqa: PLC0415
-    from x2train.scenarios.sites import ONE_RADAR  # noqa: PLC0415
-    from x2train.windows.windows import GATE  # noqa: PLC0415
+    from x2train.sets.shard_run import make_shards  # noqa: PLC0415
+    from x2train.sets.sites import ONE_RADAR  # noqa: PLC0415
+    from x2train.sets.windows import GATE  # noqa: PLC0415
 
     if not 0 <= args.pet_hours <= _MOST_PET_HOURS:
         msg = f"--pet-hours {args.pet_hours:g}: must be 0 to {_MOST_PET_HOURS:g}"

@@ -6,9 +6,9 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from radard.classify.bundle import load_bundle
 from radard.config.sections import AUTO_MODEL
 from radard.errors import UsageError
+from radard.judge.bundle import load_bundle
 from x2radar.commands import add_command
 from x2train.commands import Commands, followed, result_console, sets_of
 

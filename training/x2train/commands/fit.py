@@ -5,9 +5,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from radard.classify.bundle import ModelInput, load_bundle
-from radard.classify.features import FeatureSettings, feature_shape
 from radard.errors import UsageError
+from radard.judge.bundle import ModelInput, load_bundle
+from radard.judge.features import FeatureSettings, feature_shape
 from x2radar.commands import add_command
 from x2train.commands import Commands, check_least, followed, sets_of, tell_bundle
 
@@ -93,7 +93,7 @@ def stream_of(abouts: Sequence[Mapping[str, Any]]) -> Mapping[str, tuple[float, 
 def _run(args: argparse.Namespace) -> int:
     check_least(args, epochs=1, seed=0)
     # Late: torch takes seconds, and --help must not.
-    from x2train.bundles.map_bundle import (  # noqa: PLC0415
+    from x2train.bundle.map_bundle import (  # noqa: PLC0415
         NOTES,
         PRIOR_HUMAN,
         check_calibration,
@@ -104,7 +104,7 @@ def _run(args: argparse.Namespace) -> int:
     )
     from x2train.nets.map_fit import INPUTS, MapFitSettings, fit_maps  # noqa: PLC0415
     from x2train.nets.teacher import taught_by  # noqa: PLC0415
-    from x2train.windows.window_set import load_windows, worth_learning  # noqa: PLC0415
+    from x2train.sets.window_set import load_windows, worth_learning  # noqa: PLC0415
 
     train, abouts = load_windows(*args.train, choose=worth_learning)
     validation, judged = load_windows(*args.validate)

@@ -10,7 +10,7 @@ from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
 from radard.errors import UsageError
-from x2train.bundles.recipes import RECIPES, arguments
+from x2train.bundle.recipes import RECIPES, arguments
 from x2train.commands import Commands, check_least, result_console
 
 _DATASET = "dataset"

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from radard.classify.bundle import load_bundle
+from radard.judge.bundle import load_bundle
 from x2radar.commands import add_command
 from x2train.commands import Commands, check_least, followed, sets_of, tell_bundle
 
@@ -42,8 +42,8 @@ def _run(args: argparse.Namespace) -> int:
     check_least(args, epochs=1, seed=0)
     bundle = load_bundle(args.model)
     # Late: torch takes seconds, and --help must not.
-    from x2train.bundles.map_bundle import check_calibration  # noqa: PLC0415
-    from x2train.bundles.temporal_bundle import (  # noqa: PLC0415
+    from x2train.bundle.map_bundle import check_calibration  # noqa: PLC0415
+    from x2train.bundle.temporal_bundle import (  # noqa: PLC0415
         HUMAN_LIMIT,
         given_of_sets,
         write_temporal,

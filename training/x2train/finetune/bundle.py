@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from radard.classify.bundle import Bundle
-from x2train.bundles.export import spec_like, write_bundle
-from x2train.bundles.map_bundle import gate_of
+from radard.judge.bundle import Bundle
+from x2train.bundle.export import spec_like, write_bundle
+from x2train.bundle.map_bundle import gate_of
 from x2train.finetune.finetune import Tuned, quiet_shares
 from x2train.finetune.guard import MOST_RISE, Guard
 from x2train.finetune.windows import OwnWindows

@@ -6,8 +6,8 @@ It ends at the guard: what it does not allow is not written.
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
-from radard.classify.bundle import CLASSES, Bundle
 from radard.errors import UsageError
+from radard.judge.bundle import CLASSES, Bundle
 from x2train.finetune.guard import Guard, Misses
 from x2train.finetune.retrain import guarded_line, retrain
 from x2train.finetune.windows import OwnWindows, decisions_on

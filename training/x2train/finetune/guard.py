@@ -12,15 +12,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from radard.classify.bundle import CLASSES, Bundle
-from radard.classify.classifier import Answer, Probabilities
-from radard.classify.decision import Verdict, judge
-from radard.classify.evidence import Evidence, EvidenceSettings
 from radard.config.sections import DecisionSection
 from radard.errors import UsageError
+from radard.judge.bundle import CLASSES, Bundle
+from radard.judge.classifier import Answer, Probabilities
+from radard.judge.decision import Verdict, judge
+from radard.judge.evidence import Evidence, EvidenceSettings
 from x2train.nets.bundle_answers import Answers
 from x2train.nets.evidence_fit import first_windows
-from x2train.windows.window_set import Columns, check_made_for, load_windows
+from x2train.sets.window_set import Columns, check_made_for, load_windows
 
 Array = NDArray[np.float64]
 MOST_RISE = 0.0015
@@ -56,12 +56,12 @@ class Misses:
 class Guard:
     """Windows of simulated passages, as the network takes them."""
 
-    columns: Columns  # as `x2train.windows.window_set.load_windows` gives them
+    columns: Columns  # as `x2train.sets.window_set.load_windows` gives them
     abouts: tuple[Mapping[str, Any], ...]  # what the sets were made from
 
     @property
     def label(self) -> NDArray[np.int64]:
-        """Class of every window, by `radard.classify.bundle.CLASSES`."""
+        """Class of every window, by `radard.judge.bundle.CLASSES`."""
         return np.asarray(self.columns["label"], np.int64)
 
     def inputs(self, bundle: Bundle) -> Mapping[str, NDArray[Any]]:

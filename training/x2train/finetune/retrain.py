@@ -16,8 +16,8 @@ import torch
 from numpy.typing import NDArray
 from torch.nn import functional
 
-from radard.classify.bundle import Bundle
 from radard.errors import RadardError, UsageError
+from radard.judge.bundle import Bundle
 from x2train.finetune.guard import MOST_RISE, Guard, Misses, alarms_of
 from x2train.finetune.windows import OwnWindows, stacked
 from x2train.nets.bundle_answers import Answers, outputs_of

@@ -8,14 +8,14 @@ from itertools import chain
 import numpy as np
 from numpy.typing import NDArray
 
-from radard.classify.bundle import Bundle
-from radard.classify.classifier import Answer, Classifier, Hidden
-from radard.classify.decision import Decision
-from radard.classify.features import FeatureSet
-from radard.classify.model_choice import model_for
 from radard.config.config import Config
 from radard.config.sections import AUTO_MODEL, DEFAULT_MODEL
 from radard.errors import ModelMismatch, UsageError
+from radard.judge.bundle import Bundle
+from radard.judge.classifier import Answer, Classifier, Hidden
+from radard.judge.decision import Decision
+from radard.judge.features import FeatureSet
+from radard.judge.model_choice import model_for
 from radard.pipeline import Pipeline
 from radard.stream.ring import Notice
 from x2radar.recording.blocks import BlockReader

@@ -1,4 +1,4 @@
 """Bundles before suites of passages, in the daemon's own pipeline.
 
-It may import `x2train.scenarios`, `windows`, `report` and `generate`.
+It may import `x2train.sets`, `windows`, `report` and `generate`.
 """

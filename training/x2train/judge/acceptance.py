@@ -16,12 +16,12 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from radard.classify.bundle import load_bundle
-from radard.classify.decision import Decision
-from radard.classify.model_choice import model_for
 from radard.config.config import Config
 from radard.config.sections import AUTO_MODEL
 from radard.errors import ModelMismatch
+from radard.judge.bundle import load_bundle
+from radard.judge.decision import Decision
+from radard.judge.model_choice import model_for
 from radard.pipeline import Pipeline
 from radard.stream.ring import Dwell
 from x2radar.frame import Frame, StreamInfo
@@ -29,8 +29,6 @@ from x2radar.sim.bodies.motion.curves import MOTIONS
 from x2radar.sim.bodies.skin.draw import SKINS
 from x2radar.sim.place.antenna import Antenna
 from x2radar.sim.scene.scene import SceneStep
-from x2train.generate.shard_run import make_shards
-from x2train.generate.workers import Tell
 from x2train.judge.alarm_function import (
     FUNCTION,
     AlarmFunction,
@@ -42,13 +40,15 @@ from x2train.judge.installed import Knows, installed
 from x2train.judge.judging import dwells, from_decisions, in_view, pipeline_for
 from x2train.judge.suites import SUITES
 from x2train.report import PassageTable
-from x2train.scenarios.families import Family, families, family
-from x2train.scenarios.passages import Making, Player, actor, play
-from x2train.scenarios.sites import X2, X4M03, Radar, Site, draw_site
-from x2train.windows.windows import GATE
+from x2train.sets.families import Family, families, family
+from x2train.sets.passages import Making, Player, actor, play
+from x2train.sets.shard_run import make_shards
+from x2train.sets.sites import X2, X4M03, Radar, Site, draw_site
+from x2train.sets.windows import GATE
+from x2train.sets.workers import Tell
 
 VERSION = "accept-3"
-"""Of entries, settings and seed (tests/test_accept.py holds them together), and of the bodies."""
+"""Of entries, settings and seed (see tests/training/test_accept.py), and of the bodies."""
 SEED = 90
 """Passages of the version are drawn from it: chosen."""
 _TOLD = 1  # a generator's number: what an installation is told changes no passage
@@ -295,7 +295,7 @@ def accept(
 ) -> PassageTable:
     """Play a test's passages, or what is missing of them in a folder, and return them judged.
 
-    Errors are those of `x2train.generate.shard_run.make_shards`.
+    Errors are those of `x2train.sets.shard_run.make_shards`.
     """
     about = {
         "kind": "acceptance",

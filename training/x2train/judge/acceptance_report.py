@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from radard.classify.decision import LEAST_P
 from radard.errors import OutputError
+from radard.judge.decision import LEAST_P
 from x2train.judge.acceptance import ENTRIES, Entry
 from x2train.report.intervals import Estimate, per_hour, share
 from x2train.report.table import PassageTable

@@ -7,15 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from radard.classify.bundle import Bundle, load_bundle
-from radard.classify.card import sidecar_path
 from radard.errors import UsageError
-from x2train.generate.shards import write_whole
+from radard.judge.bundle import Bundle, load_bundle
+from radard.judge.card import sidecar_path
 from x2train.report.figures import figures
 from x2train.report.intervals import Estimate
 from x2train.report.levels import Level, levels
 from x2train.report.report_json import rounded
 from x2train.report.table import PassageTable
+from x2train.sets.shards import write_whole
 
 _HEAD = "## As an alarm"
 

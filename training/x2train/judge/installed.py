@@ -5,9 +5,9 @@ from typing import Literal, get_args
 import numpy as np
 
 from radard.config.config import Config
-from x2train.scenarios.passages import level_db_of
-from x2train.scenarios.sites import Site
-from x2train.windows.known import ADULT_DB, LEVEL_ERROR_DB
+from x2train.sets.known import ADULT_DB, LEVEL_ERROR_DB
+from x2train.sets.passages import level_db_of
+from x2train.sets.sites import Site
 
 Knows = Literal["nothing", "mount", "mount and level"]
 KNOWS: tuple[Knows, ...] = get_args(Knows)

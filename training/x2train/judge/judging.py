@@ -12,19 +12,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from radard.classify.bundle import Bundle, load_bundle
-from radard.classify.classifier import Classifier
-from radard.classify.decision import Decision
 from radard.config.config import Config
 from radard.errors import ModelMismatch, UsageError
+from radard.judge.bundle import Bundle, load_bundle
+from radard.judge.classifier import Classifier
+from radard.judge.decision import Decision
 from radard.pipeline import Pipeline
 from radard.stream.ring import Dwell
 from x2radar.frame import Frame, StreamInfo
 from x2train.judge.suites import SUITES, Suite, check_suites, suite_of
 from x2train.report import JudgedPassage
-from x2train.scenarios.passages import Passage, play
-from x2train.scenarios.sites import ONE_RADAR, Radar
-from x2train.windows.windows import dwell_ends
+from x2train.sets.passages import Passage, play
+from x2train.sets.sites import ONE_RADAR, Radar
+from x2train.sets.windows import dwell_ends
 
 _IN_VIEW_DB = 10.0
 _LEAST_S = 0.5

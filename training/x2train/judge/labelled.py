@@ -19,12 +19,12 @@ from typing import Any
 import numpy as np
 import yaml
 
-from radard.classify.bundle import load_bundle
-from radard.classify.classifier import Classifier
-from radard.classify.decision import Decision
-from radard.classify.model_choice import model_for
 from radard.config.config import Config
 from radard.errors import UsageError
+from radard.judge.bundle import load_bundle
+from radard.judge.classifier import Classifier
+from radard.judge.decision import Decision
+from radard.judge.model_choice import model_for
 from radard.pipeline import Pipeline
 from radard.stream.ring import Dwell
 from x2radar.bounded_yaml import load_yaml

@@ -13,8 +13,8 @@ import numpy as np
 
 from radard.errors import UsageError
 from x2radar.sim.points import Label
-from x2train.scenarios.families import FAMILIES, Family, draw_family, family
-from x2train.scenarios.sites import (
+from x2train.sets.families import FAMILIES, Family, draw_family, family
+from x2train.sets.sites import (
     P4XX,
     X2,
     Radar,

@@ -1,4 +1,4 @@
 """Networks in torch and how they are trained: maps, temporal head, teachers, graphs.
 
-It may import `x2train.windows` and below.
+It may import `x2train.sets` and below.
 """

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from radard.classify.classifier import FUSED_LOGITS, HIDDEN, NEXT_HIDDEN, Hidden, softmax
-from radard.classify.onnx_runtime import ort
+from radard.judge.classifier import FUSED_LOGITS, HIDDEN, NEXT_HIDDEN, Hidden, softmax
+from radard.judge.onnx_runtime import ort
 
 Array = NDArray[np.float64]
 _AT_ONCE = 128

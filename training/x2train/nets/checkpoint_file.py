@@ -8,7 +8,7 @@ from typing import Any
 
 import torch
 
-from x2train.generate.shards import write_whole
+from x2train.sets.shards import write_whole
 
 _DAMAGED = (
     OSError,

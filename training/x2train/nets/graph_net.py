@@ -14,8 +14,8 @@ from onnx import helper, numpy_helper
 from torch import nn
 from torch.nn import functional
 
-from radard.classify.classifier import FUSED_LOGITS
 from radard.errors import UsageError
+from radard.judge.classifier import FUSED_LOGITS
 
 Tensor = torch.Tensor
 Operator = Callable[[list[Any], Mapping[str, Any]], Tensor]

@@ -10,14 +10,14 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
-from radard.classify.installation import INSTALLATION, N_INSTALLATION
+from radard.judge.installation import INSTALLATION, N_INSTALLATION
 from x2train.nets.epoch import Epoch, temperature_of
 from x2train.nets.map_checkpoint import Checkpoints, fingerprint
 from x2train.nets.nets import MapNet, Widths
 from x2train.nets.optimizer import MuonAdamW
 from x2train.nets.teacher import taught_error
-from x2train.windows.augment import augmented
-from x2train.windows.known import hidden_more
+from x2train.sets.augment import augmented
+from x2train.sets.known import hidden_more
 
 Arrays = Mapping[str, NDArray[Any]]
 MAPS = ("velocity_time", "range_time", "velocity_time_medium", "velocity_time_long")

@@ -22,7 +22,7 @@ class MapNet(nn.Module):
     n_long : tuple of int
         Rows of the velocity-time maps with longer CPIs.
     n_known : int
-        Numbers that are known besides (`radard.classify.installation`), as one more input.
+        Numbers that are known besides (`radard.judge.installation`), as one more input.
     widths, long_widths : tuple of int
         Channels of the four convolutions of a branch, and of one with a longer CPI.
     hidden : int

@@ -12,8 +12,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from radard.classify.bundle import CLASSES, Bundle
 from radard.errors import UsageError
+from radard.judge.bundle import CLASSES, Bundle
 from x2train.nets.bundle_answers import outputs_of
 
 Array = NDArray[np.float32]
@@ -22,7 +22,7 @@ Array = NDArray[np.float32]
 def taught_by(bundle: Bundle, windows: Mapping[str, NDArray[Any]]) -> Array:
     """Return what a bundle makes of windows as they are: calibrated probabilities, shape (n, 3).
 
-    Windows come by feature, as `x2train.windows.window_set.load_windows` gives them. Raises
+    Windows come by feature, as `x2train.sets.window_set.load_windows` gives them. Raises
     UsageError if the bundle has other classes than `CLASSES`, or takes other maps.
     """
     if bundle.classes != CLASSES:

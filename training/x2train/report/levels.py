@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from radard.alarm.panel import AlarmPanel, AlarmPolicy, Sight
 from radard.alarm.sensitivity import SENSITIVITIES, alarm_policy
-from radard.classify.bundle import Bundle
-from radard.classify.classifier import Probabilities
-from radard.classify.decision import Verdict
-from radard.classify.evidence import EvidenceSettings
 from radard.config.config import Config
 from radard.config.sections import AlarmSection
+from radard.judge.bundle import Bundle
+from radard.judge.classifier import Probabilities
+from radard.judge.decision import Verdict
+from radard.judge.evidence import EvidenceSettings
 from radard.pipeline import pet_limit_of
 from x2train.report.intervals import Estimate, per_hour, share
 from x2train.report.table import PassageTable

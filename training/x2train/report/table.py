@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from radard.errors import UsageError
 from x2radar.errors import RecordingError
-from x2train.generate.shards import MANIFEST, ShardSet
+from x2train.sets.shards import MANIFEST, ShardSet
 
 Label: TypeAlias = Literal["human", "pet", "other", "empty"]
 LABELS: tuple[Label, ...] = get_args(Label)

@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 
 from x2radar.errors import SettingsError
 from x2radar.frame import Samples
+from x2radar.modules.x2 import PULSE_GENERATORS, SPEED_OF_LIGHT_MPS
 from x2radar.recording.blocks import (
     MOST_BINS,
     NO_OVERRIDES,
@@ -37,7 +38,6 @@ from x2radar.recording.blocks import (
 )
 from x2radar.recording.formats.axis import stream_from
 from x2radar.recording.stamps import count_by_stamps
-from x2radar.settings.x2 import PULSE_GENERATORS, SPEED_OF_LIGHT_MPS
 
 MAGIC = 0xFEFE00A2
 ASSUMED_SAMPLE_RATE_HZ = 39e9

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from x2radar.frame import Samples
+from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
 from x2radar.recording.blocks import (
     MOST_BINS,
     NO_OVERRIDES,
@@ -25,7 +26,6 @@ from x2radar.recording.blocks import (
 from x2radar.recording.formats.axis import stream_from
 from x2radar.recording.formats.mat5 import Mat5File
 from x2radar.recording.stamps import count_by_stamps
-from x2radar.settings.x2 import SPEED_OF_LIGHT_MPS
 
 BIN_S = 61.035e-12
 WINDOW_START_S = 17.499e-9

@@ -17,6 +17,9 @@ from numpy.typing import NDArray
 from x2radar.device.assemble import FrameAssembler
 from x2radar.errors import MessageError, SettingsError
 from x2radar.frame import Frame, Samples, StreamInfo
+from x2radar.modules.base import ModuleSettings
+from x2radar.modules.modules import settings_from_mapping
+from x2radar.modules.x2 import RadarSettings
 from x2radar.recording.blocks import (
     NO_OVERRIDES,
     BlockReader,
@@ -25,9 +28,6 @@ from x2radar.recording.blocks import (
     refuse,
 )
 from x2radar.recording.capture import FROM_MODULE, OPENED, TO_MODULE, Capture, Chunk
-from x2radar.settings.base import ModuleSettings
-from x2radar.settings.modules import settings_from_mapping
-from x2radar.settings.x2 import RadarSettings
 from x2radar.wire.codec import decode_command
 from x2radar.wire.framing import Packet, PacketDecoder
 from x2radar.wire.messages import Message, SetMode

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from x2radar.errors import SceneError
 from x2radar.frame import FastTimeAxis
-from x2radar.settings.x2 import SPEED_OF_LIGHT_MPS
+from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
 from x2radar.sim.signal.pulse import pulse_sigma_s
 
 Array = NDArray[np.float64]

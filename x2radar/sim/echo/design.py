@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from x2radar.errors import SceneError
 from x2radar.frame import FastTimeAxis
-from x2radar.settings.x2 import SPEED_OF_LIGHT_MPS
+from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
 from x2radar.sim.echo.common import FINEST_DB, Array, Baseband, Frames, Pulse, carrier_wave
 from x2radar.sim.echo.spread import SpreadGrid
 

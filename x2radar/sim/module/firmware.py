@@ -2,7 +2,7 @@
 
 `SimulatedModule` owns time, boot, line and faults; a firmware owns what was configured. It
 answers one command at a time, and says what becomes of the stream. `FIRMWARES` has the one of
-every row of `x2radar.settings.modules`.
+every row of `x2radar.modules.modules`.
 """
 
 from collections.abc import Mapping
@@ -13,10 +13,10 @@ import numpy as np
 
 from x2radar.errors import SettingsError
 from x2radar.frame import FastTimeAxis
-from x2radar.settings.base import ModuleSettings
-from x2radar.settings.profile import PROFILES, ProfileSettings
-from x2radar.settings.x2 import OUTPUTS, SYS_FIELDS, RadarSettings
-from x2radar.settings.x4 import X4_FIELDS, X4Settings
+from x2radar.modules.base import ModuleSettings
+from x2radar.modules.profile import PROFILES, ProfileSettings
+from x2radar.modules.x2 import OUTPUTS, SYS_FIELDS, RadarSettings
+from x2radar.modules.x4 import X4_FIELDS, X4Settings
 from x2radar.wire.messages import (
     Ack,
     BasebandAp,

@@ -15,7 +15,7 @@ from collections import deque
 import numpy as np
 
 from x2radar.errors import MessageError
-from x2radar.settings.base import ModuleSettings
+from x2radar.modules.base import ModuleSettings
 from x2radar.sim.module.faults import Dice, FaultPlan, ModuleFaults
 from x2radar.sim.module.firmware import Firmware, X2Firmware
 from x2radar.sim.module.line import Line

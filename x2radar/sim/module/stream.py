@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from x2radar.settings.base import ModuleSettings
-from x2radar.settings.x2 import RadarSettings
+from x2radar.modules.base import ModuleSettings
+from x2radar.modules.x2 import RadarSettings
 from x2radar.sim.echo import frames as echo_frames
 from x2radar.sim.place.room import Room
 from x2radar.sim.scene.cast import SEED_GAIN

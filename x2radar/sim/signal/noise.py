@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from x2radar.frame import FastTimeAxis
-from x2radar.settings.x2 import SPEED_OF_LIGHT_MPS, RadarSettings
+from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS, RadarSettings
 from x2radar.sim.signal.effects import ReceiverEffects
 from x2radar.sim.signal.pulse import LinkBudget, pulse_sigma_s
 

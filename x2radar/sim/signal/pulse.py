@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from x2radar.frame import FastTimeAxis
-from x2radar.settings.x2 import SPEED_OF_LIGHT_MPS
+from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
 
 Array = NDArray[np.float64]
 REACH_SIGMA = 5.0

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from x2radar.frame import FastTimeAxis
-from x2radar.settings.x2 import SPEED_OF_LIGHT_MPS, RadarSettings
+from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS, RadarSettings
 from x2radar.sim.signal.effects import FrameDraws, ReceiverEffects
 from x2radar.sim.signal.noise import (
     UNIT_PER_COUNT,

@@ -16,7 +16,7 @@ from radard.dsp.range_time import RangeTimeMap
 from radard.dsp.streaming import StreamingDoppler
 from radard.dsp.velocity import CPI_S, VelocityTransform
 from x2radar.frame import FastTimeAxis
-from x2radar.settings.x2 import SPEED_OF_LIGHT_MPS
+from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
 
 Bytes = NDArray[np.uint8]
 Reals = NDArray[np.float64]

@@ -1,0 +1,133 @@
+"""Decision: gate and probabilities become a label and the alarm.
+
+The rule: with the gate open, alarm unless p_pet + p_other > pet_limit and one of the two is
+at least a half. `other` are trained harmless motions only; motion that resembles nothing, or
+a bit of everything, counts as human. Policy `window` applies the rule to each window alone
+(the thesis' rule). Policy `fused` applies it to the evidence over windows
+(`radard.judge.evidence`), and waits while that is undecided, for a few seconds at most.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from radard.detect.gate import GateReading
+from radard.judge.classifier import Probabilities
+from radard.stream.ring import Dwell
+
+Label = Literal["human", "pet", "other", "pending", "none", "invalid"]
+GateState = Literal["open", "closed", "invalid"]
+LEAST_P = 0.5
+"""No class below it is what moves."""
+_ROUNDING_S = 0.07
+"""More than a frame of the slowest stream that a bundle takes (14.5 Hz), far less than a hop."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrackVerdict:
+    """One body, judged by itself: by what moves within its own range gate."""
+
+    id: int  # number of the track
+    range_m: float  # at the end of the dwell
+    radial_velocity_mps: float  # likewise; approaching is positive
+    window: Probabilities | None  # of this window; None without a model
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Decision:
+    """What was decided on one dwell."""
+
+    seq: int  # from 1
+    t_s: float  # stream time at the end of the dwell
+    gate: GateState  # whether something moves; invalid: too many frames are missing
+    reading: GateReading | None  # powers and range; None when invalid
+    window: Probabilities | None  # of this window; None without a model or motion
+    fused: Probabilities | None  # of the evidence over windows, likewise
+    label: Label | None  # who moves; None without a model while the gate is open
+    alarm: bool  # the verdict of this decision
+    frames: int  # in the dwell
+    dropped: int  # missing in it
+    tracks: tuple[TrackVerdict, ...] = ()  # none while the gate is closed
+    fault: str = ""  # why the window is invalid; empty otherwise
+    t_mono_s: float = 0.0  # when the dwell's last frame arrived, on the host's monotonic clock
+
+
+def invalid_decision(dwell: Dwell, fault: str, *, seq: int = 0) -> Decision:
+    """Return the decision on a dwell that cannot be judged: no probabilities, no alarm."""
+    return Decision(
+        seq=seq,
+        t_s=dwell.t_s,
+        gate="invalid",
+        reading=None,
+        window=None,
+        fused=None,
+        label="invalid",
+        alarm=False,
+        frames=len(dwell.frames) - dwell.n_lost,
+        dropped=dwell.n_lost,
+        fault=fault,
+        t_mono_s=dwell.t_mono_s,
+    )
+
+
+def judge(p: Probabilities, pet_limit: float) -> tuple[Label, bool]:
+    """Apply the rule to the probabilities of one window, or fused ones: the label and the alarm.
+
+    No alarm if p(pet) + p(other) is above `pet_limit` and one of the two is at least a half. The
+    label is human whenever the alarm is on.
+
+    >>> judge(Probabilities(human=0.1, pet=0.85, other=0.05), pet_limit=0.8)
+    ('pet', False)
+
+    Motion that resembles nothing counts as human:
+
+    >>> judge(Probabilities(human=0.1, pet=0.45, other=0.45), pet_limit=0.8)
+    ('human', True)
+    """
+    if p.pet + p.other > pet_limit and max(p.pet, p.other) >= LEAST_P:
+        return ("pet" if p.pet >= p.other else "other"), False
+    return "human", True
+
+
+class Verdict:
+    """The rule over time: policy `fused`.
+
+    Parameters
+    ----------
+    pet_limit : float
+        As in `judge`.
+    human_limit : float
+        From this fused probability of a person on the alarm does not wait.
+    decide_within_s : float
+        So long after the gate has opened the alarm waits for evidence.
+    """
+
+    def __init__(self, pet_limit: float, human_limit: float, decide_within_s: float) -> None:
+        self.pet_limit = pet_limit
+        self._human_limit = human_limit
+        self._within_s = decide_within_s
+        self._since_s: float | None = None
+        self._is_pending = False
+
+    def reset(self) -> None:
+        """Forget who was there."""
+        self._since_s = None
+        self._is_pending = False
+
+    def judge(self, fused: Probabilities, t_s: float) -> tuple[Label, bool]:
+        """Apply the rule, while the gate is open, to what was fused since it opened.
+
+        The label is 'pending' while the alarm waits for evidence, and human whenever it is on.
+        """
+        if self._since_s is None:
+            self._since_s = t_s
+        label, alarm = judge(fused, self.pet_limit)
+        # Dwells end at whole frames, so three hops may last a little less than 3 s.
+        may_wait = t_s - self._since_s < self._within_s - _ROUNDING_S
+        self._is_pending = alarm and may_wait and fused.human < self._human_limit
+        return ("pending", False) if self._is_pending else (label, alarm)
+
+    def leave(self) -> bool:
+        """Take note that the gate has closed; return whether somebody left undecided."""
+        was_pending = self._is_pending
+        self.reset()
+        return was_pending

@@ -1,0 +1,326 @@
+"""Dwell to FeatureSet: the code that the daemon and the training both call.
+
+A bundle's sidecar says which features its network takes and with which settings; a
+feature is a row of `FEATURES`. Masked columns of the spectrogram, those whose CPI holds a
+lost frame, take the mean of the others, so that they add nothing at any cadence but zero.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from functools import partial
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radard import plugins
+from radard.dsp.cadence import cadence_velocity_diagram, extent_profile, type1_vector
+from radard.dsp.columns import SharedSteps
+from radard.dsp.range_time import RangeTimeMap
+from radard.dsp.streaming import StreamingDoppler
+from radard.dsp.velocity import CPI_S, VelocityTransform
+from radard.errors import FeatureError, ModelMismatch
+from radard.judge.display_db import busiest_rows, shown
+from radard.judge.installation import INSTALLATION, N_INSTALLATION, installation
+from radard.judge.velocity_map import VelocityGrid
+from radard.stream.ring import Dwell
+from x2radar.errors import renamed
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FeatureSettings:
+    """How features are made; part of a bundle's sidecar. Keys in metres, seconds and dB."""
+
+    dwell_s: float = 2.0  # length of the spectrogram
+    n_cpi: int = 28  # frames in a CPI of the spectrogram; 0: 28/60 s at any rate
+    n_cadence: int = 28  # columns of the cadence velocity diagram that are used
+    n_profile: int = 392  # length of the range profile of the type 2 vector
+    range_decimation: int = 1  # keep every so many range bins behind the matched filter
+    # Frames as they come, each CPI losing its own mean; or 'removed': without the clutter map and
+    # its jitter (`radard.detect.clutter_map`).
+    clutter: str = "cpi"
+    cell_s: float = 0.05  # time cell of the maps
+    velocity_max_mps: float = 5.0  # grid of the velocity-time map
+    velocity_step_mps: float = 0.1
+    velocity_cpi_s: float = CPI_S  # 0.47 resolves 0.07 m/s, 0.2 the swing of a leg
+    velocity_cpi_carrier_hz: float = 0.0  # see `VelocityGrid.carrier_hz`
+    velocity_cpi_frames: int = 4  # fewest of a CPI
+    medium_cpi_s: float = 0.6  # the map with the medium CPI, see `radard.judge.velocity_map`
+    medium_max_mps: float = 1.5
+    medium_step_mps: float = 0.05
+    medium_cell_s: float = 0.075
+    long_cpi_s: float = 1.5  # the map with the long CPI
+    long_max_mps: float = 0.6
+    long_step_mps: float = 0.015
+    long_cell_s: float = 0.1
+    long_sampling: float = 0.0  # of the maps with longer CPIs, see `VelocityGrid.sampling`
+    # The range-time map shows `near_m` to `far_m`; or 'target': as many metres of the swath where
+    # most moves, wherever that is (`radard.judge.display_db.busiest_rows`).
+    range_window: str = "fixed"
+    near_m: float = 0.4
+    far_m: float = 4.4
+    cell_m: float = 0.1  # cells outside the swath stay empty
+    velocity_depth_db: float = 25.0  # what is shown, see `radard.judge.display_db`
+    long_depth_db: float = 30.0  # of both maps with longer CPIs
+    range_depth_db: float = 30.0
+
+    @classmethod
+    def from_mapping(cls, raw: Mapping[str, Any]) -> "FeatureSettings":
+        """Read the settings of a sidecar; raise ModelMismatch on an unknown or wrong one."""
+        known = {f.name: f.default for f in fields(cls)}
+        for key, value in raw.items():
+            if key not in known:
+                msg = f"features.{key}: unknown setting; this radard is too old for the bundle"
+                raise ModelMismatch(msg)
+            if key in _WORDS:
+                is_right = value in _WORDS[key]
+            else:
+                kinds = (int,) if isinstance(known[key], int) else (int, float)
+                is_right = isinstance(value, kinds) and not isinstance(value, bool)
+            if not is_right:
+                msg = f"features.{key}: {value!r} is not a value of the right kind"
+                raise ModelMismatch(msg)
+        return cls(**raw)
+
+    @property
+    def n_cells(self) -> int:
+        """Time cells of a map."""
+        return max(1, round(self.dwell_s / self.cell_s))
+
+    def velocity_grids(self) -> Mapping[str, VelocityGrid]:
+        """Return the velocity-time maps by their features' names."""
+        common = partial(
+            VelocityGrid,
+            carrier_hz=self.velocity_cpi_carrier_hz,
+            least_frames=self.velocity_cpi_frames,
+        )
+        return {
+            "velocity_time": common(
+                cpi_s=self.velocity_cpi_s,
+                max_mps=self.velocity_max_mps,
+                step_mps=self.velocity_step_mps,
+                cell_s=self.cell_s,
+                n_cells=self.n_cells,
+                depth_db=self.velocity_depth_db,
+            ),
+            "velocity_time_medium": common(
+                cpi_s=self.medium_cpi_s,
+                max_mps=self.medium_max_mps,
+                step_mps=self.medium_step_mps,
+                cell_s=self.medium_cell_s,
+                n_cells=self._n_behind(self.medium_cpi_s, self.medium_cell_s),
+                depth_db=self.long_depth_db,
+                sampling=self.long_sampling,
+            ),
+            "velocity_time_long": common(
+                cpi_s=self.long_cpi_s,
+                max_mps=self.long_max_mps,
+                step_mps=self.long_step_mps,
+                cell_s=self.long_cell_s,
+                n_cells=self._n_behind(self.long_cpi_s, self.long_cell_s),
+                depth_db=self.long_depth_db,
+                sampling=self.long_sampling,
+            ),
+        }
+
+    def _n_behind(self, cpi_s: float, cell_s: float) -> int:
+        """Return the whole cells of a dwell's columns behind the first CPI of that length."""
+        return max(1, int((self.dwell_s + CPI_S - cpi_s) / cell_s + 1e-9))
+
+    @property
+    def n_range_cells(self) -> int:
+        """Rows of the range-time map."""
+        return max(1, int((self.far_m - self.near_m) / self.cell_m + 1e-9))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FeatureSet:
+    """What is known of one dwell.
+
+    Attributes
+    ----------
+    spectrogram : ndarray, shape (n_cpi, n_seg), float32
+        mu, linear power; infinite beyond float32, empty unless a feature needs it.
+    cvd : ndarray, shape (n_cpi, n_seg), float32
+        D, magnitude; likewise.
+    inputs : mapping of str to ndarray, float32
+        The features that were asked for, by name.
+    """
+
+    spectrogram: NDArray[np.float32]
+    cvd: NDArray[np.float32]
+    inputs: Mapping[str, NDArray[np.float32]]
+
+
+THESIS_FEATURES = ("thesis_type1", "thesis_type2")
+VELOCITY_FEATURES = ("velocity_time", "velocity_time_medium", "velocity_time_long")
+MAP_FEATURES = (*VELOCITY_FEATURES, "range_time")
+FEATURES = (*THESIS_FEATURES, *MAP_FEATURES, INSTALLATION)
+"""Every feature that a network may ask for."""
+CLUTTER = ("cpi", "removed")
+RANGE_WINDOWS = ("fixed", "target")
+_WORDS: Mapping[str, tuple[str, ...]] = {"clutter": CLUTTER, "range_window": RANGE_WINDOWS}
+_EMPTY = np.zeros((0, 0), np.float32)
+
+
+class FeatureMaker(Protocol):
+    """What an entry point of `radard.features` names; its own name is the feature's."""
+
+    def shape(self, settings: FeatureSettings) -> tuple[int, ...]:
+        """Return the shape of the feature."""
+        ...
+
+    def extract(self, dwell: Dwell, settings: FeatureSettings) -> NDArray[np.float32]:
+        """Return the feature of a dwell, float32, of that shape; the dwell is not changed."""
+        ...
+
+
+def feature_shape(name: str, settings: FeatureSettings) -> tuple[int, ...]:
+    """Return the shape of a feature; raise ModelMismatch if there is no such feature."""
+    n_type1 = settings.n_cpi * settings.n_cadence
+    shapes = {
+        "thesis_type1": (n_type1,),
+        "thesis_type2": (n_type1 + settings.n_profile,),
+        **{name: grid.shape for name, grid in settings.velocity_grids().items()},
+        "range_time": (settings.n_range_cells, settings.n_cells),
+        INSTALLATION: (N_INSTALLATION,),
+    }
+    if name not in shapes:
+        plugin = plugins.plugged(plugins.FEATURES, name)
+        if plugin is not None:
+            plugin.check(plugin.made, ("shape", "extract"))
+            return tuple(plugin.guard(lambda: plugin.made.shape(settings)))
+        msg = f"feature '{name}': unknown; {renamed(name)}this radard makes {', '.join(FEATURES)}"
+        raise ModelMismatch(msg)
+    return shapes[name]
+
+
+class FeatureStream:
+    """Features of a stream's dwells: what the last dwell has made is not made again.
+
+    Dwells may be left out, as while the gate is closed; a dwell that does not follow on the
+    last one is taken whole. Live, replayed and single dwells give the same features: to
+    1e-6 of a map's power, the bound of `StreamingDoppler`. `names` are of `FEATURES` or plug-ins'.
+    """
+
+    def __init__(self, settings: FeatureSettings, names: tuple[str, ...]) -> None:
+        self._settings = settings
+        self._names = names
+        self._streams: _Streams | None = None
+        self._end_frame = 0
+        own = (name for name in names if name not in FEATURES)
+        found = ((name, plugins.plugged(plugins.FEATURES, name)) for name in own)
+        self._plugged = {name: plugin for name, plugin in found if plugin is not None}
+
+    def extract(self, dwell: Dwell, known: NDArray[np.float32] | None = None) -> FeatureSet:
+        """Return the features of one dwell, whole enough to be judged, in arrays of its own.
+
+        `known` is what `installation` returns; without it only the frame rate is known. Raises
+        FeatureError if the dwell is too short for the settings.
+        """
+        settings = self._settings
+        n_slow = len(dwell.frames)
+        n_columns = n_slow - settings.n_cpi + 1
+        if n_columns < 1:
+            msg = f"{n_slow} frames cannot fill a CPI of {settings.n_cpi}"
+            raise FeatureError(msg)
+        n_new = dwell.end_frame - self._end_frame
+        streams = self._streams
+        if streams is None or not 0 < n_new < n_slow:
+            self._streams = streams = _Streams(settings, self._names, dwell)
+            n_new = n_slow
+        streams.push(dwell.frames[-n_new:], dwell.valid[-n_new:])
+        self._end_frame = dwell.end_frame
+        spectrogram = cvd = _EMPTY
+        inputs: dict[str, NDArray[np.float32]] = {}
+        if streams.doppler is not None:
+            share, exponent = _spectrogram(streams.doppler, n_columns)
+            spread = cadence_velocity_diagram(share)
+            type1 = type1_vector(spread, settings.n_cadence)
+            with np.errstate(over="ignore"):
+                spectrogram, cvd = np.ldexp(share, exponent), np.ldexp(spread, exponent)
+            inputs["thesis_type1"] = type1
+            if "thesis_type2" in self._names:
+                profile = extent_profile(dwell.frames, settings.n_cpi, settings.n_profile)
+                inputs["thesis_type2"] = np.concatenate([profile, type1])
+        for name, transform in streams.velocity.items():
+            inputs[name] = streams.grids[name].read(transform)
+        if streams.ranges is not None:
+            power, valid = streams.ranges.cells(
+                dwell.frame_rate_hz, cell_s=settings.cell_s, n_cells=settings.n_cells
+            )
+            if settings.range_window == "target":
+                power = busiest_rows(power, settings.n_range_cells)
+            inputs["range_time"] = shown(power, valid, settings.range_depth_db)
+        if INSTALLATION in self._names:
+            nothing = installation(dwell.frame_rate_hz)
+            inputs[INSTALLATION] = nothing if known is None else known
+        for name, plugin in self._plugged.items():
+            inputs[name] = _plugged_feature(plugin, dwell, settings)
+        return FeatureSet(spectrogram, cvd, {name: inputs[name] for name in self._names})
+
+
+def _plugged_feature(
+    plugin: plugins.Plugin, dwell: Dwell, settings: FeatureSettings
+) -> NDArray[np.float32]:
+    made = plugin.guard(lambda: plugin.made.extract(dwell, settings))
+    shape = tuple(plugin.made.shape(settings))
+    if not isinstance(made, np.ndarray) or made.shape != shape or made.dtype != np.float32:
+        has = f"{made.dtype} {made.shape}" if isinstance(made, np.ndarray) else type(made).__name__
+        msg = f"{plugin.about}: gives {has}, not float32 {shape}"
+        raise FeatureError(msg)
+    return made
+
+
+class _Streams:
+    """The maps that some features need, fed together."""
+
+    def __init__(self, settings: FeatureSettings, names: tuple[str, ...], dwell: Dwell) -> None:
+        n_keep = len(dwell.frames)
+        rate_hz = dwell.frame_rate_hz
+        self.doppler: StreamingDoppler | None = None
+        self.grids = settings.velocity_grids()
+        self.velocity: dict[str, VelocityTransform] = {
+            name: self.grids[name].transform(dwell) for name in names if name in self.grids
+        }
+        self.ranges: RangeTimeMap | None = None
+        for name in names:
+            feature_shape(name, settings)
+        # Without any feature the spectrogram is what is asked for.
+        if not names or not set(THESIS_FEATURES).isdisjoint(names):
+            self.doppler = StreamingDoppler(settings.n_cpi, n_keep=n_keep)
+        if "range_time" in names:
+            self.ranges = RangeTimeMap(
+                dwell.axis,
+                max(4, round(CPI_S * rate_hz)),
+                cell_m=settings.cell_m,
+                near_m=settings.near_m if settings.range_window == "fixed" else None,
+                far_m=settings.far_m if settings.range_window == "fixed" else None,
+                n_keep=n_keep,
+            )
+        others = (s for s in (self.doppler, self.ranges) if s is not None)
+        made = (*others, *self.velocity.values())
+        # Plug-ins alone share nothing.
+        self._shared = SharedSteps(*made) if made else None
+
+    def push(self, frames: NDArray[np.complex64], valid: NDArray[np.bool_]) -> None:
+        if self._shared is not None:
+            self._shared.push(frames, valid)
+
+
+def _spectrogram(doppler: StreamingDoppler, n_columns: int) -> tuple[NDArray[np.float32], int]:
+    """Return mu over a power of two, so that it fits float32, and that power's exponent."""
+    columns = doppler.columns(n_columns)
+    exponent = int(np.frexp(columns.max(initial=0.0))[1])
+    share = np.ldexp(columns, -exponent).astype(np.float32)
+    valid = doppler.columns_valid(n_columns)
+    if not valid.any():
+        share[:] = 0
+    elif not valid.all():
+        share[:, ~valid] = share[:, valid].mean(axis=1, keepdims=True)
+    return share, exponent
+
+
+def extract(dwell: Dwell, settings: FeatureSettings, names: tuple[str, ...]) -> FeatureSet:
+    """Return the features of a single dwell; see `FeatureStream.extract`."""
+    return FeatureStream(settings, names).extract(dwell)

@@ -1,0 +1,102 @@
+"""Velocity-time maps with CPIs of several lengths: what a short one blurs a long one resolves.
+
+A CPI of T seconds resolves c / (2 f T) of velocity. In 0.2 s that is 0.1 m/s, and the swing of
+a leg is seen as it goes; in 0.6 s, 0.04 m/s, which parts the slow limbs of somebody who hardly
+goes; in 1.5 s, 0.014 m/s, which parts breath and sway from panting. No one length does for all.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radard.dsp.grid import time_cells
+from radard.dsp.velocity import VelocityTransform
+from radard.judge.display_db import shown
+from radard.stream.ring import Dwell
+from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
+
+_MOST_SHARE = 0.75
+"""Of a dwell, for a CPI: the rest is what its columns move over. Chosen."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VelocityGrid:
+    """One map's CPI and axes."""
+
+    cpi_s: float  # length of the CPI at the carrier `carrier_hz`
+    # At another carrier the CPI lasts in proportion to the wavelength, so that every radar
+    # resolves the same velocity. 0: the same length for all.
+    carrier_hz: float
+    least_frames: int  # of a CPI
+    max_mps: float  # reach of the rows
+    step_mps: float  # and their spacing
+    cell_s: float  # time cell
+    n_cells: int  # columns, the last of which ends with the dwell
+    depth_db: float  # what is shown, see `radard.judge.display_db.shown`
+    # Frames a second that are enough, as a share of what tells velocities to `max_mps` apart,
+    # 4 f `max_mps` / c: of faster streams so many frames in a row are one that no fewer are
+    # left. 0: every frame.
+    sampling: float = 0.0
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return 2 * int(self.max_mps / self.step_mps + 1e-9) + 1, self.n_cells
+
+    def transform(self, dwell: Dwell, column_rate_hz: float | None = None) -> VelocityTransform:
+        """Return what makes the columns of a stream of such dwells; FeatureError for bad settings.
+
+        `column_rate_hz` are the columns wanted a second, one for each cell when not given.
+        """
+        n_slow, n_mean = len(dwell.frames), self._n_mean(dwell)
+        rate_hz = dwell.frame_rate_hz / n_mean
+        cpi_s = self.cpi_s
+        if self.carrier_hz:
+            cpi_s *= self.carrier_hz / dwell.axis.carrier_hz
+        most_s = _MOST_SHARE * n_slow / dwell.frame_rate_hz
+        cpi_s = max(min(cpi_s, most_s), self.least_frames / rate_hz)
+        return VelocityTransform(
+            dwell.axis,
+            dwell.frame_rate_hz,
+            max_mps=self.max_mps,
+            step_mps=self.step_mps,
+            cpi_s=cpi_s,
+            column_rate_hz=column_rate_hz or 1 / self.cell_s,
+            n_keep=n_slow,
+            n_mean=n_mean,
+        )
+
+    def read(self, transform: VelocityTransform) -> NDArray[np.float32]:
+        """Return the map of the dwell that ends with the last column, 0 to 1.
+
+        Cells whose CPI holds a lost frame, or begins before the first frame, are 0.
+        """
+        rate_hz = transform.column_rate_hz
+        n = min(transform.n_columns, self._n_columns(rate_hz))
+        return self.picture(transform.columns(n), transform.columns_valid(n), rate_hz)
+
+    def picture(
+        self, columns: NDArray[np.float64], valid: NDArray[np.bool_], column_rate_hz: float
+    ) -> NDArray[np.float32]:
+        """Return the map of columns of linear power, shape (n_rows, n_columns), 0 to 1."""
+        n = min(len(valid), self._n_columns(column_rate_hz))
+        power, known = time_cells(
+            columns[:, len(valid) - n :],
+            valid[len(valid) - n :],
+            column_rate_hz,
+            cell_s=self.cell_s,
+            n_cells=self.n_cells,
+        )
+        return shown(power, known, self.depth_db)
+
+    def _n_mean(self, dwell: Dwell) -> int:
+        if not self.sampling:
+            return 1
+        enough_hz = self.sampling * 4 * dwell.axis.carrier_hz * self.max_mps / SPEED_OF_LIGHT_MPS
+        return max(1, int(dwell.frame_rate_hz / enough_hz))
+
+    def _n_columns(self, column_rate_hz: float) -> int:
+        """Return how many columns the cells may need."""
+        return math.ceil(self.n_cells * self.cell_s * column_rate_hz) + 1

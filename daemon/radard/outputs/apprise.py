@@ -1,0 +1,155 @@
+"""Apprise: events as messages to people, by one of its hundred services; with the alarm's picture.
+
+One output is one service, so that one that is away holds up no other. `apprise:URL` is an Apprise
+URL (`ntfy://`, `tgram://`, `mailto://`...), `apprise:@FILE` a file whose first line is one: those
+URLs are secrets. What Apprise logs may hold them, so none of it is handed on, and of an answer
+only the HTTP status is told. https://github.com/caronc/apprise/wiki
+"""
+
+import logging
+import re
+import time
+import warnings
+from pathlib import Path
+from typing import Any
+
+from radard.config.credentials import read_secret
+from radard.config.sink_table import AppriseSection, SinkOptions
+from radard.errors import OutputError, UsageError
+from radard.outputs.alarm_picture import picture_path
+from radard.outputs.base import DeliveryError, Record, SinkContext
+from radard.outputs.outbox import Item
+from radard.outputs.outbox_sink import OutboxSink, outbox_path, wants_events
+from x2radar.errors import MissingExtra
+from x2radar.extras import needed
+
+_PICTURE_S = 3.0  # chosen: drawing takes a tenth of that, and the alarm waits for it
+_LOOK_S = 0.1
+_SCHEME = re.compile(r"([a-z][a-z0-9+.-]*)://", re.IGNORECASE)
+_STATUS = re.compile(r"error=(\d{3})\b")
+_REFUSALS = frozenset({"400", "401", "403", "404", "405", "410", "413", "415", "422"})
+"""About this message or this URL (RFC 9110): it is tried only so often."""
+_KINDS = {"alarm": "failure", "tamper": "warning", "fault": "warning"}
+"""Apprise's type of a message when an event begins or changes; its end is a success."""
+
+
+def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> "AppriseSink":
+    """Return the sink of `apprise:URL` or `apprise:@FILE`; OutputError without Apprise."""
+    target = url.partition(":")[2]
+    if target.startswith("@"):
+        target = read_secret("apprise.url", Path(target[1:]), None) or ""
+    apprise, scheme = _apprise(), _SCHEME.match(target)
+    service = scheme and _service(apprise, target)
+    if scheme is None or service is None:
+        msg = (
+            "--output apprise: no URL that Apprise knows; give apprise:SERVICE://... or "
+            "apprise:@FILE with such a URL in its first line"
+        )
+        raise UsageError(msg)
+    name = scheme[1].lower()
+    return AppriseSink(
+        apprise,
+        service,
+        name,
+        path=outbox_path(context, "apprise", target),
+        options=options,
+        context=context,
+    )
+
+
+def _apprise() -> Any:
+    try:
+        apprise = needed("apprise", what="--output apprise")
+    except MissingExtra as err:
+        raise OutputError(str(err)) from err
+    # Its lines, and those of the HTTP library, may hold tokens.
+    log = logging.getLogger("apprise")
+    log.propagate = False
+    log.addHandler(logging.NullHandler())
+    logging.getLogger("urllib3").setLevel(logging.ERROR)
+    return apprise
+
+
+def _service(apprise: Any, url: str) -> Any:
+    """Return the service of a URL, None if there is none."""
+    asset = apprise.AppriseAsset(
+        app_id="radard",
+        app_desc="radard",
+        async_mode=False,
+        # No file of its own, and no others of the user's.
+        storage_mode=apprise.PersistentStoreMode.MEMORY,
+        plugin_paths=[],
+    )
+    with warnings.catch_warnings():
+        # It loads all of its services, and some use what is old.
+        warnings.simplefilter("ignore", DeprecationWarning)
+        return apprise.Apprise.instantiate(url, asset=asset, suppress_exceptions=True)
+
+
+class AppriseSink(OutboxSink):
+    """Send events to one service."""
+
+    def __init__(
+        self,
+        apprise: Any,
+        service: Any,
+        scheme: str,
+        *,
+        path: Path | None,
+        options: SinkOptions,
+        context: SinkContext,
+    ) -> None:
+        self._apprise = apprise
+        self._service = service
+        self._section = o = options.apprise
+        self._sensor = context.sensor
+        super().__init__(
+            f"apprise:{scheme}",
+            path,
+            options.outbox,
+            wants_events(o.kinds, o.phases),
+        )
+
+    def _send(self, item: Item) -> None:
+        record, apprise = item.record, self._apprise
+        title, body = message_of(record, self._sensor)
+        picture = _picture(record, self._section)
+        kind = "success" if record["phase"] == "end" else _KINDS[record["kind"]]
+        with apprise.LogCapture(level=logging.WARNING) as said:
+            is_taken = self._service.notify(
+                title=title,
+                body=body,
+                notify_type=kind,
+                attach=apprise.AppriseAttachment(str(picture)) if picture else None,
+            )
+            text = said.getvalue()
+        if not is_taken:
+            status = _STATUS.search(text)
+            why = f"answers {status[1]}" if status else "was not reached, or refuses"
+            msg = f"the service {why}"
+            raise DeliveryError(msg, is_refusal=bool(status and status[1] in _REFUSALS))
+
+
+def message_of(record: Record, sensor: str) -> tuple[str, str]:
+    """Return title and text, for people, of an event."""
+    marks = [mark for mark in ("test", "simulated", "replayed") if record.get(mark)]
+    what = record["kind"] if record["phase"] == "new" else f"{record['kind']} {record['phase']}"
+    head = f"{record.get('sensor', sensor)}: {what}"
+    title = f"{head} ({', '.join(marks)})" if marks else head
+    return title, f"{record['reason']}\n{record['time']}"
+
+
+def _picture(record: Record, options: AppriseSection) -> Path | None:
+    """Return an alarm's picture, once it is drawn; None if there is or will be none."""
+    path = picture_path(record) if options.picture and record["phase"] != "update" else None
+    if path is None:
+        return None
+    end_s = time.monotonic() + _PICTURE_S
+    try:
+        while not path.is_file():
+            if time.monotonic() >= end_s:
+                return None
+            time.sleep(_LOOK_S)
+    except OSError:
+        return None
+    return path

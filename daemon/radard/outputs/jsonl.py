@@ -1,0 +1,140 @@
+"""JSON Lines into a file: whole lines only, put aside by size, reopened when moved away.
+
+`FILE` is the newest; `FILE.1` the one before it, and so on. Every file begins with the
+run's `hello`, that of every sensor, so each can be read by itself. When another program
+(logrotate) has moved or removed the file, a new one is made.
+"""
+
+import contextlib
+import errno
+import os
+import stat
+from pathlib import Path
+
+from radard.config.sink_table import SinkOptions
+from radard.errors import OutputError
+from radard.outputs.backoff import Backoff
+from radard.outputs.base import PASSING, DeliveryError, Record, SinkContext
+from radard.outputs.stdout import json_line
+from radard.outputs.thread_sink import DirectSink
+
+_FLAGS = os.O_WRONLY | os.O_APPEND | os.O_CLOEXEC | os.O_NONBLOCK
+
+
+def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> "JsonLinesSink":
+    """Return the sink of `json:FILE`; pipes and terminals work too, without rotation."""
+    return JsonLinesSink(Path(url.partition(":")[2]), options, context)
+
+
+class JsonLinesSink(DirectSink):
+    """Append records to a file; rotates nothing if the stream can wait, so that none is lost."""
+
+    is_durable = True
+
+    def __init__(self, path: Path, options: SinkOptions, context: SinkContext) -> None:
+        super().__init__(f"json:{path}", Backoff(0.5, 10.0, str(path)), waits=context.can_wait)
+        self._path = path
+        self._most_bytes = float("inf") if context.can_wait else options.jsonl.rotate_mb * 1e6
+        self._n_keep = options.jsonl.keep_files
+        self._hellos: dict[str, Record] = {}
+        self._fd: int | None = None
+        self._is_regular = True
+        self._lacks_hello = False
+        self._mode = 0o600
+        try:
+            self._open()
+        except OSError as err:
+            # A pipe that nobody reads yet may get its reader later, a full disk room.
+            may_pass = err.errno == errno.ENXIO or (err.errno in PASSING and not self.waits)
+            if not may_pass:
+                msg = f"--output {self.name}: cannot write there: {err.strerror}"
+                raise OutputError(msg) from err
+
+    def _deliver(self, record: Record) -> None:
+        line = json_line(record).encode("ascii")
+        is_hello = record["type"] == "hello"
+        if is_hello:
+            self._hellos[record.get("sensor", "")] = record
+        try:
+            if self._has_moved():
+                self._reopen()
+            elif self._is_regular and self._size() + len(line) > self._most_bytes:
+                self._rotate()
+            is_told = is_hello and self._lacks_hello
+            self._write_hellos()
+            if not is_told:
+                self._append(line)
+        except OSError as err:
+            raise DeliveryError(err.strerror or str(err)) from err
+
+    def _shut(self) -> None:
+        if self._fd is not None:
+            os.close(self._fd)
+            self._fd = None
+
+    def _open(self) -> int:
+        """Open the file; a new one has the mode of the one before, else its owner alone reads."""
+        try:
+            fd = os.open(self._path, _FLAGS | os.O_CREAT | os.O_EXCL, 0o600)
+        except FileExistsError:
+            fd = os.open(self._path, _FLAGS | os.O_CREAT, 0o600)
+        else:
+            os.fchmod(fd, self._mode)
+        mode = os.fstat(fd).st_mode
+        self._is_regular = stat.S_ISREG(mode)
+        self._mode = stat.S_IMODE(mode) if self._is_regular else self._mode
+        self._fd = fd
+        return fd
+
+    def _size(self) -> int:
+        return os.fstat(self._fd).st_size if self._fd is not None else 0
+
+    def _has_moved(self) -> bool:
+        if self._fd is None:
+            return True
+        try:
+            there = self._path.stat()
+        except FileNotFoundError:
+            return True
+        ours = os.fstat(self._fd)
+        return (there.st_dev, there.st_ino) != (ours.st_dev, ours.st_ino)
+
+    def _reopen(self) -> None:
+        """Open the file; a new one holds every `hello` first."""
+        self._shut()
+        self._open()
+        self._lacks_hello = self._is_regular and self._size() == 0
+
+    def _write_hellos(self) -> None:
+        if self._lacks_hello:
+            lines = [json_line(hello).encode("ascii") for hello in self._hellos.values()]
+            self._append(b"".join(lines))
+            self._lacks_hello = False
+
+    def _rotate(self) -> None:
+        """Rename FILE to FILE.1, FILE.1 to FILE.2 and so on, delete the last; then reopen."""
+        if self._size() == 0:
+            return
+        names = [self._path, *(Path(f"{self._path}.{k}") for k in range(1, self._n_keep + 1))]
+        names[-1].unlink(missing_ok=True)
+        for old, new in zip(reversed(names[:-1]), reversed(names[1:]), strict=True):
+            with contextlib.suppress(FileNotFoundError):
+                old.rename(new)
+        self._reopen()
+
+    def _append(self, line: bytes) -> None:
+        """Write a whole line or nothing of it; the next attempt must not begin in its middle."""
+        fd = self._fd if self._fd is not None else self._open()
+        size = self._size()
+        rest = line
+        try:
+            while rest:
+                rest = rest[os.write(fd, rest) :]
+        except OSError:
+            if len(rest) < len(line):
+                if self._is_regular:
+                    os.ftruncate(fd, size)
+                else:
+                    # Nothing can be taken back from a pipe; its reader sees the end of it.
+                    self._shut()
+            raise

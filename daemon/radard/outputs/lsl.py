@@ -1,0 +1,103 @@
+"""Lab Streaming Layer: decisions and events beside other instruments, on one clock.
+
+`lsl:` or `lsl:NAME` opens two outlets. NAME, of type Radar, has a sample of float32 a decision,
+with NaN where the decision holds nothing; its time is when the window's last frame came in.
+NAME-events, of type Markers, has every phase of every event as a JSON text. LabRecorder and
+pylsl find both by name. https://labstreaminglayer.readthedocs.io
+"""
+
+import math
+import os
+from pathlib import Path
+from typing import Any
+
+from radard.config.sink_table import SinkOptions
+from radard.errors import OutputError
+from radard.outputs.backoff import Backoff
+from radard.outputs.base import Record, SinkContext
+from radard.outputs.stdout import json_line
+from radard.outputs.thread_sink import DirectSink
+from x2radar.errors import MissingExtra
+from x2radar.extras import needed
+
+CHANNELS = (
+    "alarm",
+    "gate_open",
+    "p_human",
+    "p_pet",
+    "p_other",
+    "fused_p_human",
+    "fused_p_pet",
+    "fused_p_other",
+    "power_db",
+    "threshold_db",
+    "range_m",
+)
+"""Of a sample, in order; alarm and gate_open are 0 or 1, NaN in a window that is invalid."""
+_RATE_HZ = 1.0
+"""Decisions a second: `radard.pipeline.HOP_S`."""
+_QUIET = "[log]\nlevel = -1\n"
+"""Warnings and errors; liblsl greets on stderr otherwise."""
+_CONFIGS = ("lsl_api.cfg", "~/lsl_api/lsl_api.cfg", "/etc/lsl_api/lsl_api.cfg")
+"""Where liblsl looks for a configuration, behind the variable LSLAPICFG."""
+
+
+def open_from_url(url: str, _options: SinkOptions, context: SinkContext) -> "LslSink":
+    """Return the sink of `lsl:` or `lsl:NAME`; raises OutputError without pylsl."""
+    name = url.partition(":")[2] or f"radard-{context.marked_sensor}"
+    try:
+        lsl = needed("pylsl", what=f"--output lsl:{name}")
+    except MissingExtra as err:
+        raise OutputError(str(err)) from err
+    return LslSink(lsl, name, context)
+
+
+class LslSink(DirectSink):
+    """Publish decisions and events."""
+
+    def __init__(self, lsl: Any, name: str, context: SinkContext) -> None:
+        super().__init__(f"lsl:{name}", Backoff(1.0, 10.0, name))
+        self._lsl = lsl
+        self._stream = name
+        self._source = f"radard {context.marked_sensor} {name}"
+        self._decisions: Any = None
+        self._events: Any = None
+
+    def _begin(self) -> None:
+        if "LSLAPICFG" not in os.environ and not any(
+            Path(path).expanduser().is_file() for path in _CONFIGS
+        ):
+            # Without effect once the library is at work in this process.
+            self._lsl.set_config_content(_QUIET)
+        info = self._info("", "Radar", len(CHANNELS), _RATE_HZ, "float32")
+        info.set_channel_labels(list(CHANNELS))
+        self._decisions = self._lsl.StreamOutlet(info)
+        self._events = self._lsl.StreamOutlet(self._info("-events", "Markers", 1, 0.0, "string"))
+
+    def _info(self, behind: str, kind: str, n: int, rate_hz: float, form: str) -> Any:
+        name, source = f"{self._stream}{behind}", f"{self._source}{behind}"
+        return self._lsl.StreamInfo(name, kind, n, rate_hz, form, source)
+
+    def _take(self, record: Record) -> None:
+        if record["type"] in {"decision", "event"}:
+            super()._take(record)
+
+    def _deliver(self, record: Record) -> None:
+        now_s = self._lsl.local_clock()
+        if record["type"] == "event":
+            self._events.push_sample([json_line(record).rstrip()], now_s)
+            return
+        self._decisions.push_sample(sample_of(record), now_s - (record["latency_ms"] or 0) / 1e3)
+
+    def _shut(self) -> None:
+        # Their destructors end the streams.
+        self._decisions = self._events = None
+
+
+def sample_of(record: Record) -> list[float]:
+    """Return the sample of a decision's record, a value for each of `CHANNELS`."""
+    is_valid = record["gate"] != "invalid"
+    told = {**record, "gate_open": record["gate"] == "open"}
+    if not is_valid:
+        told |= {"alarm": None, "gate_open": None}
+    return [math.nan if told[name] is None else float(told[name]) for name in CHANNELS]

@@ -1,0 +1,279 @@
+"""MqttLink: one connection to a broker, made again whenever it is lost.
+
+Every connection is a new client of the library with a clean session: what must survive is in
+the outbox, and nothing else may be sent a second time.
+"""
+
+import contextlib
+import socket
+import ssl
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import paho.mqtt.client as paho
+from paho.mqtt.enums import CallbackAPIVersion, MQTTErrorCode
+from paho.mqtt.reasoncodes import ReasonCode
+
+from radard.config.credentials import read_secret
+from radard.config.sink_table import MqttSection
+from radard.errors import ConfigError
+from radard.outputs.backoff import Backoff
+from radard.outputs.base import DeliveryError
+from radard.outputs.mqtt.topics import Publication
+
+_CONFIRM_S = 10.0  # chosen: far above a round trip, below what a person waits for an alarm
+_POLL_S = 0.1  # chosen: how soon a lost connection is noticed
+_SHORT_S = 5.0  # chosen: a connection as short as this hints at a second client of this id
+_MOST_UNSENT = 50  # messages of QoS 0, chosen: a minute of decisions
+_STANDS_STILL = "the output's own thread stands still"
+_NO_ANSWER = "no answer; is it an MQTT broker?"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Broker:
+    """Address of the broker, and the client's names there."""
+
+    host: str
+    port: int
+    is_tls: bool
+    client_id: str
+    username: str | None
+
+
+class MqttLink:
+    """Keep a connection; raises ConfigError if the password or a certificate cannot be read.
+
+    Parameters
+    ----------
+    broker : Broker
+        Where to connect.
+    options : MqttSection
+        Keep-alive, certificates, password.
+    backoff : Backoff
+        Waits between attempts.
+    will : Publication or None
+        What the broker publishes when the connection is lost, if anything.
+    subscriptions : list of str
+        Topic filters, subscribed to with QoS 1.
+    on_up, on_down : callable
+        Called when connected and subscribed, and with a reason when not; must not wait.
+    on_message : callable
+        Called with topic, payload and whether it was retained; must not wait.
+    is_alive : callable
+        Whether the publishing thread still runs. If not, the connection is closed without
+        DISCONNECT, so that the broker publishes the last will: the state would be stale.
+    """
+
+    def __init__(
+        self,
+        broker: Broker,
+        options: MqttSection,
+        backoff: Backoff,
+        *,
+        will: Publication | None,
+        subscriptions: list[str],
+        on_up: Callable[[], None],
+        on_down: Callable[[str], None],
+        on_message: Callable[[str, bytes, bool], None],
+        is_alive: Callable[[], bool],
+    ) -> None:
+        self._broker = broker
+        self._options = options
+        self._backoff = backoff
+        self._will = will
+        self._subscriptions = subscriptions
+        self._on_up = on_up
+        self._on_down = on_down
+        self._on_message = on_message
+        self._is_alive = is_alive
+        self._client: paho.Client | None = None
+        self._unsent: deque[paho.MQTTMessageInfo] = deque()
+        self._halt = threading.Event()
+        self._lost = threading.Event()
+        self._reason = self._last_reason = ""
+        self._new_client()
+        self._thread = threading.Thread(target=self._run, name="mqtt link", daemon=True)
+
+    def start(self) -> None:
+        """Begin to connect."""
+        self._thread.start()
+
+    @property
+    def is_up(self) -> bool:
+        """Whether there is a connection."""
+        return self._client is not None
+
+    def publish(self, message: Publication) -> bool:
+        """Publish without waiting, from one thread; return False if that cannot be done now."""
+        client = self._client
+        if client is None:
+            return False
+        if message.qos == 0:
+            while self._unsent and self._unsent[0].is_published():
+                self._unsent.popleft()
+            if len(self._unsent) >= _MOST_UNSENT:
+                return False
+        info = _publish(client, message)
+        is_taken = info.rc == MQTTErrorCode.MQTT_ERR_SUCCESS
+        if message.qos == 0 and is_taken:
+            self._unsent.append(info)
+        return is_taken
+
+    def publish_confirmed(self, message: Publication) -> None:
+        """Publish and wait for the broker's confirmation; raises DeliveryError without it."""
+        client = self._client
+        if client is None:
+            raise DeliveryError(self._last_reason or "not connected yet")
+        end_s = time.monotonic() + _CONFIRM_S
+        try:
+            info = _publish(client, message)
+            while not info.is_published():
+                if client is not self._client:
+                    raise DeliveryError(self._reason or "connection lost")
+                if time.monotonic() > end_s:
+                    # A new connection shows whether the broker still answers.
+                    self._lose(client, f"no confirmation within {_CONFIRM_S:g} s")
+                    raise DeliveryError(self._reason)
+                info.wait_for_publish(_POLL_S)
+        except (RuntimeError, ValueError) as err:
+            msg = f"not published: {err}"
+            raise DeliveryError(msg) from err
+
+    def close(self, timeout_s: float) -> None:
+        """Disconnect; if there is time for it, without the last will."""
+        self._halt.set()
+        client = self._client
+        if client is not None:
+            client.disconnect()
+        self._lost.wait(timeout_s if client is not None else 0.0)
+        self._lost.set()
+        if self._thread.ident is not None:
+            self._thread.join(min(timeout_s, _SHORT_S))
+
+    def _run(self) -> None:
+        while not self._halt.is_set():
+            if not self._is_alive():
+                self._halt.wait(_POLL_S)
+                continue
+            self._lost.clear()
+            self._reason = ""
+            client: paho.Client | None = None
+            began_s = time.monotonic()
+            try:
+                client = self._new_client()
+                client.connect(self._broker.host, self._broker.port, self._options.keepalive_s)
+                client.loop_start()
+                self._wait(client)
+            except (OSError, ValueError, ConfigError) as err:
+                self._reason = _explain(err)
+            was_up, self._client = self._client is not None, None
+            if client is not None:
+                _end(client, is_clean=self._is_alive())
+            if self._halt.is_set():
+                return
+            if was_up and time.monotonic() - began_s < _SHORT_S and self._is_alive():
+                self._reason += f"; is another client called '{self._broker.client_id}'?"
+            elif was_up:
+                self._backoff.reset()
+            self._last_reason = self._reason
+            self._on_down(self._reason)
+            self._halt.wait(self._backoff.next_s())
+
+    def _wait(self, client: paho.Client) -> None:
+        """Wait until the connection is lost; an answer must come within the keep-alive."""
+        end_s = time.monotonic() + self._options.keepalive_s
+        while not self._lost.wait(_POLL_S):
+            if self._client is None and time.monotonic() > end_s:
+                self._lose(client, _NO_ANSWER)
+            if not self._is_alive():
+                self._lose(client, _STANDS_STILL)
+
+    def _lose(self, client: paho.Client, reason: str) -> None:
+        if client is self._client or self._client is None:
+            self._reason = self._reason or reason
+            self._lost.set()
+
+    def _new_client(self) -> paho.Client:
+        o, broker = self._options, self._broker
+        client = paho.Client(
+            CallbackAPIVersion.VERSION2,
+            client_id=broker.client_id,
+            clean_session=True,
+            protocol=paho.MQTTv311,
+            reconnect_on_failure=False,
+        )
+        password = read_secret("mqtt.password", o.password_file, o.password_env)
+        if broker.username is not None:
+            client.username_pw_set(broker.username, password)
+        elif password is not None:
+            msg = "mqtt.username: a password needs one; give it here or in the URL"
+            raise ConfigError(msg)
+        if broker.is_tls:
+            client.tls_set_context(_tls(o))
+        if (will := self._will) is not None:
+            client.will_set(will.topic, will.payload, will.qos, retain=True)
+        client.on_connect = self._connected
+        client.on_disconnect = self._disconnected
+        client.on_message = self._received
+        return client
+
+    def _connected(self, client: paho.Client, _d: Any, _f: Any, code: ReasonCode, _p: Any) -> None:
+        if code.is_failure:
+            self._lose(client, f"the broker refuses: {code}")
+            return
+        if self._subscriptions:
+            client.subscribe([(topic, 1) for topic in self._subscriptions])
+        self._unsent.clear()
+        self._client = client
+        self._on_up()
+
+    def _disconnected(
+        self, client: paho.Client, _d: Any, _f: Any, code: ReasonCode, _p: Any
+    ) -> None:
+        lost = "connection lost" if str(code) == "Unspecified error" else f"lost: {code}"
+        self._lose(client, lost if client is self._client else _NO_ANSWER)
+
+    def _received(self, _client: paho.Client, _data: Any, message: paho.MQTTMessage) -> None:
+        self._on_message(message.topic, bytes(message.payload), message.retain)
+
+
+def _publish(client: paho.Client, message: Publication) -> paho.MQTTMessageInfo:
+    payload = message.payload
+    payload = payload.encode() if isinstance(payload, str) else payload
+    return client.publish(message.topic, payload, message.qos, message.is_retained)
+
+
+def _end(client: paho.Client, *, is_clean: bool) -> None:
+    """End a client's thread; without `is_clean` the broker publishes the last will."""
+    if is_clean:
+        client.disconnect()
+    sock = client.socket()
+    if isinstance(sock, socket.socket):
+        with contextlib.suppress(OSError):
+            sock.shutdown(socket.SHUT_RDWR)
+    client.loop_stop()
+
+
+def _tls(options: MqttSection) -> ssl.SSLContext:
+    try:
+        context = ssl.create_default_context(cafile=options.ca_file)
+        context.check_hostname = options.check_hostname
+        if options.cert_file is not None:
+            context.load_cert_chain(options.cert_file, options.key_file)
+    except (OSError, ValueError) as err:
+        msg = f"mqtt: the certificates cannot be used: {err}"
+        raise ConfigError(msg) from err
+    return context
+
+
+def _explain(err: Exception) -> str:
+    if isinstance(err, ssl.SSLCertVerificationError):
+        return f"the broker's certificate is not accepted: {err.verify_message}"
+    if isinstance(err, TimeoutError):
+        return "no connection within the time limit"
+    text = (isinstance(err, OSError) and err.strerror) or str(err)
+    return f"cannot connect: {text}"

@@ -1,0 +1,223 @@
+"""MQTT: the sensor's topics on a broker, its commands, and Home Assistant's discovery.
+
+`topics` decides what to publish, `link` keeps the connection, the outbox keeps the
+events; this file joins them. Events are published one after another, each when the broker
+has confirmed the one before (QoS 1), so they arrive in order. When a connection breaks
+between a delivery and its confirmation the event comes twice, with the same id, phase and
+t_s; it is never lost.
+"""
+
+import logging
+import re
+import time
+from dataclasses import replace
+from urllib.parse import unquote, urlsplit
+
+from radard.config.sink_table import MqttSection, SinkOptions
+from radard.errors import UsageError
+from radard.outputs.alarm_picture import PictureWatch
+from radard.outputs.backoff import Backoff
+from radard.outputs.base import Record, SinkContext
+from radard.outputs.mqtt.commands import CommandReader, MqttCommand, code_of
+from radard.outputs.mqtt.link import Broker, MqttLink
+from radard.outputs.mqtt.topics import MqttTopics, Publication
+from radard.outputs.outbox import Item
+from radard.outputs.outbox_sink import OutboxSink, outbox_path
+
+log = logging.getLogger("radard")
+_PORTS = {"mqtt": 1883, "mqtts": 8883}  # registered with IANA
+_CLOSE_S = 1.0  # chosen: for the messages that say that the run has ended
+_WARN_S = 60.0  # chosen: commands that are none are logged once in so long
+_HANGS_S = 10.0
+"""The sink's thread runs every `tick_s`; after so long without it, it hangs (chosen)."""
+
+
+def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> "MqttSink":
+    """Return the sink of `mqtt://[user@]host[:port][/prefix]`, or `mqtts://` with TLS."""
+    broker, prefix = parse_url(url, options.mqtt, context.marked_sensor)
+    if (context.is_one_of_several or context.mark) and options.mqtt.client_id:
+        # The broker disconnects an existing client when another connects with the same id.
+        broker = replace(broker, client_id=f"{options.mqtt.client_id}-{context.marked_sensor}")
+    return MqttSink(broker, prefix, options, context)
+
+
+def parse_url(url: str, options: MqttSection, sensor: str) -> tuple[Broker, str]:
+    """Return where the broker is, and the first part of the topics."""
+    scheme = url.partition(":")[0]
+    try:
+        parts = urlsplit(url)
+        port = parts.port
+    except ValueError as err:
+        msg = f"--output {scheme}: {err}"
+        raise UsageError(msg) from err
+    if parts.password is not None:
+        msg = f"--output {scheme}: no password in the URL; use mqtt.password_file or _env"
+        raise UsageError(msg)
+    prefix = unquote(parts.path).strip("/") or "radard"
+    fault = "nothing may follow the prefix" if "?" in url or "#" in url else ""
+    fault = "the prefix holds + or #" if re.search(r"[+#\0]", prefix) else fault
+    fault = fault if parts.hostname else "no host"
+    if fault:
+        msg = f"--output {scheme}: {fault}; it is {scheme}://[user@]host[:port][/prefix]"
+        raise UsageError(msg)
+    broker = Broker(
+        host=parts.hostname or "",
+        port=port or _PORTS[scheme],
+        is_tls=scheme == "mqtts",
+        client_id=options.client_id or f"radard-{sensor}",
+        username=unquote(parts.username) if parts.username else options.username,
+    )
+    return broker, prefix
+
+
+def _takes_commands(broker: Broker, options: MqttSection) -> bool:
+    """Return whether commands may come in: any client that can publish there can disarm."""
+    has_password = options.password_file is not None or options.password_env is not None
+    is_authenticated = broker.is_tls and (has_password or options.cert_file is not None)
+    return options.commands == "always" or (options.commands == "auto" and is_authenticated)
+
+
+class MqttSink(OutboxSink):
+    """Publish to a broker."""
+
+    tick_s = 0.5
+
+    def __init__(
+        self, broker: Broker, prefix: str, options: SinkOptions, context: SinkContext
+    ) -> None:
+        scheme = "mqtts" if broker.is_tls else "mqtt"
+        name = f"{scheme}://{broker.host}:{broker.port}/{prefix}"
+        name += f"/{context.sensor}" if context.is_one_of_several else ""
+        self._context = context
+        self._commands = options.mqtt.commands
+        self._takes_commands = takes_commands = _takes_commands(broker, options.mqtt)
+        code = code_of(options.mqtt)
+        self._topics = topics = MqttTopics(
+            context.marked_sensor,
+            prefix,
+            options.mqtt,
+            takes_commands=takes_commands,
+            code_form=("digits" if code.isdigit() else "text") if code else None,
+        )
+        self._warned_s, self._n_unsaid = float("-inf"), 0
+        self._must_announce = False
+        self._ticked_s = time.monotonic()
+        o = options.outbox
+        subscriptions = [topics.birth_topic] if options.mqtt.discovery != "off" else []
+        self._reader = CommandReader(topics.base, options.mqtt)
+        subscriptions += [self._reader.topics] if takes_commands else []
+        self._pictures = PictureWatch() if options.mqtt.picture else None
+        self._link = MqttLink(
+            broker,
+            options.mqtt,
+            Backoff(o.first_retry_s, o.longest_retry_s, broker.client_id),
+            will=topics.will,
+            subscriptions=subscriptions,
+            on_up=self._on_up,
+            on_down=self._failed,
+            on_message=self._on_message,
+            is_alive=lambda: time.monotonic() - self._ticked_s < _HANGS_S,
+        )
+        path = outbox_path(context, scheme, f"{broker.host}:{broker.port}/{prefix}")
+        super().__init__(name, path, o, lambda record: record["type"] == "event")
+        self._keeper.begin("not connected yet")
+
+    def _begin(self) -> None:
+        super()._begin()
+        if not self._takes_commands and self._commands == "auto":
+            log.warning(
+                "%s: takes no commands: that needs mqtts:// with a password or a client "
+                "certificate, or mqtt.commands: always (off: without this line)",
+                self.name,
+            )
+        self._ticked_s = time.monotonic()
+        self._link.start()
+
+    def _take(self, record: Record) -> None:
+        super()._take(record)
+        if self._pictures is not None:
+            self._pictures.follow(record)
+        self._publish(self._topics.on_record(record, time.monotonic()))
+
+    def _tick(self) -> None:
+        super()._tick()
+        self._ticked_s = now_s = time.monotonic()
+        if self._must_announce:
+            self._must_announce = False
+            self._publish(self._topics.announce(now_s))
+            if self._pictures is not None:
+                self._pictures.again()
+        health = self._context.health() if self._context.health else None
+        panel = self._context.panel() if self._context.panel else {}
+        status = (health.state, health.reason) if health else None
+        room = panel.get("calibration") or {}
+        text = ": ".join(str(room[key]) for key in ("phase", "text") if room.get(key))
+        self._publish(self._topics.refresh(now_s, status, panel, calibration=text or None))
+        self._publish_picture()
+
+    def _publish_picture(self) -> None:
+        if self._pictures is None or not self._link.is_up or self._must_announce:
+            return
+        png = self._pictures.fresh()
+        if png is not None:
+            self._publish([self._topics.picture(png)])
+
+    def _publish(self, messages: list[Publication]) -> None:
+        if not self._link.is_up or self._must_announce:
+            # `announce` publishes all of it after a connection.
+            return
+        for message in messages:
+            if not self._link.publish(message):
+                self._drop(1, "the broker does not keep up")
+            elif message.qos == 0:
+                self._sent()
+
+    def _send(self, item: Item) -> None:
+        self._link.publish_confirmed(self._topics.event(item.record))
+
+    def _on_up(self) -> None:
+        self._sent(0)
+        self._announce()
+        self._retry_now()
+
+    def _announce(self) -> None:
+        self._must_announce = True
+        self._queue.wake()
+
+    def _on_message(self, topic: str, payload: bytes, is_retained: bool) -> None:
+        try:
+            if topic == self._topics.birth_topic:
+                if payload == b"online":
+                    self._announce()
+                return
+            command = self._reader.read(topic, payload, is_retained=is_retained)
+            if command is not None:
+                self._obey(command)
+        except Exception as err:  # noqa: BLE001 - in the library's thread, which must go on
+            self._warn(str(err))
+
+    def _obey(self, command: MqttCommand) -> None:
+        context = self._context
+        if command.sensitivity and context.choose is not None:
+            log.info("%s: sensitivity %s", self.name, command.sensitivity)
+            context.choose(command.sensitivity)
+        elif command.name and context.command is not None:
+            log.info("%s: command %s", self.name, command.name)
+            context.command(command.name)
+
+    def _warn(self, text: str) -> None:
+        """Log what is wrong with a command, once a minute: a sender must not fill the log."""
+        now_s = time.monotonic()
+        if now_s - self._warned_s < _WARN_S:
+            self._n_unsaid += 1
+            return
+        more = f" ({self._n_unsaid} more before it)" if self._n_unsaid else ""
+        log.warning("%s: %s%s", self.name, text, more)
+        self._warned_s, self._n_unsaid = now_s, 0
+
+    def _shut(self) -> None:
+        super()._shut()
+        if self._link.is_up:
+            for message in self._topics.at_end():
+                self._link.publish(message)
+        self._link.close(min(self._left_s(), _CLOSE_S))

@@ -1,0 +1,135 @@
+"""From the values of -o/--output to sinks: those of `radard.config.sink_table`, and plug-ins."""
+
+import importlib
+import time
+from collections.abc import Callable, Sequence
+
+from radard import plugins
+from radard.config.sink_table import FORMS, SCHEMES, SinkOptions, find_row
+from radard.errors import OutputError, UsageError
+from radard.outputs.base import Sink, SinkContext
+from radard.outputs.thread_sink import CLOSE_S
+
+Opener = Callable[[str, SinkOptions, SinkContext], Sink]
+"""Takes all of -o, the configuration's sections and the run; returns a sink.
+
+`open_from_url` of a built-in sink's module, or a plug-in. It raises UsageError if the value is
+incomplete, ConfigError if a credential cannot be read, and OutputError if a file, a program or a
+folder is not to be had. A far end need not be there yet. At a reload the sink that it replaces
+is still at work: what only one can hold belongs in a method `start`, which is called once when
+that one is closed.
+"""
+_OF_A_SINK = ("name", "state", "waits", "write", "finish", "close")
+
+
+def open_output(output: str, options: SinkOptions, context: SinkContext) -> Sink:
+    """Return the sink that one value of -o/--output names, at work; raises as an `Opener` does."""
+    sink = make_output(output, options, context)
+    start_sink(sink)
+    return sink
+
+
+def start_sink(sink: Sink) -> None:
+    """Let a sink of `make_output` begin to work."""
+    start = getattr(sink, "start", None)
+    if start is not None:
+        start()
+
+
+def make_output(output: str, options: SinkOptions, context: SinkContext) -> Sink:
+    """Return the sink that one value of -o/--output names, to be started; raises likewise."""
+    check_output(output)
+    row = find_row(output)
+    if row is not None:
+        opener: Opener = importlib.import_module(row.module).open_from_url
+        return opener(output, options, context)
+    plugin = plugins.plugged(plugins.SINKS, output.partition(":")[0])
+    assert plugin is not None  # noqa: S101 - check_output found it
+    plugged: Sink = plugin.call(output, options, context)
+    plugin.check(plugged, _OF_A_SINK)
+    return plugged
+
+
+def check_output(output: str) -> None:
+    """Raise UsageError unless `output` has the form of a sink's, built in or plugged in."""
+    scheme, _, rest = output.partition(":")
+    if find_row(output) is not None:
+        return
+    if scheme not in SCHEMES and plugins.plugged(plugins.SINKS, scheme) is not None:
+        return
+    # Only the scheme: the rest may hold a secret.
+    shown = output if scheme == output else f"{scheme}:{'...' if scheme in SCHEMES else rest}"
+    msg = f"--output '{shown}': unknown or incomplete; known are {FORMS}"
+    raise UsageError(msg)
+
+
+def open_sinks(
+    outputs: Sequence[str],
+    *,
+    stdout_is_terminal: bool,
+    options: SinkOptions | None = None,
+    context: SinkContext | None = None,
+) -> list[Sink]:
+    """Return the sinks that `outputs` names, at work and in this order; all or none.
+
+    Parameters
+    ----------
+    outputs : sequence of str
+        Values of -o/--output; none means a table on a terminal, JSON Lines elsewhere.
+    stdout_is_terminal : bool
+        Whether a person reads stdout.
+    options : SinkOptions, optional
+        Built-in values otherwise.
+    context : SinkContext, optional
+        Otherwise that of a stream that can wait.
+
+    Raises
+    ------
+    UsageError, ConfigError, OutputError
+        See `Opener`; also if two outputs want stdout.
+    """
+    chosen = list(outputs) or [default_output(stdout_is_terminal=stdout_is_terminal)]
+    for output in chosen:
+        check_output(output)
+    if sum(output in {"json", "table"} for output in chosen) > 1:
+        msg = "--output: json and table both want stdout; give one of them a file"
+        raise UsageError(msg)
+    options = options or SinkOptions()
+    context = context or SinkContext(can_wait=True)
+    sinks: list[Sink] = []
+    try:
+        for output in chosen:
+            sinks.append(make_output(output, options, context))  # noqa: PERF401 - closed on error
+    except BaseException:
+        close_sinks(sinks, 0.0)
+        raise
+    for sink in sinks:
+        start_sink(sink)
+    return sinks
+
+
+def default_output(*, stdout_is_terminal: bool) -> str:
+    """Return what is meant where no output is named."""
+    return "table" if stdout_is_terminal else "json"
+
+
+def close_sinks(sinks: Sequence[Sink], timeout_s: float = CLOSE_S) -> list[Exception]:
+    """Close all at the same time; return the BrokenPipeErrors and OutputErrors of `Sink.close`.
+
+    Parameters
+    ----------
+    sinks : sequence of Sink
+        To be closed.
+    timeout_s : float
+        For all of them together; sinks on which the stream waits take the time they need.
+    """
+    deadline_s = time.monotonic() + timeout_s
+    for sink in sinks:
+        sink.finish(None if sink.waits else timeout_s)
+    errors: list[Exception] = []
+    for sink in sinks:
+        try:
+            sink.close(None if sink.waits else max(0.0, deadline_s - time.monotonic()))
+        except (BrokenPipeError, OutputError) as err:
+            errors.append(err)
+    return errors

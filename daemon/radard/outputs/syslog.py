@@ -1,0 +1,241 @@
+"""syslog and journald: events and states as messages that an administrator reads.
+
+`syslog:` alone is this machine: journald's own protocol where it runs, with the record's
+fields to search for, else /dev/log. `syslog:/path` is another local socket,
+`syslog:udp://host[:port]` or `syslog:tcp://host[:port]` a server. The text form is that of RFC
+3164 without time and host, which the receiver adds, as Python's SysLogHandler sends it.
+`syslog:tls://host[:port]` is RFC 5425: TLS, with messages of RFC 5424 whose octets are counted.
+"""
+
+import errno
+import os
+import select
+import socket
+import ssl
+import stat
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from urllib.parse import urlsplit
+
+from radard.config.sink_table import SinkOptions
+from radard.errors import UsageError
+from radard.outputs.backoff import Backoff
+from radard.outputs.base import DeliveryError, Record, SinkContext
+from radard.outputs.thread_sink import DirectSink
+from radard.outputs.tls import client_context, explain
+
+JOURNAL = Path("/run/systemd/journal/socket")
+DEV_LOG = Path("/dev/log")
+_SEND_S = 5.0  # chosen: a log that takes nothing for so long is tried again later
+# Facilities and severities of RFC 5424, tables 1 and 2.
+_FACILITY = {"user": 1, "daemon": 3, "auth": 4, "authpriv": 10} | {
+    f"local{k}": 16 + k for k in range(8)
+}
+_ALERT, _CRITICAL, _ERROR, _WARNING, _NOTICE, _INFO, _DEBUG = range(1, 8)
+_NEW = {"alarm": _ALERT, "tamper": _CRITICAL, "fault": _ERROR}
+_STATE = {"online": _INFO, "starting": _INFO, "degraded": _WARNING, "offline": _WARNING}
+
+_KINDS = {"udp": socket.SOCK_DGRAM, "tcp": socket.SOCK_STREAM, "tls": socket.SOCK_STREAM}
+# Registered with IANA; 514 for UDP, and servers take it for TCP, too.
+_PORTS = {"udp": 514, "tcp": 514, "tls": 6514}
+
+
+@dataclass(frozen=True, slots=True)
+class Server:
+    """A log server."""
+
+    scheme: str
+    host: str
+    port: int
+
+    @property
+    def kind(self) -> socket.SocketKind:
+        """How it is reached."""
+        return _KINDS[self.scheme]
+
+
+Address = str | Server
+
+
+def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> "SyslogSink":
+    """Return the sink of `syslog:`, `syslog:/socket`, `syslog:udp://host[:port]`, `tcp:`, `tls:`.
+
+    Raises ConfigError if a certificate cannot be read.
+    """
+    return SyslogSink(_parse_address(url.partition(":")[2]), options, context)
+
+
+def _parse_address(rest: str) -> Address | None:
+    """Return a socket's path, or host and port; None for this machine's own log."""
+    if not rest:
+        return None
+    if rest.startswith("/"):
+        return rest
+    try:
+        parts = urlsplit(rest)
+        if parts.scheme in _KINDS and parts.hostname and not parts.path.strip("/"):
+            return Server(parts.scheme, parts.hostname, parts.port or _PORTS[parts.scheme])
+    except ValueError as err:
+        msg = f"--output syslog:{rest}: {err}"
+        raise UsageError(msg) from err
+    forms = "syslog:, syslog:/socket, syslog:udp://host[:port], tcp: or tls:"
+    msg = f"--output syslog:{rest}: use {forms}"
+    raise UsageError(msg)
+
+
+class SyslogSink(DirectSink):
+    """Send messages to a log."""
+
+    def __init__(
+        self, address: Address | None, options: SinkOptions, context: SinkContext
+    ) -> None:
+        shown = address or ""
+        if isinstance(address, Server):
+            shown = f"{address.scheme}://{address.host}:{address.port}"
+        name = f"syslog:{shown}"
+        o = options.outbox
+        super().__init__(name, Backoff(o.first_retry_s, o.longest_retry_s, name))
+        self._address = address
+        self._facility = _FACILITY[options.syslog.facility]
+        self._tls: ssl.SSLContext | None = None
+        if isinstance(address, Server) and address.scheme == "tls":
+            s = options.syslog
+            self._tls = client_context("syslog", s.ca_file, s.cert_file, s.key_file)
+        self._has_decisions = options.syslog.decisions
+        self._sensor = context.sensor
+        self._socket: socket.socket | None = None
+        self._form: Callable[[int, str, Record], bytes] = self._plain
+
+    def _take(self, record: Record) -> None:
+        kind = record["type"]
+        if kind in {"event", "status"} or (kind == "decision" and self._has_decisions):
+            super()._take(record)
+
+    def _deliver(self, record: Record) -> None:
+        try:
+            sock = self._socket
+            if sock is None or _is_closed(sock):
+                self._shut()
+                sock = self._connect()
+            sock.sendall(self._form(*_message_of(record), record))
+        except OSError as err:
+            self._shut()
+            msg = f"cannot log: {explain(err)}"
+            raise DeliveryError(msg) from err
+
+    def _shut(self) -> None:
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
+
+    def _connect(self) -> socket.socket:
+        address, self._form = self._address, self._plain
+        if address is None:
+            is_journal = JOURNAL.exists() and stat.S_ISSOCK(JOURNAL.stat().st_mode)
+            address = str(JOURNAL if is_journal else DEV_LOG)
+            self._form = self._journal if is_journal else self._plain
+        if isinstance(address, Server):
+            if address.kind == socket.SOCK_STREAM:
+                self._form = self._line if self._tls is None else self._counted
+            where = socket.getaddrinfo(address.host, address.port, type=address.kind)[0]
+            plain = _connected(where[0], address.kind, where[4])
+            self._socket = plain if self._tls is None else _encrypted(plain, self._tls, address)
+            return self._socket
+        try:
+            self._socket = _connected(socket.AF_UNIX, socket.SOCK_DGRAM, address)
+        except OSError as err:
+            if err.errno != errno.EPROTOTYPE:
+                raise
+            self._socket = _connected(socket.AF_UNIX, socket.SOCK_STREAM, address)
+        return self._socket
+
+    def _plain(self, severity: int, text: str, record: Record) -> bytes:
+        priority = self._facility << 3 | severity
+        sensor = record.get("sensor", self._sensor)
+        return f"<{priority}>radard[{os.getpid()}]: {sensor}: {text}\0".encode()
+
+    def _line(self, severity: int, text: str, record: Record) -> bytes:
+        """Return a message over TCP, which a line end closes (RFC 6587, 3.4.2)."""
+        plain = self._plain(severity, text, record).rstrip(b"\0")
+        return plain.replace(b"\n", b" ") + b"\n"
+
+    def _counted(self, severity: int, text: str, record: Record) -> bytes:
+        """Return a message over TLS: its length, and itself (RFC 5425, 4.3; RFC 5424, 6)."""
+        priority, sensor = self._facility << 3 | severity, record.get("sensor", self._sensor)
+        # What has no time is told as it happens; "-" leaves it to the receiver.
+        head = f"<{priority}>1 {record.get('time', '-')} {socket.gethostname() or '-'}"
+        message = f"{head} radard {os.getpid()} {record['type']} - {sensor}: {text}".encode()
+        return b"%d %s" % (len(message), message)
+
+    def _journal(self, severity: int, text: str, record: Record) -> bytes:
+        fields = {
+            "MESSAGE": f"{record.get('sensor', self._sensor)}: {text}",
+            "PRIORITY": severity,
+            "SYSLOG_FACILITY": self._facility,
+            "SYSLOG_IDENTIFIER": "radard",
+            "RADARD_SENSOR": self._sensor,
+            **{f"RADARD_{key.upper()}": value for key, value in record.items()},
+        }
+        return b"".join(_field(key, str(v)) for key, v in fields.items() if v is not None)
+
+
+def _message_of(record: Record) -> tuple[int, str]:
+    """Return severity, as syslog counts it, and text of a record."""
+    kind = record["type"]
+    if kind == "event":
+        severity = _NEW.get(record["kind"], _WARNING) if record["phase"] == "new" else _NOTICE
+        where = f" clip={record['clip']}" if record["clip"] else ""
+        text = f"{record['kind']} {record['phase']}: {record['reason']} id={record['id']}{where}"
+        return severity, text
+    if kind == "status":
+        reason = f": {record['reason']}" if record["reason"] else ""
+        return _STATE.get(record["state"], _WARNING), f"{record['state']}{reason}"
+    return _DEBUG, f"decision {record['seq']}: gate {record['gate']}, label {record['label']}"
+
+
+def _is_closed(sock: socket.socket) -> bool:
+    """Return whether the far end has closed a stream; what is sent then would be lost."""
+    poll = select.poll()
+    poll.register(sock, select.POLLIN)
+    if sock.type != socket.SOCK_STREAM or not poll.poll(0):
+        return False
+    if not isinstance(sock, ssl.SSLSocket):
+        return sock.recv(1, socket.MSG_PEEK) == b""
+    sock.settimeout(0)
+    try:
+        return sock.recv(1) == b""
+    except ssl.SSLWantReadError:
+        # TLS's own, such as the tickets of a session; log servers say nothing.
+        return False
+    finally:
+        sock.settimeout(_SEND_S)
+
+
+def _connected(
+    family: int, kind: socket.SocketKind, target: str | tuple[object, ...]
+) -> socket.socket:
+    sock = socket.socket(family, kind)
+    try:
+        sock.settimeout(_SEND_S)
+        sock.connect(target)
+    except OSError:
+        sock.close()
+        raise
+    return sock
+
+
+def _encrypted(sock: socket.socket, tls: ssl.SSLContext, server: Server) -> socket.socket:
+    try:
+        return tls.wrap_socket(sock, server_hostname=server.host)
+    except OSError:
+        sock.close()
+        raise
+
+
+def _field(key: str, value: str) -> bytes:
+    """Return a field of journald's native protocol (systemd, "Native Journal Protocol")."""
+    data = value.encode()
+    if b"\n" in data:
+        return key.encode() + b"\n" + len(data).to_bytes(8, "little") + data + b"\n"
+    return key.encode() + b"=" + data + b"\n"

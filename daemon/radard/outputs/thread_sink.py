@@ -1,0 +1,300 @@
+"""What all sinks share: a bounded queue and a thread that empties it.
+
+A sink that hands every record on by itself is a `DirectSink`; one whose events must outlive
+a dead far end is an `OutboxSink` (`radard.outputs.outbox_sink`).
+"""
+
+import logging
+import threading
+import time
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Callable
+from typing import Self
+
+from radard.errors import OutputError
+from radard.outputs.backoff import Backoff
+from radard.outputs.base import DeliveryError, Record, SinkState, StateKeeper
+
+log = logging.getLogger("radard")
+CLOSE_S = 2.0
+"""Chosen: with the stream's own end it stays within the 6 s of TimeoutStopSec in the unit."""
+_ROOMS = {"decision": 1000, "event": 10_000, "status": 100}
+"""Records of a type that may wait; chosen: decisions of a quarter of an hour, all events."""
+_SAID_AGAIN_S = 60.0
+"""Chosen: trouble that comes and goes is logged once in so long, and counted meanwhile."""
+
+
+class RecordQueue:
+    """Hand records from one thread to another, in order; bounded for each type.
+
+    When a sink cannot keep up, it drops the oldest decisions first: there is another one in
+    a second. States are few and only the newest matters. Events have room of their own that no
+    flood of decisions can take. With `waits`, `put` waits for room instead of dropping.
+    """
+
+    def __init__(self, *, waits: bool = False) -> None:
+        self._waits = waits
+        self._rows: dict[str, deque[tuple[int, Record]]] = {kind: deque() for kind in _ROOMS}
+        self._n_put = 0
+        self._is_ended = self._is_woken = False
+        self._changed = threading.Condition()
+
+    def __len__(self) -> int:
+        with self._changed:
+            return sum(map(len, self._rows.values()))
+
+    @property
+    def is_ended(self) -> bool:
+        """Whether `end` was called."""
+        return self._is_ended
+
+    def put(self, record: Record) -> int:
+        """Take a record; return how many were dropped for it."""
+        kind = str(record.get("type"))
+        if kind == "hello":
+            kind = "status"
+        elif kind not in self._rows:
+            kind = "decision"
+        with self._changed:
+            row, room = self._rows[kind], _ROOMS[kind]
+            while self._waits and len(row) >= room and not self._is_ended:
+                self._changed.wait()
+            if self._is_ended:
+                return 1
+            n_dropped = 0
+            if len(row) >= room:
+                row.popleft()
+                n_dropped = 1
+            row.append((self._n_put, record))
+            self._n_put += 1
+            self._changed.notify_all()
+            return n_dropped
+
+    def take(self, timeout_s: float | None = None) -> Record | None:
+        """Return the oldest record; None after `timeout_s`, after `wake`, or at the end."""
+        deadline_s = None if timeout_s is None else time.monotonic() + timeout_s
+        with self._changed:
+            while True:
+                waiting = [row for row in self._rows.values() if row]
+                if waiting:
+                    _, record = min(waiting, key=lambda row: row[0][0]).popleft()
+                    self._changed.notify_all()
+                    return record
+                left_s = None if deadline_s is None else deadline_s - time.monotonic()
+                is_late = left_s is not None and left_s <= 0
+                if self._is_ended or self._is_woken or is_late:
+                    self._is_woken = False
+                    return None
+                self._changed.wait(left_s)
+
+    def wake(self) -> None:
+        """Let `take` return although there is no record."""
+        with self._changed:
+            self._is_woken = True
+            self._changed.notify_all()
+
+    def wait_for_end(self, timeout_s: float) -> bool:
+        """Wait until `end` is called; return whether it was."""
+        with self._changed:
+            return self._changed.wait_for(lambda: self._is_ended, timeout_s)
+
+    def end(self) -> None:
+        """Refuse further records; what waits can still be taken."""
+        with self._changed:
+            self._is_ended = True
+            self._changed.notify_all()
+
+
+class ThreadSink(ABC):
+    """A queue and a thread; `start` it once it is built.
+
+    Parameters
+    ----------
+    name : str
+        For people; without secrets.
+    waits : bool
+        The stream waits for this sink, see `SinkContext.can_wait`.
+
+    Attributes
+    ----------
+    tick_s : float or None
+        How often `_tick` is called when nothing comes; None is never.
+    is_durable : bool
+        What it has taken outlives the process. `on_taken` is then called with every event that it
+        has kept, does not want or cannot handle: nobody need tell it again.
+    """
+
+    tick_s: float | None = None
+    is_durable = False
+
+    def __init__(self, name: str, *, waits: bool = False) -> None:
+        self.name = name
+        self.waits = waits
+        self._keeper = StateKeeper()
+        self._queue = RecordQueue(waits=waits)
+        self.on_taken: Callable[[Record], None] = lambda _event: None
+        self._fatal: Exception | None = None
+        self._deadline_s = float("inf")
+        self._told, self._told_s, self._n_untold = "", float("-inf"), 0
+        self._thread = threading.Thread(target=self._run, name=f"sink {name}", daemon=True)
+
+    def start(self) -> Self:
+        """Begin to work; return the sink. A second call does nothing."""
+        if self._thread.ident is None:
+            self._begin()
+            self._thread.start()
+        return self
+
+    @property
+    def state(self) -> SinkState:
+        """As in `Sink`."""
+        return self._keeper.state(len(self._queue))
+
+    def write(self, record: Record) -> None:
+        """As in `Sink`."""
+        self._raise()
+        self._drop(self._queue.put(record), "no room")
+
+    def finish(self, timeout_s: float | None = None) -> None:
+        """As in `Sink`."""
+        if timeout_s is not None:
+            self._deadline_s = min(self._deadline_s, time.monotonic() + timeout_s)
+        self._queue.end()
+
+    def close(self, timeout_s: float | None = None) -> None:
+        """As in `Sink`."""
+        if timeout_s is None and not self.waits:
+            timeout_s = CLOSE_S
+        self.finish(timeout_s)
+        if self._thread.ident is None:
+            self._shut()
+        else:
+            self._thread.join(timeout_s)
+        if self._thread.is_alive():
+            # A thread that waits for its far end cannot be ended, only left behind.
+            log.warning("%s: did not end in time, %d records left", self.name, len(self._queue))
+        self._raise()
+
+    def _raise(self) -> None:
+        error, self._fatal = self._fatal, None
+        if error is not None:
+            raise error
+
+    def _fail_for_good(self, error: Exception) -> None:
+        """Refuse everything from here on; the next call of `write` or `close` raises."""
+        self._fatal = error
+        self._queue.end()
+
+    def _left_s(self) -> float:
+        """Return the time that `close` still gives, in seconds."""
+        return max(0.0, self._deadline_s - time.monotonic())
+
+    def _drop(self, n: int, why: str) -> None:
+        if self._keeper.dropped(n):
+            log.warning("%s: drops records (%s); `state` counts them", self.name, why)
+
+    def _failed(self, reason: str) -> None:
+        if not self._keeper.failed(reason):
+            return
+        now_s = time.monotonic()
+        if reason == self._told and now_s - self._told_s < _SAID_AGAIN_S:
+            self._n_untold += 1
+            return
+        self._tell_the_rest()
+        self._told, self._told_s = reason, now_s
+        log.warning("%s: %s", self.name, reason)
+
+    def _tell_the_rest(self) -> None:
+        if self._n_untold:
+            log.warning("%s: %s (%d more times)", self.name, self._told, self._n_untold)
+            self._n_untold = 0
+
+    def _sent(self, n: int = 1) -> None:
+        if self._keeper.sent(n) and not self._n_untold:
+            log.info("%s: works again", self.name)
+
+    def _has_taken(self, record: Record | None) -> None:
+        """Say that a record needs this sink no more, if it is an event; subclasses call it."""
+        if record is not None and record.get("type") == "event":
+            self.on_taken(record)
+
+    def _run(self) -> None:
+        try:
+            while True:
+                record = self._queue.take(self.tick_s)
+                if record is None and self._queue.is_ended and not len(self._queue):
+                    break
+                try:
+                    if record is not None:
+                        self._take(record)
+                    self._tick()
+                except Exception as err:
+                    # One record that cannot be made into output must not cost all others.
+                    log.exception("%s: a record could not be handled", self.name)
+                    self._keeper.failed(f"internal error: {err!r}")
+                    self._drop(record is not None, "cannot be handled")
+                    self._has_taken(record)
+        finally:
+            self._tell_the_rest()
+            self._shut()
+
+    def _begin(self) -> None:  # noqa: B027 - a hook that few need
+        """Begin what works beside the sink's own thread."""
+
+    @abstractmethod
+    def _take(self, record: Record) -> None:
+        """Handle one record; in the sink's thread."""
+
+    def _tick(self) -> None:  # noqa: B027 - a hook that few need
+        """Do what no record asks for; in the sink's thread."""
+
+    def _shut(self) -> None:  # noqa: B027 - likewise
+        """Release everything, within `_left_s()`; in the sink's thread if it was started."""
+
+
+class DirectSink(ThreadSink):
+    """A sink whose thread hands on every record itself, and repeats it until that works.
+
+    Parameters
+    ----------
+    name, waits
+        As in `ThreadSink`.
+    backoff : Backoff
+        Waits between attempts.
+    """
+
+    def __init__(self, name: str, backoff: Backoff, *, waits: bool = False) -> None:
+        super().__init__(name, waits=waits)
+        self._backoff = backoff
+
+    @abstractmethod
+    def _deliver(self, record: Record) -> None:
+        """Hand on one record; raises DeliveryError to be called again with the same."""
+
+    def _take(self, record: Record) -> None:
+        while not self._try(record):
+            if self.waits:
+                self._fail_for_good(OutputError(f"--output {self.name}: {self.state.reason}"))
+                return
+            if self._queue.wait_for_end(self._backoff.next_s()):
+                if not self._try(record):
+                    self._drop(1 + self._drain(), "left at the end")
+                return
+
+    def _try(self, record: Record) -> bool:
+        try:
+            self._deliver(record)
+        except DeliveryError as err:
+            self._failed(str(err))
+            return False
+        self._backoff.reset()
+        self._sent()
+        self._has_taken(record)
+        return True
+
+    def _drain(self) -> int:
+        n = 0
+        while self._queue.take(0) is not None:
+            n += 1
+        return n

@@ -1,0 +1,191 @@
+"""Webhook: every event as an HTTP POST, repeated until a server takes it.
+
+Written on `http.client`: no redirect is followed unless `webhook.follow_redirects` asks for it,
+since that would carry an alarm to a host that nobody named, and the time limit is one for the
+whole attempt.
+Signatures and the three headers are those of the Standard Webhooks specification, 1.0
+(recalled): `webhook-id` is the same in every attempt, so a receiver can tell repetitions.
+"""
+
+import base64
+import hashlib
+import hmac
+import http.client
+import socket
+import ssl
+import threading
+import time
+from pathlib import Path
+from urllib.parse import urljoin, urlsplit
+
+from radard.config.credentials import read_secret
+from radard.config.sink_table import SinkOptions
+from radard.errors import ConfigError, UsageError
+from radard.outputs.base import DeliveryError, SinkContext
+from radard.outputs.outbox import Item
+from radard.outputs.outbox_sink import OutboxSink, body_of, outbox_path, wants_events
+from radard.outputs.tls import client_context, explain
+from x2radar.command import installed_version
+
+_REFUSALS = frozenset({400, 405, 406, 409, 410, 411, 413, 414, 415, 422})
+"""Status codes about this very body (RFC 9110); others count as an outage of the server."""
+_REDIRECTS = frozenset({301, 302, 307, 308})
+"""Those after which a POST may be repeated elsewhere (RFC 9110); 303 asks for a GET."""
+_MOST_HOPS = 3  # chosen
+_MOST_ANSWER = 65_536  # bytes that are read of an answer; chosen
+_SCHEMES = frozenset({"http", "https"})
+_LATE = "no answer within the time limit"
+
+
+def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> "WebhookSink":
+    """Return the sink of `webhook:URL`, or of `webhook:@FILE` whose first line is the URL."""
+    target = url.partition(":")[2]
+    if target.startswith("@"):
+        # URLs of chat services are secrets; a file keeps them off the command line.
+        target = read_secret("webhook.url", Path(target[1:]), None) or ""
+    try:
+        parts = urlsplit(target)
+        is_right = parts.scheme in _SCHEMES and bool(parts.hostname)
+        is_right = is_right and parts.port != 0 and parts.username is None
+    except ValueError:
+        is_right = False
+    if not is_right:
+        msg = (
+            "--output webhook: give webhook:http://HOST/PATH, https://, or @FILE with such a "
+            "URL in it; user and password do not belong there, see webhook.token_file"
+        )
+        raise UsageError(msg)
+    return WebhookSink(target, options, context)
+
+
+class WebhookSink(OutboxSink):
+    """POST events."""
+
+    def __init__(self, url: str, options: SinkOptions, context: SinkContext) -> None:
+        o = options.webhook
+        parts = urlsplit(url)
+        self._url = url
+        self._section = o
+        self._sensor = context.sensor
+        self._tls = client_context("webhook", o.ca_file)
+        self._headers(b"", "check")
+        others = ["status"] * o.statuses + ["decision"] * o.decisions
+        port = f":{parts.port}" if parts.port else ""
+        super().__init__(
+            f"webhook:{parts.scheme}://{parts.hostname}{port}",
+            outbox_path(context, "webhook", url),
+            options.outbox,
+            wants_events(o.kinds, o.phases, others),
+        )
+
+    def _send(self, item: Item) -> None:
+        body = body_of(self._sensor, item.record)
+        began_s = time.monotonic()
+        try:
+            code = self._post_to_the_end(body, self._headers(body, item.key))
+        except ConfigError as err:
+            raise DeliveryError(str(err)) from err
+        except (OSError, ValueError, http.client.HTTPException) as err:
+            # ValueError: `_hang_up` closed the connection while TLS was reading.
+            is_late = time.monotonic() - began_s >= self._section.timeout_s
+            raise DeliveryError(_LATE if is_late else _explain(err)) from err
+        if not 200 <= code < 300:
+            msg = f"the server answers {code} {http.client.responses.get(code, '')}"
+            if code in _REDIRECTS and not self._section.follow_redirects:
+                msg += ", a redirect, which webhook.follow_redirects may follow"
+            raise DeliveryError(msg, is_refusal=code in _REFUSALS)
+
+    def _post_to_the_end(self, body: bytes, headers: dict[str, str]) -> int:
+        """Return the code of the last answer, after redirects if they are followed."""
+        url, end_s = self._url, time.monotonic() + self._section.timeout_s
+        code, location = self._post(url, body, headers, self._section.timeout_s)
+        n_hops = _MOST_HOPS if self._section.follow_redirects else 0
+        while n_hops and location and code in _REDIRECTS:
+            n_hops -= 1
+            before, url = url, urljoin(url, location)
+            if urlsplit(url).scheme not in ({"https"} if before[:6] == "https:" else _SCHEMES):
+                msg = "the server redirects to what is no https"
+                raise DeliveryError(msg)
+            if urlsplit(url)[:2] != urlsplit(before)[:2]:
+                # The token is for the host that was named.
+                headers.pop("Authorization", None)
+            code, location = self._post(url, body, headers, max(0.001, end_s - time.monotonic()))
+        return code
+
+    def _post(
+        self, url: str, body: bytes, headers: dict[str, str], timeout_s: float
+    ) -> tuple[int, str]:
+        """Return an answer's code, and where it redirects to."""
+        parts = urlsplit(url)
+        host, port = parts.hostname or "", parts.port
+        link: http.client.HTTPConnection
+        if parts.scheme == "https":
+            link = http.client.HTTPSConnection(host, port, timeout=timeout_s, context=self._tls)
+        else:
+            link = http.client.HTTPConnection(host, port, timeout=timeout_s)
+        # The library's limit is for every read; a server that drips bytes would outlive it.
+        watch = threading.Timer(timeout_s, _hang_up, (link,))
+        watch.daemon = True
+        watch.start()
+        try:
+            path = (parts.path or "/") + (f"?{parts.query}" if parts.query else "")
+            link.request("POST", path, body, headers)
+            answer = link.getresponse()
+            answer.read(_MOST_ANSWER)
+            return answer.status, answer.getheader("Location", "")
+        finally:
+            watch.cancel()
+            link.close()
+
+    def _headers(self, body: bytes, key: str) -> dict[str, str]:
+        o = self._section
+        now = str(int(time.time()))
+        headers = {
+            "Content-Type": "application/json",
+            "User-Agent": f"radard/{installed_version()}",
+            "webhook-id": key,
+            "webhook-timestamp": now,
+        }
+        token = read_secret("webhook.token", o.token_file, o.token_env)
+        if token is not None:
+            headers["Authorization"] = f"Bearer {token}"
+        secret = read_secret("webhook.secret", o.secret_file, o.secret_env)
+        if secret is not None:
+            headers["webhook-signature"] = sign(secret, key, now, body)
+        return headers
+
+
+def sign(secret: str, key: str, timestamp: str, body: bytes) -> str:
+    """Return the header webhook-signature of a body, from webhook-id and webhook-timestamp.
+
+    The secret is base64 behind `whsec_` (ConfigError if it is not), or any text.
+    """
+    raw = secret.encode()
+    if secret.startswith("whsec_"):
+        try:
+            raw = base64.b64decode(secret.removeprefix("whsec_"), validate=True)
+        except ValueError as err:
+            msg = "webhook.secret: what follows whsec_ is not base64"
+            raise ConfigError(msg) from err
+    content = f"{key}.{timestamp}.".encode() + body
+    digest = hmac.new(raw, content, hashlib.sha256).digest()
+    return f"v1,{base64.b64encode(digest).decode()}"
+
+
+def _hang_up(link: http.client.HTTPConnection) -> None:
+    sock: socket.socket | None = link.sock
+    if sock is not None:
+        try:
+            sock.shutdown(socket.SHUT_RDWR)
+        except OSError:
+            sock.close()
+
+
+def _explain(err: Exception) -> str:
+    if isinstance(err, ssl.SSLCertVerificationError):
+        return explain(err)
+    if isinstance(err, TimeoutError):
+        return _LATE
+    if isinstance(err, http.client.HTTPException):
+        return f"not an HTTP answer: {type(err).__name__}"
+    return f"cannot connect: {(isinstance(err, OSError) and err.strerror) or err}"

@@ -1,0 +1,263 @@
+"""From configuration to the parts that a run is made of, at start and at a reload."""
+
+import hashlib
+import logging
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+from radard.alarm.events import See
+from radard.alarm.panel import AlarmPolicy
+from radard.alarm.room_reference import RoomStore
+from radard.alarm.sensitivity import alarm_policy
+from radard.alarm.state_store import StateStore
+from radard.alarm.tamper import TamperWatch
+from radard.alarm.zones import Zones, sight_of, zone_fault, zone_warnings
+from radard.clips.keeper import ClipKeeper
+from radard.config.config import Config
+from radard.config.directories import calibration_file, clip_dir, named_state_dir, state_dir
+from radard.config.quiet_hours import Now, QuietHours, parse_quiet, time_zone
+from radard.config.sections import AUTO_MODEL
+from radard.detect.calibration import Calibration, load_calibration
+from radard.errors import ConfigError
+from radard.judge.bundle import load_bundle
+from radard.judge.classifier import Classifier
+from radard.judge.model_choice import model_for
+from radard.pipeline import Pipeline, pet_limit_of
+from radard.stream.ring import DwellShape
+from x2radar.command import installed_version
+from x2radar.frame import StreamInfo
+
+log = logging.getLogger("radard")
+RESTART_SECTIONS = ("sensor", "service")
+_PIPELINE_SECTIONS = ("mount", "model", "gate", "decision")
+
+
+@dataclass(slots=True)
+class Parts:
+    """What a worker works with; a reload replaces some of it."""
+
+    config: Config  # what the rest was made of
+    pipeline: Pipeline  # dwell to decision
+    policy: AlarmPolicy  # decisions to alarm
+    see: See  # decision to sight
+    quiet: QuietHours  # when no alarm is wanted
+    tamper: TamperWatch | None  # None when it is off
+    clips: ClipKeeper | None  # None when nothing is kept
+    pet_limit: float  # of the rule; the pipeline's from the exchange on
+    zone_fault: str = ""  # why nobody can raise an alarm
+
+
+def logger_of(config: Config) -> logging.Logger:
+    """Return where a sensor's run logs; that of one of several says which one."""
+    return log.getChild(config.sensor.name) if config.is_one_of_several else log
+
+
+def make_classifier(config: Config, stream: StreamInfo | None = None) -> Classifier | None:
+    """Return the classifier that is named; raises BundleError or ModelMismatch."""
+    name = model_for(config.model.name, stream)
+    return None if name == "none" else Classifier(load_bundle(name))
+
+
+def classifier_for(
+    stream: StreamInfo, config: Config, known: Classifier | None
+) -> Classifier | None:
+    """Return the classifier of a stream: the one that is known, unless `auto` means another."""
+    name = model_for(config.model.name, stream)
+    if known is None or config.model.name != AUTO_MODEL or known.bundle.name == name:
+        return known
+    return make_classifier(config, stream)
+
+
+def make_parts(
+    config: Config, pipeline: Pipeline, *, now: Now, is_live: bool, old: Parts | None = None
+) -> Parts:
+    """Make what `config` asks for around a pipeline; keep of `old` what has not changed.
+
+    Raises ConfigError if the calibration does not fit or, at the start, if no zone lies within the
+    swath; later that is a fault, and zones can be corrected where they were saved.
+    """
+    fault = _check_zones(config, pipeline)
+    if fault and old is None:
+        raise ConfigError(fault)
+    was = old.config if old else None
+    bundle = pipeline.classifier.bundle if pipeline.classifier else None
+    pet_limit = pet_limit_of(config, bundle)
+    made_here = old is not None and old.config.gate.calibration == config.gate.calibration
+    use_calibration(config, pipeline, is_live=is_live, keeps=made_here)
+    quiet = QuietHours(
+        [parse_quiet(text) for text in config.alarm.quiet], time_zone(config.alarm.timezone), now
+    )
+    tamper, clips = (old.tamper, old.clips) if old else (None, None)
+    room = room_of(config, pipeline)
+    if tamper is None or was is None or was.tamper != config.tamper or tamper.room != room:
+        tamper = _make_tamper(config, pipeline, room, is_live=is_live, old=tamper)
+    if was is None or was.clips != config.clips:
+        clips = _make_clips(config, pipeline) if is_live else None
+    elif clips is not None:
+        # The frames that it holds, and a clip that is being made, stay.
+        clips.describe(_about_clips(config, pipeline))
+    return Parts(
+        config=config,
+        pipeline=pipeline,
+        policy=alarm_policy(config.alarm, pipeline.policy),
+        see=_make_see(config, pet_limit),
+        quiet=quiet,
+        tamper=tamper,
+        clips=clips,
+        pet_limit=pet_limit,
+        zone_fault=fault,
+    )
+
+
+def use_calibration(
+    config: Config, pipeline: Pipeline, *, is_live: bool, keeps: bool = False
+) -> None:
+    """Give a pipeline the calibration that is named, unless it has it already.
+
+    `auto` takes that of the state directory for a real device, if it is there and fits. With
+    `keeps`, any other stream keeps the one that was made of it. Raises ConfigError if a file that
+    was named cannot be had or does not fit.
+    """
+    asked = config.gate.calibration
+    calibration: Calibration | None = None
+    if asked == "auto":
+        path = calibration_file(config)
+        is_real = is_live and not (config.sensor.port or "").startswith("sim:")
+        if not is_real and keeps:
+            return
+        try:
+            if is_real and path.is_file():
+                calibration = _take_calibration(path, pipeline)
+        except (ConfigError, OSError) as err:
+            log.warning("the gate goes without calibration: %s", err)
+    elif asked != "none":
+        calibration = _take_calibration(Path(asked), pipeline)
+    if calibration is None and pipeline.calibration is not None:
+        pipeline.use(None)
+
+
+def _take_calibration(path: Path, pipeline: Pipeline) -> Calibration:
+    calibration = load_calibration(path)
+    was = pipeline.calibration
+    if was is not None and was.text() == calibration.text():
+        return was
+    pipeline.use(calibration)
+    made_utc = calibration.provenance.made_utc
+    log.info("calibration: %s, %s", path, f"made {made_utc}" if made_utc else "date unknown")
+    reasons = calibration.stale(
+        device=pipeline.stream.device, software=installed_version(), now=datetime.now(UTC)
+    )
+    for reason in reasons:
+        log.warning("%s is stale: %s; make a new one with radard calibrate", path, reason)
+    return calibration
+
+
+def remake_parts(config: Config, old: Parts, *, now: Now, is_live: bool) -> Parts:
+    """Make the parts of a configuration that was read again, for the stream that goes on.
+
+    Changes of `sensor` and `service` are logged and left for a restart. Raises BundleError or
+    ModelMismatch if the model cannot be had, ConfigError if it takes other dwells than those
+    that the ring cuts.
+    """
+    was = old.config
+    for name in RESTART_SECTIONS:
+        if getattr(config, name) != getattr(was, name):
+            log.warning("reload: changes of '%s' take a restart", name)
+    config = config.model_copy(update={name: getattr(was, name) for name in RESTART_SECTIONS})
+    pipeline = old.pipeline
+    if any(getattr(config, name) != getattr(was, name) for name in _PIPELINE_SECTIONS):
+        has_new = config.model != was.model
+        stream = pipeline.stream
+        classifier = make_classifier(config, stream) if has_new else pipeline.classifier
+        pipeline = Pipeline(stream, config, classifier)
+        if _cut_of(pipeline) != _cut_of(old.pipeline):
+            msg = f"model.name: '{config.model.name}' takes other dwells; that takes a restart"
+            raise ConfigError(msg)
+    return make_parts(config, pipeline, now=now, is_live=is_live, old=old)
+
+
+def _cut_of(pipeline: Pipeline) -> tuple[DwellShape, int]:
+    """Return what the ring must know of a pipeline: its dwells and the bins that it keeps."""
+    classifier = pipeline.classifier
+    return pipeline.shape, classifier.bundle.features.range_decimation if classifier else 1
+
+
+def make_store(config: Config, *, is_live: bool) -> StateStore:
+    """Return where arming is kept: nowhere for a replay or a demo, apart for a simulation."""
+    # An alarm that is on is kept only in a folder that was named: a run by hand begins afresh.
+    is_named = named_state_dir(config) is not None
+    return StateStore(_kept_file(config, "json", is_live=is_live), keeps_alarms=is_named)
+
+
+def _kept_file(config: Config, ending: str, *, is_live: bool) -> Path | None:
+    is_sim = (config.sensor.port or "").startswith("sim:")
+    if not is_live or (is_sim and named_state_dir(config) is None):
+        return None
+    return state_dir(config) / f"{config.sensor.name}{'.sim' if is_sim else ''}.{ending}"
+
+
+def _zones_of(config: Config) -> Zones:
+    return Zones(**config.zones.model_dump())
+
+
+def _check_zones(config: Config, pipeline: Pipeline) -> str:
+    zones, range_m = _zones_of(config), pipeline.stream.axis.range_m
+    swath = float(range_m[0]), float(range_m[-1])
+    fault = zone_fault(zones, *swath)
+    for text in () if fault else zone_warnings(zones, *swath):
+        logger_of(config).warning("%s", text)
+    return fault
+
+
+def _make_see(config: Config, pet_limit: float) -> See:
+    zones = _zones_of(config)
+    return lambda decision, policy, mode: sight_of(decision, policy, zones.armed(mode), pet_limit)
+
+
+def _make_tamper(
+    config: Config, pipeline: Pipeline, room: str, *, is_live: bool, old: TamperWatch | None
+) -> TamperWatch | None:
+    if not config.tamper.enabled:
+        return None
+    store = RoomStore(_kept_file(config, "room.json", is_live=is_live), room)
+    # Other settings are no reason to take what is there now for the room.
+    known = old.known if old is not None and old.room == room else None
+    return TamperWatch(config.tamper, pipeline.shape.hop_s, store, known)
+
+
+def room_of(config: Config, pipeline: Pipeline) -> str:
+    """Return whose reference this is: with another module, swath or calibration it is another."""
+    axis, port = pipeline.stream.axis, config.sensor.port or ""
+    n_bins = axis.n_range // _cut_of(pipeline)[1]
+    made_utc = pipeline.calibration.provenance.made_utc if pipeline.calibration else ""
+    return ", ".join(
+        (
+            port if port.startswith("sim:") else pipeline.stream.device,
+            f"{axis.kind}, {n_bins} bins from {axis.range_offset_m:.3f} m",
+            f"{axis.bin_length_m:.4g} m",
+            f"{axis.carrier_hz:.4g} Hz, {pipeline.stream.frame_rate_hz:.3g} frames a second",
+            f"calibrated {made_utc or ('then' if pipeline.calibration else 'never')}",
+        )
+    )
+
+
+def _make_clips(config: Config, pipeline: Pipeline) -> ClipKeeper | None:
+    folder = clip_dir(config)
+    if folder is None:
+        return None
+    about = _about_clips(config, pipeline)
+    n_slow = pipeline.shape.n_slow
+    return ClipKeeper(config.clips, folder, pipeline.stream, n_slow, about)
+
+
+def _about_clips(config: Config, pipeline: Pipeline) -> dict[str, str]:
+    """Return the root attributes of clips: what made their decisions."""
+    bundle = pipeline.classifier.bundle if pipeline.classifier else None
+    return {
+        "sensor": config.sensor.name,
+        "config_hash": config.digest(),
+        "model": bundle.name if bundle else "none",
+        "model_sha256": hashlib.sha256(bundle.onnx).hexdigest() if bundle else "",
+        "version": installed_version(),
+    }

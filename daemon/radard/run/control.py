@@ -1,0 +1,203 @@
+"""Control: arm, disarm and test a running daemon from the command line of the same machine.
+
+A Unix socket beside the status file of every sensor. Only the daemon's own user and root may
+connect: the socket is 0600 before anybody can, and the kernel says who did. A request is one
+JSON object on a line, the answer is another: ``{"command": "arm"}``.
+"""
+
+import contextlib
+import json
+import logging
+import os
+import selectors
+import socket
+import stat
+import struct
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from radard.alarm.panel import ARM_MODES
+from radard.outputs.trial import ANSWERED_S
+
+if TYPE_CHECKING:
+    # Not for the other end of the line, which must answer at once.
+    from radard.run.radar_run import RadarRun
+
+log = logging.getLogger("radard")
+COMMANDS = ("arm", "arm-home", "disarm", "test-alarm")
+_TOLD = ("armed", "mode", "panel", "delay_left_s")
+_MOST_BYTES = 4096  # of a request; chosen: they have about thirty
+_REQUEST_S = 2.0  # chosen: the other end is a program on the same machine
+_TAKEN_UP_S = 5.0  # chosen: a worker is never so long in one dwell
+_LOOK_S = 0.1  # chosen: a person waits
+
+
+def control_path(folder: Path, sensor: str) -> Path:
+    """Return the socket of a sensor."""
+    return folder / f"{sensor}.sock"
+
+
+class ControlServer:
+    """Serve the sockets of all radars of a process, in a thread."""
+
+    def __init__(self, radars: "Sequence[RadarRun]", folder: Path) -> None:
+        self._radars = radars
+        self._folder = folder
+        self._selector = selectors.DefaultSelector()
+        self._open: list[tuple[socket.socket, Path, int]] = []
+        self._halt = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="control", daemon=True)
+
+    def start(self) -> None:
+        """Begin, once; a socket that cannot be made is logged, and missing."""
+        if self._thread.ident is not None or not hasattr(socket, "SO_PEERCRED"):
+            return
+        for radar in self._radars:
+            self._serve_radar(radar)
+        self._thread.start()
+
+    def add(self, radar: "RadarRun") -> None:
+        """Serve another radar from now on, if any are served."""
+        if self._thread.ident is not None:
+            self._serve_radar(radar)
+
+    def remove(self, name: str) -> None:
+        """Serve a radar no more."""
+        path = control_path(self._folder, name)
+        for each in [each for each in self._open if each[1] == path]:
+            self._open.remove(each)
+            self._selector.unregister(each[0])
+            _take_away(*each)
+
+    def stop(self) -> None:
+        """Take the sockets away; no-op if not started."""
+        if self._thread.ident is None:
+            return
+        self._halt.set()
+        self._thread.join(1.0)
+        for each in self._open:
+            _take_away(*each)
+
+    def _serve_radar(self, radar: "RadarRun") -> None:
+        path = control_path(self._folder, radar.name)
+        try:
+            sock = _listen(path)
+        except OSError as err:
+            log.warning("%s: no commands from there: %s", path, err.strerror or err)
+            return
+        if sock is not None:
+            self._open.append((sock, path, path.stat().st_ino))
+            self._selector.register(sock, selectors.EVENT_READ, radar)
+
+    def _run(self) -> None:
+        while not self._halt.is_set():
+            for key, _ in self._selector.select(_LOOK_S) if self._open else ():
+                try:
+                    self._serve(key.fileobj, key.data)  # type: ignore[arg-type]
+                except OSError as err:
+                    log.warning("a command was not answered: %s", err.strerror or err)
+            if not self._open:
+                # A radar may be added later.
+                self._halt.wait(_REQUEST_S)
+
+    def _serve(self, sock: socket.socket, radar: "RadarRun") -> None:
+        line, _ = sock.accept()
+        with line:
+            uid = _user_of(line)
+            if uid not in {0, os.geteuid()}:
+                log.warning("%s: user %d may give no commands", radar.name, uid)
+                return
+            line.settimeout(_REQUEST_S)
+            request = _first_line(line)
+            try:
+                name = json.loads(request)["command"]
+                answer = self._answer(str(name), radar)
+            except (ValueError, LookupError, TypeError, RecursionError) as err:
+                answer = {"ok": False, "error": str(err)}
+            line.sendall(json.dumps(answer).encode() + b"\n")
+
+    def _answer(self, name: str, radar: "RadarRun") -> dict[str, Any]:
+        if name not in COMMANDS:
+            msg = f"no command '{name}'; known are {', '.join(COMMANDS)}"
+            raise ValueError(msg)
+        log.warning("%s: asked for on the command line", name)
+        if name == "test-alarm":
+            return {"ok": True, "outputs": radar.test_alarm(self._halt)}
+        radar.command(name)
+        mode = ARM_MODES.get(name)
+        # Kept, too: what was answered must hold after a kill.
+        _wait(lambda: _is_so(radar.panel(), mode) and radar.is_kept, _TAKEN_UP_S, self._halt)
+        panel = radar.panel()
+        return {"ok": True, **{key: panel.get(key) for key in _TOLD}}
+
+
+def _is_so(panel: Mapping[str, object], mode: str | None) -> bool:
+    """Return whether a panel is armed in a mode; None: disarmed."""
+    return panel.get("armed") is (mode is not None) and mode in {None, panel.get("mode")}
+
+
+def ask(path: Path, command: str) -> Mapping[str, Any]:
+    """Give a daemon a command and return its answer; raises OSError or ValueError."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as line:
+        line.settimeout(ANSWERED_S + _TAKEN_UP_S)
+        line.connect(str(path))
+        line.sendall(json.dumps({"command": command}).encode() + b"\n")
+        answer: Mapping[str, Any] = json.loads(_first_line(line))
+        return answer
+
+
+def _listen(path: Path) -> socket.socket | None:
+    """Return a socket that listens; None while another daemon has it."""
+    path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+    if path.exists():
+        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as line:
+            line.settimeout(_REQUEST_S)
+            with contextlib.suppress(ConnectionRefusedError):
+                line.connect(str(path))
+                return None
+        if stat.S_ISSOCK(path.lstat().st_mode):
+            path.unlink()
+    sock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    try:
+        sock.bind(str(path))
+        # Nobody can connect before `listen`.
+        path.chmod(0o600)
+        sock.listen(4)
+    except OSError:
+        sock.close()
+        raise
+    return sock
+
+
+def _take_away(sock: socket.socket, path: Path, inode: int) -> None:
+    """Close a socket and remove its file, unless that is another daemon's by now."""
+    sock.close()
+    with contextlib.suppress(OSError):
+        if path.stat().st_ino == inode:
+            path.unlink()
+
+
+def _user_of(line: socket.socket) -> int:
+    """Return the user id of the program at the other end."""
+    size = struct.calcsize("3i")
+    credentials = line.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, size)
+    return int(struct.unpack("3i", credentials)[1])
+
+
+def _first_line(line: socket.socket) -> bytes:
+    data = b""
+    while b"\n" not in data and len(data) < _MOST_BYTES * 16:
+        part = line.recv(_MOST_BYTES)
+        if not part:
+            break
+        data += part
+    return data
+
+
+def _wait(condition: Callable[[], bool], timeout_s: float, halt: threading.Event) -> None:
+    end_s = time.monotonic() + timeout_s
+    while not condition() and time.monotonic() < end_s and not halt.wait(_LOOK_S):
+        pass

@@ -1,0 +1,166 @@
+"""RoomCalibration: calibrate while the daemon runs, when a command asks for it.
+
+As `radard calibrate` does, of the same dwells that decisions are made of: first there is time
+to leave the room, then the room is listened to, then the file is written and the gate takes
+it up. The survey works on a thread of its own, because it costs as much as a decision, and
+its library takes a while to load.
+"""
+
+import logging
+import queue
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+
+from radard.config.config import Config
+from radard.config.directories import kept_calibration
+from radard.config.redact import redact
+from radard.detect.calibration import Calibration, Provenance, utc_text
+from radard.errors import RadardError
+from radard.judge.classifier import Classifier
+from radard.pipeline import HOP_S
+from radard.stream.ring import Dwell
+from x2radar.command import installed_version
+from x2radar.frame import StreamInfo
+
+log = logging.getLogger("radard")
+_MOST_WAITING = 30  # dwells; chosen: half a minute of a machine that lags
+_REPLAY = "replay:"
+
+
+@dataclass(frozen=True, slots=True)
+class CalibrationProgress:
+    """How far it is."""
+
+    phase: str
+    left_s: int = 0
+    text: str = ""
+
+
+def can_calibrate(config: Config) -> bool:
+    """Return whether a running sensor may make its own calibration."""
+    return config.gate.calibration != "none" and not (config.sensor.port or "").startswith(_REPLAY)
+
+
+def signer(
+    stream: StreamInfo, classifier: Classifier | None, port: str
+) -> Callable[[int, float, float], Provenance]:
+    """Return what makes the provenance of a stream's calibration, see `RoomSurvey.calibration`."""
+
+    def sign(n_dwells: int, heard_s: float, predicted: float) -> Provenance:
+        return Provenance(
+            made_utc=utc_text(datetime.now(UTC)),
+            device=stream.device,
+            port=redact(port),
+            software=installed_version(),
+            model=classifier.bundle.name if classifier else "none",
+            carrier_hz=stream.axis.carrier_hz,
+            duration_s=round(heard_s, 3),
+            n_dwells=n_dwells,
+            false_gates_per_day=float(f"{predicted:.3g}"),
+        )
+
+    return sign
+
+
+class RoomCalibration:
+    """One calibration of a running sensor.
+
+    Parameters
+    ----------
+    config : Config
+        How long to wait and to listen, and the gate's settings.
+    sign : callable
+        See `signer`.
+    t_s : float
+        Stream time of the command.
+    on_made : callable
+        Given the calibration, from another thread, once it is kept.
+    """
+
+    def __init__(
+        self,
+        config: Config,
+        sign: Callable[[int, float, float], Provenance],
+        t_s: float,
+        on_made: Callable[[Calibration], None],
+    ) -> None:
+        self._config = config
+        self._path = kept_calibration(config)
+        self._sign = sign
+        self._on_made = on_made
+        self._from_s = t_s + config.gate.calibrate_after_s
+        self._to_s = self._from_s + config.gate.calibrate_s
+        self._dwells: queue.Queue[Dwell | None] = queue.Queue(_MOST_WAITING)
+        self._stopped = ""
+        self.progress = CalibrationProgress("leave", round(config.gate.calibrate_after_s))
+        """How far it is; any thread may read it."""
+        self._thread: threading.Thread | None = None
+
+    @property
+    def is_over(self) -> bool:
+        """Whether it has ended, well or not."""
+        return self.progress.phase in {"made", "failed"}
+
+    def take(self, dwell: Dwell) -> None:
+        """Take a dwell of the stream, one after the other; returns at once."""
+        if self.is_over or self._stopped:
+            return
+        began_s = dwell.t_s - len(dwell.frames) / dwell.frame_rate_hz
+        if began_s < self._from_s:
+            self.progress = CalibrationProgress("leave", max(0, round(self._from_s - dwell.t_s)))
+            return
+        if self._thread is None:
+            self._thread = threading.Thread(target=self._run, name="calibration", daemon=True)
+            self._thread.start()
+        self.progress = CalibrationProgress("listen", max(0, round(self._to_s - dwell.t_s)))
+        try:
+            # A dwell is a view into the ring, which goes on.
+            self._dwells.put_nowait(replace(dwell, frames=dwell.frames.copy()))
+            if dwell.t_s >= self._to_s:
+                self._stopped = "heard"
+                self._dwells.put_nowait(None)
+        except queue.Full:
+            self.stop("the machine is too slow for it")
+
+    def stop(self, reason: str) -> None:
+        """End it without a result; does nothing once it is over."""
+        if not self.is_over and self._stopped != "heard":
+            self._stopped = reason
+            self._fail(reason)
+
+    def _run(self) -> None:
+        try:
+            self._survey()
+        except RadardError as err:
+            self._fail(str(err))
+        except Exception as err:
+            log.exception("the calibration broke off")
+            self._fail(repr(err))
+
+    def _survey(self) -> None:
+        # Late: nobody else in the daemon needs scipy.
+        from radard.detect.survey import RoomSurvey  # noqa: PLC0415
+
+        survey = RoomSurvey(self._config.gate, HOP_S)
+        while (dwell := self._dwells.get()) is not None:
+            survey.add(dwell)
+            if self.is_over:
+                return
+        survey.check_empty()
+        made = survey.calibration(self._sign)
+        rate = made.provenance.false_gates_per_day
+        text = f"predicted false gates: {rate:.2g} a day, in such a room"
+        try:
+            made.save(self._path)
+        except OSError as err:
+            text += f"; holds until the end of this run: {self._path}: {err.strerror or err}"
+            log.warning("calibration: %s", text)
+        self._on_made(made)
+        self.progress = CalibrationProgress("made", text=f"{made.provenance.made_utc}, {text}")
+        log.info("calibration: %s: %s", self._path, text)
+
+    def _fail(self, reason: str) -> None:
+        self.progress = CalibrationProgress("failed", text=reason)
+        log.warning("calibration: %s; what held before holds", reason)

@@ -1,0 +1,336 @@
+"""Worker: takes dwells, decides, follows events, and tells the outputs; one thread.
+
+All that it knows of time is stream time, but for the two things that ask for the clock on
+the wall: quiet periods of a live stream, and silence.
+"""
+
+import threading
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
+from typing import Any
+
+from radard.alarm.dwell_cells import is_frozen
+from radard.alarm.events import Event, EventTracker, trial_alarm
+from radard.alarm.panel import ARM_MODES, AlarmPanel
+from radard.alarm.state_store import StateStore
+from radard.alarm.tamper import Finding
+from radard.detect.calibration import Calibration
+from radard.errors import ConfigError
+from radard.health.health import Health, Status
+from radard.judge.decision import Decision, invalid_decision
+from radard.outputs.fanout import Feed
+from radard.outputs.records import decision_record, event_record, status_record
+from radard.run.components import Parts, logger_of, room_of
+from radard.run.room_calibration import RoomCalibration, can_calibrate, signer
+from radard.stream.frame_timing import RateWatch
+from radard.stream.ring import Dwell, FrameRing, Notice
+from x2radar.frame import Frame
+
+_LOOK_UP_S = 0.5  # chosen: so late silence is noticed
+
+
+class Worker:
+    """Work on one stream: dwells and notices of the ring become records for the outputs.
+
+    Health is fed here; the store keeps arming, an alarm that is on and a running entry delay.
+    `rate` compares the rate of frames with the clock, where they come in real time.
+    """
+
+    def __init__(
+        self,
+        parts: Parts,
+        ring: FrameRing,
+        outputs: Feed,
+        health: Health,
+        store: StateStore,
+        *,
+        rate: RateWatch | None = None,
+    ) -> None:
+        self.parts = parts
+        self._rate = rate
+        self._next: Parts | None = None
+        self._ring = ring
+        self._outputs = outputs
+        self._health = health
+        self._store = store
+        self._stopped = threading.Event()
+        self._n_decided = 0
+        self._t_s = 0.0
+        self._last: Decision | None = None
+        self._log = logger_of(parts.config)
+        kept = store.load(is_armed=parts.config.alarm.armed)
+        if kept.is_armed != parts.config.alarm.armed:
+            word = "armed" if kept.is_armed else "disarmed"
+            self._log.warning("%s, as the last command said", word)
+        panel = AlarmPanel(parts.policy, is_armed=kept.is_armed, mode=kept.mode)
+        config = parts.config
+        sensor = f" {config.sensor.name}" if config.is_one_of_several else ""
+        run = f" {parts.pipeline.stream.run_id}{sensor}"
+        self.tracker = EventTracker(panel, parts.see, run)
+        self._kept_events = self.tracker.resume(kept)
+        self._room: RoomCalibration | None = None
+        self._made: Calibration | None = None
+        self.failure: BaseException | None = None
+        """What ended the work, if that was no end of the stream."""
+
+    def panel(self) -> Mapping[str, Any]:
+        """Return what people may want to know, see `Host.panel`; for any thread."""
+        events, panel = self.tracker.open_events, self.tracker.panel
+        alarm, last = events.get("alarm"), self._last
+        drift = self._rate.clock.estimate if self._rate is not None else None
+        return {
+            "armed": panel.is_armed,
+            "mode": panel.mode,
+            "panel": panel.state,
+            "delay_left_s": panel.left_s(self._t_s),
+            "sensitivity": self.parts.config.alarm.sensitivity,
+            "alarm_id": alarm.id if alarm else None,
+            "open": {kind: event.reason for kind, event in events.items()},
+            "t_s": round(self._t_s, 3),
+            "seq": last.seq if last else 0,
+            "gate": last.gate if last else None,
+            "label": last.label if last else None,
+            "clock_drift": asdict(drift) if drift is not None else None,
+            "calibration": asdict(self._room.progress) if self._room is not None else None,
+        }
+
+    @property
+    def is_kept(self) -> bool:
+        """Whether it would be armed as it is after a kill, too; for any thread."""
+        panel = self.tracker.panel
+        return self._store.holds(is_armed=panel.is_armed, mode=panel.mode)
+
+    def command(self, name: str) -> None:
+        """Queue a command, see `Host.command`; for any thread."""
+        self._ring.post("command", name)
+
+    def try_alarm(self) -> None:
+        """Send a test alarm through the outputs; for any thread."""
+        self._ring.post("test", "")
+
+    def exchange(self, parts: Parts) -> None:
+        """Work with other parts from the next item on; for any thread."""
+        self._next = parts
+        self._ring.post("reload", "the configuration was read again")
+
+    def hold(self, frame: Frame) -> None:
+        """Hold a frame for a clip; for the reader."""
+        if (clips := self.parts.clips) is not None:
+            clips.push(frame)
+
+    def stop(self) -> None:
+        """Ask for the end; for any thread."""
+        self._stopped.set()
+
+    def run(self) -> None:
+        """Work until the stream ends or `stop`; keeps what went wrong in `failure`."""
+        try:
+            self._emit(self._kept_events)
+            while not self._stopped.is_set():
+                try:
+                    item = self._ring.take(_LOOK_UP_S)
+                except TimeoutError:
+                    self._look_up()
+                    continue
+                if item is None:
+                    break
+                self._take(item)
+        except BaseException as err:  # noqa: BLE001 - handed over to the main thread
+            self.failure = err
+
+    def _look_up(self) -> None:
+        """Nothing came: see whether that has lasted too long."""
+        status = self._health.check()
+        self._tell(status)
+        if status is not None and not status.is_well:
+            self._emit(self.tracker.on_notice(Notice("silent", status.reason, self._t_s)))
+
+    def _take(self, item: Dwell | Notice) -> None:
+        if isinstance(item, Dwell):
+            self._take_dwell(item)
+        elif item.kind == "command":
+            self._take_command(item)
+        elif item.kind == "test":
+            # Between two decisions, so that no output takes its end for that of a real alarm.
+            if "alarm" not in self.tracker.open_events:
+                for event in trial_alarm(item.t_s):
+                    self._outputs.put(event_record(event))
+        elif item.kind == "reload":
+            self._take_parts()
+        elif item.kind == "calibrated":
+            self._take_calibration()
+        else:
+            self._take_notice(item)
+
+    def _take_dwell(self, dwell: Dwell) -> None:
+        parts = self.parts
+        self._n_decided += 1
+        if self._room is not None:
+            self._room.take(dwell)
+        decision = replace(self._decide(dwell), seq=self._n_decided)
+        self._last, self._t_s = decision, decision.t_s
+        self._tell(self._health.on_decision(decision))
+        record = decision_record(decision)
+        self._outputs.put(record)
+        if parts.clips is not None:
+            parts.clips.on_decision(record, decision.t_s)
+        was = self.tracker.panel.state
+        is_whole = decision.gate != "invalid"
+        findings = self._look_for_tamper(dwell, decision) if is_whole else ()
+        fault = "dead sensor: all frames are the same" if is_whole and is_frozen(dwell) else ""
+        if self._rate is not None:
+            fault = fault or self._rate.note(dwell.t_s, dwell.t_mono_s)
+        fault = fault or parts.zone_fault
+        events = self.tracker.on_decision(
+            decision,
+            dwell,
+            is_quiet=parts.quiet.holds(decision.t_s),
+            findings=findings,
+            fault=fault,
+        )
+        told = self._emit(events)
+        if self.tracker.panel.state != was:
+            self._keep(decision.t_s)
+        self._complain("sensor", fault)
+        self._after_clip(decision.t_s, told)
+
+    def _look_for_tamper(self, dwell: Dwell, decision: Decision) -> Sequence[Finding]:
+        tamper, gate = self.parts.tamper, self.parts.pipeline.gate
+        if tamper is None:
+            return ()
+        is_passed_over = decision.label is not None and not decision.alarm
+        return tamper.update(dwell, gate, is_passed_over=is_passed_over)
+
+    def _decide(self, dwell: Dwell) -> Decision:
+        try:
+            return self.parts.pipeline.decide(dwell)
+        except Exception as err:  # noqa: BLE001 - logged below, with its traceback
+            # Whatever it is: announced as a fault and tried again is better than silence.
+            self._log.exception("a dwell could not be judged")
+            return invalid_decision(dwell, f"internal error: {err!r}")
+
+    def _take_notice(self, notice: Notice) -> None:
+        if notice.kind == "restart":
+            self.parts.pipeline.restart()
+            if self.parts.clips is not None:
+                self.parts.clips.restart()
+        if self._rate is not None:
+            self._rate.reset()
+        if notice.kind in {"restart", "lost"} and self._room is not None:
+            self._room.stop(f"the stream broke off ({notice.reason})")
+        if notice.kind == "paused":
+            # Somebody holds a replay on purpose: nothing is wrong with it.
+            self._tell(self._health.on_notice(notice))
+            return
+        self._log.warning("%s: %s", notice.kind, notice.reason)
+        self._tell(self._health.on_notice(notice))
+        self._emit(self.tracker.on_notice(notice))
+
+    def _take_command(self, notice: Notice) -> None:
+        name = notice.reason
+        self._log.info("command: %s", name)
+        if name == "calibrate":
+            self._calibrate(notice.t_s)
+        elif name in ARM_MODES and not self._may_arm(notice.t_s):
+            return
+        else:
+            self._emit(self.tracker.on_command(name, notice.t_s))
+        self._keep(notice.t_s)
+
+    def _keep(self, t_s: float) -> None:
+        self._store.save(self.tracker.kept(t_s))
+
+    def _may_arm(self, t_s: float) -> bool:
+        """Tell people who arm while a tamper event is on; return whether the sensor is armed."""
+        on = self.tracker.open_events.get("tamper")
+        if on is None or self.tracker.panel.is_armed:
+            return True
+        is_refused = self.parts.config.alarm.arm_with_tamper == "refuse"
+        word = "arming was refused" if is_refused else "armed all the same"
+        self._log.warning("%s: tamper: %s", word, on.reason)
+        self._emit(self.tracker.remark("tamper", word, t_s))
+        return not is_refused
+
+    def _calibrate(self, t_s: float) -> None:
+        config, pipeline = self.parts.config, self.parts.pipeline
+        if not can_calibrate(config):
+            # No calibration is wanted: the gate learns the room again, as at the start.
+            pipeline.restart()
+            self._relearn_tamper(t_s)
+            return
+        if self._room is not None:
+            self._room.stop("another one was asked for")
+        sign = signer(pipeline.stream, pipeline.classifier, config.sensor.port or "")
+        self._room = RoomCalibration(config, sign, t_s, self._calibrated)
+
+    def _calibrated(self, made: Calibration) -> None:
+        """Take up a calibration with the next item; called from the calibration's thread."""
+        self._made = made
+        self._ring.post("calibrated", "the room was calibrated")
+
+    def _take_calibration(self) -> None:
+        made, self._made = self._made, None
+        if made is None:
+            return
+        try:
+            self.parts.pipeline.use(made)
+        except ConfigError as err:
+            # A reload came between, with a model that takes other bins.
+            self._log.warning("the calibration is not taken up: %s", err)
+        else:
+            self._relearn_tamper(self._t_s)
+
+    def _relearn_tamper(self, t_s: float) -> None:
+        """Take what is there now for the room; nothing else ends a tamper that lasts."""
+        parts = self.parts
+        if parts.tamper is not None:
+            self._emit(self.tracker.remark("tamper", "taken for the room: it was calibrated", t_s))
+            parts.tamper.relearn(room_of(parts.config, parts.pipeline))
+
+    def _take_parts(self) -> None:
+        parts, self._next = self._next, None
+        if parts is None:
+            return
+        if self.parts.clips is not None and self.parts.clips is not parts.clips:
+            self.parts.clips.close(0.0)
+        self.parts = parts
+        parts.pipeline.use_limit(parts.pet_limit)
+        self.tracker.panel.policy = parts.policy
+        self.tracker.see = parts.see
+
+    def _after_clip(self, t_s: float, events: Sequence[Event]) -> None:
+        clips = self.parts.clips
+        if clips is None:
+            return
+        alarm = next((event_record(e) for e in reversed(events) if e.kind == "alarm"), None)
+        clips.after(t_s, is_seen=self.tracker.panel.is_seen, event=alarm)
+        self._complain("clips", clips.complaint)
+        if clips.complaint and (on := self.tracker.open_events.get("alarm")) is not None:
+            self.tracker.has_clip(on.id, None)
+
+    def _emit(self, events: Sequence[Event]) -> list[Event]:
+        """Tell events; return them with the clip that a new alarm begins."""
+        told = [self._with_clip(event) for event in events]
+        if any(event.kind == "alarm" and event.phase != "end" for event in told):
+            # First: an alarm of which somebody was told must still be on after a kill. That one is
+            # over is kept by the caller, once the outputs have been told.
+            self._keep(told[-1].t_s)
+        for event in told:
+            self._outputs.put(event_record(event))
+        return told
+
+    def _with_clip(self, event: Event) -> Event:
+        clips = self.parts.clips
+        if event.kind != "alarm" or event.phase != "new" or clips is None:
+            return event
+        clip = clips.begin(event_record(event), event.t_s)
+        self.tracker.has_clip(event.id, clip)
+        return replace(event, clip=clip)
+
+    def _complain(self, source: str, reason: str) -> None:
+        self._tell(self._health.complain(source, reason))
+
+    def _tell(self, status: Status | None) -> None:
+        if status is not None:
+            self._log.info("%s %s", status.state, status.reason)
+            self._outputs.put(status_record(status))

@@ -1,0 +1,169 @@
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from radard.errors import BundleError, ModelMismatch
+from radard.judge.bundle import bundle_names, load_bundle
+from radard.judge.classifier import Classifier, softmax
+from radard.judge.features import FeatureSet
+from x2radar.frame import FastTimeAxis
+
+AXIS = FastTimeAxis(
+    kind="baseband",
+    n_range=768,
+    bin_length_m=299_792_458 / 82e9,
+    range_offset_m=0.6,
+    carrier_hz=6.8e9,
+    bandwidth_hz=2.3e9,
+)
+
+
+EMPTY = np.zeros((28, 120), np.float32)
+
+
+def features(vector):
+    return FeatureSet(EMPTY, EMPTY, {"thesis_type2": vector.astype(np.float32)})
+
+
+@pytest.fixture
+def copy(tmp_path):
+    """The shipped bundle as files, with a sidecar to spoil."""
+    bundle = load_bundle("thesis")
+    (tmp_path / "mine.onnx").write_bytes(bundle.onnx)
+    from importlib import resources
+
+    sidecar = json.loads((resources.files("radard.models") / "thesis.json").read_text())
+
+    def write(**changes):
+        path = tmp_path / "mine.json"
+        path.write_text(json.dumps({**sidecar, **changes}))
+        return str(tmp_path / "mine.onnx")
+
+    return write
+
+
+def test_shipped_bundles_load_and_answer():
+    assert {"thesis", "balanced"} <= set(bundle_names())
+    for name in bundle_names():
+        bundle = load_bundle(name)
+        classifier = Classifier(bundle)
+        rng = np.random.default_rng(0)
+        inputs = {i.feature: rng.random(i.shape, np.float32) for i in bundle.inputs}
+        p = classifier.classify(FeatureSet(EMPTY, EMPTY, inputs))
+        assert p.human + p.pet + p.other == pytest.approx(1, abs=1e-6)
+        assert min(p.human, p.pet, p.other) >= 0
+
+
+def test_extreme_features_stay_finite():
+    classifier = Classifier(load_bundle("thesis"))
+    for vector in (np.zeros(1176), np.ones(1176) * 1e4):
+        p = classifier.classify(features(vector))
+        assert 0 <= p.human <= 1
+    with pytest.raises(ModelMismatch, match="answered"):
+        classifier.classify(features(np.full(1176, np.nan)))
+
+
+@settings(deadline=None, derandomize=True)
+@given(st.lists(st.floats(-1e4, 1e4), min_size=1, max_size=5))
+def test_softmax_sums_to_one(logits):
+    p = softmax(np.array(logits))
+    assert np.isfinite(p).all()
+    assert p.sum() == pytest.approx(1, abs=1e-6)
+
+
+def test_a_file_loads_like_an_installed_bundle(copy):
+    assert load_bundle(copy()).classes == load_bundle("thesis").classes
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"schema": 9}, "schema 9"),
+        ({"onnx_sha256": "0" * 64}, "sha256"),
+        ({"classes": ["pet", "alien"]}, "classes"),
+        ({"classes": ["pet", "human", "other"]}, "classes"),
+        ({"features": {"n_cpi": 32}}, "input features"),
+        ({"features": {"n_moon": 1}}, "n_moon"),
+        ({"inputs": [{"name": "x", "shape": [1176], "feature": "thesis_type2"}]}, "takes"),
+        (
+            {"inputs": [{"name": "features", "shape": [9], "feature": "thesis_type2"}]},
+            "thesis_type2",
+        ),
+        ({"stream": {}}, "stream needs"),
+        ({"temperature": "warm"}, "lacks or garbles"),
+        ({"hidden": -1}, "lacks or garbles hidden -1"),
+        ({"hidden": True}, "hidden True"),
+        ({"hidden": "24"}, "hidden '24'"),
+        ({"hidden": 24}, r"the sidecar says .*'hidden': \[1, 24\]"),
+    ],
+)
+def test_a_sidecar_that_does_not_fit_is_refused(copy, changes, words):
+    with pytest.raises(ModelMismatch, match=words):
+        Classifier(load_bundle(copy(**changes)))
+
+
+def test_missing_and_broken_files(copy, tmp_path):
+    with pytest.raises(BundleError, match="no model"):
+        load_bundle("nope")
+    with pytest.raises(BundleError, match="cannot read"):
+        load_bundle(str(tmp_path / "gone.onnx"))
+    path = copy()
+    (tmp_path / "mine.json").write_text("{")
+    with pytest.raises(BundleError, match="not JSON"):
+        load_bundle(path)
+
+
+def test_weights_that_are_no_network(copy, tmp_path):
+    import hashlib
+
+    path = copy(onnx_sha256=hashlib.sha256(b"rubbish").hexdigest())
+    (tmp_path / "mine.onnx").write_bytes(b"rubbish")
+    with pytest.raises(ModelMismatch, match="no ONNX file"):
+        Classifier(load_bundle(path))
+
+
+def test_a_bundle_that_fits_is_named_where_one_does_not():
+    korean = FastTimeAxis(
+        kind="baseband",
+        n_range=150,
+        bin_length_m=0.0514,
+        range_offset_m=0.4,
+        carrier_hz=8.748e9,
+        bandwidth_hz=1.4e9,
+        sample_rate_hz=23.328e9,
+    )
+    with pytest.raises(ModelMismatch, match=r"carrier_hz is 8\.748e\+09.*take it: x4m03$"):
+        load_bundle("balanced").check_stream(korean, 60.0)
+    with pytest.raises(ModelMismatch, match=r"it takes 14\.5 to 210$"):
+        load_bundle("balanced").check_stream(replace(korean, carrier_hz=7.29e9), 300.0)
+
+
+def test_streams_that_do_not_fit_are_named():
+    bundle = load_bundle("thesis")
+    bundle.check_stream(AXIS, 60)
+    bundle.check_stream(replace(AXIS, bandwidth_hz=0), 60)
+    with pytest.raises(ModelMismatch, match=r"frame_rate_hz is 17\.06.*bin_length_m is 0\.0514"):
+        bundle.check_stream(replace(AXIS, bin_length_m=0.0514), 17.06)
+
+
+@pytest.mark.parametrize(
+    "logits",
+    [
+        [1e4, -1e4],
+        [-1e4, -1e4, -1e4],
+        [1e4, 1e4, 1e4],
+        [1e4, 1e4 - 1, -1e4],
+        [0.0],
+        [3e38, -3e38],
+    ],
+)
+def test_softmax_at_its_extremes_against_extended_precision(logits):
+    x = np.array(logits)
+    e = np.exp(x.astype(np.longdouble) - x.max())
+    p = softmax(x)
+    assert np.abs(p - (e / e.sum()).astype(float)).max() < 1e-15
+    assert abs(p.sum() - 1) < 1e-15

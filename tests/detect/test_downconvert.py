@@ -1,0 +1,249 @@
+import tracemalloc
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from radard.dsp.downconvert import DownConverter
+from radard.errors import FeatureError
+from tests.radar_helpers import BASEBAND, noise
+from x2radar.frame import FastTimeAxis
+from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS, RadarSettings
+
+S = RadarSettings()
+RF = FastTimeAxis(
+    kind="rf",
+    n_range=S.n_range,
+    bin_length_m=S.bin_length_m,
+    range_offset_m=S.range_offset_m,
+    carrier_hz=S.carrier_hz,
+    bandwidth_hz=S.bandwidth_hz,
+    sample_rate_hz=S.sample_rate_hz,
+)
+SIGMA_S = np.sqrt(np.log(10)) / (np.pi * S.bandwidth_hz)
+
+
+def echo(range_m, amplitude=1.0):
+    """One RF frame with one point echo, float64."""
+    delay_s = 2 * range_m / SPEED_OF_LIGHT_MPS
+    t = S.sample_delay_s + np.arange(S.n_range) / S.sample_rate_hz - delay_s
+    return amplitude * np.exp(-0.5 * (t / SIGMA_S) ** 2) * np.cos(2 * np.pi * S.carrier_hz * t)
+
+
+@pytest.mark.parametrize("range_m", [0.9, 1.7, 2.5, 3.2])
+@pytest.mark.parametrize("amplitude", [1e-6, 1.0, 1e4])
+def test_a_point_keeps_amplitude_range_and_phase(range_m, amplitude):
+    out = DownConverter(RF).convert((50 + echo(range_m, amplitude)).astype(np.float32))
+    if amplitude < 1e-3:
+        return  # drowned by the float32 step of the idle line; only finite is asked for
+    k = int(np.abs(out).argmax())
+    assert RF.range_m[k] == pytest.approx(range_m, abs=S.bin_length_m)
+    assert np.abs(out[k]) == pytest.approx(amplitude, rel=2e-3)
+    wanted = np.exp(-4j * np.pi * range_m * S.carrier_hz / SPEED_OF_LIGHT_MPS)
+    assert np.angle(out[k] / wanted) == pytest.approx(0, abs=2e-3)
+
+
+def test_pulse_is_widened_by_root_two():
+    out = np.abs(DownConverter(RF).convert(echo(2.0).astype(np.float32)))
+    bin_s = 1 / S.sample_rate_hz
+    t = (np.arange(S.n_range) - out.argmax()) * bin_s
+    width = np.sqrt((out**2 * t**2).sum() / (out**2).sum())
+    assert width == pytest.approx(SIGMA_S, rel=0.02)  # of |z|^2: sqrt(2) sigma / sqrt(2)
+
+
+def test_against_float64_by_definition():
+    rng = np.random.default_rng(0)
+    x = rng.standard_normal(S.n_range)
+    ours = DownConverter(RF).convert(x.astype(np.float32))
+    x = x - x.mean()
+    half = 60
+    k = np.arange(-half, half + 1)
+    pulse = np.exp(-0.5 * (k / (SIGMA_S * S.sample_rate_hz)) ** 2)
+    t = S.sample_delay_s + np.arange(S.n_range) / S.sample_rate_hz
+    mixed = np.pad(x * np.exp(-2j * np.pi * S.carrier_hz * t), half)
+    wanted = np.array([np.sum(pulse * mixed[n : n + 2 * half + 1]) for n in range(S.n_range)])
+    wanted *= 2 / np.sum(pulse**2)
+    assert np.abs(ours - wanted).max() / np.abs(wanted).max() < 3e-6
+
+
+@pytest.mark.parametrize("step", [2, 8, 16])
+def test_decimation_picks_every_so_manieth_bin(step):
+    frames = np.random.default_rng(1).standard_normal((3, S.n_range)).astype(np.float32)
+    full, less = DownConverter(RF), DownConverter(RF, step)
+    assert np.allclose(less.convert(frames), full.convert(frames)[:, ::step])
+    assert less.axis.n_range == 768 // step
+    assert np.allclose(less.axis.range_m, full.axis.range_m[::step])
+
+
+def test_out_is_filled_and_input_left_alone():
+    frame = np.ones(S.n_range, np.float32)
+    frame.flags.writeable = False
+    converter = DownConverter(RF)
+    out = np.empty(S.n_range, np.complex64)
+    assert converter.convert(frame, out) is out
+
+
+def test_baseband_passes_through():
+    frames = noise(4)
+    assert np.array_equal(DownConverter(BASEBAND).convert(frames), frames)
+    assert np.array_equal(DownConverter(BASEBAND, 4).convert(frames), frames[:, ::4])
+
+
+def test_what_cannot_be_converted():
+    with pytest.raises(FeatureError, match="range_decimation"):
+        DownConverter(RF, 0)
+    with pytest.raises(FeatureError, match="sampling rate"):
+        DownConverter(replace(RF, sample_rate_hz=10e9))
+    with pytest.raises(FeatureError, match="bandwidth"):
+        DownConverter(replace(RF, bandwidth_hz=0))
+    with pytest.raises(FeatureError, match="767 bins"):
+        DownConverter(RF).convert(np.zeros(767, np.float32))
+
+
+def definition(x, axis=RF, step=1):
+    """Mixing, then correlating with the pulse, in float64."""
+    x = np.asarray(x, np.float64)
+    x = x - x.mean()
+    sigma = np.sqrt(np.log(10)) / (np.pi * axis.bandwidth_hz) * axis.sample_rate_hz
+    half = int(np.ceil(8 * sigma))
+    pulse = np.exp(-0.5 * (np.arange(-half, half + 1) / sigma) ** 2)
+    start_s = 2 * axis.range_offset_m / SPEED_OF_LIGHT_MPS
+    t = start_s + np.arange(axis.n_range) / axis.sample_rate_hz
+    turns = (axis.carrier_hz * t) % 1.0
+    mixed = np.pad(x * np.exp(-2j * np.pi * turns), half)
+    wanted = np.array([pulse @ mixed[n : n + 2 * half + 1] for n in range(axis.n_range)])
+    return wanted[::step] * 2 / np.sum(pulse**2)
+
+
+P4XX = FastTimeAxis(
+    kind="rf",
+    n_range=480,
+    bin_length_m=9.149e-3,
+    range_offset_m=2.62,
+    carrier_hz=4.0e9,
+    bandwidth_hz=1.7e9,
+    sample_rate_hz=1 / 61.035e-12,
+)
+X4 = replace(
+    RF,
+    n_range=1536,
+    bin_length_m=SPEED_OF_LIGHT_MPS / 2 / 23.328e9,
+    carrier_hz=7.29e9,
+    bandwidth_hz=1.4e9,
+    sample_rate_hz=23.328e9,
+)
+
+
+@pytest.mark.parametrize("axis", [RF, P4XX, X4, replace(RF, n_range=60), replace(RF, n_range=1)])
+@pytest.mark.parametrize("step", [1, 2, 3, 8, 57, 1000])
+def test_any_radar_and_decimation_against_float64(axis, step):
+    step = min(step, axis.n_range)
+    x = np.random.default_rng(0).standard_normal((3, axis.n_range)) + 50
+    x = x.astype(np.float32)
+    ours = DownConverter(axis, step).convert(x)
+    for frame, out in zip(x, ours, strict=True):
+        wanted = definition(frame, axis, step)
+        assert np.abs(out - wanted).max() <= 1e-6 * max(np.abs(wanted).max(), 1)
+
+
+@pytest.mark.parametrize("idle", [0.0, 50.0, 4096.0, 1e5])
+def test_the_idle_line_leaves_nothing(idle):
+    counts = np.rint(np.random.default_rng(1).standard_normal(768) * 100)
+    ours = DownConverter(RF).convert((counts + idle).astype(np.float32))
+    wanted = definition(counts)
+    assert np.abs(ours - wanted).max() < 1e-6 * np.abs(wanted).max()
+    flat = DownConverter(RF).convert(np.full(768, idle, np.float32))
+    assert np.abs(flat).max() < 1e-7 * max(idle, 1)
+
+
+@pytest.mark.parametrize("level", [1e-37, 1e-30, 1e-15, 1.0, 1e15, 1e30, 1e34])
+def test_levels(level):
+    x = (np.random.default_rng(2).standard_normal(768) * level).astype(np.float32)
+    wanted = definition(x)
+    assert (
+        np.abs(DownConverter(RF, 4).convert(x) - wanted[::4]).max() < 1e-6 * np.abs(wanted).max()
+    )
+
+
+def test_denormals_stay_within_the_smallest_step():
+    x = (np.random.default_rng(2).standard_normal(768) * 1e-41).astype(np.float32)
+    # A hundred products, each rounded to 1.4e-45.
+    assert np.abs(DownConverter(RF).convert(x) - definition(x)).max() < 2e-43
+
+
+@pytest.mark.parametrize("dtype", ["<f4", ">f4", "<f8", ">f8", "<f2", "<i2", ">i2", "<u2", "<i4"])
+@pytest.mark.parametrize("strided", [False, True])
+def test_any_number_format(dtype, strided):
+    counts = np.random.default_rng(3).integers(0, 2000, (20, 768))
+    frames = counts.astype(dtype)
+    if strided:
+        wide = np.zeros((40, 768 * 3), dtype)
+        wide[::2, ::3] = frames
+        frames = wide[::2, ::3]
+    converter = DownConverter(RF, 8)
+    assert np.array_equal(converter.convert(frames), converter.convert(counts.astype(np.float32)))
+
+
+def test_shapes_of_input_and_output():
+    x = np.random.default_rng(4).standard_normal((2, 3, 5, 768)).astype(np.float32)
+    converter = DownConverter(RF, 8)
+    wanted = np.stack([converter.convert(f) for f in x.reshape(-1, 768)])
+    assert np.abs(converter.convert(x) - wanted.reshape(2, 3, 5, 96)).max() < 1e-6
+    # A ring's rows, written apart from each other.
+    ring = np.zeros((60, 97), np.complex64)
+    converter.convert(x.reshape(30, 768), ring[::2, :96])
+    assert np.abs(ring[::2, :96] - wanted).max() < 1e-6
+    assert not ring[1::2].any()
+    odd = np.zeros((2, 3, 96, 5), np.complex64).swapaxes(2, 3)
+    converter.convert(x, odd)
+    assert np.abs(odd - wanted.reshape(2, 3, 5, 96)).max() < 1e-6
+    assert converter.convert(np.zeros((0, 768), np.float32)).shape == (0, 96)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_a_frame_that_is_not_finite_leaves_no_trace(bad):
+    rng = np.random.default_rng(5)
+    x = rng.standard_normal((20, 768)).astype(np.float32)
+    hurt = x.copy()
+    hurt[7, 300] = bad
+    converter = DownConverter(RF, 8)
+    with np.errstate(invalid="ignore"):
+        ours = converter.convert(hurt)
+    assert not np.isfinite(ours[7]).all()
+    others = np.arange(20) != 7
+    assert np.abs(ours[others] - converter.convert(x)[others]).max() < 1e-6
+    assert np.array_equal(converter.convert(x[3]), DownConverter(RF, 8).convert(x[3]))
+
+
+@pytest.mark.parametrize("step", [1, 8])
+@pytest.mark.parametrize("dtype", [np.float32, np.int16])
+def test_no_memory_is_taken_for_a_frame(step, dtype):
+    frame = np.random.default_rng(6).integers(0, 999, 768).astype(dtype)
+    converter = DownConverter(RF, step)
+    out = np.empty(converter.axis.n_range, np.complex64)
+    converter.convert(frame, out)
+    tracemalloc.start()
+    try:
+        for _ in range(20):
+            converter.convert(frame, out)
+        left, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    # A few array headers; the smallest array at work here has 768 bytes of its own.
+    assert left < 500
+    assert peak < 4000
+
+
+def test_rising_phase_is_turned_round():
+    frames = noise(4)
+    rising = DownConverter(replace(BASEBAND, phase_sign=1), 4)
+    assert rising.axis.phase_sign == -1
+    assert np.array_equal(rising.convert(frames), frames[:, ::4].conj())
+    assert np.array_equal(rising.convert(frames.astype(">c16")), frames[:, ::4].conj())
+
+
+def test_complex_samples_are_no_rf():
+    with pytest.raises(FeatureError, match="RF frames are real"):
+        DownConverter(RF).convert(np.zeros(768, np.complex64))
+    with pytest.raises(FeatureError, match="0 bins"):
+        DownConverter(RF).convert(np.float32(3))

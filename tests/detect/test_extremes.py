@@ -1,0 +1,253 @@
+"""The whole chain at its extremes: clutter removal, gate, tracks, features of one dwell.
+
+The routines by themselves are judged beside their own tests; here nothing may break between
+them: always finite, pictures within 0 to 1, and the same picture whatever the unit.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from radard.config.sections import GateSettings
+from radard.detect.clutter_map import ClutterRemover
+from radard.detect.gate import Gate
+from radard.detect.tracks import Tracker
+from radard.judge.features import (
+    FEATURES,
+    MAP_FEATURES,
+    FeatureSettings,
+    FeatureStream,
+    extract,
+)
+from radard.stream.ring import Dwell, DwellShape
+from tests.clutter_helpers import AXIS, body, room
+from tests.dsp_helpers import under_clutter
+from tests.radar_helpers import noise
+
+SETTINGS = FeatureSettings(n_profile=64, clutter="removed")
+CELLS = {
+    "velocity_time_medium": (SETTINGS.medium_cpi_s, SETTINGS.medium_cell_s),
+    "velocity_time_long": (SETTINGS.long_cpi_s, SETTINGS.long_cell_s),
+}
+"""CPI and time cell, in seconds, of maps whose CPI is longer than that of the others."""
+
+
+def walk(n_slow=147, rate_hz=60.0, axis=AXIS):
+    """Somebody who walks out of a quiet room, in noise of one."""
+    range_m = 1.2 + 0.8 * np.arange(n_slow) / rate_hz
+    return (noise(n_slow, axis.n_range) + body(range_m, 40, axis)).astype(np.complex64)
+
+
+def dwell_of(frames, *, rate_hz=60.0, axis=AXIS, valid=None, end=None):
+    end = len(frames) if end is None else end
+    valid = np.ones(len(frames), np.bool_) if valid is None else valid
+    n_lost = int(np.count_nonzero(~valid))
+    return Dwell(frames, valid, axis, rate_hz, end / rate_hz, n_lost, end_frame=end)
+
+
+def judged(dwell, names=FEATURES, settings_=SETTINGS):
+    """Everything that is made of a dwell, checked for what must always hold."""
+    moving = ClutterRemover().remove(dwell)
+    gate = Gate(GateSettings())
+    reading = gate.read(moving)
+    tracks = Tracker().update(moving, gate.background)
+    inputs = extract(moving, settings_, names).inputs
+    for name, values in inputs.items():
+        assert values.dtype == np.float32
+        assert np.isfinite(values).all(), name
+        assert values.min() >= 0, name
+        assert values.max() <= 1 + 1e-6, name
+    assert np.isfinite([reading.power_db, reading.noise_floor_db, reading.threshold_db]).all()
+    assert all(np.isfinite(track.range_m) for track in tracks)
+    return reading, tracks, inputs
+
+
+@pytest.mark.parametrize("exponent", [-140, -100, -60, -20, 20, 60, 100, 110])
+def test_a_unit_that_is_a_power_of_two_changes_nothing(exponent):
+    # From amplitudes around 1e-42, denormals, to 1e33.
+    frames = walk()
+    reading, tracks, inputs = judged(dwell_of(frames))
+    scaled = np.ldexp(frames.view(np.float32), exponent).view(np.complex64)
+    other, other_tracks, other_inputs = judged(dwell_of(scaled))
+    assert other.is_open
+    assert reading.is_open
+    loose = exponent < -125
+    assert other.power_db - reading.power_db == pytest.approx(
+        20 * np.log10(2.0) * exponent, abs=0.1 if loose else 1e-4
+    )
+    assert [t.id for t in other_tracks] == [t.id for t in tracks]
+    for name, values in inputs.items():
+        away = np.linalg.norm(other_inputs[name] - values)
+        assert away <= (0.1 if loose else 1e-5) * np.linalg.norm(values), name
+
+
+@pytest.mark.parametrize("clutter_db", [0, 40, 80, 100, 120, 140])
+def test_clutter_does_not_change_the_pictures(clutter_db):
+    # float32 frames have lost 24 dB of digits at 120 dB, 44 dB at 140 dB: that much of the
+    # motion is rounding. Judged against what those frames hold, in float64.
+    frames = under_clutter(walk(), clutter_db)
+    exact = frames.astype(np.complex128)
+    wanted = (exact - exact.mean(axis=0)).astype(np.complex64)
+    ours = extract(dwell_of(frames), SETTINGS, MAP_FEATURES).inputs
+    best = extract(dwell_of(wanted), SETTINGS, MAP_FEATURES).inputs
+    for name in MAP_FEATURES:
+        away = np.linalg.norm(ours[name] - best[name]) / np.linalg.norm(best[name])
+        assert away < 1e-4, name
+    judged(dwell_of(frames))
+
+
+@pytest.mark.parametrize("value", [0.0, 5.0, -1e30, 1e-42, 1e37])
+def test_equal_frames_show_nothing(value):
+    frames = np.full((147, 96), value, np.complex64)
+    reading, tracks, inputs = judged(dwell_of(frames))
+    assert not reading.is_open
+    assert tracks == ()
+    assert not any(values.any() for values in inputs.values())
+
+
+def test_noise_power_zero_and_one_live_bin():
+    frames = np.zeros((147, 96), np.complex64)
+    frames[:, 40] = walk()[:, 40]
+    _, _, inputs = judged(dwell_of(frames))
+    rows = np.flatnonzero(inputs["range_time"].any(axis=1))
+    # Bin 40 lies at 1.77 m, in the cell from 1.7 to 1.8 m.
+    assert rows.tolist() == [13]
+    assert inputs["velocity_time"].any()
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, complex(0, np.nan), 1e39])
+@pytest.mark.parametrize("position", [0, 1, 73, 146])
+def test_frames_that_are_not_finite_are_lost_frames(bad, position):
+    frames = walk()
+    good = judged(dwell_of(frames))
+    with np.errstate(over="ignore"):
+        frames[position, 3] = np.complex64(bad)
+    valid = np.arange(147) != position
+    poisoned = judged(dwell_of(frames))
+    lost = judged(dwell_of(np.where(valid[:, None], frames, 0).astype(np.complex64), valid=valid))
+    assert poisoned[0] == lost[0]
+    assert poisoned[0].power_db == pytest.approx(good[0].power_db, abs=0.2)
+    for name, values in poisoned[2].items():
+        assert np.array_equal(values, lost[2][name]), name
+
+
+@pytest.mark.parametrize("level", [1e3, 1e8, 1e20, 1e33])
+@pytest.mark.parametrize("position", [0, 40, 146])
+def test_a_spike_frame_is_a_lost_frame(level, position):
+    frames = walk()
+    frames[position] += np.complex64(level) * noise(1, 96, seed=9)[0]
+    valid = np.arange(147) != position
+    spiked = judged(dwell_of(frames))
+    lost = judged(dwell_of(frames, valid=valid))
+    assert spiked[0] == lost[0]
+    for name, values in spiked[2].items():
+        assert np.array_equal(values, lost[2][name]), name
+
+
+def test_clipped_frames_stay_within_bounds():
+    frames = walk().view(np.float32)
+    judged(dwell_of(np.clip(frames, -30, 30).view(np.complex64)))
+    judged(dwell_of(np.sign(frames).view(np.complex64)))
+
+
+@pytest.mark.parametrize("position", range(0, 147, 3))
+def test_a_gap_at_every_position_leaves_the_rest_of_the_pictures(position):
+    frames = walk()
+    valid = np.ones(147, np.bool_)
+    valid[position : position + 2] = False
+    frames[~valid] = 1e6
+    whole = extract(dwell_of(walk()), SETTINGS, MAP_FEATURES).inputs
+    gapped = extract(dwell_of(frames, valid=valid), SETTINGS, MAP_FEATURES).inputs
+    for name in MAP_FEATURES:
+        cpi_s, cell_s = CELLS.get(name, (28 / 60, 0.05))
+        # A column is of the CPI before it: cells that no touched CPI ends in are as they were.
+        first_s, last_s = position / 60, (position + 1) / 60 + max(cpi_s, 28 / 60)
+        cell_end_s = 147 / 60 - cell_s * np.arange(whole[name].shape[1] - 1, -1, -1)
+        safe = (cell_end_s < first_s) | (cell_end_s - cell_s - cell_s > last_s)
+        assert safe.any() or name in CELLS
+        assert np.isfinite(gapped[name]).all()
+        assert np.abs(gapped[name] - whole[name])[:, safe].max(initial=0.0) < 0.02, name
+        assert whole[name].any(axis=0).all()
+        if name == "velocity_time_long" and 60 < position < 85:
+            assert not gapped[name].any()
+
+
+@pytest.mark.parametrize("rate_hz", [1.0, 4.0, 17.06, 30.0, 200.0, 1000.0])
+def test_frame_rates(rate_hz):
+    n_cpi = max(4, round(28 / 60 * rate_hz))
+    made = replace(SETTINGS, n_cpi=n_cpi, n_cadence=2, n_profile=24)
+    shape = DwellShape.of(dwell_s=2.0, hop_s=1.0, frame_rate_hz=rate_hz, n_cpi=n_cpi)
+    axis = replace(AXIS, n_range=24, range_offset_m=1.0)
+    frames = walk(shape.n_slow, rate_hz, axis)
+    dwell = dwell_of(frames, rate_hz=rate_hz, axis=axis)
+    reading, _, _ = judged(dwell, MAP_FEATURES, made)
+    if rate_hz < 1000:
+        judged(dwell, ("thesis_type1",), made)
+    if rate_hz > 4:
+        assert reading.is_open
+
+
+@pytest.mark.parametrize("offset_m", [0.0, -1.0, 30.0])
+def test_ranges_at_zero_behind_the_sensor_and_beyond_the_cells(offset_m):
+    axis = replace(AXIS, range_offset_m=offset_m)
+    frames = noise(147, 96)
+    frames[:, 40] += 100 * np.exp(0.3j * np.arange(147))
+    _, _, inputs = judged(dwell_of(frames.astype(np.complex64), axis=axis))
+    if offset_m == 30.0:
+        assert not inputs["range_time"].any()
+
+
+@pytest.mark.parametrize("speed_mps", [-15.0, -5.0, 5.0, 15.0])
+def test_velocities_beyond_the_grid_stay_finite(speed_mps):
+    range_m = 2.0 - speed_mps * (np.arange(147) - 73) / 200
+    frames = (noise(147, 96) + body(range_m, 40)).astype(np.complex64)
+    judged(dwell_of(frames, rate_hz=200.0), MAP_FEATURES)
+
+
+def test_a_million_seconds_later_everything_is_the_same():
+    frames = room(147 + 6 * 60)
+    frames += body(np.linspace(3.2, 1.0, len(frames)), 40).astype(np.complex64)
+    seen = []
+    for later in (0, 60_000_000):
+        remover, gate, tracker = ClutterRemover(), Gate(GateSettings()), Tracker()
+        stream = FeatureStream(SETTINGS, MAP_FEATURES)
+        mine = []
+        for end in range(147, len(frames) + 1, 60):
+            moving = remover.remove(dwell_of(frames[end - 147 : end], end=end + later))
+            reading = gate.read(moving)
+            tracks = tracker.update(moving, gate.background)
+            features = stream.extract(moving).inputs
+            mine.append((reading, tracks, features))
+        seen.append(mine)
+    for (reading, tracks, features), later in zip(*seen, strict=True):
+        assert later[0] == reading
+        assert [t.id for t in later[1]] == [t.id for t in tracks]
+        for ours, theirs in zip(tracks, later[1], strict=True):
+            assert theirs.range_m == pytest.approx(ours.range_m, abs=1e-6)
+        for name, values in features.items():
+            assert np.array_equal(values, later[2][name])
+
+
+@settings(deadline=None, derandomize=True, max_examples=40)
+@given(
+    seed=st.integers(0, 1 << 16),
+    exponent=st.integers(-145, 115),
+    clutter_db=st.floats(0, 140),
+    spikes=st.lists(
+        st.tuples(st.integers(0, 146), st.sampled_from([np.nan, np.inf, 1e30])), max_size=3
+    ),
+    still=st.booleans(),
+)
+def test_anything_at_once_stays_within_bounds(seed, exponent, clutter_db, spikes, still):
+    frames = noise(147, 96, seed=seed)
+    if not still:
+        frames = (frames + walk()).astype(np.complex64)
+    frames = under_clutter(frames, clutter_db, seed).view(np.float32)
+    largest = int(np.frexp(np.abs(frames).max())[1])
+    frames = np.ldexp(frames, min(exponent, 120 - largest)).view(np.complex64)
+    for position, value in spikes:
+        frames[position, position % 96] = value
+    judged(dwell_of(frames))

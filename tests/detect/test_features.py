@@ -1,0 +1,122 @@
+import contextlib
+
+import numpy as np
+import pytest
+
+from radard.errors import FeatureError, ModelMismatch
+from radard.judge.features import (
+    FEATURES,
+    FeatureSettings,
+    FeatureStream,
+    extract,
+    feature_shape,
+)
+from tests.radar_helpers import BASEBAND, copy_ring, dwell_of, noise, walker
+from x2radar.frame import Frame
+
+SETTINGS = FeatureSettings(n_profile=64)
+
+
+def test_shapes_are_as_announced():
+    dwell = dwell_of(noise(147))
+    made = extract(dwell, SETTINGS, FEATURES).inputs
+    for name, array in made.items():
+        assert array.shape == feature_shape(name, SETTINGS)
+        assert array.dtype == np.float32
+    assert feature_shape("thesis_type1", FeatureSettings()) == (784,)
+    assert feature_shape("thesis_type2", FeatureSettings()) == (1176,)
+
+
+def test_type2_is_profile_then_type1():
+    dwell = dwell_of(noise(147) + walker(147, 60, speed_mps=0.5, start_m=2, level=30))
+    made = extract(dwell, SETTINGS, ("thesis_type1", "thesis_type2")).inputs
+    assert np.array_equal(made["thesis_type2"][64:], made["thesis_type1"])
+
+
+@pytest.mark.parametrize("lost", [[0], [146], [60, 61], [20, 90]])
+def test_lost_frames_hardly_move_the_features(lost):
+    frames = noise(147) + walker(147, 60, speed_mps=0.5, start_m=2, level=30)
+    whole = extract(dwell_of(frames), SETTINGS, ()).spectrogram
+    masked = extract(dwell_of(frames, lost=lost), SETTINGS, ()).spectrogram
+    untouched = [i for i in range(120) if not any(i <= k < i + 28 for k in lost)]
+    assert masked[:, untouched] == pytest.approx(whole[:, untouched])
+    touched = [i for i in range(120) if i not in untouched]
+    mean = whole[:, untouched].mean(axis=1, keepdims=True)
+    assert masked[:, touched] == pytest.approx(np.repeat(mean, len(touched), axis=1), rel=1e-5)
+
+
+def test_features_own_their_memory():
+    dwell = dwell_of(noise(147))
+    features = extract(dwell, SETTINGS, ("thesis_type2",))
+    before = features.inputs["thesis_type2"].copy()
+    dwell.frames[:] = 0
+    assert np.array_equal(features.inputs["thesis_type2"], before)
+
+
+@pytest.mark.parametrize(
+    ("made", "same"),
+    [
+        ({"velocity_cpi_carrier_hz": BASEBAND.carrier_hz}, 0.2),
+        ({"velocity_cpi_carrier_hz": 2 * BASEBAND.carrier_hz}, 0.4),
+        ({"velocity_cpi_carrier_hz": BASEBAND.carrier_hz / 2}, 0.1),
+        ({"velocity_cpi_frames": 12}, 0.2),
+        ({"velocity_cpi_frames": 30}, 0.5),
+        ({"velocity_cpi_frames": 9, "velocity_cpi_carrier_hz": BASEBAND.carrier_hz / 2}, 0.15),
+    ],
+)
+def test_a_cpi_is_as_long_as_the_carrier_and_the_frames_ask_for(made, same):
+    dwell = dwell_of(noise(147) + walker(147, 60, speed_mps=0.5, start_m=2, level=30))
+    asked = FeatureSettings(velocity_cpi_s=0.2, **made)
+    maps = [
+        extract(dwell, settings, ("velocity_time",)).inputs["velocity_time"]
+        for settings in (asked, FeatureSettings(velocity_cpi_s=same))
+    ]
+    assert np.array_equal(*maps)
+    other = extract(dwell, FeatureSettings(velocity_cpi_s=0.3), ("velocity_time",))
+    assert not np.array_equal(maps[0], other.inputs["velocity_time"])
+
+
+@pytest.mark.parametrize("raw", [{"n_cpis": 3}, {"n_cpi": 2.5}, {"n_cpi": True}, {"dwell_s": "x"}])
+def test_foreign_settings_are_refused(raw):
+    with pytest.raises(ModelMismatch, match="features"):
+        FeatureSettings.from_mapping(raw)
+
+
+def test_unknown_feature():
+    with pytest.raises(ModelMismatch, match="nope"):
+        feature_shape("nope", SETTINGS)
+
+
+def dwells_of(frames, lost=()):
+    """The dwells that a ring makes of a stream, each good until the next is asked for."""
+    ring = copy_ring(147, 60.0)
+    n_lost = 0
+    for k, row in enumerate(frames):
+        if k in lost:
+            n_lost += 1
+            continue
+        ring.push(Frame(row, k + 1, k, n_lost, False, BASEBAND))
+        n_lost = 0
+        with contextlib.suppress(TimeoutError):
+            yield ring.take(0)
+
+
+def test_following_dwells_give_what_single_ones_give():
+    frames = noise(400) + walker(400, 60, speed_mps=0.5, start_m=3.5, level=30)
+    stream = FeatureStream(SETTINGS, FEATURES)
+    n_dwells = 0
+    for n_dwells, dwell in enumerate(dwells_of(frames, lost={170, 250}), 1):
+        if n_dwells == 3:
+            continue  # as while the gate is closed
+        alone = extract(dwell, SETTINGS, FEATURES)
+        live = stream.extract(dwell)
+        away = np.linalg.norm(live.spectrogram - alone.spectrogram)
+        assert away <= 2e-6 * np.linalg.norm(alone.spectrogram)
+        for name, values in live.inputs.items():
+            assert np.linalg.norm(values - alone.inputs[name]) <= 2e-6 * np.linalg.norm(values)
+    assert n_dwells == 5
+
+
+def test_a_dwell_shorter_than_a_cpi():
+    with pytest.raises(FeatureError, match="cannot fill a CPI"):
+        extract(dwell_of(noise(20)), SETTINGS, ())

@@ -1,0 +1,322 @@
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from radard.config.config import Config
+from radard.config.sections import GateSettings
+from radard.detect.calibration import FORMAT, Calibration, load_calibration
+from radard.detect.clutter_map import ClutterRemover
+from radard.detect.gate import Gate
+from radard.detect.noise_floor import NoiseFloor
+from radard.dsp.clutter import block_power, sound_rows
+from radard.dsp.downconvert import DownConverter
+from radard.dsp.noise import second_differences
+from radard.errors import ConfigError
+from radard.pipeline import Pipeline
+from radard.stream.ring import Dwell, FrameRing
+from tests.clutter_helpers import AXIS, room
+from tests.radar_helpers import BASEBAND, dwell_of, noise, walker
+from x2radar.recording.registry import open_recording
+
+DATA = Path(__file__).parents[3] / "shared" / "data"
+needs_data = pytest.mark.skipif(not DATA.is_dir(), reason="the real recordings are not here")
+
+
+def db(power):
+    return 10 * np.log10(power)
+
+
+@pytest.mark.parametrize("unit", [1e-38, 1e-12, 1.0, 1e9, 1e30])
+def test_opens_for_a_walker_from_the_first_dwell_in_any_unit(unit):
+    gate = Gate(GateSettings())
+    quiet = Gate(GateSettings())
+    for k in range(40):
+        here = noise(147, seed=k)
+        moving = here + walker(147, 60, speed_mps=0.5, start_m=2.2, level=20)
+        assert gate.read(dwell_of((moving * unit).astype(np.complex64))).is_open is True
+        reading = quiet.read(dwell_of((here * unit).astype(np.complex64)))
+        assert reading.is_open is False
+        # The strongest of some thousand cells of noise, and what noise reaches once in 100 days.
+        assert reading.power_db == pytest.approx(db(unit**2) + 6, abs=1.5)
+        assert reading.noise_floor_db == pytest.approx(db(unit**2), abs=1)
+        assert reading.threshold_db - reading.noise_floor_db == pytest.approx(8.7, abs=0.1)
+
+
+@pytest.mark.parametrize("n_range", [64, 180, 400])
+def test_the_length_of_the_swath_does_not_hide_a_weak_body(n_range):
+    axis = replace(AXIS, n_range=n_range)
+    gate = Gate(GateSettings())
+    rng = np.random.default_rng(1)
+    body = np.zeros((147, n_range))
+    # 13 dB over the noise in four bins: 3.5 dB over it in the mean of 64.
+    body[:, 40:44] = np.sqrt(20)
+    turning = np.exp(1j * np.cumsum(rng.standard_normal(147)))[:, None]
+    for k in range(5):
+        here = rng.standard_normal((2, 147, n_range)) / np.sqrt(2)
+        quiet = (here[0] + 1j * here[1]).astype(np.complex64)
+        valid = np.ones(147, bool)
+        dwell = Dwell(quiet, valid, axis, 60.0, float(k), end_frame=147 + k)
+        assert gate.read(dwell).is_open is False
+    moving = replace(dwell, frames=(quiet + body * turning).astype(np.complex64))
+    reading = gate.read(moving)
+    assert reading.is_open is True
+    assert reading.power_db > reading.threshold_db
+    assert reading.range_m == pytest.approx(axis.range_m[41], abs=0.1)
+
+
+def test_range_is_where_the_walker_is():
+    frames = noise(147) + walker(147, 60, speed_mps=0.1, start_m=1.9, level=30)
+    reading = Gate(GateSettings()).read(dwell_of(frames.astype(np.complex64)))
+    assert reading.range_m == pytest.approx(1.8, abs=0.15)
+
+
+def test_learns_a_fidgeting_corner_but_not_who_walks_through_it():
+    gate = Gate(GateSettings())
+    rng = np.random.default_rng(3)
+
+    def corner():
+        frames = np.zeros((147, 64), np.complex64)
+        frames[:, 5] = 80 * np.exp(0.5j * rng.standard_normal(147))
+        return frames
+
+    readings = [gate.read(dwell_of(noise(147, seed=k) + corner())) for k in range(30)]
+    assert all(r.is_open for r in readings[:20])
+    assert not any(r.is_open for r in readings[20:])
+    assert db(gate.background[5]) > 5
+    assert gate.level[5] > 5
+    assert np.delete(gate.level, 5).max() < 1.5
+    walk = walker(147, 60, speed_mps=0.5, start_m=2.2, level=20)
+    assert gate.read(dwell_of(noise(147, seed=99) + corner() + walk)).is_open
+    gate.reset()
+    assert gate.read(dwell_of(noise(147, seed=100) + corner())).is_open
+
+
+def test_never_learns_what_is_far_over_the_noise():
+    gate = Gate(GateSettings(adapt_db=20))
+    rng = np.random.default_rng(3)
+    for k in range(60):
+        frames = noise(147, seed=k)
+        frames[:, 5] += 1000 * np.exp(0.5j * rng.standard_normal(147))
+        assert gate.read(dwell_of(frames)).is_open
+
+
+@pytest.mark.parametrize("value", [0.0, 5.0])
+def test_a_dead_receiver_is_closed_and_finite(value):
+    reading = Gate(GateSettings()).read(dwell_of(np.full((147, 64), value, np.complex64)))
+    assert reading.is_open is False
+    assert np.isfinite([reading.power_db, reading.noise_floor_db, reading.threshold_db]).all()
+
+
+def test_one_live_bin_is_judged_by_its_own_noise():
+    gate = Gate(GateSettings())
+    for k in range(20):
+        frames = np.zeros((147, 64), np.complex64)
+        frames[:, 7] = noise(147, seed=k)[:, 7]
+        reading = gate.read(dwell_of(frames))
+        assert reading.is_open is False
+        assert 0.4 < gate.background[7] < 2.5
+        assert not np.delete(gate.background, 7).any()
+    frames[:, 7] *= np.linspace(1, 30, 147)
+    assert gate.read(dwell_of(frames)).is_open
+
+
+def test_a_dwell_without_a_whole_cpi_is_closed():
+    frames = noise(147)
+    reading = Gate(GateSettings()).read(dwell_of(frames, lost=range(147)))
+    assert reading.is_open is False
+    assert np.isfinite([reading.power_db, reading.noise_floor_db, reading.threshold_db]).all()
+
+
+@pytest.mark.parametrize("position", range(147))
+def test_a_gap_at_every_position_changes_nothing(position):
+    frames = noise(147)
+    frames[position] = 1e5
+    dwell = dwell_of(frames, lost=[position])
+    dwell.frames[position] = 1e5
+    reading = Gate(GateSettings()).read(dwell)
+    assert reading.is_open is False
+    assert reading.power_db == pytest.approx(6, abs=1.5)
+
+
+@pytest.mark.parametrize("steps", [(1.0, 4.0), (4.0, 1.0), (1.0, 16.0)])
+def test_noise_that_differs_over_range_is_floor_from_the_first_dwell(steps):
+    gate = Gate(GateSettings())
+    level = np.repeat(np.sqrt(steps), 32)
+    for k in range(10):
+        reading = gate.read(dwell_of((noise(147, seed=k) * level).astype(np.complex64)))
+        assert reading.is_open is False
+        assert db(gate.background.mean()) == pytest.approx(db(np.mean(steps)), abs=0.7)
+    walk = walker(147, 60, speed_mps=0.5, start_m=2.2, level=20 * max(level))
+    frames = noise(147, seed=50) * level + walk
+    assert gate.read(dwell_of(frames.astype(np.complex64))).is_open
+
+
+def test_the_floor_of_a_bin_moves_at_a_bounded_rate():
+    gate = Gate(GateSettings(floor_rate_db_per_s=0.5))
+    for k in range(5):
+        gate.read(dwell_of(noise(147, seed=k)))
+    before = db(gate.background[10])
+    for k in range(6):
+        frames = noise(147, seed=10 + k)
+        frames[:, :24] *= 10
+        gate.read(dwell_of(frames))
+    assert before + 1.5 < db(gate.background[10]) < before + 3.5
+    gate.reset()
+    gate.read(dwell_of(noise(147, seed=20)))
+    assert db(gate.background[10]) == pytest.approx(0, abs=1.5)
+
+
+def test_a_body_does_not_become_floor():
+    gate = Gate(GateSettings())
+    for k in range(15):
+        turning = 30 * np.exp(0.3j * np.cumsum(np.random.default_rng(k).standard_normal(147)))
+        frames = noise(147, seed=k)
+        frames[:, 20:28] += turning[:, None] * np.linspace(0.2, 1, 147)[:, None]
+        gate.read(dwell_of(frames.astype(np.complex64)))
+    assert gate.background[20:28].max() < 2
+
+
+def test_state_is_the_same_after_a_million_frames():
+    floor = NoiseFloor(60, 0.5)
+    dwells = []
+    for k in range(8):
+        rows, usable, scale = sound_rows(noise(60, 8, seed=k), np.ones(60, np.bool_))
+        power = block_power(rows, usable, 28, 1)[0][:, 0]
+        dwells.append((second_differences(rows, usable), power, 28, scale**2))
+    seen = {}
+    for k in range(1_000_000 // 60):
+        level, own = floor.update(*dwells[k % 8])
+        seen[k] = np.append(own, level)
+    np.testing.assert_allclose(seen[16_000], seen[160], rtol=1e-9)
+
+
+def calibration(floor=1.0, threshold_db=10.0, n_range=64):
+    return Calibration(
+        frame_rate_hz=60.0,
+        bin_length_m=BASEBAND.bin_length_m,
+        range_offset_m=BASEBAND.range_offset_m,
+        floor=np.full(n_range, floor),
+        threshold_db=np.full(n_range, threshold_db),
+    )
+
+
+def test_calibration_takes_the_place_of_floor_and_threshold():
+    gate = Gate(GateSettings(), calibration=calibration(floor=100.0))
+    reading = gate.read(dwell_of(noise(147)))
+    assert reading.noise_floor_db == pytest.approx(20)
+    assert not reading.is_open
+    gate = Gate(GateSettings(), calibration=calibration(floor=0.01))
+    reading = gate.read(dwell_of(noise(147)))
+    # Of what is over the calibrated floor, as much again may be clutter's residue.
+    assert reading.threshold_db == pytest.approx(db(2 * 0.01 * 10), abs=0.1)
+    assert reading.is_open
+
+
+def test_calibration_survives_its_file(tmp_path):
+    made = calibration(floor=1e-6)
+    made.floor[3] = 0
+    made.threshold_db[5] = 7.25
+    made.save(tmp_path / "c.json")
+    back = load_calibration(tmp_path / "c.json")
+    np.testing.assert_allclose(back.floor, made.floor, rtol=3e-4)
+    assert back.floor[3] == 0
+    np.testing.assert_array_equal(back.threshold_db, made.threshold_db)
+    back.check(BASEBAND, 60.0)
+
+
+@pytest.mark.parametrize(
+    ("axis", "rate_hz", "word"),
+    [
+        (BASEBAND, 30.0, "frame_rate_hz is 60"),
+        (replace(BASEBAND, bin_length_m=0.1), 60.0, "bin_length_m"),
+        (replace(BASEBAND, range_offset_m=1.0), 60.0, "range_offset_m"),
+        (replace(BASEBAND, n_range=96), 60.0, "number of bins is 64"),
+    ],
+)
+def test_calibration_of_another_stream_is_refused(axis, rate_hz, word):
+    with pytest.raises(ConfigError, match=word):
+        calibration().check(axis, rate_hz)
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        ({"format": "other"}, "format is not"),
+        ({"format_version": 1}, "format_version 1 is not 2.*calibrate again"),
+        ({"format_version": 3}, "format_version 3"),
+        ({"frame_rate_hz": "60"}, "frame_rate_hz"),
+        ({"bin_length_m": True}, "bin_length_m"),
+        ({"noise_floor_db": []}, "noise_floor_db"),
+        ({"noise_floor_db": [1.0, "x"]}, "noise_floor_db"),
+        ({"threshold_db": [None, 6.0]}, "threshold_db"),
+        ({"threshold_db": [6.0]}, "1 values for 2"),
+        ({"threshold_db": [6.0, -1.0]}, "0 to 120"),
+    ],
+)
+def test_wrong_calibration_files_name_their_fault(change, word, tmp_path):
+    content = {
+        "format": FORMAT,
+        "format_version": 2,
+        "frame_rate_hz": 60.0,
+        "bin_length_m": 0.03,
+        "range_offset_m": 0.6,
+        "noise_floor_db": [-30.0, None],
+        "threshold_db": [6.0, 6.0],
+    }
+    path = tmp_path / "c.json"
+    path.write_text(json.dumps(content))
+    assert load_calibration(path).floor.tolist() == pytest.approx([1e-3, 0])
+    path.write_text(json.dumps(content | change))
+    with pytest.raises(ConfigError, match=word):
+        load_calibration(path)
+
+
+@pytest.mark.parametrize("text", ["", "[1", "[]", None])
+def test_calibration_that_is_no_file_of_ours(text, tmp_path):
+    path = tmp_path / "c.json"
+    if text is not None:
+        path.write_text(text)
+    with pytest.raises(ConfigError, match=r"c\.json"):
+        load_calibration(path)
+
+
+def test_jitter_of_strong_clutter_opens_the_gate_unless_it_is_removed():
+    bare, clean, remover = Gate(GateSettings()), Gate(GateSettings()), ClutterRemover()
+    for k in range(10):
+        dwell = replace(dwell_of(room(seed=k, peak_db=66)), axis=AXIS, t_s=2.45 + k)
+        assert bare.read(dwell).is_open
+        assert not clean.read(remover.remove(dwell)).is_open
+
+
+def readings(path, step=1):
+    """What remover and gate say of a recording: stream times and whether it is open."""
+    reader = open_recording(str(path))
+    pipeline = Pipeline(reader.stream, Config())
+    converter = DownConverter(reader.stream.axis, step)
+    ring = FrameRing(converter.axis, converter.convert, pipeline.shape)
+    gate, remover, found = Gate(GateSettings()), ClutterRemover(), []
+    for frame in reader.frames(0.0):
+        ring.push(frame)
+        while ring._queue:
+            dwell = ring.take(0)
+            found.append((dwell.t_s, gate.read(remover.remove(dwell)).is_open))
+    return np.array(found).T
+
+
+@needs_data
+def test_real_x4m03_recording():
+    time_s, is_open = readings(DATA / "x4m03_recording")
+    assert is_open[(time_s >= 6) & (time_s <= 68)].all()
+    # Who stays breathes 40 dB over the noise, and what filled the swath before was not learned.
+    assert is_open[time_s > 71].all()
+
+
+@needs_data
+@pytest.mark.parametrize("name", ["101", "102"])
+def test_real_walks_open_the_gate_all_the_time(name):
+    time_s, is_open = readings(DATA / f"p410_walk_{name}.mat", step=4)
+    # Then the walker stands, still in sight, and is seen on and off.
+    assert is_open[time_s < 31].all()

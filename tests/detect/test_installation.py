@@ -1,0 +1,95 @@
+"""What an installation knows: strength of the echo, and the input made of it."""
+
+import numpy as np
+import pytest
+
+from radard.judge.features import FEATURES, FeatureSettings, FeatureStream, feature_shape
+from radard.judge.installation import (
+    INSTALLATION,
+    N_INSTALLATION,
+    Mount,
+    echo_at_1m_db,
+    installation,
+)
+from radard.stream.ring import Dwell
+from x2radar.frame import FastTimeAxis
+
+RANGE_M = np.arange(0.5, 3.5, 0.03)
+
+
+def power_of(at_m, excess, noise=2.0):
+    power = np.full(len(RANGE_M), noise)
+    power[int(np.argmin(np.abs(RANGE_M - at_m)))] += excess
+    return power, np.full(len(RANGE_M), noise)
+
+
+def test_an_echo_is_as_strong_at_1_m_wherever_it_is():
+    near = echo_at_1m_db(*power_of(1.01, 2000.0), RANGE_M)
+    far = echo_at_1m_db(*power_of(2.03, 2000.0 / 2.0099**4), RANGE_M)
+    assert near == pytest.approx(30.0, abs=0.3)
+    assert far == pytest.approx(near, abs=0.3)
+
+
+def test_a_body_over_several_bins_counts_whole():
+    one, floor = power_of(2.0, 3000.0)
+    spread = floor.copy()
+    at = int(np.argmax(one))
+    spread[at - 1 : at + 2] += 1000.0
+    assert echo_at_1m_db(spread, floor, RANGE_M) == pytest.approx(
+        echo_at_1m_db(one, floor, RANGE_M), abs=0.3
+    )
+
+
+@pytest.mark.parametrize("scale", [1e-150, 1.0, 1e150])
+def test_strength_does_not_depend_on_the_unit(scale):
+    power, floor = power_of(1.5, 500.0)
+    assert echo_at_1m_db(power * scale, floor * scale, RANGE_M) == pytest.approx(
+        echo_at_1m_db(power, floor, RANGE_M)
+    )
+
+
+@pytest.mark.parametrize(
+    ("power", "floor"),
+    [(np.ones(4), np.ones(4)), (np.zeros(4), np.zeros(4)), (np.full(4, np.inf), np.ones(4))],
+)
+def test_nothing_that_moves_has_no_strength(power, floor):
+    assert echo_at_1m_db(power, floor, RANGE_M[:4]) is None
+
+
+def test_what_is_not_known_is_zero():
+    assert installation(60.0).tolist() == [0.0] * N_INSTALLATION
+    assert installation(60.0, Mount(level_db=50.0)).tolist() == [0.0] * N_INSTALLATION
+    assert installation(60.0, Mount(), 40.0).tolist() == [0.0] * N_INSTALLATION
+
+
+def test_what_is_known():
+    made = installation(120.0, Mount(height_m=3.0, tilt_deg=-15.0, level_db=50.0), 40.0)
+    assert made.dtype == np.float32
+    assert made.tolist() == [1.0, 1.0, 1.0, 1.0, -0.5, 1.0, -1.0]
+
+
+def test_extremes_are_bounded():
+    made = installation(1e-9, Mount(level_db=-1e9), 1e9)
+    assert np.abs(made).max() <= 4.0
+
+
+def test_the_feature_is_what_is_known_or_the_rate_alone():
+    axis = FastTimeAxis(
+        kind="baseband",
+        n_range=20,
+        bin_length_m=0.03,
+        range_offset_m=0.5,
+        carrier_hz=6.8e9,
+        bandwidth_hz=2.3e9,
+        sample_rate_hz=41e9,
+    )
+    frames = np.ones((120, 20), np.complex64)
+    dwell = Dwell(frames, np.ones(120, bool), axis, 30.0, 4.0, end_frame=120)
+    settings = FeatureSettings(n_cpi=14)
+    assert INSTALLATION in FEATURES
+    assert feature_shape(INSTALLATION, settings) == (N_INSTALLATION,)
+    stream = FeatureStream(settings, (INSTALLATION,))
+    assert stream.extract(dwell).inputs[INSTALLATION].tolist() == [-1.0] + [0.0] * 6
+    known = installation(30.0, Mount(height_m=2.0))
+    again = FeatureStream(settings, (INSTALLATION,)).extract(dwell, known)
+    assert again.inputs[INSTALLATION].tolist() == known.tolist()

@@ -1,0 +1,302 @@
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from radard.dsp.downconvert import DownConverter
+from radard.dsp.grid import overlap, time_cells
+from radard.dsp.range_time import RangeTimeMap
+from radard.errors import FeatureError
+from tests.dsp_helpers import P4XX, X2, X4, error, point, under_clutter
+from tests.radar_helpers import noise
+from x2radar.recording.formats.p4xx import P4xxReader
+
+WALK = Path(__file__).parents[3] / "shared" / "data" / "p410_walk_101.mat"
+SMALL = replace(X2, n_range=24)
+
+
+def fed(frames, axis, n_cpi, sizes=None, valid=None, **kwargs):
+    stream = RangeTimeMap(axis, n_cpi, **kwargs)
+    at = 0
+    for n in sizes or [len(frames)]:
+        part = slice(at, at + n)
+        stream.push(frames[part], None if valid is None else valid[part])
+        at += n
+    return stream
+
+
+def direct(frames, axis, n_cpi, edges_m):
+    """Centre frames less their CPI's mean, power averaged over cells: the definition."""
+    y = frames.astype(np.complex128)
+    begin_m = axis.range_m - axis.bin_length_m / 2
+    columns = []
+    for i in range(len(y) - n_cpi + 1):
+        cpi = y[i : i + n_cpi] - y[i]
+        power = np.abs(cpi[n_cpi // 2] - cpi.mean(axis=0)) ** 2 * n_cpi / (n_cpi - 1)
+        column = []
+        for low, high in pairwise(edges_m):
+            inside = np.minimum(begin_m + axis.bin_length_m, high) - np.maximum(begin_m, low)
+            share = np.maximum(inside, 0)
+            column.append(share @ power / share.sum())
+        columns.append(column)
+    return np.array(columns).T
+
+
+@settings(deadline=None, derandomize=True, max_examples=30)
+@given(
+    seed=st.integers(0, 999),
+    n_cpi=st.integers(2, 30),
+    cell_m=st.floats(0.02, 0.3),
+    clutter_db=st.sampled_from([0, 60, 100, 140]),
+    sizes=st.lists(st.sampled_from([1, 1, 3, 40]), min_size=1, max_size=8),
+)
+def test_definition_and_any_cut(seed, n_cpi, cell_m, clutter_db, sizes):
+    frames = under_clutter(noise(60, 24, seed=seed), clutter_db)
+    ours = fed(frames, SMALL, n_cpi, [*sizes, 60], cell_m=cell_m)
+    edges_m = SMALL.range_m[0] - SMALL.bin_length_m / 2 + cell_m * np.arange(len(ours.range_m) + 1)
+    assert error(ours.columns(), direct(frames, SMALL, n_cpi, edges_m)) < 1e-5
+    assert error(ours.columns(), fed(frames, SMALL, n_cpi, cell_m=cell_m).columns()) < 1e-6
+
+
+@pytest.mark.parametrize("clutter_db", [0, 40, 80, 100, 120, 140])
+def test_clutter_does_not_hide_a_walker(clutter_db):
+    walk = point(X2, 60.0, 60, velocity_mps=1.2, middle_m=2.0)
+    frames = under_clutter(walk, clutter_db)
+    ours = fed(frames, X2, 28)
+    edges_m = X2.range_m[0] - X2.bin_length_m / 2 + 0.1 * np.arange(len(ours.range_m) + 1)
+    assert error(ours.columns(), direct(frames, X2, 28, edges_m)) < 1e-5
+
+
+def test_still_scene_gives_exact_zero():
+    frames = np.repeat(noise(1, 96, sigma=1e7), 60, axis=0)
+    assert not fed(frames, X2, 28).columns().any()
+
+
+@pytest.mark.parametrize("level", [1e-36, 1e-25, 1e-12, 1e12, 1e25, 1e37])
+def test_levels(level):
+    frames = (noise(40, 24) * level).astype(np.complex64)
+    edges_m = SMALL.range_m[0] - SMALL.bin_length_m / 2 + 0.1 * np.arange(8)
+    ours = fed(frames, SMALL, 20).columns()
+    assert error(ours, direct(frames, SMALL, 20, edges_m)) < 1e-5
+
+
+def test_a_spike_leaves_with_its_cpis():
+    frames = noise(80, 24)
+    spiked = frames.copy()
+    spiked[40] *= np.float32(1e30)
+    ours, clean = fed(spiked, SMALL, 16).columns(), fed(frames, SMALL, 16).columns()
+    away = np.r_[0:25, 41:65]
+    assert np.isfinite(ours).all()
+    assert error(ours[:, away], clean[:, away]) < 1e-6
+
+
+def test_noise_alone_has_its_own_power():
+    ours = fed(noise(4000, 96, sigma=3.0), X2, 28, n_keep=4000).columns()
+    assert ours.mean() == pytest.approx(9.0, rel=0.01)
+
+
+@pytest.mark.parametrize("lost", range(0, 44, 3))
+@pytest.mark.parametrize("sizes", [[45], [1] * 45])
+def test_a_gap_at_every_place(lost, sizes):
+    frames = noise(45, 24)
+    valid = np.ones(45, np.bool_)
+    valid[lost : lost + 2] = False
+    holed = frames.copy()
+    holed[~valid] = np.nan
+    ours = fed(holed, SMALL, 12, sizes, valid)
+    good = ours.columns_valid()
+    assert np.array_equal(good, [valid[i : i + 12].all() for i in range(34)])
+    assert np.isfinite(ours.columns()).all()
+    clean = fed(frames, SMALL, 12).columns()
+    assert error(ours.columns()[:, good], clean[:, good]) < 1e-6
+
+
+@pytest.mark.parametrize("axis", [X2, P4XX, X4])
+@pytest.mark.parametrize("near_m", [None, 0.0, 1.03])
+def test_one_grid_for_all_radars(axis, near_m):
+    far_m = None if near_m is None else near_m + 6.0
+    rate_hz = 60.0
+    middle_m = float(axis.range_m[axis.n_range // 2])
+    frames = point(axis, rate_hz, 60, velocity_mps=0.8, middle_m=middle_m)
+    ours = fed(frames, axis, 28, near_m=near_m, far_m=far_m)
+    if near_m is not None:
+        assert np.allclose(ours.range_m, near_m + 0.05 + 0.1 * np.arange(60))
+    half_m = axis.bin_length_m / 2
+    near_end, far_end = axis.range_m[0] - half_m, axis.range_m[-1] + half_m
+    seen = (ours.range_m > near_end) & (ours.range_m < far_end)
+    assert np.array_equal(ours.is_covered, seen)
+    assert not ours.columns()[~ours.is_covered].any()
+    t_s = (np.arange(33) + 14 - 29.5) / rate_hz
+    assert centre_m(ours.columns(), ours.range_m) == pytest.approx(middle_m - 0.8 * t_s, abs=0.06)
+
+
+def test_bin_length_does_not_matter():
+    fine = replace(X2, n_range=768, bin_length_m=0.003656)
+    coarse = replace(X2, range_offset_m=fine.range_m[3] + 0.003656 / 2)
+    frames = point(fine, 60.0, 50, velocity_mps=1.0, middle_m=2.0)
+    grid = {"near_m": 0.7, "far_m": 3.3}
+    ours = fed(frames[:, 4::8], coarse, 28, **grid).columns()
+    assert error(ours, fed(frames, fine, 28, **grid).columns()) < 0.05
+
+
+def test_restart_and_columns_kept():
+    frames = noise(100, 24)
+    stream = fed(frames[:50], SMALL, 12, n_keep=8)
+    assert stream.n_columns == 8
+    stream.restart()
+    assert stream.columns().shape == (len(stream.range_m), 0)
+    power, good = stream.cells(60.0, cell_s=0.1, n_cells=5)
+    assert power.shape == (len(stream.range_m), 5)
+    assert not good.any()
+    stream.push(frames[50:])
+    wanted = fed(frames[50:], SMALL, 12).columns()[:, -8:]
+    assert error(stream.columns(), wanted) < 1e-6
+    assert stream.columns_valid().all()
+    # Eight columns at 60 Hz are 0.13 s: of two cells of 0.1 s one is whole, one a third.
+    power, good = stream.cells(60.0, cell_s=0.1, n_cells=2)
+    assert good.tolist() == [False, True]
+    assert error(power[:, 1], wanted[:, 2:].mean(axis=1)) < 1e-6
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"n_cpi": 1}, {"cell_m": 0.0}, {"near_m": 9.0, "far_m": 8.0}, {"n_keep": 0}]
+)
+def test_settings_that_make_no_sense(wrong):
+    with pytest.raises(FeatureError):
+        RangeTimeMap(**{"axis": X2, "n_cpi": 28, **wrong})
+    with pytest.raises(FeatureError, match="95 bins"):
+        RangeTimeMap(X2, 28).push(np.zeros(95))
+
+
+@settings(deadline=None, derandomize=True, max_examples=60)
+@given(
+    n=st.integers(1, 60),
+    rate_hz=st.floats(1, 1000),
+    cell_s=st.floats(0.01, 1.0),
+    n_cells=st.integers(1, 50),
+    seed=st.integers(0, 99),
+)
+def test_time_cells_average_what_is_valid(n, rate_hz, cell_s, n_cells, seed):
+    rng = np.random.default_rng(seed)
+    valid = rng.random(n) < 0.8
+    columns = np.where(valid, 7.0, np.nan)[None].repeat(3, axis=0)
+    cells, known = time_cells(columns, valid, rate_hz, cell_s=cell_s, n_cells=n_cells)
+    assert cells.shape == (3, n_cells)
+    assert np.isfinite(cells).all()
+    assert cells[:, known] == pytest.approx(7.0)
+    assert np.all((cells == 0) | np.isclose(cells, 7.0))
+
+
+def test_time_cells_keep_energy_and_end_with_the_columns():
+    rng = np.random.default_rng(1)
+    columns = rng.random((4, 120))
+    cells, known = time_cells(columns, np.ones(120, np.bool_), 60.0, cell_s=0.05, n_cells=40)
+    assert known.all()
+    assert np.allclose(cells[:, -1], columns[:, -3:].mean(axis=1))
+    assert np.allclose(cells.mean(axis=1), columns.mean(axis=1))
+    # At 30.5 Hz a cell holds one and a half columns; the mean is the same still.
+    cells, known = time_cells(
+        columns[:, :61], np.ones(61, np.bool_), 30.5, cell_s=0.05, n_cells=40
+    )
+    assert known.all()
+    assert np.allclose(cells.mean(axis=1), columns[:, :61].mean(axis=1))
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"cell_s": 0.0}, {"n_cells": 0}, {"column_rate_hz": 0.0}, {"valid": np.ones(3, bool)}],
+)
+def test_time_cells_that_make_no_sense(wrong):
+    right = {"valid": np.ones(4, np.bool_), "column_rate_hz": 60.0, "cell_s": 0.1, "n_cells": 2}
+    with pytest.raises(FeatureError, match="cells"):
+        time_cells(np.ones((2, 4)), **{**right, **wrong})
+
+
+def test_overlap():
+    share = overlap(np.array([0, 1, 2, 3.0]), np.array([0.5, 1.5, 5.5]))
+    assert np.allclose(share, [[0.5, 0], [0.5, 0.125], [0, 0.25]])
+
+
+@pytest.mark.skipif(not WALK.exists(), reason="the recording of a real walk is not here")
+def test_a_real_walk():
+    reader = P4xxReader(WALK)
+    converter = DownConverter(reader.stream.axis, 2)
+    frames = converter.convert(reader.read_samples(0, 760))
+    stream = fed(frames, converter.axis, 14, n_keep=800)
+    power, known = stream.cells(reader.stream.frame_rate_hz, cell_s=0.2, n_cells=120)
+    assert known.all()
+    range_m = centre_m(power, stream.range_m)
+    # There and back once, between 3 and 6 m, at a walk: never faster than 3 m/s.
+    assert 3.0 < range_m.min() < 3.5
+    assert 5.5 < range_m.max() < 6.5
+    assert np.median(np.abs(np.diff(range_m)) / 0.2) < 0.7
+    assert np.percentile(np.abs(np.diff(range_m)) / 0.2, 95) < 1.6
+
+
+def centre_m(power, range_m):
+    """Where the strongest target is: the centre of what is within 12 dB and 0.8 m of its peak."""
+    peak = power.max(axis=0)
+    near = np.abs(range_m[:, None] - range_m[power.argmax(axis=0)]) <= 0.8
+    weight = np.where(near & (power >= peak * 10**-1.2), power, 0)
+    return range_m @ weight / weight.sum(axis=0)
+
+
+def edges(stream, axis=SMALL, cell_m=0.1):
+    """Where cells of a map over the whole swath begin and end."""
+    near_m = axis.range_m[0] - axis.bin_length_m / 2
+    return near_m + cell_m * np.arange(len(stream.range_m) + 1)
+
+
+def test_the_millionth_column_is_as_exact_as_the_thousandth():
+    frames = under_clutter(noise(50_000, 24), 80)
+    stream = RangeTimeMap(SMALL, 28, n_keep=100)
+    wanted = direct(frames[-87:], SMALL, 28, edges(stream))
+    found = []
+    for _ in range(20):
+        stream.push(frames)
+        found.append(error(stream.columns(60), wanted))
+    assert found[0] < 1e-5
+    assert found[-1] <= found[0]
+
+
+@pytest.mark.parametrize("live", [0, 50, 95])
+def test_one_live_bin(live):
+    frames = np.zeros((60, 96), np.complex64)
+    frames[:, live] = noise(60, 1)[:, 0]
+    stream = fed(frames, X2, 28)
+    columns = stream.columns()
+    assert error(columns, direct(frames, X2, 28, edges(stream, X2))) < 1e-5
+    assert np.count_nonzero(columns.any(axis=1)) <= 2
+
+
+@pytest.mark.parametrize("dtype", [">c8", "<c16", ">c16"])
+def test_any_number_format(dtype):
+    frames = noise(50, 24)
+    same = np.repeat(frames.astype(dtype), 2, axis=1)[:, ::2]
+    wanted = fed(frames, SMALL, 28).columns()
+    assert np.array_equal(fed(same, SMALL, 28).columns(), wanted)
+
+
+@pytest.mark.parametrize("n_cpi", [2, 3, 27, 28, 93, 255, 256])
+def test_cpi_of_any_length(n_cpi):
+    frames = noise(n_cpi + 70, 24)
+    stream = fed(frames, SMALL, n_cpi)
+    assert error(stream.columns(), direct(frames, SMALL, n_cpi, edges(stream))) < 1e-5
+
+
+@pytest.mark.parametrize("level", [1e-290, 1e-30, 1.0, 1e30, 1e290])
+def test_time_cells_against_extended_precision(level):
+    columns = np.random.default_rng(2).random((5, 61)) * level
+    valid = np.arange(61) % 7 != 2
+    cells, known = time_cells(columns, valid, 30.5, cell_s=0.05, n_cells=40)
+    ends_s = np.arange(-61, 1) / np.longdouble(30.5)
+    for k in np.flatnonzero(known):
+        low, high = (k - 40) * np.longdouble(0.05), (k - 39) * np.longdouble(0.05)
+        inside = np.minimum(ends_s[1:], high) - np.maximum(ends_s[:-1], low)
+        share = np.where(valid, np.maximum(inside, 0), 0)
+        wanted = (columns.astype(np.longdouble) @ share) / share.sum()
+        assert error(cells[:, k], wanted.astype(np.float64)) < 1e-12

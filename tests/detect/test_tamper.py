@@ -1,0 +1,314 @@
+"""Tamper: told from people, furniture, drift and losses, in any unit, on every scene."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from radard.alarm.dwell_cells import is_frozen, read_cells
+from radard.alarm.tamper import TamperWatch
+from radard.config.config import Config
+from radard.config.sections import TamperSection
+from radard.pipeline import Pipeline
+from radard.stream.ring import Dwell
+from radard.stream.source import open_source
+from tests.radar_helpers import BASEBAND, dwell_of, walker
+from x2radar.sim.scene.scene import builtin_scenes
+
+RATE_HZ = 60.0
+N_SLOW = 147
+AXIS = replace(BASEBAND, n_range=128)
+SETTINGS = TamperSection(learn_s=5, hold_s=16)
+SLOW, FAST = 15, 3  # the dwell in which a change is found, and one of twice the limit
+REAL = Path(__file__).parents[3] / "shared" / "data"
+
+
+def room(seed=1, level=30.0):
+    """Still echoes all over the range, (n_range,), complex."""
+    rng = np.random.default_rng(seed)
+    parts = rng.standard_normal((2, AXIS.n_range)) * level
+    smooth = np.ones(3) / np.sqrt(3)
+    return np.convolve(parts[0], smooth, "same") + 1j * np.convolve(parts[1], smooth, "same")
+
+
+class Stream:
+    """Dwells of a room with noise of power 1, a second apart."""
+
+    def __init__(self, echoes, *, seed=0, unit=1.0):
+        self.echoes, self.unit, self.noise = echoes, unit, 1.0
+        self.rng = np.random.default_rng(seed)
+        self.k = 0
+        self.now = ()
+        self.blocks = self.rng.standard_normal((16, N_SLOW, AXIS.n_range, 2)) / np.sqrt(2)
+
+    def dwell(self, motion=None):
+        parts = self.blocks[self.k % 16] * np.sqrt(self.noise)
+        frames = parts[..., 0] + 1j * parts[..., 1] + self.echoes
+        if motion is not None:
+            frames = frames + motion
+        self.k += 1
+        rows = (frames * self.unit).astype(np.complex64)
+        valid = np.ones(N_SLOW, np.bool_)
+        return Dwell(rows, valid, AXIS, RATE_HZ, 2.45 + self.k)
+
+    def found(self, watch, n, motion=lambda _k: None):
+        """Return when which kinds were on, over n dwells: [(dwell, kinds), ...] at changes."""
+        changes = []
+        for k in range(n):
+            kinds = tuple(f.kind for f in watch.update(self.dwell(motion(k))))
+            if kinds != self.now:
+                changes.append((k, kinds))
+                self.now = kinds
+        return changes
+
+
+@pytest.fixture
+def learned():
+    stream, watch = Stream(room()), TamperWatch(SETTINGS)
+    assert watch.is_blind
+    assert stream.found(watch, 8) == []
+    assert not watch.is_blind
+    return stream, watch
+
+
+@pytest.mark.parametrize("unit", [1e-12, 1e-3, 1e6, 1e12])
+@pytest.mark.parametrize("change_db", [-6.5, -30.0, 6.5])
+def test_a_covered_sensor(unit, change_db):
+    stream, watch = Stream(room(), unit=unit), TamperWatch(SETTINGS)
+    stream.found(watch, 8)
+    usual = stream.echoes
+    stream.echoes = usual * 10 ** (change_db / 20)
+    at = FAST if abs(change_db) >= 12 else SLOW
+    assert stream.found(watch, 18) == [(at, ("covered",))]
+    stream.echoes = usual
+    assert stream.found(watch, 18) == [(SLOW, ())]
+
+
+def test_echoes_that_die_to_noise(learned):
+    stream, watch = learned
+    stream.echoes = np.zeros(AXIS.n_range)
+    assert stream.found(watch, 6) == [(FAST, ("covered",))]
+    (finding,) = watch.update(stream.dwell())
+    assert finding.reason.startswith("still echoes fell ")
+
+
+def test_a_moved_sensor(learned):
+    stream, watch = learned
+    stream.echoes = room(seed=2)
+    assert stream.found(watch, 6) == [(FAST, ("moved",))]
+
+
+@pytest.mark.parametrize("change_db", [-7.0, 7.0, 20.0])
+def test_a_jump_of_the_noise(learned, change_db):
+    stream, watch = learned
+    stream.noise = 10 ** (change_db / 10)
+    at = FAST if abs(change_db) >= 12 else SLOW
+    assert stream.found(watch, 18) == [(at, ("noise",))]
+    stream.noise = 1.0
+    assert stream.found(watch, 18) == [(SLOW, ())]
+
+
+@pytest.mark.parametrize("change_db", [-4.0, 4.0])
+def test_small_changes_are_none(learned, change_db):
+    stream, watch = learned
+    stream.echoes = stream.echoes * 10 ** (change_db / 20)
+    stream.noise = 10 ** (change_db / 10)
+    assert stream.found(watch, 20) == []
+
+
+def test_a_slow_ramp_of_the_noise_does_not_take_the_reference_along(learned):
+    stream, watch = learned
+    for k in range(1500):
+        stream.noise = 10 ** (0.008 * k / 10)
+        if watch.update(stream.dwell()):
+            break
+    assert 6 / 0.008 <= k <= 10 / 0.008
+
+
+def test_a_change_that_does_not_last_is_none(learned):
+    stream, watch = learned
+    usual = stream.echoes
+    for _ in range(4):
+        stream.echoes = room(seed=2)
+        assert stream.found(watch, 3) == []
+        stream.echoes = usual
+        assert stream.found(watch, 2) == []
+
+
+def test_people_and_furniture_change_some_cells_only(learned):
+    stream, watch = learned
+    strong = 300.0
+
+    def walking(k):
+        start = 1.0 + 2.5 * abs((k % 10) / 5 - 1)
+        track = walker(N_SLOW, RATE_HZ, speed_mps=0.5, start_m=start, level=strong)
+        return np.pad(track, ((0, 0), (0, AXIS.n_range - track.shape[1])))
+
+    assert stream.found(watch, 30, walking) == []
+    chair = stream.echoes.copy()
+    chair[40:60] += 200.0
+    stream.echoes = chair
+    assert stream.found(watch, 30) == []
+
+
+def test_a_common_phase_is_drift_and_slow_change_is_followed(learned):
+    stream, watch = learned
+    old, new = room(), room(seed=2)
+    for k in range(3000):
+        share = k / 3000
+        stream.echoes = ((1 - share) * old + share * new) * np.exp(0.01j * k)
+        assert watch.update(stream.dwell()) == ()
+
+
+def test_relearning_takes_what_is_for_what_should_be(learned):
+    stream, watch = learned
+    stream.echoes = room(seed=2)
+    stream.found(watch, 6)
+    watch.relearn()
+    assert watch.is_blind
+    assert stream.found(watch, 20) == [(0, ())]
+
+
+def test_a_void_cannot_be_judged_but_its_noise_can_and_what_lasts_is_told():
+    stream, watch = Stream(np.zeros(AXIS.n_range)), TamperWatch(SETTINGS)
+    assert stream.found(watch, 10) == []
+    assert watch.is_blind
+    stream.noise = 10.0
+    assert stream.found(watch, 19) == [(SLOW, ("noise",))]
+    assert stream.found(watch, 3) == [(0, ("covered", "noise"))]
+    reason = watch.update(stream.dwell())[0].reason
+    assert reason == "no still echoes for 30 s: is the antenna connected and clear?"
+    # Connected at last: that is the room.
+    stream.echoes, stream.noise = room(), 1.0
+    assert stream.found(watch, 20)[-1][1] == ()
+    assert not watch.is_blind
+
+
+def test_who_walks_about_where_no_echoes_are_is_no_cover():
+    stream, watch = Stream(np.zeros(AXIS.n_range)), TamperWatch(SETTINGS)
+
+    def walking(k):
+        start = 1.0 + 2.5 * abs((k % 10) / 5 - 1)
+        track = walker(N_SLOW, RATE_HZ, speed_mps=0.5, start_m=start, level=300.0)
+        return np.pad(track, ((0, 0), (0, AXIS.n_range - track.shape[1])))
+
+    assert stream.found(watch, 60, walking) == []
+
+
+def test_somebody_who_was_there_from_the_start_is_not_learned_as_the_room():
+    stream, watch = Stream(room()), TamperWatch(SETTINGS)
+    spread = np.exp(1j * np.linspace(0, 40, N_SLOW))[:, None] * room(seed=3, level=300.0)
+    stream.found(watch, 20, lambda _k: spread)
+    assert watch.is_blind
+    stream.found(watch, 8)
+    assert not watch.is_blind
+
+
+def test_same_dwells_same_findings():
+    def run():
+        stream, watch = Stream(room(), seed=5), TamperWatch(SETTINGS)
+        first = stream.found(watch, 8)
+        stream.echoes = room(seed=2)
+        return first, stream.found(watch, 8), [f.reason for f in watch.update(stream.dwell())]
+
+    assert run() == run()
+
+
+def test_lost_frames_and_tiny_dwells():
+    stream = Stream(room())
+    dwell = stream.dwell()
+    valid = dwell.valid.copy()
+    valid[-3:] = False
+    assert read_cells(replace(dwell, valid=valid, n_lost=3)).noise_db is None
+    few = dwell_of(dwell.frames[:3, :64])
+    assert read_cells(few) is None
+    narrow = replace(AXIS, n_range=8)
+    assert read_cells(Dwell(dwell.frames[:, :8], dwell.valid, narrow, RATE_HZ, 1.0)) is None
+    assert TamperWatch(SETTINGS).update(few) == ()
+
+
+def test_noise_is_read_within_half_a_decibel():
+    levels = [read_cells(Stream(room(), seed=k).dwell()).noise_db for k in range(20)]
+    assert np.abs(levels).max() < 1.0
+    assert abs(np.mean(levels)) < 0.5
+
+
+def test_frozen_frames():
+    dwell = Stream(room()).dwell()
+    assert not is_frozen(dwell)
+    still = np.repeat(dwell.frames[:1], N_SLOW, axis=0)
+    assert is_frozen(replace(dwell, frames=still))
+    one_bin = still.copy()
+    one_bin[-2, 5] += 1
+    assert not is_frozen(replace(dwell, frames=one_bin))
+    assert not is_frozen(replace(dwell, frames=still, valid=np.zeros(N_SLOW, np.bool_)))
+
+
+def findings_of(port, seconds, settings=None, change=lambda _t_s, frames: frames):
+    """Every kind found in a port's stream, by the built-in settings, and the watch."""
+    source = open_source(port, speed="max")
+    pipeline = Pipeline(source.stream, Config(), None)
+    ring = pipeline.make_ring()
+    watch = TamperWatch(settings or TamperSection())
+    found = set()
+    for frame in source.frames():
+        if frame.index >= seconds * source.stream.frame_rate_hz:
+            break
+        ring.push(frame)
+        try:
+            item = ring.take(0)
+        except TimeoutError:
+            continue
+        if isinstance(item, Dwell) and item.is_whole:
+            item = replace(item, frames=change(item.t_s, item.frames))
+            found |= {finding.kind for finding in watch.update(item)}
+    source.close()
+    return found, watch
+
+
+@pytest.mark.parametrize("scene", [scene.name for scene in builtin_scenes()])
+def test_no_scene_is_tamper(scene):
+    # At the usual frame rate tests/detect/test_jamming.py looks for any kind, too.
+    found, watch = findings_of(f"sim:{scene}?rate=20", 75)
+    assert found == set()
+    assert not watch.is_blind
+
+
+@pytest.mark.skipif(not REAL.is_dir(), reason="the real recordings are not on this machine")
+@pytest.mark.parametrize("name", ["x4m03_recording", "p410_walk_101.mat", "p410_walk_102.mat"])
+def test_no_real_recording_is_tamper(name):
+    found, _ = findings_of(f"replay:{REAL / name}", 100)
+    assert found == set()
+
+
+def shifted(frames, n_bins):
+    """The frames of a sensor that was moved away by so many bins."""
+    moved = np.zeros_like(frames)
+    moved[:, n_bins:] = frames[:, :-n_bins]
+    return moved
+
+
+@pytest.mark.skipif(not REAL.is_dir(), reason="the real recordings are not on this machine")
+@pytest.mark.parametrize("name", ["p410_walk_101.mat", "p410_walk_102.mat"])
+@pytest.mark.parametrize(
+    ("change", "kinds"),
+    [
+        (lambda frames: shifted(frames, 11), {"moved"}),  # 10 cm
+        (lambda frames: shifted(frames, 2), set()),  # 2 cm
+        (lambda frames: frames * np.float32(0.3), {"covered"}),
+        (lambda frames: frames, set()),
+    ],
+)
+def test_a_real_room_that_changes_while_somebody_walks_in_it(name, change, kinds):
+    settings = TamperSection(learn_s=6, hold_s=5)
+    found, _ = findings_of(
+        f"replay:{REAL / name}", 100, settings, lambda t_s, f: change(f) if t_s > 16 else f
+    )
+    assert found == kinds
+
+
+def test_where_everything_moves_no_echo_is_judged(learned):
+    stream, watch = learned
+    spread = np.exp(1j * np.linspace(0, 40, N_SLOW))[:, None] * room(seed=3, level=300.0)
+    assert stream.found(watch, 40, lambda _k: spread) == []

@@ -1,0 +1,163 @@
+"""`radard why`: the decision of a replay, in words and pictures, and what moved it."""
+
+import hashlib
+import json
+
+import numpy as np
+import onnx
+import pytest
+from onnx import TensorProto, helper, numpy_helper
+
+from radard.commands.why import run
+from radard.config.config import Config
+from radard.judge.bundle import load_bundle
+from radard.offline.moment import moment_of
+from radard.offline.occlusion import effects, map_views, occluded
+from radard.offline.why_report import lines, place
+from tests.radar_helpers import run_radard
+from tests.recording_helpers import record_scene
+from x2radar.command import run_command
+
+
+@pytest.fixture(scope="module")
+def person(tmp_path_factory):
+    return record_scene(tmp_path_factory.mktemp("why") / "person.h5", "human", n=270)
+
+
+def why(capsys, *argv):
+    code = run_command("radard", run, [str(a) for a in argv])
+    out, err = capsys.readouterr()
+    return code, out, err
+
+
+@pytest.fixture
+def linear(tmp_path):
+    """A bundle that looks at one corner of one map; what is there speaks for a person."""
+    shipped = load_bundle("fast")
+    weights = np.zeros((101 * 40, 2), np.float32)
+    corner = np.zeros((101, 40), np.float32)
+    corner[40:60, 30:40] = 0.02
+    weights[:, 0] = corner.ravel()
+    graph = helper.make_graph(
+        [
+            helper.make_node("Flatten", ["maps"], ["flat"]),
+            helper.make_node("Gemm", ["flat", "w", "b"], ["logits"]),
+        ],
+        "linear",
+        [helper.make_tensor_value_info("maps", TensorProto.FLOAT, ["n", 101, 40])],
+        [helper.make_tensor_value_info("logits", TensorProto.FLOAT, ["n", 2])],
+        [
+            numpy_helper.from_array(weights, "w"),
+            numpy_helper.from_array(np.array([-1.0, 0.0], np.float32), "b"),
+        ],
+    )
+    opset = [helper.make_opsetid("", 17)]
+    model = helper.make_model(graph, opset_imports=opset, ir_version=9)
+    onnx.save(model, tmp_path / "linear.onnx")
+    made = (tmp_path / "linear.onnx").read_bytes()
+    settings = {
+        name: getattr(shipped.features, name) for name in shipped.features.__dataclass_fields__
+    }
+    sidecar = {
+        "schema": 1,
+        "name": "linear",
+        "onnx_sha256": hashlib.sha256(made).hexdigest(),
+        "inputs": [{"name": "maps", "shape": [101, 40], "feature": "velocity_time"}],
+        "features": settings,
+        "stream": {key: list(value) for key, value in shipped.stream.items()},
+        "classes": ["human", "pet"],
+        "temperature": 1.0,
+        "pet_limit": 0.5,
+        "policy": "window",
+    }
+    (tmp_path / "linear.json").write_text(json.dumps(sidecar))
+    return tmp_path / "linear.onnx"
+
+
+def test_it_says_what_a_replay_decided(person, capsys):
+    code, out, err = why(capsys, person, "--at", "3.3")
+    assert (code, err) == (0, "")
+    _, records, _ = run_radard("--port", f"replay:{person}", "-o", "json")
+    decision = next(r for r in records if r["type"] == "decision" and r["t_s"] == 3.45)
+    assert f"window that ends at 3.45 s: A {'person' if decision['alarm'] else 'pet'}" in out
+    assert f"{decision['p_human']:7.3f}" in out
+    assert f"{decision['fused_p_human']:.3f} here" in out
+    for stage in ("frames", "gate", "classifier", "rule", "* decided"):
+        assert stage in out
+
+
+def test_parts_of_a_linear_network_are_what_its_weights_say(person, linear):
+    config = Config(model={"name": str(linear)})
+    moment = moment_of(person, 3.4, config)
+    assert moment.seen is not None
+    values = moment.seen.features.inputs["velocity_time"]
+    parts = occluded(moment.classifier, moment.settings, moment.seen, 0.5)
+    assert len(parts) == 8 * 5
+    (view,) = map_views(moment.settings, moment.seen)
+    for part in parts:
+        weights = np.zeros((101, 40))
+        weights[40:60, 30:40] = 0.02
+        inside = (weights * values)[part.rows, part.columns].sum()
+        assert part.effect == pytest.approx(inside, abs=1e-4)
+    assert [abs(p.effect) for p in parts] == sorted((abs(p.effect) for p in parts), reverse=True)
+    drawn = effects(parts, view)
+    assert drawn[50, 35] > 0
+    assert drawn[5, 5] == 0
+    assert "velocity_time, " in place(parts[0])
+    assert "m/s" in place(parts[0])
+    text = "\n".join(lines(moment, parts))
+    assert "for a person" in text
+
+
+def test_axes_are_those_of_the_maps(person):
+    moment = moment_of(person, 3.4, Config(model={"name": "fast"}))
+    views = {view.name: view for view in map_views(moment.settings, moment.seen)}
+    assert list(views) == ["velocity_time", "range_time", "velocity_time_medium", *list(views)[3:]]
+    v = views["velocity_time"]
+    assert (v.rows[0], v.rows[50], v.rows[-1]) == pytest.approx((-5.0, 0.0, 5.0))
+    assert (v.columns[0], v.columns[-1]) == pytest.approx((-1.95, 0.0))
+
+
+def test_the_thesis_network_has_a_profile_and_a_diagram(person, capsys, tmp_path):
+    out_file = tmp_path / "why.png"
+    code, out, _ = why(capsys, person, "--at", "3.4", "--model", "thesis", "--out", out_file)
+    assert code == 0
+    assert "range profile" in out
+    assert out_file.read_bytes().startswith(b"\x89PNG")
+    moment = moment_of(person, 3.4, Config(model={"name": "thesis"}))
+    profile, diagram = map_views(moment.settings, moment.seen)
+    vector = moment.seen.features.inputs["thesis_type2"]
+    assert np.array_equal(profile.of(vector)[0], vector[:392])
+    assert np.array_equal(diagram.of(vector)[:, 0], vector[392 : 392 + 28])
+
+
+def test_a_closed_gate_and_no_model_have_no_maps(person, capsys):
+    code, out, _ = why(capsys, person, "--at", "3.4", "--model", "none")
+    assert code == 0
+    assert "No network was asked" in out
+
+
+def test_a_picture_of_a_network_with_memory(person, capsys, tmp_path):
+    out = tmp_path / "why.svg"
+    code, _, err = why(capsys, person, "--at", "3.4", "--model", "fast", "--out", out)
+    assert (code, err.strip()) == (0, str(out))
+    assert b"velocity_time_long" in out.read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("argv", "code", "said"),
+    [
+        (["--at", "99"], 2, "has decisions from 2.45 to 4.45 s"),
+        (["--at", "-1"], 2, "--at -1: must be 0 or more"),
+        (["--at", "3", "--out", "a.bmp"], 2, "must end in .png, .pdf, .svg"),
+        (["--at", "3", "--out", "gone/a.png", "--model", "none"], 1, "gone/a.png: cannot write"),
+    ],
+)
+def test_what_cannot_be_said_is_one_line(person, capsys, argv, code, said):
+    ended, _, err = why(capsys, person, *argv)
+    assert (ended, err.count("\n")) == (code, 1)
+    assert said in err
+
+
+def test_a_recording_that_is_not_there(capsys):
+    assert why(capsys, "gone.h5", "--at", "3")[0] == 66

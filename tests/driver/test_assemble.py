@@ -1,0 +1,171 @@
+"""Messages to frames: samples, axes, counters."""
+
+import numpy as np
+import pytest
+
+from x2radar.device.assemble import FrameAssembler
+from x2radar.frame import Frame
+from x2radar.modules.x2 import RadarSettings
+from x2radar.wire.codec import decode_response, encode
+from x2radar.wire.messages import (
+    Ack,
+    BasebandAp,
+    BasebandIq,
+    Data,
+    Message,
+    Unknown,
+)
+from x2radar.wire.messages_status import PresenceStatus, RespirationStatus
+from x2radar.wire.wire_ids import ContentId
+
+SETTINGS = RadarSettings(sample_delay_s=10e-9, pulse_generator=6)
+TOP = 2**32 - 1
+
+
+def raw(counter: int, values: np.ndarray | None = None) -> Message:
+    """Return a raw frame as it comes off the wire, in memory that is not aligned."""
+    values = np.arange(8, dtype=np.float32) if values is None else values
+    return decode_response(encode(Data(ContentId.RAW_FRAME, counter, values)))
+
+
+def baseband(cls: type, counter: int, one: list, two: list, bin_length_m: float = 0.04) -> Message:
+    return cls(
+        counter,
+        bin_length_m,
+        39e9,
+        6.8e9,
+        0.4,
+        np.array(one, np.float32),
+        np.array(two, np.float32),
+    )
+
+
+def frames(messages: list[Message]) -> list[Frame | None]:
+    assembler = FrameAssembler(SETTINGS)
+    return [assembler.frame(message, 1.5) for message in messages]
+
+
+def only(message: Message) -> Frame:
+    (frame,) = frames([message])
+    assert frame is not None
+    return frame
+
+
+def test_raw_frame_takes_its_axis_from_the_settings() -> None:
+    frame = only(raw(5))
+    assert frame.samples.dtype == np.float32
+    np.testing.assert_array_equal(frame.samples, np.arange(8))
+    assert (frame.counter, frame.index, frame.lost, frame.restarted) == (5, 0, 0, False)
+    assert frame.t_mono_s == 1.5
+    axis = frame.axis
+    assert (axis.kind, axis.n_range, axis.phase_sign) == ("rf", 8, -1)
+    assert (axis.carrier_hz, axis.bandwidth_hz, axis.sample_rate_hz) == (7.3e9, 2.35e9, 41e9)
+    np.testing.assert_allclose(
+        axis.range_m, 299_792_458 / 2 * (10e-9 + np.arange(8) / 41e9), rtol=1e-12
+    )
+
+
+def test_raw_frame_is_aligned() -> None:
+    assert only(raw(1)).samples.flags.aligned
+
+
+def test_iq_frame_takes_its_axis_from_the_message() -> None:
+    frame = only(baseband(BasebandIq, 3, [1, 2], [3, -4]))
+    assert frame.samples.dtype == np.complex64
+    np.testing.assert_array_equal(frame.samples, [1 + 3j, 2 - 4j])
+    axis = frame.axis
+    assert (axis.kind, axis.n_range, axis.bin_length_m) == ("baseband", 2, 0.04)
+    assert (axis.range_offset_m, axis.carrier_hz, axis.sample_rate_hz) == (0.4, 6.8e9, 39e9)
+    assert axis.bandwidth_hz == 2.35e9
+    np.testing.assert_allclose(axis.range_m, [0.4, 0.44])
+
+
+def test_amplitude_and_phase_become_complex() -> None:
+    frame = only(baseband(BasebandAp, 3, [1, 2, 0], [0, np.pi / 2, 1]))
+    assert frame.samples.dtype == np.complex64
+    np.testing.assert_allclose(frame.samples, [1, 2j, 0], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        raw(1),
+        baseband(BasebandIq, 1, [1], [2]),
+        baseband(BasebandAp, 1, [1], [2]),
+    ],
+    ids=["rf", "iq", "ap"],
+)
+def test_samples_are_read_only(message: Message) -> None:
+    samples = only(message).samples
+    with pytest.raises(ValueError, match="read-only"):
+        samples[0] = 0
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        Ack(),
+        Unknown(b"\x02"),
+        RespirationStatus(1, 0, 0, 0.0, 0.0, 0),
+        PresenceStatus(1, 1.0, 1.0, 1),
+        Data(ContentId.ENVELOPE, 1, np.zeros(3, np.float32)),
+        Data(ContentId.RAW_FRAME, 1, np.zeros(3, np.uint8)),
+        raw(1, np.zeros(0, np.float32)),
+        baseband(BasebandIq, 1, [], []),
+        baseband(BasebandAp, 1, [], []),
+    ],
+    ids=lambda m: type(m).__name__,
+)
+def test_messages_without_an_echo_are_no_frames(message: Message) -> None:
+    assert frames([message, raw(2)])[0] is None
+    # Nor do they count: the next frame is the first.
+    frame = frames([message, raw(2)])[1]
+    assert frame is not None
+    assert (frame.index, frame.lost) == (0, 0)
+
+
+def test_gap_is_stated() -> None:
+    got = [(f.counter, f.index, f.lost, f.restarted) for f in frames([raw(1), raw(4)]) if f]
+    assert got == [(1, 0, 0, False), (4, 3, 2, False)]
+
+
+def test_repeat_is_dropped_and_counted() -> None:
+    assembler = FrameAssembler(SETTINGS)
+    got = [assembler.frame(raw(c), 0.0) for c in (1, 1, 1, 2)]
+    assert [f.index if f else None for f in got] == [0, None, None, 1]
+    assert assembler.n_repeated == 2
+
+
+def test_another_echo_under_the_same_number_is_a_restart() -> None:
+    """A counter that restarts at 1 right behind the first frame: found by campaigns/faults.py."""
+    assembler = FrameAssembler(SETTINGS)
+    other = raw(1, np.arange(1, 9, dtype=np.float32))
+    got = [assembler.frame(message, 0.0) for message in (raw(1), other, other, raw(2))]
+    assert [(f.index, f.lost, f.restarted) if f else None for f in got] == [
+        *((0, 0, False), (1, 0, True), None, (2, 0, False))
+    ]
+    assert assembler.n_repeated == 1
+
+
+def test_restart_is_stated() -> None:
+    got = [(f.index, f.lost, f.restarted) for f in frames([raw(900), raw(1), raw(2)]) if f]
+    assert got == [(0, 0, False), (1, 0, True), (2, 0, False)]
+
+
+def test_counter_wraps_without_a_loss() -> None:
+    got = [(f.index, f.lost, f.restarted) for f in frames([raw(TOP), raw(0), raw(1)]) if f]
+    assert got == [(0, 0, False), (1, 0, False), (2, 0, False)]
+
+
+def test_frames_share_one_axis_until_it_changes() -> None:
+    one, two, longer, other = frames(
+        [
+            baseband(BasebandIq, 1, [1, 2], [3, 4]),
+            baseband(BasebandAp, 2, [1, 2], [3, 4]),
+            baseband(BasebandIq, 3, [1, 2, 3], [3, 4, 5]),
+            baseband(BasebandIq, 4, [1, 2, 3], [3, 4, 5], bin_length_m=0.05),
+        ]
+    )
+    assert one.axis is two.axis
+    assert (longer.axis.n_range, other.axis.bin_length_m) == (3, 0.05)
+    assert (longer.index, other.index) == (2, 3)

@@ -1,0 +1,170 @@
+"""X2Radar against simulated modules, over memory and over a pseudo-terminal."""
+
+import time
+
+import numpy as np
+import pytest
+
+import x2radar
+from tests.device_helpers import SETTINGS, SHORT, OnUsb, in_thread, module, simulated, take
+from x2radar.device.device import Deadlines, X2Radar
+from x2radar.device.transport import Transport, memory_pair
+from x2radar.errors import DeviceError, PortNotFound, TransportClosed
+from x2radar.modules.x2 import RadarSettings
+from x2radar.sim.module.host import serve
+from x2radar.wire.codec import decode_command
+from x2radar.wire.messages import GetSystemInfo, Reply
+
+
+@pytest.mark.parametrize("kind", ["memory", "pty"])
+@pytest.mark.parametrize(("output", "dtype"), [("rf", "f4"), ("iq", "c8"), ("ap", "c8")])
+def test_first_frames(kind: str, output: str, dtype: str) -> None:
+    settings = RadarSettings(frame_stitch=1, output=output, pulse_generator=6)
+    with simulated(kind) as connect, X2Radar(connect, settings, name="sim") as radar:
+        assert radar.stream is None
+        frames = take(radar, 20)
+        assert radar.stats.damaged == 0
+        assert radar.stream is not None
+    assert [f.index for f in frames] == list(range(20))
+    assert [f.counter for f in frames] == list(range(1, 21))
+    assert all(f.lost == 0 and not f.restarted for f in frames)
+    assert {(f.samples.shape, f.samples.dtype) for f in frames} == {((256,), np.dtype(dtype))}
+    axis = frames[0].axis
+    assert axis.kind == ("rf" if output == "rf" else "baseband")
+    assert axis.carrier_hz == pytest.approx(7.3e9)
+    assert axis.bin_length_m == pytest.approx(settings.bin_length_m)
+    assert radar.stream.axis == axis
+    assert (radar.stream.frame_rate_hz, radar.stream.device) == (60.0, "sim")
+
+
+def test_same_frames_over_memory_and_pty() -> None:
+    got = []
+    for kind in ("memory", "pty"):
+        with simulated(kind) as connect, X2Radar(connect, SETTINGS) as radar:
+            got.append(take(radar, 30))
+    for one, other in zip(*got, strict=True):
+        np.testing.assert_array_equal(one.samples, other.samples)
+        assert (one.counter, one.index, one.axis) == (other.counter, other.index, other.axis)
+
+
+def test_real_time_stream_has_host_times() -> None:
+    with simulated("memory", speed=5.0) as connect, X2Radar(connect, SETTINGS) as radar:
+        before_s = time.monotonic()
+        times_s = [f.t_mono_s for f in take(radar, 30)]
+    assert before_s - 1 < times_s[0] <= times_s[-1] <= time.monotonic()
+    assert times_s == sorted(times_s)
+
+
+def test_open_by_port_string() -> None:
+    with simulated("pty") as connect:
+        path = connect().url
+        radar = x2radar.open(path, SETTINGS)
+        assert radar.name == f"serial:{path}"
+        assert len(take(radar, 3)) == 3
+        radar.close()
+
+
+def test_the_module_answers_further_commands_while_it_streams() -> None:
+    with simulated("memory") as connect, X2Radar(connect, SETTINGS) as radar:
+        reply = radar.command(GetSystemInfo(2))
+        assert isinstance(reply, Reply)
+        assert reply.value == "x2radar simulated module"
+        with pytest.raises(DeviceError, match=r"LoadProfile.*0x20 \(app invalid\)"):
+            radar.command(decode_command(b"\x21\x01\x02\x03\x04"))
+        assert len(take(radar, 3)) == 3
+
+
+def test_the_same_radar_opens_again_after_it_was_closed() -> None:
+    with simulated("pty") as connect:
+        radar = X2Radar(connect, SETTINGS)
+        first = []
+        for _ in range(2):
+            radar.open()
+            first.append(take(radar, 3))
+            radar.close()
+    for one, other in zip(*first, strict=True):
+        assert one.index == other.index
+        np.testing.assert_array_equal(one.samples, other.samples)
+
+
+def test_opening_an_open_radar_starts_afresh() -> None:
+    with simulated("pty") as connect:
+        radar = X2Radar(connect, SETTINGS)
+        radar.open()
+        take(radar, 3)
+        # The port is locked while it is open, so this needs the first one closed.
+        radar.open()
+        assert take(radar, 1)[0].index == 0
+        radar.close()
+
+
+# ---------------------------------------------------------------- over USB
+
+
+class UsbPort:
+    """A port that vanishes when its module restarts, and fails some times before it is back."""
+
+    def __init__(self, n_failures: int) -> None:
+        self.n_connects = 0
+        self._n_failures = n_failures
+        self._far: list[Transport] = []
+
+    def connect(self) -> Transport:
+        self.n_connects += 1
+        if 1 < self.n_connects <= 1 + self._n_failures:
+            msg = "gone for a moment"
+            raise PortNotFound(msg)
+        near, far = memory_pair()
+        self._far.append(far)
+        in_thread(serve, module(), far, speed=None)
+        return OnUsb(near)
+
+    def close(self) -> None:
+        for far in self._far:
+            far.close()
+
+
+def test_port_on_usb_is_opened_again_after_the_reset() -> None:
+    port = UsbPort(n_failures=2)
+    with X2Radar(port.connect, SETTINGS, deadlines=SHORT) as radar:
+        assert port.n_connects == 4
+        assert [f.index for f in take(radar, 3)] == [0, 1, 2]
+    port.close()
+
+
+def test_port_on_usb_that_does_not_come_back() -> None:
+    port = UsbPort(n_failures=1000)
+    short = Deadlines(ready_s=0.15, usb_gone_s=0.01)
+    radar = X2Radar(port.connect, SETTINGS, deadlines=short)
+    with pytest.raises(PortNotFound):
+        radar.open()
+    assert port.n_connects > 2
+    port.close()
+
+
+class GoneAfterReset(OnUsb):
+    """A port that vanishes before the reset's answer is through, and once more, late."""
+
+    def __init__(self, inner: Transport, n_reads: int) -> None:
+        super().__init__(inner)
+        self._n_reads = n_reads
+
+    def read(self, timeout_s: float) -> bytes:
+        self._n_reads -= 1
+        if self._n_reads == 0:
+            msg = "gone"
+            raise TransportClosed(msg)
+        return super().read(timeout_s)
+
+
+def test_port_on_usb_that_vanishes_early_and_late() -> None:
+    port = UsbPort(n_failures=0)
+
+    def connect() -> Transport:
+        inner = port.connect()
+        return GoneAfterReset(inner, 1) if port.n_connects < 3 else inner
+
+    with X2Radar(connect, SETTINGS, deadlines=SHORT) as radar:
+        assert port.n_connects == 3
+        assert [f.index for f in take(radar, 3)] == [0, 1, 2]
+    port.close()

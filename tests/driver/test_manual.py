@@ -1,0 +1,206 @@
+"""Help, man pages and completion of the three commands: complete, and made from the parsers."""
+
+import argparse
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from radard import cli as radard_cli
+from radard.config.options import PORTS
+from radard.config.sink_table import SINKS
+from radard.stream.source import REPLAY_KEYS
+from x2radar import cli as x2radar_cli
+from x2radar import manual
+from x2radar.command import Parser, nearest
+from x2radar.ports import PORT_FORMS, SERIAL_KEYS, SIM_KEYS
+from x2train import cli as training_cli
+
+ROOT = Path(__file__).parents[2]
+MAINS = {
+    "radard": radard_cli.main,
+    "x2radar": x2radar_cli.main,
+    "train-export": training_cli.main,
+}
+
+
+def said(capsys, name, *argv):
+    with pytest.raises(SystemExit) as ended:
+        MAINS[name](list(argv))
+    assert ended.value.code == 0
+    return capsys.readouterr().out
+
+
+@pytest.fixture(scope="module")
+def trees():
+    """The whole parser of each command, as its man page gets it."""
+    seen = {}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(manual, "man_page", lambda parser: seen.update({parser.prog: parser}) or "")
+        for main in MAINS.values():
+            with pytest.raises(SystemExit):
+                main(["--print-man"])
+    assert set(seen) == set(MAINS)
+    return seen
+
+
+def below(parser):
+    for sub in manual.subparsers(parser).values():
+        yield sub
+        yield from below(sub)
+
+
+def actions(parser):
+    return [a for a in parser._actions if not isinstance(a, argparse._SubParsersAction)]
+
+
+@pytest.mark.parametrize("name", MAINS)
+def test_every_subcommand_has_a_description_an_example_and_help_for_all(name, trees):
+    subs = list(below(trees[name]))
+    assert len(subs) >= 6
+    for parser in (trees[name], *subs):
+        assert parser.description, parser.prog
+        assert parser.description[0].isupper(), parser.prog
+        _, _, examples = (parser.epilog or "").partition("example")
+        assert parser.prog in examples, parser.prog
+        for action in actions(parser):
+            assert action.help, (parser.prog, action.dest)
+
+
+def test_the_tree_of_radard_has_every_subcommand(trees):
+    assert list(manual.subparsers(trees["radard"])) == list(radard_cli._COMMANDS)
+
+
+@pytest.mark.parametrize("name", MAINS)
+def test_man_pages_name_every_option_and_subcommand(name, trees):
+    page = manual.man_page(trees[name]).replace("\\-", "-")
+    for parser in below(trees[name]):
+        assert f".SS {parser.prog}\n" in page
+    for parser in (trees[name], *below(trees[name])):
+        _, _, part = page.partition(f".SS {parser.prog}\n" if " " in parser.prog else ".SH OPT")
+        part = re.split(r"^\.S[SH] ", part, maxsplit=1, flags=re.MULTILINE)[0]
+        for action in actions(parser):
+            is_shown = action.help != argparse.SUPPRESS
+            for option in set(action.option_strings) - {"-h", *manual._EVERYWHERE}:
+                assert (option in part) is is_shown, (parser.prog, option)
+    for code in manual.EXIT_CODES:
+        assert f".B {code}\n" in page
+
+
+@pytest.mark.skipif(shutil.which("groff") is None, reason="no groff here")
+@pytest.mark.parametrize("name", MAINS)
+def test_groff_finds_no_fault_in_a_man_page(name, trees):
+    done = subprocess.run(
+        [shutil.which("groff"), "-man", "-Tutf8", "-ww", "-z"],
+        input=manual.man_page(trees[name]),
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    # A long word in a narrow place: adjusting is no fault of ours.
+    faults = [line for line in done.stderr.splitlines() if "cannot adjust" not in line]
+    assert [line for line in faults if "can't break" not in line] == []
+
+
+@pytest.mark.parametrize("name", MAINS)
+@pytest.mark.parametrize("shell", manual.SHELLS)
+def test_completion_names_every_option_and_subcommand(name, shell, trees):
+    script = manual.completion(trees[name], shell)
+    for parser in below(trees[name]):
+        assert parser.prog.rpartition(" ")[2] in script
+        for action in actions(parser):
+            for option in action.option_strings:
+                is_shown = action.help != argparse.SUPPRESS
+                assert (option in script) is is_shown, (parser.prog, option)
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="no bash here")
+@pytest.mark.parametrize(
+    ("words", "wanted"),
+    [
+        (["radard", "walk"], {"walktest"}),
+        (["radard", "arm", "--ho"], {"--home"}),
+        (["radard", "--sensi"], {"--sensitivity"}),
+        (["radard", "--sensitivity", ""], {"low", "normal", "high"}),
+        (["radard", "setup", "cov"], {"coverage"}),
+        (["x2radar", "sel"], {"selftest"}),
+        (["x2radar", "record", "--capt"], {"--capture-wire"}),
+    ],
+)
+def test_bash_completes(words, wanted, trees, tmp_path):
+    script = tmp_path / "completion.bash"
+    script.write_text(manual.completion(trees[words[0]], "bash"))
+    line = " ".join(f"'{word}'" for word in words)
+    code = (
+        f"source {script}; function=$(complete -p {words[0]} | sed 's/.*-F //; s/ .*//'); "
+        f"COMP_WORDS=({line}); COMP_CWORD={len(words) - 1}; $function; "
+        'printf "%s\\n" "${COMPREPLY[@]}"'
+    )
+    done = subprocess.run(
+        [shutil.which("bash"), "-c", code], capture_output=True, text=True, check=True
+    )
+    assert set(done.stdout.split()) == wanted
+
+
+def test_commands_print_both(capsys):
+    assert said(capsys, "x2radar", "--print-man").startswith(".TH X2RADAR 1")
+    assert "complete -" in said(capsys, "x2radar", "--print-completion", "bash")
+    assert ".SS radard calibrate" in said(capsys, "radard", "--print-man")
+
+
+def test_help_of_port_names_every_form_and_key(capsys):
+    assert all(f"{key}=" in PORT_FORMS for key in SIM_KEYS | SERIAL_KEYS)
+    assert all(f"{key}=" in PORTS for key in REPLAY_KEYS)
+    assert all(form in PORTS for form in ("auto", "/dev/", "URL", "sim:", "replay:"))
+    shown = " ".join(said(capsys, "radard", "--help-all").split())
+    assert PORTS in shown
+
+
+def test_help_of_output_names_every_form(capsys):
+    shown = " ".join(said(capsys, "radard", "--help-all").split())
+    assert all(row.form in shown for row in SINKS)
+
+
+def test_exit_codes_are_those_of_the_docs():
+    text = (ROOT / "docs/troubleshooting.md").read_text()
+    _, _, table = text.partition("## Exit codes")
+    rows = re.findall(r"^\| (\d+) \|", table, re.MULTILINE)
+    assert {int(code) for code in rows} == set(manual.EXIT_CODES)
+
+
+# ---------------------------------------------------------------- did you mean
+
+
+@pytest.mark.parametrize(
+    ("name", "argv", "wanted"),
+    [
+        ("radard", ["statsu"], "unrecognized arguments: statsu; did you mean 'status'?"),
+        ("radard", ["--prot", "x"], "unrecognized arguments: --prot; did you mean '--port'?"),
+        ("radard", ["--sensitivity", "hihg"], "did you mean 'high'?"),
+        ("radard", ["events", "--limt=3"], "radard events: unrecognized arguments: --limt=3; did"),
+        ("radard", ["setup", "udv"], "did you mean 'udev'?"),
+        ("x2radar", ["reccord"], "invalid choice: 'reccord'; did you mean 'record'?"),
+        # What it stood for is missing, too; but this says why.
+        ("x2radar", ["record", "--prt", "sim:dog"], "--prt; did you mean '--port'?"),
+        ("x2radar", ["frobnicate"], "invalid choice: 'frobnicate' (choose from ports, "),
+        ("train-export", ["datset"], "did you mean 'dataset'?"),
+    ],
+)
+def test_the_nearest_word_is_named(name, argv, wanted, capsys):
+    with pytest.raises(SystemExit) as ended:
+        MAINS[name](argv)
+    assert ended.value.code == 2
+    err = capsys.readouterr().err
+    assert wanted in err
+    assert err.count("\n") == 1
+
+
+def test_options_may_be_cut_short_and_what_follows_two_dashes_is_none():
+    parser = Parser(prog="tool")
+    parser.add_argument("--duration", type=float)
+    parser.add_argument("files", nargs="*")
+    args = parser.parse_args(["--dur", "3", "--", "--what"])
+    assert (args.duration, args.files) == (3.0, ["--what"])
+    assert nearest("horse", ["events"]) == ""

@@ -1,0 +1,239 @@
+import math
+import time
+from itertools import combinations, islice
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import x2radar
+from x2radar.device.device import Deadlines
+from x2radar.errors import PortNotFound, ReadTimeout, SceneError, SettingsError
+from x2radar.modules.x2 import RadarSettings
+from x2radar.ports import SIM_KEYS, PortSpec, check_options, make_radar, number_option, parse_port
+from x2radar.sim.module.stream import EchoStream
+
+# ---------------------------------------------------------------- parsing
+
+
+@pytest.mark.parametrize(
+    ("text", "spec"),
+    [
+        ("/dev/ttyACM0", PortSpec("serial", "/dev/ttyACM0", {})),
+        ("COM3", PortSpec("serial", "COM3", {})),
+        ("/dev/ttyS1?rate=200", PortSpec("serial", "/dev/ttyS1", {"rate": "200"})),
+        ("socket://host:7000", PortSpec("serial", "socket://host:7000", {})),
+        (
+            "socket://host:7000?rate=60&kind=baseband",
+            PortSpec("serial", "socket://host:7000", {"rate": "60", "kind": "baseband"}),
+        ),
+        ("sim:human", PortSpec("sim", "human", {})),
+        ("sim:human?", PortSpec("sim", "human", {})),
+        ("sim:human?seed=1&kind=rf", PortSpec("sim", "human", {"seed": "1", "kind": "rf"})),
+        ("sim:a/b.yaml", PortSpec("sim", "a/b.yaml", {})),
+        ("sim:a%20b%3F%26.yaml?seed=3", PortSpec("sim", "a b?&.yaml", {"seed": "3"})),
+        ("sim:x?seed=%31%32", PortSpec("sim", "x", {"seed": "12"})),
+        (
+            "replay:night.h5?start=12&loop=1",
+            PortSpec("replay", "night.h5", {"start": "12", "loop": "1"}),
+        ),
+        ("replay:a%25b", PortSpec("replay", "a%b", {})),
+        ("sim:x?seed=", PortSpec("sim", "x", {"seed": ""})),
+        ("sim:x?fault=a:1,b:2", PortSpec("sim", "x", {"fault": "a:1,b:2"})),
+        ("simulator", PortSpec("serial", "simulator", {})),
+    ],
+)
+def test_parsing(text, spec):
+    assert parse_port(text) == spec
+
+
+@pytest.mark.parametrize(
+    ("text", "wanted"),
+    [
+        ("sim:human?seed", "key=value pairs joined by '&'"),
+        ("sim:human?seed=1&", "key=value pairs"),
+        ("sim:human?&", "key=value pairs"),
+        ("sim:human?seed=1&seed=1", "a key is given twice"),
+        ("sim:human?seed=1&s%65ed=2", "a key is given twice"),
+        ("sim:", "nothing behind 'sim:'"),
+        ("sim:?seed=1", "nothing behind 'sim:'"),
+        ("replay:", "nothing behind 'replay:'"),
+        ("", "no port"),
+        ("?rate=60", "no port"),
+    ],
+)
+def test_strings_that_are_no_port(text, wanted):
+    with pytest.raises(SettingsError, match=wanted) as caught:
+        parse_port(text)
+    assert caught.value.exit_code == 2
+    assert "\n" not in str(caught.value)
+
+
+@given(st.text(min_size=1, max_size=40))
+def test_any_text_is_a_port_or_a_settings_error(text):
+    try:
+        spec = parse_port(text)
+    except SettingsError:
+        return
+    assert spec.scheme in {"sim", "replay", "serial"}
+    assert spec.target
+
+
+@given(st.text(min_size=1, max_size=30), st.text(max_size=30))
+def test_percent_encoding_carries_any_text(target, value):
+    from urllib.parse import quote
+
+    try:
+        text = f"sim:{quote(target, safe='')}?seed={quote(value, safe='')}"
+    except UnicodeEncodeError:
+        return  # a lone surrogate has no encoding
+    assert parse_port(text) == PortSpec("sim", target, {"seed": value})
+
+
+# ---------------------------------------------------------------- options
+
+
+def test_unknown_keys_name_the_known_ones():
+    spec = parse_port("sim:human?speed=2")
+    known = "device, fault, kind, rate, run, seed"
+    with pytest.raises(SettingsError, match=f"port key 'speed': unknown; known are {known}"):
+        check_options(spec, SIM_KEYS)
+    with pytest.raises(SettingsError, match="'speed': unknown"):
+        make_radar(spec)
+    with pytest.raises(SettingsError, match="'seed': unknown; known are device, kind, rate"):
+        make_radar(parse_port("/dev/ttyACM0?seed=1"))
+
+
+def test_numbers():
+    spec = parse_port("sim:x?a=1.5&b=x&c=")
+    assert number_option(spec, "a", 0) == 1.5
+    assert number_option(spec, "z", 7) == 7
+    for key in "bc":
+        with pytest.raises(SettingsError, match=f"port key '{key}': '.?' is not a number"):
+            number_option(spec, key, 0)
+
+
+@pytest.mark.parametrize(
+    ("port", "error", "wanted"),
+    [
+        ("sim:human?rate=fast", SettingsError, "port key 'rate': 'fast' is not a number"),
+        ("sim:human?rate=", SettingsError, "port key 'rate': '' is not a number"),
+        ("sim:human?rate=0", SettingsError, "frame_rate_hz = 0.0"),
+        ("sim:human?rate=60.5", SettingsError, "frame_rate_hz = 60.5"),
+        ("sim:human?rate=1001", SettingsError, "frame_rate_hz = 1001.0"),
+        ("sim:human?rate=nan", SettingsError, "frame_rate_hz = nan"),
+        ("sim:human?rate=inf", SettingsError, "frame_rate_hz = inf"),
+        ("sim:human?rate=1e999", SettingsError, "frame_rate_hz = inf"),
+        ("sim:human?kind=iq", SettingsError, "port key 'kind': 'iq'; known are rf, baseband"),
+        ("sim:human?seed=-1", SettingsError, "port key 'seed': '-1' must be a whole number"),
+        ("sim:human?seed=1.5", SettingsError, "port key 'seed': '1.5' must be"),
+        ("sim:human?seed=nan", SettingsError, "port key 'seed': 'nan' must be"),
+        ("sim:human?seed=", SettingsError, "port key 'seed': '' must be"),
+        ("sim:human?seed=" + "9" * 30, SettingsError, "port key 'seed'"),
+        ("sim:nobody", SceneError, "no scene 'nobody'"),
+        ("sim:missing.yaml", SceneError, "missing.yaml: cannot read"),
+        ("sim:%00.yaml", SceneError, "cannot read"),
+        ("replay:human", SettingsError, "a recording is no radar"),
+        ("/dev/ttyACM0?rate=2000", SettingsError, "frame_rate_hz = 2000.0"),
+    ],
+)
+def test_faults_come_before_anything_is_opened(port, error, wanted):
+    with pytest.raises(error, match=wanted) as caught:
+        make_radar(parse_port(port))
+    assert "\n" not in str(caught.value)
+
+
+def test_settings_given_stand_over_the_ports():
+    settings = RadarSettings(frame_rate_hz=30, frame_stitch=1)
+    assert make_radar(parse_port("sim:human?rate=200"), settings=settings).settings is settings
+    assert make_radar(parse_port("sim:human?rate=200")).settings.frame_rate_hz == 200
+    assert make_radar(parse_port("sim:human?kind=baseband")).settings.output == "iq"
+
+
+def test_a_port_that_is_not_there():
+    with pytest.raises(PortNotFound):
+        make_radar(parse_port("/dev/no-such-port")).open()
+
+
+# ---------------------------------------------------------------- streaming
+
+
+def first_frames(port, n=30):
+    with make_radar(parse_port(port), speed=None) as radar:
+        out = list(islice(radar.frames(), n))
+        assert radar.stream.frame_rate_hz == radar.settings.frame_rate_hz
+    assert [f.counter for f in out] == list(range(1, n + 1))
+    assert [f.index for f in out] == list(range(n))
+    assert not any(f.lost or f.restarted for f in out)
+    return out
+
+
+def test_a_simulated_radar_streams():
+    frames = first_frames("sim:human?seed=1")
+    assert frames[0].axis.kind == "rf"
+    assert frames[0].samples.dtype == np.float32
+    assert frames[0].axis.n_range == frames[0].samples.size == 768
+    assert frames[0].axis.range_m[0] == pytest.approx(0.5996, abs=1e-3)
+
+
+@pytest.mark.parametrize("fault", ["", "?fault=spike:0.1"])
+def test_a_module_paced_by_its_reader_is_never_taken_for_silent(monkeypatch, fault):
+    """Among a hundred others its thread may be late; a reset would make it later still."""
+    plain, calls = EchoStream.next, []
+
+    def late(self):
+        calls.append(1)
+        if len(calls) == 500:
+            time.sleep(2.0)
+        return plain(self)
+
+    monkeypatch.setattr(EchoStream, "next", late)
+    short = Deadlines(stall_s=0.5)
+    monkeypatch.setattr("x2radar.device.device.Deadlines", lambda: short)
+    with make_radar(parse_port(f"sim:empty{fault}"), speed=None) as radar:
+        if fault:
+            with pytest.raises(ReadTimeout, match="no frame"):
+                list(islice(radar.frames(), 600))
+        else:
+            assert not any(frame.restarted for frame in islice(radar.frames(), 1, 600))
+
+
+def test_the_seed_decides_the_frames():
+    base = 2**60
+    streams = {
+        seed: np.array([f.samples for f in first_frames(f"sim:human?seed={seed}", 5)])
+        for seed in (0, 1, base, base + 1)
+    }
+    assert np.array_equal(
+        streams[1], np.array([f.samples for f in first_frames("sim:human?seed=1", 5)])
+    )
+    assert np.array_equal(streams[0], np.array([f.samples for f in first_frames("sim:human", 5)]))
+    for a, b in combinations(streams.values(), 2):
+        assert not np.array_equal(a, b)
+
+
+def test_baseband_comes_at_the_rate_asked_for():
+    frames = first_frames("sim:human?kind=baseband&rate=200")
+    assert frames[0].axis.kind == "baseband"
+    assert frames[0].samples.dtype == np.complex64
+    assert frames[0].axis.bandwidth_hz == pytest.approx(2.3e9)
+
+
+@pytest.mark.parametrize("rate", [1, 1000])
+def test_extreme_rates_stream(rate):
+    assert len(first_frames(f"sim:empty?rate={rate}", 10)) == 10
+
+
+def test_a_scene_file_streams(tmp_path):
+    path = tmp_path / "a room?.yaml"
+    path.write_text("steps: [{duration_s: 1}]\n")
+    frames = first_frames(f"sim:{str(path).replace(' ', '%20').replace('?', '%3F')}", 5)
+    assert np.abs(np.mean([f.samples for f in frames]) - 50) < 0.01
+
+
+def test_open_of_the_package():
+    with x2radar.open("sim:human?seed=1", speed=None) as radar:
+        frame = next(radar.frames())
+    assert (frame.samples.shape, frame.axis.kind) == ((768,), "rf")
+    assert not math.isnan(float(frame.samples.sum()))

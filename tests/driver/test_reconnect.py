@@ -1,0 +1,364 @@
+"""A device that goes away and comes back: real terminals, and scripted radars for the rest."""
+
+import itertools
+import random
+import threading
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from x2radar.device.device import Deadlines, RadarStats, X2Radar
+from x2radar.device.reconnect import Backoff, ReconnectingRadar, StreamEvent
+from x2radar.device.transport import PtyTransport, SerialTransport, memory_pair
+from x2radar.errors import (
+    DeviceError,
+    PortDenied,
+    PortNotFound,
+    ReadTimeout,
+    TransportClosed,
+)
+from x2radar.frame import FastTimeAxis, Frame
+from x2radar.modules.x2 import RadarSettings
+from x2radar.sim.module.faults import FaultPlan
+from x2radar.sim.module.host import serve
+from x2radar.sim.module.module import SimulatedModule
+from x2radar.sim.scene.scene import load_scene
+
+SETTINGS = RadarSettings(frame_stitch=1)
+SHORT = Deadlines(reply_s=60, ready_s=60, ping_every_s=0.03, usb_gone_s=0.1, stall_s=60)
+QUICK = Backoff(first_s=0.01, most_s=0.05)
+AXIS = FastTimeAxis(kind="rf", n_range=4, bin_length_m=0.004, range_offset_m=0.6, carrier_hz=6.8e9)
+
+
+def kinds(items):
+    return [item.kind if isinstance(item, StreamEvent) else "frame" for item in items]
+
+
+def take_until(items, wanted, most=500):
+    """Items up to and with the first one that `wanted` says yes to."""
+    taken = []
+    for item in items:
+        taken.append(item)
+        if wanted(item):
+            return taken
+        assert len(taken) < most
+    raise AssertionError(taken)
+
+
+def is_restarted(item):
+    return isinstance(item, Frame) and item.restarted
+
+
+def is_frame(item):
+    return isinstance(item, Frame)
+
+
+# ---------------------------------------------------------------- real terminals
+
+
+class Socket:
+    """A simulated module on a pseudo-terminal under one name, to pull and to plug in again."""
+
+    def __init__(self, name, faults=None):
+        self.name = name
+        self.faults = faults
+        self.pty = None
+
+    def plug(self):
+        self.pty = PtyTransport()
+        module = SimulatedModule(load_scene("empty"), 0, self.faults)
+        self.thread = threading.Thread(target=serve, args=(module, self.pty))
+        self.thread.start()
+        self.name.unlink(missing_ok=True)
+        self.name.symlink_to(self.pty.path)
+
+    def pull(self):
+        if self.pty is not None:
+            self.pty.close()
+            self.thread.join()
+            self.name.unlink(missing_ok=True)
+            self.pty = None
+
+    def radar(self, *, stall_s=60.0, **options):
+        deadlines = replace(SHORT, stall_s=stall_s)
+        connect = lambda: SerialTransport(str(self.name))  # noqa: E731
+        return ReconnectingRadar(
+            X2Radar(connect, SETTINGS, deadlines=deadlines, name="x2"), backoff=QUICK, **options
+        )
+
+
+@pytest.fixture
+def socket(tmp_path):
+    made = Socket(tmp_path / "ttyX2")
+    yield made
+    made.pull()
+
+
+def test_pulled_and_plugged_in_again(socket):
+    socket.plug()
+    with socket.radar() as radar:
+        items = radar.items()
+        before = [next(items) for _ in range(5)]
+        socket.pull()
+        lost = take_until(items, lambda item: not is_frame(item))[-1]
+        assert lost.kind == "lost"
+        assert "gone" in lost.reason
+        socket.plug()
+        *between, found, after = take_until(items, is_frame)
+        assert {item.kind for item in between} <= {"lost"}
+        assert (found.kind, found.reason) == ("found", "x2 sends frames again")
+        assert after.restarted
+        assert after.index > before[-1].index
+        following = [next(items) for _ in range(3)]
+        assert [f.index - after.index for f in following] == [1, 2, 3]
+        assert not any(f.restarted for f in following)
+        assert radar.stats.reconnects == 1
+        assert radar.stream.device == "x2"
+
+
+def test_a_module_that_falls_silent_is_lost_although_its_port_is_open(socket):
+    socket.faults = FaultPlan({"silent": 0.6})
+    socket.plug()
+    with socket.radar(stall_s=0.2) as radar:
+        lost = take_until(radar.items(), lambda item: not is_frame(item))[-1]
+        assert (lost.kind, lost.reason) == ("lost", "x2: no frame for 0.2 s")
+        assert lost.t_mono_s == pytest.approx(time.monotonic(), abs=30)
+
+
+def test_absent_at_start(socket):
+    radar = socket.radar()
+    with pytest.raises(PortNotFound):
+        next(radar.items())
+    threading.Timer(0.15, socket.plug).start()
+    with socket.radar(wait=True) as radar:
+        items = take_until(radar.items(), is_frame)
+        assert kinds(items) == ["lost", "found", "frame"]
+        assert "no such port" in items[0].reason
+        assert (items[-1].index, items[-1].restarted) == (0, False)
+
+
+@pytest.mark.parametrize("plugged", [False, True], ids=["waiting", "streaming"])
+def test_closing_from_another_thread_ends_it_at_once(socket, plugged):
+    if plugged:
+        socket.plug()
+    radar = socket.radar(wait=True)
+    radar._backoff = Backoff(first_s=60, most_s=60)
+    ended = threading.Event()
+
+    def read():
+        for _ in radar.items():
+            pass
+        ended.set()
+
+    thread = threading.Thread(target=read, daemon=True)
+    thread.start()
+    time.sleep(0.25)
+    radar.close()
+    assert ended.wait(59)
+
+
+def test_quit_on_loss(socket):
+    socket.plug()
+    with socket.radar(quit_on_loss=True) as radar:
+        frames = iter(radar)
+        next(frames)
+        socket.pull()
+        with pytest.raises(TransportClosed) as caught:
+            list(frames)
+        assert caught.value.exit_code == 3
+
+
+def test_gaps_repeats_and_reboots_are_told_before_the_frame_that_they_concern():
+    plan = FaultPlan({"drop_frames": 0.03, "duplicate": 0.03, "reboot": 0.005})
+    near, far = memory_pair()
+    thread = threading.Thread(
+        target=serve,
+        args=(SimulatedModule(load_scene("empty"), 1, plan), far),
+        kwargs={"speed": 20.0},
+    )
+    thread.start()
+    inner = X2Radar(lambda: near, SETTINGS, deadlines=SHORT)
+    with ReconnectingRadar(inner) as radar:
+        items = list(itertools.islice(radar.items(), 600))
+    far.close()
+    thread.join()
+    assert {"gap", "repeat", "restart"} <= set(kinds(items))
+    index = -1
+    told = {}
+    for item in items:
+        if isinstance(item, StreamEvent):
+            told[item.kind] = item
+            continue
+        assert item.restarted == ("restart" in told)
+        assert item.lost == (told["gap"].n_frames if "gap" in told else 0)
+        # Without a restart, no frame number is left out that was not told of.
+        assert item.index == index + 1 + item.lost or (item.restarted and item.index > index)
+        index, told = item.index, {}
+
+
+# ---------------------------------------------------------------- scripted
+
+
+class EndOfScriptError(Exception):
+    """No loss: a stream never ends by itself."""
+
+
+class FakeRadar:
+    """A radar whose openings and streams the test writes down.
+
+    Parameters
+    ----------
+    script : list
+        For each opening an exception, or what its stream holds: counters and at last an
+        exception.
+    """
+
+    name = "fake"
+    stream = None
+
+    def __init__(self, *script):
+        self.script = list(script)
+        self.n_closed = 0
+        self.stats = RadarStats()
+        self.opened = []
+        self._index = 0
+        self._now = []
+
+    def open(self, *, halt):  # noqa: ARG002 - as X2Radar
+        self._open("open")
+
+    def reopen(self, *, halt):  # noqa: ARG002 - as X2Radar
+        self._open("reopen")
+
+    def _open(self, how):
+        self.opened.append(how)
+        now = self.script.pop(0)
+        if isinstance(now, Exception):
+            raise now
+        self._now = now
+
+    def frames(self):
+        is_first = self.opened[-1] == "reopen" and self._index > 0
+        for item in self._now:
+            if isinstance(item, Exception):
+                raise item
+            yield Frame(np.zeros(4, np.float32), item, self._index, 0, is_first, AXIS)
+            self._index += 1
+            is_first = False
+        raise EndOfScriptError
+
+    def close(self):
+        self.n_closed += 1
+
+
+class Clock:
+    """Time that passes only in sleeps and where the test says so."""
+
+    def __init__(self):
+        self.now_s = 100.0
+        self.slept = []
+
+    def __call__(self):
+        return self.now_s
+
+    def sleep(self, s):
+        self.slept.append(s)
+        self.now_s += s
+
+
+GONE = TransportClosed("gone")
+STALL = ReadTimeout("no frame")
+
+
+def scripted(*script, clock=None, **options):
+    clock = clock or Clock()
+    fake = FakeRadar(*script)
+    rng = random.Random(1)  # noqa: S311 - no secret
+    radar = ReconnectingRadar(fake, clock=clock, sleep=clock.sleep, rng=rng, **options)
+    return radar, fake, clock
+
+
+def test_any_loss_is_followed_by_a_new_opening():
+    safe = DeviceError("restarts again and again")
+    radar, fake, _ = scripted([1, GONE], [1, 2, STALL], [1, safe], [1])
+    got = list(itertools.islice(radar.items(), 11))
+    assert kinds(got) == [
+        *("frame", "lost", "found", "frame", "frame"),
+        *("lost", "found", "frame", "lost", "found", "frame"),
+    ]
+    assert [f.index for f in got if is_frame(f)] == [0, 1, 2, 3, 4]
+    assert fake.opened == ["open", "reopen", "reopen", "reopen"]
+
+
+def test_pauses_grow_up_to_the_cap_with_jitter():
+    failures = [PortNotFound("nothing there")] * 12
+    radar, fake, clock = scripted([1, GONE], *failures, [1])
+    items = take_until(radar.items(), is_restarted)
+    # The same reason is told once.
+    assert kinds(items) == ["frame", "lost", "lost", "found", "frame"]
+    plain = [min(0.25 * 2**k, 2.0) for k in range(13)]
+    assert len(clock.slept) == 13
+    assert all(0.8 * p <= s <= min(1.2 * p, 2) for p, s in zip(plain, clock.slept, strict=True))
+    assert len(set(clock.slept)) > 8
+    again, _, other = scripted([1, GONE], *failures, [1])
+    take_until(again.items(), is_restarted)
+    assert other.slept == clock.slept
+    assert fake.n_closed >= 13
+
+
+def test_a_device_that_is_lost_soon_again_is_left_alone_longer():
+    clock = Clock()
+    radar, _, _ = scripted(
+        [1, GONE], [1, GONE], [1, GONE], [1, 2, GONE], [1], clock=clock, backoff=Backoff(jitter=0)
+    )
+    for item in itertools.islice(radar.items(), 14):
+        if is_frame(item) and item.counter == 2:
+            clock.now_s += 11
+    assert clock.slept == [0.25, 0.5, 1.0, 0.25]
+
+
+def test_a_device_that_answers_but_sends_nothing_is_not_found():
+    radar, _, _ = scripted([1, GONE], [STALL], [STALL], [1])
+    items = take_until(radar.items(), is_restarted)
+    assert kinds(items) == ["frame", "lost", "lost", "found", "frame"]
+
+
+@pytest.mark.parametrize("error", [PortNotFound("no"), PortDenied("no"), GONE, DeviceError("no")])
+def test_at_start_errors_are_raised_or_waited_for(error):
+    radar, fake, _ = scripted(error)
+    with pytest.raises(type(error)) as caught:
+        next(radar.items())
+    assert caught.value is error
+    assert fake.n_closed == 1
+    radar, _, _ = scripted(error, [7], wait=True)
+    assert kinds(take_until(radar.items(), is_frame)) == ["lost", "found", "frame"]
+
+
+def test_faults_of_the_program_are_no_losses():
+    radar, fake, _ = scripted([1, ZeroDivisionError()], wait=True)
+    with pytest.raises(ZeroDivisionError):
+        list(radar.items())
+    assert fake.n_closed == 1
+
+
+def test_closing_in_a_pause_ends_the_stream():
+    clock = Clock()
+    radar, fake, _ = scripted([1, GONE], clock=clock)
+    clock.sleep = lambda _s: radar.close()
+    radar._sleep = clock.sleep
+    assert kinds(radar.items()) == ["frame", "lost"]
+    assert fake.opened == ["open"]
+
+
+def test_frames_alone():
+    radar, _, _ = scripted([1, 2, GONE], [1])
+    got = list(itertools.islice(radar, 3))
+    assert [(f.index, f.restarted) for f in got] == [(0, False), (1, False), (2, True)]
+
+
+def test_backoff_at_any_attempt():
+    rng = random.Random(0)  # noqa: S311 - no secret
+    backoff = Backoff(first_s=0.25, most_s=10)
+    assert all(0 < backoff.pause_s(n, rng) <= 10 for n in (0, 1, 10, 2000, 10**6))

@@ -1,0 +1,357 @@
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+from contextlib import contextmanager
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.waiting import unmeasured, wait_for
+from x2radar.cli import main
+from x2radar.command import installed_version, run_command
+from x2radar.device.device import X2Radar
+from x2radar.device.transport import SerialTransport
+from x2radar.errors import PortDenied, SettingsError
+from x2radar.modules.x2 import RadarSettings
+from x2radar.recording.hdf5_reader import RecordingReader
+from x2radar.sim.scene.scene import builtin_scenes
+from x2radar.wire import framing
+from x2radar.wire.codec import encode
+from x2radar.wire.messages import Ack, Ping
+
+PING = framing.encode(encode(Ping()))
+
+
+def run(capsys, *argv):
+    """Exit code, stdout and stderr of one call in this process."""
+    try:
+        code = main(list(argv))
+    except SystemExit as stop:
+        code = stop.code
+    out, err = capsys.readouterr()
+    return code, out, err
+
+
+# ---------------------------------------------------------------- what works
+
+
+def test_scenes_are_listed(capsys):
+    code, out, err = run(capsys, "scenes")
+    assert (code, err) == (0, "")
+    lines = out.splitlines()
+    assert [line.split()[0] for line in lines] == [scene.name for scene in builtin_scenes()]
+    assert all(scene.description in out for scene in builtin_scenes())
+
+
+@pytest.mark.parametrize(
+    "argv",
+    [["--help"], ["-h"], ["scenes", "-h"], ["simulate", "-h"], ["record", "-h"], ["decode", "-h"]],
+)
+def test_help(capsys, argv):
+    code, out, err = run(capsys, *argv)
+    assert (code, err) == (0, "")
+    assert out.startswith("usage: x2radar")
+    if len(argv) == 1:
+        assert "examples:" in out
+        for command in ("scenes", "simulate", "record", "decode"):
+            assert f"x2radar {command}" in out
+
+
+def test_version(capsys):
+    code, out, err = run(capsys, "--version")
+    assert (code, out, err) == (0, f"x2radar {installed_version()}\n", "")
+    assert re.fullmatch(r"\d+\.\d+\.\d+\S*", installed_version())
+
+
+def test_decode_of_text_and_of_raw_bytes(capsys, tmp_path):
+    raw, text = tmp_path / "trace.bin", tmp_path / "trace.txt"
+    data = PING + b"\x00\x01" + framing.encode(encode(Ack())) + PING[:-1]
+    raw.write_bytes(data)
+    text.write_text("# sent and received\n" + data.hex(" "))
+    answers = [run(capsys, "decode", str(path)) for path in (raw, text)]
+    assert answers[0] == answers[1]
+    code, out, err = answers[0]
+    assert (code, err) == (0, "")
+    items = [json.loads(line) for line in out.splitlines()]
+    assert [i.get("message") for i in items] == ["Ping", None, "Ack", None]
+    assert items[1] == {"fault": "junk between packets", "n_bytes": 2}
+
+
+def test_decode_of_an_empty_file(capsys, tmp_path):
+    path = tmp_path / "empty"
+    path.touch()
+    assert run(capsys, "decode", str(path)) == (0, "", "")
+
+
+@pytest.mark.parametrize("kind", ["rf", "baseband"])
+def test_record_round_trip(capsys, tmp_path, kind):
+    path = tmp_path / "dog.h5"
+    argv = ["--port", f"sim:dog?seed=4&kind={kind}", "--duration", "1.5", "--speed", "max"]
+    code, out, err = run(capsys, "record", *argv, str(path))
+    assert (code, out) == (0, "")
+    assert err == f"{path}: 90 frames, 1.5 s\n"
+    reader = RecordingReader(path)
+    try:
+        assert reader.warning is None
+        assert reader.n_frames == 90
+        assert reader.stream.frame_rate_hz == 60
+        assert reader.stream.axis.kind == kind
+        assert reader.stream.device == "sim:dog"
+        assert re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}Z", reader.started_utc)
+        frames = list(reader.frames())
+    finally:
+        reader.close()
+    assert [f.counter for f in frames] == list(range(1, 91))
+    again = tmp_path / "again.h5"
+    assert run(capsys, "record", *argv, str(again))[0] == 0
+    reader = RecordingReader(again)
+    for a, b in zip(frames, reader.frames(), strict=True):
+        assert np.array_equal(a.samples, b.samples)
+    reader.close()
+
+
+def test_record_of_less_than_a_frame_keeps_one(capsys, tmp_path):
+    path = tmp_path / "short.h5"
+    argv = ["--port", "sim:empty", "--duration", "0.001", "--speed", "max", str(path)]
+    assert run(capsys, "record", *argv)[0] == 0
+    reader = RecordingReader(path)
+    assert reader.n_frames == 1
+    reader.close()
+
+
+# ---------------------------------------------------------------- what does not
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """A folder with files of all kinds, as the working directory."""
+    monkeypatch.chdir(tmp_path)
+    Path("there.h5").write_bytes(b"somebody's recording")
+    Path("bad.yaml").write_text("steps: [{body: horse, duration_s: 1}]\n")
+    Path("binary.yaml").write_bytes(bytes(range(256)))
+    Path("empty.yaml").touch()
+    Path("folder").mkdir()
+    return tmp_path
+
+
+WRONG = [
+    ([], 2, "x2radar: the following arguments are required: COMMAND"),
+    (["frobnicate"], 2, "x2radar: argument COMMAND: invalid choice: 'frobnicate'"),
+    (["--frobnicate"], 2, "x2radar: "),
+    (["scenes", "more"], 2, "x2radar scenes: unrecognized arguments: more"),
+    (["scenes", "two\nlines"], 2, "x2radar scenes: unrecognized arguments: two lines"),
+    (["decode"], 2, "x2radar decode: the following arguments are required: file"),
+    (["decode", "missing.txt"], 66, "x2radar: missing.txt: cannot be read: No such file"),
+    (["decode", "folder"], 66, "x2radar: folder: cannot be read: Is a directory"),
+    (["simulate"], 2, "x2radar simulate: the following arguments are required: --pty"),
+    (
+        ["simulate", "--pty", "--scene", "nobody"],
+        66,
+        "no scene 'nobody'; 'x2radar scenes'",
+    ),
+    (["simulate", "--pty", "--scene", "missing.yaml"], 66, "x2radar: missing.yaml: cannot read"),
+    (["simulate", "--pty", "--scene", "bad.yaml"], 66, "bad.yaml: steps[0].body: no body 'horse'"),
+    (["simulate", "--pty", "--scene", "binary.yaml"], 66, "x2radar: binary.yaml: cannot read"),
+    (["simulate", "--pty", "--scene", "empty.yaml"], 66, "empty.yaml: must be a mapping"),
+    (["simulate", "--pty", "--seed", "-1"], 2, "x2radar: --seed -1: must be a whole number"),
+    (["simulate", "--pty", "--seed", "x"], 2, "x2radar simulate: argument --seed: invalid int"),
+    (["simulate", "--pty", "--speed", "0"], 2, "x2radar: --speed '0': use realtime, max or"),
+    (["simulate", "--pty", "--speed", "nan"], 2, "x2radar: --speed 'nan': use"),
+    (["simulate", "--pty", "--speed", "inf"], 2, "x2radar: --speed 'inf': use"),
+    (["simulate", "--pty", "--speed", "-2"], 2, "--speed"),
+    (["simulate", "--pty", "--speed", "fast"], 2, "x2radar: --speed 'fast': use"),
+    (["record", "new.h5"], 2, "x2radar record: the following arguments are required: --port"),
+    (["record", "--port", "sim:dog"], 2, "required: file"),
+    (["record", "--port", "sim:dog", "--duration", "0", "new.h5"], 2, "--duration 0: must be"),
+    (["record", "--port", "sim:dog", "--duration", "nan", "new.h5"], 2, "--duration nan: must"),
+    (["record", "--port", "sim:dog", "--duration", "x", "new.h5"], 2, "invalid float value: 'x'"),
+    (["record", "--port", "sim:dog", "--speed", "x", "new.h5"], 2, "--speed 'x': use"),
+    (["record", "--port", "sim:cow", "new.h5"], 66, "x2radar: no scene 'cow'"),
+    (["record", "--port", "sim:dog?seed=x", "new.h5"], 2, "port key 'seed': 'x' must be"),
+    (["record", "--port", "sim:dog?sed=1", "new.h5"], 2, "port key 'sed': unknown; known are"),
+    (["record", "--port", "sim:dog?rate=0", "new.h5"], 2, "frame_rate_hz = 0.0"),
+    (["record", "--port", "replay:dog", "new.h5"], 2, "a recording is no radar"),
+    (["record", "--port", "", "new.h5"], 2, "x2radar: port '': no port given"),
+    (["record", "--port", "/dev/no-such-port", "new.h5"], 66, "/dev/no-such-port: no such port"),
+    (["record", "--port", "foo://bar", "new.h5"], 66, "x2radar: foo://bar: cannot be opened"),
+    (["record", "--port", "sim:dog", "there.h5"], 66, "x2radar: there.h5: exists already"),
+    (["record", "--port", "sim:dog", "folder"], 66, "x2radar: folder: exists already"),
+    (
+        ["record", "--port", "sim:dog", "no/such/new.h5"],
+        66,
+        "x2radar: no/such/new.h5: cannot make",
+    ),
+]
+
+
+@pytest.mark.parametrize(("argv", "code", "wanted"), WRONG, ids=range(len(WRONG)))
+def test_wrong_input_is_one_line_and_its_exit_code(capsys, folder, argv, code, wanted):
+    ended, out, err = run(capsys, *argv)
+    assert (ended, out) == (code, "")
+    assert err.count("\n") == 1
+    assert err.endswith("\n")
+    assert err.startswith("x2radar")
+    assert wanted in err
+    assert not Path("new.h5").exists()
+    assert Path("there.h5").read_bytes() == b"somebody's recording"
+
+
+def test_debug_adds_the_traceback(capsys, folder):
+    code, out, err = run(capsys, "--debug", "decode", "missing.txt")
+    assert (code, out) == (66, "")
+    assert err.startswith("Traceback")
+    assert err.splitlines()[-1].startswith("x2radar: missing.txt: cannot be read")
+
+
+# ---------------------------------------------------------------- what all commands share
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "line"),
+    [
+        (KeyboardInterrupt(), 0, ""),
+        (PortDenied("p: permission\n denied"), 77, "tool: p: permission denied\n"),
+        (SettingsError("bad"), 2, "tool: bad\n"),
+        (KeyError("k"), 1, "tool: internal error: KeyError('k'); --debug shows more\n"),
+    ],
+)
+def test_errors_become_exit_codes(capsys, error, code, line):
+    def body(_args):
+        raise error
+
+    assert run_command("tool", body, []) == code
+    assert capsys.readouterr() == ("", line)
+
+
+def test_sigterm_ends_a_command_cleanly_and_is_put_back(capsys):
+    before = signal.getsignal(signal.SIGTERM)
+
+    def body(_args):
+        os.kill(os.getpid(), signal.SIGTERM)
+        threading.Event().wait(60)
+        return 1
+
+    assert run_command("tool", body, []) == 0
+    assert signal.getsignal(signal.SIGTERM) is before
+
+
+def test_somebody_elses_sigterm_handler_is_left_alone():
+    def mine(_number, _frame):
+        pass
+
+    before = signal.signal(signal.SIGTERM, mine)
+    try:
+        seen = []
+        run_command("tool", lambda _args: seen.append(signal.getsignal(signal.SIGTERM)) or 0, [])
+        assert seen == [mine]
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def test_commands_run_outside_the_main_thread():
+    codes = []
+    thread = threading.Thread(
+        target=lambda: codes.append(run_command("tool", lambda _args: 5, []))
+    )
+    thread.start()
+    thread.join(60)
+    assert codes == [5]
+
+
+# ---------------------------------------------------------------- as a process
+
+
+def command(*argv):
+    return [sys.executable, "-m", "x2radar.cli", *argv]
+
+
+@contextmanager
+def simulated(*argv):
+    """A running `x2radar simulate --pty` and the device path that it printed."""
+    process = subprocess.Popen(
+        command("simulate", "--pty", *argv),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        env=unmeasured(),
+    )
+    try:
+        yield process, process.stdout.readline().decode().strip()
+    finally:
+        process.kill()
+        process.communicate()
+
+
+@pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM])
+def test_a_simulated_module_on_a_terminal_streams_like_a_real_one(end):
+    with simulated("--scene", "human", "--seed", "3") as (process, path):
+        assert Path(path).exists()
+        settings = RadarSettings(output="iq" if end is signal.SIGTERM else "rf")
+        for _ in range(2):  # closed and opened again, as a program that is started again
+            with X2Radar(lambda: SerialTransport(path), settings) as radar:
+                # A busy machine may still have sent what the program before did not read.
+                stale = radar.stats.damaged
+                frames = list(islice(radar.frames(), 10))
+            assert [f.counter for f in frames] == list(range(1, 11))
+            assert radar.stats.damaged == stale
+            assert frames[0].samples.size == 768
+        with X2Radar(lambda: SerialTransport(path)) as radar:
+            assert len(list(islice(radar.frames(), 3))) == 3
+            process.send_signal(end)  # in the middle of the stream
+            assert process.wait(60) == 0
+        assert process.stdout.read() == b""
+        assert process.stderr.read() == b""
+
+
+def test_a_module_whose_host_has_stopped_reading_still_ends():
+    with simulated("--scene", "empty", "--speed", "max") as (process, path):
+        port = SerialTransport(path)
+        with X2Radar(lambda: port) as radar:
+            next(radar.frames())
+            # Nobody reads: the terminal's buffer fills up and the module waits in its write.
+            with pytest.raises(subprocess.TimeoutExpired):
+                process.wait(0.3)
+            process.send_signal(signal.SIGINT)
+            assert process.wait(60) == 0
+
+
+def test_a_recording_ends_with_sigint_and_is_whole(tmp_path):
+    path = tmp_path / "cut.h5"
+    process = subprocess.Popen(
+        command("record", "--port", "sim:cat?seed=1", "--speed", "5", str(path)),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        env=unmeasured(),
+    )
+    try:
+        # A second of frames is on the disk.
+        wait_for(lambda: path.exists() and path.stat().st_size > 100_000)
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=60)
+    finally:
+        process.kill()
+        process.communicate()
+    assert (process.returncode, out) == (0, b"")
+    reader = RecordingReader(path)
+    assert reader.n_frames >= 60
+    assert err.decode().startswith(f"{path}: {reader.n_frames} frames, ")
+    assert reader.warning is None
+    reader.close()
+
+
+def test_a_reader_that_goes_away_is_no_error(tmp_path):
+    path = tmp_path / "trace.bin"
+    path.write_bytes(PING * 20_000)
+    process = subprocess.Popen(
+        command("decode", str(path)), stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    assert json.loads(process.stdout.readline())["message"] == "Ping"
+    process.stdout.close()
+    assert process.stderr.read() == b""
+    process.stderr.close()
+    assert process.wait(60) == 0

@@ -1,0 +1,53 @@
+"""The notebooks of docs/notebooks: run from the first cell to the last, kept without outputs."""
+
+import os
+from pathlib import Path
+
+import nbformat
+import pytest
+from nbclient import NotebookClient
+
+ROOT = Path(__file__).parents[2]
+NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
+_CELL_S = 600
+"""For one cell, on a machine that does much else."""
+
+
+def read(path):
+    return nbformat.read(path, as_version=4)
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+@pytest.mark.filterwarnings("ignore::ResourceWarning")
+def test_it_runs(path, tmp_path, monkeypatch):
+    folders = [str(ROOT), str(ROOT / "daemon"), str(ROOT / "training")]
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(folders))
+    monkeypatch.setenv("IPYTHONDIR", str(tmp_path / "ipython"))
+    (tmp_path / "work").mkdir()
+    notebook = read(path)
+    client = NotebookClient(
+        notebook,
+        timeout=_CELL_S,
+        kernel_name="python3",
+        resources={"metadata": {"path": str(tmp_path / "work")}},
+    )
+    client.execute()
+    said = [out for cell in notebook.cells for out in cell.get("outputs", ())]
+    assert said
+    # A warning in a notebook is the first thing that a reader sees.
+    assert not [out.text for out in said if out.get("name") == "stderr" and "arning" in out.text]
+
+
+def test_there_are_four():
+    assert len(NOTEBOOKS) == 4
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_it_is_kept_without_outputs(path):
+    notebook = read(path)
+    nbformat.validate(notebook)
+    for cell in notebook.cells:
+        assert not cell.get("outputs")
+        assert cell.get("execution_count") is None
+    assert notebook.cells[0].source.startswith("# ")

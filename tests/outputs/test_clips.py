@@ -1,0 +1,414 @@
+"""Clips: the frames around an alarm, kept whole, replayed alike, and never too many."""
+
+import fcntl
+import json
+import os
+import struct
+import subprocess
+import sys
+import zlib
+from collections import defaultdict
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from radard.clips.clip_file import ClipFile, ClipWriter, make_room
+from radard.clips.keeper import ClipKeeper
+from radard.clips.spectrogram_png import PictureMaker, decode_png, encode_png
+from radard.config.sections import ClipsSection
+from radard.errors import OutputError
+from tests.radar_helpers import BASEBAND, noise, run_radard
+from tests.waiting import wait_for
+from x2radar.frame import Frame, StreamInfo
+from x2radar.recording.registry import open_recording
+
+RATE_HZ = 60.0
+STREAM = StreamInfo(BASEBAND, RATE_HZ, "test")
+N_SLOW = 147
+SAMPLES = noise(60 * 60)
+
+
+def run_with_clips(folder, port, seconds, *argv):
+    """Run at full speed with clips; return records and clips, the oldest first."""
+    os.environ["STATE_DIRECTORY"] = str(folder)
+    try:
+        code, records, err = run_radard(
+            *("--port", port, "--speed", "max", "--duration", str(seconds), "-o", "json", *argv)
+        )
+    finally:
+        del os.environ["STATE_DIRECTORY"]
+    assert code == 0, err
+    return records, sorted((Path(folder) / "clips").glob("*.h5"))
+
+
+def decisions(records):
+    return [r for r in records if r["type"] == "decision"]
+
+
+def replay(clip):
+    code, records, err = run_radard("--port", f"replay:{clip}", "-o", "json")
+    assert (code, err) == (0, "")
+    return decisions(records)
+
+
+@pytest.mark.parametrize(
+    ("port", "seconds"), [("sim:demo", 60), ("sim:demo?kind=baseband", 40), ("sim:human", 30)]
+)
+def test_a_clip_replays_to_the_same_decisions(tmp_path, port, seconds):
+    records, (clip, *_) = run_with_clips(tmp_path, port, seconds)
+    (new, *_) = [r for r in records if r["type"] == "event" and r["phase"] == "new"]
+    assert new["clip"] == str(clip)
+    live = {d["seq"]: d for d in decisions(records)}
+    with h5py.File(clip) as file:
+        offset_s = file.attrs["stream_t_s"]
+        kept = {name: file[f"decisions/{name}"][()] for name in file["decisions"]}
+    again = replay(clip)
+    assert len(again) == len(kept["seq"]) >= 5
+    at_alarm = [d for d in again if round(d["t_s"] + offset_s, 3) == new["t_s"]]
+    assert at_alarm[0]["alarm"]
+    for k, made in enumerate(again):
+        then = live[int(kept["seq"][k])]
+        assert made["t_s"] == pytest.approx(kept["t_s"][k], abs=2e-3)
+        assert then["t_s"] == pytest.approx(made["t_s"] + offset_s, abs=2e-3)
+        assert kept["label"][k].decode() == then["label"]
+        assert [made[k] for k in ("gate", "label", "alarm")] == [
+            then[k] for k in ("gate", "label", "alarm")
+        ]
+        # Clutter map, noise floor and tracks know of what was before the clip; it does not.
+        for name, most in (("p_human", 0.02), ("p_pet", 0.02), ("range_m", 0.05)):
+            assert made[name] == pytest.approx(then[name], abs=most)
+        # Of an empty room there is nothing but what the clutter map leaves.
+        most_db = 0.3 if made["gate"] == "open" else 1.5
+        assert made["power_db"] == pytest.approx(then["power_db"], abs=most_db)
+
+
+def test_what_a_clip_holds(tmp_path):
+    records, (clip,) = run_with_clips(tmp_path, "sim:human", 20, "--sensitivity", "high")
+    hello = records[0]
+    with h5py.File(clip) as file:
+        attrs = dict(file.attrs)
+        picture = file["picture"][()]
+        n_frames, n_samples = file["frames/samples"].shape
+    assert n_samples == 768
+    assert attrs["format"] == "x2radar-recording"
+    assert attrs["config_hash"] == hello["config_hash"]
+    assert (attrs["model"], attrs["sensor"]) == ("accurate", "radar")
+    assert len(attrs["model_sha256"]) == 64
+    event = json.loads(attrs["event"])
+    assert event["id"] == clip.stem
+    assert event["clip"] == str(clip)
+    assert picture.dtype == np.uint8
+    assert picture.shape[2] == 3
+    assert picture.min() < 30
+    assert picture.max() > 220
+    png = clip.with_suffix(".png").read_bytes()
+    assert png.startswith(b"\x89PNG\r\n\x1a\n")
+    decoded, axes = decode_png(png)
+    assert (decoded == picture).all()
+    # c fp / (4 f) of an X2 at 60 Hz; its swath; the clip's length but for the last CPI.
+    assert axes["velocity_mps"] == pytest.approx([-0.66, 0.66], abs=0.03)
+    assert axes["range_m"] == pytest.approx([0.6, 3.4], abs=0.1)
+    assert axes["length_s"] == pytest.approx(n_frames / 60, abs=0.5)
+    assert clip.stat().st_mode & 0o600 == 0o600
+    assert clip.parent.stat().st_mode & 0o077 == 0
+    with open_recording(clip) as reader:
+        assert reader.warning is None
+
+
+def test_two_runs_make_the_same_clip(tmp_path):
+    def frames(name):
+        _, (clip, *_) = run_with_clips(tmp_path / name, "sim:demo?run=test", 40)
+        with h5py.File(clip) as file:
+            return clip.name, file["frames/samples"][()].tobytes(), file["picture"][()].tobytes()
+
+    assert frames("a") == frames("b")
+
+
+@pytest.mark.parametrize(
+    "argv", [("RADARD_CLIPS__ENABLED", "false"), ("STATE_DIRECTORY", "")], ids=["off", "no folder"]
+)
+def test_off_nothing_is_kept(tmp_path, monkeypatch, argv):
+    monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path))
+    monkeypatch.setenv(*argv)
+    _, records, _ = run_radard(
+        *("--port", "sim:human", "--speed", "max", "--duration", "20", "-o", "json")
+    )
+    events = [r for r in records if r["type"] == "event" and r["kind"] == "alarm"]
+    assert events
+    assert {e["clip"] for e in events} == {None}
+    assert not list(tmp_path.rglob("*.h5"))
+
+
+def test_a_replay_makes_no_clips(tmp_path):
+    _, (clip, *_) = run_with_clips(tmp_path, "sim:human", 15)
+    _, clips = run_with_clips(tmp_path / "again", f"replay:{clip}", 15)
+    assert clips == []
+
+
+def frame(index, *, lost=0):
+    return Frame(SAMPLES[index % len(SAMPLES)], index + 1, index, lost, False, BASEBAND)
+
+
+def record(seq, t_s):
+    numbers = dict.fromkeys(
+        ("power_db", "noise_floor_db", "threshold_db", "p_human", "p_pet", "p_other", "range_m")
+    )
+    fused = dict.fromkeys(("fused_p_human", "fused_p_pet", "fused_p_other"), 0.5)
+    rest = {"gate": "closed", "label": None, "alarm": False, "frames": N_SLOW, "dropped": 0}
+    return {"type": "decision", "seq": seq, "t_s": round(t_s, 3), **numbers, **fused, **rest}
+
+
+def event(name="0" * 26):
+    return {"type": "event", "id": name, "phase": "new"}
+
+
+class Feeder:
+    """Push frames and decisions into a keeper as reader and worker do."""
+
+    def __init__(self, keeper, *, ahead=0):
+        self.keeper, self.ahead = keeper, ahead
+        self.pushed = self.hops = 0
+
+    def hop(self, n=1):
+        for _ in range(n):
+            end = N_SLOW + 60 * self.hops
+            while self.pushed < end + self.ahead:
+                self.keeper.push(frame(self.pushed))
+                self.pushed += 1
+            self.hops += 1
+            self.t_s = end / RATE_HZ
+            self.keeper.on_decision(record(self.hops, self.t_s), self.t_s)
+
+    def after(self, *, is_seen, n=1):
+        for _ in range(n):
+            self.keeper.after(self.t_s, is_seen=is_seen)
+            self.hop()
+
+
+def make_keeper(tmp_path, **settings):
+    given = {"pre_s": 5.0, "post_s": 2.0, "longest_s": 30.0, "free_mb": 0.0, **settings}
+    keeper = ClipKeeper(ClipsSection(**given), tmp_path / "clips", STREAM, N_SLOW, {})
+    return keeper, Feeder(keeper)
+
+
+def span(path):
+    """First and last frame counter, and the number of decisions."""
+    with h5py.File(path) as file:
+        counter = file["frames/counter"]
+        return int(counter[0]), int(counter[-1]), len(file["decisions/seq"])
+
+
+@pytest.mark.parametrize("ahead", [0, 1, 100, 180])
+def test_the_frames_of_a_clip_do_not_depend_on_who_is_faster(tmp_path, ahead):
+    keeper, feeder = make_keeper(tmp_path)
+    feeder.ahead = ahead
+    feeder.hop(20)
+    path = keeper.begin(event(), feeder.t_s)
+    feeder.after(is_seen=True, n=3)
+    feeder.after(is_seen=False, n=4)
+    assert keeper.close(60.0)
+    # 5 s before the dwell of decision 20, on the grid of the hops; 2 s after it was last seen.
+    first, last, n = span(path)
+    assert first == 1 + 60 * 14
+    assert last == N_SLOW + 60 * 23
+    assert n == (last - first - N_SLOW + 1) / 60 + 1
+
+
+def test_early_alarms_long_alarms_and_one_clip_at_a_time(tmp_path):
+    keeper, feeder = make_keeper(tmp_path, longest_s=10.0)
+    feeder.hop(2)
+    path = keeper.begin(event(), feeder.t_s)
+    assert keeper.begin(event("1" * 26), feeder.t_s) is None
+    feeder.after(is_seen=True, n=30)
+    other = keeper.begin(event("2" * 26), feeder.t_s)
+    keeper.after(feeder.t_s, is_seen=True)
+    assert keeper.close(60.0)
+    assert span(path)[:2] == (1, 600)
+    assert span(other)[1] == N_SLOW + 60 * 31
+    assert not keeper.complaint
+
+
+def test_no_clip_reaches_back_over_a_restart(tmp_path):
+    keeper, feeder = make_keeper(tmp_path)
+    feeder.hop(10)
+    keeper.restart()
+    feeder.hop(1)
+    path = keeper.begin(event(), feeder.t_s)
+    assert keeper.close(60.0)
+    assert span(path)[0] == 1 + 60 * 10
+
+
+def test_a_full_disk_is_a_complaint_and_the_next_clip_is_tried(tmp_path):
+    keeper, feeder = make_keeper(tmp_path, free_mb=1e12)
+    feeder.hop(3)
+    assert keeper.begin(event(), feeder.t_s)
+    feeder.after(is_seen=False, n=5)
+    wait_for(lambda: keeper.complaint)
+    assert "MB are free" in keeper.complaint
+    keeper._folder.rmdir()
+    assert keeper.begin(event(), feeder.t_s)
+    assert keeper.close(60.0)
+
+
+def test_a_folder_that_cannot_be_made(tmp_path):
+    (tmp_path / "clips").write_text("a file")
+    keeper, feeder = make_keeper(tmp_path)
+    feeder.hop(3)
+    keeper.begin(event(), feeder.t_s)
+    feeder.after(is_seen=False, n=5)
+    assert keeper.close(60.0)
+    assert keeper.complaint
+
+
+def test_a_run_whose_clips_fail_goes_on_degraded(tmp_path, monkeypatch):
+    (tmp_path / "clips").write_text("a file")
+    monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path))
+    code, records, err = run_radard(
+        *("--port", "sim:demo", "--speed", "max", "--duration", "40", "-o", "json")
+    )
+    assert code == 0
+    assert "clip:" in err
+    degraded = [r for r in records if r["type"] == "status" and r["state"] == "degraded"]
+    assert degraded
+    assert degraded[0]["reason"].startswith("clips: ")
+    later = [r for r in records if r["type"] == "event" and r["phase"] == "update"]
+    assert later
+    assert later[-1]["clip"] is None
+
+
+def test_after_a_kill_the_frames_are_there(tmp_path):
+    path = tmp_path / "killed.h5"
+    clip = ClipFile(path, STREAM, first_index=0, started_utc="2026-01-01T00:00:00Z", attributes={})
+    clip.write([frame(k) for k in range(150)])
+    with open_recording(path) as reader:
+        assert reader.n_frames >= 120
+    clip.abandon()
+
+
+def test_a_reader_keeps_no_decision_out_of_a_clip(tmp_path):
+    path = tmp_path / "read.h5"
+    clip = ClipFile(path, STREAM, first_index=0, started_utc="2026-01-01T00:00:00Z", attributes={})
+    clip.write([frame(k) for k in range(150)])
+    with path.open("rb") as reader:
+        fcntl.flock(reader, fcntl.LOCK_SH)
+        decision = defaultdict(int, t_s=2.0, gate="open", label="human")
+        clip.finish([decision], event())
+    with h5py.File(path) as file:
+        assert "event" in file.attrs
+        assert list(file["decisions/t_s"]) == [2.0]
+
+
+def test_an_existing_file_is_not_overwritten(tmp_path):
+    writer = ClipWriter(STREAM, tmp_path, keep_bytes=1e9, free_bytes=0)
+    (tmp_path / f"{'0' * 26}.h5").write_text("mine")
+    with pytest.raises(OutputError, match="exists already"):
+        writer.open(tmp_path / f"{'0' * 26}.h5", 0, "2026-01-01T00:00:00Z", {})
+    assert writer.write([frame(0)]) is writer.finish([], {}) is False
+
+
+def test_retention_takes_the_oldest_clips_and_nothing_else(tmp_path):
+    for k in range(5):
+        for suffix in ("h5", "png"):
+            path = tmp_path / f"{str(k) * 26}.{suffix}"
+            path.write_bytes(b"x" * 1000)
+            os.utime(path, (1000 + k, 1000 + k))
+    (tmp_path / "holiday.h5").write_bytes(b"x" * 10_000)
+    assert make_room(tmp_path, keep_bytes=6000, free_bytes=0)
+    left = sorted(p.name[0] for p in tmp_path.iterdir())
+    assert left == ["2", "2", "3", "3", "4", "4", "h"]
+    assert not make_room(tmp_path, keep_bytes=6000, free_bytes=1e18)
+    assert [p.name for p in tmp_path.iterdir()] == ["holiday.h5"]
+
+
+def test_a_png_holds_the_picture():
+    picture = np.random.default_rng(0).integers(0, 256, (7, 11, 3)).astype(np.uint8)
+    png = encode_png(picture)
+    at, chunks = 8, {}
+    while at < len(png):
+        (n,) = struct.unpack(">I", png[at : at + 4])
+        kind, data = png[at + 4 : at + 8], png[at + 8 : at + 8 + n]
+        assert struct.unpack(">I", png[at + 8 + n : at + 12 + n])[0] == zlib.crc32(kind + data)
+        chunks[kind] = data
+        at += 12 + n
+    lines = np.frombuffer(zlib.decompress(chunks[b"IDAT"]), np.uint8).reshape(7, 34)
+    assert not lines[:, 0].any()
+    assert (lines[:, 1:].reshape(7, 11, 3) == picture).all()
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"",
+        b"GIF89a",
+        encode_png(np.zeros((2, 2, 3), np.uint8))[:40],
+        encode_png(np.zeros((2, 2, 3), np.uint8)).replace(b"IDAT", b"IDOT"),
+        encode_png(np.zeros((2, 2, 3), np.uint8)).replace(b"\x02\x08\x02", b"\x02\x08\x03"),
+        encode_png(np.zeros((2, 2, 3), np.uint8)).replace(b"\0\0\0\x02\0\0\0\x02", b"\xff" * 8),
+        encode_png(np.zeros((2, 2, 3), np.uint8), {}).replace(b"\0{}", b"\0{{"),
+    ],
+)
+def test_what_is_no_picture_of_ours_is_refused(data):
+    with pytest.raises(ValueError, match=r"."):
+        decode_png(data)
+
+
+def test_pictures_of_odd_streams():
+    maker = PictureMaker(STREAM)
+    assert maker.picture() is None
+    maker.push([frame(k) for k in range(10)])
+    assert maker.picture() is None
+    bad = Frame(np.full(64, np.nan, np.complex64), 1, 10, 0, False, BASEBAND)
+    maker.push([bad, *(frame(k) for k in range(11, 130))])
+    picture = maker.picture()
+    assert picture.dtype == np.uint8
+    silent = PictureMaker(STREAM)
+    nothing = Frame(np.zeros(64, np.complex64), 1, 0, 0, False, BASEBAND)
+    silent.push([nothing] * 100)
+    assert silent.picture().shape[2] == 3
+
+
+_LATE = """
+import sys, threading, time
+from pathlib import Path
+from h5py._hl.base import phil
+from radard.clips.clip_file import ClipWriter
+from radard.clips.keeper import ClipKeeper
+from radard.config.sections import ClipsSection
+from tests.test_clips import STREAM
+
+keeper = ClipKeeper(ClipsSection(), Path(sys.argv[1]), STREAM, 147, {})
+holds = threading.Event()
+
+def slow(writer):
+    with phil:
+        holds.set()
+        time.sleep(2)
+    return True
+
+keeper._do(slow)
+assert holds.wait(60)
+closer = threading.Thread(target=lambda: print(keeper.close(0.01)), daemon=sys.argv[2] == "daemon")
+closer.start()
+closer.join()
+"""
+
+
+@pytest.mark.parametrize("closer", ["plain", "daemon"])
+def test_a_clip_that_is_late_does_not_hang_the_end_of_the_process(tmp_path, closer):
+    """It once did for ever: its thread held the lock of HDF5 when the interpreter ended.
+
+    With several radars the threads that close their clips are daemons.
+    """
+    root = Path(__file__).parents[2]
+    roots = [str(root / name) for name in (".", "daemon", "training")]
+    done = subprocess.run(
+        [sys.executable, "-c", _LATE, str(tmp_path), closer],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(roots)},
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=True,
+    )
+    assert done.stdout == "False\n"

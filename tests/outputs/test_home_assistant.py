@@ -1,0 +1,198 @@
+"""A Home Assistant core, a broker and the daemon, all real; and what deploy/ holds for it."""
+
+import base64
+import json
+import os
+import subprocess
+from pathlib import Path
+
+import pytest
+import yaml
+
+from radard.config.config import load_config
+from tests.daemon_helpers import launcher
+from tests.sink_helpers import Listener, MqttBroker
+from tests.waiting import wait_for
+
+launch = pytest.fixture(launcher)
+PROBE = Path(__file__).with_name("home_assistant_probe.py")
+BLUEPRINT = Path(__file__).parents[2] / "deploy/homeassistant/blueprints/notify_with_picture.yaml"
+# Installed in a virtual environment of its own (Python 3.11): homeassistant 2024.3.3 and what its
+# parts ask for: paho-mqtt 1.6.1, janus 1.0.0, numpy 1.26.0.
+PYTHON = os.environ.get("RADARD_TEST_HOME_ASSISTANT")
+WITHOUT = "no Home Assistant here: RADARD_TEST_HOME_ASSISTANT names the Python of one"
+
+
+@pytest.fixture
+def broker(tmp_path):
+    made = MqttBroker(tmp_path)
+    yield made
+    made.stop()
+
+
+class HomeAssistant:
+    """A core in a process of its own, see `home_assistant_probe.py`."""
+
+    def __init__(self, folder, port):
+        folder.mkdir()
+        (folder / "configuration.yaml").write_text("")
+        self._process = subprocess.Popen(
+            [PYTHON, str(PROBE), str(folder), str(port)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            text=True,
+        )
+
+    def ask(self, **wanted):
+        """One question, one answer."""
+        self._process.stdin.write(json.dumps(wanted) + "\n")
+        self._process.stdin.flush()
+        answer = json.loads(self._process.stdout.readline())
+        assert "ok" in answer, answer
+        return answer["ok"]
+
+    def state(self, entity_id):
+        """State and attributes, None while there is no such entity."""
+        return self.ask(states=True).get(entity_id)
+
+    def shows(self, entity_id, wanted):
+        """Wait until an entity has a state."""
+        wait_for(lambda: (self.state(entity_id) or {}).get("state") == wanted)
+
+    def call(self, service, **data):
+        """Call a service and wait for it."""
+        self.ask(call=[service, data])
+
+    def close(self):
+        self._process.stdin.close()
+        try:
+            self._process.wait(60)
+        finally:
+            self._process.kill()
+            self._process.stdout.close()
+
+
+@pytest.fixture
+def home(tmp_path, broker):
+    made = HomeAssistant(tmp_path / "ha", broker.port)
+    yield made
+    made.close()
+
+
+def running(launch, broker, tmp_path, **options):
+    """A daemon on a simulated module that publishes to the broker and takes commands."""
+    mqtt = {"commands": "always", "discovery": "components", **options.pop("mqtt", {})}
+    given = {
+        "sensor": {"port": "sim:empty", "speed": "10"},
+        "service": {"runtime_dir": tmp_path, "state_dir": tmp_path / "state"},
+        "model": {"name": "none"},
+        "output": [f"mqtt://127.0.0.1:{broker.port}"],
+        "mqtt": mqtt,
+        **options,
+    }
+    return launch(reload=lambda: load_config(environ={}, options=given), **given)
+
+
+@pytest.mark.skipif(not PYTHON, reason=WITHOUT)
+def test_a_house_arms_disarms_and_chooses_the_sensitivity(home, launch, broker, tmp_path):
+    (tmp_path / "code").write_text("4711\n")
+    mqtt = {"code_file": tmp_path / "code", "dashboard_url": "http://radar.lan:8434/"}
+    daemon = running(launch, broker, tmp_path, mqtt=mqtt, alarm={"exit_delay_s": 5})
+    panel = "alarm_control_panel.radar_simulated_panel"
+    select = "select.radar_simulated_sensitivity"
+    home.shows(panel, "armed_away")
+    assert home.state(panel)["code_format"] == "number"
+    home.call("alarm_control_panel.alarm_disarm", entity_id=panel, code="1234")
+    home.call("alarm_control_panel.alarm_arm_home", entity_id=panel)
+    home.shows(panel, "arming")
+    home.shows(panel, "armed_home")
+    home.call("alarm_control_panel.alarm_disarm", entity_id=panel, code="4711")
+    home.shows(panel, "disarmed")
+    assert daemon.run.radar.panel()["armed"] is False
+    home.shows(select, "normal")
+    home.call("select.select_option", entity_id=select, option="high")
+    home.shows(select, "high")
+    wait_for(lambda: home.ask(device="radard_radar-simulated"))
+    device = home.ask(device="radard_radar-simulated")
+    assert (device["manufacturer"], device["model"]) == ("Novelda", "X2 (simulated)")
+    assert device["configuration_url"] == "http://radar.lan:8434/"
+    assert daemon.stop() == 0
+    home.shows(panel, "unavailable")
+
+
+@pytest.mark.skipif(not PYTHON, reason=WITHOUT)
+def test_an_alarm_reaches_a_phone_with_its_picture(home, launch, broker, tmp_path):
+    event, picture = "event.radar_simulated_event", "image.radar_simulated_last_alarm"
+    daemon = running(
+        launch,
+        broker,
+        tmp_path,
+        sensor={"port": "sim:human", "speed": "10"},
+        model={"name": "thesis"},
+        alarm={"sensitivity": "high", "latch_s": 86_400, "armed": False},
+    )
+    wait_for(lambda: {event, picture} <= set(home.ask(states=True)))
+    given = {"radar_event": event, "radar_picture": picture, "notifier": "phone"}
+    assert home.ask(blueprint=str(BLUEPRINT), input=given) is True
+    daemon.run.radar.command("arm")
+    home.shows("binary_sensor.radar_simulated_alarm", "on")
+    home.shows("alarm_control_panel.radar_simulated_panel", "triggered")
+    (call,) = wait_for(lambda: home.ask(calls=True))
+    assert call["title"] == "Radar alarm"
+    assert "human" in call["message"]
+    assert call["data"]["image"].startswith(f"/api/image_proxy/{picture}")
+    assert home.state(event)["event_type"].startswith("alarm_")
+    png = wait_for(lambda: base64.b64decode(home.ask(picture=picture)))
+    assert png.startswith(b"\x89PNG")
+    assert daemon.stop() == 0
+    assert home.ask(calls=True) == [call]
+
+
+class _Inputs(yaml.SafeLoader):
+    """YAML with Home Assistant's tag for what a blueprint asks for."""
+
+
+_Inputs.add_constructor("!input", lambda loader, node: ("input", loader.construct_scalar(node)))
+
+
+def test_the_blueprint_asks_for_what_it_uses_and_for_nothing_else():
+    raw = yaml.load(BLUEPRINT.read_text(), Loader=_Inputs)  # noqa: S506 - a SafeLoader
+    asked = set(raw["blueprint"]["input"])
+    used = set()
+
+    def walk(node):
+        if isinstance(node, tuple):
+            used.add(node[1])
+        for each in node.values() if isinstance(node, dict) else node:
+            if isinstance(each, dict | list | tuple):
+                walk(each)
+
+    walk({key: value for key, value in raw.items() if key != "blueprint"})
+    assert used == asked
+    assert raw["blueprint"]["domain"] == "automation"
+    assert {"trigger", "condition", "action"} <= set(raw)
+
+
+def test_a_sensitivity_chosen_over_mqtt_outlives_a_restart(launch, broker, tmp_path):
+    listener, base = Listener(broker.port, "radard/#"), "radard/radar-simulated"
+
+    def shown():
+        return [json.loads(body)["sensitivity"] for body in listener.on(f"{base}/state")]
+
+    try:
+        daemon = running(launch, broker, tmp_path, model={"name": "accurate"})
+        wait_for(lambda: shown() and shown()[-1] == "normal")
+        pipeline = daemon.run.radar.parts.pipeline
+        assert pipeline.pet_limit == 0.8
+        listener.say(f"{base}/command/sensitivity", "high")
+        wait_for(lambda: shown()[-1] == "high")
+        # The same pipeline, so what it has learned of the room stays.
+        wait_for(lambda: pipeline.pet_limit == 0.9)
+        assert daemon.run.radar.parts.pipeline is pipeline
+        assert daemon.stop() == 0
+        daemon = running(launch, broker, tmp_path, alarm={"exit_delay_s": 1})
+        assert daemon.config.alarm.sensitivity == "high"
+        assert daemon.stop() == 0
+    finally:
+        listener.close()

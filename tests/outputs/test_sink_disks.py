@@ -1,0 +1,180 @@
+"""Outputs on disks that fail for a while, and who may read what they write."""
+
+import errno
+import json
+import os
+import sqlite3
+
+import pytest
+
+from radard.config.sink_table import JsonlSection, SinkOptions
+from radard.errors import OutputError
+from radard.outputs import open_output
+from radard.outputs.base import SinkContext
+from radard.outputs.store import StoreSink
+from radard.outputs.store_query import read_events
+from tests.sink_helpers import decision, event, hello, status, ulid, wait_for
+
+LIVE = SinkContext(sensor="hall")
+
+
+class Disk:
+    """A disk that can be full: it takes a piece of a line, and no more."""
+
+    def __init__(self, monkeypatch):
+        self.is_full = False
+        self._n = 0
+        self._plain_write, self._plain_open = os.write, os.open
+        monkeypatch.setattr("radard.outputs.jsonl.os.write", self._write)
+        monkeypatch.setattr("radard.outputs.jsonl.os.open", self._open)
+
+    def _write(self, fd, data):
+        self._n += self.is_full
+        if self.is_full and self._n % 2:
+            return self._plain_write(fd, data[:7])
+        self._refuse(self.is_full)
+        return self._plain_write(fd, data)
+
+    def _open(self, path, flags, *mode, **more):
+        self._refuse(self.is_full and flags & os.O_CREAT)
+        return self._plain_open(path, flags, *mode, **more)
+
+    def _refuse(self, is_full):
+        if is_full:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+@pytest.fixture
+def disk(monkeypatch):
+    return Disk(monkeypatch)
+
+
+def lines_of(path):
+    return [json.loads(line) for line in path.read_text().splitlines()]
+
+
+def test_a_file_goes_on_after_a_full_disk_with_whole_lines(tmp_path, disk):
+    path = tmp_path / "a.jsonl"
+    sink = open_output(f"json:{path}", SinkOptions(), LIVE)
+    sink.write(hello())
+    wait_for(lambda: sink.state.n_sent == 1)
+    disk.is_full = True
+    sink.write(event(1))
+    wait_for(lambda: sink.state.reason == "No space left on device")
+    sink.write(event(2))
+    disk.is_full = False
+    wait_for(lambda: sink.state.n_sent == 3)
+    assert sink.state.is_ok
+    sink.close()
+    assert [line.get("id") for line in lines_of(path)] == [None, ulid(1), ulid(2)]
+
+
+def test_a_file_that_cannot_be_made_on_a_full_disk_is_made_later(tmp_path, disk):
+    path = tmp_path / "a.jsonl"
+    disk.is_full = True
+    sink = open_output(f"json:{path}", SinkOptions(), LIVE)
+    sink.write(hello())
+    sink.write(event(1))
+    wait_for(lambda: not sink.state.is_ok)
+    disk.is_full = False
+    wait_for(lambda: sink.state.n_sent == 2)
+    sink.close()
+    assert [line["type"] for line in lines_of(path)] == ["hello", "event"]
+    disk.is_full = True
+    with pytest.raises(OutputError, match="cannot write there"):
+        open_output(f"json:{tmp_path / 'b'}", SinkOptions(), SinkContext(can_wait=True))
+
+
+def test_a_disk_that_fills_at_a_rotation_costs_no_line_and_no_hello(tmp_path, disk):
+    path = tmp_path / "a.jsonl"
+    options = SinkOptions(jsonl=JsonlSection(rotate_mb=0.0005))
+    sink = open_output(f"json:{path}", options, LIVE)
+    sink.write(hello())
+    sink.write(event(1))
+    wait_for(lambda: sink.state.n_sent == 2)
+    disk.is_full = True
+    sink.write(event(2))
+    wait_for(lambda: not sink.state.is_ok)
+    disk.is_full = False
+    wait_for(lambda: sink.state.n_sent == 3)
+    sink.close()
+    assert [line["type"] for line in lines_of(path)] == ["hello", "event"]
+    assert lines_of(tmp_path / "a.jsonl.1")[-1]["id"] == ulid(1)
+
+
+def test_a_store_goes_on_after_a_full_disk(tmp_path):
+    path = tmp_path / "a.db"
+    sink = open_output(f"store:{path}", SinkOptions(), LIVE)
+    sink.write(event(1))
+    wait_for(lambda: sink.state.n_sent == 1)
+    pages = sink._db.execute("PRAGMA page_count").fetchone()[0]
+    sink._db.execute(f"PRAGMA max_page_count = {pages}")
+    sink.write({**event(2), "reason": "x" * 100_000})
+    sink.write(event(3))
+    # What is left out is not taken for a success.
+    sink.write(hello())
+    wait_for(lambda: "full" in sink.state.reason)
+    sink._db.execute("PRAGMA max_page_count = 100000")
+    wait_for(lambda: sink.state.n_sent == 3)
+    assert sink.state.is_ok
+    sink.close()
+    assert [e.id for e in read_events(path)] == [ulid(k) for k in (1, 2, 3)]
+
+
+def test_a_store_that_cannot_be_made_on_a_full_disk_is_made_later(tmp_path, monkeypatch):
+    plain, path = StoreSink._opened, tmp_path / "a.db"
+
+    def full(_self):
+        error = sqlite3.OperationalError("database or disk is full")
+        error.sqlite_errorcode = sqlite3.SQLITE_FULL
+        raise error
+
+    monkeypatch.setattr(StoreSink, "_opened", full)
+    with pytest.raises(OutputError, match="cannot be used"):
+        open_output(f"store:{path}", SinkOptions(), SinkContext(can_wait=True))
+    sink = open_output(f"store:{path}", SinkOptions(), LIVE)
+    sink.write(event(1))
+    wait_for(lambda: "full" in sink.state.reason)
+    monkeypatch.setattr(StoreSink, "_opened", plain)
+    wait_for(lambda: sink.state.n_sent == 1)
+    sink.close()
+    assert [e.id for e in read_events(path)] == [ulid(1)]
+
+
+def mode_of(path):
+    return path.stat().st_mode & 0o777
+
+
+@pytest.mark.parametrize("umask", [0, 0o077])
+def test_files_are_for_their_owner_alone_whatever_the_umask(tmp_path, umask):
+    before = os.umask(umask)
+    try:
+        for name in ("json:a.jsonl", "store:a.db"):
+            scheme, file = name.split(":")
+            sink = open_output(f"{scheme}:{tmp_path / file}", SinkOptions(), LIVE)
+            for record in (hello(), status("online"), event(1), decision(1)):
+                sink.write(record)
+            wait_for(lambda s=sink: s.state.n_sent >= 3 and not s.state.n_waiting)
+            modes = {each.name: mode_of(each) for each in tmp_path.iterdir()}
+            sink.close()
+            assert set(modes.values()) == {0o600}, modes
+    finally:
+        os.umask(before)
+
+
+def test_the_mode_of_files_that_are_there_is_left(tmp_path):
+    path, store = tmp_path / "a.jsonl", tmp_path / "a.db"
+    for file in (path, store):
+        file.touch()
+        file.chmod(0o640)
+    options = SinkOptions(jsonl=JsonlSection(rotate_mb=0.0005))
+    sink = open_output(f"json:{path}", options, SinkContext(sensor="hall"))
+    for n in range(6):
+        sink.write(event(n))
+    wait_for(lambda: sink.state.n_sent == 6)
+    sink.close()
+    other = open_output(f"store:{store}", SinkOptions(), LIVE)
+    other.close()
+    # The next file of a rotation is read by whoever read the one before.
+    assert (tmp_path / "a.jsonl.2").exists()
+    assert {mode_of(each) for each in tmp_path.iterdir()} == {0o640}

@@ -1,0 +1,149 @@
+"""Messages by Apprise to a real HTTP receiver: words, picture, refusals, and no secret told."""
+
+import base64
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+
+from radard.cli import main
+from radard.config.sink_table import AppriseSection, SinkOptions
+from radard.errors import ConfigError, OutputError, UsageError
+from radard.outputs import open_output
+from radard.outputs.apprise import message_of
+from radard.outputs.base import SinkContext
+from tests.radar_helpers import python
+from tests.sink_helpers import QUICK, WebServer, event
+from tests.waiting import wait_for
+
+TOKEN = "t0ken"  # noqa: S105 - of nothing
+
+
+@pytest.fixture
+def server():
+    made = WebServer()
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def sink(server):
+    """Opens a sink to the server; closed at the end."""
+    made = []
+
+    def begin(url=None, **section):
+        options = SinkOptions(outbox=QUICK, apprise=AppriseSection(**section))
+        url = url or f"apprise:json://user:{TOKEN}@127.0.0.1:{server.port}/{TOKEN}"
+        made.append(open_output(url, options, SinkContext(sensor="hall")))
+        return made[-1]
+
+    yield begin
+    for each in made:
+        each.close(0.3)
+
+
+def posted(server, n=1):
+    wait_for(lambda: len(server.posts) >= n)
+    return [json.loads(body) for _, _, body in server.posts]
+
+
+def test_an_alarm_in_words_with_its_picture(server, sink, tmp_path):
+    (tmp_path / "clip.png").write_bytes(b"\x89PNG picture")
+    sink().write({**event(2), "clip": str(tmp_path / "clip.h5"), "simulated": True})
+    (message,) = posted(server)
+    assert message["title"] == "hall: alarm (simulated)"
+    assert message["message"].startswith("human at 2.0 m\n2026-11-21T06:00:02")
+    assert message["type"] == "failure"
+    (attached,) = message["attachments"]
+    assert base64.b64decode(attached["base64"]) == b"\x89PNG picture"
+
+
+def test_a_picture_that_is_drawn_a_little_later_is_waited_for(server, sink, tmp_path):
+    made = sink()
+    made.write({**event(1), "clip": str(tmp_path / "clip.h5")})
+    wait_for(lambda: made.state.busy_s > 0)
+    (tmp_path / "clip.png").write_bytes(b"late")
+    (message,) = posted(server)
+    assert base64.b64decode(message["attachments"][0]["base64"]) == b"late"
+
+
+def test_without_a_picture_the_alarm_goes_all_the_same(server, sink, tmp_path, monkeypatch):
+    monkeypatch.setattr("radard.outputs.apprise._PICTURE_S", 0.1)
+    (tmp_path / "there.png").write_bytes(b"not wanted")
+    sink().write({**event(1), "clip": str(tmp_path / "never.h5")})
+    posted(server)
+    sink(picture=False).write({**event(2), "clip": str(tmp_path / "there.h5")})
+    assert [m["attachments"] for m in posted(server, 2)] == [[], []]
+
+
+def test_only_the_events_that_are_chosen(server, sink):
+    made = sink(kinds=["alarm"], phases=["new", "end"])
+    for record in (event(1, kind="fault"), event(2), event(2, phase="update")):
+        made.write(record)
+    made.write(event(2, phase="end"))
+    assert [m["type"] for m in posted(server, 2)] == ["failure", "success"]
+
+
+def test_a_refusal_is_given_up(server, sink):
+    server.code = 404
+    made = sink()
+    made.write(event(1, kind="fault"))
+    wait_for(lambda: made.state.n_dropped == 1)
+    assert made.state.reason == "the service answers 404"
+    assert made.name == "apprise:json"
+    server.code = 200
+    made.write(event(2))
+    wait_for(lambda: made.state.is_ok)
+
+
+def test_no_secret_is_told_however_much_is_logged(server):
+    server.code = 404
+    url = f"json://user:{TOKEN}@127.0.0.1:{server.port}/{TOKEN}"
+    run = ["--port", "sim:human", "--speed", "max", "--duration", "6", "-vv"]
+    done = subprocess.run(
+        [python(), "-m", "radard.cli", *run, "-o", "null", "-o", f"apprise:{url}"],
+        capture_output=True,
+        text=True,
+        check=True,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+    )
+    assert server.posts
+    assert "apprise:json: the service answers 404" in done.stderr
+    assert TOKEN not in done.stdout + done.stderr
+
+
+def test_a_url_from_a_file(server, sink, tmp_path):
+    (tmp_path / "url").write_text(f"json://127.0.0.1:{server.port}/{TOKEN}\n")
+    sink(f"apprise:@{tmp_path / 'url'}").write(event(1))
+    assert posted(server)[0]["title"] == "hall: alarm"
+    assert server.posts[0][0] == f"/{TOKEN}"
+    with pytest.raises(ConfigError, match=r"apprise.url_file: .*No such file"):
+        sink(f"apprise:@{tmp_path / 'none'}")
+
+
+@pytest.mark.parametrize("rest", ["nothing", f"odd://{TOKEN}", "tgram://", f"tgram://{TOKEN}"])
+def test_what_is_no_url_is_one_line_without_secrets(sink, rest):
+    with pytest.raises(UsageError, match="no URL that Apprise knows") as caught:
+        sink(f"apprise:{rest}")
+    assert TOKEN not in str(caught.value)
+
+
+def test_without_the_package_the_extra_is_named(monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "apprise", None)
+    with pytest.raises(OutputError, match=r"needs apprise, which is not installed: .*\[notify\]"):
+        open_output("apprise:json://h", SinkOptions(), SinkContext())
+
+
+def test_the_configuration_that_is_shown_holds_no_url(capsys):
+    assert main(["config", "show", "--port", "sim:empty", "-o", f"apprise:tgram://{TOKEN}/1"]) == 0
+    shown = capsys.readouterr().out
+    assert "apprise:tgram://***" in shown
+    assert TOKEN not in shown
+
+
+def test_a_test_alarm_and_a_sensor_of_several_are_named():
+    title, _ = message_of({**event(1), "test": True, "sensor": "attic"}, "radard")
+    assert title == "attic: alarm (test)"
+    assert message_of(event(1, kind="tamper", phase="end"), "hall")[0] == "hall: tamper end"

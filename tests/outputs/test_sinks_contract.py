@@ -1,0 +1,346 @@
+"""What holds for every sink: writes return, ends come in time, trouble is told and passes."""
+
+import json
+import os
+import socket
+import sqlite3
+import sys
+import threading
+
+import pytest
+
+from radard.config.sink_table import MqttSection, SinkOptions
+from radard.outputs import open_output
+from radard.outputs.base import SinkContext
+from tests.sink_helpers import (
+    QUICK,
+    Listener,
+    MqttBroker,
+    Relay,
+    Silent,
+    WebServer,
+    decision,
+    event,
+    hello,
+    ulid,
+)
+from tests.waiting import free_port, wait_for
+
+OPTIONS = SinkOptions(outbox=QUICK, mqtt=MqttSection(keepalive_s=1, discovery="off"))
+
+
+class FarEnd:
+    """Something that a sink writes to; it is broken when a test begins."""
+
+    url: str
+
+    def mend(self):
+        raise NotImplementedError
+
+    def events(self) -> list[str]:
+        """Ids of the events that have arrived."""
+        raise NotImplementedError
+
+    def close(self):
+        pass
+
+
+class File(FarEnd):
+    def __init__(self, folder):
+        self._file = folder / "logs" / "out.jsonl"
+        self._file.parent.mkdir()
+        self.url = f"json:{self._file}"
+
+    def damage(self):
+        """Take the folder away while the file is open."""
+        self._file.parent.rename(self._file.parent.with_name("gone"))
+        self._file.parent.write_text("in the way")
+
+    def mend(self):
+        self._file.parent.unlink()
+        self._file.parent.mkdir()
+
+    def events(self):
+        if not self._file.exists():
+            return []
+        # The last line may be being written.
+        whole = self._file.read_text().rpartition("\n")[0]
+        records = [json.loads(line) for line in whole.splitlines()]
+        return [r["id"] for r in records if r["type"] == "event"]
+
+
+class Store(FarEnd):
+    def __init__(self, folder):
+        self._file = folder / "radard.db"
+        self.url = f"store:{self._file}"
+
+    def damage(self):
+        """Hold the lock, as a backup would."""
+        self._other = sqlite3.connect(self._file, isolation_level=None)
+        self._other.execute("BEGIN IMMEDIATE")
+
+    def mend(self):
+        self._other.execute("ROLLBACK")
+
+    def events(self):
+        rows = self._other.execute("SELECT id FROM events ORDER BY start_s").fetchall()
+        return [row[0] for row in rows]
+
+    def close(self):
+        self._other.close()
+
+
+class Mqtt(FarEnd):
+    def __init__(self, folder):
+        # The listener is there before the sink is: it must not be late for what is published.
+        self._broker = MqttBroker(folder)
+        self._listener = Listener(self._broker.port, "radard/hall/event")
+        self._relay = Relay(self._broker.port)
+        self.url = f"mqtt://127.0.0.1:{self._relay.port}"
+
+    def mend(self):
+        self._relay.open()
+
+    def events(self):
+        return [json.loads(body)["id"] for body in self._listener.on("radard/hall/event")]
+
+    def close(self):
+        self._relay.close()
+        self._listener.close()
+        self._broker.stop()
+
+
+class Hook(FarEnd):
+    def __init__(self, _folder):
+        self._port = free_port()
+        self._server = None
+        self.url = f"webhook:http://127.0.0.1:{self._port}/hook"
+
+    def mend(self):
+        self._server = WebServer(self._port)
+
+    def events(self):
+        return [json.loads(body)["id"] for _, _, body in list(self._server.posts)]
+
+    def close(self):
+        if self._server:
+            self._server.close()
+
+
+class Message(Hook):
+    def __init__(self, folder):
+        super().__init__(folder)
+        self.url = f"apprise:json://127.0.0.1:{self._port}/hook"
+
+    def events(self):
+        texts = [json.loads(body)["message"] for _, _, body in list(self._server.posts)]
+        return [ulid(round(float(text.split(" ")[2]))) for text in texts]
+
+
+class Program(FarEnd):
+    def __init__(self, folder):
+        self._flag, self._out = folder / "works", folder / "ids"
+        self._out.touch()
+        script = folder / "hook"
+        script.write_text(
+            f'#!/bin/sh\n[ -e {self._flag} ] || exit 1\necho "$RADAR_EVENT_ID" >> {self._out}\n'
+        )
+        script.chmod(0o755)
+        self.url = f"exec:{script}"
+
+    def mend(self):
+        self._flag.touch()
+
+    def events(self):
+        return self._out.read_text().split()
+
+
+class Syslog(FarEnd):
+    def __init__(self, folder):
+        self._path = folder / "log"
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self._socket.setblocking(False)
+        self._ids = []
+        self.url = f"syslog:{self._path}"
+
+    def mend(self):
+        self._socket.bind(str(self._path))
+
+    def events(self):
+        try:
+            while True:
+                text = self._socket.recv(4096).decode()
+                self._ids += [text.rpartition("id=")[2].rstrip("\0")] if "id=" in text else []
+        except BlockingIOError:
+            return self._ids
+
+    def close(self):
+        self._socket.close()
+
+
+@pytest.fixture(params=[File, Store, Mqtt, Hook, Message, Program, Syslog])
+def far_end(request, tmp_path):
+    end = request.param(tmp_path)
+    yield end
+    end.close()
+
+
+def opened(far_end, tmp_path):
+    """The sink of a broken far end that has noticed it."""
+    options = OPTIONS
+    if isinstance(far_end, Program):
+        options = OPTIONS.model_copy(update={"outbox": QUICK.model_copy(update={"attempts": 99})})
+    context = SinkContext(sensor="hall", state_dir=tmp_path / "state")
+    sink = open_output(far_end.url, options, context)
+    sink.write(hello())
+    if hasattr(far_end, "damage"):
+        wait_for(lambda: sink.state.n_waiting == 0)
+        far_end.damage()
+    sink.write(event(1))
+    state = wait_for(lambda: sink.state.status == "retrying" and sink.state)
+    assert state.reason
+    return sink
+
+
+def in_time(function, *arguments):
+    """Call a function that must not hang."""
+    thread = threading.Thread(target=function, args=arguments, daemon=True)
+    thread.start()
+    thread.join(60)
+    assert not thread.is_alive()
+
+
+def test_a_broken_far_end_delays_nothing_and_gets_all_events_once_mended(far_end, tmp_path):
+    sink = opened(far_end, tmp_path)
+
+    def flood():
+        for k in range(2, 22):
+            for seq in range(150):
+                sink.write(decision(seq))
+            sink.write(event(k))
+
+    in_time(flood)
+    far_end.mend()
+    wait_for(lambda: len(far_end.events()) >= 21)
+    assert far_end.events() == [ulid(k) for k in range(1, 22)]
+    wait_for(lambda: sink.state.is_ok)
+    assert sink.state.reason == ""
+    assert sink.state.n_failures > 0
+    in_time(sink.close)
+
+
+def test_a_broken_far_end_does_not_hold_up_the_end(far_end, tmp_path):
+    sink = opened(far_end, tmp_path)
+    in_time(sink.close, 0.3)
+    sink.write(event(2))
+    assert sink.state.n_dropped >= 1
+    in_time(sink.close, 0.3)
+    if not isinstance(far_end, Store):
+        return
+    far_end.mend()
+
+
+@pytest.mark.parametrize("scheme", ["mqtt", "webhook"])
+def test_a_far_end_that_is_there_but_silent(scheme, tmp_path):
+    silent = Silent()
+    address = f"127.0.0.1:{silent.port}"
+    url = {"mqtt": f"mqtt://{address}", "webhook": f"webhook:http://{address}/"}[scheme]
+    web = OPTIONS.webhook.model_copy(update={"timeout_s": 0.1})
+    options = OPTIONS.model_copy(update={"webhook": web})
+    sink = open_output(url, options, SinkContext(sensor="hall", state_dir=tmp_path))
+    for k in range(1, 6):
+        sink.write(event(k))
+    wait_for(lambda: "no answer" in sink.state.reason)
+    assert sink.state.n_waiting == 5
+    in_time(sink.close, 0.2)
+    silent.close()
+
+
+class Pipe:
+    """Stdout as a pipe, and the descriptor that reads it."""
+
+    def __init__(self):
+        self.read_fd, write_fd = os.pipe()
+        self.stream = os.fdopen(write_fd, "w")
+
+    def open(self, url, **context):
+        """Open a sink on it; in the test itself, for pytest puts its own stdout in place."""
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(sys, "stdout", self.stream)
+            return open_output(url, SinkOptions(), SinkContext(**context))
+
+    def hang_up(self):
+        if self.read_fd is not None:
+            os.close(self.read_fd)
+            self.read_fd = None
+
+
+@pytest.fixture
+def pipe():
+    made = Pipe()
+    yield made
+    made.hang_up()
+    made.stream.close()
+
+
+def lines_of(fd, n):
+    text = b""
+    while text.count(b"\n") < n:
+        text += os.read(fd, 65_536)
+    return text.splitlines()
+
+
+@pytest.mark.parametrize("url", ["json", "table"])
+def test_a_reader_that_pauses_costs_decisions_and_no_events(url, pipe):
+    sink = pipe.open(url)
+    n = 6000
+
+    def flood():
+        sink.write(hello())
+        for seq in range(1, n + 1):
+            sink.write(decision(seq))
+        sink.write(event(7))
+
+    in_time(flood)
+    assert wait_for(lambda: sink.state.n_dropped) > 1000
+    end = threading.Thread(target=sink.close, args=(8.0,))
+    end.start()
+    text = b""
+    while b"human at 7.0 m" not in text:
+        text += os.read(pipe.read_fd, 65_536)
+    end.join(60)
+    assert not end.is_alive()
+    kept = n + 2 - sink.state.n_dropped
+    assert sink.state.n_sent == kept
+
+
+def test_a_stream_that_can_wait_waits_for_the_reader(pipe):
+    sink = pipe.open("json", can_wait=True)
+    n = 3000
+    writer = threading.Thread(
+        target=lambda: ([sink.write(decision(seq)) for seq in range(n)], sink.close())
+    )
+    writer.start()
+    lines = lines_of(pipe.read_fd, n)
+    writer.join(60)
+    assert [json.loads(line)["seq"] for line in lines] == list(range(n))
+    assert sink.state.n_dropped == 0
+
+
+@pytest.mark.parametrize("can_wait", [True, False])
+def test_a_reader_that_goes_away_ends_the_run(pipe, can_wait):
+    sink = pipe.open("json", can_wait=can_wait)
+    pipe.hang_up()
+    sink.write(decision())
+    wait_for(lambda: sink._fatal)
+    with pytest.raises(BrokenPipeError):
+        sink.write(decision())
+    in_time(sink.close)
+
+
+def test_null_takes_everything():
+    sink = open_output("null", SinkOptions(), SinkContext())
+    sink.write(decision())
+    sink.finish()
+    sink.close(0.0)
+    assert sink.state.is_ok

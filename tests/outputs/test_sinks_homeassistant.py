@@ -1,0 +1,228 @@
+"""What Home Assistant offers of a sensor: panel, sensitivity, events, picture; over a broker."""
+
+import contextlib
+import json
+import os
+
+import pytest
+
+from radard.config.sink_table import MqttSection, SinkOptions
+from radard.errors import ConfigError
+from radard.health.health import Status
+from radard.outputs import open_output
+from radard.outputs.base import SinkContext
+from radard.outputs.mqtt.commands import CommandReader, MqttCommand
+from radard.outputs.mqtt.homeassistant import panel_command, panel_state
+from tests.sink_helpers import QUICK, decision, event, hello, status
+from tests.waiting import wait_for
+
+BASE = "radard/hall"
+DEVICE = "homeassistant/device/radard_hall/config"
+
+
+@pytest.fixture
+def publish(broker):
+    """Open a sink that takes commands on the broker, online; closed at the end."""
+    with contextlib.ExitStack() as stack:
+
+        def begin(*, records=(), context=None, **section):
+            section = {"commands": "always", **section}
+            options = SinkOptions(outbox=QUICK, mqtt=MqttSection(keepalive_s=1, **section))
+            url = f"mqtt://127.0.0.1:{broker.port}"
+            given = {"health": lambda: Status("online", ""), **(context or {})}
+            sink = open_output(url, options, SinkContext(sensor="hall", **given))
+            stack.callback(sink.close, 1.0)
+            for record in (*(records or (hello(),)), status("online"), decision(1)):
+                sink.write(record)
+            return sink
+
+        yield begin
+
+
+def about(listener):
+    return json.loads(wait_for(lambda: listener.on(DEVICE))[-1])
+
+
+def state(listener):
+    found = listener.on(f"{BASE}/state")
+    return json.loads(found[-1]) if found else {}
+
+
+def test_the_panel_shows_what_the_sensor_does_and_commands_it(publish, listen):
+    listener, heard, now = listen("#"), [], {"armed": True, "panel": "exit", "mode": "home"}
+    publish(context={"command": heard.append, "panel": lambda: now})
+    parts = about(listener)["cmps"]["panel"]
+    assert (parts["p"], parts["stat_t"]) == ("alarm_control_panel", f"{BASE}/state")
+    assert parts["sup_feat"] == ["arm_home", "arm_away"]
+    assert "code" not in parts
+    wait_for(lambda: state(listener).get("panel") == "arming")
+    for changes, shown in (
+        ({"panel": "armed"}, "armed_home"),
+        ({"panel": "armed", "mode": "away"}, "armed_away"),
+        ({"panel": "entry"}, "pending"),
+        ({"panel": "alarm"}, "triggered"),
+        ({"panel": "disarmed", "armed": False}, "disarmed"),
+    ):
+        now = {**now, **changes}
+        wait_for(lambda shown=shown: state(listener)["panel"] == shown)
+    for payload in ("ARM_HOME", "ARM_AWAY", "TRIGGER", "DISARM"):
+        listener.say(parts["cmd_t"], payload)
+    wait_for(lambda: len(heard) == 3)
+    assert heard == ["arm-home", "arm", "disarm"]
+
+
+def test_a_panel_without_a_run_and_with_an_alarm():
+    assert panel_state({}, is_armed=True, is_on=False) == "armed_away"
+    assert panel_state({}, is_armed=False, is_on=False) == "disarmed"
+    assert panel_state({"panel": "armed"}, is_armed=True, is_on=True) == "triggered"
+
+
+def test_a_code_is_asked_for_and_never_published(publish, listen, tmp_path, caplog):
+    listener, heard = listen("#"), []
+    (tmp_path / "code").write_text("4711\n")
+    publish(code_file=tmp_path / "code", context={"command": heard.append})
+    parts = about(listener)["cmps"]
+    assert parts["panel"]["code"] == "REMOTE_CODE"
+    assert parts["panel"]["cod_dis_req"] is True
+    assert parts["disarm"] == {"p": "button"}
+    panel, disarm = parts["panel"]["cmd_t"], f"{BASE}/command/disarm"
+    listener.say(disarm)
+    for code in ("1234", ""):
+        listener.say(panel, json.dumps({"action": "DISARM", "code": code}))
+    listener.say(panel, json.dumps({"action": "ARM_AWAY", "code": None}))
+    wait_for(lambda: heard == ["arm"])
+    listener.say(panel, json.dumps({"action": "DISARM", "code": "4711"}))
+    wait_for(lambda: heard == ["arm", "disarm"])
+    listener.say(disarm, "4711")
+    wait_for(lambda: heard == ["arm", "disarm", "disarm"])
+    assert "wrong code" in caplog.text
+    ours = [body for topic, body, _ in listener.messages if "/command/" not in topic]
+    assert not any(b"4711" in body for body in ours)
+    assert "4711" not in caplog.text
+
+
+def test_wrong_codes_lock_for_a_minute(tmp_path):
+    now_s = [0.0]
+    (tmp_path / "code").write_text("open sesame\n")
+    options = MqttSection(code_file=tmp_path / "code")
+    reader = CommandReader("b", options, now_s=lambda: now_s[0])
+
+    def disarm(code):
+        return reader.read("b/command/disarm", code, is_retained=False)
+
+    for _ in range(5):
+        with pytest.raises(ValueError, match="wrong code"):
+            disarm(b"open")
+    with pytest.raises(ValueError, match="too many"):
+        disarm(b"open sesame")
+    now_s[0] = 61.0
+    assert disarm(b"open sesame") == MqttCommand(name="disarm")
+    with pytest.raises(ValueError, match="decode"):
+        disarm(b"\xff")
+    (tmp_path / "code").unlink()
+    with pytest.raises(ConfigError):
+        disarm(b"open sesame")
+
+
+def test_a_code_that_cannot_be_read_is_told_at_once(tmp_path):
+    options = SinkOptions(mqtt=MqttSection(code_file=tmp_path / "none"))
+    with pytest.raises(ConfigError, match=r"mqtt.code_file: .*No such file"):
+        open_output("mqtt://h", options, SinkContext())
+
+
+def test_sensitivity_is_chosen_and_shown(publish, listen):
+    listener, chosen, now = listen("#"), [], {"sensitivity": "normal"}
+
+    def choose(name):
+        chosen.append(name)
+        now["sensitivity"] = name
+
+    publish(context={"choose": choose, "panel": lambda: now})
+    parts = about(listener)["cmps"]["sensitivity"]
+    assert (parts["p"], parts["ops"]) == ("select", ["low", "normal", "high"])
+    wait_for(lambda: state(listener).get("sensitivity") == "normal")
+    for payload in ("deaf", "", "high"):
+        listener.say(parts["cmd_t"], payload)
+    wait_for(lambda: state(listener)["sensitivity"] == "high")
+    assert chosen == ["high"]
+
+
+def distinct(listener, topic):
+    """Payloads on a topic, each once: a busy machine loses connections and makes them again."""
+    return list(dict.fromkeys(listener.on(topic)))
+
+
+def put_whole(path, content, at_ns):
+    """Put a file in place as clips are: nobody sees it half written."""
+    new = path.with_suffix(".new")
+    new.write_bytes(content)
+    os.utime(new, ns=(at_ns, at_ns))
+    new.replace(path)
+
+
+def test_the_picture_of_an_alarm_and_its_final_form(publish, listen, tmp_path):
+    listener, topic = listen("#"), f"{BASE}/picture"
+    sink = publish()
+    parts = about(listener)["cmps"]["picture"]
+    assert (parts["p"], parts["img_t"], parts["cont_type"]) == ("image", topic, "image/png")
+    sink.write({**event(1), "clip": str(tmp_path / "clip.h5")})
+    put_whole(tmp_path / "clip.png", b"first", 2)
+    wait_for(lambda: distinct(listener, topic) == [b"first"])
+    put_whole(tmp_path / "clip.png", b"whole", 1)
+    wait_for(lambda: distinct(listener, topic) == [b"first", b"whole"])
+    late = listen(topic)
+    wait_for(lambda: distinct(late, topic) == [b"whole"])
+
+
+def test_a_picture_is_sent_again_over_a_new_connection(publish, listen, broker, tmp_path):
+    """What was on its way when the line was cut is lost, and this broker keeps nothing."""
+    listener, topic = listen("#"), f"{BASE}/picture"
+    sink = publish()
+    sink.write({**event(1), "clip": str(tmp_path / "clip.h5")})
+    put_whole(tmp_path / "clip.png", b"first", 2)
+    wait_for(lambda: listener.on(topic))
+    listener.close()
+    broker.stop()
+    wait_for(lambda: not sink.state.is_ok)
+    broker.start()
+    late = listen(topic)
+    wait_for(lambda: distinct(late, topic) == [b"first"])
+
+
+def test_without_pictures_none_stays_at_the_broker(publish, listen, tmp_path):
+    listener = listen("#")
+    listener.say(f"{BASE}/picture", "of last year", retain=True)
+    sink = publish(picture=False)
+    assert about(listener)["cmps"]["picture"] == {"p": "image"}
+    (tmp_path / "clip.png").write_bytes(b"first")
+    sink.write({**event(1), "clip": str(tmp_path / "clip.h5")})
+    wait_for(lambda: distinct(listener, f"{BASE}/picture") == [b"of last year", b""])
+    late = listen(f"{BASE}/picture", "end")
+    late.say("end")
+    wait_for(lambda: late.on("end"))
+    assert late.on(f"{BASE}/picture") == []
+
+
+@pytest.mark.parametrize(
+    ("changes", "device"),
+    [
+        ({"module": "X4M03"}, {"mf": "Novelda", "mdl": "X4M03"}),
+        ({"module": "X2", "simulated": True}, {"mf": "Novelda", "mdl": "X2 (simulated)"}),
+        ({"replayed": True}, {"mdl": "replayed"}),
+        ({}, {}),
+    ],
+)
+def test_the_device_is_the_module_and_not_its_port(publish, listen, changes, device):
+    listener, link = listen("#"), "http://radar.lan:8434/"
+    publish(records=[hello(**changes)], dashboard_url=link)
+    found = about(listener)["dev"]
+    assert found.pop("cu") == link
+    assert found == {"ids": ["radard_hall"], "name": "hall", "sw": "0.1.0", **device}
+
+
+@pytest.mark.parametrize(
+    "payload", [b"", b"{}", b"[", b'{"action": 1}', b"{", b"\xff", b'{"a":' * 3000]
+)
+def test_what_is_no_command_of_a_panel(payload):
+    with pytest.raises(ValueError, match=r"."):
+        panel_command(payload)

@@ -1,0 +1,413 @@
+"""MQTT against a real broker over TCP: topics, last will, commands, discovery, outages."""
+
+import contextlib
+import json
+import socket
+import ssl
+
+import pytest
+
+from radard.config.sink_table import MqttSection, SinkOptions
+from radard.errors import ConfigError, UsageError
+from radard.health.health import Status
+from radard.outputs import make_output, open_output
+from radard.outputs.base import SinkContext
+from radard.outputs.mqtt.link import MqttLink
+from tests.sink_helpers import (
+    PASSWORD,
+    QUICK,
+    USER,
+    Listener,
+    MqttBroker,
+    decision,
+    event,
+    hello,
+    make_cert,
+    status,
+    ulid,
+)
+from tests.waiting import wait_for
+
+BASE = "radard/hall"
+PLATFORMS = ("alarm_control_panel", "event", "image", "select")
+# paho leaves the socket of a failed handshake to the collector.
+pytestmark = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+
+
+@pytest.fixture
+def publish(broker, tmp_path):
+    """Open a sink on the broker; closed at the end."""
+    with contextlib.ExitStack() as stack:
+
+        def begin(*, url=None, context=None, **section):
+            section = {"commands": "always", **section}
+            options = SinkOptions(outbox=QUICK, mqtt=MqttSection(keepalive_s=1, **section))
+            given = {"sensor": "hall", "state_dir": tmp_path / "state", **(context or {})}
+            url = url or f"mqtt://127.0.0.1:{broker.port}"
+            sink = open_output(url, options, SinkContext(**given))
+            stack.callback(sink.close, 1.0)
+            return sink
+
+        yield begin
+
+
+def last(listener, topic):
+    found = listener.on(f"{BASE}/{topic}")
+    return found[-1].decode() if found else None
+
+
+def ids(listener):
+    return [json.loads(body)["id"] for body in listener.on(f"{BASE}/event")]
+
+
+def test_topics_of_a_run_and_their_clean_end(publish, listen):
+    listener = listen("radard/#")
+    sink = publish(discovery="off")
+    for record in (hello(), status("online"), event(1)):
+        sink.write(record)
+    wait_for(lambda: last(listener, "availability") == "online" and ids(listener))
+    sink.write(decision(1))
+    wait_for(lambda: last(listener, "decision"))
+    wait_for(lambda: json.loads(last(listener, "state") or "{}").get("alarm"))
+    state = json.loads(last(listener, "state"))
+    wanted = {"armed": True, "alarm": True, "label": "human", "gate": "open", "t_s": 2.45}
+    assert state == {**wanted, "panel": "triggered", "sensitivity": None}
+    assert json.loads(last(listener, "decision"))["seq"] == 1
+    sink.write(event(1, phase="end"))
+    wait_for(lambda: json.loads(last(listener, "state"))["alarm"] is False)
+    sink.close()
+    wait_for(lambda: last(listener, "availability") == "offline")
+    late = listen("radard/#")
+    wait_for(lambda: last(late, "availability") == "offline" and last(late, "health"))
+    kept = {topic for topic, _, is_retained in late.messages if is_retained}
+    assert kept == {f"{BASE}/{name}" for name in ("availability", "state", "health")}
+
+
+def test_a_line_that_dies_without_a_word_brings_the_last_will(publish, listen, monkeypatch):
+    listener = listen(f"{BASE}/availability")
+    sink = publish(discovery="off")
+    sink.write(hello())
+    sink.write(status("online"))
+    wait_for(lambda: last(listener, "availability") == "online")
+    monkeypatch.setattr(sink._link._halt, "wait", lambda *_: sink._link._halt.set())
+    sink._link._client.socket().shutdown(socket.SHUT_RDWR)
+    wait_for(lambda: last(listener, "availability") == "offline")
+
+
+def test_health_is_asked_for_and_not_only_heard_of(publish, listen):
+    listener = listen(f"{BASE}/#")
+    now = {"status": Status("online", ""), "armed": True}
+    context = {"health": lambda: now["status"], "panel": lambda: {"armed": now["armed"]}}
+    sink = publish(discovery="off", context=context)
+    sink.write(hello())
+    sink.write(decision(1))
+    wait_for(lambda: last(listener, "availability") == "online")
+    # No record says so: the thread that writes them is the one that hangs.
+    now["status"] = Status("offline", "no decision for 5 s")
+    wait_for(lambda: last(listener, "availability") == "offline")
+    wait_for(lambda: json.loads(last(listener, "health"))["reason"] == "no decision for 5 s")
+    now["status"], now["armed"] = Status("online", ""), False
+    wait_for(lambda: last(listener, "availability") == "online")
+    wait_for(lambda: json.loads(last(listener, "state"))["armed"] is False)
+
+
+def test_commands_and_what_is_none(publish, listen, caplog, monkeypatch):
+    monkeypatch.setattr("radard.outputs.mqtt.sink._WARN_S", 0.0)
+    listener = listen(f"{BASE}/#")
+    heard = []
+    listener.say(f"{BASE}/command/disarm", "now", retain=True)
+    sink = publish(discovery="off", context={"command": heard.append})
+    sink.write(hello())
+    wait_for(lambda: "retained" in caplog.text)
+    for name, payload in (("arm", "1"), ("explode", ""), ("ack", "")):
+        listener.say(f"{BASE}/command/{name}", payload)
+    wait_for(lambda: heard)
+    for name in ("arm", "disarm", "calibrate"):
+        listener.say(f"{BASE}/command/{name}")
+    wait_for(lambda: len(heard) == 4)
+    assert heard == ["ack", "arm", "disarm", "calibrate"]
+    assert "no command 'explode'" in caplog.text
+    assert "payload must be empty" in caplog.text
+
+
+def test_a_flood_of_commands_that_are_none_is_logged_once(publish, listen, caplog):
+    listener = listen(f"{BASE}/#")
+    heard = []
+    sink = publish(discovery="off", context={"command": heard.append})
+    sink.write(hello())
+    sink.write(status("online"))
+    wait_for(lambda: last(listener, "availability") == "online")
+    for n in range(20):
+        listener.say(f"{BASE}/command/explode{n}{'x' * 200}")
+    listener.say(f"{BASE}/command/ack")
+    wait_for(lambda: heard)
+    lines = [r.getMessage() for r in caplog.records if "no command" in r.getMessage()]
+    assert len(lines) == 1
+    assert len(lines[0]) < 200
+
+
+def test_a_stranger_cannot_disarm_where_nothing_is_said_of_commands(publish, listen, caplog):
+    listener, found = listen(f"{BASE}/#"), listen("homeassistant/#")
+    heard = []
+    sink = publish(commands="auto", context={"command": heard.append})
+    sink.write(hello())
+    sink.write(status("online"))
+    wait_for(lambda: last(listener, "availability") == "online")
+    listener.say(f"{BASE}/command/disarm")
+    wait_for(lambda: last(listener, "command/disarm") == "")
+    sink.write(event(1))
+    wait_for(lambda: ids(listener))
+    assert heard == []
+    assert "takes no commands" in caplog.text
+    topic = "homeassistant/device/radard_hall/config"
+    parts = json.loads(wait_for(lambda: found.on(topic))[-1])["cmps"]
+    # The platform alone: what an earlier version offered goes.
+    assert parts["disarm"] == {"p": "button"}
+    assert "stat_t" in parts["alarm"]
+
+
+@pytest.mark.parametrize("given", ["auto", "always", "off", True, False])
+def test_what_takes_commands(given, tmp_path, monkeypatch):
+    monkeypatch.setattr(MqttLink, "_new_client", lambda _: None)
+    (tmp_path / "words").write_text("x\n")
+    password = {"username": "u", "password_file": tmp_path / "words"}
+    certificate = {"cert_file": tmp_path / "cert", "key_file": tmp_path / "key"}
+    taken = set()
+    for scheme in ("mqtt", "mqtts"):
+        for name, section in (("-", {}), ("password", password), ("certificate", certificate)):
+            options = SinkOptions(mqtt=MqttSection(commands=given, **section))
+            sink = make_output(f"{scheme}://h", options, SinkContext(sensor="hall"))
+            topics = sink._link._subscriptions
+            taken |= {f"{scheme} {name}"} if f"{BASE}/command/+" in topics else set()
+    everything = {f"{s} {n}" for s in ("mqtt", "mqtts") for n in ("-", "password", "certificate")}
+    secure = {"mqtts password", "mqtts certificate"}
+    assert taken == {"auto": secure, "always": everything, True: everything}.get(given, set())
+
+
+def test_commands_can_be_switched_off(publish, listen):
+    listener = listen(f"{BASE}/#")
+    heard = []
+    sink = publish(discovery="off", commands=False, context={"command": heard.append})
+    sink.write(hello())
+    sink.write(status("online"))
+    wait_for(lambda: last(listener, "availability") == "online")
+    listener.say(f"{BASE}/command/disarm")
+    wait_for(lambda: last(listener, "command/disarm") == "")
+    sink.write(event(1))
+    wait_for(lambda: ids(listener))
+    assert heard == []
+
+
+@pytest.mark.parametrize("form", ["device", "components"])
+def test_discovery_of_home_assistant(publish, listen, form):
+    listener = listen("homeassistant/#")
+    sink = publish(discovery=form)
+    sink.write(hello())
+
+    def configs():
+        found = {topic: body for topic, body, _ in list(listener.messages) if body != b"online"}
+        return {topic: json.loads(body) for topic, body in found.items() if body}
+
+    whole = "homeassistant/device/radard_hall/config"
+    alarm = "homeassistant/binary_sensor/radard_hall/alarm/config"
+    ack = "homeassistant/button/radard_hall/ack/config"
+    wait_for(lambda: (whole if form == "device" else ack) in configs())
+    found = configs()
+    if form == "device":
+        assert set(found) == {whole}
+        parts = found[whole]["cmps"]
+        one = {**found[whole], **parts["alarm"]}
+        platforms = {part["p"] for part in parts.values()}
+        assert platforms == {"binary_sensor", "sensor", "button", *PLATFORMS}
+    else:
+        assert whole not in found
+        parts = one = found[alarm]
+        assert all(config["dev"]["ids"] == ["radard_hall"] for config in found.values())
+    assert one["dev_cla"] == "motion"
+    assert one["stat_t"] == f"{BASE}/state"
+    assert one["avty_t"] == f"{BASE}/availability"
+    assert one["exp_aft"] == 30
+    # Home Assistant has started anew and asks who is there.
+    listener.messages.clear()
+    listener.say("homeassistant/status", "online")
+    wait_for(lambda: (whole if form == "device" else ack) in configs())
+
+
+def test_a_change_of_form_leaves_nothing_behind(publish, listen):
+    sink = publish(discovery="device")
+    sink.write(hello())
+    listener = listen("homeassistant/#")
+    wait_for(lambda: listener.messages)
+    sink.close()
+    again = publish(discovery="off", client_id="another")
+    again.write(hello())
+    wait_for(lambda: listener.messages[-1][1] == b"" and len(listener.messages) > 1)
+    again.close()
+    late = listen("homeassistant/#", "end")
+    late.say("end")
+    wait_for(lambda: late.on("end"))
+    assert [topic for topic, _, _ in late.messages] == ["end"]
+
+
+def test_events_survive_an_outage_and_a_restart(publish, listen, broker):
+    listener = listen(f"{BASE}/event")
+    sink = publish(discovery="off")
+    sink.write(event(1))
+    wait_for(lambda: ids(listener) == [ulid(1)])
+    listener.close()
+    broker.stop()
+    wait_for(lambda: not sink.state.is_ok)
+    for k in (2, 3, 4):
+        sink.write(event(k))
+    wait_for(lambda: sink.state.n_waiting == 3)
+    sink.close(0.3)
+    again = publish(discovery="off")
+    assert again.state.n_waiting == 3
+    again.write(event(5))
+    broker.start()
+    # Subscribed before the first attempt can succeed, or after: a session of QoS 1 begins here.
+    late = Listener(broker.port, f"{BASE}/event")
+    try:
+        wait_for(lambda: again.state.n_waiting == 0)
+        again.write(event(6))
+        wait_for(lambda: ulid(6) in ids(late))
+        # At least once: one that was answered late comes twice.
+        got = list(dict.fromkeys(ids(late)))
+        assert got == [ulid(k) for k in range(7 - len(got), 7)]
+        wait_for(lambda: again.state.n_sent >= 5)
+    finally:
+        late.close()
+    wait_for(lambda: again.state.is_ok)
+
+
+def test_a_second_sink_delivers_nothing_twice(publish, listen):
+    listener = listen(f"{BASE}/event")
+    for k in (1, 2):
+        sink = publish(discovery="off")
+        sink.write(event(k))
+        wait_for(lambda n=k: len(ids(listener)) == n)
+        sink.close()
+    assert ids(listener) == [ulid(1), ulid(2)]
+
+
+def test_tls_and_a_certificate_that_nobody_signed(tmp_path, caplog):
+    cert = make_cert(tmp_path)
+    broker = MqttBroker(tmp_path, cert=cert)
+    listener = Listener(broker.port, tls=ssl.create_default_context(cafile=cert[0]))
+    try:
+        url = f"mqtts://localhost:{broker.port}"
+        mqtt = MqttSection(ca_file=cert[0], discovery="off")
+        for section, is_good in ((mqtt, True), (MqttSection(discovery="off"), False)):
+            options = SinkOptions(outbox=QUICK, mqtt=section)
+            sink = open_output(url, options, SinkContext(sensor="hall"))
+            sink.write(event(1))
+            if is_good:
+                wait_for(lambda: ids(listener))
+            else:
+                wait_for(lambda s=sink: "certificate is not accepted" in s.state.reason)
+            sink.close(0.5)
+    finally:
+        listener.close()
+        broker.stop()
+
+
+def test_over_tls_and_with_a_password_commands_are_taken(tmp_path):
+    cert = make_cert(tmp_path)
+    broker = MqttBroker(tmp_path, cert=cert, auth=True)
+    trusted = ssl.create_default_context(cafile=cert[0])
+    listener = Listener(broker.port, f"{BASE}/#", tls=trusted, user=(USER, PASSWORD))
+    words = tmp_path / "words"
+    words.write_text(f"{PASSWORD}\n")
+    heard = []
+    # Nothing is said of commands.
+    mqtt = MqttSection(ca_file=cert[0], password_file=words, discovery="off")
+    sink = open_output(
+        f"mqtts://{USER}@localhost:{broker.port}",
+        SinkOptions(outbox=QUICK, mqtt=mqtt),
+        SinkContext(sensor="hall", command=heard.append),
+    )
+    try:
+        sink.write(hello())
+        sink.write(status("online"))
+        wait_for(lambda: last(listener, "availability") == "online")
+        listener.say(f"{BASE}/command/disarm")
+        wait_for(lambda: heard == ["disarm"])
+    finally:
+        sink.close(0.5)
+        listener.close()
+        broker.stop()
+
+
+def test_passwords_right_and_wrong(tmp_path):
+    broker = MqttBroker(tmp_path, auth=True)
+    listener = Listener(broker.port, user=(USER, PASSWORD))
+    good, bad = tmp_path / "good", tmp_path / "bad"
+    good.write_text(f"{PASSWORD}\n")
+    bad.write_text("wrong\n")
+    url = f"mqtt://{USER}@127.0.0.1:{broker.port}"
+    try:
+        for file in (bad, good):
+            section = MqttSection(password_file=file, discovery="off")
+            sink = open_output(
+                url, SinkOptions(outbox=QUICK, mqtt=section), SinkContext(sensor="hall")
+            )
+            sink.write(event(1))
+            if file is bad:
+                wait_for(lambda s=sink: "refuses" in s.state.reason)
+                assert "wrong" not in sink.state.reason
+            else:
+                wait_for(lambda: ids(listener))
+            sink.close(0.5)
+    finally:
+        listener.close()
+        broker.stop()
+
+
+@pytest.mark.parametrize(
+    ("url", "words"),
+    [
+        ("mqtt://", "no host"),
+        ("mqtt://u:secret@h", "no password in the URL"),
+        ("mqtt://h:70000", "out of range"),
+        ("mqtt://h/a/#", "nothing may follow"),
+        ("mqtt://h/a+b", "the prefix holds"),
+        ("mqtt://h?x=1", "nothing may follow"),
+    ],
+)
+def test_bad_urls_give_one_clear_line(url, words):
+    with pytest.raises(UsageError, match="--output mqtt") as caught:
+        open_output(url, SinkOptions(), SinkContext())
+    text = str(caught.value)
+    assert words in text.replace("0-65535", "out of range")
+    assert "secret" not in text
+    assert "\n" not in text
+
+
+def test_a_missing_password_is_told_at_once(tmp_path):
+    options = SinkOptions(mqtt=MqttSection(username="u", password_file=tmp_path / "none"))
+    with pytest.raises(ConfigError, match=r"mqtt.password_file: .*No such file"):
+        open_output("mqtt://h", options, SinkContext())
+
+
+@pytest.mark.parametrize("mark", ["simulated", "replayed"])
+def test_what_no_module_sends_has_topics_entities_and_a_client_of_its_own(
+    publish, listen, tmp_path, mark
+):
+    listener = listen("#")
+    real = publish(client_id="house", decisions=False)
+    demo = publish(context={"mark": mark}, client_id="house", decisions=False)
+    for sink in (demo, real):
+        for record in (hello(), status("online"), event(1)):
+            sink.write(record)
+    base = f"radard/hall-{mark}"
+    wait_for(lambda: listener.on(f"{base}/event") and ids(listener))
+    wait_for(lambda: listener.on(f"{base}/availability")[-1:] == [b"online"])
+    wait_for(lambda: listener.on(f"homeassistant/device/radard_hall-{mark}/config"))
+    found = json.loads(listener.on(f"homeassistant/device/radard_hall-{mark}/config")[-1])
+    assert found["dev"]["ids"] == [f"radard_hall-{mark}"]
+    own = [c["uniq_id"] for c in found["cmps"].values() if "uniq_id" in c]
+    assert own
+    assert all(text.startswith(f"radard_hall-{mark}_") for text in own)
+    wait_for(lambda: last(listener, "availability") == "online")
+    assert len(ids(listener)) == len(listener.on(f"{base}/event")) == 1
+    assert len(list((tmp_path / "state" / "outbox").glob("*.db"))) == 2

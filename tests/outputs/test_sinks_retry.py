@@ -1,0 +1,396 @@
+"""webhook, exec and syslog with real servers and programs: retries, refusals, secrets."""
+
+import json
+import os
+import re
+import socket
+import ssl
+import sys
+import threading
+
+import pytest
+
+from radard.config.sink_table import ExecSection, SinkOptions, SyslogSection, WebhookSection
+from radard.errors import ConfigError, OutputError, UsageError
+from radard.outputs import open_output
+from radard.outputs.base import SinkContext
+from radard.outputs.webhook import sign
+from tests.sink_helpers import QUICK, WebServer, decision, event, hello, make_cert, status, ulid
+from tests.waiting import free_port, wait_for
+
+
+@pytest.fixture
+def server():
+    made = WebServer()
+    yield made
+    made.close()
+
+
+def opened(url, state_dir=None, **sections):
+    options = SinkOptions(outbox=QUICK, **sections)
+    return open_output(url, options, SinkContext(sensor="hall", state_dir=state_dir))
+
+
+def test_a_post_has_sensor_id_token_and_signature(server, tmp_path):
+    token, secret = tmp_path / "token", tmp_path / "secret"
+    token.write_text("letmein\n")
+    secret.write_text("shared\n")
+    section = WebhookSection(token_file=token, secret_file=secret)
+    sink = opened(f"webhook:http://127.0.0.1:{server.port}/a/b?c=d", webhook=section)
+    sink.write(event(1))
+    wait_for(lambda: server.posts)
+    path, headers, body = server.posts[0]
+    headers = {key.lower(): value for key, value in headers.items()}
+    assert path == "/a/b?c=d"
+    assert json.loads(body) == {"sensor": "hall", **event(1)}
+    assert headers["authorization"] == "Bearer letmein"
+    key, stamp = headers["webhook-id"], headers["webhook-timestamp"]
+    assert headers["webhook-signature"] == sign("shared", key, stamp, body)
+    assert "c=d" not in sink.name
+    sink.close()
+
+
+@pytest.mark.parametrize("code", [500, 503, 429, 401, 302])
+def test_a_server_in_trouble_gets_it_later_with_the_same_id(server, code):
+    server.code = code
+    server.headers = {"Location": "http://127.0.0.1:1/"}
+    sink = opened(f"webhook:http://127.0.0.1:{server.port}/")
+    for k in (1, 2):
+        sink.write(event(k))
+    # More often than `attempts`: only a refusal of the record itself counts.
+    wait_for(lambda: len(server.posts) > QUICK.attempts + 1)
+    assert f"answers {code}" in sink.state.reason
+    server.code = 200
+    wait_for(lambda: sink.state.n_sent == 2)
+    assert sink.state.n_dropped == 0
+    keys = [
+        {k.lower(): v for k, v in headers.items()}["webhook-id"] for _, headers, _ in server.posts
+    ]
+    assert keys == [keys[0]] * (len(keys) - 1) + [keys[-1]]
+    assert keys[0] != keys[-1]
+    sink.close()
+
+
+def test_a_record_that_is_refused_is_given_up_for_those_behind_it(server, caplog):
+    server.code = 400
+    sink = opened(f"webhook:http://127.0.0.1:{server.port}/")
+    sink.write(event(1, kind="fault"))
+    wait_for(lambda: sink.state.n_dropped == 1)
+    assert len(server.posts) == QUICK.attempts
+    server.code = 204
+    sink.write(event(2))
+    wait_for(lambda: sink.state.n_sent == 1)
+    assert "gives up" in caplog.text
+    sink.close()
+
+
+def ids_of(server):
+    """The ids of what was posted, in order."""
+    return [json.loads(body)["id"] for _, _, body in server.posts]
+
+
+@pytest.mark.parametrize("has_disk", [True, False])
+def test_an_alarm_that_is_refused_is_not_given_up_and_stops_nobody(server, tmp_path, has_disk):
+    server.code = 400
+    folder = tmp_path if has_disk else None
+    sink = opened(f"webhook:http://127.0.0.1:{server.port}/", state_dir=folder)
+    sink.write(event(1))
+    sink.write(event(2))
+    # Each is tried again after the other.
+    both = [event(n)["id"] for n in (1, 2)]
+    wait_for(lambda: all(ids_of(server).count(each) > QUICK.attempts for each in both))
+    assert sink.state.n_dropped == 0
+    server.code = 204
+    wait_for(lambda: sink.state.n_sent == 2)
+    sink.close()
+
+
+def test_an_alarm_that_is_refused_for_too_long_is_given_up(server, caplog):
+    server.code = 400
+    options = SinkOptions(outbox=QUICK.model_copy(update={"give_up_h": 1e-6}))
+    url = f"webhook:http://127.0.0.1:{server.port}/"
+    sink = open_output(url, options, SinkContext(sensor="hall", state_dir=None))
+    sink.write(event(1))
+    wait_for(lambda: sink.state.n_dropped == 1)
+    assert "too old" in caplog.text
+    sink.close()
+
+
+def test_chosen_kinds_phases_and_states(server):
+    section = WebhookSection(kinds=("alarm",), phases=("new",), statuses=True)
+    sink = opened(f"webhook:http://127.0.0.1:{server.port}/", webhook=section)
+    for record in (
+        hello(),
+        event(1),
+        event(1, phase="end"),
+        event(2, kind="fault"),
+        decision(),
+        status("degraded", "dust"),
+    ):
+        sink.write(record)
+    wait_for(lambda: sink.state.n_sent == 2)
+    sink.close()
+    assert [json.loads(body)["type"] for _, _, body in server.posts] == ["event", "status"]
+
+
+def test_events_survive_a_restart(tmp_path):
+    port = free_port()
+    url = f"webhook:http://127.0.0.1:{port}/"
+    sink = opened(url, tmp_path)
+    for k in (1, 2, 3):
+        sink.write(event(k))
+    wait_for(lambda: sink.state.n_waiting == 3 and not sink.state.is_ok)
+    sink.close(0.2)
+    server = WebServer(port)
+    again = opened(url, tmp_path)
+    again.write(event(4))
+    wait_for(lambda: again.state.n_sent == 4)
+    again.close()
+    server.close()
+    assert [json.loads(b)["id"] for _, _, b in server.posts] == [ulid(k) for k in (1, 2, 3, 4)]
+
+
+def test_https_with_its_certificate_and_without(tmp_path):
+    cert = make_cert(tmp_path)
+    server = WebServer(cert=cert)
+    url = f"webhook:https://localhost:{server.port}/"
+    bad = opened(url)
+    bad.write(event(1))
+    wait_for(lambda: "certificate is not accepted" in bad.state.reason)
+    bad.close(0.2)
+    good = opened(url, webhook=WebhookSection(ca_file=cert[0]))
+    good.write(event(1))
+    wait_for(lambda: good.state.n_sent == 1)
+    good.close()
+    server.close()
+
+
+def program(tmp_path, text):
+    script = tmp_path / "hook"
+    script.write_text(f"#!{sys.executable}\nimport json, os, sys, time\n{text}\n")
+    script.chmod(0o755)
+    return f"exec:{script}"
+
+
+def test_a_program_gets_the_event_on_stdin_and_in_its_environment(tmp_path):
+    out = tmp_path / "out"
+    text = f"open({str(out)!r}, 'w').write(sys.stdin.read() + os.environ['RADAR_EVENT_KIND'])"
+    sink = opened(program(tmp_path, text))
+    sink.write(event(1))
+    wait_for(lambda: sink.state.n_sent == 1)
+    sink.close()
+    body, kind = out.read_text().rsplit("}", 1)
+    assert json.loads(body + "}") == {"sensor": "hall", **event(1)}
+    # A line, as `read` of a shell and `while read` want it.
+    assert kind == "\nalarm"
+
+
+@pytest.mark.parametrize(
+    ("text", "timeout_s", "words"),
+    [("sys.exit(3)", 60, "exit status 3"), ("time.sleep(60)", 0.3, "killed after 0.3 s")],
+)
+def test_a_program_that_fails_is_run_again_and_then_given_up(tmp_path, text, timeout_s, words):
+    sink = opened(program(tmp_path, text), exec=ExecSection(timeout_s=timeout_s))
+    sink.write(event(1, kind="fault"))
+    wait_for(lambda: sink.state.n_dropped == 1)
+    assert sink.state.reason == words
+    assert sink.state.n_failures == QUICK.attempts
+    sink.close()
+
+
+def test_an_alarm_is_not_given_up_because_a_program_fails(tmp_path):
+    works = tmp_path / "works"
+    sink = opened(program(tmp_path, f"sys.exit(not os.path.exists({str(works)!r}))"))
+    sink.write(event(1))
+    wait_for(lambda: sink.state.n_failures > 2 * QUICK.attempts)
+    assert (sink.state.n_dropped, sink.state.reason) == (0, "exit status 1")
+    works.touch()
+    wait_for(lambda: sink.state.n_sent == 1)
+    sink.close()
+
+
+def redirected(server, section, code=307):
+    """What two servers got of one event, when the first sends it to the second."""
+    far = WebServer()
+    try:
+        server.code = code
+        server.headers = {"Location": f"http://localhost:{far.port}/there?x=1"}
+        sink = opened(f"webhook:http://127.0.0.1:{server.port}/here", webhook=section)
+        sink.write(event(1))
+        wait_for(lambda: sink.state.n_sent or sink.state.n_failures)
+        reason = sink.state.reason
+        sink.close(0.3)
+    finally:
+        far.close()
+    return far.posts, reason
+
+
+def test_no_redirect_is_followed_unless_asked(server):
+    posts, reason = redirected(server, WebhookSection())
+    assert posts == []
+    assert "webhook.follow_redirects" in reason
+
+
+@pytest.mark.parametrize("code", [301, 302, 307, 308])
+def test_a_redirect_that_may_be_followed_gets_the_post_without_the_token(server, code, tmp_path):
+    token = tmp_path / "token"
+    token.write_text("letmein\n")
+    section = WebhookSection(follow_redirects=True, token_file=token)
+    posts, _ = redirected(server, section, code)
+    (path, headers, body), *more = posts
+    assert (path, more) == ("/there?x=1", [])
+    assert json.loads(body)["id"] == ulid(1)
+    assert "Authorization" in server.posts[0][1]
+    assert "Authorization" not in headers
+
+
+def test_redirects_in_a_circle_and_to_another_scheme_end(server):
+    section = WebhookSection(follow_redirects=True)
+    url = f"http://127.0.0.1:{server.port}/"
+    server.code, server.headers = 302, {"Location": url}
+    sink = opened(f"webhook:{url}", webhook=section)
+    sink.write(event(1))
+    wait_for(lambda: "answers 302" in sink.state.reason)
+    server.headers = {"Location": "file:///etc/passwd"}
+    wait_for(lambda: "redirects to what is no" in sink.state.reason)
+    assert sink.state.n_dropped == 0
+    sink.close(0.3)
+
+
+def test_a_log_that_nobody_hears_is_said_once_with_a_count(caplog):
+    sink = opened(f"syslog:udp://127.0.0.1:{free_port()}")
+    for n in range(40):
+        sink.write(event(n))
+    sink.close(20.0)
+    lines = [r.getMessage() for r in caplog.records if "cannot log" in r.getMessage()]
+    assert len(lines) == 2
+    assert "more times" in lines[-1]
+    # Each at most twice: nothing is repeated once it was sent.
+    assert 40 <= sink.state.n_sent + sink.state.n_dropped <= 41
+
+
+def test_syslog_over_tcp_is_lines_and_outlives_its_server():
+    def served():
+        with listener.accept()[0] as far, far.makefile("rb") as lines:
+            far.settimeout(60)
+            return lines.readline().decode()
+
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        listener.settimeout(60)
+        sink = opened(f"syslog:tcp://127.0.0.1:{listener.getsockname()[1]}")
+        for n in (1, 2):
+            sink.write({**event(n), "reason": f"human\nat {n} m"})
+            text = served()
+            assert text.startswith("<25>radard[")
+            assert f"hall: alarm new: human at {n} m" in text
+        sink.close()
+
+
+def test_syslog_over_tls_counts_octets_and_outlives_its_server(tmp_path):
+    cert, key = make_cert(tmp_path)
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.load_cert_chain(cert, key)
+
+    def served(n):
+        """So many messages of one connection, which is then closed."""
+        with listener.accept()[0] as plain, context.wrap_socket(plain, server_side=True) as far:
+            far.settimeout(60)
+            lines = far.makefile("rb")
+            found = []
+            for _ in range(n):
+                length = b""
+                while not length.endswith(b" "):
+                    length += lines.read(1)
+                found.append(lines.read(int(length)).decode())
+            lines.close()
+            return found
+
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        listener.settimeout(60)
+        port = listener.getsockname()[1]
+        sink = opened(f"syslog:tls://localhost:{port}", syslog=SyslogSection(ca_file=cert))
+        for n in (1, 3):
+            sink.write({**event(n), "reason": f"human\nat {n} m, \N{DEGREE SIGN}"})
+            sink.write(event(n + 1))
+            first, second = served(2)
+            head, _, text = first.partition(" - ")
+            assert re.fullmatch(rf"<25>1 2026-\S+Z \S+ radard {os.getpid()} event", head)
+            assert text.startswith(f"hall: alarm new: human\nat {n} m, \N{DEGREE SIGN}")
+            assert f"human at {n + 1}.0 m" in second
+        sink.close()
+
+
+def test_a_log_server_that_nobody_signed_gets_nothing(tmp_path):
+    cert, key = make_cert(tmp_path)
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.load_cert_chain(cert, key)
+    heard = []
+
+    def serve():
+        try:
+            with (
+                listener.accept()[0] as plain,
+                context.wrap_socket(plain, server_side=True) as far,
+            ):
+                heard.append(far.recv(4096))
+        except OSError:
+            pass
+
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        listener.settimeout(60)
+        thread = threading.Thread(target=serve)
+        thread.start()
+        sink = opened(f"syslog:tls://localhost:{listener.getsockname()[1]}")
+        sink.write(event(1))
+        wait_for(lambda: "certificate is not accepted" in sink.state.reason)
+        thread.join(60)
+        sink.close(0.1)
+    assert heard == []
+
+
+@pytest.mark.parametrize("key", ["ca_file", "cert_file"])
+def test_certificates_that_cannot_be_read_are_told_at_once(key, tmp_path):
+    with pytest.raises(ConfigError, match=rf"syslog\.{key}: .*none"):
+        opened("syslog:tls://h", syslog=SyslogSection(**{key: tmp_path / "none"}))
+
+
+def test_syslog_over_udp_with_severity():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as far:
+        far.bind(("127.0.0.1", 0))
+        far.settimeout(60)
+        url = f"syslog:udp://127.0.0.1:{far.getsockname()[1]}"
+        sink = opened(url, syslog=SyslogSection(facility="local3"))
+        for record in (hello(), decision(), event(1), event(1, phase="end")):
+            sink.write(record)
+        sink.write(status("offline", "device absent"))
+        told = [far.recv(4096).decode() for _ in range(3)]
+        sink.close()
+    facility = 19 << 3
+    heads = [text.partition("radard")[0] for text in told]
+    assert heads == [f"<{facility | severity}>" for severity in (1, 5, 4)]
+    assert "hall: alarm new: human at 1.0 m" in told[0]
+    assert "offline: device absent" in told[2]
+
+
+@pytest.mark.parametrize(
+    ("url", "error", "words"),
+    [
+        ("webhook:ftp://h/", UsageError, "webhook:http://HOST"),
+        ("webhook:http://u:secret@h/", UsageError, "do not belong there"),
+        ("webhook:@/nowhere/url", ConfigError, "No such file"),
+        ("exec:/nowhere/program", OutputError, "no such program"),
+        ("exec:'", UsageError, "No closing quotation"),
+        ("exec: ", UsageError, "no command"),
+        ("syslog:ftp://h", UsageError, "use syslog:"),
+        ("store:/proc/nope/x.db", OutputError, "cannot be used"),
+        ("json:/nowhere/x", OutputError, "cannot write there"),
+        ("smoke:signal", UsageError, "unknown or incomplete"),
+        ("webhook", UsageError, "unknown or incomplete"),
+    ],
+)
+def test_bad_outputs_give_one_clear_line(url, error, words):
+    with pytest.raises(error) as caught:
+        opened(url)
+    assert words in str(caught.value)
+    assert "secret" not in str(caught.value)
+    assert "\n" not in str(caught.value)

@@ -1,0 +1,267 @@
+import json
+import threading
+from itertools import islice
+
+import numpy as np
+import pytest
+
+from tests.recording_helpers import content, run
+from x2radar.device.device import Deadlines, X2Radar
+from x2radar.device.transport import memory_pair
+from x2radar.errors import RecordingError, TransportClosed
+from x2radar.modules.x2 import RadarSettings
+from x2radar.recording.capture import (
+    CLOSED,
+    FROM_MODULE,
+    OPENED,
+    TO_MODULE,
+    Capture,
+    CaptureReplay,
+    CaptureWriter,
+    capturing,
+)
+from x2radar.recording.convert import convert
+from x2radar.recording.registry import open_recording
+from x2radar.sim.module.host import connect
+from x2radar.sim.module.module import SimulatedModule
+from x2radar.sim.scene.scene import load_scene
+from x2radar.wire import framing
+from x2radar.wire.codec import encode
+from x2radar.wire.messages import Ack, Ping, Reset
+
+N = 90
+
+
+def simulated(seed=1):
+    return lambda: connect(lambda: SimulatedModule(load_scene("dog"), seed), None)
+
+
+def captured(path, settings=None, *, is_usb=False, n=N):
+    """Capture a session with a simulated module; returns its frames."""
+    settings = settings or RadarSettings()
+    writer = CaptureWriter(path, {"settings": {"output": settings.output}, "port": "sim:dog"})
+
+    class Usb:
+        def __init__(self, inner):
+            self.read, self.write, self.close = inner.read, inner.write, inner.close
+            self.is_usb = is_usb
+
+    # The simulated module forgets its READY when the port is opened again: it is pinged.
+    way = capturing(lambda: Usb(simulated()()), writer)
+    with X2Radar(way, settings, deadlines=Deadlines(usb_gone_s=0.05)) as radar:
+        frames = list(islice(radar.frames(), n))
+    writer.close()
+    return frames
+
+
+def same(frames, others):
+    for a, b in zip(frames, others, strict=True):
+        assert np.array_equal(a.samples, b.samples)
+        assert (a.counter, a.index, a.lost, a.axis) == (b.counter, b.index, b.lost, b.axis)
+
+
+@pytest.mark.parametrize("output", ["rf", "iq", "ap"])
+def test_a_driver_on_a_replayed_capture_gets_the_same_frames(tmp_path, output):
+    path = tmp_path / "w.x2cap"
+    settings = RadarSettings(output=output)
+    frames = captured(path, settings)
+    replay = CaptureReplay(Capture(path))
+    with X2Radar(replay.connect, settings) as radar:
+        same(frames, list(islice(radar.frames(), N)))
+        assert radar.stats.damaged == 0
+
+
+def test_a_port_that_was_opened_twice(tmp_path):
+    path = tmp_path / "w.x2cap"
+    frames = captured(path, is_usb=True)
+    kinds = [chunk.kind for chunk in Capture(path).chunks()]
+    assert (kinds.count(OPENED), kinds.count(CLOSED)) == (2, 2)
+    replay = CaptureReplay(Capture(path))
+    with X2Radar(replay.connect, deadlines=Deadlines(usb_gone_s=0.05)) as radar:
+        same(frames, list(islice(radar.frames(), N)))
+    with pytest.raises(TransportClosed, match="ends here"):
+        replay.connect()
+
+
+def test_a_driver_with_other_settings_is_stopped(tmp_path):
+    captured(tmp_path / "w.x2cap", n=5)
+    replay = CaptureReplay(Capture(tmp_path / "w.x2cap"))
+    with pytest.raises(TransportClosed, match="other bytes"):
+        X2Radar(replay.connect, RadarSettings(frame_stitch=2)).open()
+
+
+def test_unchecked_writes_are_ignored(tmp_path):
+    captured(tmp_path / "w.x2cap", n=5)
+    transport = CaptureReplay(Capture(tmp_path / "w.x2cap"), check_writes=False).connect()
+    transport.write(b"anything")
+    data = b""
+
+    def read_on():
+        nonlocal data
+        while True:
+            data += transport.read(0.1)
+
+    with pytest.raises(TransportClosed):
+        read_on()
+    want = [c.data for c in Capture(tmp_path / "w.x2cap").chunks() if c.kind == FROM_MODULE]
+    assert data == b"".join(want)
+    with pytest.raises(TransportClosed):
+        transport.write(b"x")
+
+
+class Clock:
+    """Time that passes only where somebody waits."""
+
+    def __init__(self):
+        self.now_s = 100.0
+
+    def monotonic(self):
+        return self.now_s
+
+    def monotonic_ns(self):
+        return round(1e9 * self.now_s)
+
+    def wait(self, s):
+        self.now_s += s
+
+
+def test_paced_replay_keeps_the_times(tmp_path, monkeypatch):
+    path, clock = tmp_path / "w.x2cap", Clock()
+    monkeypatch.setattr("x2radar.recording.capture.time", clock)
+    writer = CaptureWriter(path, {})
+    near, far = memory_pair()
+    transport = capturing(lambda: near, writer)()
+    for k in range(4):
+        far.write(bytes([k]))
+        assert transport.read(1) == bytes([k])
+        clock.wait(0.1)
+    writer.close()
+    for speed, takes_s in ((1.0, 0.3), (4.0, 0.075), (None, 0.0)):
+        replayed = CaptureReplay(Capture(path), speed=speed).connect()
+        replayed._changed.wait = clock.wait
+        begun_s = clock.now_s
+        got = [replayed.read(1.0) for _ in range(4)]
+        assert got == [b"\0", b"\1", b"\2", b"\3"]
+        assert clock.now_s - begun_s == pytest.approx(takes_s, abs=1e-6)
+    monkeypatch.undo()
+    replayed = CaptureReplay(Capture(path), speed=0.1).connect()
+    assert replayed.read(0.01) == b"\0"
+    assert replayed.read(0.01) == b""
+    threading.Timer(0.05, replayed.close).start()
+    with pytest.raises(TransportClosed):
+        replayed.read(60)
+
+
+# ---------------------------------------------------------------- the file
+
+
+def test_a_cut_capture_is_good_as_far_as_it_goes(tmp_path):
+    path = tmp_path / "w.x2cap"
+    captured(path, n=5)
+    whole = path.read_bytes()
+    chunks = list(Capture(path).chunks())
+    cut = tmp_path / "cut.x2cap"
+    for at in range(len(whole) - 1, len(whole) - 4000, -37):
+        cut.write_bytes(whole[:at])
+        capture = Capture(cut)
+        got = list(capture.chunks())
+        assert got == chunks[: len(got)]
+        assert capture.warning is None or "cut off" in capture.warning
+
+
+def test_a_damaged_record_ends_the_capture(tmp_path):
+    path = tmp_path / "w.x2cap"
+    captured(path, n=5)
+    chunks = list(Capture(path).chunks())
+    data = bytearray(path.read_bytes())
+    data[-2000] ^= 1
+    path.write_bytes(data)
+    capture = Capture(path)
+    got = list(capture.chunks())
+    assert 0 < len(got) < len(chunks)
+    assert got == chunks[: len(got)]
+    assert "damaged" in capture.warning
+
+
+@pytest.mark.parametrize(
+    "content_", [b"", b"X2RA", b"hello, world", b"X2RADARC\x02\0\0\0\0\0\0\0"]
+)
+def test_no_capture(tmp_path, content_):
+    (tmp_path / "x").write_bytes(content_)
+    with pytest.raises(RecordingError, match="capture"):
+        Capture(tmp_path / "x")
+    with pytest.raises(RecordingError, match="cannot be read"):
+        Capture(tmp_path / "gone")
+
+
+def test_writer_overwrites_nothing_and_leaves_nothing_empty(tmp_path):
+    (tmp_path / "x").write_bytes(b"mine")
+    with pytest.raises(RecordingError, match="exists already"):
+        CaptureWriter(tmp_path / "x", {})
+    with pytest.raises(RecordingError, match="cannot make"):
+        CaptureWriter(tmp_path / "no" / "x", {})
+    CaptureWriter(tmp_path / "y", {}).close()
+    assert not (tmp_path / "y").exists()
+
+
+# ---------------------------------------------------------------- as a recording
+
+
+@pytest.mark.parametrize("output", ["rf", "iq"])
+def test_a_capture_is_a_recording_too(tmp_path, output):
+    path = tmp_path / "w.x2cap"
+    frames = captured(path, RadarSettings(output=output), n=200)
+    with open_recording(path) as reader:
+        got = list(reader.frames())
+        assert reader.n_frames >= 200  # the module sent on while the driver closed
+        same(frames, got[:200])
+        assert next(f.index for f in reader.frames(2.0)) == 120
+        assert reader.warning is None
+        again = content(reader)[0]
+        assert np.array_equal(again[:200], [f.samples for f in frames])
+    done = convert(path, tmp_path / "w.h5")
+    with open_recording(tmp_path / "w.h5") as reader:
+        same(frames, islice(reader.frames(), 200))
+        assert reader.n_frames == done.n_frames
+
+
+def test_a_capture_without_frames(tmp_path):
+    writer = CaptureWriter(tmp_path / "w", {"settings": {"output": "?", "junk": 1}})
+    writer.add(FROM_MODULE, framing.encode(encode(Ack())))
+    writer.close()
+    with pytest.raises(RecordingError, match="no frames"):
+        open_recording(tmp_path / "w")
+
+
+# ---------------------------------------------------------------- decode
+
+
+def test_decode_of_a_capture(capsys, tmp_path):
+    path = tmp_path / "w"
+    writer = CaptureWriter(path, {})
+    ping = framing.encode(encode(Ping()))
+    writer.add(OPENED, b"\0")
+    writer.add(TO_MODULE, ping[:3])
+    writer.add(FROM_MODULE, framing.encode(encode(Ack())) + b"\x01")
+    writer.add(TO_MODULE, ping[3:] + framing.encode(encode(Reset())))
+    writer.add(FROM_MODULE, framing.encode(encode(Ack()))[:-1])
+    writer.add(CLOSED)
+    writer.close()
+    with path.open("ab") as file:
+        file.write(b"<12")
+    code, out, err = run(capsys, "decode", path)
+    assert (code, err) == (0, "")
+    items = [json.loads(line) for line in out.splitlines()]
+    assert [item.get("port") for item in items if "port" in item] == ["opened", "closed"]
+    messages = [(i["direction"], i["message"]) for i in items if "message" in i]
+    assert messages == [
+        ("from_module", "Ack"),
+        ("to_module", "Ping"),
+        ("to_module", "Reset"),
+    ]
+    faults = [item["fault"] for item in items if "fault" in item]
+    assert "junk between packets" in faults
+    assert "incomplete packet at the end" in faults
+    assert "cut off" in faults[-1]
+    times = [item["t_s"] for item in items]
+    assert times == sorted(times)

@@ -1,0 +1,331 @@
+import json
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.radar_helpers import BASEBAND, noise
+from tests.recording_helpers import (
+    COUNTERS,
+    LABELS,
+    RATE_HZ,
+    RF,
+    content,
+    make,
+    quanta,
+    run,
+)
+from x2radar.errors import RecordingError, SettingsError
+from x2radar.recording.blocks import Overrides
+from x2radar.recording.convert import convert
+from x2radar.recording.registry import FORMATS, WRITABLE, open_recording
+
+NAMES = {
+    "hdf5": "out.h5",
+    "xethru": "out",
+    "framelogger": "out.framelogger",
+    "sigmf": "out.sigmf-meta",
+    "npz": "out.npz",
+    "mat": "out.mat",
+    "parquet": "out.parquet",
+    "mcap": "out.mcap",
+}
+HOLDS = [
+    *(("hdf5", kind) for kind in ("rf", "baseband")),
+    *(("npz", kind) for kind in ("rf", "baseband")),
+    *(("sigmf", kind) for kind in ("rf", "baseband")),
+    *(("mat", kind) for kind in ("rf", "baseband")),
+    ("xethru", "baseband"),
+]
+
+
+def names_in(folder):
+    return sorted(path.name for path in folder.iterdir())
+
+
+def test_the_table_of_names_is_whole():
+    assert set(NAMES) == set(WRITABLE)
+
+
+@pytest.mark.parametrize(
+    ("form", "kind", "counters"),
+    [(*held, c) for held, c in product(HOLDS, [None, COUNTERS, [7]])],
+)
+def test_round_trip_keeps_everything(tmp_path, form, kind, counters):
+    source, samples = make(tmp_path / "in.h5", kind, counters)
+    done = convert(source, tmp_path / NAMES[form], out_kind=form)
+    back = tmp_path / "back.h5"
+    convert(tmp_path / NAMES[form], back)
+    with open_recording(source) as a, open_recording(back) as b:
+        assert np.array_equal(content(b)[0], samples)
+        for one, two in zip(content(a), content(b), strict=True):
+            assert np.array_equal(one, two)
+            assert one.dtype == two.dtype
+        assert a.stream == b.stream
+        assert a.stream.frame_rate_hz == RATE_HZ
+        assert a.started_utc == b.started_utc
+        assert (a.device, a.settings, a.labels) == (b.device, b.settings, b.labels)
+        assert b.labels == LABELS
+        assert b.warning is None
+        pairs = zip(a.frames(), b.frames(), strict=True)
+        for f, g in pairs:
+            assert (f.counter, f.index, f.lost, f.restarted) == (
+                g.counter,
+                g.index,
+                g.lost,
+                g.restarted,
+            )
+    assert (done.kind, done.n_frames) == (form, len(samples))
+    assert [p.name for p in tmp_path.iterdir() if p.name.startswith(".")] == []
+
+
+def test_a_long_recording_goes_block_by_block(tmp_path):
+    samples = noise(9000)
+    counters = np.delete(np.arange(1, 9011), slice(5000, 5010))
+    source, _ = make(tmp_path / "in.h5", samples=samples, counters=counters)
+    for form in ("npz", "sigmf", "xethru"):
+        convert(source, tmp_path / NAMES[form], out_kind=form)
+        with open_recording(tmp_path / NAMES[form]) as reader:
+            assert len(list(reader.blocks())) > 1
+            got = content(reader)
+            assert np.array_equal(got[0], samples)
+            assert np.array_equal(got[1], counters)
+            late = list(reader.frames(149.0))
+            assert late[0].index == np.ceil(149.0 * RATE_HZ)
+            assert np.array_equal(late[-1].samples, samples[-1])
+
+
+def test_raw_counters_are_exact_where_the_samples_came_from_them(tmp_path):
+    counters = [1, 2, 3, 6, 7, 8, 9, 10, 11, 12]
+    source, samples = make(tmp_path / "in.h5", "rf", counters)
+    done = convert(source, tmp_path / "out.framelogger")
+    assert not any("moved" in note for note in done.notes)
+    with open_recording(tmp_path / "out.framelogger") as reader:
+        got, counter, _ = content(reader)
+        assert np.array_equal(got, samples)
+        assert counter.tolist() == counters
+        assert reader.stream.frame_rate_hz == pytest.approx(RATE_HZ, rel=1e-9)
+        axis = reader.stream.axis
+        assert axis.bin_length_m == pytest.approx(RF.bin_length_m, rel=1e-7)
+        assert axis.range_offset_m == pytest.approx(RF.range_offset_m, rel=1e-7)
+        assert (axis.carrier_hz, axis.bandwidth_hz) == (RF.carrier_hz, RF.bandwidth_hz)
+        assert reader.settings["iterations"] == 16
+        assert reader.warning is None
+
+
+def test_raw_counters_of_an_unknown_sweep_say_how_far_samples_move(tmp_path):
+    samples = np.random.default_rng(1).uniform(0, 99.9, (20, 16)).astype(np.float32)
+    source, _ = make(tmp_path / "in.h5", "rf", samples=samples, counters=range(20), settings={})
+    done = convert(source, tmp_path / "out.framelogger")
+    assert any("sweep is unknown" in note for note in done.notes)
+    with open_recording(tmp_path / "out.framelogger") as reader:
+        assert np.abs(content(reader)[0] - samples).max() < 2e-7
+
+
+@pytest.mark.parametrize(
+    ("form", "kind", "words"),
+    [
+        ("xethru", "rf", "this is RF"),
+        ("framelogger", "baseband", "this is baseband"),
+    ],
+)
+def test_what_a_format_cannot_hold_is_refused(tmp_path, form, kind, words):
+    source, _ = make(tmp_path / "in.h5", kind)
+    with pytest.raises(SettingsError, match=words):
+        convert(source, tmp_path / NAMES[form], out_kind=form)
+    assert names_in(tmp_path) == ["in.h5"]
+
+
+def test_samples_that_are_no_raw_counters_are_refused(tmp_path):
+    source, _ = make(tmp_path / "in.h5", "rf", samples=quanta(5) - 50, counters=range(5))
+    with pytest.raises(SettingsError, match="outside 0 to 100"):
+        convert(source, tmp_path / "out.framelogger")
+    assert names_in(tmp_path) == ["in.h5"]
+
+
+def test_overrides_go_before_the_file(tmp_path):
+    source, _ = make(tmp_path / "in.h5", "rf")
+    known = Overrides(frame_rate_hz=30.0, range_offset_m=-0.5, sample_rate_hz=39e9)
+    convert(source, tmp_path / "out.npz", overrides=known)
+    with open_recording(tmp_path / "out.npz") as reader:
+        stream = reader.stream
+        assert stream.frame_rate_hz == 30
+        assert stream.axis.range_offset_m == -0.5
+        assert stream.axis.bin_length_m == pytest.approx(299_792_458.0 / 78e9)
+        assert stream.axis.carrier_hz == RF.carrier_hz
+        assert content(reader)[2][-1] == pytest.approx(149 / 30)
+    with np.load(tmp_path / "out.npz") as archive:
+        assert archive["samples"].shape == (150, 48)
+        assert float(archive["frame_rate_hz"]) == 30
+
+
+def test_failures_leave_nothing_behind(tmp_path):
+    samples = noise(9000)
+    source, _ = make(tmp_path / "in.h5", samples=samples, counters=range(9000))
+    convert(source, tmp_path / "in.npz")
+    whole = (tmp_path / "in.npz").read_bytes()
+    broken = bytearray(whole)
+    broken[len(broken) // 2] ^= 1  # the archive's checksum finds it, at the end
+    (tmp_path / "bad.npz").write_bytes(broken)
+    for form, name in NAMES.items():
+        if form != "framelogger":
+            with pytest.raises(RecordingError, match=r"bad\.npz"):
+                convert(tmp_path / "bad.npz", tmp_path / name, out_kind=form)
+    assert names_in(tmp_path) == ["bad.npz", "in.h5", "in.npz"]
+
+
+@pytest.mark.parametrize("form", list(NAMES))
+def test_nothing_is_overwritten(tmp_path, form):
+    source, _ = make(tmp_path / "in.h5", "rf" if form == "framelogger" else "baseband")
+    out = tmp_path / NAMES[form]
+    out.write_bytes(b"mine")
+    with pytest.raises(RecordingError, match="exists already"):
+        convert(source, out, out_kind=form)
+    assert out.read_bytes() == b"mine"
+    if form == "sigmf":
+        out.rename(tmp_path / "out.sigmf-data")
+        with pytest.raises(RecordingError, match=r"sigmf-data: exists already"):
+            convert(source, out)
+
+
+# ---------------------------------------------------------------- the command
+
+
+def test_command(capsys, tmp_path):
+    source, _ = make(tmp_path / "in.h5")
+    out = tmp_path / "out.npz"
+    code, stdout, err = run(capsys, "convert", source, out, "--carrier", "7e9")
+    assert (code, stdout) == (0, "")
+    assert err == f"{out}: 150 frames, 2.5 s, NumPy archive\n"
+    with open_recording(out) as reader:
+        assert reader.stream.axis.carrier_hz == 7e9
+        assert reader.stream.axis.bandwidth_hz == BASEBAND.bandwidth_hz
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    make(Path("in.h5"))
+    make(Path("rf.h5"), "rf")
+    Path("text.txt").write_text("hello")
+    for suffix in ("mat", "npz", "sigmf-meta", "dat", "framelogger", "x2cap", "h5", "parquet"):
+        Path(f"junk.{suffix}").write_bytes(b"hello")
+    Path("empty").mkdir()
+    return tmp_path
+
+
+WRONG = [
+    (["in.h5"], 2, "the following arguments are required: OUT"),
+    (["in.h5", "out.foo"], 2, "out.foo: its name names no format; use --to with one of hdf5,"),
+    (["in.h5", "out.x2cap"], 2, "out.x2cap: wire captures are only read"),
+    (["in.h5", "out.npz", "--from", "mcap"], 2, "argument --from: invalid choice: 'mcap'"),
+    (["junk.parquet", "out.npz"], 66, "junk.parquet: Parquet tables are only written"),
+    (["in.h5", "out.npz", "--to", "p4xx"], 2, "argument --to: invalid choice: 'p4xx'"),
+    (["in.h5", "out.npz", "--from", "x"], 2, "argument --from: invalid choice: 'x'"),
+    (["in.h5", "out.npz", "--carrier", "0"], 2, "--carrier 0: must be above 0"),
+    (["in.h5", "out.npz", "--range-offset", "nan"], 2, "--range-offset nan: must be a number"),
+    (["in.h5", "out.npz", "--frame-rate", "x"], 2, "invalid float value: 'x'"),
+    (["rf.h5", "out.npz", "--from", "npz"], 66, "rf.h5: not a NumPy archive"),
+    (["rf.h5", "out", "--to", "xethru"], 2, "out: XeThru recordings hold baseband"),
+    (["gone.h5", "out.npz"], 66, "gone.h5: no such recording"),
+    (["gone", "out.npz"], 66, "gone: no such recording"),
+    (["text.txt", "out.npz"], 66, "text.txt: no recording of a known format (HDF5"),
+    (["empty", "out.npz"], 66, "empty: no recording of a known format"),
+    (["junk.mat", "out.npz"], 66, "junk.mat: not a MATLAB file"),
+    (["junk.npz", "out.h5"], 66, "junk.npz: not a NumPy archive"),
+    (["junk.sigmf-meta", "out.npz"], 66, "junk.sigmf-meta: not a SigMF meta file"),
+    (["junk.dat", "out.npz"], 66, "junk.dat: not one of XeThru's"),
+    (["junk.framelogger", "out.npz"], 66, "junk.framelogger: not a FrameLogger file"),
+    (["junk.x2cap", "out.npz"], 66, "junk.x2cap: not a wire capture"),
+    (["junk.h5", "out.npz"], 66, "junk.h5: not an HDF5 file"),
+    (["in.h5", "rf.h5"], 66, "rf.h5: exists already"),
+    (["in.h5", "no/such/out.npz"], 66, "no/such/out.npz: cannot make it there"),
+]
+
+
+@pytest.mark.parametrize(("argv", "code", "wanted"), WRONG, ids=range(len(WRONG)))
+def test_wrong_input_is_one_line_and_its_exit_code(capsys, folder, argv, code, wanted):
+    before = names_in(folder)
+    ended, out, err = run(capsys, "convert", *argv)
+    assert (ended, out) == (code, "")
+    assert err.count("\n") == 1
+    assert wanted in err
+    assert names_in(folder) == before
+
+
+# ---------------------------------------------------------------- info
+
+
+@pytest.mark.parametrize(("form", "kind"), HOLDS)
+def test_info_of_a_recording(capsys, tmp_path, form, kind):
+    source, _ = make(tmp_path / "in.h5", kind, COUNTERS)
+    path = source
+    if form != "hdf5":
+        path = tmp_path / NAMES[form]
+        convert(source, path, out_kind=form)
+    code, out, err = run(capsys, "info", path, "--json")
+    assert (code, err) == (0, "")
+    facts = json.loads(out)
+    assert (facts["format"], facts["kind"], facts["n_frames"]) == (form, kind, 9)
+    assert (facts["lost"], facts["gaps"], facts["longest_gap"]) == (6, 2, 4)
+    assert (facts["restarts"], facts["repeats"]) == (1, 1)
+    assert facts["frame_rate_hz"] == RATE_HZ
+    assert facts["measured_rate_hz"] == pytest.approx(RATE_HZ)
+    assert facts["device"]["serial"] == "42"
+    assert facts["labels"] == [list(label) for label in LABELS]
+    assert facts["n_bytes"] > 1000
+    assert facts["warning"] is None
+    code, out, err = run(capsys, "info", path)
+    assert (code, err) == (0, "")
+    assert "6 frames in 2 gaps" in out
+    assert "2 (dog, human)" in out
+
+
+@pytest.mark.parametrize("kind", ["rf", "baseband"])
+def test_info_of_a_module(capsys, kind):
+    code, out, err = run(capsys, "info", f"sim:empty?kind={kind}", "--json")
+    assert (code, err) == (0, "")
+    facts = json.loads(out)
+    assert facts["ping"] == "ready"
+    assert facts["info"]["item_number"]
+    assert facts["settings"]["frame_rate_hz"] == 60
+    code, out, _ = run(capsys, "info", "sim:empty")
+    assert "ready" in out
+
+
+@pytest.mark.parametrize(
+    ("what", "code", "wanted"),
+    [
+        ("gone.h5", 66, "gone.h5: no such recording"),
+        ("replay:gone.h5", 66, "gone.h5: no such recording"),
+        ("/dev/no-such-port", 66, "no such port"),
+        ("sim:cow", 66, "no scene 'cow'"),
+    ],
+)
+def test_info_of_nothing(capsys, what, code, wanted):
+    ended, out, err = run(capsys, "info", what)
+    assert (ended, out) == (code, "")
+    assert wanted in err
+    assert err.count("\n") == 1
+
+
+def test_every_format_can_be_forced(tmp_path):
+    source, samples = make(tmp_path / "in.h5")
+    odd = tmp_path / "odd.name"
+    convert(source, odd, out_kind="npz")
+    for kind in (None, "npz"):
+        with open_recording(odd, kind=kind) as reader:
+            assert np.array_equal(content(reader)[0], samples)
+
+
+def test_the_table_of_the_docs_is_that_of_the_formats():
+    page = Path(__file__).parents[2] / "docs" / "research" / "recordings.md"
+    rows = [line.split("|")[1:-1] for line in page.read_text("utf-8").splitlines()]
+    told = {cells[0].strip(" `"): cells for cells in rows if len(cells) == 10}
+    assert set(FORMATS) <= set(told)
+    for name, row in FORMATS.items():
+        _, suffixes, is_read, is_written, *_ = (cell.strip() for cell in told[name])
+        assert f"`{row.suffixes[0]}`" in suffixes
+        known = ("yes" if row.reader else "no", "yes" if row.writer else "no")
+        assert (is_read, is_written) == known

@@ -1,0 +1,344 @@
+"""Readers of foreign files: made by hand here, and real ones where they are."""
+
+import json
+import struct
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.io import savemat
+
+from tests.radar_helpers import noise, run_radard
+from tests.recording_helpers import content, make
+from x2radar.errors import RecordingError
+from x2radar.frame import CounterTracker, Step
+from x2radar.recording.blocks import Overrides, unwrap
+from x2radar.recording.formats.xethru_writer import write as write_xethru
+from x2radar.recording.registry import open_recording
+from x2radar.recording.stamps import count_by_stamps
+from x2radar.recording.xethru import META, XethruReader
+
+DATA = Path(__file__).parents[3] / "shared" / "data"
+P4XX = DATA / "p410_walk_101.mat"
+PERIOD_S = 0.0327996
+
+
+# ---------------------------------------------------------------- counters
+
+
+@given(st.lists(st.integers(0, 2**32 - 1) | st.integers(0, 5), max_size=30), st.integers(0, 30))
+def test_unwrapping_at_once_is_unwrapping_one_by_one(counters, cut):
+    counters = [0, *counters]
+    tracker = CounterTracker()
+    want = []
+    for counter in counters:
+        step, lost = tracker.update(counter)
+        want.append((tracker.index, lost, step is Step.RESTART, step is Step.REPEAT))
+    first = unwrap(np.array(counters[: cut + 1]))
+    rest = unwrap(np.array(counters[cut + 1 :]), counters[: cut + 1][-1], int(first.index[-1]))
+    got = [
+        row
+        for s in (first, rest)
+        for row in zip(
+            *(x.tolist() for x in (s.index, s.lost, s.restarted, s.repeated)), strict=True
+        )
+    ]
+    assert got == want
+
+
+@pytest.mark.parametrize("lost", [[], [5], [5, 6, 7, 300], list(range(100, 150))])
+def test_counters_from_rounded_stamps(lost):
+    index = np.delete(np.arange(1000), lost)
+    counter, period_s = count_by_stamps(np.rint(index * PERIOD_S * 1e3) / 1e3)
+    assert (counter == index + 1).all()
+    assert period_s == pytest.approx(PERIOD_S, rel=1e-5)
+
+
+def test_late_stamps_are_no_losses():
+    index = np.arange(400)
+    late = np.zeros(400)
+    for k in range(0, 400, 20):  # as the X2M200 sends them over USB
+        late[k : k + 4] = [0.19, 0.145, 0.1, 0.055]
+    late[0] = 0
+    counter, period_s = count_by_stamps(index * 0.05 + late)
+    assert (counter == index + 1).all()
+    assert period_s == pytest.approx(0.05, rel=0.01)
+
+
+@pytest.mark.parametrize("stamps", [[0, 0, 0], [3, 2, 1], [0, np.nan, 1]])
+def test_stamps_without_use(stamps):
+    counter, period_s = count_by_stamps(np.array(stamps, float))
+    assert counter.tolist() == [1, 2, 3]
+    assert np.isnan(period_s)
+
+
+# ---------------------------------------------------------------- P4xx
+
+
+def mat(path, n=40, lost=(), **fields):
+    index = np.delete(np.arange(n), list(lost))
+    rows = np.random.default_rng(0).integers(-400_000, 400_000, (len(index), 30), np.int32)
+    struct_of = {
+        "T": [np.int32(31_583_487 + round(k * PERIOD_S * 1e3)) for k in index],
+        "scn": list(rows),
+        **fields,
+    }
+    scn = np.empty((1, len(index)), [(name, object) for name in struct_of])
+    for name, values in struct_of.items():
+        for k in range(len(index)):
+            scn[name][0, k] = values[k]
+    savemat(path, {"scn": scn, "cfg": np.zeros(1)})
+    return path, rows, index
+
+
+def test_p4xx(tmp_path):
+    path, rows, index = mat(tmp_path / "w.mat", lost=[7, 8, 20])
+    with open_recording(path) as reader:
+        samples, counter, _ = content(reader)
+        assert samples.dtype == np.float32
+        assert np.array_equal(samples, rows)
+        assert (counter == index + 1).all()
+        assert [f.lost for f in reader.frames() if f.lost] == [2, 1]
+        stream = reader.stream
+    assert stream.frame_rate_hz == pytest.approx(1 / PERIOD_S, rel=2e-3)
+    axis = stream.axis
+    assert (axis.kind, axis.carrier_hz) == ("rf", 4.0e9)
+    assert axis.bandwidth_hz == pytest.approx(1.7e9)
+    assert axis.bin_length_m == pytest.approx(9.149e-3, abs=1e-6)
+    assert axis.range_offset_m == pytest.approx(299_792_458 * 17.499e-9 / 2)
+
+
+def test_p4xx_window_start_of_the_file(tmp_path):
+    path, _, _ = mat(tmp_path / "w.mat", Tstrt=[np.uint16(20_000)] * 40)
+    with open_recording(path) as reader:
+        assert reader.stream.axis.range_offset_m == pytest.approx(299_792_458 * 20e-9 / 2)
+
+
+def test_p4xx_of_one_scan_needs_a_rate(tmp_path):
+    path, _, _ = mat(tmp_path / "w.mat", n=1)
+    with pytest.raises(RecordingError, match="--frame-rate"):
+        open_recording(path)
+    assert open_recording(path, overrides=Overrides(frame_rate_hz=30)).n_frames == 1
+
+
+def test_no_p4xx(tmp_path):
+    savemat(tmp_path / "a.mat", {"x": np.zeros(3)})
+    savemat(tmp_path / "b.mat", {"scn": np.zeros(3)})
+    mat(tmp_path / "c.mat", scn=[np.zeros(k % 2 + 1) for k in range(40)])
+    whole = mat(tmp_path / "d.mat")[0].read_bytes()
+    (tmp_path / "d.mat").write_bytes(whole[: len(whole) // 2])
+    for name in "abcd":
+        with pytest.raises(RecordingError, match=rf"{name}\.mat") as caught:
+            open_recording(tmp_path / f"{name}.mat")
+        assert "\n" not in str(caught.value)
+    with h5py.File(tmp_path / "e.mat", "w", userblock_size=512) as file:
+        file["scn"] = [1]
+    data = bytearray((tmp_path / "e.mat").read_bytes())
+    head = b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM"
+    data[: len(head)] = head
+    (tmp_path / "e.mat").write_bytes(data)
+    with pytest.raises(RecordingError, match=r"7\.3 files are not read"):
+        open_recording(tmp_path / "e.mat")
+
+
+@pytest.mark.skipif(not P4XX.is_file(), reason="the real P4xx recordings are not here")
+@pytest.mark.parametrize("name", ["p410_walk_101.mat", "p410_walk_102.mat"])
+def test_real_p4xx(name):
+    with open_recording(DATA / name) as reader:
+        assert (reader.n_frames, reader.stream.axis.n_range) == (1024, 480)
+        assert reader.stream.frame_rate_hz == pytest.approx(1 / 0.0328, rel=1e-4)
+        frames = list(reader.frames())
+    assert sum(f.lost for f in frames) == 0
+    assert frames[-1].index == 1023
+
+
+def test_the_daemon_replays_a_matlab_file(tmp_path):
+    path, _, _ = mat(tmp_path / "w.mat", n=130)
+    code, records, err = run_radard("--port", f"replay:{path}", "-o", "json", "--model", "none")
+    assert code == 0, err
+    assert sum(r["type"] == "decision" for r in records) >= 2
+
+
+# ---------------------------------------------------------------- FrameLogger
+
+
+def logger(path, *, n=20, rate=1.08e-19, fps=200, times=None, radar=2, pg=5, n_range=256):
+    times = np.arange(n) / 200.3 if times is None else np.asarray(times, float)
+    counter = np.random.default_rng(2).integers(0, 17_665, (n, n_range), np.uint32)
+    head = struct.pack("<I6i", 0xFEFE00A2, 8, 16, 3000, 4104, 8, radar)
+    head += struct.pack("<fiff", rate, pg, 0.25, 3.867e-9)
+    head += struct.pack("<4i", n_range, n, 1, fps)
+    path.write_bytes(head + times.tobytes() + counter.tobytes() + struct.pack("<f", 199.9))
+    return path, counter
+
+
+def test_framelogger(tmp_path):
+    path, counter = logger(tmp_path / "loopback.dat")
+    with open_recording(path) as reader:  # by content, whatever its name
+        samples, _, _ = content(reader)
+        stream = reader.stream
+        assert "39e9 is assumed" in reader.warning
+    want = (counter / (16 * 8) * 8 + 3000) * 100 / 8192
+    assert np.abs(samples - want).max() < 5e-6
+    step = np.diff(np.unique(samples.astype(float))).min()
+    assert step == pytest.approx(100 / 8192 * 8 / 128, rel=0.05)  # seen in real files
+    assert stream.frame_rate_hz == pytest.approx(200.3)
+    assert stream.axis.sample_rate_hz == 39e9
+    assert stream.axis.bin_length_m == pytest.approx(3.8435e-3, abs=1e-6)
+    assert stream.axis.range_offset_m == 0.25
+    assert (stream.axis.carrier_hz, stream.axis.bandwidth_hz) == (6.8e9, 2.3e9)
+    known = Overrides(sample_rate_hz=41e9)
+    with open_recording(path, overrides=known) as reader:
+        assert reader.stream.axis.bin_length_m == pytest.approx(299_792_458 / 82e9)
+        assert reader.warning is None
+
+
+def test_framelogger_of_a_good_rate_and_other_times(tmp_path):
+    path, _ = logger(tmp_path / "a", rate=38.9e9, times=np.arange(20) * 5.0)
+    with open_recording(path) as reader:  # milliseconds
+        assert reader.stream.frame_rate_hz == pytest.approx(200)
+        assert reader.stream.axis.sample_rate_hz == np.float32(38.9e9)
+        assert reader.warning is None
+    path, _ = logger(tmp_path / "b", rate=39e9, times=np.zeros(20))
+    with open_recording(path) as reader:
+        assert reader.stream.frame_rate_hz == 200
+        assert "nominal" in reader.warning
+
+
+def test_no_framelogger(tmp_path):
+    path, _ = logger(tmp_path / "x1", radar=10)
+    with pytest.raises(RecordingError, match="only X2 files"):
+        open_recording(path)
+    path, _ = logger(tmp_path / "none", pg=99)
+    with pytest.raises(RecordingError, match="--carrier"):
+        open_recording(path)
+    path, _ = logger(tmp_path / "cut")
+    for share in (0.01, 0.5, 0.99):
+        data = path.read_bytes()
+        (tmp_path / "c").write_bytes(data[: int(share * len(data))])
+        with pytest.raises(RecordingError, match=r"c: (cut off|not a|no rec)"):
+            open_recording(tmp_path / "c", kind="framelogger")
+
+
+# ---------------------------------------------------------------- SigMF and NumPy of others
+
+
+def sigmf(path, n=10, **changes):
+    samples = noise(n, 8)
+    head = {"core:datatype": "cf32_le", "core:version": "1.0.0", "core:num_channels": 8}
+    head |= {"core:sample_rate": 50.0, "x2radar:bin_length_m": 0.03} | changes
+    captures = [{"core:sample_start": 0, "core:frequency": 7e9}]
+    path.with_suffix(".sigmf-data").write_bytes(samples.tobytes())
+    root = {"global": {k: v for k, v in head.items() if v is not None}, "captures": captures}
+    path.write_text(json.dumps(root))
+    return samples
+
+
+def test_sigmf_by_hand(tmp_path):
+    meta = tmp_path / "a.sigmf-meta"
+    samples = sigmf(meta)
+    for name in ("a.sigmf-meta", "a.sigmf-data", "a"):
+        with open_recording(tmp_path / name) as reader:
+            assert np.array_equal(content(reader)[0], samples)
+            assert [f.counter for f in reader.frames()] == list(range(1, 11))
+            assert reader.stream.axis.carrier_hz == 7e9
+    sigmf(meta, **{"x2radar:bin_length_m": None})
+    with pytest.raises(RecordingError, match="--bin-length"):
+        open_recording(meta)
+    with open_recording(meta, overrides=Overrides(bin_length_m=0.05)) as reader:
+        assert reader.stream.axis.bin_length_m == 0.05
+    sigmf(meta, **{"x2radar:phase_sign": 1})
+    with open_recording(meta) as reader:
+        assert np.array_equal(content(reader)[0], samples.conj())
+    with meta.with_suffix(".sigmf-data").open("ab") as file:
+        file.write(b"123")
+    with open_recording(meta) as reader:
+        assert (reader.n_frames, "cut off" in reader.warning) == (10, True)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"core:datatype": "ci16_le"}, "ci16_le x 8 channels"),
+        ({"core:num_channels": "8"}, "cf32_le x 8 channels"),
+        ({"core:sample_rate": "fast"}, "'frame_rate_hz' is 'fast'"),
+    ],
+)
+def test_sigmf_faults(tmp_path, changes, words):
+    sigmf(tmp_path / "a.sigmf-meta", **changes)
+    with pytest.raises(RecordingError, match=words):
+        open_recording(tmp_path / "a.sigmf-meta")
+    (tmp_path / "a.sigmf-data").unlink()
+    with pytest.raises(RecordingError, match=r"a.sigmf-data: cannot be read"):
+        open_recording(tmp_path / "a.sigmf-meta")
+
+
+def test_numpy_by_hand(tmp_path):
+    samples = noise(10, 8).astype(np.complex128)
+    path = tmp_path / "a.npz"
+    np.savez_compressed(path, samples=samples, frame_rate_hz=50, bin_length_m=0.03)
+    with pytest.raises(RecordingError, match=r"convert it with --carrier$"):
+        open_recording(path)
+    with open_recording(path, overrides=Overrides(carrier_hz=7e9)) as reader:
+        assert np.array_equal(content(reader)[0], samples.astype(np.complex64))
+        assert [f.index for f in reader.frames(0.1)] == [5, 6, 7, 8, 9]
+    for bad in (
+        {"samples": np.zeros(3)},
+        {"samples": np.array([["a"]])},
+        {"other": samples},
+        {"samples": samples, "counter": np.zeros(3)},
+    ):
+        np.savez(path, frame_rate_hz=50, bin_length_m=0.03, carrier_hz=7e9, **bad)
+        with pytest.raises(RecordingError, match=r"a\.npz"):
+            open_recording(path)
+
+
+# ---------------------------------------------------------------- XeThru, written
+
+
+def test_a_written_xethru_meta_file_is_that_of_the_layout(tmp_path):
+    source, samples = make(tmp_path / "in.h5", counters=[1, 2, 5, 6])
+    with open_recording(source) as reader:
+        write_xethru(tmp_path / "x", reader)
+    data = (tmp_path / "x" / META).read_bytes()
+    record = 24 + 8 * samples.shape[1]
+    assert struct.unpack_from("<IIQ", data) == (0xA0B1C2D3, 13, 1772368200250)
+    assert struct.unpack_from("<BIQ", data, 0x10) == (1, round(5e3 / 60.25), 4 * record)
+    (list_at,) = struct.unpack_from("<Q", data, 0x1D)
+    assert struct.unpack_from("<IqII", data, 0x25) == (2, -1, record, 0)
+    assert data[0x39:0x55] == b"\xcd" * 28
+    (n_id,) = struct.unpack_from("<I", data, 0x55)
+    at = 0x59 + n_id
+    (n_user,) = struct.unpack_from("<I", data, at)
+    at += 4 + n_user
+    for k, index in enumerate((0, 1, 4, 5)):
+        entry = struct.unpack_from("<BIQQQI", data, at + 33 * k)
+        ms = round(index / 60.25 * 1e3)
+        assert entry == (1, 2, record, k * record, (k + 1) * record, ms)
+    at += 4 * 33
+    assert struct.unpack_from("<BIQQQI", data, at)[:5] == (2, 2, 0, 4 * record, 4 * record)
+    at += 33
+    assert list_at == at - 4
+    assert struct.unpack_from("<BI", data, at) == (3, 1)
+    (n_name,) = struct.unpack_from("<I", data, at + 5)
+    assert data[at + 9 :] == b"xethru_baseband_iq_20260301_123000.dat\0"
+    assert len(data) == at + 9 + n_name
+
+
+def test_a_written_xethru_recording_without_our_header(tmp_path):
+    source, samples = make(tmp_path / "in.h5")
+    with open_recording(source) as reader:
+        write_xethru(tmp_path / "x", reader)
+        axis = reader.stream.axis
+    meta = tmp_path / "x" / META
+    data = meta.read_bytes()
+    meta.write_bytes(data.replace(b'"x2radar"', b'"another"', 1))
+    with XethruReader(tmp_path / "x") as reader:
+        assert np.array_equal(content(reader)[0], samples)
+        assert reader.stream.frame_rate_hz == pytest.approx(60.25, rel=1e-3)
+        assert reader.stream.axis.bin_length_m == pytest.approx(axis.bin_length_m, rel=1e-7)
+        assert reader.stream.axis.bandwidth_hz == axis.bandwidth_hz
+        assert reader.started_utc == "2026-03-01T12:30:00.250Z"

@@ -1,0 +1,400 @@
+"""Recordings in parts, the record command, and what ends a recording."""
+
+import io
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from tests.radar_helpers import BASEBAND, frames_of, noise, run_radard, stable
+from tests.recording_helpers import content, run
+from tests.waiting import wait_for
+from x2radar.errors import ReadTimeout, RecordingError, X2RadarError
+from x2radar.frame import Frame, StreamInfo
+from x2radar.recording import recorder
+from x2radar.recording.hdf5_reader import RecordingReader, RecordingWriter
+from x2radar.recording.recorder import RecordingProgress, Tally, record, stop_flag
+from x2radar.recording.registry import open_recording
+from x2radar.recording.rotating import PartsReader, RotatingWriter, existing_parts, part_path
+
+ROOT = Path(__file__).parents[2]
+STREAM = StreamInfo(BASEBAND, 60.0, "x")
+META = {"started_utc": "2026-01-01T00:00:00.000Z", "device": {"name": "x"}, "settings": {}}
+
+
+def lossy(n=1000):
+    """Frames with a gap at the end of a part, a gap within one, and a restart."""
+    samples = noise(n)
+    lost_before = {120: 3, 400: 1, 407: 20}
+    index = counter = -1
+    for k, row in enumerate(samples):
+        lost = lost_before.get(k, 0)
+        index += 1 + lost
+        counter = 50_000_000 if k == 700 else counter + 1 + lost
+        yield Frame(row, counter, index, lost, k == 700, BASEBAND)
+
+
+@pytest.mark.parametrize("how", [{"rotate_s": 2.0}, {"rotate_bytes": 120e3}, {"rotate_s": 0.01}])
+def test_parts_read_as_one(tmp_path, how):
+    frames = list(lossy(100 if how == {"rotate_s": 0.01} else 1000))
+    path = tmp_path / "w.h5"
+    with RotatingWriter(path, STREAM, **META, **how) as writer:
+        for frame in frames:
+            writer.write(frame)
+        assert writer.n_bytes > 0
+    parts = existing_parts(path)
+    assert parts == writer.paths == [part_path(path, k) for k in range(len(parts))]
+    assert len(parts) >= 5
+    if "rotate_bytes" in how:
+        assert all(part.stat().st_size < 120e3 for part in parts)
+        assert parts[0].stat().st_size > 60e3
+    for source in (tmp_path, path, parts, [str(p) for p in reversed(parts)]):
+        with open_recording(source) as reader:
+            got = list(reader.frames())
+            for a, b in zip(got, frames, strict=True):
+                assert np.array_equal(a.samples, b.samples)
+                assert (a.counter, a.index, a.lost, a.restarted) == (
+                    b.counter,
+                    b.index,
+                    b.lost,
+                    b.restarted,
+                )
+            assert np.allclose(content(reader)[2], [f.index / 60 for f in frames], atol=1e-12)
+            late = next(reader.frames(1.0), None)
+            assert late is not None
+            assert late.index == next(f.index for f in frames if f.index >= 60)
+            assert reader.warning is None
+            assert reader.started_utc == META["started_utc"]
+
+
+def test_every_part_is_a_recording_of_its_own(tmp_path):
+    with RotatingWriter(tmp_path / "w", STREAM, **META, rotate_s=2) as writer:
+        for frame in frames_of(noise(300)):
+            writer.write(frame)
+    names = [p.name for p in writer.paths]
+    assert names == ["w_000.h5", "w_001.h5", "w_002.h5"]
+    with open_recording(writer.paths[1]) as reader:
+        assert reader.n_frames == 120
+        assert content(reader)[2][0] == 0
+        assert next(reader.frames()).index == 0
+        assert reader.started_utc == "2026-01-01T00:00:02.000Z"
+    with h5py.File(writer.paths[2]) as file:
+        assert (file.attrs["part"], file.attrs["part_start_s"]) == (2, 4.0)
+
+
+def test_labels_of_parts_and_rates_of_ones_own(tmp_path):
+    with RotatingWriter(tmp_path / "w", STREAM, **META, rotate_s=2) as writer:
+        for frame in frames_of(noise(300)):
+            writer.write(frame)
+    with h5py.File(writer.paths[1], "r+") as file:
+        file["labels/t0_s"], file["labels/t1_s"] = [0.5], [1.0]
+        file["labels/label"] = ["dog"]
+    with open_recording(tmp_path) as reader:
+        assert reader.labels == [(2.5, 3.0, "dog")]
+
+
+def parts_of(tmp_path, name="w", n=300):
+    with RotatingWriter(tmp_path / name, STREAM, **META, rotate_s=2) as writer:
+        for frame in frames_of(noise(n)):
+            writer.write(frame)
+    return writer.paths
+
+
+def test_missing_damaged_and_foreign_parts(tmp_path):
+    paths = parts_of(tmp_path)
+    paths[2].write_bytes(b"killed before it began")
+    with open_recording(tmp_path) as reader:
+        assert reader.n_frames == 240
+        assert "left out: " in reader.warning
+    paths[2].unlink()
+    paths[0].unlink()
+    parts_of(tmp_path, "again", 130)
+    (tmp_path / "again_001.h5").unlink()
+    with pytest.raises(RecordingError, match="different recordings"):
+        open_recording(tmp_path)
+    (tmp_path / "again_000.h5").unlink()
+    with open_recording(tmp_path) as reader:
+        assert "parts are missing" in reader.warning
+    paths[1].write_bytes(b"")
+    with pytest.raises(RecordingError, match="not an HDF5 file"):
+        open_recording(tmp_path)
+    with pytest.raises(RecordingError, match="no parts"):
+        open_recording([])
+    with pytest.raises(RecordingError, match="no such recording"):
+        open_recording(tmp_path / "other.h5")
+
+
+def test_parts_of_other_programs_follow_their_names(tmp_path):
+    for k in range(3):
+        with RecordingWriter(tmp_path / f"{k}.h5", STREAM, **META) as writer:
+            for frame in frames_of(noise(60, seed=k)):
+                counter = frame.counter + 60 * k
+                writer.write(Frame(frame.samples, counter, frame.index, 0, False, BASEBAND))
+    reader = PartsReader(sorted(tmp_path.glob("*.h5")))
+    assert [f.index for f in reader.frames()] == list(range(180))
+    assert np.allclose(content(reader)[2], np.arange(180) / 60)
+    assert [f.index for f in reader.frames(2.5)] == list(range(150, 180))
+
+
+def test_the_daemon_replays_parts(tmp_path):
+    path, folder = tmp_path / "w.h5", tmp_path / "parts"
+    folder.mkdir()
+    argv = ["--port", "sim:dog?seed=4", "--duration", "8", "--speed", "max", "--record"]
+    assert run_radard(*argv, str(path), "-o", "null")[0] == 0
+    reader = open_recording(path)
+    with reader, RotatingWriter(folder / "w.h5", reader.stream, **META, rotate_s=1.5) as writer:
+        for frame in reader.frames():
+            writer.write(frame)
+    whole = run_radard("--port", f"replay:{path}", "-o", "json")
+    parts = run_radard("--port", f"replay:{folder}", "-o", "json")
+    assert whole[0] == parts[0] == 0
+    assert len(whole[1]) > 4
+    assert stable(whole[1]) == stable(parts[1])
+
+
+def test_closed_is_closed(tmp_path):
+    writer = RotatingWriter(tmp_path / "w.h5", STREAM, **META)
+    writer.close()
+    writer.close()
+    assert list(tmp_path.iterdir()) == []
+    with pytest.raises(RecordingError, match="closed"):
+        writer.write(next(frames_of(noise(1))))
+
+
+def test_a_name_that_was_taken_meanwhile(tmp_path):
+    writer = RecordingWriter(tmp_path / "w.h5", STREAM, **META)
+    (tmp_path / "w.h5").write_bytes(b"mine")
+    with pytest.raises(RecordingError, match="exists already"):
+        writer.write(next(frames_of(noise(1))))
+    writer.close()
+    assert [p.name for p in tmp_path.iterdir()] == ["w.h5"]
+    assert (tmp_path / "w.h5").read_bytes() == b"mine"
+
+
+def test_the_first_frame_is_on_the_disk_at_once(tmp_path):
+    with RecordingWriter(tmp_path / "w.h5", STREAM, **META, fsync=True) as writer:
+        frames = frames_of(noise(100))
+        writer.write(next(frames))
+        with RecordingReader(tmp_path / "w.h5") as reader:
+            assert reader.n_frames == 1
+        for frame in frames:
+            writer.write(frame)
+        with RecordingReader(tmp_path / "w.h5") as reader:  # while it is being written
+            assert np.array_equal(content(reader)[0], noise(100)[:60])
+            assert [f.index for f in reader.frames()] == list(range(60))
+    with RecordingReader(tmp_path / "w.h5") as reader:
+        assert np.array_equal(content(reader)[0], noise(100))
+
+
+# ---------------------------------------------------------------- the loop
+
+
+class Slow:
+    """A writer that does something at one of its frames."""
+
+    n_bytes = 0
+
+    def __init__(self, at=5, do=lambda: None):
+        self.n, self.at, self.do = 0, at, do
+
+    def write(self, _frame):
+        self.n += 1
+        if self.n == self.at:
+            self.do()
+
+
+LOOP = {"most_frames": float("inf"), "check_every": 2}
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_within_a_write_ends_after_it(number):
+    writer = Slow(do=lambda: signal.raise_signal(number))
+    before = signal.getsignal(number)
+    with stop_flag() as stop:
+        tally = record(frames_of(noise(50)), writer, stop=stop, **LOOP)
+    assert (tally.n_frames, tally.is_full) == (5, False)
+    assert signal.getsignal(number) is before
+
+
+def test_a_second_signal_interrupts():
+    with stop_flag() as stop:
+        signal.raise_signal(signal.SIGINT)
+        assert stop.is_set()
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+    seen = []
+
+    def elsewhere():
+        with stop_flag() as flag:
+            seen.append(flag.is_set())
+
+    thread = threading.Thread(target=elsewhere)
+    thread.start()
+    thread.join()
+    assert seen == [False]
+
+
+def test_a_stall_is_an_error_unless_told_to_stop():
+    def stalls():
+        yield from frames_of(noise(3))
+        msg = "no frame"
+        raise ReadTimeout(msg)
+
+    stop = threading.Event()
+    with pytest.raises(ReadTimeout):
+        record(stalls(), Slow(), stop=stop, **LOOP)
+    stalled = stalls()
+    next(stalled), next(stalled), next(stalled)
+    stop.set()
+    assert record(stalled, Slow(), stop=stop, **LOOP).n_frames == 0
+
+
+def test_the_disk_fills_up(monkeypatch):
+    free = iter([10e9, 10e9, 150e6])
+    monkeypatch.setattr(recorder, "free_bytes", lambda *_paths: next(free))
+    stop = threading.Event()
+    tally = record(frames_of(noise(50)), Slow(), stop=stop, floor_bytes=200e6, **LOOP)
+    assert (tally.n_frames, tally.is_full) == (6, True)
+
+
+def test_a_failed_write_is_a_runtime_failure():
+    def fail():
+        msg = "w.h5: cannot write: no space"
+        raise RecordingError(msg)
+
+    with pytest.raises(X2RadarError, match="no space") as caught:
+        record(frames_of(noise(9)), Slow(do=fail), stop=threading.Event(), **LOOP)
+    assert caught.value.exit_code == 1
+
+
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+def test_progress_is_one_line_on_a_terminal_and_nothing_elsewhere(monkeypatch):
+    now_s = [0.0]
+    monkeypatch.setattr(recorder.time, "monotonic", lambda: now_s[0])
+    for out, shown in ((Terminal(), True), (io.StringIO(), False)):
+        progress = RecordingProgress("w.h5", out)
+        for k in range(5):
+            now_s[0] += 0.3
+            progress.show(Tally(18 * (k + 1), 2, 3_000_000))
+        progress.clear()
+        text = out.getvalue()
+        assert bool(text) is shown
+        if shown:
+            assert "w.h5: 36 frames, 60.0 Hz, 2 lost, 3.0 MB" in text
+            assert "\n" not in text
+            assert text.endswith("\r")
+
+
+# ---------------------------------------------------------------- the command
+
+
+def test_record_in_parts_with_a_capture(capsys, tmp_path):
+    path, wire = tmp_path / "w.h5", tmp_path / "w.x2cap"
+    argv = ["record", path, "--port", "sim:dog?seed=3", "--speed", "max", "--duration", "3"]
+    code, out, err = run(capsys, *argv, "--rotate-time", "1", "--capture-wire", wire, "--fsync")
+    assert (code, out) == (0, "")
+    assert err == f"{path}: 180 frames, 3.0 s, 3 parts\n"
+    with open_recording(path) as parts, open_recording(wire) as capture:
+        assert parts.settings["frame_rate_hz"] == 60
+        assert parts.stream.axis == capture.stream.axis
+        samples = content(parts)[0]
+        assert np.array_equal(samples, content(capture)[0][:180])
+    code, out, _ = run(capsys, "info", tmp_path / "w.h5", "--json")
+    facts = json.loads(out)
+    assert (facts["n_frames"], len(facts["parts"]), facts["lost"]) == (180, 3, 0)
+    code, _, err = run(capsys, *argv, "--rotate-size", "1")
+    assert (code, "w_000.h5: exists already" in err) == (66, True)
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("argv", "code", "wanted"),
+    [
+        (["--rotate-size", "0"], 2, "--rotate-size 0: must be above 0, in MB"),
+        (["--rotate-time", "nan"], 2, "--rotate-time nan: must be above 0"),
+        (["--free-floor", "-1"], 2, "--free-floor -1: must be 0 or more"),
+        (["--free-floor", "99999999"], 1, "MB are free there, less than the 1e+08 MB to leave"),
+        (["--capture-wire", "no/such"], 66, "no/such: cannot make a capture there"),
+    ],
+)
+def test_record_refuses_in_one_line(capsys, here, argv, code, wanted):
+    ended, out, err = run(capsys, "record", "w.h5", "--port", "sim:dog", *argv)
+    assert (ended, out) == (code, "")
+    assert wanted in err
+    assert err.count("\n") == 1
+    assert list(here.iterdir()) == []
+
+
+def test_record_stops_before_the_disk_is_full(capsys, tmp_path, monkeypatch):
+    free = iter([10e9, 10e9, 10e9])
+    monkeypatch.setattr(recorder, "free_bytes", lambda *_paths: next(free, 1e6))
+    path = tmp_path / "w.h5"
+    code, out, err = run(capsys, "record", path, "--port", "sim:dog", "--speed", "max")
+    assert (code, out) == (1, "")
+    assert f"{path}: 180 frames, 3.0 s; stopped, less than 200 MB are free" in err
+    assert err.count("\n") == 1
+    with open_recording(path) as reader:
+        assert (reader.n_frames, reader.warning) == (180, None)
+
+
+def test_a_full_disk_leaves_a_readable_file(tmp_path):
+    """A limit on the file's size stands for the disk's end: the write itself fails."""
+    path = tmp_path / "w.h5"
+    code = "import sys; from x2radar.cli import main; sys.exit(main(sys.argv[1:]))"
+    argv = ["record", str(path), "--port", "sim:dog", "--speed", "max", "--duration", "60"]
+
+    def limit():
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (2_000_000, 2_000_000))
+
+    done = subprocess.run(
+        [sys.executable, "-c", code, *argv],
+        preexec_fn=limit,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        cwd=ROOT,
+        check=False,
+    )
+    assert done.returncode == 1, done.stderr
+    assert "cannot write" in done.stderr
+    assert done.stderr.count("\n") == 1
+    with RecordingReader(path) as reader:
+        assert len(list(reader.frames())) >= 60
+
+
+@pytest.mark.parametrize("kill", range(3))
+def test_a_killed_recorder_leaves_readable_parts(tmp_path, kill):
+    options = ["--port", "sim:dog?seed=1", "--speed", "max", "--rotate-time", "2"]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "x2radar.cli", "record", str(tmp_path / "w.h5"), *options],
+        cwd=ROOT,
+    )
+    try:
+        wait_for(lambda: existing_parts(tmp_path / "w.h5"))
+        time.sleep((0.0, 0.11, 0.31)[kill])
+    finally:
+        os.kill(process.pid, signal.SIGKILL)
+        process.wait()
+    with open_recording(tmp_path / "w.h5") as reader:
+        frames = list(reader.frames())
+    assert [f.index for f in frames] == list(range(len(frames)))
+    assert frames

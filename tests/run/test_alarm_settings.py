@@ -1,0 +1,210 @@
+"""Sensitivities, what they do to rates, quiet hours, and `radard explain`."""
+
+import itertools
+import json
+from datetime import UTC, datetime, timedelta
+from importlib import resources
+
+import pytest
+
+from radard.alarm.panel import AlarmPanel, AlarmPolicy, Sight
+from radard.alarm.sensitivity import SENSITIVITIES, alarm_policy, sensitivity_choices
+from radard.cli import main
+from radard.commands.explain import explained
+from radard.commands.explain_k_of_n import alarm_probability, windows_until
+from radard.config.config import load_config
+from radard.config.quiet_hours import (
+    QuietHours,
+    parse_quiet,
+    recorded_clock,
+    time_zone,
+    wall_clock,
+)
+from radard.config.sections import AlarmSection
+from radard.judge.card import read_card
+
+
+def section(**values):
+    return AlarmSection.model_validate(values)
+
+
+@pytest.mark.parametrize("decides", ["window", "fused"])
+def test_names_go_from_few_alarms_to_many(decides):
+    low, normal, high = (
+        alarm_policy(section(sensitivity=name), decides) for name in ("low", "normal", "high")
+    )
+    assert low.k >= normal.k >= high.k
+    assert low.p_on >= normal.p_on >= high.p_on
+    assert (high.k, high.n, high.p_on) == (1, 1, 0.0)
+    for policy in (low, normal, high):
+        assert 1 <= policy.k <= policy.n
+        assert 0 < policy.p_off < 0.5
+    p = [alarm_probability(0.6, x.k, x.n, 5) for x in (low, normal, high)]
+    assert p == sorted(p)
+    assert set(SENSITIVITIES[decides]) == {"low", "normal", "high"}
+
+
+@pytest.mark.parametrize(
+    ("given", "k", "n", "p_on", "p_off"),
+    [
+        ({}, 2, 3, 0.0, 0.1),
+        ({"confirm_k": 3}, 3, 3, 0.0, 0.1),
+        ({"confirm_n": 8}, 2, 8, 0.0, 0.1),
+        ({"confirm_n": 1}, 1, 1, 0.0, 0.1),
+        ({"confirm_k": 4, "confirm_n": 6}, 4, 6, 0.0, 0.1),
+        ({"p_on": 0.7, "p_off": 0.3}, 2, 3, 0.7, 0.3),
+        ({"p_on": 0.05}, 2, 3, 0.05, 0.05),
+    ],
+)
+def test_numbers_go_before_names(given, k, n, p_on, p_off):
+    policy = alarm_policy(section(**given), "window")
+    assert (policy.k, policy.n, policy.p_on, policy.p_off) == (k, n, p_on, p_off)
+
+
+@pytest.mark.parametrize(("k", "n"), [(1, 1), (1, 4), (2, 3), (3, 5), (4, 4)])
+@pytest.mark.parametrize("p", [0.0, 0.035, 0.5, 1.0])
+def test_the_rate_of_k_of_n_is_that_of_the_panel(k, n, p):
+    n_windows = 7
+    total = 0.0
+    for hits in itertools.product([0, 1], repeat=n_windows):
+        panel = AlarmPanel(AlarmPolicy(k=k, n=n, latch_s=100))
+        steps = [s for t, h in enumerate(hits) for s in panel.on_sight(t, Sight(bool(h), bool(h)))]
+        if any(step.kind == "new" for step in steps):
+            total += p ** sum(hits) * (1 - p) ** (n_windows - sum(hits))
+    assert alarm_probability(p, k, n, n_windows) == pytest.approx(total, abs=1e-12)
+
+
+def test_delay_grows_with_confirmation():
+    assert windows_until(0.95, 0.965, 1, 1) == 1
+    assert windows_until(0.5, 0.5, 1, 1) == 1
+    assert windows_until(0.95, 0.5, 1, 1) == 5
+    assert windows_until(0.95, 0.965, 3, 5) == 4
+    assert windows_until(0.95, 0.0, 1, 1) is None
+    assert windows_until(1.0, 1.0, 16, 16) == 16
+
+
+def test_every_choice_of_sensitivity_says_what_it_costs():
+    choices = sensitivity_choices(section(confirm_k=3), "fused", read_card("accurate"))
+    assert [c.name for c in choices] == ["low", "normal", "high"]
+    assert [c.is_chosen for c in choices] == [False, True, False]
+    assert [(c.policy.k, c.policy.n) for c in choices] == [(2, 3), (1, 1), (1, 1)]
+    missed = [c.made.missed[0] for c in choices]
+    assert missed == sorted(missed, reverse=True)
+    for choice in choices:
+        assert f"Misses {100 * choice.made.missed[0]:.2g} % of people" in choice.costs
+        assert f"{100 * choice.made.visits_with_alarm[0]:.2g} % of pets' visits" in choice.costs
+
+
+@pytest.mark.parametrize("card", [None, read_card("accurate")])
+def test_costs_of_another_policy_are_not_told(card):
+    for choice in sensitivity_choices(section(), "window", card):
+        assert choice.made is None
+        assert "not known" in choice.costs
+
+
+NIGHT = "22:00-06:30"
+
+
+@pytest.mark.parametrize(
+    ("text", "when", "is_in"),
+    [
+        (NIGHT, "2026-11-20T21:59:59", False),
+        (NIGHT, "2026-11-20T22:00:00", True),
+        (NIGHT, "2026-11-21T00:00:00", True),
+        (NIGHT, "2026-11-21T06:29:59", True),
+        (NIGHT, "2026-11-21T06:30:00", False),
+        ("Mon-Fri 08:00-17:00", "2026-11-20T12:00:00", True),  # a Friday
+        ("Mon-Fri 08:00-17:00", "2026-11-21T12:00:00", False),
+        ("Sat,Sun 00:00-24:00", "2026-11-21T23:59:59", True),
+        ("Fri 22:00-02:00", "2026-11-21T01:00:00", True),  # began on Friday
+        ("Sat 22:00-02:00", "2026-11-21T01:00:00", False),
+        ("Sat-Mon 10:00-11:00", "2026-11-22T10:30:00", True),
+        ("Sat-Mon 10:00-11:00", "2026-11-20T10:30:00", False),
+    ],
+)
+def test_quiet_periods(text, when, is_in):
+    moment = datetime.fromisoformat(when).replace(tzinfo=UTC)
+    hours = QuietHours([parse_quiet(text)], UTC, lambda _t_s: moment)
+    assert hours.holds(0.0) is is_in
+
+
+@pytest.mark.parametrize(
+    "text", ["", "22-06", "25:00-26:00", "22:60-23:00", "Xyz 10:00-11:00", "10:00-10:00", "x" * 99]
+)
+def test_what_is_no_quiet_period(text):
+    with pytest.raises(ValueError, match="quiet period"):
+        parse_quiet(text)
+
+
+def test_a_replay_has_the_clock_of_its_recording_and_its_own_zone():
+    clock = recorded_clock("2026-07-01T20:30:00.000Z")
+    assert clock(3600.0) == datetime(2026, 7, 1, 21, 30, tzinfo=UTC)
+    hours = QuietHours([parse_quiet(NIGHT)], time_zone("Europe/Oslo"), clock)
+    assert not hours.holds(-1801.0)
+    assert hours.holds(0.0)
+    assert recorded_clock("2026-07-01T20:30:00")(0.0) == clock(0.0)
+    assert recorded_clock("")(5.0) is None
+    assert not QuietHours([parse_quiet("00:00-24:00")], None, recorded_clock("")).holds(1.0)
+    assert datetime.now(UTC) - wall_clock(0.0) < timedelta(minutes=1)
+    assert not QuietHours([], None, clock).holds(1.0)
+    with pytest.raises(ValueError, match="Nowhere/Town"):
+        time_zone("Nowhere/Town")
+
+
+def test_explain_prints_policy_delay_and_rates(capsys):
+    assert main(["explain", "--model", "thesis"]) == 0
+    text = capsys.readouterr().out
+    assert "2 of 3 verdicts make an alarm" in text
+    (row,) = [line for line in text.splitlines() if line.startswith("> normal")]
+    assert "2 s, 3 s" in row
+    assert f"{100 * (1 - alarm_probability(0.965, 2, 3, 5)):.2g} %, 3.5 %" in row
+    assert "thesis_human missed" in text
+    assert "thesis_dog false alarm" in text
+
+
+def test_explain_follows_options(capsys):
+    assert main(["explain", "--model", "thesis", "--sensitivity", "low", "--pass-time", "3"]) == 0
+    text = capsys.readouterr().out
+    assert "> low" in text
+    assert "p(human) 0.5 on" in text
+    assert main(["explain", "--model", "none"]) == 0
+    assert "no verdicts" in capsys.readouterr().out
+    assert main(["explain", "--model", "nope"]) == 66
+    with pytest.raises(SystemExit):
+        main(["explain", "--pass-time", "0"])
+
+
+def test_explain_says_that_rates_of_windows_are_not_those_of_fused_evidence(tmp_path, capsys):
+    models = resources.files("radard.models")
+    raw = json.loads((models / "balanced.json").read_text())
+    raw.pop("evaluation", None)
+    (tmp_path / "own.json").write_text(json.dumps(raw))
+    (tmp_path / "own.onnx").write_bytes((models / "balanced.onnx").read_bytes())
+    assert main(["explain", "--model", str(tmp_path / "own.onnx")]) == 0
+    assert "waits up to 3 s: slower than this" in capsys.readouterr().out
+    assert main(["explain", "--model", "thesis"]) == 0
+    assert "slower than this" not in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("model", ["fast", "balanced", "accurate", "x4m03"])
+def test_the_shipped_cards_have_the_rates_of_every_sensitivity(model, capsys):
+    assert main(["explain", "--model", model]) == 0
+    text = capsys.readouterr().out
+    assert "> normal" in text
+    assert f"made by: train-export evaluate --model {model} " in text
+
+
+def test_explain_counts_the_entry_delay_and_a_card_without_rates(tmp_path):
+    models = resources.files("radard.models")
+    raw = json.loads((models / "thesis.json").read_text())
+    raw["metrics"] = {"false alarms per day": 0.3}
+    (tmp_path / "own.json").write_text(json.dumps(raw))
+    (tmp_path / "own.onnx").write_bytes((models / "thesis.onnx").read_bytes())
+    config = load_config(environ={}, options={"model": {"name": str(tmp_path / "own.onnx")}})
+    text = "\n".join(explained(config, pass_s=5))
+    assert "the card says: false alarms per day = 0.3" in text
+    assert "unknown" in text
+    slow = load_config(
+        environ={}, options={"alarm": {"entry_delay_s": 20}, "model": {"name": "thesis"}}
+    )
+    assert "22 s, 23 s" in "\n".join(explained(slow, pass_s=5))

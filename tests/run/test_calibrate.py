@@ -1,0 +1,319 @@
+import json
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from radard.cli import main
+from radard.commands.calibrate import _own_file
+from radard.config.config import load_config
+from radard.config.directories import calibration_file
+from radard.config.sections import GateSettings
+from radard.detect.calibration import Calibration, Provenance, load_calibration, utc_text
+from radard.detect.gate import Gate, level_over
+from radard.detect.survey import RoomNotEmpty, RoomSurvey, _factors, _reach, _share_over
+from radard.errors import ConfigError, NotAllowed, RadardError
+from radard.pipeline import Pipeline
+from radard.run.components import use_calibration
+from tests.radar_helpers import dwell_of, noise, walker
+from x2radar.frame import StreamInfo
+from x2radar.ports import make_radar, parse_port
+
+NOW = datetime(2026, 11, 21, 12, tzinfo=UTC)
+
+
+def quiet_dwells(n, first=0, level=1.0):
+    for k in range(n):
+        frames = level * noise(60, seed=first + k)
+        yield replace(dwell_of(frames), t_s=1.0 + k)
+
+
+def surveyed(dwells, **options):
+    # Where a rate is asked for, nothing else sets a threshold.
+    rate = 86_400 if options else GateSettings().false_alarms_per_day
+    survey = RoomSurvey(GateSettings(false_alarms_per_day=rate), 1.0)
+    for dwell in dwells:
+        survey.add(dwell)
+    made = survey.calibration(
+        lambda n, heard_s, predicted: Provenance(
+            n_dwells=n, duration_s=heard_s, false_gates_per_day=predicted
+        ),
+        **options,
+    )
+    return survey, made
+
+
+def test_factor_is_where_the_gate_itself_begins_to_open():
+    rng = np.random.default_rng(5)
+    floor, over = rng.uniform(0.5, 2, 64), rng.uniform(0.5, 3, 64)
+    for k in range(5):
+        dwell = dwell_of(noise(60, seed=k) * (1 + 2 * (np.arange(64) == 7)))
+        probe = Gate(GateSettings())
+        probe.read(dwell)
+        levels = level_over(floor, probe.residue)
+        u = float(np.exp(_factors([probe.cell_peak], [over * levels])[0]))
+        for factor, is_open in ((0.999, True), (1.001, False)):
+            calibration = Calibration(
+                frame_rate_hz=60.0,
+                bin_length_m=0.03,
+                range_offset_m=0.6,
+                floor=floor,
+                threshold_db=10 * np.log10(factor * u * over),
+            )
+            assert Gate(GateSettings(), calibration=calibration).read(dwell).is_open is is_open
+
+
+@pytest.mark.parametrize("level", [1e-12, 1.0, 1e12])
+def test_the_map_is_the_noise_in_any_unit(level):
+    survey, made = surveyed(quiet_dwells(30, level=level))
+    survey.check_empty()
+    assert made.floor / level**2 == pytest.approx(np.ones(64), rel=0.1)
+    assert made.threshold_db == pytest.approx(np.full(64, 8.7), abs=1.0)
+    assert made.threshold_db.min() > 8.2
+    assert made.provenance.n_dwells == 30
+    assert made.provenance.duration_s == pytest.approx(30.0)
+    assert made.provenance.false_gates_per_day < 1e-3
+
+
+def test_predicted_rate_is_kept_by_dwells_that_were_not_heard():
+    share = 0.02
+    _, made = surveyed(quiet_dwells(60), false_gates_per_day=share * 86_400)
+    assert made.provenance.false_gates_per_day == pytest.approx(share * 86_400, rel=0.01)
+    gate = Gate(GateSettings(), calibration=made)
+    opened = sum(gate.read(dwell).is_open for dwell in quiet_dwells(1500, first=1000))
+    # Student's t leaves room for the short survey, so fewer than the share, but not none.
+    assert 2 <= opened <= 2 * share * 1500
+
+
+def test_a_longer_survey_promises_more():
+    log_u = np.random.default_rng(2).standard_normal(50)
+    reach = [_reach(log_u, 1e-4, independent) for independent in (8, 20, 200, 2e4)]
+    assert reach == sorted(reach, reverse=True)
+    # Without doubt about mean and spread it is the normal quantile, 3.719 sigma.
+    assert np.log(reach[-1]) == pytest.approx(log_u.mean() + 3.719 * log_u.std(ddof=1), rel=1e-3)
+    for independent in (8, 200):
+        at_the_reach = log_u - np.log(_reach(log_u, 1e-4, independent))
+        assert _share_over(at_the_reach, independent) == pytest.approx(1e-4, rel=1e-6)
+
+
+def test_a_restless_corner_gets_a_higher_threshold_of_its_own():
+    rng = np.random.default_rng(1)
+
+    def restless():
+        for dwell in quiet_dwells(40):
+            frames = dwell.frames.copy()
+            frames[:, 9] += rng.uniform(0.5, 3) * np.exp(2j * np.pi * 8 * np.arange(60) / 60)
+            yield replace(dwell, frames=frames)
+
+    _, made = surveyed(restless())
+    assert made.threshold_db[9] == made.threshold_db.max()
+    assert made.threshold_db[9] > np.median(made.threshold_db) + 1
+
+
+def test_who_walks_ends_the_survey_and_what_hums_may_be_taken():
+    survey, _ = surveyed(quiet_dwells(10))
+    for k in range(10):
+        frames = noise(60, seed=90 + k) + walker(60, 60, speed_mps=0.5, start_m=2.0, level=30)
+        survey.add(replace(dwell_of(frames.astype(np.complex64)), t_s=11.0 + k))
+    with pytest.raises(RoomNotEmpty, match=r"something moves at .* m, in \d+ of 20 windows"):
+        survey.check_empty()
+
+    def humming():
+        for dwell in quiet_dwells(20):
+            frames = dwell.frames.copy()
+            frames[:, 9] += 2.5 * np.exp(2j * np.pi * 8 * np.arange(60) / 60)
+            yield replace(dwell, frames=frames)
+
+    survey, _ = surveyed(humming())
+    with pytest.raises(RoomNotEmpty, match="the room is not empty"):
+        survey.check_empty()
+    survey.check_empty(takes_machines=True)
+
+
+def test_too_little_is_no_calibration():
+    with pytest.raises(RadardError, match="too little was heard: 5 sound windows"):
+        surveyed(quiet_dwells(5))
+    survey = RoomSurvey(GateSettings(), 1.0)
+    with pytest.raises(RadardError, match="nothing was heard"):
+        survey.check_empty()
+
+
+def test_windows_with_losses_do_not_count():
+    survey = RoomSurvey(GateSettings(), 1.0)
+    dwell = next(quiet_dwells(1))
+    survey.add(replace(dwell, n_lost=30, longest_gap_s=0.5))
+    assert survey.n_dwells == 0
+
+
+def command(*arguments):
+    return main(["calibrate", *map(str, arguments), "--speed", "max", "--model", "none"])
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    path = tmp_path_factory.mktemp("calibration") / "room.json"
+    assert command("--port", "sim:empty", "--duration", 25, "--out", path) == 0
+    return path
+
+
+def test_command_keeps_map_and_provenance(made):
+    made = load_calibration(made)
+    assert made.provenance.port == "sim:empty"
+    assert made.provenance.device == "sim:empty"
+    assert made.provenance.model == "none"
+    assert made.provenance.duration_s == pytest.approx(25, abs=1.0)
+    age = datetime.now(UTC) - datetime.fromisoformat(made.provenance.made_utc)
+    assert timedelta(seconds=-2) < age < timedelta(minutes=5)
+    assert (made.floor > 0).all()
+
+
+def test_command_refuses_an_occupied_room_in_one_line(tmp_path, capsys):
+    out = tmp_path / "room.json"
+    assert command("--port", "sim:human", "--duration", 25, "--out", out) == 1
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert said.err.startswith("radard: the room is not empty: something moves at ")
+    assert said.err.count("\n") == 1
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [
+        (["--port", "sim:empty"], "--out FILE"),
+        (["--out", "x.json"], "no port"),
+        (["--port", "sim:empty", "--out", "x", "--duration", "5"], "--duration 5: must be 25"),
+        (["--port", "sim:empty", "--out", "x", "--delay", "-1"], "--delay -1"),
+        (["--port", "sim:empty", "--out", "x", "--false-gates", "0"], "--false-gates 0"),
+    ],
+)
+def test_usage(arguments, word, capsys):
+    assert command(*arguments) == 2
+    assert word in capsys.readouterr().err
+
+
+def test_calibration_goes_where_the_daemon_looks(tmp_path, monkeypatch):
+    service = tmp_path / "service"
+    monkeypatch.setattr("radard.commands.calibrate.SYSTEM_STATE_DIR", service)
+    mine = config_of("auto", "/dev/ttyX", tmp_path / "mine")
+    nobodys = config_of("auto", "/dev/ttyX", None)
+    assert _own_file(mine) == tmp_path / "mine" / "radar.calibration.json"
+    assert _own_file(nobodys) == calibration_file(nobodys)
+    service.mkdir()
+    assert _own_file(mine) == tmp_path / "mine" / "radar.calibration.json"
+    assert _own_file(nobodys) == service / "radar.calibration.json"
+    monkeypatch.setattr("radard.commands.calibrate.os.access", lambda *_: False)
+    with pytest.raises(NotAllowed, match="use sudo"):
+        _own_file(nobodys)
+
+
+def pipeline_of(port="sim:empty"):
+    with make_radar(parse_port(port), speed=None) as radar:
+        next(iter(radar.frames()))
+        stream = radar.stream
+    return Pipeline(stream, load_config(environ={}, options={"model": {"name": "none"}}))
+
+
+def config_of(calibration, port, state_dir):
+    return load_config(
+        environ={},
+        options={
+            "gate": {"calibration": str(calibration)},
+            "sensor": {"port": port},
+            "service": {"state_dir": state_dir},
+        },
+    )
+
+
+def test_named_calibration_is_used_and_taken_away(made, tmp_path, caplog):
+    pipeline = pipeline_of()
+    use_calibration(config_of(made, "sim:empty", tmp_path), pipeline, is_live=True)
+    assert pipeline.calibration is not None
+    kept = pipeline.calibration
+    use_calibration(config_of(made, "sim:empty", tmp_path), pipeline, is_live=True)
+    assert pipeline.calibration is kept
+    assert "stale" not in caplog.text
+    use_calibration(config_of("none", "sim:empty", tmp_path), pipeline, is_live=True)
+    assert pipeline.calibration is None
+
+
+def test_named_calibration_must_be_there_and_fit(made, tmp_path):
+    with pytest.raises(ConfigError, match="cannot read"):
+        use_calibration(config_of("gone", "sim:empty", tmp_path), pipeline_of(), is_live=True)
+    other = pipeline_of("sim:empty?rate=20")
+    with pytest.raises(ConfigError, match="frame_rate_hz"):
+        use_calibration(config_of(made, "sim:empty", tmp_path), other, is_live=True)
+
+
+@pytest.mark.parametrize(
+    ("port", "is_live", "is_used"),
+    [("/dev/ttyX", True, True), ("sim:empty", True, False), ("replay:x.h5", False, False)],
+)
+def test_auto_is_for_real_radars(port, is_live, is_used, made, tmp_path):
+    (tmp_path / "radar.calibration.json").write_text(made.read_text())
+    pipeline = pipeline_of()
+    use_calibration(config_of("auto", port, tmp_path), pipeline, is_live=is_live)
+    assert (pipeline.calibration is not None) is is_used
+
+
+def test_auto_that_does_not_fit_is_said_and_left(made, tmp_path, caplog):
+    (tmp_path / "radar.calibration.json").write_text(made.read_text())
+    pipeline = pipeline_of("sim:empty?rate=20")
+    use_calibration(config_of("auto", "/dev/ttyX", tmp_path), pipeline, is_live=True)
+    assert pipeline.calibration is None
+    assert "goes without calibration" in caplog.text
+
+
+def test_stale_calibration_is_flagged_when_it_is_loaded(made, tmp_path, caplog):
+    content = json.loads(made.read_text())
+    content["provenance"]["made_utc"] = "2020-01-01T00:00:00Z"
+    path = tmp_path / "old.json"
+    path.write_text(json.dumps(content))
+    use_calibration(config_of(path, "sim:empty", tmp_path), pipeline_of(), is_live=True)
+    assert "is stale: it is" in caplog.text
+    assert "radard calibrate" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("made_at", "device", "software", "words"),
+    [
+        (NOW, "a", "1", []),
+        (NOW - timedelta(days=91), "a", "1", ["91 days old"]),
+        (NOW + timedelta(days=3), "a", "1", ["from the future"]),
+        (NOW, "b", "2", ["device 'a', this is 'b'", "version '1', this is '2'"]),
+        (NOW, "", "", []),
+    ],
+)
+def test_staleness(made_at, device, software, words):
+    _, made = surveyed(quiet_dwells(25))
+    origin = Provenance(made_utc=utc_text(made_at), device="a", software="1")
+    reasons = list(
+        replace(made, provenance=origin).stale(device=device, software=software, now=NOW)
+    )
+    assert len(reasons) == len(words)
+    assert all(word in reason for word, reason in zip(words, reasons, strict=True))
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        (3, "provenance: must be"),
+        ({"colour": 1}, "provenance.colour: unknown"),
+        ({"device": 1}, "provenance.device"),
+        ({"duration_s": "1"}, "provenance.duration_s"),
+        ({"made_utc": "yesterday"}, "provenance.made_utc"),
+        ({"made_utc": "2026-01-01T00:00:00"}, "no time zone"),
+    ],
+)
+def test_wrong_provenance(change, word, made, tmp_path):
+    path = tmp_path / "c.json"
+    path.write_text(json.dumps({**json.loads(made.read_text()), "provenance": change}))
+    with pytest.raises(ConfigError, match=word):
+        load_calibration(path)
+
+
+def test_stream_info_is_what_staleness_compares():
+    assert isinstance(pipeline_of().stream, StreamInfo)
+    assert Path(pipeline_of().stream.device).name == "sim:empty"

@@ -1,0 +1,176 @@
+"""`radard status`, `arm`, `disarm` and `test-alarm`: the command line and a daemon that runs."""
+
+import json
+import os
+import socket
+import stat
+import time
+from importlib import resources
+
+import jsonschema
+import pytest
+
+from radard.alarm import state_store
+from radard.cli import main
+from radard.run import control
+from radard.run.control import ask, control_path
+from tests.daemon_helpers import launcher
+from tests.sink_helpers import WebServer
+from tests.waiting import free_port, wait_for
+
+launch = pytest.fixture(launcher)
+SCHEMA = json.loads((resources.files("radard") / "output.schema.json").read_text())
+
+
+@pytest.fixture
+def said(tmp_path, monkeypatch, capsys):
+    """Run a command beside the daemon; return its exit code and what it prints."""
+    monkeypatch.setenv("RUNTIME_DIRECTORY", str(tmp_path))
+    monkeypatch.setenv("RADARD_SERVICE__RUNTIME_DIR", str(tmp_path))
+
+    def run(*argv):
+        capsys.readouterr()
+        code = main(list(argv))
+        found = capsys.readouterr()
+        return code, (found.out + found.err).strip()
+
+    return run
+
+
+def running(launch, tmp_path, **options):
+    daemon = launch(**options)
+    wait_for(lambda: daemon.run.radar.panel().get("seq", 0) >= 1)
+    wait_for(control_path(tmp_path, "radar").exists)
+    return daemon
+
+
+def test_disarm_and_arm_over_the_socket(tmp_path, launch, said):
+    daemon = running(launch, tmp_path)
+    mode = control_path(tmp_path, "radar").stat().st_mode
+    assert stat.S_ISSOCK(mode)
+    assert stat.S_IMODE(mode) == 0o600
+    assert said("disarm") == (0, "disarmed")
+    assert daemon.run.radar.panel()["armed"] is False
+    wait_for(lambda: "disarmed, nobody moves" in said("status")[1])
+    assert said("arm") == (0, "armed")
+    assert daemon.run.radar.panel()["armed"] is True
+    assert daemon.stop() == 0
+    assert not control_path(tmp_path, "radar").exists()
+    code, line = said("arm")
+    assert (code, "no radard runs here" in line) == (1, True)
+
+
+def test_arm_at_home_and_after_the_exit_delay(tmp_path, launch, said):
+    daemon = running(launch, tmp_path, alarm={"exit_delay_s": 600, "armed": False})
+    code, line = said("arm", "--home")
+    assert (code, line.startswith("armed at home in ")) == (0, True)
+    panel = daemon.run.radar.panel()
+    assert (panel["armed"], panel["panel"], panel["mode"]) == (True, "exit", "home")
+    wait_for(lambda: "armed at home, exit delay, " in said("status")[1])
+    assert said("arm")[1].startswith("armed in ")
+    assert said("disarm") == (0, "disarmed")
+    assert daemon.stop() == 0
+
+
+def test_status_is_a_line_or_all_of_it(tmp_path, launch, said):
+    daemon = running(launch, tmp_path)
+    wait_for(lambda: said("status")[0] == 0)
+    line = said("status")[1]
+    assert line.startswith("online, armed, nobody moves, decided ")
+    assert line.endswith(" s ago, simulated")
+    everything = json.loads(said("status", "--json")[1])
+    assert everything["simulated"] is True
+    assert daemon.stop() == 0
+    assert said("status") == (1, "offline: stopped")
+
+
+def test_a_test_alarm_goes_through_every_output_and_says_what_each_answered(
+    tmp_path, launch, said
+):
+    out, server, nobody = tmp_path / "out.jsonl", WebServer(), free_port()
+    outputs = [
+        f"json:{out}",
+        f"store:{tmp_path / 'radar.db'}",
+        f"webhook:http://127.0.0.1:{server.port}/",
+        f"webhook:http://127.0.0.1:{nobody}/",
+    ]
+    daemon = running(launch, tmp_path, output=outputs)
+    try:
+        code, text = said("test-alarm")
+        answers = [line.rpartition(": ")[2] for line in text.splitlines()[:3]]
+        assert answers == ["taken"] * 3
+        assert f":{nobody}" in text.splitlines()[3]
+        assert "failed" in text.splitlines()[3]
+        assert code == 1
+        assert json.loads(server.posts[0][2])["test"] is True
+    finally:
+        server.close()
+    assert daemon.run.radar.panel()["panel"] == "armed"
+    assert daemon.stop() == 0
+    records = [json.loads(line) for line in out.read_text().splitlines()]
+    new, end = [r for r in records if r["type"] == "event" and r["kind"] == "alarm"]
+    assert (new["phase"], end["phase"], new["id"]) == ("new", "end", end["id"])
+    assert new["test"] is end["test"] is new["simulated"] is True
+    validator = jsonschema.Draft202012Validator(SCHEMA)
+    assert not any(list(validator.iter_errors(record)) for record in records)
+
+
+def test_a_test_is_refused_while_an_alarm_is_on(tmp_path, launch, said, monkeypatch):
+    daemon = running(launch, tmp_path)
+    panel = daemon.run.radar.panel()
+    monkeypatch.setattr(daemon.run.radar, "panel", lambda: {**panel, "alarm_id": "X"})
+    code, line = said("test-alarm")
+    assert (code, "an alarm is on" in line) == (1, True)
+
+
+def test_another_user_gives_no_commands(tmp_path, launch, monkeypatch):
+    daemon = running(launch, tmp_path)
+    monkeypatch.setattr(control, "_user_of", lambda _line: os.geteuid() + 12345)
+    with pytest.raises((ValueError, OSError)):
+        ask(control_path(tmp_path, "radar"), "disarm")
+    assert daemon.run.radar.panel()["armed"] is True
+
+
+@pytest.mark.parametrize(
+    "line", [b"", b"\n", b"[]\n", b"{}\n", b"[" * 9000 + b"\n", b'{"command": "dance"}\n']
+)
+def test_what_is_no_command_is_refused_and_does_no_harm(tmp_path, launch, line):
+    running(launch, tmp_path)
+    path = control_path(tmp_path, "radar")
+    with socket.socket(socket.AF_UNIX) as end:
+        end.settimeout(60)
+        end.connect(str(path))
+        end.sendall(line)
+        end.shutdown(socket.SHUT_WR)
+        answer = end.makefile().read()
+    assert json.loads(answer)["ok"] is False
+    assert ask(path, "disarm")["armed"] is False
+
+
+def test_a_socket_that_was_left_behind_is_replaced_and_one_in_use_is_not(tmp_path, launch, said):
+    path = control_path(tmp_path, "radar")
+    with socket.socket(socket.AF_UNIX) as dead:
+        dead.bind(str(path))
+    daemon = running(launch, tmp_path)
+    inode = path.stat().st_ino
+    assert said("disarm") == (0, "disarmed")
+    assert control._listen(path) is None
+    assert path.stat().st_ino == inode
+    assert daemon.stop() == 0
+
+
+def test_what_was_answered_is_on_disk_and_holds_after_a_kill(tmp_path, launch, said, monkeypatch):
+    daemon = running(launch, tmp_path)
+    plain = state_store.write_atomically
+
+    def slow(*args, **options):
+        # Longer than the command's own answer takes, if that does not wait for the disk.
+        time.sleep(0.4)
+        plain(*args, **options)
+
+    monkeypatch.setattr(state_store, "write_atomically", slow)
+    file = tmp_path / "state" / "radar.sim.json"
+    for command, is_armed in (("disarm", False), ("arm", True)):
+        assert said(command)[0] == 0
+        assert json.loads(file.read_text())["is_armed"] is is_armed
+    assert daemon.stop() == 0

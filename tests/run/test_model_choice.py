@@ -1,0 +1,101 @@
+"""Which bundle judges when none is named: that of the module, told by its stream alone."""
+
+from dataclasses import replace
+
+import pytest
+
+from radard.cli import main
+from radard.config.config import load_config
+from radard.config.sections import AUTO_MODEL, DEFAULT_MODEL
+from radard.judge.bundle import load_bundle
+from radard.judge.model_choice import OF_ONE_MODULE, model_for
+from radard.run.components import classifier_for, make_classifier
+from tests.radar_helpers import run_radard
+from x2radar.frame import FastTimeAxis, StreamInfo
+
+X2 = FastTimeAxis(
+    kind="rf",
+    n_range=768,
+    bin_length_m=0.00366,
+    range_offset_m=0.6,
+    carrier_hz=6.8e9,
+    bandwidth_hz=2.3e9,
+)
+X4 = FastTimeAxis(
+    kind="baseband",
+    n_range=90,
+    bin_length_m=0.0514,
+    range_offset_m=0.18,
+    carrier_hz=7.29e9,
+    bandwidth_hz=1.4e9,
+)
+UPPER_X4 = replace(X4, carrier_hz=8.748e9)
+
+
+def stream(axis, rate_hz=60.0):
+    return StreamInfo(axis, rate_hz, "module")
+
+
+@pytest.mark.parametrize(
+    ("axis", "rate_hz", "name"),
+    [
+        (X2, 60.0, DEFAULT_MODEL),
+        (X4, 60.0, DEFAULT_MODEL),
+        (X4, 17.06, DEFAULT_MODEL),
+        (UPPER_X4, 60.0, "x4m03"),
+        (UPPER_X4, 200.0, "x4m03"),
+        (replace(X4, bandwidth_hz=0.0), 60.0, DEFAULT_MODEL),
+        (replace(X2, carrier_hz=4.0e9, bandwidth_hz=1.7e9), 30.0, DEFAULT_MODEL),
+    ],
+)
+def test_the_stream_chooses(axis, rate_hz, name):
+    assert model_for(AUTO_MODEL, stream(axis, rate_hz)) == name
+    load_bundle(name).check_stream(axis, rate_hz)
+
+
+@pytest.mark.parametrize("name", ["accurate", "fast", "none", "mine.onnx"])
+def test_who_names_a_bundle_gets_it(name):
+    assert model_for(name) == model_for(name, stream(X4)) == name
+
+
+def test_bundles_of_one_module_are_installed_and_take_no_other():
+    for name in OF_ONE_MODULE:
+        assert not load_bundle(name).takes(X2, 60.0)
+
+
+def test_a_classifier_is_made_anew_only_where_another_is_meant():
+    config = load_config(environ={})
+    known = make_classifier(config)
+    assert known is not None
+    assert known.bundle.name == DEFAULT_MODEL
+    assert classifier_for(stream(X2), config, known) is known
+    other = classifier_for(stream(UPPER_X4), config, known)
+    assert other is not None
+    assert other.bundle.name == "x4m03"
+    assert classifier_for(stream(UPPER_X4), config, other) is other
+    back = classifier_for(stream(X2), config, other)
+    assert back is not None
+    assert back.bundle.name == DEFAULT_MODEL
+    named = load_config(environ={}, options={"model": {"name": "balanced"}})
+    asked = make_classifier(named)
+    assert classifier_for(stream(X4), named, asked) is asked
+    alone = load_config(environ={}, options={"model": {"name": "none"}})
+    assert classifier_for(stream(X4), alone, make_classifier(alone)) is None
+
+
+def test_a_recording_is_judged_by_what_judged_it_live(tmp_path):
+    path = tmp_path / "x4.h5"
+    live = ("--port", "sim:human?device=x4m03&rate=40", "--speed", "max", "--duration", "6")
+    code, records, errors = run_radard(*live, "--record", str(path))
+    assert code == 0, errors
+    code, again, errors = run_radard("--port", f"replay:{path}")
+    assert code == 0, errors
+    assert records[0]["model"] == again[0]["model"] == DEFAULT_MODEL
+
+
+def test_explain_says_that_the_module_decides(capsys):
+    assert main(["explain"]) == 0
+    text = capsys.readouterr().out
+    assert text.startswith("model auto: accurate, or where it does not take the stream: x4m03")
+    assert main(["explain", "--model", "accurate"]) == 0
+    assert text.endswith(capsys.readouterr().out)

@@ -1,0 +1,410 @@
+"""The daemon as a user runs it: live, replayed, over a terminal, and with wrong input."""
+
+import json
+import os
+import signal
+import subprocess
+import threading
+import time
+from importlib import resources
+from pathlib import Path
+
+import h5py
+import jsonschema
+import numpy as np
+import pytest
+
+from radard.config.config import Config
+from radard.stream.source import open_source
+from tests.alarm_helpers import write_recording
+from tests.radar_helpers import python, run_radard, stable
+from x2radar.device.transport import PtyTransport
+from x2radar.errors import TransportClosed
+from x2radar.sim.module.host import serve
+from x2radar.sim.module.module import SimulatedModule
+from x2radar.sim.scene.scene import load_scene
+
+SCHEMA = json.loads((resources.files("radard") / "output.schema.json").read_text())
+REAL = Path(__file__).parents[3] / "shared" / "data" / "x4m03_recording"
+FAST = ("--speed", "max", "-o", "json")
+
+
+def decisions(records):
+    return [r for r in records if r["type"] == "decision"]
+
+
+def test_every_record_keeps_the_contract():
+    code, records, err = run_radard("--port", "sim:demo", *FAST, "--duration", "24")
+    assert (code, err) == (0, "")
+    validator = jsonschema.Draft202012Validator(SCHEMA)
+    for record in records:
+        assert list(validator.iter_errors(record)) == []
+    assert records[0]["type"] == "hello"
+    end = {"type": "status", "state": "offline", "reason": "end of stream", "simulated": True}
+    assert records[-1] == end
+    made = decisions(records)
+    assert [d["seq"] for d in made] == list(range(1, 23))
+    assert [d["t_s"] for d in made] == [round(2.45 + k, 3) for k in range(22)]
+    assert {d["frames"] for d in made} == {147}
+
+
+def test_a_person_alarms_and_an_empty_room_does_not():
+    _, records, _ = run_radard("--port", "sim:human", *FAST, "--duration", "30")
+    assert any(d["alarm"] for d in decisions(records))
+    assert any(r["type"] == "event" and r["kind"] == "alarm" for r in records)
+    _, records, _ = run_radard("--port", "sim:empty", *FAST, "--duration", "30")
+    assert {d["gate"] for d in decisions(records)} == {"closed"}
+    assert {d["label"] for d in decisions(records)} == {"none"}
+
+
+@pytest.mark.parametrize("kind", ["rf", "baseband"])
+def test_same_seed_same_decisions_another_seed_others(kind):
+    def run(seed):
+        port = f"sim:human?seed={seed}&kind={kind}&run=test"
+        return stable(run_radard("--port", port, *FAST, "--duration", "9")[1])
+
+    assert run(1) == run(1)
+    assert run(1) != run(2)
+
+
+def test_memory_pair_terminal_and_recording_decide_alike(tmp_path):
+    file = tmp_path / "own.h5"
+    _, live, _ = run_radard("--port", "sim:demo", *FAST, "--duration", "22", "--record", str(file))
+    pty = PtyTransport()
+    stop = threading.Event()
+    module = SimulatedModule(load_scene("demo"))
+    thread = threading.Thread(
+        target=serve, args=(module, pty), kwargs={"speed": None, "stop": stop.is_set}
+    )
+    thread.start()
+    try:
+        _, over_pty, _ = run_radard("--port", pty.path, *FAST, "--duration", "22")
+    finally:
+        stop.set()
+        drain(pty, thread)
+        pty.close()
+    _, replayed, _ = run_radard("--port", f"replay:{file}", *FAST)
+    assert len(decisions(live)) == 20
+    assert unmarked(live) == unmarked(over_pty) == unmarked(replayed)
+
+
+def unmarked(records):
+    """Records without what says where their frames come from."""
+    own = {"simulated", "replayed", "id"}
+    return [{k: v for k, v in r.items() if k not in own} for r in stable(records)]
+
+
+def drain(pty, thread):
+    """Read what the module still wants to write, so that its thread can see the stop."""
+    client = os.open(pty.path, os.O_RDWR | os.O_NONBLOCK)
+    while thread.is_alive():
+        try:
+            os.read(client, 1 << 16)
+        except BlockingIOError:
+            thread.join(0.01)
+    os.close(client)
+
+
+@pytest.mark.parametrize("unit", [1e-9, 1.0, 1e6])
+def test_a_foreign_recording_in_any_unit_with_somebody_there_from_the_start(tmp_path, unit):
+    rng = np.random.default_rng(0)
+    n = 60 * 20
+    range_m = 2.0 + 1.0 * np.cos(2 * np.pi * 0.1 * np.arange(n) / 60)
+    axis_m = 0.6 + np.arange(768) * 299_792_458 / 82e9
+    body = np.exp(-0.5 * ((axis_m - range_m[:, None]) / 0.05) ** 2)
+    body = 30 * body * np.exp(-4j * np.pi * range_m[:, None] * 6.8e9 / 299_792_458)
+    frames = body + rng.standard_normal((n, 768)) + 1j * rng.standard_normal((n, 768)) + 300
+    write_recording(tmp_path / "r.h5", (frames * unit).astype(np.complex64))
+    _, records, _ = run_radard("--port", f"replay:{tmp_path / 'r.h5'}", "-o", "json")
+    assert {d["gate"] for d in decisions(records)} == {"open"}
+    empty = frames - body
+    write_recording(tmp_path / "e.h5", (empty * unit).astype(np.complex64))
+    _, records, _ = run_radard("--port", f"replay:{tmp_path / 'e.h5'}", "-o", "json")
+    assert {d["gate"] for d in decisions(records)} == {"closed"}
+
+
+def quiet_samples(n, n_range=64):
+    parts = np.random.default_rng(0).standard_normal((n, n_range, 2))
+    return (parts[..., 0] + 1j * parts[..., 1]).astype(np.complex64)
+
+
+def test_start_keeps_file_time_and_loop_goes_on(tmp_path):
+    write_recording(tmp_path / "r.h5", quiet_samples(600))
+    port = f"replay:{tmp_path / 'r.h5'}"
+    gate = ("--model", "none", "-o", "json")
+    _, records, _ = run_radard("--port", f"{port}?start=4", *gate)
+    assert decisions(records)[0]["t_s"] == 6.45
+    _, records, _ = run_radard("--port", f"{port}?loop=1", *gate, "--duration", "25")
+    times = [d["t_s"] for d in decisions(records)]
+    assert max(times) > 20
+    assert times == sorted(times)
+
+
+def test_lost_frames_in_a_recording(tmp_path):
+    path = tmp_path / "r.h5"
+    write_recording(path, quiet_samples(600))
+    keep = np.delete(np.arange(600), [100, 101, *range(300, 320)])
+    with h5py.File(path, "r+") as file:
+        for name in ("samples", "counter", "t_s"):
+            data = file[f"frames/{name}"][()][keep]
+            del file[f"frames/{name}"]
+            file[f"frames/{name}"] = data
+    _, records, _ = run_radard("--port", f"replay:{path}", "--model", "none", "-o", "json")
+    made = decisions(records)
+    assert made[0]["dropped"] == 2
+    assert made[0]["gate"] == "closed"
+    invalid = [d for d in made if d["gate"] == "invalid"]
+    assert [d["t_s"] for d in invalid] == [5.45, 6.45, 7.45]
+    assert {d["label"] for d in invalid} == {"invalid"}
+    faults = [r for r in records if r["type"] == "event" and r["kind"] == "fault"]
+    assert [f["phase"] for f in faults] == ["new", "end"]
+    assert faults[0]["t_s"] == 5.45
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [
+        "human_busy",
+        "human_search",
+        "human_child",
+        "human_sit",
+        "human_exercise",
+        "cat_groom",
+        "dog_scratch",
+        "dog_play",
+    ],
+)
+def test_who_moves_in_the_place_of_a_scene_is_seen(scene):
+    argv = ("--port", f"sim:{scene}?seed=1", "--speed", "max", "--duration", "8")
+    code, records, _ = run_radard(*argv, "--model", "none", "-o", "json")
+    assert code == 0
+    assert sum(d["gate"] == "open" for d in decisions(records)) >= 3
+
+
+@pytest.mark.skipif(not REAL.is_dir(), reason="the real X4M03 recording is not on this machine")
+def test_a_real_recording_opens_the_gate_while_somebody_moves():
+    code, records, _ = run_radard("--port", f"replay:{REAL}", "--model", "none", "-o", "json")
+    assert code == 0
+    made = decisions(records)
+    moving = [d["gate"] == "open" for d in made if 6 <= d["t_s"] <= 68]
+    still = [d["gate"] == "open" for d in made if d["t_s"] > 71]
+    assert np.mean(moving) >= 0.95
+    # Somebody still sits there, 27 dB over the noise: nothing of it was learned from the motion.
+    assert np.mean(still) >= 0.95
+    assert all(d["label"] is None for d in made if d["gate"] == "open")
+    assert not any(d["alarm"] for d in made)
+
+
+@pytest.mark.skipif(not REAL.is_dir(), reason="the real X4M03 recording is not on this machine")
+@pytest.mark.parametrize(
+    ("bundle", "share"), [("fast", 0.9), ("balanced", 0.9), ("accurate", 0.6)]
+)
+def test_a_real_recording_raises_the_alarm(bundle, share):
+    code, records, _ = run_radard("--port", f"replay:{REAL}", "--model", bundle, "-o", "json")
+    assert code == 0
+    made = decisions(records)
+    assert any(d["alarm"] for d in made if d["t_s"] <= 6)
+    # The body moves until 22 s, then the head alone (docs/evaluation.md). `accurate` takes it for
+    # a pet for six seconds of that, which are too few to end the alarm.
+    alarms = [r for r in records if r["type"] == "event" and r["kind"] == "alarm"]
+    assert alarms[0]["t_s"] <= 6
+    assert not any(r["phase"] == "end" and r["t_s"] <= 22 for r in alarms)
+    assert np.mean([d["alarm"] for d in made if 6 <= d["t_s"] <= 22]) >= share
+
+
+@pytest.mark.parametrize(
+    ("argv", "code", "words"),
+    [
+        ((), 2, "no port"),
+        (("--port", "/dev/ttyNONE"), 66, "no such port"),
+        (("--port", "sim:nope"), 66, "no scene 'nope'"),
+        (("--port", "sim:"), 2, "nothing behind"),
+        (("--port", "sim:human?sped=1"), 2, "'sped'"),
+        (("--port", "sim:human?rate=x"), 2, "not a number"),
+        (("--port", "sim:human?rate=0"), 2, "frame_rate_hz"),
+        (("--port", "sim:human?kind=ap"), 2, "'kind'"),
+        (("--port", "replay:nope.h5"), 66, "nope.h5"),
+        (("--port", "sim:human?rate=300"), 4, "frame_rate_hz is 300"),
+        (("--port", "sim:human", "--model", "nope"), 66, "no model 'nope'"),
+        (("--port", "sim:human", "--speed", "0"), 2, "--speed"),
+        (("--port", "sim:human", "--duration", "-1"), 2, "--duration"),
+        (("--port", "sim:human", "-o", "smoke:signal"), 2, "smoke:signal"),
+        (("--port", "sim:human", "-o", "json", "-o", "table"), 2, "stdout"),
+        (("--port", "sim:human", "-o", "json:/nowhere/x"), 1, "/nowhere/x"),
+        (("--port", "sim:human", "--config", "gone.yaml"), 78, "gone.yaml"),
+        (("--port", "sim:human", "--record", "/nowhere/x.h5"), 66, "/nowhere/x.h5"),
+        (("--bogus",), 2, "--bogus"),
+        (("config", "bake"), 2, "bake"),
+    ],
+)
+def test_wrong_input_is_one_line_with_its_exit_code(argv, code, words, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    got, records, err = run_radard(*argv)
+    assert got == code
+    assert words in err
+    assert err.count("\n") == 1
+    assert "Traceback" not in err
+    assert records == []
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_no_recording_and_truncated_recording(tmp_path):
+    bad = tmp_path / "bad.h5"
+    bad.write_bytes(b"not a recording")
+    code, _, err = run_radard("--port", f"replay:{bad}", "-o", "json")
+    assert (code, err.count("\n")) == (66, 1)
+    good = tmp_path / "good.h5"
+    write_recording(good, np.ones((600, 64), np.complex64))
+    cut = tmp_path / "cut.h5"
+    cut.write_bytes(good.read_bytes()[:2000])
+    code, _, err = run_radard("--port", f"replay:{cut}", "-o", "json")
+    assert (code, err.count("\n")) == (66, 1)
+
+
+def test_config_subcommands(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    from radard.cli import main
+
+    assert main(["config", "check"]) == 0
+    assert main(["config", "show"]) == 0
+    assert f"false_alarms_per_day: {Config().gate.false_alarms_per_day}" in capsys.readouterr().out
+    assert main(["config", "schema"]) == 0
+    assert json.loads(capsys.readouterr().out)["title"] == "Config"
+    Path("config.yaml").write_text("gate: {false_alarm_per_day: 1}")
+    assert main(["config", "check"]) == 78
+    assert "did you mean 'false_alarms_per_day'" in capsys.readouterr().err
+
+
+def test_json_file_and_table(tmp_path, capsys):
+    from radard.cli import main
+
+    file = tmp_path / "out.jsonl"
+    argv = ["--port", "sim:demo", "--speed", "max", "--duration", "20"]
+    assert main([*argv, "-o", "table", "-o", f"json:{file}"]) == 0
+    table = capsys.readouterr().out
+    assert "ALARM" in table
+    assert "sim:demo" in table
+    assert len(decisions([json.loads(line) for line in file.read_text().splitlines()])) == 18
+
+
+def start(*argv):
+    return subprocess.Popen(
+        [python(), "-m", "radard.cli", *argv],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([".", "daemon", "training"])},
+        cwd=Path(__file__).parents[2],
+    )
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_signals_end_cleanly(number, tmp_path):
+    file = tmp_path / "run.h5"
+    process = start("--port", "sim:empty", "-o", "json", "--record", str(file))
+    for line in process.stdout:
+        if '"decision"' in line:
+            break
+    process.send_signal(number)
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == 0, err
+    assert '"state":"offline","reason":"stopped"' in out
+    with h5py.File(file) as recording:
+        assert len(recording["frames/samples"]) >= 147
+
+
+def test_a_reader_that_goes_away_is_no_error():
+    process = start("--port", "sim:empty", "--speed", "max", "-o", "json")
+    process.stdout.readline()
+    process.stdout.close()
+    assert process.wait(timeout=60) == 0
+    assert process.stderr.read() == ""
+    process.stderr.close()
+
+
+def test_neither_torch_nor_h5py_nor_signal_processing_is_loaded_at_start():
+    code = (
+        "import sys; from radard.cli import main; "
+        "main(['--port', 'sim:human', '--speed', 'max', '--duration', '3', '-o', 'null']); "
+        "print([m for m in ('torch', 'h5py', 'scipy', 'matplotlib', 'rich') if m in sys.modules])"
+    )
+    done = subprocess.run(
+        [python(), "-c", code],
+        capture_output=True,
+        text=True,
+        check=True,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([".", "daemon", "training"])},
+        cwd=Path(__file__).parents[2],
+    )
+    assert done.stdout.strip() == "[]"
+
+
+class Unplugged:
+    """A pseudo-terminal whose module can be taken away and put back under another one."""
+
+    def __init__(self):
+        self.plug()
+
+    def plug(self):
+        self.pty = PtyTransport()
+        self.thread = threading.Thread(
+            target=serve, args=(SimulatedModule(load_scene("empty")), self.pty)
+        )
+        self.thread.start()
+
+    def pull(self):
+        self.pty.close()
+        self.thread.join()
+
+
+@pytest.fixture
+def link(tmp_path):
+    """A stable name for whichever terminal is plugged in, as udev makes one."""
+    plug = Unplugged()
+    name = tmp_path / "ttyX2"
+    name.symlink_to(plug.pty.path)
+    yield plug, name
+    plug.pull()
+
+
+def test_a_device_that_goes_ends_the_run_when_asked(link):
+    plug, name = link
+    source = open_source(str(name), quit_on_loss=True)
+    frames = source.frames()
+    next(frames)
+    plug.pull()
+    with pytest.raises(TransportClosed) as caught:
+        for _ in frames:
+            pass
+    assert caught.value.exit_code == 3
+    source.close()
+
+
+def test_a_device_that_comes_back_is_found_and_its_stream_marked(link):
+    plug, name = link
+    said = []
+    source = open_source(str(name), on_notice=lambda kind, reason: said.append((kind, reason)))
+    frames = source.frames()
+    before = [next(frames) for _ in range(5)]
+    plug.pull()
+    plug.plug()
+    name.unlink()
+    name.symlink_to(plug.pty.path)
+    after = next(f for f in frames if f.restarted)
+    assert after.index > before[-1].index
+    assert said[0][0] == "lost"
+    assert said[-1][0] == "found"
+    source.close()
+
+
+def test_waits_for_a_port_that_is_absent_at_start(tmp_path):
+    name = tmp_path / "ttyX2"
+    plug = Unplugged()
+    timer = threading.Timer(0.4, lambda: name.symlink_to(plug.pty.path))
+    timer.start()
+    began = time.monotonic()
+    source = open_source(str(name), wait=True)
+    assert time.monotonic() - began > 0.3
+    assert next(source.frames()).index == 0
+    source.close()
+    plug.pull()

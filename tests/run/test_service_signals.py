@@ -1,0 +1,355 @@
+"""Signals, reload, commands and what is kept over a restart, as a service manager sees them."""
+
+import fcntl
+import json
+import os
+import signal
+import subprocess
+import sys
+import termios
+import threading
+from pathlib import Path
+
+import pytest
+
+from radard.alarm.state_store import KeptState
+from radard.config.config import load_config
+from radard.errors import ConfigError
+from radard.run.components import make_store
+from tests.alarm_helpers import NotifySocket
+from tests.daemon_helpers import launcher
+from tests.radar_helpers import python
+from tests.waiting import wait_for
+from x2radar.device.transport import PtyTransport
+from x2radar.sim.module.host import serve
+from x2radar.sim.module.module import SimulatedModule
+from x2radar.sim.scene.scene import load_scene
+
+ROOT = Path(__file__).parents[2]
+launch = pytest.fixture(launcher)
+
+
+@pytest.fixture
+def far(tmp_path):
+    """The service manager of a daemon in a process of its own."""
+    end = NotifySocket(tmp_path / "notify")
+    yield end
+    end.close()
+
+
+def start(*argv, **environ):
+    return subprocess.Popen(
+        [python(), "-m", "tests.busy_machine", *argv],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([".", "daemon", "training"]), **environ},
+        cwd=ROOT,
+    )
+
+
+def records_until(process, what, most=400):
+    """Read records up to the first whose text has `what`."""
+    records = []
+    for line in process.stdout:
+        records.append(json.loads(line))
+        if what in line:
+            return records
+        assert len(records) < most
+    raise AssertionError(records)
+
+
+def over_floor_db(record):
+    return round(record["threshold_db"] - record["noise_floor_db"])
+
+
+def finish(process):
+    """Read what is left (communicate would lose what was read ahead) and wait."""
+    out, err = process.stdout.read(), process.stderr.read()
+    process.stdout.close()
+    process.stderr.close()
+    process.wait(timeout=60)
+    return out, err
+
+
+def test_hup_reloads_without_losing_the_stream_and_usr1_dumps(tmp_path, far):
+    config = tmp_path / "radard.yaml"
+    config.write_text("gate: {false_alarms_per_day: 1000}\nmodel: {name: none}\n")
+    process = start(
+        *("--port", "sim:empty", "--speed", "8", "--config", str(config), "-o", "json"),
+        NOTIFY_SOCKET=far.name,
+    )
+    before = records_until(process, '"seq":3,')
+    far.wait_for("READY")
+    config.write_text(
+        "gate: {false_alarms_per_day: 0.01}\nmodel: {name: none}\nsensor: {name: other}\n"
+    )
+    process.send_signal(signal.SIGHUP)
+    assert "MONOTONIC_USEC" in far.wait_for("RELOADING")
+    far.wait_for("READY")
+    between = []
+    while not between or over_floor_db(between[-1]) != 9:
+        new = records_until(process, '"decision"', most=50)
+        between += [r for r in new if r["type"] == "decision"]
+        assert len(between) < 400
+    config.write_text("gate: {false_alarm_per_day: 9}\n")
+    process.send_signal(signal.SIGHUP)
+    far.wait_for("RELOADING")
+    far.wait_for("READY")
+    process.send_signal(signal.SIGUSR1)
+    after = records_until(process, '"decision"')
+    process.send_signal(signal.SIGTERM)
+    out, err = finish(process)
+    records = before + between + after + [json.loads(line) for line in out.splitlines()]
+    made = [r for r in records if r["type"] == "decision"]
+    assert process.returncode == 0
+    assert [d["seq"] for d in made] == list(range(1, len(made) + 1))
+    assert [d["t_s"] for d in made] == [round(2.45 + k, 3) for k in range(len(made))]
+    over = [over_floor_db(d) for d in made]
+    assert over[0] == 7
+    assert over[-1] == 9
+    assert over == sorted(over)
+    assert {r["type"] for r in records} == {"hello", "status", "decision"}
+    assert "changes of 'sensor' take a restart" in err
+    assert "the old configuration stays" in err
+    assert "did you mean 'false_alarms_per_day'" in err
+    (dump,) = [line for line in err.splitlines() if " state {" in line]
+    state = json.loads(dump.partition(" state ")[2])
+    assert state["state"] == "online"
+    assert {"main", "reader", "worker", "heartbeat"} <= {
+        t.lower()[:6] for t in state["threads"]
+    } | {"main" if name == "MainThread" else name for name in state["threads"]}
+
+
+def test_absent_at_boot_then_plugged_in(tmp_path, far):
+    name = tmp_path / "ttyX2"
+    process = start(
+        *("--port", str(name), "--wait", "--model", "none", "-o", "json"),
+        NOTIFY_SOCKET=far.name,
+        WATCHDOG_USEC="1000000",
+        RADARD_SERVICE__RUNTIME_DIR=str(tmp_path),
+    )
+    assert far.wait_for("READY")["STATUS"].startswith("offline: device absent")
+    far.wait_for("WATCHDOG")
+    status = json.loads((tmp_path / "radar.status.json").read_text())
+    assert status["state"] == "offline"
+    pty, stop = PtyTransport(), threading.Event()
+    module = SimulatedModule(load_scene("empty"))
+    thread = threading.Thread(
+        target=serve, args=(module, pty), kwargs={"speed": 5.0, "stop": stop.is_set}
+    )
+    thread.start()
+    name.symlink_to(pty.path)
+    records = records_until(process, '"decision"')
+    assert records[0]["type"] == "hello"
+    process.send_signal(signal.SIGTERM)
+    far.wait_for("STOPPING")
+    out, _ = finish(process)
+    assert process.returncode == 0
+    last = json.loads(out.splitlines()[-1])
+    assert last == {"type": "status", "state": "offline", "reason": "stopped"}
+    stop.set()
+    pty.close()
+    thread.join()
+
+
+def test_the_end_while_waiting_for_a_device(tmp_path, far):
+    process = start("--port", str(tmp_path / "none"), "--wait", NOTIFY_SOCKET=far.name)
+    far.wait_for("READY")
+    process.send_signal(signal.SIGTERM)
+    far.wait_for("STOPPING")
+    out, err = finish(process)
+    assert (process.returncode, out) == (0, "")
+    assert "lost" in err
+
+
+def n_unread(pipe):
+    return int.from_bytes(fcntl.ioctl(pipe, termios.FIONREAD, bytes(4)), sys.byteorder)
+
+
+def test_a_second_signal_forces_the_end():
+    process = start("--port", "sim:empty", "--speed", "max", "-o", "json", "--model", "none")
+    fcntl.fcntl(process.stdout, fcntl.F_SETPIPE_SZ, 4096)
+    process.stdout.read(1)
+    # Nobody reads on: the pipe fills up, and the worker stands in a write.
+    wait_for(lambda: n_unread(process.stdout) > 2000)
+    process.send_signal(signal.SIGTERM)
+    wait_for(lambda: process.poll() is not None or process.send_signal(signal.SIGTERM))
+    assert process.returncode == -signal.SIGTERM
+    process.stdout.close()
+    process.stderr.close()
+
+
+def panel_of(daemon, key, wanted):
+    """Wait until the panel says so."""
+    wait_for(lambda: daemon.run.radar.panel().get(key) == wanted)
+
+
+def test_disarmed_is_kept_over_a_restart_and_so_is_armed(tmp_path, launch):
+    daemon = launch()
+    panel_of(daemon, "armed", True)
+    daemon.run.radar.command("disarm")
+    panel_of(daemon, "armed", False)
+    assert daemon.stop() == 0
+    daemon = launch()
+    panel_of(daemon, "armed", False)
+    daemon.run.radar.command("arm")
+    panel_of(daemon, "armed", True)
+    assert daemon.stop() == 0
+    daemon = launch(alarm={"armed": False})
+    panel_of(daemon, "armed", True)
+    with pytest.raises(ValueError, match="known are arm, arm-home, disarm, ack, calibrate"):
+        daemon.run.radar.command("dance")
+    assert daemon.stop() == 0
+    assert json.loads((tmp_path / "state" / "radar.sim.json").read_text())["is_armed"]
+
+
+def test_an_alarm_is_kept_until_somebody_acknowledges_it(tmp_path, launch):
+    options = {
+        "sensor": {"port": "sim:human", "speed": "max"},
+        "model": {"name": "thesis"},
+        "alarm": {"sensitivity": "high", "latch_s": 86_400, "refractory_s": 3600},
+        "clips": {"enabled": False},
+    }
+    daemon = launch(**options)
+    # The panel may say it a moment before the event is there.
+    alarm_id = wait_for(lambda: daemon.run.radar.panel().get("alarm_id"))
+    assert daemon.stop() == 0
+    out = tmp_path / "out.jsonl"
+    sensor = {"port": "sim:empty", "speed": "max"}
+    options = {**options, "sensor": sensor, "output": [f"json:{out}"]}
+    daemon = launch(**options)
+    panel_of(daemon, "panel", "alarm")
+    panel_of(daemon, "alarm_id", alarm_id)
+    daemon.run.radar.command("ack")
+    panel_of(daemon, "panel", "armed")
+    assert daemon.stop() == 0
+    events = [json.loads(line) for line in out.read_text().splitlines() if '"event"' in line]
+    assert [(e["phase"], e["id"]) for e in events] == [("update", alarm_id), ("end", alarm_id)]
+    assert events[-1]["reason"] == "acknowledged"
+
+
+def test_an_entry_delay_that_a_restart_cuts_off_is_an_alarm(tmp_path, launch):
+    options = {
+        "sensor": {"port": "sim:human", "speed": "max"},
+        "model": {"name": "thesis"},
+        "alarm": {"sensitivity": "high", "entry_delay_s": 600, "latch_s": 86_400},
+    }
+    daemon = launch(**options)
+    panel_of(daemon, "panel", "entry")
+    assert daemon.stop() == 0
+    out = tmp_path / "out.jsonl"
+    sensor = {"port": "sim:empty", "speed": "max"}
+    daemon = launch(**{**options, "sensor": sensor, "output": [f"json:{out}"]})
+    panel_of(daemon, "panel", "alarm")
+    wait_for(lambda: daemon.run.radar.panel()["seq"] >= 2)
+    daemon.run.radar.command("ack")
+    panel_of(daemon, "panel", "armed")
+    assert daemon.stop() == 0
+    events = [json.loads(line) for line in out.read_text().splitlines() if '"event"' in line]
+    assert [e["phase"] for e in events if e["kind"] == "alarm"] == ["new", "end"]
+    assert "restarted during the entry delay" in events[0]["reason"]
+    assert Path(events[0]["clip"]).is_file()
+
+
+def test_an_exit_delay_goes_on_after_a_restart(tmp_path, launch):
+    alarm = {"armed": False, "exit_delay_s": 600}
+    daemon = launch(alarm=alarm)
+    wait_for(lambda: daemon.run.radar.panel().get("seq", 0) >= 1)
+    daemon.run.radar.command("arm-home")
+    panel_of(daemon, "panel", "exit")
+    assert daemon.stop() == 0
+    daemon = launch(alarm=alarm)
+    panel_of(daemon, "panel", "exit")
+    panel = daemon.run.radar.panel()
+    assert (panel["mode"], panel["armed"]) == ("home", True)
+    assert 0 < panel["delay_left_s"] <= 600
+    assert daemon.stop() == 0
+
+
+def test_a_demo_is_disarmed_for_itself_alone(tmp_path, monkeypatch):
+    monkeypatch.delenv("STATE_DIRECTORY", raising=False)
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    for port, is_kept in (("sim:empty", False), ("/dev/ttyACM0", True)):
+        options = {"sensor": {"port": port}}
+        config = load_config(environ={"XDG_STATE_HOME": str(tmp_path)}, options=options)
+        make_store(config, is_live=True).save(KeptState(is_armed=False))
+        assert make_store(config, is_live=True).load(is_armed=True).is_armed is not is_kept
+
+
+def test_reload_changes_the_policy_the_outputs_and_the_clips(tmp_path, launch):
+    configs = []
+    first, second = tmp_path / "a.jsonl", tmp_path / "b.jsonl"
+    daemon = launch(
+        reload=configs.pop,
+        output=[f"json:{first}"],
+        alarm={"armed": True},
+    )
+    panel_of(daemon, "gate", "closed")
+    assert daemon.run.parts.clips is not None
+    clips = daemon.config.clips.model_copy(update={"enabled": False})
+    alarm = daemon.config.alarm.model_copy(update={"sensitivity": "low"})
+    rotated = tmp_path / "a.old"
+    first.rename(rotated)
+    configs.append(
+        daemon.config.model_copy(
+            update={
+                "clips": clips,
+                "alarm": alarm,
+                "output": (f"json:{first}", f"json:{second}", "json:/nowhere/x"),
+            }
+        )
+    )
+    daemon.ask("reload")
+    wait_for(lambda: second.exists() and daemon.run.parts.clips is None)
+    seq = daemon.run.radar.panel()["seq"]
+    wait_for(lambda: daemon.run.radar.panel()["seq"] >= seq + 2)
+    assert daemon.stop() == 0
+    assert daemon.run.parts.policy.k == 3
+    for path in (first, second):
+        records = [json.loads(line) for line in path.read_text().splitlines()]
+        assert records[0]["type"] == "hello"
+        hellos = [r for r in records if r["type"] == "hello"]
+        assert hellos[-1]["sensitivity"] == "low"
+        assert "decision" in {r["type"] for r in records}
+    assert "hello" in rotated.read_text()
+
+
+def test_a_model_that_takes_other_dwells_is_left_for_a_restart(launch, caplog):
+    def bad():
+        msg = "x.yaml:1: unknown key"
+        raise ConfigError(msg)
+
+    choices = [bad]
+
+    def reload():
+        return choices[0]()
+
+    daemon = launch(reload=reload)
+    panel_of(daemon, "gate", "closed")
+    daemon.ask("reload")
+    daemon.far.wait_for("RELOADING")
+    daemon.far.wait_for("READY")
+    model = daemon.config.model.model_copy(update={"name": "thesis"})
+    choices[0] = lambda: daemon.config.model_copy(update={"model": model})
+    daemon.ask("reload")
+    wait_for(lambda: daemon.run.parts.config.model.name == "thesis")
+    assert daemon.run.parts.pipeline.classifier is not None
+    assert daemon.stop() == 0
+    assert "unknown key" in caplog.text
+
+
+def test_a_reload_keeps_the_frames_that_a_clip_will_need(tmp_path, launch):
+    configs = []
+    daemon = launch(reload=lambda: configs[0])
+    panel_of(daemon, "gate", "closed")
+    clips = daemon.run.parts.clips
+    gate = daemon.config.gate.model_copy(update={"false_alarms_per_day": 9.0})
+    configs.append(daemon.config.model_copy(update={"gate": gate}))
+    held = len(clips._held)
+    daemon.ask("reload")
+    wait_for(lambda: daemon.run.parts.config.gate.false_alarms_per_day == 9)
+    assert daemon.run.parts.clips is clips
+    assert len(clips._held) >= held > 0
+    assert clips._attributes["config_hash"] == configs[0].digest()
+    assert daemon.stop() == 0

@@ -1,0 +1,179 @@
+"""radard setup: what it prints, what it installs, what a mount sees."""
+
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from radard.cli import main
+from radard.commands.setup.coverage import CoverageOptions, coverage_table, snr_db
+from radard.commands.setup.files import UDEV_FILE, UNIT_FILE, systemd_unit, udev_rules
+from radard.commands.setup.system import write_file
+from radard.errors import UsageError
+from x2radar.modules.x2 import RadarSettings
+from x2radar.sim.module.stream import EchoStream
+from x2radar.sim.scene.cast import SEED_GAIN
+from x2radar.sim.scene.scene import parse_scene
+
+ROOT = Path(__file__).parents[2]
+
+
+def printed(capsys, *argv):
+    assert main(["setup", *argv]) == 0
+    return capsys.readouterr().out
+
+
+def test_printed_files_are_those_of_deploy(capsys):
+    rules = printed(capsys, "udev")
+    assert rules == (ROOT / "deploy/udev/60-x2radar.rules").read_text()
+    unit = printed(capsys, "systemd", "--exec", "/opt/radard/bin/radard")
+    assert unit == (ROOT / "deploy/systemd/radard.service").read_text()
+
+
+def test_an_adapter_gets_a_rule_of_its_own_that_modem_manager_heeds():
+    text = udev_rules("0403:6014", "FT1.A-2")
+    rule = 'ATTRS{idVendor}=="0403", ATTRS{idProduct}=="6014", ATTRS{serial}=="FT1.A-2"'
+    assert any(line.startswith(rule) for line in text.splitlines())
+    assert 'ENV{ID_MM_DEVICE_IGNORE}="1"' in text
+    assert text.index(rule) < text.index("ID_MM_DEVICE_IGNORE")
+
+
+@pytest.mark.parametrize(
+    ("usb", "serial", "word"),
+    [
+        ("0403:6014", None, "belong together"),
+        (None, "A1", "belong together"),
+        ("403:6014", "A1", "--usb '403:6014'"),
+        ("0403:6014", 'A1", RUN+="/bin/sh', "--serial"),
+        ("0403:6014", "A1\n", "--serial"),
+    ],
+)
+def test_adapters_that_are_none(usb, serial, word):
+    with pytest.raises(UsageError, match=word):
+        udev_rules(usb, serial)
+
+
+@pytest.mark.parametrize(
+    ("program", "port", "line"),
+    [
+        (None, "/dev/x2radar", f"{sys.prefix}/bin/radard --port /dev/x2radar --wait"),
+        ("/a b/radard", "x", '"/a b/radard" --port x --wait'),
+        ("/r", "socket://h:1?rate=60", "/r --port socket://h:1?rate=60 --wait"),
+        ("/r", "sim:100%", "/r --port sim:100%% --wait"),
+        ("/r", 'a"b$c', '/r --port "a\\"b$$c" --wait'),
+    ],
+)
+def test_unit_starts_what_was_named(program, port, line):
+    text = systemd_unit(Path(program) if program else None, port)
+    starts = [each for each in text.splitlines() if each.startswith("ExecStart=")]
+    assert starts == [f"ExecStart={line} --config /etc/radard/config.yaml"]
+
+
+@pytest.mark.parametrize(("program", "port"), [("radard", "x"), ("/r", "x\nUser=root")])
+def test_what_no_unit_can_hold(program, port):
+    with pytest.raises(UsageError):
+        systemd_unit(Path(program), port)
+
+
+def test_install_writes_keeps_the_old_and_says_what_comes_next(tmp_path, capsys):
+    out = printed(capsys, "udev", "--install", "--root", str(tmp_path))
+    path = tmp_path / UDEV_FILE
+    assert path.read_text() == udev_rules()
+    assert path.stat().st_mode & 0o777 == 0o644
+    assert "udevadm control --reload" in out
+    assert "is there already" in printed(capsys, "udev", "--install", "--root", str(tmp_path))
+    path.write_text("mine")
+    printed(capsys, "udev", "--install", "--root", str(tmp_path))
+    assert path.with_name(path.name + ".old").read_text() == "mine"
+    out = printed(capsys, "systemd", "--install", "--root", str(tmp_path))
+    assert "systemctl daemon-reload" in out
+    assert (tmp_path / UNIT_FILE).is_file()
+
+
+def test_install_without_the_right_to(tmp_path, monkeypatch, capsys):
+    def refuse(*_args, **_kwargs):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(Path, "write_text", refuse)
+    assert main(["setup", "udev", "--install", "--root", str(tmp_path)]) == 77
+    assert "use sudo" in capsys.readouterr().err
+
+
+def test_install_where_nothing_can_be_written(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(Exception, match="cannot be written"):
+        list(write_file(tmp_path / "file" / "x" / "y", "text"))
+
+
+@pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="no systemd-analyze here")
+def test_unit_is_as_tight_as_the_docs_say(tmp_path):
+    unit = tmp_path / "radard.service"
+    unit.write_text(systemd_unit())
+    said = subprocess.run(
+        [shutil.which("systemd-analyze"), "security", "--offline=true", str(unit)],
+        capture_output=True,
+        text=True,
+        check=False,
+    ).stdout
+    level = float(said.rpartition("Overall exposure level")[2].split()[2])
+    assert level == 1.5
+
+
+def echo_db(height_m, z_m, y_m):
+    """A still point's echo over the noise, as the simulated module shows both."""
+    range_m = float(np.hypot(y_m, z_m - height_m))
+    rcs_m2 = CoverageOptions().rcs_m2 * SEED_GAIN
+    scene = f"steps: [{{duration_s: 60}}]\nclutter: [{{range_m: {range_m}, rcs_m2: {rcs_m2}}}]"
+    settings = RadarSettings.for_frame_rate(60, output="iq")
+    stream = EchoStream(parse_scene(scene, "point", "point"), 0, settings)
+    frames = np.array([stream.next() for _ in range(200)])
+    k = int(np.argmin(abs(stream.axis.range_m - range_m)))
+    signal = abs(frames[:, k].mean()) ** 2
+    return 10 * np.log10(signal / frames.var(axis=0).mean())
+
+
+@pytest.mark.parametrize("y_m", [1.0, 2.0, 3.0])
+def test_coverage_is_what_the_simulated_module_shows(y_m):
+    told = snr_db(CoverageOptions(height_m=1.2), 0.0, y_m, 1.2)
+    assert told == pytest.approx(echo_db(1.2, 1.2, y_m), abs=1.5)
+
+
+def test_coverage_falls_by_twelve_db_an_octave_and_with_the_beam():
+    level = CoverageOptions(height_m=1.0)
+    near, far = (snr_db(level, 0, y_m, 1.0) for y_m in (1.5, 3.0))
+    assert near - far == pytest.approx(40 * np.log10(2))
+    side = 2 * np.sin(np.deg2rad(32.5)), 2 * np.cos(np.deg2rad(32.5))
+    assert snr_db(level, 0, 2, 1.0) - snr_db(level, *side, 1.0) == pytest.approx(6.02, abs=0.01)
+    down = CoverageOptions(height_m=2.0, tilt_deg=45.0)
+    assert snr_db(down, 0, 1.5, 0.5) == pytest.approx(
+        snr_db(CoverageOptions(), 0, np.hypot(1.5, 1.5), 1.5)
+    )
+    assert snr_db(level, 0, 0.3, 1.0) is None
+    assert snr_db(level, 0, 9.0, 1.0) is None
+
+
+def test_coverage_table_fits_a_screen(capsys):
+    lines = printed(capsys, "coverage", "--height", "2", "--tilt", "20").splitlines()
+    assert len(lines) <= 24
+    assert max(map(len, lines)) <= 80
+    assert lines == list(coverage_table(CoverageOptions(height_m=2, tilt_deg=20)))
+
+
+@pytest.mark.parametrize("option", ["--height", "--tilt", "--width", "--limit", "--rcs"])
+def test_impossible_mounts(option, capsys):
+    assert main(["setup", "coverage", option, "1000"]) == 2
+    assert f"{option} 1000" in capsys.readouterr().err
+
+
+def test_tables_of_the_docs_are_what_the_command_says(capsys):
+    text = (ROOT / "docs" / "mounting.md").read_text()
+    pairs = re.findall(
+        r"```sh\nradard setup (coverage[^\n]*)\n```\n+```text\n(.*?)```", text, re.DOTALL
+    )
+    assert pairs
+    for command, table in pairs:
+        assert printed(capsys, *command.split()) == table

@@ -1,0 +1,411 @@
+"""Several radars in one process: each as if alone, none touched by another's trouble."""
+
+import json
+import os
+import subprocess
+import threading
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+import yaml
+
+from radard import cli
+from radard.config.config import load_config, load_with_origins
+from radard.errors import ConfigError, UsageError
+from radard.health.status_file import read_status, status_path
+from radard.pipeline import Pipeline
+from radard.run.radar_run import RadarRun
+from radard.run.several import Turns
+from radard.stream.source import LiveSource
+from tests.daemon_helpers import Gate, launcher
+from tests.radar_helpers import python, run_radard, stable
+from tests.sink_helpers import Listener, MqttBroker
+from tests.waiting import free_port, wait_for
+from tests.web_helpers import ask, wait
+from x2radar.device.transport import PtyTransport
+from x2radar.sim.module.host import serve
+from x2radar.sim.module.module import SimulatedModule
+from x2radar.sim.scene.scene import load_scene
+
+launch = pytest.fixture(launcher)
+TWO = {"hall": {"port": "sim:human?seed=1"}, "attic": {"port": "sim:dog?seed=2"}}
+
+
+def written(tmp_path, **sections):
+    path = tmp_path / "radard.yaml"
+    path.write_text(yaml.safe_dump(sections, sort_keys=False))
+    return path
+
+
+def of(records, sensor):
+    return [r for r in records if r.get("sensor") == sensor]
+
+
+def bare(records):
+    """Records without what only says whose they are, or depends on it."""
+    return [
+        {k: v for k, v in r.items() if k not in {"sensor", "id", "clip"}} for r in stable(records)
+    ]
+
+
+def test_two_decide_as_each_alone(tmp_path, monkeypatch):
+    monkeypatch.setenv("RADARD_SERVICE__RUNTIME_DIR", str(tmp_path))
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    sensors = {
+        "hall": {**TWO["hall"], "alarm": {"sensitivity": "high"}},
+        "attic": {**TWO["attic"], "gate": {"false_alarms_per_day": 9.0}},
+    }
+    config = written(tmp_path, sensors=sensors, model={"name": "thesis"})
+    common = ("--speed", "max", "--duration", "14", "-o", "json", "--model", "thesis")
+    code, both, _ = run_radard("--config", str(config), *common)
+    assert code == 0
+    alone = {
+        "hall": run_radard("--port", TWO["hall"]["port"], "--sensitivity", "high", *common)[1]
+    }
+    monkeypatch.setenv("RADARD_GATE__FALSE_ALARMS_PER_DAY", "9")
+    alone["attic"] = run_radard("--port", TWO["attic"]["port"], *common)[1]
+    for sensor, records in alone.items():
+        assert bare(of(both, sensor)) == bare(records)
+    hashes = {r["sensor"]: r["config_hash"] for r in both if r["type"] == "hello"}
+    assert len(set(hashes.values())) == 2
+    assert len([r for r in both if r["type"] == "decision"]) == 24
+    assert all("sensor" in r for r in both)
+
+
+def states(tmp_path, *names):
+    return {n: read_status(status_path(tmp_path, n)).content.get("state") for n in names}
+
+
+def test_one_that_cannot_work_is_named_and_leaves_the_others_alone(tmp_path, launch, caplog):
+    out = tmp_path / "out.jsonl"
+    sensors = {
+        "hall": {"port": "sim:empty"},
+        "attic": {"port": f"replay:{tmp_path / 'gone.h5'}"},
+        "cellar": {"port": str(tmp_path / "ttyX2")},
+    }
+    daemon = launch(sensors=sensors, output=[f"json:{out}"])
+    assert daemon.far.wait_for("READY")["STATUS"].startswith("degraded: attic: offline")
+    text = daemon.far.wait_for("WATCHDOG")["STATUS"]
+    assert "cellar: offline: device absent" in text
+    assert "hall" not in text
+    wanted = {"hall": "online", "attic": "offline", "cellar": "offline"}
+    wait_for(lambda: states(tmp_path, *wanted) == wanted)
+    assert daemon.stop() == 0
+    records = [json.loads(line) for line in out.read_text().splitlines()]
+    assert "decision" in {r["type"] for r in of(records, "hall")}
+    assert [r["state"] for r in of(records, "attic")] == ["offline"]
+    assert "radard.attic" in {r.name for r in caplog.records}
+
+
+def test_when_none_can_work_the_process_ends_with_the_first_fault(tmp_path, launch):
+    gone = {name: {"port": f"replay:{tmp_path / name}.h5"} for name in ("hall", "attic")}
+    daemon = launch(sensors=gone)
+    wait_for(lambda: daemon.result is not None)
+    assert daemon.result.exit_code == 66
+    assert "hall.h5" in str(daemon.result)
+
+
+def test_work_that_breaks_off_is_begun_anew(tmp_path, launch, monkeypatch):
+    monkeypatch.setattr("radard.run.several._FIRST_PAUSE_S", 0.3)
+    plain, broken = LiveSource.frames, []
+
+    def frames(self):
+        for frame in plain(self):
+            if self.stream.device == "sim:dog" and frame.index == 400 and not broken:
+                broken.append(frame)
+                msg = "the cable is on fire"
+                raise RuntimeError(msg)
+            yield frame
+
+    monkeypatch.setattr(LiveSource, "frames", frames)
+    out = tmp_path / "out.jsonl"
+    sensors = {"hall": {"port": "sim:empty"}, "attic": {"port": "sim:dog"}}
+    daemon = launch(sensors=sensors, output=[f"json:{out}"])
+    wait_for(lambda: out.exists() and out.read_text().count('"hello"') == 3)
+    wait_for(lambda: states(tmp_path, "attic") == {"attic": "online"})
+    assert daemon.stop() == 0
+    records = [json.loads(line) for line in out.read_text().splitlines()]
+    told = [(r["state"], r["reason"]) for r in of(records, "attic") if r["type"] == "status"]
+    assert ("offline", "the cable is on fire") in told
+    assert [s for s, _ in told if s == "online"] == ["online", "online"]
+    hall = [r["state"] for r in of(records, "hall") if r["type"] == "status"]
+    assert hall == ["starting", "online", "offline"]
+    seqs = [r["seq"] for r in of(records, "hall") if r["type"] == "decision"]
+    assert seqs == list(range(1, len(seqs) + 1))
+
+
+def test_a_thread_of_one_that_stands_still_stops_the_notification(tmp_path, monkeypatch, launch):
+    gate = Gate()
+    plain = Pipeline.decide
+
+    def decide(self, dwell):
+        if self.stream.device == "sim:dog":
+            gate.wait()
+        return plain(self, dwell)
+
+    monkeypatch.setattr(Pipeline, "decide", decide)
+    sensors = {"hall": {"port": "sim:empty"}, "attic": {"port": "sim:dog"}}
+    daemon = launch(stale_s=1.5, sensors=sensors)
+    try:
+        daemon.far.wait_for("READY")
+        gate.shut()
+        wait_for(lambda: states(tmp_path, "attic") == {"attic": "offline"})
+        wait_for(lambda: daemon.far.silent_for(0.5))
+        wait_for(lambda: states(tmp_path, "hall") == {"hall": "online"})
+        gate.open()
+        assert daemon.far.wait_for("WATCHDOG")
+    finally:
+        gate.open()
+        assert daemon.stop() == 0
+
+
+def test_each_has_its_own_armed_state_and_clip_folder(tmp_path, launch):
+    sensors = {"hall": {"port": "sim:empty"}, "attic": {"port": "sim:empty"}}
+    daemon = launch(sensors=sensors)
+    hall, attic = daemon.run._radars
+    wait_for(lambda: hall.panel().get("seq") and attic.panel().get("seq"))
+    attic.command("disarm")
+    wait_for(lambda: attic.panel()["armed"] is False)
+    assert hall.panel()["armed"] is True
+    folders = {radar.name: radar.parts.clips._folder for radar in (hall, attic)}
+    assert folders == {n: tmp_path / "state" / "clips" / n for n in sensors}
+    assert daemon.stop() == 0
+    kept = {n: json.loads((tmp_path / "state" / f"{n}.sim.json").read_text()) for n in ("attic",)}
+    assert kept["attic"]["is_armed"] is False
+
+
+def test_mqtt_has_topics_and_a_client_for_each(tmp_path, launch):
+    broker = MqttBroker(tmp_path)
+    listener = Listener(broker.port)
+    try:
+        daemon = launch(
+            sensors={"hall": {"port": "sim:empty"}, "attic": {"port": str(tmp_path / "gone")}},
+            output=[f"mqtt://127.0.0.1:{broker.port}"],
+            mqtt={"client_id": "ours", "commands": "always"},
+        )
+        wait_for(lambda: b"online" in listener.on("radard/hall-simulated/availability"))
+        wait_for(lambda: b"offline" in listener.on("radard/attic/availability"))
+        wait_for(lambda: listener.on("radard/hall-simulated/decision"))
+        assert not listener.on("radard/attic/decision")
+        assert json.loads(listener.on("radard/hall-simulated/decision")[0])["sensor"] == "hall"
+        listener.say("radard/hall-simulated/command/disarm")
+        hall = daemon.run._radars[0]
+        wait_for(lambda: hall.panel()["armed"] is False)
+        names = [sink.name for _, sink in daemon.run._outputs.sinks]
+        assert [name.rpartition("/")[2] for name in names] == ["hall", "attic"]
+        assert daemon.stop() == 0
+        wait_for(lambda: listener.on("radard/hall-simulated/availability")[-1] == b"offline")
+    finally:
+        listener.close()
+        broker.stop()
+
+
+def test_the_dashboard_has_pages_for_each(tmp_path, launch):
+    port = free_port()
+    base = f"http://127.0.0.1:{port}"
+    daemon = launch(
+        sensors={"hall": {"port": "sim:empty"}, "attic": {"port": str(tmp_path / "gone")}},
+        output=[base, f"store:{tmp_path / 'radard.db'}"],
+    )
+    wait(lambda: ask(base + "/healthz")[0] == 200)
+    told = ask(base + "/healthz")[1]
+    assert told["state"] == "degraded"
+    assert told["reason"].startswith("attic: offline: device absent")
+    assert ask(base + "/sensor/hall/healthz")[1]["state"] == "online"
+    assert ask(base + "/sensor/attic/healthz")[0] == 503
+    assert ask(base + "/sensor/cellar/healthz")[0] == 404
+    first, second = (ask(f"{base}{at}/api/v1/status")[1] for at in ("", "/sensor/attic"))
+    assert (first["sensor"], first["sensors"]) == ("hall", {"attic": "/sensor/attic/"})
+    assert (second["sensor"], second["sensors"]) == ("attic", {"hall": "/sensor/hall/"})
+    assert b"<html" in ask(base + "/sensor/attic/")[1].lower()
+    decisions = ask(base + "/sensor/hall/api/v1/decisions")[1]["decisions"]
+    assert {d["sensor"] for d in decisions} == {"hall"}
+    text = ask(base + "/metrics")[1].decode()
+    assert 'radard_up{sensor="hall"} 1.0' in text
+    assert 'radard_up{sensor="attic"} 0.0' in text
+    body = json.dumps({"command": "disarm"}).encode()
+    headers = {"Content-Type": "application/json", "X-Radard": "1"}
+    assert ask(base + "/sensor/hall/api/v1/command", data=body, headers=headers)[0] == 202
+    wait_for(lambda: daemon.run._radars[0].panel()["armed"] is False)
+    assert daemon.stop() == 0
+
+
+def test_health_tells_of_each_and_counts_as_the_whole(tmp_path, launch, capsys):
+    sensors = {"hall": {"port": "sim:empty"}, "attic": {"port": str(tmp_path / "gone")}}
+    daemon = launch(sensors=sensors)
+    daemon.far.wait_for("READY")
+    config = written(tmp_path, sensors=sensors, service={"runtime_dir": str(tmp_path)})
+
+    def asked(*more):
+        code = cli.main(["health", "--config", str(config), *more])
+        return code, capsys.readouterr().out.splitlines()
+
+    wait_for(lambda: states(tmp_path, "hall", "attic") == {"hall": "online", "attic": "offline"})
+    code, lines = asked()
+    assert code == 0
+    assert lines[0] == "hall: online"
+    assert lines[1].startswith("attic: offline: device absent")
+    assert asked("--sensor", "attic")[0] == 1
+    assert [json.loads(line)["sensor"] for line in asked("--json")[1]] == ["hall", "attic"]
+    assert daemon.stop() == 0
+    assert asked()[0] == 1
+
+
+def test_sections_of_an_entry_complete_the_common_ones(tmp_path):
+    entry = {"port": "sim:dog", "gate": {"adapt_db": 3}}
+    gate = {"false_alarms_per_day": 8}
+    path = written(tmp_path, gate=gate, sensors={"a": {"port": "x"}, "b": entry})
+    loaded = load_with_origins(path, environ={})
+    a, b = loaded.config.each()
+    assert (a.sensor.name, a.sensor.port, a.gate.false_alarms_per_day, a.gate.adapt_db) == (
+        "a",
+        "x",
+        8,
+        40,
+    )
+    assert (b.gate.false_alarms_per_day, b.gate.adapt_db) == (8, 3)
+    assert loaded.origin("sensors", "b", "gate", "false_alarms_per_day").startswith(str(path))
+    assert load_config(path, environ={}, options={"sensor": {"port": "y"}}).sensors == {}
+    assert a.of_sensor("b") == b
+    for name in ("c", None):
+        with pytest.raises(UsageError, match="known are a, b"):
+            loaded.config.of_sensor(name)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("sensors: {a: {port: x, gate: {adapt: 3}}}", "did you mean 'adapt_db'"),
+        ("sensors: {a: {port: x, prt: y}}", "unknown key 'sensors.a.prt'; did you mean 'port'"),
+        ("sensors: {a: {}}", "sensors.a.port"),
+        ("sensors: {'a b': {port: x}}", "sensors.a b"),
+        ("sensors: {a: {port: x}}\nsensor: {port: y}", "one radar or several"),
+        ("sensors: {a: 3}", "sensors.a"),
+        ("sensors: {a: {port: x, alarm: {confirm_n: 2}}}\nalarm: {confirm_k: 3}", "confirm_k"),
+    ],
+)
+def test_faults_of_entries_name_their_place(tmp_path, text, words):
+    path = tmp_path / "c.yaml"
+    path.write_text(text)
+    with pytest.raises(ConfigError) as caught:
+        load_config(path, environ={})
+    assert words in str(caught.value)
+
+
+def test_what_only_one_can_have(tmp_path):
+    config = written(tmp_path, sensors=TWO)
+    code, _, err = run_radard("--config", str(config), "--record", str(tmp_path / "x.h5"))
+    assert (code, "name it with --port" in err) == (2, True)
+    code, _, err = run_radard("calibrate", "--config", str(config))
+    assert (code, "which sensor? known are hall, attic" in err) == (2, True)
+    code, _, _ = run_radard("config", "show", "--config", str(config))
+    assert code == 0
+    assert list(tmp_path.iterdir()) == [config]
+
+
+def test_a_reader_that_goes_away_ends_all(tmp_path):
+    config = written(tmp_path, sensors=TWO, model={"name": "none"})
+    process = subprocess.Popen(
+        [python(), "-m", "radard.cli", "--config", str(config), "-o", "json"],
+        stdout=subprocess.PIPE,
+        env={**os.environ, "RADARD_SERVICE__RUNTIME_DIR": str(tmp_path)},
+        cwd=Path(__file__).parents[2],
+    )
+    assert process.stdout.readline()
+    process.stdout.close()
+    assert process.wait(60) in {0, 1, 141, -13}
+
+
+def test_a_command_to_a_sensor_that_is_away_holds_when_it_comes(tmp_path, launch):
+    name = tmp_path / "ttyX2"
+    daemon = launch(sensors={"hall": {"port": "sim:empty"}, "attic": {"port": str(name)}})
+    hall, attic = daemon.run._radars
+    wait_for(lambda: hall.panel().get("seq"))
+    with pytest.raises(ValueError, match="known are arm"):
+        attic.command("dance")
+    attic.command("disarm")
+    attic.command("ack")
+    assert attic.panel() == {}
+    pty, stop = PtyTransport(), threading.Event()
+    module = SimulatedModule(load_scene("empty"))
+    options = {"speed": 5.0, "stop": stop.is_set}
+    thread = threading.Thread(target=serve, args=(module, pty), kwargs=options)
+    thread.start()
+    name.symlink_to(pty.path)
+    try:
+        wait_for(lambda: attic.panel().get("armed") is False)
+        assert hall.panel()["armed"] is True
+    finally:
+        assert daemon.stop() == 0
+        stop.set()
+        pty.close()
+        thread.join()
+
+
+def test_only_so_many_are_brought_up_at_once_and_those_that_are_away_count_not(
+    launch, monkeypatch
+):
+    lock, now, most, plain = threading.Lock(), [0], [0], RadarRun.open
+
+    def counted(self, on_notice, **options):
+        is_away = self.name.startswith("away")
+        with lock:
+            now[0] += not is_away
+            most[0] = max(most[0], now[0])
+        try:
+            plain(self, on_notice, **options)
+        finally:
+            with lock:
+                now[0] -= not is_away
+
+    monkeypatch.setattr(RadarRun, "open", counted)
+    monkeypatch.setattr("radard.run.several._AT_ONCE", 2)
+    away = {f"away{k}": {"port": f"/dev/nothing{k}"} for k in range(4)}
+    there = {f"r{k}": {"port": f"sim:empty?seed={k}"} for k in range(6)}
+    daemon = launch(sensors={**away, **there}, sensor={"speed": "max"})
+    wait_for(lambda: all(r.panel().get("seq") for r in daemon.run._radars if r.name in there))
+    assert 1 <= most[0] <= 2
+    assert daemon.stop() == 0
+
+
+def test_a_turn_is_waited_for_until_the_end_or_a_while(monkeypatch):
+    turns, halt = Turns(1), threading.Event()
+    turns.take("a", halt)
+    monkeypatch.setattr("radard.run.several._TURN_S", 0.1)
+    turns.take("b", halt)
+    # It goes without one, and has none to give.
+    turns.give("b")
+    halt.set()
+    monkeypatch.setattr("radard.run.several._TURN_S", 1e6)
+    turns.take("c", halt)
+    turns.give("a")
+    turns.give("a")
+    turns.take("d", threading.Event())
+
+
+def test_an_end_before_the_beginning(launch):
+    for _ in range(3):
+        daemon = launch(sensors={"hall": {"port": "sim:empty"}, "attic": {"port": "/dev/nowhere"}})
+        assert daemon.stop() == 0
+
+
+def test_a_radar_that_does_not_end_is_waited_for_until_the_end_is_forced(launch, monkeypatch):
+    """What a stuck thread holds, as HDF5's lock, would hang the interpreter's end for ever."""
+    codes = []
+    held = SimpleNamespace(_exit=codes.append)
+    monkeypatch.setattr("radard.health.thread_dump.os", held)
+    monkeypatch.setattr("radard.run.supervision._DEADLINE_S", 0.5)
+    monkeypatch.setattr("radard.run.several._JOIN_S", 0.05)
+    gate = Gate()
+    gate.before(monkeypatch, RadarRun, "finish")
+    daemon = launch(sensors={"hall": {"port": "sim:empty"}})
+    (hall,) = daemon.run._radars
+    wait_for(lambda: hall.panel().get("seq"))
+    gate.shut()
+    try:
+        daemon.ask("stop")
+        wait_for(lambda: codes == [1])
+    finally:
+        gate.open()
+    daemon.stop()

@@ -1,0 +1,196 @@
+"""Commands while a tamper event is on, and zones that no range of the swath is in."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+
+from radard.alarm.state_store import StateStore
+from radard.alarm.zones import Zones, zone_fault, zone_warnings
+from radard.config.config import load_config
+from radard.errors import ConfigError
+from radard.health.health import Health
+from radard.pipeline import Pipeline
+from radard.run.components import make_parts
+from radard.run.worker import Worker
+from radard.stream.ring import Dwell, Notice
+from tests.radar_helpers import BASEBAND, noise, run_radard
+from x2radar.frame import StreamInfo
+
+STREAM = StreamInfo(axis=BASEBAND, frame_rate_hz=60.0, device="test")
+
+
+@dataclass
+class Outputs:
+    """What would go to the outputs."""
+
+    records: list = field(default_factory=list)
+
+    def put(self, record, **_options):
+        self.records.append(record)
+
+    def events(self, kind):
+        return [r for r in self.records if r["type"] == "event" and r["kind"] == kind]
+
+
+class Room:
+    """A worker without threads, before a room whose echoes a test covers."""
+
+    def __init__(self, *, port="replay:x", gate=None, state=None, **alarm):
+        options = {
+            "sensor": {"port": port},
+            "model": {"name": "none"},
+            "gate": gate or {"calibration": "none"},
+            "alarm": {"armed": False, **alarm},
+            "service": {"state_dir": state},
+        }
+        config = load_config(environ={}, options=options)
+        self.config, self.pipeline = config, Pipeline(STREAM, config)
+        parts = make_parts(config, self.pipeline, now=lambda _t_s: None, is_live=False)
+        self.outputs = Outputs()
+        ring = self.pipeline.make_ring()
+        self.worker = Worker(parts, ring, self.outputs, Health(), StateStore(None))
+        rng = np.random.default_rng(2)
+        self.echoes = (30 * rng.standard_normal((2, 64))).T @ [1, 1j]
+        self.t_s = 0.0
+
+    def listen(self, seconds, gain=1.0):
+        for _ in range(seconds):
+            self.t_s += 1.0
+            frames = noise(147, seed=int(self.t_s)) + gain * self.echoes
+            rows = frames.astype(np.complex64)
+            valid = np.ones(147, np.bool_)
+            end = round(60 * self.t_s)
+            dwell = Dwell(rows, valid, BASEBAND, 60.0, self.t_s, t_mono_s=0.0, end_frame=end)
+            self.worker._take(dwell)
+
+    def command(self, name):
+        self.worker._take(Notice("command", name, self.t_s))
+
+    def cover(self):
+        self.listen(30)
+        self.listen(25, gain=0.1)
+        assert "tamper" in self.worker.tracker.open_events
+
+
+def test_arming_does_not_end_a_tamper_that_lasts_and_says_so():
+    room = Room()
+    room.cover()
+    for name in ("ack", "arm", "disarm", "arm"):
+        room.command(name)
+        room.listen(30, gain=0.1)
+    assert room.worker.tracker.panel.is_armed
+    made = room.outputs.events("tamper")
+    assert [e["phase"] for e in made if e["phase"] != "update"] == ["new"]
+    assert len([e for e in made if e["reason"].endswith("; armed all the same")]) == 2
+    # Only this is for the asking: what is there now is as it should be.
+    room.command("calibrate")
+    room.listen(2, gain=0.1)
+    assert room.outputs.events("tamper")[-1]["phase"] == "end"
+
+
+def test_arming_can_be_refused():
+    room = Room(arm_with_tamper="refuse")
+    room.cover()
+    room.command("arm")
+    assert not room.worker.tracker.panel.is_armed
+    assert room.outputs.events("tamper")[-1]["reason"].endswith("; arming was refused")
+    room.listen(30)
+    assert room.outputs.events("tamper")[-1]["phase"] == "end"
+    room.command("arm")
+    assert room.worker.tracker.panel.is_armed
+
+
+@pytest.mark.parametrize(
+    ("include", "exclude", "is_fault", "n_warnings"),
+    [
+        ((), (), False, 0),
+        (((1.0, 2.0),), (), False, 0),
+        (((0.5, 2.5),), (), False, 0),
+        (((0.5, 5.0),), (), False, 1),
+        (((1.0, 2.0), (4.0, 5.0)), (), False, 1),
+        (((4.0, 5.0),), (), True, 1),
+        ((), ((0.0, 9.0),), True, 0),
+        (((1.0, 2.0),), ((0.5, 1.5), (1.5, 2.5)), True, 0),
+        ((), ((0.0, 1.0), (1.2, 9.0)), False, 0),
+    ],
+)
+def test_zones_against_a_swath(include, exclude, is_fault, n_warnings):
+    zones = Zones(include=include, exclude=exclude)
+    assert bool(zone_fault(zones, 0.6, 2.5)) == is_fault
+    assert len(list(zone_warnings(zones, 0.6, 2.5))) == n_warnings
+
+
+def test_zones_outside_the_swath_end_the_start(tmp_path):
+    file = tmp_path / "radard.yaml"
+    file.write_text("zones: {include: [[50, 60]]}\n")
+    argv = ("--port", "sim:empty", "--model", "none", "--duration", "4", "--speed", "max")
+    code, _, err = run_radard(*argv, "--config", str(file))
+    assert code == 78
+    assert "zones: nothing counts within the sensor's swath" in err
+
+
+def test_zones_outside_the_swath_are_a_fault_while_it_runs():
+    room = Room()
+    room.listen(3)
+    config = room.config.model_copy(
+        update={"zones": room.config.zones.model_copy(update={"include": ((50.0, 60.0),)})}
+    )
+    with pytest.raises(ConfigError):
+        make_parts(config, room.pipeline, now=lambda _t_s: None, is_live=False)
+    old = room.worker.parts
+    room.worker.exchange(
+        make_parts(config, room.pipeline, now=lambda _t_s: None, is_live=False, old=old)
+    )
+    room.worker._take(Notice("reload", "", room.t_s))
+    room.listen(2)
+    (fault,) = room.outputs.events("fault")
+    assert fault["reason"].startswith("zones: nothing counts")
+    assert room.worker._health.status.state == "degraded"
+    room.worker.exchange(
+        make_parts(room.config, room.pipeline, now=lambda _t_s: None, is_live=False, old=old)
+    )
+    room.worker._take(Notice("reload", "", room.t_s))
+    room.listen(2)
+    assert room.outputs.events("fault")[-1]["phase"] == "end"
+
+
+def test_a_calibration_that_fails_ends_no_tamper_and_one_that_is_made_does(tmp_path):
+    room = Room(
+        gate={"calibration": "auto", "calibrate_after_s": 0, "calibrate_s": 30},
+        port="sim:empty",
+        state=tmp_path,
+    )
+    room.cover()
+    room.command("calibrate")
+    room.listen(2, gain=0.1)
+    room.worker._take(Notice("restart", "the module restarted", room.t_s))
+    assert room.worker.panel()["calibration"]["phase"] == "failed"
+    room.listen(4, gain=0.1)
+    assert "tamper" in room.worker.tracker.open_events
+    # And while one is being made it is on, too.
+    room.command("calibrate")
+    room.listen(34, gain=0.1)
+    assert "tamper" in room.worker.tracker.open_events
+    notice = room.worker._ring.take(60)
+    assert notice.kind == "calibrated"
+    room.worker._take(notice)
+    room.listen(1, gain=0.1)
+    made = room.outputs.events("tamper")
+    assert made[-2]["reason"].endswith("; taken for the room: it was calibrated")
+    assert made[-1]["phase"] == "end"
+
+
+def test_a_reload_of_other_settings_ends_no_tamper():
+    room = Room()
+    room.cover()
+    config = room.config.model_copy(
+        update={"tamper": room.config.tamper.model_copy(update={"hold_s": 8.0})}
+    )
+    old = room.worker.parts
+    parts = make_parts(config, room.pipeline, now=lambda _t_s: None, is_live=False, old=old)
+    assert parts.tamper is not old.tamper
+    room.worker.exchange(parts)
+    room.worker._take(Notice("reload", "", room.t_s))
+    room.listen(4, gain=0.1)
+    assert "tamper" in room.worker.tracker.open_events

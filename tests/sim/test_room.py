@@ -1,0 +1,236 @@
+import math
+
+import numpy as np
+import pytest
+
+from radard.dsp.downconvert import DownConverter
+from tests.echo_references import baseband_echo
+from tests.sim_helpers import axis_of
+from x2radar.errors import SceneError, SettingsError
+from x2radar.modules.x2 import RadarSettings
+from x2radar.sim.keys import settings_from
+from x2radar.sim.place.room import Room, RoomSettings
+from x2radar.sim.signal.noise import baseband_noise_power
+from x2radar.sim.signal.pulse import LinkBudget
+
+RF, BASEBAND = axis_of("rf"), axis_of("baseband")
+NOISE = baseband_noise_power(BASEBAND, 0.04)
+LAMBDA_M = 299_792_458 / 6.8e9
+FULL = RoomSettings(
+    objects_db=53, diffuse_db=34, leakage_db=60, leakage_m=0.7, drift_m=5e-5, drift_gain=0.005
+)
+
+
+def room(settings=FULL, axis=BASEBAND, seed=0):
+    return Room(np.random.default_rng(seed), settings, axis, LinkBudget())
+
+
+def over_noise_db(frames):
+    return 10 * np.log10(np.abs(frames) ** 2 / NOISE + 1e-30)
+
+
+# ---------------------------------------------------------------- levels
+
+
+@pytest.mark.parametrize("level_db", [49.0, 57.0])
+def test_the_strongest_object_has_its_level(level_db):
+    """Alone it is exact; objects that fall together change it by a little."""
+    one = room(RoomSettings(objects_db=level_db, n_objects=1)).still
+    # A bin is at most 2 mm from the echo's middle.
+    assert over_noise_db(one).max() == pytest.approx(level_db, abs=0.01)
+    peaks = [
+        over_noise_db(room(RoomSettings(objects_db=level_db), seed=k).still).max()
+        for k in range(30)
+    ]
+    assert np.median(peaks) == pytest.approx(level_db, abs=1.0)
+    assert np.ptp(peaks) < 6
+
+
+def mean_profile_db(settings, n_rooms=200):
+    power = sum(np.abs(room(settings, seed=k).still) ** 2 for k in range(n_rooms)) / n_rooms
+    return 10 * np.log10(power / NOISE)
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        RoomSettings(diffuse_db=34.0, decay_db_per_m=1.5),
+        RoomSettings(diffuse_db=30.0, decay_db_per_m=8.0),
+        RoomSettings(diffuse_db=34.0, profile="power", exponent=2.0),
+        RoomSettings(diffuse_db=20.0, profile="power", exponent=4.0),
+    ],
+)
+def test_distributed_clutter_falls_as_its_profile_says(settings):
+    range_m = BASEBAND.range_m
+    if settings.profile == "power":
+        wanted = settings.diffuse_db - 10 * settings.exponent * np.log10(range_m)
+    else:
+        wanted = settings.diffuse_db - settings.decay_db_per_m * (range_m - 1)
+    off = mean_profile_db(settings) - wanted
+    blocks = off.reshape(12, 64).mean(axis=1)
+    assert np.abs(blocks).max() < 0.6
+
+
+def test_distributed_clutter_is_rayleigh():
+    """Many weak scatterers in a cell: power is exponential, its std equals its mean."""
+    settings = RoomSettings(diffuse_db=30.0, decay_db_per_m=0.0)
+    bins = np.array([room(settings, seed=k).still[::60] for k in range(300)])
+    power = np.abs(bins) ** 2
+    assert power.std() / power.mean() == pytest.approx(1, abs=0.06)
+    assert abs((bins**2).mean()) < 0.06 * power.mean()
+
+
+@pytest.mark.parametrize("ringing_db_per_m", [60.0, 300.0])
+def test_leakage_rings_down_behind_its_peak(ringing_db_per_m):
+    axis = axis_of("baseband", RadarSettings(sample_delay_s=0.0))
+    leak = RoomSettings(leakage_db=70.0, leakage_m=0.1, ringing_db_per_m=ringing_db_per_m)
+    level = over_noise_db(room(leak, axis).still)
+    range_m = axis.range_m
+    assert 0.09 < range_m[level.argmax()] < (0.25 if ringing_db_per_m == 60 else 0.12)
+    assert 66 < level.max() < 76
+    # Within the ringing's reach its level falls as said, on average; behind it is nothing.
+    ringing = (range_m > 0.2) & (range_m < 0.5)
+    if ringing_db_per_m == 60:
+        slope = np.polyfit(range_m[ringing], level[ringing], 1)[0]
+        assert slope == pytest.approx(-60, rel=0.6)
+    assert level[range_m > 1.5].max() < -100
+
+
+# ---------------------------------------------------------------- drift and mount
+
+
+def test_a_still_room_is_one_row_and_free():
+    still = room(RoomSettings(objects_db=53, diffuse_db=34))
+    frames = still.echo(np.arange(1000.0))
+    assert frames.shape == (1000, 768)
+    assert frames.strides[0] == 0
+    assert not frames.flags.writeable
+    assert np.array_equal(frames[7], still.still)
+
+
+def test_an_empty_room_is_silent():
+    for axis in (RF, BASEBAND):
+        nothing = room(RoomSettings(drift_m=1e-4), axis)
+        assert not nothing.echo(np.arange(3.0)).any()
+        assert not nothing.echo(np.arange(3.0), np.ones((3, 3)) * 1e-3).any()
+
+
+@pytest.mark.parametrize("axis", [RF, BASEBAND], ids=["rf", "baseband"])
+def test_frames_have_no_state(axis):
+    ours, rng = room(FULL, axis), np.random.default_rng(1)
+    t_s = rng.uniform(0, 1e5, 60)
+    offset_m = rng.normal(0, 1e-4, (60, 3))
+    whole = ours.echo(t_s, offset_m)
+    for at in ([3], [59, 0], list(range(10, 40))):
+        part = ours.echo(t_s[at], offset_m[at])
+        # The matrix product may sum in another order.
+        assert np.abs(part - whole[at]).max() < 1e-6 * np.abs(whole).max()
+    assert np.array_equal(room(FULL, axis).echo(t_s, offset_m), whole)
+    assert not np.array_equal(room(FULL, axis, seed=1).still, ours.still)
+
+
+def test_drift_is_slow_and_of_its_size():
+    """An object's phase turns by 4 pi d / lambda; over 7 s by milliradians, as measured."""
+    settings = RoomSettings(objects_db=53, n_objects=1, drift_m=5e-5, drift_gain=0.01)
+    t_s = np.arange(0, 3000, 0.5)
+    turns, gains, in_seven_s = [], [], []
+    for seed in range(20):
+        frames = room(settings, seed=seed).echo(t_s)
+        track = frames[:, np.abs(frames[0]).argmax()].astype(np.complex128)
+        track /= track.mean()
+        turns.append(np.angle(track))
+        gains.append(np.abs(track))
+        in_seven_s.append(np.angle(track).reshape(-1, 15).std(axis=1).mean())
+    assert np.std(turns) == pytest.approx(4 * np.pi * 5e-5 / LAMBDA_M, rel=0.1)
+    assert np.std(gains) == pytest.approx(0.01, rel=0.15)
+    # Measured on strong bins of two recordings, scaled to this carrier: 1 to 5 mrad.
+    assert 1e-3 < np.mean(in_seven_s) < 5e-3
+    assert np.abs(np.diff(turns, axis=1)).max() < 0.02
+
+
+def test_the_mount_turns_each_object_by_its_direction():
+    """Against the echo of the moved object itself; no object turns by more than the mount."""
+    ours = room(RoomSettings(objects_db=53, n_objects=1, drift_m=0.0))
+    moved_m = np.linspace(-2e-3, 2e-3, 41)
+    peak = np.abs(ours.still).argmax()
+    for axis in np.eye(3):
+        frames = ours.echo(np.zeros(41), moved_m[:, None] * axis)
+        turn = np.unwrap(np.angle(frames[:, peak] / ours.still[peak]))
+        slope = np.polyfit(moved_m, turn, 1)[0] * LAMBDA_M / (4 * np.pi)
+        assert abs(slope) <= 1 + 1e-3
+        assert np.abs(turn - slope * moved_m * 4 * np.pi / LAMBDA_M).max() < 1e-3
+        if axis[1]:
+            # Everything lies ahead: towards it the phase rises.
+            assert slope > 0.4
+
+
+def test_the_leakage_does_not_feel_the_mount():
+    only = room(RoomSettings(leakage_db=60, leakage_m=0.7))
+    frames = only.echo(np.zeros(5), np.full((5, 3), 1e-3))
+    assert np.abs(frames - only.still).max() < 1e-5 * np.abs(only.still).max()
+
+
+# ---------------------------------------------------------------- both kinds, same room
+
+
+@pytest.mark.parametrize("generator", [0, 5, 11])
+def test_rf_and_baseband_are_the_same_room(generator):
+    s = RadarSettings(pulse_generator=generator)
+    rf, baseband = axis_of("rf", s), axis_of("baseband", s)
+    t_s, offset_m = np.array([0.0, 100.0, 5000.0]), np.full((3, 3), 1e-3)
+    mixed = DownConverter(rf).convert(room(FULL, rf).echo(t_s, offset_m))
+    ours = room(FULL, baseband).echo(t_s, offset_m)
+    # Away from the ends, where the RF frame is cut before the filter.
+    assert np.abs(mixed - ours)[:, 80:-80].max() < 1e-4 * np.abs(ours).max()
+
+
+def test_a_part_left_out_does_not_change_the_others():
+    both = RoomSettings(objects_db=50, diffuse_db=30)
+    parts = (RoomSettings(objects_db=50), RoomSettings(diffuse_db=30))
+    total = sum(room(p).still for p in parts)
+    assert np.abs(room(both).still - total).max() < 1e-6 * np.abs(total).max()
+
+
+def test_levels_scale_one_room():
+    quiet, loud = (room(RoomSettings(objects_db=x, diffuse_db=x)).still for x in (20.0, 40.0))
+    assert np.abs(loud - 10 * quiet).max() < 1e-5 * np.abs(loud).max()
+
+
+def test_an_object_is_a_points_echo():
+    still = room(RoomSettings(objects_db=40, n_objects=1)).still.astype(np.complex128)
+    peak = np.abs(still).argmax()
+    nearby = BASEBAND.range_m[peak] + np.linspace(-0.003, 0.003, 121)[:, None]
+    shapes = baseband_echo(nearby, np.ones_like(nearby), BASEBAND).astype(np.complex128)
+    match = np.abs(shapes.conj() @ still) / np.linalg.norm(shapes, axis=1)
+    assert match.max() == pytest.approx(np.linalg.norm(still), rel=1e-5)
+
+
+# ---------------------------------------------------------------- bad input
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("objects_db", 200),
+        ("n_objects", 2.5),
+        ("n_objects", -1),
+        ("profile", "flat"),
+        ("decay_db_per_m", -1),
+        ("leakage_m", -0.1),
+        ("drift_m", 1),
+        ("drift_gain", math.nan),
+        ("diffuse_db", "loud"),
+    ],
+)
+def test_impossible_rooms_are_named(key, value):
+    with pytest.raises(SettingsError, match=f"^{key} = "):
+        RoomSettings(**{key: value})
+    with pytest.raises(SceneError, match=rf"^x.yaml: room\.{key}: ") as caught:
+        settings_from(RoomSettings, {key: value}, "x.yaml: room")
+    assert "\n" not in str(caught.value)
+
+
+def test_parts_can_be_left_out_in_a_scene():
+    assert settings_from(RoomSettings, {"objects_db": None}, "room") == RoomSettings()
+    with pytest.raises(SceneError, match=r"^room\.n_objects: must be a number, not None"):
+        settings_from(RoomSettings, {"n_objects": None}, "room")

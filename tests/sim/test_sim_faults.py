@@ -1,0 +1,394 @@
+"""Each fault does what it says, whatever the steps of time and the reads."""
+
+import contextlib
+
+import numpy as np
+import pytest
+
+from x2radar.errors import MessageError, SettingsError
+from x2radar.modules.x2 import RadarSettings
+from x2radar.sim.module.faults import KINDS, FaultPlan, describe_faults, parse_faults
+from x2radar.sim.module.module import SimulatedModule
+from x2radar.sim.module.stream import EchoStream
+from x2radar.sim.scene.scene import load_scene
+from x2radar.wire import framing
+from x2radar.wire.codec import decode_response, encode
+from x2radar.wire.framing import LineFault, Packet, PacketDecoder
+from x2radar.wire.messages import (
+    Ack,
+    BasebandIq,
+    Data,
+    ErrorReply,
+    Ping,
+    Pong,
+    Reset,
+    SetLed,
+    SetMode,
+    SetOutput,
+    SetSysInt,
+    SystemMessage,
+)
+from x2radar.wire.wire_ids import BasebandOutput, ErrorCode, Mode, OutputRef, PongCode, SysCfg
+
+SCENE = load_scene("human")
+MANUAL = SetMode(Mode.MANUAL)
+REFUSED = ErrorReply(ErrorCode.COMMAND_FAILED)
+
+
+def made(faults, seed=0):
+    return SimulatedModule(SCENE, seed, parse_faults(faults) if faults else None)
+
+
+def say(module, *commands):
+    for command in commands:
+        module.receive(framing.encode(encode(command)))
+
+
+def pieces(module):
+    return list(iter(module.data_to_send, b""))
+
+
+def run(module, until_s, step_s=None):
+    """Let time pass; return what comes out and when, a list of (time, piece)."""
+    out = [(module._now_s, piece) for piece in pieces(module)]
+    now_s = module._now_s
+    while now_s < until_s:
+        now_s = min(module.next_due_s if step_s is None else now_s + step_s, until_s)
+        module.advance(now_s)
+        out += [(now_s, piece) for piece in pieces(module)]
+    return out
+
+
+def stream(faults, seconds=10.005, seed=0, step_s=None):
+    """Everything a module sends that streams from the start, and when."""
+    module = made(faults, seed)
+    say(module, MANUAL)
+    return run(module, seconds, step_s)
+
+
+def joined(parts):
+    return b"".join(piece for _, piece in parts)
+
+
+def decoded(parts):
+    decoder = PacketDecoder()
+    for t_s, piece in parts:
+        for item in decoder.feed(piece):
+            yield t_s, item
+
+
+def messages(parts, kind=Data):
+    out = []
+    for t_s, item in decoded(parts):
+        if isinstance(item, Packet):
+            with contextlib.suppress(MessageError):  # damage that the checksum did not see
+                message = decode_response(item.data)
+                if isinstance(message, kind):
+                    out.append((t_s, message))
+    return out
+
+
+def counters(parts):
+    return [m.info for _, m in messages(parts)]
+
+
+@pytest.fixture(scope="module")
+def truth():
+    """What the scene's frames are, by counter from 1."""
+    echo = EchoStream(SCENE, 0, RadarSettings())
+    return [echo.next() for _ in range(610)]
+
+
+# ---------------------------------------------------------------- what holds for all
+
+
+def test_without_faults_nothing_is_wrong(truth):
+    parts = stream("")
+    assert counters(parts) == list(range(1, 602))
+    assert all(isinstance(item, Packet) for _, item in decoded(parts))
+    for _, m in messages(parts):
+        assert np.array_equal(m.values, truth[m.info - 1])
+
+
+ALL = [
+    *("drop_bytes:1e-4", "flip_bits:1e-4", "junk:0.2", "split:900", "merge:0.3", "stall:2"),
+    *("bursts:1", "silent:3.33", "hang_up:3.33", "drop_frames:0.2", "duplicate:0.2", "spike:0.1"),
+    *("clip:0.02", "counter_restart:0.02", "reboot:0.02", "slow_ack:0.5", "error_reply:0.3"),
+    *("not_ready:2", "safe_mode:1"),
+    "drop_bytes:1e-5,junk:0.1,split:500,merge:0.3,drop_frames:0.1,duplicate:0.1,reboot:0.01",
+]
+
+
+def test_all_kinds_are_tried():
+    assert {text.partition(":")[0] for text in ALL} == set(KINDS)
+
+
+@pytest.mark.parametrize("faults", ALL)
+def test_same_input_same_bytes_whatever_the_steps(faults):
+    seconds = 12.3 if "stall" in faults else 4.1
+    once = joined(stream(faults, seconds))
+    assert joined(stream(faults, seconds)) == once
+    assert joined(stream(faults, seconds, step_s=0.01)) == once
+    assert joined(stream(faults, seconds, step_s=1.7)) == once
+    other = joined(stream(faults, seconds, seed=1))
+    assert other != once or faults in {"safe_mode:1", "error_reply:0.3"}
+
+
+@pytest.mark.parametrize("faults", ["error_reply:0.5", "slow_ack:0.5", "junk:0.5"])
+def test_cuts_in_the_commands_change_nothing(faults):
+    line = b"".join(framing.encode(encode(c)) for c in [SetLed(1), Ping(), MANUAL] * 5)
+    whole, cut = made(faults), made(faults)
+    whole.receive(line)
+    for byte in line:
+        cut.receive(bytes([byte]))
+    assert run(whole, 1.0) == run(cut, 1.0)
+
+
+def test_one_fault_does_not_touch_anothers_draws():
+    alone = set(counters(stream("drop_frames:0.2")))
+    assert set(counters(stream("spike:0.3,drop_frames:0.2,duplicate:0.4,split:2000"))) == alone
+    twice = counters(stream("duplicate:0.3"))
+    doubled = {k for k in twice if twice.count(k) == 2}
+    both = counters(stream("duplicate:0.3,drop_frames:0.2"))
+    assert {k for k in both if both.count(k) == 2} == doubled & alone
+
+
+# ---------------------------------------------------------------- the line
+
+
+@pytest.mark.parametrize("kind", ["drop_bytes", "flip_bits"])
+def test_damaged_bytes_cost_their_packets_only(kind, truth):
+    clean, bad = joined(stream("")), stream(f"{kind}:1e-4")
+    got = messages(bad)
+    expected = 601 * (1 - 1e-4) ** (len(clean) / 601)
+    assert len(got) == pytest.approx(expected, abs=45)
+    assert any(isinstance(item, LineFault) for _, item in decoded(bad))
+    sound = sum(np.array_equal(m.values, truth[m.info - 1]) for _, m in got if m.info <= 601)
+    # Two flips of one bit cancel in a checksum of eight bits; that is the wire's.
+    assert sound >= len(got) - (5 if kind == "flip_bits" else 0)
+
+
+def test_share_of_damaged_bytes():
+    clean = joined(stream(""))
+    flipped, dropped = joined(stream("flip_bits:1e-3")), joined(stream("drop_bytes:1e-3"))
+    hits = np.frombuffer(clean, np.uint8) ^ np.frombuffer(flipped, np.uint8)
+    n, n_flipped = len(clean), int((hits > 0).sum())
+    spread = 5 * np.sqrt(1e-3 * n)
+    assert n_flipped == pytest.approx(1e-3 * n, abs=spread)
+    assert set(hits[hits > 0].tolist()) == {1 << k for k in range(8)}
+    assert n - len(dropped) == pytest.approx(1e-3 * n, abs=spread)
+
+
+def test_junk_costs_at_most_the_packet_behind_it():
+    parts = stream("junk:0.3")
+    assert len(counters(parts)) > 601 - 0.3 * 601 * 0.3
+    junk = [item for _, item in decoded(parts) if isinstance(item, LineFault)]
+    assert len(junk) == pytest.approx(0.3 * 601, rel=0.3)
+    n_more = len(joined(parts)) - len(joined(stream("")))
+    assert n_more == pytest.approx(0.3 * 602 * 20.5, rel=0.2)
+
+
+def test_split_merge_stall_and_bursts_change_only_when():
+    clean = joined(stream("", 14.0))
+    split = stream("split:700", 14.0)
+    assert joined(split) == clean
+    assert max(len(piece) for _, piece in split) == 700
+    assert min(len(piece) for _, piece in split) < 20
+    lumps = stream("merge:0.5", 14.0)
+    assert clean.startswith(joined(lumps))
+    assert {round(t, 6) for t, m in messages(lumps)} <= {round(0.5 * k, 6) for k in range(30)}
+    stalled = [t for t, _ in messages(stream("stall:2", 14.0))]
+    assert not any(10.0 <= t < 12.0 for t in stalled)
+    assert max(np.diff(stalled)) == pytest.approx(2.0, abs=0.05)
+    both = [t for t, _ in messages(stream("stall:2,merge:5", 14.0))]
+    assert sorted({round(t, 6) for t in both}) == [0.0, 5.0, 12.0]
+
+
+@pytest.mark.parametrize("rate_hz", [20, 60])
+def test_bursts_are_those_of_the_real_module(rate_hz):
+    module = made("bursts:1")
+    say(module, SetSysInt(SysCfg.FPS, rate_hz), MANUAL)
+    burst = messages(run(module, 6.0))
+    assert [m.info for _, m in burst] == list(range(1, len(burst) + 1))
+    late_ms = {}
+    for t_s, m in burst:
+        late_ms.setdefault(m.info % 20, []).append((t_s * rate_hz - (m.info - 1)) * 50)
+    for phase, want_ms in {0: 190, 1: 145, 2: 100, 3: 55, 10: 50}.items():
+        # The very first frame has nothing before it that was late.
+        assert late_ms[phase][1:] == pytest.approx([want_ms] * len(late_ms[phase][1:]), abs=1e-3)
+    assert max(late_ms[15]) == pytest.approx(0, abs=1e-3)
+
+
+def test_silence_and_hanging_up_come_in_time():
+    for kind, closes in (("silent", False), ("hang_up", True)):
+        module = made(f"{kind}:1.99")
+        say(module, MANUAL)
+        parts = run(module, 1.985)
+        assert not module.has_hung_up
+        parts += run(module, 5.0)
+        assert counters(parts) == list(range(1, 121))
+        assert module.has_hung_up == closes
+        say(module, Ping())
+        assert pieces(module) == []
+
+
+# ---------------------------------------------------------------- frames
+
+
+def test_dropped_and_doubled_frames(truth):
+    kept = counters(stream("drop_frames:0.2"))
+    assert len(kept) == pytest.approx(0.8 * 601, rel=0.1)
+    assert kept == sorted(set(kept))
+    parts = stream("duplicate:0.2")
+    twice = counters(parts)
+    assert len(twice) == pytest.approx(1.2 * 601, rel=0.1)
+    assert sorted(set(twice)) == list(range(1, 602))
+    assert twice == sorted(twice)
+    assert all(np.array_equal(m.values, truth[m.info - 1]) for _, m in messages(parts))
+
+
+def test_counter_restart_changes_the_number_only(truth):
+    got = messages(stream("counter_restart:0.02"))
+    assert len(got) == 601
+    for (_, m), frame in zip(got, truth, strict=False):
+        assert np.array_equal(m.values, frame)
+    steps = np.diff([m.info for _, m in got])
+    assert (steps != 1).sum() == pytest.approx(12, abs=10)
+    assert all(m.info == 1 for (_, m), step in zip(got[1:], steps, strict=True) if step != 1)
+
+
+def test_reboot_resumes_what_ran():
+    module = made("reboot:0.02")
+    # Not the defaults, to see that they come back.
+    say(module, SetSysInt(SysCfg.FPS, 30), SetSysInt(SysCfg.FRAME_STITCH, 1))
+    say(module, SetOutput(OutputRef.BASEBAND, BasebandOutput.IQ), MANUAL)
+    got = messages(run(module, 12.0), (BasebandIq, SystemMessage))[1:]
+    runs = [[]]
+    for t_s, m in got:
+        runs.append([]) if isinstance(m, SystemMessage) else runs[-1].append((t_s, m))
+    streams = [r for r in runs if r]
+    assert len(streams) == pytest.approx(7, abs=5)
+    first = {}
+    for part in streams:
+        assert [m.counter for _, m in part] == list(range(part[0][1].counter, len(part) + 2))[
+            : len(part)
+        ]
+        assert np.diff([t for t, _ in part]) == pytest.approx(1 / 30)
+        for _, m in part:
+            assert m.i.size == streams[0][0][1].i.size
+            assert np.array_equal(first.setdefault(m.counter, m.i), m.i)
+    assert all(part[0][1].counter == 1 for part in streams[1:])
+
+
+def test_a_reset_by_the_host_forgets_what_ran():
+    module = made("reboot:0.05")
+    say(module, MANUAL)
+    run(module, 2.0)
+    say(module, Reset())
+    assert len(messages(run(module, 3.0), SystemMessage)) >= 2
+    assert not module.is_streaming
+    assert messages(run(module, 9.0)) == []
+
+
+def test_spike_and_clip(truth):
+    frames = [m.values for _, m in messages(stream("spike:0.1"))]
+    hit = [(f, t) for f, t in zip(frames, truth, strict=False) if f.max() > 500]
+    assert len(hit) == pytest.approx(60, abs=25)
+    assert all(0 < (f != t).sum() <= 3 for f, t in hit)
+    flat = [m.values for _, m in messages(stream("clip:0.02"))]
+    for f, t in zip(flat, truth, strict=False):
+        assert np.allclose(f, np.clip(t, 49, 51), atol=1e-4)
+
+
+# ---------------------------------------------------------------- answers
+
+
+def answers(faults, *commands, until_s=5.0):
+    module = made(faults)
+    say(module, *commands)
+    return [(t, decode_response(i.data)) for t, i in decoded(run(module, until_s))]
+
+
+def test_slow_answers_come_late_and_hold_nothing_back():
+    assert answers("slow_ack:0.3", SetLed(1)) == [(0.3, Ack())]
+    module = made("slow_ack:0.3")
+    say(module, MANUAL)
+    run(module, 1.0)
+    say(module, Ping())
+    got = messages(run(module, 2.0), (Data, Pong))
+    assert [round(t, 6) for t, m in got if isinstance(m, Pong)] == [1.3]
+    assert [t for t, m in got if isinstance(m, Data)] == pytest.approx(
+        0.3 + np.arange(42, 103) / 60, abs=1e-6
+    )
+
+
+def test_refused_commands():
+    replies = [m for _, m in answers("error_reply:0.5", *[SetLed(1)] * 400)]
+    assert len(replies) == 400
+    assert sum(m == REFUSED for m in replies) == pytest.approx(200, abs=50)
+    assert {m for _, m in answers("error_reply:1", *[Ping()] * 20)} == {Pong(PongCode.READY)}
+    assert answers("error_reply:1", MANUAL) == [(0.0, REFUSED)]
+
+
+def test_safe_mode():
+    got = [m for _, m in answers("safe_mode:1", Ping(), SetLed(1), MANUAL, Reset())]
+    assert got[:4] == [Pong(PongCode.SAFE_MODE), REFUSED, REFUSED, Ack()]
+    assert len(got) == 5  # BOOTING, and never READY
+
+
+def test_not_ready():
+    module = made("not_ready:2")
+    said = []
+    for _ in range(2):
+        start_s = module._now_s
+        for after_s in (0.2, 1.9, 2.2):
+            run(module, start_s + after_s)
+            say(module, Ping())
+            said += [m.code for _, m in messages(run(module, module._now_s), Pong)]
+        say(module, Reset())
+        assert messages(run(module, module._now_s), Ack)
+        # From BOOTING on, which is an answer's delay after the reset.
+        assert len(messages(run(module, module.next_due_s), SystemMessage)) == 1
+    assert said == [PongCode.NOT_READY, PongCode.NOT_READY, PongCode.READY] * 2
+
+
+# ---------------------------------------------------------------- text
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "fault '': unknown"),
+        ("smoke:1", "fault 'smoke': unknown"),
+        ("smoke\nfire:1", "unknown"),
+        ("junk", r"has no value; write junk:VALUE \(per packet\)"),
+        ("junk:", "has no value"),
+        ("junk:x", "'x' is no value from 0 to 1"),
+        ("junk:2", r"is no value from 0 to 1 \(per packet\)"),
+        ("junk:-0.1", "no value"),
+        ("junk:nan", "no value"),
+        ("junk:0.1:2", "no value"),
+        ("junk:0.1,", "unknown"),
+        ("junk:0.1,junk:0.2", "given twice"),
+        ("split:0", r"whole number from 1 to 65536 \(bytes\)"),
+        ("split:1.5", "whole number"),
+        ("bursts:0", "from 1 to 1"),
+        ("hang_up:inf", "seconds"),
+    ],
+)
+def test_plans_that_make_no_sense(text, words):
+    with pytest.raises(SettingsError, match=words) as caught:
+        parse_faults(text)
+    assert all(kind in str(caught.value) for kind in KINDS)
+    assert "\n" not in str(caught.value)
+
+
+def test_plan_and_table():
+    plan = parse_faults("junk:0.1, split:7")
+    assert plan == FaultPlan({"junk": 0.1, "split": 7.0})
+    assert plan.value("stall") == 0
+    for name, kind in KINDS.items():
+        assert any(
+            row.split()[0] == name and kind.unit in row and row.endswith(kind.meaning)
+            for row in describe_faults().splitlines()
+        )

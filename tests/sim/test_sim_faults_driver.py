@@ -1,0 +1,226 @@
+"""The driver, and whoever opens the terminal, survive a module that misbehaves."""
+
+import itertools
+import subprocess
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import x2radar
+from tests.radar_helpers import python
+from x2radar.device.device import Deadlines, X2Radar
+from x2radar.errors import DeviceError, ReadTimeout, SafeModeError, TransportClosed
+from x2radar.modules.x2 import RadarSettings
+from x2radar.ports import make_radar, parse_port
+from x2radar.sim.module.faults import KINDS, parse_faults
+from x2radar.sim.module.host import connect
+from x2radar.sim.module.module import SimulatedModule
+from x2radar.sim.module.stream import EchoStream
+from x2radar.sim.scene.scene import load_scene
+from x2radar.wire import framing
+from x2radar.wire.codec import encode
+from x2radar.wire.messages import GetSystemInfo, Ping, SetMode
+from x2radar.wire.wire_ids import Mode
+
+SCENE = load_scene("human")
+QUICK = Deadlines(reply_s=0.5, ready_s=3, ping_every_s=0.05, stall_s=0.5)
+
+
+@pytest.fixture(scope="module")
+def told():
+    """The scene's frames by counter from 1; the driver tells the delay as a float32."""
+    settings = RadarSettings(sample_delay_s=float(np.float32(4e-9)))
+    stream = EchoStream(SCENE, 0, settings)
+    return [stream.next() for _ in range(1500)]
+
+
+def frames(faults, n):
+    """The first frames that the driver hands out of a module with faults."""
+    with make_radar(parse_port(f"sim:human?fault={faults}"), speed=None) as radar:
+        return list(itertools.islice(radar.frames(), n))
+
+
+def is_made(frame, told):
+    return 0 < frame.counter <= len(told) and np.array_equal(
+        frame.samples, told[frame.counter - 1]
+    )
+
+
+def assert_counted(got):
+    """Every frame says what is missing before it, as its counter has it."""
+    for before, frame in itertools.pairwise(got):
+        if frame.restarted:
+            assert frame.counter <= before.counter
+            assert (frame.lost, frame.index) == (0, before.index + 1)
+        else:
+            assert frame.lost == frame.counter - before.counter - 1
+            assert frame.index == before.index + frame.lost + 1
+
+
+@pytest.mark.parametrize(
+    "faults",
+    [
+        "drop_bytes:1e-4",
+        "junk:0.1",
+        "split:7",
+        "duplicate:0.1",
+        "drop_frames:0.1",
+        "bursts:1",
+        "merge:0.2",
+        "slow_ack:0.1",
+        "drop_bytes:1e-5,junk:0.05,drop_frames:0.1,duplicate:0.1,split:900,bursts:1",
+    ],
+)
+def test_true_frames_only_and_what_is_missing_is_said(faults, told):
+    got = frames(faults, 100 if faults == "split:7" else 500)
+    assert got[0].index == 0
+    assert not any(frame.restarted for frame in got)
+    assert_counted(got)
+    assert all(is_made(frame, told) for frame in got)
+    loses = faults.startswith("drop")
+    assert (got[-1].index > len(got) - 1) == loses or faults == "junk:0.1"
+
+
+def test_flipped_bits_pass_only_where_the_checksum_is_blind(told):
+    got = frames("flip_bits:1e-4", 500)
+    assert_counted(got)
+    assert any(frame.lost for frame in got)
+    wrong = [frame for frame in got if not is_made(frame, told)]
+    # Two flips of the same bit cancel in a XOR of bytes: 0.4 % of packets at this rate.
+    assert len(wrong) <= 0.012 * len(got)
+    for frame in wrong:
+        assert (frame.samples != told[frame.counter - 1]).sum() <= 2
+
+
+def test_spikes_pass_and_touch_nothing_else(told):
+    got = frames("spike:0.1", 500)
+    assert [frame.index for frame in got] == list(range(500))
+    hit = [frame for frame in got if frame.samples.max() > 100]
+    assert len(hit) == pytest.approx(50, abs=25)
+    for frame in got:
+        assert (frame.samples != told[frame.counter - 1]).sum() <= 3 * (frame.samples.max() > 100)
+
+
+def test_counter_restarts_are_stated(told):
+    got = frames("counter_restart:0.02", 400)
+    assert_counted(got)
+    assert [frame.index for frame in got] == list(range(400))
+    assert [f.restarted for f in got] == [k > 0 and f.counter == 1 for k, f in enumerate(got)]
+    assert sum(frame.restarted for frame in got) == pytest.approx(8, abs=7)
+    for frame, true in zip(got, told, strict=False):
+        assert np.array_equal(frame.samples, true)
+
+
+def test_a_module_that_reboots_is_heard_again(told):
+    got = frames("reboot:0.01", 400)
+    assert_counted(got)
+    assert 1 <= sum(frame.restarted for frame in got) <= 12
+    assert all(is_made(frame, told) for frame in got)
+
+
+def opened(faults, speed=None, deadlines=QUICK):
+    plan = parse_faults(faults)
+    return X2Radar(
+        lambda: connect(lambda: SimulatedModule(SCENE, 0, plan), speed), deadlines=deadlines
+    )
+
+
+@pytest.mark.parametrize(
+    ("faults", "speed"),
+    [
+        ("slow_ack:0.1", None),
+        ("slow_ack:0.03", 1.0),
+        ("not_ready:0.3", 1.0),
+        ("not_ready:100", None),
+    ],
+)
+def test_it_opens_all_the_same(faults, speed):
+    with opened(faults, speed) as radar:
+        assert next(radar.frames()).index == 0
+
+
+def test_what_cannot_be_opened():
+    with pytest.raises(SafeModeError):
+        opened("safe_mode:1").open()
+    with pytest.raises(DeviceError, match="command failed"):
+        opened("error_reply:1").open()
+    with pytest.raises(DeviceError, match="not ready"):
+        opened("not_ready:60", 1.0, replace(QUICK, ready_s=0.5)).open()
+
+
+@pytest.mark.parametrize(
+    ("faults", "error"), [("hang_up:2", TransportClosed), ("silent:2", ReadTimeout)]
+)
+def test_what_ends(faults, error):
+    got = []
+    with opened(faults) as radar, pytest.raises(error):
+        got.extend(radar.frames())
+    # Time of the start-up counts too.
+    assert [frame.index for frame in got] == list(range(len(got)))
+    assert 100 < len(got) < 120
+
+
+def test_commands_between_frames_get_their_answers():
+    with opened("drop_frames:0.2,duplicate:0.2,bursts:1,split:50") as radar:
+        for _ in range(5):
+            next(radar.frames())
+            assert radar.command(GetSystemInfo(0))
+
+
+# ---------------------------------------------------------------- ports
+
+
+def test_reads_are_the_pieces_that_the_line_makes():
+    transport = connect(lambda: SimulatedModule(SCENE, 0, parse_faults("split:9")), None)
+    line = [framing.encode(encode(c)) for c in (Ping(), SetMode(Mode.MANUAL))]
+    reads = []
+    for command in line:
+        transport.write(command)
+    while len(reads) < 3000:
+        if piece := transport.read(1.0):
+            reads.append(piece)
+    transport.close()
+    with pytest.raises(TransportClosed):
+        transport.read(1.0)
+    module = SimulatedModule(SCENE, 0, parse_faults("split:9"))
+    module.receive(line[0] + line[1])
+    module.advance(1.0)
+    pieces = list(itertools.islice(iter(module.data_to_send, b""), 3000))
+    assert reads == pieces
+    assert set(map(len, reads)) == set(range(1, 10))
+
+
+def test_on_a_terminal():
+    argv = ("simulate", "--pty", "--scene", "human", "--speed", "4", "--fault")
+    with subprocess.Popen(
+        [python(), "-m", "x2radar.cli", *argv, "junk:0.2,split:500,drop_frames:0.2,hang_up:30"],
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as process:
+        try:
+            assert process.stdout is not None
+            radar = x2radar.open(process.stdout.readline().strip())
+            got = list(itertools.islice(radar.frames(), 60))
+            radar.close()
+        finally:
+            process.terminate()
+    assert_counted(got)
+    assert sum(frame.lost for frame in got) >= 5
+    assert process.returncode == 0
+
+
+def test_help_lists_the_kinds():
+    argv = [python(), "-m", "x2radar.cli", "simulate"]
+    text = subprocess.run([*argv, "--help"], capture_output=True, text=True, check=True).stdout
+    for name, kind in KINDS.items():
+        assert any(
+            row.split()[:1] == [name] and kind.unit in row and kind.meaning in row
+            for row in text.splitlines()
+        )
+    bad = subprocess.run(
+        [*argv, "--pty", "--fault", "smoke:1"], capture_output=True, text=True, check=False
+    )
+    assert bad.returncode == 2
+    assert bad.stderr.startswith("x2radar: fault 'smoke': unknown; kinds are drop_bytes,")
+    assert bad.stderr.count("\n") == 1

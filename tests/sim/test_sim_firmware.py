@@ -1,0 +1,246 @@
+"""Other modules than the X2 in MANUAL mode, through the same driver: X4M03 and X2M200."""
+
+import threading
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from x2radar.device.device import X2Radar
+from x2radar.device.transport import PtyTransport
+from x2radar.errors import DeviceError, SettingsError
+from x2radar.modules.modules import MODULES, ModuleRow, module_for, settings_from_mapping
+from x2radar.modules.profile import PROFILES, ProfileSettings
+from x2radar.modules.x2 import RadarSettings
+from x2radar.modules.x4 import X4Settings
+from x2radar.ports import make_radar, parse_port
+from x2radar.recording.capture import CaptureWriter, capturing
+from x2radar.recording.formats.wire import WireReader
+from x2radar.sim.module.firmware import FIRMWARES, X2Firmware, X4Firmware
+from x2radar.sim.module.host import connect, serve
+from x2radar.sim.module.module import SimulatedModule
+from x2radar.sim.scene.scene import load_scene
+from x2radar.wire.messages import (
+    Ack,
+    ErrorReply,
+    GetSystemInfo,
+    LoadProfile,
+    Reply,
+    SetDetectionZone,
+    SetMode,
+    SetOutput,
+)
+from x2radar.wire.messages_x4 import X4Init, X4SetFrameRate, X4SetIterations
+from x2radar.wire.wire_ids import BasebandOutput, ErrorCode, InfoItem, Mode, OutputRef, Profile
+
+REFUSED = ErrorReply(ErrorCode.COMMAND_FAILED)
+
+
+def take(radar, n):
+    with radar:
+        return list(islice(radar.frames(), n)), radar.stream
+
+
+def opened(port, n=40):
+    return take(make_radar(parse_port(port), speed=None), n)
+
+
+def test_an_x4_streams_through_the_same_device_class():
+    frames, stream = opened("sim:human?device=x4m03&rate=30")
+    s = X4Settings.for_frame_rate(30)
+    assert (stream.axis.kind, stream.frame_rate_hz) == ("baseband", 30)
+    assert (stream.axis.n_range, stream.axis.carrier_hz) == (s.n_range, 7.29e9)
+    assert stream.axis.bin_length_m == pytest.approx(0.0514, abs=1e-4)
+    assert frames[0].samples.dtype == np.complex64
+    assert [f.index for f in frames] == list(range(40))
+    assert opened("sim:human?device=x4m03&rate=30")[0][7].samples.tobytes() == (
+        frames[7].samples.tobytes()
+    )
+
+
+def test_an_x4_sends_rf_when_asked():
+    frames, stream = opened("sim:empty?device=x4m03&rate=20&kind=rf", 5)
+    assert stream.axis.kind == "rf"
+    assert stream.axis.bin_length_m == pytest.approx(0.0064, abs=1e-4)
+    assert frames[0].samples.dtype == np.float32
+
+
+def test_noise_of_a_decimated_stream_keeps_its_level_and_is_whiter():
+    fine, _ = opened("sim:empty?kind=baseband", 60)
+    coarse, _ = opened("sim:empty?device=x4m03", 60)
+
+    def noise(frames):
+        return np.diff(np.array([f.samples for f in frames]), axis=0)[:, 5:80]
+
+    def neighbours(rows):
+        return abs(np.mean(rows[:, 1:] * rows[:, :-1].conj())) / np.mean(np.abs(rows) ** 2)
+
+    assert neighbours(noise(fine)) > 0.9
+    assert neighbours(noise(coarse)) < 0.9
+    # Noise behind a matched filter falls with the pulse's length in samples.
+    assert np.std(noise(coarse)) == pytest.approx(np.std(noise(fine)), rel=0.4)
+
+
+@pytest.mark.parametrize("output", ["iq", "ap"])
+def test_a_profile_streams_baseband_at_20_hz(output):
+    settings = ProfileSettings(output=output)
+    radar = make_radar(parse_port("sim:human?device=x2m200"), speed=None, settings=settings)
+    frames, stream = take(radar, 50)
+    assert (stream.frame_rate_hz, stream.axis.n_range) == (20, 52)
+    assert stream.axis.range_offset_m == pytest.approx(0.4)
+    assert stream.axis.bin_length_m == pytest.approx(0.0384, abs=1e-4)
+    assert [f.counter for f in frames] == list(range(1, 51))
+
+
+def test_start_up_of_a_profile():
+    s = ProfileSettings(profile="respiration", zone_start_m=0.5, zone_end_m=1.0)
+    commands = s.startup_commands()
+    assert commands[0] == SetMode(Mode.IDLE)
+    assert commands[-1] == SetMode(Mode.RUN)
+    order = [type(c) for c in commands]
+    assert order.index(LoadProfile) < order.index(SetOutput)
+    assert LoadProfile(Profile.RESPIRATION) in commands
+    assert SetDetectionZone(0.5, 1.0) in commands
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"profile": "gait"}, "profile = 'gait': must be respiration, sleep or presence"),
+        ({"zone_start_m": 0}, "zone_start_m"),
+        ({"zone_start_m": 2, "zone_end_m": 1}, "must be above zone_start_m"),
+        ({"sensitivity": 10}, "0 to 9"),
+        ({"output": "rf", "led": 4}, "led.*output"),
+    ],
+)
+def test_profile_settings_that_make_no_sense(wrong, said):
+    with pytest.raises(SettingsError, match=said):
+        ProfileSettings(**wrong)
+
+
+def test_zones_of_the_profiles():
+    for name, row in PROFILES.items():
+        s = ProfileSettings.for_profile(name)
+        assert (s.zone_start_m, s.zone_end_m) == row.zone_m
+    with pytest.raises(SettingsError):
+        ProfileSettings.for_profile("gait")
+
+
+def test_port_keys_of_a_profile():
+    for port in ("sim:empty?device=x2m200&rate=60", "sim:empty?device=x2m200&kind=rf"):
+        with pytest.raises(SettingsError, match="profiles of an X2M200"):
+            make_radar(parse_port(port))
+
+
+@pytest.mark.parametrize(
+    ("firmware", "settings"),
+    [(X2Firmware, RadarSettings.for_frame_rate(60)), (X4Firmware, X4Settings.for_frame_rate(60))],
+)
+def test_auto_asks_the_module_what_it_is(firmware, settings):
+    far = PtyTransport()
+    module = SimulatedModule(load_scene("empty"), firmware=firmware())
+    thread = threading.Thread(target=serve, args=(module, far))
+    thread.start()
+    try:
+        radar = make_radar(parse_port(far.path))
+        radar.identify()
+        assert radar.settings == settings
+        with radar:
+            assert next(radar.frames()).axis.carrier_hz == settings.carrier_hz
+    finally:
+        far.close()
+        thread.join(60)
+
+
+def test_order_codes():
+    assert {module_for(code).device for code in ("X4M03", " xep-1")} == {"x4m03"}
+    assert {module_for(code).device for code in ("", "X2M200", "NVA-R661")} == {"x2raw"}
+
+
+def test_every_module_has_a_row_a_firmware_and_a_name_in_the_docs():
+    assert FIRMWARES.keys() == MODULES.keys()
+    docs = Path(__file__).parents[2] / "docs"
+    for page in ("reference/python.md", "reference/cli.md", "research/simulated-module.md"):
+        text = (docs / page).read_text("utf-8")
+        assert all(device in text for device in MODULES)
+
+
+def test_a_row_and_its_firmware_are_all_that_a_module_needs(monkeypatch):
+    row = ModuleRow(
+        device="mine", name="Mine", settings=X4Settings, order_codes=("X4M0",), bundle="mine"
+    )
+    monkeypatch.setitem(MODULES, "mine", row)
+    monkeypatch.setitem(FIRMWARES, "mine", X4Firmware)
+    frames, stream = opened("sim:human?device=mine&rate=20", 3)
+    assert (len(frames), stream.frame_rate_hz, stream.axis.carrier_hz) == (3, 20, 7.29e9)
+    assert module_for("X4M03") is row
+    with pytest.raises(SettingsError, match="known are auto, x2raw, x2m200, x4m03, mine"):
+        make_radar(parse_port("/dev/ttyX?device=x9"))
+
+
+@pytest.mark.parametrize("device", MODULES)
+def test_a_module_streams_the_axis_of_its_settings(device):
+    _, stream = opened(f"sim:empty?device={device}", 2)
+    s = MODULES[device].settings.for_port(None, None)
+    axis = s.axis
+    assert (stream.frame_rate_hz, stream.axis.kind) == (s.frame_rate_hz, axis.kind)
+    assert stream.axis.range_m == pytest.approx(axis.range_m)
+    assert stream.axis.carrier_hz == pytest.approx(axis.carrier_hz)
+
+
+def test_what_the_firmware_refuses():
+    x2, x4 = X2Firmware(), X4Firmware()
+    assert x4.obey(SetMode(Mode.MANUAL)).reply == Ack()
+    assert x4.obey(X4SetFrameRate(20.0)).reply == REFUSED  # not initialised
+    x4.obey(X4Init())
+    assert x4.obey(X4SetFrameRate(1e5)).reply == REFUSED
+    assert x4.obey(X4SetFrameRate(20.0)).starts == X4Settings(
+        frame_rate_hz=20.0, is_baseband=False
+    )
+    assert x4.obey(X4SetFrameRate(0.0)).stops
+    assert x4.obey(SetMode(99)).reply == x2.obey(SetMode(99)).reply == REFUSED
+    assert x4.obey(SetOutput(OutputRef.BASEBAND, BasebandOutput.IQ)) is None
+    assert x2.obey(X4Init()) is None
+    assert x2.obey(SetMode(Mode.RUN)).starts is None
+    x2.obey(LoadProfile(Profile.SLEEP))
+    x2.obey(SetOutput(OutputRef.BASEBAND, BasebandOutput.IQ))
+    x2.obey(SetDetectionZone(2.0, 1.0))
+    assert x2.obey(SetMode(Mode.RUN)).reply == REFUSED
+    assert x4.obey(X4SetIterations(5)).reply == Ack()
+    assert x4.obey(GetSystemInfo(InfoItem.ORDER_CODE)).reply == Reply(0x58, 1, "X4M03-SIM")
+
+
+def test_x2_settings_are_refused_by_an_x4():
+    radar = make_radar(parse_port("sim:empty?device=x4m03"), speed=None, settings=RadarSettings())
+    with pytest.raises(DeviceError, match="not recognized"):
+        radar.open()
+
+
+@pytest.mark.parametrize(
+    "settings", [RadarSettings(output="iq"), X4Settings(area_end_m=3.0), ProfileSettings()]
+)
+def test_settings_from_what_a_recording_keeps(settings):
+    from dataclasses import asdict
+
+    known = asdict(settings) | {"of_a_later_version": 1}
+    assert settings_from_mapping(known) == settings
+    assert settings_from_mapping({}) == RadarSettings()
+
+
+@pytest.mark.parametrize("firmware", [X4Firmware, X2Firmware])
+def test_a_capture_of_any_module_reads_back(tmp_path, firmware):
+    from dataclasses import asdict
+
+    settings = X4Settings() if firmware is X4Firmware else ProfileSettings()
+    path = tmp_path / "w.x2cap"
+    wire = CaptureWriter(path, {"settings": asdict(settings)})
+    module = lambda: SimulatedModule(load_scene("human"), firmware=firmware())  # noqa: E731
+    radar = X2Radar(lambda: connect(module, None), settings)
+    radar.wrap_transport(lambda inner: capturing(inner, wire))
+    frames, _ = take(radar, 30)
+    wire.close()
+    reader = WireReader(path)
+    assert reader.stream.axis == frames[0].axis
+    assert reader.n_frames >= 30
+    assert np.array_equal(reader.read_samples(0, 30), [f.samples for f in frames])

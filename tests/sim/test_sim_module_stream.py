@@ -1,0 +1,281 @@
+"""The simulated module's frames: when they come, what is in them, and which are lost."""
+
+import math
+
+import numpy as np
+import pytest
+
+from tests.module_helpers import EMPTY, HUMAN, MANUAL, REFUSED, ask, fps, frames, module, said
+from tests.sim_helpers import axis_of
+from x2radar.modules.x2 import RadarSettings
+from x2radar.sim.module.module import LATEST_S, EchoStream
+from x2radar.sim.scene.scene import parse_scene
+from x2radar.sim.signal.pulse import LinkBudget, rf_echo
+from x2radar.wire.messages import (
+    Ack,
+    BasebandAp,
+    BasebandIq,
+    Data,
+    Reset,
+    SetMode,
+    SetOutput,
+    SetSysFloat,
+    SetSysInt,
+)
+from x2radar.wire.wire_ids import BasebandOutput, Mode, OutputRef, SysCfg
+
+
+def test_frames_come_only_in_manual_mode():
+    m = module()
+    m.advance(5.0)
+    assert said(m) == []
+    assert not m.is_streaming
+    for mode in (Mode.RUN, Mode.NORMAL, Mode.IDLE, Mode.STOP):
+        assert ask(m, MANUAL) == [Ack()]
+        assert m.is_streaming
+        m.advance(m.next_due_s)
+        assert len(said(m)) == 1
+        assert ask(m, SetMode(mode)) == [Ack()]
+        assert not m.is_streaming
+        assert m.next_due_s == math.inf
+        m.advance(5.0)
+        assert said(m) == []
+
+
+def test_an_unknown_mode_changes_nothing():
+    m = module()
+    frames(m, 2)
+    assert ask(m, SetMode(0x77)) == [REFUSED]
+    assert m.is_streaming
+    assert frames(m, 1)[0].info == 3
+
+
+@pytest.mark.parametrize("rate_hz", [1, 60, 200])
+def test_frames_come_at_their_rate_and_count_from_one(rate_hz):
+    m = module(EMPTY)
+    m.advance(3.0)
+    # One iteration fits every rate.
+    assert ask(m, SetSysInt(SysCfg.ITERATIONS, 1), fps(rate_hz), MANUAL) == [Ack()] * 3
+    counters, times = [], []
+    for _ in range(40):
+        times.append(m.next_due_s)
+        m.advance(m.next_due_s)
+        [frame] = said(m)
+        counters.append(frame.info)
+    assert counters == list(range(1, 41))
+    assert times == pytest.approx(3.0 + np.arange(40) / rate_hz)
+
+
+def test_starting_again_starts_the_scene_and_the_counter_again():
+    m = module()
+    first = frames(m, 20)
+    assert ask(m, SetMode(Mode.IDLE)) == [Ack()]
+    again = frames(m, 20)
+    assert [f.info for f in again] == list(range(1, 21))
+    for a, b in zip(first, again, strict=True):
+        assert np.array_equal(a.values, b.values)
+
+
+def output(value):
+    return SetOutput(OutputRef.BASEBAND, value)
+
+
+@pytest.mark.parametrize("kind", list(BasebandOutput)[:3])
+def test_same_seed_same_bytes(kind):
+    def bytes_of(seed):
+        m = module(HUMAN, seed)
+        ask(m, output(kind), MANUAL)
+        m.advance(0.5)
+        return m.data_to_send()
+
+    assert bytes_of(5) == bytes_of(5)
+    assert bytes_of(5) != bytes_of(6)
+    assert len(bytes_of(5)) > 31 * 768 * 4
+
+
+def test_frames_do_not_depend_on_when_the_host_looks():
+    a, b = module(), module()
+    for m in (a, b):
+        ask(m, MANUAL)
+    a.advance(0.9)
+    for t in [*np.arange(0, 0.9, 0.01).tolist(), 0.9]:
+        b.advance(t)
+    assert a.data_to_send() == b.data_to_send()
+
+
+def test_rf_frames():
+    m = module()
+    for k, message in enumerate(frames(m, 3)):
+        assert isinstance(message, Data)
+        assert (message.content_id, message.info) == (0, k + 1)
+        assert message.values.shape == (768,)
+        assert message.values.dtype == np.float32
+        assert 0 <= message.values.min() < message.values.max() < 100
+        assert message.values.mean() == pytest.approx(50, abs=0.5)
+
+
+def test_rf_frames_are_static_clutter_body_and_noise():
+    """Frame by frame against the parts of the simulator."""
+    scene = parse_scene(
+        "steps: [{duration_s: 60}]\nclutter: [{range_m: 2, rcs_m2: 4.0e+4}]", "wall", "wall"
+    )
+    stream = EchoStream(scene, 0, RadarSettings())
+    axis = axis_of("rf")
+    wall = np.array([[2.0]])
+    clean = rf_echo(wall, LinkBudget().amplitude(wall, np.array([4e4]), axis), axis)[0]
+    mean = np.mean([stream.next() for _ in range(400)], axis=0)
+    assert np.abs(mean - 50 - clean).max() < 5.5 * 0.04 / math.sqrt(400)
+    assert np.abs(clean).max() > 1
+
+
+@pytest.mark.parametrize(
+    ("kind", "cls"),
+    [(BasebandOutput.IQ, BasebandIq), (BasebandOutput.AMPLITUDE_PHASE, BasebandAp)],
+)
+def test_baseband_frames_carry_their_axis(kind, cls):
+    s = RadarSettings()
+    m = module()
+    ask(m, output(kind))
+    for k, message in enumerate(frames(m, 3)):
+        assert isinstance(message, cls)
+        assert message.counter == k + 1
+        assert message.bin_length_m == pytest.approx(s.bin_length_m, rel=1e-6)
+        assert message.range_offset_m == pytest.approx(s.range_offset_m, rel=1e-6)
+        assert message.carrier_hz == pytest.approx(6.8e9, rel=1e-6)
+        assert message.sample_rate_hz == pytest.approx(41e9, rel=1e-6)
+
+
+def test_iq_and_ap_are_the_same_frames():
+    iq, ap = module(), module()
+    ask(iq, output(BasebandOutput.IQ))
+    ask(ap, output(BasebandOutput.AMPLITUDE_PHASE))
+    for a, b in zip(frames(iq, 5), frames(ap, 5), strict=True):
+        whole = a.i + 1j * a.q
+        error = np.abs(whole - b.amplitude * np.exp(1j * b.phase)).max()
+        assert error < 1e-6 * b.amplitude.max()
+        assert b.amplitude.min() >= 0
+
+
+def test_settings_reach_the_frames():
+    m = module()
+    for ref, value in (
+        (SysCfg.FRAME_STITCH, 2),
+        (SysCfg.PG_SELECT, 11),
+        (SysCfg.DAC_MIN, 4000),
+        (SysCfg.DAC_MAX, 4191),
+    ):
+        assert ask(m, SetSysInt(ref, value)) == [Ack()]
+    assert ask(m, SetSysFloat(SysCfg.SAMPLE_DELAY, 8e-9)) == [Ack()]
+    first = frames(m, 1)[0]
+    assert first.values.size == 512
+    assert first.values.min() >= np.float32(100 * 4000 / 8192)
+    assert first.values.max() <= np.float32(100 * 4191 / 8192)
+    ask(m, SetMode(Mode.IDLE), output(BasebandOutput.IQ))
+    first = frames(m, 1)[0]
+    assert first.carrier_hz == pytest.approx(9.1e9, rel=1e-6)
+    assert first.range_offset_m == pytest.approx(299_792_458.0 * 4e-9, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        fps(0),
+        fps(-60),
+        fps(1001),
+        SetSysInt(SysCfg.FRAME_STITCH, 6),
+        SetSysInt(SysCfg.PG_SELECT, 12),
+        SetSysInt(SysCfg.DAC_MIN, 8191),
+        SetSysInt(SysCfg.ITERATIONS, 2**31 - 1),
+        SetSysInt(SysCfg.ITERATIONS, 200),  # takes longer than a frame
+        SetSysFloat(SysCfg.SAMPLE_DELAY, 1.0),
+        SetSysFloat(SysCfg.DAC_STEP, 3e38),
+        SetSysFloat(SysCfg.FPS, 60.5),
+    ],
+)
+def test_impossible_settings_are_refused_when_the_stream_should_start(command):
+    m = module()
+    assert ask(m, command) == [Ack()]
+    assert ask(m, MANUAL) == [REFUSED]
+    assert not m.is_streaming
+    m.advance(1.0)
+    assert said(m) == []
+    ask(m, Reset())
+    m.advance(2.0)
+    said(m)
+    assert ask(m, MANUAL) == [Ack()]
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        fps(0),
+        fps(-5),
+        fps(1),
+        output(BasebandOutput.IQ),
+        output(BasebandOutput.AMPLITUDE_PHASE),
+        SetSysInt(SysCfg.FRAME_STITCH, 1),
+    ],
+)
+def test_what_changes_while_the_stream_runs_does_not_touch_it(command):
+    m = module(EMPTY)
+    before = frames(m, 2)
+    assert ask(m, command) == [Ack()]
+    at_s = m.next_due_s
+    after = frames(m, 3)
+    assert [f.info for f in before + after] == [1, 2, 3, 4, 5]
+    assert all(f.values.size == 768 for f in after)
+    assert m.next_due_s - at_s == pytest.approx(3 / 60)
+
+
+def test_a_late_host_loses_frames_and_the_counter_goes_on():
+    m = module(EMPTY)
+    ask(m, MANUAL)
+    m.advance(5.0)  # frames were due at 0, 1/60 ... 5
+    received = said(m)
+    assert len(received) + m.n_skipped == 301
+    assert m.n_skipped == pytest.approx((5 - LATEST_S) * 60, abs=1)
+    assert received[0].info == m.n_skipped + 1
+    assert [f.info for f in received] == list(range(m.n_skipped + 1, 302))
+    m.advance(m.next_due_s)
+    assert [f.info for f in said(m)] == [302]
+
+
+def test_a_host_within_the_limit_loses_nothing():
+    m = module(EMPTY)
+    ask(m, MANUAL)
+    m.advance(LATEST_S)
+    assert len(said(m)) == 121
+    assert m.n_skipped == 0
+
+
+def test_lost_frames_are_the_scenes_too():
+    """What comes after a gap is what a host that lost nothing has at that count."""
+    late, prompt = module(), module()
+    for m in (late, prompt):
+        ask(m, MANUAL)
+    late.advance(4.0)
+    for t in np.linspace(0, 4, 9).tolist():
+        prompt.advance(t)
+    ours = said(late)
+    by_count = {f.info: f.values for f in said(prompt)}
+    assert len(by_count) == 241
+    assert late.n_skipped > 0
+    for f in ours:
+        assert np.array_equal(f.values, by_count[f.info])
+
+
+def test_time_never_goes_back():
+    m = module(EMPTY)
+    ask(m, MANUAL)
+    m.advance(0.1)
+    said(m)
+    m.advance(0.0)
+    assert said(m) == []
+    assert m.next_due_s > 0.1
+
+
+def test_counter_wraps():
+    m = module(EMPTY)
+    frames(m, 1)
+    m._counter = 0xFFFFFFFE  # 2.3 years of frames later
+    assert [f.info for f in frames(m, 3)] == [0xFFFFFFFF, 0, 1]

@@ -1,0 +1,300 @@
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from radard.dsp.downconvert import DownConverter
+from tests.echo_references import baseband_echo
+from tests.receiver_helpers import BASEBAND, RF, affected, room_echo, silence
+from tests.sim_helpers import axis_of
+from x2radar.modules.x2 import RadarSettings
+from x2radar.sim.signal.effects import FrameDraws, ReceiverEffects
+from x2radar.sim.signal.noise import baseband_noise_power, matched_noise, noise_sigma, white_noise
+from x2radar.sim.signal.pulse import LinkBudget, pulse_sigma_s, rf_echo
+from x2radar.sim.signal.receiver import MIDDLE, Receiver, delayed_baseband, delayed_rf
+
+
+def receiver(axis=RF, *, sigma=0.04, seed=0, **settings):
+    rng = np.random.default_rng(seed)
+    return Receiver(RadarSettings(**settings), axis, LinkBudget(noise_sigma=sigma), rng)
+
+
+def test_noise_is_white_gaussian_and_has_its_sigma():
+    frames = receiver().rf(silence(400)).astype(np.float64) - MIDDLE
+    assert frames.std() == pytest.approx(0.04, rel=0.01)
+    assert abs(frames.mean()) < 4 * 0.04 / math.sqrt(frames.size)
+    z = frames / frames.std()
+    assert (z**3).mean() == pytest.approx(0, abs=0.03)
+    assert (z**4).mean() == pytest.approx(3, abs=0.05)
+    for a, b in ((z[:, :-1], z[:, 1:]), (z[:-1], z[1:])):
+        assert abs((a * b).mean()) < 0.01
+
+
+@pytest.mark.parametrize(
+    ("settings", "quantum"),
+    [
+        ({}, 100 / 8192 * 4 / 256),
+        ({"iterations": 1}, 100 / 8192 * 4 / 16),
+        ({"dac_step": 64, "iterations": 4, "pulses_per_step": 1}, 100 / 8192 * 64 / 4),
+        ({"dac_step": 256, "iterations": 1, "pulses_per_step": 1}, 3.125),
+    ],
+)
+def test_samples_are_whole_quanta(settings, quantum):
+    unit = noise_sigma(RadarSettings(**settings), LinkBudget(noise_sigma=1.0))
+    frames = receiver(sigma=quantum / unit, **settings).rf(silence(20)).astype(np.float64)
+    steps = frames / quantum
+    # float32 holds a sample of 50 to 4e-6.
+    assert np.abs(steps - np.rint(steps)).max() * quantum < 4e-6
+    assert np.unique(np.rint(steps)).size >= 5
+    assert np.diff(np.unique(np.rint(steps))).min() == 1
+
+
+def test_quantisation_rounds_to_the_nearest():
+    echo = np.linspace(-1, 1, 768, dtype=np.float32)[None]
+    quantum = 100 / 8192 * 4 / 16
+    out = receiver(sigma=0.0, iterations=1).rf(echo)[0].astype(np.float64)
+    assert np.abs(out - MIDDLE - echo[0]).max() <= quantum / 2 + 4e-6
+
+
+@pytest.mark.parametrize(
+    ("settings", "low", "high"),
+    [
+        ({}, 0.0, 100 * 8191 / 8192),
+        ({"dac_min": 3500, "dac_max": 4700}, 100 * 3500 / 8192, 100 * 4700 / 8192),
+    ],
+)
+def test_clipping_at_both_ends(settings, low, high):
+    echo = np.zeros((3, 768), np.float32)
+    echo[0, 10], echo[1, 20] = 60, -60
+    # As much as the largest cross section of a scene gives at the nearest range.
+    most = LinkBudget().amplitude(np.array([0.1]), np.array([1e9]), RF)[0]
+    echo[2, 30], echo[2, 31] = most, -most
+    frames = receiver(sigma=0.1, **settings).rf(echo)
+    assert frames.max() == pytest.approx(high, abs=1e-5)
+    assert frames.min() == pytest.approx(low, abs=1e-5)
+    assert frames[0, 10] == frames[2, 30] == frames.max()
+    assert frames[1, 20] == frames[2, 31] == frames.min()
+    assert np.isfinite(frames).all()
+    assert frames.dtype == np.float32
+
+
+@pytest.mark.parametrize("kind", ["rf", "baseband"])
+def test_blocks_of_any_size_give_the_same_stream(kind):
+    axis = RF if kind == "rf" else BASEBAND
+    rng = np.random.default_rng(5)
+    echo = rng.standard_normal((40, 768)).astype(np.float32)
+    if kind == "baseband":
+        echo = (echo * (1 + 0.5j)).astype(np.complex64)
+    streams = []
+    for sizes in ([40], [1] * 40, [16, 16, 8], [3, 0, 7, 30]):
+        ours, at, parts = receiver(axis), 0, []
+        for n in sizes:
+            parts.append(getattr(ours, kind)(echo[at : at + n]))
+            at += n
+        streams.append(np.concatenate(parts))
+    for other in streams[1:]:
+        assert np.array_equal(streams[0], other)
+
+
+def test_seed_decides_the_noise():
+    a, b, c = (receiver(seed=k).rf(silence(2)) for k in (1, 1, 2))
+    assert np.array_equal(a, b)
+    assert not np.array_equal(a, c)
+
+
+def test_echo_is_left_alone():
+    echo = silence(2)
+    echo.flags.writeable = False
+    receiver().rf(echo)
+    assert not echo.any()
+
+
+@pytest.mark.parametrize("generator", [0, 5, 11])
+def test_baseband_noise_is_that_of_down_converted_rf(generator):
+    """Power within 0.3 dB, colour within 2 %: measured over 300 frames of 768 bins."""
+    s = RadarSettings(pulse_generator=generator)
+    rf, baseband = axis_of("rf", s), axis_of("baseband", s)
+    raw = Receiver(s, rf, LinkBudget(), np.random.default_rng(1)).rf(silence(300, rf))
+    # Away from the ends, where the filter runs into the frame's edge.
+    mixed = DownConverter(rf).convert(raw)[:, 60:-60]
+    ours = Receiver(s, baseband, LinkBudget(), np.random.default_rng(2)).baseband(
+        silence(300, baseband)
+    )
+    assert ours.dtype == np.complex64
+    powers = [(np.abs(x.astype(np.complex128)) ** 2).mean() for x in (ours, mixed)]
+    assert abs(10 * math.log10(powers[0] / powers[1])) < 0.3
+    k = np.arange(-60, 61)
+    pulse = np.exp(
+        -0.5 * (k / s.sample_rate_hz / (math.sqrt(math.log(10)) / math.pi) * s.bandwidth_hz) ** 2
+    )
+    assert powers[0] == pytest.approx(4 * 0.04**2 / (pulse**2).sum(), rel=0.05)
+    for lag in (1, 4, 8, 12):
+        colours = []
+        for x in (ours, mixed):
+            # Mixing leaves each bin its own phase; the noise's colour is that of the envelope.
+            product = (x[:, lag:] * x[:, :-lag].conj()).mean() / (np.abs(x) ** 2).mean()
+            colours.append(complex(product))
+        wanted = math.exp(
+            -0.25
+            * (lag / s.sample_rate_hz * s.bandwidth_hz * math.pi / math.sqrt(math.log(10))) ** 2
+        )
+        assert abs(colours[0]) == pytest.approx(wanted, abs=0.02)
+        assert abs(colours[0] - colours[1]) < 0.03
+
+
+def test_baseband_noise_is_the_same_at_every_bin_and_has_no_preferred_phase():
+    frames = receiver(BASEBAND).baseband(silence(600, BASEBAND)).astype(np.complex128)
+    power = (np.abs(frames) ** 2).mean(axis=0)
+    blocks = power.reshape(12, 64).mean(axis=1)
+    assert np.abs(10 * np.log10(blocks / power.mean())).max() < 0.5
+    assert abs((frames**2).mean()) < 0.05 * power.mean()
+    assert abs(frames.mean()) < 0.05 * math.sqrt(power.mean())
+
+
+def test_baseband_echo_is_added_to_the_noise():
+    echo = silence(3, BASEBAND)
+    echo[:, 100] = 5 - 2j
+    difference = receiver(BASEBAND).baseband(echo) - receiver(BASEBAND).baseband(
+        silence(3, BASEBAND)
+    )
+    assert np.abs(difference - echo).max() < 1e-6
+
+
+# ---------------------------------------------------------------- level of the noise
+
+
+@pytest.mark.parametrize("rate_hz", [60, 100, 200, 400, 1000])
+def test_less_integration_costs_signal_to_noise(rate_hz):
+    s = RadarSettings.for_frame_rate(rate_hz)
+    pulses = s.pulses_per_step * s.iterations
+    wanted = 0.04 * math.sqrt(256 / pulses * s.dac_step / 4)
+    assert noise_sigma(s, LinkBudget()) == pytest.approx(wanted)
+    out = Receiver(s, RF, LinkBudget(), np.random.default_rng(0)).rf(silence(60))
+    assert (out - MIDDLE).std() == pytest.approx(wanted, rel=0.02)
+
+
+def test_the_default_settings_keep_their_level():
+    assert noise_sigma(RadarSettings(), LinkBudget()) == 0.04
+    assert noise_sigma(RadarSettings(dac_step=16), LinkBudget()) == pytest.approx(0.08)
+    at_200 = noise_sigma(RadarSettings.for_frame_rate(200), LinkBudget())
+    assert 20 * math.log10(at_200 / 0.04) == pytest.approx(10 * math.log10(256 / 80))
+
+
+@pytest.mark.parametrize(("step", "pulses"), [(0.25, 4), (0.5, 16), (0.5, 64)])
+def test_swept_threshold_counts_have_the_variance_that_is_claimed(step, pulses):
+    """Against the comparator itself: one fresh noise value for every pulse and threshold."""
+    rng = np.random.default_rng(0)
+    thresholds = np.arange(-6, 6, step)
+    signal = rng.uniform(-0.5, 0.5, 1500)
+    noisy = signal[:, None, None] + rng.standard_normal((1500, thresholds.size, pulses))
+    counts = (noisy > thresholds[:, None]).mean(axis=2).sum(axis=1)
+    error = step * counts + thresholds[0] - step / 2 - signal
+    assert abs(error.mean()) < 0.02
+    assert error.std() == pytest.approx(math.sqrt(step / pulses / math.sqrt(math.pi)), rel=0.06)
+
+
+@pytest.mark.parametrize("kind", ["rf", "baseband"])
+def test_noise_figure_raises_the_noise(kind):
+    axis = axis_of(kind)
+    levels = [
+        affected(axis, noise_figure_db=nf, seed=1, n=80).std(axis=None) for nf in (13.0, 16.0)
+    ]
+    assert 20 * math.log10(levels[1] / levels[0]) == pytest.approx(3, abs=0.1)
+
+
+# ---------------------------------------------------------------- noise at baseband
+
+
+@pytest.mark.parametrize("make", [matched_noise, white_noise])
+@pytest.mark.parametrize("generator", [0, 5, 11])
+def test_baseband_noise_has_its_power(make, generator):
+    axis = axis_of("baseband", RadarSettings(pulse_generator=generator))
+    x = make(300, axis, np.random.default_rng(0), 0.5)
+    assert (x.dtype, x.shape) == (np.complex64, (300, 768))
+    power = (np.abs(x) ** 2).mean()
+    assert power == pytest.approx(baseband_noise_power(axis, 0.5), rel=0.03)
+
+
+@pytest.mark.parametrize("decimation", [1, 4, 8, 16, 24])
+def test_matched_noise_has_the_colour_of_the_pulse_on_any_axis(decimation):
+    fine = axis_of("baseband")
+    axis = replace(
+        fine, n_range=-(-768 // decimation), bin_length_m=decimation * 299_792_458 / 82e9
+    )
+    x = matched_noise(1500, axis, np.random.default_rng(0)).astype(np.complex128)
+    for lag in (1, 2, 5):
+        away_s = 2 * lag * axis.bin_length_m / 299_792_458
+        wanted = math.exp(-0.25 * (away_s / pulse_sigma_s(axis.bandwidth_hz)) ** 2)
+        got = (x[:, lag:] * x[:, :-lag].conj()).mean() / (np.abs(x) ** 2).mean()
+        assert abs(got - wanted) < 0.025
+    ends = (x[:, 0] * x[:, -1].conj()).mean() / (np.abs(x) ** 2).mean()
+    assert abs(ends) < 0.1
+
+
+def test_white_noise_is_white():
+    x = affected(BASEBAND, noise="white", n=300)
+    assert abs((x[:, 1:] * x[:, :-1].conj()).mean()) < 0.01 * (np.abs(x) ** 2).mean()
+
+
+# ---------------------------------------------------------------- jitter and gain
+
+
+@pytest.mark.parametrize("delay_s", [0.2e-12, 2e-12])
+@pytest.mark.parametrize("generator", [0, 5, 11])
+def test_a_delayed_frame_is_that_of_a_target_further_away(delay_s, generator):
+    s = RadarSettings(pulse_generator=generator)
+    rf, baseband = axis_of("rf", s), axis_of("baseband", s)
+    range_m = np.random.default_rng(0).uniform(1.0, 3.0, (30, 1))
+    one = np.ones_like(range_m)
+    late = np.linspace(-delay_s, delay_s, 30)
+    further = range_m + 299_792_458 * late[:, None] / 2
+    ours = delayed_baseband(baseband_echo(range_m, one, baseband), late, baseband)
+    wanted = baseband_echo(further, one, baseband)
+    assert np.abs(ours - wanted).max() < 1e-4 * delay_s / 2e-12 + 5e-6
+    ours = delayed_rf(rf_echo(range_m, one, rf), late, rf)
+    assert np.abs(ours - rf_echo(further, one, rf)).max() < 2e-3 * (delay_s / 2e-12) ** 2 + 1e-4
+
+
+def residue_db(axis, **effects):
+    """Power over the noise, in dB, after mean removal: over all bins, and at the strongest."""
+    frames = affected(axis, echo=room_echo(axis), **effects)
+    if axis.kind == "rf":
+        frames = DownConverter(axis).convert(frames.real.astype(np.float32))
+    power = (np.abs(frames - frames.mean(axis=0)) ** 2).mean(axis=0)
+    over = power / baseband_noise_power(axis, 0.04)
+    return 10 * math.log10(over.mean()), 10 * math.log10(over.max())
+
+
+@pytest.mark.parametrize("axis", [RF, BASEBAND], ids=["rf", "baseband"])
+def test_residue_of_strong_clutter(axis):
+    """0.2 ps and 0.1 % under 57 dB of clutter leave 7 dB, 17 dB at the strongest bin, as on
+    real modules; without them nothing but noise is left."""
+    clean, clean_bin = residue_db(axis)
+    assert clean == pytest.approx(0, abs=0.1)
+    assert clean_bin < 1.5
+    mean, strongest = residue_db(axis, jitter_s=0.2e-12, gain_noise=0.001)
+    assert mean == pytest.approx(7.5, abs=1)
+    assert strongest == pytest.approx(17, abs=1)
+
+
+def test_residue_goes_away_with_a_common_fit():
+    """The jitter is one delay and one gain per frame: two numbers take it out again."""
+    frames = affected(BASEBAND, echo=room_echo(BASEBAND), jitter_s=0.2e-12, gain_noise=0.001)
+    mean = frames.mean(axis=0)
+    scale = (frames @ mean.conj()) / (np.abs(mean) ** 2).sum()
+    left = frames - scale[:, None] * mean
+    over = (np.abs(left) ** 2).mean() / baseband_noise_power(BASEBAND, 0.04)
+    assert 10 * math.log10(over) < 0.5
+
+
+@pytest.mark.parametrize("jitter_s", [0.13e-12, 0.23e-12])
+def test_jitter_and_gain_noise_have_their_size(jitter_s):
+    draws = FrameDraws(ReceiverEffects(jitter_s=jitter_s, gain_noise=0.0012), 5, 60)
+    delay, gain = draws.delay_s(0, 20_000), draws.gain(0, 20_000)
+    assert delay.std() == pytest.approx(jitter_s, rel=0.02)
+    assert gain.std() == pytest.approx(0.0012, rel=0.02)
+    assert gain.mean() == pytest.approx(1, abs=5e-5)
+    for x in (delay / jitter_s, (gain - 1) / 0.0012):
+        assert abs((x[1:] * x[:-1]).mean()) < 0.03
+    assert abs(np.corrcoef(delay, gain)[0, 1]) < 0.03

@@ -1,0 +1,156 @@
+"""A scene played for a radar: blocks, draws, time, and the ways of the echoes."""
+
+from itertools import islice
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from tests.test_sim_scene import FULL
+
+from x2radar.errors import SceneError
+from x2radar.modules.x2 import RadarSettings
+from x2radar.ports import make_radar, parse_port
+from x2radar.sim.bodies.thesis_bodies import THESIS_BODIES, draw, ranges
+from x2radar.sim.module.stream import EchoStream
+from x2radar.sim.scene.cast import SEED_GAIN
+from x2radar.sim.scene.scene import builtin_scenes, parse_scene
+from x2radar.sim.scene.stage import Stage, check_swath
+
+SCENE = parse_scene(
+    "steps: [{body: thesis_human, duration_s: 1}, {duration_s: 0.5},"
+    " {body: thesis_cat, duration_s: 0.25}]",
+    "test",
+    "test",
+)
+WHOLE = parse_scene(FULL, "full", "full")
+
+
+def frames_of(scene, seed, sizes, *, rate_hz=60.0):
+    """(ranges, roots of cross sections) of single frames, in blocks of at most `sizes`."""
+    stage = Stage(scene, seed, rate_hz)
+    for most in sizes:
+        rows = stage.next_block(most).rows
+        assert 1 <= len(rows.range_m) <= most
+        yield from zip(rows.range_m, rows.root_rcs_m, strict=True)
+
+
+def same(a, b):
+    return all(np.allclose(x, y, rtol=1e-9, atol=1e-12) for x, y in zip(a, b, strict=True))
+
+
+@pytest.mark.parametrize("scene", [SCENE, WHOLE], ids=["plain", "full"])
+@given(st.lists(st.integers(1, 100), min_size=1, max_size=6), st.integers(0, 2**40))
+def test_blocks_of_any_size_give_the_same_frames(scene, sizes, seed):
+    frames = list(frames_of(scene, seed, sizes))
+    single = islice(frames_of(scene, seed, [7] * 5000), len(frames))
+    assert all(same(a, b) for a, b in zip(frames, single, strict=True))
+
+
+def test_blocks_end_where_steps_end():
+    stage = Stage(SCENE, 0, 60.0)
+    shapes = [stage.next_block(1000).rows.range_m.shape for _ in range(6)]
+    assert shapes == [(60, 5), (30, 0), (15, 5)] * 2
+
+
+def test_every_step_is_a_draw_of_its_own_number():
+    stage = Stage(SCENE, 9, 60.0)
+    for number, (body, n) in enumerate([("thesis_human", 60), (None, 30), ("thesis_cat", 15)] * 3):
+        block = stage.next_block(1000)
+        drawn = draw(THESIS_BODIES[body], np.random.default_rng([9, number])) if body else ()
+        range_m, rcs_m2 = ranges(drawn, np.arange(n) / 60)
+        assert np.allclose(block.rows.range_m, np.maximum(range_m, 0.1), rtol=1e-12)
+        assert np.allclose(block.rows.root_rcs_m**2 * SEED_GAIN, rcs_m2, rtol=1e-12)
+
+
+def test_repeats_bring_other_draws_and_seeds_other_scenes():
+    stage = Stage(SCENE, 0, 60.0)
+    blocks = [stage.next_block(1000).rows for _ in range(6)]
+    assert not np.array_equal(blocks[0].range_m, blocks[3].range_m)
+    assert not np.array_equal(blocks[0].root_rcs_m, blocks[3].root_rcs_m)
+    other = Stage(SCENE, 1, 60.0).next_block(1000).rows
+    assert not np.array_equal(blocks[0].range_m, other.range_m)
+
+
+def test_a_step_is_never_shorter_than_a_frame():
+    scene = parse_scene("steps: [{duration_s: 0.1}, {duration_s: 0.1}]", "short", "short")
+    stage = Stage(scene, 0, 1.0)
+    assert [stage.next_block(10).n_slow for _ in range(4)] == [1, 1, 1, 1]
+
+
+@pytest.mark.parametrize("rate_hz", [1.0, 60.0, 1000.0])
+def test_time_runs_with_the_frame_rate(rate_hz):
+    scene = parse_scene("steps: [{body: thesis_dog, duration_s: 100}]", "long", "long")
+    range_m = np.array([row for row, _ in frames_of(scene, 3, [7] * 14, rate_hz=rate_hz)])
+    drawn = draw(THESIS_BODIES["thesis_dog"], np.random.default_rng([3, 0]))
+    wanted = np.maximum(ranges(drawn, np.arange(98) / rate_hz)[0], 0.1)
+    assert np.allclose(range_m, wanted, rtol=1e-12)
+
+
+def test_durations_and_choices_are_drawn_anew():
+    stage = Stage(WHOLE, 5, 60.0)
+    blocks = [stage.next_block(10_000) for _ in range(40)]
+    first = [b.n_slow for b in blocks[::2]]
+    assert len(set(first)) > 10
+    assert all(120 <= n <= 240 for n in first)
+    n_dogs = sum(b.n_slow == 180 for b in blocks[1::2])
+    assert 8 <= n_dogs <= 18
+    assert all(b.n_slow in {60, 180} for b in blocks[1::2])
+
+
+def test_what_is_named_adds_rows_and_nothing_else_does():
+    plain = Stage(SCENE, 0, 60.0).next_block(4)
+    assert (plain.rows.range_m.shape[1], plain.offset_m) == (5, None)
+    more = "surfaces: [{axis: z}]\ntail: {n_paths: 16}\nmount: {}\n"
+    text = "steps: [{body: thesis_human, duration_s: 1}]\n" + more
+    block = Stage(parse_scene(text, "t", "t"), 0, 60.0).next_block(4)
+    assert block.rows.range_m.shape[1] == 5 + 2 * 5 + 16
+    assert block.offset_m.shape == (4, 3)
+
+
+@pytest.mark.parametrize("output", ["rf", "iq"])
+def test_a_full_scene_makes_the_same_frames_again_and_loses_some(output):
+    settings = RadarSettings(output=output)
+
+    def frames():
+        stream = EchoStream(WHOLE, 3, settings)
+        return [stream.next() for _ in range(300)]
+
+    once, again = frames(), frames()
+    assert [f is None for f in once] == [f is None for f in again]
+    assert 0 < sum(f is None for f in once) < 15
+    for a, b in zip(once, again, strict=True):
+        assert a is b is None or np.array_equal(a, b)
+    assert all(f is None or np.isfinite(f).all() for f in once)
+
+
+def test_a_chip_that_samples_at_another_rate_shows_the_target_elsewhere():
+    text = "steps: [{duration_s: 9}]\nclutter: [{range_m: 2.9, rcs_m2: 1.0e+6}]\n"
+    peaks = []
+    for more in ("", "receiver: {true_sample_rate_hz: 39.0e+9}\n"):
+        stream = EchoStream(parse_scene(text + more, "t", "t"), 0, RadarSettings(output="iq"))
+        frame = stream.next()
+        peaks.append(stream.axis.range_m[np.abs(frame).argmax()])
+    offset_m = stream.axis.range_offset_m
+    assert peaks[0] == pytest.approx(2.9, abs=0.01)
+    assert peaks[1] == pytest.approx(offset_m + (2.9 - offset_m) * 39 / 41, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    "actor",
+    [
+        "{body: dog, waypoints_m: [[0, 9], [3, 9]]}",
+        "{thing: fan, position_m: [0, 20]}",
+        "{body: bird, home_m: [0, 15, 1]}",
+    ],
+)
+def test_what_never_enters_the_swath_is_named(actor, tmp_path):
+    path = tmp_path / "far.yaml"
+    path.write_text(f"steps: [{{duration_s: 2}}, {{duration_s: 5, actors: [{actor}]}}]")
+    with pytest.raises(SceneError, match=r"far.yaml: steps\[1\].actors\[0\]: the .* never"):
+        make_radar(parse_port(f"sim:{path}"))
+
+
+def test_builtin_scenes_are_in_the_swath_of_every_module():
+    for scene in builtin_scenes():
+        check_swath(scene, 0.6, 3.4)

@@ -1,0 +1,198 @@
+"""`train-export accept`: what is asked, that a share is a part, and what the report says."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from radard.config.config import Config
+from radard.errors import ModelMismatch
+from x2train.cli import main
+from x2train.judge import acceptance, acceptance_report
+from x2train.judge.acceptance import ENTRIES, SETTINGS, VERSION, AcceptSpec, definition, site_of
+from x2train.judge.acceptance_report import alarms_by_window, document, lines
+from x2train.judge.installed import KNOWS, installed
+from x2train.report import JudgedPassage, PassageTable
+from x2train.sets.known import ADULT_DB
+from x2train.sets.passages import level_db_of
+from x2train.sets.shard_run import make_shards
+
+
+def test_a_buyer_asks_for_this():
+    counts = {entry.name: entry.count for entry in ENTRIES}
+    walks = [e for e in ENTRIES if e.kind == "walk test"]
+    assert len(walks) == 6
+    for name in ("cat", "dog of 5 kg", "dog of 20 kg", "dog of 36 kg"):
+        assert counts[f"{name} crosses the floor"] >= 300
+    assert counts["two cats cross the floor"] >= 300
+    assert all(e.count >= 300 for e in walks)
+    hours = {e.name: e.count * e.duration_s / 3600 for e in ENTRIES if e.kind == "thing"}
+    assert len(hours) == 9
+    assert set(hours.values()) == {1.0}
+    assert {s.radar.name for s in SETTINGS} == {"X2", "X4M03"}
+    assert len({s.mount for s in SETTINGS}) == 3
+    # As many passages in each radar and mount.
+    assert all(e.count % len(SETTINGS) == 0 for e in ENTRIES)
+
+
+def test_a_version_stands_for_its_entries_and_settings():
+    """Whoever changes them changes the version, too: results are compared by it."""
+    assert (VERSION, definition()) == ("accept-3", "ed3b13c9440c409f")
+    assert AcceptSpec(model="fast").version == VERSION
+    assert AcceptSpec(model="fast", seed=1).version == f"{VERSION}, seed 1"
+
+
+def test_a_share_of_the_test_is_a_part_of_it():
+    whole, tenth = AcceptSpec(model="fast", seed=1), AcceptSpec(model="fast", seed=1, share=0.1)
+    assert whole.n_passages == sum(e.count for e in ENTRIES)
+    assert tenth.n_passages < whole.n_passages / 9
+    places = [tenth.entry(n) for n in range(tenth.n_passages)]
+    assert {index for index, _ in places} == set(range(len(ENTRIES)))
+    assert set(places) <= {whole.entry(n) for n in range(whole.n_passages)}
+    (number,) = [n for n in range(whole.n_passages) if whole.entry(n) == (1, 0)]
+    (other,) = [n for n in range(tenth.n_passages) if tenth.entry(n) == (1, 0)]
+    first, again = whole(number), tenth(other)
+    assert all(np.array_equal(first[k], again[k]) or first[k].dtype == float for k in first)
+    np.testing.assert_array_equal(first["p_human"], again["p_human"])
+
+
+def test_bodies_have_their_sizes_and_radars_hang_as_they_are_said_to():
+    for setting in SETTINGS:
+        site = site_of(np.random.default_rng(3), setting)
+        assert (site.antenna.height_m, site.antenna.tilt_deg) == (
+            setting.height_m,
+            setting.tilt_deg,
+        )
+        assert abs(site.level_db) <= 2
+        assert site.course_m[1] <= setting.far_m + 1e-9
+
+
+def test_a_bundle_for_no_such_radar_is_refused(tmp_path, capsys):
+    with pytest.raises(ModelMismatch):
+        AcceptSpec(model="thesis", seed=1)
+    assert main(["accept", "--model", "thesis", "--out", str(tmp_path / "a")]) == 4
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_any_number_of_workers_makes_the_same(tmp_path):
+    spec = AcceptSpec(model="fast", seed=2, share=0.02)
+    for workers in (1, 2):
+        make_shards(tmp_path / str(workers), {"kind": "acceptance"}, 9, spec, workers=workers)
+    one, two = (PassageTable.load(tmp_path / str(workers)) for workers in (1, 2))
+    np.testing.assert_array_equal(one.t_s, two.t_s)
+    np.testing.assert_array_equal(one.p_human, two.p_human)
+
+
+def test_short_form(tmp_path, monkeypatch, capsys):
+    short = [
+        replace(e, duration_s=60.0 if e.kind == "pets stay" else 8.0)
+        for e in ENTRIES
+        if e.kind != "thing" or e.name in {"fan", "empty room"}
+    ]
+    for module in (acceptance, acceptance_report):
+        monkeypatch.setattr(module, "ENTRIES", tuple(short))
+    out = tmp_path / "accept"
+    argv = ["accept", "--model", "fast", "--share", "0.002", "--workers", "1", "--out", str(out)]
+    assert main(argv) == 0
+    made = json.loads((out / "acceptance.json").read_text())
+    assert [row["name"] for row in made["entries"]] == [e.name for e in short]
+    assert all(row["passages"] == 1 for row in made["entries"])
+    assert made["entries"][-1]["bundle"]["count"] == 0
+    page = (out / "acceptance.html").read_text()
+    assert "ceiling, 2.6 m, 60 degrees down" in page
+    assert (made["version"], made["bundle"]) == (VERSION, "fast")
+    out_lines = capsys.readouterr().out.splitlines()
+    assert out_lines[0] == f"{VERSION}, a share of 0.002"
+    assert len(out_lines) == len(short) + 2
+    # What is there is not made again.
+    manifest = (out / "passages" / "manifest.json").stat().st_mtime_ns
+    assert main(argv) == 0
+    assert (out / "passages" / "manifest.json").stat().st_mtime_ns == manifest
+
+
+@pytest.mark.parametrize("share", ["0", "1.5", "-1"])
+def test_usage(share, tmp_path, capsys):
+    assert main(["accept", "--share", share, "--out", str(tmp_path / "a")]) == 2
+    assert "must be above 0" in capsys.readouterr().err
+
+
+def test_a_function_enters_the_benchmark(tmp_path, capsys):
+    assert main(["accept", "--model", "mine.py", "--out", str(tmp_path / "a")]) == 2
+    assert "benchmark takes functions" in capsys.readouterr().err
+
+
+def passage(entry, *, alarm, p_human, enters_s=1.0, setting="X2, 1.2 m"):
+    n = 4
+    known = np.full(n, 0.0)
+    return JudgedPassage(
+        family=entry.name,
+        label=entry.label,
+        split=setting,
+        suite=entry.name,
+        duration_s=entry.duration_s or 1800.0,
+        enters_s=enters_s,
+        t_s=np.arange(n) + 2.45,
+        is_open=np.ones(n, np.bool_),
+        is_pending=np.zeros(n, np.bool_),
+        is_alarm=np.full(n, alarm),
+        p_human=np.full(n, p_human),
+        p_pet=np.full(n, 1 - p_human),
+        p_other=known,
+        fused_quiet=known,
+        fused_most=known,
+        power_db=known,
+        target_range_m=known,
+        compensated_db=known,
+    )
+
+
+def test_the_report_counts_misses_alarms_and_hours():
+    walk, cat = ENTRIES[0], next(e for e in ENTRIES if e.kind == "pets cross")
+    fan = next(e for e in ENTRIES if e.name == "fan")
+    rows = [passage(walk, alarm=k > 0, p_human=0.9) for k in range(10)]
+    rows.append(passage(walk, alarm=False, p_human=0.0, enters_s=np.nan))
+    rows += [passage(cat, alarm=False, p_human=0.1, setting="X4M03, 1.2 m") for _ in range(5)]
+    rows.append(passage(cat, alarm=True, p_human=0.5))
+    rows += [passage(fan, alarm=k == 0, p_human=0.1, enters_s=np.nan) for k in range(6)]
+    table = PassageTable.of(rows)
+    by_name = {row["name"]: row for row in document(table, {})["entries"]}
+    missed = by_name[walk.name]
+    assert (missed["passages"], missed["in_view"]) == (11, 10)
+    assert (missed["bundle"]["count"], missed["bundle"]["of"]) == (1, 10)
+    assert missed["bundle"]["high"] == pytest.approx(0.445, abs=0.001)  # Clopper and Pearson
+    assert missed["bundle"]["median_s"] == pytest.approx(1.45)
+    # No window of those who were seen is a pet's by more than 0.8.
+    assert missed["window"]["count"] == 0
+    assert by_name[cat.name]["bundle"]["count"] == by_name[cat.name]["window"]["count"] == 1
+    assert by_name[cat.name]["settings"]["X4M03, 1.2 m"]["bundle"]["count"] == 0
+    assert by_name["fan"]["hours"] == 1.0
+    assert by_name["fan"]["bundle"]["count"] == 1
+    assert by_name["fan"]["window"]["high"] == pytest.approx(2.996, abs=0.001)
+    assert by_name["moth"]["bundle"]["value"] is None
+    told = {name: (of, own) for name, _, of, own, _ in lines(document(table, {}))}
+    assert told[walk.name] == ("10 of 11 in view", "1: 10.0 % (0.3 to 44.5)")
+    assert told["moth"][1] == "-"
+    assert alarms_by_window(table).sum() == 4 * 10 + 4
+
+
+def test_what_an_installation_is_told_changes_no_passage():
+    spec = AcceptSpec(model="fast", seed=2, share=0.02)
+    told = replace(spec, knows="mount and level")
+    number = next(
+        n for n in range(spec.n_passages) if ENTRIES[spec.entry(n)[0]].kind == "walk test"
+    )
+    one, other = spec(number), told(number)
+    np.testing.assert_array_equal(one["enters_s"], other["enters_s"])
+    assert not np.array_equal(one["p_human"], other["p_human"], equal_nan=True)
+
+
+def test_an_installation_says_as_much_as_it_knows():
+    place = site_of(np.random.default_rng(3), SETTINGS[1])
+    made = {
+        knows: installed(Config(), place, knows, np.random.default_rng(1)).mount for knows in KNOWS
+    }
+    assert made["nothing"] == Config().mount
+    assert made["mount"].height_m == made["mount and level"].height_m == SETTINGS[1].height_m
+    assert made["mount"].level_db is None
+    assert abs(made["mount and level"].level_db - level_db_of(place) - ADULT_DB) < 8

@@ -1,0 +1,216 @@
+"""The card: rates of an evaluation, entered into a bundle and told by `radard explain`."""
+
+import json
+from dataclasses import replace
+from importlib import resources
+
+import numpy as np
+import pytest
+
+from radard.alarm.events import see_anywhere
+from radard.alarm.panel import AlarmPanel
+from radard.alarm.sensitivity import SENSITIVITIES, alarm_policy
+from radard.cli import main
+from radard.commands.explain import explained
+from radard.config.config import Config, load_config
+from radard.config.sections import AlarmSection, DecisionSection
+from radard.detect.gate import GateReading
+from radard.errors import UsageError
+from radard.judge.bundle import load_bundle
+from radard.judge.card import read_card
+from radard.judge.classifier import Probabilities
+from radard.judge.decision import Decision
+from radard.pipeline import HIGH_PET_LIMIT, pet_limit_of
+from tests.report_helpers import drawn, passage, table_of
+from x2train.judge.card import evaluation_of, write_card
+from x2train.report.levels import levels, rules
+from x2train.report.verdicts import intrusions, verdicts
+
+
+@pytest.fixture(scope="module")
+def table():
+    made = drawn(300, skill=2.0)
+    missed = [passage([0.95, 0.6, 0.95, 0.9]) for _ in range(9)]
+    gone = [passage([0.95] * 9) for _ in range(5)]
+    made = table_of(*(made[k] for k in range(300)), *missed, *gone)
+    own = rules(made, bundle(), 0.8)
+    return replace(made, is_alarm=own.is_alarm, is_pending=own.is_pending)
+
+
+@pytest.fixture
+def own(tmp_path):
+    models = resources.files("radard.models")
+    for suffix in (".json", ".onnx", ".md"):
+        (tmp_path / f"own{suffix}").write_bytes((models / f"balanced{suffix}").read_bytes())
+    raw = json.loads((tmp_path / "own.json").read_text())
+    raw.pop("evaluation", None)
+    (tmp_path / "own.json").write_text(json.dumps(raw))
+    return tmp_path / "own.onnx"
+
+
+def bundle(decides="fused"):
+    return replace(load_bundle("balanced"), policy=decides)
+
+
+def of(table, decides="fused"):
+    made = levels(table, bundle(decides), np.random.default_rng(0))
+    return {level.name: level for level in made}
+
+
+def test_one_verdict_of_one_is_what_was_shipped(table):
+    early = table.is_alarm & (table.t_s < np.nan_to_num(table.enters_s)[table.passage])
+    # An alarm that is on already when somebody comes in is one for them as well.
+    table = replace(table, is_alarm=table.is_alarm & ~early)
+    found = verdicts(table, table.is_alarm)
+    people, pets = intrusions(table), table.label == "pet"
+    normal = of(table)["normal"]
+    assert normal.n_intrusions == people.sum() > 50
+    assert normal.missed.value == pytest.approx((people & ~found.is_alarm).sum() / people.sum())
+    alarmed = (found.false_alarms[pets] > 0).mean()
+    assert normal.visits_with_alarm.value == pytest.approx(alarmed)
+    assert 0 < normal.missed.value < 0.5
+    assert normal.missed.low < normal.missed.value < normal.missed.high
+
+
+@pytest.mark.parametrize("decides", ["window", "fused"])
+def test_a_lower_sensitivity_misses_more_and_alarms_less(table, decides):
+    if decides == "window":
+        alarms = table.is_open & (table.fused_quiet <= 0.8)
+        table = replace(table, is_alarm=alarms, is_pending=np.zeros_like(alarms))
+    low, normal, high = (of(table, decides)[name] for name in ("low", "normal", "high"))
+    assert low.missed.value > normal.missed.value >= high.missed.value
+    assert low.visits_with_alarm.value < normal.visits_with_alarm.value
+    assert normal.visits_with_alarm.value <= high.visits_with_alarm.value
+    assert low.half_s.value >= normal.half_s.value >= high.half_s.value
+
+
+def test_high_sensitivity_is_another_limit(table):
+    config = Config(alarm=AlarmSection(sensitivity="high"))
+    assert pet_limit_of(config, bundle()) == HIGH_PET_LIMIT
+    assert pet_limit_of(Config(), bundle()) == 0.8
+    assert pet_limit_of(config, bundle("window")) == 0.8
+    own = Config(alarm=config.alarm, decision=DecisionSection(pet_limit=0.85))
+    assert pet_limit_of(own, bundle()) == 0.85
+    made = of(table)
+    assert made["high"].missed.value < made["normal"].missed.value
+    assert made["high"].visits_with_alarm.value > made["normal"].visits_with_alarm.value
+
+
+def test_verdicts_under_another_limit_are_those_of_the_pipeline(table):
+    # As the daemon does: undecided for up to 3 s, an alarm for whoever leaves undecided.
+    assert table.is_pending.any()
+    surer = rules(table, bundle(), 0.9)
+    settled = ~table.is_pending & ~surer.is_pending & np.isfinite(table.fused_quiet)
+    assert np.array_equal(table.is_alarm[settled], (table.fused_quiet <= 0.8)[settled])
+    assert np.array_equal(surer.is_alarm[settled], (table.fused_quiet <= 0.9)[settled])
+    # Like a pet and like a thing, and less than half like either: an alarm under any limit.
+    mixed = rules(replace(table, fused_most=table.fused_quiet / 2), bundle(), 0.9)
+    assert (mixed.is_alarm | mixed.is_pending)[table.fused_quiet < 1].all()
+
+
+@pytest.mark.parametrize("decides", ["window", "fused"])
+@pytest.mark.parametrize("name", ["low", "normal"])
+def test_alarms_are_those_of_the_daemon_on_the_same_decisions(decides, name):
+    table = drawn(60, seed=3, skill=2.0)
+    policy = alarm_policy(AlarmSection(sensitivity=name), decides)
+    begun = 0
+    for k in range(len(table)):
+        panel = AlarmPanel(policy)
+        for row in np.flatnonzero(table.passage == k):
+            sight = see_anywhere(decision(table, row), policy)
+            steps = panel.on_sight(float(table.t_s[row]), sight)
+            begun += sum(s.kind == "new" for s in steps) * int(table.label[k] == "pet")
+    level = of(table, decides)[name]
+    assert level.alarms_per_pet_hour.value * level.pet_hours == pytest.approx(begun)
+
+
+def decision(table, row):
+    quiet = table.fused_quiet[row]
+    fused = None if np.isnan(quiet) else Probabilities(1 - quiet, quiet, 0.0)
+    return Decision(
+        seq=1,
+        t_s=float(table.t_s[row]),
+        gate="open" if table.is_open[row] else "closed",
+        reading=GateReading(
+            is_open=bool(table.is_open[row]),
+            power_db=0.0,
+            noise_floor_db=-10.0,
+            threshold_db=-5.0,
+            range_m=1.0,
+        ),
+        window=fused,
+        fused=fused,
+        label="pending" if table.is_pending[row] else "human",
+        alarm=bool(table.is_alarm[row]),
+        frames=1,
+        dropped=0,
+    )
+
+
+def test_the_card_is_written_twice_and_read(own, table):
+    made = evaluation_of(table, bundle(), "train-export evaluate --card")
+    before = load_bundle(str(own))
+    for _ in range(2):
+        assert write_card(str(own), made) == own.with_suffix(".json")
+    assert load_bundle(str(own)) == before
+    text = own.with_suffix(".md").read_text()
+    assert text.count("## As an alarm") == 1
+    assert "| normal |" in text
+    card = read_card(str(own))
+    assert (card.policy, card.passages) == ("fused", 314)
+    assert list(card.sensitivities) == list(SENSITIVITIES["fused"])
+    normal = card.sensitivities["normal"]
+    assert normal.missed[0] == pytest.approx(of(table)["normal"].missed.value, rel=1e-3)
+    assert card.metrics["parameters"] > 0
+
+
+def test_explain_prints_the_rates_of_the_policy(own, table, capsys):
+    write_card(str(own), evaluation_of(table, bundle(), "train-export evaluate --card"))
+    assert main(["explain", "--model", str(own), "--sensitivity", "low"]) == 0
+    text = capsys.readouterr().out
+    (row,) = [line for line in text.splitlines() if line.startswith("> ")]
+    assert row.split()[1] == "low"
+    missed = of(table)["low"].missed
+    assert f"{100 * missed.value:.2g} % ({100 * missed.low:.2g} to" in row
+    assert "made by: train-export evaluate --card" in text
+    assert "are not known" not in text
+    text = told(own, alarm={"confirm_k": 2})
+    assert "alarm.confirm_k given: the rates then differ" in text
+    text = told(own, decision={"pet_limit": 0.9, "decide_within_s": 2})
+    assert "decision.pet_limit, decision.decide_within_s given" in text
+    assert "gate.false_alarms_per_day given" in told(own, gate={"false_alarms_per_day": 4})
+    # What counts is the threshold of the evaluation, where it is known.
+    made = evaluation_of(
+        table, bundle(), "train-export evaluate --card", {"false_alarms_per_day": 4.0}
+    )
+    write_card(str(own), made)
+    assert "are not known" not in told(own, gate={"false_alarms_per_day": 4})
+    assert "gate.false_alarms_per_day given" in told(own)
+    assert "every window a draw of its own" in told(own, decision={"policy": "window"})
+
+
+def told(model, **sections):
+    options = {"model": {"name": str(model)}, **sections}
+    return "\n".join(explained(load_config(environ={}, options=options), pass_s=5))
+
+
+def test_times_count_the_entry_delay_and_those_who_never_alarm(own):
+    rows = [passage([0.9] * 5, "human") for _ in range(3)] + [passage([0.1] * 5, "pet")]
+    write_card(str(own), evaluation_of(table_of(*rows), bundle(), "x"))
+    text = told(own, alarm={"entry_delay_s": 20})
+    assert "never, never" in text
+    assert "entry delay of 20 s" in text
+
+
+def test_a_garbled_evaluation_is_told(own, capsys):
+    sidecar = own.with_suffix(".json")
+    raw = json.loads(sidecar.read_text())
+    for wrong in ({}, {"policy": "fused"}, [], {"sensitivities": {"low": {}}}):
+        sidecar.write_text(json.dumps(raw | {"evaluation": wrong}))
+        assert main(["explain", "--model", str(own)]) != 0
+        assert "evaluation lacks or garbles" in capsys.readouterr().err
+
+
+def test_a_card_needs_people_and_pets():
+    with pytest.raises(UsageError, match="of people and of pets"):
+        evaluation_of(table_of(passage([0.1] * 5, "human")), bundle(), "x")

@@ -1,0 +1,171 @@
+"""Guises: bodies made unlike each other, and what must stay."""
+
+from dataclasses import replace
+from types import MappingProxyType
+
+import numpy as np
+import pytest
+
+from x2radar.sim.points import Points
+from x2train.sets.domain_randomization import DomainRandomization, RandomizedActor
+
+ANTENNA_M = np.array([0.0, 0.0, 1.2])
+KINDS = [("human", "walk"), ("dog", "trot"), ("cat", "stalk"), ("fan", None)]
+
+
+def actor(kind="human", style="walk", **more):
+    options = {"position_m": [0.1, 1.5]} if style is None else {"style": style, "course": "cross"}
+    made = RandomizedActor(kind, MappingProxyType(options), kind, antenna_m=(0.0, 0.0, 1.2))
+    return replace(made, **more)
+
+
+class Clock:
+    """A mover of three points that tells its own time."""
+
+    label = "pet"
+    names = ("a", "b", "c")
+
+    def at(self, t_s, antenna_m):  # noqa: ARG002 - a mover's signature
+        position = np.repeat(t_s[:, None, None], 3, axis=1) * np.ones(3)
+        rcs = 1 + 0.5 * np.sin(t_s[:, None] + np.arange(3))
+        return Points(position, rcs)
+
+
+@pytest.mark.parametrize(("kind", "style"), KINDS)
+def test_label_names_and_mean_gain_stay(kind, style):
+    for seed in range(6):
+        plain = actor(kind, style, is_plain=True).make(np.random.default_rng(seed))
+        made = actor(kind, style).make(np.random.default_rng(seed))
+        assert isinstance(made, DomainRandomization)
+        assert made.label == plain.label
+        assert made.names == plain.names
+        assert made.gain.mean() == pytest.approx(1, abs=1e-12)
+        assert made.gain.min() > 0
+        assert made.gain.shape == (len(made.names),)
+
+
+@pytest.mark.parametrize(("kind", "style"), KINDS)
+def test_its_clock_never_stops_and_never_runs_back(kind, style):
+    t_s = np.arange(0, 30, 1 / 200)
+    for seed in range(8):
+        made = replace(actor(kind, style).make(np.random.default_rng(seed)), mover=Clock())
+        made = replace(made, gain=np.ones(3), is_constant=False)
+        own_s = made.at(t_s, ANTENNA_M).position_m[:, 0, 0]
+        pace = np.diff(own_s) * 200
+        assert pace.min() > 0.4
+        assert pace.max() < 1.7
+        assert 0.8 < made.pace < 1.25
+
+
+def test_the_same_draws_give_the_same_body_and_others_another():
+    t_s = np.linspace(0, 8, 50)
+    a, b, c = (actor().make(np.random.default_rng(s)).at(t_s, ANTENNA_M) for s in (1, 1, 2))
+    np.testing.assert_array_equal(a.position_m, b.position_m)
+    np.testing.assert_array_equal(a.rcs_m2, b.rcs_m2)
+    assert not np.array_equal(a.position_m, c.position_m)
+
+
+def test_a_plain_body_differs_from_its_own_files_by_its_entry_alone():
+    made = actor(is_plain=True).make(np.random.default_rng(5))
+    t_s = np.linspace(0, 6, 40)
+    here, there = made.at(t_s, ANTENNA_M), made.mover.at(made.begin_s + t_s, ANTENNA_M)
+    np.testing.assert_array_equal(here.position_m, there.position_m)
+    np.testing.assert_array_equal(here.rcs_m2, there.rcs_m2)
+
+
+def randomization(**more):
+    settings = {
+        "gain": np.array([0.5, 1.0, 1.5]),
+        "contrast": 1.0,
+        "joins": False,
+        "is_constant": False,
+        "begin_s": 0.0,
+        "pace": 1.0,
+        "wave": np.zeros((3, 4)),
+    }
+    return DomainRandomization(Clock(), **settings | more)
+
+
+def test_constant_cross_sections_keep_their_mean():
+    made = randomization(is_constant=True)
+    t_s = np.linspace(0, 9, 90)
+    rcs = made.at(t_s, ANTENNA_M).rcs_m2
+    free = replace(made, is_constant=False).at(t_s, ANTENNA_M).rcs_m2
+    assert np.ptp(rcs, axis=0).max() == 0
+    np.testing.assert_allclose(rcs[0], free.mean(axis=0), rtol=1e-12)
+    np.testing.assert_allclose(free, Clock().at(t_s, ANTENNA_M).rcs_m2 * made.gain, rtol=1e-12)
+
+
+@pytest.mark.parametrize("contrast", [0.7, 1.0, 1.8])
+def test_contrast_parts_strong_from_weak_and_keeps_the_whole(contrast):
+    t_s = np.linspace(0, 9, 90)
+    gain = np.array([0.1, 0.9, 2.0])
+    plain = randomization(gain=gain).at(t_s, ANTENNA_M).rcs_m2.mean(axis=0)
+    made = randomization(gain=gain, contrast=contrast).at(t_s, ANTENNA_M).rcs_m2.mean(axis=0)
+    assert made.sum() == pytest.approx(plain.sum(), rel=1e-12)
+    assert np.log(made[2] / made[0]) == pytest.approx(
+        contrast * np.log(plain[2] / plain[0]), rel=1e-9
+    )
+
+
+def test_joined_parts_are_one_in_their_middle_and_the_weak_stay():
+    class Spread(Clock):
+        def at(self, t_s, antenna_m):
+            points = super().at(t_s, antenna_m)
+            return Points(points.position_m + np.arange(3)[:, None], points.rcs_m2)
+
+    t_s = np.linspace(0, 9, 90)
+    apart = replace(randomization(gain=np.array([1.0, 1.0, 0.01])), mover=Spread())
+    before, after = apart.at(t_s, ANTENNA_M), replace(apart, joins=True).at(t_s, ANTENNA_M)
+    np.testing.assert_allclose(after.rcs_m2.sum(axis=1), before.rcs_m2.sum(axis=1), rtol=1e-12)
+    assert (after.rcs_m2[:, 1] == 0).all()
+    assert (after.position_m[:, 0] >= before.position_m[:, 0]).all()
+    assert (after.position_m[:, 0] <= before.position_m[:, 1]).all()
+    np.testing.assert_array_equal(after.position_m[:, 2], before.position_m[:, 2])
+    np.testing.assert_array_equal(after.rcs_m2[:, 2], before.rcs_m2[:, 2])
+
+
+@pytest.mark.parametrize(("kind", "style"), [("human", "walk"), ("dog", "trot")])
+def test_trunks_are_one_surface_or_several(kind, style):
+    trunks = [
+        actor(kind, style).make(np.random.default_rng(seed)).mover.skin.n_trunk
+        for seed in range(40)
+    ]
+    assert set(trunks) == {1, 3}
+    assert 8 <= trunks.count(1) <= 24
+    plain = actor(kind, style, is_plain=True)
+    assert plain.make(np.random.default_rng(0)).mover.skin.n_trunk == 3
+
+
+def test_without_a_lead_it_begins_at_its_beginning():
+    assert actor(lead_s=(-1.0, -1.0)).make(np.random.default_rng(0)).begin_s == 0.0
+
+
+@pytest.mark.parametrize("lead_s", [(0.2, 2.5), (2.6, 4.0)])
+def test_it_is_not_in_the_swath_long_before_its_lead(lead_s):
+    n_entries = 0
+    for seed in range(12):
+        made = actor(lead_s=lead_s, is_plain=True).make(np.random.default_rng(seed))
+        t_s = np.arange(0, 12, 0.05)
+        points = made.at(t_s, ANTENNA_M)
+        range_m = np.linalg.norm(points.position_m - ANTENNA_M, axis=2)
+        seen = ((range_m > 0.6) & (range_m < 3.4)).mean(axis=1) > 0.3
+        assert seen[: int((lead_s[1] + 0.3) / 0.05)].any()
+        first_s = t_s[seen.argmax()]
+        n_entries += lead_s[0] - 0.2 <= first_s <= lead_s[1] + 0.2
+    # Half of them enter; the others are met on their way.
+    assert 3 <= n_entries <= 12
+
+
+def test_who_goes_is_met_on_the_way_and_not_long_after_the_arrival():
+    # Across the room in some seconds, and then standing there, often in view.
+    t_s = np.arange(0, 14, 0.05)
+    for seed in range(30):
+        made = actor(lead_s=(0.2, 2.5), is_plain=True).make(np.random.default_rng(seed))
+        middle = made.at(t_s, ANTENNA_M).position_m.mean(axis=1)
+        assert np.linalg.norm(middle[-1] - middle[0]) > 0.5
+
+
+def test_who_stays_is_met_at_any_time():
+    staying = actor("dog", "sit", swath_m=(0.6, 6.0), lead_s=(0.2, 2.5), is_plain=True)
+    assert max(staying.make(np.random.default_rng(k)).begin_s for k in range(40)) > 15

@@ -1,0 +1,231 @@
+"""Evidence over windows, and the rule over time."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from radard.errors import ModelMismatch
+from radard.judge.classifier import Answer, Probabilities
+from radard.judge.decision import Verdict
+from radard.judge.evidence import Evidence, EvidenceSettings
+from radard.stream.ring import DwellShape
+from x2train.sets.windows import dwell_ends
+
+
+def window(human, pet, other):
+    return Probabilities(human, pet, other)
+
+
+def array(p):
+    return np.array([p.human, p.pet, p.other])
+
+
+def fused(windows, **settings):
+    evidence = Evidence(EvidenceSettings(**settings))
+    return [array(evidence.add(w)) for w in windows]
+
+
+@st.composite
+def windows_of_three(draw):
+    """Windows of any calibrated probabilities, the extreme ones included."""
+    part = st.one_of(st.sampled_from([0.0, 1e-300, 1e-9, 1.0]), st.floats(1e-3, 1.0))
+    rows = draw(st.lists(st.tuples(part, part, part), min_size=1, max_size=30))
+    whole = [row if sum(row) > 0 else (1.0, 0.0, 0.0) for row in rows]
+    return [window(*(v / sum(row) for v in row)) for row in whole]
+
+
+@given(windows_of_three())
+def test_whatever_comes_the_sum_is_one_and_nothing_is_lost_for_good(windows):
+    most = 5.0
+    for p, w in zip(fused(windows, most=most), windows, strict=True):
+        assert np.isfinite(p).all()
+        assert abs(math.fsum(p) - 1) < 1e-12
+        known = p if w.other > 0 else p[:2]
+        assert known.min() > 0
+        # No class further behind the leading one; the leading one may be a hidden third.
+        assert np.log(known.max() / known.min()) <= most + 1e-9
+
+
+@given(windows_of_three())
+def test_a_reset_forgets_everything(windows):
+    evidence = Evidence(EvidenceSettings())
+    for w in windows:
+        evidence.add(w)
+    evidence.reset()
+    again = [array(evidence.add(w)) for w in windows]
+    np.testing.assert_array_equal(again, fused(windows))
+
+
+@pytest.mark.parametrize("discount", [0.2, 0.6, 1.0])
+def test_within_the_bounds_it_is_the_discounted_product_in_any_order(discount):
+    rows = [(0.5, 0.3, 0.2), (0.3, 0.4, 0.3), (0.6, 0.3, 0.1), (0.4, 0.4, 0.2)]
+    logs = discount * np.log(np.array(rows)).sum(axis=0) + [0.7, 0, 0]
+    reference = np.exp(logs) / np.exp(logs).sum()
+    for order in itertools.permutations(rows):
+        made = fused([window(*row) for row in order], discount=discount, prior_human=0.7)[-1]
+        np.testing.assert_allclose(made, reference, rtol=1e-12)
+
+
+def test_one_independent_window_is_what_it_says():
+    made = fused([window(0.7, 0.2, 0.1)], discount=1.0)[-1]
+    np.testing.assert_allclose(made, [0.7, 0.2, 0.1], rtol=1e-12)
+
+
+def test_a_pet_of_minutes_is_outvoted_by_a_person_as_fast_as_one_of_seconds():
+    pet, person = window(0.02, 0.97, 0.01), window(0.97, 0.02, 0.01)
+    after = [fused([pet] * n + [person] * 6)[n:] for n in (4, 600)]
+    np.testing.assert_allclose(after[0], after[1], rtol=1e-12)
+    assert after[1][-1][0] > 0.8
+
+
+@pytest.mark.parametrize("p", [0.0, 1e-300, 5e-324, 1e-6])
+def test_a_window_that_is_sure_weighs_no_more_than_one_in_a_million(p):
+    assert fused([window(1.0, p, p)], most=50.0)[-1][0] == pytest.approx(
+        fused([window(1.0, 1e-6, 1e-6)], most=50.0)[-1][0] if p else 1 / (1 + 1e-6**0.6), rel=1e-9
+    )
+
+
+def test_networks_of_two_classes_keep_other_at_zero():
+    for p in fused([window(0.4, 0.6, 0.0), window(0.0, 1.0, 0.0), window(1.0, 0.0, 0.0)] * 5):
+        assert p[2] == 0.0
+        assert abs(p[0] + p[1] - 1) < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("raw", "words"),
+    [
+        ({"speed": 1}, "evidence.speed: unknown"),
+        ({"discount": 0}, "evidence.discount: 0 is not from 0.001 to 1"),
+        ({"discount": 1.1}, "evidence.discount"),
+        ({"most": 1.3}, "evidence.most"),
+        ({"most": float("nan")}, "evidence.most"),
+        ({"most": float("inf")}, "evidence.most"),
+        ({"prior_human": -11}, "evidence.prior_human"),
+        ({"human_limit": True}, "evidence.human_limit: True is not a number"),
+        ({"human_limit": "0.8"}, "is not a number"),
+    ],
+)
+def test_settings_that_make_no_sense_are_named(raw, words):
+    with pytest.raises(ModelMismatch, match=words):
+        EvidenceSettings.from_mapping(raw)
+
+
+@pytest.mark.parametrize(
+    ("key", "low", "high"),
+    [
+        ("discount", 0.001, 1.0),
+        ("most", 1.4, 50.0),
+        ("prior_human", -10.0, 10.0),
+        ("human_limit", 0.2, 1.0),
+    ],
+)
+def test_the_bounds_of_settings_are_within_them(key, low, high):
+    for value in (low, high):
+        assert getattr(EvidenceSettings.from_mapping({key: value}), key) == value
+    for value in (math.nextafter(low, -math.inf), math.nextafter(high, math.inf)):
+        with pytest.raises(ModelMismatch, match=key):
+            EvidenceSettings.from_mapping({key: value})
+
+
+def test_settings_are_read_from_a_sidecar():
+    assert EvidenceSettings.from_mapping({}) == EvidenceSettings()
+    assert EvidenceSettings.from_mapping({"most": 8, "discount": 1}).most == 8
+
+
+@pytest.mark.parametrize(
+    ("p", "within_s", "t_s", "expected"),
+    [
+        ((0.1, 0.9, 0.0), 3.0, [10], [("pet", False)]),
+        ((0.1, 0.1, 0.8), 3.0, [10], [("other", False)]),
+        ((0.5, 0.5, 0.0), 3.0, [10, 11, 12], [("pending", False)] * 3),
+        ((0.5, 0.5, 0.0), 3.0, [10, 12.9, 13], [("pending", False)] * 2 + [("human", True)]),
+        ((0.5, 0.5, 0.0), 0.0, [10], [("human", True)]),
+        ((0.8, 0.2, 0.0), 3.0, [10], [("human", True)]),
+        ((0.9, 0.1, 0.0), 3.0, [10], [("human", True)]),
+        ((0.2, 0.8, 0.0), 3.0, [10, 20], [("pending", False), ("human", True)]),
+    ],
+)
+def test_the_rule_over_time(p, within_s, t_s, expected):
+    verdict = Verdict(0.8, 0.8, within_s)
+    assert [verdict.judge(window(*p), t) for t in t_s] == expected
+
+
+def test_who_leaves_undecided_alarms_and_who_was_judged_does_not():
+    verdict = Verdict(0.8, 0.8, 3.0)
+    assert not verdict.leave()
+    verdict.judge(window(0.5, 0.5, 0.0), 5.0)
+    assert verdict.leave()
+    assert not verdict.leave()
+    for last in (window(0.1, 0.9, 0.0), window(0.9, 0.1, 0.0)):
+        verdict.judge(window(0.5, 0.5, 0.0), 8.0)
+        verdict.judge(last, 9.0)
+        assert not verdict.leave()
+
+
+@pytest.mark.parametrize("forget", [Verdict.leave, Verdict.reset])
+def test_the_wait_begins_anew_with_the_next_body(forget):
+    verdict, unsure = Verdict(0.8, 0.8, 3.0), window(0.5, 0.5, 0.0)
+    assert [verdict.judge(unsure, t)[0] for t in (0, 3)] == ["pending", "human"]
+    forget(verdict)
+    assert not verdict.leave()
+    assert [verdict.judge(unsure, t)[0] for t in (4, 6, 7)] == ["pending", "pending", "human"]
+
+
+@pytest.mark.parametrize("rate_hz", [28.0, 30.5, 60.0, 117.3])
+def test_the_wait_is_as_long_wherever_in_the_stream_it_begins(rate_hz):
+    unsure = window(0.5, 0.5, 0.0)
+    shape = DwellShape.of(dwell_s=2.0, hop_s=1.0, frame_rate_hz=rate_hz, n_cpi=28)
+    ends = list(dwell_ends(shape, 4000))
+    for first in range(len(ends) - 5):
+        verdict = Verdict(0.8, 0.8, 3.0)
+        times = [end / rate_hz for end in ends[first : first + 5]]
+        assert [verdict.judge(unsure, t)[1] for t in times] == [False] * 3 + [True] * 2
+
+
+def test_only_stream_time_counts(monkeypatch):
+    def nobody_asks():
+        pytest.fail("a clock was read")
+
+    for clock in ("time", "monotonic", "perf_counter"):
+        monkeypatch.setattr(f"time.{clock}", nobody_asks)
+    late, early = Verdict(0.8, 0.8, 3.0), Verdict(0.8, 0.8, 3.0)
+    unsure = window(0.5, 0.5, 0.0)
+    steps = (0.0, 1.0, 2.0, 3.0)
+    a = [early.judge(unsure, t) for t in steps]
+    b = [late.judge(unsure, 1e6 + t) for t in steps]
+    monkeypatch.undo()
+    assert a == b
+
+
+def test_three_hops_of_the_slowest_stream_are_three_seconds():
+    # At 14.5 Hz dwells end up to a frame (0.069 s) early.
+    verdict = Verdict(0.8, 0.65, 3.0)
+    unsure = window(0.4, 0.4, 0.2)
+    assert [verdict.judge(unsure, t)[0] for t in (0, 1, 2, 2.932)] == ["pending"] * 3 + ["human"]
+
+
+def test_a_temporal_head_answers_instead_of_the_sum():
+    evidence = Evidence(EvidenceSettings(prior_human=1.0))
+    own = window(0.1, 0.8, 0.1)
+    head = np.log([0.2, 0.5, 0.3])
+    hidden = np.arange(4.0)
+    made = evidence.take(Answer(own, head, hidden))
+    odds = np.array([0.2 * math.e, 0.5, 0.3])
+    assert array(made) == pytest.approx(odds / odds.sum())
+    assert evidence.hidden is hidden
+    evidence.reset()
+    assert evidence.hidden is None
+    # Without a head the windows' sum, of which the head's answer is no part.
+    without = Evidence(EvidenceSettings(prior_human=1.0))
+    assert evidence.take(Answer(own)) == without.add(own)
+    assert evidence.hidden is None
+
+
+def test_what_a_sidecar_without_evidence_stands_for():
+    # Models are in use whose sidecars say nothing of it: these numbers are theirs.
+    s = EvidenceSettings()
+    assert (s.discount, s.most, s.prior_human, s.human_limit) == (0.6, 5.0, 0.0, 0.8)

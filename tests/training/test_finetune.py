@@ -1,0 +1,316 @@
+"""Finetuning: own clips quieten a pet, the guard holds, and what does not fit is refused."""
+
+import itertools
+import json
+from dataclasses import replace
+
+import numpy as np
+import onnx
+import pytest
+
+from radard.errors import UsageError
+from radard.judge.bundle import CLASSES, load_bundle
+from radard.web.labels import LabelFile
+from tests.alarm_helpers import write_recording
+from tests.radar_helpers import noise, run_radard
+from tests.training_helpers import (
+    NAMES,
+    give_head,
+    settings,
+    tiny,
+    toy,
+    write_tiny,
+)
+from x2radar.errors import RecordingError
+from x2train.cli import main
+from x2train.finetune.guard import Guard, Misses, alarms_of, load_guard
+from x2train.finetune.labels import OwnClip, labelled_clips, merged, named_clips
+from x2train.finetune.windows import judge_of, own_windows
+from x2train.nets.bundle_answers import Answers, outputs_of
+from x2train.nets.graph_net import GraphNet
+from x2train.sets.shards import ShardSet
+
+ULID = "01J0000000000000000000000"
+
+
+def windows(folder, n, seed):
+    about = {"kind": "windows", "use": "held out", "seed": seed, "settings": settings()}
+    ShardSet(folder, about).write("shard-00000", toy(n, seed=seed))
+    return folder
+
+
+@pytest.fixture(scope="module", params=["summed", "temporal"])
+def made(request, tmp_path_factory):
+    """Return a folder: a bundle that takes all for people, guards, and clips of a dog."""
+    folder = tmp_path_factory.mktemp("finetune")
+    network = replace(tiny()[0], temperature=12.0)
+    write_tiny(folder, network)
+    if request.param == "temporal":
+        give_head(folder / "tiny.onnx", temperature=2.5)
+    windows(folder / "guard", 1536, 5)
+    windows(folder / "mix", 384, 6)
+    for seed in (1, 2, 3):
+        port = f"sim:dog_trot?seed={seed}"
+        argv = ("--port", port, "--model", "none", "--speed", "max", "--duration", "8")
+        record = ("--record", str(folder / f"dog{seed}.h5"), "-o", "null")
+        assert run_radard(*argv, *record)[0] == 0
+    return folder
+
+
+@pytest.fixture(scope="module")
+def bundle(made):
+    return load_bundle(str(made / "tiny.onnx"))
+
+
+def finetune(made, *argv, mix="mix"):
+    sets = ("--guard", str(made / "guard"), *(("--mix", str(made / mix)) if mix else ()))
+    return main(["finetune", *sets, "--model", str(made / "tiny.onnx"), *argv])
+
+
+def dogs(made):
+    return [f"{made / name}.h5=pet" for name in ("dog1", "dog2", "dog3")]
+
+
+def test_who_names_no_bundle_begins_with_the_one_that_judged_the_clips(made, tmp_path, capsys):
+    path = tmp_path / "upper_band.h5"
+    upper_band = {"carrier_hz": 8.748e9, "bandwidth_hz": 1.5e9, "bin_length_m": 0.0514}
+    write_recording(path, np.zeros((120, 96), np.complex64), **upper_band)
+    assert judge_of([OwnClip(path, "pet")]) == "x4m03"
+    assert judge_of([OwnClip(made / "dog1.h5", "pet")]) == "accurate"
+    assert judge_of([]) == "accurate"
+    sets = ("--guard", str(made / "guard"), "--mix", str(made / "mix"))
+    assert main(["finetune", f"{path}=pet", *sets, "--name", "x4m03"]) == 2
+    assert "a name of its own" in capsys.readouterr().err
+
+
+def test_own_clips_become_quiet_and_radard_runs_the_bundle(made, bundle, tmp_path, capsys):
+    # By the dashboard's labels, and, for the bundle with a head, by name.
+    is_labelled = not bundle.n_hidden
+    out = ("--out", str(tmp_path), "--epochs", "20")
+    clips = [(str(k), "pet", str(made / f"dog{k}.h5"), "alarm") for k in (1, 2, 3)]
+    gone = ("4", "pet", str(made / "gone.h5"), "alarm")
+    labels = ["--labels", str(label_file(tmp_path, *clips, gone))]
+    # --full is accepted of old: it is what is done.
+    assert finetune(made, *(labels if is_labelled else [*dogs(made), "--full"]), *out) == 0
+    said = capsys.readouterr().out
+    assert "wrote" in said
+    assert (f"left out: {ULID}4: its clip is gone" in said) is is_labelled
+    sidecar = json.loads((tmp_path / "own.json").read_text())
+    base = json.loads((made / "tiny.json").read_text())
+    same = ("schema", "inputs", "features", "stream", "classes", "temperature", "pet_limit")
+    assert {k: sidecar[k] for k in same} == {k: base[k] for k in same}
+    assert sidecar.get("hidden") == base.get("hidden")
+    assert sidecar["evidence"] == base["evidence"]
+    about = sidecar["training"]["finetuned"]
+    assert about["base_onnx_sha256"] == base["onnx_sha256"]
+    assert "of the way from the old weights" in about["detail"]
+    assert [clip["file"] for clip in about["own"]] == ["dog1.h5", "dog2.h5", "dog3.h5"]
+    # Where somebody keeps recordings is nobody's business.
+    assert str(made / "dog1") not in (tmp_path / "own.json").read_text()
+    metrics = sidecar["metrics"]
+    assert metrics["own clips of pets with an alarm, before"] == 3
+    assert metrics["own clips of pets with an alarm, after"] == 0
+    for what in ("windows", "passages", "fused"):
+        rise = metrics[f"people missed, {what}, after"] - metrics[f"people missed, {what}, before"]
+        assert rise <= 0.0015
+    assert "own clips of pets with an alarm | 3 of 3" in (tmp_path / "own.md").read_text()
+    port = f"replay:{made / 'dog1.h5'}"
+    for model, has_alarm in ((made / "tiny.onnx", True), (tmp_path / "own.onnx", False)):
+        code, records, _ = run_radard("--port", port, "--model", str(model), "-o", "json")
+        assert code == 0
+        assert any(r.get("alarm") for r in records if r["type"] == "decision") is has_alarm
+
+
+def test_a_graph_is_trained_as_onnxruntime_runs_it(bundle):
+    windows = toy(24, seed=8)
+    given = {name: windows[name] for name in NAMES}
+    net = GraphNet(bundle.onnx)
+    is_first = np.arange(24) % 4 == 0
+    again, first = (outputs_of(x, given, is_first=is_first) for x in (net.to_onnx(), bundle.onnx))
+    np.testing.assert_array_equal(again.logits, first.logits)
+    np.testing.assert_array_equal(again.fused, first.fused)
+    model = onnx.load_from_string(bundle.onnx)
+    model.graph.node[0].op_type = "Cos"
+    with pytest.raises(UsageError, match="has Cos, which cannot be trained"):
+        GraphNet(model.SerializeToString())
+
+
+@pytest.mark.parametrize("policy", ["fused", "window"])
+def test_misses_count_people_alone_by_the_policy(bundle, policy):
+    bundle = replace(bundle, policy=policy)
+    guard = Guard(toy(96), ({},))
+    sure = np.zeros((96, 3))
+    # Everybody is a pet: all people are missed; everybody is a person: none is.
+    for column, missed in ((1, True), (0, False)):
+        sure[:] = 0
+        sure[:, column] = 10 * bundle.temperature
+        fused = sure / bundle.temperature if bundle.n_hidden else None
+        found = guard.misses(bundle, Answers(sure, fused))
+        n_windows = int((guard.label == 0).sum())
+        assert (found.n_windows, found.n_passages) == (n_windows, n_windows // 4)
+        assert found.windows == missed * n_windows
+        assert found.passages == missed * n_windows // 4
+    assert set(guard.of_people().label) == {CLASSES.index("human")}
+
+
+@pytest.mark.parametrize(
+    ("windows_more", "passages_more", "is_allowed"),
+    [(0, 0, True), (1, 0, True), (2, 0, False), (0, 1, False), (-5, -1, True)],
+)
+def test_the_bound_is_on_windows_and_on_passages(windows_more, passages_more, is_allowed):
+    before = Misses(100, 1000, 10, 250, 80)
+    after = Misses(100 + windows_more, 1000, 10 + passages_more, 250, 80)
+    assert before.allows(after) is is_allowed
+    fused = Misses(100, 1000, 10 + passages_more, 250, 80 + windows_more)
+    assert before.allows(fused) is is_allowed
+
+
+def test_who_leaves_while_the_alarm_waits_is_an_alarm(bundle):
+    log_p = np.log([[0.5, 0.3, 0.2]])
+    unsure = Answers(bundle.temperature * log_p, log_p if bundle.n_hidden else None)
+    alarms = list(alarms_of(bundle, unsure, np.array([True]), np.array([3.0])))
+    assert alarms == [True]
+    twice = Answers(
+        *(None if x is None else np.repeat(x, 2, 0) for x in (unsure.logits, unsure.fused))
+    )
+    alarms = list(alarms_of(bundle, twice, np.array([True, True]), np.array([3.0, 30.0])))
+    assert alarms == [True, True]
+
+
+def label_file(tmp_path, *lines):
+    file = LabelFile(tmp_path / "labels.jsonl")
+    for event, label, clip, kind in lines:
+        file.add({"event": ULID + event, "label": label, "clip": clip, "kind": kind})
+    return file.path
+
+
+def test_labels_of_the_dashboard_point_to_clips(made, tmp_path):
+    first, second = str(made / "dog1.h5"), str(made / "dog2.h5")
+    path = label_file(
+        tmp_path,
+        ("A", "human", first, "alarm"),
+        ("A", "pet", first, "alarm"),
+        ("B", "wrong", second, "alarm"),
+        ("C", "pet", str(made / "gone.h5"), "alarm"),
+        ("D", "wrong", None, "tamper"),
+        ("E", "other", None, "alarm"),
+    )
+    found = labelled_clips(path)
+    assert [(c.path.name, c.label) for c in found.clips] == [
+        ("dog1.h5", "pet"),
+        ("dog2.h5", "wrong"),
+    ]
+    said = "; ".join(found.left_out)
+    assert "its clip is gone" in said
+    assert "not an alarm" in said
+    assert "no clip was kept" in said
+    moved = labelled_clips(path, made)
+    assert [c.path for c in moved.clips] == [made / "dog1.h5", made / "dog2.h5"]
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("{", ":2: no label of the dashboard"),
+        ('{"format": "radard-label", "format_version": 9}', "format_version 9"),
+        ('{"format": "radard-label", "format_version": 1, "event": "x"}', ":2: lacks an event"),
+    ],
+)
+def test_lines_that_are_no_labels_are_refused(made, tmp_path, line, words):
+    path = label_file(tmp_path, ("A", "pet", str(made / "dog1.h5"), "alarm"))
+    path.write_text(path.read_text() + line + "\n")
+    with pytest.raises(UsageError, match=words):
+        labelled_clips(path)
+
+
+def test_clips_are_named_once_with_one_label(made):
+    path = made / "dog1.h5"
+    assert merged([OwnClip(path, "pet"), OwnClip(path, "pet")]) == (OwnClip(path, "pet"),)
+    with pytest.raises(UsageError, match="labelled both pet and human"):
+        merged([OwnClip(path, "pet"), OwnClip(path, "human")])
+    with pytest.raises(UsageError, match="nothing to quieten"):
+        merged([OwnClip(path, "human")])
+    for text in ("dog1.h5", "=pet", f"{path}=dog"):
+        with pytest.raises(UsageError, match="FILE=LABEL is wanted"):
+            named_clips([text])
+
+
+def test_a_recording_in_which_nothing_moves_is_refused(made, bundle, tmp_path):
+    path = tmp_path / "still.h5"
+    write_recording(path, noise(60 * 6))
+    with pytest.raises(UsageError, match="nothing moves in it"):
+        own_windows(OwnClip(path, "pet"), bundle)
+    path.write_bytes(b"no recording")
+    with pytest.raises(RecordingError):
+        own_windows(OwnClip(path, "pet"), bundle)
+
+
+def test_sets_are_made_like_a_bundle(made, tmp_path, capsys):
+    out = ("--out", str(tmp_path / "set"), "--passages", "2", "--workers", "1")
+    assert main(["dataset", *out, "--like", str(made / "tiny.onnx")]) == 0
+    about = json.loads((tmp_path / "set" / "manifest.json").read_text())["about"]
+    assert about["settings"] == json.loads((made / "tiny.json").read_text())["features"]
+    capsys.readouterr()
+    assert main(["dataset", *out, "--like", "thesis"]) == 2
+    assert "--like thesis: it takes thesis_type2" in capsys.readouterr().err
+
+
+def test_a_guard_that_does_not_fit_is_refused(made, bundle, tmp_path):
+    with pytest.raises(UsageError, match="128 windows of people; at least 500"):
+        load_guard([made / "mix"], bundle)
+    about = {"kind": "windows", "settings": {**settings(), "dwell_s": 3.0}}
+    ShardSet(tmp_path / "other", about).write("shard-00000", toy(12))
+    with pytest.raises(UsageError, match="dataset --like tiny"):
+        load_guard([tmp_path / "other"], bundle, least=1)
+    with pytest.raises(UsageError, match="tells human, pet apart"):
+        load_guard([made / "mix"], replace(bundle, classes=("human", "pet")), least=1)
+
+
+@pytest.mark.parametrize(
+    ("argv", "words"),
+    [
+        ((), "no clips: give FILE=LABEL"),
+        (("x.h5=pet",), "x.h5: no such recording"),
+        (("DOG=pet", "--clips", "somewhere"), "there is no --labels"),
+        (("DOG=pet", "--verifier"), "--verifier is gone"),
+        (("DOG=pet", "--mix", "GUARD"), "share a set"),
+        (("DOG=pet", "--epochs", "0"), "--epochs 0"),
+        (("DOG=pet", "--seed", "-1"), "--seed -1"),
+        (("DOG=pet", "--name", "tiny"), "--name tiny"),
+        (("DOG=human",), "nothing to quieten"),
+        (("--labels", "missing.jsonl"), "cannot read the labels"),
+    ],
+)
+def test_wrong_input_gets_one_line(made, tmp_path, argv, words, capsys):
+    names = {"DOG": str(made / "dog1.h5"), "GUARD": str(made / "guard")}
+    for name, path in names.items():
+        argv = [text.replace(name, path) for text in argv]
+    assert finetune(made, *argv, "--out", str(tmp_path / "out")) == 2
+    err = capsys.readouterr().err
+    assert words in err
+    assert err.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_simulated_windows_to_learn_from_are_needed(made, capsys):
+    assert finetune(made, *dogs(made), mix=None) == 2
+    assert "--mix is needed" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("n_missed", "words"), [(2, "0.15 points more"), (0, "of 3 own clips of pets")]
+)
+def test_what_hides_people_or_calms_no_pet_is_not_written(
+    made, tmp_path, capsys, monkeypatch, n_missed, *, words
+):
+    later = itertools.repeat(Misses(n_missed, 1000, 0, 250))
+    misses = itertools.chain([Misses(0, 1000, 0, 250)], later)
+    monkeypatch.setattr(Guard, "misses", lambda *_: next(misses))
+    # Hardly trained, three dogs are three people still.
+    monkeypatch.setattr("x2train.finetune.retrain._FASTEST", 1e-9)
+    out = ("--epochs", "1", "--out", str(tmp_path / "out"))
+    assert finetune(made, *dogs(made), *out) == 2
+    err = capsys.readouterr().err.splitlines()[-1]
+    assert words in err
+    assert "nothing was written" in err
+    assert not (tmp_path / "out").exists()

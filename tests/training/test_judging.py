@@ -1,0 +1,207 @@
+"""Judging: offline as live, decision for decision."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.blank_bundle import write_blank_bundle
+from radard.config.config import Config
+from radard.judge.bundle import load_bundle
+from radard.judge.classifier import Answer, Classifier, Probabilities
+from radard.pipeline import Pipeline
+from tests.radar_helpers import BASEBAND, dwell_of, frames_of, noise, walker
+from tests.training_helpers import FEATURES
+from x2radar.frame import StreamInfo
+from x2train.judge.judging import JudgeSpec, decisions, judged
+from x2train.judge.pictures import passage_png
+from x2train.judge.suites import SUITES
+from x2train.sets.families import family
+from x2train.sets.passages import play
+from x2train.sets.sites import P4XX, X2, X4M03, draw_site
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("model")
+    return str(write_blank_bundle(folder, "blank", FEATURES, ("velocity_time", "range_time")))
+
+
+def passage(radar=X2, name="human walk", seconds=9.0):
+    rng = np.random.default_rng(3)
+    site = replace(draw_site(rng, radar), level_db=15.0)
+    return play(rng, site, (family(name),), duration_s=seconds, lead_s=(2.6, 4.0))
+
+
+def config(policy=None, **more):
+    section = Config().decision.model_copy(update={"policy": policy, **more})
+    return Config().model_copy(update={"decision": section})
+
+
+@pytest.mark.parametrize(
+    ("radar", "policy"), [(X2, "fused"), (X2, "window"), (P4XX, "fused"), (X4M03, "fused")]
+)
+def test_a_passage_is_judged_as_the_daemon_judges_its_stream(model, radar, policy):
+    played = passage(radar)
+    axis = radar.axis()
+    stream = StreamInfo(axis, radar.frame_rate_hz, radar.name)
+    pipeline = Pipeline(stream, config(policy), Classifier(load_bundle(model)))
+    ring = pipeline.make_ring()
+    assert ring.axis == axis
+    live = []
+    n_hop = 0
+    for frame in frames_of(played.frames, axis):
+        ring.push(frame)
+        # As the worker does: whatever has become due is judged at once.
+        if ring._queue:
+            live.append(pipeline.decide(ring.take()))
+            n_hop += 1
+    assert n_hop >= 5
+    assert live == decisions(played, model, policy)
+    assert any(d.gate == "open" and d.window is not None for d in live)
+
+
+def test_no_verdict_depends_on_whether_tracks_are_judged(model):
+    played = passage()
+    whole = decisions(played, model)
+    alone = decisions(played, model, judges_tracks=False)
+    assert any(d.tracks for d in whole)
+    assert [replace(d, tracks=()) for d in whole] == alone
+
+
+def test_the_columns_are_those_of_the_decisions(model):
+    played = passage()
+    suite = SUITES[0]
+    made, told = decisions(played, model, "fused"), judged(played, suite, model, "fused", "5")
+    assert told.t_s.tolist() == [d.t_s for d in made]
+    assert told.is_alarm.tolist() == [d.alarm for d in made]
+    assert told.is_pending.tolist() == [d.label == "pending" for d in made]
+    for k, d in enumerate(made):
+        assert told.is_open[k] == (d.gate == "open")
+        assert np.isnan(told.p_human[k]) == (d.window is None)
+        if d.fused is not None:
+            assert told.fused_quiet[k] == d.fused.pet + d.fused.other
+            assert told.fused_most[k] == max(d.fused.pet, d.fused.other)
+    assert told.label == "human"
+    assert told.build == "5"
+    assert told.duration_s == 9.0
+    assert 0 <= told.enters_s < told.leaves_s < 9
+    told.columns()
+
+
+def test_passages_do_not_depend_on_the_bundle_or_the_order(model):
+    a = JudgeSpec(model=model, seed=1, n_passages=400, policy="fused")
+    b = JudgeSpec(model="thesis", seed=1, n_passages=400)
+    number = 45
+    np.testing.assert_array_equal(a.played(number).frames, b.played(number).frames)
+    first = a(number)
+    a(number + 1)
+    again = a(number)
+    for key, column in first.items():
+        np.testing.assert_array_equal(column, again[key], err_msg=key)
+    assert passage_png(a, number)[:8] == b"\x89PNG\r\n\x1a\n"
+
+
+def test_an_empty_room_is_nobodys(model):
+    rng = np.random.default_rng(0)
+    empty = play(rng, draw_site(rng, X2), (), duration_s=6.0)
+    told = judged(empty, SUITES[-1], model)
+    assert (told.label, told.family) == ("empty", "empty room")
+    assert np.isnan(told.enters_s)
+
+
+class Says:
+    """A network whose answers are known: it stands in for the classifier of a pipeline."""
+
+    def __init__(self, monkeypatch, *rows):
+        self.rows = [Answer(Probabilities(*row)) for row in rows]
+        monkeypatch.setattr(Pipeline, "_answered", lambda *_: self.rows.pop(0))
+        # Bodies one by one ask the network itself.
+        monkeypatch.setattr(Pipeline, "_judged", lambda *_: ())
+
+
+UNSURE, PET, PERSON = (0.45, 0.54, 0.01), (0.02, 0.97, 0.01), (0.97, 0.02, 0.01)
+RATE_HZ, LENGTH = 60.0, 147
+
+
+def stream_of(pattern):
+    """Return a dwell per letter: somebody goes ('o'), or nobody ('.'), after a quiet start."""
+    made = []
+    for k, letter in enumerate("...." + pattern):
+        frames = noise(LENGTH, seed=k)
+        if letter == "o":
+            frames = frames + walker(LENGTH, RATE_HZ, speed_mps=0.5, start_m=2.4, level=30)
+        made.append(replace(dwell_of(frames, RATE_HZ), t_s=2.45 + k))
+    return made
+
+
+def run(model, pattern, policy, **more):
+    pipeline = Pipeline(
+        StreamInfo(BASEBAND, RATE_HZ, "test"),
+        config(policy, **more),
+        Classifier(load_bundle(model)),
+    )
+    return [pipeline.decide(dwell) for dwell in stream_of(pattern)][4:]
+
+
+def test_policy_window_takes_each_window_alone(model, monkeypatch):
+    Says(monkeypatch, PET, UNSURE, PET, PERSON)
+    made = run(model, "oooo", "window")
+    assert [(d.label, d.alarm) for d in made] == [
+        ("pet", False),
+        ("human", True),
+        ("pet", False),
+        ("human", True),
+    ]
+    assert all(d.fused == d.window for d in made)
+
+
+def test_policy_fused_waits_and_then_alarms(model, monkeypatch):
+    Says(monkeypatch, *[UNSURE] * 5)
+    made = run(model, "ooooo", "fused")
+    assert [d.label for d in made] == ["pending"] * 3 + ["human"] * 2
+    assert [d.alarm for d in made] == [False] * 3 + [True] * 2
+    Says(monkeypatch, UNSURE)
+    assert [d.alarm for d in run(model, "o", "fused", decide_within_s=0.0)] == [True]
+
+
+def test_a_pet_is_let_by_on_the_evidence_of_all_windows(model, monkeypatch):
+    Says(monkeypatch, PET, UNSURE, PET)
+    made = run(model, "ooo", "fused")
+    assert [(d.label, d.alarm) for d in made] == [("pet", False)] * 3
+    assert made[1].fused.pet > made[1].window.pet
+
+
+def test_who_leaves_undecided_alarms_once(model, monkeypatch):
+    Says(monkeypatch, UNSURE, PET)
+    made = run(model, "o..", "fused")
+    assert [(d.gate, d.label, d.alarm) for d in made] == [
+        ("open", "pending", False),
+        ("closed", "none", True),
+        ("closed", "none", False),
+    ]
+
+
+def test_a_closed_gate_ends_what_was_known(model, monkeypatch):
+    Says(monkeypatch, PET, PET, UNSURE)
+    made = run(model, "oo.o", "fused")
+    assert [d.gate for d in made] == ["open", "open", "closed", "open"]
+    assert made[3].label == "pending"
+    fresh = 0.45**0.6 / (0.45**0.6 + 0.54**0.6 + 0.01**0.6)
+    assert made[3].fused.human == pytest.approx(fresh, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("bin_m", "asked", "made"),
+    [(0.003656, 8, 8), (0.009149, 8, 3), (0.0514, 8, 1), (0.029248, 8, 1), (0.0149, 8, 2)],
+)
+def test_coarse_streams_are_decimated_to_30_mm_at_most(tmp_path, bin_m, asked, made):
+    settings = replace(FEATURES, range_decimation=asked)
+    path = write_blank_bundle(tmp_path, "blank", settings, ("velocity_time", "range_time"))
+    axis = replace(BASEBAND, bin_length_m=bin_m, n_range=int(2.8 / bin_m))
+    classifier = Classifier(load_bundle(str(path)))
+    pipeline = Pipeline(StreamInfo(axis, 30.5, "test"), Config(), classifier)
+    ring = pipeline.make_ring()
+    assert ring.axis.bin_length_m == pytest.approx(made * bin_m)
+    assert made == 1 or ring.axis.bin_length_m <= 0.03
+    assert pipeline.shape.n_slow == round(2 * 30.5) + 14 - 1

@@ -1,0 +1,271 @@
+"""`--radar thesis`: the thesis' bundle and the maps judge the same passages, fairly."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.blank_bundle import write_blank_bundle
+from radard.config.config import Config
+from radard.errors import ModelMismatch, UsageError
+from radard.judge.bundle import load_bundle
+from radard.judge.classifier import Classifier
+from radard.pipeline import Pipeline
+from radard.stream.ring import Dwell
+from tests.training_helpers import FEATURES
+from x2radar.frame import StreamInfo
+from x2radar.modules.x2 import RadarSettings
+from x2radar.sim.place.antenna import Antenna
+from x2radar.sim.signal.effects import ReceiverEffects
+from x2train.cli import main
+from x2train.judge.judging import JudgeSpec, decisions
+from x2train.judge.suites import SUITES, suite_of
+from x2train.sets.families import family
+from x2train.sets.passages import play
+from x2train.sets.sites import ONE_RADAR, P4XX, THESIS, X2, draw_site
+
+STEP = 8
+N = 400
+NUMBERS = {s.name: next(k for k in range(N) if suite_of(k, N) is s) for s in SUITES}
+COARSE = replace(X2, near_m=THESIS.near_m, far_m=THESIS.far_m)
+"""The standard X2 over exactly the swath of the other."""
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("model")
+    return str(write_blank_bundle(folder, "blank", FEATURES, ("velocity_time", "range_time")))
+
+
+def decimated(played):
+    """Return what a bundle of maps sees of frames with all bins."""
+    frames = np.ascontiguousarray(played.frames[:, ::STEP])
+    axis = played.site.radar.axis()
+    return frames, replace(axis, n_range=96, bin_length_m=STEP * axis.bin_length_m)
+
+
+def test_it_is_the_module_of_the_thesis_and_its_bundle_takes_it():
+    axis, x2 = THESIS.axis(), RadarSettings()
+    assert (axis.n_range, THESIS.frame_rate_hz) == (768, 60.0)
+    for name in ("bin_length_m", "range_offset_m", "carrier_hz", "bandwidth_hz", "sample_rate_hz"):
+        assert getattr(axis, name) == getattr(x2, name)
+    load_bundle("thesis").check_stream(axis, THESIS.frame_rate_hz)
+    with pytest.raises(ModelMismatch, match="bin_length_m"):
+        load_bundle("thesis").check_stream(X2.axis(), X2.frame_rate_hz)
+
+
+def silent(radar, seed=0):
+    """Return two seconds of nothing but the receiver's noise."""
+    site = replace(draw_site(np.random.default_rng(1), radar), room=None)
+    return play(np.random.default_rng(seed), site, (), duration_s=4.0).frames
+
+
+def likeness(frames, lag):
+    """Return how much a bin's noise is that of another, `lag` bins behind."""
+    a, b = frames[:, lag:], frames[:, : frames.shape[1] - lag]
+    return np.abs(np.vdot(b, a)) / np.sqrt(np.vdot(a, a).real * np.vdot(b, b).real)
+
+
+def test_its_noise_is_band_limited_and_of_the_standard_radars_level():
+    fine, coarse = silent(THESIS), silent(COARSE)
+    power = [np.mean(np.abs(f) ** 2) for f in (fine, fine[:, ::STEP], coarse)]
+    # 240 frames of about 40 independent cells: 1 % is 1 sigma.
+    np.testing.assert_allclose(power, power[2], rtol=0.05)
+    # The filter's output has the pulse's own autocorrelation, exp(-(R / 2 sigma_R)^2) over range
+    # with sigma_R = 31.5 mm for 2.3 GHz, c / 2 times the sigma of the pulse that is sent.
+    sigma_m = np.sqrt(np.log(10)) / (np.pi * 2.3e9) * 299_792_458.0 / 2
+    for lag in (1, 4, 8, 16, 40):
+        theory = np.exp(-((lag * THESIS.bin_length_m / (2 * sigma_m)) ** 2))
+        assert likeness(fine, lag) == pytest.approx(theory, abs=0.03)
+    assert likeness(fine[:, ::STEP], 1) == pytest.approx(likeness(coarse, 1), abs=0.03)
+    assert likeness(fine, 1) > 0.99
+
+
+def test_decimated_it_shows_the_echo_that_the_standard_radar_shows():
+    made = []
+    for radar in (THESIS, COARSE):
+        site = draw_site(np.random.default_rng(5), radar)
+        quiet = ReceiverEffects(noise_figure_db=0.0)
+        site = replace(site, room=None, level_db=40.0, receiver=quiet)
+        rng = np.random.default_rng(7)
+        made.append(play(rng, site, (family("human walk"),), duration_s=3.0, lead_s=(0.2, 0.4)))
+    fine, coarse = made
+    np.testing.assert_array_equal(fine.truth.range_m, coarse.truth.range_m)
+    np.testing.assert_array_equal(fine.truth.snr_db, coarse.truth.snr_db)
+    ours, theirs = decimated(fine)[0], coarse.frames[:, :96]
+    # Both have noise of their own, and each engine may err by -50 dB of the sum of all echoes.
+    assert np.linalg.norm(ours - theirs) < 0.02 * np.linalg.norm(theirs)
+    assert fine.truth.snr_db.max() > 50
+
+
+@pytest.mark.parametrize("name", ["human walk", "cat walk", None])
+def test_the_gate_sees_them_alike(model, name):
+    cast = (family(name),) if name else ()
+    readings = []
+    for radar, bundle in ((COARSE, model), (THESIS, model), (THESIS, "thesis")):
+        site = draw_site(np.random.default_rng(4), radar)
+        site = replace(site, room=None, level_db=15.0)
+        played = play(np.random.default_rng(2), site, cast, duration_s=8.0, lead_s=(0.2, 0.4))
+        made = [d.reading for d in decisions(played, bundle)]
+        readings.append([(r.noise_floor_db, r.power_db - r.noise_floor_db) for r in made])
+        assert any(r.is_open for r in made) == bool(cast)
+    floor_db, excess_db = np.median(readings, axis=1).T
+    # Two seconds tell the noise to some tenths of a decibel; of more bins and cells the strongest
+    # is a little stronger.
+    assert np.ptp(floor_db) < 0.5
+    assert np.ptp(excess_db) < 0.9
+
+
+def test_the_same_passage_has_the_same_truth_before_both():
+    own = JudgeSpec(model="balanced", seed=3, n_passages=N)
+    one = replace(own, radar="thesis")
+    for name in ("people", "pets, unseen rooms", "curtain"):
+        a, b = own.played(NUMBERS[name]), one.played(NUMBERS[name])
+        assert a.cast == b.cast
+        assert a.site.radar is X2
+        assert b.site.radar is THESIS
+        # Bodies are placed in the swath, whose ends differ by some millimetres.
+        np.testing.assert_allclose(a.truth.range_m, b.truth.range_m, atol=0.02)
+        seen = (a.truth.snr_db > -20) & (b.truth.snr_db > -20)
+        assert abs(np.median(a.truth.snr_db[seen] - b.truth.snr_db[seen])) < 0.3
+
+
+def test_a_bundle_of_maps_gets_them_decimated_as_the_daemon_would(model):
+    site = replace(draw_site(np.random.default_rng(3), THESIS), level_db=15.0)
+    rng = np.random.default_rng(3)
+    played = play(rng, site, (family("human walk"),), duration_s=6.5, lead_s=(0.2, 0.4))
+    frames, axis = decimated(played)
+    config = Config()
+    pipeline = Pipeline(StreamInfo(axis, 60.0, "test"), config, Classifier(load_bundle(model)))
+    by_hand = []
+    for end in (147, 207, 267, 327, 387):
+        part = frames[end - 147 : end]
+        dwell = Dwell(part, np.ones(147, bool), axis, 60.0, end / 60, end_frame=end)
+        by_hand.append(pipeline.decide(dwell))
+    told = decisions(played, model)
+    assert [d.reading for d in told] == [d.reading for d in by_hand]
+    assert [d.window for d in told] == [d.window for d in by_hand]
+    assert any(d.window is not None for d in told)
+    # The thesis' bundle keeps every bin.
+    assert load_bundle("thesis").features.range_decimation == 1
+    seed = decisions(played, "thesis")
+    assert [d.t_s for d in seed] == [d.t_s for d in told]
+    assert any(d.window is not None for d in seed)
+    assert all(d.window.other == 0 for d in seed if d.window)
+
+
+def test_the_thesis_network_knows_its_own_bodies_there():
+    bare = draw_site(np.random.default_rng(0), THESIS)
+    bare = replace(bare, room=None, surfaces=(), tail=None, receiver=ReceiverEffects())
+    bare = replace(bare, antenna=Antenna(shape="isotropic"), level_db=0.0)
+    human = {}
+    for kind in ("human", "cat"):
+        told = []
+        for k in range(5):
+            rng, cast = np.random.default_rng([5, k]), (family(f"thesis {kind}"),)
+            played = play(rng, bare, cast, duration_s=4.0, lead_s=(0.1, 0.5), is_plain=True)
+            told += [d.window.human for d in decisions(played, "thesis") if d.window]
+        assert len(told) >= 5
+        human[kind] = np.mean(told)
+    # As on the thesis' elements themselves: it is what it was trained for.
+    assert human["human"] > 0.6
+    assert human["cat"] < 0.4
+
+
+def test_every_suite_can_be_before_one_radar():
+    names = {s.name for s in SUITES}
+    for s in SUITES:
+        before = s.before(THESIS)
+        assert before.radar is THESIS
+        assert before.name in names
+        assert before.drawn_site(np.random.default_rng(0)).radar is THESIS
+        assert before.split != "other radars"
+        assert (before.cast, before.rooms, before.duration_s) == (s.cast, s.rooms, s.duration_s)
+        if s.radar is X2:
+            assert replace(before, radar=X2) == s
+    spec = JudgeSpec(model="thesis", seed=0, n_passages=N, radar="thesis")
+    assert spec.suite(NUMBERS["pets, P4xx"]).name == "pets"
+    assert replace(spec, radar="suites").suite(NUMBERS["pets, P4xx"]).radar is P4XX
+
+
+@pytest.mark.parametrize("name", ["people, other radars", "fan", "moth"])
+def test_both_bundles_judge_the_same_passage(model, name, monkeypatch):
+    # Half of a passage tells the same in half the time.
+    short = tuple(replace(s, duration_s=7.0) for s in SUITES)
+    monkeypatch.setattr("x2train.judge.suites.SUITES", short)
+    specs = [JudgeSpec(model=m, seed=9, n_passages=N, radar="thesis") for m in ("thesis", model)]
+    seed, maps = (spec(NUMBERS[name]) for spec in specs)
+    truth = ("family", "label", "split", "suite", "build", "speed_mps", "range_m", "aspect_deg")
+    for key in (*truth, "snr_db", "duration_s", "enters_s", "leaves_s", "t_s", "n_decisions"):
+        np.testing.assert_array_equal(seed[key], maps[key], err_msg=key)
+    assert np.isnan(seed["p_other"]).all() or np.nanmax(seed["p_other"]) == 0
+
+
+def evaluate(*argv):
+    return main(["evaluate", "--passages", "6", "--seed", "4", "--workers", "1", *argv])
+
+
+def one_line(capsys):
+    err = capsys.readouterr().err.splitlines()
+    lines = [line for line in err if not line.startswith("passages:")]
+    assert len(lines) == 1
+    return lines[0]
+
+
+def test_evaluate_compares_them(model, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("x2train.judge.pictures.passage_png", lambda *_: None)
+    short = tuple(replace(s, duration_s=5.0) for s in SUITES)
+    monkeypatch.setattr("x2train.judge.suites.SUITES", short)
+    a, b = tmp_path / "a", tmp_path / "b"
+    thesis = ("--radar", "thesis")
+    assert evaluate("--model", "thesis", *thesis, "--out", str(a)) == 0
+    about = json.loads((a / "passages" / "manifest.json").read_text())["about"]
+    assert about["radar"] == "thesis"
+    assert evaluate("--model", model, *thesis, "--against", str(a), "--out", str(b)) == 0
+    report = json.loads((b / "report.json").read_text())
+    assert report["title"].endswith("before the X2 of the thesis")
+    assert sum(report["passages"].values()) == 6
+    assert len(report["other"]["pairings"]) == 2
+    capsys.readouterr()
+    # Neither is a folder taken for one before other radars, nor compared with one.
+    assert evaluate("--model", model, "--out", str(b)) == 2
+    assert "radar: 'thesis', not 'suites'" in one_line(capsys)
+    assert evaluate("--model", model, "--against", str(a), "--out", str(tmp_path / "c")) == 2
+    assert f"--against {a}: judged with --radar thesis, not suites" in one_line(capsys)
+    assert not (tmp_path / "c").exists()
+
+
+def test_what_does_not_fit_is_told_in_one_line_before_anything_is_played(model, tmp_path, capsys):
+    out = tmp_path / "out"
+    assert evaluate("--model", "thesis", "--out", str(out)) == 4
+    told = one_line(capsys)
+    assert "--radar suites: model 'thesis' does not fit" in told
+    assert "bin_length_m is 0.02925, it takes 0.0034 to 0.004" in told
+    assert "it takes --radar thesis" in told
+    assert not out.exists()
+    bundle = load_bundle(model)
+    stream = {**bundle.stream, "bin_length_m": (0.02, 0.06)}
+    spec = JudgeSpec(model=model, seed=0, n_passages=4, radar="thesis")
+    with pytest.raises(ModelMismatch, match="it takes --radar suites or x4m03 or p4xx"):
+        spec.check(replace(bundle, stream=stream))
+    spec.check(bundle)
+    with pytest.raises(UsageError, match="radar 'x2': must be one of suites, thesis, x4m03, p4xx"):
+        replace(spec, radar="x2")
+
+
+def test_the_command_offers_what_there_is(capsys):
+    with pytest.raises(SystemExit):
+        main(["evaluate", "--out", "x", "--radar", "nope"])
+    told = capsys.readouterr().err
+    assert all(name in told for name in ("suites", *ONE_RADAR))
+
+
+@pytest.mark.parametrize("name", list(ONE_RADAR))
+def test_every_suite_is_played_before_the_one_radar(model, name):
+    spec = JudgeSpec(model=model, seed=0, n_passages=60, radar=name)
+    spec.check(load_bundle(model))
+    assert {spec.suite(k).radar for k in range(60)} == {ONE_RADAR[name]}
+    played = spec.played(0)
+    assert played.site.radar is ONE_RADAR[name]
+    assert played.frames.shape[1] == ONE_RADAR[name].axis().n_range

@@ -1,0 +1,299 @@
+"""Passages and windows: the same for the same seed, and labelled by what can be seen."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from radard.judge.features import FeatureSettings
+from radard.pipeline import settings_at
+from radard.stream.ring import DwellShape
+from tests.training_helpers import FEATURES
+from x2train.sets.families import FAMILIES, LABELS, draw_goer, family
+from x2train.sets.passages import Passage, Truth, level_db_of, play
+from x2train.sets.shard_run import make_shards
+from x2train.sets.shards import read_all
+from x2train.sets.sites import X2, clear_site, draw_close, draw_site
+from x2train.sets.window_set import worth_learning
+from x2train.sets.windows import WindowSpec, dwell_ends, windows_of
+
+FEW = WindowSpec(seed=4, use="train", settings=FEATURES)
+
+
+def site(seed=0, **more):
+    return replace(draw_site(np.random.default_rng(seed), X2), level_db=12.0, **more)
+
+
+def played(*names, seed=0, seconds=5.0, **more):
+    cast = tuple(family(name) for name in names)
+    rng = np.random.default_rng(seed)
+    return play(rng, site(), cast, duration_s=seconds, **more)
+
+
+def assert_same(a, b):
+    assert a.keys() == b.keys()
+    for key in a:
+        assert a[key].dtype == b[key].dtype
+        np.testing.assert_array_equal(a[key], b[key], err_msg=key)
+
+
+@pytest.fixture(scope="module")
+def walk():
+    return played("human walk")
+
+
+def test_same_seed_same_frames(walk):
+    again, other = played("human walk"), played("human walk", seed=1)
+    np.testing.assert_array_equal(walk.frames, again.frames)
+    np.testing.assert_array_equal(walk.truth.range_m, again.truth.range_m)
+    assert not np.array_equal(walk.frames, other.frames)
+
+
+def test_frames_and_truth_have_the_passages_length(walk):
+    axis = X2.axis()
+    assert walk.frames.shape == (300, axis.n_range)
+    assert walk.frames.dtype == np.complex64
+    assert np.isfinite(walk.frames).all()
+    truth = walk.truth
+    for column in (truth.range_m, truth.velocity_mps, truth.speed_mps, truth.snr_db):
+        assert column.shape == (300, 1)
+    assert (truth.range_m > 0).all()
+    rate = np.gradient(truth.range_m[:, 0]) * 60
+    np.testing.assert_allclose(truth.velocity_mps[:, 0], -rate, atol=1e-9)
+    assert (np.abs(truth.velocity_mps) <= truth.speed_mps + 0.05).all()
+
+
+def test_a_passage_says_what_a_square_metre_shows():
+    quiet = replace(site(), level_db=0.0, surfaces=(), tail=None)
+    made = [
+        play(np.random.default_rng(3), each, (family("human walk"),), duration_s=4.0)
+        for each in (quiet, replace(quiet, level_db=10.0))
+    ]
+    assert level_db_of(made[1].site) == pytest.approx(level_db_of(made[0].site) + 10)
+    for passage in made:
+        # Cross section and antenna's pattern, in dB over a square metre on the axis.
+        truth = passage.truth
+        over_db = truth.snr_db + 40 * np.log10(truth.range_m) - level_db_of(passage.site)
+        assert -30 < np.median(over_db) < 10
+
+
+def test_an_empty_room_has_a_truth_of_nobody():
+    empty = played()
+    assert empty.truth.range_m.shape == (300, 0)
+    assert windows_of(empty, FEATURES, 0) is None
+
+
+@pytest.mark.parametrize("name", [f.name for f in FAMILIES])
+def test_every_family_can_be_played(name):
+    passage = played(name, seconds=0.5)
+    assert np.isfinite(passage.frames).all()
+    assert passage.truth.range_m.shape == (30, 1)
+
+
+@pytest.mark.parametrize("name", ["human sit", "dog lie", "cat groom"])
+def test_who_is_close_up_stays_there(name):
+    near = replace(X2, near_m=0.3, far_m=3.1)
+    at_m = []
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        passage = play(rng, draw_close(rng, near), (family(name),), duration_s=0.5)
+        at_m.append(passage.truth.range_m.mean())
+    # The range is along the slope, from an antenna up to 1.7 m high.
+    assert max(at_m) < 2.3
+    assert np.median(at_m) < 1.6
+
+
+@pytest.mark.parametrize("kind", ["usual", "unseen"])
+def test_every_kind_of_room_can_be_played(kind):
+    rng = np.random.default_rng(2)
+    passage = play(rng, draw_site(rng, X2, kind), (family("cat walk"),), duration_s=0.5)
+    assert np.isfinite(passage.frames).all()
+
+
+def test_windows_are_the_same_whoever_makes_them_and_in_whatever_order():
+    one = {k: FEW(k) for k in (3, 0, 4)}
+    for k in (4, 3, 0):
+        again = FEW(k)
+        assert (again is None) == (one[k] is None)
+        if again is not None:
+            assert_same(dict(one[k]), dict(again))
+    assert any(w is not None for w in one.values())
+
+
+def test_long_passages_have_long_stays():
+    long = replace(FEW, longest_s=16.0)
+    last_s = {}
+    for name, spec in (("short", FEW), ("long", long)):
+        made = [w for k in range(6) if (w := spec(k)) is not None]
+        last_s[name] = max(w["t_s"].max() for w in made)
+        assert all((np.diff(w["t_s"]) > 0).all() for w in made)
+    assert last_s["short"] <= 2.6 + 6.0 < last_s["long"] <= 2.6 + 16.0
+
+
+def test_things_make_windows_of_nobody():
+    made = [w for k in range(6) if (w := replace(FEW, use="things")(k)) is not None]
+    assert {LABELS[k] for w in made for k in w["label"]} == {"other"}
+
+
+def test_workers_and_shards_do_not_matter(tmp_path):
+    columns = []
+    for name, workers, per_shard in (("a", 1, 2), ("b", 2, 5)):
+        make_shards(tmp_path / name, {"kind": "t"}, 5, FEW, workers=workers, per_shard=per_shard)
+        columns.append(read_all(tmp_path / name)[1])
+    assert_same(*columns)
+    assert columns[0]["velocity_time"].shape[1:] == (101, 40)
+    assert columns[0]["range_time"].shape[1:] == (80, 40)
+    assert columns[0]["velocity_time"].dtype == np.uint8
+    # A fifth of the passages is of things, the others of people and pets.
+    for passage, label in zip(columns[0]["passage"], columns[0]["label"], strict=True):
+        assert label == (0, 1, 0, 1, 2)[passage % 5]
+
+
+def strong(n_slow, n_bodies, **columns):
+    full = {
+        "range_m": np.full((n_slow, n_bodies), 2.0),
+        "velocity_mps": np.full((n_slow, n_bodies), 0.5),
+        "speed_mps": np.full((n_slow, n_bodies), 1.0),
+        "snr_db": np.full((n_slow, n_bodies), 30.0),
+    }
+    return Truth(**(full | columns))
+
+
+def labelled(walk, names, snr_db):
+    """Return the windows of a passage whose frames are a walk's, whoever is said to be there."""
+    cast = tuple(family(name) for name in names)
+    levels = np.repeat(np.array([snr_db], float), len(walk.frames), axis=0)
+    truth = strong(len(walk.frames), len(cast), snr_db=levels)
+    return windows_of(Passage(walk.site, cast, walk.frames, truth), FEATURES, 7)
+
+
+@pytest.mark.parametrize(
+    ("names", "snr_db", "who"),
+    [
+        (("human walk", "dog walk"), (30, 30), 0),
+        (("dog walk", "human walk"), (30, 30), 1),
+        (("fan", "cat walk"), (40, 4), 1),
+        (("fan", "human walk"), (40, 4), 1),
+        (("human walk", "fan"), (2, 30), 1),
+        (("human walk", "fan"), (-np.inf, 30), 1),
+        (("dog walk", "cat walk"), (30, 30), 0),
+    ],
+)
+def test_the_label_is_that_of_the_most_alarming_body_in_sight(walk, names, snr_db, who):
+    windows = labelled(walk, names, snr_db)
+    f = family(names[who])
+    assert set(windows["label"]) == {LABELS.index(f.label)}
+    assert {FAMILIES[k].name for k in windows["family"]} == {f.name}
+    assert {FAMILIES[k].name for k in windows["company"]} == {names[1 - who]}
+    assert set(windows["passage"]) == {7}
+    np.testing.assert_allclose(windows["aspect"], 0.5)
+
+
+@pytest.mark.parametrize("snr_db", [(2.9,), (-np.inf,)])
+def test_who_cannot_be_seen_is_left_out(walk, snr_db):
+    assert labelled(walk, ("human walk",), snr_db) is None
+
+
+def test_who_is_seen_for_an_eighth_of_a_dwell_counts(walk):
+    def share_of(n):
+        levels = np.full((len(walk.frames), 1), -np.inf)
+        levels[-n:] = 30
+        truth = strong(len(walk.frames), 1, snr_db=levels)
+        return windows_of(Passage(walk.site, walk.cast, walk.frames, truth), FEATURES, 0)
+
+    dwell = 147
+    ends = list(dwell_ends(DwellShape(n_slow=dwell, hop_s=1.0, frame_rate_hz=60.0), 300))
+    late = 300 - ends[-1]
+    assert share_of(late + int(0.11 * dwell)) is None
+    windows = share_of(late + int(0.14 * dwell))
+    assert len(windows["label"]) == 1
+    assert 0.12 <= windows["share"][0] < 0.15
+
+
+def test_dwells_end_as_the_hops_say():
+    shape = DwellShape(n_slow=75, hop_s=1.0, frame_rate_hz=30.5)
+    assert list(dwell_ends(shape, 74)) == []
+    assert list(dwell_ends(shape, 75)) == [75]
+    assert list(dwell_ends(shape, 200)) == [75, 75 + 30, 75 + 61, 75 + 92, 75 + 122]
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "n_cpi"), [(60.0, 28), (30.5, 14), (200.0, 93), (1.0, 2), (17.06, 8)]
+)
+def test_a_cpi_lasts_as_long_at_any_rate(rate_hz, n_cpi):
+    assert settings_at(FEATURES, rate_hz).n_cpi == n_cpi
+    fixed = FeatureSettings(n_cpi=28)
+    assert settings_at(fixed, rate_hz) is fixed
+
+
+LAWS = replace(
+    FEW,
+    motions=("gait", "footfalls", "angles"),
+    skins=("surface", "points", "ellipsoids", "capsules"),
+    physical_share=0.5,
+    plain_share=0.5,
+)
+
+
+def test_windows_say_which_motion_and_skin_made_them():
+    made = [rows for k in range(24) if (rows := LAWS(k)) is not None]
+    for key, n in (("motion", 3), ("skin", 4), ("is_physical", 2)):
+        values = np.concatenate([rows[key] for rows in made])
+        assert set(values.tolist()) == set(range(n))
+    again = LAWS(7)
+    assert all(np.array_equal(again[key], value) for key, value in LAWS(7).items())
+
+
+def test_windows_know_how_strong_their_body_is():
+    made = [rows for k in range(24) if (rows := LAWS(k)) is not None]
+    levels = {float(rows["level_db"][0]) for rows in made}
+    assert len(levels) == len(made)
+    strength_db = np.concatenate([rows["echo_db"] - rows["level_db"] for rows in made])
+    label = np.concatenate([rows["label"] for rows in made])
+    bodies = strength_db[(label < 2) & np.isfinite(strength_db)]
+    assert -40 < bodies.min() <= bodies.max() < 20
+    assert {bool(v) for rows in made for v in rows["is_plain"]} == {False, True}
+
+
+def test_the_first_laws_are_the_default():
+    plain, named = FEW(3), replace(FEW, motions=("gait",), skins=("surface",))(3)
+    assert all(np.array_equal(named[key], value) for key, value in plain.items())
+    assert set(plain["motion"]) == set(plain["skin"]) == {0}
+
+
+def test_clear_passages_have_one_body_that_goes_and_no_multipath():
+    rng = np.random.default_rng(5)
+    site = clear_site(rng, draw_site(rng, X2))
+    assert site.surfaces == ()
+    assert site.tail is None
+    assert all(not draw_goer(rng, label, "all").stays for label in ("human", "pet") * 40)
+    made = [rows for k in range(12) if (rows := replace(FEW, clear_share=1.0)(k)) is not None]
+    assert all((rows["company"] == -1).all() for rows in made)
+
+
+def test_the_share_of_clear_passages_changes_no_other():
+    some = replace(FEW, clear_share=0.5)
+    differ = 0
+    for k in range(8):
+        a, b = FEW(k), some(k)
+        is_same = (a is None) == (b is None)
+        if is_same and a is not None:
+            is_same = np.array_equal(a["velocity_time"], b["velocity_time"])
+        differ += not is_same
+    assert 0 < differ < 8
+
+
+def test_what_shows_little_is_learned_in_one_passage_of_five():
+    n = 40
+    windows = {
+        "label": np.tile([0, 1, 1, 2], 10),
+        "passage": np.arange(n) // 4,
+        "share": np.tile([0.9, 0.9, 0.3, 0.3], 10),
+        "speed_mps": np.full(n, 0.5),
+        "aspect": np.tile([0.9, 0.1, 0.9, 0.1], 10),
+    }
+    kept = worth_learning(windows)
+    assert len(kept["label"]) == 10 * 2 + 2 * 2  # people who show, things; and two whole passages
+    assert (kept["passage"] == 5).sum() == 4
+    old = {"label": windows["label"], "passage": windows["passage"]}
+    assert worth_learning(old) is old

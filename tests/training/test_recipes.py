@@ -1,0 +1,143 @@
+"""`train-export make`: how shipped bundles come about, and that the commands are theirs."""
+
+import argparse
+import itertools
+import json
+import shlex
+import sys
+from types import MappingProxyType
+
+import pytest
+
+from radard.judge.bundle import load_bundle
+from radard.judge.card import sidecar_path
+from x2train.bundle import recipes
+from x2train.bundle.recipes import RECIPES, Recipe, arguments, recipe_of
+from x2train.cli import main
+from x2train.commands import make
+
+
+@pytest.mark.parametrize("name", RECIPES)
+def test_a_shipped_bundle_is_what_its_recipe_makes(name):
+    training = json.loads(sidecar_path(name).read_text())["training"]
+    assert training["command"] == RECIPES[name].command
+    assert recipe_of(training["command"]) == name
+    card = sidecar_path(name).with_suffix(".md").read_text()
+    assert f"    train-export make {name}\n" in card
+
+
+@pytest.mark.parametrize("name", RECIPES)
+def test_sets_are_those_of_the_sidecar(name):
+    abouts = json.loads(sidecar_path(name).read_text())["training"]["sets"]
+    steps = [step for step in arguments(name) if step[0] == "dataset"]
+    wanted = {
+        (a["elements"], a["seed"], a["use"], a["radar"], a.get("longest_s", 6.0)) for a in abouts
+    }
+    made = set()
+    for step in steps:
+        options = dict(itertools.pairwise(step))
+        made.add(
+            (
+                int(options["--passages"]),
+                int(options["--seed"]),
+                options.get("--families", "train"),
+                options.get("--radar", "any"),
+                float(options.get("--longest", 6)),
+            )
+        )
+    assert wanted <= made
+
+
+def test_a_share_has_sets_and_a_folder_of_its_own():
+    *sets, last = arguments("balanced", share=0.01, workers=3)
+    assert sets[0] == shlex.split(
+        "dataset --out sets-0.01/x2clear --families all --motion footfalls angles "
+        "--skin points ellipsoids --radar x2 --clear 1 --plain 1 --longest 6 --seed 506 "
+        "--passages 260 --workers 3"
+    )
+    assert "sets-0.01/longallcheck" in last
+    assert not any(word.startswith("sets/") for step in (*sets, last) for word in step)
+    assert recipe_of(f"train-export {shlex.join(last)}") is None
+    for share, is_fast in ((0.01, False), (0.001, False), (0.05, True), (1.0, True)):
+        fit = next(step for step in arguments("x4m03", share=share) if step[0] == "fit")
+        assert ("--compile" in fit, "--half" in fit) == (is_fast, is_fast)
+    smallest = [step for step in arguments("fast", share=1e-6) if step[0] == "dataset"]
+    assert {step[step.index("--passages") + 1] for step in smallest} == {"12"}
+
+
+def test_recipe_is_run_whole(tmp_path, monkeypatch, capsys):
+    train, check = "--train sets/train", "--validate sets/check"
+    tiny = Recipe(
+        (
+            f"train-export fit {train} {check} --name tiny --size fast --epochs 1 --seed 0",
+            f"train-export temporal --model models/tiny.onnx {train} sets/x4hcheck {check} "
+            "--epochs 1 --seed 0",
+        )
+    )
+    monkeypatch.setattr(recipes, "RECIPES", MappingProxyType({"tiny": tiny}))
+    monkeypatch.setattr("x2train.commands.make.RECIPES", recipes.RECIPES)
+    monkeypatch.chdir(tmp_path)
+    argv = ["make", "tiny", "--share", "0.0006", "--workers", "1", "--out", "mine"]
+    assert main(argv) == 0
+    made = load_bundle("mine/tiny.onnx")
+    assert made.n_hidden
+    err = capsys.readouterr().err
+    assert "[5/5] train-export temporal --model mine/tiny.onnx" in err
+    card = (tmp_path / "mine" / "tiny.md").read_text()
+    assert "train-export make" not in card
+
+
+def test_sets_of_later_steps_are_made_beside_the_training(tmp_path, monkeypatch, capsys):
+    events = []
+
+    class Beside:
+        def __init__(self, argv, **_kwargs):
+            events.append(argv)
+
+        def wait(self):
+            events.append("waited")
+
+        def terminate(self):
+            pass
+
+    monkeypatch.setattr(make.subprocess, "Popen", Beside)
+    parser = argparse.ArgumentParser()
+    parser.set_defaults(train_export=lambda step: events.append(step[0]) or 0)
+    make.register(parser.add_subparsers())
+    args = parser.parse_args(["make", "fast", "--out", str(tmp_path), "--workers", "3"])
+    assert args.run(args) == 0
+    (began,) = (k for k, event in enumerate(events) if isinstance(event, list))
+    assert events[:began] == ["dataset"] * 5
+    assert events[began + 1 :][:2] == ["fit", "waited"]
+    assert [e for e in events[began + 3 :] if e != "waited"] == ["dataset"] * 2 + ["temporal"]
+    python, flag, module, *argv = events[began]
+    assert (python, flag, module) == (sys.executable, "-m", "x2train.cli")
+    capsys.readouterr()
+    assert main([*argv, "--show"]) == 0
+    shown = capsys.readouterr().out
+    assert shown.count("train-export dataset") == 7
+    assert shown.count("--workers 2") == 7
+
+
+@pytest.mark.parametrize("argv", [["--share", "0"], ["--share", "2"], ["--workers", "0"]])
+def test_options_out_of_bounds(argv, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["make", "fast", *argv]) == 2
+
+
+def test_commands_are_shown(capsys):
+    assert main(["make", "balanced", "--show"]) == 0
+    words = [line.split() for line in capsys.readouterr().out.splitlines()]
+    kinds = [each[1] for each in words]
+    # What a head alone needs is made while the network trains.
+    assert kinds == ["dataset"] * 5 + ["fit"] + ["dataset"] * 2 + ["temporal"]
+    assert main(["make", "balanced", "--sets", "--show"]) == 0
+    assert capsys.readouterr().out.count("dataset") == 7
+    assert main(["make", "x4m03", "--show", "--workers", "2"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert (
+        lines[0] == "train-export dataset --out sets/train --seed 1 --passages 40000 --workers 2"
+    )
+    assert " && ".join(line for line in lines if " dataset " not in line) == (
+        RECIPES["x4m03"].command
+    )

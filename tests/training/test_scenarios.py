@@ -1,0 +1,268 @@
+"""Families, suites and sites: who moves where, and what never leaks into training."""
+
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from radard.errors import UsageError
+from x2train.commands.fit import stream_of
+from x2train.judge.suites import SUITES, check_suites, n_more_pets, suite_of
+from x2train.sets.families import (
+    FAMILIES,
+    LABELS,
+    PAIRS,
+    draw_cast,
+    draw_family,
+    families,
+    family,
+)
+from x2train.sets.sites import (
+    P4XX,
+    X2,
+    X4M03,
+    draw_close,
+    draw_radar,
+    draw_rate_hz,
+    draw_site,
+)
+
+N_DRAWS = 1500
+
+
+STAYING = {"stand", "busy", "exercise", "sit", "lie", "pant", "groom", "scratch", "play", "jump"}
+
+
+def casts(label, use, n=N_DRAWS, seed=0):
+    rng = np.random.default_rng(seed)
+    return [draw_cast(rng, label, use) for _ in range(n)]
+
+
+def test_families_have_names_of_their_own():
+    names = [f.name for f in FAMILIES]
+    assert len(set(names)) == len(names)
+    assert {f.use for f in FAMILIES} == {"train", "held out", "thesis"}
+    assert family("largest dogs").use == "held out"
+    with pytest.raises(KeyError):
+        family("unicorn")
+
+
+@pytest.mark.parametrize("label", LABELS)
+def test_training_sees_nothing_that_is_held_out(label):
+    made = casts(label, "train")
+    assert {f.use for cast in made for f in cast} == {"train"}
+    assert not any({"human", "pet"} == {f.label for f in cast} for cast in made)
+    # All that may be drawn is drawn.
+    assert {cast[0].name for cast in made} == {f.name for f in families(label, "train")}
+
+
+@pytest.mark.parametrize("label", ["human", "pet"])
+def test_who_stays_is_of_training_and_moves_in_place(label):
+    made = casts(label, "staying")
+    assert {f.use for cast in made for f in cast} == {"train"}
+    assert all(f.stays for cast in made for f in cast)
+    assert not any({"human", "pet"} == {f.label for f in cast} for cast in made)
+    wanted = {f.name for f in families(label, "train") if f.options.get("style") in STAYING}
+    assert {cast[0].name for cast in made} == wanted
+
+
+def test_things_are_every_thing_and_nobody_beside_it():
+    made = casts("other", "things")
+    assert {f.name for cast in made for f in cast} == {f.name for f in families("other", "train")}
+    assert {len(cast) for cast in made} == {1}
+    assert not families("human", "things")
+    assert not families("pet", "things")
+
+
+@pytest.mark.parametrize("label", ["human", "pet"])
+def test_held_out_casts_are_new_in_family_or_in_company(label):
+    for cast in casts(label, "held out"):
+        if len(cast) == 1:
+            assert cast[0].use == "held out"
+        else:
+            assert [f.label for f in cast] == ["human", "pet"]
+
+
+@pytest.mark.parametrize("label", ["human", "pet"])
+def test_the_thesis_bodies_come_alone(label):
+    made = casts(label, "thesis", 50)
+    assert {f.use for cast in made for f in cast} == {"thesis"}
+    assert {len(cast) for cast in made} == {1}
+
+
+@pytest.mark.parametrize("label", LABELS)
+@pytest.mark.parametrize("use", ["train", "all"])
+def test_the_first_gives_the_label_and_company_comes_as_often_as_stated(label, use):
+    made = casts(label, use)
+    assert {cast[0].label for cast in made} == {label}
+    counts = Counter(cast[1].label for cast in made if len(cast) == 2)
+    for (who, company), share in PAIRS.items():
+        is_left_out = use == "train" and (who, company) == ("human", "pet")
+        if who == label and not is_left_out:
+            expected = share * N_DRAWS
+            assert abs(counts[company] - expected) < 4 * np.sqrt(expected)
+        elif who == label:
+            assert counts[company] == 0
+
+
+def test_families_are_drawn_by_weight():
+    rng = np.random.default_rng(1)
+    counts = Counter(draw_family(rng, "human", "train").name for _ in range(6000))
+    rows = families("human", "train")
+    total = sum(f.weight for f in rows)
+    for f in rows:
+        expected = 6000 * f.weight / total
+        assert abs(counts[f.name] - expected) < 4.5 * np.sqrt(expected)
+
+
+@pytest.mark.parametrize("use", ["train", "staying", "held out", "all", "thesis"])
+def test_same_seed_same_casts(use):
+    assert casts("pet", use, 40, seed=3) == casts("pet", use, 40, seed=3)
+    assert casts("pet", use, 40, seed=3) != casts("pet", use, 40, seed=4)
+
+
+@pytest.mark.parametrize("n", [12, 100, 3000])
+def test_suites_have_their_share_of_any_run(n):
+    drawn = Counter(suite_of(k, n).name for k in range(n))
+    total = sum(s.share for s in SUITES)
+    for s in SUITES:
+        assert abs(drawn[s.name] - n * s.share / total) <= 1
+    if n == 3000:
+        assert set(drawn) == {s.name for s in SUITES}
+
+
+@pytest.mark.parametrize("hours", [0.0, 0.2, 5.0, 180.0])
+def test_more_visits_of_pets_make_up_the_hours(hours):
+    n = 200
+    more = n_more_pets(hours, n)
+    visits = [s for k in range(n + more) if (s := suite_of(k, n)).is_of_pets]
+    lasting_h = sum(s.duration_s for s in visits) / 3600
+    assert lasting_h >= hours
+    assert more == 0 or lasting_h < hours + 0.01
+    assert all(suite_of(n + k, n).is_of_pets for k in range(100))
+
+
+def test_more_visits_are_shared_out_like_the_others():
+    drawn = Counter(suite_of(100 + k, 100).name for k in range(5000))
+    pets = [s for s in SUITES if s.is_of_pets]
+    assert {s.cast[0] if isinstance(s.cast[0], str) else s.cast[0].label for s in pets} == {"pet"}
+    total = sum(s.share for s in pets)
+    for s in pets:
+        assert drawn[s.name] == pytest.approx(5000 * s.share / total, rel=0.02)
+    assert "person with dog" not in drawn
+
+
+def test_some_suites_share_a_run_alone():
+    only = ("fan", "empty room")
+    drawn = Counter(suite_of(k, 300, only).name for k in range(300))
+    assert drawn == {"fan": 100, "empty room": 200}
+    with pytest.raises(UsageError, match="none of the suites is of pets"):
+        n_more_pets(1.0, 300, only)
+    assert n_more_pets(0.0, 300, only) == 0
+    pets = ("fan", "largest dogs")
+    n = n_more_pets(2.0, 10, pets)
+    assert {suite_of(10 + k, 10, pets).name for k in range(n)} == {"largest dogs"}
+    with pytest.raises(UsageError, match="--only 'cats': suites are people, pets"):
+        check_suites(["fan", "cats"])
+
+
+def test_suites_state_what_is_new_in_them():
+    assert len({s.name for s in SUITES}) == len(SUITES)
+    by_name = {s.name: s for s in SUITES}
+    for f in FAMILIES:
+        if f.use == "held out":
+            assert by_name[f.name].split == "held out families"
+            assert by_name[f.name].families(np.random.default_rng(0)) == (f,)
+    for s in SUITES:
+        assert (s.rooms == "unseen") == (s.split == "unseen rooms")
+        is_x2 = s.radar is not None and s.radar.name == "X2"
+        assert is_x2 == (s.split != "other radars")
+        drawn = s.families(np.random.default_rng(1))
+        assert {f.use for f in drawn} <= {"train", "held out"}
+    assert by_name["empty room"].families(np.random.default_rng(0)) == ()
+    assert by_name["people"].drawn_site(np.random.default_rng(0)).radar is X2
+    assert by_name["pets, P4xx"].drawn_site(np.random.default_rng(0)).radar is P4XX
+    close = by_name["people, close up"].drawn_site(np.random.default_rng(0))
+    assert close.radar.near_m < X2.near_m
+    assert close.is_close
+    assert close.course_m[1] < 1.1
+
+
+def test_radars_are_those_that_the_bundles_are_made_for():
+    rng = np.random.default_rng(0)
+    drawn = [draw_radar(rng) for _ in range(600)]
+    assert 0.5 < np.mean([r.name == "X2" for r in drawn]) < 0.9
+    for radar in set(drawn):
+        axis = radar.axis()
+        assert axis.kind == "baseband"
+        assert abs(axis.range_m[-1] - radar.far_m) <= radar.bin_length_m
+        assert 0.25 <= radar.near_m < radar.far_m <= 7.5
+        assert (30 if radar.name == "X2" else 15) <= radar.frame_rate_hz <= 200
+    assert min(r.frame_rate_hz for r in drawn) < 20
+
+
+def test_radars_of_one_kind():
+    rng = np.random.default_rng(0)
+    for radar in (draw_radar(rng, "x4m03") for _ in range(200)):
+        assert radar.name == "X4M03"
+        assert abs(radar.axis().range_m[-1] - radar.far_m) <= radar.bin_length_m
+        assert 2.5 <= radar.far_m <= 9.5
+        assert 40 <= radar.frame_rate_hz <= 200
+        assert radar.carrier_hz in {7.29e9, 8.748e9}
+    assert {draw_radar(rng, "x2").name for _ in range(50)} == {"X2"}
+
+
+@pytest.mark.parametrize("kind", ["any", "x2", "x4m03"])
+def test_a_bundle_takes_every_radar_that_its_sets_were_drawn_with(kind):
+    stream = stream_of([{"radar": kind}, {"radar": kind}])
+    rng = np.random.default_rng(1)
+    for radar in (draw_radar(rng, kind) for _ in range(400)):
+        for key, (low, high) in stream.items():
+            assert low <= getattr(radar, key) <= high
+    assert stream_of([{"radar": kind}, {}]) == stream_of([{}])
+
+
+def test_half_the_frame_rates_are_the_x2s():
+    rng = np.random.default_rng(0)
+    rates = np.array([draw_rate_hz(rng) for _ in range(1000)])
+    assert 0.43 < (rates == 60.0).mean() < 0.57
+    assert rates.min() >= 30
+    assert rates.max() <= 200
+
+
+@pytest.mark.parametrize("radar", [X2, X4M03, P4XX])
+@pytest.mark.parametrize("kind", ["usual", "unseen"])
+def test_sites_are_drawn_for_any_radar_and_again(radar, kind):
+    sites = [draw_site(np.random.default_rng(7), radar, kind) for _ in range(2)]
+    assert sites[0] == sites[1]
+    assert sites[0].kind == kind
+    assert sites[0].radar is radar
+    assert sites[0] != draw_site(np.random.default_rng(8), radar, kind)
+
+
+def test_close_up_bodies_are_near_and_the_beam_at_any_height():
+    rng = np.random.default_rng(0)
+    sites = [draw_close(rng, X4M03) for _ in range(60)]
+    for site in sites:
+        assert site.course_m[0] == X4M03.near_m
+        assert site.course_m[1] == pytest.approx(X4M03.near_m + 0.7)
+        assert site.radar is X4M03
+    heights_m = [site.antenna.height_m for site in sites]
+    assert min(heights_m) < 0.5
+    assert max(heights_m) > 1.3
+    assert draw_site(rng, X4M03).course_m == (X4M03.near_m, X4M03.far_m)
+
+
+def test_unseen_rooms_are_built_otherwise():
+    rng = np.random.default_rng(0)
+    usual = [draw_site(rng, X2) for _ in range(60)]
+    unseen = [draw_site(rng, X2, "unseen") for _ in range(60)]
+    assert {len(s.surfaces) for s in unseen} == {4}
+    assert max(len(s.surfaces) for s in usual) <= 3
+    assert "x" not in {each.axis for s in usual for each in s.surfaces}
+    assert {s.room.profile for s in unseen} == {"power"}
+    assert "power" not in {s.room.profile for s in usual if s.room}
+    assert max(s.antenna.tilt_deg for s in usual) < 33 < min(s.antenna.tilt_deg for s in unseen)
+    assert max(s.antenna.height_m for s in usual) < 2.55 < min(s.antenna.height_m for s in unseen)
+    # Nothing between a switch and a door frame.
+    assert not [s for s in usual if 1.65 < s.antenna.height_m < 1.85]

@@ -1,0 +1,219 @@
+"""Making shards: the same ones whoever makes them, and whatever happens on the way."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from radard.errors import UsageError
+from tests.shard_helpers import Draws
+from tests.waiting import wait_for
+from x2train.commands import counted
+from x2train.sets.shard_run import ElementError, make_shards
+from x2train.sets.workers import GenerateError
+
+N, PER_SHARD = 53, 20
+
+
+def checksums(folder):
+    shards = json.loads((folder / "manifest.json").read_text())["shards"]
+    return {name: shard["sha256"] for name, shard in shards.items()}
+
+
+def make(folder, draws, n=N, **more):
+    return make_shards(folder, {"seed": draws.seed}, n, draws, per_shard=PER_SHARD, **more)
+
+
+@pytest.fixture(autouse=True)
+def pinned(monkeypatch):
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")
+
+
+@pytest.fixture
+def alone(tmp_path):
+    """Checksums of the set made in this process."""
+    make(tmp_path / "alone", Draws())
+    return checksums(tmp_path / "alone")
+
+
+def test_rows_of_all_elements_in_order(tmp_path):
+    shards = make(tmp_path, Draws())
+    assert list(shards.names()) == ["shard-00000", "shard-00001", "shard-00002"]
+    kept = [k for k in range(N) if k % 5 != 4]
+    parts = [shards.read(name) for name in shards.names()]
+    names = np.concatenate([part["name"] for part in parts])
+    assert names.tolist() == [f"element {k}" for k in kept]
+    x = np.concatenate([part["x"] for part in parts])
+    assert np.array_equal(x, np.concatenate([Draws()(k)["x"] for k in kept]))
+    assert x.dtype == np.float32
+    assert [len(part["name"]) for part in parts] == [16, 16, 11]
+
+
+@pytest.mark.parametrize("n", [1, 19, 20, 21, 40])
+def test_last_shard_may_be_short(tmp_path, n):
+    shards = make(tmp_path, Draws(), n)
+    assert len(list(shards.names())) == -(-n // PER_SHARD)
+
+
+def test_set_without_rows(tmp_path):
+    shards = make_shards(tmp_path, {}, 3, no_rows)
+    assert shards.read("shard-00000") == {}
+
+
+def no_rows(number):
+    return None
+
+
+def test_two_workers_give_the_same_bytes(tmp_path, alone):
+    log = tmp_path / "log"
+    draws = Draws(meets=2, log=log)
+    make(tmp_path / "two", draws, workers=2)
+    assert checksums(tmp_path / "two") == alone
+    numbers, processes = draws.made()
+    assert sorted(numbers) == list(range(N))
+    assert len(processes) == 2
+    assert os.getpid() not in processes
+
+
+def test_unpinned_algebra_is_left_to_a_process_where_it_is_pinned(tmp_path, alone, monkeypatch):
+    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
+    monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
+    draws = Draws(log=tmp_path / "log")
+    make(tmp_path / "one", draws, workers=1)
+    assert checksums(tmp_path / "one") == alone
+    assert os.getpid() not in draws.made()[1]
+    assert "OMP_NUM_THREADS" not in os.environ
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_failed_element_is_named_and_the_run_goes_on_later(tmp_path, alone, workers):
+    with pytest.raises(ElementError, match=r"^element 25: ValueError: bad draw$"):
+        make(tmp_path, Draws(fails_at=25), workers=workers)
+    draws = Draws(log=tmp_path / "log")
+    make(tmp_path, draws)
+    assert draws.made()[0] == list(range(PER_SHARD, N))
+    assert checksums(tmp_path) == alone
+
+
+def test_whole_set_is_not_made_again(tmp_path):
+    make(tmp_path, Draws())
+    make(tmp_path, Draws(fails_at=0))
+
+
+def test_lost_shard_is_made_again(tmp_path, alone):
+    make(tmp_path, Draws())
+    (tmp_path / "shard-00001.npz").unlink()
+    draws = Draws(log=tmp_path / "log")
+    make(tmp_path, draws)
+    assert draws.made()[0] == list(range(20, 40))
+    assert checksums(tmp_path) == alone
+
+
+def test_other_set_in_the_folder_is_refused(tmp_path):
+    make(tmp_path, Draws())
+    with pytest.raises(UsageError, match=r"seed: 1, not 2"):
+        make(tmp_path, Draws(seed=2))
+    with pytest.raises(UsageError, match=r"elements: 53, not 54"):
+        make(tmp_path, Draws(), N + 1)
+
+
+@pytest.mark.parametrize("name", ["n_elements", "per_shard", "workers"])
+def test_numbers_below_one_are_refused(tmp_path, name):
+    numbers = {"n_elements": 1, "per_shard": 1, "workers": 1, name: 0}
+    with pytest.raises(UsageError, match=f"{name} 0"):
+        make_shards(tmp_path, {}, make=no_rows, **numbers)
+
+
+def test_dead_worker_is_told(tmp_path):
+    with pytest.raises(GenerateError, match="run again to go on"):
+        make(tmp_path, Draws(dies_at=30), workers=2)
+
+
+def test_progress_counts_to_the_end_and_on_from_earlier(tmp_path):
+    told = []
+    make(tmp_path, Draws(), report=lambda *now: told.append(now))
+    assert told == [(done, N) for done in (0, 8, 16, 20, 28, 36, 40, 48, 53)]
+    (tmp_path / "shard-00001.npz").unlink()
+    told.clear()
+    make(tmp_path, Draws(), report=lambda *now: told.append(now))
+    assert told == [(done, N) for done in (33, 41, 49, 53)]
+
+
+def test_a_log_gets_a_line_now_and_then(capsys, monkeypatch):
+    with counted("windows") as tell:
+        tell(1, 1000)
+    assert capsys.readouterr() == ("", "")
+    monkeypatch.setattr("x2train.commands._LOG_EVERY_S", 0.0)
+    with counted("windows") as tell:
+        tell(250, 1000)
+    assert capsys.readouterr() == ("", "windows: 250 of 1,000\n")
+
+
+def test_ctrl_c_ends_cleanly_and_the_run_goes_on(tmp_path, alone):
+    code = (
+        "import sys; from pathlib import Path; from tests.shard_helpers import Draws\n"
+        "from x2train.sets.shard_run import make_shards\n"
+        "if __name__ == '__main__':\n"
+        "    folder = Path(sys.argv[1])\n"
+        "    try:\n"
+        "        draws = Draws(1, waits_at=30, log=folder / 'log')\n"
+        "        make_shards(folder / 'set', {'seed': 1}, 53, draws, per_shard=20, workers=2)\n"
+        "    except KeyboardInterrupt:\n"
+        "        print('ended')\n"
+    )
+    script = tmp_path / "script.py"
+    script.write_text(code)
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
+    process = subprocess.Popen(
+        [sys.executable, str(script), str(tmp_path)],
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    draws = Draws(log=tmp_path / "log")
+    manifest = tmp_path / "set" / "manifest.json"
+    wait_for(lambda: manifest.exists() and "shard-00000" in manifest.read_text())
+    wait_for(lambda: 30 in draws.made()[0])
+    os.killpg(process.pid, signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    assert (out, err) == ("ended\n", "")
+    draws.log.unlink()
+    make(tmp_path / "set", draws)
+    assert min(draws.made()[0]) == 20
+    assert checksums(tmp_path / "set") == alone
+
+
+@pytest.fixture(scope="module")
+def cluster():
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
+    ) as made:
+        yield made
+
+
+def test_cluster_gives_the_same_bytes_also_when_a_worker_is_killed(tmp_path, alone, cluster):
+    draws = Draws(killed_once_at=25, meets=2, log=tmp_path / "log")
+    make(tmp_path / "cluster", draws, cluster=cluster.scheduler_address)
+    assert checksums(tmp_path / "cluster") == alone
+    numbers, processes = draws.made()
+    assert numbers.count(25) == 2
+    assert set(numbers) == set(range(N))
+    assert len(processes) >= 2
+
+
+def test_failed_element_on_a_cluster_is_named(tmp_path, cluster):
+    with pytest.raises(ElementError, match=r"^element 25: ValueError: bad draw$"):
+        make(tmp_path, Draws(fails_at=25), cluster=cluster.scheduler_address)
+
+
+def test_absent_cluster_is_told(tmp_path, monkeypatch):
+    monkeypatch.setattr("x2train.sets.workers._CONNECT_S", 0.3)
+    with pytest.raises(GenerateError, match=r"no Dask scheduler at tcp://127\.0\.0\.1:9"):
+        make(tmp_path, Draws(), cluster="tcp://127.0.0.1:9")

@@ -1,0 +1,145 @@
+import errno
+import json
+import os
+
+import numpy as np
+import pytest
+
+from radard.errors import UsageError
+from x2radar.errors import RecordingError
+from x2train.sets.shards import MANIFEST, ShardSet, write_whole
+
+ABOUT = {"set": "test", "rate": 60}
+ARRAYS = {"x": np.arange(12, dtype=np.float32).reshape(4, 3), "y": np.array([0, 1, 0, 1])}
+
+
+@pytest.fixture
+def made(tmp_path):
+    kept = ShardSet(tmp_path / "set", ABOUT)
+    kept.write("a", ARRAYS)
+    return kept
+
+
+def hidden(folder):
+    return [p.name for p in folder.iterdir() if p.name.startswith(".")]
+
+
+def test_what_is_written_is_read_by_a_later_run(made):
+    later = ShardSet(made.folder, ABOUT)
+    assert list(later.names()) == ["a"]
+    assert "b" not in later
+    for key, value in later.read("a").items():
+        assert value.dtype == ARRAYS[key].dtype
+        np.testing.assert_array_equal(value, ARRAYS[key])
+    assert not hidden(made.folder)
+
+
+def test_a_second_shard_of_a_name_replaces_the_first(made):
+    made.write("a", {"x": np.zeros(2)})
+    assert set(ShardSet(made.folder, ABOUT).read("a")) == {"x"}
+
+
+def test_a_set_that_was_made_otherwise_is_refused(made):
+    with pytest.raises(UsageError, match="made otherwise \\(rate: 60, not 200\\)"):
+        ShardSet(made.folder, ABOUT | {"rate": 200})
+
+
+@pytest.mark.parametrize("byte", [0, 100, -1])
+def test_a_wrong_checksum_is_one_line(made, byte):
+    path = made.folder / "a.npz"
+    data = bytearray(path.read_bytes())
+    data[byte] ^= 1
+    path.write_bytes(data)
+    with pytest.raises(RecordingError, match=r"a\.npz: its checksum is not that of") as caught:
+        made.read("a")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_shard_that_is_cut_short_is_not_read(made):
+    path = made.folder / "a.npz"
+    path.write_bytes(path.read_bytes()[:-10])
+    with pytest.raises(RecordingError, match="checksum"):
+        made.read("a")
+
+
+def test_a_shard_that_is_gone_is_due_again(made):
+    (made.folder / "a.npz").unlink()
+    assert "a" not in made
+    assert list(made.names()) == []
+    with pytest.raises(RecordingError, match=r"a\.npz: cannot read"):
+        made.read("a")
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "{", "[]", '{"version": 1}', '{"version": 9, "about": {}, "shards": {}}', "\xff"],
+)
+def test_a_damaged_manifest(made, text):
+    (made.folder / MANIFEST).write_bytes(text.encode("latin-1"))
+    with pytest.raises(RecordingError, match="remove the folder"):
+        ShardSet(made.folder, ABOUT)
+
+
+def full_disk(descriptor):
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+def test_a_full_disk_leaves_the_set_as_it_was(made, monkeypatch):
+    monkeypatch.setattr(os, "fsync", full_disk)
+    with pytest.raises(RecordingError, match=r"b\.npz: cannot write: the disk is full"):
+        made.write("b", ARRAYS)
+    monkeypatch.undo()
+    later = ShardSet(made.folder, ABOUT)
+    assert list(later.names()) == ["a"]
+    assert not hidden(made.folder)
+    later.write("b", ARRAYS)
+    assert list(ShardSet(made.folder, ABOUT).names()) == ["a", "b"]
+
+
+def test_a_disk_that_fills_up_before_the_manifest(made, monkeypatch):
+    """The shard is there, the manifest does not name it: it is made again."""
+    real, calls = os.fsync, []  # the file, its folder, then the manifest
+
+    def third_time(descriptor):
+        calls.append(descriptor)
+        return full_disk(descriptor) if len(calls) == 3 else real(descriptor)
+
+    monkeypatch.setattr(os, "fsync", third_time)
+    with pytest.raises(RecordingError, match=r"manifest\.json: cannot write"):
+        made.write("b", ARRAYS)
+    later = ShardSet(made.folder, ABOUT)
+    assert (made.folder / "b.npz").exists()
+    assert "b" not in later
+    with pytest.raises(RecordingError, match="checksum"):
+        later.read("b")
+
+
+def test_an_interrupted_write_is_not_trusted(made):
+    (made.folder / ".b.npz.123.new").write_bytes(b"half")
+    (made.folder / "c.npz").write_bytes(b"never entered")
+    later = ShardSet(made.folder, ABOUT)
+    assert list(later.names()) == ["a"]
+    assert "c" not in later
+
+
+def test_a_file_in_the_way_of_the_folder(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(RecordingError, match="cannot make this folder"):
+        ShardSet(tmp_path / "file" / "set", ABOUT)
+
+
+def test_write_whole_keeps_what_was_there(tmp_path, monkeypatch):
+    path = tmp_path / "file"
+    write_whole(path, b"old")
+    monkeypatch.setattr(os, "fsync", full_disk)
+    with pytest.raises(RecordingError):
+        write_whole(path, b"new")
+    assert path.read_bytes() == b"old"
+    assert not hidden(tmp_path)
+
+
+def test_the_manifest_is_plain_json(made):
+    known = json.loads((made.folder / MANIFEST).read_text())
+    assert known["about"] == ABOUT
+    assert known["shards"]["a"]["rows"] == 4
+    assert len(known["shards"]["a"]["sha256"]) == 64

@@ -1,0 +1,255 @@
+"""Temporal head: it learns what order tells, and the daemon computes what torch trained."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import onnx
+import pytest
+import torch
+
+from radard.errors import ModelMismatch, UsageError
+from radard.judge.bundle import load_bundle
+from radard.judge.classifier import Answer, Classifier, Probabilities
+from radard.judge.evidence import Evidence, EvidenceSettings
+from radard.judge.features import FeatureSet
+from tests.training_helpers import (
+    INPUTS,
+    NAMES,
+    as_float,
+    give_head,
+    given,
+    head_for,
+    settings,
+    tiny,
+    toy,
+    write_tiny,
+)
+from x2train.bundle.temporal_bundle import HUMAN_LIMIT
+from x2train.bundle.temporal_graph import GIVEN, n_parameters, with_given, with_head
+from x2train.cli import main
+from x2train.nets.bundle_answers import outputs_of, tapped
+from x2train.nets.epoch import Epoch
+from x2train.nets.graph_net import GraphNet
+from x2train.nets.temporal_head import Given, HeadSettings, HeadTrained, fit_head, logits_over
+from x2train.sets.shards import ShardSet
+
+EMPTY = np.zeros((1, 1), np.float32)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Return a folder with the bundle `plain`, `tiny` with a head, and sets."""
+    folder = tmp_path_factory.mktemp("temporal")
+    for name in ("plain", "tiny"):
+        write_tiny(folder, tiny()[0], name=name)
+    give_head(folder / "tiny.onnx")
+    about = {"kind": "windows", "use": "all", "settings": settings()}
+    ShardSet(folder / "set", about).write("shard-00000", toy(96))
+    ShardSet(folder / "check", about).write("shard-00000", toy(48, seed=1))
+    return folder
+
+
+def runs_of(n, length, rng):
+    """Return stays whose class shows in their first window alone."""
+    label = np.repeat(rng.integers(0, 3, n), length)
+    is_first = np.arange(n * length) % length == 0
+    values = rng.standard_normal((n * length, 6)).astype(np.float32)
+    values[is_first, label[is_first]] += 6
+    return Given(values, label, is_first)
+
+
+def test_it_recalls_what_only_the_first_window_showed():
+    rng = np.random.default_rng(3)
+    train, other = runs_of(200, 5, rng), runs_of(60, 5, rng)
+    settings = HeadSettings(n_projected=8, n_hidden=12, epochs=15, batch=16, dropout=0.0)
+    *epochs, made = fit_head(train, other, settings)
+    assert [e.number for e in epochs] == list(range(1, 16))
+    assert all(isinstance(e, Epoch) for e in epochs)
+    assert isinstance(made, HeadTrained)
+    logits = logits_over(made.head, other)
+    assert (logits.argmax(axis=1) == other.label).mean() > 0.95
+    # And nothing of the stay before.
+    turned = Given(other.values[5:], other.label[5:], other.is_first[5:])
+    np.testing.assert_array_equal(logits_over(made.head, turned), logits[5:])
+
+
+def test_same_seed_same_head_and_another_seed_another():
+    train, other = (runs_of(n, 3, np.random.default_rng(n)) for n in (40, 12))
+    made = []
+    for seed in (0, 0, 1):
+        settings = HeadSettings(n_projected=4, n_hidden=4, epochs=2, batch=8, seed=seed)
+        *_, one = fit_head(train, other, settings)
+        made.append(logits_over(one.head, other))
+    assert (made[0] == made[1]).all()
+    assert (made[0] != made[2]).any()
+
+
+def test_onnxruntime_computes_what_torch_trained(folder):
+    bundle, windows = load_bundle(str(folder / "plain.onnx")), toy(48, seed=4)
+    made = replace(head_for(bundle), temperature=1.7)
+    network = with_head(bundle.onnx, made)
+    maps = {name: windows[name] for name in NAMES}
+    seen = given(bundle, windows)
+    found = outputs_of(network, maps, is_first=seen.is_first)
+    np.testing.assert_allclose(found.fused, logits_over(made.head, seen) / 1.7, atol=1e-4)
+    plain = outputs_of(bundle.onnx, maps)
+    np.testing.assert_array_equal(found.logits, plain.logits)
+    assert plain.fused is None
+    assert n_parameters(network) > n_parameters(bundle.onnx)
+    n_head = sum(p.numel() for p in made.head.parameters())
+    assert n_parameters(network) - n_parameters(bundle.onnx) == n_head
+
+
+def test_the_daemon_hands_on_what_the_head_wants_until_the_gate_closes(folder):
+    bundle, windows = load_bundle(str(folder / "tiny.onnx")), toy(24, seed=5)
+    classifier, evidence = Classifier(bundle), Evidence(EvidenceSettings(prior_human=0.3))
+    whole = {name: as_float(windows[name]) for name in NAMES}
+    is_first = np.arange(24) % 4 == 0
+    at_once = outputs_of(bundle.onnx, whole, is_first=is_first)
+    log_p = at_once.fused_log_p()
+    p = at_once.p(bundle.temperature)
+    for k in range(24):
+        if is_first[k]:
+            evidence.reset()
+        features = FeatureSet(EMPTY, EMPTY, {name: whole[name][k] for name in NAMES})
+        answer = classifier.answer(features, evidence.hidden)
+        np.testing.assert_allclose(answer.fused_log_p, log_p[k], atol=1e-5)
+        np.testing.assert_allclose(array(answer.window), p[k], atol=1e-6)
+        assert answer.window == classifier.classify(features)
+        expected = np.exp(log_p[k] + [0.3, 0, 0])
+        fused = array(evidence.take(answer))
+        np.testing.assert_allclose(fused, expected / expected.sum(), atol=1e-5)
+        assert abs(fused.sum() - 1) < 1e-12
+
+
+def array(p):
+    return np.array([p.human, p.pet, p.other])
+
+
+def test_without_a_head_windows_are_summed():
+    evidence, other = Evidence(EvidenceSettings()), Evidence(EvidenceSettings())
+    for p in (Probabilities(0.2, 0.7, 0.1), Probabilities(0.5, 0.4, 0.1)):
+        assert evidence.take(Answer(p)) == other.add(p)
+        assert evidence.hidden is None
+
+
+def test_a_class_that_the_network_does_not_know_stays_impossible():
+    answer = Answer(Probabilities(0.5, 0.5, 0.0), np.array([-0.1, -2.0, -np.inf]), np.zeros(2))
+    fused = Evidence(EvidenceSettings()).take(answer)
+    assert fused.other == 0.0
+    assert fused.human + fused.pet == pytest.approx(1, abs=1e-12)
+
+
+def test_an_answer_that_is_no_number_is_a_fault(folder):
+    bundle = load_bundle(str(folder / "tiny.onnx"))
+    maps = {name: np.zeros(i.shape, np.float32) for name, i in zip(NAMES, INPUTS, strict=True)}
+    hidden = np.full(bundle.n_hidden, np.nan, np.float32)
+    with pytest.raises(ModelMismatch, match="answered"):
+        Classifier(bundle).answer(FeatureSet(EMPTY, EMPTY, maps), hidden)
+
+
+def test_a_network_without_the_outputs_that_its_sidecar_promises_is_refused(folder, tmp_path):
+    bundle = load_bundle(str(folder / "tiny.onnx"))
+    model = onnx.load_from_string(bundle.onnx)
+    del model.graph.output[2]
+    with pytest.raises(ModelMismatch, match="does not give next_hidden"):
+        Classifier(replace(bundle, onnx=model.SerializeToString()))
+    # And one that was left out of the sidecar is an input nobody feeds.
+    with pytest.raises(ModelMismatch, match="'hidden': \\[1, 5\\]"):
+        Classifier(replace(bundle, n_hidden=0))
+
+
+def test_torch_computes_the_graph_with_its_head(folder):
+    bundle = load_bundle(str(folder / "tiny.onnx"))
+    net = GraphNet(bundle.onnx)
+    assert sum(p.numel() for p in net.parameters()) == n_parameters(bundle.onnx)
+    maps, is_first = {n: toy(12)[n] for n in NAMES}, np.arange(12) % 4 == 0
+    both = (net.to_onnx(), bundle.onnx)
+    again, first = (outputs_of(x, maps, is_first=is_first) for x in both)
+    np.testing.assert_array_equal(again.fused, first.fused)
+    assert (first.hidden[is_first] == 0).all()
+    inputs = [torch.from_numpy(as_float(m)) for m in maps.values()]
+    with torch.no_grad():
+        made = net(*inputs, torch.from_numpy(first.hidden))
+    np.testing.assert_allclose(made[0], first.logits, atol=1e-4)
+    np.testing.assert_allclose(made[1], first.fused, atol=1e-4)
+
+
+def test_what_the_last_layer_is_given_makes_the_logits(folder):
+    bundle, windows = load_bundle(str(folder / "plain.onnx")), toy(12)
+    answers, values = tapped(with_given(bundle.onnx), {n: windows[n] for n in NAMES}, GIVEN)
+    out = tiny()[0].net.out[1]
+    logits = values @ out.weight.detach().numpy().T + out.bias.detach().numpy()
+    np.testing.assert_allclose(answers.logits, logits, atol=1e-4)
+
+
+def temporal(folder, *argv, model="plain"):
+    sets = ["--train", str(folder / "set"), "--validate", str(folder / "check")]
+    path = str(folder / f"{model}.onnx") if model in {"plain", "tiny"} else model
+    return main(["temporal", "--model", path, *sets, "--epochs", "2", *argv])
+
+
+def test_the_command_writes_a_bundle_that_the_daemon_takes(folder, tmp_path, capsys):
+    out = ("--out", str(tmp_path), "--name", "own", "--size", "fast")
+    assert temporal(folder, *out) == 0
+    assert f"wrote {tmp_path / 'own'}.onnx, .json and .md" in capsys.readouterr().out
+    sidecar = json.loads((tmp_path / "own.json").read_text())
+    plain = load_bundle(str(folder / "plain.onnx"))
+    assert (sidecar["hidden"], sidecar["policy"]) == (20, "fused")
+    assert sidecar["evidence"] == {"human_limit": HUMAN_LIMIT["fast"]}
+    assert sidecar["training"]["temporal"]["base_onnx_sha256"] == plain.sha256
+    assert sidecar["training"]["recipe"].endswith("kept out of its training: none.")
+    assert sidecar["training"]["command"].startswith("train-export fit && train-export temporal")
+    assert sidecar["training"]["command"].endswith("--size fast --name own --epochs 2 --seed 0")
+    assert sidecar["metrics"]["parameters"] == n_parameters((tmp_path / "own.onnx").read_bytes())
+    assert {"log loss, fused", "log loss, windows summed"} <= set(sidecar["metrics"])
+    bundle = load_bundle(str(tmp_path / "own.onnx"))
+    assert (bundle.n_hidden, bundle.temperature) == (20, plain.temperature)
+    Classifier(bundle)
+    first = (tmp_path / "own.onnx").read_bytes()
+    assert temporal(folder, *out) == 0
+    assert (tmp_path / "own.onnx").read_bytes() == first
+
+
+@pytest.mark.parametrize(
+    ("model", "argv", "words"),
+    [
+        ("tiny", [], "has a temporal head already"),
+        ("thesis", [], "holds no thesis_type2, which model 'thesis' takes"),
+        ("plain", ["--epochs", "0"], "--epochs 0"),
+        ("plain", ["--seed", "-1"], "--seed -1"),
+        ("nope", [], "no model 'nope'"),
+    ],
+)
+def test_what_cannot_be_is_one_line(folder, model, argv, words, capsys):
+    assert temporal(folder, "--out", str(folder / "none"), *argv, model=model) in {2, 66}
+    err = capsys.readouterr().err
+    assert words in err
+    assert err.count("\n") == 1
+    assert not (folder / "none").exists()
+
+
+def test_sets_of_one_kind_calibrate_nothing(folder, tmp_path, capsys):
+    columns = toy(48)
+    people = {key: values[columns["label"] == 0] for key, values in columns.items()}
+    about = {"kind": "windows", "use": "all", "settings": settings()}
+    ShardSet(tmp_path / "people", about).write("shard-00000", people)
+    argv = ("--validate", str(tmp_path / "people"), "--out", str(tmp_path / "out"))
+    assert temporal(folder, *argv) == 2
+    assert "must be of people and others" in capsys.readouterr().err
+
+
+def test_maps_that_were_made_otherwise_are_refused(folder, tmp_path, capsys):
+    about = {"kind": "windows", "use": "all", "settings": settings() | {"velocity_cpi_s": 0.3}}
+    ShardSet(tmp_path / "other", about).write("shard-00000", toy(24))
+    assert temporal(folder, "--train", str(tmp_path / "other")) == 2
+    assert "its maps are not those that model 'plain' takes" in capsys.readouterr().err
+
+
+def test_one_head_is_enough(folder):
+    plain, tiny = (load_bundle(str(folder / f"{name}.onnx")) for name in ("plain", "tiny"))
+    with pytest.raises(UsageError, match="has a temporal head already"):
+        with_given(tiny.onnx)
+    with pytest.raises(UsageError, match="has a temporal head already"):
+        with_head(tiny.onnx, head_for(plain))

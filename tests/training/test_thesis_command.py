@@ -1,0 +1,365 @@
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from radard.errors import UsageError
+from radard.judge.bundle import load_bundle
+from radard.judge.classifier import Classifier
+from radard.judge.features import extract
+from x2radar.frame import StreamInfo
+from x2radar.recording.blocks import Block
+from x2radar.recording.hdf5_writer import RecordingWriter, write_labels
+from x2train.cli import main
+from x2train.thesis.bundle import CLASSES, folded
+from x2train.thesis.elements import ElementSpec, dwell
+from x2train.thesis.fit import Fitted
+from x2train.thesis.mlp import RepeatedMlp
+from x2train.thesis.page import page
+from x2train.thesis.recipe import FRESH_FROM, StudyRecipe, variants, wanted_cells
+from x2train.thesis.recordings import load_recordings
+from x2train.thesis.results import CellResult, ResultFile, judged
+from x2train.thesis.settings import FitSettings
+
+ROOT = Path(__file__).parents[2]
+SMALL = [
+    *("--elements", "80", "--fresh", "40", "--repeats", "2", "--workers", "1"),
+    *("--pretrain", "1,1", "--output-epochs", "1", "--epochs", "4", "--look-every", "2"),
+    *("--own-epochs", "1", "--own-repeats", "1"),
+]
+ONE = ["--animal", "dog", "--vector", "2", "--frame-rate", "60"]
+
+
+@pytest.fixture(autouse=True)
+def one_thread():
+    """Networks this small wait for their threads, and wait long on a busy machine."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(before)
+
+
+def thesis(folder, *more):
+    return main(["thesis", "--folder", str(folder), *SMALL, *more])
+
+
+@pytest.fixture(scope="module")
+def published(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("thesis")
+    path = folder / "docs" / "thesis-results.md"
+    args = [*ONE, "--activation", "relu", "--parts", "networks,own", "--publish", str(path)]
+    assert thesis(folder / "cache", *args) == 0
+    return folder, path, args
+
+
+def test_the_page_is_written_by_one_command(published):
+    folder, path, _ = published
+    text = path.read_text()
+    assert "T2D60 | relu | 83.6 |" in text
+    assert "| D60 | 83.6 |" in text
+    assert "--parts networks,own --publish docs/thesis-results.md" in text
+    assert "2 repeats with new initial weights (the thesis: 10)" in text
+    assert str(folder) not in text
+    for name in text.split("](")[1:]:
+        assert (path.parent / name.split(")")[0]).stat().st_size > 1000
+    result = ResultFile(folder / "cache" / "results").path("T2D60", "relu")
+    confusion = np.array(json.loads(result.read_text())["evaluation"]["confusion"])
+    assert (confusion.sum(axis=(1, 2)) == 8).all()
+    assert not list((folder / "cache" / "checkpoints").iterdir())
+
+
+def test_a_second_run_trains_nothing(published, monkeypatch, capsys):
+    folder, _, args = published
+    monkeypatch.setattr("x2train.thesis.recipe.fit", None)  # would raise
+    monkeypatch.setattr("x2train.thesis.own.train_maps", None)
+    assert thesis(folder / "cache", *args[:-2]) == 0
+    assert "T2D60 relu:" in capsys.readouterr().out
+
+
+def test_kept_shows_what_there_is(published, capsys):
+    folder, _, _ = published
+    assert thesis(folder / "cache", "--kept") == 0
+    out = capsys.readouterr().out
+    assert out.splitlines()[0].startswith("T2D60 relu:")
+    assert len(out.splitlines()) == 1
+
+
+def test_other_settings_are_another_result(published, capsys):
+    folder, _, _ = published
+    assert thesis(folder / "cache", "--kept", "--rate", "0.5") == 2
+    assert "no results of these settings" in capsys.readouterr().err
+
+
+def test_a_result_that_was_cut_short_is_not_trusted(published, tmp_path, capsys):
+    folder, _, _ = published
+    kept = ResultFile(folder / "cache" / "results").path("T2D60", "relu")
+    broken = ResultFile(tmp_path / "results").path("T2D60", "relu")
+    broken.write_bytes(kept.read_bytes()[:200])
+    assert thesis(tmp_path, "--kept", *ONE) == 2
+    err = capsys.readouterr().err
+    assert "no result" in err
+    assert "remove it to make it again" in err
+
+
+def test_a_shard_with_a_wrong_checksum_is_one_line(published, tmp_path, capsys):
+    folder, _, _ = published
+    path = next((folder / "cache" / "data").glob("dog-*/0*.npz"))
+    good = path.read_bytes()
+    path.write_bytes(good[:-1] + b"!")
+    try:
+        assert thesis(folder / "cache", *ONE, "--rate", "0.002", "--activation", "relu") == 66
+    finally:
+        path.write_bytes(good)
+    lines = capsys.readouterr().err.splitlines()
+    assert [line for line in lines if "checksum" in line]
+    assert not [line for line in lines if "Traceback" in line]
+
+
+@pytest.mark.parametrize(
+    ("args", "says"),
+    [
+        (["--cpi", "500"], "M = 500: must be 2 to 120, the columns of the record"),
+        (["--cadences", "61"], "I alpha = 61: must be 1 to 60, half the columns"),
+        (["--frame-rate", "10"], "M = 28: must be 2 to 20"),
+        (["--frame-rate", "-1"], "frame rate -1: must be 1 to 1000"),
+        (["--train-rate", "0"], "frame rate 0"),
+        (["--elements", "20"], "elements 20: must be at least 40"),
+        (["--fresh", "0"], "fresh 0: must be at least 2"),
+        (["--workers", "0"], "workers 0"),
+        (["--seed", "-1"], "seed -1"),
+        (["--layers", "100,x"], "--layers '100,x': must be whole numbers"),
+        (["--layers", "100"], "pretrain_epochs = (1, 1): none, or one a layer"),
+        (["--rate", "0"], "learning_rate = 0.0"),
+        (["--epochs", "1"], "at least look_every"),
+        (["--parts", "all"], "--parts 'all': must be of networks, own, switches"),
+        (["--optimiser", "newton"], "invalid choice"),
+        (["--animal", "horse"], "invalid choice"),
+        (["--switch"], "unrecognized arguments"),
+    ],
+)
+def test_bad_input_is_one_line(tmp_path, capsys, args, says):
+    try:
+        code = thesis(tmp_path, *args)
+    except SystemExit as err:
+        code = err.code
+    err = capsys.readouterr().err.strip().splitlines()
+    assert code == 2
+    assert says in err[-1]
+    assert not list(tmp_path.rglob("*.npz"))
+
+
+def test_a_folder_that_cannot_be_written(tmp_path, capsys):
+    (tmp_path / "file").write_text("")
+    assert thesis(tmp_path / "file", *ONE) != 0
+    assert "Traceback" not in capsys.readouterr().err
+
+
+# ---------------------------------------------------------------- a bundle
+
+
+def test_a_repeat_becomes_a_bundle_that_the_daemon_takes(published, tmp_path, capsys):
+    shutil.copytree(published[0] / "cache" / "data", tmp_path / "data")
+    out = tmp_path / "models" / "mine"
+    # Of dogs alone, whose elements are there; scaled inputs, which are folded into the weights.
+    how = [*ONE, "--scaling", "each", "--bundle", str(out)]
+    assert thesis(tmp_path, *how) == 0
+    assert f"wrote {out}.onnx" in capsys.readouterr().out
+    bundle = load_bundle(f"{out}.onnx")
+    assert bundle.classes == CLASSES
+    assert bundle.stream["frame_rate_hz"] == pytest.approx((57, 63))
+    sidecar = json.loads(out.with_suffix(".json").read_text())
+    assert "--scaling each" in sidecar["training"]["command"]
+    assert sidecar["training"]["command"].endswith("--bundle models/mine")
+    assert "people against dogs at 60 Hz" in sidecar["training"]["recipe"]
+    metrics = sidecar["metrics"]
+    assert metrics["logit difference torch - onnxruntime"] <= 1e-5
+    # On the fresh elements, whose vectors the daemon's own code makes of frames.
+    classifier, spec, right = Classifier(bundle), ElementSpec(), []
+    for number in range(FRESH_FROM, FRESH_FROM + 20):
+        for body, name in (("dog", "pet"), ("human", "human")):
+            found = extract(dwell(spec, body, number)[0], bundle.features, ("thesis_type2",))
+            p = classifier.classify(found)
+            right.append(getattr(p, name) > 0.5)
+    assert metrics["accuracy"] == pytest.approx(np.mean(right), abs=1e-4)
+    assert metrics["windows"] == 40
+    first = out.with_suffix(".onnx").read_bytes()
+    assert b"site-packages" not in first
+    assert thesis(tmp_path, *how) == 0
+    assert out.with_suffix(".onnx").read_bytes() == first
+    assert thesis(tmp_path, *how, "--rectified") == 2
+    assert "--rectified: the daemon makes no such" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("n_outputs", "activation"), [(2, "tanh"), (1, "sigmoid")])
+def test_what_is_folded_says_the_same(n_outputs, activation):
+    rng = np.random.default_rng(0)
+    net = RepeatedMlp(3, (8, 5, 4, n_outputs), activation, seed=2)
+    mean, scale = rng.standard_normal((2, 8)).astype(np.float32)
+    empty = np.zeros((1, 3))
+    fitted = Fitted(net, mean, scale, empty, empty)
+    x = rng.standard_normal((20, 8)).astype(np.float32)
+    p = torch.softmax(folded(fitted, 1)(torch.from_numpy(x)), dim=1).detach().numpy()
+    np.testing.assert_allclose(p, fitted.predict(x)[1], atol=1e-6)
+
+
+# ---------------------------------------------------------------- the command where it is
+
+
+def test_an_installed_command_says_where_the_thesis_is(tmp_path):
+    # What the wheel takes of training, beside the other two packages as they are.
+    listed = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
+    for name in listed["packages"]:
+        if name.split(".")[0] == "x2train":
+            source = (ROOT / "training" / name.replace(".", "/")).glob("*.py")
+            folder = tmp_path / name.replace(".", "/")
+            folder.mkdir(parents=True)
+            for path in source:
+                shutil.copy(path, folder)
+    # An editable installation would find the checkout all the same.
+    code = (
+        "import sys; sys.meta_path[:] = [f for f in sys.meta_path if 'editable' not in repr(f)]\n"
+        "from x2train.cli import main; sys.exit(main())"
+    )
+
+    def run(*argv):
+        path = os.pathsep.join(map(str, (tmp_path, ROOT, ROOT / "daemon")))
+        environment = os.environ | {"PYTHONPATH": path}
+        command = [sys.executable, "-c", code, *argv]
+        return subprocess.run(
+            command, env=environment, cwd=tmp_path, capture_output=True, text=True, check=False
+        )
+
+    missing = run("thesis", "--cpi", "500")
+    assert missing.returncode == 2
+    assert missing.stderr.count("\n") == 1
+    assert "'thesis' is no command of an installed train-export" in missing.stderr
+    assert "checkout" in missing.stderr
+    shown = run("--help").stdout
+    assert "dataset" in shown
+    assert "tradeoff" not in shown
+
+
+def test_a_checkout_lists_its_studies(capsys):
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    shown = capsys.readouterr().out
+    for name in ("dataset", "make", "scene", "thesis", "tradeoff", "walks"):
+        assert f"\n    {name} " in shown
+
+
+@pytest.mark.parametrize(
+    ("old", "says"), [("seed", "called 'thesis' now"), ("train", "train-export thesis --bundle")]
+)
+def test_old_commands_say_what_to_use(old, says, capsys):
+    with pytest.raises(SystemExit):
+        main([old, "--elements", "200"])
+    err = capsys.readouterr().err
+    assert says in err
+    assert err.count("\n") == 1
+
+
+# ---------------------------------------------------------------- parts
+
+
+def test_a_frame_rate_of_ones_own_replaces_the_thesis():
+    assert [c.name for c in wanted_cells(rate_hz=30, animal="dog")] == ["T1D30", "T2D30"]
+    assert [c.name for c in wanted_cells(rate_hz=200, vector=1)] == ["T1D200", "T1C200"]
+
+
+def test_every_switch_of_section_7_has_its_row():
+    base = FitSettings()
+    rows = variants(base)
+    labels = [row.label for row in rows]
+    assert len(set(labels)) == len(labels)
+    plain = {"fit": base, "rectified": False, "clutter": False, "noise": "input"}
+    for row in rows:
+        same = all(getattr(row, key) == value for key, value in plain.items())
+        assert row.train_rate_hz == 200 or not same
+    for word in ("rectified", "single", "layers", "tanh", "square", "SGD", "L-BFGS", "L2"):
+        assert any(word in label for label in labels), word
+
+
+def test_judging():
+    p = np.array([[[0.9, 0.1], [0.6, 0.4], [0.2, 0.8], [0.3, 0.7]]])
+    made = judged(p, np.array([0, 1, 1, 1]))
+    assert made.total == (75.0,)
+    assert made.class1 == (100.0,)
+    assert made.class2 == (66.67,)
+    # Rows are what the network says, columns what is true.
+    assert made.confusion == (((1, 1), (0, 2)),)
+    assert made.cross_entropy[0] == pytest.approx(-np.log([0.9, 0.4, 0.8, 0.7]).mean(), abs=1e-4)
+    assert made.median == 75.0
+
+
+def test_the_page_says_what_it_counts(tmp_path):
+    some = judged(np.full((3, 10, 2), 0.5), np.arange(10) % 2)
+    settings = {
+        "fit": {**{f: getattr(FitSettings(), f) for f in FitSettings.__slots__}},
+        "elements": 5000,
+    }
+    results = [
+        CellResult(cell.name, "relu", 0, (100,) * 3, some, some, some, "x", settings)
+        for cell in wanted_cells()
+    ]
+    text = page(results, {}, command="c", folder=tmp_path)
+    assert "Mean of the eight relu sets: 50.0 (thesis 79.4)." in text
+    assert "| T1D60 | relu | 50.0 (50.0, 50.0) | -11.4 | 50.0 |" in text
+    assert "| T1D60 | relu | 61.4 | 50.0 | 100.0 | 0.0 | 50.0 | 0.369 | 0.693 | 0.693 |" in text
+
+
+# ---------------------------------------------------------------- recordings
+
+
+def record(path, labels, rate_hz=60, seconds=6):
+    parts = []
+    for k in range(seconds // 2):
+        made, _ = dwell(ElementSpec(), "human" if k % 2 else "dog", k)
+        parts.append(made.frames[:120])
+    samples = np.concatenate(parts)
+    with RecordingWriter(path, StreamInfo(made.axis, rate_hz, "sim")) as writer:
+        n = len(samples)
+        writer.write_block(Block(samples, np.arange(n, dtype=np.uint32), np.arange(n) / rate_hz))
+    write_labels(path, labels)
+    return path
+
+
+def test_recordings_stop_and_retrain(published, tmp_path, capsys):
+    shutil.copytree(published[0] / "cache" / "data", tmp_path / "data")
+    path = record(tmp_path / "a.h5", [(0, 6, "dog"), (0, 6, "human"), (0, 6, "chair")])
+    loaded = load_recordings([path], ElementSpec())
+    assert loaded.x.shape == (8, 1176)
+    np.testing.assert_array_equal(loaded.y, [0, 1] * 4)
+    assert loaded.of(1).x.shape == (8, 784)
+    assert thesis(tmp_path, *ONE, "--activation", "relu", "--finetune", str(path)) == 0
+    result = ResultFile(tmp_path / "results").path("T2D60", "relu retrained")
+    assert json.loads(result.read_text())["stopped_by"] == (
+        "4 windows of recordings, after retraining on 4"
+    )
+    assert "T2D60 relu retrained" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("labels", "rate_hz", "says"),
+    [
+        ([(0, 6, "dog")], 60, "both classes are needed"),
+        ([(0, 6, "chair")], 60, "no labels of pet, dog, cat, human, person"),
+        ([(0, 6, "dog")], 200, "200 frames a second; these sets have 60"),
+        ([(0, 1, "dog"), (1, 2, "human")], 60, "both classes are needed"),
+    ],
+)
+def test_recordings_that_cannot_train(tmp_path, labels, rate_hz, says):
+    path = record(tmp_path / "a.h5", labels, rate_hz)
+    with pytest.raises(UsageError, match=says):
+        load_recordings([path], ElementSpec())
+
+
+def test_recipe_sizes():
+    recipe = StudyRecipe(folder=None)
+    assert (recipe.n_evaluate, recipe.n_stop) == (500, 224)

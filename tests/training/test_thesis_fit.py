@@ -1,0 +1,321 @@
+import os
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from radard.errors import UsageError
+from x2radar.errors import RecordingError
+from x2train.thesis import checkpoint
+from x2train.thesis import fit as fit_module
+from x2train.thesis.fit import Fitted, Look, fit
+from x2train.thesis.losses import code_penalty, output_error, scaling_of
+from x2train.thesis.mlp import RepeatedMlp, affine, probabilities, xavier
+from x2train.thesis.sets import CellData
+from x2train.thesis.settings import FitSettings, fit_settings
+
+QUICK = FitSettings(
+    layers=(8, 4),
+    pretrain_epochs=(2, 2),
+    output_epochs=2,
+    epochs=12,
+    look_every=4,
+    repeats=3,
+    batch=20,
+    decay=0.01,
+    averaging=0.9,
+    learning_rate=0.01,
+)
+
+
+@pytest.fixture(autouse=True)
+def one_thread():
+    """Networks this small wait for their threads, and wait long on a busy machine."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(before)
+
+
+def data(n, seed=0, n_in=12):
+    """Two classes that a line separates, noisily."""
+    rng = np.random.default_rng(seed)
+    y = np.arange(n) % 2
+    x = rng.standard_normal((n, n_in)).astype(np.float32)
+    x[:, 0] += 3 * (2 * y - 1)
+    return CellData(x, y, np.ones(n, np.float32))
+
+
+TRAIN, STOP = data(200), data(40, seed=1)
+
+
+def result(settings, **kwargs):
+    steps = list(fit(TRAIN, STOP, settings, **kwargs))
+    assert isinstance(steps[-1], Fitted)
+    assert all(isinstance(step, Look) for step in steps[:-1])
+    return steps[-1]
+
+
+def same(one, other):
+    np.testing.assert_array_equal(one.scores, other.scores)
+    for key, value in one.net.state_dict().items():
+        assert torch.equal(value, other.net.state_dict()[key])
+
+
+# ---------------------------------------------------------------- the network
+
+
+def test_repeats_meet_nowhere():
+    """Every version of the batched network is a network of its own."""
+    net = RepeatedMlp(3, (5, 4, 2), "relu", seed=1)
+    x = torch.randn(7, 5)
+    together = net(x)
+    for k in range(3):
+        h = torch.relu(x @ net.weights[0][k] + net.biases[0][k])
+        wanted = h @ net.weights[1][k] + net.biases[1][k]
+        torch.testing.assert_close(together[k], wanted)
+    together[1].sum().backward()
+    assert net.weights[0].grad is not None
+    assert not net.weights[0].grad[[0, 2]].any()
+    torch.testing.assert_close(
+        affine(x, net.weights[0], net.biases[0])[2],
+        affine(x.expand(3, 7, 5), net.weights[0], net.biases[0])[2],
+    )
+
+
+def test_xavier_bounds_and_spread():
+    w = xavier((50, 30, 20), torch.Generator().manual_seed(0))
+    bound = (6 / 50) ** 0.5
+    assert w.abs().max() <= bound
+    assert w.var().item() == pytest.approx(2 / 50, rel=0.02)
+
+
+def test_one_output_is_the_probability_of_people():
+    p = probabilities(torch.tensor([[[0.0], [50.0], [-50.0]]]))
+    torch.testing.assert_close(p, torch.tensor([[[0.5, 0.5], [0.0, 1.0], [1.0, 0.0]]]))
+
+
+@pytest.mark.parametrize("sizes", [(0, 2), (3,), (3, -1, 2)])
+def test_sizes_that_make_no_network(sizes):
+    with pytest.raises(UsageError, match="all must be 1 or more"):
+        RepeatedMlp(1, sizes, "relu", seed=0)
+
+
+# ---------------------------------------------------------------- errors and scaling
+
+
+def test_errors_against_their_formulas():
+    logits = torch.randn(2, 6, 2, dtype=torch.float64)
+    y = torch.tensor([0, 1, 1, 0, 1, 0])
+    p = torch.softmax(logits, -1)
+    truth = torch.stack([p[k, range(6), y] for k in range(2)])
+    assert output_error(logits, y, "cross-entropy") == pytest.approx(
+        -truth.log().mean(dim=1).sum().item()
+    )
+    assert output_error(logits, y, "mse") == pytest.approx(
+        (1 - truth).square().mean(1).sum().item()
+    )
+    one = logits[..., 1:] - logits[..., :1]
+    assert output_error(one, y, "cross-entropy") == pytest.approx(
+        output_error(logits, y, "cross-entropy").item()
+    )
+
+
+def test_sparsity_is_least_for_sparse_codes():
+    rare = torch.full((1, 10, 3), 0.05)
+    assert code_penalty(rare, "sigmoid").item() == pytest.approx(0, abs=1e-6)
+    assert code_penalty(torch.full((1, 10, 3), 0.5), "sigmoid") > 0.3
+    assert code_penalty(torch.zeros(2, 10, 3), "relu") == 0
+    assert code_penalty(torch.ones(2, 10, 3), "relu") == 2
+
+
+def test_scalings():
+    x = np.random.default_rng(0).random((300, 10)).astype(np.float32) * 0.01
+    x[:, 9] = 0.5  # never changes
+    mean, scale = scaling_of(x, "none", 6)
+    assert not mean.any()
+    assert (scale == 1).all()
+    mean, scale = scaling_of(x, "each", 6)
+    z = (x - mean) * scale
+    assert np.abs(z[:, :9].std(axis=0) - 1).max() < 1e-3
+    assert not z[:, 9].any()
+    mean, scale = scaling_of(x, "block", 6)
+    assert np.mean((x * scale)[:, :4] ** 2) == pytest.approx(1, rel=1e-5)
+    assert np.mean((x * scale)[:, 4:] ** 2) == pytest.approx(1, rel=1e-5)
+    assert np.unique(scale).size == 2
+    for how in ("each", "block"):
+        assert np.isfinite(scaling_of(np.zeros((4, 8), np.float32), how, 3)[1]).all()
+
+
+# ---------------------------------------------------------------- training
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"activation": "sigmoid", "learning_rate": 0.05},
+        {"activation": "tanh"},
+        {"n_outputs": 1},
+        {"error": "mse"},
+        {"n_outputs": 1, "error": "mse"},
+        {"optimiser": "momentum", "decay": 0.0},
+        {"optimiser": "lbfgs", "decay": 1e-3},
+        {"sparsity": 0.1},
+        {"sparsity": 0.1, "activation": "sigmoid", "learning_rate": 0.05},
+        {"layers": (6,), "pretrain_epochs": (2,)},
+        {"pretrain_epochs": (), "output_epochs": 0},
+        {"scaling": "each"},
+        {"averaging": 0.0},
+    ],
+)
+def test_every_switch_learns(changes):
+    fitted = result(replace(QUICK, **changes))
+    p = fitted.predict(data(200, seed=2).x)
+    assert p.shape == (3, 200, 2)
+    np.testing.assert_allclose(p.sum(axis=2), 1)
+    assert ((p.argmax(axis=2) == data(200).y).mean(axis=1) > 0.9).all()
+
+
+def test_repeats_train_as_they_would_alone():
+    """The batched model of three is three models: only their initial weights differ."""
+    plain = replace(QUICK, pretrain_epochs=(), output_epochs=0, scaling="none")
+    together = fit_module._Run(TRAIN, STOP, plain, None)
+    alone = fit_module._Run(TRAIN, STOP, replace(plain, repeats=1), None)
+    with torch.no_grad():
+        for mine, theirs in zip(alone.net.parameters(), together.net.parameters(), strict=True):
+            mine.copy_(theirs[1:2])
+    for run in (together, alone):
+        list(run.tune(0, None))
+    np.testing.assert_allclose(
+        np.array(together.scores)[:, 1], np.array(alone.scores)[:, 0], rtol=1e-4
+    )
+
+
+def test_same_seed_same_result_and_another_one_another():
+    same(result(QUICK), result(QUICK))
+    assert not np.array_equal(result(QUICK).scores, result(replace(QUICK, seed=1)).scores)
+
+
+def test_the_best_look_is_kept_and_the_first_cannot_be():
+    fitted = result(replace(QUICK, pretrain_epochs=(), output_epochs=0))
+    p = fitted.predict(STOP.x)
+    score = -np.log(np.take_along_axis(p, STOP.y[None, :, None], 2)[..., 0]).mean(axis=1)
+    np.testing.assert_allclose(score, fitted.scores[1:].min(axis=0), rtol=1e-5)
+    assert (fitted.best_looks >= 1).all()
+    truth = p[:, STOP.y == 1, 1].mean(axis=1)
+    kept = fitted.confidence[fitted.best_looks, range(3), 1]
+    np.testing.assert_allclose(kept, truth, rtol=1e-5)
+
+
+def test_training_ends_when_no_repeat_gains():
+    noise = data(60)
+    noise = replace(noise, y=np.random.default_rng(0).integers(0, 2, 60))
+    greedy = replace(QUICK, epochs=400, look_every=10, patience=2, learning_rate=0.05, decay=0.0)
+    *_, fitted = fit(noise, replace(STOP, y=STOP.y[::-1].copy()), greedy)
+    assert isinstance(fitted, Fitted)
+    assert len(fitted.scores) < 40
+    assert (fitted.best_looks < len(fitted.scores) - 2).all()
+
+
+@pytest.mark.parametrize("optimiser", ["adam", "momentum", "lbfgs"])
+def test_a_run_that_was_interrupted_goes_on_as_if_it_had_not(tmp_path, optimiser):
+    settings = replace(QUICK, optimiser=optimiser, learning_rate=0.01)
+    whole = result(settings)
+    point = tmp_path / "point.pt"
+    steps = fit(TRAIN, STOP, settings, checkpoint=point)
+    for step in steps:
+        if isinstance(step, Look) and step.stage == "whole" and step.epoch == 8:
+            break
+    steps.close()
+    assert list(tmp_path.iterdir())
+    rest = list(fit(TRAIN, STOP, settings, checkpoint=point))
+    assert not any(s.stage == "autoencoder 1" for s in rest[:1] if isinstance(s, Look))
+    same(whole, rest[-1])
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_checkpoint_of_another_run_is_not_taken(tmp_path):
+    point = tmp_path / "point.pt"
+    steps = fit(TRAIN, STOP, replace(QUICK, seed=5), checkpoint=point)
+    next(s for s in steps if isinstance(s, Look) and s.epoch == 8 and s.stage == "whole")
+    steps.close()
+    same(result(QUICK), result(QUICK, checkpoint=point))
+
+
+@pytest.mark.parametrize("cut", [0, 10, -20])
+def test_a_damaged_checkpoint_is_not_trusted(tmp_path, cut):
+    point = tmp_path / "point.pt"
+    steps = fit(TRAIN, STOP, QUICK, checkpoint=point)
+    next(s for s in steps if isinstance(s, Look) and s.epoch == 8 and s.stage == "whole")
+    steps.close()
+    point.write_bytes(point.read_bytes()[:cut])
+    assert checkpoint.load_checkpoint(point) is None
+    same(result(QUICK), result(QUICK, checkpoint=point))
+
+
+def test_a_full_disk_at_a_checkpoint_is_one_line(tmp_path, monkeypatch):
+    def full(_descriptor):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(RecordingError, match=r"point\.pt: cannot write") as caught:
+        result(QUICK, checkpoint=tmp_path / "point.pt")
+    assert "\n" not in str(caught.value)
+    assert not list(tmp_path.iterdir())
+
+
+def test_retraining_goes_on_from_what_was_learnt():
+    first = result(QUICK)
+    again = result(replace(QUICK, learning_rate=1e-4, epochs=4), start=first)
+    assert len(again.scores) == 2
+    p = first.predict(STOP.x)
+    score = -np.log(np.take_along_axis(p, STOP.y[None, :, None], 2)[..., 0]).mean(axis=1)
+    np.testing.assert_allclose(again.scores[0], score, rtol=1e-5)
+    assert np.abs(again.scores[1] - again.scores[0]).max() < 0.05
+
+
+# ---------------------------------------------------------------- settings
+
+
+@pytest.mark.parametrize(
+    ("wrong", "says"),
+    [
+        ({"layers": ()}, "layers"),
+        ({"layers": (100, 0)}, "layers"),
+        ({"activation": "step"}, "one of relu, sigmoid, tanh"),
+        ({"n_outputs": 3}, "n_outputs = 3: 1 or 2"),
+        ({"error": "hinge"}, "one of cross-entropy, mse"),
+        ({"optimiser": "newton"}, "one of adam, momentum, lbfgs"),
+        ({"learning_rate": 0}, "learning_rate"),
+        ({"learning_rate": float("nan")}, "learning_rate"),
+        ({"momentum": 1.0}, "momentum"),
+        ({"batch": 0}, "batch"),
+        ({"decay": -1}, "decay"),
+        ({"averaging": 1}, "averaging"),
+        ({"sparsity": -0.1}, "sparsity"),
+        ({"pretrain_epochs": (500,)}, "none, or one a layer"),
+        ({"pretrain_epochs": (5, -1)}, "none below 0"),
+        ({"epochs": 50}, "at least look_every"),
+        ({"patience": 0}, "patience"),
+        ({"repeats": 0}, "repeats"),
+        ({"seed": -1}, "seed"),
+        ({"scaling": "all"}, "one of none, block, each"),
+    ],
+)
+def test_settings_that_make_no_sense(wrong, says):
+    with pytest.raises(UsageError, match=says) as caught:
+        FitSettings(**wrong)
+    assert "\n" not in str(caught.value)
+
+
+def test_every_fault_is_named():
+    with pytest.raises(UsageError, match=r"batch = 0.*repeats = 0"):
+        FitSettings(batch=0, repeats=0)
+
+
+def test_settings_that_suit_an_activation_can_be_changed():
+    assert fit_settings("relu") == FitSettings()
+    assert fit_settings("sigmoid").scaling == "block"
+    assert fit_settings("sigmoid", scaling="each", epochs=100).scaling == "each"

@@ -1,0 +1,302 @@
+"""dataset, fit and evaluate: small from end to end, and wrong input in one line."""
+
+import json
+import shutil
+from dataclasses import asdict
+from importlib import resources
+
+import jsonschema
+import numpy as np
+import pytest
+
+from radard.config.sections import GateSettings
+from radard.judge.bundle import load_bundle
+from tests.radar_helpers import run_radard
+from tests.training_helpers import FEATURES, toy
+from x2radar.errors import RecordingError
+from x2train.bundle.map_bundle import gate_of
+from x2train.cli import main
+from x2train.report import PassageTable
+from x2train.sets.shards import MANIFEST, ShardSet, read_all
+from x2train.sets.window_set import load_windows
+
+SCHEMA = json.loads((resources.files("radard") / "output.schema.json").read_text())
+ABOUT = {"kind": "windows", "use": "train", "settings": {"dwell_s": 2.0, "n_cpi": 0}}
+
+
+def windows(folder, columns=None, **about):
+    ShardSet(folder, {**ABOUT, **about}).write(
+        "shard-00000", toy(12) if columns is None else columns
+    )
+    return folder
+
+
+@pytest.fixture(scope="module")
+def bundle(tmp_path_factory):
+    """Return the file of a bundle that the three commands made, hardly trained."""
+    folder = tmp_path_factory.mktemp("made")
+    sets = folder / "sets"
+    small = ["--passages", "30", "--families", "all", "--workers", "1"]
+    assert main(["dataset", "--out", str(sets), "--seed", "1", *small]) == 0
+    fit = ["fit", "--half", "--train", str(sets), "--validate", str(sets), "--epochs", "1"]
+    out = ["--name", "tiny", "--size", "fast", "--out", str(folder / "models")]
+    assert main([*fit, *out]) == 0
+    return folder / "models" / "tiny.onnx"
+
+
+def test_the_sidecar_says_how_it_came_about(bundle):
+    sidecar = json.loads(bundle.with_suffix(".json").read_text())
+    assert sidecar["policy"] == "fused"
+    assert sidecar["training"]["command"].startswith("train-export fit --train ")
+    assert sidecar["training"]["command"].endswith(" --half")
+    assert "Families kept out of training: none" in sidecar["training"]["recipe"]
+    about, columns = read_all(bundle.parents[1] / "sets")
+    assert sidecar["training"]["sets"] == [about]
+    assert sidecar["gate"] == about["gate"] == GateSettings().model_dump()
+    assert "false_alarms_per_day 0.01" in bundle.with_suffix(".md").read_text()
+    assert sidecar["metrics"]["windows"] == len(columns["label"])
+    assert set(columns["label"]) == {0, 1, 2}
+
+
+def test_a_bundle_is_for_the_radars_that_it_was_calibrated_on(tmp_path):
+    about = {"settings": asdict(FEATURES)}
+    train = windows(tmp_path / "train", toy(24), radar="any", **about)
+    validate = windows(tmp_path / "validate", toy(24, seed=1), radar="x4m03", **about)
+    argv = ["fit", "--train", str(train), "--validate", str(validate), "--epochs", "1"]
+    assert main([*argv, "--size", "fast", "--name", "x4", "--out", str(tmp_path)]) == 0
+    assert load_bundle(str(tmp_path / "x4.onnx")).stream["carrier_hz"] == (7.2e9, 8.9e9)
+
+
+def test_a_teacher_is_named_and_what_it_has_seen_counts(bundle, tmp_path, capsys):
+    sets = str(windows(tmp_path / "sets", toy(24), settings=asdict(FEATURES), use="train"))
+    argv = ["fit", "--train", sets, "--validate", sets, "--epochs", "1", "--size", "fast"]
+    argv += ["--name", "pupil", "--out", str(tmp_path)]
+    assert main(argv) == 0
+    sidecar = json.loads((tmp_path / "pupil.json").read_text())
+    assert "Families kept out of training: as `x2train" in sidecar["training"]["recipe"]
+    assert "teacher" not in sidecar["training"]
+    alone = sidecar["onnx_sha256"]
+    assert main([*argv, "--teacher", str(bundle)]) == 0
+    sidecar = json.loads((tmp_path / "pupil.json").read_text())
+    assert sidecar["onnx_sha256"] != alone
+    teacher = {"name": "tiny", "onnx_sha256": load_bundle(str(bundle)).sha256}
+    assert sidecar["training"]["teacher"] == teacher
+    assert sidecar["training"]["command"].endswith(f" --teacher {bundle}")
+    assert "Families kept out of training: none" in sidecar["training"]["recipe"]
+    capsys.readouterr()
+    assert main([*argv, "--teacher", "thesis"]) == 2
+    assert "teacher 'thesis': tells pet, human apart" in one_line(capsys)
+
+
+def test_a_set_that_is_there_is_not_made_again(bundle, monkeypatch, capsys):
+    monkeypatch.setattr("x2train.sets.windows.play", lambda *_, **__: pytest.fail("made again"))
+    sets = bundle.parents[1] / "sets"
+    argv = ["dataset", "--out", str(sets), "--passages", "30", "--families", "all"]
+    assert main([*argv, "--seed", "1", "--workers", "1"]) == 0
+    assert "windows of 30 passages" in capsys.readouterr().out
+    assert main([*argv, "--seed", "2", "--workers", "1"]) == 2
+    assert "seed: 1, not 2" in one_line(capsys)
+
+
+def test_a_set_of_before_gates_were_recorded_is_accepted_and_said(bundle, tmp_path, capsys):
+    sets = tmp_path / "sets"
+    shutil.copytree(bundle.parents[1] / "sets", sets)
+    raw = json.loads((sets / MANIFEST).read_text())
+    argv = ["dataset", "--out", str(sets), "--passages", "30", "--families", "all"]
+    raw["about"]["gate"]["false_alarms_per_day"] = 4.0
+    (sets / MANIFEST).write_text(json.dumps(raw))
+    assert main([*argv, "--seed", "1", "--workers", "1"]) == 2
+    assert "made otherwise (gate: " in one_line(capsys)
+    del raw["about"]["gate"]
+    (sets / MANIFEST).write_text(json.dumps(raw))
+    assert main([*argv, "--seed", "1", "--workers", "1"]) == 0
+    assert "made before sets recorded the gate's settings" in capsys.readouterr().out
+    assert gate_of([raw["about"], {"gate": {"false_alarms_per_day": 5.0}}]) == {}
+
+
+def test_evaluate_judges_it(bundle, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("x2train.judge.pictures.passage_png", lambda *_: None)
+    small = ["--model", str(bundle), "--passages", "12", "--workers", "1"]
+    assert main(["evaluate", *small, "--out", str(tmp_path / "a")]) == 0
+    report = json.loads((tmp_path / "a" / "report.json").read_text())
+    assert sum(report["passages"].values()) == 12
+    assert "policy fused" in report["title"]
+    assert (tmp_path / "a" / "report.html").stat().st_size > 1000
+    table = PassageTable.load(tmp_path / "a" / "passages")
+    assert [int(b) for b in table.build] == list(range(12))
+    capsys.readouterr()
+    against = ["--against", str(tmp_path / "a"), "--policy", "window"]
+    assert main(["evaluate", *small, *against, "--out", str(tmp_path / "a")]) == 2
+    assert "policy: '', not 'window'" in one_line(capsys)
+    # Other answers of the same network are other passages' decisions.
+    sidecar = json.loads(bundle.with_suffix(".json").read_text())
+    (tmp_path / "tiny.onnx").write_bytes(bundle.read_bytes())
+    (tmp_path / "tiny.json").write_text(json.dumps({**sidecar, "temperature": 7.5}))
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(
+        "x2train.commands.evaluate.load_bundle", lambda _: load_bundle("tiny.onnx")
+    )
+    assert main(["evaluate", *small, "--out", str(tmp_path / "a")]) == 2
+    assert "not 7.5" in one_line(capsys)
+
+
+def test_radard_runs_it_and_every_record_keeps_the_contract(bundle):
+    argv = ("--port", "sim:human", "--model", str(bundle), "--speed", "max", "-o", "json")
+    code, records, err = run_radard(*argv, "--duration", "16")
+    assert (code, err) == (0, "")
+    validator = jsonschema.Draft202012Validator(SCHEMA)
+    for record in records:
+        assert list(validator.iter_errors(record)) == []
+    opened = [r for r in records if r["type"] == "decision" and r["gate"] == "open"]
+    assert opened
+    for record in opened:
+        total = sum(record[f"fused_p_{name}"] for name in ("human", "pet", "other"))
+        assert total == pytest.approx(1, abs=1e-3)
+        assert record["label"] in {"human", "pet", "other", "pending"}
+    assert any(r["fused_p_human"] != r["p_human"] for r in opened)
+
+
+def one_line(capsys):
+    err = capsys.readouterr().err
+    assert err.count("\n") == 1
+    return err
+
+
+@pytest.mark.parametrize(
+    ("argv", "words"),
+    [
+        (["dataset", "--passages", "0"], "--passages 0"),
+        (["dataset", "--seed", "-1"], "--seed -1"),
+        (["dataset", "--workers", "0"], "--workers 0"),
+        (["dataset", "--longest", "1.5"], "--longest 1.5: must be 2 to 600 s"),
+        (["dataset", "--longest", "nan"], "--longest nan"),
+        (["fit", "--train", "x", "--validate", "x", "--epochs", "0"], "--epochs 0"),
+        (["fit", "--train", "x", "--validate", "x", "--seed", "-2"], "--seed -2"),
+        (["evaluate", "--passages", "0"], "--passages 0"),
+        (["evaluate", "--workers", "-1"], "--workers -1"),
+        (["evaluate", "--only", "fans"], "--only 'fans': suites are people"),
+        (["evaluate", "--only", "fan", "--card"], "--card with --only"),
+        (["evaluate", "--model", "nope"], "no model 'nope'"),
+    ],
+)
+def test_wrong_numbers_and_names_are_refused(argv, words, tmp_path, capsys):
+    code = main([*argv, "--out", str(tmp_path / "out")])
+    assert words in one_line(capsys)
+    assert code in {2, 66, 78}
+    assert not (tmp_path / "out").exists()
+
+
+def spoilt(tmp_path, how):
+    """Return folders of a set to train on, good, and of one to validate on, which is not."""
+    good, bad = windows(tmp_path / "good"), tmp_path / "bad"
+    if how == "other kind":
+        windows(bad, kind="passages")
+    elif how == "other settings":
+        windows(bad, settings={"dwell_s": 3.0})
+    elif how == "no windows":
+        windows(bad, {})
+    elif how == "no column":
+        windows(bad, {key: value for key, value in toy(12).items() if key != "label"})
+    elif how != "missing":
+        windows(bad)
+    shard = bad / "shard-00000.npz"
+    if how == "damaged":
+        data = bytearray(shard.read_bytes())
+        data[-3000] ^= 1
+        shard.write_bytes(data)
+    elif how == "shard missing":
+        shard.unlink()
+    elif how == "no manifest":
+        (bad / MANIFEST).write_text("{")
+    elif how == "one class":
+        columns = toy(12)
+        columns["label"][:] = 1
+        bad = windows(tmp_path / "worse", columns)
+    return good, bad
+
+
+@pytest.mark.parametrize(
+    ("how", "words", "code"),
+    [
+        ("missing", "no set of shards here", 66),
+        ("damaged", "its checksum is not", 66),
+        ("shard missing", "cannot read", 66),
+        ("no manifest", "no manifest of shards", 66),
+        ("other kind", "holds no windows but 'passages'", 2),
+        ("other settings", "other settings", 2),
+        ("no windows", "holds no window", 2),
+        ("no column", "windows without label", 2),
+        ("one class", "people and others", 2),
+    ],
+)
+def test_sets_that_cannot_be_used_are_refused(how, words, code, tmp_path, capsys):
+    good, bad = (str(folder) for folder in spoilt(tmp_path, how))
+    out = tmp_path / "out"
+    assert main(["fit", "--train", good, "--validate", bad, "--out", str(out)]) == code
+    assert words in one_line(capsys)
+    if how != "one class":
+        both = ["fit", "--train", good, bad, "--validate", good, "--out", str(out)]
+        assert main(both) == code
+        assert words in one_line(capsys)
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(("how", "words"), [("missing", "no set"), ("other kind", "without")])
+def test_reports_that_cannot_be_compared_are_refused(how, words, tmp_path, capsys):
+    if how == "other kind":
+        windows(tmp_path / "old" / "passages")
+    argv = ["evaluate", "--model", "thesis", "--against", str(tmp_path / "old")]
+    assert main([*argv, "--out", str(tmp_path / "out")]) in {2, 66}
+    assert words in one_line(capsys)
+    assert not (tmp_path / "out").exists()
+
+
+def test_sets_are_read_one_below_the_other(tmp_path):
+    a, b = windows(tmp_path / "a"), windows(tmp_path / "b", seed=2)
+    columns, abouts = load_windows(a, b)
+    assert [about.get("seed") for about in abouts] == [None, 2]
+    for key, value in toy(12).items():
+        np.testing.assert_array_equal(columns[key], np.concatenate([value, value]))
+
+
+def test_windows_can_be_chosen_while_sets_are_read(tmp_path):
+    sets = windows(tmp_path / "a"), windows(tmp_path / "b", seed=2)
+    every = load_windows(*sets)[0]
+    half = load_windows(*sets, choose=lambda c: {key: value[::2] for key, value in c.items()})[0]
+    for key, value in half.items():
+        np.testing.assert_array_equal(value, every[key][::2])
+
+
+def test_columns_that_not_all_sets_have_are_left_out(tmp_path):
+    a = windows(tmp_path / "a", {**toy(12), "extra": np.arange(12)})
+    b = windows(tmp_path / "b", seed=2)
+    assert "extra" not in load_windows(a, b)[0]
+    assert "extra" in load_windows(a)[0]
+
+
+@pytest.mark.parametrize("order", [("a", "b"), ("b", "a")])
+def test_shards_of_no_windows_are_passed_over(tmp_path, order):
+    shards = ShardSet(tmp_path / "set", ABOUT)
+    for name, arrays in zip(order, (toy(12), {}), strict=True):
+        shards.write(name, arrays)
+    about, columns = read_all(tmp_path / "set")
+    assert about == ABOUT
+    np.testing.assert_array_equal(columns["label"], toy(12)["label"])
+
+
+def test_a_set_without_shards_has_no_columns(tmp_path):
+    with pytest.raises(RecordingError, match="no set of shards"):
+        read_all(tmp_path / "none")
+    shards = ShardSet(tmp_path / "set", ABOUT)
+    shards.write("a", {})
+    assert read_all(tmp_path / "set")[1] == {}
+    assert not (tmp_path / "none").exists()
+
+
+def test_a_data_set_in_which_nothing_is_seen_is_told_as_such(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("x2train.sets.windows.windows_of", lambda *_: None)
+    # No line break at 80 columns, nor within the name, and no style in it either.
+    folder = tmp_path / f"set of a [red]long[/] name {'x' * 80}"
+    argv = ["dataset", "--out", str(folder), "--passages", "1", "--workers", "1"]
+    assert main(argv) == 0
+    assert capsys.readouterr().out == f"{folder}: 0 windows of 1 passages\n"

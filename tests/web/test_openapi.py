@@ -1,0 +1,146 @@
+"""docs/reference/openapi.yaml: a sound OpenAPI 3.1 file, and what a running daemon answers."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+import yaml
+from jsonschema import Draft202012Validator, FormatChecker
+from openapi_spec_validator import validate
+
+from tests.dashboard_helpers import maker, post
+from tests.web_helpers import HEADERS, Client, Running, open_decision
+
+PATH = Path(__file__).parents[2] / "docs" / "reference" / "openapi.yaml"
+SPEC = yaml.safe_load(PATH.read_text("utf-8"))
+PAGES = {"/", "/sw.js", "/ws", "/static/{path:path}"}
+"""Routes that are no interface for programs."""
+make = pytest.fixture(maker)
+
+
+def resolved(node):
+    """A part of the file, or what it refers to."""
+    if "$ref" not in node:
+        return node
+    for key in node["$ref"].removeprefix("#/").split("/"):
+        node = SPEC[key] if node is None or "$ref" in node else node[key]
+    return node
+
+
+def judge(method, template, answer):
+    """Fail where an answer is not one that the file describes."""
+    told = SPEC["paths"][template][method]["responses"]
+    assert str(answer.status_code) in told, (method, template, answer.status_code, answer.text)
+    content = resolved(told[str(answer.status_code)]).get("content", {})
+    kind = answer.headers["content-type"].partition(";")[0]
+    assert kind in content, (method, template, kind)
+    if kind == "application/json":
+        schema = content[kind]["schema"]
+        # In one document with what it refers to.
+        judged = Draft202012Validator(
+            {"components": SPEC["components"], **schema}, format_checker=FormatChecker()
+        )
+        faults = [
+            f"{template} {fault.json_path}: {fault.message}"
+            for fault in judged.iter_errors(answer.json())
+        ]
+        assert not faults
+
+
+@pytest.fixture(scope="module")
+def daemon(tmp_path_factory):
+    """A daemon whose simulated person has raised an alarm, with a clip."""
+    folder = tmp_path_factory.mktemp("openapi")
+    running = Running(folder, "--port", "sim:human?seed=1", "-o", f"store:{folder}/radard.db")
+    try:
+        running.wait_online()
+        running.wait(
+            lambda: any(each["has_clip"] for each in running.get("/api/v1/events")[1]["events"])
+        )
+        yield running
+    finally:
+        running.end()
+
+
+def test_the_file_is_openapi():
+    assert SPEC["openapi"].startswith("3.1")
+    validate(SPEC)
+
+
+def test_it_has_every_route_and_no_other(make):
+    client = make()
+    starlette = client.sink._first.app._app
+    routes = {}
+    for route in starlette.routes:
+        methods = getattr(route, "methods", None) or {"GET"}
+        if route.path in PAGES:
+            continue
+        routes[re.sub(r":\w+\}", "}", route.path)] = {m.lower() for m in methods} - {"head"}
+    told = {path: set(item) & {"get", "post"} for path, item in SPEC["paths"].items()}
+    assert told == routes
+
+
+@pytest.mark.parametrize("template", [p for p, item in SPEC["paths"].items() if "get" in item])
+def test_every_get_answers_as_it_says(template, daemon):
+    client = Client(daemon.port)
+    events = client.get("/api/v1/events").json()["events"]
+    id_ = next(each["id"] for each in events if each["has_clip"])
+    judge("get", template, client.get(template.replace("{seq}", "1").replace("{id}", id_)))
+    if "{" in template:
+        gone = client.get(template.replace("{seq}", "9999999").replace("{id}", "0" * 26))
+        assert gone.status_code == 404
+        judge("get", template, gone)
+
+
+@pytest.mark.parametrize("query", ["kind=alarm&limit=1", "since=24h", "label=none", "kind=x"])
+@pytest.mark.parametrize("path", ["/api/v1/events", "/api/v1/events/export"])
+def test_every_filter(path, query, daemon):
+    answer = Client(daemon.port).get(f"{path}?format=csv&{query}")
+    assert answer.status_code == (400 if query == "kind=x" else 200)
+    judge("get", path, answer)
+
+
+POSTS = [
+    (path, name, example["value"])
+    for path, item in SPEC["paths"].items()
+    for body in [item.get("post", {}).get("requestBody", {}).get("content", {})]
+    for name, example in body.get("application/json", {}).get("examples", {}).items()
+]
+
+
+@pytest.mark.parametrize(("path", "name", "value"), POSTS)
+def test_every_example_of_a_post_is_taken(path, name, value, daemon):
+    client = Client(daemon.port)
+    if path == "/api/v1/labels":
+        value = {**value, "event": client.get("/api/v1/events").json()["events"][0]["id"]}
+    answer = post(client, path, value)
+    judge("post", path, answer)
+    # This is no replay, no token is named, and a real alarm may be on.
+    refusals = {
+        "/api/v1/playback": {409},
+        "/api/v1/login": {401},
+        "/api/v1/test-alarm": {200, 400},
+    }
+    assert answer.status_code in refusals.get(path, {200, 201, 202})
+    refused = client.post(path, json.dumps(value).encode(), {"Content-Type": "application/json"})
+    assert refused.status_code == 403
+    judge("post", path, refused)
+
+
+def test_there_is_an_example_of_every_post():
+    without = {path for path, item in SPEC["paths"].items() if "post" in item}
+    assert without - {path for path, _, _ in POSTS} == {"/api/v1/logout"}
+
+
+def test_garbage_and_strangers(make):
+    client = make(tokens=("a-token-to-look", "a-token-to-arm-with"))
+    client.sink.write(open_decision(human=0.9))
+    for path, item in SPEC["paths"].items():
+        if "get" in item:
+            judge("get", path, client.get(path.replace("{seq}", "1").replace("{id}", "0" * 26)))
+        if "post" in item:
+            judge("post", path, post(client, path, {}))
+    armed = {**HEADERS, "Authorization": "Bearer a-token-to-arm-with"}
+    for path in {path for path, _, _ in POSTS}:
+        judge("post", path, client.post(path, b"[", armed))

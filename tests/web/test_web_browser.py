@@ -1,0 +1,380 @@
+"""The dashboard in a real browser: what a person sees, with a simulated person before it."""
+
+import os
+import shutil
+
+import pytest
+
+from radard.judge.bundle import load_bundle
+from tests.alarm_helpers import write_recording
+from tests.radar_helpers import noise
+from tests.waiting import wait_for
+from tests.web_helpers import Running, is_finished
+from x2train.finetune.labels import labelled_clips
+from x2train.finetune.windows import own_windows
+
+playwright = pytest.importorskip(
+    "playwright.sync_api", reason="no playwright: pip install '.[browser]'"
+)
+CHROMIUM = os.environ.get("CHROMIUM") or shutil.which("chromium")
+pytestmark = [
+    pytest.mark.skipif(CHROMIUM is None, reason="no chromium: apt-get install chromium"),
+    pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning"),
+]
+PAGES = ("live", "why", "events", "setup")
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with playwright.sync_playwright() as p:
+        made = p.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        yield made
+        made.close()
+
+
+@pytest.fixture(scope="module")
+def radard(tmp_path_factory):
+    """A daemon before which somebody walks, fast, with a model that alarms."""
+    folder = tmp_path_factory.mktemp("radard")
+    environ = {
+        "RADARD_ALARM__LATCH_S": "600",
+        "RADARD_ALARM__REFRACTORY_S": "0",
+        "RADARD_ALARM__SENSITIVITY": "high",
+    }
+    running = Running(
+        folder, "--port", "sim:human?seed=1", "-o", f"store:{folder}/radard.db", environ=environ
+    )
+    running.wait_online()
+    yield running
+    running.end()
+
+
+class Tab:
+    """A page, and everything that its console complained of."""
+
+    def __init__(self, browser, running, *, width=1280, height=900, scheme="light"):
+        self.running = running
+        self.page = browser.new_page(
+            viewport={"width": width, "height": height}, color_scheme=scheme
+        )
+        self.page.set_default_timeout(60_000)
+        self.complaints = []
+        self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
+        self.page.on("console", self._note)
+
+    def _note(self, message):
+        # Reading canvases back is these tests' own doing.
+        is_ours = "willReadFrequently" in message.text
+        if message.type in {"error", "warning"} and not is_ours:
+            self.complaints.append(message.text)
+
+    def open(self, page="live"):
+        self.page.goto(f"{self.running.base}/#/{page}")
+        self.page.wait_for_selector("#page .card")
+        return self
+
+    def until(self, script):
+        """Wait until an expression of the page is true; what is not there yet is not true."""
+        # Not wait_for_function: the page's own policy forbids what that does.
+        asked = f"() => {{ try {{ return {script} }} catch {{ return false }} }}"
+        wait_for(lambda: self.page.evaluate(asked), explain=lambda: script)
+
+
+@pytest.fixture
+def tab(browser, radard):
+    """A function that opens tabs; each must end without complaints, unless it says so."""
+    made = []
+
+    def build(running=radard, **options):
+        made.append(Tab(browser, running, **options))
+        return made[-1]
+
+    yield build
+    for one in made:
+        one.page.close()
+        assert one.complaints == []
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("page", PAGES)
+def test_pages_load_without_complaints(tab, page, scheme):
+    one = tab(scheme=scheme).open(page)
+    one.until("document.querySelector('.health .state').textContent !== 'No connection'")
+    assert one.page.locator("nav a[aria-current=page]").count() == 1
+    # One first heading, every control has a name.
+    assert one.page.locator("h1").count() == 1
+    unnamed = one.page.evaluate(
+        """[...document.querySelectorAll('button, select, input, a')].filter(e =>
+            !(e.textContent.trim() || e.getAttribute('aria-label') || e.labels?.length)).length"""
+    )
+    assert unnamed == 0
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_no_horizontal_scroll_on_a_phone(tab, page):
+    one = tab(width=390, height=844).open(page)
+    one.page.wait_for_timeout(400)
+    wide = one.page.evaluate("document.documentElement.scrollWidth")
+    assert wide <= 390
+
+
+def test_heat_maps_move_with_a_simulated_person(tab):
+    one = tab().open()
+    canvases = one.page.locator(".chart canvas")
+    one.until("document.querySelectorAll('.chart canvas').length === 6")
+    look = """() => [...document.querySelectorAll('.chart canvas')].slice(0, 3).map(c => {
+        const d = c.getContext('2d').getImageData(60, 8, c.width - 80, c.height - 40).data;
+        let sum = 0; const seen = new Set();
+        for (let i = 0; i < d.length; i += 4) {
+          sum = (sum * 31 + d[i] + 7 * d[i + 1] + 13 * d[i + 2]) >>> 0;
+          seen.add((d[i] << 16) | (d[i + 1] << 8) | d[i + 2]);
+        }
+        return [sum, seen.size];
+      })"""
+    first = one.page.evaluate(look)
+
+    def have_moved():
+        now = one.page.evaluate(look)
+        return all(a != b and n > 20 for (a, _), (b, n) in zip(first, now, strict=True))
+
+    wait_for(have_moved)
+    assert canvases.first.get_attribute("role") == "img"
+    assert "Range over time" in canvases.first.get_attribute("aria-label")
+
+
+def test_alarm_arrives_and_is_acknowledged(tab, radard):
+    one = tab().open()
+    radard.post("/api/v1/command", {"command": "disarm"})
+    one.until("document.querySelector('#arm').getAttribute('aria-pressed') === 'false'")
+    assert one.page.inner_text("#arm") == "Disarmed"
+    one.page.click("#arm")
+    one.until("document.querySelector('#arm').getAttribute('aria-pressed') === 'true'")
+
+    def alarm_is_on():
+        return radard.get("/api/v1/status")[1]["panel"]["panel"] == "alarm"
+
+    radard.wait(alarm_is_on)
+    one.page.wait_for_selector(".banner.alarm[role=alert]")
+    assert "person" in one.page.inner_text(".banner.alarm .text")
+    with one.page.expect_response("**/api/v1/command") as answered:
+        one.page.get_by_role("button", name="Acknowledge").click()
+    assert answered.value.status == 202
+    radard.wait(
+        lambda: any(
+            e["phase"] == "end" for e in radard.get("/api/v1/events?kind=alarm")[1]["events"]
+        )
+    )
+
+
+def test_arming_by_keyboard_alone(tab):
+    one = tab().open()
+    one.until("!document.querySelector('#arm').disabled")
+    one.page.keyboard.press("Tab")
+    assert one.page.evaluate("document.activeElement.className") == "skip"
+    was = one.page.get_attribute("#arm", "aria-pressed")
+    for _ in range(12):
+        one.page.keyboard.press("Tab")
+        if one.page.evaluate("document.activeElement.id") == "arm":
+            break
+    one.page.keyboard.press("Enter")
+    one.until(f"document.querySelector('#arm').getAttribute('aria-pressed') !== '{was}'")
+    one.page.keyboard.press("Enter")
+    one.until(f"document.querySelector('#arm').getAttribute('aria-pressed') === '{was}'")
+
+
+def test_a_decision_says_why_and_freezes_its_pictures(tab, radard):
+    one = tab().open()
+    one.page.locator(".decisions a").first.click()
+    one.page.wait_for_selector("#headline")
+    one.page.wait_for_selector(".stages .decided")
+    assert one.page.locator(".stages .decided").count() == 1
+    # In plain words, and with the numbers for those who ask for them.
+    assert "threshold" not in one.page.inner_text(".stages")
+    one.page.get_by_role("button", name="Details for engineers").click()
+    assert "threshold" in one.page.inner_text(".stages")
+    one.page.wait_for_selector(".columns.why .chart canvas")
+    seq = int(one.page.url.rpartition("/")[2])
+    assert f"Decision {seq}" in one.page.inner_text(".whyhead")
+    one.page.focus(".ticks")
+    one.page.keyboard.press("ArrowLeft")
+    one.until(f"location.hash === '#/why/{seq - 1}'")
+
+
+def test_events_are_filtered_replayed_and_labelled(tab, radard):
+    def with_clip():
+        found = radard.get("/api/v1/events?kind=alarm")[1]["events"]
+        return next((e["id"] for e in found if e["has_clip"] and e["phase"] == "end"), None)
+
+    radard.post("/api/v1/command", {"command": "arm"})
+    event_id = radard.wait(
+        lambda: (radard.post("/api/v1/command", {"command": "ack"}) and None) or with_clip()
+    )
+    one = tab().open("events")
+    one.page.locator(f"[data-event='{event_id}']").click()
+    one.page.get_by_role("button", name="Pet", exact=True).click()
+    one.until("document.querySelector('.labels [aria-pressed=true]')?.textContent === 'Pet'")
+    assert f'"event": "{event_id}"' in (radard.folder / "labels.jsonl").read_text()
+    # What train-export finetune makes of it.
+    (clip,) = labelled_clips(radard.folder / "labels.jsonl").clips
+    assert (clip.path.name, clip.label) == (f"{event_id}.h5", "pet")
+    # It goes on for a while behind the alarm's end.
+    radard.wait(lambda: is_finished(clip.path))
+    seen = own_windows(clip, load_bundle("accurate"))
+    assert seen.n_alarms > 0
+    one.page.select_option("select[name=label]", "pet")
+    one.until("document.querySelectorAll('.event').length === 1")
+    one.page.select_option("select[name=label]", "")
+    # A clip that is still being written has no end yet; this one does.
+    one.page.get_by_role("button", name="Replay the pictures").click()
+    one.page.wait_for_selector(".clip canvas")
+    one.until("parseFloat(document.querySelector('.clip input[type=range]').value) > 0.5")
+    with one.page.expect_download() as got:
+        one.page.get_by_role("link", name="Export CSV").click()
+    assert got.value.suggested_filename == "events.csv"
+
+
+def test_zones_are_typed_and_become_configuration(tab):
+    one = tab().open("setup")
+    one.page.get_by_role("button", name="Exclude a range").click()
+    one.page.fill("input[aria-label='Not here, from, metres']", "1.2")
+    one.page.keyboard.press("Tab")
+    one.page.fill("input[aria-label='Not here, to, metres']", "1.9")
+    one.page.keyboard.press("Tab")
+    assert "exclude: [[1.20, 1.90]]" in one.page.inner_text("pre")
+
+
+def test_zones_are_dragged_saved_and_hold(tab, radard):
+    def zones():
+        return radard.get("/api/v1/status")[1]["zones"]
+
+    one, other = tab().open("setup"), tab().open("setup")
+    save = one.page.get_by_role("button", name="Save the zones")
+    assert save.is_disabled()
+    one.page.get_by_role("button", name="Exclude a range").click()
+    low = one.page.locator("input[aria-label='Not here, from, metres']")
+    before = float(low.input_value())
+    # By its lower end, two hundred pixels towards the radar.
+    canvas = one.page.locator("canvas.zones")
+    box = canvas.bounding_box()
+    near, far = one.page.evaluate(
+        """async () => { const { state } = await import('/static/state.js');
+            const { range_offset_m, bin_length_m, n_range } = state.hello;
+            return [range_offset_m, range_offset_m + bin_length_m * n_range]; }"""
+    )
+    x = box["x"] + 12 + (before - near) / (far - near) * (box["width"] - 24)
+    y = box["y"] + box["height"] / 3
+    one.page.mouse.move(x, y)
+    one.page.mouse.down()
+    one.page.mouse.move(x - 200, y, steps=5)
+    one.page.mouse.up()
+    after = float(low.input_value())
+    assert after < before - 0.2
+    save.click()
+    one.until("document.querySelector('#page').textContent.includes('follows them from now on')")
+    (span,) = zones()["exclude"]
+    assert span[0] == after
+    assert f"[{after:.3f}, " in (radard.folder / "radar.sim.zones.yaml").read_text()
+    # Pages that look on see it, and what is not being edited there follows.
+    other.until("document.querySelectorAll('.zonerow').length === 1")
+    assert save.is_disabled()
+    one.page.get_by_role("button", name="Forget what was saved").click()
+    radard.wait(lambda: zones() == {"include": [], "exclude": [], "away": []})
+    one.until("document.querySelectorAll('.zonerow').length === 0")
+
+
+def test_a_walk_test_counts_by_range(tab):
+    one = tab().open("setup")
+    one.page.get_by_role("button", name="Start the walk test").click()
+    one.page.wait_for_selector(".coverage .seen")
+    one.page.get_by_role("button", name="Stop").click()
+    with one.page.expect_download() as got:
+        one.page.get_by_role("button", name="Save the report").click()
+    assert got.value.suggested_filename == "walk-test.json"
+
+
+def test_colours_are_even_and_follow_the_page(tab):
+    one = tab().open()
+    steps = one.page.evaluate(
+        """async () => {
+          const { colourMap } = await import('/static/charts/colour.js');
+          const light = (v) => { const c = v / 255;
+            return c <= 0.04045 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4; };
+          const okl = (n) => { const [r, g, b] = [n, n >> 8, n >> 16].map((x) => light(x & 255));
+            return 0.2104542553 * Math.cbrt(0.4122214708 * r + 0.5363325363 * g + 0.0514459929 * b)
+              + 0.793617785 * Math.cbrt(0.2119034982 * r + 0.6806995451 * g + 0.1073969566 * b)
+              - 0.0040720468 * Math.cbrt(0.0883024619 * r + 0.2817188376 * g
+                + 0.6299787005 * b); };
+          return [true, false].map((isDark) => {
+            const l = [...colourMap(isDark)].map(okl);
+            return [0, 32, 64, 96, 128, 160, 192, 224].map((i) => l[Math.min(255, i + 32)] - l[i]);
+          });
+        }"""
+    )
+    for by_theme in steps:
+        assert max(by_theme) - min(by_theme) < 0.02
+        assert len({value > 0 for value in by_theme}) == 1
+    before = one.page.evaluate("getComputedStyle(document.body).backgroundColor")
+    one.page.click("#theme")
+    assert one.page.evaluate("getComputedStyle(document.body).backgroundColor") != before
+
+
+def test_a_lost_connection_says_so_and_recovers(browser, tmp_path):
+    first = Running(tmp_path, "--port", "sim:empty", "--model", "none").wait_online()
+    one = Tab(browser, first).open()
+    one.until("document.querySelector('.health .state').textContent === 'Online'")
+    first.end()
+    one.page.wait_for_selector(".banner.lost")
+    assert "Connection lost" in one.page.inner_text(".banner")
+    assert "radard has ended (stopped)" in one.page.inner_text(".banner")
+    second = Running(tmp_path, "--port", "sim:empty", "--model", "none", port=first.port)
+    try:
+        one.until("document.querySelector('.health .state').textContent === 'Online'")
+        assert one.page.locator(".banner.lost").count() == 0
+        one.until("document.querySelectorAll('.decisions tbody tr').length > 0")
+    finally:
+        one.page.close()
+        second.end()
+
+
+def test_a_replay_has_controls(tab, tmp_path):
+    path = tmp_path / "r.h5"
+    write_recording(path, noise(60 * 120))
+    running = Running(
+        tmp_path, "--port", f"replay:{path}", "--speed", "1", "--model", "none"
+    ).wait_online()
+    try:
+        one = tab(running).open()
+        one.page.get_by_role("button", name="Pause").click()
+        one.page.wait_for_selector("button[aria-label=Play]")
+        one.page.get_by_label("Position in the recording").fill("90")
+        one.until("document.querySelector('#player output').textContent.startsWith('1:30')")
+        one.page.get_by_label("Speed").select_option("4")
+        one.page.get_by_role("button", name="Play").click()
+        one.until("parseFloat(document.querySelector('#player input').value) > 93")
+        # Nothing is wrong with a replay that was held.
+        assert one.page.locator(".banner.alarm").count() == 0
+        one.page.close()
+    finally:
+        running.end()
+
+
+def test_a_token_is_asked_for_and_kept_out_of_the_page(browser, tmp_path):
+    token = "-".join(("a", "token", "for", "looking"))
+    environ = {"RADARD_WEB__TOKEN_ENV": "LOOK", "LOOK": token}
+    running = Running(tmp_path, "--port", "sim:empty", "--model", "none", environ=environ)
+    try:
+        running.wait_online()
+        one = Tab(browser, running)
+        one.page.goto(running.base)
+        one.page.fill("#token", "the wrong token")
+        one.page.keyboard.press("Enter")
+        one.until("document.querySelector('#error').textContent.includes('not the token')")
+        one.page.fill("#token", token)
+        one.page.keyboard.press("Enter")
+        one.page.wait_for_selector("#page .card")
+        one.until("document.querySelector('#arm')?.disabled === true")
+        assert token not in one.page.content()
+        assert one.page.evaluate("document.cookie") == ""
+        one.page.close()
+    finally:
+        running.end()

@@ -1,0 +1,169 @@
+"""Bundles of map networks: calibration of the evidence, metrics, export."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radard.errors import UsageError
+from radard.judge.bundle import CLASSES, ModelInput
+from radard.judge.evidence import EvidenceSettings
+from radard.judge.features import FeatureSettings
+from x2train.bundle.export import PARITY, BundleSpec, checked, parity, to_onnx, write_bundle
+from x2train.nets.evidence_fit import fit_evidence, fused, log_loss, sequences
+from x2train.nets.map_fit import INPUTS, Arrays, MapTrained, logits_of
+from x2train.nets.nets import n_parameters
+from x2train.report.ranking import Ranking
+from x2train.report.verdicts import PET_LIMIT
+
+TRUST = 2 / 3
+"""Share of the discount that fits families of training with which a bundle is shipped. A twin
+counts windows of families that it had not seen 0.3 and those of its own 0.6: evidence of
+movements that nobody has trained is worth less, and this is half-way."""
+HUMAN_LIMIT = 0.65
+PRIOR_HUMAN = {"fast": 0.0, "balanced": 0.25, "accurate": 0.25}
+"""How policies that sum lean towards the alarm, by size of the network. Chosen on 1600 passages
+that neither training nor docs/evaluation.md uses."""
+_N_SAMPLE = 256  # windows that torch and onnxruntime are compared on: chosen
+NOTES = (
+    "Measured on windows of passages that training never saw: new draws of the families it "
+    "was trained on. What it does on bodies, rooms and radars that it was not trained on is in "
+    "the evaluation report, docs/evaluation.md. All of it is simulation: no figure here was "
+    "measured on a real pet."
+)
+"""What the figures on a card mean, and what they do not."""
+
+
+def check_calibration(label: NDArray[Any]) -> None:
+    """Raise UsageError if nothing can be calibrated on windows of such classes."""
+    if len(np.unique(label == 0)) < 2:
+        msg = "the windows to validate on must be of people and others"
+        raise UsageError(msg)
+
+
+def kept_out_of(abouts: Sequence[Mapping[str, Any]]) -> str:
+    """Return which families sets to train on leave out, for a card."""
+    has_all = {about["use"] for about in abouts} & {"all", "held out"}
+    return "none" if has_all else "as `x2train.sets.families` lists them"
+
+
+def gate_of(abouts: Sequence[Mapping[str, Any]]) -> Mapping[str, float]:
+    """Return the gate's settings that sets were made with; none if not all record the same."""
+    gates = [about.get("gate", {}) for about in abouts]
+    return gates[0] if all(gate == gates[0] for gate in gates) else {}
+
+
+def map_metrics(
+    trained: MapTrained, validation: Arrays, prior_human: float = PRIOR_HUMAN["balanced"]
+) -> tuple[EvidenceSettings, Mapping[str, float]]:
+    """Return how evidence is best fused, and what windows and fused values achieve.
+
+    `validation` are windows of passages that training never saw, in order within each;
+    `prior_human` is how far the policy leans, in nats, of `PRIOR_HUMAN`. The settings have `TRUST`
+    times the discount of the lowest log loss; the log loss in the metrics is that of the best
+    discount, without a prior. Metrics have four digits; what the windows cannot tell is left out.
+
+    Raises
+    ------
+    UsageError
+        If the windows are of people alone, or of none.
+    """
+    label = np.asarray(validation["label"])
+    check_calibration(label)
+    logits = logits_of(trained.net, validation)
+    windows = sequences(
+        logits,
+        trained.temperature,
+        label=label,
+        passage=np.asarray(validation["passage"]),
+        t_s=np.asarray(validation["t_s"]),
+    )
+    evidence = fit_evidence(windows, EvidenceSettings())
+    together = fused(windows, evidence)
+    metrics = {
+        "parameters": float(n_parameters(trained.net)),
+        **window_metrics(windows.p, label),
+        "log loss, fused": log_loss(together, windows.is_human),
+    }
+    trusted = replace(
+        evidence,
+        discount=round(TRUST * evidence.discount, 2),
+        prior_human=prior_human,
+        human_limit=HUMAN_LIMIT,
+    )
+    return trusted, rounded(metrics)
+
+
+def window_metrics(p: NDArray[np.float64], label: NDArray[np.int64]) -> dict[str, float]:
+    """Return what single windows achieve, by their calibrated probabilities, shape (n, 3)."""
+    quiet = p[:, 1] + p[:, 2] > PET_LIMIT
+    is_human, is_body = label == 0, label < CLASSES.index("other")
+    odds = p[is_body, 0] / np.maximum(p[is_body, :2].sum(axis=1), 1e-12)
+    return {
+        "windows": float(len(label)),
+        "window AUC, human against pet": Ranking(odds, label[is_body] == 0).auc(),
+        "window AUC, human against all else": Ranking(p[:, 0], is_human).auc(),
+        "balanced accuracy": float(
+            np.mean([(p.argmax(axis=1) == label)[label == k].mean() for k in np.unique(label)])
+        ),
+        **{
+            f"share without alarm, {name}": float(quiet[label == k].mean())
+            for k, name in enumerate(("person", "pet", "thing"))
+            if (label == k).any()
+        },
+        "log loss of a window": log_loss(p[:, 0], is_human),
+    }
+
+
+def rounded(metrics: Mapping[str, float]) -> dict[str, float]:
+    """Return the metrics that are known, to four digits."""
+    return {key: round(float(v), 4) for key, v in metrics.items() if np.isfinite(v)}
+
+
+def write_map_bundle(
+    folder: Path,
+    name: str,
+    trained: MapTrained,
+    *,
+    inputs: tuple[ModelInput, ...],
+    features: FeatureSettings,
+    stream: Mapping[str, tuple[float, float]],
+    training: Mapping[str, Any],
+    metrics: Mapping[str, float],
+    evidence: EvidenceSettings,
+    gate: Mapping[str, float],
+    notes: str,
+    sample: Arrays,
+) -> None:
+    """Export a network and write its bundle; see `BundleSpec` for what the values mean.
+
+    Raises RadardError if onnxruntime and torch do not agree on a sample of windows.
+    """
+    onnx_bytes = to_onnx(trained.net, inputs)
+    x: dict[str, NDArray[np.float32]] = {
+        name: _as_float(sample[name][:_N_SAMPLE]) for name in INPUTS
+    }
+    # Logits of some tens, in single precision.
+    difference = checked(parity(trained.net, onnx_bytes, x), 10 * PARITY)
+    spec = BundleSpec(
+        name=name,
+        inputs=inputs,
+        settings=features,
+        stream=dict(stream),
+        classes=CLASSES,
+        temperature=trained.temperature,
+        training=dict(training),
+        metrics={**metrics, "logit difference torch - onnxruntime": float(f"{difference:.1e}")},
+        policy="fused",
+        evidence=asdict(evidence),
+        gate=gate,
+        notes=notes,
+    )
+    write_bundle(folder, spec, onnx_bytes)
+
+
+def _as_float(values: NDArray[Any]) -> NDArray[np.float32]:
+    return (values / 255 if values.dtype == np.uint8 else values).astype(np.float32)

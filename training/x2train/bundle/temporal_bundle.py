@@ -1,0 +1,170 @@
+"""Bundles with a temporal head: what it learns from, metrics, and the files."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radard.errors import RadardError
+from radard.judge.bundle import Bundle, load_bundle
+from radard.judge.card import sidecar_path
+from radard.judge.evidence import EvidenceSettings
+from x2train.bundle.export import PARITY, checked, spec_like, write_bundle
+from x2train.bundle.map_bundle import (
+    NOTES,
+    gate_of,
+    kept_out_of,
+    rounded,
+    window_metrics,
+)
+from x2train.bundle.temporal_graph import GIVEN, n_parameters, with_given, with_head
+from x2train.nets.bundle_answers import Answers, outputs_of, tapped
+from x2train.nets.evidence_fit import Sequences, first_windows, fit_evidence, log_loss
+from x2train.nets.evidence_fit import fused as summed
+from x2train.nets.temporal_head import Given, HeadTrained, logits_over
+from x2train.sets.window_set import Columns, check_made_for, load_windows
+
+HUMAN_LIMIT = {"fast": 0.65, "balanced": 0.8, "accurate": 0.9}
+"""From which fused probability of a person on an alarm does not wait, by the head's size: of these
+three the highest that leaves the median time to alarm under 3 s. Their misses are the same
+(docs/research/evaluation-tried.md)."""
+_N_SAMPLE = 512  # windows that torch and onnxruntime are compared on: chosen
+_RECIPE = (
+    " A temporal head (GRU) integrates evidence over successive windows. Families kept out of "
+    "its training: {kept_out}."
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sets:
+    """Windows of sets, as a head sees them."""
+
+    given: Given
+    logits: NDArray[np.float64]
+    sample: Columns
+
+
+def given_of_sets(bundle: Bundle, folders: Sequence[Path]) -> tuple[Sets, list[Mapping[str, Any]]]:
+    """Return what a bundle's last layer is given of sets, and what each was made from.
+
+    One set after the other, so that the maps of one at a time are in memory. Raises RecordingError
+    if a set is missing or damaged, UsageError if its maps are not those that the bundle takes.
+    """
+    network = with_given(bundle.onnx)
+    made: list[Given] = []
+    logits: list[NDArray[np.float64]] = []
+    abouts: list[Mapping[str, Any]] = []
+    sample: Columns = {}
+    for folder in folders:
+        columns, about = load_windows(folder)
+        check_made_for(bundle, columns, about[0], folder)
+        answers, given = tapped(network, _inputs(bundle, columns), GIVEN)
+        label = np.asarray(columns["label"], np.int64)
+        made.append(Given(given, label, _is_first(columns)))
+        logits.append(answers.logits)
+        abouts += about
+        sample = sample or {key: values[:_N_SAMPLE] for key, values in columns.items()}
+    joined = Given(
+        np.concatenate([g.values for g in made]),
+        np.concatenate([g.label for g in made]),
+        np.concatenate([g.is_first for g in made]),
+    )
+    return Sets(joined, np.concatenate(logits), sample), abouts
+
+
+def write_temporal(
+    folder: Path,
+    name: str,
+    model: str,
+    trained: HeadTrained,
+    *,
+    validation: Sets,
+    abouts: Sequence[Mapping[str, Any]],
+    command: str,
+    human_limit: float,
+) -> Mapping[str, float]:
+    """Write the bundle with its head; return its metrics.
+
+    Parameters
+    ----------
+    folder, name : Path and str
+        Where, and under which name.
+    model : str
+        Name or path of the bundle that it was made from.
+    trained, validation : HeadTrained and Sets
+        The head, and passages that training never saw.
+    abouts, command : sequence of mapping, and str
+        What the sets to train on were made from; for the card, behind the base's command.
+    human_limit : float
+        From this fused probability of a person on the alarm does not wait, of `HUMAN_LIMIT`.
+
+    Raises
+    ------
+    RadardError
+        If onnxruntime and torch do not agree, or single windows are not what they were.
+    """
+    base = load_bundle(model)
+    onnx = with_head(base.onnx, trained)
+    given = validation.given
+    fused = logits_over(trained.head, given) / trained.temperature
+    difference = _difference(base, onnx, validation, fused)
+    is_human = given.label == 0
+    p = Answers(validation.logits).p(base.temperature)
+    sums = Sequences(p, is_human, given.is_first)
+    best = fit_evidence(sums, EvidenceSettings())
+    log_p = fused - np.logaddexp.reduce(fused, axis=1, keepdims=True)
+    metrics = rounded(
+        {
+            "parameters": float(n_parameters(onnx)),
+            **window_metrics(p, given.label),
+            "log loss, windows summed": log_loss(summed(sums, best), is_human),
+            "log loss, fused": log_loss(np.exp(log_p[:, 0]), is_human),
+        }
+    )
+    known = json.loads(sidecar_path(model).read_bytes())["training"]
+    spec = spec_like(
+        base,
+        name=name,
+        training={
+            **known,
+            "recipe": known["recipe"] + _RECIPE.format(kept_out=kept_out_of(abouts)),
+            "command": f"{known['command']} && {command}",
+            "temporal": {"base_onnx_sha256": base.sha256, "sets": list(abouts)},
+        },
+        metrics={**metrics, "logit difference torch - onnxruntime": float(f"{difference:.1e}")},
+        policy="fused",
+        # No prior is added to the head's posterior.
+        evidence={"human_limit": human_limit},
+        gate=gate_of(abouts),
+        notes=NOTES,
+        n_hidden=trained.head.gru.hidden_size,
+    )
+    write_bundle(folder, spec, onnx)
+    return metrics
+
+
+def _difference(base: Bundle, onnx: bytes, sets: Sets, fused: NDArray[np.float64]) -> float:
+    """Return how far onnxruntime is from torch on some windows; raise RadardError if too far."""
+    is_first = _is_first(sets.sample)
+    n = len(is_first)
+    made = outputs_of(onnx, _inputs(base, sets.sample), is_first=is_first)
+    assert made.fused is not None  # noqa: S101 - the network has a head
+    # Logits of some tens, in single precision.
+    difference = checked(float(np.abs(made.fused - fused[:n]).max()), 10 * PARITY)
+    off = float(np.abs(made.logits - sets.logits[:n]).max())
+    if not off <= PARITY:
+        msg = f"with a head single windows differ by {off:.2g} from what they were"
+        raise RadardError(msg)
+    return difference
+
+
+def _inputs(bundle: Bundle, columns: Columns) -> Mapping[str, NDArray[Any]]:
+    return {each.name: columns[each.feature] for each in bundle.inputs}
+
+
+def _is_first(columns: Columns) -> NDArray[np.bool_]:
+    return first_windows(np.asarray(columns["passage"]), np.asarray(columns["t_s"], np.float64))

@@ -1,0 +1,220 @@
+"""Families: the ways in which bodies and things move, for training and for judging.
+
+A family is one way in which one kind of body moves. Site, receiver, course, strength and total
+cross section are drawn from the same distributions for all of them (`x2train.sets.sites`,
+`x2train.sets.domain_randomization`), so that nothing but the movement tells them apart. Held
+out families are never in the training of a bundle that is judged on them.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from typing import Any, Literal, get_args
+
+import numpy as np
+
+from x2radar import plugins
+from x2radar.errors import SettingsError
+from x2radar.sim.points import Label
+from x2radar.sim.scene.cast import BodyKind, plugged_body
+
+Use = Literal["train", "staying", "things", "held out", "thesis", "all"]
+USES: tuple[Use, ...] = get_args(Use)
+LABELS: tuple[Label, ...] = ("human", "pet", "other")
+
+
+@dataclass(frozen=True, slots=True)
+class Family:
+    """One way of moving."""
+
+    name: str
+    label: Label
+    kind: str  # body or thing
+    options: Mapping[str, Any] = field(default_factory=dict)
+    # held out: kept from training where transfer is measured
+    use: Use = "train"
+    weight: float = 1.0  # share within its label
+    # the body itself, where a plug-in brings it; it draws its own place and way
+    plugged: BodyKind | None = None
+
+    @property
+    def stays(self) -> bool:
+        """Whether it moves in its place."""
+        return self.label == "other" or self.options.get("style") in _STAYING
+
+
+_STAYING = {"stand", "busy", "exercise", "sit", "lie", "pant", "groom", "scratch", "play", "jump"}
+_PEOPLE = {
+    "walk": 4.0,
+    "stroll": 2.5,
+    "crouch": 1.0,
+    "jog": 1.0,
+    "run": 1.2,
+    "limp": 1.0,
+    "carry": 1.0,
+    "stop_and_go": 1.5,
+    "stand": 0.6,
+    "child": 1.5,
+    "child_run": 0.8,
+    "busy": 1.2,
+    "search": 1.0,
+    "sit": 1.0,
+    "exercise": 0.8,
+}
+_PEOPLE_HELD_OUT = {"stealth": 1.5, "crawl": 1.5, "toddler": 1.0, "carry_pet": 0.5}
+_DOGS = {
+    "roam": 1.0,
+    "walk": 2.0,
+    "trot": 2.0,
+    "pace": 1.0,
+    "canter": 1.0,
+    "sniff": 1.5,
+    "sit": 0.5,
+    "stand": 0.4,
+    "lie": 0.3,
+    "pant": 0.3,
+    "groom": 0.4,
+    "scratch": 0.4,
+    "play": 0.6,
+    "jump": 0.5,
+}
+_CATS = {
+    "roam": 1.0,
+    "walk": 2.0,
+    "trot": 1.5,
+    "sniff": 0.7,
+    "stalk": 1.0,
+    "sit": 0.5,
+    "stand": 0.3,
+    "lie": 0.3,
+    "groom": 0.8,
+    "scratch": 0.3,
+    "play": 0.5,
+    "jump": 1.0,
+}
+"""Styles of movement by their share: chosen, what a home sees most the more often."""
+_LARGE_DOG_KG = 55  # a mastiff: chosen
+_THESIS: tuple[tuple[str, Label], ...] = (("human", "human"), ("dog", "pet"), ("cat", "pet"))
+_THINGS = ("curtain", "fan", "robot_vacuum", "washing_machine", "door", "plant", "rain", "moth")
+
+
+def _families() -> tuple[Family, ...]:
+    rows = [
+        Family(f"human {s}", "human", "human", {"style": s}, "train", w)
+        for s, w in _PEOPLE.items()
+    ]
+    rows += [
+        Family(f"human {s}", "human", "human", {"style": s}, "held out", w)
+        for s, w in _PEOPLE_HELD_OUT.items()
+    ]
+    rows += [Family(f"dog {s}", "pet", "dog", {"style": s}, "train", w) for s, w in _DOGS.items()]
+    rows += [Family(f"cat {s}", "pet", "cat", {"style": s}, "train", w) for s, w in _CATS.items()]
+    rows += [
+        Family(
+            "largest dogs",
+            "pet",
+            "dog",
+            {"style": "roam", "mass_kg": _LARGE_DOG_KG},
+            "held out",
+            1.5,
+        ),
+        Family("cat bound", "pet", "cat", {"style": "bound"}, "held out", 1.0),
+        Family("bird", "pet", "bird", {}, "train", 0.8),
+    ]
+    rows += [Family(kind.replace("_", " "), "other", kind) for kind in _THINGS]
+    rows += [
+        Family(f"thesis {kind}", label, f"thesis_{kind}", {}, "thesis") for kind, label in _THESIS
+    ]
+    return tuple(rows)
+
+
+FAMILIES: tuple[Family, ...] = _families()
+"""Every family."""
+
+
+def families(label: Label, use: Use = "all") -> tuple[Family, ...]:
+    """Return the families of a label: of one use, some of training's, or all but the thesis'."""
+    if use == "things":
+        return tuple(f for f in families(label, "train") if f.label == "other")
+    if use == "staying":
+        return tuple(f for f in families(label, "train") if f.stays)
+    return tuple(
+        f
+        for f in FAMILIES
+        if f.label == label and (f.use == use or (use == "all" and f.use != "thesis"))
+    )
+
+
+def family(name: str) -> Family:
+    """Return a family by name; raise KeyError if there is none."""
+    return {f.name: f for f in FAMILIES}[name]
+
+
+@cache
+def plugged_family(name: str) -> Family:
+    """Return the family of a body that a plug-in brings.
+
+    Raises
+    ------
+    SettingsError
+        If no plug-in of `x2radar.bodies` has that name.
+    PluginError
+        If it makes no body.
+    """
+    kind = plugged_body(name)
+    if kind is None:
+        known = ", ".join((*USES, *plugins.plugin_names(plugins.BODIES)))
+        msg = f"families '{name}': neither a use nor a plug-in body; known are {known}"
+        raise SettingsError(msg)
+    label = kind.make(np.random.default_rng(0), {}, name).label
+    return Family(name, label, name, plugged=kind)
+
+
+def draw_family(rng: np.random.Generator, label: Label, use: Use) -> Family:
+    """Return a family of a label, drawn by weight."""
+    rows = families(label, use)
+    weights = np.array([f.weight for f in rows])
+    return rows[int(rng.choice(len(rows), p=weights / weights.sum()))]
+
+
+def draw_goer(rng: np.random.Generator, label: Label, use: Use | str) -> Family:
+    """Return a family as `draw_cast` gives it first; people and pets do not stay in place."""
+    while True:
+        first = draw_cast(rng, label, use)[0]
+        if label == "other" or use == "staying" or not first.stays:
+            return first
+
+
+PAIRS: Mapping[tuple[Label, Label], float] = {
+    ("human", "pet"): 0.18,
+    ("human", "other"): 0.10,
+    ("pet", "pet"): 0.08,
+    ("pet", "other"): 0.07,
+}
+"""How often somebody has company of each label, by (who, company)."""
+
+
+def draw_cast(rng: np.random.Generator, label: Label, use: Use | str) -> tuple[Family, ...]:
+    """Return one or two families for a scene of a label; the first one gives the label.
+
+    A person with a pet counts as held out. Where `use` names a plug-in body, it comes alone.
+    """
+    if use not in USES:
+        return (plugged_family(use),)
+    if use == "thesis":
+        return (draw_family(rng, label, use),)
+    company = [(other, p) for (who, other), p in PAIRS.items() if who == label]
+    if use == "held out":
+        company = [(other, p) for other, p in company if (label, other) == ("human", "pet")]
+    if use in {"train", "staying"}:
+        company = [(other, p) for other, p in company if (label, other) != ("human", "pet")]
+    point = rng.random()
+    # Held out is then their company, not how they move.
+    of_use: Use = "train" if use == "held out" else use
+    for other, share in company:
+        if point < share:
+            return draw_family(rng, label, of_use), draw_family(rng, other, of_use)
+        point -= share
+    if label == "other":
+        return (draw_family(rng, label, "all"),)
+    return (draw_family(rng, label, use),)

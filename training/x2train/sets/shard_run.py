@@ -1,0 +1,137 @@
+"""Make the elements of a data set, in one process or a hundred, always the same.
+
+Element k is made by `make(k)`, which draws from a generator seeded with k. Elements are
+handed out in small chunks; the parent alone joins them, in order, and writes shards. So
+the bytes on disk depend on neither the number of workers nor their luck, a worker needs no
+disk of the set's, and a run that was interrupted goes on after its last whole shard.
+
+Linear algebra may round differently with another number of threads: wherever elements are
+made, it has one.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radard.errors import RadardError, UsageError
+from x2train.sets.shards import ShardSet
+from x2train.sets.workers import CHUNK, Chunk, Make, Rows, Tell, workers_for
+
+
+class ElementError(RadardError):
+    """An element could not be made; the message names it."""
+
+
+def make_shards(
+    folder: Path,
+    about: Mapping[str, Any],
+    n_elements: int,
+    make: Make,
+    *,
+    per_shard: int = 1000,
+    workers: int = 1,
+    cluster: str | None = None,
+    report: Tell | None = None,
+) -> ShardSet:
+    """Make a set of shards, or what is missing of it.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the set.
+    about : mapping
+        What the elements are drawn from; the set is refused if it was made otherwise.
+    n_elements : int
+        Elements 0 to n_elements - 1.
+    make : callable
+        Element number to its arrays, of any lengths, with the same names and dtypes for
+        every element; None leaves it out. It must be importable by name in a new process.
+    per_shard : int
+        Elements per shard.
+    workers : int
+        Local processes.
+    cluster : str, optional
+        Address of a Dask scheduler, whose workers are used instead; they must have this
+        package, and what `make` needs, installed.
+    report : callable, optional
+        Told how many are done, of how many, after every chunk.
+
+    Returns
+    -------
+    ShardSet
+        Shards 'shard-00000', ...: for each name the elements' arrays one after another.
+
+    Raises
+    ------
+    UsageError
+        If a number is out of range, or the folder holds another set.
+    ElementError
+        If `make` fails; shards that were whole by then are kept.
+    GenerateError
+        If the cluster cannot be reached, or a worker died.
+    RecordingError
+        If the disk does not take a shard.
+    """
+    for name, value in (
+        ("n_elements", n_elements),
+        ("per_shard", per_shard),
+        ("workers", workers),
+    ):
+        if value < 1:
+            msg = f"{name} {value}: must be at least 1"
+            raise UsageError(msg)
+    shards = ShardSet(folder, {**about, "elements": n_elements, "per_shard": per_shard})
+    bounds = {
+        f"shard-{k:05d}": (first, min(first + per_shard, n_elements))
+        for k, first in enumerate(range(0, n_elements, per_shard))
+    }
+    fill(shards, bounds, make, workers=workers, cluster=cluster, report=report)
+    return shards
+
+
+def fill(
+    shards: ShardSet,
+    bounds: Mapping[str, tuple[int, int]],
+    make: Make,
+    *,
+    workers: int = 1,
+    cluster: str | None = None,
+    report: Tell | None = None,
+) -> None:
+    """Make the shards of a set that are missing; all else as in `make_shards`.
+
+    `bounds` are, by name of the shard, its first element and the one behind its last.
+    """
+    missing = {name: ends for name, ends in bounds.items() if name not in shards}
+    total = sum(last - first for first, last in bounds.values())
+    done = total - sum(last - first for first, last in missing.values())
+    if report is not None:
+        report(done, total)
+    chunks = [
+        Chunk(k, min(k + CHUNK, last))
+        for first, last in missing.values()
+        for k in range(first, last, CHUNK)
+    ]
+    if not chunks:
+        return
+    with workers_for(min(workers, len(chunks)), cluster) as run:
+        made = run(make, chunks)
+        for name, (first, last) in missing.items():
+            rows: list[Rows] = []
+            for start in range(first, last, CHUNK):
+                part = next(made)
+                if part.error:
+                    raise ElementError(part.error)
+                rows += part.rows
+                done += min(CHUNK, last - start)
+                if report is not None:
+                    report(done, total)
+            shards.write(name, _joined(rows))
+
+
+def _joined(rows: list[Rows]) -> dict[str, NDArray[Any]]:
+    names = list(rows[0]) if rows else []
+    return {name: np.concatenate([row[name] for row in rows]) for name in names}

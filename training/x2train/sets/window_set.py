@@ -1,0 +1,92 @@
+"""Window sets on disk, read back: columns of all shards, in order."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radard.errors import UsageError
+from radard.judge.bundle import CLASSES, Bundle
+from radard.judge.features import MAP_FEATURES, FeatureSettings
+from radard.judge.installation import INSTALLATION
+from x2train.sets.known import known_of
+from x2train.sets.shards import read_all
+
+Columns = Mapping[str, NDArray[Any]]
+_NEEDED = (*MAP_FEATURES, "label", "passage", "t_s")
+_LEAST_SHARE, _LEAST_MPS = 0.6, 0.1  # of a dwell in view, and towards or away: chosen
+_KEPT_PASSAGES = 5  # of so many passages one keeps all its windows: chosen
+
+
+def load_windows(
+    *folders: Path, choose: Callable[[Columns], Columns] = lambda columns: columns
+) -> tuple[Columns, list[Mapping[str, Any]]]:
+    """Return the columns of one or more sets, and what each was made from.
+
+    `choose` returns the windows of a set that are wanted, so that no others stay in memory.
+
+    Raises RecordingError if a set is missing, unreadable or damaged, UsageError if it holds no
+    windows, or windows made with other features than the first's.
+    """
+    made: list[dict[str, NDArray[Any]]] = []
+    abouts: list[Mapping[str, Any]] = []
+    for folder in folders:
+        about, columns = read_all(folder)
+        if about.get("kind") != "windows":
+            msg = f"{folder}: holds no windows but '{about.get('kind')}'"
+            raise UsageError(msg)
+        if abouts and about.get("settings") != abouts[0].get("settings"):
+            msg = f"{folder}: its maps were made with other settings than those of {folders[0]}"
+            raise UsageError(msg)
+        if not columns:
+            msg = f"{folder}: holds no window"
+            raise UsageError(msg)
+        missing = set(_NEEDED) - set(columns)
+        if missing:
+            msg = f"{folder}: windows without {', '.join(sorted(missing))}"
+            raise UsageError(msg)
+        abouts.append(about)
+        # Sets of version 0.1 know one motion and one skin, the first of each.
+        first = np.zeros(len(columns["label"]), np.int64)
+        known = {INSTALLATION: known_of(columns)}
+        made.append(dict(choose({"motion": first, "skin": first, **known, **columns})))
+    keys = [key for key in made[0] if all(key in columns for columns in made)]
+    # A million windows take 10 GB: no column stays twice.
+    return {key: np.concatenate([each.pop(key) for each in made]) for key in keys}, abouts
+
+
+def worth_learning(columns: Columns) -> Columns:
+    """Return the windows in which people and pets show enough to tell them apart, and some more.
+
+    Who is in view for most of the dwell and comes nearer or goes away does. Of the other windows a
+    fifth stays, so that a network has seen entries and people who stand. Without them it learns
+    better (docs/training.md). Sets that do not say what is shown stay as they are.
+    """
+    if not {"share", "speed_mps", "aspect"} <= set(columns):
+        return columns
+    radial_mps = columns["speed_mps"] * columns["aspect"]
+    shows = (columns["share"] >= _LEAST_SHARE) & (radial_mps >= _LEAST_MPS)
+    is_kept = columns["passage"] % _KEPT_PASSAGES == 0
+    rows = np.flatnonzero(shows | is_kept | (columns["label"] == CLASSES.index("other")))
+    return {name: values[rows] for name, values in columns.items()}
+
+
+def check_made_for(
+    bundle: Bundle, columns: Columns, about: Mapping[str, Any], folder: Path
+) -> None:
+    """Raise UsageError if a bundle of three classes cannot take a set's maps as they are."""
+    missing = [i.feature for i in bundle.inputs if i.feature not in columns]
+    if missing:
+        msg = f"{folder}: holds no {missing[0]}, which model '{bundle.name}' takes"
+        raise UsageError(msg)
+    if bundle.classes != CLASSES:
+        msg = f"model '{bundle.name}' tells {', '.join(bundle.classes)} apart; three are needed"
+        raise UsageError(msg)
+    if FeatureSettings.from_mapping(about["settings"]) != bundle.features:
+        msg = (
+            f"{folder}: its maps are not those that model '{bundle.name}' takes; make the set "
+            f"with train-export dataset --like {bundle.name}"
+        )
+        raise UsageError(msg)

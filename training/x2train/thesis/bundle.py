@@ -1,0 +1,128 @@
+"""A bundle of the thesis' network: the best of its repeats, as the daemon takes it."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import nn
+
+from radard.judge.bundle import ModelInput
+from x2train.bundle.export import PARITY, BundleSpec, checked, parity, to_onnx, write_bundle
+from x2train.nets.epoch import temperature_of
+from x2train.report.verdicts import PET_LIMIT
+from x2train.thesis.cells import Cell
+from x2train.thesis.fit import Fitted
+from x2train.thesis.recipe import StudyRecipe, Tell, Variant
+from x2train.thesis.results import judged
+
+CLASSES = ("pet", "human")
+_RECIPE = (
+    "The thesis' network ({layers}, {activation}) on its type {vector} vector, trained on the "
+    "thesis' five-sinusoid bodies: people against {animals} at {rate} Hz. A base line: it knows "
+    "these bodies, not real motion."
+)
+_X2 = {
+    "bin_length_m": (0.0034, 0.0040),
+    "carrier_hz": (6.4e9, 7.4e9),
+    "bandwidth_hz": (2.0e9, 2.6e9),
+}
+"""About table B.5: all bins of an X2 in its lowest band."""
+_RATE_SPREAD = 0.05
+"""Frame rates this far from the data's show the same vectors, to less than a Doppler line."""
+_ACTIVATIONS: Mapping[str, type[nn.Module]] = {
+    "relu": nn.ReLU,
+    "sigmoid": nn.Sigmoid,
+    "tanh": nn.Tanh,
+}
+
+
+def write_thesis_bundle(
+    path: Path, recipe: StudyRecipe, cell: Cell, variant: Variant, tell: Tell, *, command: str
+) -> Mapping[str, float]:
+    """Train a cell, write the repeat with the best score as a bundle, return its metrics.
+
+    The evaluation elements calibrate it, the fresh ones judge it. `path` is without suffix.
+
+    Raises
+    ------
+    RadardError
+        If onnxruntime and torch do not agree.
+    """
+    trained = recipe.train(cell, variant, tell)
+    fitted, evaluate, fresh = trained.fitted, trained.evaluate, trained.fresh
+    net = folded(fitted, fitted.best_repeat)
+    feature = f"thesis_type{cell.vector}"
+    inputs = (ModelInput("features", evaluate.x.shape[1:], feature),)
+    onnx_bytes = to_onnx(net, inputs)
+    difference = checked(parity(net, onnx_bytes, {"features": evaluate.x}), PARITY)
+    temperature = temperature_of(_logits(net, evaluate.x), evaluate.y)
+    z = _logits(net, fresh.x) / temperature
+    p = np.exp(z - np.logaddexp.reduce(z, axis=1, keepdims=True))
+    result = judged(p[None], fresh.y)
+    metrics = {
+        "windows": float(result.n),
+        "accuracy": result.total[0] / 100,
+        "cross-entropy": result.cross_entropy[0],
+        "accuracy pet": result.class1[0] / 100,
+        "accuracy human": result.class2[0] / 100,
+        **{
+            f"share without alarm, {name}": float((p[fresh.y == k, 0] > PET_LIMIT).mean())
+            for k, name in enumerate(CLASSES)
+        },
+        "logit difference torch - onnxruntime": float(f"{difference:.1e}"),
+    }
+    metrics = {key: round(value, 4) if value > 1e-3 else value for key, value in metrics.items()}
+    rate_hz = float(cell.frame_rate_hz)
+    spec = BundleSpec(
+        name=path.name,
+        inputs=inputs,
+        settings=recipe.spec(cell.frame_rate_hz).features,
+        stream={
+            "frame_rate_hz": ((1 - _RATE_SPREAD) * rate_hz, (1 + _RATE_SPREAD) * rate_hz),
+            **_X2,
+        },
+        classes=CLASSES,
+        temperature=temperature,
+        training={
+            "recipe": _RECIPE.format(
+                layers="-".join(map(str, fitted.net.sizes)),
+                activation=fitted.net.activation,
+                vector=cell.vector,
+                animals=" and ".join(f"{body}s" for body in cell.bodies),
+                rate=cell.frame_rate_hz,
+            ),
+            "command": command,
+            "seed": recipe.seed,
+        },
+        metrics=metrics,
+    )
+    write_bundle(path.parent, spec, onnx_bytes)
+    return metrics
+
+
+def folded(fitted: Fitted, repeat: int) -> nn.Sequential:
+    """Return a repeat as a network of its own: inputs as they come, two logits."""
+    net = fitted.net
+    with torch.no_grad():
+        weights = [each[repeat].double() for each in net.weights]
+        biases = [each[repeat, 0].double() for each in net.biases]
+    # (x - mean) scale W + b, as one product.
+    weights[0] = weights[0] * torch.from_numpy(fitted.scale).double()[:, None]
+    biases[0] = biases[0] - torch.from_numpy(fitted.mean).double() @ weights[0]
+    if weights[-1].shape[1] == 1:
+        # One logistic output is two of a softmax, of which the pet's is zero.
+        weights[-1] = torch.cat([torch.zeros_like(weights[-1]), weights[-1]], dim=1)
+        biases[-1] = torch.cat([torch.zeros_like(biases[-1]), biases[-1]])
+    layers: list[nn.Module] = []
+    for weight, bias in zip(weights, biases, strict=True):
+        layer = nn.Linear(*weight.shape)
+        layer.load_state_dict({"weight": weight.T.float(), "bias": bias.float()})
+        layers += [layer, _ACTIVATIONS[net.activation]()]
+    return nn.Sequential(*layers[:-1]).eval()
+
+
+def _logits(net: nn.Module, x: NDArray[np.float32]) -> NDArray[np.float64]:
+    with torch.no_grad():
+        return np.asarray(net(torch.from_numpy(x)).numpy(), np.float64)

@@ -1,0 +1,278 @@
+"""`train-export thesis`: the thesis, run again from its data to its tables."""
+
+import argparse
+import os
+import shlex
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.progress import Progress, TaskID
+
+from radard.errors import UsageError
+from x2radar.commands import add_command
+from x2train.commands import Commands, progress, result_console, tell_bundle
+
+if TYPE_CHECKING:
+    from x2train.thesis.own import OwnJob
+    from x2train.thesis.recipe import Job, StudyRecipe, Variant
+    from x2train.thesis.results import CellResult
+
+_EXAMPLES = """\
+examples:
+  train-export thesis                                   all eight sets, both activations
+  train-export thesis --animal dog --frame-rate 60 --repeats 3
+  train-export thesis --finetune walks.h5 dogs.h5       retrain on labelled recordings
+  train-export thesis --publish docs/thesis-results.md    everything, and the page
+  train-export thesis --bundle models/mine              a bundle of such a network
+A run that was interrupted goes on where it was when the same command is given again.
+"""
+PARTS = ("networks", "own", "switches")
+
+
+def register(commands: Commands) -> None:
+    """Add the subcommand."""
+    parser = add_command(
+        commands,
+        "thesis",
+        "the thesis, reproduced: data, training, tables, pictures",
+        _EXAMPLES,
+    )
+    _add_data(parser.add_argument_group("data"))
+    _add_training(parser.add_argument_group("training"))
+    add = parser.add_argument
+    add(
+        "--parts",
+        metavar="LIST",
+        help="of networks (the thesis'), own (our features), switches (section 7 of its plans); "
+        "networks by default, all with --publish",
+    )
+    add(
+        "--folder",
+        type=Path,
+        default=Path("build/thesis"),
+        help="of cache and results (build/thesis)",
+    )
+    add("--bundle", type=Path, metavar="PATH", help="train one network for the daemon instead")
+    add("--publish", type=Path, metavar="FILE", help="write tables and pictures here")
+    add("--kept", action="store_true", help="train nothing: show what earlier runs have kept")
+    parser.set_defaults(run=_run)
+
+
+def _add_data(group: Any) -> None:
+    add = group.add_argument
+    add("--elements", type=int, default=5000, help="of a data set; a tenth evaluates (5000)")
+    add("--fresh", type=int, default=5000, help="further elements that judge (5000)")
+    add("--frame-rate", type=int, metavar="HZ", help="60, 200 or any; both by default")
+    add("--animal", choices=("dog", "cat"), help="both by default")
+    add("--vector", type=int, choices=(1, 2), help="both by default")
+    add("--cpi", type=int, default=28, metavar="M", help="frames of a Doppler window (28)")
+    add("--cadences", type=int, default=28, metavar="N", help="columns of D that are used (28)")
+    add("--noise", choices=("input", "printed"), default="input", help="its reference (input)")
+    add("--clutter", action="store_true", help="add static echoes")
+    add("--rectified", action="store_true", help="range profiles with the peak on the left")
+    add("--train-rate", type=int, metavar="HZ", help="train at another frame rate")
+    add("--seed", type=int, default=0, help="same seed, same results (0)")
+    add("--workers", type=int, default=os.cpu_count() or 1, help="processes (all cores)")
+
+
+def _add_training(group: Any) -> None:
+    add = group.add_argument
+    add("--repeats", type=int, default=10, help="initial weights tried (10)")
+    add("--activation", choices=("relu", "sigmoid", "tanh"), help="relu and sigmoid by default")
+    add("--layers", default="100,50", help="hidden layers (100,50)")
+    add("--outputs", type=int, choices=(1, 2), default=2, help="softmax of two, or one (2)")
+    add("--error", choices=("cross-entropy", "mse"), default="cross-entropy", help="(the first)")
+    add("--optimiser", choices=("adam", "momentum", "lbfgs"), default="adam", help="(adam)")
+    add("--rate", type=float, default=0.001, help="learning rate (0.001)")
+    add("--momentum", type=float, default=0.9, help="(0.9)")
+    add("--batch", type=int, default=100, help="elements a step (100)")
+    add("--decay", type=float, help="of weights: L2 (0.7; sigmoid and tanh less)")
+    add("--averaging", type=float, default=0.999, help="of weights, 0 for none (0.999)")
+    add("--sparsity", type=float, default=0.0, help="penalty on the autoencoders' codes (0)")
+    add("--scaling", choices=("none", "block", "each"), help="of inputs (none; sigmoid block)")
+    add("--pretrain", default="500,100", help="epochs of the autoencoders; '' for none (500,100)")
+    add("--output-epochs", type=int, default=400, help="of the output layer (400)")
+    add("--epochs", type=int, default=2000, help="of the whole network, at most (2000)")
+    add("--look-every", type=int, default=100, help="epochs between looks (100)")
+    add("--patience", type=int, default=2, help="looks without a gain that end it (2)")
+    add("--finetune", type=Path, nargs="+", metavar="FILE", help="labelled recordings (HDF5)")
+    add("--own-epochs", type=int, default=30, help="of the network on our features (30)")
+    add("--own-repeats", type=int, default=3, help="its initial weights (3)")
+
+
+def _run(args: argparse.Namespace) -> int:
+    # Late: torch takes seconds, and --help must not.
+    from x2train.thesis.recipe import StudyRecipe  # noqa: PLC0415
+
+    parts = _parts(args)
+    recipe = StudyRecipe(
+        folder=args.folder,
+        n_elements=args.elements // 20 * 20,
+        n_fresh=args.fresh // 2 * 2,
+        seed=args.seed,
+        n_cpi=args.cpi,
+        n_cadence=args.cadences,
+        workers=args.workers,
+    )
+    if args.bundle:
+        return _bundle(args, recipe)
+    jobs = list(_jobs(args, recipe, parts))
+    results: list[CellResult] = []
+    with progress() as bar:
+        overall = bar.add_task("trainings", total=len(jobs))
+        tell = _teller(bar)
+        for job in jobs:
+            result = job.kept() if args.kept else job.run(tell)
+            if result is not None:
+                results.append(result)
+            bar.advance(overall)
+    console = result_console()
+    for r in results:
+        console.print(
+            f"{r.name} {r.label}: {r.evaluation.total[r.best]:.1f} % on {r.evaluation.n}, "
+            f"{r.fresh.median:.1f} % on {r.fresh.n} fresh elements"
+        )
+    if not results:
+        msg = f"{args.folder}: no results of these settings; run without --kept"
+        raise UsageError(msg)
+    if args.publish:
+        from x2train.thesis.publish import publish  # noqa: PLC0415
+
+        command = _command(args, "--publish", f"docs/{args.publish.name}")
+        console.print(str(publish(recipe, results, args.publish, command)))
+    return 0
+
+
+def _bundle(args: argparse.Namespace, recipe: "StudyRecipe") -> int:
+    """Write a bundle: of the type 2 vector of dogs and cats at 60 Hz, unless told otherwise."""
+    from x2train.thesis.bundle import write_thesis_bundle  # noqa: PLC0415
+    from x2train.thesis.cells import Cell  # noqa: PLC0415
+
+    if args.rectified:
+        msg = "--rectified: the daemon makes no such profiles for a bundle"
+        raise UsageError(msg)
+    cell = Cell(args.vector or 2, args.animal or "pet", args.frame_rate or 60)
+    variant = _variant(args, args.activation or "relu")
+    command = _command(args, "--bundle", f"models/{args.bundle.name}")
+    with progress() as bar:
+        metrics = write_thesis_bundle(
+            args.bundle, recipe, cell, variant, _teller(bar), command=command
+        )
+    tell_bundle(args.bundle, metrics)
+    return 0
+
+
+def _parts(args: argparse.Namespace) -> tuple[str, ...]:
+    if args.parts is None:
+        return PARTS if args.publish else PARTS[:1]
+    parts = tuple(part.strip() for part in args.parts.split(",") if part.strip())
+    wrong = [part for part in parts if part not in PARTS]
+    if wrong or not parts:
+        msg = f"--parts '{args.parts}': must be of {', '.join(PARTS)}"
+        raise UsageError(msg)
+    return parts
+
+
+def _jobs(
+    args: argparse.Namespace, recipe: "StudyRecipe", parts: tuple[str, ...]
+) -> Iterator["Job | OwnJob"]:
+    from x2train.thesis.own import OwnSettings, own_jobs  # noqa: PLC0415
+    from x2train.thesis.recipe import Job, variants, wanted_cells  # noqa: PLC0415
+    from x2train.thesis.recordings import load_recordings  # noqa: PLC0415
+    from x2train.thesis.settings import fit_settings  # noqa: PLC0415
+
+    cells = tuple(wanted_cells(vector=args.vector, animal=args.animal, rate_hz=args.frame_rate))
+    names = (args.activation,) if args.activation else ("relu", "sigmoid")
+    plain = {name: _variant(args, name) for name in names}
+    first = next(iter(plain.values()))
+    for cell in cells:
+        # Validates the settings before anything is simulated.
+        recipe.spec(cell.frame_rate_hz)
+        if args.train_rate is not None:
+            recipe.spec(args.train_rate)
+    if "networks" in parts and (args.publish or not args.finetune):
+        yield from (Job(recipe, cell, v) for v in plain.values() for cell in cells)
+    if "own" in parts:
+        own = OwnSettings(epochs=args.own_epochs, repeats=args.own_repeats, seed=args.seed)
+        yield from own_jobs(recipe, cells, own)
+    tried = next(c for c in (*cells, *wanted_cells()) if c.vector == 2)
+    if "switches" in parts:
+        base = fit_settings("relu", **_fit_changes(args))
+        yield from (Job(recipe, tried, v) for v in variants(base))
+    if args.finetune:
+        wanted = cells if "networks" in parts and not args.publish else (tried,)
+        for cell in wanted:
+            recordings = load_recordings(args.finetune, recipe.spec(cell.frame_rate_hz))
+            named = replace(first, label=f"{first.label} retrained")
+            yield Job(recipe, cell, named, recordings.of(cell.vector))
+
+
+def _variant(args: argparse.Namespace, activation: str) -> "Variant":
+    from x2train.thesis.recipe import Variant  # noqa: PLC0415
+    from x2train.thesis.settings import fit_settings  # noqa: PLC0415
+
+    return Variant(
+        label=activation,
+        fit=fit_settings(activation, **_fit_changes(args)),
+        rectified=args.rectified,
+        clutter=args.clutter,
+        noise=args.noise,
+        train_rate_hz=args.train_rate,
+    )
+
+
+def _fit_changes(args: argparse.Namespace) -> dict[str, Any]:
+    changes = {
+        "layers": _whole_numbers("--layers", args.layers),
+        "pretrain_epochs": _whole_numbers("--pretrain", args.pretrain),
+        "n_outputs": args.outputs,
+        "learning_rate": args.rate,
+    }
+    for name in (
+        *("error", "optimiser", "momentum", "batch", "decay", "averaging", "sparsity"),
+        *("scaling", "output_epochs", "epochs", "look_every", "patience", "repeats", "seed"),
+    ):
+        value = getattr(args, name)
+        if value is not None:
+            changes[name] = value
+    return changes
+
+
+def _whole_numbers(option: str, text: str) -> tuple[int, ...]:
+    try:
+        return tuple(int(part) for part in text.split(",") if part.strip())
+    except ValueError as err:
+        msg = f"{option} '{text}': must be whole numbers with commas between"
+        raise UsageError(msg) from err
+
+
+def _teller(bar: Progress) -> Callable[[str, int, int], None]:
+    task: TaskID = bar.add_task("", total=1)
+
+    def tell(what: str, done: int, total: int) -> None:
+        bar.update(task, description=what, completed=done, total=max(total, 1))
+
+    return tell
+
+
+def _command(args: argparse.Namespace, *more: str) -> str:
+    """Return the command line again, without what only says where and how fast."""
+    parser = argparse.ArgumentParser()
+    _add_data(parser)
+    _add_training(parser)
+    parser.add_argument("--parts")
+    plain = parser.parse_args([])
+    words = ["train-export", "thesis"]
+    for name, value in vars(plain).items():
+        given = getattr(args, name)
+        if name == "workers" or given == value:
+            continue
+        words.append(f"--{name.replace('_', '-')}")
+        if given is not True:
+            words += [
+                str(v.name if isinstance(v, Path) else v)
+                for v in (given if isinstance(given, list) else [given])
+            ]
+    return shlex.join([*words, *more])

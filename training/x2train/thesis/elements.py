@@ -1,0 +1,167 @@
+"""Elements of the thesis' data sets: two seconds of one body, as its simulator draws them.
+
+Every element begins at t = 0 with new draws (table B.4) and lasts I + M - 1 frames; some
+bodies never enter the swath, and belong to the data all the same. RF at 41 GS/s, white noise
+of the level of (2.13), down-conversion and matched filter (2.18, 2.19), then the daemon's own
+features. The noise is the same at every frame rate, as in the thesis; a real module
+integrates less at 200 Hz and is noisier there.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radard.dsp.downconvert import DownConverter
+from radard.dsp.grid import time_cells
+from radard.errors import UsageError
+from radard.judge.display_db import shown
+from radard.judge.features import FeatureSettings, extract
+from radard.stream.ring import Dwell, DwellShape
+from x2radar.frame import FastTimeAxis
+from x2radar.modules.x2 import RadarSettings
+from x2radar.sim.bodies.thesis_bodies import THESIS_BODIES, draw, ranges
+from x2radar.sim.signal.pulse import ROOM_K, LinkBudget, rf_echo
+
+PROFILE = 392
+BODIES = ("human", "dog", "cat")
+CLUTTER = ((0.75, 3e4), (1.90, 6e4), (3.10, 4e5))
+"""Range in metres and cross section of the echoes that the switch `clutter` adds."""
+NOISES = ("input", "printed")
+_LNA_GAIN = 10.0  # of (2.14)
+_MU_DEPTH_DB = 30.0  # chosen, as the bundles' long maps have it
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ElementSpec:
+    """What elements are drawn from."""
+
+    frame_rate_hz: int = 60
+    seed: int = 0  # every draw follows from it
+    clutter: bool = False  # whether static echoes are added
+    # 'input', 'printed': noise figure referred to the input, Te = TA + TRx; or the thesis' own
+    # (2.12-2.14), whose receiver noise is divided by the gain that its signal is multiplied with
+    noise: str = "input"
+    # M and I alpha
+    n_cpi: int = 28
+    n_cadence: int = 28
+    dwell_s: float = 2.0  # T
+
+    def __post_init__(self) -> None:
+        """Validate the settings."""
+        if not 1 <= self.frame_rate_hz <= 1000:
+            msg = f"frame rate {self.frame_rate_hz}: must be 1 to 1000 a second"
+            raise UsageError(msg)
+        columns = round(self.dwell_s * self.frame_rate_hz)
+        if not 2 <= self.n_cpi <= columns:
+            msg = f"M = {self.n_cpi}: must be 2 to {columns}, the columns of the record"
+            raise UsageError(msg)
+        if not 1 <= self.n_cadence <= columns // 2:
+            msg = f"I alpha = {self.n_cadence}: must be 1 to {columns // 2}, half the columns"
+            raise UsageError(msg)
+        if self.noise not in NOISES:
+            msg = f"noise '{self.noise}': must be one of {', '.join(NOISES)}"
+            raise UsageError(msg)
+
+    @property
+    def features(self) -> FeatureSettings:
+        """As the daemon takes them; the range-time map fits the swath."""
+        return FeatureSettings(
+            dwell_s=self.dwell_s,
+            n_cpi=self.n_cpi,
+            n_cadence=self.n_cadence,
+            n_profile=PROFILE,
+            near_m=0.6,
+            far_m=3.4,
+            cell_m=0.05,
+        )
+
+    @property
+    def budget(self) -> LinkBudget:
+        """Signal-to-noise ratio of table B.5."""
+        if self.noise == "input":
+            return LinkBudget()
+        receiver_k = (LinkBudget().noise_figure - 1) * ROOM_K
+        figure = (ROOM_K + receiver_k / _LNA_GAIN) / ROOM_K
+        return LinkBudget(noise_figure=figure / _LNA_GAIN)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Element:
+    """One element."""
+
+    vector: NDArray[np.float32]  # (Q2,): type 2; type 1 is what follows on the first 392
+    # (n_cpi, n_cells): spectrogram in decibels, by time cells of 50 ms:
+    # `radard.judge.display_db.shown`
+    mu: NDArray[np.float32]
+    # (n_range_cells, n_cells): likewise, power of what moves by cells of 50 mm
+    range_time: NDArray[np.float32]
+    in_view: float  # share of the time with the torso in the swath
+
+
+@lru_cache(maxsize=1)
+def _axis() -> FastTimeAxis:
+    radar = RadarSettings()
+    return FastTimeAxis(
+        kind="rf",
+        n_range=radar.n_range,
+        bin_length_m=radar.bin_length_m,
+        range_offset_m=radar.range_offset_m,
+        carrier_hz=radar.carrier_hz,
+        bandwidth_hz=radar.bandwidth_hz,
+        sample_rate_hz=radar.sample_rate_hz,
+    )
+
+
+@lru_cache(maxsize=1)
+def _converter() -> DownConverter:
+    return DownConverter(_axis())
+
+
+def dwell(spec: ElementSpec, body: str, number: int) -> tuple[Dwell, float]:
+    """Return one element's frames, and the share of them with its torso in the swath.
+
+    The same number is the same body at every frame rate.
+    """
+    axis, budget = _axis(), spec.budget
+    rng = np.random.default_rng([spec.seed, BODIES.index(body), number])
+    points = draw(THESIS_BODIES[f"thesis_{body}"], rng)
+    n_slow = DwellShape.of(
+        dwell_s=spec.dwell_s, hop_s=1.0, frame_rate_hz=spec.frame_rate_hz, n_cpi=spec.n_cpi
+    ).n_slow
+    range_m, rcs_m2 = ranges(points, np.arange(n_slow) / spec.frame_rate_hz)
+    echo = rf_echo(range_m, budget.amplitude(range_m, rcs_m2, axis), axis)
+    if spec.clutter:
+        still_m, rcs = np.array(CLUTTER).T
+        echo += rf_echo(still_m[None], budget.amplitude(still_m[None], rcs, axis), axis)
+    noise = rng.standard_normal(echo.shape, np.float32)
+    noise *= np.float32(budget.noise_sigma)
+    converter = _converter()
+    frames = converter.convert(echo + noise)
+    low_m, high_m = axis.range_m[[0, -1]]
+    in_view = (range_m[:, 0] > low_m) & (range_m[:, 0] < high_m)
+    made = Dwell(
+        frames,
+        np.ones(n_slow, np.bool_),
+        converter.axis,
+        spec.frame_rate_hz,
+        n_slow / spec.frame_rate_hz,
+    )
+    return made, float(in_view.mean())
+
+
+def element(spec: ElementSpec, body: str, number: int) -> Element:
+    """Return one element; see `dwell`."""
+    made, in_view = dwell(spec, body, number)
+    features = extract(made, spec.features, ("thesis_type2", "range_time"))
+    mu = features.spectrogram
+    power, valid = time_cells(
+        mu,
+        np.ones(mu.shape[1], np.bool_),
+        spec.frame_rate_hz,
+        cell_s=spec.features.cell_s,
+        n_cells=spec.features.n_cells,
+    )
+    vector, range_time = features.inputs["thesis_type2"], features.inputs["range_time"]
+    return Element(vector, shown(power, valid, _MU_DEPTH_DB), range_time, in_view)

@@ -1,0 +1,209 @@
+"""The project's own features and a small network on the thesis' own elements.
+
+The thesis sums power over range before its network sees anything. Here the network gets two
+maps of the same frames, as the daemon makes them: the micro-Doppler spectrogram in decibels,
+and the range-time map, each set against its own level (`radard.judge.display_db`).
+"""
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import nn
+from torch.nn import functional
+
+from x2train.thesis.cells import Cell
+from x2train.thesis.elements import ElementSpec
+from x2train.thesis.recipe import FRESH_FROM, StudyRecipe, Tell
+from x2train.thesis.results import CellResult, judged, seen
+from x2train.thesis.sets import load_maps
+
+Maps = dict[str, NDArray[np.float32]]
+LABEL = "own"
+_AT_ONCE = 500  # chosen for memory
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OwnSettings:
+    """How the map network is trained."""
+
+    channels: tuple[int, int, int] = (8, 16, 32)  # of the three layers of either branch
+    hidden: int = 64
+    dropout: float = 0.3  # share of units left out while training
+    # of AdamW; the rate rises and falls once
+    learning_rate: float = 0.002
+    decay: float = 0.01
+    batch: int = 64
+    epochs: int = 30
+    repeats: int = 1  # initial weights
+    seed: int = 0  # of weights, order and dropout
+
+
+class TwoMapNet(nn.Module):
+    """Three convolutions on each map, then both together.
+
+    Parameters
+    ----------
+    shapes : mapping of str to (int, int)
+        Rows and columns of the maps, by name.
+    settings : OwnSettings
+        Widths and dropout.
+    """
+
+    def __init__(self, shapes: dict[str, tuple[int, int]], settings: OwnSettings) -> None:
+        super().__init__()
+        self.names = tuple(shapes)
+        self.branches = nn.ModuleList(_branch(settings.channels) for _ in shapes)
+        n_in = sum(settings.channels[-1] * (r // 8) * (c // 8) for r, c in shapes.values())
+        self.head = nn.Sequential(
+            nn.Dropout(settings.dropout),
+            nn.Linear(n_in, settings.hidden),
+            nn.ReLU(),
+            nn.Dropout(settings.dropout),
+            nn.Linear(settings.hidden, 2),
+        )
+
+    def forward(self, maps: dict[str, torch.Tensor]) -> torch.Tensor:
+        """Return logits, shape (n, 2), of maps of shape (n, 1, rows, columns)."""
+        seen_maps = [
+            branch(maps[name]).flatten(1)
+            for name, branch in zip(self.names, self.branches, strict=True)
+        ]
+        logits: torch.Tensor = self.head(torch.cat(seen_maps, dim=1))
+        return logits
+
+
+def _branch(channels: tuple[int, ...]) -> nn.Sequential:
+    layers: list[nn.Module] = []
+    n_in = 1
+    for n_out in channels:
+        layers += [
+            nn.Conv2d(n_in, n_out, 3, padding=1, bias=False),
+            nn.BatchNorm2d(n_out),
+            nn.ReLU(),
+            nn.MaxPool2d(2),
+        ]
+        n_in = n_out
+    return nn.Sequential(*layers)
+
+
+def train_maps(
+    maps: Maps, y: NDArray[np.int64], s: OwnSettings, tell: Callable[[int], None]
+) -> TwoMapNet:
+    """Return a trained network."""
+    # Initial weights and dropout draw from torch's own generator: lent, and given back.
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(s.seed)
+        shapes = {name: (values.shape[1], values.shape[2]) for name, values in maps.items()}
+        return _train(TwoMapNet(shapes, s), maps, y, s, tell)
+
+
+def _train(
+    net: TwoMapNet, maps: Maps, y: NDArray[np.int64], s: OwnSettings, tell: Callable[[int], None]
+) -> TwoMapNet:
+    inputs = {name: torch.from_numpy(values[:, None]) for name, values in maps.items()}
+    wanted = torch.from_numpy(y)
+    optimiser = torch.optim.AdamW(net.parameters(), s.learning_rate, weight_decay=s.decay)
+    n_steps = s.epochs * -(-len(y) // s.batch)
+    rate = torch.optim.lr_scheduler.OneCycleLR(optimiser, s.learning_rate, total_steps=n_steps)
+    for epoch in range(1, s.epochs + 1):
+        net.train()
+        for part in torch.split(torch.randperm(len(y)), s.batch):
+            optimiser.zero_grad()
+            logits = net({name: values[part] for name, values in inputs.items()})
+            functional.cross_entropy(logits, wanted[part]).backward()  # type: ignore[no-untyped-call]
+            optimiser.step()
+            rate.step()
+        tell(epoch)
+    return net
+
+
+def predict_maps(net: TwoMapNet, maps: Maps) -> NDArray[np.float64]:
+    """Return probabilities, shape (n, 2), float64."""
+    net.eval()
+    n = len(next(iter(maps.values())))
+    out = []
+    with torch.no_grad():
+        for at in range(0, n, _AT_ONCE):
+            part = {k: torch.from_numpy(v[at : at + _AT_ONCE, None]) for k, v in maps.items()}
+            out.append(torch.softmax(net(part).double(), dim=1).numpy())
+    return np.concatenate(out)
+
+
+@dataclass(frozen=True, slots=True)
+class OwnJob:
+    """The map network on one set."""
+
+    recipe: StudyRecipe  # where data and results lie
+    cell: Cell  # which set; its vector makes no difference
+    settings: OwnSettings
+
+    @property
+    def name(self) -> str:
+        """The set's name without its vector: D60."""
+        return self.cell.name[2:]
+
+    @property
+    def key(self) -> dict[str, Any]:
+        """Everything that the result depends on."""
+        return {
+            **asdict(self.settings),
+            "elements": self.recipe.n_elements,
+            "fresh": self.recipe.n_fresh,
+            "data_seed": self.recipe.seed,
+            "n_cpi": self.recipe.n_cpi,
+        }
+
+    def kept(self) -> CellResult | None:
+        """Return the result of an earlier run."""
+        return self.recipe.results.load(self.name, LABEL, self.key)
+
+    def run(self, tell: Tell) -> CellResult:
+        """Train, or return what was kept."""
+        return self.kept() or _run(self, tell)
+
+
+def own_jobs(
+    recipe: StudyRecipe, cells: Iterable[Cell], settings: OwnSettings
+) -> Iterator[OwnJob]:
+    """Yield one job for every animal and frame rate among the cells."""
+    for cell in dict.fromkeys(replace(cell, vector=2) for cell in cells):
+        yield OwnJob(recipe, cell, settings)
+
+
+def _run(job: OwnJob, tell: Tell) -> CellResult:
+    recipe, cell, settings, name = job.recipe, job.cell, job.settings, job.name
+    spec: ElementSpec = recipe.spec(cell.frame_rate_hz)
+    recipe.make(spec, cell, tell)
+    maps, data = load_maps(recipe.data, spec, cell, 0, recipe.n_elements)
+    fresh_maps, fresh = load_maps(recipe.data, spec, cell, FRESH_FROM, recipe.n_fresh)
+    n_train = recipe.n_elements - recipe.n_evaluate
+    part = {m: v[:n_train] for m, v in maps.items()}
+    rest = {m: v[n_train:] for m, v in maps.items()}
+    p_evaluate, p_fresh = [], []
+    for k in range(settings.repeats):
+        own = replace(settings, seed=settings.seed + k)
+
+        def done(epochs: int, what: str = f"{name} map network {k + 1}") -> None:
+            tell(what, epochs, settings.epochs)
+
+        net = train_maps(part, data.y[:n_train], own, done)
+        p_evaluate.append(predict_maps(net, rest))
+        p_fresh.append(predict_maps(net, fresh_maps))
+    p = np.stack(p_fresh)
+    result = CellResult(
+        name,
+        LABEL,
+        0,
+        (settings.epochs,) * settings.repeats,
+        judged(np.stack(p_evaluate), data.y[n_train:]),
+        judged(p, fresh.y),
+        seen(fresh, p),
+        "nothing: a fixed number of epochs",
+        job.key,
+    )
+    recipe.results.save(result)
+    return result

@@ -1,0 +1,281 @@
+"""The recipe: data sets, trainings and switches of the thesis, each made once and kept."""
+
+import hashlib
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from radard.errors import UsageError
+from x2train.thesis.cells import CELLS, Cell
+from x2train.thesis.elements import ElementSpec
+from x2train.thesis.fit import Fitted, Look, fit
+from x2train.thesis.results import CellResult, ResultFile, judged, seen
+from x2train.thesis.sets import CellData, load_cell, make_bodies
+from x2train.thesis.settings import FitSettings
+
+FRESH = 5000
+FRESH_FROM = 1_000_000
+"""Number of the first fresh element: no training set reaches it."""
+_STOP_SHARE = 20
+"""One in so many training elements scores instead, when there are no recordings."""
+_RETRAIN_RATE = 0.25  # of the learning rate: chosen
+
+Tell = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Variant:
+    """One configuration of a cell."""
+
+    label: str  # short, for tables and file names
+    fit: FitSettings
+    # switches of the data
+    rectified: bool = False
+    clutter: bool = False
+    noise: str = "input"  # as in `ElementSpec`
+    train_rate_hz: int | None = None  # train on sets of another frame rate than the cell's
+
+
+def variants(base: FitSettings) -> tuple[Variant, ...]:
+    """Return the rows of section 7: what the thesis leaves to be tried.
+
+    Each changes one thing of the plain ReLU network; learning rates and decays that an optimiser
+    or activation cannot do with go with it.
+    """
+
+    def row(label: str, **changes: Any) -> Variant:
+        return Variant(label=label, fit=replace(base, **changes))
+
+    first = base.pretrain_epochs[:1]
+    return (
+        Variant(label="rectified profile", fit=base, rectified=True),
+        Variant(label="static clutter", fit=base, clutter=True),
+        Variant(label="noise as printed", fit=base, noise="printed"),
+        Variant(label="trained at 200 Hz", fit=base, train_rate_hz=200),
+        row("single output", n_outputs=1),
+        row("layers 200-100", layers=(200, 100)),
+        row("layers 50-25", layers=(50, 25)),
+        row("one layer of 100", layers=(100,), pretrain_epochs=first),
+        row("tanh", activation="tanh"),
+        row("mean square error", error="mse"),
+        # Autoencoders of unit-norm inputs leave it on a plateau: 50 % in every repeat.
+        row(
+            "momentum SGD, no pre-training",
+            optimiser="momentum",
+            learning_rate=0.05,
+            decay=1e-4,
+            pretrain_epochs=(),
+            output_epochs=0,
+        ),
+        row("L-BFGS", optimiser="lbfgs", decay=1e-4),
+        row("no L2", decay=0.0),
+        row("no weight averaging", averaging=0.0),
+        row("sparse codes", sparsity=0.1),
+        row("no pre-training", pretrain_epochs=(), output_epochs=0),
+        row("inputs scaled each", scaling="each"),
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StudyRecipe:
+    """Where things lie and how much of them there is."""
+
+    folder: Path  # of data, results and checkpoints
+    n_elements: int = 5000  # of a data set; a tenth of it evaluates
+    n_fresh: int = FRESH  # further elements that judge
+    seed: int = 0
+    # M and I alpha
+    n_cpi: int = 28
+    n_cadence: int = 28
+    workers: int = 1  # processes that simulate
+
+    def __post_init__(self) -> None:
+        """Validate the settings."""
+        for name, least in (("n_elements", 40), ("n_fresh", 2), ("seed", 0), ("workers", 1)):
+            if getattr(self, name) < least:
+                msg = f"{name.removeprefix('n_')} {getattr(self, name)}: must be at least {least}"
+                raise UsageError(msg)
+        if self.n_elements // 2 > FRESH_FROM:
+            msg = f"elements {self.n_elements}: must be at most {2 * FRESH_FROM}"
+            raise UsageError(msg)
+
+    @property
+    def results(self) -> ResultFile:
+        """What was reached so far."""
+        return ResultFile(self.folder / "results")
+
+    @property
+    def data(self) -> Path:
+        """Where shards lie."""
+        return self.folder / "data"
+
+    @property
+    def n_evaluate(self) -> int:
+        """Elements of the thesis' evaluation part."""
+        return max(2, self.n_elements // 10 // 2 * 2)
+
+    @property
+    def n_stop(self) -> int:
+        """Elements of the training part that score, when there are no recordings."""
+        return max(2, (self.n_elements - self.n_evaluate) // _STOP_SHARE // 2 * 2)
+
+    def spec(self, rate_hz: int, variant: Variant | None = None) -> ElementSpec:
+        """Return what the elements of a rate are drawn from."""
+        return ElementSpec(
+            frame_rate_hz=rate_hz,
+            seed=self.seed,
+            clutter=variant is not None and variant.clutter,
+            noise="input" if variant is None else variant.noise,
+            n_cpi=self.n_cpi,
+            n_cadence=self.n_cadence,
+        )
+
+    def make(self, spec: ElementSpec, cell: Cell, tell: Tell) -> None:
+        """Make the elements that a cell needs of one rate."""
+        for body in (*cell.bodies, "human"):
+            for first, n in ((0, self.n_elements // 2), (FRESH_FROM, self.n_fresh // 2)):
+                text = f"simulate {body} at {spec.frame_rate_hz} Hz"
+                make_bodies(
+                    self.data, spec, body, first, n, workers=self.workers, tell=partial(tell, text)
+                )
+
+    def load(self, cell: Cell, variant: Variant) -> tuple[CellData, CellData, CellData]:
+        """Return what trains, what evaluates, and the fresh elements."""
+        own = self.spec(cell.frame_rate_hz, variant)
+        theirs = (
+            cell
+            if variant.train_rate_hz is None
+            else replace(cell, frame_rate_hz=variant.train_rate_hz)
+        )
+
+        def part(spec: ElementSpec, of: Cell, first: int, n: int) -> CellData:
+            return load_cell(self.data, spec, of, first, n, rectified=variant.rectified)
+
+        whole = part(own, cell, 0, self.n_elements)
+        n_train = self.n_elements - self.n_evaluate
+        train = whole
+        if theirs != cell:
+            train = part(self.spec(theirs.frame_rate_hz, variant), theirs, 0, self.n_elements)
+        fresh = part(own, cell, FRESH_FROM, self.n_fresh)
+        return train.part(0, n_train), whole.part(n_train, self.n_elements), fresh
+
+    def settings(self, variant: Variant, recordings: CellData | None) -> dict[str, Any]:
+        """Return everything that a result depends on."""
+        digest = "" if recordings is None else hashlib.sha256(recordings.x.tobytes()).hexdigest()
+        return {
+            **asdict(variant),
+            "elements": self.n_elements,
+            "fresh": self.n_fresh,
+            "seed": self.seed,
+            "n_cpi": self.n_cpi,
+            "n_cadence": self.n_cadence,
+            "recordings": digest,
+        }
+
+    def train(
+        self, cell: Cell, variant: Variant, tell: Tell, recordings: CellData | None = None
+    ) -> "Trained":
+        """Train one configuration; `tell` gets what is done, how far, of how much.
+
+        Labelled recordings, if given, are the score that stops training, as in the thesis; then
+        half of them retrain the network, and the other half scores.
+        """
+        for rate_hz in {cell.frame_rate_hz, variant.train_rate_hz or cell.frame_rate_hz}:
+            self.make(self.spec(rate_hz, variant), cell, tell)
+        train, evaluate, fresh = self.load(cell, variant)
+        if recordings is None:
+            n_fit = len(train.y) - self.n_stop
+            train, stop = train.part(0, n_fit), train.part(n_fit, len(train.y))
+            stopped_by = f"a validation part of {len(stop.y)} training elements"
+        else:
+            stop, stopped_by = recordings, f"{len(recordings.y)} windows of recordings"
+        point = self.folder / "checkpoints" / f"{self.results.path(cell.name, variant.label).stem}"
+        fitted = _last(
+            fit(train, stop, variant.fit, checkpoint=point.with_suffix(".pt")), cell, tell
+        )
+        if recordings is not None:
+            n = len(recordings.y)
+            half, rest = recordings.part(0, n // 2), recordings.part(n // 2, n)
+            rate = variant.fit.learning_rate * _RETRAIN_RATE
+            short = replace(variant.fit, learning_rate=rate)
+            fitted = _last(fit(half, rest, short, start=fitted), cell, tell)
+            stopped_by = f"{len(rest.y)} windows of recordings, after retraining on {len(half.y)}"
+        return Trained(fitted, evaluate, fresh, stopped_by)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trained:
+    """A training, what it is judged on, and what stopped it."""
+
+    fitted: Fitted
+    evaluate: CellData
+    fresh: CellData
+    stopped_by: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Job:
+    """One training that is due."""
+
+    recipe: StudyRecipe  # where things lie
+    cell: Cell
+    variant: Variant
+    recordings: CellData | None = None  # windows to stop by and to retrain on
+
+    @property
+    def _settings(self) -> dict[str, Any]:
+        return self.recipe.settings(self.variant, self.recordings)
+
+    def kept(self) -> CellResult | None:
+        """Return the result of an earlier run of the same settings."""
+        return self.recipe.results.load(self.cell.name, self.variant.label, self._settings)
+
+    def run(self, tell: Tell) -> CellResult:
+        """Train, or return what was kept."""
+        known = self.kept()
+        if known is not None:
+            return known
+        made = self.recipe.train(self.cell, self.variant, tell, self.recordings)
+        fitted, fresh = made.fitted, made.fresh
+        p = fitted.predict(fresh.x)
+        result = CellResult(
+            self.cell.name,
+            self.variant.label,
+            fitted.best_repeat,
+            tuple(int(k) * self.variant.fit.look_every for k in fitted.best_looks),
+            judged(fitted.predict(made.evaluate.x), made.evaluate.y),
+            judged(p, fresh.y),
+            seen(fresh, p),
+            made.stopped_by,
+            self._settings,
+            tuple(tuple(look) for look in fitted.scores.round(4).tolist()),
+            tuple(tuple(map(tuple, look)) for look in fitted.confidence.round(4).tolist()),
+        )
+        self.recipe.results.save(result)
+        return result
+
+
+def wanted_cells(
+    *, vector: int | None = None, animal: str | None = None, rate_hz: int | None = None
+) -> Iterator[Cell]:
+    """Yield the thesis' cells, or those that are asked for."""
+    for cell in CELLS:
+        if vector in {None, cell.vector} and animal in {None, cell.animal}:
+            if rate_hz in {None, cell.frame_rate_hz}:
+                yield cell
+            elif rate_hz not in {60, 200} and cell.frame_rate_hz == 60:
+                yield replace(cell, frame_rate_hz=rate_hz)
+
+
+def _last(steps: Iterator[Look | Fitted], cell: Cell, tell: Tell) -> Fitted:
+    result: Fitted | None = None
+    for step in steps:
+        if isinstance(step, Fitted):
+            result = step
+        else:
+            best = f", best score {min(step.scores):.3f}" if step.scores else ""
+            tell(f"{cell.name} {step.stage}{best}", step.epoch, step.epochs)
+    assert result is not None  # noqa: S101 - trainings end with their result
+    return result

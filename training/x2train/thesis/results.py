@@ -1,0 +1,150 @@
+"""Results of one training: accuracies, cross-entropy, confusion, of every repeat."""
+
+import json
+import statistics
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radard.errors import UsageError
+from x2train.sets.shards import write_whole
+from x2train.thesis.sets import CellData
+
+IN_VIEW = 0.25  # of the time: chosen, half a second
+_LEAST = 1e-12  # probability: chosen, its logarithm is finite
+
+
+@dataclass(frozen=True, slots=True)
+class SetResult:
+    """What the repeats did on one set of elements."""
+
+    n: int
+    total: tuple[float, ...]
+    class1: tuple[float, ...]
+    class2: tuple[float, ...]
+    cross_entropy: tuple[float, ...]
+    confusion: tuple[tuple[tuple[int, int], tuple[int, int]], ...]
+
+    @property
+    def median(self) -> float:
+        """Median of the repeats' total accuracy."""
+        return statistics.median(self.total)
+
+
+@dataclass(frozen=True, slots=True)
+class CellResult:
+    """One cell, one configuration."""
+
+    name: str
+    label: str  # what differs from the thesis' configuration; its activation in the main tables
+    best: int  # which repeat had the best score while it trained
+    epochs: tuple[int, ...]  # looks that were best, of each repeat
+    # the thesis' 500 elements, fresh ones, and those of the fresh ones in the swath for at least
+    # a quarter of the time
+    evaluation: SetResult
+    fresh: SetResult
+    in_view: SetResult
+    stopped_by: str  # what the score was computed on
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    # of every look and repeat: cross-entropy, and the mean probability of the true class of pets
+    # and of people, on what stopped the training; the first before it began
+    scores: tuple[tuple[float, ...], ...] = ()
+    confidence: tuple[tuple[tuple[float, ...], ...], ...] = ()
+
+
+def judged(p: NDArray[np.float64], y: NDArray[np.int64]) -> SetResult:
+    """Return what probabilities of shape (n_repeats, n, 2) are worth."""
+    said = p.argmax(axis=2)
+    right = said == y
+    truth = np.take_along_axis(p, y[None, :, None], axis=2)[..., 0]
+    confusion = tuple(
+        tuple(tuple(int(((row == out) & (y == true)).sum()) for true in (0, 1)) for out in (0, 1))
+        for row in said
+    )
+
+    def percent(which: NDArray[np.bool_]) -> tuple[float, ...]:
+        return tuple(float(round(100 * r[which].mean(), 2)) for r in right)
+
+    every = np.ones(len(y), np.bool_)
+    return SetResult(
+        len(y),
+        percent(every),
+        percent(y == 0),
+        percent(y == 1),
+        tuple(float(round(v, 4)) for v in -np.log(np.maximum(truth, _LEAST)).mean(axis=1)),
+        confusion,  # type: ignore[arg-type]
+    )
+
+
+def seen(data: CellData, p: NDArray[np.float64]) -> SetResult:
+    """Return what they are worth on the elements that are in view long enough."""
+    which = data.in_view >= IN_VIEW
+    return judged(p[:, which], data.y[which])
+
+
+class ResultFile:
+    """Results on disk, one JSON file each; a file that is cut short is not trusted.
+
+    Parameters
+    ----------
+    folder : Path
+        Made when missing.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        folder.mkdir(parents=True, exist_ok=True)
+
+    def path(self, name: str, label: str) -> Path:
+        """Return where a result lies."""
+        return self._folder / f"{name}-{label.replace(' ', '-').lower()}.json"
+
+    def load(self, name: str, label: str, settings: Mapping[str, Any]) -> CellResult | None:
+        """Return the result of the same settings, or None."""
+        path = self.path(name, label)
+        if not path.exists():
+            return None
+        try:
+            known = result_from(json.loads(path.read_text(encoding="utf-8")))
+        except (ValueError, KeyError, TypeError) as err:
+            msg = f"{path}: no result ({err}); remove it to make it again"
+            raise UsageError(msg) from err
+        return known if known.settings == json.loads(json.dumps(settings)) else None
+
+    def save(self, result: CellResult) -> None:
+        """Write one result, whole or not at all."""
+        path = self.path(result.name, result.label)
+        write_whole(path, json.dumps(asdict(result)).encode())
+
+
+def result_from(raw: Mapping[str, Any]) -> CellResult:
+    """Return a result as `dataclasses.asdict` and JSON left it."""
+    return CellResult(
+        name=raw["name"],
+        label=raw["label"],
+        best=raw["best"],
+        epochs=tuple(raw["epochs"]),
+        evaluation=_set_from(raw["evaluation"]),
+        fresh=_set_from(raw["fresh"]),
+        in_view=_set_from(raw["in_view"]),
+        stopped_by=raw["stopped_by"],
+        settings=raw["settings"],
+        scores=tuple(tuple(look) for look in raw["scores"]),
+        confidence=tuple(tuple(tuple(r) for r in look) for look in raw["confidence"]),
+    )
+
+
+def _set_from(raw: Mapping[str, Any]) -> SetResult:
+    confusion = tuple(((c[0][0], c[0][1]), (c[1][0], c[1][1])) for c in raw["confusion"])
+    return SetResult(
+        n=raw["n"],
+        total=tuple(raw["total"]),
+        class1=tuple(raw["class1"]),
+        class2=tuple(raw["class2"]),
+        cross_entropy=tuple(raw["cross_entropy"]),
+        confusion=confusion,
+    )

@@ -1,0 +1,140 @@
+"""The data sets: shards of elements made once and kept, and put together cell by cell."""
+
+import hashlib
+import json
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from x2train.sets.shard_run import fill
+from x2train.sets.shards import ShardSet
+from x2train.sets.workers import Rows, Tell
+from x2train.thesis.cells import Cell
+from x2train.thesis.elements import PROFILE, ElementSpec, element
+
+_SHARD = 250
+"""Elements of a shard: chosen, a run that is stopped loses a minute or two."""
+_LEVELS = 255
+"""Maps are kept as bytes: a step is 0.12 dB."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CellData:
+    """One data set."""
+
+    x: NDArray[np.float32]  # (n, Q): feature vectors
+    y: NDArray[np.int64]  # (n,): 0 for the animal (class 1), 1 for people (class 2), in turn
+    in_view: NDArray[np.float32]  # (n,): share of the time in the swath
+
+    def part(self, first: int, last: int) -> "CellData":
+        """Return elements `first` to before `last`."""
+        return CellData(self.x[first:last], self.y[first:last], self.in_view[first:last])
+
+
+def make_bodies(
+    folder: Path,
+    spec: ElementSpec,
+    body: str,
+    first: int,
+    n: int,
+    *,
+    workers: int = 1,
+    tell: Tell | None = None,
+) -> None:
+    """Make the shards of one body's elements `first` to before `first + n`.
+
+    The shards do not depend on the number of workers; `tell` is told how many are there.
+    """
+    bounds = {_name(*ends): ends for ends in _bounds(first, n)}
+    shards = _shards(folder, spec, body)
+    fill(shards, bounds, partial(_row, spec, body), workers=workers, report=tell)
+
+
+def load_cell(
+    folder: Path, spec: ElementSpec, cell: Cell, first: int, n: int, *, rectified: bool = False
+) -> CellData:
+    """Return `n` elements of a data set whose shards were made: animal and person in turn.
+
+    `rectified` turns range profiles so that the strongest sample lies left of the centre.
+    """
+    x, in_view = _in_turn(folder, spec, cell, (first, n), ("vector", "in_view"))
+    if cell.vector == 1:
+        x = np.ascontiguousarray(x[:, PROFILE:])
+    elif rectified:
+        x = rectify(x)
+    return CellData(x, np.tile(np.array([0, 1], np.int64), n // 2), in_view)
+
+
+def load_maps(
+    folder: Path, spec: ElementSpec, cell: Cell, first: int, n: int
+) -> tuple[dict[str, NDArray[np.float32]], CellData]:
+    """Return the maps of a data set, 'mu' and 'range_time', and the set (without vectors)."""
+    keys = ("mu", "range_time", "in_view")
+    mu, range_time, in_view = _in_turn(folder, spec, cell, (first, n), keys)
+    maps = {
+        name: (values / np.float32(_LEVELS)).astype(np.float32)
+        for name, values in (("mu", mu), ("range_time", range_time))
+    }
+    y = np.tile(np.array([0, 1], np.int64), n // 2)
+    return maps, CellData(np.empty((len(y), 0), np.float32), y, in_view)
+
+
+def _in_turn(
+    folder: Path, spec: ElementSpec, cell: Cell, which: tuple[int, int], keys: tuple[str, ...]
+) -> list[NDArray[Any]]:
+    first, n = which
+    number = np.arange(n // 2)
+    parts = [
+        _load(_shards(folder, spec, body), first, n // 2, keys) for body in (*cell.bodies, "human")
+    ]
+    made = []
+    for key in keys:
+        animals = np.stack([part[key] for part in parts[:-1]])
+        both = np.stack([animals[number % len(animals), number], parts[-1][key]], axis=1)
+        made.append(both.reshape(-1, *both.shape[2:]))
+    return made
+
+
+def rectify(x: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return type 2 vectors whose strongest range sample lies in the first half of its extent."""
+    out = x.copy()
+    for row in out:
+        profile = row[:PROFILE]
+        filled = np.flatnonzero(profile)
+        if filled.size and profile.argmax() > filled[-1] / 2:
+            profile[: filled[-1] + 1] = profile[filled[-1] :: -1].copy()
+    return out
+
+
+def _load(shards: ShardSet, first: int, n: int, keys: tuple[str, ...]) -> dict[str, NDArray[Any]]:
+    parts = [shards.read(_name(*ends)) for ends in _bounds(first, n)]
+    return {key: np.concatenate([p[key] for p in parts]) for key in keys}
+
+
+def _row(spec: ElementSpec, body: str, number: int) -> Rows:
+    made = element(spec, body, number)
+    return {
+        "vector": made.vector[None],
+        "mu": np.rint(made.mu[None] * _LEVELS).astype(np.uint8),
+        "range_time": np.rint(made.range_time[None] * _LEVELS).astype(np.uint8),
+        "in_view": np.array([made.in_view], np.float32),
+    }
+
+
+def _shards(folder: Path, spec: ElementSpec, body: str) -> ShardSet:
+    about = asdict(spec)
+    digest = hashlib.sha256(json.dumps(about, sort_keys=True).encode()).hexdigest()[:8]
+    name = f"{body}-{spec.frame_rate_hz}-{digest}"
+    return ShardSet(folder / name, {"set": "thesis elements", "body": body, **about})
+
+
+def _bounds(first: int, n: int) -> list[tuple[int, int]]:
+    return [(at, min(at + _SHARD, first + n)) for at in range(first, first + n, _SHARD)]
+
+
+def _name(first: int, last: int) -> str:
+    return f"{first:07d}-{last:07d}"

@@ -1,0 +1,129 @@
+"""What an X2M200 or X2M300 is told before one of its profiles streams baseband.
+
+A profile runs at a fixed 20 Hz, where Doppler holds 0.2 m/s at most: enough for a person who
+sits and breathes, not for gait; use `RadarSettings` (MANUAL mode) for that. Facts come from
+XTAN-11 rev C and clients of real modules; which pulse generator the profiles use is inferred
+(docs/research/hardware.md). Frames carry their own axis in the message; what stands here for it
+holds until the first one.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from x2radar.errors import SettingsError
+from x2radar.frame import FastTimeAxis
+from x2radar.modules.base import ModuleSettings
+from x2radar.modules.x2 import OUTPUTS, PULSE_GENERATORS, SPEED_OF_LIGHT_MPS
+from x2radar.wire.messages import (
+    LoadProfile,
+    Message,
+    SetDetectionZone,
+    SetLed,
+    SetMode,
+    SetOutput,
+    SetSensitivity,
+)
+from x2radar.wire.wire_ids import Led, Mode, OutputRef, Profile
+
+FRAME_RATE_HZ = 20.0
+"""XTAN-11; measured 19.99."""
+
+SAMPLE_RATE_HZ = 39e9
+DECIMATION = 10
+_PULSE = PULSE_GENERATORS[6]
+"""A user's figures of a real module, and the inferred pulse (docs/research/hardware.md)."""
+
+
+class ProfileRow(NamedTuple):
+    """A profile of these modules: its id, and the zone that clients give it, in metres."""
+
+    app_id: Profile
+    zone_m: tuple[float, float]
+
+
+PROFILES = {
+    "respiration": ProfileRow(Profile.RESPIRATION, (0.5, 1.2)),
+    "sleep": ProfileRow(Profile.SLEEP, (0.4, 2.0)),
+    "presence": ProfileRow(Profile.PRESENCE, (0.5, 3.3)),
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ProfileSettings(ModuleSettings):
+    """Settings of a module that runs a profile and sends its baseband besides."""
+
+    profile: str = "sleep"
+    """Row of `PROFILES`; presence is the X2M300's."""
+    zone_start_m: float = 0.4
+    zone_end_m: float = 2.0
+    """Detection zone, in metres. The module rounds it to its own grid."""
+    sensitivity: int = 9
+    """Of the profile's own detection, 0 to 9."""
+    output: str = "iq"
+    """Baseband as 'iq' (I/Q) or 'ap' (amplitude/phase) messages."""
+    led: int = Led.OFF
+    """Row of `wire_ids.Led`."""
+
+    NUMBERS = (("zone_start_m", 0.1, 10), ("zone_end_m", 0.1, 10))
+    WHOLE = (("sensitivity", 0, 9), ("led", 0, 3))
+    CHOICES = (("profile", tuple(PROFILES)), ("output", ("iq", "ap")))
+
+    def faults_together(self) -> Iterator[str]:
+        """As in `ModuleSettings`."""
+        if self.zone_end_m <= self.zone_start_m:
+            start = f"zone_start_m = {self.zone_start_m:g}"
+            yield f"zone_end_m = {self.zone_end_m:g}: must be above {start}"
+
+    @classmethod
+    def for_profile(cls, profile: str, *, output: str = "iq") -> "ProfileSettings":
+        """Return settings with the zone that clients give this profile."""
+        if profile not in PROFILES:
+            return cls(profile=profile, output=output)
+        start_m, end_m = PROFILES[profile].zone_m
+        return cls(profile=profile, zone_start_m=start_m, zone_end_m=end_m, output=output)
+
+    @classmethod
+    def for_port(cls, rate_hz: float | None, kind: str | None) -> "ProfileSettings":
+        """As in `ModuleSettings`: a profile runs at one rate and sends baseband only."""
+        if rate_hz not in {None, FRAME_RATE_HZ}:
+            msg = f"port key 'rate': {rate_hz:g}; the profiles of an X2M200 run at 20 only"
+            raise SettingsError(msg)
+        if kind not in {None, "baseband"}:
+            msg = "port key 'kind': the profiles of an X2M200 send baseband only"
+            raise SettingsError(msg)
+        return cls()
+
+    def startup_commands(self) -> tuple[Message, ...]:
+        """As in `ModuleSettings`, in the order of clients of real modules."""
+        return (
+            SetMode(Mode.IDLE),
+            LoadProfile(PROFILES[self.profile].app_id),
+            SetLed(self.led),
+            SetDetectionZone(self.zone_start_m, self.zone_end_m),
+            SetSensitivity(self.sensitivity),
+            SetOutput(OutputRef.BASEBAND, OUTPUTS[self.output]),
+            SetMode(Mode.RUN),
+        )
+
+    @property
+    def frame_rate_hz(self) -> float:
+        """Frames per second: fixed."""
+        return FRAME_RATE_HZ
+
+    @property
+    def axis(self) -> FastTimeAxis:
+        """Bins of ten RF samples: the zone and 0.4 m behind it; pulse and length are inferred.
+
+        A zone of 0.4 to 2.0 m makes 52 bins.
+        """
+        bin_length_m = DECIMATION * SPEED_OF_LIGHT_MPS / (2 * SAMPLE_RATE_HZ)
+        return FastTimeAxis(
+            kind="baseband",
+            n_range=round((self.zone_end_m - self.zone_start_m + 0.4) / bin_length_m),
+            bin_length_m=bin_length_m,
+            range_offset_m=self.zone_start_m,
+            carrier_hz=_PULSE.carrier_hz,
+            bandwidth_hz=_PULSE.bandwidth_hz,
+            sample_rate_hz=SAMPLE_RATE_HZ,
+        )

@@ -1,0 +1,189 @@
+"""What the X2 module is told before it streams: frozen, checked at construction.
+
+Owns the chip's limits, the table of pulse generators, and the commands that configure it.
+"""
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from x2radar.errors import SettingsError
+from x2radar.frame import FastTimeAxis
+from x2radar.modules.base import ModuleSettings
+from x2radar.wire.messages import Message, SetMode, SetOutput, SetSysFloat, SetSysInt
+from x2radar.wire.wire_ids import BasebandOutput, Mode, OutputRef, SysCfg
+
+SPEED_OF_LIGHT_MPS = 299_792_458.0
+SAMPLERS = 256
+DAC_TOP = 8191
+PRF_HZ = 100e6
+"""Samplers, 13-bit threshold DAC and pulse rate of the NVA6201, the chip of these modules."""
+
+
+class PulseGenerator(NamedTuple):
+    """One row of the X2's PGSelect table (NVA6201 data: protocol notes, section 5)."""
+
+    carrier_hz: float
+    bandwidth_hz: float
+    power_dbm: float
+
+
+PULSE_GENERATORS: tuple[PulseGenerator, ...] = tuple(
+    PulseGenerator(fc * 1e9, bw * 1e9, dbm)
+    for fc, bw, dbm in (
+        (5.3, 1.75, -10.7),
+        (5.4, 1.80, -10.8),
+        (5.7, 1.85, -11.2),
+        (6.1, 2.05, -11.8),
+        (6.4, 2.15, -12.0),
+        (6.8, 2.30, -12.6),
+        (7.3, 2.35, -13.3),
+        (7.7, 2.50, -14.0),
+        (7.8, 2.50, -14.0),
+        (8.2, 2.65, -14.8),
+        (8.8, 3.10, -16.4),
+        (9.1, 3.10, -16.7),
+    )
+)
+
+SYS_FIELDS: Mapping[SysCfg, str] = {
+    SysCfg.PG_SELECT: "pulse_generator",
+    SysCfg.FRAME_STITCH: "frame_stitch",
+    SysCfg.DAC_MIN: "dac_min",
+    SysCfg.DAC_MAX: "dac_max",
+    SysCfg.DAC_STEP: "dac_step",
+    SysCfg.PULSES_PER_STEP: "pulses_per_step",
+    SysCfg.ITERATIONS: "iterations",
+    SysCfg.FPS: "frame_rate_hz",
+    SysCfg.SAMPLE_DELAY: "sample_delay_s",
+}
+"""What SYSCFG sets which field, in the order in which a module is told."""
+
+OUTPUTS: Mapping[str, BasebandOutput] = {
+    "rf": BasebandOutput.OFF,
+    "iq": BasebandOutput.IQ,
+    "ap": BasebandOutput.AMPLITUDE_PHASE,
+}
+"""What `output` is on the wire; amplitude or phase alone make no frame."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RadarSettings(ModuleSettings):
+    """Settings of an X2 module in MANUAL mode; the sweep must fit into a frame."""
+
+    frame_rate_hz: float = 60.0
+    """Frames per second of the whole, stitched frame."""
+    frame_stitch: int = 3
+    """Offsets joined into one frame, 1 to 5; the frame has 256 times as many samples."""
+    pulse_generator: int = 5
+    """Row of `PULSE_GENERATORS`; 5 is the 6.8 GHz pulse."""
+    sample_delay_s: float = 4e-9
+    """Delay of the first sample behind the pulse, in seconds; sets the range of bin 0."""
+    dac_min: int = 0
+    dac_max: int = DAC_TOP
+    dac_step: int = 4
+    """Threshold sweep of the sampler, in counts of the 13-bit DAC."""
+    pulses_per_step: int = 16
+    iterations: int = 16
+    """Pulses integrated at each threshold, and sweeps summed."""
+    sample_rate_hz: float = 41e9
+    """Sampling rate of this chip, in hertz. It differs from chip to chip (38-41 GS/s) and cannot
+    be asked for over this protocol, so it is stated here."""
+    output: str = "rf"
+    """'rf', or baseband as 'iq' (I/Q) or 'ap' (amplitude/phase) messages."""
+
+    NUMBERS = (
+        ("frame_rate_hz", 1, 1000),
+        ("sample_delay_s", 0, 200e-9),
+        ("sample_rate_hz", 1e9, 100e9),
+    )
+    WHOLE = (
+        ("frame_stitch", 1, 5),
+        ("pulse_generator", 0, len(PULSE_GENERATORS) - 1),
+        ("dac_min", 0, DAC_TOP),
+        ("dac_max", 0, DAC_TOP),
+        ("dac_step", 1, 1024),
+        ("pulses_per_step", 1, 65535),
+        ("iterations", 1, 65535),
+    )
+    CHOICES = (("output", tuple(OUTPUTS)),)
+
+    def faults_together(self) -> Iterator[str]:
+        """As in `ModuleSettings`."""
+        if self.frame_rate_hz % 1:
+            yield f"frame_rate_hz = {self.frame_rate_hz!r}: must be a whole number"
+        elif self.dac_max <= self.dac_min:
+            yield f"dac_max = {self.dac_max}: must be above dac_min = {self.dac_min}"
+        elif self.sweep_s * self.frame_rate_hz > 1:
+            most = int(PRF_HZ / (self.frame_rate_hz * self.frame_stitch * self.n_steps))
+            yield (
+                f"iterations x pulses_per_step = {self.iterations * self.pulses_per_step}: "
+                f"one frame would take {self.sweep_s * 1e3:.1f} ms; at "
+                f"{self.frame_rate_hz:g} Hz at most {most} fit"
+            )
+
+    @classmethod
+    def for_frame_rate(cls, frame_rate_hz: float, *, output: str = "rf") -> "RadarSettings":
+        """Return settings that integrate as long as `frame_rate_hz` allows.
+
+        Fewer iterations (then fewer pulses, then a coarser DAC step) where the sweep would not
+        fit into a frame.
+        """
+        if not 1 <= frame_rate_hz <= 1000 or frame_rate_hz % 1:
+            return cls(frame_rate_hz=frame_rate_hz, output=output)
+        for pulses, step in ((16, 4), (8, 4), (4, 8), (4, 16), (2, 32), (1, 64)):
+            budget = PRF_HZ / (frame_rate_hz * 3 * math.ceil((DAC_TOP + 1) / step) * pulses)
+            if budget >= 1:
+                return cls(
+                    frame_rate_hz=frame_rate_hz,
+                    pulses_per_step=pulses,
+                    dac_step=step,
+                    iterations=min(64, int(budget)),
+                    output=output,
+                )
+        msg = f"frame_rate_hz = {frame_rate_hz!r}: no sweep is that fast"
+        raise SettingsError(msg)
+
+    @classmethod
+    def for_port(cls, rate_hz: float | None, kind: str | None) -> "RadarSettings":
+        """As in `ModuleSettings`: 60 Hz and RF unless the keys say otherwise."""
+        output = "iq" if kind == "baseband" else "rf"
+        return cls.for_frame_rate(60.0 if rate_hz is None else rate_hz, output=output)
+
+    def startup_commands(self) -> tuple[Message, ...]:
+        """As in `ModuleSettings`."""
+        values = {ref: getattr(self, name) for ref, name in SYS_FIELDS.items()}
+        delay_s = values.pop(SysCfg.SAMPLE_DELAY)
+        return (
+            SetMode(Mode.IDLE),
+            *(SetSysInt(ref, int(value)) for ref, value in values.items()),
+            SetSysFloat(SysCfg.SAMPLE_DELAY, delay_s),
+            SetOutput(OutputRef.BASEBAND, OUTPUTS[self.output]),
+            SetMode(Mode.MANUAL),
+        )
+
+    @property
+    def axis(self) -> FastTimeAxis:
+        """RF samples of c / (2 fs), from c ts / 2 on; those of baseband follow in its messages."""
+        pulse = PULSE_GENERATORS[self.pulse_generator]
+        return FastTimeAxis(
+            kind="rf" if self.output == "rf" else "baseband",
+            n_range=SAMPLERS * self.frame_stitch,
+            bin_length_m=SPEED_OF_LIGHT_MPS / (2 * self.sample_rate_hz),
+            range_offset_m=SPEED_OF_LIGHT_MPS * self.sample_delay_s / 2,
+            carrier_hz=pulse.carrier_hz,
+            bandwidth_hz=pulse.bandwidth_hz,
+            sample_rate_hz=self.sample_rate_hz,
+        )
+
+    @property
+    def n_steps(self) -> int:
+        """Thresholds in one sweep."""
+        return math.ceil((self.dac_max - self.dac_min + 1) / self.dac_step)
+
+    @property
+    def sweep_s(self) -> float:
+        """Time of the threshold sweeps of one stitched frame, in seconds."""
+        pulses = self.n_steps * self.pulses_per_step * self.iterations * self.frame_stitch
+        return pulses / PRF_HZ

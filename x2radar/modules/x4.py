@@ -1,0 +1,195 @@
+"""What an X4 module (X4M03, XEP firmware) is told before it streams.
+
+The same protocol and the same device class as for the X2, other commands. The formula of the
+highest frame rate follows the X4 user guide (XTAN-13); limits that no document gives are
+inferred (docs/research/hardware.md). What a module makes of frame rate and area it rounds to
+its own grid; `X4Get` asks for that.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from x2radar.frame import FastTimeAxis, Kind
+from x2radar.modules.base import ModuleSettings, is_number
+from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
+from x2radar.wire.messages import Message, SetMode
+from x2radar.wire.messages_x4 import (
+    X4Init,
+    X4SetCentreFrequency,
+    X4SetDacMax,
+    X4SetDacMin,
+    X4SetDacStep,
+    X4SetDownConversion,
+    X4SetFrameArea,
+    X4SetFrameAreaOffset,
+    X4SetFrameRate,
+    X4SetIterations,
+    X4SetPrfDivider,
+    X4SetPulsesPerStep,
+)
+from x2radar.wire.wire_ids import Mode
+
+SAMPLE_RATE_HZ = 23.328e9
+BASEBAND_STEP = 8
+PRF_SOURCE_HZ = 243e6
+DUTY = 0.95
+"""Sampler, decimation, pulse source and share of a frame that the sweep may take (XTAN-13)."""
+
+DEFAULT_ITERATIONS = 64
+"""Chosen: two thirds of what 60 Hz has room for."""
+
+PULSES = {3: (7.29e9, 1.4e9), 4: (8.748e9, 1.5e9)}
+"""Centre frequency and bandwidth at -10 dB, in hertz, by the driver's code."""
+SPAN_M = 1536 * SPEED_OF_LIGHT_MPS / (2 * SAMPLE_RATE_HZ)
+"""The chip's 1536 samples, in metres."""
+
+X4_FIELDS: Mapping[type[Any], tuple[str, ...]] = {
+    X4SetDownConversion: ("is_baseband",),
+    X4SetCentreFrequency: ("centre_frequency",),
+    X4SetPrfDivider: ("prf_divider",),
+    X4SetIterations: ("iterations",),
+    X4SetPulsesPerStep: ("pulses_per_step",),
+    X4SetDacStep: ("dac_step",),
+    X4SetDacMin: ("dac_min",),
+    X4SetDacMax: ("dac_max",),
+    X4SetFrameAreaOffset: ("area_offset_m",),
+    X4SetFrameArea: ("area_start_m", "area_end_m"),
+}
+"""Which command sets which fields, in the order in which a module is told."""
+
+_LOWEST_HZ = 0.01
+"""Chosen: no document gives one."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class X4Settings(ModuleSettings):
+    """Settings of an X4 module that streams frames itself; the sweep must fit into a frame."""
+
+    frame_rate_hz: float = 60.0
+    area_start_m: float = 0.4
+    area_end_m: float = 5.0
+    """Range that the frame covers, in metres: at most the chip's 1536 samples."""
+    area_offset_m: float = 0.18
+    """Range of the antenna's own delay, in metres."""
+    is_baseband: bool = True
+    """The chip mixes down and keeps every eighth sample; otherwise RF."""
+    centre_frequency: int = 3
+    """3 for 7.29 GHz, 4 for 8.748 GHz."""
+    dac_min: int = 949
+    dac_max: int = 1100
+    dac_step: int = 1
+    """Threshold sweep, in counts of the 11-bit DAC; the step's code is inferred."""
+    pulses_per_step: int = 16
+    iterations: int = DEFAULT_ITERATIONS
+    """Pulses integrated at each threshold, and sweeps summed."""
+    prf_divider: int = 16
+    """Pulse rate = 243 MHz / divider, at most 40.5 MHz."""
+
+    NUMBERS = (
+        ("frame_rate_hz", _LOWEST_HZ, 1000),
+        ("area_start_m", -1, 10),
+        ("area_end_m", -1, 20),
+        ("area_offset_m", -1, 1),
+    )
+    WHOLE = (
+        ("dac_min", 0, 2047),
+        ("dac_max", 0, 2047),
+        ("dac_step", 1, 255),
+        ("pulses_per_step", 1, 65535),
+        ("iterations", 1, 255),
+        ("prf_divider", 6, 255),
+        ("centre_frequency", min(PULSES), max(PULSES)),
+    )
+    CHOICES = (("is_baseband", (True, False)),)
+
+    def faults_together(self) -> Iterator[str]:
+        """As in `ModuleSettings`."""
+        span_m = self.area_end_m - self.area_start_m
+        if not 0 < span_m <= SPAN_M:
+            yield (
+                f"area_end_m = {self.area_end_m:g}: must be above area_start_m, at most "
+                f"{SPAN_M:.2f} m behind it"
+            )
+        if self.dac_max <= self.dac_min:
+            yield f"dac_max = {self.dac_max}: must be above dac_min = {self.dac_min}"
+        elif self.frame_rate_hz > self.highest_frame_rate_hz:
+            yield (
+                f"frame_rate_hz = {self.frame_rate_hz:g}: iterations and pulses_per_step allow "
+                f"{self.highest_frame_rate_hz:.1f}"
+            )
+
+    @classmethod
+    def for_frame_rate(cls, frame_rate_hz: float, *, is_baseband: bool = True) -> "X4Settings":
+        """Return settings that integrate as long as `frame_rate_hz` allows.
+
+        Fewer iterations, then fewer pulses, where the sweep would not fit into a frame.
+        """
+        for pulses in (16, 8, 4, 2, 1):
+            one = cls(
+                frame_rate_hz=_LOWEST_HZ,
+                is_baseband=is_baseband,
+                pulses_per_step=pulses,
+                iterations=1,
+            )
+            if not is_number(frame_rate_hz, _LOWEST_HZ, one.highest_frame_rate_hz):
+                continue
+            iterations = int(one.highest_frame_rate_hz / frame_rate_hz)
+            if iterations >= 16 or pulses == 1:
+                return replace(
+                    one,
+                    frame_rate_hz=frame_rate_hz,
+                    iterations=min(DEFAULT_ITERATIONS, iterations),
+                )
+        # No sweep is that fast, or it is no rate at all: say so.
+        return cls(frame_rate_hz=frame_rate_hz, is_baseband=is_baseband, pulses_per_step=1)
+
+    @classmethod
+    def for_port(cls, rate_hz: float | None, kind: str | None) -> "X4Settings":
+        """As in `ModuleSettings`: 60 Hz and baseband unless the keys say otherwise."""
+        rate_hz = 60.0 if rate_hz is None else rate_hz
+        return cls.for_frame_rate(rate_hz, is_baseband=kind != "rf")
+
+    def startup_commands(self) -> tuple[Message, ...]:
+        """As in `ModuleSettings`."""
+        told = (cls(*(getattr(self, f) for f in fields)) for cls, fields in X4_FIELDS.items())
+        return (
+            SetMode(Mode.STOP),
+            SetMode(Mode.MANUAL),
+            X4Init(),
+            *told,
+            X4SetFrameRate(self.frame_rate_hz),
+        )
+
+    @property
+    def highest_frame_rate_hz(self) -> float:
+        """PRF D / (iterations pps (dac_max - dac_min + 1)), in hertz (XTAN-13).
+
+        The guide's formula has no `dac_step`: a coarser sweep may allow more.
+        """
+        sweep = self.iterations * self.pulses_per_step * (self.dac_max - self.dac_min + 1)
+        return PRF_SOURCE_HZ / self.prf_divider * DUTY / sweep
+
+    @property
+    def axis(self) -> FastTimeAxis:
+        """Bins of 6.4 mm (RF) or 51.4 mm, from the area's start as asked for (inferred) on.
+
+        Both ends of the area have a bin (inferred).
+        """
+        step = BASEBAND_STEP if self.is_baseband else 1
+        bin_length_m = step * SPEED_OF_LIGHT_MPS / (2 * SAMPLE_RATE_HZ)
+        carrier_hz, bandwidth_hz = PULSES[self.centre_frequency]
+        return FastTimeAxis(
+            kind=self.raw_kind,
+            n_range=int((self.area_end_m - self.area_start_m) / bin_length_m) + 1,
+            bin_length_m=bin_length_m,
+            range_offset_m=self.area_start_m,
+            carrier_hz=carrier_hz,
+            bandwidth_hz=bandwidth_hz,
+            sample_rate_hz=SAMPLE_RATE_HZ,
+        )
+
+    @property
+    def raw_kind(self) -> Kind:
+        """What its frames hold, which are all raw."""
+        return "baseband" if self.is_baseband else "rf"
