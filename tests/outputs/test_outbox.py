@@ -72,6 +72,23 @@ def test_a_row_that_cannot_be_read_is_skipped_counted_and_said_once(damage, path
     assert caplog.text.count("unreadable") == 1
 
 
+def test_an_event_that_was_put_behind_others_costs_none_of_those_after_it(opened):
+    box, found = opened(), []
+    box.put(event(1))
+    box.defer(box.first())
+    for n in (2, 3):
+        found += delivered(box)
+        box.put(event(n))
+    assert found + delivered(box) == [ulid(1), ulid(2), ulid(3)]
+
+
+def test_late_updates_of_one_event_all_have_keys_of_their_own(opened):
+    box = opened()
+    for t_s in (1e6 + 0.45, 1e6 + 1.45, 1e6 + 2.45):
+        box.put(event(1, phase="update", t_s=t_s))
+    assert delivered(box) == [ulid(1)] * 3
+
+
 def test_delivery_goes_on_behind_a_row_that_cannot_be_read(tmp_path):
     server = WebServer(port := free_port())
     server.close()

@@ -155,4 +155,4 @@ class EventJournal:
 
 
 def _key_of(record: Mapping[str, Any]) -> str:
-    return f"{record['id']}-{record['phase']}-{record['t_s']:g}"
+    return f"{record['id']}-{record['phase']}-{record['t_s']!r}"

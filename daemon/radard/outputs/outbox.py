@@ -59,7 +59,7 @@ class Item:
 
 def _key_of(record: Record) -> str:
     if record.get("type") == "event":
-        return f"{record['id']}-{record['phase']}-{record['t_s']:g}"
+        return f"{record['id']}-{record['phase']}-{record['t_s']!r}"
     return f"{record.get('type')}-{record.get('seq', '')}-{time.time_ns()}"
 
 
@@ -161,8 +161,10 @@ class Outbox:
                 self._unsaved.remove(item)
                 self._unsaved.append(item)
             else:
-                # One statement: a kill must not lose it.
-                last = "UPDATE outbox SET n = (SELECT max(n) + 1 FROM outbox) WHERE key = ?"
+                # One statement: a kill must not lose it. It takes a new number, as every event
+                # does: AUTOINCREMENT would give one that it has not counted to the next, too.
+                last = """INSERT OR REPLACE INTO outbox (key, put_s, record)
+                          SELECT key, put_s, record FROM outbox WHERE key = ?"""
                 self._execute(last, (item.key,))
 
     def tend(self) -> int:
