@@ -4,7 +4,6 @@ import numpy as np
 
 from radard.alarm.events import EventTracker
 from radard.detect.gate import GateReading
-from radard.health.health import Health
 from radard.judge.classifier import Probabilities
 from radard.judge.decision import Decision
 from radard.stream.ring import Notice
@@ -67,15 +66,3 @@ def test_ids_are_ulids_that_follow_from_the_frames():
     assert first(DWELL) != first(dwell_of(noise(10, seed=1)))
     assert first(DWELL, 1.0) < first(DWELL, 2.0)
     assert len({first(dwell_of(np.roll(noise(10), k, axis=0))) for k in range(5)}) == 5
-
-
-def test_health_follows_decisions_and_notices():
-    health = Health()
-    assert health.status.state == "starting"
-    assert health.on_decision(decision(1)).state == "online"
-    assert health.on_decision(decision(2)) is None
-    assert health.on_decision(decision(3, invalid=True)).state == "degraded"
-    assert health.on_notice(Notice("lost", "gone", 4)).state == "offline"
-    assert health.on_notice(Notice("found", "back", 5)).state == "degraded"
-    assert health.on_decision(decision(6)).state == "online"
-    assert health.on_end("end of stream").reason == "end of stream"

@@ -2,8 +2,11 @@
 
 systemd's watchdog, the status file, MQTT's availability, `/healthz` and `radard health` ask
 this object. It is asked, it does not ask: without a decision for `stale_s` it says offline
-by itself, whatever thread stands still. A device that is away is declared (`on_notice`);
-then there is nothing to restart, and only then the watchdog is fed without decisions.
+by itself, whatever thread stands still. Only decisions are a sign of life: a module that
+restarts again and again says much and decides nothing. A device that is away is declared
+(`on_notice`); then there is nothing to restart, and only then the watchdog is fed without
+decisions. Once it is back a decision is due within `stale_s`, and only a decision earns another
+such wait.
 """
 
 import threading
@@ -16,8 +19,8 @@ from radard.judge.decision import Decision
 from radard.stream.ring import Notice
 
 State = Literal["starting", "online", "degraded", "offline"]
-STALE_S = 5.0  # chosen: five hops, half of the unit's WatchdogSec
-START_S = 15.0  # chosen: a module's reset and the first dwell
+STALE_S = 5.0  # five hops, half of the unit's WatchdogSec
+START_S = 15.0  # a module's reset, its first dwell, and room for a slow computer
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,11 +36,14 @@ class Status:
         return self.state in {"online", "degraded"}
 
 
+_STARTING = Status("starting", "waiting for the first dwell")
+
+
 class Health:
     """Online means: a decision was made from fresh frames. Any thread may ask.
 
-    Methods that take something return a status when the state has changed, else None. Without a
-    decision for `stale_s` it is offline, by the host's monotonic clock.
+    Methods that are told something return a status when the state has changed, else None. Times
+    are those of the host's monotonic clock.
     """
 
     def __init__(
@@ -46,10 +52,12 @@ class Health:
         self._stale_s = stale_s
         self._clock = clock
         self._lock = threading.Lock()
-        self._base = Status("starting", "waiting for the first dwell")
-        self._fresh_s = clock() + max(0.0, START_S - stale_s)
+        self._base = _STARTING
+        self._decided_s = clock()
+        self._due_s = self._decided_s + max(START_S, stale_s)
+        self._may_wait = True
         self._complaints: dict[str, str] = {}
-        self._is_absent = self._is_over = False
+        self._is_away = self._is_over = False
         self._told: State = "starting"
 
     @property
@@ -62,7 +70,7 @@ class Health:
     def may_feed(self) -> bool:
         """Whether the watchdog may be fed: decisions are fresh, or the device is declared away."""
         with self._lock:
-            return not self._is_over and (self._is_absent or self._now().is_well)
+            return not self._is_over and (self._is_away or self._now().is_well)
 
     @property
     def is_over(self) -> bool:
@@ -74,38 +82,52 @@ class Health:
     def age_s(self) -> float:
         """Seconds since the newest frame that went into a decision, or since the start."""
         with self._lock:
-            return max(0.0, self._clock() - self._fresh_s)
+            return max(0.0, self._clock() - self._decided_s)
 
     def on_decision(self, decision: Decision) -> Status | None:
-        """Take a decision; what counts is when its last frame arrived."""
-        invalid = decision.gate == "invalid"
-        base = Status("degraded", decision.fault) if invalid else Status("online", "")
-        return self._go(base, decision.t_mono_s)
+        """Note a decision; what counts is when its last frame arrived."""
+        with self._lock:
+            if self._is_over:
+                return None
+            self._decided_s = decision.t_mono_s or self._clock()
+            self._due_s = self._decided_s + self._stale_s
+            self._may_wait = True
+            is_valid = decision.gate != "invalid"
+            return self._say(
+                Status("online", "") if is_valid else Status("degraded", decision.fault)
+            )
 
     def on_notice(self, notice: Notice) -> Status | None:
-        """Take a notice."""
-        if notice.kind == "lost":
-            return self._go(Status("offline", f"device absent: {notice.reason}"), absent=True)
-        return self._go(Status("degraded", notice.reason))
+        """Note what happened to the stream."""
+        with self._lock:
+            if notice.kind == "lost":
+                return self._say(
+                    Status("offline", f"device absent: {notice.reason}"), is_away=True
+                )
+            if notice.kind == "found" and self._is_away:
+                self._wait(self._stale_s)
+            elif notice.kind == "paused":
+                # A replay that is held on purpose says so all the while, and guards nobody.
+                self._due_s = self._clock() + self._stale_s
+            return self._say(Status("degraded", notice.reason))
 
     def on_start(self) -> Status | None:
         """Note that the work begins again."""
         with self._lock:
-            self._is_absent = False
-            self._base = Status("starting", "waiting for the first dwell")
-            self._fresh_s = self._clock() + max(0.0, START_S - self._stale_s)
-            return self._changed()
+            self._wait(max(START_S, self._stale_s))
+            return self._say(_STARTING)
 
     def on_failure(self, reason: str) -> Status | None:
         """Note that the work broke off and will begin again: declared, as an absent device."""
-        return self._go(Status("offline", reason), absent=True)
+        with self._lock:
+            return self._say(Status("offline", reason), is_away=True)
 
     def on_end(self, reason: str) -> Status | None:
         """Note that the run is over."""
         with self._lock:
-            self._is_over, self._is_absent = True, False
-            self._base = Status("offline", reason)
-            return self._changed()
+            status = self._say(Status("offline", reason))
+            self._is_over = True
+            return status if status is not None else self._changed()
 
     def complain(self, source: str, reason: str) -> Status | None:
         """Note what is wrong beside the stream, an output say; an empty reason takes it back."""
@@ -120,19 +142,23 @@ class Health:
         with self._lock:
             return self._changed()
 
-    def _go(self, base: Status, fresh_s: float = 0.0, *, absent: bool = False) -> Status | None:
-        with self._lock:
-            if self._is_over:
-                return None
-            self._base, self._is_absent = base, absent
-            self._fresh_s = fresh_s or self._clock()
-            return self._changed()
+    def _wait(self, seconds: float) -> None:
+        """Let the next decision be due so much later; once, until there is one."""
+        if self._may_wait:
+            self._due_s, self._may_wait = self._clock() + seconds, False
+
+    def _say(self, base: Status, *, is_away: bool = False) -> Status | None:
+        if self._is_over:
+            return None
+        self._base, self._is_away = base, is_away
+        return self._changed()
 
     def _now(self) -> Status:
-        if self._is_over or self._is_absent:
+        if self._is_over or self._is_away:
             return self._base
-        age_s = self._clock() - self._fresh_s
-        if age_s > self._stale_s:
+        now_s = self._clock()
+        if now_s > self._due_s:
+            age_s = now_s - self._decided_s
             return Status("offline", f"no decision from fresh frames for {age_s:.0f} s")
         if not self._complaints or self._base.state == "starting":
             return self._base

@@ -11,6 +11,7 @@ from radard.stream.source import LiveSource
 from tests.daemon_helpers import Gate, launcher
 from tests.waiting import wait_for
 
+pytestmark = pytest.mark.integration
 STALE_S = 1.5
 launch = pytest.fixture(launcher)
 WHERE = {

@@ -1,4 +1,4 @@
-"""The health state machine and its readers: status file, heartbeat, systemd, `radard health`."""
+"""Who tells of health: the status file, the heartbeat, systemd, `radard health`."""
 
 import errno
 import json
@@ -10,7 +10,7 @@ import pytest
 from radard.cli import main
 from radard.config.config import load_config
 from radard.config.directories import clip_dir, runtime_dir, state_dir, status_dirs
-from radard.health.health import Health, Status, may_feed_all, overall
+from radard.health.health import Health, Status
 from radard.health.heartbeat import Heartbeat, Watched
 from radard.health.status_file import read_status, status_path, write_status
 from radard.health.systemd import Notifier
@@ -18,91 +18,12 @@ from radard.stream.ring import Notice
 from tests.alarm_helpers import NotifySocket, decision
 
 
-class Clock:
-    """A clock that a test turns."""
-
-    now_s = 100.0
-
-    def __call__(self):
-        return self.now_s
-
-
 @pytest.fixture
-def clock():
-    return Clock()
+def health():
+    return Health(stale_s=5.0, clock=lambda: 100.0)
 
 
-@pytest.fixture
-def health(clock):
-    return Health(stale_s=5.0, clock=clock)
-
-
-def test_online_means_a_decision_from_fresh_frames(health, clock):
-    assert health.status.state == "starting"
-    assert not health.may_feed
-    assert health.on_decision(decision(1, t_mono_s=clock.now_s)).state == "online"
-    assert health.may_feed
-    clock.now_s += 4.9
-    assert health.status.state == "online"
-    clock.now_s += 0.2
-    assert health.status == Status("offline", "no decision from fresh frames for 5 s")
-    assert not health.may_feed
-    assert health.check().state == "offline"
-    assert health.check() is None
-    assert health.on_decision(decision(2, t_mono_s=clock.now_s)).state == "online"
-
-
-def test_old_frames_make_no_fresh_decision(health, clock):
-    assert health.on_decision(decision(1, t_mono_s=clock.now_s - 6)).state == "offline"
-    assert not health.may_feed
-
-
-def test_a_start_that_takes_too_long(health, clock):
-    clock.now_s += 14
-    assert health.status.state == "starting"
-    clock.now_s += 2
-    assert health.status.state == "offline"
-
-
-def test_a_declared_absence_lasts_and_is_no_stall(health, clock):
-    health.on_decision(decision(1))
-    assert health.on_notice(Notice("lost", "unplugged", 1)).reason == "device absent: unplugged"
-    clock.now_s += 1e6
-    assert health.status.state == "offline"
-    assert health.may_feed
-    assert health.on_notice(Notice("found", "back", 1)).state == "degraded"
-    clock.now_s += 6
-    assert not health.may_feed
-    assert health.status.state == "offline"
-
-
-def test_invalid_windows_are_degraded_and_no_reason_to_restart(health):
-    assert health.on_decision(decision(1, fault="9 frames missing")).reason == "9 frames missing"
-    assert health.may_feed
-
-
-def test_complaints_degrade_and_are_taken_back(health, clock):
-    health.on_decision(decision(1))
-    assert health.complain("clips", "disk full").reason == "clips: disk full"
-    assert health.complain("mqtt", "no broker") is None
-    assert health.status.reason == "clips: disk full; mqtt: no broker"
-    assert health.on_decision(decision(2)) is None
-    health.complain("clips", "")
-    assert health.complain("mqtt", "").state == "online"
-    health.complain("mqtt", "no broker")
-    clock.now_s += 10
-    assert health.status.state == "offline"
-
-
-def test_the_end_is_final(health):
-    health.on_decision(decision(1))
-    assert health.on_end("stopped") == Status("offline", "stopped")
-    assert health.on_decision(decision(2)) is None
-    assert health.on_notice(Notice("lost", "x", 1)) is None
-    assert health.status.reason == "stopped"
-    assert not health.may_feed
-
-
+@pytest.mark.integration
 @pytest.mark.parametrize("name", ["{}/notify", "@radard-test-{}"])
 def test_messages_reach_the_service_manager(name, tmp_path):
     where = name.format(tmp_path if "/" in name else os.getpid())
@@ -323,41 +244,3 @@ def test_folders():
     assert clip_dir(off, {"STATE_DIRECTORY": "/v"}) is None
     named = load_config(environ={"RADARD_SERVICE__STATE_DIR": "/a", "RADARD_CLIPS__DIR": "/c"})
     assert (str(state_dir(named, {})), str(clip_dir(named, {}))) == ("/a", "/c")
-
-
-@pytest.mark.parametrize(
-    ("states", "whole", "reason"),
-    [
-        (("online", "online"), "online", ""),
-        (("online", "degraded"), "degraded", "b: degraded: degraded"),
-        (("offline", "online"), "degraded", "a: offline: offline"),
-        (("offline", "offline"), "offline", "a: offline: offline; b: offline: offline"),
-        (("starting", "offline"), "starting", "a: starting: starting; b: offline: offline"),
-        (("degraded",), "degraded", "degraded"),
-    ],
-)
-def test_several_states_make_one(states, whole, reason):
-    class Fixed:
-        def __init__(self, state):
-            self.status = Status(state, "" if state == "online" else state)
-
-    healths = {name: Fixed(state) for name, state in zip("ab", states, strict=False)}
-    assert overall(healths) == Status(whole, reason)
-
-
-def test_the_watchdog_is_fed_for_all_that_go_on():
-    now_s = [0.0]
-    fresh, away, over = (Health(stale_s=5.0, clock=lambda: now_s[0]) for _ in range(3))
-    fresh.on_decision(decision(1, t_mono_s=0.1))
-    away.on_failure("it broke")
-    over.on_end("end of stream")
-    assert away.status == Status("offline", "it broke")
-    assert may_feed_all([fresh, away, over])
-    assert not may_feed_all([over])
-    away.on_start()
-    assert away.status.state == "starting"
-    assert not may_feed_all([fresh, away, over])
-    away.on_decision(decision(1, t_mono_s=0.1))
-    assert may_feed_all([fresh, away, over])
-    now_s[0] = 6.0
-    assert not may_feed_all([fresh, away, over])

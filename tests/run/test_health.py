@@ -1,0 +1,241 @@
+"""Health against a model: only decisions are a sign of life."""
+
+from itertools import pairwise
+
+import pytest
+from hypothesis import settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
+
+from radard.health.health import START_S, Health, Status, may_feed_all, overall
+from radard.stream.ring import Notice
+from tests.alarm_helpers import decision
+
+STALE_S = 5.0
+
+
+class Clock:
+    """A clock that a test turns."""
+
+    now_s = 100.0
+
+    def __call__(self):
+        return self.now_s
+
+
+@pytest.fixture
+def clock():
+    return Clock()
+
+
+@pytest.fixture
+def health(clock):
+    return Health(stale_s=STALE_S, clock=clock)
+
+
+class HealthMachine(RuleBasedStateMachine):
+    """Whatever happens to a stream; the model looks through all of it each time."""
+
+    @initialize(stale_s=st.sampled_from([STALE_S, 40.0]))
+    def begin(self, stale_s):
+        self.clock, self.stale_s = Clock(), stale_s
+        self.health = Health(stale_s=stale_s, clock=self.clock)
+        self.told = "starting"
+        self.past = [("start", self.clock.now_s, "")]
+        self.wrong = {}
+
+    def hear(self, status):
+        """Every change of state is told, once."""
+        expected = self.expected()
+        if status is None:
+            assert expected.state == self.told
+        else:
+            assert status == expected
+            assert expected.state != self.told
+        self.told = expected.state
+
+    def happened(self, kind, status_of, reason=""):
+        if not any(each == "end" for each, _, _ in self.past):
+            self.past.append((kind, self.clock.now_s, reason))
+        self.hear(status_of())
+
+    @rule(late_s=st.sampled_from([0.0, 0.3, 4.0, 7.0]), fault=st.sampled_from(["", "9 missing"]))
+    def decide(self, late_s, fault):
+        made = decision(1, fault=fault, t_mono_s=self.clock.now_s - late_s)
+        kind = "invalid" if fault else "decision"
+        if not any(each == "end" for each, _, _ in self.past):
+            self.past.append((kind, self.clock.now_s - late_s, fault))
+        self.hear(self.health.on_decision(made))
+
+    @rule(kind=st.sampled_from(["lost", "found", "restart", "paused"]))
+    def notice(self, kind):
+        self.happened(kind, lambda: self.health.on_notice(Notice(kind, f"it {kind}", 1.0)), kind)
+
+    @rule()
+    def fail(self):
+        self.happened("failed", lambda: self.health.on_failure("fire"))
+
+    @rule()
+    def start(self):
+        self.happened("start", self.health.on_start)
+
+    @rule(source=st.sampled_from(["clips", "mqtt"]), reason=st.sampled_from(["", "full"]))
+    def complain(self, source, reason):
+        self.wrong.pop(source, None)
+        if reason:
+            self.wrong[source] = f"{source}: {reason}"
+        self.hear(self.health.complain(source, reason))
+
+    @rule(seconds=st.sampled_from([0.1, 1.0, 2.4, 4.9, 5.1, 15.1, 301.0]))
+    def wait(self, seconds):
+        self.clock.now_s += seconds
+
+    @rule()
+    def look(self):
+        self.hear(self.health.check())
+
+    @rule(ends=st.integers(0, 19))
+    def end(self, ends):
+        if ends == 0:
+            self.happened("end", lambda: self.health.on_end("over"))
+
+    def decided_at(self):
+        return [n for n, (kind, _, _) in enumerate(self.past) if kind in {"decision", "invalid"}]
+
+    def due_s(self):
+        """When a decision is due at the latest: one wait after each, and one more for a return."""
+        decided = self.decided_at()
+        since = self.past[decided[-1] :] if decided else self.past
+        first = self.past[decided[-1]][1] + self.stale_s if decided else 0.0
+        due_s = first or self.past[0][1] + max(START_S, self.stale_s)
+        has_waited = False
+        for before, (kind, t_s, _) in pairwise(since):
+            comes_back = kind == "found" and before[0] in {"lost", "failed"}
+            if (comes_back or kind == "start") and not has_waited:
+                has_waited = True
+                due_s = t_s + (self.stale_s if comes_back else max(START_S, self.stale_s))
+            elif kind == "paused":
+                due_s = t_s + self.stale_s
+        return due_s
+
+    def expected(self):
+        kind, _, reason = self.past[-1]
+        if kind == "end":
+            return Status("offline", "over")
+        if kind == "lost":
+            return Status("offline", f"device absent: it {reason}")
+        if kind == "failed":
+            return Status("offline", "fire")
+        if self.clock.now_s > self.due_s():
+            decided = self.decided_at()
+            age_s = self.clock.now_s - self.past[decided[-1] if decided else 0][1]
+            return Status("offline", f"no decision from fresh frames for {age_s:.0f} s")
+        if kind == "start":
+            return Status("starting", "waiting for the first dwell")
+        said = {"decision": "", "invalid": reason}.get(kind, f"it {kind}")
+        reasons = [*([said] if said else []), *self.wrong.values()]
+        return Status("degraded" if reasons else "online", "; ".join(reasons))
+
+    @invariant()
+    def agrees_with_the_model(self):
+        expected = self.expected()
+        assert self.health.status == expected
+        is_declared = self.past[-1][0] in {"lost", "failed"}
+        assert self.health.may_feed is (expected.is_well or is_declared)
+        assert self.health.is_over is (self.past[-1][0] == "end")
+
+    @invariant()
+    def nobody_is_called_well_without_decisions(self):
+        decided = [t_s for kind, t_s, _ in self.past if kind in {"decision", "invalid"}]
+        last_s = decided[-1] if decided else self.past[0][1]
+        assert self.health.age_s == pytest.approx(self.clock.now_s - last_s, abs=1e-6)
+        if not any(kind in {"found", "paused"} for kind, _, _ in self.past):
+            longest_s = max(START_S, self.stale_s)
+            assert not self.health.status.is_well or self.health.age_s <= longest_s
+
+
+TestHealthMachine = HealthMachine.TestCase
+TestHealthMachine.settings = settings(max_examples=40, stateful_step_count=25)
+
+
+@pytest.mark.parametrize("kinds", [("restart",), ("lost", "found"), ("found",), ("silent",)])
+@pytest.mark.parametrize("every_s", [0.2, 1.0, 3.0])
+def test_a_module_that_restarts_in_a_loop_is_offline_and_not_fed(health, clock, kinds, every_s):
+    health.on_decision(decision(1, t_mono_s=clock.now_s))
+    until_s, n = clock.now_s + 301, 0
+    while clock.now_s < until_s:
+        clock.now_s += every_s
+        health.on_notice(Notice(kinds[n % len(kinds)], "again", 1.0))
+        n += 1
+        if clock.now_s > 100 + 2 * STALE_S + every_s:
+            assert not health.status.is_well
+            assert health.may_feed is (kinds[(n - 1) % len(kinds)] == "lost")
+    assert health.age_s == pytest.approx(clock.now_s - 100)
+    assert health.on_decision(decision(2, t_mono_s=clock.now_s)).state == "online"
+
+
+def test_work_that_breaks_off_again_and_again_is_never_well(health, clock):
+    for _ in range(20):
+        health.on_failure("fire")
+        assert (health.status.state, health.may_feed) == ("offline", True)
+        clock.now_s += 5
+        health.on_start()
+        clock.now_s += 10
+        assert not health.status.is_well
+        assert not health.may_feed
+
+
+def test_a_device_that_is_back_has_time_for_its_first_dwell(health, clock):
+    health.on_decision(decision(1, t_mono_s=clock.now_s))
+    health.on_notice(Notice("lost", "unplugged", 1))
+    clock.now_s += 1e6
+    assert health.may_feed
+    assert health.on_notice(Notice("found", "back", 1)).state == "degraded"
+    clock.now_s += STALE_S - 0.1
+    assert health.may_feed
+    clock.now_s += 0.2
+    assert not health.may_feed
+    assert health.status.reason.startswith("no decision from fresh frames for 1000005 s")
+
+
+def test_the_end_is_final(health):
+    health.on_decision(decision(1))
+    assert health.on_end("stopped") == Status("offline", "stopped")
+    assert health.on_decision(decision(2)) is None
+    assert health.on_notice(Notice("lost", "x", 1)) is None
+    assert health.status.reason == "stopped"
+
+
+@pytest.mark.parametrize(
+    ("states", "whole", "reason"),
+    [
+        (("online", "online"), "online", ""),
+        (("online", "degraded"), "degraded", "b: degraded: degraded"),
+        (("offline", "online"), "degraded", "a: offline: offline"),
+        (("offline", "offline"), "offline", "a: offline: offline; b: offline: offline"),
+        (("starting", "offline"), "starting", "a: starting: starting; b: offline: offline"),
+        (("degraded",), "degraded", "degraded"),
+    ],
+)
+def test_several_states_make_one(states, whole, reason):
+    class Fixed:
+        def __init__(self, state):
+            self.status = Status(state, "" if state == "online" else state)
+
+    healths = {name: Fixed(state) for name, state in zip("ab", states, strict=False)}
+    assert overall(healths) == Status(whole, reason)
+
+
+def test_the_watchdog_is_fed_for_all_that_go_on(clock):
+    fresh, away, over = (Health(stale_s=STALE_S, clock=clock) for _ in range(3))
+    fresh.on_decision(decision(1, t_mono_s=clock.now_s))
+    away.on_failure("it broke")
+    over.on_end("end of stream")
+    assert may_feed_all([fresh, away, over])
+    assert not may_feed_all([over])
+    away.on_start()
+    assert not may_feed_all([fresh, away, over])
+    away.on_decision(decision(1, t_mono_s=clock.now_s))
+    assert may_feed_all([fresh, away, over])
+    clock.now_s += 6
+    assert not may_feed_all([fresh, away, over])
