@@ -4,8 +4,11 @@ import contextlib
 import itertools
 import json
 import logging
+import multiprocessing.process
 import os
 import signal
+import socket
+import subprocess
 import tempfile
 from pathlib import Path
 
@@ -65,6 +68,22 @@ def pytest_terminal_summary(terminalreporter, config):
             n_hit, n = (sum(part[key] for part in parts) for key in (hit, of))
             told += f"{100 * n_hit / max(1, n):6.1f} % of {n:6}"
         terminalreporter.line(told)
+
+
+@pytest.fixture(autouse=True)
+def unit_tier(request, monkeypatch):
+    """In ./test unit, let a test neither open a socket nor start a process."""
+    if "not integration" not in request.config.option.markexpr:
+        return
+
+    def refuse(*_args, **_kwargs):
+        pytest.fail("a unit test opens no socket and starts no process: mark it integration")
+
+    monkeypatch.setattr(socket.socket, "bind", refuse)
+    monkeypatch.setattr(socket.socket, "connect", refuse)
+    monkeypatch.setattr(subprocess.Popen, "__init__", refuse)
+    monkeypatch.setattr(os, "openpty", refuse)
+    monkeypatch.setattr(multiprocessing.process.BaseProcess, "start", refuse)
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -31,10 +31,9 @@ MAINS = {"radard": radard, "x2radar": x2radar, "train-export": train_export}
 BLOCKS = {path: list(blocks_of(path)) for path in PAGES}
 ALL = [block for blocks in BLOCKS.values() for block in blocks]
 ELSEWHERE = {
-    "docs/reference/python.md": "test_docs_api.py",
-    "docs/research/extending.md": "test_extending.py",
+    "docs/research/extending.md": "house/test_extending.py",
 }
-"""Pages whose blocks depend on each other in a way of their own: who runs them."""
+"""Pages whose blocks need more than a place to run: which test runs them."""
 KINDS = {"sh", "python", "yaml", "json", "toml", "text"}
 USER = (
     "index install mounting home-assistant troubleshooting how-it-decides what-stops-an-alarm "

@@ -1,0 +1,156 @@
+"""What is built and pinned is what should be: `python tools/checks/package.py`.
+
+Wheel and source distribution are built twice, from two folders, and must be the same bytes; the
+wheel has every file of the three packages; pins have hashes; files of deploy/ name what there is.
+"""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tarfile
+import tempfile
+import tomllib
+import zipfile
+from collections.abc import Iterator
+from email import message_from_bytes
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+sys.path[:0] = [str(ROOT), str(ROOT / "daemon"), str(ROOT / "training")]
+
+from tests.packaging_helpers import build, copy_source  # noqa: E402 - the path comes first
+from x2radar.device.discovery import USB_IDS  # noqa: E402
+from x2radar.distribution import DISTRIBUTION  # noqa: E402
+
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+SOURCES = {"x2radar": "x2radar", "daemon/radard": "radard", "training/x2train": "x2train"}
+SCRIPTS = {"radard", "x2radar", "train-export"}
+
+
+def built(folder: Path) -> tuple[dict[str, Path], list[str]]:
+    """Build both twice, the second time by another hand and at another time."""
+    sources = [copy_source(folder / "here"), folder / "there/and further"]
+    shutil.copytree(sources[0], sources[1], symlinks=True)
+    for path in sources[1].rglob("*"):
+        if not path.is_symlink():
+            path.chmod(0o775 if path.is_dir() or os.access(path, os.X_OK) else 0o664)
+            os.utime(path, (1e9, 1e9))
+    left_over = sources[1] / "build/lib/radard"
+    left_over.mkdir(parents=True)
+    (left_over / "gone.py").write_text("")
+    made, complaints = {}, []
+    for what in ("build_sdist", "build_wheel"):
+        pair = [
+            build(what, s, folder / f"out{k}", umask=(18, 2)[k]) for k, s in enumerate(sources)
+        ]
+        if pair[0].read_bytes() != pair[1].read_bytes():
+            complaints.append(f"{what}: two builds differ")
+        made[what] = pair[0]
+    with tarfile.open(made["build_sdist"]) as sdist:
+        sdist.extractall(folder / "again", filter="data")
+    (source,) = (folder / "again").iterdir()
+    if (
+        build("build_wheel", source, folder / "out2").read_bytes()
+        != made["build_wheel"].read_bytes()
+    ):
+        complaints.append("the wheel of the source distribution is another one")
+    return made, complaints
+
+
+def content(wheel_path: Path) -> Iterator[str]:
+    """Yield what is missing in the wheel, or should not be there."""
+    with zipfile.ZipFile(wheel_path) as wheel:
+        names = set(wheel.namelist())
+        (info,) = (name for name in names if name.endswith(".dist-info/METADATA"))
+        meta = message_from_bytes(wheel.read(info))
+        entry_points = wheel.read(info.replace("METADATA", "entry_points.txt")).decode()
+        if wheel.read("radard/units/config.yaml") != (ROOT / "config.yaml").read_bytes():
+            yield "wheel: units/config.yaml is not config.yaml"
+    if set(re.findall(r"^([\w-]+) = ", entry_points, re.MULTILINE)) != SCRIPTS:
+        yield "wheel: its commands are not the three"
+    for folder, package in SOURCES.items():
+        for path in (ROOT / folder).rglob("*"):
+            inside = path.relative_to(ROOT / folder)
+            if path.is_file() and "__pycache__" not in inside.parts:
+                if str(package / inside) not in names:
+                    yield f"wheel: no {package / inside}; see pyproject.toml"
+    yield from (f"wheel: {name} is left over" for name in names if "gone" in name)
+    yield from named_extras(set(meta.get_all("Provides-Extra") or ()))
+
+
+def named_extras(extras: set[str]) -> Iterator[str]:
+    """Yield extras that a message names and the project has not."""
+    for folder in SOURCES:
+        for path in (ROOT / folder).rglob("*.py"):
+            for extra in re.findall(re.escape(DISTRIBUTION) + r"\[(\w+)\]", path.read_text()):
+                if extra not in extras:
+                    yield f"{path}: no extra {extra}"
+
+
+def pins() -> Iterator[str]:
+    """Yield what of the daemon is not pinned by version and hash."""
+    text = (ROOT / "requirements.txt").read_text().replace("\\\n", " ")
+    lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
+    locked = {}
+    for line in lines:
+        found = re.fullmatch(r"([a-z0-9-]+)==([\w.]+)(?: +--hash=sha256:[0-9a-f]{64})+\s*", line)
+        if found is None:
+            yield f"requirements.txt: no hash in '{line[:60]}'"
+        else:
+            locked[found[1]] = found[2]
+    text = (ROOT / "constraints.txt").read_text()
+    pinned = {
+        re.sub(r"[._-]+", "-", name).lower(): version
+        for name, version in re.findall(r"^([\w.-]+)==(\S+)$", text, re.MULTILINE)
+    }
+    for name, version in locked.items():
+        if pinned.get(name) != version:
+            yield f"constraints.txt: {name} is not {version}"
+    wanted = [*PROJECT["dependencies"], *PROJECT["optional-dependencies"]["daemon"]]
+    for name in {re.split(r"[\s<>=!~\[;]", each)[0].lower() for each in wanted} | {"setuptools"}:
+        if name not in locked:
+            yield f"requirements.txt: {name} is missing"
+
+
+def deployed() -> Iterator[str]:
+    """Yield what files of deploy/ name and is not there."""
+    rules = (ROOT / "deploy/udev/60-x2radar.rules").read_text()
+    ids = re.findall(r'idVendor\}=="(\w+)", ATTRS\{idProduct\}=="(\w+)"', rules)
+    if {(int(v, 16), int(p, 16)) for v, p in ids} != set(USB_IDS):
+        yield "60-x2radar.rules: its USB ids are not those of x2radar.device.discovery"
+    if set(re.findall(r'GOTO="(\w+)"', rules)) != set(re.findall(r'LABEL="(\w+)"', rules)):
+        yield "60-x2radar.rules: a GOTO without its LABEL"
+    container = (ROOT / "deploy/container/Containerfile").read_text().replace("\\\n", " ")
+    copied = {
+        name
+        for line in re.findall(r"^COPY (?!--from)(.+)$", container, re.MULTILINE)
+        for name in line.split()[:-1]
+    }
+    yield from (f"Containerfile: no {name}" for name in copied if not (ROOT / name).exists())
+    needed = {"x2radar", "daemon", "training", "models", "requirements.txt", "config.yaml"}
+    yield from (f"Containerfile: does not copy {name}" for name in needed - copied)
+    if "--require-hashes --requirement requirements.txt" not in container:
+        yield "Containerfile: installs without hashes"
+
+
+def main() -> int:
+    """Print what is wrong; return 1 if there is anything."""
+    with tempfile.TemporaryDirectory() as name:
+        made, found = built(Path(name))
+        found += [*content(made["build_wheel"]), *pins(), *deployed()]
+        if subprocess.run(
+            [sys.executable, "-m", "check_wheel_contents", made["build_wheel"]],
+            cwd=ROOT,
+            check=False,
+        ).returncode:
+            found.append("check-wheel-contents complains")
+    for line in found:
+        print(line)
+    print(f"package: {len(found)} complaints")
+    return bool(found)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
