@@ -32,10 +32,10 @@ MODULES: dict[str, tuple[str, str, tuple[str, ...]]] = {
     "framing": (
         "x2radar/wire",
         "framing",
-        ("test_framing_limits", "test_framing", "test_framing_faults"),
+        ("driver/test_framing_limits", "driver/test_framing", "driver/test_framing_faults"),
     ),
-    "codec": ("x2radar/wire", "codec", ("test_codec_bytes", "test_codec", "test_codec_vectors")),
-    "protocol": ("x2radar/wire", "protocol", ("test_protocol", "test_device")),
+    "codec": ("x2radar/wire", "codec", ("driver/test_codec", "driver/test_codec_rows")),
+    "protocol": ("x2radar/wire", "protocol", ("driver/test_protocol", "driver/test_device")),
     "ring": ("daemon/radard/stream", "ring", ("test_ring_limits", "test_ring")),
     "gate": ("daemon/radard/detect", "gate", ("test_gate_limits", "test_gate")),
     "evidence": ("daemon/radard/judge", "evidence", ("test_evidence",)),

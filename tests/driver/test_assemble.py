@@ -15,7 +15,6 @@ from x2radar.wire.messages import (
     Message,
     Unknown,
 )
-from x2radar.wire.messages_status import PresenceStatus, RespirationStatus
 from x2radar.wire.wire_ids import ContentId
 
 SETTINGS = RadarSettings(sample_delay_s=10e-9, pulse_generator=6)
@@ -106,8 +105,6 @@ def test_samples_are_read_only(message: Message) -> None:
     [
         Ack(),
         Unknown(b"\x02"),
-        RespirationStatus(1, 0, 0, 0.0, 0.0, 0),
-        PresenceStatus(1, 1.0, 1.0, 1),
         Data(ContentId.ENVELOPE, 1, np.zeros(3, np.float32)),
         Data(ContentId.RAW_FRAME, 1, np.zeros(3, np.uint8)),
         raw(1, np.zeros(0, np.float32)),

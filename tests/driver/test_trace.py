@@ -20,7 +20,6 @@ from x2radar.wire.messages import (
     SetMode,
     SystemMessage,
 )
-from x2radar.wire.messages_status import RespirationStatus
 from x2radar.wire.wire_ids import Mode, PongCode, SystemCode
 
 PING = framing.encode(encode(Ping()))
@@ -141,18 +140,9 @@ def test_arrays_texts_and_numbers():
 
 
 def test_every_packing_and_every_field():
-    status = RespirationStatus(3, 0, 15, 1.5, 0.25, 8)
-    line = framing.encode(encode(status), Packing.FAST) + PING
+    line = framing.encode(encode(SetMode(Mode.RUN)), Packing.FAST) + PING
     items = list(describe(line))
-    assert items[0] == {
-        "message": "RespirationStatus",
-        "counter": 3,
-        "state": 0,
-        "state_data": 15,
-        "distance_m": 1.5,
-        "movement_mm": 0.25,
-        "signal_quality": 8,
-    }
+    assert items[0] == {"message": "SetMode", "mode": 1}
     ap = BasebandAp(1, 0.05, 3.9e10, 7e9, 0.4, np.ones(2, np.float32), np.zeros(2, np.float32))
     [item] = described(ap)
     assert item["amplitude"] == [1.0, 1.0]
@@ -162,6 +152,8 @@ def test_every_packing_and_every_field():
 def test_unknown_packets_are_shown_as_hex():
     items = list(describe(framing.encode(b"\xee\x01\x02")))
     assert items == [{"message": "Unknown", "data": "ee 01 02"}]
+    [status] = describe(framing.encode(bytes.fromhex("50 26 fe 75 23 01")))
+    assert (status["name"], status["data"]) == ("RespirationStatus", "50 26 fe 75 23 01")
 
 
 # ---------------------------------------------------------------- damage

@@ -28,10 +28,9 @@ from x2radar.wire.messages import (
     SystemMessage,
     Unknown,
 )
-from x2radar.wire.messages_status import RespirationStatus
 from x2radar.wire.wire_ids import Mode, Profile
 
-OWN = Path(__file__).parent / "data" / "trace.txt"
+OWN = Path(__file__).parents[1] / "data" / "trace.txt"
 REAL = Path(__file__).parents[3] / "shared" / "data" / "x2m200_bytetrace.txt"
 
 
@@ -63,10 +62,15 @@ def messages_of(path: Path) -> list[Message]:
     for (direction, _), item in zip(lines, items, strict=True):
         assert isinstance(item, Packet)
         message = (decode_command if direction == "Write" else decode_response)(item.data)
-        assert not isinstance(message, Unknown)
+        assert not isinstance(message, Unknown) or message.name == "RespirationStatus"
         assert type(decode_any(item.data)) is type(message)
         out.append(message)
     return out
+
+
+def counters_of(messages: list[Message]) -> list[int]:
+    """Return the counters of the respiration statuses, which are known by name alone."""
+    return [int.from_bytes(m.data[5:9], "little") for m in messages if isinstance(m, Unknown)]
 
 
 def test_own_trace() -> None:
@@ -82,11 +86,7 @@ def test_own_trace() -> None:
         SetOutput,
         SetMode,
     ]
-    status = [m for m in messages if isinstance(m, RespirationStatus)]
-    assert [m.counter for m in status] == [1, 2, 3, 4, 401, 402, 981, 982, 983, 984, 125, 126, 127]
-    assert [m.state for m in status] == [4] * 4 + [6] * 2 + [0] * 4 + [3] * 3
-    assert [m.state_data for m in status[6:10]] == [15, 15, 16, 16]
-    assert status[6].distance_m == 1.125
+    assert counters_of(messages) == [1, 2, 3, 4, 401, 402, 981, 982, 983, 984, 125, 126, 127]
     assert messages[-4:] == [
         LoadProfile(0x12345678),
         ErrorReply(0x20),
@@ -113,5 +113,4 @@ def test_trace_of_a_real_module() -> None:
     assert messages.count(LoadProfile(Profile.SLEEP)) == 2
     assert messages.count(SetMode(Mode.RUN)) == 2
     assert messages.count(Ack()) == 12
-    counters = [m.counter for m in messages if isinstance(m, RespirationStatus)]
-    assert counters == [*range(1, 8), *range(1, 8)]
+    assert counters_of(messages) == [*range(1, 8), *range(1, 8)]

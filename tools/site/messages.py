@@ -10,16 +10,9 @@ from x2radar.wire.layouts import (
     RESPONSES,
     Layout,
 )
+from x2radar.wire.wire_ids import COMMAND_NAMES, RESPONSE_NAMES
 
-_TYPES = {
-    "B": "u8",
-    "I": "u32",
-    "i": "i32",
-    "f": "f32",
-    "u1": "u8",
-    "<u4": "u32",
-    "<f4": "f32",
-}
+_TYPES = {"B": "u8", "I": "u32", "i": "i32", "f": "f32"}
 
 
 def _table(rows: Iterable[Layout], *, is_answered: bool = False) -> str:
@@ -29,7 +22,7 @@ def _table(rows: Iterable[Layout], *, is_answered: bool = False) -> str:
         cells = [f"`{row.cls.__name__}`", f"`{row.prefix.hex(' ')}`", ", ".join(_parts(row))]
         if is_answered:
             name = row.answer.__name__
-            short = name.upper() if name in {"Reply", "Data", "Pong"} else name
+            short = name.upper() if name in {"Reply", "Pong"} else name
             cells.append("" if name == "Ack" else short)
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines)
@@ -37,16 +30,20 @@ def _table(rows: Iterable[Layout], *, is_answered: bool = False) -> str:
 
 def _parts(row: Layout) -> Iterator[str]:
     names = iter([each.name for each in fields(row.cls)])
-    counts = [f"n{k}" if len(row.counts) > 1 else "n" for k in range(1, len(row.counts) + 1)]
-    if not row.head and row.rest == "none":
+    if not row.head:
         yield "none"
-    left = iter(counts)
     for place, code in enumerate(row.head):
-        yield f"{_TYPES[code]} {next(left) if place in row.counts else next(names)}"
-    for which, dtype in row.arrays:
-        yield f"{_TYPES[dtype]} {next(names)}[{counts[which]}]"
-    if row.rest != "none":
-        yield f"bytes {next(names)}" if row.rest == "kept" else "anything"
+        yield f"{_TYPES[code]} {'n' if place == row.count else next(names)}"
+    for _ in range(row.n_arrays):
+        yield f"f32 {next(names)}[n]"
+    if row.has_rest:
+        yield "anything"
+
+
+def _names(names: Mapping[bytes, str]) -> str:
+    lines = ["| name | begins with |", "|---|---|"]
+    lines += [f"| {name} | `{prefix.hex(' ')}` |" for prefix, name in names.items()]
+    return "\n".join(lines)
 
 
 def _by_first_byte(rows: Iterable[Layout], first: set[int]) -> list[Layout]:
@@ -62,8 +59,10 @@ PARTS: Mapping[str, Callable[[], str]] = {
     "commands-system": lambda: _table(_by_first_byte(COMMANDS, {0x90}), is_answered=True),
     "commands-x4": lambda: _table(_by_first_byte(COMMANDS, {0x50}), is_answered=True),
     "commands-variants": lambda: _table(COMMAND_VARIANTS),
+    "commands-names": lambda: _names(COMMAND_NAMES),
     "answers": lambda: _table([row for row in RESPONSES if row.prefix[0] != 0x50]),
     "answers-profiles": lambda: _table(_by_first_byte(RESPONSES, {0x50})),
     "answers-variants": lambda: _table(RESPONSE_VARIANTS),
+    "answers-names": lambda: _names(RESPONSE_NAMES),
 }
 """What a line `<!-- generated: NAME -->` of docs/reference/protocol.md stands for."""

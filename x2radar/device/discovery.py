@@ -174,7 +174,7 @@ def _meaning(data: PacketData) -> str:
     if isinstance(message, Pong):
         known = message.code in set(PongCode)
         return PongCode(message.code).name.lower().replace("_", " ") if known else "streams"
-    return "" if isinstance(message, Unknown) else "streams"
+    return "" if isinstance(message, Unknown) and not message.name else "streams"
 
 
 def _refuse_locked(path: str) -> None:

@@ -2,8 +2,7 @@
 
 The same protocol and the same device class as for the X2, other commands. The formula of the
 highest frame rate follows the X4 user guide (XTAN-13); limits that no document gives are
-inferred (docs/research/hardware.md). What a module makes of frame rate and area it rounds to
-its own grid; `X4Get` asks for that.
+inferred (docs/research/hardware.md). A module rounds frame rate and area to its own grid.
 """
 
 from collections.abc import Iterator, Mapping

@@ -97,6 +97,8 @@ def _describe(item: Packet | LineFault, decode: Callable[[PacketData], Message])
 def _message(message: Message) -> dict[str, Any]:
     out: dict[str, Any] = {"message": type(message).__name__}
     out |= {name: _json_safe(getattr(message, name)) for name in message.__dataclass_fields__}
+    if out.get("name") == "":
+        del out["name"]
     return out
 
 

@@ -1,9 +1,9 @@
 """Packets to typed messages and back; layouts are tables, not code.
 
 The rows of `x2radar.wire.layouts` name a message class, the bytes it begins with, the struct
-format of its fixed fields, and its arrays with the count that rules them. `encode` and `decode_*`
-read the same rows, so the simulated module and the host cannot disagree. Two shapes are not in the
-rows: REPLY and DATA, whose type says what follows; they stand at the end.
+format of its fixed fields, and its arrays. `encode` and `decode_*` read the same rows, so the
+simulated module and the host cannot disagree. Three shapes are not in the rows: `SetOutput`, and
+REPLY and DATA, whose type says what follows; they stand at the end.
 
 Host and module use the same first bytes for different things (10 is APPCOMMAND and ACK),
 so there are two decoders: `decode_command` for what a host sends and `decode_response` for
@@ -11,6 +11,7 @@ what a module sends. Arrays come out read-only and share the packet's memory.
 """
 
 import struct
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -19,9 +20,8 @@ import numpy as np
 from x2radar.errors import MessageError
 from x2radar.wire.framing import PacketData
 from x2radar.wire.layouts import COMMAND_VARIANTS, COMMANDS, RESPONSE_VARIANTS, RESPONSES, Layout
-from x2radar.wire.messages import ByteReply, Data, DataText, Message, Reply, SetOutput, Unknown
-from x2radar.wire.messages_expert import SetAppInts
-from x2radar.wire.wire_ids import PING_SEED, DataType
+from x2radar.wire.messages import ByteReply, Data, Message, Reply, SetOutput, Unknown
+from x2radar.wire.wire_ids import COMMAND_NAMES, PING_SEED, RESPONSE_NAMES, DataType
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,14 +30,11 @@ class _Form:
 
     row: Layout
     head: struct.Struct
-    scalars: tuple[int, ...]
     variants: dict[int, "_Form"] = field(default_factory=dict)
 
 
 def _form(row: Layout) -> _Form:
-    order = row.head
-    scalars = tuple(k for k in range(len(order)) if k not in row.counts)
-    return _Form(row, struct.Struct("<" + order), scalars)
+    return _Form(row, struct.Struct("<" + row.head))
 
 
 def _by_prefix(rows: tuple[Layout, ...], variants: tuple[Layout, ...]) -> dict[bytes, _Form]:
@@ -50,24 +47,17 @@ def _by_prefix(rows: tuple[Layout, ...], variants: tuple[Layout, ...]) -> dict[b
 
 _COMMANDS = _by_prefix(COMMANDS, COMMAND_VARIANTS)
 _RESPONSES = _by_prefix(RESPONSES, RESPONSE_VARIANTS)
-# A class that has a row of its own is sent in that form, not in its variant's.
-_BY_CLASS = {
-    row.cls: _form(row) for row in RESPONSE_VARIANTS + COMMAND_VARIANTS + RESPONSES + COMMANDS
-}
-# First bytes that `COMMANDS` has and `RESPONSES` lacks; the second ones of the X4 driver's
-# set, get, write and read, and the longest of those: 2 bytes, the setting and two floats.
+_BY_CLASS = {row.cls: _form(row) for row in RESPONSES + COMMANDS}
+# First bytes that only a host sends; the second ones of the X4 driver's set, get, write and read,
+# and the longest of those: 2 bytes, the setting and two floats.
 _ONLY_COMMANDS = frozenset(b"\x02\x21\x22\x23\x24\x25\x26\x40\x41\x42\x90\xb0\xc0")
 _X4_SUBS = frozenset(b"\x10\x11\x12\x13")
-_LONGEST_X4 = 14
-_SET_OUTPUT = struct.Struct("<BBIII")
+_MAX_X4 = 14
+_SET_OUTPUT = struct.Struct("<2sIII")
+_APP_SETINT = b"\x90\x71"
 _HEAD = struct.Struct("<BBII")
 _COUNT = struct.Struct("<I")
-_DATA_TYPES: dict[int, str] = {
-    DataType.FLOAT: "<f4",
-    DataType.BYTE: "u1",
-    DataType.INT: "<i4",
-    DataType.STRING: "u1",
-}
+_DATA_TYPES: dict[int, str] = {DataType.FLOAT: "<f4", DataType.BYTE: "u1", DataType.INT: "<i4"}
 _REPLY_SIZES: dict[int, int] = {
     DataType.BYTE: 1,
     DataType.INT: 4,
@@ -83,13 +73,10 @@ def encode(message: Message) -> bytes:
     """
     try:
         match message:
-            case SetOutput(ref, value, count):
-                return _SET_OUTPUT.pack(0x90, 0x71, ref, count, value)
-            case Data(content_id, info, values):
-                return _encode_data(content_id, info, _data_type(values), values)
-            case DataText(content_id, info, text):
-                values = np.frombuffer(text.encode(), np.uint8)
-                return _encode_data(content_id, info, DataType.STRING, values)
+            case SetOutput(ref, value):
+                return _SET_OUTPUT.pack(_APP_SETINT, ref, 1, value)
+            case Data():
+                return _encode_data(message)
             case Reply():
                 return _encode_reply(message)
             case Unknown(data):
@@ -106,10 +93,11 @@ def decode_command(data: PacketData) -> Message:
 
     Raises MessageError if the packet is shorter or longer than its row says.
     """
-    message = _decode(data, _COMMANDS, (6, 2, 1))
-    if isinstance(message, SetAppInts) and message.values.size == 1:
-        return SetOutput(message.ref, int(message.values[0]))
-    return message
+    if len(data) == _SET_OUTPUT.size:
+        prefix, ref, count, value = _SET_OUTPUT.unpack(data)
+        if prefix == _APP_SETINT and count == 1:
+            return SetOutput(ref, value)
+    return _decode(data, _COMMANDS, (6, 2, 1), COMMAND_NAMES)
 
 
 def decode_response(data: PacketData) -> Message:
@@ -117,12 +105,12 @@ def decode_response(data: PacketData) -> Message:
 
     Raises MessageError if the packet is shorter or longer than its row, or its counts, say.
     """
-    first = data[:1]
-    if first == b"\xa0":
+    first, kind = data[:1], data[1] if len(data) > 1 else None
+    if first == b"\xa0" and (kind is None or kind in _DATA_TYPES):
         return _decode_data(data)
-    if first == b"\x11":
+    if first == b"\x11" and (kind is None or kind in _REPLY_SIZES):
         return _decode_reply(data)
-    return _decode(data, _RESPONSES, (5, 1))
+    return _decode(data, _RESPONSES, (6, 5, 1), RESPONSE_NAMES)
 
 
 def decode_any(data: PacketData) -> Message:
@@ -147,21 +135,25 @@ def _is_command(data: PacketData) -> bool:
             return len(data) in {2, 3}
         case 0x50 if len(data) > 2 and data[1] in _X4_SUBS:
             # A profile's message of these ids is longer, and its id ends in three zeros.
-            return len(data) <= _LONGEST_X4 or data[2] != 0
+            return len(data) <= _MAX_X4 or data[2] != 0
         case 0x50:
             return data == b"\x50\x20"
         case first:
             return first in _ONLY_COMMANDS
 
 
-def _decode(data: PacketData, forms: dict[bytes, _Form], lengths: tuple[int, ...]) -> Message:
+def _decode(
+    data: PacketData,
+    forms: Mapping[bytes, _Form],
+    lengths: tuple[int, ...],
+    names: Mapping[bytes, str],
+) -> Message:
     for length in lengths:
         form = forms.get(bytes(data[:length]))
         if form is not None:
-            if form.variants:
-                form = form.variants.get(len(data), form)
-            return _unpack(form, data)
-    return Unknown(bytes(data))
+            return _unpack(form.variants.get(len(data), form), data)
+    known = (names.get(bytes(data[:length])) for length in (5, 2, 1))
+    return Unknown(bytes(data), next(filter(None, known), ""))
 
 
 def _unpack(form: _Form, data: PacketData) -> Message:
@@ -171,19 +163,18 @@ def _unpack(form: _Form, data: PacketData) -> Message:
     try:
         fields = form.head.unpack_from(data, at)
         at += form.head.size
-        for which, dtype in row.arrays:
-            array = np.frombuffer(data, dtype, fields[row.counts[which]], at)
-            array.flags.writeable = False
-            arrays.append(array)
-            at += array.nbytes
+        if row.count is not None:
+            n = fields[row.count]
+            fields = fields[: row.count] + fields[row.count + 1 :]
+            for _ in range(row.n_arrays):
+                array = np.frombuffer(data, "<f4", n, at)
+                array.flags.writeable = False
+                arrays.append(array)
+                at += array.nbytes
     except (struct.error, ValueError) as err:
         msg = f"{row.cls.__name__} cut short: {len(data)} bytes ({err})"
         raise MessageError(msg) from err
-    if row.counts:
-        fields = tuple([fields[k] for k in form.scalars])
-    if row.rest == "kept":
-        arrays.append(bytes(data[at:]))
-    elif at != len(data) and row.rest == "none":
+    if at != len(data) and not row.has_rest:
         msg = f"{row.cls.__name__} has {len(data) - at} bytes too many"
         raise MessageError(msg)
     return row.cls(*fields, *arrays)
@@ -192,37 +183,23 @@ def _unpack(form: _Form, data: PacketData) -> Message:
 def _pack(form: _Form, message: Message) -> bytes:
     row = form.row
     values = [getattr(message, name) for name in message.__dataclass_fields__]
-    scalars, after = values[: len(form.scalars)], values[len(form.scalars) :]
-    bodies = [_elements(a, dtype) for a, (_, dtype) in zip(after, row.arrays, strict=False)]
-    for which, position in enumerate(row.counts):
-        sizes = {
-            len(bodies[k]) // np.dtype(dtype).itemsize
-            for k, (ruler, dtype) in enumerate(row.arrays)
-            if ruler == which
-        }
+    bodies = []
+    if row.count is not None:
+        bodies = [_elements(array, "<f4") for array in values[-row.n_arrays :]]
+        del values[-row.n_arrays :]
+        sizes = {len(body) // 4 for body in bodies}
         if len(sizes) != 1:
             msg = f"arrays of unequal length {sorted(sizes)}"
             raise ValueError(msg)
-        scalars.insert(position, sizes.pop())
-    if row.rest == "kept":
-        if not isinstance(after[-1], bytes):
-            msg = f"{after[-1]!r} is not bytes"
-            raise TypeError(msg)
-        bodies.append(after[-1])
-    return b"".join([row.prefix, form.head.pack(*scalars), *bodies])
+        values.insert(row.count, sizes.pop())
+    return b"".join([row.prefix, form.head.pack(*values), *bodies])
 
 
 def _elements(values: Any, dtype: str) -> bytes:
     """Return an array's bytes on the wire; ValueError or ArithmeticError if they do not fit."""
     array = np.asarray(values)
-    if array.dtype != dtype:
-        with np.errstate(over="raise"):
-            cast = array.astype(dtype)
-        if cast.dtype.kind != "f" and not np.array_equal(cast, array):
-            msg = f"{array} does not fit into {dtype}"
-            raise ValueError(msg)
-        array = cast
-    return array.tobytes()
+    with np.errstate(over="raise"):
+        return array.astype(dtype).tobytes()
 
 
 def _data_type(values: Any) -> DataType:
@@ -231,46 +208,40 @@ def _data_type(values: Any) -> DataType:
     return DataType.INT if values.dtype == np.int32 else DataType.FLOAT
 
 
-def _encode_data(content_id: int, info: int, kind: DataType, values: Any) -> bytes:
-    head = _HEAD.pack(0xA0, kind, content_id, info)
-    if values.size == 0:
-        return head
-    return head + _COUNT.pack(values.size) + _elements(values, _DATA_TYPES[kind])
+def _encode_data(message: Data) -> bytes:
+    values = message.values
+    kind = _data_type(values)
+    head = _HEAD.pack(0xA0, kind, message.content_id, message.info)
+    counted = _COUNT.pack(values.size) + _elements(values, _DATA_TYPES[kind])
+    return head + counted if values.size else head
 
 
-def _decode_data(data: PacketData) -> Message:
-    """Read DATA: A0, type, content id, info, [count, elements]; other types have rows."""
+def _decode_data(data: PacketData) -> Data:
+    """Read DATA: A0, type, content id, info, [count, elements]."""
     try:
         _, kind, content_id, info = _HEAD.unpack_from(data)
-        dtype = _DATA_TYPES.get(kind)
-        if dtype is None:
-            return _decode(data, _RESPONSES, (6, 2))
         n, at = (_COUNT.unpack_from(data, 10)[0], 14) if len(data) > 10 else (0, 10)
-        values: Any = np.frombuffer(data, dtype, n, at)
+        values: Any = np.frombuffer(data, _DATA_TYPES[kind], n, at)
     except (struct.error, ValueError) as err:
         msg = f"Data cut short: {len(data)} bytes ({err})"
         raise MessageError(msg) from err
     if at + values.nbytes != len(data):
         msg = f"Data has {len(data) - at - values.nbytes} bytes too many"
         raise MessageError(msg)
-    if kind == DataType.STRING:
-        return DataText(content_id, info, _text(data[at:]))
     values.flags.writeable = False
     return Data(content_id, info, values)
 
 
-def _decode_reply(data: PacketData) -> Message:
-    """REPLY: 11, type, content id, info, [count, elements], element size (not for INT)."""
+def _decode_reply(data: PacketData) -> Reply:
+    """Read REPLY: 11, type, content id, info, [count, elements], element size (not for INT)."""
     try:
         _, kind, content_id, info = _HEAD.unpack_from(data)
-        size = _REPLY_SIZES.get(kind)
-        if size is None:
-            return _decode(data, _RESPONSES, (2,))
         # Without elements there is no count; the element size is optional, see above.
         n, at = (_COUNT.unpack_from(data, 10)[0], 14) if len(data) > 11 else (0, len(data))
     except struct.error as err:
         msg = f"Reply cut short: {len(data)} bytes ({err})"
         raise MessageError(msg) from err
+    size = _REPLY_SIZES[kind]
     body = data[at : at + n * size]
     if len(body) != n * size or len(data) - at - len(body) > 1:
         msg = f"Reply has {len(data) - at} bytes for {n} elements of {size} bytes"

@@ -1,12 +1,13 @@
 """What host and module say to each other, one frozen class a message.
 
 Fields stand in wire order. Which bytes they become is the business of `x2radar.wire.layouts` and
-`x2radar.wire.codec`. The everyday messages are here; `x2radar.wire.messages_expert` has the other
-commands, `x2radar.wire.messages_status` what profiles report. A docstring with the word inferred
-or unknown marks what no document or client settles; docs/research/hardware.md gives the reasons.
+`x2radar.wire.codec`; the commands of X4 modules stand in `x2radar.wire.messages_x4`. What neither
+driver nor simulated module sends or reads is `Unknown`, with its bytes and its name. A docstring
+with the word inferred marks what no document or client settles; docs/research/hardware.md gives
+the reasons.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,13 +25,6 @@ class Message:
 
     Only a message with fields of its own is a dataclass again; others inherit everything.
     """
-
-
-@dataclass(frozen=True, slots=True)
-class Opaque(Message):
-    """A message whose payload is not known any better than as bytes."""
-
-    payload: bytes
 
 
 # ---------------------------------------------------------------- host to module
@@ -104,14 +98,10 @@ class GetSystemInfo(Message):
 
 @dataclass(frozen=True, slots=True)
 class SetOutput(Message):
-    """APP_SETINT with one value: switch an output (`wire_ids.OutputRef`).
-
-    `count` is 1 on the wire; another one makes a command that modules refuse.
-    """
+    """APP_SETINT with one value: switch an output (`wire_ids.OutputRef`)."""
 
     ref: int
     value: int
-    count: int = 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,27 +196,6 @@ class Data(Message):
 
 
 @dataclass(frozen=True, slots=True)
-class DataText(Message):
-    """A data message that is text (form inferred from that of numbers)."""
-
-    content_id: int
-    info: int
-    text: str
-
-
-@dataclass(frozen=True, slots=True)
-class UserData(Message):
-    """A data message with a structure of the firmware's own (`wire_ids.UserContent`).
-
-    The structures' layouts are unknown.
-    """
-
-    content_id: int
-    info: int
-    payload: bytes
-
-
-@dataclass(frozen=True, slots=True)
 class Reply(Message):
     """Answer to a question: `value` is a str, or a tuple of ints or floats."""
 
@@ -240,16 +209,9 @@ class ByteReply(Reply):
 
 
 @dataclass(frozen=True, slots=True)
-class UserReply(Message):
-    """Answer with a structure of the firmware's own, whose layout is unknown."""
-
-    content_id: int
-    info: int
-    payload: bytes
-
-
-@dataclass(frozen=True, slots=True)
 class Unknown(Message):
     """A sound packet that no table row describes, kept as it came; any bytes can be sent."""
 
     data: bytes
+    name: str = field(default="", compare=False)
+    """What the maker's documents or headers call it, where they do (`wire_ids`)."""

@@ -2,7 +2,7 @@
 
 Codes come from XTAN-11 rev C and the firmware's public headers. A docstring with the word
 inferred or unknown marks what no document or client settles; docs/research/hardware.md gives the
-reasons.
+reasons. Reading settings and registers back, and setting others, is not known here: `Unknown`.
 """
 
 from dataclasses import dataclass
@@ -104,50 +104,3 @@ class X4SetPrfDivider(Message):
     """Pulse rate = 243 MHz / divider (width of the field inferred: u8)."""
 
     divider: int
-
-
-@dataclass(frozen=True, slots=True)
-class X4Get(Message):
-    """Ask for one of the X4 driver's settings (`wire_ids.X4Setting`)."""
-
-    setting: int
-
-
-@dataclass(frozen=True, slots=True)
-class X4Set(Message):
-    """Set any of the X4 driver's settings: the value's bytes as they go on the wire."""
-
-    setting: int
-    payload: bytes
-
-
-@dataclass(frozen=True, slots=True)
-class X4WriteSpi(Message):
-    """Write one of the X4's SPI registers."""
-
-    address: int
-    value: int
-
-
-@dataclass(frozen=True, slots=True)
-class X4ReadSpi(Message):
-    """Ask for `n_bytes` of an SPI register of the X4."""
-
-    address: int
-    n_bytes: int
-
-
-@dataclass(frozen=True, slots=True)
-class X4Write(Message):
-    """Write to any registers of the X4: the payload's form is known for SPI only."""
-
-    setting: int
-    payload: bytes
-
-
-@dataclass(frozen=True, slots=True)
-class X4Read(Message):
-    """Read any registers of the X4: the payload's form is known for SPI only."""
-
-    setting: int
-    payload: bytes

@@ -4,7 +4,8 @@ Sources: XTAN-11 rev C, mcp_wrapper 1.3.1 and the module firmware's public heade
 a reading of ours is said so here and listed in docs/research/hardware.md.
 """
 
-from enum import IntEnum, IntFlag
+from collections.abc import Mapping
+from enum import IntEnum
 
 PING_SEED = 0xEEAAEAAE
 BAUD_RATES = (
@@ -12,13 +13,6 @@ BAUD_RATES = (
     *(1_000_000, 2_000_000, 3_000_000, 4_000_000),
 )
 """Rates that the firmware's headers allow; 115,200 is what a module starts with."""
-
-
-class BootloaderKey(IntEnum):
-    """Argument of start bootloader, of older and newer firmware."""
-
-    OLD = 0xA2B95EF0
-    NEW = 0xA2B96EF1
 
 
 class PongCode(IntEnum):
@@ -68,10 +62,9 @@ class Profile(IntEnum):
 
 
 class AppItem(IntEnum):
-    """What application commands set and get."""
+    """What application commands set."""
 
     DETECTION_ZONE = 0x96A10A1C
-    DETECTION_ZONE_LIMITS = 0x96A10A1D
     SENSITIVITY = 0x10A5112B
 
 
@@ -180,80 +173,8 @@ class ContentId(IntEnum):
     BASEBAND_AP = 0x0D
 
 
-class UserContent(IntEnum):
-    """Content of a data message of type `DataType.USER`."""
-
-    CONFIGURATION = 1
-    RADAR_SETTINGS = 3
-    PERFORMANCE = 5
-
-
-class AppMessage(IntEnum):
-    """What an application's message is, after its first byte."""
-
-    BASEBAND_IQ = 0x0C
-    BASEBAND_AP = 0x0D
-    PULSE_DOPPLER = 0x10
-    PULSE_DOPPLER_BYTES = 0x11
-    NOISE_MAP = 0x12
-    NOISE_MAP_BYTES = 0x13
-    VITAL_SIGNS = 0x20020102
-    RESPIRATION = 0x2375FE26
-    RESPIRATION_EXT = 0x2375A16B
-    SLEEP = 0x2375A16C
-    PARAMETER_FILE = 0x32BA7623
-    DECIM = 0x327645AA
-    SLEEP_STAGE = 0x41083A02
-    RESPIRATION_MOVING_LIST = 0x610A3B00
-    RESPIRATION_DETECTION_LIST = 0x610A3B02
-    PRESENCE_SINGLE = 0x723BFA1E
-    PRESENCE_MOVING_LIST = 0x723BFA1F
-    PRESENCE = 0x991A52BE
-    NORMALISED_MOVEMENT_LIST = 0xC3A331CF
-
-
-class RespirationState(IntEnum):
-    """State of the respiration and sleep profiles."""
-
-    BREATHING = 0
-    MOVEMENT = 1
-    MOVEMENT_TRACKING = 2
-    NO_MOVEMENT = 3
-    INITIALISING = 4
-    ERROR = 5
-    UNKNOWN = 6
-    HEART_RATE = 7
-
-
-class PresenceState(IntEnum):
-    """State of the X4's presence profile; the X2M300's is 0 or 1."""
-
-    NONE = 0
-    PRESENCE = 1
-    INITIALISING = 2
-    UNKNOWN = 3
-
-
-class NoiseMapControl(IntFlag):
-    """Bits of noise map control."""
-
-    USE_STORED = 1
-    ADAPTIVE = 2
-    INITIALISE_ON_RESET = 4
-
-
-class DebugLevel(IntEnum):
-    """Argument of debug level."""
-
-    NONE = 0
-    ERROR = 1
-    WARNING = 2
-    INFO = 3
-    DEBUG = 4
-
-
 class X4Setting(IntEnum):
-    """What the X4 driver's set, get, write and read name."""
+    """What the X4 driver's set command names."""
 
     FPS = 0x10
     PULSES_PER_STEP = 0x11
@@ -267,8 +188,88 @@ class X4Setting(IntEnum):
     ENABLE = 0x19
     TX_CENTRE_FREQUENCY = 0x20
     TX_POWER = 0x21
-    SPI_REGISTER = 0x22
-    PIF_REGISTER = 0x23
-    XIF_REGISTER = 0x24
     PRF_DIV = 0x25
-    FRAME_BIN_COUNT = 0x26
+
+
+def _by_prefix(names: Mapping[str, str]) -> dict[bytes, str]:
+    return {bytes.fromhex(prefix): name for prefix, name in names.items()}
+
+
+COMMAND_NAMES = _by_prefix(
+    {
+        "02": "StartBootloader",
+        "10 10": "SetAppItem",
+        "10 11": "GetAppItem",
+        "10 12": "FactoryPreset",
+        "10 13": "StoreNoiseMap",
+        "10 14": "LoadNoiseMap",
+        "10 16": "DeleteNoiseMap",
+        "23": "SetCom",
+        "25 10": "SetNoiseMapControl",
+        "25 11": "GetNoiseMapControl",
+        "40 10": "SetPin",
+        "40 20": "WritePin",
+        "40 21": "ReadPin",
+        "41 10": "SetOutputControl",
+        "42": "SetDebugOutput",
+        "50 10": "X4Set",
+        "50 11": "X4Get",
+        "50 12": "X4Write",
+        "50 13": "X4Read",
+        "90": "SystemCommand",
+        "90 10": "RadlibExecute",
+        "90 11": "SetVarInt",
+        "90 12": "GetVarInt",
+        "90 13": "SetVarFloat",
+        "90 14": "GetVarFloat",
+        "90 15": "SetRegisterField",
+        "90 16": "GetRegisterField",
+        "90 17": "GetFrameFloat",
+        "90 18": "GetFrameRaw",
+        "90 19": "GetChipId",
+        "90 20": "TimingMeasurement",
+        "90 30": "ResetRadarHardware",
+        "90 31": "SetRadarClock",
+        "90 40": "FramesToFlash",
+        "90 50": "SystemTest",
+        "90 55": "GetVersionOld",
+        "90 56": "GetBuildOld",
+        "90 57": "GetProductOld",
+        "90 70": "SetAppFloats",
+        "90 71": "SetAppInts",
+        "90 74": "GetProfileId",
+        "a0": "HilCommand",
+        "b0": "SetDebugLevel",
+        "c0": "BootloaderCommand",
+    }
+)
+"""What a host's packets are called that no row of `layouts` describes, by how they begin."""
+
+RESPONSE_NAMES = _by_prefix(
+    {
+        "11 50": "UserReply",
+        "12": "HilReply",
+        "50": "AppData",
+        "50 10 00 00 00": "PulseDoppler",
+        "50 11 00 00 00": "PulseDopplerBytes",
+        "50 12 00 00 00": "NoiseMap",
+        "50 13 00 00 00": "NoiseMapBytes",
+        "50 02 01 02 20": "VitalSigns",
+        "50 26 fe 75 23": "RespirationStatus",
+        "50 6b a1 75 23": "RespirationStatusExt",
+        "50 6c a1 75 23": "SleepStatus",
+        "50 23 76 ba 32": "ParameterFile",
+        "50 aa 45 76 32": "DecimStatus",
+        "50 02 3a 08 41": "SleepStage",
+        "50 00 3b 0a 61": "RespirationMovingList",
+        "50 02 3b 0a 61": "RespirationDetectionList",
+        "50 1e fa 3b 72": "PresenceSingle",
+        "50 1f fa 3b 72": "PresenceMovingList",
+        "50 be 52 1a 99": "PresenceStatus",
+        "50 cf 31 a3 c3": "NormalisedMovementList",
+        "a0 13": "DataText",
+        "a0 50": "UserData",
+        "e0": "BootloaderReply",
+    }
+)
+"""The same of a module's packets."""

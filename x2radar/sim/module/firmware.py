@@ -112,7 +112,7 @@ class X2Firmware:
                 return self._set_mode(mode)
             case SetSysInt(ref, value) | SetSysFloat(ref, value):
                 return Obeyed(self._set_field(ref, value))
-            case SetOutput(OutputRef.BASEBAND, value, 1) if value in _OUTPUTS:
+            case SetOutput(OutputRef.BASEBAND, value) if value in _OUTPUTS:
                 self._output = _OUTPUTS[value]
                 return Obeyed(Ack())
             case GetSystemInfo(item) if item in _INFO:
