@@ -27,21 +27,21 @@ if TYPE_CHECKING:
     from radard.judge.features import FEATURES, FeatureSettings
 
 _PLACES = {
-    "FEATURES": "classify.features",
-    "Bundle": "classify.bundle",
-    "Decision": "classify.decision",
-    "FeatureSettings": "classify.features",
+    "FEATURES": "judge.features",
+    "Bundle": "judge.bundle",
+    "Decision": "judge.decision",
+    "FeatureSettings": "judge.features",
     "FeatureWindow": "api",
-    "Probabilities": "classify.classifier",
+    "Probabilities": "judge.classifier",
     "RadardError": "errors",
     "Spectrogram": "api",
-    "bundle_names": "classify.bundle",
-    "classify": "",
+    "bundle_names": "judge.bundle",
+    "classify": "api",
     "features": "api",
-    "load_bundle": "classify.bundle",
+    "load_bundle": "judge.bundle",
     "spectrogram": "api",
 }
-"""Where the names of `__all__` are; the package `classify` is itself what is called."""
+"""Where the names of `__all__` are."""
 __all__ = [
     "FEATURES",
     "Bundle",
@@ -64,9 +64,4 @@ def __getattr__(name: str) -> Any:
     if name not in _PLACES:
         msg = f"module 'radard' has no attribute '{name}'"
         raise AttributeError(msg)
-    place = _PLACES[name]
-    return (
-        getattr(import_module(f"radard.{place}"), name)
-        if place
-        else import_module(f"radard.{name}")
-    )
+    return getattr(import_module(f"radard.{_PLACES[name]}"), name)

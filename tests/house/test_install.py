@@ -1,0 +1,85 @@
+"""What ./run installs has the pinned hashes, and is audited where a database answers."""
+
+import json
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytestmark = pytest.mark.integration
+ROOT = Path(__file__).parents[2]
+
+
+def test_run_takes_only_files_with_these_hashes(tmp_path):
+    """The same function as ./run's, with a pip that says what it was asked."""
+    (tmp_path / "tools").mkdir()
+    for name in ("pyproject.toml", "constraints.txt", "requirements.txt", "tools/venv.sh"):
+        (tmp_path / name).write_text((ROOT / name).read_text())
+    python = tmp_path / ".venv/bin/python"
+    python.parent.mkdir(parents=True)
+    python.write_text('#!/bin/sh\necho "$@" >> "$(dirname "$0")/asked"\n')
+    python.chmod(0o755)
+    asked = {}
+    for extras in ("daemon", "daemon,train,dev"):
+        script = f'. tools/venv.sh; ensure_venv "$PWD" {extras}; ensure_venv "$PWD" {extras}'
+        subprocess.run(
+            [shutil.which("bash"), "-euc", script],
+            cwd=tmp_path,
+            check=True,
+            env={"PATH": "/usr/bin:/bin", "PYTHON": sys.executable},
+            capture_output=True,
+        )
+        asked[extras] = (tmp_path / ".venv/bin/asked").read_text().splitlines()
+        (tmp_path / ".venv/bin/asked").unlink()
+    for lines in asked.values():
+        # Once, since the stamp says that it was done.
+        assert len(lines) == 2
+        assert "--require-hashes --requirement" in lines[0]
+        assert "--no-build-isolation" in lines[1]
+    assert "--no-index" in asked["daemon"][1]
+    assert "--no-index" not in asked["daemon,train,dev"][1]
+
+
+def test_a_stranger_s_file_is_refused(tmp_path):
+    """pip itself, with a wheel whose name is right and whose bytes are not."""
+    pins = (ROOT / "requirements.txt").read_text()
+    version, a_hash = re.search(r"h11==(\S+) .*?sha256:(\w+)", pins, re.DOTALL).groups()
+    wheel = tmp_path / f"h11-{version}-py3-none-any.whl"
+    wheel.write_bytes(b"PK not what was pinned")
+    want = tmp_path / "want.txt"
+    want.write_text(f"h11=={version} --hash=sha256:{a_hash}\n")
+    pip = [sys.executable, "-m", "pip", "download", "--isolated", "--no-index", "--no-deps"]
+    pip += ["--find-links", str(tmp_path), "--require-hashes", "-r", str(want)]
+    said = subprocess.run(
+        [*pip, "-d", str(tmp_path / "out")],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert said.returncode != 0
+    assert "DO NOT MATCH THE HASHES" in said.stderr
+
+
+def audited(*packages):
+    """What the audit makes of a report of pip-audit, with the script as .ci/run starts it."""
+    script = [sys.executable, str(ROOT / "tools/audit.py")]
+    text = json.dumps({"dependencies": packages, "fixes": []}) if packages else "no network"
+    said = subprocess.run(script, input=text, capture_output=True, text=True, check=False)
+    return said.returncode, said.stderr
+
+
+def test_an_audit_fails_for_what_is_known_and_is_a_stated_skip_without_a_database():
+    clean = {"name": "h11", "version": "0.16.0", "vulns": []}
+    bad = {"name": "idna", "version": "1.0", "vulns": [{"id": "PYSEC-1"}, {"id": "PYSEC-2"}]}
+    unknown = {"name": "numpy", "skip_reason": "not found on PyPI"}
+    assert audited(clean, unknown) == (0, "audit: 1 of 2 packages looked up\n")
+    code, text = audited(clean, bad)
+    assert code == 1
+    assert text.endswith("known vulnerabilities:\nidna 1.0: PYSEC-1, PYSEC-2\n")
+    for packages in ((unknown,), ()):
+        code, text = audited(*packages)
+        assert code == 0
+        assert text.startswith("audit skipped: ")
