@@ -10,7 +10,9 @@ from radard.judge.classifier import Probabilities
 from radard.judge.decision import Decision, TrackVerdict
 
 
-def decision(t_s, human=None, *, alarm=None, range_m=1.5, label=None, fault="", t_mono_s=0.0):
+def decision(
+    t_s, human=None, *, alarm=None, range_m=1.5, label=None, fault="", findings=(), t_mono_s=0.0
+):
     """A decision with p(human), or with the gate closed, or invalid when it has a fault."""
     p = None if human is None else Probabilities(human, 1 - human, 0.0)
     if alarm is None:
@@ -30,6 +32,7 @@ def decision(t_s, human=None, *, alarm=None, range_m=1.5, label=None, fault="", 
         frames=147,
         dropped=5 if fault else 0,
         fault=fault,
+        findings=tuple(findings),
         t_mono_s=t_mono_s,
     )
 

@@ -9,11 +9,13 @@ import numpy as np
 from radard.alarm.events import EventTracker
 from radard.alarm.panel import AlarmPanel
 from radard.alarm.sensitivity import alarm_policy
-from radard.alarm.tamper import TamperWatch
 from radard.config.config import Config
 from radard.config.sections import AlarmSection
+from radard.detect.tamper import TamperWatch
+from radard.dsp.downconvert import DownConverter
 from radard.judge.bundle import load_bundle
 from radard.judge.classifier import Classifier
+from radard.judge.features import FeatureSettings
 from radard.pipeline import Pipeline
 from radard.stream.ring import Dwell
 from radard.stream.source import open_source
@@ -55,7 +57,8 @@ def rows_of(text, seconds, seed=4):
         file = Path(folder) / "scene.yaml"
         file.write_text(text)
         source = open_source(f"sim:{file}?seed={seed}", speed="max")
-        converter = Pipeline(source.stream, Config())._converter()
+        axis = source.stream.axis
+        converter = DownConverter(axis, FeatureSettings(range_decimation=8).range_step(axis))
         rows = np.zeros((seconds * RATE_HZ, converter.axis.n_range), np.complex64)
         for frame in source.frames():
             if frame.index >= len(rows):
@@ -164,7 +167,7 @@ def judged(rows, stream, axis, *, model="accurate", watch=None):
     classifier = Classifier(load_bundle(model)) if model else None
     pipeline = Pipeline(stream, config, classifier, judges_tracks=False)
     tracker = EventTracker(AlarmPanel(alarm_policy(config.alarm, pipeline.policy)))
-    watch = watch or TamperWatch(config.tamper)
+    pipeline.tamper = watch or TamperWatch(config.tamper)
     n_slow = pipeline.shape.n_slow
     valid = np.ones(n_slow, np.bool_)
     events, open_s = [], []
@@ -172,11 +175,7 @@ def judged(rows, stream, axis, *, model="accurate", watch=None):
         t_s = end / RATE_HZ
         dwell = Dwell(rows[end - n_slow : end], valid, axis, RATE_HZ, t_s, end_frame=end)
         decision = pipeline.decide(dwell)
-        findings = ()
-        if decision.gate != "invalid":
-            passed_over = decision.label is not None and not decision.alarm
-            findings = watch.update(dwell, pipeline.gate, is_passed_over=passed_over)
-        events += tracker.on_decision(decision, dwell, findings=findings)
+        events += tracker.on_decision(decision, dwell)
         open_s += [t_s] * (decision.gate == "open")
     return events, open_s
 

@@ -1,6 +1,6 @@
 """Features and classification of frames in an array, for scripts and notebooks.
 
-`radard.judge`, `radard.features` and `radard.spectrogram` are these functions. They take the
+`radard.classify`, `radard.features` and `radard.spectrogram` are these functions. They take the
 daemon's own way through the same code, window by window, so that what a script sees is what an
 alarm would have seen. Frames come from `x2radar.simulate`, `x2radar.read_frames`, or elsewhere.
 """
@@ -23,7 +23,7 @@ from radard.judge.bundle import load_bundle
 from radard.judge.decision import Decision
 from radard.judge.features import FeatureSettings, FeatureStream
 from radard.judge.model_choice import model_for
-from radard.pipeline import COARSE_BIN_M, HOP_S, Pipeline, settings_at
+from radard.pipeline import HOP_S, Pipeline
 from radard.run.components import make_classifier
 from radard.stream.ring import Dwell, DwellShape, FrameRing, Notice
 from x2radar.frame import FastTimeAxis, Frame, StreamInfo
@@ -181,9 +181,8 @@ def features(
         bundle = load_bundle(model_for(model, StreamInfo(axis, frame_rate_hz, "array")))
         bundle.check_stream(axis, frame_rate_hz)
         settings, names = bundle.features, [each.feature for each in bundle.inputs]
-    settings = settings_at(settings or _SETTINGS, frame_rate_hz)
-    coarsest = max(1, int(COARSE_BIN_M / axis.bin_length_m))
-    converter = DownConverter(axis, min(settings.range_decimation, coarsest))
+    settings = (settings or _SETTINGS).at(frame_rate_hz)
+    converter = DownConverter(axis, settings.range_step(axis))
     shape = DwellShape.of(
         dwell_s=settings.dwell_s,
         hop_s=HOP_S,

@@ -11,32 +11,32 @@ A frame's way through the program (docs/research/follow-a-frame.md tells it)::
     radard.detect.clutter_map  takes out what stands still, with its jitter     [worker]
     radard.detect.gate         does anything move?
     radard.detect.tracks       where, and how many?
-    radard.judge.features   Dwell -> maps of range and velocity over time
-    radard.judge.classifier features -> probabilities
-    radard.judge.evidence   probabilities over windows -> what is known by now
-    radard.judge.decision   probabilities -> label, alarm
+    radard.judge.features      Dwell -> maps of range and velocity over time
+    radard.judge.classifier    features -> probabilities
+    radard.judge.evidence      probabilities over windows -> what is known by now
+    radard.judge.decision      probabilities -> label, alarm
+    radard.detect.tamper       is the sensor covered, moved, jammed or dead?
     radard.alarm.events        decisions -> events with a beginning and an end
-    radard.sinks               everything -> JSON Lines, table
+    radard.outputs             everything -> JSON Lines, table
 
-`Pipeline.decide` is all of the worker's part that computes, without threads or clocks, so
+`Pipeline.decide` is all of the worker's part that computes, without threads, clocks or files, so
 live, replayed and offline data take the same way.
 """
 
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radard.config.config import Config
 from radard.detect.calibration import Calibration
 from radard.detect.clutter_map import ClutterRemover
+from radard.detect.dwell_cells import is_frozen
 from radard.detect.gate import Gate
+from radard.detect.tamper import Finding, TamperWatch
 from radard.detect.tracks import Track, Tracker
 from radard.dsp.downconvert import DownConverter
 from radard.dsp.range_gate import range_gates
-from radard.dsp.velocity import CPI_S
 from radard.errors import FeatureError, ModelMismatch
-from radard.judge.bundle import Bundle
 from radard.judge.classifier import Answer, Classifier, Probabilities
 from radard.judge.decision import (
     Decision,
@@ -45,19 +45,17 @@ from radard.judge.decision import (
     Verdict,
     invalid_decision,
     judge,
+    pet_limit_of,
+    policy_of,
 )
 from radard.judge.evidence import Evidence, EvidenceSettings
 from radard.judge.features import FeatureSettings, FeatureStream, extract
 from radard.judge.installation import INSTALLATION, Mount, echo_at_1m_db, installation
 from radard.stream.ring import Dwell, DwellShape, FrameRing
-from x2radar.frame import FastTimeAxis, StreamInfo
+from x2radar.frame import StreamInfo
 
 HOP_S = 1.0
-"""Stream time from one decision to the next: chosen, half a dwell."""
-HIGH_PET_LIMIT = 0.9
-"""Least pet limit at sensitivity 'high' under policy 'fused'; docs/evaluation.md measures it."""
-COARSE_BIN_M = 0.03
-"""Behind the matched filter an X2's bins may be that long without loss (41 GS/s, 8 of them)."""
+"""Stream time from one decision to the next: half a dwell, as bundles learned it."""
 
 
 class Pipeline:
@@ -77,11 +75,18 @@ class Pipeline:
     hop_s : float
         From one dwell to the next; bundles learned from dwells `HOP_S` apart.
 
+    Attributes
+    ----------
+    tamper : TamperWatch or None
+        What looks for tamper; None, as it begins, looks for none.
+
     Raises
     ------
     ModelMismatch, FeatureError
         If the classifier was not made for such a stream, or its frames cannot be processed.
     """
+
+    tamper: TamperWatch | None = None
 
     def __init__(
         self,
@@ -98,14 +103,16 @@ class Pipeline:
         self._config = config
         if classifier is not None:
             classifier.bundle.check_stream(stream.axis, stream.frame_rate_hz)
-            self._features = settings_at(classifier.bundle.features, stream.frame_rate_hz)
+            settings = classifier.bundle.features
         else:
-            self._features = _gate_only_features(stream)
+            # The gate alone: bins as coarse as may be.
+            settings = FeatureSettings(n_cpi=0, range_decimation=stream.axis.n_range)
+        self._features = settings.at(stream.frame_rate_hz)
         names = classifier.feature_names if classifier else ()
         self._stream = FeatureStream(self._features, names)
         self._feature_names = names
         bundle = classifier.bundle if classifier else None
-        self.policy = config.decision.policy or (bundle.policy if bundle else "window")
+        self.policy = policy_of(config, bundle)
         self.pet_limit = pet_limit_of(config, bundle)
         evidence = EvidenceSettings.from_mapping(bundle.evidence if bundle else {})
         self._evidence = Evidence(evidence)
@@ -135,9 +142,8 @@ class Pipeline:
         return FrameRing(converter.axis, converter.convert, self.shape)
 
     def _converter(self) -> DownConverter:
-        # Decimation is for bins finer than the pulse; other modules' are coarse already.
-        most = max(1, int(COARSE_BIN_M / self.stream.axis.bin_length_m))
-        return DownConverter(self.stream.axis, min(self._features.range_decimation, most))
+        axis = self.stream.axis
+        return DownConverter(axis, self._features.range_step(axis))
 
     @property
     def gate(self) -> Gate:
@@ -190,15 +196,14 @@ class Pipeline:
 
     def decide(self, dwell: Dwell) -> Decision:
         """Judge one dwell from the ring that `make_ring` made; decisions are numbered from 1."""
-        self._seq = seq = self._seq + 1
+        self._seq += 1
         if not dwell.is_whole:
-            return invalid_decision(dwell, f"{dwell.n_lost} frames missing", seq=seq)
+            return invalid_decision(dwell, f"{dwell.n_lost} frames missing", seq=self._seq)
         moving = self._remover.remove(dwell)
         if not moving.is_whole:
-            return invalid_decision(
-                dwell, f"{moving.n_lost} frames missing or spiked", seq=self._seq
-            )
-        # One gate for both, should a reload put another in its place just now.
+            fault = f"{moving.n_lost} frames missing or spiked"
+            return invalid_decision(dwell, fault, seq=self._seq)
+        # One gate for all, should a reload put another in its place just now.
         gate = self._gate
         reading = gate.read(moving)
         tracks: tuple[Track, ...] = ()
@@ -213,17 +218,20 @@ class Pipeline:
             self._evidence.reset()
         else:
             try:
-                judged = moving if self._features.clutter == "removed" else dwell
-                answer = self._answered(judged, self._known(gate, moving))
-                verdicts = self._judged(moving, tracks, answer) if self._judges_tracks else ()
+                answer = self._ask(moving if self._features.clutter == "removed" else dwell, gate)
+                verdicts = self._judge_tracks(moving, tracks, answer)
             except (ModelMismatch, FeatureError) as err:
                 # No verdict is better announced than guessed.
-                return invalid_decision(dwell, str(err), seq=seq)
+                return invalid_decision(dwell, str(err), seq=self._seq)
             if answer is not None:
                 window = answer.window
-                fused, label, alarm = self._ruled(answer, dwell.t_s)
+                fused, label, alarm = self._rule(answer, dwell.t_s)
+        findings: tuple[Finding, ...] = ()
+        if self.tamper is not None:
+            is_passed_over = label is not None and not alarm
+            findings = self.tamper.update(dwell, gate, is_passed_over=is_passed_over)
         return Decision(
-            seq=seq,
+            seq=self._seq,
             t_s=dwell.t_s,
             gate="open" if reading.is_open else "closed",
             reading=reading,
@@ -234,36 +242,37 @@ class Pipeline:
             frames=len(dwell.frames) - dwell.n_lost,
             dropped=dwell.n_lost,
             tracks=verdicts,
+            fault="dead sensor: all frames are the same" if is_frozen(dwell) else "",
+            findings=findings,
             t_mono_s=dwell.t_mono_s,
         )
 
-    def _known(self, gate: Gate, moving: Dwell) -> NDArray[np.float32] | None:
-        """Return what is known besides the motion, for a network that takes it."""
-        if INSTALLATION not in self._feature_names:
-            return None
-        return installation(moving.frame_rate_hz, self._mount, echo_of(gate, moving.axis))
-
-    def _answered(self, dwell: Dwell, known: NDArray[np.float32] | None) -> Answer | None:
+    def _ask(self, dwell: Dwell, gate: Gate) -> Answer | None:
+        """Return what the network says of a dwell that `gate` has read; None without one."""
         if self.classifier is None:
             return None
+        known = None
+        if INSTALLATION in self._feature_names:
+            echo_db = echo_at_1m_db(gate.power, gate.noise, dwell.axis.range_m)
+            known = installation(dwell.frame_rate_hz, self._mount, echo_db)
         features = self._stream.extract(dwell, known)
         return self.classifier.answer(features, self._evidence.hidden)
 
-    def _ruled(self, answer: Answer, t_s: float) -> tuple[Probabilities, Label, bool]:
+    def _rule(self, answer: Answer, t_s: float) -> tuple[Probabilities, Label, bool]:
         """Apply the policy; return the fused probabilities and the verdict."""
         if self.policy == "window":
             return answer.window, *judge(answer.window, self.pet_limit)
-        fused = self._evidence.take(answer)
+        fused = self._evidence.fuse(answer)
         return fused, *self._verdict.judge(fused, t_s)
 
-    def _judged(
+    def _judge_tracks(
         self, moving: Dwell, tracks: tuple[Track, ...], answer: Answer | None
     ) -> tuple[TrackVerdict, ...]:
         """Judge every body by itself, by what its own range gate lets through.
 
         Of one that is alone the window says as much, at no cost.
         """
-        if not tracks:
+        if not tracks or not self._judges_tracks:
             return ()
         gates = None
         if self.classifier is not None and len(tracks) > 1:
@@ -285,34 +294,3 @@ class Pipeline:
                 )
             )
         return tuple(verdicts)
-
-
-def echo_of(gate: Gate, axis: FastTimeAxis) -> float | None:
-    """Return what moves in the dwell that a gate has read last: see `echo_at_1m_db`."""
-    return echo_at_1m_db(gate.power, gate.noise, axis.range_m)
-
-
-def pet_limit_of(config: Config, bundle: Bundle | None) -> float:
-    """Return the pet limit that holds: the one given, else the bundle's."""
-    if config.decision.pet_limit:
-        return config.decision.pet_limit
-    limit = bundle.pet_limit if bundle else 0.8
-    policy = config.decision.policy or (bundle.policy if bundle else "window")
-    # A single fused verdict is an alarm already: a higher limit is all that 'high' can ask for.
-    is_high = policy == "fused" and config.alarm.sensitivity == "high"
-    return max(limit, HIGH_PET_LIMIT) if is_high else limit
-
-
-def settings_at(settings: FeatureSettings, frame_rate_hz: float) -> FeatureSettings:
-    """Return a bundle's settings with the CPI in frames of a stream; `n_cpi` 0 means 28/60 s."""
-    if settings.n_cpi:
-        return settings
-    return replace(settings, n_cpi=max(2, round(CPI_S * frame_rate_hz)))
-
-
-def _gate_only_features(stream: StreamInfo) -> FeatureSettings:
-    """Return settings whose CPI is as long as the thesis', and bins as coarse as may be."""
-    bins = int(COARSE_BIN_M / stream.axis.bin_length_m)
-    return FeatureSettings(
-        n_cpi=max(2, round(CPI_S * stream.frame_rate_hz)), range_decimation=max(1, bins)
-    )

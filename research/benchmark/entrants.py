@@ -18,7 +18,6 @@ from radard.detect.clutter_map import ClutterRemover
 from radard.judge.bundle import load_bundle
 from radard.judge.classifier import Classifier
 from radard.judge.features import extract
-from radard.pipeline import COARSE_BIN_M, settings_at
 from radard.stream.ring import Dwell
 from research.benchmark import entries
 from research.benchmark.tasks import Task
@@ -130,9 +129,9 @@ def _test_dwells(task: Task) -> Iterator[Dwell]:
 def _person_by(classifier: Classifier, made: Dwell) -> float:
     bundle = classifier.bundle
     bundle.check_stream(made.axis, made.frame_rate_hz)
-    settings = settings_at(bundle.features, made.frame_rate_hz)
+    settings = bundle.features.at(made.frame_rate_hz)
     # The ring keeps every so many bins behind the matched filter; here they are left out.
-    step = min(settings.range_decimation, max(1, int(COARSE_BIN_M / made.axis.bin_length_m)))
+    step = settings.range_step(made.axis)
     rows = np.ascontiguousarray(made.frames[:, ::step])
     axis = replace(made.axis, n_range=rows.shape[1], bin_length_m=made.axis.bin_length_m * step)
     thin = replace(made, frames=rows, axis=axis, end_frame=len(rows))

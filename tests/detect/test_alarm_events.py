@@ -10,8 +10,8 @@ from radard.alarm import state_store
 from radard.alarm.events import EventTracker, see_anywhere, trial_alarm
 from radard.alarm.panel import AlarmPanel, AlarmPolicy
 from radard.alarm.state_store import KeptState, StateStore
-from radard.alarm.tamper import Finding
 from radard.alarm.zones import Zones, sight_of, zone_fault
+from radard.detect.tamper import Finding
 from radard.outputs.fanout import Outputs
 from radard.stream.ring import Notice
 from tests.alarm_helpers import decision, track
@@ -107,13 +107,13 @@ def test_alarm_fault_and_tamper_are_apart():
     tracker = EventTracker(AlarmPanel(AlarmPolicy(latch_s=100)))
     tracker.on_decision(decision(1, 0.9), DWELL)
     covered = Finding("covered", "still echoes fell 12 dB")
-    (tamper,) = tracker.on_decision(decision(2, 0.9), DWELL, findings=[covered])
+    (tamper,) = tracker.on_decision(decision(2, 0.9, findings=[covered]), DWELL)
     assert (tamper.kind, tamper.reason) == ("tamper", "covered: still echoes fell 12 dB")
     (fault,) = tracker.on_decision(decision(3, fault="9 frames missing"), DWELL)
     assert fault.kind == "fault"
     assert set(tracker.open_events) == {"alarm", "tamper", "fault"}
     more = [covered, Finding("noise", "noise rose 9 dB")]
-    events = tracker.on_decision(decision(4, 0.9), DWELL, findings=more)
+    events = tracker.on_decision(decision(4, 0.9, findings=more), DWELL)
     assert [(e.kind, e.phase) for e in events] == [("fault", "end"), ("tamper", "update")]
     assert len({e.id for e in (tamper, fault, *events)}) == 2
     (end,) = tracker.on_decision(decision(5, 0.9), DWELL)
@@ -298,14 +298,14 @@ def test_without_a_named_folder_only_the_command_is_kept(tmp_path):
 def test_a_remark_is_an_update_and_the_reason_comes_back():
     tracker = EventTracker()
     covered = Finding("covered", "still echoes fell 12 dB")
-    (new,) = tracker.on_decision(decision(2), DWELL, findings=[covered])
+    (new,) = tracker.on_decision(decision(2, findings=[covered]), DWELL)
     (said,) = tracker.remark("tamper", "armed all the same", 2.5)
     assert (said.id, said.phase, said.reason) == (
         new.id,
         "update",
         f"{new.reason}; armed all the same",
     )
-    (back,) = tracker.on_decision(decision(3), DWELL, findings=[covered])
+    (back,) = tracker.on_decision(decision(3, findings=[covered]), DWELL)
     assert (back.phase, back.reason) == ("update", new.reason)
     assert tracker.remark("fault", "x", 3.5) == []
 
@@ -382,17 +382,17 @@ def test_what_is_held_is_what_was_written(tmp_path, monkeypatch):
 def test_fault_and_tamper_are_told_once_and_only_tamper_when_its_reason_changes():
     tracker = EventTracker()
     covered = [Finding("covered", "it is dark")]
-    made = tracker.on_decision(decision(1.0), DWELL, fault="dead sensor", findings=covered)
+    made = tracker.on_decision(decision(1.0, findings=covered), DWELL, fault="dead sensor")
     assert [(e.kind, e.phase, e.peak, e.end_t_s) for e in made] == [
         ("fault", "new", 0.0, None),
         ("tamper", "new", 0.0, None),
     ]
     assert not any(e.is_trial for e in made)
-    assert tracker.on_decision(decision(2.0), DWELL, fault="dead sensor", findings=covered) == []
+    assert tracker.on_decision(decision(2.0, findings=covered), DWELL, fault="dead sensor") == []
     # What else is wrong with a dead sensor is no news.
-    assert tracker.on_decision(decision(3.0), DWELL, fault="slow", findings=covered) == []
+    assert tracker.on_decision(decision(3.0, findings=covered), DWELL, fault="slow") == []
     moved = [Finding("moved", "it hangs elsewhere")]
-    (update,) = tracker.on_decision(decision(4.0), DWELL, fault="slow", findings=moved)
+    (update,) = tracker.on_decision(decision(4.0, findings=moved), DWELL, fault="slow")
     assert (update.phase, update.t_s) == ("update", 4.0)
     assert (update.start_t_s, update.end_t_s) == (1.0, None)
     ended = tracker.on_decision(decision(5.0), DWELL)

@@ -1,4 +1,4 @@
-"""`radard.judge`, `radard.features` and `radard.spectrogram`: the daemon's own way, by hand."""
+"""`radard.classify`, `radard.features` and `radard.spectrogram`: the daemon's own way, by hand."""
 
 import subprocess
 

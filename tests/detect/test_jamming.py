@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from radard.alarm.dwell_cells import is_frozen
-from radard.alarm.tamper import TamperWatch
 from radard.config.config import Config
 from radard.config.sections import GateSettings, TamperSection
+from radard.detect.dwell_cells import is_frozen
 from radard.detect.gate import Gate
 from radard.detect.survey import RoomNotEmpty, RoomSurvey
+from radard.detect.tamper import TamperWatch
 from radard.pipeline import Pipeline
 from radard.stream.ring import Dwell
 from radard.stream.source import open_source

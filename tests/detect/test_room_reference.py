@@ -6,11 +6,11 @@ import logging
 import numpy as np
 import pytest
 
-from radard.alarm.interference import FloorReference, InterferenceWatch
-from radard.alarm.room_reference import RoomReference, RoomStore
-from radard.alarm.tamper import TamperWatch
 from radard.config.sections import GateSettings, TamperSection
 from radard.detect.gate import Gate
+from radard.detect.interference import FloorReference, InterferenceWatch
+from radard.detect.room_reference import RoomReference, RoomStore
+from radard.detect.tamper import TamperWatch
 from tests.radar_helpers import dwell_of, noise
 
 SETTINGS = TamperSection(learn_s=5, hold_s=16)
@@ -23,7 +23,8 @@ class Sensor:
 
     def __init__(self, store=None, settings=SETTINGS, known=None):
         self.gate = Gate(GateSettings())
-        self.watch = TamperWatch(settings, store=store, known=known)
+        self.store = store or RoomStore()
+        self.watch = TamperWatch(settings, known=known or self.store.load())
         self.k = 0
 
     def listen(self, n, added=0, gain=1.0):
@@ -34,6 +35,8 @@ class Sensor:
             self.k += 1
             self.gate.read(dwell)
             found = self.watch.update(dwell, self.gate, is_passed_over=False)
+            if (room := self.watch.take_due()) is not None:
+                self.store.save(room)
             if found:
                 return k + 1, {each.kind for each in found}
         return None
@@ -97,7 +100,8 @@ def test_other_settings_do_not_take_what_is_there_now_for_the_room():
 def test_a_relearned_room_leaves_no_older_one_behind(store):
     sensor = Sensor(store)
     sensor.listen(40)
-    sensor.watch.relearn("the same, calibrated")
+    sensor.watch.relearn()
+    store.forget("the same, calibrated")
     assert not store.path.exists()
     assert sensor.listen(40, gain=0.1) is None
     assert json.loads(store.path.read_text())["stream"] == "the same, calibrated"
@@ -183,7 +187,7 @@ def test_a_disk_that_fails_is_told_once_and_is_no_end(tmp_path, caplog):
     for _ in range(3):
         store.save(reference())
     assert [r.levelno for r in caplog.records] == [logging.WARNING]
-    store.forget()
+    store.forget("")
     assert "cannot be removed" in caplog.text
     (tmp_path / "file").unlink()
     store.save(reference())
@@ -193,7 +197,7 @@ def test_a_disk_that_fails_is_told_once_and_is_no_end(tmp_path, caplog):
 def test_without_a_file_nothing_is_kept():
     store = RoomStore()
     store.save(reference())
-    store.forget()
+    store.forget("")
     assert store.load() is None
 
 

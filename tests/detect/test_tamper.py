@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from radard.alarm.dwell_cells import is_frozen, read_cells
-from radard.alarm.tamper import TamperWatch
 from radard.config.config import Config
 from radard.config.sections import TamperSection
+from radard.detect.dwell_cells import is_frozen, read_cells
+from radard.detect.tamper import TamperWatch
 from radard.pipeline import Pipeline
 from radard.stream.ring import Dwell
 from radard.stream.source import open_source

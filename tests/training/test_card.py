@@ -19,8 +19,7 @@ from radard.errors import UsageError
 from radard.judge.bundle import load_bundle
 from radard.judge.card import read_card
 from radard.judge.classifier import Probabilities
-from radard.judge.decision import Decision
-from radard.pipeline import HIGH_PET_LIMIT, pet_limit_of
+from radard.judge.decision import HIGH_PET_LIMIT, Decision, pet_limit_of
 from tests.report_helpers import drawn, passage, table_of
 from x2train.judge.card import evaluation_of, write_card
 from x2train.report.levels import levels, rules

@@ -213,7 +213,7 @@ def test_a_temporal_head_answers_instead_of_the_sum():
     own = window(0.1, 0.8, 0.1)
     head = np.log([0.2, 0.5, 0.3])
     hidden = np.arange(4.0)
-    made = evidence.take(Answer(own, head, hidden))
+    made = evidence.fuse(Answer(own, head, hidden))
     odds = np.array([0.2 * math.e, 0.5, 0.3])
     assert array(made) == pytest.approx(odds / odds.sum())
     assert evidence.hidden is hidden
@@ -221,7 +221,7 @@ def test_a_temporal_head_answers_instead_of_the_sum():
     assert evidence.hidden is None
     # Without a head the windows' sum, of which the head's answer is no part.
     without = Evidence(EvidenceSettings(prior_human=1.0))
-    assert evidence.take(Answer(own)) == without.add(own)
+    assert evidence.fuse(Answer(own)) == without.add(own)
     assert evidence.hidden is None
 
 

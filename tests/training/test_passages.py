@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from radard.judge.features import FeatureSettings
-from radard.pipeline import settings_at
 from radard.stream.ring import DwellShape
 from tests.training_helpers import FEATURES
 from x2train.sets.families import FAMILIES, LABELS, draw_goer, family
@@ -221,9 +220,9 @@ def test_dwells_end_as_the_hops_say():
     ("rate_hz", "n_cpi"), [(60.0, 28), (30.5, 14), (200.0, 93), (1.0, 2), (17.06, 8)]
 )
 def test_a_cpi_lasts_as_long_at_any_rate(rate_hz, n_cpi):
-    assert settings_at(FEATURES, rate_hz).n_cpi == n_cpi
+    assert FEATURES.at(rate_hz).n_cpi == n_cpi
     fixed = FeatureSettings(n_cpi=28)
-    assert settings_at(fixed, rate_hz) is fixed
+    assert fixed.at(rate_hz) is fixed
 
 
 LAWS = replace(

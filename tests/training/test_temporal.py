@@ -118,7 +118,7 @@ def test_the_daemon_hands_on_what_the_head_wants_until_the_gate_closes(folder):
         np.testing.assert_allclose(array(answer.window), p[k], atol=1e-6)
         assert answer.window == classifier.classify(features)
         expected = np.exp(log_p[k] + [0.3, 0, 0])
-        fused = array(evidence.take(answer))
+        fused = array(evidence.fuse(answer))
         np.testing.assert_allclose(fused, expected / expected.sum(), atol=1e-5)
         assert abs(fused.sum() - 1) < 1e-12
 
@@ -130,13 +130,13 @@ def array(p):
 def test_without_a_head_windows_are_summed():
     evidence, other = Evidence(EvidenceSettings()), Evidence(EvidenceSettings())
     for p in (Probabilities(0.2, 0.7, 0.1), Probabilities(0.5, 0.4, 0.1)):
-        assert evidence.take(Answer(p)) == other.add(p)
+        assert evidence.fuse(Answer(p)) == other.add(p)
         assert evidence.hidden is None
 
 
 def test_a_class_that_the_network_does_not_know_stays_impossible():
     answer = Answer(Probabilities(0.5, 0.5, 0.0), np.array([-0.1, -2.0, -np.inf]), np.zeros(2))
-    fused = Evidence(EvidenceSettings()).take(answer)
+    fused = Evidence(EvidenceSettings()).fuse(answer)
     assert fused.other == 0.0
     assert fused.human + fused.pet == pytest.approx(1, abs=1e-12)
 

@@ -13,7 +13,6 @@ from typing import Literal
 
 from radard.alarm.panel import ARM_MODES, AlarmPanel, AlarmPolicy, ArmMode, PanelChange, Sight
 from radard.alarm.state_store import KeptState
-from radard.alarm.tamper import Finding
 from radard.alarm.zones import Zones, sight_of
 from radard.judge.decision import Decision
 from radard.stream.ring import Dwell, Notice
@@ -145,7 +144,6 @@ class EventTracker:
         dwell: Dwell,
         *,
         is_quiet: bool = False,
-        findings: Sequence[Finding] = (),
         fault: str = "",
     ) -> list[Event]:
         """Take a decision; return the events that it makes, in order.
@@ -156,17 +154,15 @@ class EventTracker:
             That it was made on; its frames name new events.
         is_quiet : bool
             Whether a quiet period holds.
-        findings : sequence of Finding
-            Tamper that holds now.
         fault : str
-            What is wrong with a dwell that could be judged; empty when nothing is.
+            What else is wrong with a dwell that could be judged; empty when nothing is.
         """
         is_invalid = decision.gate == "invalid"
         t_s = decision.t_s
-        why = (decision.fault if is_invalid else fault) or None
+        why = decision.fault or ("" if is_invalid else fault) or None
         events = self._follow("fault", why, t_s=t_s, dwell=dwell)
         if not is_invalid:
-            tamper = "; ".join(f"{f.kind}: {f.reason}" for f in findings) or None
+            tamper = "; ".join(f"{f.kind}: {f.reason}" for f in decision.findings) or None
             events += self._follow("tamper", tamper, t_s=t_s, dwell=dwell)
         sight = None if is_invalid else self.see(decision, self.panel.policy, self.panel.mode)
         p_human = decision.fused.human if decision.fused and sight and sight.is_seen else 0.0

@@ -9,9 +9,9 @@ from radard.config.options import add_options, config_options
 from radard.config.sections import AUTO_MODEL, AlarmSection
 from radard.judge.bundle import load_bundle
 from radard.judge.card import read_card
-from radard.judge.decision import LEAST_P
+from radard.judge.decision import LEAST_P, pet_limit_of
 from radard.judge.model_choice import OF_ONE_MODULE, model_for
-from radard.pipeline import HOP_S, pet_limit_of
+from radard.pipeline import HOP_S
 from x2radar.command import Parser, new_parser
 
 _EXAMPLES = """\

@@ -17,7 +17,7 @@ from radard.commands.offline_stream import (
 )
 from radard.commands.progress_line import ProgressLine, bar
 from radard.commands.walk_report import WalkDecision, by_range, report, step_of
-from radard.pipeline import echo_of
+from radard.judge.installation import echo_at_1m_db
 from radard.run.components import use_calibration
 from radard.stream.ring import Notice
 from x2radar.command import Parser, new_parser
@@ -90,8 +90,9 @@ def _walked(
                 continue
             step = step_of(pipeline.decide(item))
             steps.append(step)
-            echo_db = echo_of(pipeline.gate, item.axis) if step.range_m is not None else None
-            if echo_db is not None:
+            gate, range_m = pipeline.gate, item.axis.range_m
+            echo_db = echo_at_1m_db(gate.power, gate.noise, range_m)
+            if step.range_m is not None and echo_db is not None:
                 echoes.append(echo_db)
             line.clear()
             if not args.json:

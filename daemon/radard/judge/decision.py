@@ -10,7 +10,10 @@ a bit of everything, counts as human. Policy `window` applies the rule to each w
 from dataclasses import dataclass
 from typing import Literal
 
+from radard.config.config import Config
 from radard.detect.gate import GateReading
+from radard.detect.tamper import Finding
+from radard.judge.bundle import Bundle
 from radard.judge.classifier import Probabilities
 from radard.stream.ring import Dwell
 
@@ -18,6 +21,8 @@ Label = Literal["human", "pet", "other", "pending", "none", "invalid"]
 GateState = Literal["open", "closed", "invalid"]
 LEAST_P = 0.5
 """No class below it is what moves."""
+HIGH_PET_LIMIT = 0.9
+"""Least pet limit at sensitivity 'high' under policy 'fused'; docs/evaluation.md measures it."""
 _ROUNDING_S = 0.07
 """More than a frame of the slowest stream that a bundle takes (14.5 Hz), far less than a hop."""
 
@@ -47,7 +52,8 @@ class Decision:
     frames: int  # in the dwell
     dropped: int  # missing in it
     tracks: tuple[TrackVerdict, ...] = ()  # none while the gate is closed
-    fault: str = ""  # why the window is invalid; empty otherwise
+    fault: str = ""  # why the window is invalid, or what is wrong with one that was judged
+    findings: tuple[Finding, ...] = ()  # tamper that holds now; empty when it is not looked for
     t_mono_s: float = 0.0  # when the dwell's last frame arrived, on the host's monotonic clock
 
 
@@ -131,3 +137,18 @@ class Verdict:
         was_pending = self._is_pending
         self.reset()
         return was_pending
+
+
+def policy_of(config: Config, bundle: Bundle | None) -> str:
+    """Return the policy that holds: the one given, else the bundle's; 'window' without either."""
+    return config.decision.policy or (bundle.policy if bundle else "window")
+
+
+def pet_limit_of(config: Config, bundle: Bundle | None) -> float:
+    """Return the pet limit that holds: the one given, else the bundle's."""
+    if config.decision.pet_limit:
+        return config.decision.pet_limit
+    limit = bundle.pet_limit if bundle else 0.8
+    # A single fused verdict is an alarm already: a higher limit is all that 'high' can ask for.
+    is_high = policy_of(config, bundle) == "fused" and config.alarm.sensitivity == "high"
+    return max(limit, HIGH_PET_LIMIT) if is_high else limit

@@ -72,7 +72,7 @@ class Evidence:
         self._log[:] = 0.0
         self.hidden = None
 
-    def take(self, answer: Answer) -> Probabilities:
+    def fuse(self, answer: Answer) -> Probabilities:
         """Take what the network says of a window, given `hidden`; return the fused probabilities.
 
         They are those of its temporal head, with the prior of the settings, or else those of

@@ -6,7 +6,7 @@ lost frame, take the mean of the others, so that they add nothing at any cadence
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from typing import Any, Protocol
 
@@ -25,6 +25,7 @@ from radard.judge.installation import INSTALLATION, N_INSTALLATION, installation
 from radard.judge.velocity_map import VelocityGrid
 from radard.stream.ring import Dwell
 from x2radar.errors import renamed
+from x2radar.frame import FastTimeAxis
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -127,6 +128,16 @@ class FeatureSettings:
         """Return the whole cells of a dwell's columns behind the first CPI of that length."""
         return max(1, int((self.dwell_s + CPI_S - cpi_s) / cell_s + 1e-9))
 
+    def at(self, frame_rate_hz: float) -> "FeatureSettings":
+        """Return these settings with the CPI in frames of a stream; `n_cpi` 0 means 28/60 s."""
+        if self.n_cpi:
+            return self
+        return replace(self, n_cpi=max(2, round(CPI_S * frame_rate_hz)))
+
+    def range_step(self, axis: FastTimeAxis) -> int:
+        """Return how many bins of a stream become one: other modules' are coarse already."""
+        return min(self.range_decimation, max(1, int(_COARSE_BIN_M / axis.bin_length_m)))
+
     @property
     def n_range_cells(self) -> int:
         """Rows of the range-time map."""
@@ -161,6 +172,8 @@ CLUTTER = ("cpi", "removed")
 RANGE_WINDOWS = ("fixed", "target")
 _WORDS: Mapping[str, tuple[str, ...]] = {"clutter": CLUTTER, "range_window": RANGE_WINDOWS}
 _EMPTY = np.zeros((0, 0), np.float32)
+_COARSE_BIN_M = 0.03
+"""Behind the matched filter an X2's bins may be that long without loss (41 GS/s, 8 of them)."""
 
 
 class FeatureMaker(Protocol):

@@ -15,7 +15,7 @@ from radard.judge.evidence import Evidence, EvidenceSettings
 from radard.judge.features import FeatureSet, FeatureSettings
 from radard.offline.detect import replay_into, replaying
 from radard.outputs.records import Record
-from radard.pipeline import Pipeline, settings_at
+from radard.pipeline import Pipeline
 from radard.run.components import classifier_for, make_classifier, use_calibration
 from radard.stream.ring import Notice
 from radard.stream.source import open_source
@@ -134,7 +134,7 @@ def _looked_on(
                 n += 1
                 if n == seq:
                     features = watched.bundle.features if watched else FeatureSettings()
-                    settings = settings_at(features, source.stream.frame_rate_hz)
+                    settings = features.at(source.stream.frame_rate_hz)
                     return settings, watched, watched.seen if watched else None
     finally:
         source.close()
@@ -149,4 +149,4 @@ def judged_by(answer: Answer, bundle: Bundle) -> Probabilities:
     """
     if answer.fused_log_p is None:
         return answer.window
-    return Evidence(EvidenceSettings.from_mapping(bundle.evidence)).take(answer)
+    return Evidence(EvidenceSettings.from_mapping(bundle.evidence)).fuse(answer)

@@ -13,8 +13,8 @@ from radard.config.config import Config
 from radard.config.redact import redact
 from radard.health.health import Status
 from radard.judge.classifier import Probabilities
-from radard.judge.decision import Decision, TrackVerdict
-from radard.pipeline import Pipeline, pet_limit_of
+from radard.judge.decision import Decision, TrackVerdict, pet_limit_of
+from radard.pipeline import Pipeline
 from x2radar.command import installed_version
 
 SCHEMA = 1  # of output.schema.json

@@ -8,10 +8,8 @@ from pathlib import Path
 
 from radard.alarm.events import See
 from radard.alarm.panel import AlarmPolicy
-from radard.alarm.room_reference import RoomStore
 from radard.alarm.sensitivity import alarm_policy
 from radard.alarm.state_store import StateStore
-from radard.alarm.tamper import TamperWatch
 from radard.alarm.zones import Zones, sight_of, zone_fault, zone_warnings
 from radard.clips.keeper import ClipKeeper
 from radard.config.config import Config
@@ -19,11 +17,14 @@ from radard.config.directories import calibration_file, clip_dir, named_state_di
 from radard.config.quiet_hours import Now, QuietHours, parse_quiet, time_zone
 from radard.config.sections import AUTO_MODEL
 from radard.detect.calibration import Calibration, load_calibration
+from radard.detect.room_reference import RoomStore
+from radard.detect.tamper import TamperWatch
 from radard.errors import ConfigError
 from radard.judge.bundle import load_bundle
 from radard.judge.classifier import Classifier
+from radard.judge.decision import pet_limit_of
 from radard.judge.model_choice import model_for
-from radard.pipeline import Pipeline, pet_limit_of
+from radard.pipeline import Pipeline
 from radard.stream.ring import DwellShape
 from x2radar.command import installed_version
 from x2radar.frame import StreamInfo
@@ -42,7 +43,7 @@ class Parts:
     policy: AlarmPolicy  # decisions to alarm
     see: See  # decision to sight
     quiet: QuietHours  # when no alarm is wanted
-    tamper: TamperWatch | None  # None when it is off
+    room: RoomStore  # where the room's reference is kept
     clips: ClipKeeper | None  # None when nothing is kept
     pet_limit: float  # of the rule; the pipeline's from the exchange on
     zone_fault: str = ""  # why nobody can raise an alarm
@@ -88,10 +89,8 @@ def make_parts(
     quiet = QuietHours(
         [parse_quiet(text) for text in config.alarm.quiet], time_zone(config.alarm.timezone), now
     )
-    tamper, clips = (old.tamper, old.clips) if old else (None, None)
-    room = room_of(config, pipeline)
-    if tamper is None or was is None or was.tamper != config.tamper or tamper.room != room:
-        tamper = _make_tamper(config, pipeline, room, is_live=is_live, old=tamper)
+    clips = old.clips if old else None
+    room = _watch_for_tamper(config, pipeline, is_live=is_live, old=old)
     if was is None or was.clips != config.clips:
         clips = _make_clips(config, pipeline) if is_live else None
     elif clips is not None:
@@ -103,7 +102,7 @@ def make_parts(
         policy=alarm_policy(config.alarm, pipeline.policy),
         see=_make_see(config, pet_limit),
         quiet=quiet,
-        tamper=tamper,
+        room=room,
         clips=clips,
         pet_limit=pet_limit,
         zone_fault=fault,
@@ -215,15 +214,24 @@ def _make_see(config: Config, pet_limit: float) -> See:
     return lambda decision, policy, mode: sight_of(decision, policy, zones.armed(mode), pet_limit)
 
 
-def _make_tamper(
-    config: Config, pipeline: Pipeline, room: str, *, is_live: bool, old: TamperWatch | None
-) -> TamperWatch | None:
-    if not config.tamper.enabled:
-        return None
-    store = RoomStore(_kept_file(config, "room.json", is_live=is_live), room)
+def _watch_for_tamper(
+    config: Config, pipeline: Pipeline, *, is_live: bool, old: Parts | None
+) -> RoomStore:
+    """Let a pipeline look for tamper, if that is wanted; return where the reference is kept."""
+    stream = room_of(config, pipeline)
+    is_same = old is not None and old.room.stream == stream
+    if old is not None and is_same and old.config.tamper == config.tamper:
+        pipeline.tamper = old.pipeline.tamper
+        return old.room
+    store = RoomStore(_kept_file(config, "room.json", is_live=is_live), stream)
     # Other settings are no reason to take what is there now for the room.
-    known = old.known if old is not None and old.room == room else None
-    return TamperWatch(config.tamper, pipeline.shape.hop_s, store, known)
+    watch = old.pipeline.tamper if old is not None and is_same else None
+    known = watch.known if watch is not None else None
+    pipeline.tamper = None
+    if config.tamper.enabled:
+        hop_s = pipeline.shape.hop_s
+        pipeline.tamper = TamperWatch(config.tamper, hop_s, known or store.load())
+    return store
 
 
 def room_of(config: Config, pipeline: Pipeline) -> str:

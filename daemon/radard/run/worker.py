@@ -9,11 +9,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
-from radard.alarm.dwell_cells import is_frozen
 from radard.alarm.events import Event, EventTracker, trial_alarm
 from radard.alarm.panel import ARM_MODES, AlarmPanel
 from radard.alarm.state_store import StateStore
-from radard.alarm.tamper import Finding
 from radard.detect.calibration import Calibration
 from radard.errors import ConfigError
 from radard.health.health import Health, Status
@@ -175,9 +173,8 @@ class Worker:
         if parts.clips is not None:
             parts.clips.on_decision(record, decision.t_s)
         was = self.tracker.panel.state
-        is_whole = decision.gate != "invalid"
-        findings = self._look_for_tamper(dwell, decision) if is_whole else ()
-        fault = "dead sensor: all frames are the same" if is_whole and is_frozen(dwell) else ""
+        self._keep_room()
+        fault = decision.fault if decision.gate != "invalid" else ""
         if self._rate is not None:
             fault = fault or self._rate.note(dwell.t_s, dwell.t_mono_s)
         fault = fault or parts.zone_fault
@@ -185,7 +182,6 @@ class Worker:
             decision,
             dwell,
             is_quiet=parts.quiet.holds(decision.t_s),
-            findings=findings,
             fault=fault,
         )
         told = self._emit(events)
@@ -194,12 +190,10 @@ class Worker:
         self._complain("sensor", fault)
         self._after_clip(decision.t_s, told)
 
-    def _look_for_tamper(self, dwell: Dwell, decision: Decision) -> Sequence[Finding]:
-        tamper, gate = self.parts.tamper, self.parts.pipeline.gate
-        if tamper is None:
-            return ()
-        is_passed_over = decision.label is not None and not decision.alarm
-        return tamper.update(dwell, gate, is_passed_over=is_passed_over)
+    def _keep_room(self) -> None:
+        tamper = self.parts.pipeline.tamper
+        if tamper is not None and (room := tamper.take_due()) is not None:
+            self.parts.room.save(room)
 
     def _decide(self, dwell: Dwell) -> Decision:
         try:
@@ -283,9 +277,10 @@ class Worker:
     def _relearn_tamper(self, t_s: float) -> None:
         """Take what is there now for the room; nothing else ends a tamper that lasts."""
         parts = self.parts
-        if parts.tamper is not None:
+        if parts.pipeline.tamper is not None:
             self._emit(self.tracker.remark("tamper", "taken for the room: it was calibrated", t_s))
-            parts.tamper.relearn(room_of(parts.config, parts.pipeline))
+            parts.pipeline.tamper.relearn()
+            parts.room.forget(room_of(parts.config, parts.pipeline))
 
     def _take_parts(self) -> None:
         parts, self._next = self._next, None

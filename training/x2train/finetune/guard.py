@@ -161,7 +161,7 @@ def alarms_of(
             evidence.reset()
             verdict.reset()
         answer = Answer(window, None if fused_log_p is None else fused_log_p[k])
-        made.append(verdict.judge(evidence.take(answer), at_s)[1])
+        made.append(verdict.judge(evidence.fuse(answer), at_s)[1])
     if made and verdict.leave():
         made[-1] = True
     yield from made

@@ -15,9 +15,8 @@ from radard.config.config import Config
 from radard.config.sections import AlarmSection
 from radard.judge.bundle import Bundle
 from radard.judge.classifier import Probabilities
-from radard.judge.decision import Verdict
+from radard.judge.decision import Verdict, pet_limit_of
 from radard.judge.evidence import EvidenceSettings
-from radard.pipeline import pet_limit_of
 from x2train.report.intervals import Estimate, per_hour, share
 from x2train.report.table import PassageTable
 from x2train.report.verdicts import hours, intrusions, quantile_s

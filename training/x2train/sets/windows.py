@@ -16,7 +16,6 @@ from radard.detect.clutter_map import ClutterRemover
 from radard.detect.gate import Gate
 from radard.judge.features import MAP_FEATURES, FeatureSettings, FeatureStream
 from radard.judge.installation import echo_at_1m_db
-from radard.pipeline import settings_at
 from radard.stream.ring import Dwell, DwellShape
 from x2radar.sim.bodies.motion.curves import MOTIONS
 from x2radar.sim.bodies.skin.draw import SKINS
@@ -95,7 +94,7 @@ def windows_of(
     """
     radar = passage.site.radar
     axis, rate_hz = radar.axis(), radar.frame_rate_hz
-    settings = settings_at(settings, rate_hz)
+    settings = settings.at(rate_hz)
     shape = DwellShape.of(
         dwell_s=settings.dwell_s, hop_s=HOP_S, frame_rate_hz=rate_hz, n_cpi=settings.n_cpi
     )

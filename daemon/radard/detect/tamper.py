@@ -13,7 +13,7 @@ noise
     The receiver's noise, median over cells, changed by `noise_db` or more: a jammer, a
     broken receiver. Or it clips: many samples are at one and the same limit.
 interference
-    Any other that fills the swath: see `radard.alarm.interference`.
+    Any other that fills the swath: see `radard.detect.interference`.
 
 Each must last `hold_s`, or a quarter of it when the change is twice as large. What moves must
 not count: a cell is only judged in a dwell in which it stands still, medians over cells let
@@ -22,8 +22,9 @@ and alike in all cells. A stream without three cells of still echoes (a simulate
 all over the place) is not judged but for its noise; where nothing hides the receiver's noise and
 there are still no echoes for `_BLIND_S`, the antenna is unplugged or covered, and that is told.
 
-All state follows from the dwells and from the reference that was kept, so a replay, which has
-none, finds the same each time.
+All state follows from the dwells and from the reference that it begins with, so a replay, which
+has none, finds the same each time. `TamperWatch` reads and writes no file: who keeps the reference
+over a restart asks `take_due` for it.
 """
 
 from dataclasses import dataclass
@@ -32,17 +33,17 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from radard.alarm.dwell_cells import CellReading, quantile, read_cells
-from radard.alarm.interference import (
+from radard.config.sections import TamperSection
+from radard.detect.dwell_cells import CellReading, quantile, read_cells
+from radard.detect.gate import Gate
+from radard.detect.interference import (
     MEMORY_S,
     MOST_DRIFT_DB,
     URGENT,
     FloorReference,
     InterferenceWatch,
 )
-from radard.alarm.room_reference import RoomReference, RoomStore
-from radard.config.sections import TamperSection
-from radard.detect.gate import Gate
+from radard.detect.room_reference import RoomReference
 from radard.stream.ring import Dwell
 
 TamperKind = Literal["covered", "moved", "noise", "interference"]
@@ -67,24 +68,19 @@ class Finding:
 class TamperWatch:
     """Compare dwells, `hop_s` apart, with the fingerprint that was learned from those before.
 
-    `store` keeps it over a restart; `known` is one to begin with, before the store's.
+    `known` is a fingerprint to begin with, kept from an earlier run.
     """
 
     def __init__(
-        self,
-        settings: TamperSection,
-        hop_s: float = 1.0,
-        store: RoomStore | None = None,
-        known: RoomReference | None = None,
+        self, settings: TamperSection, hop_s: float = 1.0, known: RoomReference | None = None
     ) -> None:
         self._settings = settings
         self._hop_s = hop_s
         self._n_learn = max(1, round(settings.learn_s / hop_s))
-        self._store = store or RoomStore()
-        self._forget()
-        room = known or self._store.load()
-        if room is not None:
-            self._take(room)
+        self._due: RoomReference | None = None
+        self.relearn()
+        if known is not None:
+            self._take(known)
 
     @property
     def is_blind(self) -> bool:
@@ -107,22 +103,17 @@ class TamperWatch:
             floor,
         )
 
-    @property
-    def room(self) -> str:
-        """Whose reference this is, see `RoomStore`."""
-        return self._store.stream
+    def take_due(self) -> RoomReference | None:
+        """Return `known` once when it is first known, and again every ten minutes; else None.
 
-    def relearn(self, room: str | None = None) -> None:
-        """Forget the fingerprint and every finding: what is there now is as it should be.
-
-        `room` says whose reference it will be, where that has changed.
+        Only in a room in which nothing is wrong.
         """
-        self._forget()
-        self._store.forget()
-        if room is not None:
-            self._store.stream = room
+        due = self._due
+        self._due = None
+        return due
 
-    def _forget(self) -> None:
+    def relearn(self) -> None:
+        """Forget the fingerprint and every finding: what is there now is as it should be."""
         self._held: dict[TamperKind, _Held] = {
             kind: _Held() for kind in ("covered", "moved", "noise")
         }
@@ -181,15 +172,10 @@ class TamperWatch:
             self._judge_echoes(cells, self._usable)
         findings = self._findings()
         if not findings:
-            self._keep()
+            self._kept_s -= self._hop_s
+            if self._kept_s < 0 and (room := self.known) is not None:
+                self._kept_s, self._due = _KEEP_EVERY_S, room
         return findings
-
-    def _keep(self) -> None:
-        """Keep what was learned: when it is first known, and from time to time."""
-        self._kept_s -= self._hop_s
-        if self._kept_s < 0 and (room := self.known) is not None:
-            self._kept_s = _KEEP_EVERY_S
-            self._store.save(room)
 
     def _judge_blindness(self, cells: CellReading) -> None:
         """With noise alone at all ranges there is no antenna, or a cover before it."""

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from radard.alarm.interference import FloorReference
 from radard.config.atomic import write_atomically
+from radard.detect.interference import FloorReference
 
 log = logging.getLogger("radard")
 _FORMAT = "radard-room"
@@ -85,8 +85,9 @@ class RoomStore:
         else:
             self._has_failed = False
 
-    def forget(self) -> None:
-        """Remove what was kept."""
+    def forget(self, stream: str) -> None:
+        """Remove what was kept; what will be kept is of `stream`."""
+        self.stream = stream
         if self.path is None:
             return
         try:

@@ -25,7 +25,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from radard.alarm.dwell_cells import CELL_M, quantile
+from radard.detect.dwell_cells import CELL_M, quantile
 from radard.detect.gate import Gate
 from radard.dsp.velocity import CPI_S
 from radard.stream.ring import Dwell
