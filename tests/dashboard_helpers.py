@@ -1,14 +1,15 @@
 """A dashboard without a daemon behind it, and a client of it."""
 
+import asyncio
 import json
-from urllib.parse import urlsplit
+from urllib.parse import unquote, urlsplit
 
 from radard.config.config import load_config
 from radard.config.sink_table import WebSection
 from radard.health.health import Health
 from radard.outputs.fanout import Host
 from radard.web.sink import WebSink
-from tests.web_helpers import HEADERS, Client
+from tests.web_helpers import HEADERS, Answer, Client
 
 
 class Run:
@@ -27,11 +28,57 @@ class Run:
         )
 
 
+class AppClient(Client):
+    """A client that calls the application itself: no server, no socket."""
+
+    app = None
+
+    def send(self, method, path, sent, content):
+        content = content.encode() if isinstance(content, str) else content or b""
+        chunks = [content] if isinstance(content, bytes) else list(content)
+        if method == "POST" and len(chunks) == 1:
+            sent["Content-Length"] = str(len(chunks[0]))
+        path, _, query = path.partition("?")
+        scope = {
+            "type": "http",
+            "http_version": "1.1",
+            "method": method,
+            "scheme": "http",
+            "path": unquote(path),
+            "raw_path": path.encode(),
+            "query_string": query.encode(),
+            "headers": [(k.lower().encode(), v.encode("latin-1")) for k, v in sent.items()],
+            "client": ("127.0.0.1", 50_000),
+            "server": ("127.0.0.1", self.port),
+        }
+        messages = [
+            {"type": "http.request", "body": chunk, "more_body": k < len(chunks) - 1}
+            for k, chunk in enumerate(chunks)
+        ]
+        start, body = {}, []
+
+        async def receive():
+            if messages:
+                return messages.pop(0)
+            return await asyncio.Future()
+
+        async def keep(message):
+            start.update(message if message["type"] == "http.response.start" else {})
+            body.append(message.get("body", b""))
+
+        asyncio.run(self.app(scope, receive, keep))
+        headers = {k.decode().lower(): v.decode() for k, v in start["headers"]}
+        return Answer(start["status"], headers, b"".join(body))
+
+
 def maker(tmp_path):
-    """A fixture's function: it makes a dashboard and a client of it."""
+    """A fixture's function: it makes a dashboard and a client of it.
+
+    Only what is `served` listens, and has sockets.
+    """
     made = []
 
-    def build(*, host="127.0.0.1", base=None, section=None, tokens=(), **sections):
+    def build(*, host="127.0.0.1", base=None, section=None, tokens=(), served=False, **sections):
         values = dict(section or {})
         for name, token in zip(("token", "operator_token"), tokens, strict=False):
             if token is not None:
@@ -41,8 +88,12 @@ def maker(tmp_path):
         run = Run(tmp_path, **sections)
         sink.attach(run.host)
         sink.write({"type": "hello", "version": "1", "model": None, "frame_rate_hz": 60.0})
-        sink.start()
-        client = Client(urlsplit(sink.url).port, base)
+        if served:
+            sink.start()
+            client = Client(urlsplit(sink.url).port, base)
+        else:
+            client = AppClient(8434, base)
+            client.app = sink.app
         client.run, client.sink = run, sink
         made.append(sink)
         return client

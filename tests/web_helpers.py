@@ -197,8 +197,16 @@ class Client:
         return self.request("POST", path, headers=headers, content=content)
 
     def request(self, method, path, *, headers=None, content=None):
-        line = http.client.HTTPConnection("127.0.0.1", self.port, timeout=60)
         sent = {"Host": self.host, **self._cookie(), **(headers or {})}
+        answer = self.send(method, path, sent, content)
+        if "set-cookie" in answer.headers:
+            name, _, value = answer.headers["set-cookie"].partition(";")[0].partition("=")
+            self.cookies[name] = value.strip('"')
+        return answer
+
+    def send(self, method, path, sent, content):
+        """Send a request over a connection of its own; return the answer."""
+        line = http.client.HTTPConnection("127.0.0.1", self.port, timeout=60)
         is_chunked = content is not None and not isinstance(content, bytes)
         if is_chunked:
             sent["Transfer-Encoding"] = "chunked"
@@ -206,9 +214,6 @@ class Client:
             line.request(method, path, content, sent, encode_chunked=is_chunked)
             answer = line.getresponse()
             told = {name.lower(): value for name, value in answer.getheaders()}
-            if "set-cookie" in told:
-                name, _, value = told["set-cookie"].partition(";")[0].partition("=")
-                self.cookies[name] = value.strip('"')
             return Answer(answer.status, told, answer.read())
         finally:
             line.close()

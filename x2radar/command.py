@@ -105,6 +105,16 @@ class StatusLine:
             self._out.flush()
 
 
+def bar(share: float, width: int = 30) -> str:
+    """Return a bar of `width` characters, filled to `share`, which is kept in 0 to 1.
+
+    >>> bar(0.3, 10)
+    '###.......'
+    """
+    n = round(min(max(share, 0.0), 1.0) * width)
+    return "#" * n + "." * (width - n)
+
+
 def new_parser(prog: str, description: str, examples: str) -> Parser:
     """Return a parser with --version, --debug and examples at the end of its help."""
     parser = Parser(

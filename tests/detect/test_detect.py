@@ -53,6 +53,13 @@ def test_decisions_and_events_are_those_of_a_replay(files, capsys):
     assert any(r["type"] == "event" and r["kind"] == "alarm" for r in told)
 
 
+@pytest.mark.parametrize("name", ["d.xlsx", "d.h5", "d.json"])
+def test_a_format_that_is_not_written_is_refused(files, capsys, tmp_path, name):
+    code, _, err = detect(capsys, *files, "--out", tmp_path / name)
+    assert (code, f"no format is called {name[2:]}" in err) == (2, True)
+    assert not (tmp_path / name).exists()
+
+
 def test_every_core_makes_the_same_table(files, capsys, tmp_path):
     one = detect(capsys, *files, "--jobs", "1")
     assert detect(capsys, *files, "--jobs", "2") == one

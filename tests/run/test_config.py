@@ -1,8 +1,12 @@
+import os
 from pathlib import Path
 
 import pytest
 
+from radard.commands.setup.files import first_config
 from radard.config.config import Config, load_config
+from radard.config.credentials import read_secret
+from radard.config.directories import state_dir
 from radard.errors import ConfigError
 
 ROOT = Path(__file__).parents[2]
@@ -80,6 +84,72 @@ def test_all_faults_at_once():
 def test_environment_faults_name_the_variable():
     with pytest.raises(ConfigError, match="RADARD_GATE__THRESHOLD: unknown key"):
         load_config(environ={"RADARD_GATE__THRESHOLD": "3"})
+
+
+WORDS = ["on", "no", "null", "007", "1", "1.5e3", "0x10", "12_000", "2026-11-21", "~x"]
+
+
+@pytest.mark.parametrize("word", WORDS)
+def test_a_text_field_takes_what_is_written(word):
+    write(f"mqtt: {{discovery_prefix: {word}, commands: off}}\nsensor: {{speed: {word}}}\n")
+    config = load_config(environ={"RADARD_MQTT__USERNAME": word, "RADARD_MODEL__NAME": word})
+    assert (config.mqtt.discovery_prefix, config.sensor.speed, config.model.name) == (word,) * 3
+    assert config.mqtt.username == (None if word == "null" else word)
+    assert config.mqtt.commands == "off"
+
+
+@pytest.mark.parametrize("name", [word for word in WORDS if word.isalnum()])
+def test_a_sensor_may_be_called_anything_that_is_a_name(name):
+    assert load_config(environ={"RADARD_SENSOR__NAME": name}).sensor.name == name
+    write(f"sensors: {{{name}: {{port: sim:empty}}}}\n")
+    assert list(load_config(environ={}).sensors) == [name]
+    write(first_config(name, "/dev/ttyACM0"))
+    config = load_config(environ={})
+    assert (config.sensor.name, config.sensor.port) == (name, "/dev/ttyACM0")
+
+
+def test_variables_of_a_container_platform_are_left_out_with_a_warning(caplog):
+    environ = {
+        "RADARD_PORT": "tcp://10.0.0.1:8434",
+        "RADARD_PORT_8434_TCP_ADDR": "10.0.0.1",
+        "RADARD_SERVICE_HOST": "10.0.0.1",
+        "RADARD_OUTPUT": "['null']",
+    }
+    config = load_config(environ=environ)
+    assert config == Config(output=("null",))
+    left = [record.getMessage().partition(":")[0] for record in caplog.records]
+    assert left == [name for name in environ if name != "RADARD_OUTPUT"]
+
+
+@pytest.mark.parametrize("mark", [b"", b"\xef\xbb\xbf"])
+@pytest.mark.parametrize("end", [b"", b"\r\n", b" \nmore"])
+def test_the_first_line_of_a_file_is_the_secret(tmp_path, mark, end):
+    file = tmp_path / "secret"
+    file.write_bytes(mark + "wört".encode() + end)
+    assert read_secret("x", file, None) == "wört"
+    write("\ufeffmodel: {name: marked}\n")
+    assert load_config(environ={}).model.name == "marked"
+
+
+@pytest.mark.parametrize("is_private", [True, False])
+def test_a_user_without_a_home_keeps_state_among_temporary_files(
+    tmp_path, monkeypatch, is_private
+):
+    def nobody(number):
+        msg = f"uid not found: {number}"
+        raise KeyError(msg)
+
+    monkeypatch.delenv("HOME", raising=False)
+    monkeypatch.setattr("pwd.getpwuid", nobody)
+    monkeypatch.setattr("tempfile.gettempdir", lambda: str(tmp_path))
+    folder = tmp_path / f"radard-{os.getuid()}"
+    folder.mkdir(mode=0o700 if is_private else 0o755)
+    if is_private:
+        assert state_dir(load_config(environ={}), {}) == folder / "state"
+    else:
+        with pytest.raises(ConfigError, match=r"service\.state_dir"):
+            load_config(environ={})
+    assert load_config(environ={"STATE_DIRECTORY": str(tmp_path)}) == Config()
 
 
 @pytest.mark.parametrize("name", ["gone.yaml", "."])

@@ -60,6 +60,28 @@ def test_disarm_and_arm_over_the_socket(tmp_path, launch, said):
     assert (code, "no radard runs here" in line) == (1, True)
 
 
+def test_a_folder_of_any_length_has_a_socket(tmp_path):
+    class Radar:
+        name, is_kept = "radar", True
+
+        def command(self, name):
+            self.armed = name != "disarm"
+
+        def panel(self):
+            return {"armed": self.armed, "mode": "away"}
+
+    folder = tmp_path / ("state" * 20) / ("radar" * 20)
+    server = control.ControlServer([Radar()], folder)
+    server.start()
+    try:
+        for name in ("arm", "disarm"):
+            answer = ask(control_path(folder, "radar"), name)
+            assert (answer["ok"], answer["armed"]) == (True, name == "arm")
+    finally:
+        server.stop()
+    assert list(folder.iterdir()) == []
+
+
 def test_arm_at_home_and_after_the_exit_delay(tmp_path, launch, said):
     daemon = running(launch, tmp_path, alarm={"exit_delay_s": 600, "armed": False})
     code, line = said("arm", "--home")

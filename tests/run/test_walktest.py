@@ -1,4 +1,3 @@
-import io
 import json
 import os
 import signal
@@ -8,7 +7,6 @@ import sys
 import pytest
 
 from radard.cli import main
-from radard.commands.progress_line import ProgressLine, bar
 from radard.commands.walk_report import RangeCell, WalkDecision, by_range, report
 from radard.commands.walktest import line_of
 from tests.waiting import unmeasured
@@ -98,26 +96,6 @@ def test_lines():
         t_s=1, range_m=None, over_floor_db=None, label="invalid", p_human=None, alarm=False
     )
     assert "too many frames missing" in line_of(invalid)
-
-
-@pytest.mark.parametrize(("share", "text"), [(-1, "...."), (0.5, "##.."), (7, "####")])
-def test_bar(share, text):
-    assert bar(share, 4) == text
-
-
-def test_live_line_is_for_terminals():
-    class Terminal(io.StringIO):
-        def isatty(self):
-            return True
-
-    for out, is_shown in ((Terminal(), True), (io.StringIO(), False)):
-        live = ProgressLine(out)
-        live.show(0.5, "x" * 200)
-        live.clear()
-        shown = out.getvalue()
-        assert bool(shown) is is_shown
-        assert "\n" not in shown
-        assert all(len(part) <= 79 for part in shown.split("\r"))
 
 
 def test_command_logs_and_reports(capsys):

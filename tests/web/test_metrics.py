@@ -44,6 +44,7 @@ def scraped(request, tmp_path, launch):
     assert daemon.stop() == 0
 
 
+@pytest.mark.integration
 def test_all_of_them_are_fed(scraped):
     json_sink = ("sink", f"json:{scraped.daemon.config.output[1].removeprefix('json:')}")
     wait_for(lambda: scraped().get(("radard_human_score_count",), 0) > 2)
@@ -69,6 +70,7 @@ def test_all_of_them_are_fed(scraped):
     wait_for(lambda: ("radard_events_total", ("kind", "alarm"), ("phase", "new")) in scraped())
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("scraped", [1.5], indirect=True, ids=["soon stale"])
 def test_a_daemon_that_decides_nothing_is_not_up(scraped, monkeypatch):
     gate = Gate()

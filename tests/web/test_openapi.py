@@ -81,6 +81,7 @@ def test_it_has_every_route_and_no_other(make):
     assert told == routes
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("template", [p for p, item in SPEC["paths"].items() if "get" in item])
 def test_every_get_answers_as_it_says(template, daemon):
     client = Client(daemon.port)
@@ -93,6 +94,7 @@ def test_every_get_answers_as_it_says(template, daemon):
         judge("get", template, gone)
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("query", ["kind=alarm&limit=1", "since=24h", "label=none", "kind=x"])
 @pytest.mark.parametrize("path", ["/api/v1/events", "/api/v1/events/export"])
 def test_every_filter(path, query, daemon):
@@ -109,6 +111,7 @@ POSTS = [
 ]
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize(("path", "name", "value"), POSTS)
 def test_every_example_of_a_post_is_taken(path, name, value, daemon):
     client = Client(daemon.port)

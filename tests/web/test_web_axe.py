@@ -10,7 +10,7 @@ from tests.web_helpers import Running
 
 pytest.importorskip("playwright.sync_api", reason="no playwright: pip install '.[browser]'")
 # Not before: a module that was skipped stays half loaded.
-browser_tests = importlib.import_module("tests.test_web_browser")
+browser_tests = importlib.import_module("tests.web.test_web_browser")
 browser, radard, tab = browser_tests.browser, browser_tests.radard, browser_tests.tab
 # Where .ci/run has npm put it.
 AXE = Path(

@@ -16,7 +16,7 @@ from tests.web_helpers import Running
 
 pytest.importorskip("playwright.sync_api", reason="no playwright: pip install '.[browser]'")
 # Not before: a module that was skipped stays half loaded.
-browser_tests = importlib.import_module("tests.test_web_browser")
+browser_tests = importlib.import_module("tests.web.test_web_browser")
 browser, tab = browser_tests.browser, browser_tests.tab
 pytestmark = browser_tests.pytestmark
 AXES = {"velocity_mps": [-0.66, 0.66], "range_m": [0.6, 3.41], "length_s": 17.2}

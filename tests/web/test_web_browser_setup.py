@@ -13,7 +13,7 @@ from tests.web_helpers import Running, decision, open_decision
 
 pytest.importorskip("playwright.sync_api", reason="no playwright: pip install '.[browser]'")
 # Not before: a module that was skipped stays half loaded.
-browser_tests = importlib.import_module("tests.test_web_browser")
+browser_tests = importlib.import_module("tests.web.test_web_browser")
 browser, radard, tab = browser_tests.browser, browser_tests.radard, browser_tests.tab
 pytestmark = browser_tests.pytestmark
 STATIC = resources.files("radard.web") / "static"
@@ -188,7 +188,7 @@ def test_the_shell_opens_while_the_daemon_is_away(browser, tmp_path):
     }
     # All of it is asked for at once, not one module after the other.
     page = (STATIC / "index.html").read_text("utf-8")
-    assert {path for path in shell if f'"{path}"' not in page} == {"/"}
+    assert {path for path in shell if f'"{path[1:]}"' not in page} == {"/"}
     one.until(f"(async () => (await ({paths})()).length === {len(shell)})()")
     assert set(one.page.evaluate(paths)) == shell
     one.page.goto(f"{first.base}/#/events")
@@ -209,7 +209,7 @@ def test_the_page_can_be_installed(tab, radard):
     told = session.send("Page.getAppManifest")
     assert told["errors"] == []
     manifest = json.loads(told["data"])
-    assert (manifest["start_url"], manifest["display"]) == ("/", "standalone")
+    assert (manifest["start_url"], manifest["display"]) == ("../", "standalone")
     one.page.evaluate("navigator.serviceWorker.ready.then(() => true)")
     found = session.send("Page.getInstallabilityErrors")["installabilityErrors"]
     # A private window, as tests have, is never installed from.

@@ -24,6 +24,8 @@ from tests.sink_helpers import decision
 from tests.web_helpers import event
 from x2radar.frame import StreamInfo
 
+pytestmark = pytest.mark.integration
+
 ULID = "01J0000000000000000000000A"
 make = pytest.fixture(maker)
 
@@ -68,7 +70,7 @@ def test_pictures_of_a_clip(make, clip):
 
 def test_a_clip_that_does_not_end_stops_nothing_else(make, clip, hanging, monkeypatch):
     monkeypatch.setattr(clip_process, "DEADLINE_S", 3.0)
-    client = make()
+    client = make(served=True)
     client.sink.write(event(ULID, clip=str(clip)))
     answers = []
 

@@ -3,6 +3,7 @@
 import contextlib
 import hmac
 import json
+import re
 
 import pytest
 from starlette.requests import HTTPConnection
@@ -162,13 +163,41 @@ def test_commands_can_be_switched_off(make):
     assert post(client, "/api/v1/command", {"command": "disarm"}).status_code == 403
 
 
-@pytest.mark.parametrize("host", ["evil.example:8434", "192.168.1.5", ""])
+@pytest.mark.parametrize(
+    "host", ["evil.example:8434", "192.168.1.5", "127.0.0.1.evil.example", ""]
+)
 def test_another_name_for_loopback_is_turned_away(make, host):
+    answer = make().get("/api/v1/status", headers={"Host": host})
+    assert answer.status_code == 421
+    assert f"Host is '{host}'" in answer.json()["error"]
+
+
+@pytest.mark.parametrize("host", ["127.0.0.2:8434", "localhost", "[::1]:80", "127.0.0.1"])
+def test_every_address_of_loopback_is_served(make, host):
+    assert make().get("/healthz", headers={"Host": host}).status_code == 503
+
+
+def test_a_proxy_that_changes_the_host_is_told_what_is_wrong(make):
     client = make()
-    assert client.get("/api/v1/status", headers={"Host": host}).status_code == 421
-    if host:
-        with pytest.raises(InvalidStatus):
-            client.socket(host=host)
+    headers = {**HEADERS, "Origin": "https://radar.example"}
+    answer = post(client, "/api/v1/command", {"command": "arm"}, headers)
+    assert answer.status_code == 403
+    for words in ("https://radar.example", f"Host is '{client.host}'", "proxy"):
+        assert words in answer.json()["error"]
+    # Handed on as it came, it is our own page.
+    headers |= {"Host": "radar.example"}
+    client = make(tokens=(None, OPERATOR))
+    post(client, "/api/v1/login", {"token": OPERATOR})
+    assert post(client, "/api/v1/command", {"command": "arm"}, headers).status_code == 202
+
+
+def test_pages_name_all_they_need_relative_to_themselves(make):
+    client = make(tokens=(None, OPERATOR))
+    for page in (client.get("/"), client.get("/static/index.html")):
+        assert re.findall(r'(?:src|href)="(?!data:|#)([^"]*)"', page.text)
+        assert not re.findall(r'(?:src|href)="(/|\w+:)', page.text)
+    manifest = client.get("/static/manifest.webmanifest").json()
+    assert (manifest["start_url"], manifest["icons"][0]["src"]) == ("../", "icon.svg")
 
 
 @pytest.mark.parametrize(
@@ -195,8 +224,9 @@ def test_our_own_page_can(make):
     assert post(client, "/api/v1/command", {"command": "arm"}, headers).status_code == 202
 
 
+@pytest.mark.integration
 def test_another_page_gets_no_socket(make):
-    client = make()
+    client = make(served=True)
     with pytest.raises(InvalidStatus):
         client.socket(origin="http://evil.example")
     client.socket(origin=f"http://{client.host}").close()
@@ -249,8 +279,9 @@ def bearer(token):
     return {"Authorization": f"Bearer {token}"}
 
 
+@pytest.mark.integration
 def test_without_a_token_only_the_way_in_is_shown(make):
-    client = make(tokens=(VIEWER, OPERATOR))
+    client = make(served=True, tokens=(VIEWER, OPERATOR))
     for path in ("status", "decisions", "decisions/1", "events", "events/export", "config"):
         assert client.get(f"/api/v1/{path}").status_code == 401
     assert client.get("/metrics").status_code == 401
@@ -272,8 +303,9 @@ def test_roles_of_tokens(make):
     assert client.get("/api/v1/status", headers=bearer("wrong")).status_code == 401
 
 
+@pytest.mark.integration
 def test_a_session_in_a_cookie_that_scripts_cannot_read(make):
-    client = make(host=ANYWHERE, base="radar.local:8434", tokens=(VIEWER,))
+    client = make(served=True, host=ANYWHERE, base="radar.local:8434", tokens=(VIEWER,))
     assert post(client, "/api/v1/login", {"token": "not the right one"}).status_code == 401
     answer = post(client, "/api/v1/login", {"token": VIEWER})
     cookie = answer.headers["set-cookie"].lower()
@@ -392,8 +424,9 @@ def test_playback_of_a_live_stream(make):
 # Pages --------------------------------------------------------------------------------------
 
 
+@pytest.mark.integration
 def test_a_page_is_welcomed_with_what_there_is(make):
-    client = make()
+    client = make(served=True)
     client.sink.write(open_decision(1, 2.45, human=0.9))
     client.sink.write(event(ULID))
     with client.socket() as page:
@@ -403,8 +436,9 @@ def test_a_page_is_welcomed_with_what_there_is(make):
     assert [e["id"] for e in welcome["events"]] == [ULID]
 
 
+@pytest.mark.integration
 def test_pages_beyond_the_limit_are_sent_away(make):
-    client = make(section={"max_viewers": 1})
+    client = make(served=True, section={"max_viewers": 1})
     with client.socket() as page:
         json.loads(page.recv(60))
         with client.socket() as second, pytest.raises(ConnectionClosed) as err:
@@ -412,9 +446,10 @@ def test_pages_beyond_the_limit_are_sent_away(make):
         assert err.value.rcvd.code == 1013
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("text", ["[", "5", "x" * 600])
 def test_nonsense_closes_a_page(make, text):
-    client = make()
+    client = make(served=True)
     with client.socket() as page:
         json.loads(page.recv(60))
         page.send(text)
@@ -422,8 +457,9 @@ def test_nonsense_closes_a_page(make, text):
             json.loads(page.recv(60))
 
 
+@pytest.mark.integration
 def test_a_flood_closes_a_page(make):
-    client = make()
+    client = make(served=True)
     with client.socket() as page:
         json.loads(page.recv(60))
         with contextlib.suppress(ConnectionClosed):
@@ -433,6 +469,7 @@ def test_a_flood_closes_a_page(make):
             page.recv(60)
 
 
+@pytest.mark.integration
 def test_opening_by_url(tmp_path):
     sink = open_from_url("http://127.0.0.1:0", SinkOptions(), None)
     try:

@@ -69,9 +69,10 @@ def ask_from(address, client, path, body=None):
 # Connections --------------------------------------------------------------------------------
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("address", ["127.0.0.1", STRANGER])
 def test_half_open_connections_keep_nobody_out(make, half_open, strangers, address):
-    client = make()
+    client = make(served=True)
     half_open(400, client.port, address)
     assert client.get("/healthz").json()["state"] == "starting"
     assert post(client, "/api/v1/command", {"command": "disarm"}).status_code == 202
@@ -79,18 +80,20 @@ def test_half_open_connections_keep_nobody_out(make, half_open, strangers, addre
     assert client.run.asked == ["disarm"]
 
 
+@pytest.mark.integration
 def test_an_address_has_no_more_connections_than_its_share(make, half_open, strangers):
-    client = make()
+    client = make(served=True)
     lines = half_open(server._MOST_OF_ONE_ADDRESS + 5, client.port, STRANGER)
     assert client.get("/healthz").status_code == 503
     assert all(is_closed(line) for line in lines[:5])
     assert not is_closed(lines[-1], 0.2)
 
 
+@pytest.mark.integration
 def test_busy_connections_leave_room_for_this_machine(make, half_open, strangers, monkeypatch):
     monkeypatch.setattr(server, "_MOST_CONNECTIONS", 12)
     monkeypatch.setattr(server, "_KEPT_FOR_LOOPBACK", 4)
-    client = make()
+    client = make(served=True)
     begun = b"POST /api/v1/login HTTP/1.1\r\nHost: x\r\nX-Radard: 1\r\nContent-Length: 9\r\n"
     begun = begun.replace(b"Host: x", f"Host: {client.host}".encode())
     # Their bodies do not come: these are being answered, none is idle.
@@ -101,9 +104,10 @@ def test_busy_connections_leave_room_for_this_machine(make, half_open, strangers
     assert client.get("/healthz").status_code == 503
 
 
+@pytest.mark.integration
 def test_every_requests_header_has_its_time(make, half_open, monkeypatch):
     monkeypatch.setattr(server, "_HEADER_S", 0.3)
-    client = make()
+    client = make(served=True)
     (first,) = half_open(1, client.port, "127.0.0.1")
     assert is_closed(first)
     line = socket.create_connection(("127.0.0.1", client.port), 60)
@@ -125,9 +129,10 @@ def test_every_requests_header_has_its_time(make, half_open, monkeypatch):
         dripping.join()
 
 
+@pytest.mark.integration
 def test_a_page_stays_connected_beyond_the_time_for_a_header(make, monkeypatch):
     monkeypatch.setattr(server, "_HEADER_S", 0.2)
-    client = make()
+    client = make(served=True)
     with client.socket() as page:
         page.recv(60)
         end_s = time.monotonic() + 0.6
@@ -142,8 +147,9 @@ def test_a_page_stays_connected_beyond_the_time_for_a_header(make, monkeypatch):
 # Tokens -------------------------------------------------------------------------------------
 
 
+@pytest.mark.integration
 def test_a_stranger_with_wrong_tokens_locks_out_nobody(make):
-    client = make(tokens=(None, TOKEN))
+    client = make(served=True, tokens=(None, TOKEN))
     wrong = json.dumps({"token": "wrong, wrong, wrong"})
 
     def guess():
@@ -226,8 +232,9 @@ def test_half_a_surrogate_pair_is_no_token(make, caplog):
     assert "Traceback" not in caplog.text
 
 
+@pytest.mark.integration
 def test_lengths_of_bodies_that_are_no_numbers(make):
-    client = make()
+    client = make(served=True)
     for length in (LONG, "-1", "1e3"):
         headers = {**HEADERS, "Content-Length": length}
         try:

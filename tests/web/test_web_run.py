@@ -18,6 +18,8 @@ from tests.radar_helpers import noise, run_radard, stable
 from tests.waiting import free_port
 from tests.web_helpers import Client, Running, wait
 
+pytestmark = pytest.mark.integration
+
 
 @pytest.fixture
 def launch(tmp_path):

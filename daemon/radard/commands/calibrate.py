@@ -16,7 +16,6 @@ from radard.commands.offline_stream import (
     listen,
     listening_config,
 )
-from radard.commands.progress_line import ProgressLine
 from radard.config.config import Config
 from radard.config.directories import calibration_file, named_state_dir
 from radard.detect.calibration import Calibration
@@ -26,7 +25,7 @@ from radard.errors import NotAllowed, RadardError, UsageError
 from radard.pipeline import HOP_S
 from radard.run.room_calibration import signer
 from radard.stream.ring import Notice
-from x2radar.command import Parser, new_parser
+from x2radar.command import Parser, StatusLine, bar, new_parser
 
 _EXAMPLES = """\
 examples:
@@ -99,7 +98,7 @@ def _rate(per_day: float) -> str:
 
 def _surveyed(listening: Listening, config: Config, args: argparse.Namespace) -> RoomSurvey:
     survey = RoomSurvey(config.gate, HOP_S)
-    line = ProgressLine(sys.stderr)
+    line = StatusLine(sys.stderr)
     begun_s = None
     for item in listening.dwells(args.duration, skip_s=args.delay):
         if isinstance(item, Notice):
@@ -107,10 +106,8 @@ def _surveyed(listening: Listening, config: Config, args: argparse.Namespace) ->
             raise RadardError(msg)
         moves = survey.add(item)
         begun_s = item.t_s if begun_s is None else begun_s
-        line.show(
-            (item.t_s - begun_s) / args.duration,
-            f"{survey.n_dwells} windows" + (", something moves" if moves else ""),
-        )
+        told = f"{survey.n_dwells} windows" + (", something moves" if moves else "")
+        line.show(f"[{bar((item.t_s - begun_s) / args.duration)}] {told}")
     line.clear()
     return survey
 

@@ -6,14 +6,13 @@ import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from radard.commands.progress_line import ProgressLine
 from radard.config.config import load_config
 from radard.config.options import add_judging, config_options
 from radard.errors import OutputError, RadardError, UsageError
 from radard.offline.detect import Judged, judge_all
 from radard.offline.tables import COLUMNS, FORMATS, TableWriter, open_table
 from radard.run.components import make_classifier
-from x2radar.command import Parser, new_parser
+from x2radar.command import Parser, StatusLine, bar, new_parser
 
 _EXAMPLES = """\
 examples:
@@ -36,13 +35,13 @@ def run(argv: Sequence[str]) -> int:
     config = load_config(args.config, options=config_options(args)).of_sensor(args.sensor)
     # Else every recording would say that it cannot be had.
     make_classifier(config)
-    line = ProgressLine(sys.stderr)
+    line = StatusLine(sys.stderr)
     paths: list[Path] = args.files
     jobs = args.jobs or min(len(paths), os.cpu_count() or 1)
     faulty: list[Judged] = []
 
     def tell(share: float, n: int) -> None:
-        line.show(share, f"{n} of {len(paths)} recordings")
+        line.show(f"[{bar(share)}] {n} of {len(paths)} recordings")
 
     with _table(kind, args.rows, args.out) as table:
         for judged in judge_all(paths, config, jobs=jobs, tell=tell):
@@ -80,8 +79,11 @@ def make_parser() -> Parser:
 
 
 def _format(to: str | None, out: Path | None) -> str:
-    by_name = out.suffix.removeprefix(".") if out is not None else ""
-    kind = to or (by_name if by_name in FORMATS else "csv")
+    by_name = out.suffix.removeprefix(".").lower() if out is not None else ""
+    kind = to or by_name or "csv"
+    if kind not in FORMATS:
+        msg = f"--out {out}: no format is called {by_name}; --to is {', '.join(FORMATS)}"
+        raise UsageError(msg)
     if kind == "parquet" and out is None:
         msg = "--to parquet: a table like that needs --out FILE"
         raise UsageError(msg)

@@ -54,9 +54,10 @@ class Scrubber:
         """Return the text without them, and without the user's name in paths."""
         for secret in self.secrets:
             text = text.replace(secret, MASK)
-        home = str(Path.home())
-        if len(home) > 1:
-            text = text.replace(home, "~")
+        # A user who is a number alone has none.
+        with suppress(RuntimeError):
+            if len(home := str(Path.home())) > 1:
+                text = text.replace(home, "~")
         # Line by line, because a whole line may be an output such as webhook:URL.
         return "\n".join(redact(line) for line in text.split("\n"))
 

@@ -15,12 +15,11 @@ from radard.commands.offline_stream import (
     listen,
     listening_config,
 )
-from radard.commands.progress_line import ProgressLine, bar
 from radard.commands.walk_report import WalkDecision, by_range, report, step_of
 from radard.judge.installation import echo_at_1m_db
 from radard.run.components import use_calibration
 from radard.stream.ring import Notice
-from x2radar.command import Parser, new_parser
+from x2radar.command import Parser, StatusLine, bar, new_parser
 
 _EXAMPLES = """\
 examples:
@@ -82,7 +81,7 @@ def _walked(
     """Return the log, and the median strength of what moved at 1 m (`mount.level_db`)."""
     steps: list[WalkDecision] = []
     echoes: list[float] = []
-    pipeline, line = listening.pipeline, ProgressLine(sys.stderr)
+    pipeline, line = listening.pipeline, StatusLine(sys.stderr)
     try:
         for item in listening.dwells(args.duration):
             if isinstance(item, Notice):
@@ -98,7 +97,7 @@ def _walked(
             if not args.json:
                 print(line_of(step), flush=True)
             seen = "nothing" if step.range_m is None else f"{step.range_m:.1f} m"
-            line.show(_share(step), f"{seen}; Ctrl-C ends the walk")
+            line.show(f"[{bar(_share(step))}] {seen}; Ctrl-C ends the walk")
     except KeyboardInterrupt:
         # The way to end a walk: now comes the report.
         pass

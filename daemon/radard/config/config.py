@@ -17,7 +17,8 @@ from typing import Annotated, Any
 
 from pydantic import Field, StringConstraints, ValidationError, model_validator
 
-from radard.config.saved import lay_over, state_folder
+from radard.config.folders import state_folder
+from radard.config.saved import lay_over
 from radard.config.sections import NAME, OWN_SECTIONS, RadarSections, SensorEntry, SensorSection
 from radard.config.sink_table import SinkOptions
 from radard.config.sources import Places, explain, put, read_environment, read_yaml
@@ -142,8 +143,8 @@ def load_with_origins(
     places: Places = {}
     path = file or next((p for p in DEFAULT_FILES if p.is_file()), None)
     if path is not None:
-        tree, places = read_yaml(path)
-    for (section, key), value, place in read_environment(environ):
+        tree, places = read_yaml(path, Config)
+    for (section, key), value, place in read_environment(environ, Config):
         put(tree, section, key, value)
         _came_from(place, (section, key) if key else (section,), value, places)
     for name, values in (options or {}).items():

@@ -39,7 +39,7 @@ def read_secret(what: str, file: Path | None, variable: str | None) -> str | Non
     if file is None:
         return None
     try:
-        lines = file.read_text(encoding="utf-8").splitlines()
+        lines = file.read_text(encoding="utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as err:
         why = err.strerror if isinstance(err, OSError) else "not text"
         msg = f"{what}_file: {file}: {why}"

@@ -5,15 +5,13 @@ user's own, and the former holds only what the last command was (armed or not). 
 private, are made only where a folder was named.
 """
 
-import contextlib
 import os
-import stat
-import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 
 from radard.config.config import Config
-from radard.config.saved import saved_path, state_folder
+from radard.config.folders import named_state_folder, state_folder, temporary_folder
+from radard.config.saved import Kind, saved_path
 
 SYSTEM_RUNTIME_DIR = Path("/run/radard")
 """RuntimeDirectory= of the unit in deploy/systemd."""
@@ -24,7 +22,7 @@ def state_dir(config: Config, environ: Mapping[str, str] = os.environ) -> Path:
     return state_folder(config.service.state_dir, environ)
 
 
-def saved_file(config: Config, kind: str, environ: Mapping[str, str] = os.environ) -> Path:
+def saved_file(config: Config, kind: Kind, environ: Mapping[str, str] = os.environ) -> Path:
     """Return where the dashboard keeps the sensor's 'zones' or 'settings'."""
     folder, sensor = state_dir(config, environ), config.sensor
     return saved_path(folder, sensor.name, sensor.port, kind)
@@ -84,27 +82,9 @@ def runtime_dir(config: Config, environ: Mapping[str, str] = os.environ) -> Path
         return Path(given.partition(":")[0])
     if given := environ.get("XDG_RUNTIME_DIR"):
         return Path(given) / "radard"
-    folder = Path(tempfile.gettempdir()) / f"radard-{os.getuid()}"
-    if _is_private(folder):
-        return folder
-    return state_folder(config.service.state_dir, environ) / "run"
-
-
-def _is_private(folder: Path) -> bool:
-    """Make a folder where everybody may; return whether it is this user's alone."""
-    try:
-        with contextlib.suppress(FileExistsError):
-            folder.mkdir(mode=0o700)
-        found = folder.lstat()
-    except OSError:
-        return False
-    is_own = stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid()
-    return is_own and not found.st_mode & 0o077
+    return temporary_folder() or state_folder(config.service.state_dir, environ) / "run"
 
 
 def named_state_dir(config: Config, environ: Mapping[str, str] = os.environ) -> Path | None:
     """Return the folder that configuration or systemd names for state, if any."""
-    if config.service.state_dir is not None:
-        return config.service.state_dir
-    given = environ.get("STATE_DIRECTORY", "").partition(":")[0]
-    return Path(given) if given else None
+    return named_state_folder(config.service.state_dir, environ)

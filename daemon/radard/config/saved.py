@@ -7,44 +7,72 @@
       include: [[0.600, 3.000]]
       exclude: []
 
-They lie in the state directory, two for each sensor, `KEYS` says what each may hold; they are read
-with the configuration: after its file, before environment and command line.
+They lie in the state directory, two for each sensor; `KINDS` says what each may hold. They are
+read with the configuration: after its file, before environment and command line. Whatever changes
+one, a page or a command over MQTT, calls `change`, and waits for its turn there.
 """
 
 import contextlib
 import json
+import threading
 from collections.abc import Mapping
+from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
+
+from pydantic import ValidationError, model_validator
 
 from radard.config.atomic import write_atomically
-from radard.config.sources import ENV_PREFIX, Places, Where, put, read_yaml
+from radard.config.sections import AlarmChoices, MountChoices, Section, Span, ZonesSection
+from radard.config.sources import ENV_PREFIX, Places, Where, explain, put, read_yaml
 from radard.errors import ConfigError, OutputError
 
+Kind = Literal["zones", "settings"]
 Sections = Mapping[str, Mapping[str, Any]]
-KEYS: dict[str, dict[str, tuple[str, ...]]] = {
-    "zones": {"zones": ("include", "exclude", "away")},
-    "settings": {
-        "alarm": ("sensitivity", "entry_delay_s", "exit_delay_s"),
-        "mount": ("height_m", "tilt_deg"),
-    },
-}
-"""What may be saved: by kind of file, the keys of every section."""
+MAX_ZONES = 32  # the body of a request holds so many, and no room has more
+_MIN_ZONE_M = 0.01  # a third of the finest range bin, 0.029 m
 _STRONGER = (ENV_PREFIX, "command line")
 _SIMULATED = ("sim:", "replay:")
+_lock = threading.Lock()
 
 
-def state_folder(named: Path | None, environ: Mapping[str, str]) -> Path:
-    """Return the folder of what is kept over a restart: named, systemd's or the user's."""
-    given = environ.get("STATE_DIRECTORY", "").partition(":")[0]
-    if named is not None or given:
-        return named or Path(given)
-    home = environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state"
-    return Path(home) / "radard"
+class DrawnZones(ZonesSection):
+    """Zones that were drawn on the page: it says both what counts and what does not."""
+
+    include: tuple[Span, ...]
+    exclude: tuple[Span, ...]
+
+    @model_validator(mode="after")
+    def _check_spans(self) -> "DrawnZones":
+        spans = (*self.include, *self.exclude, *self.away)
+        if len(spans) > MAX_ZONES:
+            msg = f"more than {MAX_ZONES} zones"
+            raise ValueError(msg)
+        if any(to - start < _MIN_ZONE_M for start, to in spans):
+            msg = f"a zone is at least {_MIN_ZONE_M:g} m long"
+            raise ValueError(msg)
+        return self
+
+
+class SavedZones(Section):
+    """The file of the zones."""
+
+    zones: DrawnZones = DrawnZones(include=(), exclude=())
+
+
+class SavedSettings(Section):
+    """The file of the settings."""
+
+    alarm: AlarmChoices = AlarmChoices()
+    mount: MountChoices = MountChoices()
+
+
+KINDS: dict[Kind, type[Section]] = {"zones": SavedZones, "settings": SavedSettings}
+"""What may be saved, by kind of file."""
 
 
 def saved_path(folder: Path, sensor: str, port: str | None, kind: str) -> Path:
-    """Return where a sensor's `kind` of `KEYS` is kept; a simulated one has its own."""
+    """Return where a sensor's file of a kind is kept; a simulated one has its own."""
     is_simulated = (port or "").startswith(_SIMULATED)
     return folder / f"{sensor}{'.sim' if is_simulated else ''}.{kind}.yaml"
 
@@ -57,29 +85,50 @@ def lay_over(
     Raises ConfigError if a file of `saved_path` is not one of the dashboard's.
     """
     is_changed = False
-    for kind in KEYS:
+    for kind in KINDS:
         path = saved_path(folder, sensor, port, kind)
-        with contextlib.suppress(OSError):
-            if path.is_file():
-                is_changed |= _lay(path, kind, tree, places)
+        for (section, key), value, place in _read(path, kind):
+            where: Where = (section, key)
+            # A section that is no mapping is wrong; its own check says so.
+            is_wrong = not isinstance(tree.get(section, {}), dict)
+            if is_wrong or places.get(where, "").startswith(_STRONGER):
+                continue
+            put(tree, section, key, value)
+            places[where] = f"{place}, saved on the dashboard"
+            is_changed = True
     return is_changed
 
 
-def read_saved(path: Path, kind: str) -> dict[str, dict[str, Any]]:
-    """Return what a file holds, nothing if it is not there; ConfigError if it is not ours."""
-    return _read(path, kind)[0] if path.is_file() else {}
-
-
-def save(path: Path, sections: Sections, *, now_utc: str) -> None:
-    """Write sections, numbers to a thousandth; OutputError if the disk does not take them."""
-    lines = [f"# Saved on the dashboard, {now_utc}; goes before these keys of files."]
-    for name, values in sections.items():
-        lines += [f"{name}:", *(f"  {key}: {_text(value)}" for key, value in values.items())]
+def check_saved(kind: Kind, sections: Sections) -> dict[str, dict[str, Any]]:
+    """Return the keys that are given, checked; raises ValueError with the first fault."""
+    model = KINDS[kind]
     try:
-        write_atomically(path, "\n".join(lines) + "\n")
-    except OSError as err:
-        msg = f"{path}: cannot be kept: {err.strerror or err}"
-        raise OutputError(msg) from err
+        return model.model_validate(sections).model_dump(exclude_unset=True)
+    except ValidationError as err:
+        raise ValueError(explain(err.errors()[0], {}, model)) from err
+
+
+def change(path: Path, kind: Kind, sections: Sections) -> None:
+    """Lay sections over what a file holds, numbers to a thousandth.
+
+    Raises ValueError if they may not be saved, ConfigError if the file is not one of ours,
+    OutputError if the disk does not take them.
+    """
+    given = check_saved(kind, sections)
+    now = datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+    with _lock:
+        tree: dict[str, Any] = {}
+        for (section, key), value, _ in _read(path, kind):
+            put(tree, section, key, value)
+        lines = [f"# Saved on the dashboard, {now}; goes before these keys of files."]
+        for name in {**tree, **given}:
+            values = {**tree.get(name, {}), **given.get(name, {})}
+            lines += [f"{name}:", *(f"  {key}: {_text(value)}" for key, value in values.items())]
+        try:
+            write_atomically(path, "\n".join(lines) + "\n")
+        except OSError as err:
+            msg = f"{path}: cannot be kept: {err.strerror or err}"
+            raise OutputError(msg) from err
 
 
 def forget(path: Path) -> None:
@@ -100,32 +149,19 @@ def _text(value: Any) -> str:
     return json.dumps(value)
 
 
-def _read(path: Path, kind: str) -> tuple[dict[str, dict[str, Any]], Places]:
-    raw, lines = read_yaml(path)
-    known = KEYS[kind]
-    is_ours = all(
-        name in known and isinstance(values, dict) and set(values) <= set(known[name])
-        for name, values in raw.items()
-    )
-    if not raw or not is_ours:
-        msg = f"{path}: not the {kind} that the dashboard saves; take it away"
-        raise ConfigError(msg)
-    return raw, lines
-
-
-def _lay(path: Path, kind: str, tree: dict[str, Any], places: Places) -> bool:
-    raw, lines = _read(path, kind)
-    is_changed = False
-    for section, values in raw.items():
-        old = tree.get(section)
-        if old is not None and not isinstance(old, dict):
-            # Wrong; the check of the section says so.
-            continue
-        for key, value in values.items():
-            where: Where = (section, key)
-            if places.get(where, "").startswith(_STRONGER):
-                continue
-            put(tree, section, key, value)
-            places[where] = f"{lines[where]}, saved on the dashboard"
-            is_changed = True
-    return is_changed
+def _read(path: Path, kind: Kind) -> list[tuple[Where, Any, str]]:
+    """Return the keys of a file, their values and lines; none if it is not there."""
+    with contextlib.suppress(OSError):
+        if path.is_file():
+            raw, lines = read_yaml(path, KINDS[kind])
+            try:
+                found = check_saved(kind, raw)
+            except ValueError as err:
+                msg = f"{path}: not the {kind} that the dashboard saves; take it away ({err})"
+                raise ConfigError(msg) from err
+            return [
+                ((section, key), value, lines[section, key])
+                for section, values in found.items()
+                for key, value in values.items()
+            ]
+    return []

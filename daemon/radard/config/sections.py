@@ -49,11 +49,16 @@ class SensorSection(Section):
     on_device_loss: Literal["wait", "quit"] = Field("wait", description="when the port goes")
 
 
-class MountSection(Section):
-    """How the radar hangs, as far as it is known: what a network may use besides the motion."""
+class MountChoices(Section):
+    """What of the mount can be set on the dashboard."""
 
     height_m: float | None = Field(None, ge=0.1, le=5, description="over the floor; null: unknown")
     tilt_deg: float | None = Field(None, ge=-30, le=60, description="down from level, likewise")
+
+
+class MountSection(MountChoices):
+    """How the radar hangs, as far as it is known: what a network may use besides the motion."""
+
     level_db: float | None = Field(
         None, ge=-20, le=100, description="what an adult shows at 1 m, from `radard walktest`"
     )
@@ -105,17 +110,22 @@ class DecisionSection(Section):
     )
 
 
-class AlarmSection(Section):
+class AlarmChoices(Section):
+    """What of the alarm can be set on the dashboard."""
+
+    sensitivity: Literal["low", "normal", "high"] = Field("normal", description="see explain")
+    entry_delay_s: float = Field(0.0, ge=0, le=600, description="time to disarm")
+    exit_delay_s: float = Field(0.0, ge=0, le=600, description="time to leave, once it is armed")
+
+
+class AlarmSection(AlarmChoices):
     """When decisions become an alarm event, and for how long."""
 
     armed: bool = Field(True, description="at the first start; a command's word is kept")
-    sensitivity: Literal["low", "normal", "high"] = Field("normal", description="see explain")
     confirm_k: int | None = Field(None, ge=1, le=16, description="so many alarm decisions")
     confirm_n: int | None = Field(None, ge=1, le=16, description="of so many")
     p_on: float | None = Field(None, ge=0, le=1, description="least p(human) that counts")
     p_off: float | None = Field(None, ge=0, le=1, description="below it, nobody is seen")
-    exit_delay_s: float = Field(0.0, ge=0, le=600, description="time to leave, once it is armed")
-    entry_delay_s: float = Field(0.0, ge=0, le=600, description="time to disarm")
     arm_with_tamper: Literal["warn", "refuse"] = Field(
         "warn", description="arming while a tamper event is on"
     )

@@ -18,14 +18,14 @@ from typing import Any
 from radard.config.config import Config
 from radard.config.directories import outbox_dir, saved_file
 from radard.config.redact import redact
-from radard.config.saved import read_saved, save
+from radard.config.saved import change
 from radard.config.sink_table import SinkOptions, find_row
 from radard.errors import RadardError
 from radard.health.health import Health, overall
 from radard.outputs import close_sinks, default_output, make_output, open_sinks, start_sink
 from radard.outputs.base import Sink, SinkContext
 from radard.outputs.journal import EventJournal
-from radard.outputs.records import Record, marked, utc_now
+from radard.outputs.records import Record, marked
 from radard.outputs.thread_sink import RecordQueue, ThreadSink
 from radard.outputs.trial import tried
 from radard.stream.playback import Playback
@@ -418,9 +418,7 @@ class Feed:
 def _choose(host: Host, sensitivity: str) -> None:
     """Keep a sensitivity as the dashboard does, and have the configuration read again."""
     path = saved_file(host.config(), "settings")
-    kept = read_saved(path, "settings")
-    alarm = {**kept.get("alarm", {}), "sensitivity": sensitivity}
-    save(path, {**kept, "alarm": alarm}, now_utc=utc_now())
+    change(path, "settings", {"alarm": {"sensitivity": sensitivity}})
     host.reload()
 
 

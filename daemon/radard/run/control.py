@@ -15,7 +15,7 @@ import stat
 import struct
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -32,6 +32,7 @@ _TOLD = ("armed", "mode", "panel", "delay_left_s")
 _MOST_BYTES = 4096  # of a request; chosen: they have about thirty
 _REQUEST_S = 2.0  # chosen: the other end is a program on the same machine
 _TAKEN_UP_S = 5.0  # chosen: a worker is never so long in one dwell
+_MAX_ADDRESS = 107  # bytes of a Unix socket's path, unix(7)
 _LOOK_S = 0.1  # chosen: a person waits
 
 
@@ -141,9 +142,9 @@ def _is_so(panel: Mapping[str, object], mode: str | None) -> bool:
 
 def ask(path: Path, command: str) -> Mapping[str, Any]:
     """Give a daemon a command and return its answer; raises OSError or ValueError."""
-    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as line:
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as line, _short(path) as address:
         line.settimeout(ANSWERED_S + _TAKEN_UP_S)
-        line.connect(str(path))
+        line.connect(address)
         line.sendall(json.dumps({"command": command}).encode() + b"\n")
         answer: Mapping[str, Any] = json.loads(_first_line(line))
         return answer
@@ -153,16 +154,17 @@ def _listen(path: Path) -> socket.socket | None:
     """Return a socket that listens; None while another daemon has it."""
     path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
     if path.exists():
-        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as line:
+        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as line, _short(path) as address:
             line.settimeout(_REQUEST_S)
             with contextlib.suppress(ConnectionRefusedError):
-                line.connect(str(path))
+                line.connect(address)
                 return None
         if stat.S_ISSOCK(path.lstat().st_mode):
             path.unlink()
     sock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     try:
-        sock.bind(str(path))
+        with _short(path) as address:
+            sock.bind(address)
         # Nobody can connect before `listen`.
         path.chmod(0o600)
         sock.listen(4)
@@ -170,6 +172,19 @@ def _listen(path: Path) -> socket.socket | None:
         sock.close()
         raise
     return sock
+
+
+@contextlib.contextmanager
+def _short(path: Path) -> Iterator[str]:
+    """Yield an address of a socket that the kernel takes: 107 bytes, however long its folder's."""
+    if len(os.fsencode(path)) <= _MAX_ADDRESS:
+        yield str(path)
+        return
+    folder = os.open(path.parent, os.O_PATH | os.O_DIRECTORY)
+    try:
+        yield f"/proc/self/fd/{folder}/{path.name}"
+    finally:
+        os.close(folder)
 
 
 def _take_away(sock: socket.socket, path: Path, inode: int) -> None:

@@ -2,18 +2,16 @@
 
 import json
 import logging
-from collections.abc import Awaitable, Callable, Mapping
-from typing import Any, TypeVar
+from collections.abc import Awaitable, Callable
+from typing import Any
 
 from anyio import CapacityLimiter, to_thread
-from pydantic import ValidationError
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 
-from radard.config.saved import KEYS, Sections, forget, read_saved, save
-from radard.config.sections import RadarSections, Section, ZonesSection
+from radard.config.saved import Kind, change, forget
 from radard.errors import ConfigError, OutputError
 from radard.outputs.base import COMMANDS
 from radard.outputs.records import utc_now
@@ -23,9 +21,6 @@ from radard.web.middleware import refusal
 from radard.web.queries import Queries
 
 log = logging.getLogger("radard")
-_MOST_ZONES = 32  # chosen: more than any room has
-_LEAST_ZONE_M = 0.01  # chosen: below a range bin, 0.029 m at the finest
-S = TypeVar("S", bound=Section)
 Handler = Callable[[dict[str, Any]], Awaitable[Response]]
 
 
@@ -100,33 +95,26 @@ class Actions:
         return JSONResponse({"event": event_id, "label": label}, 201)
 
     async def _zones(self, body: dict[str, Any]) -> Response:
-        zones = None if _is_forget(body) else _zones_of(body)
-        return await self._keep("zones", None if zones is None else {"zones": zones.model_dump()})
+        return await self._change("zones", body, {"zones": body})
 
     async def _settings(self, body: dict[str, Any]) -> Response:
-        if _is_forget(body):
-            return await self._keep("settings", None)
-        given = _settings_of(body)
-        old = read_saved(self._queries.saved_file("settings"), "settings")
-        return await self._keep(
-            "settings",
-            {name: {**old.get(name, {}), **given.get(name, {})} for name in {**old, **given}},
-        )
+        return await self._change("settings", body, body)
 
-    async def _keep(self, kind: str, sections: Sections | None) -> Response:
+    async def _change(self, kind: Kind, body: dict[str, Any], sections: Any) -> Response:
         """Save sections, or forget what was saved, and have the configuration read again."""
         host = self._queries.host
         if host is None:
             return refusal(503, "there is no run yet")
         path = self._queries.saved_file(kind)
-        if sections is None:
+        is_forgotten = body.get("forget") is True
+        if is_forgotten:
             await run_in_threadpool(forget, path)
         else:
-            await run_in_threadpool(lambda: save(path, sections, now_utc=utc_now()))
-        log.info("%s from the dashboard: %s", kind, "forgotten" if sections is None else path)
+            await run_in_threadpool(change, path, kind, sections)
+        log.info("%s from the dashboard: %s", kind, "forgotten" if is_forgotten else path)
         # Through the configuration, so that `config show` says the same.
         host.reload()
-        return JSONResponse({"file": None if sections is None else str(path)}, 202)
+        return JSONResponse({"file": None if is_forgotten else str(path)}, 202)
 
     async def _test_alarm(self, _body: dict[str, Any]) -> Response:
         host = self._queries.host
@@ -183,54 +171,6 @@ class Actions:
         answer = JSONResponse({})
         answer.delete_cookie(self._access.cookie)
         return answer
-
-
-def _is_forget(body: Mapping[str, Any]) -> bool:
-    return body.get("forget") is True
-
-
-def _zones_of(body: Mapping[str, Any]) -> ZonesSection:
-    """Return the zones of a request; raises ValueError with what is wrong."""
-    known = set(KEYS["zones"]["zones"])
-    if not {"include", "exclude"} <= set(body) <= known:
-        msg = "include and exclude are wanted, lists of [from, to] in metres"
-        raise ValueError(msg)
-    zones = _checked(ZonesSection, body)
-    spans = [span for key in body for span in getattr(zones, key)]
-    if len(spans) > _MOST_ZONES:
-        msg = f"more than {_MOST_ZONES} zones"
-        raise ValueError(msg)
-    if any(to - start < _LEAST_ZONE_M for start, to in spans):
-        msg = f"a zone is at least {_LEAST_ZONE_M:g} m long"
-        raise ValueError(msg)
-    return zones
-
-
-def _settings_of(body: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
-    """Return the settings of a request by section; raises ValueError with what is wrong."""
-    known = KEYS["settings"]
-    found = {}
-    for name, values in body.items():
-        if not isinstance(values, dict) or not set(values) <= set(known.get(name, ())):
-            names = ", ".join(
-                f"{section}.{key}" for section, keys in known.items() for key in keys
-            )
-            msg = f"what may be set is {names}"
-            raise ValueError(msg)
-        section = _checked(type(getattr(RadarSections(), name)), values)
-        found[name] = {key: getattr(section, key) for key in values}
-    return found
-
-
-def _checked(section: type[S], values: Mapping[str, Any]) -> S:
-    """Return a section of given values; raises ValueError with the first fault."""
-    try:
-        return section.model_validate(values)
-    except ValidationError as err:
-        fault = err.errors()[0]
-        where = ".".join(str(part) for part in fault["loc"])
-        msg = f"{where}: {str(fault['msg']).removeprefix('Value error, ')}"
-        raise ValueError(msg) from err
 
 
 async def _json_body(request: Request) -> dict[str, Any] | None:

@@ -166,10 +166,13 @@ class AccessControl:
         self._sessions.pop(cookies.get(self.cookie, ""), None)
 
     def is_right_host(self, headers: Mapping[str, str]) -> bool:
-        """Return whether the host of a request is allowed: without tokens, only loopback."""
+        """Return whether the host of a request is allowed: without tokens, only loopback.
+
+        No name that a stranger owns is, whatever it resolves to; an address of loopback is.
+        """
         if self.wants_token:
             return True
-        return _host_of(f"//{headers.get('host', '')}") in _LOOPBACK
+        return is_loopback(_host_of(f"//{headers.get('host', '')}"))
 
     def is_same_origin(self, headers: Mapping[str, str]) -> bool:
         """Return whether a request comes from our own page, or from no page at all."""

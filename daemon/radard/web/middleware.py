@@ -101,13 +101,18 @@ class SecurityMiddleware:
 
     def _fault(self, method: str, headers: Headers) -> JSONResponse | None:
         if not self._access.is_right_host(headers):
-            return refusal(421, "this host name is not served here")
+            told = f"Host is '{headers.get('host', '')}': without tokens, only this machine's own"
+            return refusal(421, f"{told} addresses are served; name tokens in the web section")
         if method in _SAFE:
             return None
         if whole_number(headers.get("content-length", "0"), MOST_BODY) is None:
             return refusal(413, "the body is too long")
-        if not self._access.is_same_origin(headers) or _OWN_HEADER not in headers:
-            return refusal(403, "only the dashboard itself may do this")
+        if not self._access.is_same_origin(headers):
+            told = f"the page is of {headers.get('origin', 'another site')}, Host is "
+            told += f"'{headers.get('host', '')}': only the dashboard itself may do this, and a"
+            return refusal(403, f"{told} proxy before it must hand on the Host that it was given")
+        if _OWN_HEADER not in headers:
+            return refusal(403, "only the dashboard itself may do this: X-Radard is missing")
         return None
 
 

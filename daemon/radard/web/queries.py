@@ -12,7 +12,7 @@ from radard.alarm.sensitivity import alarm_policy, sensitivity_choices
 from radard.config.config import Config
 from radard.config.directories import kept_calibration, saved_file, state_dir
 from radard.config.redact import redact_value
-from radard.config.saved import KEYS
+from radard.config.saved import KINDS, Kind, SavedSettings
 from radard.config.sections import AUTO_MODEL
 from radard.config.sink_table import WebSection
 from radard.detect.calibration import load_calibration, restless_spans
@@ -95,15 +95,16 @@ class Queries:
             self._labels = LabelFile(path)
         return self._labels
 
-    def saved_file(self, kind: str) -> Path:
-        """Return the file of `radard.config.saved.KEYS` that the dashboard keeps."""
+    def saved_file(self, kind: Kind) -> Path:
+        """Return the file of `radard.config.saved` that the dashboard keeps."""
         return saved_file(self.config, kind)
 
     def now(self) -> dict[str, Any]:
         """Return state, panel, zones and playback at this moment."""
         host = self.host
         config = self.config
-        held = {"zones": config.zones.model_dump(mode="json"), "settings": _settings_of(config)}
+        settings = SavedSettings.model_validate(config, from_attributes=True)
+        held = {"zones": config.zones.model_dump(mode="json"), "settings": settings.model_dump()}
         if host is None:
             return {"state": "starting", "reason": "", "panel": {}, **held, "playback": None}
         status, playback = host.health.status, host.playback()
@@ -133,7 +134,7 @@ class Queries:
             "hello": dict(hello),
             "confirm": [policy.k, policy.n],
             "latch_s": policy.latch_s,
-            **{f"has_saved_{kind}": self.saved_file(kind).is_file() for kind in KEYS},
+            **{f"has_saved_{kind}": self.saved_file(kind).is_file() for kind in KINDS},
             "sensors": {**self._other_sensors(), **self.section.sensors},
             "has_store": self._store() is not None,
             "outputs": [
@@ -279,14 +280,6 @@ class Queries:
             if scheme == "store" and Path(rest).is_file():
                 return Path(rest)
         return None
-
-
-def _settings_of(config: Config) -> dict[str, Any]:
-    """Return what may be set on the dashboard, as it holds."""
-    return {
-        section: {key: getattr(getattr(config, section), key) for key in keys}
-        for section, keys in KEYS["settings"].items()
-    }
 
 
 def _of_record(record: Mapping[str, Any], sensor: str) -> dict[str, Any]:

@@ -56,9 +56,10 @@ class WebSink:
         self._first = first = self._view("")
         self._views: dict[str, View] = {}
         self._loop: asyncio.AbstractEventLoop | None = None
-        app = SensorRouter(first, self._views)
+        self.app = SensorRouter(first, self._views)
+        """What it serves: an ASGI application."""
         self._server = WebServer(
-            host, port, app, self._poll_views, self._on_trouble, last_words=self._last_words
+            host, port, self.app, self._poll_views, self._on_trouble, last_words=self._last_words
         )
 
     def _view(self, sensor: str) -> View:

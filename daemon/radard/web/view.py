@@ -4,6 +4,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from starlette.responses import RedirectResponse
 from starlette.types import Receive, Scope, Send
 
 from radard.alarm.panel import ArmMode
@@ -94,6 +95,10 @@ class SensorRouter:
             first = next(iter(self._views.values()), self._only)
             await first.app(scope, receive, send)
             return
-        path = match[2] or "/"
+        path = match[2]
+        if path is None:
+            # What the page asks for lies beside it.
+            await RedirectResponse(f"{match[1]}/")(scope, receive, send)
+            return
         own = {**scope, "path": path, "raw_path": path.encode(), OF_ONE: match[1]}
         await view.app(own, receive, send)

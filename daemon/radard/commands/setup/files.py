@@ -1,5 +1,6 @@
 """What the system's files hold: udev rules, units, user and the first configuration."""
 
+import json
 import re
 import sys
 from importlib import resources
@@ -80,7 +81,9 @@ def first_config(name: str | None = None, port: str = PORT) -> str:
         if not _NAME.fullmatch(name):
             msg = f"--name '{name}': must be letters, digits, - and _ only"
             raise UsageError(msg)
-        head = _HEAD.format(what=f"radard@{name}.service", keys=_KEYS.format(name=name, port=port))
+        head = _HEAD.format(
+            what=f"radard@{name}.service", keys=_KEYS.format(name=name, port=json.dumps(port))
+        )
     out = "http://127.0.0.1:8434" if name is None else f"store:/var/lib/radard-{name}/radard.db"
     built_in = re.sub(r"(?m)^(?=[^#\n])", "#", _shipped("config.yaml"))
     return f'{head}output: ["{out}"]\n\n# What can be set, as it is built in:\n\n{built_in}'
@@ -92,8 +95,8 @@ _HEAD = """\
 # `systemctl reload` takes up all but ports and the number of sensors.
 {keys}"""
 _KEYS = """\
-sensor: {{name: {name}, port: "{port}"}}
-service: {{state_dir: /var/lib/radard-{name}, runtime_dir: /run/radard-{name}}}
+sensor: {{name: "{name}", port: {port}}}
+service: {{state_dir: "/var/lib/radard-{name}", runtime_dir: "/run/radard-{name}"}}
 """
 
 

@@ -4,7 +4,7 @@ import { isDarkNow } from "./charts/colour.js";
 import { command } from "./command.js";
 import { eventsPage } from "./pages/events.js";
 import { livePage } from "./pages/live.js";
-import { connect, post, watchPictures } from "./net.js";
+import { below, connect, post, watchPictures } from "./net.js";
 import { watchForNews } from "./notify.js";
 import { setupPage } from "./pages/setup.js";
 import { isOperator, on, state } from "./state.js";
@@ -127,7 +127,7 @@ function drawSensor() {
     {
       "aria-label": "Sensor",
       onchange: () => {
-        if (choice.value) location.href = choice.value;
+        if (choice.value) location.href = choice.value.startsWith("/") ? below(choice.value) : choice.value;
       },
     },
     h("option", { value: "" }, state.sensor),

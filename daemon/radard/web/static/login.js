@@ -7,7 +7,7 @@ form.addEventListener("submit", async (event) => {
   error.textContent = "";
   const token = document.getElementById("token").value;
   try {
-    const answer = await fetch("/api/v1/login", {
+    const answer = await fetch("api/v1/login", {
       method: "POST",
       headers: { "Content-Type": "application/json", "X-Radard": "1" },
       body: JSON.stringify({ token }),

@@ -6,10 +6,13 @@ const LONGEST_RETRY_MS = 4000;
 const SILENT_MS = 12000;
 const DRAWN_MS = 250;
 
-// One of several sensors has its pages, and all it asks for, below a path of its own.
-const HOME = (location.pathname.match(/^\/sensor\/[\w-]+/) ?? [""])[0];
+// A proxy may serve all of this below a path; one of several sensors has its pages, and all it asks
+// for, below a path of its own.
+const HOME = location.pathname.replace(/\/[^/]*$/, "");
+const ROOT = HOME.replace(/\/sensor\/[\w-]+$/, "");
 
 export const at = (path) => `${HOME}${path}`;
+export const below = (path) => `${ROOT}${path}`;
 
 let socket = null;
 let retryMs = FIRST_RETRY_MS;
@@ -87,7 +90,7 @@ setInterval(() => {
   const isQuiet = performance.now() - heardMs > SILENT_MS;
   if (socket?.readyState === WebSocket.OPEN && isQuiet && !isPaused && state.state !== "offline") {
     heardMs = performance.now();
-    fetch("/healthz").catch(() => socket?.close());
+    fetch(below("/healthz")).catch(() => socket?.close());
   }
 }, 2000);
 

@@ -1,4 +1,5 @@
 // Notifications of this browser, while a page is open, and the service worker of the shell.
+import { at, below } from "./net.js";
 import { bus, markOf, state } from "./state.js";
 import { inWords } from "./ui.js";
 
@@ -23,7 +24,7 @@ export async function setNews(isWanted) {
 
 export function watchForNews() {
   // Without one, a browser neither installs the page nor lets a phone show notifications.
-  navigator.serviceWorker?.register("/sw.js").catch(() => {});
+  navigator.serviceWorker?.register(below("/sw.js")).catch(() => {});
   bus.addEventListener("event", ({ detail }) => {
     if (detail.phase === "new" && wantsNews()) show(detail);
   });
@@ -35,7 +36,7 @@ async function show(event) {
   const options = {
     body: inWords(event.reason),
     tag: event.id,
-    icon: "/static/icon-192.png",
+    icon: at("/static/icon-192.png"),
     data: { url: `${location.pathname}#/events/${event.id}` },
     requireInteraction: event.kind === "alarm",
   };

@@ -2,32 +2,33 @@
 // What the radar says, pictures, events and tokens never get here.
 
 const CACHE = "radard-shell";
+const ROOT = new URL("./", self.location).pathname;
 const SHELL = new Set([
-  "/",
-  "/static/app.css",
-  "/static/app.js",
-  "/static/command.js",
-  "/static/icon.svg",
-  "/static/net.js",
-  "/static/notify.js",
-  "/static/state.js",
-  "/static/ui.js",
-  "/static/charts/chart.js",
-  "/static/charts/colour.js",
-  "/static/charts/heatmap.js",
-  "/static/charts/pictures.js",
-  "/static/charts/plot.js",
-  "/static/charts/plots.js",
-  "/static/pages/clip.js",
-  "/static/pages/events.js",
-  "/static/pages/live.js",
-  "/static/pages/news.js",
-  "/static/pages/settings.js",
-  "/static/pages/setup.js",
-  "/static/pages/walk.js",
-  "/static/pages/why.js",
-  "/static/pages/zones.js",
-]);
+  "",
+  "static/app.css",
+  "static/app.js",
+  "static/command.js",
+  "static/icon.svg",
+  "static/net.js",
+  "static/notify.js",
+  "static/state.js",
+  "static/ui.js",
+  "static/charts/chart.js",
+  "static/charts/colour.js",
+  "static/charts/heatmap.js",
+  "static/charts/pictures.js",
+  "static/charts/plot.js",
+  "static/charts/plots.js",
+  "static/pages/clip.js",
+  "static/pages/events.js",
+  "static/pages/live.js",
+  "static/pages/news.js",
+  "static/pages/settings.js",
+  "static/pages/setup.js",
+  "static/pages/walk.js",
+  "static/pages/why.js",
+  "static/pages/zones.js",
+].map((path) => ROOT + path));
 
 self.addEventListener("install", (event) => {
   self.skipWaiting();
@@ -39,7 +40,9 @@ self.addEventListener("activate", (event) => event.waitUntil(self.clients.claim(
 
 self.addEventListener("fetch", (event) => {
   const { method, url } = event.request;
-  const { origin, pathname } = new URL(url);
+  const { origin, pathname: asked } = new URL(url);
+  // Pages of one of several sensors have the same files, below its path.
+  const pathname = asked.replace(/sensor\/[\w-]+\/static\//, "static/");
   if (method !== "GET" || origin !== self.location.origin || !SHELL.has(pathname)) return;
   event.respondWith(newest(event.request, pathname));
 });
