@@ -37,25 +37,3 @@ def test_faults_are_told(tmp_path, text, words):
     path.write_text(f"gate: {text}")
     with pytest.raises(ConfigError, match=words):
         load_config(path, environ={})
-
-
-@pytest.mark.parametrize("key", ["adaptive", "least_db", "most_db", "threshold_rate_db_per_s"])
-@pytest.mark.parametrize("head", ["", "sensors: {hall: {port: x, "])
-def test_a_key_that_is_gone_is_told_in_one_line(tmp_path, key, head):
-    path = tmp_path / "config.yaml"
-    path.write_text(f"{head}gate: {{{key}: 1}}{'}}' if head else ''}\n")
-    with pytest.raises(ConfigError) as caught:
-        load_config(path, environ={})
-    where = f"sensors.hall.gate.{key}" if head else f"gate.{key}"
-    told = f"{path}:1: {where}: is gone with the adaptive threshold; 'radard calibrate' sets"
-    assert str(caught.value).startswith(told)
-    assert "\n" not in str(caught.value)
-
-
-def test_the_threshold_of_the_old_gate_is_refused_with_what_took_its_place(tmp_path):
-    path = tmp_path / "config.yaml"
-    path.write_text("gate: {threshold_db: 5}\n")
-    with pytest.raises(ConfigError) as caught:
-        load_config(path, environ={})
-    assert str(caught.value).startswith(f"{path}:1: gate.threshold_db: is gone")
-    assert "gate.false_alarms_per_day" in str(caught.value)

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from radard.cli import main
-from radard.commands.bench_stages import measured
+from radard.commands.bench import measure
 from radard.config.config import load_config
 from radard.errors import RadardError
 from tests.alarm_helpers import write_recording
@@ -25,7 +25,7 @@ def config_of(port, model="none"):
 
 
 def test_stages_add_up():
-    cost = measured(config_of("sim:human", "thesis"), 5.0, 2)
+    cost = measure(config_of("sim:human", "thesis"), 5.0, 2)
     assert [stage.name for stage in cost.stages] == NAMES
     assert all(stage.cpu_s > 0 and stage.ratio > 0 for stage in cost.stages)
     decode, _, _, worst, everything = cost.stages
@@ -39,13 +39,13 @@ def test_stages_add_up():
 def test_a_recording_has_no_bytes(tmp_path):
     path = tmp_path / "r.h5"
     write_recording(path, noise(300))
-    cost = measured(config_of(f"replay:{path}"), 5.0, 1)
+    cost = measure(config_of(f"replay:{path}"), 5.0, 1)
     assert [stage.name for stage in cost.stages] == NAMES[1:]
 
 
 def test_too_short_a_stream(tmp_path):
     with pytest.raises(RadardError, match="too short for one window"):
-        measured(config_of("sim:empty"), 1.0, 1)
+        measure(config_of("sim:empty"), 1.0, 1)
 
 
 def test_command(capsys):

@@ -1,13 +1,33 @@
-"""`radard bench`: how many radars this machine carries."""
+"""`radard bench`: what one radar costs on this machine, and so how many of them it carries.
+
+All is measured in one thread, over the same frames, round by round, each round with a reference
+beside it: what another program takes, or a clock that changes its speed, falls out of the ratio.
+"""
 
 import json
 import os
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import islice
+from statistics import median
 
-from radard.commands.bench_stages import Cost, measured
+import numpy as np
+
 from radard.commands.offline_stream import add_listening, check_seconds, listening_config
-from radard.errors import UsageError
+from radard.config.config import Config
+from radard.detect.gate import DAY_S
+from radard.errors import RadardError, UsageError
+from radard.pipeline import Pipeline
+from radard.run.components import classifier_for, make_classifier
+from radard.stream.ring import Dwell
+from radard.stream.source import open_source
 from x2radar.command import Parser, new_parser
+from x2radar.device.assemble import FrameAssembler
+from x2radar.device.transport import Transport
+from x2radar.frame import Frame, StreamInfo
+from x2radar.ports import make_radar, parse_port
+from x2radar.wire.protocol import Received, Session
 
 _EXAMPLES = """\
 examples:
@@ -15,7 +35,10 @@ examples:
   radard bench --port 'sim:human?rate=200' --model none
   radard bench --port replay:night.h5 --json
 """
-_SPARE = 0.7  # of the cores that radars may take; chosen
+_SPARE = 0.7  # of the cores may go to radars; the rest is for outputs, clips and the system
+_FFT_LENGTH = 4096  # any machine has its numbers in a cache
+_N_FFTS = 200  # some ten milliseconds
+_REFERENCE = f"{_N_FFTS} FFTs of {_FFT_LENGTH} complex numbers, per second of stream"
 
 
 def run(argv: Sequence[str]) -> int:
@@ -26,7 +49,7 @@ def run(argv: Sequence[str]) -> int:
         msg = f"--rounds {args.rounds}: must be 1 to 100"
         raise UsageError(msg)
     config = listening_config(args, default_port="sim:human")
-    cost = measured(config, args.duration, args.rounds)
+    cost = measure(config, args.duration, args.rounds)
     n_cores = len(os.sched_getaffinity(0))
     n_radars = int(_SPARE * n_cores / cost.all_s)
     if args.json:
@@ -44,18 +67,15 @@ def run(argv: Sequence[str]) -> int:
     for stage in cost.stages:
         share = f"{100 * stage.cpu_s:.1f} %"
         print(f"{stage.name:<34}{1e3 * stage.cpu_s:12.1f}{share:>9}{stage.ratio:11.2f}")
-    print(f"\nreference: {cost.reference}")
+    print(f"\nreference: {_REFERENCE}")
     print("worst case: a gate that is always open; outputs, clips and the port are not in it")
-    print(_verdict(cost, n_cores, n_radars))
-    return 0
-
-
-def _verdict(cost: Cost, n_cores: int, n_radars: int) -> str:
     cores = "1 core" if n_cores == 1 else f"{n_cores} cores"
-    if n_radars < 1:
-        need = f"{100 * cost.all_s:.0f} % of a core"
-        return f"this machine ({cores}) does not carry one radar with 30 % to spare: {need} each"
-    return f"this machine ({cores}) carries {n_radars} such radars, with 30 % to spare"
+    if n_radars:
+        print(f"this machine ({cores}) carries {n_radars} such radars, with 30 % to spare")
+    else:
+        need = f"{100 * cost.all_s:.0f} % of a core each"
+        print(f"this machine ({cores}) does not carry one radar with 30 % to spare: {need}")
+    return 0
 
 
 def make_parser() -> Parser:
@@ -69,3 +89,151 @@ def make_parser() -> Parser:
     add("--rounds", type=int, default=5, metavar="N", help="measurements of each (5)")
     add("--json", action="store_true", help="one JSON object")
     return parser
+
+
+@dataclass(frozen=True, slots=True)
+class Stage:
+    """One part of the way: CPU seconds per stream second, and how many references that is."""
+
+    name: str
+    cpu_s: float
+    ratio: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Cost:
+    """What was measured: the parts along the way, the last one all of it at its worst."""
+
+    stages: tuple[Stage, ...]
+    frame_rate_hz: float  # of the stream, and
+    duration_s: float  # how much of it was taken
+    model: str  # name of the bundle, or none
+
+    @property
+    def all_s(self) -> float:
+        """CPU seconds of one radar per second of its stream, at the worst."""
+        return self.stages[-1].cpu_s
+
+
+def measure(config: Config, duration_s: float, rounds: int) -> Cost:
+    """Measure every part `rounds` times, on `duration_s` of the stream of a configuration's port.
+
+    Raises RadardError or X2RadarError if port or model are not to be had, or the stream is too
+    short.
+    """
+    heard = _listen(config.sensor.port or "", duration_s)
+    rate_hz, heard_s = heard.stream.frame_rate_hz, heard.length_s
+    classifier = classifier_for(heard.stream, config, make_classifier(config))
+    open_gate = config.gate.model_copy(update={"false_alarms_per_day": DAY_S})
+    always_open = config.model_copy(update={"gate": open_gate})
+    if next(heard.dwells(Pipeline(heard.stream, config, classifier)), None) is None:
+        msg = f"{heard_s:.1f} s of stream are too short for one window; take a longer --duration"
+        raise RadardError(msg)
+
+    def decide(settings: Config) -> None:
+        pipeline = Pipeline(heard.stream, settings, classifier)
+        for dwell in heard.dwells(pipeline):
+            pipeline.decide(dwell)
+
+    work: dict[str, Callable[[], object]] = (
+        {} if heard.decode is None else {"bytes to frames": heard.decode}
+    )
+    work |= {
+        "frames to windows": lambda: list(
+            heard.dwells(Pipeline(heard.stream, config, classifier))
+        ),
+        "... and decisions, as heard": lambda: decide(config),
+        "... and decisions, always open": lambda: decide(always_open),
+    }
+    spent: dict[str, list[tuple[float, float]]] = {name: [] for name in work}
+    for _ in range(rounds):
+        # Once for every second of the stream, so that the ratio is one to a second as well.
+        reference_s = _time(lambda: _reference(max(1, round(heard_s)))) / heard_s
+        for name, part in work.items():
+            spent_s = _time(part) / heard_s
+            spent[name].append((spent_s, spent_s / reference_s))
+    stages = [Stage(name, *map(median, zip(*each, strict=True))) for name, each in spent.items()]
+    parts = stages[-1:] if heard.decode is None else [stages[0], stages[-1]]
+    worst = Stage("all, at its worst", sum(s.cpu_s for s in parts), sum(s.ratio for s in parts))
+    return Cost(
+        stages=(*stages, worst),
+        frame_rate_hz=rate_hz,
+        duration_s=heard_s,
+        model=classifier.bundle.name if classifier else "none",
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Heard:
+    """Frames of a port, and what makes them of its bytes again; None for a recording."""
+
+    stream: StreamInfo
+    frames: list[Frame]
+    decode: Callable[[], None] | None
+
+    @property
+    def length_s(self) -> float:
+        return len(self.frames) / self.stream.frame_rate_hz
+
+    def dwells(self, pipeline: Pipeline) -> Iterator[Dwell]:
+        ring = pipeline.make_ring()
+        for frame in self.frames:
+            yield from (item for item in ring.items(frame) if isinstance(item, Dwell))
+
+
+class _Tap:
+    """A transport that keeps what it reads."""
+
+    def __init__(self, inner: Transport, chunks: list[bytes]) -> None:
+        self._inner = inner
+        self._chunks = chunks
+        self.is_usb = bool(getattr(inner, "is_usb", False))
+        self.write, self.close = inner.write, inner.close
+
+    def read(self, timeout_s: float) -> bytes:
+        data = self._inner.read(timeout_s)
+        self._chunks.append(data)
+        return data
+
+
+def _listen(port: str, duration_s: float) -> _Heard:
+    spec = parse_port(port)
+    if spec.scheme == "replay":
+        source = open_source(port)
+        n = max(1, round(duration_s * source.stream.frame_rate_hz))
+        frames = list(islice(source.frames(), n))
+        source.close()
+        return _Heard(source.stream, frames, None)
+    radar = make_radar(spec, speed=None)
+    chunks: list[bytes] = []
+    radar.wrap_transport(lambda connect: lambda: _Tap(connect(), chunks))
+    with radar:
+        coming = radar.frames()
+        first = next(coming)
+        stream, settings = radar.stream, radar.settings
+        if stream is None:
+            msg = f"{port}: frames came without their stream's axis"
+            raise RadardError(msg)
+        frames = [first, *islice(coming, max(1, round(duration_s * stream.frame_rate_hz)) - 1)]
+
+    def decode() -> None:
+        session, assembler = Session(), FrameAssembler(settings)
+        for chunk in chunks:
+            session.receive(chunk)
+            while (event := session.next_event()) is not None:
+                if isinstance(event, Received):
+                    assembler.frame(event.message, 0.0)
+
+    return _Heard(stream, frames, decode)
+
+
+def _reference(n: int) -> None:
+    block = np.ones(_FFT_LENGTH, np.complex128)
+    for _ in range(n * _N_FFTS):
+        np.fft.fft(block)
+
+
+def _time(work: Callable[[], object]) -> float:
+    begun_s = time.process_time()
+    work()
+    return max(time.process_time() - begun_s, 1e-9)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
-from pydantic import Field, field_validator
+from pydantic import Field
 
 from radard.config.sections import Section
 
@@ -54,12 +54,6 @@ class MqttSection(Section):
         "device", description="Home Assistant from 2024.11; components: older ones and openHAB"
     )
     discovery_prefix: str = Field("homeassistant", pattern=r"^[^+#\s]+$", description="its topic")
-
-    @field_validator("commands", mode="before")
-    @classmethod
-    def _take_truth(cls, value: object) -> object:
-        """Take what earlier versions did; and YAML's `off` is false."""
-        return {True: "always", False: "off"}[value] if isinstance(value, bool) else value
 
 
 class OutboxSection(Section):
