@@ -22,7 +22,8 @@ from x2radar.modules.base import ModuleSettings
 from x2radar.modules.profile import ProfileSettings
 from x2radar.modules.x2 import RadarSettings
 from x2radar.modules.x4 import X4Settings
-from x2radar.ports import make_radar, parse_port
+from x2radar.ports import parse_port
+from x2radar.radars import make_radar
 from x2radar.recording.blocks import NO_OVERRIDES, BlockReader, Overrides
 
 if TYPE_CHECKING:

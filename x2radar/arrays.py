@@ -10,7 +10,8 @@ import numpy as np
 
 from x2radar.errors import RecordingError, SettingsError
 from x2radar.frame import Frame, Samples, StreamInfo
-from x2radar.ports import make_radar, parse_port
+from x2radar.ports import parse_port
+from x2radar.radars import make_radar
 from x2radar.recording.blocks import SAMPLE_DTYPES
 
 _LONGEST_S = 3600.0

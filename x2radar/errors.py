@@ -4,6 +4,7 @@ The tree::
 
     X2RadarError                    base; carries the exit code of the commands
      +-- SettingsError              (also ValueError) a setting the module cannot take
+ |    +-- PortUrlError          a port's URL that makes no sense
      +-- PortError                  a port cannot be opened
      |    +-- PortNotFound          nothing there
      |    +-- PortDenied            there, but no permission
@@ -46,6 +47,12 @@ class SettingsError(X2RadarError, ValueError):
     """A setting that the module cannot take; the message names every faulty field."""
 
     exit_code = 2
+
+
+class PortUrlError(SettingsError):
+    """A port's URL that nothing can be behind; the message says what it must be."""
+
+    exit_code = 78
 
 
 class PortError(X2RadarError):

@@ -1,61 +1,82 @@
-"""A port string becomes a radar: serial ports, pyserial URLs and ``sim:`` scenes.
+"""A port string, taken apart: what it names, where, and with which keys.
 
-``/dev/ttyACM0``, ``socket://host:port``, ``auto`` (the only port that answers) or
-``sim:SCENE?key=value&key=value``. Values are percent-encoded. Keys of ``sim:`` are seed (0),
-rate (60, frames per second), kind (rf or baseband), device, fault (kind:value, see
-`x2radar.sim.module.faults`) and run (the run's id, instead of one that no other run has); of
-serial ports: rate, kind and device. A device is a row of
-`x2radar.modules.modules.MODULES`, or auto: what the module calls itself decides.
+``/dev/ttyACM0``, ``socket://host:port`` or another URL of pyserial's, ``auto`` (the only port that
+answers), ``sim:SCENE?key=value&key=value`` or ``replay:FILE``. Values are percent-encoded. Keys of
+``sim:`` are seed (0), rate (60, frames per second), kind (rf or baseband), device, fault
+(kind:value, see `x2radar.sim.module.faults`) and run (the run's id, instead of one that no other
+run has); of live ports rate, kind and device; of ``replay:`` start (seconds) and loop. A device is
+a row of `x2radar.modules.modules.MODULES`, or auto: what the module calls itself decides.
 """
 
+import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from urllib.parse import parse_qsl, unquote
+from functools import lru_cache
+from pathlib import Path
+from typing import Literal
+from urllib.parse import parse_qsl, unquote, urlsplit
 
-from x2radar.device.device import Deadlines, X2Radar
-from x2radar.device.discovery import find_module
-from x2radar.device.transport import SerialTransport, Transport
-from x2radar.errors import SettingsError
-from x2radar.modules.base import ModuleSettings, SettingsChooser
-from x2radar.modules.modules import MODULES, module_for
-from x2radar.sim.module.faults import parse_faults
-from x2radar.sim.module.firmware import FIRMWARES
-from x2radar.sim.module.host import connect as connect_sim
-from x2radar.sim.module.module import SimulatedModule
-from x2radar.sim.scene.scene import load_scene
-from x2radar.sim.scene.stage import check_swath
+from x2radar.errors import PortUrlError, SettingsError
 
-_KINDS = ("rf", "baseband")
-_SIM_DEVICE = "x2raw"
-_PATIENT = Deadlines(reply_s=60.0, ready_s=300.0, usb_gone_s=60.0, stall_s=300.0)
-"""For a simulated module without faults that runs as fast as it is read: it is never silent, only
-its thread is late, as among a hundred others; a reset would make that worse. Chosen."""
-SIM_KEYS = frozenset({"seed", "rate", "kind", "fault", "device", "run"})
-SERIAL_KEYS = frozenset({"rate", "kind", "device"})
+Kind = Literal["live", "auto", "sim", "replay"]
+_NAMED: tuple[Kind, ...] = ("sim", "replay")
+KEYS: Mapping[Kind, frozenset[str]] = {
+    "live": frozenset({"rate", "kind", "device"}),
+    "auto": frozenset({"rate", "kind", "device"}),
+    "sim": frozenset({"seed", "rate", "kind", "fault", "device", "run"}),
+    "replay": frozenset({"start", "loop"}),
+}
+"""Which keys a port of each kind takes behind the question mark."""
 PORT_FORMS = (
     "auto (the only port that answers), /dev/ttyACM0 or any pyserial URL "
-    f"[?{'=, '.join(sorted(SERIAL_KEYS))}=], sim:SCENE [?{'=, '.join(sorted(SIM_KEYS))}=]"
+    f"[?{'=, '.join(sorted(KEYS['live']))}=], sim:SCENE [?{'=, '.join(sorted(KEYS['sim']))}=]"
 )
-"""What a port may be and which keys it takes, for help; keys are joined by &."""
+"""What a port that is a radar may be and which keys it takes, for help; keys are joined by &."""
+
+_SERVERS = ("socket", "rfc2217")
+_URLS = (*_SERVERS, "loop", "spy", "alt", "hwgrep", "cp2110")
+"""The URLs that pyserial 3.5 opens; those of servers need host and port."""
+_PORT = re.compile(r"sim:.*|[a-z0-9]+://.*|/dev/.*|COM\d+.*", re.IGNORECASE | re.DOTALL)
 
 
 @dataclass(frozen=True, slots=True)
-class PortSpec:
+class Port:
     """A port string, taken apart."""
 
-    scheme: str
-    """'sim', 'replay' or 'serial' (also pyserial URLs)."""
+    kind: Kind
+    """'live' is a serial port or a URL; the daemon's plug-ins have such ports, too."""
     target: str
     """Scene, file, device path or URL."""
     options: Mapping[str, str] = field(default_factory=dict)
     """The keys behind the question mark."""
 
+    def check_keys(self) -> None:
+        """Raise SettingsError if there is a key that a port of this kind does not take."""
+        for key in self.options:
+            if key not in KEYS[self.kind]:
+                known = ", ".join(sorted(KEYS[self.kind]))
+                msg = f"port key '{key}': unknown; known are {known}"
+                raise SettingsError(msg)
 
-def parse_port(text: str) -> PortSpec:
+    def number(self, key: str, default: float) -> float:
+        """Return a numeric option; raise SettingsError if it is no number."""
+        text = self.options.get(key)
+        if text is None:
+            return default
+        try:
+            return float(text)
+        except ValueError as err:
+            msg = f"port key '{key}': '{text}' is not a number"
+            raise SettingsError(msg) from err
+
+
+@lru_cache(maxsize=256)
+def parse_port(text: str) -> Port:
     """Take a port string apart.
 
-    Raises SettingsError if a key is given twice or without a value, or nothing stands before them.
+    Raises SettingsError if a key is given twice or without a value, or nothing stands before them;
+    PortUrlError if it is a URL that cannot be opened whatever listens.
     """
     target, _, query = text.partition("?")
     if not target:
@@ -70,122 +91,59 @@ def parse_port(text: str) -> PortSpec:
     if len(options) != len(pairs):
         msg = f"port '{text}': a key is given twice"
         raise SettingsError(msg)
-    for scheme in ("sim", "replay"):
-        if target.startswith(scheme + ":"):
-            rest = unquote(target[len(scheme) + 1 :])
+    for kind in _NAMED:
+        if target.startswith(f"{kind}:"):
+            rest = unquote(target[len(kind) + 1 :])
             if not rest:
-                msg = f"port '{text}': nothing behind '{scheme}:'"
+                msg = f"port '{text}': nothing behind '{kind}:'"
                 raise SettingsError(msg)
-            return PortSpec(scheme, rest, options)
-    return PortSpec("serial", target, options)
+            return Port(kind, rest, options)
+    if "://" in target:
+        _check_url(target)
+    return Port("auto" if target == "auto" else "live", target, options)
 
 
-def check_options(spec: PortSpec, known: frozenset[str]) -> None:
-    """Raise SettingsError if `spec` has a key that is not in `known`."""
-    for key in spec.options:
-        if key not in known:
-            msg = f"port key '{key}': unknown; known are {', '.join(sorted(known))}"
-            raise SettingsError(msg)
-
-
-def number_option(spec: PortSpec, key: str, default: float) -> float:
-    """Return a numeric option; raise SettingsError if it is no number."""
-    text = spec.options.get(key)
-    if text is None:
-        return default
+def _check_url(url: str) -> None:
+    """Raise PortUrlError for a URL that pyserial cannot open, whatever is there."""
+    scheme, _, rest = url.partition("://")
+    if scheme.lower() not in _URLS:
+        msg = f"port '{url}': no kind of URL that is known; known are {', '.join(_URLS)}"
+        raise PortUrlError(msg)
+    if scheme.lower() not in _SERVERS:
+        if not rest and scheme.lower() != "loop":
+            msg = f"port '{url}': nothing behind '{scheme}://'"
+            raise PortUrlError(msg)
+        return
     try:
-        return float(text)
-    except ValueError as err:
-        msg = f"port key '{key}': '{text}' is not a number"
-        raise SettingsError(msg) from err
+        parts = urlsplit(url)
+        host, number = parts.hostname, parts.port
+        # As the socket does it; a label of a name is neither empty nor longer than 63.
+        is_host = bool(host) and not re.search(r"\s", host or "") and (host or "").encode("idna")
+    except ValueError:
+        host, number, is_host = None, None, False
+    if not is_host or not number:
+        form = f"{scheme}://HOST:PORT"
+        msg = f"port '{url}': must be {form}, with a host and a port from 1 to 65535"
+        raise PortUrlError(msg)
 
 
-def make_radar(
-    spec: PortSpec,
-    *,
-    speed: float | None = 1.0,
-    settings: ModuleSettings | None = None,
-) -> X2Radar:
-    """Return the radar that a port string, 'sim' or 'serial', names, not opened yet.
+def is_port(what: str) -> bool:
+    """Return whether a word names a radar's port, rather than a file."""
+    return bool(_PORT.fullmatch(what)) or Path(what).is_char_device()
 
-    Parameters
-    ----------
-    spec : PortSpec
-        From `parse_port`.
-    speed : float or None
-        For ``sim:``, scene seconds per real second; None is as fast as it is read.
-    settings : ModuleSettings, optional
-        Instead of those that device, rate and kind ask for.
 
-    Raises
-    ------
-    SettingsError, SceneError
-        If the string names something unknown or impossible.
+def parse_speed(text: str) -> float | None:
+    """Return stream seconds per real second of a --speed; None is as fast as possible.
+
+    Raises SettingsError unless `text` is realtime, max or a number above zero.
     """
-    if spec.scheme == "replay":
-        msg = f"port 'replay:{spec.target}': a recording is no radar that can be opened"
+    if text in {"realtime", "max"}:
+        return 1.0 if text == "realtime" else None
+    try:
+        factor = float(text)
+    except ValueError:
+        factor = math.nan
+    if not 0 < factor < 1e6:
+        msg = f"--speed '{text}': use realtime, max or a factor above 0"
         raise SettingsError(msg)
-    check_options(spec, SIM_KEYS if spec.scheme == "sim" else SERIAL_KEYS)
-    chosen = settings or port_settings(spec)
-    connect = _connector(spec, speed, chosen)
-    run_id = spec.options.get("run", "")
-    if "run" in spec.options and not re.fullmatch(r"[A-Za-z0-9._-]{1,64}", run_id):
-        msg = f"port key 'run': '{run_id}' must be 1 to 64 letters, digits, '.', '_' or '-'"
-        raise SettingsError(msg)
-    is_paced_by_reader = spec.scheme == "sim" and speed is None and "fault" not in spec.options
-    return X2Radar(
-        connect,
-        chosen,
-        deadlines=_PATIENT if is_paced_by_reader else None,
-        name=f"{spec.scheme}:{spec.target}",
-        run_id=run_id,
-    )
-
-
-def port_settings(spec: PortSpec) -> ModuleSettings | SettingsChooser:
-    """Return the settings that the keys of a port string, 'sim' or 'serial', ask for.
-
-    For device=auto that is what gives them for the module's order code. Raises SettingsError if
-    a key's value makes no sense.
-    """
-    is_sim = spec.scheme == "sim"
-    known = tuple(MODULES) if is_sim else ("auto", *MODULES)
-    device = spec.options.get("device", _SIM_DEVICE if is_sim else "auto")
-    if device not in known:
-        msg = f"port key 'device': '{device}'; known are {', '.join(known)}"
-        raise SettingsError(msg)
-    kind = spec.options.get("kind")
-    if kind not in {None, *_KINDS}:
-        msg = f"port key 'kind': '{kind}'; known are {', '.join(_KINDS)}"
-        raise SettingsError(msg)
-    rate_hz = number_option(spec, "rate", 0.0) if "rate" in spec.options else None
-    if device != "auto":
-        return MODULES[device].settings.for_port(rate_hz, kind)
-    # All of them, so that what makes no sense is said before a port is opened.
-    rows = [row for row in MODULES.values() if row.order_codes]
-    chosen = {row.device: row.settings.for_port(rate_hz, kind) for row in rows}
-    return lambda order_code: chosen[module_for(order_code).device]
-
-
-def _connector(
-    spec: PortSpec, speed: float | None, settings: ModuleSettings | SettingsChooser
-) -> Callable[[], Transport]:
-    if spec.scheme == "serial":
-        if spec.target == "auto":
-            # Asked at every connection: a module that was unplugged may come back elsewhere.
-            return lambda: SerialTransport(find_module())
-        return lambda: SerialTransport(spec.target)
-    text = spec.options.get("seed", "0")
-    # Not as a float, which takes large seeds for their neighbours.
-    if not re.fullmatch(r"[0-9]{1,20}", text):
-        msg = f"port key 'seed': '{text}' must be a whole number from 0 up"
-        raise SettingsError(msg)
-    seed, scene = int(text), load_scene(spec.target)
-    if not callable(settings):
-        range_m = settings.axis.range_m
-        check_swath(scene, float(range_m[0]), float(range_m[-1]))
-    faults = parse_faults(spec.options["fault"]) if "fault" in spec.options else None
-    firmware = FIRMWARES[spec.options.get("device", _SIM_DEVICE)]
-    return lambda: connect_sim(
-        lambda: SimulatedModule(scene, seed, faults, firmware=firmware()), speed
-    )
+    return factor

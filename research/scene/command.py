@@ -6,7 +6,8 @@ from pathlib import Path
 from radard.errors import UsageError
 from x2radar.commands import add_command
 from x2radar.modules.modules import MODULES
-from x2radar.ports import PortSpec, port_settings
+from x2radar.ports import Port
+from x2radar.radars import port_settings
 from x2radar.sim.scene.scene import load_scene
 from x2train.commands import Commands, result_console
 
@@ -44,7 +45,7 @@ def _run(args: argparse.Namespace) -> int:
         raise UsageError(msg)
     scene = load_scene(args.name)
     keys = {"device": args.device, "rate": f"{args.rate:g}", "kind": "baseband"}
-    settings = port_settings(PortSpec("sim", args.name, keys))
+    settings = port_settings(Port("sim", args.name, keys))
     assert not callable(settings)  # noqa: S101 - only device=auto needs a module
     made = plot_scene(scene, args.seed, settings, args.duration, args.plot)
     result_console().print(str(made))

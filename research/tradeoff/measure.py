@@ -18,7 +18,8 @@ from radard.detect.gate import Gate
 from radard.errors import UsageError
 from research.tradeoff.maps import Chain, MapPictures, MapSetting, Picture, Samples
 from x2radar.frame import FastTimeAxis
-from x2radar.ports import PortSpec, port_settings
+from x2radar.ports import Port
+from x2radar.radars import port_settings
 from x2radar.sim.module.stream import EchoStream
 from x2radar.sim.scene.scene import load_scene
 
@@ -74,7 +75,7 @@ def record(scene: str, frame_rate_hz: float, duration_s: float, seed: int) -> Re
     frames: dict[str, Samples] = {}
     axes = {}
     for kind in ("rf", "baseband"):
-        spec = PortSpec("sim", scene, {"rate": f"{frame_rate_hz:g}", "kind": kind})
+        spec = Port("sim", scene, {"rate": f"{frame_rate_hz:g}", "kind": kind})
         settings = port_settings(spec)
         assert not callable(settings)  # noqa: S101 - only device=auto needs a module
         stream = EchoStream(load_scene(scene), seed, settings)

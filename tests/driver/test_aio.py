@@ -12,7 +12,8 @@ from x2radar.device.aio import AsyncRadar
 from x2radar.device.device import Deadlines, X2Radar
 from x2radar.device.transport import PtyTransport
 from x2radar.errors import DeviceError, PortNotFound, ReadTimeout, TransportClosed
-from x2radar.ports import make_radar, parse_port
+from x2radar.ports import parse_port
+from x2radar.radars import make_radar
 from x2radar.sim.module.faults import parse_faults
 from x2radar.sim.module.host import connect
 from x2radar.sim.module.module import SimulatedModule

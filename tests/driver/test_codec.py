@@ -285,7 +285,9 @@ def test_octets_keep_their_type() -> None:
     assert same(decode_response(data), Data(11, 7, values))
 
 
-@pytest.mark.parametrize("wire", ["", "77", "a0 15 01 00 00 00 02 00 00 00", "03 00", "51 01"])
+@pytest.mark.parametrize(
+    "wire", ["", "77", "a0 50", "11 50", "a0 15 01 00 00 00 02 00 00 00", "03 00", "51 01"]
+)
 def test_what_no_row_describes_is_kept(wire: str) -> None:
     data = bytes.fromhex(wire)
     assert decode_response(data) == decode_any(data) == Unknown(data)

@@ -11,11 +11,10 @@ import pytest
 from radard import cli as radard_cli
 from radard.config.options import PORTS
 from radard.config.sink_table import SINKS
-from radard.stream.source import REPLAY_KEYS
 from x2radar import cli as x2radar_cli
 from x2radar import manual
 from x2radar.command import Parser, nearest
-from x2radar.ports import PORT_FORMS, SERIAL_KEYS, SIM_KEYS
+from x2radar.ports import KEYS, PORT_FORMS
 from x2train import cli as training_cli
 
 ROOT = Path(__file__).parents[2]
@@ -151,8 +150,8 @@ def test_commands_print_both(capsys):
 
 
 def test_help_of_port_names_every_form_and_key(capsys):
-    assert all(f"{key}=" in PORT_FORMS for key in SIM_KEYS | SERIAL_KEYS)
-    assert all(f"{key}=" in PORTS for key in REPLAY_KEYS)
+    assert all(f"{key}=" in PORT_FORMS for key in KEYS["sim"] | KEYS["live"])
+    assert all(f"{key}=" in PORTS for key in KEYS["replay"])
     assert all(form in PORTS for form in ("auto", "/dev/", "URL", "sim:", "replay:"))
     shown = " ".join(said(capsys, "radard", "--help-all").split())
     assert PORTS in shown

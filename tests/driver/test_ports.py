@@ -11,7 +11,8 @@ import x2radar
 from x2radar.device.device import Deadlines
 from x2radar.errors import PortNotFound, ReadTimeout, SceneError, SettingsError
 from x2radar.modules.x2 import RadarSettings
-from x2radar.ports import SIM_KEYS, PortSpec, check_options, make_radar, number_option, parse_port
+from x2radar.ports import Port, parse_port
+from x2radar.radars import make_radar
 from x2radar.sim.module.stream import EchoStream
 
 # ---------------------------------------------------------------- parsing
@@ -20,28 +21,33 @@ from x2radar.sim.module.stream import EchoStream
 @pytest.mark.parametrize(
     ("text", "spec"),
     [
-        ("/dev/ttyACM0", PortSpec("serial", "/dev/ttyACM0", {})),
-        ("COM3", PortSpec("serial", "COM3", {})),
-        ("/dev/ttyS1?rate=200", PortSpec("serial", "/dev/ttyS1", {"rate": "200"})),
-        ("socket://host:7000", PortSpec("serial", "socket://host:7000", {})),
+        ("/dev/ttyACM0", Port("live", "/dev/ttyACM0", {})),
+        ("COM3", Port("live", "COM3", {})),
+        ("/dev/ttyS1?rate=200", Port("live", "/dev/ttyS1", {"rate": "200"})),
+        ("socket://host:7000", Port("live", "socket://host:7000", {})),
         (
             "socket://host:7000?rate=60&kind=baseband",
-            PortSpec("serial", "socket://host:7000", {"rate": "60", "kind": "baseband"}),
+            Port("live", "socket://host:7000", {"rate": "60", "kind": "baseband"}),
         ),
-        ("sim:human", PortSpec("sim", "human", {})),
-        ("sim:human?", PortSpec("sim", "human", {})),
-        ("sim:human?seed=1&kind=rf", PortSpec("sim", "human", {"seed": "1", "kind": "rf"})),
-        ("sim:a/b.yaml", PortSpec("sim", "a/b.yaml", {})),
-        ("sim:a%20b%3F%26.yaml?seed=3", PortSpec("sim", "a b?&.yaml", {"seed": "3"})),
-        ("sim:x?seed=%31%32", PortSpec("sim", "x", {"seed": "12"})),
+        ("sim:human", Port("sim", "human", {})),
+        ("sim:human?", Port("sim", "human", {})),
+        ("sim:human?seed=1&kind=rf", Port("sim", "human", {"seed": "1", "kind": "rf"})),
+        ("sim:a/b.yaml", Port("sim", "a/b.yaml", {})),
+        ("sim:a%20b%3F%26.yaml?seed=3", Port("sim", "a b?&.yaml", {"seed": "3"})),
+        ("sim:x?seed=%31%32", Port("sim", "x", {"seed": "12"})),
         (
             "replay:night.h5?start=12&loop=1",
-            PortSpec("replay", "night.h5", {"start": "12", "loop": "1"}),
+            Port("replay", "night.h5", {"start": "12", "loop": "1"}),
         ),
-        ("replay:a%25b", PortSpec("replay", "a%b", {})),
-        ("sim:x?seed=", PortSpec("sim", "x", {"seed": ""})),
-        ("sim:x?fault=a:1,b:2", PortSpec("sim", "x", {"fault": "a:1,b:2"})),
-        ("simulator", PortSpec("serial", "simulator", {})),
+        ("replay:a%25b", Port("replay", "a%b", {})),
+        ("sim:x?seed=", Port("sim", "x", {"seed": ""})),
+        ("sim:x?fault=a:1,b:2", Port("sim", "x", {"fault": "a:1,b:2"})),
+        ("simulator", Port("live", "simulator", {})),
+        ("auto?rate=20", Port("auto", "auto", {"rate": "20"})),
+        ("socket://[::1]:7000", Port("live", "socket://[::1]:7000", {})),
+        ("RFC2217://host:7", Port("live", "RFC2217://host:7", {})),
+        ("loop://", Port("live", "loop://", {})),
+        ("odd:thing?x=1", Port("live", "odd:thing", {"x": "1"})),
     ],
 )
 def test_parsing(text, spec):
@@ -70,13 +76,43 @@ def test_strings_that_are_no_port(text, wanted):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    "url",
+    [
+        "socket://127.0.0.1",
+        "socket://h:99999",
+        "socket://h:0",
+        "socket://h:",
+        "socket://h:x",
+        "socket://:7000",
+        "socket://",
+        "socket://a b:7000",
+        "socket://..:7000",
+        "socket://[::1:7000",
+        "rfc2217://h",
+        "rfc2217://h:70000?rate=60",
+        "spy://",
+        "hwgrep://",
+        "tcp://h:1",
+        "://h:1",
+    ],
+)
+def test_urls_that_nothing_can_be_behind_end_with_78(url):
+    """Where they were opened first, --wait waited for ever, and pyserial's words were shown."""
+    with pytest.raises(SettingsError) as caught:
+        parse_port(url)
+    assert caught.value.exit_code == 78
+    assert str(caught.value).startswith(f"port '{url.partition('?')[0]}': ")
+    assert "\n" not in str(caught.value)
+
+
 @given(st.text(min_size=1, max_size=40))
 def test_any_text_is_a_port_or_a_settings_error(text):
     try:
         spec = parse_port(text)
     except SettingsError:
         return
-    assert spec.scheme in {"sim", "replay", "serial"}
+    assert spec.kind in {"sim", "replay", "live", "auto"}
     assert spec.target
 
 
@@ -88,7 +124,7 @@ def test_percent_encoding_carries_any_text(target, value):
         text = f"sim:{quote(target, safe='')}?seed={quote(value, safe='')}"
     except UnicodeEncodeError:
         return  # a lone surrogate has no encoding
-    assert parse_port(text) == PortSpec("sim", target, {"seed": value})
+    assert parse_port(text) == Port("sim", target, {"seed": value})
 
 
 # ---------------------------------------------------------------- options
@@ -98,7 +134,7 @@ def test_unknown_keys_name_the_known_ones():
     spec = parse_port("sim:human?speed=2")
     known = "device, fault, kind, rate, run, seed"
     with pytest.raises(SettingsError, match=f"port key 'speed': unknown; known are {known}"):
-        check_options(spec, SIM_KEYS)
+        spec.check_keys()
     with pytest.raises(SettingsError, match="'speed': unknown"):
         make_radar(spec)
     with pytest.raises(SettingsError, match="'seed': unknown; known are device, kind, rate"):
@@ -107,11 +143,11 @@ def test_unknown_keys_name_the_known_ones():
 
 def test_numbers():
     spec = parse_port("sim:x?a=1.5&b=x&c=")
-    assert number_option(spec, "a", 0) == 1.5
-    assert number_option(spec, "z", 7) == 7
+    assert spec.number("a", 0) == 1.5
+    assert spec.number("z", 7) == 7
     for key in "bc":
         with pytest.raises(SettingsError, match=f"port key '{key}': '.?' is not a number"):
-            number_option(spec, key, 0)
+            spec.number(key, 0)
 
 
 @pytest.mark.parametrize(

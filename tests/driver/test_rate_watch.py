@@ -3,10 +3,10 @@
 import threading
 
 import pytest
-from tests.test_service import drain
 
 from radard.stream.frame_timing import RateWatch
 from tests.radar_helpers import run_radard
+from tests.run.test_service import drain
 from x2radar.device.transport import PtyTransport
 from x2radar.sim.module.host import serve
 from x2radar.sim.module.module import SimulatedModule

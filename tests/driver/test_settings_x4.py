@@ -9,7 +9,8 @@ from x2radar.device.assemble import FrameAssembler
 from x2radar.errors import SettingsError
 from x2radar.modules.x2 import RadarSettings
 from x2radar.modules.x4 import X4Settings
-from x2radar.ports import make_radar, parse_port
+from x2radar.ports import parse_port
+from x2radar.radars import make_radar
 from x2radar.wire import framing
 from x2radar.wire.codec import decode_command, decode_response, encode
 from x2radar.wire.messages import BasebandIq, Data, SetMode

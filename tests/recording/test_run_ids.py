@@ -14,7 +14,8 @@ from radard.stream.source import open_source
 from tests.radar_helpers import run_radard, stable
 from x2radar.cli import main as x2radar_main
 from x2radar.errors import SettingsError
-from x2radar.ports import make_radar, parse_port
+from x2radar.ports import parse_port
+from x2radar.radars import make_radar
 from x2radar.recording.hdf5_reader import RecordingReader
 
 SCHEMA = json.loads((resources.files("radard") / "output.schema.json").read_text())

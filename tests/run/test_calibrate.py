@@ -19,7 +19,8 @@ from radard.pipeline import Pipeline
 from radard.run.components import use_calibration
 from tests.radar_helpers import dwell_of, noise, walker
 from x2radar.frame import StreamInfo
-from x2radar.ports import make_radar, parse_port
+from x2radar.ports import parse_port
+from x2radar.radars import make_radar
 
 NOW = datetime(2026, 11, 21, 12, tzinfo=UTC)
 

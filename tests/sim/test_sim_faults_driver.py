@@ -12,7 +12,8 @@ from tests.radar_helpers import python
 from x2radar.device.device import Deadlines, X2Radar
 from x2radar.errors import DeviceError, ReadTimeout, SafeModeError, TransportClosed
 from x2radar.modules.x2 import RadarSettings
-from x2radar.ports import make_radar, parse_port
+from x2radar.ports import parse_port
+from x2radar.radars import make_radar
 from x2radar.sim.module.faults import KINDS, parse_faults
 from x2radar.sim.module.host import connect
 from x2radar.sim.module.module import SimulatedModule

@@ -14,7 +14,8 @@ from x2radar.modules.modules import MODULES, ModuleRow, module_for, settings_fro
 from x2radar.modules.profile import PROFILES, ProfileSettings
 from x2radar.modules.x2 import RadarSettings
 from x2radar.modules.x4 import X4Settings
-from x2radar.ports import make_radar, parse_port
+from x2radar.ports import parse_port
+from x2radar.radars import make_radar
 from x2radar.recording.capture import CaptureWriter, capturing
 from x2radar.recording.formats.wire import WireReader
 from x2radar.sim.module.firmware import FIRMWARES, X2Firmware, X4Firmware

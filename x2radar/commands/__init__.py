@@ -1,7 +1,6 @@
 """The subcommands of `x2radar`: one file each, with `register(commands)`."""
 
 import argparse
-import math
 from typing import TypeAlias
 
 from x2radar.errors import SettingsError
@@ -20,23 +19,6 @@ def add_command(
         epilog=examples,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-
-
-def parse_speed(text: str) -> float | None:
-    """Return scene seconds per real second; None is as fast as possible.
-
-    Raises SettingsError unless `text` is realtime, max or a number above zero.
-    """
-    if text in {"realtime", "max"}:
-        return 1.0 if text == "realtime" else None
-    try:
-        factor = float(text)
-    except ValueError:
-        factor = math.nan
-    if not 0 < factor < 1e6:
-        msg = f"--speed '{text}': use realtime, max or a factor above 0"
-        raise SettingsError(msg)
-    return factor
 
 
 def check_duration(duration_s: float | None) -> None:

@@ -2,7 +2,6 @@
 
 import argparse
 import json
-import re
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -10,11 +9,10 @@ from typing import Any
 from x2radar.commands import Commands, add_command
 from x2radar.device.device import X2Radar
 from x2radar.errors import DeviceError
-from x2radar.ports import make_radar, parse_port
+from x2radar.ports import is_port, parse_port
+from x2radar.radars import make_radar
 from x2radar.wire.messages import GetSystemInfo, Message, Ping, Pong, Reply
 from x2radar.wire.wire_ids import InfoItem, PongCode
-
-_PORT = re.compile(r"sim:.*|[a-z0-9]+://.*|/dev/.*|COM\d+.*", re.IGNORECASE | re.DOTALL)
 
 
 def register(commands: Commands) -> None:
@@ -42,11 +40,6 @@ def _run(args: argparse.Namespace) -> int:
         lines = summary(facts)
     print(json.dumps(facts, default=str) if args.json else "\n".join(lines))
     return 0
-
-
-def is_port(what: str) -> bool:
-    """Return whether a word names a port, rather than a file."""
-    return bool(_PORT.fullmatch(what)) or Path(what).is_char_device()
 
 
 def _ask(port: str) -> dict[str, Any]:

@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from x2radar.arrays import read_frames, stacked
 from x2radar.command import StatusLine
 from x2radar.commands import Commands, add_command, check_duration
-from x2radar.commands.info import is_port
 from x2radar.errors import RecordingError, SettingsError
 from x2radar.extras import needed
 from x2radar.frame import Frame, Samples, StreamInfo
 from x2radar.maps import range_time, spectrum, velocity_time
-from x2radar.ports import make_radar, parse_port
+from x2radar.ports import is_port, parse_port
+from x2radar.radars import make_radar
 
 _DEPTHS_DB = (40.0, 30.0)
 """Shown under the peak of range and of velocity: chosen by eye."""

@@ -8,9 +8,10 @@ from dataclasses import asdict
 from itertools import chain
 from pathlib import Path
 
-from x2radar.commands import Commands, add_command, check_duration, parse_speed
+from x2radar.commands import Commands, add_command, check_duration
 from x2radar.errors import SettingsError, X2RadarError
-from x2radar.ports import PORT_FORMS, make_radar, parse_port
+from x2radar.ports import PORT_FORMS, parse_port, parse_speed
+from x2radar.radars import make_radar
 
 _MB = 1e6
 

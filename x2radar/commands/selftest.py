@@ -10,7 +10,8 @@ from typing import Any
 from x2radar.commands import Commands, add_command, check_duration
 from x2radar.device.device import X2Radar
 from x2radar.errors import RecordingError
-from x2radar.ports import PORT_FORMS, make_radar, parse_port
+from x2radar.ports import PORT_FORMS, parse_port
+from x2radar.radars import make_radar
 
 
 def register(commands: Commands) -> None:

@@ -2,9 +2,10 @@
 
 import argparse
 
-from x2radar.commands import Commands, add_command, parse_speed
+from x2radar.commands import Commands, add_command
 from x2radar.device.transport import PtyTransport
 from x2radar.errors import SettingsError
+from x2radar.ports import parse_speed
 from x2radar.sim.module.faults import describe_faults, parse_faults
 from x2radar.sim.module.host import serve
 from x2radar.sim.module.module import SimulatedModule

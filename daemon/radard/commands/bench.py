@@ -26,7 +26,8 @@ from x2radar.command import Parser, new_parser
 from x2radar.device.assemble import FrameAssembler
 from x2radar.device.transport import Transport
 from x2radar.frame import Frame, StreamInfo
-from x2radar.ports import make_radar, parse_port
+from x2radar.ports import parse_port
+from x2radar.radars import make_radar
 from x2radar.wire.protocol import Received, Session
 
 _EXAMPLES = """\
@@ -197,14 +198,14 @@ class _Tap:
 
 
 def _listen(port: str, duration_s: float) -> _Heard:
-    spec = parse_port(port)
-    if spec.scheme == "replay":
+    parsed = parse_port(port)
+    if parsed.kind == "replay":
         source = open_source(port)
         n = max(1, round(duration_s * source.stream.frame_rate_hz))
         frames = list(islice(source.frames(), n))
         source.close()
         return _Heard(source.stream, frames, None)
-    radar = make_radar(spec, speed=None)
+    radar = make_radar(parsed, speed=None)
     chunks: list[bytes] = []
     radar.wrap_transport(lambda connect: lambda: _Tap(connect(), chunks))
     with radar:

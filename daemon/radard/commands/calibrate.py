@@ -114,8 +114,7 @@ def _surveyed(listening: Listening, config: Config, args: argparse.Namespace) ->
 
 def _own_file(config: Config) -> Path:
     """Return where the daemon looks for it: the service, where one is installed."""
-    port = config.sensor.port or ""
-    if port.startswith(("sim:", "replay:")):
+    if config.sensor.kind in {"sim", "replay"}:
         msg = "--out FILE: needed here; only a real radar's calibration is kept as its own"
         raise UsageError(msg)
     own = calibration_file(config)

@@ -38,7 +38,7 @@ def kept_calibration(config: Config) -> Path:
     if config.gate.calibration not in {"auto", "none"}:
         return Path(config.gate.calibration)
     own = calibration_file(config)
-    is_sim = (config.sensor.port or "").startswith("sim:")
+    is_sim = config.sensor.kind == "sim"
     return own.with_name(f"{config.sensor.name}.sim.calibration.json") if is_sim else own
 
 
@@ -58,7 +58,7 @@ def outbox_dir(config: Config, environ: Mapping[str, str] = os.environ) -> Path 
 
     What such a run leaves undelivered must not be taken for the real sensor's.
     """
-    if any((each.sensor.port or "").startswith(("sim:", "replay:")) for each in config.each()):
+    if any(each.sensor.kind in {"sim", "replay"} for each in config.each()):
         return named_state_dir(config, environ)
     return state_dir(config, environ)
 

@@ -6,9 +6,9 @@ from typing import Any
 
 from radard.config.sink_table import FORMS
 from radard.errors import UsageError
-from x2radar.ports import PORT_FORMS
+from x2radar.ports import KEYS, PORT_FORMS
 
-PORTS = f"{PORT_FORMS}, replay:FILE or replay:FOLDER [?loop=, start=]"
+PORTS = f"{PORT_FORMS}, replay:FILE or replay:FOLDER [?{'=, '.join(sorted(KEYS['replay']))}=]"
 """What --port may be, for help."""
 
 

@@ -26,13 +26,13 @@ from radard.config.atomic import write_atomically
 from radard.config.sections import AlarmChoices, MountChoices, Section, Span, ZonesSection
 from radard.config.sources import ENV_PREFIX, Places, Where, explain, put, read_yaml
 from radard.errors import ConfigError, OutputError
+from x2radar.ports import parse_port
 
 Kind = Literal["zones", "settings"]
 Sections = Mapping[str, Mapping[str, Any]]
 MAX_ZONES = 32  # the body of a request holds so many, and no room has more
 _MIN_ZONE_M = 0.01  # a third of the finest range bin, 0.029 m
 _STRONGER = (ENV_PREFIX, "command line")
-_SIMULATED = ("sim:", "replay:")
 _lock = threading.Lock()
 
 
@@ -73,7 +73,7 @@ KINDS: dict[Kind, type[Section]] = {"zones": SavedZones, "settings": SavedSettin
 
 def saved_path(folder: Path, sensor: str, port: str | None, kind: str) -> Path:
     """Return where a sensor's file of a kind is kept; a simulated one has its own."""
-    is_simulated = (port or "").startswith(_SIMULATED)
+    is_simulated = port is not None and parse_port(port).kind in {"sim", "replay"}
     return folder / f"{sensor}{'.sim' if is_simulated else ''}.{kind}.yaml"
 
 

@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 from radard.config.quiet_hours import parse_quiet, time_zone
+from x2radar.ports import Kind, parse_port
 
 NAME = r"^[A-Za-z0-9_-]+$"
 """What the name of a sensor looks like: it becomes a part of topics and of file names."""
@@ -47,6 +48,11 @@ class SensorSection(Section):
     speed: str = Field("auto", description="realtime, max, a factor, or auto")
     wait: bool = Field(False, description="wait for a port that is absent at start")
     on_device_loss: Literal["wait", "quit"] = Field("wait", description="when the port goes")
+
+    @property
+    def kind(self) -> Kind | None:
+        """What the port names; None without one. Raises SettingsError if it makes no sense."""
+        return None if self.port is None else parse_port(self.port).kind
 
 
 class MountChoices(Section):

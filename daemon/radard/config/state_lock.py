@@ -28,7 +28,7 @@ def state_lock(config: Config, environ: Mapping[str, str] = os.environ) -> Itera
     not fail with its disk.
     """
     folder = outbox_dir(config, environ)
-    if folder is None or all((e.sensor.port or "").startswith("replay:") for e in config.each()):
+    if folder is None or all(each.sensor.kind == "replay" for each in config.each()):
         yield
         return
     with contextlib.ExitStack() as stack:

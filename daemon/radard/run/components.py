@@ -122,7 +122,7 @@ def use_calibration(
     calibration: Calibration | None = None
     if asked == "auto":
         path = calibration_file(config)
-        is_real = is_live and not (config.sensor.port or "").startswith("sim:")
+        is_real = is_live and config.sensor.kind != "sim"
         if not is_real and keeps:
             return
         try:
@@ -190,7 +190,7 @@ def make_store(config: Config, *, is_live: bool) -> StateStore:
 
 
 def _kept_file(config: Config, ending: str, *, is_live: bool) -> Path | None:
-    is_sim = (config.sensor.port or "").startswith("sim:")
+    is_sim = config.sensor.kind == "sim"
     if not is_live or (is_sim and named_state_dir(config) is None):
         return None
     return state_dir(config) / f"{config.sensor.name}{'.sim' if is_sim else ''}.{ending}"
@@ -236,12 +236,12 @@ def _watch_for_tamper(
 
 def room_of(config: Config, pipeline: Pipeline) -> str:
     """Return whose reference this is: with another module, swath or calibration it is another."""
-    axis, port = pipeline.stream.axis, config.sensor.port or ""
+    axis, is_sim = pipeline.stream.axis, config.sensor.kind == "sim"
     n_bins = axis.n_range // _cut_of(pipeline)[1]
     made_utc = pipeline.calibration.provenance.made_utc if pipeline.calibration else ""
     return ", ".join(
         (
-            port if port.startswith("sim:") else pipeline.stream.device,
+            str(config.sensor.port) if is_sim else pipeline.stream.device,
             f"{axis.kind}, {n_bins} bins from {axis.range_offset_m:.3f} m",
             f"{axis.bin_length_m:.4g} m",
             f"{axis.carrier_hz:.4g} Hz, {pipeline.stream.frame_rate_hz:.3g} frames a second",

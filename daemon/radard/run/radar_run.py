@@ -35,7 +35,8 @@ from radard.run.worker import Worker
 from radard.stream.frame_timing import RateWatch
 from radard.stream.playback import Playback
 from radard.stream.ring import FrameRing, Notice
-from radard.stream.source import FrameSource, Notify, open_source, parse_speed
+from radard.stream.source import FrameSource, Notify, open_source, speed_factor
+from x2radar.ports import parse_port
 
 Reload = Callable[[], Config]
 _JOIN_S = 1.5  # for each thread; chosen: all of them within the 4.5 s of a forced end
@@ -77,7 +78,7 @@ class RadarRun:
         self.log = logger_of(config)
         self.name = config.sensor.name
         self._classifier = make_classifier(config)
-        self._factor = parse_speed(config.sensor.speed, replay=self._port.startswith("replay:"))
+        self._factor = speed_factor(config.sensor.speed, parse_port(self._port))
         self.health = Health(stale_s=STALE_S * max(1.0, 1.0 / (self._factor or 1.0)))
         self.worker: Worker | None = None
         self.failure: BaseException | None = None
@@ -119,13 +120,13 @@ class RadarRun:
     @property
     def mark(self) -> str:
         """What records and topics must say of the stream, see `Host.mark`."""
-        if self._port.startswith("sim:"):
+        if self._config.sensor.kind == "sim":
             return "simulated"
         return "" if self._is_live else "replayed"
 
     @property
     def _is_live(self) -> bool:
-        return self._source.is_live if self._source else not self._port.startswith("replay:")
+        return self._source.is_live if self._source else self._config.sensor.kind != "replay"
 
     @property
     def parts(self) -> Parts:

@@ -26,7 +26,6 @@ from x2radar.frame import StreamInfo
 
 log = logging.getLogger("radard")
 _MOST_WAITING = 30  # dwells; chosen: half a minute of a machine that lags
-_REPLAY = "replay:"
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +39,7 @@ class CalibrationProgress:
 
 def can_calibrate(config: Config) -> bool:
     """Return whether a running sensor may make its own calibration."""
-    return config.gate.calibration != "none" and not (config.sensor.port or "").startswith(_REPLAY)
+    return config.gate.calibration != "none" and config.sensor.kind != "replay"
 
 
 def signer(

@@ -20,10 +20,10 @@ from x2radar.device.reconnect import ReconnectingRadar
 from x2radar.errors import RecordingError, TransportClosed
 from x2radar.frame import Frame, StreamInfo
 from x2radar.modules.modules import module_of
-from x2radar.ports import PortSpec, check_options, make_radar, number_option, parse_port
+from x2radar.ports import Port, parse_port, parse_speed
+from x2radar.radars import make_radar
 
 Notify = Callable[[str, str], None]
-REPLAY_KEYS = frozenset({"start", "loop"})
 _FASTEST_COALESCED = 2.0  # times real time; chosen: faster streams never let reads pause
 
 
@@ -80,23 +80,15 @@ class SourceOpener(Protocol):
         ...
 
 
-def parse_speed(text: str, *, replay: bool) -> float | None:
+def speed_factor(text: str, port: Port) -> float | None:
     """Return stream seconds per real second; None is as fast as possible.
 
-    Raises UsageError unless `text` is auto, realtime, max or a number above zero.
+    `auto` is as fast as possible for a recording, else real time. Raises SettingsError unless
+    `text` is auto, realtime, max or a number above zero.
     """
     if text == "auto":
-        return None if replay else 1.0
-    if text in {"realtime", "max"}:
-        return 1.0 if text == "realtime" else None
-    try:
-        factor = float(text)
-    except ValueError:
-        factor = 0.0
-    if not 0 < factor < 1e6:
-        msg = f"--speed '{text}': use realtime, max or a factor above 0"
-        raise UsageError(msg)
-    return factor
+        return None if port.kind == "replay" else 1.0
+    return parse_speed(text)
 
 
 def open_source(
@@ -128,18 +120,18 @@ def open_source(
     X2RadarError, UsageError
         If the port, scene or recording cannot be opened, or a plug-in is broken.
     """
-    spec = parse_port(port)
-    factor = parse_speed(speed, replay=spec.scheme == "replay")
-    if spec.scheme == "serial":
+    parsed = parse_port(port)
+    factor = speed_factor(speed, parsed)
+    if parsed.kind == "live":
         plugin = plugins.plugged(plugins.SOURCES, plugins.scheme_of(port))
         if plugin is not None:
-            target = spec.target.partition(":")[2]
-            source: FrameSource = plugin.call(target, spec.options, speed=factor)
+            target = parsed.target.partition(":")[2]
+            source: FrameSource = plugin.call(target, parsed.options, speed=factor)
             plugin.check(source, ("stream", "is_live", "frames", "close"))
             return source
-    if spec.scheme == "replay":
-        return ReplaySource(spec, factor, on_notice)
-    radar, hop = make_radar(spec, speed=factor), NextHop()
+    if parsed.kind == "replay":
+        return ReplaySource(parsed, factor, on_notice)
+    radar, hop = make_radar(parsed, speed=factor), NextHop()
     if factor is not None and factor <= _FASTEST_COALESCED:
         radar.wrap_transport(lambda connect: coalesced(connect, hop.due_s))
     device = ReconnectingRadar(radar, wait=wait, quit_on_loss=quit_on_loss)
@@ -209,25 +201,25 @@ class ReplaySource:
     is_live = False
 
     def __init__(
-        self, spec: PortSpec, speed: float | None, on_notice: Notify = lambda _kind, _reason: None
+        self, port: Port, speed: float | None, on_notice: Notify = lambda _kind, _reason: None
     ) -> None:
-        check_options(spec, REPLAY_KEYS)
-        self._start_s = number_option(spec, "start", 0.0)
+        port.check_keys()
+        self._start_s = port.number("start", 0.0)
         if self._start_s < 0:
             msg = f"port key 'start': {self._start_s:g} is negative"
             raise UsageError(msg)
-        self._loop = number_option(spec, "loop", 0.0) > 0
+        self._loop = port.number("loop", 0.0) > 0
         # Late: live sources must not wait for h5py at start.
         from x2radar.recording.registry import open_recording  # noqa: PLC0415
 
-        self._reader = open_recording(spec.target)
+        self._reader = open_recording(port.target)
         self.stream: StreamInfo = replace(self._reader.stream, run_id=self._reader.run_id)
         self._closed = False
         self.warning = self._reader.warning
         self.started_utc = self._reader.started_utc
         end_s = self._reader.n_frames / self._reader.stream.frame_rate_hz
         if self._start_s >= end_s:
-            msg = f"{spec.target}: start={self._start_s:g} is behind its end ({end_s:.1f} s)"
+            msg = f"{port.target}: start={self._start_s:g} is behind its end ({end_s:.1f} s)"
             raise RecordingError(msg)
         self.playback = Playback(end_s, speed, lambda: on_notice("paused", "the replay is paused"))
 
