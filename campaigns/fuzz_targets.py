@@ -89,7 +89,7 @@ def _read(path: Path) -> None:
     """Read a recording as `info`, `convert` and a replay do, to its end."""
     with open_recording(path) as reader:
         _ = (reader.labels, reader.device, reader.settings, reader.started_utc, reader.run_id)
-        _ = (getattr(reader, "compression", ""), getattr(reader, "has_decisions", False))
+        _ = (reader.compression, reader.has_decisions)
         for frame in islice(reader.frames(0.01), 3):
             _ = frame.samples.sum()
         for block in reader.blocks():

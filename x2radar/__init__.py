@@ -24,7 +24,8 @@ from x2radar.modules.x2 import RadarSettings
 from x2radar.modules.x4 import X4Settings
 from x2radar.ports import parse_port
 from x2radar.radars import make_radar
-from x2radar.recording.blocks import NO_OVERRIDES, BlockReader, Overrides
+from x2radar.recording.about import NO_OVERRIDES, Overrides
+from x2radar.recording.blocks import BlockReader
 
 if TYPE_CHECKING:
     from x2radar.device.aio import AsyncRadar

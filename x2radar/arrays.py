@@ -12,7 +12,7 @@ from x2radar.errors import RecordingError, SettingsError
 from x2radar.frame import Frame, Samples, StreamInfo
 from x2radar.ports import parse_port
 from x2radar.radars import make_radar
-from x2radar.recording.blocks import SAMPLE_DTYPES
+from x2radar.recording.about import SAMPLE_DTYPES
 
 _LONGEST_S = 3600.0
 """Chosen: an hour of an X2's RF frames is 0.7 GB."""

@@ -4,8 +4,9 @@
 answers), ``sim:SCENE?key=value&key=value`` or ``replay:FILE``. Values are percent-encoded. Keys of
 ``sim:`` are seed (0), rate (60, frames per second), kind (rf or baseband), device, fault
 (kind:value, see `x2radar.sim.module.faults`) and run (the run's id, instead of one that no other
-run has); of live ports rate, kind and device; of ``replay:`` start (seconds) and loop. A device is
-a row of `x2radar.modules.modules.MODULES`, or auto: what the module calls itself decides.
+run has); of live ports rate, kind and device; of ``replay:`` start (seconds),
+loop and from (a format of recordings). A device is a row of
+`x2radar.modules.modules.MODULES`, or auto: what the module calls itself decides.
 """
 
 import math
@@ -25,7 +26,7 @@ KEYS: Mapping[Kind, frozenset[str]] = {
     "live": frozenset({"rate", "kind", "device"}),
     "auto": frozenset({"rate", "kind", "device"}),
     "sim": frozenset({"seed", "rate", "kind", "fault", "device", "run"}),
-    "replay": frozenset({"start", "loop"}),
+    "replay": frozenset({"start", "loop", "from"}),
 }
 """Which keys a port of each kind takes behind the question mark."""
 PORT_FORMS = (

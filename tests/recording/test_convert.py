@@ -17,7 +17,7 @@ from tests.recording_helpers import (
     run,
 )
 from x2radar.errors import RecordingError, SettingsError
-from x2radar.recording.blocks import Overrides
+from x2radar.recording.about import Overrides
 from x2radar.recording.convert import convert
 from x2radar.recording.registry import FORMATS, WRITABLE, open_recording
 

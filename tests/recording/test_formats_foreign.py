@@ -15,11 +15,12 @@ from tests.radar_helpers import noise, run_radard
 from tests.recording_helpers import content, make
 from x2radar.errors import RecordingError
 from x2radar.frame import CounterTracker, Step
-from x2radar.recording.blocks import Overrides, unwrap
+from x2radar.recording.about import Overrides
+from x2radar.recording.blocks import unwrap
+from x2radar.recording.formats.xethru import META, XethruReader
 from x2radar.recording.formats.xethru_writer import write as write_xethru
 from x2radar.recording.registry import open_recording
 from x2radar.recording.stamps import count_by_stamps
-from x2radar.recording.xethru import META, XethruReader
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 P4XX = DATA / "p410_walk_101.mat"
@@ -271,6 +272,10 @@ def test_sigmf_faults(tmp_path, changes, words):
     sigmf(tmp_path / "a.sigmf-meta", **changes)
     with pytest.raises(RecordingError, match=words):
         open_recording(tmp_path / "a.sigmf-meta")
+
+
+def test_sigmf_without_data(tmp_path):
+    sigmf(tmp_path / "a.sigmf-meta")
     (tmp_path / "a.sigmf-data").unlink()
     with pytest.raises(RecordingError, match=r"a.sigmf-data: cannot be read"):
         open_recording(tmp_path / "a.sigmf-meta")

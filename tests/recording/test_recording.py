@@ -13,8 +13,9 @@ import pytest
 from tests.radar_helpers import BASEBAND, frames_of, noise
 from x2radar.errors import RecordingError
 from x2radar.frame import FastTimeAxis, Frame, StreamInfo
-from x2radar.recording.blocks import Overrides
-from x2radar.recording.hdf5_reader import RecordingReader, RecordingWriter
+from x2radar.recording.about import Overrides
+from x2radar.recording.hdf5_reader import RecordingReader
+from x2radar.recording.hdf5_writer import RecordingWriter
 from x2radar.recording.registry import open_recording
 
 RF = FastTimeAxis(
@@ -226,8 +227,8 @@ from pathlib import Path
 sys.path[:0] = ['.', 'daemon']
 from tests.radar_helpers import BASEBAND, frames_of, noise
 from x2radar.frame import StreamInfo
-from x2radar.recording.blocks import Overrides
-from x2radar.recording.hdf5_reader import RecordingWriter
+from x2radar.recording.about import Overrides
+from x2radar.recording.hdf5_writer import RecordingWriter
 samples = noise(20000)
 writer = RecordingWriter(Path(sys.argv[1]), StreamInfo(BASEBAND, 60, 'x'),
                          started_utc='', device={}, settings={})

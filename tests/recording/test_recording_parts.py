@@ -21,10 +21,11 @@ from tests.waiting import wait_for
 from x2radar.errors import ReadTimeout, RecordingError, X2RadarError
 from x2radar.frame import Frame, StreamInfo
 from x2radar.recording import recorder
-from x2radar.recording.hdf5_reader import RecordingReader, RecordingWriter
+from x2radar.recording.hdf5_reader import RecordingReader
+from x2radar.recording.hdf5_writer import RecordingWriter
+from x2radar.recording.parts import PartsReader, RotatingWriter, existing_parts, part_path
 from x2radar.recording.recorder import RecordingProgress, Tally, record, stop_flag
 from x2radar.recording.registry import open_recording
-from x2radar.recording.rotating import PartsReader, RotatingWriter, existing_parts, part_path
 
 ROOT = Path(__file__).parents[2]
 STREAM = StreamInfo(BASEBAND, 60.0, "x")

@@ -6,8 +6,9 @@ import pytest
 
 from tests.radar_helpers import noise
 from x2radar.errors import RecordingError
+from x2radar.recording.about import Overrides
+from x2radar.recording.formats.xethru import X4_BIN_LENGTH_M, XethruReader
 from x2radar.recording.registry import open_recording
-from x2radar.recording.xethru import X4_BIN_LENGTH_M, XethruReader
 
 BITS = {"datafloat": 0x400, "baseband_iq": 0x2, "baseband_ap": 0x1}
 REAL = Path(__file__).parents[3] / "shared" / "data" / "x4m03_recording"
@@ -85,7 +86,7 @@ def test_one_file_and_a_rate_of_ones_own(tmp_path):
     (path / "xethru_recording_meta.dat").unlink()
     with pytest.raises(RecordingError, match="frame rate is unknown"):
         XethruReader(file)
-    assert XethruReader(file, frame_rate_hz=20).stream.frame_rate_hz == 20
+    assert XethruReader(file, Overrides(frame_rate_hz=20)).stream.frame_rate_hz == 20
 
 
 def test_a_cut_record_is_dropped_and_said(tmp_path):

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from x2radar.commands import Commands, add_command
 from x2radar.errors import SettingsError
-from x2radar.recording.blocks import Overrides
+from x2radar.recording.about import Overrides
 from x2radar.recording.registry import FORMATS, READABLE, WRITABLE
 
 _AXIS = (

@@ -42,8 +42,8 @@ def register(commands: Commands) -> None:
 def _run(args: argparse.Namespace) -> int:
     # Late, because h5py takes a while and the other subcommands do without it.
     from x2radar.recording.capture import CaptureWriter, capturing  # noqa: PLC0415
+    from x2radar.recording.parts import RotatingWriter, check_free_name  # noqa: PLC0415
     from x2radar.recording.recorder import RecordingProgress, record, stop_flag  # noqa: PLC0415
-    from x2radar.recording.rotating import RotatingWriter, check_free_name  # noqa: PLC0415
     from x2radar.recording.stamps import utc_text  # noqa: PLC0415
 
     _check(args)

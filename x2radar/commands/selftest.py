@@ -66,7 +66,7 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _record(out: Path, radar: X2Radar, frames: list[Any], report: dict[str, Any]) -> None:
-    from x2radar.recording.hdf5_reader import RecordingWriter  # noqa: PLC0415
+    from x2radar.recording.hdf5_writer import RecordingWriter  # noqa: PLC0415
 
     assert radar.stream is not None  # noqa: S101 - known with the first frame
     about = {"name": radar.name, **report["info"], "selftest": report}

@@ -6,35 +6,24 @@ and the start in the middle mean the same whatever file they come from. At no ti
 than one block of samples is held.
 """
 
-import contextlib
 import hashlib
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from x2radar.closing import Closing
-from x2radar.errors import RecordingError, X2RadarError
 from x2radar.frame import LONGEST_GAP, FastTimeAxis, Frame, Samples, StreamInfo, read_only
-from x2radar.modules.modules import pulse_bandwidth_hz
-from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
+from x2radar.recording.about import NO_OVERRIDES, SAMPLE_DTYPES, About, Overrides
+from x2radar.recording.faults import refuse, unreadable
 
 Label = tuple[float, float, str]
-SAMPLE_DTYPES: dict[str, type[np.float32 | np.complex64]] = {
-    "rf": np.float32,
-    "baseband": np.complex64,
-}
 BLOCK_BYTES = 1 << 21
-"""Samples held at a time. Chosen: a block costs no more memory than a process of Python anyway."""
+"""Samples held at a time: less memory than a process of Python takes anyway."""
 
-MOST_BINS = 1 << 14
-"""Above these a file is damaged. Chosen: ten times the bins of any module, 150 m of a P4xx."""
-_LONGEST_MESSAGE = 1000
-"""Characters of why a file is refused. Chosen: what a file says may be of any length."""
 _WRAP = 1 << 32
 """The module counts frames in 32 bits."""
 
@@ -87,76 +76,46 @@ def unwrap(counter: NDArray[Any], last: int | None = None, index: int = -1) -> S
     return Steps(index + np.cumsum(stride), lost, restarted, repeated)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Overrides:
-    """What the user knows better than the file; None leaves the file's value.
-
-    Names as in `FastTimeAxis` and `StreamInfo`. A sample rate alone also sets the bin length of
-    RF frames, c / (2 fs).
-    """
-
-    frame_rate_hz: float | None = None
-    bin_length_m: float | None = None
-    range_offset_m: float | None = None
-    carrier_hz: float | None = None
-    bandwidth_hz: float | None = None
-    sample_rate_hz: float | None = None
-
-    def apply(self, stream: StreamInfo) -> StreamInfo:
-        """Return `stream` with what is set here.
-
-        A bandwidth that nobody states is that of the module with this sampler and carrier.
-        """
-        changes: dict[str, Any] = {}
-        for name in FastTimeAxis.__dataclass_fields__:
-            value = getattr(self, name, None)
-            if value is not None:
-                changes[name] = value
-        by_rate = self.sample_rate_hz is not None and self.bin_length_m is None
-        if by_rate and self.sample_rate_hz and stream.axis.kind == "rf":
-            changes["bin_length_m"] = SPEED_OF_LIGHT_MPS / (2 * self.sample_rate_hz)
-        axis = replace(stream.axis, **changes)
-        if not axis.bandwidth_hz:
-            band_hz = pulse_bandwidth_hz(axis.sample_rate_hz, axis.carrier_hz)
-            axis = replace(axis, bandwidth_hz=band_hz)
-        return replace(
-            stream,
-            axis=axis,
-            frame_rate_hz=self.frame_rate_hz or stream.frame_rate_hz,
-        )
-
-
-NO_OVERRIDES = Overrides()
-
-
 class BlockReader(Closing):
     """Base of all readers of recordings: made of a path and `Overrides`.
 
     A file that is missing, damaged or none of its format raises RecordingError, one line that
-    says what.
+    says what. A reader that has its frames as arrays sets them; others fetch them in `read_…`.
     """
 
     path: Path
     """What messages call the recording."""
     stream: StreamInfo
     n_frames: int
-    started_utc: str = ""
+    started_utc: str
     """Wall clock of the first frame, ISO 8601; empty when unknown."""
+    device: Mapping[str, Any]
+    """What the recording says about its module."""
+    settings: Mapping[str, Any]
+    """The module's settings, as far as the recording holds them."""
     warning: str | None = None
     """What is odd about the recording, for people."""
-    _overrides: Overrides = NO_OVERRIDES
-    _device: Mapping[str, Any] | None = None
-    _settings: Mapping[str, Any] = MappingProxyType({})
+    has_decisions: bool = False
+    """Whether decisions of a daemon are kept in the file."""
+    compression: str = "none"
+    """How the samples are packed, for people."""
+    paths: Sequence[Path] = ()
+    """The parts of a recording in parts."""
 
-    @property
-    def device(self) -> Mapping[str, Any]:
-        """What the recording says about its module; may be empty."""
-        return {"name": self.stream.device} if self._device is None else self._device
+    _rows: Any
+    _counter: NDArray[Any] | None = None
+    _t_s: NDArray[Any] | None = None
+    _is_rising: bool
 
-    @property
-    def settings(self) -> Mapping[str, Any]:
-        """The module's settings, as far as the recording holds them."""
-        return self._settings
+    def __init__(self, path: Path, overrides: Overrides = NO_OVERRIDES) -> None:
+        self.path = path
+        self._overrides = overrides
+
+    def _keep(self, about: About) -> None:
+        """Keep what the file says about itself."""
+        self.stream, self.started_utc = about.stream, about.started_utc
+        self.device, self.settings = about.device, about.settings
+        self._is_rising = about.is_rising
 
     @property
     def labels(self) -> list[Label]:
@@ -248,16 +207,22 @@ class BlockReader(Closing):
             yield first, min(first + n_block, self.n_frames)
 
     def read_counters(self, first: int, last: int) -> NDArray[Any]:
-        """Return the counters of these frames, whole numbers."""
-        raise NotImplementedError
+        """Return the counters of these frames, whole numbers; from 1 on where there are none."""
+        if self._counter is None:
+            return np.arange(first + 1, last + 1)
+        return self._counter[first:last]
 
-    def read_times(self, first: int, last: int) -> NDArray[np.float64] | None:  # noqa: ARG002
+    def read_times(self, first: int, last: int) -> NDArray[np.float64] | None:
         """Return the times of these frames in seconds; None to count them with the rate."""
-        return None
+        return None if self._t_s is None else self._t_s[first:last].astype(np.float64)
 
     def read_samples(self, first: int, last: int) -> Samples:
         """Return these frames, shape (last - first, n_range), read-only."""
-        raise NotImplementedError
+        return self._falling(self._rows[first:last])
+
+    def _falling(self, rows: NDArray[Any]) -> Samples:
+        """Return rows of the file as samples whose phase falls with range."""
+        return as_samples(rows.conj() if self._is_rising else rows, self.stream.axis.kind)
 
     def _no_samples(self, n: int) -> Samples:
         return as_samples(np.empty((n, 0)), self.stream.axis.kind)
@@ -278,31 +243,10 @@ def as_samples(array: NDArray[Any], kind: str) -> Samples:
     return out
 
 
-def refuse(path: object, why: str) -> RecordingError:
-    """Return the error that says in one line, of bounded length, what is wrong with a file."""
-    rest = " …" if len(why) > _LONGEST_MESSAGE else ""
-    return RecordingError(f"{path}: {why[:_LONGEST_MESSAGE]}{rest}")
-
-
-@contextlib.contextmanager
-def unreadable(path: object) -> Iterator[None]:
-    """Turn what a damaged or hostile file makes of a reader into RecordingError, one line.
-
-    This is the one seam where files meet the readers: behind it lie libraries (HDF5, zlib, JSON,
-    numpy) that answer bad bytes with almost any exception.
-    """
-    try:
-        yield
-    except (X2RadarError, NameError, AssertionError):
-        raise
-    except OSError as err:
-        raise refuse(path, f"cannot be read: {err.strerror or one_line(err)}") from err
-    except MemoryError as err:
-        raise refuse(path, "asks for more memory than there is") from err
-    except Exception as err:
-        raise refuse(path, f"damaged ({type(err).__name__}: {one_line(err)})") from err
-
-
-def one_line(err: BaseException) -> str:
-    """Return what an error says, on one line of at most 200 characters."""
-    return " ".join(str(err).split())[:200]
+def list_of(path: object, name: str, values: NDArray[Any] | None, n: int) -> NDArray[Any] | None:
+    """Return a number a frame, of shape (n,), from any array of n numbers; None of None."""
+    if values is None:
+        return None
+    if values.size != n or values.dtype.kind not in "iuf":
+        raise refuse(path, f"{name} is no list of {n} numbers")
+    return values.ravel()

@@ -27,7 +27,7 @@ from typing import Any, NamedTuple
 
 from x2radar.device.transport import Transport
 from x2radar.errors import TransportClosed
-from x2radar.recording.blocks import refuse
+from x2radar.recording.faults import refuse
 
 MAGIC = b"X2RADARC"
 VERSION = 1

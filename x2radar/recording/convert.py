@@ -8,7 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from x2radar.errors import SettingsError, X2RadarError
-from x2radar.recording.blocks import NO_OVERRIDES, BlockReader, Overrides, refuse
+from x2radar.recording.about import NO_OVERRIDES, Overrides
+from x2radar.recording.blocks import BlockReader
+from x2radar.recording.faults import refuse
 from x2radar.recording.registry import (
     FORMATS,
     WRITABLE,

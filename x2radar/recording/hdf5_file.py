@@ -28,7 +28,8 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from x2radar.recording.blocks import refuse, unreadable
+from x2radar.recording.about import plain
+from x2radar.recording.faults import refuse, unreadable
 from x2radar.recording.hdf5_writer import reason
 
 _T = TypeVar("_T")
@@ -38,19 +39,19 @@ _SUPERBLOCK = struct.Struct("<8s4B4QI")
 """HDF5 File Format Specification 3.0, II.A: superblock 2 and 3 with offsets of 8 bytes."""
 _OPEN_FOR_WRITE = 0b101
 """Consistency flags of a superblock: bit 0 write access, bit 2 SWMR."""
-_HEAP, _LEAST_HEAP = b"GCOL\x01", 4096
+_HEAP, _MIN_HEAP = b"GCOL\x01", 4096
 _HEAP_OBJECT = struct.Struct("<HHIQ")
 """Signature, version and least size of a global heap; index, references, reserved and size."""
 _ATTEMPTS, _WAIT_S = 5, 0.02
-"""At a file that is being written. Chosen: a block of metadata is written in well under 1 ms."""
+"""At a file that is being written; a block of metadata is written in well under 1 ms."""
 
 _U32 = 0xFFFFFFFF
-MOST_CHUNK_BYTES = 1 << 26
-"""A chunk is unpacked as a whole. Chosen: minutes of frames; other programs write long chunks."""
-_MOST_PACKED = 1100
+MAX_CHUNK_BYTES = 1 << 26
+"""A chunk is unpacked as a whole: minutes of frames, since other programs write long chunks."""
+_MAX_PACKED = 1100
 """Bytes that one byte of a file unpacks to; deflate reaches 1032 at most."""
-_MOST_ATTRIBUTE_BYTES = 1 << 20
-"""Of an attribute. Chosen: device and settings are some kB of JSON."""
+_MAX_ATTRIBUTE_BYTES = 1 << 20
+"""Of an attribute; device and settings are some kB of JSON."""
 
 
 class _Unflagged(io.RawIOBase):
@@ -137,13 +138,9 @@ class Hdf5File:
         is_text = h5py.check_string_dtype(known.dtype) is not None
         if math.prod(known.shape or ()) != 1 or not (is_text or known.dtype.kind in "SUbiuf"):
             raise refuse(self.path, f"attribute '{name}' is no text and no number")
-        if known.get_storage_size() > _MOST_ATTRIBUTE_BYTES:
+        if known.get_storage_size() > _MAX_ATTRIBUTE_BYTES:
             raise refuse(self.path, f"attribute '{name}' is longer than any of a recording")
-        value = self.file.attrs[name]
-        value = value.item() if isinstance(value, np.ndarray) else value
-        if isinstance(value, bytes):
-            return value.decode("utf-8", "replace")
-        return value
+        return plain(self.file.attrs[name])
 
     def data_set(self, name: str) -> h5py.Dataset | None:
         """Return a data set by its path, None if there is none; raise if it is refused."""
@@ -173,14 +170,14 @@ class Hdf5File:
         if len(packing) > 1 or not set(packing) <= {b"deflate", b"lzf"}:
             known = b", ".join(filters).decode("utf-8", "replace")
             raise refuse(self.path, f"/{name} is packed by {known}; read are gzip and lzf")
-        if n_bytes > self._n_bytes * (_MOST_PACKED if packing else 1):
+        if n_bytes > self._n_bytes * (_MAX_PACKED if packing else 1):
             raise refuse(self.path, f"/{name} says {n_bytes} bytes, which the file cannot hold")
-        if item.chunks and math.prod(item.chunks) * item.dtype.itemsize > MOST_CHUNK_BYTES:
+        if item.chunks and math.prod(item.chunks) * item.dtype.itemsize > MAX_CHUNK_BYTES:
             raise refuse(self.path, f"/{name} has chunks of {item.chunks}, which is too large")
 
-    def read(self, item: h5py.Dataset, first: int, last: int) -> NDArray[Any]:
-        """Return rows of a data set."""
-        return self._patient(lambda: np.asarray(item[first:last]))
+    def read(self, item: h5py.Dataset, at: Any) -> NDArray[Any]:
+        """Return what stands in a data set at these indices."""
+        return self._patient(lambda: np.asarray(item[at]))
 
 
 def _check(path: Path) -> None:
@@ -199,7 +196,7 @@ def _check(path: Path) -> None:
             for begin in (found.start() for found in re.finditer(_HEAP, data)):
                 size = int.from_bytes(data[begin + 8 : begin + 16], "little")
                 # By chance these bytes stand anywhere, and then no such size behind them.
-                if _LEAST_HEAP <= size <= len(data) - begin and not _is_filled(data, begin, size):
+                if _MIN_HEAP <= size <= len(data) - begin and not _is_filled(data, begin, size):
                     raise refuse(path, "damaged: a heap of texts that does not add up")
 
 

@@ -18,43 +18,36 @@ Parts of one recording (`x2radar.recording.rotating`) carry the attributes recor
 and part_start_s as well.
 """
 
-import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from x2radar.frame import FastTimeAxis, Samples, StreamInfo
-from x2radar.recording.blocks import (
-    BLOCK_BYTES,
-    MOST_BINS,
+from x2radar.frame import Kind, Samples
+from x2radar.recording.about import (
+    FORMAT,
     NO_OVERRIDES,
+    NUMBERS,
     SAMPLE_DTYPES,
-    BlockReader,
-    Label,
+    TEXTS,
+    VERSION,
     Overrides,
-    as_samples,
-    refuse,
-    rows_per_block,
-    unreadable,
+    kind_of,
+    plain,
+    read_about,
 )
-from x2radar.recording.hdf5_file import MOST_CHUNK_BYTES, Hdf5File
-from x2radar.recording.hdf5_writer import FORMAT, VERSION, RecordingWriter, reason
+from x2radar.recording.blocks import BLOCK_BYTES, BlockReader, Label, rows_per_block
+from x2radar.recording.faults import refuse, unreadable
+from x2radar.recording.hdf5_file import MAX_CHUNK_BYTES, Hdf5File
+from x2radar.recording.hdf5_writer import reason
 
-__all__ = ["FORMAT", "VERSION", "RecordingReader", "RecordingWriter"]
-
-_NUMBERS = ("frame_rate_hz", "carrier_hz", "sample_rate_hz", "bin_length_m", "range_offset_m")
-_TEXTS = ("started_utc", "device", "settings")
-_SETS = ("samples", "counter", "t_s")
-_MOST_LABELS = 10_000
-"""Chosen: a label every few seconds for a night."""
-_MOST_LABEL_CHARACTERS = 1 << 22
-"""Of all labels together. Chosen: some hundred each."""
-
-_MOST_RUN_ID = 64
-"""Letters of a run's id that are read. Chosen: twice what a run gets."""
+_OPTIONAL = ("bandwidth_hz", "phase_sign", "run_id")
+_MAX_LABELS = 10_000
+"""A label every few seconds for a night."""
+_MAX_LABEL_CHARACTERS = 1 << 22
+"""Of all labels together, some hundred each."""
 
 
 class RecordingReader(BlockReader):
@@ -64,8 +57,7 @@ class RecordingReader(BlockReader):
     """
 
     def __init__(self, path: Path | str, overrides: Overrides = NO_OVERRIDES) -> None:
-        self.path = Path(path)
-        self._overrides = overrides
+        super().__init__(Path(path), overrides)
         if not self.path.is_file():
             raise refuse(path, "no such recording")
         self._file = Hdf5File(self.path)
@@ -89,13 +81,13 @@ class RecordingReader(BlockReader):
         n = min(map(len, sets), default=0)
         if len(sets) < len(found) or n < max(map(len, sets)):
             raise refuse(self.path, "/labels lacks t0_s, t1_s or label, or they differ in length")
-        if n > _MOST_LABELS:
-            raise refuse(self.path, f"{n} labels, at most {_MOST_LABELS} are read")
-        n_left = _MOST_LABEL_CHARACTERS
+        if n > _MAX_LABELS:
+            raise refuse(self.path, f"{n} labels, at most {_MAX_LABELS} are read")
+        n_left = _MAX_LABEL_CHARACTERS
         for k in range(n):
             # One by one: many labels of a hostile file may share one long text.
-            t0_s, t1_s, label = (self._file.read(item, k, k + 1).item() for item in sets)
-            text = _text(label)
+            t0_s, t1_s, label = (plain(self._file.read(item, slice(k, k + 1))) for item in sets)
+            text = str(label)
             n_left -= len(text)
             if n_left < 0:
                 raise refuse(self.path, "labels of more text than those of any recording")
@@ -106,140 +98,86 @@ class RecordingReader(BlockReader):
         with unreadable(self.path):
             return self._file.attribute(name)
 
-    @property
-    def has_decisions(self) -> bool:
-        """Whether decisions of a daemon are kept in the file."""
-        with unreadable(self.path):
-            return "decisions" in self._file.file
-
-    @property
-    def compression(self) -> str:
-        """How the samples are packed, for people."""
-        samples = self._sets["samples"]
-        packed = samples.compression or "none"
-        return f"shuffle+{packed}" if samples.shuffle else str(packed)
-
     def ranges(self) -> Iterator[tuple[int, int]]:
-        """See `BlockReader`."""
+        """Yield the borders of the blocks."""
         # Whole chunks: every one is unpacked once.
         n_block = rows_per_block(self.stream.axis)
         chunks = self._sets["samples"].chunks
-        if chunks and chunks[0] * BLOCK_BYTES < n_block * MOST_CHUNK_BYTES:
+        if chunks and chunks[0] * BLOCK_BYTES < n_block * MAX_CHUNK_BYTES:
             n_block = max(1, n_block // chunks[0]) * chunks[0]
         for first in range(0, self.n_frames, n_block):
             yield first, min(first + n_block, self.n_frames)
 
     def read_counters(self, first: int, last: int) -> NDArray[Any]:
-        """See `BlockReader`."""
-        return self._read("counter", first, last)
+        """Return the counters of these frames, whole numbers."""
+        return self._column("counter", first, last)
 
     def read_times(self, first: int, last: int) -> NDArray[np.float64]:
-        """See `BlockReader`."""
-        return self._read("t_s", first, last).astype(np.float64, copy=False)
+        """Return the times of these frames in seconds."""
+        return self._column("t_s", first, last).astype(np.float64, copy=False)
 
     def read_samples(self, first: int, last: int) -> Samples:
-        """See `BlockReader`."""
-        samples = self._read("samples", first, last)
-        return as_samples(samples.conj() if self._conjugate else samples, self.stream.axis.kind)
+        """Return these frames, shape (last - first, n_range), read-only."""
+        return self._falling(self._read("samples", slice(first, last)))
 
-    def _read(self, name: str, first: int, last: int) -> NDArray[Any]:
+    def _column(self, name: str, first: int, last: int) -> NDArray[Any]:
+        """Return numbers of a list, which may be a column or a row of a matrix."""
+        rows = slice(first, last)
+        is_row = self._sets[name].ndim == 2 and len(self._sets[name]) == 1
+        return self._read(name, (0, rows) if is_row else rows).ravel()
+
+    def _read(self, name: str, at: Any) -> NDArray[Any]:
         try:
-            return self._file.read(self._sets[name], first, last)
+            return self._file.read(self._sets[name], at)
         except (OSError, KeyError, RuntimeError) as err:
-            raise refuse(
-                self.path, f"frames {first} to {last} cannot be read ({reason(err)})"
-            ) from err
+            raise refuse(self.path, f"/frames/{name} cannot be read ({reason(err)})") from err
 
     def _check(self) -> None:
-        said = self._file.attribute
-        if said("format") != FORMAT:
+        said = {
+            name: self._file.attribute(name)
+            for name in ("format", "format_version", *NUMBERS, *TEXTS)
+        }
+        if said["format"] != FORMAT:
             raise refuse(self.path, f"no recording (attribute 'format' is not '{FORMAT}')")
-        if (version := said("format_version")) != VERSION:
+        if str(version := said["format_version"]) not in {str(VERSION), f"{VERSION}.0"}:
             raise refuse(self.path, f"format_version {version}, this reads {VERSION}")
-        for name in ("kind", *_NUMBERS, *_TEXTS):
-            if said(name) is None:
+        for name, value in said.items():
+            if value is None and name not in _OPTIONAL:
                 raise refuse(self.path, f"attribute '{name}' is missing")
-        kind = str(said("kind"))
-        if kind not in SAMPLE_DTYPES:
+        if (kind := said["kind"]) not in SAMPLE_DTYPES:
             raise refuse(self.path, f"kind '{kind}' is neither rf nor baseband")
-        numbers = {name: self._number(name) for name in _NUMBERS}
-        for name in ("frame_rate_hz", "bin_length_m", "carrier_hz"):
-            if numbers[name] <= 0:
-                raise refuse(
-                    self.path, f"attribute '{name}' is {numbers[name]:g}, must be above 0"
-                )
-        n_range = self._check_sets(kind)
-        self.started_utc = str(said("started_utc"))
-        self._conjugate = kind == "baseband" and self._number("phase_sign", -1) > 0
-        axis = FastTimeAxis(
-            kind="rf" if kind == "rf" else "baseband",
-            n_range=n_range,
-            bin_length_m=numbers["bin_length_m"],
-            range_offset_m=numbers["range_offset_m"],
-            carrier_hz=numbers["carrier_hz"],
-            bandwidth_hz=self._number("bandwidth_hz", 0.0),
-            sample_rate_hz=numbers["sample_rate_hz"],
-        )
-        self._device, self._settings = self._json("device") or None, self._json("settings")
-        run_id = str(said("run_id") or "")[:_MOST_RUN_ID]
-        stream = StreamInfo(axis, numbers["frame_rate_hz"], self._name(), run_id)
-        self.stream = self._overrides.apply(stream)
+        frames = self._check_sets()
+        if frames[0] != kind:
+            raise refuse(self.path, f"/frames/samples is {frames[0]}, which is no {kind} data")
+        self._keep(read_about(self.path, frames, said, self._overrides, self.path.name))
+        samples = self._sets["samples"]
+        packed = samples.compression or "none"
+        self.compression = f"shuffle+{packed}" if samples.shuffle else str(packed)
+        self.has_decisions = "decisions" in self._file.file
 
-    def _check_sets(self, kind: str) -> int:
+    def _check_sets(self) -> tuple[Kind, int]:
+        """Find the data sets and how long they are; return kind and bins of the samples."""
         sets: dict[str, Any] = {}
-        for name in _SETS:
+        for name in ("samples", "counter", "t_s"):
             item = self._file.data_set(f"frames/{name}")
             if item is None:
                 raise refuse(self.path, f"data set '/frames/{name}' is missing")
             sets[name] = item
-        self._sets = sets
-        shape, dtype = sets["samples"].shape, sets["samples"].dtype
-        if len(shape) != 2 or not 0 < shape[1] <= MOST_BINS:
-            raise refuse(self.path, f"/frames/samples has the shape {shape}, not (n, n_range)")
-        if dtype.kind != ("c" if kind == "baseband" else "f"):
-            raise refuse(self.path, f"/frames/samples is {dtype}, which is no {kind} data")
-        for name in ("counter", "t_s"):
-            if sets[name].ndim != 1 or sets[name].dtype.kind not in "iuf":
+        samples = sets.pop("samples")
+        frames = kind_of(self.path, samples.shape, samples.dtype)
+        for name, item in sets.items():
+            is_list = item.size == max(item.shape, default=0) and item.ndim <= 2
+            if not is_list or item.dtype.kind not in "iuf":
                 raise refuse(self.path, f"/frames/{name} is no list of numbers")
-        lengths = {name: len(item) for name, item in sets.items()}
-        self.n_frames = min(lengths.values())
+        lengths = {len(samples), *(item.size for item in sets.values())}
+        self._sets = {"samples": samples, **sets}
+        self.n_frames = min(lengths)
         if self.n_frames == 0:
             raise refuse(self.path, "no frames in it")
-        if self._file.is_unclosed or len(set(lengths.values())) > 1:
+        if self._file.is_unclosed or len(lengths) > 1:
             still = "is being written, or " if self._file.is_unclosed else ""
             self.warning = (
                 f"{self.path}: the recording {still}was cut off; "
                 f"{self.n_frames} whole frames are read"
             )
-        return int(shape[1])
-
-    def _name(self) -> str:
-        try:
-            raw = json.loads(str(self._file.attribute("device")))
-        except ValueError:
-            return self.path.name
-        return str(raw.get("name", self.path.name)) if isinstance(raw, dict) else str(raw)
-
-    def _json(self, name: str) -> Mapping[str, Any]:
-        try:
-            value = json.loads(str(self._file.attribute(name)))
-        except ValueError:
-            return {}
-        return value if isinstance(value, dict) else {}
-
-    def _number(self, name: str, default: float = 0.0) -> float:
-        value = self._file.attribute(name)
-        value = default if value is None else value
-        try:
-            number = float(value)
-        except (TypeError, ValueError):
-            number = float("nan")
-        if not np.isfinite(number):
-            raise refuse(self.path, f"attribute '{name}' is {value!r}, not a number")
-        return number
-
-
-def _text(value: Any) -> str:
-    if isinstance(value, bytes):
-        return value.decode("utf-8", "replace")
-    return str(value)
+        return frames

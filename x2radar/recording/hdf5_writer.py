@@ -8,7 +8,6 @@ the first moment, and a kill costs less than one second.
 
 import contextlib
 import errno
-import json
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -22,11 +21,11 @@ from numpy.typing import NDArray
 from x2radar.closing import Closing
 from x2radar.errors import RecordingError
 from x2radar.frame import Frame, StreamInfo
-from x2radar.recording.blocks import SAMPLE_DTYPES, Block, Label, refuse
+from x2radar.recording.about import SAMPLE_DTYPES, root_attributes
+from x2radar.recording.blocks import Block, BlockReader, Label
+from x2radar.recording.faults import refuse
 from x2radar.recording.stamps import utc_text
 
-FORMAT = "x2radar-recording"
-VERSION = 1
 _NOTHING: Mapping[str, Any] = MappingProxyType({})
 
 
@@ -227,29 +226,6 @@ class RecordingWriter(Closing):
         return refuse(self._path, f"cannot make a recording there: {why}")
 
 
-def root_attributes(
-    stream: StreamInfo, started_utc: str, device: Mapping[str, Any], settings: Mapping[str, Any]
-) -> dict[str, Any]:
-    """Return what a recording says about itself, JSON as text."""
-    axis = stream.axis
-    return {
-        "format": FORMAT,
-        "format_version": VERSION,
-        "kind": axis.kind,
-        "frame_rate_hz": stream.frame_rate_hz,
-        "carrier_hz": axis.carrier_hz,
-        "sample_rate_hz": axis.sample_rate_hz,
-        "bin_length_m": axis.bin_length_m,
-        "range_offset_m": axis.range_offset_m,
-        "bandwidth_hz": axis.bandwidth_hz,
-        "phase_sign": axis.phase_sign,
-        "started_utc": started_utc,
-        "device": json.dumps(dict(device), default=str),
-        "settings": json.dumps(dict(settings), default=str),
-        **({"run_id": stream.run_id} if stream.run_id else {}),
-    }
-
-
 def reopened(path: Path) -> h5py.File:
     """Open a recording that is not being written any more, to add to it."""
     # A reader's lock must not keep out what belongs into it; there is one writer.
@@ -264,6 +240,21 @@ def write_labels(path: Path, labels: list[Label]) -> None:
         file["labels/t0_s"] = [t0_s for t0_s, _, _ in labels]
         file["labels/t1_s"] = [t1_s for _, t1_s, _ in labels]
         file["labels/label"] = [label for _, _, label in labels]
+
+
+def write(path: Path, source: BlockReader) -> list[str]:
+    """Write `source` into a new file, bit by bit; return what was not kept."""
+    with RecordingWriter(
+        path,
+        source.stream,
+        started_utc=source.started_utc,
+        device=source.device,
+        settings=source.settings,
+    ) as writer:
+        for block in source.blocks():
+            writer.write_block(block)
+    write_labels(path, source.labels)
+    return ["decisions are not copied"] if source.has_decisions else []
 
 
 def reason(err: BaseException) -> str:

@@ -20,7 +20,7 @@ def describe_recording(path: Path) -> dict[str, Any]:
         axis = asdict(reader.stream.axis)
         last = len(reader.stream.axis.range_m) - 1
         axis["range_m"] = [float(reader.stream.axis.range_m[k]) for k in (0, last)]
-        parts = [str(part) for part in getattr(reader, "paths", [])]
+        parts = [str(part) for part in reader.paths]
         return {
             "path": str(path),
             "format": format_of(path).name,
@@ -28,11 +28,11 @@ def describe_recording(path: Path) -> dict[str, Any]:
             **_counted(reader),
             "axis": axis,
             "started_utc": reader.started_utc,
-            "device": dict(reader.device) or {"name": reader.stream.device},
+            "device": dict(reader.device),
             "settings": dict(reader.settings),
             "labels": [list(label) for label in reader.labels],
-            "has_decisions": bool(getattr(reader, "has_decisions", False)),
-            "compression": getattr(reader, "compression", "none"),
+            "has_decisions": reader.has_decisions,
+            "compression": reader.compression,
             "n_bytes": _size(path, parts),
             "parts": parts,
             "warning": reader.warning,

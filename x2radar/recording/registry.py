@@ -10,7 +10,10 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from x2radar.recording.blocks import NO_OVERRIDES, BlockReader, Overrides, refuse, unreadable
+from x2radar.errors import SettingsError
+from x2radar.recording.about import NO_OVERRIDES, Overrides
+from x2radar.recording.blocks import BlockReader
+from x2radar.recording.faults import refuse, unreadable
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -27,6 +30,8 @@ class Format:
     suffixes: tuple[str, ...]
     magic: bytes = b""
     """First bytes of such files; empty when they have none."""
+    content: str = ""
+    """Tells whether a file with that magic is one; empty when the magic is enough."""
     in_folder: str = ""
     """Pattern of the files in a folder that is such a recording; empty when none is."""
     pair: str = ""
@@ -38,6 +43,11 @@ class Format:
             raise refuse(path, f"{self.title}s are only written; open what it was made of")
         made: BlockReader = _named(self.reader)(path, overrides=overrides)
         return made
+
+    def is_in(self, path: Path, head: bytes) -> bool:
+        """Return whether a file that begins with `head` is one of these, by what is in it."""
+        is_like = bool(self.magic) and head.startswith(self.magic)
+        return is_like and (not self.content or bool(_named(self.content)(path)))
 
     def write(self, path: Path, source: BlockReader) -> list[str]:
         """Write `source` into `path`, which is new; return what was not kept."""
@@ -60,8 +70,8 @@ FORMATS: Mapping[str, Format] = {
         Format(
             name="hdf5",
             title="HDF5 recording",
-            reader="rotating:open_hdf5",
-            writer="formats.hdf5:write",
+            reader="parts:open_hdf5",
+            writer="hdf5_writer:write",
             suffixes=(".h5", ".hdf5"),
             magic=b"\x89HDF\r\n\x1a\n",
             in_folder="[!.]*.h5",
@@ -69,7 +79,7 @@ FORMATS: Mapping[str, Format] = {
         Format(
             name="xethru",
             title="XeThru recording",
-            reader="xethru:XethruReader",
+            reader="formats.xethru:XethruReader",
             writer="formats.xethru_writer:write",
             suffixes=(".dat",),
             in_folder="xethru_*.dat",
@@ -89,7 +99,8 @@ FORMATS: Mapping[str, Format] = {
             reader="formats.mat:MatReader",
             writer="formats.mat:write",
             suffixes=(".mat",),
-            magic=b"MATLAB 5.0 MAT-file x2radar",
+            magic=b"MATLAB 5.0",
+            content="formats.matlab:has_frames",
         ),
         Format(
             name="p4xx",
@@ -140,7 +151,7 @@ FORMATS: Mapping[str, Format] = {
 WRITABLE = tuple(row.name for row in FORMATS.values() if row.writer)
 READABLE = tuple(row.name for row in FORMATS.values() if row.reader)
 
-_MOST_MAGIC = max(len(row.magic) for row in FORMATS.values())
+_MAX_MAGIC = max(len(row.magic) for row in FORMATS.values())
 
 
 def format_by_name(path: Path) -> Format | None:
@@ -171,8 +182,8 @@ def _candidates(path: Path) -> Iterator[Format]:
         return
     if path.is_file():
         with path.open("rb") as file:
-            head = file.read(_MOST_MAGIC)
-        yield from (row for row in rows if row.magic and head.startswith(row.magic))
+            head = file.read(_MAX_MAGIC)
+        yield from (row for row in rows if row.is_in(path, head))
     if by_name := format_by_name(path):
         yield by_name
     yield from (row for row in rows if row.pair and row.files(path)[0].is_file())
@@ -200,9 +211,14 @@ def open_recording(
     ------
     RecordingError
         If nothing readable is there; one line that says what.
+    SettingsError
+        If `kind` is no format that is read.
     """
+    if kind is not None and kind not in READABLE:
+        msg = f"'{kind}' is no format that is read; known are {', '.join(READABLE)}"
+        raise SettingsError(msg)
     if not isinstance(path, str | Path):
-        from x2radar.recording.rotating import PartsReader  # noqa: PLC0415 - h5py takes a while
+        from x2radar.recording.parts import PartsReader  # noqa: PLC0415 - h5py takes a while
 
         return PartsReader([Path(part) for part in path], overrides)
     path = Path(path)

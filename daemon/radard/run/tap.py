@@ -17,7 +17,7 @@ class Tap:
         if path is None:
             return
         # Late: a run that records nothing must not wait for h5py at start.
-        from x2radar.recording.hdf5_reader import RecordingWriter  # noqa: PLC0415
+        from x2radar.recording.hdf5_writer import RecordingWriter  # noqa: PLC0415
 
         writer = RecordingWriter(
             path, stream, started_utc=utc_now(), device={"name": stream.device}, settings={}

@@ -212,7 +212,7 @@ class ReplaySource:
         # Late: live sources must not wait for h5py at start.
         from x2radar.recording.registry import open_recording  # noqa: PLC0415
 
-        self._reader = open_recording(port.target)
+        self._reader = open_recording(port.target, kind=port.options.get("from"))
         self.stream: StreamInfo = replace(self._reader.stream, run_id=self._reader.run_id)
         self._closed = False
         self.warning = self._reader.warning

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from x2radar.frame import Samples
+from x2radar.recording.about import root_attributes
 from x2radar.recording.blocks import BlockReader
-from x2radar.recording.hdf5_writer import root_attributes
 
 
 def real_columns(samples: Samples) -> dict[str, NDArray[np.float32]]:

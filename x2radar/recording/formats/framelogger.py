@@ -28,28 +28,22 @@ from numpy.typing import NDArray
 from x2radar.errors import SettingsError
 from x2radar.frame import Samples
 from x2radar.modules.x2 import PULSE_GENERATORS, SPEED_OF_LIGHT_MPS
-from x2radar.recording.blocks import (
-    MOST_BINS,
-    NO_OVERRIDES,
-    BlockReader,
-    Overrides,
-    as_samples,
-    refuse,
-)
-from x2radar.recording.formats.axis import stream_from
+from x2radar.recording.about import MAX_BINS, NO_OVERRIDES, Overrides, read_about
+from x2radar.recording.blocks import BlockReader
+from x2radar.recording.faults import refuse
 from x2radar.recording.stamps import count_by_stamps
 
-MAGIC = 0xFEFE00A2
-ASSUMED_SAMPLE_RATE_HZ = 39e9
+_MAGIC = 0xFEFE00A2
+_ASSUMED_SAMPLE_RATE_HZ = 39e9
 """A user's figure of an X2's sampler (docs/research/hardware.md)."""
 
 _HEAD = struct.Struct("<I6ifi2f4i")
 _X2 = 2
 _DAC_LEVELS = 8192
-_FINEST_PULSES = 1 << 16
-"""Pulses of a sweep that is unknown. Chosen: finer than float32 resolves, and 32 bits hold it."""
+_MAX_PULSES = 1 << 16
+"""Pulses of a sweep that is unknown: finer than float32 resolves, and 32 bits hold it."""
 
-_U32_TOP = (1 << 32) - 1
+_MAX_U32 = (1 << 32) - 1
 _SWEEP = ("iterations", "pulses_per_step", "dac_min", "dac_max", "dac_step")
 
 
@@ -80,15 +74,11 @@ class FrameLoggerReader(BlockReader):
     """Read a FrameLogger file of an X2; its settings are named as in `RadarSettings`."""
 
     def __init__(self, path: Path, overrides: Overrides = NO_OVERRIDES) -> None:
-        self.path = path
-        self._overrides = overrides
-        try:
-            with path.open("rb") as file:
-                head = file.read(_HEAD.size)
-            size = path.stat().st_size
-        except OSError as err:
-            raise refuse(path, f"cannot be read: {err.strerror}") from err
-        if len(head) < _HEAD.size or head[:4] != MAGIC.to_bytes(4, "little"):
+        super().__init__(path, overrides)
+        with path.open("rb") as file:
+            head = file.read(_HEAD.size)
+        size = path.stat().st_size
+        if len(head) < _HEAD.size or head[:4] != _MAGIC.to_bytes(4, "little"):
             raise refuse(path, "not a FrameLogger file")
         numbers = _HEAD.unpack(head)
         self._sweep = _Sweep(*numbers[1:6])
@@ -96,37 +86,33 @@ class FrameLoggerReader(BlockReader):
         n_range, self.n_frames, _, fps = numbers[11:]
         if radar != _X2:
             raise refuse(path, f"radar type {radar}: only X2 files (type 2) are read")
-        if not (0 < n_range <= MOST_BINS and self.n_frames > 0 and self._sweep.is_sound):
+        if not (0 < n_range <= MAX_BINS and self.n_frames > 0 and self._sweep.is_sound):
             raise refuse(path, f"{self.n_frames} frames of {n_range} samples: damaged")
         at = _HEAD.size + 8 * self.n_frames
         if size < at + 4 * n_range * self.n_frames:
             raise refuse(path, "cut off")
         stamps = np.fromfile(path, "<f8", self.n_frames, offset=_HEAD.size)
-        self._rows = np.memmap(path, "<u4", "r", offset=at, shape=(self.n_frames, n_range))
+        self._raw = np.memmap(path, "<u4", "r", offset=at, shape=(self.n_frames, n_range))
         warnings: list[str] = []
         self._counter, rate_hz = _rate(stamps, float(fps), warnings)
-        self._settings = {
+        settings = {
             **dict(zip(_SWEEP, self._sweep, strict=True)),
             "pulse_generator": pg_select,
             "sample_delay_s": delay_s,
         }
         said = self._axis(pg_select, offset_m, warnings)
-        said["frame_rate_hz"] = rate_hz
+        said |= {"frame_rate_hz": rate_hz, "settings": settings}
         device = "FrameLogger recording of an X2"
-        self.stream = stream_from(path, ("rf", n_range), said, overrides, device)
+        self._keep(read_about(path, ("rf", n_range), said, overrides, device))
         self.warning = f"{path}: {'; '.join(warnings)}" if warnings else None
 
     def close(self) -> None:
         """Let go of the file."""
-        del self._rows
-
-    def read_counters(self, first: int, last: int) -> NDArray[Any]:
-        """See `BlockReader`."""
-        return self._counter[first:last]
+        del self._raw
 
     def read_samples(self, first: int, last: int) -> Samples:
-        """See `BlockReader`."""
-        return as_samples(self._sweep.unit(self._rows[first:last]), "rf")
+        """Return these frames in the module's unit, shape (last - first, n_range), read-only."""
+        return self._falling(self._sweep.unit(self._raw[first:last]))
 
     def _axis(self, pg_select: int, offset_m: float, warnings: list[str]) -> dict[str, Any]:
         known = self._overrides
@@ -134,7 +120,7 @@ class FrameLoggerReader(BlockReader):
         if known.sample_rate_hz is not None:
             sample_rate_hz = known.sample_rate_hz
         elif not 1e9 <= sample_rate_hz <= 1e11:
-            sample_rate_hz = ASSUMED_SAMPLE_RATE_HZ
+            sample_rate_hz = _ASSUMED_SAMPLE_RATE_HZ
             if known.bin_length_m is None:
                 warnings.append(
                     f"{self._rate_said_hz:.3g} samples per second is garbage; "
@@ -183,7 +169,7 @@ def write(path: Path, source: BlockReader) -> list[str]:
     notes = ["counters are made of the times when it is read, from 1"]
     sweep = _sweep_of(source.settings)
     if sweep is None:
-        sweep = _Sweep(_FINEST_PULSES >> 4, 16, 0, _DAC_LEVELS - 1, 1)
+        sweep = _Sweep(_MAX_PULSES >> 4, 16, 0, _DAC_LEVELS - 1, 1)
         notes.append("the sweep is unknown: a fine one is written")
     pg_select, pulse = min(
         enumerate(PULSE_GENERATORS), key=lambda row: abs(row[1].carrier_hz - axis.carrier_hz)
@@ -199,7 +185,7 @@ def write(path: Path, source: BlockReader) -> list[str]:
     with path.open("wb") as file:
         file.write(
             _HEAD.pack(
-                *(MAGIC, *sweep, _X2, sample_rate_hz, pg_select, axis.range_offset_m),
+                *(_MAGIC, *sweep, _X2, sample_rate_hz, pg_select, axis.range_offset_m),
                 *(float(delay_s), axis.n_range, n_frames, 1, max(1, round(rate_hz))),
             )
         )
@@ -218,7 +204,7 @@ def write(path: Path, source: BlockReader) -> list[str]:
 def _write_rows(path: Path, file: Any, samples: Samples, sweep: _Sweep) -> float:
     """Append frames as counters; return the largest change of a sample."""
     counter = sweep.counter(samples)
-    if not (counter.min(initial=0) >= 0 and counter.max(initial=0) <= _U32_TOP):
+    if not (counter.min(initial=0) >= 0 and counter.max(initial=0) <= _MAX_U32):
         msg = f"{path}: samples outside 0 to 100, the X2's unit, cannot be raw counters"
         raise SettingsError(msg)
     raw = counter.astype("<u4")

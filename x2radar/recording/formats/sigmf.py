@@ -11,31 +11,24 @@ rate are kept bit by bit; times are counted with the rate.
 
 import hashlib
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from x2radar.frame import Samples
-from x2radar.recording.blocks import (
-    MOST_BINS,
-    NO_OVERRIDES,
-    BlockReader,
-    Label,
-    Overrides,
-    as_samples,
-    refuse,
-    unwrap,
-)
-from x2radar.recording.formats.axis import stream_from
+from x2radar.frame import Kind
+from x2radar.recording.about import MAX_BINS, NO_OVERRIDES, Overrides, read_about
+from x2radar.recording.blocks import BlockReader, Label, unwrap
+from x2radar.recording.faults import refuse
 
 META = ".sigmf-meta"
 DATA = ".sigmf-data"
 _VERSION = "1.0.0"
-_KINDS = {"cf32_le": ("baseband", "<c8"), "rf32_le": ("rf", "<f4")}
-_LONGEST_META = 1 << 26
-"""Bytes. Chosen: a capture segment a gap, for days; as JSON in memory some hundred MB."""
+_KINDS: dict[str, tuple[Kind, str]] = {"cf32_le": ("baseband", "<c8"), "rf32_le": ("rf", "<f4")}
+_MAX_META_BYTES = 1 << 26
+"""A capture segment a gap, for days; as JSON in memory some hundred MB."""
 _KEPT = ("bin_length_m", "range_offset_m", "bandwidth_hz", "sample_rate_hz")
 
 
@@ -49,58 +42,81 @@ class SigmfReader(BlockReader):
     """Read a SigMF pair whose channels are range bins, by the name of either file."""
 
     def __init__(self, path: Path, overrides: Overrides = NO_OVERRIDES) -> None:
-        self.path = path
-        self._overrides = overrides
+        super().__init__(path, overrides)
         meta, data = pair_of(path)
-        try:
-            with meta.open("rb") as file:
-                text = file.read(_LONGEST_META + 1)
-            if len(text) > _LONGEST_META:
-                raise refuse(meta, "too long for a SigMF meta file")
-            root = json.loads(text)
-            head, segments = dict(root["global"]), [dict(s) for s in root.get("captures", [])]
-            self._annotations = [dict(a) for a in root.get("annotations", [])]
-            size = data.stat().st_size
-        except OSError as err:
-            raise refuse(err.filename, f"cannot be read: {err.strerror}") from err
-        except (ValueError, KeyError, TypeError) as err:
-            raise refuse(meta, f"not a SigMF meta file ({err!r})") from err
-        kind, dtype = _KINDS.get(str(head.get("core:datatype")), ("", ""))
-        n_range = head.get("core:num_channels", 1)
-        if not kind or type(n_range) is not int or not 0 < n_range <= MOST_BINS:
-            why = f"{head.get('core:datatype')} x {n_range} channels; "
+        head, segments, self._annotations = _read_meta(meta)
+        datatype, n_range = str(head.get("core:datatype")), head.get("core:num_channels", 1)
+        if datatype not in _KINDS or type(n_range) is not int or not 0 < n_range <= MAX_BINS:
+            why = f"{datatype} x {n_range} channels; "
             raise refuse(meta, why + "read are cf32_le and rf32_le with a channel a range bin")
-        row_bytes = np.dtype(dtype).itemsize * n_range
-        self.n_frames, rest = divmod(size, row_bytes)
+        kind, dtype = _KINDS[datatype]
+        self._map(data, np.dtype((dtype, (n_range,))), head, segments)
+        first = segments[0] if segments else {}
+        said = {name: head.get(f"x2radar:{name}") for name in (*_KEPT, "phase_sign")}
+        said |= {name: head.get(f"x2radar:{name}") for name in ("device", "settings")}
+        said["frame_rate_hz"] = head.get("core:sample_rate")
+        said["carrier_hz"] = first.get("core:frequency")
+        said["started_utc"] = first.get("core:datetime")
+        if said["device"] is None and "core:hw" in head:
+            said["device"] = {"name": head["core:hw"]}
+        self._keep(read_about(meta, (kind, n_range), said, overrides, meta.name))
+        self._begin = np.array([_count(meta, s, "core:sample_start") for s in segments] or [0])
+        numbers = [
+            _count(meta, segment, "x2radar:counter", int(first) + 1)
+            for segment, first in zip(segments, self._begin, strict=False)
+        ]
+        self._number = np.array(numbers or [1])
+        is_ordered = self._begin[0] == 0 and (np.diff(self._begin) > 0).all()
+        if not is_ordered or self._begin[-1] >= self.n_frames:
+            raise refuse(meta, "its capture segments are not in order, or behind the data")
+
+    def _map(
+        self,
+        data: Path,
+        row: np.dtype[Any],
+        head: Mapping[str, Any],
+        segments: list[dict[str, Any]],
+    ) -> None:
+        """Map the frames of the data file; bytes in front of and behind them are left out."""
+        meta, _ = pair_of(data)
+        if any(_count(meta, segment, "core:header_bytes", 0) for segment in segments[1:]):
+            raise refuse(meta, "core:header_bytes between frames, which are not read")
+        before = _count(meta, segments[0], "core:header_bytes", 0) if segments else 0
+        behind = _count(meta, head, "core:trailing_bytes", 0)
+        try:
+            with data.open("rb") as file:
+                size = data.stat().st_size - before - behind
+                wanted = head.get("core:sha512")
+                if (
+                    wanted is not None
+                    and hashlib.file_digest(file, "sha512").hexdigest() != str(wanted).lower()
+                ):
+                    raise refuse(data, "its bytes are not those that core:sha512 is of: damaged")
+        except OSError as err:
+            raise refuse(data, f"cannot be read: {err.strerror}") from err
+        self.n_frames, rest = divmod(max(size, 0), row.itemsize)
         if self.n_frames == 0:
             raise refuse(data, "no frames in it")
         if rest:
             self.warning = f"{data}: the last frame is cut off"
-        self._rows = np.memmap(data, dtype, "r", shape=(self.n_frames, n_range))
-        said = {name: head.get(f"x2radar:{name}") for name in _KEPT}
-        said["frame_rate_hz"] = head.get("core:sample_rate")
-        said["carrier_hz"] = segments[0].get("core:frequency") if segments else None
-        known = {
-            k: v for k in ("device", "settings") if isinstance(v := head.get(f"x2radar:{k}"), dict)
-        }
-        self._settings = known.get("settings", {})
-        self._device = known.get("device", {"name": head["core:hw"]} if "core:hw" in head else {})
-        name = str(self._device.get("name", meta.name))
-        self.stream = stream_from(meta, (kind, n_range), said, overrides, name)
-        self._conjugate = kind == "baseband" and head.get("x2radar:phase_sign", -1) == 1
-        self.started_utc = str(segments[0].get("core:datetime", "")) if segments else ""
-        self._begin, self._number = _segments(meta, segments, self.n_frames)
+        self._rows = np.memmap(data, row.base, "r", before, (self.n_frames, *row.shape))
 
     def read_labels(self) -> list[Label]:
         """Return the annotations that have a label; in whole frames unless we wrote them."""
         out = []
+        meta, _ = pair_of(self.path)
         rate_hz = self.stream.frame_rate_hz
         for note in self._annotations:
-            first = note.get("core:sample_start", 0)
-            last = first + note.get("core:sample_count", self.n_frames - first)
-            t0_s, t1_s = note.get("x2radar:t_s", (first / rate_hz, last / rate_hz))
-            if "core:label" in note:
-                out.append((t0_s, t1_s, note["core:label"]))
+            if "core:label" not in note:
+                continue
+            first = _count(meta, note, "core:sample_start", 0)
+            last = first + _count(meta, note, "core:sample_count", max(self.n_frames - first, 0))
+            times_s = note.get("x2radar:t_s", (first / rate_hz, last / rate_hz))
+            try:
+                t0_s, t1_s = map(float, times_s)
+            except (TypeError, ValueError) as err:
+                raise refuse(meta, f"'x2radar:t_s' is {times_s!r}, not two times") from err
+            out.append((t0_s, t1_s, str(note["core:label"])))
         return out
 
     def close(self) -> None:
@@ -108,34 +124,35 @@ class SigmfReader(BlockReader):
         del self._rows
 
     def read_counters(self, first: int, last: int) -> NDArray[Any]:
-        """See `BlockReader`."""
+        """Return the counters of these frames; they go on from the first of their segment."""
         k = np.arange(first, last)
         segment = np.searchsorted(self._begin, k, side="right") - 1
-        return self._number[segment] + k - self._begin[segment]
-
-    def read_samples(self, first: int, last: int) -> Samples:
-        """See `BlockReader`."""
-        rows = self._rows[first:last]
-        return as_samples(rows.conj() if self._conjugate else rows, self.stream.axis.kind)
+        counter: NDArray[np.int64] = self._number[segment] + k - self._begin[segment]
+        return counter
 
 
-def _segments(
-    meta: Path, segments: list[dict[str, Any]], n_frames: int
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return first frame and first counter of every segment."""
-    if not segments:
-        return np.zeros(1, np.int64), np.ones(1, np.int64)
+def _read_meta(meta: Path) -> tuple[dict[str, Any], list[dict[str, Any]], list[dict[str, Any]]]:
+    """Return the global object, capture segments and annotations."""
     try:
-        begin = np.array([int(s["core:sample_start"]) for s in segments], np.int64)
-        number = np.array(
-            [int(s.get("x2radar:counter", b + 1)) for s, b in zip(segments, begin, strict=True)],
-            np.int64,
-        )
-    except (KeyError, TypeError, ValueError, OverflowError) as err:
-        raise refuse(meta, f"a capture segment makes no sense ({err!r})") from err
-    if begin[0] != 0 or (np.diff(begin) <= 0).any() or begin[-1] >= n_frames:
-        raise refuse(meta, "its capture segments are not in order, or behind the data")
-    return begin, number
+        with meta.open("rb") as file:
+            text = file.read(_MAX_META_BYTES + 1)
+        if len(text) > _MAX_META_BYTES:
+            raise refuse(meta, "too long for a SigMF meta file")
+        root = json.loads(text)
+        captures, annotations = root.get("captures", []), root.get("annotations", [])
+        return dict(root["global"]), [dict(s) for s in captures], [dict(a) for a in annotations]
+    except OSError as err:
+        raise refuse(meta, f"cannot be read: {err.strerror}") from err
+    except (ValueError, KeyError, TypeError, AttributeError) as err:
+        raise refuse(meta, f"not a SigMF meta file ({err!r})") from err
+
+
+def _count(meta: Path, said: Mapping[str, Any], name: str, default: int | None = None) -> int:
+    """Return a whole number of samples or bytes."""
+    value = said.get(name, default)
+    if type(value) is not int or not 0 <= value < 1 << 62:
+        raise refuse(meta, f"'{name}' is {value!r}, not a whole number from 0 on")
+    return value
 
 
 def write(path: Path, source: BlockReader) -> list[str]:

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from x2radar.device.assemble import FrameAssembler
 from x2radar.errors import MessageError, SettingsError
@@ -20,14 +19,10 @@ from x2radar.frame import Frame, Samples, StreamInfo
 from x2radar.modules.base import ModuleSettings
 from x2radar.modules.modules import settings_from_mapping
 from x2radar.modules.x2 import RadarSettings
-from x2radar.recording.blocks import (
-    NO_OVERRIDES,
-    BlockReader,
-    Overrides,
-    as_samples,
-    refuse,
-)
+from x2radar.recording.about import NO_OVERRIDES, About, Overrides
+from x2radar.recording.blocks import BlockReader, as_samples
 from x2radar.recording.capture import FROM_MODULE, OPENED, TO_MODULE, Capture, Chunk
+from x2radar.recording.faults import refuse
 from x2radar.wire.codec import decode_command
 from x2radar.wire.framing import Packet, PacketDecoder
 from x2radar.wire.messages import Message, SetMode
@@ -40,14 +35,11 @@ class WireReader(BlockReader):
     """Read the frames of a capture."""
 
     def __init__(self, path: Path, overrides: Overrides = NO_OVERRIDES) -> None:
-        self.path = path
-        self._overrides = overrides
+        super().__init__(path, overrides)
         self._capture = Capture(path)
         about = self._capture.about
         said = about.get("settings")
-        self._settings = said if isinstance(said, dict) else {}
         self._module = _module_settings(said)
-        self.started_utc = str(about.get("started_utc", ""))
         self._n_damaged = 0
         self._is_started = self._has_start()
         counters: list[int] = []
@@ -62,8 +54,15 @@ class WireReader(BlockReader):
         self._counter = np.array(counters, np.uint32)
         self.n_frames = len(counters)
         name = str(about.get("port") or path.name)
-        rate_hz = self._module.frame_rate_hz
-        self.stream = overrides.apply(StreamInfo(first.axis, rate_hz, name))
+        stream = overrides.apply(StreamInfo(first.axis, self._module.frame_rate_hz, name))
+        self._keep(
+            About(
+                stream=stream,
+                started_utc=str(about.get("started_utc", "")),
+                device={"name": stream.device},
+                settings=said if isinstance(said, dict) else {},
+            )
+        )
         warnings = [self._capture.warning] if self._capture.warning else []
         if self._n_damaged:
             warnings.append(f"{path}: {self._n_damaged} damaged stretches")
@@ -71,12 +70,8 @@ class WireReader(BlockReader):
         self._at = -1
         self._rest: Iterator[Frame] = iter(())
 
-    def read_counters(self, first: int, last: int) -> NDArray[Any]:
-        """See `BlockReader`."""
-        return self._counter[first:last]
-
     def read_samples(self, first: int, last: int) -> Samples:
-        """See `BlockReader`; block after block is one pass."""
+        """Return these frames; block after block is one pass."""
         if self._at < 0 or first < self._at:
             self._rest, self._at = self._decoded(), 0
         wanted = list(islice(self._rest, first - self._at, last - self._at))

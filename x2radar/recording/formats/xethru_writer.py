@@ -1,9 +1,9 @@
 """Write a XeThru recording: a folder with one baseband_iq file and its meta file.
 
-Layouts as in `x2radar.recording.xethru`. Samples and counters are kept bit by bit. The records
-hold the axis as float32 and the meta file times in whole milliseconds; so that nothing is lost,
-the exact numbers stand in the meta file's user header as JSON, which readers of Novelda's pass
-over.
+Layouts as in `x2radar.recording.formats.xethru`. Samples and counters are kept bit by bit. The
+records hold the axis as float32 and the meta file times in whole milliseconds; so that nothing is
+lost, the exact numbers stand in the meta file's user header as JSON, which readers of Novelda's
+pass over.
 """
 
 import json
@@ -17,7 +17,14 @@ import numpy as np
 from x2radar.errors import SettingsError
 from x2radar.frame import FastTimeAxis
 from x2radar.recording.blocks import Block, BlockReader
-from x2radar.recording.xethru import DATA_BITS, ENTRY, META, META_HEAD, META_MAGIC
+from x2radar.recording.formats.xethru import (
+    DATA_BITS,
+    ENTRY,
+    META,
+    META_HEAD,
+    META_MAGIC,
+    record_dtype,
+)
 
 _META_VERSION = 13
 _SESSION = b"x2radar\0"
@@ -37,7 +44,7 @@ def write(path: Path, source: BlockReader) -> list[str]:
         raise SettingsError(msg)
     started = _started(source.started_utc)
     name = f"xethru_baseband_iq_{started:%Y%m%d_%H%M%S}.dat"
-    dtype = _dtype(axis.n_range)
+    dtype = record_dtype("baseband_iq", axis.n_range)
     path.mkdir()
     total, last_ms = 0, 0
     with (path / name).open("wb") as data, (path / META).open("wb") as meta:
@@ -64,19 +71,13 @@ def write(path: Path, source: BlockReader) -> list[str]:
     return ["times (t_s) are counted with the frame rate when it is read"]
 
 
-def _dtype(n_range: int) -> np.dtype[np.void]:
-    head = [("counter", "<u4"), ("n", "<u4")]
-    axis = [(name, "<f4") for name in ("bin", "rate", "carrier", "offset")]
-    return np.dtype([*head, *axis, ("i", "<f4", (n_range,)), ("q", "<f4", (n_range,))])
-
-
 def _records(block: Block, axis: FastTimeAxis, dtype: np.dtype[np.void]) -> Any:
     records = np.empty(len(block.counter), dtype)
     records["counter"] = block.counter
     records["n"] = axis.n_range
     records["bin"], records["offset"] = axis.bin_length_m, axis.range_offset_m
     records["rate"], records["carrier"] = axis.sample_rate_hz, axis.carrier_hz
-    records["i"], records["q"] = block.samples.real, block.samples.imag
+    records["a"], records["b"] = block.samples.real, block.samples.imag
     return records.view(np.uint8)
 
 

@@ -99,7 +99,7 @@ def _decisions(path: Path) -> list[dict[str, Any]]:
         sets = {key: file.data_set(f"decisions/{key}") for key in _KEYS}
         if any(each is None or each.ndim != 1 for each in sets.values()):
             return []
-        columns = {key: file.read(each, 0, _MOST_DECISIONS) for key, each in sets.items()}
+        columns = {key: file.read(each, slice(_MOST_DECISIONS)) for key, each in sets.items()}
     except (RecordingError, OSError):
         return []
     finally:

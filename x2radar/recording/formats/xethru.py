@@ -25,17 +25,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from x2radar.frame import FastTimeAxis, Kind, Samples, StreamInfo
-from x2radar.recording.blocks import (
-    MOST_BINS,
-    NO_OVERRIDES,
-    BlockReader,
-    Label,
-    Overrides,
-    as_samples,
-    refuse,
-    rows_per_block,
-)
+from x2radar.frame import Samples
+from x2radar.recording.about import MAX_BINS, NO_OVERRIDES, Overrides, read_about
+from x2radar.recording.blocks import BlockReader, Label, rows_per_block
+from x2radar.recording.faults import refuse
 from x2radar.recording.stamps import utc_text
 
 META = "xethru_recording_meta.dat"
@@ -58,8 +51,8 @@ X4_CARRIER_HZ = 7.29e9
 X4_BANDWIDTH_HZ = 1.4e9
 """An X4's decimated bin, with c as the module reckons, and pulse (`x2radar.modules.x4`)."""
 
-_LONGEST_META = 1 << 28
-"""Above this a file is damaged. Chosen: days of frames."""
+_MAX_META_BYTES = 1 << 28
+"""Above this a file is damaged: days of frames."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,57 +65,50 @@ class _Meta:
 class XethruReader(BlockReader):
     """Read a recording folder, or one ``.dat`` file in it.
 
-    The frame rate is that of `overrides`, else `frame_rate_hz`, else what the times of the meta
-    file give; `started_utc` is empty without that file.
+    The frame rate is that of `overrides`, else what our header says, else what the times of the
+    meta file give; `started_utc` is empty without that file.
     """
 
-    def __init__(
-        self,
-        path: Path | str,
-        frame_rate_hz: float | None = None,
-        overrides: Overrides = NO_OVERRIDES,
-    ) -> None:
-        self.path = Path(path)
-        self._overrides = overrides
-        kind, files = _data_files(self.path)
-        self._warnings: list[str] = []
-        self._kind = kind
-        self._parts = [self._map(file) for file in files]
+    def __init__(self, path: Path, overrides: Overrides = NO_OVERRIDES) -> None:
+        super().__init__(path, overrides)
+        self._kind, files = _data_files(path)
+        warnings: list[str] = []
+        self._parts = [_map(file, self._kind, warnings) for file in files]
         self.n_frames = sum(len(part) for part in self._parts)
         if self.n_frames == 0:
             raise refuse(path, "no whole record in it")
         meta_file = files[0].parent / META
         meta = _read_meta(meta_file) if meta_file.is_file() else None
-        self.started_utc = meta.started_utc if meta else ""
-        self._ours = meta.ours if meta else {}
-        self._device, self._settings = (
-            _mapping(self._ours, "device"),
-            _mapping(self._ours, "settings"),
+        ours = meta.ours if meta else {}
+        self._labels: list[Label] = list(ours.get("labels", []))
+        said = {**ours, **self._axis(ours, warnings)}
+        said["started_utc"] = meta.started_utc if meta else ""
+        said["frame_rate_hz"] = (
+            overrides.frame_rate_hz or ours.get("frame_rate_hz") or self._measured_rate(meta)
         )
-        axis = self._axis()
-        rate_hz = overrides.frame_rate_hz or frame_rate_hz or self._rate(meta)
-        device = str(self.device.get("name", f"XeThru {kind} recording"))
-        self.stream = overrides.apply(StreamInfo(axis, rate_hz, device))
-        self.warning = "; ".join(self._warnings) or None
+        n_range = next(part for part in self._parts if len(part))["a"].shape[1]
+        device = f"XeThru {self._kind} recording"
+        self._keep(read_about(path, ("baseband", n_range), said, overrides, device))
+        self.warning = "; ".join(warnings) or None
         self._first = np.cumsum([0, *(len(part) for part in self._parts)]).tolist()
 
     def read_labels(self) -> list[Label]:
         """Return what the user header says, if it is ours."""
-        return list(self._ours.get("labels", []))
+        return self._labels
 
     def ranges(self) -> Iterator[tuple[int, int]]:
-        """See `BlockReader`; a block lies in one file."""
+        """Yield the borders of the blocks; a block lies in one file."""
         n_block = rows_per_block(self.stream.axis)
         for offset, part in zip(self._first, self._parts, strict=False):
             for first in range(0, len(part), n_block):
                 yield offset + first, offset + min(first + n_block, len(part))
 
     def read_counters(self, first: int, last: int) -> NDArray[Any]:
-        """See `BlockReader`."""
+        """Return the counters of these frames."""
         return np.asarray(self._records(first, last)["counter"])
 
     def read_samples(self, first: int, last: int) -> Samples:
-        """See `BlockReader`."""
+        """Return these frames, shape (last - first, n_range), read-only."""
         records = self._records(first, last)
         one, two = records["a"], records["b"]
         samples = np.empty(one.shape, np.complex64)
@@ -130,84 +116,43 @@ class XethruReader(BlockReader):
             samples.real, samples.imag = one * np.cos(two), one * np.sin(two)
         else:
             samples.real, samples.imag = one, two
-        return as_samples(samples, "baseband")
+        return self._falling(samples)
 
     def _records(self, first: int, last: int) -> NDArray[np.void]:
         k = int(np.searchsorted(self._first, first, side="right")) - 1
         return np.asarray(self._parts[k][first - self._first[k] : last - self._first[k]])
 
-    def _map(self, file: Path) -> NDArray[np.void]:
-        """Return the file's records as a memory-mapped structured array."""
-        size = file.stat().st_size
-        head = 12 if self._kind == "datafloat" else 24
-        if size < head:
-            return np.empty(0, [("counter", "<u4")])
-        with file.open("rb") as stream:
-            words = struct.unpack("<III", stream.read(12))
-        n = words[2] // 2 if self._kind == "datafloat" else words[1]
-        odd = self._kind == "datafloat" and (words[0] != 0 or words[2] % 2)
-        if odd or not 0 < n <= MOST_BINS:
-            raise refuse(file, f"no {self._kind} records in it")
-        pair = [("a", "<f4", (n,)), ("b", "<f4", (n,))]
+    def _axis(self, ours: Mapping[str, Any], warnings: list[str]) -> dict[str, Any]:
+        """Return what the records say about range, as exactly as our header repeats it."""
         if self._kind == "datafloat":
-            fields = [("content", "<u4"), ("counter", "<u4"), ("n", "<u4"), *pair]
-        else:
-            axis = [(name, "<f4") for name in ("bin", "rate", "carrier", "offset")]
-            fields = [("counter", "<u4"), ("n", "<u4"), *axis, *pair]
-        dtype = np.dtype(fields)
-        n_records, rest = divmod(size, dtype.itemsize)
-        if rest:
-            self._warnings.append(f"{file.name}: the last record is cut off")
-        if n_records == 0:
-            return np.empty(0, dtype)
-        records = np.memmap(file, dtype, "r", shape=(n_records,))
-        if not (records["n"] == words[2 if self._kind == "datafloat" else 1]).all():
-            raise refuse(file, "records of different length, or damaged")
-        return records
-
-    def _axis(self) -> FastTimeAxis:
-        first = next(part[0] for part in self._parts if len(part))
-        n = int(first["a"].size)
-        kind: Kind = "baseband"
-        if self._kind == "datafloat":
-            self._warnings.append(
+            warnings.append(
                 f"datafloat records carry no axis: {X4_CARRIER_HZ / 1e9:g} GHz, bins of "
                 f"{X4_BIN_LENGTH_M * 1e3:.1f} mm and range offset 0 (X4) are assumed"
             )
-            return FastTimeAxis(
-                kind=kind,
-                n_range=n,
-                bin_length_m=X4_BIN_LENGTH_M,
-                range_offset_m=0.0,
-                carrier_hz=X4_CARRIER_HZ,
-                bandwidth_hz=X4_BANDWIDTH_HZ,
-            )
+            return {
+                "bin_length_m": X4_BIN_LENGTH_M,
+                "range_offset_m": 0.0,
+                "carrier_hz": X4_CARRIER_HZ,
+                "bandwidth_hz": X4_BANDWIDTH_HZ,
+                "sample_rate_hz": 0.0,
+            }
+        first = next(part[0] for part in self._parts if len(part))
         if not (0 < first["bin"] < 10 and 1e8 < first["carrier"] < 1e11):
             raise refuse(
                 self.path, f"bin length {first['bin']:g} m, carrier {first['carrier']:g} Hz"
             )
-        return FastTimeAxis(
-            kind=kind,
-            n_range=n,
-            bin_length_m=self._exact("bin_length_m", first["bin"]),
-            range_offset_m=self._exact("range_offset_m", first["offset"]),
-            carrier_hz=self._exact("carrier_hz", first["carrier"]),
-            sample_rate_hz=self._exact("sample_rate_hz", first["rate"]),
-            bandwidth_hz=self._number("bandwidth_hz"),
-        )
-
-    def _number(self, name: str) -> float:
-        """Return a number of our user header, 0 without it."""
-        value = self._ours.get(name, 0.0)
-        return float(value) if isinstance(value, int | float) else 0.0
-
-    def _exact(self, name: str, stored: np.float32) -> float:
-        """Return the user header's number where it is what the record holds, rounded."""
-        value = self._number(name)
-        return value if np.float32(value) == stored else float(stored)
-
-    def _rate(self, meta: _Meta | None) -> float:
-        return self._number("frame_rate_hz") or self._measured_rate(meta)
+        stored = {
+            "bin_length_m": first["bin"],
+            "range_offset_m": first["offset"],
+            "carrier_hz": first["carrier"],
+            "sample_rate_hz": first["rate"],
+        }
+        # Ours where it is what the record holds, rounded.
+        is_same = {
+            name: isinstance(ours.get(name), int | float) and np.float32(ours[name]) == value
+            for name, value in stored.items()
+        }
+        return {name: ours[name] if is_same[name] else value for name, value in stored.items()}
 
     def _measured_rate(self, meta: _Meta | None) -> float:
         if meta is None:
@@ -224,12 +169,40 @@ class XethruReader(BlockReader):
         return float(1e3 / slope_ms)
 
 
-def _mapping(ours: Mapping[str, Any], name: str) -> Mapping[str, Any]:
-    known = ours.get(name)
-    return known if isinstance(known, dict) else {}
+def _map(file: Path, kind: str, warnings: list[str]) -> NDArray[np.void]:
+    """Return the file's records as a memory-mapped structured array."""
+    size = file.stat().st_size
+    with file.open("rb") as stream:
+        head = stream.read(12)
+    if len(head) < 12:
+        return np.empty(0, [("counter", "<u4")])
+    words = struct.unpack("<III", head)
+    n, is_odd = (words[2] // 2, words[0] or words[2] % 2) if kind == "datafloat" else (words[1], 0)
+    if is_odd or not 0 < n <= MAX_BINS:
+        raise refuse(file, f"no {kind} records in it")
+    dtype = record_dtype(kind, n)
+    n_records, rest = divmod(size, dtype.itemsize)
+    if rest:
+        warnings.append(f"{file.name}: the last record is cut off")
+    if n_records == 0:
+        return np.empty(0, dtype)
+    records = np.memmap(file, dtype, "r", shape=(n_records,))
+    if not (records["n"] == (2 * n if kind == "datafloat" else n)).all():
+        raise refuse(file, "records of different length, or damaged")
+    return records
+
+
+def record_dtype(kind: str, n_range: int) -> np.dtype[np.void]:
+    """Return the layout of a record of n_range bins."""
+    pair = [("a", "<f4", (n_range,)), ("b", "<f4", (n_range,))]
+    if kind == "datafloat":
+        return np.dtype([("content", "<u4"), ("counter", "<u4"), ("n", "<u4"), *pair])
+    axis = [(name, "<f4") for name in ("bin", "rate", "carrier", "offset")]
+    return np.dtype([("counter", "<u4"), ("n", "<u4"), *axis, *pair])
 
 
 def _data_files(path: Path) -> tuple[str, list[Path]]:
+    """Return the kind of data and its files, in order."""
     if not path.exists():
         raise refuse(path, "no such recording")
     if path.is_file():
@@ -247,7 +220,7 @@ def _data_files(path: Path) -> tuple[str, list[Path]]:
 def _read_meta(file: Path) -> _Meta:
     """Read start time, our user header, and the record times of every data type."""
     with file.open("rb") as stream:
-        data = stream.read(_LONGEST_META)
+        data = stream.read(_MAX_META_BYTES)
     try:
         magic, _version, start_ms = struct.unpack_from("<IIQ", data)
         if magic != META_MAGIC:

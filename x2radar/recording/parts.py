@@ -19,14 +19,9 @@ from numpy.typing import NDArray
 from x2radar.closing import Closing
 from x2radar.errors import RecordingError
 from x2radar.frame import Frame, Samples, StreamInfo
-from x2radar.recording.blocks import (
-    NO_OVERRIDES,
-    BlockReader,
-    Label,
-    Overrides,
-    refuse,
-    unreadable,
-)
+from x2radar.recording.about import NO_OVERRIDES, Overrides
+from x2radar.recording.blocks import BlockReader, Label
+from x2radar.recording.faults import refuse, unreadable
 from x2radar.recording.hdf5_reader import RecordingReader
 from x2radar.recording.hdf5_writer import RecordingWriter
 from x2radar.recording.stamps import utc_text
@@ -169,7 +164,6 @@ class PartsReader(BlockReader):
     """Read the parts of a recording as one, by their numbers, else in the order of `paths`."""
 
     def __init__(self, paths: Sequence[Path], overrides: Overrides = NO_OVERRIDES) -> None:
-        self._overrides = overrides
         warnings: list[str] = []
         with contextlib.ExitStack() as opened:
             parts = []
@@ -186,9 +180,10 @@ class PartsReader(BlockReader):
                 self._parts = _in_order(parts)
             opened.pop_all()
         first = self._parts[0]
-        self.path = first.path.parent
+        super().__init__(first.path.parent, overrides)
+        self.paths = [part.path for part in self._parts]
         self.stream, self.started_utc = first.stream, first.started_utc
-        self._device, self._settings = first.device, first.settings
+        self.device, self.settings = first.device, first.settings
         self.n_frames = sum(part.n_frames for part in self._parts)
         warnings += [part.warning for part in self._parts if part.warning]
         numbers = [_number(part) for part in self._parts]
@@ -197,11 +192,6 @@ class PartsReader(BlockReader):
         self.warning = "; ".join(warnings) or None
         self._first = np.cumsum([0, *(part.n_frames for part in self._parts)]).tolist()
         self._start_s = self._starts()
-
-    @property
-    def paths(self) -> list[Path]:
-        """The parts that are read."""
-        return [part.path for part in self._parts]
 
     def read_labels(self) -> list[Label]:
         """Return the labels of all parts, in the time of the whole."""
@@ -230,7 +220,7 @@ class PartsReader(BlockReader):
         return starts
 
     def ranges(self) -> Iterator[tuple[int, int]]:
-        """See `BlockReader`."""
+        """Yield the borders of the blocks; a block lies in one part."""
         for offset, part in zip(self._first, self._parts, strict=False):
             for first, last in part.ranges():
                 yield offset + first, offset + last
@@ -240,17 +230,17 @@ class PartsReader(BlockReader):
         return self._parts[k], self._first[k], self._start_s[k]
 
     def read_counters(self, first: int, last: int) -> NDArray[Any]:
-        """See `BlockReader`."""
+        """Return the counters of these frames, whole numbers."""
         part, offset, _ = self._part(first)
         return part.read_counters(first - offset, last - offset)
 
     def read_times(self, first: int, last: int) -> NDArray[np.float64]:
-        """See `BlockReader`."""
+        """Return the times of these frames in the time of the whole, in seconds."""
         part, offset, start_s = self._part(first)
         return part.read_times(first - offset, last - offset) + start_s
 
     def read_samples(self, first: int, last: int) -> Samples:
-        """See `BlockReader`."""
+        """Return these frames, shape (last - first, n_range), read-only."""
         part, offset, _ = self._part(first)
         return part.read_samples(first - offset, last - offset)
 

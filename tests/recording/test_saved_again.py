@@ -1,0 +1,173 @@
+"""What other programs make of a recording and a user then replays: read, or refused in a line."""
+
+import hashlib
+import json
+
+import h5py
+import numpy as np
+import pytest
+from scipy.io import loadmat, savemat
+
+from radard.stream.source import ReplaySource
+from tests.recording_helpers import COUNTERS, LABELS, RATE_HZ, content, make
+from x2radar.errors import RecordingError, SettingsError
+from x2radar.ports import parse_port
+from x2radar.recording.convert import convert
+from x2radar.recording.info import describe_recording
+from x2radar.recording.registry import open_recording
+
+
+def same(path, source):
+    with open_recording(path) as again, open_recording(source) as first:
+        for one, two in zip(content(again), content(first), strict=True):
+            assert np.array_equal(one, two)
+        assert again.stream == first.stream
+        assert again.stream.frame_rate_hz == RATE_HZ
+        assert (again.device, again.settings) == (first.device, first.settings)
+        assert again.labels == LABELS
+
+
+@pytest.mark.parametrize("kind", ["rf", "baseband"])
+@pytest.mark.parametrize(
+    "how", [{}, {"do_compression": True}, {"oned_as": "row"}, {"squeeze_me": True}]
+)
+def test_a_matlab_file_that_scipy_saves_again(tmp_path, kind, how):
+    """Any program may write its own words into the head: the variables say what it is."""
+    source, _ = make(tmp_path / "in.h5", kind, COUNTERS)
+    convert(source, tmp_path / "out.mat")
+    found = loadmat(tmp_path / "out.mat", squeeze_me="squeeze_me" in how)
+    about = {name: value for name, value in found.items() if not name.startswith("__")}
+    savemat(tmp_path / "again.mat", about, **{k: v for k, v in how.items() if k != "squeeze_me"})
+    same(tmp_path / "again.mat", source)
+    assert describe_recording(tmp_path / "again.mat")["format"] == "mat"
+
+
+@pytest.mark.parametrize("kind", ["rf", "baseband"])
+@pytest.mark.parametrize("save", [np.savez, np.savez_compressed])
+@pytest.mark.parametrize("shape", [(-1, 1), (1, -1), (-1,)])
+def test_a_numpy_archive_in_fortran_order_with_columns_or_rows(tmp_path, kind, save, shape):
+    source, _ = make(tmp_path / "in.h5", kind, COUNTERS)
+    convert(source, tmp_path / "out.npz")
+    with np.load(tmp_path / "out.npz") as archive:
+        found = dict(archive)
+    found["samples"] = np.asfortranarray(found["samples"])
+    found |= {name: found[name].reshape(shape) for name in ("counter", "t_s")}
+    save(tmp_path / "again.npz", **found)
+    same(tmp_path / "again.npz", source)
+
+
+@pytest.mark.parametrize("shape", [(-1, 1), (1, -1)])
+@pytest.mark.parametrize("version", ["1", b"1", "1.0", 1.0, np.array([1], np.uint8)])
+def test_hdf5_with_columns_or_rows_and_its_version_as_text(tmp_path, shape, version):
+    source, _ = make(tmp_path / "in.h5", counters=COUNTERS)
+    again, _ = make(tmp_path / "again.h5", counters=COUNTERS)
+    with h5py.File(again, "r+") as file:
+        for name in ("counter", "t_s"):
+            values = file[f"frames/{name}"][()].reshape(shape)
+            del file[f"frames/{name}"]
+            file[f"frames/{name}"] = values
+        file.attrs["format_version"] = version
+        file.attrs["frame_rate_hz"] = str(RATE_HZ)
+    same(again, source)
+
+
+@pytest.mark.parametrize("version", ["2", "one", 1.5, ""])
+def test_a_version_that_is_not_ours_is_refused(tmp_path, version):
+    path, _ = make(tmp_path / "in.h5")
+    with h5py.File(path, "r+") as file:
+        file.attrs["format_version"] = version
+    with pytest.raises(RecordingError, match="format_version"):
+        open_recording(path)
+
+
+@pytest.mark.parametrize("form", ["npz", "mat", "hdf5"])
+def test_a_replay_takes_a_file_for_what_its_user_says(tmp_path, form):
+    source, samples = make(tmp_path / "in.h5")
+    odd = tmp_path / "odd.framelogger"
+    convert(source, odd, out_kind=form)
+    replay = ReplaySource(parse_port(f"replay:{odd}?from={form}"), None)
+    assert np.array_equal([frame.samples for frame in replay.frames()], samples)
+    with pytest.raises(RecordingError, match="not a FrameLogger file"):
+        ReplaySource(parse_port(f"replay:{odd}?from=framelogger"), None)
+    for wrong in ("cow", "parquet"):
+        with pytest.raises(SettingsError, match=f"'{wrong}' is no format that is read"):
+            ReplaySource(parse_port(f"replay:{odd}?from={wrong}"), None)
+
+
+# ---------------------------------------------------------------- SigMF
+
+
+def sigmf(path, change=None, before=b"", behind=b"", **about):
+    """A pair of ours, changed as other programs write such; returns the recording it is of."""
+    source, _ = make(path / "in.h5", counters=COUNTERS)
+    convert(source, path / "out.sigmf-meta")
+    data = before + (path / "out.sigmf-data").read_bytes() + behind
+    (path / "out.sigmf-data").write_bytes(data)
+    root = json.loads((path / "out.sigmf-meta").read_text())
+    root["global"] |= {"core:sha512": hashlib.sha512(data).hexdigest()} | about
+    if change:
+        change(root)
+    (path / "out.sigmf-meta").write_text(json.dumps(root))
+    return source
+
+
+@pytest.mark.parametrize(("n_before", "n_behind"), [(64, 0), (0, 3), (1000, 512), (7, 4096)])
+def test_bytes_in_front_of_and_behind_the_frames_are_left_out(tmp_path, n_before, n_behind):
+    """They shifted every frame, without a word."""
+    source = sigmf(
+        tmp_path,
+        lambda root: root["captures"][0].update({"core:header_bytes": n_before}),
+        b"h" * n_before,
+        b"t" * n_behind,
+        **{"core:trailing_bytes": n_behind},
+    )
+    same(tmp_path / "out.sigmf-meta", source)
+    assert open_recording(tmp_path / "out.sigmf-meta").warning is None
+
+
+def put(place, name, value):
+    def change(root):
+        at = root["captures"][0] if place == "capture" else root["captures"][-1]
+        at = root["annotations"][0] if place == "annotation" else at
+        (root["global"] if place == "global" else at)[name] = value
+
+    return change
+
+
+NOT_WHOLE = ["a", 1.5, -1, None, True, [1], 10**40]
+
+
+@pytest.mark.parametrize("value", NOT_WHOLE)
+@pytest.mark.parametrize(
+    ("place", "name"),
+    [
+        ("capture", "core:sample_start"),
+        ("capture", "core:header_bytes"),
+        ("capture", "x2radar:counter"),
+        ("global", "core:trailing_bytes"),
+        ("annotation", "core:sample_start"),
+        ("annotation", "core:sample_count"),
+    ],
+)
+def test_what_is_no_whole_number_is_refused_in_words(tmp_path, place, name, value):
+    sigmf(tmp_path, put(place, name, value))
+    with pytest.raises(RecordingError, match=f"'{name}' is") as caught:
+        _ = open_recording(tmp_path / "out.sigmf-meta").labels
+    assert "Error" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (put("global", "core:sha512", "0" * 128), "core:sha512"),
+        (put("global", "core:sha512", 5), "core:sha512"),
+        (put("last capture", "core:header_bytes", 8), "core:header_bytes between frames"),
+        (put("capture", "core:header_bytes", 1 << 40), "no frames"),
+        (put("global", "core:trailing_bytes", 1 << 40), "no frames"),
+        (put("annotation", "x2radar:t_s", "ab"), "not two times"),
+    ],
+)
+def test_a_pair_that_does_not_add_up_is_refused(tmp_path, change, words):
+    sigmf(tmp_path, change)
+    with pytest.raises(RecordingError, match=words):
+        _ = open_recording(tmp_path / "out.sigmf-meta").labels

@@ -1,0 +1,192 @@
+"""What a recording says about itself: the same attributes, read and written, in every format.
+
+They are named as in `FastTimeAxis` and `StreamInfo`, with format, format_version, started_utc,
+device and settings (JSON) beside them; `x2radar.recording.hdf5_reader` lists them.
+"""
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from x2radar.frame import FastTimeAxis, Kind, StreamInfo
+from x2radar.modules.modules import pulse_bandwidth_hz
+from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
+from x2radar.recording.faults import refuse
+
+FORMAT = "x2radar-recording"
+VERSION = 1
+SAMPLE_DTYPES: dict[str, type[np.float32 | np.complex64]] = {
+    "rf": np.float32,
+    "baseband": np.complex64,
+}
+MAX_BINS = 1 << 14
+"""Above these a file is damaged: ten times the bins of any module, 150 m of a P4xx."""
+_MAX_RUN_ID = 64
+"""Letters of a run's id that are read, twice what a run gets."""
+
+_OPTIONS = {
+    "frame_rate_hz": "--frame-rate",
+    "bin_length_m": "--bin-length",
+    "carrier_hz": "--carrier",
+}
+"""What must be above 0, and how a user gives it where the file does not."""
+NUMBERS = (*_OPTIONS, "sample_rate_hz", "range_offset_m", "bandwidth_hz", "phase_sign")
+TEXTS = ("kind", "started_utc", "device", "settings", "run_id")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Overrides:
+    """What the user knows better than the file; None leaves the file's value.
+
+    Names as in `FastTimeAxis` and `StreamInfo`. A sample rate alone also sets the bin length of
+    RF frames, c / (2 fs).
+    """
+
+    frame_rate_hz: float | None = None
+    bin_length_m: float | None = None
+    range_offset_m: float | None = None
+    carrier_hz: float | None = None
+    bandwidth_hz: float | None = None
+    sample_rate_hz: float | None = None
+
+    def apply(self, stream: StreamInfo) -> StreamInfo:
+        """Return `stream` with what is set here.
+
+        A bandwidth that nobody states is that of the module with this sampler and carrier.
+        """
+        changes: dict[str, Any] = {}
+        for name in FastTimeAxis.__dataclass_fields__:
+            value = getattr(self, name, None)
+            if value is not None:
+                changes[name] = value
+        by_rate = self.sample_rate_hz is not None and self.bin_length_m is None
+        if by_rate and self.sample_rate_hz and stream.axis.kind == "rf":
+            changes["bin_length_m"] = SPEED_OF_LIGHT_MPS / (2 * self.sample_rate_hz)
+        axis = replace(stream.axis, **changes)
+        if not axis.bandwidth_hz:
+            band_hz = pulse_bandwidth_hz(axis.sample_rate_hz, axis.carrier_hz)
+            axis = replace(axis, bandwidth_hz=band_hz)
+        return replace(
+            stream,
+            axis=axis,
+            frame_rate_hz=self.frame_rate_hz or stream.frame_rate_hz,
+        )
+
+
+NO_OVERRIDES = Overrides()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class About:
+    """What `read_about` found; `is_rising` where the phase of samples rises with range."""
+
+    stream: StreamInfo
+    started_utc: str = ""
+    device: Mapping[str, Any]
+    settings: Mapping[str, Any]
+    is_rising: bool = False
+
+
+def kind_of(path: object, shape: tuple[int, ...], dtype: np.dtype[Any]) -> tuple[Kind, int]:
+    """Return kind and n_range of samples; raise RecordingError if they are no frames."""
+    if dtype.kind not in "ciuf":
+        raise refuse(path, f"no frames: samples are {dtype}")
+    if len(shape) != 2 or not 0 < shape[1] <= MAX_BINS:
+        raise refuse(path, f"samples have the shape {shape}, not (n, n_range)")
+    if shape[0] == 0:
+        raise refuse(path, "no frames in it")
+    return ("baseband" if dtype.kind == "c" else "rf"), shape[1]
+
+
+def read_about(
+    path: object,
+    frames: tuple[Kind, int],
+    attributes: Mapping[str, Any],
+    overrides: Overrides,
+    device: str,
+) -> About:
+    """Return what `attributes`, then `overrides`, say about frames of (kind, n_range).
+
+    Attributes may be numbers, text, bytes, arrays of one of them, mappings or JSON; None counts
+    as missing. `device` is the module's name where none is given. Raises RecordingError if frame
+    rate, bin length or carrier is in neither; it names the options.
+    """
+    said = {name: plain(value) for name, value in attributes.items()}
+    numbers = {name: _number(path, name, said.get(name)) for name in NUMBERS}
+    kind, n_range = frames
+    rate_hz, sign = max(numbers.pop("frame_rate_hz"), 0.0), numbers.pop("phase_sign")
+    axis = FastTimeAxis(kind=kind, n_range=n_range, **numbers)  # type: ignore[arg-type]
+    about = _mapping(said.get("device"))
+    run_id = str(said.get("run_id") or "")[:_MAX_RUN_ID]
+    name = str(about.get("name", device))
+    stream = overrides.apply(StreamInfo(axis, rate_hz, name, run_id))
+    known = {"frame_rate_hz": stream.frame_rate_hz} | {
+        name: getattr(stream.axis, name) for name in ("bin_length_m", "carrier_hz")
+    }
+    if missing := [name for name in _OPTIONS if not known[name] > 0]:
+        names, options = ", ".join(missing), ", ".join(_OPTIONS[name] for name in missing)
+        raise refuse(path, f"'{names}' is 0 or missing; convert it with {options}")
+    return About(
+        stream=stream,
+        started_utc=str(said.get("started_utc") or ""),
+        device=about or {"name": stream.device},
+        settings=_mapping(said.get("settings")),
+        is_rising=kind == "baseband" and sign > 0,
+    )
+
+
+def root_attributes(
+    stream: StreamInfo, started_utc: str, device: Mapping[str, Any], settings: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return what a recording says about itself, JSON as text."""
+    axis = stream.axis
+    return {
+        "format": FORMAT,
+        "format_version": VERSION,
+        "kind": axis.kind,
+        "frame_rate_hz": stream.frame_rate_hz,
+        "carrier_hz": axis.carrier_hz,
+        "sample_rate_hz": axis.sample_rate_hz,
+        "bin_length_m": axis.bin_length_m,
+        "range_offset_m": axis.range_offset_m,
+        "bandwidth_hz": axis.bandwidth_hz,
+        "phase_sign": axis.phase_sign,
+        "started_utc": started_utc,
+        "device": json.dumps(dict(device), default=str),
+        "settings": json.dumps(dict(settings), default=str),
+        **({"run_id": stream.run_id} if stream.run_id else {}),
+    }
+
+
+def plain(value: Any) -> Any:
+    """Return an array of one value as that value, and bytes as text."""
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.item() if value.size == 1 else value.tolist()
+    return value.decode("utf-8", "replace") if isinstance(value, bytes) else value
+
+
+def _number(path: object, name: str, value: Any) -> float:
+    if value is None:
+        return 0.0
+    try:
+        number = float(value)
+    except (TypeError, ValueError, OverflowError):
+        number = math.nan
+    if not math.isfinite(number):
+        raise refuse(path, f"'{name}' is {value!r}, not a number")
+    return number
+
+
+def _mapping(value: Any) -> Mapping[str, Any]:
+    """Return a mapping, or one in JSON; a text in JSON is the name of a device."""
+    try:
+        value = json.loads(value) if isinstance(value, str) else value
+    except ValueError:
+        return {}
+    if isinstance(value, str):
+        return {"name": value}
+    return value if isinstance(value, dict) else {}

@@ -1,0 +1,38 @@
+"""How a file is refused: one line, of bounded length, whatever is wrong with it."""
+
+import contextlib
+from collections.abc import Iterator
+
+from x2radar.errors import RecordingError, X2RadarError
+
+_MAX_MESSAGE = 1000
+"""Characters of why a file is refused: what a file says may be of any length, a line may not."""
+
+
+def refuse(path: object, why: str) -> RecordingError:
+    """Return the error that says in one line, of bounded length, what is wrong with a file."""
+    rest = " …" if len(why) > _MAX_MESSAGE else ""
+    return RecordingError(f"{path}: {why[:_MAX_MESSAGE]}{rest}")
+
+
+@contextlib.contextmanager
+def unreadable(path: object) -> Iterator[None]:
+    """Turn what a damaged or hostile file makes of a reader into RecordingError, one line.
+
+    This is the one seam where files meet the readers: behind it lie libraries (HDF5, zlib, JSON,
+    numpy, scipy) that answer bad bytes with almost any exception.
+    """
+    try:
+        yield
+    except (X2RadarError, NameError, AssertionError):
+        raise
+    except OSError as err:
+        raise refuse(path, f"cannot be read: {err.strerror or _one_line(err)}") from err
+    except MemoryError as err:
+        raise refuse(path, "asks for more memory than there is") from err
+    except Exception as err:
+        raise refuse(path, f"damaged ({type(err).__name__}: {_one_line(err)})") from err
+
+
+def _one_line(err: BaseException) -> str:
+    return " ".join(str(err).split())[:200]
