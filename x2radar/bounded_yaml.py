@@ -1,29 +1,47 @@
-"""YAML, read with bounds: a few lines of it may stand for more than any memory holds."""
+"""YAML, read with bounds: a few lines of it may stand for more than any memory holds.
+
+A mapping that has a key twice is refused: PyYAML would drop the first of the two without a word.
+"""
 
 from typing import Any
 
 import yaml
 
-_MOST_CHARACTERS = 1 << 18
-"""Of a document. Chosen: fifty times the longest scene or configuration here."""
-_MOST_NODES = 50_000
-"""With aliases written out. Chosen likewise."""
-_MOST_SCALAR = 10_000
-"""Characters of one value. Chosen: a base-60 integer costs the square of its length."""
+MAX_CHARACTERS = 1 << 18  # of a document: fifty times the longest scene or configuration here
+MAX_NODES = 50_000  # with aliases written out, likewise
+MAX_SCALAR = 10_000  # characters of one value: a base-60 integer costs the square of its length
+
+
+class YamlError(ValueError):
+    """A text that is not YAML, or more of it than is read; one line, without what stands there."""
+
+    def __init__(self, problem: str, line: int | None = None) -> None:
+        super().__init__(problem if line is None else f"line {line}: {problem}")
+        self.problem = problem
+        self.line = line
+        """Counted from 1; None if it is of no line alone."""
 
 
 def compose_yaml(text: str) -> yaml.Node | None:
     """Return the node tree of a YAML document; None of an empty one.
 
-    Raises yaml.YAMLError, ValueError or RecursionError if it is not YAML, or longer or deeper,
-    with aliases written out, than any scene or configuration.
+    Raises YamlError if it is not YAML, has a key twice, or is longer or deeper, with aliases
+    written out, than any scene or configuration.
     """
-    if len(text) > _MOST_CHARACTERS:
-        msg = f"{len(text)} characters, at most {_MOST_CHARACTERS} are read"
-        raise ValueError(msg)
-    node: yaml.Node | None = yaml.compose(text, yaml.SafeLoader)
-    if node is not None:
-        _count(node, {}, set())
+    if len(text) > MAX_CHARACTERS:
+        msg = f"{len(text)} characters, at most {MAX_CHARACTERS} are read"
+        raise YamlError(msg)
+    try:
+        node: yaml.Node | None = yaml.compose(text, yaml.SafeLoader)
+        if node is not None:
+            _count(node, {}, set())
+    except yaml.YAMLError as err:
+        mark = getattr(err, "problem_mark", None)
+        problem = " ".join(str(getattr(err, "problem", None) or err).split())
+        raise YamlError(problem, mark.line + 1 if mark else None) from err
+    except RecursionError as err:
+        msg = "nested too deeply"
+        raise YamlError(msg) from err
     return node
 
 
@@ -33,40 +51,65 @@ def load_yaml(text: str) -> Any:
 
 
 def construct(node: yaml.Node | None) -> Any:
-    """Return what a node of `compose_yaml` says; raises as that."""
+    """Return what a node of `compose_yaml` says; raises YamlError for a value of no such kind."""
     if node is None:
         return None
     # The constructor alone, without a text to scan.
     loader = yaml.SafeLoader("")
     try:
         return loader.construct_document(node)
-    except (TypeError, AttributeError, OverflowError, KeyError, IndexError) as err:
-        # What PyYAML makes of tags on values that they do not suit.
-        msg = f"a tag that does not suit its value ({type(err).__name__})"
-        raise ValueError(msg) from err
+    except yaml.MarkedYAMLError as err:
+        mark = err.problem_mark
+        raise YamlError(err.problem or "", mark.line + 1 if mark else None) from err
+    except (TypeError, AttributeError, ValueError, OverflowError, LookupError) as err:
+        # What PyYAML makes of dates that do not exist, and of tags on values they do not suit.
+        msg = f"a value that does not suit its tag or kind ({type(err).__name__})"
+        raise YamlError(msg) from err
+    except RecursionError as err:
+        msg = "nested too deeply"
+        raise YamlError(msg) from err
     finally:
         loader.dispose()
 
 
 def _count(node: yaml.Node, known: dict[int, int], above: set[int]) -> int:
-    """Return the nodes of a tree with aliases written out."""
+    """Return the nodes of a tree with aliases written out; look for keys that stand twice."""
     if id(node) in known:
         return known[id(node)]
+    line = node.start_mark.line + 1
     if id(node) in above:
         msg = "an alias to what it stands in"
-        raise ValueError(msg)
-    if isinstance(node, yaml.ScalarNode) and len(node.value) > _MOST_SCALAR:
+        raise YamlError(msg, line)
+    if isinstance(node, yaml.ScalarNode) and len(node.value) > MAX_SCALAR:
         msg = f"a value of {len(node.value)} characters"
-        raise ValueError(msg)
+        raise YamlError(msg, line)
     above.add(id(node))
     n = 1
     if isinstance(node, yaml.SequenceNode):
         n += sum(_count(item, known, above) for item in node.value)
     elif isinstance(node, yaml.MappingNode):
         n += sum(_count(item, known, above) for pair in node.value for item in pair)
+        _check_keys(node)
     above.discard(id(node))
-    if n > _MOST_NODES:
-        msg = f"more than {_MOST_NODES} values, with aliases written out"
-        raise ValueError(msg)
+    if n > MAX_NODES:
+        msg = f"more than {MAX_NODES} values, with aliases written out"
+        raise YamlError(msg)
     known[id(node)] = n
     return n
+
+
+def _check_keys(node: yaml.MappingNode) -> None:
+    """Raise YamlError, naming both lines, if a mapping has a key twice.
+
+    Keys are compared as they are written, since a reader may take `on` and `007` for text.
+    """
+    lines: dict[str, int] = {}
+    for key, _ in node.value:
+        if not isinstance(key, yaml.ScalarNode):
+            continue
+        line = key.start_mark.line + 1
+        if key.value in lines:
+            name = key.value if len(key.value) <= 60 else f"{key.value[:60]}..."
+            msg = f"the key '{name}' stands twice, in lines {lines[key.value]} and {line}"
+            raise YamlError(" ".join(msg.split()), line)
+        lines[key.value] = line

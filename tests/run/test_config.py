@@ -65,6 +65,11 @@ def test_named_file_wins_over_the_one_that_lies_here():
         ("gate: 3", "config.yaml:1: gate"),
         ("- 1", "mapping of sections"),
         ("a: [", "not YAML"),
+        (
+            "sensors:\n  hall: {port: sim:dog}\n  hall: {port: sim:cat}\n",
+            "config.yaml:3: not YAML: the key 'hall' stands twice, in lines 2 and 3",
+        ),
+        ("alarm: {}\ngate: {}\nalarm: {}\n", "the key 'alarm' stands twice, in lines 1 and 3"),
     ],
 )
 def test_faults_name_their_place(text, words):

@@ -148,6 +148,7 @@ FAULTS = [
     (STEP + "background: [{thing: ghost}]\n", "background[0].thing: no thing 'ghost'"),
     (STEP + "mount: {hum_hz: 0}\n", "mount.hum_hz: 0 is not in"),
     ("steps: [\n", "not YAML"),
+    ("steps: []\nsteps: []\n", "the key 'steps' stands twice, in lines 1 and 2"),
     ("\tsteps: 1\n", "not YAML"),
     ("steps: !!python/object/apply:os.getcwd []\n", "not YAML"),
     ("[" * 5000, "not YAML"),

@@ -83,6 +83,13 @@ def test_a_list_that_makes_no_sense_is_told_in_one_line(text, words, tmp_path):
     assert "\n" not in str(caught.value)
 
 
+def test_a_key_twice_is_named_with_both_lines(tmp_path):
+    path = tmp_path / "list.yaml"
+    path.write_text("- {file: x.h5, label: pet,\n   label: human}\n")
+    with pytest.raises(UsageError, match="the key 'label' stands twice, in lines 1 and 2"):
+        read_list(path)
+
+
 @pytest.mark.parametrize(
     ("text", "code"),
     [("file,label\ngone.h5,pet\n", 66), ("file,start,end,label\nempty.h5,0,1,pet\n", 2)],

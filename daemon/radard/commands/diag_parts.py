@@ -17,8 +17,6 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from radard.commands.config import shown
 from radard.config.config import DEFAULT_FILES, Config, Loaded, load_with_origins
 from radard.config.directories import calibration_file, state_dir, status_dirs
@@ -29,6 +27,7 @@ from radard.errors import RadardError
 from radard.health.status_file import read_status, status_path
 from radard.judge.bundle import bundle_names, load_bundle
 from radard.judge.model_choice import model_for
+from x2radar.bounded_yaml import load_yaml
 from x2radar.command import installed_version
 from x2radar.device.discovery import list_ports
 
@@ -233,8 +232,8 @@ def _secrets(file: Path | None, config: Config, environ: Mapping[str, str]) -> s
     own = {name: value for name, value in environ.items() if name.startswith(ENV_PREFIX)}
     trees: list[Any] = [config.model_dump(mode="json"), own]
     # A file that cannot be read is told of elsewhere.
-    with suppress(OSError, ValueError, yaml.YAMLError):
-        trees.append(yaml.safe_load(path.read_text(encoding="utf-8")) if path else None)
+    with suppress(OSError, ValueError):
+        trees.append(load_yaml(path.read_text(encoding="utf-8-sig")) if path else None)
     for key, text in _texts(trees):
         if redact_value(key, text) == MASK:
             found.add(text)

@@ -13,14 +13,13 @@ from pydantic import BaseModel
 
 from radard.config.redact import redact_value
 from radard.errors import ConfigError
-from x2radar.bounded_yaml import compose_yaml, construct
+from x2radar.bounded_yaml import YamlError, compose_yaml, construct
 
 log = logging.getLogger("radard")
 ENV_PREFIX = "RADARD_"
 _SHORT = reprlib.Repr()
 _SHORT.maxlevel = 2  # aliases of YAML nest a few words into thousands
 _TEXT, _NULL = "tag:yaml.org,2002:str", "tag:yaml.org,2002:null"
-_NOT_YAML = (yaml.YAMLError, ValueError, RecursionError)
 Where = tuple[str, ...]
 Places = dict[Where, str]
 
@@ -48,11 +47,9 @@ def read_yaml(path: Path, root: type[BaseModel]) -> tuple[dict[str, Any], Places
         node = compose_yaml(text)
         _keep_text(node, root)
         raw = construct(node)
-    except _NOT_YAML as err:
-        # Only the place: the text around it may hold a password.
-        mark = getattr(err, "problem_mark", None)
-        where = f"{path}:{mark.line + 1}" if mark else str(path)
-        msg = f"{where}: not YAML: {getattr(err, 'problem', None) or type(err).__name__}"
+    except YamlError as err:
+        where = f"{path}:{err.line}" if err.line else str(path)
+        msg = f"{where}: not YAML: {err.problem}"
         raise ConfigError(msg) from err
     if raw is None:
         return {}, {}
@@ -128,7 +125,7 @@ def _value(text: str, annotation: Any) -> Any:
             return None if type(None) in kinds and _is_null(node) else text
         _keep_text(node, annotation)
         return construct(node)
-    except _NOT_YAML:
+    except YamlError:
         return text
 
 

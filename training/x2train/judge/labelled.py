@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from radard.config.config import Config
 from radard.errors import UsageError
@@ -53,7 +52,7 @@ def read_list(path: Path) -> list[Labelled]:
             raw = load_yaml(text)
         else:
             raw = list(csv.DictReader(text.splitlines(), skipinitialspace=True))
-    except (OSError, ValueError, yaml.YAMLError, csv.Error, RecursionError) as err:
+    except (OSError, ValueError, csv.Error) as err:
         first_line = str(err).partition("\n")[0]
         msg = f"{path}: cannot read the list of recordings ({first_line})"
         raise UsageError(msg) from err

@@ -16,9 +16,8 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-import yaml
 
-from x2radar.bounded_yaml import load_yaml
+from x2radar.bounded_yaml import YamlError, load_yaml
 from x2radar.errors import SceneError, renamed
 from x2radar.sim.keys import Key, checked, settings_from, unknown
 from x2radar.sim.place.antenna import Antenna
@@ -145,9 +144,8 @@ def parse_scene(text: str, name: str, where: str) -> Scene:
 def _parsed(text: str, name: str, where: str) -> Scene:
     try:
         raw = load_yaml(text)
-    except (yaml.YAMLError, ValueError, RecursionError) as err:
-        # ValueError: also a date that does not exist, or a number of thousands of digits.
-        msg = f"{where}: not YAML: {' '.join(str(err).split())}"
+    except YamlError as err:
+        msg = f"{where}: not YAML: {err}"
         raise SceneError(msg) from err
     top = _inherited(_mapping(raw, where, _SCENE_KEYS), where)
     description = "" if top.get("description") is None else top["description"]
@@ -195,7 +193,7 @@ def _inherited(top: dict[str, Any], where: str) -> dict[str, Any]:
     if name not in scene_names():
         msg = f"{where}: like: no built-in scene '{name}'"
         raise SceneError(msg)
-    base = yaml.safe_load(_builtin_text(name))
+    base = load_yaml(_builtin_text(name))
     if "like" in base:
         msg = f"{where}: like: '{name}' is itself like another scene; name that one"
         raise SceneError(msg)
