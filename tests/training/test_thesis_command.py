@@ -1,9 +1,5 @@
 import json
-import os
 import shutil
-import subprocess
-import sys
-import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -210,59 +206,6 @@ def test_what_is_folded_says_the_same(n_outputs, activation):
 
 
 # ---------------------------------------------------------------- the command where it is
-
-
-def test_an_installed_command_says_where_the_thesis_is(tmp_path):
-    # What the wheel takes of training, beside the other two packages as they are.
-    listed = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
-    for name in listed["packages"]:
-        if name.split(".")[0] == "x2train":
-            source = (ROOT / "training" / name.replace(".", "/")).glob("*.py")
-            folder = tmp_path / name.replace(".", "/")
-            folder.mkdir(parents=True)
-            for path in source:
-                shutil.copy(path, folder)
-    # An editable installation would find the checkout all the same.
-    code = (
-        "import sys; sys.meta_path[:] = [f for f in sys.meta_path if 'editable' not in repr(f)]\n"
-        "from x2train.cli import main; sys.exit(main())"
-    )
-
-    def run(*argv):
-        path = os.pathsep.join(map(str, (tmp_path, ROOT, ROOT / "daemon")))
-        environment = os.environ | {"PYTHONPATH": path}
-        command = [sys.executable, "-c", code, *argv]
-        return subprocess.run(
-            command, env=environment, cwd=tmp_path, capture_output=True, text=True, check=False
-        )
-
-    missing = run("thesis", "--cpi", "500")
-    assert missing.returncode == 2
-    assert missing.stderr.count("\n") == 1
-    assert "'thesis' is no command of an installed train-export" in missing.stderr
-    assert "checkout" in missing.stderr
-    shown = run("--help").stdout
-    assert "dataset" in shown
-    assert "tradeoff" not in shown
-
-
-def test_a_checkout_lists_its_studies(capsys):
-    with pytest.raises(SystemExit):
-        main(["--help"])
-    shown = capsys.readouterr().out
-    for name in ("dataset", "make", "scene", "thesis", "tradeoff", "walks"):
-        assert f"\n    {name} " in shown
-
-
-@pytest.mark.parametrize(
-    ("old", "says"), [("seed", "called 'thesis' now"), ("train", "train-export thesis --bundle")]
-)
-def test_old_commands_say_what_to_use(old, says, capsys):
-    with pytest.raises(SystemExit):
-        main([old, "--elements", "200"])
-    err = capsys.readouterr().err
-    assert says in err
-    assert err.count("\n") == 1
 
 
 # ---------------------------------------------------------------- parts

@@ -7,16 +7,21 @@ import numpy as np
 import pytest
 
 from radard.errors import FeatureError
-from research.walks.comparison import Comparison, MeasureRow, compare
-from research.walks.doppler import standing_still
-from research.walks.follow import follow, ridge
-from research.walks.measure import edge_m, measure
-from research.walks.scene import RADARS_X_M, simulated_walk, walk_scene
-from research.walks.swing import spread_about_lines
+from walk_numbers import edge_m, follow, measure, ridge, spread_about_lines, standing_still
+from walks import (
+    RADARS_X_M,
+    MeasureRow,
+    compare,
+    main,
+    recorded_walk,
+    simulated_walk,
+    table,
+    walk_scene,
+)
 from x2radar.frame import FastTimeAxis
 from x2radar.sim.echo import frames as echo_frames
-from x2train.cli import main
 
+pytestmark = pytest.mark.nightly
 RATE_HZ = 30.5
 AXIS = FastTimeAxis(
     kind="baseband",
@@ -197,11 +202,11 @@ def test_rows_judge_ratios_and_levels():
     ratio = MeasureRow("x", "m", (1.0, 3.0), 2.3, 0.1)
     assert (ratio.against, ratio.is_within) == (pytest.approx(1.15), True)
     assert not MeasureRow("x", "m", (1.0,), 1.25, 0.1).is_within
-    level = MeasureRow("x", "dB", (-10.0, -14.0), -15.0, 1.0, is_level=True)
+    level = MeasureRow("x", "dB", (-10.0, -14.0), -15.0, 1.0)
     assert (level.against, level.is_within) == (pytest.approx(-3.0), False)
-    table = Comparison((ratio, level), (None, None), (None, None)).table().splitlines()
-    assert table[2] == "| x, m | 1.00 | 3.00 | 2.30 +- 0.10 | x1.15 |"
-    assert table[3].endswith("| -3.0 dB * |")
+    lines = table((ratio, level))
+    assert lines[2] == "| x, m | 1.00 | 3.00 | 2.30 +- 0.10 | x1.15 |"
+    assert lines[3].endswith("| -3.0 dB * |")
 
 
 def test_a_simulated_walk_is_the_same_again_and_one_person_for_both_radars():
@@ -222,9 +227,8 @@ def test_a_simulated_walk_is_the_same_again_and_one_person_for_both_radars():
     reason="the recorded walks are not part of the project",
 )
 def test_simulated_people_walk_as_the_recorded_one_does():
-    *_, found = compare(RECORDINGS, 12)
-    assert isinstance(found, Comparison)
-    rows = {row.name: row for row in found.rows}
+    made, _ = compare([recorded_walk(path) for path in RECORDINGS], 12, lambda *_: None)
+    rows = {row.name: row for row in made}
     for name in (
         "range rate, mean",
         "near edge (-6 dB), oscillation, rms",
@@ -246,6 +250,6 @@ def test_simulated_people_walk_as_the_recorded_one_does():
     ],
 )
 def test_wrong_use_is_named_in_one_line(arguments, message, tmp_path, capsys):
-    assert main(["walks", *arguments, "--out", str(tmp_path)]) != 0
+    assert main([*arguments, "--out", str(tmp_path)]) != 0
     last = capsys.readouterr().err.strip().splitlines()[-1]
     assert message in last

@@ -55,12 +55,8 @@ def _run(args: argparse.Namespace) -> int:
     # Late: the simulator takes a second, and --help must not.
     from x2train.judge.acceptance import AcceptSpec, accept  # noqa: PLC0415
     from x2train.judge.acceptance_report import lines, write_acceptance  # noqa: PLC0415
-    from x2train.judge.alarm_function import is_function  # noqa: PLC0415
     from x2train.judge.installed import Knows  # noqa: PLC0415
 
-    if is_function(args.model):
-        msg = f"--model {args.model}: no bundle; train-export benchmark takes functions"
-        raise UsageError(msg)
     knows: Knows = "mount and level" if args.level else "nothing"
     spec = AcceptSpec(model=args.model, seed=args.seed, share=args.share, knows=knows)
     with counted("passages") as tell:

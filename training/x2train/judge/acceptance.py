@@ -29,13 +29,6 @@ from x2radar.sim.bodies.motion.curves import MOTIONS
 from x2radar.sim.bodies.skin.draw import SKINS
 from x2radar.sim.place.antenna import Antenna
 from x2radar.sim.scene.scene import SceneStep
-from x2train.judge.alarm_function import (
-    FUNCTION,
-    AlarmFunction,
-    function_of,
-    is_function,
-    sha256_of,
-)
 from x2train.judge.installed import Knows, installed
 from x2train.judge.judging import dwells, from_decisions, in_view, pipeline_for
 from x2train.judge.suites import SUITES
@@ -53,6 +46,7 @@ SEED = 90
 """Passages of the version are drawn from it: chosen."""
 _TOLD = 1  # a generator's number: what an installation is told changes no passage
 _PER_SHARD = 60  # passages: chosen, a minute of one core
+Decide = Callable[[Dwell], Decision]
 Kind = Literal["walk test", "pets cross", "pets stay", "thing"]
 N_ENTRIES = 300
 """Passages of a walk test or of pets that cross: none of 300 means less than 1.2 % at 95 %."""
@@ -157,7 +151,8 @@ def _entries() -> tuple[Entry, ...]:
     return tuple(rows)
 
 
-def _stream(radar: Radar) -> StreamInfo:
+def stream_of(radar: Radar) -> StreamInfo:
+    """Return what the daemon is told of a radar's stream."""
     return StreamInfo(radar.axis(), radar.frame_rate_hz, radar.name)
 
 
@@ -176,9 +171,7 @@ class AcceptSpec:
     Raises ModelMismatch if the bundle takes none of the radars.
     """
 
-    # name or path of the bundle; 'auto': what the daemon takes before each radar; or a function,
-    # as FILE.py[:FUNCTION], see `x2train.judge.alarm_function`
-    model: str
+    model: str  # name or path of the bundle; 'auto': what the daemon takes before each radar
     seed: int = SEED
     share: float = 1.0  # of every entry's passages, at least one each
     knows: Knows = "nothing"  # of the installation
@@ -191,19 +184,22 @@ class AcceptSpec:
 
     @property
     def settings(self) -> tuple[Setting, ...]:
-        """Those whose radar the bundle takes; a function gets all."""
-        if self.model == AUTO_MODEL or is_function(self.model):
+        """Those whose radar the bundle takes."""
+        if self.model == AUTO_MODEL:
             return SETTINGS
         bundle = load_bundle(self.model)
         return tuple(s for s in SETTINGS if bundle.takes(s.radar.axis(), s.radar.frame_rate_hz))
 
     @property
     def files(self) -> dict[str, str]:
-        """Who judges: the bundles' networks or the function's file, with their hashes."""
-        if is_function(self.model):
-            return {self.model: sha256_of(self.model)}
-        names = sorted({model_for(self.model, _stream(s.radar)) for s in self.settings})
+        """Who judges: the bundles' networks, with their hashes."""
+        names = sorted({model_for(self.model, stream_of(s.radar)) for s in self.settings})
         return {name: load_bundle(name).sha256 for name in names}
+
+    @property
+    def kept_as(self) -> str:
+        """What passages on disk are known by, beside the hashes."""
+        return self.model
 
     @property
     def version(self) -> str:
@@ -238,7 +234,7 @@ class AcceptSpec:
         making = Making.draw(rng, MOTIONS, tuple(SKINS), 1.0)
         told = np.random.default_rng([self.seed, index, k, _TOLD])
         config = installed(Config(), site, self.knows, told)
-        pipeline, decide = self._judge(setting.radar, config)
+        pipeline, decide = self.judge(setting.radar, config)
         cast = entry.casts[k // len(settings) % len(entry.casts)]
         facts: dict[str, Any] = {"duration_s": entry.duration_s}
         if entry.kind in {"walk test", "pets cross"}:
@@ -269,20 +265,10 @@ class AcceptSpec:
             **facts,
         ).columns()
 
-    def _judge(self, radar: Radar, config: Config) -> tuple[Pipeline, Callable[[Dwell], Decision]]:
+    def judge(self, radar: Radar, config: Config) -> tuple[Pipeline, Decide]:
         """Return what makes windows of a radar's frames, and what decides on each."""
-        stream = _stream(radar)
-        if not is_function(self.model):
-            pipeline = pipeline_for(radar, model_for(self.model, stream), config=config)
-            return pipeline, pipeline.decide
-        alarms: Any = function_of(self.model, FUNCTION)
-        function = AlarmFunction(alarms, self.model)
-        gate_alone = Pipeline(stream, config)
-
-        def decide(dwell: Dwell) -> Decision:
-            return replace(gate_alone.decide(dwell), alarm=function.is_alarm(dwell))
-
-        return gate_alone, decide
+        pipeline = pipeline_for(radar, model_for(self.model, stream_of(radar)), config=config)
+        return pipeline, pipeline.decide
 
 
 def accept(
@@ -301,8 +287,7 @@ def accept(
         "kind": "acceptance",
         "version": VERSION,
         **asdict(spec),
-        # A function's file is known by its hash, wherever it lies.
-        "model": "function" if is_function(spec.model) else spec.model,
+        "model": spec.kept_as,
         "files": list(spec.files.values()),
         "gate": GATE.model_dump(),
     }

@@ -7,7 +7,7 @@ is reproduced is told in `x2train.thesis.fit` and docs/thesis-results.md.
 import numpy as np
 from numpy.typing import NDArray
 
-from research.benchmark.tasks import Elements
+from benchmark_tasks import Elements
 from x2train.thesis.fit import Fitted, fit
 from x2train.thesis.sets import CellData
 from x2train.thesis.settings import fit_settings

@@ -7,7 +7,7 @@ before this one.
 import numpy as np
 from numpy.typing import NDArray
 
-from research.benchmark.tasks import Elements
+from benchmark_tasks import Elements
 from x2train.thesis.own import OwnSettings, predict_maps, train_maps
 
 TITLE = "this project's maps"

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from torch import nn
 from torch.nn import functional
 
-from research.benchmark.tasks import Elements
+from benchmark_tasks import Elements
 
 TITLE = "CNN on the spectrogram"
 USES_VECTOR = False

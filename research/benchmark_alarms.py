@@ -1,36 +1,106 @@
-"""The acceptance test as a task: bundles and functions on the same passages, one row each."""
+"""The acceptance test as a task: bundles and functions on the same passages, one row each.
+
+A function ``alarms(windows)`` of a file is a generator. It takes `radard.stream.ring.Dwell` after
+`Dwell`, as the daemon's ring makes them, one a second with the last 2.45 s of frames, and yields
+for each whether it is an alarm. It is given a window once it has answered the one before, so it
+cannot look ahead.
+"""
 
 import hashlib
 import json
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from benchmark_tasks import ENTRIES, entry_file, function_of, is_function, shipped, title_of
+from radard.config.config import Config
 from radard.config.sections import AUTO_MODEL
 from radard.errors import UsageError
-from research.benchmark import entries
-from research.benchmark.entrants import shipped, title_of
-from research.benchmark.results_page import Marks
-from x2train.judge.acceptance import SETTINGS, VERSION, AcceptSpec, accept
+from radard.judge.decision import Decision
+from radard.pipeline import Pipeline
+from radard.stream.ring import Dwell
+from study import Marks
+from x2train.judge.acceptance import SETTINGS, VERSION, AcceptSpec, Setting, accept, stream_of
 from x2train.judge.acceptance_report import write_acceptance
-from x2train.judge.alarm_function import is_function
 from x2train.report.intervals import Estimate, per_hour, share
+from x2train.sets.sites import Radar
 from x2train.sets.workers import Tell
 
 MARKS: Marks = (f"<!-- {VERSION} -->", f"<!-- end of {VERSION} -->")
+Alarms = Callable[[Iterator[Dwell]], Iterator[bool]]
 _WHOLE = 100  # from there on a rate is a whole number: two digits would not do
-_RULE = "by single windows at 0.8"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FunctionSpec(AcceptSpec):
+    """An acceptance test of a function; `model` is FILE.py[:FUNCTION]."""
+
+    @property
+    def settings(self) -> tuple[Setting, ...]:
+        """All of them."""
+        return SETTINGS
+
+    @property
+    def files(self) -> dict[str, str]:
+        """The hash of the file and of the function's name."""
+        file, _, name = self.model.partition(":")
+        return {self.model: hashlib.sha256(Path(file).read_bytes() + name.encode()).hexdigest()}
+
+    @property
+    def kept_as(self) -> str:
+        """Known by its hash, wherever its file lies."""
+        return "function"
+
+    def judge(self, radar: Radar, config: Config) -> tuple[Pipeline, Callable[[Dwell], Decision]]:
+        """Return the daemon's gate, and decisions whose alarm is the function's."""
+        alarms: Any = function_of(self.model, "alarms")
+        function = AlarmFunction(alarms, self.model)
+        gate_alone = Pipeline(stream_of(radar), config)
+
+        def decide(dwell: Dwell) -> Decision:
+            return replace(gate_alone.decide(dwell), alarm=function.is_alarm(dwell))
+
+        return gate_alone, decide
+
+
+class AlarmFunction:
+    """A function's verdicts on one stream; `name` is that of the entry, for messages."""
+
+    def __init__(self, alarms: Alarms, name: str) -> None:
+        self._name = name
+        self._waiting: list[Dwell] = []
+        self._verdicts = iter(alarms(self._windows()))
+
+    def _windows(self) -> Iterator[Dwell]:
+        while True:
+            if not self._waiting:
+                msg = f"entry '{self._name}': took a window before it had answered the last one"
+                raise UsageError(msg)
+            yield self._waiting.pop()
+
+    def is_alarm(self, window: Dwell) -> bool:
+        """Return the verdict on the next window.
+
+        Raises UsageError if the function ends, looks ahead or answers with anything but a bool.
+        """
+        self._waiting.append(window)
+        verdict = next(self._verdicts, None)
+        if not isinstance(verdict, bool | np.bool_) or self._waiting:
+            msg = f"entry '{self._name}': must yield True or False for every window"
+            raise UsageError(msg)
+        return bool(verdict)
 
 
 @dataclass(frozen=True, slots=True)
 class AlarmEntrant:
     """One method."""
 
-    title: str
-    """For people."""
-    model: str
-    """As `AcceptSpec` takes it."""
+    title: str  # for people
+    spec: type[AcceptSpec]
+    model: str  # as the spec takes it
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,19 +123,18 @@ def alarm_entrant(text: str) -> AlarmEntrant:
 
     Raises UsageError for an entry that learns from elements; BundleError is a bundle's.
     """
-    if text in shipped("alarms"):
-        file = f"{Path(entries.__file__).parent / text}.py"
-        return AlarmEntrant(f"{title_of(file)} (`{text}`)", file)
-    if text in shipped():
+    file = entry_file(text)
+    if Path(file).parent == ENTRIES and text not in shipped("alarms"):
         msg = f"entry '{text}': learns from a set's elements; {VERSION} takes bundles and alarms"
         raise UsageError(msg)
-    if is_function(text):
-        return AlarmEntrant(f"{title_of(text)} (`{Path(text.partition(':')[0]).stem}`)", text)
+    if is_function(file):
+        title = f"{title_of(file)} (`{Path(file.partition(':')[0]).stem}`)"
+        return AlarmEntrant(title, FunctionSpec, file)
     spec = AcceptSpec(model=text)
     names = " and ".join(f"`{Path(name).stem}`" for name in spec.files)
     radars = {s.radar.name for s in spec.settings}
     part = f", {' and '.join(radars)} alone" if len(spec.settings) < len(SETTINGS) else ""
-    return AlarmEntrant(f"bundle {names}{part}", text)
+    return AlarmEntrant(f"bundle {names}{part}", AcceptSpec, text)
 
 
 def play(
@@ -75,7 +144,7 @@ def play(
 
     Another file under the same name is another entry: nothing that is kept is taken for it.
     """
-    spec = AcceptSpec(model=entrant.model, share=of_it)
+    spec = entrant.spec(model=entrant.model, share=of_it)
     told = json.dumps([sorted(spec.files.values()), of_it])
     digest = hashlib.sha256(told.encode()).hexdigest()[:12]
     out = folder / f"{VERSION}-{Path(entrant.model.partition(':')[0]).stem}-{digest}"
@@ -105,7 +174,7 @@ def alarm_table(scores: Sequence[AlarmScore]) -> Iterator[str]:
     for score in scores:
         yield _row(score, "bundle", score.title)
         if score.is_bundle:
-            yield _row(score, "window", f"the same, {_RULE}")
+            yield _row(score, "window", "the same, by single windows at 0.8")
     yield ""
     yield "Brackets hold 95 % (Clopper-Pearson; exact Poisson for rates)."
 

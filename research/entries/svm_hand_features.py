@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from research.benchmark.tasks import Elements
+from benchmark_tasks import Elements
 
 TITLE = "SVM on hand-made features"
 USES_VECTOR = False

@@ -1,1 +1,0 @@
-"""A benchmark that others can enter: fixed tasks, peers' methods, one page of results."""

@@ -1,1 +1,0 @@
-"""A scene as the radar sees it, by eye."""

@@ -1,1 +1,0 @@
-"""The trade-off of speed and accuracy: what every method and bundle costs, and loses."""

@@ -1,1 +1,0 @@
-"""The recorded walks against simulated ones: the same processing, the same numbers."""
