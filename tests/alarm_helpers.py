@@ -10,9 +10,7 @@ from radard.judge.classifier import Probabilities
 from radard.judge.decision import Decision, TrackVerdict
 
 
-def decision(
-    t_s, human=None, *, alarm=None, range_m=1.5, label=None, fault="", findings=(), t_mono_s=0.0
-):
+def decision(t_s, human=None, *, alarm=None, range_m=1.5, label=None, fault="", **more):
     """A decision with p(human), or with the gate closed, or invalid when it has a fault."""
     p = None if human is None else Probabilities(human, 1 - human, 0.0)
     if alarm is None:
@@ -32,8 +30,7 @@ def decision(
         frames=147,
         dropped=5 if fault else 0,
         fault=fault,
-        findings=tuple(findings),
-        t_mono_s=t_mono_s,
+        **more,
     )
 
 

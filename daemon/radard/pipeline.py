@@ -37,14 +37,13 @@ from radard.detect.tracks import Track, Tracker
 from radard.dsp.downconvert import DownConverter
 from radard.dsp.range_gate import range_gates
 from radard.errors import FeatureError, ModelMismatch
-from radard.judge.classifier import Answer, Classifier, Probabilities
+from radard.judge.classifier import Answer, Classifier
 from radard.judge.decision import (
     Decision,
     Label,
     TrackVerdict,
     Verdict,
     invalid_decision,
-    judge,
     pet_limit_of,
     policy_of,
 )
@@ -113,12 +112,15 @@ class Pipeline:
         self._feature_names = names
         bundle = classifier.bundle if classifier else None
         self.policy = policy_of(config, bundle)
-        self.pet_limit = pet_limit_of(config, bundle)
         evidence = EvidenceSettings.from_mapping(bundle.evidence if bundle else {})
         self._evidence = Evidence(evidence)
-        self._verdict = Verdict(
-            self.pet_limit, evidence.human_limit, config.decision.decide_within_s
-        )
+        self._verdict = Verdict(pet_limit_of(config, bundle))
+        if self.policy == "fused":
+            self._verdict = Verdict(
+                pet_limit_of(config, bundle),
+                evidence.human_limit,
+                config.decision.decide_within_s,
+            )
         self.shape = DwellShape.of(
             dwell_s=self._features.dwell_s,
             hop_s=hop_s,
@@ -132,9 +134,14 @@ class Pipeline:
         self._tracker = Tracker()
         self._seq = 0
 
-    def use_limit(self, pet_limit: float) -> None:
-        """Judge by another limit from the next dwell on; nothing else is forgotten."""
-        self.pet_limit = self._verdict.pet_limit = pet_limit
+    @property
+    def pet_limit(self) -> float:
+        """No alarm above this p(pet) + p(other); another one holds from the next dwell on."""
+        return self._verdict.pet_limit
+
+    @pet_limit.setter
+    def pet_limit(self, pet_limit: float) -> None:
+        self._verdict.pet_limit = pet_limit
 
     def make_ring(self) -> FrameRing:
         """Return the ring that takes this stream's frames and gives this pipeline's dwells."""
@@ -224,8 +231,10 @@ class Pipeline:
                 # No verdict is better announced than guessed.
                 return invalid_decision(dwell, str(err), seq=self._seq)
             if answer is not None:
-                window = answer.window
-                fused, label, alarm = self._rule(answer, dwell.t_s)
+                fused = window = answer.window
+                if self.policy == "fused":
+                    fused = self._evidence.fuse(answer)
+                label, alarm = self._verdict.judge(fused, dwell.t_s)
         findings: tuple[Finding, ...] = ()
         if self.tamper is not None:
             is_passed_over = label is not None and not alarm
@@ -242,6 +251,7 @@ class Pipeline:
             frames=len(dwell.frames) - dwell.n_lost,
             dropped=dwell.n_lost,
             tracks=verdicts,
+            undecided_s=self._verdict.undecided_s,
             fault="dead sensor: all frames are the same" if is_frozen(dwell) else "",
             findings=findings,
             t_mono_s=dwell.t_mono_s,
@@ -257,13 +267,6 @@ class Pipeline:
             known = installation(dwell.frame_rate_hz, self._mount, echo_db)
         features = self._stream.extract(dwell, known)
         return self.classifier.answer(features, self._evidence.hidden)
-
-    def _rule(self, answer: Answer, t_s: float) -> tuple[Probabilities, Label, bool]:
-        """Apply the policy; return the fused probabilities and the verdict."""
-        if self.policy == "window":
-            return answer.window, *judge(answer.window, self.pet_limit)
-        fused = self._evidence.fuse(answer)
-        return fused, *self._verdict.judge(fused, t_s)
 
     def _judge_tracks(
         self, moving: Dwell, tracks: tuple[Track, ...], answer: Answer | None

@@ -88,6 +88,19 @@ def test_on_and_off_thresholds(human, alarm, p_on, hit, seen):
     assert (sight.is_hit, sight.is_seen) == (hit, seen)
 
 
+@pytest.mark.parametrize(
+    ("made", "reason"),
+    [
+        (decision(1, 0.3, undecided_s=3.0, range_m=1.2), "undecided for 3 s at 1.2 m"),
+        (decision(1, 0.3, undecided_s=0.0, range_m=1.2), "undecided at 1.2 m"),
+        (decision(1, alarm=True, undecided_s=2.0, range_m=1.2), "undecided for 2 s at 1.2 m"),
+        (decision(1, 0.9, range_m=1.2), "human at 1.2 m"),
+    ],
+)
+def test_the_reason_says_what_was_seen(made, reason):
+    assert sight_of(made, AlarmPolicy(), Zones(), 0.8).reason == reason
+
+
 def test_undecided_motion_is_still_somebody():
     pending = decision(1, 0.0, alarm=False, label="pending")
     assert sight_of(pending, AlarmPolicy(), Zones(), 0.8).is_seen

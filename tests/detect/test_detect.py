@@ -9,9 +9,9 @@ import pytest
 from pyarrow import parquet
 
 from radard.commands.detect import run
+from radard.commands.detect_tables import COLUMNS, time_of
 from radard.config.config import Config
-from radard.offline.detect import judge_all
-from radard.offline.tables import COLUMNS, time_of
+from radard.run.replays import judge_all
 from tests.radar_helpers import run_radard, stable
 from tests.recording_helpers import record_scene
 from x2radar.command import run_command

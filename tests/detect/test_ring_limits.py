@@ -84,7 +84,6 @@ def test_a_fresh_ring_says_that_there_is_nothing():
     recent = ring.recent()
     assert (len(recent.frames), recent.end_frame, recent.begun_at, recent.t_s) == (0, 0, 0, 0)
     assert ring.due_s() == np.inf
-    assert ring.n_unusable == 0
     assert ring.axis is BASEBAND
     assert ring.frame_rate_hz == RATE_HZ
     ring.post("silent", "nothing comes")

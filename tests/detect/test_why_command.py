@@ -8,12 +8,11 @@ import onnx
 import pytest
 from onnx import TensorProto, helper, numpy_helper
 
-from radard.commands.why import run
+from radard.commands.why import lines, place, run
 from radard.config.config import Config
 from radard.judge.bundle import load_bundle
-from radard.offline.moment import moment_of
-from radard.offline.occlusion import effects, map_views, occluded
-from radard.offline.why_report import lines, place
+from radard.judge.occlusion import effects, map_views, occluded
+from radard.run.moment import moment_of
 from tests.radar_helpers import run_radard
 from tests.recording_helpers import record_scene
 from x2radar.command import run_command

@@ -11,7 +11,7 @@ from radard.alarm.panel import AlarmPanel, AlarmPolicy, Sight
 from radard.alarm.sensitivity import SENSITIVITIES, alarm_policy, sensitivity_choices
 from radard.cli import main
 from radard.commands.explain import explained
-from radard.commands.explain_k_of_n import alarm_probability, windows_until
+from radard.commands.explain_rates import alarm_probability, windows_until
 from radard.config.config import load_config
 from radard.config.quiet_hours import (
     QuietHours,

@@ -166,6 +166,23 @@ def test_who_leaves_undecided_alarms_and_who_was_judged_does_not():
         assert not verdict.leave()
 
 
+def test_it_knows_for_how_long_neither_side_has_been_reached():
+    verdict, unsure, pet = Verdict(0.8, 0.8, 3.0), window(0.4, 0.6, 0.0), window(0.1, 0.9, 0.0)
+    told = []
+    for t_s, p in enumerate([pet, pet, unsure, unsure, unsure, pet, unsure]):
+        verdict.judge(p, 10.0 + t_s)
+        told.append(verdict.undecided_s)
+    assert told == [None, None, 0, 1, 2, None, 0]
+    assert verdict.judge(window(0.7, 0.3, 0.0), 17.0) == ("human", True)
+    assert verdict.undecided_s is None
+    assert not verdict.leave()
+    assert verdict.undecided_s is None
+    verdict.judge(unsure, 30.0)
+    verdict.judge(unsure, 31.0)
+    assert verdict.leave()
+    assert verdict.undecided_s == 1.0
+
+
 @pytest.mark.parametrize("forget", [Verdict.leave, Verdict.reset])
 def test_the_wait_begins_anew_with_the_next_body(forget):
     verdict, unsure = Verdict(0.8, 0.8, 3.0), window(0.5, 0.5, 0.0)

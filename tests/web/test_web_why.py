@@ -2,8 +2,8 @@
 
 import pytest
 
+from radard.alarm.explain import explain
 from radard.config.config import load_config
-from radard.web.why import explain
 from tests.web_helpers import decision, event, open_decision
 
 HELLO = {"pet_limit": 0.8, "policy": "window"}
@@ -24,6 +24,22 @@ def test_a_closed_gate():
     by, headline, text = said(decision())
     assert (by, headline) == ("gate", "Nothing moves")
     assert "5.9 dB under the threshold" in text
+
+
+def test_who_left_undecided_is_not_called_nobody():
+    pending = open_decision(1, 2.45, human=0.3) | {"label": "pending", "alarm": False}
+    left = decision(2, 3.45) | {"alarm": True}
+    began = event(start_t_s=3.45, reason="undecided at 2.2 m")
+    found = explain([pending, left], HELLO, config(alarm={"confirm_k": 1}), [began], "armed")
+    gate = next(s for s in found["stages"] if s["name"] == "gate")
+    assert gate["plain"] == "Yes: it left undecided, and that counts as a person."
+    assert (found["headline"], found["decided_by"]) == ("Undecided: alarm", "confirmation")
+
+
+def test_an_undecided_visit_is_not_called_a_person():
+    records = [open_decision(k, 1.45 + k, human=0.3) for k in (1, 2)]
+    _, headline, _ = said(*records, events=[event(start_t_s=3.45)])
+    assert headline == "Undecided: alarm"
 
 
 def test_a_gap():

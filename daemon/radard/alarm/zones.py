@@ -65,6 +65,9 @@ def sight_of(decision: Decision, policy: AlarmPolicy, zones: Zones, pet_limit: f
     A verdict is a hit from p(human) `p_on` on. A verdict that stands although p(human) is
     below what the rule asks for rests on other grounds (undecided too long, like nothing
     known) and is a hit whatever its p(human).
+
+    The reason says who, and where the nearest body is that counts. The decision's own `range_m` is
+    where power stands out most, whoever's it is; so the two differ when there are several bodies.
     """
     p_human = decision.fused.human if decision.fused else 0.0
     by_rule = decision.fused is not None and p_human >= 1 - pet_limit - 1e-9
@@ -74,7 +77,14 @@ def sight_of(decision: Decision, policy: AlarmPolicy, zones: Zones, pet_limit: f
     may_be = decision.alarm or decision.label == "pending" or p_human > policy.p_off
     is_seen = is_hit or (is_heeded and may_be)
     place = f" at {where:.1f} m" if where is not None and where >= 0 else ""
-    return Sight(is_hit, is_seen, f"{decision.label}{place}")
+    return Sight(is_hit, is_seen, f"{_who(decision)}{place}")
+
+
+def _who(decision: Decision) -> str:
+    waited_s = decision.undecided_s
+    if waited_s is None:
+        return str(decision.label)
+    return f"undecided for {waited_s:.0f} s" if waited_s >= 0.5 else "undecided"
 
 
 def _nearest_heeded(decision: Decision, zones: Zones, pet_limit: float) -> float | None:

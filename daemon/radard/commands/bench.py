@@ -14,7 +14,7 @@ from statistics import median
 
 import numpy as np
 
-from radard.commands.offline_stream import add_listening, check_seconds, listening_config
+from radard.commands.listening_options import add_listening, check_seconds, listening_config
 from radard.config.config import Config
 from radard.detect.gate import DAY_S
 from radard.errors import RadardError, UsageError

@@ -9,13 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from radard.commands.offline_stream import (
-    Listening,
-    add_listening,
-    check_seconds,
-    listen,
-    listening_config,
-)
+from radard.commands.listening_options import add_listening, check_seconds, listening_config
 from radard.config.config import Config
 from radard.config.directories import calibration_file, named_state_dir
 from radard.detect.calibration import Calibration
@@ -23,6 +17,7 @@ from radard.detect.gate import DAY_S
 from radard.detect.survey import RoomSurvey
 from radard.errors import NotAllowed, RadardError, UsageError
 from radard.pipeline import HOP_S
+from radard.run.listening import Listening, listen
 from radard.run.room_calibration import signer
 from radard.stream.ring import Notice
 from x2radar.command import Parser, StatusLine, bar, new_parser

@@ -6,12 +6,12 @@ import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from radard.commands.detect_tables import COLUMNS, FORMATS, TableWriter, open_table
 from radard.config.config import load_config
 from radard.config.options import add_judging, config_options
 from radard.errors import OutputError, RadardError, UsageError
-from radard.offline.detect import Judged, judge_all
-from radard.offline.tables import COLUMNS, FORMATS, TableWriter, open_table
 from radard.run.components import make_classifier
+from radard.run.replays import Judged, judge_all
 from x2radar.command import Parser, StatusLine, bar, new_parser
 
 _EXAMPLES = """\

@@ -7,17 +7,16 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from statistics import median
 
-from radard.commands.offline_stream import (
+from radard.commands.listening_options import (
     LONGEST_S,
-    Listening,
     add_listening,
     check_seconds,
-    listen,
     listening_config,
 )
 from radard.commands.walk_report import WalkDecision, by_range, report, step_of
 from radard.judge.installation import echo_at_1m_db
 from radard.run.components import use_calibration
+from radard.run.listening import Listening, listen
 from radard.stream.ring import Notice
 from x2radar.command import Parser, StatusLine, bar, new_parser
 

@@ -1,12 +1,18 @@
-"""`radard why`: one moment of a recording, explained."""
+"""`radard why`: one moment of a recording explained, as lines and as a picture."""
 
 import sys
-from collections.abc import Sequence
+import textwrap
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from radard.config.config import load_config
 from radard.config.options import add_judging, config_options
 from radard.errors import OutputError, UsageError
+from radard.judge.occlusion import MapView, Part, effects, map_views, occluded
+from radard.run.moment import Moment, moment_of
 from x2radar.command import Parser, new_parser
 from x2radar.extras import needed
 
@@ -17,6 +23,10 @@ examples:
 The picture needs the extra plot. Red parts of a map spoke for a person.
 """
 _SUFFIXES = (".png", ".pdf", ".svg")
+_MAX_PARTS, _MAX_WINDOWS = 6, 8
+"""So many parts, the strongest, and windows, the last ones, are listed: a screen of them."""
+_MIN_EFFECT = 0.1
+"""Nats: a part below it moves a probability of one half by 0.025."""
 
 
 def run(argv: Sequence[str]) -> int:
@@ -32,11 +42,6 @@ def run(argv: Sequence[str]) -> int:
         msg = f"--at {args.at:g}: must be 0 or more, in seconds"
         raise UsageError(msg)
     config = load_config(args.config, options=config_options(args)).of_sensor(args.sensor)
-    # Late: --help must not wait for the model's runtime.
-    from radard.offline.moment import moment_of  # noqa: PLC0415
-    from radard.offline.occlusion import occluded  # noqa: PLC0415
-    from radard.offline.why_report import figure, lines  # noqa: PLC0415
-
     moment = moment_of(args.file, args.at, config)
     parts = []
     if moment.classifier is not None and moment.seen is not None:
@@ -65,3 +70,123 @@ def make_parser() -> Parser:
     add("--out", type=Path, metavar="FILE", help="PNG, PDF or SVG to draw")
     add_judging(parser)
     return parser
+
+
+def lines(moment: Moment, parts: Sequence[Part]) -> Iterator[str]:
+    """Yield what `radard why` prints."""
+    told, record = moment.told, moment.record
+    yield f"{moment.path}, window that ends at {record['t_s']:.2f} s: {told['headline']}"
+    yield ""
+    for stage in told["stages"]:
+        mark = "*" if stage["name"] == told["decided_by"] else " "
+        body = textwrap.wrap(stage["text"], 70)
+        yield f"{mark} {stage['name']:<14}{body[0]}"
+        yield from (f"{'':<16}{line}" for line in body[1:])
+    yield "  * decided"
+    if moment.seen is None:
+        yield ""
+        yield "No network was asked, so there are no maps to look into."
+        return
+    yield ""
+    yield from _windows(moment)
+    yield ""
+    yield from _told_parts(moment, parts)
+
+
+def _windows(moment: Moment) -> Iterator[str]:
+    yield "window by window: this window alone, and fused with those before it"
+    yield f"  {'t_s':>7} {'human':>7} {'pet':>7} {'other':>7}   {'human':>7} {'pet':>7}  label"
+    for r in moment.records[-_MAX_WINDOWS:]:
+        cells = [r["p_human"], r["p_pet"], r["p_other"]]
+        fused = [r["fused_p_human"], r["fused_p_pet"]]
+        own, both = (" ".join(_cell(v) for v in values) for values in (cells, fused))
+        yield f"  {r['t_s']:7.2f} {own}   {both}  {r['label']}"
+
+
+def _cell(p: float | None) -> str:
+    return f"{'-':>7}" if p is None else f"{p:7.3f}"
+
+
+def _told_parts(moment: Moment, parts: Sequence[Part]) -> Iterator[str]:
+    shown = [part for part in parts if abs(part.effect) >= _MIN_EFFECT][:_MAX_PARTS]
+    if not shown:
+        yield "no part of the maps moved p(human) alone"
+        return
+    p_human = moment.record["fused_p_human"]
+    yield f"what moved p(human), {p_human:.3f} here; without this part it would be"
+    for part in shown:
+        side = "for a person" if part.effect > 0 else "against"
+        turn = "; the verdict turns" if part.turns else ""
+        yield f"  {part.p_human:6.3f}  {place(part)}: {side}{turn}"
+    if not any(part.turns for part in parts):
+        yield "  no part alone turns the verdict"
+
+
+def place(part: Part) -> str:
+    """Return where a part lies, in the units of its map."""
+    view = part.view
+    rows = _span(view.rows[part.rows], view.row_unit)
+    columns = _span(view.columns[part.columns], view.column_unit)
+    return f"{view.name}, {', '.join(text for text in (rows, columns) if text)}"
+
+
+def _span(values: np.ndarray[Any, np.dtype[np.float64]], unit: str) -> str:
+    if not unit:
+        return ""
+    return f"{_number(values[0])} to {_number(values[-1])} {unit}"
+
+
+def _number(value: float) -> str:
+    return f"{value:.4g}".replace("-", "\N{MINUS SIGN}")
+
+
+def figure(moment: Moment, parts: Sequence[Part]) -> Any:
+    """Return a matplotlib figure: maps, what their parts stood for, and evidence over time."""
+    plt: Any = needed("matplotlib.pyplot", what="pictures")
+    views = list(map_views(moment.settings, moment.seen)) if moment.seen is not None else []
+    n = max(1, len(views))
+    fig = plt.figure(figsize=(3.4 * n + 1, 9), layout="constrained")
+    fig.suptitle(f"{moment.path.name}, {moment.record['t_s']:.2f} s: {moment.told['headline']}")
+    grid = fig.add_gridspec(3, n, height_ratios=(3, 3, 2))
+    most = max((abs(part.effect) for part in parts), default=0.0) or 1.0
+    for k, view in enumerate(views):
+        assert moment.seen is not None  # noqa: S101 - there are views of it
+        values = view.of(moment.seen.features.inputs[view.feature])
+        shown = fig.add_subplot(grid[0, k])
+        _image(shown, values, view, cmap="magma")
+        shown.set_title(view.name, fontsize=9)
+        moved = fig.add_subplot(grid[1, k])
+        image = _image(
+            moved, effects(list(parts), view), view, cmap="RdBu_r", vmin=-most, vmax=most
+        )
+        moved.set_title("red speaks for a person", fontsize=8)
+        if k == n - 1:
+            fig.colorbar(image, ax=moved, label="log-odds of a person (nats)")
+    _evidence(fig.add_subplot(grid[2, :]), moment)
+    return fig
+
+
+def _image(axes: Any, values: Any, view: MapView, **look: Any) -> Any:
+    extent: list[float] = []
+    for axis in (view.columns, view.rows):
+        half = (axis[-1] - axis[0]) / max(1, len(axis) - 1) / 2 or 0.5
+        extent += [axis[0] - half, axis[-1] + half]
+    axes.set_xlabel(view.column_unit, fontsize=8)
+    axes.set_ylabel(view.row_unit, fontsize=8)
+    return axes.imshow(values, aspect="auto", origin="lower", extent=extent, **look)
+
+
+def _evidence(axes: Any, moment: Moment) -> None:
+    open_ones = [r for r in moment.records if r["p_human"] is not None]
+    t_s = [r["t_s"] for r in open_ones]
+    for key, colour in (("human", "tab:red"), ("pet", "tab:blue"), ("other", "tab:gray")):
+        axes.plot(t_s, [r[f"p_{key}"] for r in open_ones], ":", color=colour)
+        fused = [r[f"fused_p_{key}"] for r in open_ones]
+        axes.plot(t_s, fused, "o-", ms=3, color=colour, label=key)
+    harmless = [r["fused_p_pet"] + r["fused_p_other"] for r in open_ones]
+    axes.plot(t_s, harmless, "--", color="k", lw=0.8, label="pet + other")
+    axes.axhline(moment.pet_limit, color="k", lw=0.5)
+    axes.set(xlabel="time (s)", ylabel="probability", ylim=(-0.02, 1.02))
+    axes.set_title("evidence; dotted: each window alone; line: no alarm above it", fontsize=8)
+    if t_s:
+        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8)

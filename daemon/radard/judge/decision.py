@@ -52,6 +52,7 @@ class Decision:
     frames: int  # in the dwell
     dropped: int  # missing in it
     tracks: tuple[TrackVerdict, ...] = ()  # none while the gate is closed
+    undecided_s: float | None = None  # how long evidence was awaited; None where it decided
     fault: str = ""  # why the window is invalid, or what is wrong with one that was judged
     findings: tuple[Finding, ...] = ()  # tamper that holds now; empty when it is not looked for
     t_mono_s: float = 0.0  # when the dwell's last frame arrived, on the host's monotonic clock
@@ -95,47 +96,65 @@ def judge(p: Probabilities, pet_limit: float) -> tuple[Label, bool]:
 
 
 class Verdict:
-    """The rule over time: policy `fused`.
+    """The rule over time.
 
     Parameters
     ----------
     pet_limit : float
         As in `judge`.
     human_limit : float
-        From this fused probability of a person on the alarm does not wait.
+        From this probability of a person on the alarm does not wait.
     decide_within_s : float
-        So long after the gate has opened the alarm waits for evidence.
+        So long after the gate has opened the alarm waits for evidence; 0 under policy `window`.
+
+    Attributes
+    ----------
+    undecided_s : float or None
+        For how long neither side has been reached, by the last call; None where one has, or an
+        alarm that waits no more is for somebody who is likelier a person than not.
     """
 
-    def __init__(self, pet_limit: float, human_limit: float, decide_within_s: float) -> None:
+    def __init__(
+        self, pet_limit: float, human_limit: float = LEAST_P, decide_within_s: float = 0.0
+    ) -> None:
         self.pet_limit = pet_limit
         self._human_limit = human_limit
         self._within_s = decide_within_s
-        self._since_s: float | None = None
-        self._is_pending = False
+        self.reset()
 
     def reset(self) -> None:
         """Forget who was there."""
-        self._since_s = None
+        self._since_s: float | None = None
+        self._unsure_since_s: float | None = None
         self._is_pending = False
+        self.undecided_s: float | None = None
 
-    def judge(self, fused: Probabilities, t_s: float) -> tuple[Label, bool]:
-        """Apply the rule, while the gate is open, to what was fused since it opened.
+    def judge(self, p: Probabilities, t_s: float) -> tuple[Label, bool]:
+        """Apply the rule, while the gate is open, to one window or what was fused since it opened.
 
         The label is 'pending' while the alarm waits for evidence, and human whenever it is on.
         """
         if self._since_s is None:
             self._since_s = t_s
-        label, alarm = judge(fused, self.pet_limit)
+        label, alarm = judge(p, self.pet_limit)
+        is_unsure = alarm and p.human < self._human_limit
+        if is_unsure and self._unsure_since_s is None:
+            self._unsure_since_s = t_s
+        elif not is_unsure:
+            self._unsure_since_s = None
         # Dwells end at whole frames, so three hops may last a little less than 3 s.
         may_wait = t_s - self._since_s < self._within_s - _ROUNDING_S
-        self._is_pending = alarm and may_wait and fused.human < self._human_limit
+        self._is_pending = is_unsure and may_wait
+        is_likely = p.human >= LEAST_P and not self._is_pending
+        since_s = self._unsure_since_s
+        self.undecided_s = None if since_s is None or is_likely else t_s - since_s
         return ("pending", False) if self._is_pending else (label, alarm)
 
     def leave(self) -> bool:
         """Take note that the gate has closed; return whether somebody left undecided."""
-        was_pending = self._is_pending
+        was_pending, undecided_s = self._is_pending, self.undecided_s
         self.reset()
+        self.undecided_s = undecided_s if was_pending else None
         return was_pending
 
 

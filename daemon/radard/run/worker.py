@@ -289,7 +289,7 @@ class Worker:
         if self.parts.clips is not None and self.parts.clips is not parts.clips:
             self.parts.clips.close(0.0)
         self.parts = parts
-        parts.pipeline.use_limit(parts.pet_limit)
+        parts.pipeline.pet_limit = parts.pet_limit
         self.tracker.panel.policy = parts.policy
         self.tracker.see = parts.see
 

@@ -130,7 +130,6 @@ class FrameRing:
         # The first frame is a restart: it sets when a dwell is due.
         self._taken = self._n_waiting = self._watched_to = 0
         self._base = self._origin = self._due = self._hops = 0
-        self.n_unusable = 0
         self._timing = FrameTiming(shape.frame_rate_hz)
 
     @property
@@ -300,7 +299,6 @@ class FrameRing:
         if good.any():
             samples = self._samples[:n]
             finite = np.isfinite(samples).all(axis=1)
-            self.n_unusable += int(np.count_nonzero(good & ~finite))
             good &= finite
             if not good.all():
                 samples[~good] = 0

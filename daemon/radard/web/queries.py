@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from radard.alarm.explain import explain
 from radard.alarm.panel import ArmMode
 from radard.alarm.sensitivity import alarm_policy, sensitivity_choices
 from radard.config.config import Config
@@ -27,7 +28,6 @@ from radard.web.auth import Role
 from radard.web.history import History
 from radard.web.labels import LabelFile
 from radard.web.metrics import Metrics, exposition
-from radard.web.why import explain
 
 _ULID = re.compile(r"[0-9A-HJKMNP-TV-Z]{26}")
 _NUMBERS = ("confirm_k", "confirm_n", "p_on", "p_off")

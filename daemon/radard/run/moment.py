@@ -1,44 +1,35 @@
 """One moment of a recording: what was decided, why, and what the network saw."""
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from radard.alarm.explain import explain
 from radard.config.config import Config
 from radard.errors import UsageError
 from radard.judge.bundle import Bundle
 from radard.judge.classifier import Answer, Classifier, Hidden, Probabilities
-from radard.judge.evidence import Evidence, EvidenceSettings
 from radard.judge.features import FeatureSet, FeatureSettings
-from radard.offline.detect import replay_into, replaying
+from radard.judge.occlusion import Seen
 from radard.outputs.records import Record
-from radard.pipeline import Pipeline
-from radard.run.components import classifier_for, make_classifier, use_calibration
+from radard.run.components import use_calibration
+from radard.run.listening import listen
+from radard.run.replays import replay_into, replaying
 from radard.stream.ring import Notice
-from radard.stream.source import open_source
-from radard.web.why import explain
 
 _PAST_S = 1.0
 """A window may end so long behind the moment that is asked for: one hop."""
 
 
 @dataclass(frozen=True, slots=True)
-class Seen:
-    """What the network took in and gave out."""
-
-    features: FeatureSet
-    hidden: Hidden | None
-    answer: Answer
-
-
-@dataclass(frozen=True, slots=True)
 class Moment:
     """A decision of a recording.
 
-    `records` are the decisions up to this one, `told` is what `radard.web.why.explain` makes of
+    `records` are the decisions up to this one, `told` is what `radard.alarm.explain` makes of
     them, and `seen` is None where no network was asked: the gate was closed, or there is none.
     """
 
@@ -101,7 +92,7 @@ def moment_of(path: Path, at_s: float, config: Config) -> Moment:
     before = [r for r in decisions if r["seq"] <= nearest["seq"]]
     hello = next(r for r in records if r["type"] == "hello")
     told = explain(before, hello, config, _events_by(records, nearest["t_s"]))
-    settings, classifier, seen = _looked_on(path, config, int(nearest["seq"]))
+    settings, classifier, seen = _look_on(path, config, int(nearest["seq"]))
     return Moment(path, hello, before, told, classifier, settings, seen)
 
 
@@ -111,42 +102,28 @@ def _events_by(records: Sequence[Record], t_s: float) -> list[Record]:
     return list(events.values())
 
 
-def _looked_on(
+def _look_on(
     path: Path, config: Config, seq: int
 ) -> tuple[FeatureSettings, Classifier | None, Seen | None]:
     """Replay up to a decision; return the settings, the network and what it saw there."""
-    config = replaying(config, path)
-    source = open_source(config.sensor.port or "", speed="max")
-    try:
-        plain = classifier_for(source.stream, config, make_classifier(config))
-        watched = _Watched(plain.bundle) if plain is not None else None
-        pipeline = Pipeline(source.stream, config, watched, judges_tracks=False)
+    with listen(replaying(config, path)) as listening:
+        pipeline = listening.pipeline
         use_calibration(config, pipeline, is_live=False)
-        ring, n = pipeline.make_ring(), 0
-        for frame in source.frames():
-            for item in ring.items(frame):
-                if isinstance(item, Notice):
-                    pipeline.restart()
-                    continue
-                if watched is not None:
-                    watched.seen = None
-                pipeline.decide(item)
-                n += 1
-                if n == seq:
-                    features = watched.bundle.features if watched else FeatureSettings()
-                    settings = features.at(source.stream.frame_rate_hz)
-                    return settings, watched, watched.seen if watched else None
-    finally:
-        source.close()
+        plain = pipeline.classifier
+        watched = _Watched(plain.bundle) if plain is not None else None
+        pipeline.classifier = watched
+        n = 0
+        for item in listening.dwells(math.inf):
+            if isinstance(item, Notice):
+                pipeline.restart()
+                continue
+            if watched is not None:
+                watched.seen = None
+            pipeline.decide(item)
+            n += 1
+            if n == seq:
+                features = watched.bundle.features if watched else FeatureSettings()
+                settings = features.at(pipeline.stream.frame_rate_hz)
+                return settings, watched, watched.seen if watched else None
     msg = f"{path}: the recording ends before decision {seq}"
     raise UsageError(msg)
-
-
-def judged_by(answer: Answer, bundle: Bundle) -> Probabilities:
-    """Return the probabilities that the rule takes of a network with a temporal head.
-
-    Of a network without one they are those of this window alone.
-    """
-    if answer.fused_log_p is None:
-        return answer.window
-    return Evidence(EvidenceSettings.from_mapping(bundle.evidence)).fuse(answer)

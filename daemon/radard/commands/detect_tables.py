@@ -12,8 +12,8 @@ from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any, Protocol, TextIO
 
-from radard.offline.detect import Judged
 from radard.outputs.records import Record
+from radard.run.replays import Judged
 from x2radar.extras import needed
 
 FORMATS = ("csv", "parquet", "jsonl")

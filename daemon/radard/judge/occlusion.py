@@ -11,15 +11,25 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from radard.judge.classifier import Classifier
+from radard.judge.bundle import Bundle
+from radard.judge.classifier import Answer, Classifier, Hidden, Probabilities
 from radard.judge.decision import judge
-from radard.judge.features import FeatureSettings
-from radard.offline.moment import Seen, judged_by
+from radard.judge.evidence import Evidence, EvidenceSettings
+from radard.judge.features import FeatureSet, FeatureSettings
 
 _PATCHES = (8, 5)
-"""Rows and columns of patches on a map: chosen, each is a limb's velocities for half a step."""
-_LEAST_P = 1e-4
-"""Log-odds of probabilities nearer to 0 or 1 say nothing more. Chosen."""
+"""Rows and columns of patches on a map: each is a limb's velocities for half a step."""
+_MIN_P = 1e-4
+"""Log-odds of probabilities nearer to 0 or 1 say nothing more."""
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """What the network took in and gave out."""
+
+    features: FeatureSet
+    hidden: Hidden | None
+    answer: Answer
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,7 +149,7 @@ def occluded(
     classifier: Classifier, settings: FeatureSettings, seen: Seen, pet_limit: float
 ) -> list[Part]:
     """Return every part of every map, with what it stood for, the strongest first."""
-    as_it_was = judged_by(seen.answer, classifier.bundle)
+    as_it_was = _judged_by(seen.answer, classifier.bundle)
     _, alarm = judge(as_it_was, pet_limit)
     parts = []
     for view in map_views(settings, seen):
@@ -149,7 +159,7 @@ def occluded(
             features = replace(
                 seen.features, inputs={**seen.features.inputs, view.feature: values}
             )
-            p = judged_by(classifier.answer(features, seen.hidden), classifier.bundle)
+            p = _judged_by(classifier.answer(features, seen.hidden), classifier.bundle)
             effect = _log_odds(as_it_was.human) - _log_odds(p.human)
             turns = judge(p, pet_limit)[1] != alarm
             parts.append(Part(view, rows, columns, p.human, effect, turns))
@@ -176,5 +186,15 @@ def _patches(shape: tuple[int, int]) -> Iterator[tuple[slice, slice]]:
 
 
 def _log_odds(p: float) -> float:
-    p = min(max(p, _LEAST_P), 1 - _LEAST_P)
+    p = min(max(p, _MIN_P), 1 - _MIN_P)
     return float(np.log(p / (1 - p)))
+
+
+def _judged_by(answer: Answer, bundle: Bundle) -> Probabilities:
+    """Return the probabilities that the rule takes of a network with a temporal head.
+
+    Of a network without one they are those of this window alone.
+    """
+    if answer.fused_log_p is None:
+        return answer.window
+    return Evidence(EvidenceSettings.from_mapping(bundle.evidence)).fuse(answer)

@@ -1,7 +1,9 @@
-"""Why: a decision in words, stage by stage, up to the one that decided.
+"""Why an alarm came, or did not: a decision in words, stage by stage, up to the one that decided.
 
-The words are made of the decision's own record and those before it, by the functions of the
-alarm itself (`radard.alarm.zones.sight_of`), so that they agree with it.
+All stages that may stop an alarm stand here in their order: frames, gate, classifier, evidence,
+rule (`radard.judge.decision`), zones (`radard.alarm.zones`), confirmation and panel
+(`radard.alarm.panel`). The words are made of the decision's own record and those before it, by
+the functions of the alarm itself, so that they agree with it.
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,13 +16,11 @@ from radard.alarm.zones import Zones, sight_of
 from radard.config.config import Config
 from radard.detect.gate import GateReading
 from radard.judge.classifier import Probabilities
-from radard.judge.decision import Decision, TrackVerdict
-from radard.outputs.base import Record
+from radard.judge.decision import LEAST_P, Decision, TrackVerdict
 
 _WORDS = {"human": "person", "pet": "pet", "other": "something else"}
-_SHOWN = 0.005  # chosen: what rounds to a percent
-_FEW = 10  # chosen: from here on tenths say nothing
-_MANY = 1000  # chosen: times the threshold; more says nothing to people
+Record = Mapping[str, Any]
+"""A line of JSON Lines, `radard.outputs.records`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +37,7 @@ def explain(
     records: Sequence[Record],
     hello: Record,
     config: Config,
-    events: Sequence[Mapping[str, Any]] = (),
+    events: Sequence[Record] = (),
     panel: str | None = None,
     *,
     mode: ArmMode = "away",
@@ -95,7 +95,7 @@ def _decided(name: str, text: str, plain: str) -> DecisionStage:
     return DecisionStage(name, "decided", text, plain)
 
 
-def _frames(record: Record, events: Sequence[Mapping[str, Any]]) -> DecisionStage:
+def _frames(record: Record, events: Sequence[Record]) -> DecisionStage:
     n, lost = record["frames"], record["dropped"]
     if record["gate"] != "invalid":
         missing = f"{lost} missing, few enough" if lost else "none missing"
@@ -116,6 +116,12 @@ def _frames(record: Record, events: Sequence[Mapping[str, Any]]) -> DecisionStag
 def _gate(record: Record) -> DecisionStage:
     power, threshold = record["power_db"], record["threshold_db"]
     apart = f"{abs(power - threshold):.1f} dB"
+    if record["gate"] == "closed" and record["alarm"]:
+        text = (
+            f"The gate has closed ({_db(power)}, {apart} under the threshold), and what was there "
+            "left undecided: that counts as human."
+        )
+        return _passed("gate", text, "Yes: it left undecided, and that counts as a person.")
     if record["gate"] == "closed":
         text = (
             f"The gate is closed: what moves has {_db(power)}, {apart} under the threshold of "
@@ -125,8 +131,7 @@ def _gate(record: Record) -> DecisionStage:
     text = f"The gate is open: {_db(power)} is {apart} over the threshold of {_db(threshold)}"
     where = f", most of it at {record['range_m']:.1f} m." if record["range_m"] is not None else "."
     times = 10 ** ((power - threshold) / 10)
-    exact = f"{times:.1f}" if times < _FEW else f"{times:.0f}"
-    much = "over 1000" if times > _MANY else exact
+    much = "over 1000" if times > 1000 else f"{times:.{1 if times < 10 else 0}f}"
     plain = f"Yes, {much} times as much as must be there to count{where}"
     return _passed("gate", text + where, plain)
 
@@ -151,7 +156,7 @@ def _plain(shares: Mapping[str, float]) -> str:
     text = ", ".join(
         f"{word} {100 * shares[key]:.0f} %"
         for key, word in _WORDS.items()
-        if key != "other" or shares[key] >= _SHOWN
+        if key != "other" or round(100 * shares[key])
     )
     return text[:1].upper() + text[1:]
 
@@ -182,7 +187,7 @@ def _confirmed(
     hits: Sequence[bool],
     policy: AlarmPolicy,
     record: Record,
-    events: Sequence[Mapping[str, Any]],
+    events: Sequence[Record],
     panel: str | None,
 ) -> list[DecisionStage]:
     if not hits[-1]:
@@ -204,7 +209,7 @@ def _panel_stage(
     n_hits: int,
     policy: AlarmPolicy,
     record: Record,
-    events: Sequence[Mapping[str, Any]],
+    events: Sequence[Record],
     panel: str | None,
 ) -> DecisionStage:
     counted = f"{n_hits} of the last {policy.n} windows say human; {policy.k} are needed"
@@ -234,7 +239,7 @@ def _db(value: float) -> str:
     return f"{value:.1f} dB".replace("-", "\N{MINUS SIGN}")
 
 
-def _covers(event: Mapping[str, Any], t_s: float) -> bool:
+def _covers(event: Record, t_s: float) -> bool:
     end_s = event["end_t_s"]
     return bool(event["start_t_s"] <= t_s and (end_s is None or t_s <= end_s))
 
@@ -242,7 +247,7 @@ def _covers(event: Mapping[str, Any], t_s: float) -> bool:
 def _headline(record: Record, by: DecisionStage) -> str:
     if record["gate"] == "invalid":
         return "This window could not be judged"
-    if record["gate"] == "closed":
+    if record["gate"] == "closed" and not record["alarm"]:
         return "Nothing moves"
     if record["label"] is None:
         return "Something moves; there is no model to say what"
@@ -250,9 +255,9 @@ def _headline(record: Record, by: DecisionStage) -> str:
         return "Not decided yet"
     if not record["alarm"]:
         return "A pet" if record["label"] == "pet" else "Something harmless"
-    if by.name == "confirmation" and by.text.startswith("Confirmed"):
-        return "A person: alarm"
-    return "A person"
+    who = "A person" if (record["fused_p_human"] or 0) >= LEAST_P else "Undecided"
+    is_new = by.name == "confirmation" and by.text.startswith("Confirmed")
+    return f"{who}: alarm" if is_new else who
 
 
 def _is_hit(record: Record, policy: AlarmPolicy, zones: Zones, limit: float) -> bool:
@@ -294,6 +299,6 @@ def _decision(record: Record) -> Decision:
     )
 
 
-def _probabilities(record: Mapping[str, Any], prefix: str) -> Probabilities | None:
+def _probabilities(record: Record, prefix: str) -> Probabilities | None:
     human, pet, other = (record[prefix + name] for name in ("human", "pet", "other"))
     return None if human is None else Probabilities(human, pet, other)
