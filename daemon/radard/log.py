@@ -1,0 +1,555 @@
+"""EventLog: what happened, once and in order, until every output has it.
+
+Memory is the log, and a SQLite file (`radard.log_file`) its copy, which a thread of its own
+writes: no disk holds up an alarm for longer than half a second, and one that is full, hangs or
+damages the file costs nothing that this process knows. Every record gets a number when it is
+appended, and a key that no other record ever has. An output is a `Cursor`: what it has still to
+be told, in order. After a kill it is told again what the file does not yet say it has: each at
+least once, none skipped.
+
+Nothing goes by the clock on the wall. The oldest records go when there are too many, and how long
+a record has waited is counted in seconds for which a daemon ran.
+"""
+
+import contextlib
+import itertools
+import json
+import logging
+import sqlite3
+import threading
+import time
+import uuid
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from radard.log_file import (
+    ForeignDatabase,
+    StoredEvent,
+    check_pages,
+    fold_events,
+    is_damage,
+    open_log_file,
+    parse_record,
+    put_aside,
+)
+
+log = logging.getLogger("radard")
+Record = dict[str, Any]
+Wants = Callable[[Record], bool]
+_WAIT_S = 0.5  # a person does not notice it; disks take a tenth of it
+_OPEN_S = 5.0  # a disk that spins up takes as long; beyond it the run begins without its past
+_CLOSE_S = 1.0  # of the 6 s that systemd gives, the rest is for outputs
+_TEND_S = 10.0  # how soon a disk is tried again, and what a kill takes off an event's age
+_CHECK_S = 3600.0  # reading all pages takes a tenth of a second
+_SAID_S = 3600.0  # so long the state says that a file was put aside, or events were dropped
+
+
+@dataclass(slots=True, eq=False)
+class Entry:
+    """A record in the log.
+
+    Attributes
+    ----------
+    n : int
+        Its number: the order of the log. It changes only for those that were appended before a
+        file could be read, which then come behind what that holds.
+    key : str
+        The same in every attempt to deliver it and in no other entry, ever.
+    put_s : float
+        Since when it has waited, by this process's monotonic clock.
+    text : str
+        The record as JSON.
+    """
+
+    n: int
+    key: str
+    put_s: float
+    text: str
+
+    @property
+    def record(self) -> Record:
+        """The record, a new mapping each time."""
+        record: Record = json.loads(self.text)
+        return record
+
+
+@dataclass(frozen=True, slots=True)
+class _Place:
+    """Where a cursor stands, as the file has it.
+
+    Everything up to `done` is delivered, but for those in `deferred`; `seen` is the last that was
+    appended while there was this cursor.
+    """
+
+    done: int = 0
+    seen: int = 0
+    deferred: tuple[int, ...] = ()
+
+
+class Cursor:
+    """What one output has still to be told, in order; any thread may use it."""
+
+    def __init__(self, owner: "EventLog", name: str, wants: Wants) -> None:
+        self.name = name
+        self._log = owner
+        self._wants = wants
+        self._waiting: deque[Entry] = deque()
+        self._deferred: deque[Entry] = deque()
+        self.n_lost = 0
+        """Entries that went before they were delivered, since there were too many."""
+        self.on_put: Callable[[], None] = lambda: None
+        """Called when there is more to deliver; must not wait."""
+
+    def __len__(self) -> int:
+        return len(self._waiting) + len(self._deferred)
+
+    def first(self) -> Entry | None:
+        """Return what is to be delivered next; those that were deferred come last."""
+        with self._log.changed:
+            waiting = self._waiting or self._deferred
+            return waiting[0] if waiting else None
+
+    def up_to(self, record: Record) -> list[Entry]:
+        """Return what is to be delivered up to a record; nothing once that is delivered."""
+        text = json.dumps(record)
+        with self._log.changed:
+            found = list(self._waiting)
+        ends = [i for i, entry in enumerate(found) if entry.text == text]
+        return found[: ends[0] + 1] if ends else []
+
+    def done(self, entry: Entry) -> None:
+        """Note that an entry was delivered, or given up."""
+        with self._log.changed:
+            self._drop(entry)
+            self._log.moved(self.name)
+
+    def defer(self, entry: Entry) -> None:
+        """Put an entry behind all others."""
+        with self._log.changed:
+            if self._drop(entry):
+                self._deferred.append(entry)
+                self._log.moved(self.name)
+
+    def offer(self, entries: Sequence[Entry]) -> bool:
+        """Take those that are wanted; return whether there are any; under the log's lock."""
+        wanted = [entry for entry in entries if self._wants(entry.record)]
+        self._waiting.extend(wanted)
+        return bool(wanted)
+
+    def lose(self, entry: Entry) -> bool:
+        """Let go of an entry for which there is no room; under the log's lock."""
+        is_lost = self._drop(entry)
+        self.n_lost += is_lost
+        return is_lost
+
+    def take_over(self, before: "Cursor") -> None:
+        """Take what another one had still to deliver; under the log's lock."""
+        self._waiting.extend(e for e in before._waiting if self._wants(e.record))
+        self._deferred.extend(e for e in before._deferred if self._wants(e.record))
+        self.n_lost = before.n_lost
+
+    def resume(self, place: _Place, entries: Sequence[Entry]) -> None:
+        """Go on where an earlier run ended, before what has come since; under the log's lock."""
+        if place.done >= place.seen and not place.deferred:
+            # What was appended while there was no such output is not for it.
+            return
+        by_n = {entry.n: entry for entry in entries}
+        last = [by_n[n] for n in place.deferred if n in by_n]
+        left = [e for e in entries if e.n > place.done and e not in last and self._wants(e.record)]
+        self._waiting.extendleft(reversed(left))
+        self._deferred.extendleft(reversed(last))
+
+    def place(self, told: int, last: int) -> _Place:
+        """Return where it stands; under the log's lock.
+
+        `told` is the last number that cursors were offered, `last` the last that was appended.
+        """
+        done = self._waiting[0].n - 1 if self._waiting else told
+        return _Place(done, last, tuple(entry.n for entry in self._deferred))
+
+    def _drop(self, entry: Entry) -> bool:
+        for row in (self._waiting, self._deferred):
+            if row and row[0] is entry:
+                row.popleft()
+                return True
+            with contextlib.suppress(ValueError):
+                row.remove(entry)
+                return True
+        return False
+
+
+class EventLog:
+    """Keep records in order, in memory and in a file; any thread may call.
+
+    Parameters
+    ----------
+    path : Path or None
+        The file; None is memory alone.
+    max_events : int
+        Beyond so many the oldest go, delivered or not.
+    keeps_events : bool
+        Without it, the file has only what `keep` is given.
+    """
+
+    def __init__(
+        self, path: Path | None, *, max_events: int = 10_000, keeps_events: bool = True
+    ) -> None:
+        self._path = path
+        self._max_events = max_events
+        self._keeps_events = keeps_events
+        self._id = uuid.uuid4().hex[:12]
+        self.changed = threading.Condition(threading.RLock())
+        """The lock of the log and of its cursors."""
+        self._entries: deque[Entry] = deque()
+        self._last = self._told = self._written = 0
+        self._cursors: dict[str, Cursor] = {}
+        self._places: dict[str, _Place] = {}
+        self._kept: dict[str, str] = {}
+        self._held: dict[str, str] = {}
+        self._moved: set[str] = set()
+        self._is_loaded = path is None
+        self._db: sqlite3.Connection | None = None
+        self._inode: tuple[int, int] | None = None
+        self._offset_s = 0.0
+        """From this process's monotonic clock to the file's count of seconds."""
+        self._checked_s = time.monotonic()
+        self._n_asked = self._n_done = 0
+        self._is_ended = False
+        self._trouble = ""
+        self._said, self._said_s = "", float("-inf")
+        self._writer = threading.Thread(target=self._run, name="event log", daemon=True)
+        if path is not None:
+            self._n_asked = 1
+            self._writer.start()
+            self._wait(1, _OPEN_S)
+
+    @property
+    def fault(self) -> str:
+        """Why the state is degraded: the file takes nothing, or something was lost; else empty."""
+        if self._trouble:
+            return f"events are kept in memory only: {self._trouble}"
+        return self._said if time.monotonic() - self._said_s < _SAID_S else ""
+
+    def append(self, record: Record) -> Entry:
+        """Add a record; return once it is on disk, or after half a second.
+
+        Outputs hear of it afterwards: what anybody was told outlives a kill.
+        """
+        with self.changed:
+            self._last += 1
+            key = f"{self._id}-{self._last}"
+            entry = Entry(self._last, key, time.monotonic(), json.dumps(record))
+            self._entries.append(entry)
+            n = self._ask()
+        self._wait(n, _WAIT_S)
+        with self.changed:
+            newest = itertools.takewhile(lambda e: e.n > self._told, reversed(self._entries))
+            fresh = [each for each in newest if each.n <= entry.n][::-1]
+            self._told = max(self._told, entry.n)
+            wanting = [cursor for cursor in self._cursors.values() if cursor.offer(fresh)]
+            self._bound()
+        for cursor in wanting:
+            cursor.on_put()
+        return entry
+
+    def cursor(self, name: str, wants: Wants) -> Cursor:
+        """Return the cursor of an output, which goes on where it was.
+
+        Parameters
+        ----------
+        name : str
+            The same for this output in every run; shows no secret, for it is readable.
+        wants : callable
+            Whether a record is for this output.
+        """
+        with self.changed:
+            before = self._cursors.get(name)
+            cursor = self._cursors[name] = Cursor(self, name, wants)
+            if before is not None:
+                cursor.take_over(before)
+            elif (place := self._places.get(name)) is not None:
+                cursor.resume(place, [each for each in self._entries if each.n <= self._told])
+            self.moved(name)
+            return cursor
+
+    def forget(self, name: str) -> None:
+        """Take away a cursor whose output there is no more."""
+        with self.changed:
+            self._cursors.pop(name, None)
+            self._places.pop(name, None)
+            self.moved(name)
+
+    def events(
+        self,
+        *,
+        since_s: float | None = None,
+        kinds: Sequence[str] = (),
+        limit: int | None = None,
+    ) -> list[StoredEvent]:
+        """Return the events that the log holds, see `radard.log_file.fold_events`."""
+        with self.changed:
+            entries = list(self._entries)
+        records = [entry.record for entry in entries]
+        return fold_events(records, since_s=since_s, kinds=kinds, limit=limit)
+
+    def keep(self, name: str, text: str) -> None:
+        """Keep a text over restarts in place of an earlier one; returns as `append` does."""
+        with self.changed:
+            if self._kept.get(name) == text:
+                return
+            self._kept[name] = text
+            n = self._ask()
+        self._wait(n, _WAIT_S)
+
+    def kept(self, name: str) -> str | None:
+        """Return what is kept under a name."""
+        with self.changed:
+            return self._kept.get(name)
+
+    def holds(self, name: str, text: str) -> bool:
+        """Return whether a text would outlive a kill; true also where no disk takes anything."""
+        with self.changed:
+            return self._path is None or bool(self._trouble) or self._held.get(name) == text
+
+    def close(self) -> None:
+        """Write what waits, and close the file; what comes later is in memory only."""
+        with self.changed:
+            self._is_ended = True
+            self.changed.notify_all()
+        if self._writer.ident is not None:
+            self._writer.join(_CLOSE_S)
+
+    def moved(self, name: str) -> None:
+        """Let the place of a cursor be written soon; under the lock."""
+        self._moved.add(name)
+        self._ask()
+
+    def _ask(self) -> int:
+        """Ask for a round of writing; return its number."""
+        self._n_asked += 1
+        self.changed.notify_all()
+        return self._n_asked
+
+    def _wait(self, n: int, timeout_s: float) -> None:
+        if self._path is not None:
+            with self.changed:
+                self.changed.wait_for(lambda: self._n_done >= n or self._is_ended, timeout_s)
+
+    def _bound(self) -> None:
+        """Drop the oldest entries, if there are too many."""
+        n_lost = 0
+        while len(self._entries) > self._max_events:
+            entry = self._entries.popleft()
+            n_lost += sum([cursor.lose(entry) for cursor in self._cursors.values()])
+        if n_lost:
+            self._say(f"too many events wait: the oldest were dropped ({n_lost})")
+
+    def _say(self, text: str) -> None:
+        if text != self._said or time.monotonic() - self._said_s >= _SAID_S:
+            log.warning("%s: %s", self._path or "events", text)
+        self._said, self._said_s = text, time.monotonic()
+
+    def _run(self) -> None:
+        is_over = False
+        while not is_over:
+            with self.changed:
+                self.changed.wait_for(
+                    lambda: self._n_asked > self._n_done or self._is_ended, _TEND_S
+                )
+                n, is_over = self._n_asked, self._is_ended
+            if n > self._n_done or is_over or self._is_due():
+                try:
+                    self._write()
+                except (OSError, sqlite3.Error, ForeignDatabase) as err:
+                    self._failed(err)
+                else:
+                    self._trouble = ""
+            with self.changed:
+                self._n_done = n
+                self.changed.notify_all()
+        self._shut()
+
+    def _is_due(self) -> bool:
+        """Return whether to write although nothing was asked for."""
+        with self.changed:
+            is_waiting = any(map(len, self._cursors.values()))
+        is_late = time.monotonic() - self._checked_s >= _CHECK_S
+        return bool(self._trouble) or is_waiting or is_late
+
+    def _failed(self, err: Exception) -> None:
+        """Open the file again at the next attempt, and anew if it is damaged."""
+        self._shut()
+        path = self._path
+        if path is not None and is_damage(err):
+            try:
+                self._say(f"damaged ({_one_line(err)}), put aside as {put_aside(path).name}")
+            except OSError as fault:
+                err = fault
+            else:
+                self._begin_anew()
+                # At once: what memory holds must not wait for the next event.
+                with self.changed:
+                    self._ask()
+                return
+        why = _one_line(err)
+        if not self._trouble:
+            log.warning("%s: events are kept in memory only: %s", path, why)
+        self._trouble = why
+
+    def _begin_anew(self) -> None:
+        """Let everything be written that memory holds."""
+        with self.changed:
+            self._written = 0
+            self._held = {}
+            self._moved |= set(self._cursors) | set(self._places)
+
+    def _shut(self) -> None:
+        db, self._db = self._db, None
+        if db is not None:
+            with contextlib.suppress(sqlite3.Error):
+                db.close()
+
+    def _opened(self, path: Path) -> sqlite3.Connection:
+        if self._db is not None and (self._inode is None or _inode_of(path) != self._inode):
+            self._say("the file was taken away")
+            self._shut()
+            self._begin_anew()
+            # Another one may be there, as of a disk that was mounted late.
+            self._is_loaded = False
+        if self._db is None:
+            self._db = open_log_file(path)
+            self._inode = _inode_of(path)
+        if not self._is_loaded:
+            self._load(self._db)
+        return self._db
+
+    def _load(self, db: sqlite3.Connection) -> None:
+        """Take what the file holds; what has come since is put behind it.
+
+        Of a damaged file everything is taken that can be read, before it is put aside.
+        """
+        rows: list[tuple[int, str, float, bytes]] = []
+        places: dict[str, _Place] = {}
+        kept: dict[str, str] = {}
+        last, run_s, damage = 0, 0.0, None
+        try:
+            kept.update(db.execute("SELECT name, text FROM kept"))
+            for name, done, seen, deferred in db.execute("SELECT * FROM cursors"):
+                places[name] = _Place(done, seen, tuple(json.loads(deferred)))
+            run_s, last = db.execute("SELECT run_s, last FROM stand").fetchone() or (run_s, last)
+            if self._keeps_events:
+                query = "SELECT n, key, run_s, CAST(record AS BLOB) FROM log ORDER BY n"
+                for row in db.execute(query):
+                    rows.append(row)  # noqa: PERF402 - all before a damaged one
+            check_pages(db)
+        except (sqlite3.Error, ValueError, TypeError) as err:
+            if isinstance(err, sqlite3.Error) and not is_damage(err):
+                raise
+            damage = err
+        self._join(rows, places, kept, last=last, run_s=run_s)
+        self._is_loaded = True
+        if damage is not None:
+            lost = sqlite3.DatabaseError(str(damage))
+            lost.sqlite_errorcode = sqlite3.SQLITE_CORRUPT
+            raise lost
+
+    def _join(
+        self,
+        rows: Sequence[tuple[int, str, float, bytes]],
+        places: dict[str, _Place],
+        kept: dict[str, str],
+        *,
+        last: int,
+        run_s: float,
+    ) -> None:
+        now_s = time.monotonic()
+        entries, known = [], {entry.key for entry in self._entries}
+        for n, key, put_s, text in rows:
+            if key in known:
+                continue
+            if parse_record(text) is None:
+                self._say(f"entry {n} is unreadable, skipped")
+                continue
+            # A kill may have come before the count was noted.
+            age_s = max(0.0, run_s - put_s)
+            entries.append(Entry(n, str(key), now_s - age_s, text.decode()))
+        with self.changed:
+            self._offset_s = run_s - now_s
+            last = max([last, *(row[0] for row in rows)])
+            for entry in self._entries:
+                entry.n += last
+            for name, cursor in self._cursors.items():
+                cursor.resume(places.get(name, _Place()), entries)
+            self._written = last
+            self._last += last
+            self._told += last
+            self._entries.extendleft(reversed(entries))
+            self._places = places
+            self._held = dict(kept)
+            self._kept = {**kept, **self._kept}
+            self._moved |= set(self._cursors)
+            self._bound()
+
+    def _write(self) -> None:
+        path = self._path
+        assert path is not None  # noqa: S101 - there is no writer otherwise
+        now_s = time.monotonic()
+        db = self._opened(path)
+        if now_s - self._checked_s >= _CHECK_S:
+            self._checked_s = now_s
+            check_pages(db)
+        with self.changed:
+            held, last = dict(self._kept), self._last
+            entries = [e for e in self._entries if e.n > self._written]
+            first = self._entries[0].n if self._entries else last + 1
+            moved, self._moved = self._moved, set()
+            # What is appended is seen by every cursor that there is.
+            places = {
+                name: self._cursors[name].place(self._told, last)
+                if name in self._cursors
+                else self._places.get(name)
+                for name in moved.union(self._cursors if entries else ())
+            }
+        try:
+            db.execute("BEGIN IMMEDIATE")
+            if self._keeps_events:
+                db.executemany(
+                    "INSERT OR REPLACE INTO log VALUES (?, ?, ?, ?)",
+                    [(e.n, e.key, e.put_s + self._offset_s, e.text) for e in entries],
+                )
+                db.execute("DELETE FROM log WHERE n < ?", (first,))
+                for name, place in places.items():
+                    _put_place(db, name, place)
+            db.executemany("INSERT OR REPLACE INTO kept VALUES (?, ?)", held.items())
+            stand = (now_s + self._offset_s, last)
+            db.execute("INSERT OR REPLACE INTO stand VALUES (0, ?, ?)", stand)
+            db.execute("COMMIT")
+        except BaseException:
+            with self.changed:
+                self._moved |= moved
+            raise
+        with self.changed:
+            self._written, self._held = last, held
+
+
+def _one_line(err: Exception) -> str:
+    return " ".join(str((isinstance(err, OSError) and err.strerror) or err).split())
+
+
+def _put_place(db: sqlite3.Connection, name: str, place: _Place | None) -> None:
+    if place is None:
+        db.execute("DELETE FROM cursors WHERE name = ?", (name,))
+        return
+    row = (name, place.done, place.seen, json.dumps(place.deferred))
+    db.execute("INSERT OR REPLACE INTO cursors VALUES (?, ?, ?, ?)", row)
+
+
+def _inode_of(path: Path) -> tuple[int, int] | None:
+    try:
+        about = path.stat()
+    except OSError:
+        return None
+    return about.st_dev, about.st_ino

@@ -1,0 +1,323 @@
+"""The SQLite file of a log: in WAL mode, checked, put aside when damaged, read by anyone.
+
+Tables::
+
+    log      n (never used twice), key, run_s, record (JSON)
+    cursors  name, done, seen, deferred (JSON): how far each output is, see `radard.log.Cursor`
+    kept     name, text: what must outlive the daemon beside events
+    stand    run_s: seconds for which daemons have run with this file; last: its last number
+
+The views `events` (one row an event, by its last phase) and `statuses` are for those who query it.
+"""
+
+import contextlib
+import json
+import os
+import re
+import sqlite3
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from radard.errors import RadardError, UsageError
+
+MARKS = ("test", "simulated", "replayed")
+"""What a record has of an event that is only a test, and of a stream that is not live."""
+_APPLICATION_ID = int.from_bytes(b"rdlg", "big")
+_VERSION = 1  # of the schema
+_BUSY_S = 1.0  # a lock, as of a backup, is soon gone; the next attempt comes anyway
+_KEYS = {"event": ("id", "phase", "kind", "t_s", "time", "start_t_s", "peak", "reason", "clip")}
+"""What a record of a type must have to be one."""
+_UNIT_S = {"s": 1, "min": 60, "h": 3600, "d": 86_400, "w": 604_800}
+_DAMAGE = frozenset({sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_ERROR})
+"""SQLITE_ERROR: a table or column of ours is missing."""
+_PASSING = frozenset(
+    {sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED, sqlite3.SQLITE_IOERR, sqlite3.SQLITE_FULL}
+)
+_SCHEMA = """
+CREATE TABLE IF NOT EXISTS log (
+    n INTEGER PRIMARY KEY AUTOINCREMENT, key TEXT NOT NULL UNIQUE, run_s REAL NOT NULL,
+    record TEXT NOT NULL
+);
+CREATE TABLE IF NOT EXISTS cursors (
+    name TEXT PRIMARY KEY, done INTEGER NOT NULL, seen INTEGER NOT NULL, deferred TEXT NOT NULL
+);
+CREATE TABLE IF NOT EXISTS kept (name TEXT PRIMARY KEY, text TEXT NOT NULL);
+CREATE TABLE IF NOT EXISTS stand (
+    row INTEGER PRIMARY KEY CHECK (row = 0), run_s REAL NOT NULL, last INTEGER NOT NULL
+);
+CREATE VIEW IF NOT EXISTS phases AS
+    SELECT n, json_extract(record, '$.id') AS id, json_extract(record, '$.sensor') AS sensor,
+        json_extract(record, '$.kind') AS kind, json_extract(record, '$.phase') AS phase,
+        (julianday(json_extract(record, '$.time')) - 2440587.5) * 86400 AS time_s,
+        json_extract(record, '$.t_s') AS t_s, json_extract(record, '$.start_t_s') AS start_t_s,
+        json_extract(record, '$.peak') AS peak, json_extract(record, '$.reason') AS reason,
+        json_extract(record, '$.clip') AS clip,
+        CASE WHEN json_extract(record, '$.test') THEN 'test'
+            WHEN json_extract(record, '$.simulated') THEN 'simulated'
+            WHEN json_extract(record, '$.replayed') THEN 'replayed' END AS mark
+    FROM log WHERE json_extract(record, '$.type') = 'event';
+CREATE VIEW IF NOT EXISTS events AS
+    SELECT first.id, first.sensor, first.kind, last.phase, first.time_s AS start_s,
+        CASE last.phase WHEN 'end' THEN last.time_s END AS end_s, first.start_t_s,
+        CASE last.phase WHEN 'end' THEN last.t_s END AS end_t_s, whole.peak,
+        CASE first.kind WHEN 'alarm' THEN first.reason ELSE last.reason END AS reason,
+        whole.clip, first.mark
+    FROM (SELECT id, min(n) AS first_n, max(n) AS last_n, max(peak) AS peak, max(clip) AS clip
+        FROM phases GROUP BY id) AS whole
+    JOIN phases AS first ON first.n = whole.first_n JOIN phases AS last ON last.n = whole.last_n
+    ORDER BY first.n;
+CREATE VIEW IF NOT EXISTS statuses AS
+    SELECT n, (julianday(json_extract(record, '$.time')) - 2440587.5) * 86400 AS time_s,
+        json_extract(record, '$.state') AS state, json_extract(record, '$.reason') AS reason,
+        json_extract(record, '$.sensor') AS sensor
+    FROM log WHERE json_extract(record, '$.type') = 'status';
+"""
+
+
+class ForeignDatabase(Exception):
+    """A file of another program, or of a newer version."""
+
+
+class StoreError(RadardError):
+    """A log is missing or unreadable."""
+
+    exit_code = 66
+
+
+def open_log_file(path: Path, more: str = "") -> sqlite3.Connection:
+    """Open or make a log in autocommit mode; every commit reaches the disk.
+
+    Parameters
+    ----------
+    path : Path
+        The file; it is made for its owner alone, whatever the umask.
+    more : str
+        Statements that make further tables, and do nothing to those that exist.
+
+    Raises
+    ------
+    ForeignDatabase
+        If it is not ours to change.
+    OSError, sqlite3.Error
+        If it cannot be made, or is damaged (`is_damage`).
+
+    Any thread may use the connection, under a lock of the caller's.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+    with contextlib.suppress(FileExistsError):
+        os.close(os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600))
+    db = sqlite3.connect(path, timeout=_BUSY_S, isolation_level=None, check_same_thread=False)
+    try:
+        _check_owner(db)
+        db.execute("PRAGMA auto_vacuum=INCREMENTAL")
+        # First, so that a kill leaves no file that looks like another program's; and only if it
+        # must be: a file that is open elsewhere cannot always be written.
+        for name, value in (("application_id", _APPLICATION_ID), ("user_version", _VERSION)):
+            if db.execute(f"PRAGMA {name}").fetchone()[0] != value:
+                db.execute(f"PRAGMA {name}={value}")
+        db.execute("PRAGMA journal_mode=WAL")
+        db.execute("PRAGMA synchronous=FULL")
+        # What is in a cache hides that the disk has lost it.
+        db.execute("PRAGMA cache_size=16")
+        db.executescript(_SCHEMA + more)
+    except BaseException:
+        db.close()
+        raise
+    return db
+
+
+def check_pages(db: sqlite3.Connection) -> None:
+    """Read every page; raises sqlite3.DatabaseError, which `is_damage`, if one is damaged."""
+    found = db.execute("PRAGMA quick_check(1)").fetchone()[0]
+    if found != "ok":
+        error = sqlite3.DatabaseError(found)
+        error.sqlite_errorcode = sqlite3.SQLITE_CORRUPT
+        raise error
+
+
+def put_aside(path: Path) -> Path:
+    """Rename a damaged file to *.broken, and return that; one that was put aside before goes."""
+    aside = path.with_name(path.name + ".broken")
+    path.replace(aside)
+    for tail in ("-wal", "-shm"):
+        path.with_name(path.name + tail).unlink(missing_ok=True)
+    return aside
+
+
+def is_damage(err: Exception) -> bool:
+    """Return whether a file is damaged, and not only out of reach for now."""
+    return isinstance(err, sqlite3.DatabaseError) and _code(err) in _DAMAGE
+
+
+def is_passing(err: Exception) -> bool:
+    """Return whether a fault of SQLite may pass by itself, as a full disk does."""
+    return isinstance(err, sqlite3.Error) and _code(err) in _PASSING
+
+
+def _code(err: sqlite3.Error) -> int:
+    return int(getattr(err, "sqlite_errorcode", 0)) & 0xFF
+
+
+def _check_owner(db: sqlite3.Connection) -> None:
+    is_empty = db.execute("SELECT count(*) FROM sqlite_master").fetchone()[0] == 0
+    owner, version = (
+        db.execute(f"PRAGMA {name}").fetchone()[0] for name in ("application_id", "user_version")
+    )
+    if not is_empty and owner != _APPLICATION_ID:
+        msg = "a database of another program"
+        raise ForeignDatabase(msg)
+    if version > _VERSION:
+        msg = "made by a newer version"
+        raise ForeignDatabase(msg)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StoredEvent:
+    """One event in its last known phase, by the names of the records of type event.
+
+    `start_time` and `end_time` are the wall clock in UTC, ISO 8601; `end_time` is None if it has
+    not ended, or the daemon did not see its end. `*_t_s` are stream time, in seconds. `reason` is
+    that of an alarm's beginning, for its end is nearly always 'nobody seen'; else the last one.
+    `mark` is one of `MARKS`, None of a live event.
+    """
+
+    id: str
+    sensor: str
+    kind: str
+    phase: str
+    start_time: str
+    end_time: str | None
+    start_t_s: float
+    end_t_s: float | None
+    peak: float
+    reason: str
+    clip: str | None
+    mark: str | None = None
+
+
+def fold_events(
+    records: Iterable[Mapping[str, Any]],
+    *,
+    since_s: float | None = None,
+    kinds: Sequence[str] = (),
+    limit: int | None = None,
+) -> list[StoredEvent]:
+    """Return one event for all records of its phases, in the order of their beginnings.
+
+    Parameters
+    ----------
+    records : iterable of mapping
+        Records of any type, in the order of a log; only events count.
+    since_s, kinds, limit
+        As in `read_events`.
+    """
+    found: dict[str, StoredEvent] = {}
+    for record in records:
+        if record["type"] != "event" or (kinds and record["kind"] not in kinds):
+            continue
+        is_over, first = record["phase"] == "end", found.get(record["id"])
+        found[record["id"]] = StoredEvent(
+            id=record["id"],
+            sensor=first.sensor if first else record.get("sensor", ""),
+            kind=record["kind"],
+            phase=record["phase"],
+            start_time=first.start_time if first else record["time"],
+            end_time=record["time"] if is_over else None,
+            start_t_s=first.start_t_s if first else record["start_t_s"],
+            end_t_s=record["t_s"] if is_over else None,
+            peak=max(record["peak"], first.peak) if first else record["peak"],
+            reason=first.reason if first and record["kind"] == "alarm" else record["reason"],
+            clip=record["clip"] or (first.clip if first else None),
+            mark=next((mark for mark in MARKS if record.get(mark)), None),
+        )
+    events = [e for e in found.values() if since_s is None or _seconds(e.start_time) >= since_s]
+    return events[-limit:] if limit else events
+
+
+def read_events(
+    path: Path,
+    *,
+    since_s: float | None = None,
+    kinds: Sequence[str] = (),
+    limit: int | None = None,
+) -> list[StoredEvent]:
+    """Return the events of a log, the oldest first; a daemon may be writing it meanwhile.
+
+    Parameters
+    ----------
+    path : Path
+        The file; StoreError if it is missing, no log, or unreadable.
+    since_s : float, optional
+        Only those that began at this wall-clock time or later, in seconds since 1970.
+    kinds : sequence of str
+        Only these; none means all.
+    limit : int, optional
+        Only so many, the newest.
+    """
+    if not path.is_file():
+        msg = f"{path}: no such store"
+        raise StoreError(msg)
+    if not os.access(path, os.R_OK):
+        msg = f"{path}: only its owner may read it; try sudo -u {path.owner()}"
+        raise StoreError(msg)
+    try:
+        with closing(_open_to_read(path)) as db:
+            rows = db.execute("SELECT CAST(record AS BLOB) FROM log ORDER BY n").fetchall()
+    except (sqlite3.Error, ForeignDatabase) as err:
+        msg = f"{path}: cannot be read as a store: {err}"
+        raise StoreError(msg) from err
+    records = (parse_record(text) for (text,) in rows)
+    return fold_events(filter(None, records), since_s=since_s, kinds=kinds, limit=limit)
+
+
+def parse_record(text: str | bytes) -> dict[str, Any] | None:
+    """Return a record that a log holds; None for what is none, as after a fault of the disk."""
+    try:
+        record = json.loads(text)
+        is_whole = all(key in record for key in _KEYS.get(record["type"], ()))
+    except (ValueError, LookupError, TypeError, RecursionError):
+        return None
+    return record if is_whole else None
+
+
+def parse_since(text: str, now_s: float) -> float:
+    """Return a wall-clock time in seconds since 1970; raises UsageError if `text` is none.
+
+    `text` is 90s, 30min, 24h, 7d, 2w before `now_s`, or an ISO 8601 date or time, in UTC unless
+    it says otherwise.
+    """
+    match = re.fullmatch(r"(\d+(?:\.\d+)?)\s*(s|min|h|d|w)", text)
+    if match:
+        return now_s - float(match[1]) * _UNIT_S[match[2]]
+    try:
+        return _seconds(text)
+    except ValueError as err:
+        msg = f"--since '{text}': use 30min, 24h, 7d or a date like 2026-11-21T06:00"
+        raise UsageError(msg) from err
+
+
+def _open_to_read(path: Path) -> sqlite3.Connection:
+    """Open read-only; also in a folder that cannot be written."""
+    where = path.resolve().as_uri()
+    for mode in ("mode=ro", "mode=ro&immutable=1"):
+        db = sqlite3.connect(f"{where}?{mode}", uri=True)
+        try:
+            _check_owner(db)
+        except sqlite3.OperationalError:
+            db.close()
+        except BaseException:
+            db.close()
+            raise
+        else:
+            return db
+    msg = "it cannot be opened"
+    raise sqlite3.DatabaseError(msg)
+
+
+def _seconds(text: str) -> float:
+    at = datetime.fromisoformat(text)
+    return (at if at.tzinfo else at.replace(tzinfo=UTC)).timestamp()

@@ -1,0 +1,276 @@
+"""The event log by itself: what its file promises, slow disks, files that are not ours."""
+
+import sqlite3
+import time
+from contextlib import closing
+
+import pytest
+
+from radard import log as log_module
+from radard.log import EventLog
+from radard.log_file import StoreError, fold_events, read_events
+from tests.sink_helpers import event, status, ulid
+from tests.waiting import wait_for
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "state" / "log.db"
+
+
+@pytest.fixture
+def opened(path):
+    """Open the log; all are closed at the end."""
+    made = []
+
+    def begin(**more):
+        for each in made:
+            each.close()
+        made.append(EventLog(path, **more))
+        return made[-1]
+
+    yield begin
+    for each in made:
+        each.close()
+
+
+def everything(_record):
+    return True
+
+
+def ids(cursor):
+    """The ids of all that is owed, each delivered by that."""
+    found = []
+    while (entry := cursor.first()) is not None:
+        found.append(entry.record["id"])
+        cursor.done(entry)
+    return found
+
+
+def filled(log, n=3):
+    for k in range(1, n + 1):
+        log.append(event(k))
+
+
+def test_a_new_output_begins_with_what_comes_next(opened):
+    log = opened()
+    filled(log)
+    cursor = log.cursor("late", everything)
+    log.append(event(4))
+    assert ids(cursor) == [ulid(4)]
+
+
+def test_an_output_that_was_absent_for_a_run_is_not_flooded_afterwards(opened):
+    ids(opened().cursor("a", everything))
+    filled(opened())
+    log = opened()
+    cursor = log.cursor("a", everything)
+    log.append(event(4))
+    assert ids(cursor) == [ulid(4)]
+
+
+def test_an_output_with_another_filter_keeps_what_it_is_owed(opened):
+    log = opened()
+    log.cursor("a", everything)
+    log.append(event(1, kind="fault"))
+    log.append(event(2))
+    cursor = log.cursor("a", lambda record: record["kind"] == "alarm")
+    assert ids(cursor) == [ulid(2)]
+    log.forget("a")
+    log.append(event(3))
+    assert ids(cursor) == []
+
+
+def test_numbers_and_keys_are_never_given_twice_also_when_nothing_is_left(opened, path):
+    log, keys, numbers = opened(), set(), []
+    for _ in range(3):
+        entries = [log.append(event(1)) for _ in range(2)]
+        keys |= {entry.key for entry in entries}
+        numbers += [entry.n for entry in entries]
+        log.close()
+        with closing(sqlite3.connect(path)) as db, db:
+            db.execute("DELETE FROM log")
+        log = opened()
+    assert len(keys) == 6
+    assert numbers == sorted(set(numbers))
+
+
+def test_too_many_events_drop_the_oldest_and_that_is_said(opened, caplog):
+    log = opened(max_events=3)
+    cursor, other = log.cursor("a", everything), log.cursor("b", everything)
+    filled(log, 3)
+    ids(other)
+    assert log.fault == ""
+    filled(log, 2)
+    assert (cursor.n_lost, other.n_lost) == (2, 0)
+    assert "the oldest were dropped" in log.fault
+    assert caplog.text.count("the oldest were dropped") >= 1
+    assert ids(cursor) == [ulid(3), ulid(1), ulid(2)]
+
+
+def test_a_disk_that_hangs_delays_an_event_by_half_a_second_at_most(opened, path):
+    log = opened()
+    cursor = log.cursor("a", everything)
+    with closing(sqlite3.connect(path)) as db:
+        db.execute("BEGIN EXCLUSIVE")
+        began_s = time.monotonic()
+        log.append(event(1))
+        log.keep("panel", "armed")
+        assert not log.holds("panel", "armed")
+        # Two waits of half a second, on a machine that may be busy.
+        assert time.monotonic() - began_s < 3.0
+        assert cursor.first().record["id"] == ulid(1)
+    wait_for(lambda: log.holds("panel", "armed"))
+    assert ids(opened().cursor("a", everything)) == [ulid(1)]
+
+
+def test_what_was_put_before_the_file_could_be_read_comes_behind_what_it_holds(
+    opened, path, monkeypatch
+):
+    log = opened()
+    log.cursor("a", everything)
+    filled(log, 2)
+    log.keep("panel", "armed")
+    log.close()
+    aside = path.with_name("aside")
+    path.rename(aside)
+    path.mkdir()
+    log = opened()
+    cursor = log.cursor("a", everything)
+    log.append(event(3))
+    assert "in memory only" in log.fault
+    assert log.holds("panel", "anything")
+    path.rmdir()
+    aside.rename(path)
+    log.append(event(4))
+    assert log.fault == ""
+    assert log.kept("panel") == "armed"
+    assert ids(cursor) == [ulid(k) for k in (1, 2, 3, 4)]
+
+
+def test_waiting_is_counted_by_a_clock_that_nobody_sets(opened, path, monkeypatch):
+    now_s = [1000.0]
+    monkeypatch.setattr(log_module.time, "monotonic", lambda: now_s[0])
+    log = opened()
+    log.cursor("a", everything)
+    log.append(event(1))
+    now_s[0] += 7200.0
+    log.keep("any", "word")
+    # A boot: the monotonic clock begins at another place, and the time that it was off is none.
+    log.close()
+    now_s[0] = 5.0
+    log = opened()
+    assert now_s[0] - log.cursor("a", everything).first().put_s == pytest.approx(7200.0)
+    with closing(sqlite3.connect(path)) as db, db:
+        db.execute("UPDATE log SET run_s = 1e300")
+    log = opened()
+    assert now_s[0] - log.cursor("a", everything).first().put_s == pytest.approx(0.0)
+
+
+@pytest.mark.parametrize("damage", ["'{broken'", "'[1]'", "x'ff00fe'", "'null'", "'{\"a\":1e'"])
+def test_a_row_that_cannot_be_read_is_skipped_and_said(damage, path, opened, caplog):
+    log = opened()
+    log.cursor("a", everything)
+    filled(log)
+    log.close()
+    with closing(sqlite3.connect(path)) as db, db:
+        db.execute(f"UPDATE log SET record = {damage} WHERE n = 2")  # noqa: S608 - a test's own
+    log = opened()
+    assert ids(log.cursor("a", everything)) == [ulid(1), ulid(3)]
+    assert "entry 2 is unreadable" in log.fault
+    assert [e.id for e in read_events(path)] == [ulid(1), ulid(3)]
+
+
+def test_a_damaged_file_is_put_aside_and_said_for_an_hour(path, opened, caplog):
+    filled(opened())
+    opened().close()
+    path.write_bytes(b"no database at all" * 400)
+    log = opened()
+    assert path.with_name("log.db.broken").read_bytes().startswith(b"no database")
+    assert "put aside as log.db.broken" in log.fault
+    log.append(event(4))
+    assert [e.id for e in read_events(path)] == [ulid(4)]
+
+
+def test_another_programs_database_is_left_alone(path, opened):
+    path.parent.mkdir()
+    with closing(sqlite3.connect(path)) as db, db:
+        db.execute("CREATE TABLE photos (n)")
+    before = path.read_bytes()
+    log = opened()
+    log.append(event(1))
+    assert "a database of another program" in log.fault
+    assert path.read_bytes() == before
+    with pytest.raises(StoreError, match="another program"):
+        read_events(path)
+
+
+def test_a_log_of_a_newer_version_is_left_alone(path, opened):
+    filled(opened(), 1)
+    opened().close()
+    with closing(sqlite3.connect(path)) as db:
+        db.execute("PRAGMA user_version = 99")
+    assert "newer version" in opened().fault
+
+
+def test_the_file_is_for_its_owner_alone(path, opened):
+    filled(opened())
+    assert {each.stat().st_mode & 0o777 for each in path.parent.iterdir()} == {0o600}
+
+
+def test_without_events_the_file_has_what_is_kept_alone(path, opened):
+    log = opened(keeps_events=False)
+    cursor = log.cursor("a", everything)
+    log.append(event(1))
+    log.keep("panel", "armed")
+    assert ids(cursor) == [ulid(1)]
+    log = opened(keeps_events=False)
+    assert (log.kept("panel"), log.events()) == ("armed", [])
+
+
+def test_without_a_path_memory_keeps_it():
+    log = EventLog(None)
+    cursor = log.cursor("a", everything)
+    filled(log)
+    log.keep("panel", "armed")
+    assert log.holds("panel", "armed")
+    assert [each.id for each in log.events(limit=2)] == [ulid(2), ulid(3)]
+    assert ids(cursor) == [ulid(1), ulid(2), ulid(3)]
+    log.close()
+
+
+def test_phases_become_one_event_in_memory_in_the_file_and_in_sql_alike(path, opened):
+    log = opened()
+    began = {**event(1), "clip": "a.h5", "peak": 0.5, "sensor": "hall", "simulated": True}
+    tamper = {**event(2, kind="tamper"), "sensor": "hall"}
+    for record in (
+        began,
+        tamper,
+        {**began, "phase": "update", "peak": 0.9, "reason": "gone", "t_s": 2.0, "clip": None},
+        {**tamper, "phase": "update", "reason": "covered"},
+        {**began, "phase": "end", "reason": "nobody seen", "t_s": 9.0},
+        {**status("online"), "time": "2026-11-21T06:00:00.500Z", "sensor": "hall"},
+    ):
+        log.append(record)
+    first, second = log.events()
+    assert (first.phase, first.reason, first.peak, first.clip) == (
+        "end",
+        "human at 1.0 m",
+        0.9,
+        "a.h5",
+    )
+    assert (first.end_t_s, first.mark, second.reason, second.end_time) == (
+        9.0,
+        "simulated",
+        "covered",
+        None,
+    )
+    assert read_events(path) == log.events()
+    assert log.events(kinds=("tamper",)) == [second]
+    assert fold_events([began], since_s=2e9) == []
+    with closing(sqlite3.connect(path)) as db:
+        columns = "id, sensor, kind, phase, start_t_s, end_t_s, peak, reason, clip, mark"
+        rows = db.execute(f"SELECT {columns} FROM events").fetchall()  # noqa: S608
+        (state,) = db.execute("SELECT time_s, state, sensor FROM statuses").fetchall()
+    assert rows == [tuple(getattr(e, c) for c in columns.split(", ")) for e in log.events()]
+    assert (round(state[0], 3), *state[1:]) == (1795240800.5, "online", "hall")
