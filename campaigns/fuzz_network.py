@@ -99,7 +99,7 @@ class _Dashboard:
         )
         panel = {"armed": True, "panel": "armed", "alarm_id": None, "open": {}, "seq": 1}
         # Else all but the first inputs would be turned away.
-        with patch("radard.web.actions.RateLimit", _NoLimit):
+        with patch("radard.web.guard.RateLimit", _NoLimit):
             self._sink = WebSink("127.0.0.1", 0, WebSection())
         kept = open_output(store, self._config, SinkContext(state_dir=Path(folder.name)))
         host = Host(

@@ -8,7 +8,10 @@ from radard.config.config import load_config
 from radard.config.sink_table import WebSection
 from radard.health.health import Health
 from radard.outputs.fanout import Host
+from radard.web.api import Api
+from radard.web.auth import AccessControl, Tokens
 from radard.web.sink import WebSink
+from radard.web.view import View
 from tests.web_helpers import HEADERS, Answer, Client
 
 
@@ -26,6 +29,12 @@ class Run:
         self.host = Host(
             "radar", Health(), lambda: panel, self.asked.append, config=lambda: self.config
         )
+
+
+def all_routes():
+    """Every route that a sensor's pages have."""
+    view = View(WebSection(), lambda *_: None, "", lambda _view: None)
+    return Api(view, AccessControl(Tokens()), list).routes
 
 
 class AppClient(Client):

@@ -12,7 +12,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from radard.config.sink_table import SinkOptions, WebSection
 from radard.errors import ConfigError, UsageError
 from radard.web.auth import SESSION_S, AccessControl, Tokens, is_loopback, read_tokens
-from radard.web.middleware import MOST_BODY
+from radard.web.middleware import MAX_BODY
 from radard.web.sink import open_from_url, parse_address
 from tests.dashboard_helpers import maker, post
 from tests.web_helpers import HEADERS, decision, event, open_decision
@@ -248,7 +248,7 @@ def test_broken_json(make, body):
 
 def test_long_bodies(make):
     client = make()
-    body = b'{"command": "arm", "x": "' + b"x" * MOST_BODY + b'"}'
+    body = b'{"command": "arm", "x": "' + b"x" * MAX_BODY + b'"}'
     assert client.post("/api/v1/command", content=body, headers=HEADERS).status_code == 413
     chunks = (body[i : i + 1000] for i in range(0, len(body), 1000))
     assert client.post("/api/v1/command", content=chunks, headers=HEADERS).status_code == 413

@@ -11,10 +11,11 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import JSONResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from radard.web.answers import refusal, whole_number
 from radard.web.auth import AccessControl
 
-MOST_BODY = 4096  # bytes, chosen: 32 zones fit
-_BODY_S = 10.0  # chosen: for a body that comes slowly
+MAX_BODY = 4096  # bytes: 32 zones fit
+_BODY_S = 10.0  # for a body that comes over a slow phone line
 _OWN_HEADER = "x-radard"
 _SAFE = {"GET", "HEAD", "OPTIONS"}
 _HEADERS = {
@@ -33,7 +34,7 @@ _HEADERS = {
 
 
 class _TooLong(Exception):
-    """A body is longer than `MOST_BODY`."""
+    """A body is longer than `MAX_BODY`."""
 
 
 async def _whole_body(receive: Receive) -> Receive:
@@ -42,7 +43,7 @@ async def _whole_body(receive: Receive) -> Receive:
     while True:
         message = await receive()
         body += message.get("body", b"")
-        if len(body) > MOST_BODY:
+        if len(body) > MAX_BODY:
             raise _TooLong
         if not message.get("more_body", False):
             break
@@ -54,23 +55,22 @@ async def _whole_body(receive: Receive) -> Receive:
     return again
 
 
-class _Answer:
-    """Sends an answer with our headers."""
+def _shielded(send: Send) -> Send:
+    """Return a `send` that adds our headers to an answer."""
 
-    def __init__(self, send: Send) -> None:
-        self._send = send
-
-    async def __call__(self, message: Message) -> None:
+    async def add(message: Message) -> None:
         if message["type"] == "http.response.start":
             out = MutableHeaders(scope=message)
-            for name, value in _HEADERS.items():
-                out[name] = value
-            out.setdefault("Cache-Control", "no-store")
-        await self._send(message)
+            out.update(_HEADERS)
+            # The page's own files have a tag, and are asked for again with it.
+            out.setdefault("Cache-Control", "no-cache" if "etag" in out else "no-store")
+        await send(message)
+
+    return add
 
 
 class SecurityMiddleware:
-    """ASGI middleware; see the module."""
+    """The checks as ASGI middleware around an application."""
 
     def __init__(self, app: ASGIApp, access: AccessControl) -> None:
         self._app = app
@@ -82,7 +82,7 @@ class SecurityMiddleware:
             await self._app(scope, receive, send)
             return
         headers = Headers(scope=scope)
-        answer = _Answer(send)
+        answer = _shielded(send)
         fault = self._fault(scope["method"], headers)
         if fault is not None:
             await fault(scope, receive, answer)
@@ -105,7 +105,7 @@ class SecurityMiddleware:
             return refusal(421, f"{told} addresses are served; name tokens in the web section")
         if method in _SAFE:
             return None
-        if whole_number(headers.get("content-length", "0"), MOST_BODY) is None:
+        if whole_number(headers.get("content-length", "0"), MAX_BODY) is None:
             return refusal(413, "the body is too long")
         if not self._access.is_same_origin(headers):
             told = f"the page is of {headers.get('origin', 'another site')}, Host is "
@@ -114,15 +114,3 @@ class SecurityMiddleware:
         if _OWN_HEADER not in headers:
             return refusal(403, "only the dashboard itself may do this: X-Radard is missing")
         return None
-
-
-def whole_number(text: str, most: int) -> int | None:
-    """Return the whole number of a text; None if it is none or above `most`."""
-    # Not of any length: int() refuses thousands of digits with a fault of its own.
-    is_number = text.isascii() and text.isdecimal() and len(text) <= len(str(most))
-    return int(text) if is_number and int(text) <= most else None
-
-
-def refusal(code: int, reason: str) -> JSONResponse:
-    """Return an error response with its reason."""
-    return JSONResponse({"error": reason}, status_code=code)

@@ -12,9 +12,10 @@ from radard.config.sink_table import SinkOptions, WebSection
 from radard.errors import UsageError
 from radard.outputs.base import Record, SinkContext, SinkState, StateKeeper
 from radard.outputs.fanout import Host
+from radard.web.api import Api, SensorRouter
 from radard.web.auth import AccessControl, read_tokens
 from radard.web.server import WebServer
-from radard.web.view import SensorRouter, View
+from radard.web.view import View
 
 log = logging.getLogger("radard")
 PORT = 8434  # chosen
@@ -63,7 +64,12 @@ class WebSink:
         )
 
     def _view(self, sensor: str) -> View:
-        return View(self._section, self._access, self._post, sensor, self._all_views)
+        return View(
+            self._section,
+            self._post,
+            sensor,
+            lambda view: Api(view, self._access, self._all_views).app,
+        )
 
     def _all_views(self) -> list[View]:
         return list(self._views.values()) or [self._first]
@@ -91,10 +97,10 @@ class WebSink:
     def attach(self, host: Host) -> None:
         """Take a sensor's host; one of several gets pages of its own."""
         if not host.config().is_one_of_several:
-            self._first.attach(host)
+            self._first.host = host
             return
         view = self._view(host.sensor)
-        view.attach(host)
+        view.host = host
         self._views[host.sensor] = view
 
     def detach(self, sensor: str) -> None:

@@ -1,104 +1,136 @@
-"""View: what the dashboard holds of one sensor; `SensorRouter` routes requests to sensors."""
+"""View: what the dashboard holds of one sensor, and what of it every page shows."""
 
-import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
-from starlette.responses import RedirectResponse
-from starlette.types import Receive, Scope, Send
+from starlette.types import ASGIApp
 
 from radard.alarm.panel import ArmMode
+from radard.config.config import Config
+from radard.config.directories import state_dir
+from radard.config.saved import SavedSettings
 from radard.config.sink_table import WebSection
 from radard.outputs.base import Record
 from radard.outputs.fanout import Host
-from radard.web.api import OF_ONE, Api
-from radard.web.auth import AccessControl
 from radard.web.history import History
 from radard.web.hub import Hub
+from radard.web.labels import LabelFile
+from radard.web.metrics import Metrics
 from radard.web.pictures.picture_thread import PictureThread
-from radard.web.queries import Queries
 
 Post = Callable[[Callable[[Any], None], Any], None]
 """Calls something with a value in the web's own thread."""
-_OWN_PATH = re.compile(r"/sensor/([A-Za-z0-9_-]+)(/.*)?")
-_MOST_PANELS = 4000  # above the decisions of `radard.web.history`
+_MAX_PANELS = 4000  # above the decisions of `radard.web.history`
 
 
 class View:
-    """One sensor's records, pictures, pages and routes; `sensor` is empty for the only one."""
+    """One sensor's records, counters, pages and pictures.
+
+    Parameters
+    ----------
+    section : WebSection
+        Of the configuration.
+    post : callable
+        See `Post`.
+    sensor : str
+        Its name; empty where there is only one.
+    make_app : callable
+        Returns the routes of a view.
+    """
 
     def __init__(
-        self,
-        section: WebSection,
-        access: AccessControl,
-        post: Post,
-        sensor: str,
-        all_views: Callable[[], Sequence["View"]],
+        self, section: WebSection, post: Post, sensor: str, make_app: Callable[["View"], ASGIApp]
     ) -> None:
-        self._post = post
-        self._history = History()
-        self.queries = Queries(
-            section, self._history, sensor, lambda: [view.queries for view in all_views()]
-        )
+        self.section, self.sensor = section, sensor
+        self.host: Host | None = None
+        """The sensor's run, once there is one."""
+        self.history, self.metrics = History(), Metrics(sensor)
+        self.panels: dict[int, tuple[str, ArmMode]] = {}
+        """State of the panel just before each decision, and how it was armed, by its number."""
         self.hub = Hub(lambda is_wanted: self.picture_thread.want(is_wanted=is_wanted))
         self.picture_thread = PictureThread(
-            lambda: self.queries.host.ring() if self.queries.host is not None else None,
+            lambda: self.host.ring() if self.host is not None else None,
             lambda axes: post(self.hub.announce, axes),
             lambda data: post(self.hub.show, data),
         )
-        self.app = Api(self.queries, access, self.hub).app
+        self.app = make_app(self)
+        self._post = post
+        self._labels: LabelFile | None = None
         self._last: Mapping[str, Any] = {}
 
-    def attach(self, host: Host) -> None:
-        """Take the sensor's host."""
-        self.queries.host = host
+    @property
+    def config(self) -> Config:
+        """The configuration that holds."""
+        return self.host.config() if self.host is not None else Config()
+
+    @property
+    def label_file(self) -> LabelFile:
+        """The file of labels."""
+        path = self.section.labels_file or state_dir(self.config) / "labels.jsonl"
+        if self._labels is None or self._labels.path != path:
+            self._labels = LabelFile(path)
+        return self._labels
+
+    @property
+    def store(self) -> Path | None:
+        """The file of an output `store:` that is there."""
+        for output in self.config.output:
+            scheme, _, rest = output.partition(":")
+            if scheme == "store" and Path(rest).is_file():
+                return Path(rest)
+        return None
 
     def take(self, record: Record) -> None:
         """Take a record; returns at once."""
-        queries = self.queries
-        self._history.take(record)
-        queries.metrics.on_record(record)
-        if record["type"] == "decision" and queries.host is not None:
-            panels, panel = queries.panels, queries.host.panel()
+        self.history.take(record)
+        self.metrics.on_record(record)
+        if record["type"] == "decision" and self.host is not None:
+            panel = self.host.panel()
             mode: ArmMode = "home" if panel.get("mode") == "home" else "away"
-            panels[record["seq"]] = (str(panel.get("panel", "")), mode)
-            while len(panels) > _MOST_PANELS:
-                del panels[next(iter(panels))]
+            self.panels[record["seq"]] = (str(panel.get("panel", "")), mode)
+            while len(self.panels) > _MAX_PANELS:
+                del self.panels[next(iter(self.panels))]
         if len(self.hub):
             self._post(self.hub.broadcast, record)
 
     def poll(self) -> None:
         """Send pages what changes without a record: health, panel, playback."""
-        if not len(self.hub):
-            return
-        now = self.queries.now()
-        if now != self._last:
+        if len(self.hub) and (now := self.now()) != self._last:
             self._last = now
             self.hub.broadcast({"type": "now", **now})
 
+    def now(self) -> dict[str, Any]:
+        """Return state, panel, zones, settings and playback at this moment."""
+        host, config = self.host, self.config
+        settings = SavedSettings.model_validate(config, from_attributes=True)
+        held = {"zones": config.zones.model_dump(mode="json"), "settings": settings.model_dump()}
+        if host is None:
+            return {"state": "starting", "reason": "", "panel": {}, **held, "playback": None}
+        status, playback = host.health.status, host.playback()
+        state = playback.state if playback is not None else None
+        return {
+            "state": status.state,
+            "reason": status.reason,
+            "panel": dict(host.panel()),
+            **held,
+            "playback": state
+            and {
+                "position_s": round(state.position_s, 2),
+                "length_s": round(state.length_s, 2),
+                "is_playing": state.is_playing,
+                "speed": state.speed,
+            },
+        }
 
-class SensorRouter:
-    """ASGI application: /sensor/NAME/... is NAME's, everything else the first sensor's.
-
-    `only` is the view without a name, `views` are those of several sensors.
-    """
-
-    def __init__(self, only: View, views: Mapping[str, View]) -> None:
-        self._only = only
-        self._views = views
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Route a request."""
-        match = _OWN_PATH.fullmatch(scope.get("path", ""))
-        view = self._views.get(match[1]) if match else None
-        if match is None or view is None:
-            first = next(iter(self._views.values()), self._only)
-            await first.app(scope, receive, send)
-            return
-        path = match[2]
-        if path is None:
-            # What the page asks for lies beside it.
-            await RedirectResponse(f"{match[1]}/")(scope, receive, send)
-            return
-        own = {**scope, "path": path, "raw_path": path.encode(), OF_ONE: match[1]}
-        await view.app(own, receive, send)
+    def refreshed_metrics(self) -> Metrics:
+        """Return the counters, with what holds at this moment."""
+        if (host := self.host) is not None:
+            panel = host.panel()
+            self.metrics.refresh(
+                state=host.health.status.state,
+                is_armed=bool(panel.get("armed", True)),
+                driver=host.driver(),
+                drift=panel.get("clock_drift"),
+            )
+        return self.metrics

@@ -1,0 +1,222 @@
+"""Events for a page: listed, exported, labelled, with their clips and pictures."""
+
+import csv
+import io
+import json
+import re
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from anyio import CapacityLimiter
+from starlette.requests import Request
+from starlette.responses import FileResponse, JSONResponse, Response
+from starlette.routing import Route
+
+from radard.config.sink_table import KINDS
+from radard.errors import RadardError, UsageError
+from radard.outputs.records import utc_now
+from radard.outputs.store import MARKS
+from radard.outputs.store_query import StoredEvent, StoreError, parse_since, read_events
+from radard.web.answers import attached, query_number, refusal
+from radard.web.guard import Guard
+from radard.web.labels import LABELS
+from radard.web.pictures.clip_process import ClipTimeoutError, read_clip
+from radard.web.pictures.thumbnail import thumbnail
+from radard.web.view import View
+
+_ULID = re.compile(r"[0-9A-HJKMNP-TV-Z]{26}")
+_MAX_EVENTS = 2000  # of an answer: some hundred kilobytes
+_MAX_WAITING = 4  # requests for a clip's pictures: each takes seconds
+_FIELDS = ("id", "sensor", "kind", "began", "ended", "peak", "reason", "label", "clip")
+_SAME = ("id", "kind", "phase", "start_t_s", "end_t_s", "peak", "clip")
+"""What an answer has under the name that a record and a stored event have, too."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Filter:
+    """Which events are wanted; empty means all."""
+
+    kinds: tuple[str, ...] = ()
+    since_s: float | None = None  # begun then or later, in seconds since 1970
+    label: str = ""  # 'none': without one
+    text: str = ""  # part of their reason or id
+    limit: int = 200
+
+    def fits(self, event: Mapping[str, Any]) -> bool:
+        if self.kinds and event["kind"] not in self.kinds:
+            return False
+        if self.label and (event["label"] or "none") != self.label:
+            return False
+        return self.text.lower() in f"{event['reason']} {event['id']}".lower()
+
+
+class EventRoutes:
+    """The routes of one sensor's events."""
+
+    def __init__(self, view: View, guard: Guard) -> None:
+        self._view = view
+        self._read = guard.read
+        self._painting = CapacityLimiter(1)
+        self.routes: list[Route] = [
+            guard.viewing("/api/v1/events", self._list),
+            guard.viewing("/api/v1/events/export", self._export),
+            guard.viewing("/api/v1/events/{id}/clip", self._clip),
+            guard.viewing("/api/v1/events/{id}/pictures", self._pictures),
+            guard.viewing("/api/v1/events/{id}/thumbnail", self._thumbnail),
+            guard.changing("/api/v1/labels", self._label),
+        ]
+
+    async def _list(self, request: Request) -> Response:
+        return JSONResponse({"events": await self._read(self._events, _filter(request))})
+
+    async def _export(self, request: Request) -> Response:
+        events = await self._read(self._events, _filter(request))
+        if request.query_params.get("format") == "csv":
+            text, name, kind = _csv(events), "events.csv", "text/csv; charset=utf-8"
+        else:
+            text = "".join(json.dumps(e) + "\n" for e in events)
+            name, kind = "events.jsonl", "application/jsonl"
+        return Response(text, media_type=kind, headers=attached(name))
+
+    async def _clip(self, request: Request) -> Response:
+        path = await self._read(self._clip_of, request.path_params["id"])
+        if path is None:
+            return refusal(404, "there is no clip of this event")
+        return FileResponse(path, media_type="application/x-hdf5", headers=attached(path.name))
+
+    async def _pictures(self, request: Request) -> Response:
+        path = await self._read(self._clip_of, request.path_params["id"])
+        if path is None:
+            return refusal(404, "there is no clip of this event")
+        if self._painting.statistics().tasks_waiting >= _MAX_WAITING:
+            return refusal(503, "others wait for pictures; try again soon")
+        try:
+            async with self._painting:
+                data = await read_clip(path)
+        except (RadardError, OSError) as err:
+            code = 504 if isinstance(err, ClipTimeoutError) else 422
+            return refusal(code, f"the clip cannot be shown: {' '.join(str(err).split())}")
+        return Response(data, media_type="application/octet-stream")
+
+    async def _thumbnail(self, request: Request) -> Response:
+        clip = await self._read(self._clip_of, request.path_params["id"])
+        path = clip.with_suffix(".png") if clip is not None else None
+        if path is None or not path.is_file():
+            return refusal(404, "there is no picture of this event")
+        try:
+            return JSONResponse(await self._read(thumbnail, path))
+        except (OSError, ValueError) as err:
+            return refusal(422, f"the picture cannot be shown: {err}")
+
+    async def _label(self, body: dict[str, Any]) -> Response:
+        event_id, label = body.get("event"), body.get("label")
+        if label not in LABELS or not isinstance(event_id, str):
+            return refusal(400, f"event and a label of {', '.join(LABELS)} are wanted")
+        event = await self._read(self._event, event_id)
+        if event is None:
+            return refusal(404, "this event is not known")
+        line = {
+            "event": event_id,
+            "label": label,
+            **{key: event[key] for key in ("clip", "sensor", "kind", "peak")},
+            "model": self._view.history.hello.get("model"),
+            "time": utc_now(),
+        }
+        await self._read(self._view.label_file.add, line)
+        return JSONResponse({"event": event_id, "label": label}, 201)
+
+    def _events(self, wanted: _Filter) -> list[dict[str, Any]]:
+        """Return events, the newest first: of the store where there is one, else of this run."""
+        labels = self._view.label_file.labels()
+        found = [self._shown(each, labels) for each in self._all_events(wanted)]
+        return [each for each in found if wanted.fits(each)][: wanted.limit]
+
+    def _event(self, event_id: str) -> dict[str, Any] | None:
+        """Return one event; None when it is not known."""
+        if not _ULID.fullmatch(event_id):
+            return None
+        return next(iter(self._events(_Filter(text=event_id, limit=1))), None)
+
+    def _clip_of(self, event_id: str) -> Path | None:
+        """Return the clip of an event, if it is there and named by the event's own id."""
+        event = self._event(event_id)
+        path = Path(event["clip"]) if event and event["clip"] else None
+        if path is None or path.name != f"{event_id}.h5" or not path.is_file():
+            return None
+        return path
+
+    def _shown(self, event: Mapping[str, Any], labels: Mapping[str, str]) -> dict[str, Any]:
+        clip = Path(event["clip"]) if event["clip"] else None
+        return {
+            **event,
+            "has_clip": clip is not None and clip.is_file(),
+            "has_picture": clip is not None and clip.with_suffix(".png").is_file(),
+            "label": labels.get(event["id"]),
+            "why": self._view.history.cause(event["id"]),
+        }
+
+    def _all_events(self, wanted: _Filter) -> Sequence[Mapping[str, Any]]:
+        view = self._view
+        own = {e["id"]: _of_record(e, view.config.sensor.name) for e in view.history.events()}
+        stored: Sequence[StoredEvent] = ()
+        if (store := view.store) is not None:
+            try:
+                stored = read_events(store, since_s=wanted.since_s, limit=_MAX_EVENTS)
+            except StoreError:
+                stored = ()
+        for event in stored:
+            if not view.sensor or event.sensor == view.sensor:
+                own[event.id] = {**_of_store(event), **own.get(event.id, {})}
+        return sorted(own.values(), key=lambda e: str(e["began"]), reverse=True)
+
+
+def _of_record(record: Mapping[str, Any], sensor: str) -> dict[str, Any]:
+    return {
+        **{key: record[key] for key in _SAME},
+        "sensor": sensor,
+        "began": record["began"],
+        "ended": record["time"] if record["phase"] == "end" else None,
+        "reason": record["cause"],
+        **{key: True for key in MARKS if key in record},
+    }
+
+
+def _of_store(event: StoredEvent) -> dict[str, Any]:
+    return {
+        **{key: getattr(event, key) for key in (*_SAME, "sensor", "reason")},
+        "began": event.start_time,
+        "ended": event.end_time,
+        **({event.mark: True} if event.mark else {}),
+    }
+
+
+def _filter(request: Request) -> _Filter:
+    query = request.query_params
+    kinds = tuple(query.getlist("kind"))
+    label, text, since = (query.get(name, "")[:200] for name in ("label", "text", "since"))
+    if not set(kinds) <= set(KINDS) or label not in {"", "none", *LABELS}:
+        msg = f"kind is one of {', '.join(KINDS)}; label one of none, {', '.join(LABELS)}"
+        raise UsageError(msg)
+    return _Filter(
+        kinds=kinds,
+        since_s=parse_since(since, time.time()) if since else None,
+        label=label,
+        text=text,
+        limit=query_number(request, "limit", 200, _MAX_EVENTS),
+    )
+
+
+def _csv(events: list[dict[str, Any]]) -> str:
+    out = io.StringIO()
+    writer = csv.DictWriter(out, _FIELDS, extrasaction="ignore")
+    writer.writeheader()
+    writer.writerows({k: _safe_cell(v) for k, v in event.items()} for event in events)
+    return out.getvalue()
+
+
+def _safe_cell(value: Any) -> Any:
+    """Return a value that a spreadsheet does not run as a formula."""
+    return f"'{value}" if isinstance(value, str) and value[:1] in "=+-@\t" else value
