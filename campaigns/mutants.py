@@ -4,237 +4,271 @@
     .venv/bin/python campaigns/mutants.py --share 0.1 ring   a tenth of the ring's, by a seed
 
 Mutants of a module: comparisons, arithmetic, `and` and `or`, `not`, numbers, True and False,
-conditions, statements left out, what is returned. Texts, annotations, decorators and logging are
-left alone. Every mutant is tried in a process of its own (`mutant_runs`), with the tests of the
-table below that run its statement, until the first fails; five times as long as usual counts as
-failed, too. The last line is one JSON object; `survivors` names line and change.
+conditions, calls left out, what is returned. Texts, annotations, decorators, errors and logging
+are left alone. Every mutant is tried in a fork of a process that has loaded the libraries, with
+those tests of the table below that run its line, until the first fails; one that takes five times
+as long as usual has failed, too. The last line is one JSON object; `survivors` names line and
+change.
 """
 
 import argparse
 import ast
 import copy
 import importlib
+import importlib.abc
+import importlib.machinery
+import importlib.util
 import json
 import os
 import random
+import signal
 import sys
+import threading
 import time
-from functools import partial
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
+from types import FrameType, ModuleType
+from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / "daemon"), str(ROOT / "training")]
 os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
 
-from campaigns.mutant_runs import Module, Mutant, lines_of, survivors  # noqa: E402 - below the path
-
-MODULES: dict[str, tuple[str, str, tuple[str, ...]]] = {
+MODULES: dict[str, tuple[str, tuple[str, ...]]] = {
     "framing": (
-        "x2radar/wire",
-        "framing",
+        "x2radar/wire/framing.py",
         ("driver/test_framing_limits", "driver/test_framing", "driver/test_framing_faults"),
     ),
-    "codec": ("x2radar/wire", "codec", ("driver/test_codec", "driver/test_codec_rows")),
-    "protocol": ("x2radar/wire", "protocol", ("driver/test_protocol", "driver/test_device")),
-    "ring": ("daemon/radard/stream", "ring", ("test_ring_limits", "test_ring")),
-    "gate": ("daemon/radard/detect", "gate", ("test_gate_limits", "test_gate")),
-    "evidence": ("daemon/radard/judge", "evidence", ("test_evidence",)),
-    "decision": ("daemon/radard/judge", "decision", ("test_decision", "test_evidence")),
-    "panel": ("daemon/radard/alarm", "panel", ("test_alarm", "test_alarm_events")),
-    "events": ("daemon/radard/alarm", "events", ("test_alarm_events", "test_alarm")),
+    "codec": ("x2radar/wire/codec.py", ("driver/test_codec", "driver/test_codec_rows")),
+    "protocol": ("x2radar/wire/protocol.py", ("driver/test_protocol", "driver/test_device")),
+    "ring": ("daemon/radard/stream/ring.py", ("detect/test_ring_limits", "detect/test_ring")),
+    "gate": ("daemon/radard/detect/gate.py", ("detect/test_gate_limits", "detect/test_gate")),
+    "evidence": ("daemon/radard/judge/evidence.py", ("training/test_evidence",)),
+    "decision": (
+        "daemon/radard/judge/decision.py",
+        ("detect/test_decision", "training/test_evidence"),
+    ),
+    "panel": ("daemon/radard/alarm/panel.py", ("detect/test_alarm", "detect/test_alarm_events")),
+    "events": ("daemon/radard/alarm/events.py", ("detect/test_alarm_events", "detect/test_alarm")),
 }
-"""Name to folder, module, and tests, the quickest first."""
-
-_COMPARED: dict[type[ast.cmpop], type[ast.cmpop]] = {
-    ast.Lt: ast.LtE,
-    ast.LtE: ast.Lt,
-    ast.Gt: ast.GtE,
-    ast.GtE: ast.Gt,
-    ast.Eq: ast.NotEq,
-    ast.NotEq: ast.Eq,
-    ast.Is: ast.IsNot,
-    ast.IsNot: ast.Is,
-    ast.In: ast.NotIn,
-    ast.NotIn: ast.In,
-}
-_COUNTED: dict[type[ast.operator], type[ast.operator]] = {
-    ast.Add: ast.Sub,
-    ast.Sub: ast.Add,
-    ast.Mult: ast.Div,
-    ast.Div: ast.Mult,
+"""Name to file, and tests, the quickest first."""
+_SWAPPED = (
+    *((ast.Lt, ast.LtE), (ast.Gt, ast.GtE), (ast.Eq, ast.NotEq), (ast.Is, ast.IsNot)),
+    *((ast.In, ast.NotIn), (ast.Add, ast.Sub), (ast.Mult, ast.Div), (ast.LShift, ast.RShift)),
+    *((ast.BitAnd, ast.BitOr), (ast.And, ast.Or)),
+)
+"""Operators that stand for each other."""
+_OTHER: dict[type[ast.AST], type[ast.AST]] = {
+    **dict(_SWAPPED),
+    **{other: each for each, other in _SWAPPED},
     ast.FloorDiv: ast.Mult,
     ast.Mod: ast.Add,
     ast.Pow: ast.Mult,
-    ast.LShift: ast.RShift,
-    ast.RShift: ast.LShift,
-    ast.BitAnd: ast.BitOr,
-    ast.BitOr: ast.BitAnd,
     ast.BitXor: ast.BitAnd,
 }
-_TALK = ("log", "_log", "warning", "info", "debug", "exception")
+_TALK = {"log", "_log", "warning", "info", "debug", "exception"}
+_SLOWER, _MORE_S = 5, 5.0
+"""A mutant's tests may take so many times as long as usual, and so much more."""
+
+
+# ---------------------------------------------------------------- what is changed
+
+
+def changes(node: ast.AST) -> Iterator[tuple[str, ast.AST]]:  # noqa: C901, PLR0912 - a table
+    """Yield every change of a node itself: what it is called, and the node in its place."""
+    match node:
+        case ast.Expr(ast.Call(ast.Attribute(attr=name))) if name in _TALK:
+            pass
+        case ast.Expr(ast.Constant()):
+            pass
+        case ast.Expr() | ast.AugAssign():
+            yield f"left out: {ast.unparse(node)}", ast.Pass()
+        case ast.Return(value) if value and not _is_none(value):
+            yield f"None for {ast.unparse(node)}", ast.Return(ast.Constant(None))
+        case ast.If(test) | ast.IfExp(test) if ast.unparse(test) != "TYPE_CHECKING":
+            other = copy.copy(node)
+            other.test = ast.UnaryOp(ast.Not(), test)  # type: ignore[attr-defined]
+            yield f"not ({ast.unparse(test)})", other
+        case ast.UnaryOp(ast.Not() | ast.USub(), operand):
+            yield f"{ast.unparse(operand)} for {ast.unparse(node)}", operand
+        case ast.Compare(left, ops, rest):
+            for k, op in enumerate(ops):
+                swapped = [_other(each) if n == k else each for n, each in enumerate(ops)]
+                yield _in(op, node), ast.Compare(left, swapped, rest)
+        case ast.BinOp(left, op, right) if type(op) in _OTHER:
+            yield _in(op, node), ast.BinOp(left, _other(op), right)
+        case ast.BoolOp(op, values):
+            yield _in(op, node), ast.BoolOp(_other(op), values)
+        case ast.Constant(bool() as truth):
+            yield f"{not truth} for {truth}", ast.Constant(not truth)
+        case ast.Constant(int() | float() as number):
+            yield f"{number + 1} for {number}", ast.Constant(number + 1)
+
+
+def _other(op: ast.AST) -> Any:
+    return _OTHER[type(op)]()
+
+
+def _in(op: ast.AST, node: ast.AST) -> str:
+    return f"{_OTHER[type(op)].__name__} in {ast.unparse(node)}"
+
+
+def _is_none(node: ast.expr) -> bool:
+    return isinstance(node, ast.Constant) and node.value is None
 
 
 class Mutator(ast.NodeTransformer):
-    """Number every possible change, and make one of them."""
+    """Number every possible change of a module, and make one of them."""
 
     def __init__(self, wanted: int = -1) -> None:
         self.wanted = wanted
         self.found: list[tuple[int, str]] = []
+        """Line and change of each."""
 
-    def _is_it(self, node: ast.AST, text: str) -> bool:
-        self.found.append((getattr(node, "lineno", 0), text))
-        return len(self.found) - 1 == self.wanted
-
-    def visit_FunctionDef(self, node: ast.FunctionDef) -> ast.AST:
-        """Look into a function's body alone; defaults and decorators stay."""
-        node.body = [self._in_body(each, k) for k, each in enumerate(node.body)]
-        return node
-
-    def visit_ClassDef(self, node: ast.ClassDef) -> ast.AST:
-        """Look into a class's body alone."""
-        node.body = [self._in_body(each, k) for k, each in enumerate(node.body)]
-        return node
-
-    def _in_body(self, node: ast.stmt, k: int) -> ast.stmt:
-        is_text = isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
-        changed: ast.stmt = node if k == 0 and is_text else self.visit(node)
-        return changed
-
-    def visit_AnnAssign(self, node: ast.AnnAssign) -> ast.AST:
-        """Look at the value alone."""
-        if node.value is not None:
-            node.value = self.visit(node.value)
-        return node
-
-    def visit_Expr(self, node: ast.Expr) -> ast.AST:
-        """Leave a call out."""
-        if isinstance(node.value, ast.Constant) or _is_talk(node.value):
+    def visit(self, node: ast.AST) -> Any:
+        """Return the node, or what stands in its place."""
+        if isinstance(node, ast.Raise | ast.Assert | ast.JoinedStr | ast.Import | ast.ImportFrom):
             return node
-        if self._is_it(node, f"left out: {ast.unparse(node)}"):
-            return ast.copy_location(ast.Pass(), node)
-        return self.generic_visit(node)
-
-    def visit_Assign(self, node: ast.Assign) -> ast.AST:
-        """Look at the value alone; a text for people stays."""
-        node.value = self.visit(node.value)
-        return node
-
-    def visit_AugAssign(self, node: ast.AugAssign) -> ast.AST:
-        """Count the other way."""
-        if self._is_it(node, f"left out: {ast.unparse(node)}"):
-            return ast.copy_location(ast.Pass(), node)
-        node.value = self.visit(node.value)
-        return node
-
-    def visit_Return(self, node: ast.Return) -> ast.AST:
-        """Return nothing."""
-        if node.value is None:
+        for text, other in changes(node):
+            self.found.append((node.lineno, text))  # type: ignore[attr-defined]
+            if len(self.found) - 1 == self.wanted:
+                return ast.copy_location(other, node)
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            node.body = [self.visit(each) for each in node.body]
             return node
-        is_none = isinstance(node.value, ast.Constant) and node.value.value is None
-        if not is_none and self._is_it(node, f"None for {ast.unparse(node)}"):
-            none = ast.copy_location(ast.Constant(None), node)
-            return ast.copy_location(ast.Return(none), node)
-        return self.generic_visit(node)
-
-    def visit_Raise(self, node: ast.Raise) -> ast.AST:
-        """Errors and their texts stay."""
-        return node
-
-    def visit_Assert(self, node: ast.Assert) -> ast.AST:
-        """Leave what cannot be."""
-        return node
-
-    def visit_JoinedStr(self, node: ast.JoinedStr) -> ast.AST:
-        """Leave a text."""
-        return node
-
-    def visit_If(self, node: ast.If) -> ast.AST:
-        """Turn a condition around."""
-        if ast.unparse(node.test) == "TYPE_CHECKING":
-            return node
-        if self._is_it(node.test, f"not ({ast.unparse(node.test)})"):
-            node.test = _not(node.test)
+        if isinstance(node, ast.AnnAssign | ast.Assign):
+            node.value = self.visit(node.value) if node.value else None  # type: ignore[assignment]
             return node
         return self.generic_visit(node)
 
-    def visit_IfExp(self, node: ast.IfExp) -> ast.AST:
-        """Likewise."""
-        if self._is_it(node.test, f"not ({ast.unparse(node.test)})"):
-            node.test = _not(node.test)
-            return node
-        return self.generic_visit(node)
 
-    def visit_UnaryOp(self, node: ast.UnaryOp) -> ast.AST:
-        """Leave a sign or a `not` out."""
-        if isinstance(node.op, ast.Not | ast.USub) and self._is_it(
-            node, f"{ast.unparse(node.operand)} for {ast.unparse(node)}"
-        ):
-            return node.operand
-        return self.generic_visit(node)
-
-    def visit_Compare(self, node: ast.Compare) -> ast.AST:
-        """Compare otherwise."""
-        for k, op in enumerate(node.ops):
-            other = _COMPARED[type(op)]
-            if self._is_it(node, f"{other.__name__} in {ast.unparse(node)}"):
-                node.ops[k] = other()
-                return node
-        return self.generic_visit(node)
-
-    def visit_BinOp(self, node: ast.BinOp) -> ast.AST:
-        """Count otherwise."""
-        other = _COUNTED.get(type(node.op))
-        if other and self._is_it(node, f"{other.__name__} in {ast.unparse(node)}"):
-            node.op = other()
-            return node
-        return self.generic_visit(node)
-
-    def visit_BoolOp(self, node: ast.BoolOp) -> ast.AST:
-        """Swap `and` and `or`."""
-        other = ast.Or if isinstance(node.op, ast.And) else ast.And
-        if self._is_it(node, f"{other.__name__} in {ast.unparse(node)}"):
-            node.op = other()
-            return node
-        return self.generic_visit(node)
-
-    def visit_Constant(self, node: ast.Constant) -> ast.AST:
-        """Change a number or a truth."""
-        if isinstance(node.value, bool):
-            changed: bool | float = not node.value
-        elif isinstance(node.value, int | float):
-            changed = node.value + 1
-        else:
-            return node
-        if self._is_it(node, f"{changed} for {node.value}"):
-            return ast.copy_location(ast.Constant(changed), node)
-        return node
-
-
-def _not(test: ast.expr) -> ast.expr:
-    return ast.copy_location(ast.UnaryOp(ast.Not(), test), test)
-
-
-def _is_talk(node: ast.AST) -> bool:
-    return (
-        isinstance(node, ast.Call)
-        and isinstance(node.func, ast.Attribute)
-        and node.func.attr in _TALK
-    )
-
-
-def candidates(path: Path) -> list[tuple[int, str]]:
+def mutants(path: Path) -> list[tuple[int, str]]:
     """Return line and change of every mutant of a file."""
     mutator = Mutator()
     mutator.visit(ast.parse(path.read_text(encoding="utf-8")))
     return mutator.found
 
 
-def mutant(path: Path, k: int) -> Mutant:
+def mutant(path: Path, k: int) -> ast.Module:
     """Return the k-th mutant of a file."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
-    mutator = Mutator(k)
-    changed = ast.fix_missing_locations(mutator.visit(copy.deepcopy(tree)))
-    return Mutant(k, changed, *lines_of(tree, mutator.found[k][0]))
+    return ast.fix_missing_locations(Mutator(k).visit(tree))  # type: ignore[no-any-return]
+
+
+# ---------------------------------------------------------------- whether its tests fail
+
+
+class Instead(importlib.abc.Loader, importlib.abc.MetaPathFinder):
+    """Gives a tree for a module."""
+
+    def __init__(self, path: Path, tree: ast.Module) -> None:
+        self._path, self._tree = path, tree
+        self._name = ".".join(path.relative_to(ROOT).with_suffix("").parts).removeprefix("daemon.")
+
+    def find_spec(self, fullname: str, *_: object) -> importlib.machinery.ModuleSpec | None:
+        """Find the one module."""
+        if fullname != self._name:
+            return None
+        return importlib.util.spec_from_file_location(fullname, self._path, loader=self)
+
+    def exec_module(self, module: ModuleType) -> None:
+        """Run the tree."""
+        exec(compile(self._tree, str(self._path), "exec"), module.__dict__)  # noqa: S102 - ours
+
+
+@dataclass
+class Tracer:
+    """A plugin for pytest: the lines of a file that each test runs, and its seconds."""
+
+    path: str
+    rows: list[tuple[str, set[int], float]] = field(default_factory=list)
+
+    def pytest_runtest_protocol(self, item: Any) -> None:
+        """Trace from here on."""
+        self.rows.append((item.nodeid, set(), time.monotonic()))
+        threading.settrace(self._trace)
+        sys.settrace(self._trace)
+
+    def pytest_runtest_logfinish(self, nodeid: str) -> None:
+        """Note how long it took."""
+        sys.settrace(None)
+        name, lines, began_s = self.rows[-1]
+        assert name == nodeid
+        self.rows[-1] = name, lines, time.monotonic() - began_s
+
+    def _trace(self, frame: FrameType, _event: str, _arg: object) -> Any:
+        if frame.f_code.co_filename != self.path:
+            return None
+        self.rows[-1][1].add(frame.f_lineno)
+        return self._trace
+
+
+def in_fork(work: Callable[[], int], limit_s: float) -> int:
+    """Run in a fork, in silence; return its exit code, -9 where it takes too long."""
+    pid = os.fork()
+    if pid == 0:
+        os.setpgid(0, 0)
+        quiet = os.open(os.devnull, os.O_RDWR)
+        for fd in (0, 1, 2):
+            os.dup2(quiet, fd)
+        code = 70
+        try:
+            os.chdir(ROOT)
+            code = int(work())
+        finally:
+            os._exit(code)
+    end_s = time.monotonic() + limit_s
+    while time.monotonic() < end_s:
+        done, status = os.waitpid(pid, os.WNOHANG)
+        if done:
+            return os.waitstatus_to_exitcode(status)
+        time.sleep(0.01)
+    os.killpg(pid, signal.SIGKILL)
+    os.waitpid(pid, 0)
+    return -signal.SIGKILL
+
+
+def run_tests(names: Sequence[str], plugins: Sequence[object] = ()) -> int:
+    """Run tests in this process until one fails."""
+    import pytest  # noqa: PLC0415 - loaded already, by the parent
+
+    options = ["-x", "-q", "-n", "0", "-p", "no:cacheprovider"]
+    return int(pytest.main([*options, *names], list(plugins)))
+
+
+def traced(path: Path, tests: Sequence[str]) -> list[tuple[str, set[int], float]]:
+    """Return each test with the lines that it runs and its seconds; empty if one fails."""
+    read, write = os.pipe()
+
+    def work() -> int:
+        tracer = Tracer(str(path))
+        code = run_tests([f"tests/{each}.py" for each in tests], [tracer])
+        with os.fdopen(write, "w") as out:
+            json.dump([(name, sorted(lines), s) for name, lines, s in tracer.rows], out)
+        return code
+
+    rows: list[Any] = []
+    with os.fdopen(read) as source:
+        reader = threading.Thread(target=lambda: rows.extend(json.loads(source.read() or "[]")))
+        reader.start()
+        code = in_fork(work, 1200)
+        os.close(write)
+        reader.join()
+    return [(name, set(lines), s) for name, lines, s in rows] if code == 0 else []
+
+
+def is_killed(path: Path, k: int, line: int, rows: Sequence[tuple[str, set[int], float]]) -> bool:
+    """Return whether a test fails on a mutant; on import every test may be the one."""
+    wanted = [(s, name) for name, lines, s in rows if line in lines]
+    wanted = sorted(wanted or [(s, name) for name, _, s in rows])
+    tree = mutant(path, k)
+
+    def work() -> int:
+        sys.meta_path.insert(0, Instead(path, tree))
+        return run_tests([name for _, name in wanted])
+
+    return in_fork(work, _MORE_S + _SLOWER * sum(s for s, _ in wanted)) != 0
 
 
 def main() -> int:
@@ -242,39 +276,31 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("modules", nargs="*", choices=[*MODULES, []], default=list(MODULES))
     parser.add_argument("--share", type=float, default=1.0, help="of the mutants")
-    parser.add_argument("--most", type=int, default=10**6, help="mutants of a module")
     parser.add_argument("--seed", type=int, default=0, help="of the choice")
     parser.add_argument("--line", type=int, help="only mutants of this line")
     args = parser.parse_args()
     # What takes long to load, once; nothing of the project.
     for library in ("numpy", "pytest", "yaml", "pydantic", "serial", "h5py"):
         importlib.import_module(library)
-    report: dict[str, object] = {}
+    report: dict[str, dict[str, int]] = {}
     left: list[str] = []
-    tried = killed = 0
-    for name in args.modules or list(MODULES):
-        folder, module, tests = MODULES[name]
-        all_of = candidates(ROOT / folder / f"{module}.py")
-        ks = [k for k, (line, _) in enumerate(all_of) if args.line in {None, line}]
-        n = min(args.most, max(1, round(args.share * len(ks))))
-        chosen = sorted(random.Random(args.seed).sample(ks, n))  # noqa: S311 - a choice
-        began_s = time.monotonic()
-        full = ".".join([*Path(folder).parts, module]).removeprefix("daemon.")
-        path = ROOT / folder / f"{module}.py"
-        alive, fault = survivors(Module(path, full, tests), chosen, partial(mutant, path))
-        if fault:
-            print(f"{name}: {fault}", file=sys.stderr)
+    for name in args.modules:
+        file, tests = MODULES[name]
+        path = ROOT / file
+        found = mutants(path)
+        ks = [k for k, (line, _) in enumerate(found) if args.line in {None, line}]
+        n = max(1, round(args.share * len(ks)))
+        drawn = sorted(random.Random(args.seed).sample(ks, n))  # noqa: S311 - a choice
+        rows = traced(path, tests)
+        if not rows:
+            print(f"{name}: its tests fail as it is", file=sys.stderr)
             return 1
-        left += [f"{folder}/{module}.py:{all_of[k][0]}: {all_of[k][1]}" for k in alive]
-        for k in alive:
-            print(f"  {folder}/{module}.py:{all_of[k][0]}: {all_of[k][1]}", flush=True)
-        tried, killed = tried + n, killed + n - len(alive)
-        report[name] = {"mutants": len(all_of), "tried": n, "killed": n - len(alive)}
-        took_s = time.monotonic() - began_s
-        said = f"{name}: {n - len(alive)} of {n} killed, of {len(all_of)}, in {took_s:.0f} s"
-        print(said, flush=True)
-    score = round(killed / tried, 4) if tried else 1.0
-    print(json.dumps({**report, "score": score, "survivors": left}))
+        alive = [k for k in drawn if not is_killed(path, k, found[k][0], rows)]
+        left += [f"{file}:{found[k][0]}: {found[k][1]}" for k in alive]
+        report[name] = {"mutants": len(found), "tried": n, "killed": n - len(alive)}
+        print(f"{name}: {n - len(alive)} of {n} killed, of {len(found)}", flush=True)
+    tried, killed = (sum(row[key] for row in report.values()) for key in ("tried", "killed"))
+    print(json.dumps({**report, "score": round(killed / tried, 4), "survivors": left}))
     return 0
 
 
