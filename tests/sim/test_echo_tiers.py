@@ -15,8 +15,7 @@ from x2radar.errors import SceneError
 from x2radar.frame import FastTimeAxis
 from x2radar.sim.echo import TIERS, Pulse
 from x2radar.sim.echo.common import blocks
-from x2radar.sim.echo.design import design_for, suits
-from x2radar.sim.echo.spectral_grid import grid_for
+from x2radar.sim.echo.gridded import design_for, suits
 from x2radar.sim.signal.pulse import rf_echo
 
 C = 299_792_458.0
@@ -53,9 +52,8 @@ ERRORS_DB = {
     "dense": (-120.0,),
     "local": (-40.0, -60.0, -80.0, -100.0),
     "gridded": (-40.0, -60.0, -80.0, -100.0),
-    "spectral": (-40.0, -60.0, -80.0, -100.0),
 }
-FAST = ("dense", "local", "gridded", "spectral")
+FAST = ("dense", "local", "gridded")
 
 
 def pairs(tiers, names):
@@ -153,9 +151,7 @@ def test_the_reference_is_the_thesis_engine(references):
 # ---------------------------------------------------------------- the live path
 
 
-@pytest.mark.parametrize(
-    ("tier", "step"), [*((t, 1) for t in FAST), ("dense", 8), ("local", 8), ("spectral", 8)]
-)
+@pytest.mark.parametrize(("tier", "step"), [*((t, 1) for t in FAST), ("dense", 8), ("local", 8)])
 def test_equals_the_daemons_down_conversion(tier, step):
     """RF frames, mixed, filtered and decimated by the daemon, against baseband frames."""
     converter = DownConverter(X2_RF, step)
@@ -209,9 +205,6 @@ def test_nothing_from_outside_wraps_in(tier, name):
     low, high = swath(axis)
     reach = 12 * Pulse.of(axis).sigma_m(axis.kind)
     away = [low - reach, high + reach, 0.0, -1e-300, -3.0, 1e3, 1e6, 1e300, np.inf, -np.inf]
-    if tier == "spectral":
-        period = grid_for(axis, Pulse.of(axis), -60.0).period_m
-        away += [low + 1 + period, high - 1 - period]
     range_m = np.array(away)[:, None]
     frames = TIERS[tier].frames(range_m, np.ones_like(range_m), axis, error_db=-60)
     assert not frames.any()
@@ -266,14 +259,6 @@ def test_140_db_between_two_echoes(tier):
     weak = passband(range_m[:, 1:], amplitude[:, 1:], X2)
     there = slice(450, 620)
     assert np.abs(both - weak)[:, there].max() < 1.1e-3 * 1e-7
-
-
-def test_140_db_in_the_frequency_domain_is_rounding():
-    """The spectral tier spreads rounding over the range: stated, and no worse than stated."""
-    range_m = np.array([[1.0, 2.5]])
-    frames = TIERS["spectral"].frames(range_m, np.array([[1.0, 1e-7]]), X2, error_db=-100)
-    wanted = passband(range_m, np.array([[1.0, 1e-7]]), X2)
-    assert worst_db(frames, wanted, np.array([[1.0]])) <= -100
 
 
 @pytest.mark.parametrize("tier", FAST)
@@ -346,7 +331,7 @@ def test_blocks_cover_slow_time_once():
 
 @settings(max_examples=40, deadline=None)
 @given(
-    st.sampled_from(["local", "gridded", "spectral"]),
+    st.sampled_from(["local", "gridded"]),
     st.lists(
         st.tuples(st.floats(-1e7, 1e7) | st.floats(0.3, 3.8), st.floats(0, 1e6)),
         min_size=1,

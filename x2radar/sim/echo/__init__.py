@@ -1,8 +1,8 @@
 """Echo engines: from distances and amplitudes to frames, in tiers of one answer.
 
 `frames` picks the cheapest tier that keeps the error asked for: `dense` (every bin of every
-scatterer), `local` (the bins that an echo touches), `gridded` (a coarse grid and one matrix
-product) or `spectral` (the frequency domain). It may import signal.
+scatterer), `local` (the bins that an echo touches) or `gridded` (a coarse grid and one matrix
+product).
 """
 
 from x2radar.sim.echo.choose import TIERS, Task, choose, frames

@@ -5,7 +5,6 @@
 | dense | -130 dB | bins x scatterers |
 | local | -100 dB | scatterers x the bins that an echo touches |
 | gridded | -100 dB | scatterers x 8 to 15 grid points, and bins |
-| spectral | -100 dB | scatterers x the band's lines (about 70, very cheaply), and bins |
 
 Errors are the largest of any bin over the sum of the amplitudes. The costs are linear
 models in nanoseconds, fitted to measurements on one core at 1 to 400 frames, 1 to 200
@@ -14,7 +13,7 @@ times the model. Only ratios matter: over those tasks the choice took 1.4 % long
 best tier of each. `benchmarks/bench_sim.py` measures it again.
 
 Every tier has its tasks: dense where up to five echoes move or errors are under -100 dB,
-gridded on the X2's own bins and RF, local on decimated bins, spectral for many echoes there.
+gridded on the X2's own bins and RF, local on decimated bins.
 """
 
 import math
@@ -24,9 +23,8 @@ from typing import Protocol
 
 from x2radar.errors import SceneError
 from x2radar.frame import FastTimeAxis
-from x2radar.sim.echo import dense, design, gridded, local, spectral
+from x2radar.sim.echo import dense, gridded, local
 from x2radar.sim.echo.common import FINEST_DB, Amplitude, Array, Frames, Pulse, blocks, check
-from x2radar.sim.echo.spectral_grid import grid_for
 
 
 class FramesOf(Protocol):
@@ -94,32 +92,23 @@ def _local_ns(task: Task) -> float:
 
 
 def _gridded_ns(task: Task) -> float:
-    if not design.suits(task.axis, task.pulse):
+    if not gridded.suits(task.axis, task.pulse):
         return math.inf
-    shape = design.design_for(task.axis, task.pulse, task.error_db)
+    shape = gridded.design_for(task.axis, task.pulse, task.error_db)
     each_ns = 5 + 1.7 * shape.grid.n_touched
     frame_ns = (1.2 if task.axis.kind == "rf" else 1.5) * shape.frame_ns()
     return task.n_calls * 5e4 + each_ns * task.n_echoes + frame_ns * task.n_slow
 
 
-def _spectral_ns(task: Task) -> float:
-    grid = grid_for(task.axis, task.pulse, task.error_db)
-    each_ns = 1.1 * (grid.n_slow_power + grid.n_fast_power) + 0.06 * grid.n_freq
-    n_fft = grid.n_fft * grid.n_fold
-    frame_ns = 300 + (3.0 if task.axis.kind == "rf" else 2.4) * n_fft * math.log2(n_fft) / 10
-    return task.n_calls * 6.3e4 + each_ns * task.n_echoes + frame_ns * task.n_slow
-
-
 TIERS: Mapping[str, Tier] = {
-    "dense": Tier(dense.frames, -130.0, _dense_ns),
+    "dense": Tier(dense.frames, dense.FINEST_DB, _dense_ns),
     "local": Tier(local.frames, FINEST_DB, _local_ns),
     "gridded": Tier(gridded.frames, FINEST_DB, _gridded_ns),
-    "spectral": Tier(spectral.frames, FINEST_DB, _spectral_ns),
 }
 """Every tier by its name."""
 
-_COARSEST_DB, _FINEST_DB = -20.0, -130.0
-"""Coarser is no frame; finer is under float32's rounding."""
+_COARSEST_DB = -20.0
+"""Coarser is no frame."""
 
 
 def choose(task: Task) -> str:
@@ -130,7 +119,9 @@ def choose(task: Task) -> str:
     SceneError
         If the error is not within -130 to -20 dB.
     """
-    _check_error(task.error_db)
+    if not dense.FINEST_DB <= task.error_db <= _COARSEST_DB:
+        msg = f"error_db {task.error_db:g} is not within {dense.FINEST_DB:g} to {_COARSEST_DB:g}"
+        raise SceneError(msg)
     able = [name for name, tier in TIERS.items() if tier.finest_db <= task.error_db]
     return min(able, key=lambda name: TIERS[name].cost_ns(task))
 
@@ -179,9 +170,3 @@ def frames(
     pulse = pulse or Pulse.of(axis)
     tier = TIERS[choose(Task(len(range_m), range_m.shape[1], axis, pulse, error_db))]
     return tier.frames(range_m, amplitude, axis, pulse, error_db=error_db, floor=floor)
-
-
-def _check_error(error_db: float) -> None:
-    if not _FINEST_DB <= error_db <= _COARSEST_DB:
-        msg = f"error_db {error_db:g} is not within {_FINEST_DB:g} to {_COARSEST_DB:g}"
-        raise SceneError(msg)

@@ -24,15 +24,15 @@ Amplitude = NDArray[np.float64] | NDArray[np.complex128]
 Baseband = NDArray[np.complex64]
 Frames = NDArray[np.complex64] | NDArray[np.float32]
 
-FAINTEST = float(np.finfo(np.float32).tiny)
+_FAINTEST = float(np.finfo(np.float32).tiny)
 """Amplitudes up to here would be denormal in float32 and are taken for zero."""
 
 FINEST_DB = -100.0
 """Smallest error that the fast tiers can be asked for; their rounding is -107 to -130 dB."""
 
 # Echoes worked on at a time: their kernels then stay in a core's second-level cache (measured).
-BLOCK_ECHOES = 8192
-BLOCK_FRAMES = 1024
+_BLOCK_ECHOES = 8192
+_BLOCK_FRAMES = 1024
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,42 +71,15 @@ def counted(
     """Tell which echoes lie between two ranges and are stronger than the floor."""
     mask = range_m > near_m
     mask &= range_m < far_m
-    mask &= np.abs(amplitude) > max(floor, FAINTEST)
+    mask &= np.abs(amplitude) > max(floor, _FAINTEST)
     return mask
 
 
 def blocks(n_slow: int, n_points: int) -> Iterator[slice]:
     """Cut slow time into pieces that a core's cache holds."""
-    size = max(1, min(BLOCK_FRAMES, BLOCK_ECHOES // max(1, n_points)))
+    size = max(1, min(_BLOCK_FRAMES, _BLOCK_ECHOES // max(1, n_points)))
     for first in range(0, n_slow, size):
         yield slice(first, min(first + size, n_slow))
-
-
-def kept(
-    range_m: Array,
-    amplitude: Amplitude,
-    axis: FastTimeAxis,
-    *,
-    reach_m: float,
-    floor: float,
-) -> tuple[Array, Amplitude]:
-    """Leave out scatterers that never count, for tiers that work on whole columns.
-
-    Echoes show up to `reach_m` outside the swath. Where one of the others does not count, its
-    amplitude is zero and its range the swath's beginning, so that nothing overflows.
-    """
-    check(range_m, amplitude)
-    first_m = axis.range_offset_m
-    last_m = first_m + (axis.n_range - 1) * axis.bin_length_m
-    mask = counted(range_m, amplitude, first_m - reach_m, last_m + reach_m, floor)
-    if mask.all():
-        return range_m, amplitude
-    columns = mask.any(axis=0)
-    mask = mask[:, columns]
-    return (
-        np.where(mask, range_m[:, columns], first_m),
-        np.where(mask, amplitude[:, columns], 0.0),
-    )
 
 
 def carrier_turns(range_m: Array, axis: FastTimeAxis) -> Array:

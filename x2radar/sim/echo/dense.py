@@ -14,10 +14,13 @@ from x2radar.sim.echo.common import (
     Frames,
     Pulse,
     carrier_turns,
+    check,
+    counted,
     empty,
-    kept,
 )
 
+FINEST_DB = -130.0
+"""Finer is under float32's rounding."""
 _REACH_SIGMA = 7.0
 """Beyond it an echo is below 2e-11 and is left out as a whole."""
 _BLOCK_SAMPLES = 1 << 17
@@ -41,7 +44,7 @@ def frames(
     del error_db
     pulse = pulse or Pulse.of(axis)
     sigma_m = pulse.sigma_m(axis.kind)
-    r, a = kept(range_m, amplitude, axis, reach_m=_REACH_SIGMA * sigma_m, floor=floor)
+    r, a = _kept(range_m, amplitude, axis, reach_m=_REACH_SIGMA * sigma_m, floor=floor)
     weight = a * np.exp(2j * np.pi * carrier_turns(r, axis))
     rows = np.stack([weight.real, weight.imag], axis=1)
     out = empty(len(r), axis)
@@ -59,6 +62,33 @@ def frames(
         else:
             out[part] = real * wave.real - imag * wave.imag
     return out
+
+
+def _kept(
+    range_m: Array,
+    amplitude: Amplitude,
+    axis: FastTimeAxis,
+    *,
+    reach_m: float,
+    floor: float,
+) -> tuple[Array, Amplitude]:
+    """Leave out scatterers that never count.
+
+    Echoes show up to `reach_m` outside the swath. Where one of the others does not count, its
+    amplitude is zero and its range the swath's beginning, so that nothing overflows.
+    """
+    check(range_m, amplitude)
+    first_m = axis.range_offset_m
+    last_m = first_m + (axis.n_range - 1) * axis.bin_length_m
+    mask = counted(range_m, amplitude, first_m - reach_m, last_m + reach_m, floor)
+    if mask.all():
+        return range_m, amplitude
+    columns = mask.any(axis=0)
+    mask = mask[:, columns]
+    return (
+        np.where(mask, range_m[:, columns], first_m),
+        np.where(mask, amplitude[:, columns], 0.0),
+    )
 
 
 def _wave(axis: FastTimeAxis) -> NDArray[np.complex128]:
