@@ -8,8 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from radard.judge.bundle import ModelInput, load_bundle
-from radard.judge.evidence import EvidenceSettings
+from radard.judge.bundle import EvidenceSettings, ModelInput, load_bundle
 from radard.judge.features import feature_shape
 from radard.judge.installation import INSTALLATION, N_INSTALLATION
 from x2train.bundle.export import to_onnx

@@ -37,6 +37,7 @@ from radard.detect.tracks import Track, Tracker
 from radard.dsp.downconvert import DownConverter
 from radard.dsp.range_gate import range_gates
 from radard.errors import FeatureError, ModelMismatch
+from radard.judge.bundle import EvidenceSettings
 from radard.judge.classifier import Answer, Classifier
 from radard.judge.decision import (
     Decision,
@@ -47,7 +48,7 @@ from radard.judge.decision import (
     pet_limit_of,
     policy_of,
 )
-from radard.judge.evidence import Evidence, EvidenceSettings
+from radard.judge.evidence import Evidence
 from radard.judge.features import FeatureSettings, FeatureStream, extract
 from radard.judge.installation import INSTALLATION, Mount, echo_at_1m_db, installation
 from radard.stream.ring import Dwell, DwellShape, FrameRing

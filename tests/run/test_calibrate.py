@@ -300,7 +300,7 @@ def test_staleness(made_at, device, software, words):
 @pytest.mark.parametrize(
     ("change", "word"),
     [
-        (3, "provenance: must be"),
+        (3, "provenance: input should be an object"),
         ({"colour": 1}, "provenance.colour: unknown"),
         ({"device": 1}, "provenance.device"),
         ({"duration_s": "1"}, "provenance.duration_s"),

@@ -207,7 +207,7 @@ def test_a_garbled_evaluation_is_told(own, capsys):
     for wrong in ({}, {"policy": "fused"}, [], {"sensitivities": {"low": {}}}):
         sidecar.write_text(json.dumps(raw | {"evaluation": wrong}))
         assert main(["explain", "--model", str(own)]) != 0
-        assert "evaluation lacks or garbles" in capsys.readouterr().err
+        assert ": evaluation" in capsys.readouterr().err
 
 
 def test_a_card_needs_people_and_pets():

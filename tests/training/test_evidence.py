@@ -9,9 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from radard.errors import ModelMismatch
+from radard.judge.bundle import EvidenceSettings
 from radard.judge.classifier import Answer, Probabilities
 from radard.judge.decision import Verdict
-from radard.judge.evidence import Evidence, EvidenceSettings
+from radard.judge.evidence import Evidence
 from radard.stream.ring import DwellShape
 from x2train.sets.windows import dwell_ends
 
@@ -98,15 +99,15 @@ def test_networks_of_two_classes_keep_other_at_zero():
 @pytest.mark.parametrize(
     ("raw", "words"),
     [
-        ({"speed": 1}, "evidence.speed: unknown"),
-        ({"discount": 0}, "evidence.discount: 0 is not from 0.001 to 1"),
+        ({"speed": 1}, "evidence.speed: unknown key"),
+        ({"discount": 0}, "evidence.discount: .*greater than or equal to 0.001 .got 0"),
         ({"discount": 1.1}, "evidence.discount"),
         ({"most": 1.3}, "evidence.most"),
         ({"most": float("nan")}, "evidence.most"),
         ({"most": float("inf")}, "evidence.most"),
         ({"prior_human": -11}, "evidence.prior_human"),
-        ({"human_limit": True}, "evidence.human_limit: True is not a number"),
-        ({"human_limit": "0.8"}, "is not a number"),
+        ({"human_limit": True}, "evidence.human_limit: .*valid number .got True"),
+        ({"human_limit": "0.8"}, "valid number"),
     ],
 )
 def test_settings_that_make_no_sense_are_named(raw, words):

@@ -10,9 +10,8 @@ import torch
 
 from benchmarks.bench_training import step_of
 from radard.errors import RadardError, UsageError
-from radard.judge.bundle import CLASSES, load_bundle
+from radard.judge.bundle import CLASSES, EvidenceSettings, load_bundle
 from radard.judge.classifier import Classifier, softmax
-from radard.judge.evidence import EvidenceSettings
 from radard.judge.features import FeatureSet
 from tests.training_helpers import FEATURES, INPUTS, TINY, as_float, tiny, toy, trained, write_tiny
 from x2train.bundle.export import parity, to_onnx

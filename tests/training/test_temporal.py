@@ -9,9 +9,9 @@ import pytest
 import torch
 
 from radard.errors import ModelMismatch, UsageError
-from radard.judge.bundle import load_bundle
+from radard.judge.bundle import EvidenceSettings, load_bundle
 from radard.judge.classifier import Answer, Classifier, Probabilities
-from radard.judge.evidence import Evidence, EvidenceSettings
+from radard.judge.evidence import Evidence
 from radard.judge.features import FeatureSet
 from tests.training_helpers import (
     INPUTS,

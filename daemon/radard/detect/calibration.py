@@ -12,46 +12,72 @@ are dB over the floor. The provenance, which may be missing, says where all this
 """
 
 import json
-import reprlib
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import AfterValidator, Field
 
 from radard.config.atomic import write_atomically
+from radard.config.json_file import LOOSE, STRICT, parse_json
 from radard.errors import ConfigError
 from x2radar.frame import FastTimeAxis
 
 FORMAT = "radard-calibration"
 VERSION = 2
-_NUMBERS = ("frame_rate_hz", "bin_length_m", "range_offset_m")
-_LISTS = ("noise_floor_db", "threshold_db")
-_MOST_DB = 120.0  # of a threshold; chosen: beyond any receiver's range
-_RESTLESS_DB = 6.0  # chosen: as a survey calls a bin restless
-_CELL_M = 0.1  # chosen: spans for people
-_LEAST_M = 0.3  # chosen: a machine is as large
-_MOST_NUMBER = 1e15  # chosen: beyond any carrier; a whole number of JSON has no end
-MOST_AGE_D = 90.0
-"""Older than this, a calibration is called stale: rooms and receivers change. Chosen."""
+_RESTLESS_DB = 6.0  # as a survey calls a bin restless
+_CELL_M = 0.1  # to which spans are rounded, for people
+_MIN_M = 0.3  # of a span: a machine is as large
+_MAX_AGE_D = 90.0  # older ones are called stale: rooms and receivers change with the seasons
+
+
+def _moment(text: str) -> str:
+    if text and datetime.fromisoformat(text).tzinfo is None:
+        msg = "no time zone"
+        raise ValueError(msg)
+    return text
+
+
+# Beyond any carrier and any power in decibels: a whole number of JSON has no end.
+_Number = Annotated[float, Field(ge=-1e15, le=1e15)]
+_Decibels = Annotated[float, Field(ge=-1000, le=1000)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Provenance:
     """Where a calibration is from; empty texts and zeros where that is not known."""
 
-    made_utc: str = ""  # ISO 8601
+    __pydantic_config__ = STRICT
+
+    made_utc: Annotated[str, AfterValidator(_moment)] = ""  # ISO 8601
     device: str = ""  # what sent the frames, as `StreamInfo.device` has it
     port: str = ""  # without secrets
     software: str = ""  # version of radard
     model: str = ""  # whose range bins and CPI these are
-    carrier_hz: float = 0.0
-    duration_s: float = 0.0  # stream time that was listened to
+    carrier_hz: _Number = 0.0
+    duration_s: _Number = 0.0  # stream time that was listened to
     n_dwells: int = 0  # dwells in it
-    false_gates_per_day: float = 0.0  # predicted: decisions that open the gate in such a room
+    false_gates_per_day: _Number = 0.0  # predicted: decisions that open the gate in such a room
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _CalibrationFile:
+    """What the file holds, key by key."""
+
+    __pydantic_config__ = LOOSE
+
+    format: Literal["radard-calibration"]
+    format_version: Literal[2]
+    frame_rate_hz: _Number
+    bin_length_m: _Number
+    range_offset_m: _Number
+    noise_floor_db: Annotated[tuple[_Decibels | None, ...], Field(min_length=1)]
+    threshold_db: tuple[Annotated[float, Field(ge=0, le=120)], ...]
+    provenance: Provenance = Provenance()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -63,7 +89,7 @@ class Calibration:
     range_offset_m: float
     floor: NDArray[np.float64]  # noise power of every bin, sample units squared; 0: dead
     threshold_db: NDArray[np.float64]  # how far over its floor a bin's residual power must stand
-    provenance: Provenance = field(default_factory=Provenance)
+    provenance: Provenance = Provenance()
 
     def check(self, axis: FastTimeAxis, frame_rate_hz: float) -> None:
         """Raise ConfigError, naming the value, unless the calibration fits a stream."""
@@ -87,7 +113,7 @@ class Calibration:
         made = self.provenance
         if made.made_utc:
             age_d = (now - datetime.fromisoformat(made.made_utc)).total_seconds() / 86_400
-            if age_d > MOST_AGE_D:
+            if age_d > _MAX_AGE_D:
                 yield f"it is {age_d:.0f} days old"
             elif age_d < -1:
                 yield f"it is from the future ({made.made_utc}): is the clock right?"
@@ -103,7 +129,9 @@ class Calibration:
         content = {
             "format": FORMAT,
             "format_version": VERSION,
-            **{name: getattr(self, name) for name in _NUMBERS},
+            "frame_rate_hz": self.frame_rate_hz,
+            "bin_length_m": self.bin_length_m,
+            "range_offset_m": self.range_offset_m,
             "noise_floor_db": [round(v, 3) if np.isfinite(v) else None for v in floor_db.tolist()],
             "threshold_db": [round(v, 3) for v in self.threshold_db.tolist()],
             "provenance": asdict(self.provenance),
@@ -133,10 +161,10 @@ def restless_spans(calibration: Calibration) -> list[tuple[float, float]]:
     for first, end in edges.reshape(-1, 2):
         low_m = np.floor((start_m + first * bin_m) / _CELL_M + 1e-6) * _CELL_M
         high_m = np.ceil((start_m + end * bin_m) / _CELL_M - 1e-6) * _CELL_M
-        if spans and low_m <= spans[-1][1] + _LEAST_M:
+        if spans and low_m <= spans[-1][1] + _MIN_M:
             low_m = spans.pop()[0]
         spans.append((round(max(low_m, 0.0), 2), round(high_m, 2)))
-    return [span for span in spans if span[1] - span[0] >= _LEAST_M - 1e-9]
+    return [span for span in spans if span[1] - span[0] >= _MIN_M - 1e-9]
 
 
 def load_calibration(path: Path) -> Calibration:
@@ -145,78 +173,28 @@ def load_calibration(path: Path) -> Calibration:
     Raises ConfigError, naming file and key, if it cannot be read or a value makes no sense.
     """
     try:
-        raw = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as err:
-        msg = f"{path}: cannot read the calibration ({err})"
+        made = parse_json(_CalibrationFile, path.read_bytes())
+    except OSError as err:
+        msg = f"{path}: cannot read the calibration: {err.strerror}"
         raise ConfigError(msg) from err
-    if not isinstance(raw, dict) or raw.get("format") != FORMAT:
-        msg = f"{path}: not a calibration: format is not '{FORMAT}'"
+    except ValueError as err:
+        msg = f"{path}: not a calibration that is read here: {err}; calibrate again"
+        raise ConfigError(msg) from err
+    n, n_bins = len(made.threshold_db), len(made.noise_floor_db)
+    if n != n_bins:
+        msg = f"{path}: threshold_db: {n} values for {n_bins} bins"
         raise ConfigError(msg)
-    if raw.get("format_version") != VERSION:
-        found = raw.get("format_version")
-        msg = f"{path}: format_version {found!r} is not {VERSION}"
-        if found == 1:
-            msg += ": its thresholds are those of an earlier gate; calibrate again"
-        raise ConfigError(msg)
-    numbers = {name: _number(path, name, raw.get(name)) for name in _NUMBERS}
-    floor_db, threshold_db = (_list(path, name, raw.get(name)) for name in _LISTS)
-    if len(floor_db) != len(threshold_db):
-        msg = f"{path}: threshold_db: {len(threshold_db)} values for {len(floor_db)} bins"
-        raise ConfigError(msg)
-    if not ((threshold_db >= 0) & (threshold_db <= _MOST_DB)).all():
-        msg = f"{path}: threshold_db: values must be 0 to {_MOST_DB:g}"
-        raise ConfigError(msg)
+    floor_db = np.array([-np.inf if v is None else v for v in made.noise_floor_db])
     return Calibration(
+        frame_rate_hz=made.frame_rate_hz,
+        bin_length_m=made.bin_length_m,
+        range_offset_m=made.range_offset_m,
         floor=10 ** (floor_db / 10),
-        threshold_db=threshold_db,
-        provenance=_provenance(path, raw.get("provenance", {})),
-        **numbers,
+        threshold_db=np.array(made.threshold_db),
+        provenance=made.provenance,
     )
 
 
 def utc_text(when: datetime) -> str:
     """Return a time as a provenance has it, to the second."""
     return when.astimezone(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
-
-
-def _provenance(path: Path, raw: Any) -> Provenance:
-    known = {f.name: type(f.default) for f in fields(Provenance)}
-    if not isinstance(raw, dict):
-        msg = f"{path}: provenance: must be a mapping"
-        raise ConfigError(msg)
-    for name, value in raw.items():
-        kind = known.get(name)
-        if kind is None:
-            msg = f"{path}: provenance.{name}: unknown; known are {', '.join(known)}"
-            raise ConfigError(msg)
-        if kind is not str:
-            _number(path, f"provenance.{name}", value)
-        elif not isinstance(value, str):
-            msg = f"{path}: provenance.{name}: {value!r} is not text"
-            raise ConfigError(msg)
-    try:
-        made = datetime.fromisoformat(raw.get("made_utc") or "1970-01-01T00:00Z")
-    except ValueError as err:
-        msg = f"{path}: provenance.made_utc: {err}"
-        raise ConfigError(msg) from err
-    if made.tzinfo is None:
-        msg = f"{path}: provenance.made_utc: '{raw['made_utc']}' has no time zone"
-        raise ConfigError(msg)
-    return Provenance(**raw)
-
-
-def _number(path: Path, name: str, value: Any) -> float:
-    if type(value) in {int, float} and abs(value) <= _MOST_NUMBER:
-        return float(value)
-    msg = f"{path}: {name}: {reprlib.repr(value)} is not a number"
-    raise ConfigError(msg)
-
-
-def _list(path: Path, name: str, value: Any) -> NDArray[np.float64]:
-    if not isinstance(value, list) or not value:
-        msg = f"{path}: {name}: must be a list with a number for every bin"
-        raise ConfigError(msg)
-    dead = -np.inf if name == "noise_floor_db" else None
-    return np.array(
-        [dead if v is None and dead is not None else _number(path, name, v) for v in value]
-    )

@@ -8,17 +8,18 @@ import json
 import logging
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from radard.config.atomic import write_atomically
+from radard.config.json_file import STRICT, parse_json
 from radard.detect.interference import FloorReference
 
 log = logging.getLogger("radard")
-_FORMAT = "radard-room"
-_MOST_BYTES = 1_000_000  # chosen: 200 times what an X2's takes
+_MAX_BYTES = 1_000_000  # 200 times what an X2's takes
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,6 +31,27 @@ class RoomReference:
     noise_db: float | None  # receiver's noise, as it was learned and as it has drifted since
     noise_kept_db: float | None
     floor: FloorReference
+
+
+_Powers = tuple[Annotated[float, Field(gt=0)] | None, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _RoomFile:
+    """What the file holds, key by key; a power that is null is infinite."""
+
+    __pydantic_config__ = STRICT
+
+    format: Literal["radard-room"]
+    format_version: Literal[1]
+    stream: str
+    echoes: tuple[tuple[tuple[float, float], ...], ...]
+    usable: tuple[bool, ...]
+    noise_db: float | None
+    noise_kept_db: float | None
+    floor: _Powers
+    floor_kept: _Powers
+    calm_s: Annotated[float, Field(ge=0)]
 
 
 @dataclass(slots=True)
@@ -49,15 +71,15 @@ class RoomStore:
             return None
         try:
             with self.path.open("rb") as file:
-                raw = json.loads(file.read(_MOST_BYTES))
-            if raw["format"] == _FORMAT and raw["stream"] != self.stream:
+                made = parse_json(_RoomFile, file.read(_MAX_BYTES))
+            if made.stream != self.stream:
                 log.info("%s: of another stream or calibration, and not used", self.path)
                 return None
-            return _parsed(raw)
+            return _parsed(made)
         except FileNotFoundError:
             return None
-        except (OSError, ValueError, LookupError, TypeError, RecursionError, OverflowError) as err:
-            log.warning("%s: the room's reference is unreadable and not used (%r)", self.path, err)
+        except (OSError, ValueError) as err:
+            log.warning("%s: the room's reference is unreadable and not used (%s)", self.path, err)
             return None
 
     def save(self, room: RoomReference) -> None:
@@ -65,7 +87,7 @@ class RoomStore:
         if self.path is None:
             return
         content = {
-            "format": _FORMAT,
+            "format": "radard-room",
             "format_version": 1,
             "stream": self.stream,
             "echoes": [[[z.real, z.imag] for z in row] for row in room.echoes.tolist()],
@@ -96,33 +118,23 @@ class RoomStore:
             log.warning("%s: cannot be removed: %s", self.path, err.strerror)
 
 
-def _parsed(raw: dict[str, Any]) -> RoomReference:
-    """Return a file's reference; raises ValueError, LookupError or TypeError if it makes none."""
-    if raw["format"] != _FORMAT or raw["format_version"] != 1:
-        msg = f"format is not '{_FORMAT}', version 1"
-        raise ValueError(msg)
-    usable = np.array(raw["usable"], np.float64) > 0
-    parts = np.array(raw["echoes"], np.float64)
+def _parsed(made: _RoomFile) -> RoomReference:
+    """Return a file's reference; raises ValueError if its parts do not fit each other."""
+    usable = np.array(made.usable, np.bool_)
+    parts = np.array(made.echoes, np.float64)
     parts = parts.reshape(len(usable), -1, 2) if parts.size else np.zeros((len(usable), 0, 2))
-    floor = FloorReference(_floor(raw["floor"]), _floor(raw["floor_kept"]), float(raw["calm_s"]))
-    numbers = [raw["noise_db"], raw["noise_kept_db"]]
-    noise_db, kept_db = (None if v is None else float(v) for v in numbers)
-    known = np.array([floor.t_s, *(v for v in (noise_db, kept_db) if v is not None)])
-    is_sound = np.isfinite(parts).all() and np.isfinite(known).all() and floor.t_s >= 0
-    if not is_sound or floor.first.shape != floor.kept.shape or len(known) == 2:
-        msg = "values make no sense"
+    floor = FloorReference(_floor(made.floor), _floor(made.floor_kept), made.calm_s)
+    is_half = (made.noise_db is None) != (made.noise_kept_db is None)
+    if is_half or len(parts) != len(usable) or floor.first.shape != floor.kept.shape:
+        msg = "its parts do not fit each other"
         raise ValueError(msg)
     echoes = parts[..., 0] + 1j * parts[..., 1]
-    return RoomReference(echoes, usable, noise_db, kept_db, floor)
+    return RoomReference(echoes, usable, made.noise_db, made.noise_kept_db, floor)
 
 
 def _finite(floor: NDArray[np.float64]) -> list[float | None]:
     return [v if np.isfinite(v) else None for v in floor.tolist()]
 
 
-def _floor(raw: list[float | None]) -> NDArray[np.float64]:
-    floor = np.array([np.inf if v is None else float(v) for v in raw])
-    if not (floor > 0).all():
-        msg = "a floor is not positive"
-        raise ValueError(msg)
-    return floor
+def _floor(powers: tuple[float | None, ...]) -> NDArray[np.float64]:
+    return np.array([np.inf if v is None else v for v in powers])

@@ -9,11 +9,14 @@ a network with weights in other files or operators of other libraries (`onnx_saf
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
+from pydantic import Field
+
+from radard.config.json_file import LOOSE, STRICT, NotJson, parse_json
 from radard.errors import BundleError, ModelMismatch
 from radard.judge.features import FeatureSettings, feature_shape
 from radard.judge.onnx_safety import unsafe_in
@@ -22,10 +25,32 @@ from x2radar.frame import FastTimeAxis
 
 SCHEMA = 1
 CLASSES = ("human", "pet", "other")
-POLICIES = ("window", "fused")
-_MOST_HIDDEN = 4096  # chosen: far more than any head here, little enough to keep
-_MOST_MESSAGE = 500  # characters of what is wrong; chosen: a sidecar's values may be of any length
+_MAX_HIDDEN = 4096  # far more than any head here, little enough to keep
 _STREAM_KEYS = ("frame_rate_hz", "bin_length_m", "carrier_hz", "bandwidth_hz")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EvidenceSettings:
+    """How windows are fused; the optional key `evidence` of a bundle's sidecar."""
+
+    __pydantic_config__ = STRICT
+
+    # What a window counts against an independent one; of sums.
+    discount: Annotated[float, Field(ge=1e-3, le=1.0)] = 0.6
+    # Nats that no class falls further behind the leading one; of sums.
+    most: Annotated[float, Field(ge=1.4, le=50.0)] = 5.0
+    # Nats added to the log-likelihood of a person.
+    prior_human: Annotated[float, Field(ge=-10.0, le=10.0)] = 0.0
+    # From this fused p(human) on there is nothing to wait for.
+    human_limit: Annotated[float, Field(ge=0.2, le=1.0)] = 0.8
+
+    @classmethod
+    def from_mapping(cls, raw: Mapping[str, Any]) -> "EvidenceSettings":
+        """Read the settings of a sidecar; raise ModelMismatch on an unknown or wrong one."""
+        try:
+            return parse_json(cls, json.dumps(raw), "evidence")
+        except ValueError as err:
+            raise ModelMismatch(str(err)) from err
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,71 +141,70 @@ def load_bundle(name: str) -> Bundle:
 
 def _read(name: str, sidecar: Any, weights: Any) -> Bundle:
     try:
-        raw = json.loads(sidecar())
-        onnx = weights()
+        return _parse(sidecar(), weights())
     except OSError as err:
         msg = f"model '{name}': cannot read {err.filename}: {err.strerror}"
         raise BundleError(msg) from err
-    except (ValueError, RecursionError) as err:
+    except NotJson as err:
         msg = f"model '{name}': the sidecar is not JSON: {err}"
         raise BundleError(msg) from err
-    try:
-        return _parse(raw, onnx)
-    except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError) as err:
-        msg = f"model '{name}': the sidecar lacks or garbles {str(err)[:_MOST_MESSAGE]}"
+    except (ValueError, ModelMismatch) as err:
+        msg = f"model '{name}': {err}"
         raise ModelMismatch(msg) from err
 
 
-def _parse(raw: dict[str, Any], onnx: bytes) -> Bundle:
-    name = str(raw["name"])
-    if raw["schema"] != SCHEMA:
-        msg = f"model '{name}': sidecar schema {raw['schema']}, this radard reads {SCHEMA}"
-        raise ModelMismatch(msg)
-    if hashlib.sha256(onnx).hexdigest() != raw["onnx_sha256"]:
-        msg = f"model '{name}': the weights are not those of the sidecar (sha256 differs)"
-        raise ModelMismatch(msg)
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Sidecar:
+    """What is read of NAME.json."""
+
+    __pydantic_config__ = LOOSE
+
+    schema: Literal[1]
+    name: str
+    onnx_sha256: str
+    inputs: tuple[ModelInput, ...]
+    features: dict[str, Any]
+    stream: dict[str, tuple[float, float]]
+    classes: tuple[Literal["human", "pet", "other"], ...]
+    temperature: Annotated[float, Field(gt=0)]
+    pet_limit: float
+    policy: Literal["window", "fused"]
+    evidence: dict[str, Any] = field(default_factory=dict)
+    hidden: Annotated[int, Field(ge=0, le=_MAX_HIDDEN)] = 0
+
+
+def _parse(sidecar: bytes, onnx: bytes) -> Bundle:
+    """Return the bundle; raise ValueError or ModelMismatch if it is none."""
+    made = parse_json(_Sidecar, sidecar)
+    if hashlib.sha256(onnx).hexdigest() != made.onnx_sha256:
+        msg = "the weights are not those of the sidecar (sha256 differs)"
+        raise ValueError(msg)
     if unsafe := unsafe_in(onnx):
-        msg = f"model '{name}': the network is refused: {unsafe}"
-        raise ModelMismatch(msg)
-    classes = tuple(raw["classes"])
-    if not {"human", "pet"} <= set(classes) <= set(CLASSES):
-        msg = f"model '{name}': classes {classes}; human and pet are needed, other is allowed"
-        raise ModelMismatch(msg)
-    features = FeatureSettings.from_mapping(raw["features"])
-    inputs = tuple(ModelInput(i["name"], tuple(i["shape"]), i["feature"]) for i in raw["inputs"])
-    for item in inputs:
-        made = feature_shape(item.feature, features)
-        if item.shape != made:
-            msg = f"model '{name}': input {item.name} is {item.shape}, {item.feature} is {made}"
-            raise ModelMismatch(msg)
-    stream = {key: (float(low), float(high)) for key, (low, high) in raw["stream"].items()}
-    if set(stream) != set(_STREAM_KEYS):
-        msg = f"model '{name}': stream needs the keys {', '.join(_STREAM_KEYS)}"
-        raise ModelMismatch(msg)
+        msg = f"the network is refused: {unsafe}"
+        raise ValueError(msg)
+    if not {"human", "pet"} <= set(made.classes):
+        msg = f"classes {made.classes}; human and pet are needed, other is allowed"
+        raise ValueError(msg)
+    if set(made.stream) != set(_STREAM_KEYS):
+        msg = f"stream needs the keys {', '.join(_STREAM_KEYS)}"
+        raise ValueError(msg)
+    features = FeatureSettings.from_mapping(made.features)
+    EvidenceSettings.from_mapping(made.evidence)
+    for item in made.inputs:
+        shape = feature_shape(item.feature, features)
+        if item.shape != shape:
+            msg = f"input {item.name} is {item.shape}, {item.feature} is {shape}"
+            raise ValueError(msg)
     return Bundle(
-        name,
+        made.name,
         onnx,
-        inputs,
+        made.inputs,
         features,
-        stream,
-        classes,
-        float(raw["temperature"]),
-        float(raw["pet_limit"]),
-        _policy(raw["policy"]),
-        dict(raw.get("evidence", {})),
-        _n_hidden(raw.get("hidden", 0)),
+        made.stream,
+        made.classes,
+        made.temperature,
+        made.pet_limit,
+        made.policy,
+        made.evidence,
+        made.hidden,
     )
-
-
-def _policy(value: Any) -> str:
-    if value not in POLICIES:
-        msg = f"policy {value!r}; known are {', '.join(POLICIES)}"
-        raise ValueError(msg)
-    return str(value)
-
-
-def _n_hidden(value: Any) -> int:
-    if type(value) is not int or not 0 <= value <= _MOST_HIDDEN:
-        msg = f"hidden {value!r}; it must be a whole number from 0 to {_MOST_HIDDEN}"
-        raise ValueError(msg)
-    return value

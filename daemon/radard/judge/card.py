@@ -1,12 +1,12 @@
 """Card: what a bundle's sidecar says of its quality; for people, nothing is decided by it."""
 
 import json
-from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
+from radard.config.json_file import LOOSE, parse_json
 from radard.errors import ModelMismatch
 from radard.judge.bundle import bundle_names
 
@@ -19,6 +19,8 @@ class Passing:
 
     A `Three` is a value with the low and high end of its 95 % interval.
     """
+
+    __pydantic_config__ = LOOSE
 
     intrusions: int  # how many
     missed: Three  # share of them
@@ -34,12 +36,14 @@ class Passing:
 class Card:
     """Quality of a bundle."""
 
-    metrics: Mapping[str, Any]  # of single windows, by name
-    policy: str = ""  # that was evaluated; empty without an evaluation
-    command: str = ""  # that evaluated it
-    gate: Mapping[str, Any]  # its settings in that evaluation; empty where not known
-    passages: int = 0  # simulated passages of that evaluation
-    sensitivities: Mapping[str, Passing]  # what each made of them
+    __pydantic_config__ = LOOSE
+
+    policy: str  # that was evaluated; empty without an evaluation
+    command: str  # that evaluated it
+    passages: int  # simulated passages of that evaluation
+    sensitivities: dict[str, Passing]  # what each made of them
+    gate: dict[str, Any] = field(default_factory=dict)  # its settings then; empty: not known
+    metrics: dict[str, Any] = field(default_factory=dict)  # of single windows, by name
 
 
 def sidecar_path(model: str) -> Path:
@@ -52,38 +56,21 @@ def sidecar_path(model: str) -> Path:
 def read_card(model: str) -> Card:
     """Read the card of a loaded bundle by name or path; ModelMismatch if it is garbled."""
     raw = json.loads(sidecar_path(model).read_text(encoding="utf-8"))
-    metrics = raw.get("metrics", {})
-    metrics = metrics if isinstance(metrics, Mapping) else {}
-    if "evaluation" not in raw:
-        return Card(metrics=metrics, gate={}, sensitivities={})
     try:
-        found = raw["evaluation"]
-        return Card(
-            metrics=metrics,
-            policy=str(found["policy"]),
-            command=str(found["command"]),
-            gate=dict(found.get("gate", {})),
-            passages=int(found["passages"]),
-            sensitivities={n: _passing(p) for n, p in found["sensitivities"].items()},
-        )
-    except (KeyError, TypeError, ValueError, AttributeError) as err:
-        msg = f"model '{model}': the sidecar's evaluation lacks or garbles {err}"
+        metrics = parse_json(_Metrics, json.dumps(raw)).metrics
+        if "evaluation" not in raw:
+            return Card(policy="", command="", passages=0, sensitivities={}, metrics=metrics)
+        found = parse_json(Card, json.dumps(raw["evaluation"]), "evaluation")
+    except ValueError as err:
+        msg = f"model '{model}': {err}"
         raise ModelMismatch(msg) from err
+    return replace(found, metrics=metrics)
 
 
-def _passing(raw: Mapping[str, Any]) -> Passing:
-    return Passing(
-        intrusions=int(raw["intrusions"]),
-        missed=_three(raw["missed"]),
-        half_alarmed_after_s=_three(raw["half_alarmed_after_s"]),
-        nine_in_ten_alarmed_after_s=_three(raw["nine_in_ten_alarmed_after_s"]),
-        pet_visits=int(raw["pet_visits"]),
-        visits_with_alarm=_three(raw["visits_with_alarm"]),
-        pet_hours=float(raw["pet_hours"]),
-        alarms_per_pet_hour=_three(raw["alarms_per_pet_hour"]),
-    )
+@dataclass(frozen=True, slots=True)
+class _Metrics:
+    """What a card reads of a sidecar beside the evaluation."""
 
+    __pydantic_config__ = LOOSE
 
-def _three(raw: Any) -> Three:
-    value, low, high = (None if v is None else float(v) for v in raw)
-    return value, low, high
+    metrics: dict[str, Any] = field(default_factory=dict)

@@ -13,50 +13,14 @@ and b the bound::
 """
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, fields
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from radard.errors import ModelMismatch
+from radard.judge.bundle import EvidenceSettings
 from radard.judge.classifier import Answer, Hidden, Probabilities, softmax
 
-_LEAST_P = 1e-6  # chosen: 14 nats, beyond the usual bound
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class EvidenceSettings:
-    """How windows are fused; the optional key `evidence` of a bundle's sidecar."""
-
-    discount: float = 0.6  # what a window counts against an independent one; of sums
-    most: float = 5.0  # nats that no class falls further behind the leading one; of sums
-    prior_human: float = 0.0  # nats added to the log-likelihood of a person
-    human_limit: float = 0.8  # from this fused p(human) on there is nothing to wait for
-
-    @classmethod
-    def from_mapping(cls, raw: Mapping[str, Any]) -> "EvidenceSettings":
-        """Read the settings of a sidecar; raise ModelMismatch on an unknown or wrong one."""
-        limits = {
-            "discount": (1e-3, 1.0),
-            "most": (1.4, 50.0),
-            "prior_human": (-10.0, 10.0),
-            "human_limit": (0.2, 1.0),
-        }
-        known = [f.name for f in fields(cls)]
-        for key, value in raw.items():
-            if key not in known:
-                msg = f"evidence.{key}: unknown setting; this radard is too old for the bundle"
-                raise ModelMismatch(msg)
-            low, high = limits[key]
-            if isinstance(value, bool) or not isinstance(value, (int, float)):
-                msg = f"evidence.{key}: {value!r} is not a number"
-                raise ModelMismatch(msg)
-            if not low <= value <= high:
-                msg = f"evidence.{key}: {value} is not from {low:g} to {high:g}"
-                raise ModelMismatch(msg)
-        return cls(**raw)
+_MIN_P = 1e-6  # 14 nats, beyond the usual bound
 
 
 class Evidence:
@@ -91,7 +55,7 @@ class Evidence:
         """
         s = self._settings
         p = np.array([window.human, window.pet, window.other])
-        self._log += s.discount * np.log(np.maximum(p, _LEAST_P))
+        self._log += s.discount * np.log(np.maximum(p, _MIN_P))
         self._log = np.maximum(self._log - self._log.max(), -s.most)
         known = self._log.copy()
         # A network of two classes does not know the third.

@@ -5,15 +5,17 @@ feature is a row of `FEATURES`. Masked columns of the spectrogram, those whose C
 lost frame, take the mean of the others, so that they add nothing at any cadence but zero.
 """
 
+import json
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from radard import plugins
+from radard.config.json_file import STRICT, parse_json
 from radard.dsp.cadence import cadence_velocity_diagram, extent_profile, type1_vector
 from radard.dsp.columns import SharedSteps
 from radard.dsp.range_time import RangeTimeMap
@@ -32,6 +34,8 @@ from x2radar.frame import FastTimeAxis
 class FeatureSettings:
     """How features are made; part of a bundle's sidecar. Keys in metres, seconds and dB."""
 
+    __pydantic_config__ = STRICT
+
     dwell_s: float = 2.0  # length of the spectrogram
     n_cpi: int = 28  # frames in a CPI of the spectrogram; 0: 28/60 s at any rate
     n_cadence: int = 28  # columns of the cadence velocity diagram that are used
@@ -39,7 +43,7 @@ class FeatureSettings:
     range_decimation: int = 1  # keep every so many range bins behind the matched filter
     # Frames as they come, each CPI losing its own mean; or 'removed': without the clutter map and
     # its jitter (`radard.detect.clutter_map`).
-    clutter: str = "cpi"
+    clutter: Literal["cpi", "removed"] = "cpi"
     cell_s: float = 0.05  # time cell of the maps
     velocity_max_mps: float = 5.0  # grid of the velocity-time map
     velocity_step_mps: float = 0.1
@@ -57,7 +61,7 @@ class FeatureSettings:
     long_sampling: float = 0.0  # of the maps with longer CPIs, see `VelocityGrid.sampling`
     # The range-time map shows `near_m` to `far_m`; or 'target': as many metres of the swath where
     # most moves, wherever that is (`radard.judge.display_db.busiest_rows`).
-    range_window: str = "fixed"
+    range_window: Literal["fixed", "target"] = "fixed"
     near_m: float = 0.4
     far_m: float = 4.4
     cell_m: float = 0.1  # cells outside the swath stay empty
@@ -68,20 +72,10 @@ class FeatureSettings:
     @classmethod
     def from_mapping(cls, raw: Mapping[str, Any]) -> "FeatureSettings":
         """Read the settings of a sidecar; raise ModelMismatch on an unknown or wrong one."""
-        known = {f.name: f.default for f in fields(cls)}
-        for key, value in raw.items():
-            if key not in known:
-                msg = f"features.{key}: unknown setting; this radard is too old for the bundle"
-                raise ModelMismatch(msg)
-            if key in _WORDS:
-                is_right = value in _WORDS[key]
-            else:
-                kinds = (int,) if isinstance(known[key], int) else (int, float)
-                is_right = isinstance(value, kinds) and not isinstance(value, bool)
-            if not is_right:
-                msg = f"features.{key}: {value!r} is not a value of the right kind"
-                raise ModelMismatch(msg)
-        return cls(**raw)
+        try:
+            return parse_json(cls, json.dumps(raw), "features")
+        except ValueError as err:
+            raise ModelMismatch(str(err)) from err
 
     @property
     def n_cells(self) -> int:
@@ -168,9 +162,6 @@ VELOCITY_FEATURES = ("velocity_time", "velocity_time_medium", "velocity_time_lon
 MAP_FEATURES = (*VELOCITY_FEATURES, "range_time")
 FEATURES = (*THESIS_FEATURES, *MAP_FEATURES, INSTALLATION)
 """Every feature that a network may ask for."""
-CLUTTER = ("cpi", "removed")
-RANGE_WINDOWS = ("fixed", "target")
-_WORDS: Mapping[str, tuple[str, ...]] = {"clutter": CLUTTER, "range_window": RANGE_WINDOWS}
 _EMPTY = np.zeros((0, 0), np.float32)
 _COARSE_BIN_M = 0.03
 """Behind the matched filter an X2's bins may be that long without loss (41 GS/s, 8 of them)."""

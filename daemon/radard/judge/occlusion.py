@@ -11,10 +11,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from radard.judge.bundle import Bundle
+from radard.judge.bundle import Bundle, EvidenceSettings
 from radard.judge.classifier import Answer, Classifier, Hidden, Probabilities
 from radard.judge.decision import judge
-from radard.judge.evidence import Evidence, EvidenceSettings
+from radard.judge.evidence import Evidence
 from radard.judge.features import FeatureSet, FeatureSettings
 
 _PATCHES = (8, 5)

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radard.errors import UsageError
-from radard.judge.bundle import CLASSES, ModelInput
-from radard.judge.evidence import EvidenceSettings
+from radard.judge.bundle import CLASSES, EvidenceSettings, ModelInput
 from radard.judge.features import FeatureSettings
 from x2train.bundle.export import PARITY, BundleSpec, checked, parity, to_onnx, write_bundle
 from x2train.nets.evidence_fit import fit_evidence, fused, log_loss, sequences

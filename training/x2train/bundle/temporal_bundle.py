@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radard.errors import RadardError
-from radard.judge.bundle import Bundle, load_bundle
+from radard.judge.bundle import Bundle, EvidenceSettings, load_bundle
 from radard.judge.card import sidecar_path
-from radard.judge.evidence import EvidenceSettings
 from x2train.bundle.export import PARITY, checked, spec_like, write_bundle
 from x2train.bundle.map_bundle import (
     NOTES,

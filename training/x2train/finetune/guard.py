@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from radard.config.sections import DecisionSection
 from radard.errors import UsageError
-from radard.judge.bundle import CLASSES, Bundle
+from radard.judge.bundle import CLASSES, Bundle, EvidenceSettings
 from radard.judge.classifier import Answer, Probabilities
 from radard.judge.decision import Verdict, judge
-from radard.judge.evidence import Evidence, EvidenceSettings
+from radard.judge.evidence import Evidence
 from x2train.nets.bundle_answers import Answers
 from x2train.nets.evidence_fit import first_windows
 from x2train.sets.window_set import Columns, check_made_for, load_windows

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from radard.judge.bundle import EvidenceSettings
 from radard.judge.classifier import Probabilities, softmax
-from radard.judge.evidence import Evidence, EvidenceSettings
+from radard.judge.evidence import Evidence
 
 Array = NDArray[np.float64]
 _DISCOUNTS = (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)  # tried: 1 for independent windows

@@ -13,10 +13,9 @@ from radard.alarm.panel import AlarmPanel, AlarmPolicy, Sight
 from radard.alarm.sensitivity import SENSITIVITIES, alarm_policy
 from radard.config.config import Config
 from radard.config.sections import AlarmSection
-from radard.judge.bundle import Bundle
+from radard.judge.bundle import Bundle, EvidenceSettings
 from radard.judge.classifier import Probabilities
 from radard.judge.decision import Verdict, pet_limit_of
-from radard.judge.evidence import EvidenceSettings
 from x2train.report.intervals import Estimate, per_hour, share
 from x2train.report.table import PassageTable
 from x2train.report.verdicts import hours, intrusions, quantile_s

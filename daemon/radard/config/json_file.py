@@ -1,0 +1,56 @@
+"""JSON files that other runs and programs wrote, read into dataclasses: strictly, by pydantic.
+
+A dataclass whose `__pydantic_config__` is `STRICT` says what its file may hold: types, bounds,
+keys. Nothing is converted but whole numbers to floats and lists to tuples.
+"""
+
+import reprlib
+from functools import lru_cache
+from typing import Any, TypeVar
+
+from pydantic import ConfigDict, TypeAdapter, ValidationError
+
+STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
+LOOSE = ConfigDict(extra="ignore", strict=True, allow_inf_nan=False)
+"""For files that hold more than is read here."""
+_MAX_LOC = 6  # keys of a path that are told: no file of ours lies deeper
+_SHORT = reprlib.Repr()
+_SHORT.maxstring = _SHORT.maxother = 60
+
+T = TypeVar("T")
+
+
+class NotJson(ValueError):
+    """What was read is no JSON at all."""
+
+
+def parse_json(kind: type[T], text: str | bytes, within: str = "") -> T:
+    """Return a dataclass made of JSON; raise ValueError, one line that names key and value.
+
+    `within` is put before the key, as where the JSON is a part of a file.
+    """
+    key: Any = kind
+    try:
+        made: T = _adapter(key).validate_json(text)
+    except ValidationError as err:
+        fault = err.errors()[0]
+        kind_of = NotJson if fault["type"] == "json_invalid" else ValueError
+        raise kind_of(_said(fault, within)) from err
+    return made
+
+
+def _said(fault: Any, within: str) -> str:
+    path = [str(part)[:60] for part in fault["loc"][:_MAX_LOC]]
+    where = ".".join([within, *path] if within else path)
+    if fault["type"] == "unexpected_keyword_argument":
+        return f"{where}: unknown key"
+    message = str(fault["msg"]).removeprefix("Value error, ")[:200]
+    text = f"{message[:1].lower()}{message[1:]}"
+    if fault["type"] in {"missing", "json_invalid", "missing_keyword_only_argument"}:
+        return f"{where}: {text}" if where else text
+    return f"{where}: {text} (got {_SHORT.repr(fault['input'])})"
+
+
+@lru_cache(maxsize=16)
+def _adapter(kind: Any) -> TypeAdapter[Any]:
+    return TypeAdapter(kind)
