@@ -1,7 +1,6 @@
 import json
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,7 +17,6 @@ from radard.errors import ConfigError, NotAllowed, RadardError
 from radard.pipeline import Pipeline
 from radard.run.components import use_calibration
 from tests.radar_helpers import dwell_of, noise, walker
-from x2radar.frame import StreamInfo
 from x2radar.ports import parse_port
 from x2radar.radars import make_radar
 
@@ -83,9 +81,9 @@ def test_predicted_rate_is_kept_by_dwells_that_were_not_heard():
     _, made = surveyed(quiet_dwells(60), false_gates_per_day=share * 86_400)
     assert made.provenance.false_gates_per_day == pytest.approx(share * 86_400, rel=0.01)
     gate = Gate(GateSettings(), calibration=made)
-    opened = sum(gate.read(dwell).is_open for dwell in quiet_dwells(1500, first=1000))
+    opened = sum(gate.read(dwell).is_open for dwell in quiet_dwells(700, first=1000))
     # Student's t leaves room for the short survey, so fewer than the share, but not none.
-    assert 2 <= opened <= 2 * share * 1500
+    assert 2 <= opened <= 2 * share * 700
 
 
 def test_a_longer_survey_promises_more():
@@ -313,8 +311,3 @@ def test_wrong_provenance(change, word, made, tmp_path):
     path.write_text(json.dumps({**json.loads(made.read_text()), "provenance": change}))
     with pytest.raises(ConfigError, match=word):
         load_calibration(path)
-
-
-def test_stream_info_is_what_staleness_compares():
-    assert isinstance(pipeline_of().stream, StreamInfo)
-    assert Path(pipeline_of().stream.device).name == "sim:empty"

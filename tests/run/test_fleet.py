@@ -28,6 +28,7 @@ def asked(capsys, *argv):
     return code, {row["sensor"]: row for row in map(json.loads, filter(None, lines))}
 
 
+@pytest.mark.integration
 def test_two_processes_with_three_radars_are_one_fleet(tmp_path, launch, broker, capsys):
     url = f"mqtt://127.0.0.1:{broker.port}/house"
     listener = Listener(broker.port)
@@ -67,11 +68,13 @@ def test_two_processes_with_three_radars_are_one_fleet(tmp_path, launch, broker,
         listener.close()
 
 
+@pytest.mark.integration
 def test_no_radar_at_all_is_said(broker, capsys):
     assert main(["fleet", f"mqtt://127.0.0.1:{broker.port}", "--once", "--wait", "0.3"]) == 1
     assert capsys.readouterr().out == "0 radars, 0 online, 0 with an alarm\n"
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize(
     ("argv", "code", "word"),
     [
@@ -90,6 +93,7 @@ def test_what_cannot_be_watched_is_one_line(argv, code, word, capsys):
     assert "secret" not in line.replace("me:secret@host", "")
 
 
+@pytest.mark.integration
 def test_a_broker_that_says_nothing_is_no_endless_wait(capsys, tmp_path):
     silent = Silent()
     config = tmp_path / "radard.yaml"
@@ -137,6 +141,7 @@ def test_alarms_come_first_then_trouble_and_what_was_removed_is_gone():
     assert [row["sensor"] for row in fleet.rows(63.0)] == ["b", "a"]
 
 
+@pytest.mark.integration
 def test_a_lost_broker_ends_the_watch(tmp_path, broker, capsys, monkeypatch):
     # The broker ends while it listens: not before it has answered a subscription.
     from radard.commands import fleet as command

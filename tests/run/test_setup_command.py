@@ -109,6 +109,7 @@ def test_install_where_nothing_can_be_written(tmp_path):
         list(write_file(tmp_path / "file" / "x" / "y", "text"))
 
 
+@pytest.mark.integration
 @pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="no systemd-analyze here")
 def test_unit_is_as_tight_as_the_docs_say(tmp_path):
     unit = tmp_path / "radard.service"

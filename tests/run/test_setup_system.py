@@ -57,6 +57,7 @@ def without_user(found):
     return {name: what for name, what in found.items() if name.rstrip("-") not in own}
 
 
+@pytest.mark.integration
 def test_install_and_purge_leave_a_root_as_it_was(root, capsys):
     before = tree(root)
     out = installed(capsys, root, "--install", "--exec", PROGRAM)
@@ -89,6 +90,7 @@ def test_install_and_purge_leave_a_root_as_it_was(root, capsys):
         )
 
 
+@pytest.mark.integration
 def test_without_purge_state_and_changed_settings_stay(root, capsys):
     installed(capsys, root, "--install", "--exec", PROGRAM)
     config = root / "etc/radard/config.yaml"
@@ -106,6 +108,7 @@ def test_without_purge_state_and_changed_settings_stay(root, capsys):
     assert "2.6" in config.read_text()
 
 
+@pytest.mark.integration
 def test_another_program_renews_the_unit_and_nobody_elses_file_is_lost(root, capsys):
     rules = root / files.UDEV_FILE
     rules.write_text("mine")
@@ -122,6 +125,7 @@ def test_another_program_renews_the_unit_and_nobody_elses_file_is_lost(root, cap
     assert (root / "usr/local/bin/radard").read_text() == "somebody else's"
 
 
+@pytest.mark.integration
 def test_a_second_radar_has_its_own_configuration_and_folders(root, capsys):
     installed(capsys, root, "--install", "--exec", PROGRAM)
     first = (root / files.UNIT_FILE).read_text()
@@ -160,6 +164,7 @@ def test_the_first_configuration_is_valid_and_shows_all_that_can_be_set(tmp_path
     assert load_config(path, environ={}) == Config()
 
 
+@pytest.mark.integration
 @pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="no systemd-analyze here")
 def test_systemd_finds_no_fault_in_the_units(root, capsys, tmp_path):
     installed(capsys, root, "--install", "--exec", PROGRAM)

@@ -34,6 +34,7 @@ def test_a_second_daemon_on_one_state_directory_says_so(tmp_path, capsys, monkey
     assert cli.main([*arguments, "-o", "null"]) == 0
 
 
+@pytest.mark.integration
 def test_the_lock_ends_with_a_process_that_is_killed(tmp_path):
     code = (
         "import sys, time; from pathlib import Path; from radard.config.config import load_config;"

@@ -187,9 +187,9 @@ def test_a_reload_of_other_settings_ends_no_tamper():
     config = room.config.model_copy(
         update={"tamper": room.config.tamper.model_copy(update={"hold_s": 8.0})}
     )
-    old = room.worker.parts
+    old, watch = room.worker.parts, room.pipeline.tamper
     parts = make_parts(config, room.pipeline, now=lambda _t_s: None, is_live=False, old=old)
-    assert parts.tamper is not old.tamper
+    assert room.pipeline.tamper is not watch
     room.worker.exchange(parts)
     room.worker._take(Notice("reload", "", room.t_s))
     room.listen(4, gain=0.1)

@@ -113,6 +113,7 @@ def test_command_logs_and_reports(capsys):
     assert seen == sum(step["range_m"] is not None for step in again["log"])
 
 
+@pytest.mark.integration
 def test_interrupt_ends_the_walk_with_its_report():
     command = [
         sys.executable,
@@ -147,11 +148,11 @@ def test_usage(capsys):
 
 
 def test_a_walk_measures_the_level_and_a_glance_does_not(capsys):
-    argv = ["walktest", "--port", "sim:human?seed=2", "--speed", "max"]
-    assert main([*argv, "--duration", "20", "--json"]) == 0
+    argv = ["walktest", "--port", "sim:human?seed=2", "--speed", "max", "--model", "none"]
+    assert main([*argv, "--duration", "15", "--json"]) == 0
     level_db = json.loads(capsys.readouterr().out)["level_db"]
     assert 35 < level_db < 60
-    assert main([*argv, "--duration", "20"]) == 0
+    assert main([*argv, "--duration", "15"]) == 0
     assert f"mount.level_db: {level_db:.1f} in the configuration" in capsys.readouterr().out
     assert main([*argv, "--duration", "4", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["level_db"] is None

@@ -66,6 +66,10 @@ def test_pictures_of_a_clip(make, clip):
     (n,) = struct.unpack_from("<I", answer.content)
     assert b'"length_s": 10.0' in answer.content[4 : 4 + n]
     assert answer.content[4 + n] == 1
+    clip.write_bytes(b"no recording")
+    answer = client.get(f"/api/v1/events/{ULID}/pictures")
+    assert answer.status_code == 422
+    assert "cannot be shown" in answer.json()["error"]
 
 
 def test_a_clip_that_does_not_end_stops_nothing_else(make, clip, hanging, monkeypatch):

@@ -3,7 +3,7 @@
 import asyncio
 import json
 
-from radard.web.hub import MOST_IN_FLIGHT, MOST_TEXTS, Hub, Viewer
+from radard.web.hub import MAX_IN_FLIGHT, MAX_TEXTS, Hub, Viewer
 from radard.web.labels import LabelFile
 
 PICTURE = b"\x01 columns"
@@ -53,12 +53,12 @@ def test_a_slow_page_loses_pictures_and_no_records():
             hub.show(PICTURE)
             hub.broadcast({"type": "decision", "seq": k})
         got = await taken(slow)
-        assert sum(item == PICTURE for item in got) == MOST_IN_FLIGHT
+        assert sum(item == PICTURE for item in got) == MAX_IN_FLIGHT
         assert [json.loads(t)["seq"] for t in got if isinstance(t, str)] == list(range(100))
-        assert slow.n_dropped == 100 - MOST_IN_FLIGHT
+        assert slow.n_dropped == 100 - MAX_IN_FLIGHT
         hub.show(PICTURE)
         assert await taken(slow) == []
-        slow.drawn(MOST_IN_FLIGHT)
+        slow.drawn(MAX_IN_FLIGHT)
         hub.show(PICTURE)
         assert await taken(slow) == [PICTURE]
 
@@ -72,14 +72,14 @@ def test_a_page_cannot_claim_more_than_it_got():
         page.drawn(-5)
         for _ in range(100):
             hub.show(PICTURE)
-        assert len(await taken(page)) == MOST_IN_FLIGHT
+        assert len(await taken(page)) == MAX_IN_FLIGHT
 
     asyncio.run(go())
 
 
 def test_a_page_that_takes_nothing_is_given_up():
     hub, (dead,), _ = hub_of(1)
-    for k in range(MOST_TEXTS + 1):
+    for k in range(MAX_TEXTS + 1):
         hub.broadcast({"type": "decision", "seq": k})
     assert dead.is_overrun
 

@@ -83,7 +83,7 @@ def test_half_open_connections_keep_nobody_out(make, half_open, strangers, addre
 @pytest.mark.integration
 def test_an_address_has_no_more_connections_than_its_share(make, half_open, strangers):
     client = make(served=True)
-    lines = half_open(server._MOST_OF_ONE_ADDRESS + 5, client.port, STRANGER)
+    lines = half_open(server._MAX_OF_ONE_ADDRESS + 5, client.port, STRANGER)
     assert client.get("/healthz").status_code == 503
     assert all(is_closed(line) for line in lines[:5])
     assert not is_closed(lines[-1], 0.2)
@@ -91,7 +91,7 @@ def test_an_address_has_no_more_connections_than_its_share(make, half_open, stra
 
 @pytest.mark.integration
 def test_busy_connections_leave_room_for_this_machine(make, half_open, strangers, monkeypatch):
-    monkeypatch.setattr(server, "_MOST_CONNECTIONS", 12)
+    monkeypatch.setattr(server, "_MAX_CONNECTIONS", 12)
     monkeypatch.setattr(server, "_KEPT_FOR_LOOPBACK", 4)
     client = make(served=True)
     begun = b"POST /api/v1/login HTTP/1.1\r\nHost: x\r\nX-Radard: 1\r\nContent-Length: 9\r\n"

@@ -30,14 +30,14 @@ examples:
 """
 SYSTEM_STATE_DIR = Path("/var/lib/radard")
 """Where the installed service keeps its state."""
-_LEAST_S = 25.0  # of listening: `LEAST_INDEPENDENT` dwells and some more
+_MIN_S = 25.0  # of listening: `LEAST_INDEPENDENT` dwells and some more
 _CELL_M = 0.5  # of the report
 
 
 def run(argv: Sequence[str]) -> int:
     """Run the subcommand."""
     args = make_parser().parse_args(argv)
-    check_seconds("--duration", args.duration, _LEAST_S)
+    check_seconds("--duration", args.duration, _MIN_S)
     check_seconds("--delay", args.delay, 0.0)
     if not 0 < args.false_gates <= DAY_S:
         msg = f"--false-gates {args.false_gates:g}: must be above 0, and 86400 a day at most"

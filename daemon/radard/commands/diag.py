@@ -30,7 +30,7 @@ numbers, the name of the user's folder. No frames and no clips, unless they were
 Look through it before you send it on.
 
 """
-_MOST_ADDED_BYTES = 500e6  # chosen: all clips that a daemon keeps
+_MAX_ADDED_BYTES = 500e6  # all clips that a daemon keeps
 
 
 def run(argv: Sequence[str]) -> int:
@@ -66,7 +66,7 @@ def write_bundle(path: Path, parts: Mapping[str, str], added: Sequence[Path]) ->
     """
     try:
         total = sum(file.stat().st_size for file in added)
-        if total > _MOST_ADDED_BYTES:
+        if total > _MAX_ADDED_BYTES:
             msg = f"--add: {total / 1e6:.0f} MB are too much; 500 MB fit"
             raise RadardError(msg)
         with path.open("xb") as out, tarfile.open(fileobj=out, mode="w:gz") as tar:

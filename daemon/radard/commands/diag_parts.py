@@ -38,8 +38,8 @@ _PACKAGES = (
 _LIMITS = ("NOFILE", "MEMLOCK", "AS", "CORE", "NPROC", "RTPRIO")
 _CGROUP = ("memory.max", "memory.high", "memory.current", "cpu.max", "pids.max")
 _WATCHED = ("ModemManager", "brltty", "gpsd", "mosquitto", "radard")
-_LAST = 200  # decisions, states and events; chosen: some minutes
-_LEAST_SECRET = 4  # characters: shorter ones would blacken half of the report
+_LAST = 200  # decisions, states and events: some minutes
+_MIN_SECRET = 4  # characters: shorter ones would blacken half of the report
 _USERINFO = re.compile(r"//[^/@:\s]*:([^/@\s]+)@")
 
 
@@ -242,7 +242,7 @@ def _secrets(file: Path | None, config: Config, environ: Mapping[str, str]) -> s
             found.add((_first_line(Path(text)) or "").strip())
         if key.endswith("_env"):
             found.add(environ.get(text, ""))
-    return {text for text in found if len(text) >= _LEAST_SECRET}
+    return {text for text in found if len(text) >= _MIN_SECRET}
 
 
 def _texts(tree: Any, key: str = "") -> Iterable[tuple[str, str]]:

@@ -22,10 +22,10 @@ examples:
   radard fleet mqtts://me@broker.lan --once --json | jq 'select(.alarm)'
 """
 _SETTLE_S = 2.0
-"""Until what a broker keeps has come; chosen: no broker takes longer to begin with it."""
-_EVERY_S = 2.0  # chosen: a person looks
+"""Until what a broker keeps has come: no broker takes longer to begin with it."""
+_EVERY_S = 2.0  # a person looks
 _TOPICS = ("availability", "state", "health")
-_MOST_SHOWN = 48  # characters of a reason
+_MAX_SHOWN = 48  # characters of a reason
 
 
 @dataclass(slots=True)
@@ -159,7 +159,7 @@ def table(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
         remarks = [f"tamper: {row['tamper']}"] if row["tamper"] else []
         remarks += [f"fault: {row['fault']}"] if row["fault"] else []
         remarks += [] if remarks or _is_well(row) else [row["reason"] or "no connection"]
-        text = "; ".join(remarks)[:_MOST_SHOWN]
+        text = "; ".join(remarks)[:_MAX_SHOWN]
         line = f"{row['sensor']:<{width}}  {row['state']:<8}  {armed:<8}  {sees:<8}  {age:>5}"
         yield f"{line}  {text}".rstrip()
 

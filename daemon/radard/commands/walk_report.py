@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from radard.judge.decision import Decision
 
 CELL_M = 0.5
-LONGEST_GAP_S = 10.0  # chosen: longer, nobody knows where the walker was
-_SAME_M = 0.5  # chosen: a body so near to the strongest echo is its source
+LONGEST_GAP_S = 10.0  # longer, nobody knows where the walker was
+_SAME_M = 0.5  # a body so near to the strongest echo is its source
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

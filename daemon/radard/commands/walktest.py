@@ -28,9 +28,9 @@ examples:
 
 Walk slowly from the farthest corner to the radar and back, then along walls.
 """
-_FULL_DB = 30.0  # of a full bar; chosen: a walker near the radar
+_FULL_DB = 30.0  # of a full bar: a walker near the radar
 _BAR = 20
-_LEAST_ECHOES = 5  # decisions that a level needs: chosen, a walk there and back
+_MIN_ECHOES = 5  # decisions that a level needs: a walk there and back
 _LEVEL = (
     "Level: {0:.1f} dB at 1 m. If an adult walked, mount.level_db: {0:.1f} in the configuration "
     "lets the network judge sizes."
@@ -102,7 +102,7 @@ def _walked(
         pass
     finally:
         line.clear()
-    return steps, round(median(echoes), 1) if len(echoes) >= _LEAST_ECHOES else None
+    return steps, round(median(echoes), 1) if len(echoes) >= _MIN_ECHOES else None
 
 
 def make_parser() -> Parser:

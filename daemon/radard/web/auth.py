@@ -23,12 +23,12 @@ from radard.config.sink_table import WebSection
 from radard.errors import ConfigError
 
 Role = Literal["nobody", "viewer", "operator"]
-SESSION_S = 12 * 3600.0  # chosen: a day's work
-_MOST_SESSIONS = 64  # chosen: the oldest ends
-# Wrong tokens of one address, chosen: 5 million guesses a year, of 12 characters.
-_MOST_GUESSES, _GUESSES_PER_S = 50, 10 / 60
-_MOST_ADDRESSES = 1024  # chosen: that guess; the one that guessed longest ago is forgotten
-_LEAST_LENGTH = 12  # characters of a token, chosen
+SESSION_S = 12 * 3600.0  # a day's work
+_MAX_SESSIONS = 64  # a household's browsers; beyond that the oldest ends
+# Wrong tokens of one address: five million guesses a year, of tokens of 12 characters.
+_MAX_GUESSES, _GUESSES_PER_S = 50, 10 / 60
+_MAX_ADDRESSES = 1024  # a hundred kB; the one that guessed longest ago is forgotten
+_MIN_LENGTH = 12  # characters of a token: those guesses then find none
 _LOOPBACK = {"localhost", "127.0.0.1", "::1"}
 
 
@@ -68,8 +68,8 @@ def read_tokens(section: WebSection, host: str) -> Tokens:
         ),
     )
     for name, token in (("token", tokens.viewer), ("operator_token", tokens.operator)):
-        if token is not None and len(token) < _LEAST_LENGTH:
-            msg = f"web.{name}: a token needs {_LEAST_LENGTH} characters or more"
+        if token is not None and len(token) < _MIN_LENGTH:
+            msg = f"web.{name}: a token needs {_MIN_LENGTH} characters or more"
             raise ConfigError(msg)
     if tokens.viewer is None and tokens.operator is None and not is_loopback(host):
         msg = (
@@ -156,7 +156,7 @@ class AccessControl:
             return role, ""
         now_s = self._clock()
         alive = [(key, item) for key, item in self._sessions.items() if item[1] > now_s]
-        self._sessions = dict(alive[-_MOST_SESSIONS + 1 :])
+        self._sessions = dict(alive[-_MAX_SESSIONS + 1 :])
         session = secrets.token_urlsafe(32)
         self._sessions[session] = (role, now_s + SESSION_S)
         return role, session
@@ -200,11 +200,11 @@ class AccessControl:
 
     def _note_guess(self, address: str) -> None:
         """Count a wrong token; each address has its own count, so no stranger spends another's."""
-        fresh = RateLimit(_MOST_GUESSES, _GUESSES_PER_S, self._clock)
+        fresh = RateLimit(_MAX_GUESSES, _GUESSES_PER_S, self._clock)
         guesses = self._guesses.pop(address, fresh)
         guesses.take()
         self._guesses[address] = guesses
-        if len(self._guesses) > _MOST_ADDRESSES:
+        if len(self._guesses) > _MAX_ADDRESSES:
             del self._guesses[next(iter(self._guesses))]
 
     def _granted(self, role: Role) -> Role:

@@ -7,10 +7,10 @@ from typing import Any
 
 from radard.outputs.base import Record
 
-DECISIONS, EVENTS = 3600, 500  # chosen: an hour of decisions, and as many events as a page shows
+DECISIONS, EVENTS = 3600, 500  # an hour of decisions, and as many events as a page shows
 N_BEFORE = 16
 """Decisions that confirmation looks at, at most (`alarm.confirm_n`)."""
-_MOST_ALARMS = 100  # chosen: whose decisions are kept for longer
+_MAX_ALARMS = 100  # whose decisions are kept for longer: days of them
 
 
 class History:
@@ -83,7 +83,7 @@ class History:
         last = list(self._decisions)[-N_BEFORE - 1 :]
         if last and last[-1]["t_s"] == alarm["start_t_s"]:
             self._causes[alarm["id"]] = last
-        while len(self._causes) > _MOST_ALARMS:
+        while len(self._causes) > _MAX_ALARMS:
             del self._causes[next(iter(self._causes))]
 
     def events(self) -> list[Mapping[str, Any]]:

@@ -11,9 +11,9 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Any
 
-MOST_TEXTS = 400  # chosen: minutes of records
-MOST_IN_FLIGHT = 24  # pictures, chosen: three seconds of them
-_BACKLOG = 512  # messages, chosen: a minute of pictures for a page that opens
+MAX_TEXTS = 400  # minutes of records
+MAX_IN_FLIGHT = 24  # pictures: three seconds of them
+_BACKLOG = 512  # messages: a minute of pictures for a page that opens
 
 
 class Viewer:
@@ -31,7 +31,7 @@ class Viewer:
 
     def put_text(self, text: str) -> None:
         """Queue a text; a page that lets too many wait is to be closed."""
-        if len(self._texts) >= MOST_TEXTS:
+        if len(self._texts) >= MAX_TEXTS:
             self.is_overrun = True
         else:
             self._texts.append(text)
@@ -41,7 +41,7 @@ class Viewer:
     def put_picture(self, data: bytes) -> None:
         """Queue a picture, or drop it."""
         in_flight = self._n_sent - self._n_drawn + len(self._pictures)
-        if not self.wants_pictures or in_flight >= MOST_IN_FLIGHT:
+        if not self.wants_pictures or in_flight >= MAX_IN_FLIGHT:
             self.n_dropped += self.wants_pictures
             return
         self._pictures.append(data)

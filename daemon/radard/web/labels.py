@@ -20,7 +20,7 @@ from radard.errors import OutputError
 
 LABELS = ("human", "pet", "other", "wrong")
 FORMAT, VERSION = "radard-label", 1
-_MOST_BYTES = 20_000_000  # chosen: a hundred thousand labels
+_MAX_BYTES = 20_000_000  # a hundred thousand labels
 
 
 class LabelFile:
@@ -43,8 +43,8 @@ class LabelFile:
         with self._lock:
             try:
                 self.path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-                if self.path.exists() and self.path.stat().st_size > _MOST_BYTES:
-                    msg = f"{self.path}: larger than {_MOST_BYTES / 1e6:g} MB; move it away"
+                if self.path.exists() and self.path.stat().st_size > _MAX_BYTES:
+                    msg = f"{self.path}: larger than {_MAX_BYTES / 1e6:g} MB; move it away"
                     raise OutputError(msg)
                 with self.path.open("a", encoding="utf-8") as file:
                     file.write(json.dumps(full) + "\n")

@@ -19,7 +19,7 @@ from typing import Any
 from radard.config.sink_table import KINDS
 from radard.outputs.base import Record, Sink
 
-# Buckets, chosen: latencies lie at 5 to 30 ms (docs/reference/outputs.md), late up to a hop, 1 s.
+# Buckets: latencies lie at 5 to 30 ms (docs/reference/outputs.md), late up to a hop, 1 s.
 _LATENCY_S = (0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5)
 _SCORE = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 _STATES = ("starting", "online", "degraded", "offline")

@@ -17,15 +17,15 @@ from starlette.types import ASGIApp
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from radard.web.auth import is_loopback
-from radard.web.socket import MOST_MESSAGE
+from radard.web.socket import MAX_MESSAGE
 
 log = logging.getLogger("radard")
-# Limits, all chosen: for a home's browsers and scrapers, not for the internet.
-_MOST_CONNECTIONS = 256
+# Limits for a home's browsers and scrapers, not for the internet.
+_MAX_CONNECTIONS = 256
 _KEPT_FOR_LOOPBACK = 32  # of those; `/healthz` and disarming on this machine always find room
-_MOST_OF_ONE_ADDRESS = 64  # a browser opens seven; loopback may stand for a whole proxy
+_MAX_OF_ONE_ADDRESS = 64  # a browser opens seven; loopback may stand for a whole proxy
 _HEADER_S = 10.0  # for each request's header
-_MOST_HEADER = 16_384  # bytes
+_MAX_HEADER = 16_384  # bytes
 _RETRY_S = 5.0
 _LAST_WORDS_S = 0.5  # for pages that do not read
 _SEND_BUFFER = 65_536  # bytes; what a slow page cannot take shall not pile up in the kernel
@@ -105,11 +105,11 @@ def _make_room(connections: set[Any], address: str) -> bool:
         (local if is_local else strangers).append(each)
     own = [each for each in strangers if each.client and each.client[0] == address]
     if is_loopback(address):
-        is_full = len(connections) >= _MOST_CONNECTIONS
+        is_full = len(connections) >= _MAX_CONNECTIONS
         return not is_full or _drop_idle(strangers) or _drop_idle(local)
-    if len(own) >= _MOST_OF_ONE_ADDRESS:
+    if len(own) >= _MAX_OF_ONE_ADDRESS:
         return _drop_idle(own)
-    is_full = len(connections) >= _MOST_CONNECTIONS - _KEPT_FOR_LOOPBACK
+    is_full = len(connections) >= _MAX_CONNECTIONS - _KEPT_FOR_LOOPBACK
     half_open = [each for each in local if not getattr(each, "has_asked", True)]
     return not is_full or _drop_idle(strangers) or _drop_idle(half_open)
 
@@ -220,7 +220,7 @@ class WebServer:
             self._app,
             http=_Connection,
             ws="websockets-sansio",
-            ws_max_size=MOST_MESSAGE,
+            ws_max_size=MAX_MESSAGE,
             ws_per_message_deflate=False,
             lifespan="off",
             log_config=None,
@@ -229,7 +229,7 @@ class WebServer:
             server_header=False,
             timeout_keep_alive=15,
             timeout_graceful_shutdown=1,
-            h11_max_incomplete_event_size=_MOST_HEADER,
+            h11_max_incomplete_event_size=_MAX_HEADER,
         )
         server = uvicorn.Server(config)
         self._loop = asyncio.get_running_loop()

@@ -18,8 +18,8 @@ from radard.web.server import WebServer
 from radard.web.view import View
 
 log = logging.getLogger("radard")
-PORT = 8434  # chosen
-_POLL_S = 0.5  # chosen: how soon pages show health, panel and playback
+PORT = 8434  # no other service of a home has it (IANA: unassigned)
+_POLL_S = 0.5  # how soon pages show health, panel and playback
 _CLOSE_S = 2.0  # as `radard.outputs.thread_sink.CLOSE_S`
 
 

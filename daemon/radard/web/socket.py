@@ -14,8 +14,8 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from radard.web.auth import AccessControl, RateLimit
 from radard.web.hub import Hub, Viewer
 
-MOST_MESSAGE = 512  # bytes, chosen
-_MOST_PER_S = 20.0  # messages of a page, chosen: it reports 8 pictures a second
+MAX_MESSAGE = 512  # bytes; the longest that a page sends has thirty
+_MAX_PER_S = 20.0  # messages of a page, which reports pictures four times a second
 _CLOSE_POLICY, _CLOSE_BUSY, _CLOSE_SLOW = 1008, 1013, 4008  # RFC 6455 and IANA; 4000 on are ours
 
 
@@ -59,13 +59,13 @@ async def _send(socket: WebSocket, viewer: Viewer) -> None:
 
 
 async def _listen(socket: WebSocket, viewer: Viewer, hub: Hub) -> None:
-    rate_limit = RateLimit(_MOST_PER_S, _MOST_PER_S)
+    rate_limit = RateLimit(_MAX_PER_S, _MAX_PER_S)
     while True:
         try:
             text = await socket.receive_text()
         except (WebSocketDisconnect, KeyError):
             return
-        if not rate_limit.take() or len(text) > MOST_MESSAGE:
+        if not rate_limit.take() or len(text) > MAX_MESSAGE:
             return
         try:
             message = json.loads(text)

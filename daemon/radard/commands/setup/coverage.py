@@ -13,11 +13,11 @@ from x2radar.sim.scene.cast import SEED_GAIN
 from x2radar.sim.signal.noise import baseband_noise_power
 from x2radar.sim.signal.pulse import LinkBudget
 
-# Rows and columns of the table; chosen: from a pet's paws to a tall adult, over the X2's swath.
+# Rows and columns of the table: from a pet's paws to a tall adult, over the X2's swath.
 HEIGHTS_M = (0.1, 0.3, 0.5, 0.8, 1.2, 1.7)
 DISTANCES_M = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0)
 ANGLES_DEG = (0, 20, 40, 60, 80)
-# What makes sense of each option; chosen.
+# Beyond these an option is a slip of the pen.
 _LIMITS = {
     "--height": ("height_m", 0.05, 10.0),
     "--tilt": ("tilt_deg", -90.0, 90.0),

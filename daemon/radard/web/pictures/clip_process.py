@@ -12,7 +12,7 @@ from pathlib import Path
 
 from radard.errors import RadardError
 
-DEADLINE_S = 20.0  # chosen: the longest clip, eleven minutes, takes some seconds
+DEADLINE_S = 20.0  # the longest clip, eleven minutes, takes some seconds
 
 
 class ClipTimeoutError(RadardError):

@@ -28,11 +28,11 @@ from x2radar.recording.registry import open_recording
 
 Row = tuple[NDArray[np.complex64], bool]
 
-_BLOCK = 32  # frames at once, chosen
-_MOST_S = 660.0  # above the longest clip, clips.longest_s of 600 s and its pre_s
-_MOST_MEMORY = 2 << 30  # bytes of addresses, chosen: numpy, h5py and eleven minutes fit
-_MOST_DECISIONS = 10_000  # chosen: one a second, of eleven minutes
-_NICE = 10  # chosen: decisions come first
+_BLOCK = 32  # frames at once: half a second
+_MAX_S = 660.0  # above the longest clip, clips.longest_s of 600 s and its pre_s
+_MAX_MEMORY = 2 << 30  # bytes of addresses: numpy, h5py and eleven minutes fit
+_MAX_DECISIONS = 10_000  # one a second, of eleven minutes
+_NICE = 10  # decisions come first
 _KEYS = ("t_s", "seq", "gate", "label", "alarm", "fused_p_human", "fused_p_pet", "range_m")
 
 
@@ -51,7 +51,7 @@ def clip_view(path: Path) -> bytes:
         length_s = 0.0
         for frame in reader.frames(0.0):
             length_s = (frame.index + 1) / stream.frame_rate_hz
-            if length_s > _MOST_S:
+            if length_s > _MAX_S:
                 break
             row = converter.convert(frame.samples)
             # Lost frames take their time in the pictures.
@@ -99,7 +99,7 @@ def _decisions(path: Path) -> list[dict[str, Any]]:
         sets = {key: file.data_set(f"decisions/{key}") for key in _KEYS}
         if any(each is None or each.ndim != 1 for each in sets.values()):
             return []
-        columns = {key: file.read(each, slice(_MOST_DECISIONS)) for key, each in sets.items()}
+        columns = {key: file.read(each, slice(_MAX_DECISIONS)) for key, each in sets.items()}
     except (RecordingError, OSError):
         return []
     finally:
@@ -120,7 +120,7 @@ def _plain(value: Any) -> Any:
 def main(path: str) -> int:
     """Write the answer for a clip to stdout, within limits; return the exit code."""
     os.nice(_NICE)
-    resource.setrlimit(resource.RLIMIT_AS, (_MOST_MEMORY, _MOST_MEMORY))
+    resource.setrlimit(resource.RLIMIT_AS, (_MAX_MEMORY, _MAX_MEMORY))
     try:
         data = clip_view(Path(path))
     except MemoryError:

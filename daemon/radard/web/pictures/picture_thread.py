@@ -15,9 +15,9 @@ from radard.web.pictures.spectrograms import Spectrograms
 from radard.web.pictures.wire import axes, encode_columns, encode_gait
 
 log = logging.getLogger("radard")
-_EVERY_S = 0.125  # chosen: pictures move smoothly enough
-_GAIT_EVERY_S = 0.5  # chosen: the gait picture spans two seconds
-_MOST_BUSY = 0.5  # of a core, chosen: decisions come first
+_EVERY_S = 0.125  # pictures move smoothly enough
+_GAIT_EVERY_S = 0.5  # the gait picture spans two seconds
+_MAX_BUSY = 0.5  # of a core: decisions come first
 
 Emit = Callable[[bytes], None]
 Announce = Callable[[dict[str, Any]], None]
@@ -82,7 +82,7 @@ class PictureThread:
                 self._shown_ring = None
                 time.sleep(5.0)
             spent_s = time.monotonic() - begun_s
-            time.sleep(max(_EVERY_S - spent_s, spent_s * (1 - _MOST_BUSY) / _MOST_BUSY, 0.01))
+            time.sleep(max(_EVERY_S - spent_s, spent_s * (1 - _MAX_BUSY) / _MAX_BUSY, 0.01))
 
     def _make_pictures(self) -> None:
         ring = self._ring()

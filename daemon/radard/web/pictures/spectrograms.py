@@ -21,16 +21,16 @@ from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
 Bytes = NDArray[np.uint8]
 Reals = NDArray[np.float64]
 
-COLUMN_RATE_HZ = 15.0  # chosen: a step of a person is some seven columns
-GAIT_S = 2.0  # chosen: some four steps of a person
+COLUMN_RATE_HZ = 15.0  # a step of a person is some seven columns
+GAIT_S = 2.0  # some four steps of a person
 SPANS_DB = {"range": 30.0, "velocity": 11.0, "doppler": 26.0, "gait": 20.0}
 """From dark to bright. Aliases of fast bodies lie 7 to 9 dB under the true velocity."""
-_MOST_BINS = 256  # chosen: above the rows of any picture
-_MOST_ROWS = 96  # chosen: as many as a page's picture shows
-_CELLS_M = (0.05, 0.1, 0.2, 0.5, 1.0)  # chosen: the first that gives so few rows
-_QUIET_SHARE = 0.3  # chosen: a body fills less than the other share of a column
-_DIM_DB = 4.0  # chosen: peaks of the noise should not look like motion
-_RISE_DB_PER_S, _FALL_DB_PER_S = 0.5, 12.0  # chosen: a body that stays is not learned as noise
+_MAX_BINS = 256  # above the rows of any picture
+_MAX_ROWS = 96  # as many as a page's picture shows
+_CELLS_M = (0.05, 0.1, 0.2, 0.5, 1.0)  # the first that gives so few rows
+_QUIET_SHARE = 0.3  # a body fills less than the other share of a column
+_DIM_DB = 4.0  # peaks of the noise should not look like motion
+_RISE_DB_PER_S, _FALL_DB_PER_S = 0.5, 12.0  # a body that stays is not learned as noise
 _TINY = 1e-300  # for log10 of zero
 
 
@@ -109,7 +109,7 @@ class Spectrograms:
     """
 
     def __init__(self, axis: FastTimeAxis, frame_rate_hz: float) -> None:
-        self._thin = -(-axis.n_range // _MOST_BINS)
+        self._thin = -(-axis.n_range // _MAX_BINS)
         axis = FastTimeAxis(
             kind="baseband",
             n_range=-(-axis.n_range // self._thin),
@@ -124,7 +124,7 @@ class Spectrograms:
         n_cpi = max(4, round(CPI_S * frame_rate_hz))
         self._middle_s = n_cpi / 2 / frame_rate_hz
         length_m = axis.n_range * axis.bin_length_m
-        cell_m = next((c for c in _CELLS_M if length_m / c <= _MOST_ROWS), length_m / _MOST_ROWS)
+        cell_m = next((c for c in _CELLS_M if length_m / c <= _MAX_ROWS), length_m / _MAX_ROWS)
         n_keep = round(GAIT_S / self.column_s)
         block = max(64, n_cpi)
         self._ranges = RangeTimeMap(axis, n_cpi, cell_m=cell_m, n_keep=2 * block + self._stride)

@@ -6,8 +6,8 @@ from typing import Any
 
 from radard.clips.spectrogram_png import decode_png, encode_png
 
-_STEP = 2  # chosen: a quarter of the pixels; every column stands twice in the picture
-_MOST_BYTES = 20_000_000  # of a file; chosen: ten minutes take a third of that
+_STEP = 2  # a quarter of the pixels; every column stands twice in the picture
+_MAX_BYTES = 20_000_000  # of a file: ten minutes take a third of that
 
 
 def thumbnail(path: Path) -> dict[str, Any]:
@@ -15,7 +15,7 @@ def thumbnail(path: Path) -> dict[str, Any]:
 
     Raises OSError, or ValueError if the file is no picture of a clip.
     """
-    if path.stat().st_size > _MOST_BYTES:
+    if path.stat().st_size > _MAX_BYTES:
         msg = "it is too large"
         raise ValueError(msg)
     picture, axes = decode_png(path.read_bytes())

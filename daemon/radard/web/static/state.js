@@ -1,7 +1,7 @@
 // What the pages know, and who wants to hear of changes.
 import { Pictures } from "./charts/pictures.js";
 
-const MOST_DECISIONS = 900;
+const MAX_DECISIONS = 900;
 
 export const bus = new EventTarget();
 export const pictures = new Pictures();
@@ -94,7 +94,7 @@ function takeDecision(decision) {
   // A replay that was moved back, or a new run: what came later is no longer so.
   if (last && (decision.seq <= last.seq || decision.t_s <= last.t_s)) state.decisions = [];
   state.decisions.push(decision);
-  if (state.decisions.length > MOST_DECISIONS) state.decisions.shift();
+  if (state.decisions.length > MAX_DECISIONS) state.decisions.shift();
   tell("decision", decision);
 }
 

@@ -97,7 +97,7 @@ export function thumbnail(event, signal) {
 }
 
 const kept = new Map();
-const MOST_KEPT = 200;
+const MAX_KEPT = 200;
 
 async function fill(box, event) {
   try {
@@ -106,7 +106,7 @@ async function fill(box, event) {
     box.remove();
     return;
   }
-  if (kept.size > MOST_KEPT) kept.delete(kept.keys().next().value);
+  if (kept.size > MAX_KEPT) kept.delete(kept.keys().next().value);
   const { png, axes } = kept.get(event.id) ?? {};
   const alt = "Small picture: speed of the limbs above, distance below, over time";
   const image = h("img", { src: png, alt, decoding: "async" });

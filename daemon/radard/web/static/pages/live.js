@@ -11,7 +11,7 @@ const FAST_MS = 30;
 // Chosen: of the 16 ms of a frame, what a page that answers at once may draw in.
 const FRAME_MS = 8;
 // Of the time, at most so much is for drawing; a slow machine gets fewer pictures a second.
-const MOST_SHARE = 0.25;
+const MAX_SHARE = 0.25;
 const LIGHT_MPS = 299792458;
 const CAPTIONS = {
   range: () => words("Strong: something moves at that distance.", "Power after clutter removal, by range."),
@@ -144,7 +144,7 @@ function animate(signal, maps, plots, gait, scales) {
   // What is left of a round; a slow machine draws it in several frames, to answer in between.
   let left = [];
   const round = (nowMs) => {
-    const pauseMs = isCalm ? SLOW_MS : Math.max(FAST_MS, costMs / MOST_SHARE);
+    const pauseMs = isCalm ? SLOW_MS : Math.max(FAST_MS, costMs / MAX_SHARE);
     if (nowMs - startedMs < pauseMs) return;
     const target = Math.max(pictures.end_s ?? -Infinity, (lastDecision()?.t_s ?? -Infinity) - 1);
     if (!Number.isFinite(target)) return;

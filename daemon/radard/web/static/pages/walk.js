@@ -9,7 +9,7 @@ const LONGEST_GAP_S = 10;
 // Of the decisions in a stretch that must take the walker for a person. Chosen: then a body that stays
 // there for two raises the alarm.
 const PASS = 0.5;
-const LEAST_CELLS = 3;
+const MIN_CELLS = 3;
 
 let last = null;
 
@@ -96,7 +96,7 @@ export function walkedSpan() {
   if (!last) return null;
   const { near, far } = swath();
   const good = [...last.cells].filter(([, cell]) => isGood(cell)).map(([k]) => k);
-  if (good.length < LEAST_CELLS) return null;
+  if (good.length < MIN_CELLS) return null;
   return [near + Math.min(...good) * CELL_M, Math.min(far, near + (Math.max(...good) + 1) * CELL_M)];
 }
 
@@ -164,8 +164,8 @@ function rows(test) {
 // Whether all of the walk, from its nearest to its farthest stretch, was noticed.
 function judged(test) {
   const walked = [...test.cells.keys()].sort((a, b) => a - b);
-  if (walked.length < LEAST_CELLS) {
-    return { isPass: false, text: `Walk at least ${fixed(LEAST_CELLS * CELL_M, 1)} m of its range; ${walked.length ? "this was less" : "nobody was seen"}.` };
+  if (walked.length < MIN_CELLS) {
+    return { isPass: false, text: `Walk at least ${fixed(MIN_CELLS * CELL_M, 1)} m of its range; ${walked.length ? "this was less" : "nobody was seen"}.` };
   }
   const [first, end] = [walked[0], walked[walked.length - 1]];
   const bad = [];

@@ -17,7 +17,7 @@ const STAGES = {
   confirmation: ["Has it been seen often enough?", "Confirmation"],
   panel: ["Is the alarm on?", "Panel"],
 };
-const MOST_TICKS = 90;
+const MAX_TICKS = 90;
 
 export function whyPage(argument, signal) {
   const chosen = Number(argument) || lastDecision()?.seq;
@@ -63,11 +63,11 @@ function makeStrip(chosen) {
   return {
     element,
     draw() {
-      let shown = state.decisions.slice(-MOST_TICKS);
+      let shown = state.decisions.slice(-MAX_TICKS);
       const at = state.decisions.findIndex((d) => d.seq === chosen);
-      if (at >= 0 && at < state.decisions.length - MOST_TICKS) {
-        const first = Math.max(0, at - MOST_TICKS / 2);
-        shown = state.decisions.slice(first, first + MOST_TICKS);
+      if (at >= 0 && at < state.decisions.length - MAX_TICKS) {
+        const first = Math.max(0, at - MAX_TICKS / 2);
+        shown = state.decisions.slice(first, first + MAX_TICKS);
       }
       replace(
         ticks,

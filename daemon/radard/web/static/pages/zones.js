@@ -2,7 +2,7 @@
 import { Chart, colour } from "../charts/chart.js";
 import { fixed, h, replace } from "../ui.js";
 
-const LEAST_M = 0.1;
+const MIN_M = 0.1;
 const KINDS = { include: "Only here", exclude: "Not here", away: "Not while at home" };
 const TONES = { include: "pet", exclude: "human", away: "other" };
 
@@ -200,8 +200,8 @@ export class ZoneEditor {
 
   #move(zone, key, value) {
     const rounded = Math.round(value * 100) / 100;
-    if (key === "from") zone.from = Math.max(0, Math.min(rounded, zone.to - LEAST_M));
-    else zone.to = Math.max(zone.from + LEAST_M, rounded);
+    if (key === "from") zone.from = Math.max(0, Math.min(rounded, zone.to - MIN_M));
+    else zone.to = Math.max(zone.from + MIN_M, rounded);
     this.#changed(false);
   }
 
