@@ -236,14 +236,6 @@ def _is_full(rows: list[bool], rate_hz: float) -> bool:
     return missing <= MOST_LOST * len(rows) and longest <= LONGEST_GAP_S * rate_hz + 1e-6
 
 
-class _Records:
-    """Outputs that only hand records on."""
-
-    def put(self, *_record: object, **_options: object) -> bool:
-        """As in `Feed`; nothing is written."""
-        return True
-
-
 class Run:
     """Drive one radar until its clock raises what ends it.
 
@@ -281,9 +273,13 @@ class Run:
         self.watcher = Watcher(pipeline.shape.n_slow, rate_hz, clock)
         self._ring = pipeline.make_ring()
         parts = make_parts(config, pipeline, now=wall_clock, is_live=False)
-        feed: Any = _Records()
         self._worker = Worker(
-            parts, self._ring, feed, self._health, StateStore(None), rate=RateWatch(rate_hz)
+            parts,
+            self._ring,
+            lambda _record: None,
+            self._health,
+            StateStore(None),
+            rate=RateWatch(rate_hz),
         )
 
     def go(self) -> None:
@@ -302,7 +298,7 @@ class Run:
         """Do what a worker does that waits in vain; to be called twice a second."""
         with self._lock:
             if self._clock.now() - self._heard_s >= _LOOK_UP_S:
-                self._worker._look_up()
+                self._worker.look_up()
             is_announced = (
                 self._health.status.state != "online"
                 or "fault" in self._worker.tracker.open_events
@@ -316,7 +312,7 @@ class Run:
 
     def _take(self, item: Dwell | Notice) -> None:
         self._heard_s = self._clock.now()
-        self._worker._take(item)
+        self._worker.handle(item)
         if isinstance(item, Dwell):
             last = self._worker._last
             self.watcher.decision(item, is_whole=last is not None and last.gate != "invalid")

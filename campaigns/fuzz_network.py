@@ -15,18 +15,18 @@ import tempfile
 from collections.abc import Iterator
 from functools import lru_cache
 from pathlib import Path
-from unittest.mock import patch
+from unittest.mock import MagicMock, patch
 
 from campaigns.fuzz_mutate import BORDER
 from radard.alarm.events import trial_alarm
+from radard.alarm.sensor_state import SensorState
 from radard.commands.fleet import Fleet, table
-from radard.config.config import Config, load_config
+from radard.config.config import load_config
 from radard.config.sink_table import MqttSection, WebSection
 from radard.errors import ConfigError
 from radard.health.health import Health
 from radard.outputs import open_output
-from radard.outputs.base import SinkContext
-from radard.outputs.fanout import Host
+from radard.outputs.base import Host, SinkContext
 from radard.outputs.mqtt.commands import CommandReader
 from radard.outputs.mqtt.homeassistant import discovery
 from radard.outputs.records import event_record
@@ -97,19 +97,15 @@ class _Dashboard:
                 "output": [store],
             },
         )
-        panel = {"armed": True, "panel": "armed", "alarm_id": None, "open": {}, "seq": 1}
         # Else all but the first inputs would be turned away.
         with patch("radard.web.guard.RateLimit", _NoLimit):
             self._sink = WebSink("127.0.0.1", 0, WebSection())
         kept = open_output(store, self._config, SinkContext(state_dir=Path(folder.name)))
-        host = Host(
-            "radar",
-            Health(),
-            lambda: panel,
-            lambda _name: None,
-            config=self._now,
-            sinks=lambda: [kept],
-        )
+        host = MagicMock(spec=Host, sensor="radar", health=Health())
+        host.config.return_value, host.panel.return_value = self._config, SensorState(seq=1)
+        host.playback.return_value, host.ring.return_value = None, None
+        host.driver.return_value, host.sinks.return_value = {}, [kept]
+        host.mark.return_value, host.test_alarm.return_value = "", ()
         self._sink.attach(host)
         alarm = event_record(trial_alarm(2.0)[0])
         for record in (_HELLO, _decision(), {**alarm, "id": _ID}):
@@ -121,9 +117,6 @@ class _Dashboard:
         url = self._sink.url
         assert url is not None
         self.port = int(url.rstrip("/").rpartition(":")[2])
-
-    def _now(self) -> Config:
-        return self._config
 
     def send(self, data: bytes) -> bytes:
         """Send bytes and no more; return what comes back."""

@@ -35,7 +35,7 @@ os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
 
 # All that the daemon will need: what is imported here costs a start nothing.
 for _name in (
-    *("h5py", "paho.mqtt.client", "radard.judge.onnx_runtime", "radard.run.service"),
+    *("h5py", "paho.mqtt.client", "radard.judge.onnx_runtime", "radard.run.process"),
     *("radard.outputs.mqtt.sink", "radard.outputs.store", "x2radar.recording.hdf5_writer"),
 ):
     importlib.import_module(_name)

@@ -34,9 +34,9 @@ def allow_for_it(patch):
     patch.setattr("x2radar.sim.module.host.time", PatientClock())
     patient = partial(Deadlines, reply_s=60.0, ready_s=60.0, stall_s=60.0)
     patch.setattr("x2radar.device.device.Deadlines", patient)
-    patch.setattr("radard.run.radar_run.STALE_S", 60.0)
-    patch.setattr("radard.run.radar_run._JOIN_S", 60.0)
-    patch.setattr("radard.run.several._JOIN_S", 60.0)
+    patch.setattr("radard.run.sensor.STALE_S", 60.0)
+    patch.setattr("radard.run.sensor._JOIN_S", 60.0)
+    patch.setattr("radard.run.process._JOIN_S", 60.0)
     patch.setattr("radard.health.thread_dump.os", SimpleNamespace(_exit=lambda _code: None))
 
 

@@ -3,8 +3,7 @@
 import threading
 
 from radard.config.config import load_config
-from radard.run.service import OneRadar, RunOptions
-from radard.run.several import SeveralRadars
+from radard.run.process import Process, RunOptions
 from tests.alarm_helpers import NotifySocket
 
 
@@ -55,11 +54,10 @@ class Daemon:
         self.far = NotifySocket(tmp_path / f"notify{Daemon.n_made}")
         monkeypatch.setenv("NOTIFY_SOCKET", self.far.name)
         monkeypatch.setenv("WATCHDOG_USEC", "200000")
-        monkeypatch.setattr("radard.run.radar_run.STALE_S", stale_s)
+        monkeypatch.setattr("radard.run.sensor.STALE_S", stale_s)
         monkeypatch.setattr("radard.health.heartbeat._EVERY_S", 0.05)
         monkeypatch.setattr("radard.health.heartbeat._MAIN_LATE_S", stale_s)
-        monkeypatch.setattr("radard.run.supervision._BEAT_S", 0.05)
-        monkeypatch.setattr("radard.run.worker._LOOK_UP_S", 0.05)
+        monkeypatch.setattr("radard.run.process._BEAT_S", 0.05)
         one = {} if "sensors" in options else {"port": "sim:empty"}
         self.config = load_config(
             environ={},
@@ -72,8 +70,8 @@ class Daemon:
             },
         )
         self.result = None
-        kind = SeveralRadars if self.config.sensors else OneRadar
-        self.run = kind(self.config, RunOptions(reload=reload))
+        self.run = Process(self.config, RunOptions(reload=reload))
+        self.radar = self.run.sensors[0]
         self._thread = threading.Thread(target=self._go)
         self._thread.start()
 
@@ -82,6 +80,10 @@ class Daemon:
             self.result = self.run.go()
         except Exception as err:  # noqa: BLE001 - looked at by the test
             self.result = err
+
+    def panel(self):
+        """What is told of the first radar; empty before there is a stream."""
+        return told(self.radar)
 
     def ask(self, wish):
         self.run.signals.ask(wish)
@@ -92,6 +94,12 @@ class Daemon:
         self._thread.join(60)
         self.far.close()
         return self.result
+
+
+def told(sensor):
+    """What is told of a radar, as pages have it; empty before there is a stream."""
+    state = sensor.panel()
+    return state.as_record() if state is not None else {}
 
 
 def launcher(tmp_path, monkeypatch):

@@ -6,12 +6,11 @@ from urllib.parse import unquote, urlsplit
 
 from radard.config.config import load_config
 from radard.config.sink_table import WebSection
-from radard.health.health import Health
-from radard.outputs.fanout import Host
 from radard.web.api import Api
 from radard.web.auth import AccessControl, Tokens
 from radard.web.sink import WebSink
 from radard.web.view import View
+from tests.host_helpers import ARMED, FakeHost
 from tests.web_helpers import HEADERS, Answer, Client
 
 
@@ -19,16 +18,13 @@ class Run:
     """A run that only notes what is asked of it."""
 
     def __init__(self, tmp_path, **sections):
-        self.asked = []
         self.config = load_config(
             environ={},
             options={"sensor": {"port": "sim:empty"}, "service": {"state_dir": tmp_path}}
             | sections,
         )
-        panel = {"armed": True, "panel": "armed", "alarm_id": None, "open": {}, "seq": 0}
-        self.host = Host(
-            "radar", Health(), lambda: panel, self.asked.append, config=lambda: self.config
-        )
+        self.host = FakeHost(config=self.config, state=ARMED)
+        self.asked = self.host.asked
 
 
 def all_routes():

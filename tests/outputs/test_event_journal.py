@@ -14,12 +14,12 @@ from tests.test_tamper_commands import Room
 
 from radard.alarm.state_store import KeptState
 from radard.config.config import load_config
-from radard.health.health import Health
 from radard.outputs import journal as journal_module
 from radard.outputs.database import open_database
-from radard.outputs.fanout import Host, Outputs
+from radard.outputs.fanout import Outputs
 from radard.outputs.journal import EventJournal
 from radard.outputs.store_query import read_events
+from tests.host_helpers import FakeHost
 from tests.sink_helpers import WebServer, event, hello, ulid
 from tests.waiting import wait_for
 
@@ -45,7 +45,8 @@ def outputs_of(folder, *names, port="/dev/nothing"):
             "output": list(names),
         },
     )
-    out = Outputs([Host("hall", Health(), dict, lambda _name: None)], stdout_is_terminal=False)
+    out = Outputs(stdout_is_terminal=False)
+    out.add(FakeHost("hall"))
     out.open(config)
     return out
 

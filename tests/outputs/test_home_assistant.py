@@ -109,7 +109,7 @@ def test_a_house_arms_disarms_and_chooses_the_sensitivity(home, launch, broker, 
     home.shows(panel, "armed_home")
     home.call("alarm_control_panel.alarm_disarm", entity_id=panel, code="4711")
     home.shows(panel, "disarmed")
-    assert daemon.run.radar.panel()["armed"] is False
+    assert daemon.panel()["armed"] is False
     home.shows(select, "normal")
     home.call("select.select_option", entity_id=select, option="high")
     home.shows(select, "high")
@@ -135,7 +135,7 @@ def test_an_alarm_reaches_a_phone_with_its_picture(home, launch, broker, tmp_pat
     wait_for(lambda: {event, picture} <= set(home.ask(states=True)))
     given = {"radar_event": event, "radar_picture": picture, "notifier": "phone"}
     assert home.ask(blueprint=str(BLUEPRINT), input=given) is True
-    daemon.run.radar.command("arm")
+    daemon.radar.command("arm")
     home.shows("binary_sensor.radar_simulated_alarm", "on")
     home.shows("alarm_control_panel.radar_simulated_panel", "triggered")
     (call,) = wait_for(lambda: home.ask(calls=True))
@@ -183,13 +183,13 @@ def test_a_sensitivity_chosen_over_mqtt_outlives_a_restart(launch, broker, tmp_p
     try:
         daemon = running(launch, broker, tmp_path, model={"name": "accurate"})
         wait_for(lambda: shown() and shown()[-1] == "normal")
-        pipeline = daemon.run.radar.parts.pipeline
+        pipeline = daemon.radar.parts.pipeline
         assert pipeline.pet_limit == 0.8
         listener.say(f"{base}/command/sensitivity", "high")
         wait_for(lambda: shown()[-1] == "high")
         # The same pipeline, so what it has learned of the room stays.
         wait_for(lambda: pipeline.pet_limit == 0.9)
-        assert daemon.run.radar.parts.pipeline is pipeline
+        assert daemon.radar.parts.pipeline is pipeline
         assert daemon.stop() == 0
         daemon = running(launch, broker, tmp_path, alarm={"exit_delay_s": 1})
         assert daemon.config.alarm.sensitivity == "high"

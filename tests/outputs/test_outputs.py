@@ -5,10 +5,10 @@ import json
 import pytest
 
 from radard.config.config import load_config
-from radard.health.health import Health
 from radard.outputs import start_sink
-from radard.outputs.fanout import Host, Outputs
+from radard.outputs.fanout import Outputs
 from radard.outputs.store_query import read_events
+from tests.host_helpers import FakeHost
 from tests.sink_helpers import WebServer, event, hello, ulid
 from tests.waiting import wait_for
 
@@ -34,7 +34,9 @@ def configured(tmp_path, server, port="/dev/nothing", **webhook):
 
 
 def outputs():
-    return Outputs([Host("hall", Health(), dict, lambda _name: None)], stdout_is_terminal=False)
+    out = Outputs(stdout_is_terminal=False)
+    out.add(FakeHost("hall"))
+    return out
 
 
 def bodies(server):

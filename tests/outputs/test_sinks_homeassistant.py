@@ -3,9 +3,11 @@
 import contextlib
 import json
 import os
+from dataclasses import replace
 
 import pytest
 
+from radard.alarm.sensor_state import SensorState
 from radard.config.sink_table import MqttSection, SinkOptions
 from radard.errors import ConfigError
 from radard.health.health import Status
@@ -49,7 +51,7 @@ def state(listener):
 
 
 def test_the_panel_shows_what_the_sensor_does_and_commands_it(publish, listen):
-    listener, heard, now = listen("#"), [], {"armed": True, "panel": "exit", "mode": "home"}
+    listener, heard, now = listen("#"), [], SensorState(panel="exit", mode="home")
     publish(context={"command": heard.append, "panel": lambda: now})
     parts = about(listener)["cmps"]["panel"]
     assert (parts["p"], parts["stat_t"]) == ("alarm_control_panel", f"{BASE}/state")
@@ -63,7 +65,7 @@ def test_the_panel_shows_what_the_sensor_does_and_commands_it(publish, listen):
         ({"panel": "alarm"}, "triggered"),
         ({"panel": "disarmed", "armed": False}, "disarmed"),
     ):
-        now = {**now, **changes}
+        now = replace(now, **changes)
         wait_for(lambda shown=shown: state(listener)["panel"] == shown)
     for payload in ("ARM_HOME", "ARM_AWAY", "TRIGGER", "DISARM"):
         listener.say(parts["cmd_t"], payload)
@@ -72,9 +74,9 @@ def test_the_panel_shows_what_the_sensor_does_and_commands_it(publish, listen):
 
 
 def test_a_panel_without_a_run_and_with_an_alarm():
-    assert panel_state({}, is_armed=True, is_on=False) == "armed_away"
-    assert panel_state({}, is_armed=False, is_on=False) == "disarmed"
-    assert panel_state({"panel": "armed"}, is_armed=True, is_on=True) == "triggered"
+    assert panel_state(None, is_armed=True, is_on=False) == "armed_away"
+    assert panel_state(None, is_armed=False, is_on=False) == "disarmed"
+    assert panel_state(SensorState(), is_armed=True, is_on=True) == "triggered"
 
 
 def test_a_code_is_asked_for_and_never_published(publish, listen, tmp_path, caplog):

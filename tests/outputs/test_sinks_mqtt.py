@@ -7,6 +7,7 @@ import ssl
 
 import pytest
 
+from radard.alarm.sensor_state import SensorState
 from radard.config.sink_table import MqttSection, SinkOptions
 from radard.errors import ConfigError, UsageError
 from radard.health.health import Status
@@ -97,7 +98,7 @@ def test_a_line_that_dies_without_a_word_brings_the_last_will(publish, listen, m
 def test_health_is_asked_for_and_not_only_heard_of(publish, listen):
     listener = listen(f"{BASE}/#")
     now = {"status": Status("online", ""), "armed": True}
-    context = {"health": lambda: now["status"], "panel": lambda: {"armed": now["armed"]}}
+    context = {"health": lambda: now["status"], "panel": lambda: SensorState(armed=now["armed"])}
     sink = publish(discovery="off", context=context)
     sink.write(hello())
     sink.write(decision(1))

@@ -72,7 +72,7 @@ def test_live_frames_of_a_plug_in_have_an_id_per_run(tmp_path, monkeypatch):
         source.stream = replace(source.stream, run_id="")
         return source
 
-    monkeypatch.setattr("radard.run.radar_run.open_source", opened)
+    monkeypatch.setattr("radard.run.sensor.open_source", opened)
     files = [tmp_path / name for name in ("a.h5", "b.h5")]
     for file in files:
         run("sim:empty?run=same", "--duration", "3", "--record", str(file))

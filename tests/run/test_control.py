@@ -11,6 +11,7 @@ import jsonschema
 import pytest
 
 from radard.alarm import state_store
+from radard.alarm.sensor_state import SensorState
 from radard.cli import main
 from radard.run import control
 from radard.run.control import ask, control_path
@@ -39,7 +40,7 @@ def said(tmp_path, monkeypatch, capsys):
 
 def running(launch, tmp_path, **options):
     daemon = launch(**options)
-    wait_for(lambda: daemon.run.radar.panel().get("seq", 0) >= 1)
+    wait_for(lambda: daemon.panel().get("seq", 0) >= 1)
     wait_for(control_path(tmp_path, "radar").exists)
     return daemon
 
@@ -50,10 +51,10 @@ def test_disarm_and_arm_over_the_socket(tmp_path, launch, said):
     assert stat.S_ISSOCK(mode)
     assert stat.S_IMODE(mode) == 0o600
     assert said("disarm") == (0, "disarmed")
-    assert daemon.run.radar.panel()["armed"] is False
+    assert daemon.panel()["armed"] is False
     wait_for(lambda: "disarmed, nobody moves" in said("status")[1])
     assert said("arm") == (0, "armed")
-    assert daemon.run.radar.panel()["armed"] is True
+    assert daemon.panel()["armed"] is True
     assert daemon.stop() == 0
     assert not control_path(tmp_path, "radar").exists()
     code, line = said("arm")
@@ -86,7 +87,7 @@ def test_arm_at_home_and_after_the_exit_delay(tmp_path, launch, said):
     daemon = running(launch, tmp_path, alarm={"exit_delay_s": 600, "armed": False})
     code, line = said("arm", "--home")
     assert (code, line.startswith("armed at home in ")) == (0, True)
-    panel = daemon.run.radar.panel()
+    panel = daemon.panel()
     assert (panel["armed"], panel["panel"], panel["mode"]) == (True, "exit", "home")
     wait_for(lambda: "armed at home, exit delay, " in said("status")[1])
     assert said("arm")[1].startswith("armed in ")
@@ -127,7 +128,7 @@ def test_a_test_alarm_goes_through_every_output_and_says_what_each_answered(
         assert json.loads(server.posts[0][2])["test"] is True
     finally:
         server.close()
-    assert daemon.run.radar.panel()["panel"] == "armed"
+    assert daemon.panel()["panel"] == "armed"
     assert daemon.stop() == 0
     records = [json.loads(line) for line in out.read_text().splitlines()]
     new, end = [r for r in records if r["type"] == "event" and r["kind"] == "alarm"]
@@ -139,8 +140,7 @@ def test_a_test_alarm_goes_through_every_output_and_says_what_each_answered(
 
 def test_a_test_is_refused_while_an_alarm_is_on(tmp_path, launch, said, monkeypatch):
     daemon = running(launch, tmp_path)
-    panel = daemon.run.radar.panel()
-    monkeypatch.setattr(daemon.run.radar, "panel", lambda: {**panel, "alarm_id": "X"})
+    monkeypatch.setattr(daemon.radar, "panel", lambda: SensorState(alarm_id="X"))
     code, line = said("test-alarm")
     assert (code, "an alarm is on" in line) == (1, True)
 
@@ -150,7 +150,7 @@ def test_another_user_gives_no_commands(tmp_path, launch, monkeypatch):
     monkeypatch.setattr(control, "_user_of", lambda _line: os.geteuid() + 12345)
     with pytest.raises((ValueError, OSError)):
         ask(control_path(tmp_path, "radar"), "disarm")
-    assert daemon.run.radar.panel()["armed"] is True
+    assert daemon.panel()["armed"] is True
 
 
 @pytest.mark.parametrize(

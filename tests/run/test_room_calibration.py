@@ -10,7 +10,7 @@ from radard.config.config import load_config
 from radard.config.directories import kept_calibration
 from radard.detect.calibration import Provenance, load_calibration
 from radard.run.room_calibration import RoomCalibration, can_calibrate
-from tests.daemon_helpers import launcher
+from tests.daemon_helpers import launcher, told
 from tests.radar_helpers import dwell_of, noise
 from tests.sink_helpers import Listener, MqttBroker
 from tests.waiting import free_port, wait_for
@@ -22,13 +22,13 @@ GATE = {"calibrate_after_s": 3.0, "calibrate_s": 25.0}
 
 
 def phase_of(daemon):
-    return (daemon.run.radar.panel().get("calibration") or {}).get("phase")
+    return (daemon.panel().get("calibration") or {}).get("phase")
 
 
 def ended(daemon):
     """Ask for a calibration and return how it ended."""
-    radar = daemon.run.radar
-    wait_for(lambda: radar.panel().get("seq"))
+    radar = daemon.radar
+    wait_for(lambda: told(radar).get("seq"))
     seen = set()
     radar.command("calibrate")
 
@@ -38,7 +38,7 @@ def ended(daemon):
 
     wait_for(is_over)
     assert {"leave", "listen"} <= seen
-    return radar.panel()["calibration"]
+    return told(radar)["calibration"]
 
 
 def test_an_empty_room_is_kept_and_used(tmp_path, launch, caplog):
@@ -52,12 +52,12 @@ def test_an_empty_room_is_kept_and_used(tmp_path, launch, caplog):
     assert (made.provenance.port, made.provenance.model) == ("sim:empty", "none")
     assert 22 <= made.provenance.n_dwells <= 26
     assert path.stat().st_mode & 0o777 == 0o644
-    pipeline = daemon.run.parts.pipeline
+    pipeline = daemon.radar.parts.pipeline
     wait_for(lambda: pipeline.calibration is not None)
     np.testing.assert_allclose(pipeline.calibration.floor, made.floor, rtol=1e-3)
-    seq = daemon.run.radar.panel()["seq"]
-    wait_for(lambda: daemon.run.radar.panel()["seq"] > seq + 2)
-    assert daemon.run.radar.panel()["gate"] == "closed"
+    seq = daemon.panel()["seq"]
+    wait_for(lambda: daemon.panel()["seq"] > seq + 2)
+    assert daemon.panel()["gate"] == "closed"
     daemon.ask("reload")
     assert daemon.stop() == 0
     assert pipeline.calibration is not None
@@ -68,7 +68,7 @@ def test_a_room_with_somebody_in_it_is_refused(tmp_path, launch, caplog):
     told = ended(daemon)
     assert told["phase"] == "failed"
     assert "the room is not empty" in told["text"]
-    assert daemon.run.parts.pipeline.calibration is None
+    assert daemon.radar.parts.pipeline.calibration is None
     assert daemon.stop() == 0
     assert not list((tmp_path / "state").glob("*calibration*"))
     assert "what held before holds" in caplog.text
@@ -77,16 +77,16 @@ def test_a_room_with_somebody_in_it_is_refused(tmp_path, launch, caplog):
 def test_a_file_that_cannot_be_written_holds_for_this_run(tmp_path, launch):
     (tmp_path / "file").write_text("")
     daemon = launch(sensor=FAST)
-    wait_for(lambda: daemon.run.radar.panel().get("seq"))
+    wait_for(lambda: daemon.panel().get("seq"))
     # Not at the start, where a file that was named must be there.
     gate = daemon.config.gate.model_copy(
         update={**GATE, "calibration": str(tmp_path / "file" / "x.json")}
     )
-    daemon.run.parts.config = daemon.config.model_copy(update={"gate": gate})
+    daemon.radar.parts.config = daemon.config.model_copy(update={"gate": gate})
     told = ended(daemon)
     assert told["phase"] == "made"
     assert "holds until the end of this run" in told["text"]
-    wait_for(lambda: daemon.run.parts.pipeline.calibration is not None)
+    wait_for(lambda: daemon.radar.parts.pipeline.calibration is not None)
     assert daemon.stop() == 0
 
 
@@ -94,10 +94,10 @@ def test_without_calibration_the_gate_learns_anew(launch, monkeypatch):
     restarted = []
     monkeypatch.setattr("radard.pipeline.Pipeline.restart", lambda _self: restarted.append(1))
     daemon = launch(gate={"calibration": "none"})
-    wait_for(lambda: daemon.run.radar.panel().get("seq"))
-    daemon.run.radar.command("calibrate")
+    wait_for(lambda: daemon.panel().get("seq"))
+    daemon.radar.command("calibrate")
     wait_for(lambda: restarted)
-    assert daemon.run.radar.panel()["calibration"] is None
+    assert daemon.panel()["calibration"] is None
     assert daemon.stop() == 0
 
 

@@ -182,24 +182,24 @@ def test_a_second_signal_forces_the_end():
 
 def panel_of(daemon, key, wanted):
     """Wait until the panel says so."""
-    wait_for(lambda: daemon.run.radar.panel().get(key) == wanted)
+    wait_for(lambda: daemon.panel().get(key) == wanted)
 
 
 def test_disarmed_is_kept_over_a_restart_and_so_is_armed(tmp_path, launch):
     daemon = launch()
     panel_of(daemon, "armed", True)
-    daemon.run.radar.command("disarm")
+    daemon.radar.command("disarm")
     panel_of(daemon, "armed", False)
     assert daemon.stop() == 0
     daemon = launch()
     panel_of(daemon, "armed", False)
-    daemon.run.radar.command("arm")
+    daemon.radar.command("arm")
     panel_of(daemon, "armed", True)
     assert daemon.stop() == 0
     daemon = launch(alarm={"armed": False})
     panel_of(daemon, "armed", True)
     with pytest.raises(ValueError, match="known are arm, arm-home, disarm, ack, calibrate"):
-        daemon.run.radar.command("dance")
+        daemon.radar.command("dance")
     assert daemon.stop() == 0
     assert json.loads((tmp_path / "state" / "radar.sim.json").read_text())["is_armed"]
 
@@ -213,7 +213,7 @@ def test_an_alarm_is_kept_until_somebody_acknowledges_it(tmp_path, launch):
     }
     daemon = launch(**options)
     # The panel may say it a moment before the event is there.
-    alarm_id = wait_for(lambda: daemon.run.radar.panel().get("alarm_id"))
+    alarm_id = wait_for(lambda: daemon.panel().get("alarm_id"))
     assert daemon.stop() == 0
     out = tmp_path / "out.jsonl"
     sensor = {"port": "sim:empty", "speed": "max"}
@@ -221,7 +221,7 @@ def test_an_alarm_is_kept_until_somebody_acknowledges_it(tmp_path, launch):
     daemon = launch(**options)
     panel_of(daemon, "panel", "alarm")
     panel_of(daemon, "alarm_id", alarm_id)
-    daemon.run.radar.command("ack")
+    daemon.radar.command("ack")
     panel_of(daemon, "panel", "armed")
     assert daemon.stop() == 0
     events = [json.loads(line) for line in out.read_text().splitlines() if '"event"' in line]
@@ -242,8 +242,8 @@ def test_an_entry_delay_that_a_restart_cuts_off_is_an_alarm(tmp_path, launch):
     sensor = {"port": "sim:empty", "speed": "max"}
     daemon = launch(**{**options, "sensor": sensor, "output": [f"json:{out}"]})
     panel_of(daemon, "panel", "alarm")
-    wait_for(lambda: daemon.run.radar.panel()["seq"] >= 2)
-    daemon.run.radar.command("ack")
+    wait_for(lambda: daemon.panel()["seq"] >= 2)
+    daemon.radar.command("ack")
     panel_of(daemon, "panel", "armed")
     assert daemon.stop() == 0
     events = [json.loads(line) for line in out.read_text().splitlines() if '"event"' in line]
@@ -255,13 +255,13 @@ def test_an_entry_delay_that_a_restart_cuts_off_is_an_alarm(tmp_path, launch):
 def test_an_exit_delay_goes_on_after_a_restart(tmp_path, launch):
     alarm = {"armed": False, "exit_delay_s": 600}
     daemon = launch(alarm=alarm)
-    wait_for(lambda: daemon.run.radar.panel().get("seq", 0) >= 1)
-    daemon.run.radar.command("arm-home")
+    wait_for(lambda: daemon.panel().get("seq", 0) >= 1)
+    daemon.radar.command("arm-home")
     panel_of(daemon, "panel", "exit")
     assert daemon.stop() == 0
     daemon = launch(alarm=alarm)
     panel_of(daemon, "panel", "exit")
-    panel = daemon.run.radar.panel()
+    panel = daemon.panel()
     assert (panel["mode"], panel["armed"]) == ("home", True)
     assert 0 < panel["delay_left_s"] <= 600
     assert daemon.stop() == 0
@@ -286,7 +286,7 @@ def test_reload_changes_the_policy_the_outputs_and_the_clips(tmp_path, launch):
         alarm={"armed": True},
     )
     panel_of(daemon, "gate", "closed")
-    assert daemon.run.parts.clips is not None
+    assert daemon.radar.parts.clips is not None
     clips = daemon.config.clips.model_copy(update={"enabled": False})
     alarm = daemon.config.alarm.model_copy(update={"sensitivity": "low"})
     rotated = tmp_path / "a.old"
@@ -301,11 +301,11 @@ def test_reload_changes_the_policy_the_outputs_and_the_clips(tmp_path, launch):
         )
     )
     daemon.ask("reload")
-    wait_for(lambda: second.exists() and daemon.run.parts.clips is None)
-    seq = daemon.run.radar.panel()["seq"]
-    wait_for(lambda: daemon.run.radar.panel()["seq"] >= seq + 2)
+    wait_for(lambda: second.exists() and daemon.radar.parts.clips is None)
+    seq = daemon.panel()["seq"]
+    wait_for(lambda: daemon.panel()["seq"] >= seq + 2)
     assert daemon.stop() == 0
-    assert daemon.run.parts.policy.k == 3
+    assert daemon.radar.parts.policy.k == 3
     for path in (first, second):
         records = [json.loads(line) for line in path.read_text().splitlines()]
         assert records[0]["type"] == "hello"
@@ -333,8 +333,8 @@ def test_a_model_that_takes_other_dwells_is_left_for_a_restart(launch, caplog):
     model = daemon.config.model.model_copy(update={"name": "thesis"})
     choices[0] = lambda: daemon.config.model_copy(update={"model": model})
     daemon.ask("reload")
-    wait_for(lambda: daemon.run.parts.config.model.name == "thesis")
-    assert daemon.run.parts.pipeline.classifier is not None
+    wait_for(lambda: daemon.radar.parts.config.model.name == "thesis")
+    assert daemon.radar.parts.pipeline.classifier is not None
     assert daemon.stop() == 0
     assert "unknown key" in caplog.text
 
@@ -343,13 +343,13 @@ def test_a_reload_keeps_the_frames_that_a_clip_will_need(tmp_path, launch):
     configs = []
     daemon = launch(reload=lambda: configs[0])
     panel_of(daemon, "gate", "closed")
-    clips = daemon.run.parts.clips
+    clips = daemon.radar.parts.clips
     gate = daemon.config.gate.model_copy(update={"false_alarms_per_day": 9.0})
     configs.append(daemon.config.model_copy(update={"gate": gate}))
     held = len(clips._held)
     daemon.ask("reload")
-    wait_for(lambda: daemon.run.parts.config.gate.false_alarms_per_day == 9)
-    assert daemon.run.parts.clips is clips
+    wait_for(lambda: daemon.radar.parts.config.gate.false_alarms_per_day == 9)
+    assert daemon.radar.parts.clips is clips
     assert len(clips._held) >= held > 0
     assert clips._attributes["config_hash"] == configs[0].digest()
     assert daemon.stop() == 0

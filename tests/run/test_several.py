@@ -15,10 +15,10 @@ from radard.config.config import load_config, load_with_origins
 from radard.errors import ConfigError, UsageError
 from radard.health.status_file import read_status, status_path
 from radard.pipeline import Pipeline
-from radard.run.radar_run import RadarRun
-from radard.run.several import Turns
+from radard.run.keeper import StartupLimiter
+from radard.run.sensor import RunningSensor, Sensor
 from radard.stream.source import LiveSource
-from tests.daemon_helpers import Gate, launcher
+from tests.daemon_helpers import Gate, launcher, told
 from tests.radar_helpers import python, run_radard, stable
 from tests.sink_helpers import Listener, MqttBroker
 from tests.waiting import free_port, wait_for
@@ -107,7 +107,7 @@ def test_when_none_can_work_the_process_ends_with_the_first_fault(tmp_path, laun
 
 
 def test_work_that_breaks_off_is_begun_anew(tmp_path, launch, monkeypatch):
-    monkeypatch.setattr("radard.run.several._FIRST_PAUSE_S", 0.3)
+    monkeypatch.setattr("radard.run.keeper._FIRST_PAUSE_S", 0.3)
     plain, broken = LiveSource.frames, []
 
     def frames(self):
@@ -163,12 +163,12 @@ def test_a_thread_of_one_that_stands_still_stops_the_notification(tmp_path, monk
 def test_each_has_its_own_armed_state_and_clip_folder(tmp_path, launch):
     sensors = {"hall": {"port": "sim:empty"}, "attic": {"port": "sim:empty"}}
     daemon = launch(sensors=sensors)
-    hall, attic = daemon.run._radars
-    wait_for(lambda: hall.panel().get("seq") and attic.panel().get("seq"))
+    hall, attic = daemon.run.sensors
+    wait_for(lambda: told(hall).get("seq") and told(attic).get("seq"))
     attic.command("disarm")
-    wait_for(lambda: attic.panel()["armed"] is False)
-    assert hall.panel()["armed"] is True
-    folders = {radar.name: radar.parts.clips._folder for radar in (hall, attic)}
+    wait_for(lambda: told(attic)["armed"] is False)
+    assert told(hall)["armed"] is True
+    folders = {radar.sensor: radar.parts.clips._folder for radar in (hall, attic)}
     assert folders == {n: tmp_path / "state" / "clips" / n for n in sensors}
     assert daemon.stop() == 0
     kept = {n: json.loads((tmp_path / "state" / f"{n}.sim.json").read_text()) for n in ("attic",)}
@@ -190,9 +190,9 @@ def test_mqtt_has_topics_and_a_client_for_each(tmp_path, launch):
         assert not listener.on("radard/attic/decision")
         assert json.loads(listener.on("radard/hall-simulated/decision")[0])["sensor"] == "hall"
         listener.say("radard/hall-simulated/command/disarm")
-        hall = daemon.run._radars[0]
-        wait_for(lambda: hall.panel()["armed"] is False)
-        names = [sink.name for _, sink in daemon.run._outputs.sinks]
+        hall = daemon.run.sensors[0]
+        wait_for(lambda: told(hall)["armed"] is False)
+        names = [sink.name for sink in daemon.radar.sinks()]
         assert [name.rpartition("/")[2] for name in names] == ["hall", "attic"]
         assert daemon.stop() == 0
         wait_for(lambda: listener.on("radard/hall-simulated/availability")[-1] == b"offline")
@@ -227,7 +227,7 @@ def test_the_dashboard_has_pages_for_each(tmp_path, launch):
     body = json.dumps({"command": "disarm"}).encode()
     headers = {"Content-Type": "application/json", "X-Radard": "1"}
     assert ask(base + "/sensor/hall/api/v1/command", data=body, headers=headers)[0] == 202
-    wait_for(lambda: daemon.run._radars[0].panel()["armed"] is False)
+    wait_for(lambda: daemon.panel()["armed"] is False)
     assert daemon.stop() == 0
 
 
@@ -320,13 +320,13 @@ def test_a_reader_that_goes_away_ends_all(tmp_path):
 def test_a_command_to_a_sensor_that_is_away_holds_when_it_comes(tmp_path, launch):
     name = tmp_path / "ttyX2"
     daemon = launch(sensors={"hall": {"port": "sim:empty"}, "attic": {"port": str(name)}})
-    hall, attic = daemon.run._radars
-    wait_for(lambda: hall.panel().get("seq"))
+    hall, attic = daemon.run.sensors
+    wait_for(lambda: told(hall).get("seq"))
     with pytest.raises(ValueError, match="known are arm"):
         attic.command("dance")
     attic.command("disarm")
     attic.command("ack")
-    assert attic.panel() == {}
+    assert told(attic) == {}
     pty, stop = PtyTransport(), threading.Event()
     module = SimulatedModule(load_scene("empty"))
     options = {"speed": 5.0, "stop": stop.is_set}
@@ -334,8 +334,8 @@ def test_a_command_to_a_sensor_that_is_away_holds_when_it_comes(tmp_path, launch
     thread.start()
     name.symlink_to(pty.path)
     try:
-        wait_for(lambda: attic.panel().get("armed") is False)
-        assert hall.panel()["armed"] is True
+        wait_for(lambda: told(attic).get("armed") is False)
+        assert told(hall)["armed"] is True
     finally:
         assert daemon.stop() == 0
         stop.set()
@@ -346,42 +346,42 @@ def test_a_command_to_a_sensor_that_is_away_holds_when_it_comes(tmp_path, launch
 def test_only_so_many_are_brought_up_at_once_and_those_that_are_away_count_not(
     launch, monkeypatch
 ):
-    lock, now, most, plain = threading.Lock(), [0], [0], RadarRun.open
+    lock, now, most, plain = threading.Lock(), [0], [0], Sensor.open
 
     def counted(self, on_notice, **options):
-        is_away = self.name.startswith("away")
+        is_away = self.sensor.startswith("away")
         with lock:
             now[0] += not is_away
             most[0] = max(most[0], now[0])
         try:
-            plain(self, on_notice, **options)
+            return plain(self, on_notice, **options)
         finally:
             with lock:
                 now[0] -= not is_away
 
-    monkeypatch.setattr(RadarRun, "open", counted)
-    monkeypatch.setattr("radard.run.several._AT_ONCE", 2)
+    monkeypatch.setattr(Sensor, "open", counted)
+    monkeypatch.setattr("radard.run.keeper._MAX_AT_ONCE", 2)
     away = {f"away{k}": {"port": f"/dev/nothing{k}"} for k in range(4)}
     there = {f"r{k}": {"port": f"sim:empty?seed={k}"} for k in range(6)}
     daemon = launch(sensors={**away, **there}, sensor={"speed": "max"})
-    wait_for(lambda: all(r.panel().get("seq") for r in daemon.run._radars if r.name in there))
+    wait_for(lambda: all(told(r).get("seq") for r in daemon.run.sensors if r.sensor in there))
     assert 1 <= most[0] <= 2
     assert daemon.stop() == 0
 
 
 def test_a_turn_is_waited_for_until_the_end_or_a_while(monkeypatch):
-    turns, halt = Turns(1), threading.Event()
-    turns.take("a", halt)
-    monkeypatch.setattr("radard.run.several._TURN_S", 0.1)
-    turns.take("b", halt)
+    turns, halt = StartupLimiter(1), threading.Event()
+    turns.acquire("a", halt)
+    monkeypatch.setattr("radard.run.keeper._MAX_WAIT_S", 0.1)
+    turns.acquire("b", halt)
     # It goes without one, and has none to give.
-    turns.give("b")
+    turns.release("b")
     halt.set()
-    monkeypatch.setattr("radard.run.several._TURN_S", 1e6)
-    turns.take("c", halt)
-    turns.give("a")
-    turns.give("a")
-    turns.take("d", threading.Event())
+    monkeypatch.setattr("radard.run.keeper._MAX_WAIT_S", 1e6)
+    turns.acquire("c", halt)
+    turns.release("a")
+    turns.release("a")
+    turns.acquire("d", threading.Event())
 
 
 def test_an_end_before_the_beginning(launch):
@@ -395,13 +395,13 @@ def test_a_radar_that_does_not_end_is_waited_for_until_the_end_is_forced(launch,
     codes = []
     held = SimpleNamespace(_exit=codes.append)
     monkeypatch.setattr("radard.health.thread_dump.os", held)
-    monkeypatch.setattr("radard.run.supervision._DEADLINE_S", 0.5)
-    monkeypatch.setattr("radard.run.several._JOIN_S", 0.05)
+    monkeypatch.setattr("radard.run.process._DEADLINE_S", 0.5)
+    monkeypatch.setattr("radard.run.process._JOIN_S", 0.05)
     gate = Gate()
-    gate.before(monkeypatch, RadarRun, "finish")
+    gate.before(monkeypatch, RunningSensor, "finish")
     daemon = launch(sensors={"hall": {"port": "sim:empty"}})
-    (hall,) = daemon.run._radars
-    wait_for(lambda: hall.panel().get("seq"))
+    (hall,) = daemon.run.sensors
+    wait_for(lambda: told(hall).get("seq"))
     gate.shut()
     try:
         daemon.ask("stop")

@@ -8,7 +8,7 @@ import pytest
 from radard.config.config import load_config
 from radard.config.sections import GateSection
 from radard.health.status_file import status_path
-from tests.daemon_helpers import launcher
+from tests.daemon_helpers import launcher, told
 from tests.sink_helpers import Listener, MqttBroker
 from tests.waiting import free_port, wait_for
 from tests.web_helpers import ask
@@ -27,8 +27,8 @@ def two_rooms(launch, **how):
     """A daemon whose two radars decide, what its reload takes (to be filled), and the radars."""
     choices = []
     daemon = launch(sensors=ROOMS, reload=lambda: choices[0], **how)
-    hall, attic = daemon.run._radars
-    wait_for(lambda: hall.panel().get("seq") and attic.panel().get("seq"))
+    hall, attic = daemon.run.sensors
+    wait_for(lambda: told(hall).get("seq") and told(attic).get("seq"))
     return daemon, choices, hall, attic
 
 
@@ -45,9 +45,9 @@ def test_a_reload_adds_and_removes_radars_and_leaves_the_others(tmp_path, launch
     more = {"shed": {"port": "sim:empty?seed=4"}, "cellar": {"port": str(tmp_path / "absent")}}
     choices.append(with_others(daemon, {"hall": ROOMS["hall"], **more}))
     daemon.ask("reload")
-    wait_for(lambda: [radar.name for radar in daemon.run._radars] == ["hall", "shed", "cellar"])
-    shed = daemon.run._radars[1]
-    wait_for(lambda: shed.panel().get("seq", 0) > 2)
+    wait_for(lambda: [radar.sensor for radar in daemon.run.sensors] == ["hall", "shed", "cellar"])
+    shed = daemon.run.sensors[1]
+    wait_for(lambda: told(shed).get("seq", 0) > 2)
     # Its status, its socket and its threads are gone; another's have come.
     wait_for(lambda: not status_path(tmp_path, "attic").exists())
     assert not (tmp_path / "attic.sock").exists()
@@ -56,8 +56,8 @@ def test_a_reload_adds_and_removes_radars_and_leaves_the_others(tmp_path, launch
     wait_for(lambda: not any(t.name.startswith("attic") for t in threading.enumerate()))
     wait_for(lambda: daemon.run._heart.status.state == "degraded")
     assert "cellar: offline" in daemon.run._heart.status.reason
-    seq = hall.panel()["seq"]
-    wait_for(lambda: hall.panel()["seq"] > seq + 1)
+    seq = told(hall)["seq"]
+    wait_for(lambda: told(hall)["seq"] > seq + 1)
     assert daemon.stop() == 0
     records = [json.loads(line) for line in out.read_text().splitlines()]
     seqs = [r["seq"] for r in of(records, "shed") if r["type"] == "decision"]
@@ -96,25 +96,25 @@ def test_a_reload_begins_a_radar_again_whose_port_is_another(launch):
     changed = {**daemon.config.sensors, "hall": entry}
     choices.append(daemon.config.model_copy(update={"sensors": changed}))
     daemon.ask("reload")
-    wait_for(lambda: daemon.run._radars[0] is attic and len(daemon.run._radars) == 2)
-    again = daemon.run._radars[1]
-    assert (again.name, again is hall) == ("hall", False)
-    wait_for(lambda: again.panel().get("seq"))
+    wait_for(lambda: daemon.run.sensors[0] is attic and len(daemon.run.sensors) == 2)
+    again = daemon.run.sensors[1]
+    assert (again.sensor, again is hall) == ("hall", False)
+    wait_for(lambda: told(again).get("seq"))
     assert daemon.stop() == 0
 
 
 def test_a_reload_that_adds_a_radar_without_a_model_changes_nothing(tmp_path, launch, caplog):
     choices = []
     daemon = launch(sensors={"hall": {"port": "sim:empty"}}, reload=lambda: choices[0])
-    (hall,) = daemon.run._radars
-    wait_for(lambda: hall.panel().get("seq"))
+    (hall,) = daemon.run.sensors
+    wait_for(lambda: told(hall).get("seq"))
     broken = {"port": "sim:empty", "model": {"name": "nosuch"}}
     choices.append(with_others(daemon, {"hall": {"port": "sim:empty"}, "shed": broken}))
     daemon.ask("reload")
     wait_for(lambda: "the old configuration stays" in caplog.text)
-    assert daemon.run._radars == [hall]
-    seq = hall.panel()["seq"]
-    wait_for(lambda: hall.panel()["seq"] > seq)
+    assert daemon.run.sensors == [hall]
+    seq = told(hall)["seq"]
+    wait_for(lambda: told(hall)["seq"] > seq)
     assert daemon.stop() == 0
 
 
@@ -127,8 +127,8 @@ def test_a_reload_changes_one_and_leaves_the_streams(tmp_path, launch):
     choices.append(daemon.config.model_copy(update={"sensors": changed}))
     daemon.ask("reload")
     wait_for(lambda: attic.parts.config.gate.false_alarms_per_day == 11)
-    seq = attic.panel()["seq"]
-    wait_for(lambda: attic.panel()["seq"] > seq + 1)
+    seq = told(attic)["seq"]
+    wait_for(lambda: told(attic)["seq"] > seq + 1)
     assert hall.parts.config.gate == GateSection()
     assert daemon.stop() == 0
     records = [json.loads(line) for line in out.read_text().splitlines()]

@@ -49,7 +49,7 @@ class Room:
         parts = make_parts(config, self.pipeline, now=lambda _t_s: None, is_live=False)
         self.outputs = Outputs()
         ring = self.pipeline.make_ring()
-        self.worker = Worker(parts, ring, self.outputs, Health(), StateStore(None))
+        self.worker = Worker(parts, ring, self.outputs.put, Health(), StateStore(None))
         rng = np.random.default_rng(2)
         self.echoes = (30 * rng.standard_normal((2, 64))).T @ [1, 1j]
         self.t_s = 0.0
@@ -62,10 +62,10 @@ class Room:
             valid = np.ones(147, np.bool_)
             end = round(60 * self.t_s)
             dwell = Dwell(rows, valid, BASEBAND, 60.0, self.t_s, t_mono_s=0.0, end_frame=end)
-            self.worker._take(dwell)
+            self.worker.handle(dwell)
 
     def command(self, name):
-        self.worker._take(Notice("command", name, self.t_s))
+        self.worker.handle(Notice("command", name, self.t_s))
 
     def cover(self):
         self.listen(30)
@@ -142,7 +142,7 @@ def test_zones_outside_the_swath_are_a_fault_while_it_runs():
     room.worker.exchange(
         make_parts(config, room.pipeline, now=lambda _t_s: None, is_live=False, old=old)
     )
-    room.worker._take(Notice("reload", "", room.t_s))
+    room.worker.handle(Notice("reload", "", room.t_s))
     room.listen(2)
     (fault,) = room.outputs.events("fault")
     assert fault["reason"].startswith("zones: nothing counts")
@@ -150,7 +150,7 @@ def test_zones_outside_the_swath_are_a_fault_while_it_runs():
     room.worker.exchange(
         make_parts(room.config, room.pipeline, now=lambda _t_s: None, is_live=False, old=old)
     )
-    room.worker._take(Notice("reload", "", room.t_s))
+    room.worker.handle(Notice("reload", "", room.t_s))
     room.listen(2)
     assert room.outputs.events("fault")[-1]["phase"] == "end"
 
@@ -164,8 +164,8 @@ def test_a_calibration_that_fails_ends_no_tamper_and_one_that_is_made_does(tmp_p
     room.cover()
     room.command("calibrate")
     room.listen(2, gain=0.1)
-    room.worker._take(Notice("restart", "the module restarted", room.t_s))
-    assert room.worker.panel()["calibration"]["phase"] == "failed"
+    room.worker.handle(Notice("restart", "the module restarted", room.t_s))
+    assert room.worker.state.calibration.phase == "failed"
     room.listen(4, gain=0.1)
     assert "tamper" in room.worker.tracker.open_events
     # And while one is being made it is on, too.
@@ -174,7 +174,7 @@ def test_a_calibration_that_fails_ends_no_tamper_and_one_that_is_made_does(tmp_p
     assert "tamper" in room.worker.tracker.open_events
     notice = room.worker._ring.take(60)
     assert notice.kind == "calibrated"
-    room.worker._take(notice)
+    room.worker.handle(notice)
     room.listen(1, gain=0.1)
     made = room.outputs.events("tamper")
     assert made[-2]["reason"].endswith("; taken for the room: it was calibrated")
@@ -191,6 +191,6 @@ def test_a_reload_of_other_settings_ends_no_tamper():
     parts = make_parts(config, room.pipeline, now=lambda _t_s: None, is_live=False, old=old)
     assert room.pipeline.tamper is not watch
     room.worker.exchange(parts)
-    room.worker._take(Notice("reload", "", room.t_s))
+    room.worker.handle(Notice("reload", "", room.t_s))
     room.listen(4, gain=0.1)
     assert "tamper" in room.worker.tracker.open_events

@@ -82,7 +82,7 @@ def test_a_daemon_that_decides_nothing_is_not_up(scraped, monkeypatch):
         seen = []
         wait_for(lambda: seen.append(scraped()) or seen[-1]["radard_up",] == 0)
         assert seen[-1]["radard_state", ("state", "offline")] == 1
-        scraped.daemon.run.radar.command("disarm")
+        scraped.daemon.radar.command("disarm")
         gate.open()
         wait_for(lambda: scraped()["radard_armed",] == 0)
         wait_for(lambda: scraped()["radard_up",] == 1)

@@ -1,7 +1,6 @@
 """What strangers may cost the dashboard: connections, numbers, bodies, requests that change."""
 
 import contextlib
-import dataclasses
 import http.client
 import json
 import socket
@@ -197,7 +196,7 @@ ODD = ("NaN", "Infinity", '"\\ud800"')
 @pytest.mark.parametrize("number", LARGE + ODD)
 def test_numbers_of_any_length_in_json(make, caplog, number):
     client = make()
-    client.sink.attach(dataclasses.replace(client.run.host, playback=FakePlayback))
+    client.run.host.player = FakePlayback()
     for path, text in (
         ("playback", '{"action": "seek", "value": %s}'),
         ("playback", '{"action": "speed", "value": %s}'),

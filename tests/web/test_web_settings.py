@@ -158,7 +158,7 @@ def test_a_test_alarm_waits_for_a_real_one(make):
         msg = "an alarm is on: acknowledge it first"
         raise ValueError(msg)
 
-    object.__setattr__(client.run.host, "test_alarm", on)
+    client.run.host.test_alarm = on
     answer = post(client, "/api/v1/test-alarm", {})
     assert (answer.status_code, answer.json()["error"][:14]) == (400, "an alarm is on")
 

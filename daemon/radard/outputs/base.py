@@ -7,10 +7,16 @@ through `state` alone.
 
 import errno
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, Protocol
+
+from radard.alarm.sensor_state import SensorState
+from radard.config.config import Config
+from radard.health.health import Health
+from radard.stream.playback import Playback
+from radard.stream.ring import FrameRing
 
 COMMANDS = ("arm", "arm-home", "disarm", "ack", "calibrate")
 Record = Mapping[str, Any]
@@ -70,7 +76,7 @@ class SinkContext:
         Takes the name of a sensitivity, from any thread, and keeps it over restarts; raises
         RadardError if that cannot be done.
     panel : callable or None
-        Returns a mapping with the key armed, for any thread.
+        Returns what `Host.panel` does, for any thread.
     health : callable or None
         Returns the daemon's state at this moment, for any thread.
     """
@@ -82,13 +88,55 @@ class SinkContext:
     mark: str = ""
     command: Callable[[str], None] | None = None
     choose: Callable[[str], None] | None = None
-    panel: Callable[[], Mapping[str, Any]] | None = None
+    panel: Callable[[], SensorState | None] | None = None
     health: Callable[[], HealthState] | None = None
 
     @property
     def marked_sensor(self) -> str:
         """The sensor's name where a simulated or replayed stream must not look real."""
         return f"{self.sensor}-{self.mark}" if self.mark else self.sensor
+
+
+class Host(Protocol):
+    """What a sensor offers to its sinks; any thread may use it, and nothing here waits."""
+
+    sensor: str
+    """Its name."""
+    health: Health
+    """Its status at any moment."""
+
+    def config(self) -> Config:
+        """Return the configuration that holds."""
+
+    def panel(self) -> SensorState | None:
+        """Return what holds now; None before there is a stream."""
+
+    def command(self, name: str) -> None:
+        """Take one of `COMMANDS`; raises ValueError at any other."""
+
+    def ring(self) -> FrameRing | None:
+        """Return the ring of the stream; None before there is one."""
+
+    def playback(self) -> Playback | None:
+        """Return the controls of a replay; None for anything else."""
+
+    def driver(self) -> Mapping[str, int]:
+        """Return what the driver has counted, by the names of `x2radar.RadarStats`."""
+
+    def sinks(self) -> Sequence["Sink"]:
+        """Return all sinks of the process."""
+
+    def reload(self) -> None:
+        """Ask for the configuration to be read again, as SIGHUP does."""
+
+    def test_alarm(self) -> Sequence[Mapping[str, str]]:
+        """Send a test alarm; return what every output made of it (`radard.outputs.trial`).
+
+        Waits some seconds for that. Raises ValueError while a real alarm is on.
+        """
+
+    def mark(self) -> str:
+        """Return 'simulated' or 'replayed'; an empty text while a module sends the frames."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -10,10 +10,9 @@ import hashlib
 import logging
 import threading
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 from radard.config.config import Config
 from radard.config.directories import outbox_dir, saved_file
@@ -21,15 +20,13 @@ from radard.config.redact import redact
 from radard.config.saved import change
 from radard.config.sink_table import SinkOptions, find_row
 from radard.errors import RadardError
-from radard.health.health import Health, overall
+from radard.health.health import overall
 from radard.outputs import close_sinks, default_output, make_output, open_sinks, start_sink
-from radard.outputs.base import Sink, SinkContext
+from radard.outputs.base import Host, Sink, SinkContext
 from radard.outputs.journal import EventJournal
-from radard.outputs.records import Record, marked
+from radard.outputs.records import Record
 from radard.outputs.thread_sink import RecordQueue, ThreadSink
 from radard.outputs.trial import tried
-from radard.stream.playback import Playback
-from radard.stream.ring import FrameRing
 
 log = logging.getLogger("radard")
 SHARED = "radard"
@@ -38,54 +35,6 @@ _RETRY_S = 10.0
 """Chosen: how soon an output is tried again that could not be opened."""
 _LOCK_S = 1.0
 """Chosen: a sink takes far less for a record; a thread that holds the lock for longer hangs."""
-
-
-@dataclass(frozen=True, slots=True)
-class Host:
-    """What a sensor's run offers to its sinks; everything here may be used from any thread.
-
-    Attributes
-    ----------
-    sensor : str
-        Name of the sensor.
-    health : Health
-        Its status at any moment.
-    panel : callable
-        Returns a mapping: armed, panel (its state, see `radard.alarm.panel`), alarm_id, open
-        (reasons of events that are on, by kind), seq, t_s, gate, label.
-    command : callable
-        Takes one of `radard.outputs.base.COMMANDS`, else raises ValueError. Never waits.
-    config : callable
-        Returns the configuration that holds.
-    ring : callable
-        Returns the ring of the stream, None before there is one.
-    playback : callable
-        Returns the controls of a replay, None for anything else.
-    driver : callable
-        Returns what the driver has counted, by the names of `x2radar.RadarStats`.
-    sinks : callable
-        Returns all sinks of the run.
-    reload : callable
-        Asks for the configuration to be read again, as SIGHUP does. Never waits.
-    test_alarm : callable
-        Sends a test alarm; returns what every output made of it (`radard.outputs.trial`) within
-        some seconds. Raises ValueError while a real alarm is on.
-    mark : callable
-        Returns 'simulated' or 'replayed'; an empty text while a module sends the frames.
-    """
-
-    sensor: str
-    health: Health
-    panel: Callable[[], Mapping[str, Any]]
-    command: Callable[[str], None]
-    config: Callable[[], Config] = Config
-    ring: Callable[[], FrameRing | None] = lambda: None
-    playback: Callable[[], Playback | None] = lambda: None
-    driver: Callable[[], Mapping[str, int]] = dict
-    sinks: Callable[[], Sequence[Sink]] = tuple
-    reload: Callable[[], None] = lambda: None
-    test_alarm: Callable[[], Sequence[Mapping[str, str]]] = tuple
-    mark: Callable[[], str] = lambda: ""
 
 
 @dataclass(slots=True, eq=False)
@@ -128,14 +77,12 @@ class _Open:
 
 
 class Outputs:
-    """The sinks of a process; `hosts` are those of all its sensors."""
+    """The sinks of a process, for the sensors that are added to it."""
 
-    def __init__(self, hosts: Sequence[Host], *, stdout_is_terminal: bool) -> None:
+    def __init__(self, *, stdout_is_terminal: bool) -> None:
         self._hosts: dict[str, Host] = {}
         self._stdout_is_terminal = stdout_is_terminal
         self._open: list[_Open] = []
-        for host in hosts:
-            self.add(host)
         self._is_open = self._can_wait = False
         self._config = Config()
         self._hellos: Sequence[Record] = ()
@@ -146,7 +93,6 @@ class Outputs:
 
     def add(self, host: Host) -> None:
         """Take another sensor; outputs of its own are opened by `open` or `reload`."""
-        host = replace(host, sinks=lambda: [sink for _, sink in self.sinks])
         # Not changed in place: other threads may be looking through it.
         self._hosts = {**self._hosts, host.sensor: host}
         for of, sink in self.sinks:
@@ -373,10 +319,6 @@ class Outputs:
             for host in self._hosts.values() if own is None else (own,):
                 host.command(name)
 
-        def panel() -> Mapping[str, Any]:
-            panels = [host.panel() for host in self._hosts.values()]
-            return {"armed": all(each.get("armed", True) for each in panels)}
-
         return SinkContext(
             sensor=own.sensor if own else SHARED,
             is_one_of_several=config.is_one_of_several,
@@ -385,34 +327,13 @@ class Outputs:
             mark=own.mark() if own else "",
             command=command,
             choose=None if own is None else partial(_choose, own),
-            panel=own.panel if own else panel,
+            panel=own.panel if own else None,
             health=lambda: (
                 own.health.status
                 if own is not None
                 else overall({name: host.health for name, host in self._hosts.items()})
             ),
         )
-
-
-class Feed:
-    """Hands on the records of one sensor; the only one is None, and its records do not name it.
-
-    `mark` says what to mark them with, see `Host`.
-    """
-
-    def __init__(
-        self, outputs: Outputs, sensor: str | None = None, mark: Callable[[], str] = lambda: ""
-    ) -> None:
-        self._outputs = outputs
-        self._sensor = sensor
-        self._mark = mark
-
-    def put(self, record: Record, *, waits: bool = True) -> bool:
-        """Hand on one record, see `Outputs.put`."""
-        if self._sensor is not None:
-            record = {**record, "sensor": self._sensor}
-        record = marked(record, self._mark())
-        return self._outputs.put(record, self._sensor, waits=waits)
 
 
 def _choose(host: Host, sensitivity: str) -> None:

@@ -20,11 +20,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from radard.alarm.panel import ARM_MODES
+from radard.alarm.sensor_state import SensorState
 from radard.outputs.trial import ANSWERED_S
 
 if TYPE_CHECKING:
     # Not for the other end of the line, which must answer at once.
-    from radard.run.radar_run import RadarRun
+    from radard.run.sensor import Sensor
 
 log = logging.getLogger("radard")
 COMMANDS = ("arm", "arm-home", "disarm", "test-alarm")
@@ -44,7 +45,7 @@ def control_path(folder: Path, sensor: str) -> Path:
 class ControlServer:
     """Serve the sockets of all radars of a process, in a thread."""
 
-    def __init__(self, radars: "Sequence[RadarRun]", folder: Path) -> None:
+    def __init__(self, radars: "Sequence[Sensor]", folder: Path) -> None:
         self._radars = radars
         self._folder = folder
         self._selector = selectors.DefaultSelector()
@@ -60,7 +61,7 @@ class ControlServer:
             self._serve_radar(radar)
         self._thread.start()
 
-    def add(self, radar: "RadarRun") -> None:
+    def add(self, radar: "Sensor") -> None:
         """Serve another radar from now on, if any are served."""
         if self._thread.ident is not None:
             self._serve_radar(radar)
@@ -82,8 +83,8 @@ class ControlServer:
         for each in self._open:
             _take_away(*each)
 
-    def _serve_radar(self, radar: "RadarRun") -> None:
-        path = control_path(self._folder, radar.name)
+    def _serve_radar(self, radar: "Sensor") -> None:
+        path = control_path(self._folder, radar.sensor)
         try:
             sock = _listen(path)
         except OSError as err:
@@ -104,12 +105,12 @@ class ControlServer:
                 # A radar may be added later.
                 self._halt.wait(_REQUEST_S)
 
-    def _serve(self, sock: socket.socket, radar: "RadarRun") -> None:
+    def _serve(self, sock: socket.socket, radar: "Sensor") -> None:
         line, _ = sock.accept()
         with line:
             uid = _user_of(line)
             if uid not in {0, os.geteuid()}:
-                log.warning("%s: user %d may give no commands", radar.name, uid)
+                log.warning("%s: user %d may give no commands", radar.sensor, uid)
                 return
             line.settimeout(_REQUEST_S)
             request = _first_line(line)
@@ -120,7 +121,7 @@ class ControlServer:
                 answer = {"ok": False, "error": str(err)}
             line.sendall(json.dumps(answer).encode() + b"\n")
 
-    def _answer(self, name: str, radar: "RadarRun") -> dict[str, Any]:
+    def _answer(self, name: str, radar: "Sensor") -> dict[str, Any]:
         if name not in COMMANDS:
             msg = f"no command '{name}'; known are {', '.join(COMMANDS)}"
             raise ValueError(msg)
@@ -131,13 +132,15 @@ class ControlServer:
         mode = ARM_MODES.get(name)
         # Kept, too: what was answered must hold after a kill.
         _wait(lambda: _is_so(radar.panel(), mode) and radar.is_kept, _TAKEN_UP_S, self._halt)
-        panel = radar.panel()
-        return {"ok": True, **{key: panel.get(key) for key in _TOLD}}
+        state = radar.panel()
+        return {"ok": True, **{key: getattr(state, key, None) for key in _TOLD}}
 
 
-def _is_so(panel: Mapping[str, object], mode: str | None) -> bool:
-    """Return whether a panel is armed in a mode; None: disarmed."""
-    return panel.get("armed") is (mode is not None) and mode in {None, panel.get("mode")}
+def _is_so(state: SensorState | None, mode: str | None) -> bool:
+    """Return whether a sensor is armed in a mode; None: disarmed."""
+    if state is None:
+        return False
+    return state.armed is (mode is not None) and mode in {None, state.mode}
 
 
 def ask(path: Path, command: str) -> Mapping[str, Any]:

@@ -1,8 +1,7 @@
 """Signals: the first SIGINT or SIGTERM asks for the end, the second one forces it.
 
 SIGHUP asks for a reload, SIGUSR1 for a dump. Handlers only set flags and wake the main
-thread, which acts between two things it does; only while a port is being opened, which may
-take for ever, the end interrupts.
+thread, which acts between two things it does.
 """
 
 import signal
@@ -27,7 +26,6 @@ class Signals:
     def __init__(self) -> None:
         self.wake = threading.Event()
         self._wishes: set[str] = set()
-        self._is_opening = True
         self._before: dict[int, Any] = {}
 
     def __enter__(self) -> "Signals":
@@ -48,10 +46,6 @@ class Signals:
         for number, handler in self._before.items():
             signal.signal(number, handler)
 
-    def opened(self) -> None:
-        """Say that the port is open: from here on the end is asked for, not forced."""
-        self._is_opening = False
-
     def ask(self, wish: str) -> None:
         """Ask for 'stop', 'reload' or 'dump', as a signal does; for any thread."""
         self._wishes.add(wish)
@@ -65,8 +59,6 @@ class Signals:
 
     def _handle(self, number: int, _frame: FrameType | None) -> None:
         if number in _STOP:
-            if self._is_opening:
-                raise KeyboardInterrupt
             for stop in _STOP:
                 signal.signal(stop, signal.SIG_DFL)
             self.ask("stop")

@@ -6,7 +6,6 @@ own, so its decisions and events are those of the daemon.
 
 import json
 import multiprocessing
-import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -21,12 +20,15 @@ from radard.config.config import Config
 from radard.errors import RadardError
 from radard.outputs.fanout import Outputs
 from radard.outputs.records import Record
-from radard.run.radar_run import RadarRun, RunOptions
+from radard.run.pool import WorkerPool
+from radard.run.sensor import RunOptions, Sensor
 from x2radar.errors import X2RadarError
 from x2radar.recording.registry import open_recording
 
 _LOOK_S = 0.2
-"""Chosen: so often progress is noted."""
+"""So often processes of the pool are looked at."""
+_NOTE_S = 5.0
+"""Of a stream, after which a process notes how far it is."""
 _progress: Any = None
 """In a process of the pool: seconds of every recording that are done, as a shared array."""
 
@@ -152,24 +154,29 @@ def replay_into(
     with open_recording(path) as recording:
         started_utc = recording.started_utc
         length_s = recording.n_frames / recording.stream.frame_rate_hz
-    ended = threading.Event()
     config = replaying(config, path, f"json:{records}")
-    run = RadarRun(config, RunOptions(duration_s=until_s), ended.set, lambda: None)
-    outputs = Outputs([run.host], stdout_is_terminal=False)
-    run.bind(outputs)
+    outputs = Outputs(stdout_is_terminal=False)
+    sensor = Sensor(config, RunOptions(), outputs, WorkerPool())
+    outputs.add(sensor)
+    opened = sensor.open(lambda _kind, _reason: None)
     try:
-        run.open(lambda _kind, _reason: None)
-        with run.prepare() as tap:
-            outputs.open(config, can_wait=True)
-            run.start(tap)
-            while not ended.wait(_LOOK_S):
-                note(min(1.0, float(str(run.panel().get("t_s", 0.0))) / length_s))
-            run.finish()
+        outputs.open(config, can_wait=True)
+        ring = opened.pipeline.make_ring()
+        worker = sensor.make_worker(opened, ring)
+        worker.begin()
+        first, rate_hz, noted_s = None, opened.source.stream.frame_rate_hz, 0.0
+        for frame in opened.source.frames():
+            first = frame.index if first is None else first
+            if until_s is not None and frame.index - first >= max(1, round(until_s * rate_hz)):
+                break
+            for item in ring.items(frame):
+                worker.handle(item)
+            if (t_s := frame.index / rate_hz) - noted_s >= _NOTE_S:
+                noted_s = t_s
+                note(min(1.0, t_s / length_s))
     finally:
-        run.close()
+        opened.close()
         outputs.close()
-    if run.failure is not None:
-        raise run.failure
     return started_utc
 
 

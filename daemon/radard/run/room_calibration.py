@@ -10,9 +10,10 @@ import logging
 import queue
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from datetime import UTC, datetime
 
+from radard.alarm.sensor_state import CalibrationProgress
 from radard.config.config import Config
 from radard.config.directories import kept_calibration
 from radard.config.redact import redact
@@ -26,15 +27,6 @@ from x2radar.frame import StreamInfo
 
 log = logging.getLogger("radard")
 _MOST_WAITING = 30  # dwells; chosen: half a minute of a machine that lags
-
-
-@dataclass(frozen=True, slots=True)
-class CalibrationProgress:
-    """How far it is."""
-
-    phase: str
-    left_s: int = 0
-    text: str = ""
 
 
 def can_calibrate(config: Config) -> bool:
@@ -97,14 +89,9 @@ class RoomCalibration:
         """How far it is; any thread may read it."""
         self._thread: threading.Thread | None = None
 
-    @property
-    def is_over(self) -> bool:
-        """Whether it has ended, well or not."""
-        return self.progress.phase in {"made", "failed"}
-
     def take(self, dwell: Dwell) -> None:
         """Take a dwell of the stream, one after the other; returns at once."""
-        if self.is_over or self._stopped:
+        if self.progress.is_over or self._stopped:
             return
         began_s = dwell.t_s - len(dwell.frames) / dwell.frame_rate_hz
         if began_s < self._from_s:
@@ -125,7 +112,7 @@ class RoomCalibration:
 
     def stop(self, reason: str) -> None:
         """End it without a result; does nothing once it is over."""
-        if not self.is_over and self._stopped != "heard":
+        if not self.progress.is_over and self._stopped != "heard":
             self._stopped = reason
             self._fail(reason)
 
@@ -145,7 +132,7 @@ class RoomCalibration:
         survey = RoomSurvey(self._config.gate, HOP_S)
         while (dwell := self._dwells.get()) is not None:
             survey.add(dwell)
-            if self.is_over:
+            if self.progress.is_over:
                 return
         survey.check_empty()
         made = survey.calibration(self._sign)

@@ -1,38 +1,146 @@
-"""Tap: a recording that is made along the way (--record), or nothing."""
+"""Tap: a recording that is made along the way (--record), or nothing.
 
+It ends before the alarm does: a disk that is full, or too slow, ends the recording, which health
+says, and the frames go on to the ring. A thread of its own writes.
+"""
+
+import errno
+import logging
+import queue
+import shutil
+import threading
 from collections.abc import Callable
 from pathlib import Path
-from types import TracebackType
 
+from radard.outputs.base import PASSING
 from radard.outputs.records import utc_now
+from x2radar.errors import RecordingError
 from x2radar.frame import Frame, StreamInfo
+
+log = logging.getLogger("radard")
+_MAX_WAITING_S = 10.0
+"""Of frames that wait for the disk: longer than a disk pauses to tidy itself up."""
+Complain = Callable[[str], object]
 
 
 class Tap:
-    """Write every frame of a stream into a recording; without a path, do nothing."""
+    """Write every frame of a stream into a recording; without a path, do nothing.
 
-    def __init__(self, path: Path | None, stream: StreamInfo) -> None:
-        self._close: Callable[[], None] = lambda: None
-        self.write: Callable[[Frame], None] = lambda _frame: None
+    Parameters
+    ----------
+    path : Path or None
+        File to make. If it is there, as after a restart, the recording gets a number of its own.
+    stream : StreamInfo
+        Of the frames.
+    free_bytes : float
+        Space that is left on the disk.
+    complain : callable
+        Told, once and from any thread, why the recording has ended.
+    waits : bool
+        Whether the stream can wait for the disk.
+
+    Raises
+    ------
+    RecordingError
+        If the file cannot be made, for any other reason than a disk that is full or fails.
+    """
+
+    def __init__(
+        self,
+        path: Path | None,
+        stream: StreamInfo,
+        *,
+        free_bytes: float = 0.0,
+        complain: Complain = lambda _reason: None,
+        waits: bool = False,
+    ) -> None:
+        self._complain = complain
+        self._waits = waits
+        self._thread: threading.Thread | None = None
+        self._free_bytes = free_bytes
+        self._n_check = max(1, round(stream.frame_rate_hz))
         if path is None:
             return
         # Late: a run that records nothing must not wait for h5py at start.
         from x2radar.recording.hdf5_writer import RecordingWriter  # noqa: PLC0415
 
-        writer = RecordingWriter(
-            path, stream, started_utc=utc_now(), device={"name": stream.device}, settings={}
-        )
-        self.write, self._close = writer.write, writer.close
+        self._path = new_name(path)
+        if self._path != path:
+            log.warning("%s is there already; recording into %s", path, self._path)
+        try:
+            self._check_space()
+            self._writer = RecordingWriter(
+                self._path, stream, started_utc=utc_now(), device={"name": stream.device}
+            )
+        except RecordingError as err:
+            cause = err.__cause__
+            if not isinstance(cause, OSError) or cause.errno not in PASSING:
+                raise
+            self._give_up(str(err))
+            return
+        n_waiting = round(_MAX_WAITING_S * stream.frame_rate_hz)
+        self._frames: queue.Queue[Frame | None] = queue.Queue(n_waiting)
+        self._thread = threading.Thread(target=self._write_all, name="recording", daemon=True)
+        self._thread.start()
 
-    def __enter__(self) -> "Tap":
-        """Return the tap."""
-        return self
+    def write(self, frame: Frame) -> None:
+        """Keep a frame; returns at once unless the stream can wait."""
+        if self._thread is None:
+            return
+        try:
+            self._frames.put(frame, block=self._waits)
+        except queue.Full:
+            self._thread = None
+            self._give_up(f"{self._path}: the disk is too slow, or hangs")
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Close the recording."""
-        self._close()
+    def close(self, timeout_s: float = 1.5) -> bool:
+        """Write what is left and close the recording; return whether that is done."""
+        thread, self._thread = self._thread, None
+        if thread is None:
+            return True
+        self._frames.put(None)
+        thread.join(None if self._waits else timeout_s)
+        return not thread.is_alive()
+
+    def _write_all(self) -> None:
+        is_well = True
+        n = 0
+        while (frame := self._frames.get()) is not None:
+            n += 1
+            try:
+                if is_well and n % self._n_check == 1:
+                    self._check_space()
+                if is_well:
+                    self._writer.write(frame)
+            except (RecordingError, OSError) as err:
+                is_well = False
+                self._give_up(str(err))
+        try:
+            self._writer.close()
+        except (RecordingError, OSError) as err:
+            if is_well:
+                self._give_up(str(err))
+
+    def _check_space(self) -> None:
+        try:
+            free_bytes = shutil.disk_usage(self._path.parent).free
+        except OSError:
+            # Whoever writes there knows better what is wrong.
+            return
+        if free_bytes < self._free_bytes:
+            msg = f"{self._path}: only {free_bytes / 1e6:.0f} MB are left on the disk"
+            raise RecordingError(msg) from OSError(errno.ENOSPC, msg)
+
+    def _give_up(self, why: str) -> None:
+        reason = f"ended: {why}; the alarm goes on without"
+        log.warning("recording %s", reason)
+        self._complain(reason)
+
+
+def new_name(path: Path) -> Path:
+    """Return a name that no file has: `run.h5`, else `run-2.h5` and so on."""
+    found, n = path, 1
+    while found.exists():
+        n += 1
+        found = path.with_name(f"{path.stem}-{n}{path.suffix}")
+    return found

@@ -1,34 +1,33 @@
-"""Worker: takes dwells, decides, follows events, and tells the outputs; one thread.
+"""Worker: one radar's dwells become decisions, events and records, one item after the other.
 
-All that it knows of time is stream time, but for the two things that ask for the clock on
-the wall: quiet periods of a live stream, and silence.
+Threads of a pool (`radard.run.pool`) lend themselves to it. All that it knows of time is stream
+time, but for the two things that ask for the clock on the wall: quiet periods of a live stream,
+and silence.
 """
 
-import threading
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
-from typing import Any
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 from radard.alarm.events import Event, EventTracker, trial_alarm
 from radard.alarm.panel import ARM_MODES, AlarmPanel
+from radard.alarm.sensor_state import SensorState
 from radard.alarm.state_store import StateStore
 from radard.detect.calibration import Calibration
 from radard.errors import ConfigError
 from radard.health.health import Health, Status
 from radard.judge.decision import Decision, invalid_decision
-from radard.outputs.fanout import Feed
-from radard.outputs.records import decision_record, event_record, status_record
+from radard.outputs.records import Record, decision_record, event_record, status_record
 from radard.run.components import Parts, logger_of, room_of
 from radard.run.room_calibration import RoomCalibration, can_calibrate, signer
 from radard.stream.frame_timing import RateWatch
 from radard.stream.ring import Dwell, FrameRing, Notice
 from x2radar.frame import Frame
 
-_LOOK_UP_S = 0.5  # chosen: so late silence is noticed
+Put = Callable[[Record], object]
 
 
 class Worker:
-    """Work on one stream: dwells and notices of the ring become records for the outputs.
+    """Work on one stream: dwells and notices of the ring become records, which `put` hands on.
 
     Health is fed here; the store keeps arming, an alarm that is on and a running entry delay.
     `rate` compares the rate of frames with the clock, where they come in real time.
@@ -38,7 +37,7 @@ class Worker:
         self,
         parts: Parts,
         ring: FrameRing,
-        outputs: Feed,
+        put: Put,
         health: Health,
         store: StateStore,
         *,
@@ -48,10 +47,9 @@ class Worker:
         self._rate = rate
         self._next: Parts | None = None
         self._ring = ring
-        self._outputs = outputs
+        self._put = put
         self._health = health
         self._store = store
-        self._stopped = threading.Event()
         self._n_decided = 0
         self._t_s = 0.0
         self._last: Decision | None = None
@@ -68,29 +66,27 @@ class Worker:
         self._kept_events = self.tracker.resume(kept)
         self._room: RoomCalibration | None = None
         self._made: Calibration | None = None
-        self.failure: BaseException | None = None
-        """What ended the work, if that was no end of the stream."""
 
-    def panel(self) -> Mapping[str, Any]:
-        """Return what people may want to know, see `Host.panel`; for any thread."""
+    @property
+    def state(self) -> SensorState:
+        """What holds now; for any thread."""
         events, panel = self.tracker.open_events, self.tracker.panel
         alarm, last = events.get("alarm"), self._last
-        drift = self._rate.clock.estimate if self._rate is not None else None
-        return {
-            "armed": panel.is_armed,
-            "mode": panel.mode,
-            "panel": panel.state,
-            "delay_left_s": panel.left_s(self._t_s),
-            "sensitivity": self.parts.config.alarm.sensitivity,
-            "alarm_id": alarm.id if alarm else None,
-            "open": {kind: event.reason for kind, event in events.items()},
-            "t_s": round(self._t_s, 3),
-            "seq": last.seq if last else 0,
-            "gate": last.gate if last else None,
-            "label": last.label if last else None,
-            "clock_drift": asdict(drift) if drift is not None else None,
-            "calibration": asdict(self._room.progress) if self._room is not None else None,
-        }
+        return SensorState(
+            armed=panel.is_armed,
+            mode=panel.mode,
+            panel=panel.state,
+            delay_left_s=panel.left_s(self._t_s),
+            sensitivity=self.parts.config.alarm.sensitivity,
+            alarm_id=alarm.id if alarm else None,
+            open={kind: event.reason for kind, event in events.items()},
+            t_s=round(self._t_s, 3),
+            seq=last.seq if last else 0,
+            gate=last.gate if last else None,
+            label=last.label if last else None,
+            clock_drift=self._rate.clock.estimate if self._rate is not None else None,
+            calibration=self._room.progress if self._room is not None else None,
+        )
 
     @property
     def is_kept(self) -> bool:
@@ -116,34 +112,19 @@ class Worker:
         if (clips := self.parts.clips) is not None:
             clips.push(frame)
 
-    def stop(self) -> None:
-        """Ask for the end; for any thread."""
-        self._stopped.set()
+    def begin(self) -> None:
+        """Tell what the last run has left: an alarm that is on, say."""
+        self._emit(self._kept_events)
 
-    def run(self) -> None:
-        """Work until the stream ends or `stop`; keeps what went wrong in `failure`."""
-        try:
-            self._emit(self._kept_events)
-            while not self._stopped.is_set():
-                try:
-                    item = self._ring.take(_LOOK_UP_S)
-                except TimeoutError:
-                    self._look_up()
-                    continue
-                if item is None:
-                    break
-                self._take(item)
-        except BaseException as err:  # noqa: BLE001 - handed over to the main thread
-            self.failure = err
-
-    def _look_up(self) -> None:
-        """Nothing came: see whether that has lasted too long."""
+    def look_up(self) -> None:
+        """See whether nothing has come for too long."""
         status = self._health.check()
         self._tell(status)
         if status is not None and not status.is_well:
             self._emit(self.tracker.on_notice(Notice("silent", status.reason, self._t_s)))
 
-    def _take(self, item: Dwell | Notice) -> None:
+    def handle(self, item: Dwell | Notice) -> None:
+        """Work on the next item of the ring."""
         if isinstance(item, Dwell):
             self._take_dwell(item)
         elif item.kind == "command":
@@ -152,7 +133,7 @@ class Worker:
             # Between two decisions, so that no output takes its end for that of a real alarm.
             if "alarm" not in self.tracker.open_events:
                 for event in trial_alarm(item.t_s):
-                    self._outputs.put(event_record(event))
+                    self._put(event_record(event))
         elif item.kind == "reload":
             self._take_parts()
         elif item.kind == "calibrated":
@@ -169,7 +150,7 @@ class Worker:
         self._last, self._t_s = decision, decision.t_s
         self._tell(self._health.on_decision(decision))
         record = decision_record(decision)
-        self._outputs.put(record)
+        self._put(record)
         if parts.clips is not None:
             parts.clips.on_decision(record, decision.t_s)
         was = self.tracker.panel.state
@@ -311,7 +292,7 @@ class Worker:
             # over is kept by the caller, once the outputs have been told.
             self._keep(told[-1].t_s)
         for event in told:
-            self._outputs.put(event_record(event))
+            self._put(event_record(event))
         return told
 
     def _with_clip(self, event: Event) -> Event:
@@ -328,4 +309,4 @@ class Worker:
     def _tell(self, status: Status | None) -> None:
         if status is not None:
             self._log.info("%s %s", status.state, status.reason)
-            self._outputs.put(status_record(status))
+            self._put(status_record(status))

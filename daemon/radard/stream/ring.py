@@ -130,6 +130,7 @@ class FrameRing:
         # The first frame is a restart: it sets when a dwell is due.
         self._taken = self._n_waiting = self._watched_to = 0
         self._base = self._origin = self._due = self._hops = 0
+        self._on_item: Callable[[], object] = lambda: None
         self._timing = FrameTiming(shape.frame_rate_hz)
 
     @property
@@ -199,17 +200,27 @@ class FrameRing:
             if (item := self.take()) is not None:
                 yield item
 
+    def listen(self, on_item: Callable[[], object]) -> None:
+        """Call `on_item` whenever there is something to take, also the end; from any thread."""
+        self._on_item = on_item
+
     def post(self, kind: str, reason: str) -> None:
         """Queue a notice for the worker."""
-        with self._changed:
-            self._queue.append(Notice(kind, reason, (self._index + 1) / self._shape.frame_rate_hz))
-            self._changed.notify_all()
+        t_s = (self._index + 1) / self._shape.frame_rate_hz
+        self._put(Notice(kind, reason, t_s))
 
     def end(self) -> None:
         """Tell the worker that nothing more will come."""
         with self._changed:
             self._ended = True
             self._changed.notify_all()
+        self._on_item()
+
+    def _put(self, item: tuple[int, Dwell] | Notice) -> None:
+        with self._changed:
+            self._queue.append(item)
+            self._changed.notify_all()
+        self._on_item()
 
     def stop(self) -> None:
         """Tell the reader that nothing more is wanted, and free it if it waits."""
@@ -338,9 +349,7 @@ class FrameRing:
         )
         self._timing.next_hop()
         self._schedule_next(dwell)
-        with self._changed:
-            self._queue.append((first, dwell))
-            self._changed.notify_all()
+        self._put((first, dwell))
 
 
 def _longest_run(flags: NDArray[np.bool_]) -> int:

@@ -12,12 +12,14 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict
 from itertools import chain
 from pathlib import Path
 from typing import Any
 
 from radard.config.sink_table import KINDS
 from radard.outputs.base import Record, Sink
+from radard.stream.clock_drift import Drift
 
 # Buckets: latencies lie at 5 to 30 ms (docs/reference/outputs.md), late up to a hop, 1 s.
 _LATENCY_S = (0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5)
@@ -118,14 +120,14 @@ class Metrics:
         state: str,
         is_armed: bool,
         driver: Mapping[str, int] | None = None,
-        drift: Mapping[str, float] | None = None,
+        drift: Drift | None = None,
     ) -> None:
         """Take what holds at this moment: a thread that hangs writes no record.
 
         `driver` is what the driver has counted, by the names of `x2radar.RadarStats`, `drift` a
         `radard.stream.clock_drift.Drift`.
         """
-        self._drift = drift or {}
+        self._drift = asdict(drift) if drift is not None else {}
         self._state, self._is_armed = state, is_armed
         self._driver = driver or {}
 

@@ -10,8 +10,7 @@ from urllib.parse import urlsplit
 
 from radard.config.sink_table import SinkOptions, WebSection
 from radard.errors import UsageError
-from radard.outputs.base import Record, SinkContext, SinkState, StateKeeper
-from radard.outputs.fanout import Host
+from radard.outputs.base import Host, Record, SinkContext, SinkState, StateKeeper
 from radard.web.api import Api, SensorRouter
 from radard.web.auth import AccessControl, read_tokens
 from radard.web.server import WebServer

@@ -11,8 +11,7 @@ from radard.config.config import Config
 from radard.config.directories import state_dir
 from radard.config.saved import SavedSettings
 from radard.config.sink_table import WebSection
-from radard.outputs.base import Record
-from radard.outputs.fanout import Host
+from radard.outputs.base import Host, Record
 from radard.web.history import History
 from radard.web.hub import Hub
 from radard.web.labels import LabelFile
@@ -85,10 +84,9 @@ class View:
         """Take a record; returns at once."""
         self.history.take(record)
         self.metrics.on_record(record)
-        if record["type"] == "decision" and self.host is not None:
-            panel = self.host.panel()
-            mode: ArmMode = "home" if panel.get("mode") == "home" else "away"
-            self.panels[record["seq"]] = (str(panel.get("panel", "")), mode)
+        panel = self.host.panel() if self.host is not None else None
+        if record["type"] == "decision" and panel is not None:
+            self.panels[record["seq"]] = (panel.panel, panel.mode)
             while len(self.panels) > _MAX_PANELS:
                 del self.panels[next(iter(self.panels))]
         if len(self.hub):
@@ -107,12 +105,12 @@ class View:
         held = {"zones": config.zones.model_dump(mode="json"), "settings": settings.model_dump()}
         if host is None:
             return {"state": "starting", "reason": "", "panel": {}, **held, "playback": None}
-        status, playback = host.health.status, host.playback()
+        status, panel, playback = host.health.status, host.panel(), host.playback()
         state = playback.state if playback is not None else None
         return {
             "state": status.state,
             "reason": status.reason,
-            "panel": dict(host.panel()),
+            "panel": panel.as_record(host.mark()) if panel is not None else {},
             **held,
             "playback": state
             and {
@@ -129,8 +127,8 @@ class View:
             panel = host.panel()
             self.metrics.refresh(
                 state=host.health.status.state,
-                is_armed=bool(panel.get("armed", True)),
+                is_armed=panel is None or panel.armed,
                 driver=host.driver(),
-                drift=panel.get("clock_drift"),
+                drift=panel.clock_drift if panel is not None else None,
             )
         return self.metrics

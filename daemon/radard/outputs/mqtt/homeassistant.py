@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from radard.alarm.sensitivity import SENSITIVITIES
+from radard.alarm.sensor_state import SensorState
 from radard.config.sink_table import KINDS, PHASES, MqttSection
 
 
@@ -161,17 +162,17 @@ def entities(
     )
 
 
-def panel_state(panel: Mapping[str, Any], *, is_armed: bool, is_on: bool) -> str:
+def panel_state(panel: SensorState | None, *, is_armed: bool, is_on: bool) -> str:
     """Return a panel's state as Home Assistant calls it.
 
-    `panel` is that of `radard.outputs.base.SinkContext`, empty where it is not known yet; `is_on`
-    says that an alarm is.
+    `panel` is that of `radard.outputs.base.Host`, None where it is not known yet; `is_on` says
+    that an alarm is.
     """
-    state = panel.get("panel") or ("armed" if is_armed else "disarmed")
+    state = panel.panel if panel is not None else ("armed" if is_armed else "disarmed")
     if is_on or state == "alarm":
         return "triggered"
     if state == "armed":
-        return f"armed_{panel.get('mode', 'away')}"
+        return f"armed_{panel.mode if panel is not None else 'away'}"
     return {"exit": "arming", "entry": "pending"}.get(str(state), "disarmed")
 
 

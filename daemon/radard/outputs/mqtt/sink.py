@@ -148,10 +148,10 @@ class MqttSink(OutboxSink):
             if self._pictures is not None:
                 self._pictures.again()
         health = self._context.health() if self._context.health else None
-        panel = self._context.panel() if self._context.panel else {}
+        panel = self._context.panel() if self._context.panel else None
         status = (health.state, health.reason) if health else None
-        room = panel.get("calibration") or {}
-        text = ": ".join(str(room[key]) for key in ("phase", "text") if room.get(key))
+        room = panel.calibration if panel is not None else None
+        text = ": ".join(filter(None, (room.phase, room.text))) if room is not None else ""
         self._publish(self._topics.refresh(now_s, status, panel, calibration=text or None))
         self._publish_picture()
 

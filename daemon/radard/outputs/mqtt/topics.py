@@ -17,6 +17,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from radard.alarm.sensor_state import SensorState
 from radard.config.sink_table import MqttSection
 from radard.outputs.base import Record
 from radard.outputs.mqtt.homeassistant import CodeForm, discovery, panel_state
@@ -55,7 +56,7 @@ class MqttTopics:
         self._hello: Record | None = None
         self._open: dict[str, str] = {}
         self._is_armed = True
-        self._panel: Mapping[str, Any] = {}
+        self._panel: SensorState | None = None
         self._sensitivity: str | None = None
         self._calibration: str | None = None
         self._label: str | None = "none"
@@ -101,20 +102,19 @@ class MqttTopics:
         self,
         now_s: float,
         status: tuple[str, str] | None,
-        panel: Mapping[str, Any],
+        panel: SensorState | None,
         *,
         calibration: str | None = None,
     ) -> list[Publication]:
         """Take state and reason (None: as before), panel, progress; return what changed.
 
-        `panel` is that of `radard.outputs.base.SinkContext`; what it does not tell is as before.
+        `panel` is that of `radard.outputs.base.Host`.
         """
         self._calibration = calibration
         self._status = status or self._status
         self._panel = panel
-        armed = panel.get("armed")
-        self._is_armed = self._is_armed if armed is None else bool(armed)
-        self._sensitivity = panel.get("sensitivity", self._sensitivity)
+        if panel is not None:
+            self._is_armed, self._sensitivity = panel.armed, panel.sensitivity
         return self._changes(now_s)
 
     def announce(self, now_s: float) -> list[Publication]:

@@ -1,0 +1,183 @@
+"""Keeper: keeps one radar at work, in a thread of its own; none is stopped by another.
+
+The only radar of a process ends with what ends its work. One of several is begun anew: a device
+that is absent is waited for, and work that breaks off is started again after a pause. One that
+never came to work, because its model does not fit or its recording is missing, stays away until
+the configuration is put right and the process is started again.
+"""
+
+import contextlib
+import threading
+import time
+from collections.abc import Callable
+
+from radard.errors import OutputError, RadardError
+from radard.run.sensor import Sensor
+from x2radar.errors import X2RadarError
+
+# A passing fault is soon over, a lasting one must not fill the log.
+_FIRST_PAUSE_S = 5.0
+_MAX_PAUSE_S = 300.0
+_MAX_AT_ONCE = 8
+"""Radars that are brought up at the same time. A module that is answered late, because a hundred
+others are asked for their names, is reset and asked again, which makes it later still."""
+_MAX_WAIT_S = 60.0  # nobody waits longer for ports that hang
+_LOOK_S = 0.2  # so late a radar that waits to be brought up heeds the end
+
+
+class StartupLimiter:
+    """Lets so many radars be brought up at the same time."""
+
+    def __init__(self, n: int | None = None) -> None:
+        self._free = threading.Semaphore(n or _MAX_AT_ONCE)
+        self._held: set[object] = set()
+        self._lock = threading.Lock()
+
+    def acquire(self, who: object, halt: threading.Event) -> None:
+        """Wait for one's turn, a minute at most, or for the end."""
+        end_s = time.monotonic() + _MAX_WAIT_S
+        while not self._free.acquire(timeout=_LOOK_S):
+            if halt.is_set() or time.monotonic() > end_s:
+                return
+        with self._lock:
+            self._held.add(who)
+
+    def release(self, who: object) -> None:
+        """Let the next one go; a second time, or without a turn, does nothing."""
+        with self._lock:
+            if who not in self._held:
+                return
+            self._held.remove(who)
+        self._free.release()
+
+
+class Keeper:
+    """Keep a sensor at work.
+
+    Parameters
+    ----------
+    sensor : Sensor
+        What is kept.
+    limiter : StartupLimiter
+        When its device may be brought up.
+    begin_again : bool
+        Whether work that broke off is started again.
+    open_outputs : callable
+        Opens the outputs of the process, once, before the first record; raises as they do.
+    wake : callable
+        Called when the sensor has ended for good.
+    """
+
+    def __init__(
+        self,
+        sensor: Sensor,
+        limiter: StartupLimiter,
+        *,
+        begin_again: bool,
+        open_outputs: Callable[[], object],
+        wake: Callable[[], object],
+    ) -> None:
+        self.sensor = sensor
+        self.failure: BaseException | None = None
+        """What ended its work, if that was no end of the stream."""
+        self.stuck: list[str] = []
+        self._limiter = limiter
+        self._begin_again = begin_again
+        self._open_outputs = open_outputs
+        self._wake = wake
+        self._halt = threading.Event()
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._run, name=f"{sensor.sensor} keeper")
+        self._thread.daemon = True
+
+    @property
+    def is_alive(self) -> bool:
+        """Whether it is at work, or will be again."""
+        return self._thread.is_alive()
+
+    @property
+    def has_lost_output(self) -> bool:
+        """Whether it ended because an output that the run was started for is gone."""
+        return isinstance(self.failure, BrokenPipeError | OutputError) and not self.is_alive
+
+    def start(self) -> None:
+        """Begin."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Ask for the end; returns at once."""
+        self._halt.set()
+        self.sensor.stop()
+        self._over.set()
+
+    def join(self, timeout_s: float) -> None:
+        """Wait for the end."""
+        self._thread.join(timeout_s)
+        if self._thread.is_alive():
+            self.stuck.append(self._thread.name)
+
+    def _run(self) -> None:
+        why = self._keep()
+        status = self.sensor.health.on_end(why)
+        with contextlib.suppress(BrokenPipeError, OutputError):
+            if not isinstance(self.failure, BrokenPipeError):
+                self.sensor.tell(status or self.sensor.health.status)
+        self._wake()
+
+    def _keep(self) -> str:
+        """Keep the sensor at work until the end; return why that came."""
+        sensor, pause_s = self.sensor, _FIRST_PAUSE_S
+        while True:
+            has_worked = self._work()
+            failure = self.failure
+            is_lost = isinstance(failure, BrokenPipeError | OutputError)
+            if failure is None or (self._halt.is_set() and not is_lost):
+                return "stopped" if self._halt.is_set() else "end of stream"
+            why = " ".join(str(failure).split()) or repr(failure)
+            if is_lost or not self._begin_again:
+                return why
+            sensor.log.error("%s", why)
+            if not has_worked:
+                return why
+            sensor.tell(sensor.health.on_failure(why))
+            if self._halt.wait(pause_s):
+                return "stopped"
+            pause_s = min(2 * pause_s, _MAX_PAUSE_S)
+            sensor.tell(sensor.health.on_start())
+
+    def _work(self) -> bool:
+        """Work until the stream ends, something fails or `stop`; return whether work began."""
+        sensor, has_worked, opened = self.sensor, False, None
+        self.failure = None
+        try:
+            self._limiter.acquire(self, self._halt)
+            opened = sensor.open(self._on_notice, is_wanted=lambda: not self._halt.is_set())
+            self._limiter.release(self)
+            self._open_outputs()
+            run = sensor.start(opened, self._over.set)
+            has_worked = True
+            # `stop` sets the one and then the other.
+            if not self._halt.is_set():
+                self._over.wait()
+            run.stop()
+            self.stuck = run.finish()
+            self.failure = run.failure
+            self._over.clear()
+        except (RadardError, X2RadarError, BrokenPipeError) as err:
+            self.failure = err
+        except Exception as err:
+            # Whatever it is, the other radars go on.
+            if self._begin_again:
+                sensor.log.exception("the run of %s broke off", sensor.sensor)
+            self.failure = err
+        finally:
+            self._limiter.release(self)
+            if opened is not None and not opened.close():
+                self.stuck.append("recording")
+        return has_worked
+
+    def _on_notice(self, _kind: str, _reason: str) -> None:
+        # It may take for ever until an absent one comes.
+        self._limiter.release(self)
+        self._open_outputs()
+        self.sensor.tell(self.sensor.health.status)

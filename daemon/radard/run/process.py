@@ -1,0 +1,292 @@
+"""Process: a list of radars, and what they share; one radar is a list of one.
+
+What belongs to a radar is in `radard.run.sensor`, who keeps it at work in `radard.run.keeper`.
+The main thread supervises: it never waits for a disk, a port or a reader of stdout while radars
+run, so signals are always heard. Further threads: the workers of the pool, the *heartbeat*
+(`radard.health.heartbeat`), *control*, and those of the outputs.
+"""
+
+import logging
+import threading
+import time
+from dataclasses import dataclass
+
+from radard.config.config import Config
+from radard.config.directories import runtime_dir
+from radard.config.state_lock import state_lock
+from radard.errors import RadardError, UsageError
+from radard.health.heartbeat import Heartbeat, Watched
+from radard.health.status_file import status_path
+from radard.health.systemd import Notifier
+from radard.health.thread_dump import force_after, state_dump, state_of
+from radard.outputs.fanout import Outputs
+from radard.run.control import ControlServer
+from radard.run.keeper import Keeper, StartupLimiter
+from radard.run.os_signals import Signals
+from radard.run.pool import WorkerPool
+from radard.run.sensor import RunOptions, Sensor
+from radard.run.sink_watch import SinkWatch
+
+__all__ = ["Process", "RunOptions", "run"]
+
+log = logging.getLogger("radard")
+_BEAT_S = 1.0  # so late outputs in trouble, and silence, are noticed
+_DEADLINE_S = 4.5  # from the first signal to a forced end: service managers allow no less than 5 s
+_JOIN_S = 4.0  # for all radars together: below the deadline
+
+
+def run(config: Config, options: RunOptions) -> int:
+    """Run the daemon; return the exit code.
+
+    Raises RadardError or X2RadarError with the exit code that the command ends with. Nothing was
+    written when the fault is in what was asked for.
+    """
+    with state_lock(config):
+        return Process(config, options).go()
+
+
+@dataclass(frozen=True, slots=True)
+class _Change:
+    """What a reload changes: radars that go, and radars that come."""
+
+    gone: list[Keeper]
+    new: list[Keeper]
+
+
+class Process:
+    """Run the radars of a configuration until their streams, or a signal, end them.
+
+    Raises UsageError if it asks for what only one radar can have, and as `Sensor`.
+    """
+
+    def __init__(self, config: Config, options: RunOptions) -> None:
+        if options.record is not None and config.is_one_of_several:
+            msg = "--record: takes the frames of one radar; name it with --port"
+            raise UsageError(msg)
+        self.signals = Signals()
+        self._config = config
+        self._options = options
+        self._force: threading.Timer | None = None
+        self._limiter = StartupLimiter()
+        self._pool = WorkerPool()
+        self._outputs = Outputs(stdout_is_terminal=options.stdout_is_terminal)
+        self._opening = threading.Lock()
+        self._keepers = [self._make_keeper(each) for each in config.each()]
+        self._left: list[Keeper] = []
+        self._notifier = Notifier()
+        self._folder = runtime_dir(config)
+        self._heart = Heartbeat([self._watched(sensor) for sensor in self.sensors], self._notifier)
+        self._control = ControlServer(self.sensors, self._folder)
+        self._watch = SinkWatch()
+        self._troubled: dict[str, set[str]] = {}
+        for sensor in self.sensors:
+            self._outputs.add(sensor)
+        self._pool.fit(len(self._keepers))
+
+    @property
+    def sensors(self) -> list[Sensor]:
+        """The radars."""
+        return [keeper.sensor for keeper in self._keepers]
+
+    def go(self) -> int:
+        """Run until all have ended or a signal asks for it; return the exit code."""
+        is_stopped = is_stuck = False
+        with self.signals:
+            try:
+                if self._config.is_one_of_several:
+                    self._open_outputs()
+                for keeper in self._keepers:
+                    keeper.start()
+                is_stopped = self._supervise()
+            finally:
+                is_stuck = self._end()
+                self._shut(is_stuck=is_stuck)
+        lost = [keeper.failure for keeper in self._keepers if keeper.has_lost_output]
+        failures = lost or [keeper.failure for keeper in self._keepers]
+        failure = next((each for each in failures if each is not None), None)
+        if failure is not None and (lost or is_stuck or not is_stopped):
+            raise failure
+        return 0
+
+    def _make_keeper(self, config: Config) -> Keeper:
+        sensor = Sensor(
+            config, self._options, self._outputs, self._pool, lambda: self.signals.ask("reload")
+        )
+        return Keeper(
+            sensor,
+            self._limiter,
+            begin_again=config.is_one_of_several,
+            open_outputs=self._open_outputs,
+            wake=self.signals.wake.set,
+        )
+
+    def _open_outputs(self) -> None:
+        """Open the outputs, once; from then on it is seen that this process lives.
+
+        Those of an only radar are opened when its port is, or while it waits for its device, so
+        that nothing is written when the fault is in what was asked for.
+        """
+        with self._opening:
+            can_wait = all(sensor.can_wait for sensor in self.sensors)
+            if not self._outputs.is_open:
+                self._outputs.open(self._config, can_wait=can_wait)
+                self._heart.main_is_alive()
+                self._heart.start()
+                if not can_wait:
+                    self._control.start()
+
+    def _watched(self, sensor: Sensor) -> Watched:
+        path = status_path(self._folder, sensor.sensor)
+        return Watched(sensor.sensor, sensor.health, path, lambda: _told(sensor))
+
+    def _goes_on(self) -> bool:
+        is_read = not any(keeper.has_lost_output for keeper in self._keepers)
+        return is_read and any(keeper.is_alive for keeper in self._keepers)
+
+    def _supervise(self) -> bool:
+        """Heed signals while radars are kept; return whether one asked for the end."""
+        while self._goes_on():
+            self._heart.main_is_alive()
+            self._outputs.retry()
+            self._look_at_outputs()
+            for sensor in self.sensors:
+                sensor.look_up()
+            self.signals.wake.wait(_BEAT_S)
+            self.signals.wake.clear()
+            # Before the end that may have been asked for since.
+            if self.signals.take("dump"):
+                log.warning("state %s", state_dump(self._states()))
+            if self.signals.take("stop"):
+                self._force = force_after(_DEADLINE_S)
+                return True
+            if self.signals.take("reload"):
+                self._reload()
+        return False
+
+    def _look_at_outputs(self) -> None:
+        """Let every radar's health know which of its outputs are in trouble, and which no more."""
+        if self._outputs.can_wait or not self._outputs.is_open:
+            # Nobody is guarded by it, and a replay says the same every time.
+            return
+        found = self._watch.look(self._outputs.sinks) | self._outputs.faults
+        for sensor in self.sensors:
+            own = {name: why for (of, name), why in found.items() if of in {None, sensor.sensor}}
+            for name in self._troubled.get(sensor.sensor, set()) | set(own):
+                sensor.complain(f"output {name}", own.get(name, ""))
+            self._troubled[sensor.sensor] = set(own)
+
+    def _states(self) -> dict[str, object]:
+        states: dict[str, object] = {}
+        for sensor in self.sensors:
+            state = state_of(sensor.health, _told(sensor))
+            states |= {sensor.sensor: state} if self._config.is_one_of_several else state
+        return states
+
+    def _end(self) -> bool:
+        """End all radars; return whether something is stuck."""
+        self._stop(self._keepers)
+        return any(k.is_alive for k in self._left) or any(k.stuck for k in self._keepers)
+
+    def _stop(self, keepers: list[Keeper]) -> None:
+        going = [keeper for keeper in keepers if keeper.is_alive]
+        for keeper in going:
+            keeper.stop()
+        end_s = time.monotonic() + _JOIN_S
+        for keeper in going:
+            keeper.join(max(0.1, end_s - time.monotonic()))
+
+    def _shut(self, *, is_stuck: bool) -> None:
+        """Report the shutdown and close what all radars share."""
+        self._control.stop()
+        self._heart.stop()
+        self._outputs.close()
+        self._pool.close()
+        if is_stuck:
+            # The interpreter's own end would wait for ever for what a stuck thread holds: stdout,
+            # or HDF5's lock.
+            (self._force or force_after(_DEADLINE_S)).join()
+        elif self._force is not None:
+            self._force.cancel()
+
+    def _reload(self) -> None:
+        """Read the configuration again and hand it to the radars; their streams go on."""
+        if self._options.reload is None:
+            return
+        self._notifier.reloading()
+        try:
+            config = self._options.reload()
+            if bool(config.sensors) != bool(self._config.sensors):
+                log.warning("reload: from one radar to several, or back, takes a restart")
+                config = config.model_copy(update={"sensors": self._config.sensors})
+            change = self._compare(config)
+            remade = [
+                (keeper.sensor, parts)
+                for keeper in self._keepers
+                if keeper not in change.gone
+                and (parts := keeper.sensor.remake(self._of(keeper.sensor, config))) is not None
+            ]
+        except RadardError as err:
+            log.warning("reload: the old configuration stays: %s", err)
+        else:
+            hellos = [sensor.exchange(parts) for sensor, parts in remade]
+            kept = {"sensor": self._config.sensor, "service": self._config.service}
+            self._config = config.model_copy(update=kept)
+            self._take_away(change.gone)
+            self._add(change.new)
+            if self._outputs.is_open:
+                self._outputs.reload(self._config, [each for each in hellos if each is not None])
+            for keeper in change.new:
+                log.warning("%s: added by a reload", keeper.sensor.sensor)
+                keeper.start()
+            log.info("reload: done")
+        self._notifier.ready(self._heart.status.state)
+
+    def _compare(self, config: Config) -> _Change:
+        """Return what a configuration changes; a radar on another port goes, and comes again."""
+        if not config.is_one_of_several:
+            return _Change([], [])
+        before = {each.sensor: _source_of(each.config()) for each in self.sensors}
+        after = {each.sensor.name: each for each in config.each()}
+        stay = {name for name, each in after.items() if before.get(name) == _source_of(each)}
+        return _Change(
+            [keeper for keeper in self._keepers if keeper.sensor.sensor not in stay],
+            [self._make_keeper(each) for name, each in after.items() if name not in stay],
+        )
+
+    def _take_away(self, gone: list[Keeper]) -> None:
+        for keeper in gone:
+            log.warning("%s: taken away by a reload", keeper.sensor.sensor)
+        self._stop(gone)
+        self._keepers = [keeper for keeper in self._keepers if keeper not in gone]
+        for keeper in gone:
+            name = keeper.sensor.sensor
+            if keeper.stuck:
+                log.warning("stuck and left behind: %s", ", ".join(keeper.stuck))
+            self._heart.remove(name)
+            self._control.remove(name)
+            self._outputs.remove(name)
+            self._troubled.pop(name, None)
+        self._left += [keeper for keeper in gone if keeper.is_alive]
+
+    def _add(self, new: list[Keeper]) -> None:
+        """Let new radars be seen and heard; they begin once they have their outputs."""
+        self._keepers += new
+        self._pool.fit(len(self._keepers))
+        for keeper in new:
+            self._heart.add(self._watched(keeper.sensor))
+            self._control.add(keeper.sensor)
+            self._outputs.add(keeper.sensor)
+
+    def _of(self, sensor: Sensor, config: Config) -> Config:
+        return config.of_sensor(sensor.sensor) if config.is_one_of_several else config
+
+
+def _told(sensor: Sensor) -> dict[str, object]:
+    """Return what a status file says of a sensor besides its health."""
+    state = sensor.panel()
+    return state.as_record(sensor.mark()) if state is not None else {}
+
+
+def _source_of(config: Config) -> tuple[str | None, str]:
+    """Return what a radar must begin again for: its port and speed."""
+    return config.sensor.port, config.sensor.speed

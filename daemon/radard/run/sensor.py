@@ -1,0 +1,483 @@
+"""Sensor: one radar of the process, from its port to its records.
+
+`Sensor` is what outputs, control and reloads talk to, with or without a stream. It opens its port,
+which gives an `OpenedSensor`, and starts that, which gives a `RunningSensor`: the *reader*, a
+thread that takes frames from the source and pushes them into the ring, and turns in the pool of
+workers, in which `radard.run.worker` takes dwells, decides and hands on records. *clips* and
+*recording* write in threads of their own. Nothing here is shared with another radar but outputs
+and pool.
+"""
+
+import threading
+import uuid
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+from radard.alarm.events import trial_alarm
+from radard.alarm.panel import ARM_MODES
+from radard.alarm.sensor_state import SensorState
+from radard.config.config import Config
+from radard.config.quiet_hours import Now, recorded_clock, wall_clock
+from radard.errors import RadardError, UsageError
+from radard.health.health import STALE_S, Health, Status
+from radard.outputs.base import COMMANDS, Sink
+from radard.outputs.fanout import Outputs
+from radard.outputs.records import Record, event_record, hello_record, marked, status_record
+from radard.pipeline import Pipeline
+from radard.run.components import (
+    Parts,
+    classifier_for,
+    logger_of,
+    make_classifier,
+    make_parts,
+    make_store,
+    remake_parts,
+)
+from radard.run.pool import WorkerPool
+from radard.run.tap import Tap
+from radard.run.worker import Worker
+from radard.stream.frame_timing import RateWatch
+from radard.stream.playback import Playback
+from radard.stream.ring import FrameRing, Notice
+from radard.stream.source import FrameSource, Notify, open_source, speed_factor
+from x2radar.ports import parse_port
+
+_JOIN_S = 1.5  # for each thread: all of them within the 4.5 s of a forced end
+_KEPT_COMMANDS = (*ARM_MODES, "disarm")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunOptions:
+    """What only the command line can say."""
+
+    duration_s: float | None = None  # stream seconds after which to stop
+    record: Path | None = None  # write the frames into this recording as well
+    stdout_is_terminal: bool = False  # whether a person reads stdout
+    reload: Callable[[], Config] | None = None  # reads the configuration again, as at the start
+
+
+@dataclass(frozen=True, slots=True)
+class OpenedSensor:
+    """An open port, and what fits its stream."""
+
+    source: FrameSource
+    pipeline: Pipeline
+    tap: Tap  # to be closed with the source
+    now: Now  # the clock on the wall, of the stream
+
+    @property
+    def is_live(self) -> bool:
+        """Whether frames come from a device now."""
+        return self.source.is_live
+
+    def close(self) -> bool:
+        """Let go of port and recording; return whether the latter is whole."""
+        self.source.close()
+        return self.tap.close()
+
+
+class RunningSensor:
+    """A stream that is read and worked on until it ends, something fails or `stop`.
+
+    `on_over` is called from another thread when the work is over.
+    """
+
+    def __init__(
+        self,
+        opened: OpenedSensor,
+        worker: Worker,
+        ring: FrameRing,
+        pool: WorkerPool,
+        *,
+        max_frames: int | None,
+        warm_up: bool,
+        thread_name: str,
+        on_over: Callable[[], object],
+    ) -> None:
+        self.opened, self.worker, self.ring = opened, worker, ring
+        self.failure: BaseException | None = None
+        """What ended the work, if that was no end of the stream."""
+        self.over = threading.Event()
+        """The work has ended."""
+        self._max_frames = max_frames
+        self._warm_up = warm_up
+        self._has_begun = self._must_look = self._is_stopped = False
+        self._on_over = on_over
+        self._pool = pool
+        self._turns = pool.turns(self._step)
+        self._reader = threading.Thread(target=self._read, name=thread_name, daemon=True)
+
+    def start(self) -> None:
+        """Begin."""
+        self.ring.listen(self._turns.ask)
+        self._turns.ask()
+        self._reader.start()
+
+    def look_up(self) -> None:
+        """Have the worker look whether nothing comes; for any thread, returns at once."""
+        self._must_look = True
+        self._turns.ask()
+
+    def stop(self) -> None:
+        """Ask for the end; for any thread."""
+        self._is_stopped = True
+        self.ring.end()
+        self.ring.stop()
+        self.opened.source.close()
+
+    def finish(self) -> list[str]:
+        """Wait a moment for the end and close what is its own; return what is stuck."""
+        stuck = []
+        if not self.over.wait(_JOIN_S):
+            stuck.append("worker")
+            self._pool.grow()
+        self._reader.join(_JOIN_S)
+        if self._reader.is_alive():
+            stuck.append(self._reader.name)
+        if stuck and self.failure is None:
+            self.failure = RadardError(f"stuck and left behind: {', '.join(stuck)}")
+        clips = self.worker.parts.clips
+        if clips is not None and not clips.close(_JOIN_S):
+            logger_of(self.worker.parts.config).warning(
+                "the last clip may lack its end: the disk is too slow"
+            )
+        return stuck
+
+    def _read(self) -> None:
+        first = None
+        try:
+            for frame in self.opened.source.frames():
+                first = frame.index if first is None else first
+                if self._max_frames is not None and frame.index - first >= self._max_frames:
+                    break
+                self.opened.tap.write(frame)
+                self.worker.hold(frame)
+                if not self.ring.push(frame):
+                    break
+        except BaseException as err:  # noqa: BLE001 - handed over to the keeper
+            self.failure = self.failure or err
+        finally:
+            self.ring.end()
+
+    def _step(self) -> bool:
+        """Work on one item; return whether there may be another."""
+        if self.over.is_set():
+            return False
+        try:
+            has_more = self._work()
+        except BaseException as err:  # noqa: BLE001 - handed over to the keeper
+            self.failure, has_more = err, None
+        if has_more is None:
+            self.over.set()
+            self._on_over()
+        return bool(has_more)
+
+    def _work(self) -> bool | None:
+        """Work on one item; return whether there was one, None at the end."""
+        if self._is_stopped:
+            return None
+        if not self._has_begun:
+            self._has_begun = True
+            if self._warm_up:
+                # While the frames of the first dwell come in.
+                self.opened.pipeline.warm_up()
+            self.worker.begin()
+            return True
+        try:
+            item = self.ring.take(0)
+        except TimeoutError:
+            if self._must_look:
+                self._must_look = False
+                self.worker.look_up()
+            return False
+        if item is None:
+            return None
+        self.worker.handle(item)
+        return True
+
+
+class Sensor:
+    """One radar; a `radard.outputs.base.Host`, for any thread.
+
+    Parameters
+    ----------
+    config : Config
+        Its own.
+    options : RunOptions
+        Of the command line.
+    outputs : Outputs
+        Where its records go.
+    pool : WorkerPool
+        Who works on its dwells.
+    ask_reload : callable
+        Asks for the configuration to be read again, as SIGHUP does.
+
+    Raises
+    ------
+    UsageError, BundleError, ModelMismatch
+        If there is no port, its speed makes no sense, or the model cannot be had.
+    """
+
+    def __init__(
+        self,
+        config: Config,
+        options: RunOptions,
+        outputs: Outputs,
+        pool: WorkerPool,
+        ask_reload: Callable[[], None] = lambda: None,
+    ) -> None:
+        if config.sensor.port is None:
+            msg = "no port: give --port /dev/ttyACM0, sim:SCENE or replay:FILE"
+            raise UsageError(msg)
+        self._port = config.sensor.port
+        self._config = config
+        self._options = options
+        self._outputs = outputs
+        self._pool = pool
+        self.reload = ask_reload
+        self.log = logger_of(config)
+        self.sensor = config.sensor.name
+        self._classifier = make_classifier(config)
+        self._is_live = config.sensor.kind != "replay"
+        self._factor = speed_factor(config.sensor.speed, parse_port(self._port))
+        self.health = Health(stale_s=STALE_S * max(1.0, 1.0 / (self._factor or 1.0)))
+        self._end_wait: Callable[[], None] = lambda: None
+        self._run: RunningSensor | None = None
+        self._waiting_command: str | None = None
+        self._has_said_hello = False
+
+    def config(self) -> Config:
+        """As in `Host`."""
+        return self._run.worker.parts.config if self._run is not None else self._config
+
+    def panel(self) -> SensorState | None:
+        """As in `Host`."""
+        return self._run.worker.state if self._run is not None else None
+
+    def ring(self) -> FrameRing | None:
+        """As in `Host`."""
+        return self._run.ring if self._run is not None else None
+
+    def playback(self) -> Playback | None:
+        """As in `Host`."""
+        return getattr(self._run.opened.source, "playback", None) if self._run else None
+
+    def driver(self) -> Mapping[str, int]:
+        """As in `Host`."""
+        stats = getattr(self._run.opened.source, "stats", None) if self._run else None
+        return asdict(stats) if stats is not None else {}
+
+    def sinks(self) -> Sequence[Sink]:
+        """As in `Host`."""
+        return [sink for _, sink in self._outputs.sinks]
+
+    def mark(self) -> str:
+        """As in `Host`."""
+        if self._config.sensor.kind == "sim":
+            return "simulated"
+        return "" if self._is_live else "replayed"
+
+    def command(self, name: str) -> None:
+        """As in `Host`; what comes without a stream holds for the next one."""
+        if name not in COMMANDS:
+            msg = f"no command '{name}'; known are {', '.join(COMMANDS)}"
+            raise ValueError(msg)
+        if (worker := self._worker()) is not None:
+            worker.command(name)
+        elif name in _KEPT_COMMANDS:
+            self.log.warning("%s: holds once there is a stream", name)
+            self._waiting_command = name
+
+    def test_alarm(self, halt: threading.Event | None = None) -> list[dict[str, str]]:
+        """As in `Host`; `halt` ends the wait for answers."""
+        return self._outputs.try_alarm(self.sensor, self._try_alarm, halt)
+
+    @property
+    def is_kept(self) -> bool:
+        """Whether how it is armed would outlive a kill."""
+        return self._run is None or self._run.worker.is_kept
+
+    @property
+    def can_wait(self) -> bool:
+        """Whether the stream can wait for a slow output, as far as is known by now."""
+        return not self._is_live or self._factor is None
+
+    @property
+    def parts(self) -> Parts | None:
+        """What its worker works with; None before there is a stream."""
+        return self._run.worker.parts if self._run is not None else None
+
+    def put(self, record: Record, *, waits: bool = True) -> bool:
+        """Hand a record to the outputs, which learn whose it is; see `Outputs.put`."""
+        name = self.sensor if self._config.is_one_of_several else None
+        if name is not None:
+            record = {**record, "sensor": name}
+        return self._outputs.put(marked(record, self.mark()), name, waits=waits)
+
+    def tell(self, status: Status | None) -> None:
+        """Hand on a change of state, not waiting for the outputs.
+
+        The records of an only radar begin with `hello`; before it, nothing is told.
+        """
+        if status is not None and (self._has_said_hello or self._config.is_one_of_several):
+            self.put(status_record(status), waits=False)
+
+    def complain(self, source: str, reason: str) -> None:
+        """Note what is wrong beside the stream, and tell of it; an empty reason takes it back."""
+        self.tell(self.health.complain(source, reason))
+
+    def open(
+        self, on_notice: Notify, *, is_wanted: Callable[[], bool] = lambda: True
+    ) -> OpenedSensor:
+        """Open the port, which may mean to wait for a device, and what fits its stream.
+
+        `on_notice` is told what happens to the device before there is a stream; `is_wanted` is
+        asked before a wait begins that `stop` could no longer end. Raises as `open_source` does,
+        and ModelMismatch, FeatureError or RecordingError if model or recording do not fit.
+        """
+        self._leave_run()
+
+        def notice(kind: str, reason: str) -> None:
+            if (run := self._run) is not None:
+                run.ring.post(kind, reason)
+                return
+            self.log.warning("%s: %s", kind, reason)
+            self.health.on_notice(Notice(kind, reason, 0.0))
+            on_notice(kind, reason)
+
+        def on_wait(close: Callable[[], None]) -> None:
+            self._end_wait = close
+            if not is_wanted():
+                close()
+
+        sensor = self._config.sensor
+        source = open_source(
+            self._port,
+            speed=sensor.speed,
+            # One of several must not keep the others from their work.
+            wait=sensor.wait or self._config.is_one_of_several,
+            quit_on_loss=sensor.on_device_loss == "quit",
+            on_notice=notice,
+            on_wait=on_wait,
+        )
+        self._end_wait = source.close
+        self._is_live = source.is_live
+        try:
+            stream = source.stream
+            if source.is_live and not stream.run_id:
+                # A plug-in's: its runs must not share ids either.
+                stream = replace(stream, run_id=uuid.uuid4().hex)
+            self._classifier = classifier_for(stream, self._config, self._classifier)
+            pipeline = Pipeline(stream, self._config, self._classifier)
+            tap = Tap(
+                self._options.record,
+                stream,
+                free_bytes=self._config.clips.free_mb * 1e6,
+                complain=lambda reason: self.complain("recording", reason),
+                waits=self.can_wait,
+            )
+        except BaseException:
+            source.close()
+            raise
+        started_utc = getattr(source, "started_utc", "")
+        now = wall_clock if source.is_live else recorded_clock(started_utc)
+        return OpenedSensor(source, pipeline, tap, now)
+
+    def make_worker(self, opened: OpenedSensor, ring: FrameRing) -> Worker:
+        """Return who works on an opened stream; the first record is this run's `hello`.
+
+        Raises ConfigError if a calibration that was named does not fit.
+        """
+        source, config = opened.source, self._config
+        parts = make_parts(config, opened.pipeline, now=opened.now, is_live=source.is_live)
+        store = make_store(config, is_live=source.is_live)
+        # What comes faster or slower on purpose says nothing about the module.
+        is_real_time = source.is_live and self._factor == 1.0
+        rate = RateWatch(source.stream.frame_rate_hz) if is_real_time else None
+        worker = Worker(parts, ring, self.put, self.health, store, rate=rate)
+        warning = getattr(source, "warning", None)
+        if warning:
+            self.log.warning("%s", warning)
+        self.put(_hello(worker, parts, opened, self.mark()))
+        self._has_said_hello = True
+        self.put(status_record(self.health.status))
+        return worker
+
+    def start(self, opened: OpenedSensor, on_over: Callable[[], object]) -> RunningSensor:
+        """Begin to work on an opened stream; raises as `make_worker` does."""
+        ring = opened.pipeline.make_ring()
+        worker = self.make_worker(opened, ring)
+        expect = getattr(opened.source, "expect", None)
+        if expect is not None:
+            expect(ring.due_s)
+        duration_s, rate_hz = self._options.duration_s, opened.source.stream.frame_rate_hz
+        self._run = run = RunningSensor(
+            opened,
+            worker,
+            ring,
+            self._pool,
+            max_frames=None if duration_s is None else max(1, round(duration_s * rate_hz)),
+            warm_up=not self.can_wait,
+            thread_name=f"{self.sensor} reader" if self._config.is_one_of_several else "reader",
+            on_over=on_over,
+        )
+        run.start()
+        name, self._waiting_command = self._waiting_command, None
+        if name is not None:
+            worker.command(name)
+        return run
+
+    def look_up(self) -> None:
+        """Have its worker look whether nothing comes; returns at once."""
+        if self._worker() is not None and self._run is not None:
+            self._run.look_up()
+
+    def stop(self) -> None:
+        """Ask for the end, also of waiting for a device."""
+        if self._run is not None:
+            self._run.stop()
+        self._end_wait()
+
+    def remake(self, config: Config) -> Parts | None:
+        """Return the parts for a configuration that was read again; None without a stream.
+
+        Raises RadardError if it cannot hold; the old one then stays.
+        """
+        if (run := self._run) is None:
+            return None
+        opened = run.opened
+        return remake_parts(config, run.worker.parts, now=opened.now, is_live=opened.is_live)
+
+    def exchange(self, parts: Parts) -> Record | None:
+        """Work with other parts from the next item on; return the `hello` that says so."""
+        if (run := self._run) is None:
+            return None
+        run.worker.exchange(parts)
+        return _hello(run.worker, parts, run.opened, self.mark())
+
+    def _worker(self) -> Worker | None:
+        """Return who works on the stream; None when nobody does."""
+        run = self._run
+        return run.worker if run is not None and not run.over.is_set() else None
+
+    def _leave_run(self) -> None:
+        if (run := self._run) is not None:
+            self._config, self._run = run.worker.parts.config, None
+
+    def _try_alarm(self) -> None:
+        state = self.panel()
+        if state is not None and state.alarm_id:
+            msg = "an alarm is on: acknowledge it first"
+            raise ValueError(msg)
+        if (worker := self._worker()) is not None:
+            worker.try_alarm()
+        else:
+            for event in trial_alarm(0.0):
+                self.put(event_record(event), waits=False)
+
+
+def _hello(worker: Worker, parts: Parts, opened: OpenedSensor, mark: str) -> Record:
+    is_armed = worker.tracker.panel.is_armed
+    hello = hello_record(parts.pipeline, parts.config, is_armed=is_armed)
+    return marked({**hello, "module": getattr(opened.source, "module", None)}, mark)
