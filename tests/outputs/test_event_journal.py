@@ -10,7 +10,7 @@ from contextlib import closing
 from pathlib import Path
 
 import pytest
-from tests.test_tamper_commands import Room
+from tests.run.test_tamper_commands import Room
 
 from radard.alarm.state_store import KeptState
 from radard.config.config import load_config
