@@ -10,7 +10,6 @@ from contextlib import closing
 from pathlib import Path
 
 import pytest
-from tests.run.test_tamper_commands import Room
 
 from radard.alarm.state_store import KeptState
 from radard.config.config import load_config
@@ -20,6 +19,7 @@ from radard.outputs.fanout import Outputs
 from radard.outputs.journal import EventJournal
 from radard.outputs.store_query import read_events
 from tests.host_helpers import FakeHost
+from tests.run.test_tamper_commands import Room
 from tests.sink_helpers import WebServer, event, hello, ulid
 from tests.waiting import wait_for
 
