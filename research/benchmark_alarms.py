@@ -25,7 +25,7 @@ from radard.stream.ring import Dwell
 from study import Marks
 from x2train.judge.acceptance import SETTINGS, VERSION, AcceptSpec, Setting, accept, stream_of
 from x2train.judge.acceptance_report import write_acceptance
-from x2train.report.intervals import Estimate, per_hour, share
+from x2train.judge.estimates import Estimate, per_hour, share
 from x2train.sets.sites import Radar
 from x2train.sets.workers import Tell
 

@@ -30,7 +30,7 @@ from radard.judge.bundle import load_bundle
 from radard.judge.classifier import Classifier
 from radard.judge.features import extract
 from radard.stream.ring import Dwell
-from x2train.report.intervals import wilson
+from x2train.judge.estimates import wilson
 from x2train.thesis.cells import CELLS, Cell
 from x2train.thesis.elements import ElementSpec, dwell
 from x2train.thesis.recipe import FRESH_FROM

@@ -21,9 +21,9 @@ from study import check_within, run_script, say, script_parser
 from x2radar.sim.bodies.motion.curves import MOTIONS
 from x2radar.sim.bodies.skin.draw import SKINS
 from x2train.commands import followed
+from x2train.judge.estimates import Ranking
 from x2train.nets.epoch import Epoch
 from x2train.nets.map_fit import MapFitSettings, MapTrained, fit_maps, logits_of
-from x2train.report.ranking import Ranking
 from x2train.sets.window_set import Columns, load_windows
 
 _KEPT, _A_ROUND = 4, 5  # one in so many rounds is judged on alone; labels come in rounds

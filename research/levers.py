@@ -37,11 +37,10 @@ from x2radar.sim.bodies.skin.draw import SKINS
 from x2radar.sim.points import Label
 from x2train.commands import counted
 from x2train.judge.acceptance import Setting, site_of
-from x2train.judge.installed import KNOWS, Knows, installed
-from x2train.judge.judging import dwells, from_decisions, in_view
-from x2train.report import JudgedPassage, PassageTable
-from x2train.report.intervals import Estimate, share
-from x2train.report.verdicts import verdicts
+from x2train.judge.estimates import Estimate, share
+from x2train.judge.judging import KNOWS, Knows, dwells, from_decisions, in_view, installed
+from x2train.judge.table import Columns, PassageTable
+from x2train.judge.verdicts import verdicts
 from x2train.sets.families import draw_goer
 from x2train.sets.passages import Making, Passage, play
 from x2train.sets.sites import X2
@@ -154,7 +153,7 @@ def measure(rows: Sequence[Case], n: int, tell: Tell) -> tuple[Figures, ...]:
 
     Cases with the same radar and mount share what is simulated.
     """
-    made: dict[Case, list[JudgedPassage]] = {case: [] for case in rows}
+    made: dict[Case, list[Columns]] = {case: [] for case in rows}
     cpu_s, stream_s = dict.fromkeys(rows, 0.0), dict.fromkeys(rows, 1e-9)
     settings = tuple(dict.fromkeys(case.setting for case in rows))
     total = len(settings) * len(_LASTS_S) * n
@@ -187,7 +186,7 @@ def _classifier(model: str) -> Classifier:
     return Classifier(load_bundle(model))
 
 
-def _judged(case: Case, played: Passage, k: int) -> tuple[JudgedPassage, float, float]:
+def _judged(case: Case, played: Passage, k: int) -> tuple[Columns, float, float]:
     """Return a judged passage, CPU time with the gate open, and for how much of the stream."""
     config = Config()
     decision = config.decision.model_copy(update={"decide_within_s": case.within_s})

@@ -28,10 +28,9 @@ from radard.stream.ring import Dwell
 from tradeoff_chain import MapSetting, Recording
 from x2radar.frame import Frame, StreamInfo
 from x2train.bundle.network_cost import Feed, quantised, window_ms
+from x2train.judge.estimates import Estimate, Ranking, resampled
 from x2train.judge.judging import JudgeSpec
 from x2train.nets.bundle_answers import outputs_of
-from x2train.report.intervals import Estimate, resampled
-from x2train.report.ranking import Ranking
 from x2train.sets.families import LABELS
 from x2train.sets.passages import Passage
 from x2train.sets.sites import ONE_RADAR

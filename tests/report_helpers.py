@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from x2train.report import JudgedPassage, PassageTable
+from x2train.judge.table import PassageTable, passage_columns
 
 
 def passage(quiet, label="human", *, window=None, enters_s=2.0, is_open=True, **more):
@@ -32,7 +32,7 @@ def passage(quiet, label="human", *, window=None, enters_s=2.0, is_open=True, **
         "target_range_m": np.full(n, 2.0),
         "compensated_db": np.full(n, -40.0),
     }
-    return JudgedPassage(label=label, enters_s=enters_s, **{**facts, **columns, **more})
+    return passage_columns(label=label, enters_s=enters_s, **{**facts, **columns, **more})
 
 
 def table_of(*passages):
@@ -50,8 +50,13 @@ FAMILIES = {
 
 def drawn(n, seed=0, *, skill=6.0, is_matched=True):
     """Return n passages as a network of some skill (in log odds) might see them."""
+    return PassageTable.of(drawn_passages(n, seed, skill=skill, is_matched=is_matched))
+
+
+def drawn_passages(n, seed=0, *, skill=6.0, is_matched=True):
+    """Return the same, one by one."""
     rng = np.random.default_rng(seed)
-    return PassageTable.of(_drawn(rng, k, skill, is_matched) for k in range(n))
+    return [_drawn(rng, k, skill, is_matched) for k in range(n)]
 
 
 def _drawn(rng, k, skill, is_matched):
@@ -83,7 +88,6 @@ def _drawn(rng, k, skill, is_matched):
         range_m=np.nan if never else range_m,
         aspect_deg=rng.uniform(0, 180),
         snr_db=np.nan if never else rng.normal(20, 6),
-        rcs_dbsm=np.nan if never else rng.normal(-6, 4),
         power_db=power,
         target_range_m=range_m + rng.normal(0, 0.2, n),
         compensated_db=power + 40 * np.log10(range_m),

@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from x2train.report import PassageTable
-from x2train.report.intervals import Estimate, share
-from x2train.report.verdicts import (
+from x2train.judge.estimates import Estimate, share
+from x2train.judge.table import PassageTable
+from x2train.judge.verdicts import (
     PET_LIMIT,
     Policy,
     Sweep,

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 from report_rows import asked, auc, missed_at, percent
 
-from x2train.report import PassageTable
-from x2train.report.intervals import Estimate, share
-from x2train.report.verdicts import Verdicts, intrusions, verdicts
+from x2train.judge.estimates import Estimate, share
+from x2train.judge.table import PassageTable
+from x2train.judge.verdicts import Verdicts, intrusions, verdicts
 from x2train.sets.families import FAMILIES
 
 Flags = NDArray[np.bool_]

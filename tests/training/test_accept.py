@@ -8,12 +8,13 @@ import pytest
 
 from radard.config.config import Config
 from radard.errors import ModelMismatch
+from tests.report_helpers import passage as passage_of
 from x2train.cli import main
 from x2train.judge import acceptance, acceptance_report
 from x2train.judge.acceptance import ENTRIES, SETTINGS, VERSION, AcceptSpec, definition, site_of
 from x2train.judge.acceptance_report import alarms_by_window, document, lines
-from x2train.judge.installed import KNOWS, installed
-from x2train.report import JudgedPassage, PassageTable
+from x2train.judge.judging import KNOWS, installed
+from x2train.judge.table import PassageTable
 from x2train.sets.known import ADULT_DB
 from x2train.sets.passages import level_db_of
 from x2train.sets.shard_run import make_shards
@@ -117,33 +118,20 @@ def test_usage(share, tmp_path, capsys):
     assert "must be above 0" in capsys.readouterr().err
 
 
-def test_a_function_enters_the_benchmark(tmp_path, capsys):
-    assert main(["accept", "--model", "mine.py", "--out", str(tmp_path / "a")]) == 2
-    assert "benchmark takes functions" in capsys.readouterr().err
-
-
 def passage(entry, *, alarm, p_human, enters_s=1.0, setting="X2, 1.2 m"):
     n = 4
-    known = np.full(n, 0.0)
-    return JudgedPassage(
+    return passage_of(
+        [0.0] * n,
+        entry.label,
+        window=[1 - p_human] * n,
         family=entry.name,
-        label=entry.label,
         split=setting,
         suite=entry.name,
         duration_s=entry.duration_s or 1800.0,
         enters_s=enters_s,
         t_s=np.arange(n) + 2.45,
-        is_open=np.ones(n, np.bool_),
-        is_pending=np.zeros(n, np.bool_),
         is_alarm=np.full(n, alarm),
         p_human=np.full(n, p_human),
-        p_pet=np.full(n, 1 - p_human),
-        p_other=known,
-        fused_quiet=known,
-        fused_most=known,
-        power_db=known,
-        target_range_m=known,
-        compensated_db=known,
     )
 
 

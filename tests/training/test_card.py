@@ -20,18 +20,17 @@ from radard.judge.bundle import load_bundle
 from radard.judge.card import read_card
 from radard.judge.classifier import Probabilities
 from radard.judge.decision import HIGH_PET_LIMIT, Decision, pet_limit_of
-from tests.report_helpers import drawn, passage, table_of
-from x2train.judge.card import evaluation_of, write_card
-from x2train.report.levels import levels, rules
-from x2train.report.verdicts import intrusions, verdicts
+from tests.report_helpers import drawn, drawn_passages, passage, table_of
+from x2train.bundle.evaluation_card import evaluation_of, write_card
+from x2train.judge.levels import levels, rules
+from x2train.judge.verdicts import intrusions, verdicts
 
 
 @pytest.fixture(scope="module")
 def table():
-    made = drawn(300, skill=2.0)
     missed = [passage([0.95, 0.6, 0.95, 0.9]) for _ in range(9)]
     gone = [passage([0.95] * 9) for _ in range(5)]
-    made = table_of(*(made[k] for k in range(300)), *missed, *gone)
+    made = table_of(*drawn_passages(300, skill=2.0), *missed, *gone)
     own = rules(made, bundle(), 0.8)
     return replace(made, is_alarm=own.is_alarm, is_pending=own.is_pending)
 
@@ -179,9 +178,7 @@ def test_explain_prints_the_rates_of_the_policy(own, table, capsys):
     assert "decision.pet_limit, decision.decide_within_s given" in text
     assert "gate.false_alarms_per_day given" in told(own, gate={"false_alarms_per_day": 4})
     # What counts is the threshold of the evaluation, where it is known.
-    made = evaluation_of(
-        table, bundle(), "train-export evaluate --card", {"false_alarms_per_day": 4.0}
-    )
+    made = evaluation_of(table, bundle(), "x") | {"gate": {"false_alarms_per_day": 4.0}}
     write_card(str(own), made)
     assert "are not known" not in told(own, gate={"false_alarms_per_day": 4})
     assert "gate.false_alarms_per_day given" in told(own)

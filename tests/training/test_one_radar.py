@@ -214,7 +214,7 @@ def one_line(capsys):
 
 
 def test_evaluate_compares_them(model, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("x2train.judge.pictures.passage_png", lambda *_: None)
+    monkeypatch.setattr("x2train.judge.plots.passage_png", lambda *_: None)
     short = tuple(replace(s, duration_s=5.0) for s in SUITES)
     monkeypatch.setattr("x2train.judge.suites.SUITES", short)
     a, b = tmp_path / "a", tmp_path / "b"

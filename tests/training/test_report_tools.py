@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.report_helpers import drawn, passage, table_of
-from x2train.report import write
+from x2train.judge.report import write
 
 ROOT = Path(__file__).resolve().parents[2]
 ABOUT = {"seed": 51, "radar": "suites"}

@@ -6,11 +6,9 @@ import numpy as np
 import pytest
 
 from tests.report_helpers import drawn, passage, table_of
-from x2train.report.verdicts import (
+from x2train.judge.verdicts import (
     Sweep,
     evidence,
-    hours,
-    intrusions,
     limit_evidence,
     outcome,
     verdicts,
@@ -36,22 +34,6 @@ def test_perfect():
     assert found.median_s.value == found.p90_s.value == 1.0
 
 
-def test_all_missed():
-    found = outcome_of(table_of(*(passage([0.9, 0.9]) for _ in range(10))))
-    assert found.n_missed == 10
-    assert found.miss_rate.value == 1.0
-    assert found.median_s.value == math.inf
-    assert found.pet_hours == 0
-    assert math.isnan(found.false_alarms_per_hour.value)
-
-
-def test_no_people():
-    found = outcome_of(table_of(passage([0.9], "pet")))
-    assert found.n_intrusions == 0
-    assert math.isnan(found.miss_rate.value)
-    assert math.isnan(found.median_s.value)
-
-
 def test_quantiles_count_those_who_were_missed():
     late = [passage([0.9] * k + [0.1]) for k in range(8)]
     found = outcome_of(table_of(*late, passage([0.9]), passage([0.9])))
@@ -66,22 +48,11 @@ def test_alarm_before_entering_does_not_count():
     assert found.alarm_s.tolist() == [math.inf, 1.5]
 
 
-def test_people_who_never_enter_are_no_intrusions():
-    table = table_of(passage([0.1]), passage([0.1], enters_s=np.nan), passage([0.1], "pet"))
-    assert intrusions(table).tolist() == [True, False, False]
-    assert outcome_of(table).n_intrusions == 1
-
-
 def test_alarms_in_one_minute_are_one():
     quiet = np.full(130, 0.9)
     quiet[[0, 1, 59, 60, 129]] = 0.1
     found = outcome_of(table_of(passage(quiet, "pet")))
     assert found.n_false_alarms == 3
-
-
-def test_hours_are_those_of_the_passages():
-    table = table_of(passage([0.9] * 90, "pet"), passage([0.9], "pet", duration_s=3510.0))
-    assert hours(table, table.label == "pet") == 1.0
 
 
 def test_evidence_is_that_of_the_limit():
@@ -96,12 +67,6 @@ def test_closed_gates_and_missing_probabilities_are_no_evidence():
     table = table_of(passage([0.1, np.nan, 0.1], is_open=[False, True, True]))
     assert np.isneginf(evidence(table, "fused")).tolist() == [True, True, False]
     assert np.isneginf(evidence(table, "window")).tolist() == [True, True, False]
-
-
-def test_windows_are_judged_by_their_own_probabilities():
-    table = table_of(passage([0.9, 0.9], window=[0.9, 0.1]))
-    assert (evidence(table, "window") >= LIMIT).tolist() == [False, True]
-    assert (evidence(table, "fused") >= LIMIT).tolist() == [False, False]
 
 
 @pytest.mark.parametrize(
@@ -150,13 +115,6 @@ def test_one_alarm_in_exactly_the_hours_of_the_budget_is_allowed():
     assert (sweep.pet_minute >= sweep.limit_for(1.0)).sum() == 1
     assert (sweep.pet_minute >= sweep.limit_for(0.99)).sum() == 0
     assert (sweep.pet_minute >= sweep.limit_for(1e9)).sum() == 60
-
-
-def test_pets_without_evidence_allow_any_limit():
-    table = table_of(passage([0.5]), passage([0.5], "pet", is_open=False))
-    sweep = Sweep.of(table, evidence(table, "fused"))
-    assert len(sweep.pet_minute) == 0
-    assert (sweep.intrusion >= sweep.limit_for(1 / 60)).all()
 
 
 def test_curve_has_the_outcome_of_every_limit():

@@ -30,8 +30,8 @@ from tradeoff_bundles import (
 )
 from tradeoff_chain import SWITCHES, Chain, MapSetting, measure, picture_loss_db, record
 from x2train.bundle.network_cost import quantised, window_ms
+from x2train.judge.estimates import Estimate
 from x2train.nets.bundle_answers import outputs_of
-from x2train.report.intervals import Estimate
 
 pytestmark = pytest.mark.nightly
 INT8 = onnx.TensorProto.INT8

@@ -1,7 +1,6 @@
 """dataset, fit and evaluate: small from end to end, and wrong input in one line."""
 
 import json
-import shutil
 from dataclasses import asdict
 from importlib import resources
 
@@ -14,9 +13,8 @@ from radard.judge.bundle import load_bundle
 from tests.radar_helpers import run_radard
 from tests.training_helpers import FEATURES, toy
 from x2radar.errors import RecordingError
-from x2train.bundle.map_bundle import gate_of
 from x2train.cli import main
-from x2train.report import PassageTable
+from x2train.judge.table import PassageTable
 from x2train.sets.shards import MANIFEST, ShardSet, read_all
 from x2train.sets.window_set import load_windows
 
@@ -98,24 +96,8 @@ def test_a_set_that_is_there_is_not_made_again(bundle, monkeypatch, capsys):
     assert "seed: 1, not 2" in one_line(capsys)
 
 
-def test_a_set_of_before_gates_were_recorded_is_accepted_and_said(bundle, tmp_path, capsys):
-    sets = tmp_path / "sets"
-    shutil.copytree(bundle.parents[1] / "sets", sets)
-    raw = json.loads((sets / MANIFEST).read_text())
-    argv = ["dataset", "--out", str(sets), "--passages", "30", "--families", "all"]
-    raw["about"]["gate"]["false_alarms_per_day"] = 4.0
-    (sets / MANIFEST).write_text(json.dumps(raw))
-    assert main([*argv, "--seed", "1", "--workers", "1"]) == 2
-    assert "made otherwise (gate: " in one_line(capsys)
-    del raw["about"]["gate"]
-    (sets / MANIFEST).write_text(json.dumps(raw))
-    assert main([*argv, "--seed", "1", "--workers", "1"]) == 0
-    assert "made before sets recorded the gate's settings" in capsys.readouterr().out
-    assert gate_of([raw["about"], {"gate": {"false_alarms_per_day": 5.0}}]) == {}
-
-
 def test_evaluate_judges_it(bundle, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("x2train.judge.pictures.passage_png", lambda *_: None)
+    monkeypatch.setattr("x2train.judge.plots.passage_png", lambda *_: None)
     small = ["--model", str(bundle), "--passages", "12", "--workers", "1"]
     assert main(["evaluate", *small, "--out", str(tmp_path / "a")]) == 0
     report = json.loads((tmp_path / "a" / "report.json").read_text())
@@ -265,13 +247,6 @@ def test_windows_can_be_chosen_while_sets_are_read(tmp_path):
     half = load_windows(*sets, choose=lambda c: {key: value[::2] for key, value in c.items()})[0]
     for key, value in half.items():
         np.testing.assert_array_equal(value, every[key][::2])
-
-
-def test_columns_that_not_all_sets_have_are_left_out(tmp_path):
-    a = windows(tmp_path / "a", {**toy(12), "extra": np.arange(12)})
-    b = windows(tmp_path / "b", seed=2)
-    assert "extra" not in load_windows(a, b)[0]
-    assert "extra" in load_windows(a)[0]
 
 
 @pytest.mark.parametrize("order", [("a", "b"), ("b", "a")])

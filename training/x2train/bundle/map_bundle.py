@@ -12,11 +12,11 @@ from radard.errors import UsageError
 from radard.judge.bundle import CLASSES, EvidenceSettings, ModelInput
 from radard.judge.features import FeatureSettings
 from x2train.bundle.export import PARITY, BundleSpec, checked, parity, to_onnx, write_bundle
+from x2train.judge.estimates import Ranking
+from x2train.judge.verdicts import PET_LIMIT
 from x2train.nets.evidence_fit import fit_evidence, fused, log_loss, sequences
 from x2train.nets.map_fit import INPUTS, Arrays, MapTrained, logits_of
 from x2train.nets.nets import n_parameters
-from x2train.report.ranking import Ranking
-from x2train.report.verdicts import PET_LIMIT
 
 TRUST = 2 / 3
 """Share of the discount that fits families of training with which a bundle is shipped. A twin

@@ -35,12 +35,6 @@ def sets_of(args: argparse.Namespace, *options: str) -> str:
     )
 
 
-def tell_gate(folder: Path, about: Mapping[str, object]) -> None:
-    """Say so if a set was made before sets recorded the settings of their gate."""
-    if "gate" not in about:
-        result_console().print(f"{folder}: made before sets recorded the gate's settings")
-
-
 def tell_bundle(path: Path, metrics: Mapping[str, object]) -> None:
     """Say which bundle was written, by its path without suffix, and what it achieves."""
     console = result_console()
@@ -90,19 +84,6 @@ def counted(text: str) -> Iterator[Tell]:
                 bar.console.print(f"{text}: {done:,} of {total:,}")
 
         yield tell
-
-
-def last(steps: Iterator[int | _T], total: int, text: str) -> _T:
-    """Run a generator of counts behind a bar; return the result that it ends with."""
-    result: _T | None = None
-    with counted(text) as tell:
-        for step in steps:
-            if isinstance(step, int):
-                tell(step, total)
-            else:
-                result = step
-    assert result is not None  # noqa: S101 - generators end with their result
-    return result
 
 
 def followed(steps: Iterator[Epoch | _T], epochs: int) -> _T:

@@ -55,7 +55,7 @@ def _run(args: argparse.Namespace) -> int:
     # Late: the simulator takes a second, and --help must not.
     from x2train.judge.acceptance import AcceptSpec, accept  # noqa: PLC0415
     from x2train.judge.acceptance_report import lines, write_acceptance  # noqa: PLC0415
-    from x2train.judge.installed import Knows  # noqa: PLC0415
+    from x2train.judge.judging import Knows  # noqa: PLC0415
 
     knows: Knows = "mount and level" if args.level else "nothing"
     spec = AcceptSpec(model=args.model, seed=args.seed, share=args.share, knows=knows)

@@ -12,7 +12,7 @@ from radard.judge.installation import INSTALLATION
 from x2radar.commands import add_command
 from x2radar.sim.bodies.motion.curves import MOTIONS
 from x2radar.sim.bodies.skin.draw import SKINS
-from x2train.commands import Commands, check_least, counted, result_console, tell_gate
+from x2train.commands import Commands, check_least, counted, result_console
 
 FEATURES = FeatureSettings(
     clutter="removed",
@@ -133,7 +133,6 @@ def _run(args: argparse.Namespace) -> int:
             cluster=args.cluster,
             report=tell,
         )
-    tell_gate(args.out, shards.about)
     n = sum(len(shards.read(name).get("label", ())) for name in shards.names())
     result_console().print(f"{args.out}: {n} windows of {args.passages} passages")
     return 0

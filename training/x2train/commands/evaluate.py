@@ -11,10 +11,11 @@ from radard.config.sections import DEFAULT_MODEL
 from radard.errors import UsageError
 from radard.judge.bundle import Bundle, load_bundle
 from x2radar.commands import add_command
-from x2train.commands import Commands, check_least, counted, result_console, tell_gate
+from x2train.commands import Commands, check_least, counted, result_console
+from x2train.judge.table import PassageTable
 from x2train.sets.shards import MANIFEST
 
-_MOST_PET_HOURS = 10_000.0  # chosen: weeks of simulation
+_MAX_PET_HOURS = 10_000.0  # weeks of simulation
 
 
 def register(commands: Commands) -> None:
@@ -75,27 +76,25 @@ def _told_by(bundle: Bundle) -> dict[str, Any]:
 def _check_against(folder: Path, radar: str) -> None:
     """Refuse a folder whose passages are before other radars."""
     about = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))["about"]
-    # Folders of before there was a choice.
-    before = about.get("radar", "suites")
-    if before != radar:
-        msg = f"--against {folder.parent}: judged with --radar {before}, not {radar}"
+    if about["radar"] != radar:
+        msg = f"--against {folder.parent}: judged with --radar {about['radar']}, not {radar}"
         raise UsageError(msg)
 
 
 def _run(args: argparse.Namespace) -> int:
     check_least(args, passages=1, seed=0, workers=1)
     # Late: the simulator takes a second, and --help must not.
-    from x2train.judge.card import evaluation_of, write_card  # noqa: PLC0415
+    from x2train.bundle.evaluation_card import evaluation_of, write_card  # noqa: PLC0415
     from x2train.judge.judging import OWN_RADARS, JudgeSpec  # noqa: PLC0415
-    from x2train.judge.pictures import passage_png  # noqa: PLC0415
+    from x2train.judge.plots import passage_png  # noqa: PLC0415
+    from x2train.judge.report import write  # noqa: PLC0415
     from x2train.judge.suites import n_more_pets  # noqa: PLC0415
-    from x2train.report import PassageTable, write  # noqa: PLC0415
     from x2train.sets.shard_run import make_shards  # noqa: PLC0415
     from x2train.sets.sites import ONE_RADAR  # noqa: PLC0415
     from x2train.sets.windows import GATE  # noqa: PLC0415
 
-    if not 0 <= args.pet_hours <= _MOST_PET_HOURS:
-        msg = f"--pet-hours {args.pet_hours:g}: must be 0 to {_MOST_PET_HOURS:g}"
+    if not 0 <= args.pet_hours <= _MAX_PET_HOURS:
+        msg = f"--pet-hours {args.pet_hours:g}: must be 0 to {_MAX_PET_HOURS:g}"
         raise UsageError(msg)
     if args.recordings:
         return _run_recordings(args)
@@ -121,7 +120,7 @@ def _run(args: argparse.Namespace) -> int:
     spec.check(bundle)
     n_all = args.passages + n_more_pets(args.pet_hours, args.passages, args.only)
     with counted("passages") as tell:
-        shards = make_shards(
+        make_shards(
             args.out / "passages",
             {
                 "kind": "passages",
@@ -136,7 +135,6 @@ def _run(args: argparse.Namespace) -> int:
             cluster=args.cluster,
             report=tell,
         )
-    tell_gate(args.out, shards.about)
     table = PassageTable.load(args.out / "passages")
     title = f"Bundle {bundle.name}, policy {args.policy or bundle.policy}"
     if args.radar != OWN_RADARS:
@@ -146,19 +144,19 @@ def _run(args: argparse.Namespace) -> int:
         args.out,
         title=title,
         other=other,
-        render=lambda row: passage_png(spec, int(table[row].build)),
+        render=lambda row: passage_png(spec, int(table.build[row])),
     )
     console = result_console()
     console.print(f"wrote {args.out / 'report.html'} and report.json")
     if args.card:
-        made = evaluation_of(table, bundle, _command(args), shards.about.get("gate", {}))
+        made = evaluation_of(table, bundle, _command(args))
         console.print(f"entered the rates into {write_card(args.model, made)}")
     return 0
 
 
 def _run_recordings(args: argparse.Namespace) -> int:
     from x2train.judge.labelled import judge_labelled, read_list  # noqa: PLC0415
-    from x2train.report import PassageTable, write  # noqa: PLC0415
+    from x2train.judge.report import write  # noqa: PLC0415
 
     given = [name for name in ("only", "card", "pet_hours") if getattr(args, name)]
     if given:

@@ -12,7 +12,7 @@ from x2train.bundle.map_bundle import gate_of
 from x2train.finetune.finetune import Tuned, quiet_shares
 from x2train.finetune.guard import MOST_RISE, Guard
 from x2train.finetune.windows import OwnWindows
-from x2train.report.intervals import Estimate, wilson
+from x2train.judge.estimates import Estimate, wilson
 
 _RECIPE = (
     "Made of the bundle `{base}` for one household: its network, retrained lightly on {n} own "

@@ -29,10 +29,9 @@ from x2radar.sim.bodies.motion.curves import MOTIONS
 from x2radar.sim.bodies.skin.draw import SKINS
 from x2radar.sim.place.antenna import Antenna
 from x2radar.sim.scene.scene import SceneStep
-from x2train.judge.installed import Knows, installed
-from x2train.judge.judging import dwells, from_decisions, in_view, pipeline_for
+from x2train.judge.judging import Knows, dwells, from_decisions, in_view, installed, pipeline_for
 from x2train.judge.suites import SUITES
-from x2train.report import PassageTable
+from x2train.judge.table import PassageTable
 from x2train.sets.families import Family, families, family
 from x2train.sets.passages import Making, Player, actor, play
 from x2train.sets.shard_run import make_shards
@@ -224,7 +223,7 @@ class AcceptSpec:
         raise IndexError(number)
 
     def __call__(self, number: int) -> Mapping[str, NDArray[Any]]:
-        """Return the columns of passage `number`, see `JudgedPassage.columns`."""
+        """Return the columns of passage `number`, see `passage_columns`."""
         index, k = self.entry(number)
         entry, settings = ENTRIES[index], self.settings
         setting = settings[k % len(settings)]
@@ -263,7 +262,7 @@ class AcceptSpec:
             suite=entry.name,
             build=str(k),
             **facts,
-        ).columns()
+        )
 
     def judge(self, radar: Radar, config: Config) -> tuple[Pipeline, Decide]:
         """Return what makes windows of a radar's frames, and what decides on each."""

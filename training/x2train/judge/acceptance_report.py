@@ -2,7 +2,7 @@
 
 Each entry is judged by the bundle's own policy, as the daemon did, and by the thesis' rule, which
 is policy `window`: an alarm unless one window's p(pet) + p(other) is over 0.8 and one of them at
-least a half. Intervals are those of `x2train.report.intervals`.
+least a half. Intervals are those of `x2train.judge.estimates`.
 """
 
 import html
@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from radard.errors import OutputError
 from radard.judge.decision import LEAST_P
 from x2train.judge.acceptance import ENTRIES, Entry
-from x2train.report.intervals import Estimate, per_hour, share
-from x2train.report.table import PassageTable
-from x2train.report.verdicts import PET_LIMIT, hours, verdicts
+from x2train.judge.estimates import Estimate, per_hour, share
+from x2train.judge.table import PassageTable
+from x2train.judge.verdicts import PET_LIMIT, hours, verdicts
 
 POLICIES = ("bundle", "window")
 """The bundle's own policy, and the thesis' rule."""

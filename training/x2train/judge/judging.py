@@ -7,7 +7,7 @@ policy are those that run in `radard`.
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,9 +21,10 @@ from radard.pipeline import Pipeline
 from radard.stream.ring import Dwell
 from x2radar.frame import Frame, StreamInfo
 from x2train.judge.suites import SUITES, Suite, check_suites, suite_of
-from x2train.report import JudgedPassage
-from x2train.sets.passages import Passage, play
-from x2train.sets.sites import ONE_RADAR, Radar
+from x2train.judge.table import Columns, passage_columns
+from x2train.sets.known import ADULT_DB, LEVEL_ERROR_DB
+from x2train.sets.passages import Passage, level_db_of, play
+from x2train.sets.sites import ONE_RADAR, Radar, Site
 from x2train.sets.windows import dwell_ends
 
 _IN_VIEW_DB = 10.0
@@ -31,6 +32,9 @@ _LEAST_S = 0.5
 """Somebody counts as having come in who is so far over the noise of a bin for so long: at
 the edge of the beam or of the swath there is nothing to see."""
 _NAN = float("nan")
+Knows = Literal["nothing", "mount", "mount and level"]
+KNOWS: tuple[Knows, ...] = get_args(Knows)
+"""What an installation may know of itself, as `mount` in the configuration tells the daemon."""
 OWN_RADARS = "suites"
 """Every suite is played before its own radar."""
 
@@ -61,9 +65,9 @@ class JudgeSpec:
         check_suites(self.only)
 
     def __call__(self, number: int) -> Mapping[str, NDArray[Any]]:
-        """Return the columns of passage `number`, see `Passage.columns`."""
+        """Return the columns of passage `number`, see `passage_columns`."""
         suite, played = self.suite(number), self.played(number)
-        return judged(played, suite, self.model, self.policy, build=str(number)).columns()
+        return judged(played, suite, self.model, self.policy, build=str(number))
 
     def suite(self, number: int) -> Suite:
         """Return the suite of passage `number`, before its radar."""
@@ -143,7 +147,7 @@ def dwells(pipeline: Pipeline, played: Passage) -> Iterator[Dwell]:
 
 def judged(
     played: Passage, suite: Suite, model: str, policy: str = "", build: str = ""
-) -> JudgedPassage:
+) -> Columns:
     """Return a passage with its truth and all decisions on it."""
     # A table has no columns of tracks, and they take a quarter of the time.
     made = decisions(played, model, policy, judges_tracks=False)
@@ -182,7 +186,7 @@ def in_view(played: Passage) -> dict[str, float]:
     return facts
 
 
-def from_decisions(made: Sequence[Decision], **facts: Any) -> JudgedPassage:
+def from_decisions(made: Sequence[Decision], **facts: Any) -> Columns:
     """Return a passage of decisions; `facts` are its texts and numbers."""
     readings = [d.reading for d in made]
     power_db = np.array([r.power_db if r else _NAN for r in readings])
@@ -193,7 +197,7 @@ def from_decisions(made: Sequence[Decision], **facts: Any) -> JudgedPassage:
     quiet, most = np.array(fused).reshape(-1, 2).T
     windows = [(w.human, w.pet, w.other) if (w := d.window) else (_NAN,) * 3 for d in made]
     p = np.array(windows).reshape(-1, 3)
-    return JudgedPassage(
+    return passage_columns(
         t_s=np.array([d.t_s for d in made]),
         is_open=np.array([d.gate == "open" for d in made], bool),
         is_pending=np.array([d.label == "pending" for d in made], bool),
@@ -208,3 +212,14 @@ def from_decisions(made: Sequence[Decision], **facts: Any) -> JudgedPassage:
         compensated_db=power_db + 40 * np.log10(range_m),
         **facts,
     )
+
+
+def installed(config: Config, site: Site, knows: Knows, rng: np.random.Generator) -> Config:
+    """Return a configuration that says so much of a site; the level is as `rng` errs."""
+    if knows == "nothing":
+        return config
+    known = {"height_m": site.antenna.height_m, "tilt_deg": site.antenna.tilt_deg}
+    if knows == "mount and level":
+        error_db = LEVEL_ERROR_DB * rng.standard_normal()
+        known["level_db"] = float(level_db_of(site) + ADULT_DB + error_db)
+    return config.model_copy(update={"mount": config.mount.model_copy(update=known)})

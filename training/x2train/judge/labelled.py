@@ -29,7 +29,7 @@ from radard.stream.ring import Dwell
 from x2radar.bounded_yaml import load_yaml
 from x2radar.recording.registry import open_recording
 from x2train.judge.judging import from_decisions
-from x2train.report.table import LABELS, JudgedPassage, PassageTable
+from x2train.judge.table import LABELS, Columns, PassageTable
 
 _KEYS = ("file", "start", "end", "label")
 
@@ -102,7 +102,7 @@ def judge_labelled(rows: list[Labelled], model: str, policy: str = "") -> Passag
         If a recording cannot be read, or the bundle was not made for such a stream.
     """
     made: dict[Path, tuple[list[Decision], float]] = {}
-    passages: list[JudgedPassage] = []
+    passages: list[Columns] = []
     for row in rows:
         if row.file not in made:
             made[row.file] = _decided(row.file, model, policy)

@@ -24,8 +24,6 @@ from x2radar.errors import RecordingError
 Arrays = Mapping[str, NDArray[Any]]
 MANIFEST = "manifest.json"
 VERSION = 1
-_LATER = {"gate", "clear_share"}
-"""What older manifests lack; their sets are accepted, and stay without it."""
 
 
 class ShardSet:
@@ -58,8 +56,6 @@ class ShardSet:
         path = folder / MANIFEST
         if path.exists():
             known = _read_manifest(path)
-            lacks = _LATER - known["about"].keys()
-            self.about = {key: v for key, v in self.about.items() if key not in lacks}
             if known["about"] != self.about:
                 changed = _difference(known["about"], self.about)
                 msg = f"{folder}: holds a set that was made otherwise ({changed}); remove it"

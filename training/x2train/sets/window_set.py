@@ -48,11 +48,8 @@ def load_windows(
             msg = f"{folder}: windows without {', '.join(sorted(missing))}"
             raise UsageError(msg)
         abouts.append(about)
-        # Sets of version 0.1 know one motion and one skin, the first of each.
-        first = np.zeros(len(columns["label"]), np.int64)
-        known = {INSTALLATION: known_of(columns)}
-        made.append(dict(choose({"motion": first, "skin": first, **known, **columns})))
-    keys = [key for key in made[0] if all(key in columns for columns in made)]
+        made.append(dict(choose({INSTALLATION: known_of(columns), **columns})))
+    keys = list(made[0])
     # A million windows take 10 GB: no column stays twice.
     return {key: np.concatenate([each.pop(key) for each in made]) for key in keys}, abouts
 

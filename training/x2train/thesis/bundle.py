@@ -10,8 +10,8 @@ from torch import nn
 
 from radard.judge.bundle import ModelInput
 from x2train.bundle.export import PARITY, BundleSpec, checked, parity, to_onnx, write_bundle
+from x2train.judge.verdicts import PET_LIMIT
 from x2train.nets.epoch import temperature_of
-from x2train.report.verdicts import PET_LIMIT
 from x2train.thesis.cells import Cell
 from x2train.thesis.fit import Fitted
 from x2train.thesis.recipe import StudyRecipe, Tell, Variant

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from x2train.report.intervals import per_hour, resampled, share, wilson
-from x2train.report.ranking import Ranking
+from x2train.judge.estimates import Ranking, per_hour, reliability, resampled, share, wilson
 
 
 @pytest.mark.parametrize(
@@ -44,37 +43,12 @@ def test_ends_of_wilson_are_where_the_score_test_turns(count, total):
     assert (wilson(0, 8).low, wilson(8, 8).high) == pytest.approx((0, 1))
 
 
-def test_wilson_of_nothing_is_not_known():
-    found = wilson(0, 0)
-    assert math.isnan(found.value)
-    assert (found.low, found.high) == (0.0, 1.0)
-
-
-def test_share_of_nothing_is_not_known():
-    found = share(0, 0)
-    assert math.isnan(found.value)
-    assert (found.low, found.high) == (0.0, 1.0)
-
-
-def test_no_alarm_in_h_hours_is_less_than_three_over_h():
-    found = per_hour(0, 180.0)
-    assert found.value == 0
-    assert found.high == pytest.approx(-math.log(0.05) / 180)
-    assert found.high == pytest.approx(3 / 180, rel=0.002)
-
-
 @pytest.mark.parametrize("count", [1, 5, 100])
 def test_ends_of_a_rate_are_just_not_rejected(count):
     found = per_hour(count, 2.0)
     assert found.value == count / 2
     assert stats.poisson.sf(count - 1, 2 * found.low) == pytest.approx(0.025)
     assert stats.poisson.cdf(count, 2 * found.high) == pytest.approx(0.025)
-
-
-def test_rate_without_hours_is_not_known():
-    found = per_hour(0, 0.0)
-    assert math.isnan(found.value)
-    assert found.high == math.inf
 
 
 @pytest.mark.parametrize("p", [0.002, 0.02, 0.3])
@@ -105,39 +79,6 @@ def test_resampling_holds_the_truth_when_windows_of_a_passage_resemble_each_othe
     assert 0.89 <= held / 200 <= 0.99
 
 
-def test_resampling_is_that_of_its_seed():
-    values = np.arange(20.0)
-
-    def mean(weight):
-        return float(weight @ values / weight.sum())
-
-    first, again, other = (resampled(mean, 20, np.random.default_rng(k)) for k in (1, 1, 2))
-    assert first == again
-    assert first != other
-    assert first.value == 9.5
-
-
-def test_resampling_nothing_or_the_unknown():
-    rng = np.random.default_rng(0)
-    for n in (0, 5):
-        found = resampled(lambda _: math.nan, n, rng)
-        assert math.isnan(found.value)
-        assert math.isnan(found.low)
-
-
-def test_draws_without_a_figure_are_left_out():
-    rng = np.random.default_rng(0)
-    found = resampled(lambda w: 1.0 if w[0] else math.nan, 2, rng)
-    assert (found.value, found.low, found.high) == (1.0, 1.0, 1.0)
-
-
-def test_infinite_draws_are_no_trouble():
-    times = np.array([1.0, 2.0, np.inf])
-    found = resampled(lambda w: float(times[w > 0].max()), 3, np.random.default_rng(0))
-    assert found.value == found.high == math.inf
-    assert found.low in (1.0, 2.0)
-
-
 def brute_auc(score, is_positive, weight):
     total = right = 0.0
     for s, w in zip(score[is_positive], weight[is_positive], strict=True):
@@ -159,14 +100,59 @@ def test_auc_is_the_share_of_pairs_in_order(seed):
     assert ranking.auc() == pytest.approx(brute_auc(score, is_positive, np.ones(60)))
 
 
-def test_auc_of_one_class_is_not_known():
-    assert math.isnan(Ranking(np.arange(3.0), np.ones(3, bool)).auc())
-    assert math.isnan(Ranking(np.empty(0), np.empty(0, bool)).auc())
-
-
 def test_rates_at_every_threshold():
     score = np.array([3.0, 2.0, 2.0, 1.0])
     threshold, false, true = Ranking(score, np.array([True, True, False, False])).rates()
     assert threshold.tolist() == [np.inf, 3, 2, 1]
     assert false.tolist() == [0, 0, 0.5, 1]
     assert true.tolist() == [0, 0.5, 1, 1]
+
+
+def test_what_is_not_known_says_so():
+    rng = np.random.default_rng(0)
+    for found in (share(0, 0), wilson(0, 0), per_hour(0, 0.0)):
+        assert math.isnan(found.value)
+        assert found.low == 0.0
+        assert found.high in (1.0, math.inf)
+    for n in (0, 5):
+        found = resampled(lambda _: math.nan, n, rng)
+        assert math.isnan(found.value)
+        assert math.isnan(found.low)
+    assert math.isnan(Ranking(np.arange(3.0), np.ones(3, bool)).auc())
+    assert math.isnan(Ranking(np.empty(0), np.empty(0, bool)).auc())
+    # Nothing in H hours is less than 3 / H.
+    assert per_hour(0, 180.0).high == pytest.approx(3 / 180, rel=0.002)
+    # Draws without a figure are left out, infinite ones are no trouble.
+    found = resampled(lambda w: 1.0 if w[0] else math.nan, 2, rng)
+    assert (found.value, found.low, found.high) == (1.0, 1.0, 1.0)
+    times = np.array([1.0, 2.0, np.inf])
+    found = resampled(lambda w: float(times[w > 0].max()), 3, np.random.default_rng(0))
+    assert found.value == found.high == math.inf
+    assert found.low in (1.0, 2.0)
+
+
+def reliability_of(p, is_human):
+    passage_of = np.arange(len(p)) // 5
+    return reliability(p, is_human, passage_of, np.random.default_rng(0))
+
+
+def test_calibrated_probabilities_have_no_error():
+    rng = np.random.default_rng(0)
+    p = rng.random(20_000)
+    found = reliability_of(p, rng.random(20_000) < p)
+    assert found.error.value < 0.02
+    assert sum(b.n for b in found.bins) == 20_000
+    assert all(abs(b.share.value - b.mean_p) < 0.05 for b in found.bins)
+    assert sum(b.share.low <= b.mean_p <= b.share.high for b in found.bins) >= 8
+
+
+def test_error_is_the_distance_from_the_diagonal():
+    found = reliability_of(np.full(100, 0.95), np.arange(100) % 4 > 0)
+    assert found.error.value == pytest.approx(0.2)
+    assert (found.bins[9].n, found.bins[9].share.value) == (100, 0.75)
+    assert math.isnan(found.bins[0].mean_p)
+    assert math.isnan(found.bins[0].share.value)
+    # Ends of the scale are in bins.
+    found = reliability_of(np.array([0.0, 1.0]), np.array([False, True]))
+    assert (found.bins[0].n, found.bins[9].n, found.error.value) == (1, 1, 0.0)
+    assert math.isnan(reliability_of(np.empty(0), np.empty(0, bool)).error.value)

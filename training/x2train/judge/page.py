@@ -10,12 +10,12 @@ import numpy as np
 from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
-from x2train.report.figures import Figures
-from x2train.report.plots import Curve, det, diagram, roc, time_to_alarm, tradeoff
-from x2train.report.ranking import Ranking
-from x2train.report.table import PassageTable
-from x2train.report.verdicts import intrusions
-from x2train.report.windows import Windows, human_score, is_in_view, is_judged
+from x2train.judge.estimates import Ranking
+from x2train.judge.figures import Figures
+from x2train.judge.plots import Curve, diagram, roc, time_to_alarm, tradeoff
+from x2train.judge.table import PassageTable
+from x2train.judge.verdicts import intrusions
+from x2train.judge.windows import Windows, human_score, is_in_view, is_judged
 
 _BY = {
     "split": "By split",
@@ -53,7 +53,6 @@ def page(
         "tradeoff": tradeoff(here, None if there is None else there[1]),
         "time": time_to_alarm([_time_curve(name, t, f) for name, t, f in both]),
         "roc": roc([curve for curve in windows if curve is not None]),
-        "det": det([curve for curve in windows if curve is not None]),
         **{name: diagram(name, found) for name, found in here.reliability.items()},
     }
     pictures = {}
@@ -71,7 +70,7 @@ def page(
         "bar": _bar,
         "grouped": lambda n: f"{n:,}",
     }
-    text = resources.files("x2train.report").joinpath("report.html").read_text(encoding="utf-8")
+    text = resources.files("x2train.judge").joinpath("report.html").read_text(encoding="utf-8")
     return environment.from_string(text).render(
         report=made,
         plots={name: Markup(svg) for name, svg in plots.items()},  # noqa: S704 - our own SVG

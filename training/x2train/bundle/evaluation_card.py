@@ -10,24 +10,23 @@ import numpy as np
 from radard.errors import UsageError
 from radard.judge.bundle import Bundle, load_bundle
 from radard.judge.card import sidecar_path
-from x2train.report.figures import figures
-from x2train.report.intervals import Estimate
-from x2train.report.levels import Level, levels
-from x2train.report.report_json import rounded
-from x2train.report.table import PassageTable
+from x2train.judge.estimates import Estimate
+from x2train.judge.figures import figures
+from x2train.judge.levels import Level, levels
+from x2train.judge.report import rounded
+from x2train.judge.table import PassageTable
 from x2train.sets.shards import write_whole
+from x2train.sets.windows import GATE
 
 _HEAD = "## As an alarm"
 
 
-def evaluation_of(
-    table: PassageTable, bundle: Bundle, command: str, gate: Mapping[str, float] | None = None
-) -> dict[str, Any]:
+def evaluation_of(table: PassageTable, bundle: Bundle, command: str) -> dict[str, Any]:
     """Return what a sidecar says under ``evaluation``, of a run of a bundle with its own policy.
 
-    ``policy``, ``command``, ``gate`` (its settings, where they are known), ``passages``, whether
+    ``policy``, ``command``, ``gate`` (its settings), ``passages``, whether
     no single feature tells people from pets (``is_matched``), and by name of sensitivity the
-    figures of `x2train.report.levels.Level`, each estimate as [value, low, high]; null is not
+    figures of `x2train.judge.levels.Level`, each estimate as [value, low, high]; null is not
     known or infinite.
 
     Raises
@@ -42,7 +41,7 @@ def evaluation_of(
     return {
         "policy": bundle.policy,
         "command": command,
-        **({"gate": dict(gate)} if gate else {}),
+        "gate": GATE.model_dump(),
         "passages": len(table),
         "is_matched": figures(table, 0).is_matched,
         "sensitivities": {level.name: _plain(level) for level in made},

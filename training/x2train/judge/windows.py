@@ -11,9 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from x2train.report.intervals import Estimate, resampled
-from x2train.report.ranking import Ranking
-from x2train.report.table import LABELS, PassageTable
+from x2train.judge.estimates import Estimate, Ranking, resampled
+from x2train.judge.table import LABELS, PassageTable
 
 DWELL_S = 2.0  # as all bundles have it
 MATCHED_BELOW = 0.60  # AUC: chosen, hardly over chance
@@ -125,12 +124,11 @@ class Baseline:
 def baselines(
     table: PassageTable, windows: Windows, rng: np.random.Generator
 ) -> tuple[Baseline, ...]:
-    """Return what power, cross-section, range, SNR and speed achieve alone."""
+    """Return what power, range, SNR and speed achieve alone."""
     passage = table.passage[windows.row]
     features = (
         ("total power", True, table.power_db[windows.row]),
         ("range-compensated power", True, table.compensated_db[windows.row]),
-        ("radar cross-section", True, table.rcs_dbsm[passage]),
         ("range", True, table.target_range_m[windows.row]),
         ("SNR", True, table.snr_db[passage]),
         ("speed", False, table.speed_mps[passage]),

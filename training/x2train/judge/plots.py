@@ -1,4 +1,4 @@
-"""Plots of the report: SVG that takes its colours and type from the page around it."""
+"""Plots of the report, SVG in the colours of the page around it, and pictures of passages."""
 
 import io
 import re
@@ -9,7 +9,6 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
 
 mpl.use("Agg")
 
@@ -17,8 +16,12 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
-from x2train.report.figures import Figures
-from x2train.report.reliability import Reliability
+from radard.detect.clutter_map import ClutterRemover
+from radard.dsp.range_time import RangeTimeMap
+from radard.stream.ring import Dwell
+from x2train.judge.estimates import Reliability
+from x2train.judge.figures import Figures
+from x2train.judge.judging import JudgeSpec
 
 _Float = NDArray[np.float64]
 _INK, _FAINT = "#010203", "#010204"
@@ -48,7 +51,7 @@ _STYLE: Any = {
     "legend.frameon": False,
     "lines.linewidth": 2,
 }
-_DET_TICKS = (0.0001, 0.001, 0.01, 0.05, 0.2, 0.5)  # chosen
+_CELL_S = 0.1  # of a passage: a pixel or two of its picture
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,24 +110,6 @@ def roc(curves: Sequence[Curve]) -> str:
     axes.set(xscale="log", xlim=(left, 1), ylim=(0, 1.01))
     _legend(axes)
     return _svg(figure, "roc", "ROC curve of windows")
-
-
-def det(curves: Sequence[Curve]) -> str:
-    """Return both kinds of error of windows, on normal deviates (Martin et al. 1997)."""
-    figure, axes = _axes("pet windows called human", "human windows called pet")
-    ends = float(norm.ppf(_DET_TICKS[0] / 2)), float(norm.ppf(0.6))
-    for k, curve in enumerate(curves):
-        x = np.clip(norm.ppf(curve.x), *ends)
-        y = np.clip(norm.ppf(1 - curve.y), *ends)
-        x, y = _thinned(x, y)
-        axes.step(x, y, where="post", color=_SERIES[k], label=curve.name)
-    ticks = norm.ppf(_DET_TICKS)
-    labels = [f"{100 * p:g} %" for p in _DET_TICKS]
-    axes.set(xlim=ends, ylim=ends)
-    axes.set_xticks(ticks, labels)
-    axes.set_yticks(ticks, labels)
-    _legend(axes)
-    return _svg(figure, "det", "DET curve of windows")
 
 
 def diagram(name: str, found: Reliability) -> str:
@@ -205,3 +190,45 @@ def _svg(figure: Figure, name: str, title: str) -> str:
     for colour, css in _CSS.items():
         text = text.replace(colour, css)
     return text.replace("<svg ", f'<svg role="img" aria-label="{title}" ', 1)
+
+
+def passage_png(spec: JudgeSpec, number: int) -> bytes:
+    """Return a small PNG of passage `number`: residual power by range and time."""
+    played = spec.played(number)
+    radar = played.site.radar
+    axis, rate_hz = radar.axis(), radar.frame_rate_hz
+    n = len(played.frames)
+    dwell = Dwell(played.frames, np.ones(n, bool), axis, rate_hz, n / rate_hz)
+    clean = ClutterRemover().remove(dwell).frames
+    ranges = RangeTimeMap(
+        axis,
+        max(4, round(28 / 60 * rate_hz)),
+        cell_m=0.05,
+        near_m=radar.near_m,
+        far_m=radar.far_m,
+        n_keep=n,
+    )
+    ranges.push(clean)
+    power, _ = ranges.cells(rate_hz, cell_s=_CELL_S, n_cells=int(n / rate_hz / _CELL_S))
+    level_db = 10 * np.log10(np.maximum(power, 1e-30))
+    top = float(level_db.max())
+    figure = Figure(figsize=(4.2, 2.2), dpi=90, layout="constrained")
+    axes = figure.add_subplot()
+    axes.imshow(
+        level_db,
+        origin="lower",
+        aspect="auto",
+        extent=(0, n / rate_hz, radar.near_m, radar.far_m),
+        vmin=top - 40,
+        vmax=top,
+        cmap="magma",
+    )
+    t_s = np.arange(n) / rate_hz
+    for k in range(played.truth.range_m.shape[1]):
+        seen = np.where(played.truth.snr_db[:, k] > 0, played.truth.range_m[:, k], np.nan)
+        axes.plot(t_s, seen, color="white", lw=0.8, ls=":")
+    axes.set_xlabel("time, s")
+    axes.set_ylabel("range, m")
+    out = io.BytesIO()
+    figure.savefig(out, format="png", metadata={"Software": None})
+    return out.getvalue()

@@ -12,8 +12,8 @@ from typing import Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from x2train.report.intervals import Estimate, per_hour, resampled, share
-from x2train.report.table import PassageTable
+from x2train.judge.estimates import Estimate, per_hour, resampled, share
+from x2train.judge.table import PassageTable
 
 PET_LIMIT = 0.8  # the thesis' rule, and every bundle's
 BUDGET_HOURS = (1.0, 10.0, 60.0, 180.0)

@@ -16,9 +16,9 @@ from radard.config.sections import AlarmSection
 from radard.judge.bundle import Bundle, EvidenceSettings
 from radard.judge.classifier import Probabilities
 from radard.judge.decision import Verdict, pet_limit_of
-from x2train.report.intervals import Estimate, per_hour, share
-from x2train.report.table import PassageTable
-from x2train.report.verdicts import hours, intrusions, quantile_s
+from x2train.judge.estimates import Estimate, per_hour, share
+from x2train.judge.table import PassageTable
+from x2train.judge.verdicts import hours, intrusions, quantile_s
 
 
 @dataclass(frozen=True, slots=True)

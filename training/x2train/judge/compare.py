@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radard.errors import UsageError
-from x2train.report.figures import Figures
-from x2train.report.intervals import Estimate, resampled
-from x2train.report.table import PassageTable
-from x2train.report.verdicts import intrusions
+from x2train.judge.estimates import Estimate, resampled
+from x2train.judge.figures import Figures
+from x2train.judge.table import PassageTable
+from x2train.judge.verdicts import intrusions
 
 _Bool = NDArray[np.bool_]
 _Float = NDArray[np.float64]

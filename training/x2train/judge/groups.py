@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from x2train.report.intervals import Estimate, per_hour
-from x2train.report.table import PassageTable
-from x2train.report.verdicts import Outcome, Verdicts, hours, outcome
+from x2train.judge.estimates import Estimate, per_hour
+from x2train.judge.table import PassageTable
+from x2train.judge.verdicts import Outcome, Verdicts, hours, outcome
 
 EDGES = {
     "speed_mps": (0.0, 0.1, 0.3, 0.6, 1.0, 1.5, 2.2, 3.0),

@@ -5,11 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from x2train.report.groups import Group, groups
-from x2train.report.intervals import Estimate
-from x2train.report.reliability import Reliability, reliability
-from x2train.report.table import LABELS, PassageTable
-from x2train.report.verdicts import (
+from x2train.judge.estimates import Estimate, Reliability, reliability
+from x2train.judge.groups import Group, groups
+from x2train.judge.table import LABELS, PassageTable
+from x2train.judge.verdicts import (
     BUDGET_HOURS,
     PET_LIMIT,
     Outcome,
@@ -22,7 +21,7 @@ from x2train.report.verdicts import (
     outcome,
     verdicts,
 )
-from x2train.report.windows import (
+from x2train.judge.windows import (
     Baseline,
     Windows,
     balanced_accuracy,

@@ -1,0 +1,166 @@
+"""Passages: what moved by, and everything the daemon decided while it did.
+
+A passage is one body (or none) before one radar for some seconds. A table holds many in
+columns, so that half a million decisions are a dozen arrays; on disk it is a set of shards
+whose arrays are the columns, as `make_shards` leaves them when every element returns
+`passage_columns`.
+"""
+
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radard.errors import UsageError
+from x2radar.errors import RecordingError
+from x2train.sets.shards import MANIFEST, ShardSet
+
+LABELS = ("human", "pet", "other", "empty")
+Columns: TypeAlias = dict[str, NDArray[Any]]
+
+TEXTS = ("family", "label", "split", "suite", "build")
+NUMBERS = (
+    *("speed_mps", "range_m", "aspect_deg", "snr_db"),
+    *("duration_s", "enters_s", "leaves_s"),
+)
+FLAGS = ("is_open", "is_pending", "is_alarm")
+SERIES = (
+    *("t_s", "p_human", "p_pet", "p_other", "fused_quiet", "fused_most"),
+    *("power_db", "target_range_m", "compensated_db"),
+)
+"""Columns: of passages (text, float64), of decisions (bool, float64)."""
+
+
+def passage_columns(*, label: str, t_s: NDArray[np.float64], **facts: Any) -> Columns:
+    """Return one passage as a row of the passages' columns and n of the decisions'.
+
+    See `PassageTable` for what they mean; texts that are not given are empty, numbers NaN. Raises
+    UsageError if the label is none of the four, or the arrays differ in length.
+    """
+    if label not in LABELS:
+        msg = f"label {label!r}: must be one of {', '.join(LABELS)}"
+        raise UsageError(msg)
+    given = {"label": label, "t_s": t_s, **facts}
+    columns: Columns = {"n_decisions": np.array([len(t_s)], np.int64)}
+    columns |= {name: np.array([given.get(name, "")], np.str_) for name in TEXTS}
+    columns |= {name: np.array([given.get(name, np.nan)], np.float64) for name in NUMBERS}
+    columns |= {name: np.asarray(given[name], np.bool_) for name in FLAGS}
+    columns |= {name: np.asarray(given[name], np.float64) for name in SERIES}
+    for name in (*FLAGS, *SERIES):
+        if columns[name].shape != (len(t_s),):
+            msg = f"{name}: shape {columns[name].shape}, not ({len(t_s)},) like t_s"
+            raise UsageError(msg)
+    return columns
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class PassageTable:
+    """Many passages in columns.
+
+    Those of passages have shape (n_passages,), those of decisions (n_decisions,), passage by
+    passage.
+    """
+
+    n_decisions: NDArray[np.int64]  # how many rows of the decisions' columns each passage has
+    family: NDArray[np.str_]  # what moved: 'walker', 'dog, large', 'crawler', 'fan', ...
+    label: NDArray[np.str_]  # the truth, of `LABELS`; a person with a pet is human
+    split: NDArray[np.str_]  # 'train families', 'held-out family', 'unseen room', ...
+    suite: NDArray[np.str_]  # a named test ('walk test: across 1.0 m/s'), or empty
+    build: NDArray[np.str_]  # of the body, its height, mass and limbs
+    # means over the time in the swath; NaN where there is no such thing
+    speed_mps: NDArray[np.float64]
+    range_m: NDArray[np.float64]
+    aspect_deg: NDArray[np.float64]
+    snr_db: NDArray[np.float64]
+    duration_s: NDArray[np.float64]  # of the passage
+    # first and last stream second in which the body was in the swath; NaN when never
+    enters_s: NDArray[np.float64]
+    leaves_s: NDArray[np.float64]
+    t_s: NDArray[np.float64]  # stream time at the end of every dwell, ascending
+    # gate open; label `pending`; the daemon's verdict
+    is_open: NDArray[np.bool_]
+    is_pending: NDArray[np.bool_]
+    is_alarm: NDArray[np.bool_]
+    # calibrated probabilities of each window; NaN with the gate closed
+    p_human: NDArray[np.float64]
+    p_pet: NDArray[np.float64]
+    p_other: NDArray[np.float64]
+    # fused p_pet + p_other, not as one minus p_human: 1e-12 and 1e-6 must differ; the larger of
+    # the two in it; NaN with the gate closed
+    fused_quiet: NDArray[np.float64]
+    fused_most: NDArray[np.float64]
+    power_db: NDArray[np.float64]  # total residual power
+    target_range_m: NDArray[np.float64]  # where it is; NaN with the gate closed
+    # residual power times range to the fourth: what the radar cross-section would be
+    compensated_db: NDArray[np.float64]
+    # (n_passages + 1,): row of the decisions' columns at which each passage begins
+    first: NDArray[np.int64] = field(init=False)
+    # (n_decisions,): passage of every decision
+    passage: NDArray[np.int64] = field(init=False)
+
+    def __post_init__(self) -> None:
+        n = len(self.n_decisions)
+        ends = np.concatenate([[0], np.cumsum(self.n_decisions)]).astype(np.int64)
+        object.__setattr__(self, "first", ends)
+        object.__setattr__(self, "passage", np.repeat(np.arange(n), self.n_decisions))
+        lengths = dict.fromkeys((*TEXTS, *NUMBERS), n)
+        lengths |= dict.fromkeys((*FLAGS, *SERIES), int(ends[-1]))
+        for name, length in lengths.items():
+            if getattr(self, name).shape != (length,):
+                msg = f"{name}: shape {getattr(self, name).shape}, not ({length},)"
+                raise UsageError(msg)
+
+    def __len__(self) -> int:
+        return len(self.n_decisions)
+
+    @classmethod
+    def of(cls, parts: Iterable[Mapping[str, NDArray[Any]]]) -> "PassageTable":
+        """Return a table of columns, one below the other; UsageError if one is missing."""
+        parts = [_empty(), *(part for part in parts if part)]
+        try:
+            columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+        except KeyError as err:
+            msg = f"passages without the column {err.args[0]!r}"
+            raise UsageError(msg) from None
+        return cls(**columns)
+
+    def chosen(self, keep: NDArray[np.bool_]) -> "PassageTable":
+        """Return the passages for which `keep`, shape (n_passages,), is true."""
+        rows = keep[self.passage]
+        columns = {name: getattr(self, name)[keep] for name in ("n_decisions", *TEXTS, *NUMBERS)}
+        columns |= {name: getattr(self, name)[rows] for name in (*FLAGS, *SERIES)}
+        return PassageTable(**columns)
+
+    def save(self, folder: Path, about: Mapping[str, Any]) -> None:
+        """Write the table as a set of one shard; `about` says what it was made from."""
+        names = [f.name for f in fields(self) if f.init]
+        ShardSet(folder, about).write("shard-00000", {name: getattr(self, name) for name in names})
+
+    @classmethod
+    def load(cls, folder: Path) -> "PassageTable":
+        """Read a set of shards of passages.
+
+        Raises RecordingError if there is none or a shard is damaged, UsageError if it is of
+        something else.
+        """
+        shards = ShardSet(folder, _about(folder))
+        return cls.of(shards.read(name) for name in shards.names())
+
+
+def _empty() -> Columns:
+    columns: Columns = {"n_decisions": np.empty(0, np.int64)}
+    columns |= {name: np.empty(0, "U1") for name in TEXTS}
+    columns |= {name: np.empty(0, np.float64) for name in (*NUMBERS, *SERIES)}
+    return columns | {name: np.empty(0, np.bool_) for name in FLAGS}
+
+
+def _about(folder: Path) -> dict[str, Any]:
+    try:
+        return dict(json.loads((folder / MANIFEST).read_text(encoding="utf-8"))["about"])
+    except (OSError, ValueError, KeyError, TypeError) as err:
+        msg = f"{folder}: no set of passages ({err})"
+        raise RecordingError(msg) from err
