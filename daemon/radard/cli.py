@@ -70,17 +70,11 @@ _COMMANDS = {
     "bench": "how many fit",
 }
 """What each does in a few words."""
-_PLACES = {
-    "status": ("health", "run_status"),
-    "arm": ("control", "run_arm"),
-    "disarm": ("control", "run_disarm"),
-    "test-alarm": ("control", "run_test_alarm"),
-    "setup": ("setup.command", "run"),
+_SHARED = {
+    **dict.fromkeys(("health", "status"), "health"),
+    **dict.fromkeys(("arm", "disarm", "test-alarm"), "control"),
 }
-"""File of `radard.commands` and function, where that is not `run` in a file of the same name.
-
-Beside `run` stands `make_parser`, beside `run_status` `make_status_parser`.
-"""
+"""Files of `radard.commands` that hold more than one command: they are told which."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -90,8 +84,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _body(argv: Sequence[str]) -> int:
     if argv and argv[0] in _COMMANDS:
-        module, function = _place(argv[0])
-        code: int = getattr(module, function)(argv[1:])
+        module, names = _place(argv[0])
+        code: int = module.run(argv[1:], *names)
         return code
     args = _parser().parse_args(argv)
     _start_logging(args.verbose - args.quiet, as_json=args.log_format == "json")
@@ -126,8 +120,8 @@ def whole_parser() -> Parser:
     parser = _parser()
     commands = parser.add_subparsers(metavar="COMMAND")
     for name, text in _COMMANDS.items():
-        module, function = _place(name)
-        sub: Parser = getattr(module, function.replace("run", "make", 1) + "_parser")()
+        module, names = _place(name)
+        sub: Parser = module.make_parser(*names)
         commands.add_parser(
             name,
             prog=sub.prog,
@@ -140,10 +134,11 @@ def whole_parser() -> Parser:
     return parser
 
 
-def _place(name: str) -> tuple[ModuleType, str]:
-    """Return a subcommand's file and function."""
-    module, function = _PLACES.get(name, (name, "run"))
-    return import_module(f"radard.commands.{module}"), function
+def _place(name: str) -> tuple[ModuleType, tuple[str, ...]]:
+    """Return a subcommand's module, and what its `run` and `make_parser` take besides."""
+    file = "setup.command" if name == "setup" else _SHARED.get(name, name)
+    module = import_module(f"radard.commands.{file}")
+    return module, (name,) if name in _SHARED else ()
 
 
 class _JsonFormatter(logging.Formatter):

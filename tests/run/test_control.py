@@ -63,13 +63,13 @@ def test_disarm_and_arm_over_the_socket(tmp_path, launch, said):
 
 def test_a_folder_of_any_length_has_a_socket(tmp_path):
     class Radar:
-        name, is_kept = "radar", True
+        sensor, is_kept = "radar", True
 
         def command(self, name):
             self.armed = name != "disarm"
 
         def panel(self):
-            return {"armed": self.armed, "mode": "away"}
+            return SensorState(armed=self.armed)
 
     folder = tmp_path / ("state" * 20) / ("radar" * 20)
     server = control.ControlServer([Radar()], folder)

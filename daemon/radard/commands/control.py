@@ -30,49 +30,20 @@ class NoDaemon(RadardError):
     exit_code = 1
 
 
-def run_arm(argv: Sequence[str]) -> int:
-    """Run `radard arm`."""
-    return _run(make_arm_parser(), "arm", argv)
-
-
-def run_disarm(argv: Sequence[str]) -> int:
-    """Run `radard disarm`."""
-    return _run(make_disarm_parser(), "disarm", argv)
-
-
-def run_test_alarm(argv: Sequence[str]) -> int:
-    """Run `radard test-alarm`; 1 when an output failed."""
-    return _run(make_test_alarm_parser(), "test-alarm", argv)
-
-
-def make_arm_parser() -> Parser:
-    """Return the parser of `radard arm`."""
-    parser = _parser("arm")
-    parser.add_argument(
-        "--home", action="store_true", help="leave out zones.away: people are at home"
-    )
-    return parser
-
-
-def make_disarm_parser() -> Parser:
-    """Return the parser of `radard disarm`."""
-    return _parser("disarm")
-
-
-def make_test_alarm_parser() -> Parser:
-    """Return the parser of `radard test-alarm`."""
-    return _parser("test-alarm")
-
-
-def _parser(name: str) -> Parser:
+def make_parser(name: str) -> Parser:
+    """Return the parser of the subcommand of a name."""
     parser = new_parser(f"radard {name}", _WORDS[name], _EXAMPLES.format(name))
-    parser.add_argument("--sensor", metavar="NAME", help="only this one (all that are configured)")
-    parser.add_argument("--config", type=Path, metavar="FILE", help="configuration file")
+    add = parser.add_argument
+    if name == "arm":
+        add("--home", action="store_true", help="leave out zones.away: people are at home")
+    add("--sensor", metavar="NAME", help="only this one (all that are configured)")
+    add("--config", type=Path, metavar="FILE", help="configuration file")
     return parser
 
 
-def _run(parser: Parser, name: str, argv: Sequence[str]) -> int:
-    args = parser.parse_args(argv)
+def run(argv: Sequence[str], name: str) -> int:
+    """Run the subcommand of a name; 1 when a test alarm failed somewhere."""
+    args = make_parser(name).parse_args(argv)
     command = "arm-home" if name == "arm" and args.home else name
     config = load_config(args.config)
     known = [each.sensor.name for each in config.each()]

@@ -1,7 +1,7 @@
 """`radard health` and `status`: how is the daemon that runs on this machine? Exit code 0 or 1."""
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from radard.config.config import Config, load_config
@@ -9,38 +9,21 @@ from radard.config.directories import status_dirs
 from radard.health.status_file import StatusReport, read_status, status_path
 from x2radar.command import Parser, new_parser
 
+_ABOUT = {
+    "health": (
+        "Ask after the daemon that runs here.",
+        "exit code 0: decisions are made from fresh frames",
+    ),
+    "status": (
+        "Tell what the daemon that runs here is doing.",
+        "online, armed, nobody there, a decision 0.4 s ago",
+    ),
+}
 _EXAMPLES = """\
 examples:
-  radard health                    exit code 0: decisions are made from fresh frames
-  radard health --sensor hall --json
+  radard {0}                    {1}
+  radard {0} --sensor hall --json
 """
-
-
-_STATUS_EXAMPLES = """\
-examples:
-  radard status                    online, armed, nobody there, a decision 0.4 s ago
-  radard status --sensor hall --json
-"""
-
-
-def run(argv: Sequence[str]) -> int:
-    """Run `radard health`."""
-    return _run(make_parser(), lambda report: report.line, argv)
-
-
-def run_status(argv: Sequence[str]) -> int:
-    """Run `radard status`: what it sees and whether it is armed, besides."""
-    return _run(make_status_parser(), _told, argv)
-
-
-def make_parser() -> Parser:
-    """Return the parser of `radard health`."""
-    return _parser("health", "Ask after the daemon that runs here.", _EXAMPLES)
-
-
-def make_status_parser() -> Parser:
-    """Return the parser of `radard status`."""
-    return _parser("status", "Tell what the daemon that runs here is doing.", _STATUS_EXAMPLES)
 
 
 def _told(report: StatusReport) -> str:
@@ -65,8 +48,10 @@ def _told(report: StatusReport) -> str:
     return ", ".join(parts)
 
 
-def _parser(command: str, text: str, examples: str) -> Parser:
-    parser = new_parser(f"radard {command}", text, examples)
+def make_parser(name: str) -> Parser:
+    """Return the parser of the subcommand of a name."""
+    text, example = _ABOUT[name]
+    parser = new_parser(f"radard {name}", text, _EXAMPLES.format(name, example))
     add = parser.add_argument
     add("--sensor", metavar="NAME", help="only this one (all that are configured)")
     add("--config", type=Path, metavar="FILE", help="configuration file")
@@ -74,17 +59,19 @@ def _parser(command: str, text: str, examples: str) -> Parser:
     return parser
 
 
-def _run(parser: Parser, line: Callable[[StatusReport], str], argv: Sequence[str]) -> int:
-    args = parser.parse_args(argv)
+def run(argv: Sequence[str], name: str) -> int:
+    """Run the subcommand of a name; `status` tells more of what is well."""
+    args = make_parser(name).parse_args(argv)
     config = load_config(args.config)
     names = [args.sensor] if args.sensor else [each.sensor.name for each in config.each()]
-    reports = {name: _report(name, config) for name in names}
-    for name, report in reports.items():
+    reports = {sensor: _report(sensor, config) for sensor in names}
+    for sensor, report in reports.items():
         if args.json:
             about = {"healthy": report.is_healthy, "line": report.line, **report.content}
-            print(json.dumps({"sensor": name, **about} if len(reports) > 1 else about))
+            print(json.dumps({"sensor": sensor, **about} if len(reports) > 1 else about))
         else:
-            print(f"{name}: {line(report)}" if len(reports) > 1 else line(report))
+            line = report.line if name == "health" else _told(report)
+            print(f"{sensor}: {line}" if len(reports) > 1 else line)
     # As /healthz says it: degraded, with one of several away, is not down.
     return 0 if any(report.is_healthy for report in reports.values()) else 1
 

@@ -4,7 +4,7 @@ A new sink is a module in `radard.outputs`, a row of `SINKS` here, a section if 
 and its row in docs/reference/outputs.md.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
@@ -147,9 +147,9 @@ class SinkOptions(Section):
     web: WebSection = WebSection()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class SinkRow:
-    """What help, configuration, redaction, reload and docs/reference/outputs.md say of one output.
+    """What help, configuration, redaction and reload know of one output.
 
     Attributes
     ----------
@@ -161,25 +161,18 @@ class SinkRow:
         What follows the scheme; none: not even a colon.
     sections : tuple of str
         What it reads of `SinkOptions`; it is reopened when a reload changes one of them.
-    has_outbox : bool
-        Its events wait on disk until the far end has confirmed them.
     is_per_sensor : bool
         Of several radars in one process each has its own.
     shows : {'all', 'host', 'program', 'service'}
         What is printed of its value; passwords in URLs never are (`radard.config.redact`).
-    gets, on_failure : str
-        Its row in docs/reference/outputs.md: what it gets, and what happens when it breaks.
     """
 
     form: str
     module: str
     value: Literal["none", "optional", "required"] = "required"
     sections: tuple[str, ...] = ()
-    has_outbox: bool = False
     is_per_sensor: bool = False
     shows: Literal["all", "host", "program", "service"] = "all"
-    gets: str
-    on_failure: str = "never"
 
     @property
     def scheme(self) -> str:
@@ -187,100 +180,46 @@ class SinkRow:
         return self.form.partition(":")[0]
 
 
-_MQTT = SinkRow(
-    form="mqtt://HOST",
-    module="radard.outputs.mqtt.sink",
-    sections=("mqtt", "outbox"),
-    has_outbox=True,
-    is_per_sensor=True,
-    gets="topics below",
-    on_failure="events wait on disk; all that is retained is published again after a connection",
-)
 SINKS = (
+    SinkRow("json", "radard.outputs.stdout", value="none"),
+    SinkRow("json:FILE", "radard.outputs.jsonl", sections=("jsonl",)),
+    SinkRow("table", "radard.outputs.stdout", value="none"),
+    SinkRow("null", "radard.outputs.null", value="none"),
     SinkRow(
-        form="json",
-        module="radard.outputs.stdout",
-        value="none",
-        gets="all records, on stdout",
-        on_failure="a reader that pauses costs the oldest decisions, never events (up to "
-        "10 000); one that closes it ends the run. A replay, or a simulation at full speed, "
-        "waits instead",
+        "mqtt://HOST",
+        "radard.outputs.mqtt.sink",
+        sections=("mqtt", "outbox"),
+        is_per_sensor=True,
     ),
     SinkRow(
-        form="json:FILE",
-        module="radard.outputs.jsonl",
-        sections=("jsonl",),
-        gets="all records",
-        on_failure="tried again while the queue has room; a replay ends with exit 1",
+        "mqtts://HOST",
+        "radard.outputs.mqtt.sink",
+        sections=("mqtt", "outbox"),
+        is_per_sensor=True,
     ),
     SinkRow(
-        form="table",
-        module="radard.outputs.stdout",
-        value="none",
-        gets="all records, as lines for people, on stdout",
-        on_failure="as `json`",
-    ),
-    SinkRow(form="null", module="radard.outputs.null", value="none", gets="nothing is kept"),
-    _MQTT,
-    replace(_MQTT, form="mqtts://HOST", gets="the same, encrypted", on_failure="as `mqtt`"),
-    SinkRow(
-        form="webhook:URL",
-        module="radard.outputs.webhook",
+        "webhook:URL",
+        "radard.outputs.webhook",
         value="optional",
         sections=("webhook", "outbox"),
-        has_outbox=True,
         shows="host",
-        gets="events, as chosen",
-        on_failure="events wait on disk",
     ),
     SinkRow(
-        form="apprise:URL",
-        module="radard.outputs.apprise",
+        "apprise:URL",
+        "radard.outputs.apprise",
         sections=("apprise", "outbox"),
-        has_outbox=True,
         shows="service",
-        gets="events, as chosen, as messages to people",
-        on_failure="events wait on disk",
     ),
     SinkRow(
-        form="exec:COMMAND",
-        module="radard.outputs.exec",
+        "exec:COMMAND",
+        "radard.outputs.exec",
         sections=("exec", "outbox"),
-        has_outbox=True,
         shows="program",
-        gets="events, as chosen",
-        on_failure="events wait on disk",
     ),
-    SinkRow(
-        form="syslog:",
-        module="radard.outputs.syslog",
-        value="optional",
-        sections=("syslog", "outbox"),
-        gets="events, states",
-        on_failure="tried again while the queue has room",
-    ),
-    SinkRow(
-        form="lsl:",
-        module="radard.outputs.lsl",
-        value="optional",
-        is_per_sensor=True,
-        gets="decisions, events, for the Lab Streaming Layer",
-        on_failure="an inlet that is not connected misses what is sent meanwhile",
-    ),
-    SinkRow(
-        form="store:FILE",
-        module="radard.outputs.store",
-        sections=("store",),
-        gets="events, states, decisions",
-        on_failure="tried again; a damaged file is put aside as `FILE.broken`",
-    ),
-    SinkRow(
-        form="http://HOST:PORT",
-        module="radard.web.sink",
-        sections=("web",),
-        gets="dashboard, HTTP interface, Prometheus",
-        on_failure="a busy port is a warning, tried again",
-    ),
+    SinkRow("syslog:", "radard.outputs.syslog", value="optional", sections=("syslog", "outbox")),
+    SinkRow("lsl:", "radard.outputs.lsl", value="optional", is_per_sensor=True),
+    SinkRow("store:FILE", "radard.outputs.store", sections=("store",)),
+    SinkRow("http://HOST:PORT", "radard.web.sink", sections=("web",)),
 )
 """All built-in outputs, in the order in which help and docs/reference/outputs.md list them."""
 SCHEMES = frozenset(row.scheme for row in SINKS)

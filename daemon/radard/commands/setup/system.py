@@ -7,16 +7,17 @@ since stays, unless all is to go.
 
 import contextlib
 import hashlib
-import json
 import os
 import shutil
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+from pydantic import AfterValidator, BaseModel
 
 from radard.commands.setup import files
 from radard.errors import ConfigError, NotAllowed, RadardError, UsageError
@@ -55,17 +56,27 @@ class Installation:
         return self.root == Path("/") and Path("/run/systemd/system").is_dir()
 
 
-@dataclass(slots=True)
-class Record:
+def _check_below(name: str) -> str:
+    if Path(name).is_absolute() or ".." in Path(name).parts:
+        msg = "leaves the root folder"
+        raise ValueError(msg)
+    return name
+
+
+Below = Annotated[str, AfterValidator(_check_below)]
+"""A path below the root."""
+
+
+class Record(BaseModel, extra="forbid"):
     """What an installation has written, below its root."""
 
-    files: dict[str, str] = field(default_factory=dict)
+    files: dict[Below, str] = {}
     """SHA-256 of each file as it was written."""
-    links: dict[str, str] = field(default_factory=dict)
+    links: dict[Below, str] = {}
     """Target of each link."""
-    folders: list[str] = field(default_factory=list)
+    folders: list[Below] = []
     """Made by us, outer before inner."""
-    units: list[str] = field(default_factory=list)
+    units: list[str] = []
     """Switched on."""
 
     @classmethod
@@ -75,17 +86,16 @@ class Record:
         if not path.exists():
             return cls()
         try:
-            return _checked(cls(**json.loads(path.read_text(encoding="utf-8"))))
-        except (OSError, ValueError, TypeError) as err:
+            return cls.model_validate_json(path.read_bytes())
+        except (OSError, ValueError) as err:
             msg = f"{path}: is no record of an installation: {err}"
             raise ConfigError(msg) from err
 
     def write(self, root: Path) -> None:
         """Keep it for the uninstallation."""
-        content = {name: getattr(self, name) for name in self.__dataclass_fields__}
         path = root / RECORD_FILE
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+        path.write_text(self.model_dump_json(indent=1) + "\n", encoding="utf-8")
 
 
 def install_system(what: Installation) -> Iterator[str]:
@@ -369,13 +379,3 @@ def _remove_state(root: Path, record: Record) -> Iterator[str]:
 
 def _sha256(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()
-
-
-def _checked(record: Record) -> Record:
-    """Return a record whose paths stay below the root; ValueError else."""
-    for name in (*record.files, *record.links, *record.folders):
-        path = Path(name)
-        if path.is_absolute() or ".." in path.parts:
-            msg = f"'{name}' leaves the root folder"
-            raise ValueError(msg)
-    return record
