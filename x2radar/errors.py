@@ -127,17 +127,3 @@ class PluginError(X2RadarError):
 
 class MissingExtra(X2RadarError):
     """A package that only one purpose needs is not installed; the message names its extra."""
-
-
-def renamed(name: str) -> str:
-    """Return a hint for a name that began with 'seed' where it now begins with 'thesis'.
-
-    Up to version 0.1 `seed` meant both the thesis and the start of random draws.
-
-    >>> renamed("seed_human")
-    "'seed_human' is called 'thesis_human' now; "
-    >>> renamed("human")
-    ''
-    """
-    head, underscore, tail = name.partition("_")
-    return f"'{name}' is called 'thesis{underscore}{tail}' now; " if head == "seed" else ""

@@ -107,7 +107,7 @@ FAULTS = [
     (STEP + "clutter: wall\n", "clutter: must be a list"),
     (STEP + "clutter: 0\n", "clutter: must be a list"),
     (STEP + "clutter: {range_m: 1, rcs_m2: 1}\n", "clutter: must be a list"),
-    (STEP + "clutter: [3]\n", "clutter[0]: must be a mapping with keys of range_m, rcs_m2"),
+    (STEP + "clutter: [3]\n", "clutter[0]: must be a mapping with the keys range_m, rcs_m2"),
     (STEP + "clutter: [{range_m: 1}]\n", "clutter[0].rcs_m2: must be a number"),
     (STEP + "clutter: [{range_m: 0, rcs_m2: 1}]\n", "clutter[0].range_m: 0 is not in 0.1 to 1000"),
     (STEP + "clutter: [{range_m: 1, rcs_m2: -1}]\n", "clutter[0].rcs_m2: -1 is not in 0 to 1e+09"),

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.test_sim_scene import FULL
 
+from tests.sim.test_sim_scene import FULL
 from x2radar.errors import SceneError
 from x2radar.modules.x2 import RadarSettings
 from x2radar.ports import parse_port

@@ -377,9 +377,9 @@ def test_unknown_names_are_answered_with_the_nearest():
 @pytest.mark.parametrize(
     ("place", "where"),
     [
-        ("here", "position_m: must be two numbers"),
-        ((1, 2, 3), "position_m: must be two numbers"),
-        (None, "position_m: must be two numbers"),
+        ("here", "position_m: must be 2 numbers"),
+        ((1, 2, 3), "position_m: must be 2 numbers"),
+        (None, "position_m: must be 2 numbers"),
         ((1, math.nan), r"position_m\[1\]: nan is not in"),
         ((-1000, 1), r"position_m\[0\]: -1000 is not in"),
         (("x", 1), r"position_m\[0\]: must be a number"),

@@ -1,42 +1,40 @@
-"""Named numbers with limits: one table says what a setting may be, in code and in scenes.
+"""What a setting may be: one table of keys judges settings made in code and scene files.
 
 A settings class writes its fields with `limited` and `one_of`; `check_fields` then judges an
-object made in code (`SettingsError`), `settings_from` a mapping from a scene file
-(`SceneError`, with the key's path). Things, whose numbers are drawn where a scene leaves
-them out, use `Key` and `checked` directly.
+object made in code (`SettingsError`), `settings_from` a mapping from a scene file (`SceneError`,
+with the key's path). Everything else in a scene goes through `checked` with a table of `Key`.
 """
 
 import difflib
 import math
 from collections.abc import Collection, Mapping
-from dataclasses import Field, dataclass, field, fields
+from dataclasses import dataclass, field, fields
 from typing import Any, TypeVar
 
 import numpy as np
 
-from x2radar.errors import SceneError, SettingsError, renamed
+from x2radar.errors import SceneError, SettingsError
 
 _T = TypeVar("_T")
 
 
 @dataclass(frozen=True, slots=True)
 class Key:
-    """What one setting may be."""
+    """What one setting may be: a number within limits, or one of a few words."""
 
-    low: float  # least number that makes sense
-    high: float
-    meaning: str  # a few words with the unit, for help and docs
+    low: float = math.inf  # least number that makes sense; inf where only words do
+    high: float = math.inf
+    meaning: str = ""  # a few words with the unit, for help and docs
     is_whole: bool = False
     is_optional: bool = False  # None is allowed
-    choices: tuple[str, ...] = ()  # words it may be, instead of a number
+    choices: tuple[str, ...] = ()  # words that it may be
 
     def fault(self, value: Any) -> str:
         """Return what is wrong with `value` in a few words, or an empty string."""
-        if value is None and self.is_optional:
+        if (value is None and self.is_optional) or value in self.choices:
             return ""
-        if self.choices:
-            known = ", ".join(self.choices)
-            return "" if value in self.choices else f"must be one of {known}, not {value!r}"
+        if self.low == math.inf:
+            return f"must be one of {', '.join(self.choices)}, not {value!r}"
         if isinstance(value, bool) or not isinstance(value, (int, float, np.number)):
             return f"must be a number, not {value!r}"
         if not self.low <= value <= self.high:
@@ -45,6 +43,12 @@ class Key:
         if self.is_whole and float(value) % 1 != 0:
             return f"must be a whole number, not {value}"
         return ""
+
+    def judge(self, value: Any, where: str) -> None:
+        """Raise SceneError, one line that begins with `where`, if `value` is impossible."""
+        if fault := self.fault(value):
+            msg = f"{where}: {fault}"
+            raise SceneError(msg)
 
 
 def limited(
@@ -57,21 +61,19 @@ def limited(
 
 def one_of(default: str, choices: tuple[str, ...], meaning: str) -> Any:
     """Return a dataclass field for one of a few words."""
-    return field(
-        default=default, metadata={"key": Key(-math.inf, math.inf, meaning, choices=choices)}
-    )
+    return field(default=default, metadata={"key": Key(meaning=meaning, choices=choices)})
 
 
-def keys_of(cls: type) -> dict[str, Key]:
+def _keys_of(cls: type) -> dict[str, Key]:
     """Return the keys of a settings class, in order."""
-    return {f.name: _key(f) for f in fields(cls)}
+    return {f.name: f.metadata["key"] for f in fields(cls)}
 
 
 def check_fields(settings: Any) -> None:
     """Judge every field of a settings object; raise SettingsError that names all faults."""
     faults = [
         f"{name} = {value!r}: {fault}"
-        for name, key in keys_of(type(settings)).items()
+        for name, key in _keys_of(type(settings)).items()
         if (fault := key.fault(value := getattr(settings, name)))
     ]
     if faults:
@@ -84,36 +86,41 @@ def settings_from(cls: type[_T], raw: Any, where: str) -> _T:
     Fields that are not named keep their defaults; None is empty. Raises SceneError, one line
     with `where` and the key, if `raw` is no mapping, or a key is unknown or impossible.
     """
-    return cls(**checked(raw, keys_of(cls), where))
+    return cls(**checked(raw, _keys_of(cls), where))
 
 
-def checked(raw: Any, keys: Mapping[str, Key], where: str) -> dict[str, Any]:
+def checked(raw: Any, keys: Mapping[str, Key | None], where: str) -> dict[str, Any]:
     """Return a copy of the mapping `raw` once every key and value in it has been judged.
 
-    Raises SceneError as `settings_from`.
+    A key of None takes any value: whoever reads it judges it. Raises SceneError as
+    `settings_from`.
     """
     if raw is None:
         return {}
     if not isinstance(raw, Mapping):
-        msg = f"{where}: must be a mapping with keys of {', '.join(keys)}"
+        msg = f"{where}: must be a mapping with the keys {', '.join(keys)}"
         raise SceneError(msg)
     for name, value in raw.items():
         if name not in keys:
             raise SceneError(unknown(name, keys, where))
-        if fault := keys[name].fault(value):
-            msg = f"{where}.{name}: {fault}"
-            raise SceneError(msg)
+        if (key := keys[name]) is not None:
+            key.judge(value, f"{where}.{name}")
     return dict(raw)
 
 
 def unknown(name: Any, known: Collection[str], where: str, what: str = "unknown key") -> str:
     """Return the message for a name that does not exist, with the nearest that does."""
     near = difflib.get_close_matches(str(name), list(known), n=1)
-    hint = renamed(str(name)) or (f"did you mean {near[0]}? " if near else "")
+    hint = f"did you mean {near[0]}? " if near else ""
     return f"{where}.{name}: {what}; {hint}known are {', '.join(known)}"
 
 
-def _key(f: "Field[Any]") -> Key:
-    key = f.metadata["key"]
-    assert isinstance(key, Key)  # noqa: S101 - every field is made by limited or one_of
-    return key
+def place_of(value: Any, where: str, names: str = "x and y") -> tuple[float, ...]:
+    """Return a place in the room, each number within 100 m; raise SceneError if it is none."""
+    n = 2 + names.count(",")
+    if not isinstance(value, (list, tuple, np.ndarray)) or len(value) != n:
+        msg = f"{where}: must be {n} numbers, {names} in metres, not {value!r}"
+        raise SceneError(msg)
+    for k, number in enumerate(value):
+        Key(-100, 100).judge(number, f"{where}[{k}]")
+    return tuple(map(float, value))

@@ -20,7 +20,6 @@ from radard.config.json_file import LOOSE, STRICT, NotJson, parse_json
 from radard.errors import BundleError, ModelMismatch
 from radard.judge.features import FeatureSettings, feature_shape
 from radard.judge.onnx_safety import unsafe_in
-from x2radar.errors import renamed
 from x2radar.frame import FastTimeAxis
 
 SCHEMA = 1
@@ -132,7 +131,7 @@ def load_bundle(name: str) -> Bundle:
     path = Path(name)
     if path.suffix not in {".onnx", ".json"}:
         known = ", ".join(bundle_names()) or "none"
-        msg = f"no model '{name}'; {renamed(name)}installed are {known}; a file must end in .onnx"
+        msg = f"no model '{name}'; installed are {known}; a file must end in .onnx"
         raise BundleError(msg)
     return _read(
         path.stem, path.with_suffix(".json").read_bytes, path.with_suffix(".onnx").read_bytes

@@ -26,7 +26,6 @@ from radard.judge.display_db import busiest_rows, shown
 from radard.judge.installation import INSTALLATION, N_INSTALLATION, installation
 from radard.judge.velocity_map import VelocityGrid
 from radard.stream.ring import Dwell
-from x2radar.errors import renamed
 from x2radar.frame import FastTimeAxis
 
 
@@ -194,7 +193,7 @@ def feature_shape(name: str, settings: FeatureSettings) -> tuple[int, ...]:
         if plugin is not None:
             plugin.check(plugin.made, ("shape", "extract"))
             return tuple(plugin.guard(lambda: plugin.made.shape(settings)))
-        msg = f"feature '{name}': unknown; {renamed(name)}this radard makes {', '.join(FEATURES)}"
+        msg = f"feature '{name}': unknown; this radard makes {', '.join(FEATURES)}"
         raise ModelMismatch(msg)
     return shapes[name]
 

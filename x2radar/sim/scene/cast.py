@@ -4,7 +4,7 @@ An actor is checked when its scene is read, by making it once; then it is made w
 whenever its step begins.
 """
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, get_args
@@ -20,20 +20,17 @@ from x2radar.sim.bodies.path.courses import COURSES, FAR_M, NEAR_M, Waypoints, d
 from x2radar.sim.bodies.path.path import Path
 from x2radar.sim.bodies.person.person import draw_person
 from x2radar.sim.bodies.quadruped.pet import PET_AGILITY, draw_pet
-from x2radar.sim.bodies.quadruped.species import SPECIES, Species
+from x2radar.sim.bodies.quadruped.species import SPECIES
 from x2radar.sim.bodies.recorded import draw_recorded
 from x2radar.sim.bodies.skin.draw import SKINS
 from x2radar.sim.bodies.thesis_bodies import THESIS_BODIES, Scatterer, draw, ranges_xyz
-from x2radar.sim.keys import Key, unknown
+from x2radar.sim.keys import Key, checked, place_of, unknown
 from x2radar.sim.points import Label, Mover, Points
 from x2radar.sim.things import THINGS, draw_thing
-from x2radar.sim.things.draws import floor_position
 
 Array = NDArray[np.float64]
 SEED_GAIN = 1e4
 """The thesis' cross sections include 40 dB of the module's integration (its table 4.1)."""
-_PROBABILITY = Key(0.0, 1.0, "probability")
-
 Maker = Callable[[np.random.Generator, Mapping[str, Any], str], Mover]
 """Makes a mover from a generator, the options of the scene file, and their path in it."""
 
@@ -65,26 +62,33 @@ class BodyKind:
     make: Maker
 
 
-_RCS = Key(-60.0, 30.0, "mean total cross section, dBsm", is_optional=True)
-_CHOICES: Mapping[str, Collection[str]] = {
-    "course": COURSES,
-    "motion": MOTIONS,
-    "skin": SKINS,
-    "label": get_args(Label),
-    "up": ("y", "z"),
-}
-_NUMBERS = {
+_KEYS: Mapping[str, Key | None] = {
+    "style": None,
+    "species": None,
+    "motion": Key(choices=tuple(MOTIONS)),
+    "skin": Key(choices=tuple(SKINS)),
+    "total_rcs_dbsm": Key(
+        -60.0, 30.0, "mean total cross section, dBsm", is_optional=True, choices=("physical",)
+    ),
     "mass_kg": Key(0.001, 200.0, "kg"),
     "height_m": Key(0.3, 2.6, "stature, m"),
+    "course": Key(choices=tuple(COURSES)),
+    "waypoints_m": None,
     "speed_mps": Key(0.02, 12.0, "m/s"),
     "near_m": Key(0.2, 20.0, "near end of the course, m"),
     "far_m": Key(0.5, 30.0, "far end of the course, m"),
     "start_s": Key(-600.0, 600.0, "when it begins to move, s"),
+    "home_m": None,
+    "file": None,
+    "label": Key(choices=get_args(Label)),
+    "up": Key(choices=("y", "z")),
     "scale": Key(1e-4, 10.0, "metres per unit of the file"),
+    "place_m": None,
     "turn_deg": Key(-360.0, 360.0, "turn to the left, degrees"),
 }
-_ECHO_KEYS = ("total_rcs_dbsm", "skin")
-_WHERE_KEYS = ("course", "waypoints_m", "speed_mps", "near_m", "far_m", "start_s")
+"""What bodies may be told; None: whoever takes it judges it."""
+_ECHO = ("total_rcs_dbsm", "skin")
+_COURSE = ("course", "waypoints_m", "speed_mps", "near_m", "far_m", "start_s")
 
 
 class ThesisBody:
@@ -115,9 +119,8 @@ def read_actor(raw: Any, where: str) -> Actor:
     options = dict(raw)
     named = [key for key in ("body", "thing") if key in options]
     if len(named) != 1:
-        for key in options:
-            if key not in {"body", "thing", "probability"}:
-                raise SceneError(unknown(key, ("body", "thing", "duration_s"), where))
+        for key in options.keys() - {"body", "thing", "probability"}:
+            raise SceneError(unknown(key, ("body", "thing", "duration_s"), where))
         msg = f"{where}: must name one body or one thing"
         raise SceneError(msg)
     kind = options.pop(named[0])
@@ -129,9 +132,7 @@ def read_actor(raw: Any, where: str) -> Actor:
             msg = f"{where}.{named[0]}: no {named[0]} '{kind}'; known are {', '.join(known)}"
             raise SceneError(msg)
     probability = options.pop("probability", 1.0)
-    if fault := _PROBABILITY.fault(probability):
-        msg = f"{where}.probability: {fault}"
-        raise SceneError(msg)
+    Key(0.0, 1.0).judge(probability, f"{where}.probability")
     actor = Actor(kind, MappingProxyType(options), where, float(probability), plugged)
     actor.make(np.random.default_rng(0))
     return actor
@@ -170,33 +171,26 @@ def plugged_body(name: str) -> BodyKind | None:
     return BodyKind(kind.sentence, make)
 
 
-def _seed_maker(name: str, label: Label) -> Maker:
-    def make(rng: np.random.Generator, options: Mapping[str, Any], where: str) -> Mover:
-        for key in options:
-            raise SceneError(unknown(key, ("body", "duration_s"), where))
-        return ThesisBody(label, draw(THESIS_BODIES[name], rng))
+def _body(sentence: str, draw_body: Callable[..., Mover], keys: tuple[str, ...]) -> BodyKind:
+    """Return a kind of body that `draw_body` makes of a generator and these options."""
+    table = {name: _KEYS[name] for name in keys}
 
-    return make
+    def make(rng: np.random.Generator, raw: Mapping[str, Any], where: str) -> Mover:
+        options = checked(raw, table, where)
+        if options.get("home_m") is not None:
+            options["home_m"] = place_of(options["home_m"], f"{where}.home_m", "x, y and z")
+        if "place_m" in options:
+            options["place_m"] = place_of(options["place_m"], f"{where}.place_m")
+        if "course" in table:
+            options["path"] = _waypoints(options, rng, where)
+        try:
+            return draw_body(rng, **options)
+        except SceneError as err:
+            # A body's own error, with the path of its key in front.
+            msg = f"{where}.{err}"
+            raise SceneError(msg) from err
 
-
-def _options(raw: Mapping[str, Any], known: tuple[str, ...], where: str) -> dict[str, Any]:
-    """Return a body's options once every key and value has been judged."""
-    for name, value in raw.items():
-        if name not in known:
-            raise SceneError(unknown(name, known, where))
-        fault = ""
-        if name in _NUMBERS:
-            fault = _NUMBERS[name].fault(value)
-        elif name == "total_rcs_dbsm" and value != "physical":
-            fault = _RCS.fault(value)
-        elif name in _CHOICES and value not in _CHOICES[name]:
-            fault = f"must be one of {', '.join(_CHOICES[name])}, not {value!r}"
-        elif name == "file" and not isinstance(value, str):
-            fault = f"must be the path of a file, not {value!r}"
-        if fault:
-            msg = f"{where}.{name}: {fault}"
-            raise SceneError(msg)
-    return dict(raw)
+    return BodyKind(sentence, make)
 
 
 def _waypoints(options: dict[str, Any], rng: np.random.Generator, where: str) -> Waypoints | None:
@@ -207,110 +201,75 @@ def _waypoints(options: dict[str, Any], rng: np.random.Generator, where: str) ->
         if not isinstance(given, list) or len(given) < 2:
             msg = f"{where}.waypoints_m: must be a list of two or more points [x, y]"
             raise SceneError(msg)
-        points = [floor_position(p, f"{where}.waypoints_m[{k}]") for k, p in enumerate(given)]
-        return [(float(x), float(y)) for x, y in points]
+        places = (place_of(p, f"{where}.waypoints_m[{k}]") for k, p in enumerate(given))
+        return [(x, y) for x, y in places]
     if far_m <= near_m + 0.5:
         msg = f"{where}.far_m: {far_m} is not half a metre above near_m = {near_m}"
         raise SceneError(msg)
     return None if name is None else draw_course(rng, name, near_m, far_m)
 
 
-def _at(error: SceneError, where: str) -> SceneError:
-    """Return a body's own error with the path of its key in front."""
-    return SceneError(f"{where}.{error}")
+def _pet(species: str) -> Callable[..., Mover]:
+    def draw_one(
+        rng: np.random.Generator,
+        *,
+        path: Waypoints | None,
+        speed_mps: float | None = None,
+        start_s: float = 0.0,
+        **options: Any,
+    ) -> Mover:
+        way: Path | Waypoints | None = path
+        if speed_mps is not None:
+            course = path or draw_course(rng, "wander")
+            way = Path.through(course, speed_mps, agility=PET_AGILITY, start_s=start_s)
+        return draw_pet(rng, species=species, path=way, **options)
+
+    return draw_one
 
 
-def _pet_maker(species: Species) -> Maker:
-    keys = ("style", "mass_kg", *_ECHO_KEYS, "motion", *_WHERE_KEYS)
-
-    def make(rng: np.random.Generator, raw: Mapping[str, Any], where: str) -> Mover:
-        options = _options(raw, keys, where)
-        points = _waypoints(options, rng, where)
-        speed, start_s = options.pop("speed_mps", None), options.pop("start_s", 0.0)
-        try:
-            path: Path | Waypoints | None = points
-            if speed is not None:
-                course = points or draw_course(rng, "wander")
-                path = Path.through(course, speed, agility=PET_AGILITY, start_s=start_s)
-            return draw_pet(rng, species=species.name, path=path, **options)
-        except SceneError as err:
-            raise _at(err, where) from err
-
-    return make
-
-
-def _human_maker() -> Maker:
-    keys = ("style", "height_m", *_ECHO_KEYS, "motion", *_WHERE_KEYS)
-
-    def make(rng: np.random.Generator, raw: Mapping[str, Any], where: str) -> Mover:
-        options = _options(raw, keys, where)
-        points = _waypoints(options, rng, where)
-        try:
-            return draw_person(rng, path=points, **options)
-        except SceneError as err:
-            raise _at(err, where) from err
-
-    return make
-
-
-def _flyer_maker(draw_flyer: Callable[..., Mover], keys: tuple[str, ...]) -> Maker:
-    def make(rng: np.random.Generator, raw: Mapping[str, Any], where: str) -> Mover:
-        options = _options(raw, keys, where)
-        home = options.get("home_m")
-        if home is not None:
-            if not isinstance(home, list) or len(home) != 3:
-                msg = f"{where}.home_m: must be three numbers [x, y, z] in metres, not {home!r}"
-                raise SceneError(msg)
-            place = floor_position(home[:2], f"{where}.home_m")
-            floor_position([home[2], 0.0], f"{where}.home_m")
-            options["home_m"] = (float(place[0]), float(place[1]), float(home[2]))
-        try:
-            return draw_flyer(rng, **options)
-        except SceneError as err:
-            raise _at(err, where) from err
-
-    return make
-
-
-_RECORDED_KEYS = ("file", "label", "scale", "up", "place_m", "turn_deg", "start_s", *_ECHO_KEYS)
-
-
-def _recorded(rng: np.random.Generator, raw: Mapping[str, Any], where: str) -> Mover:
-    options = _options(raw, _RECORDED_KEYS, where)
-    if "file" not in options:
-        msg = f"{where}.file: is missing: a BVH file or an archive of joint positions"
+def _recorded(rng: np.random.Generator, *, file: Any = None, **options: Any) -> Mover:
+    if not isinstance(file, str):
+        said = "is missing" if file is None else f"must be a path, not {file!r}"
+        msg = f"file: {said}: a BVH file or an archive of joint positions"
         raise SceneError(msg)
-    if "place_m" in options:
-        x, y = floor_position(options["place_m"], f"{where}.place_m")
-        options["place_m"] = (float(x), float(y))
-    try:
-        return draw_recorded(rng, **options)
-    except SceneError as err:
-        raise _at(err, where) from err
+    return draw_recorded(rng, file=file, **options)
+
+
+def _thesis(kind: str, label: Label) -> BodyKind:
+    def draw_one(rng: np.random.Generator) -> Mover:
+        return ThesisBody(label, draw(THESIS_BODIES[f"thesis_{kind}"], rng))
+
+    what = "person" if kind == "human" else kind
+    return _body(f"The thesis' {what}: five sinusoids.", draw_one, ())
 
 
 BODIES: Mapping[str, BodyKind] = MappingProxyType(
     {
-        "human": BodyKind("A person of any age.", _human_maker()),
-        **{s.name: BodyKind(s.sentence, _pet_maker(s)) for s in SPECIES.values()},
-        "bird": BodyKind(
+        "human": _body(
+            "A person of any age.",
+            draw_person,
+            ("style", "height_m", *_ECHO, "motion", *_COURSE),
+        ),
+        **{
+            s.name: _body(
+                s.sentence, _pet(s.name), ("style", "mass_kg", *_ECHO, "motion", *_COURSE)
+            )
+            for s in SPECIES.values()
+        },
+        "bird": _body(
             "A bird: budgerigar, cockatiel or pigeon.",
-            _flyer_maker(draw_bird, ("species", "style", "home_m", "mass_kg", *_ECHO_KEYS)),
+            draw_bird,
+            ("species", "style", "home_m", "mass_kg", *_ECHO),
         ),
-        "moth": BodyKind(
-            "A large moth near the antenna.",
-            _flyer_maker(draw_moth, ("home_m", *_ECHO_KEYS)),
+        "moth": _body("A large moth near the antenna.", draw_moth, ("home_m", *_ECHO)),
+        "motion": _body(
+            "A recorded skeleton: a BVH file or joint positions.",
+            _recorded,
+            ("file", "label", "scale", "up", "place_m", "turn_deg", "start_s", *_ECHO),
         ),
-        "motion": BodyKind("A recorded skeleton: a BVH file or joint positions.", _recorded),
-        "thesis_human": BodyKind(
-            "The thesis' person: five sinusoids.", _seed_maker("thesis_human", "human")
-        ),
-        "thesis_dog": BodyKind(
-            "The thesis' dog: five sinusoids.", _seed_maker("thesis_dog", "pet")
-        ),
-        "thesis_cat": BodyKind(
-            "The thesis' cat: five sinusoids.", _seed_maker("thesis_cat", "pet")
-        ),
+        "thesis_human": _thesis("human", "human"),
+        "thesis_dog": _thesis("dog", "pet"),
+        "thesis_cat": _thesis("cat", "pet"),
     }
 )
 """Kinds of bodies by name."""

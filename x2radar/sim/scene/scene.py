@@ -8,18 +8,19 @@ same frames on any machine.
 """
 
 import difflib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from importlib import resources
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from x2radar.bounded_yaml import YamlError, load_yaml
-from x2radar.errors import SceneError, renamed
-from x2radar.sim.keys import Key, checked, settings_from, unknown
+from x2radar.errors import SceneError
+from x2radar.sim.keys import Key, checked, settings_from
 from x2radar.sim.place.antenna import Antenna
 from x2radar.sim.place.multipath import Surface, TailSettings
 from x2radar.sim.place.room import RoomSettings
@@ -27,16 +28,22 @@ from x2radar.sim.scene.cast import Actor, read_actor
 from x2radar.sim.signal.effects import ReceiverEffects
 from x2radar.sim.things import draw_mount
 
-LONGEST_STEP_S = 86_400.0
-"""A day (chosen)."""
-_LONGEST_MESSAGE = 1000  # characters of an error (chosen): a file's values may be of any length
-_DURATION = Key(0.1, LONGEST_STEP_S, "s")
+_T = TypeVar("_T")
+_MAX_MESSAGE = 1000
+"""Characters of an error: a file's values may be of any length."""
+_DURATION = Key(0.1, 86_400.0, "s")
 _WEIGHT = Key(0.0, 1e6, "weight")
 _POINT = {"range_m": Key(0.1, 1000, "m"), "rcs_m2": Key(0, 1e9, "m2, processing gain included")}
-_STEP_KEYS = ("duration_s", "actors", "weight")
-_SCENE_KEYS = (
-    *("description", "like", "steps", "background", "clutter", "room", "antenna", "surfaces"),
-    *("tail", "mount", "receiver"),
+_STEP_KEYS = dict.fromkeys(("duration_s", "actors", "weight"))
+_SETTINGS: Mapping[str, type] = {
+    "room": RoomSettings,
+    "antenna": Antenna,
+    "tail": TailSettings,
+    "receiver": ReceiverEffects,
+}
+"""What a scene may name once, and who judges it."""
+_SCENE_KEYS = dict.fromkeys(
+    ("description", "like", "steps", "background", "clutter", "surfaces", "mount", *_SETTINGS)
 )
 
 
@@ -121,7 +128,7 @@ def load_scene(name: str) -> Scene:
     if name in scene_names():
         return parse_scene(_builtin_text(name), name, f"{name}.yaml")
     near = difflib.get_close_matches(name, scene_names(), n=1)
-    hint = renamed(name) or (f"did you mean {near[0]}? " if near else "")
+    hint = f"did you mean {near[0]}? " if near else ""
     msg = f"no scene '{name}'; {hint}'x2radar scenes' lists them; a file must end in .yaml"
     raise SceneError(msg)
 
@@ -131,13 +138,13 @@ def parse_scene(text: str, name: str, where: str) -> Scene:
     try:
         return _parsed(text, name, where)
     except SceneError as err:
-        if len(str(err)) <= _LONGEST_MESSAGE:
+        if len(str(err)) <= _MAX_MESSAGE:
             raise
-        msg = f"{str(err)[:_LONGEST_MESSAGE]} …"
+        msg = f"{str(err)[:_MAX_MESSAGE]} …"
         raise SceneError(msg) from err
     except (TypeError, ValueError, LookupError, AttributeError, ArithmeticError) as err:
         # Values of kinds that no key takes: lists and mappings for numbers and words.
-        msg = f"{where}: a value makes no sense ({str(err)[:_LONGEST_MESSAGE]})"
+        msg = f"{where}: a value makes no sense ({str(err)[:_MAX_MESSAGE]})"
         raise SceneError(msg) from err
 
 
@@ -152,35 +159,25 @@ def _parsed(text: str, name: str, where: str) -> Scene:
     if not isinstance(description, str):
         msg = f"{where}: description: must be text"
         raise SceneError(msg)
-    steps = _list(top, "steps", where)
+    steps = _list(top, "steps", where, _step_or_choice)
     if not steps:
         msg = f"{where}: steps: must be a list with at least one step"
         raise SceneError(msg)
-    parts: dict[str, Any] = {}
-    for key, cls in (("room", RoomSettings), ("antenna", Antenna), ("receiver", ReceiverEffects)):
-        if key in top:
-            parts[key] = settings_from(cls, top[key], f"{where}: {key}")
-    if "tail" in top:
-        parts["tail"] = settings_from(TailSettings, top["tail"], f"{where}: tail")
+    parts: dict[str, Any] = {
+        key: settings_from(cls, top[key], f"{where}: {key}")
+        for key, cls in _SETTINGS.items()
+        if key in top
+    }
     if "mount" in top:
         draw_mount(np.random.default_rng(0), top["mount"], f"{where}: mount")
         parts["mount"] = MappingProxyType(dict(top["mount"] or {}))
     return Scene(
         name=name,
         description=" ".join(description.split()),
-        steps=tuple(_step_or_choice(s, f"{where}: steps[{k}]") for k, s in enumerate(steps)),
-        background=tuple(
-            read_actor(item, f"{where}: background[{k}]")
-            for k, item in enumerate(_list(top, "background", where))
-        ),
-        clutter=tuple(
-            _point(item, f"{where}: clutter[{k}]")
-            for k, item in enumerate(_list(top, "clutter", where))
-        ),
-        surfaces=tuple(
-            settings_from(Surface, item, f"{where}: surfaces[{k}]")
-            for k, item in enumerate(_list(top, "surfaces", where))
-        ),
+        steps=steps,
+        background=_list(top, "background", where, read_actor),
+        clutter=_list(top, "clutter", where, _point),
+        surfaces=_list(top, "surfaces", where, partial(settings_from, Surface)),
         **parts,
     )
 
@@ -206,35 +203,26 @@ def _builtin_text(name: str) -> str:
 
 
 def _step_or_choice(raw: Any, where: str) -> SceneStep | SceneChoice:
-    if isinstance(raw, dict) and "one_of" in raw:
-        _mapping(raw, where, ("one_of",))
-        steps = tuple(
-            _step(item, f"{where}.one_of[{k}]")
-            for k, item in enumerate(_list(raw, "one_of", where))
-        )
-        if not any(step.weight > 0 for step in steps):
-            msg = f"{where}.one_of: must be a list with at least one step of weight above 0"
-            raise SceneError(msg)
-        return SceneChoice(steps)
-    return _step(raw, where)
+    if not (isinstance(raw, dict) and "one_of" in raw):
+        return _step(raw, where)
+    _mapping(raw, where, {"one_of": None})
+    steps = _list(raw, "one_of", where, _step, ".")
+    if not any(step.weight > 0 for step in steps):
+        msg = f"{where}.one_of: must be a list with at least one step of weight above 0"
+        raise SceneError(msg)
+    return SceneChoice(steps)
 
 
 def _step(raw: Any, where: str) -> SceneStep:
-    if not isinstance(raw, dict):
-        msg = f"{where}: must be a mapping with the keys {', '.join(_STEP_KEYS)}"
-        raise SceneError(msg)
-    if not {"body", "thing"} & raw.keys():
+    if not isinstance(raw, dict) or not {"body", "thing"} & raw.keys():
         _mapping(raw, where, _STEP_KEYS)
     raw = dict(raw)
     least_s, most_s = _duration(raw.pop("duration_s", None), f"{where}.duration_s")
     weight = raw.pop("weight", 1.0)
-    if fault := _WEIGHT.fault(weight):
-        msg = f"{where}.weight: {fault}"
-        raise SceneError(msg)
+    _WEIGHT.judge(weight, f"{where}.weight")
     if "actors" in raw:
-        listed = _list(raw, "actors", where)
-        actors = tuple(read_actor(a, f"{where}.actors[{k}]") for k, a in enumerate(listed))
-        _mapping(raw, where, ("actors",))
+        _mapping(raw, where, {"actors": None})
+        actors = _list(raw, "actors", where, read_actor, ".")
     elif raw.get("body") is None and set(raw) <= {"body"}:
         actors = ()
     else:
@@ -244,39 +232,33 @@ def _step(raw: Any, where: str) -> SceneStep:
 
 
 def _duration(raw: Any, where: str) -> tuple[float, float]:
-    span = raw if isinstance(raw, list) and len(raw) == 2 else [raw, raw]
-    for value in span:
-        if fault := _DURATION.fault(value):
-            msg = f"{where}: {fault}"
-            raise SceneError(msg)
-    if span[0] > span[1]:
-        msg = f"{where}: {span[0]} is above {span[1]}"
+    least_s, most_s = raw if isinstance(raw, list) and len(raw) == 2 else (raw, raw)
+    for value in (least_s, most_s):
+        _DURATION.judge(value, where)
+    if least_s > most_s:
+        msg = f"{where}: {least_s} is above {most_s}"
         raise SceneError(msg)
-    return float(span[0]), float(span[1])
+    return float(least_s), float(most_s)
 
 
 def _point(raw: Any, where: str) -> StaticPoint:
     item = checked(raw, _POINT, where)
-    for key in _POINT:
-        if key not in item:
-            msg = f"{where}.{key}: must be a number, not None"
-            raise SceneError(msg)
+    for name, key in _POINT.items():
+        key.judge(item.get(name), f"{where}.{name}")
     return StaticPoint(float(item["range_m"]), float(item["rcs_m2"]))
 
 
-def _mapping(raw: Any, where: str, known: tuple[str, ...]) -> dict[str, Any]:
-    if not isinstance(raw, dict):
-        msg = f"{where}: must be a mapping with the keys {', '.join(known)}"
-        raise SceneError(msg)
-    for key in raw:
-        if key not in known:
-            raise SceneError(unknown(key, known, where))
-    return raw
+def _mapping(raw: Any, where: str, keys: Mapping[str, Key | None]) -> dict[str, Any]:
+    """Return a copy of a mapping that is not empty, as `checked`."""
+    return checked({} if raw == {} else raw or [], keys, where)
 
 
-def _list(raw: Mapping[str, Any], key: str, where: str) -> list[Any]:
+def _list(
+    raw: Mapping[str, Any], key: str, where: str, read: Callable[[Any, str], _T], mark: str = ": "
+) -> tuple[_T, ...]:
+    """Return what `read` makes of each item of a list; an empty one where there is none."""
     value = [] if raw.get(key) is None else raw[key]
     if not isinstance(value, list):
         msg = f"{where}: {key}: must be a list"
         raise SceneError(msg)
-    return value
+    return tuple(read(item, f"{where}{mark}{key}[{k}]") for k, item in enumerate(value))

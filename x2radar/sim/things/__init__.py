@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from x2radar.errors import SceneError
-from x2radar.sim.keys import unknown
+from x2radar.sim.keys import place_of, unknown
 from x2radar.sim.points import Mover
-from x2radar.sim.things.draws import ThingKind, floor_position, values_of
+from x2radar.sim.things.draws import ThingKind, values_of
 from x2radar.sim.things.hanging import PLANT
 from x2radar.sim.things.machines import FAN, WASHING_MACHINE
 from x2radar.sim.things.mount import MountVibration, draw_mount
@@ -50,5 +50,5 @@ def draw_thing(
     if kind not in THINGS:
         raise SceneError(unknown(kind, THINGS, where, "no such thing"))
     thing = THINGS[kind]
-    place = floor_position(position_m, f"{where}.position_m")
+    place = np.array(place_of(position_m, f"{where}.position_m"))
     return thing.make(rng, place, values_of(rng, thing.draws, raw, where))

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from x2radar.errors import SceneError
 from x2radar.sim.keys import Key, checked
 from x2radar.sim.points import Mover
 
@@ -60,19 +59,6 @@ def values_of(
     said = checked(raw, keys, where)
     drawn = {name: d.value(rng) for name, d in draws.items()}
     return {name: float(said.get(name, value)) for name, value in drawn.items()}
-
-
-def floor_position(position_m: Any, where: str) -> Array:
-    """Return a place on the floor, shape (2,): x to the right and y away, within 100 m."""
-    key = Key(-100, 100, "m")
-    if not isinstance(position_m, (list, tuple, np.ndarray)) or len(position_m) != 2:
-        msg = f"{where}: must be two numbers, x and y in metres, not {position_m!r}"
-        raise SceneError(msg)
-    for k, value in enumerate(position_m):
-        if fault := key.fault(value):
-            msg = f"{where}[{k}]: {fault}"
-            raise SceneError(msg)
-    return np.asarray(position_m, np.float64)
 
 
 def facing(heading_deg: float | Array) -> tuple[Array, Array]:
