@@ -22,11 +22,11 @@ from radard.config.sections import GateSettings
 from radard.detect.clutter_map import ClutterRemover
 from radard.detect.gate import Gate
 from radard.dsp.columns import SharedSteps
+from radard.dsp.doppler import StreamingDoppler
 from radard.dsp.downconvert import DownConverter
 from radard.dsp.gram import centring, gaussian_taper
 from radard.dsp.grid import time_cells
 from radard.dsp.range_time import RangeTimeMap
-from radard.dsp.streaming import StreamingDoppler
 from radard.dsp.velocity import CPI_S, VelocityTransform
 from radard.dsp.wideband import range_dft, velocity_operator
 from radard.errors import UsageError
@@ -231,12 +231,14 @@ class Chain:
         self._double: dict[str, DoubleMap] = {}
         self._maps: dict[str, VelocityTransform | RangeTimeMap] = {}
         self._grids: dict[str, tuple[VelocityGrid, float]] = {}  # and columns a second
-        self._doppler: StreamingDoppler | None = None
+        self._bands: list[tuple[slice, StreamingDoppler]] = []  # range bins, and what sees them
+        self._shared: SharedSteps | None = None
         if setting.bands:
             edges = np.linspace(0, self._axis.n_range, setting.bands + 1).round().astype(int)
-            bands = list(pairwise(edges.tolist()))
-            self._doppler = StreamingDoppler(n_cpi, bands=bands, n_keep=n_slow)
-            self._shared = SharedSteps(self._doppler)
+            self._bands = [
+                (slice(first, stop), StreamingDoppler(n_cpi, n_keep=n_slow))
+                for first, stop in pairwise(edges.tolist())
+            ]
             return
         ranges = RangeTimeMap(
             self._axis, n_cpi, cell_m=CELL_M, near_m=NEAR_M, far_m=FAR_M, n_keep=n_slow
@@ -273,7 +275,11 @@ class Chain:
                 each.push(steps)
         else:
             new = slice(None) if is_first else slice(-n_new, None)
-            self._shared.push(moving.frames[new], moving.valid[new])
+            frames, valid = moving.frames[new], moving.valid[new]
+            for part, doppler in self._bands:
+                doppler.push(frames[:, part], valid)
+            if self._shared is not None:
+                self._shared.push(frames, valid)
         return self._pictures()
 
     def _dwell(self) -> Dwell:
@@ -281,9 +287,9 @@ class Chain:
         return Dwell(self._rows, valid, self._axis, self._rate_hz, t_s)
 
     def _pictures(self) -> MapPictures:
-        if self._doppler is not None:
-            power = self._doppler.columns(round(DWELL_S * self._rate_hz))
-            stack = power.reshape(-1, power.shape[-1])
+        if self._bands:
+            n = round(DWELL_S * self._rate_hz)
+            stack = np.concatenate([doppler.columns(n) for _, doppler in self._bands])
             picture = shown(stack, np.ones(stack.shape[1], np.bool_), DOPPLER_DEPTH_DB)
             return MapPictures({"spectrogram": picture}, {"spectrogram": DOPPLER_DEPTH_DB})
         made = self._double or self._maps

@@ -3,16 +3,16 @@
 import numpy as np
 
 from radard.dsp.clutter import block_power, sound_rows
-from radard.dsp.gram import checked_taper
+from radard.dsp.gram import gaussian_taper
 from radard.dsp.jitter import take_out_jitter
 from radard.dsp.noise import noise_of, second_differences
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
 
 
-def micro_doppler_direct(frames, n_cpi, *, taper=None):
+def micro_doppler_direct(frames, n_cpi, taper=None):
     """Return mu, shape (n_cpi, n_columns): mean off, taper on, DFT, power summed over range."""
     y = np.asarray(frames, np.complex128)
-    weights = checked_taper(n_cpi, taper)[:, None]
+    weights = (gaussian_taper(n_cpi) if taper is None else taper)[:, None]
     columns = []
     for i in range(len(y) - n_cpi + 1):
         # Off with one frame first: the mean of strong clutter is not exact either.

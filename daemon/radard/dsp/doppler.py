@@ -1,38 +1,75 @@
-"""Micro-Doppler spectrogram mu: axes, batch form, and one CPI's range-Doppler map.
+"""Micro-Doppler spectrogram mu of a stream or a record: new frames in, new columns out.
 
 mu[k, i] is the power at Doppler line k, summed over range, in the CPI of M frames that
 begins at frame i, after the CPI's mean was taken off and a taper was put on (2.29-2.38).
-`micro_doppler` and `StreamingDoppler` compute it from the Gram matrix of steps (see
-`radard.dsp.gram`).
+It is computed from the Gram matrix of steps (see `radard.dsp.gram`); only the last CPI's steps
+are kept, never a running sum, so nothing drifts: the millionth column is as exact as the first.
 """
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from radard.dsp.gram import gaussian_taper, step_operator
-from radard.dsp.steps import StepBuffer, blocks
-from radard.dsp.streaming import StreamingDoppler
+from radard.dsp.columns import ColumnStream
+from radard.dsp.gram import Steps, gram, gram_map
+from radard.dsp.steps import StepBuffer, whole
 from radard.errors import FeatureError
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
 
+_STEPS_AT_ONCE = 112  # four CPIs of 28 frames: a block that BLAS is fast with
+# The map to mu amplifies what the Gram matrix was rounded by, as the square of the CPI:
+# from 1e-6 at 28 frames to 2e-5 at 256 (measured), were the products not taken in float64.
+_MAX_IN_SINGLE = 32
 
-def doppler_hz(n_cpi: int, frame_rate_hz: float) -> NDArray[np.float64]:
-    """Return the Doppler axis, shape (n_cpi,), ascending, zero at n_cpi // 2, in hertz."""
-    return np.asarray(np.fft.fftshift(np.fft.fftfreq(n_cpi, 1 / frame_rate_hz)))
 
+class StreamingDoppler(ColumnStream):
+    """Spectrogram of a stream.
 
-def velocity_mps(n_cpi: int, frame_rate_hz: float, carrier_hz: float) -> NDArray[np.float64]:
-    """Return the radial velocity of every Doppler line, approaching positive (2.25).
+    Parameters
+    ----------
+    n_cpi : int
+        Frames in one CPI, at least 2.
+    stride : int
+        Frames from one column to the next; columns begin at frames 0, stride, 2 stride ...
+        of the stream, however it is cut into pushes.
+    n_keep : int
+        Columns that can be asked for.
 
-    Shape (n_cpi,), ascending, zero at n_cpi // 2. Faster motion folds back by whole multiples
-    of twice `unambiguous_velocity_mps`.
+    Raises
+    ------
+    FeatureError
+        If a setting makes no sense.
+
+    Notes
+    -----
+    Zero Doppler is row n_cpi // 2 of the columns, approaching above it. A block of frames costs
+    one matrix product. Relative error (norm) against the definition in float64
+    (tests/dsp_reference.py): at most 1e-5 with static clutter of 0 to 140 dB under the motion, at
+    signal amplitudes from 1e-38 to 1e37 and at any time of the stream. One push of all frames and
+    any cut into smaller ones agree to 1e-6.
     """
-    return doppler_hz(n_cpi, frame_rate_hz) * (SPEED_OF_LIGHT_MPS / (2 * carrier_hz))
 
+    def __init__(self, n_cpi: int, *, stride: int = 1, n_keep: int = 512) -> None:
+        if n_cpi < 2 or stride < 1:
+            msg = f"a CPI of {n_cpi} frames and a stride of {stride}: at least 2 and 1 are needed"
+            raise FeatureError(msg)
+        self._map = gram_map(n_cpi)
+        self._n_cpi, self._stride = n_cpi, stride
+        super().__init__(n_cpi, _block_length(n_cpi), n_keep, n_cpi)
 
-def unambiguous_velocity_mps(frame_rate_hz: float, carrier_hz: float) -> float:
-    """Return the speed from which Doppler folds, lambda fp / 4, in metres per second."""
-    return SPEED_OF_LIGHT_MPS / carrier_hz * frame_rate_hz / 4
+    def advance(self, steps: StepBuffer, n_new: int) -> int:
+        """See `ColumnStream`."""
+        n_frames, stride = steps.n_frames, self._stride
+        earliest = max(0, n_frames - n_new - self._n_cpi + 1)
+        first = -(-earliest // stride) * stride
+        n_columns = (n_frames - self._n_cpi - first) // stride + 1
+        if n_columns < 1:
+            return 0
+        rows: Steps = steps.rows(n_frames - first - 1)
+        if self._n_cpi > _MAX_IN_SINGLE:
+            rows = rows.astype(np.float64)
+        columns = self._map.columns(gram(rows), n_columns, stride)
+        self._store.append(columns, whole(steps.flags(n_frames - first), self._n_cpi, stride))
+        return n_columns
 
 
 def micro_doppler(frames: ArrayLike, n_cpi: int) -> NDArray[np.float32]:
@@ -59,44 +96,36 @@ def micro_doppler(frames: ArrayLike, n_cpi: int) -> NDArray[np.float32]:
         If `frames` is not 2-D or shorter than a CPI.
     """
     rows = np.asarray(frames)
-    _check(rows, n_cpi)
+    if rows.ndim != 2 or n_cpi < 2 or len(rows) < n_cpi:
+        msg = f"frames of shape {rows.shape} cannot fill a CPI of {n_cpi} frames"
+        raise FeatureError(msg)
     stream = StreamingDoppler(n_cpi, n_keep=len(rows) - n_cpi + 1)
     stream.push(rows)
     return np.minimum(stream.columns(), np.finfo(np.float32).max).astype(np.float32)
 
 
-def range_doppler(cpi: ArrayLike) -> NDArray[np.float64]:
-    """Return the range-Doppler map G of one CPI (2.34), to look at.
+def doppler_hz(n_cpi: int, frame_rate_hz: float) -> NDArray[np.float64]:
+    """Return the Doppler axis, shape (n_cpi,), ascending, zero at n_cpi // 2, in hertz."""
+    return np.asarray(np.fft.fftshift(np.fft.fftfreq(n_cpi, 1 / frame_rate_hz)))
 
-    Parameters
-    ----------
-    cpi : array_like, shape (n_cpi, n_range), complex
-        The frames of one CPI, all of them good.
 
-    Returns
-    -------
-    ndarray, shape (n_cpi, n_range), float64
-        Power by Doppler line and range bin; the sum over range is that CPI's column of mu,
-        with the same error.
+def velocity_mps(n_cpi: int, frame_rate_hz: float, carrier_hz: float) -> NDArray[np.float64]:
+    """Return the radial velocity of every Doppler line, approaching positive (2.25).
 
-    Raises
-    ------
-    FeatureError
-        If `cpi` is no record of at least two frames.
+    Shape (n_cpi,), ascending, zero at n_cpi // 2. Faster motion folds back by whole multiples
+    of twice `unambiguous_velocity_mps`.
     """
-    rows = np.asarray(cpi)
-    _check(rows, len(rows) if rows.ndim == 2 else 0)
-    operator = step_operator(gaussian_taper(len(rows)))
-    buffer = StepBuffer(0, len(rows))
-    for part, flags in blocks(rows, None, len(rows)):
-        buffer.push(part, flags)
-    # Float64 throughout: seldom wanted, never in a hurry, and no level is too strong for it.
-    steps = buffer.rows(len(rows) - 1).astype(np.float64)
-    lines = operator @ (steps[:, : buffer.n_range] + 1j * steps[:, buffer.n_range :])
-    return np.asarray(lines.real**2 + lines.imag**2)
+    return doppler_hz(n_cpi, frame_rate_hz) * (SPEED_OF_LIGHT_MPS / (2 * carrier_hz))
 
 
-def _check(frames: NDArray[np.generic], n_cpi: int) -> None:
-    if frames.ndim != 2 or n_cpi < 2 or len(frames) < n_cpi:
-        msg = f"frames of shape {frames.shape} cannot fill a CPI of {n_cpi} frames"
-        raise FeatureError(msg)
+def unambiguous_velocity_mps(frame_rate_hz: float, carrier_hz: float) -> float:
+    """Return the speed from which Doppler folds, lambda fp / 4, in metres per second."""
+    return SPEED_OF_LIGHT_MPS / carrier_hz * frame_rate_hz / 4
+
+
+def _block_length(n_cpi: int) -> int:
+    """Return how many frames are best taken at once."""
+    # A block pays for the Gram matrix of its own steps and of the CPI before them, so it
+    # should be no shorter than a CPI; BLAS is at its best with sizes of whole vectors.
+    n_steps = max(_STEPS_AT_ONCE, 2 * n_cpi)
+    return n_steps - n_steps % 16 - (n_cpi - 2)

@@ -21,13 +21,11 @@ import numpy as np
 from numpy.lib.stride_tricks import as_strided
 from numpy.typing import NDArray
 
-from radard.errors import FeatureError
-
 Reals = NDArray[np.float64]
 Steps = NDArray[np.float32] | NDArray[np.float64]
 
 _TAPER_WIDTH = 2 / 4.29193  # one tenth at both ends (2.31)
-_LARGEST_STORED = 128  # frames of a CPI; chosen: 16 MiB of map
+_MAX_STORED = 128  # frames of a CPI: 16 MiB of map
 # Squares of rows within these energies neither overflow float32 nor lose digits in it.
 _LOW, _HIGH = 1e-25, 1e30
 
@@ -39,22 +37,6 @@ def gaussian_taper(n_cpi: int) -> Reals:
         return np.ones(1)
     x = (np.arange(n_cpi) - centre) / (_TAPER_WIDTH * centre)
     return np.asarray(np.exp(-0.5 * x**2))
-
-
-def checked_taper(n_cpi: int, taper: NDArray[np.floating] | None) -> Reals:
-    """Return the taper in float64, the Gaussian one when none is given.
-
-    Raises FeatureError if a CPI has fewer than two frames, or the taper is not one finite number
-    a frame.
-    """
-    if n_cpi < 2:
-        msg = f"a CPI of {n_cpi} frames has no Doppler; at least 2 are needed"
-        raise FeatureError(msg)
-    weights = gaussian_taper(n_cpi) if taper is None else np.asarray(taper, np.float64)
-    if weights.shape != (n_cpi,) or not np.isfinite(weights).all():
-        msg = f"taper of shape {weights.shape}: a finite number for each of {n_cpi} frames"
-        raise FeatureError(msg)
-    return weights
 
 
 def step_operator(taper: Reals) -> NDArray[np.complex128]:
@@ -77,11 +59,11 @@ def centring(n_cpi: int) -> Reals:
 class GramMap:
     """From Gram matrices of steps to columns of the spectrogram."""
 
-    def __init__(self, taper: Reals) -> None:
-        self.n_cpi = len(taper)
-        self._operator = step_operator(taper)
+    def __init__(self, n_cpi: int) -> None:
+        self.n_cpi = n_cpi
+        self._operator = step_operator(gaussian_taper(n_cpi))
         self._stored: Reals | None = None
-        if self.n_cpi <= _LARGEST_STORED:
+        if self.n_cpi <= _MAX_STORED:
             rows = [self._row(a) for a in range(self.n_cpi - 1)]
             self._stored = np.concatenate(rows, axis=1).T.copy()
 
@@ -111,25 +93,20 @@ class GramMap:
 
 
 @lru_cache(maxsize=8)
-def _gram_map(taper: bytes) -> GramMap:
-    return GramMap(np.frombuffer(taper))
+def gram_map(n_cpi: int) -> GramMap:
+    """Return the map for a CPI; those in use are kept, as they take long to make."""
+    return GramMap(n_cpi)
 
 
-def gram_map(taper: Reals) -> GramMap:
-    """Return the map for a taper; those in use are kept, as they take long to make."""
-    return _gram_map(taper.tobytes())
+def gram(rows: Steps) -> Reals:
+    """Return Q, shape (n_steps, n_steps), float64, of steps summed over range.
 
-
-def gram(rows: Steps, band: tuple[int, int]) -> Reals:
-    """Return Q, shape (n_steps, n_steps), float64, of steps over a band of range bins.
-
-    `rows` are planar steps, shape (n_steps, 2 n_range), all finite; `band` is the first bin and
-    the one behind the last. Products are summed in the type of the rows; rows so strong or weak
-    that float32 cannot hold their squares are scaled by powers of two first, each by its own.
+    `rows` are planar steps, shape (n_steps, 2 n_range), all finite. Products are summed in the
+    type of the rows; rows so strong or weak that float32 cannot hold their squares are scaled by
+    powers of two first, each by its own.
     """
     n_range = rows.shape[1] // 2
-    first, stop = band
-    real, imag = rows[:, first:stop], rows[:, n_range + first : n_range + stop]
+    real, imag = rows[:, :n_range], rows[:, n_range:]
     q = _products(real, imag)
     energy = q.diagonal()
     if (energy > _LOW).all() and (energy < _HIGH).all():
@@ -139,29 +116,6 @@ def gram(rows: Steps, band: tuple[int, int]) -> Reals:
     down = -exponent[:, None]
     q = _products(np.ldexp(real, down), np.ldexp(imag, down))
     return np.asarray(np.ldexp(q, exponent[:, None] + exponent))
-
-
-def extend(kept: Reals, rows: Steps, band: tuple[int, int]) -> Reals | None:
-    """Return Q with one step more, by one matrix-vector product.
-
-    `kept` is Q of all `rows` but the last. None when the levels ask for `gram`, which scales.
-    """
-    n_range = rows.shape[1] // 2
-    first, stop = band
-    real, imag = rows[:, first:stop], rows[:, n_range + first : n_range + stop]
-    with np.errstate(over="ignore", invalid="ignore"):
-        even = real @ real[-1] + imag @ imag[-1]
-        odd = imag[:-1] @ real[-1] - real[:-1] @ imag[-1]
-        energy = _energy(real[-1:], imag[-1:])[0]
-    old = kept.diagonal()
-    if not _LOW < energy < _HIGH or not ((old > _LOW) & (old < _HIGH)).all():
-        return None
-    q = np.empty((len(rows), len(rows)))
-    q[:-1, :-1] = kept
-    q[-1] = even
-    q[-1, -1] = energy
-    q[:-1, -1] = odd
-    return q
 
 
 def _products(real: Steps, imag: Steps) -> Reals:

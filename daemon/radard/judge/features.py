@@ -18,8 +18,8 @@ from radard import plugins
 from radard.config.json_file import STRICT, parse_json
 from radard.dsp.cadence import cadence_velocity_diagram, extent_profile, type1_vector
 from radard.dsp.columns import SharedSteps
+from radard.dsp.doppler import StreamingDoppler
 from radard.dsp.range_time import RangeTimeMap
-from radard.dsp.streaming import StreamingDoppler
 from radard.dsp.velocity import CPI_S, VelocityTransform
 from radard.errors import FeatureError, ModelMismatch
 from radard.judge.display_db import busiest_rows, shown

@@ -12,7 +12,8 @@ import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 
 from radard.dsp.cadence import cadence_velocity_diagram, extent_profile, type1_vector
-from radard.dsp.doppler import doppler_hz, micro_doppler, range_doppler
+from radard.dsp.doppler import doppler_hz, micro_doppler
+from radard.dsp.gram import gaussian_taper
 from x2train.thesis.elements import PROFILE, ElementSpec, dwell
 from x2train.thesis.plots import save
 
@@ -34,7 +35,7 @@ def features(folder: Path, spec: ElementSpec, body: str, number: int) -> Path:
     figure, axes = plt.subplots(2, 3, figsize=(12, 5.6))
     _map(
         axes[0, 0],
-        range_doppler(made.frames[first : first + n_cpi]),
+        _range_doppler(made.frames[first : first + n_cpi]),
         (range_m[0], range_m[-1], *rows),
         f"G: {body}, {rate_hz} Hz",
         "range (m)",
@@ -53,6 +54,13 @@ def features(folder: Path, spec: ElementSpec, body: str, number: int) -> Path:
     axes[1, 2].set(title="type 2 vector", xlabel="element")
     figure.tight_layout()
     return save(figure, folder / f"features-{body}-{rate_hz}.png")
+
+
+def _range_doppler(cpi: NDArray[np.complex64]) -> NDArray[np.float64]:
+    """Return the range-Doppler map G of one CPI (2.34), shape (n_cpi, n_range), linear power."""
+    moving = cpi - cpi.mean(axis=0, dtype=np.complex128)
+    lines = np.fft.fft(moving * gaussian_taper(len(cpi))[:, None], axis=0)
+    return np.fft.fftshift(np.abs(lines) ** 2, axes=0)
 
 
 def _map(axis: Axes, power: NDArray[np.floating], extent: Extent, title: str, label: str) -> None:

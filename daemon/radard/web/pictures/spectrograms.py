@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from radard.dsp.cadence import cadence_velocity_diagram
 from radard.dsp.columns import SharedSteps
+from radard.dsp.doppler import StreamingDoppler
 from radard.dsp.range_time import RangeTimeMap
-from radard.dsp.streaming import StreamingDoppler
 from radard.dsp.velocity import CPI_S, VelocityTransform
 from x2radar.frame import FastTimeAxis
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
