@@ -53,7 +53,7 @@ def record(folder: Path, scene: str, rate_hz: int, duration_s: float) -> Path:
 def command(port: str, model: str, speed: str, duration_s: float) -> list[str]:
     """Return how the daemon is called."""
     argv = ["--port", port, "--speed", speed, "--model", model, "-o", "null"]
-    return [sys.executable, "-m", "radard.cli", *argv, "--duration", f"{duration_s:g}"]
+    return [sys.executable, "-m", "radard", *argv, "--duration", f"{duration_s:g}"]
 
 
 def environment() -> dict[str, str]:
@@ -108,7 +108,7 @@ def threads_cpu_s(pid: int) -> float:
 def serial_fraction(scene: str, duration_s: float, *, model: str) -> float:
     """Return the same of a daemon on a pseudo-terminal, behind it a simulated module."""
     with subprocess.Popen(
-        [sys.executable, "-m", "x2radar.cli", "simulate", "--scene", scene, "--pty"],
+        [sys.executable, "-m", "x2radar", "simulate", "--scene", scene, "--pty"],
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
         text=True,

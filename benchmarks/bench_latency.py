@@ -154,7 +154,7 @@ def run(scene: str, model: str, duration_s: float, folder: Path) -> dict[str, An
     path = near.recv()
     began_s = time.monotonic()
     daemon = subprocess.Popen(
-        [sys.executable, "-m", "radard.cli", "--port", path, "--model", model, *outputs],
+        [sys.executable, "-m", "radard", "--port", path, "--model", model, *outputs],
         env={
             **os.environ,
             "OMP_NUM_THREADS": "1",

@@ -18,7 +18,7 @@ def once(arguments: list[str]) -> tuple[float, float]:
     """Return seconds to `hello` (the first frame is there) and to the first decision."""
     started_s = time.perf_counter()
     process = subprocess.Popen(
-        [sys.executable, "-m", "radard.cli", *arguments, "-o", "json"],
+        [sys.executable, "-m", "radard", *arguments, "-o", "json"],
         stdout=subprocess.PIPE,
         text=True,
     )

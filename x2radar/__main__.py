@@ -1,7 +1,14 @@
-"""`python -m x2radar`."""
+"""`x2radar` and `python -m x2radar`."""
 
 import sys
 
-from x2radar.cli import main
+from x2radar.command import start
 
-sys.exit(main())
+
+def main() -> int:
+    """Run `x2radar`; return its exit code."""
+    return start("x2radar", "x2radar.cli")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,6 +1,5 @@
 """The command `x2radar`: joins the subcommands of `x2radar.commands`."""
 
-import sys
 from collections.abc import Sequence
 
 from x2radar.command import Parser, new_parser, run_command
@@ -41,7 +40,3 @@ def whole_parser() -> Parser:
     for module in _COMMANDS:
         module.register(commands)
     return parser
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -7,17 +7,15 @@ the `exit_code` of the errors themselves.
 import argparse
 import itertools
 import os
-import signal
 import sys
-import threading
 import traceback
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Sequence
 from difflib import get_close_matches
-from importlib.metadata import PackageNotFoundError, version
+from importlib import import_module
 from typing import Any, NoReturn, TextIO
 
 from x2radar.distribution import DISTRIBUTION, install_hint
+from x2radar.startup import begin, interrupts
 
 _EXTRAS = {"radard": "daemon", "train-export": "train"}
 """What pyproject.toml calls the packages that a command needs."""
@@ -130,10 +128,22 @@ def new_parser(prog: str, description: str, examples: str) -> Parser:
 
 def installed_version() -> str:
     """Return the version of the installed distribution, or 'unknown'."""
+    # Late: it loads much, and signals must be heard before.
+    from importlib.metadata import PackageNotFoundError, version  # noqa: PLC0415
+
     try:
         return version(DISTRIBUTION)
     except PackageNotFoundError:
         return "unknown"
+
+
+def start(prog: str, module: str) -> int:
+    """Run a command as a process; `main` of `module` is imported once signals are heard.
+
+    Where a package of the command's extra is missing, that is one line which names the extra.
+    """
+    begin()
+    return run_command(prog, lambda argv: int(import_module(module).main(argv)))
 
 
 def run_command(
@@ -145,7 +155,7 @@ def run_command(
     """
     args = list(sys.argv[1:] if argv is None else argv)
     try:
-        with _sigterm_interrupts():
+        with interrupts():
             code = body(args)
         sys.stdout.flush()
     except KeyboardInterrupt:
@@ -155,6 +165,9 @@ def run_command(
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except Exception as err:  # noqa: BLE001 - the last line of defence of a command
+        if isinstance(err.__context__, KeyboardInterrupt):
+            # A compiled module that was being imported makes another error of it.
+            return 0
         if "--debug" in args:
             traceback.print_exc()
         known = getattr(err, "exit_code", None)
@@ -165,15 +178,6 @@ def run_command(
     return code
 
 
-def import_fault(err: ModuleNotFoundError, *, prog: str) -> BaseException:
-    """Return what to raise instead of `err` where a command's own imports fail.
-
-    One line that names the extra, and exit code 1, when a package of that extra is missing.
-    """
-    text = _missing_extra(prog, err)
-    return SystemExit(f"{prog}: {text}") if text else err
-
-
 def _missing_extra(prog: str, err: BaseException) -> str:
     extra = _EXTRAS.get(prog)
     if extra is None or not isinstance(err, ModuleNotFoundError) or not err.name:
@@ -182,17 +186,3 @@ def _missing_extra(prog: str, err: BaseException) -> str:
     if name in _OURS:
         return ""
     return f"needs {name}, which is not installed: {install_hint(extra)}"
-
-
-@contextmanager
-def _sigterm_interrupts() -> Iterator[None]:
-    """Let SIGTERM end a command as SIGINT does, where nobody else has a say in it."""
-    in_main = threading.current_thread() is threading.main_thread()
-    if not in_main or signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL:
-        yield
-        return
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, signal.SIG_DFL)

@@ -1,7 +1,14 @@
-"""`python -m radard`."""
+"""`radard` and `python -m radard`."""
 
 import sys
 
-from radard.cli import main
+from x2radar.command import start
 
-sys.exit(main())
+
+def main() -> int:
+    """Run `radard`; return its exit code."""
+    return start("radard", "radard.cli")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -11,16 +11,12 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from x2radar.command import Parser, import_fault, installed_version, run_command
+from radard.config.config import Config, load_config
+from radard.config.options import add_options, config_options
+from radard.config.sink_table import FORMS
+from radard.errors import UsageError
+from x2radar.command import Parser, installed_version, run_command
 from x2radar.manual import add_manual
-
-try:
-    from radard.config.config import Config, load_config
-    from radard.config.options import add_options, config_options
-    from radard.config.sink_table import FORMS
-    from radard.errors import UsageError
-except ModuleNotFoundError as err:
-    raise import_fault(err, prog="radard") from err
 
 _SHORT = """\
 usage: radard --port PORT [options]    watch a radar; alarm for people, not pets
@@ -204,7 +200,3 @@ def _parser() -> Parser:
     add("--log-format", choices=["text", "json"], default="text", help="form of the log")
     add_manual(parser, whole_parser)
     return parser
-
-
-if __name__ == "__main__":
-    sys.exit(main())

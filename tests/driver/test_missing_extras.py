@@ -12,15 +12,15 @@ from tests.waiting import free_port
 @pytest.mark.parametrize(
     ("module", "prog", "missing", "extra"),
     [
-        ("radard.cli", "radard", "pydantic", "daemon"),
-        ("x2train.cli", "train-export", "rich", "train"),
-        ("x2train.cli", "train-export", "pydantic", "train"),
+        ("radard", "radard", "pydantic", "daemon"),
+        ("x2train", "train-export", "rich", "train"),
+        ("x2train", "train-export", "pydantic", "train"),
     ],
 )
 def test_a_missing_extra_is_one_line_that_names_it(module, prog, missing, extra):
     code = (
         f"import sys; sys.modules[{missing!r}] = None; sys.argv = [{prog!r}, '--help']; "
-        f"from {module} import main; sys.exit(main())"
+        f"from {module}.__main__ import main; sys.exit(main())"
     )
     done = subprocess.run([python(), "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 1
@@ -32,9 +32,12 @@ def test_a_missing_extra_is_one_line_that_names_it(module, prog, missing, extra)
 
 
 def test_a_module_of_our_own_that_is_missing_is_a_fault():
-    code = "import sys; sys.modules['radard.config.options'] = None; import radard.cli"
+    code = (
+        "import sys; sys.modules['radard.config.options'] = None; sys.argv = ['radard']; "
+        "from radard.__main__ import main; main()"
+    )
     done = subprocess.run([python(), "-c", code], capture_output=True, text=True, check=False)
-    assert "Traceback" in done.stderr
+    assert "internal error: ModuleNotFoundError" in done.stderr
 
 
 def test_the_dashboard_is_named_once_it_listens_and_not_before():

@@ -179,7 +179,7 @@ WRONG = [
     (["record", "--port", "replay:dog", "new.h5"], 2, "a recording is no radar"),
     (["record", "--port", "", "new.h5"], 2, "x2radar: port '': no port given"),
     (["record", "--port", "/dev/no-such-port", "new.h5"], 66, "/dev/no-such-port: no such port"),
-    (["record", "--port", "foo://bar", "new.h5"], 66, "x2radar: foo://bar: cannot be opened"),
+    (["record", "--port", "foo://bar", "new.h5"], 78, "x2radar: port 'foo://bar': no kind of URL"),
     (["record", "--port", "sim:dog", "there.h5"], 66, "x2radar: there.h5: exists already"),
     (["record", "--port", "sim:dog", "folder"], 66, "x2radar: folder: exists already"),
     (
@@ -268,7 +268,7 @@ def test_commands_run_outside_the_main_thread():
 
 
 def command(*argv):
-    return [sys.executable, "-m", "x2radar.cli", *argv]
+    return [sys.executable, "-m", "x2radar", *argv]
 
 
 @contextmanager

@@ -103,7 +103,7 @@ def test_no_secret_is_told_however_much_is_logged(server):
     url = f"json://user:{TOKEN}@127.0.0.1:{server.port}/{TOKEN}"
     run = ["--port", "sim:human", "--speed", "max", "--duration", "6", "-vv"]
     done = subprocess.run(
-        [python(), "-m", "radard.cli", *run, "-o", "null", "-o", f"apprise:{url}"],
+        [python(), "-m", "radard", *run, "-o", "null", "-o", f"apprise:{url}"],
         capture_output=True,
         text=True,
         check=True,

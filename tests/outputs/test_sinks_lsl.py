@@ -116,7 +116,7 @@ def test_a_run_says_nothing_of_the_library(tmp_path, monkeypatch):
     monkeypatch.setenv("HOME", str(tmp_path))
     argv = ["--port", "sim:empty", "--speed", "max", "--duration", "3", "-o", "lsl:", "-o", "json"]
     done = subprocess.run(
-        [python(), "-m", "radard.cli", *argv], capture_output=True, text=True, check=False
+        [python(), "-m", "radard", *argv], capture_output=True, text=True, check=False
     )
     assert (done.returncode, done.stderr) == (0, "")
     assert '"type":"decision"' in done.stdout

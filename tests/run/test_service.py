@@ -289,7 +289,7 @@ def test_json_file_and_table(tmp_path, capsys):
 
 def start(*argv):
     return subprocess.Popen(
-        [python(), "-m", "radard.cli", *argv],
+        [python(), "-m", "radard", *argv],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

@@ -307,7 +307,7 @@ def test_what_only_one_can_have(tmp_path):
 def test_a_reader_that_goes_away_ends_all(tmp_path):
     config = written(tmp_path, sensors=TWO, model={"name": "none"})
     process = subprocess.Popen(
-        [python(), "-m", "radard.cli", "--config", str(config), "-o", "json"],
+        [python(), "-m", "radard", "--config", str(config), "-o", "json"],
         stdout=subprocess.PIPE,
         env={**os.environ, "RADARD_SERVICE__RUNTIME_DIR": str(tmp_path)},
         cwd=Path(__file__).parents[2],

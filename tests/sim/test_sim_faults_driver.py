@@ -195,7 +195,7 @@ def test_reads_are_the_pieces_that_the_line_makes():
 def test_on_a_terminal():
     argv = ("simulate", "--pty", "--scene", "human", "--speed", "4", "--fault")
     with subprocess.Popen(
-        [python(), "-m", "x2radar.cli", *argv, "junk:0.2,split:500,drop_frames:0.2,hang_up:30"],
+        [python(), "-m", "x2radar", *argv, "junk:0.2,split:500,drop_frames:0.2,hang_up:30"],
         stdout=subprocess.PIPE,
         text=True,
     ) as process:
@@ -212,7 +212,7 @@ def test_on_a_terminal():
 
 
 def test_help_lists_the_kinds():
-    argv = [python(), "-m", "x2radar.cli", "simulate"]
+    argv = [python(), "-m", "x2radar", "simulate"]
     text = subprocess.run([*argv, "--help"], capture_output=True, text=True, check=True).stdout
     for name, kind in KINDS.items():
         assert any(

@@ -111,7 +111,7 @@ def test_sets_of_later_steps_are_made_beside_the_training(tmp_path, monkeypatch,
     assert events[began + 1 :][:2] == ["fit", "waited"]
     assert [e for e in events[began + 3 :] if e != "waited"] == ["dataset"] * 2 + ["temporal"]
     python, flag, module, *argv = events[began]
-    assert (python, flag, module) == (sys.executable, "-m", "x2train.cli")
+    assert (python, flag, module) == (sys.executable, "-m", "x2train")
     capsys.readouterr()
     assert main([*argv, "--show"]) == 0
     shown = capsys.readouterr().out

@@ -1,7 +1,14 @@
-"""`python -m x2train`."""
+"""`train-export` and `python -m x2train`."""
 
 import sys
 
-from x2train.cli import main
+from x2radar.command import start
 
-sys.exit(main())
+
+def main() -> int:
+    """Run `train-export`; return its exit code."""
+    return start("train-export", "x2train.cli")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,17 +1,12 @@
 """The command `train-export`: simulate, train, export."""
 
 import pkgutil
-import sys
 from collections.abc import Sequence
 from importlib import import_module
 
-from x2radar.command import Parser, import_fault, new_parser, run_command
+from x2radar.command import Parser, new_parser, run_command
 from x2radar.manual import add_manual
-
-try:
-    from x2train import commands
-except ModuleNotFoundError as err:
-    raise import_fault(err, prog="train-export") from err
+from x2train import commands
 
 _EXAMPLES = """\
 examples:
@@ -45,7 +40,3 @@ def whole_parser() -> Parser:
         import_module(f"{commands.__name__}.{found.name}").register(known)
     import_module("x2train.thesis.command").register(known)
     return parser
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -76,7 +76,7 @@ def _sets_beside(args: argparse.Namespace) -> Iterator[None]:
     share, workers = str(args.share), str(args.workers - 1)
     argv = ["make", args.name, "--sets", "--share", share, "--workers", workers]
     beside = subprocess.Popen(  # noqa: S603 - this program
-        [sys.executable, "-m", "x2train.cli", *argv],
+        [sys.executable, "-m", "x2train", *argv],
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
     )

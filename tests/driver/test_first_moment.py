@@ -1,0 +1,80 @@
+"""Commands before their imports are done: signals, and standard streams that are closed."""
+
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from tests.waiting import wait_for
+
+pytestmark = pytest.mark.integration
+RADARD = ("radard", "--port", "sim:empty", "--model", "none", "-o", "null")
+ENDLESS = {
+    "x2radar": ("x2radar", "simulate", "--pty"),
+    "radard": RADARD,
+    "train-export": ("x2train", "dataset", "--out", "set"),
+}
+
+
+def hears_sigterm(pid: int) -> bool:
+    status = Path(f"/proc/{pid}/status").read_text()
+    (caught,) = [line.split()[1] for line in status.splitlines() if line.startswith("SigCgt")]
+    return bool(int(caught, 16) >> (signal.SIGTERM - 1) & 1)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("prog", ENDLESS)
+def test_signals_are_obeyed_from_the_first_moment_on(prog, number, tmp_path, monkeypatch):
+    """Each moment alone: while numpy is loaded, and the command's own modules, and later."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    for pause_s in (0.0, 0.1, 0.3, 0.6, 1.0):
+        process = subprocess.Popen(
+            [sys.executable, "-m", *ENDLESS[prog]],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            cwd=tmp_path,
+        )
+        try:
+            wait_for(lambda pid=process.pid: hears_sigterm(pid))
+            if not pause_s:
+                # As process 1 of a container it would miss what comes before its handlers.
+                assert "numpy" not in Path(f"/proc/{process.pid}/maps").read_text()
+            time.sleep(pause_s)
+            process.send_signal(number)
+            err = process.communicate(timeout=60)[1]
+        finally:
+            process.kill()
+        assert (pause_s, process.returncode, err) == (pause_s, 0, b"")
+
+
+@pytest.mark.parametrize("closed", [">&-", "<&- >&-", "<&- >&- 2>&-"])
+@pytest.mark.parametrize(
+    "argv",
+    [
+        ("x2radar", "scenes"),
+        ("x2radar", "info", "sim:empty", "--json"),
+        ("x2train", "--help"),
+        (*RADARD, "-o", "json", "--speed", "max", "--duration", "3"),
+    ],
+    ids=" ".join,
+)
+def test_standard_streams_that_are_closed_are_the_null_device(argv, closed, tmp_path):
+    """Before, a traceback; and the next file that was opened took the number of stdout."""
+    line = f"exec {sys.executable} -m {' '.join(argv)} {closed}"
+    done = subprocess.run(
+        ["/bin/sh", "-c", line], stderr=subprocess.PIPE, cwd=tmp_path, timeout=120, check=False
+    )
+    assert done.returncode == 0
+    assert b"Traceback" not in done.stderr
+
+
+def test_names_of_any_bytes_are_printed(tmp_path):
+    name = b"\xff.x2cap"
+    argv = [sys.executable, "-m", "x2radar", "info", name]
+    done = subprocess.run(argv, capture_output=True, cwd=tmp_path, timeout=60, check=False)
+    assert done.returncode == 66
+    assert done.stderr.count(b"\n") == 1
