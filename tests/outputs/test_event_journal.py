@@ -27,7 +27,7 @@ ROOT = Path(__file__).parents[2]
 TOLD = """
 import json, sys
 sys.path[:0] = [{root!r}, {daemon!r}]
-from tests.test_event_journal import outputs_of
+from tests.outputs.test_event_journal import outputs_of
 out = outputs_of(*json.loads(sys.argv[1]))
 for line in sys.stdin:
     out.put(json.loads(line))

@@ -1,8 +1,10 @@
 import re
 
 import numpy as np
+import pytest
 
 from radard.alarm.events import EventTracker
+from radard.alarm.panel import AlarmPanel, AlarmPolicy
 from radard.detect.gate import GateReading
 from radard.judge.classifier import Probabilities
 from radard.judge.decision import Decision
@@ -66,3 +68,28 @@ def test_ids_are_ulids_that_follow_from_the_frames():
     assert first(DWELL) != first(dwell_of(noise(10, seed=1)))
     assert first(DWELL, 1.0) < first(DWELL, 2.0)
     assert len({first(dwell_of(np.roll(noise(10), k, axis=0))) for k in range(5)}) == 5
+
+
+@pytest.mark.parametrize("how", ["over", "lost", "restarted"])
+def test_an_alarm_behind_an_entry_delay_knows_who_was_seen_in_it(how):
+    policy = AlarmPolicy(entry_delay_s=3.0)
+    tracker = EventTracker(AlarmPanel(policy))
+    assert tracker.on_decision(decision(1, alarm=True, human=0.6), DWELL) == []
+    assert tracker.on_decision(decision(2, alarm=True, human=0.9), DWELL) == []
+    assert tracker.on_decision(decision(3), DWELL) == []
+    if how == "over":
+        (new,) = tracker.on_decision(decision(4), DWELL)
+    elif how == "lost":
+        new = tracker.on_notice(Notice("lost", "unplugged", 3))[-1]
+    else:
+        (new,) = EventTracker(AlarmPanel(policy)).resume(tracker.kept(3))
+    assert (new.kind, new.phase, new.peak) == ("alarm", "new", 0.9)
+
+
+def test_the_peak_of_a_delay_that_was_broken_off_is_forgotten():
+    tracker = EventTracker(AlarmPanel(AlarmPolicy(entry_delay_s=3.0)))
+    tracker.on_decision(decision(1, alarm=True, human=0.9), DWELL)
+    tracker.on_command("disarm", 1)
+    tracker.on_command("arm", 2)
+    assert tracker.on_decision(decision(3, alarm=True, human=0.3), DWELL) == []
+    assert tracker.kept(3).alarm_peak == 0.3

@@ -138,6 +138,9 @@ def test_start_keeps_file_time_and_loop_goes_on(tmp_path):
     times = [d["t_s"] for d in decisions(records)]
     assert max(times) > 20
     assert times == sorted(times)
+    # That it begins again is no fault of the sensor.
+    assert {r["type"] for r in records} == {"hello", "status", "decision"}
+    assert "degraded" not in {r.get("state") for r in records}
 
 
 def test_lost_frames_in_a_recording(tmp_path):

@@ -80,6 +80,7 @@ class EventTracker:
         self._run = run
         self.see = see
         self._open: dict[Kind, Event] = {}
+        self._entry_peak = 0.0
 
     @property
     def open_events(self) -> dict[Kind, Event]:
@@ -94,6 +95,7 @@ class EventTracker:
                 is_armed=panel.is_armed,
                 mode=panel.mode,
                 entry_reason=panel.entry_reason,
+                alarm_peak=self._entry_peak if panel.entry_reason is not None else 0.0,
                 exit_left_s=panel.left_s(t_s) if panel.state == "exit" else None,
             )
         return KeptState(
@@ -121,7 +123,7 @@ class EventTracker:
                 return []
             reason = f"{kept.entry_reason}; radard was restarted during the entry delay"
             self.panel.resume(reason)
-            return [self._begin("alarm", reason, 0.0, 0.0, None)]
+            return [self._begin("alarm", reason, 0.0, kept.alarm_peak, None)]
         reason = f"{kept.alarm_reason.removesuffix(_KEPT)}{_KEPT}"
         self.panel.resume(reason)
         event = Event(
@@ -166,11 +168,14 @@ class EventTracker:
             events += self._follow("tamper", tamper, t_s=t_s, dwell=dwell)
         sight = None if is_invalid else self.see(decision, self.panel.policy, self.panel.mode)
         p_human = decision.fused.human if decision.fused and sight and sight.is_seen else 0.0
+        was = self.panel.state
         steps = self.panel.on_sight(t_s, sight, is_quiet=is_quiet)
+        # Whoever was seen while the entry delay ran belongs to the alarm that ends it.
+        self._entry_peak = peak = max(self._entry_peak if was == "entry" else 0.0, p_human)
         alarm = self._open.get("alarm")
         if alarm is not None:
             self._open["alarm"] = replace(alarm, peak=max(alarm.peak, p_human))
-        return events + self._step(steps, t_s, p_human, dwell)
+        return events + self._step(steps, t_s, peak, dwell)
 
     def on_notice(self, notice: Notice) -> list[Event]:
         """Take a notice: a restart or a lost device is a fault until the next whole dwell."""
@@ -178,7 +183,7 @@ class EventTracker:
             return []
         events = self._follow("fault", notice.reason, t_s=notice.t_s)
         steps = self.panel.on_loss(notice.t_s) if notice.kind == "lost" else []
-        return events + self._step(steps, notice.t_s)
+        return events + self._step(steps, notice.t_s, self._entry_peak)
 
     def on_command(self, name: str, t_s: float) -> list[Event]:
         """Take 'arm', 'arm-home', 'disarm' or 'ack'."""

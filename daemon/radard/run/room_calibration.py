@@ -26,7 +26,7 @@ from x2radar.command import installed_version
 from x2radar.frame import StreamInfo
 
 log = logging.getLogger("radard")
-_MOST_WAITING = 30  # dwells; chosen: half a minute of a machine that lags
+_MAX_WAITING = 30  # dwells, of a second each: a machine that lags by half a minute is too slow
 
 
 def can_calibrate(config: Config) -> bool:
@@ -83,38 +83,39 @@ class RoomCalibration:
         self._on_made = on_made
         self._from_s = t_s + config.gate.calibrate_after_s
         self._to_s = self._from_s + config.gate.calibrate_s
-        self._dwells: queue.Queue[Dwell | None] = queue.Queue(_MOST_WAITING)
-        self._stopped = ""
+        self._dwells: queue.SimpleQueue[Dwell | None] = queue.SimpleQueue()
+        self._is_heard = False
+        self._lock = threading.Lock()
         self.progress = CalibrationProgress("leave", round(config.gate.calibrate_after_s))
         """How far it is; any thread may read it."""
         self._thread: threading.Thread | None = None
 
     def take(self, dwell: Dwell) -> None:
         """Take a dwell of the stream, one after the other; returns at once."""
-        if self.progress.is_over or self._stopped:
+        if self.progress.is_over or self._is_heard:
             return
         began_s = dwell.t_s - len(dwell.frames) / dwell.frame_rate_hz
         if began_s < self._from_s:
-            self.progress = CalibrationProgress("leave", max(0, round(self._from_s - dwell.t_s)))
+            self._show("leave", self._from_s - dwell.t_s)
             return
         if self._thread is None:
             self._thread = threading.Thread(target=self._run, name="calibration", daemon=True)
             self._thread.start()
-        self.progress = CalibrationProgress("listen", max(0, round(self._to_s - dwell.t_s)))
-        try:
-            # A dwell is a view into the ring, which goes on.
-            self._dwells.put_nowait(replace(dwell, frames=dwell.frames.copy()))
-            if dwell.t_s >= self._to_s:
-                self._stopped = "heard"
-                self._dwells.put_nowait(None)
-        except queue.Full:
+        self._show("listen", self._to_s - dwell.t_s)
+        if self._dwells.qsize() >= _MAX_WAITING:
             self.stop("the machine is too slow for it")
+            return
+        # A dwell is a view into the ring, which goes on.
+        self._dwells.put(replace(dwell, frames=dwell.frames.copy()))
+        if dwell.t_s >= self._to_s:
+            self._is_heard = True
+            self._dwells.put(None)
 
     def stop(self, reason: str) -> None:
-        """End it without a result; does nothing once it is over."""
-        if not self.progress.is_over and self._stopped != "heard":
-            self._stopped = reason
+        """End it without a result; does nothing once the room was heard."""
+        if not self._is_heard:
             self._fail(reason)
+            self._dwells.put(None)
 
     def _run(self) -> None:
         try:
@@ -131,9 +132,11 @@ class RoomCalibration:
 
         survey = RoomSurvey(self._config.gate, HOP_S)
         while (dwell := self._dwells.get()) is not None:
-            survey.add(dwell)
             if self.progress.is_over:
                 return
+            survey.add(dwell)
+        if self.progress.is_over:
+            return
         survey.check_empty()
         made = survey.calibration(self._sign)
         rate = made.provenance.false_gates_per_day
@@ -144,9 +147,17 @@ class RoomCalibration:
             text += f"; holds until the end of this run: {self._path}: {err.strerror or err}"
             log.warning("calibration: %s", text)
         self._on_made(made)
-        self.progress = CalibrationProgress("made", text=f"{made.provenance.made_utc}, {text}")
+        self._show("made", text=f"{made.provenance.made_utc}, {text}")
         log.info("calibration: %s: %s", self._path, text)
 
     def _fail(self, reason: str) -> None:
-        self.progress = CalibrationProgress("failed", text=reason)
-        log.warning("calibration: %s; what held before holds", reason)
+        if self._show("failed", text=reason):
+            log.warning("calibration: %s; what held before holds", reason)
+
+    def _show(self, phase: str, left_s: float = 0.0, text: str = "") -> bool:
+        """Say how far it is; its end is the last word."""
+        with self._lock:
+            if self.progress.is_over:
+                return False
+            self.progress = CalibrationProgress(phase, max(0, round(left_s)), text)
+            return True

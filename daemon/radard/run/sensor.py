@@ -137,6 +137,7 @@ class RunningSensor:
             stuck.append(self._reader.name)
         if stuck and self.failure is None:
             self.failure = RadardError(f"stuck and left behind: {', '.join(stuck)}")
+        self.worker.close()
         clips = self.worker.parts.clips
         if clips is not None and not clips.close(_JOIN_S):
             logger_of(self.worker.parts.config).warning(

@@ -64,6 +64,7 @@ class Worker:
         run = f" {parts.pipeline.stream.run_id}{sensor}"
         self.tracker = EventTracker(panel, parts.see, run)
         self._kept_events = self.tracker.resume(kept)
+        self._is_moved = False
         self._room: RoomCalibration | None = None
         self._made: Calibration | None = None
 
@@ -116,6 +117,11 @@ class Worker:
         """Tell what the last run has left: an alarm that is on, say."""
         self._emit(self._kept_events)
 
+    def close(self) -> None:
+        """End what works beside it; the stream is over."""
+        if self._room is not None:
+            self._room.stop("the run ended")
+
     def look_up(self) -> None:
         """See whether nothing has come for too long."""
         status = self._health.check()
@@ -144,6 +150,7 @@ class Worker:
     def _take_dwell(self, dwell: Dwell) -> None:
         parts = self.parts
         self._n_decided += 1
+        self._is_moved = False
         if self._room is not None:
             self._room.take(dwell)
         decision = replace(self._decide(dwell), seq=self._n_decided)
@@ -196,6 +203,11 @@ class Worker:
         if notice.kind == "paused":
             # Somebody holds a replay on purpose: nothing is wrong with it.
             self._tell(self._health.on_notice(notice))
+            return
+        if notice.kind == "moved" or (notice.kind == "restart" and self._is_moved):
+            # Nor when somebody goes on elsewhere, or it begins again.
+            self._is_moved = notice.kind == "moved"
+            self._log.info("%s", notice.reason)
             return
         self._log.warning("%s: %s", notice.kind, notice.reason)
         self._tell(self._health.on_notice(notice))

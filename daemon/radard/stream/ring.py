@@ -87,8 +87,8 @@ class Notice:
     """Something that happened to the stream between two dwells.
 
     'restart': counter or device started again; 'lost' and 'found': the device is away, is back;
-    'paused', 'silent': a replay stands still, nothing comes. The others ask the worker for
-    something.
+    'paused', 'moved': a replay stands still, goes on elsewhere; 'silent': nothing comes. The
+    others ask the worker for something.
     """
 
     kind: str

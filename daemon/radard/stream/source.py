@@ -215,6 +215,7 @@ class ReplaySource:
         self._reader = open_recording(port.target, kind=port.options.get("from"))
         self.stream: StreamInfo = replace(self._reader.stream, run_id=self._reader.run_id)
         self._closed = False
+        self._on_notice = on_notice
         self.warning = self._reader.warning
         self.started_utc = self._reader.started_utc
         end_s = self._reader.n_frames / self._reader.stream.frame_rate_hz
@@ -242,6 +243,10 @@ class ReplaySource:
                     moved = _arrived(moved)
                 # Where one round ends and the next begins, time does not go on smoothly.
                 is_jump = n == 0 and not is_first_round
+                if is_jump:
+                    self._on_notice(
+                        "moved", f"the replay goes on at {frame.index / rate_hz:.1f} s"
+                    )
                 yield replace(moved, lost=0, restarted=True) if is_jump else moved
             is_first_round = False
             if seek_s is not None:

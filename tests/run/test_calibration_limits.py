@@ -1,0 +1,132 @@
+"""Room calibrations that wait, are too slow, break off: each ends, and leaves no thread behind."""
+
+import threading
+from dataclasses import replace
+
+import pytest
+
+from radard.config.config import load_config
+from radard.detect.calibration import Provenance
+from radard.detect.survey import RoomSurvey
+from radard.errors import RadardError
+from radard.run.room_calibration import RoomCalibration
+from tests.radar_helpers import dwell_of, noise
+from tests.waiting import wait_for
+
+DWELL = dwell_of(noise(60))
+
+
+def threads():
+    return [t for t in threading.enumerate() if t.name == "calibration"]
+
+
+class Survey:
+    """A survey that hears nothing before it may, and makes whatever."""
+
+    may = threading.Event()
+    fails_at = None
+
+    def __init__(self, *_):
+        self.n = 0
+
+    def add(self, _dwell):
+        assert self.may.wait(60)
+        self.n += 1
+        if self.n == self.fails_at:
+            msg = "the room is not empty"
+            raise RadardError(msg)
+
+    def check_empty(self):
+        pass
+
+    def calibration(self, sign):
+        class Made:
+            provenance = sign(self.n, 1.0, 1.0)
+
+            def save(self, _path):
+                pass
+
+        return Made()
+
+
+@pytest.fixture
+def room(monkeypatch, tmp_path):
+    """A function that makes a calibration of so many dwells, whose survey waits."""
+    for name, what in vars(Survey).items():
+        if not name.startswith("__") or name == "__init__":
+            monkeypatch.setattr(RoomSurvey, name, what, raising=False)
+    monkeypatch.setattr(RoomSurvey, "may", threading.Event())
+    made = []
+
+    def make(n_dwells):
+        gate = {"calibrate_after_s": 0, "calibrate_s": float(n_dwells)}
+        options = {"gate": gate, "service": {"state_dir": tmp_path}}
+        config = load_config(environ={}, options=options)
+        sign = lambda n, *_: Provenance(n_dwells=n, made_utc="now", false_gates_per_day=1.0)  # noqa: E731
+        return RoomCalibration(config, sign, 0.0, made.append)
+
+    make.made = made
+    make.survey = RoomSurvey
+    yield make
+    RoomSurvey.may.set()
+    wait_for(lambda: not threads())
+
+
+def hear(calibration, n, first=1):
+    for k in range(first, first + n):
+        calibration.take(replace(DWELL, t_s=float(k)))
+
+
+@pytest.mark.parametrize("n", [27, 28, 29, 30, 31])
+def test_however_many_dwells_wait_at_the_end_it_ends(room, n):
+    calibration = room(n)
+    hear(calibration, n)
+    room.survey.may.set()
+    wait_for(lambda: calibration.progress.is_over)
+    wait_for(lambda: not threads())
+    # With one more, whether it is too slow depends on which of its threads is first.
+    assert calibration.progress.phase == "made" or n == 31
+    assert [made.provenance.n_dwells for made in room.made] in ([n], [] if n == 31 else [n])
+
+
+def test_a_machine_that_is_too_slow_ends_it(room):
+    calibration = room(1000)
+    hear(calibration, 40)
+    assert calibration.progress.phase == "failed"
+    assert calibration.progress.text == "the machine is too slow for it"
+    room.survey.may.set()
+    wait_for(lambda: not threads())
+    assert room.made == []
+
+
+def test_five_that_are_cancelled_leave_no_thread(room):
+    room.survey.may.set()
+    for _ in range(5):
+        calibration = room(1000)
+        hear(calibration, 3)
+        calibration.stop("another one was asked for")
+        calibration.stop("again")
+        assert calibration.progress.text == "another one was asked for"
+    wait_for(lambda: not threads())
+
+
+def test_a_survey_that_fails_has_the_last_word(room, monkeypatch):
+    monkeypatch.setattr(RoomSurvey, "fails_at", 2)
+    calibration = room(30)
+    room.survey.may.set()
+    hear(calibration, 2)
+    wait_for(lambda: calibration.progress.is_over)
+    hear(calibration, 20, first=3)
+    calibration.stop("too late")
+    assert (calibration.progress.phase, calibration.progress.text) == (
+        "failed",
+        "the room is not empty",
+    )
+
+
+def test_before_anybody_listens_nothing_is_left(room):
+    calibration = room(30)
+    calibration.stop("the stream broke off")
+    hear(calibration, 3)
+    assert calibration.progress.phase == "failed"
+    assert threads() == []
