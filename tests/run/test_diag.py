@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from radard.cli import main
-from radard.commands.diag_parts import Scrubber, gather
+from radard.commands.diag import gather, scrub
 from radard.health.health import Status
 from radard.health.status_file import status_path, write_status
 
@@ -68,7 +68,7 @@ def test_what_cannot_be_told_stops_nothing(config, monkeypatch):
         msg = "no bus"
         raise OSError(msg)
 
-    monkeypatch.setattr("radard.commands.diag_parts.list_ports", fail)
+    monkeypatch.setattr("radard.commands.diag.list_ports", fail)
     parts = gather(config, {})
     assert "no bus" in parts["ports.json"]
     assert "cores" in parts["limits.json"]
@@ -78,19 +78,16 @@ def test_serial_numbers_are_masked(config, monkeypatch):
     from x2radar.device.discovery import PortRow
 
     row = PortRow("/dev/ttyX", "0403:6001", serial_number="FT123", by_id="/dev/by-id/FT123")
-    monkeypatch.setattr("radard.commands.diag_parts.list_ports", lambda: [row])
+    monkeypatch.setattr("radard.commands.diag.list_ports", lambda: [row])
     (port,) = json.loads(gather(config, {})["ports.json"])
     assert "FT123" not in str(port)
     assert (port["usb_id"], port["access"]) == ("0403:6001", "gone")
 
 
-def test_scrubber():
-    scrub = Scrubber(("geheim",)).scrub
-    assert scrub("a geheim b") == "a *** b"
-    assert (
-        scrub("x\nmqtt://u:pw@h\nwebhook:https://h/abc")
-        == "x\nmqtt://u:***@h\nwebhook:https://h/***"
-    )
+def test_what_is_secret_or_looks_like_it_is_scrubbed():
+    assert scrub("a geheim b", ["geheim"]) == "a *** b"
+    given = "x\nmqtt://u:pw@h\nwebhook:https://h/abc"
+    assert scrub(given) == "x\nmqtt://u:***@h\nwebhook:https://h/***"
     assert scrub(f"{Path.home()}/x") == "~/x"
 
 
