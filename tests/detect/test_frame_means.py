@@ -4,10 +4,8 @@ import numpy as np
 import pytest
 
 from radard.dsp.frame_means import FrameMeans
-from radard.dsp.velocity import VelocityTransform
-from radard.errors import FeatureError
 from radard.judge.features import FeatureSettings, extract
-from tests.radar_helpers import BASEBAND, dwell_of, noise, walker
+from tests.radar_helpers import dwell_of, noise, walker
 
 
 def frames_of(n, n_freq=5, seed=0):
@@ -87,8 +85,3 @@ def test_a_slow_body_looks_the_same_with_fewer_frames():
     for each in maps:
         velocity_mps = (each.argmax(axis=0) - len(each) // 2) * grid.step_mps
         assert velocity_mps == pytest.approx(0.3, abs=0.016)
-
-
-def test_what_is_no_mean_is_refused():
-    with pytest.raises(FeatureError, match="a mean of 0 frames"):
-        VelocityTransform(BASEBAND, 60.0, n_mean=0)

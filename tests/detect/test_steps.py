@@ -3,7 +3,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from radard.dsp.columns import ColumnStore
 from radard.dsp.steps import StepBuffer, blocks, whole
 from radard.errors import FeatureError
 from tests.dsp_helpers import under_clutter
@@ -175,26 +174,3 @@ def test_whole_by_definition(valid, n_cpi, stride):
     flags = np.array(valid)
     wanted = [flags[i : i + n_cpi].all() for i in range(0, len(flags) - n_cpi + 1, stride)]
     assert np.array_equal(whole(flags, n_cpi, stride), wanted)
-
-
-@settings(deadline=None, derandomize=True, max_examples=60)
-@given(sizes=st.lists(st.integers(0, 12), max_size=30), n_keep=st.integers(1, 9))
-def test_column_store_keeps_the_last(sizes, n_keep):
-    store = ColumnStore(n_keep)
-    said = np.zeros(0)
-    for n in sizes:
-        new = len(said) + np.arange(n, dtype=np.float64)
-        store.append(new[:, None] * [1, 10], new % 2 == 0)
-        said = np.concatenate([said, new])
-        columns, flags = store.last(None)
-        if len(said):
-            assert np.array_equal(columns[:, 1], 10 * said[-n_keep:])
-            assert np.array_equal(flags, said[-n_keep:] % 2 == 0)
-    assert len(store) == min(len(said), n_keep)
-    with pytest.raises(FeatureError, match="columns wanted"):
-        store.last(n_keep + 1)
-
-
-def test_column_store_of_nothing():
-    with pytest.raises(FeatureError, match="n_keep 0"):
-        ColumnStore(0)
