@@ -53,7 +53,7 @@ def velocity_direct(frames, stream, n_cpi=16, stride=1, axis=SMALL):
     )
 
 
-def ranges_direct(frames, stream, n_cpi=16, stride=1, axis=SMALL, cell_m=0.1):
+def ranges_direct(frames, stream, n_cpi=16, stride=1, axis=SMALL):
     """Centre frames less their CPI's mean, power averaged over cells."""
     y = frames.astype(np.complex128)
     begin_m = axis.range_m - axis.bin_length_m / 2
