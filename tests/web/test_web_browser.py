@@ -234,16 +234,6 @@ def test_events_are_filtered_replayed_and_labelled(tab, radard):
     assert got.value.suggested_filename == "events.csv"
 
 
-def test_zones_are_typed_and_become_configuration(tab):
-    one = tab().open("setup")
-    one.page.get_by_role("button", name="Exclude a range").click()
-    one.page.fill("input[aria-label='Not here, from, metres']", "1.2")
-    one.page.keyboard.press("Tab")
-    one.page.fill("input[aria-label='Not here, to, metres']", "1.9")
-    one.page.keyboard.press("Tab")
-    assert "exclude: [[1.20, 1.90]]" in one.page.inner_text("pre")
-
-
 def test_zones_are_dragged_saved_and_hold(tab, radard):
     def zones():
         return radard.get("/api/v1/status")[1]["zones"]
@@ -281,16 +271,6 @@ def test_zones_are_dragged_saved_and_hold(tab, radard):
     one.page.get_by_role("button", name="Forget what was saved").click()
     radard.wait(lambda: zones() == {"include": [], "exclude": [], "away": []})
     one.until("document.querySelectorAll('.zonerow').length === 0")
-
-
-def test_a_walk_test_counts_by_range(tab):
-    one = tab().open("setup")
-    one.page.get_by_role("button", name="Start the walk test").click()
-    one.page.wait_for_selector(".coverage .seen")
-    one.page.get_by_role("button", name="Stop").click()
-    with one.page.expect_download() as got:
-        one.page.get_by_role("button", name="Save the report").click()
-    assert got.value.suggested_filename == "walk-test.json"
 
 
 def test_colours_are_even_and_follow_the_page(tab):

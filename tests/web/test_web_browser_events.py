@@ -42,7 +42,7 @@ def radard(tmp_path_factory):
         event(1) | {"time": days_ago(5)},
         event(2, kind="fault") | {"time": days_ago(3), "reason": "no frames for 3 s"},
         event(4) | {"time": days_ago(3, 1)},
-        event(3) | {"time": days_ago(3, 2), "clip": str(clip), "reason": "none at 2.2 m"},
+        event(3) | {"time": days_ago(3, 2), "clip": str(clip), "reason": "undecided for 3 s at 2.2 m"},
     ):
         sink.write(record)
     sink.close()
@@ -60,7 +60,7 @@ def test_days_are_counted_and_pictures_have_axes(tab, radard):
     told = one.page.get_attribute(".days", "aria-label")
     assert [part.rpartition(" ")[2] for part in told.partition(": ")[2].split(", ")][-1] == "2"
     first = one.page.locator(".event").first
-    assert "somebody who left before it was clear, last seen at 2.2 m" in first.inner_text()
+    assert "something that may be a person at 2.2 m" in first.inner_text()
     one.until("document.querySelector('.thumb img')?.naturalWidth === 30")
     assert first.locator(".thumb").inner_text().split() == [
         *("+0.7", "m/s", "\N{MINUS SIGN}0.7"),

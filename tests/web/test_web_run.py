@@ -5,12 +5,9 @@ import json
 import socket
 import struct
 import threading
-import time
-from pathlib import Path
 
 import pytest
 
-from radard.health.status_file import read_status, status_path
 from radard.web.pictures.spectrograms import COLUMN_RATE_HZ
 from radard.web.server import WebServer
 from tests.alarm_helpers import write_recording
@@ -87,14 +84,6 @@ def test_the_server_stays_until_pages_know_how_the_run_has_ended(monkeypatch):
     assert server.join(60)
 
 
-def test_commands_arrive(launch):
-    running = launch("--port", "sim:empty", "--model", "none").wait_online()
-    assert running.post("/api/v1/command", {"command": "disarm"})[0] == 202
-    running.wait(lambda: running.get("/api/v1/status")[1]["panel"]["armed"] is False)
-    assert running.post("/api/v1/command", {"command": "arm"})[0] == 202
-    running.wait(lambda: running.get("/api/v1/status")[1]["panel"]["armed"] is True)
-
-
 def test_a_busy_port_is_a_warning_and_waited_for(launch, monkeypatch):
     monkeypatch.setattr("radard.web.server._RETRY_S", 0.1)
     with socket.socket() as taken:
@@ -141,31 +130,6 @@ def test_decisions_are_the_same_with_a_dashboard_and_pages(launch, tmp_path):
         page.close()
 
 
-def test_floods_of_connections_do_not_stop_decisions(launch):
-    running = launch("--port", "sim:empty", "--model", "none").wait_online()
-    before = running.get("/api/v1/status")[1]["panel"]["seq"]
-    lines = []
-    for _ in range(400):
-        line = socket.socket()
-        line.settimeout(0.5)
-        try:
-            line.connect(("127.0.0.1", running.port))
-        except OSError:
-            line.close()
-            break
-        lines.append(line)
-    for line in lines[::3]:
-        try:
-            line.send(b"GET / HTTP/1.1\r\nHost: ")
-        except OSError:
-            continue
-    report = status_path(running.folder, "radar")
-    running.wait(lambda: read_status(report).content["seq"] >= before + 2)
-    for line in lines:
-        line.close()
-    running.wait(lambda: running.get("/api/v1/status")[0] == 200)
-
-
 def test_a_replay_is_paused_moved_and_let_go(launch, tmp_path):
     path = tmp_path / "r.h5"
     write_recording(path, noise(60 * 60))
@@ -187,17 +151,3 @@ def test_a_replay_is_paused_moved_and_let_go(launch, tmp_path):
     assert play("play")[0] == 202
     assert running.process.wait(60) == 0
     assert "Traceback" not in running.log
-
-
-def test_no_page_no_work(launch):
-    """Pictures have a thread of their own, and only once somebody looks."""
-    running = launch("--port", "sim:empty", "--model", "none").wait_online()
-    tasks = Path(f"/proc/{running.process.pid}/task")
-    n_before = len(list(tasks.iterdir()))
-    page = Client(running.port).socket()
-    page.recv(60)
-    time.sleep(0.3)
-    assert len(list(tasks.iterdir())) == n_before
-    page.send('{"pictures": true}')
-    wait(lambda: len(list(tasks.iterdir())) == n_before + 1)
-    page.close()

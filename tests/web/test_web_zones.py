@@ -1,9 +1,6 @@
 """Zones from the dashboard: saved, taken up at once, there after a restart, and said whose."""
 
 import json
-import subprocess
-import sys
-from pathlib import Path
 
 import pytest
 
@@ -86,34 +83,6 @@ def test_zones_are_saved_although_an_output_cannot_be_made_again_and_it_goes_on(
         broker.stop()
 
 
-@pytest.mark.integration
-def test_the_environment_stands_before_what_was_saved(run):
-    running = run(RADARD_ZONES__EXCLUDE="[[2, 3]]")
-    assert running.post("/api/v1/zones", {"include": [[1, 4]], "exclude": []})[0] == 202
-    running.wait(
-        lambda: zones_now(running) == {"include": [[1, 4]], "exclude": [[2, 3]], "away": []}
-    )
-
-
-@pytest.mark.integration
-def test_what_is_no_zone_is_refused_and_nothing_is_written(run, tmp_path):
-    running = run()
-    for body, words in (
-        ({"include": []}, "zones.exclude: field required"),
-        ({"include": [[2, 1]], "exclude": []}, "from below to"),
-        ({"include": [[-1, 1]], "exclude": []}, "from below to"),
-        ({"include": [[1, 1.001]], "exclude": []}, "at least 0.01 m"),
-        ({"include": [[1, "x"]], "exclude": []}, "zones.include.0.1"),
-        ({"include": "all", "exclude": []}, "include"),
-        ({"include": [[k, k + 1] for k in range(33)], "exclude": []}, "more than 32"),
-    ):
-        code, answer = running.post("/api/v1/zones", body)
-        assert code == 400, body
-        assert words in answer["error"]
-    assert running.post("/api/v1/zones", {"forget": True}, headers={})[0] in {400, 403}
-    assert not list(tmp_path.glob("*zones*"))
-
-
 def load(tmp_path, **environ):
     options = {"service": {"state_dir": tmp_path}}
     return load_with_origins(tmp_path / "c.yaml", environ=environ, options=options)
@@ -137,18 +106,6 @@ def test_config_show_says_where_zones_came_from(saved, tmp_path):
     include = next(line for line in shown(load(tmp_path)) if line.startswith("  include"))
     assert include.endswith(f"# {tmp_path / 'c.yaml'}:2")
     forget(saved)
-
-
-@pytest.mark.integration
-def test_radard_config_show_prints_it(saved, tmp_path):
-    argv = [str(Path(sys.executable).parent / "radard"), "config", "show"]
-    environ = {
-        "RADARD_SERVICE__STATE_DIR": str(tmp_path),
-        "PYTHONPATH": ":".join(sys.path),
-        "PATH": "",
-    }
-    done = subprocess.run(argv, env=environ, capture_output=True, text=True, check=True)
-    assert f"# {saved}:4, saved on the dashboard" in done.stdout
 
 
 def test_order_of_file_saved_environment_and_options(saved, tmp_path):

@@ -41,16 +41,14 @@ export function card(title, note, ...children) {
 
 const WHO = {
   human: "a person",
-  pending: "something that may be a person",
+  undecided: "something that may be a person",
   pet: "a pet that may be a person",
   other: "a thing that may be a person",
-  none: "somebody who left before it was clear",
 };
 
 // The reason of an alarm, "human at 1.8 m, again", as a person would say it.
 export function inWords(reason) {
-  const [, label, where] = /^(\w+)( at [\d.]+ m)?(?:, again)?$/.exec(reason) ?? [];
-  if (label === "none") return WHO.none + (where ? `, last seen${where}` : "");
+  const [, label, where] = /^(\w+)(?: for [\d.]+ s)?( at [\d.]+ m)?(?:, again)?$/.exec(reason) ?? [];
   return WHO[label] ? `${WHO[label]}${where ?? ""}` : reason;
 }
 
