@@ -42,7 +42,8 @@ def radard(tmp_path_factory):
         event(1) | {"time": days_ago(5)},
         event(2, kind="fault") | {"time": days_ago(3), "reason": "no frames for 3 s"},
         event(4) | {"time": days_ago(3, 1)},
-        event(3) | {"time": days_ago(3, 2), "clip": str(clip), "reason": "undecided for 3 s at 2.2 m"},
+        event(3)
+        | {"time": days_ago(3, 2), "clip": str(clip), "reason": "undecided for 3 s at 2.2 m"},
     ):
         sink.write(record)
     sink.close()
