@@ -23,9 +23,12 @@ from radard.stream.source import open_source
 RATE_HZ = 60
 ON_S = 30.0
 """When interference begins, in a room that was empty."""
-FIRST_S, EVERY_S, VISIT_S, N_WALKS = 40, 20, 8, 12
-WALKS = [(FIRST_S + k * EVERY_S, FIRST_S + k * EVERY_S + VISIT_S) for k in range(N_WALKS)]
-STREAM_S = FIRST_S + N_WALKS * EVERY_S
+FIRST_S, EVERY_S, VISIT_S = 40, 20, 8
+
+
+def stream_s(n_walks):
+    """How long a stream with so many walk-ins lasts."""
+    return FIRST_S + n_walks * EVERY_S
 
 
 def scene_text(*visits):
@@ -36,8 +39,8 @@ def scene_text(*visits):
     return "\n".join(lines) + "\n"
 
 
-def walk_ins():
-    """Twelve people who walk in, one after the other."""
+def walk_ins(n_walks):
+    """People who walk in, one after the other."""
     return scene_text(
         *(
             (
@@ -45,7 +48,7 @@ def walk_ins():
                 f"body: human, style: walk, course: {('approach', 'leave', 'cross')[k % 3]}",
                 VISIT_S,
             )
-            for k in range(N_WALKS)
+            for k in range(n_walks)
         )
     )
 
@@ -188,7 +191,7 @@ def spans(events, *kinds):
     ]
 
 
-def announced(events, *kinds):
+def announced(events, *kinds, n_walks):
     """How many of the walk-ins fell into something of these kinds."""
-    on = spans(events, *kinds)
-    return sum(any(a <= to + 1 and b >= start for a, b in on) for start, to in WALKS)
+    on, starts = spans(events, *kinds), [FIRST_S + k * EVERY_S for k in range(n_walks)]
+    return sum(any(a <= s + VISIT_S + 1 and b >= s for a, b in on) for s in starts)
