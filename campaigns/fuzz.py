@@ -12,16 +12,13 @@ the clock) is a hang, and the address space may grow by 512 MiB over what the im
 is counted as over_memory. Right is a result or one of the project's own errors; any other
 exception, or the death of the process, is unhandled.
 
-Where atheris is installed and --seconds is given, half of each target's time is guided by
-coverage (libFuzzer with `fuzz_mutate` as its mutator); without it, and with --inputs, all inputs
-are mutations by a seeded generator. The last line is one JSON object: inputs, unhandled, hangs,
-over_memory, and the same for each of `targets`. Exit code 1 if one of them but inputs is not 0.
+All inputs are mutations of good ones by a seeded generator. The last line is one JSON object:
+inputs, unhandled, hangs, over_memory, and the same for each of `targets`. Exit code 1 if one of
+them but inputs is not 0.
 """
 
 import argparse
 import hashlib
-import importlib
-import importlib.util
 import json
 import os
 import random
@@ -227,89 +224,11 @@ def mutations(
         if done < len(seeds):
             yield seeds[done]
         else:
-            yield mutated(rng, seeds, BORDER)
+            parts = rng.choice(seeds).split(BORDER)
+            k = rng.randrange(len(parts))
+            parts[k] = mutate(rng, parts[k], seeds)
+            yield BORDER.join(parts)
         done += 1
-
-
-def mutated(rng: random.Random, seeds: list[bytes], border: bytes) -> bytes:
-    """Return a mutation of one part of a good input."""
-    parts = rng.choice(seeds).split(border)
-    k = rng.randrange(len(parts))
-    parts[k] = mutate(rng, parts[k], seeds)
-    return border.join(parts)
-
-
-def guided(campaign: Campaign, target: str, until_s: float, seed: int, folder: Path) -> None:
-    """Let atheris look for inputs that reach new code; what it finds is run by a worker again."""
-    count = campaign.counts.setdefault(target, Counter())
-    for name in ("corpus", "found"):
-        (folder / name).mkdir(exist_ok=True)
-    for k, data in enumerate(seeds_of(target)):
-        (folder / "corpus" / f"seed{k}").write_bytes(data)
-    while (left_s := int(until_s - time.monotonic())) > 1:
-        options = ["--atheris", target, str(folder), str(seed), str(left_s)]
-        subprocess.run(
-            [sys.executable, str(Path(__file__).resolve()), *options],
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-            check=False,
-            cwd=folder,
-        )
-        seed += 1
-        tally = folder / "tally"
-        count["inputs"] += int(tally.read_text() or 0) if tally.exists() else 0
-        tally.unlink(missing_ok=True)
-        suspects = sorted((folder / "found").iterdir())
-        campaign.feed(target, iter([path.read_bytes() for path in suspects[:200]]))
-        for path in suspects:
-            path.unlink()
-        if not suspects and time.monotonic() < until_s - 5:
-            break
-
-
-def guide(target: str, folder: Path, seed: str, left_s: str) -> None:
-    """Run libFuzzer on one target; inputs that are not fine are put into a folder."""
-    import atheris  # type: ignore[import-not-found] # noqa: PLC0415 - optional
-
-    with atheris.instrument_imports(include=["x2radar", "radard"]):
-        from campaigns.fuzz_targets import TARGETS as KNOWN  # noqa: PLC0415
-        from campaigns.fuzz_targets import verdict  # noqa: PLC0415
-        from x2radar.recording.registry import FORMATS  # noqa: PLC0415
-
-        for row in FORMATS.values():
-            # Else imported when first needed, and not instrumented.
-            if row.reader:
-                importlib.import_module(f"x2radar.recording.{row.reader.partition(':')[0]}")
-
-    run = KNOWN[target].run
-    work_in = folder / "work"
-    work_in.mkdir(exist_ok=True)
-    seeds = seeds_of(target)
-    begun_s, n = time.monotonic(), 0
-
-    def one(data: bytes) -> None:
-        nonlocal n
-        n += 1
-        if n % 100 == 0:
-            (folder / "tally").write_text(str(n))
-            if time.monotonic() - begun_s > float(left_s):
-                os._exit(0)
-        _empty(work_in)
-        kind, _ = verdict(lambda: run(work_in, data))
-        if kind != "fine":
-            name = hashlib.sha256(data).hexdigest()[:16]
-            (folder / "found" / name).write_bytes(data)
-
-    def mutator(data: bytes, most: int, seed: int) -> bytes:
-        rng = random.Random(seed)  # noqa: S311 - no secret
-        out = mutated(rng, [data or seeds[0]], BORDER) if seed % 4 else atheris.Mutate(data, most)
-        return bytes(out[:most])
-
-    options = [f"-seed={int(seed) + 1}", f"-max_total_time={left_s}", "-timeout=5"]
-    options += ["-max_len=200000", f"-artifact_prefix={folder / 'found'}/", "-rss_limit_mb=0"]
-    atheris.Setup([sys.argv[0], *options, str(folder / "corpus")], one, custom_mutator=mutator)
-    limit_memory()
-    atheris.Fuzz()
 
 
 def run_campaign(args: argparse.Namespace) -> Campaign:
@@ -327,17 +246,11 @@ def run_campaign(args: argparse.Namespace) -> Campaign:
 
 def feed_all(campaign: Campaign, targets: Sequence[str], args: argparse.Namespace) -> None:
     """Share the time, or the number of inputs, out among the targets."""
-    has_atheris = importlib.util.find_spec("atheris") is not None and not args.no_atheris
     for target in targets:
         share_s = float("inf") if args.inputs else args.seconds / len(targets)
-        is_guided = has_atheris and not args.inputs and share_s >= 10
         until_s = time.monotonic() + share_s
-        middle_s = until_s - share_s / 2 if is_guided else until_s
-        made = seeds_of(target)
-        campaign.feed(target, mutations(target, args.seed, args.inputs, middle_s, made))
-        if is_guided:
-            with tempfile.TemporaryDirectory() as folder:
-                guided(campaign, target, until_s, args.seed, Path(folder))
+        inputs = mutations(target, args.seed, args.inputs, until_s, seeds_of(target))
+        campaign.feed(target, inputs)
         print(f"{target}: {dict(campaign.counts[target])}", file=sys.stderr)
 
 
@@ -346,9 +259,6 @@ def main() -> int:
     if sys.argv[1:2] == ["--worker"]:
         work(sys.argv[2], Path(sys.argv[3]), Path(sys.argv[4]))
         return 0
-    if sys.argv[1:2] == ["--atheris"]:
-        guide(sys.argv[2], Path(sys.argv[3]), sys.argv[4], sys.argv[5])
-        return 0
     about = (__doc__ or "").split("\n\n")
     parser = argparse.ArgumentParser(description=about[0], epilog=about[1])
     parser.add_argument("--seconds", type=float, default=60.0, help="for all targets together")
@@ -356,7 +266,6 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--targets", default=",".join(TARGETS), help="some, with commas")
     parser.add_argument("--keep", type=Path, metavar="DIR", help="write what was found there")
-    parser.add_argument("--no-atheris", action="store_true")
     campaign = run_campaign(parser.parse_args())
     summary = campaign.summary()
     print(json.dumps(summary))
