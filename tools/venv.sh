@@ -12,7 +12,9 @@ ensure_venv() {
     fi
     pins=$(cat "$here/pyproject.toml" "$here/constraints.txt" "$here/requirements.txt" | cksum | tr ' ' -)
     stamp="$here/.venv/installed-${extras//,/-}-$pins"
-    [ -e "$stamp" ] && return 0
+    # Another pip install may have put a copy in place of this checkout: edits would do nothing.
+    [ -e "$stamp" ] && compgen -G "$here/.venv/lib/*/site-packages/__editable__*" >/dev/null &&
+        return 0
     [ -x "$here/.venv/bin/python" ] || "$python" -m venv "$here/.venv"
     echo "installing into .venv (once) ..." >&2
     "$here/.venv/bin/python" -m pip install --quiet --disable-pip-version-check \

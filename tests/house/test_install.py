@@ -20,6 +20,9 @@ def test_run_takes_only_files_with_these_hashes(tmp_path):
         (tmp_path / name).write_text((ROOT / name).read_text())
     python = tmp_path / ".venv/bin/python"
     python.parent.mkdir(parents=True)
+    editable = tmp_path / ".venv/lib/python3/site-packages/__editable__.radard.pth"
+    editable.parent.mkdir(parents=True)
+    editable.touch()
     python.write_text('#!/bin/sh\necho "$@" >> "$(dirname "$0")/asked"\n')
     python.chmod(0o755)
     asked = {}
@@ -39,6 +42,17 @@ def test_run_takes_only_files_with_these_hashes(tmp_path):
         assert len(lines) == 2
         assert "--require-hashes --requirement" in lines[0]
         assert "--no-build-isolation" in lines[1]
+    # A copy in place of the checkout is put right, whatever the stamp says.
+    editable.unlink()
+    again = subprocess.run(
+        [shutil.which("bash"), "-euc", '. tools/venv.sh; ensure_venv "$PWD" daemon'],
+        cwd=tmp_path,
+        check=True,
+        env={"PATH": "/usr/bin:/bin", "PYTHON": sys.executable},
+        capture_output=True,
+        text=True,
+    )
+    assert "installing" in again.stderr
     assert "--no-index" in asked["daemon"][1]
     assert "--no-index" not in asked["daemon,train,dev"][1]
 

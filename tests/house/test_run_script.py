@@ -1,0 +1,75 @@
+"""./run: the demo unless something names a port, the dashboard unless outputs are named."""
+
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+pytestmark = pytest.mark.integration
+ROOT = Path(__file__).parents[2]
+SHIPPED = (ROOT / "config.yaml").read_text()
+DEMO, PAGE = ["--port", "sim:demo"], ["-o", "json", "-o", "http://127.0.0.1:8434"]
+
+
+@pytest.fixture
+def asked(tmp_path):
+    """A function that gives ./run's arguments to radard, in a folder with a configuration."""
+    here = tmp_path / "checkout"
+    (here / "tools").mkdir(parents=True)
+    (here / ".venv/bin").mkdir(parents=True)
+    shutil.copy(ROOT / "run", here)
+    (here / "tools/venv.sh").write_text("ensure_venv() { :; }\n")
+    radard = here / ".venv/bin/radard"
+    radard.write_text('#!/bin/sh\nfor word in "$@"; do echo "$word"; done\n')
+    radard.chmod(0o755)
+
+    def ask(*words, config=SHIPPED, **environ):
+        (tmp_path / "config.yaml").write_text(config)
+        done = subprocess.run(
+            [here / "run", *words],
+            cwd=tmp_path,
+            env={"PATH": os.environ["PATH"], **environ},
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        return done.stdout.splitlines()
+
+    return ask
+
+
+@pytest.mark.parametrize(
+    "words", [[], ["--duration", "20"], ["--speed", "max"], ["-v"], ["--model", "fast"]]
+)
+def test_without_a_port_it_is_the_demo(asked, words):
+    assert asked(*words) == [*words, *DEMO, *PAGE]
+
+
+def test_what_is_named_stays(asked):
+    assert asked("-o", "table") == ["-o", "table", *DEMO]
+    assert asked("--port", "/dev/ttyACM0") == ["--port", "/dev/ttyACM0", *PAGE]
+    for words in (["--help"], ["--version"], ["detect", "a.h5"], ["--config", "mine.yaml"]):
+        assert asked(*words) == words
+
+
+@pytest.mark.parametrize(
+    "config",
+    [
+        "sensor: {port: /dev/ttyACM0}\n",
+        "sensor:\n  port: 'socket://10.0.0.5:4001'\n",
+        "sensors:\n  hall: {port: sim:dog}\n",
+        "sensor:\n  port: auto  # the only one\n",
+    ],
+)
+def test_a_port_of_the_configuration_is_taken(asked, config):
+    assert asked("--duration", "5", config=config) == ["--duration", "5", *PAGE]
+
+
+def test_a_port_that_is_none_or_a_comment_is_none(asked):
+    assert asked(config="sensor:\n  port: null\n# port: /dev/ttyACM0\n") == [*DEMO, *PAGE]
+
+
+def test_the_environment_counts_too(asked):
+    assert asked(RADARD_SENSOR__PORT="sim:cat", RADARD_OUTPUT="json") == []
