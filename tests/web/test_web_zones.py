@@ -131,7 +131,7 @@ def test_order_of_file_saved_environment_and_options(saved, tmp_path):
     ],
 )
 def test_a_simulated_sensor_has_zones_of_its_own(port, name, tmp_path):
-    assert saved_path(tmp_path, "hall", port, "zones") == tmp_path / name
+    assert saved_path(tmp_path, {}, "hall", port, "zones") == tmp_path / name
 
 
 @pytest.mark.parametrize(

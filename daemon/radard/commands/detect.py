@@ -32,7 +32,10 @@ def run(argv: Sequence[str]) -> int:
     if args.jobs is not None and not 1 <= args.jobs <= _MOST_JOBS:
         parser.error(f"--jobs {args.jobs}: must be 1 to {_MOST_JOBS}")
     kind = _format(args.to, args.out)
-    config = load_config(args.config, options=config_options(args)).of_sensor(args.sensor)
+    options = config_options(args)
+    config = load_config(args.config, options=options, port="replay:recordings").of_sensor(
+        args.sensor
+    )
     # Else every recording would say that it cannot be had.
     make_classifier(config)
     line = StatusLine(sys.stderr)

@@ -41,7 +41,10 @@ def run(argv: Sequence[str]) -> int:
     if not 0 <= args.at < 1e9:
         msg = f"--at {args.at:g}: must be 0 or more, in seconds"
         raise UsageError(msg)
-    config = load_config(args.config, options=config_options(args)).of_sensor(args.sensor)
+    options = config_options(args)
+    config = load_config(args.config, options=options, port=f"replay:{args.file}").of_sensor(
+        args.sensor
+    )
     moment = moment_of(args.file, args.at, config)
     parts = []
     if moment.classifier is not None and moment.seen is not None:

@@ -12,16 +12,16 @@ import json
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import Field, StringConstraints, ValidationError, model_validator
+from pydantic import Field, PrivateAttr, StringConstraints, ValidationError, model_validator
 
-from radard.config.folders import state_folder
-from radard.config.saved import lay_over
+from radard.config.saved import SAVED, lay_over, saved_path
 from radard.config.sections import NAME, OWN_SECTIONS, RadarSections, SensorEntry, SensorSection
 from radard.config.sink_table import SinkOptions
-from radard.config.sources import Places, explain, put, read_environment, read_yaml
+from radard.config.sources import Places, Where, explain, put, read_environment, read_yaml
 from radard.errors import ConfigError, UsageError
 
 DEFAULT_FILES = (Path("config.yaml"), Path("/etc/radard/config.yaml"))
@@ -37,6 +37,7 @@ class Config(SinkOptions, RadarSections):
         default_factory=dict, description="several radars in one process, name: port and more"
     )
     output: tuple[str, ...] = Field((), description="what -o/--output says, a list")
+    _taken: tuple[str, ...] = PrivateAttr(())
 
     @model_validator(mode="before")
     @classmethod
@@ -78,6 +79,11 @@ class Config(SinkOptions, RadarSections):
         return self.model_copy(update={"sensor": sensor, **own})
 
     @property
+    def taken(self) -> tuple[str, ...]:
+        """What comes from files that nobody named: the file and its keys, for people."""
+        return self._taken
+
+    @property
     def is_one_of_several(self) -> bool:
         """Whether this is, or is for, a run of several radars."""
         return bool(self.sensors)
@@ -111,9 +117,10 @@ def load_config(
     *,
     environ: Mapping[str, str] | None = None,
     options: Mapping[str, Any] | None = None,
+    port: str | None = None,
 ) -> Config:
     """Return the configuration that holds; see `load_with_origins`."""
-    return load_with_origins(file, environ=environ, options=options).config
+    return load_with_origins(file, environ=environ, options=options, port=port).config
 
 
 def load_with_origins(
@@ -121,6 +128,7 @@ def load_with_origins(
     *,
     environ: Mapping[str, str] | None = None,
     options: Mapping[str, Any] | None = None,
+    port: str | None = None,
 ) -> Loaded:
     """Return the configuration that holds, and where its values came from.
 
@@ -132,6 +140,9 @@ def load_with_origins(
         Instead of the process environment.
     options : mapping of section to mapping of key to value, optional
         From the command line.
+    port : str, optional
+        What will be listened to instead of the configured port: what was saved for that is not
+        for this, as when recordings are judged by a sensor's configuration.
 
     Raises
     ------
@@ -159,15 +170,40 @@ def load_with_origins(
         # One radar was asked for by hand: that is the whole run.
         tree.pop("sensors", None)
     config = _checked(tree, places)
-    folder = state_folder(config.service.state_dir, environ)
-    is_changed = lay_over(folder, config.sensor.name, config.sensor.port, tree, places)
+    at = partial(saved_path, config.service.state_dir, environ)
+    sensor = config.sensor
+    is_changed = lay_over(partial(at, sensor.name, port or sensor.port), tree, places)
     for name, entry in config.sensors.items():
         own: Places = {}
         radar: dict[str, Any] = dict(tree["sensors"][name])
         tree["sensors"][name] = radar
-        is_changed |= lay_over(folder, name, entry.port, radar, own)
+        is_changed |= lay_over(partial(at, name, port or entry.port), radar, own)
         places.update({("sensors", name, *where): place for where, place in own.items()})
-    return Loaded(_checked(tree, places) if is_changed else config, places)
+    if is_changed:
+        config = _checked(tree, places)
+    config._taken = _taken(config, places, path if file is None else None)
+    return Loaded(config, places)
+
+
+def _taken(config: Config, places: Places, found: Path | None) -> tuple[str, ...]:
+    """Return what nobody named: keys of a file that was `found`, and those saved on the page."""
+    keys: dict[str, list[str]] = {}
+    for where, place in places.items():
+        file = place.rpartition(":")[0] or place
+        is_found = found is not None and file == str(found)
+        is_saved = place.endswith(SAVED)
+        if is_saved or (is_found and len(where) > 1 and not _is_built_in(config, where)):
+            keys.setdefault(file, []).append(".".join(where))
+    return tuple(f"{file}: {', '.join(sorted(names))}" for file, names in keys.items())
+
+
+def _is_built_in(config: Config, where: Where) -> bool:
+    """Return whether a key has the value that it would have anyway."""
+    now: Any = config
+    default: Any = Config()
+    for key in where:
+        now, default = getattr(now, key, now), getattr(default, key, default)
+    return bool(now == default)
 
 
 def _checked(tree: Mapping[str, Any], places: Places) -> Config:

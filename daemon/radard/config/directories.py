@@ -10,7 +10,12 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from radard.config.config import Config
-from radard.config.folders import named_state_folder, state_folder, temporary_folder
+from radard.config.folders import (
+    made_up_folder,
+    named_state_folder,
+    state_folder,
+    temporary_folder,
+)
 from radard.config.saved import Kind, saved_path
 
 SYSTEM_RUNTIME_DIR = Path("/run/radard")
@@ -24,8 +29,8 @@ def state_dir(config: Config, environ: Mapping[str, str] = os.environ) -> Path:
 
 def saved_file(config: Config, kind: Kind, environ: Mapping[str, str] = os.environ) -> Path:
     """Return where the dashboard keeps the sensor's 'zones' or 'settings'."""
-    folder, sensor = state_dir(config, environ), config.sensor
-    return saved_path(folder, sensor.name, sensor.port, kind)
+    sensor = config.sensor
+    return saved_path(config.service.state_dir, environ, sensor.name, sensor.port, kind)
 
 
 def calibration_file(config: Config, environ: Mapping[str, str] = os.environ) -> Path:
@@ -37,9 +42,10 @@ def kept_calibration(config: Config) -> Path:
     """Return where a running sensor keeps the calibration that it makes."""
     if config.gate.calibration not in {"auto", "none"}:
         return Path(config.gate.calibration)
-    own = calibration_file(config)
-    is_sim = config.sensor.kind == "sim"
-    return own.with_name(f"{config.sensor.name}.sim.calibration.json") if is_sim else own
+    if config.sensor.kind != "sim":
+        return calibration_file(config)
+    folder = made_up_folder(named=config.service.state_dir, environ=os.environ)
+    return folder / f"{config.sensor.name}.sim.calibration.json"
 
 
 def clip_dir(config: Config, environ: Mapping[str, str] = os.environ) -> Path | None:

@@ -1,10 +1,14 @@
 """Folders that need no configuration: the state's, and a private one among temporary files."""
 
+import atexit
 import contextlib
 import os
+import secrets
+import shutil
 import stat
 import tempfile
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
 
 from radard.errors import ConfigError
@@ -33,6 +37,22 @@ def state_folder(named: Path | None, environ: Mapping[str, str]) -> Path:
             return folder / "state"
         msg = "there is no home folder to keep state in: name one in service.state_dir"
         raise ConfigError(msg) from err
+
+
+def made_up_folder(*, named: Path | None, environ: Mapping[str, str]) -> Path:
+    """Return the folder of what a simulated or replayed sensor is told: named, or its own.
+
+    What was tried on a demo's page must change no later run, so that one ends with the process.
+    """
+    return named_state_folder(named, environ) or _own_folder()
+
+
+@cache
+def _own_folder() -> Path:
+    # Made by whoever writes there first, and by nobody else: its name cannot be guessed.
+    folder = Path(tempfile.gettempdir()) / f"radard-{secrets.token_hex(12)}"
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return folder
 
 
 def temporary_folder() -> Path | None:

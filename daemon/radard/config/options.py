@@ -22,6 +22,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add("--sensitivity", choices=["low", "normal", "high"], help="see radard explain (normal)")
     add("--speed", help="realtime, max or a factor (sim and replay)")
     add("--config", type=Path, metavar="FILE", help="configuration file")
+    add("--state", type=Path, metavar="DIR", help="folder of what is kept over a restart")
     add("--wait", action="store_true", help="wait for a port that is absent at start")
     add("--on-device-loss", choices=["wait", "quit"], help="when the device goes (wait)")
 
@@ -43,6 +44,7 @@ def config_options(args: argparse.Namespace) -> dict[str, Any]:
         },
         "model": {"name": args.model or args.profile},
         "alarm": {"sensitivity": args.sensitivity},
+        "service": {"state_dir": args.state},
     }
     options: dict[str, Any] = {
         section: {key: value for key, value in values.items() if value is not None}
@@ -62,4 +64,5 @@ def add_judging(parser: argparse.ArgumentParser) -> None:
     add("--config", type=Path, metavar="FILE", help="configuration file")
     add("--sensor", metavar="NAME", help="one of the configuration's sensors")
     defaults = {"port": None, "output": None, "speed": None, "wait": None, "on_device_loss": None}
+    defaults["state"] = None
     parser.set_defaults(**defaults)

@@ -7,15 +7,16 @@
       include: [[0.600, 3.000]]
       exclude: []
 
-They lie in the state directory, two for each sensor; `KINDS` says what each may hold. They are
-read with the configuration: after its file, before environment and command line. Whatever changes
+They lie in the state directory, two for each sensor, and are read with the configuration: after
+its file, before environment and command line. A simulated or replayed sensor has its own, which
+end with the process unless a folder was named. `KINDS` says what each may hold. Whatever changes
 one, a page or a command over MQTT, calls `change`, and waits for its turn there.
 """
 
 import contextlib
 import json
 import threading
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
@@ -23,6 +24,7 @@ from typing import Any, Literal
 from pydantic import ValidationError, model_validator
 
 from radard.config.atomic import write_atomically
+from radard.config.folders import made_up_folder, state_folder
 from radard.config.sections import AlarmChoices, MountChoices, Section, Span, ZonesSection
 from radard.config.sources import ENV_PREFIX, Places, Where, explain, put, read_yaml
 from radard.errors import ConfigError, OutputError
@@ -33,6 +35,8 @@ Sections = Mapping[str, Mapping[str, Any]]
 MAX_ZONES = 32  # the body of a request holds so many, and no room has more
 _MIN_ZONE_M = 0.01  # a third of the finest range bin, 0.029 m
 _STRONGER = (ENV_PREFIX, "command line")
+SAVED = ", saved on the dashboard"
+"""Stands behind the place of a key that comes from there."""
 _lock = threading.Lock()
 
 
@@ -71,22 +75,27 @@ KINDS: dict[Kind, type[Section]] = {"zones": SavedZones, "settings": SavedSettin
 """What may be saved, by kind of file."""
 
 
-def saved_path(folder: Path, sensor: str, port: str | None, kind: str) -> Path:
-    """Return where a sensor's file of a kind is kept; a simulated one has its own."""
-    is_simulated = port is not None and parse_port(port).kind in {"sim", "replay"}
-    return folder / f"{sensor}{'.sim' if is_simulated else ''}.{kind}.yaml"
+def saved_path(
+    named: Path | None, environ: Mapping[str, str], sensor: str, port: str | None, kind: str
+) -> Path:
+    """Return where a sensor's file of a kind is kept; `named` is `service.state_dir`.
+
+    A simulated or replayed one has its own, which lives as long as the process unless a folder was
+    named.
+    """
+    if port is not None and parse_port(port).kind in {"sim", "replay"}:
+        return made_up_folder(named=named, environ=environ) / f"{sensor}.sim.{kind}.yaml"
+    return state_folder(named, environ) / f"{sensor}.{kind}.yaml"
 
 
-def lay_over(
-    folder: Path, sensor: str, port: str | None, tree: dict[str, Any], places: Places
-) -> bool:
+def lay_over(path_of: Callable[[Kind], Path], tree: dict[str, Any], places: Places) -> bool:
     """Put what was saved into sections and places; return whether that changed them.
 
     Raises ConfigError if a file of `saved_path` is not one of the dashboard's.
     """
     is_changed = False
     for kind in KINDS:
-        path = saved_path(folder, sensor, port, kind)
+        path = path_of(kind)
         for (section, key), value, place in _read(path, kind):
             where: Where = (section, key)
             # A section that is no mapping is wrong; its own check says so.
@@ -94,7 +103,7 @@ def lay_over(
             if is_wrong or places.get(where, "").startswith(_STRONGER):
                 continue
             put(tree, section, key, value)
-            places[where] = f"{place}, saved on the dashboard"
+            places[where] = f"{place}{SAVED}"
             is_changed = True
     return is_changed
 

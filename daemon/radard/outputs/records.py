@@ -5,6 +5,7 @@ The contract is `output.schema.json` beside this file. Wall-clock fields are `ti
 """
 
 import time
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from typing import Any
 
@@ -26,8 +27,10 @@ def utc_now() -> str:
     return datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
 
 
-def hello_record(pipeline: Pipeline, config: Config, *, is_armed: bool) -> Record:
-    """Return the first line of a run."""
+def hello_record(
+    pipeline: Pipeline, config: Config, *, is_armed: bool, taken: Sequence[str] = ()
+) -> Record:
+    """Return the first line of a run; `taken` is what comes from files that nobody named."""
     bundle = pipeline.classifier.bundle if pipeline.classifier else None
     axis = pipeline.stream.axis
     return {
@@ -52,6 +55,7 @@ def hello_record(pipeline: Pipeline, config: Config, *, is_armed: bool) -> Recor
         "armed": is_armed,
         "sensitivity": config.alarm.sensitivity,
         "config_hash": config.digest(),
+        "taken": list(taken),
     }
 
 

@@ -189,6 +189,14 @@ def make_store(config: Config, *, is_live: bool) -> StateStore:
     return StateStore(_kept_file(config, "json", is_live=is_live), keeps_alarms=is_named)
 
 
+def taken_of(config: Config, pipeline: Pipeline, *, is_live: bool) -> tuple[str, ...]:
+    """Return what a run takes from files that nobody named, for people."""
+    files = [_kept_file(config, ending, is_live=is_live) for ending in ("json", "room.json")]
+    if config.gate.calibration == "auto" and pipeline.calibration is not None:
+        files.append(calibration_file(config))
+    return (*config.taken, *(str(path) for path in files if path is not None and path.is_file()))
+
+
 def _kept_file(config: Config, ending: str, *, is_live: bool) -> Path | None:
     is_sim = config.sensor.kind == "sim"
     if not is_live or (is_sim and named_state_dir(config) is None):

@@ -33,6 +33,7 @@ from radard.run.components import (
     make_parts,
     make_store,
     remake_parts,
+    taken_of,
 )
 from radard.run.pool import WorkerPool
 from radard.run.tap import Tap
@@ -400,7 +401,10 @@ class Sensor:
         warning = getattr(source, "warning", None)
         if warning:
             self.log.warning("%s", warning)
-        self.put(_hello(worker, parts, opened, self.mark()))
+        hello = _hello(worker, parts, opened, self.mark())
+        if hello["taken"]:
+            self.log.warning("taken from files that nobody named: %s", "; ".join(hello["taken"]))
+        self.put(hello)
         self._has_said_hello = True
         self.put(status_record(self.health.status))
         return worker
@@ -480,5 +484,6 @@ class Sensor:
 
 def _hello(worker: Worker, parts: Parts, opened: OpenedSensor, mark: str) -> Record:
     is_armed = worker.tracker.panel.is_armed
-    hello = hello_record(parts.pipeline, parts.config, is_armed=is_armed)
+    taken = taken_of(parts.config, parts.pipeline, is_live=opened.is_live)
+    hello = hello_record(parts.pipeline, parts.config, is_armed=is_armed, taken=taken)
     return marked({**hello, "module": getattr(opened.source, "module", None)}, mark)

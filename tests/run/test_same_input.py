@@ -1,0 +1,118 @@
+"""The same input gives the same output: what was done yesterday changes nothing unasked."""
+
+import json
+import subprocess
+
+import pytest
+
+from radard.config.config import load_config
+from radard.config.directories import saved_file
+from radard.config.saved import change
+from tests.alarm_helpers import write_recording
+from tests.radar_helpers import noise, python, run_radard
+
+PORT = "sim:thesis_human?run=test"
+COMMON = ("--speed", "max", "--duration", "9", "-o", "json")
+SETTINGS = "alarm: {sensitivity: low, entry_delay_s: 6.0}\n"
+ZONES = "zones: {include: [[0.6, 0.7]], exclude: []}\n"
+
+
+@pytest.fixture
+def state(tmp_path, monkeypatch):
+    """The user's state directory, and a folder without a config.yaml to run in."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "home"))
+    monkeypatch.delenv("STATE_DIRECTORY", raising=False)
+    return tmp_path / "home" / "radard"
+
+
+def yesterday(folder):
+    """Leave what a page, a command or another run leaves."""
+    folder.mkdir(parents=True)
+    for mark in ("", ".sim"):
+        (folder / f"radar{mark}.settings.yaml").write_text(SETTINGS)
+        (folder / f"radar{mark}.zones.yaml").write_text(ZONES)
+        (folder / f"radar{mark}.json").write_text(json.dumps({"is_armed": False}))
+        (folder / f"radar{mark}.room.json").write_text("{}")
+        (folder / f"radar{mark}.calibration.json").write_text("{}")
+
+
+def ran(*argv):
+    """What a run says: hello apart, then its lines without the clock on the wall."""
+    code, records, err = run_radard(*argv)
+    assert code == 0
+    hello, *rest = records
+    return (
+        hello,
+        [{k: v for k, v in r.items() if k not in {"time", "latency_ms"}} for r in rest],
+        err,
+    )
+
+
+@pytest.mark.parametrize("what", ["simulated", "replayed"])
+def test_a_state_directory_changes_nothing_of_what_is(what, state, tmp_path):
+    port = PORT
+    if what == "replayed":
+        ran("--port", PORT, *COMMON, "--record", str(tmp_path / "r.h5"))
+        port = f"replay:{tmp_path / 'r.h5'}"
+    hello, before, err = ran("--port", port, *COMMON)
+    assert (hello["taken"], err) == ([], "")
+    assert any(r["type"] == "event" and r["kind"] == "alarm" for r in before)
+    yesterday(state)
+    hello, after, err = ran("--port", port, *COMMON)
+    assert (hello["taken"], err) == ([], "")
+    assert after == before
+    assert sorted(p.name for p in state.parent.iterdir()) == ["radard"]
+
+
+def test_what_is_asked_for_is_taken_and_said(state, tmp_path):
+    yesterday(tmp_path / "mine")
+    hello, lines, err = ran("--port", PORT, *COMMON, "--state", str(tmp_path / "mine"))
+    assert hello["sensitivity"] == "low"
+    assert not any(r["type"] == "event" and r["kind"] == "alarm" for r in lines)
+    names = {line.partition(":")[0].rpartition("/")[2] for line in hello["taken"]}
+    expected = {"radar.sim.settings.yaml", "radar.sim.zones.yaml", "radar.sim.json"}
+    assert names == {*expected, "radar.sim.room.json"}
+    (line,) = [line for line in err.splitlines() if "nobody named" in line]
+    assert all(each in line for each in hello["taken"])
+    assert "alarm.entry_delay_s, alarm.sensitivity" in line
+    assert not state.exists()
+
+
+def test_a_recording_is_judged_alike_by_both_commands(state, tmp_path, capsys):
+    from radard.cli import main
+
+    write_recording(tmp_path / "r.h5", noise(600))
+    yesterday(state)
+    config = tmp_path / "own.yaml"
+    config.write_text("sensor: {port: /dev/ttyACM0}\nmodel: {name: none}\n")
+    assert load_config(config).alarm.sensitivity == "low"
+    assert load_config(config, port="replay:r.h5").alarm.sensitivity == "normal"
+    assert main(["detect", "r.h5", "--config", str(config), "--to", "jsonl"]) == 0
+    capsys.readouterr()
+
+
+def test_a_file_that_nobody_named_is_said_with_what_it_changes(state, tmp_path):
+    (tmp_path / "config.yaml").write_text("gate: {adapt_db: 40.0, learn_s: 30.0}\n")
+    hello, _, err = ran("--port", "sim:empty", "--speed", "max", "--duration", "3", "-o", "json")
+    assert hello["taken"] == ["config.yaml: gate.learn_s"]
+    assert "config.yaml: gate.learn_s" in err
+    named = ("--config", "config.yaml")
+    hello, _, err = ran("--port", "sim:empty", *COMMON, *named)
+    assert (hello["taken"], err) == ([], "")
+
+
+@pytest.mark.integration
+def test_a_demos_page_changes_its_own_run_and_no_later_one(state):
+    options = {"sensor": {"port": "sim:human"}}
+    config = load_config(options=options)
+    change(saved_file(config, "settings"), "settings", {"alarm": {"sensitivity": "high"}})
+    # As after `reload`.
+    assert load_config(options=options).alarm.sensitivity == "high"
+    code = (
+        "from radard.config.config import load_config; "
+        f"print(load_config(options={options}).alarm.sensitivity)"
+    )
+    later = subprocess.run([python(), "-c", code], capture_output=True, text=True, check=True)
+    assert later.stdout.strip() == "normal"
+    assert not state.exists()
