@@ -110,7 +110,7 @@ def test_empty_sweep_is_refused():
 
 
 def test_unknown_output_is_refused():
-    with pytest.raises(SettingsError, match="must be rf, iq or ap"):
+    with pytest.raises(SettingsError, match="must be one of rf, iq, ap"):
         RadarSettings(output="baseband")
 
 

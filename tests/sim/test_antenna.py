@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from tests.sim_helpers import axis_of
 from x2radar.errors import SceneError, SettingsError
-from x2radar.sim.keys import settings_from
+from x2radar.keys import settings_from
 from x2radar.sim.place.antenna import Antenna, EchoRows, join, length_m
 from x2radar.sim.points import Points
 from x2radar.sim.signal.pulse import LinkBudget

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from x2radar.errors import SceneError, SettingsError
-from x2radar.sim.keys import settings_from
+from x2radar.keys import settings_from
 from x2radar.sim.place.antenna import Antenna
 from x2radar.sim.place.multipath import DiffuseTail, Surface, TailSettings, image_rows
 from x2radar.sim.points import Points

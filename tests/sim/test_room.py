@@ -7,8 +7,8 @@ from radard.dsp.downconvert import DownConverter
 from tests.echo_references import baseband_echo
 from tests.sim_helpers import axis_of
 from x2radar.errors import SceneError, SettingsError
+from x2radar.keys import settings_from
 from x2radar.modules.x2 import RadarSettings
-from x2radar.sim.keys import settings_from
 from x2radar.sim.place.room import Room, RoomSettings
 from x2radar.sim.signal.noise import baseband_noise_power
 from x2radar.sim.signal.pulse import LinkBudget

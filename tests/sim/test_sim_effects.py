@@ -7,7 +7,7 @@ from radard.dsp.downconvert import DownConverter
 from tests.echo_references import baseband_echo
 from tests.receiver_helpers import BASEBAND, RF, affected, room_echo
 from x2radar.errors import SceneError, SettingsError
-from x2radar.sim.keys import settings_from
+from x2radar.keys import settings_from
 from x2radar.sim.signal.effects import FrameDraws, ReceiverEffects, chip_axis, chip_ramp
 from x2radar.sim.signal.pulse import rf_echo
 from x2radar.sim.signal.receiver import MIDDLE

@@ -108,11 +108,11 @@ def test_start_up_of_a_profile():
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
-        ({"profile": "gait"}, "profile = 'gait': must be respiration, sleep or presence"),
+        ({"profile": "gait"}, "profile = 'gait': must be one of respiration, sleep, presence"),
         ({"zone_start_m": 0}, "zone_start_m"),
         ({"zone_start_m": 2, "zone_end_m": 1}, "must be above zone_start_m"),
         ({"sensitivity": 10}, "0 to 9"),
-        ({"output": "rf", "led": 4}, "led.*output"),
+        ({"output": "rf", "led": 4}, "output.*led"),
     ],
 )
 def test_profile_settings_that_make_no_sense(wrong, said):

@@ -3,43 +3,30 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from numbers import Integral, Real
-from typing import Any, ClassVar, Self
+from typing import Self
 
 from x2radar.errors import SettingsError
 from x2radar.frame import FastTimeAxis, Kind
+from x2radar.keys import check_fields
 from x2radar.wire.messages import Message
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModuleSettings(ABC):
-    """Settings of one kind of module, checked at construction: SettingsError names all faults."""
+    """Settings of one kind of module, checked at construction: SettingsError names all faults.
 
-    NUMBERS: ClassVar[tuple[tuple[str, float, float], ...]] = ()
-    WHOLE: ClassVar[tuple[tuple[str, int, int], ...]] = ()
-    CHOICES: ClassVar[tuple[tuple[str, tuple[Any, ...]], ...]] = ()
-    """Fields that are numbers or whole numbers, with their least and greatest, or one of some."""
+    Fields are written with `x2radar.keys.limited` and `one_of`.
+    """
 
     def __post_init__(self) -> None:
         """Check every field, then what they make together; name all faults at once."""
-        rules = [
-            *((n, is_number(self._of(n), a, b), f"{a:g} to {b:g}") for n, a, b in self.NUMBERS),
-            *(
-                (n, is_whole(self._of(n), a, b), f"a whole number, {a} to {b}")
-                for n, a, b in self.WHOLE
-            ),
-            *((n, is_one(self._of(n), few), _listed(few)) for n, few in self.CHOICES),
-        ]
-        faults = [f"{n} = {self._of(n)!r}: must be {rule}" for n, good, rule in rules if not good]
-        if faults := faults or list(self.faults_together()):
+        check_fields(self)
+        if faults := list(self.faults_together()):
             raise SettingsError("; ".join(faults))
 
     def faults_together(self) -> Iterator[str]:
         """Yield what is wrong with the fields together, each of which is good."""
         yield from ()
-
-    def _of(self, name: str) -> Any:
-        return getattr(self, name)
 
     @property
     @abstractmethod
@@ -104,23 +91,3 @@ class ModuleSettings(ABC):
 
 SettingsChooser = Callable[[str], ModuleSettings]
 """Gives the settings for a module by its order code, which is empty when it tells none."""
-
-
-def is_number(value: Any, low: float, high: float) -> bool:
-    """Say whether `value` is a real number from `low` to `high`."""
-    return isinstance(value, Real) and low <= float(value) <= high
-
-
-def is_whole(value: Any, low: int, high: int) -> bool:
-    """Say whether `value` is an integer from `low` to `high`."""
-    return isinstance(value, Integral) and low <= int(value) <= high
-
-
-def is_one(value: Any, few: tuple[Any, ...]) -> bool:
-    """Say whether `value` is one of a few of the same type."""
-    return isinstance(value, type(few[0])) and value in few
-
-
-def _listed(few: tuple[Any, ...]) -> str:
-    *most, last = map(str, few)
-    return f"{', '.join(most)} or {last}"

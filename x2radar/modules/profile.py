@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 from x2radar.errors import SettingsError
 from x2radar.frame import FastTimeAxis
+from x2radar.keys import limited, one_of
 from x2radar.modules.base import ModuleSettings
 from x2radar.modules.x2 import OUTPUTS, PULSE_GENERATORS, SPEED_OF_LIGHT_MPS
 from x2radar.wire.messages import (
@@ -53,21 +54,12 @@ PROFILES = {
 class ProfileSettings(ModuleSettings):
     """Settings of a module that runs a profile and sends its baseband besides."""
 
-    profile: str = "sleep"
-    """Row of `PROFILES`; presence is the X2M300's."""
-    zone_start_m: float = 0.4
-    zone_end_m: float = 2.0
-    """Detection zone, in metres. The module rounds it to its own grid."""
-    sensitivity: int = 9
-    """Of the profile's own detection, 0 to 9."""
-    output: str = "iq"
-    """Baseband as 'iq' (I/Q) or 'ap' (amplitude/phase) messages."""
-    led: int = Led.OFF
-    """Row of `wire_ids.Led`."""
-
-    NUMBERS = (("zone_start_m", 0.1, 10), ("zone_end_m", 0.1, 10))
-    WHOLE = (("sensitivity", 0, 9), ("led", 0, 3))
-    CHOICES = (("profile", tuple(PROFILES)), ("output", ("iq", "ap")))
+    profile: str = one_of("sleep", tuple(PROFILES), "row of `PROFILES`; presence is the X2M300's")
+    zone_start_m: float = limited(0.4, 0.1, 10, "detection zone, which the module rounds")
+    zone_end_m: float = limited(2.0, 0.1, 10, "the same")
+    sensitivity: int = limited(9, 0, 9, "of the profile's own detection", is_whole=True)
+    output: str = one_of("iq", ("iq", "ap"), "baseband as I/Q or amplitude/phase messages")
+    led: int = limited(Led.OFF, 0, 3, "row of `wire_ids.Led`", is_whole=True)
 
     def faults_together(self) -> Iterator[str]:
         """As in `ModuleSettings`."""

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 from x2radar.errors import SettingsError
 from x2radar.frame import FastTimeAxis
+from x2radar.keys import limited, one_of
 from x2radar.modules.base import ModuleSettings
 from x2radar.wire.messages import Message, SetMode, SetOutput, SetSysFloat, SetSysInt
 from x2radar.wire.wire_ids import BasebandOutput, Mode, OutputRef, SysCfg
@@ -72,48 +73,26 @@ OUTPUTS: Mapping[str, BasebandOutput] = {
 class RadarSettings(ModuleSettings):
     """Settings of an X2 module in MANUAL mode; the sweep must fit into a frame."""
 
-    frame_rate_hz: float = 60.0
-    """Frames per second of the whole, stitched frame."""
-    frame_stitch: int = 3
-    """Offsets joined into one frame, 1 to 5; the frame has 256 times as many samples."""
-    pulse_generator: int = 5
-    """Row of `PULSE_GENERATORS`; 5 is the 6.8 GHz pulse."""
-    sample_delay_s: float = 4e-9
-    """Delay of the first sample behind the pulse, in seconds; sets the range of bin 0."""
-    dac_min: int = 0
-    dac_max: int = DAC_TOP
-    dac_step: int = 4
-    """Threshold sweep of the sampler, in counts of the 13-bit DAC."""
-    pulses_per_step: int = 16
-    iterations: int = 16
-    """Pulses integrated at each threshold, and sweeps summed."""
-    sample_rate_hz: float = 41e9
-    """Sampling rate of this chip, in hertz. It differs from chip to chip (38-41 GS/s) and cannot
-    be asked for over this protocol, so it is stated here."""
-    output: str = "rf"
-    """'rf', or baseband as 'iq' (I/Q) or 'ap' (amplitude/phase) messages."""
-
-    NUMBERS = (
-        ("frame_rate_hz", 1, 1000),
-        ("sample_delay_s", 0, 200e-9),
-        ("sample_rate_hz", 1e9, 100e9),
+    frame_rate_hz: float = limited(60.0, 1, 1000, "of the whole, stitched frame", is_whole=True)
+    frame_stitch: int = limited(
+        3, 1, 5, "offsets joined into one frame of 256 times as many samples", is_whole=True
     )
-    WHOLE = (
-        ("frame_stitch", 1, 5),
-        ("pulse_generator", 0, len(PULSE_GENERATORS) - 1),
-        ("dac_min", 0, DAC_TOP),
-        ("dac_max", 0, DAC_TOP),
-        ("dac_step", 1, 1024),
-        ("pulses_per_step", 1, 65535),
-        ("iterations", 1, 65535),
+    pulse_generator: int = limited(
+        5, 0, len(PULSE_GENERATORS) - 1, "row of `PULSE_GENERATORS`; 5: 6.8 GHz", is_whole=True
     )
-    CHOICES = (("output", tuple(OUTPUTS)),)
+    sample_delay_s: float = limited(4e-9, 0, 200e-9, "of the first sample behind the pulse")
+    dac_min: int = limited(0, 0, DAC_TOP, "threshold sweep, in counts", is_whole=True)
+    dac_max: int = limited(DAC_TOP, 0, DAC_TOP, "the same", is_whole=True)
+    dac_step: int = limited(4, 1, 1024, "the same", is_whole=True)
+    pulses_per_step: int = limited(16, 1, 65535, "integrated at each threshold", is_whole=True)
+    iterations: int = limited(16, 1, 65535, "sweeps summed", is_whole=True)
+    sample_rate_hz: float = limited(41e9, 1e9, 100e9, "of this chip, which cannot be asked for it")
+    """It differs from chip to chip, from 38 to 41 GS/s."""
+    output: str = one_of("rf", tuple(OUTPUTS), "RF, or baseband: I/Q, or amplitude/phase")
 
     def faults_together(self) -> Iterator[str]:
         """As in `ModuleSettings`."""
-        if self.frame_rate_hz % 1:
-            yield f"frame_rate_hz = {self.frame_rate_hz!r}: must be a whole number"
-        elif self.dac_max <= self.dac_min:
+        if self.dac_max <= self.dac_min:
             yield f"dac_max = {self.dac_max}: must be above dac_min = {self.dac_min}"
         elif self.sweep_s * self.frame_rate_hz > 1:
             most = int(PRF_HZ / (self.frame_rate_hz * self.frame_stitch * self.n_steps))

@@ -10,7 +10,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from x2radar.frame import FastTimeAxis, Kind
-from x2radar.modules.base import ModuleSettings, is_number
+from x2radar.keys import Key, limited, one_of
+from x2radar.modules.base import ModuleSettings
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
 from x2radar.wire.messages import Message, SetMode
 from x2radar.wire.messages_x4 import (
@@ -36,7 +37,7 @@ DUTY = 0.95
 """Sampler, decimation, pulse source and share of a frame that the sweep may take (XTAN-13)."""
 
 DEFAULT_ITERATIONS = 64
-"""Chosen: two thirds of what 60 Hz has room for."""
+"""Two thirds of what 60 Hz has room for."""
 
 PULSES = {3: (7.29e9, 1.4e9), 4: (8.748e9, 1.5e9)}
 """Centre frequency and bandwidth at -10 dB, in hertz, by the driver's code."""
@@ -57,50 +58,25 @@ X4_FIELDS: Mapping[type[Any], tuple[str, ...]] = {
 }
 """Which command sets which fields, in the order in which a module is told."""
 
-_LOWEST_HZ = 0.01
-"""Chosen: no document gives one."""
+_LOWEST_HZ = 0.01  # no document gives one; a frame every 100 s is of no use
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class X4Settings(ModuleSettings):
     """Settings of an X4 module that streams frames itself; the sweep must fit into a frame."""
 
-    frame_rate_hz: float = 60.0
-    area_start_m: float = 0.4
-    area_end_m: float = 5.0
-    """Range that the frame covers, in metres: at most the chip's 1536 samples."""
-    area_offset_m: float = 0.18
-    """Range of the antenna's own delay, in metres."""
-    is_baseband: bool = True
-    """The chip mixes down and keeps every eighth sample; otherwise RF."""
-    centre_frequency: int = 3
-    """3 for 7.29 GHz, 4 for 8.748 GHz."""
-    dac_min: int = 949
-    dac_max: int = 1100
-    dac_step: int = 1
-    """Threshold sweep, in counts of the 11-bit DAC; the step's code is inferred."""
-    pulses_per_step: int = 16
-    iterations: int = DEFAULT_ITERATIONS
-    """Pulses integrated at each threshold, and sweeps summed."""
-    prf_divider: int = 16
-    """Pulse rate = 243 MHz / divider, at most 40.5 MHz."""
-
-    NUMBERS = (
-        ("frame_rate_hz", _LOWEST_HZ, 1000),
-        ("area_start_m", -1, 10),
-        ("area_end_m", -1, 20),
-        ("area_offset_m", -1, 1),
-    )
-    WHOLE = (
-        ("dac_min", 0, 2047),
-        ("dac_max", 0, 2047),
-        ("dac_step", 1, 255),
-        ("pulses_per_step", 1, 65535),
-        ("iterations", 1, 255),
-        ("prf_divider", 6, 255),
-        ("centre_frequency", min(PULSES), max(PULSES)),
-    )
-    CHOICES = (("is_baseband", (True, False)),)
+    frame_rate_hz: float = limited(60.0, _LOWEST_HZ, 1000, "frames per second")
+    area_start_m: float = limited(0.4, -1, 10, "range of the frame's begin")
+    area_end_m: float = limited(5.0, -1, 20, "its end: at most the chip's 1536 samples behind")
+    area_offset_m: float = limited(0.18, -1, 1, "range of the antenna's own delay")
+    is_baseband: bool = one_of(True, (True, False), "mix down, keep every eighth sample; else RF")
+    centre_frequency: int = one_of(3, tuple(PULSES), "3: 7.29 GHz, 4: 8.748 GHz")
+    dac_min: int = limited(949, 0, 2047, "threshold sweep, in counts of 11 bits", is_whole=True)
+    dac_max: int = limited(1100, 0, 2047, "the same", is_whole=True)
+    dac_step: int = limited(1, 1, 255, "the same; the step's code is inferred", is_whole=True)
+    pulses_per_step: int = limited(16, 1, 65535, "integrated at each threshold", is_whole=True)
+    iterations: int = limited(DEFAULT_ITERATIONS, 1, 255, "sweeps summed", is_whole=True)
+    prf_divider: int = limited(16, 6, 255, "pulse rate = 243 MHz / divider", is_whole=True)
 
     def faults_together(self) -> Iterator[str]:
         """As in `ModuleSettings`."""
@@ -124,6 +100,8 @@ class X4Settings(ModuleSettings):
 
         Fewer iterations, then fewer pulses, where the sweep would not fit into a frame.
         """
+        if Key(_LOWEST_HZ, 1000).fault(frame_rate_hz):
+            return cls(frame_rate_hz=frame_rate_hz)
         for pulses in (16, 8, 4, 2, 1):
             one = cls(
                 frame_rate_hz=_LOWEST_HZ,
@@ -131,7 +109,7 @@ class X4Settings(ModuleSettings):
                 pulses_per_step=pulses,
                 iterations=1,
             )
-            if not is_number(frame_rate_hz, _LOWEST_HZ, one.highest_frame_rate_hz):
+            if frame_rate_hz > one.highest_frame_rate_hz:
                 continue
             iterations = int(one.highest_frame_rate_hz / frame_rate_hz)
             if iterations >= 16 or pulses == 1:
@@ -140,7 +118,7 @@ class X4Settings(ModuleSettings):
                     frame_rate_hz=frame_rate_hz,
                     iterations=min(DEFAULT_ITERATIONS, iterations),
                 )
-        # No sweep is that fast, or it is no rate at all: say so.
+        # No sweep is that fast: say so.
         return cls(frame_rate_hz=frame_rate_hz, is_baseband=is_baseband, pulses_per_step=1)
 
     @classmethod

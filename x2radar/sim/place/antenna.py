@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from x2radar.frame import FastTimeAxis
-from x2radar.sim.keys import check_fields, limited, one_of
+from x2radar.keys import check_fields, limited, one_of
 from x2radar.sim.points import Points
 from x2radar.sim.signal.pulse import NEAREST_M, LinkBudget
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from x2radar.errors import SettingsError
-from x2radar.sim.keys import check_fields, limited, one_of
+from x2radar.keys import check_fields, limited, one_of
 from x2radar.sim.place.antenna import Antenna, EchoRows, length_m
 from x2radar.sim.points import Points
 from x2radar.sim.signal.pulse import NEAREST_M

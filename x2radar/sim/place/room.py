@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from x2radar.frame import FastTimeAxis
+from x2radar.keys import check_fields, limited, one_of
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
-from x2radar.sim.keys import check_fields, limited, one_of
 from x2radar.sim.signal.noise import baseband_noise_power
 from x2radar.sim.signal.pulse import LinkBudget, pulse_sigma_s
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from x2radar import plugins
 from x2radar.errors import PluginError, SceneError
+from x2radar.keys import Key, checked, place_of, unknown
 from x2radar.sim.bodies.flyer.flyer import draw_bird, draw_moth
 from x2radar.sim.bodies.motion.curves import MOTIONS
 from x2radar.sim.bodies.path.courses import COURSES, FAR_M, NEAR_M, Waypoints, draw_course
@@ -24,7 +25,6 @@ from x2radar.sim.bodies.quadruped.species import SPECIES
 from x2radar.sim.bodies.recorded import draw_recorded
 from x2radar.sim.bodies.skin.draw import SKINS
 from x2radar.sim.bodies.thesis_bodies import THESIS_BODIES, Scatterer, draw, ranges_xyz
-from x2radar.sim.keys import Key, checked, place_of, unknown
 from x2radar.sim.points import Label, Mover, Points
 from x2radar.sim.things import THINGS, draw_thing
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from x2radar.errors import SceneError
-from x2radar.sim.keys import place_of, unknown
+from x2radar.keys import place_of, unknown
 from x2radar.sim.points import Mover
 from x2radar.sim.things.draws import ThingKind, values_of
 from x2radar.sim.things.hanging import PLANT

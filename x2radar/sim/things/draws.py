@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from x2radar.sim.keys import Key, checked
+from x2radar.keys import Key, checked
 from x2radar.sim.points import Mover
 
 Array = NDArray[np.float64]

@@ -2,7 +2,8 @@
 
 A settings class writes its fields with `limited` and `one_of`; `check_fields` then judges an
 object made in code (`SettingsError`), `settings_from` a mapping from a scene file (`SceneError`,
-with the key's path). Everything else in a scene goes through `checked` with a table of `Key`.
+with the key's path).
+Settings of modules are such classes, too. Everything else in a scene goes through `checked` with a table of `Key`.
 """
 
 import difflib
@@ -27,14 +28,16 @@ class Key:
     meaning: str = ""  # a few words with the unit, for help and docs
     is_whole: bool = False
     is_optional: bool = False  # None is allowed
-    choices: tuple[str, ...] = ()  # words that it may be
+    choices: tuple[Any, ...] = ()  # words, or a few values, that it may be
 
     def fault(self, value: Any) -> str:
         """Return what is wrong with `value` in a few words, or an empty string."""
-        if (value is None and self.is_optional) or value in self.choices:
+        if value is None and self.is_optional:
+            return ""
+        if any(value == each and type(value) is type(each) for each in self.choices):
             return ""
         if self.low == math.inf:
-            return f"must be one of {', '.join(self.choices)}, not {value!r}"
+            return f"must be one of {', '.join(map(str, self.choices))}, not {value!r}"
         if isinstance(value, bool) or not isinstance(value, (int, float, np.number)):
             return f"must be a number, not {value!r}"
         if not self.low <= value <= self.high:
@@ -59,8 +62,8 @@ def limited(
     return field(default=default, metadata={"key": key})
 
 
-def one_of(default: str, choices: tuple[str, ...], meaning: str) -> Any:
-    """Return a dataclass field for one of a few words."""
+def one_of(default: Any, choices: tuple[Any, ...], meaning: str) -> Any:
+    """Return a dataclass field for one of a few words or values of one type."""
     return field(default=default, metadata={"key": Key(meaning=meaning, choices=choices)})
 
 
