@@ -2,8 +2,8 @@
 
 A settings class writes its fields with `limited` and `one_of`; `check_fields` then judges an
 object made in code (`SettingsError`), `settings_from` a mapping from a scene file (`SceneError`,
-with the key's path).
-Settings of modules are such classes, too. Everything else in a scene goes through `checked` with a table of `Key`.
+with the key's path). Settings of modules are such classes, too. Everything else in a scene goes
+through `checked` with a table of `Key`.
 """
 
 import difflib

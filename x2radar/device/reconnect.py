@@ -6,13 +6,13 @@ pauses, for ever. Frame numbers go on; the first frame afterwards is marked as a
 because nobody knows how much time passed.
 """
 
-import random
 import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Literal
 
+from x2radar.backoff import Backoff
 from x2radar.closing import Closing
 from x2radar.device.device import RadarStats, X2Radar
 from x2radar.errors import DeviceError, PortError, ReadTimeout, TransportClosed, X2RadarError
@@ -37,26 +37,12 @@ class StreamEvent:
     """Host's monotonic clock, in seconds."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Backoff:
-    """Pauses between attempts to open a device: doubled each time, up to a cap; all chosen."""
-
-    first_s: float = 0.25
-    most_s: float = 2.0
-    """A module that is back must not be blind for longer; to look for a port costs nothing."""
-    jitter: float = 0.2
-    """Share by which a pause varies, so that several programs on one hub do not knock at the same
-    time; the cap holds with it."""
-    stable_s: float = 10.0
-    """After a stream of so many seconds the pauses are short again; a device that is lost sooner
-    again and again is left alone longer and longer."""
-
-    def pause_s(self, attempt: int, rng: random.Random) -> float:
-        """Return the pause before attempt number `attempt`, counted from 0, in seconds."""
-        # No power beyond what any float takes.
-        plain_s = self.first_s * 2.0 ** min(attempt, 60)
-        varied_s = min(plain_s, self.most_s) * rng.uniform(1 - self.jitter, 1 + self.jitter)
-        return min(varied_s, self.most_s)
+_FIRST_S, _LONGEST_S = 0.25, 2.0
+"""Pauses between attempts to open a device: a module that is back must not be blind for longer;
+to look for a port costs nothing."""
+_STABLE_S = 10.0
+"""After a stream of so many seconds the pauses are short again; a device that is lost sooner again
+and again is left alone longer and longer."""
 
 
 class ReconnectingRadar(Closing):
@@ -64,8 +50,8 @@ class ReconnectingRadar(Closing):
 
     `radar` is not opened yet; it is opened, reopened and closed here, when the first item is
     asked for. `wait` waits also for a device that is absent at first; `quit_on_loss` raises when
-    it is lost later. Tests give their own `rng` of the jitter, `clock` (seconds) and `sleep`,
-    which by default `close` ends at once.
+    it is lost later. Tests give their own `clock` (seconds) and `sleep`, which by default `close`
+    ends at once.
 
     Examples
     --------
@@ -84,19 +70,16 @@ class ReconnectingRadar(Closing):
         wait: bool = False,
         quit_on_loss: bool = False,
         backoff: Backoff | None = None,
-        rng: random.Random | None = None,
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], object] | None = None,
     ) -> None:
         self._radar = radar
         self._wait = wait
         self._quit_on_loss = quit_on_loss
-        self._backoff = backoff or Backoff()
-        self._rng = rng or random.Random()  # noqa: S311 - jitter is no secret
+        self._backoff = backoff or Backoff(_FIRST_S, _LONGEST_S, radar.name)
         self._clock = clock
         self._halt = threading.Event()
         self._sleep = sleep or self._halt.wait
-        self._attempts = 0
         self._n_repeated = 0
         self._is_found = False
         self._told = ""
@@ -170,8 +153,7 @@ class ReconnectingRadar(Closing):
             if (reason := str(err)) != self._told:
                 self._told = reason
                 yield self._event("lost", reason)
-            self._sleep(self._backoff.pause_s(self._attempts, self._rng))
-            self._attempts += 1
+            self._sleep(self._backoff.next_s())
             if self._halt.is_set():
                 raise err
             try:
@@ -189,8 +171,8 @@ class ReconnectingRadar(Closing):
                 yield from self._said(frame)
                 yield frame
         finally:
-            if self._clock() - begun_s >= self._backoff.stable_s:
-                self._attempts = 0
+            if self._clock() - begun_s >= _STABLE_S:
+                self._backoff.reset()
 
     def _said(self, frame: Frame) -> Iterator[StreamEvent]:
         """Yield what there is to say before `frame`."""

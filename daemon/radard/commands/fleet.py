@@ -169,9 +169,9 @@ class _Watch:
 
     def __init__(self, url: str, config: Config) -> None:
         # Late: the help must not wait for it, and it may not be installed.
-        from radard.outputs.backoff import Backoff  # noqa: PLC0415
         from radard.outputs.mqtt.link import MqttLink  # noqa: PLC0415
         from radard.outputs.mqtt.sink import parse_url  # noqa: PLC0415
+        from x2radar.backoff import Backoff  # noqa: PLC0415
 
         # Another client of the same name would be thrown out.
         name = f"radard-fleet-{uuid.uuid4().hex[:8]}"

@@ -13,10 +13,10 @@ from pathlib import Path
 
 from radard.config.sink_table import SinkOptions
 from radard.errors import OutputError
-from radard.outputs.backoff import Backoff
 from radard.outputs.base import PASSING, DeliveryError, Record, SinkContext
 from radard.outputs.stdout import json_line
 from radard.outputs.thread_sink import DirectSink
+from x2radar.backoff import Backoff
 
 _FLAGS = os.O_WRONLY | os.O_APPEND | os.O_CLOEXEC | os.O_NONBLOCK
 

@@ -13,10 +13,10 @@ from typing import Any
 
 from radard.config.sink_table import SinkOptions
 from radard.errors import OutputError
-from radard.outputs.backoff import Backoff
 from radard.outputs.base import Record, SinkContext
 from radard.outputs.stdout import json_line
 from radard.outputs.thread_sink import DirectSink
+from x2radar.backoff import Backoff
 from x2radar.errors import MissingExtra
 from x2radar.extras import needed
 

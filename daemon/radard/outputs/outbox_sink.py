@@ -17,10 +17,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from radard.config.sink_table import OutboxSection
-from radard.outputs.backoff import Backoff
 from radard.outputs.base import DeliveryError, Record, SinkContext, SinkState
 from radard.outputs.outbox import Item, Outbox
 from radard.outputs.thread_sink import ThreadSink
+from x2radar.backoff import Backoff
 
 log = logging.getLogger("radard")
 _LAST_ROUND_S = 60.0

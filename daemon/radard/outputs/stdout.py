@@ -12,9 +12,9 @@ from collections.abc import Callable
 
 from radard.config.sink_table import SinkOptions
 from radard.errors import OutputError
-from radard.outputs.backoff import Backoff
 from radard.outputs.base import Record, SinkContext
 from radard.outputs.thread_sink import DirectSink
+from x2radar.backoff import Backoff
 
 _HEAD = "    time  gate      power   floor   range  human   pet  who"
 _HEAD_EVERY = 20  # lines, chosen: a head is always on the screen

@@ -14,10 +14,10 @@ from pathlib import Path
 
 from radard.config.sink_table import SinkOptions, StoreSection
 from radard.errors import OutputError
-from radard.outputs.backoff import Backoff
 from radard.outputs.base import DeliveryError, Record, SinkContext
 from radard.outputs.database import ForeignDatabase, is_passing, open_database
 from radard.outputs.thread_sink import DirectSink
+from x2radar.backoff import Backoff
 
 MARKS = ("test", "simulated", "replayed")
 """What a record has of an event that is only a test, and of a stream that is not live."""

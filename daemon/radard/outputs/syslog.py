@@ -20,10 +20,10 @@ from urllib.parse import urlsplit
 
 from radard.config.sink_table import SinkOptions
 from radard.errors import UsageError
-from radard.outputs.backoff import Backoff
 from radard.outputs.base import DeliveryError, Record, SinkContext
 from radard.outputs.thread_sink import DirectSink
 from radard.outputs.tls import client_context, explain
+from x2radar.backoff import Backoff
 
 JOURNAL = Path("/run/systemd/journal/socket")
 DEV_LOG = Path("/dev/log")

@@ -13,8 +13,8 @@ from collections.abc import Callable
 from typing import Self
 
 from radard.errors import OutputError
-from radard.outputs.backoff import Backoff
 from radard.outputs.base import DeliveryError, Record, SinkState, StateKeeper
+from x2radar.backoff import Backoff
 
 log = logging.getLogger("radard")
 CLOSE_S = 2.0

@@ -5,9 +5,9 @@ from pathlib import Path
 
 from radard.config.sink_table import SinkOptions
 from radard.errors import OutputError
-from radard.outputs.backoff import Backoff
 from radard.outputs.base import DeliveryError, Record, Sink, SinkContext
 from radard.outputs.thread_sink import DirectSink
+from x2radar.backoff import Backoff
 
 COLUMNS = ("time", "t_s", "gate", "label", "alarm", "range_m")
 

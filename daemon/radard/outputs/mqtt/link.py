@@ -21,9 +21,9 @@ from paho.mqtt.reasoncodes import ReasonCode
 from radard.config.credentials import read_secret
 from radard.config.sink_table import MqttSection
 from radard.errors import ConfigError
-from radard.outputs.backoff import Backoff
 from radard.outputs.base import DeliveryError
 from radard.outputs.mqtt.topics import Publication
+from x2radar.backoff import Backoff
 
 _CONFIRM_S = 10.0  # chosen: far above a round trip, below what a person waits for an alarm
 _POLL_S = 0.1  # chosen: how soon a lost connection is noticed

@@ -16,13 +16,13 @@ from urllib.parse import unquote, urlsplit
 from radard.config.sink_table import MqttSection, SinkOptions
 from radard.errors import UsageError
 from radard.outputs.alarm_picture import PictureWatch
-from radard.outputs.backoff import Backoff
 from radard.outputs.base import Record, SinkContext
 from radard.outputs.mqtt.commands import CommandReader, MqttCommand, code_of
 from radard.outputs.mqtt.link import Broker, MqttLink
 from radard.outputs.mqtt.topics import MqttTopics, Publication
 from radard.outputs.outbox import Item
 from radard.outputs.outbox_sink import OutboxSink, outbox_path
+from x2radar.backoff import Backoff
 
 log = logging.getLogger("radard")
 _PORTS = {"mqtt": 1883, "mqtts": 8883}  # registered with IANA
