@@ -6,14 +6,13 @@ from dataclasses import asdict, replace
 from functools import cache
 
 import numpy as np
-import pytest
 
-from radard.judge.bundle import EvidenceSettings, ModelInput, load_bundle
+from radard.judge.bundle import CLASSES, Bundle, EvidenceSettings, ModelInput, load_bundle
 from radard.judge.features import feature_shape
 from radard.judge.installation import INSTALLATION, N_INSTALLATION
-from x2train.bundle.export import to_onnx
-from x2train.bundle.map_bundle import write_map_bundle
+from x2train.bundle.export import exported
 from x2train.bundle.temporal_graph import GIVEN, with_given, with_head
+from x2train.bundle.writing import write_bundle
 from x2train.commands.dataset import FEATURES
 from x2train.nets.bundle_answers import tapped
 from x2train.nets.map_fit import INPUTS as NAMES
@@ -75,35 +74,34 @@ def tiny():
     return trained()
 
 
-_exported = cache(to_onnx)
-
-
 def settings():
     """Return the settings of the maps, as a set's manifest has them."""
     return asdict(FEATURES)
 
 
-def write_tiny(folder, network, *, name="tiny", **own):
+@cache
+def _exported(net):
+    return exported(net, INPUTS, toy(48, seed=1))[0]
+
+
+def write_tiny(folder, network, *, name="tiny", evidence=None, metrics=None):
     """Write a bundle of toy windows."""
-    usual = {
-        "training": {"recipe": "a toy.", "command": "train-export fit"},
-        "metrics": {},
-        "evidence": EvidenceSettings(),
-        "gate": {},
-        "notes": "",
-    }
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("x2train.bundle.map_bundle.to_onnx", _exported)
-        write_map_bundle(
-            folder,
-            name,
-            network,
-            inputs=INPUTS,
-            features=FEATURES,
-            stream=STREAM,
-            sample=toy(48, seed=1),
-            **(usual | own),
-        )
+    bundle = Bundle(
+        name=name,
+        onnx=_exported(network.net),
+        inputs=INPUTS,
+        features=FEATURES,
+        stream=STREAM,
+        classes=CLASSES,
+        temperature=network.temperature,
+        pet_limit=0.8,
+        policy="fused",
+        evidence=asdict(evidence or EvidenceSettings()),
+    )
+    training = {"recipe": "a toy.", "command": "train-export fit"}
+    write_bundle(
+        folder, bundle, training=training, metrics=metrics or {}, gate={}, notes="some notes"
+    )
 
 
 def given(bundle, columns):

@@ -21,7 +21,7 @@ from radard.judge.card import read_card
 from radard.judge.classifier import Probabilities
 from radard.judge.decision import HIGH_PET_LIMIT, Decision, pet_limit_of
 from tests.report_helpers import drawn, drawn_passages, passage, table_of
-from x2train.bundle.evaluation_card import evaluation_of, write_card
+from x2train.bundle.writing import evaluation_of, write_card
 from x2train.judge.levels import levels, rules
 from x2train.judge.verdicts import intrusions, verdicts
 

@@ -14,8 +14,8 @@ from radard.judge.bundle import CLASSES, EvidenceSettings, load_bundle
 from radard.judge.classifier import Classifier, softmax
 from radard.judge.features import FeatureSet
 from tests.training_helpers import FEATURES, INPUTS, TINY, as_float, tiny, toy, trained, write_tiny
-from x2train.bundle.export import parity, to_onnx
-from x2train.bundle.map_bundle import HUMAN_LIMIT, PRIOR_HUMAN, TRUST, map_metrics
+from x2train.bundle.export import checked, exported
+from x2train.bundle.metrics import HUMAN_LIMIT, PRIOR_HUMAN, TRUST, map_metrics
 from x2train.commands.fit import WIDTHS
 from x2train.nets.evidence_fit import fit_evidence, fused, log_loss, sequences
 from x2train.nets.map_fit import logits_of
@@ -107,13 +107,13 @@ def test_onnxruntime_agrees_with_torch(rows):
     rng = np.random.default_rng(0)
     for n in (1, 5):
         x = {i.name: rng.random((n, *i.shape), np.float32) for i in inputs}
-        assert parity(net, to_onnx(net, inputs), x) < 1e-4
+        assert exported(net, inputs, x)[1] < 1e-4
 
 
 def test_a_bundle_comes_back_as_it_was_written(made, tmp_path):
     network, validation = made[0], toy(48, seed=1)
     evidence, metrics = map_metrics(network, validation)
-    write(tmp_path, network, evidence, metrics)
+    write_tiny(tmp_path, network, evidence=evidence, metrics=metrics)
     bundle = load_bundle(str(tmp_path / "tiny.onnx"))
     assert bundle.inputs == INPUTS
     assert bundle.features == FEATURES
@@ -138,15 +138,10 @@ def test_a_bundle_comes_back_as_it_was_written(made, tmp_path):
     assert sidecar["evidence"] == asdict(evidence)
 
 
-def write(folder, network, evidence, metrics):
-    write_tiny(folder, network, evidence=evidence, metrics=metrics, notes="some notes")
-
-
-def test_a_network_that_onnxruntime_runs_otherwise_is_not_written(made, tmp_path, monkeypatch):
-    monkeypatch.setattr("x2train.bundle.map_bundle.parity", lambda *_: float("nan"))
-    with pytest.raises(RadardError, match="differ by nan"):
-        write(tmp_path, made[0], EvidenceSettings(), {})
-    assert not list(tmp_path.iterdir())
+@pytest.mark.parametrize("difference", [float("nan"), 2e-4])
+def test_a_network_that_onnxruntime_runs_otherwise_is_refused(difference):
+    with pytest.raises(RadardError, match="torch and onnxruntime differ by"):
+        checked(difference)
 
 
 def test_a_bundle_is_shipped_with_less_trust_than_its_own_families_ask_for(made):

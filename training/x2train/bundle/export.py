@@ -1,14 +1,9 @@
-"""Export: torch to ONNX, parity with onnxruntime, sidecar and card."""
+"""Export: torch to ONNX, and that onnxruntime computes the same."""
 
-import hashlib
 import inspect
-import json
 import logging
 import warnings
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
-from importlib.metadata import version
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,58 +12,42 @@ import torch
 from numpy.typing import NDArray
 
 from radard.errors import RadardError
-from radard.judge.bundle import SCHEMA, Bundle, ModelInput
-from radard.judge.features import FeatureSettings
+from radard.judge.bundle import ModelInput
 from radard.judge.onnx_runtime import ort
-from x2radar.command import installed_version
-from x2train.bundle.recipes import recipe_of
-from x2train.sets.shards import write_whole
 
-PARITY = 1e-5  # most that torch and onnxruntime may differ: single precision
-_NOTES = """Measured on windows that training never saw, drawn from the same simulated bodies. They
-say nothing about real people and pets."""
+MAX_DIFFERENCE = 1e-4
+"""Of any logit between torch and onnxruntime: logits of some tens, in single precision."""
+DIFFERENCE = "logit difference torch - onnxruntime"
+"""The metric that says how far apart they are."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BundleSpec:
-    """What the sidecar and the card say beside the network."""
+def exported(
+    net: torch.nn.Module, inputs: tuple[ModelInput, ...], sample: Mapping[str, NDArray[Any]]
+) -> tuple[bytes, float]:
+    """Return the network as ONNX, and how far onnxruntime is from torch on a sample.
 
-    name: str
-    inputs: tuple[ModelInput, ...]  # what goes in, in the order in which the network takes it
-    settings: FeatureSettings
-    stream: dict[str, tuple[float, float]]  # ranges of streams it was made for
-    classes: tuple[str, ...]  # order of the outputs
-    temperature: float  # logits are divided by it
-    training: dict[str, Any]  # recipe, command and seed
-    metrics: dict[str, Any]  # measured on data that training never saw
-    policy: str = "window"  # 'window' or 'fused'
-    evidence: dict[str, float] = field(default_factory=dict)  # how windows are fused, for 'fused'
-    # settings of the gate that chose the windows to train on; empty where not known
-    gate: Mapping[str, float] = field(default_factory=dict)
-    notes: str = ""  # for the card: what the figures mean, and what they do not
-    # the alarm stays off only above this probability of pet and other together
-    pet_limit: float = 0.8
-    # values that a temporal head hands itself from window to window; 0 without one
-    n_hidden: int = 0
-
-
-def spec_like(base: Bundle, **own: Any) -> BundleSpec:
-    """Return the spec of a bundle made from another: what `own` does not give is the other's.
-
-    Of `own`, values of `BundleSpec`, name, training and metrics are needed.
+    `sample` are the inputs by name; bytes stand for 0 to 1. Raises RadardError if they differ by
+    more than `MAX_DIFFERENCE`.
     """
-    same: dict[str, Any] = {
-        "inputs": base.inputs,
-        "settings": base.features,
-        "stream": dict(base.stream),
-        "classes": base.classes,
-        "temperature": base.temperature,
-        "policy": base.policy,
-        "evidence": dict(base.evidence),
-        "pet_limit": base.pet_limit,
-        "n_hidden": base.n_hidden,
+    x = {
+        each.name: np.asarray(v / 255 if v.dtype == np.uint8 else v, np.float32)
+        for each in inputs
+        for v in (sample[each.name],)
     }
-    return BundleSpec(**{**same, **own})
+    onnx_bytes = to_onnx(net, inputs)
+    session = ort.InferenceSession(onnx_bytes, providers=["CPUExecutionProvider"])
+    ours = session.run(None, x)[0]
+    with torch.no_grad():
+        theirs = net(*(torch.from_numpy(each) for each in x.values())).numpy()
+    return onnx_bytes, checked(float(np.abs(np.asarray(ours) - theirs).max()))
+
+
+def checked(difference: float) -> float:
+    """Return how far onnxruntime is from torch, to two digits; raise RadardError if too far."""
+    if not difference <= MAX_DIFFERENCE:
+        msg = f"torch and onnxruntime differ by {difference:.2g} (at most {MAX_DIFFERENCE:g})"
+        raise RadardError(msg)
+    return float(f"{difference:.1e}")
 
 
 def to_onnx(net: torch.nn.Module, inputs: tuple[ModelInput, ...]) -> bytes:
@@ -100,101 +79,11 @@ def to_onnx(net: torch.nn.Module, inputs: tuple[ModelInput, ...]) -> bytes:
     del model.metadata_props[:]
     del model.graph.metadata_props[:]
     model.doc_string = model.graph.doc_string = ""
-    for item in (*model.graph.node, *model.graph.value_info, *model.graph.input):
-        item.doc_string = ""
-        if hasattr(item, "metadata_props"):
-            del item.metadata_props[:]
-    for item in (*model.graph.output, *model.graph.initializer):
+    graph = model.graph
+    parts = (graph.node, graph.value_info, graph.input, graph.output, graph.initializer)
+    for item in (each for part in parts for each in part):
         item.doc_string = ""
         if hasattr(item, "metadata_props"):
             del item.metadata_props[:]
     onnx.checker.check_model(model)
     return bytes(model.SerializeToString(deterministic=True))
-
-
-def parity(net: torch.nn.Module, onnx_bytes: bytes, x: Mapping[str, NDArray[np.float32]]) -> float:
-    """Return the largest difference of any logit between torch and onnxruntime.
-
-    `x` are the inputs by name, in the network's order.
-    """
-    session = ort.InferenceSession(onnx_bytes, providers=["CPUExecutionProvider"])
-    ours = session.run(None, dict(x))[0]
-    with torch.no_grad():
-        theirs = net(*(torch.from_numpy(each) for each in x.values())).numpy()
-    return float(np.abs(np.asarray(ours) - theirs).max())
-
-
-def checked(difference: float, most: float) -> float:
-    """Return how far onnxruntime is from torch; raise RadardError if over the most allowed."""
-    if not difference <= most:
-        msg = f"torch and onnxruntime differ by {difference:.2g} (at most {most:g} allowed)"
-        raise RadardError(msg)
-    return difference
-
-
-def write_bundle(folder: Path, spec: BundleSpec, onnx_bytes: bytes) -> None:
-    """Write NAME.onnx, NAME.json and NAME.md, each at once or not at all."""
-    sidecar = {
-        "schema": SCHEMA,
-        "name": spec.name,
-        "onnx_sha256": hashlib.sha256(onnx_bytes).hexdigest(),
-        "inputs": [
-            {"name": i.name, "shape": list(i.shape), "feature": i.feature} for i in spec.inputs
-        ],
-        "features": asdict(spec.settings),
-        "stream": {key: list(value) for key, value in spec.stream.items()},
-        "classes": list(spec.classes),
-        "temperature": spec.temperature,
-        "pet_limit": spec.pet_limit,
-        "policy": spec.policy,
-        **({"evidence": spec.evidence} if spec.evidence else {}),
-        **({"hidden": spec.n_hidden} if spec.n_hidden else {}),
-        **({"gate": dict(spec.gate)} if spec.gate else {}),
-        "training": {
-            **spec.training,
-            "versions": {
-                **{name: version(name) for name in ("torch", "onnx", "numpy")},
-                "x2radar": installed_version(),
-            },
-        },
-        "metrics": spec.metrics,
-    }
-    for suffix, data in (
-        (".onnx", onnx_bytes),
-        (".json", (json.dumps(sidecar, indent=2) + "\n").encode()),
-        (".md", _card(sidecar, len(onnx_bytes), spec.notes).encode()),
-    ):
-        write_whole(folder / f"{spec.name}{suffix}", data)
-
-
-def _card(sidecar: dict[str, Any], n_bytes: int, notes: str) -> str:
-    rows = "\n".join(f"| {key} | {value} |" for key, value in sidecar["metrics"].items())
-    stream = "\n".join(f"| {k} | {lo:g} to {hi:g} |" for k, (lo, hi) in sidecar["stream"].items())
-    training = sidecar["training"]
-    inputs = ", ".join(f"`{i['feature']}`" for i in sidecar["inputs"])
-    recipe = recipe_of(training["command"])
-    gate = ", ".join(f"{key} {value:g}" for key, value in sidecar.get("gate", {}).items())
-    whole = f"\n\nand with its sets by\n\n    train-export make {recipe}" if recipe else ""
-    return f"""# Model `{sidecar["name"]}`
-
-{training["recipe"]}
-
-Made by one command (same seed, same file on one machine):
-
-    {training["command"]}{whole}
-
-{notes or _NOTES}
-
-| measure | value |
-|---|---|
-{rows}
-
-For streams of
-
-| | |
-|---|---|
-{stream}
-
-Classes: {", ".join(sidecar["classes"])}. No alarm above {sidecar["pet_limit"]:g} pet. Policy
-`{sidecar["policy"]}`. Inputs {inputs}, {n_bytes} bytes of weights.{gate and f" Gate: {gate}."}
-"""

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from radard.errors import RadardError
 from radard.judge.bundle import Bundle, EvidenceSettings, load_bundle
 from radard.judge.card import sidecar_path
-from x2train.bundle.export import PARITY, checked, spec_like, write_bundle
-from x2train.bundle.map_bundle import (
+from x2train.bundle.export import DIFFERENCE, checked
+from x2train.bundle.metrics import (
     NOTES,
     gate_of,
     kept_out_of,
@@ -21,6 +21,7 @@ from x2train.bundle.map_bundle import (
     window_metrics,
 )
 from x2train.bundle.temporal_graph import GIVEN, n_parameters, with_given, with_head
+from x2train.bundle.writing import write_bundle
 from x2train.nets.bundle_answers import Answers, outputs_of, tapped
 from x2train.nets.evidence_fit import Sequences, first_windows, fit_evidence, log_loss
 from x2train.nets.evidence_fit import fused as summed
@@ -31,7 +32,8 @@ HUMAN_LIMIT = {"fast": 0.65, "balanced": 0.8, "accurate": 0.9}
 """From which fused probability of a person on an alarm does not wait, by the head's size: of these
 three the highest that leaves the median time to alarm under 3 s. Their misses are the same
 (docs/research/evaluation-tried.md)."""
-_N_SAMPLE = 512  # windows that torch and onnxruntime are compared on: chosen
+_N_SAMPLE = 512  # windows that torch and onnxruntime are compared on
+_SAME = 1e-5  # logits of single windows, in single precision
 _RECIPE = (
     " A temporal head (GRU) integrates evidence over successive windows. Families kept out of "
     "its training: {kept_out}."
@@ -125,24 +127,29 @@ def write_temporal(
         }
     )
     known = json.loads(sidecar_path(model).read_bytes())["training"]
-    spec = spec_like(
+    bundle = replace(
         base,
         name=name,
-        training={
-            **known,
-            "recipe": known["recipe"] + _RECIPE.format(kept_out=kept_out_of(abouts)),
-            "command": f"{known['command']} && {command}",
-            "temporal": {"base_onnx_sha256": base.sha256, "sets": list(abouts)},
-        },
-        metrics={**metrics, "logit difference torch - onnxruntime": float(f"{difference:.1e}")},
+        onnx=onnx,
         policy="fused",
         # No prior is added to the head's posterior.
         evidence={"human_limit": human_limit},
-        gate=gate_of(abouts),
-        notes=NOTES,
         n_hidden=trained.head.gru.hidden_size,
     )
-    write_bundle(folder, spec, onnx)
+    training = {
+        **known,
+        "recipe": known["recipe"] + _RECIPE.format(kept_out=kept_out_of(abouts)),
+        "command": f"{known['command']} && {command}",
+        "temporal": {"base_onnx_sha256": base.sha256, "sets": list(abouts)},
+    }
+    write_bundle(
+        folder,
+        bundle,
+        training=training,
+        metrics={**metrics, DIFFERENCE: difference},
+        gate=gate_of(abouts),
+        notes=NOTES,
+    )
     return metrics
 
 
@@ -152,10 +159,9 @@ def _difference(base: Bundle, onnx: bytes, sets: Sets, fused: NDArray[np.float64
     n = len(is_first)
     made = outputs_of(onnx, _inputs(base, sets.sample), is_first=is_first)
     assert made.fused is not None  # noqa: S101 - the network has a head
-    # Logits of some tens, in single precision.
-    difference = checked(float(np.abs(made.fused - fused[:n]).max()), 10 * PARITY)
+    difference = checked(float(np.abs(made.fused - fused[:n]).max()))
     off = float(np.abs(made.logits - sets.logits[:n]).max())
-    if not off <= PARITY:
+    if not off <= _SAME:
         msg = f"with a head single windows differ by {off:.2g} from what they were"
         raise RadardError(msg)
     return difference

@@ -84,7 +84,7 @@ def _check_against(folder: Path, radar: str) -> None:
 def _run(args: argparse.Namespace) -> int:
     check_least(args, passages=1, seed=0, workers=1)
     # Late: the simulator takes a second, and --help must not.
-    from x2train.bundle.evaluation_card import evaluation_of, write_card  # noqa: PLC0415
+    from x2train.bundle.writing import evaluation_of, write_card  # noqa: PLC0415
     from x2train.judge.judging import OWN_RADARS, JudgeSpec  # noqa: PLC0415
     from x2train.judge.plots import passage_png  # noqa: PLC0415
     from x2train.judge.report import write  # noqa: PLC0415

@@ -2,11 +2,12 @@
 
 import argparse
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from radard.errors import UsageError
-from radard.judge.bundle import ModelInput, load_bundle
+from radard.judge.bundle import CLASSES, Bundle, ModelInput, load_bundle
 from radard.judge.features import FeatureSettings, feature_shape
 from x2radar.commands import add_command
 from x2train.commands import Commands, check_least, followed, sets_of, tell_bundle
@@ -93,15 +94,18 @@ def stream_of(abouts: Sequence[Mapping[str, Any]]) -> Mapping[str, tuple[float, 
 def _run(args: argparse.Namespace) -> int:
     check_least(args, epochs=1, seed=0)
     # Late: torch takes seconds, and --help must not.
-    from x2train.bundle.map_bundle import (  # noqa: PLC0415
+    from x2train.bundle.export import DIFFERENCE, exported  # noqa: PLC0415
+    from x2train.bundle.metrics import (  # noqa: PLC0415
+        N_SAMPLE,
         NOTES,
         PRIOR_HUMAN,
         check_calibration,
         gate_of,
         kept_out_of,
         map_metrics,
-        write_map_bundle,
     )
+    from x2train.bundle.writing import write_bundle  # noqa: PLC0415
+    from x2train.judge.verdicts import PET_LIMIT  # noqa: PLC0415
     from x2train.nets.map_fit import INPUTS, MapFitSettings, fit_maps  # noqa: PLC0415
     from x2train.nets.teacher import taught_by  # noqa: PLC0415
     from x2train.sets.window_set import load_windows, worth_learning  # noqa: PLC0415
@@ -140,19 +144,27 @@ def _run(args: argparse.Namespace) -> int:
     if teacher is not None:
         training["teacher"] = {"name": teacher.name, "onnx_sha256": teacher.sha256}
     evidence, metrics = map_metrics(trained, validation, PRIOR_HUMAN[args.size])
-    write_map_bundle(
-        args.out,
-        args.name,
-        trained,
+    sample = {name: validation[name][:N_SAMPLE] for name in INPUTS}
+    onnx_bytes, difference = exported(trained.net, inputs, sample)
+    bundle = Bundle(
+        name=args.name,
+        onnx=onnx_bytes,
         inputs=inputs,
         features=features,
         stream=stream_of(judged),
+        classes=CLASSES,
+        temperature=trained.temperature,
+        pet_limit=PET_LIMIT,
+        policy="fused",
+        evidence=asdict(evidence),
+    )
+    write_bundle(
+        args.out,
+        bundle,
         training=training,
-        metrics=metrics,
-        evidence=evidence,
+        metrics={**metrics, DIFFERENCE: difference},
         gate=gate_of(abouts),
         notes=NOTES,
-        sample=validation,
     )
     tell_bundle(args.out / args.name, metrics)
     return 0

@@ -42,7 +42,7 @@ def _run(args: argparse.Namespace) -> int:
     check_least(args, epochs=1, seed=0)
     bundle = load_bundle(args.model)
     # Late: torch takes seconds, and --help must not.
-    from x2train.bundle.map_bundle import check_calibration  # noqa: PLC0415
+    from x2train.bundle.metrics import check_calibration  # noqa: PLC0415
     from x2train.bundle.temporal_bundle import (  # noqa: PLC0415
         HUMAN_LIMIT,
         given_of_sets,

@@ -3,12 +3,13 @@
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from radard.judge.bundle import Bundle
-from x2train.bundle.export import spec_like, write_bundle
-from x2train.bundle.map_bundle import gate_of
+from x2train.bundle.metrics import gate_of
+from x2train.bundle.writing import write_bundle
 from x2train.finetune.finetune import Tuned, quiet_shares
 from x2train.finetune.guard import MOST_RISE, Guard
 from x2train.finetune.windows import OwnWindows
@@ -59,15 +60,14 @@ def write_finetuned(
             "most_rise": MOST_RISE,
         },
     }
-    spec = spec_like(
-        tuned.bundle,
-        name=name,
+    write_bundle(
+        folder,
+        replace(tuned.bundle, name=name),
         training=training,
-        metrics=dict(metrics),
+        metrics=metrics,
         gate=gate_of(guard.abouts),
         notes=_notes(tuned),
     )
-    write_bundle(folder, spec, tuned.bundle.onnx)
     return metrics
 
 

@@ -8,8 +8,9 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
-from radard.judge.bundle import ModelInput
-from x2train.bundle.export import PARITY, BundleSpec, checked, parity, to_onnx, write_bundle
+from radard.judge.bundle import Bundle, ModelInput
+from x2train.bundle.export import DIFFERENCE, exported
+from x2train.bundle.writing import write_bundle
 from x2train.judge.verdicts import PET_LIMIT
 from x2train.nets.epoch import temperature_of
 from x2train.thesis.cells import Cell
@@ -55,8 +56,7 @@ def write_thesis_bundle(
     net = folded(fitted, fitted.best_repeat)
     feature = f"thesis_type{cell.vector}"
     inputs = (ModelInput("features", evaluate.x.shape[1:], feature),)
-    onnx_bytes = to_onnx(net, inputs)
-    difference = checked(parity(net, onnx_bytes, {"features": evaluate.x}), PARITY)
+    onnx_bytes, difference = exported(net, inputs, {"features": evaluate.x})
     temperature = temperature_of(_logits(net, evaluate.x), evaluate.y)
     z = _logits(net, fresh.x) / temperature
     p = np.exp(z - np.logaddexp.reduce(z, axis=1, keepdims=True))
@@ -71,34 +71,37 @@ def write_thesis_bundle(
             f"share without alarm, {name}": float((p[fresh.y == k, 0] > PET_LIMIT).mean())
             for k, name in enumerate(CLASSES)
         },
-        "logit difference torch - onnxruntime": float(f"{difference:.1e}"),
+        DIFFERENCE: difference,
     }
     metrics = {key: round(value, 4) if value > 1e-3 else value for key, value in metrics.items()}
     rate_hz = float(cell.frame_rate_hz)
-    spec = BundleSpec(
+    bundle = Bundle(
         name=path.name,
+        onnx=onnx_bytes,
         inputs=inputs,
-        settings=recipe.spec(cell.frame_rate_hz).features,
+        features=recipe.spec(cell.frame_rate_hz).features,
         stream={
             "frame_rate_hz": ((1 - _RATE_SPREAD) * rate_hz, (1 + _RATE_SPREAD) * rate_hz),
             **_X2,
         },
         classes=CLASSES,
         temperature=temperature,
-        training={
-            "recipe": _RECIPE.format(
-                layers="-".join(map(str, fitted.net.sizes)),
-                activation=fitted.net.activation,
-                vector=cell.vector,
-                animals=" and ".join(f"{body}s" for body in cell.bodies),
-                rate=cell.frame_rate_hz,
-            ),
-            "command": command,
-            "seed": recipe.seed,
-        },
-        metrics=metrics,
+        pet_limit=PET_LIMIT,
+        policy="window",
+        evidence={},
     )
-    write_bundle(path.parent, spec, onnx_bytes)
+    training = {
+        "recipe": _RECIPE.format(
+            layers="-".join(map(str, fitted.net.sizes)),
+            activation=fitted.net.activation,
+            vector=cell.vector,
+            animals=" and ".join(f"{body}s" for body in cell.bodies),
+            rate=cell.frame_rate_hz,
+        ),
+        "command": command,
+        "seed": recipe.seed,
+    }
+    write_bundle(path.parent, bundle, training=training, metrics=metrics, gate={})
     return metrics
 
 

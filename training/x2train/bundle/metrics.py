@@ -1,21 +1,18 @@
-"""Bundles of map networks: calibration of the evidence, metrics, export."""
+"""What a bundle of maps is calibrated to, and its metrics."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
-from pathlib import Path
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from radard.errors import UsageError
-from radard.judge.bundle import CLASSES, EvidenceSettings, ModelInput
-from radard.judge.features import FeatureSettings
-from x2train.bundle.export import PARITY, BundleSpec, checked, parity, to_onnx, write_bundle
+from radard.judge.bundle import CLASSES, EvidenceSettings
 from x2train.judge.estimates import Ranking
 from x2train.judge.verdicts import PET_LIMIT
 from x2train.nets.evidence_fit import fit_evidence, fused, log_loss, sequences
-from x2train.nets.map_fit import INPUTS, Arrays, MapTrained, logits_of
+from x2train.nets.map_fit import Arrays, MapTrained, logits_of
 from x2train.nets.nets import n_parameters
 
 TRUST = 2 / 3
@@ -26,7 +23,7 @@ HUMAN_LIMIT = 0.65
 PRIOR_HUMAN = {"fast": 0.0, "balanced": 0.25, "accurate": 0.25}
 """How policies that sum lean towards the alarm, by size of the network. Chosen on 1600 passages
 that neither training nor docs/evaluation.md uses."""
-_N_SAMPLE = 256  # windows that torch and onnxruntime are compared on: chosen
+N_SAMPLE = 256  # windows that torch and onnxruntime are compared on
 NOTES = (
     "Measured on windows of passages that training never saw: new draws of the families it "
     "was trained on. What it does on bodies, rooms and radars that it was not trained on is in "
@@ -120,49 +117,3 @@ def window_metrics(p: NDArray[np.float64], label: NDArray[np.int64]) -> dict[str
 def rounded(metrics: Mapping[str, float]) -> dict[str, float]:
     """Return the metrics that are known, to four digits."""
     return {key: round(float(v), 4) for key, v in metrics.items() if np.isfinite(v)}
-
-
-def write_map_bundle(
-    folder: Path,
-    name: str,
-    trained: MapTrained,
-    *,
-    inputs: tuple[ModelInput, ...],
-    features: FeatureSettings,
-    stream: Mapping[str, tuple[float, float]],
-    training: Mapping[str, Any],
-    metrics: Mapping[str, float],
-    evidence: EvidenceSettings,
-    gate: Mapping[str, float],
-    notes: str,
-    sample: Arrays,
-) -> None:
-    """Export a network and write its bundle; see `BundleSpec` for what the values mean.
-
-    Raises RadardError if onnxruntime and torch do not agree on a sample of windows.
-    """
-    onnx_bytes = to_onnx(trained.net, inputs)
-    x: dict[str, NDArray[np.float32]] = {
-        name: _as_float(sample[name][:_N_SAMPLE]) for name in INPUTS
-    }
-    # Logits of some tens, in single precision.
-    difference = checked(parity(trained.net, onnx_bytes, x), 10 * PARITY)
-    spec = BundleSpec(
-        name=name,
-        inputs=inputs,
-        settings=features,
-        stream=dict(stream),
-        classes=CLASSES,
-        temperature=trained.temperature,
-        training=dict(training),
-        metrics={**metrics, "logit difference torch - onnxruntime": float(f"{difference:.1e}")},
-        policy="fused",
-        evidence=asdict(evidence),
-        gate=gate,
-        notes=notes,
-    )
-    write_bundle(folder, spec, onnx_bytes)
-
-
-def _as_float(values: NDArray[Any]) -> NDArray[np.float32]:
-    return (values / 255 if values.dtype == np.uint8 else values).astype(np.float32)

@@ -1,15 +1,19 @@
-"""Card: what an evaluation found, in a bundle's sidecar and card, for `radard explain`."""
+"""A bundle's files: network, sidecar and card, and what an evaluation enters into the two."""
 
 import json
 from collections.abc import Mapping
+from dataclasses import asdict
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from radard.errors import UsageError
-from radard.judge.bundle import Bundle, load_bundle
+from radard.judge.bundle import SCHEMA, Bundle, load_bundle
 from radard.judge.card import sidecar_path
+from x2radar.command import installed_version
+from x2train.bundle.recipes import recipe_of
 from x2train.judge.estimates import Estimate
 from x2train.judge.figures import figures
 from x2train.judge.levels import Level, levels
@@ -18,7 +22,97 @@ from x2train.judge.table import PassageTable
 from x2train.sets.shards import write_whole
 from x2train.sets.windows import GATE
 
+_NOTES = """Measured on windows that training never saw, drawn from the same simulated bodies. They
+say nothing about real people and pets."""
 _HEAD = "## As an alarm"
+
+
+def write_bundle(
+    folder: Path,
+    bundle: Bundle,
+    *,
+    training: Mapping[str, Any],
+    metrics: Mapping[str, Any],
+    gate: Mapping[str, float],
+    notes: str = _NOTES,
+) -> None:
+    """Write NAME.onnx, NAME.json and NAME.md, each at once or not at all.
+
+    Parameters
+    ----------
+    folder, bundle : Path and Bundle
+        Where, and what.
+    training : mapping
+        Recipe, command, seed and whatever else it was made from.
+    metrics : mapping
+        Measured on data that training never saw.
+    gate : mapping
+        Settings of the gate that chose the windows to train on; empty where there was none.
+    notes : str
+        For the card: what the figures mean, and what they do not.
+    """
+    sidecar = {
+        "schema": SCHEMA,
+        "name": bundle.name,
+        "onnx_sha256": bundle.sha256,
+        "inputs": [asdict(each) for each in bundle.inputs],
+        "features": asdict(bundle.features),
+        "stream": dict(bundle.stream),
+        "classes": bundle.classes,
+        "temperature": bundle.temperature,
+        "pet_limit": bundle.pet_limit,
+        "policy": bundle.policy,
+        **({"evidence": dict(bundle.evidence)} if bundle.evidence else {}),
+        **({"hidden": bundle.n_hidden} if bundle.n_hidden else {}),
+        **({"gate": dict(gate)} if gate else {}),
+        "training": {
+            **training,
+            "versions": {
+                **{name: version(name) for name in ("torch", "onnx", "numpy")},
+                "x2radar": installed_version(),
+            },
+        },
+        "metrics": dict(metrics),
+    }
+    for suffix, data in (
+        (".onnx", bundle.onnx),
+        (".json", (json.dumps(sidecar, indent=2) + "\n").encode()),
+        (".md", _card(sidecar, len(bundle.onnx), notes).encode()),
+    ):
+        write_whole(folder / f"{bundle.name}{suffix}", data)
+
+
+def _card(sidecar: dict[str, Any], n_bytes: int, notes: str) -> str:
+    rows = "\n".join(f"| {key} | {value} |" for key, value in sidecar["metrics"].items())
+    stream = "\n".join(f"| {k} | {lo:g} to {hi:g} |" for k, (lo, hi) in sidecar["stream"].items())
+    training = sidecar["training"]
+    inputs = ", ".join(f"`{i['feature']}`" for i in sidecar["inputs"])
+    recipe = recipe_of(training["command"])
+    gate = ", ".join(f"{key} {value:g}" for key, value in sidecar.get("gate", {}).items())
+    whole = f"\n\nand with its sets by\n\n    train-export make {recipe}" if recipe else ""
+    return f"""# Model `{sidecar["name"]}`
+
+{training["recipe"]}
+
+Made by one command (same seed, same file on one machine):
+
+    {training["command"]}{whole}
+
+{notes}
+
+| measure | value |
+|---|---|
+{rows}
+
+For streams of
+
+| | |
+|---|---|
+{stream}
+
+Classes: {", ".join(sidecar["classes"])}. No alarm above {sidecar["pet_limit"]:g} pet. Policy
+`{sidecar["policy"]}`. Inputs {inputs}, {n_bytes} bytes of weights.{gate and f" Gate: {gate}."}
+"""
 
 
 def evaluation_of(table: PassageTable, bundle: Bundle, command: str) -> dict[str, Any]:
