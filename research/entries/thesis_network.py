@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmark_tasks import Elements
-from x2train.thesis.fit import Fitted, fit
+from x2train.thesis.fit import Fitted, fit, fit_settings
 from x2train.thesis.sets import CellData
-from x2train.thesis.settings import fit_settings
 
 TITLE = "thesis' network"
 _STOP_SHARE = 20

@@ -36,7 +36,7 @@ from x2train.judge import acceptance, acceptance_report
 from x2train.judge.acceptance import ENTRIES as ACCEPT_ENTRIES
 from x2train.judge.acceptance import VERSION as ACCEPT
 from x2train.thesis.cells import CELLS
-from x2train.thesis.settings import fit_settings
+from x2train.thesis.fit import fit_settings
 
 pytestmark = pytest.mark.nightly
 PAGE = Path(__file__).parents[2] / "docs" / "benchmark.md"

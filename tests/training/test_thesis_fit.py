@@ -1,4 +1,3 @@
-import os
 from dataclasses import replace
 
 import numpy as np
@@ -6,15 +5,16 @@ import pytest
 import torch
 
 from radard.errors import UsageError
-from x2radar.errors import RecordingError
-from x2train.thesis import checkpoint
-from x2train.thesis import fit as fit_module
-from x2train.thesis.fit import Fitted, Look, fit
-from x2train.thesis.losses import code_penalty, output_error, scaling_of
-from x2train.thesis.mlp import RepeatedMlp, affine, probabilities, xavier
+from x2train.thesis.fit import FitSettings, Fitted, Look, fit, fit_settings, scaling_of
+from x2train.thesis.mlp import (
+    RepeatedMlp,
+    affine,
+    code_penalty,
+    output_error,
+)
 from x2train.thesis.sets import CellData
-from x2train.thesis.settings import FitSettings, fit_settings
 
+pytestmark = pytest.mark.integration
 QUICK = FitSettings(
     layers=(8, 4),
     pretrain_epochs=(2, 2),
@@ -63,9 +63,6 @@ def same(one, other):
         assert torch.equal(value, other.net.state_dict()[key])
 
 
-# ---------------------------------------------------------------- the network
-
-
 def test_repeats_meet_nowhere():
     """Every version of the batched network is a network of its own."""
     net = RepeatedMlp(3, (5, 4, 2), "relu", seed=1)
@@ -82,27 +79,6 @@ def test_repeats_meet_nowhere():
         affine(x, net.weights[0], net.biases[0])[2],
         affine(x.expand(3, 7, 5), net.weights[0], net.biases[0])[2],
     )
-
-
-def test_xavier_bounds_and_spread():
-    w = xavier((50, 30, 20), torch.Generator().manual_seed(0))
-    bound = (6 / 50) ** 0.5
-    assert w.abs().max() <= bound
-    assert w.var().item() == pytest.approx(2 / 50, rel=0.02)
-
-
-def test_one_output_is_the_probability_of_people():
-    p = probabilities(torch.tensor([[[0.0], [50.0], [-50.0]]]))
-    torch.testing.assert_close(p, torch.tensor([[[0.5, 0.5], [0.0, 1.0], [1.0, 0.0]]]))
-
-
-@pytest.mark.parametrize("sizes", [(0, 2), (3,), (3, -1, 2)])
-def test_sizes_that_make_no_network(sizes):
-    with pytest.raises(UsageError, match="all must be 1 or more"):
-        RepeatedMlp(1, sizes, "relu", seed=0)
-
-
-# ---------------------------------------------------------------- errors and scaling
 
 
 def test_errors_against_their_formulas():
@@ -148,9 +124,6 @@ def test_scalings():
         assert np.isfinite(scaling_of(np.zeros((4, 8), np.float32), how, 3)[1]).all()
 
 
-# ---------------------------------------------------------------- training
-
-
 @pytest.mark.parametrize(
     "changes",
     [
@@ -176,21 +149,6 @@ def test_every_switch_learns(changes):
     assert p.shape == (3, 200, 2)
     np.testing.assert_allclose(p.sum(axis=2), 1)
     assert ((p.argmax(axis=2) == data(200).y).mean(axis=1) > 0.9).all()
-
-
-def test_repeats_train_as_they_would_alone():
-    """The batched model of three is three models: only their initial weights differ."""
-    plain = replace(QUICK, pretrain_epochs=(), output_epochs=0, scaling="none")
-    together = fit_module._Run(TRAIN, STOP, plain, None)
-    alone = fit_module._Run(TRAIN, STOP, replace(plain, repeats=1), None)
-    with torch.no_grad():
-        for mine, theirs in zip(alone.net.parameters(), together.net.parameters(), strict=True):
-            mine.copy_(theirs[1:2])
-    for run in (together, alone):
-        list(run.tune(0, None))
-    np.testing.assert_allclose(
-        np.array(together.scores)[:, 1], np.array(alone.scores)[:, 0], rtol=1e-4
-    )
 
 
 def test_same_seed_same_result_and_another_one_another():
@@ -219,53 +177,6 @@ def test_training_ends_when_no_repeat_gains():
     assert (fitted.best_looks < len(fitted.scores) - 2).all()
 
 
-@pytest.mark.parametrize("optimiser", ["adam", "momentum", "lbfgs"])
-def test_a_run_that_was_interrupted_goes_on_as_if_it_had_not(tmp_path, optimiser):
-    settings = replace(QUICK, optimiser=optimiser, learning_rate=0.01)
-    whole = result(settings)
-    point = tmp_path / "point.pt"
-    steps = fit(TRAIN, STOP, settings, checkpoint=point)
-    for step in steps:
-        if isinstance(step, Look) and step.stage == "whole" and step.epoch == 8:
-            break
-    steps.close()
-    assert list(tmp_path.iterdir())
-    rest = list(fit(TRAIN, STOP, settings, checkpoint=point))
-    assert not any(s.stage == "autoencoder 1" for s in rest[:1] if isinstance(s, Look))
-    same(whole, rest[-1])
-    assert not list(tmp_path.iterdir())
-
-
-def test_a_checkpoint_of_another_run_is_not_taken(tmp_path):
-    point = tmp_path / "point.pt"
-    steps = fit(TRAIN, STOP, replace(QUICK, seed=5), checkpoint=point)
-    next(s for s in steps if isinstance(s, Look) and s.epoch == 8 and s.stage == "whole")
-    steps.close()
-    same(result(QUICK), result(QUICK, checkpoint=point))
-
-
-@pytest.mark.parametrize("cut", [0, 10, -20])
-def test_a_damaged_checkpoint_is_not_trusted(tmp_path, cut):
-    point = tmp_path / "point.pt"
-    steps = fit(TRAIN, STOP, QUICK, checkpoint=point)
-    next(s for s in steps if isinstance(s, Look) and s.epoch == 8 and s.stage == "whole")
-    steps.close()
-    point.write_bytes(point.read_bytes()[:cut])
-    assert checkpoint.load_checkpoint(point) is None
-    same(result(QUICK), result(QUICK, checkpoint=point))
-
-
-def test_a_full_disk_at_a_checkpoint_is_one_line(tmp_path, monkeypatch):
-    def full(_descriptor):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(os, "fsync", full)
-    with pytest.raises(RecordingError, match=r"point\.pt: cannot write") as caught:
-        result(QUICK, checkpoint=tmp_path / "point.pt")
-    assert "\n" not in str(caught.value)
-    assert not list(tmp_path.iterdir())
-
-
 def test_retraining_goes_on_from_what_was_learnt():
     first = result(QUICK)
     again = result(replace(QUICK, learning_rate=1e-4, epochs=4), start=first)
@@ -279,43 +190,40 @@ def test_retraining_goes_on_from_what_was_learnt():
 # ---------------------------------------------------------------- settings
 
 
+def test_repeats_train_as_they_would_alone():
+    """The batched model of three is three models: only their initial weights differ."""
+    plain = replace(QUICK, scaling="none")
+    three, one = (RepeatedMlp(n, (12, 8, 4, 2), "relu", seed=0) for n in (3, 1))
+    with torch.no_grad():
+        for mine, theirs in zip(one.parameters(), three.parameters(), strict=True):
+            mine.copy_(theirs[1:2])
+    empty, unit = np.zeros((1, 3)), np.ones(12, np.float32)
+    begin = [Fitted(net, 0 * unit, unit, empty, empty) for net in (three, one)]
+    together = result(plain, start=begin[0]).scores
+    alone = result(replace(plain, repeats=1), start=begin[1]).scores
+    n = min(len(together), len(alone))
+    np.testing.assert_allclose(together[:n, 1], alone[:n, 0], rtol=1e-4)
+
+
 @pytest.mark.parametrize(
     ("wrong", "says"),
     [
-        ({"layers": ()}, "layers"),
         ({"layers": (100, 0)}, "layers"),
-        ({"activation": "step"}, "one of relu, sigmoid, tanh"),
-        ({"n_outputs": 3}, "n_outputs = 3: 1 or 2"),
-        ({"error": "hinge"}, "one of cross-entropy, mse"),
-        ({"optimiser": "newton"}, "one of adam, momentum, lbfgs"),
-        ({"learning_rate": 0}, "learning_rate"),
         ({"learning_rate": float("nan")}, "learning_rate"),
         ({"momentum": 1.0}, "momentum"),
-        ({"batch": 0}, "batch"),
         ({"decay": -1}, "decay"),
         ({"averaging": 1}, "averaging"),
         ({"sparsity": -0.1}, "sparsity"),
         ({"pretrain_epochs": (500,)}, "none, or one a layer"),
         ({"pretrain_epochs": (5, -1)}, "none below 0"),
         ({"epochs": 50}, "at least look_every"),
-        ({"patience": 0}, "patience"),
-        ({"repeats": 0}, "repeats"),
-        ({"seed": -1}, "seed"),
-        ({"scaling": "all"}, "one of none, block, each"),
+        ({"patience": 0, "seed": -1}, "patience = 0.*seed = -1"),
+        ({"batch": 0, "repeats": 0}, "batch = 0.*repeats = 0"),
     ],
 )
-def test_settings_that_make_no_sense(wrong, says):
+def test_settings_that_make_no_sense_are_all_named_in_one_line(wrong, says):
     with pytest.raises(UsageError, match=says) as caught:
-        FitSettings(**wrong)
+        fit_settings("sigmoid", **wrong)
     assert "\n" not in str(caught.value)
-
-
-def test_every_fault_is_named():
-    with pytest.raises(UsageError, match=r"batch = 0.*repeats = 0"):
-        FitSettings(batch=0, repeats=0)
-
-
-def test_settings_that_suit_an_activation_can_be_changed():
-    assert fit_settings("relu") == FitSettings()
-    assert fit_settings("sigmoid").scaling == "block"
-    assert fit_settings("sigmoid", scaling="each", epochs=100).scaling == "each"
+    with pytest.raises(UsageError, match="all must be 1 or more"):
+        RepeatedMlp(1, (3, -1, 2), "relu", seed=0)

@@ -26,7 +26,7 @@ examples:
   train-export thesis --finetune walks.h5 dogs.h5       retrain on labelled recordings
   train-export thesis --publish docs/thesis-results.md    everything, and the page
   train-export thesis --bundle models/mine              a bundle of such a network
-A run that was interrupted goes on where it was when the same command is given again.
+A run that was interrupted goes on with the next training when the command is given again.
 """
 PARTS = ("networks", "own", "switches")
 
@@ -138,7 +138,7 @@ def _run(args: argparse.Namespace) -> int:
         msg = f"{args.folder}: no results of these settings; run without --kept"
         raise UsageError(msg)
     if args.publish:
-        from x2train.thesis.publish import publish  # noqa: PLC0415
+        from x2train.thesis.pictures import publish  # noqa: PLC0415
 
         command = _command(args, "--publish", f"docs/{args.publish.name}")
         console.print(str(publish(recipe, results, args.publish, command)))
@@ -178,10 +178,10 @@ def _parts(args: argparse.Namespace) -> tuple[str, ...]:
 def _jobs(
     args: argparse.Namespace, recipe: "StudyRecipe", parts: tuple[str, ...]
 ) -> Iterator["Job | OwnJob"]:
+    from x2train.thesis.fit import fit_settings  # noqa: PLC0415
     from x2train.thesis.own import OwnSettings, own_jobs  # noqa: PLC0415
     from x2train.thesis.recipe import Job, variants, wanted_cells  # noqa: PLC0415
-    from x2train.thesis.recordings import load_recordings  # noqa: PLC0415
-    from x2train.thesis.settings import fit_settings  # noqa: PLC0415
+    from x2train.thesis.sets import load_recordings  # noqa: PLC0415
 
     cells = tuple(wanted_cells(vector=args.vector, animal=args.animal, rate_hz=args.frame_rate))
     names = (args.activation,) if args.activation else ("relu", "sigmoid")
@@ -210,8 +210,8 @@ def _jobs(
 
 
 def _variant(args: argparse.Namespace, activation: str) -> "Variant":
+    from x2train.thesis.fit import fit_settings  # noqa: PLC0415
     from x2train.thesis.recipe import Variant  # noqa: PLC0415
-    from x2train.thesis.settings import fit_settings  # noqa: PLC0415
 
     return Variant(
         label=activation,

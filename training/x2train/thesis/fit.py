@@ -6,29 +6,105 @@ to 2000, looked at every 100. The version with the best score at any look is kep
 repeat. The thesis' text keeps the larger cross-entropy, which is worse; we keep the smaller.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import nn
 
-from x2train.thesis.checkpoint import (
-    Checkpoint,
-    fingerprint,
-    load_checkpoint,
-    save_checkpoint,
+from radard.errors import UsageError
+from x2train.thesis.mlp import (
+    ACTIVATIONS,
+    RepeatedMlp,
+    affine,
+    code_penalty,
+    output_error,
+    probabilities,
+    xavier,
 )
-from x2train.thesis.losses import code_penalty, output_error, scaling_of
-from x2train.thesis.mlp import ACTIVATIONS, RepeatedMlp, affine, probabilities, xavier
 from x2train.thesis.sets import CellData
-from x2train.thesis.settings import FitSettings
 
-_LEAST = 1e-12  # probability: chosen, its logarithm is finite
-_LBFGS_MEMORY = 20  # chosen: torch's 100 take five times the memory
-_SEED_STRIDE = 1000  # chosen: no repeat has another one's seeds
+TYPE1 = 784  # 28 x 28: M times I alpha
+_MIN_P = 1e-12  # its logarithm is finite
+_LBFGS_MEMORY = 20  # torch's 100 take five times the memory
+_SEED_STRIDE = 1000  # no repeat has another one's seeds
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FitSettings:
+    """How to train."""
+
+    layers: tuple[int, ...] = (100, 50)
+    activation: str = "relu"  # 'relu', 'sigmoid' or 'tanh'
+    n_outputs: int = 2  # 2 (softmax), or 1 (logistic)
+    error: str = "cross-entropy"  # 'cross-entropy', 'mse': what training makes small
+    # 'adam', 'momentum', 'lbfgs': batches of `batch`, but for L-BFGS, which takes the whole set
+    optimiser: str = "adam"
+    learning_rate: float = 0.001  # of the optimiser; L-BFGS searches along its line and takes none
+    # share of the last step in the next one (3.5); with Adam, of its mean gradient
+    momentum: float = 0.9
+    batch: int = 100
+    # a step takes this times the learning rate off every weight: an L2 penalty, with Adam in its
+    # decoupled form (Loshchilov and Hutter 2019, recalled). L-BFGS gets the penalty itself. It
+    # holds in every stage: autoencoders without it learn to blow up the weakest inputs.
+    decay: float = 0.7
+    # networks are judged by the running mean of their weights, this share of it kept at every
+    # step (Polyak and Juditsky 1992, recalled); 0 for the weights themselves
+    averaging: float = 0.999
+    # penalty on the autoencoders' codes: L1 for ReLU, else the Kullback-Leibler divergence of
+    # their mean from 0.05
+    sparsity: float = 0.0
+    pretrain_epochs: tuple[int, ...] = (500, 100)  # of each autoencoder; () for none
+    output_epochs: int = 400  # of the output layer alone
+    # of the whole network, and how often it is looked at
+    epochs: int = 2000
+    look_every: int = 100
+    patience: int = 2  # looks without a gain in any repeat that end a training
+    repeats: int = 10  # initial weights tried
+    seed: int = 0  # of weights and order
+    # 'none', 'block', 'each': inputs as they are; the range profile and the type 1 part each by
+    # one factor to a mean square of 1; or every input to mean 0 and deviation 1
+    scaling: str = "none"
+
+    def __post_init__(self) -> None:
+        """Validate the settings; the error names every wrong one."""
+        n_pretrain = len(self.pretrain_epochs)
+        rules = (
+            ("layers", bool(self.layers) and min(self.layers) > 0, "at least one, above 0"),
+            ("learning_rate", 0 < self.learning_rate <= 10, "above 0, at most 10"),
+            ("momentum", 0 <= self.momentum < 1, "0 to below 1"),
+            ("batch", self.batch > 0, "1 or more"),
+            ("decay", self.decay >= 0, "0 or more"),
+            ("averaging", 0 <= self.averaging < 1, "0 to below 1"),
+            ("sparsity", self.sparsity >= 0, "0 or more"),
+            ("pretrain_epochs", min(self.pretrain_epochs, default=0) >= 0, "none below 0"),
+            ("pretrain_epochs", n_pretrain in {0, len(self.layers)}, "none, or one a layer"),
+            ("output_epochs", self.output_epochs >= 0, "0 or more"),
+            ("epochs", self.epochs >= self.look_every > 0, "at least look_every, above 0"),
+            ("patience", self.patience > 0, "1 or more"),
+            ("repeats", self.repeats > 0, "1 or more"),
+            ("seed", self.seed >= 0, "0 or more"),
+        )
+        faults = [
+            f"{name} = {getattr(self, name)!r}: {rule}" for name, good, rule in rules if not good
+        ]
+        if faults:
+            raise UsageError("; ".join(faults))
+
+
+_LESS: Mapping[str, Mapping[str, Any]] = {
+    "sigmoid": {"scaling": "block", "decay": 0.1},
+    "tanh": {"scaling": "block", "decay": 0.1},
+}
+"""Where inputs of unit norm would leave every unit in the middle of its curve."""
+
+
+def fit_settings(activation: str, **changes: Any) -> FitSettings:
+    """Return the settings that suit an activation, with changes; raises as `FitSettings`."""
+    return FitSettings(**{"activation": activation, **_LESS.get(activation, {}), **changes})
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +155,6 @@ def fit(
     stop: CellData,
     settings: FitSettings,
     *,
-    checkpoint: Path | None = None,
     start: Fitted | None = None,
 ) -> Iterator[Look | Fitted]:
     """Train all repeats; yield every look, and at last the result.
@@ -89,20 +164,20 @@ def fit(
     train, stop, settings : CellData, CellData and FitSettings
         What trains, what scores at every look, and how. L-BFGS trains repeat by repeat: its line
         search would tie them together.
-    checkpoint : Path, optional
-        File that is written at every look and from which a run goes on, with the same result
-        as if it had not stopped; one of another run is not taken.
     start : Fitted, optional
         Go on from here, without the autoencoders (retraining on recordings).
     """
     if settings.optimiser != "lbfgs" or settings.repeats == 1 or start is not None:
-        yield from _fit(train, stop, settings, checkpoint, start)
+        run = _Run(train, stop, settings, start)
+        if start is None:
+            yield from run.pretrain()
+        yield from run.tune()
+        yield run.result()
         return
     parts: list[Fitted] = []
     for k in range(settings.repeats):
         own = replace(settings, repeats=1, seed=settings.seed + _SEED_STRIDE * k)
-        point = None if checkpoint is None else checkpoint.with_suffix(f".{k}.pt")
-        for step in _fit(train, stop, own, point, None):
+        for step in fit(train, stop, own):
             if isinstance(step, Fitted):
                 parts.append(step)
             else:
@@ -110,21 +185,25 @@ def fit(
     yield _joined(parts)
 
 
-def _fit(
-    train: CellData,
-    stop: CellData,
-    settings: FitSettings,
-    checkpoint: Path | None,
-    start: Fitted | None,
-) -> Iterator[Look | Fitted]:
-    run = _Run(train, stop, settings, start)
-    done = run.load(checkpoint) if checkpoint is not None else 0
-    if not done and start is None:
-        yield from run.pretrain()
-    yield from run.tune(done, checkpoint)
-    yield run.result()
-    if checkpoint is not None:
-        checkpoint.unlink(missing_ok=True)
+def scaling_of(
+    x: NDArray[np.float32], how: str, n_type1: int = TYPE1
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return what is taken from every input, and the factor on it; see `FitSettings`.
+
+    Inputs that never change count 0 with 'each'; its factors are at most ten times the
+    median's, or bins that are nearly always empty would be blown up.
+    """
+    mean, scale = np.zeros(x.shape[1]), np.ones(x.shape[1])
+    if how == "each":
+        mean = x.mean(axis=0, dtype=np.float64)
+        sd = x.std(axis=0, dtype=np.float64)
+        floor = 0.1 * np.median(sd[sd > 0]) if (sd > 0).any() else 1.0
+        scale = np.where(sd > 0, 1 / np.maximum(sd, floor), 0.0)
+    elif how == "block":
+        for part in (slice(0, -n_type1), slice(-n_type1, None)):
+            power = np.mean(np.square(x[:, part], dtype=np.float64)) if x[:, part].size else 0.0
+            scale[part] = power**-0.5 if power > 0 else 1.0
+    return mean.astype(np.float32), scale.astype(np.float32)
 
 
 def _joined(parts: list[Fitted]) -> Fitted:
@@ -171,9 +250,6 @@ class _Run:
         self.steps = 0
         self.scores: list[list[float]] = []
         self.confidence: list[list[list[float]]] = []
-        self.print = fingerprint((train, stop), s, None if start is None else start.net)
-
-    # ------------------------------------------------------------ stages
 
     def pretrain(self) -> Iterator[Look]:
         """Train the autoencoders, then the output layer on their codes."""
@@ -212,19 +288,16 @@ class _Run:
         last = [net.weights[-1], net.biases[-1]]
         yield from self._train("output", last, output_loss, s.output_epochs)
 
-    def tune(self, done: int, checkpoint: Path | None) -> Iterator[Look]:
+    def tune(self) -> Iterator[Look]:
         """Train the whole network, from look to look."""
         s = self.s
-        if not done:
-            self.mean_net.load_state_dict(self.net.state_dict())
-            yield self._look(0)
-        for epoch in range(done + s.look_every, s.epochs + 1, s.look_every):
+        self.mean_net.load_state_dict(self.net.state_dict())
+        yield self._look(0)
+        for epoch in range(s.look_every, s.epochs + 1, s.look_every):
             if self._idle() >= s.patience:
                 return
             self._tune(s.look_every)
             yield self._look(epoch)
-            if checkpoint is not None:
-                self._save(checkpoint, epoch)
 
     def result(self) -> Fitted:
         """Return every repeat at its best."""
@@ -232,8 +305,6 @@ class _Run:
         self.net.cpu()
         scores, confidence = np.array(self.scores), np.array(self.confidence)
         return Fitted(self.net, self.mean, self.scale, scores, confidence)
-
-    # ------------------------------------------------------------ steps
 
     def _tune(self, epochs: int) -> None:
         def loss(part: torch.Tensor) -> torch.Tensor:
@@ -277,7 +348,7 @@ class _Run:
         mean: bool = False,
     ) -> Iterator[Look]:
         s = self.s
-        # A new optimiser at every look: a run that goes on is then the run that never stopped.
+        # A new one at every look, so that momentum does not carry over what was averaged.
         optimiser: torch.optim.Optimizer = (
             torch.optim.SGD(weights, s.learning_rate, momentum=s.momentum, weight_decay=s.decay)
             if s.optimiser == "momentum"
@@ -308,15 +379,13 @@ class _Run:
             for mean, now in zip(means, weights, strict=True):
                 mean.lerp_(now, 1 - kept)
 
-    # ------------------------------------------------------------ looks
-
     def _look(self, epoch: int) -> Look:
         with torch.no_grad():
             inputs = torch.from_numpy((self.stop.x - self.mean) * self.scale).to(self.x.device)
             p = probabilities(self.mean_net(inputs).double()).cpu().numpy()
         y = self.stop.y
         truth = np.take_along_axis(p, y[None, :, None], axis=2)[..., 0]
-        scores = -np.log(np.maximum(truth, _LEAST)).mean(axis=1)
+        scores = -np.log(np.maximum(truth, _MIN_P)).mean(axis=1)
         self.scores.append(scores.tolist())
         self.confidence.append(
             np.stack([truth[:, y == c].mean(axis=1) for c in (0, 1)], axis=1).tolist()
@@ -336,34 +405,3 @@ class _Run:
 
     def _copy(self) -> dict[str, torch.Tensor]:
         return {k: v.detach().clone() for k, v in self.mean_net.state_dict().items()}
-
-    # ------------------------------------------------------------ checkpoints
-
-    def _save(self, path: Path, epoch: int) -> None:
-        point = Checkpoint(
-            self.print,
-            epoch,
-            self.steps,
-            self.net.state_dict(),
-            self.mean_net.state_dict(),
-            self.best,
-            self.best_score.tolist(),
-            self.scores,
-            self.confidence,
-            self.order.get_state(),
-        )
-        save_checkpoint(path, point)
-
-    def load(self, path: Path) -> int:
-        """Go on from a checkpoint of the same run; return the epoch, 0 for none."""
-        point = load_checkpoint(path)
-        if point is None or point.print != self.print:
-            return 0
-        self.net.load_state_dict(point.net)
-        self.mean_net.load_state_dict(point.mean_net)
-        self.best = {k: v.to(self.x.device) for k, v in point.best.items()}
-        self.best_score = np.array(point.best_score)
-        self.scores, self.confidence = point.scores, point.confidence
-        self.order.set_state(point.order)
-        self.steps = point.steps
-        return point.epoch

@@ -6,15 +6,14 @@ meet nowhere else: the loss is a sum over repeats, and optimisers work element b
 
 from collections.abc import Callable
 from itertools import pairwise
-from typing import Literal
 
 import torch
 from torch import nn
+from torch.nn import functional
 
 from radard.errors import UsageError
 
-Activation = Literal["relu", "sigmoid", "tanh"]
-
+_SPARSE_TO = 0.05  # as usual for sparse autoencoders
 ACTIVATIONS: dict[str, Callable[[torch.Tensor], torch.Tensor]] = {
     "relu": torch.relu,
     "sigmoid": torch.sigmoid,
@@ -47,7 +46,7 @@ class RepeatedMlp(nn.Module):
     Raises
     ------
     UsageError
-        If a size is not positive, or the activation unknown.
+        If a size is not positive.
     """
 
     def __init__(
@@ -56,9 +55,6 @@ class RepeatedMlp(nn.Module):
         super().__init__()
         if n_repeats < 1 or len(sizes) < 2 or min(sizes) < 1:
             msg = f"layers {sizes} in {n_repeats} repeats: all must be 1 or more"
-            raise UsageError(msg)
-        if activation not in ACTIVATIONS:
-            msg = f"activation '{activation}': known are {', '.join(ACTIVATIONS)}"
             raise UsageError(msg)
         self.activation = activation
         self.sizes = sizes
@@ -109,3 +105,32 @@ def probabilities(logits: torch.Tensor) -> torch.Tensor:
         p = torch.sigmoid(logits)
         return torch.cat([1 - p, p], dim=-1)
     return torch.softmax(logits, dim=-1)
+
+
+def output_error(logits: torch.Tensor, y: torch.Tensor, kind: str) -> torch.Tensor:
+    """Return the sum over repeats of the mean error, 'cross-entropy' or 'mse'.
+
+    Logits have shape (n_repeats, n, n_outputs), classes `y` (n,), int64.
+    """
+    n = len(y)
+    if kind == "mse":
+        wanted = functional.one_hot(y, 2).to(logits.dtype)
+        return (probabilities(logits) - wanted).square().sum() / (2 * n)
+    if logits.shape[-1] == 1:
+        human = y.to(logits.dtype).expand(logits.shape[:-1])
+        total = functional.binary_cross_entropy_with_logits(logits[..., 0], human, reduction="sum")
+        return total / n
+    flat = logits.reshape(-1, 2)
+    return functional.cross_entropy(flat, y.repeat(len(logits)), reduction="sum") / n
+
+
+def code_penalty(codes: torch.Tensor, activation: str) -> torch.Tensor:
+    """Return the sum over repeats of the sparsity penalty on codes (n_repeats, n, size)."""
+    if activation == "relu":
+        return codes.abs().mean(dim=(1, 2)).sum()
+    mean = codes.mean(dim=1)
+    mean = (mean + 1) / 2 if activation == "tanh" else mean
+    mean = mean.clamp(1e-6, 1 - 1e-6)
+    rho = _SPARSE_TO
+    kl = rho * torch.log(rho / mean) + (1 - rho) * torch.log((1 - rho) / (1 - mean))
+    return kl.mean(dim=1).sum()

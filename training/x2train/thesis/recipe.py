@@ -10,10 +10,9 @@ from typing import Any
 from radard.errors import UsageError
 from x2train.thesis.cells import CELLS, Cell
 from x2train.thesis.elements import ElementSpec
-from x2train.thesis.fit import Fitted, Look, fit
+from x2train.thesis.fit import FitSettings, Fitted, Look, fit
 from x2train.thesis.results import CellResult, ResultFile, judged, seen
 from x2train.thesis.sets import CellData, load_cell, make_bodies
-from x2train.thesis.settings import FitSettings
 
 FRESH = 5000
 FRESH_FROM = 1_000_000
@@ -191,10 +190,7 @@ class StudyRecipe:
             stopped_by = f"a validation part of {len(stop.y)} training elements"
         else:
             stop, stopped_by = recordings, f"{len(recordings.y)} windows of recordings"
-        point = self.folder / "checkpoints" / f"{self.results.path(cell.name, variant.label).stem}"
-        fitted = _last(
-            fit(train, stop, variant.fit, checkpoint=point.with_suffix(".pt")), cell, tell
-        )
+        fitted = _last(fit(train, stop, variant.fit), cell, tell)
         if recordings is not None:
             n = len(recordings.y)
             half, rest = recordings.part(0, n // 2), recordings.part(n // 2, n)

@@ -9,13 +9,14 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import TypeAdapter
 
 from radard.errors import UsageError
 from x2train.sets.shards import write_whole
 from x2train.thesis.sets import CellData
 
-IN_VIEW = 0.25  # of the time: chosen, half a second
-_LEAST = 1e-12  # probability: chosen, its logarithm is finite
+IN_VIEW = 0.25  # of the time: half a second
+_MIN_P = 1e-12  # its logarithm is finite
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +76,7 @@ def judged(p: NDArray[np.float64], y: NDArray[np.int64]) -> SetResult:
         percent(every),
         percent(y == 0),
         percent(y == 1),
-        tuple(float(round(v, 4)) for v in -np.log(np.maximum(truth, _LEAST)).mean(axis=1)),
+        tuple(float(round(v, 4)) for v in -np.log(np.maximum(truth, _MIN_P)).mean(axis=1)),
         confusion,  # type: ignore[arg-type]
     )
 
@@ -84,6 +85,9 @@ def seen(data: CellData, p: NDArray[np.float64]) -> SetResult:
     """Return what they are worth on the elements that are in view long enough."""
     which = data.in_view >= IN_VIEW
     return judged(p[:, which], data.y[which])
+
+
+_RESULT = TypeAdapter(CellResult)
 
 
 class ResultFile:
@@ -109,8 +113,8 @@ class ResultFile:
         if not path.exists():
             return None
         try:
-            known = result_from(json.loads(path.read_text(encoding="utf-8")))
-        except (ValueError, KeyError, TypeError) as err:
+            known = _RESULT.validate_json(path.read_bytes())
+        except ValueError as err:
             msg = f"{path}: no result ({err}); remove it to make it again"
             raise UsageError(msg) from err
         return known if known.settings == json.loads(json.dumps(settings)) else None
@@ -119,32 +123,3 @@ class ResultFile:
         """Write one result, whole or not at all."""
         path = self.path(result.name, result.label)
         write_whole(path, json.dumps(asdict(result)).encode())
-
-
-def result_from(raw: Mapping[str, Any]) -> CellResult:
-    """Return a result as `dataclasses.asdict` and JSON left it."""
-    return CellResult(
-        name=raw["name"],
-        label=raw["label"],
-        best=raw["best"],
-        epochs=tuple(raw["epochs"]),
-        evaluation=_set_from(raw["evaluation"]),
-        fresh=_set_from(raw["fresh"]),
-        in_view=_set_from(raw["in_view"]),
-        stopped_by=raw["stopped_by"],
-        settings=raw["settings"],
-        scores=tuple(tuple(look) for look in raw["scores"]),
-        confidence=tuple(tuple(tuple(r) for r in look) for look in raw["confidence"]),
-    )
-
-
-def _set_from(raw: Mapping[str, Any]) -> SetResult:
-    confusion = tuple(((c[0][0], c[0][1]), (c[1][0], c[1][1])) for c in raw["confusion"])
-    return SetResult(
-        n=raw["n"],
-        total=tuple(raw["total"]),
-        class1=tuple(raw["class1"]),
-        class2=tuple(raw["class2"]),
-        cross_entropy=tuple(raw["cross_entropy"]),
-        confusion=confusion,
-    )
