@@ -15,6 +15,7 @@ import numpy as np
 
 from x2radar import plugins
 from x2radar.errors import SettingsError
+from x2radar.sim.bodies.quadruped.species import SPECIES
 from x2radar.sim.points import Label
 from x2radar.sim.scene.cast import BodyKind, plugged_body
 
@@ -62,38 +63,8 @@ _PEOPLE = {
     "exercise": 0.8,
 }
 _PEOPLE_HELD_OUT = {"stealth": 1.5, "crawl": 1.5, "toddler": 1.0, "carry_pet": 0.5}
-_DOGS = {
-    "roam": 1.0,
-    "walk": 2.0,
-    "trot": 2.0,
-    "pace": 1.0,
-    "canter": 1.0,
-    "sniff": 1.5,
-    "sit": 0.5,
-    "stand": 0.4,
-    "lie": 0.3,
-    "pant": 0.3,
-    "groom": 0.4,
-    "scratch": 0.4,
-    "play": 0.6,
-    "jump": 0.5,
-}
-_CATS = {
-    "roam": 1.0,
-    "walk": 2.0,
-    "trot": 1.5,
-    "sniff": 0.7,
-    "stalk": 1.0,
-    "sit": 0.5,
-    "stand": 0.3,
-    "lie": 0.3,
-    "groom": 0.8,
-    "scratch": 0.3,
-    "play": 0.5,
-    "jump": 1.0,
-}
-"""Styles of movement by their share: chosen, what a home sees most the more often."""
-_LARGE_DOG_KG = 55  # a mastiff: chosen
+"""Styles of movement of people by their share: what a home sees most the more often."""
+_LARGE_DOG_KG = 55  # a mastiff
 _THESIS: tuple[tuple[str, Label], ...] = (("human", "human"), ("dog", "pet"), ("cat", "pet"))
 _THINGS = ("curtain", "fan", "robot_vacuum", "washing_machine", "door", "plant", "rain", "moth")
 
@@ -107,19 +78,17 @@ def _families() -> tuple[Family, ...]:
         Family(f"human {s}", "human", "human", {"style": s}, "held out", w)
         for s, w in _PEOPLE_HELD_OUT.items()
     ]
-    rows += [Family(f"dog {s}", "pet", "dog", {"style": s}, "train", w) for s, w in _DOGS.items()]
-    rows += [Family(f"cat {s}", "pet", "cat", {"style": s}, "train", w) for s, w in _CATS.items()]
+    # The animals that are taught most come first: draws are by order and weight.
+    for animal in sorted(SPECIES.values(), key=lambda s: -sum(s.taught.values())):
+        rows += [
+            Family(f"{animal.name} {style}", animal.label, animal.name, {"style": style}, weight=w)
+            for style, w in animal.taught.items()
+        ]
+    large = {"style": "roam", "mass_kg": _LARGE_DOG_KG}
     rows += [
-        Family(
-            "largest dogs",
-            "pet",
-            "dog",
-            {"style": "roam", "mass_kg": _LARGE_DOG_KG},
-            "held out",
-            1.5,
-        ),
+        Family("largest dogs", "pet", "dog", large, "held out", 1.5),
         Family("cat bound", "pet", "cat", {"style": "bound"}, "held out", 1.0),
-        Family("bird", "pet", "bird", {}, "train", 0.8),
+        Family("bird", "pet", "bird", weight=0.8),
     ]
     rows += [Family(kind.replace("_", " "), "other", kind) for kind in _THINGS]
     rows += [

@@ -1,4 +1,4 @@
-"""Species of four-legged animals, a row each: an animal is a row, a scene and a line of docs.
+"""Species of four-legged animals, a row each: an animal, trained on or not, is a row here.
 
 Cats and dogs: masses from breed standards; lengths, tails and postures recalled. Dogs wag at
 2 to 6 Hz with 1 to 3 m/s at the tip. Strides of dogs follow Alexander and Jayes (1983; see
@@ -11,7 +11,7 @@ Taylor 1988); 30 to 60 breaths a minute at rest (Harcourt-Brown, Textbook of Rab
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import MappingProxyType
 
 import numpy as np
@@ -70,6 +70,9 @@ class Species:
     tail_moves: Wag | Swing  # what the tail does
     breaths_per_min: Span  # at rest
     label: Label = "pet"  # what an alarm should take it for
+    # how often training's animals do what, by style: what a home sees most the more often; empty
+    # for one that is not trained on
+    taught: Mapping[str, float] = field(default_factory=dict)
 
 
 def _normal(mean: float, sigma: float, low: float, high: float) -> Draw:
@@ -112,6 +115,20 @@ _ROWS = (
         rise_rad=(-0.5, 1.4),
         tail_moves=Swing(hz=(0.3, 0.6), rad=(0.25, 0.5), lag_rad=(0.6, 0.6)),
         breaths_per_min=(20.0, 30.0),
+        taught={
+            "roam": 1.0,
+            "walk": 2.0,
+            "trot": 1.5,
+            "sniff": 0.7,
+            "stalk": 1.0,
+            "sit": 0.5,
+            "stand": 0.3,
+            "lie": 0.3,
+            "groom": 0.8,
+            "scratch": 0.3,
+            "play": 0.5,
+            "jump": 1.0,
+        },
     ),
     Species(
         name="dog",
@@ -135,6 +152,22 @@ _ROWS = (
         rise_rad=(0.0, 1.0),
         tail_moves=Wag(hz=(2.0, 6.0), tip_mps=(1.0, 3.0)),
         breaths_per_min=(15.0, 30.0),
+        taught={
+            "roam": 1.0,
+            "walk": 2.0,
+            "trot": 2.0,
+            "pace": 1.0,
+            "canter": 1.0,
+            "sniff": 1.5,
+            "sit": 0.5,
+            "stand": 0.4,
+            "lie": 0.3,
+            "pant": 0.3,
+            "groom": 0.4,
+            "scratch": 0.4,
+            "play": 0.6,
+            "jump": 0.5,
+        },
     ),
     Species(
         name="rabbit",
