@@ -1,6 +1,5 @@
 """Which tier `auto` takes, and that whatever it takes keeps the error asked for."""
 
-import itertools
 import math
 from dataclasses import replace
 
@@ -11,7 +10,6 @@ from tests.echo_references import passband
 from tests.sim_helpers import axis_of
 from x2radar.errors import SceneError
 from x2radar.sim.echo import TIERS, Pulse, Task, choose, frames
-from x2radar.sim.echo.choose import FramesOf
 
 X2, RF = axis_of("baseband"), axis_of("rf")
 DECIMATED = replace(X2, n_range=96, bin_length_m=8 * X2.bin_length_m)
@@ -55,32 +53,6 @@ def test_every_tier_has_its_tasks():
     assert choose(task(X2, error_db=-120.0)) == "dense"  # nothing else is fine enough
 
 
-def test_long_bins_cannot_be_gridded():
-    assert math.isinf(TIERS["gridded"].cost_ns(task(DECIMATED)))
-    assert math.isfinite(TIERS["gridded"].cost_ns(task(X2)))
-
-
-@pytest.mark.parametrize("tier", TIERS)
-@pytest.mark.parametrize("name", ["x2", "rf", "decimated"])
-def test_costs_grow_with_the_work_and_hardly_faster(tier, name):
-    """Four times the frames or scatterers: at most four times, and a piece begun."""
-    axis, cost = AXES[name], TIERS[tier].cost_ns
-    if math.isinf(cost(task(axis))):
-        assert tier == "gridded"
-        return
-    for n_slow, n_points in itertools.product((8, 64, 400), (1, 20, 100)):
-        base = cost(task(axis, n_slow, n_points))
-        assert base > 0
-        assert base < cost(task(axis, 4 * n_slow, n_points)) <= 5 * base
-        assert base < cost(task(axis, n_slow, 4 * n_points)) <= 5 * base
-
-
-@pytest.mark.parametrize("tier", ["local", "gridded"])
-def test_finer_costs_no_less(tier):
-    costs = [TIERS[tier].cost_ns(task(X2, error_db=e)) for e in (-40.0, -60.0, -80.0, -100.0)]
-    assert all(b >= 0.98 * a for a, b in itertools.pairwise(costs))
-
-
 # ---------------------------------------------------------------- what comes out
 
 
@@ -107,14 +79,6 @@ def test_auto_is_the_tier_it_names(name):
     assert np.array_equal(auto, frames(range_m, amplitude, axis, Pulse.of(axis)))
 
 
-def test_tiers_agree_with_each_other():
-    range_m, amplitude = scene(X2, 20, 10)
-    level = amplitude.sum(axis=1, keepdims=True)
-    results = [t.frames(range_m, amplitude, X2, error_db=-100) for t in TIERS.values()]
-    for a, b in itertools.combinations(results, 2):
-        assert (np.abs(a - b) / level).max() < 2.1e-5
-
-
 def test_a_pulse_of_ones_own():
     """Twice as long a pulse: wider in range, as high at its centre."""
     pulse = Pulse(2 * Pulse.of(X2).sigma_s)
@@ -122,11 +86,6 @@ def test_a_pulse_of_ones_own():
     wide, usual = (frames(range_m, np.ones((1, 1)), X2, p, error_db=-80) for p in (pulse, None))
     assert np.abs(wide[0, 400]) == pytest.approx(1, abs=1e-4)
     assert np.abs(wide[0, 424]) == pytest.approx(np.abs(usual[0, 412]), abs=3e-4)
-
-
-def test_the_floor_reaches_the_tier():
-    range_m, amplitude = scene(X2, 5, 6)
-    assert not frames(range_m, amplitude, X2, floor=2.0).any()
 
 
 # ---------------------------------------------------------------- what is refused
@@ -141,10 +100,3 @@ def test_refusals_name_what_is_wrong():
             choose(task(X2, error_db=error_db))
     with pytest.raises(SceneError, match="n_points"):
         frames(range_m, amplitude[:, :1], X2)
-
-
-def test_every_tier_has_the_common_signature():
-    for tier in TIERS.values():
-        make: FramesOf = tier.frames
-        out = make(np.zeros((1, 0)), np.zeros((1, 0)), X2, None, error_db=-60.0, floor=0.0)
-        assert out.shape == (1, 768)

@@ -1,13 +1,11 @@
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from x2radar.errors import SceneError, SettingsError
-from x2radar.keys import settings_from
+from x2radar.errors import SettingsError
 from x2radar.sim.place.antenna import Antenna
 from x2radar.sim.place.multipath import DiffuseTail, Surface, TailSettings, image_rows
 from x2radar.sim.points import Points
@@ -15,7 +13,7 @@ from x2radar.sim.points import Points
 ALL_ROUND = Antenna(height_m=1.5, shape="isotropic")
 FLOOR = Surface()
 METRES = st.floats(-3, 3)
-# Against the body's peak, at 0.5, 1, ... 3 m behind it; the last test measures it.
+# Against the body's peak, at 0.5, 1, ... 3 m behind it, in two recorded walks.
 RECORDED_DB = np.array([-14, -13, -18, -21, -24, -25])
 
 
@@ -50,26 +48,6 @@ def test_lengths_are_those_of_the_shortest_bounce(x, y, z):
         assert straight <= once <= twice
 
 
-def test_floor_ghosts_of_a_person_lie_where_they_were_seen():
-    """+0.2 to +1.1 m, for hips and chest in the swath."""
-    for y in (1.5, 2.0, 3.0):
-        for z in (0.9, 1.2):
-            rows = image_rows(one(0, y, z), ALL_ROUND, FLOOR)
-            extra = rows.range_m[0] - math.dist(ALL_ROUND.position_m, (0, y, z))
-            assert 0.2 < extra[0] < extra[1] < 1.7
-    near = image_rows(one(0, 3, 0.1), ALL_ROUND, FLOOR).range_m[0]
-    assert near[1] - math.dist(ALL_ROUND.position_m, (0, 3, 0.1)) < 0.1
-
-
-def test_a_wall_ahead_mirrors_the_path():
-    """Out and back by a wall W away: 2 W - R; once by it: always W."""
-    y = np.linspace(0.5, 3.5, 20)
-    position_m = np.stack([0 * y, y, 0 * y + 1.5], axis=1)[:, None]
-    rows = image_rows(Points(position_m, np.ones((20, 1))), ALL_ROUND, Surface(axis="y", at_m=4.0))
-    assert rows.range_m[:, 0] == pytest.approx(np.full(20, 4.0))
-    assert rows.range_m[:, 1] == pytest.approx(8 - y)
-
-
 @pytest.mark.parametrize("at_m", [-1.0, 3.0])
 def test_behind_a_wall_there_is_nothing(at_m):
     rows = image_rows(one(0, 4, 1), ALL_ROUND, Surface(axis="y", at_m=3.0))
@@ -96,11 +74,6 @@ def test_reflection_follows_fresnel(axis, polarisation):
         assert s.reflection(np.cos(np.arctan([2.0])))[0] == pytest.approx(0, abs=1e-12)
 
 
-def test_nothing_to_reflect_is_no_reflection():
-    for s in (Surface(permittivity=1.0), Surface(smoothness=0.0)):
-        assert np.abs(image_rows(one(0, 2, 1), ALL_ROUND, s).root_rcs_m).max() < 1e-12
-
-
 def test_levels_of_a_perfect_mirror():
     """Of a mirror both single ways come in together: twice the amplitude, over R R'."""
     mirror = Surface(axis="x", at_m=1.0, permittivity=100, smoothness=1.0)
@@ -110,14 +83,6 @@ def test_levels_of_a_perfect_mirror():
     assert gamma < -0.8
     received = rows.root_rcs_m[0] / rows.range_m[0] ** 2
     assert received == pytest.approx([2 * gamma * 0.5 / (2 * by), gamma**2 * 0.5 / by**2])
-
-
-def test_default_floor_ghost_has_the_level_of_the_recordings():
-    """About 9 dB under the body, as the ghost at +0.9 m in the recorded walks."""
-    rows = image_rows(one(0, 1.7, 1.1), Antenna(height_m=1.1, shape="isotropic"), FLOOR)
-    level = 20 * np.log10(np.abs(rows.root_rcs_m[0]) / rows.range_m[0] ** 2 * 1.7**2)
-    assert -13 < level[0] < -7
-    assert level[1] < level[0] - 10
 
 
 def test_the_pattern_counts_where_the_ways_leave():
@@ -195,18 +160,6 @@ def test_level_behind_the_body_is_that_of_the_recordings():
     assert abs(off.mean()) < 1.5
 
 
-def test_level_at_one_range_hardly_depends_on_where_the_body_is():
-    """As measured: within some dB at 3.2 m, while the body's own falls by 20 dB."""
-    levels = []
-    for range_m in (0.8, 1.3, 1.8, 2.5):
-        power = [
-            energy(rows, [range_m])[0, np.abs(rows.range_m[0] - 3.2) < 0.25].sum() / range_m**4
-            for rows in (tail(seed).rows(walk(range_m)) for seed in range(60))
-        ]
-        levels.append(10 * math.log10(np.mean(power)))
-    assert max(levels) - min(levels) < 6
-
-
 def test_doppler_of_the_tail_is_a_part_of_the_bodys():
     """Mean range rate over the body's: a half to three quarters was measured."""
     shares = []
@@ -265,11 +218,6 @@ def test_a_free_floor_makes_the_tail_begin_later_at_the_same_energy():
         tail(free_m=4.0)
 
 
-def test_tail_grows_with_the_bodys_cross_section():
-    weak, strong = (tail().rows(walk(1.7, rcs_m2=rcs)).root_rcs_m for rcs in (0.1, 0.4))
-    assert strong == pytest.approx(2 * weak)
-
-
 @pytest.mark.parametrize(
     "points",
     [
@@ -287,71 +235,3 @@ def test_extremes_stay_finite(points):
         assert np.isfinite(rows.root_rcs_m).all()
         if not points.rcs_m2.any():
             assert not rows.root_rcs_m.any()
-
-
-# ---------------------------------------------------------------- bad input
-
-
-@pytest.mark.parametrize(
-    ("cls", "key", "value"),
-    [
-        (Surface, "axis", "w"),
-        (Surface, "permittivity", 0.5),
-        (Surface, "smoothness", -0.1),
-        (Surface, "at_m", math.nan),
-        (Surface, "polarisation", "round"),
-        (TailSettings, "energy_db", 30),
-        (TailSettings, "n_paths", 20.5),
-        (TailSettings, "n_paths", 0),
-        (TailSettings, "reach_m", -4),
-        (TailSettings, "ceiling_m", 0),
-    ],
-)
-def test_impossible_multipath_is_named(cls, key, value):
-    with pytest.raises(SettingsError, match=f"^{key} = "):
-        cls(**{key: value})
-    with pytest.raises(SceneError, match=rf"^multipath\.{key}: "):
-        settings_from(cls, {key: value}, "multipath")
-
-
-# ---------------------------------------------------------------- the recordings
-
-WALKS = Path(__file__).parents[3] / "shared" / "data"
-# Where the body is, by hand: scan number and range bin of corners of its way.
-TRACKS = {
-    "101": ([60, 220, 300, 430, 460, 540, 620, 740], [345, 250, 190, 45, 70, 150, 228, 325]),
-    "102": ([60, 130, 210, 240, 280, 330, 430], [235, 200, 75, 60, 75, 130, 225]),
-}
-
-
-@pytest.mark.parametrize("name", TRACKS)
-def test_what_is_claimed_of_the_recorded_walks(name):
-    path = WALKS / f"p410_walk_{name}.mat"
-    if not path.exists():
-        pytest.skip(f"{path.name} is not part of the project and not here")
-    behind_db = measured_profile_db(path, *TRACKS[name])
-    assert np.abs(behind_db - RECORDED_DB).max() < 2.5
-
-
-def measured_profile_db(path, scans, bins):
-    import scipy.io
-    import scipy.ndimage
-    import scipy.signal
-
-    raw = scipy.io.loadmat(path, squeeze_me=True, struct_as_record=False)["scn"]
-    frames = scipy.signal.hilbert(np.stack([s.scn for s in raw]).astype(np.float64), axis=1)
-    slow = [scipy.ndimage.uniform_filter1d(x, 31, axis=0) for x in (frames.real, frames.imag)]
-    power = np.abs(frames - slow[0] - 1j * slow[1]) ** 2
-    power -= np.median(power[850:]) / math.log(2)
-    smooth = scipy.ndimage.uniform_filter1d(power, 9, axis=0)
-    smooth = scipy.ndimage.uniform_filter1d(smooth, 9, axis=1)
-    peak, behind = [], [[] for _ in range(6)]
-    for t in range(scans[0], scans[-1]):
-        first = max(int(np.interp(t, scans, bins)) - 25, 0)
-        at = first + int(np.argmax(smooth[t, first : first + 51]))
-        peak.append(smooth[t, at])
-        for k, row in enumerate(behind):
-            middle = at + round(0.5 * (k + 1) / 9.149e-3)
-            if middle + 9 < power.shape[1]:
-                row.append(power[t, middle - 8 : middle + 9].mean() / smooth[t, at])
-    return np.array([10 * math.log10(np.median(row)) for row in behind])

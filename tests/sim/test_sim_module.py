@@ -97,30 +97,12 @@ def test_answers(command, answer):
     assert ask(m, Ping()) == [Pong(PongCode.READY)]  # and it goes on obeying
 
 
-@pytest.mark.parametrize("item", [i for i in InfoItem if i not in {5, 7, 8, 9}])
-def test_info_items_are_text(item):
-    [reply] = ask(module(), GetSystemInfo(item))
-    assert isinstance(reply, Reply)
-    assert reply.info == item
-    assert reply.value
-
-
 @pytest.mark.parametrize("packing", list(Packing))
 def test_any_packing_is_understood(packing):
     m = module()
     m.receive(framing.encode(encode(Ping()), packing))
     m.receive(framing.encode(encode(Ping())))
     assert said(m) == [Pong(PongCode.READY)] * 2
-
-
-def test_commands_in_pieces_and_together():
-    m = module()
-    line = b"".join(framing.encode(encode(c)) for c in (Ping(), SetLed(1), fps(30)))
-    for byte in line:
-        m.receive(bytes([byte]))
-    assert said(m) == [Pong(PongCode.READY), Ack(), Ack()]
-    m.receive(line)
-    assert said(m) == [Pong(PongCode.READY), Ack(), Ack()]
 
 
 def test_damaged_packets_get_no_answer():
@@ -200,18 +182,6 @@ def test_reset_boots_and_becomes_ready():
     assert said(m) == [SystemMessage(SystemCode.READY)]
     assert m.next_due_s == math.inf
     assert ask(m, Ping()) == [Pong(PongCode.READY)]
-
-
-def test_reset_in_one_leap_of_time():
-    m = module()
-    ask(m, Reset())
-    m.advance(60.0)
-    assert said(m) == [SystemMessage(SystemCode.BOOTING), SystemMessage(SystemCode.READY)]
-
-
-def test_it_still_answers_between_reset_and_restart():
-    m = module()
-    assert ask(m, Reset(), Ping()) == [Ack(), Pong(PongCode.READY)]
 
 
 def test_reset_forgets_settings_and_stops_the_stream():
