@@ -3,11 +3,13 @@ import os
 import signal
 import subprocess
 import sys
+from importlib import resources
 
 import pytest
 
 from radard.cli import main
-from radard.commands.walk_report import RangeCell, WalkDecision, by_range, report
+from radard.commands import walk_report
+from radard.commands.walk_report import RangeCell, WalkDecision, by_range, report, verdict
 from radard.commands.walktest import line_of
 from tests.waiting import unmeasured
 
@@ -158,3 +160,38 @@ def test_a_walk_measures_the_level_and_a_glance_does_not(capsys):
     assert json.loads(capsys.readouterr().out)["level_db"] is None
     assert main([*argv, "--duration", "4"]) == 0
     assert "Level" not in capsys.readouterr().out
+
+
+def walked(n_seen, n_alarms, n=10, gap=None):
+    """Cells of a walk from 1 m to 3 m, of which each but the one in the middle is good."""
+
+    def cell(k, **more):
+        counts = {"windows": n, "seen": n, "alarms": n, "visits": 2, "missed": 0, **more}
+        return RangeCell(near_m=k / 2, far_m=(k + 1) / 2, first_seen_s=0.0, **counts)
+
+    return [
+        cell(2),
+        cell(3),
+        *([cell(4, seen=n_seen, alarms=n_alarms)] if not gap else []),
+        cell(5),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("cells", "words"),
+    [
+        (walked(9, 5), "passed: seen and taken for a person from 1 to 3 m"),
+        (walked(8, 8), "not passed: not good enough at 2 to 2.5 m"),
+        (walked(10, 4), "not passed: not good enough at 2 to 2.5 m"),
+        (walked(0, 0, gap=True), "not passed: nobody walked at 2 to 2.5 m"),
+        (walked(9, 9)[:2], "not passed: walk at least 1.5 m of the range"),
+    ],
+)
+def test_one_rule_says_whether_a_walk_is_good_enough(cells, words):
+    assert verdict(cells) == words
+
+
+def test_the_page_has_the_same_rule():
+    page = resources.files("radard.web").joinpath("static/pages/walk.js").read_text()
+    for name in ("CELL_M", "MIN_SEEN", "MIN_HUMAN", "MIN_CELLS"):
+        assert f"const {name} = {getattr(walk_report, name):g};" in page

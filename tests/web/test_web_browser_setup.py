@@ -109,8 +109,8 @@ def walk(steps):
         ([(3.2, True), (2.4, True), (1.9, True), (1.3, True), (0.8, True)], "Passed."),
         # A decision is of all the way since the last one.
         ([(3.2, True), (2.0, True), (0.8, True)], "Passed."),
-        ([(3.2, True), (2.4, False), (2.3, False), (1.2, True)], "less than half of the time at"),
-        ([(3.2, True), None, None, None, (0.8, True)], "less than half of the time at"),
+        ([(3.2, True), (2.4, False), (2.3, False), (1.2, True)], "less than half of the time, at"),
+        ([(3.2, True), None, None, None, (0.8, True)], "less than half of the time, at"),
         ([(3.2, True), (3.0, True)], "Walk at least 1.5 m"),
         ([None, None], "nobody was seen"),
     ],

@@ -17,6 +17,9 @@ from radard.judge.decision import Decision
 
 CELL_M = 0.5
 LONGEST_GAP_S = 10.0  # longer, nobody knows where the walker was
+MIN_SEEN = 0.9  # of a stretch's windows: a tenth of them is the end of a way, where one turns
+MIN_HUMAN = 0.5  # taken for a person: then a body that stays for two raises the alarm
+MIN_CELLS = 3  # that a walk needs, to speak for more than the place where somebody stood
 _SAME_M = 0.5  # a body so near to the strongest echo is its source
 
 
@@ -46,6 +49,12 @@ class RangeCell:
     # From coming in to the first sighting, the longest of all visits; None without a visit whose
     # beginning is known and that was seen.
     first_seen_s: float | None
+
+    @property
+    def is_good(self) -> bool:
+        """Whether the alarm may rely on this stretch; the dashboard's walk test has this rule."""
+        is_seen = self.seen >= MIN_SEEN * self.windows and not self.missed
+        return is_seen and self.alarms >= MIN_HUMAN * self.windows
 
 
 def step_of(decision: Decision) -> WalkDecision:
@@ -152,3 +161,19 @@ def report(steps: Sequence[WalkDecision], cells: Sequence[RangeCell]) -> Iterato
             f"{cell.near_m:4.1f} to {cell.far_m:4.1f} m {share:>6} of {cell.windows:<3}"
             f"{cell.alarms:>7}{cell.visits:>9}{cell.missed:>8}  {after}"
         )
+    yield ""
+    yield verdict(cells)
+
+
+def verdict(cells: Sequence[RangeCell]) -> str:
+    """Return whether a walk is good enough, from its nearest to its farthest stretch, and why."""
+    if len(cells) < MIN_CELLS:
+        return f"not passed: walk at least {MIN_CELLS * CELL_M:g} m of the range"
+    walked = {round(cell.near_m / CELL_M): cell for cell in cells}
+    left = [k for k in range(min(walked), max(walked)) if k not in walked]
+    bad = [k for k, cell in walked.items() if not cell.is_good]
+    for what, found in (("nobody walked", left), ("not good enough", bad)):
+        if found:
+            where = ", ".join(f"{k * CELL_M:g} to {(k + 1) * CELL_M:g} m" for k in sorted(found))
+            return f"not passed: {what} at {where}"
+    return f"passed: seen and taken for a person from {cells[0].near_m:g} to {cells[-1].far_m:g} m"
