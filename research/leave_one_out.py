@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from radard.config.atomic import write_atomically
 from radard.errors import UsageError
 from study import check_within, run_script, say, script_parser
-from x2radar.sim.bodies.motion.curves import MOTIONS
-from x2radar.sim.bodies.skin.draw import SKINS
+from x2radar.sim.bodies.motion import MOTIONS
+from x2radar.sim.bodies.skins.draw import SKINS
 from x2train.commands import followed
 from x2train.judge.estimates import Ranking
 from x2train.nets.epoch import Epoch

@@ -32,8 +32,8 @@ from study import (
     script_parser,
 )
 from x2radar.frame import StreamInfo
-from x2radar.sim.bodies.motion.curves import MOTIONS
-from x2radar.sim.bodies.skin.draw import SKINS
+from x2radar.sim.bodies.motion import MOTIONS
+from x2radar.sim.bodies.skins.draw import SKINS
 from x2radar.sim.points import Label
 from x2train.commands import counted
 from x2train.judge.acceptance import Setting, site_of

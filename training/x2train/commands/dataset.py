@@ -10,8 +10,8 @@ from radard.judge.bundle import load_bundle
 from radard.judge.features import MAP_FEATURES, FeatureSettings
 from radard.judge.installation import INSTALLATION
 from x2radar.commands import add_command
-from x2radar.sim.bodies.motion.curves import MOTIONS
-from x2radar.sim.bodies.skin.draw import SKINS
+from x2radar.sim.bodies.motion import MOTIONS
+from x2radar.sim.bodies.skins.draw import SKINS
 from x2train.commands import Commands, check_least, counted, result_console
 
 FEATURES = FeatureSettings(

@@ -25,8 +25,8 @@ from radard.judge.model_choice import model_for
 from radard.pipeline import Pipeline
 from radard.stream.ring import Dwell
 from x2radar.frame import Frame, StreamInfo
-from x2radar.sim.bodies.motion.curves import MOTIONS
-from x2radar.sim.bodies.skin.draw import SKINS
+from x2radar.sim.bodies.motion import MOTIONS
+from x2radar.sim.bodies.skins.draw import SKINS
 from x2radar.sim.place.antenna import Antenna
 from x2radar.sim.scene.scene import SceneStep
 from x2train.judge.judging import Knows, dwells, from_decisions, in_view, installed, pipeline_for

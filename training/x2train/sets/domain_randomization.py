@@ -11,9 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from x2radar.sim.bodies.person.person import Person
-from x2radar.sim.bodies.quadruped.quadruped import Quadruped
-from x2radar.sim.bodies.skin.surface import SurfaceSkin
+from x2radar.sim.bodies.body import Body
+from x2radar.sim.bodies.skins.surface import SurfaceSkin
 from x2radar.sim.place.antenna import length_m
 from x2radar.sim.points import Label, Mover, Points
 from x2radar.sim.scene.cast import Actor
@@ -105,11 +104,7 @@ class RandomizedActor(Actor):
         n = len(mover.names)
         spread_db, share, z = rng.uniform(0, 5), rng.random(7), rng.standard_normal(n + 1)
         is_loose = share[6] < _LOOSE_SHARE and not self.is_plain
-        if (
-            is_loose
-            and isinstance(mover, (Person, Quadruped))
-            and isinstance(mover.skin, SurfaceSkin)
-        ):
+        if is_loose and isinstance(mover, Body) and isinstance(mover.skin, SurfaceSkin):
             mover = replace(mover, skin=replace(mover.skin, n_trunk=1))
         gain = 10 ** (spread_db * z[1:].clip(-2, 2) / 10)
         gain /= gain.mean()

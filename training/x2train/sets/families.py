@@ -15,7 +15,7 @@ import numpy as np
 
 from x2radar import plugins
 from x2radar.errors import SettingsError
-from x2radar.sim.bodies.quadruped.species import SPECIES
+from x2radar.sim.bodies.skeleton.species import SPECIES
 from x2radar.sim.points import Label
 from x2radar.sim.scene.cast import BodyKind, plugged_body
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from x2radar.modules.x2 import RadarSettings
-from x2radar.sim.bodies.quadruped.species import SPECIES
+from x2radar.sim.bodies.skeleton.species import SPECIES
 from x2radar.sim.echo import frames as echo_frames
 from x2radar.sim.place.antenna import length_m
 from x2radar.sim.place.room import Room

@@ -17,8 +17,8 @@ from radard.detect.gate import Gate
 from radard.judge.features import MAP_FEATURES, FeatureSettings, FeatureStream
 from radard.judge.installation import echo_at_1m_db
 from radard.stream.ring import Dwell, DwellShape
-from x2radar.sim.bodies.motion.curves import MOTIONS
-from x2radar.sim.bodies.skin.draw import SKINS
+from x2radar.sim.bodies.motion import MOTIONS
+from x2radar.sim.bodies.skins.draw import SKINS
 from x2train.sets.families import FAMILIES, LABELS, Use, draw_cast, draw_goer
 from x2train.sets.passages import Making, Passage, level_db_of, play
 from x2train.sets.sites import (

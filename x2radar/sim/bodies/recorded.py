@@ -3,41 +3,32 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from x2radar.sim.bodies.body import Body, BodyPlan
 from x2radar.sim.bodies.motion.recorded import RecordedMotion, read_motion
-from x2radar.sim.bodies.skin.base import Skin, TotalRcs, sized
-from x2radar.sim.bodies.skin.draw import draw_skin
-from x2radar.sim.points import Label, Points
+from x2radar.sim.bodies.pose import Pose
+from x2radar.sim.bodies.skins.draw import TotalRcs
+from x2radar.sim.points import Array, Label
 
-Array = NDArray[np.float64]
-
-_N_POSTURES = 16
+_N_LOOKS = 16
 """Over which the mean cross section is taken, as for people."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RecordedBody:
-    """A recorded skeleton; see `Mover`."""
+class _Placed:
+    """A recording somewhere in the room; a `Motion`."""
 
-    label: Label
-    names: tuple[str, ...]
     motion: RecordedMotion
-    skin: Skin
     place_m: Array  # (3,): where the file's origin lies in the room
     turn_rad: float  # about the vertical, to the left
     start_s: float
 
-    def at(self, t_s: Array, antenna_m: Array) -> Points:
-        """Return its points; see `Mover`."""
-        return self.skin.points(*self.posture(t_s), antenna_m)
-
-    def posture(self, t_s: Array) -> tuple[Array, Array, Array]:
-        """Return middles, axes and side vectors in the room at times of shape (n_slow,)."""
+    def pose(self, t_s: Array) -> Pose:
+        """Return the pose in the room; see `Motion`."""
         cos, sin = np.cos(self.turn_rad), np.sin(self.turn_rad)
         turn = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
-        centre, axis, side = (x @ turn for x in self.motion.posture(t_s - self.start_s))
-        return centre + self.place_m, axis, side
+        pose = self.motion.pose(t_s - self.start_s)
+        return Pose(pose.centre_m @ turn + self.place_m, pose.axis @ turn, pose.side @ turn)
 
 
 def draw_recorded(
@@ -52,7 +43,7 @@ def draw_recorded(
     start_s: float = 0.0,
     total_rcs_dbsm: TotalRcs = None,
     skin: str = "surface",
-) -> RecordedBody:
+) -> Body:
     """Draw the skin of a recorded skeleton.
 
     Parameters
@@ -73,12 +64,11 @@ def draw_recorded(
     Raises
     ------
     SceneError
-        As `read_motion` and `draw_skin`.
+        As `read_motion`.
     """
     motion = read_motion(file, scale=scale, up=up)
-    drawn = draw_skin(rng, skin, motion.half_m)
-    times = np.linspace(0.0, motion.duration_s, _N_POSTURES)
-    drawn = sized(drawn, rng, total_rcs_dbsm, motion.posture(times))
-    place = np.array([*place_m, 0.0])
-    names = drawn.names(motion.names)
-    return RecordedBody(label, names, motion, drawn, place, float(np.deg2rad(turn_deg)), start_s)
+    placed = _Placed(motion, np.array([*place_m, 0.0]), float(np.deg2rad(turn_deg)), start_s)
+    kind = motion.skeleton
+    plan = BodyPlan(label, kind.names, motion.half_m, placed, kind.n_trunk, kind.gain)
+    looks_s = start_s + np.linspace(0.0, motion.duration_s, _N_LOOKS)
+    return plan.dressed(rng, skin, total_rcs_dbsm, looks_s)

@@ -15,15 +15,15 @@ from numpy.typing import NDArray
 from x2radar import plugins
 from x2radar.errors import PluginError, SceneError
 from x2radar.keys import Key, checked, place_of, unknown
-from x2radar.sim.bodies.flyer.flyer import draw_bird, draw_moth
-from x2radar.sim.bodies.motion.curves import MOTIONS
+from x2radar.sim.bodies.flyer import draw_bird, draw_moth
+from x2radar.sim.bodies.motion import MOTIONS
 from x2radar.sim.bodies.path.courses import COURSES, FAR_M, NEAR_M, Waypoints, draw_course
 from x2radar.sim.bodies.path.path import Path
-from x2radar.sim.bodies.person.person import draw_person
-from x2radar.sim.bodies.quadruped.pet import PET_AGILITY, draw_pet
-from x2radar.sim.bodies.quadruped.species import SPECIES
+from x2radar.sim.bodies.person import draw_person
+from x2radar.sim.bodies.pet import PET_AGILITY, draw_pet
 from x2radar.sim.bodies.recorded import draw_recorded
-from x2radar.sim.bodies.skin.draw import SKINS
+from x2radar.sim.bodies.skeleton.species import SPECIES
+from x2radar.sim.bodies.skins.draw import SKINS
 from x2radar.sim.bodies.thesis_bodies import THESIS_BODIES, Scatterer, draw, ranges_xyz
 from x2radar.sim.points import Label, Mover, Points
 from x2radar.sim.things import THINGS, draw_thing

@@ -1,7 +1,16 @@
-"""What motion generators share: phase along a path, footprints, two-link limbs, joint curves.
+"""Motions: where the parts of a body are at any time.
 
-A motion says where the segments of a body are, a skin how they echo; any of one goes with any of
-the other. There are three generators for people and for four-legged animals: `gait` (with its
-`path` and `footfalls`), footfalls with inverse kinematics, joint angles; and recorded motion. This
-room may import `path`.
+A motion gives a `Pose`, a skin makes echoes of it; any of one goes with any of the other. People
+and four-legged animals have three generators each, so that a network cannot learn one by heart:
+
+gait       published strides, planned footfalls, a trunk over them (`people.walking`,
+           `quadrupeds.hung`)
+footfalls  drawn strides and phase lags, feet that stand, inverse kinematics (`people.footfalls`)
+angles     joint angles over the stride, forward kinematics (`angles`)
+
+and there is recorded motion (`recorded`). A further source of motion is a class with a `pose`;
+one that knows joints gives the ends of a skeleton's parts to `Pose.between`.
 """
+
+MOTIONS = ("gait", "footfalls", "angles")
+"""Motion generators of people and four-legged animals, as scenes and sets call them."""

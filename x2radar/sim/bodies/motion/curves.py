@@ -12,33 +12,28 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from x2radar.errors import SceneError
-
-Array = NDArray[np.float64]
+from x2radar.sim.points import Array
 
 N_HARMONICS = 4
 """Enough to hold a knee to two degrees (tests)."""
-MOTIONS = ("gait", "footfalls", "angles")
-"""Motion generators by name."""
 
 # Degrees at 0, 10, ..., 90 % of a stride that begins with the foot's landing.
-WALK_HIP = (30, 26, 18, 8, -2, -9, -7, 10, 26, 32)
-WALK_KNEE = (5, 16, 16, 9, 5, 11, 34, 58, 45, 12)
-WALK_ANKLE = (0, -3, 4, 8, 9, 5, -15, -8, 0, 2)
-RUN_HIP = (32, 24, 10, -4, -8, 2, 22, 40, 44, 38)
-RUN_KNEE = (14, 38, 38, 22, 26, 58, 88, 92, 62, 22)
-RUN_ANKLE = (4, 16, 20, 2, -22, -16, -4, 2, 4, 4)
-DOG_SHOULDER = (14, 8, 0, -8, -14, -17, -10, 4, 14, 17)
-DOG_ELBOW = (22, 30, 30, 26, 20, 22, 48, 72, 60, 32)
-DOG_HIP = (18, 12, 4, -6, -14, -18, -12, 4, 16, 20)
-DOG_STIFLE = (24, 32, 32, 28, 24, 26, 48, 66, 52, 30)
-
-
-def check_motion(name: str) -> None:
-    """Raise SceneError unless there is such a generator."""
-    if name not in MOTIONS:
-        msg = f"motion: no motion '{name}'; known are {', '.join(MOTIONS)}"
-        raise SceneError(msg)
+WALK = (
+    (30, 26, 18, 8, -2, -9, -7, 10, 26, 32),  # hip
+    (5, 16, 16, 9, 5, 11, 34, 58, 45, 12),  # knee
+    (0, -3, 4, 8, 9, 5, -15, -8, 0, 2),  # ankle
+)
+RUN = (
+    (32, 24, 10, -4, -8, 2, 22, 40, 44, 38),
+    (14, 38, 38, 22, 26, 58, 88, 92, 62, 22),
+    (4, 16, 20, 2, -22, -16, -4, 2, 4, 4),
+)
+DOG = (
+    (14, 8, 0, -8, -14, -17, -10, 4, 14, 17),  # shoulder
+    (22, 30, 30, 26, 20, 22, 48, 72, 60, 32),  # elbow
+    (18, 12, 4, -6, -14, -18, -12, 4, 16, 20),  # hip
+    (24, 32, 32, 28, 24, 26, 48, 66, 52, 30),  # stifle
+)
 
 
 def harmonics(degrees: ArrayLike) -> NDArray[np.complex128]:
@@ -49,19 +44,11 @@ def harmonics(degrees: ArrayLike) -> NDArray[np.complex128]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointCurve:
-    """An angle over the phase of a stride.
+    """An angle over the phase of a stride."""
 
-    Attributes
-    ----------
-    mean_rad : float
-        Over the stride.
-    amplitude_rad, phase_rad : ndarray, shape (N_HARMONICS,), float64
-        Of the harmonics.
-    """
-
-    mean_rad: float
-    amplitude_rad: Array
-    phase_rad: Array
+    mean_rad: float  # over the stride
+    amplitude_rad: Array  # (N_HARMONICS,): of the harmonics
+    phase_rad: Array  # (N_HARMONICS,)
 
     @classmethod
     def draw(
@@ -71,7 +58,7 @@ class JointCurve:
 
         Each harmonic's size is spread by a fifth, its phase by 0.15 rad a harmonic, and a tenth
         of the first goes to every other one at random; the mean by 5 degrees. The spreads are
-        chosen: about twice those between people (Winter).
+        about twice those between people (Winter).
         """
         n = N_HARMONICS
         c = coefficients[1:]

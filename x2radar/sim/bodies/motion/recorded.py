@@ -1,101 +1,117 @@
-"""Recorded motion: skeletons from BVH files, joint positions from NumPy archives.
+"""Recorded motion: joints of a BVH file or a NumPy archive over time.
 
-A BVH file (Biovision hierarchy) has a tree of joints with offsets and channels, then a row of
-numbers a frame. Each joint but the root ends a segment that begins at its parent; an `End Site`
-ends one too. An archive has `position_m` (n_frames, n_joints, 3), `parent` (n_joints,) and
-`frame_rate_hz`. Between frames positions are interpolated linearly; before the first and after
-the last frame the body stands still.
+An archive has `position_m` (n_frames, n_joints, 3), `parent` (n_joints,), `frame_rate_hz` and
+perhaps the joints' `names`. Joints that bear the standard names of a skeleton (`Part.joints`) move
+its parts, with their girths by the body's size; of other trees each joint ends a segment that
+begins at its parent. Between frames positions follow a spline whose velocity does not jump; before
+the first and after the last frame the body stands still.
 """
 
 import zipfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path as FilePath
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from x2radar.errors import SceneError
+from x2radar.sim.bodies.motion.bvh import read_bvh
+from x2radar.sim.bodies.pose import Pose
+from x2radar.sim.bodies.skeleton.people import PERSON
+from x2radar.sim.bodies.skeleton.quadrupeds import QUADRUPED
+from x2radar.sim.bodies.skeleton.skeleton import Part, Skeleton
+from x2radar.sim.points import Array
 
-Array = NDArray[np.float64]
-
-MOST_JOINTS, MOST_FRAMES = 200, 2_000_000
-"""Limits of what is read: 2 million frames are two hours at 240 Hz."""
-MOST_BYTES = 2**28
+MAX_BYTES = 2**28
 """Largest file that is read, unpacked: two hours at 120 Hz as text."""
-_AXES = {"X": 0, "Y": 1, "Z": 2}
 _THICK_SHARE, _THICK_M = 0.18, (0.015, 0.12)
-"""Half-widths of segments whose flesh is unknown: a share of their length, within limits; chosen
-to give limbs their usual girth."""
-_LEAST_SEGMENT_M = 0.02
+"""Half-widths of segments of which only the length is known: a share of it, within limits, which
+gives limbs their usual girth."""
+_MIN_SEGMENT_M, _MAX_HALF_M = 0.02, 1.0
+"""Shorter segments do not count; no part of a person or pet is 2 m long."""
+_HIGH_QUANTILE = 0.9
+"""Of a joint's height over time, for one that stands upright most of it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecordedMotion:
-    """Segments of a recorded skeleton over time.
+    """Parts of a recorded skeleton over time; a `Motion`."""
 
-    Attributes
-    ----------
-    names : tuple of str
-        Of the segments, by the joint at their end.
-    half_m : ndarray, shape (n_segments, 3), float64
-        Half-lengths of the segments, as `draw_skin` takes them.
-    begin, end : ndarray, shape (n_segments,), int
-        Joints.
-    position_m : ndarray, shape (n_frames, n_joints, 3), float64
-        Joints in room coordinates.
-    frame_rate_hz : float
-        Of the recording.
-    """
-
-    names: tuple[str, ...]
-    half_m: Array
-    begin: NDArray[np.int64]
-    end: NDArray[np.int64]
-    position_m: Array
+    skeleton: Skeleton
+    half_m: Array  # (n_parts, 3): half-lengths of the parts, as `draw_skin` takes them
+    joints: dict[str, int]  # numbers of the joints, by name
+    position_m: Array  # (n_frames, n_joints, 3): joints in room coordinates
+    velocity: Array  # the same by frame
     frame_rate_hz: float
 
     @classmethod
     def of(
         cls, names: Sequence[str], parent: Sequence[int], position_m: Array, frame_rate_hz: float
     ) -> Self:
-        """Return the motion of joints whose parents are known (-1 for the root)."""
-        rows = [
-            (k, p)
-            for k, p in enumerate(parent)
-            if p >= 0 and np.linalg.norm(position_m[0, k] - position_m[0, p]) > _LEAST_SEGMENT_M
-        ]
-        if not rows:
-            msg = f"no segment is longer than {100 * _LEAST_SEGMENT_M:g} cm: is the scale right?"
-            raise SceneError(msg)
-        end = np.array([k for k, _ in rows])
-        begin = np.array([p for _, p in rows])
-        length = np.linalg.norm(position_m[:, end] - position_m[:, begin], axis=-1).mean(axis=0)
-        thick = np.clip(_THICK_SHARE * length, *_THICK_M)
-        half = np.stack([length / 2, thick, thick], axis=1)
-        return cls(
-            tuple(names[k] for k, _ in rows), half, begin, end, position_m, float(frame_rate_hz)
-        )
+        """Return the motion of joints whose parents are known (-1 for the root).
 
-    def posture(self, t_s: Array) -> tuple[Array, Array, Array]:
-        """Return middles, axes and side vectors of all segments at times of shape (n_slow,)."""
+        Raises SceneError if the joints are no body's: all in one place, or metres apart.
+        """
+        at = {name: k for k, name in enumerate(names)}
+        kinds = ((PERSON, "head_top"), (QUADRUPED, "HL_hip"))
+        for skeleton, top in kinds:
+            if all(name in at for part in skeleton.parts for name in part.joints):
+                size_m = float(np.quantile(position_m[:, at[top], 2], _HIGH_QUANTILE))
+                half = skeleton.half_m(_lengths_m(skeleton, at, position_m), size_m)
+                break
+        else:
+            at = {f"{k}": k for k in range(len(names))}
+            rows = [(k, p) for k, p in enumerate(parent) if p >= 0]
+            whole = Skeleton(tuple(Part(names[k], (f"{p}", f"{k}"), (0.0, 0.0)) for k, p in rows))
+            length = _lengths_m(whole, at, position_m[:1])
+            parts = tuple(
+                p for p, x in zip(whole.parts, length, strict=True) if x > _MIN_SEGMENT_M
+            )
+            skeleton = Skeleton(parts)
+            length = _lengths_m(skeleton, at, position_m)
+            thick = np.clip(_THICK_SHARE * length, *_THICK_M)
+            half = np.stack([length / 2, thick, thick], axis=1)
+        if not len(half) or not 0.0 < half.min() <= half.max() <= _MAX_HALF_M:
+            msg = (
+                f"segments must be longer than {100 * _MIN_SEGMENT_M:g} cm and shorter than "
+                f"{2 * _MAX_HALF_M:g} m: is the scale right?"
+            )
+            raise SceneError(msg)
+        velocity = np.gradient(position_m, axis=0) if len(position_m) > 1 else 0 * position_m
+        return cls(skeleton, half, at, position_m, velocity, float(frame_rate_hz))
+
+    def pose(self, t_s: Array) -> Pose:
+        """Return the pose of all parts; see `Motion`."""
         last = len(self.position_m) - 1
         at = np.clip(t_s * self.frame_rate_hz, 0.0, last)
         k = np.minimum(at.astype(np.int64), max(last - 1, 0))
-        share = (at - k)[:, None, None]
-        now = (1 - share) * self.position_m[k] + share * self.position_m[np.minimum(k + 1, last)]
-        way = now[:, self.end] - now[:, self.begin]
-        axis = way / np.maximum(np.linalg.norm(way, axis=-1, keepdims=True), 1e-9)
+        u = (at - k)[:, None, None]
+        x, v = self.position_m[[k, np.minimum(k + 1, last)]], self.velocity
+        step, ease = x[1] - x[0], u * (1 - u)
+        # A cubic with the positions and velocities of both frames.
+        now = (
+            x[0]
+            + u * step
+            + ease * ((1 - u) * (v[k] - step) - u * (v[np.minimum(k + 1, last)] - step))
+        )
+        ends = self.skeleton.ends({name: now[:, j] for name, j in self.joints.items()})
+        axis = Pose.between(ends, now[:, :1]).axis
         side = np.cross(axis, np.array([0.0, 0.0, 1.0]))
         size = np.linalg.norm(side, axis=-1, keepdims=True)
         side = np.where(size > 1e-3, side / np.maximum(size, 1e-9), np.array([1.0, 0.0, 0.0]))
-        return 0.5 * (now[:, self.end] + now[:, self.begin]), axis, side
+        return Pose.between(ends, side)
 
     @property
     def duration_s(self) -> float:
         """How long it lasts."""
         return (len(self.position_m) - 1) / self.frame_rate_hz
+
+
+def _lengths_m(skeleton: Skeleton, at: dict[str, int], position_m: Array) -> Array:
+    """Return the mean lengths of a skeleton's parts."""
+    ends = skeleton.ends({name: position_m[:, k] for name, k in at.items()})
+    return np.array([np.linalg.norm(b - a, axis=-1).mean() for a, b in ends])
 
 
 def read_motion(file: str, *, scale: float = 1.0, up: str = "y") -> RecordedMotion:
@@ -117,14 +133,14 @@ def read_motion(file: str, *, scale: float = 1.0, up: str = "y") -> RecordedMoti
     """
     path = FilePath(file)
     try:
-        if _n_bytes(path) > MOST_BYTES:
-            msg = f"{file}: more than {MOST_BYTES >> 20} MiB: cut it into parts"
+        if _n_bytes(path) > MAX_BYTES:
+            msg = f"{file}: more than {MAX_BYTES >> 20} MiB: cut it into parts"
             raise SceneError(msg)
         if path.suffix == ".npz":
             names, parent, position, rate_hz = _read_archive(path)
         else:
             text = path.read_text(encoding="utf-8", errors="strict")
-            names, parent, position, rate_hz = _read_bvh(text)
+            names, parent, position, rate_hz = read_bvh(text)
     except OSError as err:
         msg = f"{file}: cannot read the motion ({err.strerror or err})"
         raise SceneError(msg) from err
@@ -164,99 +180,3 @@ def _read_archive(path: FilePath) -> tuple[list[str], list[int], Array, float]:
         msg = "each joint's parent must stand before it"
         raise ValueError(msg)
     return names or [f"joint {k}" for k in range(len(parent))], parent, position, rate_hz
-
-
-@dataclass(slots=True)
-class _Joint:
-    name: str
-    parent: int
-    offset: Array
-    channels: tuple[str, ...] = ()
-
-
-def _read_bvh(text: str) -> tuple[list[str], list[int], Array, float]:
-    lines = iter(enumerate(text.splitlines(), 1))
-    joints = _hierarchy(lines)
-    word = next(lines)[1].split()
-    n_frames = int(word[-1])
-    rate_hz = 1.0 / float(next(lines)[1].split()[-1])
-    width = sum(len(j.channels) for j in joints)
-    if not 1 <= n_frames <= MOST_FRAMES:
-        msg = f"{n_frames} frames; 1 to {MOST_FRAMES} can be read"
-        raise ValueError(msg)
-    rows = [np.array(line.split(), np.float64) for _, line in lines if line.strip()]
-    if len(rows) != n_frames or any(len(row) != width for row in rows):
-        msg = f"{len(rows)} rows of motion for {n_frames} frames of {width} channels"
-        raise ValueError(msg)
-    return [j.name for j in joints], [j.parent for j in joints], _forward(joints, rows), rate_hz
-
-
-def _hierarchy(lines: Iterator[tuple[int, str]]) -> list[_Joint]:
-    """Read the tree; stop behind the line MOTION."""
-    joints: list[_Joint] = []
-    open_: list[int] = []
-    for number, line in lines:
-        word = line.split()
-        if not word or word[0] in {"HIERARCHY", "{"}:
-            continue
-        if word[0] == "MOTION":
-            return joints
-        if word[0] in {"ROOT", "JOINT", "End"}:
-            if len(joints) == MOST_JOINTS:
-                msg = f"more than {MOST_JOINTS} joints"
-                raise ValueError(msg)
-            parent = open_[-1] if open_ else -1
-            name = f"{joints[parent].name} end" if word[0] == "End" else " ".join(word[1:])
-            joints.append(_Joint(name, parent, np.zeros(3)))
-            open_.append(len(joints) - 1)
-        elif word[0] == "OFFSET":
-            x, y, z = (float(text) for text in word[1:4])
-            joints[open_[-1]].offset = np.array([x, y, z])
-        elif word[0] == "CHANNELS":
-            joints[open_[-1]].channels = tuple(word[2 : 2 + int(word[1])])
-        elif word[0] == "}":
-            open_.pop()
-        else:
-            msg = f"line {number}: '{word[0]}' is no word of a BVH hierarchy"
-            raise ValueError(msg)
-    msg = "no line MOTION"
-    raise ValueError(msg)
-
-
-def _forward(joints: Sequence[_Joint], rows: Sequence[Array]) -> Array:
-    """Return joints' positions, shape (n_frames, n_joints, 3), in the file's units and axes."""
-    values = np.stack(rows)
-    n = len(values)
-    place = np.zeros((n, len(joints), 3))
-    turn = np.zeros((n, len(joints), 3, 3))
-    at = 0
-    for k, joint in enumerate(joints):
-        moved = np.broadcast_to(joint.offset, (n, 3)).copy()
-        local = np.broadcast_to(np.eye(3), (n, 3, 3))
-        for channel in joint.channels:
-            axis = _AXES[channel[0]]
-            if channel.endswith("position"):
-                # A root's position adds to its offset; that of other joints is the whole of it.
-                first = joint.offset[axis] if joint.parent < 0 else 0.0
-                moved[:, axis] = first + values[:, at]
-            else:
-                local = local @ _turned(axis, np.deg2rad(values[:, at]))
-            at += 1
-        if joint.parent < 0:
-            place[:, k], turn[:, k] = moved, local
-        else:
-            up = turn[:, joint.parent]
-            place[:, k] = place[:, joint.parent] + (up @ moved[..., None])[..., 0]
-            turn[:, k] = up @ local
-    return place
-
-
-def _turned(axis: int, angle_rad: Array) -> Array:
-    """Return rotations about one axis, shape (n_frames, 3, 3)."""
-    made = np.zeros((len(angle_rad), 3, 3))
-    a, b = (axis + 1) % 3, (axis + 2) % 3
-    cos, sin = np.cos(angle_rad), np.sin(angle_rad)
-    made[:, axis, axis] = 1.0
-    made[:, a, a], made[:, b, b] = cos, cos
-    made[:, a, b], made[:, b, a] = -sin, sin
-    return made

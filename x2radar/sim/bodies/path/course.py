@@ -7,12 +7,10 @@ from itertools import pairwise
 
 from x2radar.errors import SceneError
 
-# What scenes may ask for (chosen).
-LARGEST_M = 1000.0
-TURN_RADIUS_M = (0.02, 100.0)
-_NEAREST_M = 0.1
-SHARP_RAD = math.radians(130.0)
-"""Corners sharper than this cannot be cut short without missing the waypoint by far (chosen)."""
+_MIN_LEG_M = 0.1
+"""Waypoints nearer to each other than a foot is long have no direction."""
+_SHARP_RAD = math.radians(130.0)
+"""Corners sharper than this cannot be cut short without missing the waypoint by far."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,19 +38,15 @@ def bends(
     """Return x, y and direction of the beginning of a course through waypoints, and its parts.
 
     Corners are rounded to `turn_radius_m`, or less where the waypoints leave no room. Raises
-    SceneError if there are fewer than two points, or points or radius make no sense.
+    SceneError if there are fewer than two points, or two in one place.
     """
     if len(waypoints_m) < 2:
         msg = f"waypoints_m: {len(waypoints_m)} waypoint, but a course has 2 or more"
         raise SceneError(msg)
-    for k, point in enumerate(waypoints_m):
-        for axis, value in zip("xy", point, strict=True):
-            check(f"waypoints_m[{k}].{axis}", value, -LARGEST_M, LARGEST_M)
-    check("turn_radius_m", turn_radius_m, *TURN_RADIUS_M)
     legs = [math.dist(a, b) for a, b in pairwise(waypoints_m)]
     for k, leg in enumerate(legs):
-        if leg < _NEAREST_M:
-            msg = f"waypoints_m[{k + 1}]: {leg:.3g} m from the one before, not {_NEAREST_M:g} m"
+        if leg < _MIN_LEG_M:
+            msg = f"waypoints_m[{k + 1}]: {leg:.3g} m from the one before, not {_MIN_LEG_M:g} m"
             raise SceneError(msg)
     (x, y), second = waypoints_m[0], waypoints_m[1]
     begin = at = (x, y, math.atan2(second[1] - y, second[0] - x))
@@ -77,7 +71,7 @@ def _corner(
     way = math.dist(at[:2], corner)
     out = math.atan2(after[1] - corner[1], after[0] - corner[0])
     turn = math.remainder(out - at[2], 2 * math.pi)
-    if abs(turn) <= SHARP_RAD:
+    if abs(turn) <= _SHARP_RAD:
         tangent = min(radius_m * math.tan(abs(turn) / 2), 0.45 * room_m)
         radius = tangent / math.tan(abs(turn) / 2) if turn else radius_m
         return Bend(way - tangent, 0.0), Bend(radius * abs(turn), math.copysign(1 / radius, turn))
@@ -90,10 +84,3 @@ def _corner(
     sight += side * math.asin(radius / math.dist(centre, after))
     round_rad = (side * (sight - at[2])) % (2 * math.pi)
     return Bend(way, 0.0), Bend(radius * round_rad, side / radius)
-
-
-def check(key: str, value: float, low: float, high: float) -> None:
-    """Raise a SceneError that names `key` unless `low` <= `value` <= `high`."""
-    if not low <= value <= high:
-        msg = f"{key}: {value} is not in {low:g} to {high:g}"
-        raise SceneError(msg)

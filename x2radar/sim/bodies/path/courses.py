@@ -12,8 +12,8 @@ Waypoints = list[tuple[float, float]]
 
 NEAR_M, FAR_M = 0.6, 3.4
 """Swath of the X2's default settings, in metres."""
-# Chosen: how far outside the swath a course begins, how far from the radar's wall it stays, radii
-# that bodies usually take, and how far to the sides the radar looks.
+# How far outside the swath a course begins: a stride; how far from the radar's wall it stays: half
+# a person; radii that bodies usually take; how far to the sides the radar looks.
 _LEAD_M = 1.5
 _WALL_M = 0.4
 _TURN_RADII_M = (0.2, 0.3, 0.4, 0.5, 0.6)
@@ -38,11 +38,6 @@ def _approach(rng: np.random.Generator, near_m: float, far_m: float) -> Waypoint
         (begin * np.sin(bearing[0]), begin * np.cos(bearing[0])),
         (end * np.sin(bearing[1]), end * np.cos(bearing[1])),
     ]
-
-
-def _leave(rng: np.random.Generator, near_m: float, far_m: float) -> Waypoints:
-    """Return an approach the other way round."""
-    return _approach(rng, near_m, far_m)[::-1]
 
 
 def _oblique(rng: np.random.Generator, near_m: float, far_m: float) -> Waypoints:
@@ -74,7 +69,7 @@ COURSES: Mapping[str, Callable[[np.random.Generator, float, float], Waypoints]] 
     {
         "cross": _cross,
         "approach": _approach,
-        "leave": _leave,
+        "leave": lambda rng, near_m, far_m: _approach(rng, near_m, far_m)[::-1],
         "oblique": _oblique,
         "wander": _wander,
     }

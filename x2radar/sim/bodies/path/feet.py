@@ -1,4 +1,4 @@
-"""Footfalls: when and where each foot of a body stands, for any number of legs.
+"""Feet: when and where each foot of a body stands, for any number of legs; the finer planner.
 
 Feet on the floor do not move; everything else of a body follows from where they stand and
 when. A path and a gait give all footfalls at once, and from them the feet at any time.
@@ -11,11 +11,11 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from x2radar.sim.bodies.path.clock import Clock
 from x2radar.sim.bodies.path.footfalls import Footfalls, fall
 from x2radar.sim.bodies.path.path import Path
-from x2radar.sim.bodies.path.stride import Clock
+from x2radar.sim.points import Array
 
-Array = NDArray[np.float64]
 OfSpeed = Callable[[Array], Array]
 
 
@@ -46,7 +46,6 @@ class Gait:
     # Share of the swing in which a foot gains, and loses, its speed; the peak is
     # ``1 / (1 - 2 ramp + 4 ramp / pi)`` times the mean.
     ramp: float = 0.3
-    lead: int = 0  # the leg that goes first
     ahead_s: float = 0.2  # how long before the body the first foot starts
 
 
@@ -69,7 +68,7 @@ class Feet:
         arm = max(float(np.hypot(*home)) for home in gait.home_m)
         clock = Clock.along(path, gait.stride_m, gait.duty, arm_m=arm, ahead_s=gait.ahead_s)
         more = np.array(gait.more_duty or (0.0,) * len(gait.offset))
-        clock = clock.started(gait.offset[gait.lead], more[gait.lead])
+        clock = clock.started(gait.offset[0], more[0])
         falls = fall(
             path,
             clock,

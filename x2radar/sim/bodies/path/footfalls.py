@@ -1,19 +1,18 @@
 """Stances of all legs of a body: when each begins and ends, and where it is."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from x2radar.sim.bodies.path.clock import STEP_S, Clock
 from x2radar.sim.bodies.path.path import Path
-from x2radar.sim.bodies.path.stride import STEP_S, Clock
-
-Array = NDArray[np.float64]
+from x2radar.sim.points import Array
 
 _EVER_S = 1e9
 """Beyond any scene."""
-# Steps that bring a foot less far, in metres and radians, are not made (chosen).
+# Steps that bring a foot less far, in metres and radians, are not made: nobody would see them.
 _SAME_PLACE_M = 0.01
 _SAME_HEADING = 0.05
 
@@ -35,29 +34,15 @@ class Footfalls:
     place: Array  # where the foot stands
     step: Array  # what the swing adds to that
 
-    @property
-    def n_legs(self) -> int:
-        """How many legs."""
-        return int(self.touch_down_s.shape[1])
-
     def at(self, t_s: Array) -> Self:
         """Return the stance that each leg is in, or last was in, at times (n_slow,)."""
-        legs = np.arange(self.n_legs)
+        legs = np.arange(self.touch_down_s.shape[1])
         k = np.stack(
             [np.searchsorted(self.touch_down_s[:, leg], t_s, side="right") for leg in legs],
             axis=1,
         )
         k = np.maximum(k - 1, 0)
-        return type(self)(
-            self.touch_down_s[k, legs],
-            self.lift_off_s[k, legs],
-            self.swing_s[k, legs],
-            self.full_s[k, legs],
-            self.duty[k, legs],
-            self.lift_m[k, legs],
-            self.place[k, legs],
-            self.step[k, legs],
-        )
+        return type(self)(*(getattr(self, f.name)[k, legs] for f in fields(self)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,16 +68,8 @@ def fall(
         for row in zip(offset.tolist(), more_duty.tolist(), home_m, strict=True)
     ]
     n = max(len(leg.lift_off_s) for leg in legs)
-    table = Footfalls(
-        np.full((n, len(legs)), 2 * _EVER_S),
-        np.full((n, len(legs)), 3 * _EVER_S),
-        np.ones((n, len(legs))),
-        np.ones((n, len(legs))),
-        np.full((n, len(legs)), 0.6),
-        np.zeros((n, len(legs))),
-        np.zeros((n, len(legs), 3)),
-        np.zeros((n, len(legs), 3)),
-    )
+    empty = (2 * _EVER_S, 3 * _EVER_S, 1.0, 1.0, 0.6, 0.0, np.zeros(3), np.zeros(3))
+    table = Footfalls(*(np.full((n, len(legs), *np.shape(x)), x) for x in empty))
     for k, leg in enumerate(legs):
         m = len(leg.lift_off_s)
         step = np.diff(leg.place, axis=0)

@@ -10,17 +10,14 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-from x2radar.sim.bodies.path.course import LARGEST_M, Bend, bends, check
-from x2radar.sim.bodies.path.timetable import Agility, Pace, timetable
+from x2radar.sim.bodies.path.course import Bend, bends
+from x2radar.sim.bodies.path.timetable import Agility, timetable
+from x2radar.sim.points import Array
 
-__all__ = ["FACING_S", "Agility", "Pace", "Path", "PathState"]
-
-Array = NDArray[np.float64]
-
-FACING_S = 0.2
-"""A body turns smoothly: its heading is the mean direction so long before and after (chosen)."""
+_FACING_S = 0.2
+"""A body turns smoothly: its heading is the mean direction so long before and after, about the
+time of half a step."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,7 +49,8 @@ class Path:
     def through(
         cls,
         waypoints_m: Sequence[tuple[float, float]],
-        paces: Sequence[Pace] | float,
+        speed_mps: float,
+        stops: Sequence[tuple[float, float]] = (),
         *,
         turn_radius_m: float = 0.5,
         agility: Agility | None = None,
@@ -65,8 +63,10 @@ class Path:
         waypoints_m : sequence of (float, float)
             Two or more points (x, y), at least 0.1 m apart. Corners up to 130 degrees are
             cut short; at sharper ones the course goes through the point and then round.
-        paces : sequence of Pace, or float
-            Speeds along the course, in order; a number is one speed all along.
+        speed_mps : float
+            Where bends and accelerations allow it.
+        stops : sequence of (float, float), optional
+            Way since the last stop, in metres, and how long it stands, in seconds.
         turn_radius_m : float, optional
             Radius of the corners; smaller where the waypoints leave no room for it.
         agility : Agility, optional
@@ -77,42 +77,20 @@ class Path:
         Raises
         ------
         SceneError
-            If a value makes no sense; the message names its key.
+            If there are fewer than two points, or two in one place.
         """
         begin, course = bends(waypoints_m, turn_radius_m)
-        return cls._timed(begin, course, paces, agility or Agility(), start_s)
-
-    @classmethod
-    def stop_and_go(
-        cls,
-        waypoints_m: Sequence[tuple[float, float]],
-        speed_mps: float,
-        stops: Sequence[tuple[float, float]],
-        *,
-        turn_radius_m: float = 0.5,
-        agility: Agility | None = None,
-        start_s: float = 0.0,
-    ) -> Self:
-        """Return a path with stops: way since the last one, in metres, and how long, in seconds.
-
-        `speed_mps` is that between the stops; else as `through`.
-        """
-        paces = [Pace(speed_mps, length, pause) for length, pause in stops]
-        return cls.through(
-            waypoints_m,
-            [*paces, Pace(speed_mps)],
-            turn_radius_m=turn_radius_m,
-            agility=agility,
-            start_s=start_s,
-        )
+        return cls._timed(begin, course, speed_mps, stops, agility or Agility(), start_s=start_s)
 
     @classmethod
     def standing(cls, place_m: tuple[float, float], heading_rad: float = 0.0) -> Self:
         """Return a path that stays where it is; facing `heading_rad`."""
-        for axis, value in zip("xy", place_m, strict=True):
-            check(f"place_m.{axis}", value, -LARGEST_M, LARGEST_M)
-        check("heading_rad", heading_rad, -100.0, 100.0)
-        return cls._timed((*place_m, heading_rad), [], 1.0, Agility(), 0.0)
+        return cls._timed((*place_m, heading_rad), (), 1.0, (), Agility(), start_s=0.0)
+
+    @property
+    def cruise_mps(self) -> float:
+        """The highest speed; 0 for a body that stays."""
+        return float(self.pieces[2].max())
 
     def at(self, t_s: Array) -> PathState:
         """Return the state at times of shape (n_slow,), in any order."""
@@ -120,9 +98,9 @@ class Path:
         way = (p[2] + 0.5 * p[3] * dt) * dt
         half = 0.5 * p[7] * way
         chord = way * np.sinc(half / np.pi)
-        late = self._turned(t_s + FACING_S)
-        early = self._turned(t_s - FACING_S)
-        span = 2 * FACING_S
+        late = self._turned(t_s + _FACING_S)
+        early = self._turned(t_s - _FACING_S)
+        span = 2 * _FACING_S
         return PathState(
             x_m=p[4] + chord * np.cos(p[6] + half),
             y_m=p[5] + chord * np.sin(p[6] + half),
@@ -136,12 +114,13 @@ class Path:
         cls,
         begin: tuple[float, float, float],
         course: Sequence[Bend],
-        paces: Sequence[Pace] | float,
+        speed_mps: float,
+        stops: Sequence[tuple[float, float]],
         agility: Agility,
+        *,
         start_s: float,
     ) -> Self:
-        list_of_paces = [Pace(paces)] if isinstance(paces, (int, float)) else list(paces)
-        pieces = timetable(begin, course, list_of_paces, agility, start_s)
+        pieces = timetable(begin, course, speed_mps, stops, agility, start_s=start_s)
         return cls(pieces, start_s, float(pieces[0, -1]), float(pieces[1, -1]))
 
     def _piece(self, t_s: Array) -> tuple[Array, Array]:

@@ -5,36 +5,21 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from x2radar.errors import SceneError
-from x2radar.sim.bodies.path.course import Bend, check
+from x2radar.sim.bodies.path.course import Bend
+from x2radar.sim.points import Array
 
-Array = NDArray[np.float64]
-
-# What scenes may ask for (chosen): the fastest sprinters run 12 m/s.
-SPEED_MPS = (0.02, 12.0)
-_LONGEST_S = 86_400.0
 _TINY = 1e-9
 """Shorter stretches, in metres or seconds, are rounding."""
 
 
 @dataclass(frozen=True, slots=True)
 class Agility:
-    """How fast a body changes speed and direction."""
+    """How fast a body changes speed and direction: by default, a walking adult."""
 
     acceleration_mps2: float = 1.2  # speeding up and slowing down
     lateral_mps2: float = 1.5  # largest in bends; it slows the body down
     turn_rad_s: float = 2.5  # largest turn rate; it slows the body down in the tightest bends
-
-
-@dataclass(frozen=True, slots=True)
-class Pace:
-    """A stretch of the course at one speed."""
-
-    speed_mps: float  # where bends and accelerations allow it
-    length_m: float = math.inf  # the last one of a course goes on to its end
-    pause_s: float = 0.0  # standing still at its end; 0 goes on without a stop
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,17 +35,18 @@ class _Stretch:
 def timetable(
     begin: tuple[float, float, float],
     course: Sequence[Bend],
-    paces: Sequence[Pace],
+    speed_mps: float,
+    stops: Sequence[tuple[float, float]],
     agility: Agility,
+    *,
     start_s: float,
 ) -> Array:
     """Return the pieces of a path, from rest to rest, shape (9, n_pieces); see `Path.pieces`.
 
-    An empty course is that of a body that stays; the last piece is at rest and goes on for
-    ever. Raises SceneError if a value makes no sense; the message names its key.
+    Stops are ways since the last one, in metres, and pauses, in seconds. An empty course is that
+    of a body that stays; the last piece is at rest and goes on for ever.
     """
-    _check_all(paces, agility, start_s)
-    stretches = _stretches([b for b in course if b.length_m > _TINY], paces, agility)
+    stretches = _stretches([b for b in course if b.length_m > _TINY], speed_mps, stops, agility)
     speeds = _speeds(stretches, agility.acceleration_mps2)
     rows: list[tuple[float, ...]] = []
     t, way, turned, at = start_s, 0.0, 0.0, begin
@@ -78,43 +64,34 @@ def timetable(
     return np.array(rows, dtype=np.float64).T.copy()
 
 
-def _check_all(paces: Sequence[Pace], agility: Agility, start_s: float) -> None:
-    if not paces:
-        msg = "paces: at least one is needed"
-        raise SceneError(msg)
-    for k, pace in enumerate(paces):
-        check(f"paces[{k}].speed_mps", pace.speed_mps, *SPEED_MPS)
-        check(f"paces[{k}].length_m", pace.length_m, 0.01, math.inf)
-        check(f"paces[{k}].pause_s", pace.pause_s, 0.0, _LONGEST_S)
-    check("agility.acceleration_mps2", agility.acceleration_mps2, 0.05, 50.0)
-    check("agility.lateral_mps2", agility.lateral_mps2, 0.05, 50.0)
-    check("agility.turn_rad_s", agility.turn_rad_s, 0.05, 50.0)
-    check("start_s", start_s, -_LONGEST_S, _LONGEST_S)
-
-
-def _stretches(course: Sequence[Bend], paces: Sequence[Pace], agility: Agility) -> list[_Stretch]:
-    """Cut the course where its curvature or its pace changes."""
+def _stretches(
+    course: Sequence[Bend],
+    speed_mps: float,
+    stops: Sequence[tuple[float, float]],
+    agility: Agility,
+) -> list[_Stretch]:
+    """Cut the course where its curvature changes and where the body stops."""
     found: list[_Stretch] = []
-    k, left = 0, paces[0].length_m
+    gaps = [*(gap for gap, _ in stops), math.inf]
+    k, left = 0, gaps[0]
     for n, bend in enumerate(course):
         rest = bend.length_m
+        limit = speed_mps
+        if bend.curvature_per_m:
+            radius = 1 / abs(bend.curvature_per_m)
+            lateral = math.sqrt(agility.lateral_mps2 * radius)
+            limit = min(limit, lateral, agility.turn_rad_s * radius)
         while rest > _TINY:
-            is_last = k == len(paces) - 1
-            length = rest if is_last else min(rest, left)
+            length = min(rest, left)
             rest -= length
             left -= length
-            limit = paces[k].speed_mps
-            if bend.curvature_per_m:
-                radius = 1 / abs(bend.curvature_per_m)
-                lateral = math.sqrt(agility.lateral_mps2 * radius)
-                limit = min(limit, lateral, agility.turn_rad_s * radius)
             pause = 0.0
-            if not is_last and left <= _TINY:
+            if left <= _TINY:
                 # A pause at the very end is no pause: it stands there anyway.
                 is_end = n == len(course) - 1 and rest <= _TINY
-                pause = 0.0 if is_end else paces[k].pause_s
+                pause = 0.0 if is_end else stops[k][1]
                 k += 1
-                left = paces[k].length_m
+                left = gaps[k]
             found.append(_Stretch(bend, length, limit, pause))
     return found
 

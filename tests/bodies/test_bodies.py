@@ -1,0 +1,210 @@
+"""What holds for every body, whatever it is, whatever it does, whatever moves it."""
+
+import math
+
+import numpy as np
+import pytest
+
+from tests.body_helpers import ANTENNA_M, PEOPLE, PETS, WAYS, draw, drawn, past, speeds
+from x2radar.errors import SceneError
+from x2radar.sim.bodies.motion import MOTIONS
+from x2radar.sim.bodies.motion.people.gait import STYLES
+from x2radar.sim.bodies.pose import Pose
+from x2radar.sim.bodies.skeleton.species import SPECIES
+from x2radar.sim.bodies.skins.draw import SKINS
+
+GOERS = [("human", "walk"), ("human", "run"), ("human", "carry"), ("dog", "walk"), ("cat", "trot")]
+EVERY = [
+    *((*way, "gait", "surface") for way in WAYS),
+    *((*way, motion, skin) for way in GOERS for motion in MOTIONS for skin in SKINS),
+]
+"""Everything that bodies do by the first motion and skin, and those that go by all of them."""
+
+
+def body_of(kind, style, motion, skin, seed=3):
+    options = {"motion": motion} if kind == "human" or kind in SPECIES else {}
+    return drawn(kind, style, seed, skin=skin, **options)
+
+
+def mean_m2(body, t_s):
+    pose = body.motion.pose(t_s)
+    side = np.broadcast_to(pose.side, pose.axis.shape)
+    return body.skin.mean_total_m2(Pose(pose.centre_m, pose.axis, side))
+
+
+@pytest.mark.parametrize(("kind", "style", "motion", "skin"), EVERY)
+def test_points_are_what_a_mover_gives_whenever_they_are_asked_for(kind, style, motion, skin):
+    body = body_of(kind, style, motion, skin)
+    t_s = np.random.default_rng(1).uniform(-2, 60, 40)
+    whole = body.at(t_s, ANTENNA_M)
+    shape = (40, len(body.names))
+    assert whole.position_m.shape == (*shape, 3)
+    assert whole.rcs_m2.shape == shape
+    assert whole.nearer_m is None or whole.nearer_m.shape == shape
+    assert np.isfinite(whole.position_m).all()
+    assert (whole.rcs_m2 >= 0).all()
+    assert body.label == {"human": "human", "moth": "other"}.get(kind, "pet")
+    assert body.at(t_s[:0], ANTENNA_M).rcs_m2.shape == (0, shape[1])
+    # One seed is one body, and it has no state: any times in any order, together or alone.
+    again = draw(kind, style, 3, skin=skin, **({} if motion == "gait" else {"motion": motion}))
+    for other, order in ((again, slice(None, None, -1)), (body, slice(17, 18))):
+        points = other.at(t_s[order], ANTENNA_M)
+        assert points.position_m == pytest.approx(whole.position_m[order], abs=1e-9)
+        assert points.rcs_m2 == pytest.approx(whole.rcs_m2[order], rel=1e-4)
+    another = draw(kind, style, 4, skin=skin).at(t_s, ANTENNA_M)
+    if another.position_m.shape == whole.position_m.shape:
+        assert np.abs(another.position_m - whole.position_m).max() > 1e-3
+
+
+# In what is done without going.
+FASTEST_HANDS_MPS = {"": 0.7, "busy": 3.0, "sit": 3.0, "exercise": 8.0}
+
+
+@pytest.mark.parametrize(("kind", "style"), WAYS)
+@pytest.mark.parametrize("seed", range(2))
+def test_nothing_jumps_is_too_fast_or_goes_through_the_floor(kind, style, seed):
+    body = drawn(kind, style, seed)
+    step_s = 1e-4 if (kind, style) not in PEOPLE + PETS else 1e-3
+    t_s = np.concatenate([np.arange(1500) * step_s + start_s for start_s in (0.0, 2.0, 5.0)])
+    points = body.at(t_s, ANTENNA_M)
+    within = np.diff(t_s) < 2 * step_s
+    speed = speeds(points.position_m, step_s)[within]
+    assert points.position_m[..., 2].min() > (-0.02 if kind == "human" else 0.0)
+    if kind == "human":
+        fastest = body.motion.path.cruise_mps if hasattr(body.motion, "path") else 1.5
+        assert speed.max() <= 4.5 * fastest + FASTEST_HANDS_MPS[STYLES[style].does]
+    else:
+        assert speed.max() < (12 if kind in SPECIES else 20)
+    if kind in SPECIES:
+        assert np.abs(np.diff(speed, axis=0)).max() < 12
+        assert np.quantile(np.abs(np.diff(speed, axis=0)), 0.999) < 0.8  # 80 g, at a knee
+    # A leg ten times as long as thick flashes by in some milliseconds.
+    assert np.abs(np.diff(np.log(points.rcs_m2), axis=0)[within]).max() < 0.8
+
+
+LIMBS = {
+    "human": [("left thigh", "left shank"), ("right upper arm", "right forearm")],
+    "dog": [(f"{leg} upper leg", f"{leg} lower leg") for leg in ("left hind", "right fore")],
+}
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+@pytest.mark.parametrize(
+    ("kind", "style"),
+    [*((k, s) for k, s in PEOPLE if s != "crawl"), ("dog", "walk"), ("dog", "play")],
+)
+def test_bones_keep_their_lengths_and_limbs_join(kind, style, motion):
+    body = drawn(kind, style, 3, path=((0.0, 9.0), (0.0, 1.0)), motion=motion)
+    pose = body.motion.pose(np.linspace(0, 12, 300))
+    assert np.linalg.norm(pose.axis, axis=-1) == pytest.approx(
+        np.ones(pose.axis.shape[:2]), abs=0.02
+    )
+    motion_of = getattr(body.motion, "motion", body.motion)
+    half = np.array(motion_of.build.half_lengths())[:, 0]
+    for pair in LIMBS[kind]:
+        upper, lower = (body.names.index(name) for name in pair)
+        ends = [
+            pose.centre_m[:, k, None]
+            + np.array([-1, 1])[:, None] * half[k] * pose.axis[:, k, None]
+            for k in (upper, lower)
+        ]
+        # The nearest ends of both are one joint.
+        gaps = np.linalg.norm(ends[0][:, :, None] - ends[1][:, None], axis=-1)
+        assert gaps.min(axis=(1, 2)).max() < 0.02
+
+
+@pytest.mark.parametrize("dbsm", [-30.0, 3.0])
+@pytest.mark.parametrize("skin", SKINS)
+@pytest.mark.parametrize(
+    ("kind", "style"), [("human", "walk"), ("dog", "sniff"), ("pigeon", "circle")]
+)
+def test_the_total_is_what_was_asked_for(kind, style, skin, dbsm):
+    body = drawn(kind, style, 3, total_rcs_dbsm=dbsm, skin=skin)
+    path = getattr(body.motion, "path", None) or getattr(
+        getattr(body.motion, "action", None), "path", None
+    )
+    t_s = np.linspace(0.0, path.end_s if path else 40.0, 120)
+    around = np.linspace(0, 2 * math.pi, 24, endpoint=False)
+    views = [
+        body.at(t_s + 1e-3 * k, 1e5 * np.array([math.cos(a), math.sin(a), 0])).rcs_m2.sum(axis=1)
+        for k, a in enumerate(around)
+    ]
+    # Parts show a few aspects only: their fluctuation has not averaged out.
+    assert 10 * math.log10(np.mean(views)) == pytest.approx(dbsm, abs=1.6)
+
+
+@pytest.mark.parametrize(
+    ("kind", "style", "options", "least_m2", "most_m2"),
+    [
+        ("human", "walk", {"height_m": 1.75}, 0.3, 1.6),
+        ("cat", "roam", {"mass_kg": 4.0}, 0.02, 0.09),
+        ("cat", "lie", {"mass_kg": 6.5}, 0.02, 0.09),
+        ("dog", "roam", {"mass_kg": 20.0}, 0.08, 0.35),
+        ("dog", "sit", {"mass_kg": 20.0}, 0.08, 0.35),
+        ("rabbit", "roam", {"mass_kg": 2.0}, 0.01, 0.04),
+        ("budgerigar", "circle", {}, 10**-3.2, 10**-2.2),
+        ("pigeon", "circle", {}, 10**-2.6, 10**-1.7),
+        ("moth", "", {}, 10**-4.2, 10**-2.9),
+    ],
+)
+def test_physical_totals_are_those_of_the_kind(kind, style, options, least_m2, most_m2):
+    for seed in range(6):
+        body = draw(kind, style, seed, total_rcs_dbsm="physical", **options)
+        assert body.skin.scale == 1
+        assert least_m2 < mean_m2(body, np.linspace(0, 12, 12)) < most_m2
+
+
+@pytest.mark.parametrize("skin", SKINS)
+def test_a_persons_physical_total_is_of_the_published_order_with_every_skin(skin):
+    # 0.4 to 1.5 m2 at 5 to 9 GHz (Schultz 1958); models spread about it by a factor of four.
+    t_s, far_m = np.linspace(1, 6, 20), np.array([0.0, -20.0, 1.0])
+    people = [
+        draw("human", "walk", seed, skin=skin, total_rcs_dbsm="physical", height_m=1.75)
+        for seed in range(12)
+    ]
+    totals = [person.at(t_s, far_m).rcs_m2.sum(axis=1).mean() for person in people]
+    assert 0.1 < np.median(totals) < 4.0
+
+
+def test_totals_are_drawn_whatever_the_body():
+    kinds = {"adult": ("human", "walk"), "toddler": ("human", "toddler"), "cat": ("cat", ""),
+             "dog": ("dog", "")}  # fmt: skip
+    means = {}
+    for name, way in kinds.items():
+        bodies = [draw(*way, seed) for seed in range(60)]
+        dbsm = 10 * np.log10([mean_m2(body, np.linspace(1, 12, 8)) for body in bodies])
+        assert -17 < dbsm.min() < -11
+        assert 0 < dbsm.max() < 5
+        means[name] = dbsm.mean()
+    assert np.ptp(list(means.values())) < 3
+
+
+@pytest.mark.parametrize(
+    ("kind", "options", "said"),
+    [
+        ("human", {"style": "moonwalk"}, "style: no style of people 'moonwalk'; known are walk"),
+        ("human", {"height_m": 3.0}, "height_m: 3.0 is not in 0.6 to 2.3"),
+        ("human", {"speed_mps": 9.0}, "speed_mps: 9 m/s is too fast to walk"),
+        ("human", {"style": "crawl", "speed_mps": 4.0}, "too fast to crawl"),
+        ("human", {"motion": "ballet"}, "motion: no motion 'ballet'; known are gait"),
+        ("human", {"skin": "fur"}, "skin: no skin 'fur'; known are surface, points"),
+        ("human", {"total_rcs_dbsm": 99.0}, "total_rcs_dbsm"),
+        ("cat", {"style": "pace"}, "style: no cat style 'pace'"),
+        ("dog", {"style": "bound"}, "style"),
+        ("dog", {"mass_kg": 0.5}, "mass_kg: 0.5 is not in 1 to 100 for a dog"),
+        ("cat", {"mass_kg": 20.0}, "mass_kg"),
+        ("dog", {"mass_kg": math.nan}, "mass_kg"),
+        ("dog", {"style": "walk", "path": past(4.0)}, "path: 4 m/s is too fast for a dog"),
+        ("cat", {"style": "roam", "path": past(11.0)}, "path"),
+        ("dog", {"style": "roam", "path": [(0.0, 1.0)]}, "waypoints_m"),
+        ("dog", {"style": "roam", "path": [(0.0, 1.0), (0.0, 1.05)]}, "waypoints_m"),
+        ("dragon", {}, "species: no bird 'dragon'"),
+        ("pigeon", {"style": "swim"}, "style"),
+        ("pigeon", {"mass_kg": 5.0}, "mass_kg"),
+        ("pigeon", {"home_m": (0.0, math.nan, 0.0)}, "home_m"),
+        ("moth", {"home_m": (0.0, 0.0, 1e4)}, "home_m"),
+    ],
+)
+def test_what_is_impossible_is_refused_in_one_line(kind, options, said):
+    with pytest.raises(SceneError, match=said):
+        draw(kind, **options)

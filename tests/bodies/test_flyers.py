@@ -1,0 +1,95 @@
+"""Birds and moths: wings that beat, perches, rounds."""
+
+import numpy as np
+import pytest
+
+from tests.body_helpers import ANTENNA_M, BIRDS, draw, drawn, speeds, strongest_hz
+from x2radar.sim.bodies.flyer import BIRD_MASS_KG, MOTH_BEAT_HZ
+
+FLYERS = [*BIRDS, ("moth", "")]
+MANY_S = np.arange(0, 60, 0.37)
+
+
+@pytest.mark.parametrize(("kind", "style"), FLYERS)
+def test_flight_has_no_jumps_and_stays_near_home(kind, style):
+    home_m = (0.3, 2.0, 1.5)
+    for seed in range(3):
+        flyer = drawn(kind, style, seed, home_m=home_m)
+        place, _, effort = flyer.motion.flight.at(np.arange(0, 62, 0.002))
+        assert speeds(place, 0.002).max() < 8
+        assert 0 <= effort.min() <= effort.max() <= 1
+        away = np.linalg.norm(flyer.at(MANY_S, ANTENNA_M).position_m - home_m, axis=-1)
+        assert away.max() < (0.4 if kind == "moth" else 1.6) + flyer.motion.build.span_m
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize(
+    ("kind", "style"), [("budgerigar", "flutter"), ("pigeon", ""), ("moth", "")]
+)
+def test_wings_beat_at_the_rate_of_the_build_keep_their_length_and_mirror(kind, style, seed):
+    flyer = drawn(kind, style, seed)
+    pose, b = flyer.motion.pose(np.arange(8000) / 1000), flyer.motion.build
+    at = {name: k for k, name in enumerate(flyer.names)}
+    lift = pose.axis[:, at["left outer wing"], 2]
+    assert strongest_hz(lift, 1e-3, 4) == pytest.approx(b.beat_hz, abs=0.2)
+    assert np.linalg.norm(pose.axis, axis=-1) == pytest.approx(1, abs=1e-12)
+    from_body = np.linalg.norm(pose.centre_m - pose.centre_m[:, :1], axis=-1)
+    left, right = (from_body[:, at[f"{side} outer wing"]] for side in ("left", "right"))
+    assert left == pytest.approx(right)
+    assert left.max() < b.span_m / 2
+    assert from_body[:, at["left inner wing"]] == pytest.approx(0.11 * b.span_m)
+
+
+def test_small_birds_and_moths_beat_faster_and_within_what_is_published():
+    beats = {
+        kg: np.mean([draw("pigeon", "", k, mass_kg=kg).motion.build.beat_hz for k in range(20)])
+        for kg in (0.02, 0.035, 0.1, 0.3)
+    }
+    assert list(beats.values()) == sorted(beats.values(), reverse=True)
+    assert beats[0.035] == pytest.approx(14, abs=1.5)
+    assert beats[0.3] == pytest.approx(7.7, abs=0.8)
+    every = [draw(kind, "", k).motion.build.beat_hz for kind in BIRD_MASS_KG for k in range(20)]
+    assert 6 < min(every) < max(every) < 20
+    builds = [draw("moth", "", seed).motion.build for seed in range(100)]
+    moths = np.array([b.beat_hz for b in builds])
+    assert MOTH_BEAT_HZ[0] <= moths.min() < 27
+    assert 48 < moths.max() <= MOTH_BEAT_HZ[1]
+    assert np.corrcoef([b.span_m for b in builds], moths)[0, 1] < -0.7
+
+
+def test_a_perched_bird_sits_breathes_and_hops():
+    bird = drawn("budgerigar", "perch", 4)
+    flight, b = bird.motion.flight, bird.motion.build
+    t_s = np.arange(0, 2 * flight.period_s, 0.01)
+    place, _, effort = flight.at(t_s)
+    sits = effort == 0
+    assert sits.mean() > 0.85
+    starts = np.flatnonzero(~sits[1:] & sits[:-1])
+    assert len(starts) == pytest.approx(2 * len(flight.hop_s), abs=1)
+    pose = bird.motion.pose(t_s)
+    swell = (pose.centre_m[:, 0] - place)[sits, 2]
+    assert swell.max() == pytest.approx(b.breath_m, rel=0.02)
+    assert 0.0003 < b.breath_m < 0.003
+    # Resting wings lie along it; in a glide they stay out.
+    along = (pose.axis[:, 0] * pose.axis[:, bird.names.index("left inner wing")]).sum(axis=1)
+    assert along[sits].max() < -0.9
+    # The same hops come again, and nothing jumps where a period ends.
+    edge = flight.at(flight.period_s + np.array([-1e-6, 1e-6]))[0]
+    assert edge[0] == pytest.approx(edge[1], abs=1e-4)
+
+
+def test_wings_stay_out_in_a_glide():
+    bird = drawn("budgerigar", "circle", 2)
+    t_s = np.arange(0, 30, 0.05)
+    axis = bird.motion.pose(t_s).axis
+    assert (bird.motion.flight.at(t_s)[2] == 0).any()
+    left = axis[:, bird.names.index("left inner wing")]
+    assert np.abs((axis[:, 0] * left).sum(axis=1)).max() < 0.1
+
+
+def test_close_to_the_antenna_a_moth_is_as_loud_as_a_dog():
+    dog_dbsm, dog_range_m = -9.0, 2.0
+    loud = 10 ** (dog_dbsm / 10) / dog_range_m**4
+    points = drawn("moth", "", 3, home_m=(0.0, 0.3, 1.2)).at(MANY_S, ANTENNA_M)
+    distance = np.linalg.norm(points.position_m - ANTENNA_M, axis=-1)
+    assert (points.rcs_m2 / distance**4).sum(axis=1).mean() > loud

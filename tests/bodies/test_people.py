@@ -1,0 +1,326 @@
+"""People: feet that stand, published strides, trunks and arms over them, what hands do."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from tests.body_helpers import draw, drawn, parts, places, speeds, strongest_hz
+from x2radar.sim.bodies.motion import MOTIONS
+from x2radar.sim.bodies.motion.curves import N_HARMONICS, WALK, JointCurve, harmonics
+from x2radar.sim.bodies.motion.people.gait import (
+    STYLES,
+    carriage_at,
+    walking_duty,
+    walking_stride_m,
+)
+from x2radar.sim.bodies.motion.people.striding import Torso, sides
+from x2radar.sim.bodies.path.path import Path
+from x2radar.sim.bodies.skeleton.people import PERSON, draw_person_build
+
+STEP_S = 1 / 200
+T_S = 2.5 + np.arange(800) * STEP_S
+"""Four seconds in which a walker goes at its speed."""
+
+
+def walker(speed_mps, seed=0, motion="gait"):
+    path = ((0, 14), (0, 1))
+    return drawn("human", "walk", seed, path=path, speed_mps=speed_mps, motion=motion)
+
+
+def ankles(person):
+    """Where both ankles are at the times `T_S`."""
+    pose, shank_m = person.motion.pose(T_S), person.motion.build.shank_m
+    for name in ("left shank", "right shank"):
+        k = PERSON.names.index(name)
+        yield pose.centre_m[:, k] - pose.axis[:, k] * shank_m / 2
+
+
+def rate_hz(person):
+    """Strides a second, by its own clock."""
+    strides = person.motion.feet.clock.at(T_S[[0, -1]])
+    return np.diff(strides)[0] / np.diff(T_S[[0, -1]])[0]
+
+
+@pytest.mark.parametrize("speed", [0.9, 1.2, 1.5])
+def test_ankles_stand_still_and_swing_as_fast_as_people_do(speed):
+    v = np.array([speeds(a, STEP_S) for seed in range(8) for a in ankles(walker(speed, seed))])
+    peaks = v.max(axis=1) / speed
+    assert 2.7 <= peaks.mean() <= 3.5
+    assert peaks.max() < 4.0
+    # From foot-flat to heel-off, about 40 % of the cycle.
+    assert np.mean(v < 0.05) == pytest.approx(0.42, abs=0.06)
+
+
+def test_between_foot_flat_and_heel_off_an_ankle_moves_less_than_a_millimetre():
+    person = walker(1.2)
+    feet = person.motion.feet.at(T_S)
+    for leg, ankle in enumerate(ankles(person)):
+        phase = feet.phase[:, leg]
+        flat = feet.is_stance[:, leg] & (phase < 0.38) & (phase > 0.02)
+        edges = np.flatnonzero(np.diff(flat.astype(int)))
+        spans = [(a + 1, b) for a, b in pairwise(edges) if flat[a + 1]]
+        assert len(spans) >= 2
+        assert max(np.ptp(ankle[a:b], axis=0).max() for a, b in spans) < 1e-3
+
+
+@pytest.mark.parametrize("speed", [0.6, 1.0, 1.4])
+def test_strides_follow_the_published_relation(speed):
+    ratio = []
+    for seed in range(12):
+        person = walker(speed, seed)
+        height_m = person.motion.build.hip_height_m
+        wanted_m = 1.346 * np.sqrt(speed / height_m) * height_m
+        ratio.append(speed / rate_hz(person) / wanted_m)
+    # People scatter by 6 %; their mean does not.
+    assert np.mean(ratio) == pytest.approx(1.0, abs=0.05)
+    assert 0.0 < np.std(ratio) < 0.12
+    v = np.array([0.93])
+    assert walking_stride_m(v, 0.93) == pytest.approx(1.346 * 0.93)
+    assert walking_duty(v, 0.93) == pytest.approx(0.752 - 0.143 / 1.346)
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+@pytest.mark.parametrize("speed", [0.6, 1.3])
+def test_every_motion_has_the_cadence_and_the_feet_of_people(motion, speed):
+    cadence, peak, head = [], [], []
+    for seed in range(16):
+        place = parts(walker(speed, seed, motion), T_S)
+        foot = speeds(place["left foot"], STEP_S)
+        # A foot goes once a stride of two steps.
+        cadence.append(120 * strongest_hz(foot, STEP_S, 0.35, 1.4))
+        peak.append(foot.max() / speed)
+        head.append(np.median(speeds(place["head"], STEP_S)))
+    # Steps of 6.5 mm for every step a minute (docs/research/scenes.md).
+    assert np.median(cadence) == pytest.approx(np.sqrt(60 * speed / 0.0065), rel=0.12)
+    assert 2.7 < np.median(peak) < 4.1
+    assert np.median(head) == pytest.approx(speed, rel=0.15)
+
+
+@pytest.mark.parametrize("style", [s for s in STYLES if STYLES[s].kind != "crawl"])
+def test_knees_bend_forward(style):
+    person = drawn("human", style, 3, path=((0.0, 9.0), (0.0, 1.0)))
+    motion = getattr(person.motion, "motion", person.motion)
+    t_s = np.linspace(1, max(motion.path.end_s - 1, 3), 300)
+    pose, b = motion.pose(t_s), motion.build
+    for side in ("left", "right"):
+        thigh, shank = (PERSON.names.index(f"{side} {name}") for name in ("thigh", "shank"))
+        top = pose.centre_m[:, thigh] + pose.axis[:, thigh] * b.thigh_m / 2
+        knee = pose.centre_m[:, thigh] - pose.axis[:, thigh] * b.thigh_m / 2
+        ankle = pose.centre_m[:, shank] - pose.axis[:, shank] * b.shank_m / 2
+        # Everybody goes down the y axis.
+        assert (0.5 * (top + ankle) - knee)[:, 1].min() > -0.02
+
+
+@pytest.mark.parametrize("speed", [0.3, 0.7, 1.3])
+def test_hips_bob_and_surge_twice_a_stride_and_are_slowest_over_the_standing_foot(speed):
+    for seed in range(3):
+        person = walker(speed, seed)
+        pelvis = parts(person, T_S)["pelvis"]
+        if speed > 1:
+            bob_hz = strongest_hz(pelvis[:, 2], STEP_S, 0.5)
+            assert bob_hz == pytest.approx(2 * rate_hz(person), abs=0.1)
+        ahead = person.motion.path.at(T_S).y_m - pelvis[:, 1]
+        phase = 4 * np.pi * (person.motion.feet.clock.at(T_S) - 0.5 * person.motion.duty)
+        amplitude = -2 * np.mean((ahead - ahead.mean()) * np.sin(phase))
+        assert amplitude == pytest.approx(person.motion.carriage.surge_m, rel=0.25)
+        assert 0.008 < amplitude < 0.035
+
+
+def test_arms_bob_and_pelvis_move_less_at_a_slow_walk():
+    style, hip_m = STYLES["walk"], 0.9
+    slow, brisk = (carriage_at(style, v, hip_m) for v in (0.3, 1.35))
+    for name in ("arm_rad", "bob_m", "yaw_rad"):
+        assert getattr(brisk, name) == pytest.approx(getattr(style.carriage, name))
+        assert getattr(slow, name) == pytest.approx(0.3 / 1.35 * getattr(brisk, name))
+    # Who sneaks, carries or runs has the arms that the style says.
+    for style in (STYLES[name] for name in ("stealth", "carry", "run")):
+        assert carriage_at(style, 0.3, hip_m).arm_rad == style.carriage.arm_rad
+
+
+@pytest.mark.parametrize("motion", ["footfalls", "angles"])
+@pytest.mark.parametrize("seed", range(4))
+def test_trunks_of_drawn_gaits_go_along_the_path_and_gain_and_lose_speed_twice_a_stride(
+    motion, seed
+):
+    person = walker(1.2, seed, motion)
+    place, state = parts(person, T_S), person.motion.path.at(T_S)
+    assert np.abs(place["trunk"][:, 0] - state.x_m).max() < 0.15
+    assert np.abs(place["trunk"][:, 1] - state.y_m).max() < 0.45  # somebody who leans
+    assert place["head"][:, 2].max() < 2.3
+    speed = speeds(place["pelvis"][:, :2], STEP_S)
+    wave = np.exp(-2j * np.pi * person.motion.phase.at(T_S[:-1]))
+    once, twice = (abs(np.mean((speed - speed.mean()) * wave**k)) for k in (1, 2))
+    assert speed.mean() == pytest.approx(1.2, rel=0.1)
+    assert twice > 0.01
+    assert twice > once / 4
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_trunk_swings_twice_and_rolls_once_a_stride_and_wanders_where_it_stands(seed):
+    torso = Torso.draw(np.random.default_rng(seed))
+    # A hundredth of a second in which the slow wander hardly moves, and one stride.
+    phase = np.linspace(0, 1, 128, endpoint=False)
+    level = np.zeros(128)
+    up = torso.up(0.01 * phase, level, level + 0.2, phase, level + 1)
+    assert np.linalg.norm(up, axis=1) == pytest.approx(np.ones(128))
+    lean, roll = np.arctan2(up[:, 0], up[:, 2]), np.arcsin(up[:, 1])
+    swing, tilt = (2 * np.abs(np.fft.rfft(x)) / 128 for x in (lean, roll))
+    assert swing[2] == pytest.approx(torso.pitch_rad, abs=0.003)
+    assert tilt[1] == pytest.approx(torso.roll_rad, abs=0.003)
+    assert lean == pytest.approx(0.2, abs=torso.pitch_rad + 0.13)
+    stands = torso.up(np.linspace(0, 20, 128), level, level, phase, level)
+    assert np.abs(np.arctan2(stands[:, 0], stands[:, 2])).max() < 0.121
+    assert np.abs(np.arcsin(stands[:, 1])).max() < 0.101
+    assert np.ptp(stands[:, 0]) > 0.01
+
+
+def test_chest_and_pelvis_turn_against_each_other():
+    side = sides(np.array([[0.0, 1.0, 0.0]]), np.array([0.2]))[0]
+    assert np.linalg.norm(side, axis=-1) == pytest.approx(np.ones(len(PERSON.parts)))
+    turn = dict(zip(PERSON.names, np.arctan2(-side[:, 0], side[:, 1]), strict=True))
+    assert turn["pelvis"] == pytest.approx(0.2)
+    assert turn["chest"] == pytest.approx(-0.14)
+
+
+def test_a_curve_without_spread_is_the_published_one():
+    knee = WALK[1]
+    c = harmonics(knee)
+    curve = JointCurve(float(c[0].real), 2 * np.abs(c[1:]), np.angle(c[1:]))
+    made = np.rad2deg(curve.at(np.arange(10) / 10, np.ones(10)))
+    assert np.abs(made - knee).max() < 2.5
+    assert len(curve.amplitude_rad) == N_HARMONICS
+
+
+# ---------------------------------------------------------------- what is done besides
+
+
+@pytest.mark.parametrize("height_m", [1.75, 1.2])
+def test_a_chest_breathes_and_a_heart_beats_and_both_are_quicker_in_children(height_m):
+    t_s, rates, beats = np.arange(0, 120, 0.05), [], []
+    for seed in range(12):
+        person = drawn("human", "stand", seed, height_m=height_m, path=((0.0, 2.0), (0.0, 1.0)))
+        breath = person.breath
+        still, moved = parts(person, t_s)["trunk"], places(person, t_s)["trunk"]
+        swell = np.linalg.norm(moved - still, axis=-1).max()
+        assert 0.0009 < swell < 0.0035
+        assert strongest_hz(breath.at(t_s), 0.05) == pytest.approx(breath.rate_hz, abs=0.02)
+        heart = replace(breath, size_m=0.0).at(t_s)
+        assert strongest_hz(heart, 0.05) == pytest.approx(breath.beat_hz, abs=0.02)
+        rates.append(60 * breath.rate_hz)
+        beats.append(60 * breath.beat_hz)
+    low, high = (8, 26) if height_m > 1.5 else (13, 34)
+    assert low < min(rates) < max(rates) < high
+    assert 45 < min(beats) < max(beats) < 140
+
+
+def test_who_searches_works_with_the_hands_where_the_feet_stand_and_not_on_the_way():
+    moved = {True: [], False: []}
+    for seed in range(6):
+        person = drawn("human", "search", seed, path=((0, 7), (0, 1)), speed_mps=1.0)
+        t_s = np.arange(0, person.motion.path.end_s + 8, 0.05)
+        speed = person.motion.path.at(t_s).speed_mps
+        idle = parts(replace(person, motion=replace(person.motion, doer=None)), t_s)
+        busy = parts(person, t_s)
+        hands = [f"{side} hand" for side in ("left", "right")]
+        apart = np.max([np.abs(busy[h] - idle[h]).max(axis=1) for h in hands], axis=0)
+        for goes in moved:
+            moved[goes] += apart[speed > 0.999 if goes else speed < 1e-3].tolist()
+    assert max(moved[True]) < 0.02
+    assert np.quantile(moved[False], 0.5) > 0.05
+    assert np.quantile(moved[False], 0.95) > 0.3
+
+
+def seen(style, seed, seconds=40.0, step_s=0.02):
+    person = drawn("human", style, seed, path=((0, 3), (0, 1)))
+    t_s = np.arange(0, seconds, step_s)
+    return person, parts(person, t_s)
+
+
+def test_who_sits_has_level_thighs_still_feet_and_a_head_that_moves():
+    rose, head_alone = 0, 0
+    for seed in range(30):
+        person, place = seen("sit", seed)
+        b, doer = person.motion.build, person.motion.doer
+        low = np.quantile(place["pelvis"][:, 2], 0.05)
+        assert 0.35 * b.leg_m < low - b.ankle_m < 0.75 * b.leg_m
+        for side in ("left", "right"):
+            assert np.ptp(place[f"{side} foot"], axis=0).max() < 0.01
+        head = speeds(place["head"], 0.02)
+        assert head.max() < 2.0
+        rises = np.isfinite(doer.period_s)
+        stood = place["pelvis"][:, 2].max() - b.ankle_m > 0.85 * b.leg_m
+        assert stood == rises
+        rose += stood
+        if doer.busy.size == 0 and not rises:
+            # Turning the head alone moves its echo.
+            head_alone += 1
+            assert np.ptp(place["chest"], axis=0).max() < 0.06
+            look = doer.trunk.at(np.arange(20.0))[:, 1]
+            assert np.ptp(place["head"][:, :2], axis=0).max() > 0.25 * np.ptp(look) * 0.02
+        else:
+            assert np.sqrt(np.mean(head**2)) > 0.015
+    assert 5 <= rose <= 22
+    assert head_alone >= 2
+
+
+def test_who_exercises_keeps_one_beat_lifts_the_feet_and_stays():
+    lifted, hopped = [], []
+    for seed in range(16):
+        person, place = seen("exercise", seed)
+        beat_hz = person.motion.doer.beat_hz
+        assert 0.4 <= beat_hz <= 1.6
+        assert np.abs(place["pelvis"][:, :2] - [0, 3]).max() < 0.35
+        feet = np.stack([place["left foot"][:, 2], place["right foot"][:, 2]])
+        assert feet.min() > -0.01
+        lifted.append(np.ptp(feet, axis=1).max())
+        hopped.append(np.min(feet, axis=0).max() > feet.min() + 0.04)
+        assert strongest_hz(place["left hand"][:, 2], 0.02) < 2.4 * beat_hz
+    assert np.median(lifted) > 0.08
+    assert any(hopped)
+    assert not all(hopped)
+
+
+@pytest.mark.parametrize("style", ["busy", "sit", "exercise"])
+def test_elbows_never_snap(style):
+    for seed in range(12):
+        _, place = seen(style, seed, seconds=6, step_s=0.005)
+        for side in ("left", "right"):
+            upper, hand = (
+                speeds(place[f"{side} {part}"], 0.005).max() for part in ("upper arm", "hand")
+            )
+            assert upper < hand + 0.5
+
+
+# ---------------------------------------------------------------- sizes
+
+
+def test_sizes_are_those_of_adults_children_and_toddlers():
+    rng = np.random.default_rng(0)
+    adults = [draw_person_build(rng).stature_m for _ in range(300)]
+    assert 1.64 < np.mean(adults) < 1.76
+    assert 0.06 < np.std(adults) < 0.13
+    for age, low, high in (("toddler", 0.75, 0.95), ("child", 0.95, 1.45)):
+        statures = [draw_person_build(rng, age=age).stature_m for _ in range(50)]
+        assert low <= min(statures) <= max(statures) <= high
+    legs = [
+        draw_person_build(np.random.default_rng(0), age=age, height_m=1.05).hip_height_m
+        for age in ("toddler", "child", "adult")
+    ]
+    assert legs == sorted(legs)
+    build = draw_person_build(rng, height_m=1.9)
+    assert build.hip_height_m == pytest.approx(0.53 * 1.9, rel=0.06)
+    # The trunk is as long as its ends.
+    trunk, chest, pelvis = build.half_lengths()[: PERSON.n_trunk]
+    assert trunk[0] > chest[0] + pelvis[0]
+    assert trunk[1:] == pytest.approx(chest[1:])
+
+
+def test_any_path_with_stops_and_turns_back():
+    path = Path.through([(0, 4), (0, 1), (0.1, 4)], 1.1, [(1.0, 0.5)], turn_radius_m=0.2)
+    for motion in MOTIONS:
+        person = draw("human", "walk", 0, path=path, motion=motion)
+        place = np.stack(list(places(person, np.arange(0, 10, 0.004)).values()), axis=1)
+        assert np.isfinite(place).all()
+        assert speeds(place, 0.004).max() < 8

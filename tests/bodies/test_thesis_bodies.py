@@ -1,0 +1,103 @@
+"""The thesis' bodies: its tables, its formula, its draws."""
+
+import math
+from dataclasses import astuple
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from x2radar.sim.bodies.thesis_bodies import THESIS_BODIES, Scatterer, Variation, draw, ranges
+
+HALF = math.pi / 2
+# x0, y0, z0, vy0, gait, phase, swing, third harmonic, cross section: the thesis' tables.
+TABLES = {
+    "thesis_human": [
+        (0, 2.5, 0, -1, 2, HALF, 0.1, 0, 10_000),
+        (0.25, 2.5, 0, -1, 1, HALF, 0.3, 0.02, 500),
+        (-0.25, 2.5, 0, -1, 1, -HALF, 0.3, 0.02, 500),
+        (0.12, 2.5, -0.6, -1, 1, -HALF, 0.2, 0.01, 1000),
+        (-0.12, 2.5, -0.6, -1, 1, HALF, 0.2, 0.01, 1000),
+    ],
+    "thesis_dog": [
+        (0, 2.5, 0, -1, 2, HALF, 0.1, 0, 5000),
+        (0.10, 2.5, 0, -1, 1, HALF, 0.1, 0.01, 500),
+        (-0.10, 2.5, 0, -1, 1, -HALF, 0.1, 0.01, 500),
+        (0.10, 3.0, 0, -1, 1, -HALF, 0.1, 0.01, 500),
+        (-0.10, 3.0, 0, -1, 1, HALF, 0.1, 0.01, 500),
+    ],
+    "thesis_cat": [
+        (0, 2.5, 0, -1, 2.6, HALF, 0.04, 0, 2000),
+        (0.075, 2.5, 0, -1, 1.3, HALF, 0.05, 0.01, 200),
+        (-0.075, 2.5, 0, -1, 1.3, -HALF, 0.05, 0.01, 200),
+        (0.075, 2.8, 0, -1, 1.3, -HALF, 0.05, 0.01, 200),
+        (-0.075, 2.8, 0, -1, 1.3, HALF, 0.05, 0.01, 200),
+    ],
+}
+
+
+def range_by_formula(p, t):
+    turn = 2 * math.pi * p.gait_hz * t
+    y = p.y_m + p.vy_mps * t + p.swing_m * math.sin(turn + p.phase_rad)
+    y += p.swing3_m * math.sin(3 * turn + p.phase_rad)
+    return math.sqrt(p.x_m**2 + y**2 + p.z_m**2)
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_bodies_are_the_tables_of_the_thesis(name):
+    ours = [astuple(p) for p in THESIS_BODIES[name]]
+    assert ours[0] == TABLES[name][0]  # the torso comes first
+    assert sorted(ours) == sorted(TABLES[name])
+    assert set(THESIS_BODIES) == set(TABLES)
+
+
+@pytest.mark.parametrize("name", TABLES)
+@pytest.mark.parametrize("seed", range(3))
+def test_positions_follow_the_formula(name, seed):
+    body = draw(THESIS_BODIES[name], np.random.default_rng(seed))
+    t_s = np.concatenate([np.arange(0, 5, 1 / 60), [100.0, 86_400.0]])
+    ours, rcs = ranges(body, t_s)
+    wanted = np.array([[range_by_formula(p, t) for p in body] for t in t_s])
+    assert np.abs(ours - wanted).max() < 1e-9
+    assert np.abs(ours[:-2] - wanted[:-2]).max() < 1e-14
+    assert rcs.tolist() == [p.rcs_m2 for p in body]
+    assert ranges(body, np.zeros(0))[0].shape == (0, 5)
+    assert ranges((), t_s)[0].shape == (len(t_s), 0)
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_one_draw_is_shared_by_all_scatterers(name):
+    body = THESIS_BODIES[name]
+    drawn = draw(body, np.random.default_rng(7))
+    changes = np.array([astuple(p) for p in drawn]) - np.array([astuple(p) for p in body])
+    for column in (0, 1, 3, 4, 5, 6):
+        assert changes[:, column] == pytest.approx(changes[0, column], abs=1e-12)
+        assert changes[0, column] != 0
+    assert not changes[:, [2, 7]].any()  # no variation of z and of the third harmonic
+    share = [d.rcs_m2 / p.rcs_m2 for d, p in zip(drawn, body, strict=True)]
+    assert share == pytest.approx([share[0]] * 5)
+    assert drawn == draw(body, np.random.default_rng(7)) != draw(body, np.random.default_rng(8))
+    # What a body draws does not depend on how many scatterers it has.
+    assert draw(body[:1], np.random.default_rng(7)) == drawn[:1]
+
+
+def test_spread_of_the_draws_is_the_tables_and_cross_sections_keep_a_floor():
+    rng = np.random.default_rng(0)
+    torso = THESIS_BODIES["thesis_human"][:1]
+    drawn = np.array([astuple(draw(torso, rng)[0]) for _ in range(4000)])
+    wanted = [0.75, 1.0, 0, 0.5, 0.25, math.pi / 4, 0.05, 0, 3000]
+    assert drawn.std(axis=0) == pytest.approx(wanted, rel=0.05)
+    mean = drawn.mean(axis=0) - TABLES["thesis_human"][0]
+    assert np.abs(mean)[[0, 1, 3, 4, 5, 6]].max() < 0.06
+    wild = [draw(torso, rng, Variation(rcs_fraction=100.0))[0].rcs_m2 for _ in range(40)]
+    assert min(wild) == 0.05 * torso[0].rcs_m2
+
+
+@given(st.tuples(*[st.floats(-10, 10) for _ in range(8)]), st.floats(0, 1e4))
+def test_any_scatterer_stays_within_its_triangle(numbers, t):
+    p = Scatterer(*numbers, 1.0)
+    range_m = ranges((p,), np.array([t]))[0][0, 0]
+    straight = math.sqrt(p.x_m**2 + (p.y_m + p.vy_mps * t) ** 2 + p.z_m**2)
+    assert abs(range_m - straight) <= abs(p.swing_m) + abs(p.swing3_m) + 1e-8
+    assert range_m == pytest.approx(range_by_formula(p, t), abs=1e-8)

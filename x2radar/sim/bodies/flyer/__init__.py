@@ -1,1 +1,0 @@
-"""Birds and moths: where they fly and what of them echoes. It may import `skin`."""

@@ -1,0 +1,243 @@
+"""People and four-legged animals by joint angles: the third of three motion generators.
+
+Hips, knees, ankles, shoulders and elbows, or shoulder and elbow, hip and stifle, follow short
+Fourier series over the stride, drawn about published means. The lowest foot carries the body, or
+its end of the trunk: nothing pins a foot to its place, so feet slide a little, and the hips go up
+and down as the angles make them.
+"""
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from x2radar.sim.bodies.motion import curves
+from x2radar.sim.bodies.motion.curves import JointCurve, harmonics
+from x2radar.sim.bodies.motion.people.striding import (
+    RUN_STRIDE,
+    RUNS,
+    SIDES,
+    WALK_STRIDE,
+    Moment,
+    StridingPerson,
+    Swing,
+    Torso,
+)
+from x2radar.sim.bodies.motion.quadrupeds.striding import (
+    LEAPS,
+    Bearing,
+    StridingQuadruped,
+    Trunk,
+    draw_lags,
+)
+from x2radar.sim.bodies.path.path import Path
+from x2radar.sim.bodies.path.prints import StridePhase
+from x2radar.sim.bodies.pose import UP, Ends, Pose
+from x2radar.sim.bodies.skeleton import quadrupeds
+from x2radar.sim.bodies.skeleton.limbs import direction, hang
+from x2radar.sim.bodies.skeleton.people import PersonBuild
+from x2radar.sim.bodies.skeleton.quadrupeds import QuadrupedBuild
+from x2radar.sim.bodies.wander import Wander
+from x2radar.sim.points import Array
+
+_BACKWARDS_SHARE = 0.15
+"""Of people who do not run (a guess)."""
+_SOFT_M, _SOFT = 0.02, 0.06
+"""Depth within which both feet carry, in metres of people, in hip heights of animals; it keeps the
+hips from a kink when they change."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AnglePerson(StridingPerson):
+    """Somebody who goes along a path; a `Motion`."""
+
+    joints: tuple[JointCurve, ...]  # hip, knee, ankle, shoulder, elbow
+    lag: Array  # (4,): of left leg, right leg, left arm, right arm, in strides
+    crouch_rad: float  # added to hip and knee
+    lean_rad: float  # of the trunk
+    turned_rad: float  # of the body against its way
+    yaw_rad: float  # of the pelvis
+    hop_m: float  # height of the flight
+    surge_m: float  # how far hips swing ahead and back
+
+    @classmethod
+    def draw(
+        cls,
+        rng: np.random.Generator,
+        path: Path,
+        build: PersonBuild,
+        style: str,
+        gesture: Wander,
+    ) -> Self:
+        """Draw somebody who goes in a style of `STYLES`."""
+        z, u = rng.standard_normal(10).clip(-2, 2), rng.random(4)
+        cruise = max(path.cruise_mps, 0.1)
+        leg_m = build.leg_m
+        fr = cruise / np.sqrt(9.81 * leg_m)
+        run = 1.0 if style in RUNS else 0.0
+        stride = (RUN_STRIDE if run else WALK_STRIDE) * leg_m * fr**0.5
+        stride *= float(np.exp(0.12 * z[0]))
+        # Legs that open as wide as the stride asks, at a stance of some 60 % of it, in which the
+        # foot rolls from heel to toe: as published at 1.3 m/s.
+        mean = 0.4 if run else 0.62
+        opening_m = stride * mean - build.foot_m
+        scale = float(np.clip(opening_m / (2 * leg_m * np.sin(0.36)), 0.25, 1.5))
+        legs = [
+            JointCurve.draw(rng, harmonics(curve), share)
+            for curve, share in zip(
+                curves.RUN if run else curves.WALK, (scale, *[0.4 + 0.6 * scale] * 2), strict=True
+            )
+        ]
+        n = curves.N_HARMONICS
+        swing = 0.35 * scale * float(np.exp(0.5 * z[1])) * (0.15 if style == "carry" else 1.0)
+        size = swing * np.array([1.0, 0.12, 0.04, 0.02]) * np.exp(0.3 * rng.standard_normal(n))
+        shoulder = JointCurve(0.1 * z[2], size, np.pi + 0.3 * rng.standard_normal(n))
+        bend = 1.4 if run or style == "carry" else 0.4
+        elbow = JointCurve(bend * float(np.exp(0.3 * z[3])), 0.6 * size, np.pi - 0.4 + 0 * size)
+        limp = 0.1 if style == "limp" else 0.02 * z[4]
+        hop = float(0.04 * run * np.exp(0.3 * z[9]))
+        surge = float(0.018 * leg_m * np.exp(0.6 * rng.standard_normal()))
+        return cls(
+            path,
+            build,
+            StridePhase.along(path, lambda v: stride * (v / cruise) ** 0.5),
+            cruise,
+            gesture,
+            Torso.draw(rng),
+            (*legs, shoulder, elbow),
+            np.array([0.0, 0.5 + limp, 0.04 * z[5], 0.5 + 0.04 * z[6]]),
+            {"crouch": 0.7, "stealth": 0.45}.get(style, 0.05) + 0.08 * float(u[1]),
+            {"crouch": 0.5, "stealth": 0.3, "run": 0.15}.get(style, 0.05) + 0.05 * z[7],
+            float(np.pi) if not run and u[0] < _BACKWARDS_SHARE else 0.0,
+            float(0.16 * np.exp(0.5 * z[8])),
+            hop,
+            surge,
+        )
+
+    def pose(self, t_s: Array) -> Pose:
+        """Return the pose of all parts; see `Motion`."""
+        state = self.path.at(t_s)
+        vigour = np.clip(state.speed_mps / self.cruise_mps, 0.0, 1.0)
+        p = (-1.0 if self.turned_rad else 1.0) * self.phase.at(t_s)
+        facing = state.heading_rad + self.turned_rad
+        yaw = facing + self.yaw_rad * vigour * np.cos(2 * np.pi * p)
+        place = np.stack([state.x_m, state.y_m, np.zeros_like(facing)], axis=-1)
+        ahead = self.surge_m * vigour * np.sin(4 * np.pi * (p - 0.31))
+        place = place - ahead[:, None] * direction(state.heading_rad)
+        now = Moment(facing, yaw, p, vigour, self.gesture.at(t_s))
+        legs = [self._leg(k, place, now) for k in range(2)]
+        drop = np.stack([-leg[2][1][:, 2] for leg in legs], axis=1)
+        lowest = drop.max(axis=1, keepdims=True)
+        soft = _SOFT_M * np.log(np.exp((drop - lowest) / _SOFT_M).sum(axis=1))
+        height = lowest[:, 0] + soft + 0.01
+        height += self.hop_m * vigour * (1 - np.cos(4 * np.pi * (p + 0.05)))
+        lift = height[:, None] * UP
+        lean = self.lean_rad * (0.4 + 0.6 * vigour)
+        raised = [[(a + lift, c + lift) for a, c in leg] for leg in legs]
+        return self._over_hips(t_s, now, place + lift, (lean, 0.0), raised)
+
+    def _leg(self, k: int, middle: Array, now: Moment) -> list[Ends]:
+        b, vigour = self.build, now.vigour
+        phase = now.phase - self.lag[k]
+        hip_rad, knee_rad, ankle_rad = (j.at(phase, vigour) for j in self.joints[:3])
+        knee_rad = np.maximum(knee_rad, 0.02) + 1.6 * self.crouch_rad
+        hip_rad = hip_rad + self.crouch_rad
+        shank_rad = hip_rad - knee_rad
+        # A foot is square to its shank at rest.
+        foot_rad = shank_rad + ankle_rad + 0.5 * np.pi
+        hip, knee, ankle, toe = hang(
+            middle + SIDES[k] * b.hip_m * direction(now.yaw_rad + 0.5 * np.pi),
+            now.facing_rad,
+            (hip_rad, b.thigh_m, 0.0),
+            (shank_rad, b.shank_m, 0.0),
+            (foot_rad, 0.75 * b.foot_m, 0.0),
+        )
+        sole = b.ankle_m * UP
+        return [(hip, knee), (knee, ankle), (ankle - (toe - ankle) / 3 - sole, toe - sole)]
+
+    def _arm_swing(self, k: int, now: Moment, chest_rad: Array) -> Swing:  # noqa: ARG002 - these swing where the body faces
+        phase, gesture = now.phase - self.lag[2 + k], now.gesture
+        angle = self.joints[3].at(phase, now.vigour) + gesture[:, 2 * k]
+        bend = np.maximum(self.joints[4].at(phase, now.vigour) + gesture[:, 2 * k + 1], 0.05)
+        return now.facing_rad, angle, bend, 0.12
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AngleQuadruped(StridingQuadruped):
+    """An animal that goes along a path; a `Motion`."""
+
+    joints: tuple[JointCurve, ...]  # of the fore leg's upper and middle joint, and the hind leg's
+    lag: Array  # (4,): of the legs, in strides
+    crouch_rad: float  # added to all legs' angles
+    hop: float  # height of the flight in hip heights
+
+    @classmethod
+    def draw(cls, rng: np.random.Generator, path: Path, build: QuadrupedBuild, style: str) -> Self:
+        """Draw how an animal goes along a path."""
+        z, u = rng.standard_normal(6).clip(-2, 2), rng.random(3)
+        cruise = max(path.cruise_mps, 0.05)
+        gait, lag = draw_lags(rng, style, cruise, build, (0.05, u[0]))
+        fr = cruise**2 / (9.81 * build.hip_m)
+        stride = 2.5 * build.hip_m * fr**0.36 * float(np.exp(0.15 * z[0]))
+        duty = float(np.clip(0.52 * fr**-0.14, 0.28, 0.7))
+        # Legs that open as wide as the stride asks.
+        scale = float(np.clip(stride * duty / (2 * build.hip_m * np.sin(0.3)), 0.3, 2.0))
+        joints = tuple(
+            JointCurve.draw(rng, harmonics(mean), scale if k % 2 == 0 else 0.5 + 0.5 * scale)
+            for k, mean in enumerate(curves.DOG)
+        )
+        return cls(
+            path,
+            build,
+            Bearing.draw(rng, gait, style),
+            StridePhase.along(path, lambda v: stride * (v / cruise) ** 0.7),
+            cruise,
+            joints,
+            lag,
+            (0.45 if style == "stalk" else 0.0) + 0.12 * float(u[1]),
+            float((0.08 if gait in LEAPS else 0.02) * np.exp(0.3 * z[1])),
+        )
+
+    def pose(self, t_s: Array) -> Pose:
+        """Return the pose of all parts; see `Motion`."""
+        b, w = self.build, self.bearing
+        state = self.path.at(t_s)
+        vigour = np.clip(state.speed_mps / self.cruise_mps, 0.0, 1.0)
+        p = self.phase.at(t_s)
+        heading = state.heading_rad
+        place = np.stack([state.x_m, state.y_m, np.zeros_like(heading)], axis=-1)
+        turn = 2 * np.pi * w.bobs * (p - w.bob_lag)
+        surge = b.hip_m * w.surge * vigour * np.cos(turn)
+        place = place + surge[:, None] * direction(heading)
+        legs = [self._leg(k, place, heading, p - self.lag[k], vigour) for k in range(4)]
+        drop = np.stack([-leg[-1][1][:, 2] for leg in legs], axis=1)
+        soft = _SOFT * b.hip_m
+        hop = self.hop * b.hip_m * vigour * (1 - np.cos(2 * np.pi * w.bobs * (p - w.bob_lag)))
+        hind, fore = (
+            soft * np.logaddexp(drop[:, a] / soft, drop[:, a + 2] / soft) - 0.69 * soft + hop
+            for a in (0, 1)
+        )
+        middle = place + (0.5 * (hind + fore))[:, None] * UP
+        trunk = Trunk(middle, heading, np.arctan2(fore - hind, b.back_m), p * vigour)
+        lifts = [height[:, None] * UP for height in (hind, fore)]
+        raised = [(a + lifts[k % 2], c + lifts[k % 2]) for k in range(4) for a, c in legs[k]]
+        return self._over_legs(t_s, trunk, raised)
+
+    def _leg(
+        self, k: int, middle: Array, heading: Array, phase: Array, vigour: Array
+    ) -> list[Ends]:
+        b, end = self.build, quadrupeds.ENDS[k]
+        upper, lower = self.joints[:2] if end > 0 else self.joints[2:]
+        bend = np.maximum(lower.at(phase, vigour), 0.05) + self.crouch_rad
+        # The fore leg's elbow points back, the hind leg's stifle ahead.
+        first = upper.at(phase, vigour) - 0.5 * end * bend
+        side = 0.9 * quadrupeds.SIDES[k] * b.half_track_m
+        top = middle + 0.5 * end * b.back_m * direction(heading)
+        top, knee, ankle, paw = hang(
+            top + side * direction(heading + 0.5 * np.pi),
+            heading,
+            (first, b.upper_m, 0.0),
+            (first + end * bend, b.lower_m, 0.0),
+            (first + end * bend + 0.5 + 0.3 * bend, b.paw_m, 0.0),
+        )
+        return [(top, knee), (knee, ankle), (ankle, paw)]

@@ -1,0 +1,1 @@
+"""People: gaits, walking, crawling, what they do in one place; drawn footfalls."""

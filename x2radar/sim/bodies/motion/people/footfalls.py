@@ -1,0 +1,188 @@
+"""People by footfalls and inverse kinematics: the second of three motion generators.
+
+It shares no gait law with the first: stride length is a power of speed with drawn factor and
+exponent, duty factor and phase lags are drawn, hips ride over feet that stand where the phase
+puts them, arms are pendula with a lag of their own.
+"""
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from x2radar.sim.bodies.motion.people.striding import (
+    RUN_STRIDE,
+    RUNS,
+    SIDES,
+    WALK_STRIDE,
+    Moment,
+    StridingPerson,
+    Swing,
+    Torso,
+    draw_gesture,
+)
+from x2radar.sim.bodies.path.path import Path
+from x2radar.sim.bodies.path.prints import Footprints, StridePhase
+from x2radar.sim.bodies.pose import UP, Ends, Pose
+from x2radar.sim.bodies.skeleton.limbs import STRETCHED_TO, direction, two_links
+from x2radar.sim.bodies.skeleton.people import PersonBuild
+from x2radar.sim.points import Array
+
+_TURNED_SHARE = 0.3
+"""Of people who do not run, those who do not go where they look (a guess, wide)."""
+_TURNED_STRIDE = 0.85
+"""Of those who do not go where they look, for one of those who do (a guess)."""
+_HEEL_RISE_RAD = 1.1
+"""Of the foot when it leaves the floor (recalled: 60 degrees)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GaitParams:
+    """How somebody goes; angles in radians, shares of the leg's length where no unit is named.
+
+    The stride is ``stride * leg * (v / sqrt(g leg))^power`` long.
+    """
+
+    stride: float
+    power: float
+    duty: float  # share of a stride that a foot stands; under a half there is a flight
+    limp: float  # how much later than half a stride the right foot lands, in strides
+    crouch: float  # how much lower the hips are than on straight legs
+    lift: float  # height of the feet's swing
+    bob: float  # amplitudes of the hips up, aside and ahead
+    sway: float
+    surge: float
+    bob_lag: float  # in strides, against the left foot's landing
+    arm_lag: float
+    lean: float  # of the trunk, forward
+    yaw: float  # amplitude of the pelvis about the vertical
+    toe_out: float  # of the feet, outward
+    facing: float  # of the body to the left of its way
+    arm: float  # amplitude and rest of the arms' swing
+    arm_rest: float
+    elbow: float  # bend of the elbows, and its swing
+    elbow_swing: float
+    splay: float  # of the arms, outward
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FootfallPerson(StridingPerson):
+    """Somebody who goes along a path on feet that stand."""
+
+    params: GaitParams
+    prints: tuple[Footprints, ...]  # left and right
+
+    @classmethod
+    def draw(cls, rng: np.random.Generator, path: Path, build: PersonBuild, style: str) -> Self:
+        """Draw how somebody goes in a style of `STYLES`, and plan the footfalls."""
+        params, gesture = _draw_params(rng, style), draw_gesture(rng)
+        leg_m = build.leg_m
+        phase = StridePhase.along(
+            path, lambda v: params.stride * leg_m * (v / np.sqrt(9.81 * leg_m)) ** params.power
+        )
+        scatter = 0.012 * rng.standard_normal((64, 2)).clip(-2, 2)
+        prints = tuple(
+            Footprints.plan(
+                path,
+                phase,
+                offset=0.0 if side > 0 else 0.5 + params.limp,
+                duty=params.duty,
+                home_m=(0.02, side * 0.75 * build.hip_m),
+                facing_rad=params.facing,
+                lift_m=params.lift * leg_m,
+                lift_skew=0.8,
+                scatter_m=scatter,
+            )
+            for side in SIDES
+        )
+        cruise = max(path.cruise_mps, 0.1)
+        return cls(path, build, phase, cruise, gesture, Torso.draw(rng), params, prints)
+
+    def pose(self, t_s: Array) -> Pose:
+        """Return the pose of all parts; see `Motion`."""
+        b, w = self.build, self.params
+        state = self.path.at(t_s)
+        vigour = np.clip(state.speed_mps / self.cruise_mps, 0.0, 1.0)
+        p = self.phase.at(t_s)
+        facing = state.heading_rad + w.facing
+        left = direction(facing + 0.5 * np.pi)
+        two, one = 4 * np.pi * (p - w.bob_lag), 2 * np.pi * (p - 0.5 * w.duty)
+        height = b.ankle_m + b.leg_m * (1 - w.crouch + w.bob * vigour * np.cos(two))
+        aside = b.leg_m * w.sway * vigour * np.cos(one)
+        middle = np.stack([state.x_m, state.y_m, height], axis=-1) + aside[:, None] * left
+        # Fastest when both feet are down, slowest over the standing foot.
+        ahead = b.leg_m * w.surge * vigour * np.sin(4 * np.pi * (p - 0.5 * w.duty))
+        middle = middle - ahead[:, None] * direction(state.heading_rad)
+        yaw = facing + w.yaw * vigour * np.sin(2 * np.pi * p)
+        now = Moment(facing, yaw, p, vigour, self.gesture.at(t_s))
+        legs = [self._leg(k, t_s, middle, now) for k in range(2)]
+        lean = w.lean * (0.4 + 0.6 * vigour)
+        return self._over_hips(t_s, now, middle, (lean, 0.5 * lean), legs)
+
+    def _leg(self, k: int, t_s: Array, middle: Array, now: Moment) -> list[Ends]:
+        b, w, side = self.build, self.params, SIDES[k]
+        ahead, vigour = direction(now.facing_rad), now.vigour
+        hip = middle + side * b.hip_m * direction(now.yaw_rad + 0.5 * np.pi)
+        sole, swing = self.prints[k].at(t_s, vigour)
+        p = now.phase - self.prints[k].offset
+        stance = np.clip((p - np.floor(p)) / w.duty, 0.0, 1.0)
+        # The heel rises in the last quarter of the stance, and is down again before landing.
+        late = np.clip((stance - 0.7) / 0.3, 0.0, 1.0) * (1 - swing)
+        rise = vigour * _HEEL_RISE_RAD * late**2
+        rise += vigour * 0.5 * np.sin(np.pi * swing) * (swing < 1)
+        way = direction(now.facing_rad + side * w.toe_out, -rise)
+        ankle = sole + b.ankle_m * UP
+        ankle[:, 2] += 0.7 * b.foot_m * np.sin(rise)
+        # About the ball of the foot, so that the ankle goes ahead as the heel rises.
+        ankle += (0.7 * b.foot_m * (1 - np.cos(rise)))[:, None] * ahead
+        knee, ankle = two_links(
+            hip, ankle, b.thigh_m, b.shank_m, ahead, stiff_to=STRETCHED_TO, is_soft=False
+        )
+        heel = ankle - 0.25 * b.foot_m * way
+        return [(hip, knee), (knee, ankle), (heel, heel + b.foot_m * way)]
+
+    def _arm_swing(self, k: int, now: Moment, chest_rad: Array) -> Swing:
+        w, vigour = self.params, now.vigour
+        # Each arm swings against the leg of its side.
+        turn = np.cos(2 * np.pi * (now.phase - 0.5 * (k == 0) - w.arm_lag))
+        angle = w.arm_rest + w.arm * vigour * turn + now.gesture[:, 2 * k]
+        bend = w.elbow * (0.5 + 0.5 * vigour) + w.elbow_swing * vigour * turn
+        bend = np.maximum(bend + now.gesture[:, 2 * k + 1], 0.05)
+        return chest_rad, angle, bend, w.splay
+
+
+def _draw_params(rng: np.random.Generator, style: str) -> GaitParams:
+    """Draw how somebody goes: widely, so that a network cannot learn one gait law by heart."""
+    z, u = rng.standard_normal(16).clip(-2, 2), rng.random(8)
+    runs = style in RUNS
+    low = {"crouch": 0.25, "stealth": 0.12, "limp": 0.05}.get(style, 0.02)
+    facing = 0.0
+    if not runs and u[0] < _TURNED_SHARE:
+        # Backwards, sideways or aslant, as people do in front of a shelf.
+        aside = float(np.pi / 2 * np.sign(z[0] + 1e-9))
+        facing = np.pi if u[1] < 0.35 else aside if u[1] < 0.75 else 1.2 * aside * float(u[7])
+    stride = RUN_STRIDE if runs else WALK_STRIDE * (_TURNED_STRIDE if facing else 1.0)
+    return GaitParams(
+        stride=stride * float(np.exp(0.12 * z[1])),
+        power=0.52 + 0.04 * z[2],
+        duty=float(0.36 + 0.08 * u[2] if runs else 0.56 + 0.14 * u[2]),
+        limp=float((0.08 + 0.08 * u[3]) if style == "limp" else 0.02 * z[3]),
+        crouch=low + 0.05 * u[4] + (0.06 if runs else 0.0),
+        lift=float((0.28 if runs else 0.12) * np.exp(0.4 * z[4])),
+        bob=float((0.05 if runs else 0.022) * np.exp(0.4 * z[5])),
+        sway=float(0.03 * np.exp(0.6 * z[6])),
+        surge=float(0.018 * np.exp(0.6 * z[15])),
+        bob_lag=float((0.25 if runs else 0.06) + 0.06 * z[7]),
+        arm_lag=0.05 * z[8],
+        lean={"crouch": 0.6, "stealth": 0.3, "run": 0.2}.get(style, 0.06) + 0.06 * z[9],
+        yaw=float(0.16 * np.exp(0.5 * z[10])),
+        toe_out=0.12 + 0.1 * z[11],
+        facing=facing,
+        arm=float(
+            (0.05 if style in {"carry", "stealth", "crouch"} else 0.4) * np.exp(0.5 * z[12])
+        ),
+        arm_rest=(0.5 if style == "carry" else 0.0) + 0.12 * z[13],
+        elbow=float((1.5 if runs or style == "carry" else 0.4) * np.exp(0.3 * z[14])),
+        elbow_swing=0.2 * float(u[5]),
+        splay=0.12 + 0.1 * float(u[6]),
+    )

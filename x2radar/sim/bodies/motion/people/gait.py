@@ -1,0 +1,215 @@
+"""How people put their feet: stride, duty factor, and what the body does over them.
+
+Walking follows Boulic and Thalmann 1990 (recalled): with the speed RV relative to the hip
+height Ht, the stride is 1.346 sqrt(RV) Ht and the period 1.346 / sqrt(RV) seconds, the
+support 0.752 periods - 0.143 s. Running: strides of 1.3 to 1.6 a second, with a flight.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Literal
+
+import numpy as np
+
+from x2radar.sim.bodies.path.feet import Gait
+from x2radar.sim.bodies.skeleton.people import Age
+from x2radar.sim.points import Array
+
+_STRIDE = 1.346
+FASTEST_WALK = 3.0
+"""Relative speed RV up to which the relation holds (Boulic and Thalmann, recalled)."""
+_SURGE = 0.084
+"""Of the hips, see `carriage_at`."""
+_BRISK = 1.5
+"""Relative speed of the carriage that a free walk has: about 1.4 m/s."""
+
+
+@dataclass(frozen=True, slots=True)
+class Carriage:
+    """How a body is carried over its feet."""
+
+    bend: float = 0.012  # how much lower the hips are than on straight legs, as a share of the leg
+    lean_rad: float = 0.05  # of the trunk, forward
+    bob_m: float = 0.022  # of the hips, up and down twice a stride, at cruising speed
+    sway_m: float = 0.02  # and to the sides, once a stride
+    surge_m: float = 0.0  # and ahead of their even way: slowest over the standing foot
+    is_spring: bool = False  # lowest over the standing foot, as in running, not highest
+    arm_rad: float = 0.40  # amplitude of the arms' swing
+    arm_rest_rad: float = 0.05  # about which the arms swing, forward
+    elbow_rad: float = 0.45  # bend of the elbows
+    yaw_rad: float = 0.12  # amplitude of the pelvis' turn; the chest turns against it
+    heel_rad: float = 0.9  # how far the heel has risen at toe-off
+
+
+@dataclass(frozen=True, slots=True)
+class PersonStyle:
+    """Something that people do."""
+
+    sentence: str
+    speed_mps: tuple[float, float] | None  # None for somebody who stays in place
+    carriage: Carriage = Carriage()
+    lift: float = 0.06  # of the feet, as a share of the stature
+    kind: Literal["walk", "run", "crawl"] = "walk"
+    stops: bool = False
+    grows: bool = False  # whether bob, arms and pelvis move more the faster it goes
+    limps: bool = False
+    age: Age = "adult"
+    does: Literal["", "busy", "sit", "exercise"] = ""  # besides going, or instead
+
+
+def _running(
+    bend: float, lean: float, bob: float, *, arm: float, elbow: float, heel: float
+) -> Carriage:
+    return Carriage(
+        bend=bend,
+        lean_rad=lean,
+        bob_m=bob,
+        is_spring=True,
+        arm_rad=arm,
+        elbow_rad=elbow,
+        heel_rad=heel,
+    )
+
+
+STYLES: Mapping[str, PersonStyle] = MappingProxyType(
+    {
+        "walk": PersonStyle("walks", (0.7, 1.7), grows=True),
+        "stroll": PersonStyle("walks slowly", (0.3, 0.8), grows=True),
+        "stealth": PersonStyle(
+            "sneaks: slow, careful steps on bent knees",
+            (0.2, 0.5),
+            Carriage(bend=0.10, lean_rad=0.25, arm_rad=0.08, elbow_rad=0.9, bob_m=0.008),
+            lift=0.10,
+        ),
+        "crouch": PersonStyle(
+            "walks crouched",
+            (0.3, 1.0),
+            Carriage(bend=0.28, lean_rad=0.65, arm_rad=0.12, elbow_rad=1.0, bob_m=0.012),
+            lift=0.06,
+        ),
+        "jog": PersonStyle(
+            "jogs",
+            (1.8, 2.8),
+            _running(0.07, 0.10, 0.035, arm=0.5, elbow=1.5, heel=1.1),
+            lift=0.16,
+            kind="run",
+        ),
+        "run": PersonStyle(
+            "runs",
+            (2.8, 4.5),
+            _running(0.08, 0.17, 0.04, arm=0.8, elbow=1.6, heel=1.2),
+            lift=0.24,
+            kind="run",
+        ),
+        "crawl": PersonStyle("crawls on hands and knees", (0.2, 0.7), lift=0.04, kind="crawl"),
+        "limp": PersonStyle(
+            "limps", (0.4, 1.0), Carriage(bob_m=0.03, sway_m=0.04), grows=True, limps=True
+        ),
+        "carry": PersonStyle(
+            "carries a box before the chest",
+            (0.5, 1.4),
+            Carriage(arm_rad=0.03, arm_rest_rad=0.35, elbow_rad=1.5, lean_rad=-0.04),
+        ),
+        "carry_pet": PersonStyle(
+            "carries a pet in the arms",
+            (0.5, 1.3),
+            Carriage(arm_rad=0.03, arm_rest_rad=0.25, elbow_rad=1.8),
+        ),
+        "toddler": PersonStyle(
+            "toddles: a small child on short, wide, quick steps",
+            (0.3, 0.9),
+            Carriage(bend=0.06, arm_rad=0.10, arm_rest_rad=0.5, elbow_rad=1.4, sway_m=0.02),
+            lift=0.08,
+            age="toddler",
+        ),
+        "child": PersonStyle(
+            "a child of 0.95 to 1.45 m walks about", (0.4, 1.5), grows=True, age="child"
+        ),
+        "child_run": PersonStyle(
+            "a child of 0.95 to 1.45 m runs about",
+            (1.3, 3.0),
+            _running(0.07, 0.12, 0.03, arm=0.6, elbow=1.3, heel=1.1),
+            lift=0.18,
+            kind="run",
+            age="child",
+        ),
+        "stop_and_go": PersonStyle("goes, stops and goes on", (0.5, 1.3), stops=True, grows=True),
+        "stand": PersonStyle("stands and breathes", None),
+        "busy": PersonStyle("stands and reaches, bends and turns", None, does="busy"),
+        "sit": PersonStyle("sits, looks about and uses the hands", None, does="sit"),
+        "exercise": PersonStyle("exercises or dances in one place", None, does="exercise"),
+        "search": PersonStyle(
+            "goes from place to place and searches each",
+            (0.4, 1.2),
+            stops=True,
+            grows=True,
+            does="busy",
+        ),
+    }
+)
+"""What people do, by name; speeds and carriages by eye, where no source stands above."""
+
+
+def walking_stride_m(speed_mps: Array, hip_height_m: float) -> Array:
+    """Return the stride of a walk: 1.346 sqrt(RV) Ht, RV = speed / Ht."""
+    return np.asarray(_STRIDE * np.sqrt(speed_mps / hip_height_m) * hip_height_m)
+
+
+def walking_duty(speed_mps: Array, hip_height_m: float) -> Array:
+    """Return a foot's share of the stride on the floor: 0.752 - 0.143 s / period."""
+    period_s = _STRIDE / np.sqrt(np.maximum(speed_mps / hip_height_m, 0.02))
+    return np.asarray(np.clip(0.752 - 0.143 / period_s, 0.55, 0.76))
+
+
+def carriage_at(style: PersonStyle, speed_mps: float, hip_height_m: float) -> Carriage:
+    """Return how a body is carried at a speed.
+
+    Boulic and Thalmann 1990 (recalled) let the bob (0.015 RV), the swing of the arms and the
+    turn of the pelvis grow with the relative speed RV, and the surge of the hips be
+    0.084 RV (1 - RV) of the hip height up to RV = 0.5 and 0.021 beyond. Somebody who goes at
+    0.3 m/s does not swing the arms as at 1.4 m/s.
+    """
+    if style.kind != "walk":
+        return style.carriage
+    c, rv = style.carriage, speed_mps / hip_height_m
+    slow = min(rv, 0.5)
+    c = replace(c, surge_m=hip_height_m * _SURGE * slow * (1 - slow))
+    if not style.grows:
+        return c
+    share = min(rv / _BRISK, 1.3)
+    return replace(c, bob_m=c.bob_m * share, arm_rad=c.arm_rad * share, yaw_rad=c.yaw_rad * share)
+
+
+def gait_of(
+    kind: str, hip_height_m: float, *, cadence: float, width_m: float, lift_m: float, limp: float
+) -> Gait:
+    """Return the footwork of a walk or a run.
+
+    `cadence` is strides a second against the usual, strides being the shorter; `width_m` half
+    the distance between the feet; `limp` the share of the stride that the right foot is spared.
+    """
+    if kind == "run":
+
+        def stride(v: Array) -> Array:
+            return np.asarray(v / (cadence * (1.22 + 0.07 * v)))
+
+        def duty(v: Array) -> Array:
+            return np.asarray(np.clip(0.47 - 0.045 * v, 0.25, 0.42))
+    else:
+
+        def stride(v: Array) -> Array:
+            return walking_stride_m(v, hip_height_m) / cadence
+
+        def duty(v: Array) -> Array:
+            return walking_duty(v, hip_height_m)
+
+    return Gait(
+        offset=(0.0, 0.5 - limp / 2),
+        home_m=((0.0, width_m), (0.0, -width_m)),
+        stride_m=stride,
+        duty=duty,
+        lift_m=(lift_m, lift_m * (1 - 2 * limp)),
+        more_duty=(limp / 2, -limp / 2),
+        ramp=0.2,
+    )

@@ -1,0 +1,274 @@
+"""People on two feet by the first generator: trunk and arms over legs that reach for footfalls.
+
+The feet stand where the plan says; the ball of a standing foot does not move. The heel rises
+over it in the last third of the stance, so the ankle is still from foot-flat to heel-off. Knees
+and elbows follow by two-link inverse kinematics, knees bending forward and elbows
+backward where arms hang.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+
+from x2radar.sim.bodies.motion.people.doing import Busy, Doer, Doing
+from x2radar.sim.bodies.motion.people.exercise import Exercise
+from x2radar.sim.bodies.motion.people.gait import Carriage, PersonStyle, carriage_at, gait_of
+from x2radar.sim.bodies.motion.people.seat import Seated
+from x2radar.sim.bodies.path.feet import Feet, FootState
+from x2radar.sim.bodies.path.path import Path
+from x2radar.sim.bodies.pose import UP, Pose
+from x2radar.sim.bodies.skeleton.limbs import direction, two_links
+from x2radar.sim.bodies.skeleton.people import ARMS, LEGS, PERSON, TRUNK_AT, Age, PersonBuild
+from x2radar.sim.bodies.wander import Wander, smooth_step
+from x2radar.sim.points import Array
+
+Traits = tuple[Array, Array]
+"""What a person draws whatever the style: 12 normal numbers and 8 shares."""
+
+STIFF_TO = 0.93
+"""Share of a limb's length up to which it reaches; beyond, its upper joint gives."""
+_HEEL_OFF = 0.65
+"""Share of the stance after which the heel begins to rise: 40 % of a walking stride (Perry)."""
+_FACE = 0.015
+"""Share of the stature by which the head's middle is ahead of the neck: one that turns moves
+its echo."""
+_QUICKER: Mapping[Age, float] = {"adult": 1.0, "child": 1.1, "toddler": 1.35}
+"""Cadence against that of an adult of the same leg length and speed (recalled)."""
+_SIDES = np.array([1.0, -1.0])[:, None]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Hips:
+    """Where the middle of the hips is, and how the body is turned."""
+
+    middle_m: Array  # (n_slow, 3): middle between the hip joints
+    heading_rad: Array  # (n_slow,): where the body faces
+    yaw_rad: Array  # (n_slow,): turn of the pelvis against that; the chest turns the other way
+    vigour: Array  # (n_slow,): 0 standing to 1 at cruising speed
+    swing: Array  # (n_slow,): -1 to 1: 1 when the left leg is foremost
+    lean_rad: Array  # (n_slow,): of the trunk, forward
+    look_rad: Array  # (n_slow, 2): turn and nod of the head
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OnFeet:
+    """Somebody who goes along a path on two feet, and stands where it stops."""
+
+    path: Path
+    feet: Feet
+    build: PersonBuild
+    carriage: Carriage
+    cruise_mps: float
+    duty: float
+    sway: Wander  # of the hips ahead, aside and up, in metres, and turn and nod of the head
+    doer: Doer | None = None  # what is done besides
+
+    @classmethod
+    def draw(
+        cls,
+        rng: np.random.Generator,
+        style: PersonStyle,
+        path: Path,
+        build: PersonBuild,
+        traits: Traits,
+    ) -> Self:
+        """Draw how somebody goes and what is done besides."""
+        z, share = traits
+        width = (0.045 + 0.03 * share[0]) * (1.8 if style.age == "toddler" else 1.0)
+        gait = gait_of(
+            style.kind,
+            build.hip_height_m,
+            cadence=_QUICKER[style.age] * (1 + 0.06 * z[6]),
+            width_m=width * max(build.stature_m, 1.0) / 1.75 + 0.01,
+            lift_m=style.lift * build.stature_m * (0.7 + 0.6 * share[3]),
+            limp=0.10 + 0.10 * share[2] if style.limps else 0.0,
+        )
+        toe_m = 0.45 * build.foot_m
+        gait = replace(gait, home_m=tuple((toe_m, y) for _, y in gait.home_m))
+        cruise = max(path.cruise_mps, 0.1)
+        limits = (0.02, 0.015, 0.004, 0.5, 0.15)
+        return cls(
+            path,
+            Feet.plan(path, gait),
+            build,
+            _scattered(carriage_at(style, cruise, build.hip_height_m), z, build),
+            cruise,
+            float(gait.duty(np.array([cruise]))[0]),
+            Wander.draw(rng, limits, [0.012, 0.010, 0.003, 0.10, 0.05]),
+            _draw_doer(rng, style.does, build.leg_m),
+        )
+
+    def pose(self, t_s: Array) -> Pose:
+        """Return the pose of all parts; see `Motion`."""
+        b, c = self.build, self.carriage
+        state, feet = self.path.at(t_s), self.feet.at(t_s)
+        strides = self.feet.clock.at(t_s)
+        vigour = np.minimum(state.speed_mps / self.cruise_mps, 1.0)
+        middle_stance = strides - 0.5 * self.duty
+        bob = np.cos(4 * np.pi * middle_stance) * (-1.0 if c.is_spring else 1.0)
+        # Long steps lower the hips.
+        rate_hz = float(self.feet.clock.rate_hz.max(initial=0.0))
+        step_m = 0.25 * vigour * self.cruise_mps / max(rate_hz, 0.1)
+        straight = np.sqrt(np.maximum(b.leg_m**2 - (0.8 * step_m) ** 2, 0.3 * b.leg_m**2))
+        sway = self.sway.at(t_s)
+        ahead = sway[:, 0] - c.surge_m * vigour * np.sin(4 * np.pi * middle_stance)
+        aside = c.sway_m * vigour * np.cos(2 * np.pi * middle_stance) + sway[:, 1]
+        bend, lean = np.full(len(t_s), c.bend), np.full(len(t_s), c.lean_rad)
+        heading, up, look = state.heading_rad, sway[:, 2], sway[:, 3:5]
+        cos, sin = np.cos(heading), np.sin(heading)
+        doing = self.doer.at(t_s, vigour) if self.doer else None
+        if doing:
+            bend, lean, look = bend + doing.crouch, lean + doing.lean_rad, look + doing.look_rad
+            ahead, aside = ahead + doing.shift_m[:, 0], aside + doing.shift_m[:, 1]
+            up = up + doing.shift_m[:, 2]
+            feet = _moved(feet, cos[:, None], sin[:, None], doing.feet_m)
+        height = b.ankle_m + (1 - bend) * straight + c.bob_m * vigour * bob
+        middle = np.stack(
+            [
+                state.x_m - aside * sin + ahead * cos,
+                state.y_m + aside * cos + ahead * sin,
+                height + up,
+            ],
+            axis=-1,
+        )
+        swing = np.cos(2 * np.pi * strides)
+        hips = _Hips(middle, heading, -c.yaw_rad * vigour * swing, vigour, swing, lean, look)
+        return self._upright(hips, feet, self.feet.falls.at(t_s).duty, doing)
+
+    def _upright(self, hips: _Hips, feet: FootState, duty: Array, doing: Doing | None) -> Pose:
+        """Return the pose over feet, given the duty factor (n_slow, 2) of the stride of each."""
+        b, n, look = self.build, len(hips.heading_rad), hips.look_rad
+        centre, axis = (np.empty((n, len(PERSON.parts), 3)) for _ in range(2))
+        left = direction(hips.heading_rad + np.pi / 2)
+        spine = direction(hips.heading_rad, np.pi / 2 - hips.lean_rad)
+        axis[:, :3] = spine[:, None]
+        for k, along in enumerate(TRUNK_AT):
+            centre[:, k] = hips.middle_m + along * b.trunk_m * spine
+        nape = hips.middle_m + b.trunk_m * spine
+        gaze = hips.heading_rad + look[:, 0]
+        head = direction(gaze, np.pi / 2 - 0.5 * hips.lean_rad + look[:, 1])
+        face = direction(gaze, -0.5 * hips.lean_rad + look[:, 1])
+        centre[:, 3], axis[:, 3] = nape + b.neck_m * head + _FACE * b.stature_m * face, head
+        # The chest turns against the pelvis.
+        facing = hips.heading_rad - hips.yaw_rad + (doing.twist_rad if doing else 0.0)
+        chest_left = direction(facing + np.pi / 2)
+        centre[:, ARMS], axis[:, ARMS] = self._arms(hips, nape, chest_left, doing)
+        hip_left = direction(hips.heading_rad + hips.yaw_rad + np.pi / 2)
+        centre[:, LEGS], axis[:, LEGS] = self._legs(hips, feet, duty, hip_left)
+        return Pose(centre, axis, left[:, None])
+
+    def _arms(
+        self, hips: _Hips, nape: Array, left: Array, doing: Doing | None
+    ) -> tuple[Array, Array]:
+        b, c = self.build, self.carriage
+        centre, axis = (np.empty((len(nape), 6, 3)) for _ in range(2))
+        down = -np.pi / 2 - hips.lean_rad * 0.3
+        for side, sign in ((0, 1.0), (1, -1.0)):
+            shoulder = nape + (sign * b.shoulder_m) * left
+            # Arms go against the legs of their side.
+            swing = -sign * c.arm_rad * hips.vigour * hips.swing
+            upper = direction(hips.heading_rad, down + c.arm_rest_rad + swing)
+            bend = c.elbow_rad * (0.6 + 0.4 * hips.vigour) + 0.35 * np.maximum(swing, 0.0)
+            fore = direction(hips.heading_rad, down + c.arm_rest_rad + swing + bend)
+            # A little away from the body.
+            upper = upper + (0.12 * sign) * left
+            upper /= np.sqrt((upper * upper).sum(axis=-1, keepdims=True))
+            elbow = shoulder + b.upper_arm_m * upper
+            wrist = elbow + b.forearm_m * fore
+            if doing:
+                ahead = np.stack([left[:, 1], -left[:, 0], left[:, 2]], axis=-1)
+                along, out, high = (b.upper_arm_m + b.forearm_m) * doing.hands[:, side].T[
+                    ..., None
+                ]
+                at_work = shoulder + along * ahead + out * left + high * UP
+                wrist += doing.share[:, None] * (at_work - wrist)
+                shoulder, elbow = _elbow(b, shoulder, wrist, (ahead, left, sign))
+                upper, fore = (elbow - shoulder) / b.upper_arm_m, (wrist - elbow) / b.forearm_m
+            k = 3 * side
+            centre[:, k], axis[:, k] = 0.5 * (shoulder + elbow), upper
+            centre[:, k + 1], axis[:, k + 1] = 0.5 * (elbow + wrist), fore
+            centre[:, k + 2], axis[:, k + 2] = wrist + 0.05 * b.stature_m * fore, fore
+        return centre, axis
+
+    def _legs(self, hips: _Hips, feet: FootState, duty: Array, left: Array) -> tuple[Array, Array]:
+        b = self.build
+        toes = direction(feet.heading_rad)
+        sole = 0.7 * b.foot_m
+        # The heel's rise grows to its most at toe-off; in the swing it goes back.
+        push = smooth_step((feet.phase / duty - _HEEL_OFF) / (1 - _HEEL_OFF))
+        back_again = 1.0 - smooth_step(feet.swing / 0.55)
+        rise = self.carriage.heel_rad * np.where(feet.is_stance, push, back_again)
+        rise = rise * hips.vigour[:, None]
+        back = -np.cos(rise)[..., None] * toes
+        back[..., 2] += np.sin(rise)
+        ankle = feet.position_m + sole * back
+        ankle[..., 2] += b.ankle_m
+        joint = hips.middle_m[:, None] + b.hip_m * _SIDES * left[:, None]
+        forward = direction(hips.heading_rad)[:, None]
+        knee, top = _reach(ankle, joint, b.shank_m, b.thigh_m, forward)
+        foot = feet.position_m + 0.45 * sole * back
+        foot[..., 2] += 0.5 * b.ankle_m
+        centre = np.stack([0.5 * (top + knee), 0.5 * (knee + ankle), foot], axis=2)
+        axis = np.stack([(top - knee) / b.thigh_m, (knee - ankle) / b.shank_m, -back], axis=2)
+        return centre.reshape(-1, 6, 3), axis.reshape(-1, 6, 3)
+
+
+def _moved(feet: FootState, cos: Array, sin: Array, by_m: Array) -> FootState:
+    """Return feet moved ahead, to the left and up, shape (n_slow, 2, 3), in metres."""
+    ahead, left, up = np.moveaxis(by_m, -1, 0)
+    by = np.stack([ahead * cos - left * sin, ahead * sin + left * cos, up], axis=-1)
+    return replace(feet, position_m=feet.position_m + by)
+
+
+def _elbow(
+    b: PersonBuild, shoulder: Array, wrist: Array, frame: tuple[Array, Array, float]
+) -> tuple[Array, Array]:
+    """Return shoulder and elbow of an arm whose wrist is given.
+
+    Before the body elbows point down. For other directions that turns with the arm by the
+    shortest way: back where it hangs, ahead where it is raised, smooth all but behind the back.
+    """
+    ahead, left, sign = frame
+    fore = ahead + (0.4 * sign) * left - 0.3 * UP
+    fore /= np.sqrt((fore * fore).sum(axis=-1, keepdims=True))
+    down = -UP + fore[:, 2:] * fore
+    arm = wrist - shoulder
+    arm /= np.maximum(np.sqrt((arm * arm).sum(axis=-1, keepdims=True)), 1e-6)
+    cosine = np.maximum(1.0 + (fore * arm).sum(axis=-1, keepdims=True), 1e-6)
+    away = down - (down * arm).sum(axis=-1, keepdims=True) / cosine * (fore + arm)
+    elbow, top = _reach(wrist, shoulder, b.forearm_m, b.upper_arm_m, away)
+    return top, elbow
+
+
+def _reach(
+    fixed: Array, joint: Array, lower_m: float, upper_m: float, bend: Array
+) -> tuple[Array, Array]:
+    """Return middle and upper joint of a limb whose end is fixed: its upper joint gives."""
+    slack = 0.15 * upper_m
+    return two_links(fixed, joint, lower_m, upper_m, bend, stiff_to=STIFF_TO, slack_m=slack)
+
+
+def _draw_doer(rng: np.random.Generator, does: str, leg_m: float) -> Doer | None:
+    if does == "sit":
+        return Seated.draw(rng, leg_m)
+    if does == "exercise":
+        return Exercise.draw(rng, leg_m)
+    return Busy.draw(rng) if does else None
+
+
+def _scattered(c: Carriage, z: Array, build: PersonBuild) -> Carriage:
+    """Return a carriage of one's own."""
+    size = build.stature_m / 1.75
+    return replace(
+        c,
+        bend=c.bend * float(np.exp(0.2 * z[0])),
+        lean_rad=c.lean_rad + 0.03 * z[1],
+        surge_m=c.surge_m * float(np.exp(0.2 * z[8])),
+        bob_m=c.bob_m * size * float(np.exp(0.2 * z[2])),
+        sway_m=c.sway_m * size * float(np.exp(0.2 * z[3])),
+        arm_rad=c.arm_rad * float(np.exp(0.35 * z[4])),
+        elbow_rad=c.elbow_rad * float(np.exp(0.2 * z[5])),
+        yaw_rad=c.yaw_rad * float(np.exp(0.25 * z[7])),
+    )

@@ -1,0 +1,1 @@
+"""Four-legged animals: gaits, going, staying, playing, jumping; drawn footfalls."""

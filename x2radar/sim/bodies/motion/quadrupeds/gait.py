@@ -1,0 +1,125 @@
+"""How four-legged animals put their feet: stride, duty factor and order of footfalls.
+
+Speed is measured by the Froude number ``Fr = v^2 / (g h)``, h the height of the hip; animals
+of any size move alike at equal Froude numbers (Alexander and Jayes, A dynamic similarity
+hypothesis for the gaits of quadrupedal mammals, 1983; coefficients recalled).
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+
+from x2radar.sim.bodies.path.feet import Gait
+from x2radar.sim.bodies.skeleton.species import Species
+from x2radar.sim.points import Array
+
+GRAVITY_MPS2 = 9.81
+DUTY = (0.28, 0.70)
+"""Least and greatest duty factor: galloping and creeping animals (recalled)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Footwork:
+    """An order of footfalls, with what the trunk does in it."""
+
+    offset: tuple[float, float, float, float]  # landing of each of `LEGS`, strides after the first
+    bobs: int  # how often the trunk goes up and down in a stride
+    is_vault: bool  # highest over the standing leg, as on stilts; else lowest, as on springs
+    bob: float  # amplitude of either end of the trunk, in hip heights
+    sway: float  # amplitude to the sides, once a stride, in hip heights
+    nod_rad: float  # amplitude of the neck's nod
+
+
+FOOTWORK: Mapping[str, Footwork] = MappingProxyType(
+    {
+        # Lateral sequence: hind, fore of the same side, other hind, other fore.
+        "walk": Footwork((0.0, 0.25, 0.5, 0.75), 2, True, 0.022, 0.025, 0.10),
+        "trot": Footwork((0.0, 0.5, 0.5, 0.0), 2, False, 0.035, 0.010, 0.04),
+        "pace": Footwork((0.0, 0.06, 0.5, 0.56), 2, False, 0.028, 0.050, 0.05),
+        # Right lead: left hind, then right hind with left fore, then right fore.
+        "canter": Footwork((0.0, 0.30, 0.28, 0.56), 1, False, 0.070, 0.010, 0.16),
+        # Half-bound: the hind feet nearly at once, then the fore feet.
+        "bound": Footwork((0.0, 0.46, 0.06, 0.53), 1, False, 0.090, 0.010, 0.10),
+    }
+)
+"""Gaits by name: footfalls of the textbooks, amplitudes recalled or chosen by eye."""
+
+
+def froude(speed_mps: Array | float, hip_m: float) -> Array:
+    """Return the Froude number of a speed, for a hip height in metres."""
+    return np.asarray(np.square(speed_mps) / (GRAVITY_MPS2 * hip_m), dtype=np.float64)
+
+
+def stride_m(speed_mps: Array, hip_m: float, species: Species) -> Array:
+    """Return the length of a stride, in metres, at speeds of any shape.
+
+    ``k h Fr^e``, see `Species.stride`: of two relations, that of symmetric gaits fades into
+    that of asymmetric ones between Fr 2 and 3.
+    """
+    fr = froude(speed_mps, hip_m)
+    (factor, power), *fast = species.stride
+    if not fast:
+        return np.asarray(factor * hip_m * fr**power, dtype=np.float64)
+    ((fast_factor, fast_power),), share = fast, _asymmetric(fr)
+    return np.asarray(
+        hip_m * (factor * fr**power) ** (1.0 - share) * (fast_factor * fr**fast_power) ** share,
+        dtype=np.float64,
+    )
+
+
+def duty(speed_mps: Array, hip_m: float) -> Array:
+    """Return the share of a stride that a foot is on the floor, at speeds of any shape.
+
+    0.52 Fr^-0.14 for symmetric gaits, 0.53 Fr^-0.28 for asymmetric ones (recalled), blended
+    like the stride, within `DUTY`.
+    """
+    fr = np.maximum(froude(speed_mps, hip_m), 1e-6)
+    share = _asymmetric(fr)
+    free = (0.52 * fr**-0.14) ** (1.0 - share) * (0.53 * fr**-0.28) ** share
+    return np.asarray(np.clip(free, *DUTY), dtype=np.float64)
+
+
+def usual_gait(speed_mps: float, hip_m: float, species: Species) -> str:
+    """Return the gait that an animal takes at a speed, a key of `FOOTWORK`."""
+    fr = float(froude(speed_mps, hip_m))
+    return next(name for name, limit in species.gaits.items() if fr < limit)
+
+
+def gait(
+    name: str,
+    hip_m: float,
+    *,
+    species: Species,
+    girdle_m: tuple[float, float],
+    half_track_m: float,
+    stride_factor: float,
+    lift: float,
+    ramp: float,
+    is_mirrored: bool,
+) -> Gait:
+    """Return a gait for the footfall planner, legs in the order of `LEGS`.
+
+    `girdle_m` is how far ahead of the trunk's middle the hind and the fore feet stand,
+    `stride_factor` this animal's stride over that of `stride_m`, `lift` how high feet are
+    lifted, in hip heights; mirrored, right and left change places: the other lead of a canter.
+    """
+    offset = FOOTWORK[name].offset
+    if is_mirrored:
+        offset = (offset[2], offset[3], offset[0], offset[1])
+    sides = (half_track_m, half_track_m, -half_track_m, -half_track_m)
+    return Gait(
+        offset=offset,
+        home_m=tuple((girdle_m[k % 2], sides[k]) for k in range(4)),
+        stride_m=lambda v: stride_factor * stride_m(v, hip_m, species),
+        duty=lambda v: duty(v, hip_m),
+        lift_m=(0.9 * lift * hip_m, lift * hip_m) * 2,
+        ramp=ramp,
+        ahead_s=0.12,
+    )
+
+
+def _asymmetric(fr: Array) -> Array:
+    x = np.clip(fr - 2.0, 0.0, 1.0)
+    return np.asarray(x * x * (3.0 - 2.0 * x), dtype=np.float64)

@@ -1,0 +1,192 @@
+"""Four-legged animals that jump onto furniture and down again."""
+
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+
+from x2radar.sim.bodies.motion.quadrupeds.gait import GRAVITY_MPS2
+from x2radar.sim.bodies.motion.quadrupeds.hung import Stance
+from x2radar.sim.bodies.motion.quadrupeds.staying import Staying, draw_staying
+from x2radar.sim.bodies.path.path import Path
+from x2radar.sim.bodies.pose import UP
+from x2radar.sim.bodies.skeleton.quadrupeds import ENDS, SIDES, QuadrupedBuild
+from x2radar.sim.bodies.skeleton.species import Species
+from x2radar.sim.bodies.wander import smooth_step
+from x2radar.sim.points import Array
+
+# By eye: crouch before, push of the legs and yield at the landing, in hip heights; how
+# far a paw clears what it jumps onto; how quickly legs fold.
+_CROUCH, _PUSH, _LANDING = 0.3, 0.9, 0.4
+_CLEAR_M, _TUCK_S = 0.08, 0.3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Leap:
+    """One jump from rest to rest, as seen from where it begins.
+
+    Distances are along the heading and up. A crouch, a push at constant acceleration, a
+    parabola, a landing at constant deceleration and a rise.
+    """
+
+    begin_s: float  # when the crouch begins
+    crouch_s: float  # how long each part takes, and those that follow
+    push_s: float
+    flight_s: float
+    landing_s: float
+    rise_s: float
+    velocity_mps: tuple[float, float]  # ahead and up at take-off
+    landing_mps: float  # upward velocity at touch-down, negative
+    climb_m: float  # height of where it lands over where it begins
+    hip_m: float  # hip height
+
+    @classmethod
+    def over(
+        cls, begin_s: float, climb_m: float, ahead_m: float, hip_m: float, crouch_s: float
+    ) -> Self:
+        """Return a jump `climb_m` up (negative: down) that goes `ahead_m` in the air."""
+        # The trunk leaves at 0.6 hip heights over standing and touches down at 0.
+        rise = max(climb_m - 0.6 * hip_m, 0.0) + _CLEAR_M
+        up = float(np.sqrt(2.0 * GRAVITY_MPS2 * rise))
+        fall = 0.6 * hip_m + rise - climb_m
+        down = float(np.sqrt(2.0 * GRAVITY_MPS2 * fall))
+        flight = (up + down) / GRAVITY_MPS2
+        return cls(
+            begin_s=begin_s,
+            crouch_s=crouch_s,
+            push_s=2.0 * _PUSH * hip_m / up,
+            flight_s=flight,
+            landing_s=2.0 * _LANDING * hip_m / down,
+            rise_s=0.6,
+            velocity_mps=(ahead_m / flight, up),
+            landing_mps=-down,
+            climb_m=climb_m,
+            hip_m=hip_m,
+        )
+
+    @property
+    def leave_s(self) -> float:
+        """When the push begins; the fore feet leave the floor."""
+        return self.begin_s + self.crouch_s
+
+    @property
+    def take_off_s(self) -> float:
+        """When the hind feet leave the floor."""
+        return self.leave_s + self.push_s
+
+    @property
+    def touch_down_s(self) -> float:
+        """When the fore feet land."""
+        return self.take_off_s + self.flight_s
+
+    @property
+    def still_s(self) -> float:
+        """When the trunk stops going ahead."""
+        return self.touch_down_s + self.landing_s
+
+    @property
+    def ahead_m(self) -> float:
+        """How far it gets."""
+        return self.velocity_mps[0] * (0.5 * self.push_s + self.flight_s + 0.5 * self.landing_s)
+
+    def trunk(self, t_s: Array) -> tuple[Array, Array, Array]:
+        """Return how far the trunk's middle is ahead and up, and its pitch, from standing."""
+        push = np.clip(t_s - self.leave_s, 0.0, self.push_s)
+        air = np.clip(t_s - self.take_off_s, 0.0, self.flight_s)
+        land = np.clip(t_s - self.touch_down_s, 0.0, self.landing_s)
+        # Way at constant acceleration from rest, in seconds at the full speed; and to rest.
+        pushed = push * push / (2.0 * self.push_s)
+        landed = land - land * land / (2.0 * self.landing_s)
+        vx, vz = self.velocity_mps
+        h = self.hip_m
+        ahead = vx * (pushed + air + landed)
+        down = smooth_step((t_s - self.begin_s) / self.crouch_s)
+        again = smooth_step((t_s - self.still_s) / self.rise_s)
+        up = (vz * (pushed + air) - 0.5 * GRAVITY_MPS2 * air * air) + self.landing_mps * landed
+        up += h * (-_CROUCH * down + _LANDING * again)
+        tip = smooth_step((t_s - self.leave_s) / self.push_s)
+        over = smooth_step((t_s - self.take_off_s) / self.flight_s)
+        level = smooth_step((t_s - self.touch_down_s - 0.3 * self.landing_s) / self.rise_s)
+        climb = 0.9 if self.climb_m > 0 else 0.1
+        pitch = 0.15 * down + climb * tip - (climb + 0.45) * over + 0.3 * level
+        return ahead, up, pitch
+
+    def paw_share(self, t_s: Array, *, is_fore: bool) -> tuple[Array, Array]:
+        """Return how much a paw is off the floor it left, and on the floor it comes to."""
+        leaves = self.leave_s if is_fore else self.take_off_s
+        lands = self.touch_down_s if is_fore else self.touch_down_s + 0.5 * self.landing_s
+        quick = min(_TUCK_S, 0.45 * (lands - leaves))
+        off = smooth_step((t_s - leaves) / quick)
+        return off, smooth_step((t_s - lands) / quick + 1.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Jumping:
+    """Jumps one after the other, all ahead, and standing in between."""
+
+    standing: Staying  # the posture before the first jump
+    build: QuadrupedBuild  # sizes
+    leaps: tuple[Leap, ...]  # in order of time
+
+    @classmethod
+    def draw(
+        cls, rng: np.random.Generator, build: QuadrupedBuild, path: Path, species: Species
+    ) -> Self:
+        """Draw one that jumps onto something, stays, and jumps down on its other side.
+
+        It stands where the path begins, and jumps along it.
+        """
+        standing = draw_staying(rng, build, "jump", path)
+        h = build.hip_m
+        climb = float(np.clip(h * rng.uniform(*species.jump), 0.2, 0.9))
+        crouch = rng.uniform(0.3, 0.7, 2)
+        up = Leap.over(rng.uniform(0.8, 2.0), climb, h * rng.uniform(1.2, 2.2), h, crouch[0])
+        stays = rng.uniform(1.5, 6.0)
+        down = Leap.over(
+            up.still_s + up.rise_s + stays, -climb, h * rng.uniform(1.5, 2.5), h, crouch[1]
+        )
+        return cls(standing, build, (up, down))
+
+    @property
+    def end_s(self) -> float:
+        """When it stands on the floor again."""
+        return self.leaps[-1].still_s + self.leaps[-1].rise_s
+
+    def at(self, t_s: Array) -> Stance:
+        """Return where trunk and paws are; see `Action`."""
+        s = self.standing.at(t_s)
+        ahead = np.stack(
+            [np.cos(s.heading_rad), np.sin(s.heading_rad), np.zeros_like(t_s)], axis=-1
+        )
+        middle, pitch, paw = s.middle_m, s.pitch_rad, s.paw_m
+        for leap in self.leaps:
+            way, height, tip = leap.trunk(t_s)
+            middle = middle + way[:, None] * ahead + height[:, None] * UP
+            pitch = pitch + tip
+        for leap in self.leaps:
+            end = paw + (leap.ahead_m * ahead + leap.climb_m * UP)[:, None]
+            off, on = (
+                np.stack(x, axis=1)[..., None]
+                for x in zip(
+                    *(leap.paw_share(t_s, is_fore=bool(k % 2)) for k in range(4)), strict=True
+                )
+            )
+            tucked = self._tucked(middle, pitch, ahead)
+            paw = paw * (1.0 - off) + off * ((1.0 - on) * tucked + on * end)
+        return replace(s, middle_m=middle, pitch_rad=pitch, paw_m=paw)
+
+    def _tucked(self, middle: Array, pitch: Array, ahead: Array) -> Array:
+        """Return where paws are in the air: under hip and shoulder, legs half bent."""
+        long = np.cos(pitch)[:, None] * ahead + np.sin(pitch)[:, None] * UP
+        left = np.cross(UP, ahead)
+        side = SIDES * self.build.half_track_m
+        end = 0.5 * ENDS * self.build.back_m
+        below = 0.62 * self.build.hip_m
+        return np.asarray(
+            middle[:, None]
+            + end[:, None] * long[:, None]
+            + side[:, None] * left[:, None]
+            + 0.15 * self.build.hip_m * ENDS[:, None] * ahead[:, None]
+            - below * UP,
+            dtype=np.float64,
+        )

@@ -1,0 +1,159 @@
+"""People: walking, sneaking, running, crawling, carrying, standing; and how to draw one."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from statistics import NormalDist
+
+import numpy as np
+
+from x2radar.errors import SceneError
+from x2radar.sim.bodies.body import Body, BodyPlan, Breath, Carrying
+from x2radar.sim.bodies.checks import check_name
+from x2radar.sim.bodies.motion import MOTIONS
+from x2radar.sim.bodies.motion.angles import AnglePerson
+from x2radar.sim.bodies.motion.people.crawling import Crawling
+from x2radar.sim.bodies.motion.people.footfalls import FootfallPerson
+from x2radar.sim.bodies.motion.people.gait import FASTEST_WALK, STYLES, PersonStyle
+from x2radar.sim.bodies.motion.people.striding import draw_gesture
+from x2radar.sim.bodies.motion.people.walking import OnFeet
+from x2radar.sim.bodies.path.courses import draw_course
+from x2radar.sim.bodies.path.path import Path
+from x2radar.sim.bodies.pose import Motion
+from x2radar.sim.bodies.skeleton.people import PERSON, PersonBuild, draw_person_build
+from x2radar.sim.bodies.skins.draw import TotalRcs
+from x2radar.sim.points import Array
+
+_N_LOOKS = 16
+"""Over which the mean cross section is taken."""
+_ADULT_M = 1.7
+"""From this stature on, breath and heart are an adult's."""
+_FASTEST_RUN_MPS, _FASTEST_CRAWL_MPS = 8.0, 1.5
+"""Sprints of amateurs, and of babies (recalled)."""
+_CARRIED = {"carry": ("box", (0.2, 0.18, 0.15)), "carry_pet": ("pet", (0.2, 0.08, 0.08))}
+"""What is carried, and its half-lengths in metres: a moving box, a cat or small dog."""
+
+
+def draw_person(
+    rng: np.random.Generator,
+    *,
+    style: str = "walk",
+    path: Path | Sequence[tuple[float, float]] | None = None,
+    speed_mps: float | None = None,
+    height_m: float | None = None,
+    total_rcs_dbsm: TotalRcs = None,
+    start_s: float = 0.0,
+    motion: str = "gait",
+    skin: str = "surface",
+) -> Body:
+    """Draw a person.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+        Everything random comes from it.
+    style : str, optional
+        A key of `STYLES`.
+    path : Path, or sequence of (float, float), optional
+        Where it goes, speeds included; or waypoints. Drawn by default. Somebody who stands
+        does so where it begins, facing along it.
+    speed_mps : float, optional
+        Instead of the style's own.
+    height_m : float, optional
+        Stature.
+    total_rcs_dbsm : float, 'physical' or None, optional
+        Mean total cross section, see `TotalRcs`.
+    start_s : float, optional
+        When it begins to move; negative for somebody who is under way at time 0.
+    motion : str, optional
+        One of `MOTIONS`: which generator moves somebody who goes on two feet; people who stay in
+        place, crawl or are busy move by the first.
+    skin : str, optional
+        A key of `SKINS`: how the parts echo.
+
+    Raises
+    ------
+    SceneError
+        If a value is unknown or impossible; the message names its key.
+    """
+    check_name("style", style, STYLES, "style of people")
+    check_name("motion", motion, MOTIONS, "motion")
+    row = STYLES[style]
+    build = draw_person_build(rng, age=row.age, height_m=height_m)
+    traits = rng.standard_normal(12).clip(-2.5, 2.5), rng.random(8)
+    share = traits[1]
+    # Drawn in any case: a path that is given changes nothing that is drawn later.
+    own_course = draw_course(rng, "wander")
+    course = own_course if path is None else path
+    if not isinstance(course, Path):
+        speed = _draw_speed_mps(rng, row, build, speed_mps)
+        course = _draw_path(rng, row, course, speed, start_s)
+    _check_speed(row.kind, max(course.cruise_mps, speed_mps or 0.0), build)
+    moves: Motion
+    if row.kind == "crawl":
+        moves = Crawling.draw(rng, course, build, traits)
+    elif motion == "gait" or row.speed_mps is None or row.does:
+        moves = OnFeet.draw(rng, row, course, build, traits)
+    elif motion == "footfalls":
+        moves = FootfallPerson.draw(rng, course, build, style)
+    else:
+        moves = AnglePerson.draw(rng, course, build, style, draw_gesture(rng))
+    half, names = build.half_lengths(), PERSON.names
+    if style in _CARRIED:
+        name, size = _CARRIED[style]
+        names = (*names, name)
+        half = np.vstack([half, np.array(size) * (0.8 + 0.4 * share[7])])
+        moves = Carrying(moves, np.array([0.14, 0.0, -0.05]) * build.stature_m)
+    plan = BodyPlan("human", names, half, moves, PERSON.n_trunk, PERSON.gain)
+    looks_s = np.linspace(course.start_s, max(course.end_s, course.start_s + 4.0), _N_LOOKS)
+    body = plan.dressed(rng, skin, total_rcs_dbsm, looks_s)
+    return replace(body, breath=_draw_breath(rng, share[4:7], build.stature_m))
+
+
+def _draw_breath(rng: np.random.Generator, share: Array, stature_m: float) -> Breath:
+    """Draw how somebody breathes at rest, by three shares, and how the heart beats.
+
+    Adults take 16 breaths a minute, standard deviation 3, and have 70 beats, 10 (recalled);
+    children more, 22 and 95 at 1.2 m (Fleming et al. 2011, recalled). The chest wall comes out
+    by 2 to 6 mm with a breath and 0.2 to 0.5 mm with a beat (recalled).
+    """
+    small = (_ADULT_M / min(stature_m, _ADULT_M)) ** 0.85
+    breaths = NormalDist(16, 3).inv_cdf(min(max(float(share[1]), 0.02), 0.98)) * small
+    size_m, phase_rad = 0.001 + 0.002 * float(share[0]), 2 * np.pi * float(share[2])
+    beats = (70 + 10 * float(rng.standard_normal())) * small
+    beat_m = float(rng.uniform(1e-4, 2.5e-4))
+    return Breath(size_m, breaths / 60, phase_rad, beat_m, beats / 60, (1.0, 1.0, 0.1))
+
+
+def _draw_speed_mps(
+    rng: np.random.Generator, style: PersonStyle, build: PersonBuild, speed_mps: float | None
+) -> float:
+    """Return the style's own speed, or the one given; one number is drawn."""
+    low, high = style.speed_mps or (0.5, 0.5)
+    if style.kind == "walk":
+        high = min(high, FASTEST_WALK * build.hip_height_m)
+    drawn = float(rng.uniform(low, high))
+    return drawn if speed_mps is None else speed_mps
+
+
+def _draw_path(
+    rng: np.random.Generator,
+    style: PersonStyle,
+    points: Sequence[tuple[float, float]],
+    speed_mps: float,
+    start_s: float,
+) -> Path:
+    n_stops = int(rng.integers(1, 4))
+    gaps, pauses = rng.uniform(0.6, 1.5, n_stops), rng.uniform(0.5, 3.0, n_stops)
+    if style.speed_mps is None:
+        (x0, y0), (x1, y1) = points[0], points[1]
+        return Path.standing((x0, y0), float(np.arctan2(y1 - y0, x1 - x0)))
+    stops = list(zip(gaps.tolist(), pauses.tolist(), strict=True)) if style.stops else []
+    return Path.through(points, speed_mps, stops, start_s=start_s)
+
+
+def _check_speed(kind: str, fastest_mps: float, build: PersonBuild) -> None:
+    walk = FASTEST_WALK * build.hip_height_m
+    limit = {"walk": walk, "run": _FASTEST_RUN_MPS, "crawl": _FASTEST_CRAWL_MPS}[kind]
+    if fastest_mps > limit:
+        msg = f"speed_mps: {fastest_mps:g} m/s is too fast to {kind}; at most {limit:.1f}"
+        raise SceneError(msg)

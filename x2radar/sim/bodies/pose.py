@@ -1,0 +1,55 @@
+"""Postures: where the segments of a body are, however it came to be so.
+
+A motion gives a `Pose` at given times, a skin makes echoes of it: that is all they know of each
+other.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from x2radar.sim.points import Array
+
+Ends = tuple[Array, Array]
+"""Both ends of a segment, shape (n_slow, 3) each."""
+
+UP = np.array([0.0, 0.0, 1.0])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pose:
+    """Segments of a body at given times, in room coordinates.
+
+    Attributes
+    ----------
+    centre_m : ndarray, shape (n_slow, n_segments, 3), float64
+        Middles of the segments.
+    axis : ndarray, shape (n_slow, n_segments, 3), float64
+        Unit vectors along the segments.
+    side : ndarray, shape (n_slow, n_segments or 1, 3), float64
+        Unit vectors square to the axes, to the body's left. Segments that are round about
+        their axis do not care.
+    """
+
+    centre_m: Array
+    axis: Array
+    side: Array
+
+    @classmethod
+    def between(cls, ends: Sequence[Ends], side: Array) -> "Pose":
+        """Return the pose of segments between joints, in the order of their skeleton."""
+        begin = np.stack([a for a, _ in ends], axis=1)
+        end = np.stack([b for _, b in ends], axis=1)
+        way = end - begin
+        size = np.maximum(np.linalg.norm(way, axis=-1, keepdims=True), 1e-9)
+        return cls(0.5 * (begin + end), way / size, side)
+
+
+class Motion(Protocol):
+    """What a body does; a function of time alone."""
+
+    def pose(self, t_s: Array) -> Pose:
+        """Return where its segments are at times of shape (n_slow,), in any order."""
+        ...

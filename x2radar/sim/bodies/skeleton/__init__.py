@@ -1,0 +1,1 @@
+"""Skeletons: which parts a kind of body has, how large they are, and how its limbs bend."""

@@ -1,0 +1,109 @@
+"""What every skin is, and how strong the parts of a body echo against theory."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from x2radar.sim.bodies.pose import Pose
+from x2radar.sim.points import Array, Points
+
+SKIN_REFLECTION = 0.54
+"""Power reflection of skin and muscle at 7 GHz (Gabriel's tissue data, recalled)."""
+WAVELENGTH_M = 0.044
+"""At 6.8 GHz, the X2's carrier."""
+NEPER_PER_DB = np.log(10.0) / 10.0
+DEEPEST = 0.7
+"""An antenna inside a part still has it in front, by this share of the distance."""
+_FAR_M, _N_AZIMUTHS = 50.0, 24
+"""Whence totals are taken: far enough that a body is a point, every 15 degrees."""
+_MAX_SPREAD_DB = 4.0
+"""Of parts' own draws in `draw_gain`: recorded people differ by about as much."""
+
+
+@dataclass(frozen=True, slots=True)
+class EchoGain:
+    """How strong the parts of a kind of body echo against theory; every body draws its own.
+
+    Recorded people show stronger limbs than single bodies of theory have, a recorded dog weaker
+    paws (docs/research/evaluation-tried.md); the numbers hold both.
+    """
+
+    max_power: float = 0.5
+    """Large parts lose to small ones by up to so much of their ratio."""
+    losses: tuple[tuple[tuple[int, ...], float], ...] = ()
+    """Groups of parts, by number, and the most that each group loses, in dB."""
+
+    def draw_losses(self, rng: np.random.Generator, n_segments: int) -> Array:
+        """Draw the factors of the groups' losses, shape (n_segments,)."""
+        factor = np.ones(n_segments)
+        for parts, most_db in self.losses:
+            factor[list(parts)] *= 10 ** (-rng.uniform(0.0, most_db) / 10)
+        return factor
+
+    def draw(self, rng: np.random.Generator, size: Array) -> Array:
+        """Draw what segments echo against theory, shape (n_segments,).
+
+        `size` is what theory gives; weighted by it the mean is 1. Besides the losses of its group
+        each part has a draw of its own of up to 4 dB.
+        """
+        power, spread = rng.uniform(0.0, self.max_power), rng.uniform(0.0, _MAX_SPREAD_DB)
+        noise = 10 ** (spread / 10 * rng.standard_normal(len(size)).clip(-2, 2))
+        gain = (size / size.max()) ** -power * noise * self.draw_losses(rng, len(size))
+        return np.asarray(gain * (size.sum() / (size * gain).sum()))
+
+
+THEORY = EchoGain()
+"""Of bodies of which nothing is known."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Skin(ABC):
+    """How the segments of one body echo; everything random was drawn when it was made."""
+
+    scale: float = field(default=1.0, kw_only=True)  # factor on all cross sections
+
+    def names(self, parts: tuple[str, ...]) -> tuple[str, ...]:
+        """Return the names of its points, from those of the segments: one each."""
+        return parts
+
+    @abstractmethod
+    def points(self, pose: Pose, antenna_m: Array) -> Points:
+        """Return the echoes of a pose, as many as `names` has; `antenna_m` has shape (3,)."""
+
+    def mean_total_m2(self, pose: Pose) -> float:
+        """Return the sum of all cross sections, averaged over aspect and the given times.
+
+        Square metres, seen level from far away, every azimuth weighing the same.
+        """
+        middle = pose.centre_m.mean(axis=(0, 1))
+        totals = []
+        for turn in np.arange(_N_AZIMUTHS) * (2 * np.pi / _N_AZIMUTHS):
+            antenna = middle + _FAR_M * np.array([np.cos(turn), np.sin(turn), 0.0])
+            totals.append(self.points(pose, antenna).rcs_m2.sum(axis=1).mean())
+        return float(np.mean(totals))
+
+
+def broadside_m2(half_m: Array) -> Array:
+    """Return the cross sections of ellipsoids seen along their shortest half-lengths."""
+    return np.asarray(
+        SKIN_REFLECTION * np.pi * (half_m.prod(axis=1) / half_m.min(axis=1) ** 2) ** 2
+    )
+
+
+def seen_from(pose: Pose, antenna_m: Array) -> tuple[Array, Array]:
+    """Return where the antenna is in the segments' own axes, and how far.
+
+    Returns
+    -------
+    seen : ndarray, shape (n_slow, n_segments, 3), float64
+        Unit vectors: along the segment, to its side, across both.
+    distance_m : ndarray, shape (n_slow, n_segments), float64
+        At least a nanometre: a segment in the antenna itself is seen from some side or other.
+    """
+    towards = antenna_m - pose.centre_m
+    distance = np.maximum(np.sqrt((towards * towards).sum(axis=-1)), 1e-9)
+    unit = towards / distance[..., None]
+    left = np.broadcast_to(pose.side, pose.axis.shape)
+    ways = (pose.axis, left, np.cross(pose.axis, left))
+    return np.stack([(unit * way).sum(axis=-1) for way in ways], axis=-1), distance
