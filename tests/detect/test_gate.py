@@ -94,53 +94,6 @@ def test_learns_a_fidgeting_corner_but_not_who_walks_through_it():
     assert gate.read(dwell_of(noise(147, seed=100) + corner())).is_open
 
 
-def test_never_learns_what_is_far_over_the_noise():
-    gate = Gate(GateSettings(adapt_db=20))
-    rng = np.random.default_rng(3)
-    for k in range(60):
-        frames = noise(147, seed=k)
-        frames[:, 5] += 1000 * np.exp(0.5j * rng.standard_normal(147))
-        assert gate.read(dwell_of(frames)).is_open
-
-
-@pytest.mark.parametrize("value", [0.0, 5.0])
-def test_a_dead_receiver_is_closed_and_finite(value):
-    reading = Gate(GateSettings()).read(dwell_of(np.full((147, 64), value, np.complex64)))
-    assert reading.is_open is False
-    assert np.isfinite([reading.power_db, reading.noise_floor_db, reading.threshold_db]).all()
-
-
-def test_one_live_bin_is_judged_by_its_own_noise():
-    gate = Gate(GateSettings())
-    for k in range(20):
-        frames = np.zeros((147, 64), np.complex64)
-        frames[:, 7] = noise(147, seed=k)[:, 7]
-        reading = gate.read(dwell_of(frames))
-        assert reading.is_open is False
-        assert 0.4 < gate.background[7] < 2.5
-        assert not np.delete(gate.background, 7).any()
-    frames[:, 7] *= np.linspace(1, 30, 147)
-    assert gate.read(dwell_of(frames)).is_open
-
-
-def test_a_dwell_without_a_whole_cpi_is_closed():
-    frames = noise(147)
-    reading = Gate(GateSettings()).read(dwell_of(frames, lost=range(147)))
-    assert reading.is_open is False
-    assert np.isfinite([reading.power_db, reading.noise_floor_db, reading.threshold_db]).all()
-
-
-@pytest.mark.parametrize("position", range(147))
-def test_a_gap_at_every_position_changes_nothing(position):
-    frames = noise(147)
-    frames[position] = 1e5
-    dwell = dwell_of(frames, lost=[position])
-    dwell.frames[position] = 1e5
-    reading = Gate(GateSettings()).read(dwell)
-    assert reading.is_open is False
-    assert reading.power_db == pytest.approx(6, abs=1.5)
-
-
 @pytest.mark.parametrize("steps", [(1.0, 4.0), (4.0, 1.0), (1.0, 16.0)])
 def test_noise_that_differs_over_range_is_floor_from_the_first_dwell(steps):
     gate = Gate(GateSettings())
@@ -271,15 +224,6 @@ def test_wrong_calibration_files_name_their_fault(change, word, tmp_path):
     assert load_calibration(path).floor.tolist() == pytest.approx([1e-3, 0])
     path.write_text(json.dumps(content | change))
     with pytest.raises(ConfigError, match=word):
-        load_calibration(path)
-
-
-@pytest.mark.parametrize("text", ["", "[1", "[]", None])
-def test_calibration_that_is_no_file_of_ours(text, tmp_path):
-    path = tmp_path / "c.json"
-    if text is not None:
-        path.write_text(text)
-    with pytest.raises(ConfigError, match=r"c\.json"):
         load_calibration(path)
 
 

@@ -160,15 +160,6 @@ def test_a_common_phase_is_drift_and_slow_change_is_followed(learned):
         assert watch.update(stream.dwell()) == ()
 
 
-def test_relearning_takes_what_is_for_what_should_be(learned):
-    stream, watch = learned
-    stream.echoes = room(seed=2)
-    stream.found(watch, 6)
-    watch.relearn()
-    assert watch.is_blind
-    assert stream.found(watch, 20) == [(0, ())]
-
-
 def test_a_void_cannot_be_judged_but_its_noise_can_and_what_lasts_is_told():
     stream, watch = Stream(np.zeros(AXIS.n_range)), TamperWatch(SETTINGS)
     assert stream.found(watch, 10) == []
@@ -202,16 +193,6 @@ def test_somebody_who_was_there_from_the_start_is_not_learned_as_the_room():
     assert watch.is_blind
     stream.found(watch, 8)
     assert not watch.is_blind
-
-
-def test_same_dwells_same_findings():
-    def run():
-        stream, watch = Stream(room(), seed=5), TamperWatch(SETTINGS)
-        first = stream.found(watch, 8)
-        stream.echoes = room(seed=2)
-        return first, stream.found(watch, 8), [f.reason for f in watch.update(stream.dwell())]
-
-    assert run() == run()
 
 
 def test_lost_frames_and_tiny_dwells():

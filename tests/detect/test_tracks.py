@@ -1,4 +1,3 @@
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,10 +7,9 @@ from radard.config.config import Config
 from radard.config.sections import GateSettings
 from radard.detect.clutter_map import ClutterRemover
 from radard.detect.gate import Gate
-from radard.detect.tracks import Tracker, TrackSettings
+from radard.detect.tracks import Tracker
 from radard.dsp.downconvert import DownConverter
 from radard.dsp.range_gate import range_gates
-from radard.errors import FeatureError
 from radard.pipeline import Pipeline
 from radard.stream.ring import Dwell, FrameRing
 from tests.clutter_helpers import AXIS, body, room
@@ -81,17 +79,6 @@ def test_an_empty_room_has_no_tracks():
         assert all(not tracks for _, tracks in follow(dwells(None, seconds=30, seed=seed)))
 
 
-def test_dead_and_lost_dwells_have_no_tracks():
-    tracker = Tracker()
-    for k in range(3):
-        dead = Dwell(
-            np.zeros((147, 96), np.complex64), np.ones(147, bool), AXIS, RATE_HZ, 2.45 + k
-        )
-        assert tracker.update(dead, np.zeros(96)) == ()
-        lost = replace(dead, valid=np.zeros(147, bool), t_s=2.95 + k)
-        assert tracker.update(lost, FLOOR) == ()
-
-
 def test_a_person_behind_a_dog_has_a_track_of_its_own():
     def dog(t):
         return 1.0 + 0.3 * np.sin(0.8 * t)
@@ -146,7 +133,7 @@ def test_coasting_stays_near_where_it_was_lost():
         for track in tracks:
             if track.unseen_s > 0.3:
                 assert track.range_m == pytest.approx(1.4, abs=0.3)
-            assert track.unseen_s <= TrackSettings().coast_s + 0.2
+            assert track.unseen_s <= 1.5 + 0.2
     assert seen[-1][1] == ()
 
 
@@ -201,14 +188,6 @@ def test_memory_stays_bounded_and_tracks_good_over_a_long_stream():
         (track,) = tracker.update(dwell, FLOOR)
         assert track.range_m == pytest.approx(2.0, abs=0.2)
     assert track.id == 1
-    assert len(tracker._bodies[0].nodes) < 40
-
-
-def test_number_of_tracks_is_bounded():
-    paths = [(lambda t, k=k: 0.8 + 0.4 * k + 0 * t, 40) for k in range(6)]
-    tracker = Tracker(TrackSettings(most_tracks=2))
-    seen = follow(dwells(None, seconds=4, extra=paths), tracker)
-    assert max(len(tracks) for _, tracks in seen) <= 2
 
 
 def test_gates_follow_their_tracks_and_share_what_they_overlap():
@@ -235,15 +214,6 @@ def test_gates_follow_their_tracks_and_share_what_they_overlap():
     np.testing.assert_allclose(same[0], same[1])
     assert same.sum(axis=0).max() == pytest.approx(1)
     assert range_gates(np.zeros((0, 5)), range_m).shape == (0, 5, 96)
-
-
-@pytest.mark.parametrize(
-    ("paths", "half", "taper"),
-    [(np.zeros(5), 0.5, 0.2), (np.zeros((1, 5)), 0, 0.2), (np.zeros((1, 5)), 0.5, 0)],
-)
-def test_gates_refuse_nonsense(paths, half, taper):
-    with pytest.raises(FeatureError):
-        range_gates(paths, AXIS.range_m, half_width_m=half, taper_m=taper)
 
 
 def test_gates_tell_a_person_from_the_fan_before_it():

@@ -10,7 +10,7 @@ Rules of life:
 
 * a peak that no track takes, and that is not at another track's side, begins a candidate;
 * a candidate that is hit in 4 of its first 6 blocks is born and numbered, from 1 on;
-* a track dies when it was not hit for `coast_s`, also behind the edge of the swath, or when
+* a track dies when it was not hit for `_COAST_S`, also behind the edge of the swath, or when
   it has moved along with an older one, closer than a body is long, for a second.
 """
 
@@ -23,7 +23,13 @@ from radard.dsp.cfar import Peak, find_peaks, power_map
 from radard.dsp.velocity import CPI_S
 from radard.stream.ring import Dwell
 
-# Chosen; tests/detect/test_tracks.py holds what they give.
+# tests/detect/test_tracks.py holds what they give.
+_MIN_DB = 9.0  # of a peak over its floor
+_ACCELERATION_MPS2 = 1.5  # sigma of what a body does between blocks
+_RANGE_ERROR_M = 0.08  # sigma of a peak
+_BESIDE_M = 0.35  # nearer peaks may be one body's
+_COAST_S = 1.5  # a track lives so long without a hit
+_MAX_TRACKS = 8
 _BIRTH_HITS = 4  # of so many first
 _BIRTH_BLOCKS = 6
 _FIRST_SPEED_MPS = 1.5  # sigma of a candidate's range rate: a walker's
@@ -34,18 +40,6 @@ _SAME_RATE_MPS = 0.4  # tracks closer in speed move together
 _REACH = 4.0  # sigmas within which a peak may be a body's
 _POWER_SPREAD_DB = 6.0  # sigma of a peak's power about its track's
 _MERGE_S = 1.0  # a track dies after so long beside an older one
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TrackSettings:
-    """How bodies are followed."""
-
-    least_db: float = 9.0
-    acceleration_mps2: float = 1.5
-    range_error_m: float = 0.08
-    beside_m: float = 0.35
-    coast_s: float = 1.5
-    most_tracks: int = 8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -111,8 +105,7 @@ class _Body:
 class Tracker:
     """Follow the bodies of one stream."""
 
-    def __init__(self, settings: TrackSettings | None = None) -> None:
-        self._settings = settings or TrackSettings()
+    def __init__(self) -> None:
         self._bodies: list[_Body] = []
         self._n_born = 0
         self._time_s = -np.inf
@@ -150,23 +143,20 @@ class Tracker:
         )
         swath = (float(dwell.axis.range_m[0]), float(dwell.axis.range_m[-1]))
         block_s = chart.n_looks / rate_hz
-        for time_s, peaks in zip(
-            chart.time_s.tolist(), find_peaks(chart, self._settings.least_db), strict=True
-        ):
+        for time_s, peaks in zip(chart.time_s.tolist(), find_peaks(chart, _MIN_DB), strict=True):
             if time_s > self._time_s + block_s / 2:
                 self._step(time_s, peaks, swath)
                 self._time_s = time_s
         return self._alive(dwell)
 
     def _step(self, time_s: float, peaks: list[Peak], swath: tuple[float, float]) -> None:
-        s = self._settings
         for body in self._bodies:
-            body.predict(time_s, s.acceleration_mps2)
+            body.predict(time_s, _ACCELERATION_MPS2)
             # A track that leaves waits at the edge until it has coasted to its end.
             body.range_m = min(max(body.range_m, swath[0] - _LEAVE_M), swath[1] + _LEAVE_M)
         taken = self._assign(peaks)
         for i, j in taken.items():
-            self._bodies[i].correct(peaks[j], s.range_error_m)
+            self._bodies[i].correct(peaks[j], _RANGE_ERROR_M)
         for body in self._bodies:
             body.nodes.append((time_s, body.range_m))
         self._bury(time_s)
@@ -180,11 +170,10 @@ class Tracker:
 
     def _assign(self, peaks: list[Peak]) -> dict[int, int]:
         """Give every body at most one peak: nearest pairs first, tracks before candidates."""
-        beside_m = self._settings.beside_m
         pairs = []
         for i, body in enumerate(self._bodies):
-            spread_m = (body.variance[0] + self._settings.range_error_m**2) ** 0.5
-            reach_m = min(_REACH * spread_m, beside_m)
+            spread_m = (body.variance[0] + _RANGE_ERROR_M**2) ** 0.5
+            reach_m = min(_REACH * spread_m, _BESIDE_M)
             for j, peak in enumerate(peaks):
                 off_m = abs(peak.range_m - body.range_m)
                 if off_m <= reach_m:
@@ -199,13 +188,12 @@ class Tracker:
         return taken
 
     def _bury(self, time_s: float) -> None:
-        s = self._settings
         for body in self._bodies:
             older = (
                 other
                 for other in self._bodies
                 if 0 < other.id < body.id
-                and abs(other.range_m - body.range_m) < s.beside_m / 2
+                and abs(other.range_m - body.range_m) < _BESIDE_M / 2
                 and abs(other.rate_mps - body.rate_mps) < _SAME_RATE_MPS
             )
             if next(older, None) is None:
@@ -214,24 +202,24 @@ class Tracker:
             body
             for body in self._bodies
             if time_s - body.apart_s < _MERGE_S
-            and (time_s - body.seen_s < s.coast_s if body.id else not body.is_doubtful)
+            and (time_s - body.seen_s < _COAST_S if body.id else not body.is_doubtful)
         ]
 
     def _is_alone(self, range_m: float) -> bool:
         tracks = [body for body in self._bodies if body.id]
-        return len(tracks) < self._settings.most_tracks and all(
-            abs(body.range_m - range_m) >= self._settings.beside_m for body in tracks
+        return len(tracks) < _MAX_TRACKS and all(
+            abs(body.range_m - range_m) >= _BESIDE_M for body in tracks
         )
 
     def _conceive(self, time_s: float, peak: Peak) -> None:
-        if any(abs(b.range_m - peak.range_m) < self._settings.beside_m for b in self._bodies):
+        if any(abs(b.range_m - peak.range_m) < _BESIDE_M for b in self._bodies):
             return
         self._bodies.append(
             _Body(
                 time_s=time_s,
                 range_m=peak.range_m,
                 power_db=peak.power_db,
-                variance=[self._settings.range_error_m**2, 0.0, _FIRST_SPEED_MPS**2],
+                variance=[_RANGE_ERROR_M**2, 0.0, _FIRST_SPEED_MPS**2],
                 seen_s=time_s,
                 apart_s=time_s,
                 nodes=[(time_s, peak.range_m)],
