@@ -15,7 +15,7 @@ from x2radar.radars import make_radar
 from x2radar.recording.about import SAMPLE_DTYPES
 
 _LONGEST_S = 3600.0
-"""Chosen: an hour of an X2's RF frames is 0.7 GB."""
+"""An hour of an X2's RF frames is 0.7 GB."""
 
 
 def simulate(

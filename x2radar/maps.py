@@ -16,9 +16,9 @@ from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
 CPI_S = 28 / 60
 """Length of a CPI: that of the thesis, which resolves 0.05 m/s at 6.8 GHz."""
 CELL_M = 0.05
-"""Range cell of `range_time`: chosen, half of what 1.75 GHz of bandwidth resolve."""
-_MOST_FREQUENCIES = 64
-"""Chosen: the band of an X2 over its swath has 33 independent ones."""
+"""Range cell of `range_time`: half of what 1.75 GHz of bandwidth resolve."""
+_MAX_FREQUENCIES = 64
+"""The band of an X2 over its swath has 33 independent ones."""
 
 Reals = NDArray[np.float64]
 
@@ -214,5 +214,5 @@ def _in_band(samples: Samples, axis: FastTimeAxis) -> tuple[NDArray[np.complex12
     chosen = np.flatnonzero(is_in & (frequency_hz > 0))
     if not chosen.size:
         chosen = np.array([np.abs(frequency_hz - axis.carrier_hz).argmin()])
-    chosen = chosen[:: -(-chosen.size // _MOST_FREQUENCIES)]
+    chosen = chosen[:: -(-chosen.size // _MAX_FREQUENCIES)]
     return lines[:, chosen], frequency_hz[chosen]

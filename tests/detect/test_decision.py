@@ -1,10 +1,17 @@
-import dataclasses
 from dataclasses import replace
 
 import pytest
 
+from radard.config.config import Config
+from radard.judge.bundle import load_bundle
 from radard.judge.classifier import Probabilities
-from radard.judge.decision import invalid_decision, judge
+from radard.judge.decision import (
+    HIGH_PET_LIMIT,
+    invalid_decision,
+    judge,
+    pet_limit_of,
+    policy_of,
+)
 from tests.radar_helpers import dwell_of, noise
 
 
@@ -26,6 +33,46 @@ def test_the_rule(human, pet, other, label, alarm):
     assert judge(Probabilities(human, pet, other), 0.8) == (label, alarm)
 
 
+def config(given=None, policy=None, sensitivity="normal"):
+    return Config(
+        decision={"pet_limit": given, "policy": policy}, alarm={"sensitivity": sensitivity}
+    )
+
+
+@pytest.mark.parametrize("bundle", ["fast", "thesis", None])
+def test_the_policy_is_the_one_given_else_the_bundles(bundle):
+    made = load_bundle(bundle) if bundle else None
+    own = made.policy if made else "window"
+    assert policy_of(config(), made) == own
+    assert {policy_of(config(policy=given), made) for given in ("window", "fused")} == {
+        "window",
+        "fused",
+    }
+
+
+@pytest.mark.parametrize(
+    ("given", "policy", "sensitivity", "limit"),
+    [
+        (None, "fused", "normal", 0.85),
+        (None, "fused", "low", 0.85),
+        (None, "fused", "high", HIGH_PET_LIMIT),
+        (None, "window", "high", 0.85),
+        (None, None, "high", HIGH_PET_LIMIT),
+        (0.6, "fused", "high", 0.6),
+        (0.95, None, "normal", 0.95),
+    ],
+)
+def test_the_limit_is_the_one_given_else_the_bundles_and_more_at_high(
+    given, policy, sensitivity, limit
+):
+    made = replace(load_bundle("fast"), pet_limit=0.85)
+    assert pet_limit_of(config(given, policy, sensitivity), made) == limit
+    higher = replace(made, pet_limit=0.97)
+    assert pet_limit_of(config(None, "fused", "high"), higher) == 0.97
+    assert pet_limit_of(config(), None) == 0.8
+    assert pet_limit_of(config(None, "fused", "high"), None) == HIGH_PET_LIMIT
+
+
 def test_a_window_that_cannot_be_judged_says_nothing_but_why():
     dwell = dwell_of(noise(10))
     made = invalid_decision(dwell, "12 lost", seq=7)
@@ -36,5 +83,4 @@ def test_a_window_that_cannot_be_judged_says_nothing_but_why():
     assert invalid_decision(replace(dwell, n_lost=4), "").frames == len(dwell.frames) - 4
     assert made.t_mono_s == dwell.t_mono_s
     assert invalid_decision(dwell, "").seq == 0
-    fields = {f.name: f.default for f in dataclasses.fields(made)}
-    assert (fields["tracks"], fields["fault"], fields["t_mono_s"]) == ((), "", 0.0)
+    assert (made.tracks, made.findings, made.undecided_s) == ((), (), None)

@@ -11,7 +11,7 @@ from radard.detect.gate import Gate, level_over
 from radard.detect.noise_floor import NoiseFloor
 from radard.dsp.clutter import centre_spread_m, sound_rows
 from radard.dsp.noise import second_differences
-from radard.dsp.range_doppler import MOST_RESIDUE, cell_factor, usual_peak
+from radard.dsp.range_doppler import MAX_RESIDUE, cell_factor, usual_peak
 from tests.radar_helpers import BASEBAND, dwell_of, noise
 
 N_CPI = 28  # frames of a CPI at 60 Hz
@@ -220,12 +220,12 @@ def test_learned_motion_must_be_exceeded_five_times(adapt_db):
 def test_clutter_may_raise_a_level_to_twice_the_noise_of_a_bin_or_its_neighbours():
     floor = np.array([1.0, 5.0, 1.0, 1.0, 2.0, 7.0])
     much = level_over(floor, np.full(6, 100.0))
-    np.testing.assert_array_equal(much, MOST_RESIDUE * np.array([5.0, 5, 5, 2, 7, 7]))
+    np.testing.assert_array_equal(much, MAX_RESIDUE * np.array([5.0, 5, 5, 2, 7, 7]))
     np.testing.assert_array_equal(level_over(floor, np.zeros(6)), floor)
     between = level_over(floor, np.full(6, 3.0))
     np.testing.assert_array_equal(between, [3.0, 5, 3, 3, 3, 7])
     steps = level_over(np.array([9.0, 1, 1, 9]), np.full(4, 100.0))
-    np.testing.assert_array_equal(steps, MOST_RESIDUE * np.full(4, 9.0))
+    np.testing.assert_array_equal(steps, MAX_RESIDUE * np.full(4, 9.0))
 
 
 # ---------------------------------------------------------------- what is told

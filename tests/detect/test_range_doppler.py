@@ -8,7 +8,7 @@ from radard.detect.gate import DAY_S, Gate
 from radard.dsp.clutter import block_power, sound_rows
 from radard.dsp.range_doppler import (
     ALONE,
-    MOST_RESIDUE,
+    MAX_RESIDUE,
     cell_factor,
     doppler_peaks,
     two_of_three,
@@ -107,7 +107,7 @@ def test_residue_of_jitter_opens_nothing_and_a_body_does_not_hide_itself():
     for k in range(40):
         white = noise(147, seed=100 + k)
         frames = noise(147, seed=k)
-        frames[:, 20] += 0.95 * (MOST_RESIDUE - 1) ** 0.5 * white[:, 20]
+        frames[:, 20] += 0.95 * (MAX_RESIDUE - 1) ** 0.5 * white[:, 20]
         assert not weak.read(dwell_of(frames)).is_open
         frames[:, 20:26] += 6 * white[:, 20:26]
         assert strong.read(dwell_of(frames)).is_open or k >= 20

@@ -16,7 +16,7 @@ from radard.alarm.zones import Zones, sight_of
 from radard.config.config import Config
 from radard.detect.gate import GateReading
 from radard.judge.classifier import Probabilities
-from radard.judge.decision import LEAST_P, Decision, TrackVerdict
+from radard.judge.decision import MIN_P, Decision, TrackVerdict
 
 _WORDS = {"human": "person", "pet": "pet", "other": "something else"}
 Record = Mapping[str, Any]
@@ -255,7 +255,7 @@ def _headline(record: Record, by: DecisionStage) -> str:
         return "Not decided yet"
     if not record["alarm"]:
         return "A pet" if record["label"] == "pet" else "Something harmless"
-    who = "A person" if (record["fused_p_human"] or 0) >= LEAST_P else "Undecided"
+    who = "A person" if (record["fused_p_human"] or 0) >= MIN_P else "Undecided"
     is_new = by.name == "confirmation" and by.text.startswith("Confirmed")
     return f"{who}: alarm" if is_new else who
 

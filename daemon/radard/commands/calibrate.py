@@ -30,7 +30,7 @@ examples:
 """
 SYSTEM_STATE_DIR = Path("/var/lib/radard")
 """Where the installed service keeps its state."""
-_MIN_S = 25.0  # of listening: `LEAST_INDEPENDENT` dwells and some more
+_MIN_S = 25.0  # of listening: `MIN_INDEPENDENT` dwells and some more
 _CELL_M = 0.5  # of the report
 
 

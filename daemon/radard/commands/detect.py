@@ -21,16 +21,16 @@ examples:
   radard detect /data/* --rows events --out alarms.csv
   radard detect a.h5 b.h5 --to jsonl --model mine.onnx | jq .label
 """
-_MOST_JOBS = 1024
-"""Chosen: beyond the cores of any machine that this runs on."""
+_MAX_JOBS = 1024
+"""Beyond the cores of any machine that this runs on."""
 
 
 def run(argv: Sequence[str]) -> int:
     """Run the subcommand."""
     parser = make_parser()
     args = parser.parse_args(argv)
-    if args.jobs is not None and not 1 <= args.jobs <= _MOST_JOBS:
-        parser.error(f"--jobs {args.jobs}: must be 1 to {_MOST_JOBS}")
+    if args.jobs is not None and not 1 <= args.jobs <= _MAX_JOBS:
+        parser.error(f"--jobs {args.jobs}: must be 1 to {_MAX_JOBS}")
     kind = _format(args.to, args.out)
     options = config_options(args)
     config = load_config(args.config, options=options, port="replay:recordings").of_sensor(

@@ -48,7 +48,7 @@ EVENTS: Mapping[str, str] = {
 COLUMNS = {"decisions": DECISIONS, "events": EVENTS}
 """Columns of a table and their types, as pyarrow names them."""
 _BATCH = 4096
-"""Rows of a Parquet row group: chosen, about a megabyte."""
+"""Rows of a Parquet row group: about a megabyte."""
 
 Row = dict[str, Any]
 

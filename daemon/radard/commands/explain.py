@@ -9,7 +9,7 @@ from radard.config.options import add_options, config_options
 from radard.config.sections import AUTO_MODEL, AlarmSection
 from radard.judge.bundle import load_bundle
 from radard.judge.card import read_card
-from radard.judge.decision import LEAST_P, pet_limit_of
+from radard.judge.decision import MIN_P, pet_limit_of
 from radard.judge.model_choice import OF_ONE_MODULE, model_for
 from radard.pipeline import HOP_S
 from x2radar.command import Parser, new_parser
@@ -63,7 +63,7 @@ def explained(config: Config, *, pass_s: float) -> Iterator[str]:
         others = ", ".join(OF_ONE_MODULE)
         yield f"model auto: {bundle.name}, or where it does not take the stream: {others}"
     yield f"model {bundle.name}, policy {decides}: alarm unless p(pet) + p(other) > {limit:g}"
-    yield f"and one of the two is at least {LEAST_P:g},"
+    yield f"and one of the two is at least {MIN_P:g},"
     if decides == "window":
         yield f"judged every {HOP_S:g} s on the last {bundle.features.dwell_s:g} s alone"
     else:

@@ -14,7 +14,7 @@ from radard.dsp.jitter import JitterFit, take_out_jitter
 from radard.dsp.noise import noise_of, second_differences
 from radard.stream.ring import Dwell
 
-_STILL = 2.0  # power over the noise up to which a bin is still; chosen
+_STILL = 2.0  # power over the noise up to which a bin is still
 
 
 class ClutterMap:

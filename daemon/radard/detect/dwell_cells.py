@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from radard.stream.ring import Dwell
 
-# Chosen; tests/detect/test_tamper.py holds what they give.
+# tests/detect/test_tamper.py holds what they give.
 CELL_M = 0.3  # a piece of furniture
 _PARTS = 4  # of a dwell, for the unrest
 _EVERY = 4  # of so many frames one is looked at
 _NOISE_FRAMES = 16
-_LEAST_WHITE, _MOST_WHITE = 0.8, 1.25  # second over first differences
-_MOST_SPREAD_DB = 6.0  # of the noise over range
+_MIN_WHITE, _MAX_WHITE = 0.8, 1.25  # second over first differences
+_MAX_SPREAD_DB = 6.0  # of the noise over range
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,9 +84,9 @@ def _noise_db(dwell: Dwell, shape: tuple[int, int]) -> float | None:
     white = second / first
     level_db = 10 * np.log10(second)
     is_noise = (
-        quantile(white, 0.1) >= _LEAST_WHITE
-        and quantile(white, 0.5) <= _MOST_WHITE
-        and quantile(level_db, 0.9) - quantile(level_db, 0.1) <= _MOST_SPREAD_DB
+        quantile(white, 0.1) >= _MIN_WHITE
+        and quantile(white, 0.5) <= _MAX_WHITE
+        and quantile(level_db, 0.9) - quantile(level_db, 0.1) <= _MAX_SPREAD_DB
     )
     return quantile(level_db, 0.5) if is_noise else None
 

@@ -14,7 +14,7 @@ in a bin, l the bin's level and k the factor that follows from `false_alarms_per
     level = max(noise, min(residue, 2 noise), 5 (learned - noise))
     open if  c > k level  somewhere, in two of three CPIs in a row
 
-It was chosen against the mean power over 2 s, which integrates all Doppler's noise and so needs
+The mean power over 2 s, the test of before, integrates all Doppler's noise and so needs
 10 dB more of a walker (benchmarks/bench_gate.py). Noise is per range bin: from the stream
 (`radard.detect.noise_floor`) or, with a k for every bin, from a calibration file. Learned is what
 the dwells in place showed: the median of their usual cells, in units of what noise shows there.
@@ -35,7 +35,7 @@ from radard.dsp.clutter import centre_spread_m, sound_rows
 from radard.dsp.median import median
 from radard.dsp.noise import second_differences
 from radard.dsp.range_doppler import (
-    MOST_RESIDUE,
+    MAX_RESIDUE,
     cell_factor,
     doppler_peaks,
     two_of_three,
@@ -45,12 +45,12 @@ from radard.dsp.velocity import CPI_S
 from radard.stream.ring import Dwell
 
 DAY_S = 86_400.0
-_MOVES = 10**0.5  # times its floor that the power of a bin in motion stands: chosen
+_MOVES = 10**0.5  # times its floor that the power of a bin in motion stands
 _LEARNED = 5.0
-"""Times what motion in place usually shows: chosen. Cells of a fan, of people who exercise, sit or
+"""Times what motion in place usually shows. Cells of a fan, of people who exercise, sit or
 stand swing so far about their median (tests/detect/test_gate.py)."""
-_MOST_IN_PLACE = 0.75  # of the swath; a body with its echoes' tail fills 0.68 (built-in scenes)
-_TINY = 1e-300  # chosen: 10 log10 of it is finite
+_MAX_IN_PLACE = 0.75  # of the swath; a body with its echoes' tail fills 0.68 (built-in scenes)
+_TINY = 1e-300  # 10 log10 of it is finite
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,7 +134,7 @@ class Gate:
         self.residue = residue * unit
         self.level = np.maximum(self.level, level_over(floor, self.residue))
         spread_m = centre_spread_m(cpi_power, noise, dwell.axis.range_m)
-        is_local = np.count_nonzero(self.power > _MOVES * floor) <= _MOST_IN_PLACE * len(floor)
+        is_local = np.count_nonzero(self.power > _MOVES * floor) <= _MAX_IN_PLACE * len(floor)
         is_in_place = is_local and spread_m < self._settings.in_place_m and len(peak) > 0
         self._in_place.append(
             np.concatenate([self.power, peak.mean(axis=0)]) if is_in_place else None
@@ -184,7 +184,7 @@ def level_over(floor: NDArray[np.float64], residue: NDArray[np.float64]) -> NDAr
     most = floor.copy()
     np.maximum(most[1:], floor[:-1], out=most[1:])
     np.maximum(most[:-1], floor[1:], out=most[:-1])
-    return np.clip(residue, floor, MOST_RESIDUE * most)
+    return np.clip(residue, floor, MAX_RESIDUE * most)
 
 
 def _db(power: float) -> float:

@@ -16,7 +16,7 @@ blind
 filled
     All of the swath has been in motion for `_FILLED_S`, and no verdict was an alarm.
 
-The reference follows slow change by `MOST_DRIFT_DB` in all, so no ramp can take it along.
+The reference follows slow change by `MAX_DRIFT_DB` in all, so no ramp can take it along.
 """
 
 from collections import deque
@@ -31,21 +31,21 @@ from radard.dsp.velocity import CPI_S
 from radard.stream.ring import Dwell
 
 URGENT = 4
-"""Changes of twice the limit are held for so much less: chosen, 5 s of `hold_s`."""
-MOST_DRIFT_DB = 3.0
-"""That a reference follows in all: chosen, more than a receiver's warming up (1 dB)."""
+"""Changes of twice the limit are held for so much less: 5 s of `hold_s`."""
+MAX_DRIFT_DB = 3.0
+"""That a reference follows in all: more than a receiver's warming up (1 dB)."""
 MEMORY_S = 600.0
-"""Within which it does so: chosen, follows temperature, not a hand."""
-_FIRST_S = 600.0  # chosen: people leave a room at times within ten minutes
-_STEADY_S = 8.0  # chosen: with the first dwell, announced within 10 s
+"""Within which it does so: follows temperature, not a hand."""
+_FIRST_S = 600.0  # people leave a room at times within ten minutes
+_STEADY_S = 8.0  # with the first dwell, announced within 10 s
 _STEADY_DB, _TONE_DB = 0.85, 0.12  # scatter of the shape of noise and of a tone; see above
 _FLAT = 0.93  # geometric over arithmetic mean of the spectrum; see above
-_LEAST_SHARE, _FEWEST_CELLS = 0.3, 3  # chosen: of the swath; a body fills up to 0.68, unsteadily
-_MOST_TIME = 0.9  # of `_STEADY_S`; chosen: a fade is no end
+_MIN_SHARE, _MIN_CELLS = 0.3, 3  # of the swath; a body fills up to 0.68, unsteadily
+_MAX_TIME = 0.9  # of `_STEADY_S`: a fade is no end
 _SKIRT = 3  # Doppler bins about what stands still, in the window's main lobe
-_MOST_SHARE = 0.75  # chosen: of the swath, for most of it
-_ALL_SHARE = 0.9  # chosen: for all of it
-_FILLED_S = 30.0  # chosen
+_MAX_SHARE = 0.75  # of the swath, for most of it
+_ALL_SHARE = 0.9  # for all of it
+_FILLED_S = 30.0  # nobody who walks fills all of the swath for so long
 _TINY = 1e-300  # instead of zero power
 
 Array = NDArray[np.float64]
@@ -98,8 +98,8 @@ class InterferenceWatch:
             self._levels.clear()
             self._where = np.zeros(0, np.bool_)
         power_db = _db(gate.power, self._kept)[live]
-        rise_db = quantile(power_db, 1 - _MOST_SHARE)
-        blind_db = quantile(_db(gate.background, self._kept)[live], 1 - _MOST_SHARE)
+        rise_db = quantile(power_db, 1 - _MAX_SHARE)
+        blind_db = quantile(_db(gate.background, self._kept)[live], 1 - _MAX_SHARE)
         is_blind = blind_db >= self._limit_db
         is_filled = is_passed_over and quantile(power_db, 1 - _ALL_SHARE) >= self._limit_db
         hurry = URGENT if blind_db >= 2 * self._limit_db else 1
@@ -136,7 +136,7 @@ class InterferenceWatch:
         is_known = np.isfinite(floor) & np.isfinite(self._kept)
         step_db = _db(np.where(is_known, floor, 1.0), np.where(is_known, self._kept, 1.0))
         kept = self._kept * 10 ** (self._hop_s / MEMORY_S * step_db / 10)
-        most = 10 ** (MOST_DRIFT_DB / 10)
+        most = 10 ** (MAX_DRIFT_DB / 10)
         self._kept = np.clip(kept, self._reference / most, self._reference * most)
 
     def _note_levels(self, gate: Gate, live: NDArray[np.bool_]) -> None:
@@ -156,9 +156,9 @@ class InterferenceWatch:
     def _steady(self, dwell: Dwell) -> str:
         """Return which part of the swath has risen for `_STEADY_S` in a shape that stays."""
         level_db = np.concatenate(self._levels)
-        risen = (level_db >= self._limit_db).mean(axis=0) >= _MOST_TIME
+        risen = (level_db >= self._limit_db).mean(axis=0) >= _MAX_TIME
         n_cells = len(risen)
-        fewest = min(n_cells, max(_FEWEST_CELLS, round(_LEAST_SHARE * n_cells)))
+        fewest = min(n_cells, max(_MIN_CELLS, round(_MIN_SHARE * n_cells)))
         if len(self._levels) < (self._levels.maxlen or 0) or np.count_nonzero(risen) < fewest:
             return ""
         shape_db = level_db[:, risen]

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from radard.dsp.noise import noise_of, noise_profile
 
-_GAIN = 0.2  # of a step towards what a dwell shows; chosen: five dwells' memory
-_SIGMAS = 4.0  # of a CPI's power, within which a bin counts as noise; chosen
-_SPAN_DB = (-10.0, 20.0)  # of the shape; chosen: wider than any receiver's
-_MOST_MEMBERS = 24  # of a median; chosen: more cost time and tell little
+_GAIN = 0.2  # of a step towards what a dwell shows: five dwells' memory
+_SIGMAS = 4.0  # of a CPI's power, within which a bin counts as noise
+_SPAN_DB = (-10.0, 20.0)  # of the shape: wider than any receiver's
+_MAX_MEMBERS = 24  # of a median: more cost time and tell little
 
 
 class NoiseFloor:
@@ -101,9 +101,9 @@ def _rolling_median(shape_db: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @lru_cache(maxsize=8)
 def _windows(n_range: int) -> NDArray[np.intp]:
-    """Return at most `_MOST_MEMBERS` bins about every bin, shape (n_range, odd)."""
+    """Return at most `_MAX_MEMBERS` bins about every bin, shape (n_range, odd)."""
     half = n_range // 8
-    step = max(1, -(-2 * half // _MOST_MEMBERS))
+    step = max(1, -(-2 * half // _MAX_MEMBERS))
     reach = half // step
     offsets = np.arange(-reach, reach + 1) * step
     bins = np.arange(n_range)[:, None] + offsets

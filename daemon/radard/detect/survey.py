@@ -27,10 +27,10 @@ from radard.errors import RadardError
 from radard.stream.ring import Dwell
 from x2radar.frame import FastTimeAxis
 
-LEAST_INDEPENDENT = 8  # dwells; chosen: Student's t promises nothing with fewer
-_UNREST_DB = 6.0  # of a bin over its noise; chosen: breath is stronger
-_PLACE_M = 0.5  # chosen: what moves less stays in its place
-_SPAN = (-12.0, 12.0)  # of log u; chosen: beyond any room's
+MIN_INDEPENDENT = 8  # dwells: Student's t promises nothing with fewer
+_UNREST_DB = 6.0  # of a bin over its noise: breath is stronger
+_PLACE_M = 0.5  # what moves less stays in its place
+_SPAN = (-12.0, 12.0)  # of log u: beyond any room's
 
 Array = NDArray[np.float64]
 
@@ -158,7 +158,7 @@ class RoomSurvey:
             How many decisions a day may open the gate in this room.
         """
         independent = self.n_dwells * self._hop_s / max(self._dwell_s, self._hop_s)
-        if independent < LEAST_INDEPENDENT or not np.any(self._power):
+        if independent < MIN_INDEPENDENT or not np.any(self._power):
             msg = (
                 f"too little was heard: {self.n_dwells} sound windows, {self._n_skipped} with "
                 f"frames missing; give it a longer --duration, or see 'x2radar selftest'"

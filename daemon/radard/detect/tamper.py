@@ -37,8 +37,8 @@ from radard.config.sections import TamperSection
 from radard.detect.dwell_cells import CellReading, quantile, read_cells
 from radard.detect.gate import Gate
 from radard.detect.interference import (
+    MAX_DRIFT_DB,
     MEMORY_S,
-    MOST_DRIFT_DB,
     URGENT,
     FloorReference,
     InterferenceWatch,
@@ -48,13 +48,11 @@ from radard.stream.ring import Dwell
 
 TamperKind = Literal["covered", "moved", "noise", "interference"]
 _TINY = 1e-300  # instead of zero power
-_STILL = (
-    0.3  # a cell is still if less of its energy is unrest; chosen, see tests/detect/test_tamper.py
-)
-_FEWEST_CELLS = 3  # chosen: a median over fewer is one piece of furniture
-_BLIND_S = 30.0  # of noise without echoes; chosen: people hide the noise, so nobody is there
-_CLIPPED = 0.1  # chosen: of a dwell's samples; without clipping one or two are the largest
-_KEEP_EVERY_S = 600.0  # chosen: the reference follows the room as slowly
+_STILL = 0.3  # a cell is still if less of its energy is unrest: see tests/detect/test_tamper.py
+_MIN_CELLS = 3  # a median over fewer is one piece of furniture
+_BLIND_S = 30.0  # of noise without echoes: people hide the noise, so nobody is there
+_CLIPPED = 0.1  # of a dwell's samples; without clipping one or two are the largest
+_KEEP_EVERY_S = 600.0  # the reference follows the room as slowly
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,7 +177,7 @@ class TamperWatch:
 
     def _judge_blindness(self, cells: CellReading) -> None:
         """With noise alone at all ranges there is no antenna, or a cover before it."""
-        is_still = np.count_nonzero(cells.unrest < _STILL * cells.energy) >= _FEWEST_CELLS
+        is_still = np.count_nonzero(cells.unrest < _STILL * cells.energy) >= _MIN_CELLS
         if is_still or cells.noise_db is None:
             self._blind_s = 0.0 if is_still else self._blind_s
         else:
@@ -197,7 +195,7 @@ class TamperWatch:
     def _learn(self, cells: CellReading) -> None:
         """Sum up the still cells of `learn_s` of dwells; keep those that agree with themselves."""
         still = cells.unrest < _STILL * cells.energy
-        if np.count_nonzero(still) < _FEWEST_CELLS:
+        if np.count_nonzero(still) < _MIN_CELLS:
             return
         if self._sum is None:
             self._sum = np.zeros_like(cells.echoes)
@@ -212,7 +210,7 @@ class TamperWatch:
         together = _energy_of(self._sum)
         agreed = together > (1 - _STILL) * self._n_still * self._energy
         usable = agreed & (self._n_still > self._n_learn / 2)
-        if np.count_nonzero(usable) >= _FEWEST_CELLS:
+        if np.count_nonzero(usable) >= _MIN_CELLS:
             self._usable = usable
             self._echoes = self._sum / np.maximum(self._n_still, 1)[:, None]
         self._sum, self._n_seen = None, 0
@@ -221,7 +219,7 @@ class TamperWatch:
         s = self._settings
         known = _energy_of(self._echoes)
         judged = usable & (cells.unrest < _STILL * np.maximum(cells.energy, known))
-        if np.count_nonzero(judged) < _FEWEST_CELLS:
+        if np.count_nonzero(judged) < _MIN_CELLS:
             return
         product = (cells.echoes * self._echoes.conj()).sum(axis=1)
         coherence = np.abs(product) / np.sqrt(cells.energy * known + _TINY)
@@ -264,7 +262,7 @@ class TamperWatch:
         self._hold("noise", is_jump, f"noise {_change(change_db)}", is_urgent=is_far)
         if not is_jump:
             drift_db = self._noise_db + self._hop_s / MEMORY_S * change_db - self._noise_kept_db
-            drift_db = min(max(drift_db, -MOST_DRIFT_DB), MOST_DRIFT_DB)
+            drift_db = min(max(drift_db, -MAX_DRIFT_DB), MAX_DRIFT_DB)
             self._noise_db = self._noise_kept_db + drift_db
 
     def _hold(self, kind: TamperKind, is_now: bool, reason: str, *, is_urgent: bool) -> None:

@@ -21,7 +21,7 @@ from x2radar.frame import FastTimeAxis
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
 
 Array = NDArray[np.float64]
-# Chosen; tests/detect/test_cfar.py and tests/detect/test_tracks.py hold what they give.
+# tests/detect/test_cfar.py and tests/detect/test_tracks.py hold what they give.
 BLOCK_S = 0.12  # a quarter of a CPI
 GUARD_M = 0.25  # a body's own extent on either side
 WINDOW_M = 1.0  # how far the surroundings reach
@@ -31,7 +31,7 @@ FALSE_ALARM = 1e-4  # a cell and block, in noise
 _REFERENCES = 12  # most reference cells a side: more cost time and tell little
 # Moving multipath hardly changes within a block, so that its looks are not independent.
 _ECHO_LOOKS = 2.0
-_MOST_PEAKS = 8  # a block: as many tracks are followed
+_MAX_PEAKS = 8  # a block: as many tracks are followed
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -209,5 +209,5 @@ def find_peaks(chart: PowerMap, least_db: float) -> list[list[Peak]]:
         peaks[block].append(Peak(centre, float(10 * np.log10(ratio[block, cell]))))
     for found in peaks:
         found.sort(key=lambda peak: -peak.power_db)
-        del found[_MOST_PEAKS:]
+        del found[_MAX_PEAKS:]
     return peaks

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from radard.dsp.median import median
 from radard.errors import FeatureError
 
-_SPIKE = 100.0  # chosen: 20 dB, see `spike_rows`
+_SPIKE = 100.0  # 20 dB, see `spike_rows`
 
 AnyFrames = NDArray[np.inexact] | NDArray[np.integer]
 Flags = NDArray[np.bool_]

@@ -18,7 +18,7 @@ from x2radar.frame import FastTimeAxis
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
 
 _REACH_SIGMA = 6.0  # the pulse has decayed to 1.5e-8 there
-_FRAMES_AT_ONCE = 16  # chosen: their windows stay in the cache
+_FRAMES_AT_ONCE = 16  # their windows stay in the cache
 
 
 class DownConverter:

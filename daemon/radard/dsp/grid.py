@@ -8,8 +8,8 @@ from radard.errors import FeatureError
 
 Reals = NDArray[np.float64]
 
-LEAST_COVERAGE = 0.5
-"""A cell of which less than this was seen is not known; chosen: a half."""
+MIN_COVERAGE = 0.5
+"""A cell of which less than this was seen is not known: a half."""
 
 
 def overlap(sample_edges: Reals, cell_edges: Reals) -> Reals:
@@ -66,4 +66,4 @@ def time_cells(
     known = share.sum(axis=0)
     # Columns that do not count must not count as NaN or Inf either.
     power = np.where(valid, columns, 0.0) @ share
-    return power / np.where(known > 0, known, 1.0), known >= LEAST_COVERAGE - 1e-9
+    return power / np.where(known > 0, known, 1.0), known >= MIN_COVERAGE - 1e-9

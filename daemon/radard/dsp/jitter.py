@@ -33,18 +33,18 @@ from radard.errors import FeatureError
 from x2radar.frame import FastTimeAxis
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
 
-MOST_DELAY_S = 1e-12
+MAX_DELAY_S = 1e-12
 """A common delay of more rms is no jitter (modules: 0.13 to 0.23 ps): left alone."""
-MOST_GAIN = 0.01
+MAX_GAIN = 0.01
 """A common gain of more rms is no gain noise (modules: up to 0.12 %): left alone."""
-# Chosen; tests/detect/test_jitter.py holds what they give.
+# tests/detect/test_jitter.py holds what they give.
 _ITERATIONS = 2  # of the weights
 _TOLERANCE = 4.0  # of the Cauchy weights, in usual powers of a cell
 _OUTLIER = 9.0  # six sigmas of a Gaussian, in medians of its magnitude
 _CELL_PULSES = 2.0  # length of a cell, in pulses, so that neighbours hold tails
 _CELL_BINS = 4  # and in bins, where the bandwidth is not known
 _GUARD_CELLS = 2  # on either side, that have no say in a cell's correction
-_FEWEST_FRAMES = 8
+_MIN_FRAMES = 8
 _TINY = 1e-30  # instead of zero, under rows from `sound_rows`
 _UNIQUE = 1e-9  # least determinant, by its largest possible one
 
@@ -67,7 +67,7 @@ def take_out_jitter(rows: NDArray[np.complex64], usable: Flags, axis: FastTimeAx
         msg = f"frames of {rows.shape[1]} bins on an axis of {axis.n_range}"
         raise FeatureError(msg)
     none = np.zeros(len(rows))
-    if np.count_nonzero(usable) < _FEWEST_FRAMES or axis.carrier_hz <= 0:
+    if np.count_nonzero(usable) < _MIN_FRAMES or axis.carrier_hz <= 0:
         return JitterFit(none, none, 0.0, 0.0)
     used = rows if usable.all() else rows[usable]
     mean = used.mean(axis=0, dtype=np.complex128)
@@ -77,7 +77,7 @@ def take_out_jitter(rows: NDArray[np.complex64], usable: Flags, axis: FastTimeAx
     model = _Model(parts - mean.astype(np.complex64).view(np.float32), usable, columns, starts)
     theta, weight = model.fit_all()
     turn = 2 * np.pi * axis.carrier_hz
-    most = np.array([turn * MOST_DELAY_S, MOST_GAIN])
+    most = np.array([turn * MAX_DELAY_S, MAX_GAIN])
     by_cell, trust = model.fit_without_own(theta, weight, most)
     parts -= by_cell.transpose(1, 2, 0).reshape(len(rows), -1).astype(np.float32) @ columns
     delay_trust, gain_trust = (trust @ model.clutter_share()).tolist()

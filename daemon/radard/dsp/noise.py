@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from radard.dsp.clutter import Flags
 
-_LOW_QUANTILE = 0.1  # chosen: a target fills far less than nine tenths of the cells
+_LOW_QUANTILE = 0.1  # a target fills far less than nine tenths of the cells
 # An exponential variable's quantile q lies at -ln(1 - q) of its mean.
 _TO_MEAN = -1 / np.log1p(-_LOW_QUANTILE)
 _SECOND_DIFFERENCE_GAIN = 6.0  # 1 + 4 + 1, of the power of white noise

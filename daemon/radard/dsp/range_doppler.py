@@ -9,7 +9,7 @@ The reference is what clutter leaves. Still echoes leave the receiver's jitter: 
 and as strong as the echo of that range bin, so neighbours in Doppler show it and neighbours in
 range do not. So the level of a bin is an ordered statistic, the median, of its Doppler cells in
 all CPIs of the dwell (OS-CFAR, Rohling 1983). Never less than the receiver's noise, which is
-known, and at most `MOST_RESIDUE` times it: a body that fills its bin's Doppler must not hide
+known, and at most `MAX_RESIDUE` times it: a body that fills its bin's Doppler must not hide
 itself.
 """
 
@@ -25,13 +25,13 @@ Array = NDArray[np.float64]
 N_DOPPLER = 3
 """Doppler cells whose mean is tested; of 1, 3, 5, 7, 11 and 21 the best for weak people at 60 Hz,
 and among the best three at 200 Hz (benchmarks/bench_gate.py makes such bodies)."""
-MOST_RESIDUE = 2.0
+MAX_RESIDUE = 2.0
 """Times the noise that a bin's residue may reach: simulated rooms with jitter of up to 0.23 ps
 and leakage of 60 dB left at most 2.0 times the noise in a bin."""
 ALONE = 10.0
-"""Times its threshold at which one CPI is enough: chosen. A burst of Wi-Fi of 50 ms, 20 dB over
+"""Times its threshold at which one CPI is enough. A burst of Wi-Fi of 50 ms, 20 dB over
 the noise, stays under a fifth of it."""
-_LEAST_FACTOR = 1e-3  # instead of zero, for a gate that is always open; chosen
+_MIN_FACTOR = 1e-3  # instead of zero, for a gate that is always open
 
 
 def doppler_peaks(
@@ -118,7 +118,7 @@ def cell_factor(share: float, n_cpis: int, n_cpi: int, n_range: int) -> float:
     much of their noise, so the true rate is lower. A share of 1 or more opens on anything.
     """
     if share >= 1:
-        return _LEAST_FACTOR
+        return _MIN_FACTOR
     n_pairs = 2 * n_cpis - 3
     in_cpi = float(np.sqrt(share / n_pairs)) if n_pairs > 0 else share
     n_beside = min(N_DOPPLER, n_cpi - 1)

@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 
 from radard.dsp.columns import ColumnStream
 from radard.dsp.gram import Reals, centring
-from radard.dsp.grid import LEAST_COVERAGE, overlap, time_cells
+from radard.dsp.grid import MIN_COVERAGE, overlap, time_cells
 from radard.dsp.steps import Flags, StepBuffer, whole
 from radard.errors import FeatureError
 from x2radar.frame import FastTimeAxis
 
-_BLOCK = 64  # frames at once; chosen: a hop at 60 Hz
+_BLOCK = 64  # frames at once: a hop at 60 Hz
 # Squares of rows within these energies neither overflow float32 nor lose digits in it.
 _LOW, _HIGH = 1e-25, 1e30
 
@@ -151,7 +151,7 @@ def _design(
     edges = near_m + cell_m * np.arange(n_cells + 1, dtype=np.float64)
     share = overlap(bin_edges, edges)
     covered = share.sum(axis=0)
-    is_covered = covered >= LEAST_COVERAGE - 1e-9
+    is_covered = covered >= MIN_COVERAGE - 1e-9
     share *= np.where(is_covered, 1 / np.where(covered > 0, covered, 1), 0)
     share *= n_cpi / (n_cpi - 1)
     # Row i takes the mean of frames i to i + n_cpi - 1 off the frame in their middle.

@@ -35,8 +35,8 @@ from x2radar.frame import FastTimeAxis
 
 CPI_S = 28 / 60
 """The thesis' CPI: 28 frames at 60 Hz (2.29)."""
-_LEAST_CPI = 4  # frames; chosen: fewer show no Doppler beside the removed mean
-_BLOCK = 64  # frames at once; chosen: a hop at 60 Hz
+_MIN_CPI = 4  # frames: fewer show no Doppler beside the removed mean
+_BLOCK = 64  # frames at once: a hop at 60 Hz
 _LOW, _HIGH = 1e-15, 1e15  # of parts: their squares stay well inside float32
 
 
@@ -130,7 +130,7 @@ class VelocityTransform(ColumnStream):
             msg = f"velocity transform: a mean of {n_mean} frames"
             raise FeatureError(msg)
         rate_hz = frame_rate_hz / n_mean
-        self.n_cpi = max(_LEAST_CPI, round(cpi_s * rate_hz))
+        self.n_cpi = max(_MIN_CPI, round(cpi_s * rate_hz))
         self.stride = max(1, round(rate_hz / column_rate_hz))
         self.column_rate_hz = rate_hz / self.stride
         n_side = int(max_mps / step_mps + 1e-9)

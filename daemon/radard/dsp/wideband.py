@@ -11,8 +11,8 @@ from radard.errors import FeatureError
 from x2radar.frame import FastTimeAxis
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
 
-_REACH = 1.3 / 2.3  # of the -10 dB band, to either side; chosen: beyond it is noise
-_UNKNOWN_BANDWIDTH = 0.2  # of the carrier; chosen: less than any module's
+_REACH = 1.3 / 2.3  # of the -10 dB band, to either side: beyond it is noise
+_UNKNOWN_BANDWIDTH = 0.2  # of the carrier: less than any module's
 
 
 def range_frequencies(axis: FastTimeAxis, n_most: int = 64) -> Reals:

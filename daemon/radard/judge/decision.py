@@ -19,7 +19,7 @@ from radard.stream.ring import Dwell
 
 Label = Literal["human", "pet", "other", "pending", "none", "invalid"]
 GateState = Literal["open", "closed", "invalid"]
-LEAST_P = 0.5
+MIN_P = 0.5
 """No class below it is what moves."""
 HIGH_PET_LIMIT = 0.9
 """Least pet limit at sensitivity 'high' under policy 'fused'; docs/evaluation.md measures it."""
@@ -90,7 +90,7 @@ def judge(p: Probabilities, pet_limit: float) -> tuple[Label, bool]:
     >>> judge(Probabilities(human=0.1, pet=0.45, other=0.45), pet_limit=0.8)
     ('human', True)
     """
-    if p.pet + p.other > pet_limit and max(p.pet, p.other) >= LEAST_P:
+    if p.pet + p.other > pet_limit and max(p.pet, p.other) >= MIN_P:
         return ("pet" if p.pet >= p.other else "other"), False
     return "human", True
 
@@ -115,7 +115,7 @@ class Verdict:
     """
 
     def __init__(
-        self, pet_limit: float, human_limit: float = LEAST_P, decide_within_s: float = 0.0
+        self, pet_limit: float, human_limit: float = MIN_P, decide_within_s: float = 0.0
     ) -> None:
         self.pet_limit = pet_limit
         self._human_limit = human_limit
@@ -145,7 +145,7 @@ class Verdict:
         # Dwells end at whole frames, so three hops may last a little less than 3 s.
         may_wait = t_s - self._since_s < self._within_s - _ROUNDING_S
         self._is_pending = is_unsure and may_wait
-        is_likely = p.human >= LEAST_P and not self._is_pending
+        is_likely = p.human >= MIN_P and not self._is_pending
         since_s = self._unsure_since_s
         self.undecided_s = None if since_s is None or is_likely else t_s - since_s
         return ("pending", False) if self._is_pending else (label, alarm)

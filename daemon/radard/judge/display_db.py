@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 WEAKEST_COLUMN_DB = 25.0
-"""Columns weaker than this under the maximum stay dark: chosen, the maps' own depth."""
+"""Columns weaker than this under the maximum stay dark: the maps' own depth."""
 
 Map = NDArray[np.float32]
 

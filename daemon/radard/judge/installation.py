@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 INSTALLATION = "installation"
 N_INSTALLATION = 7
 """Frame rate; whether the height is known, and the height; the same of tilt and strength."""
-_RATE_HZ, _HEIGHT_M, _TILT_DEG, _STRENGTH_DB = 60.0, 1.5, 30.0, 10.0  # units of the input: chosen
-_MOST = 4.0  # units that any of them counts at most: chosen
+_RATE_HZ, _HEIGHT_M, _TILT_DEG, _STRENGTH_DB = 60.0, 1.5, 30.0, 10.0  # units of the input
+_MAX = 4.0  # units that any of them counts at most
 _STANDS_OUT = 10**0.5  # times its floor, a bin's power counts: as the gate has it
 
 
@@ -67,4 +67,4 @@ def installation(
         (strength_db, _STRENGTH_DB, 0.0),
     ):
         values += [0.0, 0.0] if value is None else [1.0, (value - middle) / unit]
-    return np.clip(values, -_MOST, _MOST).astype(np.float32)
+    return np.clip(values, -_MAX, _MAX).astype(np.float32)

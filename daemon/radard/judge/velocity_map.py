@@ -17,8 +17,8 @@ from radard.judge.display_db import shown
 from radard.stream.ring import Dwell
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
 
-_MOST_SHARE = 0.75
-"""Of a dwell, for a CPI: the rest is what its columns move over. Chosen."""
+_MAX_SHARE = 0.75
+"""Of a dwell, for a CPI: the rest is what its columns move over."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,7 +55,7 @@ class VelocityGrid:
         cpi_s = self.cpi_s
         if self.carrier_hz:
             cpi_s *= self.carrier_hz / dwell.axis.carrier_hz
-        most_s = _MOST_SHARE * n_slow / dwell.frame_rate_hz
+        most_s = _MAX_SHARE * n_slow / dwell.frame_rate_hz
         cpi_s = max(min(cpi_s, most_s), self.least_frames / rate_hz)
         return VelocityTransform(
             dwell.axis,

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radard.errors import OutputError
-from radard.judge.decision import LEAST_P
+from radard.judge.decision import MIN_P
 from x2train.judge.acceptance import ENTRIES, Entry
 from x2train.judge.estimates import Estimate, per_hour, share
 from x2train.judge.table import PassageTable
@@ -37,7 +37,7 @@ def alarms_by_window(table: PassageTable) -> _Alarms:
     quiet = table.p_pet + table.p_other
     most = np.maximum(table.p_pet, table.p_other)
     judged = table.is_open & np.isfinite(quiet)
-    return np.asarray(judged & ~((quiet > PET_LIMIT) & (most >= LEAST_P)), np.bool_)
+    return np.asarray(judged & ~((quiet > PET_LIMIT) & (most >= MIN_P)), np.bool_)
 
 
 def document(table: PassageTable, about: Mapping[str, Any]) -> dict[str, Any]:
