@@ -19,7 +19,7 @@ from tests.recording_helpers import (
 from x2radar.errors import RecordingError, SettingsError
 from x2radar.recording.about import Overrides
 from x2radar.recording.convert import convert
-from x2radar.recording.registry import FORMATS, WRITABLE, open_recording
+from x2radar.recording.registry import open_recording
 
 NAMES = {
     "hdf5": "out.h5",
@@ -42,10 +42,6 @@ HOLDS = [
 
 def names_in(folder):
     return sorted(path.name for path in folder.iterdir())
-
-
-def test_the_table_of_names_is_whole():
-    assert set(NAMES) == set(WRITABLE)
 
 
 @pytest.mark.parametrize(
@@ -308,24 +304,3 @@ def test_info_of_nothing(capsys, what, code, wanted):
     assert (ended, out) == (code, "")
     assert wanted in err
     assert err.count("\n") == 1
-
-
-def test_every_format_can_be_forced(tmp_path):
-    source, samples = make(tmp_path / "in.h5")
-    odd = tmp_path / "odd.name"
-    convert(source, odd, out_kind="npz")
-    for kind in (None, "npz"):
-        with open_recording(odd, kind=kind) as reader:
-            assert np.array_equal(content(reader)[0], samples)
-
-
-def test_the_table_of_the_docs_is_that_of_the_formats():
-    page = Path(__file__).parents[2] / "docs" / "research" / "recordings.md"
-    rows = [line.split("|")[1:-1] for line in page.read_text("utf-8").splitlines()]
-    told = {cells[0].strip(" `"): cells for cells in rows if len(cells) == 10}
-    assert set(FORMATS) <= set(told)
-    for name, row in FORMATS.items():
-        _, suffixes, is_read, is_written, *_ = (cell.strip() for cell in told[name])
-        assert f"`{row.suffixes[0]}`" in suffixes
-        known = ("yes" if row.reader else "no", "yes" if row.writer else "no")
-        assert (is_read, is_written) == known

@@ -9,7 +9,6 @@ import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from pyarrow import parquet
-from scipy.io import loadmat
 
 from tests.radar_helpers import python
 from tests.recording_helpers import COUNTERS, LABELS, RATE_HZ, make
@@ -25,20 +24,6 @@ def written(tmp_path, name, kind, **about):
     source, samples = make(tmp_path / "in.h5", kind, COUNTERS, **about)
     convert(source, tmp_path / name)
     return tmp_path / name, samples
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_scipy_reads_our_matlab_files(tmp_path, kind):
-    path, samples = written(tmp_path, "out.mat", kind)
-    found = loadmat(path, squeeze_me=True)
-    assert np.array_equal(found["samples"], samples)
-    assert found["samples"].dtype == samples.dtype
-    assert found["counter"].tolist() == COUNTERS
-    assert found["t_s"].shape == (len(COUNTERS),)
-    assert found["frame_rate_hz"] == RATE_HZ
-    assert found["kind"] == kind
-    assert json.loads(str(found["labels"])) == [list(label) for label in LABELS]
-    assert json.loads(str(found["device"]))["serial"] == "42"
 
 
 def test_a_matlab_file_that_lost_its_counters_is_refused(tmp_path):
@@ -99,6 +84,7 @@ def test_an_mcap_file_of_unknown_start_says_so(tmp_path):
     assert done.notes == ("the start is unknown: times begin with 1970",)
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("module", ["pyarrow", "mcap", "matplotlib"])
 def test_a_missing_extra_is_one_line_and_leaves_nothing(tmp_path, module):
     source, _ = make(tmp_path / "in.h5")

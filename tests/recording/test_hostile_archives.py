@@ -12,6 +12,7 @@ from tests.hostile_helpers import ROOT, limited_worker, refused
 from tests.recording_helpers import run
 from x2radar.recording.registry import open_recording
 
+pytestmark = pytest.mark.integration
 worker = pytest.fixture(scope="module")(limited_worker)
 
 

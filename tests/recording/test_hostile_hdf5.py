@@ -18,6 +18,7 @@ from x2radar.recording.hdf5_reader import RecordingReader
 from x2radar.recording.hdf5_writer import RecordingWriter
 from x2radar.recording.registry import open_recording
 
+pytestmark = pytest.mark.integration
 worker = pytest.fixture(scope="module")(limited_worker)
 
 
