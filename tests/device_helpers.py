@@ -8,7 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from x2radar.device.device import Deadlines, X2Radar
+from x2radar.device.device import X2Radar
+from x2radar.device.link import Deadlines
 from x2radar.device.transport import PtyTransport, SerialTransport, Transport, memory_pair
 from x2radar.errors import TransportClosed
 from x2radar.frame import Frame

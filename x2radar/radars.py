@@ -3,8 +3,9 @@
 import re
 from collections.abc import Callable
 
-from x2radar.device.device import Deadlines, X2Radar
+from x2radar.device.device import X2Radar
 from x2radar.device.discovery import find_module
+from x2radar.device.link import Deadlines
 from x2radar.device.transport import SerialTransport, Transport
 from x2radar.errors import SettingsError
 from x2radar.modules.base import ModuleSettings, SettingsChooser

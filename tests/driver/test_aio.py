@@ -9,7 +9,8 @@ import pytest
 
 import x2radar
 from x2radar.device.aio import AsyncRadar
-from x2radar.device.device import Deadlines, X2Radar
+from x2radar.device.device import X2Radar
+from x2radar.device.link import Deadlines
 from x2radar.device.transport import PtyTransport
 from x2radar.errors import DeviceError, PortNotFound, ReadTimeout, TransportClosed
 from x2radar.ports import parse_port

@@ -7,7 +7,8 @@ import pytest
 
 import x2radar
 from tests.device_helpers import SETTINGS, SHORT, OnUsb, in_thread, module, simulated, take
-from x2radar.device.device import Deadlines, X2Radar
+from x2radar.device.device import X2Radar
+from x2radar.device.link import Deadlines
 from x2radar.device.transport import Transport, memory_pair
 from x2radar.errors import DeviceError, PortNotFound, TransportClosed
 from x2radar.modules.x2 import RadarSettings

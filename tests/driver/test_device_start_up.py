@@ -24,8 +24,8 @@ from tests.device_helpers import (
     take,
     wire,
 )
-from x2radar.device.device import Deadlines, X2Radar
-from x2radar.device.link import RETRIES
+from x2radar.device.device import X2Radar
+from x2radar.device.link import RETRIES, Deadlines
 from x2radar.errors import DeviceError, RestartRequired, SafeModeError, TransportClosed
 from x2radar.wire.messages import (
     Ack,

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import x2radar
-from x2radar.device.device import Deadlines
+from x2radar.device.link import Deadlines
 from x2radar.errors import PortNotFound, ReadTimeout, SceneError, SettingsError
 from x2radar.modules.x2 import RadarSettings
 from x2radar.ports import Port, parse_port

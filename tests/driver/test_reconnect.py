@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from x2radar.backoff import Backoff
-from x2radar.device.device import Deadlines, RadarStats, X2Radar
+from x2radar.device.device import RadarStats, X2Radar
+from x2radar.device.link import Deadlines
 from x2radar.device.reconnect import ReconnectingRadar, StreamEvent
 from x2radar.device.transport import PtyTransport, SerialTransport, memory_pair
 from x2radar.errors import (

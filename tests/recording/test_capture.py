@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from tests.recording_helpers import content, run
-from x2radar.device.device import Deadlines, X2Radar
+from x2radar.device.device import X2Radar
+from x2radar.device.link import Deadlines
 from x2radar.device.transport import memory_pair
 from x2radar.errors import RecordingError, TransportClosed
 from x2radar.modules.x2 import RadarSettings

@@ -9,7 +9,8 @@ import pytest
 
 import x2radar
 from tests.radar_helpers import python
-from x2radar.device.device import Deadlines, X2Radar
+from x2radar.device.device import X2Radar
+from x2radar.device.link import Deadlines
 from x2radar.errors import DeviceError, ReadTimeout, SafeModeError, TransportClosed
 from x2radar.modules.x2 import RadarSettings
 from x2radar.ports import parse_port

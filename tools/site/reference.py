@@ -31,7 +31,7 @@ _PYTHON = {
     "The driver": """
         x2radar.open x2radar.open_reconnecting x2radar.open_async
         x2radar.device.device.X2Radar x2radar.device.device.RadarStats
-        x2radar.device.device.Deadlines x2radar.device.reconnect.ReconnectingRadar
+        x2radar.device.link.Deadlines x2radar.device.reconnect.ReconnectingRadar
         x2radar.device.reconnect.StreamEvent x2radar.device.aio.AsyncRadar
         x2radar.frame.Frame x2radar.frame.FastTimeAxis x2radar.frame.StreamInfo
         x2radar.modules.x2.RadarSettings x2radar.modules.x4.X4Settings

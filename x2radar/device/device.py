@@ -22,44 +22,16 @@ from x2radar.errors import DeviceError, ReadTimeout, TransportClosed
 from x2radar.frame import Frame, StreamInfo
 from x2radar.modules.base import ModuleSettings, SettingsChooser
 from x2radar.modules.x2 import RadarSettings
-from x2radar.wire.messages import (
-    GetMode,
-    GetSystemInfo,
-    LoadProfile,
-    Message,
-    Ping,
-    Reply,
-    SetDetectionZone,
-    SetLed,
-    SetMode,
-    SetOutput,
-    SetSensitivity,
-    SetSysFloat,
-    SetSysInt,
-)
+from x2radar.wire.messages import GetSystemInfo, Message, Reply, Reset, SetBaudRate, Unknown
 from x2radar.wire.wire_ids import InfoItem
 
-__all__ = ["Deadlines", "RadarStats", "X2Radar"]
-
-_REPEATABLE = (
-    Ping,
-    GetSystemInfo,
-    GetMode,
-    SetMode,
-    SetOutput,
-    SetSysInt,
-    SetSysFloat,
-    LoadProfile,
-    SetLed,
-    SetDetectionZone,
-    SetSensitivity,
-)
-"""Commands that may be sent twice without harm."""
+_ONCE = (Reset, SetBaudRate, Unknown)
+"""Commands that must not be sent twice, or of which nobody knows whether they may."""
 _STALL_FRAMES = 3
-"""Frames that must be missing before a slow stream counts as lost. Chosen."""
+"""Frames that must be missing before a slow stream counts as lost: two may be late."""
 
 _ASK_S = 0.5
-"""For the order code. Chosen: old firmware that does not know the question may stay silent."""
+"""For the order code: old firmware that does not know the question may stay silent."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -216,7 +188,7 @@ class X2Radar(Closing):
         Raises DeviceError if the module refuses or does not answer, TransportClosed if the port
         went away.
         """
-        resends = RETRIES if isinstance(command, _REPEATABLE) else 0
+        resends = 0 if isinstance(command, _ONCE) else RETRIES
         answer = self._opened().link.command(command, resends=resends, wait_s=wait_s)
         assert answer is not None  # noqa: S101 - None needs is_done
         return answer

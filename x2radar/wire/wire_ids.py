@@ -151,24 +151,13 @@ class DataType(IntEnum):
     FLOAT = 0x12
     STRING = 0x13
     BASEBAND_OLD = 0x14
-    USER = 0x50
 
 
 class ContentId(IntEnum):
-    """Content of a data message; under `DataType.USER` 1, 3 and 5 mean something else."""
+    """Content of a data message; docs/reference/protocol.md lists the others."""
 
     RAW_FRAME = 0
-    I = 1  # noqa: E741 - the field's own name
-    Q = 2
-    IQ_LEGACY = 3
     ENVELOPE = 4
-    DOPPLER_FFT_IN = 5
-    DOPPLER_FFT_OUT = 6
-    PULSE_DOPPLER_MATRIX = 7
-    NOISE_MAP = 8
-    FRAME_STORAGE_I = 9
-    FRAME_STORAGE_Q = 10
-    RAW_FLASH_FRAME = 11
     BASEBAND_IQ = 0x0C
     BASEBAND_AP = 0x0D
 
