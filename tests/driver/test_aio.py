@@ -128,15 +128,3 @@ def test_cancelled_while_it_opens_and_while_it_waits():
         assert time.monotonic() - began_s < 30
         assert not readers()
     silent.close()
-
-
-def test_leaving_the_block_early_closes_the_port():
-    async def main():
-        inner = radar()
-        async with AsyncRadar(inner) as stream:
-            await anext(stream)
-        with pytest.raises(TransportClosed, match="not open"):
-            next(inner.frames())
-
-    asyncio.run(main())
-    assert not readers()

@@ -220,9 +220,24 @@ def test_old_baseband_form(content_id: int, cls: type) -> None:
         decode_response(head + bytes.fromhex(IQ_HEAD))
 
 
-def test_raw_frame_bytes() -> None:
-    values = np.array([0.5, -2], np.float32)
-    data = bytes.fromhex("a0 12 00 00 00 00 07 00 00 00 02 00 00 00 00 00 00 3f 00 00 00 c0")
+@pytest.mark.parametrize(
+    ("values", "wire"),
+    [
+        (
+            np.array([0.5, -2], np.float32),
+            "12 00 00 00 00 07 00 00 00 02 00 00 00 00 00 00 3f 00 00 00 c0",
+        ),
+        (
+            np.array([-1, 5], np.int32),
+            "11 00 00 00 00 07 00 00 00 02 00 00 00 ff ff ff ff 05 00 00 00",
+        ),
+        (np.array([7, 255], np.uint8), "10 00 00 00 00 07 00 00 00 02 00 00 00 07 ff"),
+        (np.array([1], np.float32), f"12 00 00 00 00 07 00 00 00 01 00 00 00 {ONE}"),
+        (np.array([], np.float32), "12 00 00 00 00 07 00 00 00"),
+    ],
+)
+def test_data_keep_their_type(values: np.ndarray, wire: str) -> None:
+    data = bytes.fromhex(f"a0 {wire}")
     assert encode(Data(0, 7, values)) == data
     assert same(decode_response(data), Data(0, 7, values))
 
@@ -238,22 +253,6 @@ def test_data_without_elements(wire: str) -> None:
     assert not message.values.flags.writeable
 
 
-@pytest.mark.parametrize("n", [0, 1, 2])
-def test_few_elements_are_sent_and_none_without_a_count(n: int) -> None:
-    values = np.arange(1, n + 1, dtype=np.float32)
-    data = encode(Data(0, 7, values))
-    assert len(data) == (10 if n == 0 else 14 + 4 * n)
-    assert same(decode_response(data), Data(0, 7, values))
-
-
-def test_error_with_a_single_byte() -> None:
-    assert decode_response(b"\x20\x21") == ErrorReply(ErrorCode.COMMAND_FAILED)
-
-
-def test_system_message_with_extra_bytes() -> None:
-    assert decode_response(bytes.fromhex("30 11 00 00 00 01 02")) == SystemMessage(0x11)
-
-
 @pytest.mark.parametrize(
     ("wire", "expected"),
     [
@@ -265,24 +264,11 @@ def test_system_message_with_extra_bytes() -> None:
         ("11 11 01 00 00 00 02 00 00 00 01 00 00 00 05 00 00 00 04", Reply(1, 2, (5,))),
         ("11 13 01 00 00 00 02 00 00 00 04 00 00 00 41 42 00 00 01", Reply(1, 2, "AB")),
         ("11 13 01 00 00 00 02 00 00 00 01 00 00 00 ff 01", Reply(1, 2, "\ufffd")),
+        ("30 11 00 00 00 01 02", SystemMessage(0x11)),
     ],
 )
 def test_forms_of_replies_and_data(wire: str, expected: Message) -> None:
     assert decode_response(bytes.fromhex(wire)) == decode_any(bytes.fromhex(wire)) == expected
-
-
-def test_whole_numbers_keep_their_type() -> None:
-    values = np.array([-1, 5], np.int32)
-    data = bytes.fromhex("a0 11 0b 00 00 00 07 00 00 00 02 00 00 00 ff ff ff ff 05 00 00 00")
-    assert encode(Data(11, 7, values)) == data
-    assert same(decode_response(data), Data(11, 7, values))
-
-
-def test_octets_keep_their_type() -> None:
-    values = np.array([7, 255], np.uint8)
-    data = bytes.fromhex("a0 10 0b 00 00 00 07 00 00 00 02 00 00 00 07 ff")
-    assert encode(Data(11, 7, values)) == data
-    assert same(decode_response(data), Data(11, 7, values))
 
 
 @pytest.mark.parametrize(
@@ -405,15 +391,10 @@ def test_counts_and_lengths_that_lie(wire: str) -> None:
 
 
 @pytest.mark.parametrize("head", ["a0 12", "11 12"])
-@pytest.mark.parametrize("count", ["01 00", "01 00 00"])
+@pytest.mark.parametrize("count", ["01", "01 00", "01 00 00"])
 def test_a_count_that_breaks_off_is_told_as_such(head: str, count: str) -> None:
     with pytest.raises(MessageError, match="cut short"):
         decode_response(bytes.fromhex(f"{head} 00 00 00 00 07 00 00 00 {count}"))
-
-
-def test_a_count_of_one_byte_is_cut_short() -> None:
-    with pytest.raises(MessageError, match="cut short"):
-        decode_response(bytes.fromhex("a0 12 00 00 00 00 07 00 00 00 01"))
 
 
 @pytest.mark.parametrize(

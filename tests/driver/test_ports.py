@@ -1,4 +1,3 @@
-import math
 import time
 from itertools import combinations, islice
 
@@ -7,10 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-import x2radar
 from x2radar.device.link import Deadlines
 from x2radar.errors import PortNotFound, ReadTimeout, SceneError, SettingsError
-from x2radar.modules.x2 import RadarSettings
 from x2radar.ports import Port, parse_port
 from x2radar.radars import make_radar
 from x2radar.sim.module.stream import EchoStream
@@ -180,13 +177,6 @@ def test_faults_come_before_anything_is_opened(port, error, wanted):
     assert "\n" not in str(caught.value)
 
 
-def test_settings_given_stand_over_the_ports():
-    settings = RadarSettings(frame_rate_hz=30, frame_stitch=1)
-    assert make_radar(parse_port("sim:human?rate=200"), settings=settings).settings is settings
-    assert make_radar(parse_port("sim:human?rate=200")).settings.frame_rate_hz == 200
-    assert make_radar(parse_port("sim:human?kind=baseband")).settings.output == "iq"
-
-
 def test_a_port_that_is_not_there():
     with pytest.raises(PortNotFound):
         make_radar(parse_port("/dev/no-such-port")).open()
@@ -256,20 +246,8 @@ def test_baseband_comes_at_the_rate_asked_for():
     assert frames[0].axis.bandwidth_hz == pytest.approx(2.3e9)
 
 
-@pytest.mark.parametrize("rate", [1, 1000])
-def test_extreme_rates_stream(rate):
-    assert len(first_frames(f"sim:empty?rate={rate}", 10)) == 10
-
-
 def test_a_scene_file_streams(tmp_path):
     path = tmp_path / "a room?.yaml"
     path.write_text("steps: [{duration_s: 1}]\n")
     frames = first_frames(f"sim:{str(path).replace(' ', '%20').replace('?', '%3F')}", 5)
     assert np.abs(np.mean([f.samples for f in frames]) - 50) < 0.01
-
-
-def test_open_of_the_package():
-    with x2radar.open("sim:human?seed=1", speed=None) as radar:
-        frame = next(radar.frames())
-    assert (frame.samples.shape, frame.axis.kind) == ((768,), "rf")
-    assert not math.isnan(float(frame.samples.sum()))

@@ -316,12 +316,6 @@ def test_a_device_that_is_lost_soon_again_is_left_alone_longer():
     assert clock.slept == [first, 2 * first, 4 * first, first]
 
 
-def test_a_device_that_answers_but_sends_nothing_is_not_found():
-    radar, _, _ = scripted([1, GONE], [STALL], [STALL], [1])
-    items = take_until(radar.items(), is_restarted)
-    assert kinds(items) == ["frame", "lost", "lost", "found", "frame"]
-
-
 @pytest.mark.parametrize("error", [PortNotFound("no"), PortDenied("no"), GONE, DeviceError("no")])
 def test_at_start_errors_are_raised_or_waited_for(error):
     radar, fake, _ = scripted(error)
@@ -346,9 +340,3 @@ def test_closing_in_a_pause_ends_the_stream():
     radar, fake, _ = scripted([1, GONE], clock=clock)
     assert kinds(radar.items()) == ["frame", "lost"]
     assert fake.opened == ["open"]
-
-
-def test_frames_alone():
-    radar, _, _ = scripted([1, 2, GONE], [1])
-    got = list(itertools.islice(radar, 3))
-    assert [(f.index, f.restarted) for f in got] == [(0, False), (1, False), (2, True)]

@@ -1,5 +1,4 @@
 import math
-from dataclasses import FrozenInstanceError
 from itertools import pairwise
 
 import numpy as np
@@ -28,19 +27,6 @@ def test_defaults_are_the_radar_of_the_thesis():
     # Three offsets, two thousand thresholds, 256 pulses each at 100 MHz.
     assert s.n_steps == 2048
     assert s.sweep_s == pytest.approx(3 * 2048 * 256 / 100e6)
-
-
-def test_settings_are_frozen():
-    with pytest.raises(FrozenInstanceError):
-        RadarSettings().iterations = 3
-
-
-@pytest.mark.parametrize("rate_hz", [38e9, 39e9, 41e9])
-@pytest.mark.parametrize("delay_s", [0.0, 4e-9, 200e-9])
-def test_axis_follows_the_chip(rate_hz, delay_s):
-    s = RadarSettings(sample_rate_hz=rate_hz, sample_delay_s=delay_s)
-    assert s.bin_length_m == C / (2 * rate_hz)
-    assert s.range_offset_m == pytest.approx(C * delay_s / 2)
 
 
 def test_pulse_table():
@@ -76,27 +62,10 @@ def test_limits(row):
     name, low, high, below, above, other = row
     for good in (low, high):
         assert getattr(RadarSettings(**{**other, name: good}), name) == good
-    for bad in (below, above, math.nan, math.inf, -math.inf, "60", None):
+    is_whole = name not in {"sample_delay_s", "sample_rate_hz"}
+    for bad in (below, above, math.nan, math.inf, -math.inf, "60", None, *[2.5] * is_whole):
         with pytest.raises(SettingsError, match=f"{name} = "):
             RadarSettings(**{**other, name: bad})
-
-
-@pytest.mark.parametrize(
-    "name",
-    [
-        "frame_rate_hz",
-        "frame_stitch",
-        "pulse_generator",
-        "dac_min",
-        "dac_max",
-        "dac_step",
-        "pulses_per_step",
-        "iterations",
-    ],
-)
-def test_fractions_of_counts_are_refused(name):
-    with pytest.raises(SettingsError, match=f"{name} = 2.5: must be a whole number"):
-        RadarSettings(**{name: 2.5})
 
 
 def test_numbers_of_numpy_are_numbers():
@@ -131,12 +100,6 @@ def test_sweep_must_fit_into_a_frame():
     assert fits.sweep_s * 63 <= 1
     with pytest.raises(SettingsError, match=r"would take 15.7 ms; at 64 Hz at most 254 fit"):
         RadarSettings(frame_rate_hz=64)
-
-
-def test_most_pulses_of_the_message_is_the_limit():
-    with pytest.raises(SettingsError, match="at most 254 fit"):
-        RadarSettings(frame_rate_hz=64, iterations=255, pulses_per_step=1)
-    assert RadarSettings(frame_rate_hz=64, iterations=254, pulses_per_step=1).iterations == 254
 
 
 def test_every_whole_rate_gives_settings_that_fit():

@@ -39,11 +39,6 @@ def test_forms_of_hex_text(form, between):
     assert read_trace(spaced(PING, form, between).encode()) == PING
 
 
-def test_bytes_without_spaces():
-    assert read_trace(PING.hex().encode()) == PING
-    assert read_trace(spaced(PING, "0x{:02x}", "").encode()) == PING
-
-
 @pytest.mark.parametrize("newline", ["\n", "\r\n", "\r"])
 def test_a_trace_with_prose_labels_and_comments(newline):
     lines = [
@@ -79,11 +74,6 @@ def test_raw_bytes_are_left_alone():
     ack = framing.encode(encode(Ack()))  # by chance ASCII
     assert ack.isascii()
     assert read_trace(ack) == ack
-
-
-def test_text_without_any_bytes_is_taken_as_it_is():
-    assert read_trace(b"only words\n") == b"only words\n"
-    assert read_trace(b"") == b""
 
 
 @given(st.binary(min_size=4, max_size=200), st.integers(4, 40))
@@ -178,10 +168,6 @@ def test_sound_packets_without_sense_are_reported():
     [item] = describe(framing.encode(b"\x90\x51\x01"))
     assert item["n_bytes"] == 3
     assert "SetSysInt" in item["fault"]
-
-
-def test_nothing_says_nothing():
-    assert list(describe(b"")) == []
 
 
 @given(st.binary(max_size=400))

@@ -110,6 +110,7 @@ ALL_BYTES = bytes(range(256))
 
 def test_data_both_ways(ends: Ends) -> None:
     near, far = ends
+    near.write(b"")
     near.write(ALL_BYTES)
     assert read_all(far, 256) == ALL_BYTES
     far.write(ALL_BYTES[::-1])
@@ -124,14 +125,6 @@ def test_timeout_gives_nothing(ends: Ends) -> None:
     assert near.read(0) == b""
 
 
-def test_read_returns_at_once_what_is_there(ends: Ends) -> None:
-    near, far = ends
-    far.write(b"abc")
-    started_s = time.monotonic()
-    assert near.read(LONG_S)[:1] == b"a"
-    assert time.monotonic() - started_s < LONG_S / 2
-
-
 def test_read_wakes_up_for_the_first_byte(ends: Ends) -> None:
     near, far = ends
     timer = threading.Timer(0.05, far.write, [b"z"])
@@ -140,13 +133,6 @@ def test_read_wakes_up_for_the_first_byte(ends: Ends) -> None:
     assert near.read(LONG_S) == b"z"
     assert time.monotonic() - started_s < LONG_S / 2
     timer.join()
-
-
-def test_empty_write_sends_nothing(ends: Ends) -> None:
-    near, far = ends
-    near.write(b"")
-    near.write(b"x")
-    assert read_all(far, 1) == b"x"
 
 
 @pytest.mark.parametrize("near_writes", [True, False])
@@ -194,15 +180,10 @@ def test_write_to_a_closed_far_end(ends: Ends) -> None:
         write_until_closed(near)
 
 
-def test_close_twice(ends: Ends) -> None:
-    for end in ends:
-        end.close()
-        end.close()
-
-
 def test_use_after_close(ends: Ends) -> None:
     near, far = ends
     far.write(b"unread")
+    near.close()
     near.close()
     with pytest.raises(TransportClosed):
         near.read(0.01)
@@ -220,15 +201,6 @@ def test_what_was_sent_before_the_end_is_read(make: Callable, last: bytes) -> No
         far.write(last)
         far.close()
         assert read_until_closed(near) == last
-        near.close()
-
-
-def test_bytes_that_come_while_near_waits_and_then_the_end() -> None:
-    with socket_ends() as (near, far):
-        timer = threading.Timer(0.05, lambda: (far.write(b"x"), far.close()))
-        timer.start()
-        assert read_until_closed(near) == b"x"
-        timer.join()
         near.close()
 
 
@@ -291,16 +263,6 @@ def test_pty_writes_what_fits() -> None:
     far.close()
 
 
-def test_pty_write_waits_for_room() -> None:
-    far = PtyTransport()
-    near = SerialTransport(far.path)
-    thread = in_thread(lambda: far.write(bytes(100_000)))
-    assert len(read_all(near, 100_000)) == 100_000
-    thread.join(LONG_S)
-    near.close()
-    far.close()
-
-
 def test_only_a_port_on_usb_is_usb(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     far = PtyTransport()
     link = tmp_path / "usb-XeThru-port0"
@@ -354,12 +316,6 @@ def test_nobody_listens() -> None:
         SerialTransport(f"socket://127.0.0.1:{port}")
 
 
-@pytest.mark.parametrize("url", ["nonsense://x", "socket://nowhere"])
-def test_impossible_url(url: str) -> None:
-    with pytest.raises(PortError, match="cannot be opened"):
-        SerialTransport(url)
-
-
 @pytest.mark.parametrize(
     ("error", "kind", "exit_code"),
     [
@@ -374,8 +330,11 @@ def test_impossible_url(url: str) -> None:
         (ValueError("invalid URL"), PortError, 66),
     ],
 )
-def test_foreign_errors_get_their_class(error: Exception, kind: type, exit_code: int) -> None:
-    mapped = transport_module._port_error("/dev/ttyACM0", error)
-    assert type(mapped) is kind
-    assert mapped.exit_code == exit_code
-    assert str(mapped).startswith("/dev/ttyACM0: ")
+def test_foreign_errors_get_their_class(monkeypatch, error, kind, exit_code) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise error
+
+    monkeypatch.setattr(serial, "Serial", refuse)
+    with pytest.raises(PortError, match="^/dev/ttyACM0: ") as caught:
+        SerialTransport("/dev/ttyACM0")
+    assert (type(caught.value), caught.value.exit_code) == (kind, exit_code)
