@@ -13,6 +13,8 @@ from x2radar.sim.module.host import serve
 from x2radar.wire.codec import decode_command
 from x2radar.wire.messages import GetSystemInfo, Reply
 
+pytestmark = pytest.mark.integration
+
 
 @pytest.mark.parametrize("kind", ["memory", "pty"])
 @pytest.mark.parametrize(("output", "dtype"), [("rf", "f4"), ("iq", "c8"), ("ap", "c8")])

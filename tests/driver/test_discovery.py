@@ -14,6 +14,8 @@ from x2radar.sim.module.host import serve
 from x2radar.sim.module.module import SimulatedModule
 from x2radar.sim.scene.scene import load_scene
 
+pytestmark = pytest.mark.integration
+
 
 class Served:
     """A simulated module on a pseudo-terminal, or a terminal with nobody behind it."""

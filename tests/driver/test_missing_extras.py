@@ -8,6 +8,8 @@ import pytest
 from tests.radar_helpers import python, run_radard
 from tests.waiting import free_port
 
+pytestmark = pytest.mark.integration
+
 
 @pytest.mark.parametrize(
     ("module", "prog", "missing", "extra"),

@@ -12,6 +12,8 @@ from x2radar.sim.module.host import serve
 from x2radar.sim.module.module import SimulatedModule
 from x2radar.sim.scene.scene import load_scene
 
+pytestmark = pytest.mark.integration
+
 
 def said(pace, n=30, late=lambda _k: 0.0):
     watch = RateWatch(60.0)

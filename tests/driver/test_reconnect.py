@@ -27,6 +27,7 @@ from x2radar.sim.module.host import serve
 from x2radar.sim.module.module import SimulatedModule
 from x2radar.sim.scene.scene import load_scene
 
+pytestmark = pytest.mark.integration
 SETTINGS = RadarSettings(frame_stitch=1)
 SHORT = Deadlines(reply_s=60, ready_s=60, ping_every_s=0.03, usb_gone_s=0.1, stall_s=60)
 AXIS = FastTimeAxis(kind="rf", n_range=4, bin_length_m=0.004, range_offset_m=0.6, carrier_hz=6.8e9)

@@ -21,6 +21,7 @@ from x2radar.device.transport import (
 )
 from x2radar.errors import PortBusy, PortDenied, PortError, PortNotFound, TransportClosed
 
+pytestmark = pytest.mark.integration
 Ends = tuple[Transport, Transport]
 LONG_S = 60.0
 
@@ -335,6 +336,6 @@ def test_foreign_errors_get_their_class(monkeypatch, error, kind, exit_code) -> 
         raise error
 
     monkeypatch.setattr(serial, "Serial", refuse)
-    with pytest.raises(PortError, match="^/dev/ttyACM0: ") as caught:
+    with pytest.raises(PortError, match=r"^/dev/ttyACM0: ") as caught:
         SerialTransport("/dev/ttyACM0")
     assert (type(caught.value), caught.value.exit_code) == (kind, exit_code)
