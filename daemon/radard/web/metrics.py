@@ -5,25 +5,23 @@ what the driver counted into text. Names follow Prometheus' rules: one prefix, b
 for counters. Powers stay in dB, relative to the sample unit of the module.
 """
 
-import bisect
 import os
 import resource
 import threading
 import time
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict
-from itertools import chain
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
 
 from radard.config.sink_table import KINDS
 from radard.outputs.base import Record, Sink
 from radard.stream.clock_drift import Drift
 
-# Buckets: latencies lie at 5 to 30 ms (docs/reference/outputs.md), late up to a hop, 1 s.
-_LATENCY_S = (0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5)
-_SCORE = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
+_BUCKETS = {
+    # Latencies lie at 5 to 30 ms (docs/reference/outputs.md); late is up to a hop, 1 s.
+    "radard_decision_latency_seconds": (0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5),
+    "radard_human_score": (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0),
+}
 _STATES = ("starting", "online", "degraded", "offline")
 _DRIVER: Mapping[str, tuple[str, Mapping[str, str]]] = {
     "frames": ("radard_frames_total", {}),
@@ -35,11 +33,6 @@ _DRIVER: Mapping[str, tuple[str, Mapping[str, str]]] = {
     "reconnects": ("radard_reconnects_total", {}),
 }
 """Metric and labels of each field of `x2radar.RadarStats`."""
-_DRIFT = {
-    "ratio": "radard_module_clock_drift_ratio",
-    "uncertainty": "radard_module_clock_drift_uncertainty_ratio",
-}
-"""Metric of each field of `radard.stream.clock_drift.Drift`."""
 _GAUGES = {
     "power_db": "radard_residual_power_db",
     "noise_floor_db": "radard_noise_floor_db",
@@ -48,49 +41,27 @@ _GAUGES = {
     "t_s": "radard_stream_seconds",
 }
 """Metric of each key of the last decision."""
+_ESCAPES = str.maketrans({"\\": r"\\", '"': r"\"", "\n": r"\n"})
 
 Sample = tuple[str, Mapping[str, str], float]
 """Name, labels, value."""
-
-
-class _Histogram:
-    """Counts of values up to each limit."""
-
-    def __init__(self, limits: Sequence[float]) -> None:
-        self._limits = limits
-        self._counts = [0] * (len(limits) + 1)
-        self._total = 0.0
-
-    def observe(self, value: float) -> None:
-        self._counts[bisect.bisect_left(self._limits, value)] += 1
-        self._total += value
-
-    def samples(self, name: str) -> Iterator[Sample]:
-        n = 0
-        for limit, count in zip((*self._limits, None), self._counts, strict=True):
-            n += count
-            yield f"{name}_bucket", {"le": "+Inf" if limit is None else f"{limit:g}"}, n
-        yield f"{name}_sum", {}, self._total
-        yield f"{name}_count", {}, n
 
 
 class Metrics:
     """Counters of a run; one of several `sensors` labels all its samples with its name."""
 
     def __init__(self, sensor: str = "") -> None:
-        self._labels = {"sensor": sensor} if sensor else {}
-        self._driver: Mapping[str, int] = {}
-        self._drift: Mapping[str, float] = {}
+        self._own = {"sensor": sensor} if sensor else {}
         self._lock = threading.Lock()
-        self._info: dict[str, str] = {}
-        self._gauges: dict[str, float] = {}
-        self._state = "starting"
-        self._is_armed = True
-        self._open: set[str] = set()
-        self._decisions: Counter[tuple[str, str]] = Counter()
-        self._events: Counter[tuple[str, str]] = Counter()
-        self._latency = _Histogram(_LATENCY_S)
-        self._score = _Histogram(_SCORE)
+        self._values: dict[tuple[str, tuple[tuple[str, str], ...]], float] = {}
+        for name, limits in _BUCKETS.items():
+            for limit in (*(f"{each:g}" for each in limits), "+Inf"):
+                self._set(f"{name}_bucket", 0, le=limit)
+            self._set(f"{name}_sum", 0)
+            self._set(f"{name}_count", 0)
+        for kind in KINDS:
+            self._set("radard_event_active", 0, kind=kind)
+        self._set_moment("starting", is_armed=True)
 
     def on_record(self, record: Record) -> None:
         """Take a record, from any thread."""
@@ -99,20 +70,16 @@ class Metrics:
             if kind == "decision":
                 self._on_decision(record)
             elif kind == "event":
-                self._events[record["kind"], record["phase"]] += 1
-                self._open.discard(record["kind"])
-                if record["phase"] != "end":
-                    self._open.add(record["kind"])
+                self._add("radard_events_total", kind=record["kind"], phase=record["phase"])
+                self._set("radard_event_active", record["phase"] != "end", kind=record["kind"])
             elif kind == "status":
-                self._state = record["state"]
+                self._set_moment(record["state"])
             elif kind == "hello":
-                self._info = {
-                    "version": str(record["version"]),
-                    "model": str(record["model"] or "none"),
-                    "sensor": str(record.get("sensor", "radar")),
-                }
-                self._gauges["radard_frame_rate_hertz"] = record["frame_rate_hz"]
-                self._is_armed = bool(record.get("armed", True))
+                about = {"version": record["version"], "model": record["model"] or "none"}
+                about["sensor"] = record.get("sensor", "radar")
+                self._set("radard_build_info", 1, **{k: str(v) for k, v in about.items()})
+                self._set("radard_frame_rate_hertz", record["frame_rate_hz"])
+                self._set("radard_armed", bool(record.get("armed", True)))
 
     def refresh(
         self,
@@ -124,53 +91,57 @@ class Metrics:
     ) -> None:
         """Take what holds at this moment: a thread that hangs writes no record.
 
-        `driver` is what the driver has counted, by the names of `x2radar.RadarStats`, `drift` a
-        `radard.stream.clock_drift.Drift`.
+        `driver` is what the driver has counted, by the names of `x2radar.RadarStats`.
         """
-        self._drift = asdict(drift) if drift is not None else {}
-        self._state, self._is_armed = state, is_armed
-        self._driver = driver or {}
-
-    def samples(self) -> Iterator[Sample]:
-        """Yield what holds now."""
-        for name, labels, value in self._samples():
-            yield name, {**self._labels, **labels}, value
-
-    def _samples(self) -> Iterator[Sample]:
         with self._lock:
-            if self._info:
-                yield "radard_build_info", dict(self._info), 1
-            for state in _STATES:
-                yield "radard_state", {"state": state}, self._state == state
-            yield "radard_up", {}, self._state in {"online", "degraded"}
-            yield "radard_armed", {}, self._is_armed
-            for each in KINDS:
-                yield "radard_event_active", {"kind": each}, each in self._open
-            for (gate, label), n in sorted(self._decisions.items()):
-                yield "radard_decisions_total", {"gate": gate, "label": label}, n
-            for (kind, phase), n in sorted(self._events.items()):
-                yield "radard_events_total", {"kind": kind, "phase": phase}, n
-            for name, value in sorted(self._gauges.items()):
-                yield name, {}, value
-            yield from self._latency.samples("radard_decision_latency_seconds")
-            yield from self._score.samples("radard_human_score")
-        for what, value in sorted(self._drift.items()):
-            yield _DRIFT[what], {}, value
-        for what, n in sorted(self._driver.items()):
-            if what in _DRIVER:
-                name, labels = _DRIVER[what]
-                yield name, labels, n
+            self._set_moment(state, is_armed=is_armed)
+            for what, n in (driver or {}).items():
+                if what in _DRIVER:
+                    name, labels = _DRIVER[what]
+                    self._set(name, n, **labels)
+            if drift is not None:
+                self._set("radard_module_clock_drift_ratio", drift.ratio)
+                self._set("radard_module_clock_drift_uncertainty_ratio", drift.uncertainty)
+
+    def samples(self) -> list[Sample]:
+        """Return what holds now."""
+        with self._lock:
+            return [(name, dict(labels), n) for (name, labels), n in self._values.items()]
+
+    def _set(self, name: str, value: float, **labels: str) -> None:
+        self._values[name, (*self._own.items(), *labels.items())] = value
+
+    def _add(self, name: str, value: float = 1, **labels: str) -> None:
+        key = (name, (*self._own.items(), *labels.items()))
+        self._values[key] = self._values.get(key, 0) + value
+
+    def _observe(self, name: str, value: float | None) -> None:
+        if value is None:
+            return
+        for limit in _BUCKETS[name]:
+            self._add(f"{name}_bucket", value <= limit, le=f"{limit:g}")
+        self._add(f"{name}_bucket", le="+Inf")
+        self._add(f"{name}_sum", value)
+        self._add(f"{name}_count")
+
+    def _set_moment(self, now: str, *, is_armed: bool | None = None) -> None:
+        for state in _STATES:
+            self._set("radard_state", now == state, state=state)
+        self._set("radard_up", now in {"online", "degraded"})
+        if is_armed is not None:
+            self._set("radard_armed", is_armed)
 
     def _on_decision(self, record: Record) -> None:
-        self._decisions[record["gate"], record["label"] or "unknown"] += 1
-        if record["latency_ms"] is not None:
-            self._latency.observe(record["latency_ms"] / 1e3)
-        if record["fused_p_human"] is not None:
-            self._score.observe(record["fused_p_human"])
+        label = record["label"] or "unknown"
+        self._add("radard_decisions_total", gate=record["gate"], label=label)
+        latency_ms = record["latency_ms"]
+        latency_s = None if latency_ms is None else latency_ms / 1e3
+        self._observe("radard_decision_latency_seconds", latency_s)
+        self._observe("radard_human_score", record["fused_p_human"])
         for key, name in _GAUGES.items():
             if record[key] is not None:
-                self._gauges[name] = record[key]
-        self._gauges["radard_last_decision_timestamp_seconds"] = time.time()
+                self._set(name, record[key])
+        self._set("radard_last_decision_timestamp_seconds", time.time())
 
 
 HELP = {
@@ -217,6 +188,26 @@ HELP = {
 """Type and help text of every metric."""
 
 
+def exposition(metrics: Iterable[Metrics], sinks: Iterable[Sink] = ()) -> str:
+    """Return what sensors, process and sinks tell in Prometheus' text format 0.0.4."""
+    families: dict[str, list[str]] = {}
+    own = [sample for each in metrics for sample in each.samples()]
+    for name, labels, value in (*own, *_process_samples(), *_sink_samples(sinks)):
+        inside = ",".join(f'{key}="{text.translate(_ESCAPES)}"' for key, text in labels.items())
+        tail = f"{{{inside}}}" if inside else ""
+        families.setdefault(_family(name), []).append(f"{name}{tail} {float(value)!r}")
+    parts = []
+    for family, lines in families.items():
+        kind, text = HELP[family]
+        parts += [f"# HELP {family} {text}", f"# TYPE {family} {kind}", *lines]
+    return "\n".join(parts) + "\n"
+
+
+def _family(name: str) -> str:
+    stems = (name.removesuffix(tail) for tail in ("_bucket", "_sum", "_count"))
+    return next((stem for stem in stems if stem in _BUCKETS), name)
+
+
 def _sink_samples(sinks: Iterable[Sink]) -> Iterator[Sample]:
     """Yield the states of the sinks; a second one of the same name gets a number."""
     seen: Counter[str] = Counter()
@@ -245,32 +236,3 @@ def _process_samples() -> Iterator[Sample]:
     yield "radard_process_resident_memory_bytes", {}, n_pages * resource.getpagesize()
     yield "radard_process_open_fds", {}, n_fds
     yield "radard_process_threads", {}, n_threads
-
-
-def exposition(metrics: Iterable[Metrics], sinks: Iterable[Sink] = ()) -> str:
-    """Return what sensors, process and sinks tell in Prometheus' text format 0.0.4."""
-    families: dict[str, list[str]] = {}
-    own = chain.from_iterable(each.samples() for each in metrics)
-    for name, labels, value in (*own, *_process_samples(), *_sink_samples(sinks)):
-        families.setdefault(_family(name), []).append(_line(name, labels, value))
-    parts = []
-    for family, lines in families.items():
-        kind, text = HELP[family]
-        parts += [f"# HELP {family} {text}", f"# TYPE {family} {kind}", *lines]
-    return "\n".join(parts) + "\n"
-
-
-def _family(name: str) -> str:
-    for tail in ("_bucket", "_sum", "_count"):
-        if name.endswith(tail) and name.removesuffix(tail) in HELP:
-            return name.removesuffix(tail)
-    return name
-
-
-def _line(name: str, labels: Mapping[str, Any], value: float) -> str:
-    inside = ",".join(f'{key}="{_escaped(str(text))}"' for key, text in labels.items())
-    return f"{name}{{{inside}}} {float(value)!r}" if inside else f"{name} {float(value)!r}"
-
-
-def _escaped(text: str) -> str:
-    return text.replace("\\", r"\\").replace('"', r"\"").replace("\n", r"\n")
