@@ -1,13 +1,11 @@
 """`radard fleet`: all radars that publish to one MQTT broker, in one table."""
 
 import json
-import math
 import queue
 import sys
 import time
 import uuid
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -28,45 +26,13 @@ _TOPICS = ("availability", "state", "health")
 _MAX_SHOWN = 48  # characters of a reason
 
 
-@dataclass(slots=True)
-class Sensor:
-    """What one radar has published last."""
-
-    name: str
-    is_available: bool = False
-    state: Mapping[str, Any] = field(default_factory=dict)
-    health: Mapping[str, Any] = field(default_factory=dict)
-    stated_s: float = -math.inf  # when its state came, by the monotonic clock
-
-    def row(self, now_s: float) -> dict[str, Any]:
-        """Return what is shown; a radar that is not available is offline whatever it said."""
-        told = _plain(self.health.get("state"))
-        is_on, armed = self.is_available, self.state.get("armed")
-        return {
-            "sensor": self.name,
-            "state": told if is_on and told else "offline",
-            "armed": armed if is_on and isinstance(armed, bool) else None,
-            "alarm": bool(self.state.get("alarm")) and is_on,
-            "sees": self._sees() if is_on else None,
-            "fault": _plain(self.health.get("fault")) or None,
-            "tamper": _plain(self.health.get("tamper")) or None,
-            "reason": _plain(self.health.get("reason")),
-            "age_s": round(now_s - self.stated_s, 1) if self.stated_s > -math.inf else None,
-        }
-
-    def _sees(self) -> str | None:
-        if self.state.get("gate") == "closed":
-            return "nobody"
-        label = self.state.get("label")
-        return _plain(label) or None
-
-
 class Fleet:
     """What the messages of a broker say of its radars; see `radard.outputs.mqtt.topics`."""
 
     def __init__(self, prefix: str) -> None:
         self._prefix = prefix
-        self._sensors: dict[str, Sensor] = {}
+        self._told: dict[str, dict[str, Any]] = {}
+        self._stated_s: dict[str, float] = {}
         self.n_ignored = 0
         """Messages on those topics that are none of ours."""
 
@@ -83,25 +49,41 @@ class Fleet:
             return
         if not payload:
             # Somebody has removed it from the broker.
-            self._sensors.pop(name, None)
+            self._told.pop(name, None)
             return
         try:
-            content = payload.decode() if kind == "availability" else _object(payload)
+            content: Any = payload.decode() if kind == "availability" else json.loads(payload)
         except (ValueError, RecursionError):
+            content = None
+        if not isinstance(content, str if kind == "availability" else dict):
             self.n_ignored += 1
             return
-        sensor = self._sensors.setdefault(name, Sensor(name))
-        if kind == "availability":
-            sensor.is_available = content == "online"
-        elif kind == "health":
-            sensor.health = content  # type: ignore[assignment]
-        else:
-            sensor.state, sensor.stated_s = content, now_s  # type: ignore[assignment]
+        self._told.setdefault(name, {})[kind] = content
+        if kind == "state":
+            self._stated_s[name] = now_s
 
     def rows(self, now_s: float) -> list[dict[str, Any]]:
         """Return a row for each radar: alarms first, then those in trouble, then by name."""
-        rows = [sensor.row(now_s) for sensor in self._sensors.values()]
+        rows = [self._row(name, told, now_s) for name, told in self._told.items()]
         return sorted(rows, key=lambda row: (_rank(row), row["sensor"]))
+
+    def _row(self, name: str, told: Mapping[str, Any], now_s: float) -> dict[str, Any]:
+        """Return what is shown; a radar that is not available is offline whatever it said."""
+        health, state = told.get("health", {}), told.get("state", {})
+        is_on, armed = told.get("availability") == "online", state.get("armed")
+        sees = "nobody" if state.get("gate") == "closed" else _plain(state.get("label")) or None
+        age_s = round(now_s - self._stated_s[name], 1) if "state" in told else None
+        return {
+            "sensor": name,
+            "state": (_plain(health.get("state")) if is_on else "") or "offline",
+            "armed": armed if is_on and isinstance(armed, bool) else None,
+            "alarm": bool(state.get("alarm")) and is_on,
+            "sees": sees if is_on else None,
+            "fault": _plain(health.get("fault")) or None,
+            "tamper": _plain(health.get("tamper")) or None,
+            "reason": _plain(health.get("reason")),
+            "age_s": age_s,
+        }
 
 
 def run(argv: Sequence[str]) -> int:
@@ -234,14 +216,6 @@ def _plain(value: object) -> str:
     """Return a stranger's value as a text that steers no terminal; empty for none."""
     text = "" if value is None else str(value)
     return "".join(letter if letter.isprintable() else "?" for letter in text)
-
-
-def _object(payload: bytes) -> Mapping[str, Any]:
-    content = json.loads(payload)
-    if not isinstance(content, dict):
-        msg = "no object"
-        raise ValueError(msg)  # noqa: TRY004 - as json's own
-    return content
 
 
 def _is_well(row: Mapping[str, Any]) -> bool:
