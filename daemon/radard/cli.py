@@ -25,9 +25,9 @@ usage: radard --port PORT [options]    watch a radar; alarm for people, not pets
   --port /dev/ttyACM0 | auto | URL | sim:SCENE | replay:FILE
 {outputs}
   --model NAME | FILE | none     --profile fast | balanced | accurate
-  --sensitivity low|normal|high  --config FILE  --duration S  --speed max  -v
-  --record FILE  --wait  --on-device-loss wait|quit  --state DIR  --log-format json
-  -q  --help-all: all of it  --version  --debug  --print-man  --print-completion zsh
+  --sensitivity low|normal|high  --config FILE  --duration S  --speed max
+  --record FILE --state DIR --wait --on-device-loss wait|quit --log-format json
+  --help-all: all  --version  --debug  --print-man  --print-completion zsh -v -q
 
 {commands}examples:
   radard --port sim:demo --speed max --duration 30 -o json
