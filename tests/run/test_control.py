@@ -19,6 +19,8 @@ from tests.daemon_helpers import launcher
 from tests.sink_helpers import WebServer
 from tests.waiting import free_port, wait_for
 
+pytestmark = pytest.mark.integration
+
 launch = pytest.fixture(launcher)
 SCHEMA = json.loads((resources.files("radard") / "output.schema.json").read_text())
 

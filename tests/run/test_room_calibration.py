@@ -8,13 +8,14 @@ import pytest
 
 from radard.config.config import load_config
 from radard.config.directories import kept_calibration
-from radard.detect.calibration import Provenance, load_calibration
-from radard.run.room_calibration import RoomCalibration, can_calibrate
+from radard.detect.calibration import load_calibration
+from radard.run.room_calibration import can_calibrate
 from tests.daemon_helpers import launcher, told
-from tests.radar_helpers import dwell_of, noise
 from tests.sink_helpers import Listener, MqttBroker
 from tests.waiting import free_port, wait_for
 from tests.web_helpers import ask, wait
+
+pytestmark = pytest.mark.integration
 
 launch = pytest.fixture(launcher)
 FAST = {"port": "sim:empty", "speed": "10"}
@@ -99,20 +100,6 @@ def test_without_calibration_the_gate_learns_anew(launch, monkeypatch):
     wait_for(lambda: restarted)
     assert daemon.panel()["calibration"] is None
     assert daemon.stop() == 0
-
-
-def test_a_stream_that_breaks_off_ends_it():
-    config = load_config(environ={}, options={"gate": {"calibrate_after_s": 0}})
-    made = []
-    room = RoomCalibration(config, lambda *_: Provenance(), 0.0, made.append)
-    for k in range(5):
-        dwell = dwell_of(noise(60, seed=k))
-        room.take(type(dwell)(**{**{f: getattr(dwell, f) for f in dwell.__slots__}, "t_s": k + 2}))
-    assert room.progress.phase == "listen"
-    room.stop("the stream broke off")
-    room.stop("again")
-    assert (room.progress.phase, room.progress.text) == ("failed", "the stream broke off")
-    assert not made
 
 
 @pytest.mark.parametrize(

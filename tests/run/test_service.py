@@ -5,7 +5,6 @@ import os
 import signal
 import subprocess
 import threading
-import time
 from importlib import resources
 from pathlib import Path
 
@@ -34,7 +33,7 @@ def decisions(records):
 
 
 def test_every_record_keeps_the_contract():
-    code, records, err = run_radard("--port", "sim:demo", *FAST, "--duration", "24")
+    code, records, err = run_radard("--port", "sim:demo", *FAST, "--duration", "12")
     assert (code, err) == (0, "")
     validator = jsonschema.Draft202012Validator(SCHEMA)
     for record in records:
@@ -43,30 +42,22 @@ def test_every_record_keeps_the_contract():
     end = {"type": "status", "state": "offline", "reason": "end of stream", "simulated": True}
     assert records[-1] == end
     made = decisions(records)
-    assert [d["seq"] for d in made] == list(range(1, 23))
-    assert [d["t_s"] for d in made] == [round(2.45 + k, 3) for k in range(22)]
+    assert [d["seq"] for d in made] == list(range(1, 11))
+    assert [d["t_s"] for d in made] == [round(2.45 + k, 3) for k in range(10)]
     assert {d["frames"] for d in made} == {147}
-
-
-def test_a_person_alarms_and_an_empty_room_does_not():
-    _, records, _ = run_radard("--port", "sim:human", *FAST, "--duration", "30")
-    assert any(d["alarm"] for d in decisions(records))
-    assert any(r["type"] == "event" and r["kind"] == "alarm" for r in records)
-    _, records, _ = run_radard("--port", "sim:empty", *FAST, "--duration", "30")
-    assert {d["gate"] for d in decisions(records)} == {"closed"}
-    assert {d["label"] for d in decisions(records)} == {"none"}
 
 
 @pytest.mark.parametrize("kind", ["rf", "baseband"])
 def test_same_seed_same_decisions_another_seed_others(kind):
     def run(seed):
         port = f"sim:human?seed={seed}&kind={kind}&run=test"
-        return stable(run_radard("--port", port, *FAST, "--duration", "9")[1])
+        return stable(run_radard("--port", port, *FAST, "--duration", "5")[1])
 
     assert run(1) == run(1)
     assert run(1) != run(2)
 
 
+@pytest.mark.integration
 def test_memory_pair_terminal_and_recording_decide_alike(tmp_path):
     file = tmp_path / "own.h5"
     _, live, _ = run_radard("--port", "sim:demo", *FAST, "--duration", "22", "--record", str(file))
@@ -105,10 +96,10 @@ def drain(pty, thread):
     os.close(client)
 
 
-@pytest.mark.parametrize("unit", [1e-9, 1.0, 1e6])
+@pytest.mark.parametrize("unit", [1e-9, 1e6])
 def test_a_foreign_recording_in_any_unit_with_somebody_there_from_the_start(tmp_path, unit):
     rng = np.random.default_rng(0)
-    n = 60 * 20
+    n = 60 * 8
     range_m = 2.0 + 1.0 * np.cos(2 * np.pi * 0.1 * np.arange(n) / 60)
     axis_m = 0.6 + np.arange(768) * 299_792_458 / 82e9
     body = np.exp(-0.5 * ((axis_m - range_m[:, None]) / 0.05) ** 2)
@@ -282,12 +273,12 @@ def test_json_file_and_table(tmp_path, capsys):
     from radard.cli import main
 
     file = tmp_path / "out.jsonl"
-    argv = ["--port", "sim:demo", "--speed", "max", "--duration", "20"]
+    argv = ["--port", "sim:demo", "--speed", "max", "--duration", "14"]
     assert main([*argv, "-o", "table", "-o", f"json:{file}"]) == 0
     table = capsys.readouterr().out
     assert "ALARM" in table
     assert "sim:demo" in table
-    assert len(decisions([json.loads(line) for line in file.read_text().splitlines()])) == 18
+    assert len(decisions([json.loads(line) for line in file.read_text().splitlines()])) == 12
 
 
 def start(*argv):
@@ -301,6 +292,7 @@ def start(*argv):
     )
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_signals_end_cleanly(number, tmp_path):
     file = tmp_path / "run.h5"
@@ -316,6 +308,7 @@ def test_signals_end_cleanly(number, tmp_path):
         assert len(recording["frames/samples"]) >= 147
 
 
+@pytest.mark.integration
 def test_a_reader_that_goes_away_is_no_error():
     process = start("--port", "sim:empty", "--speed", "max", "-o", "json")
     process.stdout.readline()
@@ -325,6 +318,7 @@ def test_a_reader_that_goes_away_is_no_error():
     process.stderr.close()
 
 
+@pytest.mark.integration
 def test_neither_torch_nor_h5py_nor_signal_processing_is_loaded_at_start():
     code = (
         "import sys; from radard.cli import main; "
@@ -370,6 +364,7 @@ def link(tmp_path):
     plug.pull()
 
 
+@pytest.mark.integration
 def test_a_device_that_goes_ends_the_run_when_asked(link):
     plug, name = link
     source = open_source(str(name), quit_on_loss=True)
@@ -381,33 +376,3 @@ def test_a_device_that_goes_ends_the_run_when_asked(link):
             pass
     assert caught.value.exit_code == 3
     source.close()
-
-
-def test_a_device_that_comes_back_is_found_and_its_stream_marked(link):
-    plug, name = link
-    said = []
-    source = open_source(str(name), on_notice=lambda kind, reason: said.append((kind, reason)))
-    frames = source.frames()
-    before = [next(frames) for _ in range(5)]
-    plug.pull()
-    plug.plug()
-    name.unlink()
-    name.symlink_to(plug.pty.path)
-    after = next(f for f in frames if f.restarted)
-    assert after.index > before[-1].index
-    assert said[0][0] == "lost"
-    assert said[-1][0] == "found"
-    source.close()
-
-
-def test_waits_for_a_port_that_is_absent_at_start(tmp_path):
-    name = tmp_path / "ttyX2"
-    plug = Unplugged()
-    timer = threading.Timer(0.4, lambda: name.symlink_to(plug.pty.path))
-    timer.start()
-    began = time.monotonic()
-    source = open_source(str(name), wait=True)
-    assert time.monotonic() - began > 0.3
-    assert next(source.frames()).index == 0
-    source.close()
-    plug.pull()

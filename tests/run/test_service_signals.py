@@ -25,6 +25,8 @@ from x2radar.sim.module.host import serve
 from x2radar.sim.module.module import SimulatedModule
 from x2radar.sim.scene.scene import load_scene
 
+pytestmark = pytest.mark.integration
+
 ROOT = Path(__file__).parents[2]
 launch = pytest.fixture(launcher)
 

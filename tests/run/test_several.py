@@ -1,11 +1,7 @@
 """Several radars in one process: each as if alone, none touched by another's trouble."""
 
 import json
-import os
-import subprocess
 import threading
-from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 import yaml
@@ -16,10 +12,10 @@ from radard.errors import ConfigError, UsageError
 from radard.health.status_file import read_status, status_path
 from radard.pipeline import Pipeline
 from radard.run.keeper import StartupLimiter
-from radard.run.sensor import RunningSensor, Sensor
+from radard.run.sensor import Sensor
 from radard.stream.source import LiveSource
 from tests.daemon_helpers import Gate, launcher, told
-from tests.radar_helpers import python, run_radard, stable
+from tests.radar_helpers import run_radard, stable
 from tests.sink_helpers import Listener, MqttBroker
 from tests.waiting import free_port, wait_for
 from tests.web_helpers import ask, wait
@@ -27,6 +23,8 @@ from x2radar.device.transport import PtyTransport
 from x2radar.sim.module.host import serve
 from x2radar.sim.module.module import SimulatedModule
 from x2radar.sim.scene.scene import load_scene
+
+pytestmark = pytest.mark.integration
 
 launch = pytest.fixture(launcher)
 TWO = {"hall": {"port": "sim:human?seed=1"}, "attic": {"port": "sim:dog?seed=2"}}
@@ -160,21 +158,6 @@ def test_a_thread_of_one_that_stands_still_stops_the_notification(tmp_path, monk
         assert daemon.stop() == 0
 
 
-def test_each_has_its_own_armed_state_and_clip_folder(tmp_path, launch):
-    sensors = {"hall": {"port": "sim:empty"}, "attic": {"port": "sim:empty"}}
-    daemon = launch(sensors=sensors)
-    hall, attic = daemon.run.sensors
-    wait_for(lambda: told(hall).get("seq") and told(attic).get("seq"))
-    attic.command("disarm")
-    wait_for(lambda: told(attic)["armed"] is False)
-    assert told(hall)["armed"] is True
-    folders = {radar.sensor: radar.parts.clips._folder for radar in (hall, attic)}
-    assert folders == {n: tmp_path / "state" / "clips" / n for n in sensors}
-    assert daemon.stop() == 0
-    kept = {n: json.loads((tmp_path / "state" / f"{n}.sim.json").read_text()) for n in ("attic",)}
-    assert kept["attic"]["is_armed"] is False
-
-
 def test_mqtt_has_topics_and_a_client_for_each(tmp_path, launch):
     broker = MqttBroker(tmp_path)
     listener = Listener(broker.port)
@@ -304,19 +287,6 @@ def test_what_only_one_can_have(tmp_path):
     assert list(tmp_path.iterdir()) == [config]
 
 
-def test_a_reader_that_goes_away_ends_all(tmp_path):
-    config = written(tmp_path, sensors=TWO, model={"name": "none"})
-    process = subprocess.Popen(
-        [python(), "-m", "radard", "--config", str(config), "-o", "json"],
-        stdout=subprocess.PIPE,
-        env={**os.environ, "RADARD_SERVICE__RUNTIME_DIR": str(tmp_path)},
-        cwd=Path(__file__).parents[2],
-    )
-    assert process.stdout.readline()
-    process.stdout.close()
-    assert process.wait(60) in {0, 1, 141, -13}
-
-
 def test_a_command_to_a_sensor_that_is_away_holds_when_it_comes(tmp_path, launch):
     name = tmp_path / "ttyX2"
     daemon = launch(sensors={"hall": {"port": "sim:empty"}, "attic": {"port": str(name)}})
@@ -388,24 +358,3 @@ def test_an_end_before_the_beginning(launch):
     for _ in range(3):
         daemon = launch(sensors={"hall": {"port": "sim:empty"}, "attic": {"port": "/dev/nowhere"}})
         assert daemon.stop() == 0
-
-
-def test_a_radar_that_does_not_end_is_waited_for_until_the_end_is_forced(launch, monkeypatch):
-    """What a stuck thread holds, as HDF5's lock, would hang the interpreter's end for ever."""
-    codes = []
-    held = SimpleNamespace(_exit=codes.append)
-    monkeypatch.setattr("radard.health.thread_dump.os", held)
-    monkeypatch.setattr("radard.run.process._DEADLINE_S", 0.5)
-    monkeypatch.setattr("radard.run.process._JOIN_S", 0.05)
-    gate = Gate()
-    gate.before(monkeypatch, RunningSensor, "finish")
-    daemon = launch(sensors={"hall": {"port": "sim:empty"}})
-    (hall,) = daemon.run.sensors
-    wait_for(lambda: told(hall).get("seq"))
-    gate.shut()
-    try:
-        daemon.ask("stop")
-        wait_for(lambda: codes == [1])
-    finally:
-        gate.open()
-    daemon.stop()

@@ -13,6 +13,8 @@ from tests.sink_helpers import Listener, MqttBroker
 from tests.waiting import free_port, wait_for
 from tests.web_helpers import ask
 
+pytestmark = pytest.mark.integration
+
 launch = pytest.fixture(launcher)
 
 
