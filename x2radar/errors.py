@@ -24,16 +24,16 @@ The tree::
 Any other exception that leaves this package is a bug.
 """
 
-_MOST_CHARACTERS = 2000
-"""Of a message: chosen. What a damaged file says of itself may be longer than a log can take."""
+_MAX_CHARACTERS = 2000
+"""Of a message. What a damaged file says of itself may be longer than a log can take."""
 
 
 class BriefError(Exception):
     """An error whose message stays short, whatever it quotes; its middle is left out."""
 
     def __init__(self, message: str = "") -> None:
-        if len(message) > _MOST_CHARACTERS:
-            message = f"{message[: _MOST_CHARACTERS - 505]} ... {message[-500:]}"
+        if len(message) > _MAX_CHARACTERS:
+            message = f"{message[: _MAX_CHARACTERS - 505]} ... {message[-500:]}"
         super().__init__(message)
 
 

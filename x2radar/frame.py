@@ -17,7 +17,7 @@ Samples = NDArray[np.float32] | NDArray[np.complex64]
 """Of frames: RF, or complex baseband."""
 
 LONGEST_GAP = 36_000
-"""More missing frames than this are a restart of the module. Chosen: ten minutes at 60 Hz."""
+"""More missing frames than this are a restart of the module: ten minutes at 60 Hz."""
 
 _WRAP = 1 << 32  # the module counts in 32 bits
 

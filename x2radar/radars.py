@@ -51,8 +51,8 @@ def make_radar(
         msg = f"port 'replay:{port.target}': a recording is no radar that can be opened"
         raise SettingsError(msg)
     port.check_keys()
-    chosen = settings or port_settings(port)
-    connect = _connector(port, speed, chosen)
+    wanted = settings or port_settings(port)
+    connect = _connector(port, speed, wanted)
     run_id = port.options.get("run", "")
     if "run" in port.options and not re.fullmatch(r"[A-Za-z0-9._-]{1,64}", run_id):
         msg = f"port key 'run': '{run_id}' must be 1 to 64 letters, digits, '.', '_' or '-'"
@@ -60,7 +60,7 @@ def make_radar(
     is_paced_by_reader = port.kind == "sim" and speed is None and "fault" not in port.options
     return X2Radar(
         connect,
-        chosen,
+        wanted,
         deadlines=_PATIENT if is_paced_by_reader else None,
         name=f"{'sim' if port.kind == 'sim' else 'serial'}:{port.target}",
         run_id=run_id,
@@ -88,8 +88,8 @@ def port_settings(port: Port) -> ModuleSettings | SettingsChooser:
         return MODULES[device].settings.for_port(rate_hz, kind)
     # All of them, so that what makes no sense is said before a port is opened.
     rows = [row for row in MODULES.values() if row.order_codes]
-    chosen = {row.device: row.settings.for_port(rate_hz, kind) for row in rows}
-    return lambda order_code: chosen[module_for(order_code).device]
+    by_device = {row.device: row.settings.for_port(rate_hz, kind) for row in rows}
+    return lambda order_code: by_device[module_for(order_code).device]
 
 
 def _connector(

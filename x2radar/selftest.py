@@ -21,10 +21,10 @@ from x2radar.wire.messages import GetSystemInfo, Message, Ping, Pong, Reply
 from x2radar.wire.wire_ids import InfoItem, PongCode
 
 ASK_S = 0.25
-"""For an answer. Chosen: short, because old firmware leaves many questions unanswered."""
+"""For an answer: short, because old firmware leaves many questions unanswered."""
 
 KEPT_BYTES = 32 << 20
-"""Most samples kept for the recording. Chosen: what can be sent in by mail."""
+"""Most samples kept for the recording: what can be sent in by mail."""
 
 SLOW_START_S = 8.0
 RATE_ERROR = (0.02, 0.1)
@@ -35,7 +35,7 @@ WEAK_CLUTTER_DB = 15.0
 PHASE_JITTER_RAD = 0.05
 SPIKE_TIMES = 4.0
 FLAT_RUN = 3
-"""Limits: pass up to the first (or only) one, warn up to the second. Chosen: a simulated module
+"""Limits: pass up to the first (or only) one, warn up to the second. A simulated module
 passes, and 2 % of losses are what a dwell of the daemon may lack."""
 
 _CHI2_MEDIAN = 0.4549

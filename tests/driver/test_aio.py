@@ -64,7 +64,7 @@ def test_the_same_frames_as_without_asyncio():
 
 def test_a_slow_task_reads_every_frame_in_order():
     async def main():
-        async with AsyncRadar(radar(), most_waiting=4) as stream:
+        async with AsyncRadar(radar(), max_waiting=4) as stream:
             for k in range(50):
                 assert (await anext(stream)).index == k
                 await asyncio.sleep(0.001)

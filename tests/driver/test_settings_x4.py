@@ -12,10 +12,9 @@ from x2radar.modules.x4 import X4Settings
 from x2radar.ports import parse_port
 from x2radar.radars import make_radar
 from x2radar.wire import framing
-from x2radar.wire.codec import decode_command, decode_response, encode
-from x2radar.wire.messages import BasebandIq, Data, SetMode
-from x2radar.wire.messages_x4 import X4SetFrameRate
-from x2radar.wire.wire_ids import ContentId, Mode
+from x2radar.wire.codec import decode_response, encode
+from x2radar.wire.messages import BasebandIq, Data
+from x2radar.wire.wire_ids import ContentId
 
 
 def test_axis_of_both_forms():
@@ -90,22 +89,6 @@ def test_any_frame_rate_uses_the_time_it_has(rate_hz):
     assert s.frame_rate_hz == rate_hz <= s.highest_frame_rate_hz
     more = s.highest_frame_rate_hz * s.iterations / (s.iterations + 1)
     assert s.iterations == 64 or more < rate_hz
-
-
-def test_pulses():
-    one, other = X4Settings(frame_rate_hz=17), X4Settings(frame_rate_hz=17, centre_frequency=4)
-    assert (one.carrier_hz, one.bandwidth_hz) == (7.29e9, 1.4e9)
-    assert (other.carrier_hz, other.bandwidth_hz) == (8.748e9, 1.5e9)
-
-
-def test_start_up_ends_with_what_starts_the_stream():
-    x4 = X4Settings.for_frame_rate(17.0).startup_commands()
-    assert x4[:2] == (SetMode(Mode.STOP), SetMode(Mode.MANUAL))
-    assert x4[-1] == X4SetFrameRate(17.0)
-    x2 = RadarSettings().startup_commands()
-    assert x2[-1] == SetMode(Mode.MANUAL)
-    for command in (*x4, *x2):
-        assert type(decode_command(encode(command))) is type(command)
 
 
 def test_raw_frames_become_what_the_settings_say():

@@ -22,7 +22,7 @@ from x2radar.ports import is_port, parse_port
 from x2radar.radars import make_radar
 
 _DEPTHS_DB = (40.0, 30.0)
-"""Shown under the peak of range and of velocity: chosen by eye."""
+"""Shown under the peak of range and of velocity: what a person's limbs need to show."""
 _SUFFIXES = (".png", ".pdf", ".svg")
 
 

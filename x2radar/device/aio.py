@@ -1,6 +1,6 @@
 """AsyncRadar: the same frames for asyncio; a thread reads, the loop takes.
 
-The thread waits while `most_waiting` frames are not taken: a task that is too slow makes
+The thread waits while `max_waiting` frames are not taken: a task that is too slow makes
 the operating system's buffer overflow, and what is lost there is stated in `Frame.lost`.
 """
 
@@ -12,8 +12,8 @@ from x2radar.device.device import RadarStats, X2Radar
 from x2radar.errors import TransportClosed
 from x2radar.frame import Frame, StreamInfo
 
-MOST_WAITING = 64
-"""Frames read ahead. Chosen: a second of them at usual rates."""
+MAX_WAITING = 64
+"""Frames read ahead: a second of them at usual rates."""
 
 
 class AsyncRadar:
@@ -29,9 +29,9 @@ class AsyncRadar:
     ...         print(frame.index)
     """
 
-    def __init__(self, radar: X2Radar, *, most_waiting: int = MOST_WAITING) -> None:
+    def __init__(self, radar: X2Radar, *, max_waiting: int = MAX_WAITING) -> None:
         self._radar = radar
-        self._room = threading.Semaphore(most_waiting)
+        self._room = threading.Semaphore(max_waiting)
         self._halt = threading.Event()
         self._queue: asyncio.Queue[Frame | BaseException] = asyncio.Queue()
         self._loop: asyncio.AbstractEventLoop | None = None

@@ -7,14 +7,11 @@ says BOOTING and READY and has forgotten its settings: it is told again.
 """
 
 import contextlib
-import threading
 import time
-from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from x2radar.device.link import READ_S, RETRIES, Deadlines, Link, refusal
-from x2radar.device.transport import Transport
+from x2radar.device.link import READ_S, RETRIES, Link, Listener, refusal
 from x2radar.errors import DeviceError, PortError, RestartRequired, SafeModeError, TransportClosed
 from x2radar.modules.base import ModuleSettings
 from x2radar.wire import framing
@@ -24,11 +21,11 @@ from x2radar.wire.protocol import Answered, Event, Received, Refused
 from x2radar.wire.wire_ids import PongCode, SystemCode
 
 _REOPEN_EVERY_S = 0.1
-"""Pause between attempts to open a port that is not back yet. Chosen: well under the half second
+"""Pause between attempts to open a port that is not back yet: well under the half second
 that a module takes to restart."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class FrameReceiver:
     """Who takes the stream."""
 
@@ -43,33 +40,21 @@ class FrameReceiver:
 class BringUp:
     """A module whose port is open, or on its way to be.
 
-    `connect` opens a new transport; "retries" and "damaged" are counted in `counts`; once `halt`
-    is set, every wait ends and `close` must follow. `has_restarted` says that the module has
-    restarted by itself and waits to be told again.
+    `connect` opens the port as a link with a listener. Once the link's `halt` is set, every wait
+    ends and `close` must follow. `has_restarted` says that the module has restarted by itself and
+    waits to be told again.
     """
 
     def __init__(
-        self,
-        connect: Callable[[], Transport],
-        settings: ModuleSettings,
-        sink: FrameReceiver,
-        *,
-        name: str,
-        deadlines: Deadlines,
-        counts: Counter[str],
-        halt: threading.Event,
+        self, connect: Callable[[Listener], Link], settings: ModuleSettings, sink: FrameReceiver
     ) -> None:
         self.has_restarted = False
         self._connect = connect
         self._commands = settings.startup_commands()
         self._sink = sink
-        self._name = name
-        self._deadlines = deadlines
-        self._counts = counts
-        self._halt = halt
         self._is_ready = False
         self._is_ours = self._is_streaming = False
-        self.link = self._attach()
+        self.link = connect(self._on_event)
 
     def start(self) -> None:
         """Reset, configure and start.
@@ -91,30 +76,20 @@ class BringUp:
 
     # ------------------------------------------------------------ the port
 
-    def _attach(self) -> Link:
-        return Link(
-            self._connect(),
-            self._on_event,
-            name=self._name,
-            deadlines=self._deadlines,
-            counts=self._counts,
-            halt=self._halt,
-        )
-
     def _attach_again(self, after_s: float) -> None:
         """Close the port, and open it `after_s` seconds later, as soon as it is back."""
         self.link.close()
-        give_up_s = time.monotonic() + after_s + self._deadlines.ready_s
-        self._halt.wait(after_s)
+        give_up_s = time.monotonic() + after_s + self.link.deadlines.ready_s
+        self.link.halt.wait(after_s)
         while True:
             try:
-                self.link = self._attach()
+                self.link = self._connect(self._on_event)
             except PortError:
-                if self._halt.is_set() or time.monotonic() > give_up_s:
+                if self.link.halt.is_set() or time.monotonic() > give_up_s:
                     raise
-                self._halt.wait(_REOPEN_EVERY_S)
+                self.link.halt.wait(_REOPEN_EVERY_S)
             else:
-                if self._halt.is_set():
+                if self.link.halt.is_set():
                     # Who set it meanwhile may have closed the port before this one.
                     self.link.close()
                 return
@@ -130,18 +105,18 @@ class BringUp:
                 self._configure()
             except RestartRequired:
                 # It restarts by itself now. Then everything is told again, once.
-                self._counts["retries"] += 1
+                self.link.counts["retries"] += 1
                 if self.link.is_usb:
-                    self._attach_again(self._deadlines.restart_s)
+                    self._attach_again(self.link.deadlines.restart_s)
                 else:
-                    self.link.listen(self._deadlines.restart_s)
+                    self.link.listen(self.link.deadlines.restart_s)
                 self._reset()
                 self._configure()
         except SafeModeError:
             raise
         except DeviceError as err:
             with contextlib.suppress(TransportClosed):
-                self._check_safe_mode(self.link.ask(Ping(), self._deadlines.ping_every_s), err)
+                self._check_safe_mode(self.link.ask(Ping(), self.link.deadlines.ping_every_s), err)
             raise
 
     def _reset(self) -> None:
@@ -151,31 +126,31 @@ class BringUp:
             self._send_reset()
         except TransportClosed:
             # On USB that is what a reset looks like whose answer was lost.
-            if not is_usb or self._halt.is_set():
+            if not is_usb or self.link.halt.is_set():
                 raise
         if not is_usb:
-            return self._wait_ready(self._deadlines.usb_gone_s)
-        give_up_s = time.monotonic() + self._deadlines.usb_gone_s + self._deadlines.ready_s
+            return self._wait_ready(self.link.deadlines.usb_gone_s)
+        give_up_s = time.monotonic() + self.link.deadlines.usb_gone_s + self.link.deadlines.ready_s
         while True:
-            self._attach_again(self._deadlines.usb_gone_s)
+            self._attach_again(self.link.deadlines.usb_gone_s)
             try:
                 return self._wait_ready()
             except TransportClosed:
                 # It was opened before it had vanished.
-                if self._halt.is_set() or time.monotonic() > give_up_s:
+                if self.link.halt.is_set() or time.monotonic() > give_up_s:
                     raise
 
     def _send_reset(self) -> None:
         self._is_ready = self.has_restarted = False
         for attempt in range(1 + RETRIES):
-            self._counts["retries"] += attempt > 0
-            reply = self.link.ask(Reset(), self._deadlines.reply_s)
+            self.link.counts["retries"] += attempt > 0
+            reply = self.link.ask(Reset(), self.link.deadlines.reply_s)
             if isinstance(reply, Refused):
                 if attempt == RETRIES or not self.link.may_ask_again(reply):
-                    raise refusal(self._name, reply)
+                    raise refusal(self.link.name, reply)
             elif reply is not None or self.has_restarted:
                 return
-        msg = f"{self._name}: no answer to a reset; is it an XeThru X2 module?"
+        msg = f"{self.link.name}: no answer to a reset; is it an XeThru X2 module?"
         raise DeviceError(msg)
 
     def _wait_ready(self, first_ping_s: float | None = None) -> None:
@@ -184,9 +159,9 @@ class BringUp:
         Right after a reset was acknowledged, a module still answers pings for half a
         second, so that a pong then says nothing.
         """
-        every_s = self._deadlines.ping_every_s
+        every_s = self.link.deadlines.ping_every_s
         pause_s = every_s if first_ping_s is None else first_ping_s
-        give_up_s = time.monotonic() + self._deadlines.ready_s
+        give_up_s = time.monotonic() + self.link.deadlines.ready_s
         while (now_s := time.monotonic()) < give_up_s:
             ping_s = min(now_s + pause_s, give_up_s)
             while not self._is_ready and (now_s := time.monotonic()) < ping_s:
@@ -198,13 +173,13 @@ class BringUp:
                 return
             self._check_safe_mode(pong)
             pause_s = every_s
-        msg = f"{self._name}: not ready {self._deadlines.ready_s:g} s after a reset"
+        msg = f"{self.link.name}: not ready {self.link.deadlines.ready_s:g} s after a reset"
         raise DeviceError(msg)
 
     def _check_safe_mode(self, pong: object, cause: DeviceError | None = None) -> None:
         if isinstance(pong, Pong) and pong.code == PongCode.SAFE_MODE:
             msg = (
-                f"{self._name} is in fail-safe mode, as after many crashes, and refuses "
+                f"{self.link.name} is in fail-safe mode, as after many crashes, and refuses "
                 "commands: power it off and on again"
             )
             raise SafeModeError(msg) from cause
@@ -225,7 +200,7 @@ class BringUp:
                 if not self.has_restarted:
                     return
             self._wait_ready()
-        msg = f"{self._name} restarts again and again while it is configured"
+        msg = f"{self.link.name} restarts again and again while it is configured"
         raise DeviceError(msg)
 
     def _on_event(self, event: Event, arrived_s: float) -> None:

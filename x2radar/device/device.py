@@ -16,7 +16,7 @@ from typing import Self
 from x2radar.closing import Closing
 from x2radar.device.assemble import FrameAssembler
 from x2radar.device.bring_up import BringUp, FrameReceiver
-from x2radar.device.link import READ_S, RETRIES, Deadlines
+from x2radar.device.link import READ_S, RETRIES, Deadlines, Link, Listener
 from x2radar.device.transport import Transport
 from x2radar.errors import DeviceError, ReadTimeout, TransportClosed
 from x2radar.frame import Frame, StreamInfo
@@ -252,17 +252,20 @@ class X2Radar(Closing):
         return text if isinstance(text, str) else ""
 
     def _bring_up(self) -> BringUp:
-        return BringUp(
-            self._connect,
-            self.settings,
-            FrameReceiver(
-                begin=self._begin, take=self._take, has_frames=lambda: bool(self._waiting)
-            ),
-            name=self.name,
-            deadlines=self._deadlines,
-            counts=self._counts,
-            halt=self._halt,
-        )
+        halt = self._halt  # this opening's own, whatever becomes of the radar meanwhile
+
+        def link(listener: Listener) -> Link:
+            return Link(
+                self._connect(),
+                listener,
+                name=self.name,
+                deadlines=self._deadlines,
+                counts=self._counts,
+                halt=halt,
+            )
+
+        has_frames = lambda: bool(self._waiting)  # noqa: E731 - one of three callbacks
+        return BringUp(link, self.settings, FrameReceiver(self._begin, self._take, has_frames))
 
     def _opened(self) -> BringUp:
         if self._module is None:

@@ -27,12 +27,12 @@ from x2radar.wire.messages import Ping, Pong, Unknown
 from x2radar.wire.wire_ids import PongCode
 
 ANSWER_S = 0.3
-"""How long a port is listened to. Chosen: a module answers a ping within milliseconds."""
+"""How long a port is listened to: a module answers a ping within milliseconds."""
 
 BY_ID = Path("/dev/serial/by-id")
 LOCK_FOLDERS = (Path("/run/lock"), Path("/var/lock"))
-_MOST_AT_ONCE = 16
-"""Ports asked at the same time. Chosen: more than most machines have."""
+_MAX_AT_ONCE = 16
+"""Ports asked at the same time: more than most machines have."""
 
 _PING = encode(Ping())
 _NEVER_ASKED = ("rfcomm",)
@@ -135,7 +135,7 @@ def find_module(candidates: Iterable[str] | None = None, timeout_s: float = ANSW
     # Late, as above.
     from concurrent.futures import ThreadPoolExecutor  # noqa: PLC0415
 
-    with ThreadPoolExecutor(min(len(paths), _MOST_AT_ONCE)) as pool:
+    with ThreadPoolExecutor(min(len(paths), _MAX_AT_ONCE)) as pool:
         states = list(pool.map(lambda path: port_state(path, timeout_s), paths))
     found = [path for path, (is_module, _) in zip(paths, states, strict=True) if is_module]
     if len(found) == 1:

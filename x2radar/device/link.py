@@ -22,10 +22,10 @@ from x2radar.wire.protocol import Answered, Damaged, Event, Received, Refused, S
 from x2radar.wire.wire_ids import ErrorCode
 
 RETRIES = 3
-"""How often a command is sent again. Chosen: one lost packet is common, four in a row are not."""
+"""How often a command is sent again: one lost packet is common, four in a row are not."""
 
 READ_S = 0.25
-"""Longest wait of one read. Chosen: so much later a call of `close` is noticed at the latest."""
+"""Longest wait of one read: so much later a call of `close` is noticed at the latest."""
 
 _AGAIN = frozenset({ErrorCode.BUSY, ErrorCode.CRC_FAILED})
 """The module did not take the command, and says that it may do so later."""
@@ -35,7 +35,7 @@ Listener = Callable[[Event, float], None]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Deadlines:
-    """How long the driver waits, in seconds; chosen where no source is named."""
+    """How long the driver waits, in seconds: what real modules leave room for."""
 
     reply_s: float = 2.0
     """For the reply to one command (as ModuleConnector), and in all for a busy module."""
@@ -74,12 +74,12 @@ class Link:
         counts: Counter[str],
         halt: threading.Event,
     ) -> None:
+        self.name = name
+        self.deadlines = deadlines
+        self.counts = counts
+        self.halt = halt
         self._transport = transport
         self._listener = listener
-        self._name = name
-        self._deadlines = deadlines
-        self._counts = counts
-        self._halt = halt
         self._session = Session()
         # Asked now: once the module restarts, its device is no longer there to look at.
         self.is_usb = bool(getattr(transport, "is_usb", False))
@@ -99,8 +99,8 @@ class Link:
 
         Raises TransportClosed if the port went away, or is being closed.
         """
-        if self._halt.is_set():
-            msg = f"{self._name} was closed"
+        if self.halt.is_set():
+            msg = f"{self.name} was closed"
             raise TransportClosed(msg)
         session = self._session
         if out := session.data_to_send():
@@ -115,7 +115,7 @@ class Link:
                     # One command is out at a time, so there is one reply at most.
                     reply = event
                 case Damaged():
-                    self._counts["damaged"] += 1
+                    self.counts["damaged"] += 1
                 case Received():
                     pass
             self._listener(event, arrived_s)
@@ -155,7 +155,7 @@ class Link:
         Raises DeviceError if the module refuses (RestartRequired with error 0x22), or never
         answers.
         """
-        wait_s = self._deadlines.reply_s if wait_s is None else wait_s
+        wait_s = self.deadlines.reply_s if wait_s is None else wait_s
         busy_until_s = time.monotonic() + wait_s
         unanswered = 0
         while True:
@@ -165,22 +165,22 @@ class Link:
                     return None
                 unanswered += 1
                 if unanswered > resends:
-                    msg = f"{self._name}: no answer to {command}"
+                    msg = f"{self.name}: no answer to {command}"
                     raise DeviceError(msg)
             elif isinstance(reply, Refused):
                 if not self.may_ask_again(reply) or time.monotonic() > busy_until_s:
-                    raise refusal(self._name, reply)
+                    raise refusal(self.name, reply)
             else:
                 if unanswered and not isinstance(command, Ping):
-                    self.ask(Ping(), self._deadlines.ping_every_s)
+                    self.ask(Ping(), self.deadlines.ping_every_s)
                 return reply
-            self._counts["retries"] += 1
+            self.counts["retries"] += 1
 
     def may_ask_again(self, refused: Refused) -> bool:
         """Say whether a refusal is one for now only, after waiting until it may be over."""
         if refused.code not in _AGAIN:
             return False
-        self.listen(self._deadlines.again_s)
+        self.listen(self.deadlines.again_s)
         return True
 
 

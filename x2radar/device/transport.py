@@ -21,10 +21,10 @@ import serial
 from x2radar.errors import PortBusy, PortDenied, PortError, PortNotFound, TransportClosed
 
 READ_SIZE = 1 << 16
-"""Most bytes of one read. Chosen: more than any system's buffer of a serial port."""
+"""Most bytes of one read: more than any system's buffer of a serial port."""
 
 WRITE_TIMEOUT_S = 5.0
-"""Until a port that takes no bytes counts as gone. Chosen."""
+"""Until a port that takes no bytes counts as gone: ten times what any of its buffers takes."""
 
 TTY_CLASS = Path("/sys/class/tty")
 

@@ -14,7 +14,7 @@ from x2radar.modules.x2 import PULSE_GENERATORS, RadarSettings
 from x2radar.modules.x4 import PULSES, SAMPLE_RATE_HZ, X4Settings
 
 _NEAR = 0.01
-"""Chosen: sampler and carrier are known to 1 %; pulses of a module lie farther apart."""
+"""Sampler and carrier are known to 1 %; pulses of a module lie farther apart."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

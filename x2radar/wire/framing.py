@@ -44,7 +44,7 @@ LENGTH_HEADER = 9
 FAST = 0x51
 FAST_HEADER = 6
 MAX_PACKET = 1 << 17
-"""Bytes of a packet. Chosen: ten times the longest frame of any module with all of it escaped."""
+"""Bytes of a packet: ten times the longest frame of any module with all of it escaped."""
 
 _START = b"\x7d"
 _END = b"\x7e"
