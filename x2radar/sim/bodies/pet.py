@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 
 import numpy as np
 
@@ -15,16 +14,15 @@ from x2radar.sim.bodies.motion.quadrupeds.footfalls import FootfallQuadruped
 from x2radar.sim.bodies.motion.quadrupeds.gait import (
     FOOTWORK,
     GRAVITY_MPS2,
+    Going,
     froude,
     gait,
     usual_gait,
 )
-from x2radar.sim.bodies.motion.quadrupeds.going import Going
 from x2radar.sim.bodies.motion.quadrupeds.hung import Action, Hung
 from x2radar.sim.bodies.motion.quadrupeds.jumping import Jumping
 from x2radar.sim.bodies.motion.quadrupeds.manner import draw_manner
-from x2radar.sim.bodies.motion.quadrupeds.romping import Romping
-from x2radar.sim.bodies.motion.quadrupeds.staying import STANDING, draw_staying
+from x2radar.sim.bodies.motion.quadrupeds.staying import STANDING, Romping, draw_staying
 from x2radar.sim.bodies.path.courses import off_wall
 from x2radar.sim.bodies.path.path import Path
 from x2radar.sim.bodies.path.timetable import Agility
@@ -59,26 +57,24 @@ class PetStyle:
     gait: str | None = None  # that it goes in, whatever its speed
 
 
-PET_STYLES: Mapping[str, PetStyle] = MappingProxyType(
-    {
-        "roam": PetStyle("goes about in the gait that goes with its speed", 4, (0.1, 2.2)),
-        "walk": PetStyle("walks, one foot after the other", 4, (0.10, 0.45), "walk"),
-        "trot": PetStyle("trots, diagonal feet together", 3, (0.6, 2.0), "trot"),
-        "pace": PetStyle("paces, feet of one side together", 1, (0.5, 1.6), "pace"),
-        "canter": PetStyle("canters in three beats", 1, (2.5, 6.0), "canter"),
-        "bound": PetStyle("bounds, both hind feet together", 1, (2.5, 8.0), "bound"),
-        "sniff": PetStyle("sniffs along the floor, stops and goes on", 3, (0.03, 0.15), "walk"),
-        "stalk": PetStyle("creeps with its body low", 1, (0.02, 0.08), "walk"),
-        "stand": PetStyle("stands, looks about and moves its tail", 1),
-        "sit": PetStyle("sits and moves its tail", 2),
-        "lie": PetStyle("lies and breathes", 1),
-        "pant": PetStyle("lies and pants", 1),
-        "groom": PetStyle("sits and licks its coat", 1),
-        "scratch": PetStyle("sits and scratches itself with a hind paw", 1),
-        "play": PetStyle("turns, hops, bows and shakes itself on the spot", 1),
-        "jump": PetStyle("jumps onto furniture, stays, and jumps down", 1),
-    }
-)
+PET_STYLES: Mapping[str, PetStyle] = {
+    "roam": PetStyle("goes about in the gait that goes with its speed", 4, (0.1, 2.2)),
+    "walk": PetStyle("walks, one foot after the other", 4, (0.10, 0.45), "walk"),
+    "trot": PetStyle("trots, diagonal feet together", 3, (0.6, 2.0), "trot"),
+    "pace": PetStyle("paces, feet of one side together", 1, (0.5, 1.6), "pace"),
+    "canter": PetStyle("canters in three beats", 1, (2.5, 6.0), "canter"),
+    "bound": PetStyle("bounds, both hind feet together", 1, (2.5, 8.0), "bound"),
+    "sniff": PetStyle("sniffs along the floor, stops and goes on", 3, (0.03, 0.15), "walk"),
+    "stalk": PetStyle("creeps with its body low", 1, (0.02, 0.08), "walk"),
+    "stand": PetStyle("stands, looks about and moves its tail", 1),
+    "sit": PetStyle("sits and moves its tail", 2),
+    "lie": PetStyle("lies and breathes", 1),
+    "pant": PetStyle("lies and pants", 1),
+    "groom": PetStyle("sits and licks its coat", 1),
+    "scratch": PetStyle("sits and scratches itself with a hind paw", 1),
+    "play": PetStyle("turns, hops, bows and shakes itself on the spot", 1),
+    "jump": PetStyle("jumps onto furniture, stays, and jumps down", 1),
+}
 """What animals do, by name; `Species.styles` says which does what."""
 
 

@@ -7,7 +7,6 @@ y away from it. Every body draws one random variation, shared by all its scatter
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 
 import numpy as np
 
@@ -60,21 +59,19 @@ def _dog_like(
     return (Scatterer(0, 2.5, 0, -1, torso_hz, _HALF_TURN, torso_m, 0, torso_rcs), *legs)
 
 
-THESIS_BODIES: Mapping[str, tuple[Scatterer, ...]] = MappingProxyType(
-    {
-        "thesis_human": (
-            Scatterer(0, 2.5, 0, -1, 2, _HALF_TURN, 0.1, 0, 10_000),
-            Scatterer(0.25, 2.5, 0, -1, 1, _HALF_TURN, 0.3, 0.02, 500),
-            Scatterer(-0.25, 2.5, 0, -1, 1, -_HALF_TURN, 0.3, 0.02, 500),
-            Scatterer(0.12, 2.5, -0.6, -1, 1, -_HALF_TURN, 0.2, 0.01, 1_000),
-            Scatterer(-0.12, 2.5, -0.6, -1, 1, _HALF_TURN, 0.2, 0.01, 1_000),
-        ),
-        "thesis_dog": _dog_like(torso=(2, 0.1, 5_000), limb=(1, 0.1, 500), x_m=0.10, hind_m=3.0),
-        "thesis_cat": _dog_like(
-            torso=(2.6, 0.04, 2_000), limb=(1.3, 0.05, 200), x_m=0.075, hind_m=2.8
-        ),
-    }
-)
+THESIS_BODIES: Mapping[str, tuple[Scatterer, ...]] = {
+    "thesis_human": (
+        Scatterer(0, 2.5, 0, -1, 2, _HALF_TURN, 0.1, 0, 10_000),
+        Scatterer(0.25, 2.5, 0, -1, 1, _HALF_TURN, 0.3, 0.02, 500),
+        Scatterer(-0.25, 2.5, 0, -1, 1, -_HALF_TURN, 0.3, 0.02, 500),
+        Scatterer(0.12, 2.5, -0.6, -1, 1, -_HALF_TURN, 0.2, 0.01, 1_000),
+        Scatterer(-0.12, 2.5, -0.6, -1, 1, _HALF_TURN, 0.2, 0.01, 1_000),
+    ),
+    "thesis_dog": _dog_like(torso=(2, 0.1, 5_000), limb=(1, 0.1, 500), x_m=0.10, hind_m=3.0),
+    "thesis_cat": _dog_like(
+        torso=(2.6, 0.04, 2_000), limb=(1.3, 0.05, 200), x_m=0.075, hind_m=2.8
+    ),
+}
 """Bodies by name; torso first."""
 
 

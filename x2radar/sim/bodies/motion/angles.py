@@ -23,7 +23,7 @@ from x2radar.sim.bodies.motion.people.striding import (
     Swing,
     Torso,
 )
-from x2radar.sim.bodies.motion.quadrupeds.striding import (
+from x2radar.sim.bodies.motion.quadrupeds.footfalls import (
     LEAPS,
     Bearing,
     StridingQuadruped,

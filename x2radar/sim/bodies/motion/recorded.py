@@ -28,8 +28,8 @@ MAX_BYTES = 2**28
 _THICK_SHARE, _THICK_M = 0.18, (0.015, 0.12)
 """Half-widths of segments of which only the length is known: a share of it, within limits, which
 gives limbs their usual girth."""
-_MIN_SEGMENT_M, _MAX_HALF_M = 0.02, 1.0
-"""Shorter segments do not count; no part of a person or pet is 2 m long."""
+_MIN_SEGMENT_M, _MIN_HALF_M, _MAX_HALF_M = 0.02, 0.005, 1.0
+"""Shorter segments of other trees do not count; least and greatest half-lengths of parts."""
 _HIGH_QUANTILE = 0.9
 """Of a joint's height over time, for one that stands upright most of it."""
 
@@ -58,7 +58,9 @@ class RecordedMotion:
         for skeleton, top in kinds:
             if all(name in at for part in skeleton.parts for name in part.joints):
                 size_m = float(np.quantile(position_m[:, at[top], 2], _HIGH_QUANTILE))
-                half = skeleton.half_m(_lengths_m(skeleton, at, position_m), size_m)
+                # Some rigs have one joint upon another.
+                length = np.maximum(_lengths_m(skeleton, at, position_m), 2 * _MIN_HALF_M)
+                half = skeleton.half_m(length, size_m)
                 break
         else:
             at = {f"{k}": k for k in range(len(names))}

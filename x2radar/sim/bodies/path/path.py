@@ -11,7 +11,7 @@ from typing import Self
 
 import numpy as np
 
-from x2radar.sim.bodies.path.course import Bend, bends
+from x2radar.sim.bodies.path.courses import Bend, bends
 from x2radar.sim.bodies.path.timetable import Agility, timetable
 from x2radar.sim.points import Array
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from x2radar.sim.bodies.path.course import Bend
+from x2radar.sim.bodies.path.courses import Bend
 from x2radar.sim.points import Array
 
 _TINY = 1e-9

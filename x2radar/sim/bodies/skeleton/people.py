@@ -10,7 +10,6 @@ ratio of sitting height to stature, 0.61, 0.56 and 0.52, recalled).
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
@@ -25,7 +24,7 @@ _STATURE_M = (0.6, 2.3)
 _TODDLER_M = (0.75, 0.95)
 _CHILD_M = (0.95, 1.45)
 Age = Literal["adult", "child", "toddler"]
-_GROWN: Mapping[Age, float] = MappingProxyType({"toddler": 0.0, "adult": 1.0})
+_GROWN: Mapping[Age, float] = {"toddler": 0.0, "adult": 1.0}
 _GROWTH = (0.85, 1.05, 1.45), (0.0, 0.55, 1.0)
 """Statures of children, and how far their proportions are from a toddler's to an adult's."""
 

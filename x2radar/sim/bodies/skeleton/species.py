@@ -12,7 +12,6 @@ Taylor 1988); 30 to 60 breaths a minute at rest (Harcourt-Brown, Textbook of Rab
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from types import MappingProxyType
 
 import numpy as np
 
@@ -191,5 +190,5 @@ _ROWS = (
         breaths_per_min=(30.0, 60.0),
     ),
 )
-SPECIES: Mapping[str, Species] = MappingProxyType({row.name: row for row in _ROWS})
+SPECIES: Mapping[str, Species] = {row.name: row for row in _ROWS}
 """Every species, by name."""

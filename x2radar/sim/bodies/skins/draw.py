@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
@@ -24,16 +23,12 @@ None for a draw that does not depend on the body."""
 TOTAL_RCS_DBSM = (-15.0, 3.0)
 """From a cat end-on to a large man: holds both, whatever the body is."""
 _TINY_M2 = 1e-12
-SKINS: Mapping[str, Callable[[np.random.Generator, Array, int, EchoGain], Skin]] = (
-    MappingProxyType(
-        {
-            "surface": lambda rng, half, n, _: SurfaceSkin.draw(rng, half, n),
-            "points": lambda rng, half, _, gain: PointSkin.draw(rng, half, gain),
-            "ellipsoids": lambda rng, half, _, gain: EllipsoidSkin.draw(rng, half, gain),
-            "capsules": lambda rng, half, _, gain: CapsuleSkin.draw(rng, half, gain),
-        }
-    )
-)
+SKINS: Mapping[str, Callable[[np.random.Generator, Array, int, EchoGain], Skin]] = {
+    "surface": lambda rng, half, n, _: SurfaceSkin.draw(rng, half, n),
+    "points": lambda rng, half, _, gain: PointSkin.draw(rng, half, gain),
+    "ellipsoids": lambda rng, half, _, gain: EllipsoidSkin.draw(rng, half, gain),
+    "capsules": lambda rng, half, _, gain: CapsuleSkin.draw(rng, half, gain),
+}
 """Every skin: how it is drawn, from half-lengths, the number of trunk segments, the gains."""
 
 

@@ -13,9 +13,8 @@ from typing import Self
 import numpy as np
 
 from x2radar.sim.bodies.motion.people.doing import Busy, Doer, Doing
-from x2radar.sim.bodies.motion.people.exercise import Exercise
 from x2radar.sim.bodies.motion.people.gait import Carriage, PersonStyle, carriage_at, gait_of
-from x2radar.sim.bodies.motion.people.seat import Seated
+from x2radar.sim.bodies.motion.people.in_place import Exercise, Seated
 from x2radar.sim.bodies.path.feet import Feet, FootState
 from x2radar.sim.bodies.path.path import Path
 from x2radar.sim.bodies.pose import UP, Pose

@@ -1,4 +1,4 @@
-"""How four-legged animals put their feet: stride, duty factor and order of footfalls.
+"""How four-legged animals put their feet, and what their trunk does over them.
 
 Speed is measured by the Froude number ``Fr = v^2 / (g h)``, h the height of the hip; animals
 of any size move alike at equal Froude numbers (Alexander and Jayes, A dynamic similarity
@@ -7,11 +7,14 @@ hypothesis for the gaits of quadrupedal mammals, 1983; coefficients recalled).
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
+from typing import Self
 
 import numpy as np
 
-from x2radar.sim.bodies.path.feet import Gait
+from x2radar.sim.bodies.motion.quadrupeds.hung import Stance
+from x2radar.sim.bodies.path.feet import Feet, Gait
+from x2radar.sim.bodies.path.path import Path
+from x2radar.sim.bodies.skeleton.quadrupeds import QuadrupedBuild
 from x2radar.sim.bodies.skeleton.species import Species
 from x2radar.sim.points import Array
 
@@ -32,18 +35,16 @@ class Footwork:
     nod_rad: float  # amplitude of the neck's nod
 
 
-FOOTWORK: Mapping[str, Footwork] = MappingProxyType(
-    {
-        # Lateral sequence: hind, fore of the same side, other hind, other fore.
-        "walk": Footwork((0.0, 0.25, 0.5, 0.75), 2, True, 0.022, 0.025, 0.10),
-        "trot": Footwork((0.0, 0.5, 0.5, 0.0), 2, False, 0.035, 0.010, 0.04),
-        "pace": Footwork((0.0, 0.06, 0.5, 0.56), 2, False, 0.028, 0.050, 0.05),
-        # Right lead: left hind, then right hind with left fore, then right fore.
-        "canter": Footwork((0.0, 0.30, 0.28, 0.56), 1, False, 0.070, 0.010, 0.16),
-        # Half-bound: the hind feet nearly at once, then the fore feet.
-        "bound": Footwork((0.0, 0.46, 0.06, 0.53), 1, False, 0.090, 0.010, 0.10),
-    }
-)
+FOOTWORK: Mapping[str, Footwork] = {
+    # Lateral sequence: hind, fore of the same side, other hind, other fore.
+    "walk": Footwork((0.0, 0.25, 0.5, 0.75), 2, True, 0.022, 0.025, 0.10),
+    "trot": Footwork((0.0, 0.5, 0.5, 0.0), 2, False, 0.035, 0.010, 0.04),
+    "pace": Footwork((0.0, 0.06, 0.5, 0.56), 2, False, 0.028, 0.050, 0.05),
+    # Right lead: left hind, then right hind with left fore, then right fore.
+    "canter": Footwork((0.0, 0.30, 0.28, 0.56), 1, False, 0.070, 0.010, 0.16),
+    # Half-bound: the hind feet nearly at once, then the fore feet.
+    "bound": Footwork((0.0, 0.46, 0.06, 0.53), 1, False, 0.090, 0.010, 0.10),
+}
 """Gaits by name: footfalls of the textbooks, amplitudes recalled or chosen by eye."""
 
 
@@ -123,3 +124,77 @@ def gait(
 def _asymmetric(fr: Array) -> Array:
     x = np.clip(fr - 2.0, 0.0, 1.0)
     return np.asarray(x * x * (3.0 - 2.0 * x), dtype=np.float64)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Going:
+    """Walking, trotting, cantering along a path, standing where it stops."""
+
+    path: Path  # where the middle of the trunk goes
+    feet: Feet  # footfalls along it
+    footwork: Footwork  # what the trunk does
+    offset: tuple[float, ...]  # when each leg lands, in strides
+    build: QuadrupedBuild  # sizes
+    height_m: float  # height of the trunk's middle, standing
+    cruise_mps: float  # speed at which the trunk moves as the footwork says; below, less
+    duty: float  # duty factor at that speed
+    crouch: float  # how much lower the trunk is in front, in hip heights: a nose at the floor
+
+    @classmethod
+    def plan(
+        cls,
+        path: Path,
+        gait: Gait,
+        footwork: Footwork,
+        build: QuadrupedBuild,
+        *,
+        height_m: float,
+        crouch: float = 0.0,
+    ) -> Self:
+        """Return the going of an animal along a path; see the fields."""
+        cruise = max(path.cruise_mps, 0.05)
+        duty = float(gait.duty(np.array([cruise]))[0])
+        feet = Feet.plan(path, gait)
+        return cls(path, feet, footwork, gait.offset, build, height_m, cruise, duty, crouch)
+
+    def at(self, t_s: Array) -> Stance:
+        """Return where trunk and paws are; see `Action`."""
+        f, h = self.footwork, self.build.hip_m
+        state = self.path.at(t_s)
+        feet = self.feet.at(t_s)
+        strides = self.feet.clock.at(t_s)
+        vigour = np.minimum(state.speed_mps / self.cruise_mps, 1.0)
+        # Each end of the trunk goes up and down by the legs that carry it.
+        lh, lf, rh, rf = self.offset
+        hind, fore = (lh, lf) if f.bobs == 2 else (_between(lh, rh), _between(lf, rf))
+        sign = 1.0 if f.is_vault else -1.0
+        rear, front = (
+            sign * np.cos(2.0 * np.pi * f.bobs * (strides - first - 0.5 * self.duty))
+            for first in (hind, fore)
+        )
+        bob = f.bob * h * vigour
+        low = self.crouch * h
+        rise = bob * (front - rear) - low
+        sway = f.sway * h * vigour * np.sin(2.0 * np.pi * (strides - lh - 0.5 * self.duty + 0.25))
+        cos, sin = np.cos(state.heading_rad), np.sin(state.heading_rad)
+        middle = np.stack(
+            [
+                state.x_m - sway * sin,
+                state.y_m + sway * cos,
+                self.height_m + 0.5 * bob * (front + rear) - 0.5 * low,
+            ],
+            axis=-1,
+        )
+        return Stance(
+            middle_m=middle,
+            heading_rad=state.heading_rad,
+            pitch_rad=np.arcsin(np.clip(rise / self.build.back_m, -0.7, 0.7)),
+            paw_m=feet.position_m,
+            nod=vigour * front,
+            turn_rad_s=state.turn_rad_s,
+        )
+
+
+def _between(a: float, b: float) -> float:
+    """Return the stride phase half-way between two legs' landings, the short way round."""
+    return a + 0.5 * ((b - a + 0.5) % 1.0 - 0.5)
