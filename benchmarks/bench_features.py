@@ -51,7 +51,6 @@ from radard.dsp.range_time import RangeTimeMap  # noqa: E402
 from radard.dsp.velocity import VelocityTransform  # noqa: E402
 from radard.judge.bundle import load_bundle  # noqa: E402
 from radard.judge.classifier import Classifier  # noqa: E402
-from radard.judge.features import FeatureSet  # noqa: E402
 from radard.stream.ring import Dwell  # noqa: E402
 from tests.dsp_reference import micro_doppler_direct  # noqa: E402
 from x2radar.frame import FastTimeAxis  # noqa: E402
@@ -332,7 +331,7 @@ def whole_hop(rounds: int, step: int = 1) -> dict[str, float]:
         cvd = part("cadence", lambda mu=mu: cadence_velocity_diagram(mu))
         profile = part("profile", lambda frames=frames: extent_profile(frames, M, 392))
         vector = np.concatenate([profile, type1_vector(cvd, M)])
-        features = FeatureSet(mu, cvd, {"thesis_type2": vector})
+        features = {"thesis_type2": vector}
         part("classifier", lambda features=features: classifier.classify(features))
     ms = {name: statistics.median(s) * 1e3 for name, s in seconds.items()}
     return {"total": sum(ms.values()), **ms}

@@ -21,7 +21,7 @@ from radard.config.config import Config
 from radard.errors import UsageError
 from radard.judge.bundle import CLASSES, Bundle, load_bundle
 from radard.judge.classifier import HIDDEN, Answer, Classifier, Hidden
-from radard.judge.features import MAP_FEATURES, FeatureSet, FeatureSettings
+from radard.judge.features import MAP_FEATURES, Features, FeatureSettings
 from radard.judge.installation import INSTALLATION, installation
 from radard.pipeline import Pipeline
 from radard.stream.ring import Dwell
@@ -132,7 +132,7 @@ class _TimedClassifier(Classifier):
 
     used_s = 0.0
 
-    def answer(self, features: FeatureSet, hidden: Hidden | None = None) -> Answer:
+    def answer(self, features: Features, hidden: Hidden | None = None) -> Answer:
         started_s = time.thread_time()
         try:
             return super().answer(features, hidden)

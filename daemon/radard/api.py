@@ -195,7 +195,7 @@ def features(
     for dwell in _dwells(ring, frames, axis):
         moving = remover.remove(dwell) if settings.clutter == "removed" else dwell
         if moving.is_whole:
-            windows.append(FeatureWindow(dwell.t_s, maker.extract(moving).inputs))
+            windows.append(FeatureWindow(dwell.t_s, maker.extract(moving)))
     return windows
 
 

@@ -46,11 +46,11 @@ def test_features_are_those_that_the_network_was_given(recorded, monkeypatch):
     real = radard.judge.classifier.Classifier.answer
 
     def answer(self, features, hidden=None):
-        given.append(features.inputs)
+        given.append(features)
         return real(self, features, hidden)
 
     monkeypatch.setattr(radard.judge.classifier.Classifier, "answer", answer)
-    monkeypatch.setattr(api.Pipeline, "_judged", lambda *_: ())
+    monkeypatch.setattr(api.Pipeline, "_judge_tracks", lambda *_: ())
     decisions = radard.classify(frames, stream.axis, stream.frame_rate_hz, model="fast")
     opened = [d.t_s for d in decisions if d.gate == "open"]
     windows = radard.features(frames, stream.axis, stream.frame_rate_hz, model="fast")
@@ -69,7 +69,7 @@ def test_features_by_name_and_the_cut_of_windows():
     axis = BASEBAND
     shape = frames[60:207]
     dwell = api.Dwell(shape, np.ones(147, bool), axis, 60.0, 3.45)
-    direct = extract(dwell, settings, ("thesis_type1",)).inputs["thesis_type1"]
+    direct = extract(dwell, settings, ("thesis_type1",))["thesis_type1"]
     converted = windows[1].inputs["thesis_type1"]
     assert converted.shape == direct.shape
     assert 0.9 < float(np.dot(converted, converted)) <= 1.0001

@@ -7,7 +7,6 @@ import pytest
 from radard.errors import BundleError, ModelMismatch
 from radard.judge.bundle import bundle_names, load_bundle
 from radard.judge.classifier import Classifier, softmax
-from radard.judge.features import FeatureSet
 from x2radar.frame import FastTimeAxis
 
 AXIS = FastTimeAxis(
@@ -20,11 +19,8 @@ AXIS = FastTimeAxis(
 )
 
 
-EMPTY = np.zeros((28, 120), np.float32)
-
-
 def features(vector):
-    return FeatureSet(EMPTY, EMPTY, {"thesis_type2": vector.astype(np.float32)})
+    return {"thesis_type2": vector.astype(np.float32)}
 
 
 @pytest.fixture
@@ -51,7 +47,7 @@ def test_shipped_bundles_load_and_answer():
         classifier = Classifier(bundle)
         rng = np.random.default_rng(0)
         inputs = {i.feature: rng.random(i.shape, np.float32) for i in bundle.inputs}
-        p = classifier.classify(FeatureSet(EMPTY, EMPTY, inputs))
+        p = classifier.classify(inputs)
         assert p.human + p.pet + p.other == pytest.approx(1, abs=1e-6)
         assert min(p.human, p.pet, p.other) >= 0
 

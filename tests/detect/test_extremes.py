@@ -54,7 +54,7 @@ def judged(dwell, names=FEATURES, settings_=SETTINGS):
     gate = Gate(GateSettings())
     reading = gate.read(moving)
     tracks = Tracker().update(moving, gate.background)
-    inputs = extract(moving, settings_, names).inputs
+    inputs = extract(moving, settings_, names)
     for name, values in inputs.items():
         assert values.dtype == np.float32
         assert np.isfinite(values).all(), name
@@ -91,8 +91,8 @@ def test_clutter_does_not_change_the_pictures(clutter_db):
     frames = under_clutter(walk(), clutter_db)
     exact = frames.astype(np.complex128)
     wanted = (exact - exact.mean(axis=0)).astype(np.complex64)
-    ours = extract(dwell_of(frames), SETTINGS, MAP_FEATURES).inputs
-    best = extract(dwell_of(wanted), SETTINGS, MAP_FEATURES).inputs
+    ours = extract(dwell_of(frames), SETTINGS, MAP_FEATURES)
+    best = extract(dwell_of(wanted), SETTINGS, MAP_FEATURES)
     for name in MAP_FEATURES:
         away = np.linalg.norm(ours[name] - best[name]) / np.linalg.norm(best[name])
         assert away < 1e-4, name
@@ -159,8 +159,8 @@ def test_a_gap_at_every_position_leaves_the_rest_of_the_pictures(position):
     valid = np.ones(147, np.bool_)
     valid[position : position + 2] = False
     frames[~valid] = 1e6
-    whole = extract(dwell_of(walk()), SETTINGS, MAP_FEATURES).inputs
-    gapped = extract(dwell_of(frames, valid=valid), SETTINGS, MAP_FEATURES).inputs
+    whole = extract(dwell_of(walk()), SETTINGS, MAP_FEATURES)
+    gapped = extract(dwell_of(frames, valid=valid), SETTINGS, MAP_FEATURES)
     for name in MAP_FEATURES:
         cpi_s, cell_s = CELLS.get(name, (28 / 60, 0.05))
         # A column is of the CPI before it: cells that no touched CPI ends in are as they were.
@@ -219,7 +219,7 @@ def test_a_million_seconds_later_everything_is_the_same():
             moving = remover.remove(dwell_of(frames[end - 147 : end], end=end + later))
             reading = gate.read(moving)
             tracks = tracker.update(moving, gate.background)
-            features = stream.extract(moving).inputs
+            features = stream.extract(moving)
             mine.append((reading, tracks, features))
         seen.append(mine)
     for (reading, tracks, features), later in zip(*seen, strict=True):

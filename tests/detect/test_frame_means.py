@@ -77,7 +77,7 @@ def test_a_slow_body_looks_the_same_with_fewer_frames():
     dwell, maps = dwell_of(frames, rate_hz=200.0), []
     for sampling in (0.0, 1.0):
         settings = FeatureSettings(long_sampling=sampling)
-        maps.append(extract(dwell, settings, ("velocity_time_long",)).inputs["velocity_time_long"])
+        maps.append(extract(dwell, settings, ("velocity_time_long",))["velocity_time_long"])
     every, fewer = maps
     assert every.any()
     assert not np.array_equal(every, fewer)

@@ -89,7 +89,7 @@ def test_the_feature_is_what_is_known_or_the_rate_alone():
     assert INSTALLATION in FEATURES
     assert feature_shape(INSTALLATION, settings) == (N_INSTALLATION,)
     stream = FeatureStream(settings, (INSTALLATION,))
-    assert stream.extract(dwell).inputs[INSTALLATION].tolist() == [-1.0] + [0.0] * 6
+    assert stream.extract(dwell)[INSTALLATION].tolist() == [-1.0] + [0.0] * 6
     known = installation(30.0, Mount(height_m=2.0))
     again = FeatureStream(settings, (INSTALLATION,)).extract(dwell, known)
-    assert again.inputs[INSTALLATION].tolist() == known.tolist()
+    assert again[INSTALLATION].tolist() == known.tolist()

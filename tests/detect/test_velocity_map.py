@@ -22,7 +22,7 @@ def two_at(a_mps, b_mps):
 def peaks_mps(dwell, name):
     """Velocities of the middle column's maxima within 6 dB of its strongest, none an alias."""
     grid = GRIDS[name]
-    shown = extract(dwell, SETTINGS, (name,)).inputs[name]
+    shown = extract(dwell, SETTINGS, (name,))[name]
     line = shown[:, shown.shape[1] // 2]
     inner = line[1:-1]
     is_peak = (inner > line[:-2]) & (inner >= line[2:]) & (inner > line.max() - 6 / grid.depth_db)
@@ -51,7 +51,7 @@ def test_the_longer_the_cpi_the_nearer_the_velocities_that_it_parts(name, apart_
 def test_shapes_hold_the_columns_of_a_dwell_and_no_more():
     assert [GRIDS[name].shape for name in GRIDS] == [(101, 40), (61, 24), (81, 9)]
     dwell = dwell_of(noise(147))
-    for name, made in extract(dwell, SETTINGS, tuple(GRIDS)).inputs.items():
+    for name, made in extract(dwell, SETTINGS, tuple(GRIDS)).items():
         assert made.shape == GRIDS[name].shape
         assert made.any(axis=0).all()
 
@@ -70,7 +70,7 @@ def test_a_cpi_never_takes_more_than_three_quarters_of_a_dwell(carrier_hz, rate_
         wanted_s = max(grid.cpi_s * 7e9 / carrier_hz, 6 / rate_hz)
         if wanted_s < 0.75 * n_slow / rate_hz:
             assert transform.n_cpi == pytest.approx(wanted_s * rate_hz, abs=0.51)
-        shown = extract(dwell, asked, (name,)).inputs[name]
+        shown = extract(dwell, asked, (name,))[name]
         # What no whole CPI ends in stays empty; the newest cell is always there.
         assert shown[:, -1].any()
 

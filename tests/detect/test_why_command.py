@@ -89,7 +89,7 @@ def test_parts_of_a_linear_network_are_what_its_weights_say(person, linear):
     config = Config(model={"name": str(linear)})
     moment = moment_of(person, 3.4, config)
     assert moment.seen is not None
-    values = moment.seen.features.inputs["velocity_time"]
+    values = moment.seen.features["velocity_time"]
     parts = occluded(moment.classifier, moment.settings, moment.seen, 0.5)
     assert len(parts) == 8 * 5
     (view,) = map_views(moment.settings, moment.seen)
@@ -125,7 +125,7 @@ def test_the_thesis_network_has_a_profile_and_a_diagram(person, capsys, tmp_path
     assert out_file.read_bytes().startswith(b"\x89PNG")
     moment = moment_of(person, 3.4, Config(model={"name": "thesis"}))
     profile, diagram = map_views(moment.settings, moment.seen)
-    vector = moment.seen.features.inputs["thesis_type2"]
+    vector = moment.seen.features["thesis_type2"]
     assert np.array_equal(profile.of(vector)[0], vector[:392])
     assert np.array_equal(diagram.of(vector)[:, 0], vector[392 : 392 + 28])
 

@@ -12,7 +12,6 @@ from benchmarks.bench_training import step_of
 from radard.errors import RadardError, UsageError
 from radard.judge.bundle import CLASSES, EvidenceSettings, load_bundle
 from radard.judge.classifier import Classifier, softmax
-from radard.judge.features import FeatureSet
 from tests.training_helpers import FEATURES, INPUTS, TINY, as_float, tiny, toy, trained, write_tiny
 from x2train.bundle.export import checked, exported
 from x2train.bundle.metrics import HUMAN_LIMIT, PRIOR_HUMAN, TRUST, map_metrics
@@ -123,10 +122,10 @@ def test_a_bundle_comes_back_as_it_was_written(made, tmp_path):
     assert EvidenceSettings.from_mapping(bundle.evidence) == evidence
     assert bundle.temperature == network.temperature
     logits = logits_of(network.net, validation)
-    classifier, empty = Classifier(bundle), np.zeros((0, 0), np.float32)
+    classifier = Classifier(bundle)
     for k in range(0, 48, 7):
         inputs = {i.name: as_float(validation[i.name][k]) for i in INPUTS}
-        p = classifier.classify(FeatureSet(empty, empty, inputs))
+        p = classifier.classify(inputs)
         expected = softmax(logits[k] / network.temperature)
         np.testing.assert_allclose([p.human, p.pet, p.other], expected, atol=1e-5)
     card = (tmp_path / "tiny.md").read_text()

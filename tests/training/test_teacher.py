@@ -10,12 +10,9 @@ from torch import nn
 from radard.errors import UsageError
 from radard.judge.bundle import load_bundle
 from radard.judge.classifier import Classifier
-from radard.judge.features import FeatureSet
 from tests.training_helpers import TINY, as_float, toy
 from x2train.nets.map_fit import INPUTS, MapTrained, fit_maps
 from x2train.nets.teacher import taught_by, taught_error
-
-EMPTY = np.zeros((0, 0), np.float32)
 
 
 def some(n=20, seed=0):
@@ -37,7 +34,7 @@ def test_a_teacher_says_what_the_daemon_would():
     assert said.dtype == np.float32
     for k, row in enumerate(said):
         inputs = {name: values[k].astype(np.float32) / 255 for name, values in windows.items()}
-        p = classifier.classify(FeatureSet(EMPTY, EMPTY, inputs))
+        p = classifier.classify(inputs)
         assert row == pytest.approx([p.human, p.pet, p.other], abs=1e-5)
 
 

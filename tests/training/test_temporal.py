@@ -12,7 +12,6 @@ from radard.errors import ModelMismatch, UsageError
 from radard.judge.bundle import EvidenceSettings, load_bundle
 from radard.judge.classifier import Answer, Classifier, Probabilities
 from radard.judge.evidence import Evidence
-from radard.judge.features import FeatureSet
 from tests.training_helpers import (
     INPUTS,
     NAMES,
@@ -33,8 +32,6 @@ from x2train.nets.epoch import Epoch
 from x2train.nets.graph_net import GraphNet
 from x2train.nets.temporal_head import Given, HeadSettings, HeadTrained, fit_head, logits_over
 from x2train.sets.shards import ShardSet
-
-EMPTY = np.zeros((1, 1), np.float32)
 
 
 @pytest.fixture(scope="module")
@@ -112,7 +109,7 @@ def test_the_daemon_hands_on_what_the_head_wants_until_the_gate_closes(folder):
     for k in range(24):
         if is_first[k]:
             evidence.reset()
-        features = FeatureSet(EMPTY, EMPTY, {name: whole[name][k] for name in NAMES})
+        features = {name: whole[name][k] for name in NAMES}
         answer = classifier.answer(features, evidence.hidden)
         np.testing.assert_allclose(answer.fused_log_p, log_p[k], atol=1e-5)
         np.testing.assert_allclose(array(answer.window), p[k], atol=1e-6)
@@ -146,7 +143,7 @@ def test_an_answer_that_is_no_number_is_a_fault(folder):
     maps = {name: np.zeros(i.shape, np.float32) for name, i in zip(NAMES, INPUTS, strict=True)}
     hidden = np.full(bundle.n_hidden, np.nan, np.float32)
     with pytest.raises(ModelMismatch, match="answered"):
-        Classifier(bundle).answer(FeatureSet(EMPTY, EMPTY, maps), hidden)
+        Classifier(bundle).answer(maps, hidden)
 
 
 def test_a_network_without_the_outputs_that_its_sidecar_promises_is_refused(folder, tmp_path):

@@ -93,7 +93,7 @@ def test_default_chain_shows_what_the_daemons_features_are(walk):
         dwell = Dwell(frames, valid, converter.axis, 60.0, end / 60, end_frame=end)
         features = stream.extract(remover.remove(dwell))
         for name in MAP_FEATURES:
-            assert np.abs(features.inputs[name] - pictures.maps[name]).max() < 1e-4
+            assert np.abs(features[name] - pictures.maps[name]).max() < 1e-4
 
 
 def test_loss_is_the_rms_over_what_is_shown():

@@ -154,7 +154,7 @@ def figure(moment: Moment, parts: Sequence[Part]) -> Any:
     most = max((abs(part.effect) for part in parts), default=0.0) or 1.0
     for k, view in enumerate(views):
         assert moment.seen is not None  # noqa: S101 - there are views of it
-        values = view.of(moment.seen.features.inputs[view.feature])
+        values = view.of(moment.seen.features[view.feature])
         shown = fig.add_subplot(grid[0, k])
         _image(shown, values, view, cmap="magma")
         shown.set_title(view.name, fontsize=9)

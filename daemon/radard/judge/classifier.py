@@ -1,4 +1,4 @@
-"""Classifier: FeatureSet to class probabilities, by a bundle's network in onnxruntime."""
+"""Classifier: Features to class probabilities, by a bundle's network in onnxruntime."""
 
 from dataclasses import dataclass
 from typing import TypeAlias
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from radard.errors import ModelMismatch
 from radard.judge.bundle import CLASSES, Bundle
-from radard.judge.features import FeatureSet
+from radard.judge.features import Features
 
 HIDDEN, FUSED_LOGITS, NEXT_HIDDEN = "hidden", "fused_logits", "next_hidden"
 """What a network with a temporal head takes besides, and gives besides."""
@@ -83,11 +83,11 @@ class Classifier:
         """Features that `classify` needs."""
         return tuple(i.feature for i in self.bundle.inputs)
 
-    def classify(self, features: FeatureSet) -> Probabilities:
+    def classify(self, features: Features) -> Probabilities:
         """Return the probabilities of one window by itself; raises as `answer` does."""
         return self.answer(features).window
 
-    def answer(self, features: FeatureSet, hidden: Hidden | None = None) -> Answer:
+    def answer(self, features: Features, hidden: Hidden | None = None) -> Answer:
         """Return what the network says of a window.
 
         `hidden` is `Answer.hidden` of the window before, if there was one.
@@ -95,7 +95,7 @@ class Classifier:
         Raises ModelMismatch if the answer is not finite: the caller must treat that as a fault.
         """
         bundle = self.bundle
-        feed = {i.name: features.inputs[i.feature][None] for i in bundle.inputs}
+        feed = {i.name: features[i.feature][None] for i in bundle.inputs}
         if bundle.n_hidden:
             before = np.zeros(bundle.n_hidden, np.float32) if hidden is None else hidden
             feed[HIDDEN] = before[None]

@@ -1,4 +1,4 @@
-"""Dwell to FeatureSet: the code that the daemon and the training both call.
+"""Dwell to features: the code that the daemon and the training both call.
 
 A bundle's sidecar says which features its network takes and with which settings; a
 feature is a row of `FEATURES`. Masked columns of the spectrogram, those whose CPI holds a
@@ -137,31 +137,13 @@ class FeatureSettings:
         return max(1, int((self.far_m - self.near_m) / self.cell_m + 1e-9))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FeatureSet:
-    """What is known of one dwell.
-
-    Attributes
-    ----------
-    spectrogram : ndarray, shape (n_cpi, n_seg), float32
-        mu, linear power; infinite beyond float32, empty unless a feature needs it.
-    cvd : ndarray, shape (n_cpi, n_seg), float32
-        D, magnitude; likewise.
-    inputs : mapping of str to ndarray, float32
-        The features that were asked for, by name.
-    """
-
-    spectrogram: NDArray[np.float32]
-    cvd: NDArray[np.float32]
-    inputs: Mapping[str, NDArray[np.float32]]
-
-
+Features = Mapping[str, NDArray[np.float32]]
+"""What is known of one dwell: what was asked for, by its name in `FEATURES`."""
 THESIS_FEATURES = ("thesis_type1", "thesis_type2")
 VELOCITY_FEATURES = ("velocity_time", "velocity_time_medium", "velocity_time_long")
 MAP_FEATURES = (*VELOCITY_FEATURES, "range_time")
 FEATURES = (*THESIS_FEATURES, *MAP_FEATURES, INSTALLATION)
 """Every feature that a network may ask for."""
-_EMPTY = np.zeros((0, 0), np.float32)
 _COARSE_BIN_M = 0.03
 """Behind the matched filter an X2's bins may be that long without loss (41 GS/s, 8 of them)."""
 
@@ -215,7 +197,7 @@ class FeatureStream:
         found = ((name, plugins.plugged(plugins.FEATURES, name)) for name in own)
         self._plugged = {name: plugin for name, plugin in found if plugin is not None}
 
-    def extract(self, dwell: Dwell, known: NDArray[np.float32] | None = None) -> FeatureSet:
+    def extract(self, dwell: Dwell, known: NDArray[np.float32] | None = None) -> Features:
         """Return the features of one dwell, whole enough to be judged, in arrays of its own.
 
         `known` is what `installation` returns; without it only the frame rate is known. Raises
@@ -234,15 +216,10 @@ class FeatureStream:
             n_new = n_slow
         streams.push(dwell.frames[-n_new:], dwell.valid[-n_new:])
         self._end_frame = dwell.end_frame
-        spectrogram = cvd = _EMPTY
         inputs: dict[str, NDArray[np.float32]] = {}
         if streams.doppler is not None:
-            share, exponent = _spectrogram(streams.doppler, n_columns)
-            spread = cadence_velocity_diagram(share)
-            type1 = type1_vector(spread, settings.n_cadence)
-            with np.errstate(over="ignore"):
-                spectrogram, cvd = np.ldexp(share, exponent), np.ldexp(spread, exponent)
-            inputs["thesis_type1"] = type1
+            diagram = cadence_velocity_diagram(_spectrogram(streams.doppler, n_columns))
+            inputs["thesis_type1"] = type1 = type1_vector(diagram, settings.n_cadence)
             if "thesis_type2" in self._names:
                 profile = extent_profile(dwell.frames, settings.n_cpi, settings.n_profile)
                 inputs["thesis_type2"] = np.concatenate([profile, type1])
@@ -260,7 +237,7 @@ class FeatureStream:
             inputs[INSTALLATION] = nothing if known is None else known
         for name, plugin in self._plugged.items():
             inputs[name] = _plugged_feature(plugin, dwell, settings)
-        return FeatureSet(spectrogram, cvd, {name: inputs[name] for name in self._names})
+        return {name: inputs[name] for name in self._names}
 
 
 def _plugged_feature(
@@ -289,8 +266,7 @@ class _Streams:
         self.ranges: RangeTimeMap | None = None
         for name in names:
             feature_shape(name, settings)
-        # Without any feature the spectrogram is what is asked for.
-        if not names or not set(THESIS_FEATURES).isdisjoint(names):
+        if not set(THESIS_FEATURES).isdisjoint(names):
             self.doppler = StreamingDoppler(settings.n_cpi, n_keep=n_keep)
         if "range_time" in names:
             self.ranges = RangeTimeMap(
@@ -311,8 +287,8 @@ class _Streams:
             self._shared.push(frames, valid)
 
 
-def _spectrogram(doppler: StreamingDoppler, n_columns: int) -> tuple[NDArray[np.float32], int]:
-    """Return mu over a power of two, so that it fits float32, and that power's exponent."""
+def _spectrogram(doppler: StreamingDoppler, n_columns: int) -> NDArray[np.float32]:
+    """Return mu over a power of two, so that it fits float32."""
     columns = doppler.columns(n_columns)
     exponent = int(np.frexp(columns.max(initial=0.0))[1])
     share = np.ldexp(columns, -exponent).astype(np.float32)
@@ -321,9 +297,9 @@ def _spectrogram(doppler: StreamingDoppler, n_columns: int) -> tuple[NDArray[np.
         share[:] = 0
     elif not valid.all():
         share[:, ~valid] = share[:, valid].mean(axis=1, keepdims=True)
-    return share, exponent
+    return share
 
 
-def extract(dwell: Dwell, settings: FeatureSettings, names: tuple[str, ...]) -> FeatureSet:
+def extract(dwell: Dwell, settings: FeatureSettings, names: tuple[str, ...]) -> Features:
     """Return the features of a single dwell; see `FeatureStream.extract`."""
     return FeatureStream(settings, names).extract(dwell)

@@ -6,7 +6,7 @@ Understanding Convolutional Networks", ECCV 2014, section 4.2.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from radard.judge.bundle import Bundle, EvidenceSettings
 from radard.judge.classifier import Answer, Classifier, Hidden, Probabilities
 from radard.judge.decision import judge
 from radard.judge.evidence import Evidence
-from radard.judge.features import FeatureSet, FeatureSettings
+from radard.judge.features import Features, FeatureSettings
 
 _PATCHES = (8, 5)
 """Rows and columns of patches on a map: each is a limb's velocities for half a step."""
@@ -27,7 +27,7 @@ _MIN_P = 1e-4
 class Seen:
     """What the network took in and gave out."""
 
-    features: FeatureSet
+    features: Features
     hidden: Hidden | None
     answer: Answer
 
@@ -99,7 +99,7 @@ class Part:
 def map_views(settings: FeatureSettings, seen: Seen) -> Iterator[MapView]:
     """Yield the maps among the inputs of a network; a plug-in's feature has bins for axes."""
     grids = settings.velocity_grids()
-    for name, values in seen.features.inputs.items():
+    for name, values in seen.features.items():
         whole = slice(0, values.size)
         if name in grids:
             grid = grids[name]
@@ -154,11 +154,9 @@ def occluded(
     parts = []
     for view in map_views(settings, seen):
         for rows, columns in _patches(view.shape):
-            values = seen.features.inputs[view.feature].copy()
+            values = seen.features[view.feature].copy()
             view.of(values)[rows, columns] = 0.0
-            features = replace(
-                seen.features, inputs={**seen.features.inputs, view.feature: values}
-            )
+            features = {**seen.features, view.feature: values}
             p = _judged_by(classifier.answer(features, seen.hidden), classifier.bundle)
             effect = _log_odds(as_it_was.human) - _log_odds(p.human)
             turns = judge(p, pet_limit)[1] != alarm

@@ -13,7 +13,7 @@ from radard.config.config import Config
 from radard.errors import UsageError
 from radard.judge.bundle import Bundle
 from radard.judge.classifier import Answer, Classifier, Hidden, Probabilities
-from radard.judge.features import FeatureSet, FeatureSettings
+from radard.judge.features import Features, FeatureSettings
 from radard.judge.occlusion import Seen
 from radard.outputs.records import Record
 from radard.run.components import use_calibration
@@ -59,11 +59,11 @@ class _Watched(Classifier):
         super().__init__(bundle)
         self.seen: Seen | None = None
 
-    def classify(self, features: FeatureSet) -> Probabilities:
+    def classify(self, features: Features) -> Probabilities:
         """As in `Classifier`; of single bodies, which are not kept."""
         return super().answer(features).window
 
-    def answer(self, features: FeatureSet, hidden: Hidden | None = None) -> Answer:
+    def answer(self, features: Features, hidden: Hidden | None = None) -> Answer:
         """As in `Classifier`."""
         answer = super().answer(features, hidden)
         self.seen = Seen(features, hidden, answer)

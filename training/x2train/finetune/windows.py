@@ -14,7 +14,7 @@ from radard.errors import ModelMismatch, UsageError
 from radard.judge.bundle import Bundle
 from radard.judge.classifier import Answer, Classifier, Hidden
 from radard.judge.decision import Decision
-from radard.judge.features import FeatureSet
+from radard.judge.features import Features
 from radard.judge.model_choice import model_for
 from radard.pipeline import Pipeline
 from radard.stream.ring import Notice
@@ -47,9 +47,9 @@ class _Listener(Classifier):
 
     def __init__(self, bundle: Bundle) -> None:
         super().__init__(bundle)
-        self.given: list[FeatureSet] = []
+        self.given: list[Features] = []
 
-    def answer(self, features: FeatureSet, hidden: Hidden | None = None) -> Answer:
+    def answer(self, features: Features, hidden: Hidden | None = None) -> Answer:
         self.given.append(features)
         return super().answer(features, hidden)
 
@@ -69,7 +69,7 @@ def own_windows(clip: OwnClip, bundle: Bundle) -> OwnWindows:
     in it, X2RadarError if it cannot be read.
     """
     listener = _Listener(bundle)
-    rows: list[FeatureSet] = []
+    rows: list[Features] = []
     t_s: list[float] = []
     n_alarms = 0
     with open_recording(clip.path) as reader:
@@ -88,9 +88,7 @@ def own_windows(clip: OwnClip, bundle: Bundle) -> OwnWindows:
     if not rows:
         msg = f"{clip.path}: nothing moves in it, so there is nothing to learn from"
         raise UsageError(msg)
-    inputs = {
-        each.name: np.stack([row.inputs[each.feature] for row in rows]) for each in bundle.inputs
-    }
+    inputs = {each.name: np.stack([row[each.feature] for row in rows]) for each in bundle.inputs}
     digest = hashlib.sha256(clip.path.read_bytes()).hexdigest()
     return OwnWindows(clip, digest, inputs, np.array(t_s), n_alarms)
 

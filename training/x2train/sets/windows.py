@@ -115,7 +115,7 @@ def windows_of(
         truth = _window_truth(passage, slice(end - n, end))
         if truth is None:
             continue
-        maps = stream.extract(moving).inputs
+        maps = stream.extract(moving)
         echo_db = echo_at_1m_db(gate.power, gate.noise, axis.range_m)
         rows.append(
             truth

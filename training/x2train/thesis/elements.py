@@ -13,6 +13,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from radard.dsp.doppler import micro_doppler
 from radard.dsp.downconvert import DownConverter
 from radard.dsp.grid import time_cells
 from radard.errors import UsageError
@@ -155,7 +156,7 @@ def element(spec: ElementSpec, body: str, number: int) -> Element:
     """Return one element; see `dwell`."""
     made, in_view = dwell(spec, body, number)
     features = extract(made, spec.features, ("thesis_type2", "range_time"))
-    mu = features.spectrogram
+    mu = micro_doppler(made.frames, spec.n_cpi)
     power, valid = time_cells(
         mu,
         np.ones(mu.shape[1], np.bool_),
@@ -163,5 +164,5 @@ def element(spec: ElementSpec, body: str, number: int) -> Element:
         cell_s=spec.features.cell_s,
         n_cells=spec.features.n_cells,
     )
-    vector, range_time = features.inputs["thesis_type2"], features.inputs["range_time"]
+    vector, range_time = features["thesis_type2"], features["range_time"]
     return Element(vector, shown(power, valid, _MU_DEPTH_DB), range_time, in_view)

@@ -186,7 +186,7 @@ def load_recordings(paths: Sequence[Path], spec: ElementSpec) -> Recordings:
         samples = np.stack([frame.samples for frame in reader.frames()])
         for label in labels:
             for dwell in _windows(samples, reader.stream.axis, label, spec):
-                vector = extract(dwell, spec.features, ("thesis_type2",)).inputs["thesis_type2"]
+                vector = extract(dwell, spec.features, ("thesis_type2",))["thesis_type2"]
                 rows.append(vector)
                 classes.append(LABELS[label[2]])
     if len(set(classes)) < 2:
