@@ -4,10 +4,8 @@ import numpy as np
 import pytest
 
 from radard.dsp.downconvert import DownConverter
-from tests.echo_references import baseband_echo
 from tests.receiver_helpers import BASEBAND, RF, affected, room_echo
-from x2radar.sim.signal.effects import FrameDraws, ReceiverEffects, chip_axis, chip_ramp
-from x2radar.sim.signal.pulse import rf_echo
+from x2radar.sim.signal.effects import FrameDraws, ReceiverEffects
 from x2radar.sim.signal.receiver import MIDDLE
 
 # ---------------------------------------------------------------- draws by frame number
@@ -135,22 +133,3 @@ def test_clip_bounds_the_frame(share):
     frames = affected(echo=echo, clip=share).real
     assert frames.max() == pytest.approx(min(50 * share, 50 - 100 / 8192), abs=1e-4)
     assert frames.min() == pytest.approx(-50 * share, abs=1e-4)
-
-
-# ---------------------------------------------------------------- a chip's own rate
-
-
-@pytest.mark.parametrize(
-    ("true_hz", "bound"), [(41e9, 1e-5), (40.9e9, 2e-3), (40e9, 0.015), (38e9, 0.05)]
-)
-def test_a_wrong_rate_looks_alike_in_both_kinds(true_hz, bound):
-    range_m = np.random.default_rng(0).uniform(1.0, 2.8, (40, 1))
-    one = np.ones_like(range_m)
-    raw = rf_echo(range_m, one, chip_axis(RF, true_hz))
-    wanted = DownConverter(RF).convert(raw)
-    ours = baseband_echo(range_m, one, chip_axis(BASEBAND, true_hz)) * chip_ramp(BASEBAND, true_hz)
-    assert np.abs(ours - wanted).max() < bound
-    # What the range axis then says: stretched from the first bin on.
-    says = BASEBAND.range_m[np.abs(ours).argmax(axis=1)]
-    first = RF.range_offset_m
-    assert says == pytest.approx(first + (range_m[:, 0] - first) * true_hz / 41e9, abs=0.003)

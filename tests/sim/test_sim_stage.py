@@ -124,18 +124,6 @@ def test_a_full_scene_makes_the_same_frames_again_and_loses_some(output):
     assert all(f is None or np.isfinite(f).all() for f in once)
 
 
-def test_a_chip_that_samples_at_another_rate_shows_the_target_elsewhere():
-    text = "steps: [{duration_s: 9}]\nclutter: [{range_m: 2.9, rcs_m2: 1.0e+6}]\n"
-    peaks = []
-    for more in ("", "receiver: {true_sample_rate_hz: 39.0e+9}\n"):
-        stream = EchoStream(parse_scene(text + more, "t", "t"), 0, RadarSettings(output="iq"))
-        frame = stream.next()
-        peaks.append(stream.axis.range_m[np.abs(frame).argmax()])
-    offset_m = stream.axis.range_offset_m
-    assert peaks[0] == pytest.approx(2.9, abs=0.01)
-    assert peaks[1] == pytest.approx(offset_m + (2.9 - offset_m) * 39 / 41, abs=0.01)
-
-
 @pytest.mark.parametrize(
     "actor",
     [

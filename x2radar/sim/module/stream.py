@@ -12,17 +12,16 @@ from x2radar.sim.place.room import Room
 from x2radar.sim.scene.cast import SEED_GAIN
 from x2radar.sim.scene.scene import Scene, StaticPoint
 from x2radar.sim.scene.stage import Stage
-from x2radar.sim.signal.effects import chip_axis, chip_ramp
 from x2radar.sim.signal.noise import baseband_noise_power
 from x2radar.sim.signal.pulse import LinkBudget
 from x2radar.sim.signal.receiver import Receiver
 
 _BLOCK = 16
-"""Frames made at a time (chosen)."""
+"""Frames made at a time: their arrays stay in a core's cache, and frames come soon."""
 ERROR_DB = -60.0
 """Of a frame's echoes, see `x2radar.sim.echo`: 20 dB under the noise beside a body at 1 m."""
 _UNSEEN = 0.1
-"""Echoes under this share of a bin's noise are not made (chosen)."""
+"""Echoes under this share of a bin's noise, 20 dB below it, are not made."""
 _NOISE, _ROOM = 0x4E01, 0x2001
 """Of generators, beside the seed: any numbers will do, but they must stay as they are."""
 
@@ -59,15 +58,11 @@ class EchoStream:
             seed=seed,
         )
         self._stage = Stage(scene, seed, settings.frame_rate_hz)
-        self._echo_axis, self._ramp = axis, None
-        if (rate_hz := scene.receiver.true_sample_rate_hz) is not None:
-            self._echo_axis = chip_axis(axis, rate_hz)
-            self._ramp = None if axis.kind == "rf" else chip_ramp(axis, rate_hz)
         self._static = self._static_echo(scene.clutter)
         self._room: Room | None = None
         if scene.room is not None:
             rng = np.random.default_rng([seed, _ROOM])
-            self._room = Room(rng, scene.room, self._echo_axis, budget)
+            self._room = Room(rng, scene.room, axis, budget)
         noise = baseband_noise_power(axis, budget.noise_sigma)
         self._floor = _UNSEEN * float(np.sqrt(noise))
         self._has_jitter = bool(scene.receiver.frame_jitter)
@@ -93,21 +88,19 @@ class EchoStream:
         block = self._stage.next_block(_BLOCK, times_s if self._has_jitter else None)
         rows = block.rows
         # Physical cross sections get the module's integration gain here.
-        amplitude = rows.amplitude(self._budget, self._echo_axis) * np.sqrt(SEED_GAIN)
+        amplitude = rows.amplitude(self._budget, self.axis) * np.sqrt(SEED_GAIN)
         is_rf = self.axis.kind == "rf"
         frames: np.ndarray[Any, Any] = echo_frames(
-            rows.range_m, amplitude, self._echo_axis, error_db=ERROR_DB, floor=self._floor
+            rows.range_m, amplitude, self.axis, error_db=ERROR_DB, floor=self._floor
         )
         frames += self._static
         if self._room is not None:
             frames += self._room.echo(times_s[: block.n_slow], block.offset_m)
-        if self._ramp is not None:
-            frames *= self._ramp
         return self._receiver.rf(frames) if is_rf else self._receiver.baseband(frames)
 
     def _static_echo(self, points: tuple[StaticPoint, ...]) -> np.ndarray[Any, Any]:
         range_m = np.array([[p.range_m for p in points]])
         amplitude = self._budget.amplitude(
-            range_m, np.array([p.rcs_m2 for p in points]), self._echo_axis
+            range_m, np.array([p.rcs_m2 for p in points]), self.axis
         )
-        return np.asarray(echo_frames(range_m, amplitude, self._echo_axis, error_db=-90)[0])
+        return np.asarray(echo_frames(range_m, amplitude, self.axis, error_db=-90)[0])

@@ -16,7 +16,6 @@ from x2radar.sim.points import Points
 from x2radar.sim.signal.pulse import NEAREST_M, LinkBudget
 
 Array = NDArray[np.float64]
-SHAPES = ("gaussian", "cosine", "isotropic")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,9 +57,9 @@ class Antenna:
     # Full widths; 65 by 65 for the X2 kit's antennas is recalled.
     azimuth_width_deg: float = limited(65.0, 5, 175, "half-power width, degrees")
     elevation_width_deg: float = limited(65.0, 5, 175, "half-power width, degrees")
-    # ``exp(-ln 2 (2 angle / width)^2)``, ``cos^n(angle)`` with the n of the width, or none.
-    shape: str = one_of("gaussian", SHAPES, "pattern")
-    # Of power, beside and behind; chosen: real antennas of this kind are not below it indoors.
+    # ``exp(-ln 2 (2 angle / width)^2)``, or none.
+    shape: str = one_of("gaussian", ("gaussian", "isotropic"), "pattern")
+    # Of power, beside and behind: real antennas of this kind are not below it indoors.
     floor_db: float = limited(-20.0, -60, 0, "least gain, dB")
 
     def __post_init__(self) -> None:
@@ -88,8 +87,8 @@ class Antenna:
         right, ahead, up = np.moveaxis(towards_m @ self._turned().T, -1, 0)
         azimuth = np.arctan2(right, ahead)
         elevation = np.arctan2(up, np.hypot(right, ahead))
-        gain = self._cut(azimuth, self.azimuth_width_deg)
-        gain *= self._cut(elevation, self.elevation_width_deg)
+        gain = _cut(azimuth, self.azimuth_width_deg)
+        gain *= _cut(elevation, self.elevation_width_deg)
         return np.maximum(gain, 10 ** (self.floor_db / 10))
 
     def direct(self, points: Points, offset_m: Array | None = None) -> EchoRows:
@@ -115,9 +114,6 @@ class Antenna:
         ahead = [np.sin(pan) * np.cos(tilt), np.cos(pan) * np.cos(tilt), -np.sin(tilt)]
         return np.array([right, ahead, np.cross(right, ahead)])
 
-    def _cut(self, angle: Array, width_deg: float) -> Array:
-        half = np.deg2rad(width_deg) / 2
-        if self.shape == "gaussian":
-            return np.asarray(np.exp(-np.log(2) * (angle / half) ** 2))
-        power = np.log(0.5) / np.log(np.cos(half))
-        return np.asarray(np.maximum(np.cos(angle), 0.0) ** power)
+
+def _cut(angle: Array, width_deg: float) -> Array:
+    return np.asarray(np.exp(-np.log(2) * (angle / (np.deg2rad(width_deg) / 2)) ** 2))

@@ -24,11 +24,12 @@ from x2radar.sim.signal.pulse import NEAREST_M
 Array = NDArray[np.float64]
 _AXES = {"x": 0, "y": 1, "z": 2}
 _CLEAR_M = 0.3
-"""Nearer things count as here: chosen, bodies are no points."""
+"""Nearer things count as here, since bodies are no points."""
 # Where the body stood, and how far behind it the tail was measured; see `TailSettings`.
 _CALIBRATED_AT_M = 1.7
 _GAP_M = (0.4, 3.0)
-# Chosen: points of a body with aspects of their own, and places drawn for each that is taken.
+# Points of a body with aspects of their own, more than any has parts; places drawn for each
+# that is taken, so many that the antenna's beam is filled.
 _N_ASPECTS = 64
 _PLACES_A_PATH = 20
 _TINY = 1e-300
@@ -46,8 +47,6 @@ class Surface:
     # Floorboard 3.66, concrete 5.3, plasterboard 2.9, wood 2.0 (ITU-R P.2040, recalled).
     permittivity: float = limited(3.66, 1, 100, "relative permittivity")
     smoothness: float = limited(1.0, 0, 1, "share of amplitude left in the mirror direction")
-    # With vertical ones the floor reflects little near its Brewster angle.
-    polarisation: str = one_of("vertical", ("vertical", "horizontal"), "of the antennas")
 
     def __post_init__(self) -> None:
         """Check every field."""
@@ -57,11 +56,11 @@ class Surface:
         """Return the signed amplitude reflection coefficient (Fresnel), same shape.
 
         In the sign convention of the electric field across the plane of incidence; its
-        cosine is against the surface's normal, 0 to 1.
+        cosine is against the surface's normal, 0 to 1. The antennas are polarised upright, so
+        floor and ceiling reflect little near their Brewster angle.
         """
         transmitted = np.sqrt(self.permittivity - 1 + cos_incidence**2)
-        is_parallel = (self.axis == "z") == (self.polarisation == "vertical")
-        weight = self.permittivity if is_parallel else 1.0
+        weight = self.permittivity if self.axis == "z" else 1.0
         front = weight * cos_incidence
         return np.asarray(self.smoothness * (front - transmitted) / (front + transmitted))
 
@@ -198,7 +197,7 @@ class DiffuseTail:
 def _draw_things(rng: np.random.Generator, settings: TailSettings, antenna: Antenna) -> Array:
     """Return the places of the static things, shape (n_paths, 3).
 
-    Of many places those are chosen that the antenna sees, by its gain, which then need not
+    Of many places those are taken that the antenna sees, by its gain, which then need not
     weaken them: the same power on average, but no way is spent on what hardly shows.
     """
     n_places = _PLACES_A_PATH * settings.n_paths
@@ -207,8 +206,8 @@ def _draw_things(rng: np.random.Generator, settings: TailSettings, antenna: Ante
     x, y = radius * np.sin(2 * np.pi * turn), radius * np.cos(2 * np.pi * turn)
     place_m = np.stack([x, y, settings.ceiling_m * height], axis=1)
     gain = antenna.gain(place_m - antenna.position_m)
-    chosen = rng.choice(n_places, settings.n_paths, replace=False, p=gain / gain.sum())
-    return np.asarray(place_m[chosen])
+    taken = rng.choice(n_places, settings.n_paths, replace=False, p=gain / gain.sum())
+    return np.asarray(place_m[taken])
 
 
 def _centre_m(points: Points) -> Array:

@@ -7,21 +7,19 @@ the default) draws nothing.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from x2radar.frame import FastTimeAxis
-from x2radar.keys import check_fields, limited, one_of
-from x2radar.modules.x2 import DAC_TOP, SPEED_OF_LIGHT_MPS
-from x2radar.sim.signal.pulse import pulse_sigma_s
+from x2radar.keys import check_fields, limited
+from x2radar.modules.x2 import DAC_TOP
 
 Array = NDArray[np.float64]
-# Chosen: frames a generator, frames of the longest burst (a second), spikes of a frame.
 _BLOCK = 256
-_LONGEST_BURST = 60
-_MOST_SPIKES = 3
+"""Frames a generator; what is drawn for a frame depends on it, so it must stay."""
+_MAX_BURST, _MAX_SPIKES = 60, 3
+"""Frames of the longest burst, a second; spikes of a frame."""
 _SPIKE_TOP = 1 << 16
 """Raw samples are 16-bit words."""
 _KINDS = ("delay", "gain", "clock", "burst", "spike", "lost")
@@ -36,14 +34,9 @@ class ReceiverEffects:
 
     # The noise level of the link budget belongs to its own 13 dB.
     noise_figure_db: float = limited(13.0, 0, 40, "noise figure, dB")
-    # As the matched filter leaves it, or white with the same power in every bin (of no real
-    # receiver, and dearer: more numbers are drawn). RF noise is always white.
-    noise: str = one_of("coloured", ("coloured", "white"), "colour of baseband noise")
     # 0.13e-12 to 0.23e-12 measured on real UWB modules, and a gain of up to 0.0012.
     jitter_s: float = limited(0.0, 0, 2e-12, "common delay of a frame, rms, s")
     gain_noise: float = limited(0.0, 0, 0.05, "common gain of a frame, rms")
-    # 38 to 41 GS/s, while its settings say another rate. Enters through `chip_axis`.
-    true_sample_rate_hz: float | None = limited(None, 30e9, 50e9, "the chip's real rate, Hz")
     frame_jitter: float = limited(0.0, 0, 0.05, "of the frame period, rms")
     # Interference, such as Wi-Fi at 6 GHz; a burst lasts 1 to 60 frames.
     burst_rate_hz: float = limited(0.0, 0, 100, "interference bursts per second")
@@ -106,10 +99,10 @@ class FrameDraws:
         if e.burst_rate_hz == 0:
             return out
         # A burst may have begun up to its greatest length before the first frame asked for.
-        start = max(0, first - _LONGEST_BURST + 1)
+        start = max(0, first - _MAX_BURST + 1)
         begins, length, raised = self._draw("burst", start, first + n - start, _bursts)
         chance = 1 - np.exp(-e.burst_rate_hz / self._rate_hz)
-        frames = np.ceil(length * e.burst_s * self._rate_hz).clip(1, _LONGEST_BURST)
+        frames = np.ceil(length * e.burst_s * self._rate_hz).clip(1, _MAX_BURST)
         span_db = e.burst_most_db - e.burst_least_db
         gain = 10 ** ((e.burst_least_db + raised * span_db) / 20)
         for k in np.flatnonzero(begins < chance):
@@ -135,8 +128,8 @@ class FrameDraws:
         chance, number, *rest = self._draw("spike", first, n, _spikes)
         column, counts = np.split(np.stack(rest, axis=1), 2, axis=1)
         is_spiked = (chance < self._effects.spike_share)[:, None]
-        rank = np.arange(_MOST_SPIKES)
-        row, which = np.nonzero(is_spiked & (rank <= number[:, None] * _MOST_SPIKES))
+        rank = np.arange(_MAX_SPIKES)
+        row, which = np.nonzero(is_spiked & (rank <= number[:, None] * _MAX_SPIKES))
         size = _SPIKE_TOP - DAC_TOP - 1
         return (
             row,
@@ -166,43 +159,4 @@ def _bursts(rng: np.random.Generator) -> Array:
 
 
 def _spikes(rng: np.random.Generator) -> Array:
-    return rng.random((2 + 2 * _MOST_SPIKES, _BLOCK))
-
-
-def chip_axis(axis: FastTimeAxis, true_sample_rate_hz: float) -> FastTimeAxis:
-    """Return the axis with which the echoes of a chip must be made; frames keep that given.
-
-    Bins lie where the chip samples. For baseband the carrier is that at which an echo's phase
-    turns after mixing with, and filtering for, the wrong one; `chip_ramp` is then still to be
-    applied to the frames.
-    """
-    true = replace(
-        axis,
-        bin_length_m=SPEED_OF_LIGHT_MPS / (2 * true_sample_rate_hz),
-        sample_rate_hz=true_sample_rate_hz,
-    )
-    if axis.kind == "rf":
-        return true
-    return replace(true, carrier_hz=axis.carrier_hz - _detuned_hz(axis, true) / 2)
-
-
-def chip_ramp(axis: FastTimeAxis, true_sample_rate_hz: float) -> NDArray[np.complex64]:
-    """Return phase over range and loss of frames made with `chip_axis`, shape (n_range,).
-
-    A pulse that is off by ``df`` behind the mixer, ``p(t) exp(j 2 pi df t)``, leaves its
-    matched filter as ``p(t / sqrt 2) exp(j pi df t)``, smaller by ``exp(-(pi df sp)^2)``: the
-    convolution of two Gaussians. That the chip's rate also stretches the filter's length is
-    left out: 1.3 % of the peak at 40 GS/s for 41, 4.2 % at 38.
-    """
-    true = chip_axis(axis, true_sample_rate_hz)
-    detuned_hz = _detuned_hz(axis, true)
-    sigma_s = pulse_sigma_s(axis.bandwidth_hz)
-    since_s = 2 * (true.range_m - true.range_offset_m) / SPEED_OF_LIGHT_MPS
-    begin_s = 2 * axis.range_offset_m / SPEED_OF_LIGHT_MPS
-    turns = (detuned_hz * (since_s - begin_s) / 2) % 1.0
-    loss = np.exp(-((np.pi * detuned_hz * sigma_s) ** 2))
-    return np.asarray(loss * np.exp(2j * np.pi * turns), np.complex64)
-
-
-def _detuned_hz(axis: FastTimeAxis, true: FastTimeAxis) -> float:
-    return axis.carrier_hz * (1 - true.sample_rate_hz / axis.sample_rate_hz)
+    return rng.random((2 + 2 * _MAX_SPIKES, _BLOCK))

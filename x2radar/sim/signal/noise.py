@@ -82,15 +82,6 @@ def matched_noise(
     return np.ascontiguousarray(noise[:, : axis.n_range], np.complex64)
 
 
-def white_noise(
-    n_slow: int, axis: FastTimeAxis, rng: np.random.Generator, sigma: float = 1.0
-) -> NDArray[np.complex64]:
-    """Return noise of the same power as `matched_noise`, independent from bin to bin."""
-    white = rng.standard_normal((n_slow, axis.n_range, 2), np.float32)
-    white *= np.float32(math.sqrt(baseband_noise_power(axis, sigma) / 2))
-    return np.asarray(white.view(np.complex64)[..., 0])
-
-
 def fast_length(least: int) -> int:
     """Return the next length that an FFT takes quickly: no prime factor over 5."""
     length = least

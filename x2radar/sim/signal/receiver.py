@@ -18,7 +18,6 @@ from x2radar.sim.signal.noise import (
     bins_per_s,
     matched_noise,
     noise_sigma,
-    white_noise,
 )
 from x2radar.sim.signal.pulse import LinkBudget, pulse_sigma_s
 
@@ -26,7 +25,7 @@ Array = NDArray[np.float64]
 MIDDLE = 50.0
 """Of the threshold sweep, in the module's unit (Radarlib)."""
 _SLOPE_TAPS = 12
-"""Of the differentiator, either side: 0.2 % error, see `delayed_rf` (chosen)."""
+"""Of the differentiator, either side: 0.2 % error, see `delayed_rf`."""
 
 
 class Receiver:
@@ -43,8 +42,7 @@ class Receiver:
     rng : numpy.random.Generator
         Source of the noise; consumed frame by frame, so blocks of any size give the same.
     effects : ReceiverEffects, optional
-        Imperfections. Lost frames and frame times are the caller's to obey, see `draws`;
-        the chip's true rate enters where the echoes are made.
+        Imperfections. Lost frames and frame times are the caller's to obey, see `draws`.
     seed : int
         Of the effects' draws.
 
@@ -107,8 +105,7 @@ class Receiver:
         delay_s, gain = self._delay_and_gain(first, n)
         if delay_s is not None:
             echo = delayed_baseband(echo, delay_s, self._axis)
-        make = matched_noise if self._effects.noise == "coloured" else white_noise
-        out = make(n, self._axis, self._rng)
+        out = matched_noise(n, self._axis, self._rng)
         out *= self._noise_scale(first, n)
         out += echo if gain is None else echo * gain
         row, column, counts = self.draws.spikes(first, n, self._axis.n_range)
