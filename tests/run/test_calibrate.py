@@ -226,53 +226,45 @@ def config_of(calibration, port, state_dir):
     )
 
 
-def test_named_calibration_is_used_and_taken_away(made, tmp_path, caplog):
-    pipeline = pipeline_of()
-    use_calibration(config_of(made, "sim:empty", tmp_path), pipeline, is_live=True)
-    assert pipeline.calibration is not None
+@pytest.mark.parametrize(
+    ("asked", "is_used", "words"),
+    [
+        (("made", "sim:empty", 60), True, ""),
+        (("none", "/dev/ttyX", 60), False, ""),
+        (("old", "sim:empty", 60), True, "is stale: it is"),
+        # One that was made is found by a real radar alone.
+        (("auto", "/dev/ttyX", 60), True, ""),
+        (("auto", "/dev/ttyX", 20), False, "goes without calibration"),
+        (("auto", "sim:empty", 60), False, ""),
+        (("auto", "replay:x.h5", 60), False, ""),
+    ],
+)
+def test_which_calibration_is_used(asked, is_used, words, made, tmp_path, caplog):
+    named, port, rate = asked
+    is_live = not port.startswith("replay:")
+    (tmp_path / "radar.calibration.json").write_text(made.read_text())
+    content = json.loads(made.read_text())
+    content["provenance"]["made_utc"] = "2020-01-01T00:00:00Z"
+    (tmp_path / "old.json").write_text(json.dumps(content))
+    place = {"made": made, "old": tmp_path / "old.json"}.get(named, named)
+    pipeline = pipeline_of(f"sim:empty?rate={rate}")
+    use_calibration(config_of(place, port, tmp_path), pipeline, is_live=is_live)
+    assert (pipeline.calibration is not None) is is_used
+    assert words in caplog.text
+    assert ("stale" in caplog.text) is ("stale" in words)
+    # Asked for again it stays, and it can be taken away.
     kept = pipeline.calibration
-    use_calibration(config_of(made, "sim:empty", tmp_path), pipeline, is_live=True)
+    use_calibration(config_of(place, port, tmp_path), pipeline, is_live=is_live)
     assert pipeline.calibration is kept
-    assert "stale" not in caplog.text
-    use_calibration(config_of("none", "sim:empty", tmp_path), pipeline, is_live=True)
+    use_calibration(config_of("none", port, tmp_path), pipeline, is_live=is_live)
     assert pipeline.calibration is None
 
 
 def test_named_calibration_must_be_there_and_fit(made, tmp_path):
-    with pytest.raises(ConfigError, match="cannot read"):
-        use_calibration(config_of("gone", "sim:empty", tmp_path), pipeline_of(), is_live=True)
-    other = pipeline_of("sim:empty?rate=20")
-    with pytest.raises(ConfigError, match="frame_rate_hz"):
-        use_calibration(config_of(made, "sim:empty", tmp_path), other, is_live=True)
-
-
-@pytest.mark.parametrize(
-    ("port", "is_live", "is_used"),
-    [("/dev/ttyX", True, True), ("sim:empty", True, False), ("replay:x.h5", False, False)],
-)
-def test_auto_is_for_real_radars(port, is_live, is_used, made, tmp_path):
-    (tmp_path / "radar.calibration.json").write_text(made.read_text())
-    pipeline = pipeline_of()
-    use_calibration(config_of("auto", port, tmp_path), pipeline, is_live=is_live)
-    assert (pipeline.calibration is not None) is is_used
-
-
-def test_auto_that_does_not_fit_is_said_and_left(made, tmp_path, caplog):
-    (tmp_path / "radar.calibration.json").write_text(made.read_text())
-    pipeline = pipeline_of("sim:empty?rate=20")
-    use_calibration(config_of("auto", "/dev/ttyX", tmp_path), pipeline, is_live=True)
-    assert pipeline.calibration is None
-    assert "goes without calibration" in caplog.text
-
-
-def test_stale_calibration_is_flagged_when_it_is_loaded(made, tmp_path, caplog):
-    content = json.loads(made.read_text())
-    content["provenance"]["made_utc"] = "2020-01-01T00:00:00Z"
-    path = tmp_path / "old.json"
-    path.write_text(json.dumps(content))
-    use_calibration(config_of(path, "sim:empty", tmp_path), pipeline_of(), is_live=True)
-    assert "is stale: it is" in caplog.text
-    assert "radard calibrate" in caplog.text
+    for place, rate, words in (("gone", 60, "cannot read"), (made, 20, "frame_rate_hz")):
+        pipeline = pipeline_of(f"sim:empty?rate={rate}")
+        with pytest.raises(ConfigError, match=words):
+            use_calibration(config_of(place, "sim:empty", tmp_path), pipeline, is_live=True)
 
 
 @pytest.mark.parametrize(
