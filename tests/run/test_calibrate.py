@@ -227,20 +227,20 @@ def config_of(calibration, port, state_dir):
 
 
 @pytest.mark.parametrize(
-    ("asked", "is_used", "words"),
+    ("asked", "told"),
     [
-        (("made", "sim:empty", 60), True, ""),
-        (("none", "/dev/ttyX", 60), False, ""),
-        (("old", "sim:empty", 60), True, "is stale: it is"),
+        (("made", "sim:empty", 60), (True, "")),
+        (("none", "/dev/ttyX", 60), (False, "")),
+        (("old", "sim:empty", 60), (True, "is stale: it is")),
         # One that was made is found by a real radar alone.
-        (("auto", "/dev/ttyX", 60), True, ""),
-        (("auto", "/dev/ttyX", 20), False, "goes without calibration"),
-        (("auto", "sim:empty", 60), False, ""),
-        (("auto", "replay:x.h5", 60), False, ""),
+        (("auto", "/dev/ttyX", 60), (True, "")),
+        (("auto", "/dev/ttyX", 20), (False, "goes without calibration")),
+        (("auto", "sim:empty", 60), (False, "")),
+        (("auto", "replay:x.h5", 60), (False, "")),
     ],
 )
-def test_which_calibration_is_used(asked, is_used, words, made, tmp_path, caplog):
-    named, port, rate = asked
+def test_which_calibration_is_used(asked, told, made, tmp_path, caplog):
+    (named, port, rate), (is_used, words) = asked, told
     is_live = not port.startswith("replay:")
     (tmp_path / "radar.calibration.json").write_text(made.read_text())
     content = json.loads(made.read_text())

@@ -3,13 +3,16 @@
 A record's way to a page::
 
     sink            takes records from the worker, starts the thread       [worker's thread]
-    history         the last of them                                       [any thread]
-    hub             hands them to every page, drops what one cannot take   [asyncio]
-    socket          one page
+    view            what is held of a sensor: history, counters, pictures  [any thread]
+    hub, socket     hand them to every page, drop what one cannot take     [asyncio]
     pictures        frames of the ring, or of a clip, to columns of bytes  [own thread]
-    why             a decision in words
-    auth            roles: who may see, who may arm
+
+and a request's way::
+
     server          limits on connections; the thread itself
+    middleware      hosts, origins, bodies, headers
+    auth, guard     roles: who may see, who may arm
+    api, events, actions    the routes
 
 Nothing in here can hold up a decision: `write` appends to a list and returns, and the
 pictures are made of what the ring still has, without its lock.
