@@ -58,6 +58,9 @@ def toy(n=96, seed=0):
         "label": label.astype(np.int64),
         "passage": np.arange(n) // 4,
         "t_s": 3.0 + np.arange(n) % 4,
+        "is_physical": np.ones(n, bool),
+        **{name: np.ones(n) for name in ("share", "speed_mps", "aspect", "height_m", "tilt_deg")},
+        **{name: np.full(n, 60.0) for name in ("frame_rate_hz", "echo_db", "level_db")},
     }
 
 

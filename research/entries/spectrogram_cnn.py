@@ -17,7 +17,7 @@ TITLE = "CNN on the spectrogram"
 USES_VECTOR = False
 _EPOCHS = 20
 _BATCH = 50
-"""Chosen, as is Adam's usual rate; not tuned on any task."""
+"""As is Adam's rate, the usual one; not tuned on any task."""
 
 
 def scores(train: Elements, test: Elements, seed: int) -> NDArray[np.float64]:

@@ -15,10 +15,10 @@ from benchmark_tasks import Elements
 TITLE = "SVM on hand-made features"
 USES_VECTOR = False
 _OVER = 0.5
-"""Of the map's depth of 30 dB: what is brighter belongs to the body. Chosen."""
+"""Of the map's depth of 30 dB: what is brighter belongs to the body."""
 _N_RANDOM = 400
 _COST = 1.0
-"""Of the margin: chosen, and not tuned on any task."""
+"""Of the margin: and not tuned on any task."""
 
 
 def hand_features(elements: Elements) -> NDArray[np.float64]:

@@ -17,7 +17,8 @@ from x2train.judge.judging import KNOWS, installed
 from x2train.judge.table import PassageTable
 from x2train.sets.known import ADULT_DB
 from x2train.sets.passages import level_db_of
-from x2train.sets.shard_run import make_shards
+
+pytestmark = pytest.mark.integration
 
 
 def test_a_buyer_asks_for_this():
@@ -74,15 +75,6 @@ def test_a_bundle_for_no_such_radar_is_refused(tmp_path, capsys):
         AcceptSpec(model="thesis", seed=1)
     assert main(["accept", "--model", "thesis", "--out", str(tmp_path / "a")]) == 4
     assert capsys.readouterr().err.count("\n") == 1
-
-
-def test_any_number_of_workers_makes_the_same(tmp_path):
-    spec = AcceptSpec(model="fast", seed=2, share=0.02)
-    for workers in (1, 2):
-        make_shards(tmp_path / str(workers), {"kind": "acceptance"}, 9, spec, workers=workers)
-    one, two = (PassageTable.load(tmp_path / str(workers)) for workers in (1, 2))
-    np.testing.assert_array_equal(one.t_s, two.t_s)
-    np.testing.assert_array_equal(one.p_human, two.p_human)
 
 
 def test_short_form(tmp_path, monkeypatch, capsys):

@@ -57,14 +57,6 @@ def test_its_clock_never_stops_and_never_runs_back(kind, style):
         assert 0.8 < made.pace < 1.25
 
 
-def test_the_same_draws_give_the_same_body_and_others_another():
-    t_s = np.linspace(0, 8, 50)
-    a, b, c = (actor().make(np.random.default_rng(s)).at(t_s, ANTENNA_M) for s in (1, 1, 2))
-    np.testing.assert_array_equal(a.position_m, b.position_m)
-    np.testing.assert_array_equal(a.rcs_m2, b.rcs_m2)
-    assert not np.array_equal(a.position_m, c.position_m)
-
-
 def test_a_plain_body_differs_from_its_own_files_by_its_entry_alone():
     made = actor(is_plain=True).make(np.random.default_rng(5))
     t_s = np.linspace(0, 6, 40)
@@ -135,10 +127,6 @@ def test_trunks_are_one_surface_or_several(kind, style):
     assert 8 <= trunks.count(1) <= 24
     plain = actor(kind, style, is_plain=True)
     assert plain.make(np.random.default_rng(0)).mover.skin.n_trunk == 3
-
-
-def test_without_a_lead_it_begins_at_its_beginning():
-    assert actor(lead_s=(-1.0, -1.0)).make(np.random.default_rng(0)).begin_s == 0.0
 
 
 @pytest.mark.parametrize("lead_s", [(0.2, 2.5), (2.6, 4.0)])

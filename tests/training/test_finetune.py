@@ -30,6 +30,8 @@ from x2train.nets.bundle_answers import Answers, outputs_of
 from x2train.nets.graph_net import GraphNet
 from x2train.sets.shards import ShardSet
 
+pytestmark = pytest.mark.integration
+
 ULID = "01J0000000000000000000000"
 
 

@@ -21,6 +21,8 @@ from x2train.sets.families import family
 from x2train.sets.passages import play
 from x2train.sets.sites import P4XX, X2, X4M03, draw_site
 
+pytestmark = pytest.mark.integration
+
 
 @pytest.fixture(scope="module")
 def model(tmp_path_factory):

@@ -10,6 +10,8 @@ from x2radar.cli import main as x2radar_main
 from x2train.cli import main
 from x2train.judge.labelled import judge_labelled, read_list
 
+pytestmark = pytest.mark.integration
+
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):

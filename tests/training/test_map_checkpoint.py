@@ -10,6 +10,8 @@ from x2train.nets import checkpoint_file, map_checkpoint
 from x2train.nets.epoch import Epoch
 from x2train.nets.map_fit import fit_maps
 
+pytestmark = pytest.mark.integration
+
 SETTINGS = replace(TINY, epochs=3, dropout=0.2)
 
 

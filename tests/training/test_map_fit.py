@@ -20,6 +20,8 @@ from x2train.nets.evidence_fit import fit_evidence, fused, log_loss, sequences
 from x2train.nets.map_fit import logits_of
 from x2train.nets.nets import MapNet, n_parameters
 
+pytestmark = pytest.mark.integration
+
 
 @pytest.fixture(scope="module")
 def made():
@@ -62,29 +64,12 @@ def test_a_compiled_network_learns_the_same(monkeypatch):
         assert torch.allclose(x, y, atol=1e-4)
 
 
-@pytest.mark.parametrize(("epochs", "n"), [(1, 12), (5, 12), (2, 33), (1, 160)])
-def test_any_number_of_steps_can_be_trained(epochs, n):
-    _, made = trained(replace(TINY, epochs=epochs), n=n)
-    assert len(made) == epochs
-
-
 def test_logits_do_not_depend_on_the_company(made):
     net = made[0].net
     windows = toy(40)
     alone = [logits_of(net, {k: v[i : i + 1] for k, v in windows.items()}) for i in range(5)]
     np.testing.assert_allclose(np.concatenate(alone), logits_of(net, windows)[:5], atol=1e-4)
     assert logits_of(net, {k: v[:0] for k, v in windows.items()}).shape == (0, 3)
-
-
-@pytest.mark.parametrize("long", [(), (61,), (61, 81)])
-@pytest.mark.parametrize("rows", [(101, 80), (101, 0), (0, 80), (17, 16)])
-def test_branches_can_be_left_out(rows, long):
-    net = MapNet(*rows, long).eval()
-    maps = [torch.zeros(2, n, 40) for n in rows if n]
-    maps += [torch.zeros(2, n, 9) for n in long]
-    assert net(*maps).shape == (2, 3)
-    with pytest.raises(ValueError, match="zip"):
-        net(*maps, maps[0])
 
 
 def test_the_three_sizes_ascend():
@@ -161,15 +146,6 @@ def test_a_bundle_is_shipped_with_less_trust_than_its_own_families_ask_for(made)
     assert PRIOR_HUMAN.keys() == WIDTHS.keys()
 
 
-def test_metrics_leave_out_what_the_set_cannot_tell(made):
-    validation = toy(48, seed=1)
-    keep = validation["label"] < 2
-    _, metrics = map_metrics(made[0], {k: v[keep] for k, v in validation.items()})
-    assert "windows of things with alarm" not in metrics
-    assert "share without alarm, pet" in metrics
-    assert np.isfinite(list(metrics.values())).all()
-
-
 @pytest.mark.parametrize("label", [0, 1])
 def test_a_set_of_one_class_cannot_calibrate(made, label):
     validation = toy(48, seed=1)
@@ -197,11 +173,6 @@ def test_evidence_begins_anew_with_each_passage_and_after_a_closed_gate():
     assert windows.is_human.tolist() == [True] * 3 + [False] * 4
 
 
-def test_two_sets_one_after_another_do_not_run_into_each_other():
-    windows = in_sequence([[0, 0, 0]] * 4, [0] * 4, [0] * 4, [3, 4, 3, 4])
-    assert windows.is_first.tolist() == [True, False, True, False]
-
-
 def test_the_discount_is_what_repetition_asks_for():
     rng = np.random.default_rng(0)
     n, length = 120, 8
@@ -224,12 +195,6 @@ def test_the_discount_is_what_repetition_asks_for():
         found.append(best.discount)
     # Windows that say the same again and again must count less.
     assert found[1] < found[0]
-
-
-def test_log_loss_weighs_people_and_others_alike():
-    p = np.array([0.5] * 9 + [0.1])
-    assert log_loss(p, np.arange(10) == 9) == pytest.approx(-0.5 * (np.log(0.1) + np.log(0.5)))
-    assert np.isfinite(log_loss(np.array([0.0, 1.0]), np.array([True, False])))
 
 
 def test_the_benchmark_takes_such_a_step():

@@ -7,6 +7,8 @@ from torch import nn
 from x2train.nets.nets import MapNet
 from x2train.nets.optimizer import MuonAdamW
 
+pytestmark = pytest.mark.integration
+
 RATES = {"rate": 1e-2, "matrix_rate": 2e-2, "weight_decay": 0.0, "matrix_decay": 0.0}
 
 

@@ -65,6 +65,7 @@ def test_a_share_has_sets_and_a_folder_of_its_own():
     assert {step[step.index("--passages") + 1] for step in smallest} == {"12"}
 
 
+@pytest.mark.nightly
 def test_recipe_is_run_whole(tmp_path, monkeypatch, capsys):
     train, check = "--train sets/train", "--validate sets/check"
     tiny = Recipe(

@@ -10,6 +10,8 @@ import pytest
 from tests.report_helpers import drawn, passage, table_of
 from x2train.judge.report import write
 
+pytestmark = pytest.mark.integration
+
 ROOT = Path(__file__).resolve().parents[2]
 ABOUT = {"seed": 51, "radar": "suites"}
 UNDECIDED = [0.5, 0.5, 0.5]

@@ -16,6 +16,8 @@ from x2train.judge.figures import figures
 from x2train.judge.page import figure_text, rate_text, share_text
 from x2train.judge.report import rounded, write
 
+pytestmark = pytest.mark.integration
+
 PNG = b"\x89PNG\r\n\x1a\n"
 
 

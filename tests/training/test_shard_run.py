@@ -16,6 +16,8 @@ from x2train.commands import counted
 from x2train.sets.shard_run import ElementError, make_shards
 from x2train.sets.workers import GenerateError
 
+pytestmark = pytest.mark.integration
+
 N, PER_SHARD = 53, 20
 
 
@@ -53,21 +55,6 @@ def test_rows_of_all_elements_in_order(tmp_path):
     assert [len(part["name"]) for part in parts] == [16, 16, 11]
 
 
-@pytest.mark.parametrize("n", [1, 19, 20, 21, 40])
-def test_last_shard_may_be_short(tmp_path, n):
-    shards = make(tmp_path, Draws(), n)
-    assert len(list(shards.names())) == -(-n // PER_SHARD)
-
-
-def test_set_without_rows(tmp_path):
-    shards = make_shards(tmp_path, {}, 3, no_rows)
-    assert shards.read("shard-00000") == {}
-
-
-def no_rows(number):
-    return None
-
-
 def test_two_workers_give_the_same_bytes(tmp_path, alone):
     log = tmp_path / "log"
     draws = Draws(meets=2, log=log)
@@ -99,11 +86,6 @@ def test_failed_element_is_named_and_the_run_goes_on_later(tmp_path, alone, work
     assert checksums(tmp_path) == alone
 
 
-def test_whole_set_is_not_made_again(tmp_path):
-    make(tmp_path, Draws())
-    make(tmp_path, Draws(fails_at=0))
-
-
 def test_lost_shard_is_made_again(tmp_path, alone):
     make(tmp_path, Draws())
     (tmp_path / "shard-00001.npz").unlink()
@@ -119,13 +101,6 @@ def test_other_set_in_the_folder_is_refused(tmp_path):
         make(tmp_path, Draws(seed=2))
     with pytest.raises(UsageError, match=r"elements: 53, not 54"):
         make(tmp_path, Draws(), N + 1)
-
-
-@pytest.mark.parametrize("name", ["n_elements", "per_shard", "workers"])
-def test_numbers_below_one_are_refused(tmp_path, name):
-    numbers = {"n_elements": 1, "per_shard": 1, "workers": 1, name: 0}
-    with pytest.raises(UsageError, match=f"{name} 0"):
-        make_shards(tmp_path, {}, make=no_rows, **numbers)
 
 
 def test_dead_worker_is_told(tmp_path):
@@ -206,11 +181,6 @@ def test_cluster_gives_the_same_bytes_also_when_a_worker_is_killed(tmp_path, alo
     assert numbers.count(25) == 2
     assert set(numbers) == set(range(N))
     assert len(processes) >= 2
-
-
-def test_failed_element_on_a_cluster_is_named(tmp_path, cluster):
-    with pytest.raises(ElementError, match=r"^element 25: ValueError: bad draw$"):
-        make(tmp_path, Draws(fails_at=25), cluster=cluster.scheduler_address)
 
 
 def test_absent_cluster_is_told(tmp_path, monkeypatch):

@@ -14,6 +14,8 @@ from tests.training_helpers import TINY, as_float, toy
 from x2train.nets.map_fit import INPUTS, MapTrained, fit_maps
 from x2train.nets.teacher import taught_by, taught_error
 
+pytestmark = pytest.mark.integration
+
 
 def some(n=20, seed=0):
     rng = torch.Generator().manual_seed(seed)

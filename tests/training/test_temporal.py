@@ -33,6 +33,8 @@ from x2train.nets.graph_net import GraphNet
 from x2train.nets.temporal_head import Given, HeadSettings, HeadTrained, fit_head, logits_over
 from x2train.sets.shards import ShardSet
 
+pytestmark = pytest.mark.integration
+
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
@@ -235,13 +237,6 @@ def test_sets_of_one_kind_calibrate_nothing(folder, tmp_path, capsys):
     argv = ("--validate", str(tmp_path / "people"), "--out", str(tmp_path / "out"))
     assert temporal(folder, *argv) == 2
     assert "must be of people and others" in capsys.readouterr().err
-
-
-def test_maps_that_were_made_otherwise_are_refused(folder, tmp_path, capsys):
-    about = {"kind": "windows", "use": "all", "settings": settings() | {"velocity_cpi_s": 0.3}}
-    ShardSet(tmp_path / "other", about).write("shard-00000", toy(24))
-    assert temporal(folder, "--train", str(tmp_path / "other")) == 2
-    assert "its maps are not those that model 'plain' takes" in capsys.readouterr().err
 
 
 def test_one_head_is_enough(folder):

@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 
 from radard.errors import UsageError
-from x2radar.errors import RecordingError
 from x2train.thesis import sets
-from x2train.thesis.cells import CELLS, PRINTED, Cell
-from x2train.thesis.elements import PROFILE, ElementSpec, dwell, element
+from x2train.thesis.cells import Cell
+from x2train.thesis.elements import PROFILE, ElementSpec, element
 from x2train.thesis.sets import load_cell, load_maps, make_bodies, rectify
+
+pytestmark = pytest.mark.integration
 
 SPEC = ElementSpec(dwell_s=1.0)
 CELL = Cell(2, "dog", 60)
@@ -57,12 +58,6 @@ def test_an_element_follows_from_its_seed_body_and_number():
         assert not np.array_equal(one.vector, element(*other).vector)
 
 
-def test_a_number_is_the_same_body_at_every_frame_rate():
-    _, slow = dwell(ElementSpec(), "human", 11)
-    _, fast = dwell(ElementSpec(frame_rate_hz=200), "human", 11)
-    assert slow == pytest.approx(fast, abs=0.15)  # the window's 27 frames differ in length
-
-
 def test_maps_are_pictures():
     made = element(ElementSpec(), "human", 2)
     assert made.mu.shape == (28, 40)
@@ -105,13 +100,6 @@ def test_pets_are_dogs_and_cats_in_turn(tmp_path):
     assert Cell(2, "pet", 60).name == "T2P60"
 
 
-def test_type_1_is_the_end_of_type_2(tmp_path):
-    make(tmp_path)
-    two = load_cell(tmp_path, SPEC, CELL, 0, 10)
-    one = load_cell(tmp_path, SPEC, replace(CELL, vector=1), 0, 10)
-    np.testing.assert_array_equal(one.x, two.x[:, PROFILE:])
-
-
 def test_maps_are_kept_to_a_level(tmp_path):
     make(tmp_path)
     maps, data = load_maps(tmp_path, SPEC, CELL, 0, 10)
@@ -119,20 +107,6 @@ def test_maps_are_kept_to_a_level(tmp_path):
     assert np.abs(maps["mu"][3] - wanted.mu).max() <= 0.5 / 255 + 1e-6
     assert np.abs(maps["range_time"][3] - wanted.range_time).max() <= 0.5 / 255 + 1e-6
     assert data.in_view[3] == np.float32(wanted.in_view)
-
-
-def test_what_is_there_is_not_made_again(tmp_path, monkeypatch):
-    make(tmp_path)
-    monkeypatch.setattr(sets, "element", None)  # would raise
-    make(tmp_path)
-
-
-def test_a_wrong_checksum_stops_the_run(tmp_path):
-    make(tmp_path)
-    path = next(tmp_path.glob("human-*/*.npz"))
-    path.write_bytes(path.read_bytes()[:-1] + b"!")
-    with pytest.raises(RecordingError, match="checksum"):
-        load_cell(tmp_path, SPEC, CELL, 0, 10)
 
 
 def test_rectified_profiles_have_their_peak_on_the_left():
@@ -144,12 +118,3 @@ def test_rectified_profiles_have_their_peak_on_the_left():
     np.testing.assert_array_equal(out[0, :5], x[0, 4::-1])
     np.testing.assert_array_equal(out[1:], x[1:])
     np.testing.assert_array_equal(out[:, PROFILE:], x[:, PROFILE:])
-
-
-def test_names_of_the_cells():
-    assert [cell.name for cell in CELLS] == [
-        *("T1D60", "T1D200", "T2D60", "T2D200", "T1C60", "T1C200", "T2C60", "T2C200")
-    ]
-    assert {(cell.name, a) for cell in CELLS for a in ("relu", "sigmoid")} == set(PRINTED)
-    relu = [PRINTED[cell.name, "relu"][0] for cell in CELLS]
-    assert np.mean(relu) == pytest.approx(79.4, abs=0.05)

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 import torch
 
-from x2train.thesis.own import OwnSettings, TwoMapNet, own_jobs, predict_maps, train_maps
-from x2train.thesis.recipe import StudyRecipe, wanted_cells
+from x2train.thesis.own import OwnSettings, predict_maps, train_maps
+
+pytestmark = pytest.mark.integration
 
 QUICK = OwnSettings(channels=(2, 4, 4), hidden=8, epochs=4, batch=20, learning_rate=0.01)
 
@@ -51,18 +52,3 @@ def test_same_seed_same_network_and_torchs_generator_left_alone():
     for a, b in zip(one.parameters(), again.parameters(), strict=True):
         assert torch.equal(a, b)
     assert not torch.equal(next(one.parameters()), next(other.parameters()))
-
-
-def test_either_map_alone_decides_something():
-    shapes = {"mu": (28, 40), "range_time": (56, 40)}
-    net = TwoMapNet(shapes, QUICK).eval()
-    some = {name: torch.rand(2, 1, *shape) for name, shape in shapes.items()}
-    base = net(some)
-    for name in shapes:
-        changed = net({**some, name: 1 - some[name]})
-        assert not torch.allclose(base, changed)
-
-
-def test_one_job_for_both_vectors():
-    jobs = list(own_jobs(StudyRecipe(folder=None), wanted_cells(), QUICK))
-    assert [job.name for job in jobs] == ["D60", "D200", "C60", "C200"]

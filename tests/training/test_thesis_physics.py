@@ -20,6 +20,8 @@ from x2radar.sim.signal.pulse import BOLTZMANN, LinkBudget
 from x2train.thesis import elements
 from x2train.thesis.elements import PROFILE, ElementSpec, dwell, element
 
+pytestmark = pytest.mark.integration
+
 LAMBDA_M = 299_792_458.0 / 6.8e9
 FS_HZ = 41e9
 RATES = (60, 200)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 
-_LEAST_PASSAGES = 12
+_MIN_PASSAGES = 12
 _HELD_OUT = "'held out'"
 _X4M03 = "--radar x4m03"
 _LONG = "--longest 18"
@@ -60,7 +60,7 @@ _X4_LONG_SETS = (
 )
 _FAST = ("--half", "--compile")
 """Pay on a whole set alone: torch compiles for minutes, and half precision needs the hardware."""
-_SMALL_SHARE = 0.05  # chosen: to try it; an epoch is shorter than the compiler's work
+_SMALL_SHARE = 0.05  # to try it; an epoch is shorter than the compiler's work
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,6 +138,6 @@ def arguments(
 
 def _dataset(name: str, folder: str, share: float, workers: int) -> list[str]:
     passages, more = _SETS[name]
-    number = max(_LEAST_PASSAGES, round(share * passages))
+    number = max(_MIN_PASSAGES, round(share * passages))
     size = ["--passages", str(number), "--workers", str(workers)]
     return ["dataset", "--out", folder, *shlex.split(more), *size]

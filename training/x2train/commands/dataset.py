@@ -26,7 +26,7 @@ FEATURES = FeatureSettings(
     range_window="target",
 )
 """How the maps of the shipped bundles are made."""
-_SHORTEST_S, _LONGEST_S = 2.0, 600.0  # a dwell; and ten minutes, chosen
+_SHORTEST_S, _LONGEST_S = 2.0, 600.0  # a dwell; and ten minutes
 
 
 def register(commands: Commands) -> None:

@@ -12,7 +12,7 @@ from radard.judge.bundle import load_bundle
 from x2radar.commands import add_command
 from x2train.commands import Commands, followed, result_console, sets_of
 
-_MOST_EPOCHS = 20  # chosen: a minute or two each
+_MAX_EPOCHS = 20  # a minute or two each
 
 
 def register(commands: Commands) -> None:
@@ -97,8 +97,8 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _check(args: argparse.Namespace) -> None:
-    if not 1 <= args.epochs <= _MOST_EPOCHS:
-        msg = f"--epochs {args.epochs}: must be 1 to {_MOST_EPOCHS}"
+    if not 1 <= args.epochs <= _MAX_EPOCHS:
+        msg = f"--epochs {args.epochs}: must be 1 to {_MAX_EPOCHS}"
         raise UsageError(msg)
     if args.seed < 0:
         msg = f"--seed {args.seed}: must be at least 0"

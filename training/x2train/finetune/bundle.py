@@ -11,7 +11,7 @@ from radard.judge.bundle import Bundle
 from x2train.bundle.metrics import gate_of
 from x2train.bundle.writing import write_bundle
 from x2train.finetune.finetune import Tuned, quiet_shares
-from x2train.finetune.guard import MOST_RISE, Guard
+from x2train.finetune.guard import MAX_RISE, Guard
 from x2train.finetune.windows import OwnWindows
 from x2train.judge.estimates import Estimate, wilson
 
@@ -57,7 +57,7 @@ def write_finetuned(
             ],
             "guard": list(guard.abouts),
             "guard_sha256": _digest(guard.abouts),
-            "most_rise": MOST_RISE,
+            "most_rise": MAX_RISE,
         },
     }
     write_bundle(
@@ -119,7 +119,7 @@ def _metrics(tuned: Tuned, guard: Guard) -> Mapping[str, float]:
 def _notes(tuned: Tuned) -> str:
     rows = "\n".join(f"| {name} | {old} | {new} |" for name, old, new in rows_of(tuned))
     return f"""Chosen so that on these simulated people misses rise by no more than
-{100 * MOST_RISE:g} points ({_detail(tuned)}), which flatters the figures
+{100 * MAX_RISE:g} points ({_detail(tuned)}), which flatters the figures
 a little; brackets are Wilson's 95 %. Own clips were learned from, so theirs flatter more. People
 were simulated: nothing here was measured on a real one.
 

@@ -23,10 +23,10 @@ from x2train.nets.evidence_fit import first_windows
 from x2train.sets.window_set import Columns, check_made_for, load_windows
 
 Array = NDArray[np.float64]
-MOST_RISE = 0.0015
+MAX_RISE = 0.0015
 """Share of people of the guard by which misses may rise: 0.15 points. 0.2 are wanted, and others,
 on whom no threshold was chosen, pay a little more."""
-LEAST_WINDOWS = 500
+MIN_WINDOWS = 500
 """With fewer windows of people one more is a rise of over 0.2 points: nothing could be told."""
 
 
@@ -47,8 +47,8 @@ class Misses:
         """Return whether another bundle's misses on the same people are within the bound."""
         return (
             max(later.windows - self.windows, later.fused - self.fused)
-            <= MOST_RISE * self.n_windows
-            and later.passages - self.passages <= MOST_RISE * self.n_passages
+            <= MAX_RISE * self.n_windows
+            and later.passages - self.passages <= MAX_RISE * self.n_passages
         )
 
 
@@ -118,7 +118,7 @@ class Guard:
         return np.cumsum(begins) - 1
 
 
-def load_guard(folders: list[Path], bundle: Bundle, *, least: int = LEAST_WINDOWS) -> Guard:
+def load_guard(folders: list[Path], bundle: Bundle, *, least: int = MIN_WINDOWS) -> Guard:
     """Return the guard of some window sets.
 
     Raises UsageError if they do not fit the bundle, or hold too few windows of people.

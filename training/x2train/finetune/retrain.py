@@ -18,7 +18,7 @@ from torch.nn import functional
 
 from radard.errors import RadardError, UsageError
 from radard.judge.bundle import Bundle
-from x2train.finetune.guard import MOST_RISE, Guard, Misses, alarms_of
+from x2train.finetune.guard import MAX_RISE, Guard, Misses, alarms_of
 from x2train.finetune.windows import OwnWindows, stacked
 from x2train.nets.bundle_answers import Answers, outputs_of
 from x2train.nets.epoch import Epoch
@@ -128,7 +128,7 @@ def guarded_line(
         if before.allows(after) and all(_has_alarm(bundle, made, clip) for clip in people):
             return Retrained(made, share, before, after)
     msg = (
-        f"every retrained network misses over {100 * MOST_RISE:g} points more people of the "
+        f"every retrained network misses over {100 * MAX_RISE:g} points more people of the "
         "guard, or one of the own clips: nothing was written"
     )
     raise UsageError(msg)

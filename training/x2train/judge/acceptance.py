@@ -42,21 +42,21 @@ from x2train.sets.workers import Tell
 VERSION = "accept-3"
 """Of entries, settings and seed (see tests/training/test_accept.py), and of the bodies."""
 SEED = 90
-"""Passages of the version are drawn from it: chosen."""
+"""Passages of the version are drawn from it; of no other suite."""
 _TOLD = 1  # a generator's number: what an installation is told changes no passage
-_PER_SHARD = 60  # passages: chosen, a minute of one core
+_PER_SHARD = 60  # passages: a minute of one core
 Decide = Callable[[Dwell], Decision]
 Kind = Literal["walk test", "pets cross", "pets stay", "thing"]
 N_ENTRIES = 300
 """Passages of a walk test or of pets that cross: none of 300 means less than 1.2 % at 95 %."""
-_N_STAYS = 12  # of each stay: chosen, seven hours
+_N_STAYS = 12  # of each stay: seven hours
 _STAY_S = (600.0, 3600.0)
 _THING_S = 600.0
 _N_THINGS = 6  # an hour of each, ten minutes in every setting
-_VISIT_S = 20.0  # a pet that crosses: chosen, as in the stress suites
+_VISIT_S = 20.0  # a pet that crosses: as in the stress suites
 _LEAD_S = (2.6, 4.0)
-_BLOCK_S = 10.0  # played at once: chosen, some megabytes
-_LEVEL_DB = 2.0  # radars differ by so much either way: chosen
+_BLOCK_S = 10.0  # played at once: some megabytes
+_LEVEL_DB = 2.0  # radars differ by so much either way
 _BEAM_DEG = 65.0  # of the X2's antenna, by its data sheet
 
 

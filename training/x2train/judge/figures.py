@@ -34,7 +34,7 @@ from x2train.judge.windows import (
 
 BUDGET_H = 60.0
 """The budget that the groups and the comparison are given at."""
-WORST = 20  # passages with a picture: chosen, as many as are looked at
+WORST = 20  # passages with a picture: as many as are looked at
 
 
 @dataclass(frozen=True, slots=True)

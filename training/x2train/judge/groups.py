@@ -17,7 +17,7 @@ EDGES = {
     "snr_db": (0.0, 6.0, 12.0, 18.0, 24.0, 30.0, 36.0),
 }
 """Lower ends of the bins; what is below the first has a bin of its own."""
-MOST_BUILDS = 40  # chosen: a longer table is not read
+MAX_BUILDS = 40  # a longer table is not read
 _Bool = NDArray[np.bool_]
 
 
@@ -60,7 +60,7 @@ def groups(
 ) -> dict[str, tuple[Group, ...]]:
     """Return the figures by everything that is known of the passages: people first."""
     by = {key: _named(getattr(table, key)) for key in ("split", "family", "suite")}
-    if len(np.unique(table.build)) <= MOST_BUILDS:
+    if len(np.unique(table.build)) <= MAX_BUILDS:
         by["build"] = _named(table.build)
     by |= {key: _binned(getattr(table, key), edges) for key, edges in EDGES.items()}
     made = {

@@ -28,7 +28,7 @@ from x2train.sets.sites import ONE_RADAR, Radar, Site
 from x2train.sets.windows import dwell_ends
 
 _IN_VIEW_DB = 10.0
-_LEAST_S = 0.5
+_MIN_S = 0.5
 """Somebody counts as having come in who is so far over the noise of a bin for so long: at
 the edge of the beam or of the swath there is nothing to see."""
 _NAN = float("nan")
@@ -171,7 +171,7 @@ def in_view(played: Passage) -> dict[str, float]:
     facts: dict[str, float] = {}
     if played.cast:
         seen = truth.snr_db[:, 0] > _IN_VIEW_DB
-        if seen.sum() >= _LEAST_S * rate_hz:
+        if seen.sum() >= _MIN_S * rate_hz:
             first, last = np.flatnonzero(seen)[[0, -1]]
             speed = truth.speed_mps[seen, 0]
             share = np.abs(truth.velocity_mps[seen, 0]) / np.maximum(speed, 0.05)

@@ -27,7 +27,7 @@ _BY = {
     "aspect_deg": "By aspect, degrees",
     "snr_db": "By SNR, dB",
 }
-_LEAST_SHARE = 1e-3  # left end of the bars: chosen
+_MIN_SHARE = 1e-3  # left end of the bars
 DASH = "\N{EN DASH}"
 Render = Callable[[int], bytes | None]
 
@@ -124,8 +124,8 @@ def _bar(estimate: Mapping[str, float | None]) -> Markup:
         return Markup()
 
     def place(value: float | None) -> float:
-        least = max(value or 0.0, _LEAST_SHARE)
-        return 100 * (1 - math.log10(least) / math.log10(_LEAST_SHARE))
+        least = max(value or 0.0, _MIN_SHARE)
+        return 100 * (1 - math.log10(least) / math.log10(_MIN_SHARE))
 
     low, value, high = (place(estimate[key]) for key in ("low", "value", "high"))
     style = f"--low:{low:.1f}%;--value:{value:.1f}%;--high:{high:.1f}%"

@@ -18,7 +18,7 @@ from x2train.judge.table import PassageTable
 from x2train.judge.verdicts import EPISODE_S
 
 VERSION = 1  # of the schema
-DIGITS = 4  # chosen: intervals are wider
+DIGITS = 4  # intervals are wider
 _HOW = {
     "intrusion": "a person who was in the swath; missed without an alarm from then on",
     "false alarm": f"a minute ({EPISODE_S:g} s from a passage's first decision) with an alarm",

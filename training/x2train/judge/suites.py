@@ -67,10 +67,10 @@ class Suite:
         return replace(self, name=name, split="train families", radar=radar)
 
 
-_PET_S = 20.0  # a visit: chosen, a pet crosses and lingers
+_PET_S = 20.0  # a visit: a pet crosses and lingers
 _GOLDEN = (5**0.5 - 1) / 2  # see `suite_of`
 _WALK = family("human walk")
-_NEAR_X2 = replace(X2, near_m=0.3, far_m=3.1)  # looks at who is close: chosen
+_NEAR_X2 = replace(X2, near_m=0.3, far_m=3.1)  # looks at who is close
 
 
 def _walk(name: str, style: str = "walk", *, duration_s: float = 14.0, **options: object) -> Suite:

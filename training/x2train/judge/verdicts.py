@@ -21,7 +21,7 @@ BUDGET_HOURS = (1.0, 10.0, 60.0, 180.0)
 EPISODE_S = 60.0
 """Alarms in the same minute from a passage's first decision are one: the first calls somebody."""
 Policy: TypeAlias = Literal["fused", "window"]
-_TINY = 1e-300  # chosen: its logarithm is finite
+_TINY = 1e-300  # its logarithm is finite
 _Float = NDArray[np.float64]
 _Bool = NDArray[np.bool_]
 

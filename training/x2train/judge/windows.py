@@ -15,9 +15,9 @@ from x2train.judge.estimates import Estimate, Ranking, resampled
 from x2train.judge.table import LABELS, PassageTable
 
 DWELL_S = 2.0  # as all bundles have it
-MATCHED_BELOW = 0.60  # AUC: chosen, hardly over chance
+MATCHED_BELOW = 0.60  # AUC: hardly over chance
 GUESSES = ("human", "pet", "other")
-_BINS = 20  # chosen: enough windows in each
+_BINS = 20  # enough windows in each
 _Float = NDArray[np.float64]
 _Bool = NDArray[np.bool_]
 

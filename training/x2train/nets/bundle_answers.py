@@ -12,7 +12,7 @@ from radard.judge.onnx_runtime import ort
 
 Array = NDArray[np.float64]
 _AT_ONCE = 128
-"""Windows a call: chosen, more cost memory and gain no time."""
+"""Windows a call: more cost memory and gain no time."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -4,7 +4,7 @@ import torch
 from torch import nn
 
 Widths = tuple[int, int, int, int]
-_KNOWN = 16  # units for what is known besides the maps: chosen
+_KNOWN = 16  # units for what is known besides the maps
 
 
 class MapNet(nn.Module):

@@ -12,8 +12,8 @@ from typing import Any
 import torch
 from torch import nn
 
-_RISE = 0.2  # of the steps: chosen, as usual for one cycle
-_LEAST_ROWS, _LEAST_COLUMNS = 4, 31  # chosen: the layers named above are smaller
+_RISE = 0.2  # of the steps: as usual for one cycle
+_MIN_ROWS, _MIN_COLUMNS = 4, 31  # the layers named above are smaller
 
 
 class MuonAdamW:
@@ -98,7 +98,7 @@ class MuonAdamW:
 
 
 def _is_matrix(p: torch.Tensor) -> bool:
-    return p.ndim > 1 and p.shape[0] >= _LEAST_ROWS and p.numel() >= _LEAST_COLUMNS * p.shape[0]
+    return p.ndim > 1 and p.shape[0] >= _MIN_ROWS and p.numel() >= _MIN_COLUMNS * p.shape[0]
 
 
 def _flat(p: torch.Tensor, like: torch.Tensor) -> torch.Tensor:

@@ -25,7 +25,7 @@ from x2train.nets.epoch import Epoch, temperature_of
 _IGNORED = -100  # torch's label for what does not count
 _VERDICTS = (2, 4, 7)
 """Windows after the first at which a visit may be judged: 3, 5 and 8 s (`decide_within_s`)."""
-_BESIDE = 0.3  # what other windows count against those: chosen
+_BESIDE = 0.3  # what other windows count against those
 
 
 @dataclass(frozen=True, slots=True, eq=False)

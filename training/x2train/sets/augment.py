@@ -8,9 +8,9 @@ learn from such maps as well do worse (docs/research/evaluation-tried.md).
 
 import torch
 
-_MOST_SHIFT = 12  # cells: 0.6 m, chosen
-_FLOOR_SHARE, _MOST_FLOOR, _SPECKLE = 0.4, 0.6, 0.08  # chosen
-_CUT_SHARE, _LOST_SHARE = 0.3, 0.15  # of windows: chosen
+_MAX_SHIFT = 12  # cells: 0.6 m
+_FLOOR_SHARE, _MAX_FLOOR, _SPECKLE = 0.4, 0.6, 0.08  # of windows; of the scale; likewise
+_CUT_SHARE, _LOST_SHARE = 0.3, 0.15  # of windows
 
 
 def augmented(
@@ -39,7 +39,7 @@ def augmented(
 def _shifted(ranges: torch.Tensor, u: torch.Tensor) -> torch.Tensor:
     """Move each map along range; what comes in is empty."""
     n_rows = ranges.shape[1]
-    shift = (u * (2 * _MOST_SHIFT + 1)).floor().long() - _MOST_SHIFT
+    shift = (u * (2 * _MAX_SHIFT + 1)).floor().long() - _MAX_SHIFT
     source = torch.arange(n_rows)[None] - shift[:, None]
     inside = (source >= 0) & (source < n_rows)
     index = source.clamp(0, n_rows - 1)[:, :, None].expand(-1, -1, ranges.shape[2])
@@ -56,7 +56,7 @@ def _deeper(maps: torch.Tensor, u: torch.Tensor) -> torch.Tensor:
 def _noisier(maps: torch.Tensor, u: torch.Tensor, rng: torch.Generator) -> torch.Tensor:
     """Lay a speckled floor under some of the maps."""
     rows = torch.nonzero(u < _FLOOR_SHARE)[:, 0]
-    level = (_MOST_FLOOR * u[rows] / _FLOOR_SHARE)[:, None, None]
+    level = (_MAX_FLOOR * u[rows] / _FLOOR_SHARE)[:, None, None]
     speckle = _SPECKLE * torch.randn(maps[rows].shape, generator=rng)
     lit = maps.amax(2, keepdim=True)[rows] > 0
     made = maps.clone()

@@ -18,14 +18,14 @@ from x2radar.sim.points import Label, Mover, Points
 from x2radar.sim.scene.cast import Actor
 
 Array = NDArray[np.float64]
-_LONGEST_LOOK_S = 40.0  # chosen: courses are shorter
-_LOOK_STEP_S = 0.1  # chosen: a tenth of a step
-_GOES_MPS = 0.15  # chosen: slower bodies stay
-_LEAST_WAY_S = 1.0  # chosen: half a dwell of going
-_N_WAVES = 4  # chosen: uneven, but smooth
+_LONGEST_LOOK_S = 40.0  # courses are shorter
+_LOOK_STEP_S = 0.1  # a tenth of a step
+_GOES_MPS = 0.15  # slower bodies stay
+_MIN_WAY_S = 1.0  # half a dwell of going
+_N_WAVES = 4  # uneven, but smooth
 _CONTRAST = (0.35, 1.3)  # exponent on the parts' strengths, chosen: limbs are recorded stronger
-_JOINED = 0.25  # of the strongest part: chosen, -6 dB
-_JOIN_SHARE, _CONSTANT_SHARE, _LOOSE_SHARE = 0.25, 0.3, 0.4  # of bodies: chosen
+_JOINED = 0.25  # of the strongest part: -6 dB
+_JOIN_SHARE, _CONSTANT_SHARE, _LOOSE_SHARE = 0.25, 0.3, 0.4  # of bodies
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -135,7 +135,7 @@ class RandomizedActor(Actor):
         goes = step_m > _GOES_MPS * _LOOK_STEP_S
         if goes.any():
             # Who has arrived stands there for good: that is not on its way.
-            on_the_way = times[times <= t_s[np.flatnonzero(goes)[-1]] - _LEAST_WAY_S]
+            on_the_way = times[times <= t_s[np.flatnonzero(goes)[-1]] - _MIN_WAY_S]
             times = on_the_way if len(on_the_way) else times[:1]
         # Half the time at its entry, else anywhere on its way.
         start = times[0] if where < 0.5 else times[int((2 * where - 1) * (len(times) - 1))]

@@ -32,9 +32,9 @@ Array = NDArray[np.float64]
 _COURSES = ("cross", "approach", "leave", "oblique", "wander")
 _MADE = frozenset({"human", *SPECIES})
 """Bodies that a `Making` concerns: they have motions and skins."""
-_WALL_M = 0.3  # chosen: nearest to the wall that the radar hangs on
+_WALL_M = 0.3  # nearest to the wall that the radar hangs on
 _UNSEEN = 0.1  # of the noise's amplitude: echoes under it are not made
-_ERROR_DB = -50.0  # of echoes: chosen, far under clutter that jitter leaves
+_ERROR_DB = -50.0  # of echoes: far under clutter that jitter leaves
 
 
 @dataclass(frozen=True, slots=True, eq=False)

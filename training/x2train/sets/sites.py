@@ -107,12 +107,12 @@ same, for it is that of the matched filter; eight neighbours share nearly the sa
 """
 ONE_RADAR: Mapping[str, Radar] = MappingProxyType({"thesis": THESIS, "x4m03": X4M03, "p4xx": P4XX})
 """Radars before which every suite can be played, by the name that `evaluate` takes."""
-_X2_SHARE = 0.8  # chosen: the radar that the bundles are for
-_CLOSE_M = 0.7  # chosen: an arm's length from a shelf or table
-_HIGH_SHARE = 0.4  # of usual sites: chosen
-_LOW_M, _LOW_TILT_DEG = (0.4, 1.6), (-8.0, 8.0)  # mounts on furniture and at switches: chosen
-_CLEAR_LEVEL_DB = (0.0, 40.0)  # chosen: from barely seen to far over the noise
-_HIGH_M, _HIGH_TILT_DEG = (1.9, 2.5), (10.0, 32.0)  # mounts over doors: chosen
+_X2_SHARE = 0.8  # the radar that the bundles are for
+_CLOSE_M = 0.7  # an arm's length from a shelf or table
+_HIGH_SHARE = 0.4  # of usual sites
+_LOW_M, _LOW_TILT_DEG = (0.4, 1.6), (-8.0, 8.0)  # mounts on furniture and at switches
+_CLEAR_LEVEL_DB = (0.0, 40.0)  # from barely seen to far over the noise
+_HIGH_M, _HIGH_TILT_DEG = (1.9, 2.5), (10.0, 32.0)  # mounts over doors
 
 
 def draw_rate_hz(rng: np.random.Generator, least_hz: float = 30.0) -> float:

@@ -16,8 +16,8 @@ from x2train.sets.shards import read_all
 
 Columns = Mapping[str, NDArray[Any]]
 _NEEDED = (*MAP_FEATURES, "label", "passage", "t_s")
-_LEAST_SHARE, _LEAST_MPS = 0.6, 0.1  # of a dwell in view, and towards or away: chosen
-_KEPT_PASSAGES = 5  # of so many passages one keeps all its windows: chosen
+_MIN_SHARE, _MIN_MPS = 0.6, 0.1  # of a dwell in view, and towards or away
+_KEPT_PASSAGES = 5  # of so many passages one keeps all its windows
 
 
 def load_windows(
@@ -59,12 +59,10 @@ def worth_learning(columns: Columns) -> Columns:
 
     Who is in view for most of the dwell and comes nearer or goes away does. Of the other windows a
     fifth stays, so that a network has seen entries and people who stand. Without them it learns
-    better (docs/training.md). Sets that do not say what is shown stay as they are.
+    better (docs/training.md).
     """
-    if not {"share", "speed_mps", "aspect"} <= set(columns):
-        return columns
     radial_mps = columns["speed_mps"] * columns["aspect"]
-    shows = (columns["share"] >= _LEAST_SHARE) & (radial_mps >= _LEAST_MPS)
+    shows = (columns["share"] >= _MIN_SHARE) & (radial_mps >= _MIN_MPS)
     is_kept = columns["passage"] % _KEPT_PASSAGES == 0
     rows = np.flatnonzero(shows | is_kept | (columns["label"] == CLASSES.index("other")))
     return {name: values[rows] for name, values in columns.items()}

@@ -33,11 +33,11 @@ from x2train.sets.sites import (
 HOP_S = 1.0
 GATE = GateSettings()
 """The gate of sets and evaluations: the daemon's default, recorded with them."""
-_VISIBLE_DB = 3.0  # over the noise: chosen
-_LEAST_SHARE = 0.12  # of a dwell, a quarter of a second: chosen
+_VISIBLE_DB = 3.0  # over the noise
+_MIN_SHARE = 0.12  # of a dwell, a quarter of a second
 _LAW = 0x1A35  # marks the generator of motion and skin
 _A_RADAR, _RADAR = 16, 0x5ADA  # passages that share one; marks its generator
-_CLOSE_SHARE = 0.05  # of passages in usual rooms: chosen
+_CLOSE_SHARE = 0.05  # of passages in usual rooms
 _FAMILY = {f.name: k for k, f in enumerate(FAMILIES)}
 
 
@@ -155,7 +155,7 @@ def _window_truth(passage: Passage, window: slice) -> dict[str, Any] | None:
     snr_db = truth.snr_db[window]
     visible = snr_db > _VISIBLE_DB
     share = visible.mean(axis=0)
-    seen = [k for k in range(len(passage.cast)) if share[k] >= _LEAST_SHARE]
+    seen = [k for k in range(len(passage.cast)) if share[k] >= _MIN_SHARE]
     if not seen:
         return None
     k = min(seen, key=lambda i: (LABELS.index(passage.cast[i].label), i))

@@ -32,7 +32,7 @@ CHUNK = 8
 AHEAD = 4
 """Chunks per worker that are under way or wait for their turn to be written."""
 _CONNECT_S = 30
-"""For a scheduler to answer, and for its first worker: chosen."""
+"""For a scheduler to answer, and for its first worker to start, in seconds."""
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 

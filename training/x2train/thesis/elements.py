@@ -31,7 +31,7 @@ CLUTTER = ((0.75, 3e4), (1.90, 6e4), (3.10, 4e5))
 """Range in metres and cross section of the echoes that the switch `clutter` adds."""
 NOISES = ("input", "printed")
 _LNA_GAIN = 10.0  # of (2.14)
-_MU_DEPTH_DB = 30.0  # chosen, as the bundles' long maps have it
+_MU_DEPTH_DB = 30.0  # as the bundles' long maps have it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

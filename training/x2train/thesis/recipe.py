@@ -19,7 +19,7 @@ FRESH_FROM = 1_000_000
 """Number of the first fresh element: no training set reaches it."""
 _STOP_SHARE = 20
 """One in so many training elements scores instead, when there are no recordings."""
-_RETRAIN_RATE = 0.25  # of the learning rate: chosen
+_RETRAIN_RATE = 0.25  # of the learning rate
 
 Tell = Callable[[str, int, int], None]
 

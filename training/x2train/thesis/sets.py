@@ -25,7 +25,7 @@ from x2train.thesis.cells import Cell
 from x2train.thesis.elements import PROFILE, ElementSpec, element
 
 _SHARD = 250
-"""Elements of a shard: chosen, a run that is stopped loses a minute or two."""
+"""Elements of a shard: a run that is stopped loses a minute or two."""
 _LEVELS = 255
 """Maps are kept as bytes: a step is 0.12 dB."""
 
