@@ -9,6 +9,7 @@ The tree::
      |    +-- PortNotFound          nothing there
      |    +-- PortDenied            there, but no permission
      |    +-- PortBusy              another program holds it
+ |    +-- NoPort                what is there is no serial port
      +-- TransportClosed            the port went away while it was open
      +-- ReadTimeout                (also TimeoutError) nothing came within the deadline
      +-- ProtocolError              bytes that break the wire format
@@ -73,6 +74,10 @@ class PortDenied(PortError):
 
 class PortBusy(PortError):
     """The port is locked by another program."""
+
+
+class NoPort(PortError):
+    """What is there is no serial port, and will not become one: nobody waits for it."""
 
 
 class TransportClosed(X2RadarError):

@@ -15,6 +15,7 @@ from x2radar.device.reconnect import ReconnectingRadar, StreamEvent
 from x2radar.device.transport import PtyTransport, SerialTransport, memory_pair
 from x2radar.errors import (
     DeviceError,
+    NoPort,
     PortDenied,
     PortNotFound,
     ReadTimeout,
@@ -326,6 +327,13 @@ def test_at_start_errors_are_raised_or_waited_for(error):
     assert fake.n_closed == 1
     radar, _, _ = scripted(error, [7], wait=True)
     assert kinds(take_until(radar.items(), is_frame)) == ["lost", "found", "frame"]
+
+
+def test_what_is_no_port_is_not_waited_for():
+    radar, fake, _ = scripted(NoPort("f: is no serial port"), wait=True)
+    with pytest.raises(NoPort):
+        next(radar.items())
+    assert fake.n_closed == 1
 
 
 def test_faults_of_the_program_are_no_losses():

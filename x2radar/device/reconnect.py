@@ -15,7 +15,14 @@ from typing import Literal
 from x2radar.backoff import Backoff
 from x2radar.closing import Closing
 from x2radar.device.device import RadarStats, X2Radar
-from x2radar.errors import DeviceError, PortError, ReadTimeout, TransportClosed, X2RadarError
+from x2radar.errors import (
+    DeviceError,
+    NoPort,
+    PortError,
+    ReadTimeout,
+    TransportClosed,
+    X2RadarError,
+)
 from x2radar.frame import Frame, StreamInfo
 
 EventKind = Literal["lost", "found", "gap", "repeat", "restart"]
@@ -141,7 +148,7 @@ class ReconnectingRadar(Closing):
         try:
             self._radar.open(halt=self._halt)
         except _LOSSES as err:
-            if not self._wait or self._halt.is_set():
+            if not self._wait or self._halt.is_set() or isinstance(err, NoPort):
                 raise
             yield from self._found_again(err)
 

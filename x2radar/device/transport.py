@@ -18,7 +18,7 @@ from typing import Protocol
 
 import serial
 
-from x2radar.errors import PortBusy, PortDenied, PortError, PortNotFound, TransportClosed
+from x2radar.errors import NoPort, PortBusy, PortDenied, PortError, PortNotFound, TransportClosed
 
 READ_SIZE = 1 << 16
 """Most bytes of one read: more than any system's buffer of a serial port."""
@@ -125,7 +125,9 @@ class SerialTransport:
 
 
 def _port_error(url: str, err: Exception) -> PortError:
-    number = getattr(err, "errno", None)
+    # pyserial puts what the system said into a text of its own.
+    inner = err.__context__ if isinstance(err.__context__, OSError) else err
+    number = getattr(inner, "errno", None)
     text = str(err)
     if number in {errno.EACCES, errno.EPERM} or "Permission denied" in text:
         cure = "add yourself to the group 'dialout' (log in again), or use a udev rule"
@@ -134,7 +136,9 @@ def _port_error(url: str, err: Exception) -> PortError:
         return PortBusy(f"{url}: in use by another program; close that program first")
     if number in {errno.ENOENT, errno.ENXIO, errno.ENODEV} or "No such file" in text:
         return PortNotFound(f"{url}: no such port; is the module plugged in?")
-    return PortError(f"{url}: cannot be opened: {text}")
+    if number in {errno.EISDIR, errno.ENOTTY} or "Inappropriate ioctl" in text:
+        return NoPort(f"{url}: is no serial port")
+    return PortError(f"{url}: cannot be opened: {getattr(inner, 'strerror', None) or text}")
 
 
 class _Pipe:
