@@ -273,11 +273,11 @@ def test_json_file_and_table(tmp_path, capsys):
     from radard.cli import main
 
     file = tmp_path / "out.jsonl"
-    argv = ["--port", "sim:demo", "--speed", "max", "--duration", "14"]
+    argv = ["--port", "sim:human", "--speed", "max", "--duration", "14"]
     assert main([*argv, "-o", "table", "-o", f"json:{file}"]) == 0
     table = capsys.readouterr().out
     assert "ALARM" in table
-    assert "sim:demo" in table
+    assert "sim:human" in table
     assert len(decisions([json.loads(line) for line in file.read_text().splitlines()])) == 12
 
 
