@@ -26,7 +26,7 @@ from radard.pipeline import HOP_S, Pipeline
 from radard.run.components import make_parts
 from radard.run.worker import Worker
 from radard.stream.frame_timing import RateWatch
-from radard.stream.ring import LONGEST_GAP_S, MOST_LOST, Dwell, Notice
+from radard.stream.ring import MAX_GAP_S, MAX_LOST, Dwell, Notice
 from x2radar.device.device import X2Radar
 from x2radar.device.link import Deadlines
 from x2radar.device.reconnect import ReconnectingRadar
@@ -233,7 +233,7 @@ def _is_full(rows: list[bool], rate_hz: float) -> bool:
         gap = 0 if is_here else gap + 1
         longest = max(longest, gap)
     missing = rows.count(False)
-    return missing <= MOST_LOST * len(rows) and longest <= LONGEST_GAP_S * rate_hz + 1e-6
+    return missing <= MAX_LOST * len(rows) and longest <= MAX_GAP_S * rate_hz + 1e-6
 
 
 class Run:
@@ -307,7 +307,7 @@ class Run:
 
     def _drain(self) -> None:
         with contextlib.suppress(TimeoutError):
-            while (item := self._ring.take(0)) is not None:
+            while (item := self._ring.next_item(0)) is not None:
                 self._take(item)
 
     def _take(self, item: Dwell | Notice) -> None:

@@ -152,7 +152,7 @@ def _timed(classifier: _TimedClassifier, recording: Recording) -> list[tuple[flo
         ring.push(Frame(samples, k + 1, k, 0, False, axis))
         hop_s += time.thread_time() - started_s
         with contextlib.suppress(TimeoutError):
-            dwell = ring.take(0)
+            dwell = ring.next_item(0)
             assert isinstance(dwell, Dwell)  # noqa: S101 - nothing else happens here
             classifier.used_s = 0.0
             started_s = time.thread_time()

@@ -35,7 +35,7 @@ def allow_for_it(patch):
     patient = partial(Deadlines, reply_s=60.0, ready_s=60.0, stall_s=60.0)
     patch.setattr("x2radar.device.device.Deadlines", patient)
     patch.setattr("radard.run.sensor.STALE_S", 60.0)
-    patch.setattr("radard.run.sensor._JOIN_S", 60.0)
+    patch.setattr("radard.run.running._JOIN_S", 60.0)
     patch.setattr("radard.run.process._JOIN_S", 60.0)
     patch.setattr("radard.health.thread_dump.os", SimpleNamespace(_exit=lambda _code: None))
 

@@ -100,7 +100,7 @@ def dwells_of(frames, lost=()):
         ring.push(Frame(row, k + 1, k, n_lost, False, BASEBAND))
         n_lost = 0
         with contextlib.suppress(TimeoutError):
-            yield ring.take(0)
+            yield ring.next_item(0)
 
 
 def test_following_dwells_give_what_single_ones_give():

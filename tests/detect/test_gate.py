@@ -245,7 +245,7 @@ def readings(path, step=1):
     for frame in reader.frames(0.0):
         ring.push(frame)
         while ring._queue:
-            dwell = ring.take(0)
+            dwell = ring.next_item(0)
             found.append((dwell.t_s, gate.read(remover.remove(dwell)).is_open))
     return np.array(found).T
 

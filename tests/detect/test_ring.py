@@ -26,7 +26,7 @@ def dwells(ring, frames):
     thread = threading.Thread(target=push)
     thread.start()
     out = []
-    while (item := ring.take(60)) is not None:
+    while (item := ring.next_item(60)) is not None:
         out.append(replace(item, frames=item.frames.copy()) if isinstance(item, Dwell) else item)
     thread.join()
     return out
@@ -179,7 +179,7 @@ def test_the_writer_waits_for_a_slow_worker_and_overwrites_nothing():
     thread.join(0.2)
     assert thread.is_alive()
     k = 0
-    while (dwell := ring.take(5)) is not None:
+    while (dwell := ring.next_item(5)) is not None:
         assert np.array_equal(dwell.frames, samples[60 * k : 60 * k + 147])
         k += 1
     assert k == 18
@@ -200,9 +200,9 @@ def test_stop_frees_a_waiting_writer():
     assert done.wait(60)
 
 
-def test_take_times_out():
+def test_waiting_for_an_item_has_an_end():
     with pytest.raises(TimeoutError):
-        copy_ring(147, 60).take(0.01)
+        copy_ring(147, 60).next_item(0.01)
 
 
 @settings(deadline=None, derandomize=True, max_examples=40)
@@ -257,7 +257,7 @@ def test_who_looks_on_sees_rows_that_are_whole_and_soon_the_newest():
     for frame in frames_of(samples):
         ring.push(frame)
         with contextlib.suppress(TimeoutError):
-            ring.take(0)
+            ring.next_item(0)
         recent = ring.recent(seen)
         assert np.array_equal(recent.frames, samples[seen : recent.end_frame])
         assert recent.valid.all()

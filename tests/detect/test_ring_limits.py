@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from radard.stream.ring import LONGEST_GAP_S, Dwell, DwellShape, FrameRing, Notice
+from radard.stream.ring import MAX_GAP_S, Dwell, DwellShape, FrameRing, Notice
 from tests.radar_helpers import BASEBAND, copy_ring, frames_of, noise
 
 RATE_HZ = 60.0
@@ -56,9 +56,9 @@ def test_a_dwell_of_its_own_is_whole_and_of_no_stream():
     [
         (1, 0.02, True),
         (2, 0.02, False),
-        (1, LONGEST_GAP_S, True),
-        (1, LONGEST_GAP_S + 1e-9, True),
-        (1, LONGEST_GAP_S + 2e-9, False),
+        (1, MAX_GAP_S, True),
+        (1, MAX_GAP_S + 1e-9, True),
+        (1, MAX_GAP_S + 2e-9, False),
     ],
 )
 def test_two_percent_and_fifty_milliseconds_may_be_missing(n_lost, gap_s, is_whole):
@@ -76,7 +76,7 @@ def test_the_longest_gap_is_found_wherever_it_lies(lost, longest):
             continue
         ring.push(replace(frame, lost=missing))
         missing = 0
-    assert ring.take(0).longest_gap_s == pytest.approx(longest / RATE_HZ)
+    assert ring.next_item(0).longest_gap_s == pytest.approx(longest / RATE_HZ)
 
 
 def test_a_fresh_ring_says_that_there_is_nothing():
@@ -87,7 +87,7 @@ def test_a_fresh_ring_says_that_there_is_nothing():
     assert ring.axis is BASEBAND
     assert ring.frame_rate_hz == RATE_HZ
     ring.post("silent", "nothing comes")
-    assert ring.take(0) == Notice("silent", "nothing comes", 0.0)
+    assert ring.next_item(0) == Notice("silent", "nothing comes", 0.0)
 
 
 @pytest.mark.parametrize(
@@ -100,7 +100,7 @@ def test_a_viewer_finds_a_dwell_two_hops_and_eight_rows(rate_hz, hop_s, n_rows):
     for frame in frames_of(samples):
         ring.push(frame)
         while ring._queue:
-            ring.take(0)
+            ring.next_item(0)
         # Slow frames wait for no others while somebody looks on.
         assert ring.recent(frame.index).end_frame == frame.index + 1
     assert np.array_equal(ring.recent().frames, samples[-n_rows:])
@@ -143,7 +143,7 @@ def test_a_writer_that_waits_for_its_rows_is_told_of_the_stop():
 @pytest.mark.parametrize("kind", ["post", "end", "dwell"])
 def test_a_waiting_worker_is_woken(kind):
     ring = copy_ring(3, RATE_HZ)
-    thread, out = in_thread(lambda: ring.take(60))
+    thread, out = in_thread(lambda: ring.next_item(60))
     until_waits(ring)
     if kind == "post":
         ring.post("silent", "")
@@ -180,7 +180,7 @@ def test_frames_of_another_kind_keep_their_rows():
     for frame in frames_of(samples):
         real = frame.samples.real.astype(np.float32)
         ring.push(replace(frame, samples=real) if frame.index >= 10 else frame)
-    assert np.array_equal(ring.take(0).frames, samples)
+    assert np.array_equal(ring.next_item(0).frames, samples)
 
 
 def test_frames_of_one_bin():
@@ -190,7 +190,7 @@ def test_frames_of_one_bin():
     samples = np.arange(4, dtype=np.float32)[:, None]
     for frame in frames_of(samples, axis):
         ring.push(frame)
-    assert np.array_equal(ring.take(0).frames, samples)
+    assert np.array_equal(ring.next_item(0).frames, samples)
 
 
 def test_a_first_frame_that_is_not_finite_is_an_empty_row():
@@ -199,7 +199,7 @@ def test_a_first_frame_that_is_not_finite_is_an_empty_row():
     ring = copy_ring(10, RATE_HZ)
     for frame in frames_of(samples):
         ring.push(frame)
-    got = ring.take(0)
+    got = ring.next_item(0)
     assert not got.frames[0].any()
     assert got.valid.tolist() == [False] + [True] * 9
 
@@ -214,7 +214,7 @@ def test_a_gap_of_a_whole_hop_leaves_the_schedule_as_it_is():
         ring.push(replace(frame, lost=missing))
         missing = 0
         while ring._queue:
-            ends.append(ring.take(0).end_frame)
+            ends.append(ring.next_item(0).end_frame)
     assert ends == [41 + round(17.5 * k) for k in range(len(ends))]
     assert len(ends) > 5
 
@@ -224,10 +224,10 @@ def test_hops_of_half_a_second_and_what_a_notice_says_of_the_time():
     for frame in frames_of(noise(100)):
         ring.push(frame)
         while ring._queue:
-            ends.append(ring.take(0).end_frame)
+            ends.append(ring.next_item(0).end_frame)
     assert ends == [10, 40, 70, 100]
     ring.post("silent", "")
-    assert ring.take(0).t_s == pytest.approx(100 / RATE_HZ)
+    assert ring.next_item(0).t_s == pytest.approx(100 / RATE_HZ)
 
 
 def test_frames_that_wait_are_shown_when_the_stream_begins_again():
@@ -254,7 +254,7 @@ def test_a_lost_row_repeats_the_one_before_it_wherever_it_lies(lost):
     for frame in frames_of(samples):
         if frame.index != lost:
             ring.push(replace(frame, lost=int(frame.index == lost + 1)))
-    dwells = [ring.take(0), ring.take(0)]
+    dwells = [ring.next_item(0), ring.next_item(0)]
     want = samples.copy()
     want[lost] = want[lost - 1]
     assert np.array_equal(dwells[1].frames, want[4:7])
@@ -279,7 +279,7 @@ def test_a_clock_that_runs_apart_is_followed_within_two_hops():
     for frame in timed(noise(400), 100.0):
         ring.push(replace(frame, t_mono_s=frame.t_mono_s + 0.01 * (frame.index >= 100)))
         while ring._queue:
-            ring.take(0)
+            ring.next_item(0)
     assert ring.due_s() == pytest.approx(100.01 + (30 + 60 * 7 - 1) / RATE_HZ)
 
 
@@ -301,6 +301,6 @@ def test_a_dwell_that_ends_with_a_lost_frame_has_no_time_of_arrival(way):
             ring.push(frame)
         else:
             got += ring.items(frame)
-    got = got or [ring.take(0)]
+    got = got or [ring.next_item(0)]
     assert got[0].t_mono_s == 0.0
     assert got[0].n_lost == 1

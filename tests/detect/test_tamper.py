@@ -237,7 +237,7 @@ def findings_of(port, seconds, settings=None, change=lambda _t_s, frames: frames
             break
         ring.push(frame)
         try:
-            item = ring.take(0)
+            item = ring.next_item(0)
         except TimeoutError:
             continue
         if isinstance(item, Dwell) and item.is_whole:

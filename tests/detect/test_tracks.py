@@ -272,7 +272,7 @@ def recorded(name, step=4):
     for frame in reader.frames(0.0):
         ring.push(frame)
         while ring._queue:
-            dwell = remover.remove(ring.take(0))
+            dwell = remover.remove(ring.next_item(0))
             gate.read(dwell)
             yield dwell.t_s, tracker.update(dwell, gate.background)
 

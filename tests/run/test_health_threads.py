@@ -63,7 +63,7 @@ def test_a_daemon_that_is_well_is_fed_and_says_its_end(tmp_path, launch):
 def test_a_thread_that_never_comes_back_does_not_hold_up_the_end(monkeypatch, launch):
     gate, forced = Gate(), []
     gate.before(monkeypatch, Pipeline, "decide")
-    monkeypatch.setattr("radard.run.sensor._JOIN_S", 0.2)
+    monkeypatch.setattr("radard.run.running._JOIN_S", 0.2)
     monkeypatch.setattr("radard.run.process._DEADLINE_S", 0.6)
     monkeypatch.setattr("radard.health.thread_dump.os._exit", forced.append)
     daemon = launch()

@@ -172,7 +172,7 @@ def test_a_calibration_that_fails_ends_no_tamper_and_one_that_is_made_does(tmp_p
     room.command("calibrate")
     room.listen(34, gain=0.1)
     assert "tamper" in room.worker.tracker.open_events
-    notice = room.worker._ring.take(60)
+    notice = room.worker._ring.next_item(60)
     assert notice.kind == "calibrated"
     room.worker.handle(notice)
     room.listen(1, gain=0.1)

@@ -25,7 +25,7 @@ def test_warming_up_leaves_no_trace(model):
         for frame in source.frames():
             ring.push(frame)
             try:
-                dwell = ring.take(0)
+                dwell = ring.next_item(0)
             except TimeoutError:
                 continue
             expected, found = cold.decide(dwell), warm.decide(dwell)

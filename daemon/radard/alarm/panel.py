@@ -21,7 +21,7 @@ PanelState = Literal["disarmed", "exit", "armed", "entry", "alarm"]
 ArmMode = Literal["away", "home"]
 ARM_MODES: dict[str, ArmMode] = {"arm": "away", "arm-home": "home"}
 """Commands that arm."""
-# One window in which somebody is missed does not say that they left. Chosen.
+# One window in which somebody is missed does not say that they left.
 _UNSEEN_S = 3.0
 # Stream times are quotients: what is due at this decision must not wait for the next.
 _SLACK_S = 1e-6

@@ -25,7 +25,7 @@ SENSITIVITIES: dict[str, dict[str, Numbers]] = {
     },
 }
 """By decision policy and name: K of N, least p(human) of a hit, p(human) of still being there.
-Chosen; what they cost is measured on passages and told by `radard explain`."""
+What they cost is measured on passages and told by `radard explain`."""
 
 
 def alarm_policy(section: AlarmSection, decision_policy: str) -> AlarmPolicy:

@@ -14,7 +14,7 @@ from radard.alarm.panel import AlarmPolicy, ArmMode, Sight
 from radard.judge.decision import Decision, TrackVerdict, judge
 
 Spans = tuple[tuple[float, float], ...]
-_SLACK_M = 0.2  # chosen: a zone is drawn by hand
+_SLACK_M = 0.2  # a zone is drawn by hand
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -19,8 +19,8 @@ from radard.health.status_file import read_status, write_status
 from radard.health.systemd import Notifier
 
 log = logging.getLogger("radard")
-_EVERY_S = 0.5  # chosen: `radard health` calls a file of 10 s stale
-_MAIN_LATE_S = 5.0  # chosen: the main thread comes by once a second
+_EVERY_S = 0.5  # `radard health` calls a file of 10 s stale
+_MAIN_LATE_S = 5.0  # the main thread comes by once a second
 
 
 @dataclass(slots=True)

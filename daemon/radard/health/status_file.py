@@ -14,7 +14,7 @@ from typing import Any
 from radard.config.atomic import write_atomically
 from radard.health.health import Status
 
-STALE_S = 10.0  # chosen: twenty beats
+STALE_S = 10.0  # twenty beats
 _BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 
 

@@ -30,11 +30,11 @@ if TYPE_CHECKING:
 log = logging.getLogger("radard")
 COMMANDS = ("arm", "arm-home", "disarm", "test-alarm")
 _TOLD = ("armed", "mode", "panel", "delay_left_s")
-_MOST_BYTES = 4096  # of a request; chosen: they have about thirty
-_REQUEST_S = 2.0  # chosen: the other end is a program on the same machine
-_TAKEN_UP_S = 5.0  # chosen: a worker is never so long in one dwell
+_MAX_BYTES = 4096  # of a request; they have about thirty
+_REQUEST_S = 2.0  # the other end is a program on the same machine
+_TAKEN_UP_S = 5.0  # a worker is never so long in one dwell
 _MAX_ADDRESS = 107  # bytes of a Unix socket's path, unix(7)
-_LOOK_S = 0.1  # chosen: a person waits
+_LOOK_S = 0.1  # a person waits
 
 
 def control_path(folder: Path, sensor: str) -> Path:
@@ -207,8 +207,8 @@ def _user_of(line: socket.socket) -> int:
 
 def _first_line(line: socket.socket) -> bytes:
     data = b""
-    while b"\n" not in data and len(data) < _MOST_BYTES * 16:
-        part = line.recv(_MOST_BYTES)
+    while b"\n" not in data and len(data) < _MAX_BYTES * 16:
+        part = line.recv(_MAX_BYTES)
         if not part:
             break
         data += part

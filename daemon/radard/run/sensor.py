@@ -1,13 +1,11 @@
-"""Sensor: one radar of the process, from its port to its records.
+"""Sensor: one radar of the process, with or without a stream.
 
-`Sensor` is what outputs, control and reloads talk to, with or without a stream. It opens its port,
-which gives an `OpenedSensor`, and starts that, which gives a `RunningSensor`: the *reader*, a
-thread that takes frames from the source and pushes them into the ring, and turns in the pool of
-workers, in which `radard.run.worker` takes dwells, decides and hands on records. *clips* and
-*recording* write in threads of their own. Nothing here is shared with another radar but outputs
-and pool.
+It is what outputs, control and reloads talk to. It opens its port, which gives an `OpenedSensor`,
+and starts that, which gives a `RunningSensor` (`radard.run.running`). Nothing of it is shared with
+another radar but the outputs and the pool of workers.
 """
 
+import math
 import threading
 import uuid
 from collections.abc import Callable, Mapping, Sequence
@@ -18,8 +16,8 @@ from radard.alarm.events import trial_alarm
 from radard.alarm.panel import ARM_MODES
 from radard.alarm.sensor_state import SensorState
 from radard.config.config import Config
-from radard.config.quiet_hours import Now, recorded_clock, wall_clock
-from radard.errors import RadardError, UsageError
+from radard.config.quiet_hours import recorded_clock, wall_clock
+from radard.errors import UsageError
 from radard.health.health import STALE_S, Health, Status
 from radard.outputs.base import COMMANDS, Sink
 from radard.outputs.fanout import Outputs
@@ -36,15 +34,15 @@ from radard.run.components import (
     taken_of,
 )
 from radard.run.pool import WorkerPool
+from radard.run.running import OpenedSensor, RunningSensor
 from radard.run.tap import Tap
 from radard.run.worker import Worker
 from radard.stream.frame_timing import RateWatch
 from radard.stream.playback import Playback
 from radard.stream.ring import FrameRing, Notice
-from radard.stream.source import FrameSource, Notify, open_source, speed_factor
+from radard.stream.source import Notify, open_source, speed_factor
 from x2radar.ports import parse_port
 
-_JOIN_S = 1.5  # for each thread: all of them within the 4.5 s of a forced end
 _KEPT_COMMANDS = (*ARM_MODES, "disarm")
 
 
@@ -56,147 +54,6 @@ class RunOptions:
     record: Path | None = None  # write the frames into this recording as well
     stdout_is_terminal: bool = False  # whether a person reads stdout
     reload: Callable[[], Config] | None = None  # reads the configuration again, as at the start
-
-
-@dataclass(frozen=True, slots=True)
-class OpenedSensor:
-    """An open port, and what fits its stream."""
-
-    source: FrameSource
-    pipeline: Pipeline
-    tap: Tap  # to be closed with the source
-    now: Now  # the clock on the wall, of the stream
-
-    @property
-    def is_live(self) -> bool:
-        """Whether frames come from a device now."""
-        return self.source.is_live
-
-    def close(self) -> bool:
-        """Let go of port and recording; return whether the latter is whole."""
-        self.source.close()
-        return self.tap.close()
-
-
-class RunningSensor:
-    """A stream that is read and worked on until it ends, something fails or `stop`.
-
-    `on_over` is called from another thread when the work is over.
-    """
-
-    def __init__(
-        self,
-        opened: OpenedSensor,
-        worker: Worker,
-        ring: FrameRing,
-        pool: WorkerPool,
-        *,
-        max_frames: int | None,
-        warm_up: bool,
-        thread_name: str,
-        on_over: Callable[[], object],
-    ) -> None:
-        self.opened, self.worker, self.ring = opened, worker, ring
-        self.failure: BaseException | None = None
-        """What ended the work, if that was no end of the stream."""
-        self.over = threading.Event()
-        """The work has ended."""
-        self._max_frames = max_frames
-        self._warm_up = warm_up
-        self._has_begun = self._must_look = self._is_stopped = False
-        self._on_over = on_over
-        self._pool = pool
-        self._turns = pool.turns(self._step)
-        self._reader = threading.Thread(target=self._read, name=thread_name, daemon=True)
-
-    def start(self) -> None:
-        """Begin."""
-        self.ring.listen(self._turns.ask)
-        self._turns.ask()
-        self._reader.start()
-
-    def look_up(self) -> None:
-        """Have the worker look whether nothing comes; for any thread, returns at once."""
-        self._must_look = True
-        self._turns.ask()
-
-    def stop(self) -> None:
-        """Ask for the end; for any thread."""
-        self._is_stopped = True
-        self.ring.end()
-        self.ring.stop()
-        self.opened.source.close()
-
-    def finish(self) -> list[str]:
-        """Wait a moment for the end and close what is its own; return what is stuck."""
-        stuck = []
-        if not self.over.wait(_JOIN_S):
-            stuck.append("worker")
-            self._pool.grow()
-        self._reader.join(_JOIN_S)
-        if self._reader.is_alive():
-            stuck.append(self._reader.name)
-        if stuck and self.failure is None:
-            self.failure = RadardError(f"stuck and left behind: {', '.join(stuck)}")
-        self.worker.close()
-        clips = self.worker.parts.clips
-        if clips is not None and not clips.close(_JOIN_S):
-            logger_of(self.worker.parts.config).warning(
-                "the last clip may lack its end: the disk is too slow"
-            )
-        return stuck
-
-    def _read(self) -> None:
-        first = None
-        try:
-            for frame in self.opened.source.frames():
-                first = frame.index if first is None else first
-                if self._max_frames is not None and frame.index - first >= self._max_frames:
-                    break
-                self.opened.tap.write(frame)
-                self.worker.hold(frame)
-                if not self.ring.push(frame):
-                    break
-        except BaseException as err:  # noqa: BLE001 - handed over to the keeper
-            self.failure = self.failure or err
-        finally:
-            self.ring.end()
-
-    def _step(self) -> bool:
-        """Work on one item; return whether there may be another."""
-        if self.over.is_set():
-            return False
-        try:
-            has_more = self._work()
-        except BaseException as err:  # noqa: BLE001 - handed over to the keeper
-            self.failure, has_more = err, None
-        if has_more is None:
-            self.over.set()
-            self._on_over()
-        return bool(has_more)
-
-    def _work(self) -> bool | None:
-        """Work on one item; return whether there was one, None at the end."""
-        if self._is_stopped:
-            return None
-        if not self._has_begun:
-            self._has_begun = True
-            if self._warm_up:
-                # While the frames of the first dwell come in.
-                self.opened.pipeline.warm_up()
-            self.worker.begin()
-            return True
-        try:
-            item = self.ring.take(0)
-        except TimeoutError:
-            if self._must_look:
-                self._must_look = False
-                self.worker.look_up()
-            return False
-        if item is None:
-            return None
-        self.worker.handle(item)
-        return True
 
 
 class Sensor:
@@ -362,6 +219,7 @@ class Sensor:
             quit_on_loss=sensor.on_device_loss == "quit",
             on_notice=notice,
             on_wait=on_wait,
+            due_s=lambda: run.ring.due_s() if (run := self._run) is not None else math.inf,
         )
         self._end_wait = source.close
         self._is_live = source.is_live
@@ -413,9 +271,6 @@ class Sensor:
         """Begin to work on an opened stream; raises as `make_worker` does."""
         ring = opened.pipeline.make_ring()
         worker = self.make_worker(opened, ring)
-        expect = getattr(opened.source, "expect", None)
-        if expect is not None:
-            expect(ring.due_s)
         duration_s, rate_hz = self._options.duration_s, opened.source.stream.frame_rate_hz
         self._run = run = RunningSensor(
             opened,

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from radard.outputs.base import Sink, SinkState
 
 GRACE_S = 5.0
-"""A retry that helps within that is no trouble; a connection takes a moment, too. Chosen."""
+"""A retry that helps within that is no trouble; a connection takes a moment, too."""
 STUCK_S = 20.0
-"""Records wait and nothing moves: the sink's thread hangs, or its far end does. Chosen."""
+"""Records wait and nothing moves: the sink's thread hangs, or its far end does."""
 DROPPED_S = 60.0
-"""How long it is said that records were dropped. Chosen."""
+"""How long it is said that records were dropped: long enough to be read."""
 
 Key = tuple[str | None, str]
 

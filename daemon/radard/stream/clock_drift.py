@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-_BLOCK_S = 10.0  # chosen: ten dwells, of which one is hardly ever late
-_MOST = 360  # blocks: an hour, chosen; a crystal follows the room's temperature more slowly
-_LEAST = 10  # blocks, chosen: before that, the interval is wider than any crystal's error
+_BLOCK_S = 10.0  # ten dwells, of which one is hardly ever late
+_MAX_BLOCKS = 360  # an hour: a crystal follows the room's temperature more slowly
+_MIN_BLOCKS = 10  # before that, the interval is wider than any crystal's error
 _T = 2.31  # Student's t, 95 %, eight degrees of freedom; more have less
 _STAMP_S = 1e-3
 """Error that all stamps of a block may share: USB polls once a millisecond (USB 2.0, 5.11)."""
@@ -35,7 +35,7 @@ class ClockDrift:
     def __init__(self) -> None:
         self.estimate: Drift | None = None
         """None until there are enough arrivals; any thread may read it."""
-        self._points: deque[tuple[float, float]] = deque(maxlen=_MOST)
+        self._points: deque[tuple[float, float]] = deque(maxlen=_MAX_BLOCKS)
         self._block = -1
         self._least: tuple[float, float] | None = None
 
@@ -52,13 +52,13 @@ class ClockDrift:
         if block != self._block:
             if self._least is not None:
                 self._points.append(self._least)
-                self.estimate = self._fitted()
+                self.estimate = self._fit()
             self._block, self._least = block, point
         elif self._least is None or point[1] < self._least[1]:
             self._least = point
 
-    def _fitted(self) -> Drift | None:
-        if len(self._points) < _LEAST:
+    def _fit(self) -> Drift | None:
+        if len(self._points) < _MIN_BLOCKS:
             return None
         t_s, lag_s = np.array(self._points).T
         t_s, lag_s = t_s - t_s.mean(), lag_s - lag_s.mean()

@@ -19,11 +19,11 @@ PAUSE_S = 0.04
 _FLOWS_BYTES = 512  # in a read: more than any reply to a command
 _EARLY_S = 0.006
 """More than a due frame was ever early: `FrameTiming` errs by a share of a millisecond."""
-_LATE_S = 0.1  # chosen: a frame that late is lost
+_LATE_S = 0.1  # a frame that late is lost
 # A Linux terminal gives at most 4095 bytes to a read, whatever waits behind them: a read of
 # about that many is followed by another one at once.
 _FULL_BYTES = range(4000, 4097)
-_MOST_READS = 16  # in a row: 64 kB, all that a kernel's buffer holds
+_MAX_READS = 16  # in a row: 64 kB, all that a kernel's buffer holds
 
 
 class CoalescedReads:
@@ -53,7 +53,7 @@ class CoalescedReads:
         if wait_s > 0:
             self._sleep(wait_s)
         data = part = self._inner.read(timeout_s)
-        for _ in range(_MOST_READS):
+        for _ in range(_MAX_READS):
             if len(part) not in _FULL_BYTES:
                 break
             try:

@@ -7,12 +7,11 @@ two hops, because the module's clock and the host's do not run alike.
 
 import math
 from collections import deque
-from collections.abc import Callable
 
 from radard.stream.clock_drift import ClockDrift
 
-_STRETCH = 5  # dwells, of a second each; chosen: a fault is announced after ten seconds
-_MOST_OFF = 0.1  # chosen: clocks differ by 1e-4, and speeds by this much do no harm
+_STRETCH = 5  # dwells, of a second each: a fault is announced after ten seconds
+_MAX_OFF = 0.1  # clocks differ by 1e-4, and speeds by this much do no harm
 
 
 class FrameTiming:
@@ -71,7 +70,7 @@ class RateWatch:
             return ""
         first, middle, last = points[0], points[_STRETCH], points[-1]
         before, after = _pace(first, middle), _pace(middle, last)
-        is_off = max(before, after) < 1 - _MOST_OFF or min(before, after) > 1 + _MOST_OFF
+        is_off = max(before, after) < 1 - _MAX_OFF or min(before, after) > 1 + _MAX_OFF
         if not is_off:
             return ""
         rate_hz = _pace(first, last) * self._rate_hz
@@ -81,19 +80,3 @@ class RateWatch:
 def _pace(a: tuple[float, float], b: tuple[float, float]) -> float:
     """Return seconds of the stream per second of the clock."""
     return (b[0] - a[0]) / max(1e-9, b[1] - a[1])
-
-
-class NextHop:
-    """When the frame that completes the next dwell will arrive, once `ask` is called."""
-
-    def __init__(self) -> None:
-        # A port is opened before anybody counts its frames.
-        self._arrival_s: Callable[[], float] = lambda: math.inf
-
-    def due_s(self) -> float:
-        """Return it, on the host's monotonic clock, in seconds; infinite when unknown."""
-        return self._arrival_s()
-
-    def ask(self, frame_timing: Callable[[], float]) -> None:
-        """Ask `frame_timing` from now on."""
-        self._arrival_s = frame_timing

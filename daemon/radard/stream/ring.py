@@ -19,11 +19,11 @@ from x2radar.frame import FastTimeAxis, Frame
 
 Convert = Callable[[NDArray[np.float32] | NDArray[np.complex64], NDArray[np.complex64]], object]
 
-# What may be missing in a dwell; chosen: less than moves a map by what noise does.
-MOST_LOST = 0.02
-LONGEST_GAP_S = 0.05
-_FRAMES_AT_ONCE = 64  # chosen: a hop at 60 Hz
-# After somebody looked on, frames are converted that late at most, for so long. Chosen.
+# What may be missing in a dwell: less than moves a map by what noise does.
+MAX_LOST = 0.02
+MAX_GAP_S = 0.05
+_FRAMES_AT_ONCE = 64  # a hop at 60 Hz
+# Since somebody looked on, who asks again soon: frames are converted that late, for so long.
 _LATE_S = 0.05
 _WATCHED_S = 2.0
 
@@ -47,7 +47,7 @@ class DwellShape:
 class Dwell:
     """The block of frames that is judged together.
 
-    `frames` is a view that is good until the next `FrameRing.take`.
+    `frames` is a view that is good until the next `FrameRing.next_item`.
     """
 
     frames: NDArray[np.complex64]  # (n_slow, n_range), oldest first; lost rows repeat the last
@@ -65,10 +65,7 @@ class Dwell:
     @property
     def is_whole(self) -> bool:
         """Whether so little is missing that the dwell may be judged (at most 2 %, 50 ms)."""
-        return (
-            self.n_lost <= MOST_LOST * len(self.valid)
-            and self.longest_gap_s <= LONGEST_GAP_S + 1e-9
-        )
+        return self.n_lost <= MAX_LOST * len(self.valid) and self.longest_gap_s <= MAX_GAP_S + 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -126,7 +123,7 @@ class FrameRing:
         self._is_here = np.zeros(_FRAMES_AT_ONCE, np.bool_)
         self._index = -1
         self._converted = (0, -1)
-        self._most_watched = min(_FRAMES_AT_ONCE, max(1, round(_LATE_S * shape.frame_rate_hz)))
+        self._max_watched = min(_FRAMES_AT_ONCE, max(1, round(_LATE_S * shape.frame_rate_hz)))
         # The first frame is a restart: it sets when a dwell is due.
         self._taken = self._n_waiting = self._watched_to = 0
         self._base = self._origin = self._due = self._hops = 0
@@ -197,7 +194,7 @@ class FrameRing:
 
     def _completed(self) -> Iterator[Dwell | Notice]:
         while self._queue:
-            if (item := self.take()) is not None:
+            if (item := self.next_item()) is not None:
                 yield item
 
     def listen(self, on_item: Callable[[], object]) -> None:
@@ -228,7 +225,7 @@ class FrameRing:
             self._stopped = True
             self._changed.notify_all()
 
-    def take(self, timeout_s: float | None = None) -> Dwell | Notice | None:
+    def next_item(self, timeout_s: float | None = None) -> Dwell | Notice | None:
         """Return the next dwell or notice; None at the end of the stream.
 
         The dwell taken before is given back by this call, and its frames may be overwritten from
@@ -287,8 +284,8 @@ class FrameRing:
         self._n_waiting += 1
         self._taken += 1
         is_due = self._taken == self._due
-        most = self._most_watched if self._taken < self._watched_to else _FRAMES_AT_ONCE
-        is_full = self._n_waiting >= most or self._taken % self._capacity == 0
+        at_once = self._max_watched if self._taken < self._watched_to else _FRAMES_AT_ONCE
+        is_full = self._n_waiting >= at_once or self._taken % self._capacity == 0
         if (is_due or is_full) and not self._convert_waiting():
             return False
         if is_due:

@@ -4,6 +4,7 @@ A source yields frames and, through `on_notice`, says when the device is lost an
 opens before the first frame is asked for, so that faults of the port come at start.
 """
 
+import math
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
@@ -13,7 +14,6 @@ from typing import Protocol
 from radard import plugins
 from radard.errors import UsageError
 from radard.stream.coalesced_reads import coalesced
-from radard.stream.frame_timing import NextHop
 from radard.stream.playback import Playback
 from x2radar.device.device import RadarStats
 from x2radar.device.reconnect import ReconnectingRadar
@@ -24,7 +24,7 @@ from x2radar.ports import Port, parse_port, parse_speed
 from x2radar.radars import make_radar
 
 Notify = Callable[[str, str], None]
-_FASTEST_COALESCED = 2.0  # times real time; chosen: faster streams never let reads pause
+_MAX_COALESCED = 2.0  # times real time: faster streams never let reads pause
 
 
 class FrameSource(Protocol):
@@ -99,6 +99,7 @@ def open_source(
     quit_on_loss: bool = False,
     on_notice: Notify = lambda _kind, _reason: None,
     on_wait: Callable[[Callable[[], None]], object] = lambda _close: None,
+    due_s: Callable[[], float] = lambda: math.inf,
 ) -> FrameSource:
     """Open what a port string names.
 
@@ -114,6 +115,9 @@ def open_source(
         Called with ('lost' or 'found', reason) from the thread that reads frames.
     on_wait : callable
         Given, before a device is waited for, what ends that wait; any thread may call it.
+    due_s : callable
+        Returns when the frame that completes a dwell should arrive, see `FrameRing.due_s`: it is
+        read in time.
 
     Raises
     ------
@@ -131,12 +135,12 @@ def open_source(
             return source
     if parsed.kind == "replay":
         return ReplaySource(parsed, factor, on_notice)
-    radar, hop = make_radar(parsed, speed=factor), NextHop()
-    if factor is not None and factor <= _FASTEST_COALESCED:
-        radar.wrap_transport(lambda connect: coalesced(connect, hop.due_s))
+    radar = make_radar(parsed, speed=factor)
+    if factor is not None and factor <= _MAX_COALESCED:
+        radar.wrap_transport(lambda connect: coalesced(connect, due_s))
     device = ReconnectingRadar(radar, wait=wait, quit_on_loss=quit_on_loss)
     on_wait(device.close)
-    return LiveSource(device, on_notice, hop, lambda: module_of(radar.settings).name)
+    return LiveSource(device, on_notice, lambda: module_of(radar.settings).name)
 
 
 class LiveSource:
@@ -148,11 +152,9 @@ class LiveSource:
         self,
         radar: ReconnectingRadar,
         on_notice: Notify,
-        hop: NextHop,
         module: Callable[[], str],
     ) -> None:
         self._radar = radar
-        self._hop = hop
         self._on_notice = on_notice
         self._frames = self._read()
         first = next(self._frames, None)
@@ -172,10 +174,6 @@ class LiveSource:
         for.
         """
         return chain([self._first], self._frames)
-
-    def expect(self, frame_timing: Callable[[], float]) -> None:
-        """Read in time for the frame that `frame_timing` expects, see `FrameRing.due_s`."""
-        self._hop.ask(frame_timing)
 
     @property
     def stats(self) -> RadarStats:

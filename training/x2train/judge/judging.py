@@ -141,7 +141,7 @@ def dwells(pipeline: Pipeline, played: Passage) -> Iterator[Dwell]:
     axis = played.site.radar.axis()
     for k, samples in enumerate(played.frames):
         ring.push(Frame(samples, k, k, 0, False, axis))
-        if k + 1 in ends and isinstance(dwell := ring.take(), Dwell):
+        if k + 1 in ends and isinstance(dwell := ring.next_item(), Dwell):
             yield dwell
 
 

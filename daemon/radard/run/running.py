@@ -1,0 +1,162 @@
+"""A radar at work: its port is open (`OpenedSensor`), its stream is read (`RunningSensor`).
+
+The *reader*, a thread, takes frames from the source and pushes them into the ring; threads of the
+pool take what the ring completes to the worker, one item a turn.
+"""
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from radard.config.quiet_hours import Now
+from radard.errors import RadardError
+from radard.pipeline import Pipeline
+from radard.run.components import logger_of
+from radard.run.pool import WorkerPool
+from radard.run.tap import Tap
+from radard.run.worker import Worker
+from radard.stream.ring import FrameRing
+from radard.stream.source import FrameSource
+
+_JOIN_S = 1.5  # for each thread: all of them within the 4.5 s of a forced end
+
+
+@dataclass(frozen=True, slots=True)
+class OpenedSensor:
+    """An open port, and what fits its stream."""
+
+    source: FrameSource
+    pipeline: Pipeline
+    tap: Tap  # to be closed with the source
+    now: Now  # the clock on the wall, of the stream
+
+    @property
+    def is_live(self) -> bool:
+        """Whether frames come from a device now."""
+        return self.source.is_live
+
+    def close(self) -> bool:
+        """Let go of port and recording; return whether the latter is whole."""
+        self.source.close()
+        return self.tap.close()
+
+
+class RunningSensor:
+    """A stream that is read and worked on until it ends, something fails or `stop`.
+
+    `on_over` is called from another thread when the work is over.
+    """
+
+    def __init__(
+        self,
+        opened: OpenedSensor,
+        worker: Worker,
+        ring: FrameRing,
+        pool: WorkerPool,
+        *,
+        max_frames: int | None,
+        warm_up: bool,
+        thread_name: str,
+        on_over: Callable[[], object],
+    ) -> None:
+        self.opened, self.worker, self.ring = opened, worker, ring
+        self.failure: BaseException | None = None
+        """What ended the work, if that was no end of the stream."""
+        self.over = threading.Event()
+        """The work has ended."""
+        self._max_frames = max_frames
+        self._warm_up = warm_up
+        self._has_begun = self._must_look = self._is_stopped = False
+        self._on_over = on_over
+        self._pool = pool
+        self._turns = pool.turns(self._step)
+        self._reader = threading.Thread(target=self._read, name=thread_name, daemon=True)
+
+    def start(self) -> None:
+        """Begin."""
+        self.ring.listen(self._turns.ask)
+        self._turns.ask()
+        self._reader.start()
+
+    def look_up(self) -> None:
+        """Have the worker look whether nothing comes; for any thread, returns at once."""
+        self._must_look = True
+        self._turns.ask()
+
+    def stop(self) -> None:
+        """Ask for the end; for any thread."""
+        self._is_stopped = True
+        self.ring.end()
+        self.ring.stop()
+        self.opened.source.close()
+
+    def finish(self) -> list[str]:
+        """Wait a moment for the end and close what is its own; return what is stuck."""
+        stuck = []
+        if not self.over.wait(_JOIN_S):
+            stuck.append("worker")
+            self._pool.grow()
+        self._reader.join(_JOIN_S)
+        if self._reader.is_alive():
+            stuck.append(self._reader.name)
+        if stuck and self.failure is None:
+            self.failure = RadardError(f"stuck and left behind: {', '.join(stuck)}")
+        self.worker.close()
+        clips = self.worker.parts.clips
+        if clips is not None and not clips.close(_JOIN_S):
+            logger_of(self.worker.parts.config).warning(
+                "the last clip may lack its end: the disk is too slow"
+            )
+        return stuck
+
+    def _read(self) -> None:
+        first = None
+        try:
+            for frame in self.opened.source.frames():
+                first = frame.index if first is None else first
+                if self._max_frames is not None and frame.index - first >= self._max_frames:
+                    break
+                self.opened.tap.write(frame)
+                self.worker.hold(frame)
+                if not self.ring.push(frame):
+                    break
+        except BaseException as err:  # noqa: BLE001 - handed over to the keeper
+            self.failure = self.failure or err
+        finally:
+            self.ring.end()
+
+    def _step(self) -> bool:
+        """Work on one item; return whether there may be another."""
+        if self.over.is_set():
+            return False
+        try:
+            has_more = self._work()
+        except BaseException as err:  # noqa: BLE001 - handed over to the keeper
+            self.failure, has_more = err, None
+        if has_more is None:
+            self.over.set()
+            self._on_over()
+        return bool(has_more)
+
+    def _work(self) -> bool | None:
+        """Work on one item; return whether there was one, None at the end."""
+        if self._is_stopped:
+            return None
+        if not self._has_begun:
+            self._has_begun = True
+            if self._warm_up:
+                # While the frames of the first dwell come in.
+                self.opened.pipeline.warm_up()
+            self.worker.begin()
+            return True
+        try:
+            item = self.ring.next_item(0)
+        except TimeoutError:
+            if self._must_look:
+                self._must_look = False
+                self.worker.look_up()
+            return False
+        if item is None:
+            return None
+        self.worker.handle(item)
+        return True
