@@ -376,7 +376,7 @@ from h5py._hl.base import phil
 from radard.clips.clip_file import ClipWriter
 from radard.clips.keeper import ClipKeeper
 from radard.config.sections import ClipsSection
-from tests.test_clips import STREAM
+from tests.outputs.test_clips import STREAM
 
 keeper = ClipKeeper(ClipsSection(), Path(sys.argv[1]), STREAM, 147, {})
 holds = threading.Event()

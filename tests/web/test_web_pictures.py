@@ -9,9 +9,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from radard.dsp.pictures import GAIT_S, SPANS_DB, Spectrograms
 from radard.stream.ring import DwellShape, FrameRing
 from radard.web.pictures.picture_thread import PictureThread
-from radard.web.pictures.spectrograms import GAIT_S, SPANS_DB, Spectrograms
 from radard.web.pictures.wire import TIMED, axes, encode_columns, encode_gait
 from tests.radar_helpers import BASEBAND, frames_of, noise, walker
 from tests.waiting import wait_for

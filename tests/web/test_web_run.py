@@ -8,7 +8,7 @@ import threading
 
 import pytest
 
-from radard.web.pictures.spectrograms import COLUMN_RATE_HZ
+from radard.dsp.pictures import COLUMN_RATE_HZ
 from radard.web.server import WebServer
 from tests.alarm_helpers import write_recording
 from tests.radar_helpers import noise, run_radard, stable

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radard.dsp.downconvert import DownConverter
-from radard.web.pictures.spectrograms import Columns, Spectrograms
+from radard.dsp.pictures import Columns, Spectrograms
 from radard.web.pictures.wire import TIMED, axes, encode_columns
 from x2radar.errors import RecordingError
 from x2radar.recording.hdf5_file import Hdf5File

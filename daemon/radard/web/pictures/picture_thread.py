@@ -10,8 +10,8 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from radard.dsp.pictures import Spectrograms
 from radard.stream.ring import FrameRing, Recent
-from radard.web.pictures.spectrograms import Spectrograms
 from radard.web.pictures.wire import axes, encode_columns, encode_gait
 
 log = logging.getLogger("radard")

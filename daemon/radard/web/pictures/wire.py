@@ -15,7 +15,7 @@ and one of the gait picture::
 import struct
 from typing import Any
 
-from radard.web.pictures.spectrograms import SPANS_DB, Bytes, Columns, Spectrograms
+from radard.dsp.pictures import SPANS_DB, Bytes, Columns, Spectrograms
 
 COLUMNS, GAIT = 1, 2
 TIMED = ("range", "velocity", "doppler")

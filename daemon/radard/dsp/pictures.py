@@ -1,4 +1,4 @@
-"""Spectrograms: frames to the columns of the dashboard's pictures, as bytes on a dB scale.
+"""Pictures: frames to columns as bytes on a dB scale, for dashboard and clips to draw.
 
 Three pictures share their columns of time: range (where), velocity (how fast; its aliases are
 weaker, not absent, see `radard.dsp.velocity`) and Doppler (mu, what the thesis' network sees). A
