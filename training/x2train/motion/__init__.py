@@ -1,0 +1,4 @@
+"""Recorded and animated motion: files become clips, clips become bodies that go along courses.
+
+It imports the driver alone.
+"""

@@ -1,0 +1,127 @@
+"""Clips from files of other programs: joints by their standard names, metres, 60 Hz.
+
+A map is a YAML file that says which joint of a file is which of the standard ones:
+
+    kind: quadruped            # or person
+    scale: 0.01                # metres per unit of the file; 1 without it
+    up: y                      # or z; y without it
+    joints: {pelvis: Hips, spine: Spine1, withers: Spine3, ...}
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from x2radar.bounded_yaml import YamlError, load_yaml
+from x2radar.errors import SceneError
+from x2train.motion.formats import RawMotion
+
+Array = NDArray[np.float64]
+RATE_HZ = 60.0
+"""Of clips: that of an X2, twice what a person's movements need."""
+
+
+def _tree(*chains: str) -> Mapping[str, str]:
+    """Return joints and their parents, from chains that each begin at a joint that is there."""
+    parents: dict[str, str] = {}
+    for chain in chains:
+        names = chain.split()
+        parents.setdefault(names[0], "")
+        parents |= dict(zip(names[1:], names, strict=False))
+    return MappingProxyType(parents)
+
+
+_PERSON = _tree(
+    "pelvis spine chest neck head head_top",
+    *(f"pelvis {s}_hip {s}_knee {s}_ankle {s}_ball {s}_toe" for s in "lr"),
+    *(f"chest {s}_shoulder {s}_elbow {s}_wrist {s}_hand" for s in "lr"),
+)
+_QUADRUPED = _tree(
+    "pelvis spine withers neck head nose",
+    "pelvis tail1 tail2 tail3",
+    *(f"withers F{s}_shoulder F{s}_elbow F{s}_carpus F{s}_paw" for s in "LR"),
+    *(f"pelvis H{s}_hip H{s}_knee H{s}_hock H{s}_paw" for s in "LR"),
+)
+KINDS: Mapping[str, Mapping[str, str]] = {"person": _PERSON, "quadruped": _QUADRUPED}
+"""Standard joints of a kind, and the parent of each; the root's is empty."""
+
+
+@dataclass(frozen=True, slots=True)
+class JointMap:
+    """Which joint of a file is which of the standard ones."""
+
+    kind: str
+    joints: Mapping[str, str]
+    scale: float = 1.0
+    up: str = "y"
+
+
+def read_map(path: Path) -> JointMap:
+    """Read a map.
+
+    Raises
+    ------
+    SceneError
+        If it cannot be read, or names a joint that there is not, or leaves one out.
+    """
+    try:
+        raw: Any = load_yaml(path.read_text("utf-8"))
+    except (OSError, UnicodeDecodeError, YamlError) as err:
+        msg = f"{path}: no map that can be read: {err}"
+        raise SceneError(msg) from err
+    if not isinstance(raw, dict) or raw.get("kind") not in KINDS:
+        msg = f"{path}: kind: must be one of {', '.join(KINDS)}"
+        raise SceneError(msg)
+    unknown = set(raw) - {"kind", "joints", "scale", "up"}
+    standard, given = KINDS[raw["kind"]], raw.get("joints")
+    if not isinstance(given, dict) or unknown:
+        msg = f"{path}: {'unknown key ' + min(unknown) if unknown else 'joints: is missing'}"
+        raise SceneError(msg)
+    for word, names in (
+        ("no standard joint", set(given) - set(standard)),
+        ("not given", set(standard) - set(given)),
+    ):
+        if names:
+            msg = f"{path}: joints: {word}: {', '.join(sorted(map(str, names)))}"
+            raise SceneError(msg)
+    scale, up = raw.get("scale", 1.0), raw.get("up", "y")
+    if not isinstance(scale, int | float) or not scale > 0 or up not in {"y", "z"}:
+        msg = f"{path}: scale must be a number over 0, up y or z"
+        raise SceneError(msg)
+    return JointMap(raw["kind"], {k: str(v) for k, v in given.items()}, float(scale), up)
+
+
+def standard_clip(motion: RawMotion, joint_map: JointMap, where: str) -> dict[str, Any]:
+    """Return the arrays of a clip: standard joints, y up, the floor at 0, at `RATE_HZ`.
+
+    The floor is where the lowest joint is in all but two of a hundred frames. Raises SceneError
+    if the file has not the joints of the map.
+    """
+    at = {name: k for k, name in enumerate(motion.joints)}
+    standard = KINDS[joint_map.kind]
+    missing = sorted({name for name in joint_map.joints.values() if name not in at})
+    if missing:
+        msg = f"{where}: no joint {', '.join(missing)}; it has {', '.join(motion.joints[:40])}"
+        raise SceneError(msg)
+    position = joint_map.scale * motion.position[:, [at[joint_map.joints[n]] for n in standard]]
+    if joint_map.up == "z":
+        position = position[..., [0, 2, 1]] * np.array([1.0, 1.0, -1.0])
+    position[..., 1] -= np.quantile(position[..., 1].min(axis=1), 0.02)
+    if len(position) > 3 and motion.frame_rate_hz != RATE_HZ:
+        t_s = np.arange(len(position)) / motion.frame_rate_hz
+        n = int(t_s[-1] * RATE_HZ) + 1
+        position = CubicSpline(t_s, position)(np.arange(n) / RATE_HZ)
+    names = list(standard)
+    parents = [names.index(parent) if parent else -1 for parent in standard.values()]
+    return {
+        "positions": position.astype(np.float32),
+        "joints": np.array(names),
+        "parents": np.array(parents, np.int16),
+        "frame_rate_hz": np.float32(RATE_HZ),
+    }

@@ -1,0 +1,135 @@
+"""A folder of clips as a source of bodies: who, which skin, how large, how quick, where.
+
+Each individual is a way of moving of its own: those clips in which it goes, and those in which it
+stays. People keep nearly their own size; animals are drawn from 0.2 to 0.7 m at the withers, and
+the smaller the quicker, as pendulums are.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from x2radar.errors import SceneError
+from x2radar.sim.bodies.body import Body, BodyPlan
+from x2radar.sim.bodies.motion.recorded import RecordedMotion
+from x2radar.sim.bodies.path.courses import COURSES, draw_course
+from x2radar.sim.points import Label
+from x2train.motion.clips import Clip, read_clips
+from x2train.motion.performance import perform
+
+_DURATION_S = 60.0
+"""Of a performance: passages are at most 20 s, and look up to 40 s for the body's entry."""
+_SIZE_M: Mapping[Label, tuple[float, float]] = {"human": (0.9, 2.0), "pet": (0.2, 0.7)}
+"""That sizes are drawn between: statures, withers."""
+_TEMPO = {"human": (0.9, 1.15), "pet": (0.9, 1.3)}
+"""How much quicker than recorded, before the size makes it quicker still."""
+_SPREAD = {"human": 0.08, "pet": 0.35}
+"""Of sizes about the individual's own, in parts: statures of adults spread by a twelfth."""
+_CHILD_SHARE = 0.15
+"""Of people, who are drawn from 0.9 m on."""
+_GIRTH = 0.12
+_N_LOOKS = 16
+_RADII_M = (0.3, 0.8)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Individual:
+    """Clips of one individual that can follow each other: in all it goes, or in all it stays."""
+
+    name: str
+    label: Label
+    clips: tuple[Clip, ...]
+    goes: bool
+
+    @property
+    def seconds(self) -> float:
+        """How long its clips are together."""
+        return sum(len(clip.joint_m) / clip.frame_rate_hz for clip in self.clips)
+
+
+@cache
+def read_library(folder: Path) -> tuple[Individual, ...]:
+    """Return the individuals of a folder of clips, by name; raises SceneError as `read_clips`."""
+    rows: dict[tuple[str, bool], list[Clip]] = {}
+    for clip in read_clips(folder):
+        rows.setdefault((clip.individual, clip.goes), []).append(clip)
+    return tuple(
+        Individual(f"{name} {'goes' if goes else 'stays'}", clips[0].label, tuple(clips), goes)
+        for (name, goes), clips in sorted(rows.items())
+    )
+
+
+def draw_recorded_body(
+    rng: np.random.Generator, individual: Individual, options: Mapping[str, Any], where: str
+) -> Body:
+    """Draw a body that moves as an individual did.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+        Of clips, size, tempo, mirror, course, girth and skin.
+    individual : Individual
+        Whose clips it plays.
+    options : mapping
+        `near_m`, `far_m` (of the course), `course`, `skin`, `total_rcs_dbsm`, as scenes have them.
+    where : str
+        Its path in a scene, for errors.
+    """
+    label = individual.label
+    clips = individual.clips
+    if rng.random() < 0.5:
+        clips = _mirrored(individual)
+    size_m = _draw_size_m(rng, individual)
+    scale = size_m / float(np.median([clip.size_m for clip in clips]))
+    low, high = _TEMPO[label]
+    tempo = float(rng.uniform(low, high)) / np.sqrt(scale)
+    near_m, far_m = options.get("near_m", 0.6), options.get("far_m", 3.4)
+    name = options.get("course") or list(COURSES)[int(rng.integers(len(COURSES)))]
+    if not individual.goes:
+        name = "wander"
+    course = draw_course(rng, name, near_m, far_m)
+    played = perform(rng, clips, duration_s=_DURATION_S, scale=scale, tempo=tempo)
+    begin_m = 0.0 if individual.goes else float(rng.uniform(0.0, 2.0))
+    position_m = played.along(course, float(rng.uniform(*_RADII_M)), begin_m)
+    clip = clips[0]
+    motion = RecordedMotion.of(clip.joints, clip.parents, position_m, played.frame_rate_hz)
+    kind = motion.skeleton
+    girth = float(np.exp(_GIRTH * np.clip(rng.standard_normal(), -2.5, 2.5)))
+    half_m = motion.half_m * np.array([1.0, girth, girth])
+    plan = BodyPlan(label, kind.names, half_m, motion, kind.n_trunk, kind.gain)
+    looks_s = np.linspace(0.0, _DURATION_S / 2, _N_LOOKS)
+    try:
+        return plan.dressed(
+            rng, options.get("skin", "surface"), options.get("total_rcs_dbsm"), looks_s
+        )
+    except SceneError as err:
+        msg = f"{where}: {err}"
+        raise SceneError(msg) from err
+
+
+@cache
+def _mirrored(individual: Individual) -> tuple[Clip, ...]:
+    return tuple(clip.mirrored() for clip in individual.clips)
+
+
+def _draw_size_m(rng: np.random.Generator, individual: Individual) -> float:
+    label = individual.label
+    low, high = _SIZE_M[label]
+    own_m = float(np.median([clip.size_m for clip in individual.clips]))
+    if label == "human" and rng.random() < _CHILD_SHARE:
+        return float(rng.uniform(low, 1.5))
+    spread = _SPREAD[label] * np.clip(rng.standard_normal(), -2.0, 2.0)
+    return float(np.clip(own_m * np.exp(spread), low, high))
+
+
+def cards_of(individuals: Sequence[Individual]) -> list[dict[str, str]]:
+    """Return name, hash, licence and source of every clip, for manifests and cards."""
+    return [
+        {"clip": c.name, "sha256": c.sha256, "licence": c.licence, "source": c.source}
+        for individual in individuals
+        for c in individual.clips
+    ]
