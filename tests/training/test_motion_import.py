@@ -1,0 +1,251 @@
+"""Files of other programs become clips: BVH, ASF with AMC, glTF, archives."""
+
+import base64
+import json
+
+import numpy as np
+import pytest
+import yaml
+
+from tests.training.motion_helpers import stander, walker
+from x2radar.errors import SceneError
+from x2train.cli import main
+from x2train.motion.clips import read_clip
+from x2train.motion.formats import read_motions
+from x2train.motion.importing import KINDS, JointMap, read_map, standard_clip
+
+ASF = """\
+# a root with one bone that points up and another that goes on from it
+:version 1.10
+:name probe
+:units
+  mass 1.0
+  length 1.0
+  angle deg
+:root
+  order TX TY TZ RX RY RZ
+  axis XYZ
+  position 0 0 0
+  orientation 0 0 0
+:bonedata
+  begin
+    id 1
+    name lower
+    direction 0 1 0
+    length 2
+    axis 0 0 0 XYZ
+    dof rz
+    limits (-180 180)
+  end
+  begin
+    id 2
+    name upper
+    direction 0 1 0
+    length 3
+    axis 0 0 90 XYZ
+    dof rx
+  end
+:hierarchy
+  begin
+    root lower
+    lower upper
+  end
+"""
+AMC = """\
+#!OML:ASF probe.asf
+:FULLY-SPECIFIED
+:DEGREES
+1
+root 1 0 0 0 0 0
+lower 0
+upper 0
+2
+root 1 0 0 0 0 0
+lower 90
+upper 0
+3
+root 1 0 0 0 0 90
+lower 0
+upper 90
+"""
+BVH = """\
+HIERARCHY
+ROOT base
+{
+  OFFSET 0 0 0
+  CHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation Yrotation
+  End Site
+  {
+    OFFSET 0 2 0
+  }
+}
+MOTION
+Frames: 2
+Frame Time: 0.008333
+0 0 0 0 0 0
+1 0 0 90 0 0
+"""
+
+
+def gltf(times, turns):
+    """Return a glTF of an arm (0, 2, 0) long whose shoulder turns."""
+    data = np.array(times, "<f4").tobytes() + np.array(turns, "<f4").tobytes()
+    n = len(times)
+    return {
+        "asset": {"version": "2.0"},
+        "nodes": [
+            {"name": "hand", "translation": [0, 2, 0]},
+            {"name": "shoulder", "translation": [1, 0, 0], "children": [0]},
+        ],
+        "buffers": [
+            {
+                "byteLength": len(data),
+                "uri": "data:application/octet-stream;base64," + base64.b64encode(data).decode(),
+            }
+        ],
+        "bufferViews": [
+            {"buffer": 0, "byteOffset": 0, "byteLength": 4 * n},
+            {"buffer": 0, "byteOffset": 4 * n, "byteLength": 16 * n},
+        ],
+        "accessors": [
+            {"bufferView": 0, "componentType": 5126, "count": n, "type": "SCALAR"},
+            {"bufferView": 1, "componentType": 5126, "count": n, "type": "VEC4"},
+        ],
+        "animations": [
+            {
+                "name": "wave",
+                "channels": [{"sampler": 0, "target": {"node": 1, "path": "rotation"}}],
+                "samplers": [{"input": 0, "output": 1, "interpolation": "LINEAR"}],
+            }
+        ],
+    }
+
+
+def test_acclaim_bones_turn_about_their_own_axes(tmp_path):
+    (tmp_path / "probe.asf").write_text(ASF)
+    (tmp_path / "probe.amc").write_text(AMC)
+    (motion,) = read_motions(tmp_path / "probe.amc", rate_hz=120.0)
+    assert motion.joints == ("root", "lower", "upper")
+    assert motion.parents == (-1, 0, 1)
+    assert motion.frame_rate_hz == 120.0
+    np.testing.assert_allclose(motion.position[0], [[1, 0, 0], [1, 2, 0], [1, 5, 0]], atol=1e-9)
+    # The lower bone falls to the left, and takes the upper one along.
+    np.testing.assert_allclose(motion.position[1], [[1, 0, 0], [-1, 0, 0], [-4, 0, 0]], atol=1e-9)
+    # Its own x axis is the room's y where it is made, along the bone: nothing moves by that.
+    np.testing.assert_allclose(motion.position[2], [[1, 0, 0], [-1, 0, 0], [-4, 0, 0]], atol=1e-9)
+
+
+def test_bvh_is_read_as_scenes_read_it(tmp_path):
+    (tmp_path / "a.bvh").write_text(BVH)
+    (motion,) = read_motions(tmp_path / "a.bvh")
+    assert motion.frame_rate_hz == pytest.approx(120.0, rel=1e-3)
+    np.testing.assert_allclose(motion.position[1], [[1, 0, 0], [-1, 0, 0]], atol=1e-9)
+
+
+def test_gltf_curves_are_sampled_between_their_keys(tmp_path):
+    half = np.sqrt(0.5)
+    (tmp_path / "a.gltf").write_text(
+        json.dumps(gltf([0.0, 1.0], [[0, 0, 0, 1], [0, 0, half, half]]))
+    )
+    (motion,) = read_motions(tmp_path / "a.gltf")
+    assert motion.name == "a_wave"
+    assert motion.joints == ("shoulder", "hand")
+    assert motion.parents == (-1, 0)
+    assert len(motion.position) == 61
+    np.testing.assert_allclose(motion.position[0, 1], [1, 2, 0], atol=1e-6)
+    np.testing.assert_allclose(motion.position[60, 1], [-1, 0, 0], atol=1e-6)
+    # Half way it is turned by 45 degrees, not half the way through the middle.
+    np.testing.assert_allclose(motion.position[30, 1], [1 - 2 * half, 2 * half, 0], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("a.bvh", "HIERARCHY\nROOT base\n{\n"),
+        ("a.amc", AMC),
+        ("a.gltf", "{"),
+        ("a.gltf", '{"asset": {"version": "2.0"}, "animations": [{"channels": [{}]}]}'),
+        ("a.npz", "no archive"),
+        ("a.fbx", "unknown"),
+    ],
+)
+def test_what_cannot_be_read_is_one_line(tmp_path, name, text):
+    (tmp_path / name).write_text(text)
+    with pytest.raises(SceneError) as caught:
+        read_motions(tmp_path / name)
+    assert name in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_no_such_file(tmp_path):
+    with pytest.raises(SceneError, match="cannot be read"):
+        read_motions(tmp_path / "gone.bvh")
+
+
+# ---------------------------------------------------------------- maps and clips
+
+
+def write_map(path, **changed):
+    whole = {
+        "kind": "person",
+        "scale": 0.01,
+        "up": "z",
+        "joints": {n: f"rig:{n}" for n in KINDS["person"]},
+    }
+    path.write_text(yaml.safe_dump(whole | changed))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"kind": "bird"}, "kind: must be one of"),
+        ({"joints": {"pelvis": "hips"}}, "not given: chest"),
+        ({"joints": {"wing": "x", **{n: n for n in KINDS["person"]}}}, "no standard joint: wing"),
+        ({"scale": 0}, "scale must be"),
+        ({"colour": "red"}, "unknown key colour"),
+    ],
+)
+def test_maps_are_whole(tmp_path, changed, words):
+    with pytest.raises(SceneError, match=words):
+        read_map(write_map(tmp_path / "map.yaml", **changed))
+
+
+def write_rig(path, joint_m, kind, rate_hz):
+    """Write joints in centimetres, z up, a metre over the floor, by names of another program."""
+    np.savez(
+        path,
+        positions=100 * joint_m + [0, 0, 100],
+        joints=[f"rig:{n}" for n in KINDS[kind]],
+        parents=range(-1, len(KINDS[kind]) - 1),
+        frame_rate_hz=rate_hz,
+    )
+    return path
+
+
+def test_a_rig_in_centimetres_at_another_rate_becomes_the_walk_it_was(tmp_path):
+    write_rig(tmp_path / "a.npz", walker()[::2], "person", 30.0)
+    words = ["motion", "import", str(tmp_path / "a.npz"), "--species", "human", "--who", "anna"]
+    more = ["--map", str(write_map(tmp_path / "map.yaml")), "--out", str(tmp_path / "clips")]
+    assert main([*words, *more, "--licence", "CC0"]) == 0
+    clip = read_clip(tmp_path / "clips/anna_a.npz")
+    assert (clip.individual, clip.label, clip.licence) == ("anna", "human", "CC0")
+    assert clip.frame_rate_hz == 60.0
+    assert clip.step_m.mean() * 60 == pytest.approx(1.2, rel=0.03)
+    assert clip.size_m == pytest.approx(1.8, abs=0.03)
+    assert clip.joint_m[..., 2].min() == pytest.approx(0.0, abs=0.01)
+
+
+def test_joints_that_a_file_has_not_are_named(tmp_path):
+    (motion,) = read_motions(write_rig(tmp_path / "a.npz", stander(), "quadruped", 60.0))
+    with pytest.raises(SceneError, match=r"no joint paw; it has rig:pelvis"):
+        standard_clip(motion, JointMap("quadruped", dict.fromkeys(KINDS["quadruped"], "paw")), "a")
+
+
+def test_a_person_s_map_is_not_for_a_dog(tmp_path, capsys):
+    write_rig(tmp_path / "a.npz", stander(), "quadruped", 60.0)
+    words = ["motion", "import", str(tmp_path / "a.npz"), "--species", "dog", "--who", "rex"]
+    made = write_map(tmp_path / "map.yaml")
+    assert main([*words, "--map", str(made), "--out", str(tmp_path / "c")]) == 2
+    assert "the map is of kind person" in capsys.readouterr().err
+    assert not (tmp_path / "c").exists()
