@@ -55,6 +55,12 @@ def register(commands: Commands) -> None:
         help="who moves: train, staying (in place), things (nobody), held out, thesis, all, or a "
         "plug-in's body (train)",
     )
+    add(
+        "--clips",
+        type=Path,
+        metavar="DIR",
+        help="bodies of recorded motion instead: a folder of clips, see train-export motion",
+    )
     add("--rooms", choices=("usual", "unseen"), default="usual", help="where")
     add("--radar", choices=("any", "x2", "x4m03"), default="any", help="with which radar (any)")
     add(
@@ -104,15 +110,24 @@ def _run(args: argparse.Namespace) -> int:
             msg = f"--{name} {getattr(args, name):g}: must be 0 to 1"
             raise UsageError(msg)
     # Late: the simulator takes a second, and --help must not.
-    from x2train.sets.families import USES, plugged_family  # noqa: PLC0415
+    from x2train.sets.families import (  # noqa: PLC0415
+        CLIPS,
+        USES,
+        plugged_family,
+        recorded_families,
+    )
     from x2train.sets.shard_run import make_shards  # noqa: PLC0415
     from x2train.sets.windows import GATE, WindowSpec  # noqa: PLC0415
 
-    if args.families not in USES:
-        plugged_family(args.families)
+    use = args.families
+    if args.clips:
+        use = f"{CLIPS}{args.clips.resolve()}"
+        recorded_families(use.removeprefix(CLIPS))
+    elif use not in USES:
+        plugged_family(use)
     spec = WindowSpec(
         seed=args.seed,
-        use=args.families,
+        use=use,
         rooms=args.rooms,
         radar=args.radar,
         longest_s=args.longest,

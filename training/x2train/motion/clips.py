@@ -7,6 +7,7 @@ bear the standard names of a skeleton (`x2radar.sim.bodies.skeleton`).
 """
 
 import hashlib
+import io
 import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -52,6 +53,8 @@ class Clip:
         How far the point goes from each frame to the next, along the way.
     licence, source, sha256 : str
         For a bundle's card.
+    slip : float
+        How far feet that stand slide, against how far the body goes: 0 where it was recorded.
     """
 
     name: str
@@ -65,6 +68,7 @@ class Clip:
     licence: str
     source: str
     sha256: str
+    slip: float
 
     @property
     def goes(self) -> bool:
@@ -103,7 +107,7 @@ def read_clip(path: Path) -> Clip:
     """
     try:
         data = path.read_bytes()
-        with np.load(path, allow_pickle=False) as file:
+        with np.load(io.BytesIO(data), allow_pickle=False) as file:
             position = np.asarray(file["positions"], np.float64)
             joints = tuple(str(name) for name in file["joints"])
             parents = tuple(int(k) for k in file["parents"])
@@ -113,7 +117,8 @@ def read_clip(path: Path) -> Clip:
                 for key in ("species", "person", "animal", "licence", "source")
                 if key in file
             }
-    except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile) as err:
+            slip = float(file["slip_ratio"]) if "slip_ratio" in file else 0.0
+    except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as err:
         msg = f"{path}: not a clip: {' '.join(str(err).split())}"
         raise SceneError(msg) from err
     fits = position.ndim == 3 and position.shape[1:] == (len(joints), 3) == (len(parents), 3)
@@ -136,6 +141,7 @@ def read_clip(path: Path) -> Clip:
         licence=text.get("licence", ""),
         source=text.get("source", ""),
         sha256=hashlib.sha256(data).hexdigest(),
+        slip=slip,
     )
 
 

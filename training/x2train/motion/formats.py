@@ -25,7 +25,7 @@ _MAX_FRAMES = 200_000
 """Nearly an hour at 60 Hz."""
 _BROKEN = (
     *(ValueError, LookupError, ArithmeticError, TypeError, AttributeError, StopIteration),
-    *(RuntimeError, zipfile.BadZipFile),
+    *(RuntimeError, EOFError, zipfile.BadZipFile),
 )
 
 

@@ -8,7 +8,8 @@ out families are never in the training of a bundle that is judged on them.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, partial
+from pathlib import Path
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -16,9 +17,14 @@ import numpy as np
 from x2radar import plugins
 from x2radar.errors import SettingsError
 from x2radar.sim.bodies.skeleton.species import SPECIES
-from x2radar.sim.points import Label
+from x2radar.sim.points import Label, Mover
 from x2radar.sim.scene.cast import BodyKind, plugged_body
+from x2train.motion.library import Individual, draw_recorded_body, read_library
 
+CLIPS = "clips:"
+"""Begins a use that names a folder of clips: bodies of recorded motion."""
+RECORDED = "recorded"
+"""Kind of such bodies."""
 Use = Literal["train", "staying", "things", "held out", "thesis", "all"]
 USES: tuple[Use, ...] = get_args(Use)
 LABELS: tuple[Label, ...] = ("human", "pet", "other")
@@ -37,11 +43,12 @@ class Family:
     weight: float = 1.0  # share within its label
     # the body itself, where a plug-in brings it; it draws its own place and way
     plugged: BodyKind | None = None
+    is_still: bool = False  # of recorded motion that goes nowhere
 
     @property
     def stays(self) -> bool:
         """Whether it moves in its place."""
-        return self.label == "other" or self.options.get("style") in _STAYING
+        return self.is_still or self.label == "other" or self.options.get("style") in _STAYING
 
 
 _STAYING = {"stand", "busy", "exercise", "sit", "lie", "pant", "groom", "scratch", "play", "jump"}
@@ -139,6 +146,31 @@ def plugged_family(name: str) -> Family:
     return Family(name, label, name, plugged=kind)
 
 
+@cache
+def recorded_families(folder: str) -> tuple[Family, ...]:
+    """Return a family for each individual of a folder of clips, see `x2train.motion.library`.
+
+    Raises SceneError if the folder has none.
+    """
+    return tuple(
+        Family(
+            each.name,
+            each.label,
+            RECORDED,
+            weight=each.weight,
+            plugged=BodyKind("Somebody whose motion was recorded.", partial(_recorded, each)),
+            is_still=not each.goes,
+        )
+        for each in read_library(Path(folder))
+    )
+
+
+def _recorded(
+    individual: Individual, rng: np.random.Generator, options: Mapping[str, Any], where: str
+) -> Mover:
+    return draw_recorded_body(rng, individual, options, where)
+
+
 def draw_family(rng: np.random.Generator, label: Label, use: Use) -> Family:
     """Return a family of a label, drawn by weight."""
     rows = families(label, use)
@@ -166,8 +198,15 @@ PAIRS: Mapping[tuple[Label, Label], float] = {
 def draw_cast(rng: np.random.Generator, label: Label, use: Use | str) -> tuple[Family, ...]:
     """Return one or two families for a scene of a label; the first one gives the label.
 
-    A person with a pet counts as held out. Where `use` names a plug-in body, it comes alone.
+    A person with a pet counts as held out. Where `use` names a plug-in body or a folder of clips,
+    somebody comes alone.
     """
+    if use.startswith(CLIPS):
+        if label == "other":
+            return (draw_family(rng, label, "train"),)
+        rows = [f for f in recorded_families(use.removeprefix(CLIPS)) if f.label == label]
+        weights = np.array([f.weight for f in rows])
+        return (rows[int(rng.choice(len(rows), p=weights / weights.sum()))],)
     if use not in USES:
         return (plugged_family(use),)
     if use == "thesis":

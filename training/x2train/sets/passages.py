@@ -25,7 +25,7 @@ from x2radar.sim.signal.noise import baseband_noise_power
 from x2radar.sim.signal.pulse import LinkBudget
 from x2radar.sim.signal.receiver import Receiver
 from x2train.sets.domain_randomization import RandomizedActor
-from x2train.sets.families import Family
+from x2train.sets.families import RECORDED, Family
 from x2train.sets.sites import Site
 
 Array = NDArray[np.float64]
@@ -219,7 +219,10 @@ def actor(
     bearing = rng.uniform(-0.7, 0.7)
     away_m = rng.uniform(near_m + 0.2, far_m - 0.2)
     x, y = float(away_m * np.sin(bearing)), float(away_m * np.cos(bearing))
-    if family.plugged is not None:
+    if family.kind == RECORDED:
+        echo = {key: value for key, value in given.items() if key != "motion"}
+        options = {**echo, "near_m": near_m, "far_m": far_m}
+    elif family.plugged is not None:
         pass  # Only it knows which options it takes.
     elif family.label == "other" and family.kind != "moth":
         options["position_m"] = [x, y]
