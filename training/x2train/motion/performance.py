@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from x2radar.sim.bodies.path.course import bends
+from x2radar.sim.bodies.path.courses import bends
 from x2train.motion.clips import Clip
 
 Array = NDArray[np.float64]
