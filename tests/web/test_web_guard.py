@@ -11,8 +11,8 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from radard.config.sink_table import SinkOptions, WebSection
 from radard.errors import ConfigError, UsageError
+from radard.web.answers import MAX_BODY
 from radard.web.auth import SESSION_S, AccessControl, Tokens, is_loopback, read_tokens
-from radard.web.middleware import MAX_BODY
 from radard.web.sink import open_from_url, parse_address
 from tests.dashboard_helpers import maker, post
 from tests.web_helpers import HEADERS, decision, event, open_decision

@@ -105,7 +105,10 @@ def _session_routes(access: AccessControl) -> list[Route]:
     """Return the routes that trade a token for a session, and end it."""
 
     async def log_in(request: Request) -> Response:
-        token = (await json_body(request) or {}).get("token")
+        body = await json_body(request)
+        if isinstance(body, Response):
+            return body
+        token = body.get("token")
         if not isinstance(token, str) or len(token) > _MAX_TOKEN:
             return refusal(400, "a token is wanted")
         address = address_of(request)

@@ -1,12 +1,16 @@
 """Answers and what requests hold: refusals, whole numbers, JSON bodies, attachments."""
 
+import asyncio
 import json
 from typing import Any
 
-from starlette.requests import Request
+from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse
 
 from radard.errors import UsageError
+
+MAX_BODY = 4096  # bytes: 32 zones fit
+_BODY_S = 10.0  # for a body that comes over a slow line
 
 
 def refusal(code: int, reason: str) -> JSONResponse:
@@ -38,15 +42,22 @@ def query_number(request: Request, name: str, default: int, most: int) -> int:
     return number
 
 
-async def json_body(request: Request) -> dict[str, Any] | None:
-    """Return the JSON object of a body, None when it is none."""
-    if request.headers.get("content-type", "").partition(";")[0] != "application/json":
-        return None
+async def json_body(request: Request) -> dict[str, Any] | JSONResponse:
+    """Return the JSON object of a body, or the answer to one that is none, or late, or long."""
+    data = b""
     try:
-        body = json.loads(await request.body(), parse_constant=_refuse_constant)
-    except (ValueError, RecursionError):
-        return None
-    return body if isinstance(body, dict) else None
+        async with asyncio.timeout(_BODY_S):
+            async for chunk in request.stream():
+                data += chunk
+                if len(data) > MAX_BODY:
+                    return refusal(413, "the body is too long")
+        body = json.loads(data, parse_constant=_refuse_constant)
+    except TimeoutError:
+        return refusal(408, "the body does not come")
+    except (ValueError, RecursionError, ClientDisconnect):
+        body = None
+    is_json = request.headers.get("content-type", "").partition(";")[0] == "application/json"
+    return body if is_json and isinstance(body, dict) else refusal(400, "no JSON object")
 
 
 def _refuse_constant(name: str) -> float:

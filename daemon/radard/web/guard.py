@@ -56,8 +56,8 @@ class Guard:
             if not self._rate_limit.take():
                 return refusal(429, "too much at once; wait a moment")
             body = await json_body(request)
-            if body is None:
-                return refusal(400, "no JSON object")
+            if isinstance(body, Response):
+                return body
             try:
                 return await handler(body)
             except OverflowError:

@@ -5,17 +5,13 @@ our own origin with our own header, which no form and no page of another site ca
 headers keep a browser from doing what our pages never ask for.
 """
 
-import asyncio
-
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import JSONResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from radard.web.answers import refusal, whole_number
+from radard.web.answers import MAX_BODY, refusal, whole_number
 from radard.web.auth import AccessControl
 
-MAX_BODY = 4096  # bytes: 32 zones fit
-_BODY_S = 10.0  # for a body that comes over a slow phone line
 _OWN_HEADER = "x-radard"
 _SAFE = {"GET", "HEAD", "OPTIONS"}
 _HEADERS = {
@@ -31,28 +27,6 @@ _HEADERS = {
     "Cross-Origin-Resource-Policy": "same-origin",
     "Permissions-Policy": "camera=(), microphone=(), geolocation=()",
 }
-
-
-class _TooLong(Exception):
-    """A body is longer than `MAX_BODY`."""
-
-
-async def _whole_body(receive: Receive) -> Receive:
-    """Read the whole body; return a `receive` that hands it on in one piece."""
-    body = b""
-    while True:
-        message = await receive()
-        body += message.get("body", b"")
-        if len(body) > MAX_BODY:
-            raise _TooLong
-        if not message.get("more_body", False):
-            break
-    whole: list[Message] = [{**message, "body": body} if "body" in message else message]
-
-    async def again() -> Message:
-        return whole.pop() if whole else await receive()
-
-    return again
 
 
 def _shielded(send: Send) -> Send:
@@ -81,23 +55,9 @@ class SecurityMiddleware:
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
-        headers = Headers(scope=scope)
         answer = _shielded(send)
-        fault = self._fault(scope["method"], headers)
-        if fault is not None:
-            await fault(scope, receive, answer)
-            return
-        if scope["method"] not in _SAFE:
-            try:
-                async with asyncio.timeout(_BODY_S):
-                    receive = await _whole_body(receive)
-            except TimeoutError:
-                await refusal(408, "the body does not come")(scope, receive, answer)
-                return
-            except _TooLong:
-                await refusal(413, "the body is too long")(scope, receive, answer)
-                return
-        await self._app(scope, receive, answer)
+        app = self._fault(scope["method"], Headers(scope=scope)) or self._app
+        await app(scope, receive, answer)
 
     def _fault(self, method: str, headers: Headers) -> JSONResponse | None:
         if not self._access.is_right_host(headers):
