@@ -191,6 +191,15 @@ def test_a_proxy_that_changes_the_host_is_told_what_is_wrong(make):
     assert post(client, "/api/v1/command", {"command": "arm"}, headers).status_code == 202
 
 
+def test_one_of_several_has_its_pages_below_its_name(make):
+    client = make(sensor={}, sensors={"radar": {"port": "sim:empty"}})
+    answer = client.get("/sensor/radar")
+    assert (answer.status_code, answer.headers["location"]) == (307, "radar/")
+    for path in ("", "static/app.js", "api/v1/status", "sw.js"):
+        assert client.get(f"/sensor/radar/{path}").status_code == 200
+    assert client.get("/sensor/cellar/static/app.js").status_code == 404
+
+
 def test_pages_name_all_they_need_relative_to_themselves(make):
     client = make(tokens=(None, OPERATOR))
     for page in (client.get("/"), client.get("/static/index.html")):

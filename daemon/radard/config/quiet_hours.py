@@ -14,7 +14,7 @@ from zoneinfo import ZoneInfo
 Now = Callable[[float], datetime | None]
 
 _DAYS = ("mon", "tue", "wed", "thu", "fri", "sat", "sun")
-_FORM = re.compile(r"(?:([A-Za-z,\- ]+) )?(\d\d?):(\d\d) ?- ?(\d\d?):(\d\d)")
+_FORM = re.compile(r"(?:([a-z,\- ]+) )?(\d\d?):([0-5]\d) ?- ?(\d\d?):([0-5]\d)")
 _DAY_MINUTES = 24 * 60
 
 
@@ -75,20 +75,15 @@ def recorded_clock(started_utc: str) -> Now:
 
 def parse_quiet(text: str) -> QuietPeriod:
     """Read a period; raise ValueError with one line when it is none."""
-    match = _FORM.fullmatch(text.strip())
-    if match is None:
-        msg = f"quiet period '{text}': write 22:00-06:30 or Mon-Fri 08:00-17:00"
-        raise ValueError(msg)
-    days, *clock = match.groups()
-    from_h, from_m, to_h, to_m = map(int, clock)
-    from_min, to_min = from_h * 60 + from_m, to_h * 60 + to_m
-    if from_m > 59 or to_m > 59 or from_min >= _DAY_MINUTES or to_min > _DAY_MINUTES:
-        msg = f"quiet period '{text}': there is no such time of day"
-        raise ValueError(msg)
-    if from_min == to_min:
-        msg = f"quiet period '{text}': it is empty; a whole day is 00:00-24:00"
-        raise ValueError(msg)
-    return QuietPeriod(_parse_days(days, text), from_min, to_min)
+    match = _FORM.fullmatch(text.strip().lower())
+    if match is not None:
+        days, from_h, from_m, to_h, to_m = match.groups()
+        found = set(range(7)) if days is None else _days_of(days)
+        start, end = int(from_h) * 60 + int(from_m), int(to_h) * 60 + int(to_m)
+        if found and start < _DAY_MINUTES and end <= _DAY_MINUTES and start != end:
+            return QuietPeriod(frozenset(found), start, end)
+    msg = f"quiet period '{text}': write 22:00-06:30, Mon-Fri 08:00-17:00 or Sun 00:00-24:00"
+    raise ValueError(msg)
 
 
 def time_zone(name: str | None) -> tzinfo | None:
@@ -102,15 +97,13 @@ def time_zone(name: str | None) -> tzinfo | None:
         raise ValueError(msg) from err
 
 
-def _parse_days(text: str | None, whole: str) -> frozenset[int]:
-    if text is None:
-        return frozenset(range(7))
+def _days_of(text: str) -> set[int]:
+    """Return the days of a list of them and of spans of them; none if one is unknown."""
     days: set[int] = set()
-    for part in text.lower().replace(" ", "").split(","):
+    for part in text.replace(" ", "").split(","):
         first, _, last = part.partition("-")
         if first not in _DAYS or (last or first) not in _DAYS:
-            msg = f"quiet period '{whole}': days are {', '.join(d.title() for d in _DAYS)}"
-            raise ValueError(msg)
+            return set()
         start, stop = _DAYS.index(first), _DAYS.index(last or first)
         days.update((start + k) % 7 for k in range((stop - start) % 7 + 1))
-    return frozenset(days)
+    return days
