@@ -29,7 +29,6 @@ from tests.echo_references import passband
 from x2radar.frame import FastTimeAxis
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS, RadarSettings
 from x2radar.sim.echo import TIERS, Pulse, Task, choose, frames
-from x2radar.sim.echo.choose import FramesOf
 from x2radar.sim.signal.noise import baseband_noise_power, matched_noise
 from x2radar.sim.signal.pulse import LinkBudget
 
@@ -116,10 +115,10 @@ def compare(axis: FastTimeAxis, rounds: int) -> dict[str, object]:
     reference = passband(range_m, amplitude, axis)
     cheapest = choose(Task(400, 20, axis, Pulse.of(axis), ERROR_DB))
 
-    def way(make: FramesOf) -> Callable[[], NDArray[np.complex64]]:
-        return lambda: make(range_m, amplitude, axis, error_db=ERROR_DB)
+    def way(tier: str) -> Callable[[], NDArray[np.complex64]]:
+        return lambda: frames(range_m, amplitude, axis, error_db=ERROR_DB, tier=tier)
 
-    tiers = {name: way(tier.frames) for name, tier in TIERS.items()}
+    tiers = {name: way(name) for name in TIERS}
     errors = {name: round(error_db(make(), reference), 1) for name, make in tiers.items()}
     peers = {
         "complex128": lambda: dense(range_m, amplitude, axis),
@@ -191,13 +190,11 @@ def one_regret(axis: FastTimeAxis, n_slow: int, n_points: int) -> float:
     amplitude = np.ones_like(range_m)
     task = Task(n_slow, n_points, axis, Pulse.of(axis), ERROR_DB)
 
-    def time_of(make: FramesOf) -> float:
-        return seconds(lambda: make(range_m, amplitude, axis, error_db=ERROR_DB), 9)
+    def time_of(tier: str) -> float:
+        return seconds(lambda: frames(range_m, amplitude, axis, error_db=ERROR_DB, tier=tier), 9)
 
     times = {
-        name: time_of(tier.frames)
-        for name, tier in TIERS.items()
-        if math.isfinite(tier.cost_ns(task))
+        name: time_of(name) for name, tier in TIERS.items() if math.isfinite(tier.cost_ns(task))
     }
     return times[choose(task)] / min(times.values())
 

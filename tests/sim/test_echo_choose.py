@@ -75,7 +75,7 @@ def test_auto_is_the_tier_it_names(name):
     range_m, amplitude = scene(axis, 30, 12)
     chosen = choose(task(axis, 30, 12))
     auto = frames(range_m, amplitude, axis)
-    assert np.array_equal(auto, TIERS[chosen].frames(range_m, amplitude, axis, error_db=-60))
+    assert np.array_equal(auto, frames(range_m, amplitude, axis, tier=chosen))
     assert np.array_equal(auto, frames(range_m, amplitude, axis, Pulse.of(axis)))
 
 

@@ -5,7 +5,7 @@ scatterer), `local` (the bins that an echo touches) or `gridded` (a coarse grid 
 product).
 """
 
-from x2radar.sim.echo.choose import TIERS, Task, choose, frames
-from x2radar.sim.echo.common import Pulse
+from x2radar.sim.echo.choose import TIERS, choose, frames
+from x2radar.sim.echo.common import Pulse, Task
 
 __all__ = ["TIERS", "Pulse", "Task", "choose", "frames"]

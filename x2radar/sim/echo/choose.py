@@ -19,57 +19,18 @@ gridded on the X2's own bins and RF, local on decimated bins.
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Protocol
 
 from x2radar.errors import SceneError
 from x2radar.frame import FastTimeAxis
 from x2radar.sim.echo import dense, gridded, local
-from x2radar.sim.echo.common import FINEST_DB, Amplitude, Array, Frames, Pulse, blocks, check
-
-
-class FramesOf(Protocol):
-    """What every tier's `frames` looks like."""
-
-    def __call__(
-        self,
-        range_m: Array,
-        amplitude: Amplitude,
-        axis: FastTimeAxis,
-        pulse: Pulse | None = None,
-        *,
-        error_db: float,
-        floor: float = 0.0,
-    ) -> Frames:
-        """Return frames; arguments and result are those of `frames` below."""
-        ...
-
-
-@dataclass(frozen=True, slots=True)
-class Task:
-    """What frames are wanted."""
-
-    n_slow: int
-    n_points: int
-    axis: FastTimeAxis
-    pulse: Pulse
-    error_db: float  # largest allowed
-
-    @property
-    def n_echoes(self) -> int:
-        """Frames times scatterers."""
-        return self.n_slow * self.n_points
-
-    @property
-    def n_calls(self) -> int:
-        """Pieces that slow time is cut into."""
-        return sum(1 for _ in blocks(self.n_slow, self.n_points))
+from x2radar.sim.echo.common import FINEST_DB, Amplitude, Array, Frames, Pulse, Task
 
 
 @dataclass(frozen=True, slots=True)
 class Tier:
     """One way to make frames."""
 
-    frames: FramesOf
+    frames: Callable[[Array, Amplitude, Task, float], Frames]
     finest_db: float  # smallest error that it can be asked for
     cost_ns: Callable[[Task], float]  # an estimate; infinite if the tier cannot do it
 
@@ -134,6 +95,7 @@ def frames(
     *,
     error_db: float = -60.0,
     floor: float = 0.0,
+    tier: str | None = None,
 ) -> Frames:
     """Return the frames of moving points.
 
@@ -151,6 +113,8 @@ def frames(
         Largest error of a bin over the sum of the frame's amplitudes, -130 to -20 dB.
     floor : float
         Echoes up to this amplitude are left out: say a tenth of the noise.
+    tier : str, optional
+        Which of `TIERS` makes them, instead of the cheapest.
 
     Returns
     -------
@@ -166,7 +130,13 @@ def frames(
         If the error is not within -130 to -20 dB, the shapes differ, or the axis has no
         bandwidth.
     """
-    check(range_m, amplitude)
+    if range_m.ndim != 2 or range_m.shape != amplitude.shape:
+        msg = (
+            f"ranges of shape {range_m.shape} and amplitudes of shape {amplitude.shape}; "
+            "both must be (n_slow, n_points)"
+        )
+        raise SceneError(msg)
     pulse = pulse or Pulse.of(axis)
-    tier = TIERS[choose(Task(len(range_m), range_m.shape[1], axis, pulse, error_db))]
-    return tier.frames(range_m, amplitude, axis, pulse, error_db=error_db, floor=floor)
+    n_slow, n_points = range_m.shape
+    task = Task(n_slow, n_points, axis, pulse, error_db)
+    return TIERS[tier or choose(task)].frames(range_m, amplitude, task, floor)

@@ -55,14 +55,25 @@ class Pulse:
         return widening * self.sigma_s * SPEED_OF_LIGHT_MPS / 2
 
 
-def check(range_m: Array, amplitude: Amplitude) -> None:
-    """Raise SceneError unless both have the same two-dimensional shape."""
-    if range_m.ndim != 2 or range_m.shape != amplitude.shape:
-        msg = (
-            f"ranges of shape {range_m.shape} and amplitudes of shape {amplitude.shape}; "
-            "both must be (n_slow, n_points)"
-        )
-        raise SceneError(msg)
+@dataclass(frozen=True, slots=True)
+class Task:
+    """What frames are wanted."""
+
+    n_slow: int
+    n_points: int
+    axis: FastTimeAxis
+    pulse: Pulse
+    error_db: float  # largest allowed
+
+    @property
+    def n_echoes(self) -> int:
+        """Frames times scatterers."""
+        return self.n_slow * self.n_points
+
+    @property
+    def n_calls(self) -> int:
+        """Pieces that slow time is cut into."""
+        return sum(1 for _ in blocks(self.n_slow, self.n_points))
 
 
 def counted(

@@ -12,9 +12,8 @@ from x2radar.sim.echo.common import (
     Amplitude,
     Array,
     Frames,
-    Pulse,
+    Task,
     carrier_turns,
-    check,
     counted,
     empty,
 )
@@ -27,22 +26,13 @@ _BLOCK_SAMPLES = 1 << 17
 """Exponentials held at a time: 1 MiB, a core's second-level cache."""
 
 
-def frames(
-    range_m: Array,
-    amplitude: Amplitude,
-    axis: FastTimeAxis,
-    pulse: Pulse | None = None,
-    *,
-    error_db: float = -120.0,
-    floor: float = 0.0,
-) -> Frames:
-    """Return frames by the echo sum over all bins; see `choose.FramesOf`.
+def frames(range_m: Array, amplitude: Amplitude, task: Task, floor: float) -> Frames:
+    """Return frames by the echo sum over all bins; arguments as of `choose.frames`.
 
     ``sum_k a_k g(x - R_k) exp(-j 4 pi R_k / lambda)`` (2.19), or that on its carrier (2.12).
     Error below 1e-7 of the sum of amplitudes, whatever was asked for.
     """
-    del error_db
-    pulse = pulse or Pulse.of(axis)
+    axis, pulse = task.axis, task.pulse
     sigma_m = pulse.sigma_m(axis.kind)
     r, a = _kept(range_m, amplitude, axis, reach_m=_REACH_SIGMA * sigma_m, floor=floor)
     weight = a * np.exp(2j * np.pi * carrier_turns(r, axis))
@@ -77,7 +67,6 @@ def _kept(
     Echoes show up to `reach_m` outside the swath. Where one of the others does not count, its
     amplitude is zero and its range the swath's beginning, so that nothing overflows.
     """
-    check(range_m, amplitude)
     first_m = axis.range_offset_m
     last_m = first_m + (axis.n_range - 1) * axis.bin_length_m
     mask = counted(range_m, amplitude, first_m - reach_m, last_m + reach_m, floor)

@@ -33,9 +33,9 @@ from x2radar.sim.echo.common import (
     Baseband,
     Frames,
     Pulse,
+    Task,
     blocks,
     carrier_wave,
-    check,
     empty,
 )
 from x2radar.sim.echo.spread import SpreadGrid, spread
@@ -53,23 +53,15 @@ _TOUCH_NS = 1.5  # an echo at a point
 _USUAL_POINTS = 20  # of a body
 
 
-def frames(
-    range_m: Array,
-    amplitude: Amplitude,
-    axis: FastTimeAxis,
-    pulse: Pulse | None = None,
-    *,
-    error_db: float = -60.0,
-    floor: float = 0.0,
-) -> Frames:
-    """Return frames by way of a coarse grid; see `choose.FramesOf`.
+def frames(range_m: Array, amplitude: Amplitude, task: Task, floor: float) -> Frames:
+    """Return frames by way of a coarse grid; arguments as of `choose.frames`.
 
     The error is over the sum of the amplitudes of the echoes near the bin; further than about
     18 sigma from an echo it is exactly zero. Raises SceneError, too, where the axis' bins are
     longer than a third of the pulse's sigma.
     """
-    check(range_m, amplitude)
-    design = design_for(axis, pulse or Pulse.of(axis), error_db)
+    axis = task.axis
+    design = design_for(axis, task.pulse, task.error_db)
     out = empty(len(range_m), axis)
     for part in blocks(*range_m.shape):
         echo = spread(range_m[part], amplitude[part], axis, design.grid, floor)

@@ -10,43 +10,32 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from x2radar.frame import FastTimeAxis
 from x2radar.sim.echo.common import (
     Amplitude,
     Array,
     Frames,
-    Pulse,
+    Task,
     blocks,
-    check,
     empty,
     on_carrier,
 )
 from x2radar.sim.echo.spread import SpreadGrid, spread
 
 
-def frames(
-    range_m: Array,
-    amplitude: Amplitude,
-    axis: FastTimeAxis,
-    pulse: Pulse | None = None,
-    *,
-    error_db: float = -60.0,
-    floor: float = 0.0,
-) -> Frames:
-    """Return frames from the bins that echoes touch; see `choose.FramesOf`.
+def frames(range_m: Array, amplitude: Amplitude, task: Task, floor: float) -> Frames:
+    """Return frames from the bins that echoes touch; arguments as of `choose.frames`.
 
     The error is over the sum of the amplitudes of the echoes that reach the bin; a bin that
     none reaches is exactly zero.
     """
-    check(range_m, amplitude)
-    pulse = pulse or Pulse.of(axis)
+    axis, pulse = task.axis, task.pulse
     sigma_m = pulse.sigma_m(axis.kind)
     grid = SpreadGrid(
         origin_m=axis.range_offset_m,
         spacing_m=axis.bin_length_m,
         n_grid=axis.n_range,
         sigma_m=sigma_m,
-        n_touched=n_touched(sigma_m / axis.bin_length_m, error_db),
+        n_touched=n_touched(sigma_m / axis.bin_length_m, task.error_db),
     )
     out = empty(len(range_m), axis)
     for part in pieces(len(range_m), range_m.shape[1], grid.n_touched):
