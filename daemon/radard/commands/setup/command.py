@@ -1,8 +1,9 @@
 """`radard setup`: the whole installation, one file of it, or the coverage of a mount."""
 
 import argparse
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 from radard.commands.setup import files
 from radard.commands.setup.coverage import CoverageOptions, coverage_table
@@ -37,8 +38,13 @@ def run(argv: Sequence[str]) -> int:
     parser = make_parser()
     args = parser.parse_args(argv)
     if args.what is None and args.install == args.uninstall:
-        parser.error(f"give --install, --uninstall, or one of {', '.join(_WHATS)}")
-    lines = _WHATS[args.what](args) if args.what else _whole(args)
+        parser.error(f"give --install, --uninstall, or one of {', '.join((*_AFTER, 'coverage'))}")
+    if args.what is None:
+        lines = _whole(args)
+    elif args.what == "coverage":
+        lines = iter(coverage_table(_mount_of(args)))
+    else:
+        lines = _one(args, *_file_of(args))
     for line in lines:
         print(line, flush=True)
     return 0
@@ -52,43 +58,20 @@ def _whole(args: argparse.Namespace) -> Iterator[str]:
     return install_system(Installation(root, program, args.port, args.name))
 
 
-def _udev(args: argparse.Namespace) -> Iterator[str]:
-    return _one(args, files.UDEV_FILE, files.udev_rules(args.usb, args.serial))
-
-
-def _systemd(args: argparse.Namespace) -> Iterator[str]:
-    if args.name:
-        return _one(args, files.INSTANCE_FILE, files.systemd_instance_unit(args.exec))
-    return _one(args, files.UNIT_FILE, files.systemd_unit(args.exec, args.port))
-
-
-def _user(args: argparse.Namespace) -> Iterator[str]:
-    return _one(args, files.USER_FILE, files.user_declaration())
-
-
-def _config(args: argparse.Namespace) -> Iterator[str]:
-    path = files.CONFIG_FOLDER / f"{args.name or 'config'}.yaml"
-    return _one(args, path, files.first_config(args.name, args.port))
-
-
-def _coverage(args: argparse.Namespace) -> Iterator[str]:
-    options = CoverageOptions(
-        height_m=args.height,
-        tilt_deg=args.tilt,
-        width_deg=args.width,
-        limit_db=args.limit,
-        rcs_m2=args.rcs,
-    )
-    return iter(coverage_table(options))
-
-
-_WHATS: dict[str, Callable[[argparse.Namespace], Iterator[str]]] = {
-    "udev": _udev,
-    "systemd": _systemd,
-    "user": _user,
-    "config": _config,
-    "coverage": _coverage,
-}
+def _file_of(args: argparse.Namespace) -> tuple[Path, str]:
+    """Return path and text of one file."""
+    match args.what:
+        case "udev":
+            return files.UDEV_FILE, files.udev_rules(args.usb, args.serial)
+        case "user":
+            return files.USER_FILE, files.user_declaration()
+        case "systemd" if args.name:
+            return files.INSTANCE_FILE, files.systemd_instance_unit(args.exec)
+        case "systemd":
+            return files.UNIT_FILE, files.systemd_unit(args.exec, args.port)
+        case _:
+            path = files.CONFIG_FOLDER / f"{args.name or 'config'}.yaml"
+            return path, files.first_config(args.name, args.port)
 
 
 def _one(args: argparse.Namespace, path: Path, text: str) -> Iterator[str]:
@@ -99,6 +82,16 @@ def _one(args: argparse.Namespace, path: Path, text: str) -> Iterator[str]:
     yield from write_file(Path(args.root) / path, text)
     yield "now:"
     yield from (f"  {line}" for line in _AFTER[args.what])
+
+
+def _mount_of(args: argparse.Namespace) -> CoverageOptions:
+    return CoverageOptions(
+        height_m=args.height,
+        tilt_deg=args.tilt,
+        width_deg=args.width,
+        limit_db=args.limit,
+        rcs_m2=args.rcs,
+    )
 
 
 def make_parser() -> Parser:
@@ -118,19 +111,18 @@ def make_parser() -> Parser:
     udev.add_argument("--usb", metavar="VVVV:PPPP", help="an adapter's USB id (x2radar ports)")
     udev.add_argument("--serial", metavar="TEXT", help="and its serial number")
     systemd = _sub(whats, "systemd", "the unit that starts radard with the machine")
-    # What the whole command has as well: given on either side, it holds.
-    add = systemd.add_argument
-    add("--exec", type=Path, default=argparse.SUPPRESS, metavar="FILE", help="radard (this one)")
     user = _sub(whats, "user", "the user that radard runs as, for systemd-sysusers")
     config = _sub(whats, "config", "a configuration to begin with")
+    # What the whole command has as well: given on either side, it holds.
+    absent: Any = argparse.SUPPRESS
+    systemd.add_argument("--exec", type=Path, default=absent, metavar="FILE", help="(this one)")
     for sub in (systemd, config):
-        add = sub.add_argument
-        add("--port", default=argparse.SUPPRESS, help=f"as for radard ({files.PORT})")
-        add("--name", default=argparse.SUPPRESS, metavar="NAME", help="that of radard@NAME")
+        sub.add_argument("--port", default=absent, help=f"as for radard ({files.PORT})")
+        sub.add_argument("--name", default=absent, metavar="NAME", help="that of radard@NAME")
     for sub in (udev, systemd, user, config):
         add = sub.add_argument
-        add("--install", action="store_true", default=argparse.SUPPRESS, help="write it, as root")
-        add("--root", default=argparse.SUPPRESS, metavar="DIR", help="instead of /")
+        add("--install", action="store_true", default=absent, help="write it, as root")
+        add("--root", default=absent, metavar="DIR", help="instead of /")
     coverage = _sub(whats, "coverage", "signal over noise of a body, by height and range")
     add = coverage.add_argument
     add("--height", type=float, default=1.5, metavar="M", help="of the radar over the floor (1.5)")
