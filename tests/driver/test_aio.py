@@ -109,6 +109,7 @@ def test_not_opened():
         asyncio.run(main())
 
 
+@pytest.mark.integration
 def test_cancelled_while_it_opens_and_while_it_waits():
     silent = PtyTransport()
 

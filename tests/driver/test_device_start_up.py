@@ -293,6 +293,7 @@ def test_a_module_that_streams_meanwhile_is_configured_and_its_old_frames_are_no
         assert radar.stats.frames == 1
 
 
+@pytest.mark.integration
 def test_a_simulated_module_that_streams_already_is_taken_over() -> None:
     with simulated("pty", speed=1.0) as connect:
         transports = []

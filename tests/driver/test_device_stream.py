@@ -107,6 +107,7 @@ def test_a_simulated_module_that_reboots_again_and_again_streams_on() -> None:
     assert stats.frames >= 400
 
 
+@pytest.mark.integration
 def test_numbers_and_stats_go_on_over_all_openings() -> None:
     with simulated("pty") as connect:
         radar = X2Radar(connect, SETTINGS)
@@ -136,7 +137,7 @@ def test_slow_reader_is_no_stall() -> None:
         assert next(frames).counter == 2
 
 
-@pytest.mark.parametrize("kind", ["memory", "pty"])
+@pytest.mark.parametrize("kind", ["memory", pytest.param("pty", marks=pytest.mark.integration)])
 def test_port_closed_in_mid_stream(kind: str) -> None:
     # Slow enough that the module does not fill the line before it is closed.
     with simulated(kind, speed=1.0) as connect:

@@ -10,7 +10,6 @@ import pytest
 
 from radard import cli as radard_cli
 from radard.config.options import PORTS
-from radard.config.sink_table import SINKS
 from x2radar import cli as x2radar_cli
 from x2radar import manual
 from x2radar.command import Parser, nearest
@@ -68,10 +67,6 @@ def test_every_subcommand_has_a_description_an_example_and_help_for_all(name, tr
             assert action.help, (parser.prog, action.dest)
 
 
-def test_the_tree_of_radard_has_every_subcommand(trees):
-    assert list(manual.subparsers(trees["radard"])) == list(radard_cli._COMMANDS)
-
-
 @pytest.mark.parametrize("name", MAINS)
 def test_man_pages_name_every_option_and_subcommand(name, trees):
     page = manual.man_page(trees[name]).replace("\\-", "-")
@@ -88,6 +83,7 @@ def test_man_pages_name_every_option_and_subcommand(name, trees):
         assert f".B {code}\n" in page
 
 
+@pytest.mark.integration
 @pytest.mark.skipif(shutil.which("groff") is None, reason="no groff here")
 @pytest.mark.parametrize("name", MAINS)
 def test_groff_finds_no_fault_in_a_man_page(name, trees):
@@ -115,6 +111,7 @@ def test_completion_names_every_option_and_subcommand(name, shell, trees):
                 assert (option in script) is is_shown, (parser.prog, option)
 
 
+@pytest.mark.integration
 @pytest.mark.skipif(shutil.which("bash") is None, reason="no bash here")
 @pytest.mark.parametrize(
     ("words", "wanted"),
@@ -155,18 +152,6 @@ def test_help_of_port_names_every_form_and_key(capsys):
     assert all(form in PORTS for form in ("auto", "/dev/", "URL", "sim:", "replay:"))
     shown = " ".join(said(capsys, "radard", "--help-all").split())
     assert PORTS in shown
-
-
-def test_help_of_output_names_every_form(capsys):
-    shown = " ".join(said(capsys, "radard", "--help-all").split())
-    assert all(row.form in shown for row in SINKS)
-
-
-def test_exit_codes_are_those_of_the_docs():
-    text = (ROOT / "docs/troubleshooting.md").read_text()
-    _, _, table = text.partition("## Exit codes")
-    rows = re.findall(r"^\| (\d+) \|", table, re.MULTILINE)
-    assert {int(code) for code in rows} == set(manual.EXIT_CODES)
 
 
 # ---------------------------------------------------------------- did you mean
