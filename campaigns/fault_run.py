@@ -22,6 +22,7 @@ from radard.config.config import load_config
 from radard.config.quiet_hours import wall_clock
 from radard.health.health import STALE_S, Health
 from radard.judge.classifier import Classifier
+from radard.log import EventLog
 from radard.pipeline import HOP_S, Pipeline
 from radard.run.components import make_parts
 from radard.run.worker import Worker
@@ -278,7 +279,7 @@ class Run:
             self._ring,
             lambda _record: None,
             self._health,
-            StateStore(None),
+            StateStore(EventLog(None), None),
             rate=RateWatch(rate_hz),
         )
 

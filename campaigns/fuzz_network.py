@@ -100,7 +100,7 @@ class _Dashboard:
         # Else all but the first inputs would be turned away.
         with patch("radard.web.guard.RateLimit", _NoLimit):
             self._sink = WebSink("127.0.0.1", 0, WebSection())
-        kept = open_output(store, self._config, SinkContext(state_dir=Path(folder.name)))
+        kept = open_output(store, self._config, SinkContext())
         host = MagicMock(spec=Host, sensor="radar", health=Health())
         host.config.return_value, host.panel.return_value = self._config, SensorState(seq=1)
         host.playback.return_value, host.ring.return_value = None, None

@@ -29,6 +29,7 @@ from radard.config.config import load_config
 from radard.detect.calibration import load_calibration
 from radard.errors import RadardError
 from radard.judge.bundle import load_bundle
+from radard.log import EventLog
 from x2radar.device.device import X2Radar
 from x2radar.errors import X2RadarError
 from x2radar.frame import FastTimeAxis, StreamInfo
@@ -428,11 +429,11 @@ def _calibration_seeds(_folder: Path) -> list[bytes]:
     return [json.dumps(raw).encode(), json.dumps(raw | {"provenance": provenance}).encode()]
 
 
-def _state(folder: Path, data: bytes) -> None:
-    path = folder / "state.json"
-    path.write_bytes(data)
-    store = StateStore(path)
-    store.save(replace(store.load(is_armed=True), is_armed=False))
+def _state(_folder: Path, data: bytes) -> None:
+    log = EventLog(None)
+    log.keep("panel radar", data.decode(errors="surrogateescape"))
+    store = StateStore(log, "radar")
+    store.save(store.load(is_armed=True).model_copy(update={"is_armed": False}))
 
 
 def _state_seeds(_folder: Path) -> list[bytes]:

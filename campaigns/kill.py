@@ -53,7 +53,7 @@ _CONFIG = {
     "sensor": {"port": "sim:human", "speed": str(_SPEED), "wait": True},
     # An alarm that is on stays on until somebody disarms.
     "alarm": {"sensitivity": "high", "latch_s": 3600},
-    "outbox": {"first_retry_s": 0.2, "longest_retry_s": 1.0},
+    "log": {"first_retry_s": 0.2, "longest_retry_s": 1.0},
     "model": {"name": "fast"},
 }
 

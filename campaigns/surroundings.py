@@ -101,7 +101,7 @@ def _kept(store: Path) -> set[str]:
 
 CONFIG: Mapping[str, Any] = {
     "alarm": {"sensitivity": "high"},
-    "outbox": {"first_retry_s": 0.2, "longest_retry_s": 1.0},
+    "log": {"first_retry_s": 0.2, "longest_retry_s": 1.0},
     "model": {"name": "fast"},
 }
 _PORT = "sim:human"

@@ -16,10 +16,15 @@ import paho.mqtt.client as paho
 import pytest
 from paho.mqtt.enums import CallbackAPIVersion
 
-from radard.config.sink_table import OutboxSection
+from radard.config.config import Config
+from radard.config.sink_table import LogSection, SinkOptions
+from radard.health.health import Status
+from radard.log import EventLog
+from radard.outputs import open_output
+from radard.outputs.base import SinkContext
 from tests.waiting import free_port, wait_for
 
-QUICK = OutboxSection(first_retry_s=0.02, longest_retry_s=0.05, attempts=3)
+QUICK = LogSection(first_retry_s=0.02, longest_retry_s=0.05, attempts=3)
 USER, PASSWORD = "hall", "correct horse"
 
 
@@ -94,6 +99,59 @@ def hello(**changes) -> dict:
 def status(state: str, reason: str = "") -> dict:
     """A status record."""
     return {"type": "status", "state": state, "reason": reason}
+
+
+class Radar:
+    """A radar as its outputs see it; `heard` are the commands that came."""
+
+    def __init__(self, sensor: str = "hall"):
+        self.sensor = sensor
+        self.heard: list[str] = []
+        self.folder: Path | None = None
+        self.status = Status("online", "")
+        self.shown = None
+
+    @property
+    def health(self):
+        return self
+
+    def panel(self):
+        return self.shown
+
+    def command(self, name):
+        self.heard.append(name)
+
+    def config(self):
+        return Config(service={"state_dir": self.folder})
+
+    def reload(self):
+        self.heard.append("reload")
+
+
+class Alone:
+    """A sink and the log that it belongs to, as in a daemon: an event is in the log first."""
+
+    def __init__(self, sink, log):
+        self.sink, self.log = sink, log
+
+    def __getattr__(self, name):
+        return getattr(self.sink, name)
+
+    def write(self, record):
+        if record["type"] == "event":
+            self.log.append(record)
+        self.sink.write(record)
+
+    def close(self, timeout_s=None):
+        self.sink.close(timeout_s)
+        self.log.close()
+
+
+def open_sink(url, options=None, *, state_dir=None, **context):
+    """Open one output with a log of its own, which goes on in `state_dir`."""
+    log = EventLog(state_dir / "log.db" if state_dir is not None else None)
+    context = SinkContext(**{"sensor": "hall", "log": log, **context})
+    return Alone(open_output(url, options or SinkOptions(), context), log)
 
 
 class MqttBroker:

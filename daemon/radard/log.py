@@ -20,7 +20,7 @@ import threading
 import time
 import uuid
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -37,12 +37,13 @@ from radard.log_file import (
 )
 
 log = logging.getLogger("radard")
-Record = dict[str, Any]
+Record = Mapping[str, Any]
 Wants = Callable[[Record], bool]
 _WAIT_S = 0.5  # a person does not notice it; disks take a tenth of it
 _OPEN_S = 5.0  # a disk that spins up takes as long; beyond it the run begins without its past
 _CLOSE_S = 1.0  # of the 6 s that systemd gives, the rest is for outputs
 _TEND_S = 10.0  # how soon a disk is tried again, and what a kill takes off an event's age
+_ATTEMPTS = 3  # a file that is taken away while it is made anew looks damaged, too
 _CHECK_S = 3600.0  # reading all pages takes a tenth of a second
 _SAID_S = 3600.0  # so long the state says that a file was put aside, or events were dropped
 
@@ -71,7 +72,7 @@ class Entry:
 
     @property
     def record(self) -> Record:
-        """The record, a new mapping each time."""
+        """The record; a new mapping each time."""
         record: Record = json.loads(self.text)
         return record
 
@@ -87,6 +88,11 @@ class _Place:
     done: int = 0
     seen: int = 0
     deferred: tuple[int, ...] = ()
+
+    @property
+    def owes(self) -> bool:
+        """Whether there was something left to deliver."""
+        return self.done < self.seen or bool(self.deferred)
 
 
 class Cursor:
@@ -112,11 +118,13 @@ class Cursor:
             waiting = self._waiting or self._deferred
             return waiting[0] if waiting else None
 
-    def up_to(self, record: Record) -> list[Entry]:
-        """Return what is to be delivered up to a record; nothing once that is delivered."""
-        text = json.dumps(record)
+    def waiting(self, record: Record | None = None) -> list[Entry]:
+        """Return what is to be delivered, up to a record: nothing once that is delivered."""
+        text = None if record is None else json.dumps(dict(record))
         with self._log.changed:
-            found = list(self._waiting)
+            found = [*self._waiting, *self._deferred] if record is None else list(self._waiting)
+        if text is None:
+            return found
         ends = [i for i, entry in enumerate(found) if entry.text == text]
         return found[: ends[0] + 1] if ends else []
 
@@ -153,9 +161,6 @@ class Cursor:
 
     def resume(self, place: _Place, entries: Sequence[Entry]) -> None:
         """Go on where an earlier run ended, before what has come since; under the log's lock."""
-        if place.done >= place.seen and not place.deferred:
-            # What was appended while there was no such output is not for it.
-            return
         by_n = {entry.n: entry for entry in entries}
         last = [by_n[n] for n in place.deferred if n in by_n]
         left = [e for e in entries if e.n > place.done and e not in last and self._wants(e.record)]
@@ -241,9 +246,9 @@ class EventLog:
         with self.changed:
             self._last += 1
             key = f"{self._id}-{self._last}"
-            entry = Entry(self._last, key, time.monotonic(), json.dumps(record))
+            entry = Entry(self._last, key, time.monotonic(), json.dumps(dict(record)))
             self._entries.append(entry)
-            n = self._ask()
+            n = self._ask() if self._keeps_events else 0
         self._wait(n, _WAIT_S)
         with self.changed:
             newest = itertools.takewhile(lambda e: e.n > self._told, reversed(self._entries))
@@ -255,7 +260,12 @@ class EventLog:
             cursor.on_put()
         return entry
 
-    def cursor(self, name: str, wants: Wants) -> Cursor:
+    @property
+    def last(self) -> int:
+        """Number of the last entry that outputs heard of."""
+        return self._told
+
+    def cursor(self, name: str, wants: Wants, after: int | None = None) -> Cursor:
         """Return the cursor of an output, which goes on where it was.
 
         Parameters
@@ -264,13 +274,18 @@ class EventLog:
             The same for this output in every run; shows no secret, for it is readable.
         wants : callable
             Whether a record is for this output.
+        after : int, optional
+            Where an output begins that was owed nothing; without it, with what comes next: what
+            was appended while there was no such output is not for it.
         """
         with self.changed:
             before = self._cursors.get(name)
             cursor = self._cursors[name] = Cursor(self, name, wants)
             if before is not None:
                 cursor.take_over(before)
-            elif (place := self._places.get(name)) is not None:
+            else:
+                place = self._places.get(name, _Place())
+                place = place if place.owes else _Place(self._told if after is None else after)
                 cursor.resume(place, [each for each in self._entries if each.n <= self._told])
             self.moved(name)
             return cursor
@@ -361,12 +376,16 @@ class EventLog:
                 )
                 n, is_over = self._n_asked, self._is_ended
             if n > self._n_done or is_over or self._is_due():
-                try:
-                    self._write()
-                except (OSError, sqlite3.Error, ForeignDatabase) as err:
-                    self._failed(err)
-                else:
-                    self._trouble = ""
+                # A damaged file is put aside, and what memory holds is at once in a new one.
+                for _ in range(_ATTEMPTS):
+                    try:
+                        self._write()
+                    except (OSError, sqlite3.Error, ForeignDatabase) as err:
+                        if not self._begins_anew(err):
+                            break
+                    else:
+                        self._trouble = ""
+                        break
             with self.changed:
                 self._n_done = n
                 self.changed.notify_all()
@@ -379,8 +398,8 @@ class EventLog:
         is_late = time.monotonic() - self._checked_s >= _CHECK_S
         return bool(self._trouble) or is_waiting or is_late
 
-    def _failed(self, err: Exception) -> None:
-        """Open the file again at the next attempt, and anew if it is damaged."""
+    def _begins_anew(self, err: Exception) -> bool:
+        """Open the file again at the next attempt; return whether that is a new one."""
         self._shut()
         path = self._path
         if path is not None and is_damage(err):
@@ -389,17 +408,15 @@ class EventLog:
             except OSError as fault:
                 err = fault
             else:
-                self._begin_anew()
-                # At once: what memory holds must not wait for the next event.
-                with self.changed:
-                    self._ask()
-                return
+                self._write_all_again()
+                return True
         why = _one_line(err)
         if not self._trouble:
             log.warning("%s: events are kept in memory only: %s", path, why)
         self._trouble = why
+        return False
 
-    def _begin_anew(self) -> None:
+    def _write_all_again(self) -> None:
         """Let everything be written that memory holds."""
         with self.changed:
             self._written = 0
@@ -416,17 +433,17 @@ class EventLog:
         if self._db is not None and (self._inode is None or _inode_of(path) != self._inode):
             self._say("the file was taken away")
             self._shut()
-            self._begin_anew()
+            self._write_all_again()
             # Another one may be there, as of a disk that was mounted late.
             self._is_loaded = False
         if self._db is None:
             self._db = open_log_file(path)
             self._inode = _inode_of(path)
         if not self._is_loaded:
-            self._load(self._db)
+            self._load(self._db, path)
         return self._db
 
-    def _load(self, db: sqlite3.Connection) -> None:
+    def _load(self, db: sqlite3.Connection, path: Path) -> None:
         """Take what the file holds; what has come since is put behind it.
 
         Of a damaged file everything is taken that can be read, before it is put aside.
@@ -444,7 +461,7 @@ class EventLog:
                 query = "SELECT n, key, run_s, CAST(record AS BLOB) FROM log ORDER BY n"
                 for row in db.execute(query):
                     rows.append(row)  # noqa: PERF402 - all before a damaged one
-            check_pages(db)
+            check_pages(path)
         except (sqlite3.Error, ValueError, TypeError) as err:
             if isinstance(err, sqlite3.Error) and not is_damage(err):
                 raise
@@ -482,7 +499,8 @@ class EventLog:
             for entry in self._entries:
                 entry.n += last
             for name, cursor in self._cursors.items():
-                cursor.resume(places.get(name, _Place()), entries)
+                if (place := places.get(name, _Place())).owes:
+                    cursor.resume(place, entries)
             self._written = last
             self._last += last
             self._told += last
@@ -500,7 +518,7 @@ class EventLog:
         db = self._opened(path)
         if now_s - self._checked_s >= _CHECK_S:
             self._checked_s = now_s
-            check_pages(db)
+            check_pages(path)
         with self.changed:
             held, last = dict(self._kept), self._last
             entries = [e for e in self._entries if e.n > self._written]

@@ -121,8 +121,6 @@ def open_log_file(path: Path, more: str = "") -> sqlite3.Connection:
                 db.execute(f"PRAGMA {name}={value}")
         db.execute("PRAGMA journal_mode=WAL")
         db.execute("PRAGMA synchronous=FULL")
-        # What is in a cache hides that the disk has lost it.
-        db.execute("PRAGMA cache_size=16")
         db.executescript(_SCHEMA + more)
     except BaseException:
         db.close()
@@ -130,9 +128,14 @@ def open_log_file(path: Path, more: str = "") -> sqlite3.Connection:
     return db
 
 
-def check_pages(db: sqlite3.Connection) -> None:
-    """Read every page; raises sqlite3.DatabaseError, which `is_damage`, if one is damaged."""
-    found = db.execute("PRAGMA quick_check(1)").fetchone()[0]
+def check_pages(path: Path) -> None:
+    """Read every page of a log; raises a DatabaseError that `is_damage` if one is bad.
+
+    By a connection of its own: what another one has in its cache hides that the disk lost it.
+    """
+    uri = f"{path.resolve().as_uri()}?mode=ro"
+    with closing(sqlite3.connect(uri, uri=True, timeout=_BUSY_S)) as db:
+        found = db.execute("PRAGMA quick_check(1)").fetchone()[0]
     if found != "ok":
         error = sqlite3.DatabaseError(found)
         error.sqlite_errorcode = sqlite3.SQLITE_CORRUPT

@@ -2,16 +2,17 @@
 
 import dataclasses
 import json
-import threading
+import sqlite3
+from contextlib import closing
 
 import pytest
 
-from radard.alarm import state_store
 from radard.alarm.events import EventTracker, see_anywhere, trial_alarm
 from radard.alarm.panel import AlarmPanel, AlarmPolicy
 from radard.alarm.state_store import KeptState, StateStore
 from radard.alarm.zones import Zones, sight_of, zone_fault
 from radard.detect.tamper import Finding
+from radard.log import EventLog
 from radard.outputs.fanout import Outputs
 from radard.stream.ring import Notice
 from tests.alarm_helpers import decision, track
@@ -190,7 +191,7 @@ def test_an_entry_delay_is_kept_and_its_alarm_begins_at_once():
 
 def test_an_exit_delay_goes_on_after_a_restart_by_the_clock_on_the_wall(tmp_path):
     policy, now = AlarmPolicy(exit_delay_s=60), [1000.0]
-    store = StateStore(tmp_path / "radar.json", now_s=lambda: now[0])
+    store = StateStore(EventLog(None), "radar", now_s=lambda: now[0])
     tracker = EventTracker(AlarmPanel(policy, is_armed=False))
     tracker.on_command("arm-home", 5.0)
     store.save(tracker.kept(15.0))
@@ -207,11 +208,11 @@ def test_an_exit_delay_goes_on_after_a_restart_by_the_clock_on_the_wall(tmp_path
 
 
 def test_an_exit_delay_without_a_named_folder_is_over_at_a_restart(tmp_path):
-    path = tmp_path / "radar.json"
+    kept_in = EventLog(None)
     tracker = EventTracker(AlarmPanel(AlarmPolicy(exit_delay_s=60), is_armed=False))
     tracker.on_command("arm-home", 0.0)
-    StateStore(path, keeps_alarms=False).save(tracker.kept(1.0))
-    kept = StateStore(path, keeps_alarms=False).load(is_armed=False)
+    StateStore(kept_in, "radar", keeps_alarms=False).save(tracker.kept(1.0))
+    kept = StateStore(kept_in, "radar", keeps_alarms=False).load(is_armed=False)
     assert kept == KeptState(is_armed=True, mode="home")
 
 
@@ -229,25 +230,21 @@ def test_a_clip_is_named_in_the_phases_that_follow():
     assert tracker.on_command("disarm", 2)[0].clip == "a.h5"
 
 
-def test_the_state_file_is_whole_or_the_old_one(tmp_path, caplog):
-    path = tmp_path / "deep" / "radar.json"
-    assert StateStore(path).load(is_armed=True) == KeptState(is_armed=True)
+def test_a_state_outlives_the_daemon_or_counts_as_none(tmp_path, caplog):
+    log = EventLog(tmp_path / "log.db")
     state = KeptState(is_armed=False, alarm_id="X", alarm_reason="r", alarm_peak=0.5)
-    state = dataclasses.replace(state, alarm_clip="a.h5", entry_reason="human")
-    StateStore(path).save(state)
-    assert StateStore(path).load(is_armed=True) == state
-    assert [p.name for p in path.parent.iterdir()] == ["radar.json"]
-    assert path.stat().st_mode & 0o077 == 0
+    state = state.model_copy(update={"alarm_clip": "a\udcff.h5", "entry_reason": "human"})
+    StateStore(log, "radar").save(state)
+    log.close()
+    log = EventLog(tmp_path / "log.db")
+    assert StateStore(log, "radar").load(is_armed=True) == state
+    assert StateStore(log, "other").load(is_armed=True) == KeptState(is_armed=True)
+    assert StateStore(log, None).load(is_armed=False) == KeptState(is_armed=False)
     for broken in ("", "{", "[]", '{"armed": 1}', '{"is_armed": true, "alarm_peak": "x"}'):
-        path.write_text(broken)
-        assert StateStore(path).load(is_armed=True) == KeptState(is_armed=True)
+        log.keep("panel radar", broken)
+        assert StateStore(log, "radar").load(is_armed=True) == KeptState(is_armed=True)
     assert caplog.text.count("unreadable") == 5
-
-
-def test_a_state_that_cannot_be_kept_is_said_and_no_more(tmp_path, caplog):
-    (tmp_path / "file").write_text("")
-    StateStore(tmp_path / "file" / "radar.json").save(KeptState(is_armed=False))
-    assert "cannot keep" in caplog.text
+    log.close()
 
 
 def test_an_alarm_is_kept_before_anybody_is_told(tmp_path, monkeypatch):
@@ -256,7 +253,9 @@ def test_an_alarm_is_kept_before_anybody_is_told(tmp_path, monkeypatch):
 
     def put(self, record, *args, **options):
         if record["type"] == "event" and record["kind"] == "alarm":
-            kept.append(json.loads((tmp_path / "radar.sim.json").read_text())["alarm_id"])
+            with closing(sqlite3.connect(tmp_path / "log.db")) as db:
+                text = db.execute("SELECT text FROM kept").fetchone()[0]
+            kept.append(json.loads(text)["alarm_id"])
             assert kept[-1] == record["id"]
         return plain(self, record, *args, **options)
 
@@ -268,44 +267,14 @@ def test_an_alarm_is_kept_before_anybody_is_told(tmp_path, monkeypatch):
     assert kept
 
 
-def test_a_disk_that_hangs_delays_nothing_and_gets_the_newest_state(tmp_path, monkeypatch):
-    hangs, begun, plain = threading.Event(), threading.Event(), state_store.write_atomically
-
-    def hanging(*args, **options):
-        begun.set()
-        hangs.wait(60)
-        plain(*args, **options)
-
-    monkeypatch.setattr(state_store, "write_atomically", hanging)
-    monkeypatch.setattr(state_store, "_WAIT_S", 0.01)
-    path = tmp_path / "radar.json"
-    store = StateStore(path)
-    for name in "ABC":
-        store.save(KeptState(is_armed=True, alarm_id=name))
-    assert begun.is_set()
-    assert not path.exists()
-    hangs.set()
-    wait_for(lambda: StateStore(path).load(is_armed=True).alarm_id == "C")
-
-
-def test_a_state_that_could_not_be_kept_is_kept_later(tmp_path, caplog):
-    (tmp_path / "state").write_text("")
-    store = StateStore(tmp_path / "state" / "radar.json")
-    store.save(KeptState(is_armed=False))
-    assert "cannot keep" in caplog.text
-    (tmp_path / "state").unlink()
-    store.save(KeptState(is_armed=False))
-    assert not StateStore(tmp_path / "state" / "radar.json").load(is_armed=True).is_armed
-
-
-def test_without_a_named_folder_only_the_command_is_kept(tmp_path):
-    path = tmp_path / "radar.json"
-    store = StateStore(path, keeps_alarms=False)
+def test_without_a_named_folder_only_the_command_is_kept():
+    log = EventLog(None)
+    store = StateStore(log, "radar", keeps_alarms=False)
     store.load(is_armed=True)
     store.save(KeptState(is_armed=True, alarm_id="X"))
-    assert not path.exists()
+    assert log.kept("panel radar") is None
     store.save(KeptState(is_armed=False))
-    assert StateStore(path, keeps_alarms=False).load(is_armed=True) == KeptState(is_armed=False)
+    assert StateStore(log, "radar").load(is_armed=True) == KeptState(is_armed=False)
 
 
 def test_a_remark_is_an_update_and_the_reason_comes_back():
@@ -363,33 +332,23 @@ def test_zones_that_leave_nothing_at_home_are_a_fault_and_say_so():
     assert not zone_fault(Zones(exclude=((0.0, 9.0),)), 0.5, 9.0).endswith("home")
 
 
-def test_what_is_held_is_what_was_written(tmp_path, monkeypatch):
-    path = tmp_path / "radar.json"
-    store = StateStore(path)
+def test_what_is_held_is_what_was_written(tmp_path):
+    log = EventLog(tmp_path / "log.db")
+    store = StateStore(log, "radar")
     store.load(is_armed=True)
     assert store.holds(is_armed=True, mode="away")
     store.save(KeptState(is_armed=False, mode="home"))
     assert store.holds(is_armed=False, mode="home")
     assert not store.holds(is_armed=False, mode="away")
     assert not store.holds(is_armed=True, mode="home")
-    hangs, plain = threading.Event(), state_store.write_atomically
-
-    def hanging(*args, **options):
-        hangs.wait(60)
-        plain(*args, **options)
-
-    monkeypatch.setattr(state_store, "write_atomically", hanging)
-    monkeypatch.setattr(state_store, "_WAIT_S", 0.01)
-    store.save(KeptState(is_armed=True))
-    assert not store.holds(is_armed=True, mode="away")
-    hangs.set()
+    with closing(sqlite3.connect(tmp_path / "log.db")) as db:
+        db.execute("BEGIN EXCLUSIVE")
+        store.save(KeptState(is_armed=True))
+        assert not store.holds(is_armed=True, mode="away")
     wait_for(lambda: store.holds(is_armed=True, mode="away"))
+    log.close()
     # Where nothing can be kept nobody is kept waiting.
-    assert StateStore(None).holds(is_armed=True, mode="away")
-    broken = StateStore(path / "radar.json")
-    assert not broken.holds(is_armed=False, mode="away")
-    broken.save(KeptState(is_armed=False))
-    wait_for(lambda: broken.holds(is_armed=False, mode="away"))
+    assert StateStore(EventLog(None), None).holds(is_armed=True, mode="away")
 
 
 def test_fault_and_tamper_are_told_once_and_only_tamper_when_its_reason_changes():

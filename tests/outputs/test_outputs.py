@@ -5,9 +5,9 @@ import json
 import pytest
 
 from radard.config.config import load_config
+from radard.log_file import read_events
 from radard.outputs import start_sink
 from radard.outputs.fanout import Outputs
-from radard.outputs.store_query import read_events
 from tests.host_helpers import FakeHost
 from tests.sink_helpers import WebServer, event, hello, ulid
 from tests.waiting import wait_for
@@ -26,7 +26,7 @@ def configured(tmp_path, server, port="/dev/nothing", **webhook):
         options={
             "sensor": {"name": "hall", "port": port},
             "service": {"state_dir": tmp_path},
-            "outbox": {"first_retry_s": 0.02, "longest_retry_s": 0.05},
+            "log": {"first_retry_s": 0.02, "longest_retry_s": 0.05},
             "webhook": webhook,
             "output": [f"webhook:http://127.0.0.1:{server.port}/"],
         },
@@ -55,14 +55,14 @@ def test_a_sink_gets_the_sensors_name_its_options_and_the_state_directory(tmp_pa
         ("hall", ulid(1), "new"),
         ("hall", ulid(2), "new"),
     ]
-    assert [p.name.split("-")[0] for p in (tmp_path / "outbox").glob("*.db")] == ["hall"]
+    assert (tmp_path / "log.db").exists()
 
 
 def test_a_stream_that_can_wait_leaves_nothing_for_the_next_run(tmp_path, server):
     out = outputs()
     out.open(configured(tmp_path, server, port="replay:x.h5"), can_wait=True)
     out.close()
-    assert not (tmp_path / "outbox").exists()
+    assert not (tmp_path / "log.db").exists()
 
 
 def test_changed_options_hold_after_a_reload_and_no_event_is_lost(tmp_path, server):
@@ -154,7 +154,7 @@ def test_records_wait_for_an_output_that_is_added_and_cannot_be_opened_yet(
 
 
 def test_what_only_memory_holds_outlives_a_reload(tmp_path, server):
-    (tmp_path / "outbox").write_text("where the folder should be\n")
+    (tmp_path / "log.db").mkdir()
     server.code = 500
     out = outputs()
     out.open(configured(tmp_path, server))

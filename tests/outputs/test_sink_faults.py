@@ -31,7 +31,7 @@ def test_a_wrong_password_file_in_a_reload_is_degraded_and_mqtt_goes_on(
     wanted = []
     daemon = launch(
         output=[f"mqtt://127.0.0.1:{broker.port}"],
-        outbox=OUTBOX,
+        log=OUTBOX,
         reload=lambda: wanted[-1],
     )
 
@@ -67,7 +67,7 @@ def test_alarms_go_out_although_nothing_can_be_kept(tmp_path, launch, monkeypatc
         alarm={"sensitivity": "high"},
         model={"name": "thesis"},
         output=[f"webhook:http://127.0.0.1:{server.port}/"],
-        outbox=OUTBOX,
+        log=OUTBOX,
     )
     try:
         wait_for_state(tmp_path, "degraded", "in memory only")

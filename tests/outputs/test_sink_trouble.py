@@ -46,7 +46,7 @@ OUTBOX = {"first_retry_s": 0.05, "longest_retry_s": 0.1}
 def test_a_broker_that_is_away_degrades_until_it_is_back(tmp_path, launch, quick):
     broker, out = MqttBroker(tmp_path), tmp_path / "out.jsonl"
     outputs = [f"mqtt://127.0.0.1:{broker.port}", f"json:{out}"]
-    daemon = launch(output=outputs, outbox=OUTBOX)
+    daemon = launch(output=outputs, log=OUTBOX)
     try:
         wait_for_state(tmp_path, "online")
         broker.stop()
@@ -102,7 +102,7 @@ def test_a_sink_that_stands_still_degrades_and_delays_nothing(
         alarm={"sensitivity": "high", "refractory_s": 0, "latch_s": 0},
         model={"name": "thesis"},
         output=[outputs[which.split()[0]]],
-        outbox=OUTBOX,
+        log=OUTBOX,
         clips={"enabled": False},
     )
     listener = Listener(broker.port) if which == "mqtt" else None
@@ -146,7 +146,7 @@ def test_a_radar_that_stands_still_is_offline_on_the_broker(
     broker = MqttBroker(tmp_path)
     listener = Listener(broker.port, "radard/radar-simulated/#")
     url = f"mqtt://127.0.0.1:{broker.port}"
-    daemon = launch(stale_s=1.5, output=[url], outbox=OUTBOX)
+    daemon = launch(stale_s=1.5, output=[url], log=OUTBOX)
     try:
         wait_for(lambda: listener.on("radard/radar-simulated/availability")[-1:] == [b"online"])
         gate.shut()
@@ -182,7 +182,7 @@ def test_a_replay_says_the_same_whatever_its_outputs_do(tmp_path, launch, quick)
     daemon = launch(
         sensor={"port": "sim:empty", "speed": "max"},
         output=[f"mqtt://127.0.0.1:{free_port()}", f"json:{out}"],
-        outbox=OUTBOX,
+        log=OUTBOX,
     )
     wait_for(lambda: report(tmp_path).get("seq", 0) > 100)
     time.sleep(0.5)

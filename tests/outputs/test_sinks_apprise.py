@@ -11,11 +11,9 @@ import pytest
 from radard.cli import main
 from radard.config.sink_table import AppriseSection, SinkOptions
 from radard.errors import ConfigError, OutputError, UsageError
-from radard.outputs import open_output
 from radard.outputs.apprise import message_of
-from radard.outputs.base import SinkContext
 from tests.radar_helpers import python
-from tests.sink_helpers import QUICK, WebServer, event
+from tests.sink_helpers import QUICK, WebServer, event, open_sink
 from tests.waiting import wait_for
 
 TOKEN = "t0ken"  # noqa: S105 - of nothing
@@ -34,9 +32,9 @@ def sink(server):
     made = []
 
     def begin(url=None, **section):
-        options = SinkOptions(outbox=QUICK, apprise=AppriseSection(**section))
+        options = SinkOptions(log=QUICK, apprise=AppriseSection(**section))
         url = url or f"apprise:json://user:{TOKEN}@127.0.0.1:{server.port}/{TOKEN}"
-        made.append(open_output(url, options, SinkContext(sensor="hall")))
+        made.append(open_sink(url, options, sensor="hall"))
         return made[-1]
 
     yield begin
@@ -133,7 +131,7 @@ def test_what_is_no_url_is_one_line_without_secrets(sink, rest):
 def test_without_the_package_the_extra_is_named(monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "apprise", None)
     with pytest.raises(OutputError, match=r"needs apprise, which is not installed: .*\[notify\]"):
-        open_output("apprise:json://h", SinkOptions(), SinkContext())
+        open_sink("apprise:json://h", SinkOptions())
 
 
 def test_the_configuration_that_is_shown_holds_no_url(capsys):

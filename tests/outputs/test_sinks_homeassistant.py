@@ -10,12 +10,9 @@ import pytest
 from radard.alarm.sensor_state import SensorState
 from radard.config.sink_table import MqttSection, SinkOptions
 from radard.errors import ConfigError
-from radard.health.health import Status
-from radard.outputs import open_output
-from radard.outputs.base import SinkContext
 from radard.outputs.mqtt.commands import CommandReader, MqttCommand
 from radard.outputs.mqtt.homeassistant import panel_command, panel_state
-from tests.sink_helpers import QUICK, decision, event, hello, status
+from tests.sink_helpers import QUICK, Radar, decision, event, hello, open_sink, status
 from tests.waiting import wait_for
 
 BASE = "radard/hall"
@@ -27,12 +24,11 @@ def publish(broker):
     """Open a sink that takes commands on the broker, online; closed at the end."""
     with contextlib.ExitStack() as stack:
 
-        def begin(*, records=(), context=None, **section):
+        def begin(*, records=(), radar=None, **section):
             section = {"commands": "always", **section}
-            options = SinkOptions(outbox=QUICK, mqtt=MqttSection(keepalive_s=1, **section))
+            options = SinkOptions(log=QUICK, mqtt=MqttSection(keepalive_s=1, **section))
             url = f"mqtt://127.0.0.1:{broker.port}"
-            given = {"health": lambda: Status("online", ""), **(context or {})}
-            sink = open_output(url, options, SinkContext(sensor="hall", **given))
+            sink = open_sink(url, options, hosts=[radar or Radar()])
             stack.callback(sink.close, 1.0)
             for record in (*(records or (hello(),)), status("online"), decision(1)):
                 sink.write(record)
@@ -51,8 +47,9 @@ def state(listener):
 
 
 def test_the_panel_shows_what_the_sensor_does_and_commands_it(publish, listen):
-    listener, heard, now = listen("#"), [], SensorState(panel="exit", mode="home")
-    publish(context={"command": heard.append, "panel": lambda: now})
+    listener, radar = listen("#"), Radar()
+    heard, radar.shown = radar.heard, SensorState(panel="exit", mode="home")
+    publish(radar=radar)
     parts = about(listener)["cmps"]["panel"]
     assert (parts["p"], parts["stat_t"]) == ("alarm_control_panel", f"{BASE}/state")
     assert parts["sup_feat"] == ["arm_home", "arm_away"]
@@ -65,7 +62,7 @@ def test_the_panel_shows_what_the_sensor_does_and_commands_it(publish, listen):
         ({"panel": "alarm"}, "triggered"),
         ({"panel": "disarmed", "armed": False}, "disarmed"),
     ):
-        now = replace(now, **changes)
+        radar.shown = replace(radar.shown, **changes)
         wait_for(lambda shown=shown: state(listener)["panel"] == shown)
     for payload in ("ARM_HOME", "ARM_AWAY", "TRIGGER", "DISARM"):
         listener.say(parts["cmd_t"], payload)
@@ -80,9 +77,10 @@ def test_a_panel_without_a_run_and_with_an_alarm():
 
 
 def test_a_code_is_asked_for_and_never_published(publish, listen, tmp_path, caplog):
-    listener, heard = listen("#"), []
+    listener, radar = listen("#"), Radar()
+    heard = radar.heard
     (tmp_path / "code").write_text("4711\n")
-    publish(code_file=tmp_path / "code", context={"command": heard.append})
+    publish(code_file=tmp_path / "code", radar=radar)
     parts = about(listener)["cmps"]
     assert parts["panel"]["code"] == "REMOTE_CODE"
     assert parts["panel"]["cod_dis_req"] is True
@@ -129,24 +127,22 @@ def test_wrong_codes_lock_for_a_minute(tmp_path):
 def test_a_code_that_cannot_be_read_is_told_at_once(tmp_path):
     options = SinkOptions(mqtt=MqttSection(code_file=tmp_path / "none"))
     with pytest.raises(ConfigError, match=r"mqtt.code_file: .*No such file"):
-        open_output("mqtt://h", options, SinkContext())
+        open_sink("mqtt://h", options)
 
 
-def test_sensitivity_is_chosen_and_shown(publish, listen):
-    listener, chosen, now = listen("#"), [], {"sensitivity": "normal"}
-
-    def choose(name):
-        chosen.append(name)
-        now["sensitivity"] = name
-
-    publish(context={"choose": choose, "panel": lambda: now})
+def test_sensitivity_is_chosen_and_shown(publish, listen, tmp_path):
+    listener, radar = listen("#"), Radar()
+    radar.folder, radar.shown = tmp_path, SensorState(sensitivity="normal")
+    publish(radar=radar)
     parts = about(listener)["cmps"]["sensitivity"]
     assert (parts["p"], parts["ops"]) == ("select", ["low", "normal", "high"])
     wait_for(lambda: state(listener).get("sensitivity") == "normal")
     for payload in ("deaf", "", "high"):
         listener.say(parts["cmd_t"], payload)
+    wait_for(lambda: radar.heard == ["reload"])
+    assert "sensitivity: high" in (tmp_path / "radar.settings.yaml").read_text()
+    radar.shown = SensorState(sensitivity="high")
     wait_for(lambda: state(listener)["sensitivity"] == "high")
-    assert chosen == ["high"]
 
 
 def distinct(listener, topic):

@@ -11,7 +11,7 @@ from radard.alarm.sensor_state import SensorState
 from radard.config.sink_table import MqttSection, SinkOptions
 from radard.errors import ConfigError, UsageError
 from radard.health.health import Status
-from radard.outputs import make_output, open_output
+from radard.outputs import make_output
 from radard.outputs.base import SinkContext
 from radard.outputs.mqtt.link import MqttLink
 from tests.sink_helpers import (
@@ -20,10 +20,12 @@ from tests.sink_helpers import (
     USER,
     Listener,
     MqttBroker,
+    Radar,
     decision,
     event,
     hello,
     make_cert,
+    open_sink,
     status,
     ulid,
 )
@@ -40,12 +42,13 @@ def publish(broker, tmp_path):
     """Open a sink on the broker; closed at the end."""
     with contextlib.ExitStack() as stack:
 
-        def begin(*, url=None, context=None, **section):
+        def begin(*, url=None, radar=None, mark="", **section):
             section = {"commands": "always", **section}
-            options = SinkOptions(outbox=QUICK, mqtt=MqttSection(keepalive_s=1, **section))
-            given = {"sensor": "hall", "state_dir": tmp_path / "state", **(context or {})}
+            options = SinkOptions(log=QUICK, mqtt=MqttSection(keepalive_s=1, **section))
+            hosts = () if radar is None else (radar,)
+            given = {"state_dir": tmp_path / f"state{mark}", "hosts": hosts, "mark": mark}
             url = url or f"mqtt://127.0.0.1:{broker.port}"
-            sink = open_output(url, options, SinkContext(**given))
+            sink = open_sink(url, options, **given)
             stack.callback(sink.close, 1.0)
             return sink
 
@@ -97,17 +100,16 @@ def test_a_line_that_dies_without_a_word_brings_the_last_will(publish, listen, m
 
 def test_health_is_asked_for_and_not_only_heard_of(publish, listen):
     listener = listen(f"{BASE}/#")
-    now = {"status": Status("online", ""), "armed": True}
-    context = {"health": lambda: now["status"], "panel": lambda: SensorState(armed=now["armed"])}
-    sink = publish(discovery="off", context=context)
+    radar = Radar()
+    sink = publish(discovery="off", radar=radar)
     sink.write(hello())
     sink.write(decision(1))
     wait_for(lambda: last(listener, "availability") == "online")
     # No record says so: the thread that writes them is the one that hangs.
-    now["status"] = Status("offline", "no decision for 5 s")
+    radar.status = Status("offline", "no decision for 5 s")
     wait_for(lambda: last(listener, "availability") == "offline")
     wait_for(lambda: json.loads(last(listener, "health"))["reason"] == "no decision for 5 s")
-    now["status"], now["armed"] = Status("online", ""), False
+    radar.status, radar.shown = Status("online", ""), SensorState(armed=False)
     wait_for(lambda: last(listener, "availability") == "online")
     wait_for(lambda: json.loads(last(listener, "state"))["armed"] is False)
 
@@ -115,9 +117,10 @@ def test_health_is_asked_for_and_not_only_heard_of(publish, listen):
 def test_commands_and_what_is_none(publish, listen, caplog, monkeypatch):
     monkeypatch.setattr("radard.outputs.mqtt.sink._WARN_S", 0.0)
     listener = listen(f"{BASE}/#")
-    heard = []
+    radar = Radar()
+    heard = radar.heard
     listener.say(f"{BASE}/command/disarm", "now", retain=True)
-    sink = publish(discovery="off", context={"command": heard.append})
+    sink = publish(discovery="off", radar=radar)
     sink.write(hello())
     wait_for(lambda: "retained" in caplog.text)
     for name, payload in (("arm", "1"), ("explode", ""), ("ack", "")):
@@ -133,8 +136,9 @@ def test_commands_and_what_is_none(publish, listen, caplog, monkeypatch):
 
 def test_a_flood_of_commands_that_are_none_is_logged_once(publish, listen, caplog):
     listener = listen(f"{BASE}/#")
-    heard = []
-    sink = publish(discovery="off", context={"command": heard.append})
+    radar = Radar()
+    heard = radar.heard
+    sink = publish(discovery="off", radar=radar)
     sink.write(hello())
     sink.write(status("online"))
     wait_for(lambda: last(listener, "availability") == "online")
@@ -149,8 +153,9 @@ def test_a_flood_of_commands_that_are_none_is_logged_once(publish, listen, caplo
 
 def test_a_stranger_cannot_disarm_where_nothing_is_said_of_commands(publish, listen, caplog):
     listener, found = listen(f"{BASE}/#"), listen("homeassistant/#")
-    heard = []
-    sink = publish(commands="auto", context={"command": heard.append})
+    radar = Radar()
+    heard = radar.heard
+    sink = publish(commands="auto", radar=radar)
     sink.write(hello())
     sink.write(status("online"))
     wait_for(lambda: last(listener, "availability") == "online")
@@ -167,7 +172,7 @@ def test_a_stranger_cannot_disarm_where_nothing_is_said_of_commands(publish, lis
     assert "stat_t" in parts["alarm"]
 
 
-@pytest.mark.parametrize("given", ["auto", "always", "off", True, False])
+@pytest.mark.parametrize("given", ["auto", "always", "off"])
 def test_what_takes_commands(given, tmp_path, monkeypatch):
     monkeypatch.setattr(MqttLink, "_new_client", lambda _: None)
     (tmp_path / "words").write_text("x\n")
@@ -182,13 +187,14 @@ def test_what_takes_commands(given, tmp_path, monkeypatch):
             taken |= {f"{scheme} {name}"} if f"{BASE}/command/+" in topics else set()
     everything = {f"{s} {n}" for s in ("mqtt", "mqtts") for n in ("-", "password", "certificate")}
     secure = {"mqtts password", "mqtts certificate"}
-    assert taken == {"auto": secure, "always": everything, True: everything}.get(given, set())
+    assert taken == {"auto": secure, "always": everything}.get(given, set())
 
 
 def test_commands_can_be_switched_off(publish, listen):
     listener = listen(f"{BASE}/#")
-    heard = []
-    sink = publish(discovery="off", commands=False, context={"command": heard.append})
+    radar = Radar()
+    heard = radar.heard
+    sink = publish(discovery="off", commands="off", radar=radar)
     sink.write(hello())
     sink.write(status("online"))
     wait_for(lambda: last(listener, "availability") == "online")
@@ -299,8 +305,8 @@ def test_tls_and_a_certificate_that_nobody_signed(tmp_path, caplog):
         url = f"mqtts://localhost:{broker.port}"
         mqtt = MqttSection(ca_file=cert[0], discovery="off")
         for section, is_good in ((mqtt, True), (MqttSection(discovery="off"), False)):
-            options = SinkOptions(outbox=QUICK, mqtt=section)
-            sink = open_output(url, options, SinkContext(sensor="hall"))
+            options = SinkOptions(log=QUICK, mqtt=section)
+            sink = open_sink(url, options, sensor="hall")
             sink.write(event(1))
             if is_good:
                 wait_for(lambda: ids(listener))
@@ -319,13 +325,15 @@ def test_over_tls_and_with_a_password_commands_are_taken(tmp_path):
     listener = Listener(broker.port, f"{BASE}/#", tls=trusted, user=(USER, PASSWORD))
     words = tmp_path / "words"
     words.write_text(f"{PASSWORD}\n")
-    heard = []
+    radar = Radar()
+    heard = radar.heard
     # Nothing is said of commands.
     mqtt = MqttSection(ca_file=cert[0], password_file=words, discovery="off")
-    sink = open_output(
+    sink = open_sink(
         f"mqtts://{USER}@localhost:{broker.port}",
-        SinkOptions(outbox=QUICK, mqtt=mqtt),
-        SinkContext(sensor="hall", command=heard.append),
+        SinkOptions(log=QUICK, mqtt=mqtt),
+        sensor="hall",
+        hosts=[radar],
     )
     try:
         sink.write(hello())
@@ -349,9 +357,7 @@ def test_passwords_right_and_wrong(tmp_path):
     try:
         for file in (bad, good):
             section = MqttSection(password_file=file, discovery="off")
-            sink = open_output(
-                url, SinkOptions(outbox=QUICK, mqtt=section), SinkContext(sensor="hall")
-            )
+            sink = open_sink(url, SinkOptions(log=QUICK, mqtt=section), sensor="hall")
             sink.write(event(1))
             if file is bad:
                 wait_for(lambda s=sink: "refuses" in s.state.reason)
@@ -377,7 +383,7 @@ def test_passwords_right_and_wrong(tmp_path):
 )
 def test_bad_urls_give_one_clear_line(url, words):
     with pytest.raises(UsageError, match="--output mqtt") as caught:
-        open_output(url, SinkOptions(), SinkContext())
+        open_sink(url, SinkOptions())
     text = str(caught.value)
     assert words in text.replace("0-65535", "out of range")
     assert "secret" not in text
@@ -387,7 +393,7 @@ def test_bad_urls_give_one_clear_line(url, words):
 def test_a_missing_password_is_told_at_once(tmp_path):
     options = SinkOptions(mqtt=MqttSection(username="u", password_file=tmp_path / "none"))
     with pytest.raises(ConfigError, match=r"mqtt.password_file: .*No such file"):
-        open_output("mqtt://h", options, SinkContext())
+        open_sink("mqtt://h", options)
 
 
 @pytest.mark.parametrize("mark", ["simulated", "replayed"])
@@ -396,7 +402,7 @@ def test_what_no_module_sends_has_topics_entities_and_a_client_of_its_own(
 ):
     listener = listen("#")
     real = publish(client_id="house", decisions=False)
-    demo = publish(context={"mark": mark}, client_id="house", decisions=False)
+    demo = publish(mark=mark, client_id="house", decisions=False)
     for sink in (demo, real):
         for record in (hello(), status("online"), event(1)):
             sink.write(record)
@@ -411,4 +417,3 @@ def test_what_no_module_sends_has_topics_entities_and_a_client_of_its_own(
     assert all(text.startswith(f"radard_hall-{mark}_") for text in own)
     wait_for(lambda: last(listener, "availability") == "online")
     assert len(ids(listener)) == len(listener.on(f"{base}/event")) == 1
-    assert len(list((tmp_path / "state" / "outbox").glob("*.db"))) == 2

@@ -12,10 +12,18 @@ import pytest
 
 from radard.config.sink_table import ExecSection, SinkOptions, SyslogSection, WebhookSection
 from radard.errors import ConfigError, OutputError, UsageError
-from radard.outputs import open_output
-from radard.outputs.base import SinkContext
 from radard.outputs.webhook import sign
-from tests.sink_helpers import QUICK, WebServer, decision, event, hello, make_cert, status, ulid
+from tests.sink_helpers import (
+    QUICK,
+    WebServer,
+    decision,
+    event,
+    hello,
+    make_cert,
+    open_sink,
+    status,
+    ulid,
+)
 from tests.waiting import free_port, wait_for
 
 
@@ -27,8 +35,8 @@ def server():
 
 
 def opened(url, state_dir=None, **sections):
-    options = SinkOptions(outbox=QUICK, **sections)
-    return open_output(url, options, SinkContext(sensor="hall", state_dir=state_dir))
+    options = SinkOptions(log=QUICK, **sections)
+    return open_sink(url, options, sensor="hall", state_dir=state_dir)
 
 
 def test_a_post_has_sensor_id_token_and_signature(server, tmp_path):
@@ -107,9 +115,9 @@ def test_an_alarm_that_is_refused_is_not_given_up_and_stops_nobody(server, tmp_p
 
 def test_an_alarm_that_is_refused_for_too_long_is_given_up(server, caplog):
     server.code = 400
-    options = SinkOptions(outbox=QUICK.model_copy(update={"give_up_h": 1e-6}))
+    options = SinkOptions(log=QUICK.model_copy(update={"give_up_h": 1e-6}))
     url = f"webhook:http://127.0.0.1:{server.port}/"
-    sink = open_output(url, options, SinkContext(sensor="hall", state_dir=None))
+    sink = open_sink(url, options, sensor="hall", state_dir=None)
     sink.write(event(1))
     wait_for(lambda: sink.state.n_dropped == 1)
     assert "too old" in caplog.text

@@ -15,6 +15,7 @@ import pytest
 from radard.alarm.state_store import KeptState
 from radard.config.config import load_config
 from radard.errors import ConfigError
+from radard.log import EventLog
 from radard.run.components import make_store
 from tests.alarm_helpers import NotifySocket
 from tests.daemon_helpers import launcher
@@ -275,8 +276,10 @@ def test_a_demo_is_disarmed_for_itself_alone(tmp_path, monkeypatch):
     for port, is_kept in (("sim:empty", False), ("/dev/ttyACM0", True)):
         options = {"sensor": {"port": port}}
         config = load_config(environ={"XDG_STATE_HOME": str(tmp_path)}, options=options)
-        make_store(config, is_live=True).save(KeptState(is_armed=False))
-        assert make_store(config, is_live=True).load(is_armed=True).is_armed is not is_kept
+        log = EventLog(None)
+        make_store(config, log, is_live=True).save(KeptState(is_armed=False))
+        kept = make_store(config, log, is_live=True).load(is_armed=True)
+        assert kept.is_armed is not is_kept
 
 
 def test_reload_changes_the_policy_the_outputs_and_the_clips(tmp_path, launch):

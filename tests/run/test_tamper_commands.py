@@ -10,6 +10,7 @@ from radard.alarm.zones import Zones, zone_fault, zone_warnings
 from radard.config.config import load_config
 from radard.errors import ConfigError
 from radard.health.health import Health
+from radard.log import EventLog
 from radard.pipeline import Pipeline
 from radard.run.components import make_parts
 from radard.run.worker import Worker
@@ -49,7 +50,9 @@ class Room:
         parts = make_parts(config, self.pipeline, now=lambda _t_s: None, is_live=False)
         self.outputs = Outputs()
         ring = self.pipeline.make_ring()
-        self.worker = Worker(parts, ring, self.outputs.put, Health(), StateStore(None))
+        self.worker = Worker(
+            parts, ring, self.outputs.put, Health(), StateStore(EventLog(None), None)
+        )
         rng = np.random.default_rng(2)
         self.echoes = (30 * rng.standard_normal((2, 64))).T @ [1, 1j]
         self.t_s = 0.0

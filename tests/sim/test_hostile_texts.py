@@ -9,6 +9,7 @@ from radard.alarm.state_store import StateStore
 from radard.config.config import load_config
 from radard.detect.calibration import load_calibration
 from radard.errors import ConfigError, RadardError
+from radard.log import EventLog
 from x2radar.errors import SceneError, SettingsError, X2RadarError
 from x2radar.sim.scene.scene import load_scene
 
@@ -108,8 +109,9 @@ def test_calibrations_that_make_no_sense(tmp_path, before, after):
         '{"is_armed": true, "alarm_peak": {}}',
     ],
 )
-def test_kept_state_that_makes_no_sense_is_not_used(tmp_path, caplog, text):
-    (tmp_path / "state.json").write_text(text)
-    kept = StateStore(tmp_path / "state.json").load(is_armed=True)
+def test_kept_state_that_makes_no_sense_is_not_used(caplog, text):
+    log = EventLog(None)
+    log.keep("panel radar", text)
+    kept = StateStore(log, "radar").load(is_armed=True)
     assert (kept.is_armed, kept.alarm_id) == (True, None)
     assert "unreadable and not used" in caplog.text

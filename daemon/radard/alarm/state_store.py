@@ -1,28 +1,26 @@
-"""StateStore: what must outlive the daemon, in one small JSON file that is never half written.
+"""StateStore: what must outlive the daemon of how a sensor is armed, kept beside the event log.
 
-A file that cannot be read counts as none: the sensor is then in its configured state, which is
-armed unless somebody chose otherwise.
+What cannot be read counts as nothing: the sensor is then in its configured state, which is armed
+unless somebody chose otherwise.
 """
 
 import json
 import logging
-import threading
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
-from pathlib import Path
-from typing import Any
+
+from pydantic import BaseModel, ConfigDict, ValidationError
 
 from radard.alarm.panel import ArmMode
-from radard.config.atomic import write_atomically
+from radard.log import EventLog
 
 log = logging.getLogger("radard")
-_WAIT_S = 0.5  # chosen: a person does not notice it; disks take a tenth of it
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class KeptState:
+class KeptState(BaseModel):
     """What is kept."""
+
+    model_config = ConfigDict(frozen=True)
 
     is_armed: bool  # the last word of a command
     mode: ArmMode = "away"  # and how it is armed
@@ -32,10 +30,11 @@ class KeptState:
     alarm_clip: str | None = None  # the recording made of it
     entry_reason: str | None = None  # of an entry delay that was running
     exit_left_s: float | None = None  # of an exit delay that was running
+    exit_ends_unix_s: float | None = None  # when that ends, by the clock on the wall
 
 
 class StateStore:
-    """Keep one `KeptState` in a file; without a path, nothing.
+    """Keep one `KeptState` in a log, under a name; without a name, nothing.
 
     Without `keeps_alarms` only the last command's word is kept, not an alarm or a delay. An exit
     delay goes on while nothing runs, by `now_s`, the wall clock in seconds: it is kept as the time
@@ -44,117 +43,65 @@ class StateStore:
 
     def __init__(
         self,
-        path: Path | None,
+        events: EventLog,
+        name: str | None,
         *,
         keeps_alarms: bool = True,
         now_s: Callable[[], float] = time.time,
     ) -> None:
-        self._path = path
+        self._log = events
+        self._name = None if name is None else f"panel {name}"
         self._now_s = now_s
         self._keeps_alarms = keeps_alarms
-        self._asked: KeptState | None = None
-        self._held: KeptState | None = None
-        self._has_failed = False
-        self._waiting: tuple[KeptState, str] | None = None
-        self._writer: threading.Thread | None = None
-        self._changed = threading.Condition()
+        self._saved: KeptState | None = None
+        self._text: str | None = None
 
     def load(self, *, is_armed: bool) -> KeptState:
         """Return what was kept; without anything, a state without an alarm that is so armed."""
-        kept = self._load()
-        if kept is None or not self._keeps_alarms:
-            kept = _word_of(kept or KeptState(is_armed=is_armed))
-        self._asked = self._held = kept
-        return kept
+        self._text = None if self._name is None else self._log.kept(self._name)
+        kept = self._read(self._text) or KeptState(is_armed=is_armed)
+        self._saved = kept if self._keeps_alarms else _word_of(kept)
+        return self._saved
+
+    def save(self, state: KeptState) -> None:
+        """Keep a state; waits for no disk longer than `EventLog.keep`."""
+        if self._name is None:
+            return
+        state = state if self._keeps_alarms else _word_of(state)
+        if state == self._saved:
+            return
+        whole = state
+        if state.exit_left_s is not None:
+            ends_s = round(self._now_s() + state.exit_left_s, 3)
+            whole = state.model_copy(update={"exit_ends_unix_s": ends_s})
+        self._text = json.dumps(whole.model_dump())
+        self._saved = state
+        self._log.keep(self._name, self._text)
 
     def holds(self, *, is_armed: bool, mode: ArmMode) -> bool:
         """Return whether this would outlive a kill; true also where a disk fails or is absent.
 
         Any thread may ask.
         """
-        held = self._held
-        is_so = held is not None and (held.is_armed, held.mode) == (is_armed, mode)
-        return is_so or self._path is None or self._has_failed
+        if self._name is None or self._saved is None:
+            return True
+        is_so = (self._saved.is_armed, self._saved.mode) == (is_armed, mode)
+        return is_so and (self._text is None or self._log.holds(self._name, self._text))
 
-    def _load(self) -> KeptState | None:
-        if self._path is None:
+    def _read(self, text: str | None) -> KeptState | None:
+        if text is None:
             return None
         try:
-            raw = json.loads(self._path.read_text(encoding="utf-8"))
-            kept = KeptState(
-                is_armed=bool(raw["is_armed"]),
-                alarm_id=_text(raw.get("alarm_id")),
-                alarm_reason=str(raw.get("alarm_reason", "")),
-                alarm_peak=float(raw.get("alarm_peak", 0.0)),
-                alarm_clip=_text(raw.get("alarm_clip")),
-                entry_reason=_text(raw.get("entry_reason")),
-                mode="home" if raw.get("mode") == "home" else "away",
-                exit_left_s=self._exit_left_s(raw),
-            )
-        except FileNotFoundError:
+            kept = KeptState.model_validate(json.loads(text))
+        except (ValidationError, ValueError, RecursionError) as err:
+            why = " ".join(str(err).split())
+            log.warning("%s: the kept state is unreadable and not used (%s)", self._name, why)
             return None
-        except (
-            OSError,
-            ValueError,
-            LookupError,
-            TypeError,
-            ArithmeticError,
-            RecursionError,
-        ) as err:
-            log.warning("%s: the kept state is unreadable and not used (%r)", self._path, err)
-            return None
-        return kept
-
-    def save(self, state: KeptState) -> None:
-        """Keep a state; a failure is logged, for an alarm must not fail with its disk.
-
-        Nor wait for it: after half a second a slow disk goes on by itself, and with the newest
-        state alone. One thread is to call this.
-        """
-        if not self._keeps_alarms:
-            state = _word_of(state)
-        if self._path is None or (state == self._asked and not self._has_failed):
-            return
-        raw = asdict(state)
-        if state.exit_left_s is not None:
-            raw["exit_ends_unix_s"] = round(self._now_s() + state.exit_left_s, 3)
-        with self._changed:
-            self._asked, self._waiting = state, (state, json.dumps(raw) + "\n")
-            if self._writer is None:
-                self._writer = threading.Thread(
-                    target=self._write, args=(self._path,), name="state", daemon=True
-                )
-                self._writer.start()
-            if not self._changed.wait_for(lambda: self._writer is None, _WAIT_S):
-                log.warning("%s: the state is not kept yet: the disk is slow", self._path)
-
-    def _write(self, path: Path) -> None:
-        """Write what waits until nothing does."""
-        while True:
-            with self._changed:
-                waiting, self._waiting = self._waiting, None
-                if waiting is None:
-                    self._writer = None
-                    self._changed.notify_all()
-                    return
-            try:
-                write_atomically(path, waiting[1], mode=0o600)
-            except OSError as err:
-                log.warning("%s: cannot keep the state: %s", path, err.strerror or err)
-                self._has_failed = True
-            else:
-                self._held, self._has_failed = waiting[0], False
-
-    def _exit_left_s(self, raw: dict[str, Any]) -> float | None:
-        left_s, ends_s = raw.get("exit_left_s"), raw.get("exit_ends_unix_s")
-        if left_s is None or ends_s is None:
-            return None
-        return max(0.0, min(float(left_s), float(ends_s) - self._now_s()))
+        left_s = None
+        if kept.exit_left_s is not None and kept.exit_ends_unix_s is not None:
+            left_s = max(0.0, min(kept.exit_left_s, kept.exit_ends_unix_s - self._now_s()))
+        return kept.model_copy(update={"exit_left_s": left_s, "exit_ends_unix_s": None})
 
 
 def _word_of(state: KeptState) -> KeptState:
     return KeptState(is_armed=state.is_armed, mode=state.mode)
-
-
-def _text(value: Any) -> str | None:
-    return None if value is None else str(value)

@@ -8,14 +8,15 @@ from datetime import datetime
 from pathlib import Path
 
 from radard.config.config import load_config
+from radard.config.directories import log_path
 from radard.config.sink_table import KINDS
 from radard.errors import UsageError
-from radard.outputs.store_query import StoredEvent, parse_since, read_events
+from radard.log_file import StoredEvent, parse_since, read_events
 from x2radar.command import Parser, new_parser
 
 _EXAMPLES = """\
 examples:
-  radard events                        from the store that is configured
+  radard events                        from the configured store, else the daemon's own log
   radard events --store /var/lib/radard/radard.db --since 24h
   radard events --kind alarm --limit 10 --json
 """
@@ -37,7 +38,9 @@ def run(argv: Sequence[str]) -> int:
 
 def make_parser() -> Parser:
     """Return the parser of the subcommand."""
-    parser = new_parser("radard events", "List the events that -o store:FILE has kept.", _EXAMPLES)
+    parser = new_parser(
+        "radard events", "List the events that the log, or -o store:FILE, has kept.", _EXAMPLES
+    )
     add = parser.add_argument
     add("--store", type=Path, metavar="FILE", help="the file of -o store:FILE")
     add("--since", metavar="WHEN", help="30min, 24h, 7d, or a date; all without it")
@@ -49,9 +52,13 @@ def make_parser() -> Parser:
 
 
 def _configured(file: Path | None) -> Path:
-    for output in load_config(file).output:
+    config = load_config(file)
+    for output in config.output:
         if output.startswith("store:"):
             return Path(output.removeprefix("store:"))
+    own = log_path(config)
+    if own is not None and own.is_file():
+        return own
     msg = "no store: give --store FILE, or an output store:FILE in the configuration"
     raise UsageError(msg)
 

@@ -59,14 +59,17 @@ def clip_dir(config: Config, environ: Mapping[str, str] = os.environ) -> Path | 
     return folder
 
 
-def outbox_dir(config: Config, environ: Mapping[str, str] = os.environ) -> Path | None:
-    """Return where undelivered events are kept; None with a sensor simulated or replayed by hand.
+def log_path(config: Config, environ: Mapping[str, str] = os.environ) -> Path | None:
+    """Return the file of the event log; None with replays, or a sensor simulated by hand.
 
     What such a run leaves undelivered must not be taken for the real sensor's.
     """
-    if any(each.sensor.kind in {"sim", "replay"} for each in config.each()):
-        return named_state_dir(config, environ)
-    return state_dir(config, environ)
+    kinds = {each.sensor.kind for each in config.each()}
+    if kinds == {"replay"}:
+        return None
+    by_hand = kinds & {"sim", "replay"}
+    folder = named_state_dir(config, environ) if by_hand else state_dir(config, environ)
+    return folder / "log.db" if folder is not None else None
 
 
 def status_dirs(config: Config, environ: Mapping[str, str] = os.environ) -> tuple[Path, ...]:

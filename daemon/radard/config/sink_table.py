@@ -56,10 +56,10 @@ class MqttSection(Section):
     discovery_prefix: str = Field("homeassistant", pattern=r"^[^+#\s]+$", description="its topic")
 
 
-class OutboxSection(Section):
-    """Events that wait for their delivery: mqtt, webhook, apprise and exec."""
+class LogSection(Section):
+    """The event log, and how mqtt, webhook, apprise and exec deliver what is in it."""
 
-    max_events: int = Field(10_000, ge=1, le=1_000_000, description="then the oldest go")
+    max_events: int = Field(10_000, ge=1, le=100_000, description="then the oldest go")
     first_retry_s: float = Field(1.0, gt=0, le=3600, description="wait after a failure; doubles")
     longest_retry_s: float = Field(60.0, gt=0, le=86_400, description="up to this")
     attempts: int = Field(8, ge=1, le=1000, description="refusals until an event is given up")
@@ -138,7 +138,7 @@ class SinkOptions(Section):
 
     jsonl: JsonlSection = JsonlSection()
     mqtt: MqttSection = MqttSection()
-    outbox: OutboxSection = OutboxSection()
+    log: LogSection = LogSection()
     store: StoreSection = StoreSection()
     webhook: WebhookSection = WebhookSection()
     apprise: AppriseSection = AppriseSection()
@@ -188,35 +188,35 @@ SINKS = (
     SinkRow(
         "mqtt://HOST",
         "radard.outputs.mqtt.sink",
-        sections=("mqtt", "outbox"),
+        sections=("mqtt", "log"),
         is_per_sensor=True,
     ),
     SinkRow(
         "mqtts://HOST",
         "radard.outputs.mqtt.sink",
-        sections=("mqtt", "outbox"),
+        sections=("mqtt", "log"),
         is_per_sensor=True,
     ),
     SinkRow(
         "webhook:URL",
         "radard.outputs.webhook",
         value="optional",
-        sections=("webhook", "outbox"),
+        sections=("webhook", "log"),
         shows="host",
     ),
     SinkRow(
         "apprise:URL",
         "radard.outputs.apprise",
-        sections=("apprise", "outbox"),
+        sections=("apprise", "log"),
         shows="service",
     ),
     SinkRow(
         "exec:COMMAND",
         "radard.outputs.exec",
-        sections=("exec", "outbox"),
+        sections=("exec", "log"),
         shows="program",
     ),
-    SinkRow("syslog:", "radard.outputs.syslog", value="optional", sections=("syslog", "outbox")),
+    SinkRow("syslog:", "radard.outputs.syslog", value="optional", sections=("syslog", "log")),
     SinkRow("lsl:", "radard.outputs.lsl", value="optional", is_per_sensor=True),
     SinkRow("store:FILE", "radard.outputs.store", sections=("store",)),
     SinkRow("http://HOST:PORT", "radard.web.sink", sections=("web",)),

@@ -21,6 +21,7 @@ _SHORT = reprlib.Repr()
 _SHORT.maxlevel = 2  # aliases of YAML nest a few words into thousands
 _TEXT, _NULL = "tag:yaml.org,2002:str", "tag:yaml.org,2002:null"
 Where = tuple[str, ...]
+_GONE: dict[Where, str] = {("outbox",): "is the section 'log' now"}
 Places = dict[Where, str]
 
 
@@ -96,6 +97,8 @@ def explain(fault: Any, places: Mapping[Where, str], root: type[BaseModel]) -> s
             return message
         got = redact_value(where[-1], fault["input"])
         return f"{head}{'.'.join(where)}: {message} (got {_SHORT.repr(got)})"
+    if where in _GONE:
+        return f"{head}{'.'.join(where)}: {_GONE[where]}"
     known = _section_of(where, root).model_fields
     close = difflib.get_close_matches(where[-1], known, 1, 0.4)
     hint = f"did you mean '{close[0]}'?" if close else f"known: {', '.join(known)}"

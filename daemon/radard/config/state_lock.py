@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from radard.config.config import Config
-from radard.config.directories import outbox_dir
+from radard.config.directories import log_path
 from radard.errors import ConfigError
 
 log = logging.getLogger("radard")
@@ -27,10 +27,11 @@ def state_lock(config: Config, environ: Mapping[str, str] = os.environ) -> Itera
     folder that cannot be locked, as on a disk that is read-only, is used without: the radar must
     not fail with its disk.
     """
-    folder = outbox_dir(config, environ)
-    if folder is None or all(each.sensor.kind == "replay" for each in config.each()):
+    path = log_path(config, environ)
+    if path is None:
         yield
         return
+    folder = path.parent
     with contextlib.ExitStack() as stack:
         try:
             fd = _locked(folder)

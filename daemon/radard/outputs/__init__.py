@@ -1,10 +1,10 @@
 """Outputs: where records go. `open_sinks` reads what -o/--output says.
 
 Every sink has a bounded queue and a thread of its own, so that a slow or broken one delays
-neither the stream nor the other sinks; `radard.outputs.base` has the contract. Events for a
-far end over the network wait in an outbox until they are delivered. Nothing here knows of
-radar: sinks take mappings, and import nothing of the pipeline. The table of all sinks is
-`radard.config.sink_table`.
+neither the stream nor the other sinks; `radard.outputs.base` has the contract. Events are in the
+log (`radard.log`) before any sink is told of them, and wait there until they are delivered.
+Nothing here knows of radar: sinks take mappings, and import nothing of the pipeline. The table of
+all sinks is `radard.config.sink_table`.
 """
 
 from radard.outputs.registry import (

@@ -18,8 +18,7 @@ from radard.config.sink_table import AppriseSection, SinkOptions
 from radard.errors import OutputError, UsageError
 from radard.outputs.alarm_picture import picture_path
 from radard.outputs.base import DeliveryError, Record, SinkContext
-from radard.outputs.outbox import Item
-from radard.outputs.outbox_sink import OutboxSink, outbox_path, wants_events
+from radard.outputs.delivery import DeliverySink, Item, wants_events
 from x2radar.errors import MissingExtra
 from x2radar.extras import needed
 
@@ -47,14 +46,7 @@ def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> "Appr
         )
         raise UsageError(msg)
     name = scheme[1].lower()
-    return AppriseSink(
-        apprise,
-        service,
-        name,
-        path=outbox_path(context, "apprise", target),
-        options=options,
-        context=context,
-    )
+    return AppriseSink(apprise, service, name, target, options, context)
 
 
 def _apprise() -> Any:
@@ -86,16 +78,15 @@ def _service(apprise: Any, url: str) -> Any:
         return apprise.Apprise.instantiate(url, asset=asset, suppress_exceptions=True)
 
 
-class AppriseSink(OutboxSink):
+class AppriseSink(DeliverySink):
     """Send events to one service."""
 
-    def __init__(
+    def __init__(  # noqa: PLR0917 - all are what the sink is made of
         self,
         apprise: Any,
         service: Any,
         scheme: str,
-        *,
-        path: Path | None,
+        target: str,
         options: SinkOptions,
         context: SinkContext,
     ) -> None:
@@ -105,8 +96,9 @@ class AppriseSink(OutboxSink):
         self._sensor = context.sensor
         super().__init__(
             f"apprise:{scheme}",
-            path,
-            options.outbox,
+            target,
+            options.log,
+            context,
             wants_events(o.kinds, o.phases),
         )
 

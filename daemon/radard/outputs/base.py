@@ -6,22 +6,30 @@ through `state` alone.
 """
 
 import errno
+import hashlib
+import logging
 import threading
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from pathlib import Path
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal, Protocol
 
 from radard.alarm.sensor_state import SensorState
 from radard.config.config import Config
-from radard.health.health import Health
+from radard.config.directories import saved_file
+from radard.config.saved import change
+from radard.health.health import Health, Status, overall
+from radard.log import Cursor, EventLog, Wants
 from radard.stream.playback import Playback
 from radard.stream.ring import FrameRing
 
+log = logging.getLogger("radard")
 COMMANDS = ("arm", "arm-home", "disarm", "ack", "calibrate")
 Record = Mapping[str, Any]
 PASSING = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO})
 """Faults of a disk that may pass: a sink starts in spite of them, and tries again."""
+_SAID_AGAIN_S = 60.0  # a line a minute does not fill a log
+_REMARKED_S = 3600.0  # long enough for a person to see it
 
 
 class DeliveryError(Exception):
@@ -39,62 +47,6 @@ class DeliveryError(Exception):
     def __init__(self, reason: str, *, is_refusal: bool = False) -> None:
         super().__init__(" ".join(reason.split()))
         self.is_refusal = is_refusal
-
-
-class HealthState(Protocol):
-    """State (starting, online, degraded, offline) and reason, as in records of type status."""
-
-    @property
-    def state(self) -> str:
-        """The state's name."""
-
-    @property
-    def reason(self) -> str:
-        """For people."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SinkContext:
-    """What a run tells its sinks, and what it lets them do.
-
-    Attributes
-    ----------
-    sensor : str
-        Name of the sensor; of several that share a sink each record names its own.
-    is_one_of_several : bool
-        Whether other sensors of this process have a sink of this kind for themselves.
-    state_dir : Path or None
-        Where undelivered events are kept over a restart; None keeps them in memory only.
-    can_wait : bool
-        The stream can wait, as a replay or a simulation at full speed: `write` to a file or
-        to stdout then waits for room instead of dropping, and their failure ends the run.
-    mark : {'', 'simulated', 'replayed'}
-        What the stream is, unless a module sends it now.
-    command : callable or None
-        Takes one of `COMMANDS`, from any thread; must not wait.
-    choose : callable or None
-        Takes the name of a sensitivity, from any thread, and keeps it over restarts; raises
-        RadardError if that cannot be done.
-    panel : callable or None
-        Returns what `Host.panel` does, for any thread.
-    health : callable or None
-        Returns the daemon's state at this moment, for any thread.
-    """
-
-    sensor: str = "radar"
-    is_one_of_several: bool = False
-    state_dir: Path | None = None
-    can_wait: bool = False
-    mark: str = ""
-    command: Callable[[str], None] | None = None
-    choose: Callable[[str], None] | None = None
-    panel: Callable[[], SensorState | None] | None = None
-    health: Callable[[], HealthState] | None = None
-
-    @property
-    def marked_sensor(self) -> str:
-        """The sensor's name where a simulated or replayed stream must not look real."""
-        return f"{self.sensor}-{self.mark}" if self.mark else self.sensor
 
 
 class Host(Protocol):
@@ -140,6 +92,79 @@ class Host(Protocol):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class SinkContext:
+    """What a sink knows of the process it belongs to.
+
+    Attributes
+    ----------
+    sensor : str
+        Name of the sensor; of several that share a sink each record names its own.
+    hosts : sequence of Host
+        The radars whose records come here: one, or all of the process.
+    is_one_of_several : bool
+        Whether only this sensor's records come here, and other sensors have sinks of their own.
+    can_wait : bool
+        The stream can wait, as a replay or a simulation at full speed: `write` to a file or
+        to stdout then waits for room instead of dropping, and their failure ends the run.
+    mark : {'', 'simulated', 'replayed'}
+        What the stream is, unless a module sends it now.
+    log : EventLog
+        Where every event is before any sink is told of it.
+    after : int or None
+        Number in the log after which a new output begins; None: at its end.
+    """
+
+    sensor: str = "radar"
+    hosts: Sequence[Host] = ()
+    is_one_of_several: bool = False
+    can_wait: bool = False
+    mark: str = ""
+    log: EventLog = field(default_factory=lambda: EventLog(None))
+    after: int | None = None
+
+    @property
+    def marked_sensor(self) -> str:
+        """The sensor's name where a simulated or replayed stream must not look real."""
+        return f"{self.sensor}-{self.mark}" if self.mark else self.sensor
+
+    def cursor(self, scheme: str, target: str, wants: Wants = lambda _record: True) -> Cursor:
+        """Return the cursor of an output, which goes on where it was in an earlier run.
+
+        Its name holds a digest of the target, so that another target never gets what was meant
+        for this one, and no secret is readable in it.
+        """
+        digest = hashlib.blake2b(target.encode(errors="surrogateescape"), digest_size=8)
+
+        def is_for_it(record: Record) -> bool:
+            is_own = not self.is_one_of_several or record.get("sensor") == self.sensor
+            return is_own and wants(record)
+
+        name = f"{self.marked_sensor} {scheme} {digest.hexdigest()}"
+        return self.log.cursor(name, is_for_it, self.after)
+
+    def command(self, name: str) -> None:
+        """Give all radars one of `COMMANDS`; never waits."""
+        for host in self.hosts:
+            host.command(name)
+
+    def choose(self, sensitivity: str) -> None:
+        """Keep a sensitivity over restarts, as the dashboard does; raises RadardError."""
+        for host in self.hosts:
+            path = saved_file(host.config(), "settings")
+            change(path, "settings", {"alarm": {"sensitivity": sensitivity}})
+            host.reload()
+
+    def panel(self) -> SensorState | None:
+        """Return what holds of the only radar; None before it has a stream, and of several."""
+        return self.hosts[0].panel() if len(self.hosts) == 1 else None
+
+    def health(self) -> Status | None:
+        """Return the state of all radars together; None without any."""
+        healths = {host.sensor: host.health for host in self.hosts}
+        return overall(healths) if healths else None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class SinkState:
     """How a sink is doing.
 
@@ -157,6 +182,8 @@ class SinkState:
         Attempts that failed.
     busy_s : float
         How long the attempt at hand has lasted, in seconds; 0 where there is none.
+    remark : str
+        What was lost within the last hour, though all is well again; empty when nothing was.
     """
 
     status: Literal["ok", "retrying"] = "ok"
@@ -166,6 +193,7 @@ class SinkState:
     n_dropped: int = 0
     n_failures: int = 0
     busy_s: float = 0.0
+    remark: str = ""
 
     @property
     def is_ok(self) -> bool:
@@ -219,39 +247,76 @@ class Sink(Protocol):
 
 
 class StateKeeper:
-    """Holds a sink's state; every change is one step that any thread may take or see."""
+    """Holds a sink's state, and logs what becomes of it; any thread may take or see a step.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    name : str
+        For people; without secrets.
+    """
+
+    def __init__(self, name: str) -> None:
+        self._name = name
         self._lock = threading.Lock()
         self._state = SinkState()
+        self._told, self._told_s, self._n_untold = "", float("-inf"), 0
+        self._remark, self._remarked_s = "", float("-inf")
 
     def state(self, n_waiting: int) -> SinkState:
         """Return what holds now."""
         with self._lock:
-            return replace(self._state, n_waiting=n_waiting)
+            is_fresh = time.monotonic() - self._remarked_s < _REMARKED_S
+            remark = self._remark if is_fresh else ""
+            return replace(self._state, n_waiting=n_waiting, remark=remark)
+
+    def remark(self, text: str) -> None:
+        """Say what was lost."""
+        log.warning("%s: %s", self._name, text)
+        with self._lock:
+            self._remark, self._remarked_s = text, time.monotonic()
 
     def begin(self, reason: str) -> None:
         """Begin with nothing connected yet."""
         with self._lock:
             self._state = replace(self._state, status="retrying", reason=reason)
 
-    def sent(self, n: int = 1) -> bool:
-        """Count success; return whether it ends a time of trouble."""
+    def sent(self, n: int = 1) -> None:
+        """Count success."""
         with self._lock:
             was = self._state
             self._state = replace(was, status="ok", reason="", n_sent=was.n_sent + n)
-            return not was.is_ok
+            if not was.is_ok and not self._n_untold:
+                log.info("%s: works again", self._name)
 
-    def failed(self, reason: str) -> bool:
-        """Count a failed attempt; return whether this trouble is new."""
+    def failed(self, reason: str) -> None:
+        """Count a failed attempt; trouble that comes and goes is logged once a minute."""
         with self._lock:
             was, n = self._state, self._state.n_failures + 1
             self._state = replace(was, status="retrying", reason=reason, n_failures=n)
-            return reason != was.reason
+            if reason == was.reason:
+                return
+            now_s = time.monotonic()
+            if reason == self._told and now_s - self._told_s < _SAID_AGAIN_S:
+                self._n_untold += 1
+                return
+            self._tell_the_rest()
+            self._told, self._told_s = reason, now_s
+            log.warning("%s: %s", self._name, reason)
 
-    def dropped(self, n: int) -> bool:
-        """Count dropped records; return whether they are the first."""
+    def dropped(self, n: int, why: str) -> None:
+        """Count records that are given up; the first of them is logged."""
         with self._lock:
             was = self._state.n_dropped
             self._state = replace(self._state, n_dropped=was + n)
-            return n > 0 and was == 0
+            if n > 0 and was == 0:
+                log.warning("%s: drops records (%s); `state` counts them", self._name, why)
+
+    def end(self) -> None:
+        """Log what has not been said yet."""
+        with self._lock:
+            self._tell_the_rest()
+
+    def _tell_the_rest(self) -> None:
+        if self._n_untold:
+            log.warning("%s: %s (%d more times)", self._name, self._told, self._n_untold)
+            self._n_untold = 0

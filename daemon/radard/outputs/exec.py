@@ -16,8 +16,7 @@ import subprocess
 from radard.config.sink_table import SinkOptions
 from radard.errors import OutputError, UsageError
 from radard.outputs.base import DeliveryError, Record, SinkContext
-from radard.outputs.outbox import Item
-from radard.outputs.outbox_sink import OutboxSink, body_of, outbox_path, wants_events
+from radard.outputs.delivery import DeliverySink, Item, body_of, wants_events
 
 _FIELDS = ("id", "phase", "kind", "t_s", "time", "peak", "reason", "clip")
 
@@ -36,7 +35,7 @@ def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> "Prog
     return ProgramSink(words, options, context)
 
 
-class ProgramSink(OutboxSink):
+class ProgramSink(DeliverySink):
     """Run a program for every event."""
 
     def __init__(self, words: list[str], options: SinkOptions, context: SinkContext) -> None:
@@ -49,8 +48,9 @@ class ProgramSink(OutboxSink):
         self._sensor = context.sensor
         super().__init__(
             f"exec:{words[0]}",
-            outbox_path(context, "exec", "\0".join(words)),
-            options.outbox,
+            "\0".join(words),
+            options.log,
+            context,
             wants_events(o.kinds, o.phases),
         )
 

@@ -6,26 +6,22 @@ that needs more than records, such as the dashboard, has a method `attach(host)`
 `Host` of every sensor.
 """
 
-import hashlib
 import logging
 import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import partial
 
 from radard.config.config import Config
-from radard.config.directories import outbox_dir, saved_file
+from radard.config.directories import log_path
 from radard.config.redact import redact
-from radard.config.saved import change
 from radard.config.sink_table import SinkOptions, find_row
 from radard.errors import RadardError
-from radard.health.health import overall
+from radard.log import EventLog
 from radard.outputs import close_sinks, default_output, make_output, open_sinks, start_sink
 from radard.outputs.base import Host, Sink, SinkContext
-from radard.outputs.journal import EventJournal
 from radard.outputs.records import Record
-from radard.outputs.thread_sink import RecordQueue, ThreadSink
+from radard.outputs.thread_sink import RecordQueue
 from radard.outputs.trial import tried
 
 log = logging.getLogger("radard")
@@ -41,9 +37,9 @@ _LOCK_S = 1.0
 class _Open:
     """An output: what -o named, its sensor if only one, its sink and the options of that.
 
-    Records are `held` until there is a sink for them; `fault` is why the sink that the
-    configuration asks for cannot be opened. The one of before goes on meanwhile. `key` is its name
-    in the journal.
+    Records are `held` until there is a sink for them, which begins `after` that number of the
+    log; `fault` is why the sink that the configuration asks for cannot be opened. The one of
+    before goes on meanwhile.
     """
 
     name: str
@@ -52,12 +48,7 @@ class _Open:
     sink: Sink | None = None
     held: RecordQueue | None = None
     fault: str = ""
-    key: str = ""
-
-    @property
-    def is_durable(self) -> bool:
-        """Whether what it is told must outlive the process; unknown without a sink: it must."""
-        return self.sink is None or (isinstance(self.sink, ThreadSink) and self.sink.is_durable)
+    after: int | None = None
 
     def write(self, record: Record) -> None:
         if self.held is not None:
@@ -86,8 +77,8 @@ class Outputs:
         self._is_open = self._can_wait = False
         self._config = Config()
         self._hellos: Sequence[Record] = ()
-        self._journal = EventJournal(None)
-        self._left: dict[str, list[Record]] = {}
+        self.log = EventLog(None)
+        """Where every event is before any output hears of it; the process's own from `open` on."""
         self._retry_s = 0.0
         self._lock = threading.Lock()
 
@@ -132,11 +123,12 @@ class Outputs:
     @property
     def faults(self) -> dict[tuple[str | None, str], str]:
         """Why outputs cannot be opened as a reload asked for, by sensor and name; see `retry`."""
-        return {
+        faults = {
             (each.sensor, each.sink.name if each.sink else redact(each.name)): each.fault
             for each in self._open
             if each.fault
         }
+        return {**faults, **({(None, "log"): why} if (why := self.log.fault) else {})}
 
     def open(self, config: Config, *, can_wait: bool = False) -> None:
         """Open what -o/--output names, once; `can_wait` and errors are those of `open_sinks`."""
@@ -144,6 +136,9 @@ class Outputs:
             return
         self._can_wait, self._config = can_wait, config
         options = _options_of(config)
+        # At full speed nothing is left for the next run but how the sensor is armed.
+        path, most = log_path(config), config.log.max_events
+        self.log = EventLog(path, max_events=most, keeps_events=not can_wait)
         wanted = self._wanted(config)
         shared = [name for name, sensor in wanted if sensor is None]
         # All shared ones in one go: two that want stdout are a fault.
@@ -151,14 +146,12 @@ class Outputs:
         try:
             for name, sensor in wanted:
                 sink = next(sinks) if sensor is None else self._opened([name], sensor, config)[0]
-                self._open.append(self._known(_Open(name, sensor, options, sink)))
+                self._open.append(_Open(name, sensor, options, sink))
         except BaseException:
             _close([*(sink for _, sink in self.sinks), *sinks])
             self._open = []
+            self.log.close()
             raise
-        folder = None if can_wait else outbox_dir(config)
-        self._journal = EventJournal(folder / "journal.db" if folder else None)
-        self._left = self._journal.left()
         self._is_open = True
 
     def put(self, record: Record, sensor: str | None = None, *, waits: bool = False) -> bool:
@@ -178,9 +171,8 @@ class Outputs:
         OutputError, BrokenPipeError
             If a sink cannot keep it.
         """
-        wanted = [each for each in self._open if each.sensor in {None, sensor}]
-        if record["type"] == "event" and not record.get("test"):
-            self._journal.note(record, [each.key for each in wanted if each.is_durable])
+        if record["type"] == "event":
+            self.log.append(record)
         wait_s = -1 if waits and self._can_wait else _LOCK_S
         if not self._lock.acquire(timeout=wait_s):
             return False
@@ -188,8 +180,6 @@ class Outputs:
             for each in self._open:
                 if each.sensor in {None, sensor}:
                     each.write(record)
-                    if record["type"] == "hello":
-                        self._tell_left(each)
         finally:
             self._lock.release()
         return True
@@ -209,13 +199,15 @@ class Outputs:
             kept = [each for each in self._open if each not in gone]
             known = [(each.name, each.sensor) for each in kept]
             new = [
-                self._known(_Open(*key, options, held=RecordQueue()))
+                _Open(*key, options, held=RecordQueue(), after=self.log.last)
                 for key in wanted
                 if key not in known
             ]
             self._open = kept + new
-        # Not under the lock: an outbox may take a moment to end, and the workers must not wait.
+        # Not under the lock: an output may take a moment to end, and the workers must not wait.
         _close(each.sink for each in gone if each.sink is not None)
+        for each in gone:
+            self._forget(each.sink)
         for each in kept + new:
             each.fault = ""
             if each.is_outdated(options):
@@ -234,24 +226,7 @@ class Outputs:
     def close(self) -> None:
         """Close all sinks; log what goes wrong."""
         _close(sink for _, sink in self.sinks)
-        self._journal.close()
-
-    def _known(self, each: _Open) -> _Open:
-        """Let the journal hear what an output has kept, under a name that shows no secret."""
-        context = self._context(each.sensor, self._config)
-        what = f"{context.marked_sensor} {each.name}"
-        each.key = key = hashlib.blake2b(what.encode(), digest_size=8).hexdigest()
-        if isinstance(each.sink, ThreadSink):
-            # The journal is opened after the sinks.
-            each.sink.on_taken = lambda event: self._journal.taken(key, event)
-        return each
-
-    def _tell_left(self, each: _Open) -> None:
-        """Tell an output what a run that was killed has left for it."""
-        for event in self._left.pop(each.key, ()):
-            each.write(event)
-            if not each.is_durable:
-                self._journal.taken(each.key, event)
+        self.log.close()
 
     def _wanted(self, config: Config) -> list[tuple[str, str | None]]:
         """Return every output, with a sensor where each has its own."""
@@ -266,7 +241,9 @@ class Outputs:
         """Replace a sink by one of the options that hold now, or note why that cannot be."""
         try:
             name = each.name or default_output(stdout_is_terminal=self._stdout_is_terminal)
-            sink = make_output(name, self._config, self._context(each.sensor, self._config))
+            sink = make_output(
+                name, self._config, self._context(each.sensor, self._config, each.after)
+            )
         except (RadardError, OSError) as err:
             why = " ".join(str(err).split())
             if why != each.fault:
@@ -279,18 +256,20 @@ class Outputs:
         if before is not None:
             _close([before])
         start_sink(sink)
+        if _cursor_of(before) != _cursor_of(sink):
+            self._forget(before)
         self._attach([sink], each.sensor)
         with self._lock:
             held, each.held = each.held, None
             each.sink, each.options, each.fault = sink, _options_of(self._config), ""
-            self._known(each)
             _write_hellos(each, self._hellos)
-            # What an outbox holds in memory alone, as while the disk is full.
-            left = getattr(before, "left", list)
-            for record in left():
-                sink.write(record)
             while (record := held.take(0)) is not None:
                 sink.write(record)
+
+    def _forget(self, sink: Sink | None) -> None:
+        """Let go of what the log still holds for a sink."""
+        if (name := _cursor_of(sink)) is not None:
+            self.log.forget(name)
 
     def _opened(self, outputs: Sequence[str], sensor: str | None, config: Config) -> list[Sink]:
         sinks = open_sinks(
@@ -310,43 +289,34 @@ class Outputs:
                 for host in hosts:
                     attach(host)
 
-    def _context(self, sensor: str | None, config: Config) -> SinkContext:
+    def _context(
+        self, sensor: str | None, config: Config, after: int | None = None
+    ) -> SinkContext:
         # Of several, sensors come and go while a sink that all share stays.
         is_shared = sensor is None and config.is_one_of_several
-        own = None if is_shared else self._hosts[sensor or next(iter(self._hosts))]
-
-        def command(name: str) -> None:
-            for host in self._hosts.values() if own is None else (own,):
-                host.command(name)
-
+        hosts = tuple(self._hosts.values())
+        if not is_shared:
+            hosts = (self._hosts[sensor or next(iter(self._hosts))],)
         return SinkContext(
-            sensor=own.sensor if own else SHARED,
-            is_one_of_several=config.is_one_of_several,
-            state_dir=None if self._can_wait else outbox_dir(config),
+            sensor=SHARED if is_shared else hosts[0].sensor,
+            hosts=hosts,
+            is_one_of_several=sensor is not None,
             can_wait=self._can_wait,
-            mark=own.mark() if own else "",
-            command=command,
-            choose=None if own is None else partial(_choose, own),
-            panel=own.panel if own else None,
-            health=lambda: (
-                own.health.status
-                if own is not None
-                else overall({name: host.health for name, host in self._hosts.items()})
-            ),
+            mark="" if is_shared else hosts[0].mark(),
+            log=self.log,
+            after=after,
         )
-
-
-def _choose(host: Host, sensitivity: str) -> None:
-    """Keep a sensitivity as the dashboard does, and have the configuration read again."""
-    path = saved_file(host.config(), "settings")
-    change(path, "settings", {"alarm": {"sensitivity": sensitivity}})
-    host.reload()
 
 
 def _write_hellos(each: _Open, hellos: Sequence[Record]) -> None:
     for hello in hellos:
         if each.sensor in {None, hello.get("sensor")}:
             each.write(hello)
+
+
+def _cursor_of(sink: Sink | None) -> str | None:
+    cursor = getattr(sink, "cursor", None)
+    return None if cursor is None else str(cursor.name)
 
 
 def _options_of(config: Config) -> SinkOptions:

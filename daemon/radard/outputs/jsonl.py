@@ -29,10 +29,8 @@ def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> "Json
 class JsonLinesSink(DirectSink):
     """Append records to a file; rotates nothing if the stream can wait, so that none is lost."""
 
-    is_durable = True
-
     def __init__(self, path: Path, options: SinkOptions, context: SinkContext) -> None:
-        super().__init__(f"json:{path}", Backoff(0.5, 10.0, str(path)), waits=context.can_wait)
+        super().__init__(f"json:{path}", Backoff(0.5, 10.0, str(path)), context, str(path))
         self._path = path
         self._most_bytes = float("inf") if context.can_wait else options.jsonl.rotate_mb * 1e6
         self._n_keep = options.jsonl.keep_files

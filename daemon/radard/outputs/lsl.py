@@ -78,9 +78,8 @@ class LslSink(DirectSink):
         name, source = f"{self._stream}{behind}", f"{self._source}{behind}"
         return self._lsl.StreamInfo(name, kind, n, rate_hz, form, source)
 
-    def _take(self, record: Record) -> None:
-        if record["type"] in {"decision", "event"}:
-            super()._take(record)
+    def _wants(self, record: Record) -> bool:
+        return record["type"] in {"decision", "event"}
 
     def _deliver(self, record: Record) -> None:
         now_s = self._lsl.local_clock()

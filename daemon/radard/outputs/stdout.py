@@ -26,7 +26,7 @@ def open_from_url(name: str, _options: SinkOptions, context: SinkContext) -> "St
     render = json_line
     if name == "table":
         render = Table(has_colour=sys.stdout is not None and sys.stdout.isatty()).render
-    return StdoutSink(name, render, waits=context.can_wait)
+    return StdoutSink(name, render, context)
 
 
 def json_line(record: Record) -> str:
@@ -37,8 +37,8 @@ def json_line(record: Record) -> str:
 class StdoutSink(DirectSink):
     """Write records to stdout; its failure ends the run, for stdout is what it was started for."""
 
-    def __init__(self, name: str, render: Callable[[Record], str], *, waits: bool) -> None:
-        super().__init__(name, Backoff(1.0, 1.0, name), waits=waits)
+    def __init__(self, name: str, render: Callable[[Record], str], context: SinkContext) -> None:
+        super().__init__(name, Backoff(1.0, 1.0, name), context)
         self._render = render
         self._stream = sys.stdout
         if self._stream is None:

@@ -94,8 +94,9 @@ class SyslogSink(DirectSink):
         if isinstance(address, Server):
             shown = f"{address.scheme}://{address.host}:{address.port}"
         name = f"syslog:{shown}"
-        o = options.outbox
-        super().__init__(name, Backoff(o.first_retry_s, o.longest_retry_s, name))
+        o = options.log
+        backoff = Backoff(o.first_retry_s, o.longest_retry_s, name)
+        super().__init__(name, backoff, context, name)
         self._address = address
         self._facility = _FACILITY[options.syslog.facility]
         self._tls: ssl.SSLContext | None = None
@@ -107,10 +108,9 @@ class SyslogSink(DirectSink):
         self._socket: socket.socket | None = None
         self._form: Callable[[int, str, Record], bytes] = self._plain
 
-    def _take(self, record: Record) -> None:
+    def _wants(self, record: Record) -> bool:
         kind = record["type"]
-        if kind in {"event", "status"} or (kind == "decision" and self._has_decisions):
-            super()._take(record)
+        return kind in {"event", "status"} or (kind == "decision" and self._has_decisions)
 
     def _deliver(self, record: Record) -> None:
         try:

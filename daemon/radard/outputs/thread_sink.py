@@ -1,7 +1,7 @@
-"""What all sinks share: a bounded queue and a thread that empties it.
+"""Sinks with a bounded queue and a thread that empties it.
 
-A sink that hands every record on by itself is a `DirectSink`; one whose events must outlive
-a dead far end is an `OutboxSink` (`radard.outputs.outbox_sink`).
+A `DirectSink` hands every record on in the order in which they came. What only delivers events
+over the network needs no queue: it is a `radard.outputs.delivery.DeliverySink`.
 """
 
 import logging
@@ -9,20 +9,18 @@ import threading
 import time
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Callable
 from typing import Self
 
 from radard.errors import OutputError
-from radard.outputs.base import DeliveryError, Record, SinkState, StateKeeper
+from radard.log import Cursor, Entry
+from radard.outputs.base import DeliveryError, Record, SinkContext, SinkState, StateKeeper
 from x2radar.backoff import Backoff
 
 log = logging.getLogger("radard")
 CLOSE_S = 2.0
-"""Chosen: with the stream's own end it stays within the 6 s of TimeoutStopSec in the unit."""
+"""With the stream's own end it stays within the 6 s of TimeoutStopSec in the unit."""
 _ROOMS = {"decision": 1000, "event": 10_000, "status": 100}
-"""Records of a type that may wait; chosen: decisions of a quarter of an hour, all events."""
-_SAID_AGAIN_S = 60.0
-"""Chosen: trouble that comes and goes is logged once in so long, and counted meanwhile."""
+"""Records of a type that may wait: decisions of a quarter of an hour, all events."""
 
 
 class RecordQueue:
@@ -120,23 +118,17 @@ class ThreadSink(ABC):
     ----------
     tick_s : float or None
         How often `_tick` is called when nothing comes; None is never.
-    is_durable : bool
-        What it has taken outlives the process. `on_taken` is then called with every event that it
-        has kept, does not want or cannot handle: nobody need tell it again.
     """
 
     tick_s: float | None = None
-    is_durable = False
 
     def __init__(self, name: str, *, waits: bool = False) -> None:
         self.name = name
         self.waits = waits
-        self._keeper = StateKeeper()
+        self._keeper = StateKeeper(name)
         self._queue = RecordQueue(waits=waits)
-        self.on_taken: Callable[[Record], None] = lambda _event: None
         self._fatal: Exception | None = None
         self._deadline_s = float("inf")
-        self._told, self._told_s, self._n_untold = "", float("-inf"), 0
         self._thread = threading.Thread(target=self._run, name=f"sink {name}", daemon=True)
 
     def start(self) -> Self:
@@ -154,7 +146,7 @@ class ThreadSink(ABC):
     def write(self, record: Record) -> None:
         """As in `Sink`."""
         self._raise()
-        self._drop(self._queue.put(record), "no room")
+        self._keeper.dropped(self._queue.put(record), "no room")
 
     def finish(self, timeout_s: float | None = None) -> None:
         """As in `Sink`."""
@@ -190,35 +182,6 @@ class ThreadSink(ABC):
         """Return the time that `close` still gives, in seconds."""
         return max(0.0, self._deadline_s - time.monotonic())
 
-    def _drop(self, n: int, why: str) -> None:
-        if self._keeper.dropped(n):
-            log.warning("%s: drops records (%s); `state` counts them", self.name, why)
-
-    def _failed(self, reason: str) -> None:
-        if not self._keeper.failed(reason):
-            return
-        now_s = time.monotonic()
-        if reason == self._told and now_s - self._told_s < _SAID_AGAIN_S:
-            self._n_untold += 1
-            return
-        self._tell_the_rest()
-        self._told, self._told_s = reason, now_s
-        log.warning("%s: %s", self.name, reason)
-
-    def _tell_the_rest(self) -> None:
-        if self._n_untold:
-            log.warning("%s: %s (%d more times)", self.name, self._told, self._n_untold)
-            self._n_untold = 0
-
-    def _sent(self, n: int = 1) -> None:
-        if self._keeper.sent(n) and not self._n_untold:
-            log.info("%s: works again", self.name)
-
-    def _has_taken(self, record: Record | None) -> None:
-        """Say that a record needs this sink no more, if it is an event; subclasses call it."""
-        if record is not None and record.get("type") == "event":
-            self.on_taken(record)
-
     def _run(self) -> None:
         try:
             while True:
@@ -229,15 +192,17 @@ class ThreadSink(ABC):
                     if record is not None:
                         self._take(record)
                     self._tick()
-                except Exception as err:
-                    # One record that cannot be made into output must not cost all others.
-                    log.exception("%s: a record could not be handled", self.name)
-                    self._keeper.failed(f"internal error: {err!r}")
-                    self._drop(record is not None, "cannot be handled")
-                    self._has_taken(record)
+                except Exception as err:  # noqa: BLE001 - logged there
+                    self._cannot(err, record is not None)
         finally:
-            self._tell_the_rest()
+            self._keeper.end()
             self._shut()
+
+    def _cannot(self, err: Exception, n_records: int) -> None:
+        """Log what is wrong with this program: one record must not cost all others."""
+        log.error("%s: a record could not be handled", self.name, exc_info=err)
+        self._keeper.failed(f"internal error: {err!r}")
+        self._keeper.dropped(n_records, "cannot be handled")
 
     def _begin(self) -> None:  # noqa: B027 - a hook that few need
         """Begin what works beside the sink's own thread."""
@@ -258,39 +223,83 @@ class DirectSink(ThreadSink):
 
     Parameters
     ----------
-    name, waits
+    name : str
         As in `ThreadSink`.
     backoff : Backoff
         Waits between attempts.
+    context : SinkContext or None
+        Says whether the stream waits. With `target` its log knows what has been handed on, and an
+        event that a run could not hand on comes in the next, behind the first record.
+    target : str
+        What tells this far end from others. Without one, nothing outlives the process.
     """
 
-    def __init__(self, name: str, backoff: Backoff, *, waits: bool = False) -> None:
-        super().__init__(name, waits=waits)
+    def __init__(
+        self, name: str, backoff: Backoff, context: SinkContext | None = None, target: str = ""
+    ) -> None:
+        super().__init__(name, waits=context is not None and context.can_wait)
         self._backoff = backoff
+        self._context = context
+        self._target = target
+        self.cursor: Cursor | None = None
+        """What the log knows of what was handed on."""
+        self._left: list[Entry] = []
+
+    def _begin(self) -> None:
+        if self._context is not None and self._target:
+            self.cursor = self._context.cursor(
+                self.name.partition(":")[0], self._target, self._wants
+            )
+            self._left = self.cursor.waiting()
 
     @abstractmethod
     def _deliver(self, record: Record) -> None:
         """Hand on one record; raises DeliveryError to be called again with the same."""
 
+    def _wants(self, record: Record) -> bool:  # noqa: ARG002 - for those that take not all
+        """Return whether a record is for this sink."""
+        return True
+
     def _take(self, record: Record) -> None:
+        if record["type"] == "event" and self.cursor is not None:
+            self._hand_on(self.cursor.waiting(record))
+            return
+        if self._wants(record) and not self._try_until_done(record):
+            return
+        left, self._left = self._left, []
+        self._hand_on(left)
+
+    def _hand_on(self, entries: list[Entry]) -> None:
+        for entry in entries:
+            try:
+                if not self._try_until_done(entry.record):
+                    return
+            except Exception as err:  # noqa: BLE001 - logged there
+                self._cannot(err, 1)
+            if self.cursor is not None:
+                self.cursor.done(entry)
+
+    def _try_until_done(self, record: Record) -> bool:
+        """Try until it works, or the end comes; return whether it was handed on."""
         while not self._try(record):
             if self.waits:
                 self._fail_for_good(OutputError(f"--output {self.name}: {self.state.reason}"))
-                return
+                return False
             if self._queue.wait_for_end(self._backoff.next_s()):
-                if not self._try(record):
-                    self._drop(1 + self._drain(), "left at the end")
-                return
+                if self._try(record):
+                    return True
+                self._keeper.dropped(1 + self._drain(), "left at the end")
+                return False
+        return True
 
     def _try(self, record: Record) -> bool:
         try:
             self._deliver(record)
         except DeliveryError as err:
-            self._failed(str(err))
+            self._keeper.failed(str(err))
             return False
         self._backoff.reset()
-        self._sent()
-        self._has_taken(record)
+        self._keeper.sent()
         return True
 
     def _drain(self) -> int:

@@ -22,8 +22,7 @@ from radard.config.credentials import read_secret
 from radard.config.sink_table import SinkOptions
 from radard.errors import ConfigError, UsageError
 from radard.outputs.base import DeliveryError, SinkContext
-from radard.outputs.outbox import Item
-from radard.outputs.outbox_sink import OutboxSink, body_of, outbox_path, wants_events
+from radard.outputs.delivery import DeliverySink, Item, body_of, wants_events
 from radard.outputs.tls import client_context, explain
 from x2radar.command import installed_version
 
@@ -58,7 +57,7 @@ def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> "Webh
     return WebhookSink(target, options, context)
 
 
-class WebhookSink(OutboxSink):
+class WebhookSink(DeliverySink):
     """POST events."""
 
     def __init__(self, url: str, options: SinkOptions, context: SinkContext) -> None:
@@ -73,8 +72,9 @@ class WebhookSink(OutboxSink):
         port = f":{parts.port}" if parts.port else ""
         super().__init__(
             f"webhook:{parts.scheme}://{parts.hostname}{port}",
-            outbox_path(context, "webhook", url),
-            options.outbox,
+            url,
+            options.log,
+            context,
             wants_events(o.kinds, o.phases, others),
         )
 

@@ -24,6 +24,7 @@ from radard.judge.bundle import load_bundle
 from radard.judge.classifier import Classifier
 from radard.judge.decision import pet_limit_of
 from radard.judge.model_choice import model_for
+from radard.log import EventLog
 from radard.pipeline import Pipeline
 from radard.stream.ring import DwellShape
 from x2radar.command import installed_version
@@ -182,11 +183,12 @@ def _cut_of(pipeline: Pipeline) -> tuple[DwellShape, int]:
     return pipeline.shape, classifier.bundle.features.range_decimation if classifier else 1
 
 
-def make_store(config: Config, *, is_live: bool) -> StateStore:
+def make_store(config: Config, events: EventLog, *, is_live: bool) -> StateStore:
     """Return where arming is kept: nowhere for a replay or a demo, apart for a simulation."""
     # An alarm that is on is kept only in a folder that was named: a run by hand begins afresh.
     is_named = named_state_dir(config) is not None
-    return StateStore(_kept_file(config, "json", is_live=is_live), keeps_alarms=is_named)
+    path = _kept_file(config, "panel", is_live=is_live)
+    return StateStore(events, path.stem if path else None, keeps_alarms=is_named)
 
 
 def taken_of(config: Config, pipeline: Pipeline, *, is_live: bool) -> tuple[str, ...]:

@@ -251,7 +251,7 @@ class Sensor:
         """
         source, config = opened.source, self._config
         parts = make_parts(config, opened.pipeline, now=opened.now, is_live=source.is_live)
-        store = make_store(config, is_live=source.is_live)
+        store = make_store(config, self._outputs.log, is_live=source.is_live)
         # What comes faster or slower on purpose says nothing about the module.
         is_real_time = source.is_live and self._factor == 1.0
         rate = RateWatch(source.stream.frame_rate_hz) if is_real_time else None

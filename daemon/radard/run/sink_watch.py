@@ -65,6 +65,8 @@ def _reason(state: SinkState, seen: _Seen, now_s: float) -> str:
         reasons.append(state.reason or "does not work")
     elif max(now_s - seen.moved_s, state.busy_s) >= STUCK_S:
         reasons.append(f"stands still, {state.n_waiting} records wait")
+    if state.remark:
+        reasons.append(state.remark)
     if now_s - seen.dropped_s < DROPPED_S:
         reasons.append("drops records")
     return ", ".join(reasons)

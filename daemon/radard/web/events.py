@@ -17,9 +17,8 @@ from starlette.routing import Route
 
 from radard.config.sink_table import KINDS
 from radard.errors import RadardError, UsageError
+from radard.log_file import MARKS, StoredEvent, StoreError, parse_since, read_events
 from radard.outputs.records import utc_now
-from radard.outputs.store import MARKS
-from radard.outputs.store_query import StoredEvent, StoreError, parse_since, read_events
 from radard.web.answers import attached, query_number, refusal
 from radard.web.guard import Guard
 from radard.web.labels import LABELS

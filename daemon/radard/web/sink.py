@@ -49,7 +49,7 @@ class WebSink:
 
     def __init__(self, host: str, port: int, section: WebSection) -> None:
         self.name = f"http://{f'[{host}]' if ':' in host else host}:{port}"
-        self._keeper = StateKeeper()
+        self._keeper = StateKeeper(self.name)
         self._section = section
         tokens = read_tokens(section, host)
         self._access = AccessControl(tokens, may_command=section.commands, cookie=f"radard_{port}")
@@ -152,7 +152,10 @@ class WebSink:
         await asyncio.gather(*(view.hub.has_sent_all() for view in self._all_views()))
 
     def _on_trouble(self, reason: str) -> None:
-        if reason and self._keeper.failed(reason):
-            log.warning("%s: %s; the dashboard waits for it", self.name, reason)
-        elif not reason and self._keeper.sent(0):
+        if reason:
+            self._keeper.failed(f"{reason}; the dashboard waits for it")
+            return
+        was_ok = self.state.is_ok
+        self._keeper.sent(0)
+        if not was_ok:
             log.warning("dashboard at %s", self.url)

@@ -17,7 +17,7 @@ class CsvSink(DirectSink):
 
     def __init__(self, path: Path, context: SinkContext) -> None:
         backoff = Backoff(1.0, 30.0, context.sensor)
-        super().__init__(f"csv:{path}", backoff, waits=context.can_wait)
+        super().__init__(f"csv:{path}", backoff, context)
         try:
             self._file = path.open("a", newline="", encoding="utf-8")
         except OSError as err:

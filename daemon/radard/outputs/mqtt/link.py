@@ -1,7 +1,7 @@
 """MqttLink: one connection to a broker, made again whenever it is lost.
 
 Every connection is a new client of the library with a clean session: what must survive is in
-the outbox, and nothing else may be sent a second time.
+the log, and nothing else may be sent a second time.
 """
 
 import contextlib

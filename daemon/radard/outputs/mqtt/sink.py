@@ -1,7 +1,7 @@
 """MQTT: the sensor's topics on a broker, its commands, and Home Assistant's discovery.
 
-`topics` decides what to publish, `link` keeps the connection, the outbox keeps the
-events; this file joins them. Events are published one after another, each when the broker
+`topics` decides what to publish, `link` keeps the connection, the log keeps the events; this file
+joins them. Events are published one after another, each when the broker
 has confirmed the one before (QoS 1), so they arrive in order. When a connection breaks
 between a delivery and its confirmation the event comes twice, with the same id, phase and
 t_s; it is never lost.
@@ -15,13 +15,14 @@ from urllib.parse import unquote, urlsplit
 
 from radard.config.sink_table import MqttSection, SinkOptions
 from radard.errors import UsageError
+from radard.log import Cursor
 from radard.outputs.alarm_picture import PictureWatch
-from radard.outputs.base import Record, SinkContext
+from radard.outputs.base import Record, SinkContext, SinkState
+from radard.outputs.delivery import Delivery, Item
 from radard.outputs.mqtt.commands import CommandReader, MqttCommand, code_of
 from radard.outputs.mqtt.link import Broker, MqttLink
 from radard.outputs.mqtt.topics import MqttTopics, Publication
-from radard.outputs.outbox import Item
-from radard.outputs.outbox_sink import OutboxSink, outbox_path
+from radard.outputs.thread_sink import ThreadSink
 from x2radar.backoff import Backoff
 
 log = logging.getLogger("radard")
@@ -77,7 +78,7 @@ def _takes_commands(broker: Broker, options: MqttSection) -> bool:
     return options.commands == "always" or (options.commands == "auto" and is_authenticated)
 
 
-class MqttSink(OutboxSink):
+class MqttSink(ThreadSink):
     """Publish to a broker."""
 
     tick_s = 0.5
@@ -88,6 +89,7 @@ class MqttSink(OutboxSink):
         scheme = "mqtts" if broker.is_tls else "mqtt"
         name = f"{scheme}://{broker.host}:{broker.port}/{prefix}"
         name += f"/{context.sensor}" if context.is_one_of_several else ""
+        super().__init__(name)
         self._context = context
         self._commands = options.mqtt.commands
         self._takes_commands = takes_commands = _takes_commands(broker, options.mqtt)
@@ -102,7 +104,7 @@ class MqttSink(OutboxSink):
         self._warned_s, self._n_unsaid = float("-inf"), 0
         self._must_announce = False
         self._ticked_s = time.monotonic()
-        o = options.outbox
+        o = options.log
         subscriptions = [topics.birth_topic] if options.mqtt.discovery != "off" else []
         self._reader = CommandReader(topics.base, options.mqtt)
         subscriptions += [self._reader.topics] if takes_commands else []
@@ -114,16 +116,27 @@ class MqttSink(OutboxSink):
             will=topics.will,
             subscriptions=subscriptions,
             on_up=self._on_up,
-            on_down=self._failed,
+            on_down=self._keeper.failed,
             on_message=self._on_message,
             is_alive=lambda: time.monotonic() - self._ticked_s < _HANGS_S,
         )
-        path = outbox_path(context, scheme, f"{broker.host}:{broker.port}/{prefix}")
-        super().__init__(name, path, o, lambda record: record["type"] == "event")
+        self._scheme = scheme
+        self._target = f"{broker.host}:{broker.port}/{prefix}"
+        self._delivery = Delivery(name, o, self._keeper, self._send)
         self._keeper.begin("not connected yet")
 
+    @property
+    def state(self) -> SinkState:
+        """As in `Sink`."""
+        return self._delivery.state(len(self._queue))
+
+    @property
+    def cursor(self) -> Cursor | None:
+        """What it has still to deliver; None before it is at work."""
+        return self._delivery.cursor
+
     def _begin(self) -> None:
-        super()._begin()
+        self._delivery.begin(self._context.cursor(self._scheme, self._target))
         if not self._takes_commands and self._commands == "auto":
             log.warning(
                 "%s: takes no commands: that needs mqtts:// with a password or a client "
@@ -134,21 +147,18 @@ class MqttSink(OutboxSink):
         self._link.start()
 
     def _take(self, record: Record) -> None:
-        super()._take(record)
         if self._pictures is not None:
             self._pictures.follow(record)
         self._publish(self._topics.on_record(record, time.monotonic()))
 
     def _tick(self) -> None:
-        super()._tick()
         self._ticked_s = now_s = time.monotonic()
         if self._must_announce:
             self._must_announce = False
             self._publish(self._topics.announce(now_s))
             if self._pictures is not None:
                 self._pictures.again()
-        health = self._context.health() if self._context.health else None
-        panel = self._context.panel() if self._context.panel else None
+        health, panel = self._context.health(), self._context.panel()
         status = (health.state, health.reason) if health else None
         room = panel.calibration if panel is not None else None
         text = ": ".join(filter(None, (room.phase, room.text))) if room is not None else ""
@@ -168,17 +178,17 @@ class MqttSink(OutboxSink):
             return
         for message in messages:
             if not self._link.publish(message):
-                self._drop(1, "the broker does not keep up")
+                self._keeper.dropped(1, "the broker does not keep up")
             elif message.qos == 0:
-                self._sent()
+                self._keeper.sent()
 
     def _send(self, item: Item) -> None:
         self._link.publish_confirmed(self._topics.event(item.record))
 
     def _on_up(self) -> None:
-        self._sent(0)
+        self._keeper.sent(0)
         self._announce()
-        self._retry_now()
+        self._delivery.retry_now()
 
     def _announce(self) -> None:
         self._must_announce = True
@@ -198,10 +208,10 @@ class MqttSink(OutboxSink):
 
     def _obey(self, command: MqttCommand) -> None:
         context = self._context
-        if command.sensitivity and context.choose is not None:
+        if command.sensitivity:
             log.info("%s: sensitivity %s", self.name, command.sensitivity)
             context.choose(command.sensitivity)
-        elif command.name and context.command is not None:
+        else:
             log.info("%s: command %s", self.name, command.name)
             context.command(command.name)
 
@@ -216,7 +226,8 @@ class MqttSink(OutboxSink):
         self._warned_s, self._n_unsaid = now_s, 0
 
     def _shut(self) -> None:
-        super()._shut()
+        self._delivery.finish()
+        self._delivery.join(self._left_s())
         if self._link.is_up:
             for message in self._topics.at_end():
                 self._link.publish(message)

@@ -7,7 +7,7 @@ No network here: records, states and times go in, messages come out. Topics belo
     state          {armed, panel, alarm, label, ...}     retained
     health         {state, reason, fault, tamper, ...}   retained
     decision       every decision                        QoS 0
-    event          every phase of every event            QoS 1, through the outbox
+    event          every phase of every event            QoS 1, from the log
     picture        PNG of the last alarm                 retained
     command/NAME   see `radard.outputs.mqtt.commands`      never retained
 """

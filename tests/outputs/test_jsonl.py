@@ -1,21 +1,14 @@
-"""Outputs on disks that fail for a while, and who may read what they write."""
+"""JSON Lines files on disks that fail for a while, and who may read what outputs write."""
 
 import errno
 import json
 import os
-import sqlite3
 
 import pytest
 
 from radard.config.sink_table import JsonlSection, SinkOptions
 from radard.errors import OutputError
-from radard.outputs import open_output
-from radard.outputs.base import SinkContext
-from radard.outputs.store import StoreSink
-from radard.outputs.store_query import read_events
-from tests.sink_helpers import decision, event, hello, status, ulid, wait_for
-
-LIVE = SinkContext(sensor="hall")
+from tests.sink_helpers import decision, event, hello, open_sink, status, ulid, wait_for
 
 
 class Disk:
@@ -55,7 +48,7 @@ def lines_of(path):
 
 def test_a_file_goes_on_after_a_full_disk_with_whole_lines(tmp_path, disk):
     path = tmp_path / "a.jsonl"
-    sink = open_output(f"json:{path}", SinkOptions(), LIVE)
+    sink = open_sink(f"json:{path}", SinkOptions())
     sink.write(hello())
     wait_for(lambda: sink.state.n_sent == 1)
     disk.is_full = True
@@ -72,7 +65,7 @@ def test_a_file_goes_on_after_a_full_disk_with_whole_lines(tmp_path, disk):
 def test_a_file_that_cannot_be_made_on_a_full_disk_is_made_later(tmp_path, disk):
     path = tmp_path / "a.jsonl"
     disk.is_full = True
-    sink = open_output(f"json:{path}", SinkOptions(), LIVE)
+    sink = open_sink(f"json:{path}", SinkOptions())
     sink.write(hello())
     sink.write(event(1))
     wait_for(lambda: not sink.state.is_ok)
@@ -82,13 +75,13 @@ def test_a_file_that_cannot_be_made_on_a_full_disk_is_made_later(tmp_path, disk)
     assert [line["type"] for line in lines_of(path)] == ["hello", "event"]
     disk.is_full = True
     with pytest.raises(OutputError, match="cannot write there"):
-        open_output(f"json:{tmp_path / 'b'}", SinkOptions(), SinkContext(can_wait=True))
+        open_sink(f"json:{tmp_path / 'b'}", SinkOptions(), can_wait=True)
 
 
 def test_a_disk_that_fills_at_a_rotation_costs_no_line_and_no_hello(tmp_path, disk):
     path = tmp_path / "a.jsonl"
     options = SinkOptions(jsonl=JsonlSection(rotate_mb=0.0005))
-    sink = open_output(f"json:{path}", options, LIVE)
+    sink = open_sink(f"json:{path}", options)
     sink.write(hello())
     sink.write(event(1))
     wait_for(lambda: sink.state.n_sent == 2)
@@ -102,45 +95,6 @@ def test_a_disk_that_fills_at_a_rotation_costs_no_line_and_no_hello(tmp_path, di
     assert lines_of(tmp_path / "a.jsonl.1")[-1]["id"] == ulid(1)
 
 
-def test_a_store_goes_on_after_a_full_disk(tmp_path):
-    path = tmp_path / "a.db"
-    sink = open_output(f"store:{path}", SinkOptions(), LIVE)
-    sink.write(event(1))
-    wait_for(lambda: sink.state.n_sent == 1)
-    pages = sink._db.execute("PRAGMA page_count").fetchone()[0]
-    sink._db.execute(f"PRAGMA max_page_count = {pages}")
-    sink.write({**event(2), "reason": "x" * 100_000})
-    sink.write(event(3))
-    # What is left out is not taken for a success.
-    sink.write(hello())
-    wait_for(lambda: "full" in sink.state.reason)
-    sink._db.execute("PRAGMA max_page_count = 100000")
-    wait_for(lambda: sink.state.n_sent == 3)
-    assert sink.state.is_ok
-    sink.close()
-    assert [e.id for e in read_events(path)] == [ulid(k) for k in (1, 2, 3)]
-
-
-def test_a_store_that_cannot_be_made_on_a_full_disk_is_made_later(tmp_path, monkeypatch):
-    plain, path = StoreSink._opened, tmp_path / "a.db"
-
-    def full(_self):
-        error = sqlite3.OperationalError("database or disk is full")
-        error.sqlite_errorcode = sqlite3.SQLITE_FULL
-        raise error
-
-    monkeypatch.setattr(StoreSink, "_opened", full)
-    with pytest.raises(OutputError, match="cannot be used"):
-        open_output(f"store:{path}", SinkOptions(), SinkContext(can_wait=True))
-    sink = open_output(f"store:{path}", SinkOptions(), LIVE)
-    sink.write(event(1))
-    wait_for(lambda: "full" in sink.state.reason)
-    monkeypatch.setattr(StoreSink, "_opened", plain)
-    wait_for(lambda: sink.state.n_sent == 1)
-    sink.close()
-    assert [e.id for e in read_events(path)] == [ulid(1)]
-
-
 def mode_of(path):
     return path.stat().st_mode & 0o777
 
@@ -151,7 +105,7 @@ def test_files_are_for_their_owner_alone_whatever_the_umask(tmp_path, umask):
     try:
         for name in ("json:a.jsonl", "store:a.db"):
             scheme, file = name.split(":")
-            sink = open_output(f"{scheme}:{tmp_path / file}", SinkOptions(), LIVE)
+            sink = open_sink(f"{scheme}:{tmp_path / file}", SinkOptions())
             for record in (hello(), status("online"), event(1), decision(1)):
                 sink.write(record)
             wait_for(lambda s=sink: s.state.n_sent >= 3 and not s.state.n_waiting)
@@ -168,12 +122,12 @@ def test_the_mode_of_files_that_are_there_is_left(tmp_path):
         file.touch()
         file.chmod(0o640)
     options = SinkOptions(jsonl=JsonlSection(rotate_mb=0.0005))
-    sink = open_output(f"json:{path}", options, SinkContext(sensor="hall"))
+    sink = open_sink(f"json:{path}", options, sensor="hall")
     for n in range(6):
         sink.write(event(n))
     wait_for(lambda: sink.state.n_sent == 6)
     sink.close()
-    other = open_output(f"store:{store}", SinkOptions(), LIVE)
+    other = open_sink(f"store:{store}", SinkOptions())
     other.close()
     # The next file of a rotation is read by whoever read the one before.
     assert (tmp_path / "a.jsonl.2").exists()

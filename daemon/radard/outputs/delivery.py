@@ -1,0 +1,278 @@
+"""Delivery: what a cursor of the event log owes is handed on, over any outage, in a thread.
+
+Events go in order: none is tried before the one ahead of it has been confirmed or given up. One
+that the far end refuses again and again is given up for those behind it; an alarm is put behind
+them instead, and tried until it is too old. Other records, where they are wanted, wait in memory,
+and go when no event does.
+"""
+
+import json
+import logging
+import threading
+import time
+import uuid
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Self
+
+from radard.config.sink_table import LogSection
+from radard.log import Cursor, Entry, Wants
+from radard.outputs.base import DeliveryError, Record, SinkContext, SinkState, StateKeeper
+from radard.outputs.thread_sink import CLOSE_S
+from x2radar.backoff import Backoff
+
+log = logging.getLogger("radard")
+_TRANSIENT = 100  # of states and decisions only the newest matter
+_LAST_ROUND_S = 60.0  # longest that an end waits; the run's own limit is far shorter
+
+
+@dataclass(frozen=True, slots=True)
+class Item:
+    """A record to be handed on; `key` is the same in every attempt, and in no other item."""
+
+    key: str
+    record: Record
+    entry: Entry | None = None
+    """Where it is in the log; None for what is only in memory."""
+
+
+class Delivery:
+    """Hand on what a cursor owes.
+
+    Parameters
+    ----------
+    name : str
+        Of the sink.
+    options : LogSection
+        Waits and limits.
+    keeper : StateKeeper
+        Told of every attempt.
+    send : callable
+        Hands on one item; raises DeliveryError unless the far end has confirmed it.
+    """
+
+    def __init__(
+        self, name: str, options: LogSection, keeper: StateKeeper, send: Callable[[Item], None]
+    ) -> None:
+        self._name = name
+        self._options = options
+        self._keeper = keeper
+        self._send = send
+        self._backoff = Backoff(options.first_retry_s, options.longest_retry_s, name)
+        self.cursor: Cursor | None = None
+        self._transient: deque[Item] = deque(maxlen=_TRANSIENT)
+        self._has_work = threading.Event()
+        self._skips_wait = threading.Event()
+        self._is_last_round = self._is_over = False
+        self._n_refused = 0
+        self._begun_s: float | None = None
+        self._thread = threading.Thread(target=self._run, name=f"delivery {name}", daemon=True)
+
+    def begin(self, cursor: Cursor) -> None:
+        """Begin with what an earlier run has left."""
+        self.cursor = cursor
+        if len(cursor):
+            log.info("%s: %d events of an earlier run wait", self._name, len(cursor))
+        cursor.on_put = self._has_work.set
+        self._thread.start()
+
+    def put_transient(self, record: Record) -> None:
+        """Hand on a record that is no event; the newest hundred wait."""
+        is_full = len(self._transient) == _TRANSIENT
+        self._keeper.dropped(is_full, "too many wait")
+        self._transient.append(Item(uuid.uuid4().hex, record))
+        self._has_work.set()
+
+    def state(self, n_more: int = 0) -> SinkState:
+        """Return how the sink is doing, where `n_more` records wait elsewhere."""
+        cursor, begun_s = self.cursor, self._begun_s
+        n_owed, n_lost = (len(cursor), cursor.n_lost) if cursor is not None else (0, 0)
+        state = self._keeper.state(n_more + n_owed + len(self._transient))
+        busy_s = 0.0 if begun_s is None else time.monotonic() - begun_s
+        return replace(state, n_dropped=state.n_dropped + n_lost, busy_s=busy_s)
+
+    def retry_now(self) -> None:
+        """Deliver at once: something has changed for the better."""
+        self._backoff.reset()
+        self._skips_wait.set()
+
+    def finish(self) -> None:
+        """Try everything that is left once more, and end; returns at once."""
+        self._is_last_round = True
+        self._has_work.set()
+        self._skips_wait.set()
+
+    def join(self, timeout_s: float) -> None:
+        """Wait for the end; what is not delivered by then is so in the next run."""
+        if self._thread.ident is not None:
+            self._thread.join(min(timeout_s, _LAST_ROUND_S))
+        self._is_over = True
+        if self._thread.is_alive():
+            # A thread that waits for its far end cannot be ended, only left behind.
+            n = self.state().n_waiting
+            log.warning("%s: did not end in time, %d records left", self._name, n)
+
+    def _run(self) -> None:
+        while not self._is_over:
+            is_last_round = self._is_last_round
+            self._has_work.clear()
+            wait_s = self._deliver_all()
+            if is_last_round:
+                return
+            if wait_s is None:
+                self._has_work.wait()
+            else:
+                # New events do not shorten the wait, and a last round needs none.
+                self._skips_wait.clear()
+                if not self._is_last_round:
+                    self._skips_wait.wait(wait_s)
+
+    def _deliver_all(self) -> float | None:
+        """Deliver until nothing is left; return how long to wait after a failure."""
+        while not self._is_over and (item := self._next()) is not None:
+            self._begun_s = time.monotonic()
+            try:
+                self._send(item)
+            except DeliveryError as err:
+                self._keeper.failed(str(err))
+                if not self._gives_up(item, err):
+                    return self._backoff.next_s()
+            except Exception as err:
+                log.exception("%s: an event could not be sent", self._name)
+                self._keeper.failed(f"internal error: {err!r}")
+                self._give_up(item, "cannot be sent")
+            else:
+                self._n_refused = 0
+                self._backoff.reset()
+                self._keeper.sent()
+                self._settle(item)
+            finally:
+                self._begun_s = None
+        return None
+
+    def _next(self) -> Item | None:
+        entry = self.cursor.first() if self.cursor is not None else None
+        if entry is not None:
+            return Item(entry.key, entry.record, entry)
+        return self._transient[0] if self._transient else None
+
+    def _settle(self, item: Item) -> None:
+        if item.entry is not None and self.cursor is not None:
+            self.cursor.done(item.entry)
+        elif self._transient and self._transient[0] is item:
+            self._transient.popleft()
+
+    def _gives_up(self, item: Item, err: DeliveryError) -> bool:
+        self._n_refused += err.is_refusal
+        is_refused = self._n_refused >= self._options.attempts
+        put_s = item.entry.put_s if item.entry is not None else time.monotonic()
+        if time.monotonic() - put_s > self._options.give_up_h * 3600:
+            self._give_up(item, "too old")
+        elif is_refused and item.record.get("kind") == "alarm":
+            log.error("%s: refuses %s %d times", self._name, item.key, self._n_refused)
+            self._n_refused = 0
+            if item.entry is not None and self.cursor is not None:
+                self.cursor.defer(item.entry)
+            return False
+        elif is_refused:
+            self._give_up(item, f"refused {self._n_refused} times")
+        else:
+            return False
+        return True
+
+    def _give_up(self, item: Item, why: str) -> None:
+        log.error("%s: gives up %s: %s", self._name, item.key, why)
+        self._n_refused = 0
+        self._settle(item)
+        self._keeper.dropped(1, why)
+
+
+class DeliverySink(ABC):
+    """A sink that does nothing but deliver; `start` it once it is built.
+
+    Parameters
+    ----------
+    name : str
+        For people; without secrets.
+    target : str
+        What tells this far end from others; may be secret.
+    options : LogSection
+        Bounds and waits.
+    context : SinkContext
+        Has the log.
+    wants : callable
+        Whether a record is for this sink.
+    """
+
+    waits = False
+
+    def __init__(
+        self, name: str, target: str, options: LogSection, context: SinkContext, wants: Wants
+    ) -> None:
+        self.name = name
+        self._target = target
+        self._context = context
+        self._wants = wants
+        self._keeper = StateKeeper(name)
+        self._delivery = Delivery(name, options, self._keeper, self._send)
+        self._is_ended = False
+        self._deadline_s = float("inf")
+
+    @abstractmethod
+    def _send(self, item: Item) -> None:
+        """Hand on one item, in the delivery's thread; raises DeliveryError unless confirmed."""
+
+    @property
+    def state(self) -> SinkState:
+        """As in `Sink`."""
+        return self._delivery.state()
+
+    @property
+    def cursor(self) -> Cursor | None:
+        """What it has still to deliver; None before it is at work."""
+        return self._delivery.cursor
+
+    def start(self) -> Self:
+        """Begin to work; return the sink."""
+        scheme = self.name.partition(":")[0]
+        self._delivery.begin(self._context.cursor(scheme, self._target, self._wants))
+        return self
+
+    def write(self, record: Record) -> None:
+        """As in `Sink`; events come by the log."""
+        if record["type"] != "event" and self._wants(record):
+            if self._is_ended:
+                self._keeper.dropped(1, "it has ended")
+            else:
+                self._delivery.put_transient(record)
+
+    def finish(self, timeout_s: float | None = None) -> None:
+        """As in `Sink`."""
+        self._is_ended = True
+        limit_s = CLOSE_S if timeout_s is None else timeout_s
+        self._deadline_s = min(self._deadline_s, time.monotonic() + limit_s)
+        self._delivery.finish()
+
+    def close(self, timeout_s: float | None = None) -> None:
+        """As in `Sink`."""
+        self.finish(timeout_s)
+        self._delivery.join(max(0.0, self._deadline_s - time.monotonic()))
+        self._keeper.end()
+
+
+def wants_events(kinds: Sequence[str], phases: Sequence[str], others: Sequence[str] = ()) -> Wants:
+    """Return a filter: events of these kinds and phases, and records of these other types."""
+
+    def wants(record: Record) -> bool:
+        if record["type"] == "event":
+            return record["kind"] in kinds and record["phase"] in phases
+        return record["type"] in others
+
+    return wants
+
+
+def body_of(sensor: str, record: Record) -> bytes:
+    """Return the JSON of a record with the key `sensor` in front."""
+    return json.dumps({"sensor": sensor, **record}, separators=(",", ":")).encode("ascii")

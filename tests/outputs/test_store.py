@@ -1,0 +1,205 @@
+"""The SQLite store: what is in it, an end to its growth, disks, and `radard events`."""
+
+import json
+import sqlite3
+from contextlib import closing
+
+import pytest
+
+from radard import cli
+from radard.config.sink_table import SinkOptions, StoreSection
+from radard.errors import OutputError
+from radard.log_file import open_log_file, parse_since, read_events
+from radard.outputs import store as store_module
+from radard.outputs.store import prune
+from tests.sink_helpers import decision, event, hello, open_sink, status, ulid
+from tests.waiting import wait_for
+
+NOW_S = 1_800_000_000.0
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "deep" / "radard.db"
+
+
+def opened(path, **section):
+    return open_sink(f"store:{path}", SinkOptions(store=StoreSection(**section)))
+
+
+def filled(path, records, **section):
+    options = SinkOptions(store=StoreSection(**section))
+    sink = open_sink(f"store:{path}", options, can_wait=True)
+    for record in (hello(), *records):
+        sink.write(record)
+    sink.close()
+    return path
+
+
+def query(path, text):
+    with closing(sqlite3.connect(path, isolation_level=None)) as db:
+        return db.execute(text).fetchall()
+
+
+def counts(path):
+    tables = ("events", "decisions", "statuses")
+    return [query(path, f"SELECT count(*) FROM {table}")[0][0] for table in tables]  # noqa: S608
+
+
+def ids(path):
+    return [each.id for each in read_events(path)]
+
+
+def test_a_run_goes_on_where_the_last_ended(path):
+    filled(path, [event(1), status("online"), decision(1), {**decision(2), "sensor": "attic"}])
+    filled(path, [event(1, phase="end", t_s=9.0), {**event(2), "sensor": "attic"}])
+    first, second = read_events(path)
+    assert (first.id, first.phase, first.sensor, first.end_t_s) == (ulid(1), "end", "hall", 9.0)
+    assert (first.start_time, second.sensor) == ("2026-11-21T06:00:01.000Z", "attic")
+    assert counts(path) == [2, 2, 1]
+    assert query(path, "SELECT sensor FROM decisions ORDER BY n") == [("hall",), ("attic",)]
+    assert query(path, "SELECT state, sensor FROM statuses") == [("online", "hall")]
+
+
+def test_decisions_can_be_left_out(path):
+    filled(path, [decision(1), event(1)], decisions=False)
+    assert counts(path) == [1, 0, 0]
+
+
+def test_only_running_time_makes_anything_old(path, monkeypatch):
+    filled(path, [event(1), decision(1), status("online")])
+    # A clock that is years ahead, and back again.
+    monkeypatch.setattr(store_module.time, "time", lambda: 4e9)
+    with closing(open_log_file(path)) as db:
+        prune(db, StoreSection(keep_days=30))
+        assert counts(path) == [1, 1, 1]
+        db.execute("UPDATE stand SET run_s = run_s + 31 * 86400")
+        prune(db, StoreSection(keep_days=30))
+    assert counts(path) == [0, 0, 0]
+
+
+def test_too_large_a_file_shrinks_and_keeps_its_events(path):
+    long = "x" * 200
+    filled(path, [event(1), *(decision(k, label=long) for k in range(1, 9001))])
+    before = path.stat().st_size
+    with closing(open_log_file(path)) as db:
+        prune(db, StoreSection(keep_mb=1, keep_days=36_500))
+    ((newest, n),) = query(path, "SELECT max(seq), count(*) FROM decisions")
+    assert before > 2e6
+    assert path.stat().st_size < 1.1e6
+    assert (newest, 0 < n < 9000, ids(path)) == (9000, True, [ulid(1)])
+
+
+def test_a_file_that_is_damaged_at_the_start_is_put_aside(path, caplog):
+    filled(path, [event(1)])
+    path.write_bytes(b"not a database at all" * 400)
+    filled(path, [event(2)])
+    assert ids(path) == [ulid(2)]
+    assert path.with_name("radard.db.broken").exists()
+    assert "put aside" in caplog.text
+
+
+def test_a_file_that_is_damaged_at_work_is_put_aside_and_said(path, monkeypatch):
+    def check(_path):
+        monkeypatch.undo()
+        error = sqlite3.DatabaseError("database disk image is malformed")
+        error.sqlite_errorcode = sqlite3.SQLITE_CORRUPT
+        raise error
+
+    monkeypatch.setattr(store_module, "check_pages", check)
+    sink = opened(path)
+    sink.write(event(1))
+    wait_for(lambda: "put aside as radard.db.broken" in sink.state.remark)
+    sink.write(event(2))
+    wait_for(lambda: sink.state.n_sent == 2)
+    sink.close()
+    assert (sink.state.is_ok, ids(path)) == (True, [ulid(2)])
+    assert ids(path.with_name("radard.db.broken")) == [ulid(1)]
+
+
+def test_another_programs_database_is_refused(tmp_path):
+    path = tmp_path / "photos.db"
+    query(path, "CREATE TABLE photos (n)")
+    with pytest.raises(OutputError, match=r"photos\.db: cannot be used: a database of another"):
+        opened(path)
+    assert query(path, "SELECT count(*) FROM photos") == [(0,)]
+
+
+class FullDisk:
+    """A disk that takes nothing, for a while."""
+
+    def __init__(self, monkeypatch):
+        self.is_full = True
+        monkeypatch.setattr(store_module, "open_log_file", self)
+
+    def __call__(self, *args):
+        if self.is_full:
+            error = sqlite3.OperationalError("database or disk is full")
+            error.sqlite_errorcode = sqlite3.SQLITE_FULL
+            raise error
+        return open_log_file(*args)
+
+
+def test_a_store_that_cannot_be_made_on_a_full_disk_is_made_later(path, monkeypatch):
+    disk = FullDisk(monkeypatch)
+    with pytest.raises(OutputError, match="cannot be used"):
+        open_sink(f"store:{path}", can_wait=True)
+    sink = opened(path)
+    sink.write(event(1))
+    # What is left out is not taken for a success.
+    sink.write(hello())
+    wait_for(lambda: "full" in sink.state.reason)
+    disk.is_full = False
+    wait_for(lambda: sink.state.n_sent == 1)
+    sink.close()
+    assert ids(path) == [ulid(1)]
+
+
+def test_events_command(path, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    filled(path, [event(k, kind="fault" if k == 2 else "alarm") for k in (1, 2, 3)])
+    assert cli.main(["events", "--store", str(path)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[2] for line in lines[1:]] == ["alarm", "fault", "alarm"]
+    assert "human at 1.0 m" in lines[1]
+    tmp_path.joinpath("config.yaml").write_text(f"output: ['store:{path}']\n")
+    assert cli.main(["events", "--kind", "alarm", "--limit", "1", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["id"] == ulid(3)
+    assert cli.main(["events", "--since", "2026-11-21T07:00"]) == 0
+    assert capsys.readouterr().out == "no events\n"
+
+
+def test_events_command_without_a_store_lists_the_daemons_own_log(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("RADARD_SERVICE__STATE_DIR", str(tmp_path))
+    sink = open_sink("null", state_dir=tmp_path)
+    sink.write(event(7))
+    sink.close()
+    assert cli.main(["events", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["id"] == ulid(7)
+
+
+@pytest.mark.parametrize(
+    ("more", "expected"),
+    [
+        ([], (2, "no store: give --store FILE")),
+        (["--store", "nope.db"], (66, "nope.db: no such store")),
+        (["--store", "text.db"], (66, "cannot be read as a store")),
+        (["--store", "text.db", "--since", "soon"], (2, "--since 'soon'")),
+        (["--store", "text.db", "--limit", "0"], (2, "--limit 0")),
+    ],
+)
+def test_events_command_with_faults(more, expected, capsys, tmp_path, monkeypatch):
+    code, words = expected
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("RADARD_SERVICE__STATE_DIR", str(tmp_path))
+    tmp_path.joinpath("text.db").write_text("no database " * 100)
+    assert cli.main(["events", *more]) == code
+    assert words in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("text", "s"), [("90s", 90), ("30min", 1800), ("24h", 86_400), ("1.5 d", 129_600)]
+)
+def test_since(text, s):
+    assert parse_since(text, NOW_S) == NOW_S - s
