@@ -190,14 +190,6 @@ def told(model, **sections):
     return "\n".join(explained(load_config(environ={}, options=options), pass_s=5))
 
 
-def test_times_count_the_entry_delay_and_those_who_never_alarm(own):
-    rows = [passage([0.9] * 5, "human") for _ in range(3)] + [passage([0.1] * 5, "pet")]
-    write_card(str(own), evaluation_of(table_of(*rows), bundle(), "x"))
-    text = told(own, alarm={"entry_delay_s": 20})
-    assert "never, never" in text
-    assert "entry delay of 20 s" in text
-
-
 def test_a_garbled_evaluation_is_told(own, capsys):
     sidecar = own.with_suffix(".json")
     raw = json.loads(sidecar.read_text())

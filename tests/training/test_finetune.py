@@ -64,8 +64,8 @@ def bundle(made):
     return load_bundle(str(made / "tiny.onnx"))
 
 
-def finetune(made, *argv, mix="mix"):
-    sets = ("--guard", str(made / "guard"), *(("--mix", str(made / mix)) if mix else ()))
+def finetune(made, *argv):
+    sets = ("--guard", str(made / "guard"), "--mix", str(made / "mix"))
     return main(["finetune", *sets, "--model", str(made / "tiny.onnx"), *argv])
 
 
@@ -92,8 +92,7 @@ def test_own_clips_become_quiet_and_radard_runs_the_bundle(made, bundle, tmp_pat
     clips = [(str(k), "pet", str(made / f"dog{k}.h5"), "alarm") for k in (1, 2, 3)]
     gone = ("4", "pet", str(made / "gone.h5"), "alarm")
     labels = ["--labels", str(label_file(tmp_path, *clips, gone))]
-    # --full is accepted of old: it is what is done.
-    assert finetune(made, *(labels if is_labelled else [*dogs(made), "--full"]), *out) == 0
+    assert finetune(made, *(labels if is_labelled else dogs(made)), *out) == 0
     said = capsys.readouterr().out
     assert "wrote" in said
     assert (f"left out: {ULID}4: its clip is gone" in said) is is_labelled
@@ -214,8 +213,8 @@ def test_labels_of_the_dashboard_point_to_clips(made, tmp_path):
     ("line", "words"),
     [
         ("{", ":2: no label of the dashboard"),
-        ('{"format": "radard-label", "format_version": 9}', "format_version 9"),
-        ('{"format": "radard-label", "format_version": 1, "event": "x"}', ":2: lacks an event"),
+        ('{"format": "radard-label", "format_version": 9}', ":2: no label.*format_version"),
+        ('{"format": "radard-label", "format_version": 1, "event": "x"}', ":2: no label.*label"),
     ],
 )
 def test_lines_that_are_no_labels_are_refused(made, tmp_path, line, words):
@@ -274,7 +273,6 @@ def test_a_guard_that_does_not_fit_is_refused(made, bundle, tmp_path):
         ((), "no clips: give FILE=LABEL"),
         (("x.h5=pet",), "x.h5: no such recording"),
         (("DOG=pet", "--clips", "somewhere"), "there is no --labels"),
-        (("DOG=pet", "--verifier"), "--verifier is gone"),
         (("DOG=pet", "--mix", "GUARD"), "share a set"),
         (("DOG=pet", "--epochs", "0"), "--epochs 0"),
         (("DOG=pet", "--seed", "-1"), "--seed -1"),
@@ -292,11 +290,6 @@ def test_wrong_input_gets_one_line(made, tmp_path, argv, words, capsys):
     assert words in err
     assert err.count("\n") == 1
     assert not (tmp_path / "out").exists()
-
-
-def test_simulated_windows_to_learn_from_are_needed(made, capsys):
-    assert finetune(made, *dogs(made), mix=None) == 2
-    assert "--mix is needed" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

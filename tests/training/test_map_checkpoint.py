@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from tests.training_helpers import TINY, toy
-from x2train.nets import checkpoint_file, map_checkpoint
+from x2train.nets import map_checkpoint
 from x2train.nets.epoch import Epoch
 from x2train.nets.map_fit import fit_maps
 
@@ -31,7 +31,7 @@ def often(monkeypatch):
     monkeypatch.setattr(map_checkpoint.Checkpoints.__init__, "__defaults__", (0.0,))
 
     def stop_after(n):
-        write, count = checkpoint_file.write_whole, [0]
+        write, count = map_checkpoint.write_whole, [0]
 
         def counted(path, data):
             write(path, data)
@@ -39,12 +39,12 @@ def often(monkeypatch):
             if count[0] == n:
                 raise Stopped
 
-        monkeypatch.setattr(checkpoint_file, "write_whole", counted)
+        monkeypatch.setattr(map_checkpoint, "write_whole", counted)
 
     return stop_after
 
 
-@pytest.mark.parametrize("n", [1, 5, 6, 7, 12, 17])
+@pytest.mark.parametrize("n", [1, 6, 17])
 def test_an_interrupted_training_ends_with_the_same_network(tmp_path, often, n):
     path = tmp_path / "net.checkpoint"
     whole_epochs, whole = fitted(None)

@@ -43,7 +43,7 @@ def test_what_is_no_passage_is_refused():
 
 
 def test_no_set_and_other_sets_are_refused(tmp_path):
-    with pytest.raises(RecordingError, match="no set of passages"):
+    with pytest.raises(RecordingError, match="no set of shards"):
         PassageTable.load(tmp_path / "missing")
     make_shards(tmp_path, {}, 3, Draws())
     with pytest.raises(UsageError, match="without the column 'n_decisions'"):

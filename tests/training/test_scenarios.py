@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from radard.errors import UsageError
-from x2radar.sim.bodies.quadruped.species import SPECIES
+from x2radar.sim.bodies.skeleton.species import SPECIES
 from x2train.commands.fit import stream_of
 from x2train.judge.suites import SUITES, check_suites, n_more_pets, suite_of
 from x2train.sets.families import (

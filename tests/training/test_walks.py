@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from radard.errors import FeatureError
-from walk_numbers import edge_m, follow, measure, ridge, spread_about_lines, standing_still
+from walk_numbers import follow, measure, ridge, standing_still
 from walks import (
     RADARS_X_M,
     MeasureRow,
@@ -119,27 +119,6 @@ def test_a_torso_that_swings_is_measured_in_range_and_in_velocity(size_m, rate_h
     assert 0.6 * speed < numbers.torso_mps < 1.05 * speed
 
 
-def test_corners_and_steady_change_are_no_uneven_pace():
-    counts = (T_S > 1) & (np.abs(T_S - 8) > 1)
-    bent = 0.2 + 0.01 * T_S + np.where(T_S > 8, 0.3, 0.0)
-    assert spread_about_lines(bent, counts, RATE_HZ) < 1e-9
-    uneven = bent + 0.03 * np.sin(2 * np.pi * 1.5 * T_S)
-    assert spread_about_lines(uneven, counts, RATE_HZ) == pytest.approx(
-        0.03 / np.sqrt(2), rel=0.03
-    )
-
-
-@pytest.mark.parametrize(("radar_x_m", "wall_m"), [(0.0, 4.0), (4.0, -4.0)])
-def test_the_room_has_the_walls_that_the_antennas_do_not_hang_on(radar_x_m, wall_m):
-    surfaces = walk_scene(radar_x_m).surfaces
-    assert [(s.axis, s.at_m) for s in surfaces] == [
-        ("z", 0.0),
-        ("z", 2.8),
-        ("y", 4.0),
-        ("x", wall_m),
-    ]
-
-
 def test_a_limb_that_reaches_out_is_seen_when_it_does():
     plain = measure(walk((COMING_M, 1.0)))
     ahead = 0.4 * np.maximum(np.sin(2 * np.pi * 0.45 * T_S), 0.0)
@@ -169,21 +148,6 @@ def test_power_behind_is_that_of_what_follows_the_body():
         20 * np.log10(0.25) + 10 * np.log10(spread), abs=1
     )
     assert numbers.behind_db[3] < numbers.behind_db[1] - 15
-
-
-def test_an_edge_ends_at_a_gap():
-    alone, haunted = (walk((COMING_M, 1.0), *ghost) for ghost in ((), ((COMING_M - 0.6, 0.8),)))
-    part = alone.is_walking & haunted.is_walking
-    for far in (False, True):
-        assert edge_m(haunted, 15.0, far=far)[part] == pytest.approx(
-            edge_m(alone, 15.0, far=far)[part], abs=0.04
-        )
-
-
-def test_incoherent_parts_are_less_coherent():
-    rng = np.random.default_rng(2)
-    loud = measure(walk((COMING_M, 1.0 + 0.8 * rng.standard_normal(len(T_S)))))
-    assert loud.coherence < 0.8 < measure(walk((COMING_M, 1.0))).coherence
 
 
 def test_a_body_that_is_held_still_stands_in_the_middle_in_phase():

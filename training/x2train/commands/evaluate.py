@@ -1,7 +1,6 @@
 """`train-export evaluate`: a bundle on passages it has never seen, reported like an alarm."""
 
 import argparse
-import json
 import os
 from dataclasses import asdict
 from pathlib import Path
@@ -13,7 +12,7 @@ from radard.judge.bundle import Bundle, load_bundle
 from x2radar.commands import add_command
 from x2train.commands import Commands, check_least, counted, result_console
 from x2train.judge.table import PassageTable
-from x2train.sets.shards import MANIFEST
+from x2train.sets.shards import about_of
 
 _MAX_PET_HOURS = 10_000.0  # weeks of simulation
 
@@ -75,9 +74,9 @@ def _told_by(bundle: Bundle) -> dict[str, Any]:
 
 def _check_against(folder: Path, radar: str) -> None:
     """Refuse a folder whose passages are before other radars."""
-    about = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))["about"]
-    if about["radar"] != radar:
-        msg = f"--against {folder.parent}: judged with --radar {about['radar']}, not {radar}"
+    other = about_of(folder)["radar"]
+    if other != radar:
+        msg = f"--against {folder.parent}: judged with --radar {other}, not {radar}"
         raise UsageError(msg)
 
 

@@ -10,7 +10,7 @@ from radard.config.sections import AUTO_MODEL
 from radard.errors import UsageError
 from radard.judge.bundle import load_bundle
 from x2radar.commands import add_command
-from x2train.commands import Commands, followed, result_console, sets_of
+from x2train.commands import Commands, check_least, followed, result_console, sets_of
 
 _MAX_EPOCHS = 20  # a minute or two each
 
@@ -38,10 +38,7 @@ def register(commands: Commands) -> None:
     add("--clips", type=Path, dest="folder", metavar="DIR", help="where its clips are now")
     add("--model", default=AUTO_MODEL, help="bundle to start from (that which judges the clips)")
     add("--guard", type=Path, nargs="+", required=True, help="sets of people not to be missed")
-    add("--mix", type=Path, nargs="+", help="simulated sets to learn from beside the clips")
-    # Accepted of old: the one way that is left, and the one that is gone.
-    add("--full", action="store_true", help=argparse.SUPPRESS)
-    add("--verifier", action="store_true", help=argparse.SUPPRESS)
+    add("--mix", type=Path, nargs="+", required=True, help="simulated sets to learn from as well")
     add("--name", default="own", help="name of the new bundle (own)")
     add("--out", type=Path, default=Path(), help="its folder (this one)")
     add("--epochs", type=int, default=4, help="passes over the mix (4)")
@@ -100,20 +97,12 @@ def _check(args: argparse.Namespace) -> None:
     if not 1 <= args.epochs <= _MAX_EPOCHS:
         msg = f"--epochs {args.epochs}: must be 1 to {_MAX_EPOCHS}"
         raise UsageError(msg)
-    if args.seed < 0:
-        msg = f"--seed {args.seed}: must be at least 0"
-        raise UsageError(msg)
+    check_least(args, seed=0)
     if not args.clips and args.labels is None:
         msg = "no clips: give FILE=LABEL, or --labels with the dashboard's file"
         raise UsageError(msg)
     if args.folder is not None and args.labels is None:
         msg = "--clips says where the clips of --labels are; there is no --labels"
-        raise UsageError(msg)
-    if args.verifier:
-        msg = "--verifier is gone: retraining with --mix hides fewer people and calms more pets"
-        raise UsageError(msg)
-    if not args.mix:
-        msg = "--mix is needed: simulated windows keep the network what it is"
         raise UsageError(msg)
     if set(args.mix) & set(args.guard):
         msg = "--mix and --guard share a set: people learned from say nothing of people missed"

@@ -4,14 +4,14 @@ The dashboard's lines are those of `radard.web.labels`; the last line of an even
 hand, FILE=LABEL names any recording that `radard --port replay:` plays.
 """
 
-import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Literal
 
+from radard.config.json_file import LOOSE, parse_json
 from radard.errors import UsageError
-from radard.web.labels import FORMAT, LABELS, VERSION
+from radard.web.labels import LABELS
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,15 +60,14 @@ def labelled_clips(path: Path, folder: Path | None = None) -> Found:
     events = _last_lines(path)
     clips, left_out = [], []
     for event, line in events.items():
-        clip = line.get("clip")
-        if line.get("kind") != "alarm":
-            left_out.append(f"{event}: labelled {line['label']}, but not an alarm")
-        elif not isinstance(clip, str) or not clip:
+        if line.kind != "alarm":
+            left_out.append(f"{event}: labelled {line.label}, but not an alarm")
+        elif not line.clip:
             left_out.append(f"{event}: no clip was kept of it")
         else:
-            where = folder / Path(clip).name if folder else Path(clip)
+            where = folder / Path(line.clip).name if folder else Path(line.clip)
             if where.is_file():
-                clips.append(OwnClip(where, str(line["label"])))
+                clips.append(OwnClip(where, line.label))
             else:
                 left_out.append(f"{event}: its clip is gone ({where})")
     return Found(tuple(clips), tuple(left_out))
@@ -91,27 +90,32 @@ def merged(clips: Iterable[OwnClip]) -> tuple[OwnClip, ...]:
     return tuple(by_path.values())
 
 
-def _last_lines(path: Path) -> Mapping[str, Mapping[str, Any]]:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Line:
+    """What is read of a line of the dashboard's labels."""
+
+    __pydantic_config__ = LOOSE
+
+    format: Literal["radard-label"]
+    format_version: Literal[1]
+    event: str
+    label: Literal["human", "pet", "other", "wrong"]
+    clip: str | None = None
+    kind: str | None = None
+
+
+def _last_lines(path: Path) -> Mapping[str, _Line]:
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as err:
         msg = f"{path}: cannot read the labels ({err})"
         raise UsageError(msg) from err
-    events: dict[str, Mapping[str, Any]] = {}
+    events: dict[str, _Line] = {}
     for number, row in enumerate(text.splitlines(), 1):
         try:
-            line = json.loads(row)
-        except ValueError:
-            line = None
-        if not isinstance(line, dict) or line.get("format") != FORMAT:
-            msg = f"{path}:{number}: no label of the dashboard; take this line out"
-            raise UsageError(msg)
-        if line.get("format_version") != VERSION:
-            version = line.get("format_version")
-            msg = f"{path}:{number}: format_version {version!r}; this version reads {VERSION}"
-            raise UsageError(msg)
-        if line.get("label") not in LABELS or not isinstance(line.get("event"), str):
-            msg = f"{path}:{number}: lacks an event and a label of {', '.join(LABELS)}"
-            raise UsageError(msg)
-        events[line["event"]] = line
+            line = parse_json(_Line, row)
+        except ValueError as err:
+            msg = f"{path}:{number}: no label of the dashboard ({err}); take this line out"
+            raise UsageError(msg) from err
+        events[line.event] = line
     return events

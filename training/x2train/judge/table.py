@@ -6,7 +6,6 @@ whose arrays are the columns, as `make_shards` leaves them when every element re
 `passage_columns`.
 """
 
-import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -16,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radard.errors import UsageError
-from x2radar.errors import RecordingError
-from x2train.sets.shards import MANIFEST, ShardSet
+from x2train.sets.shards import ShardSet, read_all
 
 LABELS = ("human", "pet", "other", "empty")
 Columns: TypeAlias = dict[str, NDArray[Any]]
@@ -147,8 +145,7 @@ class PassageTable:
         Raises RecordingError if there is none or a shard is damaged, UsageError if it is of
         something else.
         """
-        shards = ShardSet(folder, _about(folder))
-        return cls.of(shards.read(name) for name in shards.names())
+        return cls.of([read_all(folder)[1]])
 
 
 def _empty() -> Columns:
@@ -156,11 +153,3 @@ def _empty() -> Columns:
     columns |= {name: np.empty(0, "U1") for name in TEXTS}
     columns |= {name: np.empty(0, np.float64) for name in (*NUMBERS, *SERIES)}
     return columns | {name: np.empty(0, np.bool_) for name in FLAGS}
-
-
-def _about(folder: Path) -> dict[str, Any]:
-    try:
-        return dict(json.loads((folder / MANIFEST).read_text(encoding="utf-8"))["about"])
-    except (OSError, ValueError, KeyError, TypeError) as err:
-        msg = f"{folder}: no set of passages ({err})"
-        raise RecordingError(msg) from err

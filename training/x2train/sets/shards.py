@@ -11,13 +11,15 @@ import hashlib
 import io
 import json
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from radard.config.atomic import write_atomically
+from radard.config.json_file import STRICT, parse_json
 from radard.errors import UsageError
 from x2radar.errors import RecordingError
 
@@ -53,14 +55,13 @@ class ShardSet:
             msg = f"{folder}: cannot make this folder: {err.strerror}"
             raise RecordingError(msg) from err
         self._shards: dict[str, dict[str, Any]] = {}
-        path = folder / MANIFEST
-        if path.exists():
-            known = _read_manifest(path)
-            if known["about"] != self.about:
-                changed = _difference(known["about"], self.about)
+        if (folder / MANIFEST).exists():
+            known = _read_manifest(folder)
+            if known.about != self.about:
+                changed = _difference(known.about, self.about)
                 msg = f"{folder}: holds a set that was made otherwise ({changed}); remove it"
                 raise UsageError(msg)
-            self._shards = known["shards"]
+            self._shards = known.shards
 
     def __contains__(self, name: str) -> bool:
         """Return whether a shard is complete."""
@@ -108,16 +109,32 @@ class ShardSet:
         yield from sorted(name for name in self._shards if name in self)
 
 
-def _read_manifest(path: Path) -> dict[str, Any]:
+@dataclass(frozen=True, slots=True)
+class _Manifest:
+    """What a set is made from, and its shards."""
+
+    __pydantic_config__ = STRICT
+
+    version: Literal[1]
+    about: dict[str, Any]
+    shards: dict[str, dict[str, Any]]
+
+
+def _read_manifest(folder: Path) -> _Manifest:
+    path = folder / MANIFEST
     try:
-        known = json.loads(path.read_text(encoding="utf-8"))
-        if known["version"] != VERSION:
-            msg = f"{path}: version {known['version']}, not {VERSION}; remove the folder"
-            raise RecordingError(msg)
-        return {"about": known["about"], "shards": dict(known["shards"])}
-    except (OSError, ValueError, KeyError, TypeError) as err:
+        return parse_json(_Manifest, path.read_bytes())
+    except FileNotFoundError as err:
+        msg = f"{folder}: no set of shards here ({MANIFEST} is missing)"
+        raise RecordingError(msg) from err
+    except (OSError, ValueError) as err:
         msg = f"{path}: no manifest of shards ({err}); remove the folder"
         raise RecordingError(msg) from err
+
+
+def about_of(folder: Path) -> Mapping[str, Any]:
+    """Return what a set was made from; RecordingError if there is none."""
+    return _read_manifest(folder).about
 
 
 def _difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
@@ -140,14 +157,10 @@ def read_all(folder: Path) -> tuple[Mapping[str, Any], dict[str, NDArray[Any]]]:
 
     Raises RecordingError if there is no set, or one of its shards is missing or damaged.
     """
-    path = folder / MANIFEST
-    if not path.exists():
-        msg = f"{folder}: no set of shards here ({MANIFEST} is missing)"
-        raise RecordingError(msg)
-    known = _read_manifest(path)
-    shards = ShardSet(folder, known["about"])
+    known = _read_manifest(folder)
+    shards = ShardSet(folder, known.about)
     # A shard of elements that were all left out has no columns.
-    parts = [part for name in sorted(known["shards"]) if (part := shards.read(name))]
+    parts = [part for name in sorted(known.shards) if (part := shards.read(name))]
     keys = list(parts[0]) if parts else []
     # Popped: sets take gigabytes, and no column stays twice.
-    return known["about"], {key: np.concatenate([p.pop(key) for p in parts]) for key in keys}
+    return known.about, {key: np.concatenate([p.pop(key) for p in parts]) for key in keys}
