@@ -114,6 +114,7 @@ def test_a_model_that_is_not_there_or_does_not_fit():
     assert [d.label for d in radard.classify(noise(200), BASEBAND, 60.0, model="none")]
 
 
+@pytest.mark.integration
 def test_every_name_is_there_and_nothing_else_is_imported_for_it():
     for name in radard.__all__:
         assert getattr(radard, name) is not None

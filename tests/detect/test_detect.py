@@ -60,6 +60,7 @@ def test_a_format_that_is_not_written_is_refused(files, capsys, tmp_path, name):
     assert not (tmp_path / name).exists()
 
 
+@pytest.mark.integration
 def test_every_core_makes_the_same_table(files, capsys, tmp_path):
     one = detect(capsys, *files, "--jobs", "1")
     assert detect(capsys, *files, "--jobs", "2") == one
@@ -97,6 +98,7 @@ def test_the_model_that_is_asked_for(files, capsys):
     assert {row["p_human"] for row in csv.DictReader(io.StringIO(text))} == {""}
 
 
+@pytest.mark.integration
 def test_one_that_cannot_be_read_does_not_stop_the_others(files, capsys, tmp_path):
     out = tmp_path / "all.csv"
     gone = tmp_path / "gone.h5"

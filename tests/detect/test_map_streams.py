@@ -176,7 +176,7 @@ def test_one_live_bin(make, live):
 
 
 @each
-def test_the_millionth_frame_is_as_exact_as_the_thousandth(make):
+def test_the_last_of_many_frames_is_as_exact_as_the_first(make):
     setting = {"n_cpi": 28, "axis": replace(X2, n_range=6)}
     # Columns need be made of the last frames alone.
     stride = {} if make is ranges else {"stride": 1000}
@@ -184,7 +184,7 @@ def test_the_millionth_frame_is_as_exact_as_the_thousandth(make):
     stream, found = make(n_keep=60, **setting, **stride), []
     tail = frames[-87:] if make is ranges else frames[-2000:]
     wanted = DIRECT[make](tail, stream, **setting, **stride)
-    for _ in range(20):
+    for _ in range(5):
         stream.push(frames)
         found.append(error(stream.columns(wanted.shape[1]), wanted))
     assert found[0] < 1e-5
