@@ -6,8 +6,8 @@ import numpy as np
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as np_st
 
-from x2radar.wire.layouts import COMMANDS, RESPONSES, Layout
-from x2radar.wire.messages import ByteReply, Data, Message, Reply, SetOutput, Unknown
+from x2radar.wire.layouts import COMMANDS, RESPONSES, X4_FORMATS, Layout
+from x2radar.wire.messages import ByteReply, Data, Message, Reply, SetOutput, Unknown, X4Set
 from x2radar.wire.wire_ids import COMMAND_NAMES, RESPONSE_NAMES
 
 u32 = st.integers(0, 2**32 - 1)
@@ -47,6 +47,9 @@ def same(one: Message, other: Message) -> bool:
 texts = st.text(st.characters(exclude_categories=("Cs",), exclude_characters="\0"), max_size=9)
 BY_HAND: dict[type[Message], st.SearchStrategy[Message]] = {
     SetOutput: st.builds(SetOutput, u32, u32),
+    X4Set: st.sampled_from(list(X4_FORMATS)).flatmap(
+        lambda k: st.builds(X4Set, st.just(k), st.tuples(*(FIELD[c] for c in X4_FORMATS[k][0])))
+    ),
     Reply: st.builds(
         Reply,
         u32,
@@ -81,7 +84,9 @@ def named(names: dict[bytes, str]) -> st.SearchStrategy[Message]:
     )
 
 
-command_messages = st.one_of(*map(messages_of, COMMANDS), BY_HAND[SetOutput], named(COMMAND_NAMES))
+command_messages = st.one_of(
+    *map(messages_of, COMMANDS), BY_HAND[SetOutput], BY_HAND[X4Set], named(COMMAND_NAMES)
+)
 response_messages = st.one_of(
     *map(messages_of, RESPONSES),
     *(BY_HAND[cls] for cls in (Reply, ByteReply, Data)),

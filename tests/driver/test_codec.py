@@ -14,7 +14,6 @@ from hypothesis.extra import numpy as np_st
 
 from tests.codec_helpers import same, values_of
 from x2radar.errors import MessageError
-from x2radar.wire import messages_x4 as x4
 from x2radar.wire.codec import decode_any, decode_command, decode_response, encode
 from x2radar.wire.framing import Packet, PacketDecoder
 from x2radar.wire.framing import encode as frame
@@ -45,6 +44,8 @@ from x2radar.wire.messages import (
     SetSysInt,
     SystemMessage,
     Unknown,
+    X4Init,
+    X4Set,
 )
 from x2radar.wire.wire_ids import (
     BasebandOutput,
@@ -57,6 +58,7 @@ from x2radar.wire.wire_ids import (
     Profile,
     SysCfg,
     SystemCode,
+    X4Setting,
 )
 
 
@@ -99,7 +101,7 @@ PACKETS = {
     ),
     "baud 921600": (SetBaudRate(921_600), "7d 90 80 00 10 0e 00 73 7e"),
     "firmware id": (GetSystemInfo(InfoItem.FIRMWARE_ID), "7d 90 58 02 b7 7e"),
-    "x4 20 fps": (x4.X4SetFrameRate(20.0), "7d 50 10 10 00 00 00 00 00 a0 41 cc 7e"),
+    "x4 20 fps": (X4Set(X4Setting.FPS, (20.0,)), "7d 50 10 10 00 00 00 00 00 a0 41 cc 7e"),
     "pong ready": (Pong(PongCode.READY), "7d 01 ea ae ee aa 7c 7e"),
     "pong not ready": (Pong(PongCode.NOT_READY), "7d 01 aa ee ea ae 7c 7e"),
     "ack": (Ack(), "7d 10 6d 7e"),
@@ -132,19 +134,19 @@ COMMAND_BYTES = [
     (SetSysInt(SysCfg.FPS, 60), "90 51 1a 00 00 00 3c 00 00 00"),
     (SetSysInt(SysCfg.DAC_MIN, -1), "90 51 13 00 00 00 ff ff ff ff"),
     (SetSysFloat(SysCfg.SAMPLE_DELAY, 0.5), "90 52 15 00 00 00 00 00 00 3f"),
-    (x4.X4Init(), "50 20"),
-    (x4.X4SetPulsesPerStep(20), "50 10 11 00 00 00 14 00 00 00"),
-    (x4.X4SetIterations(64), "50 10 12 00 00 00 40 00 00 00"),
-    (x4.X4SetDownConversion(1), "50 10 13 00 00 00 01"),
-    (x4.X4SetFrameArea(0.5, 2.0), f"50 10 14 00 00 00 {HALF} {TWO}"),
-    (x4.X4SetDacStep(1), "50 10 15 00 00 00 01"),
-    (x4.X4SetDacMin(949), "50 10 16 00 00 00 b5 03 00 00"),
-    (x4.X4SetDacMax(1100), "50 10 17 00 00 00 4c 04 00 00"),
-    (x4.X4SetFrameAreaOffset(0.5), f"50 10 18 00 00 00 {HALF}"),
-    (x4.X4Enable(1), "50 10 19 00 00 00 01"),
-    (x4.X4SetCentreFrequency(3), "50 10 20 00 00 00 03"),
-    (x4.X4SetPower(2), "50 10 21 00 00 00 02"),
-    (x4.X4SetPrfDivider(16), "50 10 25 00 00 00 10"),
+    (X4Init(), "50 20"),
+    (X4Set(X4Setting.PULSES_PER_STEP, (20,)), "50 10 11 00 00 00 14 00 00 00"),
+    (X4Set(X4Setting.ITERATIONS, (64,)), "50 10 12 00 00 00 40 00 00 00"),
+    (X4Set(X4Setting.DOWN_CONVERSION, (1,)), "50 10 13 00 00 00 01"),
+    (X4Set(X4Setting.FRAME_AREA, (0.5, 2.0)), f"50 10 14 00 00 00 {HALF} {TWO}"),
+    (X4Set(X4Setting.DAC_STEP, (1,)), "50 10 15 00 00 00 01"),
+    (X4Set(X4Setting.DAC_MIN, (949,)), "50 10 16 00 00 00 b5 03 00 00"),
+    (X4Set(X4Setting.DAC_MAX, (1100,)), "50 10 17 00 00 00 4c 04 00 00"),
+    (X4Set(X4Setting.FRAME_AREA_OFFSET, (0.5,)), f"50 10 18 00 00 00 {HALF}"),
+    (X4Set(X4Setting.ENABLE, (1,)), "50 10 19 00 00 00 01"),
+    (X4Set(X4Setting.TX_CENTRE_FREQUENCY, (3,)), "50 10 20 00 00 00 03"),
+    (X4Set(X4Setting.TX_POWER, (2,)), "50 10 21 00 00 00 02"),
+    (X4Set(X4Setting.PRF_DIV, (16,)), "50 10 25 00 00 00 10"),
 ]
 RESPONSE_BYTES = [
     (Pong(PongCode.SAFE_MODE), "01 ef fe ee ff"),
@@ -279,8 +281,8 @@ def test_what_no_row_describes_is_kept(wire: str) -> None:
     ("wire", "expected"),
     [
         # XTAN-11 prints one byte where its text has four; a client sends four for one.
-        ("50 10 11 00 00 00 14", x4.X4SetPulsesPerStep(20)),
-        ("50 10 15 00 00 00 01 00 00 00", x4.X4SetDacStep(1)),
+        ("50 10 11 00 00 00 14", X4Set(X4Setting.PULSES_PER_STEP, (20,))),
+        ("50 10 15 00 00 00 01 00 00 00", X4Set(X4Setting.DAC_STEP, (1,))),
     ],
 )
 def test_other_widths_of_x4_settings(wire: str, expected: Message) -> None:
@@ -342,6 +344,9 @@ def test_other_float_arrays_are_sent_as_float32(values: np.ndarray) -> None:
     "message",
     [
         SetMode(256),
+        X4Set(X4Setting.ITERATIONS, (-1,)),
+        X4Set(X4Setting.FRAME_AREA, (1.0,)),
+        X4Set(0x77, (1,)),
         SetLed(-1),
         SetSensitivity(2**32),
         SetSysInt(1, 2**31),
@@ -383,6 +388,12 @@ def test_fields_that_do_not_fit_raise_message_error(message: Message) -> None:
 def test_counts_and_lengths_that_lie(wire: str) -> None:
     with pytest.raises(MessageError):
         decode_response(bytes.fromhex(wire))
+
+
+@pytest.mark.parametrize("n_bytes", [0, 2, 3, 5, 8])
+def test_a_setting_of_an_x4_in_a_width_that_it_has_not(n_bytes: int) -> None:
+    with pytest.raises(MessageError, match="X4Set of 0x11 has"):
+        decode_command(bytes.fromhex("50 10 11 00 00 00") + bytes(n_bytes))
 
 
 @pytest.mark.parametrize("head", ["a0 12", "11 12"])

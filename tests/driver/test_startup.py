@@ -5,22 +5,8 @@ import pytest
 from x2radar.modules.x2 import RadarSettings
 from x2radar.modules.x4 import X4Settings
 from x2radar.wire.codec import decode_command, encode
-from x2radar.wire.messages import SetMode, SetOutput, SetSysFloat, SetSysInt
-from x2radar.wire.messages_x4 import (
-    X4Init,
-    X4SetCentreFrequency,
-    X4SetDacMax,
-    X4SetDacMin,
-    X4SetDacStep,
-    X4SetDownConversion,
-    X4SetFrameArea,
-    X4SetFrameAreaOffset,
-    X4SetFrameRate,
-    X4SetIterations,
-    X4SetPrfDivider,
-    X4SetPulsesPerStep,
-)
-from x2radar.wire.wire_ids import BasebandOutput, Mode, OutputRef, SysCfg
+from x2radar.wire.messages import SetMode, SetOutput, SetSysFloat, SetSysInt, X4Init, X4Set
+from x2radar.wire.wire_ids import BasebandOutput, Mode, OutputRef, SysCfg, X4Setting
 
 
 @pytest.mark.parametrize(
@@ -59,20 +45,21 @@ def test_x4():
     )
     first, second, third, *between, last = s.startup_commands()
     assert (first, second, third) == (SetMode(Mode.STOP), SetMode(Mode.MANUAL), X4Init())
-    assert last == X4SetFrameRate(20)
+    assert last == X4Set(X4Setting.FPS, (20,))
     assert set(between) == {
-        X4SetDownConversion(0),
-        X4SetCentreFrequency(4),
-        X4SetPrfDivider(8),
-        X4SetIterations(16),
-        X4SetPulsesPerStep(10),
-        X4SetDacStep(2),
-        X4SetDacMin(900),
-        X4SetDacMax(1150),
-        X4SetFrameAreaOffset(0.25),
-        X4SetFrameArea(0.5, 4),
+        X4Set(X4Setting.DOWN_CONVERSION, (0,)),
+        X4Set(X4Setting.TX_CENTRE_FREQUENCY, (4,)),
+        X4Set(X4Setting.PRF_DIV, (8,)),
+        X4Set(X4Setting.ITERATIONS, (16,)),
+        X4Set(X4Setting.PULSES_PER_STEP, (10,)),
+        X4Set(X4Setting.DAC_STEP, (2,)),
+        X4Set(X4Setting.DAC_MIN, (900,)),
+        X4Set(X4Setting.DAC_MAX, (1150,)),
+        X4Set(X4Setting.FRAME_AREA_OFFSET, (0.25,)),
+        X4Set(X4Setting.FRAME_AREA, (0.5, 4)),
     }
-    assert between.index(X4SetFrameAreaOffset(0.25)) < between.index(X4SetFrameArea(0.5, 4))
+    told = [command.setting for command in between]
+    assert told.index(X4Setting.FRAME_AREA_OFFSET) < told.index(X4Setting.FRAME_AREA)
 
 
 @pytest.mark.parametrize("settings", [RadarSettings(), X4Settings(frame_rate_hz=17)])

@@ -30,9 +30,18 @@ from x2radar.wire.messages import (
     SetDetectionZone,
     SetMode,
     SetOutput,
+    X4Init,
+    X4Set,
 )
-from x2radar.wire.messages_x4 import X4Init, X4SetFrameRate, X4SetIterations
-from x2radar.wire.wire_ids import BasebandOutput, ErrorCode, InfoItem, Mode, OutputRef, Profile
+from x2radar.wire.wire_ids import (
+    BasebandOutput,
+    ErrorCode,
+    InfoItem,
+    Mode,
+    OutputRef,
+    Profile,
+    X4Setting,
+)
 
 REFUSED = ErrorReply(ErrorCode.COMMAND_FAILED)
 
@@ -161,13 +170,13 @@ def test_a_module_streams_the_axis_of_its_settings(device):
 def test_what_the_firmware_refuses():
     x2, x4 = X2Firmware(), X4Firmware()
     assert x4.obey(SetMode(Mode.MANUAL)).reply == Ack()
-    assert x4.obey(X4SetFrameRate(20.0)).reply == REFUSED  # not initialised
+    assert x4.obey(X4Set(X4Setting.FPS, (20.0,))).reply == REFUSED  # not initialised
     x4.obey(X4Init())
-    assert x4.obey(X4SetFrameRate(1e5)).reply == REFUSED
-    assert x4.obey(X4SetFrameRate(20.0)).starts == X4Settings(
+    assert x4.obey(X4Set(X4Setting.FPS, (1e5,))).reply == REFUSED
+    assert x4.obey(X4Set(X4Setting.FPS, (20.0,))).starts == X4Settings(
         frame_rate_hz=20.0, is_baseband=False
     )
-    assert x4.obey(X4SetFrameRate(0.0)).stops
+    assert x4.obey(X4Set(X4Setting.FPS, (0.0,))).stops
     assert x4.obey(SetMode(99)).reply == x2.obey(SetMode(99)).reply == REFUSED
     assert x4.obey(SetOutput(OutputRef.BASEBAND, BasebandOutput.IQ)) is None
     assert x2.obey(X4Init()) is None
@@ -176,7 +185,7 @@ def test_what_the_firmware_refuses():
     x2.obey(SetOutput(OutputRef.BASEBAND, BasebandOutput.IQ))
     x2.obey(SetDetectionZone(2.0, 1.0))
     assert x2.obey(SetMode(Mode.RUN)).reply == REFUSED
-    assert x4.obey(X4SetIterations(5)).reply == Ack()
+    assert x4.obey(X4Set(X4Setting.ITERATIONS, (5,))).reply == Ack()
     assert x4.obey(GetSystemInfo(InfoItem.ORDER_CODE)).reply == Reply(0x58, 1, "X4M03-SIM")
 
 

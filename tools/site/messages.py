@@ -3,14 +3,8 @@
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import fields
 
-from x2radar.wire.layouts import (
-    COMMAND_VARIANTS,
-    COMMANDS,
-    RESPONSE_VARIANTS,
-    RESPONSES,
-    Layout,
-)
-from x2radar.wire.wire_ids import COMMAND_NAMES, RESPONSE_NAMES
+from x2radar.wire.layouts import COMMANDS, RESPONSES, X4_FORMATS, Layout
+from x2radar.wire.wire_ids import COMMAND_NAMES, RESPONSE_NAMES, X4Setting
 
 _TYPES = {"B": "u8", "I": "u32", "i": "i32", "f": "f32"}
 
@@ -46,6 +40,14 @@ def _names(names: Mapping[bytes, str]) -> str:
     return "\n".join(lines)
 
 
+def _x4_settings() -> str:
+    lines = ["| setting | begins with | then |", "|---|---|---|"]
+    for setting, forms in X4_FORMATS.items():
+        types = " or ".join(", ".join(_TYPES[code] for code in form) for form in forms)
+        lines.append(f"| {X4Setting(setting).name} | `50 10 {setting:02x} 00 00 00` | {types} |")
+    return "\n".join(lines)
+
+
 def _by_first_byte(rows: Iterable[Layout], first: set[int]) -> list[Layout]:
     return [row for row in rows if row.prefix[0] in first]
 
@@ -58,11 +60,10 @@ PARTS: Mapping[str, Callable[[], str]] = {
     "commands-profiles": lambda: _table(_by_first_byte(COMMANDS, {0x10}), is_answered=True),
     "commands-system": lambda: _table(_by_first_byte(COMMANDS, {0x90}), is_answered=True),
     "commands-x4": lambda: _table(_by_first_byte(COMMANDS, {0x50}), is_answered=True),
-    "commands-variants": lambda: _table(COMMAND_VARIANTS),
+    "commands-x4-settings": _x4_settings,
     "commands-names": lambda: _names(COMMAND_NAMES),
     "answers": lambda: _table([row for row in RESPONSES if row.prefix[0] != 0x50]),
     "answers-profiles": lambda: _table(_by_first_byte(RESPONSES, {0x50})),
-    "answers-variants": lambda: _table(RESPONSE_VARIANTS),
     "answers-names": lambda: _names(RESPONSE_NAMES),
 }
 """What a line `<!-- generated: NAME -->` of docs/reference/protocol.md stands for."""

@@ -7,28 +7,13 @@ inferred (docs/research/hardware.md). A module rounds frame rate and area to its
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 from x2radar.frame import FastTimeAxis, Kind
 from x2radar.keys import Key, limited, one_of
 from x2radar.modules.base import ModuleSettings
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
-from x2radar.wire.messages import Message, SetMode
-from x2radar.wire.messages_x4 import (
-    X4Init,
-    X4SetCentreFrequency,
-    X4SetDacMax,
-    X4SetDacMin,
-    X4SetDacStep,
-    X4SetDownConversion,
-    X4SetFrameArea,
-    X4SetFrameAreaOffset,
-    X4SetFrameRate,
-    X4SetIterations,
-    X4SetPrfDivider,
-    X4SetPulsesPerStep,
-)
-from x2radar.wire.wire_ids import Mode
+from x2radar.wire.messages import Message, SetMode, X4Init, X4Set
+from x2radar.wire.wire_ids import Mode, X4Setting
 
 SAMPLE_RATE_HZ = 23.328e9
 BASEBAND_STEP = 8
@@ -44,19 +29,19 @@ PULSES = {3: (7.29e9, 1.4e9), 4: (8.748e9, 1.5e9)}
 SPAN_M = 1536 * SPEED_OF_LIGHT_MPS / (2 * SAMPLE_RATE_HZ)
 """The chip's 1536 samples, in metres."""
 
-X4_FIELDS: Mapping[type[Any], tuple[str, ...]] = {
-    X4SetDownConversion: ("is_baseband",),
-    X4SetCentreFrequency: ("centre_frequency",),
-    X4SetPrfDivider: ("prf_divider",),
-    X4SetIterations: ("iterations",),
-    X4SetPulsesPerStep: ("pulses_per_step",),
-    X4SetDacStep: ("dac_step",),
-    X4SetDacMin: ("dac_min",),
-    X4SetDacMax: ("dac_max",),
-    X4SetFrameAreaOffset: ("area_offset_m",),
-    X4SetFrameArea: ("area_start_m", "area_end_m"),
+X4_FIELDS: Mapping[int, tuple[str, ...]] = {
+    X4Setting.DOWN_CONVERSION: ("is_baseband",),
+    X4Setting.TX_CENTRE_FREQUENCY: ("centre_frequency",),
+    X4Setting.PRF_DIV: ("prf_divider",),
+    X4Setting.ITERATIONS: ("iterations",),
+    X4Setting.PULSES_PER_STEP: ("pulses_per_step",),
+    X4Setting.DAC_STEP: ("dac_step",),
+    X4Setting.DAC_MIN: ("dac_min",),
+    X4Setting.DAC_MAX: ("dac_max",),
+    X4Setting.FRAME_AREA_OFFSET: ("area_offset_m",),
+    X4Setting.FRAME_AREA: ("area_start_m", "area_end_m"),
 }
-"""Which command sets which fields, in the order in which a module is told."""
+"""Which setting is which fields, in the order in which a module is told."""
 
 _LOWEST_HZ = 0.01  # no document gives one; a frame every 100 s is of no use
 
@@ -129,13 +114,13 @@ class X4Settings(ModuleSettings):
 
     def startup_commands(self) -> tuple[Message, ...]:
         """As in `ModuleSettings`."""
-        told = (cls(*(getattr(self, f) for f in fields)) for cls, fields in X4_FIELDS.items())
+        told = (X4Set(k, tuple(getattr(self, f) for f in names)) for k, names in X4_FIELDS.items())
         return (
             SetMode(Mode.STOP),
             SetMode(Mode.MANUAL),
             X4Init(),
             *told,
-            X4SetFrameRate(self.frame_rate_hz),
+            X4Set(X4Setting.FPS, (self.frame_rate_hz,)),
         )
 
     @property

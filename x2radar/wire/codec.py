@@ -2,8 +2,8 @@
 
 The rows of `x2radar.wire.layouts` name a message class, the bytes it begins with, the struct
 format of its fixed fields, and its arrays. `encode` and `decode_*` read the same rows, so the
-simulated module and the host cannot disagree. Three shapes are not in the rows: `SetOutput`, and
-REPLY and DATA, whose type says what follows; they stand at the end.
+simulated module and the host cannot disagree. Shapes that are not in the rows: `SetOutput`,
+`X4Set`, an error of one byte, and REPLY and DATA, whose type says what follows.
 
 Host and module use the same first bytes for different things (10 is APPCOMMAND and ACK),
 so there are two decoders: `decode_command` for what a host sends and `decode_response` for
@@ -12,42 +12,38 @@ what a module sends. Arrays come out read-only and share the packet's memory.
 
 import struct
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from x2radar.errors import MessageError
 from x2radar.wire.framing import PacketData
-from x2radar.wire.layouts import COMMAND_VARIANTS, COMMANDS, RESPONSE_VARIANTS, RESPONSES, Layout
-from x2radar.wire.messages import ByteReply, Data, Message, Reply, SetOutput, Unknown
+from x2radar.wire.layouts import COMMANDS, RESPONSES, X4_FORMATS, Layout
+from x2radar.wire.messages import (
+    ByteReply,
+    Data,
+    ErrorReply,
+    Message,
+    Reply,
+    SetOutput,
+    Unknown,
+    X4Set,
+)
 from x2radar.wire.wire_ids import COMMAND_NAMES, PING_SEED, RESPONSE_NAMES, DataType
 
 
-@dataclass(frozen=True, slots=True)
-class _Form:
-    """A row made ready for use, with its variants by the packet's length."""
+class _Form(NamedTuple):
+    """A row made ready for use."""
 
     row: Layout
     head: struct.Struct
-    variants: dict[int, "_Form"] = field(default_factory=dict)
 
 
-def _form(row: Layout) -> _Form:
-    return _Form(row, struct.Struct("<" + row.head))
-
-
-def _by_prefix(rows: tuple[Layout, ...], variants: tuple[Layout, ...]) -> dict[bytes, _Form]:
-    forms = {row.prefix: _form(row) for row in rows}
-    for row in variants:
-        form = _form(row)
-        forms[row.prefix].variants[len(row.prefix) + form.head.size] = form
-    return forms
-
-
-_COMMANDS = _by_prefix(COMMANDS, COMMAND_VARIANTS)
-_RESPONSES = _by_prefix(RESPONSES, RESPONSE_VARIANTS)
-_BY_CLASS = {row.cls: _form(row) for row in RESPONSES + COMMANDS}
+_COMMANDS, _RESPONSES = (
+    {row.prefix: _Form(row, struct.Struct("<" + row.head)) for row in rows}
+    for rows in (COMMANDS, RESPONSES)
+)
+_BY_CLASS = {form.row.cls: form for form in (*_RESPONSES.values(), *_COMMANDS.values())}
 # First bytes that only a host sends; the second ones of the X4 driver's set, get, write and read,
 # and the longest of those: 2 bytes, the setting and two floats.
 _ONLY_COMMANDS = frozenset(b"\x02\x21\x22\x23\x24\x25\x26\x40\x41\x42\x90\xb0\xc0")
@@ -55,6 +51,7 @@ _X4_SUBS = frozenset(b"\x10\x11\x12\x13")
 _MAX_X4 = 14
 _SET_OUTPUT = struct.Struct("<2sIII")
 _APP_SETINT = b"\x90\x71"
+_X4_SET = b"\x50\x10"
 _HEAD = struct.Struct("<BBII")
 _COUNT = struct.Struct("<I")
 _DATA_TYPES: dict[int, str] = {DataType.FLOAT: "<f4", DataType.BYTE: "u1", DataType.INT: "<i4"}
@@ -75,6 +72,9 @@ def encode(message: Message) -> bytes:
         match message:
             case SetOutput(ref, value):
                 return _SET_OUTPUT.pack(_APP_SETINT, ref, 1, value)
+            case X4Set(setting, values):
+                body = struct.pack("<" + X4_FORMATS[setting][0], *values)
+                return _X4_SET + _COUNT.pack(setting) + body
             case Data():
                 return _encode_data(message)
             case Reply():
@@ -97,6 +97,10 @@ def decode_command(data: PacketData) -> Message:
         prefix, ref, count, value = _SET_OUTPUT.unpack(data)
         if prefix == _APP_SETINT and count == 1:
             return SetOutput(ref, value)
+    if data[:2] == _X4_SET and len(data) >= 6:
+        (setting,) = _COUNT.unpack_from(data, 2)
+        if setting in X4_FORMATS:
+            return _decode_x4_set(data, setting)
     return _decode(data, _COMMANDS, (6, 2, 1), COMMAND_NAMES)
 
 
@@ -106,6 +110,8 @@ def decode_response(data: PacketData) -> Message:
     Raises MessageError if the packet is shorter or longer than its row, or its counts, say.
     """
     first, kind = data[:1], data[1] if len(data) > 1 else None
+    if first == b"\x20" and len(data) == 2:
+        return ErrorReply(data[1])
     if first == b"\xa0" and (kind is None or kind in _DATA_TYPES):
         return _decode_data(data)
     if first == b"\x11" and (kind is None or kind in _REPLY_SIZES):
@@ -151,7 +157,7 @@ def _decode(
     for length in lengths:
         form = forms.get(bytes(data[:length]))
         if form is not None:
-            return _unpack(form.variants.get(len(data), form), data)
+            return _unpack(form, data)
     known = (names.get(bytes(data[:length])) for length in (5, 2, 1))
     return Unknown(bytes(data), next(filter(None, known), ""))
 
@@ -193,6 +199,14 @@ def _pack(form: _Form, message: Message) -> bytes:
             raise ValueError(msg)
         values.insert(row.count, sizes.pop())
     return b"".join([row.prefix, form.head.pack(*values), *bodies])
+
+
+def _decode_x4_set(data: PacketData, setting: int) -> X4Set:
+    for form in X4_FORMATS[setting]:
+        if struct.calcsize("<" + form) == len(data) - 6:
+            return X4Set(setting, struct.unpack_from("<" + form, data, 6))
+    msg = f"X4Set of {setting:#x} has {len(data) - 6} bytes"
+    raise MessageError(msg)
 
 
 def _elements(values: Any, dtype: str) -> bytes:

@@ -8,7 +8,6 @@ firmware's public headers, public clients; what is inferred stands in docs/resea
 from dataclasses import dataclass
 
 from x2radar.wire import messages as core
-from x2radar.wire import messages_x4 as x4
 from x2radar.wire.messages import Ack, Message, Pong, Reply
 from x2radar.wire.wire_ids import AppItem, ContentId, DataType, X4Setting
 
@@ -44,10 +43,6 @@ def _set_item(item_id: AppItem) -> bytes:
     return b"\x10\x10" + _u32(item_id)
 
 
-def _x4_set(setting: X4Setting) -> bytes:
-    return b"\x50\x10" + _u32(setting)
-
-
 _OLD = bytes([0xA0, DataType.BASEBAND_OLD])
 
 COMMANDS: tuple[Layout, ...] = (
@@ -67,22 +62,9 @@ COMMANDS: tuple[Layout, ...] = (
     Layout(core.GetSystemInfo, b"\x90\x58", "B", answer=Reply),
     Layout(core.SetBaudRate, b"\x90\x80", "I"),
     # X4 driver.
-    Layout(x4.X4Init, b"\x50\x20"),
-    Layout(x4.X4SetFrameRate, _x4_set(X4Setting.FPS), "f"),
-    Layout(x4.X4SetPulsesPerStep, _x4_set(X4Setting.PULSES_PER_STEP), "I"),
-    Layout(x4.X4SetIterations, _x4_set(X4Setting.ITERATIONS), "I"),
-    Layout(x4.X4SetDownConversion, _x4_set(X4Setting.DOWN_CONVERSION), "B"),
-    Layout(x4.X4SetFrameArea, _x4_set(X4Setting.FRAME_AREA), "ff"),
-    Layout(x4.X4SetDacStep, _x4_set(X4Setting.DAC_STEP), "B"),
-    Layout(x4.X4SetDacMin, _x4_set(X4Setting.DAC_MIN), "I"),
-    Layout(x4.X4SetDacMax, _x4_set(X4Setting.DAC_MAX), "I"),
-    Layout(x4.X4SetFrameAreaOffset, _x4_set(X4Setting.FRAME_AREA_OFFSET), "f"),
-    Layout(x4.X4Enable, _x4_set(X4Setting.ENABLE), "B"),
-    Layout(x4.X4SetCentreFrequency, _x4_set(X4Setting.TX_CENTRE_FREQUENCY), "B"),
-    Layout(x4.X4SetPower, _x4_set(X4Setting.TX_POWER), "B"),
-    Layout(x4.X4SetPrfDivider, _x4_set(X4Setting.PRF_DIV), "B"),
+    Layout(core.X4Init, b"\x50\x20"),
 )
-"""What a host sends. `SetOutput` carries its count in the middle and stands in `codec`."""
+"""What a host sends, but for `SetOutput` and `X4Set`, which stand in `codec`."""
 
 RESPONSES: tuple[Layout, ...] = (
     Layout(Pong, b"\x01", "I"),
@@ -96,14 +78,22 @@ RESPONSES: tuple[Layout, ...] = (
 )
 """What a module sends, but for REPLY and DATA, which have shapes of their own."""
 
-COMMAND_VARIANTS: tuple[Layout, ...] = (
-    Layout(x4.X4SetPulsesPerStep, _x4_set(X4Setting.PULSES_PER_STEP), "B"),
-    Layout(x4.X4SetDacStep, _x4_set(X4Setting.DAC_STEP), "I"),
-)
-"""Other widths of a row above, known by their length alone; they are read, never sent."""
-
-RESPONSE_VARIANTS: tuple[Layout, ...] = (Layout(core.ErrorReply, b"\x20", "B"),)
-"""The same for what a module sends."""
+X4_FORMATS: dict[int, tuple[str, ...]] = {
+    X4Setting.FPS: ("f",),
+    X4Setting.PULSES_PER_STEP: ("I", "B"),
+    X4Setting.ITERATIONS: ("I",),
+    X4Setting.DOWN_CONVERSION: ("B",),
+    X4Setting.FRAME_AREA: ("ff",),
+    X4Setting.DAC_STEP: ("B", "I"),
+    X4Setting.DAC_MIN: ("I",),
+    X4Setting.DAC_MAX: ("I",),
+    X4Setting.FRAME_AREA_OFFSET: ("f",),
+    X4Setting.ENABLE: ("B",),
+    X4Setting.TX_CENTRE_FREQUENCY: ("B",),
+    X4Setting.TX_POWER: ("B",),
+    X4Setting.PRF_DIV: ("B",),
+}
+"""What the values of `X4Set` are, as struct formats; a second width is read, never sent."""
 
 ANSWERS: dict[type[Message], type[Message]] = {
     row.cls: row.answer for row in COMMANDS if row.answer is not Ack

@@ -1,10 +1,9 @@
 """What host and module say to each other, one frozen class a message.
 
 Fields stand in wire order. Which bytes they become is the business of `x2radar.wire.layouts` and
-`x2radar.wire.codec`; the commands of X4 modules stand in `x2radar.wire.messages_x4`. What neither
-driver nor simulated module sends or reads is `Unknown`, with its bytes and its name. A docstring
-with the word inferred marks what no document or client settles; docs/research/hardware.md gives
-the reasons.
+`x2radar.wire.codec`. What neither driver nor simulated module sends or reads is `Unknown`, with
+its bytes and its name. A docstring with the word inferred marks what no document or client
+settles; docs/research/hardware.md gives the reasons.
 """
 
 from dataclasses import dataclass, field
@@ -118,6 +117,18 @@ class SetSysFloat(Message):
 
     ref: int
     value: float
+
+
+class X4Init(Message):
+    """Initialise the driver of an X4 module's chip."""
+
+
+@dataclass(frozen=True, slots=True)
+class X4Set(Message):
+    """Set one of the X4 driver's settings (`wire_ids.X4Setting`): a number, or two of an area."""
+
+    setting: int
+    values: tuple[float, ...]
 
 
 # ---------------------------------------------------------------- module to host

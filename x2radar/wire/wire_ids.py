@@ -163,7 +163,12 @@ class ContentId(IntEnum):
 
 
 class X4Setting(IntEnum):
-    """What the X4 driver's set command names."""
+    """What the X4 driver's set command names.
+
+    FPS above zero starts the stream, zero stops it. The frame's area and its offset are metres,
+    the centre frequency is 3 for 7.29 and 4 for 8.748 GHz, the pulse rate 243 MHz / PRF_DIV, whose
+    width of one byte is inferred; what a TX_POWER means is unknown.
+    """
 
     FPS = 0x10
     PULSES_PER_STEP = 0x11

@@ -25,10 +25,9 @@ from x2radar.recording.capture import FROM_MODULE, OPENED, TO_MODULE, Capture, C
 from x2radar.recording.faults import refuse
 from x2radar.wire.codec import decode_command
 from x2radar.wire.framing import Packet, PacketDecoder
-from x2radar.wire.messages import Message, SetMode
-from x2radar.wire.messages_x4 import X4SetFrameRate
+from x2radar.wire.messages import Message, SetMode, X4Set
 from x2radar.wire.protocol import Damaged, Received, Session
-from x2radar.wire.wire_ids import Mode
+from x2radar.wire.wire_ids import Mode, X4Setting
 
 
 class WireReader(BlockReader):
@@ -124,7 +123,7 @@ def _is_start(command: Message) -> bool:
     match command:
         case SetMode(Mode.RUN | Mode.MANUAL):
             return True
-        case X4SetFrameRate(rate_hz):
+        case X4Set(X4Setting.FPS, (rate_hz,)):
             return rate_hz > 0
         case _:
             return False

@@ -6,7 +6,7 @@ every row of `x2radar.modules.modules`.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
@@ -35,8 +35,9 @@ from x2radar.wire.messages import (
     SetSensitivity,
     SetSysFloat,
     SetSysInt,
+    X4Init,
+    X4Set,
 )
-from x2radar.wire.messages_x4 import X4Enable, X4Init, X4SetFrameRate, X4SetPower
 from x2radar.wire.wire_ids import (
     BasebandOutput,
     ContentId,
@@ -46,6 +47,7 @@ from x2radar.wire.wire_ids import (
     OutputRef,
     Profile,
     SysCfg,
+    X4Setting,
 )
 
 _FAILED = ErrorReply(ErrorCode.COMMAND_FAILED)
@@ -202,13 +204,12 @@ class X4Firmware:
             case X4Init():
                 self._is_initialised = True
                 return Obeyed(Ack())
-            case X4SetFrameRate(rate_hz):
+            case X4Set(X4Setting.FPS, (rate_hz,)):
                 return self._set_rate(rate_hz)
-            case SetLed() | SetBaudRate() | X4SetPower() | X4Enable():
+            case SetLed() | SetBaudRate() | X4Set(X4Setting.TX_POWER | X4Setting.ENABLE):
                 return Obeyed(Ack())
-            case _ if (names := X4_FIELDS.get(type(command))) is not None:
-                values = (getattr(command, field.name) for field in fields(command))
-                self._fields |= dict(zip(names, values, strict=True))
+            case X4Set(setting, values) if setting in X4_FIELDS:
+                self._fields |= dict(zip(X4_FIELDS[setting], values, strict=True))
                 return Obeyed(Ack())
             case _:
                 return None
