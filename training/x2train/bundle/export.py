@@ -15,7 +15,7 @@ from radard.errors import RadardError
 from radard.judge.bundle import ModelInput
 from radard.judge.onnx_runtime import ort
 
-MAX_DIFFERENCE = 1e-4
+_MAX_DIFFERENCE = 1e-4
 """Of any logit between torch and onnxruntime: logits of some tens, in single precision."""
 DIFFERENCE = "logit difference torch - onnxruntime"
 """The metric that says how far apart they are."""
@@ -27,7 +27,7 @@ def exported(
     """Return the network as ONNX, and how far onnxruntime is from torch on a sample.
 
     `sample` are the inputs by name; bytes stand for 0 to 1. Raises RadardError if they differ by
-    more than `MAX_DIFFERENCE`.
+    more than `_MAX_DIFFERENCE`.
     """
     x = {
         each.name: np.asarray(v / 255 if v.dtype == np.uint8 else v, np.float32)
@@ -44,8 +44,8 @@ def exported(
 
 def checked(difference: float) -> float:
     """Return how far onnxruntime is from torch, to two digits; raise RadardError if too far."""
-    if not difference <= MAX_DIFFERENCE:
-        msg = f"torch and onnxruntime differ by {difference:.2g} (at most {MAX_DIFFERENCE:g})"
+    if not difference <= _MAX_DIFFERENCE:
+        msg = f"torch and onnxruntime differ by {difference:.2g} (at most {_MAX_DIFFERENCE:g})"
         raise RadardError(msg)
     return float(f"{difference:.1e}")
 

@@ -18,7 +18,7 @@ WIDTHS = {
     "accurate": ((24, 40, 48, 48), (20, 28, 36, 36), 80),
 }
 """Channels of the three bundles' networks: of branches, of those with longer CPIs, hidden."""
-STREAMS = {
+_STREAMS = {
     "any": {
         "frame_rate_hz": (14.5, 210.0),
         "bin_length_m": (0.0034, 0.054),
@@ -88,7 +88,7 @@ def register(commands: Commands) -> None:
 def stream_of(abouts: Sequence[Mapping[str, Any]]) -> Mapping[str, tuple[float, float]]:
     """Return the streams that a bundle is for, from what the sets to calibrate on were made of."""
     radars = {str(about.get("radar", "any")) for about in abouts}
-    return STREAMS[radars.pop() if len(radars) == 1 else "any"]
+    return _STREAMS[radars.pop() if len(radars) == 1 else "any"]
 
 
 def _run(args: argparse.Namespace) -> int:

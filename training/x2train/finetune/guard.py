@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 MAX_RISE = 0.0015
 """Share of people of the guard by which misses may rise: 0.15 points. 0.2 are wanted, and others,
 on whom no threshold was chosen, pay a little more."""
-MIN_WINDOWS = 500
+_MIN_WINDOWS = 500
 """With fewer windows of people one more is a rise of over 0.2 points: nothing could be told."""
 
 
@@ -118,7 +118,7 @@ class Guard:
         return np.cumsum(begins) - 1
 
 
-def load_guard(folders: list[Path], bundle: Bundle, *, least: int = MIN_WINDOWS) -> Guard:
+def load_guard(folders: list[Path], bundle: Bundle, *, least: int = _MIN_WINDOWS) -> Guard:
     """Return the guard of some window sets.
 
     Raises UsageError if they do not fit the bundle, or hold too few windows of people.

@@ -45,9 +45,9 @@ SEED = 90
 """Passages of the version are drawn from it; of no other suite."""
 _TOLD = 1  # a generator's number: what an installation is told changes no passage
 _PER_SHARD = 60  # passages: a minute of one core
-Decide = Callable[[Dwell], Decision]
+_Decide = Callable[[Dwell], Decision]
 Kind = Literal["walk test", "pets cross", "pets stay", "thing"]
-N_ENTRIES = 300
+_N_ENTRIES = 300
 """Passages of a walk test or of pets that cross: none of 300 means less than 1.2 % at 95 %."""
 _N_STAYS = 12  # of each stay: seven hours
 _STAY_S = (600.0, 3600.0)
@@ -117,7 +117,7 @@ def _pet(kind: str, style: str, **options: float) -> Family:
 
 def _entries() -> tuple[Entry, ...]:
     rows = [
-        Entry(s.name, "walk test", (tuple(_families(s.cast)),), s.duration_s, N_ENTRIES)
+        Entry(s.name, "walk test", (tuple(_families(s.cast)),), s.duration_s, _N_ENTRIES)
         for s in SUITES
         if s.name.startswith("walk test")
     ]
@@ -130,7 +130,9 @@ def _entries() -> tuple[Entry, ...]:
             for style in ("walk", "trot")
         )
         crosses = "cross" if len(bodies) > 1 else "crosses"
-        rows.append(Entry(f"{name} {crosses} the floor", "pets cross", casts, _VISIT_S, N_ENTRIES))
+        rows.append(
+            Entry(f"{name} {crosses} the floor", "pets cross", casts, _VISIT_S, _N_ENTRIES)
+        )
     stays: tuple[tuple[str, str, tuple[str, ...], dict[str, float]], ...] = (
         ("cat", "cat", ("walk", "groom", "sit", "lie", "roam", "lie"), {}),
         (
@@ -264,7 +266,7 @@ class AcceptSpec:
             **facts,
         )
 
-    def judge(self, radar: Radar, config: Config) -> tuple[Pipeline, Decide]:
+    def judge(self, radar: Radar, config: Config) -> tuple[Pipeline, _Decide]:
         """Return what makes windows of a radar's frames, and what decides on each."""
         pipeline = pipeline_for(radar, model_for(self.model, stream_of(radar)), config=config)
         return pipeline, pipeline.decide

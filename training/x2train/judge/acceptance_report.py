@@ -21,7 +21,7 @@ from x2train.judge.estimates import Estimate, per_hour, share
 from x2train.judge.table import PassageTable
 from x2train.judge.verdicts import PET_LIMIT, hours, verdicts
 
-POLICIES = ("bundle", "window")
+_POLICIES = ("bundle", "window")
 """The bundle's own policy, and the thesis' rule."""
 _Alarms = NDArray[np.bool_]
 _WORDS = {
@@ -64,7 +64,7 @@ def _figures(
     figures: dict[str, Any] = {"passages": len(part), "in_view": in_view}
     if entry.kind in {"pets stay", "thing"}:
         figures["hours"] = round(hours(part, np.ones(len(part), np.bool_)), 4)
-    for policy in POLICIES:
+    for policy in _POLICIES:
         made = verdicts(part, alarms[policy][chosen[table.passage]])
         figures[policy] = _figure(entry, part, made.is_alarm, made.false_alarms)
         if entry.kind == "walk test" and made.is_alarm.any():
@@ -103,7 +103,7 @@ def lines(made: Mapping[str, Any]) -> Iterator[tuple[str, str, str, str, str]]:
         of = f"{row['hours']:.1f} h" if is_rate else f"{row['passages']}"
         if row["kind"] == "walk test" and row["in_view"] != row["passages"]:
             of = f"{row['in_view']} of {row['passages']} in view"
-        cells = (_cell(row[policy], is_rate=is_rate) for policy in POLICIES)
+        cells = (_cell(row[policy], is_rate=is_rate) for policy in _POLICIES)
         own, window = cells
         yield row["name"], " ".join(_WORDS[row["kind"]]), of, own, window
 
@@ -147,7 +147,7 @@ def _page(made: Mapping[str, Any]) -> str:
     for row in made["entries"]:
         is_rate = row["kind"] in {"pets stay", "thing"}
         for name, figures in row["settings"].items():
-            cells = (_cell(figures[policy], is_rate=is_rate) for policy in POLICIES)
+            cells = (_cell(figures[policy], is_rate=is_rate) for policy in _POLICIES)
             by.append(_row((row["name"], name, str(figures["passages"]), *cells)))
     return (
         f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{title}</title>'

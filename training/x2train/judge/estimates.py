@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-CONFIDENCE = 0.95  # as usual
-REPLICATES = 200  # a report takes seconds
-BINS = 10  # of a reliability diagram, as usual (Guo et al. 2017 have 15)
-_TAIL = (1 - CONFIDENCE) / 2
+_CONFIDENCE = 0.95  # as usual
+_REPLICATES = 200  # a report takes seconds
+_BINS = 10  # of a reliability diagram, as usual (Guo et al. 2017 have 15)
+_TAIL = (1 - _CONFIDENCE) / 2
 _Float = NDArray[np.float64]
 
 
@@ -73,7 +73,7 @@ def per_hour(count: int, hours: float) -> Estimate:
     if hours <= 0:
         return Estimate(np.nan, 0.0, np.inf)
     if count == 0:
-        return Estimate(0.0, 0.0, float(-np.log(1 - CONFIDENCE)) / hours)
+        return Estimate(0.0, 0.0, float(-np.log(1 - _CONFIDENCE)) / hours)
     low = stats.chi2.ppf(_TAIL, 2 * count) / 2
     high = stats.chi2.ppf(1 - _TAIL, 2 * count + 2) / 2
     return Estimate(count / hours, float(low) / hours, float(high) / hours)
@@ -83,7 +83,7 @@ def resampled(
     statistic: Callable[[_Float], float],
     n_passages: int,
     rng: np.random.Generator,
-    replicates: int = REPLICATES,
+    replicates: int = _REPLICATES,
 ) -> Estimate:
     """Return a statistic with a percentile interval of passages drawn with replacement.
 
@@ -199,10 +199,10 @@ def reliability(
     """
     passages, which = np.unique(passage, return_inverse=True)
     n = len(passages)
-    cell = which * BINS + np.minimum((p * BINS).astype(np.int64), BINS - 1)
+    cell = which * _BINS + np.minimum((p * _BINS).astype(np.int64), _BINS - 1)
     # Sums of each passage in each bin: a draw of passages is then one product.
     count, total, human = (
-        np.bincount(cell, weight, n * BINS).reshape(n, BINS) for weight in (None, p, is_human)
+        np.bincount(cell, weight, n * _BINS).reshape(n, _BINS) for weight in (None, p, is_human)
     )
 
     def error(weight: _Float) -> float:

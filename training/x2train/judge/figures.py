@@ -32,9 +32,9 @@ from x2train.judge.windows import (
     is_judged,
 )
 
-BUDGET_H = 60.0
+_BUDGET_H = 60.0
 """The budget that the groups and the comparison are given at."""
-WORST = 20  # passages with a picture: as many as are looked at
+_WORST = 20  # passages with a picture: as many as are looked at
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +102,7 @@ class Figures:
     @property
     def at_budget(self) -> Outcome:
         """What fused evidence does at one false alarm per 60 pet-hours."""
-        return next(p.outcome for p in self.points if p.budget_h == BUDGET_H)
+        return next(p.outcome for p in self.points if p.budget_h == _BUDGET_H)
 
 
 def figures(table: PassageTable, seed: int) -> Figures:
@@ -119,11 +119,11 @@ def figures(table: PassageTable, seed: int) -> Figures:
         score = scores[policy] = evidence(table, policy)
         sweep = sweeps[policy] = Sweep.of(table, score)
         limits = [(np.nan, limit_evidence(PET_LIMIT))]
-        resolved = [h for h in BUDGET_HOURS if h == BUDGET_H or h <= sweep.pet_hours]
+        resolved = [h for h in BUDGET_HOURS if h == _BUDGET_H or h <= sweep.pet_hours]
         limits += [(h, sweep.limit_for(1 / h)) for h in resolved]
         for budget_h, limit in limits:
             found = verdicts(table, score >= limit)
-            if policy == "fused" and budget_h == BUDGET_H:
+            if policy == "fused" and budget_h == _BUDGET_H:
                 budget = found
             points.append(
                 OperatingPoint(
@@ -217,7 +217,7 @@ def _worst(
         # The wrong first, then by how narrow it was.
         order = np.lexsort((margin[rows], ~is_wrong[rows]))
         picked.append(rows[order].tolist())
-    half = WORST // 2
-    n_people = min(len(picked[0]), max(half, WORST - len(picked[1])))
-    chosen = picked[0][:n_people] + picked[1][: WORST - n_people]
+    half = _WORST // 2
+    n_people = min(len(picked[0]), max(half, _WORST - len(picked[1])))
+    chosen = picked[0][:n_people] + picked[1][: _WORST - n_people]
     return tuple(Worst(k, float(margin[k]), bool(is_wrong[k])) for k in chosen)

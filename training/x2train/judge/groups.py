@@ -10,14 +10,14 @@ from x2train.judge.estimates import Estimate, per_hour
 from x2train.judge.table import PassageTable
 from x2train.judge.verdicts import Outcome, Verdicts, hours, outcome
 
-EDGES = {
+_EDGES = {
     "speed_mps": (0.0, 0.1, 0.3, 0.6, 1.0, 1.5, 2.2, 3.0),
     "range_m": (0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 6.0),
     "aspect_deg": (0.0, 30.0, 60.0, 90.0, 120.0, 150.0),
     "snr_db": (0.0, 6.0, 12.0, 18.0, 24.0, 30.0, 36.0),
 }
 """Lower ends of the bins; what is below the first has a bin of its own."""
-MAX_BUILDS = 40  # a longer table is not read
+_MAX_BUILDS = 40  # a longer table is not read
 _Bool = NDArray[np.bool_]
 
 
@@ -60,14 +60,14 @@ def groups(
 ) -> dict[str, tuple[Group, ...]]:
     """Return the figures by everything that is known of the passages: people first."""
     by = {key: _named(getattr(table, key)) for key in ("split", "family", "suite")}
-    if len(np.unique(table.build)) <= MAX_BUILDS:
+    if len(np.unique(table.build)) <= _MAX_BUILDS:
         by["build"] = _named(table.build)
-    by |= {key: _binned(getattr(table, key), edges) for key, edges in EDGES.items()}
+    by |= {key: _binned(getattr(table, key), edges) for key, edges in _EDGES.items()}
     made = {
         key: [group(table, name, chosen, found, rng) for name, chosen in parts]
         for key, parts in by.items()
     }
-    for key in made.keys() - EDGES.keys():
+    for key in made.keys() - _EDGES.keys():
         made[key].sort(key=lambda g: (g.shipped.n_intrusions == 0, g.shipped.pet_hours == 0))
     return {key: tuple(parts) for key, parts in made.items()}
 

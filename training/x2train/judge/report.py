@@ -18,7 +18,7 @@ from x2train.judge.table import PassageTable
 from x2train.judge.verdicts import EPISODE_S
 
 VERSION = 1  # of the schema
-DIGITS = 4  # intervals are wider
+_DIGITS = 4  # intervals are wider
 _HOW = {
     "intrusion": "a person who was in the swath; missed without an alarm from then on",
     "false alarm": f"a minute ({EPISODE_S:g} s from a passage's first decision) with an alarm",
@@ -117,8 +117,8 @@ def document(
 def rounded(value: float) -> float:
     """Return a finite value with four digits; just below one, four of what is missing to it."""
     if 0.9 < value < 1:
-        return float(f"{value:.{DIGITS - 1 - math.floor(math.log10(1 - value))}f}")
-    return float(f"{value:.{DIGITS}g}")
+        return float(f"{value:.{_DIGITS - 1 - math.floor(math.log10(1 - value))}f}")
+    return float(f"{value:.{_DIGITS}g}")
 
 
 def _of(here: Figures) -> dict[str, Any]:

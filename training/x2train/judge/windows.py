@@ -15,8 +15,8 @@ from x2train.judge.estimates import Estimate, Ranking, resampled
 from x2train.judge.table import LABELS, PassageTable
 
 DWELL_S = 2.0  # as all bundles have it
-MATCHED_BELOW = 0.60  # AUC: hardly over chance
-GUESSES = ("human", "pet", "other")
+_MATCHED_BELOW = 0.60  # AUC: hardly over chance
+_GUESSES = ("human", "pet", "other")
 _BINS = 20  # enough windows in each
 _Float = NDArray[np.float64]
 _Bool = NDArray[np.bool_]
@@ -102,7 +102,7 @@ def confusion(table: PassageTable) -> dict[str, dict[str, int]]:
     label = table.label[table.passage[judged]]
     return {
         truth: {
-            name: int(((label == truth) & (guess == k)).sum()) for k, name in enumerate(GUESSES)
+            name: int(((label == truth) & (guess == k)).sum()) for k, name in enumerate(_GUESSES)
         }
         for truth in LABELS
     }
@@ -145,7 +145,7 @@ def _baseline(
     if auc.value < 0.5:
         auc = Estimate(1 - auc.value, 1 - auc.high, 1 - auc.low)
     binned = _auc_binned(windows, value)
-    is_below = not (auc.value >= MATCHED_BELOW or binned >= MATCHED_BELOW)
+    is_below = not (auc.value >= _MATCHED_BELOW or binned >= _MATCHED_BELOW)
     return Baseline(name, is_required, auc, binned, is_below)
 
 

@@ -18,7 +18,7 @@ from radard.errors import UsageError
 from radard.judge.classifier import FUSED_LOGITS
 
 Tensor = torch.Tensor
-Operator = Callable[[list[Any], Mapping[str, Any]], Tensor]
+_Operator = Callable[[list[Any], Mapping[str, Any]], Tensor]
 
 
 class GraphNet(nn.Module):
@@ -155,7 +155,7 @@ def _unsqueeze(given: list[Any], _options: Mapping[str, Any]) -> Tensor:
     return x
 
 
-def _reduced(reduce: Callable[..., Tensor]) -> Operator:
+def _reduced(reduce: Callable[..., Tensor]) -> _Operator:
     def run(given: list[Any], options: Mapping[str, Any]) -> Tensor:
         axes = tuple(int(n) for n in given[1])
         return reduce(given[0], dim=axes, keepdim=bool(options.get("keepdims", 1)))
@@ -163,7 +163,7 @@ def _reduced(reduce: Callable[..., Tensor]) -> Operator:
     return run
 
 
-_OPERATORS: Mapping[str, Operator] = {
+_OPERATORS: Mapping[str, _Operator] = {
     "Add": lambda given, _: given[0] + given[1],
     "Concat": lambda given, options: torch.cat(given, dim=options["axis"]),
     "Conv": _conv,

@@ -115,7 +115,7 @@ _CLEAR_LEVEL_DB = (0.0, 40.0)  # from barely seen to far over the noise
 _HIGH_M, _HIGH_TILT_DEG = (1.9, 2.5), (10.0, 32.0)  # mounts over doors
 
 
-def draw_rate_hz(rng: np.random.Generator, least_hz: float = 30.0) -> float:
+def _draw_rate_hz(rng: np.random.Generator, least_hz: float = 30.0) -> float:
     """Return a frame rate: 60 or 200 Hz, the X2's usual ones, or one between, by its logarithm."""
     rate = least_hz * (200 / least_hz) ** rng.random()
     usual = rng.random()
@@ -132,7 +132,7 @@ def draw_radar(rng: np.random.Generator, kind: RadarKind = "any") -> Radar:
     """
     share = rng.random(6)
     is_x2 = kind == "x2" or (kind == "any" and share[1] < _X2_SHARE)
-    rate_hz = draw_rate_hz(rng, 15.0 if kind == "any" and not is_x2 else 30.0)
+    rate_hz = _draw_rate_hz(rng, 15.0 if kind == "any" and not is_x2 else 30.0)
     near = 0.25 + 0.55 * share[0]
     if kind == "x4m03":
         return replace(

@@ -29,7 +29,7 @@ Tell: TypeAlias = Callable[[int, int], None]
 """Is told how many are done, of how many."""
 CHUNK = 8
 """Elements handed out at a time."""
-AHEAD = 4
+_AHEAD = 4
 """Chunks per worker that are under way or wait for their turn to be written."""
 _CONNECT_S = 30
 """For a scheduler to answer, and for its first worker to start, in seconds."""
@@ -57,10 +57,10 @@ class Made:
 
 
 Run: TypeAlias = Callable[[Make, Sequence[Chunk]], Iterator[Made]]
-Workers: TypeAlias = AbstractContextManager[Run]
+_Workers: TypeAlias = AbstractContextManager[Run]
 
 
-def make_chunk(make: Make, chunk: Chunk) -> Made:
+def _make_chunk(make: Make, chunk: Chunk) -> Made:
     """Make the elements of a chunk: the whole work of a worker."""
     rows = []
     for number in range(chunk.first, chunk.last):
@@ -75,20 +75,20 @@ def make_chunk(make: Make, chunk: Chunk) -> Made:
     return Made(tuple(rows))
 
 
-def workers_for(workers: int, cluster: str | None = None) -> Workers:
+def workers_for(workers: int, cluster: str | None = None) -> _Workers:
     """Return a pool: of so many processes, of this one if that rounds alike, or of a cluster."""
     if cluster is not None:
-        return on_cluster(cluster)
+        return _on_cluster(cluster)
     is_pinned = any(os.environ.get(name) == "1" for name in _THREADS[:2])
-    return in_process() if workers == 1 and is_pinned else pool(workers)
+    return _in_process() if workers == 1 and is_pinned else pool(workers)
 
 
 @contextmanager
-def in_process() -> Iterator[Run]:
+def _in_process() -> Iterator[Run]:
     """Yield a pool that is this process."""
 
     def run(make: Make, chunks: Sequence[Chunk]) -> Iterator[Made]:
-        return map(partial(make_chunk, make), chunks)
+        return map(partial(_make_chunk, make), chunks)
 
     yield run
 
@@ -104,12 +104,12 @@ def pool(workers: int) -> Iterator[Run]:
 
     def run(make: Make, chunks: Sequence[Chunk]) -> Iterator[Made]:
         def submit(chunk: Chunk) -> _Job:
-            return executor.submit(make_chunk, make, chunk)
+            return executor.submit(_make_chunk, make, chunk)
 
         # Processes start at the first submit and inherit the mask: Ctrl-C is the parent's.
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
-            jobs = _in_order(submit, chunks, AHEAD * workers)
+            jobs = _in_order(submit, chunks, _AHEAD * workers)
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
         return jobs
@@ -131,7 +131,7 @@ def pool(workers: int) -> Iterator[Run]:
 
 
 @contextmanager
-def on_cluster(address: str) -> Iterator[Run]:
+def _on_cluster(address: str) -> Iterator[Run]:
     """Yield a pool of the workers of a Dask cluster; a worker that dies is made up for.
 
     Raises GenerateError if the scheduler is not reached, has no workers, or gives a chunk up
@@ -147,8 +147,8 @@ def on_cluster(address: str) -> Iterator[Run]:
 
     def run(make: Make, chunks: Sequence[Chunk]) -> Iterator[Made]:
         threads = sum(client.nthreads().values())
-        submit = partial(client.submit, make_chunk, make, pure=False)
-        return _in_order(submit, chunks, AHEAD * max(threads, 1))
+        submit = partial(client.submit, _make_chunk, make, pure=False)
+        return _in_order(submit, chunks, _AHEAD * max(threads, 1))
 
     with client:
         try:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal
 
-Animal = Literal["dog", "cat", "pet"]
+_Animal = Literal["dog", "cat", "pet"]
 Activation = Literal["relu", "sigmoid"]
 RATES_HZ = (60, 200)  # the thesis'
 
@@ -14,7 +14,7 @@ class Cell:
 
     vector: int  # 1, or 2 for the range profile in front of type 1
     # class 1; people are class 2. 'pet', dogs and cats in turn, is not the thesis'
-    animal: Animal
+    animal: _Animal
     frame_rate_hz: int  # 60 or 200 in the thesis; any in this recipe
 
     @property

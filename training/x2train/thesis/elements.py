@@ -27,7 +27,7 @@ from x2radar.sim.signal.pulse import ROOM_K, LinkBudget, rf_echo
 
 PROFILE = 392
 BODIES = ("human", "dog", "cat")
-CLUTTER = ((0.75, 3e4), (1.90, 6e4), (3.10, 4e5))
+_CLUTTER = ((0.75, 3e4), (1.90, 6e4), (3.10, 4e5))
 """Range in metres and cross section of the echoes that the switch `clutter` adds."""
 NOISES = ("input", "printed")
 _LNA_GAIN = 10.0  # of (2.14)
@@ -134,7 +134,7 @@ def dwell(spec: ElementSpec, body: str, number: int) -> tuple[Dwell, float]:
     range_m, rcs_m2 = ranges(points, np.arange(n_slow) / spec.frame_rate_hz)
     echo = rf_echo(range_m, budget.amplitude(range_m, rcs_m2, axis), axis)
     if spec.clutter:
-        still_m, rcs = np.array(CLUTTER).T
+        still_m, rcs = np.array(_CLUTTER).T
         echo += rf_echo(still_m[None], budget.amplitude(still_m[None], rcs, axis), axis)
     noise = rng.standard_normal(echo.shape, np.float32)
     noise *= np.float32(budget.noise_sigma)

@@ -27,7 +27,7 @@ from x2train.thesis.mlp import (
 )
 from x2train.thesis.sets import CellData
 
-TYPE1 = 784  # 28 x 28: M times I alpha
+_TYPE1 = 784  # 28 x 28: M times I alpha
 _MIN_P = 1e-12  # its logarithm is finite
 _LBFGS_MEMORY = 20  # torch's 100 take five times the memory
 _SEED_STRIDE = 1000  # no repeat has another one's seeds
@@ -186,7 +186,7 @@ def fit(
 
 
 def scaling_of(
-    x: NDArray[np.float32], how: str, n_type1: int = TYPE1
+    x: NDArray[np.float32], how: str, n_type1: int = _TYPE1
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return what is taken from every input, and the factor on it; see `FitSettings`.
 

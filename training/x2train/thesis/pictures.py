@@ -32,7 +32,7 @@ _CLASSES = ("pet", "person")
 _MOVED_S = 0.3  # limbs are apart
 _MIN_DB = -40.0  # as in the thesis' plots
 _EXAMPLE = 3  # number of the element that is drawn
-Extent = tuple[float, float, float, float]
+_Extent = tuple[float, float, float, float]
 
 
 def save(figure: Figure, path: Path) -> Path:
@@ -183,7 +183,7 @@ def _range_doppler(cpi: NDArray[np.complex64]) -> NDArray[np.float64]:
     return np.fft.fftshift(np.abs(lines) ** 2, axes=0)
 
 
-def _map(axis: Axes, power: NDArray[np.floating], extent: Extent, title: str, label: str) -> None:
+def _map(axis: Axes, power: NDArray[np.floating], extent: _Extent, title: str, label: str) -> None:
     level_db = 10 * np.log10(np.maximum(power / max(float(power.max()), 1e-300), 1e-12))
     axis.imshow(level_db, aspect="auto", origin="lower", extent=extent, vmin=_MIN_DB, vmax=0)
     axis.set(title=title, xlabel=label)

@@ -14,7 +14,7 @@ from x2train.thesis.fit import FitSettings, Fitted, Look, fit
 from x2train.thesis.results import CellResult, ResultFile, judged, seen
 from x2train.thesis.sets import CellData, load_cell, make_bodies
 
-FRESH = 5000
+_FRESH = 5000
 FRESH_FROM = 1_000_000
 """Number of the first fresh element: no training set reaches it."""
 _STOP_SHARE = 20
@@ -83,7 +83,7 @@ class StudyRecipe:
 
     folder: Path  # of data, results and checkpoints
     n_elements: int = 5000  # of a data set; a tenth of it evaluates
-    n_fresh: int = FRESH  # further elements that judge
+    n_fresh: int = _FRESH  # further elements that judge
     seed: int = 0
     # M and I alpha
     n_cpi: int = 28
