@@ -42,7 +42,7 @@ from x2train.judge.judging import KNOWS, Knows, dwells, from_decisions, in_view,
 from x2train.judge.table import Columns, PassageTable
 from x2train.judge.verdicts import verdicts
 from x2train.sets.families import draw_goer
-from x2train.sets.passages import Making, Passage, play
+from x2train.sets.passages import BodyModel, Passage, play
 from x2train.sets.sites import X2
 from x2train.sets.workers import Tell
 
@@ -175,10 +175,12 @@ def measure(rows: Sequence[Case], n: int, tell: Tell) -> tuple[Figures, ...]:
 def _played(setting: Setting, label: Label, k: int) -> Passage:
     rng = np.random.default_rng([_SEED, tuple(_LASTS_S).index(label), k])
     site = site_of(rng, setting)
-    making = Making.draw(rng, MOTIONS, tuple(SKINS), 1.0)
+    body_model = BodyModel.draw(rng, MOTIONS, tuple(SKINS), 1.0)
     cast = (draw_goer(rng, label, "train"),)
     lasts_s = _LASTS_S[label]
-    return play(rng, site, cast, duration_s=lasts_s, lead_s=_LEAD_S, is_plain=True, making=making)
+    return play(
+        rng, site, cast, duration_s=lasts_s, lead_s=_LEAD_S, is_plain=True, body_model=body_model
+    )
 
 
 @lru_cache(maxsize=8)

@@ -150,20 +150,6 @@ def test_policy_window_takes_each_window_alone(model):
     assert all(d.fused == d.window for d in made)
 
 
-def test_policy_fused_waits_and_then_alarms(model):
-    made = run(Says(model, *[UNSURE] * 5), "ooooo", "fused")
-    assert [d.label for d in made] == ["pending"] * 3 + ["human"] * 2
-    assert [d.alarm for d in made] == [False] * 3 + [True] * 2
-    made = run(Says(model, UNSURE), "o", "fused", decide_within_s=0.0)
-    assert [d.alarm for d in made] == [True]
-
-
-def test_a_pet_is_let_by_on_the_evidence_of_all_windows(model):
-    made = run(Says(model, PET, UNSURE, PET), "ooo", "fused")
-    assert [(d.label, d.alarm) for d in made] == [("pet", False)] * 3
-    assert made[1].fused.pet > made[1].window.pet
-
-
 def test_who_leaves_undecided_alarms_once(model):
     made = run(Says(model, UNSURE, PET), "o..", "fused")
     assert [(d.gate, d.label, d.alarm) for d in made] == [

@@ -1,4 +1,5 @@
-"""Bundles before suites of passages, in the daemon's own pipeline.
+"""Bundles before suites of passages, in the daemon's own pipeline; and the reports of it.
 
-It may import `x2train.sets`, `windows`, `report` and `generate`.
+The way down: table → verdicts, windows → groups → figures → report → page. It may import
+`x2train.sets`.
 """

@@ -33,7 +33,7 @@ from x2train.judge.judging import Knows, dwells, from_decisions, in_view, instal
 from x2train.judge.suites import SUITES
 from x2train.judge.table import PassageTable
 from x2train.sets.families import Family, families, family
-from x2train.sets.passages import Making, Player, actor, play
+from x2train.sets.passages import BodyModel, Player, actor, play
 from x2train.sets.shard_run import make_shards
 from x2train.sets.sites import X2, X4M03, Radar, Site, draw_site
 from x2train.sets.windows import GATE
@@ -232,7 +232,7 @@ class AcceptSpec:
         # Of the entry's own number, so that a share of the test is a part of it.
         rng = np.random.default_rng([self.seed, index, k])
         site = site_of(rng, setting)
-        making = Making.draw(rng, MOTIONS, tuple(SKINS), 1.0)
+        body_model = BodyModel.draw(rng, MOTIONS, tuple(SKINS), 1.0)
         told = np.random.default_rng([self.seed, index, k, _TOLD])
         config = installed(Config(), site, self.knows, told)
         pipeline, decide = self.judge(setting.radar, config)
@@ -246,14 +246,14 @@ class AcceptSpec:
                 duration_s=entry.duration_s,
                 lead_s=_LEAD_S,
                 is_plain=True,
-                making=making,
+                body_model=body_model,
             )
             made = [decide(each) for each in dwells(pipeline, played)]
             facts |= in_view(played)
         else:
             duration_s = entry.duration_s or float(rng.uniform(*_STAY_S))
             facts["duration_s"] = duration_s
-            steps = _steps(rng, entry, site, making, duration_s)
+            steps = _steps(rng, entry, site, body_model, duration_s)
             player = Player(rng, site, steps)
             made = [decide(each) for each in _long(pipeline, player, setting, duration_s)]
         return from_decisions(
@@ -339,7 +339,7 @@ def site_of(rng: np.random.Generator, setting: Setting) -> Site:
 
 
 def _steps(
-    rng: np.random.Generator, entry: Entry, site: Site, making: Making, duration_s: float
+    rng: np.random.Generator, entry: Entry, site: Site, body_model: BodyModel, duration_s: float
 ) -> tuple[SceneStep, ...]:
     """Return what moves in a long presence: a thing all the time, or a pet that does many."""
     if len(entry.casts) == 1:
@@ -350,7 +350,7 @@ def _steps(
     steps = []
     for cast in entry.casts:
         bodies = tuple(
-            actor(rng, site, f, (0.2, 2.5), making.options, is_plain=True) for f in cast
+            actor(rng, site, f, (0.2, 2.5), body_model.options, is_plain=True) for f in cast
         )
         # A crossing lasts seconds, what is done in a place lasts minutes.
         piece_s = duration_s / 10 if cast[0].stays else _VISIT_S

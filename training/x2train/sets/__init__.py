@@ -1,4 +1,4 @@
-"""What is simulated: families of bodies, sites, passages, domain randomization.
+"""What is simulated: families of bodies, sites, passages, windows, and sets of them on disk.
 
-It imports the driver alone.
+Of this package it imports nothing.
 """

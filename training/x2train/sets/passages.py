@@ -31,7 +31,7 @@ from x2train.sets.sites import Site
 Array = NDArray[np.float64]
 _COURSES = ("cross", "approach", "leave", "oblique", "wander")
 _MADE = frozenset({"human", *SPECIES})
-"""Bodies that a `Making` concerns: they have motions and skins."""
+"""Bodies that a `BodyModel` concerns: they have motions and skins."""
 _WALL_M = 0.3  # nearest to the wall that the radar hangs on
 _UNSEEN = 0.1  # of the noise's amplitude: echoes under it are not made
 _ERROR_DB = -50.0  # of echoes: far under clutter that jitter leaves
@@ -48,7 +48,7 @@ class Truth:
 
 
 @dataclass(frozen=True, slots=True)
-class Making:
+class BodyModel:
     """Which laws make the people, cats and dogs of a passage."""
 
     motion: str = "gait"  # of `MOTIONS`
@@ -82,7 +82,7 @@ class Passage:
     cast: tuple[Family, ...]
     frames: NDArray[np.complex64]  # (n_slow, n_range): baseband at the axis of the site's radar
     truth: Truth  # of every body of the cast
-    making: Making = Making()
+    body_model: BodyModel = BodyModel()
     is_plain: bool = False  # without domain randomization
 
 
@@ -94,21 +94,21 @@ def play(
     duration_s: float,
     lead_s: tuple[float, float] = (0.2, 2.5),
     is_plain: bool = False,
-    making: Making = Making(),
+    body_model: BodyModel = BodyModel(),
 ) -> Passage:
     """Simulate a passage of a cast through a site, for `duration_s`, everything random from `rng`.
 
     `lead_s` is when the bodies enter, see `RandomizedActor`; `is_plain` leaves randomization out;
-    `making` says which laws make people, cats and dogs.
+    `body_model` says which laws make people, cats and dogs.
     """
     rate_hz = site.radar.frame_rate_hz
-    given = {} if making == Making() else making.options
+    given = {} if body_model == BodyModel() else body_model.options
     actors = tuple(actor(rng, site, f, lead_s, given, is_plain=is_plain) for f in cast)
     player = Player(rng, site, (SceneStep(actors, duration_s, duration_s),))
     n_slow = round(duration_s * rate_hz)
     made, points = player.next_block(n_slow)
     truth = player.truth(points) if cast else Truth(*np.zeros((4, n_slow, 0)))
-    return Passage(site, cast, made, truth, making, is_plain)
+    return Passage(site, cast, made, truth, body_model, is_plain)
 
 
 def level_db_of(site: Site) -> float:

@@ -20,7 +20,7 @@ from radard.stream.ring import Dwell, DwellShape
 from x2radar.sim.bodies.motion import MOTIONS
 from x2radar.sim.bodies.skins.draw import SKINS
 from x2train.sets.families import FAMILIES, LABELS, Use, draw_cast, draw_goer
-from x2train.sets.passages import Making, Passage, level_db_of, play
+from x2train.sets.passages import BodyModel, Passage, level_db_of, play
 from x2train.sets.sites import (
     RadarKind,
     RoomKind,
@@ -77,10 +77,12 @@ class WindowSpec:
         # A generator of its own: other laws leave the site and the course as they are.
         law_rng = np.random.default_rng([self.seed, number, _LAW])
         is_plain = self.is_plain or bool(law_rng.random() < self.plain_share)
-        making = Making.draw(law_rng, self.motions, self.skins, self.physical_share)
+        body_model = BodyModel.draw(law_rng, self.motions, self.skins, self.physical_share)
         if law_rng.random() < self.clear_share:
             cast, site = (draw_goer(law_rng, label, self.use),), clear_site(law_rng, site)
-        passage = play(rng, site, cast, duration_s=duration_s, is_plain=is_plain, making=making)
+        passage = play(
+            rng, site, cast, duration_s=duration_s, is_plain=is_plain, body_model=body_model
+        )
         return windows_of(passage, self.settings, number)
 
 
@@ -131,9 +133,9 @@ def windows_of(
                 "level_db": level_db_of(passage.site),
                 "height_m": passage.site.antenna.height_m,
                 "tilt_deg": passage.site.antenna.tilt_deg,
-                "motion": MOTIONS.index(passage.making.motion),
-                "skin": tuple(SKINS).index(passage.making.skin),
-                "is_physical": passage.making.is_physical,
+                "motion": MOTIONS.index(passage.body_model.motion),
+                "skin": tuple(SKINS).index(passage.body_model.skin),
+                "is_physical": passage.body_model.is_physical,
                 "is_plain": passage.is_plain,
             }
         )

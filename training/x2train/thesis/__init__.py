@@ -2,5 +2,5 @@
 
 Equation, table and section numbers are the thesis'. `cells` holds what it printed, `elements`
 draws its data, `mlp` and `fit` are its network and training, `results` and `page` put ours
-beside its own.
+beside its own, `pictures` draws.
 """
