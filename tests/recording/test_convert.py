@@ -110,15 +110,6 @@ def test_raw_counters_are_exact_where_the_samples_came_from_them(tmp_path):
         assert reader.warning is None
 
 
-def test_raw_counters_of_an_unknown_sweep_say_how_far_samples_move(tmp_path):
-    samples = np.random.default_rng(1).uniform(0, 99.9, (20, 16)).astype(np.float32)
-    source, _ = make(tmp_path / "in.h5", "rf", samples=samples, counters=range(20), settings={})
-    done = convert(source, tmp_path / "out.framelogger")
-    assert any("sweep is unknown" in note for note in done.notes)
-    with open_recording(tmp_path / "out.framelogger") as reader:
-        assert np.abs(content(reader)[0] - samples).max() < 2e-7
-
-
 @pytest.mark.parametrize(
     ("form", "kind", "words"),
     [

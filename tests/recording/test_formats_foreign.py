@@ -279,35 +279,6 @@ def test_numpy_by_hand(tmp_path):
 # ---------------------------------------------------------------- XeThru, written
 
 
-def test_a_written_xethru_meta_file_is_that_of_the_layout(tmp_path):
-    source, samples = make(tmp_path / "in.h5", counters=[1, 2, 5, 6])
-    with open_recording(source) as reader:
-        write_xethru(tmp_path / "x", reader)
-    data = (tmp_path / "x" / META).read_bytes()
-    record = 24 + 8 * samples.shape[1]
-    assert struct.unpack_from("<IIQ", data) == (0xA0B1C2D3, 13, 1772368200250)
-    assert struct.unpack_from("<BIQ", data, 0x10) == (1, round(5e3 / 60.25), 4 * record)
-    (list_at,) = struct.unpack_from("<Q", data, 0x1D)
-    assert struct.unpack_from("<IqII", data, 0x25) == (2, -1, record, 0)
-    assert data[0x39:0x55] == b"\xcd" * 28
-    (n_id,) = struct.unpack_from("<I", data, 0x55)
-    at = 0x59 + n_id
-    (n_user,) = struct.unpack_from("<I", data, at)
-    at += 4 + n_user
-    for k, index in enumerate((0, 1, 4, 5)):
-        entry = struct.unpack_from("<BIQQQI", data, at + 33 * k)
-        ms = round(index / 60.25 * 1e3)
-        assert entry == (1, 2, record, k * record, (k + 1) * record, ms)
-    at += 4 * 33
-    assert struct.unpack_from("<BIQQQI", data, at)[:5] == (2, 2, 0, 4 * record, 4 * record)
-    at += 33
-    assert list_at == at - 4
-    assert struct.unpack_from("<BI", data, at) == (3, 1)
-    (n_name,) = struct.unpack_from("<I", data, at + 5)
-    assert data[at + 9 :] == b"xethru_baseband_iq_20260301_123000.dat\0"
-    assert len(data) == at + 9 + n_name
-
-
 def test_a_written_xethru_recording_without_our_header(tmp_path):
     source, samples = make(tmp_path / "in.h5")
     with open_recording(source) as reader:

@@ -16,7 +16,6 @@ from x2radar.frame import FastTimeAxis, Frame, StreamInfo
 from x2radar.recording.about import Overrides
 from x2radar.recording.hdf5_reader import RecordingReader
 from x2radar.recording.hdf5_writer import RecordingWriter
-from x2radar.recording.registry import open_recording
 
 RF = FastTimeAxis(
     kind="rf",
@@ -171,19 +170,6 @@ def test_a_truncated_file_is_one_line(tmp_path, share):
         assert len(list(reader.frames())) <= 300
     except RecordingError as err:
         assert "\n" not in str(err)  # noqa: PT017 - both outcomes are right
-
-
-def test_missing_foreign_and_existing_files(tmp_path):
-    with pytest.raises(RecordingError, match="no such recording"):
-        open_recording(tmp_path / "gone.h5")
-    (tmp_path / "text.h5").write_text("hello")
-    with pytest.raises(RecordingError, match="not an HDF5 file"):
-        open_recording(tmp_path / "text.h5")
-    with pytest.raises(RecordingError, match="exists already"):
-        write(tmp_path / "text.h5", noise(1))
-    assert (tmp_path / "text.h5").read_text() == "hello"
-    with pytest.raises(RecordingError, match="cannot make"):
-        write(tmp_path / "no" / "dir.h5", noise(1))
 
 
 def test_a_frame_of_another_length_is_refused(tmp_path):

@@ -71,14 +71,6 @@ def test_every_kind_is_read(tmp_path, kind, split):
     assert reader.started_utc == "2025-01-04T14:13:20.000Z"
 
 
-def test_losses_and_seek(tmp_path):
-    counters = [1, 2, 3, 7, 8]
-    reader = XethruReader(folder(tmp_path / "r", "baseband_iq", noise(5, 4), counters=counters))
-    got = list(reader.frames())
-    assert [f.lost for f in got] == [0, 0, 0, 3, 0]
-    assert [f.index for f in reader.frames(3 / 17)] == [6, 7]
-
-
 def test_one_file_and_a_rate_of_ones_own(tmp_path):
     path = folder(tmp_path / "r", "datafloat", noise(5, 4))
     file = next(path.glob("*datafloat*"))

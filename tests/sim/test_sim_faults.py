@@ -8,7 +8,7 @@ import pytest
 
 from x2radar.errors import MessageError, SettingsError
 from x2radar.modules.x2 import RadarSettings
-from x2radar.sim.module.faults import KINDS, FaultPlan, describe_faults, parse_faults
+from x2radar.sim.module.faults import KINDS, parse_faults
 from x2radar.sim.module.module import SimulatedModule
 from x2radar.sim.module.stream import EchoStream
 from x2radar.sim.scene.scene import load_scene
@@ -358,14 +358,3 @@ def test_plans_that_make_no_sense(text, words):
         parse_faults(text)
     assert all(kind in str(caught.value) for kind in KINDS)
     assert "\n" not in str(caught.value)
-
-
-def test_plan_and_table():
-    plan = parse_faults("junk:0.1, split:7")
-    assert plan == FaultPlan({"junk": 0.1, "split": 7.0})
-    assert plan.value("stall") == 0
-    for name, kind in KINDS.items():
-        assert any(
-            row.split()[0] == name and kind.unit in row and row.endswith(kind.meaning)
-            for row in describe_faults().splitlines()
-        )

@@ -65,28 +65,10 @@ def test_every_step_is_a_draw_of_its_own_number():
         assert np.allclose(block.rows.root_rcs_m**2 * SEED_GAIN, rcs_m2, rtol=1e-12)
 
 
-def test_repeats_bring_other_draws_and_seeds_other_scenes():
-    stage = Stage(SCENE, 0, 60.0)
-    blocks = [stage.next_block(1000).rows for _ in range(6)]
-    assert not np.array_equal(blocks[0].range_m, blocks[3].range_m)
-    assert not np.array_equal(blocks[0].root_rcs_m, blocks[3].root_rcs_m)
-    other = Stage(SCENE, 1, 60.0).next_block(1000).rows
-    assert not np.array_equal(blocks[0].range_m, other.range_m)
-
-
 def test_a_step_is_never_shorter_than_a_frame():
     scene = parse_scene("steps: [{duration_s: 0.1}, {duration_s: 0.1}]", "short", "short")
     stage = Stage(scene, 0, 1.0)
     assert [stage.next_block(10).n_slow for _ in range(4)] == [1, 1, 1, 1]
-
-
-@pytest.mark.parametrize("rate_hz", [1.0, 60.0, 1000.0])
-def test_time_runs_with_the_frame_rate(rate_hz):
-    scene = parse_scene("steps: [{body: thesis_dog, duration_s: 100}]", "long", "long")
-    range_m = np.array([row for row, _ in frames_of(scene, 3, [7] * 14, rate_hz=rate_hz)])
-    drawn = draw(THESIS_BODIES["thesis_dog"], np.random.default_rng([3, 0]))
-    wanted = np.maximum(ranges(drawn, np.arange(98) / rate_hz)[0], 0.1)
-    assert np.allclose(range_m, wanted, rtol=1e-12)
 
 
 def test_durations_and_choices_are_drawn_anew():

@@ -153,15 +153,6 @@ def test_fan_blades_turn_on_circles_and_make_a_comb():
     assert np.count_nonzero(power[on_comb] > power.max() / 100) > 10
 
 
-def test_fan_head_swings():
-    t_s = np.arange(0, 20, 0.1)
-    p = thing("fan", heading_deg=180, swing_deg=90, swing_s=10, rotation_hz=1).at(t_s, HERE)
-    ahead = (p.position_m[:, 1] - p.position_m[:, 0]) / 0.1
-    turn = np.rad2deg(np.arctan2(ahead[:, 0], -ahead[:, 1]))
-    assert np.ptp(turn) == pytest.approx(90, abs=1)
-    assert main_line_hz(turn, 10) == pytest.approx(0.1, abs=0.03)
-
-
 def test_vacuum_keeps_its_speed_and_its_square():
     t_s = np.arange(0, 1300, 0.1)
     top = ways("robot_vacuum", t_s, area_m=2.0, speed_mps=0.3, bump_m=0)[:, 0]

@@ -34,8 +34,8 @@ VERSION = 1
 _HEAD = struct.Struct("<8sHHI")
 _RECORD = struct.Struct("<BQI")
 _CRC = struct.Struct("<I")
-_LONGEST = 1 << 26
-"""Bytes of a head or record above which it is damaged. Chosen: a read gives 64 KiB at most."""
+_MAX_BYTES = 1 << 26
+"""A longer head or record is damaged: a read gives 64 KiB at most."""
 
 FROM_MODULE = 0x3C
 TO_MODULE = 0x3E
@@ -166,7 +166,7 @@ class Capture:
                 if version != VERSION:
                     raise refuse(path, f"capture version {version}, this reads {VERSION}")
                 self._begin = _HEAD.size + n
-                about = file.read(n) if n <= _LONGEST else b""
+                about = file.read(n) if n <= _MAX_BYTES else b""
         except OSError as err:
             raise refuse(path, f"cannot be read: {err.strerror}") from err
         try:
@@ -194,7 +194,7 @@ def _read_chunk(read: Callable[[int], bytes], head: bytes) -> Chunk | None:
     if len(head) < _RECORD.size:
         return None
     kind, t_ns, n = _RECORD.unpack(head)
-    if kind not in _KINDS or n > _LONGEST:
+    if kind not in _KINDS or n > _MAX_BYTES:
         return None
     data, crc = read(n), read(_CRC.size)
     if len(crc) < _CRC.size or zlib.crc32(data, zlib.crc32(head)) != _CRC.unpack(crc)[0]:

@@ -67,7 +67,7 @@ class RotatingWriter(Closing):
         self._started_utc = started_utc
         self._keep: dict[str, Any] = {"device": device, "settings": settings, "fsync": fsync}
         self._rotate_bytes = rotate_bytes
-        self._most_frames = None if rotate_s is None else max(1, rotate_s * stream.frame_rate_hz)
+        self._max_frames = None if rotate_s is None else max(1, rotate_s * stream.frame_rate_hz)
         self._id = str(uuid.uuid4())
         self._done_bytes = 0
         self._seen_bytes = self._grows_by = 0
@@ -80,7 +80,7 @@ class RotatingWriter(Closing):
     @property
     def is_rotating(self) -> bool:
         """Whether the recording comes in parts."""
-        return self._rotate_bytes is not None or self._most_frames is not None
+        return self._rotate_bytes is not None or self._max_frames is not None
 
     @property
     def n_bytes(self) -> int:
@@ -104,7 +104,7 @@ class RotatingWriter(Closing):
             self._close_part()
 
     def _is_full(self, index: int) -> bool:
-        if self._most_frames is not None and index - self._first_index >= self._most_frames:
+        if self._max_frames is not None and index - self._first_index >= self._max_frames:
             return True
         if self._rotate_bytes is None or self._writer is None:
             return False

@@ -18,7 +18,7 @@ from x2radar.errors import ReadTimeout, RecordingError, TransportClosed, X2Radar
 from x2radar.frame import Frame
 
 _SHOW_EVERY_S = 0.5
-"""Chosen: as fast as numbers can be read."""
+"""As fast as numbers can be read."""
 
 
 class FrameWriter(Protocol):

@@ -232,8 +232,8 @@ def _read_meta(file: Path) -> _Meta:
     except struct.error as err:
         raise refuse(file, "cut off") from err
     # Entries are walked to the end; the first that is no record ends them.
-    n_most = max(0, len(data) - at) // ENTRY.itemsize
-    entries = np.frombuffer(data, ENTRY, n_most, offset=at if n_most else 0)
+    n_max = max(0, len(data) - at) // ENTRY.itemsize
+    entries = np.frombuffer(data, ENTRY, n_max, offset=at if n_max else 0)
     strange = np.flatnonzero((entries["kind"] != 1) & (entries["kind"] != 2))
     entries = entries[: strange[0]] if strange.size else entries
     entries = entries[entries["kind"] == 1]

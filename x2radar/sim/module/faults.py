@@ -20,9 +20,10 @@ from x2radar.sim.signal.receiver import MIDDLE
 from x2radar.wire.messages import ErrorReply, Message, Ping, Pong, Reset
 from x2radar.wire.wire_ids import ErrorCode, PongCode
 
-# Far beyond the 0 to 100 of a frame, and samples of a frame that a spike meets (chosen).
-SPIKE = 900.0
+_SPIKE = 900.0
+"""Far beyond the 0 to 100 of a frame."""
 _SPIKES = 3
+"""Samples of a frame that it meets, as a chip's do."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,8 +38,8 @@ class Kind:
 
 
 _SHARE = (0.0, 1.0)
-_LONGEST_S = 1e6
-"""Beyond any run (chosen)."""
+_MAX_S = 1e6
+"""Eleven days, beyond any run."""
 KINDS: Mapping[str, Kind] = MappingProxyType(
     {
         # On the line.
@@ -53,8 +54,8 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
         ),
         "stall": Kind("seconds", 0.001, 9, "nothing comes for so long, every 10 s"),
         "bursts": Kind("1", 1, 1, "frames come late and in bunches, as measured on a real X2M200"),
-        "silent": Kind("seconds", 0.001, _LONGEST_S, "then nothing is sent; the port stays open"),
-        "hang_up": Kind("seconds", 0.001, _LONGEST_S, "then the port closes"),
+        "silent": Kind("seconds", 0.001, _MAX_S, "then nothing is sent; the port stays open"),
+        "hang_up": Kind("seconds", 0.001, _MAX_S, "then the port closes"),
         # In the module: frames.
         "drop_frames": Kind("per frame", *_SHARE, "a frame is not sent; its number is counted"),
         "duplicate": Kind("per frame", *_SHARE, "a frame is sent twice"),
@@ -203,5 +204,5 @@ class ModuleFaults:
         if self._dice.falls("spike"):
             at = self._dice.generator("spike").integers(0, samples.size, _SPIKES)
             samples = samples.copy()
-            samples[at] += np.float32(SPIKE)
+            samples[at] += np.float32(_SPIKE)
         return samples

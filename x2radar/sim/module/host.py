@@ -11,7 +11,7 @@ from x2radar.errors import TransportClosed
 from x2radar.sim.module.module import SimulatedModule
 
 _IDLE_S = 0.05
-"""Longest wait before `stop` is asked again (chosen)."""
+"""Longest wait before `stop` is asked again: nobody notices that it ends so late."""
 
 
 def serve(

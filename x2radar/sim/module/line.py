@@ -15,9 +15,9 @@ _ON_LINE = {
     *("drop_bytes", "flip_bits", "junk"),
     *("split", "merge", "stall", "bursts", "silent", "hang_up"),
 }
-# Chosen; docs/research/simulated-module.md names both.
-_JUNK_MOST = 40
+_MAX_JUNK = 40
 _STALL_EVERY_S = 10.0
+"""As docs/research/simulated-module.md has them: junk of a packet's length, stalls at times."""
 # Lateness of the frames of one second, in frame periods, by counter modulo 20: measured on a
 # real X2M200 at 20 Hz as 190, 145, 100, 55 and about 50 ms (protocol notes, section 3.3).
 _LATE_FRAMES = {0: 3.8, 1: 2.9, 2: 2.0, 3: 1.1, 10: 1.0}
@@ -30,7 +30,7 @@ class Line:
         self._plan = plan
         self._dice = dice
         self._is_clean = _ON_LINE.isdisjoint(plan.values)
-        self._longest_piece = int(plan.value("split"))
+        self._max_piece = int(plan.value("split"))
         self._hang_up_s = plan.time_s("hang_up")
         self._last_s = min(self._hang_up_s, plan.time_s("silent"))
         self._queue: deque[tuple[float, bytes]] = deque()
@@ -43,8 +43,8 @@ class Line:
 
     @property
     def splits(self) -> bool:
-        """Whether `take` gives pieces."""
-        return self._longest_piece > 0
+        """Whether `due_bytes` gives pieces."""
+        return self._max_piece > 0
 
     def is_closed(self, now_s: float) -> bool:
         """Return whether the line has been cut."""
@@ -60,13 +60,13 @@ class Line:
         if due_s < self._last_s:
             self._queue.extend((due_s, piece) for piece in self._pieces(self._damaged(packet)))
 
-    def take(self, now_s: float) -> bytes:
+    def due_bytes(self, now_s: float) -> bytes:
         """Return what is due, or nothing; of a line that splits, the next piece that is due."""
         queue = self._queue
         if not queue or queue[0][0] > now_s:
             return b""
         first = queue.popleft()[1]
-        if self._longest_piece or not queue or queue[0][0] > now_s:
+        if self._max_piece or not queue or queue[0][0] > now_s:
             return first
         due = [first]
         while queue and queue[0][0] <= now_s:
@@ -89,13 +89,13 @@ class Line:
         return due_s
 
     def _pieces(self, data: bytes) -> Iterator[bytes]:
-        if not self._longest_piece:
+        if not self._max_piece:
             yield data
             return
         rng = self._dice.generator("split")
         at = 0
         while at < len(data):
-            n = int(rng.integers(1, self._longest_piece + 1))
+            n = int(rng.integers(1, self._max_piece + 1))
             yield data[at : at + n]
             at += n
 
@@ -103,7 +103,7 @@ class Line:
         dice = self._dice
         if dice.falls("junk"):
             rng = dice.generator("junk")
-            packet = rng.bytes(int(rng.integers(1, _JUNK_MOST + 1))) + packet
+            packet = rng.bytes(int(rng.integers(1, _MAX_JUNK + 1))) + packet
         if share := self._plan.value("flip_bits"):
             rng = dice.generator("flip_bits")
             hit = rng.random(len(packet)) < share

@@ -36,11 +36,10 @@ from x2radar.wire.messages import (
 )
 from x2radar.wire.wire_ids import PING_SEED, ErrorCode, PongCode, SystemCode
 
-# Chosen: real modules take half a second and more (docs/research/simulated-module.md).
-RESET_DELAY_S = 0.05
-BOOT_S = 0.05
-LATEST_S = 2.0
-"""A module's buffer is full when its host has not read for so long (chosen)."""
+RESET_DELAY_S = BOOT_S = 0.05
+"""A tenth of what real modules take, so that tests and demos start soon."""
+MAX_LATE_S = 2.0
+"""A module's buffer is full when its host has not read for so long: 120 frames of an X2."""
 _FOREVER_S = float("inf")
 _NO_FRAME = np.zeros(1, np.float32)
 
@@ -130,7 +129,7 @@ class SimulatedModule:
         """Do what is due until `now_s` (module time, in seconds, never going back).
 
         In order of time, so that many small steps and one large one come to the same. A module
-        whose host does not read for more than `LATEST_S` loses frames, as a real one does: its
+        whose host does not read for more than `MAX_LATE_S` loses frames, as a real one does: its
         counter goes on.
         """
         until_s = max(self._now_s, now_s)
@@ -153,7 +152,7 @@ class SimulatedModule:
 
         Call it until it returns nothing: a faulty line gives its output in pieces.
         """
-        return self._line.take(self._now_s)
+        return self._line.due_bytes(self._now_s)
 
     def _restart(self) -> None:
         self._reset_due_s = self._ready_due_s = _FOREVER_S
@@ -200,7 +199,7 @@ class SimulatedModule:
                 self._resume = stream.settings
             self._stop()
             self._reset_due_s = self._now_s
-        elif until_s - due_s > LATEST_S:
+        elif until_s - due_s > MAX_LATE_S:
             self.n_skipped += 1
         elif fate.n_copies and samples is not None:
             message = self._firmware.frame_message(stream.axis, self._counter, frame)

@@ -21,7 +21,7 @@ from x2radar.sim.signal.pulse import LinkBudget, pulse_sigma_s
 
 Array = NDArray[np.float64]
 Frames = NDArray[np.float32] | NDArray[np.complex64]
-# Chosen: points of distributed clutter a range cell, enough for Rayleigh statistics; directions it
+# Points of distributed clutter a range cell, enough for Rayleigh statistics; directions it
 # comes from, echoes of the leak's ringing, sinusoids of a drift, and the slowest of them.
 _PER_CELL = 6
 _N_SECTORS = 6

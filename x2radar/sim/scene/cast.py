@@ -100,7 +100,7 @@ class ThesisBody:
         self._scatterers = scatterers
 
     def at(self, t_s: Array, antenna_m: Array) -> Points:
-        """Return its points; see `Mover`. The thesis' origin is the antenna."""
+        """Return its points. The thesis' origin is the antenna."""
         position_m, rcs_m2 = ranges_xyz(self._scatterers, t_s)
         level = np.broadcast_to(rcs_m2 / SEED_GAIN, position_m.shape[:2])
         return Points(position_m + antenna_m, level)

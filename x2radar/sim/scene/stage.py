@@ -20,8 +20,8 @@ from x2radar.sim.scene.scene import Scene, SceneChoice, SceneStep
 from x2radar.sim.things import MountVibration, draw_mount
 
 Array = NDArray[np.float64]
-_LONGEST_LOOK_S = 60.0
-"""How long `check_swath` follows a body (chosen)."""
+_MAX_LOOK_S = 60.0
+"""How long `check_swath` follows a body: in a minute it has crossed any room."""
 _BACKGROUND, _MOUNT, _TAIL, _STEP = 0xBAC0, 0x3071, 0x7A11, 0x57E9
 """Of generators, as in `module.stream`."""
 
@@ -121,7 +121,7 @@ class Stage:
         number = begun = 0
         while True:
             for item in self._scene.steps:
-                step = self._chosen(item, number)
+                step = self._step(item, number)
                 duration_s = step.duration_s(np.random.default_rng([self._seed, number, _STEP]))
                 n = max(1, round(duration_s * self._rate_hz))
                 movers = tuple(self._cast(step.actors, number))
@@ -129,7 +129,7 @@ class Stage:
                 number += 1
                 begun += n
 
-    def _chosen(self, item: SceneStep | SceneChoice, number: int) -> SceneStep:
+    def _step(self, item: SceneStep | SceneChoice, number: int) -> SceneStep:
         if isinstance(item, SceneStep):
             return item
         return item.drawn(np.random.default_rng([self._seed, number, _STEP, 1]))
@@ -147,14 +147,14 @@ def check_swath(scene: Scene, near_m: float, far_m: float) -> None:
 
     One line with the path of the body or thing.
     """
-    listed = [(actor, _LONGEST_LOOK_S) for actor in scene.background]
+    listed = [(actor, _MAX_LOOK_S) for actor in scene.background]
     for item in scene.steps:
         steps = (item,) if isinstance(item, SceneStep) else item.steps
         listed += [(actor, step.most_s) for step in steps for actor in step.actors]
     for actor, seconds in listed:
         if not {"waypoints_m", "position_m", "home_m"} & actor.options.keys():
             continue
-        t_s = np.arange(0.0, min(seconds, _LONGEST_LOOK_S) + 0.1, 0.1)
+        t_s = np.arange(0.0, min(seconds, _MAX_LOOK_S) + 0.1, 0.1)
         points = actor.make(np.random.default_rng(0)).at(t_s, scene.antenna.position_m)
         range_m = length_m(points.position_m - scene.antenna.position_m)
         if not ((range_m >= near_m) & (range_m <= far_m)).any():

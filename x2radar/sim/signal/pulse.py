@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 REACH_SIGMA = 5.0
 """Samples further from an echo are left out: the pulse has fallen to 4e-6 (-108 dB)."""
 NEAREST_M = 0.1
-"""Nearer points count as here: chosen, the near field has no radar equation."""
+"""Nearer points count as here: the near field has no radar equation."""
 BOLTZMANN = 1.380_649e-23
 """J/K, exact (SI 2019)."""
 ROOM_K = 290.0

@@ -7,7 +7,7 @@ from x2radar.sim.things.draws import RCS, Array, Draw, Gust, ThingKind, Values, 
 
 _GRAVITY = 9.81
 _N_LEAVES = 12
-"""Chosen: enough that none stands out."""
+"""So many that none stands out."""
 
 
 class Plant:
@@ -41,7 +41,7 @@ class Plant:
         self._rcs_m2 = values["rcs_m2"] * shares(rng, _N_LEAVES + 1)
 
     def at(self, t_s: Array, antenna_m: Array) -> Points:  # noqa: ARG002 - of the protocol
-        """Return its points; see `Mover`. Leaves have no aspect."""
+        """Return its points. Leaves have no aspect."""
         turns = t_s[:, None] * self._swing_hz + self._swing_turns
         gusts = np.stack([g.at(t_s) for g in self._gusts], axis=1)
         across_m = (np.sin(2 * np.pi * turns) * gusts) @ self._swing_m

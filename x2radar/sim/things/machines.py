@@ -17,7 +17,7 @@ from x2radar.sim.things.draws import (
     shares,
 )
 
-# Chosen: points a blade; rate of tumbling, how long it tumbles, runs up and spins (a washing
+# Points a blade; rate of tumbling, how long it tumbles, runs up and spins (a washing
 # programme in short), and the damping of the drum.
 _PER_BLADE = 3
 _TUMBLE_HZ = 0.8
@@ -58,7 +58,7 @@ class Fan:
         self._still_rcs_m2 = 0.3 * values["rcs_m2"] * shares(rng, 2)
 
     def at(self, t_s: Array, antenna_m: Array) -> Points:
-        """Return its points; see `Mover`."""
+        """Return its points."""
         head = np.sin(2 * np.pi * (self._swing_hz * t_s + self._swing_turn))
         right, ahead = facing(self._heading_deg + self._swing_deg / 2 * head)
         turn = self._rotation_hz * t_s + self._turn
@@ -137,7 +137,7 @@ class WashingMachine:
         return hz, np.asarray(_TUMBLE_HZ * now_s + ramps + cycle * in_cycle)
 
     def at(self, t_s: Array, antenna_m: Array) -> Points:
-        """Return its points; see `Mover`."""
+        """Return its points."""
         hz, turns = self.rotation(t_s)
         ratio = (hz / self._own_hz) ** 2
         answer = ratio / np.sqrt((1 - ratio) ** 2 + 4 * _DAMPING**2 * ratio)

@@ -11,7 +11,7 @@ import numpy as np
 from x2radar.sim.things.draws import Array, Draw, Gust, Values, values_of
 
 _DECAY_S = 0.2
-"""Of a shock (chosen)."""
+"""Of a shock: a bracket rings for some swings."""
 DRAWS = {
     "hum_hz": Draw(1, 200, (5, 30), "of the bracket, Hz"),
     "hum_m": Draw(0, 0.005, (1e-5, 3e-4), "greatest swing, m"),

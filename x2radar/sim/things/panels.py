@@ -18,7 +18,7 @@ from x2radar.sim.things.draws import (
 )
 
 _WAVES = 3
-"""Along a curtain (chosen)."""
+"""Along a curtain: fewer repeat themselves."""
 
 
 class Curtain:
@@ -49,7 +49,7 @@ class Curtain:
         self._rcs_m2 = values["rcs_m2"] * shares(rng, n)
 
     def at(self, t_s: Array, antenna_m: Array) -> Points:
-        """Return its points; see `Mover`."""
+        """Return its points."""
         turns = t_s[:, None, None] * self._hz + self._turns
         wave = np.sin(2 * np.pi * turns) @ self._share
         away_m = wave * self._swing_m * (0.3 + 0.7 * self._gust.at(t_s))[:, None]
@@ -102,7 +102,7 @@ class Door:
         return np.asarray(0.5 - 0.5 * np.cos(np.pi * rise))
 
     def at(self, t_s: Array, antenna_m: Array) -> Points:
-        """Return its points; see `Mover`."""
+        """Return its points."""
         share = self.open_share(t_s)
         turn_deg = self._swing_deg * share + self._sway_deg * share * self._sway.at(t_s)
         along, across = facing(self._heading_deg + turn_deg)

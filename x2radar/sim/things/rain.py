@@ -34,7 +34,7 @@ class RainOnWindow:
         self._rcs_m2 = values["rcs_m2"] * strength / strength.sum()
 
     def at(self, t_s: Array, antenna_m: Array) -> Points:  # noqa: ARG002 - of the protocol
-        """Return its points; see `Mover`. A resting track has no cross section."""
+        """Return its points. A resting track has no cross section."""
         number, now = np.divmod(t_s[:, None] / self._cycle_s + self._begin, 1.0)
         share = np.minimum(now * self._cycle_s / self._run_s, 1.0)
         turn = 2 * np.pi * self._stops

@@ -5,7 +5,7 @@ import numpy as np
 from x2radar.sim.points import Label, Points
 from x2radar.sim.things.draws import RCS, Array, Draw, ThingKind, Values, facing, lit, shares
 
-# Chosen, by what such machines do: after how long the way is repeated, how fast it turns, how far
+# By what such machines do: after how long the way is repeated, how fast it turns, how far
 # and fast it backs off, points of the rim and bristles of the brush.
 _LOOP_S = 600.0
 _TURN_DEG_PER_S = 100.0
@@ -42,7 +42,7 @@ class RobotVacuum:
         self._bristle_rcs_m2 = 0.05 * values["rcs_m2"] / _BRISTLES
 
     def at(self, t_s: Array, antenna_m: Array) -> Points:
-        """Return its points; see `Mover`."""
+        """Return its points."""
         knot_s, x_m, y_m, turn_deg, bump_s = self._knots
         now_s = (t_s + self._begin_s) % knot_s[-1]
         heading_deg = np.interp(now_s, knot_s, turn_deg)
