@@ -20,21 +20,21 @@ from x2radar.frame import Frame, Samples
 from x2radar.wire.messages import GetSystemInfo, Message, Ping, Pong, Reply
 from x2radar.wire.wire_ids import InfoItem, PongCode
 
-ASK_S = 0.25
+_ASK_S = 0.25
 """For an answer: short, because old firmware leaves many questions unanswered."""
 
-KEPT_BYTES = 32 << 20
+_KEPT_BYTES = 32 << 20
 """Most samples kept for the recording: what can be sent in by mail."""
 
-SLOW_START_S = 8.0
-RATE_ERROR = (0.02, 0.1)
-LOSS = (0.001, 0.02)
-DAMAGED = (0.0, 0.01)
-LATE_PERIODS = 2.5
-WEAK_CLUTTER_DB = 15.0
-PHASE_JITTER_RAD = 0.05
-SPIKE_TIMES = 4.0
-FLAT_RUN = 3
+_SLOW_START_S = 8.0
+_RATE_ERROR = (0.02, 0.1)
+_LOSS = (0.001, 0.02)
+_DAMAGED = (0.0, 0.01)
+_LATE_PERIODS = 2.5
+_WEAK_CLUTTER_DB = 15.0
+_PHASE_JITTER_RAD = 0.05
+_SPIKE_TIMES = 4.0
+_FLAT_RUN = 3
 """Limits: pass up to the first (or only) one, warn up to the second. A simulated module
 passes, and 2 % of losses are what a dwell of the daemon may lack."""
 
@@ -107,7 +107,7 @@ def selftest(radar: X2Radar, duration_s: float) -> Report:
         kept = 0
         for frame in radar.frames():
             stamps.append((frame.t_mono_s, frame.index))
-            if kept + frame.samples.nbytes <= KEPT_BYTES:
+            if kept + frame.samples.nbytes <= _KEPT_BYTES:
                 kept += frame.samples.nbytes
                 report.frames.append(frame)
             if frame.index + 1 >= most:
@@ -132,7 +132,7 @@ def selftest(radar: X2Radar, duration_s: float) -> Report:
 def _ask(radar: X2Radar, report: Report) -> None:
     def answer(command: Message) -> Message | str:
         try:
-            return radar.command(command, wait_s=ASK_S)
+            return radar.command(command, wait_s=_ASK_S)
         except DeviceError as err:
             return "no answer" if "no answer" in str(err) else "refused"
 
@@ -155,7 +155,7 @@ def _judge_ping(report: Report) -> None:
 
 def _judge_start(report: Report) -> None:
     if (start_s := report.figures.get("start_s")) is not None:
-        level = _warn_unless(start_s <= SLOW_START_S)
+        level = _warn_unless(start_s <= _SLOW_START_S)
         report.judge("start-up", level, f"streams after {start_s:.1f} s")
 
 
@@ -180,8 +180,8 @@ def _judge_pace(report: Report, stamps: NDArray[np.float64], asked_hz: float) ->
     for name, share in (("p05", 0.05), ("p50", 0.5), ("p95", 0.95), ("p99", 0.99), ("max", 1)):
         report.figures[f"interval_{name}_ms"] = round(float(np.quantile(late_ms, share)), 2)
     why = f"{reached_hz:.2f} of {asked_hz:g} frames a second"
-    report.judge("rate", _level(abs(reached_hz / asked_hz - 1), RATE_ERROR), why)
-    p99_ms, most_ms = report.figures["interval_p99_ms"], 1e3 * LATE_PERIODS / asked_hz
+    report.judge("rate", _level(abs(reached_hz / asked_hz - 1), _RATE_ERROR), why)
+    p99_ms, most_ms = report.figures["interval_p99_ms"], 1e3 * _LATE_PERIODS / asked_hz
     why = f"99 % of the frames within {p99_ms:.1f} ms of the one before"
     report.judge("jitter", _warn_unless(p99_ms <= most_ms), why)
 
@@ -190,9 +190,9 @@ def _judge_line(report: Report) -> None:
     count = report.figures
     share = count["lost"] / max(1, count["frames"] + count["lost"])
     why = f"{count['lost']:.0f} frames lost ({share:.2%})"
-    report.judge("losses", _level(share, LOSS), why)
+    report.judge("losses", _level(share, _LOSS), why)
     why = f"{count['damaged']:.0f} damaged stretches"
-    level = _level(count["damaged"] / max(1, count["frames"]), DAMAGED)
+    level = _level(count["damaged"] / max(1, count["frames"]), _DAMAGED)
     report.judge("line", level, why)
     if count["restarts"]:
         why = f"the counter or the module restarted {count['restarts']:.0f} times"
@@ -222,7 +222,7 @@ def judge_signal(report: Report) -> None:
     over_db = 20 * float(np.log10(max(peak, 1e-30) / max(sigma, 1e-30)))
     jitter_rad = phase_jitter_rad(rows - np.float32(idle), strongest)
     middle = np.median(rows.real, axis=0) + 1j * np.median(rows.imag, axis=0)
-    far = np.abs(rows - middle) > SPIKE_TIMES * max(peak, 10 * sigma)
+    far = np.abs(rows - middle) > _SPIKE_TIMES * max(peak, 10 * sigma)
     equal = int((np.diff(rows, axis=0) == 0).all(axis=1).sum())
     spikes, clipped = int(far.sum()), clipped_samples(rows)
     report.figures |= {
@@ -242,11 +242,11 @@ def judge_signal(report: Report) -> None:
         judge("noise", "fail", why)
     else:
         judge("noise", "pass", f"{sigma:.3g} per sample")
-    is_strong = over_db >= WEAK_CLUTTER_DB
+    is_strong = over_db >= _WEAK_CLUTTER_DB
     why = f"strongest still echo {over_db:.1f} dB over the noise"
     judge("clutter", _warn_unless(is_strong), why)
     if is_strong:
-        level = _warn_unless(jitter_rad <= PHASE_JITTER_RAD)
+        level = _warn_unless(jitter_rad <= _PHASE_JITTER_RAD)
         judge("phase", level, f"jitter {jitter_rad:.3g} rad in the strongest bin")
     judge("spikes", _warn_unless(not spikes), f"{spikes} samples")
     judge("clipping", _warn_unless(not clipped), f"{clipped} samples at an end stop")
@@ -282,14 +282,14 @@ def phase_jitter_rad(rows: Samples, at: int) -> float:
 
 
 def clipped_samples(rows: Samples) -> int:
-    """Return how many samples lie at the highest or lowest value, `FLAT_RUN` in a row.
+    """Return how many samples lie at the highest or lowest value, `_FLAT_RUN` in a row.
 
     Noise reaches its extreme now and then, but not in neighbouring bins of one frame.
     """
     n = 0
     for part in (rows.real, rows.imag) if np.iscomplexobj(rows) else (rows,):
         for end in (part.max(), part.min()):
-            runs = np.lib.stride_tricks.sliding_window_view(part == end, FLAT_RUN, axis=1)
+            runs = np.lib.stride_tricks.sliding_window_view(part == end, _FLAT_RUN, axis=1)
             starts = np.flatnonzero(runs.all(axis=2).ravel())
-            n += int(starts.size and starts.size + FLAT_RUN - 1)
+            n += int(starts.size and starts.size + _FLAT_RUN - 1)
     return n

@@ -12,7 +12,7 @@ from x2radar.device.device import RadarStats, X2Radar
 from x2radar.errors import TransportClosed
 from x2radar.frame import Frame, StreamInfo
 
-MAX_WAITING = 64
+_MAX_WAITING = 64
 """Frames read ahead: a second of them at usual rates."""
 
 
@@ -29,7 +29,7 @@ class AsyncRadar:
     ...         print(frame.index)
     """
 
-    def __init__(self, radar: X2Radar, *, max_waiting: int = MAX_WAITING) -> None:
+    def __init__(self, radar: X2Radar, *, max_waiting: int = _MAX_WAITING) -> None:
         self._radar = radar
         self._room = threading.Semaphore(max_waiting)
         self._halt = threading.Event()

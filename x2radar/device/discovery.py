@@ -26,11 +26,11 @@ from x2radar.wire.framing import Packet, PacketData, PacketDecoder
 from x2radar.wire.messages import Ping, Pong, Unknown
 from x2radar.wire.wire_ids import PongCode
 
-ANSWER_S = 0.3
+_ANSWER_S = 0.3
 """How long a port is listened to: a module answers a ping within milliseconds."""
 
-BY_ID = Path("/dev/serial/by-id")
-LOCK_FOLDERS = (Path("/run/lock"), Path("/var/lock"))
+_BY_ID = Path("/dev/serial/by-id")
+_LOCK_FOLDERS = (Path("/run/lock"), Path("/var/lock"))
 _MAX_AT_ONCE = 16
 """Ports asked at the same time: more than most machines have."""
 
@@ -90,7 +90,7 @@ def list_ports() -> list[PortRow]:
     return rows
 
 
-def probe(path: str, timeout_s: float = ANSWER_S) -> str:
+def probe(path: str, timeout_s: float = _ANSWER_S) -> str:
     """Ping a port once, and listen; return what is there.
 
     That is 'ready', 'not ready' or 'safe mode', as a module answers; 'streams' for any other
@@ -120,7 +120,7 @@ def probe(path: str, timeout_s: float = ANSWER_S) -> str:
     return ""
 
 
-def find_module(candidates: Iterable[str] | None = None, timeout_s: float = ANSWER_S) -> str:
+def find_module(candidates: Iterable[str] | None = None, timeout_s: float = _ANSWER_S) -> str:
     """Return the only port on which a module answers, as it was given.
 
     `candidates` are all ports of this machine by default, but for radio links; they are asked
@@ -148,7 +148,7 @@ def find_module(candidates: Iterable[str] | None = None, timeout_s: float = ANSW
     raise PortNotFound(msg)
 
 
-def port_state(path: str, timeout_s: float = ANSWER_S) -> tuple[bool, str]:
+def port_state(path: str, timeout_s: float = _ANSWER_S) -> tuple[bool, str]:
     """Probe a port; return whether a module answers, and a few words for people."""
     try:
         said = probe(path, timeout_s)
@@ -183,7 +183,7 @@ def _refuse_locked(path: str) -> None:
     Terminal programs and modem managers do so; `SerialTransport` sees the other locks.
     """
     name = Path(path).resolve().name
-    for folder in LOCK_FOLDERS:
+    for folder in _LOCK_FOLDERS:
         try:
             holder = int((folder / f"LCK..{name}").read_text().split()[0])
             os.kill(holder, 0)
@@ -201,7 +201,7 @@ def _is_radio_link(path: str) -> bool:
 
 
 def _by_id(path: str) -> str:
-    if not BY_ID.is_dir():
+    if not _BY_ID.is_dir():
         return ""
     real = Path(path).resolve()
-    return next((str(link) for link in BY_ID.iterdir() if link.resolve() == real), "")
+    return next((str(link) for link in _BY_ID.iterdir() if link.resolve() == real), "")

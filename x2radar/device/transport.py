@@ -20,10 +20,10 @@ import serial
 
 from x2radar.errors import NoPort, PortBusy, PortDenied, PortError, PortNotFound, TransportClosed
 
-READ_SIZE = 1 << 16
+_READ_SIZE = 1 << 16
 """Most bytes of one read: more than any system's buffer of a serial port."""
 
-WRITE_TIMEOUT_S = 5.0
+_WRITE_TIMEOUT_S = 5.0
 """Until a port that takes no bytes counts as gone: ten times what any of its buffers takes."""
 
 TTY_CLASS = Path("/sys/class/tty")
@@ -62,7 +62,7 @@ class SerialTransport:
                 self._serial = serial.serial_for_url(url, baudrate=baud, timeout=0)
             else:
                 self._serial = serial.Serial(url, baudrate=baud, timeout=0, exclusive=True)
-            self._serial.write_timeout = WRITE_TIMEOUT_S
+            self._serial.write_timeout = _WRITE_TIMEOUT_S
         except (serial.SerialException, OSError, ValueError) as err:
             raise _port_error(url, err) from err
         self._is_socket = url.startswith("socket://")
@@ -98,8 +98,8 @@ class SerialTransport:
         if waiting and self._is_socket:
             # pyserial says 1 for any number of bytes on a socket.
             self._set_timeout(0)
-            waiting = READ_SIZE
-        data: bytes = self._serial.read(min(waiting, READ_SIZE))
+            waiting = _READ_SIZE
+        data: bytes = self._serial.read(min(waiting, _READ_SIZE))
         return data
 
     def _set_timeout(self, timeout_s: float) -> None:
@@ -236,7 +236,7 @@ class PtyTransport:
         """As in `Transport`."""
         with self._open_master() as master:
             ready, _, _ = select.select([master], [], [], max(timeout_s, 0))
-            return os.read(master, READ_SIZE) if ready else b""
+            return os.read(master, _READ_SIZE) if ready else b""
 
     def write(self, data: bytes) -> None:
         """As in `Transport`; waits while the terminal's buffer is full."""

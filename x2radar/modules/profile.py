@@ -27,16 +27,16 @@ from x2radar.wire.messages import (
 )
 from x2radar.wire.wire_ids import Led, Mode, OutputRef, Profile
 
-FRAME_RATE_HZ = 20.0
+_FRAME_RATE_HZ = 20.0
 """XTAN-11; measured 19.99."""
 
 SAMPLE_RATE_HZ = 39e9
-DECIMATION = 10
+_DECIMATION = 10
 _PULSE = PULSE_GENERATORS[6]
 """A user's figures of a real module, and the inferred pulse (docs/research/hardware.md)."""
 
 
-class ProfileRow(NamedTuple):
+class _ProfileRow(NamedTuple):
     """A profile of these modules: its id, and the zone that clients give it, in metres."""
 
     app_id: Profile
@@ -44,9 +44,9 @@ class ProfileRow(NamedTuple):
 
 
 PROFILES = {
-    "respiration": ProfileRow(Profile.RESPIRATION, (0.5, 1.2)),
-    "sleep": ProfileRow(Profile.SLEEP, (0.4, 2.0)),
-    "presence": ProfileRow(Profile.PRESENCE, (0.5, 3.3)),
+    "respiration": _ProfileRow(Profile.RESPIRATION, (0.5, 1.2)),
+    "sleep": _ProfileRow(Profile.SLEEP, (0.4, 2.0)),
+    "presence": _ProfileRow(Profile.PRESENCE, (0.5, 3.3)),
 }
 
 
@@ -78,7 +78,7 @@ class ProfileSettings(ModuleSettings):
     @classmethod
     def for_port(cls, rate_hz: float | None, kind: str | None) -> "ProfileSettings":
         """As in `ModuleSettings`: a profile runs at one rate and sends baseband only."""
-        if rate_hz not in {None, FRAME_RATE_HZ}:
+        if rate_hz not in {None, _FRAME_RATE_HZ}:
             msg = f"port key 'rate': {rate_hz:g}; the profiles of an X2M200 run at 20 only"
             raise SettingsError(msg)
         if kind not in {None, "baseband"}:
@@ -101,7 +101,7 @@ class ProfileSettings(ModuleSettings):
     @property
     def frame_rate_hz(self) -> float:
         """Frames per second: fixed."""
-        return FRAME_RATE_HZ
+        return _FRAME_RATE_HZ
 
     @property
     def axis(self) -> FastTimeAxis:
@@ -109,7 +109,7 @@ class ProfileSettings(ModuleSettings):
 
         A zone of 0.4 to 2.0 m makes 52 bins.
         """
-        bin_length_m = DECIMATION * SPEED_OF_LIGHT_MPS / (2 * SAMPLE_RATE_HZ)
+        bin_length_m = _DECIMATION * SPEED_OF_LIGHT_MPS / (2 * SAMPLE_RATE_HZ)
         return FastTimeAxis(
             kind="baseband",
             n_range=round((self.zone_end_m - self.zone_start_m + 0.4) / bin_length_m),

@@ -16,7 +16,7 @@ from x2radar.wire.messages import Message, SetMode, SetOutput, SetSysFloat, SetS
 from x2radar.wire.wire_ids import BasebandOutput, Mode, OutputRef, SysCfg
 
 SPEED_OF_LIGHT_MPS = 299_792_458.0
-SAMPLERS = 256
+_SAMPLERS = 256
 DAC_TOP = 8191
 PRF_HZ = 100e6
 """Samplers, 13-bit threshold DAC and pulse rate of the NVA6201, the chip of these modules."""
@@ -148,7 +148,7 @@ class RadarSettings(ModuleSettings):
         pulse = PULSE_GENERATORS[self.pulse_generator]
         return FastTimeAxis(
             kind="rf" if self.output == "rf" else "baseband",
-            n_range=SAMPLERS * self.frame_stitch,
+            n_range=_SAMPLERS * self.frame_stitch,
             bin_length_m=SPEED_OF_LIGHT_MPS / (2 * self.sample_rate_hz),
             range_offset_m=SPEED_OF_LIGHT_MPS * self.sample_delay_s / 2,
             carrier_hz=pulse.carrier_hz,

@@ -16,17 +16,17 @@ from x2radar.wire.messages import Message, SetMode, X4Init, X4Set
 from x2radar.wire.wire_ids import Mode, X4Setting
 
 SAMPLE_RATE_HZ = 23.328e9
-BASEBAND_STEP = 8
-PRF_SOURCE_HZ = 243e6
-DUTY = 0.95
+_BASEBAND_STEP = 8
+_PRF_SOURCE_HZ = 243e6
+_DUTY = 0.95
 """Sampler, decimation, pulse source and share of a frame that the sweep may take (XTAN-13)."""
 
-DEFAULT_ITERATIONS = 64
+_DEFAULT_ITERATIONS = 64
 """Two thirds of what 60 Hz has room for."""
 
 PULSES = {3: (7.29e9, 1.4e9), 4: (8.748e9, 1.5e9)}
 """Centre frequency and bandwidth at -10 dB, in hertz, by the driver's code."""
-SPAN_M = 1536 * SPEED_OF_LIGHT_MPS / (2 * SAMPLE_RATE_HZ)
+_SPAN_M = 1536 * SPEED_OF_LIGHT_MPS / (2 * SAMPLE_RATE_HZ)
 """The chip's 1536 samples, in metres."""
 
 X4_FIELDS: Mapping[int, tuple[str, ...]] = {
@@ -60,16 +60,16 @@ class X4Settings(ModuleSettings):
     dac_max: int = limited(1100, 0, 2047, "the same", is_whole=True)
     dac_step: int = limited(1, 1, 255, "the same; the step's code is inferred", is_whole=True)
     pulses_per_step: int = limited(16, 1, 65535, "integrated at each threshold", is_whole=True)
-    iterations: int = limited(DEFAULT_ITERATIONS, 1, 255, "sweeps summed", is_whole=True)
+    iterations: int = limited(_DEFAULT_ITERATIONS, 1, 255, "sweeps summed", is_whole=True)
     prf_divider: int = limited(16, 6, 255, "pulse rate = 243 MHz / divider", is_whole=True)
 
     def faults_together(self) -> Iterator[str]:
         """As in `ModuleSettings`."""
         span_m = self.area_end_m - self.area_start_m
-        if not 0 < span_m <= SPAN_M:
+        if not 0 < span_m <= _SPAN_M:
             yield (
                 f"area_end_m = {self.area_end_m:g}: must be above area_start_m, at most "
-                f"{SPAN_M:.2f} m behind it"
+                f"{_SPAN_M:.2f} m behind it"
             )
         if self.dac_max <= self.dac_min:
             yield f"dac_max = {self.dac_max}: must be above dac_min = {self.dac_min}"
@@ -101,7 +101,7 @@ class X4Settings(ModuleSettings):
                 return replace(
                     one,
                     frame_rate_hz=frame_rate_hz,
-                    iterations=min(DEFAULT_ITERATIONS, iterations),
+                    iterations=min(_DEFAULT_ITERATIONS, iterations),
                 )
         # No sweep is that fast: say so.
         return cls(frame_rate_hz=frame_rate_hz, is_baseband=is_baseband, pulses_per_step=1)
@@ -130,7 +130,7 @@ class X4Settings(ModuleSettings):
         The guide's formula has no `dac_step`: a coarser sweep may allow more.
         """
         sweep = self.iterations * self.pulses_per_step * (self.dac_max - self.dac_min + 1)
-        return PRF_SOURCE_HZ / self.prf_divider * DUTY / sweep
+        return _PRF_SOURCE_HZ / self.prf_divider * _DUTY / sweep
 
     @property
     def axis(self) -> FastTimeAxis:
@@ -138,7 +138,7 @@ class X4Settings(ModuleSettings):
 
         Both ends of the area have a bin (inferred).
         """
-        step = BASEBAND_STEP if self.is_baseband else 1
+        step = _BASEBAND_STEP if self.is_baseband else 1
         bin_length_m = step * SPEED_OF_LIGHT_MPS / (2 * SAMPLE_RATE_HZ)
         carrier_hz, bandwidth_hz = PULSES[self.centre_frequency]
         return FastTimeAxis(

@@ -42,7 +42,7 @@ START, END, ESC = 0x7D, 0x7E, 0x7F
 LENGTH_START = b"\x7c\x7c\x7c\x7c"
 LENGTH_HEADER = 9
 FAST = 0x51
-FAST_HEADER = 6
+_FAST_HEADER = 6
 MAX_PACKET = 1 << 17
 """Bytes of a packet: ten times the longest frame of any module with all of it escaped."""
 
@@ -377,11 +377,11 @@ class PacketDecoder:
         return 0
 
     def _fast(self, at: int, left: int) -> int:
-        if left < FAST_HEADER:
+        if left < _FAST_HEADER:
             return 0
         buffer = self._buffer
         n = int.from_bytes(buffer[at + 2 : at + 6], "little")
-        size = FAST_HEADER + n + 1
+        size = _FAST_HEADER + n + 1
         if n == 0 or size > MAX_PACKET:
             return self._escaped(at, left)
         if left < size:

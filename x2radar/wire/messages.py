@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from x2radar.wire.wire_ids import PING_SEED
 
-FloatArray = NDArray[np.float32]
-ByteArray = NDArray[np.uint8]
-IntArray = NDArray[np.int32]
+_FloatArray = NDArray[np.float32]
+_ByteArray = NDArray[np.uint8]
+_IntArray = NDArray[np.int32]
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,8 +168,8 @@ class BasebandIq(Message):
     sample_rate_hz: float
     carrier_hz: float
     range_offset_m: float
-    i: FloatArray
-    q: FloatArray
+    i: _FloatArray
+    q: _FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -181,8 +181,8 @@ class BasebandAp(Message):
     sample_rate_hz: float
     carrier_hz: float
     range_offset_m: float
-    amplitude: FloatArray
-    phase: FloatArray
+    amplitude: _FloatArray
+    phase: _FloatArray
 
 
 class BasebandIqOld(BasebandIq):
@@ -203,7 +203,7 @@ class Data(Message):
 
     content_id: int
     info: int
-    values: FloatArray | ByteArray | IntArray
+    values: _FloatArray | _ByteArray | _IntArray
 
 
 @dataclass(frozen=True, slots=True)
