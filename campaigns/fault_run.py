@@ -8,7 +8,6 @@ whether the daemon stands still and says nothing.
 
 import contextlib
 import math
-import random
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -254,11 +253,13 @@ class Run:
         classifier: Classifier | None = None,
     ) -> None:
         settings = RadarSettings.for_frame_rate(rate_hz)
+        name = f"module {seed}"  # its pauses follow from it
         self.radar = ReconnectingRadar(
             # The driver's own deadlines, also within tests, which are patient.
-            X2Radar(connect, settings, deadlines=Deadlines(), name="module", run_id="campaign"),
+            X2Radar(
+                connect, settings, deadlines=Deadlines(), name=f"module {seed}", run_id="campaign"
+            ),
             wait=True,
-            rng=random.Random(seed),  # noqa: S311 - jitter
             clock=clock.now,
             sleep=clock.sleep,
         )

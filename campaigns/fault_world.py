@@ -267,10 +267,13 @@ def clock_of(world: World) -> Iterator[None]:
 
     driver = x2radar.device
     modules: list[Any] = [driver.link, driver.bring_up, driver.device, driver.reconnect]
-    kept = [(m, name, getattr(m, name)) for m in modules for name in ("time", "threading")]
-    for module in modules:
-        module.time = SimpleNamespace(monotonic=world.now)
-        module.threading = SimpleNamespace(Event=Event)
+    made = {
+        "time": SimpleNamespace(monotonic=world.now),
+        "threading": SimpleNamespace(Event=Event),
+    }
+    kept = [(m, name, getattr(m, name)) for m in modules for name in made if hasattr(m, name)]
+    for module, name, _ in kept:
+        setattr(module, name, made[name])
     try:
         yield
     finally:
