@@ -256,9 +256,7 @@ class Run:
         name = f"module {seed}"  # its pauses follow from it
         self.radar = ReconnectingRadar(
             # The driver's own deadlines, also within tests, which are patient.
-            X2Radar(
-                connect, settings, deadlines=Deadlines(), name=f"module {seed}", run_id="campaign"
-            ),
+            X2Radar(connect, settings, deadlines=Deadlines(), name=name, run_id="campaign"),
             wait=True,
             clock=clock.now,
             sleep=clock.sleep,
