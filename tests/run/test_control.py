@@ -2,17 +2,18 @@
 
 import json
 import os
+import shutil
 import socket
 import stat
-import time
 from importlib import resources
 
 import jsonschema
 import pytest
 
-from radard.alarm import state_store
 from radard.alarm.sensor_state import SensorState
+from radard.alarm.state_store import StateStore
 from radard.cli import main
+from radard.log import EventLog
 from radard.run import control
 from radard.run.control import ask, control_path
 from tests.daemon_helpers import launcher
@@ -183,18 +184,13 @@ def test_a_socket_that_was_left_behind_is_replaced_and_one_in_use_is_not(tmp_pat
     assert daemon.stop() == 0
 
 
-def test_what_was_answered_is_on_disk_and_holds_after_a_kill(tmp_path, launch, said, monkeypatch):
+def test_what_was_answered_is_on_disk_and_holds_after_a_kill(tmp_path, launch, said):
     daemon = running(launch, tmp_path)
-    plain = state_store.write_atomically
-
-    def slow(*args, **options):
-        # Longer than the command's own answer takes, if that does not wait for the disk.
-        time.sleep(0.4)
-        plain(*args, **options)
-
-    monkeypatch.setattr(state_store, "write_atomically", slow)
-    file = tmp_path / "state" / "radar.sim.json"
-    for command, is_armed in (("disarm", False), ("arm", True)):
+    for k, (command, is_armed) in enumerate((("disarm", False), ("arm", True))):
         assert said(command)[0] == 0
-        assert json.loads(file.read_text())["is_armed"] is is_armed
+        # What the next run would find.
+        copy = shutil.copytree(tmp_path / "state", tmp_path / f"killed{k}")
+        events = EventLog(copy / "log.db")
+        assert StateStore(events, "radar.sim").load(is_armed=not is_armed).is_armed is is_armed
+        events.close()
     assert daemon.stop() == 0

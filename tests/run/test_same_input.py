@@ -1,13 +1,14 @@
 """The same input gives the same output: what was done yesterday changes nothing unasked."""
 
-import json
 import subprocess
 
 import pytest
 
+from radard.alarm.state_store import KeptState, StateStore
 from radard.config.config import load_config
 from radard.config.directories import saved_file
 from radard.config.saved import change
+from radard.log import EventLog
 from tests.alarm_helpers import write_recording
 from tests.radar_helpers import noise, python, run_radard
 
@@ -29,12 +30,14 @@ def state(tmp_path, monkeypatch):
 def yesterday(folder):
     """Leave what a page, a command or another run leaves."""
     folder.mkdir(parents=True)
+    events = EventLog(folder / "log.db")
     for mark in ("", ".sim"):
+        StateStore(events, f"radar{mark}").save(KeptState(is_armed=False))
         (folder / f"radar{mark}.settings.yaml").write_text(SETTINGS)
         (folder / f"radar{mark}.zones.yaml").write_text(ZONES)
-        (folder / f"radar{mark}.json").write_text(json.dumps({"is_armed": False}))
         (folder / f"radar{mark}.room.json").write_text("{}")
         (folder / f"radar{mark}.calibration.json").write_text("{}")
+    events.close()
 
 
 def ran(*argv):
@@ -71,7 +74,7 @@ def test_what_is_asked_for_is_taken_and_said(state, tmp_path):
     assert hello["sensitivity"] == "low"
     assert not any(r["type"] == "event" and r["kind"] == "alarm" for r in lines)
     names = {line.partition(":")[0].rpartition("/")[2] for line in hello["taken"]}
-    expected = {"radar.sim.settings.yaml", "radar.sim.zones.yaml", "radar.sim.json"}
+    expected = {"radar.sim.settings.yaml", "radar.sim.zones.yaml", "log.db"}
     assert names == {*expected, "radar.sim.room.json"}
     (line,) = [line for line in err.splitlines() if "nobody named" in line]
     assert all(each in line for each in hello["taken"])

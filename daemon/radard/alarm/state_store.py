@@ -53,13 +53,17 @@ class StateStore:
         self._name = None if name is None else f"panel {name}"
         self._now_s = now_s
         self._keeps_alarms = keeps_alarms
+        self.has_kept = False
+        """Whether `load` has found anything."""
         self._saved: KeptState | None = None
         self._text: str | None = None
 
     def load(self, *, is_armed: bool) -> KeptState:
         """Return what was kept; without anything, a state without an alarm that is so armed."""
         self._text = None if self._name is None else self._log.kept(self._name)
-        kept = self._read(self._text) or KeptState(is_armed=is_armed)
+        found = self._read(self._text)
+        self.has_kept = found is not None
+        kept = found or KeptState(is_armed=is_armed)
         self._saved = kept if self._keeps_alarms else _word_of(kept)
         return self._saved
 

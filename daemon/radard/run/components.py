@@ -13,7 +13,13 @@ from radard.alarm.state_store import StateStore
 from radard.alarm.zones import Zones, sight_of, zone_fault, zone_warnings
 from radard.clips.keeper import ClipKeeper
 from radard.config.config import Config
-from radard.config.directories import calibration_file, clip_dir, named_state_dir, state_dir
+from radard.config.directories import (
+    calibration_file,
+    clip_dir,
+    log_path,
+    named_state_dir,
+    state_dir,
+)
 from radard.config.quiet_hours import Now, QuietHours, parse_quiet, time_zone
 from radard.config.sections import AUTO_MODEL
 from radard.detect.calibration import Calibration, load_calibration
@@ -191,9 +197,16 @@ def make_store(config: Config, events: EventLog, *, is_live: bool) -> StateStore
     return StateStore(events, path.stem if path else None, keeps_alarms=is_named)
 
 
-def taken_of(config: Config, pipeline: Pipeline, *, is_live: bool) -> tuple[str, ...]:
-    """Return what a run takes from files that nobody named, for people."""
-    files = [_kept_file(config, ending, is_live=is_live) for ending in ("json", "room.json")]
+def taken_of(
+    config: Config, pipeline: Pipeline, *, is_live: bool, has_state: bool
+) -> tuple[str, ...]:
+    """Return what a run takes from files that nobody named, for people.
+
+    `has_state` says that how the sensor is armed was kept.
+    """
+    files = [_kept_file(config, "room.json", is_live=is_live)]
+    if has_state:
+        files.append(log_path(config))
     if config.gate.calibration == "auto" and pipeline.calibration is not None:
         files.append(calibration_file(config))
     return (*config.taken, *(str(path) for path in files if path is not None and path.is_file()))

@@ -339,6 +339,8 @@ class Sensor:
 
 def _hello(worker: Worker, parts: Parts, opened: OpenedSensor, mark: str) -> Record:
     is_armed = worker.tracker.panel.is_armed
-    taken = taken_of(parts.config, parts.pipeline, is_live=opened.is_live)
+    taken = taken_of(
+        parts.config, parts.pipeline, is_live=opened.is_live, has_state=worker.has_kept
+    )
     hello = hello_record(parts.pipeline, parts.config, is_armed=is_armed, taken=taken)
     return marked({**hello, "module": getattr(opened.source, "module", None)}, mark)

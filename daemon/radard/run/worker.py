@@ -63,6 +63,8 @@ class Worker:
         sensor = f" {config.sensor.name}" if config.is_one_of_several else ""
         run = f" {parts.pipeline.stream.run_id}{sensor}"
         self.tracker = EventTracker(panel, parts.see, run)
+        self.has_kept = store.has_kept
+        """Whether how the sensor is armed was kept."""
         self._kept_events = self.tracker.resume(kept)
         self._is_moved = False
         self._room: RoomCalibration | None = None
