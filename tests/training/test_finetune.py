@@ -2,7 +2,9 @@
 
 import itertools
 import json
+import shutil
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import onnx
@@ -41,22 +43,43 @@ def windows(folder, n, seed):
     return folder
 
 
-@pytest.fixture(scope="module", params=["summed", "temporal"])
-def made(request, tmp_path_factory):
-    """Return a folder: a bundle that takes all for people, guards, and clips of a dog."""
-    folder = tmp_path_factory.mktemp("finetune")
-    network = replace(tiny()[0], temperature=12.0)
-    write_tiny(folder, network)
-    if request.param == "temporal":
-        give_head(folder / "tiny.onnx", temperature=2.5)
-    windows(folder / "guard", 1536, 5)
-    windows(folder / "mix", 384, 6)
+@pytest.fixture(scope="module")
+def folder_of(tmp_path_factory):
+    """Return what makes a folder: a bundle that takes all for people, guards, clips of a dog."""
+    clips = tmp_path_factory.mktemp("clips")
     for seed in (1, 2, 3):
         port = f"sim:dog_trot?seed={seed}"
         argv = ("--port", port, "--model", "none", "--speed", "max", "--duration", "8")
-        record = ("--record", str(folder / f"dog{seed}.h5"), "-o", "null")
+        record = ("--record", str(clips / f"dog{seed}.h5"), "-o", "null")
         assert run_radard(*argv, *record)[0] == 0
-    return folder
+
+    @cache
+    def make(kind):
+        folder = tmp_path_factory.mktemp(kind)
+        shutil.copytree(clips, folder, dirs_exist_ok=True)
+        write_tiny(folder, replace(tiny()[0], temperature=12.0))
+        if kind == "temporal":
+            give_head(folder / "tiny.onnx", temperature=2.5)
+        windows(folder / "guard", 1536, 5)
+        windows(folder / "mix", 384, 6)
+        return folder
+
+    return make
+
+
+@pytest.fixture(scope="module", params=["summed", "temporal"])
+def each(request, folder_of):
+    return folder_of(request.param)
+
+
+@pytest.fixture(scope="module")
+def each_bundle(each):
+    return load_bundle(str(each / "tiny.onnx"))
+
+
+@pytest.fixture(scope="module")
+def made(folder_of):
+    return folder_of("summed")
 
 
 @pytest.fixture(scope="module")
@@ -85,19 +108,19 @@ def test_who_names_no_bundle_begins_with_the_one_that_judged_the_clips(made, tmp
     assert "a name of its own" in capsys.readouterr().err
 
 
-def test_own_clips_become_quiet_and_radard_runs_the_bundle(made, bundle, tmp_path, capsys):
+def test_own_clips_become_quiet_and_radard_runs_the_bundle(each, each_bundle, tmp_path, capsys):
     # By the dashboard's labels, and, for the bundle with a head, by name.
-    is_labelled = not bundle.n_hidden
+    is_labelled = not each_bundle.n_hidden
     out = ("--out", str(tmp_path), "--epochs", "20")
-    clips = [(str(k), "pet", str(made / f"dog{k}.h5"), "alarm") for k in (1, 2, 3)]
-    gone = ("4", "pet", str(made / "gone.h5"), "alarm")
+    clips = [(str(k), "pet", str(each / f"dog{k}.h5"), "alarm") for k in (1, 2, 3)]
+    gone = ("4", "pet", str(each / "gone.h5"), "alarm")
     labels = ["--labels", str(label_file(tmp_path, *clips, gone))]
-    assert finetune(made, *(labels if is_labelled else dogs(made)), *out) == 0
+    assert finetune(each, *(labels if is_labelled else dogs(each)), *out) == 0
     said = capsys.readouterr().out
     assert "wrote" in said
     assert (f"left out: {ULID}4: its clip is gone" in said) is is_labelled
     sidecar = json.loads((tmp_path / "own.json").read_text())
-    base = json.loads((made / "tiny.json").read_text())
+    base = json.loads((each / "tiny.json").read_text())
     same = ("schema", "inputs", "features", "stream", "classes", "temperature", "pet_limit")
     assert {k: sidecar[k] for k in same} == {k: base[k] for k in same}
     assert sidecar.get("hidden") == base.get("hidden")
@@ -107,7 +130,7 @@ def test_own_clips_become_quiet_and_radard_runs_the_bundle(made, bundle, tmp_pat
     assert "of the way from the old weights" in about["detail"]
     assert [clip["file"] for clip in about["own"]] == ["dog1.h5", "dog2.h5", "dog3.h5"]
     # Where somebody keeps recordings is nobody's business.
-    assert str(made / "dog1") not in (tmp_path / "own.json").read_text()
+    assert str(each / "dog1") not in (tmp_path / "own.json").read_text()
     metrics = sidecar["metrics"]
     assert metrics["own clips of pets with an alarm, before"] == 3
     assert metrics["own clips of pets with an alarm, after"] == 0
@@ -115,30 +138,32 @@ def test_own_clips_become_quiet_and_radard_runs_the_bundle(made, bundle, tmp_pat
         rise = metrics[f"people missed, {what}, after"] - metrics[f"people missed, {what}, before"]
         assert rise <= 0.0015
     assert "own clips of pets with an alarm | 3 of 3" in (tmp_path / "own.md").read_text()
-    port = f"replay:{made / 'dog1.h5'}"
-    for model, has_alarm in ((made / "tiny.onnx", True), (tmp_path / "own.onnx", False)):
+    port = f"replay:{each / 'dog1.h5'}"
+    for model, has_alarm in ((each / "tiny.onnx", True), (tmp_path / "own.onnx", False)):
         code, records, _ = run_radard("--port", port, "--model", str(model), "-o", "json")
         assert code == 0
         assert any(r.get("alarm") for r in records if r["type"] == "decision") is has_alarm
 
 
-def test_a_graph_is_trained_as_onnxruntime_runs_it(bundle):
+def test_a_graph_is_trained_as_onnxruntime_runs_it(each_bundle):
     windows = toy(24, seed=8)
     given = {name: windows[name] for name in NAMES}
-    net = GraphNet(bundle.onnx)
+    net = GraphNet(each_bundle.onnx)
     is_first = np.arange(24) % 4 == 0
-    again, first = (outputs_of(x, given, is_first=is_first) for x in (net.to_onnx(), bundle.onnx))
+    again, first = (
+        outputs_of(x, given, is_first=is_first) for x in (net.to_onnx(), each_bundle.onnx)
+    )
     np.testing.assert_array_equal(again.logits, first.logits)
     np.testing.assert_array_equal(again.fused, first.fused)
-    model = onnx.load_from_string(bundle.onnx)
+    model = onnx.load_from_string(each_bundle.onnx)
     model.graph.node[0].op_type = "Cos"
     with pytest.raises(UsageError, match="has Cos, which cannot be trained"):
         GraphNet(model.SerializeToString())
 
 
 @pytest.mark.parametrize("policy", ["fused", "window"])
-def test_misses_count_people_alone_by_the_policy(bundle, policy):
-    bundle = replace(bundle, policy=policy)
+def test_misses_count_people_alone_by_the_policy(each_bundle, policy):
+    bundle = replace(each_bundle, policy=policy)
     guard = Guard(toy(96), ({},))
     sure = np.zeros((96, 3))
     # Everybody is a pet: all people are missed; everybody is a person: none is.
@@ -166,15 +191,15 @@ def test_the_bound_is_on_windows_and_on_passages(windows_more, passages_more, is
     assert before.allows(fused) is is_allowed
 
 
-def test_who_leaves_while_the_alarm_waits_is_an_alarm(bundle):
+def test_who_leaves_while_the_alarm_waits_is_an_alarm(each_bundle):
     log_p = np.log([[0.5, 0.3, 0.2]])
-    unsure = Answers(bundle.temperature * log_p, log_p if bundle.n_hidden else None)
-    alarms = list(alarms_of(bundle, unsure, np.array([True]), np.array([3.0])))
+    unsure = Answers(each_bundle.temperature * log_p, log_p if each_bundle.n_hidden else None)
+    alarms = list(alarms_of(each_bundle, unsure, np.array([True]), np.array([3.0])))
     assert alarms == [True]
     twice = Answers(
         *(None if x is None else np.repeat(x, 2, 0) for x in (unsure.logits, unsure.fused))
     )
-    alarms = list(alarms_of(bundle, twice, np.array([True, True]), np.array([3.0, 30.0])))
+    alarms = list(alarms_of(each_bundle, twice, np.array([True, True]), np.array([3.0, 30.0])))
     assert alarms == [True, True]
 
 
