@@ -267,10 +267,14 @@ class Listener:
 
 
 class Relay:
-    """A port at which nobody answers, until it is opened to another on this machine."""
+    """A port at which nobody answers, until it is opened to another on this machine.
 
-    def __init__(self, far_port: int):
+    With `max_bytes` it hangs up at a larger MQTT packet of a client, as brokers do.
+    """
+
+    def __init__(self, far_port: int, max_bytes: int | None = None):
         self.port = free_port()
+        self._max_bytes = max_bytes
         self._far_port = far_port
         self._server: socket.socket | None = None
         self._ends: list[socket.socket] = []
@@ -286,8 +290,24 @@ class Relay:
                 near, _ = server.accept()
                 far = socket.create_connection(("127.0.0.1", self._far_port))
                 self._ends += [near, far]
-                for ends in ((near, far), (far, near)):
-                    threading.Thread(target=self._pump, args=ends, daemon=True).start()
+                there = self._pump if self._max_bytes is None else self._pump_packets
+                for pump, ends in ((there, (near, far)), (self._pump, (far, near))):
+                    threading.Thread(target=pump, args=ends, daemon=True).start()
+
+    def _pump_packets(self, source, target):
+        """Hand on whole packets (MQTT 3.1.1, 2.2) while they are small enough."""
+        with contextlib.suppress(OSError, IndexError), source.makefile("rb") as packets:
+            while True:
+                head, size, shift = packets.read(1), 0, 0
+                while not shift or head[-1] & 0x80:
+                    head += packets.read(1)
+                    size, shift = size | (head[-1] & 0x7F) << shift, shift + 7
+                if size > self._max_bytes:
+                    break
+                target.sendall(head + packets.read(size))
+        for end in (source, target):
+            with contextlib.suppress(OSError):
+                end.shutdown(socket.SHUT_RDWR)
 
     @staticmethod
     def _pump(source, target):

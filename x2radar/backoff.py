@@ -18,7 +18,7 @@ class Backoff:
     def __init__(self, first_s: float, longest_s: float, name: str) -> None:
         self._first_s = first_s
         self._longest_s = longest_s
-        self._factor = 1.0 - zlib.crc32(name.encode()) % 1000 / 3000
+        self._factor = 1.0 - zlib.crc32(name.encode(errors="surrogateescape")) % 1000 / 3000
         self._next_s = first_s
 
     def next_s(self) -> float:

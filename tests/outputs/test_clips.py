@@ -1,8 +1,10 @@
 """Clips: the frames around an alarm, kept whole, replayed alike, and never too many."""
 
+import contextlib
 import fcntl
 import json
 import os
+import shutil
 import struct
 import subprocess
 import sys
@@ -14,13 +16,13 @@ import h5py
 import numpy as np
 import pytest
 
-from radard.clips.clip_file import ClipFile, ClipWriter, make_room
+from radard.clips.clip_file import ClipFile, ClipWriter
 from radard.clips.keeper import ClipKeeper
+from radard.clips.room import date_last, limit_size, prepare_folder
 from radard.clips.spectrogram_png import PictureMaker, decode_png, encode_png
 from radard.config.sections import ClipsSection
 from radard.errors import OutputError
 from tests.radar_helpers import BASEBAND, noise, run_radard
-from tests.waiting import wait_for
 from x2radar.frame import Frame, StreamInfo
 from x2radar.recording.registry import open_recording
 
@@ -240,26 +242,22 @@ def test_no_clip_reaches_back_over_a_restart(tmp_path):
     assert span(path)[0] == 1 + 60 * 10
 
 
-def test_a_full_disk_is_a_complaint_and_the_next_clip_is_tried(tmp_path):
-    keeper, feeder = make_keeper(tmp_path, free_mb=1e12)
+@pytest.mark.parametrize("is_full", [True, False])
+def test_without_room_there_is_no_clip_and_a_complaint_and_the_next_is_tried(tmp_path, is_full):
+    if not is_full:
+        (tmp_path / "clips").write_text("a file")
+    keeper, feeder = make_keeper(tmp_path, free_mb=1e12 if is_full else 0.0)
     feeder.hop(3)
-    assert keeper.begin(event(), feeder.t_s)
-    feeder.after(is_seen=False, n=5)
-    wait_for(lambda: keeper.complaint)
-    assert "MB are free" in keeper.complaint
-    keeper._folder.rmdir()
-    assert keeper.begin(event(), feeder.t_s)
-    assert keeper.close(60.0)
-
-
-def test_a_folder_that_cannot_be_made(tmp_path):
-    (tmp_path / "clips").write_text("a file")
-    keeper, feeder = make_keeper(tmp_path)
-    feeder.hop(3)
-    keeper.begin(event(), feeder.t_s)
+    assert keeper.begin(event(), feeder.t_s) is None
+    assert ("MB are free" if is_full else "File exists") in keeper.complaint
+    keeper._settings = keeper._settings.model_copy(update={"free_mb": 0.0})
+    if not is_full:
+        (tmp_path / "clips").unlink()
+    path = keeper.begin(event(), feeder.t_s)
     feeder.after(is_seen=False, n=5)
     assert keeper.close(60.0)
-    assert keeper.complaint
+    assert Path(path).is_file()
+    assert not keeper.complaint
 
 
 def test_a_run_whose_clips_fail_goes_on_degraded(tmp_path, monkeypatch):
@@ -273,9 +271,8 @@ def test_a_run_whose_clips_fail_goes_on_degraded(tmp_path, monkeypatch):
     degraded = [r for r in records if r["type"] == "status" and r["state"] == "degraded"]
     assert degraded
     assert degraded[0]["reason"].startswith("clips: ")
-    later = [r for r in records if r["type"] == "event" and r["phase"] == "update"]
-    assert later
-    assert later[-1]["clip"] is None
+    alarms = [r for r in records if r["type"] == "event" and r["kind"] == "alarm"]
+    assert {alarm["clip"] for alarm in alarms} == {None}
 
 
 def test_after_a_kill_the_frames_are_there(tmp_path):
@@ -301,25 +298,62 @@ def test_a_reader_keeps_no_decision_out_of_a_clip(tmp_path):
 
 
 def test_an_existing_file_is_not_overwritten(tmp_path):
-    writer = ClipWriter(STREAM, tmp_path, keep_bytes=1e9, free_bytes=0)
+    writer = ClipWriter(STREAM, keep_bytes=1e9)
     (tmp_path / f"{'0' * 26}.h5").write_text("mine")
     with pytest.raises(OutputError, match="exists already"):
         writer.open(tmp_path / f"{'0' * 26}.h5", 0, "2026-01-01T00:00:00Z", {})
     assert writer.write([frame(0)]) is writer.finish([], {}) is False
 
 
+def clip_of(folder, k, at_s=None):
+    """The two files of a clip, of a thousand bytes each."""
+    for suffix in ("h5", "png"):
+        path = folder / f"{str(k) * 26}.{suffix}"
+        path.write_bytes(b"x" * 1000)
+        if at_s is not None:
+            os.utime(path, (at_s, at_s))
+    return path
+
+
+def kept(folder):
+    return "".join(sorted({path.name[0] for path in folder.iterdir()}))
+
+
 def test_retention_takes_the_oldest_clips_and_nothing_else(tmp_path):
     for k in range(5):
-        for suffix in ("h5", "png"):
-            path = tmp_path / f"{str(k) * 26}.{suffix}"
-            path.write_bytes(b"x" * 1000)
-            os.utime(path, (1000 + k, 1000 + k))
+        clip_of(tmp_path, k, 1000 + k)
     (tmp_path / "holiday.h5").write_bytes(b"x" * 10_000)
-    assert make_room(tmp_path, keep_bytes=6000, free_bytes=0)
-    left = sorted(p.name[0] for p in tmp_path.iterdir())
-    assert left == ["2", "2", "3", "3", "4", "4", "h"]
-    assert not make_room(tmp_path, keep_bytes=6000, free_bytes=1e18)
-    assert [p.name for p in tmp_path.iterdir()] == ["holiday.h5"]
+    limit_size(tmp_path, keep_bytes=6000)
+    assert kept(tmp_path) == "234h"
+    limit_size(tmp_path, keep_bytes=0)
+    assert kept(tmp_path) == "4h"
+
+
+@pytest.mark.parametrize(
+    ("free", "floor", "left"), [(5000, 5000, "012"), (5000, 7000, "12"), (0, 6001, "012")]
+)
+def test_nothing_is_deleted_unless_that_makes_the_room(tmp_path, monkeypatch, free, floor, left):
+    for k in range(3):
+        clip_of(tmp_path, k, 1000 + k)
+    whole = 6000 + free
+
+    def usage(folder):
+        used = sum(path.stat().st_size for path in folder.iterdir())
+        return shutil._ntuple_diskusage(whole, used, whole - used)
+
+    monkeypatch.setattr("radard.clips.room.shutil.disk_usage", usage)
+    with contextlib.nullcontext() if left != "012" or free else pytest.raises(OutputError):
+        prepare_folder(tmp_path, free_bytes=floor)
+    assert kept(tmp_path) == left
+
+
+def test_a_clock_that_was_ahead_takes_no_later_clip(tmp_path):
+    for k in range(3):
+        clip_of(tmp_path, k, 4e9 + k)
+    for k in range(3, 6):
+        date_last(clip_of(tmp_path, k))
+        limit_size(tmp_path, keep_bytes=6000)
+    assert kept(tmp_path) == "345"
 
 
 def test_a_png_holds_the_picture():
@@ -381,7 +415,7 @@ from tests.outputs.test_clips import STREAM
 keeper = ClipKeeper(ClipsSection(), Path(sys.argv[1]), STREAM, 147, {})
 holds = threading.Event()
 
-def slow(writer):
+def slow():
     with phil:
         holds.set()
         time.sleep(2)

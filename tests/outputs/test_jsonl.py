@@ -132,3 +132,16 @@ def test_the_mode_of_files_that_are_there_is_left(tmp_path):
     # The next file of a rotation is read by whoever read the one before.
     assert (tmp_path / "a.jsonl.2").exists()
     assert {mode_of(each) for each in tmp_path.iterdir()} == {0o640}
+
+
+@pytest.mark.parametrize("scheme", ["json", "store", "exec"])
+def test_names_with_bytes_that_are_no_text_are_taken(tmp_path, scheme):
+    path = tmp_path / os.fsdecode(b"k\xfcche")
+    if scheme == "exec":
+        path.write_text("#!/bin/sh\ncat > /dev/null\n")
+        path.chmod(0o755)
+    sink = open_sink(f"{scheme}:{path}", state_dir=tmp_path)
+    sink.write({**event(1), "clip": str(path)})
+    wait_for(lambda: sink.state.n_sent == 1)
+    sink.close()
+    assert sink.log.events()[0].clip == str(path)

@@ -140,7 +140,7 @@ def test_sensitivity_is_chosen_and_shown(publish, listen, tmp_path):
     for payload in ("deaf", "", "high"):
         listener.say(parts["cmd_t"], payload)
     wait_for(lambda: radar.heard == ["reload"])
-    assert "sensitivity: high" in (tmp_path / "radar.settings.yaml").read_text()
+    assert 'sensitivity: "high"' in (tmp_path / "radar.settings.yaml").read_text()
     radar.shown = SensorState(sensitivity="high")
     wait_for(lambda: state(listener)["sensitivity"] == "high")
 

@@ -21,6 +21,7 @@ from tests.sink_helpers import (
     Listener,
     MqttBroker,
     Radar,
+    Relay,
     decision,
     event,
     hello,
@@ -287,6 +288,44 @@ def test_events_survive_an_outage_and_a_restart(publish, listen, broker):
     wait_for(lambda: again.state.is_ok)
 
 
+@pytest.mark.parametrize("max_bytes", [10_000, 4096])
+def test_a_broker_that_limits_packets_gets_every_event_and_the_rest_is_said(
+    listen, broker, tmp_path, max_bytes
+):
+    listener, relay = listen("#"), Relay(broker.port, max_bytes)
+    relay.open()
+    clip = tmp_path / f"{ulid(1)}.h5"
+    clip.with_suffix(".png").write_bytes(b"x" * 20_000)
+    options = SinkOptions(log=QUICK, mqtt=MqttSection(keepalive_s=1))
+    sink = open_sink(f"mqtt://127.0.0.1:{relay.port}", options)
+    for record in (hello(), status("online"), decision(1)):
+        sink.write(record)
+    for n in range(1, 31):
+        sink.write({**event(n), "clip": str(clip)})
+    wait_for(lambda: set(ids(listener)) == {ulid(n) for n in range(1, 31)})
+    wait_for(lambda: sink.state.remark)
+    wait_for(lambda: last(listener, "state"))
+    sink.write(event(31))
+    wait_for(lambda: ulid(31) in ids(listener))
+    assert "picture is left out" in sink.state.remark or max_bytes == 4096
+    sink.close(1.0)
+    relay.close()
+
+
+def test_a_test_alarm_is_an_event_and_sounds_no_siren(publish, listen):
+    listener = listen(f"{BASE}/#")
+    sink = publish(discovery="off")
+    for record in (hello(), status("online"), decision(1), {**event(1), "test": True}):
+        sink.write(record)
+    wait_for(lambda: ids(listener) and last(listener, "state"))
+    sink.write(event(2))
+    wait_for(lambda: json.loads(last(listener, "state"))["alarm"])
+    panels = [json.loads(body)["panel"] for body in listener.on(f"{BASE}/state")]
+    assert (panels[0], panels[-1]) == ("armed_away", "triggered")
+    sink.write({**event(2, phase="end"), "test": True})
+    assert json.loads(listener.on(f"{BASE}/event")[0])["test"] is True
+
+
 def test_a_second_sink_delivers_nothing_twice(publish, listen):
     listener = listen(f"{BASE}/event")
     for k in (1, 2):
@@ -377,7 +416,7 @@ def test_passwords_right_and_wrong(tmp_path):
         ("mqtt://u:secret@h", "no password in the URL"),
         ("mqtt://h:70000", "out of range"),
         ("mqtt://h/a/#", "nothing may follow"),
-        ("mqtt://h/a+b", "the prefix holds"),
+        ("mqtt://h/a+b", "what no topic may"),
         ("mqtt://h?x=1", "nothing may follow"),
     ],
 )

@@ -58,6 +58,14 @@ def test_a_post_has_sensor_id_token_and_signature(server, tmp_path):
     sink.close()
 
 
+def test_what_a_url_may_not_hold_is_quoted(server):
+    sink = opened(f"webhook:http://127.0.0.1:{server.port}/alarm k\u00fcche?a=b c&d=%20")
+    sink.write(event(1))
+    wait_for(lambda: server.posts)
+    assert server.posts[0][0] == "/alarm%20k%C3%BCche?a=b%20c&d=%20"
+    sink.close()
+
+
 @pytest.mark.parametrize("code", [500, 503, 429, 401, 302])
 def test_a_server_in_trouble_gets_it_later_with_the_same_id(server, code):
     server.code = code
@@ -289,8 +297,8 @@ def test_syslog_over_tcp_is_lines_and_outlives_its_server():
         for n in (1, 2):
             sink.write({**event(n), "reason": f"human\nat {n} m"})
             text = served()
-            assert text.startswith("<25>radard[")
-            assert f"hall: alarm new: human at {n} m" in text
+            assert re.match(r"<25>1 2026-\S+Z \S+ radard \d+ event - hall: alarm new: ", text)
+            assert f"human at {n} m" in text
         sink.close()
 
 
@@ -374,8 +382,9 @@ def test_syslog_over_udp_with_severity():
         told = [far.recv(4096).decode() for _ in range(3)]
         sink.close()
     facility = 19 << 3
-    heads = [text.partition("radard")[0] for text in told]
-    assert heads == [f"<{facility | severity}>" for severity in (1, 5, 4)]
+    heads = [re.match(r"(<\d+>1) 20\S+Z \S+ radard \d+ \w+ - hall: ", text)[1] for text in told]
+    assert heads == [f"<{facility | severity}>1" for severity in (1, 5, 4)]
+    assert not any("\0" in text for text in told)
     assert "hall: alarm new: human at 1.0 m" in told[0]
     assert "offline: device absent" in told[2]
 
@@ -386,6 +395,11 @@ def test_syslog_over_udp_with_severity():
         ("webhook:ftp://h/", UsageError, "webhook:http://HOST"),
         ("webhook:http://u:secret@h/", UsageError, "do not belong there"),
         ("webhook:@/nowhere/url", ConfigError, "No such file"),
+        ("webhook:http://h ost/", ConfigError, "holds a blank"),
+        ("webhook:http://u:secret@h\n/", ConfigError, "holds a blank"),
+        ("mqtt://h ost/a", ConfigError, "holds a blank"),
+        ("mqtt://h/a\udcff", UsageError, "what no topic may"),
+        ("syslog:udp://h ost", ConfigError, "holds a blank"),
         ("exec:/nowhere/program", OutputError, "no such program"),
         ("exec:'", UsageError, "No closing quotation"),
         ("exec: ", UsageError, "no command"),

@@ -9,8 +9,6 @@ frame) and `version`.
 
 import contextlib
 import json
-import re
-import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -18,6 +16,7 @@ from typing import Any
 import h5py
 import numpy as np
 
+from radard.clips.room import date_last, limit_size
 from radard.clips.spectrogram_png import PictureMaker, Rgb, encode_png
 from radard.config.atomic import write_atomically
 from radard.errors import FeatureError, OutputError
@@ -25,7 +24,6 @@ from x2radar.errors import RecordingError
 from x2radar.frame import Frame, StreamInfo
 from x2radar.recording.hdf5_writer import RecordingWriter, reopened
 
-_NAME = re.compile(r"[0-9A-HJKMNP-TV-Z]{26}\.(h5|png)")
 _TEXTS = ("gate", "label")
 _NUMBERS = (
     "power_db",
@@ -85,7 +83,10 @@ class ClipFile:
     def _draw(self, picture: Rgb | None) -> None:
         if picture is not None:
             png = encode_png(picture, self._picture.axes())
-            write_atomically(self.path.with_suffix(".png"), png, sync=False)
+            path = self.path.with_suffix(".png")
+            write_atomically(path, png, sync=False)
+            # The picture dates the clip: the recording has the clock's time while it grows.
+            date_last(path)
 
     def finish(self, decisions: Sequence[Mapping[str, Any]], event: Mapping[str, Any]) -> None:
         """Close the clip and add what was decided, in order, as the JSON Lines contract has it.
@@ -121,31 +122,17 @@ class ClipWriter:
 
     Each returns whether a clip has just been made without fault, and raises OutputError or
     OSError when the clip at hand cannot go on; what is still told of that one is then dropped.
-    The folder is made when it is not there, for its owner only.
     """
 
-    def __init__(
-        self,
-        stream: StreamInfo,
-        folder: Path,
-        *,
-        keep_bytes: float,
-        free_bytes: float,
-    ) -> None:
+    def __init__(self, stream: StreamInfo, *, keep_bytes: float) -> None:
         self._stream = stream
-        self._folder = folder
         self._keep_bytes = keep_bytes
-        self._free_bytes = free_bytes
         self._file: ClipFile | None = None
 
     def open(
         self, path: Path, first_index: int, started_utc: str, attributes: Mapping[str, str]
     ) -> bool:
         """Begin a clip."""
-        self._folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-        if not make_room(self._folder, keep_bytes=self._keep_bytes, free_bytes=self._free_bytes):
-            msg = f"{self._folder}: less than {self._free_bytes / 1e6:g} MB are free"
-            raise OutputError(msg)
         self._file = ClipFile(
             path,
             self._stream,
@@ -178,30 +165,8 @@ class ClipWriter:
         if file is None:
             return False
         file.finish(decisions, event)
-        make_room(self._folder, keep_bytes=self._keep_bytes, free_bytes=self._free_bytes)
+        limit_size(file.path.parent, keep_bytes=self._keep_bytes)
         return True
-
-
-def make_room(folder: Path, *, keep_bytes: float, free_bytes: float) -> bool:
-    """Take the oldest clips away until both limits hold."""
-    sizes = {p: p.stat() for p in folder.iterdir() if _NAME.fullmatch(p.name)}
-    total = sum(s.st_size for s in sizes.values())
-    for stem in _oldest_first(sizes):
-        if total <= keep_bytes and shutil.disk_usage(folder).free >= free_bytes:
-            break
-        for path in (stem.with_suffix(".h5"), stem.with_suffix(".png")):
-            if path in sizes:
-                path.unlink(missing_ok=True)
-                total -= sizes[path].st_size
-    return shutil.disk_usage(folder).free >= free_bytes
-
-
-def _oldest_first(sizes: Mapping[Path, Any]) -> list[Path]:
-    newest: dict[Path, int] = {}
-    for path, stat in sizes.items():
-        stem = path.with_suffix("")
-        newest[stem] = max(newest.get(stem, 0), stat.st_mtime_ns)
-    return sorted(newest, key=lambda stem: (newest[stem], stem.name))
 
 
 def _write_decisions(

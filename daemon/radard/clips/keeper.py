@@ -15,18 +15,23 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from radard.clips.room import prepare_folder
 from radard.config.sections import ClipsSection
 from radard.errors import FeatureError, OutputError
 from x2radar.frame import Frame, StreamInfo
 
+if TYPE_CHECKING:
+    from radard.clips.clip_file import ClipWriter
+
 log = logging.getLogger("radard")
-Job = Callable[[Any], bool]
-_SLACK_S = 4.0  # held beyond `pre_s`; chosen: a decision is never so late
-_MOST_JOBS = 200  # that wait for the disk; chosen: some minutes
-_POLL_S = 0.1  # chosen: a clip that ends late holds up the end of the process by so much
-_MOST_PAST = 128  # decisions; chosen: twice the longest `pre_s`
+Job = Callable[[], bool]
+_SLACK_S = 4.0  # held beyond `pre_s`; a decision is never so late
+_MAX_JOBS = 200  # that wait for the disk; some minutes
+_WAIT_S = 0.5  # as long as an alarm waits for the disk of the event log
+_POLL_S = 0.1  # a clip that ends late holds up the end of the process by so much
+_MAX_PAST = 128  # decisions; twice the longest `pre_s`
 
 
 @dataclass(slots=True)
@@ -74,10 +79,12 @@ class ClipKeeper:
         n_hold = round((settings.pre_s + _SLACK_S) * self._rate_hz) + 2 * n_slow
         self._held: deque[Frame] = deque(maxlen=n_hold)
         self._lock = threading.Lock()
-        self._past: deque[tuple[int, Mapping[str, Any]]] = deque(maxlen=_MOST_PAST)
+        self._past: deque[tuple[int, Mapping[str, Any]]] = deque(maxlen=_MAX_PAST)
         self._running: _Running | None = None
-        self._jobs: queue.Queue[Job | None] = queue.Queue(_MOST_JOBS)
+        self._jobs: queue.Queue[Job | None] = queue.Queue(_MAX_JOBS)
         self._thread: threading.Thread | None = None
+        self._made: ClipWriter | None = None
+        self._room = threading.Event()
         self.complaint = ""
         """Why the last clip was not made; empty when all is well. Any thread may read it."""
 
@@ -103,8 +110,16 @@ class ClipKeeper:
             self._take(self._running, end)
 
     def begin(self, event: Mapping[str, Any], t_s: float) -> str | None:
-        """Begin a clip of an event; return its path, or None while another one is made."""
+        """Begin a clip of an event; return its path.
+
+        None while another one is made, and where there is no room for one: an event names only
+        what there will be. Also while a slow disk has not answered within half a second:
+        `named_of` then tells the path.
+        """
         if self._running is not None:
+            return None
+        self._room = room = self._ask_for_room()
+        if room.is_set() and self.complaint:
             return None
         end = round(t_s * self._rate_hz)
         earliest = end - self._n_slow - round(self._settings.pre_s * self._rate_hz)
@@ -118,10 +133,17 @@ class ClipKeeper:
         began = datetime.now(UTC) - timedelta(seconds=(end - first) / self._rate_hz)
         utc = began.isoformat(timespec="milliseconds").replace("+00:00", "Z")
         about = self._attributes
-        self._do(lambda writer: writer.open(path, first, utc, about))
+        self._do(lambda: not self.complaint and self._writer().open(path, first, utc, about))
         self._take(self._running, end)
-        self._do(lambda writer: writer.preview())
-        return str(path)
+        self._do(lambda: self._writer().preview())
+        return self.named_of(event["id"])
+
+    def named_of(self, event_id: str) -> str | None:
+        """Return the path of an event's clip while it is made, once there is room for it."""
+        running = self._running
+        if running is None or running.event["id"] != event_id or self.complaint:
+            return None
+        return str(running.event["clip"]) if self._room.is_set() else None
 
     def after(self, t_s: float, *, is_seen: bool, event: Mapping[str, Any] | None = None) -> None:
         """Note whether somebody is in sight, and what the clip's event has become.
@@ -161,17 +183,37 @@ class ClipKeeper:
                 self._jobs.put_nowait(None)
             thread.join(_POLL_S)
 
+    def _ask_for_room(self) -> threading.Event:
+        """Let the clips' own thread look for room; return what is set once it has.
+
+        Without room there is a complaint, and what is still told of this clip is dropped.
+        """
+        is_answered = threading.Event()
+
+        def look() -> bool:
+            try:
+                prepare_folder(self._folder, free_bytes=self._settings.free_mb * 1e6)
+                self.complaint = ""
+            except (OutputError, OSError) as err:
+                self._complain(err)
+            is_answered.set()
+            return False
+
+        self._do(look)
+        is_answered.wait(_WAIT_S)
+        return is_answered
+
     def _take(self, running: _Running, end: int) -> None:
         first, last = running.taken, min(end, running.end)
         with self._lock:
             frames = [f for f in self._held if first <= f.index < last]
         running.taken = max(first, last)
         if frames:
-            self._do(lambda writer: writer.write(frames))
+            self._do(lambda: self._writer().write(frames))
 
     def _finish(self, running: _Running) -> None:
         self._running = None
-        self._do(lambda writer: writer.finish(running.decisions, running.event))
+        self._do(lambda: self._writer().finish(running.decisions, running.event))
 
     def _do(self, job: Job) -> None:
         if self._thread is None:
@@ -182,20 +224,24 @@ class ClipKeeper:
         except queue.Full:
             self.complaint = "the disk is too slow, or hangs"
 
-    def _write_all(self) -> None:
-        # Here, so that a run without alarms never loads h5py.
-        from radard.clips.clip_file import ClipWriter  # noqa: PLC0415
+    def _writer(self) -> "ClipWriter":
+        """Return the writer; in the clips' own thread."""
+        if self._made is None:
+            # Late, so that a run without alarms never loads h5py.
+            from radard.clips.clip_file import ClipWriter  # noqa: PLC0415
 
-        writer = ClipWriter(
-            self._stream,
-            self._folder,
-            keep_bytes=self._settings.keep_mb * 1e6,
-            free_bytes=self._settings.free_mb * 1e6,
-        )
+            keep_bytes = self._settings.keep_mb * 1e6
+            self._made = ClipWriter(self._stream, keep_bytes=keep_bytes)
+        return self._made
+
+    def _write_all(self) -> None:
         while (job := self._jobs.get()) is not None:
             try:
-                if job(writer):
+                if job():
                     self.complaint = ""
             except (OutputError, OSError, FeatureError) as err:
-                self.complaint = str(err)
-                log.warning("clip: %s", err)
+                self._complain(err)
+
+    def _complain(self, err: Exception) -> None:
+        self.complaint = str(err)
+        log.warning("clip: %s", err)

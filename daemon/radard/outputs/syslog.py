@@ -1,10 +1,10 @@
 """syslog and journald: events and states as messages that an administrator reads.
 
 `syslog:` alone is this machine: journald's own protocol where it runs, with the record's
-fields to search for, else /dev/log. `syslog:/path` is another local socket,
-`syslog:udp://host[:port]` or `syslog:tcp://host[:port]` a server. The text form is that of RFC
-3164 without time and host, which the receiver adds, as Python's SysLogHandler sends it.
-`syslog:tls://host[:port]` is RFC 5425: TLS, with messages of RFC 5424 whose octets are counted.
+fields to search for, else /dev/log. `syslog:/path` is another local socket. Those get the text
+form of RFC 3164 without time and host, which the receiver adds, as SysLogHandler sends it.
+`syslog:udp://host[:port]`, `tcp:` and `tls:` are servers, and get messages of RFC 5424: one a
+datagram (RFC 5426), one a line (RFC 6587, 3.4.2), or with their octets counted (RFC 5425).
 """
 
 import errno
@@ -21,13 +21,14 @@ from urllib.parse import urlsplit
 from radard.config.sink_table import SinkOptions
 from radard.errors import UsageError
 from radard.outputs.base import DeliveryError, Record, SinkContext
+from radard.outputs.records import utc_now
 from radard.outputs.thread_sink import DirectSink
-from radard.outputs.tls import client_context, explain
+from radard.outputs.tls import check_host, client_context, explain
 from x2radar.backoff import Backoff
 
 JOURNAL = Path("/run/systemd/journal/socket")
 DEV_LOG = Path("/dev/log")
-_SEND_S = 5.0  # chosen: a log that takes nothing for so long is tried again later
+_SEND_S = 5.0  # a log that takes nothing for so long is tried again later
 # Facilities and severities of RFC 5424, tables 1 and 2.
 _FACILITY = {"user": 1, "daemon": 3, "auth": 4, "authpriv": 10} | {
     f"local{k}": 16 + k for k in range(8)
@@ -75,6 +76,7 @@ def _parse_address(rest: str) -> Address | None:
     try:
         parts = urlsplit(rest)
         if parts.scheme in _KINDS and parts.hostname and not parts.path.strip("/"):
+            check_host("syslog", rest)
             return Server(parts.scheme, parts.hostname, parts.port or _PORTS[parts.scheme])
     except ValueError as err:
         msg = f"--output syslog:{rest}: {err}"
@@ -136,8 +138,8 @@ class SyslogSink(DirectSink):
             address = str(JOURNAL if is_journal else DEV_LOG)
             self._form = self._journal if is_journal else self._plain
         if isinstance(address, Server):
-            if address.kind == socket.SOCK_STREAM:
-                self._form = self._line if self._tls is None else self._counted
+            forms = {"udp": self._dated, "tcp": self._line, "tls": self._counted}
+            self._form = forms[address.scheme]
             where = socket.getaddrinfo(address.host, address.port, type=address.kind)[0]
             plain = _connected(where[0], address.kind, where[4])
             self._socket = plain if self._tls is None else _encrypted(plain, self._tls, address)
@@ -152,25 +154,29 @@ class SyslogSink(DirectSink):
 
     def _plain(self, severity: int, text: str, record: Record) -> bytes:
         priority = self._facility << 3 | severity
-        sensor = record.get("sensor", self._sensor)
-        return f"<{priority}>radard[{os.getpid()}]: {sensor}: {text}\0".encode()
+        message = f"<{priority}>radard[{os.getpid()}]: {self._of(record)}: {text}\0"
+        return message.encode(errors="replace")
+
+    def _dated(self, severity: int, text: str, record: Record) -> bytes:
+        """Return a message of RFC 5424, 6."""
+        priority = self._facility << 3 | severity
+        head = f"<{priority}>1 {record.get('time') or utc_now()} {socket.gethostname() or '-'}"
+        message = f"{head} radard {os.getpid()} {record['type']} - {self._of(record)}: {text}"
+        return message.encode(errors="replace")
 
     def _line(self, severity: int, text: str, record: Record) -> bytes:
-        """Return a message over TCP, which a line end closes (RFC 6587, 3.4.2)."""
-        plain = self._plain(severity, text, record).rstrip(b"\0")
-        return plain.replace(b"\n", b" ") + b"\n"
+        return self._dated(severity, text, record).replace(b"\n", b" ") + b"\n"
 
     def _counted(self, severity: int, text: str, record: Record) -> bytes:
-        """Return a message over TLS: its length, and itself (RFC 5425, 4.3; RFC 5424, 6)."""
-        priority, sensor = self._facility << 3 | severity, record.get("sensor", self._sensor)
-        # What has no time is told as it happens; "-" leaves it to the receiver.
-        head = f"<{priority}>1 {record.get('time', '-')} {socket.gethostname() or '-'}"
-        message = f"{head} radard {os.getpid()} {record['type']} - {sensor}: {text}".encode()
+        message = self._dated(severity, text, record)
         return b"%d %s" % (len(message), message)
+
+    def _of(self, record: Record) -> str:
+        return str(record.get("sensor", self._sensor))
 
     def _journal(self, severity: int, text: str, record: Record) -> bytes:
         fields = {
-            "MESSAGE": f"{record.get('sensor', self._sensor)}: {text}",
+            "MESSAGE": f"{self._of(record)}: {text}",
             "PRIORITY": severity,
             "SYSLOG_FACILITY": self._facility,
             "SYSLOG_IDENTIFIER": "radard",
@@ -235,7 +241,7 @@ def _encrypted(sock: socket.socket, tls: ssl.SSLContext, server: Server) -> sock
 
 def _field(key: str, value: str) -> bytes:
     """Return a field of journald's native protocol (systemd, "Native Journal Protocol")."""
-    data = value.encode()
+    data = value.encode(errors="replace")
     if b"\n" in data:
         return key.encode() + b"\n" + len(data).to_bytes(8, "little") + data + b"\n"
     return key.encode() + b"=" + data + b"\n"

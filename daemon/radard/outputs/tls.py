@@ -1,5 +1,6 @@
-"""TLS towards a server: whom it is checked against, and who we are."""
+"""Towards a server: whether its name can be one, whom it is checked against, and who we are."""
 
+import re
 import ssl
 from pathlib import Path
 
@@ -26,6 +27,17 @@ def client_context(
         msg = f"{section}.cert_file: {cert_file}: {err}"
         raise ConfigError(msg) from err
     return context
+
+
+def check_host(scheme: str, url: str) -> None:
+    """Raise ConfigError if the host of a URL, of any form, holds what no name can.
+
+    Blanks and what is not printed are quoted behind the host, and nowhere else.
+    """
+    host = re.split(r"[/?#]", url.partition("://")[2], maxsplit=1)[0]
+    if not host.isprintable() or " " in host:
+        msg = f"--output {scheme}: the host's name holds a blank, or what cannot be printed"
+        raise ConfigError(msg)
 
 
 def explain(err: OSError) -> str:

@@ -11,19 +11,20 @@ import base64
 import hashlib
 import hmac
 import http.client
+import os
 import socket
 import ssl
 import threading
 import time
 from pathlib import Path
-from urllib.parse import urljoin, urlsplit
+from urllib.parse import quote, urljoin, urlsplit
 
 from radard.config.credentials import read_secret
 from radard.config.sink_table import SinkOptions
 from radard.errors import ConfigError, UsageError
 from radard.outputs.base import DeliveryError, SinkContext
 from radard.outputs.delivery import DeliverySink, Item, body_of, wants_events
-from radard.outputs.tls import client_context, explain
+from radard.outputs.tls import check_host, client_context, explain
 from x2radar.command import installed_version
 
 _REFUSALS = frozenset({400, 405, 406, 409, 410, 411, 413, 414, 415, 422})
@@ -48,13 +49,16 @@ def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> "Webh
         is_right = is_right and parts.port != 0 and parts.username is None
     except ValueError:
         is_right = False
+    check_host("webhook", target)
     if not is_right:
         msg = (
             "--output webhook: give webhook:http://HOST/PATH, https://, or @FILE with such a "
             "URL in it; user and password do not belong there, see webhook.token_file"
         )
         raise UsageError(msg)
-    return WebhookSink(target, options, context)
+    # What a URL may not hold goes quoted, as in a browser: blanks, letters beyond ASCII.
+    quoted = quote(os.fsencode(target), safe="%/:=&?~#+!$,;'@()*[]")
+    return WebhookSink(quoted, options, context)
 
 
 class WebhookSink(DeliverySink):

@@ -295,7 +295,10 @@ class Worker:
         alarm = next((event_record(e) for e in reversed(events) if e.kind == "alarm"), None)
         clips.after(t_s, is_seen=self.tracker.panel.is_seen, event=alarm)
         self._complain("clips", clips.complaint)
-        if clips.complaint and (on := self.tracker.open_events.get("alarm")) is not None:
+        on = self.tracker.open_events.get("alarm")
+        if on is not None and on.clip is None and (late := clips.named_of(on.id)) is not None:
+            self.tracker.has_clip(on.id, late)
+        if clips.complaint and on is not None:
             self.tracker.has_clip(on.id, None)
 
     def _emit(self, events: Sequence[Event]) -> list[Event]:

@@ -22,6 +22,7 @@ from radard.config.credentials import read_secret
 from radard.config.sink_table import MqttSection
 from radard.errors import ConfigError
 from radard.outputs.base import DeliveryError
+from radard.outputs.mqtt.limits import PacketLimits
 from radard.outputs.mqtt.topics import Publication
 from x2radar.backoff import Backoff
 
@@ -30,6 +31,7 @@ _POLL_S = 0.1  # chosen: how soon a lost connection is noticed
 _SHORT_S = 5.0  # chosen: a connection as short as this hints at a second client of this id
 _MOST_UNSENT = 50  # messages of QoS 0, chosen: a minute of decisions
 _STANDS_STILL = "the output's own thread stands still"
+_UNSUPPORTED = "Unsupported protocol version"
 _NO_ANSWER = "no answer; is it an MQTT broker?"
 
 
@@ -63,6 +65,8 @@ class MqttLink:
         Called when connected and subscribed, and with a reason when not; must not wait.
     on_message : callable
         Called with topic, payload and whether it was retained; must not wait.
+    say : callable
+        Told which messages the broker does not take; must not wait.
     is_alive : callable
         Whether the publishing thread still runs. If not, the connection is closed without
         DISCONNECT, so that the broker publishes the last will: the state would be stale.
@@ -80,6 +84,7 @@ class MqttLink:
         on_down: Callable[[str], None],
         on_message: Callable[[str, bytes, bool], None],
         is_alive: Callable[[], bool],
+        say: Callable[[str], None] = lambda _text: None,
     ) -> None:
         self._broker = broker
         self._options = options
@@ -90,6 +95,9 @@ class MqttLink:
         self._on_down = on_down
         self._on_message = on_message
         self._is_alive = is_alive
+        self._limits = PacketLimits(say)
+        self._protocol = paho.MQTTv5
+        self._is_unanswered = False
         self._client: paho.Client | None = None
         self._unsent: deque[paho.MQTTMessageInfo] = deque()
         self._halt = threading.Event()
@@ -107,17 +115,25 @@ class MqttLink:
         """Whether there is a connection."""
         return self._client is not None
 
+    @property
+    def is_idle(self) -> bool:
+        """Whether there is a connection, and everything that was sent is confirmed."""
+        return self.is_up and self._limits.is_idle
+
     def publish(self, message: Publication) -> bool:
         """Publish without waiting, from one thread; return False if that cannot be done now."""
         client = self._client
         if client is None:
             return False
+        if not self._limits.takes(message):
+            return True
         if message.qos == 0:
             while self._unsent and self._unsent[0].is_published():
                 self._unsent.popleft()
             if len(self._unsent) >= _MOST_UNSENT:
                 return False
         info = _publish(client, message)
+        self._limits.sent(message, info.is_published)
         is_taken = info.rc == MQTTErrorCode.MQTT_ERR_SUCCESS
         if message.qos == 0 and is_taken:
             self._unsent.append(info)
@@ -128,9 +144,13 @@ class MqttLink:
         client = self._client
         if client is None:
             raise DeliveryError(self._last_reason or "not connected yet")
+        if not self._limits.takes(message):
+            msg = f"larger than the {self._limits.max_bytes} bytes that the broker takes"
+            raise DeliveryError(msg, is_refusal=True)
         end_s = time.monotonic() + _CONFIRM_S
         try:
             info = _publish(client, message)
+            self._limits.sent(message, info.is_published)
             while not info.is_published():
                 if client is not self._client:
                     raise DeliveryError(self._reason or "connection lost")
@@ -159,29 +179,47 @@ class MqttLink:
             if not self._is_alive():
                 self._halt.wait(_POLL_S)
                 continue
-            self._lost.clear()
-            self._reason = ""
-            client: paho.Client | None = None
             began_s = time.monotonic()
-            try:
-                client = self._new_client()
-                client.connect(self._broker.host, self._broker.port, self._options.keepalive_s)
-                client.loop_start()
-                self._wait(client)
-            except (OSError, ValueError, ConfigError) as err:
-                self._reason = _explain(err)
-            was_up, self._client = self._client is not None, None
-            if client is not None:
-                _end(client, is_clean=self._is_alive())
+            was_up = self._connect_once()
+            is_to_blame = self._limits.broke()
             if self._halt.is_set():
                 return
-            if was_up and time.monotonic() - began_s < _SHORT_S and self._is_alive():
+            if self._is_unanswered and self._other_protocol() == paho.MQTTv311:
+                continue
+            if was_up and not is_to_blame and self._is_short(began_s):
                 self._reason += f"; is another client called '{self._broker.client_id}'?"
             elif was_up:
                 self._backoff.reset()
             self._last_reason = self._reason
             self._on_down(self._reason)
             self._halt.wait(self._backoff.next_s())
+
+    def _connect_once(self) -> bool:
+        """Connect, and wait until the connection is lost; return whether there was one."""
+        self._lost.clear()
+        self._reason, self._is_unanswered = "", False
+        client: paho.Client | None = None
+        try:
+            client = self._new_client()
+            client.connect(self._broker.host, self._broker.port, self._options.keepalive_s)
+            self._is_unanswered = True
+            client.loop_start()
+            self._wait(client)
+        except (OSError, ValueError, ConfigError) as err:
+            self._reason = _explain(err)
+        was_up, self._client = self._client is not None, None
+        if client is not None:
+            _end(client, is_clean=self._is_alive())
+        return was_up
+
+    def _is_short(self, began_s: float) -> bool:
+        return time.monotonic() - began_s < _SHORT_S and self._is_alive()
+
+    def _other_protocol(self) -> int:
+        """Change to the other one: a broker that knows MQTT 3.1.1 alone does not answer to 5."""
+        is_5 = self._protocol == paho.MQTTv5
+        self._protocol = paho.MQTTv311 if is_5 else paho.MQTTv5
+        return int(self._protocol)
 
     def _wait(self, client: paho.Client) -> None:
         """Wait until the connection is lost; an answer must come within the keep-alive."""
@@ -202,8 +240,8 @@ class MqttLink:
         client = paho.Client(
             CallbackAPIVersion.VERSION2,
             client_id=broker.client_id,
-            clean_session=True,
-            protocol=paho.MQTTv311,
+            clean_session=True if self._protocol == paho.MQTTv311 else None,
+            protocol=self._protocol,
             reconnect_on_failure=False,
         )
         password = read_secret("mqtt.password", o.password_file, o.password_env)
@@ -221,7 +259,12 @@ class MqttLink:
         client.on_message = self._received
         return client
 
-    def _connected(self, client: paho.Client, _d: Any, _f: Any, code: ReasonCode, _p: Any) -> None:
+    def _connected(self, client: paho.Client, _d: Any, _f: Any, code: ReasonCode, p: Any) -> None:
+        if str(code) == _UNSUPPORTED and self._protocol == paho.MQTTv5:
+            self._lose(client, _NO_ANSWER)
+            return
+        self._is_unanswered = False
+        self._limits.max_bytes = getattr(p, "MaximumPacketSize", None)
         if code.is_failure:
             self._lose(client, f"the broker refuses: {code}")
             return

@@ -23,10 +23,13 @@ from radard.outputs.mqtt.commands import CommandReader, MqttCommand, code_of
 from radard.outputs.mqtt.link import Broker, MqttLink
 from radard.outputs.mqtt.topics import MqttTopics, Publication
 from radard.outputs.thread_sink import ThreadSink
+from radard.outputs.tls import check_host
 from x2radar.backoff import Backoff
 
 log = logging.getLogger("radard")
+_NO_TOPIC = re.compile(r"[+#\x00-\x1f\x7f\ud800-\udfff]")
 _PORTS = {"mqtt": 1883, "mqtts": 8883}  # registered with IANA
+_PATIENCE_S = 20.0  # so long events that a broker refuses hold up discovery and picture
 _CLOSE_S = 1.0  # chosen: for the messages that say that the run has ended
 _WARN_S = 60.0  # chosen: commands that are none are logged once in so long
 _HANGS_S = 10.0
@@ -55,8 +58,9 @@ def parse_url(url: str, options: MqttSection, sensor: str) -> tuple[Broker, str]
         msg = f"--output {scheme}: no password in the URL; use mqtt.password_file or _env"
         raise UsageError(msg)
     prefix = unquote(parts.path).strip("/") or "radard"
+    check_host(scheme, url)
     fault = "nothing may follow the prefix" if "?" in url or "#" in url else ""
-    fault = "the prefix holds + or #" if re.search(r"[+#\0]", prefix) else fault
+    fault = "the prefix holds what no topic may" if _NO_TOPIC.search(prefix) else fault
     fault = fault if parts.hostname else "no host"
     if fault:
         msg = f"--output {scheme}: {fault}; it is {scheme}://[user@]host[:port][/prefix]"
@@ -102,7 +106,8 @@ class MqttSink(ThreadSink):
             code_form=("digits" if code.isdigit() else "text") if code else None,
         )
         self._warned_s, self._n_unsaid = float("-inf"), 0
-        self._must_announce = False
+        self._must_announce = self._must_describe = False
+        self._owed_s = time.monotonic()
         self._ticked_s = time.monotonic()
         o = options.log
         subscriptions = [topics.birth_topic] if options.mqtt.discovery != "off" else []
@@ -119,6 +124,7 @@ class MqttSink(ThreadSink):
             on_down=self._keeper.failed,
             on_message=self._on_message,
             is_alive=lambda: time.monotonic() - self._ticked_s < _HANGS_S,
+            say=self._keeper.remark,
         )
         self._scheme = scheme
         self._target = f"{broker.host}:{broker.port}/{prefix}"
@@ -147,6 +153,7 @@ class MqttSink(ThreadSink):
         self._link.start()
 
     def _take(self, record: Record) -> None:
+        self._must_describe |= record["type"] == "hello"
         if self._pictures is not None:
             self._pictures.follow(record)
         self._publish(self._topics.on_record(record, time.monotonic()))
@@ -154,7 +161,7 @@ class MqttSink(ThreadSink):
     def _tick(self) -> None:
         self._ticked_s = now_s = time.monotonic()
         if self._must_announce:
-            self._must_announce = False
+            self._must_announce, self._must_describe = False, True
             self._publish(self._topics.announce(now_s))
             if self._pictures is not None:
                 self._pictures.again()
@@ -163,14 +170,21 @@ class MqttSink(ThreadSink):
         room = panel.calibration if panel is not None else None
         text = ": ".join(filter(None, (room.phase, room.text))) if room is not None else ""
         self._publish(self._topics.refresh(now_s, status, panel, calibration=text or None))
-        self._publish_picture()
-
-    def _publish_picture(self) -> None:
-        if self._pictures is None or not self._link.is_up or self._must_announce:
+        # Large messages come last, each by itself: a broker may drop the line at them.
+        if self._must_announce or not self._link.is_idle or self._owes_events(now_s):
             return
-        png = self._pictures.fresh()
-        if png is not None:
+        if self._must_describe:
+            self._must_describe = False
+            self._publish(self._topics.discovery())
+        elif self._pictures is not None and (png := self._pictures.fresh()) is not None:
             self._publish([self._topics.picture(png)])
+
+    def _owes_events(self, now_s: float) -> bool:
+        """Return whether events wait that may yet be taken; not for ever, if they are refused."""
+        cursor = self._delivery.cursor
+        if cursor is None or not len(cursor):
+            self._owed_s = now_s
+        return now_s > self._owed_s and now_s - self._owed_s < _PATIENCE_S
 
     def _publish(self, messages: list[Publication]) -> None:
         if not self._link.is_up or self._must_announce:

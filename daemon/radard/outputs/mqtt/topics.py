@@ -81,18 +81,22 @@ class MqttTopics:
         return Publication(f"{self.base}/event", _json(record), 1, is_retained=False)
 
     def on_record(self, record: Record, now_s: float) -> list[Publication]:
-        """Take a record at a monotonic time; return what to publish now, but events (`event`)."""
+        """Take a record at a monotonic time; return what to publish now.
+
+        Not events (`event`), and after a `hello` not `discovery`: these have their own order.
+        """
         kind = record["type"]
         if kind == "hello":
             self._hello = record
             self._is_armed = bool(record.get("armed", self._is_armed))
             self._sensitivity = record.get("sensitivity")
-            return self._discovery()
+            return []
         if kind == "decision":
             return self._on_decision(record, now_s)
         if kind == "status":
             self._status = (record["state"], record["reason"])
-        elif kind == "event":
+        elif kind == "event" and not record.get("test"):
+            # A test sounds no siren: it is among the events alone.
             self._open.pop(record["kind"], None)
             if record["phase"] != "end":
                 self._open[record["kind"]] = record["reason"]
@@ -118,9 +122,9 @@ class MqttTopics:
         return self._changes(now_s)
 
     def announce(self, now_s: float) -> list[Publication]:
-        """Return all that is retained: after a connection, and when Home Assistant starts."""
+        """Return states and availability: after a connection, and when Home Assistant starts."""
         self._published.clear()
-        return self._discovery() + self._changes(now_s)
+        return self._changes(now_s)
 
     def at_end(self) -> list[Publication]:
         """Return what to publish at a clean end."""
@@ -182,7 +186,8 @@ class MqttTopics:
         self._published[name] = text
         return [Publication(f"{self.base}/{name}", _json(whole))]
 
-    def _discovery(self) -> list[Publication]:
+    def discovery(self) -> list[Publication]:
+        """Return what Home Assistant is told, once there was a `hello`."""
         if self._hello is None:
             return []
         pairs = discovery(

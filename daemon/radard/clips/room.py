@@ -1,0 +1,76 @@
+"""Room for clips: which of them go, and in which order they came.
+
+The times of the files say in which order clips were made, and nothing else: one that is made is
+dated behind all others (`date_last`), so a clock that was ahead, or is set, takes none away.
+"""
+
+import os
+import re
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+
+from radard.errors import OutputError
+
+_NAME = re.compile(r"[0-9A-HJKMNP-TV-Z]{26}\.(h5|png)")
+
+
+def prepare_folder(folder: Path, *, free_bytes: float) -> None:
+    """Make a folder for clips, for its owner only, and room for one more.
+
+    Raises OutputError if there is none, OSError if the folder cannot be made or written. Nothing
+    is deleted unless that makes the room.
+    """
+    folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+    clips = _oldest_first(folder)
+    needed = free_bytes - shutil.disk_usage(folder).free
+    if needed > sum(map(_size_of, clips)):
+        msg = f"{folder}: less than {free_bytes / 1e6:g} MB are free"
+        raise OutputError(msg)
+    for clip in clips:
+        if shutil.disk_usage(folder).free >= free_bytes:
+            break
+        _remove(clip)
+    trial = folder / ".trial.new"
+    trial.touch()
+    trial.unlink()
+
+
+def limit_size(folder: Path, *, keep_bytes: float) -> None:
+    """Take the oldest clips away until they are no larger than `keep_bytes`; the newest stays."""
+    clips = _oldest_first(folder)
+    total = sum(map(_size_of, clips))
+    for clip in clips[:-1]:
+        if total <= keep_bytes:
+            break
+        total -= _size_of(clip)
+        _remove(clip)
+
+
+def date_last(path: Path) -> None:
+    """Date a file of a clip behind those of all others, where the clock has not done so."""
+    newest = max((_time_ns(c) for c in _oldest_first(path.parent) if path not in c), default=0)
+    if path.stat().st_mtime_ns <= newest:
+        os.utime(path, ns=(newest + 1, newest + 1))
+
+
+def _oldest_first(folder: Path) -> list[tuple[Path, ...]]:
+    """Return the files of each clip: its recording, its picture, or both."""
+    found: dict[str, tuple[Path, ...]] = {}
+    for path in folder.iterdir():
+        if _NAME.fullmatch(path.name):
+            found[path.stem] = (*found.get(path.stem, ()), path)
+    return sorted(found.values(), key=lambda clip: (_time_ns(clip), clip[0].stem))
+
+
+def _time_ns(clip: Sequence[Path]) -> int:
+    return max(path.stat().st_mtime_ns for path in clip)
+
+
+def _size_of(clip: Sequence[Path]) -> int:
+    return sum(path.stat().st_size for path in clip)
+
+
+def _remove(clip: Sequence[Path]) -> None:
+    for path in clip:
+        path.unlink(missing_ok=True)
