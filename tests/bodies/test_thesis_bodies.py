@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from x2radar.sim.bodies.thesis_bodies import THESIS_BODIES, Scatterer, Variation, draw, ranges
+from x2radar.sim.bodies.thesis_bodies import THESIS_BODIES, Scatterer, draw, ranges
 
 HALF = math.pi / 2
 # x0, y0, z0, vy0, gait, phase, swing, third harmonic, cross section: the thesis' tables.
@@ -90,8 +90,8 @@ def test_spread_of_the_draws_is_the_tables_and_cross_sections_keep_a_floor():
     assert drawn.std(axis=0) == pytest.approx(wanted, rel=0.05)
     mean = drawn.mean(axis=0) - TABLES["thesis_human"][0]
     assert np.abs(mean)[[0, 1, 3, 4, 5, 6]].max() < 0.06
-    wild = [draw(torso, rng, Variation(rcs_fraction=100.0))[0].rcs_m2 for _ in range(40)]
-    assert min(wild) == 0.05 * torso[0].rcs_m2
+    # One in 1300 would be below it.
+    assert drawn[:, 8].min() == 0.05 * torso[0].rcs_m2
 
 
 @given(st.tuples(*[st.floats(-10, 10) for _ in range(8)]), st.floats(0, 1e4))

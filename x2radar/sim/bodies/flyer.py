@@ -124,9 +124,6 @@ def draw_moth(
         wander=Wander.draw(rng, [reach, reach, reach, 1.0], rng.uniform(0.25, 0.7) * np.ones(4)),
         effort=Wander.draw(rng, [1.0], [1.0]),
         rest_below=-2.0,
-        hop_s=np.zeros(0),
-        perch_m=np.zeros((0, 3)),
-        period_s=60.0,
     )
     return _flyer(rng, "other", build, flight, (total_rcs_dbsm, skin))
 

@@ -6,7 +6,7 @@ y away from it. Every body draws one random variation, shared by all its scatter
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 
 import numpy as np
 
@@ -30,17 +30,17 @@ class Scatterer:
     rcs_m2: float  # integration gain included: 10,000 m2 stand for about 1 m2 and 40 dB
 
 
-@dataclass(frozen=True, slots=True)
-class Variation:
-    """Standard deviations of a body's random variation (the thesis' table B.4)."""
-
-    x_m: float = 0.75
-    y_m: float = 1.0
-    vy_mps: float = 0.5
-    gait_hz: float = 0.25
-    phase_rad: float = np.pi / 4
-    swing_m: float = 0.05
-    rcs_fraction: float = 0.3
+_SPREAD = {
+    "x_m": 0.75,
+    "y_m": 1.0,
+    "vy_mps": 0.5,
+    "gait_hz": 0.25,
+    "phase_rad": np.pi / 4,
+    "swing_m": 0.05,
+}
+_RCS_SPREAD, _MIN_RCS = 0.3, 0.05
+"""Standard deviations of a body's random variation (table B.4), and least share of a cross section
+that it leaves."""
 
 
 def _dog_like(
@@ -75,25 +75,14 @@ THESIS_BODIES: Mapping[str, tuple[Scatterer, ...]] = {
 """Bodies by name; torso first."""
 
 
-def draw(
-    body: tuple[Scatterer, ...], rng: np.random.Generator, spread: Variation | None = None
-) -> tuple[Scatterer, ...]:
-    """Return a body with one random variation, of seven normal numbers, of all its scatterers.
-
-    Radar cross sections stay above 5 % of their mean.
-    """
-    s = spread or Variation()
-    dx, dy, dv, dw, dp, da, dr = rng.standard_normal(7)
+def draw(body: tuple[Scatterer, ...], rng: np.random.Generator) -> tuple[Scatterer, ...]:
+    """Return a body with one random variation, of seven normal numbers, of all its scatterers."""
+    *z, z_rcs = rng.standard_normal(7)
+    factor = max(1 + _RCS_SPREAD * z_rcs, _MIN_RCS)
+    by = {name: sigma * x for (name, sigma), x in zip(_SPREAD.items(), z, strict=True)}
     return tuple(
         replace(
-            p,
-            x_m=p.x_m + s.x_m * dx,
-            y_m=p.y_m + s.y_m * dy,
-            vy_mps=p.vy_mps + s.vy_mps * dv,
-            gait_hz=p.gait_hz + s.gait_hz * dw,
-            phase_rad=p.phase_rad + s.phase_rad * dp,
-            swing_m=p.swing_m + s.swing_m * da,
-            rcs_m2=p.rcs_m2 * max(1 + s.rcs_fraction * dr, 0.05),
+            p, rcs_m2=p.rcs_m2 * factor, **{name: getattr(p, name) + x for name, x in by.items()}
         )
         for p in body
     )
@@ -114,11 +103,7 @@ def ranges_xyz(body: tuple[Scatterer, ...], t_s: Array) -> tuple[Array, Array]:
 
     The radar is the origin; otherwise as `ranges`.
     """
-    columns = [
-        (p.x_m, p.y_m, p.z_m, p.vy_mps, p.gait_hz, p.phase_rad, p.swing_m, p.swing3_m, p.rcs_m2)
-        for p in body
-    ]
-    x, y0, z, vy, hz, phase, a1, a3, rcs = np.array(columns).reshape(-1, 9).T
+    x, y0, z, vy, hz, phase, a1, a3, rcs = np.array([astuple(p) for p in body]).reshape(-1, 9).T
     t = t_s[:, None]
     turn = 2 * np.pi * hz * t
     y = y0 + vy * t + a1 * np.sin(turn + phase) + a3 * np.sin(3 * turn + phase)

@@ -8,12 +8,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from x2radar.sim.points import Array
 
 MAX_JOINTS, MAX_FRAMES = 200, 2_000_000
 """Limits of what is read: 2 million frames are two hours at 240 Hz."""
-_AXES = {"X": 0, "Y": 1, "Z": 2}
 
 
 @dataclass(slots=True)
@@ -89,13 +89,14 @@ def _forward(joints: Sequence[_Joint], rows: Sequence[Array]) -> Array:
         moved = np.broadcast_to(joint.offset, (n, 3)).copy()
         local = np.broadcast_to(np.eye(3), (n, 3, 3))
         for channel in joint.channels:
-            axis = _AXES[channel[0]]
             if channel.endswith("position"):
+                axis = "XYZ".index(channel[0])
                 # A root's position adds to its offset; that of other joints is the whole of it.
                 first = joint.offset[axis] if joint.parent < 0 else 0.0
                 moved[:, axis] = first + values[:, at]
             else:
-                local = local @ _turned(axis, np.deg2rad(values[:, at]))
+                turn_by = Rotation.from_euler(channel[0], values[:, at, None], degrees=True)
+                local = local @ turn_by.as_matrix()
             at += 1
         if joint.parent < 0:
             place[:, k], turn[:, k] = moved, local
@@ -104,14 +105,3 @@ def _forward(joints: Sequence[_Joint], rows: Sequence[Array]) -> Array:
             place[:, k] = place[:, joint.parent] + (up @ moved[..., None])[..., 0]
             turn[:, k] = up @ local
     return place
-
-
-def _turned(axis: int, angle_rad: Array) -> Array:
-    """Return rotations about one axis, shape (n_frames, 3, 3)."""
-    made = np.zeros((len(angle_rad), 3, 3))
-    a, b = (axis + 1) % 3, (axis + 2) % 3
-    cos, sin = np.cos(angle_rad), np.sin(angle_rad)
-    made[:, axis, axis] = 1.0
-    made[:, a, a], made[:, b, b] = cos, cos
-    made[:, a, b], made[:, b, a] = -sin, sin
-    return made

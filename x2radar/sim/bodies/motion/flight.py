@@ -1,6 +1,6 @@
 """How birds and moths fly: rounds about a point, fluttering, hops between perches, and wings."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -24,9 +24,9 @@ class Flight:
     wander: Wander  # offsets in x, y, z, in metres, and of the heading, in radians
     effort: Wander  # one number in -1 to 1; the wings rest where it is low
     rest_below: float  # how low: -2 for wings that never rest, 2 for wings that do so until a hop
-    hop_s: Array  # (n_hops,): when hops begin, rising, within one period
-    perch_m: Array  # (n_hops, 3): where each hop begins, from `home_m`
-    period_s: float  # after which the hops are repeated
+    hop_s: Array = field(default_factory=lambda: np.zeros(0))  # when hops begin, in one period
+    perch_m: Array = field(default_factory=lambda: np.zeros((0, 3)))  # where, from `home_m`
+    period_s: float = 60.0  # after which the hops are repeated
 
     def at(self, t_s: Array) -> tuple[Array, Array, Array]:
         """Return place, heading and effort at times of shape (n_slow,).

@@ -11,7 +11,7 @@ from typing import Self
 
 import numpy as np
 
-from x2radar.sim.bodies.path.courses import Bend, bends
+from x2radar.sim.bodies.path.courses import bends
 from x2radar.sim.bodies.path.timetable import Agility, timetable
 from x2radar.sim.points import Array
 
@@ -41,9 +41,6 @@ class Path:
     # (9, n_pieces), at the beginning of each piece of time: time, distance, speed, acceleration,
     # x, y, direction, curvature, and the time integral of the direction less the first one.
     pieces: Array
-    start_s: float  # when it begins to move
-    end_s: float  # when it has come to rest for good
-    length_m: float
 
     @classmethod
     def through(
@@ -80,12 +77,28 @@ class Path:
             If there are fewer than two points, or two in one place.
         """
         begin, course = bends(waypoints_m, turn_radius_m)
-        return cls._timed(begin, course, speed_mps, stops, agility or Agility(), start_s=start_s)
+        limits = agility or Agility()
+        return cls(timetable(begin, course, speed_mps, stops, limits, start_s=start_s))
 
     @classmethod
     def standing(cls, place_m: tuple[float, float], heading_rad: float = 0.0) -> Self:
         """Return a path that stays where it is; facing `heading_rad`."""
-        return cls._timed((*place_m, heading_rad), (), 1.0, (), Agility(), start_s=0.0)
+        return cls(timetable((*place_m, heading_rad), (), 1.0, (), Agility(), start_s=0.0))
+
+    @property
+    def start_s(self) -> float:
+        """When it begins to move."""
+        return float(self.pieces[0, 0])
+
+    @property
+    def end_s(self) -> float:
+        """When it has come to rest for good."""
+        return float(self.pieces[0, -1])
+
+    @property
+    def length_m(self) -> float:
+        """Way along the course."""
+        return float(self.pieces[1, -1])
 
     @property
     def cruise_mps(self) -> float:
@@ -108,20 +121,6 @@ class Path:
             speed_mps=p[2] + p[3] * dt,
             turn_rad_s=(late[1] - early[1]) / span,
         )
-
-    @classmethod
-    def _timed(
-        cls,
-        begin: tuple[float, float, float],
-        course: Sequence[Bend],
-        speed_mps: float,
-        stops: Sequence[tuple[float, float]],
-        agility: Agility,
-        *,
-        start_s: float,
-    ) -> Self:
-        pieces = timetable(begin, course, speed_mps, stops, agility, start_s=start_s)
-        return cls(pieces, start_s, float(pieces[0, -1]), float(pieces[1, -1]))
 
     def _piece(self, t_s: Array) -> tuple[Array, Array]:
         """Return the times since the pieces that hold them began, and those pieces."""

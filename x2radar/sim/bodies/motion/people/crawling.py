@@ -127,13 +127,6 @@ def _gait(hip_height_m: float, *, cadence: float, width_m: float, reach_m: float
     Knees and hands of opposite sides go nearly together (Patrick et al. 2009, recalled);
     `reach_m` is how far the hands are ahead of the middle of the trunk, and the knees behind.
     """
-
-    def stride(v: Array) -> Array:
-        return np.asarray(0.75 * hip_height_m * np.sqrt(v / 0.5) / cadence)
-
-    def duty(v: Array) -> Array:
-        return np.full_like(np.asarray(v, np.float64), 0.62)
-
     return Gait(
         offset=(0.0, 0.58, 0.5, 0.08),
         home_m=(
@@ -142,7 +135,7 @@ def _gait(hip_height_m: float, *, cadence: float, width_m: float, reach_m: float
             (-reach_m, -width_m),
             (reach_m, -1.2 * width_m),
         ),
-        stride_m=stride,
-        duty=duty,
+        stride_m=lambda v: np.asarray(0.75 * hip_height_m * np.sqrt(v / 0.5) / cadence),
+        duty=lambda v: np.full(len(v), 0.62),
         lift_m=(0.03, 0.08, 0.03, 0.08),
     )
