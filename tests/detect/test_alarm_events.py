@@ -117,6 +117,30 @@ def test_peak_follows_what_is_seen():
     assert [(e.phase, e.peak, e.id, e.t_s) for e in events] == [("end", 0.9, new.id, 7.2)]
 
 
+@pytest.mark.parametrize("how", ["over", "lost", "restarted"])
+def test_an_alarm_behind_an_entry_delay_knows_who_was_seen_in_it(how):
+    policy = AlarmPolicy(entry_delay_s=3.0)
+    tracker = EventTracker(AlarmPanel(policy))
+    for made in (decision(1, 0.6), decision(2, 0.9), decision(3)):
+        assert tracker.on_decision(made, DWELL) == []
+    if how == "over":
+        (new,) = tracker.on_decision(decision(4), DWELL)
+    elif how == "lost":
+        new = tracker.on_notice(Notice("lost", "unplugged", 3))[-1]
+    else:
+        (new,) = EventTracker(AlarmPanel(policy)).resume(tracker.kept(3))
+    assert (new.kind, new.phase, new.peak) == ("alarm", "new", 0.9)
+
+
+def test_the_peak_of_a_delay_that_was_broken_off_is_forgotten():
+    tracker = EventTracker(AlarmPanel(AlarmPolicy(entry_delay_s=3.0)))
+    tracker.on_decision(decision(1, 0.9), DWELL)
+    tracker.on_command("disarm", 1)
+    tracker.on_command("arm", 2)
+    assert tracker.on_decision(decision(3, 0.3), DWELL) == []
+    assert tracker.kept(3).alarm_peak == 0.3
+
+
 def test_alarm_fault_and_tamper_are_apart():
     tracker = EventTracker(AlarmPanel(AlarmPolicy(latch_s=100)))
     tracker.on_decision(decision(1, 0.9), DWELL)
@@ -315,6 +339,8 @@ def test_a_device_that_is_found_is_no_event():
     assert (fault.kind, fault.phase, fault.reason) == ("fault", "new", "the port is gone")
     assert tracker.on_notice(Notice("found", "module sends frames again", 5.0)) == []
     assert tracker.open_events == {"fault": fault}
+    # It lasts until the next whole dwell.
+    assert [e.phase for e in tracker.on_decision(decision(7.0), DWELL)] == ["end"]
 
 
 def test_a_clip_of_an_event_that_is_over_names_nothing():

@@ -1,0 +1,83 @@
+"""The pool of workers: every radar's items in order, none kept from its turn by another."""
+
+import threading
+from collections import deque
+
+from radard.run.pool import WorkerPool
+from tests.waiting import wait_for
+
+
+class Radar:
+    """Items that are worked on, and what came of it."""
+
+    def __init__(self, pool):
+        self.waiting, self.done = deque(), []
+        self.alone = threading.Lock()
+        self.turns = pool.turns(self.step)
+
+    def give(self, item):
+        self.waiting.append(item)
+        self.turns.ask()
+
+    def step(self):
+        # Never two at the same time.
+        assert self.alone.acquire(blocking=False)
+        try:
+            if not self.waiting:
+                return False
+            self.done.append(self.waiting.popleft())
+            return True
+        finally:
+            self.alone.release()
+
+
+def test_items_of_many_radars_come_in_order_and_all_of_them():
+    pool = WorkerPool()
+    radars = [Radar(pool) for _ in range(12)]
+    pool.fit(len(radars))
+
+    def give(seed):
+        for k in range(200):
+            for radar in radars[seed::3]:
+                radar.give((seed, k))
+
+    threads = [threading.Thread(target=give, args=(seed,)) for seed in range(3)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    wait_for(lambda: not any(radar.waiting for radar in radars))
+    wait_for(lambda: all(radar.done == sorted(radar.done) for radar in radars))
+    assert all(len(radar.done) == 200 for radar in radars)
+    pool.close()
+
+
+def test_one_that_stands_still_stops_no_other_and_is_made_good():
+    pool, gate = WorkerPool(), threading.Event()
+    pool.fit(1)
+    stuck = pool.turns(lambda: gate.wait(60) and False)
+    stuck.ask()
+    other = Radar(pool)
+    other.give(1)
+    pool.grow()
+    wait_for(lambda: other.done == [1])
+    gate.set()
+    pool.close()
+
+
+def test_nobody_has_two_turns_before_another_has_one():
+    pool, order = WorkerPool(), []
+    left = {"a": 3, "b": 3}
+
+    def step(name):
+        order.append(name)
+        left[name] -= 1
+        return left[name] > 0
+
+    turns = [pool.turns(lambda name=name: step(name)) for name in left]
+    for each in turns:
+        each.ask()
+    pool.fit(1)
+    wait_for(lambda: not any(left.values()))
+    assert order == ["a", "b"] * 3
+    pool.close()
