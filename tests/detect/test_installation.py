@@ -11,8 +11,7 @@ from radard.judge.installation import (
     echo_at_1m_db,
     installation,
 )
-from radard.stream.ring import Dwell
-from x2radar.frame import FastTimeAxis
+from tests.radar_helpers import dwell_of, noise
 
 RANGE_M = np.arange(0.5, 3.5, 0.03)
 
@@ -74,17 +73,7 @@ def test_extremes_are_bounded():
 
 
 def test_the_feature_is_what_is_known_or_the_rate_alone():
-    axis = FastTimeAxis(
-        kind="baseband",
-        n_range=20,
-        bin_length_m=0.03,
-        range_offset_m=0.5,
-        carrier_hz=6.8e9,
-        bandwidth_hz=2.3e9,
-        sample_rate_hz=41e9,
-    )
-    frames = np.ones((120, 20), np.complex64)
-    dwell = Dwell(frames, np.ones(120, bool), axis, 30.0, 4.0, end_frame=120)
+    dwell = dwell_of(noise(120), rate_hz=30.0)
     settings = FeatureSettings(n_cpi=14)
     assert INSTALLATION in FEATURES
     assert feature_shape(INSTALLATION, settings) == (N_INSTALLATION,)
