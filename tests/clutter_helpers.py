@@ -2,9 +2,15 @@
 
 import numpy as np
 
+from radard.config.config import Config
+from radard.detect.clutter_map import ClutterRemover
+from radard.dsp.downconvert import DownConverter
+from radard.pipeline import Pipeline
+from radard.stream.ring import Dwell, FrameRing
 from tests.echo_references import baseband_echo
 from tests.radar_helpers import noise
 from x2radar.frame import FastTimeAxis
+from x2radar.recording.registry import open_recording
 
 SPEED_OF_LIGHT_MPS = 299_792_458.0
 AXIS = FastTimeAxis(
@@ -59,3 +65,15 @@ def body(range_m, level_db, axis=AXIS):
     """Points of `level_db` each along paths, shape (n_slow,) or (n_slow, n), in metres."""
     paths = np.asarray(range_m, np.float64).reshape(len(range_m), -1)
     return baseband_echo(paths, np.full(paths.shape, 10 ** (level_db / 20)), axis)
+
+
+def dwells_of_recording(path, step):
+    """The dwells of a recording without their clutter, every `step`-th bin of them."""
+    reader = open_recording(str(path))
+    converter = DownConverter(reader.stream.axis, step)
+    shape = Pipeline(reader.stream, Config()).shape
+    ring, remover = FrameRing(converter.axis, converter.convert, shape), ClutterRemover()
+    for frame in reader.frames(0.0):
+        for item in ring.items(frame):
+            if isinstance(item, Dwell):
+                yield remover.remove(item)

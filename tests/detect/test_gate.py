@@ -5,21 +5,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from radard.config.config import Config
 from radard.config.sections import GateSettings
 from radard.detect.calibration import FORMAT, Calibration, load_calibration
 from radard.detect.clutter_map import ClutterRemover
 from radard.detect.gate import Gate
 from radard.detect.noise_floor import NoiseFloor
 from radard.dsp.clutter import block_power, sound_rows
-from radard.dsp.downconvert import DownConverter
 from radard.dsp.noise import second_differences
 from radard.errors import ConfigError
-from radard.pipeline import Pipeline
-from radard.stream.ring import Dwell, FrameRing
-from tests.clutter_helpers import AXIS, room
+from radard.stream.ring import Dwell
+from tests.clutter_helpers import AXIS, dwells_of_recording, room
 from tests.radar_helpers import BASEBAND, dwell_of, noise, walker
-from x2radar.recording.registry import open_recording
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 needs_data = pytest.mark.skipif(not DATA.is_dir(), reason="the real recordings are not here")
@@ -236,18 +232,10 @@ def test_jitter_of_strong_clutter_opens_the_gate_unless_it_is_removed():
 
 
 def readings(path, step=1):
-    """What remover and gate say of a recording: stream times and whether it is open."""
-    reader = open_recording(str(path))
-    pipeline = Pipeline(reader.stream, Config())
-    converter = DownConverter(reader.stream.axis, step)
-    ring = FrameRing(converter.axis, converter.convert, pipeline.shape)
-    gate, remover, found = Gate(GateSettings()), ClutterRemover(), []
-    for frame in reader.frames(0.0):
-        ring.push(frame)
-        while ring._queue:
-            dwell = ring.next_item(0)
-            found.append((dwell.t_s, gate.read(remover.remove(dwell)).is_open))
-    return np.array(found).T
+    """What the gate says of a recording: stream times and whether it is open."""
+    gate = Gate(GateSettings())
+    dwells = dwells_of_recording(path, step)
+    return np.array([(dwell.t_s, gate.read(dwell).is_open) for dwell in dwells]).T
 
 
 @needs_data

@@ -3,18 +3,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from radard.config.config import Config
 from radard.config.sections import GateSettings
 from radard.detect.clutter_map import ClutterRemover
 from radard.detect.gate import Gate
 from radard.detect.tracks import Tracker
-from radard.dsp.downconvert import DownConverter
 from radard.dsp.range_gate import range_gates
-from radard.pipeline import Pipeline
-from radard.stream.ring import Dwell, FrameRing
-from tests.clutter_helpers import AXIS, body, room
+from radard.stream.ring import Dwell
+from tests.clutter_helpers import AXIS, body, dwells_of_recording, room
 from tests.radar_helpers import noise
-from x2radar.recording.registry import open_recording
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 RATE_HZ = 60.0
@@ -264,17 +260,10 @@ def test_a_tracker_that_rested_finds_who_walked_in_meanwhile():
 
 def recorded(name, step=4):
     """Tracks of a recording, dwell by dwell."""
-    reader = open_recording(str(DATA / name))
-    pipeline = Pipeline(reader.stream, Config())
-    converter = DownConverter(reader.stream.axis, step)
-    ring = FrameRing(converter.axis, converter.convert, pipeline.shape)
-    remover, gate, tracker = ClutterRemover(), Gate(GateSettings()), Tracker()
-    for frame in reader.frames(0.0):
-        ring.push(frame)
-        while ring._queue:
-            dwell = remover.remove(ring.next_item(0))
-            gate.read(dwell)
-            yield dwell.t_s, tracker.update(dwell, gate.background)
+    gate, tracker = Gate(GateSettings()), Tracker()
+    for dwell in dwells_of_recording(DATA / name, step):
+        gate.read(dwell)
+        yield dwell.t_s, tracker.update(dwell, gate.background)
 
 
 # Read off the range-time maps of the recordings by eye, to a decimetre or two.
