@@ -125,6 +125,10 @@ def test_standard_joints_move_the_parts_of_a_kind_with_its_girths(tmp_path, skel
     for k, part in enumerate(skeleton.parts):
         begin, end = (at[name] for name in part.joints)
         assert pose.centre_m[0, k] == pytest.approx(0.5 * (begin + end), abs=1e-6)
+    # Sides are square to the parts and to the body's left.
+    right, left = (at[name] for name in skeleton.left)
+    assert (pose.side * pose.axis).sum(axis=-1) == pytest.approx(0.0, abs=1e-9)
+    assert (pose.side[0, 0] * (left - right)).sum() > 0
     points = body.at(np.linspace(0, 1, 9), ANTENNA_M)
     generated = drawn("human" if skeleton is PERSON else "dog", "walk", 0, skin=skin)
     if skin != "points":

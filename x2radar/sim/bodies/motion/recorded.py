@@ -9,7 +9,8 @@ the first and after the last frame the body stands still.
 
 import zipfile
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import compress
 from pathlib import Path as FilePath
 from typing import Self
 
@@ -17,7 +18,7 @@ import numpy as np
 
 from x2radar.errors import SceneError
 from x2radar.sim.bodies.motion.bvh import read_bvh
-from x2radar.sim.bodies.pose import Pose
+from x2radar.sim.bodies.pose import UP, Pose
 from x2radar.sim.bodies.skeleton.people import PERSON
 from x2radar.sim.bodies.skeleton.quadrupeds import QUADRUPED
 from x2radar.sim.bodies.skeleton.skeleton import Part, Skeleton
@@ -54,8 +55,7 @@ class RecordedMotion:
         Raises SceneError if the joints are no body's: all in one place, or metres apart.
         """
         at = {name: k for k, name in enumerate(names)}
-        kinds = ((PERSON, "head_top"), (QUADRUPED, "HL_hip"))
-        for skeleton, top in kinds:
+        for skeleton, top in ((PERSON, "head_top"), (QUADRUPED, "HL_hip")):
             if all(name in at for part in skeleton.parts for name in part.joints):
                 size_m = float(np.quantile(position_m[:, at[top], 2], _HIGH_QUANTILE))
                 # Some rigs have one joint upon another.
@@ -66,11 +66,8 @@ class RecordedMotion:
             at = {f"{k}": k for k in range(len(names))}
             rows = [(k, p) for k, p in enumerate(parent) if p >= 0]
             whole = Skeleton(tuple(Part(names[k], (f"{p}", f"{k}"), (0.0, 0.0)) for k, p in rows))
-            length = _lengths_m(whole, at, position_m[:1])
-            parts = tuple(
-                p for p, x in zip(whole.parts, length, strict=True) if x > _MIN_SEGMENT_M
-            )
-            skeleton = Skeleton(parts)
+            long = _lengths_m(whole, at, position_m[:1]) > _MIN_SEGMENT_M
+            skeleton = Skeleton(tuple(compress(whole.parts, long)))
             length = _lengths_m(skeleton, at, position_m)
             thick = np.clip(_THICK_SHARE * length, *_THICK_M)
             half = np.stack([length / 2, thick, thick], axis=1)
@@ -97,12 +94,17 @@ class RecordedMotion:
             + u * step
             + ease * ((1 - u) * (v[k] - step) - u * (v[np.minimum(k + 1, last)] - step))
         )
-        ends = self.skeleton.ends({name: now[:, j] for name, j in self.joints.items()})
-        axis = Pose.between(ends, now[:, :1]).axis
-        side = np.cross(axis, np.array([0.0, 0.0, 1.0]))
+        joints = {name: now[:, j] for name, j in self.joints.items()}
+        pose = Pose.between(self.skeleton.ends(joints), now[:, :1])
+        if self.skeleton.left is None:
+            side = np.cross(pose.axis, UP)
+        else:
+            right, left = (joints[name] for name in self.skeleton.left)
+            way = (left - right)[:, None]
+            side = way - (way * pose.axis).sum(axis=-1, keepdims=True) * pose.axis
         size = np.linalg.norm(side, axis=-1, keepdims=True)
         side = np.where(size > 1e-3, side / np.maximum(size, 1e-9), np.array([1.0, 0.0, 0.0]))
-        return Pose.between(ends, side)
+        return replace(pose, side=side)
 
     @property
     def duration_s(self) -> float:

@@ -55,6 +55,7 @@ PERSON = Skeleton(
         Part("head", ("head", "head_top"), (0.045, 0.052), 0.065, is_flesh=False),
         *(*_LEFT_ARM, *_RIGHT_ARM, *_LEFT_LEG, *_RIGHT_LEG),
     ),
+    left=("r_hip", "l_hip"),
     n_trunk=3,
     gain=EchoGain(losses=(((0, 1, 2), 10.0),)),
 )

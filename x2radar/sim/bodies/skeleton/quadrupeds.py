@@ -40,6 +40,7 @@ QUADRUPED = Skeleton(
             for k, (name, girth) in enumerate(_LEG_GIRTHS.items())
         ),
     ),
+    left=("HR_hip", "HL_hip"),
     n_trunk=3,
     # Legs are slender, and a recorded dog shows less of its tail, shanks and paws than of its
     # thighs.

@@ -30,6 +30,7 @@ class Skeleton:
     """A kind of body."""
 
     parts: tuple[Part, ...]
+    left: tuple[str, str] | None = None  # joints on the right and on the left of the hips
     n_trunk: int = 1  # so many parts, from the first on, are the trunk
     gain: EchoGain = THEORY  # how strong parts echo against theory
 

@@ -45,7 +45,7 @@ FOOTWORK: Mapping[str, Footwork] = {
     # Half-bound: the hind feet nearly at once, then the fore feet.
     "bound": Footwork((0.0, 0.46, 0.06, 0.53), 1, False, 0.090, 0.010, 0.10),
 }
-"""Gaits by name: footfalls of the textbooks, amplitudes recalled or chosen by eye."""
+"""Gaits by name: footfalls of the textbooks, amplitudes recalled or by eye."""
 
 
 def froude(speed_mps: Array | float, hip_m: float) -> Array:
