@@ -1,4 +1,4 @@
-"""Map networks: they learn, the same every time, and leave torch as they were."""
+"""Training of the map networks: steps, teachers, interruptions, bundles, evidence."""
 
 import json
 from dataclasses import asdict, replace
@@ -7,6 +7,7 @@ from functools import partial
 import numpy as np
 import pytest
 import torch
+from torch import nn
 
 from benchmarks.bench_training import step_of
 from radard.errors import RadardError, UsageError
@@ -16,9 +17,14 @@ from tests.training_helpers import FEATURES, INPUTS, TINY, as_float, tiny, toy, 
 from x2train.bundle.export import checked, exported
 from x2train.bundle.metrics import HUMAN_LIMIT, PRIOR_HUMAN, TRUST, map_metrics
 from x2train.commands.fit import WIDTHS
+from x2train.nets import map_checkpoint
+from x2train.nets.epoch import Epoch
 from x2train.nets.evidence_fit import fit_evidence, fused, log_loss, sequences
-from x2train.nets.map_fit import logits_of
+from x2train.nets.map_fit import INPUTS as NAMES
+from x2train.nets.map_fit import MapTrained, fit_maps, logits_of
 from x2train.nets.nets import MapNet, n_parameters
+from x2train.nets.optimizer import MuonAdamW
+from x2train.nets.teacher import taught_by, taught_error
 
 pytestmark = pytest.mark.integration
 
@@ -199,3 +205,224 @@ def test_the_discount_is_what_repetition_asks_for():
 
 def test_the_benchmark_takes_such_a_step():
     step_of("fast", is_half=False, is_compiled=False)()
+
+
+RATES = {"rate": 1e-2, "matrix_rate": 2e-2, "weight_decay": 0.0, "matrix_decay": 0.0}
+
+
+def net_of(last=True):
+    torch.manual_seed(0)
+    net = MapNet(24, 20, widths=(4, 6, 8, 8), hidden=8)
+    return net.to(memory_format=torch.channels_last if last else torch.contiguous_format)
+
+
+def loss_of(net):
+    rng = torch.Generator().manual_seed(1)
+    maps = torch.rand(16, 24, 12, generator=rng), torch.rand(16, 20, 12, generator=rng)
+    return nn.functional.cross_entropy(net(*maps), torch.arange(16) % 3)
+
+
+@pytest.mark.parametrize("last", [True, False])
+def test_every_weight_moves_and_the_loss_falls(last):
+    net = net_of(last)
+    before = {name: p.detach().clone() for name, p in net.named_parameters()}
+    optimizer = MuonAdamW(net, 30, **RATES)
+    losses = []
+    for _ in range(30):
+        loss = loss_of(net)
+        losses.append(loss.item())
+        optimizer.step(loss)
+    assert losses[-1] < 0.3 * losses[0]
+    for name, p in net.named_parameters():
+        assert not torch.equal(p, before[name]), name
+
+
+def test_a_matrix_goes_the_same_way_whatever_the_order_of_its_memory():
+    went = []
+    for last in (True, False):
+        net = net_of(last)
+        before = net.range[2][0].weight.detach().clone()
+        optimizer = MuonAdamW(net, 10, **RATES)
+        optimizer.step(loss_of(net))
+        went.append((net.range[2][0].weight.detach() - before).flatten())
+    # Muon's iteration is in half precision.
+    assert torch.cosine_similarity(*went, dim=0) > 0.99
+
+
+def test_all_directions_of_a_matrix_learn_equally_fast():
+    net = nn.Linear(64, 16, bias=False)
+    before = net.weight.detach().clone()
+    optimizer = MuonAdamW(net, 10, **RATES)
+    x = torch.randn(200, 64, generator=torch.Generator().manual_seed(0)) * torch.logspace(
+        -2, 0, 64
+    )
+    rate = optimizer.rates[-1]
+    optimizer.step((net(x) ** 2).mean())
+    went = torch.linalg.svdvals(net.weight.detach() - before) / rate
+    assert went.max() / went.min() < 3
+    assert 0.5 < went.median() < 1.5
+
+
+def test_one_cycle_rises_and_ends_near_nothing():
+    net = net_of()
+    optimizer = MuonAdamW(net, 20, **RATES)
+    rates = []
+    for _ in range(20):
+        rates.append(tuple(optimizer.rates))
+        optimizer.step(loss_of(net))
+    adam, muon = zip(*rates, strict=True)
+    assert max(adam) == pytest.approx(RATES["rate"])
+    assert max(muon) == pytest.approx(RATES["matrix_rate"])
+    assert adam.index(max(adam)) == muon.index(max(muon)) in (3, 4)
+    assert adam[-1] < 1e-3 * max(adam)
+
+
+SETTINGS = replace(TINY, epochs=3, dropout=0.2)
+
+
+class Stopped(Exception):
+    """The machine was switched off."""
+
+
+def fitted(path, settings=SETTINGS, n=96):
+    *epochs, made = fit_maps(toy(n), toy(24, seed=1), settings, checkpoint=path)
+    return [e for e in epochs if isinstance(e, Epoch)], made
+
+
+@pytest.fixture
+def often(monkeypatch):
+    """Checkpoints after every step; `often(n)` switches the machine off after so many."""
+    monkeypatch.setattr(map_checkpoint, "_EVERY_S", 0.0)
+    monkeypatch.setattr(map_checkpoint.Checkpoints.__init__, "__defaults__", (0.0,))
+
+    def stop_after(n):
+        write, count = map_checkpoint.write_whole, [0]
+
+        def counted(path, data):
+            write(path, data)
+            count[0] += 1
+            if count[0] == n:
+                raise Stopped
+
+        monkeypatch.setattr(map_checkpoint, "write_whole", counted)
+
+    return stop_after
+
+
+@pytest.mark.parametrize("n", [1, 6, 17])
+def test_an_interrupted_training_ends_with_the_same_network(tmp_path, often, n):
+    path = tmp_path / "net.checkpoint"
+    whole_epochs, whole = fitted(None)
+    often(n)
+    with pytest.raises(Stopped):
+        fitted(path)
+    assert path.exists()
+    epochs, made = fitted(path)
+    for key, value in whole.net.state_dict().items():
+        assert torch.equal(made.net.state_dict()[key], value), key
+    assert made.temperature == whole.temperature
+    assert epochs[-1] == whole_epochs[-1]
+    assert len(epochs) <= len(whole_epochs)
+    assert not path.exists()
+
+
+def test_a_checkpoint_of_another_run_is_not_taken(tmp_path, often):
+    path = tmp_path / "net.checkpoint"
+    often(8)
+    with pytest.raises(Stopped):
+        fitted(path)
+    other = replace(SETTINGS, seed=5)
+    _, alone = fitted(None, other)
+    _, made = fitted(path, other)
+    for key, value in alone.net.state_dict().items():
+        assert torch.equal(made.net.state_dict()[key], value)
+
+
+@pytest.mark.parametrize("data", [b"", b"rubbish", b"PK\x03\x04" + bytes(100)])
+def test_a_damaged_checkpoint_is_begun_afresh(tmp_path, data):
+    path = tmp_path / "net.checkpoint"
+    path.write_bytes(data)
+    epochs, _ = fitted(path)
+    assert len(epochs) == SETTINGS.epochs
+
+
+def test_nothing_that_runs_code_is_read(tmp_path):
+    class Evil:
+        def __reduce__(self):
+            return (open, (str(tmp_path / "ran"), "w"))
+
+    path = tmp_path / "net.checkpoint"
+    torch.save({"print": Evil()}, path)
+    fitted(path)
+    assert not (tmp_path / "ran").exists()
+
+
+def some(n=20, seed=0):
+    rng = torch.Generator().manual_seed(seed)
+    answers = 3 * torch.randn(n, 3, generator=rng)
+    return answers, torch.randint(0, 3, (n,), generator=rng)
+
+
+def shaped(bundle, n):
+    """Windows of a bundle's own maps, as bytes."""
+    rng = np.random.default_rng(0)
+    return {i.feature: rng.integers(0, 256, (n, *i.shape), np.uint8) for i in bundle.inputs}
+
+
+def test_a_teacher_says_what_the_daemon_would():
+    bundle = load_bundle("fast")
+    windows = shaped(bundle, 5)
+    said, classifier = taught_by(bundle, windows), Classifier(bundle)
+    assert said.dtype == np.float32
+    for k, row in enumerate(said):
+        inputs = {name: values[k].astype(np.float32) / 255 for name, values in windows.items()}
+        p = classifier.classify(inputs)
+        assert row == pytest.approx([p.human, p.pet, p.other], abs=1e-5)
+
+
+def test_a_teacher_of_other_maps_or_classes_is_refused():
+    bundle = load_bundle("fast")
+    windows = shaped(bundle, 2)
+    windows["range_time"] = windows["range_time"][:, 1:]
+    with pytest.raises(UsageError, match=r"range_time of shape \(80, 40\), not \(79, 40\)"):
+        taught_by(bundle, windows)
+    del windows["range_time"]
+    with pytest.raises(UsageError, match=r"range_time of shape \(80, 40\), not None"):
+        taught_by(bundle, windows)
+    with pytest.raises(UsageError, match="tells pet, human apart"):
+        taught_by(load_bundle("thesis"), windows)
+
+
+def test_without_a_share_labels_alone_count():
+    answers, labels = some()
+    weight = torch.tensor([1.0, 0.5, 2.0])
+    alone = taught_error(answers, labels, torch.ones(20, 3) / 3, share=0.0, weight=weight)
+    wanted = nn.CrossEntropyLoss(weight=weight)(answers, labels)
+    assert alone.item() == pytest.approx(wanted.item(), rel=1e-6)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
+def test_nothing_is_better_than_to_say_what_both_say(share):
+    answers, labels = some()
+    taught = answers.softmax(1)
+    both = share * taught + (1 - share) * torch.eye(3)[labels]
+    weight = torch.tensor([1.0, 0.5, 2.0])
+    best = taught_error((both + 1e-9).log(), labels, taught, share=share, weight=weight)
+    for seed in range(1, 6):
+        other = taught_error(some(seed=seed)[0], labels, taught, share=share, weight=weight)
+        assert other > best
+    assert torch.equal(taught, answers.softmax(1))
+
+
+def test_a_pupil_learns_what_its_teacher_says_against_the_labels():
+    windows = toy(96)
+    wrong = np.roll(np.eye(3, dtype=np.float32)[windows["label"]], 1, axis=1)
+    settings = replace(TINY, teacher_share=1.0)
+    *_, made = fit_maps(windows, toy(24, seed=1), settings, wrong)
+    assert isinstance(made, MapTrained)
+    made.net.eval()
+    unseen = toy(48, seed=2)
+    maps = [torch.from_numpy(as_float(unseen[name])) for name in NAMES]
+    with torch.no_grad():
+        guess = made.net(*maps).argmax(1).numpy()
+    assert (guess == (unseen["label"] + 1) % 3).mean() > 0.9

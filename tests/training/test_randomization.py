@@ -1,13 +1,108 @@
-"""Guises: bodies made unlike each other, and what must stay."""
+"""What makes windows of training unlike each other: augmentation, bodies, what is known."""
 
 from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
 import pytest
+import torch
 
+from radard.judge.installation import N_INSTALLATION
 from x2radar.sim.points import Points
+from x2train.sets.augment import _deeper, _kept, _noisier, _shifted, augmented
 from x2train.sets.domain_randomization import DomainRandomization, RandomizedActor
+from x2train.sets.known import ADULT_DB, hidden_more, known_of
+
+N, N_CELLS = 64, 40
+SHAPES = ((101, N_CELLS), (80, N_CELLS), (61, 24), (81, 9))
+
+
+def maps(seed=0, n=N):
+    rng = torch.Generator().manual_seed(seed)
+    made = [torch.rand(n, *shape, generator=rng) for shape in SHAPES]
+    # Mostly empty, like the true ones.
+    return [(m * (m > 0.6)).clamp(0, 1) for m in made]
+
+
+def rng(seed=0):
+    return torch.Generator().manual_seed(seed)
+
+
+def test_shapes_and_range_stay_and_what_was_given_too():
+    given, before = maps(), maps()
+    for seed in range(5):
+        made = augmented(*given, rng=rng(seed))
+        for new, old in zip(made, given, strict=True):
+            assert new.shape == old.shape
+            assert new.dtype == torch.float32
+            assert new.min() >= 0
+            assert new.max() <= 1
+    for old, same in zip(given, before, strict=True):
+        assert torch.equal(old, same)
+    assert len(augmented(*given[:2], rng=rng())) == 2
+
+
+def test_who_loses_frames_within_has_no_whole_long_cpi():
+    velocity, _, medium, long = augmented(*maps(), rng=rng(3))
+    is_lost = _kept(torch.rand(N, 7, generator=rng(3))[:, 4:], N_CELLS)[1]
+    assert 3 < is_lost.sum() < 20
+    for each in (medium, long):
+        assert torch.equal(each.flatten(1).any(1), ~is_lost)
+    assert velocity.flatten(1).any(1).all()
+
+
+def test_empty_maps_stay_empty():
+    for made in augmented(*(torch.zeros(N, *shape) for shape in SHAPES), rng=rng()):
+        assert not made.any()
+
+
+def test_rows_in_which_nothing_was_shown_get_no_noise():
+    ranges = maps()[1]
+    ranges[:, 50:] = 0
+    made = _noisier(ranges, torch.zeros(N) + 0.2, rng())
+    assert not made[:, 50:].any()
+    assert (made[:, :50] >= ranges[:, :50]).all()
+    assert 0.28 < made[:, :50][ranges[:, :50] == 0].mean() < 0.32
+
+
+@pytest.mark.parametrize(("u", "rows"), [(0.0, -12), (0.5, 0), (0.9999, 12)])
+def test_shifting_moves_along_range_and_lets_nothing_in(u, rows):
+    ranges = maps()[1]
+    made = _shifted(ranges, torch.full((N,), u))
+    if rows == 0:
+        assert torch.equal(made, ranges)
+    elif rows > 0:
+        assert torch.equal(made[:, rows:], ranges[:, :-rows])
+        assert not made[:, :rows].any()
+    else:
+        assert torch.equal(made[:, :rows], ranges[:, -rows:])
+        assert not made[:, rows:].any()
+
+
+def test_depth_keeps_the_reference_and_the_order():
+    m = torch.linspace(0, 1, 41).repeat(3, 1, 1)
+    made = _deeper(m, torch.tensor([0.0, 0.5, 1.0]))
+    assert torch.equal(made[:, :, -1], torch.ones(3, 1))
+    assert (made[:, :, 1:].diff(dim=2) >= 0).all()
+    torch.testing.assert_close(1 - made[0, 0, 20], torch.tensor(0.5 * 0.8))
+    torch.testing.assert_close(1 - made[2, 0, 20], torch.tensor(0.5 * 1.25))
+    assert not made[:, :, 0].any()
+
+
+@pytest.mark.parametrize(
+    ("u", "gone"),
+    [
+        ((0.1, 1.0, 0.2), (0, 14)),
+        ((0.1, 1.0, 0.8), (26, 40)),
+        ((0.4, 1.0, 0.5), (19, 22)),
+        ((0.9, 1.0, 0.5), (0, 0)),
+    ],
+)
+def test_what_is_cut(u, gone):
+    kept = _kept(torch.tensor([u]), N_CELLS)[0][0]
+    assert kept.sum() == N_CELLS - (gone[1] - gone[0])
+    assert not kept[gone[0] : gone[1]].any()
+
 
 ANTENNA_M = np.array([0.0, 0.0, 1.2])
 KINDS = [("human", "walk"), ("dog", "trot"), ("cat", "stalk"), ("fan", None)]
@@ -157,3 +252,65 @@ def test_who_goes_is_met_on_the_way_and_not_long_after_the_arrival():
 def test_who_stays_is_met_at_any_time():
     staying = actor("dog", "sit", swath_m=(0.6, 6.0), lead_s=(0.2, 2.5), is_plain=True)
     assert max(staying.make(np.random.default_rng(k)).begin_s for k in range(40)) > 15
+
+
+NEEDED = ("frame_rate_hz", "height_m", "tilt_deg", "echo_db", "level_db", "passage")
+
+
+def windows(n=400, per_passage=4):
+    rng = np.random.default_rng(1)
+    made = {name: rng.uniform(1, 3, n) for name in NEEDED} | {"is_physical": np.ones(n, bool)}
+    made["passage"] = np.arange(n) // per_passage
+    for name in ("height_m", "tilt_deg", "level_db"):
+        made[name] = np.repeat(made[name][::per_passage], per_passage)
+    made["frame_rate_hz"] = np.full(n, 120.0)
+    made["echo_db"] = made["level_db"] + ADULT_DB
+    return made | {"label": np.zeros(n, np.int64)}
+
+
+def test_a_passage_knows_the_same_all_along():
+    made = windows()
+    known = known_of(made)
+    assert known.shape == (400, N_INSTALLATION)
+    assert (known[:, 0] == 1).all()
+    by_passage = known.reshape(100, 4, N_INSTALLATION)
+    assert (by_passage == by_passage[:, :1]).all()
+    for k in (1, 5):
+        assert 0.4 < by_passage[:, 0, k].mean() < 0.8
+    assert (known[:, 1] == known[:, 3]).all()  # a mount is known as a whole
+
+
+def test_an_adult_is_as_strong_as_an_adult_to_two_decibels():
+    known = known_of(windows())
+    strength = known[known[:, 5] == 1, 6] * 10
+    assert abs(strength.mean()) < 1
+    assert strength.std() == pytest.approx(2.0, abs=0.6)
+
+
+def test_fewer_know_the_level_where_size_says_nothing_of_the_echo():
+    shares = [
+        known_of(windows(4000) | {"is_physical": np.full(4000, is_physical)})[:, 5].mean()
+        for is_physical in (True, False)
+    ]
+    assert shares == pytest.approx([0.6, 0.04], abs=0.02)
+
+
+def test_an_echo_that_is_not_there_has_no_strength():
+    made = windows()
+    made["echo_db"] = np.full(400, np.nan)
+    assert (known_of(made)[:, 5:] == 0).all()
+
+
+def test_a_passage_draws_the_same_in_any_company():
+    made = windows()
+    some = {key: values[100:120] for key, values in made.items()}
+    np.testing.assert_array_equal(known_of(made)[100:120], known_of(some))
+
+
+def test_training_hides_value_and_mark_together_but_never_the_rate():
+    rng = torch.Generator().manual_seed(0)
+    hidden = hidden_more(torch.ones(4000, N_INSTALLATION), rng)
+    assert (hidden[:, 0] == 1).all()
+    for k in (1, 3, 5):
+        assert torch.equal(hidden[:, k], hidden[:, k + 1])
+        assert hidden[:, k].mean() == pytest.approx(0.85, abs=0.03)

@@ -1,0 +1,297 @@
+"""The report's figures: passages made by hand, whose verdicts and windows are known."""
+
+import math
+
+import numpy as np
+import pytest
+
+from radard.errors import UsageError
+from tests.report_helpers import drawn, passage, table_of
+from tests.shard_helpers import Draws
+from x2radar.errors import RecordingError
+from x2train.judge.table import FLAGS, NUMBERS, SERIES, TEXTS, PassageTable
+from x2train.judge.verdicts import (
+    Sweep,
+    evidence,
+    limit_evidence,
+    outcome,
+    verdicts,
+)
+from x2train.judge.windows import (
+    Windows,
+    balanced_accuracy,
+    baselines,
+    confusion,
+    human_score,
+    is_in_view,
+    is_judged,
+)
+from x2train.sets.shard_run import make_shards
+
+COLUMNS = ("n_decisions", *TEXTS, *NUMBERS, *FLAGS, *SERIES)
+
+
+def assert_same(a, b):
+    for name in COLUMNS:
+        np.testing.assert_array_equal(getattr(a, name), getattr(b, name), err_msg=name)
+
+
+def made(k):
+    return None if k == 4 else passage([0.5] * k, build=f"build {k}")
+
+
+def test_a_table_is_its_passages_in_memory_and_on_disk(tmp_path):
+    make_shards(tmp_path, {}, 7, made, per_shard=3)
+    table = PassageTable.load(tmp_path)
+    assert_same(table, table_of(*(made(k) for k in range(7) if k != 4)))
+    assert table.build.tolist() == [f"build {k}" for k in range(7) if k != 4]
+    assert table.first.tolist() == [0, 0, 1, 3, 6, 11, 17]
+    assert table.passage.tolist() == np.repeat(np.arange(6), [0, 1, 2, 3, 5, 6]).tolist()
+    table.save(tmp_path / "again", {"what": "test"})
+    assert_same(PassageTable.load(tmp_path / "again"), table)
+    assert_same(table.chosen(table.build == "build 3"), table_of(made(3)))
+    assert len(table_of()) == 0
+
+
+def test_what_is_no_passage_is_refused():
+    with pytest.raises(UsageError, match=r"label 'dog': must be one of human, pet, other, empty"):
+        passage([0.5], "dog")
+    with pytest.raises(UsageError, match=r"power_db: shape \(2,\), not \(1,\)"):
+        passage([0.5], power_db=np.zeros(2))
+
+
+def test_no_set_and_other_sets_are_refused(tmp_path):
+    with pytest.raises(RecordingError, match="no set of shards"):
+        PassageTable.load(tmp_path / "missing")
+    make_shards(tmp_path, {}, 3, Draws())
+    with pytest.raises(UsageError, match="without the column 'n_decisions'"):
+        PassageTable.load(tmp_path)
+
+
+LIMIT = limit_evidence(0.8)
+
+
+def outcome_of(table, is_alarm=None):
+    found = verdicts(table, table.is_alarm if is_alarm is None else is_alarm)
+    return outcome(table, found, np.ones(len(table), bool), np.random.default_rng(0))
+
+
+def test_perfect():
+    table = table_of(
+        *(passage([0.9, 0.01, 0.01]) for _ in range(10)),
+        *(passage([0.99] * 60, "pet") for _ in range(60)),
+    )
+    found = outcome_of(table)
+    assert (found.n_intrusions, found.n_missed, found.miss_rate.value) == (10, 0, 0.0)
+    assert (found.n_false_alarms, found.pet_hours) == (0, 1.0)
+    assert found.false_alarms_per_hour.high == pytest.approx(3, rel=0.002)
+    assert found.median_s.value == found.p90_s.value == 1.0
+
+
+def test_quantiles_count_those_who_were_missed():
+    late = [passage([0.9] * k + [0.1]) for k in range(8)]
+    found = outcome_of(table_of(*late, passage([0.9]), passage([0.9])))
+    assert found.median_s.value == 4.0
+    assert found.p90_s.value == math.inf
+
+
+def test_alarm_before_entering_does_not_count():
+    early = passage([0.1, 0.9, 0.9], enters_s=2.5)
+    both = passage([0.1, 0.9, 0.1], enters_s=2.5)
+    found = verdicts(table_of(early, both), table_of(early, both).is_alarm)
+    assert found.alarm_s.tolist() == [math.inf, 1.5]
+
+
+def test_alarms_in_one_minute_are_one():
+    quiet = np.full(130, 0.9)
+    quiet[[0, 1, 59, 60, 129]] = 0.1
+    found = outcome_of(table_of(passage(quiet, "pet")))
+    assert found.n_false_alarms == 3
+
+
+def test_evidence_is_that_of_the_limit():
+    table = table_of(passage([0.8, 0.800001, 0.0, 1.0, 1e-12, 1e-6]))
+    score = evidence(table, "fused")
+    assert ((score >= LIMIT) == [True, False, True, False, True, True]).all()
+    assert np.isfinite(score).all()
+    assert score[4] - score[5] == pytest.approx(math.log(1e6))
+
+
+def test_closed_gates_and_missing_probabilities_are_no_evidence():
+    table = table_of(passage([0.1, np.nan, 0.1], is_open=[False, True, True]))
+    assert np.isneginf(evidence(table, "fused")).tolist() == [True, True, False]
+    assert np.isneginf(evidence(table, "window")).tolist() == [True, True, False]
+
+
+@pytest.mark.parametrize(
+    ("is_pending", "is_open", "alarms"),
+    [
+        # Decided at once; decided later; left with the last decision; left before it.
+        ([0, 0, 0], [1, 1, 1], [True, True, True]),
+        ([1, 1, 0], [1, 1, 1], [False, False, True]),
+        ([1, 1, 1], [1, 1, 1], [False, False, True]),
+        ([1, 1, 0], [1, 1, 0], [False, False, True]),
+    ],
+)
+def test_pending_counts_only_as_the_last_word(is_pending, is_open, alarms):
+    undecided = passage(
+        [0.5] * 3, is_pending=np.array(is_pending, bool), is_open=np.array(is_open, bool)
+    )
+    # Another passage follows, whose gate is open: it must not be taken for the same target.
+    table = table_of(undecided, passage([0.99]))
+    assert (evidence(table, "fused") >= LIMIT)[:3].tolist() == alarms
+
+
+def test_sweep_at_the_limit_is_the_daemons_verdict():
+    table = drawn(300)
+    swept = verdicts(table, evidence(table, "fused") >= LIMIT)
+    shipped = verdicts(table, table.is_alarm)
+    assert (swept.alarm_s == shipped.alarm_s).all()
+    assert (swept.false_alarms == shipped.false_alarms).all()
+
+
+@pytest.mark.parametrize("budget_h", [0.01, 0.1, 1.0, 60.0])
+def test_limit_for_a_budget_keeps_it_and_no_tighter_than_needed(budget_h):
+    table = drawn(400)
+    score = evidence(table, "fused")
+    sweep = Sweep.of(table, score)
+    limit = sweep.limit_for(1 / budget_h)
+    allowed = math.floor(sweep.pet_hours / budget_h)
+    assert outcome_of(table, score >= limit).n_false_alarms <= allowed
+    looser = score >= np.nextafter(limit, -np.inf)
+    assert outcome_of(table, looser).n_false_alarms > allowed or np.isinf(np.abs(limit) * 2)
+
+
+def test_one_alarm_in_exactly_the_hours_of_the_budget_is_allowed():
+    pets = [passage([0.99] * 59 + [0.1 + 0.01 * k], "pet") for k in range(60)]
+    sweep = Sweep.of(table_of(*pets), evidence(table_of(*pets), "fused"))
+    assert sweep.pet_hours == 1.0
+    assert (sweep.pet_minute >= sweep.limit_for(1.0)).sum() == 1
+    assert (sweep.pet_minute >= sweep.limit_for(0.99)).sum() == 0
+    assert (sweep.pet_minute >= sweep.limit_for(1e9)).sum() == 60
+
+
+def test_curve_has_the_outcome_of_every_limit():
+    table = drawn(300, skill=1.0)
+    score = evidence(table, "fused")
+    sweep = Sweep.of(table, score)
+    false, missed = sweep.curve()
+    assert (np.diff(false) >= 0).all()
+    assert (np.diff(missed) <= 0).all()
+    assert false[0] == 0
+    for limit in (LIMIT, -3.0, 2.0):
+        found = outcome_of(table, score >= limit)
+        # The curve's point with as many false alarms misses no more: it asks for no more.
+        at = np.searchsorted(false, found.false_alarms_per_hour.value + 1e-9) - 1
+        assert missed[at] <= found.miss_rate.value
+
+
+def test_empty_table():
+    found = outcome_of(table_of())
+    assert (found.n_intrusions, found.n_false_alarms, found.pet_hours) == (0, 0, 0.0)
+    false, missed = Sweep.of(table_of(), np.empty(0)).curve()
+    assert len(false) == len(missed) == 1
+
+
+def windows_of(table):
+    return Windows.of(table, is_judged(table) & is_in_view(table))
+
+
+def figures_of(table):
+    rng = np.random.default_rng(0)
+    windows = windows_of(table)
+    auc = windows.auc(human_score(table)[windows.row], rng)
+    return auc, balanced_accuracy(table, windows, rng)
+
+
+def test_perfect_windows():
+    auc, accuracy = figures_of(table_of(passage([0.1] * 5), passage([0.9] * 5, "pet")))
+    assert (auc.value, accuracy.value) == (1.0, 1.0)
+
+
+def test_random_windows():
+    auc, accuracy = figures_of(drawn(400, skill=0.0))
+    assert auc.low < 0.5 < auc.high
+    assert accuracy.low < 0.5 < accuracy.high
+    assert auc.high - auc.low < 0.05
+
+
+def test_balanced_accuracy_is_the_mean_of_both_classes():
+    table = table_of(passage([0.1] * 30 + [0.9] * 10), passage([0.9] * 2, "pet"))
+    assert balanced_accuracy(table, windows_of(table), np.random.default_rng(0)).value == (
+        pytest.approx((29 / 39 + 1) / 2)  # the first window's middle is before it enters
+    )
+
+
+@pytest.mark.parametrize("label", ["human", "pet"])
+def test_one_class_alone_has_no_figures(label):
+    auc, accuracy = figures_of(table_of(passage([0.5, 0.4], label, enters_s=0.5)))
+    assert math.isnan(auc.value)
+    assert math.isnan(accuracy.value)
+
+
+def test_windows_count_while_their_middle_is_in_the_swath():
+    table = table_of(passage([0.5] * 6, enters_s=3.0, leaves_s=5.0))
+    # Dwells of 2 s that end at 2 to 7 s.
+    assert is_in_view(table).tolist() == [False, False, True, True, True, False]
+
+
+def test_windows_without_probabilities_are_left_out():
+    bad = passage([np.nan] * 3 + [0.1] * 3, enters_s=0.5)
+    table = table_of(bad, passage([0.9] * 3, "pet", enters_s=0.5))
+    assert is_judged(table).sum() == 6
+    auc, _ = figures_of(table)
+    assert auc.value == 1.0
+
+
+def test_confusion_counts_the_likeliest_class():
+    other = passage([0.9, 0.9], "other", p_pet=np.zeros(2), p_other=np.full(2, 0.9))
+    found = confusion(table_of(passage([0.1, 0.9]), passage([0.9], "pet"), other))
+    assert found["human"] == {"human": 1, "pet": 1, "other": 0}
+    assert found["pet"] == {"human": 0, "pet": 1, "other": 0}
+    assert found["other"] == {"human": 0, "pet": 0, "other": 2}
+    assert found["empty"] == {"human": 0, "pet": 0, "other": 0}
+
+
+def baselines_of(table):
+    found = baselines(table, windows_of(table), np.random.default_rng(0))
+    return {b.name: b for b in found}
+
+
+def test_matched_set_has_features_near_chance():
+    found = baselines_of(drawn(600))
+    assert all(b.is_below for b in found.values())
+    assert all(b.auc.value >= 0.5 for b in found.values())
+
+
+def test_feature_that_is_lower_for_people_is_turned_round():
+    table = table_of(
+        *(passage([0.5] * 4, speed_mps=1.0 + 0.01 * k, enters_s=0.5) for k in range(5)),
+        *(passage([0.5] * 4, "pet", speed_mps=2.0 + 0.01 * k, enters_s=0.5) for k in range(5)),
+    )
+    speed = baselines_of(table)["speed"]
+    assert speed.auc.value == speed.auc.low == speed.auc.high == 1.0
+    assert not speed.is_required
+
+
+def test_feature_that_tells_without_a_direction_is_found_out():
+    rng = np.random.default_rng(3)
+    near_and_far = [(*rng.choice([0.6, 2.9], 1), "human") for _ in range(100)]
+    between = [(1.7, "pet") for _ in range(100)]
+    table = table_of(
+        *(
+            passage([0.5] * 4, label, target_range_m=r + 0.2 * rng.normal(size=4), enters_s=0.5)
+            for r, label in near_and_far + between
+        )
+    )
+    found = baselines_of(table)["range"]
+    assert found.auc.value < 0.6
+    assert found.auc_binned > 0.95
+    assert not found.is_below
+
+
+def test_feature_that_is_not_known_is_no_obstacle():
+    found = baselines_of(table_of(passage([0.1] * 4), passage([0.9] * 4, "pet")))
+    assert math.isnan(found["SNR"].auc.value)
+    assert math.isnan(found["SNR"].auc_binned)
+    assert found["SNR"].is_below
