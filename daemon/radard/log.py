@@ -20,11 +20,10 @@ import threading
 import time
 import uuid
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
+from radard.log_cursor import Cursor, Entry, Place, Record, Wants
 from radard.log_file import (
     ForeignDatabase,
     StoredEvent,
@@ -37,8 +36,6 @@ from radard.log_file import (
 )
 
 log = logging.getLogger("radard")
-Record = Mapping[str, Any]
-Wants = Callable[[Record], bool]
 _WAIT_S = 0.5  # a person does not notice it; disks take a tenth of it
 _OPEN_S = 5.0  # a disk that spins up takes as long; beyond it the run begins without its past
 _CLOSE_S = 1.0  # of the 6 s that systemd gives, the rest is for outputs
@@ -46,144 +43,6 @@ _TEND_S = 10.0  # how soon a disk is tried again, and what a kill takes off an e
 _ATTEMPTS = 3  # a file that is taken away while it is made anew looks damaged, too
 _CHECK_S = 3600.0  # reading all pages takes a tenth of a second
 _SAID_S = 3600.0  # so long the state says that a file was put aside, or events were dropped
-
-
-@dataclass(slots=True, eq=False)
-class Entry:
-    """A record in the log.
-
-    Attributes
-    ----------
-    n : int
-        Its number: the order of the log. It changes only for those that were appended before a
-        file could be read, which then come behind what that holds.
-    key : str
-        The same in every attempt to deliver it and in no other entry, ever.
-    put_s : float
-        Since when it has waited, by this process's monotonic clock.
-    text : str
-        The record as JSON.
-    """
-
-    n: int
-    key: str
-    put_s: float
-    text: str
-
-    @property
-    def record(self) -> Record:
-        """The record; a new mapping each time."""
-        record: Record = json.loads(self.text)
-        return record
-
-
-@dataclass(frozen=True, slots=True)
-class _Place:
-    """Where a cursor stands, as the file has it.
-
-    Everything up to `done` is delivered, but for those in `deferred`; `seen` is the last that was
-    appended while there was this cursor.
-    """
-
-    done: int = 0
-    seen: int = 0
-    deferred: tuple[int, ...] = ()
-
-    @property
-    def owes(self) -> bool:
-        """Whether there was something left to deliver."""
-        return self.done < self.seen or bool(self.deferred)
-
-
-class Cursor:
-    """What one output has still to be told, in order; any thread may use it."""
-
-    def __init__(self, owner: "EventLog", name: str, wants: Wants) -> None:
-        self.name = name
-        self._log = owner
-        self._wants = wants
-        self._waiting: deque[Entry] = deque()
-        self._deferred: deque[Entry] = deque()
-        self.n_lost = 0
-        """Entries that went before they were delivered, since there were too many."""
-        self.on_put: Callable[[], None] = lambda: None
-        """Called when there is more to deliver; must not wait."""
-
-    def __len__(self) -> int:
-        return len(self._waiting) + len(self._deferred)
-
-    def first(self) -> Entry | None:
-        """Return what is to be delivered next; those that were deferred come last."""
-        with self._log.changed:
-            waiting = self._waiting or self._deferred
-            return waiting[0] if waiting else None
-
-    def waiting(self, record: Record | None = None) -> list[Entry]:
-        """Return what is to be delivered, up to a record: nothing once that is delivered."""
-        text = None if record is None else json.dumps(dict(record))
-        with self._log.changed:
-            found = [*self._waiting, *self._deferred] if record is None else list(self._waiting)
-        if text is None:
-            return found
-        ends = [i for i, entry in enumerate(found) if entry.text == text]
-        return found[: ends[0] + 1] if ends else []
-
-    def done(self, entry: Entry) -> None:
-        """Note that an entry was delivered, or given up."""
-        with self._log.changed:
-            self._drop(entry)
-            self._log.moved(self.name)
-
-    def defer(self, entry: Entry) -> None:
-        """Put an entry behind all others."""
-        with self._log.changed:
-            if self._drop(entry):
-                self._deferred.append(entry)
-                self._log.moved(self.name)
-
-    def offer(self, entries: Sequence[Entry]) -> bool:
-        """Take those that are wanted; return whether there are any; under the log's lock."""
-        wanted = [entry for entry in entries if self._wants(entry.record)]
-        self._waiting.extend(wanted)
-        return bool(wanted)
-
-    def lose(self, entry: Entry) -> bool:
-        """Let go of an entry for which there is no room; under the log's lock."""
-        is_lost = self._drop(entry)
-        self.n_lost += is_lost
-        return is_lost
-
-    def take_over(self, before: "Cursor") -> None:
-        """Take what another one had still to deliver; under the log's lock."""
-        self._waiting.extend(e for e in before._waiting if self._wants(e.record))
-        self._deferred.extend(e for e in before._deferred if self._wants(e.record))
-        self.n_lost = before.n_lost
-
-    def resume(self, place: _Place, entries: Sequence[Entry]) -> None:
-        """Go on where an earlier run ended, before what has come since; under the log's lock."""
-        by_n = {entry.n: entry for entry in entries}
-        last = [by_n[n] for n in place.deferred if n in by_n]
-        left = [e for e in entries if e.n > place.done and e not in last and self._wants(e.record)]
-        self._waiting.extendleft(reversed(left))
-        self._deferred.extendleft(reversed(last))
-
-    def place(self, told: int, last: int) -> _Place:
-        """Return where it stands; under the log's lock.
-
-        `told` is the last number that cursors were offered, `last` the last that was appended.
-        """
-        done = self._waiting[0].n - 1 if self._waiting else told
-        return _Place(done, last, tuple(entry.n for entry in self._deferred))
-
-    def _drop(self, entry: Entry) -> bool:
-        for row in (self._waiting, self._deferred):
-            if row and row[0] is entry:
-                row.popleft()
-                return True
-            with contextlib.suppress(ValueError):
-                row.remove(entry)
-                return True
-        return False
 
 
 class EventLog:
@@ -206,12 +65,12 @@ class EventLog:
         self._max_events = max_events
         self._keeps_events = keeps_events
         self._id = uuid.uuid4().hex[:12]
-        self.changed = threading.Condition(threading.RLock())
-        """The lock of the log and of its cursors."""
+        # The lock of the log and of its cursors.
+        self._changed = threading.Condition(threading.RLock())
         self._entries: deque[Entry] = deque()
         self._last = self._told = self._written = 0
         self._cursors: dict[str, Cursor] = {}
-        self._places: dict[str, _Place] = {}
+        self._places: dict[str, Place] = {}
         self._kept: dict[str, str] = {}
         self._held: dict[str, str] = {}
         self._moved: set[str] = set()
@@ -243,14 +102,14 @@ class EventLog:
 
         Outputs hear of it afterwards: what anybody was told outlives a kill.
         """
-        with self.changed:
+        with self._changed:
             self._last += 1
             key = f"{self._id}-{self._last}"
             entry = Entry(self._last, key, time.monotonic(), json.dumps(dict(record)))
             self._entries.append(entry)
             n = self._ask() if self._keeps_events else 0
         self._wait(n, _WAIT_S)
-        with self.changed:
+        with self._changed:
             newest = itertools.takewhile(lambda e: e.n > self._told, reversed(self._entries))
             fresh = [each for each in newest if each.n <= entry.n][::-1]
             self._told = max(self._told, entry.n)
@@ -278,24 +137,24 @@ class EventLog:
             Where an output begins that was owed nothing; without it, with what comes next: what
             was appended while there was no such output is not for it.
         """
-        with self.changed:
+        with self._changed:
             before = self._cursors.get(name)
-            cursor = self._cursors[name] = Cursor(self, name, wants)
+            cursor = self._cursors[name] = Cursor(name, wants, self._changed, self._has_moved)
             if before is not None:
                 cursor.take_over(before)
             else:
-                place = self._places.get(name, _Place())
-                place = place if place.owes else _Place(self._told if after is None else after)
+                place = self._places.get(name, Place())
+                place = place if place.owes else Place(self._told if after is None else after)
                 cursor.resume(place, [each for each in self._entries if each.n <= self._told])
-            self.moved(name)
+            self._has_moved(name)
             return cursor
 
     def forget(self, name: str) -> None:
         """Take away a cursor whose output there is no more."""
-        with self.changed:
+        with self._changed:
             self._cursors.pop(name, None)
             self._places.pop(name, None)
-            self.moved(name)
+            self._has_moved(name)
 
     def events(
         self,
@@ -305,14 +164,14 @@ class EventLog:
         limit: int | None = None,
     ) -> list[StoredEvent]:
         """Return the events that the log holds, see `radard.log_file.fold_events`."""
-        with self.changed:
+        with self._changed:
             entries = list(self._entries)
         records = [entry.record for entry in entries]
         return fold_events(records, since_s=since_s, kinds=kinds, limit=limit)
 
     def keep(self, name: str, text: str) -> None:
         """Keep a text over restarts in place of an earlier one; returns as `append` does."""
-        with self.changed:
+        with self._changed:
             if self._kept.get(name) == text:
                 return
             self._kept[name] = text
@@ -321,23 +180,23 @@ class EventLog:
 
     def kept(self, name: str) -> str | None:
         """Return what is kept under a name."""
-        with self.changed:
+        with self._changed:
             return self._kept.get(name)
 
     def holds(self, name: str, text: str) -> bool:
         """Return whether a text would outlive a kill; true also where no disk takes anything."""
-        with self.changed:
+        with self._changed:
             return self._path is None or bool(self._trouble) or self._held.get(name) == text
 
     def close(self) -> None:
         """Write what waits, and close the file; what comes later is in memory only."""
-        with self.changed:
+        with self._changed:
             self._is_ended = True
-            self.changed.notify_all()
+            self._changed.notify_all()
         if self._writer.ident is not None:
             self._writer.join(_CLOSE_S)
 
-    def moved(self, name: str) -> None:
+    def _has_moved(self, name: str) -> None:
         """Let the place of a cursor be written soon; under the lock."""
         self._moved.add(name)
         self._ask()
@@ -345,13 +204,13 @@ class EventLog:
     def _ask(self) -> int:
         """Ask for a round of writing; return its number."""
         self._n_asked += 1
-        self.changed.notify_all()
+        self._changed.notify_all()
         return self._n_asked
 
     def _wait(self, n: int, timeout_s: float) -> None:
         if self._path is not None:
-            with self.changed:
-                self.changed.wait_for(lambda: self._n_done >= n or self._is_ended, timeout_s)
+            with self._changed:
+                self._changed.wait_for(lambda: self._n_done >= n or self._is_ended, timeout_s)
 
     def _bound(self) -> None:
         """Drop the oldest entries, if there are too many."""
@@ -370,8 +229,8 @@ class EventLog:
     def _run(self) -> None:
         is_over = False
         while not is_over:
-            with self.changed:
-                self.changed.wait_for(
+            with self._changed:
+                self._changed.wait_for(
                     lambda: self._n_asked > self._n_done or self._is_ended, _TEND_S
                 )
                 n, is_over = self._n_asked, self._is_ended
@@ -386,14 +245,14 @@ class EventLog:
                     else:
                         self._trouble = ""
                         break
-            with self.changed:
+            with self._changed:
                 self._n_done = n
-                self.changed.notify_all()
+                self._changed.notify_all()
         self._shut()
 
     def _is_due(self) -> bool:
         """Return whether to write although nothing was asked for."""
-        with self.changed:
+        with self._changed:
             is_waiting = any(map(len, self._cursors.values()))
         is_late = time.monotonic() - self._checked_s >= _CHECK_S
         return bool(self._trouble) or is_waiting or is_late
@@ -418,7 +277,7 @@ class EventLog:
 
     def _write_all_again(self) -> None:
         """Let everything be written that memory holds."""
-        with self.changed:
+        with self._changed:
             self._written = 0
             self._held = {}
             self._moved |= set(self._cursors) | set(self._places)
@@ -449,13 +308,13 @@ class EventLog:
         Of a damaged file everything is taken that can be read, before it is put aside.
         """
         rows: list[tuple[int, str, float, bytes]] = []
-        places: dict[str, _Place] = {}
+        places: dict[str, Place] = {}
         kept: dict[str, str] = {}
         last, run_s, damage = 0, 0.0, None
         try:
             kept.update(db.execute("SELECT name, text FROM kept"))
             for name, done, seen, deferred in db.execute("SELECT * FROM cursors"):
-                places[name] = _Place(done, seen, tuple(json.loads(deferred)))
+                places[name] = Place(done, seen, tuple(json.loads(deferred)))
             run_s, last = db.execute("SELECT run_s, last FROM stand").fetchone() or (run_s, last)
             if self._keeps_events:
                 query = "SELECT n, key, run_s, CAST(record AS BLOB) FROM log ORDER BY n"
@@ -476,7 +335,7 @@ class EventLog:
     def _join(
         self,
         rows: Sequence[tuple[int, str, float, bytes]],
-        places: dict[str, _Place],
+        places: dict[str, Place],
         kept: dict[str, str],
         *,
         last: int,
@@ -493,13 +352,13 @@ class EventLog:
             # A kill may have come before the count was noted.
             age_s = max(0.0, run_s - put_s)
             entries.append(Entry(n, str(key), now_s - age_s, text.decode()))
-        with self.changed:
+        with self._changed:
             self._offset_s = run_s - now_s
             last = max([last, *(row[0] for row in rows)])
             for entry in self._entries:
                 entry.n += last
             for name, cursor in self._cursors.items():
-                if (place := places.get(name, _Place())).owes:
+                if (place := places.get(name, Place())).owes:
                     cursor.resume(place, entries)
             self._written = last
             self._last += last
@@ -519,7 +378,7 @@ class EventLog:
         if now_s - self._checked_s >= _CHECK_S:
             self._checked_s = now_s
             check_pages(path)
-        with self.changed:
+        with self._changed:
             held, last = dict(self._kept), self._last
             entries = [e for e in self._entries if e.n > self._written]
             first = self._entries[0].n if self._entries else last + 1
@@ -546,10 +405,10 @@ class EventLog:
             db.execute("INSERT OR REPLACE INTO stand VALUES (0, ?, ?)", stand)
             db.execute("COMMIT")
         except BaseException:
-            with self.changed:
+            with self._changed:
                 self._moved |= moved
             raise
-        with self.changed:
+        with self._changed:
             self._written, self._held = last, held
 
 
@@ -557,7 +416,7 @@ def _one_line(err: Exception) -> str:
     return " ".join(str((isinstance(err, OSError) and err.strerror) or err).split())
 
 
-def _put_place(db: sqlite3.Connection, name: str, place: _Place | None) -> None:
+def _put_place(db: sqlite3.Connection, name: str, place: Place | None) -> None:
     if place is None:
         db.execute("DELETE FROM cursors WHERE name = ?", (name,))
         return

@@ -14,6 +14,8 @@ from tests.daemon_helpers import launcher
 from tests.sink_helpers import Listener, MqttBroker
 from tests.waiting import wait_for
 
+pytestmark = pytest.mark.integration
+
 launch = pytest.fixture(launcher)
 PROBE = Path(__file__).with_name("home_assistant_probe.py")
 BLUEPRINT = Path(__file__).parents[2] / "deploy/homeassistant/blueprints/notify_with_picture.yaml"

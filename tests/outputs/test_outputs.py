@@ -12,6 +12,8 @@ from tests.host_helpers import FakeHost
 from tests.sink_helpers import WebServer, event, hello, ulid
 from tests.waiting import wait_for
 
+pytestmark = pytest.mark.integration
+
 
 @pytest.fixture
 def server():

@@ -8,7 +8,10 @@ from radard.health.status_file import read_status, status_path
 from tests.daemon_helpers import launcher
 from tests.sink_helpers import Listener, MqttBroker, WebServer, wait_for
 
-pytestmark = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+pytestmark = [
+    pytest.mark.integration,
+    pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning"),
+]
 launch = pytest.fixture(launcher)
 OUTBOX = {"first_retry_s": 0.05, "longest_retry_s": 0.1}
 

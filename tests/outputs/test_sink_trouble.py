@@ -17,7 +17,10 @@ from tests.daemon_helpers import Gate, launcher
 from tests.sink_helpers import Listener, MqttBroker, WebServer
 from tests.waiting import free_port, wait_for
 
-pytestmark = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+pytestmark = [
+    pytest.mark.integration,
+    pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning"),
+]
 launch = pytest.fixture(launcher)
 
 

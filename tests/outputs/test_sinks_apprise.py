@@ -16,6 +16,8 @@ from tests.radar_helpers import python
 from tests.sink_helpers import QUICK, WebServer, event, open_sink
 from tests.waiting import wait_for
 
+pytestmark = pytest.mark.integration
+
 TOKEN = "t0ken"  # noqa: S105 - of nothing
 
 

@@ -25,6 +25,8 @@ from tests.sink_helpers import (
 )
 from tests.waiting import free_port, wait_for
 
+pytestmark = pytest.mark.integration
+
 OPTIONS = SinkOptions(log=QUICK, mqtt=MqttSection(keepalive_s=1, discovery="off"))
 
 

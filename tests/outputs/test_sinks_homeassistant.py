@@ -15,6 +15,8 @@ from radard.outputs.mqtt.homeassistant import panel_command, panel_state
 from tests.sink_helpers import QUICK, Radar, decision, event, hello, open_sink, status
 from tests.waiting import wait_for
 
+pytestmark = pytest.mark.integration
+
 BASE = "radard/hall"
 DEVICE = "homeassistant/device/radard_hall/config"
 

@@ -15,6 +15,8 @@ from radard.outputs.lsl import CHANNELS, sample_of
 from radard.outputs.registry import make_output
 from tests.radar_helpers import python
 
+pytestmark = pytest.mark.integration
+
 _PROGRAM = """
 import json, sys, time
 import pylsl

@@ -35,7 +35,10 @@ from tests.waiting import wait_for
 BASE = "radard/hall"
 PLATFORMS = ("alarm_control_panel", "event", "image", "select")
 # paho leaves the socket of a failed handshake to the collector.
-pytestmark = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+pytestmark = [
+    pytest.mark.integration,
+    pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning"),
+]
 
 
 @pytest.fixture

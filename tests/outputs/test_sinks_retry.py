@@ -26,6 +26,8 @@ from tests.sink_helpers import (
 )
 from tests.waiting import free_port, wait_for
 
+pytestmark = pytest.mark.integration
+
 
 @pytest.fixture
 def server():

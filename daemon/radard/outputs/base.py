@@ -19,7 +19,8 @@ from radard.config.config import Config
 from radard.config.directories import saved_file
 from radard.config.saved import change
 from radard.health.health import Health, Status, overall
-from radard.log import Cursor, EventLog, Wants
+from radard.log import EventLog
+from radard.log_cursor import Cursor, Wants
 from radard.stream.playback import Playback
 from radard.stream.ring import FrameRing
 

@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 from radard.config.sink_table import LogSection
-from radard.log import Cursor, Entry, Wants
+from radard.log_cursor import Cursor, Entry, Wants
 from radard.outputs.base import DeliveryError, Record, SinkContext, SinkState, StateKeeper
 from radard.outputs.thread_sink import CLOSE_S
 from x2radar.backoff import Backoff

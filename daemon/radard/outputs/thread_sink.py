@@ -12,7 +12,7 @@ from collections import deque
 from typing import Self
 
 from radard.errors import OutputError
-from radard.log import Cursor, Entry
+from radard.log_cursor import Cursor, Entry
 from radard.outputs.base import DeliveryError, Record, SinkContext, SinkState, StateKeeper
 from x2radar.backoff import Backoff
 

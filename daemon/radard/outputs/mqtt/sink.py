@@ -15,7 +15,7 @@ from urllib.parse import unquote, urlsplit
 
 from radard.config.sink_table import MqttSection, SinkOptions
 from radard.errors import UsageError
-from radard.log import Cursor
+from radard.log_cursor import Cursor
 from radard.outputs.alarm_picture import PictureWatch
 from radard.outputs.base import Record, SinkContext, SinkState
 from radard.outputs.delivery import Delivery, Item

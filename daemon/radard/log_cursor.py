@@ -1,0 +1,165 @@
+"""Cursor: what one output has still to be told of the event log, in order."""
+
+import contextlib
+import json
+import threading
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+Record = Mapping[str, Any]
+Wants = Callable[[Record], bool]
+
+
+@dataclass(slots=True, eq=False)
+class Entry:
+    """A record in the log.
+
+    Attributes
+    ----------
+    n : int
+        Its number: the order of the log. It changes only for those that were appended before a
+        file could be read, which then come behind what that holds.
+    key : str
+        The same in every attempt to deliver it and in no other entry, ever.
+    put_s : float
+        Since when it has waited, by this process's monotonic clock.
+    text : str
+        The record as JSON.
+    """
+
+    n: int
+    key: str
+    put_s: float
+    text: str
+
+    @property
+    def record(self) -> Record:
+        """The record; a new mapping each time."""
+        record: Record = json.loads(self.text)
+        return record
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where a cursor stands, as the file has it.
+
+    Everything up to `done` is delivered, but for those in `deferred`; `seen` is the last that was
+    appended while there was this cursor.
+    """
+
+    done: int = 0
+    seen: int = 0
+    deferred: tuple[int, ...] = ()
+
+    @property
+    def owes(self) -> bool:
+        """Whether there was something left to deliver."""
+        return self.done < self.seen or bool(self.deferred)
+
+
+class Cursor:
+    """What one output has still to be told, in order; any thread may use it.
+
+    Parameters
+    ----------
+    name : str
+        The same for this output in every run.
+    wants : callable
+        Whether a record is for this output.
+    lock : Condition
+        Of the log.
+    on_move : callable
+        Called with the name, under the lock, when something was delivered or put behind.
+    """
+
+    def __init__(
+        self, name: str, wants: Wants, lock: threading.Condition, on_move: Callable[[str], None]
+    ) -> None:
+        self.name = name
+        self._wants = wants
+        self._lock = lock
+        self._on_move = on_move
+        self._waiting: deque[Entry] = deque()
+        self._deferred: deque[Entry] = deque()
+        self.n_lost = 0
+        """Entries that went before they were delivered, since there were too many."""
+        self.on_put: Callable[[], None] = lambda: None
+        """Called when there is more to deliver; must not wait."""
+
+    def __len__(self) -> int:
+        return len(self._waiting) + len(self._deferred)
+
+    def first(self) -> Entry | None:
+        """Return what is to be delivered next; those that were deferred come last."""
+        with self._lock:
+            waiting = self._waiting or self._deferred
+            return waiting[0] if waiting else None
+
+    def waiting(self, record: Record | None = None) -> list[Entry]:
+        """Return what is to be delivered, up to a record: nothing once that is delivered."""
+        text = None if record is None else json.dumps(dict(record))
+        with self._lock:
+            found = [*self._waiting, *self._deferred] if record is None else list(self._waiting)
+        if text is None:
+            return found
+        ends = [i for i, entry in enumerate(found) if entry.text == text]
+        return found[: ends[0] + 1] if ends else []
+
+    def done(self, entry: Entry) -> None:
+        """Note that an entry was delivered, or given up."""
+        with self._lock:
+            self._drop(entry)
+            self._on_move(self.name)
+
+    def defer(self, entry: Entry) -> None:
+        """Put an entry behind all others."""
+        with self._lock:
+            if self._drop(entry):
+                self._deferred.append(entry)
+                self._on_move(self.name)
+
+    def offer(self, entries: Sequence[Entry]) -> bool:
+        """Take those that are wanted; return whether there are any; under the log's lock."""
+        wanted = [entry for entry in entries if self._wants(entry.record)]
+        self._waiting.extend(wanted)
+        return bool(wanted)
+
+    def lose(self, entry: Entry) -> bool:
+        """Let go of an entry for which there is no room; under the log's lock."""
+        is_lost = self._drop(entry)
+        self.n_lost += is_lost
+        return is_lost
+
+    def take_over(self, before: "Cursor") -> None:
+        """Take what another one had still to deliver; under the log's lock."""
+        self._waiting.extend(e for e in before._waiting if self._wants(e.record))
+        self._deferred.extend(e for e in before._deferred if self._wants(e.record))
+        self.n_lost = before.n_lost
+
+    def resume(self, place: Place, entries: Sequence[Entry]) -> None:
+        """Go on where an earlier run ended, before what has come since; under the log's lock."""
+        by_n = {entry.n: entry for entry in entries}
+        last = [by_n[n] for n in place.deferred if n in by_n]
+        left = [e for e in entries if e.n > place.done and e not in last and self._wants(e.record)]
+        self._waiting.extendleft(reversed(left))
+        self._deferred.extendleft(reversed(last))
+
+    def place(self, told: int, last: int) -> Place:
+        """Return where it stands; under the log's lock.
+
+        `told` is the last number that cursors were offered, `last` the last that was appended.
+        """
+        done = self._waiting[0].n - 1 if self._waiting else told
+        return Place(done, last, tuple(entry.n for entry in self._deferred))
+
+    def _drop(self, entry: Entry) -> bool:
+        for row in (self._waiting, self._deferred):
+            if row and row[0] is entry:
+                row.popleft()
+                return True
+            with contextlib.suppress(ValueError):
+                row.remove(entry)
+                return True
+        return False
