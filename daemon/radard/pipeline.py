@@ -97,10 +97,8 @@ class Pipeline:
         judges_tracks: bool = True,
         hop_s: float = HOP_S,
     ) -> None:
-        self._judges_tracks, self._hop_s = judges_tracks, hop_s
-        self.stream = stream
-        self.classifier = classifier
-        self._config = config
+        self.stream, self.classifier = stream, classifier
+        self._config, self._judges_tracks, self._hop_s = config, judges_tracks, hop_s
         if classifier is not None:
             classifier.bundle.check_stream(stream.axis, stream.frame_rate_hz)
             settings = classifier.bundle.features
@@ -117,11 +115,8 @@ class Pipeline:
         self._evidence = Evidence(evidence)
         self._verdict = Verdict(pet_limit_of(config, bundle))
         if self.policy == "fused":
-            self._verdict = Verdict(
-                pet_limit_of(config, bundle),
-                evidence.human_limit,
-                config.decision.decide_within_s,
-            )
+            limits = evidence.human_limit, config.decision.decide_within_s
+            self._verdict = Verdict(pet_limit_of(config, bundle), *limits)
         self.shape = DwellShape.of(
             dwell_s=self._features.dwell_s,
             hop_s=hop_s,

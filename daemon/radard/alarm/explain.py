@@ -49,21 +49,17 @@ def explain(
     records : sequence of mapping
         Decisions in order, the one to explain last, with those before it that confirmation
         counts.
-    hello : mapping
-        Of the run: policy and pet limit.
+    hello, events : mapping, sequence of mapping
+        Of the run.
     config : Config
         Zones and alarm policy.
-    events : sequence of mapping
-        Events of the run.
-    panel : str, optional
-        State of the panel just before the decision.
-    mode : {'away', 'home'}
-        How it was armed then.
+    panel, mode : str
+        State of the panel just before the decision, and how it was armed then.
 
     Returns
     -------
     dict
-        headline, decided_by, and stages as mappings of `DecisionStage`.
+        seq, t_s, headline, decided_by, and stages as mappings of `DecisionStage`.
     """
     record = records[-1]
     limit = hello.get("pet_limit", 0.8)
