@@ -6,6 +6,7 @@ from urllib.parse import unquote, urlsplit
 
 from radard.config.config import load_config
 from radard.config.sink_table import WebSection
+from radard.log import EventLog
 from radard.web.api import Api
 from radard.web.auth import AccessControl, Tokens
 from radard.web.sink import WebSink
@@ -29,7 +30,7 @@ class Run:
 
 def all_routes():
     """Every route that a sensor's pages have."""
-    view = View(WebSection(), lambda *_: None, "", lambda _view: None)
+    view = View(WebSection(), EventLog(None), lambda *_: None, "", lambda _view: None)
     return Api(view, AccessControl(Tokens()), list).routes
 
 
@@ -89,7 +90,8 @@ def maker(tmp_path):
             if token is not None:
                 (tmp_path / name).write_text(token + "\n")
                 values[f"{name}_file"] = tmp_path / name
-        sink = WebSink(host, 0, WebSection(**values))
+        log = EventLog(None)
+        sink = WebSink(host, 0, WebSection(**values), log)
         run = Run(tmp_path, **sections)
         sink.attach(run.host)
         sink.write({"type": "hello", "version": "1", "model": None, "frame_rate_hz": 60.0})
@@ -99,13 +101,13 @@ def maker(tmp_path):
         else:
             client = AppClient(8434, base)
             client.app = sink.app
-        client.run, client.sink = run, sink
-        made.append(sink)
+        client.run, client.sink, client.log = run, sink, log
+        made.extend((sink, log))
         return client
 
     yield build
-    for sink in made:
-        sink.close()
+    for each in made:
+        each.close()
 
 
 def post(client, path, body, headers=HEADERS, **options):

@@ -136,7 +136,7 @@ def test_there_is_an_example_of_every_post():
 
 def test_garbage_and_strangers(make):
     client = make(tokens=("a-token-to-look", "a-token-to-arm-with"))
-    client.sink.write(open_decision(human=0.9))
+    client.tell(open_decision(human=0.9))
     for path, item in SPEC["paths"].items():
         if "get" in item:
             judge("get", path, client.get(path.replace("{seq}", "1").replace("{id}", "0" * 26)))

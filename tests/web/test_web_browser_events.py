@@ -8,10 +8,8 @@ import numpy as np
 import pytest
 
 from radard.clips.spectrogram_png import encode_png
-from radard.config.sink_table import SinkOptions
-from radard.outputs import open_output
-from radard.outputs.base import SinkContext
-from tests.sink_helpers import event, hello, ulid
+from radard.log import EventLog
+from tests.sink_helpers import event, ulid
 from tests.web_helpers import Running
 
 pytest.importorskip("playwright.sync_api", reason="no playwright: pip install '.[browser]'")
@@ -35,20 +33,17 @@ def radard(tmp_path_factory):
     clip = folder / f"{ulid(3)}.h5"
     clip.write_bytes(b"")
     clip.with_suffix(".png").write_bytes(encode_png(np.zeros((40, 60, 3), np.uint8), AXES))
-    context = SinkContext(sensor="radar", can_wait=True)
-    sink = open_output(f"store:{folder}/radard.db", SinkOptions(), context)
+    log = EventLog(folder / "log.db")
     for record in (
-        hello(),
         event(1) | {"time": days_ago(5)},
         event(2, kind="fault") | {"time": days_ago(3), "reason": "no frames for 3 s"},
         event(4) | {"time": days_ago(3, 1)},
         event(3)
         | {"time": days_ago(3, 2), "clip": str(clip), "reason": "undecided for 3 s at 2.2 m"},
     ):
-        sink.write(record)
-    sink.close()
-    argv = ("--port", "sim:empty", "--model", "none", "-o", f"store:{folder}/radard.db")
-    running = Running(folder, *argv).wait_online()
+        log.append(record)
+    log.close()
+    running = Running(folder, "--port", "sim:empty", "--model", "none").wait_online()
     yield running
     running.end()
 

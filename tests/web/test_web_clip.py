@@ -60,7 +60,7 @@ def is_running(pid):
 
 def test_pictures_of_a_clip(make, clip):
     client = make()
-    client.sink.write(event(ULID, clip=str(clip)))
+    client.tell(event(ULID, clip=str(clip)))
     answer = client.get(f"/api/v1/events/{ULID}/pictures")
     assert answer.status_code == 200
     (n,) = struct.unpack_from("<I", answer.content)
@@ -75,7 +75,7 @@ def test_pictures_of_a_clip(make, clip):
 def test_a_clip_that_does_not_end_stops_nothing_else(make, clip, hanging, monkeypatch):
     monkeypatch.setattr(clip_process, "DEADLINE_S", 3.0)
     client = make(served=True)
-    client.sink.write(event(ULID, clip=str(clip)))
+    client.tell(event(ULID, clip=str(clip)))
     answers = []
 
     def ask():

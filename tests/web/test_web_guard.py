@@ -11,6 +11,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from radard.config.sink_table import SinkOptions, WebSection
 from radard.errors import ConfigError, UsageError
+from radard.outputs.base import SinkContext
 from radard.web.answers import MAX_BODY
 from radard.web.auth import SESSION_S, AccessControl, Tokens, is_loopback, read_tokens
 from radard.web.sink import open_from_url, parse_address
@@ -353,14 +354,14 @@ def test_no_secret_is_shown(make, caplog):
 def test_health_and_metrics(make):
     client = make()
     assert client.get("/healthz").status_code == 503
-    client.sink.write({"type": "status", "state": "online", "reason": ""})
+    client.tell({"type": "status", "state": "online", "reason": ""})
     assert "radard_up 1" in client.get("/metrics").text
 
 
 def test_decisions_and_reasons(make):
     client = make()
     for k in range(1, 11):
-        client.sink.write(decision(k, k + 1.45))
+        client.tell(decision(k, k + 1.45))
     found = client.get("/api/v1/decisions?limit=3&before_seq=9").json()["decisions"]
     assert [d["seq"] for d in found] == [6, 7, 8]
     assert client.get("/api/v1/decisions/7").json()["decided_by"] == "gate"
@@ -371,9 +372,9 @@ def test_decisions_and_reasons(make):
 
 def test_events_of_a_run_are_one_row_each(make):
     client = make()
-    client.sink.write(event(ULID))
-    client.sink.write(event(ULID, "end", end_t_s=9.0, peak=0.5, reason="acknowledged"))
-    client.sink.write(event("01J0000000000000000000000B", kind="fault", reason="no frames"))
+    client.tell(event(ULID))
+    client.tell(event(ULID, "end", end_t_s=9.0, peak=0.5, reason="acknowledged"))
+    client.tell(event("01J0000000000000000000000B", kind="fault", reason="no frames"))
     (alarm,) = client.get("/api/v1/events?kind=alarm").json()["events"]
     assert (alarm["phase"], alarm["peak"], alarm["reason"]) == ("end", 0.9, "human at 1.8 m")
     assert len(client.get("/api/v1/events").json()["events"]) == 2
@@ -384,7 +385,7 @@ def test_events_of_a_run_are_one_row_each(make):
 
 def test_export(make):
     client = make()
-    client.sink.write(event(ULID, reason="=cmd|' /C calc'!A0"))
+    client.tell(event(ULID, reason="=cmd|' /C calc'!A0"))
     csv = client.get("/api/v1/events/export?format=csv")
     assert "attachment" in csv.headers["content-disposition"]
     assert "'=cmd" in csv.text
@@ -394,7 +395,7 @@ def test_export(make):
 
 def test_labels_become_lines(make, tmp_path):
     client = make()
-    client.sink.write(event(ULID))
+    client.tell(event(ULID))
     path = tmp_path / "labels.jsonl"
     for label in ("pet", "wrong"):
         body = {"event": ULID, "label": label}
@@ -413,12 +414,12 @@ def test_a_clip_is_only_ever_the_events_own_file(make, tmp_path):
     client = make()
     secret = tmp_path / "secret.h5"
     secret.write_text("x")
-    client.sink.write(event(ULID, clip=str(secret)))
+    client.tell(event(ULID, clip=str(secret)))
     assert client.get(f"/api/v1/events/{ULID}/clip").status_code == 404
     assert client.get("/api/v1/events/..%2f..%2fetc/clip").status_code == 404
     clip = tmp_path / f"{ULID}.h5"
     clip.write_bytes(b"no recording")
-    client.sink.write(event(ULID, clip=str(clip)))
+    client.tell(event(ULID, clip=str(clip)))
     assert client.get(f"/api/v1/events/{ULID}/clip").content == b"no recording"
 
 
@@ -433,8 +434,8 @@ def test_playback_of_a_live_stream(make):
 @pytest.mark.integration
 def test_a_page_is_welcomed_with_what_there_is(make):
     client = make(served=True)
-    client.sink.write(open_decision(1, 2.45, human=0.9))
-    client.sink.write(event(ULID))
+    client.tell(open_decision(1, 2.45, human=0.9))
+    client.tell(event(ULID))
     with client.socket() as page:
         welcome = json.loads(page.recv(60))
     assert welcome["type"] == "welcome"
@@ -477,7 +478,7 @@ def test_a_flood_closes_a_page(make):
 
 @pytest.mark.integration
 def test_opening_by_url(tmp_path):
-    sink = open_from_url("http://127.0.0.1:0", SinkOptions(), None)
+    sink = open_from_url("http://127.0.0.1:0", SinkOptions(), SinkContext(sensor="radar"))
     try:
         sink.start()
         assert sink.url.startswith("http://127.0.0.1:")

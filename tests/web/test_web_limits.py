@@ -138,7 +138,7 @@ def test_a_page_stays_connected_beyond_the_time_for_a_header(make, monkeypatch):
         while time.monotonic() < end_s:
             page.send('{"drawn": 0}')
             time.sleep(0.1)
-        client.sink.write(event(ULID))
+        client.tell(event(ULID))
         while json.loads(page.recv(60))["type"] != "event":
             pass
 
@@ -250,7 +250,7 @@ def test_lengths_of_bodies_that_are_no_numbers(make):
 
 def test_no_get_changes_anything(make):
     client = make()
-    client.sink.write(event(ULID))
+    client.tell(event(ULID))
     changing = [r for r in all_routes() if isinstance(r, Route) and "POST" in r.methods]
     assert len(changing) == 8
     for route in changing:

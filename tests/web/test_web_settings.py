@@ -126,7 +126,7 @@ def test_a_test_alarm_waits_for_a_real_one(make):
 
 def test_sensitivities_say_what_they_cost(make):
     client = make()
-    client.sink.write(HELLO | {"model": "accurate", "policy": "fused"})
+    client.tell(HELLO | {"model": "accurate", "policy": "fused"})
     found = client.get("/api/v1/sensitivities").json()
     names = [choice["name"] for choice in found["choices"]]
     assert names == ["low", "normal", "high"]
@@ -134,7 +134,7 @@ def test_sensitivities_say_what_they_cost(make):
     misses = [choice["made"]["missed"][0] for choice in found["choices"]]
     assert misses == sorted(misses, reverse=True)
     assert "of people" in found["choices"][0]["costs"]
-    client.sink.write(HELLO | {"model": None, "policy": "window"})
+    client.tell(HELLO | {"model": None, "policy": "window"})
     found = client.get("/api/v1/sensitivities").json()
     assert {choice["made"] for choice in found["choices"]} == {None}
 
@@ -172,18 +172,18 @@ def test_the_calibration_is_told_where_there_is_one(make, tmp_path):
 def test_an_alarm_links_to_the_decision_it_began_with(make):
     client = make()
     for seq in range(1, 5):
-        client.sink.write(decision(seq, float(seq)))
-    client.sink.write(event(ULID, start_t_s=4.0, t_s=4.0))
+        client.tell(decision(seq, float(seq)))
+    client.tell(event(ULID, start_t_s=4.0, t_s=4.0))
     # An hour and more later.
     for seq in range(5, 3700):
-        client.sink.write(decision(seq, float(seq)))
+        client.tell(decision(seq, float(seq)))
     (found,) = client.get("/api/v1/events").json()["events"]
     assert found["why"] == 4
     why = client.get("/api/v1/decisions/4").json()
     assert why["decision"]["seq"] == 4
     assert client.get("/api/v1/decisions/5").status_code == 404
     other = "01J0000000000000000000000B"
-    client.sink.write(event(other, start_t_s=9.0, t_s=9.0))
+    client.tell(event(other, start_t_s=9.0, t_s=9.0))
     found = client.get(f"/api/v1/events?text={other}").json()["events"]
     assert found[0]["why"] is None
 
@@ -192,7 +192,7 @@ def test_a_thumbnail_with_its_axes(make, tmp_path):
     client = make()
     clip = tmp_path / f"{ULID}.h5"
     clip.write_bytes(b"")
-    client.sink.write(event(ULID, clip=str(clip)))
+    client.tell(event(ULID, clip=str(clip)))
     path = f"/api/v1/events/{ULID}/thumbnail"
     assert client.get(path).status_code == 404
     assert client.get("/api/v1/events").json()["events"][0]["has_picture"] is False

@@ -39,7 +39,7 @@ class Decided:
 
 def test_what_the_process_uses(make):
     client = make()
-    client.sink.write({"type": "status", "state": "online", "reason": ""})
+    client.tell({"type": "status", "state": "online", "reason": ""})
 
     def scrape():
         families = text_string_to_metric_families(client.get("/metrics").text)
@@ -62,9 +62,9 @@ def test_what_the_process_uses(make):
 
 def test_events_keep_what_says_that_they_are_not_real(make):
     client = make()
-    client.sink.write({**event(ULID), "simulated": True})
-    client.sink.write({**event(ULID, "end", end_t_s=9.0), "simulated": True})
-    client.sink.write(event("01J0000000000000000000000B", kind="fault", reason="no frames"))
+    client.tell({**event(ULID), "simulated": True})
+    client.tell({**event(ULID, "end", end_t_s=9.0), "simulated": True})
+    client.tell(event("01J0000000000000000000000B", kind="fault", reason="no frames"))
     events = {e["id"]: e for e in client.get("/api/v1/events").json()["events"]}
     assert events[ULID]["simulated"] is True
     assert "simulated" not in events["01J0000000000000000000000B"]

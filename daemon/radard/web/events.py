@@ -5,8 +5,9 @@ import io
 import json
 import re
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from starlette.routing import Route
 
 from radard.config.sink_table import KINDS
 from radard.errors import RadardError, UsageError
-from radard.log_file import MARKS, StoredEvent, StoreError, parse_since, read_events
+from radard.log_file import StoredEvent, parse_since
 from radard.outputs.records import utc_now
 from radard.web.answers import attached, query_number, refusal
 from radard.web.guard import Guard
@@ -30,8 +31,8 @@ _ULID = re.compile(r"[0-9A-HJKMNP-TV-Z]{26}")
 _MAX_EVENTS = 2000  # of an answer: some hundred kilobytes
 _MAX_WAITING = 4  # requests for a clip's pictures: each takes seconds
 _FIELDS = ("id", "sensor", "kind", "began", "ended", "peak", "reason", "label", "clip")
-_SAME = ("id", "kind", "phase", "start_t_s", "end_t_s", "peak", "clip")
-"""What an answer has under the name that a record and a stored event have, too."""
+_SAME = ("id", "kind", "phase", "start_t_s", "end_t_s", "peak", "clip", "reason")
+"""What an answer has under the name that an event of the log has, too."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,12 +45,10 @@ class _Filter:
     text: str = ""  # part of their reason or id
     limit: int = 200
 
-    def fits(self, event: Mapping[str, Any]) -> bool:
-        if self.kinds and event["kind"] not in self.kinds:
+    def fits(self, event: StoredEvent, label: str | None) -> bool:
+        if self.label and (label or "none") != self.label:
             return False
-        if self.label and (event["label"] or "none") != self.label:
-            return False
-        return self.text.lower() in f"{event['reason']} {event['id']}".lower()
+        return self.text.lower() in f"{event.reason} {event.id}".lower()
 
 
 class EventRoutes:
@@ -128,10 +127,12 @@ class EventRoutes:
         return JSONResponse({"event": event_id, "label": label}, 201)
 
     def _events(self, wanted: _Filter) -> list[dict[str, Any]]:
-        """Return events, the newest first: of the store where there is one, else of this run."""
-        labels = self._view.label_file.labels()
-        found = [self._shown(each, labels) for each in self._all_events(wanted)]
-        return [each for each in found if wanted.fits(each)][: wanted.limit]
+        """Return events of the log, the newest first."""
+        view, labels = self._view, self._view.label_file.labels()
+        logged = view.log.events(since_s=wanted.since_s, kinds=wanted.kinds, limit=_MAX_EVENTS)
+        own = (each for each in reversed(logged) if not view.sensor or each.sensor == view.sensor)
+        found = (each for each in own if wanted.fits(each, labels.get(each.id)))
+        return [self._shown(each, labels) for each in islice(found, wanted.limit)]
 
     def _event(self, event_id: str) -> dict[str, Any] | None:
         """Return one event; None when it is not known."""
@@ -147,49 +148,19 @@ class EventRoutes:
             return None
         return path
 
-    def _shown(self, event: Mapping[str, Any], labels: Mapping[str, str]) -> dict[str, Any]:
-        clip = Path(event["clip"]) if event["clip"] else None
+    def _shown(self, event: StoredEvent, labels: Mapping[str, str]) -> dict[str, Any]:
+        clip = Path(event.clip) if event.clip else None
         return {
-            **event,
+            **{key: getattr(event, key) for key in _SAME},
+            "sensor": event.sensor or self._view.config.sensor.name,
+            "began": event.start_time,
+            "ended": event.end_time,
+            **({event.mark: True} if event.mark else {}),
             "has_clip": clip is not None and clip.is_file(),
             "has_picture": clip is not None and clip.with_suffix(".png").is_file(),
-            "label": labels.get(event["id"]),
-            "why": self._view.history.cause(event["id"]),
+            "label": labels.get(event.id),
+            "why": self._view.history.cause(event.id),
         }
-
-    def _all_events(self, wanted: _Filter) -> Sequence[Mapping[str, Any]]:
-        view = self._view
-        own = {e["id"]: _of_record(e, view.config.sensor.name) for e in view.history.events()}
-        stored: Sequence[StoredEvent] = ()
-        if (store := view.store) is not None:
-            try:
-                stored = read_events(store, since_s=wanted.since_s, limit=_MAX_EVENTS)
-            except StoreError:
-                stored = ()
-        for event in stored:
-            if not view.sensor or event.sensor == view.sensor:
-                own[event.id] = {**_of_store(event), **own.get(event.id, {})}
-        return sorted(own.values(), key=lambda e: str(e["began"]), reverse=True)
-
-
-def _of_record(record: Mapping[str, Any], sensor: str) -> dict[str, Any]:
-    return {
-        **{key: record[key] for key in _SAME},
-        "sensor": sensor,
-        "began": record["began"],
-        "ended": record["time"] if record["phase"] == "end" else None,
-        "reason": record["cause"],
-        **{key: True for key in MARKS if key in record},
-    }
-
-
-def _of_store(event: StoredEvent) -> dict[str, Any]:
-    return {
-        **{key: getattr(event, key) for key in (*_SAME, "sensor", "reason")},
-        "began": event.start_time,
-        "ended": event.end_time,
-        **({event.mark: True} if event.mark else {}),
-    }
 
 
 def _filter(request: Request) -> _Filter:

@@ -10,22 +10,23 @@ from urllib.parse import urlsplit
 
 from radard.config.sink_table import SinkOptions, WebSection
 from radard.errors import UsageError
+from radard.log import EventLog
 from radard.outputs.base import Host, Record, SinkContext, SinkState, StateKeeper
 from radard.web.api import Api, SensorRouter
 from radard.web.auth import AccessControl, read_tokens
 from radard.web.server import WebServer
 from radard.web.view import View
 
-log = logging.getLogger("radard")
+_log = logging.getLogger("radard")
 PORT = 8434  # no other service of a home has it (IANA: unassigned)
 _POLL_S = 0.5  # how soon pages show health, panel and playback
 _CLOSE_S = 2.0  # as `radard.outputs.thread_sink.CLOSE_S`
 
 
-def open_from_url(url: str, options: SinkOptions, _context: SinkContext) -> "WebSink":
+def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> "WebSink":
     """Return the dashboard of `http://HOST:PORT`."""
     host, port = parse_address(url)
-    return WebSink(host, port, options.web)
+    return WebSink(host, port, options.web, context.log)
 
 
 def parse_address(url: str) -> tuple[str, int]:
@@ -47,10 +48,10 @@ class WebSink:
 
     waits = False
 
-    def __init__(self, host: str, port: int, section: WebSection) -> None:
+    def __init__(self, host: str, port: int, section: WebSection, log: EventLog) -> None:
         self.name = f"http://{f'[{host}]' if ':' in host else host}:{port}"
         self._keeper = StateKeeper(self.name)
-        self._section = section
+        self._section, self._log = section, log
         tokens = read_tokens(section, host)
         self._access = AccessControl(tokens, may_command=section.commands, cookie=f"radard_{port}")
         self._first = first = self._view("")
@@ -65,6 +66,7 @@ class WebSink:
     def _view(self, sensor: str) -> View:
         return View(
             self._section,
+            self._log,
             self._post,
             sensor,
             lambda view: Api(view, self._access, self._all_views).app,
@@ -91,7 +93,7 @@ class WebSink:
         """Begin to listen; a port that is not free is logged, and tried again."""
         self._server.start()
         if self.url is not None:
-            log.getChild("dashboard").info("listening at %s", self.url)
+            _log.getChild("dashboard").info("listening at %s", self.url)
 
     def attach(self, host: Host) -> None:
         """Take a sensor's host; one of several gets pages of its own."""
@@ -124,7 +126,7 @@ class WebSink:
         """As in `Sink`."""
         self.finish()
         if not self._server.join(_CLOSE_S if timeout_s is None else timeout_s):
-            log.warning("%s: did not end in time", self.name)
+            _log.warning("%s: did not end in time", self.name)
 
     def _post(self, call: Any, value: Any) -> None:
         """Call something in the web's own thread; does nothing without one."""
@@ -158,4 +160,4 @@ class WebSink:
         was_ok = self.state.is_ok
         self._keeper.sent(0)
         if not was_ok:
-            log.warning("dashboard at %s", self.url)
+            _log.warning("dashboard at %s", self.url)

@@ -11,6 +11,7 @@ from radard.config.config import Config
 from radard.config.directories import state_dir
 from radard.config.saved import SavedSettings
 from radard.config.sink_table import WebSection
+from radard.log import EventLog
 from radard.outputs.base import Host, Record
 from radard.web.history import History
 from radard.web.hub import Hub
@@ -30,6 +31,8 @@ class View:
     ----------
     section : WebSection
         Of the configuration.
+    log : EventLog
+        Of the process; all its events are shown.
     post : callable
         See `Post`.
     sensor : str
@@ -39,9 +42,14 @@ class View:
     """
 
     def __init__(
-        self, section: WebSection, post: Post, sensor: str, make_app: Callable[["View"], ASGIApp]
+        self,
+        section: WebSection,
+        log: EventLog,
+        post: Post,
+        sensor: str,
+        make_app: Callable[["View"], ASGIApp],
     ) -> None:
-        self.section, self.sensor = section, sensor
+        self.section, self.log, self.sensor = section, log, sensor
         self.host: Host | None = None
         """The sensor's run, once there is one."""
         self.history, self.metrics = History(), Metrics(sensor)
