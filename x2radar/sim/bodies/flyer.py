@@ -44,27 +44,11 @@ def draw_bird(
     total_rcs_dbsm: TotalRcs = None,
     skin: str = "surface",
 ) -> Body:
-    """Draw a bird.
+    """Draw a bird; raises SceneError if a value is unknown or impossible.
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Everything random comes from it.
-    species : {'budgerigar', 'cockatiel', 'pigeon'}, optional
-        Sets the distribution of masses.
-    style : str, optional
-        A key of `BIRD_STYLES`.
-    home_m : tuple of float, optional
-        Middle of its rounds, or first perch, in room coordinates.
-    mass_kg : float, optional
-        Instead of a draw, 0.01 to 2.
-    total_rcs_dbsm, skin
-        As in `draw_person`.
-
-    Raises
-    ------
-    SceneError
-        If a value is unknown or impossible; the message names its key.
+    `species` is a key of `BIRD_MASS_KG`, `style` one of `BIRD_STYLES`; `home_m` is the middle of
+    its rounds, or its first perch, in room coordinates; `mass_kg` 0.01 to 2, instead of a draw.
+    `total_rcs_dbsm` and `skin` are as in `draw_person`.
     """
     check_name("species", species, BIRD_MASS_KG, "bird")
     check_name("style", style, BIRD_STYLES, "bird style")

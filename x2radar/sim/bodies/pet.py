@@ -23,7 +23,7 @@ from x2radar.sim.bodies.motion.quadrupeds.hung import Action, Hung
 from x2radar.sim.bodies.motion.quadrupeds.jumping import Jumping
 from x2radar.sim.bodies.motion.quadrupeds.manner import draw_manner
 from x2radar.sim.bodies.motion.quadrupeds.staying import STANDING, Romping, draw_staying
-from x2radar.sim.bodies.path.courses import off_wall
+from x2radar.sim.bodies.path.courses import Waypoints, apart, off_wall
 from x2radar.sim.bodies.path.path import Path
 from x2radar.sim.bodies.path.timetable import Agility
 from x2radar.sim.bodies.pose import Motion
@@ -170,15 +170,11 @@ def _draw_path(
     return Path.through(points, speed, stops, turn_radius_m=radius, agility=PET_AGILITY)
 
 
-def _draw_waypoints(rng: np.random.Generator) -> list[tuple[float, float]]:
-    """Return three to five points in the room, each at least 0.8 m from the one before."""
-    points: list[tuple[float, float]] = []
+def _draw_waypoints(rng: np.random.Generator) -> Waypoints:
+    """Return three to five points in the room."""
     n_points = int(rng.integers(3, 6))
-    while len(points) < n_points:
-        x, y = float(rng.uniform(-2.5, 2.5)), float(rng.uniform(0.8, 6.0))
-        if not points or np.hypot(x - points[-1][0], y - points[-1][1]) > 0.8:
-            points.append((x, y))
-    return off_wall(points)
+    draw_point = lambda: (float(rng.uniform(-2.5, 2.5)), float(rng.uniform(0.8, 6.0)))  # noqa: E731
+    return off_wall(apart(n_points, draw_point))
 
 
 def _footwork(build: QuadrupedBuild, species: Species, style: str, path: Path) -> str:

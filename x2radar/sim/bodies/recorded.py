@@ -44,27 +44,11 @@ def draw_recorded(
     total_rcs_dbsm: TotalRcs = None,
     skin: str = "surface",
 ) -> Body:
-    """Draw the skin of a recorded skeleton.
+    """Draw the skin of a recorded skeleton; raises SceneError as `read_motion`.
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Of the skin.
-    file, scale, up
-        As `read_motion` takes them.
-    label : {'human', 'pet', 'other'}
-        What an alarm should take it for.
-    place_m, turn_deg
-        Where the file's origin lies, and how far it is turned to the left.
-    start_s : float
-        When the recording begins; the body stands in its first posture before.
-    total_rcs_dbsm, skin
-        As in `draw_person`.
-
-    Raises
-    ------
-    SceneError
-        As `read_motion`.
+    The file is read as `read_motion` does; `label` is what an alarm should take it for. Its origin
+    lies at `place_m`, turned to the left by `turn_deg`; before `start_s` the body stands in its
+    first posture. `total_rcs_dbsm` and `skin` are as in `draw_person`.
     """
     motion = read_motion(file, scale=scale, up=up)
     placed = _Placed(motion, np.array([*place_m, 0.0]), float(np.deg2rad(turn_deg)), start_s)

@@ -134,12 +134,20 @@ def _oblique(rng: np.random.Generator, near_m: float, far_m: float) -> Waypoints
 
 def _wander(rng: np.random.Generator, near_m: float, far_m: float) -> Waypoints:
     """Return four to eight points in the swath, each at least 0.8 m from the one before."""
-    points: Waypoints = []
-    n_points = int(rng.integers(4, 9))
-    while len(points) < n_points:
+
+    def draw_point() -> tuple[float, float]:
         bearing = rng.uniform(-1, 1) * _LARGEST_BEARING
         away = rng.uniform(near_m + 0.1, far_m + 0.3)
-        x, y = float(away * np.sin(bearing)), float(away * np.cos(bearing))
+        return float(away * np.sin(bearing)), float(away * np.cos(bearing))
+
+    return apart(int(rng.integers(4, 9)), draw_point)
+
+
+def apart(n_points: int, draw_point: Callable[[], tuple[float, float]]) -> Waypoints:
+    """Return drawn points (x, y), each at least 0.8 m from the one before."""
+    points: Waypoints = []
+    while len(points) < n_points:
+        x, y = draw_point()
         if not points or np.hypot(x - points[-1][0], y - points[-1][1]) > 0.8:
             points.append((x, y))
     return points

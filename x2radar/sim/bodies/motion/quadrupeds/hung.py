@@ -31,8 +31,8 @@ class Stance:
     heading_rad: Array  # (n_slow,): of the trunk
     pitch_rad: Array  # (n_slow,): up at the shoulder
     paw_m: Array  # (n_slow, 4, 3): soles, in the order of `LEGS`
-    nod: Array  # (n_slow,): -1 to 1, once or twice a stride; 0 at rest
-    turn_rad_s: Array  # (n_slow,): turn rate; the head looks into the bend
+    nod: Array | float = 0.0  # (n_slow,): -1 to 1, once or twice a stride; 0 at rest
+    turn_rad_s: Array | float = 0.0  # (n_slow,): turn rate; the head looks into the bend
 
 
 class Action(Protocol):

@@ -55,8 +55,7 @@ class Staying:
         """Return where trunk and paws are; see `Action`."""
         s, n = self.stance, len(t_s)
         sway = self.sway.at(t_s)
-        still = np.zeros(n)
-        heading = still + s.heading_rad
+        heading = np.zeros(n) + s.heading_rad
         paw = np.repeat(s.paw_m, n, axis=0)
         if self.scratch:
             ahead, up = self.scratch.at(t_s)
@@ -68,8 +67,6 @@ class Staying:
             heading_rad=heading,
             pitch_rad=s.pitch_rad + sway[:, 3],
             paw_m=paw,
-            nod=still,
-            turn_rad_s=still,
         )
 
 
@@ -105,8 +102,6 @@ def draw_staying(
         heading_rad=start.heading_rad,
         pitch_rad=np.array([pitch]),
         paw_m=paw[None],
-        nod=np.zeros(1),
-        turn_rad_s=np.zeros(1),
     )
     size = {"stand": 0.02, "sit": 0.006, "lie": 0.0005}[name] * h
     restless = 4.0 if style in {"groom", "scratch"} else 1.0
@@ -168,7 +163,7 @@ class Romping:
 
     def at(self, t_s: Array) -> Stance:
         """Return where trunk and paws are; see `Action`."""
-        s, n = self.stance, len(t_s)
+        s = self.stance
         w, bout = self.wander.at(t_s), self.bout.at(t_s)
         bows, shakes = smooth_step((bout - 0.2) / 0.4).T
         turn = 2.0 * np.pi * t_s
@@ -190,8 +185,6 @@ class Romping:
             heading_rad=heading,
             pitch_rad=s.pitch_rad + w[:, 3] - bow,
             paw_m=np.stack([self._paw(k, t_s) for k in range(4)], axis=1),
-            nod=np.zeros(n),
-            turn_rad_s=np.zeros(n),
         )
 
     def _paw(self, leg: int, t_s: Array) -> Array:
