@@ -194,21 +194,6 @@ def test_what_takes_commands(given, tmp_path, monkeypatch):
     assert taken == {"auto": secure, "always": everything}.get(given, set())
 
 
-def test_commands_can_be_switched_off(publish, listen):
-    listener = listen(f"{BASE}/#")
-    radar = Radar()
-    heard = radar.heard
-    sink = publish(discovery="off", commands="off", radar=radar)
-    sink.write(hello())
-    sink.write(status("online"))
-    wait_for(lambda: last(listener, "availability") == "online")
-    listener.say(f"{BASE}/command/disarm")
-    wait_for(lambda: last(listener, "command/disarm") == "")
-    sink.write(event(1))
-    wait_for(lambda: ids(listener))
-    assert heard == []
-
-
 @pytest.mark.parametrize("form", ["device", "components"])
 def test_discovery_of_home_assistant(publish, listen, form):
     listener = listen("homeassistant/#")
