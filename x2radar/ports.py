@@ -133,6 +133,11 @@ def is_port(what: str) -> bool:
     return bool(_PORT.fullmatch(what)) or Path(what).is_char_device()
 
 
+def recording_path(what: str) -> Path:
+    """Return the file or folder that a word names, with or without ``replay:`` in front."""
+    return Path(what.removeprefix("replay:"))
+
+
 def parse_speed(text: str) -> float | None:
     """Return stream seconds per real second of a --speed; None is as fast as possible.
 

@@ -3,13 +3,12 @@
 import argparse
 import json
 from dataclasses import asdict
-from pathlib import Path
 from typing import Any
 
 from x2radar.commands import Commands, add_command
 from x2radar.device.device import X2Radar
 from x2radar.errors import DeviceError
-from x2radar.ports import is_port, parse_port
+from x2radar.ports import is_port, parse_port, recording_path
 from x2radar.radars import make_radar
 from x2radar.wire.messages import GetSystemInfo, Message, Ping, Pong, Reply
 from x2radar.wire.wire_ids import InfoItem, PongCode
@@ -36,7 +35,7 @@ def _run(args: argparse.Namespace) -> int:
         # Late: h5py takes a while, and a port does without.
         from x2radar.recording.info import describe_recording, summary  # noqa: PLC0415
 
-        facts = describe_recording(Path(args.what.removeprefix("replay:")))
+        facts = describe_recording(recording_path(args.what))
         lines = summary(facts)
     print(json.dumps(facts, default=str) if args.json else "\n".join(lines))
     return 0

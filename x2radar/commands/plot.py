@@ -18,7 +18,7 @@ from x2radar.errors import RecordingError, SettingsError
 from x2radar.extras import needed
 from x2radar.frame import Frame, Samples, StreamInfo
 from x2radar.maps import range_time, spectrum, velocity_time
-from x2radar.ports import is_port, parse_port
+from x2radar.ports import is_port, parse_port, recording_path
 from x2radar.radars import make_radar
 
 _DEPTHS_DB = (40.0, 30.0)
@@ -63,7 +63,7 @@ def _run(args: argparse.Namespace) -> int:
     if is_port(args.what):
         look = _look_at_port(args.what, args.duration)
     else:
-        look = _look_at_file(args.what.removeprefix("replay:"), args.start, args.duration)
+        look = _look_at_file(recording_path(args.what), args.start, args.duration)
     plt: Any = needed("matplotlib.pyplot", what="pictures")
     if args.out is None and plt.get_backend().lower() == "agg":
         msg = "no window can be opened here; give --out FILE.png"
@@ -99,9 +99,9 @@ def _look_at_port(port: str, duration_s: float) -> Look:
         return _look(port, radar.stream, samples, 0.0)
 
 
-def _look_at_file(path: str, start_s: float, duration_s: float) -> Look:
+def _look_at_file(path: Path, start_s: float, duration_s: float) -> Look:
     samples, stream = read_frames(path, start_s=start_s, duration_s=duration_s)
-    return _look(Path(path).name, stream, samples, start_s)
+    return _look(path.name, stream, samples, start_s)
 
 
 def _look(title: str, stream: StreamInfo, samples: Samples, start_s: float) -> Look:
