@@ -128,8 +128,9 @@ def read_about(
         name: getattr(stream.axis, name) for name in ("bin_length_m", "carrier_hz")
     }
     if missing := [name for name in _OPTIONS if not known[name] > 0]:
-        names, options = ", ".join(missing), ", ".join(_OPTIONS[name] for name in missing)
-        raise refuse(path, f"'{names}' is 0 or missing; convert it with {options}")
+        names = ", ".join(f"'{name}'" for name in missing)
+        options = ", ".join(_OPTIONS[name] for name in missing)
+        raise refuse(path, f"{names} is 0 or missing; convert it with {options}")
     return About(
         stream=stream,
         started_utc=str(said.get("started_utc") or ""),
