@@ -50,6 +50,8 @@ MODULES: dict[str, tuple[str, tuple[str, ...]]] = {
         ("detect/test_decision", "training/test_evidence"),
     ),
     "panel": ("daemon/radard/alarm/panel.py", ("detect/test_alarm", "detect/test_alarm_events")),
+    "health": ("daemon/radard/health/health.py", ("run/test_health",)),
+    "calibration": ("daemon/radard/run/room_calibration.py", ("run/test_calibration_limits",)),
     "events": ("daemon/radard/alarm/events.py", ("detect/test_alarm_events", "detect/test_alarm")),
 }
 """Name to file, and tests, the quickest first."""

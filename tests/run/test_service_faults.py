@@ -1,6 +1,5 @@
 """Fail-safe: what goes wrong is announced, in time, and never taken for quiet."""
 
-import json
 from functools import partial
 
 import numpy as np
@@ -175,19 +174,3 @@ def test_zones_and_sensitivity_change_events_and_no_decision(monkeypatch):
     off, disarmed = run(RADARD_ALARM__ARMED="false")
     assert disarmed == []
     assert plain == nowhere == low == delayed == off
-
-
-def test_a_replayed_stream_never_asks_what_was_kept(tmp_path, monkeypatch):
-    file = tmp_path / "r.h5"
-    run_radard("--port", "sim:thesis_human", *FAST, "--duration", "12", "--record", str(file))
-    monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path))
-    for name in ("radar.json", "radar.sim.json"):
-        (tmp_path / name).write_text(json.dumps({"is_armed": False}))
-    _, replayed, _ = run_radard("--port", f"replay:{file}", "-o", "json")
-    assert events(replayed, "alarm")
-    assert replayed[0]["armed"]
-    _, live, err = run_radard("--port", "sim:thesis_human", *FAST, "--duration", "12")
-    assert events(live, "alarm") == []
-    assert not live[0]["armed"]
-    assert "disarmed, as the last command said" in err
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["r.h5", "radar.json", "radar.sim.json"]
