@@ -4,7 +4,7 @@ from pathlib import Path
 
 from radard.outputs.base import Record
 
-_MOST_BYTES = 4_000_000  # chosen: a picture of the longest clip has a tenth of that
+_MAX_BYTES = 4_000_000  # a picture of the longest clip has a tenth of that
 
 
 def picture_path(record: Record) -> Path | None:
@@ -36,7 +36,7 @@ class PictureWatch:
             return None
         try:
             about = self._path.stat()
-            if about.st_mtime_ns == self._seen_ns or about.st_size > _MOST_BYTES:
+            if about.st_mtime_ns == self._seen_ns or about.st_size > _MAX_BYTES:
                 return None
             data = self._path.read_bytes()
         except OSError:

@@ -22,7 +22,7 @@ from radard.outputs.delivery import DeliverySink, Item, wants_events
 from x2radar.errors import MissingExtra
 from x2radar.extras import needed
 
-_PICTURE_S = 3.0  # chosen: drawing takes a tenth of that, and the alarm waits for it
+_PICTURE_S = 3.0  # drawing takes a tenth of that, and the alarm waits for it
 _LOOK_S = 0.1
 _SCHEME = re.compile(r"([a-z][a-z0-9+.-]*)://", re.IGNORECASE)
 _STATUS = re.compile(r"error=(\d{3})\b")

@@ -28,9 +28,9 @@ log = logging.getLogger("radard")
 SHARED = "radard"
 """Stands for all sensors of a process, where a sink needs one name."""
 _RETRY_S = 10.0
-"""Chosen: how soon an output is tried again that could not be opened."""
+"""How soon an output is tried again that could not be opened."""
 _LOCK_S = 1.0
-"""Chosen: a sink takes far less for a record; a thread that holds the lock for longer hangs."""
+"""A sink takes far less for a record; a thread that holds the lock for longer hangs."""
 
 
 @dataclass(slots=True, eq=False)

@@ -88,17 +88,17 @@ def open_sinks(
     UsageError, ConfigError, OutputError
         See `Opener`; also if two outputs want stdout.
     """
-    chosen = list(outputs) or [default_output(stdout_is_terminal=stdout_is_terminal)]
-    for output in chosen:
+    wanted = list(outputs) or [default_output(stdout_is_terminal=stdout_is_terminal)]
+    for output in wanted:
         check_output(output)
-    if sum(output in {"json", "table"} for output in chosen) > 1:
+    if sum(output in {"json", "table"} for output in wanted) > 1:
         msg = "--output: json and table both want stdout; give one of them a file"
         raise UsageError(msg)
     options = options or SinkOptions()
     context = context or SinkContext(can_wait=True)
     sinks: list[Sink] = []
     try:
-        for output in chosen:
+        for output in wanted:
             sinks.append(make_output(output, options, context))  # noqa: PERF401 - closed on error
     except BaseException:
         close_sinks(sinks, 0.0)

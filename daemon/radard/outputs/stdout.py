@@ -17,7 +17,7 @@ from radard.outputs.thread_sink import DirectSink
 from x2radar.backoff import Backoff
 
 _HEAD = "    time  gate      power   floor   range  human   pet  who"
-_HEAD_EVERY = 20  # lines, chosen: a head is always on the screen
+_HEAD_EVERY = 20  # lines: a head is always on the screen
 _RED, _DIM, _PLAIN = "\x1b[1;31m", "\x1b[2m", "\x1b[0m"
 
 

@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 
 from radard.outputs.base import Sink, SinkState
 
-ANSWERED_S = 8.0  # chosen: above what a webhook may take
-_LOOK_S = 0.1  # chosen: a person waits
+ANSWERED_S = 8.0  # above what a webhook may take
+_LOOK_S = 0.1  # a person waits
 
 
 def tried(

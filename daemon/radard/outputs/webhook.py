@@ -31,8 +31,8 @@ _REFUSALS = frozenset({400, 405, 406, 409, 410, 411, 413, 414, 415, 422})
 """Status codes about this very body (RFC 9110); others count as an outage of the server."""
 _REDIRECTS = frozenset({301, 302, 307, 308})
 """Those after which a POST may be repeated elsewhere (RFC 9110); 303 asks for a GET."""
-_MOST_HOPS = 3  # chosen
-_MOST_ANSWER = 65_536  # bytes that are read of an answer; chosen
+_MAX_HOPS = 3  # from a name to its https and its new place
+_MAX_ANSWER = 65_536  # bytes that are read of an answer: a page that explains a fault
 _SCHEMES = frozenset({"http", "https"})
 _LATE = "no answer within the time limit"
 
@@ -103,7 +103,7 @@ class WebhookSink(DeliverySink):
         """Return the code of the last answer, after redirects if they are followed."""
         url, end_s = self._url, time.monotonic() + self._section.timeout_s
         code, location = self._post(url, body, headers, self._section.timeout_s)
-        n_hops = _MOST_HOPS if self._section.follow_redirects else 0
+        n_hops = _MAX_HOPS if self._section.follow_redirects else 0
         while n_hops and location and code in _REDIRECTS:
             n_hops -= 1
             before, url = url, urljoin(url, location)
@@ -135,7 +135,7 @@ class WebhookSink(DeliverySink):
             path = (parts.path or "/") + (f"?{parts.query}" if parts.query else "")
             link.request("POST", path, body, headers)
             answer = link.getresponse()
-            answer.read(_MOST_ANSWER)
+            answer.read(_MAX_ANSWER)
             return answer.status, answer.getheader("Location", "")
         finally:
             watch.cancel()

@@ -21,9 +21,9 @@ from radard.config.sink_table import MqttSection
 from radard.outputs.base import COMMANDS
 from radard.outputs.mqtt.homeassistant import panel_command
 
-_MOST_SHOWN = 40  # characters of a stranger's topic in the log, chosen
-_MOST_WRONG = 5  # chosen: as keypads of panels have it
-_LOCKED_S = 60.0  # chosen: a code of four digits then takes more than a day to guess
+_MAX_SHOWN = 40  # characters of a stranger's topic: a log line stays one
+_MAX_WRONG = 5  # as keypads of panels have it
+_LOCKED_S = 60.0  # a code of four digits then takes more than a day to guess
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +66,7 @@ class CommandReader:
         head, _, name = topic.rpartition("/")
         if head != self._head:
             return None
-        shown = repr(name[:_MOST_SHOWN])
+        shown = repr(name[:_MAX_SHOWN])
         if is_retained:
             msg = f"command {shown} ignored: it was retained; remove it from the broker"
             raise ValueError(msg)
@@ -109,7 +109,7 @@ class CommandReader:
             self._n_wrong = 0
             return
         self._n_wrong += 1
-        if self._n_wrong >= _MOST_WRONG:
+        if self._n_wrong >= _MAX_WRONG:
             self._n_wrong, self._locked_until_s = 0, self._now_s() + _LOCKED_S
         msg = "command 'disarm' ignored: a wrong code, or none"
         raise ValueError(msg)

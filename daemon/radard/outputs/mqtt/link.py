@@ -26,10 +26,10 @@ from radard.outputs.mqtt.limits import PacketLimits
 from radard.outputs.mqtt.topics import Publication
 from x2radar.backoff import Backoff
 
-_CONFIRM_S = 10.0  # chosen: far above a round trip, below what a person waits for an alarm
-_POLL_S = 0.1  # chosen: how soon a lost connection is noticed
-_SHORT_S = 5.0  # chosen: a connection as short as this hints at a second client of this id
-_MOST_UNSENT = 50  # messages of QoS 0, chosen: a minute of decisions
+_CONFIRM_S = 10.0  # far above a round trip, below what a person waits for an alarm
+_POLL_S = 0.1  # how soon a lost connection is noticed
+_SHORT_S = 5.0  # a connection as short as this hints at a second client of this id
+_MAX_UNSENT = 50  # messages of QoS 0: a minute of decisions
 _STANDS_STILL = "the output's own thread stands still"
 _UNSUPPORTED = "Unsupported protocol version"
 _NO_ANSWER = "no answer; is it an MQTT broker?"
@@ -130,7 +130,7 @@ class MqttLink:
         if message.qos == 0:
             while self._unsent and self._unsent[0].is_published():
                 self._unsent.popleft()
-            if len(self._unsent) >= _MOST_UNSENT:
+            if len(self._unsent) >= _MAX_UNSENT:
                 return False
         info = _publish(client, message)
         self._limits.sent(message, info.is_published)

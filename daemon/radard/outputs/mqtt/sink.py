@@ -30,10 +30,10 @@ log = logging.getLogger("radard")
 _NO_TOPIC = re.compile(r"[+#\x00-\x1f\x7f\ud800-\udfff]")
 _PORTS = {"mqtt": 1883, "mqtts": 8883}  # registered with IANA
 _PATIENCE_S = 20.0  # so long events that a broker refuses hold up discovery and picture
-_CLOSE_S = 1.0  # chosen: for the messages that say that the run has ended
-_WARN_S = 60.0  # chosen: commands that are none are logged once in so long
+_CLOSE_S = 1.0  # for the messages that say that the run has ended
+_WARN_S = 60.0  # commands that are none are logged once in so long
 _HANGS_S = 10.0
-"""The sink's thread runs every `tick_s`; after so long without it, it hangs (chosen)."""
+"""The sink's thread runs every `tick_s`; after so long without it, it hangs."""
 
 
 def open_from_url(url: str, options: SinkOptions, context: SinkContext) -> "MqttSink":
