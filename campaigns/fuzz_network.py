@@ -25,6 +25,7 @@ from radard.config.config import load_config
 from radard.config.sink_table import MqttSection, WebSection
 from radard.errors import ConfigError
 from radard.health.health import Health
+from radard.log import EventLog
 from radard.outputs import open_output
 from radard.outputs.base import Host, SinkContext
 from radard.outputs.mqtt.commands import CommandReader
@@ -99,7 +100,8 @@ class _Dashboard:
         )
         # Else all but the first inputs would be turned away.
         with patch("radard.web.guard.RateLimit", _NoLimit):
-            self._sink = WebSink("127.0.0.1", 0, WebSection())
+            log = EventLog(None)
+            self._sink = WebSink("127.0.0.1", 0, WebSection(), log)
         kept = open_output(store, self._config, SinkContext())
         host = MagicMock(spec=Host, sensor="radar", health=Health())
         host.config.return_value, host.panel.return_value = self._config, SensorState(seq=1)
@@ -109,6 +111,8 @@ class _Dashboard:
         self._sink.attach(host)
         alarm = event_record(trial_alarm(2.0)[0])
         for record in (_HELLO, _decision(), {**alarm, "id": _ID}):
+            if record["type"] == "event":
+                log.append(record)
             self._sink.write(record)
             kept.write(record)
         kept.close()
