@@ -9,8 +9,9 @@ whether the daemon stands still and says nothing.
 import contextlib
 import math
 import threading
+from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
@@ -22,6 +23,7 @@ from radard.config.quiet_hours import wall_clock
 from radard.health.health import STALE_S, Health
 from radard.judge.classifier import Classifier
 from radard.log import EventLog
+from radard.outputs.records import Record
 from radard.pipeline import HOP_S, Pipeline
 from radard.run.components import make_parts
 from radard.run.worker import Worker
@@ -95,22 +97,6 @@ class Clock(Protocol):
         ...
 
 
-@dataclass(slots=True)
-class Tally:
-    """What was found in one run."""
-
-    decisions: int = 0
-    gap_decisions: int = 0
-    silent_stalls: int = 0
-    uncounted: int = 0
-    hidden_restarts: int = 0
-    damaged: int = 0
-    frames: int = 0
-    lost: int = 0
-    restarts: int = 0
-    notes: list[str] = field(default_factory=list)
-
-
 @dataclass(frozen=True, slots=True)
 class Recovery:
     """How a run came back."""
@@ -124,7 +110,8 @@ class Watcher:
     """Compare what the daemon says with the truth."""
 
     def __init__(self, n_slow: int, rate_hz: float, clock: Clock) -> None:
-        self.tally = Tally()
+        self.tally: Counter[str] = Counter()
+        self.notes: list[str] = []
         self._rate_hz = rate_hz
         self._n_slow = n_slow
         self._clock = clock
@@ -142,14 +129,13 @@ class Watcher:
         """Take a frame as the driver gives it."""
         tally = self.tally
         made_s = read_stamp(frame.samples)
-        tally.frames += 1
+        tally["frames"] += 1
         self._t_s = frame.index / self._rate_hz
-        tally.damaged += made_s is None
+        tally["damaged_unseen"] += made_s is None
         if frame.restarted or not self._rows:
-            tally.restarts += frame.restarted
             self._known = None
         else:
-            tally.lost += frame.lost
+            tally["lost"] += frame.lost
             self._rows += [None] * frame.lost
         self._rows.append(math.nan if made_s is None else made_s)
         if frame.lost or frame.restarted or made_s is None:
@@ -164,15 +150,15 @@ class Watcher:
             missing = round((made_s - before_s) * self._rate_hz) - (row - before)
             if missing and abs(begun - before_begun) > 0.5:
                 # It began again among frames that were lost, so that its numbers seem to go on.
-                tally.hidden_restarts += 1
+                tally["hidden_restarts"] += 1
             elif missing:
-                tally.uncounted += abs(missing)
-                tally.notes.append(f"{missing} uncounted at {frame.index / self._rate_hz:.2f} s")
+                tally["uncounted"] += abs(missing)
+                self.notes.append(f"{missing} uncounted at {frame.index / self._rate_hz:.2f} s")
         self._known = row, made_s, begun
 
     def decision(self, dwell: Dwell, *, is_whole: bool) -> None:
         """Take a decision and the dwell that it was made on."""
-        self.tally.decisions += 1
+        self.tally["decisions"] += 1
         if not is_whole:
             return
         now_s = self._clock.now()
@@ -180,23 +166,23 @@ class Watcher:
         self.wholes.append((now_s, dwell.t_s))
         rows = self._rows[dwell.end_frame - self._n_slow : dwell.end_frame]
         if why := _stitched(rows, self._rate_hz):
-            self.tally.gap_decisions += 1
-            self.tally.notes.append(f"whole at {dwell.t_s:.2f} s: {why}")
+            self.tally["gap_decisions"] += 1
+            self.notes.append(f"whole at {dwell.t_s:.2f} s: {why}")
 
     def look(self, *, is_announced: bool) -> None:
         """Look at the clock; note a stall of which nobody was told."""
         now_s = self._clock.now()
         if now_s - self._whole_s > _SILENT_S and not is_announced and not self._is_silent:
             self._is_silent = True
-            self.tally.silent_stalls += 1
-            self.tally.notes.append(f"silent since {self._whole_s:.2f} s")
+            self.tally["silent_stalls"] += 1
+            self.notes.append(f"silent since {self._whole_s:.2f} s")
 
     def note_end_of_faults(self) -> None:
         """Count what was wrong up to now as a bad frame: spikes are frames all the same."""
         self._is_spiked = True
         self.last_bad = self._clock.now(), self._t_s
 
-    def recovery(self, healed_s: float, outage_limit_s: float = OUTAGE_S) -> Recovery:
+    def recovery(self, healed_s: float, limit_s: float = OUTAGE_S) -> Recovery:
         """Say how it came back from the last fault; `healed_s` is when all of them ended."""
         if self.last_bad is None:
             return Recovery(0.0, 0.0, "" if self.wholes else "no decision at all")
@@ -206,9 +192,9 @@ class Watcher:
         if not after:
             return Recovery(0.0, outage_s, "no decision after the last fault")
         stream_s = after[0] - bad_t_s
-        limit_s = SPIKED_S if self._is_spiked else RECOVERY_S
-        late = f"{stream_s:.2f} s to a decision" if stream_s > limit_s else ""
-        away = f"{outage_s:.2f} s to good frames" if outage_s > outage_limit_s else ""
+        is_late = stream_s > (SPIKED_S if self._is_spiked else RECOVERY_S)
+        late = f"{stream_s:.2f} s to a decision" if is_late else ""
+        away = f"{outage_s:.2f} s to good frames" if outage_s > limit_s else ""
         return Recovery(stream_s, outage_s, "; ".join(filter(None, (late, away))))
 
 
@@ -239,8 +225,8 @@ def _is_full(rows: list[bool], rate_hz: float) -> bool:
 class Run:
     """Drive one radar until its clock raises what ends it.
 
-    `make` gives a classifier; the worker, its panel, tamper watch and health are the daemon's own,
-    but one thread does the work of reader and worker, so that a virtual clock can hold it.
+    The worker, its panel, tamper watch and health are the daemon's own, but one thread does the
+    work of reader and worker, so that a virtual clock can hold it.
     """
 
     def __init__(
@@ -262,8 +248,8 @@ class Run:
             sleep=clock.sleep,
         )
         self._clock = clock
-        self._classifier = classifier
         self._lock = threading.Lock()
+        self._gate = "invalid"
         self._health = Health(clock=clock.now)
         self._heard_s = clock.now()
         stream = StreamInfo(settings.axis, rate_hz, "module", "campaign")
@@ -276,7 +262,7 @@ class Run:
         self._worker = Worker(
             parts,
             self._ring,
-            lambda _record: None,
+            self._hear,
             self._health,
             StateStore(EventLog(None), None),
             rate=RateWatch(rate_hz),
@@ -314,5 +300,8 @@ class Run:
         self._heard_s = self._clock.now()
         self._worker.handle(item)
         if isinstance(item, Dwell):
-            last = self._worker._last
-            self.watcher.decision(item, is_whole=last is not None and last.gate != "invalid")
+            self.watcher.decision(item, is_whole=self._gate != "invalid")
+
+    def _hear(self, record: Record) -> None:
+        if record["type"] == "decision":
+            self._gate = record["gate"]

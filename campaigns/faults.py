@@ -1,25 +1,24 @@
 """Faults of module, line, host and surroundings, and what a daemon makes of them.
 
-    python campaigns/faults.py --runs 2000 --pty 50 --injected 200 --surroundings all
-    python campaigns/faults.py --runs 40 --pty 0 --injected 2 --surroundings two_daemons   # short
+    python campaigns/faults.py --runs 2000 --injected 200 --surroundings all
+    python campaigns/faults.py --runs 40 --injected 2 --surroundings two_daemons   # short
 
 --runs are seeded runs of the driver, the ring and the worker on a virtual clock, before a
 simulated module with every fault that it has, alone and mixed, at rates up to one in ten, with
-cables pulled and a host that stands still. --pty runs are in real time on a pseudo-terminal,
---injected ones through a faulty line between two terminals that shares no code with the
-simulator (`injector`). --surroundings names cases of `surroundings`, with commas. Frames carry
+cables pulled and a host that stands still. --injected runs are in real time, through a faulty
+line between two pseudo-terminals that shares no code with the simulator (`injector`).
+--surroundings names cases of `surroundings`, with commas. Frames carry
 the time at which they were made, which is the truth that decisions are held against.
 
 The last line is one JSON object: runs; crashes; deadlocks; gap_decisions (a window with a gap
 or a jump that was judged as if whole); silent_stalls (nothing decided, nothing said);
 unrecovered (no decision 3.1 s of stream after the last bad frame, or no good frame in time);
-uncounted (frames that are missing and that nobody counted), and, by kind of run, the same and
-more. hidden_restarts are those of a module's counter among lost frames, where its numbers
-seem to go on: no driver can tell. Exit code 1 if one of them but runs and those is not 0.
+uncounted (frames that are missing and that nobody counted); lost_events (of the surroundings);
+and, by kind of run, the same and more. hidden_restarts are those of a module's counter among lost
+frames, where its numbers seem to go on: no driver can tell. Exit code 1 if harm was found.
 """
 
 import argparse
-import json
 import logging
 import os
 import random
@@ -38,9 +37,10 @@ sys.path[:0] = [str(_ROOT), str(_ROOT / "daemon")]
 # Before numpy is there: threads of its algebra wait in loops, for cores that other runs need.
 os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
 
-from campaigns.fault_lines import injected_run, pty_run  # noqa: E402 - below the path
-from campaigns.fault_run import Run  # noqa: E402
+from campaigns.fault_lines import injected_run  # noqa: E402 - below the path
+from campaigns.fault_run import Recovery, Run  # noqa: E402
 from campaigns.fault_world import Over, World, clock_of, coalesced, drawn_plan  # noqa: E402
+from campaigns.processes import HARM, end_with  # noqa: E402
 from campaigns.surroundings import CASES, surrounded  # noqa: E402
 from radard.judge.bundle import load_bundle  # noqa: E402
 from radard.judge.classifier import Classifier  # noqa: E402
@@ -49,7 +49,6 @@ _STUCK_S = 300
 """Of real time, for a run that takes a second where nothing else runs."""
 _AFTER_S = 13.0
 """From the end of the faults to that of the run: `fault_run.OUTAGE_S` and two dwells."""
-_KEYS = ("crashes", "deadlocks", "gap_decisions", "silent_stalls", "unrecovered", "uncounted")
 _MODEL = "fast"
 
 
@@ -77,7 +76,7 @@ def virtual_run(n: int, seed: int) -> dict[str, Any]:
     if rng.random() < 0.2:
         world.pauses.append((rng.uniform(3.0, healed_s), rng.uniform(0.05, 4.0)))
     what = ",".join(f"{kind}:{value:.3g}" for kind, value in plan.values.items())
-    found: dict[str, Any] = {"n": n, "what": what}
+    found: dict[str, Any] = {"what": what}
     with clock_of(world):
         # A line in pieces is read piece by piece, which those pauses would make endless.
         connect = coalesced(world) if world.most_read else world.connect
@@ -86,8 +85,7 @@ def virtual_run(n: int, seed: int) -> dict[str, Any]:
         if "spike" in plan.values:
             world.on_healed = run.watcher.note_end_of_faults
         found |= _ended(run)
-    recovery = run.watcher.recovery(healed_s)
-    return {**found, "tally": run.watcher.tally, "recovery": recovery, "stats": run.radar.stats}
+    return {**found, "run": run, "recovery": run.watcher.recovery(healed_s)}
 
 
 def _ended(run: Run) -> dict[str, str]:
@@ -113,68 +111,46 @@ def _ended(run: Run) -> dict[str, str]:
 
 def judged(found: dict[str, Any]) -> tuple[Counter[str], list[str]]:
     """Return the counts of one run, and what to say of it."""
-    tally, recovery, stats = found["tally"], found["recovery"], found["stats"]
-    counts = Counter(
+    run, recovery = found["run"], found["recovery"]
+    tally = run.watcher.tally
+    counts = tally + Counter(
         runs=1,
         crashes="crash" in found,
         deadlocks="deadlock" in found,
-        gap_decisions=tally.gap_decisions,
-        silent_stalls=tally.silent_stalls,
         unrecovered=bool(recovery.fault),
         # What frames say and what the statistics say must be the same.
-        uncounted=tally.uncounted + abs(stats.lost - tally.lost),
-        hidden_restarts=tally.hidden_restarts,
-        decisions=tally.decisions,
-        frames=tally.frames,
-        lost=tally.lost,
-        damaged_unseen=tally.damaged,
+        uncounted=abs(run.radar.stats.lost - tally["lost"]),
         injected=found.get("injected", 0),
     )
-    notes = [*tally.notes, recovery.fault, found.get("crash", ""), found.get("deadlock", "")]
-    is_well = not any(counts[key] for key in _KEYS)
+    notes = [*run.watcher.notes, recovery.fault, found.get("crash"), found.get("deadlock")]
+    is_well = not any(counts[key] for key in HARM)
     return counts, [] if is_well else [note for note in notes if note]
 
 
-class Campaign:
-    """Counts what was found, by kind of run."""
-
-    def __init__(self) -> None:
-        self.kinds: dict[str, Counter[str]] = {}
-        self._stream_s: dict[str, float] = {}
-        self._outage_s: dict[str, float] = {}
-
-    def take(self, kind: str, results: Iterable[dict[str, Any]]) -> None:
-        """Count runs of one kind, and say on stderr which were not as they should be."""
-        total = self.kinds.setdefault(kind, Counter())
-        for found in results:
-            counts, notes = judged(found)
-            total.update(counts)
-            recovery = found["recovery"]
-            if not recovery.fault:
-                worst_s = max(self._stream_s.get(kind, 0.0), recovery.stream_s)
-                self._stream_s[kind] = worst_s
-                self._outage_s[kind] = max(self._outage_s.get(kind, 0.0), recovery.outage_s)
-            if notes:
-                print(f"{kind} {found['n']} ({found['what']}): {notes}", file=sys.stderr)
-
-    def summary(self) -> dict[str, Any]:
-        """Return what the last line says."""
-        sums = {key: sum(kind[key] for kind in self.kinds.values()) for key in ("runs", *_KEYS)}
-        each = {
-            name: {
-                **{key: kind[key] for key in sorted(kind)},
-                "recovery_s_max": round(self._stream_s.get(name, 0.0), 2),
-                "outage_s_max": round(self._outage_s.get(name, 0.0), 2),
-            }
-            for name, kind in self.kinds.items()
-        }
-        return {**sums, "hidden_restarts": self._sum("hidden_restarts"), "kinds": each}
-
-    def _sum(self, key: str) -> int:
-        return sum(kind[key] for kind in self.kinds.values())
+Judged = tuple[str, Recovery, Counter[str], list[str]]
 
 
-def spread(run: Callable[[int], dict[str, Any]], n: int, jobs: int) -> Iterator[dict[str, Any]]:
+def judge(run: Callable[[int, int], dict[str, Any]], seed: int, n: int) -> Judged:
+    """Make run `n`; return which it was and what was found, without the run itself."""
+    found = run(n, seed)
+    return f"{n} ({found['what']})", found["recovery"], *judged(found)
+
+
+def counted(kind: str, results: Iterable[Judged]) -> dict[str, float]:
+    """Count runs of one kind, and say on stderr which were not as they should be."""
+    total: Counter[str] = Counter()
+    stream_s = outage_s = 0.0
+    for which, recovery, counts, notes in results:
+        total.update(counts)
+        if not recovery.fault:
+            stream_s = max(stream_s, recovery.stream_s)
+            outage_s = max(outage_s, recovery.outage_s)
+        if notes:
+            print(f"{kind} {which}: {notes}", file=sys.stderr)
+    return {**total, "recovery_s_max": round(stream_s, 2), "outage_s_max": round(outage_s, 2)}
+
+
+def spread(run: Callable[[int], Judged], n: int, jobs: int) -> Iterator[Judged]:
     """Run `run` for 0 to n-1, in processes if there are to be several."""
     if jobs < 2 or n < 2:
         yield from map(run, range(n))
@@ -188,7 +164,6 @@ def main() -> int:
     about = (__doc__ or "").split("\n\n")
     parser = argparse.ArgumentParser(description=about[0], epilog=about[2])
     parser.add_argument("--runs", type=int, default=2000, help="on the virtual clock")
-    parser.add_argument("--pty", type=int, default=50, help="in real time, on a terminal")
     parser.add_argument("--injected", type=int, default=200, help="in real time, through a line")
     parser.add_argument("--surroundings", default="all", help="all, none, or " + ", ".join(CASES))
     parser.add_argument("--seed", type=int, default=0)
@@ -199,21 +174,19 @@ def main() -> int:
     # Radars tell of every loss, as they should.
     logging.disable(logging.WARNING)
     names = {"all": list(CASES), "none": []}.get(args.surroundings) or args.surroundings.split(",")
-    campaign = Campaign()
-    campaign.take("virtual", spread(partial(virtual_run, seed=args.seed), args.runs, args.jobs))
+    runs = spread(partial(judge, virtual_run, args.seed), args.runs, args.jobs)
+    kinds = {"virtual": counted("virtual", runs)}
     with ThreadPoolExecutor(args.at_once) as pool:
-        campaign.take("pty", pool.map(partial(pty_run, seed=args.seed), range(args.pty)))
-        runs = pool.map(partial(injected_run, seed=args.seed), range(args.injected))
-        campaign.take("injected", runs)
-    summary = campaign.summary()
-    if args.surroundings != "none":
-        summary["surroundings"] = found = surrounded(names, is_full=args.full)
-        for key in ("crashes", "silent_stalls", "unrecovered"):
-            summary[key] += sum(case.get(key, 0) for case in found.values())
-        summary["runs"] += sum("skipped" not in case for case in found.values())
-        summary["lost_events"] = sum(case.get("lost_events", 0) for case in found.values())
-    print(json.dumps(summary))
-    return 1 if any(summary[key] for key in (*_KEYS, "lost_events") if key in summary) else 0
+        runs = pool.map(partial(judge, injected_run, args.seed), range(args.injected))
+        kinds["injected"] = counted("injected", runs)
+    cases = surrounded(names, is_full=args.full)
+    n_cases = sum("skipped" not in case for case in cases.values())
+    rows = [*kinds.values(), *cases.values()]
+    sums = {
+        key: sum(row.get(key, 0) for row in rows) for key in (*HARM, "runs", "hidden_restarts")
+    }
+    summary = {**sums, "kinds": kinds, "surroundings": cases}
+    return end_with(summary | {"runs": sums["runs"] + n_cases})
 
 
 if __name__ == "__main__":

@@ -12,32 +12,12 @@ BORDER = b"\n--8<--\n"
 _NUMBERS = (0, 1, 2, 3, 7, 8, 0x7F, 0x80, 0xFF, 0x7FFF, 0xFFFF, 0x7FFFFFFF, 0xFFFFFFFE, 0xFFFFFFFF)
 _LONG = (1 << 40, (1 << 63) - 1, (1 << 64) - 1)
 _WORDS = (
-    *(b"null", b"true", b"[]", b"{}", b'""', b"-1", b"0", b"1e999", b"-1e999", b"NaN", b"1e300"),
-    *(
-        b"Infinity",
-        b"9" * 40,
-        b"9" * 400,
-        b"9" * 5000,
-        b'"\\ud800"',
-        b'"a"',
-        b"[[1]]",
-        b"~",
-        b"<<: ",
-    ),
-    *(
-        b"*a",
-        b"&a ",
-        b"!!python/none",
-        b"2001-02-30",
-        b"1:2:3",
-        b"? ",
-        b"- ",
-        b"\t",
-        b"\x00",
-        b"[" * 3000,
-    ),
-    *(b'{"a":' * 3000, b"&a [*a]", b"0x" + b"F" * 300, b"1_0", b".inf", b"\xff", b"\xed\xa0\x80"),
+    *b'null true [] {} "" -1 0 1e999 -1e999 NaN 1e300 Infinity "\\ud800" "a" [[1]] ~ *a'.split(),
+    *b"!!python/none 2001-02-30 1:2:3 1_0 .inf \xff \xed\xa0\x80".split(),
+    *(b"<<: ", b"&a ", b"&a [*a]", b"? ", b"- ", b"\t", b"\x00", b"0x" + b"F" * 300),
+    *(b"9" * 40, b"9" * 400, b"9" * 5000, b"[" * 3000, b'{"a":' * 3000),
 )
+"""Values that YAML, JSON and Python read in ways of their own, or that cost them much."""
 _NUMBER = re.compile(rb"-?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?")
 _TEXT = re.compile(rb'"[^"\n]{0,60}"|[A-Za-z_][A-Za-z0-9_]{2,}')
 

@@ -12,59 +12,33 @@ import logging
 import socket
 import struct
 import tempfile
-from collections.abc import Iterator
 from functools import lru_cache
 from pathlib import Path
-from unittest.mock import MagicMock, patch
+from unittest.mock import patch
 
 from campaigns.fuzz_mutate import BORDER
-from radard.alarm.events import trial_alarm
-from radard.alarm.sensor_state import SensorState
 from radard.commands.fleet import Fleet, table
-from radard.config.config import load_config
-from radard.config.sink_table import MqttSection, WebSection
+from radard.config.sink_table import MqttSection
 from radard.errors import ConfigError
-from radard.health.health import Health
-from radard.log import EventLog
-from radard.outputs import open_output
-from radard.outputs.base import Host, SinkContext
 from radard.outputs.mqtt.commands import CommandReader
 from radard.outputs.mqtt.homeassistant import discovery
-from radard.outputs.records import event_record
-from radard.web.sink import WebSink
+from tests import sink_helpers
+from tests.dashboard_helpers import maker
+from tests.web_helpers import decision, event
 
 _LENGTH = b"@LENGTH"
 """Stands for the length of what comes behind the border."""
 _RIGHT = (503, 507)
-_ANSWER_S = 0.3  # chosen: an answer takes a few milliseconds
-_HELLO = {
-    "type": "hello",
-    "schema": 1,
-    "version": "1.0",
-    "sensor": "hall",
-    "device": "X2",
-    "model": "fast",
-    "module": {"name": "X2M200", "firmware": "1.2"},
-    "frame_rate_hz": 60.0,
-    "n_range": 256,
-    "range_offset_m": 0.6,
-    "bin_length_m": 0.03,
-}
+_ANSWER_S = 0.3
+"""An answer takes a few milliseconds, also on a busy machine."""
+_HELLO = sink_helpers.hello(
+    module={"name": "X2M200", "firmware": "1.2"}, range_offset_m=0.6, bin_length_m=0.03
+)
 _ID = "01J0000000000000000000000A"
 
 
 class Unhandled(Exception):
     """The server has failed at an input."""
-
-
-class _NoLimit:
-    """A limit on how often something may be done, without a limit."""
-
-    def __init__(self, *_limits: float) -> None: ...
-
-    def take(self) -> bool:
-        """Allow it."""
-        return True
 
 
 class _Watch(logging.Handler):
@@ -81,7 +55,7 @@ class _Watch(logging.Handler):
 
 
 class _Dashboard:
-    """A dashboard with a run behind it that has decided and told an event."""
+    """A dashboard that has heard of a decision and an event."""
 
     def __init__(self) -> None:
         self.watch = _Watch()
@@ -89,38 +63,12 @@ class _Dashboard:
             logging.getLogger(name).addHandler(self.watch)
         folder = tempfile.TemporaryDirectory()
         atexit.register(folder.cleanup)
-        store = f"store:{folder.name}/r.db"
-        self._config = load_config(
-            environ={},
-            options={
-                "sensor": {"port": "sim:empty"},
-                "service": {"state_dir": Path(folder.name)},
-                "output": [store],
-            },
-        )
-        # Else all but the first inputs would be turned away.
-        with patch("radard.web.guard.RateLimit", _NoLimit):
-            log = EventLog(None)
-            self._sink = WebSink("127.0.0.1", 0, WebSection(), log)
-        kept = open_output(store, self._config, SinkContext())
-        host = MagicMock(spec=Host, sensor="radar", health=Health())
-        host.config.return_value, host.panel.return_value = self._config, SensorState(seq=1)
-        host.playback.return_value, host.ring.return_value = None, None
-        host.driver.return_value, host.sinks.return_value = {}, [kept]
-        host.mark.return_value, host.test_alarm.return_value = "", ()
-        self._sink.attach(host)
-        alarm = event_record(trial_alarm(2.0)[0])
-        for record in (_HELLO, _decision(), {**alarm, "id": _ID}):
-            if record["type"] == "event":
-                log.append(record)
-            self._sink.write(record)
-            kept.write(record)
-        kept.close()
-        self._sink.start()
-        atexit.register(self._sink.close)
-        url = self._sink.url
-        assert url is not None
-        self.port = int(url.rstrip("/").rpartition(":")[2])
+        self._made = maker(Path(folder.name))
+        client = next(self._made)(served=True)
+        atexit.register(next, self._made, None)
+        for record in (_HELLO, decision(), event(_ID)):
+            client.tell(record)
+        self.port = client.port
 
     def send(self, data: bytes) -> bytes:
         """Send bytes and no more; return what comes back."""
@@ -141,31 +89,10 @@ class _Dashboard:
         return answer
 
 
-def _decision() -> dict[str, object]:
-    nothing = dict.fromkeys(
-        ("p_human", "p_pet", "p_other", "fused_p_human", "fused_p_pet", "fused_p_other", "range_m")
-    )
-    return {
-        "type": "decision",
-        "seq": 1,
-        "t_s": 2.45,
-        "time": "2026-11-21T06:00:00.000Z",
-        "gate": "closed",
-        "power_db": -33.7,
-        "noise_floor_db": -33.9,
-        "threshold_db": -27.8,
-        **nothing,
-        "label": "none",
-        "alarm": False,
-        "tracks": [],
-        "frames": 147,
-        "dropped": 0,
-        "latency_ms": 3.0,
-    }
-
-
 @lru_cache(maxsize=1)
 def _dashboard() -> _Dashboard:
+    # Else all but the first inputs would be turned away: for the whole life of the process.
+    patch("radard.web.auth.RateLimit.take", lambda _limit: True).start()
     return _Dashboard()
 
 
@@ -305,24 +232,22 @@ def fleet_seeds(_folder: Path) -> list[bytes]:
     """Return the messages of two radars."""
     state = {"armed": True, "alarm": False, "gate": "open", "label": "pet"}
     health = {"state": "online", "reason": "", "fault": None, "tamper": "covered: it is dark"}
-    return [BORDER.join(_messages(name, state, health)) for name in ("hall", "attic")]
+    rows = {"availability": "online", "state": json.dumps(state), "health": json.dumps(health)}
+    return [
+        BORDER.join(
+            part.encode()
+            for kind, payload in rows.items()
+            for part in (f"radard/{name}/{kind}", payload)
+        )
+        for name in ("hall", "attic")
+    ]
 
 
-def _messages(name: str, state: object, health: object) -> Iterator[bytes]:
-    for kind, payload in (
-        ("availability", b"online"),
-        ("state", json.dumps(state).encode()),
-        ("health", json.dumps(health).encode()),
-    ):
-        yield f"radard/{name}/{kind}".encode()
-        yield payload
-
-
-ROWS = (
-    ("http", http, http_seeds),
-    ("websocket", websocket, websocket_seeds),
-    ("mqtt", mqtt, mqtt_seeds),
-    ("discovery", announce, announce_seeds),
-    ("fleet", fleet, fleet_seeds),
-)
-"""Name, what runs an input, and what makes good ones."""
+ROWS = {
+    "http": (http, http_seeds),
+    "websocket": (websocket, websocket_seeds),
+    "mqtt": (mqtt, mqtt_seeds),
+    "discovery": (announce, announce_seeds),
+    "fleet": (fleet, fleet_seeds),
+}
+"""What runs an input, and what makes good ones."""

@@ -9,14 +9,12 @@ import hashlib
 import io
 import json
 import struct
-import zipfile
 import zlib
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import NamedTuple
 
 import h5py
 import numpy as np
@@ -30,11 +28,11 @@ from radard.detect.calibration import load_calibration
 from radard.errors import RadardError
 from radard.judge.bundle import load_bundle
 from radard.log import EventLog
+from tests.radar_helpers import BASEBAND
+from tests.recording_helpers import make, quanta
 from x2radar.device.device import X2Radar
 from x2radar.errors import X2RadarError
-from x2radar.frame import FastTimeAxis, StreamInfo
 from x2radar.modules.x2 import RadarSettings
-from x2radar.recording.blocks import Block
 from x2radar.recording.capture import (
     FROM_MODULE,
     MAGIC,
@@ -46,7 +44,6 @@ from x2radar.recording.capture import (
 )
 from x2radar.recording.convert import convert
 from x2radar.recording.hdf5_file import lookup3
-from x2radar.recording.hdf5_writer import RecordingWriter, write_labels
 from x2radar.recording.registry import open_recording
 from x2radar.recording.trace import describe, read_trace
 from x2radar.sim.module.host import connect
@@ -58,26 +55,13 @@ from x2radar.wire.protocol import Session
 OWN_ERRORS = (X2RadarError, RadardError)
 _ROOT = Path(__file__).parents[1]
 _SHA_OF_PART = b"sha256-of-the-other-part"
-_BASEBAND = FastTimeAxis(
-    kind="baseband",
-    n_range=24,
-    bin_length_m=0.0293,
-    range_offset_m=0.6,
-    carrier_hz=6.8e9,
-    bandwidth_hz=2.3e9,
-    sample_rate_hz=41e9,
-)
-_RF = replace(_BASEBAND, kind="rf", bin_length_m=0.00366)
-_SWEEP = {"dac_min": 0, "dac_step": 4, "iterations": 16, "pulses_per_step": 16, "dac_max": 8191}
 _META = "xethru_recording_meta.dat"
 _DATA = "xethru_baseband_iq_20260301_123000.dat"
 
 
-@dataclass(frozen=True, slots=True)
-class Target:
+class Target(NamedTuple):
     """One reader."""
 
-    name: str
     run: Callable[[Path, bytes], None]
     seeds: Callable[[Path], list[bytes]]
     """Makes good inputs, in an empty folder."""
@@ -97,161 +81,61 @@ def _read(path: Path) -> None:
             _ = block.samples[:1].sum()
 
 
-def _file(name: str) -> Callable[[Path, bytes], None]:
+def _files(*names: str, look_at: str | None = None) -> Callable[[Path, bytes], None]:
+    """Return what writes the parts of an input under `names` and reads the recording there."""
+
     def run(folder: Path, data: bytes) -> None:
-        (folder / name).write_bytes(data)
-        _read(folder / name)
+        parts = data.split(BORDER, len(names) - 1)
+        for name, part in zip(names, [*parts, b""], strict=False):
+            (folder / name).write_bytes(part)
+        _read(folder / (names[0] if look_at is None else look_at))
 
     return run
-
-
-def _pair(first: str, second: str, look_at: str) -> Callable[[Path, bytes], None]:
-    def run(folder: Path, data: bytes) -> None:
-        one, _, two = data.partition(BORDER)
-        (folder / first).write_bytes(one)
-        (folder / second).write_bytes(two)
-        _read(folder / look_at)
-
-    return run
-
-
-def _recording(path: Path, axis: FastTimeAxis = _BASEBAND, n: int = 40) -> Path:
-    rng = np.random.default_rng(0)
-    samples: Any = (rng.integers(0, 1000, (n, axis.n_range)) * (4 / 256 * 100 / 8192)).astype("f4")
-    if axis.kind == "baseband":
-        samples = (samples * np.exp(1j * samples)).astype(np.complex64)
-    about = {"started_utc": "2026-03-01T12:30:00.250Z", "device": {"name": "module 7"}}
-    with RecordingWriter(path, StreamInfo(axis, 60.0, "x"), settings=_SWEEP, **about) as writer:
-        counter = np.array([*range(1, n - 4), *range(n, n + 5)], np.uint32)
-        writer.write_block(Block(samples, counter, (counter - 1) / 60.0))
-    write_labels(path, [(0.0, 0.2, "human"), (0.2, 0.5, "dog")])
-    return path
 
 
 def _hdf5_seeds(folder: Path) -> list[bytes]:
-    ours = _recording(folder / "ours.h5")
-    out = [ours.read_bytes()]
-    flagged = bytearray(out[0])
+    """Return our own file, the same as one that is being written, and two of other libraries."""
+    ours, _ = make(folder / "ours.h5")
+    flagged = bytearray(ours.read_bytes())
     flagged[11] |= 0b101
     struct.pack_into("<I", flagged, 44, lookup3(bytes(flagged[:44])))
-    out.append(bytes(flagged))
+    out = [ours.read_bytes(), bytes(flagged)]
     for libver in ("earliest", "latest"):
-        old = folder / f"{libver}.h5"
-        with h5py.File(ours) as source, h5py.File(old, "w", libver=libver) as file:
+        path = folder / f"{libver}.h5"
+        with h5py.File(ours) as source, h5py.File(path, "w", libver=libver) as file:
             file.attrs.update(source.attrs)
-            for name in ("samples", "counter", "t_s"):
-                packing = {"chunks": True, "compression": "gzip"} if name == "samples" else {}
-                file.create_dataset(f"frames/{name}", data=source[f"frames/{name}"][()], **packing)
-            for name in ("t0_s", "t1_s", "label"):
-                file[f"labels/{name}"] = source[f"labels/{name}"][()]
-        out.append(old.read_bytes())
-    for k, hostile in enumerate(_HOSTILE):
-        path = folder / f"hostile_{k}.h5"
-        path.write_bytes(out[2])
-        with h5py.File(path, "r+") as file:
-            hostile(file)
+            for name in ("frames/counter", "frames/t_s", "labels/t0_s", "labels/t1_s"):
+                file[name] = source[name][()]
+            file["labels/label"] = source["labels/label"][()]
+            samples = source["frames/samples"][()]
+            file.create_dataset("frames/samples", data=samples, chunks=True, compression="gzip")
         out.append(path.read_bytes())
     return out
 
 
-def _put(name: str, **options: Any) -> Callable[[h5py.File], None]:
-    def change(file: h5py.File) -> None:
-        if name in file:
-            del file[name]
-        if "link" in options:
-            file[name] = options["link"]
-        else:
-            file.create_dataset(name, **options)
+def _converted(kind: str, name: str, *kinds: str) -> Callable[[Path], list[bytes]]:
+    """Make seeds of a format by converting a recording of each kind of samples."""
 
-    return change
-
-
-def _virtual(file: h5py.File) -> None:
-    del file["frames/samples"]
-    layout = h5py.VirtualLayout(shape=(40, 24), dtype=np.complex64)
-    layout[:] = h5py.VirtualSource("/etc/passwd", "x", shape=(40, 24))
-    file.create_virtual_dataset("frames/samples", layout)
-
-
-def _attribute(name: str, value: Any, **options: Any) -> Callable[[h5py.File], None]:
-    def change(file: h5py.File) -> None:
-        file.attrs.create(name, value, **options)
-
-    return change
-
-
-def _reference(file: h5py.File) -> None:
-    file.attrs["device"] = file["frames"].ref
-    del file["labels/label"]
-    file.create_dataset("labels/label", (2,), h5py.ref_dtype)
-
-
-_SAMPLES, _COUNTER = "frames/samples", "frames/counter"
-_HUGE = (1 << 33, 24)
-_HOSTILE: tuple[Callable[[h5py.File], None], ...] = (
-    _put(_SAMPLES, link=h5py.ExternalLink("/etc/passwd", "/")),
-    _put(_SAMPLES, link=h5py.SoftLink("/frames/counter")),
-    _put("frames/t_s", link=h5py.SoftLink("/frames/t_s")),
-    _virtual,
-    _put(_SAMPLES, shape=(40, 24), dtype="c8", external=[("/etc/passwd", 0, 40 * 24 * 8)]),
-    _put(_SAMPLES, shape=_HUGE, dtype="c8", chunks=(60, 24), compression="gzip"),
-    _put(
-        _SAMPLES, shape=(1 << 22, 16384), dtype="c8", chunks=(1 << 12, 16384), compression="gzip"
-    ),
-    _put(_SAMPLES, shape=(40, 1 << 30), dtype="c8", chunks=(1, 1 << 16)),
-    _put(_COUNTER, shape=(1 << 40,), dtype="u4", chunks=(1 << 28,), compression="gzip"),
-    _put(_COUNTER, data=np.array([b"a"] * 40)),
-    _put("frames/t_s", data=np.full(40, np.nan)),
-    _put("frames/t_s", data=np.array([[1.0]] * 40)),
-    _put("labels/label", data=np.arange(3)),
-    _put("labels/label", shape=(1 << 30,), dtype=h5py.string_dtype(), chunks=(1 << 20,)),
-    _put("labels", data=np.arange(3)),
-    _attribute("device", ["a"] * 100),
-    _attribute("frame_rate_hz", np.zeros(1000)),
-    _attribute("format_version", 1e300),
-    _attribute("kind", h5py.Empty("f4")),
-    _attribute("settings", "[" * 60_000),
-    _attribute("run_id", np.zeros(3, [("a", "i4"), ("b", "f8")])),
-    _reference,
-)
-
-
-def _converted(kind: str, name: str, *axes: FastTimeAxis) -> Callable[[Path], list[bytes]]:
-    """Make seeds of a format by converting a recording of each axis."""
-
-    def make(folder: Path) -> list[bytes]:
+    def seeds(folder: Path) -> list[bytes]:
         out = []
-        for k, axis in enumerate(axes):
-            made = folder / str(k) / name
+        for of in kinds:
+            made = folder / of / name
             made.parent.mkdir()
-            convert(_recording(folder / f"{k}.h5", axis), made, out_kind=kind)
+            convert(make(folder / f"{of}.h5", of)[0], made, out_kind=kind)
             files = sorted(made.iterdir()) if made.is_dir() else sorted(made.parent.iterdir())
             out.append(BORDER.join(file.read_bytes() for file in files))
         return out
 
-    return make
+    return seeds
 
 
 def _npz_seeds(folder: Path) -> list[bytes]:
-    out = _converted("npz", "a.npz", _BASEBAND, _RF)(folder)
-    for names in ({"samples": np.ones((30, 8), "f4")}, {"samples": np.array([{}], object)}):
-        buffer = io.BytesIO()
-        np.savez_compressed(buffer, **names)
-        out.append(buffer.getvalue())
-    bomb = io.BytesIO()
-    with zipfile.ZipFile(bomb, "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("samples.npy", np.lib.format.magic(1, 0) + _npy_head((1 << 40, 24)))
-        archive.writestr("counter.npy", bytes(1 << 24))
-        archive.writestr("t_s.npy", np.lib.format.magic(2, 0) + b"\xff" * 4 + bytes(1 << 20))
-    return [*out, bomb.getvalue()]
+    alone = io.BytesIO()
+    np.savez_compressed(alone, samples=quanta(30, 8))
+    return [*_converted("npz", "a.npz", "baseband", "rf")(folder), alone.getvalue()]
 
 
-def _npy_head(shape: tuple[int, int]) -> bytes:
-    head = repr({"descr": "<c8", "fortran_order": False, "shape": shape}).encode().ljust(116)
-    return struct.pack("<H", len(head) + 1) + head + b"\n"
-
-
-def _mat_seeds(folder: Path) -> list[bytes]:
+def _p4xx_seeds(folder: Path) -> list[bytes]:
     scn = np.empty((1, 30), [("T", object), ("scn", object), ("Tstrt", object)])
     for k in range(30):
         scn[0, k] = (np.int32(1000 + 33 * k), np.arange(k, k + 24, dtype=np.int32), 17_499)
@@ -259,29 +143,13 @@ def _mat_seeds(folder: Path) -> list[bytes]:
     for packed in (False, True):
         scipy.io.savemat(folder / "a.mat", {"scn": scn, "cfg": np.zeros(3)}, do_compression=packed)
         out.append((folder / "a.mat").read_bytes())
-    head = out[0][:128]
-    bomb = zlib.compress(bytes(1 << 25))
-    struct_of_none = _mat_element(
-        14, _mat_element(6, struct.pack("<II", 2, 0)) + _dims((1 << 31) - 1)
-    )
-    cell = _mat_element(14, _mat_element(6, struct.pack("<II", 1, 0)) + _dims((1 << 31) - 1))
-    out.append(head + struct.pack("<II", 15, len(bomb)) + bomb)
-    return [*out, head + struct_of_none, head + cell]
-
-
-def _dims(n: int) -> bytes:
-    names = struct.pack("<HHI", 5, 4, 4) + _mat_element(1, b"scn\0")
-    return _mat_element(5, struct.pack("<ii", 1, n)) + _mat_element(1, b"scn") + names
-
-
-def _mat_element(kind: int, data: bytes) -> bytes:
-    return struct.pack("<II", kind, len(data)) + data.ljust(-(-len(data) // 8) * 8, b"\0")
+    return out
 
 
 # ---------------------------------------------------------------- the wire
 
 
-def _wire(folder: Path, **options: Any) -> tuple[bytes, bytes, bytes]:
+def _wire(folder: Path, **options: str) -> tuple[bytes, bytes, bytes]:
     """Return the bytes of a short session: to the module, from it, and the capture's head."""
     path = folder / f"{options}.x2cap"
     settings = RadarSettings(**options)
@@ -357,18 +225,8 @@ def _scene(folder: Path, data: bytes) -> None:
 
 def _scene_seeds(_folder: Path) -> list[bytes]:
     files = _ROOT / "x2radar" / "sim" / "scenes"
-    return [
-        b"steps:\n- body: human\n  duration_s:\n" + _laughs(b"  "),
-        b"description: &a {a: 1}\nsteps:\n- <<: [" + b"*a, " * 3000 + b"*a]\n",
-        *((files / f"{name}.yaml").read_bytes() for name in scene_names()),
-    ]
-
-
-def _laughs(indent: bytes) -> bytes:
-    """Return a YAML list of some hundred bytes that stands for 4^24 values."""
-    lines = [b"- &a [x, x]"]
-    lines += [b"- &%c [*%c, *%c, *%c, *%c]" % (k + 1, k, k, k, k) for k in range(97, 121)]
-    return b"".join(indent + line + b"\n" for line in lines)
+    shared = b"description: &a {a: 1}\nsteps:\n- <<: [" + b"*a, " * 3000 + b"*a]\n"
+    return [*((files / f"{name}.yaml").read_bytes() for name in scene_names()), shared]
 
 
 def _config(folder: Path, data: bytes) -> None:
@@ -383,7 +241,7 @@ def _config_seeds(_folder: Path) -> list[bytes]:
         b"output: [json, 'mqtt://h/p']\nalarm: {entry_delay_s: 30}\ndecision: {pet_limit: 0.8}\n"
     )
     several = b"sensors:\n  a: {port: 'sim:dog', gate: {adapt_db: 6}}\n  b: {port: 'sim:fan'}\n"
-    return [text, made, several, b"output:\n" + _laughs(b"  ")]
+    return [text, made, several]
 
 
 def _bundle(folder: Path, data: bytes) -> None:
@@ -412,18 +270,18 @@ def _calibration(folder: Path, data: bytes) -> None:
     made = load_calibration(path)
     list(made.stale(device="x", software="1", now=datetime(2026, 3, 1, tzinfo=UTC)))
     _ = made.text()
-    made.check(_BASEBAND, 60.0)
+    made.check(BASEBAND, 60.0)
 
 
 def _calibration_seeds(_folder: Path) -> list[bytes]:
-    raw: dict[str, Any] = {
+    raw = {
         "format": "radard-calibration",
         "format_version": 2,
         "frame_rate_hz": 60.0,
-        "bin_length_m": 0.0293,
-        "range_offset_m": 0.6,
-        "noise_floor_db": [-60.0, None] * 12,
-        "threshold_db": [6.5] * 24,
+        "bin_length_m": BASEBAND.bin_length_m,
+        "range_offset_m": BASEBAND.range_offset_m,
+        "noise_floor_db": [-60.0, None] * (BASEBAND.n_range // 2),
+        "threshold_db": [6.5] * BASEBAND.n_range,
     }
     provenance = {"made_utc": "2026-02-01T12:00:00Z", "device": "x", "n_dwells": 600}
     return [json.dumps(raw).encode(), json.dumps(raw | {"provenance": provenance}).encode()]
@@ -446,40 +304,27 @@ def _state_seeds(_folder: Path) -> list[bytes]:
     return [json.dumps(kept).encode(), b'{"is_armed": false}\n']
 
 
-def _framelogger_seeds(folder: Path) -> list[bytes]:
-    return _converted("framelogger", "a.framelogger", _RF)(folder)
-
-
-_ROWS = (
-    Target("decoder", _decode, _decoder_seeds),
-    Target("hdf5", _file("a.h5"), _hdf5_seeds),
-    Target("xethru", _pair(_DATA, _META, ""), _converted("xethru", "a", _BASEBAND)),
-    Target("framelogger", _file("a.framelogger"), _framelogger_seeds),
-    Target("p4xx", _file("a.mat"), _mat_seeds),
-    Target("mat", _file("a.mat"), _converted("mat", "a.mat", _BASEBAND, _RF)),
-    Target("npz", _file("a.npz"), _npz_seeds),
-    Target(
-        "sigmf",
-        _pair("a.sigmf-data", "a.sigmf-meta", "a.sigmf-meta"),
-        _converted("sigmf", "a.sigmf-meta", _BASEBAND, _RF),
+_BOTH = ("baseband", "rf")
+_SIGMF = ("a.sigmf-data", "a.sigmf-meta")
+TARGETS: Mapping[str, Target] = {
+    "decoder": Target(_decode, _decoder_seeds),
+    "hdf5": Target(_files("a.h5"), _hdf5_seeds),
+    "xethru": Target(_files(_DATA, _META, look_at=""), _converted("xethru", "a", "baseband")),
+    "framelogger": Target(
+        _files("a.framelogger"), _converted("framelogger", "a.framelogger", "rf")
     ),
-    Target("capture", _capture, _capture_seeds),
-    Target("scene", _scene, _scene_seeds),
-    Target("config", _config, _config_seeds),
-    Target("bundle", _bundle, _bundle_seeds),
-    Target("calibration", _calibration, _calibration_seeds),
-    Target("state", _state, _state_seeds),
-    *(Target(*row) for row in fuzz_network.ROWS),
-)
-TARGETS: Mapping[str, Target] = {row.name: row for row in _ROWS}
-
-
-def cause(err: BaseException) -> Iterator[BaseException]:
-    """Yield an error and all that led to it."""
-    seen: BaseException | None = err
-    while seen is not None:
-        yield seen
-        seen = seen.__cause__ or seen.__context__
+    "p4xx": Target(_files("a.mat"), _p4xx_seeds),
+    "mat": Target(_files("a.mat"), _converted("mat", "a.mat", *_BOTH)),
+    "npz": Target(_files("a.npz"), _npz_seeds),
+    "sigmf": Target(_files(*_SIGMF, look_at=_SIGMF[1]), _converted("sigmf", _SIGMF[1], *_BOTH)),
+    "capture": Target(_capture, _capture_seeds),
+    "scene": Target(_scene, _scene_seeds),
+    "config": Target(_config, _config_seeds),
+    "bundle": Target(_bundle, _bundle_seeds),
+    "calibration": Target(_calibration, _calibration_seeds),
+    "state": Target(_state, _state_seeds),
+    **{name: Target(*row) for name, row in fuzz_network.ROWS.items()},
+}
 
 
 def verdict(run: Callable[[], None]) -> tuple[str, str]:
@@ -488,12 +333,18 @@ def verdict(run: Callable[[], None]) -> tuple[str, str]:
         with contextlib.redirect_stderr(io.StringIO()):
             run()
     except Exception as err:  # noqa: BLE001 - this is what is asked
-        kinds = [type(each) for each in cause(err)]
         text = f"{type(err).__name__}: {' '.join(str(err).split())}"
-        if any(issubclass(kind, MemoryError) for kind in kinds):
+        if any(isinstance(each, MemoryError) for each in _causes(err)):
             return "over_memory", text
         if not isinstance(err, OWN_ERRORS):
             return "unhandled", text
-        if len(str(err)) > 4000 or any(issubclass(kind, RecursionError) for kind in kinds[:1]):
+        if len(str(err)) > 4000 or isinstance(err, RecursionError):
             return "unhandled", f"a message of {len(str(err))} characters"
     return "fine", ""
+
+
+def _causes(err: BaseException | None) -> Iterator[BaseException]:
+    """Yield an error and all that led to it."""
+    while err is not None:
+        yield err
+        err = err.__cause__ or err.__context__

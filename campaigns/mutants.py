@@ -35,6 +35,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / "daemon"), str(ROOT / "training")]
 os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
 
+_LOG = ("outputs/test_log", "outputs/test_log_model")
 MODULES: dict[str, tuple[str, tuple[str, ...]]] = {
     "framing": (
         "x2radar/wire/framing.py",
@@ -53,6 +54,13 @@ MODULES: dict[str, tuple[str, tuple[str, ...]]] = {
     "health": ("daemon/radard/health/health.py", ("run/test_health",)),
     "calibration": ("daemon/radard/run/room_calibration.py", ("run/test_calibration_limits",)),
     "events": ("daemon/radard/alarm/events.py", ("detect/test_alarm_events", "detect/test_alarm")),
+    "log": ("daemon/radard/log.py", _LOG),
+    "log_cursor": ("daemon/radard/log_cursor.py", _LOG),
+    "log_file": ("daemon/radard/log_file.py", _LOG),
+    "calibration_file": (
+        "daemon/radard/detect/calibration.py",
+        ("run/test_calibration_limits", "run/test_calibrate"),
+    ),
 }
 """Name to file, and tests, the quickest first."""
 _SWAPPED = (

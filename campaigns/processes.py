@@ -1,25 +1,33 @@
-"""What campaigns start: a daemon, an MQTT broker, a page; none of them in their own thread."""
+"""What campaigns start, a daemon and a page that looks on, and what they say at the end."""
 
 import contextlib
 import json
 import os
-import signal
-import socket
 import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
-from urllib.error import URLError
-from urllib.request import Request, urlopen
 
 import yaml
 
 ROOT = Path(__file__).parents[1]
 PATIENCE_S = 120.0
 """For anything that a busy machine delays."""
+HARM = (
+    *("crashes", "deadlocks", "unhandled", "hangs", "over_memory", "gap_decisions"),
+    *("silent_stalls", "unrecovered", "uncounted", "lost_events", "duplicate_events"),
+    *("lost_states", "unreadable", "decisions_differ"),
+)
+"""What no campaign may find; the last line of each says all of them."""
+CONFIG: Mapping[str, Any] = {
+    "alarm": {"sensitivity": "high"},
+    "log": {"first_retry_s": 0.2, "longest_retry_s": 1.0},
+    "model": {"name": "fast"},
+}
+"""Of a daemon that tells of much, and tries again soon."""
 _RADARD = "import sys; from radard.cli import main; sys.exit(main())"
 
 
@@ -34,11 +42,11 @@ def wait_for(condition: Callable[[], Any], what: str, timeout_s: float = PATIENC
     return found
 
 
-def free_port() -> int:
-    """Return a TCP port that nobody uses now."""
-    with socket.socket() as sock:
-        sock.bind(("127.0.0.1", 0))
-        return int(sock.getsockname()[1])
+def end_with(found: Mapping[str, Any]) -> int:
+    """Print a campaign's last line; return its exit code: 1 where something did harm."""
+    line = {**dict.fromkeys(HARM, 0), **found}
+    print(json.dumps(line))
+    return int(any(line[key] for key in HARM))
 
 
 def environment(folder: Path) -> dict[str, str]:
@@ -73,7 +81,7 @@ class Daemon:
         self.config_file = folder / "config.yaml"
         self.configure(config or {})
         self.log_file = folder / "log"
-        self._arguments = arguments
+        self.arguments = arguments
         self._before = before
         self.process: subprocess.Popen[bytes] | None = None
 
@@ -90,7 +98,7 @@ class Daemon:
         command = [sys.executable, "-c", code, "--config", str(self.config_file)]
         with self.log_file.open("ab") as log:
             self.process = subprocess.Popen(
-                [*command, *self._arguments],
+                [*command, *self.arguments],
                 stdout=subprocess.DEVNULL,
                 stderr=log,
                 env=environment(self.folder),
@@ -151,8 +159,8 @@ class Daemon:
 
     def kill(self) -> None:
         """Kill it."""
-        self.send(signal.SIGKILL)
         assert self.process is not None
+        self.process.kill()
         self.process.wait()
 
     def stop(self) -> int:
@@ -166,56 +174,6 @@ class Daemon:
         except subprocess.TimeoutExpired:
             self.process.kill()
             return self.process.wait()
-
-
-class Broker:
-    """An MQTT broker on one port: it can be ended, held and started again."""
-
-    def __init__(self, folder: Path) -> None:
-        self.port = free_port()
-        self.url = f"mqtt://127.0.0.1:{self.port}/radard"
-        self._events = folder / f"events{self.port}"
-        self._process: subprocess.Popen[bytes] | None = None
-        self.start()
-
-    def __enter__(self) -> "Broker":
-        """Return the broker."""
-        return self
-
-    def __exit__(self, *_error: object) -> None:
-        """End it."""
-        self.stop()
-
-    def start(self) -> None:
-        """Start it, and wait until it takes connections."""
-        program = Path(__file__).with_name("broker.py").resolve()
-        self._process = subprocess.Popen(
-            [sys.executable, str(program), str(self.port), str(self._events)],
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-        )
-        wait_for(self._answers, "the broker")
-
-    def send(self, number: int) -> None:
-        """Send it a signal."""
-        assert self._process is not None
-        os.kill(self._process.pid, number)
-
-    def stop(self) -> None:
-        """End it at once, as a power cut would."""
-        if self._process is not None:
-            self._process.kill()
-            self._process.wait()
-            self._process = None
-
-    def events(self) -> list[dict[str, Any]]:
-        """Return the events that it took, in order."""
-        text = self._events.read_text() if self._events.exists() else ""
-        return [json.loads(line) for line in text.splitlines()]
-
-    def _answers(self) -> bool:
-        with socket.socket() as sock:
-            return sock.connect_ex(("127.0.0.1", self.port)) == 0
 
 
 class Page:
@@ -246,19 +204,3 @@ class Page:
                             line.recv(timeout=1.0)
                             self.n_messages += 1
             self._halt.wait(0.5)
-
-
-def ask(url: str, *, timeout_s: float = 30.0) -> tuple[int, bytes]:
-    """Return status and body of a GET; 0 when nobody answers."""
-    try:
-        with urlopen(Request(url), timeout=timeout_s) as answer:  # noqa: S310 - our own
-            return answer.status, answer.read()
-    except URLError as err:
-        return getattr(err, "code", 0), b""
-
-
-def decisions(lines: Sequence[str]) -> list[dict[str, Any]]:
-    """Return the decisions among JSON Lines, without what tells of the clock on the wall."""
-    rows = [json.loads(line) for line in lines if '"type":"decision"' in line.replace(" ", "")]
-    wall = {"time", "latency_ms", "simulated", "replayed"}
-    return [{k: v for k, v in row.items() if k not in wall} for row in rows]

@@ -10,15 +10,16 @@ the recordings of the first two are replayed. The last line is one JSON object:
 `rss_growth_kib_per_h` (the worst slope of resident memory behind the first third of the run;
 for the third daemon per hour of stream), `fd_growth` and `thread_growth` (medians of the last
 quarter less those of the second), `clock_drift_ppm` (stream against the clock on the wall) and
-`decisions_differ` (between what was said live and the replay), and the same for each of `runs`.
+`decisions_differ` (between what was said live and the replay), `crashes` (daemons that did not end
+well), and the same for each of `runs`. Exit code 1 if harm was found.
 """
 
 import argparse
-import json
 import sys
 import tempfile
 import threading
 import time
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -29,10 +30,14 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from campaigns.processes import Broker, Daemon, Page, decisions, free_port, wait_for
+from campaigns.outputs import Broker, Outputs, records
+from campaigns.processes import Daemon, Page, end_with, wait_for
+from tests.waiting import free_port
 
 _EVERY_S = 2.0
 _LAST_ENDS_S = 7200.0
+_WALL = {"time", "latency_ms", "simulated", "replayed"}
+"""What tells of the clock on the wall, or that it is a replay."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,80 +64,80 @@ class Soaked:
 
     def __init__(self, name: str, folder: Path, broker: Broker, port: str, *options: str) -> None:
         self.name = name
-        self.samples: list[Sample] = []
         self.folder = folder / name
-        web = free_port()
-        outputs = [
-            f"json:{self.folder}/out.jsonl",
-            f"store:{self.folder}/store.db",
-            broker.url,
-            f"http://127.0.0.1:{web}",
-        ]
-        arguments = [word for output in outputs for word in ("-o", output)]
+        self.outputs = Outputs(self.folder, broker)
+        self._web = free_port()
+        url = f"http://127.0.0.1:{self._web}"
+        arguments = ("--port", port, *options, *self.outputs.arguments, "-o", url)
         config = {"sensor": {"name": name}}
-        self.daemon = Daemon(
-            self.folder, "--port", port, *options, *arguments, config=config
-        ).start()
-        self._page = Page(web)
-        self.n_messages = 0
-        self.code: int | None = None
+        self._daemon = Daemon(self.folder, *arguments, config=config).start()
+        self.found: dict[str, Any] = {}
 
     def soak(self, seconds: float) -> None:
         """Count until it ends, or until it has run for so long."""
-        wait_for(lambda: self.status_age() is not None or not self.daemon.is_alive, "a decision")
+        daemon, page, samples = self._daemon, Page(self._web), []
+        wait_for(lambda: daemon.status(self.name).get("seq") or not daemon.is_alive, "a decision")
         end_s = time.monotonic() + seconds
-        while time.monotonic() < end_s and self.daemon.is_alive:
+        while time.monotonic() < end_s and daemon.is_alive:
             try:
-                self.samples.append(sample(self.daemon.pid))
+                samples.append(sample(daemon.pid))
             except (OSError, KeyError):
                 break
             time.sleep(_EVERY_S)
-        self.n_messages = self._page.n_messages
-        self._page.close()
-        self.code = self.daemon.stop()
+        page.close()
+        code = daemon.stop()
+        rows = self.decisions()
+        self.found = {"messages_to_page": page.n_messages, "exit_code": code}
+        self.found |= {"crashes": int(code != 0), "decisions": len(rows)}
+        is_live = "--speed" not in daemon.arguments
+        self.found |= grown(samples, None if is_live else rows[-1]["t_s"] / 3600)
+        if is_live:
+            self.found["clock_drift_ppm"] = drift_ppm(rows)
 
-    def status_age(self) -> float | None:
-        """Return the age of the last decision, None before the first one."""
-        status = self.daemon.status(self.name)
-        return status.get("decision_age_s") if status.get("seq") else None
+    def decisions(self) -> list[dict[str, Any]]:
+        """Return what it decided."""
+        return list(self.outputs.records("decision"))
 
-    def lines(self) -> list[str]:
-        """Return what it said."""
-        return (self.folder / "out.jsonl").read_text().splitlines()
-
-    def found(self, stream_h: float | None) -> dict[str, Any]:
-        """Return the keys of this run."""
-        rows = self.samples
-        settled = rows[len(rows) // 3 :]
-        hours = np.array([(row.time_s - rows[0].time_s) / 3600 for row in settled])
-        if stream_h is not None:
-            hours *= stream_h / max(1e-9, (rows[-1].time_s - rows[0].time_s) / 3600)
-        rss = np.array([row.rss_kib for row in settled], float)
-        slope = float(np.polyfit(hours, rss, 1)[0]) if len(rows) > 5 else 0.0
-        quarter = max(1, len(rows) // 4)
-        early, late = rows[quarter : 2 * quarter] or rows, rows[-quarter:]
-        return {
-            "hours": round((rows[-1].time_s - rows[0].time_s) / 3600, 3),
-            "rss_mib_first_last": [round(rss[0] / 1024, 1), round(rss[-1] / 1024, 1)],
-            "rss_growth_kib_per_h": round(slope, 1),
-            "fd_growth": median(r.n_fds for r in late) - median(r.n_fds for r in early),
-            "thread_growth": median(r.n_threads for r in late)
-            - median(r.n_threads for r in early),
-            "messages_to_page": self.n_messages,
-            "exit_code": self.code,
-        }
+    def replay(self) -> None:
+        """Replay its recording, and count what comes out otherwise."""
+        out = self.folder / "replay.jsonl"
+        arguments = ["--port", f"replay:{self.folder / 'rec.h5'}", "--speed", "max"]
+        daemon = Daemon(self.folder / "replay", *arguments, "-o", f"json:{out}").start()
+        assert daemon.process is not None
+        daemon.process.wait(_LAST_ENDS_S)
+        replayed = list(records(out, "decision"))
+        self.found["decisions_differ"] = differing(self.decisions(), replayed)
 
 
-def drift_ppm(lines: list[str]) -> float:
+def grown(rows: Sequence[Sample], stream_h: float | None) -> dict[str, Any]:
+    """Return what grew; by hours of stream if there are so many, else by those of the clock."""
+    hours = np.array([(row.time_s - rows[0].time_s) / 3600 for row in rows])
+    lasted_h = float(hours[-1])
+    if stream_h is not None:
+        hours *= stream_h / max(1e-9, lasted_h)
+    rss = np.array([row.rss_kib for row in rows], float)
+    settled = slice(len(rows) // 3, None)
+    slope = float(np.polyfit(hours[settled], rss[settled], 1)[0]) if len(rows) > 5 else 0.0
+    quarter = max(1, len(rows) // 4)
+    early, late = rows[quarter : 2 * quarter] or rows, rows[-quarter:]
+    fds = [median(row.n_fds for row in part) for part in (early, late)]
+    threads = [median(row.n_threads for row in part) for part in (early, late)]
+    return {
+        "hours": round(lasted_h, 3),
+        "rss_mib_first_last": [round(rss[k] / 1024, 1) for k in (settled.start, -1)],
+        "rss_growth_kib_per_h": round(slope, 1),
+        "fd_growth": fds[1] - fds[0],
+        "thread_growth": threads[1] - threads[0],
+    }
+
+
+def drift_ppm(rows: Sequence[Mapping[str, Any]]) -> float:
     """Return how much faster the stream's clock runs than that on the wall, in 1e-6.
 
     By the least delayed decisions of each tenth of the run: what comes late says nothing.
     """
-    rows = [json.loads(line) for line in lines if '"decision"' in line]
     at = [
-        (row["t_s"], datetime.fromisoformat(row["time"]).timestamp() - row["t_s"])
-        for row in rows
-        if row.get("type") == "decision"
+        (row["t_s"], datetime.fromisoformat(row["time"]).timestamp() - row["t_s"]) for row in rows
     ]
     n = max(1, len(at) // 10)
     firsts = [min(at[k : k + n], key=lambda pair: pair[1]) for k in range(0, len(at) - n + 1, n)]
@@ -142,22 +147,15 @@ def drift_ppm(lines: list[str]) -> float:
     return round(-1e6 * float(slope), 2)
 
 
-def differing(live: list[dict[str, Any]], replayed: list[dict[str, Any]]) -> int:
+def differing(live: Sequence[Mapping[str, Any]], replayed: Sequence[Mapping[str, Any]]) -> int:
     """Return how many decisions are not the same; live ones at the very end may be missing."""
-    n = min(len(live), len(replayed))
-    return sum(a != b for a, b in zip(live, replayed, strict=False)) + max(
-        0, len(live) - 2 - n, len(replayed) - 2 - n
+    one, two = (
+        [{key: row[key] for key in row.keys() - _WALL} for row in rows]
+        for rows in (live, replayed)
     )
-
-
-def replay(soaked: Soaked) -> list[dict[str, Any]]:
-    """Return the decisions on the recording of a run."""
-    out = soaked.folder / "replay.jsonl"
-    arguments = ["--port", f"replay:{soaked.folder / 'rec.h5'}", "--speed", "max"]
-    daemon = Daemon(soaked.folder / "replay", *arguments, "-o", f"json:{out}").start()
-    assert daemon.process is not None
-    daemon.process.wait(_LAST_ENDS_S)
-    return decisions(out.read_text().splitlines())
+    n = min(len(one), len(two))
+    n_more = max(0, len(one) - 2 - n, len(two) - 2 - n)
+    return sum(a != b for a, b in zip(one, two, strict=False)) + n_more
 
 
 def main() -> int:
@@ -176,45 +174,36 @@ def main() -> int:
             found = soak(
                 folder, broker, args.minutes * 60, args.stream_hours, args.most_minutes * 60
             )
-    print(json.dumps(found))
-    return 0
+    return end_with(found)
 
 
 def soak(
     folder: Path, broker: Broker, seconds: float, stream_h: float, most_s: float
 ) -> dict[str, Any]:
     """Run the three daemons and return what the last line says."""
-    made = []
+    timed = []
     for rate_hz, share in ((60, 1.0), (200, 0.5)):
         name = f"hz{rate_hz}"
-        port = f"sim:demo?rate={rate_hz}&run=soak"
-        record = str(folder / name / "rec.h5")
-        made.append((Soaked(name, folder, broker, port, "--record", record), seconds * share))
-    duration = str(round(stream_h * 3600))
-    fast = Soaked(
-        "fast", folder, broker, "sim:demo?run=soak", "--speed", "max", "--duration", duration
-    )
-    threads = [threading.Thread(target=each.soak, args=(for_s,)) for each, for_s in made]
-    threads.append(threading.Thread(target=fast.soak, args=(most_s,)))
+        port, record = f"sim:demo?rate={rate_hz}&run=soak", str(folder / name / "rec.h5")
+        timed.append((Soaked(name, folder, broker, port, "--record", record), seconds * share))
+    live = [each for each, _ in timed]
+    fast = ("--speed", "max", "--duration", str(round(stream_h * 3600)))
+    timed.append((Soaked("fast", folder, broker, "sim:demo?run=soak", *fast), most_s))
+    threads = [threading.Thread(target=each.soak, args=(for_s,)) for each, for_s in timed]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join()
-    found = {each.name: each.found(None) for each, _ in made}
-    for each, _ in made:
-        lines = each.lines()
-        found[each.name]["clock_drift_ppm"] = drift_ppm(lines)
-        live, replayed = decisions(lines), replay(each)
-        found[each.name]["decisions"] = len(live)
-        found[each.name]["decisions_differ"] = differing(live, replayed)
-    said = decisions(fast.lines())
-    found["fast"] = fast.found(said[-1]["t_s"] / 3600) | {"decisions": len(said)}
+    for each in live:
+        each.replay()
+    runs = {each.name: each.found for each, _ in timed}
     worst = {
-        key: max((row[key] for row in found.values() if key in row), key=abs)
+        key: max((row[key] for row in runs.values() if key in row), key=abs)
         for key in ("rss_growth_kib_per_h", "fd_growth", "thread_growth", "clock_drift_ppm")
     }
-    differ = sum(row.get("decisions_differ", 0) for row in found.values())
-    return {**worst, "decisions_differ": differ, "runs": found}
+    harm = ("crashes", "decisions_differ")
+    sums = {key: sum(row.get(key, 0) for row in runs.values()) for key in harm}
+    return {**worst, **sums, "runs": runs}
 
 
 if __name__ == "__main__":

@@ -6,7 +6,6 @@ its file must have reached the broker and the store.
 """
 
 import contextlib
-import json
 import os
 import shutil
 import signal
@@ -21,10 +20,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from campaigns.processes import ROOT, Broker, Daemon, wait_for
+from campaigns.outputs import Broker, Outputs
+from campaigns.processes import CONFIG, ROOT, Daemon, wait_for
 
 _SETTLE_S = 120.0
-"""For the last events to arrive, on a busy machine."""
+"""For a daemon to end, on a busy machine."""
 
 
 class Skipped(Exception):
@@ -38,10 +38,8 @@ class Guard:
     folder: Path
     stack: ExitStack
     is_full: bool
-    broker: Broker
+    outputs: Outputs
     daemon: Daemon
-    store: Path
-    out: Path
     counts: dict[str, int] = field(default_factory=dict)
     may_stay_degraded: bool = False
 
@@ -70,40 +68,10 @@ class Guard:
         """Let all events arrive; count those that do not."""
         if not self.may_stay_degraded:
             self.daemon.wait_state("online")
-        phases = {(event["id"], event["phase"]) for event in _events(self.out)}
-        missing = set(phases)
-
-        def has_all() -> bool:
-            nonlocal missing
-            taken = {(event["id"], event["phase"]) for event in self.broker.events()}
-            missing = phases - taken
-            return not missing
-
-        try:
-            wait_for(has_all, "events at the broker", _SETTLE_S)
-        except TimeoutError:
-            print(f"not at the broker: {missing}", file=sys.stderr)
-        kept = _kept(self.store)
-        lost = {event_id for event_id, _ in phases} - kept
-        self.counts["events"] = len(phases)
-        self.counts["lost_events"] = len(missing) + len(lost)
+        self.counts["events"] = len(self.outputs.kept())
+        self.counts["lost_events"] = self.outputs.lost()
 
 
-def _events(path: Path) -> list[dict[str, Any]]:
-    lines = path.read_text().splitlines() if path.exists() else []
-    return [row for line in lines if (row := json.loads(line)).get("type") == "event"]
-
-
-def _kept(store: Path) -> set[str]:
-    with closing(sqlite3.connect(f"file:{store}?mode=ro", uri=True, timeout=30)) as db:
-        return {row[0] for row in db.execute("SELECT id FROM events")}
-
-
-CONFIG: Mapping[str, Any] = {
-    "alarm": {"sensitivity": "high"},
-    "log": {"first_retry_s": 0.2, "longest_retry_s": 1.0},
-    "model": {"name": "fast"},
-}
 _PORT = "sim:human"
 
 
@@ -113,46 +81,44 @@ def guarded(case: "Case", *, is_full: bool) -> Iterator[Guard]:
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         broker = stack.enter_context(Broker(folder))
-        store, out = folder / "store" / "radard.db", folder / "out.jsonl"
-        store.parent.mkdir()
+        outputs = Outputs(folder, broker)
         own = folder / "radard"
         own.mkdir()
         config = {**CONFIG, **case.prepare(folder, stack)}
-        outputs = [f"json:{out}", f"store:{store}", broker.url]
-        arguments = [word for output in outputs for word in ("-o", output)]
-        daemon = Daemon(own, "--port", _PORT, *arguments, config=config, before=case.before)
+        daemon = Daemon(
+            own, "--port", _PORT, *outputs.arguments, config=config, before=case.before
+        )
         stack.enter_context(daemon)
-        guard = Guard(folder, stack, is_full, broker, daemon, store, out)
-        yield guard
+        yield Guard(folder, stack, is_full, outputs, daemon)
 
 
 def broker_down(guard: Guard) -> None:
     """Take the broker away for a while."""
-    guard.broker.stop()
+    guard.outputs.broker.stop()
     guard.daemon.wait_state("degraded", "mqtt")
     guard.hold(2, 60)
-    guard.broker.start()
+    guard.outputs.broker.start()
 
 
 def broker_slow(guard: Guard) -> None:
     """Hold the broker: it takes connections and answers nothing."""
-    guard.broker.send(signal.SIGSTOP)
+    guard.outputs.broker.send(signal.SIGSTOP)
     guard.hold(6, 60)
-    guard.broker.send(signal.SIGCONT)
+    guard.outputs.broker.send(signal.SIGCONT)
 
 
 def broker_flapping(guard: Guard) -> None:
     """Let the broker come and go."""
     for k in range(10 if guard.is_full else 3):
-        guard.broker.stop()
+        guard.outputs.broker.stop()
         time.sleep(0.3 + 0.3 * (k % 3))
-        guard.broker.start()
+        guard.outputs.broker.start()
         time.sleep(0.5 * (k % 4))
 
 
 def store_locked(guard: Guard) -> None:
     """Lock the store, as another program might."""
-    with closing(sqlite3.connect(guard.store, timeout=30, isolation_level=None)) as db:
+    with closing(sqlite3.connect(guard.outputs.store, timeout=30, isolation_level=None)) as db:
         db.execute("BEGIN EXCLUSIVE")
         guard.hold(4, 60)
         db.execute("ROLLBACK")
@@ -160,7 +126,7 @@ def store_locked(guard: Guard) -> None:
 
 def disk_full(guard: Guard) -> None:
     """Fill the disk of the store."""
-    filler = guard.store.parent / "filler"
+    filler = guard.outputs.store.parent / "filler"
     fd = os.open(filler, os.O_WRONLY | os.O_CREAT)
     with contextlib.suppress(OSError):
         while True:

@@ -1,0 +1,115 @@
+"""What a daemon tells of events: an MQTT broker in a process of its own, and all its outputs."""
+
+import contextlib
+import json
+import os
+import socket
+import sqlite3
+import subprocess
+import sys
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+from campaigns.processes import wait_for
+from tests.waiting import free_port
+
+
+class Broker:
+    """An MQTT broker on one port: it can be ended, held and started again."""
+
+    def __init__(self, folder: Path) -> None:
+        self.port = free_port()
+        self.url = f"mqtt://127.0.0.1:{self.port}/radard"
+        self._events = folder / f"events{self.port}"
+        self._process: subprocess.Popen[bytes] | None = None
+        self.start()
+
+    def __enter__(self) -> "Broker":
+        """Return the broker."""
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        """End it."""
+        self.stop()
+
+    def start(self) -> None:
+        """Start it, and wait until it takes connections."""
+        program = Path(__file__).with_name("broker.py").resolve()
+        self._process = subprocess.Popen(
+            [sys.executable, str(program), str(self.port), str(self._events)],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        wait_for(self._answers, "the broker")
+
+    def send(self, number: int) -> None:
+        """Send it a signal."""
+        assert self._process is not None
+        os.kill(self._process.pid, number)
+
+    def stop(self) -> None:
+        """End it at once, as a power cut would."""
+        if self._process is not None:
+            self._process.kill()
+            self._process.wait()
+            self._process = None
+
+    def events(self) -> list[dict[str, Any]]:
+        """Return the events that it took, in order."""
+        text = self._events.read_text() if self._events.exists() else ""
+        return [json.loads(line) for line in text.splitlines()]
+
+    def _answers(self) -> bool:
+        with socket.socket() as sock:
+            return sock.connect_ex(("127.0.0.1", self.port)) == 0
+
+
+def records(path: Path, kind: str) -> Iterator[dict[str, Any]]:
+    """Yield the records of a type in JSON Lines; the last line of a killed run may be torn."""
+    for line in path.read_text().splitlines() if path.exists() else ():
+        with contextlib.suppress(ValueError):
+            if (row := json.loads(line))["type"] == kind:
+                yield row
+
+
+class Outputs:
+    """A file, a store and a broker that one daemon tells of the same events."""
+
+    def __init__(self, folder: Path, broker: Broker) -> None:
+        self.broker = broker
+        self.out, self.store = folder / "out.jsonl", folder / "store" / "radard.db"
+        self.store.parent.mkdir(parents=True)
+        urls = (f"json:{self.out}", f"store:{self.store}", broker.url)
+        self.arguments = [word for url in urls for word in ("-o", url)]
+
+    def records(self, kind: str) -> Iterator[dict[str, Any]]:
+        """Yield the records of a type in the file."""
+        return records(self.out, kind)
+
+    def kept(self) -> list[str]:
+        """Return the ids of the store's events, one a row."""
+        if not self.store.exists():
+            return []
+        with closing(sqlite3.connect(f"file:{self.store}?mode=ro", uri=True, timeout=30)) as db:
+            return [row[0] for row in db.execute("SELECT id FROM events")]
+
+    def missing(self) -> set[tuple[str, str]]:
+        """Return the events, with their phase, of which one output was told and another not."""
+        told, came = _phases(self.records("event")), _phases(self.broker.events())
+        kept = set(self.kept())
+        unsaid = {(each, "") for each in kept - {each for each, _ in came}}
+        return (told - came) | unsaid | {row for row in told | came if row[0] not in kept}
+
+    def lost(self) -> int:
+        """Wait until every event is everywhere; return how many never come."""
+        with contextlib.suppress(TimeoutError):
+            wait_for(lambda: not self.missing(), "events at all outputs")
+        for row in (missing := self.missing()):
+            print(f"lost: {row}", file=sys.stderr)
+        return len(missing)
+
+
+def _phases(rows: Iterable[Mapping[str, Any]]) -> set[tuple[str, str]]:
+    return {(row["id"], row["phase"]) for row in rows}
