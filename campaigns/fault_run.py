@@ -12,7 +12,7 @@ import threading
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,18 +85,6 @@ class StampingFirmware(X2Firmware):
         return super().frame_message(axis, counter, stamp(frame, self._time_s()))
 
 
-class Clock(Protocol):
-    """Where a run has its time from."""
-
-    def now(self) -> float:
-        """Return seconds, never going back."""
-        ...
-
-    def sleep(self, seconds: float) -> object:
-        """Wait."""
-        ...
-
-
 @dataclass(frozen=True, slots=True)
 class Recovery:
     """How a run came back."""
@@ -107,9 +95,9 @@ class Recovery:
 
 
 class Watcher:
-    """Compare what the daemon says with the truth."""
+    """Compare what the daemon says with the truth; `clock` has `now` and, in a run, `sleep`."""
 
-    def __init__(self, n_slow: int, rate_hz: float, clock: Clock) -> None:
+    def __init__(self, n_slow: int, rate_hz: float, clock: Any) -> None:
         self.tally: Counter[str] = Counter()
         self.notes: list[str] = []
         self._rate_hz = rate_hz
@@ -232,7 +220,7 @@ class Run:
     def __init__(
         self,
         connect: Callable[[], Transport],
-        clock: Clock,
+        clock: Any,
         *,
         seed: int,
         rate_hz: float = 60.0,

@@ -7,19 +7,17 @@ times; from then on nothing goes wrong any more.
 
 import random
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable
+from contextlib import ExitStack
 from types import SimpleNamespace
 from typing import Any, ClassVar
+from unittest.mock import patch
 
 import numpy as np
 
-import x2radar.device.bring_up
-import x2radar.device.device
-import x2radar.device.link
-import x2radar.device.reconnect
 from campaigns.fault_run import StampingFirmware
 from radard.stream.coalesced_reads import CoalescedReads
+from x2radar import device
 from x2radar.device.transport import Transport
 from x2radar.errors import PortNotFound, TransportClosed
 from x2radar.modules.base import ModuleSettings
@@ -30,7 +28,7 @@ from x2radar.sim.module.module import SimulatedModule
 from x2radar.sim.module.stream import EchoStream
 from x2radar.sim.scene.scene import load_scene
 
-_MOST_RATE = 0.1  # one in ten, as the issue of all rates
+_MAX_RATE = 0.1  # one in ten
 _KERNEL_BYTES = 1 << 16
 _TERMINAL_BYTES = 4095  # a Linux terminal gives no more to one read
 _TICK_S = 0.5
@@ -191,65 +189,55 @@ class World:
 
 
 class Port:
-    """The host's end of the cable."""
+    """The host's end of the cable, as `Transport` has it."""
 
     def __init__(self, world: World, *, is_usb: bool) -> None:
         self._world = world
         self._waiting: deque[bytes] = deque()
-        self._size = 0
         self.is_usb = is_usb
-        self.is_gone = self.is_closed = False
+        self.is_gone = False
 
     def arrive(self, data: bytes) -> None:
         """Take bytes from the cable; those that no buffer holds are lost."""
-        taken = data[: max(0, _KERNEL_BYTES - self._size)]
-        if taken and not self.is_closed:
+        if taken := data[: max(0, _KERNEL_BYTES - sum(map(len, self._waiting)))]:
             self._waiting.append(taken)
-            self._size += len(taken)
 
     def read(self, timeout_s: float) -> bytes:
-        """As in `Transport`; a piece is what the module gave in one."""
+        """Return a piece, as the module gave it or as a kernel does."""
         world = self._world
         world.pause()
         until_s = world.now() + max(timeout_s, _READ_COST_S)
-        while not self._waiting and world.now() < until_s and not self._is_dead:
+        while not self._waiting and world.now() < until_s and not self.is_gone:
             world.step(until_s)
-        if self._waiting:
-            if world.most_read:
-                data = b"".join(self._waiting)
-                self._waiting.clear()
-                if rest := data[world.most_read :]:
-                    self._waiting.append(rest)
-                data = data[: world.most_read]
-            else:
-                data = self._waiting.popleft()
-            self._size -= len(data)
-            return data
-        if self._is_dead:
-            msg = "module: the port is gone"
-            raise TransportClosed(msg)
-        return b""
+        if not self._waiting:
+            self._check()
+            return b""
+        if not world.most_read:
+            return self._waiting.popleft()
+        data = b"".join(self._waiting)
+        self._waiting.clear()
+        if rest := data[world.most_read :]:
+            self._waiting.append(rest)
+        return data[: world.most_read]
 
     def write(self, data: bytes) -> None:
-        """As in `Transport`."""
-        if self._is_dead:
-            msg = "module: the port is gone"
-            raise TransportClosed(msg)
+        """Hand the module what the host sends."""
+        self._check()
         self._world.write(data)
 
     def close(self) -> None:
-        """As in `Transport`."""
-        self.is_closed = True
+        """Close it; nothing is read from it any more."""
+        self.is_gone = True
         self._waiting.clear()
 
-    @property
-    def _is_dead(self) -> bool:
-        return self.is_gone or self.is_closed
+    def _check(self) -> None:
+        if self.is_gone:
+            msg = "module: the port is gone"
+            raise TransportClosed(msg)
 
 
-@contextmanager
-def clock_of(world: World) -> Iterator[None]:
-    """Let the driver have its time from a world."""
+def clock_of(world: World) -> ExitStack:
+    """Let the driver have its time from a world, until what is returned is closed."""
 
     class Event:
         def __init__(self) -> None:
@@ -265,20 +253,15 @@ def clock_of(world: World) -> Iterator[None]:
             world.sleep(seconds)
             return self._is_set
 
-    driver = x2radar.device
-    modules: list[Any] = [driver.link, driver.bring_up, driver.device, driver.reconnect]
     made = {
         "time": SimpleNamespace(monotonic=world.now),
         "threading": SimpleNamespace(Event=Event),
     }
-    kept = [(m, name, getattr(m, name)) for m in modules for name in made if hasattr(m, name)]
-    for module, name, _ in kept:
-        setattr(module, name, made[name])
-    try:
-        yield
-    finally:
-        for module, name, value in kept:
-            setattr(module, name, value)
+    stack = ExitStack()
+    for module in (device.link, device.bring_up, device.device, device.reconnect):
+        for name in vars(module).keys() & made.keys():
+            stack.enter_context(patch.object(module, name, made[name]))
+    return stack
 
 
 def coalesced(world: World) -> Callable[[], Transport]:
@@ -286,27 +269,26 @@ def coalesced(world: World) -> Callable[[], Transport]:
     return lambda: CoalescedReads(world.connect(), clock=world.now, sleep=world.sleep)
 
 
-def drawn_plan(n: int, seed: int, names: Sequence[str] = tuple(KINDS)) -> FaultPlan:
+_SECONDS = {"silent": 15.0, "hang_up": 15.0, "slow_ack": 3.0, "not_ready": 12.0, "merge": 4.0}
+"""Highest values: longer than the faults last would say nothing new."""
+
+
+def drawn_plan(n: int, seed: int) -> FaultPlan:
     """Return the faults of run `n`: first each kind alone, at its highest rate, then mixtures."""
     rng = np.random.default_rng([seed, n])
+    names = list(KINDS)
     is_alone = n < len(names)
-    chosen = [names[n]] if is_alone else list(rng.choice(names, rng.integers(1, 5), False))
-    return FaultPlan({str(name): _value(str(name), rng, is_top=is_alone) for name in chosen})
-
-
-_SECONDS = {"silent": 15.0, "hang_up": 15.0, "slow_ack": 3.0, "not_ready": 12.0, "merge": 4.0}
-"""Highest values: longer than the faults last would say nothing new. Chosen."""
+    drawn = [names[n]] if is_alone else list(rng.choice(names, rng.integers(1, 5), False))
+    return FaultPlan({str(name): _value(str(name), rng, is_top=is_alone) for name in drawn})
 
 
 def _value(name: str, rng: np.random.Generator, *, is_top: bool) -> float:
     kind = KINDS[name]
     if kind.unit.startswith("per "):
-        return _MOST_RATE if is_top else float(10 ** rng.uniform(-4, -1))
+        return _MAX_RATE if is_top else float(10 ** rng.uniform(-4, -1))
     if kind.is_whole:
         return float(rng.integers(1, 2000))
     most = min(kind.most, _SECONDS.get(name, kind.most))
-    return (
-        most
-        if is_top and name not in {"silent", "hang_up"}
-        else float(rng.uniform(kind.least, most))
-    )
+    if is_top and name not in {"silent", "hang_up"}:
+        return most
+    return float(rng.uniform(kind.least, most))

@@ -173,7 +173,8 @@ def main() -> int:
     args = parser.parse_args()
     # Radars tell of every loss, as they should.
     logging.disable(logging.WARNING)
-    names = {"all": list(CASES), "none": []}.get(args.surroundings) or args.surroundings.split(",")
+    asked = args.surroundings
+    names = {"all": list(CASES), "none": []}.get(asked, asked.split(","))
     runs = spread(partial(judge, virtual_run, args.seed), args.runs, args.jobs)
     kinds = {"virtual": counted("virtual", runs)}
     with ThreadPoolExecutor(args.at_once) as pool:

@@ -33,25 +33,20 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TextIO
 
 _ROOT = Path(__file__).parents[1]
 sys.path[:0] = [str(_ROOT), str(_ROOT / "daemon")]
 
-from campaigns.fuzz_mutate import BORDER, mutate  # noqa: E402 - below the path
+from campaigns import fuzz_targets  # noqa: E402 - below the path
+from campaigns.fuzz_mutate import BORDER, mutate  # noqa: E402
 from campaigns.processes import end_with  # noqa: E402
 
-MOST_GROWTH_BYTES = 512 << 20
+MAX_GROWTH_BYTES = 512 << 20
 TIME_LIMIT_S = 1.0
 _CLOCK_LIMIT_S = 60.0
 """By the clock, for an input that waits; busy machines take long over little work."""
 _START_LIMIT_S = 120.0
 _KEYS = ("inputs", "unhandled", "hangs", "over_memory")
-TARGETS = (
-    *("decoder", "hdf5", "xethru", "framelogger", "p4xx", "mat", "npz", "sigmf"),
-    *("capture", "scene", "config", "bundle", "calibration", "state"),
-    *("http", "websocket", "mqtt", "discovery", "fleet"),
-)
 
 
 class Worker:
@@ -71,34 +66,27 @@ class Worker:
         """Return what became of an input: fine, unhandled, hangs or over_memory, and a line."""
         process = self._process or self._start()
         self._input.write_bytes(data)
-        begun_s = _cpu_s(process.pid)
+        begun_s, give_up_s = _cpu_s(process.pid), time.monotonic() + _CLOCK_LIMIT_S
         assert process.stdin is not None
         process.stdin.write(f"{target}\n".encode())
         process.stdin.flush()
-        give_up_s = time.monotonic() + _CLOCK_LIMIT_S
-        while True:
-            line = self._line(process, TIME_LIMIT_S)
-            if line is None:
-                if _cpu_s(process.pid) - begun_s < TIME_LIMIT_S and time.monotonic() < give_up_s:
-                    continue
+        while (line := self._line(process, TIME_LIMIT_S)) is None:
+            if _cpu_s(process.pid) - begun_s > TIME_LIMIT_S or time.monotonic() > give_up_s:
                 self.close()
                 return "hangs", f"more than {TIME_LIMIT_S:g} s"
-            if not line:
-                code = process.wait()
-                self.close()
-                name = signal.Signals(-code).name if code < 0 else f"exit code {code}"
-                return "unhandled", f"the process died of {name}"
-            kind, text = json.loads(line)
-            return kind, text
+        if not line:
+            code = process.wait()
+            self.close()
+            name = signal.Signals(-code).name if code < 0 else f"exit code {code}"
+            return "unhandled", f"the process died of {name}"
+        kind, text = json.loads(line)
+        return kind, text
 
     def close(self) -> None:
         """End the process."""
         if self._process is not None:
-            self._process.kill()
-            self._process.wait()
-            for pipe in (self._process.stdin, self._process.stdout):
-                if pipe is not None:
-                    pipe.close()
+            with self._process as process:
+                process.kill()
             self._process = None
 
     def _start(self) -> subprocess.Popen[bytes]:
@@ -136,48 +124,29 @@ def _cpu_s(pid: int) -> float:
 
 def work(targets: str, folder: Path, source: Path) -> None:
     """Run inputs, one for every line on stdin, its target; answer each with a line of JSON."""
-    from campaigns.fuzz_targets import TARGETS as KNOWN  # noqa: PLC0415 - slow imports
-    from campaigns.fuzz_targets import verdict  # noqa: PLC0415
-
     out = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)
+
+    def run(target: str, data: bytes) -> tuple[str, str]:
+        for path in folder.iterdir():
+            path.unlink()
+        return fuzz_targets.verdict(partial(fuzz_targets.TARGETS[target].run, folder, data))
+
     for name in targets.split(","):
         # What is imported late is not the input's.
-        _empty(folder)
-        seed = seeds_of(name)[0]
-        verdict(partial(KNOWN[name].run, folder, seed))
-    limit_memory()
-    for line in _lines(out):
-        _empty(folder)
-        data = source.read_bytes()
-        out.write(json.dumps(verdict(partial(KNOWN[line.strip()].run, folder, data))) + "\n")
-        out.flush()
-
-
-def _lines(out: TextIO) -> Iterator[str]:
-    out.write("ready\n")
-    out.flush()
-    yield from sys.stdin
-
-
-def limit_memory() -> None:
-    """Let the address space of this process grow by `MOST_GROWTH_BYTES` at most."""
+        run(name, seeds_of(name)[0])
     pages = int(Path("/proc/self/statm").read_text().split()[0])
-    most = pages * resource.getpagesize() + MOST_GROWTH_BYTES
-    resource.setrlimit(resource.RLIMIT_AS, (most, most))
-
-
-def _empty(folder: Path) -> None:
-    for path in folder.iterdir():
-        path.unlink()
+    limit = pages * resource.getpagesize() + MAX_GROWTH_BYTES
+    resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+    print("ready", file=out, flush=True)
+    for line in sys.stdin:
+        print(json.dumps(run(line.strip(), source.read_bytes())), file=out, flush=True)
 
 
 def seeds_of(target: str) -> list[bytes]:
     """Return good inputs of a target."""
-    from campaigns.fuzz_targets import TARGETS as KNOWN  # noqa: PLC0415 - slow imports
-
     with tempfile.TemporaryDirectory() as folder:
-        return KNOWN[target].seeds(Path(folder))
+        return fuzz_targets.TARGETS[target].seeds(Path(folder))
 
 
 class Campaign:
@@ -187,7 +156,6 @@ class Campaign:
         self._keep = keep
         self._worker = worker
         self.counts: dict[str, Counter[str]] = {}
-        self.found: list[tuple[str, str, str]] = []
 
     def feed(self, target: str, inputs: Iterator[bytes]) -> None:
         """Run inputs of one target."""
@@ -195,18 +163,14 @@ class Campaign:
         for data in inputs:
             count["inputs"] += 1
             kind, text = self._worker.run(target, data)
-            if kind != "fine":
-                count[kind] += 1
-                self.note(target, kind, text, data)
-
-    def note(self, target: str, kind: str, text: str, data: bytes) -> None:
-        """Say and keep one input."""
-        self.found.append((target, kind, text))
-        name = f"{target}-{kind}-{hashlib.sha256(data).hexdigest()[:12]}"
-        print(f"{name}: {text[:200]}", file=sys.stderr)
-        if self._keep is not None:
-            self._keep.mkdir(parents=True, exist_ok=True)
-            (self._keep / name).write_bytes(data)
+            if kind == "fine":
+                continue
+            count[kind] += 1
+            name = f"{target}-{kind}-{hashlib.sha256(data).hexdigest()[:12]}"
+            print(f"{name}: {text[:200]}", file=sys.stderr)
+            if self._keep is not None:
+                self._keep.mkdir(parents=True, exist_ok=True)
+                (self._keep / name).write_bytes(data)
 
     def summary(self) -> dict[str, object]:
         """Return what the last line says."""
@@ -232,29 +196,6 @@ def mutations(
         done += 1
 
 
-def run_campaign(args: argparse.Namespace) -> Campaign:
-    """Feed all targets that are asked for."""
-    targets = args.targets.split(",")
-    with tempfile.TemporaryDirectory() as folder:
-        worker = Worker(targets, Path(folder))
-        try:
-            campaign = Campaign(args.keep, worker)
-            feed_all(campaign, targets, args)
-        finally:
-            worker.close()
-    return campaign
-
-
-def feed_all(campaign: Campaign, targets: Sequence[str], args: argparse.Namespace) -> None:
-    """Share the time, or the number of inputs, out among the targets."""
-    for target in targets:
-        share_s = float("inf") if args.inputs else args.seconds / len(targets)
-        until_s = time.monotonic() + share_s
-        inputs = mutations(target, args.seed, args.inputs, until_s, seeds_of(target))
-        campaign.feed(target, inputs)
-        print(f"{target}: {dict(campaign.counts[target])}", file=sys.stderr)
-
-
 def main() -> int:
     """Run the campaign, or be one of its processes."""
     if sys.argv[1:2] == ["--worker"]:
@@ -265,9 +206,23 @@ def main() -> int:
     parser.add_argument("--seconds", type=float, default=60.0, help="for all targets together")
     parser.add_argument("--inputs", type=int, help="of each target, instead of --seconds")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--targets", default=",".join(TARGETS), help="some, with commas")
+    parser.add_argument(
+        "--targets", default=",".join(fuzz_targets.TARGETS), help="some, with commas"
+    )
     parser.add_argument("--keep", type=Path, metavar="DIR", help="write what was found there")
-    campaign = run_campaign(parser.parse_args())
+    args = parser.parse_args()
+    targets = args.targets.split(",")
+    share_s = float("inf") if args.inputs else args.seconds / len(targets)
+    with tempfile.TemporaryDirectory() as folder:
+        campaign = Campaign(args.keep, worker := Worker(targets, Path(folder)))
+        try:
+            for target in targets:
+                until_s = time.monotonic() + share_s
+                inputs = mutations(target, args.seed, args.inputs, until_s, seeds_of(target))
+                campaign.feed(target, inputs)
+                print(f"{target}: {dict(campaign.counts[target])}", file=sys.stderr)
+        finally:
+            worker.close()
     return end_with(campaign.summary())
 
 

@@ -75,7 +75,9 @@ class _Dashboard:
         self.watch.seen.clear()
         answer = b""
         line = socket.create_connection(("127.0.0.1", self.port), timeout=_ANSWER_S)
-        with line, contextlib.suppress(ConnectionError):
+        # Else all but the first inputs would be turned away.
+        unlimited = patch("radard.web.auth.RateLimit.take", lambda _limit: True)
+        with line, unlimited, contextlib.suppress(ConnectionError):
             line.sendall(data)
             # Half a request gets no answer, and one whose sender has left may get none.
             with contextlib.suppress(TimeoutError):
@@ -91,8 +93,6 @@ class _Dashboard:
 
 @lru_cache(maxsize=1)
 def _dashboard() -> _Dashboard:
-    # Else all but the first inputs would be turned away: for the whole life of the process.
-    patch("radard.web.auth.RateLimit.take", lambda _limit: True).start()
     return _Dashboard()
 
 
@@ -166,11 +166,10 @@ def websocket_seeds(_folder: Path) -> list[bytes]:
 
 @lru_cache(maxsize=1)
 def _reader() -> CommandReader:
-    with tempfile.NamedTemporaryFile("w", delete=False) as file:
-        file.write("1234\n")
-    atexit.register(Path(file.name).unlink)
-    options = MqttSection(code_file=Path(file.name))
-    return CommandReader("radard/hall", options, now_s=lambda: 0.0)
+    folder = tempfile.TemporaryDirectory()
+    atexit.register(folder.cleanup)
+    (code := Path(folder.name) / "code").write_text("1234\n")
+    return CommandReader("radard/hall", MqttSection(code_file=code), now_s=lambda: 0.0)
 
 
 def mqtt(_folder: Path, data: bytes) -> None:

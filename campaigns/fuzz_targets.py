@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Mapping
 from datetime import UTC, datetime
 from itertools import islice
 from pathlib import Path
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import h5py
 import numpy as np
@@ -35,8 +35,6 @@ from x2radar.errors import X2RadarError
 from x2radar.modules.x2 import RadarSettings
 from x2radar.recording.capture import (
     FROM_MODULE,
-    MAGIC,
-    OPENED,
     TO_MODULE,
     Capture,
     CaptureWriter,
@@ -149,45 +147,31 @@ def _p4xx_seeds(folder: Path) -> list[bytes]:
 # ---------------------------------------------------------------- the wire
 
 
-def _wire(folder: Path, **options: str) -> tuple[bytes, bytes, bytes]:
-    """Return the bytes of a short session: to the module, from it, and the capture's head."""
-    path = folder / f"{options}.x2cap"
-    settings = RadarSettings(**options)
-    writer = CaptureWriter(path, {"settings": {"output": settings.output}, "port": "sim:dog"})
-    module = capturing(
-        lambda: connect(lambda: SimulatedModule(load_scene("dog"), 1), None), writer
-    )
-    with X2Radar(module, settings) as radar:
+def _session(folder: Path, output: Literal["rf", "iq", "ap"]) -> Path:
+    """Capture a short session."""
+    path, settings = folder / f"{output}.x2cap", RadarSettings(output=output)
+    writer = CaptureWriter(path, {"settings": {"output": output}, "port": "sim:dog"})
+    module = SimulatedModule(load_scene("dog"), 1)
+    with X2Radar(capturing(lambda: connect(lambda: module, None), writer), settings) as radar:
         for _ in islice(radar.frames(), 3):
             pass
     writer.close()
-    kinds: dict[int, bytes] = {TO_MODULE: b"", FROM_MODULE: b""}
-    for chunk in Capture(path).chunks():
-        if chunk.kind in kinds:
-            kinds[chunk.kind] += chunk.data
-    head = path.read_bytes()
-    n = struct.unpack_from("<I", head, len(MAGIC) + 4)[0]
-    return kinds[TO_MODULE], kinds[FROM_MODULE][:30_000], head[: len(MAGIC) + 8 + n]
+    return path
 
 
 def _decoder_seeds(folder: Path) -> list[bytes]:
-    trace = (_ROOT / "tests" / "data" / "trace.txt").read_bytes()
-    sessions = [_wire(folder, output=output)[:2] for output in ("rf", "iq", "ap")]
-    return [trace[:20_000], *(data[:8000] for session in sessions for data in session)]
-
-
-def _capture_seeds(folder: Path) -> list[bytes]:
-    out = []
-    for output in ("rf", "iq"):
-        to, back, head = _wire(folder, output=output)
-        records = ((OPENED, b"\0"), (TO_MODULE, to), (FROM_MODULE, back), (FROM_MODULE, back))
-        out.append(head + b"".join(_record(kind, data) for kind, data in records))
+    out = [(_ROOT / "tests" / "data" / "trace.txt").read_bytes()[:20_000]]
+    for output in ("rf", "iq", "ap"):
+        chunks = list(Capture(_session(folder, output)).chunks())
+        out += [
+            b"".join(each.data for each in chunks if each.kind == kind)[:8000]
+            for kind in (TO_MODULE, FROM_MODULE)
+        ]
     return out
 
 
-def _record(kind: int, data: bytes) -> bytes:
-    body = struct.pack("<BQI", kind, 1_000_000, len(data)) + data
-    return body + struct.pack("<I", zlib.crc32(body))
+def _capture_seeds(folder: Path) -> list[bytes]:
+    return [_session(folder, output).read_bytes()[:60_000] for output in ("rf", "iq")]
 
 
 def _capture(folder: Path, data: bytes) -> None:

@@ -83,7 +83,7 @@ class House:
         self._n += 1
         arguments = ["--record", str(self._recording), *self._outputs.arguments]
         n_before = self._n_told("decision")
-        daemon = Daemon(self._folder / "radard", *arguments, config=_CONFIG).start()
+        daemon = Daemon(self._folder / "radard", *arguments, config=_CONFIG)
 
         def is_at_work() -> bool:
             if not daemon.is_alive:
@@ -128,7 +128,7 @@ class House:
     def _check_state(self, daemon: Daemon) -> None:
         """Compare what it says after the start with what held when it was killed."""
         # The file of the one that was killed is still there.
-        wait_for(lambda: daemon.status().get("pid") == daemon.pid, "a status")
+        wait_for(lambda: daemon.status().get("pid") == daemon.process.pid, "a status")
         status = daemon.status()
         now_on = status.get("alarm_id")
         self.found["lost_states"] += status.get("armed") is not self._is_armed

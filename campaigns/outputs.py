@@ -2,8 +2,6 @@
 
 import contextlib
 import json
-import os
-import socket
 import sqlite3
 import subprocess
 import sys
@@ -12,7 +10,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-from campaigns.processes import wait_for
+from campaigns.processes import ROOT, wait_for
 from tests.waiting import free_port
 
 
@@ -36,34 +34,38 @@ class Broker:
 
     def start(self) -> None:
         """Start it, and wait until it takes connections."""
-        program = Path(__file__).with_name("broker.py").resolve()
+        plugins = {
+            "amqtt.plugins.authentication.AnonymousAuthPlugin": {"allow_anonymous": True},
+            "campaigns.broker.EventLog": {"path": str(self._events)},
+        }
+        listener = {"type": "tcp", "bind": f"127.0.0.1:{self.port}"}
+        config = {"listeners": {"default": listener}, "plugins": plugins}
         self._process = subprocess.Popen(
-            [sys.executable, str(program), str(self.port), str(self._events)],
-            stdout=subprocess.DEVNULL,
+            [sys.executable, "-m", "tests.mqtt_broker", json.dumps(config)],
+            cwd=ROOT,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
         )
-        wait_for(self._answers, "the broker")
+        assert self._process.stdout is not None
+        self._process.stdout.readline()
 
     def send(self, number: int) -> None:
         """Send it a signal."""
         assert self._process is not None
-        os.kill(self._process.pid, number)
+        self._process.send_signal(number)
 
     def stop(self) -> None:
         """End it at once, as a power cut would."""
         if self._process is not None:
-            self._process.kill()
-            self._process.wait()
+            with self._process:
+                self._process.kill()
             self._process = None
 
     def events(self) -> list[dict[str, Any]]:
         """Return the events that it took, in order."""
         text = self._events.read_text() if self._events.exists() else ""
         return [json.loads(line) for line in text.splitlines()]
-
-    def _answers(self) -> bool:
-        with socket.socket() as sock:
-            return sock.connect_ex(("127.0.0.1", self.port)) == 0
 
 
 def records(path: Path, kind: str) -> Iterator[dict[str, Any]]:

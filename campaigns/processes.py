@@ -1,11 +1,10 @@
-"""What campaigns start, a daemon and a page that looks on, and what they say at the end."""
+"""What campaigns start, a daemon; and what they say at the end."""
 
 import contextlib
 import json
 import os
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -53,14 +52,9 @@ def environment(folder: Path) -> dict[str, str]:
     """Return an environment with this source tree and folders of its own."""
     paths = (ROOT, ROOT / "daemon", ROOT / "training")
     kept = {k: v for k, v in os.environ.items() if not k.startswith(("RADARD_", "NOTIFY_"))}
-    return {
-        **kept,
-        "PYTHONPATH": os.pathsep.join(map(str, paths)),
-        "XDG_STATE_HOME": str(folder),
-        "XDG_RUNTIME_DIR": str(folder),
-        "OMP_NUM_THREADS": "1",
-        "OPENBLAS_NUM_THREADS": "1",
-    }
+    own = {"PYTHONPATH": os.pathsep.join(map(str, paths))}
+    own |= dict.fromkeys(("XDG_STATE_HOME", "XDG_RUNTIME_DIR"), str(folder))
+    return kept | own | dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
 
 
 class Daemon:
@@ -76,131 +70,76 @@ class Daemon:
         config: Mapping[str, Any] | None = None,
         before: str = "",
     ) -> None:
-        self.folder = folder
+        self.folder, self.arguments = folder, arguments
         folder.mkdir(parents=True, exist_ok=True)
         self.config_file = folder / "config.yaml"
         self.configure(config or {})
-        self.log_file = folder / "log"
-        self.arguments = arguments
-        self._before = before
-        self.process: subprocess.Popen[bytes] | None = None
+        command = [sys.executable, "-c", f"{before}\n{_RADARD}", "--config", str(self.config_file)]
+        with (folder / "log").open("ab") as log:
+            self.process = subprocess.Popen(
+                [*command, *arguments],
+                stdout=subprocess.DEVNULL,
+                stderr=log,
+                env=environment(folder),
+                cwd=folder,
+            )
 
     def configure(self, config: Mapping[str, Any]) -> None:
         """Write the configuration file; state and status are kept in the folder."""
         service = {"state_dir": str(self.folder / "state"), "runtime_dir": str(self.folder)}
-        self.config_file.write_text(
-            yaml.safe_dump({**config, "service": {**service, **config.get("service", {})}})
-        )
-
-    def start(self) -> "Daemon":
-        """Start it, again if it was killed."""
-        code = f"{self._before}\n{_RADARD}"
-        command = [sys.executable, "-c", code, "--config", str(self.config_file)]
-        with self.log_file.open("ab") as log:
-            self.process = subprocess.Popen(
-                [*command, *self.arguments],
-                stdout=subprocess.DEVNULL,
-                stderr=log,
-                env=environment(self.folder),
-                cwd=self.folder,
-            )
-        return self
+        service |= config.get("service", {})
+        self.config_file.write_text(yaml.safe_dump({**config, "service": service}))
 
     def __enter__(self) -> "Daemon":
-        """Start it."""
-        return self.start()
+        """Return the daemon."""
+        return self
 
     def __exit__(self, *_error: object) -> None:
         """End it."""
         self.stop()
 
     @property
-    def pid(self) -> int:
-        """Its process id."""
-        assert self.process is not None
-        return self.process.pid
-
-    @property
     def is_alive(self) -> bool:
         """Whether it runs."""
-        return self.process is not None and self.process.poll() is None
+        return self.process.poll() is None
 
     @property
     def log(self) -> str:
         """What it has logged."""
-        return self.log_file.read_text(errors="replace") if self.log_file.exists() else ""
+        return (self.folder / "log").read_text(errors="replace")
 
     def status(self, sensor: str = "radar") -> dict[str, Any]:
         """Return what its status file says; empty without one."""
         with contextlib.suppress(OSError, ValueError):
-            status: dict[str, Any] = json.loads(
-                (self.folder / f"{sensor}.status.json").read_text()
-            )
-            return status
+            return dict(json.loads((self.folder / f"{sensor}.status.json").read_text()))
         return {}
 
-    def wait_state(self, state: str, word: str = "", sensor: str = "radar") -> dict[str, Any]:
+    def wait_state(self, state: str, word: str = "") -> None:
         """Wait until its status file shows a state, with a word in its reason."""
 
-        def shown() -> dict[str, Any]:
+        def is_shown() -> bool:
             if not self.is_alive:
                 msg = f"it ended: {self.log[-500:]}"
                 raise RuntimeError(msg)
-            status = self.status(sensor)
-            fits = status.get("state") == state and word in status.get("reason", "")
-            return status if fits else {}
+            status = self.status()
+            return status.get("state") == state and word in status.get("reason", "")
 
-        found: dict[str, Any] = wait_for(shown, f"{state} {word!r}")
-        return found
+        wait_for(is_shown, f"{state} {word!r}")
 
     def send(self, number: int) -> None:
         """Send it a signal."""
-        os.kill(self.pid, number)
+        self.process.send_signal(number)
 
     def kill(self) -> None:
         """Kill it."""
-        assert self.process is not None
         self.process.kill()
         self.process.wait()
 
     def stop(self) -> int:
         """End it as a user would; return its exit code, -9 if it had to be killed."""
-        if self.process is None:
-            return 0
-        if self.process.poll() is None:
-            self.process.terminate()
+        self.process.terminate()
         try:
             return self.process.wait(PATIENCE_S)
         except subprocess.TimeoutExpired:
             self.process.kill()
             return self.process.wait()
-
-
-class Page:
-    """What a page does: it listens to the daemon's WebSocket and asks for its status."""
-
-    def __init__(self, port: int, path: str = "") -> None:
-        self.n_messages = 0
-        self._address = f"127.0.0.1:{port}{path}"
-        self._halt = threading.Event()
-        self._thread = threading.Thread(target=self._run, daemon=True)
-        self._thread.start()
-
-    def close(self) -> None:
-        """Close the page."""
-        self._halt.set()
-        self._thread.join(10)
-
-    def _run(self) -> None:
-        from websockets.exceptions import WebSocketException  # noqa: PLC0415 - of the extra
-        from websockets.sync.client import connect  # noqa: PLC0415
-
-        while not self._halt.is_set():
-            with contextlib.suppress(OSError, WebSocketException, TimeoutError, EOFError):
-                origin: Any = f"http://{self._address.partition('/')[0]}"
-                with connect(f"ws://{self._address}/ws", origin=origin) as line:
-                    while not self._halt.is_set():
-                        with contextlib.suppress(TimeoutError):
-                            line.recv(timeout=1.0)
-                            self.n_messages += 1
-            self._halt.wait(0.5)

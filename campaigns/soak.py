@@ -15,6 +15,7 @@ well), and the same for each of `runs`. Exit code 1 if harm was found.
 """
 
 import argparse
+import contextlib
 import sys
 import tempfile
 import threading
@@ -27,11 +28,13 @@ from statistics import median
 from typing import Any
 
 import numpy as np
+from websockets.exceptions import WebSocketException
+from websockets.sync.client import connect
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from campaigns.outputs import Broker, Outputs, records
-from campaigns.processes import Daemon, Page, end_with, wait_for
+from campaigns.processes import Daemon, end_with, wait_for
 from tests.waiting import free_port
 
 _EVERY_S = 2.0
@@ -59,6 +62,35 @@ def sample(pid: int) -> Sample:
     return Sample(time.monotonic(), rss_kib, n_fds, int(rows["Threads"]))
 
 
+class Page(threading.Thread):
+    """What a page does: it listens to the daemon's WebSocket, again when that has ended."""
+
+    def __init__(self, port: int) -> None:
+        super().__init__(daemon=True)
+        self.n_messages = 0
+        self._port = port
+        self._halt = threading.Event()
+        self.start()
+
+    def close(self) -> None:
+        """Close the page."""
+        self._halt.set()
+        self.join(10)
+
+    def run(self) -> None:
+        """Listen."""
+        while not self._halt.wait(0.5):
+            with contextlib.suppress(OSError, WebSocketException, EOFError):
+                self._listen()
+
+    def _listen(self) -> None:
+        with connect(f"ws://127.0.0.1:{self._port}/ws") as line:
+            while not self._halt.is_set():
+                with contextlib.suppress(TimeoutError):
+                    line.recv(timeout=1.0)
+                    self.n_messages += 1
+
+
 class Soaked:
     """One daemon, and what was counted of it."""
 
@@ -70,7 +102,7 @@ class Soaked:
         url = f"http://127.0.0.1:{self._web}"
         arguments = ("--port", port, *options, *self.outputs.arguments, "-o", url)
         config = {"sensor": {"name": name}}
-        self._daemon = Daemon(self.folder, *arguments, config=config).start()
+        self._daemon = Daemon(self.folder, *arguments, config=config)
         self.found: dict[str, Any] = {}
 
     def soak(self, seconds: float) -> None:
@@ -80,7 +112,7 @@ class Soaked:
         end_s = time.monotonic() + seconds
         while time.monotonic() < end_s and daemon.is_alive:
             try:
-                samples.append(sample(daemon.pid))
+                samples.append(sample(daemon.process.pid))
             except (OSError, KeyError):
                 break
             time.sleep(_EVERY_S)
@@ -102,8 +134,7 @@ class Soaked:
         """Replay its recording, and count what comes out otherwise."""
         out = self.folder / "replay.jsonl"
         arguments = ["--port", f"replay:{self.folder / 'rec.h5'}", "--speed", "max"]
-        daemon = Daemon(self.folder / "replay", *arguments, "-o", f"json:{out}").start()
-        assert daemon.process is not None
+        daemon = Daemon(self.folder / "replay", *arguments, "-o", f"json:{out}")
         daemon.process.wait(_LAST_ENDS_S)
         replayed = list(records(out, "decision"))
         self.found["decisions_differ"] = differing(self.decisions(), replayed)

@@ -14,8 +14,8 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, closing, contextmanager
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -36,7 +36,6 @@ class Guard:
     """A daemon with outputs, and what becomes of them."""
 
     folder: Path
-    stack: ExitStack
     is_full: bool
     outputs: Outputs
     daemon: Daemon
@@ -73,23 +72,6 @@ class Guard:
 
 
 _PORT = "sim:human"
-
-
-@contextmanager
-def guarded(case: "Case", *, is_full: bool) -> Iterator[Guard]:
-    """Start broker and daemon; end them."""
-    with ExitStack() as stack:
-        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
-        broker = stack.enter_context(Broker(folder))
-        outputs = Outputs(folder, broker)
-        own = folder / "radard"
-        own.mkdir()
-        config = {**CONFIG, **case.prepare(folder, stack)}
-        daemon = Daemon(
-            own, "--port", _PORT, *outputs.arguments, config=config, before=case.before
-        )
-        stack.enter_context(daemon)
-        yield Guard(folder, stack, is_full, outputs, daemon)
 
 
 def broker_down(guard: Guard) -> None:
@@ -163,7 +145,7 @@ def stopped(guard: Guard) -> None:
 def starved(guard: Guard) -> None:
     """Let other programs have all processors, and come first."""
     burn = [sys.executable, "-c", "while True: pass"]
-    os.setpriority(os.PRIO_PROCESS, guard.daemon.pid, 19)
+    os.setpriority(os.PRIO_PROCESS, guard.daemon.process.pid, 19)
     burners = [subprocess.Popen(burn) for _ in range(2 * (os.cpu_count() or 1))]
     try:
         guard.hold(5, 30)
@@ -201,11 +183,8 @@ def reload_broken(guard: Guard) -> None:
 
 def two_daemons(guard: Guard) -> None:
     """Start a second daemon on the same state directory."""
-    second = Daemon(guard.folder / "second", "--port", _PORT, "-o", "null")
     state = {"service": {"state_dir": str(guard.daemon.folder / "state")}}
-    second.configure(state)
-    second.start()
-    assert second.process is not None
+    second = Daemon(guard.folder / "second", "--port", _PORT, "-o", "null", config=state)
     code = second.process.wait(_SETTLE_S)
     if code != 78 or "another radard" not in second.log:
         guard.counts["unrecovered"] = 1
@@ -291,28 +270,39 @@ CASES: Mapping[str, Case] = {
 
 def surrounded(names: Sequence[str], *, is_full: bool) -> dict[str, dict[str, Any]]:
     """Run cases; return what was counted in each."""
-    return {name: _one(name, is_full=is_full) for name in names}
-
-
-def _one(name: str, *, is_full: bool) -> dict[str, Any]:
-    case = CASES[name]
-    begun_s = time.monotonic()
-    counts: dict[str, Any] = dict.fromkeys(("crashes", "unrecovered", "lost_events"), 0)
-    try:
-        with guarded(case, is_full=is_full) as guard:
+    found: dict[str, dict[str, Any]] = {}
+    for name in names:
+        begun_s = time.monotonic()
+        with ExitStack() as stack:
             try:
-                wait_for(lambda: guard.seq() > 0, "the first decision")
-                case.happen(guard)
-                guard.goes_on()
-                guard.settle()
-            except (TimeoutError, RuntimeError) as err:
-                counts["unrecovered"] = 1
-                print(f"{name}: {err}\n{guard.daemon.log[-2000:]}", file=sys.stderr)
-            is_ended = not guard.daemon.is_alive
-            counts["crashes"] = int(is_ended or "Traceback" in guard.daemon.log)
-            if counts["crashes"]:
-                print(f"{name}: {guard.daemon.log[-3000:]}", file=sys.stderr)
-            counts |= guard.counts
-    except Skipped as err:
-        return {"skipped": str(err)}
-    return {**counts, "seconds": round(time.monotonic() - begun_s)}
+                counts = _one(name, stack, is_full=is_full)
+            except Skipped as err:
+                found[name] = {"skipped": str(err)}
+                continue
+        found[name] = {**counts, "seconds": round(time.monotonic() - begun_s)}
+    return found
+
+
+def _one(name: str, stack: ExitStack, *, is_full: bool) -> dict[str, int]:
+    """Start broker and daemon, let a case happen, and count what went wrong."""
+    case = CASES[name]
+    folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+    outputs = Outputs(folder, stack.enter_context(Broker(folder)))
+    (own := folder / "radard").mkdir()
+    config = {**CONFIG, **case.prepare(folder, stack)}
+    arguments = ("--port", _PORT, *outputs.arguments)
+    daemon = stack.enter_context(Daemon(own, *arguments, config=config, before=case.before))
+    guard = Guard(folder, is_full, outputs, daemon)
+    guard.counts = dict.fromkeys(("crashes", "unrecovered", "lost_events"), 0)
+    try:
+        wait_for(lambda: guard.seq() > 0, "the first decision")
+        case.happen(guard)
+        guard.goes_on()
+        guard.settle()
+    except (TimeoutError, RuntimeError) as err:
+        guard.counts["unrecovered"] = 1
+        print(f"{name}: {err}\n{daemon.log[-2000:]}", file=sys.stderr)
+    if not daemon.is_alive or "Traceback" in daemon.log:
+        guard.counts["crashes"] = 1
+        print(f"{name}: {daemon.log[-3000:]}", file=sys.stderr)
+    return guard.counts
