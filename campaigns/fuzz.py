@@ -19,23 +19,25 @@ found.
 
 import argparse
 import hashlib
-import json
+import importlib
 import os
 import random
 import resource
-import selectors
 import signal
-import subprocess
 import sys
 import tempfile
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from functools import partial
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
+from multiprocessing.context import SpawnProcess
 from pathlib import Path
 
 _ROOT = Path(__file__).parents[1]
 sys.path[:0] = [str(_ROOT), str(_ROOT / "daemon")]
+os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
 
 from campaigns import fuzz_targets  # noqa: E402 - below the path
 from campaigns.fuzz_mutate import BORDER, mutate  # noqa: E402
@@ -50,67 +52,57 @@ _KEYS = ("inputs", "unhandled", "hangs", "over_memory")
 
 
 class Worker:
-    """A process that runs inputs, and is started again when it has died."""
+    """A process that runs inputs, and is started again when it has died.
+
+    `module` has the table of targets.
+    """
 
     def __init__(
-        self, targets: Sequence[str], folder: Path, program: str = str(Path(__file__).resolve())
+        self, targets: Sequence[str], folder: Path, module: str = "campaigns.fuzz_targets"
     ) -> None:
-        self._targets = targets
-        self._program = program
-        self._input = folder / "input"
-        self._folder = folder / "work"
-        self._folder.mkdir(exist_ok=True)
-        self._process: subprocess.Popen[bytes] | None = None
+        self._arguments = (targets, folder / "work", module)
+        (folder / "work").mkdir(exist_ok=True)
+        self._process: SpawnProcess | None = None
 
     def run(self, target: str, data: bytes) -> tuple[str, str]:
         """Return what became of an input: fine, unhandled, hangs or over_memory, and a line."""
         process = self._process or self._start()
-        self._input.write_bytes(data)
+        assert process.pid is not None
         begun_s, give_up_s = _cpu_s(process.pid), time.monotonic() + _CLOCK_LIMIT_S
-        assert process.stdin is not None
-        process.stdin.write(f"{target}\n".encode())
-        process.stdin.flush()
-        while (line := self._line(process, TIME_LIMIT_S)) is None:
+        self._pipe.send((target, data))
+        while not self._pipe.poll(TIME_LIMIT_S):
             if _cpu_s(process.pid) - begun_s > TIME_LIMIT_S or time.monotonic() > give_up_s:
                 self.close()
                 return "hangs", f"more than {TIME_LIMIT_S:g} s"
-        if not line:
-            code = process.wait()
+        try:
+            kind, text = self._pipe.recv()
+        except (EOFError, OSError):
+            process.join()
+            code = process.exitcode or 0
             self.close()
             name = signal.Signals(-code).name if code < 0 else f"exit code {code}"
             return "unhandled", f"the process died of {name}"
-        kind, text = json.loads(line)
         return kind, text
 
     def close(self) -> None:
         """End the process."""
         if self._process is not None:
-            with self._process as process:
-                process.kill()
+            self._process.kill()
+            self._process.join()
+            self._pipe.close()
             self._process = None
 
-    def _start(self) -> subprocess.Popen[bytes]:
-        options = ["--worker", ",".join(self._targets), str(self._folder), str(self._input)]
-        self._process = process = subprocess.Popen(
-            [sys.executable, self._program, *options],
-            cwd=_ROOT,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
-        )
-        if not self._line(process, _START_LIMIT_S):
+    def _start(self) -> SpawnProcess:
+        spawn = get_context("spawn")
+        self._pipe, far = spawn.Pipe()
+        self._process = process = spawn.Process(target=work, args=(far, *self._arguments))
+        process.start()
+        far.close()
+        if not self._pipe.poll(_START_LIMIT_S):
             msg = "the process for inputs does not start"
             raise RuntimeError(msg)
+        self._pipe.recv()
         return process
-
-    @staticmethod
-    def _line(process: subprocess.Popen[bytes], limit_s: float) -> bytes | None:
-        """Return the next line; empty at its death, None after the time limit."""
-        assert process.stdout is not None
-        with selectors.DefaultSelector() as selector:
-            selector.register(process.stdout, selectors.EVENT_READ)
-            return process.stdout.readline() if selector.select(limit_s) else None
 
 
 def _cpu_s(pid: int) -> float:
@@ -122,31 +114,27 @@ def _cpu_s(pid: int) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
-def work(targets: str, folder: Path, source: Path) -> None:
-    """Run inputs, one for every line on stdin, its target; answer each with a line of JSON."""
-    out = os.fdopen(os.dup(1), "w")
-    os.dup2(2, 1)
+def work(pipe: Connection, targets: Sequence[str], folder: Path, module: str) -> None:
+    """Run inputs that come with the name of their target; answer each with what became of it."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+    os.dup2(1, 2)
+    known = importlib.import_module(module).TARGETS
 
     def run(target: str, data: bytes) -> tuple[str, str]:
         for path in folder.iterdir():
             path.unlink()
-        return fuzz_targets.verdict(partial(fuzz_targets.TARGETS[target].run, folder, data))
+        return fuzz_targets.verdict(partial(known[target].run, folder, data))
 
-    for name in targets.split(","):
+    for name in targets:
         # What is imported late is not the input's.
-        run(name, seeds_of(name)[0])
+        with tempfile.TemporaryDirectory() as own:
+            run(name, known[name].seeds(Path(own))[0])
     pages = int(Path("/proc/self/statm").read_text().split()[0])
     limit = pages * resource.getpagesize() + MAX_GROWTH_BYTES
     resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
-    print("ready", file=out, flush=True)
-    for line in sys.stdin:
-        print(json.dumps(run(line.strip(), source.read_bytes())), file=out, flush=True)
-
-
-def seeds_of(target: str) -> list[bytes]:
-    """Return good inputs of a target."""
-    with tempfile.TemporaryDirectory() as folder:
-        return fuzz_targets.TARGETS[target].seeds(Path(folder))
+    pipe.send("ready")
+    while True:
+        pipe.send(run(*pipe.recv()))
 
 
 class Campaign:
@@ -196,11 +184,13 @@ def mutations(
         done += 1
 
 
+def _seeds(target: str) -> list[bytes]:
+    with tempfile.TemporaryDirectory() as folder:
+        return fuzz_targets.TARGETS[target].seeds(Path(folder))
+
+
 def main() -> int:
-    """Run the campaign, or be one of its processes."""
-    if sys.argv[1:2] == ["--worker"]:
-        work(sys.argv[2], Path(sys.argv[3]), Path(sys.argv[4]))
-        return 0
+    """Run the campaign."""
     about = (__doc__ or "").split("\n\n")
     parser = argparse.ArgumentParser(description=about[0], epilog=about[1])
     parser.add_argument("--seconds", type=float, default=60.0, help="for all targets together")
@@ -218,7 +208,8 @@ def main() -> int:
         try:
             for target in targets:
                 until_s = time.monotonic() + share_s
-                inputs = mutations(target, args.seed, args.inputs, until_s, seeds_of(target))
+                seeds = _seeds(target)
+                inputs = mutations(target, args.seed, args.inputs, until_s, seeds)
                 campaign.feed(target, inputs)
                 print(f"{target}: {dict(campaign.counts[target])}", file=sys.stderr)
         finally:

@@ -23,6 +23,7 @@ import os
 import random
 import signal
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -249,23 +250,19 @@ def run_tests(names: Sequence[str], plugins: Sequence[object] = ()) -> int:
 
 def traced(path: Path, tests: Sequence[str]) -> list[tuple[str, set[int], float]]:
     """Return each test with the lines that it runs and its seconds; empty if one fails."""
-    read, write = os.pipe()
+    with tempfile.TemporaryDirectory() as folder:
+        out = Path(folder) / "rows"
 
-    def work() -> int:
-        tracer = Tracer(str(path))
-        code = run_tests([f"tests/{each}.py" for each in tests], [tracer])
-        with os.fdopen(write, "w") as out:
-            json.dump([(name, sorted(lines), s) for name, lines, s in tracer.rows], out)
-        return code
+        def work() -> int:
+            tracer = Tracer(str(path))
+            code = run_tests([f"tests/{each}.py" for each in tests], [tracer])
+            rows = [(name, sorted(lines), s) for name, lines, s in tracer.rows]
+            out.write_text(json.dumps(rows))
+            return code
 
-    rows: list[Any] = []
-    with os.fdopen(read) as source:
-        reader = threading.Thread(target=lambda: rows.extend(json.loads(source.read() or "[]")))
-        reader.start()
-        code = in_fork(work, 1200)
-        os.close(write)
-        reader.join()
-    return [(name, set(lines), s) for name, lines, s in rows] if code == 0 else []
+        if in_fork(work, 1200) != 0:
+            return []
+        return [(name, set(lines), s) for name, lines, s in json.loads(out.read_text())]
 
 
 def is_killed(path: Path, k: int, line: int, rows: Sequence[tuple[str, set[int], float]]) -> bool:

@@ -7,7 +7,6 @@ its file must have reached the broker and the store.
 
 import contextlib
 import os
-import shutil
 import signal
 import sqlite3
 import subprocess
@@ -156,18 +155,15 @@ def starved(guard: Guard) -> None:
 
 
 def model_replaced(guard: Guard) -> None:
-    """Replace the model's files: by garbage, then by good ones."""
-    models = Path(guard.daemon.folder)
-    for suffix in ("onnx", "json"):
-        (models / f"own.{suffix}").write_bytes(b"\x00garbage" * 100)
-    guard.goes_on()
-    changed = {**CONFIG, "model": {"name": str(models / "own.onnx")}, "gate": {"tau_s": 30.5}}
-    guard.reload(changed)
-    guard.goes_on()
-    for suffix in ("onnx", "json"):
-        (models / f"own.{suffix}").write_bytes((ROOT / "models" / f"fast.{suffix}").read_bytes())
-    guard.reload(changed)
-    guard.goes_on()
+    """Give it a model of its own, and replace its files: by garbage, then by good ones."""
+    own = guard.daemon.folder / "own.onnx"
+    good = [(ROOT / "models" / f"fast{suffix}").read_bytes() for suffix in (".onnx", ".json")]
+    for tau_s, files in ((30.5, good), (31.0, [b"\x00garbage" * 100] * 2), (31.5, good)):
+        for suffix, data in zip((".onnx", ".json"), files, strict=True):
+            own.with_suffix(suffix).write_bytes(data)
+        guard.goes_on()
+        guard.reload({**CONFIG, "model": {"name": str(own)}, "gate": {"tau_s": tau_s}})
+        guard.goes_on()
 
 
 def reload_broken(guard: Guard) -> None:
@@ -192,11 +188,7 @@ def two_daemons(guard: Guard) -> None:
     guard.goes_on()
 
 
-def _plain(folder: Path, stack: ExitStack) -> Mapping[str, Any]:  # noqa: ARG001 - as the others
-    return {}
-
-
-def _small_disk(folder: Path, stack: ExitStack) -> Mapping[str, Any]:
+def _mount_small_disk(folder: Path, stack: ExitStack) -> None:
     """Give the store a disk of its own, which takes root's rights."""
     path = str(folder / "store")
     command = ["mount", "-t", "tmpfs", "-o", "size=400k", "tmpfs", path]
@@ -206,19 +198,11 @@ def _small_disk(folder: Path, stack: ExitStack) -> Mapping[str, Any]:
         msg = "no disk can be mounted here"
         raise Skipped(msg) from err
     stack.callback(subprocess.run, ["umount", "-l", path], check=False)
-    return {}
 
 
-def _no_state(folder: Path, stack: ExitStack) -> Mapping[str, Any]:  # noqa: ARG001
-    # Root may write anywhere, but not below a file.
+def _deny_state(folder: Path, _stack: ExitStack) -> None:
+    """Put a file where the state directory would be: root may write anywhere, but not below it."""
     (folder / "radard" / "state").write_text("no folder")
-    return {}
-
-
-def _own_model(folder: Path, stack: ExitStack) -> Mapping[str, Any]:  # noqa: ARG001
-    for suffix in ("onnx", "json"):
-        shutil.copy(ROOT / "models" / f"fast.{suffix}", folder / "radard" / f"own.{suffix}")
-    return {"model": {"name": str(folder / "radard" / "own.onnx")}}
 
 
 _STEPPED = """
@@ -248,7 +232,7 @@ class Case:
     """What happens, what is needed for it, and what the daemon's process runs first."""
 
     happen: Callable[[Guard], None]
-    prepare: Callable[[Path, ExitStack], Mapping[str, Any]] = _plain
+    prepare: Callable[[Path, ExitStack], None] = lambda _folder, _stack: None
     before: str = ""
 
 
@@ -257,12 +241,12 @@ CASES: Mapping[str, Case] = {
     "broker_slow": Case(broker_slow),
     "broker_flapping": Case(broker_flapping),
     "store_locked": Case(store_locked),
-    "disk_full": Case(disk_full, _small_disk),
-    "read_only_state": Case(read_only_state, _no_state),
+    "disk_full": Case(disk_full, _mount_small_disk),
+    "read_only_state": Case(read_only_state, _deny_state),
     "clock_stepped": Case(clock_stepped, before=_STEPPED),
     "stopped": Case(stopped),
     "starved": Case(starved),
-    "model_replaced": Case(model_replaced, _own_model),
+    "model_replaced": Case(model_replaced),
     "reload_broken": Case(reload_broken),
     "two_daemons": Case(two_daemons),
 }
@@ -289,9 +273,9 @@ def _one(name: str, stack: ExitStack, *, is_full: bool) -> dict[str, int]:
     folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
     outputs = Outputs(folder, stack.enter_context(Broker(folder)))
     (own := folder / "radard").mkdir()
-    config = {**CONFIG, **case.prepare(folder, stack)}
+    case.prepare(folder, stack)
     arguments = ("--port", _PORT, *outputs.arguments)
-    daemon = stack.enter_context(Daemon(own, *arguments, config=config, before=case.before))
+    daemon = stack.enter_context(Daemon(own, *arguments, config=CONFIG, before=case.before))
     guard = Guard(folder, is_full, outputs, daemon)
     guard.counts = dict.fromkeys(("crashes", "unrecovered", "lost_events"), 0)
     try:

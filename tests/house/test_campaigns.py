@@ -214,18 +214,15 @@ def test_good_inputs_are_read(tmp_path):
 
 
 @pytest.mark.integration
-def test_what_goes_wrong_is_counted_and_kept(tmp_path):
+def test_what_goes_wrong_is_counted_and_kept(tmp_path, monkeypatch):
     """Inputs that raise, hang, grow and kill their process, by a target that does all that."""
-    code = (
-        "import os, sys; sys.path[:0] = ['.', 'daemon']\n"
-        "from campaigns import fuzz, fuzz_targets\n"
+    (tmp_path / "bad_targets.py").write_text(
+        "from campaigns.fuzz_targets import Target\n"
         "def run(folder, data): exec(data)\n"
-        "bad = fuzz_targets.Target(run, lambda folder: [b'pass'])\n"
-        "fuzz_targets.TARGETS = {'bad': bad}\n"
-        "fuzz.main()\n"
+        "TARGETS = {'bad': Target(run, lambda folder: [b'pass'])}\n"
     )
-    (tmp_path / "bad.py").write_text(code)
-    worker = fuzz.Worker(("bad",), tmp_path, program=str(tmp_path / "bad.py"))
+    monkeypatch.syspath_prepend(tmp_path)
+    worker = fuzz.Worker(("bad",), tmp_path, module="bad_targets")
     campaign = fuzz.Campaign(tmp_path / "found", worker)
     inputs = [
         b"pass",
