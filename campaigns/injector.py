@@ -20,7 +20,7 @@ from pathlib import Path
 
 _CHUNK = 4096
 _WAIT_S = 0.02
-_MOST_HELD = 1 << 18
+_MAX_HELD = 1 << 18
 """Bytes that a stalled line holds back; more are lost, as in a real one."""
 
 
@@ -125,7 +125,7 @@ class Injector:
             return
         if spoils:
             data = self._spoiled(data)
-        if sum(map(len, queue)) < _MOST_HELD:
+        if sum(map(len, queue)) < _MAX_HELD:
             queue.append(data)
 
     @staticmethod
