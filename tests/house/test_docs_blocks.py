@@ -34,7 +34,7 @@ ELSEWHERE = {
     "docs/research/extending.md": "house/test_extending.py",
 }
 """Pages whose blocks need more than a place to run: which test runs them."""
-KINDS = {"sh", "python", "yaml", "json", "toml", "text"}
+KINDS = {"sh", "python", "yaml", "json", "toml", "text", "nginx", "caddyfile"}
 USER = (
     "index install mounting home-assistant troubleshooting how-it-decides what-stops-an-alarm "
     "accuracy glossary privacy contribute"
@@ -88,6 +88,7 @@ def test_reasons_are_for_blocks_that_would_run():
     assert {b.name for b in ALL if b.reason and b.kind not in {"sh", "python"}} == set()
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
 def test_the_page_runs(path, tmp_path, monkeypatch, capfd):
     page = str(path.relative_to(ROOT))
@@ -120,6 +121,7 @@ def run(command):
     return subprocess.run(["bash", "-c", command], env=environ, check=False).returncode  # noqa: S607
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("block", [b for b in ALL if b.reason and b.kind == "sh"], ids=ids)
 def test_what_is_not_run_parses(block, parsing):
     done = subprocess.run(["bash", "-n"], input=block.text.encode(), check=False)  # noqa: S607

@@ -308,6 +308,7 @@ def test_built_in_names_cannot_be_taken(folder):
     assert len(decisions(records)) == 2
 
 
+@pytest.mark.integration
 def test_nobody_looks_for_plug_ins_without_need(monkeypatch, tmp_path):
     def never(**_kwargs):
         msg = "the path to the first decision looked for plug-ins"

@@ -429,6 +429,7 @@ closer.join()
 """
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("closer", ["plain", "daemon"])
 def test_a_clip_that_is_late_does_not_hang_the_end_of_the_process(tmp_path, closer):
     """It once did for ever: its thread held the lock of HDF5 when the interpreter ended.

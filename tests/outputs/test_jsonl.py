@@ -134,6 +134,7 @@ def test_the_mode_of_files_that_are_there_is_left(tmp_path):
     assert {mode_of(each) for each in tmp_path.iterdir()} == {0o640}
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("scheme", ["json", "store", "exec"])
 def test_names_with_bytes_that_are_no_text_are_taken(tmp_path, scheme):
     path = tmp_path / os.fsdecode(b"k\xfcche")

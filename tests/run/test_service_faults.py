@@ -91,6 +91,7 @@ def test_a_dead_sensor_is_a_fault(tmp_path):
     assert any(state == "degraded" for state, _ in states(records))
 
 
+@pytest.mark.integration
 def test_a_silent_module_is_a_fault_and_comes_back(monkeypatch):
     monkeypatch.setattr("x2radar.device.device.Deadlines", partial(Deadlines, stall_s=0.5))
     port = "sim:empty?fault=silent:8"

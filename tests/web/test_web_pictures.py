@@ -142,7 +142,7 @@ def ring_of(samples, *, n_slow=60):
     """A ring that nobody takes dwells from, full of frames, with what was put into it."""
     shape = DwellShape(n_slow=n_slow, hop_s=1.0, frame_rate_hz=RATE_HZ)
     ring = FrameRing(BASEBAND, lambda row, out: np.copyto(out, row), shape)
-    taken = threading.Thread(target=lambda: [None for _ in iter(ring.take, None)])
+    taken = threading.Thread(target=lambda: [None for _ in iter(ring.next_item, None)])
     taken.start()
     for frame in frames_of(samples):
         ring.push(frame)
@@ -171,7 +171,7 @@ def test_recent_never_hands_out_torn_rows():
     samples = np.repeat(np.arange(1, n + 1, dtype=np.complex64)[:, None], 64, axis=1)
     shape = DwellShape(n_slow=60, hop_s=1.0, frame_rate_hz=RATE_HZ)
     ring = FrameRing(BASEBAND, lambda row, out: np.copyto(out, row), shape)
-    taker = threading.Thread(target=lambda: [None for _ in iter(ring.take, None)])
+    taker = threading.Thread(target=lambda: [None for _ in iter(ring.next_item, None)])
     writer = threading.Thread(target=lambda: [ring.push(f) for f in frames_of(samples)])
     taker.start()
     writer.start()

@@ -16,7 +16,7 @@ from x2radar.command import Parser, new_parser
 
 _EXAMPLES = """\
 examples:
-  radard events                        from the configured store, else the daemon's own log
+  radard events                        from the store, or the daemon's log
   radard events --store /var/lib/radard/radard.db --since 24h
   radard events --kind alarm --limit 10 --json
 """
