@@ -171,7 +171,7 @@ def _decoder_seeds(folder: Path) -> list[bytes]:
 
 
 def _capture_seeds(folder: Path) -> list[bytes]:
-    return [_session(folder, output).read_bytes()[:60_000] for output in ("rf", "iq")]
+    return [_session(folder, output).read_bytes()[:400_000] for output in ("rf", "iq")]
 
 
 def _capture(folder: Path, data: bytes) -> None:

@@ -44,11 +44,12 @@ def made_up_folder(*, named: Path | None, environ: Mapping[str, str]) -> Path:
 
     What was tried on a demo's page must change no later run, so that one ends with the process.
     """
-    return named_state_folder(named, environ) or _own_folder()
+    return named_state_folder(named, environ) or own_folder()
 
 
 @cache
-def _own_folder() -> Path:
+def own_folder() -> Path:
+    """Return the folder of what simulated and replayed sensors are told in this process."""
     # Made by whoever writes there first, and by nobody else: its name cannot be guessed.
     folder = Path(tempfile.gettempdir()) / f"radard-{secrets.token_hex(12)}"
     atexit.register(shutil.rmtree, folder, ignore_errors=True)

@@ -8,7 +8,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from x2radar.sim.points import Array
 
@@ -80,6 +79,8 @@ def _hierarchy(lines: Iterator[tuple[int, str]]) -> list[_Joint]:
 
 def _forward(joints: Sequence[_Joint], rows: Sequence[Array]) -> Array:
     """Return joints' positions, shape (n_frames, n_joints, 3), in the file's units and axes."""
+    from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow, for files alone
+
     values = np.stack(rows)
     n = len(values)
     place = np.zeros((n, len(joints), 3))
