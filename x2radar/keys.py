@@ -95,7 +95,7 @@ def settings_from(cls: type[_T], raw: Any, where: str) -> _T:
 def checked(raw: Any, keys: Mapping[str, Key | None], where: str) -> dict[str, Any]:
     """Return a copy of the mapping `raw` once every key and value in it has been judged.
 
-    A key of None takes any value: whoever reads it judges it. Raises SceneError as
+    A key of None takes any value: its reader judges it. Raises SceneError as
     `settings_from`.
     """
     if raw is None:

@@ -40,7 +40,7 @@ _WAIT_S = 0.5  # a person does not notice it; disks take a tenth of it
 _OPEN_S = 5.0  # a disk that spins up takes as long; beyond it the run begins without its past
 _CLOSE_S = 1.0  # of the 6 s that systemd gives, the rest is for outputs
 _TEND_S = 10.0  # how soon a disk is tried again, and what a kill takes off an event's age
-_ATTEMPTS = 3  # a file that is taken away while it is made anew looks damaged, too
+_ATTEMPTS = 3  # a file that is taken away while it is made again looks damaged, too
 _CHECK_S = 3600.0  # reading all pages takes a tenth of a second
 _SAID_S = 3600.0  # so long the state says that a file was put aside, or events were dropped
 

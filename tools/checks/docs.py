@@ -220,8 +220,12 @@ def frame() -> Iterator[str]:
 
 
 def rooms() -> Iterator[str]:
-    """CONTRIBUTING.md lists every folder of the three packages."""
+    """CONTRIBUTING.md lists every folder of the three packages, and none that is gone."""
     text = read("CONTRIBUTING.md")
+    roots = [ROOT, *(ROOT / package for package in PACKAGES.values())]
+    for name in re.findall(r"^\* `(\w+)/`", text, re.MULTILINE):
+        if not any((root / name).is_dir() for root in roots):
+            yield f"CONTRIBUTING.md: no folder {name}/"
     for package in PACKAGES.values():
         for init in (ROOT / package).glob("*/__init__.py"):
             if f"`{init.parent.name}/`" not in text:

@@ -170,7 +170,7 @@ class EventTracker:
         p_human = decision.fused.human if decision.fused and sight and sight.is_seen else 0.0
         was = self.panel.state
         steps = self.panel.on_sight(t_s, sight, is_quiet=is_quiet)
-        # Whoever was seen while the entry delay ran belongs to the alarm that ends it.
+        # A body seen while the entry delay ran belongs to the alarm that ends it.
         self._entry_peak = peak = max(self._entry_peak if was == "entry" else 0.0, p_human)
         alarm = self._open.get("alarm")
         if alarm is not None:

@@ -67,7 +67,7 @@ def sight_of(decision: Decision, policy: AlarmPolicy, zones: Zones, pet_limit: f
     known) and is a hit whatever its p(human).
 
     The reason says who, and where the nearest body is that counts. The decision's own `range_m` is
-    where power stands out most, whoever's it is; so the two differ when there are several bodies.
+    where power stands out most, of any body; so the two differ when there are several bodies.
     """
     p_human = decision.fused.human if decision.fused else 0.0
     by_rule = decision.fused is not None and p_human >= 1 - pet_limit - 1e-9

@@ -50,7 +50,7 @@ def made_up_folder(*, named: Path | None, environ: Mapping[str, str]) -> Path:
 @cache
 def own_folder() -> Path:
     """Return the folder of what simulated and replayed sensors are told in this process."""
-    # Made by whoever writes there first, and by nobody else: its name cannot be guessed.
+    # Made by the first who writes there, and by nobody else: its name cannot be guessed.
     folder = Path(tempfile.gettempdir()) / f"radard-{secrets.token_hex(12)}"
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     return folder

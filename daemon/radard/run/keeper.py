@@ -1,6 +1,6 @@
 """Keeper: keeps one radar at work, in a thread of its own; none is stopped by another.
 
-The only radar of a process ends with what ends its work. One of several is begun anew: a device
+The only radar of a process ends with what ends its work. One of several is started again: a device
 that is absent is waited for, and work that breaks off is started again after a pause. One that
 never came to work, because its model does not fit or its recording is missing, stays away until
 the configuration is put right and the process is started again.

@@ -125,7 +125,7 @@ class Tap:
         try:
             free_bytes = shutil.disk_usage(self._path.parent).free
         except OSError:
-            # Whoever writes there knows better what is wrong.
+            # The writer knows better what is wrong.
             return
         if free_bytes < self._free_bytes:
             msg = f"{self._path}: only {free_bytes / 1e6:.0f} MB are left on the disk"

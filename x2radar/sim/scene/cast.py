@@ -86,7 +86,7 @@ _KEYS: Mapping[str, Key | None] = {
     "place_m": None,
     "turn_deg": Key(-360.0, 360.0, "turn to the left, degrees"),
 }
-"""What bodies may be told; None: whoever takes it judges it."""
+"""What bodies may be told; None: the body judges it itself."""
 _ECHO = ("total_rcs_dbsm", "skin")
 _COURSE = ("course", "waypoints_m", "speed_mps", "near_m", "far_m", "start_s")
 

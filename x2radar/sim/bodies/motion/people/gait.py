@@ -46,7 +46,7 @@ class PersonStyle:
     """Something that people do."""
 
     sentence: str
-    speed_mps: tuple[float, float] | None  # None for somebody who stays in place
+    speed_mps: tuple[float, float] | None  # None for a body that stays in place
     carriage: Carriage = Carriage()
     lift: float = 0.06  # of the feet, as a share of the stature
     kind: Literal["walk", "run", "crawl"] = "walk"

@@ -54,7 +54,7 @@ class Seated:
     trunk: Wander  # lean of the trunk, turn and nod of the head, in radians
     shake: Shake  # of the head
     up_s: tuple[float, float]  # gets up, and sits down, after the start of each period
-    period_s: float  # infinite for somebody who stays
+    period_s: float  # infinite for a body that stays
 
     @classmethod
     def draw(cls, rng: np.random.Generator, leg_m: float) -> Self:
