@@ -6,36 +6,34 @@ import platform
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from radard.errors import UsageError
 from radard.judge.bundle import load_bundle
 from study import check_picture, check_within, run_script, save, script_parser
-from tradeoff_bundles import (
-    PRECISIONS,
+from tradeoff_measure import (
     SETTINGS,
-    BundleRow,
+    SWITCHES,
     Combination,
+    Switch,
+    SwitchRow,
     best,
     check_combined,
     combinations,
     judged_windows,
-    read_accuracy,
-    time_bundle,
+    map_ms,
+    measure,
+    record,
 )
-from tradeoff_chain import SWITCHES, Switch, SwitchRow, chain_ms, measure, record
 from x2train.commands import counted
 
-_OTHER_SHARE, _OTHER_SEED = 4, 1  # a quarter of the passages, other ones, calibrate int8
-_PROFILES = ("fast", "balanced", "accurate")  # bundles that `radard --profile` names
 _PICTURES = {
     "velocity_time": "velocity-time",
     "velocity_time_medium": "medium CPI",
     "velocity_time_long": "long CPI",
     "range_time": "range-time",
-    "spectrogram": "spectrogram",
 }
 _MEANING = {
     "decimation": "Bins of 3.7 mm times this. The matched filter comes first, so no noise folds.",
@@ -44,23 +42,23 @@ _MEANING = {
     "0.15 m/s.",
     "cpis": "CPIs of 0.2, 0.6 and 1.5 s; of 0.2 and 0.6 s; of 0.2 s alone. What the longer ones "
     "are worth to a network that is trained so: [what was tried](research/evaluation-tried.md).",
-    "precision": "Arithmetic of the maps; frames are float32 either way.",
     "source": "RF that is down-converted here, or baseband that the module made. The loss is "
     "mostly another draw of the receiver's noise.",
-    "bands": "Spectrogram alone. One band is what sums over range leave of it.",
 }
 _MIN_LOSS_DB = 1e-3  # drawn for none
-_N_ACROSS = 3  # plots in a row
 _MARKS = {3: "o", 2: "s", 1: "^"}  # of combinations, by their CPIs
+_RING: Any = {"marker": "o", "ms": 10, "mfc": "none", "mec": "k", "ls": "none"}
+_NEARBY = ((4, 3), (4, -9), (-4, 3), (-4, -9), (0, 6))
+"""Where a switch's values stand beside their points, in points: switches share some points."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Measure switches, bundles and combinations; write page and plot."""
+    """Measure switches and combinations; write page and plot."""
     parser = script_parser(
         "tradeoff",
         "Measure what every switch costs and loses.",
-        "--models fast=fast.json balanced=balanced.json accurate=accurate.json\n"
-        "--combine fast balanced accurate",
+        "--combine fast balanced accurate\n"
+        "--scenes human --draws 1 --duration 6 --rounds 1 --page small.md --plot small.png",
     )
     add = parser.add_argument
     add("--scenes", nargs="+", default=["human", "dog", "fan"], metavar="SCENE", help="built-in")
@@ -70,18 +68,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     add("--rate", type=float, default=60.0, metavar="HZ", help="frames per second (60)")
     add("--rounds", type=int, default=5, help="how often everything is timed (5)")
     add(
-        "--models",
-        nargs="+",
-        default=[],
-        metavar="NAME[=REPORT.json]",
-        help="bundles to time, with their evaluation",
-    )
-    add(
         "--combine",
         nargs="+",
         default=[],
         metavar="NAME",
-        help="bundles to judge with every combination of maps, precision and decimation",
+        help="bundles to judge with every combination of maps and decimation",
     )
     add("--passages", type=int, default=400, help="passages that they are judged by (400)")
     add("--page", type=Path, default=Path("docs/tradeoff.md"), metavar="FILE", help="table")
@@ -100,43 +91,27 @@ def _run(args: argparse.Namespace) -> None:
         seed=(0, 2**31),
     )
     check_picture(args.plot)
-    combined = [load_bundle(name) for name in args.combine]
-    for bundle in combined:
+    bundles = [load_bundle(name) for name in args.combine]
+    for bundle in bundles:
         check_combined(bundle)
-    wanted = [parse_model(text) for text in args.models]
-    known = [(name, read_accuracy(path) if path else None) for name, path in wanted]
     seeds = range(args.seed, args.seed + args.draws)
     recordings = [record(s, args.rate, args.duration, k) for s in args.scenes for k in seeds]
-    bundles = [time_bundle(name, found, recordings, args.rounds) for name, found in known]
     made: list[Combination] = []
     grid: list[str] = []
-    if combined:
-        counts = (args.passages, args.passages // _OTHER_SHARE)
+    if bundles:
         with counted("passages") as tell:
-            windows, others = (
-                judged_windows(n, args.seed + more, combined, tell)
-                for n, more in zip(counts, (0, _OTHER_SEED), strict=True)
-            )
+            windows = judged_windows(args.passages, args.seed, bundles, tell)
         with counted("timing") as tell:
-            cost_ms = chain_ms(recordings, SETTINGS, args.rounds, tell)
-        made = combinations(combined, windows, others, cost_ms, args.seed)
+            costs_ms = map_ms(recordings, SETTINGS, args.rounds, tell)
+        made = combinations(bundles, windows, costs_ms, args.seed)
         grid = grid_section(made, len(windows.passage), int(windows.passage.max()) + 1)
     with counted("switches") as tell:
         rows = measure(recordings, args.rounds, tell)
     save(drawn(rows, made), args.plot, 110)
     plot = os.path.relpath(args.plot, args.page.parent).replace(os.sep, "/")
-    text = page(rows, bundles, grid, how=_how(args), command=_command(args), plot=plot)
+    text = page(rows, grid, how=_how(args), command=_command(args), plot=plot)
     args.page.parent.mkdir(parents=True, exist_ok=True)
     args.page.write_text(text, encoding="utf-8")
-
-
-def parse_model(text: str) -> tuple[str, Path | None]:
-    """Return bundle and evaluation of ``NAME`` or ``NAME=REPORT.json``."""
-    name, equals, file = text.partition("=")
-    if not name or (equals and not file):
-        msg = f"--models '{text}': must be NAME or NAME=REPORT.json"
-        raise UsageError(msg)
-    return name, Path(file) if file else None
 
 
 def _how(args: argparse.Namespace) -> str:
@@ -155,8 +130,6 @@ def _processor() -> str:
 
 def _command(args: argparse.Namespace) -> str:
     parts = ["python research/tradeoff.py"]
-    if args.models:
-        parts.append("--models " + " ".join(args.models))
     if args.combine:
         parts.append(f"--combine {' '.join(args.combine)} --passages {args.passages}")
     return " ".join(parts)
@@ -164,7 +137,6 @@ def _command(args: argparse.Namespace) -> str:
 
 def page(
     rows: Sequence[SwitchRow],
-    bundles: Sequence[BundleRow],
     grid: Sequence[str],
     *,
     how: str,
@@ -174,7 +146,7 @@ def page(
     """Return the page in Markdown.
 
     `how` is a sentence on scenes and machine, `command` what made it, `plot` where the plot lies
-    from the page; `bundles` and `grid`, the section of `grid_section`, may be empty.
+    from the page; `grid`, the section of `grid_section`, may be empty.
     """
     parts = [
         "# Speed against accuracy",
@@ -195,9 +167,7 @@ def page(
     ]
     for switch in SWITCHES:
         parts += [*_table(switch, [row for row in rows if row.switch == switch.name]), ""]
-    parts += _bundle_table(bundles)
-    if grid:
-        parts += ["", *grid]
+    parts += grid
     return "\n".join(parts).rstrip("\n") + "\n"
 
 
@@ -222,35 +192,11 @@ def _table(switch: Switch, rows: Sequence[SwitchRow]) -> list[str]:
     return lines
 
 
-def _bundle_table(bundles: Sequence[BundleRow]) -> list[str]:
-    if not bundles:
-        return []
-    lines = [
-        "## Bundles",
-        "",
-        "CPU of one hop of the daemon with an open gate, every track judged by itself, timed in",
-        "this run; accuracy over windows from each bundle's evaluation, with its 95 % interval.",
-        "Only accuracies of evaluations on the same windows can be compared.",
-        "",
-        "| bundle | ms | of it network | accuracy |",
-        "|---|---|---|---|",
-    ]
-    for row in sorted(bundles, key=lambda each: each.ms_per_hop):
-        name = f"**{row.name}** (profile)" if row.name in _PROFILES else row.name
-        a = row.accuracy
-        accuracy = f"{a.value:.4f} ({a.low:.4f} to {a.high:.4f})" if a else "not evaluated"
-        lines.append(f"| {name} | {row.ms_per_hop:.2f} | {row.network_ms:.2f} | {accuracy} |")
-    return lines
-
-
 def grid_section(made: Sequence[Combination], n_windows: int, n_passages: int) -> list[str]:
     """Return the section of the page on combinations, as lines of Markdown."""
     models = tuple(dict.fromkeys(c.model for c in made))
-    columns = [(model, precision) for model in models for precision in PRECISIONS]
-    found = {(c.model, c.precision, c.decimation, c.cpis): c for c in made}
+    found = {(c.model, c.setting): c for c in made}
     widest = max(c.auc.high - c.auc.low for c in made) / 2
-    first = SETTINGS[0]
-    costs = (found[m, p, first.decimation, first.cpis].network_ms for m, p in columns)
     lines = [
         "## Combinations",
         "",
@@ -261,35 +207,37 @@ def grid_section(made: Sequence[Combination], n_windows: int, n_passages: int) -
         "the second row. **Bold** is as shipped, a star that nothing else is both cheaper and",
         f"better. 95 % intervals (passages resampled) reach {widest:.3f} to either side at most,",
         "less for differences. No network was retrained: one made for what it is shown might do",
-        "better. Weights in int8 use seven bits: without dot-product instructions (VNNI)",
-        "onnxruntime adds pairs of products in 16 bits, which eight-bit weights saturate (one",
-        "probability was off by 0.76).",
+        "better.",
         "",
-        "| range | CPIs | ms | " + " | ".join(f"{m}, {p}" for m, p in columns) + " |",
-        "|---|---|---|" + "---|" * len(columns),
-        "| | | network, ms: | " + " | ".join(f"{ms:.2f}" for ms in costs) + " |",
+        f"| range | CPIs | ms | {' | '.join(models)} |",
+        "|---|---|---|" + "---|" * len(models),
+        "| | | network, ms: | "
+        + " | ".join(f"{found[m, SETTINGS[0]].network_ms:.2f}" for m in models)
+        + " |",
     ]
     front = best(made)
     for setting in SETTINGS:
-        row = [found[m, p, setting.decimation, setting.cpis] for m, p in columns]
+        row = [found[model, setting] for model in models]
         told = [f"**{c.auc.value:.3f}**" if c.is_shipped else f"{c.auc.value:.3f}" for c in row]
         cells = [f"{t} *" if c in front else t for t, c in zip(told, row, strict=True)]
-        ms = row[0].ms_per_hop - row[0].network_ms
-        lines.append(f"| {setting.decimation} | {setting.cpis} | {ms:.2f} | {' | '.join(cells)} |")
+        ms = f"{row[0].map_ms:.2f}"
+        lines.append(f"| {setting.decimation} | {setting.cpis} | {ms} | {' | '.join(cells)} |")
     return lines
 
 
 def drawn(rows: Sequence[SwitchRow], combined: Sequence[Combination]) -> Figure:
-    """Draw loss against cost, picture by picture, and AUC against cost of combinations."""
-    n_rows = -(-(len(_PICTURES) + 1) // _N_ACROSS)
-    figure = Figure(figsize=(4.8 * _N_ACROSS, 4.4 * n_rows), layout="constrained")
-    axes = figure.subplots(n_rows, _N_ACROSS).ravel()
+    """Draw loss against cost, picture by picture, and AUC against cost of combinations.
+
+    A ring is what the shipped bundles have, in all of them.
+    """
+    figure = Figure(figsize=(14.4, 8.8), layout="constrained")
+    axes = figure.subplots(2, 3).ravel()
     for axis, name in zip(axes, _PICTURES, strict=False):
         _draw_losses(axis, rows, name)
     if combined:
-        _draw_combinations(axes[-1], combined)
-    else:
-        axes[-1].set_axis_off()
+        _draw_combinations(axes[len(_PICTURES)], combined)
+    for axis in axes:
+        axis.set_visible(axis.has_data())
     return figure
 
 
@@ -302,21 +250,26 @@ def _draw_losses(axis: Axes, rows: Sequence[SwitchRow], name: str) -> None:
         y = [max(row.loss_db[name], _MIN_LOSS_DB) for row in own]
         axis.plot(x, y, "o-", color=f"C{k}", markersize=4, linewidth=1, label=switch.title)
         for row, at_x, at_y in zip(own, x, y, strict=True):
+            if row.is_default:
+                axis.plot(at_x, at_y, **_RING)
+            if row.loss_db[name] == 0 and k:
+                continue
             axis.annotate(
                 f"{row.value}",
                 (at_x, at_y),
                 textcoords="offset points",
-                xytext=(4, 3),
+                xytext=_NEARBY[k],
+                ha="right" if _NEARBY[k][0] < 0 else "left",
                 fontsize=7,
                 color=f"C{k}",
-                fontweight="bold" if row.is_default else "normal",
             )
+    axis.plot([], [], **_RING, label="as shipped")
     axis.set(
         xlabel="CPU per hop, ms",
         ylabel="loss, dB rms (1e-3: none)",
         title=f"{_PICTURES[name]} picture",
         yscale="log",
-        ylim=(_MIN_LOSS_DB / 2, None),
+        ylim=(_MIN_LOSS_DB / 2, 3 * max(row.loss_db.get(name, 0.0) for row in rows)),
     )
     axis.grid(visible=True, alpha=0.3)
     axis.legend(fontsize=7)
@@ -325,21 +278,18 @@ def _draw_losses(axis: Axes, rows: Sequence[SwitchRow], name: str) -> None:
 def _draw_combinations(axis: Axes, made: Sequence[Combination]) -> None:
     models = tuple(dict.fromkeys(c.model for c in made))
     for c in made:
-        colour = f"C{models.index(c.model)}"
-        face = colour if c.precision == PRECISIONS[0] else "none"
-        at = (c.ms_per_hop, c.auc.value)
-        axis.plot(*at, _MARKS[c.cpis], color=colour, markerfacecolor=face, markersize=5)
+        at, colour = (c.ms_per_hop, c.auc.value), f"C{models.index(c.model)}"
+        axis.plot(*at, _MARKS[c.setting.cpis], color=colour, markersize=5)
         if c.is_shipped:
-            axis.plot(*at, "*", color=colour, markersize=15, label=c.model)
+            axis.plot(*at, **_RING)
+            axis.annotate(c.model, at, textcoords="offset points", xytext=(8, 4), color=colour)
     front = best(made)
     x, y = [c.ms_per_hop for c in front], [c.auc.value for c in front]
-    axis.plot(x, y, "-", color="0.6", linewidth=1, zorder=0)
+    axis.plot(x, y, "-", color="0.6", lw=1, zorder=0, label="nothing is cheaper and better")
     for cpis, mark in _MARKS.items():
         axis.plot([], [], mark, color="0.4", markersize=5, label=f"CPIs: {cpis}")
-    axis.plot([], [], "o", color="0.4", markerfacecolor="none", markersize=5, label="int8")
-    axis.set(
-        xlabel="CPU per hop, ms", ylabel="window AUC", title="combinations (star: as shipped)"
-    )
+    axis.plot([], [], **_RING, label="as shipped")
+    axis.set(xlabel="CPU per hop, ms", ylabel="window AUC", title="combinations")
     axis.grid(visible=True, alpha=0.3)
     axis.legend(fontsize=7, loc="lower right")
 
