@@ -5,7 +5,7 @@ import re
 import struct
 from collections.abc import Callable, Sequence
 
-from x2radar.recording.hdf5_file import lookup3
+from x2radar.recording.hdf5_reader import lookup3
 
 BORDER = b"\n--8<--\n"
 """Between the parts of an input."""

@@ -41,7 +41,7 @@ from x2radar.recording.capture import (
     capturing,
 )
 from x2radar.recording.convert import convert
-from x2radar.recording.hdf5_file import lookup3
+from x2radar.recording.hdf5_reader import lookup3
 from x2radar.recording.registry import open_recording
 from x2radar.recording.trace import describe, read_trace
 from x2radar.sim.module.host import connect

@@ -12,7 +12,7 @@ from radard.dsp.range_time import RangeTimeMap
 from radard.errors import FeatureError
 from tests.dsp_helpers import P4XX, X2, X4, error, point
 from tests.radar_helpers import noise
-from x2radar.recording.formats.p4xx import P4xxReader
+from x2radar.recording.formats.matlab import P4xxReader
 
 WALK = Path(__file__).parents[3] / "shared" / "data" / "p410_walk_101.mat"
 SMALL = replace(X2, n_range=24)

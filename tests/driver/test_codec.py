@@ -110,23 +110,6 @@ PACKETS = {
     "not recognised": (ErrorReply(ErrorCode.NOT_RECOGNIZED), "7d 20 01 00 00 00 5c 7e"),
     "command failed": (ErrorReply(ErrorCode.COMMAND_FAILED), "7d 20 21 00 00 00 7c 7e"),
 }
-OUTSIDE = {
-    "ping",
-    "reset",
-    "run",
-    "idle",
-    "manual",
-    "stop",
-    "load respiration",
-    "load sleep",
-    "led full",
-    "zone 1.8 to 2.5",
-    "sensitivity 9",
-    "x4 20 fps",
-    "ack",
-    "booting",
-    "ready",
-}
 ONE, TWO, HALF = "00 00 80 3f", "00 00 00 40", "00 00 00 3f"
 SEVEN = "00 00 00 00 07 00 00 00"
 COMMAND_BYTES = [

@@ -37,16 +37,6 @@ def test_first_frames(kind: str, output: str, dtype: str) -> None:
     assert (radar.stream.frame_rate_hz, radar.stream.device) == (60.0, "sim")
 
 
-def test_same_frames_over_memory_and_pty() -> None:
-    got = []
-    for kind in ("memory", "pty"):
-        with simulated(kind) as connect, X2Radar(connect, SETTINGS) as radar:
-            got.append(take(radar, 30))
-    for one, other in zip(*got, strict=True):
-        np.testing.assert_array_equal(one.samples, other.samples)
-        assert (one.counter, one.index, one.axis) == (other.counter, other.index, other.axis)
-
-
 def test_the_module_answers_further_commands_while_it_streams() -> None:
     with simulated("memory") as connect, X2Radar(connect, SETTINGS) as radar:
         reply = radar.command(GetSystemInfo(2))

@@ -25,17 +25,6 @@ from x2radar.wire.framing import (
     encode,
 )
 
-VECTORS = {
-    "ping": ("01 ae ea aa ee", "7d 01 ae ea aa ee 7c 7e"),
-    "ack": ("10", "7d 10 6d 7e"),
-    "run": ("20 01", "7d 20 01 5c 7e"),
-    "zone": (
-        "10 10 1c 0a a1 96 cd cc cc 3e 00 00 00 40",
-        "7d 10 10 1c 0a a1 96 cd cc cc 3e 00 00 00 40 ef 7e",
-    ),
-}
-"""Of the specification; test_codec.py has more of them."""
-
 
 def reference_read(stream: bytes) -> list[tuple[bytes, Packing]]:
     """Read a faultless stream one byte at a time, with nothing but the specification."""
@@ -77,13 +66,6 @@ def reference_flagged(line: Iterator[int]) -> tuple[bytes, Packing]:
 
 
 # ---------------------------------------------------------------- the specification's bytes
-
-
-def test_vectors_of_the_specification() -> None:
-    for data, wire in VECTORS.values():
-        assert encode(bytes.fromhex(data)) == bytes.fromhex(wire)
-    stream = b"".join(bytes.fromhex(wire) for _, wire in VECTORS.values())
-    read_three_ways(stream, [Packet(bytes.fromhex(data)) for data, _ in VECTORS.values()])
 
 
 def test_length_packet_bytes() -> None:

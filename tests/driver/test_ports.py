@@ -138,15 +138,6 @@ def test_unknown_keys_name_the_known_ones():
         make_radar(parse_port("/dev/ttyACM0?seed=1"))
 
 
-def test_numbers():
-    spec = parse_port("sim:x?a=1.5&b=x&c=")
-    assert spec.number("a", 0) == 1.5
-    assert spec.number("z", 7) == 7
-    for key in "bc":
-        with pytest.raises(SettingsError, match=f"port key '{key}': '.?' is not a number"):
-            spec.number(key, 0)
-
-
 @pytest.mark.parametrize(
     ("port", "error", "wanted"),
     [
@@ -244,10 +235,3 @@ def test_baseband_comes_at_the_rate_asked_for():
     assert frames[0].axis.kind == "baseband"
     assert frames[0].samples.dtype == np.complex64
     assert frames[0].axis.bandwidth_hz == pytest.approx(2.3e9)
-
-
-def test_a_scene_file_streams(tmp_path):
-    path = tmp_path / "a room?.yaml"
-    path.write_text("steps: [{duration_s: 1}]\n")
-    frames = first_frames(f"sim:{str(path).replace(' ', '%20').replace('?', '%3F')}", 5)
-    assert np.abs(np.mean([f.samples for f in frames]) - 50) < 0.01

@@ -49,20 +49,6 @@ def test_scenes_are_listed(capsys):
     assert all(scene.description in out for scene in builtin_scenes())
 
 
-@pytest.mark.parametrize(
-    "argv",
-    [["--help"], ["-h"], ["scenes", "-h"], ["simulate", "-h"], ["record", "-h"], ["decode", "-h"]],
-)
-def test_help(capsys, argv):
-    code, out, err = run(capsys, *argv)
-    assert (code, err) == (0, "")
-    assert out.startswith("usage: x2radar")
-    if len(argv) == 1:
-        assert "examples:" in out
-        for command in ("scenes", "simulate", "record", "decode"):
-            assert f"x2radar {command}" in out
-
-
 def test_version(capsys):
     code, out, err = run(capsys, "--version")
     assert (code, out, err) == (0, f"x2radar {installed_version()}\n", "")
@@ -236,16 +222,6 @@ def test_somebody_elses_sigterm_handler_is_left_alone():
         assert seen == [mine]
     finally:
         signal.signal(signal.SIGTERM, before)
-
-
-def test_commands_run_outside_the_main_thread():
-    codes = []
-    thread = threading.Thread(
-        target=lambda: codes.append(run_command("tool", lambda _args: 5, []))
-    )
-    thread.start()
-    thread.join(60)
-    assert codes == [5]
 
 
 # ---------------------------------------------------------------- as a process

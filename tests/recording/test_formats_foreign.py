@@ -18,7 +18,7 @@ from x2radar.frame import CounterTracker, Step
 from x2radar.recording.about import Overrides
 from x2radar.recording.blocks import unwrap
 from x2radar.recording.formats.xethru import META, XethruReader
-from x2radar.recording.formats.xethru_writer import write as write_xethru
+from x2radar.recording.formats.xethru import write as write_xethru
 from x2radar.recording.registry import open_recording
 from x2radar.recording.stamps import count_by_stamps
 

@@ -34,7 +34,7 @@ def test_a_matlab_file_that_lost_its_counters_is_refused(tmp_path):
 
 
 def test_too_much_for_a_matlab_file_is_said_before_it_is_tried(tmp_path, monkeypatch):
-    monkeypatch.setattr("x2radar.recording.formats.mat.MAX_BYTES", 100)
+    monkeypatch.setattr("x2radar.recording.formats.matlab.MAX_BYTES", 100)
     with pytest.raises(ValueError, match="too many for a MATLAB file"):
         written(tmp_path, "out.mat", "rf")
     assert [path.name for path in tmp_path.iterdir()] == ["in.h5"]

@@ -13,8 +13,7 @@ from tests.hostile_helpers import ROOT, limited_worker, refused
 from tests.radar_helpers import BASEBAND, frames_of, noise
 from tests.recording_helpers import make
 from x2radar.frame import StreamInfo
-from x2radar.recording.hdf5_file import lookup3
-from x2radar.recording.hdf5_reader import RecordingReader
+from x2radar.recording.hdf5_reader import RecordingReader, lookup3
 from x2radar.recording.hdf5_writer import RecordingWriter
 from x2radar.recording.registry import open_recording
 

@@ -1,10 +1,4 @@
 import json
-import os
-import signal
-import subprocess
-import sys
-import time
-from pathlib import Path
 
 import h5py
 import numpy as np
@@ -178,44 +172,6 @@ def test_a_frame_of_another_length_is_refused(tmp_path):
         writer.write(next(frames_of(noise(1, 32))))
     writer.close()
     writer.close()
-
-
-WRITER = """
-import sys, time
-from pathlib import Path
-sys.path[:0] = ['.', 'daemon']
-from tests.radar_helpers import BASEBAND, frames_of, noise
-from x2radar.frame import StreamInfo
-from x2radar.recording.about import Overrides
-from x2radar.recording.hdf5_writer import RecordingWriter
-samples = noise(20000)
-writer = RecordingWriter(Path(sys.argv[1]), StreamInfo(BASEBAND, 60, 'x'),
-                         started_utc='', device={}, settings={})
-for frame in frames_of(samples):
-    writer.write(frame)
-    if frame.index == 300:
-        print('going', flush=True)
-    time.sleep(0.0002)
-"""
-
-
-@pytest.mark.integration
-@pytest.mark.parametrize("kill", range(2))
-def test_a_killed_writer_leaves_whole_frames(tmp_path, kill):
-    path = tmp_path / "k.h5"
-    process = subprocess.Popen(
-        [sys.executable, "-c", WRITER, str(path)],
-        stdout=subprocess.PIPE,
-        cwd=Path(__file__).parents[2],
-    )
-    process.stdout.readline()
-    time.sleep(0.05 + 0.037 * kill)
-    os.kill(process.pid, signal.SIGKILL)
-    process.wait()
-    process.stdout.close()
-    got = list(RecordingReader(path).frames())
-    assert len(got) >= 300
-    assert np.array_equal([f.samples for f in got], noise(20000)[: len(got)])
 
 
 def test_attributes_are_those_of_the_contract(tmp_path):

@@ -1,6 +1,5 @@
 """Recordings in parts, the record command, and what ends a recording."""
 
-import io
 import json
 import os
 import resource
@@ -18,13 +17,13 @@ import pytest
 from tests.radar_helpers import BASEBAND, frames_of, noise
 from tests.recording_helpers import content, run
 from tests.waiting import wait_for
-from x2radar.errors import ReadTimeout, RecordingError, X2RadarError
+from x2radar.commands import record as command
+from x2radar.commands.record import record, stop_flag
+from x2radar.errors import ReadTimeout, RecordingError
 from x2radar.frame import Frame, StreamInfo
-from x2radar.recording import recorder
 from x2radar.recording.hdf5_reader import RecordingReader
-from x2radar.recording.hdf5_writer import RecordingWriter
+from x2radar.recording.hdf5_writer import RecordingWriter, write_labels
 from x2radar.recording.parts import PartsReader, RotatingWriter, existing_parts, part_path
-from x2radar.recording.recorder import RecordingProgress, Tally, record, stop_flag
 from x2radar.recording.registry import open_recording
 
 ROOT = Path(__file__).parents[2]
@@ -77,37 +76,26 @@ def test_parts_read_as_one(tmp_path, how):
             assert reader.started_utc == META["started_utc"]
 
 
-def test_every_part_is_a_recording_of_its_own(tmp_path):
-    with RotatingWriter(tmp_path / "w", STREAM, **META, rotate_s=2) as writer:
-        for frame in frames_of(noise(300)):
-            writer.write(frame)
-    names = [p.name for p in writer.paths]
-    assert names == ["w_000.h5", "w_001.h5", "w_002.h5"]
-    with open_recording(writer.paths[1]) as reader:
-        assert reader.n_frames == 120
-        assert content(reader)[2][0] == 0
-        assert next(reader.frames()).index == 0
-        assert reader.started_utc == "2026-01-01T00:00:02.000Z"
-    with h5py.File(writer.paths[2]) as file:
-        assert (file.attrs["part"], file.attrs["part_start_s"]) == (2, 4.0)
-
-
-def test_labels_of_parts_and_rates_of_ones_own(tmp_path):
-    with RotatingWriter(tmp_path / "w", STREAM, **META, rotate_s=2) as writer:
-        for frame in frames_of(noise(300)):
-            writer.write(frame)
-    with h5py.File(writer.paths[1], "r+") as file:
-        file["labels/t0_s"], file["labels/t1_s"] = [0.5], [1.0]
-        file["labels/label"] = ["dog"]
-    with open_recording(tmp_path) as reader:
-        assert reader.labels == [(2.5, 3.0, "dog")]
-
-
 def parts_of(tmp_path, name="w", n=300):
     with RotatingWriter(tmp_path / name, STREAM, **META, rotate_s=2) as writer:
         for frame in frames_of(noise(n)):
             writer.write(frame)
     return writer.paths
+
+
+def test_every_part_is_a_recording_of_its_own_with_labels_of_its_own(tmp_path):
+    paths = parts_of(tmp_path)
+    assert [p.name for p in paths] == ["w_000.h5", "w_001.h5", "w_002.h5"]
+    with open_recording(paths[1]) as reader:
+        assert reader.n_frames == 120
+        assert content(reader)[2][0] == 0
+        assert next(reader.frames()).index == 0
+        assert reader.started_utc == "2026-01-01T00:00:02.000Z"
+    with h5py.File(paths[2]) as file:
+        assert (file.attrs["part"], file.attrs["part_start_s"]) == (2, 4.0)
+    write_labels(paths[1], [(0.5, 1.0, "dog")])
+    with open_recording(tmp_path) as reader:
+        assert reader.labels == [(2.5, 3.0, "dog")]
 
 
 def test_missing_damaged_and_foreign_parts(tmp_path):
@@ -182,7 +170,7 @@ class Slow:
             self.do()
 
 
-LOOP = {"most_frames": float("inf"), "check_every": 2}
+LOOP = {"max_frames": float("inf"), "check_every": 2}
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -226,46 +214,6 @@ def test_a_stall_is_an_error_unless_told_to_stop():
     next(stalled), next(stalled), next(stalled)
     stop.set()
     assert record(stalled, Slow(), stop=stop, **LOOP).n_frames == 0
-
-
-def test_the_disk_fills_up(monkeypatch):
-    free = iter([10e9, 10e9, 150e6])
-    monkeypatch.setattr(recorder, "free_bytes", lambda *_paths: next(free))
-    stop = threading.Event()
-    tally = record(frames_of(noise(50)), Slow(), stop=stop, floor_bytes=200e6, **LOOP)
-    assert (tally.n_frames, tally.is_full) == (6, True)
-
-
-def test_a_failed_write_is_a_runtime_failure():
-    def fail():
-        msg = "w.h5: cannot write: no space"
-        raise RecordingError(msg)
-
-    with pytest.raises(X2RadarError, match="no space") as caught:
-        record(frames_of(noise(9)), Slow(do=fail), stop=threading.Event(), **LOOP)
-    assert caught.value.exit_code == 1
-
-
-class Terminal(io.StringIO):
-    def isatty(self):
-        return True
-
-
-def test_progress_is_one_line_on_a_terminal_and_nothing_elsewhere(monkeypatch):
-    now_s = [0.0]
-    monkeypatch.setattr(recorder.time, "monotonic", lambda: now_s[0])
-    for out, shown in ((Terminal(), True), (io.StringIO(), False)):
-        progress = RecordingProgress("w.h5", out)
-        for k in range(5):
-            now_s[0] += 0.3
-            progress.show(Tally(18 * (k + 1), 2, 3_000_000))
-        progress.clear()
-        text = out.getvalue()
-        assert bool(text) is shown
-        if shown:
-            assert "w.h5: 36 frames, 60.0 Hz, 2 lost, 3.0 MB" in text
-            assert "\n" not in text
-            assert text.endswith("\r")
 
 
 # ---------------------------------------------------------------- the command
@@ -315,7 +263,7 @@ def test_record_refuses_in_one_line(capsys, here, argv, code, wanted):
 
 def test_record_stops_before_the_disk_is_full(capsys, tmp_path, monkeypatch):
     free = iter([10e9, 10e9, 10e9])
-    monkeypatch.setattr(recorder, "free_bytes", lambda *_paths: next(free, 1e6))
+    monkeypatch.setattr(command, "free_bytes", lambda *_paths: next(free, 1e6))
     path = tmp_path / "w.h5"
     code, out, err = run(capsys, "record", path, "--port", "sim:dog", "--speed", "max")
     assert (code, out) == (1, "")

@@ -21,8 +21,8 @@ def add_command(
     )
 
 
-def check_duration(duration_s: float | None) -> None:
-    """Raise SettingsError unless a --duration is above zero."""
-    if duration_s is not None and not 0 < duration_s < 1e9:
-        msg = f"--duration {duration_s:g}: must be above 0, in seconds"
+def check_above_zero(option: str, value: float | None, unit: str) -> None:
+    """Raise SettingsError unless the value of an option is above zero, where it is given."""
+    if value is not None and not 0 < value < 1e9:
+        msg = f"{option} {value:g}: must be above 0, in {unit}"
         raise SettingsError(msg)

@@ -2,8 +2,12 @@
 
 import argparse
 import json
+from collections import Counter
 from dataclasses import asdict
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from x2radar.commands import Commands, add_command
 from x2radar.device.device import X2Radar
@@ -12,6 +16,9 @@ from x2radar.ports import is_port, parse_port, recording_path
 from x2radar.radars import make_radar
 from x2radar.wire.messages import GetSystemInfo, Message, Ping, Pong, Reply
 from x2radar.wire.wire_ids import InfoItem, PongCode
+
+if TYPE_CHECKING:
+    from x2radar.recording.blocks import BlockReader
 
 
 def register(commands: Commands) -> None:
@@ -30,13 +37,12 @@ def register(commands: Commands) -> None:
 def _run(args: argparse.Namespace) -> int:
     if is_port(args.what):
         facts = _ask(args.what)
-        lines = _port_lines(facts)
+        shown = {"port": facts["port"], "ping": facts["ping"], **facts["info"]}
+        rows = {**shown, **facts["settings"]}.items()
+        lines = [f"{name.replace('_', ' '):<16} {value}" for name, value in rows]
     else:
-        # Late: h5py takes a while, and a port does without.
-        from x2radar.recording.info import describe_recording, summary  # noqa: PLC0415
-
         facts = describe_recording(recording_path(args.what))
-        lines = summary(facts)
+        lines = [f"{name:<11}{text}" for name, text in _summary(facts).items()]
     print(json.dumps(facts, default=str) if args.json else "\n".join(lines))
     return 0
 
@@ -49,7 +55,9 @@ def _ask(port: str) -> dict[str, Any]:
         for item in InfoItem:
             reply = _answer(radar, GetSystemInfo(item))
             if isinstance(reply, Reply):
-                items[item.name.lower()] = _plain(reply.value)
+                value = reply.value
+                text = value.rstrip("\0") if isinstance(value, str) else list(value)
+                items[item.name.lower()] = text
     code = pong.code if isinstance(pong, Pong) else None
     known = code in set(PongCode)
     return {
@@ -68,12 +76,97 @@ def _answer(radar: X2Radar, command: Message) -> Message | None:
         return None
 
 
-def _plain(value: str | tuple[int, ...] | tuple[float, ...]) -> Any:
-    return value.rstrip("\0") if isinstance(value, str) else list(value)
+def describe_recording(path: Path) -> dict[str, Any]:
+    """Return facts about a recording, JSON-safe; counters and times are read, not samples.
+
+    measured_rate_hz is that of t_s over the counters, null for one frame. Raises RecordingError
+    if it cannot be read.
+    """
+    # Late: h5py takes a while, and a port does without.
+    from x2radar.recording.registry import format_of, open_recording  # noqa: PLC0415
+
+    with open_recording(path) as reader:
+        axis = asdict(reader.stream.axis)
+        axis["range_m"] = [float(reader.stream.axis.range_m[k]) for k in (0, -1)]
+        if reader.paths:
+            files = reader.paths
+        else:
+            files = tuple(path.iterdir()) if path.is_dir() else format_of(path).files(path)
+        return {
+            "path": str(path),
+            "format": format_of(path).name,
+            "kind": axis.pop("kind"),
+            **_counted(reader),
+            "axis": axis,
+            "started_utc": reader.started_utc,
+            "device": dict(reader.device),
+            "settings": dict(reader.settings),
+            "labels": [list(label) for label in reader.labels],
+            "has_decisions": reader.has_decisions,
+            "compression": reader.compression,
+            "n_bytes": sum(file.stat().st_size for file in files if file.is_file()),
+            "parts": [str(part) for part in reader.paths],
+            "warning": reader.warning,
+        }
 
 
-def _port_lines(facts: dict[str, Any]) -> list[str]:
-    rows = {"port": facts["port"], "ping": facts["ping"], **facts["info"]}
-    lines = [f"{name.replace('_', ' '):<16} {value}" for name, value in rows.items()]
-    settings = facts["settings"].items()
-    return [*lines, *(f"{name.replace('_', ' '):<16} {value}" for name, value in settings)]
+def _counted(reader: "BlockReader") -> dict[str, Any]:
+    from x2radar.recording.blocks import unwrap  # noqa: PLC0415 - as above
+
+    last, index, longest = None, -1, 0
+    times_s: list[float] = []
+    counts: Counter[str] = Counter()
+    for block in reader.blocks(samples=False):
+        steps = unwrap(block.counter, last, index)
+        last, index = int(block.counter[-1]), int(steps.index[-1])
+        times_s = [*times_s[:1], float(block.t_s[0]), float(block.t_s[-1])]
+        longest = max(longest, int(steps.lost.max()))
+        counts.update(
+            n_frames=len(block.counter),
+            lost=int(steps.lost.sum()),
+            gaps=int(np.count_nonzero(steps.lost)),
+            restarts=int(np.count_nonzero(steps.restarted)),
+            repeats=int(np.count_nonzero(steps.repeated)),
+        )
+    span_s = times_s[-1] - times_s[0]
+    return {
+        "n_frames": counts.pop("n_frames"),
+        "duration_s": span_s + 1 / reader.stream.frame_rate_hz,
+        "frame_rate_hz": reader.stream.frame_rate_hz,
+        "measured_rate_hz": index / span_s if span_s > 0 and index > 0 else None,
+        "lost": counts["lost"],
+        "gaps": counts["gaps"],
+        "longest_gap": longest,
+        "restarts": counts["restarts"],
+        "repeats": counts["repeats"],
+    }
+
+
+def _summary(facts: dict[str, Any]) -> dict[str, str]:
+    """Return the facts of `describe_recording` as rows for people."""
+    axis, device = facts["axis"], facts["device"]
+    low_m, high_m = axis["range_m"]
+    measured = facts["measured_rate_hz"]
+    labels = sorted({label for _, _, label in facts["labels"]})
+    return {
+        "format": f"{facts['format']}, {facts['kind']}",
+        "frames": f"{facts['n_frames']}, {facts['duration_s']:.3f} s",
+        "frame rate": f"{facts['frame_rate_hz']:.6g} Hz stated, "
+        + (f"{measured:.6g} Hz measured" if measured else "not measurable"),
+        "losses": f"{facts['lost']} frames in {facts['gaps']} gaps, longest "
+        f"{facts['longest_gap']}; {facts['restarts']} restarts, {facts['repeats']} repeats",
+        "range": f"{low_m:.3f} to {high_m:.3f} m, {axis['n_range']} bins of "
+        f"{axis['bin_length_m'] * 1e3:.3f} mm",
+        "pulse": f"{axis['carrier_hz'] / 1e9:g} GHz, bandwidth "
+        + (f"{axis['bandwidth_hz'] / 1e9:g} GHz" if axis["bandwidth_hz"] else "unknown"),
+        "sampler": f"{axis['sample_rate_hz'] / 1e9:g} GS/s"
+        if axis["sample_rate_hz"]
+        else "unknown",
+        "started": facts["started_utc"] or "unknown",
+        "device": device.get("name", "unknown"),
+        "labels": f"{len(facts['labels'])} ({', '.join(labels)})" if labels else "none",
+        "decisions": "present" if facts["has_decisions"] else "none",
+        "size": f"{facts['n_bytes'] / 1e6:.3f} MB, compression {facts['compression']}"
+        + (f", {len(facts['parts'])} parts" if facts["parts"] else ""),
+        "warning": facts["warning"] or "none",
+    }

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from x2radar.arrays import read_frames, stacked
 from x2radar.command import StatusLine
-from x2radar.commands import Commands, add_command, check_duration
+from x2radar.commands import Commands, add_command, check_above_zero
 from x2radar.errors import RecordingError, SettingsError
 from x2radar.extras import needed
 from x2radar.frame import Frame, Samples, StreamInfo
@@ -55,7 +55,7 @@ def register(commands: Commands) -> None:
 
 
 def _run(args: argparse.Namespace) -> int:
-    check_duration(args.duration)
+    check_above_zero("--duration", args.duration, "seconds")
     if args.out is not None and args.out.suffix not in _SUFFIXES:
         msg = f"--out {args.out}: must end in {', '.join(_SUFFIXES)}"
         raise SettingsError(msg)

@@ -1,17 +1,37 @@
-"""`x2radar record`: frames of a module into an HDF5 recording."""
+"""`x2radar record`: frames of a module into an HDF5 recording, until told, out of time or space.
+
+A signal is taken between two frames, never inside a write, so every end is a clean one.
+"""
 
 import argparse
 import math
+import shutil
+import signal
 import sys
-from contextlib import ExitStack
-from dataclasses import asdict
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import asdict, dataclass
 from itertools import chain
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from x2radar.commands import Commands, add_command, check_duration
-from x2radar.errors import SettingsError, X2RadarError
+from x2radar.command import StatusLine
+from x2radar.commands import Commands, add_command, check_above_zero
+from x2radar.errors import (
+    ReadTimeout,
+    RecordingError,
+    SettingsError,
+    TransportClosed,
+    X2RadarError,
+)
+from x2radar.frame import Frame
 from x2radar.ports import PORT_FORMS, parse_port, parse_speed
 from x2radar.radars import make_radar
+
+if TYPE_CHECKING:
+    from x2radar.recording.parts import RotatingWriter
 
 _MB = 1e6
 
@@ -43,14 +63,18 @@ def _run(args: argparse.Namespace) -> int:
     # Late, because h5py takes a while and the other subcommands do without it.
     from x2radar.recording.capture import CaptureWriter, capturing  # noqa: PLC0415
     from x2radar.recording.parts import RotatingWriter, check_free_name  # noqa: PLC0415
-    from x2radar.recording.recorder import RecordingProgress, record, stop_flag  # noqa: PLC0415
     from x2radar.recording.stamps import utc_text  # noqa: PLC0415
 
     _check(args)
     check_free_name(args.file, rotating=bool(args.rotate_size or args.rotate_time))
     radar = make_radar(parse_port(args.port), speed=parse_speed(args.speed))
     paths = (args.file, args.capture_wire) if args.capture_wire else (args.file,)
-    _check_space(args, paths)
+    if (free := free_bytes(*paths)) < args.free_floor * _MB:
+        msg = (
+            f"{args.file}: {free / _MB:.0f} MB are free there, less than the "
+            f"{args.free_floor:g} MB to leave (--free-floor)"
+        )
+        raise X2RadarError(msg)
     radar.identify()
     settings = asdict(radar.settings)
     with ExitStack() as open_now:
@@ -81,13 +105,10 @@ def _run(args: argparse.Namespace) -> int:
             chain([first], frames),
             writer,
             stop=stop,
-            most_frames=math.inf
-            if args.duration is None
-            else max(1, round(args.duration * rate_hz)),
+            max_frames=max(1, round(args.duration * rate_hz)) if args.duration else math.inf,
             check_every=max(1, round(rate_hz)),
             floor_bytes=args.free_floor * _MB,
             paths=paths,
-            progress=RecordingProgress(args.file.name, sys.stderr),
         )
     parts = f", {len(writer.paths)} parts" if writer.is_rotating else ""
     lost = f", {tally.n_lost} lost" if tally.n_lost else ""
@@ -100,26 +121,99 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _check(args: argparse.Namespace) -> None:
-    check_duration(args.duration)
-    for option, value, unit in (
-        ("--rotate-size", args.rotate_size, "MB"),
-        ("--rotate-time", args.rotate_time, "seconds"),
-    ):
-        if value is not None and not 0 < value < 1e9:
-            msg = f"{option} {value:g}: must be above 0, in {unit}"
-            raise SettingsError(msg)
+    check_above_zero("--duration", args.duration, "seconds")
+    check_above_zero("--rotate-size", args.rotate_size, "MB")
+    check_above_zero("--rotate-time", args.rotate_time, "seconds")
     if not 0 <= args.free_floor < 1e9:
         msg = f"--free-floor {args.free_floor:g}: must be 0 or more, in MB"
         raise SettingsError(msg)
 
 
-def _check_space(args: argparse.Namespace, paths: tuple[Path, ...]) -> None:
-    from x2radar.recording.recorder import free_bytes  # noqa: PLC0415 - with the other late ones
+def free_bytes(*paths: Path) -> float:
+    """Return the least free space where `paths` are made, in bytes; inf when unknown."""
+    least = math.inf
+    for path in paths:
+        try:
+            least = min(least, shutil.disk_usage(path.parent).free)
+        except OSError:
+            continue
+    return least
 
-    free = free_bytes(*paths)
-    if free < args.free_floor * _MB:
-        msg = (
-            f"{args.file}: {free / _MB:.0f} MB are free there, less than the "
-            f"{args.free_floor:g} MB to leave (--free-floor)"
-        )
-        raise X2RadarError(msg)
+
+@contextmanager
+def stop_flag() -> Iterator[threading.Event]:
+    """Lend an event that the first SIGINT or SIGTERM sets; the second interrupts.
+
+    Outside the main thread nobody sets it.
+    """
+    stop = threading.Event()
+    if threading.current_thread() is not threading.main_thread():
+        yield stop
+        return
+
+    def handle(_number: int, _frame: object) -> None:
+        if stop.is_set():
+            raise KeyboardInterrupt
+        stop.set()
+
+    before = {n: signal.signal(n, handle) for n in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield stop
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@dataclass(slots=True)
+class Tally:
+    """What was recorded."""
+
+    n_frames: int = 0
+    n_lost: int = 0
+    is_full: bool = False
+
+
+def record(
+    frames: Iterator[Frame],
+    writer: "RotatingWriter",
+    *,
+    stop: threading.Event,
+    max_frames: float,
+    check_every: int,
+    floor_bytes: float = 0.0,
+    paths: tuple[Path, ...] = (),
+) -> Tally:
+    """Write frames until the stream is long enough, `stop` is set or the disk is full.
+
+    `max_frames` counts lost frames, too. Every `check_every` frames a terminal is told how it
+    goes, and the disks of `paths` are looked at: `floor_bytes` are to stay free. The caller
+    closes the writer. Raises X2RadarError if the disk does not take a frame, ReadTimeout or
+    TransportClosed if the device is lost and `stop` is not set.
+    """
+    tally, line, begun_s = Tally(), StatusLine(sys.stderr), time.monotonic()
+    try:
+        for frame in frames:
+            if frame.index >= max_frames:
+                break
+            try:
+                writer.write(frame)
+            except RecordingError as err:
+                # No bad input, as reading a recording would be: exit code 1.
+                raise X2RadarError(str(err)) from err
+            tally.n_frames += 1
+            tally.n_lost += frame.lost if tally.n_frames > 1 else 0
+            if tally.n_frames % check_every == 0:
+                tally.is_full = free_bytes(*paths) < floor_bytes
+                rate_hz = tally.n_frames / (time.monotonic() - begun_s)
+                line.show(
+                    f"{tally.n_frames} frames, {rate_hz:.1f} Hz, {tally.n_lost} lost, "
+                    f"{writer.n_bytes / _MB:.1f} MB"
+                )
+            if stop.is_set() or tally.is_full:
+                break
+    except (ReadTimeout, TransportClosed):
+        if not stop.is_set():
+            raise
+    finally:
+        line.clear()
+    return tally

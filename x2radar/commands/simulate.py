@@ -1,4 +1,4 @@
-"""`x2radar simulate`: a simulated module on a pseudo-terminal, to open like a real one."""
+"""`x2radar scenes` and `x2radar simulate`: what can be simulated, and a module that sends it."""
 
 import argparse
 
@@ -9,11 +9,13 @@ from x2radar.ports import parse_speed
 from x2radar.sim.module.faults import describe_faults, parse_faults
 from x2radar.sim.module.host import serve
 from x2radar.sim.module.module import SimulatedModule
-from x2radar.sim.scene.scene import load_scene
+from x2radar.sim.scene.scene import builtin_scenes, load_scene
 
 
 def register(commands: Commands) -> None:
-    """Add the subcommand."""
+    """Add both subcommands."""
+    text = "list the built-in scenes"
+    add_command(commands, "scenes", text, "example:\n  x2radar scenes\n").set_defaults(run=_list)
     parser = add_command(
         commands,
         "simulate",
@@ -28,10 +30,18 @@ def register(commands: Commands) -> None:
     parser.add_argument("--pty", action="store_true", required=True, help="print a device path")
     parser.add_argument("--speed", default="realtime", help="realtime, max or a factor")
     parser.add_argument("--fault", metavar="KIND:VALUE,...", help="what goes wrong; see below")
-    parser.set_defaults(run=_run)
+    parser.set_defaults(run=_serve)
 
 
-def _run(args: argparse.Namespace) -> int:
+def _list(_args: argparse.Namespace) -> int:
+    scenes = builtin_scenes()
+    width = max(len(scene.name) for scene in scenes)
+    for scene in scenes:
+        print(f"{scene.name:<{width}}  {scene.description}")
+    return 0
+
+
+def _serve(args: argparse.Namespace) -> int:
     if args.seed < 0:
         msg = f"--seed {args.seed}: must be a whole number from 0 up"
         raise SettingsError(msg)

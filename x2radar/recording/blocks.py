@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from x2radar.closing import Closing
 from x2radar.frame import LONGEST_GAP, FastTimeAxis, Frame, Samples, StreamInfo, read_only
-from x2radar.recording.about import NO_OVERRIDES, SAMPLE_DTYPES, About, Overrides
+from x2radar.recording.about import NO_OVERRIDES, SAMPLE_DTYPES, About, Overrides, root_attributes
 from x2radar.recording.faults import refuse, unreadable
 
 Label = tuple[float, float, str]
@@ -138,6 +138,10 @@ class BlockReader(Closing):
             digest.update(self.read_samples(0, 1).tobytes())
         return digest.hexdigest()
 
+    def root_attributes(self) -> dict[str, Any]:
+        """Return what an HDF5 recording of the same would say about itself, JSON as text."""
+        return root_attributes(self.stream, self.started_utc, self.device, self.settings)
+
     def close(self) -> None:
         """Let go of the file."""
 
@@ -149,9 +153,10 @@ class BlockReader(Closing):
         """
         for first, last, counter, _, t_s in self._walk():
             with unreadable(self.path):
-                rows = (
-                    self.read_samples(first, last) if samples else self._no_samples(last - first)
-                )
+                if samples:
+                    rows = self.read_samples(first, last)
+                else:
+                    rows = as_samples(np.empty((last - first, 0)), self.stream.axis.kind)
             yield Block(rows, counter.astype(np.uint32), t_s)
 
     def frames(self, start_s: float = 0.0) -> Iterator[Frame]:
@@ -164,26 +169,18 @@ class BlockReader(Closing):
         begun = False
         for first, last, counter, steps, t_s in self._walk():
             # What lies before the start is counted too: file time is kept.
-            skip = 0
-            if not begun:
-                late = t_s >= start_s - 1e-9
-                if not late.any():
-                    continue
-                begun = True
-                skip = int(late.argmax())
+            late = np.maximum.accumulate((t_s >= start_s - 1e-9) | begun)
+            begun = bool(late[-1])
+            wanted = np.flatnonzero(late & ~steps.repeated).tolist()
+            if not wanted:
+                continue
             with unreadable(self.path):
                 samples = self.read_samples(first, last)
-            rows = zip(
-                counter.tolist(),
-                steps.index.tolist(),
-                steps.lost.tolist(),
-                steps.restarted.tolist(),
-                steps.repeated.tolist(),
-                strict=True,
-            )
-            for k, (number, index, lost, restarted, repeated) in enumerate(rows):
-                if k >= skip and not repeated:
-                    yield Frame(samples[k], number, index, lost, restarted, axis)
+            columns = (counter, steps.index, steps.lost, steps.restarted)
+            rows = list(zip(*(c.tolist() for c in columns), strict=True))
+            for k in wanted:
+                number, index, lost, restarted = rows[k]
+                yield Frame(samples[k], number, index, lost, restarted, axis)
 
     def _walk(
         self,
@@ -223,9 +220,6 @@ class BlockReader(Closing):
     def _falling(self, rows: NDArray[Any]) -> Samples:
         """Return rows of the file as samples whose phase falls with range."""
         return as_samples(rows.conj() if self._is_rising else rows, self.stream.axis.kind)
-
-    def _no_samples(self, n: int) -> Samples:
-        return as_samples(np.empty((n, 0)), self.stream.axis.kind)
 
 
 def rows_per_block(axis: FastTimeAxis, block_bytes: int = BLOCK_BYTES) -> int:

@@ -1,31 +1,127 @@
-"""What formats of real columns share: samples without complex numbers, and what goes beside."""
+"""Parquet tables and MCAP files, written only: frames in real columns.
 
+RF frames are `samples`, baseband is `samples_i` and `samples_q`, all float32. Beside them stand
+the attributes of an HDF5 recording with n_range, device, settings and labels, named `x2radar`:
+JSON in the schema's metadata of Parquet, a metadata record of MCAP.
+
+Parquet (pandas, polars, DuckDB, Spark): a row is a frame, counter uint32, t_s float64 and its
+samples as lists of n_range.
+
+MCAP (Foxglove, Lichtblick, ROS 2; https://mcap.dev/spec): the topic `/radar/frames` carries a
+frame a message, type `x2radar/Frame`, in ROS 2's CDR with its definition beside it;
+`/radar/labels` a JSON object where a labelled stretch begins. Times are those of t_s behind the
+start, or behind 1970 where the start is unknown.
+"""
+
+import json
+import struct
+from datetime import datetime
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from x2radar.extras import needed
 from x2radar.frame import Samples
-from x2radar.recording.about import root_attributes
 from x2radar.recording.blocks import BlockReader
 
+_HEAD = "uint32 counter\nfloat64 t_s\n"
+_CDR_LITTLE_ENDIAN = b"\x00\x01\x00\x00"
+"""Encapsulation header (OMG DDSI-RTPS 2.3, 10.5); members are aligned from behind it."""
+_LABELS = {
+    "type": "object",
+    "title": "x2radar.Label",
+    "properties": {
+        "t0_s": {"type": "number"},
+        "t1_s": {"type": "number"},
+        "label": {"type": "string"},
+    },
+}
+_NAMES = {"rf": ("samples",), "baseband": ("samples_i", "samples_q")}
 
-def real_columns(samples: Samples) -> dict[str, NDArray[np.float32]]:
-    """Return samples, shape (n, n_range), as contiguous float32 by the name of their column."""
-    is_rf = samples.dtype.kind != "c"
-    parts = (samples,) if is_rf else (samples.real, samples.imag)
-    names = column_names("rf" if is_rf else "baseband")
-    return dict(zip(names, (np.ascontiguousarray(p, np.float32) for p in parts), strict=True))
+
+def _columns(samples: Samples) -> list[NDArray[np.float32]]:
+    parts = (samples.real, samples.imag) if np.iscomplexobj(samples) else (samples,)
+    return [np.ascontiguousarray(part, "<f4") for part in parts]
 
 
-def column_names(kind: str) -> tuple[str, ...]:
-    """Return the names that `real_columns` gives to frames of a kind."""
-    return ("samples",) if kind == "rf" else ("samples_i", "samples_q")
+def _described(source: BlockReader) -> dict[str, Any]:
+    return source.root_attributes() | {
+        "n_range": source.stream.axis.n_range,
+        "device": dict(source.device),
+        "settings": dict(source.settings),
+        "labels": [list(label) for label in source.labels],
+    }
 
 
-def described(source: BlockReader) -> dict[str, Any]:
-    """Return the attributes of an HDF5 recording, with n_range, and its labels."""
-    about = root_attributes(source.stream, source.started_utc, source.device, source.settings)
-    labels = [list(label) for label in source.labels]
-    settings = {"device": dict(source.device), "settings": dict(source.settings)}
-    return {**about, "n_range": source.stream.axis.n_range, **settings, "labels": labels}
+def write_parquet(path: Path, source: BlockReader) -> list[str]:
+    """Write `source` into a new Parquet file, block by block; return what was not kept: nothing.
+
+    Raises MissingExtra without pyarrow.
+    """
+    pa: Any = needed("pyarrow", what="Parquet files")
+    parquet: Any = needed("pyarrow.parquet", what="Parquet files")
+    axis = source.stream.axis
+    row = pa.list_(pa.float32(), axis.n_range)
+    fields = [("counter", pa.uint32()), ("t_s", pa.float64())]
+    schema = pa.schema(
+        [*fields, *((name, row) for name in _NAMES[axis.kind])],
+        metadata={"x2radar": json.dumps(_described(source), default=str)},
+    )
+    with parquet.ParquetWriter(path, schema, compression="zstd") as writer:
+        for block in source.blocks():
+            lists = [
+                pa.FixedSizeListArray.from_arrays(pa.array(values.ravel()), axis.n_range)
+                for values in _columns(block.samples)
+            ]
+            columns = [pa.array(block.counter), pa.array(block.t_s), *lists]
+            writer.write_table(pa.Table.from_arrays(columns, schema=schema))
+    return []
+
+
+def write_mcap(path: Path, source: BlockReader) -> list[str]:
+    """Write `source` into a new MCAP file, block by block; return what was not kept.
+
+    Raises MissingExtra without mcap.
+    """
+    mcap: Any = needed("mcap.writer", what="MCAP files")
+    try:
+        start_s = datetime.fromisoformat(source.started_utc).timestamp()
+    except ValueError:
+        start_s = 0.0
+    start_ns = round(start_s * 1e3) * 1_000_000
+    about = {
+        name: value if isinstance(value, str) else json.dumps(value, default=str)
+        for name, value in _described(source).items()
+    }
+    fields = "".join(f"float32[] {name}\n" for name in _NAMES[source.stream.axis.kind])
+    with path.open("wb") as file:
+        writer = mcap.Writer(file)
+        writer.start(profile="ros2", library="x2radar")
+        writer.add_metadata("x2radar", about)
+        schema = writer.register_schema("x2radar/msg/Frame", "ros2msg", (_HEAD + fields).encode())
+        channel = writer.register_channel("/radar/frames", "cdr", schema)
+        for block in source.blocks():
+            rows = zip(
+                block.counter.tolist(), block.t_s.tolist(), *_columns(block.samples), strict=True
+            )
+            for counter, t_s, *samples in rows:
+                at_ns = start_ns + round(t_s * 1e9)
+                writer.add_message(channel, at_ns, _cdr(counter, t_s, samples), at_ns, counter)
+        if source.labels:
+            text = json.dumps(_LABELS).encode()
+            schema = writer.register_schema("x2radar.Label", "jsonschema", text)
+            channel = writer.register_channel("/radar/labels", "json", schema)
+        for t0_s, t1_s, label in source.labels:
+            data = json.dumps({"t0_s": t0_s, "t1_s": t1_s, "label": label}).encode()
+            at_ns = start_ns + round(t0_s * 1e9)
+            writer.add_message(channel, at_ns, data, at_ns)
+        writer.finish()
+    return [] if start_ns else ["the start is unknown: times begin with 1970"]
+
+
+def _cdr(counter: int, t_s: float, arrays: list[Any]) -> bytes:
+    head = struct.pack("<IxxxxdI", counter, t_s, len(arrays[0]))
+    rest = [struct.pack("<I", len(values)) + values.tobytes() for values in arrays[1:]]
+    return b"".join((_CDR_LITTLE_ENDIAN, head, arrays[0].tobytes(), *rest))

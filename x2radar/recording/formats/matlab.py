@@ -1,5 +1,16 @@
-"""Variables of MATLAB files of version 5 to 7, read by scipy once every size in them is checked.
+"""MATLAB files of version 5 to 7: our own, and those of P4xx radars; both are held as a whole.
 
+Ours, for ``load FILE`` and ``scipy.io.loadmat``: samples (n, n_range) single, real or complex;
+counter (n, 1) uint32; t_s (n, 1) double; the attributes of an HDF5 recording; device, settings and
+labels as JSON text (MATLAB's ``jsondecode``). Written is version 5, which every MATLAB reads; a
+variable of it holds 2 GiB at most, ours 1 GiB with all the rest.
+
+P4xx, read only: ``scn(i).scn`` is a scan of real bins, ``scn(i).T`` its time in milliseconds,
+whose slope is the frame period and whose gaps are lost frames. Scans become RF frames in the
+radar's own unit, bins of 61.035 ps from 17.499 ns on (the file's Tstrt when it is there), carrier
+4.0 GHz, -10 dB from 3.1 to 4.8 GHz; integers are exact up to 2**24.
+
+scipy reads the variables once every size in them is checked.
 MATLAB, "MAT-File Format", Level 5. A file is 128 bytes of head and then elements; an element is
 a tag (u32 type, u32 bytes; both in one u32 when there are 4 bytes at most) and its data, padded
 to 8 bytes. A variable is a miMATRIX element, often inside one that is deflated. scipy believes
@@ -9,15 +20,31 @@ scipy sees it: a file costs no more memory than it unpacks to, 1 GiB at most.
 
 import io
 import itertools
+import json
 import math
 import struct
 import zlib
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-from x2radar.errors import RecordingError
+import numpy as np
+
+from x2radar.errors import RecordingError, SettingsError
+from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
+from x2radar.recording.about import (
+    NO_OVERRIDES,
+    NUMBERS,
+    SAMPLE_DTYPES,
+    TEXTS,
+    Overrides,
+    kind_of,
+    plain,
+    read_about,
+)
+from x2radar.recording.blocks import BlockReader, Label, as_samples, list_of
 from x2radar.recording.faults import refuse
+from x2radar.recording.stamps import count_by_stamps
 
 MAX_BYTES = 1 << 30
 """Unpacked: an hour of scans of a P440; the file is held as a whole."""
@@ -34,13 +61,19 @@ _MAX_DEPTH = 8
 _MAX_LETTERS, _MAX_FIELDS = 64, 1000
 """MATLAB's longest name of a field, with its end, and more fields than a recording has."""
 
+_BIN_S, _WINDOW_START_S = 61.035e-12, 17.499e-9
+_P4XX = {
+    "bin_length_m": SPEED_OF_LIGHT_MPS * _BIN_S / 2,
+    "carrier_hz": 4.0e9,
+    "bandwidth_hz": 1.7e9,
+    "sample_rate_hz": 1 / _BIN_S,
+}
+_MAX_START_PS = 1_000_000
+"""Of a P4xx, as above; a window that begins later would lie beyond 150 m."""
 
-def variables(path: Path, names: Collection[str]) -> dict[str, Any]:
-    """Return those of the variables `names` that the file has, as scipy's loadmat gives them.
 
-    Raises RecordingError, ValueError, struct.error or zlib.error if it is no such file, or
-    damaged.
-    """
+def _variables(path: Path, names: Collection[str]) -> dict[str, Any]:
+    """Return those of the variables `names` that the file has, as scipy's loadmat gives them."""
     # Late: scipy takes a while, and all other formats do without.
     from scipy.io import loadmat  # noqa: PLC0415
 
@@ -147,3 +180,81 @@ def _first(
     if len(found) < n - begin:
         raise refuse(path, "cut off")
     return found, parts
+
+
+class MatReader(BlockReader):
+    """Read a MATLAB file with the variables that `write` makes; it is held as a whole."""
+
+    def __init__(self, path: Path, overrides: Overrides = NO_OVERRIDES) -> None:
+        super().__init__(path, overrides)
+        arrays = {"samples", "counter", "t_s"}
+        found = _variables(path, {*arrays, *NUMBERS, *TEXTS, "labels"})
+        if missing := sorted(arrays - set(found)):
+            raise refuse(path, f"lacks {', '.join(missing)}")
+        self._rows = found["samples"]
+        frames = kind_of(path, self._rows.shape, self._rows.dtype)
+        self.n_frames = n = len(self._rows)
+        self._counter = list_of(path, "counter", found["counter"], n)
+        self._t_s = list_of(path, "t_s", found["t_s"], n)
+        self._keep(read_about(path, frames, found, overrides, path.name))
+        self._labels = plain(found.get("labels"))
+
+    def read_labels(self) -> Iterable[Label]:
+        """Return what the file says."""
+        labels: list[Label] = json.loads(self._labels) if self._labels else []
+        return labels
+
+
+def write(path: Path, source: BlockReader) -> list[str]:
+    """Write `source` into a new file; return what was not kept: nothing."""
+    # Late: scipy takes a while, and all other formats do without.
+    from scipy.io import savemat  # noqa: PLC0415
+
+    axis = source.stream.axis
+    dtype = np.dtype(SAMPLE_DTYPES[axis.kind])
+    n_bytes = source.n_frames * axis.n_range * dtype.itemsize
+    if n_bytes > MAX_BYTES * 3 // 4:
+        msg = f"{path.name}: {n_bytes / 1e9:.1f} GB of samples are too many for a MATLAB file"
+        raise SettingsError(msg)
+    blocks = list(source.blocks())
+    content: dict[str, Any] = {
+        **source.root_attributes(),
+        "samples": np.concatenate([block.samples for block in blocks]),
+        "counter": np.concatenate([block.counter for block in blocks])[:, None],
+        "t_s": np.concatenate([block.t_s for block in blocks])[:, None],
+        "labels": json.dumps(source.labels),
+    }
+    savemat(path, content, appendmat=False)
+    return []
+
+
+class P4xxReader(BlockReader):
+    """Read a ``.mat`` file of a P4xx, up to version 7 (7.3 is HDF5 and not read)."""
+
+    def __init__(self, path: Path, overrides: Overrides = NO_OVERRIDES) -> None:
+        super().__init__(path, overrides)
+        scans = np.ravel(_variables(path, {"scn"}).get("scn", ()))
+        if not scans.size or not {"scn", "T"} <= set(scans.dtype.names or ()):
+            raise refuse(path, "no P4xx recording: no struct 'scn' with the fields scn and T")
+        try:
+            stamps_ms = np.array([stamp.item() for stamp in scans["T"]], np.float64)
+            rows = np.stack([np.ravel(scan) for scan in scans["scn"]])
+        except (ValueError, TypeError) as err:
+            raise refuse(path, f"scans of different length, or no numbers ({err})") from err
+        frames = kind_of(path, rows.shape, rows.dtype)
+        if frames[0] != "rf":
+            raise refuse(path, "scans of complex numbers; those of a P4xx are real")
+        self.n_frames = len(rows)
+        self._rows = as_samples(rows, "rf")
+        period_s = float("nan")
+        if self.n_frames > 1:
+            self._counter, period_s = count_by_stamps(stamps_ms / 1e3)
+        said_ps = plain(scans["Tstrt"][0]) if "Tstrt" in scans.dtype.names else None
+        start_s = _WINDOW_START_S
+        if isinstance(said_ps, int | float) and 0 < said_ps < _MAX_START_PS:
+            start_s = said_ps * 1e-12
+        attributes = _P4XX | {
+            "frame_rate_hz": 1 / period_s if np.isfinite(period_s) else None,
+            "range_offset_m": SPEED_OF_LIGHT_MPS * start_s / 2,
+        }
+        self._keep(read_about(path, frames, attributes, overrides, "P4xx recording"))

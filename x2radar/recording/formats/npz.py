@@ -28,7 +28,6 @@ from x2radar.recording.about import (
     Overrides,
     kind_of,
     read_about,
-    root_attributes,
 )
 from x2radar.recording.blocks import BlockReader, Label, list_of
 from x2radar.recording.faults import refuse
@@ -162,7 +161,7 @@ def write(path: Path, source: BlockReader) -> list[str]:
         small: dict[str, Any] = {
             "counter": np.concatenate(counters),
             "t_s": np.concatenate(times),
-            **root_attributes(source.stream, source.started_utc, source.device, source.settings),
+            **source.root_attributes(),
         }
         if labels:
             small["labels_t0_s"], small["labels_t1_s"], small["labels_label"] = zip(

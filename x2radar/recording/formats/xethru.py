@@ -8,16 +8,18 @@ little-endian, records back to back::
                   f32 I[n], f32 Q[n]
     baseband_ap   the same with amplitude and phase
 
-Recordings that we wrote (`x2radar.recording.formats.xethru_writer`) carry exact axis, rate and
-device as JSON in the meta file's user header. A datafloat record carries no axis: an X4 module's
-values are assumed and said so. Amplitude of baseband_ap is taken as amplitude; X4 documents call
-it power, X2 clients do not.
+A datafloat record carries no axis: an X4 module's values are assumed and said so. Amplitude of
+baseband_ap is taken as amplitude; X4 documents call it power, X2 clients do not.
+
+Written is a folder with one baseband_iq file and its meta file; samples and counters are kept bit
+by bit. The records hold the axis as float32 and the meta file times in whole milliseconds; so that
+nothing is lost, the exact axis, rate, device and labels stand as JSON in the meta file's user
+header, which readers of Novelda's pass over.
 """
 
 import json
 import struct
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -25,16 +27,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from x2radar.errors import SettingsError
 from x2radar.frame import Samples
 from x2radar.recording.about import MAX_BINS, NO_OVERRIDES, Overrides, read_about
-from x2radar.recording.blocks import BlockReader, Label, rows_per_block
+from x2radar.recording.blocks import BlockReader, Label
 from x2radar.recording.faults import refuse
 from x2radar.recording.stamps import utc_text
 
 META = "xethru_recording_meta.dat"
-META_MAGIC = 0xA0B1C2D3
-META_HEAD = 0x55
-ENTRY = np.dtype(
+_MAGIC, _VERSION, _HEAD = 0xA0B1C2D3, 13, 0x55
+_SESSION = b"x2radar\0"
+_ENTRY = np.dtype(
     [
         ("kind", "u1"),
         ("type", "<u4"),
@@ -44,22 +47,29 @@ ENTRY = np.dtype(
         ("ms", "<u4"),
     ]
 )
-_KINDS = ("datafloat", "baseband_iq", "baseband_ap")
-DATA_BITS = {"baseband_ap": 0x1, "baseband_iq": 0x2, "datafloat": 0x400}
+_RECORD, _END_OF_FILE, _FILE_LIST = 1, 2, 3
+"""Version, length of the head and kinds of entries as in real meta files."""
+_BITS = {"datafloat": 0x400, "baseband_iq": 0x2, "baseband_ap": 0x1}
+"""The kinds of data, and how the entries name them."""
 X4_BIN_LENGTH_M = 1.5e8 / 2.916e9
-X4_CARRIER_HZ = 7.29e9
-X4_BANDWIDTH_HZ = 1.4e9
+_X4 = {
+    "bin_length_m": X4_BIN_LENGTH_M,
+    "range_offset_m": 0.0,
+    "carrier_hz": 7.29e9,
+    "bandwidth_hz": 1.4e9,
+    "sample_rate_hz": 0.0,
+}
 """An X4's decimated bin, with c as the module reckons, and pulse (`x2radar.modules.x4`)."""
+_STORED = {
+    "bin_length_m": "bin",
+    "range_offset_m": "offset",
+    "carrier_hz": "carrier",
+    "sample_rate_hz": "rate",
+}
+"""What of the axis a record holds, and as which field."""
 
 _MAX_META_BYTES = 1 << 28
 """Above this a file is damaged: days of frames."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Meta:
-    started_utc: str
-    times_ms: Mapping[int, NDArray[np.int64]]
-    ours: Mapping[str, Any]
 
 
 class XethruReader(BlockReader):
@@ -73,44 +83,33 @@ class XethruReader(BlockReader):
         super().__init__(path, overrides)
         self._kind, files = _data_files(path)
         warnings: list[str] = []
-        self._parts = [_map(file, self._kind, warnings) for file in files]
-        self.n_frames = sum(len(part) for part in self._parts)
-        if self.n_frames == 0:
+        mapped = [_map(file, self._kind, warnings) for file in files]
+        self._parts = [part for part in mapped if len(part)]
+        if not self._parts:
             raise refuse(path, "no whole record in it")
-        meta_file = files[0].parent / META
-        meta = _read_meta(meta_file) if meta_file.is_file() else None
-        ours = meta.ours if meta else {}
+        self.n_frames = sum(len(part) for part in self._parts)
+        meta = files[0].parent / META
+        started_utc, times_ms, ours = _read_meta(meta) if meta.is_file() else ("", None, {})
         self._labels: list[Label] = list(ours.get("labels", []))
-        said = {**ours, **self._axis(ours, warnings)}
-        said["started_utc"] = meta.started_utc if meta else ""
-        said["frame_rate_hz"] = (
-            overrides.frame_rate_hz or ours.get("frame_rate_hz") or self._measured_rate(meta)
-        )
-        n_range = next(part for part in self._parts if len(part))["a"].shape[1]
+        rate_hz = overrides.frame_rate_hz or ours.get("frame_rate_hz")
+        said = {**ours, **self._axis(ours, warnings), "started_utc": started_utc}
+        said["frame_rate_hz"] = rate_hz or self._measured_rate(times_ms)
+        n_range = self._parts[0]["a"].shape[1]
         device = f"XeThru {self._kind} recording"
         self._keep(read_about(path, ("baseband", n_range), said, overrides, device))
         self.warning = "; ".join(warnings) or None
-        self._first = np.cumsum([0, *(len(part) for part in self._parts)]).tolist()
 
     def read_labels(self) -> list[Label]:
         """Return what the user header says, if it is ours."""
         return self._labels
 
-    def ranges(self) -> Iterator[tuple[int, int]]:
-        """Yield the borders of the blocks; a block lies in one file."""
-        n_block = rows_per_block(self.stream.axis)
-        for offset, part in zip(self._first, self._parts, strict=False):
-            for first in range(0, len(part), n_block):
-                yield offset + first, offset + min(first + n_block, len(part))
-
     def read_counters(self, first: int, last: int) -> NDArray[Any]:
         """Return the counters of these frames."""
-        return np.asarray(self._records(first, last)["counter"])
+        return self._read("counter", first, last)
 
     def read_samples(self, first: int, last: int) -> Samples:
         """Return these frames, shape (last - first, n_range), read-only."""
-        records = self._records(first, last)
-        one, two = records["a"], records["b"]
+        one, two = self._read("a", first, last), self._read("b", first, last)
         samples = np.empty(one.shape, np.complex64)
         if self._kind == "baseband_ap":
             samples.real, samples.imag = one * np.cos(two), one * np.sin(two)
@@ -118,52 +117,43 @@ class XethruReader(BlockReader):
             samples.real, samples.imag = one, two
         return self._falling(samples)
 
-    def _records(self, first: int, last: int) -> NDArray[np.void]:
-        k = int(np.searchsorted(self._first, first, side="right")) - 1
-        return np.asarray(self._parts[k][first - self._first[k] : last - self._first[k]])
+    def _read(self, field: str, first: int, last: int) -> NDArray[Any]:
+        found = []
+        for part in self._parts:
+            found.append(part[field][max(first, 0) : max(last, 0)])
+            first, last = first - len(part), last - len(part)
+        return np.concatenate(found)
 
     def _axis(self, ours: Mapping[str, Any], warnings: list[str]) -> dict[str, Any]:
         """Return what the records say about range, as exactly as our header repeats it."""
         if self._kind == "datafloat":
             warnings.append(
-                f"datafloat records carry no axis: {X4_CARRIER_HZ / 1e9:g} GHz, bins of "
+                f"datafloat records carry no axis: {_X4['carrier_hz'] / 1e9:g} GHz, bins of "
                 f"{X4_BIN_LENGTH_M * 1e3:.1f} mm and range offset 0 (X4) are assumed"
             )
-            return {
-                "bin_length_m": X4_BIN_LENGTH_M,
-                "range_offset_m": 0.0,
-                "carrier_hz": X4_CARRIER_HZ,
-                "bandwidth_hz": X4_BANDWIDTH_HZ,
-                "sample_rate_hz": 0.0,
-            }
-        first = next(part[0] for part in self._parts if len(part))
+            return _X4
+        first = self._parts[0][0]
         if not (0 < first["bin"] < 10 and 1e8 < first["carrier"] < 1e11):
-            raise refuse(
-                self.path, f"bin length {first['bin']:g} m, carrier {first['carrier']:g} Hz"
-            )
-        stored = {
-            "bin_length_m": first["bin"],
-            "range_offset_m": first["offset"],
-            "carrier_hz": first["carrier"],
-            "sample_rate_hz": first["rate"],
-        }
+            why = f"bin length {first['bin']:g} m, carrier {first['carrier']:g} Hz"
+            raise refuse(self.path, why)
+        said = {name: first[field] for name, field in _STORED.items()}
         # Ours where it is what the record holds, rounded.
-        is_same = {
-            name: isinstance(ours.get(name), int | float) and np.float32(ours[name]) == value
-            for name, value in stored.items()
-        }
-        return {name: ours[name] if is_same[name] else value for name, value in stored.items()}
+        for name, value in said.items():
+            own = ours.get(name)
+            if isinstance(own, int | float) and np.float32(own) == value:
+                said[name] = own
+        return said
 
-    def _measured_rate(self, meta: _Meta | None) -> float:
-        if meta is None:
+    def _measured_rate(self, times_ms: Mapping[int, NDArray[np.int64]] | None) -> float:
+        if times_ms is None:
             raise refuse(self.path, f"the frame rate is unknown without {META}")
-        times_ms = meta.times_ms.get(DATA_BITS[self._kind], np.empty(0, np.int64))
-        counters = np.concatenate([part["counter"] for part in self._parts]).astype(np.int64)
-        n = min(len(times_ms), len(counters))
-        if n < 2 or times_ms[n - 1] <= times_ms[0]:
+        ms = times_ms.get(_BITS[self._kind], np.empty(0, np.int64))
+        counters = self.read_counters(0, len(ms)).astype(np.int64)
+        n = min(len(ms), len(counters))
+        if n < 2 or ms[n - 1] <= ms[0]:
             raise refuse(self.path, f"{META} holds no times for these records")
         # Stamps are whole milliseconds and bursty: the slope of a line through all of them.
-        slope_ms = np.polyfit(counters[:n] - counters[0], times_ms[:n] - times_ms[0], 1)[0]
+        slope_ms = np.polyfit(counters[:n] - counters[0], ms[:n] - ms[0], 1)[0]
         if not slope_ms > 0:
             raise refuse(self.path, f"{META} has times that do not grow with the frames")
         return float(1e3 / slope_ms)
@@ -171,7 +161,6 @@ class XethruReader(BlockReader):
 
 def _map(file: Path, kind: str, warnings: list[str]) -> NDArray[np.void]:
     """Return the file's records as a memory-mapped structured array."""
-    size = file.stat().st_size
     with file.open("rb") as stream:
         head = stream.read(12)
     if len(head) < 12:
@@ -180,8 +169,8 @@ def _map(file: Path, kind: str, warnings: list[str]) -> NDArray[np.void]:
     n, is_odd = (words[2] // 2, words[0] or words[2] % 2) if kind == "datafloat" else (words[1], 0)
     if is_odd or not 0 < n <= MAX_BINS:
         raise refuse(file, f"no {kind} records in it")
-    dtype = record_dtype(kind, n)
-    n_records, rest = divmod(size, dtype.itemsize)
+    dtype = _record_dtype(kind, n)
+    n_records, rest = divmod(file.stat().st_size, dtype.itemsize)
     if rest:
         warnings.append(f"{file.name}: the last record is cut off")
     if n_records == 0:
@@ -192,7 +181,7 @@ def _map(file: Path, kind: str, warnings: list[str]) -> NDArray[np.void]:
     return records
 
 
-def record_dtype(kind: str, n_range: int) -> np.dtype[np.void]:
+def _record_dtype(kind: str, n_range: int) -> np.dtype[np.void]:
     """Return the layout of a record of n_range bins."""
     pair = [("a", "<f4", (n_range,)), ("b", "<f4", (n_range,))]
     if kind == "datafloat":
@@ -205,52 +194,112 @@ def _data_files(path: Path) -> tuple[str, list[Path]]:
     """Return the kind of data and its files, in order."""
     if not path.exists():
         raise refuse(path, "no such recording")
-    if path.is_file():
-        for kind in _KINDS:
-            if path.name.startswith(f"xethru_{kind}"):
-                return kind, [path]
-        raise refuse(path, f"not one of XeThru's {', '.join(_KINDS)} files")
-    for kind in _KINDS:
-        files = sorted(path.glob(f"xethru_{kind}_*.dat"))
-        if files:
+    for kind in _BITS:
+        if path.is_dir() and (files := sorted(path.glob(f"xethru_{kind}_*.dat"))):
             return kind, files
+        if path.is_file() and path.name.startswith(f"xethru_{kind}"):
+            return kind, [path]
+    if path.is_file():
+        raise refuse(path, f"not one of XeThru's {', '.join(_BITS)} files")
     raise refuse(path, "no xethru_datafloat, baseband_iq or baseband_ap file in this folder")
 
 
-def _read_meta(file: Path) -> _Meta:
-    """Read start time, our user header, and the record times of every data type."""
+def _read_meta(file: Path) -> tuple[str, dict[int, NDArray[np.int64]], Mapping[str, Any]]:
+    """Return start, times of the records in ms by kind of data, and what our header says."""
     with file.open("rb") as stream:
         data = stream.read(_MAX_META_BYTES)
     try:
         magic, _version, start_ms = struct.unpack_from("<IIQ", data)
-        if magic != META_MAGIC:
+        if magic != _MAGIC:
             raise refuse(file, "not a XeThru meta file")
-        (n_id,) = struct.unpack_from("<I", data, META_HEAD)
-        at = META_HEAD + 4 + n_id
+        (n_id,) = struct.unpack_from("<I", data, _HEAD)
+        at = _HEAD + 4 + n_id
         (n_header,) = struct.unpack_from("<I", data, at)
         at += 4 + n_header
     except struct.error as err:
         raise refuse(file, "cut off") from err
     # Entries are walked to the end; the first that is no record ends them.
-    n_max = max(0, len(data) - at) // ENTRY.itemsize
-    entries = np.frombuffer(data, ENTRY, n_max, offset=at if n_max else 0)
-    strange = np.flatnonzero((entries["kind"] != 1) & (entries["kind"] != 2))
+    n_max = max(0, len(data) - at) // _ENTRY.itemsize
+    entries = np.frombuffer(data, _ENTRY, n_max, offset=at if n_max else 0)
+    strange = np.flatnonzero((entries["kind"] != _RECORD) & (entries["kind"] != _END_OF_FILE))
     entries = entries[: strange[0]] if strange.size else entries
-    entries = entries[entries["kind"] == 1]
+    entries = entries[entries["kind"] == _RECORD]
     times = {
         int(bit): entries["ms"][entries["type"] == bit].astype(np.int64)
         for bit in np.unique(entries["type"])
     }
-    ours = _our_header(data[at - n_header : at])
-    started = datetime.fromtimestamp(start_ms / 1e3, UTC) if 0 < start_ms < 1 << 43 else None
-    text = utc_text(started) if started else ""
-    return _Meta(str(ours.get("started_utc", text)), times, ours)
-
-
-def _our_header(header: bytes) -> Mapping[str, Any]:
-    """Return what we wrote into the user header; nothing if another program wrote it."""
     try:
-        ours = json.loads(header)["x2radar"]
+        ours = dict(json.loads(data[at - n_header : at])["x2radar"])
     except (ValueError, KeyError, TypeError):
-        return {}
-    return ours if isinstance(ours, dict) else {}
+        # Another program wrote it.
+        ours = {}
+    is_known = 0 < start_ms < 1 << 43
+    text = utc_text(datetime.fromtimestamp(start_ms / 1e3, UTC)) if is_known else ""
+    return str(ours.get("started_utc", text)), times, ours
+
+
+def write(path: Path, source: BlockReader) -> list[str]:
+    """Write `source` into a new folder; return what was not kept.
+
+    Raises SettingsError if the frames are no baseband.
+    """
+    axis = source.stream.axis
+    if axis.kind != "baseband":
+        msg = f"{path}: XeThru recordings hold baseband here, this is RF"
+        raise SettingsError(msg)
+    started = _started(source.started_utc)
+    name = f"xethru_baseband_iq_{started:%Y%m%d_%H%M%S}.dat"
+    kept = ("bin_length_m", "range_offset_m", "carrier_hz", "bandwidth_hz", "sample_rate_hz")
+    ours = {
+        **{name: getattr(axis, name) for name in kept},
+        "frame_rate_hz": source.stream.frame_rate_hz,
+        "started_utc": source.started_utc,
+        "device": dict(source.device),
+        "settings": dict(source.settings),
+        "labels": source.labels,
+    }
+    header = json.dumps({"x2radar": ours}, default=str).encode()
+    dtype = _record_dtype("baseband_iq", axis.n_range)
+    path.mkdir()
+    total = last_ms = 0
+    with (path / name).open("wb") as data, (path / META).open("wb") as meta:
+        meta.write(bytes(_HEAD))
+        for text in (_SESSION, header):
+            meta.write(struct.pack("<I", len(text)) + text)
+        for block in source.blocks():
+            records = np.zeros(len(block.counter), dtype)
+            records["counter"], records["n"] = block.counter, axis.n_range
+            for field, stored in _STORED.items():
+                records[stored] = getattr(axis, field)
+            records["a"], records["b"] = block.samples.real, block.samples.imag
+            data.write(records.view(np.uint8).data)
+            entries = np.zeros(len(records), _ENTRY)
+            start = total + dtype.itemsize * np.arange(len(records), dtype=np.uint64)
+            entries["kind"], entries["type"] = _RECORD, _BITS["baseband_iq"]
+            entries["size"], entries["start"] = dtype.itemsize, start
+            entries["end"] = start + np.uint64(dtype.itemsize)
+            entries["ms"] = np.rint(block.t_s * 1e3).astype(np.int64) & 0xFFFFFFFF
+            meta.write(entries.view(np.uint8).data)
+            total, last_ms = total + records.nbytes, int(entries["ms"][-1])
+        end = (_END_OF_FILE, _BITS["baseband_iq"], 0, total, total, last_ms)
+        meta.write(np.array([end], _ENTRY).tobytes())
+        list_at, text = meta.tell(), name.encode() + b"\0"
+        meta.write(struct.pack("<BII", _FILE_LIST, 1, len(text)) + text)
+        meta.seek(0)
+        start_ms = round(started.timestamp() * 1e3)
+        meta.write(
+            struct.pack("<IIQBI", _MAGIC, _VERSION, start_ms, 1, last_ms)
+            + struct.pack("<QQIq", total, list_at - 4, _BITS["baseband_iq"], -1)
+            + struct.pack("<II", dtype.itemsize, 0)
+            + b"\xcd" * 28
+        )
+    return ["times (t_s) are counted with the frame rate when it is read"]
+
+
+def _started(started_utc: str) -> datetime:
+    """Return the start in UTC; 1970 when it is unknown."""
+    try:
+        started = datetime.fromisoformat(started_utc)
+    except ValueError:
+        return datetime.fromtimestamp(0, UTC)
+    return started.replace(tzinfo=started.tzinfo or UTC).astimezone(UTC)

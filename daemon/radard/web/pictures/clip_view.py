@@ -23,7 +23,7 @@ from radard.dsp.downconvert import DownConverter
 from radard.dsp.pictures import Columns, Spectrograms
 from radard.web.pictures.wire import TIMED, axes, encode_columns
 from x2radar.errors import RecordingError
-from x2radar.recording.hdf5_file import Hdf5File
+from x2radar.recording.hdf5_reader import Hdf5File
 from x2radar.recording.registry import open_recording
 
 Row = tuple[NDArray[np.complex64], bool]
