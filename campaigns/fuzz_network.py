@@ -20,8 +20,8 @@ from campaigns.fuzz_mutate import BORDER
 from radard.commands.fleet import Fleet, table
 from radard.config.sink_table import MqttSection
 from radard.errors import ConfigError
-from radard.outputs.mqtt.commands import CommandReader
-from radard.outputs.mqtt.homeassistant import discovery
+from radard.outputs.mqtt.sink import CommandReader
+from radard.outputs.mqtt.topics import discovery
 from tests import sink_helpers
 from tests.dashboard_helpers import maker
 from tests.web_helpers import decision, event

@@ -1,8 +1,7 @@
 """Brokers that take no large packets: what they state, and what breaking lines teach."""
 
-from radard.outputs.mqtt import limits as limits_module
-from radard.outputs.mqtt.limits import PacketLimits
-from radard.outputs.mqtt.topics import Publication
+from radard.outputs.mqtt import link as link_module
+from radard.outputs.mqtt.link import PacketLimits, Publication
 
 PICTURE = Publication("radard/hall/picture", b"x" * 20_000)
 STATE = Publication("radard/hall/state", "{}")
@@ -50,7 +49,7 @@ def test_small_and_confirmed_messages_are_never_to_blame(monkeypatch):
 
 def test_after_a_day_it_is_tried_again(monkeypatch):
     now_s = [0.0]
-    monkeypatch.setattr(limits_module.time, "monotonic", lambda: now_s[0])
+    monkeypatch.setattr(link_module.time, "monotonic", lambda: now_s[0])
     limits = PacketLimits(lambda _text: None)
     limits.sent(PICTURE, never)
     assert limits.broke()

@@ -10,8 +10,8 @@ import pytest
 from radard.alarm.sensor_state import SensorState
 from radard.config.sink_table import MqttSection, SinkOptions
 from radard.errors import ConfigError
-from radard.outputs.mqtt.commands import CommandReader, MqttCommand
-from radard.outputs.mqtt.homeassistant import panel_command, panel_state
+from radard.outputs.mqtt.sink import CommandReader, MqttCommand, panel_command
+from radard.outputs.mqtt.topics import panel_state
 from tests.sink_helpers import QUICK, Radar, decision, event, hello, open_sink, status
 from tests.waiting import wait_for
 

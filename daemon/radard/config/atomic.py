@@ -8,23 +8,11 @@ from pathlib import Path
 def write_atomically(
     path: Path, content: str | bytes, *, sync: bool = True, mode: int = 0o644
 ) -> None:
-    """Write a file under another name beside it, and rename it.
+    """Write a file under another name beside it, and rename it; text as UTF-8.
 
-    Parameters
-    ----------
-    path : Path
-        The file; a missing folder is made for its owner alone.
-    content : str or bytes
-        Text is written as UTF-8.
-    sync : bool
-        Wait for the disk, so that a power failure does not lose it.
-    mode : int
-        Permissions of the file.
-
-    Raises
-    ------
-    OSError
-        If it cannot be written; the old file is then as it was.
+    A missing folder is made for its owner alone. `sync` waits for the disk, so that a power
+    failure does not lose it. Raises OSError if it cannot be written; the old file is then as it
+    was.
     """
     path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
     made = path.with_name(f".{path.name}.{os.getpid()}.new")

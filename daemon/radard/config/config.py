@@ -132,22 +132,11 @@ def load_with_origins(
 ) -> Loaded:
     """Return the configuration that holds, and where its values came from.
 
-    Parameters
-    ----------
-    file : Path, optional
-        What --config names; must exist.
-    environ : mapping, optional
-        Instead of the process environment.
-    options : mapping of section to mapping of key to value, optional
-        From the command line.
-    port : str, optional
-        What will be listened to instead of the configured port: what was saved for that is not
-        for this, as when recordings are judged by a sensor's configuration.
-
-    Raises
-    ------
-    ConfigError
-        With every fault, each with its place.
+    `file` is what --config names and must exist; `environ` stands for the process environment;
+    `options` are those of the command line, section to key to value. `port` is what will be
+    listened to instead of the configured port: what was saved for that is not for this, as when
+    recordings are judged by a sensor's configuration. Raises ConfigError with every fault, each
+    with its place.
     """
     environ = os.environ if environ is None else environ
     tree: dict[str, Any] = {}

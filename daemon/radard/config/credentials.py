@@ -13,19 +13,9 @@ from radard.errors import ConfigError
 def read_secret(what: str, file: Path | None, variable: str | None) -> str | None:
     """Return a credential, or None when neither place is named.
 
-    Parameters
-    ----------
-    what : str
-        Key of the configuration without `_file` and `_env`, for messages.
-    file : Path or None
-        Its first line is the credential.
-    variable : str or None
-        Name of the environment variable.
-
-    Raises
-    ------
-    ConfigError
-        If both are named, or the one that is holds nothing. It never shows the content.
+    It is the first line of `file`, or the value of the environment `variable`; `what` is the key
+    of the configuration without `_file` and `_env`. Raises ConfigError if both are named, or the
+    one that is holds nothing. It never shows the content.
     """
     if file is not None and variable is not None:
         msg = f"{what}_file and {what}_env are both given; one is enough"

@@ -149,29 +149,16 @@ class SinkOptions(Section):
 
 @dataclass(frozen=True, slots=True)
 class SinkRow:
-    """What help, configuration, redaction and reload know of one output.
+    """What help, configuration, redaction and reload know of one output."""
 
-    Attributes
-    ----------
-    form : str
-        The value of -o; the scheme is the word before the colon.
-    module : str
-        Imported when it is named; has `open_from_url`, a `radard.outputs.registry.Opener`.
-    value : {'none', 'optional', 'required'}
-        What follows the scheme; none: not even a colon.
-    sections : tuple of str
-        What it reads of `SinkOptions`; it is reopened when a reload changes one of them.
-    is_per_sensor : bool
-        Of several radars in one process each has its own.
-    shows : {'all', 'host', 'program', 'service'}
-        What is printed of its value; passwords in URLs never are (`radard.config.redact`).
-    """
-
-    form: str
-    module: str
-    value: Literal["none", "optional", "required"] = "required"
-    sections: tuple[str, ...] = ()
-    is_per_sensor: bool = False
+    form: str  # the value of -o; the scheme is the word before the colon
+    module: (
+        str  # imported when it is named; has `open_from_url` (`radard.outputs.registry.Opener`)
+    )
+    value: Literal["none", "optional", "required"] = "required"  # none: not even a colon
+    sections: tuple[str, ...] = ()  # of `SinkOptions`: a reload that changes one reopens it
+    is_per_sensor: bool = False  # of several radars in one process each has its own
+    # What is printed of its value; passwords in URLs never are (`radard.config.redact`).
     shows: Literal["all", "host", "program", "service"] = "all"
 
     @property

@@ -36,13 +36,9 @@ _REMARKED_S = 3600.0  # long enough for a person to see it
 class DeliveryError(Exception):
     """A record could not be handed on; it is tried again.
 
-    Parameters
-    ----------
-    reason : str
-        For people; must hold no secrets.
-    is_refusal : bool
-        The far end answered, and did not want this record. Such a record is tried only so
-        often, because it keeps those behind it waiting.
+    `reason` is for people and must hold no secrets. `is_refusal`: the far end answered, and did
+    not want this record. Such a record is tried only so often, because it keeps those behind it
+    waiting.
     """
 
     def __init__(self, reason: str, *, is_refusal: bool = False) -> None:
@@ -94,34 +90,17 @@ class Host(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SinkContext:
-    """What a sink knows of the process it belongs to.
+    """What a sink knows of the process it belongs to."""
 
-    Attributes
-    ----------
-    sensor : str
-        Name of the sensor; of several that share a sink each record names its own.
-    hosts : sequence of Host
-        The radars whose records come here: one, or all of the process.
-    is_one_of_several : bool
-        Whether only this sensor's records come here, and other sensors have sinks of their own.
-    can_wait : bool
-        The stream can wait, as a replay or a simulation at full speed: `write` to a file or
-        to stdout then waits for room instead of dropping, and their failure ends the run.
-    mark : {'', 'simulated', 'replayed'}
-        What the stream is, unless a module sends it now.
-    log : EventLog
-        Where every event is before any sink is told of it.
-    after : int or None
-        Number in the log after which a new output begins; None: at its end.
-    """
-
-    sensor: str = "radar"
-    hosts: Sequence[Host] = ()
-    is_one_of_several: bool = False
+    sensor: str = "radar"  # of several that share a sink each record names its own
+    hosts: Sequence[Host] = ()  # the radars whose records come here: one, or all of the process
+    is_one_of_several: bool = False  # only this sensor's records come here; others have own sinks
+    # As a replay or a simulation at full speed: `write` to a file or to stdout then waits for room
+    # instead of dropping, and their failure ends the run.
     can_wait: bool = False
-    mark: str = ""
-    log: EventLog = field(default_factory=lambda: EventLog(None))
-    after: int | None = None
+    mark: str = ""  # 'simulated' or 'replayed', unless a module sends the stream now
+    log: EventLog = field(default_factory=lambda: EventLog(None))  # has events before any sink
+    after: int | None = None  # number in the log after which a new output begins; None: its end
 
     @property
     def marked_sensor(self) -> str:
@@ -167,34 +146,16 @@ class SinkContext:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SinkState:
-    """How a sink is doing.
+    """How a sink is doing."""
 
-    Attributes
-    ----------
-    status : {'ok', 'retrying'}
-        Retrying: the last attempt failed, or nothing is connected yet.
-    reason : str
-        Why it is retrying; empty when ok.
-    n_sent, n_waiting : int
-        Records handed on, and records that wait, with those of an earlier run.
-    n_dropped : int
-        Records that were given up: no room, refused too often, too old, or left at the end.
-    n_failures : int
-        Attempts that failed.
-    busy_s : float
-        How long the attempt at hand has lasted, in seconds; 0 where there is none.
-    remark : str
-        What was lost within the last hour, though all is well again; empty when nothing was.
-    """
-
-    status: Literal["ok", "retrying"] = "ok"
-    reason: str = ""
-    n_sent: int = 0
-    n_waiting: int = 0
-    n_dropped: int = 0
-    n_failures: int = 0
-    busy_s: float = 0.0
-    remark: str = ""
+    status: Literal["ok", "retrying"] = "ok"  # retrying: also when nothing is connected yet
+    reason: str = ""  # why it is retrying
+    n_sent: int = 0  # records handed on
+    n_waiting: int = 0  # with those of an earlier run
+    n_dropped: int = 0  # given up: no room, refused too often, too old, or left at the end
+    n_failures: int = 0  # attempts
+    busy_s: float = 0.0  # how long the attempt at hand has lasted
+    remark: str = ""  # what was lost within the last hour, though all is well again
 
     @property
     def is_ok(self) -> bool:
@@ -220,12 +181,8 @@ class Sink(Protocol):
     def write(self, record: Record) -> None:
         """Take one record; returns at once unless the sink `waits`.
 
-        Raises
-        ------
-        BrokenPipeError
-            If nobody reads stdout any more.
-        OutputError
-            If stdout fails, or a file of a run that can wait. No other sink raises.
+        Raises BrokenPipeError if nobody reads stdout any more, OutputError if stdout fails, or a
+        file of a run that can wait. No other sink raises.
         """
 
     def finish(self, timeout_s: float | None = None) -> None:
@@ -234,27 +191,13 @@ class Sink(Protocol):
     def close(self, timeout_s: float | None = None) -> None:
         """Finish, hand on what is left if that is possible in time, and release everything.
 
-        Parameters
-        ----------
-        timeout_s : float, optional
-            Time for it. Without one, two seconds, and for a sink that `waits` all the time
-            it needs. A second call does nothing.
-
-        Raises
-        ------
-        BrokenPipeError, OutputError
-            As `write`, unless that has already raised it.
+        Without `timeout_s` it takes two seconds, and for a sink that `waits` all the time it
+        needs. A second call does nothing. Raises as `write`, unless that has already raised it.
         """
 
 
 class StateKeeper:
-    """Holds a sink's state, and logs what becomes of it; any thread may take or see a step.
-
-    Parameters
-    ----------
-    name : str
-        For people; without secrets.
-    """
+    """Holds a sink's state, and logs what becomes of it; any thread may take or see a step."""
 
     def __init__(self, name: str) -> None:
         self._name = name

@@ -41,16 +41,7 @@ class Item:
 class Delivery:
     """Hand on what a cursor owes.
 
-    Parameters
-    ----------
-    name : str
-        Of the sink.
-    options : LogSection
-        Waits and limits.
-    keeper : StateKeeper
-        Told of every attempt.
-    send : callable
-        Hands on one item; raises DeliveryError unless the far end has confirmed it.
+    `send` hands on one item; it raises DeliveryError unless the far end has confirmed it.
     """
 
     def __init__(
@@ -192,18 +183,8 @@ class Delivery:
 class DeliverySink(ABC):
     """A sink that does nothing but deliver; `start` it once it is built.
 
-    Parameters
-    ----------
-    name : str
-        For people; without secrets.
-    target : str
-        What tells this far end from others; may be secret.
-    options : LogSection
-        Bounds and waits.
-    context : SinkContext
-        Has the log.
-    wants : callable
-        Whether a record is for this sink.
+    `target` is what tells this far end from others, and may be secret; `wants` says whether a
+    record is for this sink.
     """
 
     waits = False

@@ -157,19 +157,9 @@ class Outputs:
     def put(self, record: Record, sensor: str | None = None, *, waits: bool = False) -> bool:
         """Hand a record to every sink; return False if another thread hangs in one.
 
-        Parameters
-        ----------
-        record : Record
-            Of any type.
-        sensor : str or None
-            Its sensor; None: the only one.
-        waits : bool
-            Wait for as long as it takes where streams can wait for a sink.
-
-        Raises
-        ------
-        OutputError, BrokenPipeError
-            If a sink cannot keep it.
+        `sensor` is whose it is, None: the only one's. With `waits` it takes as long as it must
+        where streams can wait for a sink. Raises OutputError or BrokenPipeError if a sink cannot
+        keep it.
         """
         if record["type"] == "event":
             self.log.append(record)

@@ -72,21 +72,8 @@ def open_sinks(
 ) -> list[Sink]:
     """Return the sinks that `outputs` names, at work and in this order; all or none.
 
-    Parameters
-    ----------
-    outputs : sequence of str
-        Values of -o/--output; none means a table on a terminal, JSON Lines elsewhere.
-    stdout_is_terminal : bool
-        Whether a person reads stdout.
-    options : SinkOptions, optional
-        Built-in values otherwise.
-    context : SinkContext, optional
-        Otherwise that of a stream that can wait.
-
-    Raises
-    ------
-    UsageError, ConfigError, OutputError
-        See `Opener`; also if two outputs want stdout.
+    No output means a table if a person reads stdout, JSON Lines elsewhere; no context a stream
+    that can wait. Raises as an `Opener`, and UsageError if two outputs want stdout.
     """
     wanted = list(outputs) or [default_output(stdout_is_terminal=stdout_is_terminal)]
     for output in wanted:
@@ -116,12 +103,7 @@ def default_output(*, stdout_is_terminal: bool) -> str:
 def close_sinks(sinks: Sequence[Sink], timeout_s: float = CLOSE_S) -> list[Exception]:
     """Close all at the same time; return the BrokenPipeErrors and OutputErrors of `Sink.close`.
 
-    Parameters
-    ----------
-    sinks : sequence of Sink
-        To be closed.
-    timeout_s : float
-        For all of them together; sinks on which the stream waits take the time they need.
+    `timeout_s` is for all of them; sinks on which the stream waits take the time they need.
     """
     deadline_s = time.monotonic() + timeout_s
     for sink in sinks:

@@ -107,20 +107,10 @@ class RecordQueue:
 class ThreadSink(ABC):
     """A queue and a thread; `start` it once it is built.
 
-    Parameters
-    ----------
-    name : str
-        For people; without secrets.
-    waits : bool
-        The stream waits for this sink, see `SinkContext.can_wait`.
-
-    Attributes
-    ----------
-    tick_s : float or None
-        How often `_tick` is called when nothing comes; None is never.
+    `waits`: the stream waits for it, see `SinkContext.can_wait`.
     """
 
-    tick_s: float | None = None
+    tick_s: float | None = None  # how often `_tick` is called when nothing comes; None is never
 
     def __init__(self, name: str, *, waits: bool = False) -> None:
         self.name = name
@@ -221,17 +211,9 @@ class ThreadSink(ABC):
 class DirectSink(ThreadSink):
     """A sink whose thread hands on every record itself, and repeats it until that works.
 
-    Parameters
-    ----------
-    name : str
-        As in `ThreadSink`.
-    backoff : Backoff
-        Waits between attempts.
-    context : SinkContext or None
-        Says whether the stream waits. With `target` its log knows what has been handed on, and an
-        event that a run could not hand on comes in the next, behind the first record.
-    target : str
-        What tells this far end from others. Without one, nothing outlives the process.
+    `context` says whether the stream waits. With `target`, which tells this far end from others,
+    its log knows what has been handed on, and an event that a run could not hand on comes in the
+    next, behind the first record. Without one, nothing outlives the process.
     """
 
     def __init__(

@@ -54,18 +54,9 @@ class StartupLimiter:
 class Keeper:
     """Keep a sensor at work.
 
-    Parameters
-    ----------
-    sensor : Sensor
-        What is kept.
-    limiter : StartupLimiter
-        When its device may be brought up.
-    begin_again : bool
-        Whether work that broke off is started again.
-    open_outputs : callable
-        Opens the outputs of the process, once, before the first record; raises as they do.
-    wake : callable
-        Called when the sensor has ended for good.
+    `limiter` says when its device may be brought up, `begin_again` whether work that broke off is
+    started again. `open_outputs` opens those of the process, once, before the first record, and
+    raises as they do; `wake` is called when the sensor has ended for good.
     """
 
     def __init__(

@@ -57,21 +57,8 @@ def judge_all(
 ) -> Iterator[Judged]:
     """Judge recordings; yield what became of each, in the order of `paths`.
 
-    Parameters
-    ----------
-    paths : sequence of Path
-        Files or folders, as ``replay:`` takes them.
-    config : Config
-        Model, gate, alarm and so on; port and outputs are not used.
-    jobs : int
-        Processes; with one the work is done in this one.
-    tell : callable
-        Told of progress.
-
-    Yields
-    ------
-    Judged
-        Its records are gone when the next one is asked for.
+    Of `config`, port and outputs are not used. With one job the work is done in this process. The
+    records of one are gone when the next is asked for.
     """
     with TemporaryDirectory(prefix="radard-detect-") as folder:
         todo = [

@@ -56,18 +56,10 @@ def signer(
 
 
 class RoomCalibration:
-    """One calibration of a running sensor.
+    """One calibration of a running sensor, asked for at stream time `t_s`.
 
-    Parameters
-    ----------
-    config : Config
-        How long to wait and to listen, and the gate's settings.
-    sign : callable
-        See `signer`.
-    t_s : float
-        Stream time of the command.
-    on_made : callable
-        Given the calibration, from another thread, once it is kept.
+    `config` says how long to wait and to listen; for `sign` see `signer`. `on_made` is given the
+    calibration, from another thread, once it is kept.
     """
 
     def __init__(

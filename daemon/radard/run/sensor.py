@@ -59,23 +59,9 @@ class RunOptions:
 class Sensor:
     """One radar; a `radard.outputs.base.Host`, for any thread.
 
-    Parameters
-    ----------
-    config : Config
-        Its own.
-    options : RunOptions
-        Of the command line.
-    outputs : Outputs
-        Where its records go.
-    pool : WorkerPool
-        Who works on its dwells.
-    ask_reload : callable
-        Asks for the configuration to be read again, as SIGHUP does.
-
-    Raises
-    ------
-    UsageError, BundleError, ModelMismatch
-        If there is no port, its speed makes no sense, or the model cannot be had.
+    `ask_reload` asks for the configuration to be read again, as SIGHUP does. Raises UsageError,
+    BundleError or ModelMismatch if there is no port, its speed makes no sense, or the model cannot
+    be had.
     """
 
     def __init__(

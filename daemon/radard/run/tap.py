@@ -26,23 +26,10 @@ Complain = Callable[[str], object]
 class Tap:
     """Write every frame of a stream into a recording; without a path, do nothing.
 
-    Parameters
-    ----------
-    path : Path or None
-        File to make. If it is there, as after a restart, the recording gets a number of its own.
-    stream : StreamInfo
-        Of the frames.
-    free_bytes : float
-        Space that is left on the disk.
-    complain : callable
-        Told, once and from any thread, why the recording has ended.
-    waits : bool
-        Whether the stream can wait for the disk.
-
-    Raises
-    ------
-    RecordingError
-        If the file cannot be made, for any other reason than a disk that is full or fails.
+    If the file is there, as after a restart, the recording gets a number of its own. `free_bytes`
+    is left free on the disk; `complain` is told, once and from any thread, why the recording has
+    ended; `waits` says whether the stream can wait for the disk. Raises RecordingError if the file
+    cannot be made, for any other reason than a disk that is full or fails.
     """
 
     def __init__(
