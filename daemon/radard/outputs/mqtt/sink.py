@@ -33,8 +33,8 @@ from radard.log_cursor import Cursor
 from radard.outputs.alarm_picture import PictureWatch
 from radard.outputs.base import COMMANDS, Record, SinkContext, SinkState
 from radard.outputs.delivery import Delivery, Item
-from radard.outputs.mqtt.link import Broker, MqttLink
-from radard.outputs.mqtt.topics import MqttTopics, Publication
+from radard.outputs.mqtt.link import Broker, MqttLink, Publication
+from radard.outputs.mqtt.topics import MqttTopics
 from radard.outputs.thread_sink import ThreadSink
 from radard.outputs.tls import check_host
 from x2radar.backoff import Backoff
