@@ -123,7 +123,7 @@ def table(scores: Sequence[Score]) -> Iterator[str]:
         for n in sorted({s.n_test for s in scores}, reverse=True)
     }
     told = ", ".join(f"±{100 * widest:.1f} points with {n}" for n, widest in widths.items())
-    yield f"The 95 % interval of each figure is at most {told} that judge (Wilson)."
+    yield f"The 95 % interval of each figure is at most {told} that judge (Clopper-Pearson)."
     yield ""
     yield "| | mean AUC | mean cross-entropy, nats | mean accuracy of those in view |"
     yield "|---|---|---|---|"

@@ -30,7 +30,7 @@ from radard.judge.bundle import load_bundle
 from radard.judge.classifier import Classifier
 from radard.judge.features import extract
 from radard.stream.ring import Dwell
-from x2train.judge.estimates import wilson
+from x2train.judge.estimates import share
 from x2train.thesis.cells import CELLS, Cell
 from x2train.thesis.elements import ElementSpec, dwell
 from x2train.thesis.recipe import FRESH_FROM
@@ -273,7 +273,7 @@ class Score:
     n_train: int
     n_test: int
     seed: int
-    # share of right answers at p(person) 0.5, and its 95 % interval (Wilson)
+    # share of right answers at p(person) 0.5, and its 95 % interval (Clopper-Pearson)
     accuracy: float
     low: float
     high: float
@@ -292,14 +292,14 @@ def score(task: Task, entrant: Entrant, seed: int, p: Scores, test: Elements) ->
         raise UsageError(msg)
     truth = test.is_person
     right = (p > 0.5) == truth
-    share = wilson(int(right.sum()), len(right))
+    found = share(int(right.sum()), len(right))
     of_truth = np.clip(np.where(truth, p, 1 - p), _MIN_P, 1.0)
     ranks = stats.rankdata(p)
     n_person, n_animal = int(truth.sum()), int((~truth).sum())
     wins = ranks[truth].sum() - n_person * (n_person + 1) / 2
     seen = right[test.in_view >= IN_VIEW]
     auc, cross_entropy = wins / (n_person * n_animal), -np.log(of_truth).mean()
-    figures = (share.value, share.low, share.high, auc, cross_entropy, seen.mean())
+    figures = (found.value, found.low, found.high, auc, cross_entropy, seen.mean())
     return Score(
         VERSION,
         task.cell.name,

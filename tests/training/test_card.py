@@ -12,14 +12,13 @@ from radard.alarm.panel import AlarmPanel
 from radard.alarm.sensitivity import SENSITIVITIES, alarm_policy
 from radard.cli import main
 from radard.commands.explain import explained
-from radard.config.config import Config, load_config
-from radard.config.sections import AlarmSection, DecisionSection
+from radard.config.config import load_config
+from radard.config.sections import AlarmSection
 from radard.detect.gate import GateReading
-from radard.errors import UsageError
 from radard.judge.bundle import load_bundle
 from radard.judge.card import read_card
 from radard.judge.classifier import Probabilities
-from radard.judge.decision import HIGH_PET_LIMIT, Decision, pet_limit_of
+from radard.judge.decision import Decision
 from tests.report_helpers import drawn, drawn_passages, passage, table_of
 from x2train.bundle.writing import evaluation_of, write_card
 from x2train.judge.levels import levels, rules
@@ -80,18 +79,6 @@ def test_a_lower_sensitivity_misses_more_and_alarms_less(table, decides):
     assert low.visits_with_alarm.value < normal.visits_with_alarm.value
     assert normal.visits_with_alarm.value <= high.visits_with_alarm.value
     assert low.half_s.value >= normal.half_s.value >= high.half_s.value
-
-
-def test_high_sensitivity_is_another_limit(table):
-    config = Config(alarm=AlarmSection(sensitivity="high"))
-    assert pet_limit_of(config, bundle()) == HIGH_PET_LIMIT
-    assert pet_limit_of(Config(), bundle()) == 0.8
-    assert pet_limit_of(config, bundle("window")) == 0.8
-    own = Config(alarm=config.alarm, decision=DecisionSection(pet_limit=0.85))
-    assert pet_limit_of(own, bundle()) == 0.85
-    made = of(table)
-    assert made["high"].missed.value < made["normal"].missed.value
-    assert made["high"].visits_with_alarm.value > made["normal"].visits_with_alarm.value
 
 
 def test_verdicts_under_another_limit_are_those_of_the_pipeline(table):
@@ -197,8 +184,3 @@ def test_a_garbled_evaluation_is_told(own, capsys):
         sidecar.write_text(json.dumps(raw | {"evaluation": wrong}))
         assert main(["explain", "--model", str(own)]) != 0
         assert ": evaluation" in capsys.readouterr().err
-
-
-def test_a_card_needs_people_and_pets():
-    with pytest.raises(UsageError, match="of people and of pets"):
-        evaluation_of(table_of(passage([0.1] * 5, "human")), bundle(), "x")

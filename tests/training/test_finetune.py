@@ -7,29 +7,25 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
-import onnx
 import pytest
 
 from radard.errors import UsageError
 from radard.judge.bundle import CLASSES, load_bundle
 from radard.web.labels import LabelFile
 from tests.alarm_helpers import write_recording
-from tests.radar_helpers import noise, run_radard
+from tests.radar_helpers import run_radard
 from tests.training_helpers import (
-    NAMES,
     give_head,
     settings,
     tiny,
     toy,
     write_tiny,
 )
-from x2radar.errors import RecordingError
 from x2train.cli import main
 from x2train.finetune.guard import Guard, Misses, alarms_of, load_guard
 from x2train.finetune.labels import OwnClip, labelled_clips, merged, named_clips
-from x2train.finetune.windows import judge_of, own_windows
-from x2train.nets.bundle_answers import Answers, outputs_of
-from x2train.nets.graph_net import GraphNet
+from x2train.finetune.windows import judge_of
+from x2train.nets.bundle_answers import Answers
 from x2train.sets.shards import ShardSet
 
 pytestmark = pytest.mark.integration
@@ -145,22 +141,6 @@ def test_own_clips_become_quiet_and_radard_runs_the_bundle(each, each_bundle, tm
         assert any(r.get("alarm") for r in records if r["type"] == "decision") is has_alarm
 
 
-def test_a_graph_is_trained_as_onnxruntime_runs_it(each_bundle):
-    windows = toy(24, seed=8)
-    given = {name: windows[name] for name in NAMES}
-    net = GraphNet(each_bundle.onnx)
-    is_first = np.arange(24) % 4 == 0
-    again, first = (
-        outputs_of(x, given, is_first=is_first) for x in (net.to_onnx(), each_bundle.onnx)
-    )
-    np.testing.assert_array_equal(again.logits, first.logits)
-    np.testing.assert_array_equal(again.fused, first.fused)
-    model = onnx.load_from_string(each_bundle.onnx)
-    model.graph.node[0].op_type = "Cos"
-    with pytest.raises(UsageError, match="has Cos, which cannot be trained"):
-        GraphNet(model.SerializeToString())
-
-
 @pytest.mark.parametrize("policy", ["fused", "window"])
 def test_misses_count_people_alone_by_the_policy(each_bundle, policy):
     bundle = replace(each_bundle, policy=policy)
@@ -259,26 +239,6 @@ def test_clips_are_named_once_with_one_label(made):
     for text in ("dog1.h5", "=pet", f"{path}=dog"):
         with pytest.raises(UsageError, match="FILE=LABEL is wanted"):
             named_clips([text])
-
-
-def test_a_recording_in_which_nothing_moves_is_refused(made, bundle, tmp_path):
-    path = tmp_path / "still.h5"
-    write_recording(path, noise(60 * 6))
-    with pytest.raises(UsageError, match="nothing moves in it"):
-        own_windows(OwnClip(path, "pet"), bundle)
-    path.write_bytes(b"no recording")
-    with pytest.raises(RecordingError):
-        own_windows(OwnClip(path, "pet"), bundle)
-
-
-def test_sets_are_made_like_a_bundle(made, tmp_path, capsys):
-    out = ("--out", str(tmp_path / "set"), "--passages", "2", "--workers", "1")
-    assert main(["dataset", *out, "--like", str(made / "tiny.onnx")]) == 0
-    about = json.loads((tmp_path / "set" / "manifest.json").read_text())["about"]
-    assert about["settings"] == json.loads((made / "tiny.json").read_text())["features"]
-    capsys.readouterr()
-    assert main(["dataset", *out, "--like", "thesis"]) == 2
-    assert "--like thesis: it takes thesis_type2" in capsys.readouterr().err
 
 
 def test_a_guard_that_does_not_fit_is_refused(made, bundle, tmp_path):

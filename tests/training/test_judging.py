@@ -98,14 +98,6 @@ def test_passages_do_not_depend_on_the_bundle_or_the_order(model):
     assert passage_png(a, number)[:8] == b"\x89PNG\r\n\x1a\n"
 
 
-def test_an_empty_room_is_nobodys(model):
-    rng = np.random.default_rng(0)
-    empty = play(rng, draw_site(rng, X2), (), duration_s=6.0)
-    told = judged(empty, SUITES[-1], model)
-    assert (told["label"][0], told["family"][0]) == ("empty", "empty room")
-    assert np.isnan(told["enters_s"]).all()
-
-
 class Says(Classifier):
     """A network whose answers are known."""
 
@@ -137,17 +129,6 @@ def run(network, pattern, policy, **more):
     # Bodies one by one would ask the network, too.
     pipeline = Pipeline(stream, config(policy, **more), network, judges_tracks=False)
     return [pipeline.decide(dwell) for dwell in stream_of(pattern)][4:]
-
-
-def test_policy_window_takes_each_window_alone(model):
-    made = run(Says(model, PET, UNSURE, PET, PERSON), "oooo", "window")
-    assert [(d.label, d.alarm) for d in made] == [
-        ("pet", False),
-        ("human", True),
-        ("pet", False),
-        ("human", True),
-    ]
-    assert all(d.fused == d.window for d in made)
 
 
 def test_who_leaves_undecided_alarms_once(model):

@@ -9,12 +9,11 @@ import pytest
 import torch
 from torch import nn
 
-from benchmarks.bench_training import step_of
-from radard.errors import RadardError, UsageError
+from radard.errors import UsageError
 from radard.judge.bundle import CLASSES, EvidenceSettings, load_bundle
 from radard.judge.classifier import Classifier, softmax
 from tests.training_helpers import FEATURES, INPUTS, TINY, as_float, tiny, toy, trained, write_tiny
-from x2train.bundle.export import checked, exported
+from x2train.bundle.export import exported
 from x2train.bundle.metrics import HUMAN_LIMIT, PRIOR_HUMAN, TRUST, map_metrics
 from x2train.commands.fit import WIDTHS
 from x2train.nets import map_checkpoint
@@ -42,16 +41,6 @@ def test_what_a_glance_tells_apart_is_learnt(made):
     assert (logits_of(network.net, unseen).argmax(axis=1) == unseen["label"]).all()
 
 
-def test_same_seed_same_weights():
-    settings = replace(TINY, epochs=2)
-    a, b, c = (trained(replace(settings, seed=s))[0] for s in (0, 0, 1))
-    for x, y in zip(a.net.state_dict().values(), b.net.state_dict().values(), strict=True):
-        assert torch.equal(x, y)
-    assert a.temperature == b.temperature
-    pairs = zip(a.net.parameters(), c.net.parameters(), strict=True)
-    assert not all(torch.equal(x, y) for x, y in pairs)
-
-
 def test_half_precision_learns_the_same_and_the_weights_stay_single():
     network, epochs = trained(replace(TINY, is_half=True))
     assert epochs[-1].validation_loss < 0.2
@@ -68,14 +57,6 @@ def test_a_compiled_network_learns_the_same(monkeypatch):
     a, b = (trained(replace(settings, is_compiled=c), n=33)[0] for c in (False, True))
     for x, y in zip(a.net.state_dict().values(), b.net.state_dict().values(), strict=True):
         assert torch.allclose(x, y, atol=1e-4)
-
-
-def test_logits_do_not_depend_on_the_company(made):
-    net = made[0].net
-    windows = toy(40)
-    alone = [logits_of(net, {k: v[i : i + 1] for k, v in windows.items()}) for i in range(5)]
-    np.testing.assert_allclose(np.concatenate(alone), logits_of(net, windows)[:5], atol=1e-4)
-    assert logits_of(net, {k: v[:0] for k, v in windows.items()}).shape == (0, 3)
 
 
 def test_the_three_sizes_ascend():
@@ -128,12 +109,6 @@ def test_a_bundle_comes_back_as_it_was_written(made, tmp_path):
     assert sidecar["evidence"] == asdict(evidence)
 
 
-@pytest.mark.parametrize("difference", [float("nan"), 2e-4])
-def test_a_network_that_onnxruntime_runs_otherwise_is_refused(difference):
-    with pytest.raises(RadardError, match="torch and onnxruntime differ by"):
-        checked(difference)
-
-
 def test_a_bundle_is_shipped_with_less_trust_than_its_own_families_ask_for(made):
     validation = toy(48, seed=1)
     shipped, _ = map_metrics(made[0], validation)
@@ -170,15 +145,6 @@ def in_sequence(logits, label, passage, t_s):
     )
 
 
-def test_evidence_begins_anew_with_each_passage_and_after_a_closed_gate():
-    rows = [[0, 0, 0]] * 7
-    windows = in_sequence(
-        rows, [0, 0, 0, 1, 1, 2, 2], [4, 4, 4, 5, 5, 5, 0], [3, 4, 6, 3, 4, 5, 6]
-    )
-    assert windows.is_first.tolist() == [True, False, True, True, False, False, True]
-    assert windows.is_human.tolist() == [True] * 3 + [False] * 4
-
-
 def test_the_discount_is_what_repetition_asks_for():
     rng = np.random.default_rng(0)
     n, length = 120, 8
@@ -201,10 +167,6 @@ def test_the_discount_is_what_repetition_asks_for():
         found.append(best.discount)
     # Windows that say the same again and again must count less.
     assert found[1] < found[0]
-
-
-def test_the_benchmark_takes_such_a_step():
-    step_of("fast", is_half=False, is_compiled=False)()
 
 
 RATES = {"rate": 1e-2, "matrix_rate": 2e-2, "weight_decay": 0.0, "matrix_decay": 0.0}
@@ -237,18 +199,6 @@ def test_every_weight_moves_and_the_loss_falls(last):
         assert not torch.equal(p, before[name]), name
 
 
-def test_a_matrix_goes_the_same_way_whatever_the_order_of_its_memory():
-    went = []
-    for last in (True, False):
-        net = net_of(last)
-        before = net.range[2][0].weight.detach().clone()
-        optimizer = MuonAdamW(net, 10, **RATES)
-        optimizer.step(loss_of(net))
-        went.append((net.range[2][0].weight.detach() - before).flatten())
-    # Muon's iteration is in half precision.
-    assert torch.cosine_similarity(*went, dim=0) > 0.99
-
-
 def test_all_directions_of_a_matrix_learn_equally_fast():
     net = nn.Linear(64, 16, bias=False)
     before = net.weight.detach().clone()
@@ -261,20 +211,6 @@ def test_all_directions_of_a_matrix_learn_equally_fast():
     went = torch.linalg.svdvals(net.weight.detach() - before) / rate
     assert went.max() / went.min() < 3
     assert 0.5 < went.median() < 1.5
-
-
-def test_one_cycle_rises_and_ends_near_nothing():
-    net = net_of()
-    optimizer = MuonAdamW(net, 20, **RATES)
-    rates = []
-    for _ in range(20):
-        rates.append(tuple(optimizer.rates))
-        optimizer.step(loss_of(net))
-    adam, muon = zip(*rates, strict=True)
-    assert max(adam) == pytest.approx(RATES["rate"])
-    assert max(muon) == pytest.approx(RATES["matrix_rate"])
-    assert adam.index(max(adam)) == muon.index(max(muon)) in (3, 4)
-    assert adam[-1] < 1e-3 * max(adam)
 
 
 SETTINGS = replace(TINY, epochs=3, dropout=0.2)
@@ -399,19 +335,6 @@ def test_without_a_share_labels_alone_count():
     alone = taught_error(answers, labels, torch.ones(20, 3) / 3, share=0.0, weight=weight)
     wanted = nn.CrossEntropyLoss(weight=weight)(answers, labels)
     assert alone.item() == pytest.approx(wanted.item(), rel=1e-6)
-
-
-@pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
-def test_nothing_is_better_than_to_say_what_both_say(share):
-    answers, labels = some()
-    taught = answers.softmax(1)
-    both = share * taught + (1 - share) * torch.eye(3)[labels]
-    weight = torch.tensor([1.0, 0.5, 2.0])
-    best = taught_error((both + 1e-9).log(), labels, taught, share=share, weight=weight)
-    for seed in range(1, 6):
-        other = taught_error(some(seed=seed)[0], labels, taught, share=share, weight=weight)
-        assert other > best
-    assert torch.equal(taught, answers.softmax(1))
 
 
 def test_a_pupil_learns_what_its_teacher_says_against_the_labels():

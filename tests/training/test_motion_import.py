@@ -177,11 +177,6 @@ def test_what_cannot_be_read_is_one_line(tmp_path, name, text):
     assert "\n" not in str(caught.value)
 
 
-def test_no_such_file(tmp_path):
-    with pytest.raises(SceneError, match="cannot be read"):
-        read_motions(tmp_path / "gone.bvh")
-
-
 # ---------------------------------------------------------------- maps and clips
 
 

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from tests.training.motion_helpers import stander, walker, write_clip
-from x2radar.errors import SceneError
 from x2radar.sim.bodies.skins.draw import SKINS
 from x2train.cli import main
 from x2train.motion.library import cards_of, draw_recorded_body, read_library
@@ -53,19 +52,6 @@ def test_bodies_echo_through_every_skin(folder, skin, who):
         assert height < (2.1 if who == 0 else 1.0)
 
 
-def test_sizes_and_tempos_are_drawn(folder):
-    rex = read_library(folder)[1]
-    tops = [
-        draw_recorded_body(np.random.default_rng(k), rex, {}, "here")
-        .at(T_S[:2], ANTENNA_M)
-        .position_m[..., 2]
-        .max()
-        for k in range(40)
-    ]
-    assert min(tops) < 0.55
-    assert max(tops) > 0.75
-
-
 def test_cards_name_every_clip_with_its_licence(folder):
     rows = cards_of(read_library(folder))
     assert [row["clip"] for row in rows] == ["walk", "stand"]
@@ -83,13 +69,6 @@ def test_casts_are_of_the_folder_and_things_stay_simulated(folder):
     assert (who.name, pet.name) == ("anna goes", "rex stays")
     assert (who.stays, pet.stays) == (False, True)
     assert thing.plugged is None
-
-
-def test_an_option_that_makes_no_sense_is_said(folder):
-    with pytest.raises(SceneError, match="here: "):
-        draw_recorded_body(
-            np.random.default_rng(0), read_library(folder)[0], {"skin": "fur"}, "here"
-        )
 
 
 @pytest.mark.integration

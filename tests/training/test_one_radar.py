@@ -15,14 +15,13 @@ from radard.pipeline import Pipeline
 from radard.stream.ring import Dwell
 from tests.training_helpers import FEATURES
 from x2radar.frame import StreamInfo
-from x2radar.modules.x2 import RadarSettings
 from x2radar.sim.signal.effects import ReceiverEffects
 from x2train.cli import main
 from x2train.judge.judging import JudgeSpec, decisions
 from x2train.judge.suites import SUITES, suite_of
 from x2train.sets.families import family
 from x2train.sets.passages import play
-from x2train.sets.sites import ONE_RADAR, P4XX, THESIS, X2, draw_site
+from x2train.sets.sites import P4XX, THESIS, X2, draw_site
 
 pytestmark = pytest.mark.integration
 
@@ -44,16 +43,6 @@ def decimated(played):
     frames = np.ascontiguousarray(played.frames[:, ::STEP])
     axis = played.site.radar.axis()
     return frames, replace(axis, n_range=96, bin_length_m=STEP * axis.bin_length_m)
-
-
-def test_it_is_the_module_of_the_thesis_and_its_bundle_takes_it():
-    axis, x2 = THESIS.axis(), RadarSettings()
-    assert (axis.n_range, THESIS.frame_rate_hz) == (768, 60.0)
-    for name in ("bin_length_m", "range_offset_m", "carrier_hz", "bandwidth_hz", "sample_rate_hz"):
-        assert getattr(axis, name) == getattr(x2, name)
-    load_bundle("thesis").check_stream(axis, THESIS.frame_rate_hz)
-    with pytest.raises(ModelMismatch, match="bin_length_m"):
-        load_bundle("thesis").check_stream(X2.axis(), X2.frame_rate_hz)
 
 
 def silent(radar, seed=0):
@@ -190,13 +179,3 @@ def test_what_does_not_fit_is_told_in_one_line_before_anything_is_played(model, 
     spec.check(bundle)
     with pytest.raises(UsageError, match="radar 'x2': must be one of suites, thesis, x4m03, p4xx"):
         replace(spec, radar="x2")
-
-
-@pytest.mark.parametrize("name", list(ONE_RADAR))
-def test_every_suite_is_played_before_the_one_radar(model, name):
-    spec = JudgeSpec(model=model, seed=0, n_passages=60, radar=name)
-    spec.check(load_bundle(model))
-    assert {spec.suite(k).radar for k in range(60)} == {ONE_RADAR[name]}
-    played = spec.played(0)
-    assert played.site.radar is ONE_RADAR[name]
-    assert played.frames.shape[1] == ONE_RADAR[name].axis().n_range

@@ -7,11 +7,11 @@ import pytest
 
 from radard.stream.ring import DwellShape
 from tests.training_helpers import FEATURES
-from x2train.sets.families import FAMILIES, LABELS, draw_goer, family
+from x2train.sets.families import FAMILIES, LABELS, family
 from x2train.sets.passages import Passage, Truth, level_db_of, play
 from x2train.sets.shard_run import make_shards
 from x2train.sets.shards import read_all
-from x2train.sets.sites import X2, clear_site, draw_close, draw_site
+from x2train.sets.sites import X2, draw_site
 from x2train.sets.window_set import worth_learning
 from x2train.sets.windows import WindowSpec, dwell_ends, windows_of
 
@@ -75,19 +75,6 @@ def test_every_family_can_be_played(name):
     passage = played(name, seconds=0.5)
     assert np.isfinite(passage.frames).all()
     assert passage.truth.range_m.shape == (30, 1)
-
-
-@pytest.mark.parametrize("name", ["human sit", "dog lie", "cat groom"])
-def test_who_is_close_up_stays_there(name):
-    near = replace(X2, near_m=0.3, far_m=3.1)
-    at_m = []
-    for seed in range(8):
-        rng = np.random.default_rng(seed)
-        passage = play(rng, draw_close(rng, near), (family(name),), duration_s=0.5)
-        at_m.append(passage.truth.range_m.mean())
-    # The range is along the slope, from an antenna up to 1.7 m high.
-    assert max(at_m) < 2.3
-    assert np.median(at_m) < 1.6
 
 
 def test_long_passages_have_long_stays():
@@ -170,13 +157,6 @@ def test_who_is_seen_for_an_eighth_of_a_dwell_counts(walk):
     assert 0.12 <= windows["share"][0] < 0.15
 
 
-def test_dwells_end_as_the_hops_say():
-    shape = DwellShape(n_slow=75, hop_s=1.0, frame_rate_hz=30.5)
-    assert list(dwell_ends(shape, 74)) == []
-    assert list(dwell_ends(shape, 75)) == [75]
-    assert list(dwell_ends(shape, 200)) == [75, 75 + 30, 75 + 61, 75 + 92, 75 + 122]
-
-
 LAWS = replace(
     FEW,
     motions=("gait", "footfalls", "angles"),
@@ -197,16 +177,6 @@ def test_windows_say_what_made_them_and_how_strong_their_body_is():
     label = np.concatenate([rows["label"] for rows in made])
     bodies = strength_db[(label < 2) & np.isfinite(strength_db)]
     assert -40 < bodies.min() <= bodies.max() < 20
-
-
-def test_clear_passages_have_one_body_that_goes_and_no_multipath():
-    rng = np.random.default_rng(5)
-    site = clear_site(rng, draw_site(rng, X2))
-    assert site.surfaces == ()
-    assert site.tail is None
-    assert all(not draw_goer(rng, label, "all").stays for label in ("human", "pet") * 40)
-    made = [rows for k in range(12) if (rows := replace(FEW, clear_share=1.0)(k)) is not None]
-    assert all((rows["company"] == -1).all() for rows in made)
 
 
 def test_the_share_of_clear_passages_changes_no_other():

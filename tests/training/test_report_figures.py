@@ -9,6 +9,7 @@ from radard.errors import UsageError
 from tests.report_helpers import drawn, passage, table_of
 from tests.shard_helpers import Draws
 from x2radar.errors import RecordingError
+from x2train.judge.estimates import Estimate
 from x2train.judge.table import FLAGS, NUMBERS, SERIES, TEXTS, PassageTable
 from x2train.judge.verdicts import (
     Sweep,
@@ -53,13 +54,6 @@ def test_a_table_is_its_passages_in_memory_and_on_disk(tmp_path):
     assert len(table_of()) == 0
 
 
-def test_what_is_no_passage_is_refused():
-    with pytest.raises(UsageError, match=r"label 'dog': must be one of human, pet, other, empty"):
-        passage([0.5], "dog")
-    with pytest.raises(UsageError, match=r"power_db: shape \(2,\), not \(1,\)"):
-        passage([0.5], power_db=np.zeros(2))
-
-
 def test_no_set_and_other_sets_are_refused(tmp_path):
     with pytest.raises(RecordingError, match="no set of shards"):
         PassageTable.load(tmp_path / "missing")
@@ -74,18 +68,6 @@ LIMIT = limit_evidence(0.8)
 def outcome_of(table, is_alarm=None):
     found = verdicts(table, table.is_alarm if is_alarm is None else is_alarm)
     return outcome(table, found, np.ones(len(table), bool), np.random.default_rng(0))
-
-
-def test_perfect():
-    table = table_of(
-        *(passage([0.9, 0.01, 0.01]) for _ in range(10)),
-        *(passage([0.99] * 60, "pet") for _ in range(60)),
-    )
-    found = outcome_of(table)
-    assert (found.n_intrusions, found.n_missed, found.miss_rate.value) == (10, 0, 0.0)
-    assert (found.n_false_alarms, found.pet_hours) == (0, 1.0)
-    assert found.false_alarms_per_hour.high == pytest.approx(3, rel=0.002)
-    assert found.median_s.value == found.p90_s.value == 1.0
 
 
 def test_quantiles_count_those_who_were_missed():
@@ -107,20 +89,6 @@ def test_alarms_in_one_minute_are_one():
     quiet[[0, 1, 59, 60, 129]] = 0.1
     found = outcome_of(table_of(passage(quiet, "pet")))
     assert found.n_false_alarms == 3
-
-
-def test_evidence_is_that_of_the_limit():
-    table = table_of(passage([0.8, 0.800001, 0.0, 1.0, 1e-12, 1e-6]))
-    score = evidence(table, "fused")
-    assert ((score >= LIMIT) == [True, False, True, False, True, True]).all()
-    assert np.isfinite(score).all()
-    assert score[4] - score[5] == pytest.approx(math.log(1e6))
-
-
-def test_closed_gates_and_missing_probabilities_are_no_evidence():
-    table = table_of(passage([0.1, np.nan, 0.1], is_open=[False, True, True]))
-    assert np.isneginf(evidence(table, "fused")).tolist() == [True, True, False]
-    assert np.isneginf(evidence(table, "window")).tolist() == [True, True, False]
 
 
 @pytest.mark.parametrize(
@@ -171,28 +139,6 @@ def test_one_alarm_in_exactly_the_hours_of_the_budget_is_allowed():
     assert (sweep.pet_minute >= sweep.limit_for(1e9)).sum() == 60
 
 
-def test_curve_has_the_outcome_of_every_limit():
-    table = drawn(300, skill=1.0)
-    score = evidence(table, "fused")
-    sweep = Sweep.of(table, score)
-    false, missed = sweep.curve()
-    assert (np.diff(false) >= 0).all()
-    assert (np.diff(missed) <= 0).all()
-    assert false[0] == 0
-    for limit in (LIMIT, -3.0, 2.0):
-        found = outcome_of(table, score >= limit)
-        # The curve's point with as many false alarms misses no more: it asks for no more.
-        at = np.searchsorted(false, found.false_alarms_per_hour.value + 1e-9) - 1
-        assert missed[at] <= found.miss_rate.value
-
-
-def test_empty_table():
-    found = outcome_of(table_of())
-    assert (found.n_intrusions, found.n_false_alarms, found.pet_hours) == (0, 0, 0.0)
-    false, missed = Sweep.of(table_of(), np.empty(0)).curve()
-    assert len(false) == len(missed) == 1
-
-
 def windows_of(table):
     return Windows.of(table, is_judged(table) & is_in_view(table))
 
@@ -202,11 +148,6 @@ def figures_of(table):
     windows = windows_of(table)
     auc = windows.auc(human_score(table)[windows.row], rng)
     return auc, balanced_accuracy(table, windows, rng)
-
-
-def test_perfect_windows():
-    auc, accuracy = figures_of(table_of(passage([0.1] * 5), passage([0.9] * 5, "pet")))
-    assert (auc.value, accuracy.value) == (1.0, 1.0)
 
 
 def test_random_windows():
@@ -223,25 +164,10 @@ def test_balanced_accuracy_is_the_mean_of_both_classes():
     )
 
 
-@pytest.mark.parametrize("label", ["human", "pet"])
-def test_one_class_alone_has_no_figures(label):
-    auc, accuracy = figures_of(table_of(passage([0.5, 0.4], label, enters_s=0.5)))
-    assert math.isnan(auc.value)
-    assert math.isnan(accuracy.value)
-
-
 def test_windows_count_while_their_middle_is_in_the_swath():
     table = table_of(passage([0.5] * 6, enters_s=3.0, leaves_s=5.0))
     # Dwells of 2 s that end at 2 to 7 s.
     assert is_in_view(table).tolist() == [False, False, True, True, True, False]
-
-
-def test_windows_without_probabilities_are_left_out():
-    bad = passage([np.nan] * 3 + [0.1] * 3, enters_s=0.5)
-    table = table_of(bad, passage([0.9] * 3, "pet", enters_s=0.5))
-    assert is_judged(table).sum() == 6
-    auc, _ = figures_of(table)
-    assert auc.value == 1.0
 
 
 def test_confusion_counts_the_likeliest_class():
@@ -255,13 +181,13 @@ def test_confusion_counts_the_likeliest_class():
 
 def baselines_of(table):
     found = baselines(table, windows_of(table), np.random.default_rng(0))
-    return {b.name: b for b in found}
+    return {b["name"]: b for b in found}
 
 
 def test_matched_set_has_features_near_chance():
     found = baselines_of(drawn(600))
-    assert all(b.is_below for b in found.values())
-    assert all(b.auc.value >= 0.5 for b in found.values())
+    assert all(b["is_below"] for b in found.values())
+    assert all(b["auc"].value >= 0.5 for b in found.values())
 
 
 def test_feature_that_is_lower_for_people_is_turned_round():
@@ -270,8 +196,8 @@ def test_feature_that_is_lower_for_people_is_turned_round():
         *(passage([0.5] * 4, "pet", speed_mps=2.0 + 0.01 * k, enters_s=0.5) for k in range(5)),
     )
     speed = baselines_of(table)["speed"]
-    assert speed.auc.value == speed.auc.low == speed.auc.high == 1.0
-    assert not speed.is_required
+    assert speed["auc"] == Estimate(1.0, 1.0, 1.0)
+    assert not speed["is_required"]
 
 
 def test_feature_that_tells_without_a_direction_is_found_out():
@@ -285,13 +211,6 @@ def test_feature_that_tells_without_a_direction_is_found_out():
         )
     )
     found = baselines_of(table)["range"]
-    assert found.auc.value < 0.6
-    assert found.auc_binned > 0.95
-    assert not found.is_below
-
-
-def test_feature_that_is_not_known_is_no_obstacle():
-    found = baselines_of(table_of(passage([0.1] * 4), passage([0.9] * 4, "pet")))
-    assert math.isnan(found["SNR"].auc.value)
-    assert math.isnan(found["SNR"].auc_binned)
-    assert found["SNR"].is_below
+    assert found["auc"].value < 0.6
+    assert found["auc_binned"] > 0.95
+    assert not found["is_below"]

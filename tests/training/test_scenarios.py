@@ -20,16 +20,11 @@ from x2train.sets.families import (
 from x2train.sets.sites import (
     P4XX,
     X2,
-    X4M03,
-    draw_close,
     draw_radar,
     draw_site,
 )
 
 N_DRAWS = 1500
-
-
-STAYING = {"stand", "busy", "exercise", "sit", "lie", "pant", "groom", "scratch", "play", "jump"}
 
 
 def casts(label, use, n=N_DRAWS, seed=0):
@@ -55,27 +50,6 @@ def test_an_animal_that_is_trained_on_is_a_row_of_the_species_table():
         drawn = {f.options["style"]: f.weight for f in trained if f.kind == name}
         assert drawn == species.taught
     assert len({f.name for f in FAMILIES}) == len(FAMILIES)
-
-
-@pytest.mark.parametrize(
-    ("label", "use"), [("human", "thesis"), ("pet", "thesis"), ("other", "things")]
-)
-def test_bodies_of_the_thesis_and_things_come_alone(label, use):
-    made = casts(label, use, 200)
-    assert {len(cast) for cast in made} == {1}
-    assert {cast[0].name for cast in made} == {f.name for f in families(label, use)}
-    assert not families("human", "things")
-    assert made == casts(label, use, 200)
-
-
-@pytest.mark.parametrize("label", ["human", "pet"])
-def test_who_stays_is_of_training_and_moves_in_place(label):
-    made = casts(label, "staying")
-    assert {f.use for cast in made for f in cast} == {"train"}
-    assert all(f.stays for cast in made for f in cast)
-    assert not any({"human", "pet"} == {f.label for f in cast} for cast in made)
-    wanted = {f.name for f in families(label, "train") if f.options.get("style") in STAYING}
-    assert {cast[0].name for cast in made} == wanted
 
 
 @pytest.mark.parametrize("label", ["human", "pet"])
@@ -190,29 +164,6 @@ def test_a_bundle_takes_every_radar_that_its_sets_were_drawn_with(kind):
         for key, (low, high) in stream.items():
             assert low <= getattr(radar, key) <= high
     assert stream_of([{"radar": kind}, {}]) == stream_of([{}])
-
-
-@pytest.mark.parametrize("radar", [X2, X4M03, P4XX])
-@pytest.mark.parametrize("kind", ["usual", "unseen"])
-def test_sites_are_drawn_for_any_radar_and_again(radar, kind):
-    sites = [draw_site(np.random.default_rng(7), radar, kind) for _ in range(2)]
-    assert sites[0] == sites[1]
-    assert sites[0].kind == kind
-    assert sites[0].radar is radar
-    assert sites[0] != draw_site(np.random.default_rng(8), radar, kind)
-
-
-def test_close_up_bodies_are_near_and_the_beam_at_any_height():
-    rng = np.random.default_rng(0)
-    sites = [draw_close(rng, X4M03) for _ in range(60)]
-    for site in sites:
-        assert site.course_m[0] == X4M03.near_m
-        assert site.course_m[1] == pytest.approx(X4M03.near_m + 0.7)
-        assert site.radar is X4M03
-    heights_m = [site.antenna.height_m for site in sites]
-    assert min(heights_m) < 0.5
-    assert max(heights_m) > 1.3
-    assert draw_site(rng, X4M03).course_m == (X4M03.near_m, X4M03.far_m)
 
 
 def test_unseen_rooms_are_built_otherwise():

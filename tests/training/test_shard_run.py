@@ -66,16 +66,6 @@ def test_two_workers_give_the_same_bytes(tmp_path, alone):
     assert os.getpid() not in processes
 
 
-def test_unpinned_algebra_is_left_to_a_process_where_it_is_pinned(tmp_path, alone, monkeypatch):
-    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
-    monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
-    draws = Draws(log=tmp_path / "log")
-    make(tmp_path / "one", draws, workers=1)
-    assert checksums(tmp_path / "one") == alone
-    assert os.getpid() not in draws.made()[1]
-    assert "OMP_NUM_THREADS" not in os.environ
-
-
 @pytest.mark.parametrize("workers", [1, 2])
 def test_failed_element_is_named_and_the_run_goes_on_later(tmp_path, alone, workers):
     with pytest.raises(ElementError, match=r"^element 25: ValueError: bad draw$"):
@@ -83,15 +73,6 @@ def test_failed_element_is_named_and_the_run_goes_on_later(tmp_path, alone, work
     draws = Draws(log=tmp_path / "log")
     make(tmp_path, draws)
     assert draws.made()[0] == list(range(PER_SHARD, N))
-    assert checksums(tmp_path) == alone
-
-
-def test_lost_shard_is_made_again(tmp_path, alone):
-    make(tmp_path, Draws())
-    (tmp_path / "shard-00001.npz").unlink()
-    draws = Draws(log=tmp_path / "log")
-    make(tmp_path, draws)
-    assert draws.made()[0] == list(range(20, 40))
     assert checksums(tmp_path) == alone
 
 
@@ -181,9 +162,3 @@ def test_cluster_gives_the_same_bytes_also_when_a_worker_is_killed(tmp_path, alo
     assert numbers.count(25) == 2
     assert set(numbers) == set(range(N))
     assert len(processes) >= 2
-
-
-def test_absent_cluster_is_told(tmp_path, monkeypatch):
-    monkeypatch.setattr("x2train.sets.workers._CONNECT_S", 0.3)
-    with pytest.raises(GenerateError, match=r"no Dask scheduler at tcp://127\.0\.0\.1:9"):
-        make(tmp_path, Draws(), cluster="tcp://127.0.0.1:9")

@@ -83,33 +83,9 @@ def test_a_full_disk_leaves_the_set_as_it_was(made, monkeypatch):
     assert list(ShardSet(made.folder, ABOUT).names()) == ["a", "b"]
 
 
-def test_a_disk_that_fills_up_before_the_manifest(made, monkeypatch):
-    """The shard is there, the manifest does not name it: it is made again."""
-    real, calls = os.fsync, []  # the file, its folder, then the manifest
-
-    def third_time(descriptor):
-        calls.append(descriptor)
-        return full_disk(descriptor) if len(calls) == 3 else real(descriptor)
-
-    monkeypatch.setattr(os, "fsync", third_time)
-    with pytest.raises(RecordingError, match=r"manifest\.json: cannot write"):
-        made.write("b", ARRAYS)
-    later = ShardSet(made.folder, ABOUT)
-    assert (made.folder / "b.npz").exists()
-    assert "b" not in later
-    with pytest.raises(RecordingError, match="checksum"):
-        later.read("b")
-
-
 def test_an_interrupted_write_is_not_trusted(made):
     (made.folder / ".b.npz.123.new").write_bytes(b"half")
     (made.folder / "c.npz").write_bytes(b"never entered")
     later = ShardSet(made.folder, ABOUT)
     assert list(later.names()) == ["a"]
     assert "c" not in later
-
-
-def test_a_file_in_the_way_of_the_folder(tmp_path):
-    (tmp_path / "file").write_text("")
-    with pytest.raises(RecordingError, match="cannot make this folder"):
-        ShardSet(tmp_path / "file" / "set", ABOUT)

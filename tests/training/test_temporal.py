@@ -8,7 +8,7 @@ import onnx
 import pytest
 import torch
 
-from radard.errors import ModelMismatch, UsageError
+from radard.errors import ModelMismatch
 from radard.judge.bundle import EvidenceSettings, load_bundle
 from radard.judge.classifier import Answer, Classifier, Probabilities
 from radard.judge.evidence import Evidence
@@ -25,9 +25,9 @@ from tests.training_helpers import (
     write_tiny,
 )
 from x2train.bundle.temporal_bundle import HUMAN_LIMIT
-from x2train.bundle.temporal_graph import GIVEN, n_parameters, with_given, with_head
+from x2train.bundle.temporal_graph import n_parameters, with_head
 from x2train.cli import main
-from x2train.nets.bundle_answers import outputs_of, tapped
+from x2train.nets.bundle_answers import outputs_of
 from x2train.nets.epoch import Epoch
 from x2train.nets.graph_net import GraphNet
 from x2train.nets.temporal_head import Given, HeadSettings, HeadTrained, fit_head, logits_over
@@ -73,17 +73,6 @@ def test_it_recalls_what_only_the_first_window_showed():
     np.testing.assert_array_equal(logits_over(made.head, turned), logits[5:])
 
 
-def test_same_seed_same_head_and_another_seed_another():
-    train, other = (runs_of(n, 3, np.random.default_rng(n)) for n in (40, 12))
-    made = []
-    for seed in (0, 0, 1):
-        settings = HeadSettings(n_projected=4, n_hidden=4, epochs=2, batch=8, seed=seed)
-        *_, one = fit_head(train, other, settings)
-        made.append(logits_over(one.head, other))
-    assert (made[0] == made[1]).all()
-    assert (made[0] != made[2]).any()
-
-
 def test_onnxruntime_computes_what_torch_trained(folder):
     bundle, windows = load_bundle(str(folder / "plain.onnx")), toy(48, seed=4)
     made = replace(head_for(bundle), temperature=1.7)
@@ -126,13 +115,6 @@ def array(p):
     return np.array([p.human, p.pet, p.other])
 
 
-def test_without_a_head_windows_are_summed():
-    evidence, other = Evidence(EvidenceSettings()), Evidence(EvidenceSettings())
-    for p in (Probabilities(0.2, 0.7, 0.1), Probabilities(0.5, 0.4, 0.1)):
-        assert evidence.fuse(Answer(p)) == other.add(p)
-        assert evidence.hidden is None
-
-
 def test_a_class_that_the_network_does_not_know_stays_impossible():
     answer = Answer(Probabilities(0.5, 0.5, 0.0), np.array([-0.1, -2.0, -np.inf]), np.zeros(2))
     fused = Evidence(EvidenceSettings()).fuse(answer)
@@ -173,14 +155,6 @@ def test_torch_computes_the_graph_with_its_head(folder):
         made = net(*inputs, torch.from_numpy(first.hidden))
     np.testing.assert_allclose(made[0], first.logits, atol=1e-4)
     np.testing.assert_allclose(made[1], first.fused, atol=1e-4)
-
-
-def test_what_the_last_layer_is_given_makes_the_logits(folder):
-    bundle, windows = load_bundle(str(folder / "plain.onnx")), toy(12)
-    answers, values = tapped(with_given(bundle.onnx), {n: windows[n] for n in NAMES}, GIVEN)
-    out = tiny()[0].net.out[1]
-    logits = values @ out.weight.detach().numpy().T + out.bias.detach().numpy()
-    np.testing.assert_allclose(answers.logits, logits, atol=1e-4)
 
 
 def temporal(folder, *argv, model="plain"):
@@ -227,21 +201,3 @@ def test_what_cannot_be_is_one_line(folder, model, argv, words, capsys):
     assert words in err
     assert err.count("\n") == 1
     assert not (folder / "none").exists()
-
-
-def test_sets_of_one_kind_calibrate_nothing(folder, tmp_path, capsys):
-    columns = toy(48)
-    people = {key: values[columns["label"] == 0] for key, values in columns.items()}
-    about = {"kind": "windows", "use": "all", "settings": settings()}
-    ShardSet(tmp_path / "people", about).write("shard-00000", people)
-    argv = ("--validate", str(tmp_path / "people"), "--out", str(tmp_path / "out"))
-    assert temporal(folder, *argv) == 2
-    assert "must be of people and others" in capsys.readouterr().err
-
-
-def test_one_head_is_enough(folder):
-    plain, tiny = (load_bundle(str(folder / f"{name}.onnx")) for name in ("plain", "tiny"))
-    with pytest.raises(UsageError, match="has a temporal head already"):
-        with_given(tiny.onnx)
-    with pytest.raises(UsageError, match="has a temporal head already"):
-        with_head(tiny.onnx, head_for(plain))

@@ -18,26 +18,17 @@ from x2train.thesis.elements import ElementSpec, dwell
 from x2train.thesis.fit import FitSettings, Fitted
 from x2train.thesis.mlp import RepeatedMlp
 from x2train.thesis.page import page
-from x2train.thesis.recipe import FRESH_FROM, variants, wanted_cells
+from x2train.thesis.recipe import FRESH_FROM, wanted_cells
 from x2train.thesis.results import CellResult, ResultFile, judged
 from x2train.thesis.sets import load_recordings
 
-pytestmark = pytest.mark.nightly
+pytestmark = [pytest.mark.nightly, pytest.mark.usefixtures("one_thread")]
 SMALL = [
     *("--elements", "80", "--fresh", "40", "--repeats", "2", "--workers", "1"),
     *("--pretrain", "1,1", "--output-epochs", "1", "--epochs", "4", "--look-every", "2"),
     *("--own-epochs", "1", "--own-repeats", "1"),
 ]
 ONE = ["--animal", "dog", "--vector", "2", "--frame-rate", "60"]
-
-
-@pytest.fixture(autouse=True)
-def one_thread():
-    """Networks this small wait for their threads, and wait long on a busy machine."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
 
 
 def thesis(folder, *more):
@@ -79,17 +70,6 @@ def test_a_second_run_trains_nothing(published, monkeypatch, capsys):
     assert line.startswith("T2D60 relu:")
     assert thesis(folder / "cache", "--kept", "--rate", "0.5") == 2
     assert "no results of these settings" in capsys.readouterr().err
-
-
-def test_a_result_that_was_cut_short_is_not_trusted(published, tmp_path, capsys):
-    folder, _, _ = published
-    kept = ResultFile(folder / "cache" / "results").path("T2D60", "relu")
-    broken = ResultFile(tmp_path / "results").path("T2D60", "relu")
-    broken.write_bytes(kept.read_bytes()[:200])
-    assert thesis(tmp_path, "--kept", *ONE) == 2
-    err = capsys.readouterr().err
-    assert "no result" in err
-    assert "remove it to make it again" in err
 
 
 @pytest.mark.parametrize(
@@ -168,36 +148,6 @@ def test_what_is_folded_says_the_same(n_outputs, activation):
     x = rng.standard_normal((20, 8)).astype(np.float32)
     p = torch.softmax(folded(fitted, 1)(torch.from_numpy(x)), dim=1).detach().numpy()
     np.testing.assert_allclose(p, fitted.predict(x)[1], atol=1e-6)
-
-
-def test_a_frame_rate_of_ones_own_replaces_the_thesis():
-    assert [c.name for c in wanted_cells(rate_hz=30, animal="dog")] == ["T1D30", "T2D30"]
-    assert [c.name for c in wanted_cells(rate_hz=200, vector=1)] == ["T1D200", "T1C200"]
-
-
-def test_every_switch_of_section_7_has_its_row():
-    base = FitSettings()
-    rows = variants(base)
-    labels = [row.label for row in rows]
-    assert len(set(labels)) == len(labels)
-    plain = {"fit": base, "rectified": False, "clutter": False, "noise": "input"}
-    for row in rows:
-        same = all(getattr(row, key) == value for key, value in plain.items())
-        assert row.train_rate_hz == 200 or not same
-    for word in ("rectified", "single", "layers", "tanh", "square", "SGD", "L-BFGS", "L2"):
-        assert any(word in label for label in labels), word
-
-
-def test_judging():
-    p = np.array([[[0.9, 0.1], [0.6, 0.4], [0.2, 0.8], [0.3, 0.7]]])
-    made = judged(p, np.array([0, 1, 1, 1]))
-    assert made.total == (75.0,)
-    assert made.class1 == (100.0,)
-    assert made.class2 == (66.67,)
-    # Rows are what the network says, columns what is true.
-    assert made.confusion == (((1, 1), (0, 2)),)
-    assert made.cross_entropy[0] == pytest.approx(-np.log([0.9, 0.4, 0.8, 0.7]).mean(), abs=1e-4)
-    assert made.median == 75.0
 
 
 def test_the_page_says_what_it_counts(tmp_path):

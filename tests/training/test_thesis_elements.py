@@ -58,22 +58,6 @@ def test_an_element_follows_from_its_seed_body_and_number():
         assert not np.array_equal(one.vector, element(*other).vector)
 
 
-def test_maps_are_pictures():
-    made = element(ElementSpec(), "human", 2)
-    assert made.mu.shape == (28, 40)
-    assert made.range_time.shape == (56, 40)
-    for shown in (made.mu, made.range_time):
-        assert shown.min() >= 0
-        assert shown.max() == 1
-
-
-def test_static_clutter_leaves_the_vector_nearly_alone():
-    plain, with_echoes = (
-        element(replace(SPEC, clutter=clutter), "human", 3).vector for clutter in (False, True)
-    )
-    assert np.abs(plain[PROFILE:] - with_echoes[PROFILE:]).max() < 1e-3
-
-
 def test_data_sets_alternate_and_do_not_depend_on_chunks_or_workers(tmp_path, monkeypatch):
     # Where linear algebra has several threads, as here, even one worker is a process.
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
@@ -89,15 +73,6 @@ def test_data_sets_alternate_and_do_not_depend_on_chunks_or_workers(tmp_path, mo
     other = load_cell(tmp_path / "b", SPEC, CELL, 0, 10)
     np.testing.assert_array_equal(whole.x, other.x)
     np.testing.assert_array_equal(whole.in_view, other.in_view)
-
-
-def test_pets_are_dogs_and_cats_in_turn(tmp_path):
-    make(tmp_path)
-    make_bodies(tmp_path, SPEC, "cat", 0, 5)
-    mixed = load_cell(tmp_path, SPEC, replace(CELL, animal="pet"), 0, 10)
-    for k, body in ((0, "dog"), (2, "cat"), (4, "dog"), (5, "human")):
-        np.testing.assert_array_equal(mixed.x[k], element(SPEC, body, k // 2).vector)
-    assert Cell(2, "pet", 60).name == "T2P60"
 
 
 def test_maps_are_kept_to_a_level(tmp_path):

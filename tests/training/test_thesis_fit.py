@@ -9,12 +9,11 @@ from x2train.thesis.fit import FitSettings, Fitted, Look, fit, fit_settings, sca
 from x2train.thesis.mlp import (
     RepeatedMlp,
     affine,
-    code_penalty,
     output_error,
 )
 from x2train.thesis.sets import CellData
 
-pytestmark = pytest.mark.integration
+pytestmark = [pytest.mark.integration, pytest.mark.usefixtures("one_thread")]
 QUICK = FitSettings(
     layers=(8, 4),
     pretrain_epochs=(2, 2),
@@ -27,15 +26,6 @@ QUICK = FitSettings(
     averaging=0.9,
     learning_rate=0.01,
 )
-
-
-@pytest.fixture(autouse=True)
-def one_thread():
-    """Networks this small wait for their threads, and wait long on a busy machine."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
 
 
 def data(n, seed=0, n_in=12):
@@ -96,14 +86,6 @@ def test_errors_against_their_formulas():
     assert output_error(one, y, "cross-entropy") == pytest.approx(
         output_error(logits, y, "cross-entropy").item()
     )
-
-
-def test_sparsity_is_least_for_sparse_codes():
-    rare = torch.full((1, 10, 3), 0.05)
-    assert code_penalty(rare, "sigmoid").item() == pytest.approx(0, abs=1e-6)
-    assert code_penalty(torch.full((1, 10, 3), 0.5), "sigmoid") > 0.3
-    assert code_penalty(torch.zeros(2, 10, 3), "relu") == 0
-    assert code_penalty(torch.ones(2, 10, 3), "relu") == 2
 
 
 def test_scalings():
@@ -188,21 +170,6 @@ def test_retraining_goes_on_from_what_was_learnt():
 
 
 # ---------------------------------------------------------------- settings
-
-
-def test_repeats_train_as_they_would_alone():
-    """The batched model of three is three models: only their initial weights differ."""
-    plain = replace(QUICK, scaling="none")
-    three, one = (RepeatedMlp(n, (12, 8, 4, 2), "relu", seed=0) for n in (3, 1))
-    with torch.no_grad():
-        for mine, theirs in zip(one.parameters(), three.parameters(), strict=True):
-            mine.copy_(theirs[1:2])
-    empty, unit = np.zeros((1, 3)), np.ones(12, np.float32)
-    begin = [Fitted(net, 0 * unit, unit, empty, empty) for net in (three, one)]
-    together = result(plain, start=begin[0]).scores
-    alone = result(replace(plain, repeats=1), start=begin[1]).scores
-    n = min(len(together), len(alone))
-    np.testing.assert_allclose(together[:n, 1], alone[:n, 0], rtol=1e-4)
 
 
 @pytest.mark.parametrize(

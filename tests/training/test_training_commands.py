@@ -5,18 +5,15 @@ from dataclasses import asdict
 from importlib import resources
 
 import jsonschema
-import numpy as np
 import pytest
 
 from radard.config.sections import GateSettings
 from radard.judge.bundle import load_bundle
 from tests.radar_helpers import run_radard
 from tests.training_helpers import FEATURES, toy
-from x2radar.errors import RecordingError
 from x2train.cli import main
 from x2train.judge.table import PassageTable
 from x2train.sets.shards import MANIFEST, ShardSet, read_all
-from x2train.sets.window_set import load_windows
 
 pytestmark = pytest.mark.integration
 
@@ -218,29 +215,3 @@ def test_reports_that_cannot_be_compared_are_refused(how, words, tmp_path, capsy
     assert main([*argv, "--out", str(tmp_path / "out")]) in {2, 66}
     assert words in one_line(capsys)
     assert not (tmp_path / "out").exists()
-
-
-def test_windows_can_be_chosen_while_sets_are_read(tmp_path):
-    sets = windows(tmp_path / "a"), windows(tmp_path / "b", seed=2)
-    every = load_windows(*sets)[0]
-    half = load_windows(*sets, choose=lambda c: {key: value[::2] for key, value in c.items()})[0]
-    for key, value in half.items():
-        np.testing.assert_array_equal(value, every[key][::2])
-
-
-def test_a_set_without_shards_has_no_columns(tmp_path):
-    with pytest.raises(RecordingError, match="no set of shards"):
-        read_all(tmp_path / "none")
-    shards = ShardSet(tmp_path / "set", ABOUT)
-    shards.write("a", {})
-    assert read_all(tmp_path / "set")[1] == {}
-    assert not (tmp_path / "none").exists()
-
-
-def test_a_data_set_in_which_nothing_is_seen_is_told_as_such(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr("x2train.sets.windows.windows_of", lambda *_: None)
-    # No line break at 80 columns, nor within the name, and no style in it either.
-    folder = tmp_path / f"set of a [red]long[/] name {'x' * 80}"
-    argv = ["dataset", "--out", str(folder), "--passages", "1", "--workers", "1"]
-    assert main(argv) == 0
-    assert capsys.readouterr().out == f"{folder}: 0 windows of 1 passages\n"

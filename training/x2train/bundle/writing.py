@@ -137,7 +137,7 @@ def evaluation_of(table: PassageTable, bundle: Bundle, command: str) -> dict[str
         "command": command,
         "gate": GATE.model_dump(),
         "passages": len(table),
-        "is_matched": figures(table, 0).is_matched,
+        "is_matched": figures(table, 0).content["is_matched"],
         "sensitivities": {level.name: _plain(level) for level in made},
     }
 

@@ -13,7 +13,7 @@ from x2train.bundle.writing import write_bundle
 from x2train.finetune.finetune import Tuned, quiet_shares
 from x2train.finetune.guard import MAX_RISE, Guard
 from x2train.finetune.windows import OwnWindows
-from x2train.judge.estimates import Estimate, wilson
+from x2train.judge.estimates import share
 
 _RECIPE = (
     "Made of the bundle `{base}` for one household: its network, retrained lightly on {n} own "
@@ -72,7 +72,7 @@ def write_finetuned(
 
 
 def rows_of(tuned: Tuned) -> list[tuple[str, str, str]]:
-    """Return what was measured, before and after, for people: shares with Wilson intervals."""
+    """Return what was measured, before and after, for people."""
     before, after = tuned.before, tuned.after
     rows = [
         (
@@ -120,7 +120,7 @@ def _notes(tuned: Tuned) -> str:
     rows = "\n".join(f"| {name} | {old} | {new} |" for name, old, new in rows_of(tuned))
     return f"""Chosen so that on these simulated people misses rise by no more than
 {100 * MAX_RISE:g} points ({_detail(tuned)}), which flatters the figures
-a little; brackets are Wilson's 95 %. Own clips were learned from, so theirs flatter more. People
+a little; brackets hold 95 %. Own clips were learned from, so theirs flatter more. People
 were simulated: nothing here was measured on a real one.
 
 | | before | after |
@@ -133,7 +133,7 @@ def _detail(tuned: Tuned) -> str:
 
 
 def _share(count: int, total: int) -> str:
-    found: Estimate = wilson(count, total)
+    found = share(count, total)
     ends = f"{100 * found.low:.1f} to {100 * found.high:.1f}"
     return f"{count} of {total}, {100 * found.value:.2f} % ({ends})"
 

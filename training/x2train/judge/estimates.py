@@ -45,21 +45,6 @@ def share(count: int, total: int) -> Estimate:
     return Estimate(count / total, float(low), float(high))
 
 
-def wilson(count: int, total: int) -> Estimate:
-    """Return count / total with the score interval of Wilson (1927).
-
-    It is shorter than that of Clopper and Pearson and holds the truth in 95 % of cases on the
-    average of shares, not for every one; of a total of zero everything is possible.
-    """
-    if total == 0:
-        return Estimate(np.nan, 0.0, 1.0)
-    z = float(stats.norm.ppf(1 - _TAIL))
-    p = count / total
-    middle = (p + z**2 / (2 * total)) / (1 + z**2 / total)
-    half = z / (1 + z**2 / total) * float(np.sqrt(p * (1 - p) / total + (z / (2 * total)) ** 2))
-    return Estimate(p, max(0.0, middle - half), min(1.0, middle + half))
-
-
 def per_hour(count: int, hours: float) -> Estimate:
     """Return count / hours with the exact interval of a Poisson count (Garwood 1936).
 

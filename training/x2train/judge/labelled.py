@@ -11,14 +11,17 @@ recording, and may be missing where a label holds for all of it::
 """
 
 import csv
+import json
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from pydantic import ConfigDict, Field
 
 from radard.config.config import Config
+from radard.config.json_file import parse_json
 from radard.errors import UsageError
 from radard.judge.bundle import load_bundle
 from radard.judge.classifier import Classifier
@@ -29,19 +32,19 @@ from radard.stream.ring import Dwell
 from x2radar.bounded_yaml import load_yaml
 from x2radar.recording.registry import open_recording
 from x2train.judge.judging import from_decisions
-from x2train.judge.table import LABELS, Columns, PassageTable
-
-_KEYS = ("file", "start", "end", "label")
+from x2train.judge.table import Columns, PassageTable
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Labelled:
-    """One row of the list."""
+    """One row of the list; times are of the stream."""
+
+    __pydantic_config__ = ConfigDict(extra="forbid", allow_inf_nan=False)
 
     file: Path
-    start_s: float  # stream time
-    end_s: float  # infinite: to the end of the recording
-    label: str  # of `LABELS`
+    label: Literal["human", "pet", "other", "empty"]
+    start: Annotated[float, Field(ge=0)] = 0.0
+    end: float | None = None  # to the end of the recording when not given
 
 
 def read_list(path: Path) -> list[Labelled]:
@@ -57,36 +60,23 @@ def read_list(path: Path) -> list[Labelled]:
         msg = f"{path}: cannot read the list of recordings ({first_line})"
         raise UsageError(msg) from err
     if not isinstance(raw, list) or not raw:
-        msg = f"{path}: must be a list with the keys {', '.join(_KEYS)}"
+        msg = f"{path}: must be a list with the keys file, start, end and label"
         raise UsageError(msg)
     return [_row(path, number, row) for number, row in enumerate(raw, 1)]
 
 
 def _row(path: Path, number: int, row: Any) -> Labelled:
-    where = f"{path}, row {number}"
-    if not isinstance(row, Mapping) or not row.get("file") or set(row) - set(_KEYS):
-        msg = f"{where}: must have the keys {', '.join(_KEYS)}, and no others"
-        raise UsageError(msg)
-    label = str(row.get("label") or "").strip()
-    if label not in LABELS:
-        msg = f"{where}: label '{label[:40]}': must be one of {', '.join(LABELS)}"
-        raise UsageError(msg)
-    start_s, end_s = (_second(where, key, row.get(key)) for key in ("start", "end"))
-    start_s, end_s = 0.0 if start_s is None else start_s, np.inf if end_s is None else end_s
-    if not 0 <= start_s < end_s:
-        msg = f"{where}: start {start_s:g} and end {end_s:g}: must be seconds, one after the other"
-        raise UsageError(msg)
-    return Labelled(path.parent / str(row["file"]).strip(), start_s, end_s, label)
-
-
-def _second(where: str, key: str, value: Any) -> float | None:
-    if value is None or value == "":
-        return None
+    given = row
+    if isinstance(row, Mapping):
+        given = {key: value for key, value in row.items() if value not in {None, ""}}
     try:
-        return float(value)
-    except (TypeError, ValueError) as err:
-        msg = f"{where}: {key} '{str(value)[:40]}': must be seconds"
-        raise UsageError(msg) from err
+        made = parse_json(Labelled, json.dumps(given, default=str), f"{path}, row {number}")
+    except ValueError as err:
+        raise UsageError(str(err)) from err
+    if made.end is not None and made.end <= made.start:
+        msg = f"{path}, row {number}: end {made.end:g}: must be after start {made.start:g}"
+        raise UsageError(msg)
+    return replace(made, file=path.parent / made.file)
 
 
 def judge_labelled(rows: list[Labelled], model: str, policy: str = "") -> PassageTable:
@@ -107,12 +97,12 @@ def judge_labelled(rows: list[Labelled], model: str, policy: str = "") -> Passag
         if row.file not in made:
             made[row.file] = _decided(row.file, model, policy)
         decisions, length_s = made[row.file]
-        inside = [d for d in decisions if row.start_s < d.t_s <= row.end_s]
+        end_s = length_s if row.end is None else min(row.end, length_s)
+        inside = [d for d in decisions if row.start < d.t_s <= (row.end or np.inf)]
         if not inside:
-            msg = f"{row.file}: no window ends between {row.start_s:g} and {row.end_s:g} s"
+            msg = f"{row.file}: no window ends between {row.start:g} and {end_s:g} s"
             raise UsageError(msg)
-        end_s = min(row.end_s, length_s)
-        here = {} if row.label == "empty" else {"enters_s": row.start_s, "leaves_s": end_s}
+        here = {} if row.label == "empty" else {"enters_s": row.start, "leaves_s": end_s}
         passages.append(
             from_decisions(
                 inside,
@@ -120,7 +110,7 @@ def judge_labelled(rows: list[Labelled], model: str, policy: str = "") -> Passag
                 label=row.label,
                 split="recordings",
                 suite=row.file.name,
-                duration_s=end_s - row.start_s,
+                duration_s=end_s - row.start,
                 **here,
             )
         )

@@ -56,10 +56,10 @@ def page(
         **{name: diagram(name, found) for name, found in here.reliability.items()},
     }
     pictures = {}
-    for case in here.worst:
-        png = None if render is None else render(case.index)
+    for index in (case["index"] for case in here.worst):
+        png = None if render is None else render(index)
         if png is not None:
-            pictures[case.index] = "data:image/png;base64," + base64.b64encode(png).decode()
+            pictures[index] = "data:image/png;base64," + base64.b64encode(png).decode()
     environment = Environment(
         autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )

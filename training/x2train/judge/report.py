@@ -11,14 +11,19 @@ from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
-from radard.errors import OutputError
-from x2train.judge.compare import Pairing, check_same, pairings
+import numpy as np
+from numpy.typing import NDArray
+
+from radard.errors import OutputError, UsageError
+from x2train.judge.estimates import resampled
 from x2train.judge.figures import Figures, figures
 from x2train.judge.table import PassageTable
-from x2train.judge.verdicts import EPISODE_S
+from x2train.judge.verdicts import EPISODE_S, intrusions
 
 VERSION = 1  # of the schema
 _DIGITS = 4  # intervals are wider
+_Bool = NDArray[np.bool_]
+_Float = NDArray[np.float64]
 _HOW = {
     "intrusion": "a person who was in the swath; missed without an alarm from then on",
     "false alarm": f"a minute ({EPISODE_S:g} s from a passage's first decision) with an alarm",
@@ -31,6 +36,7 @@ _HOW = {
     ),
     "windows": "gate open, and the middle of the dwell in the time in the swath",
 }
+_SAME = ("label", "family", "duration_s", "enters_s", "leaves_s")
 
 
 def write(
@@ -71,13 +77,20 @@ def write(
     from x2train.judge.page import page  # noqa: PLC0415
 
     here = figures(table, seed)
+    made = {
+        "version": VERSION,
+        "title": title,
+        "how": _HOW,
+        **_plain(here.content),
+        "worst": _plain(here.worst),
+        "other": None,
+    }
     there: Figures | None = None
-    pairs: tuple[Pairing, ...] = ()
     if other is not None:
-        check_same(table, other)
+        _check_same(table, other)
         there = figures(other, seed)
-        pairs = pairings(table, here, there, seed)
-    made = document(title, table, here, there, pairs)
+        made["other"] = _plain({**there.content, "pairings": pairings(table, here, there, seed)})
+        made["other"].pop("groups")
     text = json.dumps(made, indent=1, allow_nan=False) + "\n"
     html = page(
         made, table, here, None if other is None or there is None else (other, there), render
@@ -92,28 +105,6 @@ def write(
     return made
 
 
-def document(
-    title: str,
-    table: PassageTable,
-    here: Figures,
-    there: Figures | None,
-    pairs: tuple[Pairing, ...],
-) -> dict[str, Any]:
-    """Return the report as JSON can hold it; report.schema.json describes it."""
-    made = {
-        "version": VERSION,
-        "title": title,
-        "how": _HOW,
-        **_plain(_of(here)),
-        "worst": [_plain(_worst(table, here, k)) for k in range(len(here.worst))],
-        "other": None,
-    }
-    if there is not None:
-        made["other"] = {**_plain(_of(there)), "pairings": [_plain(pair) for pair in pairs]}
-        made["other"].pop("groups")
-    return made
-
-
 def rounded(value: float) -> float:
     """Return a finite value with four digits; just below one, four of what is missing to it."""
     if 0.9 < value < 1:
@@ -121,34 +112,47 @@ def rounded(value: float) -> float:
     return float(f"{value:.{_DIGITS}g}")
 
 
-def _of(here: Figures) -> dict[str, Any]:
-    return {
-        "passages": here.n_passages,
-        "pet_hours_in_swath": here.pet_hours_in_swath,
-        "never_in_swath": here.n_never_in_swath,
-        "invalid_windows": here.n_invalid,
-        "operating_points": here.points,
-        "sweep_agreement": here.agreement,
-        "windows": here.windows,
-        "is_matched": here.is_matched,
-        "baselines": here.baselines,
-        "reliability": here.reliability,
-        "groups": here.groups,
-    }
+def pairings(
+    table: PassageTable, here: Figures, there: Figures, seed: int
+) -> list[dict[str, Any]]:
+    """Return who got wrong what the other model did not: as shipped, and each at its limit.
+
+    The interval of the difference is of passages drawn again in pairs.
+    """
+    rng = np.random.default_rng(seed)
+    people, pets = intrusions(table), table.label == "pet"
+    made = []
+    for k, name in enumerate(("as shipped", "each at one false alarm in 60 pet-hours")):
+        missed = [~f.found[k].is_alarm[people] for f in (here, there)]
+        false = [f.found[k].false_alarms[pets] > 0 for f in (here, there)]
+        difference = missed[0].astype(float) - missed[1]
+
+        def mean(weight: _Float, d: _Float = difference) -> float:
+            return float(weight @ d / weight.sum()) if len(d) else float("nan")
+
+        less = resampled(mean, int(people.sum()), rng)
+        pair = {"name": name, "missed": _overlap(*missed), "alarmed": _overlap(*false)}
+        made.append({**pair, "miss_rate_less_other": less})
+    return made
 
 
-def _worst(table: PassageTable, here: Figures, rank: int) -> dict[str, Any]:
-    case = here.worst[rank]
-    names = ("family", "label", "split", "suite", "build", "speed_mps", "range_m", "aspect_deg")
-    facts = {name: getattr(table, name)[case.index].item() for name in (*names, "snr_db")}
-    alarm_s = float(here.found[0].alarm_s[case.index])
-    return {
-        "index": case.index,
-        **facts,
-        "is_wrong": case.is_wrong,
-        "margin": case.margin,
-        "alarm_s": alarm_s,
-    }
+def _overlap(here: _Bool, there: _Bool) -> dict[str, int]:
+    parts = {"both": here & there, "here": here & ~there, "there": ~here & there}
+    return {name: int(part.sum()) for name, part in parts.items()}
+
+
+def _check_same(table: PassageTable, other: PassageTable) -> None:
+    """Raise UsageError unless both are of the same passages in the same order."""
+    if len(table) != len(other):
+        msg = f"the other model saw {len(other)} passages, not {len(table)}"
+        raise UsageError(msg)
+    for name in _SAME:
+        here, there = getattr(table, name), getattr(other, name)
+        same = here == there if here.dtype.kind == "U" else (here == there) | np.isnan(here)
+        if not same.all():
+            k = int(np.argmin(same))
+            msg = f"the other model saw other passages: {name} of {k} is {there[k]}, not {here[k]}"
+            raise UsageError(msg)
 
 
 def _plain(value: Any) -> Any:

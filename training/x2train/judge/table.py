@@ -36,22 +36,14 @@ SERIES = (
 def passage_columns(*, label: str, t_s: NDArray[np.float64], **facts: Any) -> Columns:
     """Return one passage as a row of the passages' columns and n of the decisions'.
 
-    See `PassageTable` for what they mean; texts that are not given are empty, numbers NaN. Raises
-    UsageError if the label is none of the four, or the arrays differ in length.
+    See `PassageTable` for what they mean; texts that are not given are empty, numbers NaN.
     """
-    if label not in LABELS:
-        msg = f"label {label!r}: must be one of {', '.join(LABELS)}"
-        raise UsageError(msg)
     given = {"label": label, "t_s": t_s, **facts}
     columns: Columns = {"n_decisions": np.array([len(t_s)], np.int64)}
     columns |= {name: np.array([given.get(name, "")], np.str_) for name in TEXTS}
     columns |= {name: np.array([given.get(name, np.nan)], np.float64) for name in NUMBERS}
     columns |= {name: np.asarray(given[name], np.bool_) for name in FLAGS}
     columns |= {name: np.asarray(given[name], np.float64) for name in SERIES}
-    for name in (*FLAGS, *SERIES):
-        if columns[name].shape != (len(t_s),):
-            msg = f"{name}: shape {columns[name].shape}, not ({len(t_s)},) like t_s"
-            raise UsageError(msg)
     return columns
 
 

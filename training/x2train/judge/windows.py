@@ -7,6 +7,7 @@ from pets, a network may have learned that instead of motion.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -108,23 +109,17 @@ def confusion(table: PassageTable) -> dict[str, dict[str, int]]:
     }
 
 
-@dataclass(frozen=True, slots=True)
-class Baseline:
-    """What one feature alone achieves."""
-
-    name: str
-    is_required: bool  # whether the set counts only if this one stays below 0.60
-    auc: Estimate  # of the feature, in whichever direction is better
-    # of the share of people among windows in the same twentieth of its values, learnt on every
-    # other passage and asked on the rest: finds what is not one-directional
-    auc_binned: float
-    is_below: bool  # whether both stay below 0.60; true where the feature is not known
-
-
 def baselines(
     table: PassageTable, windows: Windows, rng: np.random.Generator
-) -> tuple[Baseline, ...]:
-    """Return what power, range, SNR and speed achieve alone."""
+) -> list[dict[str, Any]]:
+    """Return what power, range, SNR and speed achieve alone, each a dict.
+
+    ``auc`` is that of the feature, in whichever direction is better; ``auc_binned`` of the share
+    of people among windows in the same twentieth of its values, learnt on every other passage
+    and asked on the rest, which finds what is not one-directional; ``is_below`` says that both
+    stay below 0.60, or that the feature is not known. The set counts only if those that are
+    ``is_required`` do.
+    """
     passage = table.passage[windows.row]
     features = (
         ("total power", True, table.power_db[windows.row]),
@@ -133,20 +128,15 @@ def baselines(
         ("SNR", True, table.snr_db[passage]),
         ("speed", False, table.speed_mps[passage]),
     )
-    return tuple(
-        _baseline(windows, name, is_required, value, rng) for name, is_required, value in features
-    )
-
-
-def _baseline(
-    windows: Windows, name: str, is_required: bool, value: _Float, rng: np.random.Generator
-) -> Baseline:
-    auc = windows.auc(value, rng)
-    if auc.value < 0.5:
-        auc = Estimate(1 - auc.value, 1 - auc.high, 1 - auc.low)
-    binned = _auc_binned(windows, value)
-    is_below = not (auc.value >= _MATCHED_BELOW or binned >= _MATCHED_BELOW)
-    return Baseline(name, is_required, auc, binned, is_below)
+    made = []
+    for name, is_required, value in features:
+        auc, binned = windows.auc(value, rng), _auc_binned(windows, value)
+        if auc.value < 0.5:
+            auc = Estimate(1 - auc.value, 1 - auc.high, 1 - auc.low)
+        row = {"name": name, "is_required": is_required, "auc": auc, "auc_binned": binned}
+        is_below = not (auc.value >= _MATCHED_BELOW or binned >= _MATCHED_BELOW)
+        made.append({**row, "is_below": is_below})
+    return made
 
 
 def _auc_binned(windows: Windows, value: _Float) -> float:
