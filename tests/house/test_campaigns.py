@@ -4,7 +4,6 @@ import json
 import subprocess
 import sys
 import warnings
-from collections import Counter
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from types import SimpleNamespace
@@ -12,9 +11,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from campaigns import faults, fuzz, soak
-from campaigns.fault_run import Recovery, Watcher, read_stamp, stamp
-from campaigns.fuzz_mutate import BORDER
+from campaigns import fuzz, soak
+from campaigns.fault_run import Watcher, stamp
 from campaigns.fuzz_targets import TARGETS
 from campaigns.processes import HARM, end_with
 from radard.stream.ring import Dwell
@@ -48,12 +46,6 @@ def test_faults():
     assert found["kinds"]["virtual"]["lost"] > 100
 
 
-def test_the_same_seed_finds_the_same():
-    one, two = (faults.judged(faults.virtual_run(1, 5))[0] for _ in range(2))
-    assert one == two
-    assert one["frames"] > 0
-
-
 @pytest.mark.integration
 def test_kill():
     found = run("kill", "--kills", "3")
@@ -81,45 +73,35 @@ def test_fuzz(tmp_path):
 # ---------------------------------------------------------------- each can find what is wrong
 
 
-class Clock:
-    """Time that a test sets."""
-
-    def __init__(self):
-        self.s = 100.0
-
-    def now(self):
-        return self.s
+def frame(k, *, late=0, counter=None, lost=0):
+    samples = stamp(np.zeros(16, np.float32), (k + late) / 60)
+    return Frame(samples, k + 1 if counter is None else counter, k, lost, False, BASEBAND)
 
 
-def frame(k, *, made_s=None, lost=0, restarted=False, counter=None):
-    samples = stamp(np.zeros(16, np.float32), k / 60 if made_s is None else made_s)
-    return Frame(samples, k + 1 if counter is None else counter, k, lost, restarted, BASEBAND)
+FIRST = [frame(k) for k in range(6)]
 
 
-def judged_whole(frames, *, n=10):
-    """What a watcher notes when the last `n` rows are judged as whole."""
-    watcher = Watcher(n, 60.0, Clock())
-    rows = 0
-    for each in frames:
-        rows += 1 + (0 if each.restarted else each.lost)
+@pytest.mark.parametrize(
+    ("rest", "found"),
+    [
+        ([frame(k) for k in range(6, 12)], (0, 0, 0)),
+        # Stitched: its numbers go on as if nothing had happened, which no driver can count.
+        ([frame(k, late=30) for k in range(6, 12)], (1, 0, 1)),
+        ([frame(k, late=4, counter=k + 5) for k in range(6, 12)], (1, 4, 0)),
+        ([frame(k, lost=4 * (k == 10)) for k in range(10, 13)], (1, 0, 0)),
+    ],
+    ids=["whole", "stitched", "not counted", "counted but judged"],
+)
+def test_a_window_that_is_not_whole_is_found(rest, found):
+    watcher = Watcher(10, 60.0, SimpleNamespace(now=lambda: 100.0))
+    for each in FIRST + rest:
         watcher.frame(each)
-    rows_of = np.zeros((n, 64), np.complex64)
-    dwell = Dwell(rows_of, np.ones(n, np.bool_), BASEBAND, 60.0, 1.0, end_frame=rows)
+    rows = sum(1 + each.lost for each in FIRST + rest)
+    samples = np.zeros((10, 64), np.complex64)
+    dwell = Dwell(samples, np.ones(10, np.bool_), BASEBAND, 60.0, 1.0, end_frame=rows)
     watcher.decision(dwell, is_whole=True)
-    return watcher.tally
-
-
-def test_a_stamp_survives_and_a_damaged_one_is_known():
-    samples = stamp(np.zeros(16, np.float32), 12.3456)
-    assert read_stamp(samples) == 12.346
-    samples[1] += 1
-    assert read_stamp(samples) is None
-    samples[:3] = np.nan
-    assert read_stamp(samples) is None
-
-
-def counts_of(tally, *keys):
-    return tuple(tally[key] for key in keys)
+    keys = ("gap_decisions", "uncounted", "hidden_restarts")
+    assert tuple(watcher.tally[key] for key in keys) == found
 
 
 def test_harm_is_said_and_fails_a_campaign(capsys):
@@ -128,62 +110,27 @@ def test_harm_is_said_and_fails_a_campaign(capsys):
     assert all(set(HARM) <= set(line) for line in lines)
 
 
-def test_a_whole_window_is_no_gap_decision():
-    tally = judged_whole([frame(k) for k in range(12)])
-    assert counts_of(tally, "gap_decisions", "uncounted") == (0, 0)
-
-
-def test_a_stitched_window_is_found():
-    late = [frame(k, made_s=(k + 30) / 60, counter=k + 1) for k in range(6, 12)]
-    tally = judged_whole([*(frame(k) for k in range(6)), *late])
-    # Its numbers go on as if nothing had happened: no driver can count that.
-    assert counts_of(tally, "gap_decisions", "uncounted", "hidden_restarts") == (1, 0, 1)
-
-
-def test_frames_that_nobody_counted_are_found():
-    late = [frame(k, made_s=(k + 4) / 60, counter=k + 5) for k in range(6, 12)]
-    tally = judged_whole([*(frame(k) for k in range(6)), *late])
-    assert counts_of(tally, "gap_decisions", "uncounted") == (1, 4)
-
-
-def test_a_gap_that_is_counted_but_judged_is_found():
-    rest = [frame(k, lost=4 * (k == 10)) for k in range(10, 13)]
-    tally = judged_whole([*(frame(k) for k in range(6)), *rest])
-    assert counts_of(tally, "gap_decisions", "uncounted") == (1, 0)
-
-
-def test_silence_is_found_once():
-    clock = Clock()
+@pytest.mark.parametrize(
+    ("bad", "wholes", "fault"),
+    [
+        (None, [(101.0, 1.0)], ""),
+        (None, [], "no decision at all"),
+        ((100.0, 5.0), [(103.0, 8.0)], ""),
+        ((100.0, 5.0), [(103.0, 8.2)], "3.20 s to a decision"),
+        ((100.0, 5.0), [(99.0, 4.0)], "no decision after the last fault"),
+        ((108.0, 5.0), [(111.0, 7.45)], "8.00 s to good frames"),
+    ],
+)
+def test_silence_and_a_recovery_that_takes_too_long_are_found(bad, wholes, fault):
+    clock = SimpleNamespace(s=100.0)
+    clock.now = lambda: clock.s
     watcher = Watcher(10, 60.0, clock)
+    watcher.last_bad, watcher.wholes = bad, wholes
+    assert watcher.recovery(100.0, 7.0).fault == fault
     for is_announced in (True, False, False):
         clock.s += 60
         watcher.look(is_announced=is_announced)
     assert watcher.tally["silent_stalls"] == 1
-
-
-@pytest.mark.parametrize(
-    ("bad", "wholes", "limit_s", "fault"),
-    [
-        (None, [(101.0, 1.0)], 7.0, ""),
-        (None, [], 7.0, "no decision at all"),
-        ((100.0, 5.0), [(103.0, 8.0)], 7.0, ""),
-        ((100.0, 5.0), [(103.0, 8.2)], 7.0, "3.20 s to a decision"),
-        ((100.0, 5.0), [(99.0, 4.0)], 7.0, "no decision after the last fault"),
-        ((108.0, 5.0), [(111.0, 7.45)], 7.0, "8.00 s to good frames"),
-    ],
-)
-def test_a_recovery_that_takes_too_long_is_found(bad, wholes, limit_s, fault):
-    watcher = Watcher(10, 60.0, Clock())
-    watcher.last_bad, watcher.wholes = bad, wholes
-    assert watcher.recovery(100.0, limit_s).fault == fault
-
-
-def test_what_frames_and_statistics_say_must_agree():
-    watcher = SimpleNamespace(tally=Counter(lost=3), notes=[])
-    run_of = SimpleNamespace(watcher=watcher, radar=SimpleNamespace(stats=SimpleNamespace(lost=5)))
-    found = {"run": run_of, "recovery": Recovery(0.0, 0.0, ""), "crash": "Traceback"}
-    counts, notes = faults.judged(found)
-    assert (counts["uncounted"], counts["crashes"], notes) == (2, 1, ["Traceback"])
 
 
 def test_growth_and_drift_are_found():
@@ -197,8 +144,7 @@ def test_growth_and_drift_are_found():
         for k in range(1, 1000, 7)
     ]
     assert soak.drift_ppm(rows) == pytest.approx(-50, abs=1)
-    assert soak.differing([{"a": 1}] * 5, [{"a": 1}] * 3 + [{"a": 2}] + [{"a": 1}]) == 1
-    assert soak.differing([{"a": 1}] * 9, [{"a": 1}] * 3) == 4
+    assert soak.differing([{"a": 1}] * 9, [{"a": 1}, {"a": 2}, {"a": 1}]) == 5
     assert soak.differing([{"a": 1, "time": "now"}], [{"a": 1, "replayed": True}]) == 0
 
 
@@ -246,11 +192,3 @@ def test_what_goes_wrong_is_counted_and_kept(tmp_path, monkeypatch):
     assert sorted(path.read_bytes() for path in (tmp_path / "found").iterdir()) == sorted(
         inputs[2:6]
     )
-
-
-def test_the_same_seed_makes_the_same_inputs():
-    def inputs(seed):
-        seeds = [b"one: 1\n", b"\x89HDF\0\0" * 20 + BORDER + b"two"]
-        return list(fuzz.mutations("scene", seed, 200, float("inf"), seeds))
-
-    assert inputs(1) == inputs(1) != inputs(2)

@@ -53,20 +53,22 @@ def after_image(words):
     return words[words.index("uwb-radar-alarm") + 1 :]
 
 
+def run(argv, folder, **environ):
+    """A finished process in a folder, with the variables of the image."""
+    environ = {**os.environ, **environment_of_the_image(), **environ}
+    return subprocess.run(
+        argv, env=environ, cwd=folder, capture_output=True, text=True, check=False
+    )
+
+
 def test_the_comments_commands_name_real_options_and_publish_the_dashboard(tmp_path):
     runs = documented_runs()
     assert len(runs) == 2
     for words in runs:
         assert words[words.index("-e") + 1] == "DASHBOARD_TOKEN"
         assert words[words.index("-p") + 1].endswith(":8434:8434")
-        done = subprocess.run(
-            [python(), "-m", "radard", "config", "check", *after_image(words)],
-            env={**os.environ, **environment_of_the_image(), "DASHBOARD_TOKEN": TOKEN},
-            cwd=tmp_path,
-            capture_output=True,
-            text=True,
-            check=False,
-        )
+        argv = [python(), "-m", "radard", "config", "check", *after_image(words)]
+        done = run(argv, tmp_path, DASHBOARD_TOKEN=TOKEN)
         assert (done.returncode, done.stdout) == (0, "configuration ok\n"), done.stderr
 
 
@@ -86,8 +88,8 @@ def answer(url, token=None):
 def test_the_simulated_radar_of_the_comment_shows_its_dashboard_to_the_token_only(tmp_path):
     port = free_port()
     argv = [word.replace("8434", str(port)) for word in after_image(documented_runs()[0])]
-    environ = {**os.environ, **environment_of_the_image(), "STATE_DIRECTORY": str(tmp_path / "s")}
-    environ |= {"RUNTIME_DIRECTORY": str(tmp_path / "r"), "DASHBOARD_TOKEN": TOKEN}
+    places = {"STATE_DIRECTORY": str(tmp_path / "s"), "RUNTIME_DIRECTORY": str(tmp_path / "r")}
+    environ = {**os.environ, **environment_of_the_image(), **places, "DASHBOARD_TOKEN": TOKEN}
     process = subprocess.Popen([python(), "-m", "radard", *argv], env=environ, cwd=tmp_path)
     try:
         url = f"http://127.0.0.1:{port}/api/v1/status"
@@ -96,22 +98,12 @@ def test_the_simulated_radar_of_the_comment_shows_its_dashboard_to_the_token_onl
         assert answer(url, "x" * 32) in {401, 403}
         # What the image's health check asks.
         health = [python(), "-m", "radard", "health"]
-        wait_for(
-            lambda: subprocess.run(health, env=environ, cwd=tmp_path, check=False).returncode == 0
-        )
+        wait_for(lambda: run(health, tmp_path, **places).returncode == 0)
     finally:
         process.terminate()
         process.wait(60)
     # And without a token it says so, rather than to serve everybody.
-    del environ["DASHBOARD_TOKEN"]
-    done = subprocess.run(
-        [python(), "-m", "radard", *argv],
-        env=environ,
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = run([python(), "-m", "radard", *argv], tmp_path, **places)
     assert done.returncode == 78
     assert "DASHBOARD_TOKEN" in done.stderr
 
@@ -119,23 +111,13 @@ def test_the_simulated_radar_of_the_comment_shows_its_dashboard_to_the_token_onl
 # ---------------------------------------------------------------- compose
 
 
-def compose():
-    return yaml.safe_load((CONTAINER / "compose.yaml").read_text())
-
-
 def test_composes_radard_takes_its_options(tmp_path):
-    service = compose()["services"]["radard"]
+    service = yaml.safe_load((CONTAINER / "compose.yaml").read_text())["services"]["radard"]
     environ = {
         key: TOKEN if "$" in value else value for key, value in service["environment"].items()
     }
-    done = subprocess.run(
-        [python(), "-m", "radard", "config", "show", *service["command"]],
-        env={**os.environ, **environment_of_the_image(), **environ},
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    argv = [python(), "-m", "radard", "config", "show", *service["command"]]
+    done = run(argv, tmp_path, **environ)
     assert done.returncode == 0, done.stderr
     assert "mqtt://radard@mosquitto" in done.stdout
     assert "password_env: MQTT_PASSWORD" in done.stdout
@@ -145,8 +127,7 @@ def test_composes_radard_takes_its_options(tmp_path):
 # ---------------------------------------------------------------- add-on
 
 
-def addon():
-    return yaml.safe_load((ADDON / "config.yaml").read_text())
+OPTIONS = yaml.safe_load((ADDON / "config.yaml").read_text())["options"]
 
 
 # What run.sh asks of bashio, the library of the add-ons' base images: answered from a file.
@@ -186,7 +167,7 @@ def run_addon(folder, options, **environ):
 
 
 def test_addon_gives_its_options_to_radard(tmp_path):
-    options = {**addon()["options"], "device": "/dev/ttyACM0", "sensitivity": "high"}
+    options = {**OPTIONS, "device": "/dev/ttyACM0", "sensitivity": "high"}
     options |= {"entry_delay_s": 20, "token": TOKEN, "name": "hall"}
     done = run_addon(tmp_path, options, MQTT_HOST="core-mosquitto")
     assert done.returncode == 0, done.stderr
@@ -200,11 +181,11 @@ def test_addon_gives_its_options_to_radard(tmp_path):
 
 
 def test_addon_without_options_simulates_and_makes_a_token_once(tmp_path):
-    first = run_addon(tmp_path, addon()["options"])
+    first = run_addon(tmp_path, OPTIONS)
     assert first.returncode == 0, first.stderr
     assert yaml.safe_load(first.stdout)["sensor"]["port"] == "sim:demo"
     token = (tmp_path / "token").read_text()
     assert re.fullmatch("[0-9a-f]{32}", token)
     assert token in first.stderr
     assert "no MQTT broker" in first.stderr
-    assert token in run_addon(tmp_path, addon()["options"]).stderr
+    assert token in run_addon(tmp_path, OPTIONS).stderr

@@ -80,11 +80,8 @@ def ids(block):
     return block.name
 
 
-def test_every_fence_says_what_it_holds():
+def test_every_fence_says_what_it_holds_and_reasons_are_for_what_would_run():
     assert {block.name for block in ALL if block.kind not in KINDS} == set()
-
-
-def test_reasons_are_for_blocks_that_would_run():
     assert {b.name for b in ALL if b.reason and b.kind not in {"sh", "python"}} == set()
 
 

@@ -157,83 +157,6 @@ def test_windows_of_a_body(page, capsys):
     assert "'pendulums': neither a use nor a plug-in body; known" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("", "cannot be loaded: AttributeError"),
-        ("import nothing_like_this", "cannot be loaded: ModuleNotFoundError"),
-        ("raise RuntimeError('two\\nlines')", "cannot be loaded: RuntimeError: two lines"),
-        ("thing = 3", "TypeError: 'int' object is not callable"),
-        ("def thing(target, options): pass", "TypeError"),
-        ("def thing(target, options, *, speed): return 3", "int has no stream, is_live, frames"),
-        ("def thing(target, options, *, speed): 1 / 0", "ZeroDivisionError: division by zero"),
-    ],
-)
-def test_broken_sources_are_one_line(text, words, folder, capsys):
-    offer(folder, {"radard.sources": {"odd": "odd:thing"}}, odd=text)
-    assert main(["--port", "odd:x"]) == 78
-    err = capsys.readouterr().err
-    assert err.startswith("radard: plug-in 'odd' of radard.sources (example): ")
-    assert words in err
-    assert err.count("\n") == 1
-
-
-def test_a_sources_own_errors_pass(folder, capsys):
-    text = (
-        "from x2radar.errors import PortNotFound\n"
-        "def thing(target, options, *, speed): raise PortNotFound('nothing there')\n"
-    )
-    offer(folder, {"radard.sources": {"odd": "odd:thing"}}, odd=text)
-    assert main(["--port", "odd:x"]) == 66
-    assert capsys.readouterr().err == "radard: nothing there\n"
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("def thing(url, options, context): return 3", "int has no name, state, waits"),
-        ("def thing(url, options, context): 1 / 0", "ZeroDivisionError"),
-        ("thing", "NameError"),
-    ],
-)
-def test_broken_sinks_are_one_line(text, words, folder):
-    offer(folder, {"radard.sinks": {"odd": "odd:thing"}}, odd=text)
-    with pytest.raises(PluginError, match=rf"plug-in 'odd' of radard.sinks.*{words}"):
-        open_sinks(["odd:x"], stdout_is_terminal=False)
-
-
-@pytest.mark.parametrize(
-    ("text", "error", "words"),
-    [
-        ("class thing: pass", PluginError, "has no shape, extract"),
-        ("class thing:\n def shape(s): 1 / 0\n extract = 1", PluginError, "ZeroDivisionError"),
-    ],
-)
-def test_broken_features_are_one_line(text, error, words, folder):
-    offer(folder, {"radard.features": {"odd": "odd:thing"}}, odd=text)
-    with pytest.raises(error, match=words):
-        feature_shape("odd", FeatureSettings())
-
-
-@pytest.mark.parametrize(
-    ("made", "words"),
-    [
-        ("np.zeros(3)", r"gives float64 \(3,\), not float32 \(3,\)"),
-        ("np.zeros(2, np.float32)", r"gives float32 \(2,\)"),
-        ("[0, 0, 0]", "gives list"),
-    ],
-)
-def test_features_of_another_form_are_refused(made, words, folder):
-    text = (
-        "import numpy as np\nclass Odd:\n def shape(self, s): return (3,)\n"
-        f" def extract(self, dwell, s): return {made}\nthing = Odd()\n"
-    )
-    offer(folder, {"radard.features": {"odd": "odd:thing"}}, odd=text)
-    stream = FeatureStream(FeatureSettings(), ("odd",))
-    with pytest.raises(FeatureError, match=words):
-        stream.extract(dwell_of(noise(147)))
-
-
 BODY = """
 import numpy as np
 from x2radar.sim.scene.cast import BodyKind
@@ -246,26 +169,72 @@ thing = BodyKind('Odd.', lambda rng, options, where: {made})
 """
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        ({"label": "ghost"}, "label 'ghost' is none of human, pet, other"),
-        ({"n": 3}, "2 points at two times have positions of shape"),
-        ({"made": "3"}, "int has no label, names, at"),
-        ({"made": "1 / 0"}, "ZeroDivisionError"),
-    ],
-)
-def test_broken_bodies_are_one_line(change, words, folder):
-    text = BODY.format(**{"label": "pet", "n": 2, "made": "Odd()", **change})
-    offer(folder, {"x2radar.bodies": {"odd": "odd:thing"}}, odd=text)
-    with pytest.raises(PluginError, match=words):
+def body(**change):
+    return BODY.format(**{"label": "pet", "n": 2, "made": "Odd()", **change})
+
+
+def feature(made):
+    return (
+        "import numpy as np\nclass Odd:\n def shape(self, s): return (3,)\n"
+        f" def extract(self, dwell, s): return {made}\nthing = Odd()\n"
+    )
+
+
+def use(group):
+    """Make the daemon, or the simulator, use the plug-in `odd` of a group."""
+    if group == "sources":
+        open_source("odd:x")
+    elif group == "sinks":
+        open_sinks(["odd:x"], stdout_is_terminal=False)
+    elif group == "features":
+        feature_shape("odd", FeatureSettings())
+        FeatureStream(FeatureSettings(), ("odd",)).extract(dwell_of(noise(147)))
+    else:
         parse_scene("steps: [{body: odd, duration_s: 1}]", "x", "x")
 
 
-def test_a_body_must_be_a_kind(folder):
-    offer(folder, {"x2radar.bodies": {"odd": "odd:thing"}}, odd="thing = 3")
-    with pytest.raises(PluginError, match="must be a BodyKind, not int"):
-        parse_scene("steps: [{body: odd, duration_s: 1}]", "x", "x")
+BROKEN = [
+    ("sources", "", "cannot be loaded: AttributeError"),
+    ("sources", "import nothing_like_this", "cannot be loaded: ModuleNotFoundError"),
+    ("sources", "raise RuntimeError('two\\nlines')", "cannot be loaded: RuntimeError: two lines"),
+    ("sources", "thing = 3", "TypeError: 'int' object is not callable"),
+    ("sources", "def thing(target, options, *, speed): return 3", "int has no stream, is_live"),
+    ("sources", "def thing(target, options, *, speed): 1 / 0", "ZeroDivisionError: division"),
+    ("sinks", "def thing(url, options, context): return 3", "int has no name, state, waits"),
+    ("sinks", "def thing(url, options, context): 1 / 0", "ZeroDivisionError"),
+    ("features", "class thing: pass", "has no shape, extract"),
+    ("features", "class thing:\n def shape(s): 1 / 0\n extract = 1", "ZeroDivisionError"),
+    ("features", feature("np.zeros(3)"), r"gives float64 \(3,\), not float32 \(3,\)"),
+    ("features", feature("[0, 0, 0]"), "gives list"),
+    ("bodies", body(label="ghost"), "label 'ghost' is none of human, pet, other"),
+    ("bodies", body(n=3), "2 points at two times have positions of shape"),
+    ("bodies", body(made="3"), "int has no label, names, at"),
+    ("bodies", body(made="1 / 0"), "ZeroDivisionError"),
+    ("bodies", "thing = 3", "must be a BodyKind, not int"),
+]
+
+
+@pytest.mark.parametrize(("group", "text", "words"), BROKEN)
+def test_a_broken_plug_in_is_one_line(group, text, words, folder):
+    package = "x2radar" if group == "bodies" else "radard"
+    offer(folder, {f"{package}.{group}": {"odd": "odd:thing"}}, odd=text)
+    with pytest.raises((PluginError, FeatureError), match=words) as caught:
+        use(group)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_command_ends_with_78_and_a_sources_own_errors_pass(folder, capsys):
+    offer(folder, {"radard.sources": {"odd": "odd:thing"}}, odd="thing = 3")
+    assert main(["--port", "odd:x"]) == 78
+    told = "radard: plug-in 'odd' of radard.sources (example): TypeError"
+    assert capsys.readouterr().err.startswith(told)
+    text = (
+        "from x2radar.errors import PortNotFound\n"
+        "def other(target, options, *, speed): raise PortNotFound('nothing there')\n"
+    )
+    offer(folder, {"radard.sources": {"own": "own:other"}}, own=text)
+    assert main(["--port", "own:x"]) == 66
+    assert capsys.readouterr().err == "radard: nothing there\n"
 
 
 def test_two_of_one_name_are_refused_and_the_same_twice_is_not(folder):
@@ -324,18 +293,7 @@ def test_nobody_looks_for_plug_ins_without_need(monkeypatch, tmp_path):
         open_source("socket://127.0.0.1:1")
 
 
-@pytest.mark.parametrize(
-    ("text", "scheme"),
-    [
-        ("npy:x", "npy"),
-        ("my-radar.1:x?a=1", "my-radar.1"),
-        ("socket://h:1", ""),
-        ("/dev/ttyACM0", ""),
-        ("/dev/by-id/a:b", ""),
-        ("COM3:", ""),
-        ("auto", ""),
-        ("", ""),
-    ],
-)
-def test_schemes(text, scheme):
-    assert plugins.scheme_of(text) == scheme
+def test_schemes():
+    some = {"npy:x": "npy", "my-radar.1:x?a=1": "my-radar.1", "socket://h:1": "", "COM3:": ""}
+    some |= {"/dev/ttyACM0": "", "/dev/by-id/a:b": "", "auto": "", "": ""}
+    assert {text: plugins.scheme_of(text) for text in some} == some

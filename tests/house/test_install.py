@@ -25,16 +25,15 @@ def test_run_takes_only_files_with_these_hashes(tmp_path):
     editable.touch()
     python.write_text('#!/bin/sh\necho "$@" >> "$(dirname "$0")/asked"\n')
     python.chmod(0o755)
+
+    def bash(script):
+        environ = {"PATH": "/usr/bin:/bin", "PYTHON": sys.executable}
+        argv = [shutil.which("bash"), "-euc", f". tools/venv.sh; {script}"]
+        return subprocess.run(argv, cwd=tmp_path, check=True, env=environ, capture_output=True)
+
     asked = {}
     for extras in ("daemon", "daemon,train,dev"):
-        script = f'. tools/venv.sh; ensure_venv "$PWD" {extras}; ensure_venv "$PWD" {extras}'
-        subprocess.run(
-            [shutil.which("bash"), "-euc", script],
-            cwd=tmp_path,
-            check=True,
-            env={"PATH": "/usr/bin:/bin", "PYTHON": sys.executable},
-            capture_output=True,
-        )
+        bash(f'ensure_venv "$PWD" {extras}; ensure_venv "$PWD" {extras}')
         asked[extras] = (tmp_path / ".venv/bin/asked").read_text().splitlines()
         (tmp_path / ".venv/bin/asked").unlink()
     for lines in asked.values():
@@ -44,15 +43,7 @@ def test_run_takes_only_files_with_these_hashes(tmp_path):
         assert "--no-build-isolation" in lines[1]
     # A copy in place of the checkout is put right, whatever the stamp says.
     editable.unlink()
-    again = subprocess.run(
-        [shutil.which("bash"), "-euc", '. tools/venv.sh; ensure_venv "$PWD" daemon'],
-        cwd=tmp_path,
-        check=True,
-        env={"PATH": "/usr/bin:/bin", "PYTHON": sys.executable},
-        capture_output=True,
-        text=True,
-    )
-    assert "installing" in again.stderr
+    assert b"installing" in bash('ensure_venv "$PWD" daemon').stderr
     assert "--no-index" in asked["daemon"][1]
     assert "--no-index" not in asked["daemon,train,dev"][1]
 
@@ -67,12 +58,8 @@ def test_a_stranger_s_file_is_refused(tmp_path):
     want.write_text(f"h11=={version} --hash=sha256:{a_hash}\n")
     pip = [sys.executable, "-m", "pip", "download", "--isolated", "--no-index", "--no-deps"]
     pip += ["--find-links", str(tmp_path), "--require-hashes", "-r", str(want)]
-    said = subprocess.run(
-        [*pip, "-d", str(tmp_path / "out")],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    pip += ["-d", str(tmp_path / "out")]
+    said = subprocess.run(pip, capture_output=True, text=True, check=False)
     assert said.returncode != 0
     assert "DO NOT MATCH THE HASHES" in said.stderr
 

@@ -40,10 +40,6 @@ def test_it_runs(path, tmp_path, monkeypatch):
     assert not [out.text for out in said if out.get("name") == "stderr" and "arning" in out.text]
 
 
-def test_there_are_four():
-    assert len(NOTEBOOKS) == 4
-
-
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_it_is_kept_without_outputs(path):
     notebook = read(path)

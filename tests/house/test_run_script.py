@@ -40,36 +40,22 @@ def asked(tmp_path):
     return ask
 
 
-@pytest.mark.parametrize(
-    "words", [[], ["--duration", "20"], ["--speed", "max"], ["-v"], ["--model", "fast"]]
-)
-def test_without_a_port_it_is_the_demo(asked, words):
-    assert asked(*words) == [*words, *DEMO, *PAGE]
-
-
-def test_what_is_named_stays(asked):
+def test_without_a_port_it_is_the_demo_and_what_is_named_stays(asked):
+    for words in ([], ["--duration", "20"], ["--speed", "max"], ["-v"]):
+        assert asked(*words) == [*words, *DEMO, *PAGE]
     assert asked("-o", "table") == ["-o", "table", *DEMO]
     assert asked("--port", "/dev/ttyACM0") == ["--port", "/dev/ttyACM0", *PAGE]
     for words in (["--help"], ["--version"], ["detect", "a.h5"], ["--config", "mine.yaml"]):
         assert asked(*words) == words
 
 
-@pytest.mark.parametrize(
-    "config",
-    [
+def test_a_port_of_configuration_or_environment_is_taken(asked):
+    for config in (
         "sensor: {port: /dev/ttyACM0}\n",
         "sensor:\n  port: 'socket://10.0.0.5:4001'\n",
         "sensors:\n  hall: {port: sim:dog}\n",
         "sensor:\n  port: auto  # the only one\n",
-    ],
-)
-def test_a_port_of_the_configuration_is_taken(asked, config):
-    assert asked("--duration", "5", config=config) == ["--duration", "5", *PAGE]
-
-
-def test_a_port_that_is_none_or_a_comment_is_none(asked):
+    ):
+        assert asked("--duration", "5", config=config) == ["--duration", "5", *PAGE]
     assert asked(config="sensor:\n  port: null\n# port: /dev/ttyACM0\n") == [*DEMO, *PAGE]
-
-
-def test_the_environment_counts_too(asked):
     assert asked(RADARD_SENSOR__PORT="sim:cat", RADARD_OUTPUT="json") == []
