@@ -1,10 +1,14 @@
 """Messages to frames: samples, axes, counters."""
 
+import dataclasses
+
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from x2radar.device.assemble import FrameAssembler
-from x2radar.frame import Frame
+from x2radar.frame import CounterTracker, FastTimeAxis, Frame, Step
 from x2radar.modules.x2 import RadarSettings
 from x2radar.wire.codec import decode_response, encode
 from x2radar.wire.messages import (
@@ -111,9 +115,11 @@ def test_messages_without_an_echo_are_no_frames(message: Message) -> None:
         ((1, 4), [(0, 0, False), (3, 2, False)]),
         ((900, 1, 2), [(0, 0, False), (1, 0, True), (2, 0, False)]),
         ((TOP, 0, 1), [(0, 0, False), (1, 0, False), (2, 0, False)]),
+        ((TOP, 2), [(0, 0, False), (3, 2, False)]),
+        ((1, 0), [(0, 0, False), (1, 0, True)]),
         ((1, 1, 1, 2), [(0, 0, False), (1, 0, False)]),
     ],
-    ids=["gap", "restart", "wrap", "repeat"],
+    ids=["gap", "restart", "wrap", "lost at the wrap", "one back", "repeat"],
 )
 def test_what_counters_tell(counters: tuple[int, ...], told: list) -> None:
     got = frames([raw(counter) for counter in counters])
@@ -143,3 +149,41 @@ def test_frames_share_one_axis_until_it_changes() -> None:
     assert one.axis is two.axis
     assert (longer.axis.n_range, other.axis.bin_length_m) == (3, 0.05)
     assert (longer.index, other.index) == (2, 3)
+
+
+AXIS = FastTimeAxis(kind="rf", n_range=4, bin_length_m=0.5, range_offset_m=2.0, carrier_hz=6.8e9)
+
+
+def track(counters: list[int], longest_gap: int = 36_000) -> list[tuple[Step, int, int]]:
+    tracker = CounterTracker(longest_gap)
+    return [(*tracker.update(c), tracker.index) for c in counters]
+
+
+def test_range_axis() -> None:
+    assert dataclasses.replace(AXIS, n_range=0).range_m.shape == (0,)
+    np.testing.assert_array_equal(AXIS.range_m, [2.0, 2.5, 3.0, 3.5])
+    assert AXIS.range_m.dtype == np.float64
+    assert AXIS.range_m is AXIS.range_m
+
+
+def test_longest_gap_is_a_gap_and_one_more_a_restart() -> None:
+    assert track([0, 11], longest_gap=10)[1] == (Step.GAP, 10, 11)
+    assert track([0, 12], longest_gap=10)[1] == (Step.RESTART, 0, 1)
+
+
+@given(
+    first=st.integers(0, TOP),
+    ahead=st.lists(st.one_of(st.integers(0, 3), st.integers(1, 100)), max_size=30),
+)
+def test_index_counts_what_was_sent(first: int, ahead: list[int]) -> None:
+    tracker = CounterTracker()
+    tracker.update(first)
+    index, lost = 0, 0
+    for step in ahead:
+        index += step
+        lost += max(step - 1, 0)
+        kind, missing = tracker.update((first + index) % 2**32)
+        assert tracker.index == index
+        assert missing == max(step - 1, 0)
+        assert (kind is Step.REPEAT) == (step == 0)
+        assert (kind is Step.GAP) == (step > 1)

@@ -5,7 +5,6 @@ import pytest
 
 from radard.stream.coalesced_reads import PAUSE_S, CoalescedReads, coalesced
 from radard.stream.frame_timing import FrameTiming
-from x2radar.device.transport import memory_pair
 from x2radar.errors import TransportClosed
 
 
@@ -103,18 +102,6 @@ def test_everything_else_is_the_ports_own(is_usb):
     assert inner.reads == []
 
 
-def test_all_bytes_arrive_in_order_through_a_real_pipe():
-    near, far = memory_pair()
-    port = CoalescedReads(near, 0.001)
-    sent = b"".join(bytes([k]) * 700 for k in range(60))
-    for k in range(60):
-        far.write(sent[700 * k : 700 * (k + 1)])
-    got = b""
-    while len(got) < len(sent):
-        got += port.read(0.5)
-    assert got == sent
-
-
 def test_the_frame_that_completes_a_dwell_never_waits():
     due_s = [100.030]
     port, clock = reader(*[b"x" * 3084] * 6, due_s=lambda: due_s[0])
@@ -127,13 +114,6 @@ def test_the_frame_that_completes_a_dwell_never_waits():
     due_s[0] += 1
     port.read(1.0)
     assert clock.slept_s[1:] == pytest.approx([PAUSE_S])
-
-
-def test_a_frame_that_does_not_come_is_not_waited_for_without_end():
-    port, clock = reader(*[b"x" * 3084] * 3, due_s=lambda: 99.8)
-    port.read(1.0)
-    port.read(1.0)
-    assert clock.slept_s == pytest.approx([PAUSE_S])
 
 
 @pytest.mark.parametrize("drift", [0.0, 3e-3, -3e-3])

@@ -9,7 +9,6 @@ from x2radar.device.discovery import find_module, list_ports, port_state, probe
 from x2radar.device.transport import PtyTransport, SerialTransport
 from x2radar.errors import PortNotFound
 from x2radar.recording.hdf5_reader import RecordingReader
-from x2radar.sim.module.faults import FaultPlan
 from x2radar.sim.module.host import serve
 from x2radar.sim.module.module import SimulatedModule
 from x2radar.sim.scene.scene import load_scene
@@ -57,12 +56,6 @@ def test_a_module_answers_and_nobody_does_not(module, nobody):
     assert probe(nobody.path, 0.05) == ""
     assert port_state(nobody.path, 0.05) == (False, "silent")
     assert find_module([nobody.path, module.path], 0.2) == module.path
-
-
-def test_a_module_in_safe_mode_is_found_too():
-    served = Served(SimulatedModule(load_scene("empty"), 0, FaultPlan({"safe_mode": 1.0})))
-    assert probe(served.path) == "safe mode"
-    served.close()
 
 
 def test_none_several_and_busy_ports_are_named(module, nobody):

@@ -1,5 +1,5 @@
 import time
-from itertools import combinations, islice
+from itertools import islice
 
 import numpy as np
 import pytest
@@ -19,32 +19,20 @@ from x2radar.sim.module.stream import EchoStream
     ("text", "spec"),
     [
         ("/dev/ttyACM0", Port("live", "/dev/ttyACM0", {})),
-        ("COM3", Port("live", "COM3", {})),
         ("/dev/ttyS1?rate=200", Port("live", "/dev/ttyS1", {"rate": "200"})),
         ("socket://host:7000", Port("live", "socket://host:7000", {})),
-        (
-            "socket://host:7000?rate=60&kind=baseband",
-            Port("live", "socket://host:7000", {"rate": "60", "kind": "baseband"}),
-        ),
         ("sim:human", Port("sim", "human", {})),
-        ("sim:human?", Port("sim", "human", {})),
         ("sim:human?seed=1&kind=rf", Port("sim", "human", {"seed": "1", "kind": "rf"})),
-        ("sim:a/b.yaml", Port("sim", "a/b.yaml", {})),
         ("sim:a%20b%3F%26.yaml?seed=3", Port("sim", "a b?&.yaml", {"seed": "3"})),
         ("sim:x?seed=%31%32", Port("sim", "x", {"seed": "12"})),
         (
             "replay:night.h5?start=12&loop=1",
             Port("replay", "night.h5", {"start": "12", "loop": "1"}),
         ),
-        ("replay:a%25b", Port("replay", "a%b", {})),
-        ("sim:x?seed=", Port("sim", "x", {"seed": ""})),
         ("sim:x?fault=a:1,b:2", Port("sim", "x", {"fault": "a:1,b:2"})),
-        ("simulator", Port("live", "simulator", {})),
         ("auto?rate=20", Port("auto", "auto", {"rate": "20"})),
         ("socket://[::1]:7000", Port("live", "socket://[::1]:7000", {})),
-        ("RFC2217://host:7", Port("live", "RFC2217://host:7", {})),
         ("loop://", Port("live", "loop://", {})),
-        ("odd:thing?x=1", Port("live", "odd:thing", {"x": "1"})),
     ],
 )
 def test_parsing(text, spec):
@@ -55,15 +43,11 @@ def test_parsing(text, spec):
     ("text", "wanted"),
     [
         ("sim:human?seed", "key=value pairs joined by '&'"),
-        ("sim:human?seed=1&", "key=value pairs"),
-        ("sim:human?&", "key=value pairs"),
         ("sim:human?seed=1&seed=1", "a key is given twice"),
         ("sim:human?seed=1&s%65ed=2", "a key is given twice"),
         ("sim:", "nothing behind 'sim:'"),
         ("sim:?seed=1", "nothing behind 'sim:'"),
-        ("replay:", "nothing behind 'replay:'"),
         ("", "no port"),
-        ("?rate=60", "no port"),
     ],
 )
 def test_strings_that_are_no_port(text, wanted):
@@ -78,18 +62,11 @@ def test_strings_that_are_no_port(text, wanted):
     [
         "socket://127.0.0.1",
         "socket://h:99999",
-        "socket://h:0",
-        "socket://h:",
         "socket://h:x",
-        "socket://:7000",
-        "socket://",
         "socket://a b:7000",
-        "socket://..:7000",
         "socket://[::1:7000",
         "rfc2217://h",
-        "rfc2217://h:70000?rate=60",
         "spy://",
-        "hwgrep://",
         "tcp://h:1",
         "://h:1",
     ],
@@ -142,24 +119,15 @@ def test_unknown_keys_name_the_known_ones():
     ("port", "error", "wanted"),
     [
         ("sim:human?rate=fast", SettingsError, "port key 'rate': 'fast' is not a number"),
-        ("sim:human?rate=", SettingsError, "port key 'rate': '' is not a number"),
         ("sim:human?rate=0", SettingsError, "frame_rate_hz = 0.0"),
-        ("sim:human?rate=60.5", SettingsError, "frame_rate_hz = 60.5"),
         ("sim:human?rate=1001", SettingsError, "frame_rate_hz = 1001.0"),
         ("sim:human?rate=nan", SettingsError, "frame_rate_hz = nan"),
-        ("sim:human?rate=inf", SettingsError, "frame_rate_hz = inf"),
-        ("sim:human?rate=1e999", SettingsError, "frame_rate_hz = inf"),
         ("sim:human?kind=iq", SettingsError, "port key 'kind': 'iq'; known are rf, baseband"),
         ("sim:human?seed=-1", SettingsError, "port key 'seed': '-1' must be a whole number"),
         ("sim:human?seed=1.5", SettingsError, "port key 'seed': '1.5' must be"),
-        ("sim:human?seed=nan", SettingsError, "port key 'seed': 'nan' must be"),
-        ("sim:human?seed=", SettingsError, "port key 'seed': '' must be"),
         ("sim:human?seed=" + "9" * 30, SettingsError, "port key 'seed'"),
         ("sim:nobody", SceneError, "no scene 'nobody'"),
-        ("sim:missing.yaml", SceneError, "missing.yaml: cannot read"),
-        ("sim:%00.yaml", SceneError, "cannot read"),
         ("replay:human", SettingsError, "a recording is no radar"),
-        ("/dev/ttyACM0?rate=2000", SettingsError, "frame_rate_hz = 2000.0"),
     ],
 )
 def test_faults_come_before_anything_is_opened(port, error, wanted):
@@ -214,24 +182,3 @@ def test_a_module_paced_by_its_reader_is_never_taken_for_silent(monkeypatch, fau
                 list(islice(radar.frames(), 600))
         else:
             assert not any(frame.restarted for frame in islice(radar.frames(), 1, 600))
-
-
-def test_the_seed_decides_the_frames():
-    base = 2**60
-    streams = {
-        seed: np.array([f.samples for f in first_frames(f"sim:human?seed={seed}", 5)])
-        for seed in (0, 1, base, base + 1)
-    }
-    assert np.array_equal(
-        streams[1], np.array([f.samples for f in first_frames("sim:human?seed=1", 5)])
-    )
-    assert np.array_equal(streams[0], np.array([f.samples for f in first_frames("sim:human", 5)]))
-    for a, b in combinations(streams.values(), 2):
-        assert not np.array_equal(a, b)
-
-
-def test_baseband_comes_at_the_rate_asked_for():
-    frames = first_frames("sim:human?kind=baseband&rate=200")
-    assert frames[0].axis.kind == "baseband"
-    assert frames[0].samples.dtype == np.complex64
-    assert frames[0].axis.bandwidth_hz == pytest.approx(2.3e9)

@@ -153,17 +153,6 @@ def test_closing_from_another_thread_ends_it_at_once(socket, plugged):
     assert ended.wait(59)
 
 
-def test_quit_on_loss(socket):
-    socket.plug()
-    with socket.radar(quit_on_loss=True) as radar:
-        frames = iter(radar)
-        next(frames)
-        socket.pull()
-        with pytest.raises(TransportClosed) as caught:
-            list(frames)
-        assert caught.value.exit_code == 3
-
-
 def test_gaps_repeats_and_reboots_are_told_before_the_frame_that_they_concern():
     plan = FaultPlan({"drop_frames": 0.03, "duplicate": 0.03, "reboot": 0.005})
     near, far = memory_pair()
@@ -200,14 +189,7 @@ class EndOfScriptError(Exception):
 
 
 class FakeRadar:
-    """A radar whose openings and streams the test writes down.
-
-    Parameters
-    ----------
-    script : list
-        For each opening an exception, or what its stream holds: counters and at last an
-        exception.
-    """
+    """A radar of a script: for each opening an exception, or counters and at last an exception."""
 
     name = "fake"
     stream = None
@@ -327,16 +309,17 @@ def test_what_is_no_port_is_not_waited_for():
     assert fake.n_closed == 1
 
 
-def test_faults_of_the_program_are_no_losses():
-    radar, fake, _ = scripted([1, ZeroDivisionError()], wait=True)
-    with pytest.raises(ZeroDivisionError):
-        list(radar.items())
-    assert fake.n_closed == 1
-
-
 def test_closing_in_a_pause_ends_the_stream():
     clock = Clock()
     clock.sleep = lambda _s: radar.close()
     radar, fake, _ = scripted([1, GONE], clock=clock)
     assert kinds(radar.items()) == ["frame", "lost"]
     assert fake.opened == ["open"]
+
+
+def test_with_quit_a_loss_is_raised_and_faults_of_the_program_always_are():
+    for loss, options in ((GONE, {"quit_on_loss": True}), (ZeroDivisionError(), {"wait": True})):
+        radar, fake, _ = scripted([1, loss], **options)
+        with pytest.raises(type(loss)):
+            list(radar.items())
+        assert fake.n_closed == 1

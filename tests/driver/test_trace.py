@@ -1,4 +1,6 @@
 import json
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -7,18 +9,28 @@ from hypothesis import strategies as st
 
 from x2radar.recording.trace import describe, read_trace
 from x2radar.wire import framing
-from x2radar.wire.codec import encode
+from x2radar.wire.codec import decode_any, decode_command, decode_response, encode
+from x2radar.wire.framing import Packet, PacketDecoder
 from x2radar.wire.messages import (
     Ack,
     Data,
+    ErrorReply,
+    GetSystemInfo,
+    LoadProfile,
+    Message,
     Ping,
     Pong,
     Reply,
+    Reset,
     SetDetectionZone,
+    SetLed,
     SetMode,
+    SetOutput,
+    SetSensitivity,
     SystemMessage,
+    Unknown,
 )
-from x2radar.wire.wire_ids import Mode, PongCode, SystemCode
+from x2radar.wire.wire_ids import Mode, PongCode, Profile, SystemCode
 
 PING = framing.encode(encode(Ping()))
 PONG = framing.encode(encode(Pong(PongCode.READY)))
@@ -54,24 +66,6 @@ def test_a_trace_with_prose_labels_and_comments(newline):
         "7d 10 6d 7e ...",
     ]
     assert read_trace(newline.join(lines).encode()) == PING + PONG
-
-
-def test_text_beyond_ascii():
-    lines = [
-        "Mitschnitt vom Gerät — 3 m Abstand",
-        f"Gerät → Wirt: {spaced(PONG, '0x{:02x}')} # schön",
-    ]
-    for mark in ("", "\ufeff"):
-        assert read_trace((mark + "\n".join(lines)).encode()) == PONG
-    assert read_trace(("\ufeff" + spaced(PONG)).encode()) == PONG
-
-
-def test_raw_bytes_are_left_alone():
-    raw = PING + PONG + framing.encode(encode(Data(0, 1, np.ones(100, np.float32))))
-    assert read_trace(raw) == raw
-    ack = framing.encode(encode(Ack()))  # by chance ASCII
-    assert ack.isascii()
-    assert read_trace(ack) == ack
 
 
 @given(st.binary(min_size=4, max_size=200), st.integers(4, 40))
@@ -163,3 +157,78 @@ def test_any_bytes_are_described_as_json(data):
     items = list(describe(data))
     json.dumps(items, allow_nan=False)
     assert sum(i["n_bytes"] for i in items if "fault" in i) <= len(data)
+
+
+OWN = Path(__file__).parents[1] / "data" / "trace.txt"
+REAL = Path(__file__).parents[3] / "shared" / "data" / "x2m200_bytetrace.txt"
+
+
+def lines_of(path: Path) -> list[tuple[str, bytes]]:
+    """Return direction and bytes of every line that shows a packet."""
+    out = []
+    for line in path.read_text(encoding="utf-8").splitlines():
+        if match := re.match(r"(?:DEBUG )?(Read|Write):(.*?)(//|$)", line):
+            pairs = re.findall(r"0x([0-9a-f]{2})", match[2])
+            out.append((match[1], bytes.fromhex("".join(pairs))))
+    return out
+
+
+def reads_right(line: bytes) -> bool:
+    """Check flags, escapes and checksum of one packet by hand."""
+    crc, body = 0x7D, iter(line[1:-1])
+    for byte in body:
+        crc ^= next(body) if byte == 0x7F else byte
+    return line[0] == 0x7D and line[-1] == 0x7E and crc == 0
+
+
+def messages_of(path: Path) -> list[Message]:
+    """Decode a trace line by line and as one stream; both must agree and be faultless."""
+    lines = lines_of(path)
+    assert all(reads_right(line) for _, line in lines)
+    items = PacketDecoder().feed(b"".join(line for _, line in lines))
+    assert len(items) == len(lines)
+    out = []
+    for (direction, _), item in zip(lines, items, strict=True):
+        assert isinstance(item, Packet)
+        message = (decode_command if direction == "Write" else decode_response)(item.data)
+        assert not isinstance(message, Unknown) or message.name == "RespirationStatus"
+        assert type(decode_any(item.data)) is type(message)
+        out.append(message)
+    return out
+
+
+def counters_of(messages: list[Message]) -> list[int]:
+    """Return the counters of the respiration statuses, which are known by name alone."""
+    return [int.from_bytes(m.data[5:9], "little") for m in messages if isinstance(m, Unknown)]
+
+
+def test_own_trace() -> None:
+    messages = messages_of(OWN)
+    kinds = [type(m) for m in messages]
+    assert len(messages) == 41
+    assert kinds[:6] == [Reset, Ack, SystemMessage, SystemMessage, Ping, Pong]
+    assert [k for k in kinds[6:18] if k is not Ack] == [
+        LoadProfile,
+        SetLed,
+        SetDetectionZone,
+        SetSensitivity,
+        SetOutput,
+        SetMode,
+    ]
+    assert counters_of(messages) == [1, 2, 3, 4, 401, 402, 981, 982, 983, 984, 125, 126, 127]
+    assert messages[-4:] == [
+        LoadProfile(0x12345678),
+        ErrorReply(0x20),
+        GetSystemInfo(3),
+        Reply(0x58, 3, "2.4.1"),
+    ]
+
+
+@pytest.mark.skipif(not REAL.exists(), reason="the real module's trace is not part of the project")
+def test_trace_of_a_real_module() -> None:
+    messages = messages_of(REAL)
+    assert len(messages) == 38
+    assert messages.count(LoadProfile(Profile.SLEEP)) == 2
+    assert messages.count(SetMode(Mode.RUN)) == 2
+    assert messages.count(Ack()) == 12
+    assert counters_of(messages) == [*range(1, 8), *range(1, 8)]

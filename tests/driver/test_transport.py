@@ -146,15 +146,6 @@ def test_big_transfer_keeps_its_order(ends: Ends, near_writes: bool) -> None:
     assert not thread.is_alive()
 
 
-def test_reads_are_not_byte_by_byte(ends: Ends) -> None:
-    near, far = ends
-    far.write(bytes(3000))
-    sizes = []
-    while sum(sizes) < 3000:
-        sizes.append(len(near.read(1.0)))
-    assert len(sizes) < 30
-
-
 def test_far_end_closes(ends: Ends) -> None:
     near, far = ends
     far.close()
@@ -231,24 +222,6 @@ def test_memory_pair_lets_a_waiting_writer_go_when_it_closes() -> None:
     far.close()
     thread.join(LONG_S)
     assert raised
-
-
-def test_memory_pair_copies_what_may_still_change() -> None:
-    near, far = memory_pair()
-    data = bytearray(b"abc")
-    near.write(data)
-    data[0] = 0
-    assert far.read(0) == b"abc"
-
-
-def test_pty_survives_a_program_that_opens_it_again() -> None:
-    far = PtyTransport()
-    for text in (b"one", b"two"):
-        near = SerialTransport(far.path)
-        near.write(text)
-        assert read_all(far, 3) == text
-        near.close()
-    far.close()
 
 
 def test_pty_writes_what_fits() -> None:

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import x2radar
 from tests.waiting import unmeasured, wait_for
 from x2radar.cli import main
 from x2radar.command import installed_version, run_command
@@ -76,33 +77,16 @@ def test_record_round_trip(capsys, tmp_path, kind):
     code, out, err = run(capsys, "record", *argv, str(path))
     assert (code, out) == (0, "")
     assert err == f"{path}: 90 frames, 1.5 s\n"
-    reader = RecordingReader(path)
-    try:
-        assert reader.warning is None
-        assert reader.n_frames == 90
-        assert reader.stream.frame_rate_hz == 60
+    with RecordingReader(path) as reader:
+        assert (reader.n_frames, reader.warning) == (90, None)
+        assert (reader.stream.frame_rate_hz, reader.stream.device) == (60, "sim:dog")
         assert reader.stream.axis.kind == kind
-        assert reader.stream.device == "sim:dog"
         assert re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}Z", reader.started_utc)
         frames = list(reader.frames())
-    finally:
-        reader.close()
     assert [f.counter for f in frames] == list(range(1, 91))
-    again = tmp_path / "again.h5"
-    assert run(capsys, "record", *argv, str(again))[0] == 0
-    reader = RecordingReader(again)
-    for a, b in zip(frames, reader.frames(), strict=True):
-        assert np.array_equal(a.samples, b.samples)
-    reader.close()
-
-
-def test_record_of_less_than_a_frame_keeps_one(capsys, tmp_path):
-    path = tmp_path / "short.h5"
-    argv = ["--port", "sim:empty", "--duration", "0.001", "--speed", "max", str(path)]
-    assert run(capsys, "record", *argv)[0] == 0
-    reader = RecordingReader(path)
-    assert reader.n_frames == 1
-    reader.close()
+    with x2radar.open(f"sim:dog?seed=4&kind={kind}", speed=None) as radar:
+        for ours, live in zip(frames, radar, strict=False):
+            assert np.array_equal(ours.samples, live.samples)
 
 
 # ---------------------------------------------------------------- what does not
@@ -114,8 +98,6 @@ def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("there.h5").write_bytes(b"somebody's recording")
     Path("bad.yaml").write_text("steps: [{body: horse, duration_s: 1}]\n")
-    Path("binary.yaml").write_bytes(bytes(range(256)))
-    Path("empty.yaml").touch()
     Path("folder").mkdir()
     return tmp_path
 
@@ -124,39 +106,19 @@ WRONG = [
     ([], 2, "x2radar: the following arguments are required: COMMAND"),
     (["frobnicate"], 2, "x2radar: argument COMMAND: invalid choice: 'frobnicate'"),
     (["scenes", "more"], 2, "x2radar scenes: unrecognized arguments: more"),
-    (["scenes", "two\nlines"], 2, "x2radar scenes: unrecognized arguments: two lines"),
-    (["decode"], 2, "x2radar decode: the following arguments are required: file"),
     (["decode", "missing.txt"], 66, "x2radar: missing.txt: cannot be read: No such file"),
-    (["decode", "folder"], 66, "x2radar: folder: cannot be read: Is a directory"),
     (["simulate"], 2, "x2radar simulate: the following arguments are required: --pty"),
-    (
-        ["simulate", "--pty", "--scene", "nobody"],
-        66,
-        "no scene 'nobody'; 'x2radar scenes'",
-    ),
-    (["simulate", "--pty", "--scene", "missing.yaml"], 66, "x2radar: missing.yaml: cannot read"),
+    (["simulate", "--pty", "--scene", "nobody"], 66, "no scene 'nobody'; 'x2radar scenes'"),
     (["simulate", "--pty", "--scene", "bad.yaml"], 66, "bad.yaml: steps[0].body: no body 'horse'"),
-    (["simulate", "--pty", "--scene", "binary.yaml"], 66, "x2radar: binary.yaml: cannot read"),
-    (["simulate", "--pty", "--scene", "empty.yaml"], 66, "empty.yaml: must be a mapping"),
     (["simulate", "--pty", "--seed", "-1"], 2, "x2radar: --seed -1: must be a whole number"),
     (["simulate", "--pty", "--speed", "0"], 2, "x2radar: --speed '0': use realtime, max or"),
     (["record", "new.h5"], 2, "x2radar record: the following arguments are required: --port"),
-    (["record", "--port", "sim:dog"], 2, "required: file"),
     (["record", "--port", "sim:dog", "--duration", "0", "new.h5"], 2, "--duration 0: must be"),
-    (["record", "--port", "sim:dog", "--duration", "x", "new.h5"], 2, "invalid float value: 'x'"),
-    (["record", "--port", "sim:dog", "--speed", "x", "new.h5"], 2, "--speed 'x': use"),
-    (["record", "--port", "sim:dog?sed=1", "new.h5"], 2, "port key 'sed': unknown; known are"),
-    (["record", "--port", "replay:dog", "new.h5"], 2, "a recording is no radar"),
-    (["record", "--port", "", "new.h5"], 2, "x2radar: port '': no port given"),
     (["record", "--port", "/dev/no-such-port", "new.h5"], 66, "/dev/no-such-port: no such port"),
     (["record", "--port", "foo://bar", "new.h5"], 78, "x2radar: port 'foo://bar': no kind of URL"),
     (["record", "--port", "sim:dog", "there.h5"], 66, "x2radar: there.h5: exists already"),
     (["record", "--port", "sim:dog", "folder"], 66, "x2radar: folder: exists already"),
-    (
-        ["record", "--port", "sim:dog", "no/such/new.h5"],
-        66,
-        "x2radar: no/such/new.h5: cannot make",
-    ),
+    (["record", "--port", "sim:dog", "no/such/new.h5"], 66, "no/such/new.h5: cannot make"),
 ]
 
 

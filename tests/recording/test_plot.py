@@ -71,14 +71,6 @@ def test_the_range_of_a_point(axis):
     assert np.abs(found - (3.4 - 0.8 * t_s)).max() < 0.12
 
 
-def test_without_a_bandwidth_the_strong_frequencies_are_taken():
-    unknown = FastTimeAxis(
-        kind="baseband", n_range=80, bin_length_m=0.04, range_offset_m=0.5, carrier_hz=6.8e9
-    )
-    power, velocity_mps, _ = maps.velocity_time(walker(0.4), unknown, 60.0)
-    assert velocity_mps[power.mean(axis=1).argmax()] == pytest.approx(0.4, abs=0.06)
-
-
 def test_nothing_and_too_little():
     still = np.zeros((60, 80), np.complex64)
     for make_map in (maps.range_time, maps.velocity_time):

@@ -81,15 +81,6 @@ def minimal(path, n=10, **changes):
     return path
 
 
-def test_a_foreign_file_with_only_what_must_be_there(tmp_path):
-    reader = RecordingReader(minimal(tmp_path / "m.h5", format=np.bytes_(b"x2radar-recording")))
-    got = list(reader.frames())
-    assert len(got) == 10
-    assert got[0].samples.dtype == np.complex64
-    assert reader.stream.axis.bandwidth_hz == 0
-    assert reader.labels == []
-
-
 @pytest.mark.parametrize(
     ("sampled_hz", "carrier_hz", "stated_hz", "known_hz"),
     [
@@ -145,13 +136,6 @@ def test_faults_are_named(tmp_path, changes, words):
     with pytest.raises(RecordingError, match=words) as caught:
         RecordingReader(minimal(tmp_path / "m.h5", **changes))
     assert "\n" not in str(caught.value)
-
-
-def test_unequal_lengths_are_read_as_far_as_they_are_whole(tmp_path):
-    reader = RecordingReader(minimal(tmp_path / "m.h5", t_s=np.arange(7) / 60))
-    assert reader.n_frames == 7
-    assert "cut off" in reader.warning
-    assert len(list(reader.frames())) == 7
 
 
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.9, 0.99])

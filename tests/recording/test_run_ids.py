@@ -1,15 +1,12 @@
 """Ids of events: of this run alone, the same in its replay; a demo never looks real."""
 
 import json
-from dataclasses import replace
 from importlib import resources
 
 import h5py
 import jsonschema
 import pytest
 
-from radard.alarm.events import EventTracker
-from radard.stream.ring import Notice
 from radard.stream.source import open_source
 from tests.radar_helpers import run_radard, stable
 from x2radar.cli import main as x2radar_main
@@ -41,13 +38,6 @@ def test_two_runs_of_one_scene_share_no_id_unless_their_run_is_named(tmp_path):
     assert not set(ids(named[0])) & {*first, *second}
 
 
-def test_ids_of_faults_differ_between_runs_as_well():
-    fault = [
-        EventTracker(run=name).on_notice(Notice("lost", "gone", 5.0))[0].id for name in ("a", "b")
-    ]
-    assert fault[0] != fault[1]
-
-
 def test_a_replay_repeats_the_ids_of_the_run(tmp_path):
     file = tmp_path / "own.h5"
     live = run("sim:human", "--duration", "14", "--record", str(file))
@@ -64,21 +54,6 @@ def test_the_driver_records_the_id_too(tmp_path):
         x2radar_main(["record", str(file), "--port", "sim:human?run=abc", "--duration", "1"]) == 0
     )
     assert RecordingReader(file).stream.run_id == "abc"
-
-
-def test_live_frames_of_a_plug_in_have_an_id_per_run(tmp_path, monkeypatch):
-    def opened(port, **more):
-        source = open_source(port, **more)
-        source.stream = replace(source.stream, run_id="")
-        return source
-
-    monkeypatch.setattr("radard.run.sensor.open_source", opened)
-    files = [tmp_path / name for name in ("a.h5", "b.h5")]
-    for file in files:
-        run("sim:empty?run=same", "--duration", "3", "--record", str(file))
-    first, second = (RecordingReader(file).stream.run_id for file in files)
-    assert first
-    assert first != second
 
 
 def test_a_recording_without_an_id_has_one_of_its_content(tmp_path):
