@@ -48,14 +48,8 @@ _SAID_S = 3600.0  # so long the state says that a file was put aside, or events 
 class EventLog:
     """Keep records in order, in memory and in a file; any thread may call.
 
-    Parameters
-    ----------
-    path : Path or None
-        The file; None is memory alone.
-    max_events : int
-        Beyond so many the oldest go, delivered or not.
-    keeps_events : bool
-        Without it, the file has only what `keep` is given.
+    Without `path` there is memory alone. Beyond `max_events` the oldest go, delivered or not.
+    Without `keeps_events` the file has only what `keep` is given.
     """
 
     def __init__(
@@ -127,15 +121,10 @@ class EventLog:
     def cursor(self, name: str, wants: Wants, after: int | None = None) -> Cursor:
         """Return the cursor of an output, which goes on where it was.
 
-        Parameters
-        ----------
-        name : str
-            The same for this output in every run; shows no secret, for it is readable.
-        wants : callable
-            Whether a record is for this output.
-        after : int, optional
-            Where an output begins that was owed nothing; without it, with what comes next: what
-            was appended while there was no such output is not for it.
+        `name` is the same for this output in every run and shows no secret, for it is readable;
+        `wants` says whether a record is for it. An output that was owed nothing begins behind
+        `after`, or with what comes next: what was appended while there was no such output is not
+        for it.
         """
         with self._changed:
             before = self._cursors.get(name)

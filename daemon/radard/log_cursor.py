@@ -14,19 +14,11 @@ Wants = Callable[[Record], bool]
 
 @dataclass(slots=True, eq=False)
 class Entry:
-    """A record in the log.
+    """A record in the log, as JSON; it has waited since `put_s` of the monotonic clock.
 
-    Attributes
-    ----------
-    n : int
-        Its number: the order of the log. It changes only for those that were appended before a
-        file could be read, which then come behind what that holds.
-    key : str
-        The same in every attempt to deliver it and in no other entry, ever.
-    put_s : float
-        Since when it has waited, by this process's monotonic clock.
-    text : str
-        The record as JSON.
+    Its number `n` is the order of the log; it changes only for those that were appended before a
+    file could be read, which then come behind what that holds. Its `key` is the same in every
+    attempt to deliver it and in no other entry, ever.
     """
 
     n: int
@@ -62,16 +54,8 @@ class Place:
 class Cursor:
     """What one output has still to be told, in order; any thread may use it.
 
-    Parameters
-    ----------
-    name : str
-        The same for this output in every run.
-    wants : callable
-        Whether a record is for this output.
-    lock : Condition
-        Of the log.
-    on_move : callable
-        Called with the name, under the lock, when something was delivered or put behind.
+    `lock` is the log's; `on_move` is called with the name, under the lock, when something was
+    delivered or put behind.
     """
 
     def __init__(

@@ -91,21 +91,10 @@ class StoreError(RadardError):
 def open_log_file(path: Path, more: str = "") -> sqlite3.Connection:
     """Open or make a log in autocommit mode; every commit reaches the disk.
 
-    Parameters
-    ----------
-    path : Path
-        The file; it is made for its owner alone, whatever the umask.
-    more : str
-        Statements that make further tables, and do nothing to those that exist.
-
-    Raises
-    ------
-    ForeignDatabase
-        If it is not ours to change.
-    OSError, sqlite3.Error
-        If it cannot be made, or is damaged (`is_damage`).
-
-    Any thread may use the connection, under a lock of the caller's.
+    The file is made for its owner alone, whatever the umask. `more` are statements that make
+    further tables, and do nothing to those that exist. Any thread may use the connection, under a
+    lock of the caller's. Raises ForeignDatabase if it is not ours to change, OSError or
+    sqlite3.Error if it cannot be made, or is damaged (`is_damage`).
     """
     path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
     with contextlib.suppress(FileExistsError):
@@ -211,12 +200,7 @@ def fold_events(
 ) -> list[StoredEvent]:
     """Return one event for all records of its phases, in the order of their beginnings.
 
-    Parameters
-    ----------
-    records : iterable of mapping
-        Records of any type, in the order of a log; only events count.
-    since_s, kinds, limit
-        As in `read_events`.
+    `records` of any type are in the order of a log; the rest is as in `read_events`.
     """
     found: dict[str, StoredEvent] = {}
     for record in records:
@@ -250,16 +234,8 @@ def read_events(
 ) -> list[StoredEvent]:
     """Return the events of a log, the oldest first; a daemon may be writing it meanwhile.
 
-    Parameters
-    ----------
-    path : Path
-        The file; StoreError if it is missing, no log, or unreadable.
-    since_s : float, optional
-        Only those that began at this wall-clock time or later, in seconds since 1970.
-    kinds : sequence of str
-        Only these; none means all.
-    limit : int, optional
-        Only so many, the newest.
+    Only those that began at `since_s` (wall clock, seconds since 1970) or later, of `kinds` (none
+    means all), and the newest `limit`. Raises StoreError if it is missing, no log, or unreadable.
     """
     if not path.is_file():
         msg = f"{path}: no such store"

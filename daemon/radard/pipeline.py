@@ -61,29 +61,15 @@ HOP_S = 1.0
 class Pipeline:
     """Everything between the frames of one stream and its decisions.
 
-    Parameters
-    ----------
-    stream : StreamInfo
-        Axis and rate of the frames.
-    config : Config
-        Gate and decision settings.
-    classifier : Classifier, optional
-        Without one, only the gate works.
-    judges_tracks : bool
-        Whether every body is judged by itself as well: for zones and people to look at. No
-        verdict depends on it.
-    hop_s : float
-        From one dwell to the next; bundles learned from dwells `HOP_S` apart.
+    Without a `classifier` only the gate works. `judges_tracks`: every body is judged by itself as
+    well, for zones and people to look at; no verdict depends on it. Dwells are `hop_s` apart;
+    bundles learned from dwells `HOP_S` apart. Raises ModelMismatch or FeatureError if the
+    classifier was not made for such a stream, or its frames cannot be processed.
 
     Attributes
     ----------
     tamper : TamperWatch or None
         What looks for tamper; None, as it begins, looks for none.
-
-    Raises
-    ------
-    ModelMismatch, FeatureError
-        If the classifier was not made for such a stream, or its frames cannot be processed.
     """
 
     tamper: TamperWatch | None = None

@@ -28,9 +28,6 @@ def scheme_of(text: str) -> str:
 def plugged(group: str, name: str) -> Plugin | None:
     """Return a plug-in, loaded; None if the name is empty or no distribution offers it.
 
-    Raises
-    ------
-    PluginError
-        If it is broken.
+    Raises PluginError if it is broken.
     """
     return find_plugin(group, name) if name else None

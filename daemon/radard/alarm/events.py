@@ -148,16 +148,10 @@ class EventTracker:
         is_quiet: bool = False,
         fault: str = "",
     ) -> list[Event]:
-        """Take a decision; return the events that it makes, in order.
+        """Take a decision on a dwell, whose frames name new events; return the events in order.
 
-        Parameters
-        ----------
-        dwell : Dwell
-            That it was made on; its frames name new events.
-        is_quiet : bool
-            Whether a quiet period holds.
-        fault : str
-            What else is wrong with a dwell that could be judged; empty when nothing is.
+        `is_quiet`: a quiet period holds. `fault`: what else is wrong with a dwell that could be
+        judged.
         """
         is_invalid = decision.gate == "invalid"
         t_s = decision.t_s

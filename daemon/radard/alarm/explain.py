@@ -42,24 +42,12 @@ def explain(
     *,
     mode: ArmMode = "away",
 ) -> dict[str, Any]:
-    """Return why the last of some decisions is what it is.
+    """Return why the last of some decisions is what it is, as a mapping.
 
-    Parameters
-    ----------
-    records : sequence of mapping
-        Decisions in order, the one to explain last, with those before it that confirmation
-        counts.
-    hello, events : mapping, sequence of mapping
-        Of the run.
-    config : Config
-        Zones and alarm policy.
-    panel, mode : str
-        State of the panel just before the decision, and how it was armed then.
-
-    Returns
-    -------
-    dict
-        seq, t_s, headline, decided_by, and stages as mappings of `DecisionStage`.
+    `records` are decisions in order, the one to explain last, with those before it that
+    confirmation counts; `hello` and `events` are of the run. `panel` is the panel's state just
+    before the decision, `mode` how it was armed then. The result has seq, t_s, headline,
+    decided_by, and stages as mappings of `DecisionStage`.
     """
     record = records[-1]
     limit = hello.get("pet_limit", 0.8)

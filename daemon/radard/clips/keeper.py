@@ -46,20 +46,9 @@ class _Running:
 
 
 class ClipKeeper:
-    """Make clips.
+    """Make clips in `folder`, of a stream whose dwells have `n_slow` frames.
 
-    Parameters
-    ----------
-    settings : ClipsSection
-        How much is kept.
-    folder : Path
-        Where clips are made.
-    stream : StreamInfo
-        Axis and rate of the frames.
-    n_slow : int
-        Frames in a dwell.
-    attributes : mapping of str to str
-        Root attributes of every clip.
+    `attributes` are the root attributes of every clip.
     """
 
     def __init__(

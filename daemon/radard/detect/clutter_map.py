@@ -46,14 +46,9 @@ class ClutterMap:
     def update(
         self, block_mean: NDArray[np.complex128], n: int, motion: NDArray[np.float64]
     ) -> None:
-        """Learn from a block of frames.
+        """Learn from a block: the mean of its `n` usable frames, complex128, shape (n_range,).
 
-        Parameters
-        ----------
-        block_mean : ndarray, shape (n_range,), complex128
-            Mean of its `n` usable frames.
-        motion : ndarray, shape (n_range,), float64
-            Residual power over the noise, linear; up to 2 a bin counts as still.
+        `motion` is residual power over the noise, linear; up to 2 a bin counts as still.
         """
         if n == 0:
             return

@@ -65,16 +65,10 @@ class GateReading:
 
 
 class Gate:
-    """Judge one dwell after another.
+    """Judge one dwell after another, `hop_s` apart.
 
-    Parameters
-    ----------
-    settings : GateSettings
-        False alarms and learning.
-    hop_s : float
-        Stream time between dwells.
-    calibration : Calibration, optional
-        Floors and thresholds instead of those of stream and settings, checked against the stream.
+    Floors and thresholds of a `calibration`, checked against the stream, replace those of stream
+    and settings.
     """
 
     def __init__(

@@ -25,18 +25,9 @@ _MAX_MEMBERS = 24  # of a median: more cost time and tell little
 class NoiseFloor:
     """Follow the noise of one stream.
 
-    Parameters
-    ----------
-    n_memory : int
-        Dwells whose least level counts.
-    most_db_per_dwell : float
-        Most that the shape moves from one dwell to the next; in the first dwell it is taken as it
-        is.
-
-    Notes
-    -----
-    The shape stays between -10 and +20 dB of the common level. State is float64 in dB and
-    bounded, so it cannot drift however long the stream is.
+    The least level of `n_memory` dwells counts. The shape moves by `most_db_per_dwell` at most
+    from one dwell to the next (in the first dwell it is taken as it is) and stays between -10 and
+    +20 dB of the common level. State is float64 in dB and bounded, so it cannot drift.
     """
 
     def __init__(self, n_memory: int, most_db_per_dwell: float) -> None:
@@ -52,25 +43,11 @@ class NoiseFloor:
     def update(
         self, cells: NDArray[np.float32], cpi_power: NDArray[np.float64], n_cpi: int, unit: float
     ) -> tuple[float, NDArray[np.float64]]:
-        """Learn from one dwell; return the common level and every bin's noise power.
+        """Learn from one dwell; return the common level and every bin's noise, shape (n_range,).
 
-        Parameters
-        ----------
-        cells : ndarray, shape (n_triples, n_range), float32
-            From `radard.dsp.noise.second_differences`.
-        cpi_power : ndarray, shape (n_cpis, n_range), float64
-            Residual power of the same rows.
-        n_cpi : int
-            Frames in a CPI.
-        unit : float
-            Sample units squared for one unit of the two.
-
-        Returns
-        -------
-        level : float
-            In sample units squared.
-        floor : ndarray, shape (n_range,), float64
-            Likewise; zero in bins that do not change at all.
+        Of `second_differences`, and the residual power of the same rows, shape (n_cpis, n_range);
+        `unit` is sample units squared for one unit of the two. Noise is in sample units squared,
+        zero in bins that do not change at all.
         """
         here = noise_of(cells)
         if np.isfinite(here):

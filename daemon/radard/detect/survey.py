@@ -48,15 +48,7 @@ class _Seen:
 
 
 class RoomSurvey:
-    """Listen to an empty room.
-
-    Parameters
-    ----------
-    settings : GateSettings
-        Those of the gate that will use the calibration.
-    hop_s : float
-        Stream time between dwells.
-    """
+    """Listen to an empty room; `settings` are those of the gate that will use the calibration."""
 
     def __init__(self, settings: GateSettings, hop_s: float) -> None:
         self._settings = settings
@@ -149,13 +141,8 @@ class RoomSurvey:
     ) -> Calibration:
         """Return the calibration; raise RadardError if too little was heard.
 
-        Parameters
-        ----------
-        provenance : callable
-            Takes the number of dwells, the seconds of stream in them and the predicted
-            false gates a day.
-        false_gates_per_day : float
-            How many decisions a day may open the gate in this room.
+        `provenance` takes the number of dwells, the seconds of stream in them and the predicted
+        false gates a day; `false_gates_per_day` decisions a day may open the gate in this room.
         """
         independent = self.n_dwells * self._hop_s / max(self._dwell_s, self._hop_s)
         if independent < MIN_INDEPENDENT or not np.any(self._power):

@@ -12,18 +12,10 @@ _LOW, _HIGH = 1e-15, 1e15  # squares of numbers between fit float32 and lose no 
 
 
 def cadence_velocity_diagram(spectrogram: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return |DFT of every Doppler row along slow time| (2.40).
+    """Return |DFT of every Doppler row along slow time| (2.40), shape and unit of the spectrogram.
 
-    Parameters
-    ----------
-    spectrogram : ndarray, shape (n_doppler, n_seg), float32
-        Linear power of one dwell.
-
-    Returns
-    -------
-    ndarray, shape (n_doppler, n_seg), float32
-        Magnitude in the spectrogram's unit; column 0 is the sum over the dwell. Relative
-        error (norm) against float64 at most 1e-6, for powers whose sum fits float32.
+    `spectrogram` is linear power of one dwell, shape (n_doppler, n_seg), float32. Column 0 is the
+    sum over the dwell. Relative error (norm) at most 1e-6, for powers whose sum fits float32.
     """
     return np.abs(np.fft.fft(spectrogram, axis=1)).astype(np.float32)
 
@@ -59,28 +51,14 @@ def extent_profile(
 
     For every CPI the centre frame after clutter removal and taper, z, is looked at: the
     target reaches from the first to the last bin with |z|^2 over
-    Pavg (1 + alpha (SAR - 1)), SAR = max |z|^2 / Pavg (3.16-3.21).
+    Pavg (1 + alpha (SAR - 1)), SAR = max |z|^2 / Pavg (3.16-3.21). Frames with a SAR below
+    `least_sar` hold no target: the thesis asks for such a limit and leaves it open; noise alone
+    stays below 15 in 768 bins of X2 bandwidth.
 
-    Parameters
-    ----------
-    frames : ndarray, shape (n_slow, n_range), complex64
-        Baseband frames.
-    n_cpi : int
-        Frames in one CPI.
-    n_profile : int
-        Length of the result; a longer extent keeps its first `n_profile` bins.
-    alpha : float
-        Where between mean and peak the threshold lies.
-    least_sar : float
-        Frames with a lower peak-to-average ratio hold no target. The thesis asks for such a
-        limit and leaves it open; noise alone stays below 15 in 768 bins of X2 bandwidth.
-
-    Returns
-    -------
-    ndarray, shape (n_profile,), float32
-        |z| divided by its maximum, then zeros; all zero when no frame holds a target. The
-        same at any level of the frames, from denormal to 1e37; error at most 1e-5 of the
-        maximum against float64 with static clutter up to 60 dB over the target.
+    Shape (n_profile,), float32: |z| over its maximum, cut off or filled up with zeros; all zero
+    when no frame holds a target. `frames` is complex64, shape (n_slow, n_range). The same at any
+    level of the frames, from denormal to 1e37; error at most 1e-5 of the maximum with static
+    clutter up to 60 dB over the target.
     """
     n_columns = len(frames) - n_cpi + 1
     if n_cpi < 2 or n_columns < 1:

@@ -64,23 +64,10 @@ def power_map(
 ) -> PowerMap:
     """Return the map of residual power, in blocks of 0.12 s and cells of half the resolution.
 
-    Parameters
-    ----------
-    frames, valid : ndarray, shape (n_slow, n_range) and (n_slow,)
-        Baseband frames and which of them are good; the mean over each CPI is taken off as in
-        `block_power`. Blocks without a usable frame are left out.
-    axis : FastTimeAxis
-        Axis of the rows.
-    frame_rate_hz, end_s : float
-        Frames per second, and stream time behind the last frame.
-    floor : ndarray, shape (n_range,), float64
-        Noise and background of every bin, in sample units squared.
-
-    Returns
-    -------
-    PowerMap
-        Relative error of a cell as in `block_power`, 1e-5, at any level of the samples from
-        denormal to 1e30.
+    Of frames, shape (n_slow, n_range), and which of them are good; blocks without a usable one are
+    left out. `end_s` is stream time behind the last frame, `floor` noise and background of every
+    bin, shape (n_range,), in sample units squared. Relative error of a cell 1e-5, as in
+    `block_power`, at any level of the samples from denormal to 1e30.
     """
     rows, usable, scale = sound_rows(frames, valid)
     n_cpi = min(max(4, round(CPI_S * frame_rate_hz)), len(rows))

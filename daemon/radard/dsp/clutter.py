@@ -22,26 +22,18 @@ def sound_rows(frames: AnyFrames, valid: Flags) -> tuple[NDArray[np.complex64], 
 
     Parameters
     ----------
-    frames : ndarray, shape (n_slow, n_range)
-        Frames of any real or complex dtype, byte order and memory layout.
-    valid : ndarray, shape (n_slow,), bool
-        False for frames that were lost.
+    frames, valid : ndarray, shape (n_slow, n_range) and (n_slow,)
+        Frames, and False for those that were lost.
 
     Returns
     -------
     rows : ndarray, shape (n_slow, n_range), complex64
         A C-contiguous copy, scaled so that the largest part of a usable row is in [1, 2).
-        Rows that are not finite repeat the usable row before them (the first usable one at
-        the beginning; zeros where there is none).
+        Rows that are not finite repeat the usable row before them, see `repeat_usable`.
     usable : ndarray, shape (n_slow,), bool
         `valid` and finite.
     scale : float
         A power of two: frames = scale * rows. 1 where all is zero.
-
-    Raises
-    ------
-    FeatureError
-        If the shapes do not fit each other.
     """
     if frames.ndim != 2 or valid.shape != frames.shape[:1]:
         msg = f"frames of shape {frames.shape} with {valid.shape} flags; need 2-D and one a row"
@@ -109,35 +101,15 @@ def _distance(rows: NDArray[np.complex64], lag: int) -> NDArray[np.float32]:
 def block_power(
     rows: NDArray[np.complex64], usable: Flags, n_cpi: int, n_parts: int
 ) -> tuple[NDArray[np.float64], Flags]:
-    """Return the residual power of parts of CPIs.
+    """Return the residual power of parts of CPIs, and which of the record's CPIs these are of.
 
-    Clutter is the mean over one CPI, as in the spectrogram (2.29), so that slow drift of
-    the room counts as clutter. The record is cut into whole CPIs from its end.
+    Clutter is the mean over one CPI, as in the spectrogram (2.29), so that slow drift of the room
+    counts as clutter. The record, `rows` and `usable` of `sound_rows`, is cut into whole CPIs of
+    `n_cpi` frames from its end, at least one; the first of their `n_parts` parts are one frame
+    longer when they do not go in evenly. CPIs with fewer than half of their frames are left out.
 
-    Parameters
-    ----------
-    rows : ndarray, shape (n_slow, n_range), complex64
-        From `sound_rows`.
-    usable : ndarray, shape (n_slow,), bool
-        Rows that count.
-    n_cpi : int
-        Frames in one CPI, at least 2.
-    n_parts : int
-        Parts of a CPI, at most `n_cpi`; the first ones are one frame longer when they do
-        not go in evenly.
-
-    Returns
-    -------
-    power : ndarray, shape (n_cpis, n_parts, n_range), float64
-        Mean power per frame, unbiased for noise; zero in parts without a usable frame.
-        CPIs with fewer than half of their frames are left out.
-    kept : ndarray, shape (n_all_cpis,), bool
-        Which of the record's CPIs these are.
-
-    Raises
-    ------
-    FeatureError
-        If the record is shorter than a CPI.
+    Power is the mean per frame, unbiased for noise, shape (n_cpis, n_parts, n_range), float64;
+    zero in parts without a usable frame.
     """
     n_cpis = len(rows) // n_cpi if n_cpi else 0
     if n_cpis == 0 or n_cpi < 2:
@@ -180,9 +152,9 @@ def centre_spread_m(
 ) -> float:
     """Return how far the residual power's centre wanders within the dwell, in metres.
 
-    The distance between the nearest and the farthest centre of power, over the CPIs with at
-    least a tenth of the strongest one's power; 0 when nothing stands out. `power` is from
-    `block_power`, shape (n_cpis, n_range); cells below four times the noise do not count.
+    Between the nearest and the farthest centre, over the CPIs with at least a tenth of the
+    strongest one's power; 0 when nothing stands out. `power` is of CPIs, shape (n_cpis, n_range);
+    cells below four times the noise do not count.
     """
     weight = np.maximum(power - 4 * noise, 0)
     total = weight.sum(axis=1)

@@ -63,18 +63,9 @@ class ColumnStore:
 class ColumnStream(ABC):
     """A map of one stream, made column by column from its steps.
 
-    Parameters
-    ----------
-    n_history : int
-        Steps before the new ones that a column may need.
-    n_block : int
-        Most frames that are taken at once.
-    n_keep : int
-        Columns that can be asked for.
-    n_rows : int
-        Rows of the map.
-    n_range : int, optional
-        Bins that every frame must have; those of the first one when not given.
+    A column may need `n_history` steps before the new ones; `n_block` frames are taken at once at
+    most. The map has `n_rows` rows, of which `n_keep` columns can be asked for. Frames must have
+    `n_range` bins, where that is given.
     """
 
     def __init__(
@@ -98,25 +89,10 @@ class ColumnStream(ABC):
         self._store.restart()
 
     def push(self, frames: ArrayLike, valid: ArrayLike | None = None) -> int:
-        """Add a frame or many.
+        """Add a frame or many, (n, n_range) or (n_range,), see `blocks`; return the columns made.
 
-        Parameters
-        ----------
-        frames : array_like, shape (n, n_range) or (n_range,), complex
-            The next frames of the stream: any width, byte order or strides.
-        valid : array_like of bool, shape (n,), optional
-            False for frames that were lost; what stands in their place is ignored. Frames
-            with NaN, Inf or more than 1e38 count as lost too.
-
-        Returns
-        -------
-        int
-            Columns made.
-
-        Raises
-        ------
-        FeatureError
-            If the frames do not fit the stream.
+        What stands in place of a lost frame, False in `valid`, is ignored. Frames with NaN, Inf or
+        more than 1e38 count as lost too. Raises FeatureError if the frames do not fit the stream.
         """
         made = 0
         for part, flags in blocks(frames, valid, self.n_block):
@@ -133,17 +109,9 @@ class ColumnStream(ABC):
         """
 
     def columns(self, n: int | None = None) -> Reals:
-        """Return the last columns, oldest first; raise FeatureError if there are not so many.
+        """Return a copy of the last `n` columns, or all: linear power, shape (n_rows, n), float64.
 
-        Parameters
-        ----------
-        n : int, optional
-            How many; all that are kept when not given.
-
-        Returns
-        -------
-        ndarray, shape (n_rows, n), float64
-            Linear power. A copy; `columns_valid` tells which are touched by a lost frame.
+        Oldest first; `columns_valid` tells which are touched by a lost frame.
         """
         columns, _ = self._store.last(n)
         return columns.T.copy() if self._store else np.zeros((self._n_rows, 0))

@@ -22,30 +22,14 @@ _MAX_IN_SINGLE = 32
 
 
 class StreamingDoppler(ColumnStream):
-    """Spectrogram of a stream.
+    """Spectrogram of a stream: CPIs of `n_cpi` frames, columns `stride` frames apart.
 
-    Parameters
-    ----------
-    n_cpi : int
-        Frames in one CPI, at least 2.
-    stride : int
-        Frames from one column to the next; columns begin at frames 0, stride, 2 stride ...
-        of the stream, however it is cut into pushes.
-    n_keep : int
-        Columns that can be asked for.
-
-    Raises
-    ------
-    FeatureError
-        If a setting makes no sense.
-
-    Notes
-    -----
-    Zero Doppler is row n_cpi // 2 of the columns, approaching above it. A block of frames costs
-    one matrix product. Relative error (norm) against the definition in float64
-    (tests/dsp_reference.py): at most 1e-5 with static clutter of 0 to 140 dB under the motion, at
-    signal amplitudes from 1e-38 to 1e37 and at any time of the stream. One push of all frames and
-    any cut into smaller ones agree to 1e-6.
+    Columns begin at frames 0, stride, 2 stride ... of the stream, however it is cut into pushes.
+    Zero Doppler is row n_cpi // 2, approaching above it. A block of frames costs one matrix
+    product. Relative error (norm) against the definition in float64 (tests/dsp_reference.py): at
+    most 1e-5 with static clutter of 0 to 140 dB under the motion, at signal amplitudes from 1e-38
+    to 1e37 and at any time of the stream. One push of all frames and any cut into smaller ones
+    agree to 1e-6.
     """
 
     def __init__(self, n_cpi: int, *, stride: int = 1, n_keep: int = 512) -> None:
@@ -75,25 +59,10 @@ class StreamingDoppler(ColumnStream):
 def micro_doppler(frames: ArrayLike, n_cpi: int) -> NDArray[np.float32]:
     """Return mu of a whole record: `StreamingDoppler` fed once.
 
-    Parameters
-    ----------
-    frames : array_like, shape (n_slow, n_range), complex
-        Baseband frames, slow time first. A frame that is not finite counts as a repeat of
-        the one before it; `StreamingDoppler` tells which columns it touches.
-    n_cpi : int
-        Frames in one CPI, at least 2.
-
-    Returns
-    -------
-    ndarray, shape (n_cpi, n_slow - n_cpi + 1), float32
-        Linear power, zero Doppler in row n_cpi // 2, approaching above it. Relative error
-        (norm) as `StreamingDoppler`'s, at most 1e-5. Power that float32 cannot hold becomes
-        its largest number or zero: `StreamingDoppler` gives float64.
-
-    Raises
-    ------
-    FeatureError
-        If `frames` is not 2-D or shorter than a CPI.
+    `frames` are baseband, shape (n_slow, n_range), complex; one that is not finite counts as a
+    repeat of the one before it. Shape (n_cpi, n_slow - n_cpi + 1), float32: linear power, zero
+    Doppler in row n_cpi // 2, approaching above it; what float32 cannot hold becomes its largest
+    number or zero. Raises FeatureError if `frames` is not 2-D or shorter than a CPI.
     """
     rows = np.asarray(frames)
     if rows.ndim != 2 or n_cpi < 2 or len(rows) < n_cpi:

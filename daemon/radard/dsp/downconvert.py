@@ -24,35 +24,22 @@ _FRAMES_AT_ONCE = 16  # their windows stay in the cache
 class DownConverter:
     """Turn frames of one stream into matched-filtered complex baseband.
 
-    Baseband frames pass through, decimated only, and conjugated where their phase rises
-    with range.
+    Baseband frames pass through, decimated only, and conjugated where their phase rises with
+    range. Every `range_decimation`-th bin is kept; the matched filter comes first, so no noise
+    folds in. Raises FeatureError if the axis cannot be down-converted (no sampling rate, carrier
+    above Nyquist), or the decimation leaves nothing.
 
-    Parameters
-    ----------
-    axis : FastTimeAxis
-        Axis of the frames that will come.
-    range_decimation : int
-        Keep every so many range bins; the matched filter comes first, so no noise folds in.
-
-    Attributes
-    ----------
-    axis : FastTimeAxis
-        Axis of the frames that leave.
-
-    Raises
-    ------
-    FeatureError
-        If the axis cannot be down-converted (no sampling rate, carrier above Nyquist), or
-        the decimation leaves nothing.
-
-    Notes
-    -----
     The output's phase is exp(-j 4 pi R / lambda): it falls with range, so an approaching
     target has positive Doppler. A point echo of RF amplitude a comes out with magnitude a.
     The frame's mean is taken off first: the sampler's idle line would ring at both ends.
 
     All memory is taken at construction: one frame into a contiguous `out` allocates none.
     One converter serves one thread at a time.
+
+    Attributes
+    ----------
+    axis : FastTimeAxis
+        Axis of the frames that leave.
     """
 
     def __init__(self, axis: FastTimeAxis, range_decimation: int = 1) -> None:
@@ -113,25 +100,13 @@ class DownConverter:
     def convert(
         self, samples: ArrayLike, out: NDArray[np.complex64] | None = None
     ) -> NDArray[np.complex64]:
-        """Return the baseband of one frame or of many.
+        """Return the baseband of one frame or of many, in `out` where it is given.
 
-        Parameters
-        ----------
-        samples : array_like, shape (..., n_range), real (rf) or complex (baseband)
-            Frames as they come from the driver: any width, byte order or strides.
-        out : ndarray, shape (..., n_out), complex64, optional
-            Where to put the result.
-
-        Returns
-        -------
-        ndarray, shape (..., n_out), complex64
-            Baseband in the unit of the samples. Error against the definition in float64
-            below 1e-6 of the strongest echo, and not below 1e-45: the smallest float32.
-
-        Raises
-        ------
-        FeatureError
-            If the frames do not have the axis' length, or are complex where RF is due.
+        `samples` are frames as they come from the driver, shape (..., n_range): real (rf) or
+        complex (baseband), of any width, byte order or strides. The result, shape (..., n_out),
+        complex64, is in their unit: error against the definition in float64 below 1e-6 of the
+        strongest echo, and not below 1e-45, the smallest float32. Raises FeatureError if frames do
+        not have the axis' length, or are complex where RF is due.
         """
         frames = np.asarray(samples)
         if frames.shape[-1:] != (self._n_range,):

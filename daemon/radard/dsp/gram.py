@@ -40,9 +40,9 @@ def gaussian_taper(n_cpi: int) -> Reals:
 
 
 def step_operator(taper: Reals) -> NDArray[np.complex128]:
-    """Return B, which leads from the steps within a CPI to its Doppler lines.
+    """Return B, from the steps within a CPI to its Doppler lines, (n_cpi, n_cpi - 1), complex128.
 
-    Shape (n_cpi, n_cpi - 1), complex128; rows in ascending Doppler, zero in row n_cpi // 2.
+    Rows in ascending Doppler, zero in row n_cpi // 2.
     """
     n_cpi = len(taper)
     k = np.arange(n_cpi)
@@ -74,10 +74,9 @@ class GramMap:
         return np.where(b <= a, np.where(b == a, 1.0, 2.0) * pairs.real, -2.0 * pairs.imag)
 
     def columns(self, gram: Reals, n: int, stride: int = 1) -> Reals:
-        """Return `n` columns of the spectrogram, shape (n, n_cpi), float64.
+        """Return `n` columns of the spectrogram, shape (n, n_cpi), float64, `stride` steps apart.
 
-        `gram` is Q of consecutive steps, shape (n_steps, n_steps), C-contiguous; the first
-        column's steps are its first, and columns lie `stride` steps apart.
+        `gram` is Q of consecutive steps, C-contiguous; the first column's steps are its first.
         """
         width = self.n_cpi - 1
         s0, s1 = gram.strides

@@ -36,9 +36,8 @@ def time_cells(
     Parameters
     ----------
     columns, valid : ndarray, shape (n_rows, n_columns) and (n_columns,)
-        Power, and False for columns that a lost frame touches: they do not count.
-    column_rate_hz : float
-        Columns per second; each stands for one period.
+        Power, and False for columns that a lost frame touches: they do not count. Each stands for
+        one period of `column_rate_hz`.
     cell_s, n_cells : float, int
         Length of a cell, which need be neither a whole number of columns nor longer than one,
         and cells wanted.
@@ -50,11 +49,6 @@ def time_cells(
         none. Relative error (norm) at most 1e-12 for powers from 1e-290 to 1e290.
     valid : ndarray, shape (n_cells,), bool
         Whether at least half of the cell is known.
-
-    Raises
-    ------
-    FeatureError
-        If the cells make no sense or flags and columns differ in number.
     """
     n = columns.shape[-1]
     if not (cell_s > 0 and column_rate_hz > 0 and n_cells > 0) or valid.shape != (n,):

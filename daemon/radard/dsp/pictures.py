@@ -48,17 +48,11 @@ class Picture:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Columns:
-    """New columns of the pictures.
+    """New columns of the pictures; `t_s` is stream time of the middle of the last one's CPI.
 
-    Attributes
-    ----------
-    t_s : float
-        Stream time of the middle of the last column's CPI, in seconds.
-    valid : ndarray, shape (n,), bool
-        False where a lost frame touches a column.
-    values : mapping of str to ndarray, shape (n_rows, n), uint8
-        255 is the strongest cell of the column, or the span and 4 dB above the noise where
-        nothing is as strong as that; 0 is the span below it, see `SPANS_DB`.
+    `valid`, shape (n,), is False where a lost frame touches a column. Of `values`, by picture,
+    shape (n_rows, n), 255 is the strongest cell of the column, or the span and 4 dB above the
+    noise where nothing is as strong as that; 0 is the span below it, see `SPANS_DB`.
     """
 
     t_s: float
@@ -82,14 +76,10 @@ class _Floor:
 
 
 class Spectrograms:
-    """Make pictures of one stream.
+    """Make pictures of one stream of baseband frames.
 
-    Parameters
-    ----------
-    axis : FastTimeAxis
-        Axis of the baseband frames that will come.
-    frame_rate_hz : float
-        Frames per second of stream time.
+    Of more than 256 bins only every second, third and so on is used: the matched filter has
+    made neighbours alike, and the pictures have fewer rows than that.
 
     Attributes
     ----------
@@ -101,11 +91,6 @@ class Spectrograms:
         Speeds this far apart look alike at the frame rate: c fp / (2 f). None without a carrier.
     longest_push : int
         Most frames that `push` takes at once without leaving columns out.
-
-    Notes
-    -----
-    Of more than 256 bins only every second, third and so on is used: the matched filter has
-    made neighbours alike, and the pictures have fewer rows than that.
     """
 
     def __init__(self, axis: FastTimeAxis, frame_rate_hz: float) -> None:
@@ -165,14 +150,8 @@ class Spectrograms:
     ) -> Columns | None:
         """Take the next frames; return the columns that they complete, if any.
 
-        Parameters
-        ----------
-        frames : ndarray, shape (n, n_range), complex64
-            At most `longest_push` of them.
-        valid : ndarray, shape (n,), bool
-            False for frames that were lost.
-        t_s : float
-            Stream time behind the last of them, in seconds.
+        At most `longest_push`, shape (n, n_range), False in `valid` for those that were lost;
+        `t_s` is stream time behind the last of them.
         """
         self._shared.push(frames[:, :: self._thin], valid)
         self._n_seen += len(frames)

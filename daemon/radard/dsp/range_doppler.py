@@ -39,13 +39,8 @@ def doppler_peaks(
 ) -> tuple[Array, Array, Array]:
     """Return every bin's strongest Doppler cells, the level that they stand on, and all power.
 
-    Parameters
-    ----------
-    rows, usable : ndarray, shape (n_slow, n_range), complex64, and (n_slow,), bool
-        From `radard.dsp.clutter.sound_rows`; the record is cut into whole CPIs from its end, and a
-        row that is not usable repeats the one before.
-    n_cpi : int
-        Frames in one CPI, at least 4.
+    `rows` and `usable` are from `sound_rows`; the record is cut into whole CPIs of `n_cpi` frames,
+    at least four, from its end, and a row that is not usable repeats the one before.
 
     Returns
     -------

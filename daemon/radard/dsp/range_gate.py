@@ -15,28 +15,14 @@ def range_gates(
 ) -> NDArray[np.float32]:
     """Return for every track how much of each cell of a dwell is its own.
 
-    Parameters
-    ----------
-    paths_m : ndarray, shape (n_tracks, n_slow), float64
-        Range of every track at every frame (`Track.path_m`).
-    range_m : ndarray, shape (n_range,), float64
-        Range axis of the dwell.
-    half_width_m, taper_m : float
-        Distance from a track at which its gate's weight is one half, and length of the gate's
-        raised-cosine edges.
+    `paths_m` is the range of every track at every frame, shape (n_tracks, n_slow), `range_m` the
+    range axis of the dwell. `half_width_m` from a track its gate's weight is one half; the edges
+    are raised cosines of length `taper_m`.
 
-    Returns
-    -------
-    ndarray, shape (n_tracks, n_slow, n_range), float32
-        Weights of amplitude, 0 to 1. Overlapping gates hand over in the middle between the
-        tracks, over the same length; the weights of a cell sum to at most one, to 1e-6.
-        Multiply frames that are free of static clutter: a moving gate would modulate what
-        stands still.
-
-    Raises
-    ------
-    FeatureError
-        If the paths are not 2-D or a width is not positive.
+    Weights of amplitude, 0 to 1, shape (n_tracks, n_slow, n_range), float32. Overlapping gates
+    hand over in the middle between the tracks, over the same length; the weights of a cell sum to
+    at most one, to 1e-6. Multiply frames that are free of static clutter: a moving gate would
+    modulate what stands still.
     """
     if paths_m.ndim != 2 or half_width_m <= 0 or taper_m <= 0:
         msg = f"range gates need 2-D paths and positive widths, got {paths_m.shape}"

@@ -32,17 +32,8 @@ def blocks(
 ) -> Iterator[tuple[Frames, Flags | None]]:
     """Yield a frame or many, cut into blocks of at most `size` with their flags, as views.
 
-    Parameters
-    ----------
-    frames : array_like, shape (n_slow, n_range) or (n_range,)
-        Complex or real numbers of any width and byte order.
-    valid : array_like of bool, shape (n_slow,), optional
-        False for frames that were lost; without it the blocks' flags are None.
-
-    Raises
-    ------
-    FeatureError
-        If the shapes do not fit, or the frames hold no numbers.
+    Frames have the shape (n_slow, n_range) or (n_range,), any numbers; without `valid`, shape
+    (n_slow,), the blocks' flags are None. Raises FeatureError if shapes or types do not fit.
     """
     rows = np.atleast_2d(np.asarray(frames))
     if rows.ndim != 2 or rows.shape[1] == 0 or rows.dtype.kind not in "iufc":

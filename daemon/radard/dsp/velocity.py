@@ -47,12 +47,8 @@ class VelocityTransform(ColumnStream):
     ----------
     axis : FastTimeAxis
         Axis of the baseband frames, phase falling with range.
-    frame_rate_hz : float
-        Frames per second.
-    max_mps : float
-        The grid reaches from minus to plus this velocity.
-    step_mps : float
-        Its spacing. A CPI of 0.47 s resolves 0.07 m/s.
+    max_mps, step_mps : float
+        The grid reaches from minus to plus `max_mps`. A CPI of 0.47 s resolves 0.07 m/s.
     cpi_s : float
         Length of a CPI; at least four frames are taken.
     column_rate_hz : float
@@ -62,28 +58,19 @@ class VelocityTransform(ColumnStream):
     flatten : float
         Exponent of the pulse's amplitude spectrum that is divided out of X. Behind a matched
         filter, 0 leaves its narrow band, 1 makes the noise white again, 2 makes the echo's
-        spectrum flat. See the notes.
-    n_keep : int
-        Columns that can be asked for.
+        spectrum flat. See below.
     n_mean : int
-        So many frames in a row are one, their mean (`radard.dsp.frame_means`); CPI, stride and
-        columns count these.
+        So many frames in a row are one, their mean (`FrameMeans`); CPI, stride and columns count
+        these.
 
     Attributes
     ----------
-    velocity_mps : ndarray, shape (n_velocity,), float64
-        The grid, ascending, approaching positive; 0 is in it.
-    frequency_hz : ndarray, shape (n_freq,), float64
-        Absolute frequencies.
+    velocity_mps, frequency_hz : ndarray, float64
+        The grid, ascending, approaching positive, with 0 in it; and absolute frequencies.
     n_cpi, stride : int
         Frames in a CPI, and from one column to the next.
     column_rate_hz : float
         Columns made a second.
-
-    Raises
-    ------
-    FeatureError
-        If a setting makes no sense.
 
     Notes
     -----

@@ -41,21 +41,10 @@ def range_dft(
 ) -> NDArray[np.complex128]:
     """Return the DFT over range, and the weights of the frequencies, as one matrix.
 
-    Parameters
-    ----------
-    axis : FastTimeAxis
-        Axis of the baseband frames.
-    frequency_hz : ndarray, shape (n_freq,), float64
-        Absolute frequencies.
-    flatten : float
-        Exponent of the pulse's amplitude spectrum (one at the carrier) that is divided out;
-        nothing is when the bandwidth is unknown.
-
-    Returns
-    -------
-    ndarray, shape (n_range, n_freq), complex128
-        Frames times this are X. Unflattened, the squares' sum over all of the sampled band
-        would be the sum of the bins' power (Parseval), however the frequencies are spaced.
+    Shape (n_range, n_freq), complex128: frames times this are X. `flatten` is the exponent of the
+    pulse's amplitude spectrum (one at the carrier) that is divided out; nothing is when the
+    bandwidth is unknown. Unflattened, the squares' sum over all of the sampled band would be the
+    sum of the bins' power (Parseval), however the frequencies are spaced.
     """
     delay_s = 2 * axis.bin_length_m / SPEED_OF_LIGHT_MPS
     baseband_hz = frequency_hz - axis.carrier_hz

@@ -96,16 +96,10 @@ def judge(p: Probabilities, pet_limit: float) -> tuple[Label, bool]:
 
 
 class Verdict:
-    """The rule over time.
+    """The rule over time, by the `pet_limit` of `judge`.
 
-    Parameters
-    ----------
-    pet_limit : float
-        As in `judge`.
-    human_limit : float
-        From this probability of a person on the alarm does not wait.
-    decide_within_s : float
-        So long after the gate has opened the alarm waits for evidence; 0 under policy `window`.
+    From p(human) `human_limit` on the alarm does not wait; else it waits for evidence for
+    `decide_within_s` after the gate has opened, 0 under policy `window`.
 
     Attributes
     ----------

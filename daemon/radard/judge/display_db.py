@@ -16,22 +16,11 @@ Map = NDArray[np.float32]
 
 
 def shown(power: NDArray[np.float64], valid: NDArray[np.bool_], depth_db: float) -> Map:
-    """Return a map of power as a picture with values from 0 to 1.
+    """Return a map of power as a picture with values from 0 to 1, same shape, float32.
 
-    Parameters
-    ----------
-    power : ndarray, shape (n_rows, n_cells), float64
-        Linear power by time cell, not negative.
-    valid : ndarray, shape (n_cells,), bool
-        Columns that are known; the others are 0 in the result.
-    depth_db : float
-        1 is the reference, 0 so many decibels under it and less.
-
-    Returns
-    -------
-    ndarray, same shape, float32
-        All zero where there is no power, or none that is finite. Error at most 1e-6 against
-        extended precision, for powers from 1e-320 to 1e300.
+    `power` is linear, shape (n_rows, n_cells); columns that are not `valid` are 0 in the result. 1
+    is the reference, 0 `depth_db` under it and less. All zero where there is no power, or none
+    that is finite. Error at most 1e-6 against extended precision, for powers from 1e-320 to 1e300.
     """
     out = np.zeros(power.shape, np.float32)
     known = np.where(valid, power, 0.0)

@@ -11,20 +11,11 @@ take."""
 
 
 def model_for(name: str, stream: StreamInfo | None = None) -> str:
-    """Return the name of the bundle that `name` means before a stream.
+    """Return the name of the bundle that `name`, of the configuration's `model.name`, means.
 
-    Parameters
-    ----------
-    name : str
-        As `model.name` of the configuration has it; all but `AUTO_MODEL` means itself.
-    stream : StreamInfo, optional
-        What is to be judged. Without one, or if its bandwidth is not known, no module can be
-        told from another.
-
-    Returns
-    -------
-    str
-        `DEFAULT_MODEL`, unless only a bundle in `OF_ONE_MODULE` takes such streams.
+    All but `AUTO_MODEL` means itself. That is `DEFAULT_MODEL`, unless only a bundle in
+    `OF_ONE_MODULE` takes such streams; without a stream, or if its bandwidth is not known, no
+    module can be told from another.
     """
     if name != AUTO_MODEL:
         return name

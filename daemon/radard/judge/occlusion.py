@@ -36,20 +36,8 @@ class Seen:
 class MapView:
     """A map within an input of the network, with its axes.
 
-    Attributes
-    ----------
-    name : str
-        The feature's; thesis vectors hold two.
-    feature : str
-        Input that holds it.
-    at : slice
-        Where, in the flat input.
-    shape : tuple of int
-        Rows and columns.
-    is_by_column : bool
-        Whether the flat values go down the columns.
-    rows, columns : ndarray, float64
-        Values of the axes, in `row_unit` and `column_unit`.
+    It lies at `at` in the flat input `feature`, down the columns where `is_by_column`; thesis
+    vectors hold two. `rows` and `columns` are the values of its axes, in their units.
     """
 
     name: str
@@ -72,20 +60,10 @@ class MapView:
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """What one part of a map stood for.
+    """What one part of a map, `rows` and `columns` of `view`, stood for.
 
-    Attributes
-    ----------
-    view : MapView
-        The map.
-    rows, columns : slice
-        The part.
-    p_human : float
-        With this part dark.
-    effect : float
-        Log-odds of a person that the part added, in nats: above 0 it spoke for a person.
-    turns : bool
-        Whether the rule says otherwise without it: alarm becomes none, or none alarm.
+    `p_human` is with this part dark; `effect` the log-odds of a person that it added, in nats:
+    above 0 it spoke for a person. `turns`: the rule says otherwise without it, alarm or none.
     """
 
     view: MapView

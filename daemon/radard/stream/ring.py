@@ -96,15 +96,8 @@ class Notice:
 class FrameRing:
     """Collect converted frames; hand out a dwell every hop, behind a gap the first whole one.
 
-    Parameters
-    ----------
-    axis : FastTimeAxis
-        Axis of the converted rows.
-    convert : callable
-        ``convert(samples, out)`` writes the baseband of frames, shape (n, n_samples), into
-        as many rows; each frame's must not depend on those beside it.
-    shape : DwellShape
-        Length of the dwells and the hop.
+    ``convert(samples, out)`` writes the baseband of frames, shape (n, n_samples), into as many
+    rows, whose axis is `axis`; each frame's must not depend on those beside it.
     """
 
     def __init__(self, axis: FastTimeAxis, convert: Convert, shape: DwellShape) -> None:

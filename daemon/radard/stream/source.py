@@ -59,10 +59,8 @@ class SourceOpener(Protocol):
 
         Parameters
         ----------
-        target : str
-            Up to the question mark.
-        options : mapping of str to str
-            The keys behind it.
+        target, options : str, mapping of str to str
+            Up to the question mark, and the keys behind it.
         speed : float or None
             Stream seconds per real second, for sources that can choose; None is as fast as
             possible.
@@ -70,12 +68,8 @@ class SourceOpener(Protocol):
         Returns
         -------
         FrameSource
-            Open, with its stream known. Its frames are numbered from 0 and read-only.
-
-        Raises
-        ------
-        RadardError, X2RadarError
-            If it cannot be opened: one line, with the exit code of the error.
+            Open, with its stream known. Its frames are numbered from 0 and read-only. What cannot
+            be opened raises a RadardError or X2RadarError of one line, with its exit code.
         """
         ...
 
@@ -101,12 +95,10 @@ def open_source(
     on_wait: Callable[[Callable[[], None]], object] = lambda _close: None,
     due_s: Callable[[], float] = lambda: math.inf,
 ) -> FrameSource:
-    """Open what a port string names.
+    """Open what a port string names, as --port and --speed take them.
 
     Parameters
     ----------
-    port, speed : str
-        As --port and --speed take them.
     wait : bool
         Wait for a port that is absent or denied, instead of raising.
     quit_on_loss : bool
@@ -119,10 +111,7 @@ def open_source(
         Returns when the frame that completes a dwell should arrive, see `FrameRing.due_s`: it is
         read in time.
 
-    Raises
-    ------
-    X2RadarError, UsageError
-        If the port, scene or recording cannot be opened, or a plug-in is broken.
+    Raises X2RadarError or UsageError if it cannot be opened, or a plug-in is broken.
     """
     parsed = parse_port(port)
     factor = speed_factor(speed, parsed)
