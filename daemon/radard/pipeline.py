@@ -99,10 +99,9 @@ class Pipeline:
         self.policy = policy_of(config, bundle)
         evidence = EvidenceSettings.from_mapping(bundle.evidence if bundle else {})
         self._evidence = Evidence(evidence)
-        self._verdict = Verdict(pet_limit_of(config, bundle))
-        if self.policy == "fused":
-            limits = evidence.human_limit, config.decision.decide_within_s
-            self._verdict = Verdict(pet_limit_of(config, bundle), *limits)
+        limits = evidence.human_limit, config.decision.decide_within_s
+        is_fused = self.policy == "fused"
+        self._verdict = Verdict(pet_limit_of(config, bundle), *(limits if is_fused else ()))
         self.shape = DwellShape.of(
             dwell_s=self._features.dwell_s,
             hop_s=hop_s,
@@ -110,7 +109,8 @@ class Pipeline:
             n_cpi=self._features.n_cpi,
         )
         self._mount = Mount(config.mount.height_m, config.mount.tilt_deg, config.mount.level_db)
-        self._gate = Gate(config.gate, hop_s)
+        self.gate = Gate(config.gate, hop_s)
+        """The gate, with what it saw of the last dwell."""
         self.calibration: Calibration | None = None
         self._remover = ClutterRemover()
         self._tracker = Tracker()
@@ -133,11 +133,6 @@ class Pipeline:
     def _converter(self) -> DownConverter:
         axis = self.stream.axis
         return DownConverter(axis, self._features.range_step(axis))
-
-    @property
-    def gate(self) -> Gate:
-        """The gate, with what it saw of the last dwell."""
-        return self._gate
 
     def warm_up(self) -> None:
         """Judge a made-up dwell and forget it, so that the first real one takes no longer.
@@ -172,11 +167,11 @@ class Pipeline:
         if calibration is not None:
             calibration.check(self._converter().axis, self.stream.frame_rate_hz)
         self.calibration = calibration
-        self._gate = Gate(self._config.gate, self._hop_s, calibration)
+        self.gate = Gate(self._config.gate, self._hop_s, calibration)
 
     def restart(self) -> None:
         """Forget what was learned of the room: the module has restarted."""
-        self._gate.reset()
+        self.gate.reset()
         self._remover.reset()
         self._tracker.reset()
         self._stream = FeatureStream(self._features, self._feature_names)
@@ -193,7 +188,7 @@ class Pipeline:
             fault = f"{moving.n_lost} frames missing or spiked"
             return invalid_decision(dwell, fault, seq=self._seq)
         # One gate for all, should a reload put another in its place just now.
-        gate = self._gate
+        gate = self.gate
         reading = gate.read(moving)
         tracks: tuple[Track, ...] = ()
         if reading.is_open or self._tracker.is_following:

@@ -158,18 +158,16 @@ def test_alarm_fault_and_tamper_are_apart():
     assert (end.kind, end.phase, end.id) == ("tamper", "end", tamper.id)
 
 
-def test_disarmed_faults_and_tamper_are_announced_all_the_same():
+def test_disarmed_a_lost_device_is_a_fault_until_the_next_whole_dwell():
     tracker = EventTracker(AlarmPanel(is_armed=False))
     assert tracker.on_decision(decision(1, 0.9), DWELL) == []
-    (fault,) = tracker.on_decision(decision(2, fault="gone"), DWELL)
-    assert fault.kind == "fault"
-
-
-def test_a_dead_sensor_is_a_fault_though_its_windows_are_whole():
-    tracker = EventTracker()
-    (fault,) = tracker.on_decision(decision(1), DWELL, fault="dead sensor")
-    assert (fault.kind, fault.phase) == ("fault", "new")
-    assert [e.phase for e in tracker.on_decision(decision(2), DWELL)] == ["end"]
+    found = Notice("found", "module sends frames again", 3.0)
+    assert tracker.on_notice(found) == []
+    (fault,) = tracker.on_notice(Notice("lost", "the port is gone", 4.0))
+    assert (fault.kind, fault.phase, fault.reason) == ("fault", "new", "the port is gone")
+    assert tracker.on_notice(found) == []
+    assert tracker.open_events == {"fault": fault}
+    assert [e.phase for e in tracker.on_decision(decision(7.0), DWELL)] == ["end"]
 
 
 def test_a_sensor_torn_off_in_the_entry_delay_raises_the_alarm():
@@ -240,17 +238,14 @@ def test_an_exit_delay_without_a_named_folder_is_over_at_a_restart(tmp_path):
     assert kept == KeptState(is_armed=True, mode="home")
 
 
-def test_a_clip_is_known_after_a_restart():
+def test_a_clip_is_named_in_the_phases_that_follow_and_after_a_restart():
     tracker = EventTracker(AlarmPanel(AlarmPolicy(latch_s=10)))
     (new,) = tracker.on_decision(decision(1, 0.7), DWELL)
+    # That of an event which is over names nothing.
+    tracker.has_clip(f"{new.id}x", "a.h5")
+    assert tracker.open_events["alarm"].clip is None
     tracker.has_clip(new.id, "a.h5")
     assert EventTracker(AlarmPanel()).resume(tracker.kept(1.0))[0].clip == "a.h5"
-
-
-def test_a_clip_is_named_in_the_phases_that_follow():
-    tracker = EventTracker(AlarmPanel(AlarmPolicy(latch_s=10)))
-    (new,) = tracker.on_decision(decision(1, 0.7), DWELL)
-    tracker.has_clip(new.id, "a.h5")
     assert tracker.on_command("disarm", 2)[0].clip == "a.h5"
 
 
@@ -330,24 +325,6 @@ def test_the_time_of_an_id_is_stream_time_in_milliseconds():
         assert new.id == end.id
         assert new.is_trial
         assert end.is_trial
-
-
-def test_a_device_that_is_found_is_no_event():
-    tracker = EventTracker()
-    assert tracker.on_notice(Notice("found", "module sends frames again", 3.0)) == []
-    (fault,) = tracker.on_notice(Notice("lost", "the port is gone", 4.0))
-    assert (fault.kind, fault.phase, fault.reason) == ("fault", "new", "the port is gone")
-    assert tracker.on_notice(Notice("found", "module sends frames again", 5.0)) == []
-    assert tracker.open_events == {"fault": fault}
-    # It lasts until the next whole dwell.
-    assert [e.phase for e in tracker.on_decision(decision(7.0), DWELL)] == ["end"]
-
-
-def test_a_clip_of_an_event_that_is_over_names_nothing():
-    tracker = EventTracker(AlarmPanel(AlarmPolicy(latch_s=10)))
-    (new,) = tracker.on_decision(decision(1, 0.7), DWELL)
-    tracker.has_clip(f"{new.id}x", "a.h5")
-    assert tracker.open_events["alarm"].clip is None
 
 
 def test_zones_that_leave_nothing_at_home_are_a_fault_and_say_so():

@@ -7,13 +7,13 @@ from radard.detect.clutter_map import ClutterMap, ClutterRemover
 from radard.dsp.clutter import (
     block_power,
     centre_spread_m,
+    median,
     part_edges,
     sound_rows,
     spike_rows,
 )
 from radard.dsp.downconvert import DownConverter
 from radard.dsp.noise import noise_of, noise_profile, second_differences
-from radard.errors import FeatureError
 from tests.clutter_helpers import AXIS, body, db, room
 from tests.dsp_reference import noise_power, residual_power
 from tests.radar_helpers import dwell_of, noise, walker
@@ -108,14 +108,6 @@ def test_frames_stay_as_they_were_and_may_be_read_only():
     noise_power(frames, ALL)
     ClutterRemover().remove(dwell(frames))
     np.testing.assert_array_equal(frames, before)
-
-
-@pytest.mark.parametrize(
-    ("shape", "flags"), [((147,), 147), ((147, 2, 3), 147), ((147, 4), 146), ((0, 4), 1)]
-)
-def test_wrong_shapes_are_refused(shape, flags):
-    with pytest.raises(FeatureError, match="shape"):
-        sound_rows(np.zeros(shape), np.ones(flags, np.bool_))
 
 
 def test_parts_of_a_cpi_share_its_power():
@@ -249,8 +241,6 @@ def test_remover_leaves_noise_of_a_still_room():
         # The map itself is gone, too, all but the jitter of its estimate.
         assert db(np.mean(np.abs(out.frames) ** 2)) < 3
         assert out.n_lost == 0
-    assert remover.fit is not None
-    assert remover.fit.delay_trust > 0.9
 
 
 def test_remover_leaves_doppler_alone():
@@ -288,13 +278,13 @@ def test_remover_keeps_the_map_through_a_person_and_forgets_at_a_restart():
     assert np.abs(out.frames[-1]).max() < 10
 
 
-@pytest.mark.parametrize(
-    "frames",
-    [np.zeros((147, 64), np.complex64), np.full((147, 64), np.nan, np.complex64), noise(2, 8)],
-    ids=["zeros", "nan", "short"],
-)
-def test_remover_of_odd_dwells(frames):
-    remover = ClutterRemover()
-    for _ in range(2):
-        out = remover.remove(dwell(frames))
-        assert np.isfinite(out.frames).all()
+@pytest.mark.parametrize("n", [1, 2, 3, 4, 59, 60, 146, 147])
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("level", [1e-38, 1.0, 1e38])
+def test_the_median_is_numpys_to_the_bit(n, dtype, level):
+    values = (np.random.default_rng(n).standard_normal((3, n)) * level).astype(dtype)
+    with np.errstate(over="ignore"):
+        wanted = np.median(values, axis=-1)
+        found = median(values)
+    assert found.dtype == dtype
+    assert np.array_equal(found, wanted)

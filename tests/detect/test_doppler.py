@@ -16,21 +16,9 @@ from radard.dsp.gram import centring, gaussian_taper, gram, step_operator
 from radard.errors import FeatureError
 from tests.dsp_helpers import error, under_clutter
 from tests.dsp_reference import micro_doppler_direct
-from tests.radar_helpers import noise, walker
+from tests.radar_helpers import noise
 
 LIGHT_MPS = 299_792_458.0
-
-
-def fed(frames, n_cpi, sizes=None, valid=None, **kwargs):
-    """A stream that got all frames, cut as said."""
-    stream = StreamingDoppler(n_cpi, **kwargs)
-    at = 0
-    for n in sizes or [len(frames)]:
-        part = slice(at, at + n)
-        stream.push(frames[part], None if valid is None else valid[part])
-        at += n
-    assert at >= len(frames)
-    return stream
 
 
 def test_the_reference_in_extended_precision():
@@ -48,36 +36,15 @@ def test_the_reference_in_extended_precision():
 def test_clutter_does_not_hide_motion_in_wide_frames(clutter_db):
     # At 90 to 100 dB float32 sums of squares of whole quanta would all be rounded one way.
     frames = under_clutter(noise(100, 768, seed=1), clutter_db)
-    batch = micro_doppler(frames, 28)
-    assert error(batch, micro_doppler_direct(frames, 28)) < 1e-5
-    assert error(fed(frames, 28, [60, 1, 39]).columns(), batch) < 1e-6
-
-
-@pytest.mark.parametrize("clutter_db", [60, 100, 140])
-@pytest.mark.parametrize("speed_mps", [0.02, 0.2, 1.2])
-def test_clutter_does_not_hide_a_slow_point(clutter_db, speed_mps):
-    frames = walker(100, 60, speed_mps=speed_mps, start_m=2, level=1)
-    frames = under_clutter(frames, clutter_db)
     assert error(micro_doppler(frames, 28), micro_doppler_direct(frames, 28)) < 1e-5
 
 
 @pytest.mark.parametrize("level", [1e-44, 1e-42, 1e-38, 1e-30, 1e-12, 1e12, 1e19, 1e30, 1e37])
 def test_levels_from_denormal_to_the_end(level):
     frames = (noise(60, 8) * level).astype(np.complex64)
-    assert error(fed(frames, 20, [40, 20]).columns(), micro_doppler_direct(frames, 20)) < 1e-5
-
-
-@pytest.mark.parametrize("dtype", [">c8", "<c16", ">c16", "<f4", "<f2", ">f2", "<i2", ">i2"])
-def test_any_number_format(dtype):
-    values = np.random.default_rng(0).integers(-500, 500, (60, 12, 2))
-    frames = (values[..., 0] + 1j * values[..., 1]).astype(np.complex64)
-    if np.dtype(dtype).kind != "c":
-        frames = frames.real
-    wanted = micro_doppler_direct(frames, 20)
-    wide = np.zeros((120, 36), dtype)
-    wide[::2, ::3] = frames
-    assert error(micro_doppler(wide[::2, ::3], 20), wanted) < 1e-5
-    assert error(micro_doppler(np.asfortranarray(frames.astype(dtype)), 20), wanted) < 1e-5
+    stream = StreamingDoppler(20)
+    stream.push(frames)
+    assert error(stream.columns(), micro_doppler_direct(frames, 20)) < 1e-5
 
 
 def test_power_beyond_float32_is_its_largest_number():

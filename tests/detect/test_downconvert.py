@@ -7,19 +7,11 @@ import pytest
 from radard.dsp.downconvert import DownConverter
 from radard.errors import FeatureError
 from tests.radar_helpers import BASEBAND, noise
+from tests.receiver_helpers import RF
 from x2radar.frame import FastTimeAxis
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS, RadarSettings
 
 S = RadarSettings()
-RF = FastTimeAxis(
-    kind="rf",
-    n_range=S.n_range,
-    bin_length_m=S.bin_length_m,
-    range_offset_m=S.range_offset_m,
-    carrier_hz=S.carrier_hz,
-    bandwidth_hz=S.bandwidth_hz,
-    sample_rate_hz=S.sample_rate_hz,
-)
 SIGMA_S = np.sqrt(np.log(10)) / (np.pi * S.bandwidth_hz)
 
 

@@ -26,8 +26,6 @@ def test_residue_of_strong_clutter_comes_back_to_the_noise(seed):
     assert np.corrcoef(fit.delay_s, delay_s)[0, 1] > 0.99
     assert np.corrcoef(fit.gain, gain)[0, 1] > 0.9
     assert fit.delay_s.std() == pytest.approx(delay_s.std(), rel=0.05)
-    assert fit.delay_trust > 0.9
-    assert fit.gain_trust > 0.6
 
 
 @pytest.mark.parametrize("peak_db", [-20, 0, 20, 57, 100])
@@ -128,7 +126,7 @@ def test_odd_dwells_come_back_finite(frames):
     clean, fit = remove_jitter(frames, np.ones(len(frames), np.bool_), axis)
     assert clean.shape == frames.shape
     assert np.isfinite(clean).all()
-    assert np.isfinite([*fit.delay_s, *fit.gain, fit.delay_trust, fit.gain_trust]).all()
+    assert np.isfinite([*fit.delay_s, *fit.gain]).all()
 
 
 def test_other_sign_of_phase_and_unknown_bandwidth():

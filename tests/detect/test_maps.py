@@ -31,14 +31,6 @@ def test_against_extended_precision_at_any_level(level, depth_db):
     assert np.abs(away).max() < 1e-6
 
 
-def test_every_column_is_set_against_its_own_maximum_down_to_a_level():
-    power = np.zeros((4, 3))
-    power[1] = [1.0, 10**-2.0, 10**-4.0]
-    picture = shown(power, np.ones(3, np.bool_), 30.0)
-    assert picture[1] == pytest.approx([1.0, 1.0, 0.5], abs=1e-6)
-    assert not np.delete(picture, 1, axis=0).any()
-
-
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 def test_what_stands_in_unknown_columns_does_not_matter(bad):
     power = exponential()
@@ -55,17 +47,3 @@ def test_no_power_and_no_finite_power_show_nothing(power):
     picture = shown(power, np.ones(power.shape[1], np.bool_), 25.0)
     assert picture.shape == power.shape
     assert not picture.any()
-
-
-def test_one_live_cell_is_one():
-    power = np.zeros((5, 6))
-    power[2, 3] = 1e-320
-    picture = shown(power, np.ones(6, np.bool_), 25.0)
-    assert picture[2, 3] == 1
-    assert np.count_nonzero(picture) == 1
-
-
-def test_unit_does_not_matter():
-    power = exponential()
-    valid = np.ones(12, np.bool_)
-    assert np.array_equal(shown(power, valid, 25.0), shown(np.ldexp(power, 900), valid, 25.0))

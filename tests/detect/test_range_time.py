@@ -1,31 +1,34 @@
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from radard.dsp.downconvert import DownConverter
 from radard.dsp.grid import overlap, time_cells
 from radard.dsp.range_time import RangeTimeMap
-from radard.errors import FeatureError
 from tests.dsp_helpers import P4XX, X2, X4, error, point
 from tests.radar_helpers import noise
-from x2radar.recording.formats.matlab import P4xxReader
 
-WALK = Path(__file__).parents[3] / "shared" / "data" / "p410_walk_101.mat"
 SMALL = replace(X2, n_range=24)
 
 
-def fed(frames, axis, n_cpi, sizes=None, valid=None, **kwargs):
+def fed(frames, axis, n_cpi, **kwargs):
     stream = RangeTimeMap(axis, n_cpi, **kwargs)
-    at = 0
-    for n in sizes or [len(frames)]:
-        part = slice(at, at + n)
-        stream.push(frames[part], None if valid is None else valid[part])
-        at += n
+    stream.push(frames)
     return stream
+
+
+def test_cells_are_of_the_columns_that_are_kept():
+    # Eight columns at 60 Hz are 0.13 s: of two cells of 0.1 s one is whole, one a third.
+    stream = fed(noise(50, 24), SMALL, 12, n_keep=8)
+    power, good = stream.cells(60.0, cell_s=0.1, n_cells=2)
+    assert good.tolist() == [False, True]
+    assert error(power[:, 1], stream.columns()[:, 2:].mean(axis=1)) < 1e-6
+    stream.restart()
+    power, good = stream.cells(60.0, cell_s=0.1, n_cells=5)
+    assert power.shape == (len(stream.range_m), 5)
+    assert not good.any()
 
 
 def test_noise_alone_has_its_own_power():
@@ -59,25 +62,6 @@ def test_bin_length_does_not_matter():
     grid = {"near_m": 0.7, "far_m": 3.3}
     ours = fed(frames[:, 4::8], coarse, 28, **grid).columns()
     assert error(ours, fed(frames, fine, 28, **grid).columns()) < 0.05
-
-
-def test_restart_and_columns_kept():
-    frames = noise(100, 24)
-    stream = fed(frames[:50], SMALL, 12, n_keep=8)
-    assert stream.n_columns == 8
-    stream.restart()
-    assert stream.columns().shape == (len(stream.range_m), 0)
-    power, good = stream.cells(60.0, cell_s=0.1, n_cells=5)
-    assert power.shape == (len(stream.range_m), 5)
-    assert not good.any()
-    stream.push(frames[50:])
-    wanted = fed(frames[50:], SMALL, 12).columns()[:, -8:]
-    assert error(stream.columns(), wanted) < 1e-6
-    assert stream.columns_valid().all()
-    # Eight columns at 60 Hz are 0.13 s: of two cells of 0.1 s one is whole, one a third.
-    power, good = stream.cells(60.0, cell_s=0.1, n_cells=2)
-    assert good.tolist() == [False, True]
-    assert error(power[:, 1], wanted[:, 2:].mean(axis=1)) < 1e-6
 
 
 @settings(deadline=None, derandomize=True, max_examples=60)
@@ -114,35 +98,9 @@ def test_time_cells_keep_energy_and_end_with_the_columns():
     assert np.allclose(cells.mean(axis=1), columns[:, :61].mean(axis=1))
 
 
-@pytest.mark.parametrize(
-    "wrong",
-    [{"cell_s": 0.0}, {"n_cells": 0}, {"column_rate_hz": 0.0}, {"valid": np.ones(3, bool)}],
-)
-def test_time_cells_that_make_no_sense(wrong):
-    right = {"valid": np.ones(4, np.bool_), "column_rate_hz": 60.0, "cell_s": 0.1, "n_cells": 2}
-    with pytest.raises(FeatureError, match="cells"):
-        time_cells(np.ones((2, 4)), **{**right, **wrong})
-
-
 def test_overlap():
     share = overlap(np.array([0, 1, 2, 3.0]), np.array([0.5, 1.5, 5.5]))
     assert np.allclose(share, [[0.5, 0], [0.5, 0.125], [0, 0.25]])
-
-
-@pytest.mark.skipif(not WALK.exists(), reason="the recording of a real walk is not here")
-def test_a_real_walk():
-    reader = P4xxReader(WALK)
-    converter = DownConverter(reader.stream.axis, 2)
-    frames = converter.convert(reader.read_samples(0, 760))
-    stream = fed(frames, converter.axis, 14, n_keep=800)
-    power, known = stream.cells(reader.stream.frame_rate_hz, cell_s=0.2, n_cells=120)
-    assert known.all()
-    range_m = centre_m(power, stream.range_m)
-    # There and back once, between 3 and 6 m, at a walk: never faster than 3 m/s.
-    assert 3.0 < range_m.min() < 3.5
-    assert 5.5 < range_m.max() < 6.5
-    assert np.median(np.abs(np.diff(range_m)) / 0.2) < 0.7
-    assert np.percentile(np.abs(np.diff(range_m)) / 0.2, 95) < 1.6
 
 
 def centre_m(power, range_m):

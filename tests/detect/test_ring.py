@@ -48,26 +48,6 @@ def test_first_dwell_after_147_frames_then_every_second():
         assert dwell.is_whole
 
 
-def test_rate_that_is_no_whole_number_keeps_one_dwell_a_second():
-    got = dwells(copy_ring(41, 17.06), frames_of(noise(17 * 60)))
-    times = np.array([d.t_s for d in got])
-    assert times[0] == pytest.approx(41 / 17.06)
-    assert np.abs(times - times[0] - np.arange(len(times))).max() < 0.5 / 17.06 + 1e-9
-
-
-@settings(deadline=None, derandomize=True, max_examples=30)
-@given(n_slow=st.integers(2, 30), rate=st.integers(1, 20), n=st.integers(0, 120))
-def test_every_dwell_is_the_last_frames(n_slow, rate, n):
-    samples = noise(n, 4) if n else np.empty((0, 4), np.complex64)
-    ring = copy_ring(n_slow, rate)
-    ring._rows = np.zeros((2 * ring._capacity, 4), np.complex64)
-    got = dwells(ring, frames_of(samples))
-    ends = list(range(n_slow, n + 1, rate))
-    assert [round(d.t_s * rate) for d in got] == ends
-    for dwell, end in zip(got, ends, strict=True):
-        assert np.array_equal(dwell.frames, samples[end - n_slow : end])
-
-
 def lossy(samples, lost):
     """Frames of `samples` without those in `lost`."""
     missing = 0
@@ -88,14 +68,6 @@ def test_lost_frames_are_marked_and_time_goes_on():
     assert np.array_equal(got[0].frames[51], samples[49])
     assert got[0].longest_gap_s == pytest.approx(2 / 60)
     assert all(d.is_whole for d in got)
-
-
-@pytest.mark.parametrize(
-    ("lost", "whole"), [({10, 11}, True), ({10, 30, 50}, False), ({10, 11, 12, 13}, False)]
-)
-def test_what_counts_as_whole(lost, whole):
-    got = dwells(copy_ring(147, 60), lossy(noise(147), lost))
-    assert got[0].is_whole is whole
 
 
 def schedule(good, n_slow, hop):
@@ -159,16 +131,6 @@ def test_restart_begins_a_new_dwell_and_says_so():
     assert np.array_equal(got[2].frames, noise(200, seed=1)[:147])
 
 
-@pytest.mark.parametrize("bad", [np.nan, np.inf])
-def test_a_frame_that_is_not_finite_counts_as_lost(bad):
-    samples = noise(147)
-    samples[60, 3] = bad
-    ring = copy_ring(147, 60)
-    got = dwells(ring, frames_of(samples))
-    assert got[0].n_lost == 1
-    assert np.isfinite(got[0].frames).all()
-
-
 def test_the_writer_waits_for_a_slow_worker_and_overwrites_nothing():
     samples = noise(60 * 20)
     ring = copy_ring(147, 60)
@@ -184,20 +146,6 @@ def test_the_writer_waits_for_a_slow_worker_and_overwrites_nothing():
         k += 1
     assert k == 18
     thread.join()
-
-
-def test_stop_frees_a_waiting_writer():
-    ring = copy_ring(147, 60)
-    done = threading.Event()
-
-    def push():
-        while ring.push(next(frames_of(noise(1)))):
-            pass
-        done.set()
-
-    threading.Thread(target=push).start()
-    ring.stop()
-    assert done.wait(60)
 
 
 def test_waiting_for_an_item_has_an_end():

@@ -163,19 +163,6 @@ def test_a_gap_anywhere_leaves_the_track_alone(position):
     assert error_m(dwell, tracks[0], path).mean() < 0.06
 
 
-def test_same_frames_same_tracks():
-    def path(t):
-        return 2.0 + 0.5 * np.sin(t)
-
-    one, two = (follow(dwells(path, seconds=8, extra=[(lambda t: 3.1 + 0 * t, 30)])) for _ in "12")
-    for (_, a), (_, b) in zip(one, two, strict=True):
-        assert [(t.id, t.range_m, t.radial_velocity_mps) for t in a] == [
-            (t.id, t.range_m, t.radial_velocity_mps) for t in b
-        ]
-        for x, y in zip(a, b, strict=True):
-            np.testing.assert_array_equal(x.path_m, y.path_m)
-
-
 def test_memory_stays_bounded_and_tracks_good_over_a_long_stream():
     tracker = Tracker()
     frames = noise(147, 96) + body(2.0 + 0.1 * np.sin(8 * np.arange(147) / RATE_HZ), 40)

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from radard.stream.coalesced_reads import PAUSE_S, CoalescedReads, coalesced
+from radard.stream.coalesced_reads import PAUSE_S, CoalescedReads
 from radard.stream.frame_timing import FrameTiming
 from x2radar.errors import TransportClosed
 
@@ -94,7 +94,7 @@ def test_a_port_that_is_always_full_is_not_read_for_ever():
 @pytest.mark.parametrize("is_usb", [True, False])
 def test_everything_else_is_the_ports_own(is_usb):
     inner = Port(b"x", is_usb=is_usb)
-    port = coalesced(lambda: inner)()
+    port = CoalescedReads(inner)
     port.write(b"hello")
     assert inner.written == [b"hello"]
     assert port.is_usb is is_usb

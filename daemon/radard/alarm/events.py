@@ -29,12 +29,12 @@ class Event:
     """One phase of an alarm, a fault or a tamper."""
 
     id: str  # ULID; the same in every phase of one event
-    phase: Phase  # whether it begins, changes or ends
-    kind: Kind
+    phase: Phase = "new"  # whether it begins, changes or ends
+    kind: Kind = "alarm"
     t_s: float  # stream time of this phase
     start_t_s: float  # and of the beginning
-    end_t_s: float | None
-    peak: float  # highest p(human) so far; 0 for fault and tamper
+    end_t_s: float | None = None
+    peak: float = 0.0  # highest p(human) so far; 0 for fault and tamper
     reason: str  # for people
     clip: str | None = None  # the recording made of it
     is_trial: bool = False  # asked for, to see whether outputs hand it on
@@ -53,12 +53,8 @@ def trial_alarm(t_s: float) -> list[Event]:
     """Return both phases of an alarm that is only a test, at a stream time."""
     new = Event(
         id=_ulid(f"test {uuid.uuid4()}", t_s, None),
-        phase="new",
-        kind="alarm",
         t_s=t_s,
         start_t_s=t_s,
-        end_t_s=None,
-        peak=0.0,
         reason="test alarm: nobody was seen",
         is_trial=True,
     )
@@ -129,10 +125,8 @@ class EventTracker:
         event = Event(
             id=kept.alarm_id,
             phase="update",
-            kind="alarm",
             t_s=0.0,
             start_t_s=0.0,
-            end_t_s=None,
             peak=kept.alarm_peak,
             reason=reason,
             clip=kept.alarm_clip,
@@ -230,11 +224,9 @@ class EventTracker:
     ) -> Event:
         event = Event(
             id=_ulid(f"{kind} {t_s:.6f}{self._run}", t_s, dwell),
-            phase="new",
             kind=kind,
             t_s=t_s,
             start_t_s=t_s,
-            end_t_s=None,
             peak=peak,
             reason=reason,
         )

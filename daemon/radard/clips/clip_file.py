@@ -16,10 +16,10 @@ from typing import Any
 import h5py
 import numpy as np
 
-from radard.clips.room import date_last, limit_size
+from radard.clips.room import date_last
 from radard.clips.spectrogram_png import PictureMaker, Rgb, encode_png
 from radard.config.atomic import write_atomically
-from radard.errors import FeatureError, OutputError
+from radard.errors import OutputError
 from x2radar.errors import RecordingError
 from x2radar.frame import Frame, StreamInfo
 from x2radar.recording.hdf5_writer import RecordingWriter, reopened
@@ -115,58 +115,6 @@ class ClipFile:
         """Let go of the file as it is."""
         with contextlib.suppress(RecordingError, OSError, RuntimeError):
             self._writer.close()
-
-
-class ClipWriter:
-    """Write one clip after the other into a folder; its methods are the jobs of the clip keeper.
-
-    Each returns whether a clip has just been made without fault, and raises OutputError or
-    OSError when the clip at hand cannot go on; what is still told of that one is then dropped.
-    """
-
-    def __init__(self, stream: StreamInfo, *, keep_bytes: float) -> None:
-        self._stream = stream
-        self._keep_bytes = keep_bytes
-        self._file: ClipFile | None = None
-
-    def open(
-        self, path: Path, first_index: int, started_utc: str, attributes: Mapping[str, str]
-    ) -> bool:
-        """Begin a clip."""
-        self._file = ClipFile(
-            path,
-            self._stream,
-            first_index=first_index,
-            started_utc=started_utc,
-            attributes=attributes,
-        )
-        return False
-
-    def write(self, frames: list[Frame]) -> bool:
-        """Add frames."""
-        if self._file is not None:
-            try:
-                self._file.write(frames)
-            except (OutputError, FeatureError):
-                self._file.abandon()
-                self._file = None
-                raise
-        return False
-
-    def preview(self) -> bool:
-        """Draw the clip at hand as far as it goes."""
-        if self._file is not None:
-            self._file.preview()
-        return False
-
-    def finish(self, decisions: Sequence[Mapping[str, Any]], event: Mapping[str, Any]) -> bool:
-        """End the clip."""
-        file, self._file = self._file, None
-        if file is None:
-            return False
-        file.finish(decisions, event)
-        limit_size(file.path.parent, keep_bytes=self._keep_bytes)
-        return True
 
 
 def _write_decisions(

@@ -17,16 +17,16 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from radard.clips.room import prepare_folder
+from radard.clips.room import limit_size, prepare_folder
 from radard.config.sections import ClipsSection
 from radard.errors import FeatureError, OutputError
 from x2radar.frame import Frame, StreamInfo
 
 if TYPE_CHECKING:
-    from radard.clips.clip_file import ClipWriter
+    from radard.clips.clip_file import ClipFile
 
 log = logging.getLogger("radard")
-Job = Callable[[], bool]
+Job = Callable[[], object]
 _SLACK_S = 4.0  # held beyond `pre_s`; a decision is never so late
 _MAX_JOBS = 200  # that wait for the disk; some minutes
 _WAIT_S = 0.5  # as long as an alarm waits for the disk of the event log
@@ -72,7 +72,7 @@ class ClipKeeper:
         self._running: _Running | None = None
         self._jobs: queue.Queue[Job | None] = queue.Queue(_MAX_JOBS)
         self._thread: threading.Thread | None = None
-        self._made: ClipWriter | None = None
+        self._file: ClipFile | None = None  # of the clips' own thread alone
         self._room = threading.Event()
         self.complaint = ""
         """Why the last clip was not made; empty when all is well. Any thread may read it."""
@@ -122,9 +122,9 @@ class ClipKeeper:
         began = datetime.now(UTC) - timedelta(seconds=(end - first) / self._rate_hz)
         utc = began.isoformat(timespec="milliseconds").replace("+00:00", "Z")
         about = self._attributes
-        self._do(lambda: not self.complaint and self._writer().open(path, first, utc, about))
+        self._do(lambda: self._open(path, first, utc, about))
         self._take(self._running, end)
-        self._do(lambda: self._writer().preview())
+        self._do(self._preview)
         return self.named_of(event["id"])
 
     def named_of(self, event_id: str) -> str | None:
@@ -179,14 +179,13 @@ class ClipKeeper:
         """
         is_answered = threading.Event()
 
-        def look() -> bool:
+        def look() -> None:
             try:
                 prepare_folder(self._folder, free_bytes=self._settings.free_mb * 1e6)
                 self.complaint = ""
             except (OutputError, OSError) as err:
                 self._complain(err)
             is_answered.set()
-            return False
 
         self._do(look)
         is_answered.wait(_WAIT_S)
@@ -198,11 +197,11 @@ class ClipKeeper:
             frames = [f for f in self._held if first <= f.index < last]
         running.taken = max(first, last)
         if frames:
-            self._do(lambda: self._writer().write(frames))
+            self._do(lambda: self._write(frames))
 
     def _finish(self, running: _Running) -> None:
         self._running = None
-        self._do(lambda: self._writer().finish(running.decisions, running.event))
+        self._do(lambda: self._end(running))
 
     def _do(self, job: Job) -> None:
         if self._thread is None:
@@ -213,21 +212,41 @@ class ClipKeeper:
         except queue.Full:
             self.complaint = "the disk is too slow, or hangs"
 
-    def _writer(self) -> "ClipWriter":
-        """Return the writer; in the clips' own thread."""
-        if self._made is None:
-            # Late, so that a run without alarms never loads h5py.
-            from radard.clips.clip_file import ClipWriter  # noqa: PLC0415
+    def _open(self, path: Path, first: int, utc: str, about: Mapping[str, str]) -> None:
+        if self.complaint:
+            return
+        # Late, so that a run without alarms never loads h5py.
+        from radard.clips.clip_file import ClipFile  # noqa: PLC0415
 
-            keep_bytes = self._settings.keep_mb * 1e6
-            self._made = ClipWriter(self._stream, keep_bytes=keep_bytes)
-        return self._made
+        stream = self._stream
+        self._file = ClipFile(path, stream, first_index=first, started_utc=utc, attributes=about)
+
+    def _write(self, frames: list[Frame]) -> None:
+        """Add frames; what is still told of a clip that cannot go on is dropped."""
+        file, self._file = self._file, None
+        if file is not None:
+            try:
+                file.write(frames)
+            except (OutputError, FeatureError):
+                file.abandon()
+                raise
+        self._file = file
+
+    def _preview(self) -> None:
+        if self._file is not None:
+            self._file.preview()
+
+    def _end(self, running: _Running) -> None:
+        file, self._file = self._file, None
+        if file is not None:
+            file.finish(running.decisions, running.event)
+            limit_size(self._folder, keep_bytes=self._settings.keep_mb * 1e6)
+            self.complaint = ""
 
     def _write_all(self) -> None:
         while (job := self._jobs.get()) is not None:
             try:
-                if job():
-                    self.complaint = ""
+                job()
             except (OutputError, OSError, FeatureError) as err:
                 self._complain(err)
 

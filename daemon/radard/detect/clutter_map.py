@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radard.dsp.clutter import Flags, repeat_usable, sound_rows, spike_rows
-from radard.dsp.jitter import JitterFit, take_out_jitter
+from radard.dsp.jitter import take_out_jitter
 from radard.dsp.noise import noise_of, second_differences
 from radard.stream.ring import Dwell
 
@@ -68,8 +68,6 @@ class ClutterRemover:
     def __init__(self) -> None:
         self._map: ClutterMap | None = None
         self._t_s = 0.0
-        self.fit: JitterFit | None = None
-        """Jitter of the last dwell."""
 
     def reset(self) -> None:
         """Forget the room, as after a restart of the module."""
@@ -84,7 +82,7 @@ class ClutterRemover:
         """
         rows, usable, scale = sound_rows(dwell.frames, dwell.valid)
         usable &= ~spike_rows(rows, usable)
-        self.fit = take_out_jitter(rows, usable, dwell.axis)
+        take_out_jitter(rows, usable, dwell.axis)
         n_new = len(rows)
         if self._map is None:
             self._map = ClutterMap(rows.shape[1], dwell.frame_rate_hz)

@@ -31,8 +31,7 @@ from numpy.typing import NDArray
 from radard.config.sections import GateSettings
 from radard.detect.calibration import Calibration
 from radard.detect.noise_floor import NoiseFloor
-from radard.dsp.clutter import centre_spread_m, sound_rows
-from radard.dsp.median import median
+from radard.dsp.clutter import centre_spread_m, median, sound_rows
 from radard.dsp.noise import second_differences
 from radard.dsp.range_doppler import (
     MAX_RESIDUE,

@@ -10,7 +10,6 @@ recalled.) No threshold is lower than the gate's own.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,14 +38,6 @@ class RoomNotEmpty(RadardError):
     """Somebody or something moves where nothing should."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Seen:
-    """Where and when something stood out."""
-
-    t_s: float
-    range_m: float
-
-
 class RoomSurvey:
     """Listen to an empty room; `settings` are those of the gate that will use the calibration."""
 
@@ -60,7 +51,7 @@ class RoomSurvey:
         self._peak: list[Array] = []
         self._residue: list[Array] = []
         self._noise: list[Array] = []
-        self._seen: list[_Seen] = []
+        self._seen: list[tuple[float, float]] = []  # stream time and range
         self._paths: dict[int, tuple[float, float]] = {}
         self._n_skipped = 0
         self._dwell_s = 0.0
@@ -91,9 +82,9 @@ class RoomSurvey:
         for track in tracks:
             low, high = self._paths.get(track.id, (track.range_m, track.range_m))
             self._paths[track.id] = min(low, track.range_m), max(high, track.range_m)
-        seen = [_Seen(dwell.t_s, track.range_m) for track in tracks]
+        seen = [(dwell.t_s, track.range_m) for track in tracks]
         if reading.is_open:
-            seen.append(_Seen(dwell.t_s, reading.range_m))
+            seen.append((dwell.t_s, reading.range_m))
         self._seen += seen
         return bool(seen)
 
@@ -119,11 +110,11 @@ class RoomSurvey:
                 raise RoomNotEmpty(msg)
             return
         if seen:
-            ranges_m = np.array([each.range_m for each in seen])
-            times = len({each.t_s for each in seen})
+            times_s, ranges_m = np.array(seen).T
+            n_seen = len(set(times_s))
             msg = (
                 f"the room is not empty: something moves at {ranges_m.min():.1f} to "
-                f"{ranges_m.max():.1f} m, in {times} of {self.n_dwells} windows; {cure}"
+                f"{ranges_m.max():.1f} m, in {n_seen} of {self.n_dwells} windows; {cure}"
             )
             raise RoomNotEmpty(msg)
         if excess_db[worst] > _UNREST_DB:

@@ -104,12 +104,10 @@ def os_level(ratio: Array, guard: int, reach: int) -> Array:
         return level
     k = _rank(len(offsets))
     # The statistic of cells `first + offsets`, once for every place where they all fit.
-    places = np.arange(n_cell - offsets[-1])[:, None] + offsets
-    statistic = np.partition(ratio[:, places], k, axis=-1)[..., k]
-    np.maximum(level[:, : -offsets[-1]], statistic, out=level[:, : -offsets[-1]])
-    mirrored = np.arange(offsets[-1], n_cell)[:, None] - offsets
-    statistic = np.partition(ratio[:, mirrored], k, axis=-1)[..., k]
-    np.maximum(level[:, offsets[-1] :], statistic, out=level[:, offsets[-1] :])
+    for first, step in ((0, offsets), (offsets[-1], -offsets)):
+        cells = first + np.arange(n_cell - offsets[-1])
+        statistic = np.partition(ratio[:, cells[:, None] + step], k, axis=-1)[..., k]
+        level[:, cells] = np.maximum(level[:, cells], statistic)
     return level
 
 

@@ -17,9 +17,6 @@ class ColumnStore:
     """The last `n_keep` columns of a map, each with a flag, contiguous, oldest first."""
 
     def __init__(self, n_keep: int) -> None:
-        if n_keep < 1:
-            msg = f"n_keep {n_keep}: at least one column must be kept"
-            raise FeatureError(msg)
         self.n_keep = n_keep
         self._columns: Values = np.zeros((0, 0))
         self._flags = np.zeros(0, np.bool_)
@@ -64,18 +61,14 @@ class ColumnStream(ABC):
     """A map of one stream, made column by column from its steps.
 
     A column may need `n_history` steps before the new ones; `n_block` frames are taken at once at
-    most. The map has `n_rows` rows, of which `n_keep` columns can be asked for. Frames must have
-    `n_range` bins, where that is given.
+    most. The map has `n_rows` rows, of which `n_keep` columns can be asked for.
     """
 
-    def __init__(
-        self, n_history: int, n_block: int, n_keep: int, n_rows: int, n_range: int | None = None
-    ) -> None:
+    def __init__(self, n_history: int, n_block: int, n_keep: int, n_rows: int) -> None:
         self.n_history = n_history
         self.n_block = n_block
-        self.n_range = n_range
         self._n_rows = n_rows
-        self._own_steps = StepBuffer(n_history, n_block)
+        self._alone: SharedSteps | None = None
         self._store = ColumnStore(n_keep)
 
     @property
@@ -85,7 +78,7 @@ class ColumnStream(ABC):
 
     def restart(self) -> None:
         """Forget everything, as after a gap: the next column comes after a whole CPI."""
-        self._own_steps.restart()
+        self._alone = None
         self._store.restart()
 
     def push(self, frames: ArrayLike, valid: ArrayLike | None = None) -> int:
@@ -94,12 +87,8 @@ class ColumnStream(ABC):
         What stands in place of a lost frame, False in `valid`, is ignored. Frames with NaN, Inf or
         more than 1e38 count as lost too. Raises FeatureError if the frames do not fit the stream.
         """
-        made = 0
-        for part, flags in blocks(frames, valid, self.n_block):
-            check_width(part.shape[1], self.n_range)
-            self._own_steps.push(part, flags)
-            made += self.advance(self._own_steps, len(part))
-        return made
+        self._alone = self._alone or SharedSteps(self)
+        return self._alone.push(frames, valid)
 
     @abstractmethod
     def advance(self, steps: StepBuffer, n_new: int) -> int:
@@ -135,18 +124,10 @@ class SharedSteps:
         for stream in self._streams:
             stream.restart()
 
-    def push(self, frames: ArrayLike, valid: ArrayLike | None = None) -> None:
-        """Add a frame or many to all maps, see `ColumnStream.push`."""
+    def push(self, frames: ArrayLike, valid: ArrayLike | None = None) -> int:
+        """Add frames to all maps, see `ColumnStream.push`; return the columns of the last one."""
+        made = 0
         for part, flags in blocks(frames, valid, self._n_block):
-            for stream in self._streams:
-                check_width(part.shape[1], stream.n_range)
             self._steps.push(part, flags)
-            for stream in self._streams:
-                stream.advance(self._steps, len(part))
-
-
-def check_width(n_range: int, wanted: int | None) -> None:
-    """Raise FeatureError if frames do not have the bins that they must have."""
-    if wanted is not None and n_range != wanted:
-        msg = f"a frame of {n_range} bins in a stream of {wanted}"
-        raise FeatureError(msg)
+            made += [stream.advance(self._steps, len(part)) for stream in self._streams][-1]
+        return made

@@ -4,7 +4,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radard.dsp.steps import Flags
-from radard.errors import FeatureError
 
 Reals = NDArray[np.float64]
 
@@ -51,9 +50,6 @@ def time_cells(
         Whether at least half of the cell is known.
     """
     n = columns.shape[-1]
-    if not (cell_s > 0 and column_rate_hz > 0 and n_cells > 0) or valid.shape != (n,):
-        msg = f"{n_cells} cells of {cell_s:g} s from {n} columns and {valid.size} flags"
-        raise FeatureError(msg)
     sample_edges = np.arange(-n, 1.0) / column_rate_hz
     cell_edges = np.arange(-n_cells, 1.0) * cell_s
     share = overlap(sample_edges, cell_edges) * valid[:, None]

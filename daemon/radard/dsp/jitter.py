@@ -27,9 +27,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from radard.dsp.clutter import Flags
-from radard.dsp.median import median
-from radard.errors import FeatureError
+from radard.dsp.clutter import Flags, median
 from x2radar.frame import FastTimeAxis
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
 
@@ -57,18 +55,13 @@ class JitterFit:
 
     delay_s: Array  # of every frame about the dwell's mean, shape (n_slow,); later is positive
     gain: Array  # of every frame, less one; likewise
-    delay_trust: float  # share that was taken off, 0 to 1; mean over the clutter's power
-    gain_trust: float  # likewise
 
 
 def take_out_jitter(rows: NDArray[np.complex64], usable: Flags, axis: FastTimeAxis) -> JitterFit:
     """Take the clutter's common delay and gain out of rows from `sound_rows`, in place."""
-    if rows.shape[1] != axis.n_range:
-        msg = f"frames of {rows.shape[1]} bins on an axis of {axis.n_range}"
-        raise FeatureError(msg)
     none = np.zeros(len(rows))
     if np.count_nonzero(usable) < _MIN_FRAMES or axis.carrier_hz <= 0:
-        return JitterFit(none, none, 0.0, 0.0)
+        return JitterFit(none, none)
     used = rows if usable.all() else rows[usable]
     mean = used.mean(axis=0, dtype=np.complex128)
     starts = _cell_starts(axis)
@@ -78,10 +71,9 @@ def take_out_jitter(rows: NDArray[np.complex64], usable: Flags, axis: FastTimeAx
     theta, weight = model.fit_all()
     turn = 2 * np.pi * axis.carrier_hz
     most = np.array([turn * MAX_DELAY_S, MAX_GAIN])
-    by_cell, trust = model.fit_without_own(theta, weight, most)
+    by_cell = model.fit_without_own(theta, weight, most)
     parts -= by_cell.transpose(1, 2, 0).reshape(len(rows), -1).astype(np.float32) @ columns
-    delay_trust, gain_trust = (trust @ model.clutter_share()).tolist()
-    return JitterFit(theta[0] / turn, theta[1], delay_trust, gain_trust)
+    return JitterFit(theta[0] / turn, theta[1])
 
 
 @lru_cache(maxsize=8)
@@ -146,10 +138,6 @@ class _Model:
         self._n_parts = np.diff(2 * starts, append=moving.shape[1])
         self._votes = usable[:, None].astype(np.float64)
 
-    def clutter_share(self) -> Array:
-        """Return the cells' shares of the clutter's power, (n_cells,)."""
-        return np.asarray(self._bb / max(float(self._bb.sum()), _TINY))
-
     def fit_all(self) -> tuple[Array, Array]:
         """Return the fit to all cells, (2, n_slow), and the cells' weights, (n_slow, n_cells)."""
         aa, ab, bb, votes = self._aa, self._ab, self._bb, self._votes
@@ -181,8 +169,8 @@ class _Model:
         self._b -= b_off
         return theta, weight
 
-    def fit_without_own(self, theta: Array, weight: Array, most: Array) -> tuple[Array, Array]:
-        """Return what each cell is corrected by, (2, n_slow, n_cells), and the trust in it."""
+    def fit_without_own(self, theta: Array, weight: Array, most: Array) -> Array:
+        """Return what each cell is corrected by, (2, n_slow, n_cells)."""
         cell = np.arange(len(self._aa))
         apart = (np.abs(cell[:, None] - cell) > _GUARD_CELLS).astype(np.float64)
         # Sums over the others as they are, not the total less the own: nothing cancels.
@@ -205,7 +193,7 @@ class _Model:
         trust = np.clip(_ratio(agreed, expected), 0, 1)
         trust[square.sum(axis=1) > n_used * most[:, None] ** 2] = 0
         others *= trust[:, None]
-        return others, trust
+        return np.asarray(others)
 
 
 def _solve(aa: Array, ab: Array, bb: Array, a: Array, b: Array) -> Array:

@@ -3,8 +3,6 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from radard.errors import FeatureError
-
 
 def range_gates(
     paths_m: NDArray[np.float64],
@@ -24,9 +22,6 @@ def range_gates(
     at most one, to 1e-6. Multiply frames that are free of static clutter: a moving gate would
     modulate what stands still.
     """
-    if paths_m.ndim != 2 or half_width_m <= 0 or taper_m <= 0:
-        msg = f"range gates need 2-D paths and positive widths, got {paths_m.shape}"
-        raise FeatureError(msg)
     paths = paths_m.astype(np.float32)
     off = np.abs(range_m.astype(np.float32) - paths[..., None])
     gates = _edge((half_width_m - off) / taper_m)

@@ -66,7 +66,7 @@ class RangeTimeMap(ColumnStream):
         self.is_covered: Flags = design.is_covered
         self.weights = design.weights
         self._residual = design.residual
-        super().__init__(n_cpi, len(self._residual), n_keep, len(self.range_m), axis.n_range)
+        super().__init__(n_cpi, len(self._residual), n_keep, len(self.range_m))
         self._n_cpi = n_cpi
 
     def advance(self, steps: StepBuffer, n_new: int) -> int:

@@ -113,9 +113,6 @@ class VelocityTransform(ColumnStream):
                 f"grid must hold a step; got {settings} and {max_mps} m/s"
             )
             raise FeatureError(msg)
-        if n_mean < 1:
-            msg = f"velocity transform: a mean of {n_mean} frames"
-            raise FeatureError(msg)
         rate_hz = frame_rate_hz / n_mean
         self.n_cpi = max(_MIN_CPI, round(cpi_s * rate_hz))
         self.stride = max(1, round(rate_hz / column_rate_hz))
@@ -133,7 +130,7 @@ class VelocityTransform(ColumnStream):
         self.velocity_mps: Reals = design.velocity_mps
         self._design, self._dft = design, design.dft
         n_block = max(_BLOCK, self.n_cpi)
-        super().__init__(0, n_block, n_keep, len(self.velocity_mps), axis.n_range)
+        super().__init__(0, n_block, n_keep, len(self.velocity_mps))
         self._means = FrameMeans(n_mean)
         self._spectra = ColumnStore(self.n_cpi + self.stride + n_block)
         self._n_seen = 0

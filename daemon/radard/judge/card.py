@@ -1,6 +1,5 @@
 """Card: what a bundle's sidecar says of its quality; for people, nothing is decided by it."""
 
-import json
 from dataclasses import dataclass, field, replace
 from importlib import resources
 from pathlib import Path
@@ -55,22 +54,20 @@ def sidecar_path(model: str) -> Path:
 
 def read_card(model: str) -> Card:
     """Read the card of a loaded bundle by name or path; ModelMismatch if it is garbled."""
-    raw = json.loads(sidecar_path(model).read_text(encoding="utf-8"))
     try:
-        metrics = parse_json(_Metrics, json.dumps(raw)).metrics
-        if "evaluation" not in raw:
-            return Card(policy="", command="", passages=0, sensitivities={}, metrics=metrics)
-        found = parse_json(Card, json.dumps(raw["evaluation"]), "evaluation")
+        found = parse_json(_Sidecar, sidecar_path(model).read_bytes())
     except ValueError as err:
         msg = f"model '{model}': {err}"
         raise ModelMismatch(msg) from err
-    return replace(found, metrics=metrics)
+    nothing = Card(policy="", command="", passages=0, sensitivities={})
+    return replace(found.evaluation or nothing, metrics=found.metrics)
 
 
 @dataclass(frozen=True, slots=True)
-class _Metrics:
-    """What a card reads of a sidecar beside the evaluation."""
+class _Sidecar:
+    """What a card reads of a sidecar."""
 
     __pydantic_config__ = LOOSE
 
     metrics: dict[str, Any] = field(default_factory=dict)
+    evaluation: Card | None = None

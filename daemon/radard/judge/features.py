@@ -8,7 +8,6 @@ lost frame, take the mean of the others, so that they add nothing at any cadence
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any, Literal, Protocol
 
 import numpy as np
@@ -83,38 +82,27 @@ class FeatureSettings:
 
     def velocity_grids(self) -> Mapping[str, VelocityGrid]:
         """Return the velocity-time maps by their features' names."""
-        common = partial(
-            VelocityGrid,
-            carrier_hz=self.velocity_cpi_carrier_hz,
-            least_frames=self.velocity_cpi_frames,
+        rows = (
+            ("velocity_time", self.velocity_cpi_s, self.velocity_max_mps, self.velocity_step_mps),
+            ("velocity_time_medium", self.medium_cpi_s, self.medium_max_mps, self.medium_step_mps),
+            ("velocity_time_long", self.long_cpi_s, self.long_max_mps, self.long_step_mps),
         )
+        cells_s = (self.cell_s, self.medium_cell_s, self.long_cell_s)
         return {
-            "velocity_time": common(
-                cpi_s=self.velocity_cpi_s,
-                max_mps=self.velocity_max_mps,
-                step_mps=self.velocity_step_mps,
-                cell_s=self.cell_s,
-                n_cells=self.n_cells,
-                depth_db=self.velocity_depth_db,
-            ),
-            "velocity_time_medium": common(
-                cpi_s=self.medium_cpi_s,
-                max_mps=self.medium_max_mps,
-                step_mps=self.medium_step_mps,
-                cell_s=self.medium_cell_s,
-                n_cells=self._n_behind(self.medium_cpi_s, self.medium_cell_s),
-                depth_db=self.long_depth_db,
-                sampling=self.long_sampling,
-            ),
-            "velocity_time_long": common(
-                cpi_s=self.long_cpi_s,
-                max_mps=self.long_max_mps,
-                step_mps=self.long_step_mps,
-                cell_s=self.long_cell_s,
-                n_cells=self._n_behind(self.long_cpi_s, self.long_cell_s),
-                depth_db=self.long_depth_db,
-                sampling=self.long_sampling,
-            ),
+            name: VelocityGrid(
+                cpi_s=cpi_s,
+                carrier_hz=self.velocity_cpi_carrier_hz,
+                least_frames=self.velocity_cpi_frames,
+                max_mps=max_mps,
+                step_mps=step_mps,
+                cell_s=cell_s,
+                n_cells=self._n_behind(cpi_s, cell_s) if k else self.n_cells,
+                depth_db=self.long_depth_db if k else self.velocity_depth_db,
+                sampling=self.long_sampling if k else 0.0,
+            )
+            for k, ((name, cpi_s, max_mps, step_mps), cell_s) in enumerate(
+                zip(rows, cells_s, strict=True)
+            )
         }
 
     def _n_behind(self, cpi_s: float, cell_s: float) -> int:

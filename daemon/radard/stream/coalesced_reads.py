@@ -75,10 +75,3 @@ class CoalescedReads:
         to_due_s = self._due_s() - now_s
         # One that does not come is lost; then nothing is gained by looking all the time.
         return min(left_s, max(0.0, to_due_s - _EARLY_S)) if to_due_s > -_LATE_S else left_s
-
-
-def coalesced(
-    connect: Callable[[], Transport], due_s: Callable[[], float] = lambda: math.inf
-) -> Callable[[], Transport]:
-    """Return what connects as `connect` does, with coalesced reads (`X2Radar.wrap_transport`)."""
-    return lambda: CoalescedReads(connect(), due_s=due_s)

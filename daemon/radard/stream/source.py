@@ -13,7 +13,7 @@ from typing import Protocol
 
 from radard import plugins
 from radard.errors import UsageError
-from radard.stream.coalesced_reads import coalesced
+from radard.stream.coalesced_reads import CoalescedReads
 from radard.stream.playback import Playback
 from x2radar.device.device import RadarStats
 from x2radar.device.reconnect import ReconnectingRadar
@@ -126,7 +126,7 @@ def open_source(
         return ReplaySource(parsed, factor, on_notice)
     radar = make_radar(parsed, speed=factor)
     if factor is not None and factor <= _MAX_COALESCED:
-        radar.wrap_transport(lambda connect: coalesced(connect, due_s))
+        radar.wrap_transport(lambda connect: lambda: CoalescedReads(connect(), due_s=due_s))
     device = ReconnectingRadar(radar, wait=wait, quit_on_loss=quit_on_loss)
     on_wait(device.close)
     return LiveSource(device, on_notice, lambda: module_of(radar.settings).name)
