@@ -244,7 +244,6 @@ def spectrogram(
 
 
 def _checked(frames: Any, axis: FastTimeAxis, frame_rate_hz: float) -> Frames:
-    """Return frames as the pipeline takes them; raise UsageError if they do not fit."""
     rows = np.asarray(frames)
     if rows.ndim != 2 or rows.shape[1] != axis.n_range:
         msg = f"frames of the shape {rows.shape}: the axis wants (n, {axis.n_range})"

@@ -191,7 +191,6 @@ class EventLog:
         self._ask()
 
     def _ask(self) -> int:
-        """Ask for a round of writing; return its number."""
         self._n_asked += 1
         self._changed.notify_all()
         return self._n_asked
@@ -202,7 +201,6 @@ class EventLog:
                 self._changed.wait_for(lambda: self._n_done >= n or self._is_ended, timeout_s)
 
     def _bound(self) -> None:
-        """Drop the oldest entries, if there are too many."""
         n_lost = 0
         while len(self._entries) > self._max_events:
             entry = self._entries.popleft()
@@ -240,7 +238,6 @@ class EventLog:
         self._shut()
 
     def _is_due(self) -> bool:
-        """Return whether to write although nothing was asked for."""
         with self._changed:
             is_waiting = any(map(len, self._cursors.values()))
         is_late = time.monotonic() - self._checked_s >= _CHECK_S
@@ -265,7 +262,6 @@ class EventLog:
         return False
 
     def _write_all_again(self) -> None:
-        """Let everything be written that memory holds."""
         with self._changed:
             self._written = 0
             self._held = {}

@@ -280,7 +280,6 @@ def parse_since(text: str, now_s: float) -> float:
 
 
 def _open_to_read(path: Path) -> sqlite3.Connection:
-    """Open read-only; also in a folder that cannot be written."""
     where = path.resolve().as_uri()
     for mode in ("mode=ro", "mode=ro&immutable=1"):
         db = sqlite3.connect(f"{where}?{mode}", uri=True)

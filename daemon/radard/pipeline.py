@@ -33,9 +33,8 @@ from radard.detect.clutter_map import ClutterRemover
 from radard.detect.dwell_cells import is_frozen
 from radard.detect.gate import Gate
 from radard.detect.tamper import Finding, TamperWatch
-from radard.detect.tracks import Track, Tracker
+from radard.detect.tracks import Track, Tracker, range_gates
 from radard.dsp.downconvert import DownConverter
-from radard.dsp.range_gate import range_gates
 from radard.errors import FeatureError, ModelMismatch
 from radard.judge.bundle import EvidenceSettings
 from radard.judge.classifier import Answer, Classifier
@@ -63,13 +62,9 @@ class Pipeline:
 
     Without a `classifier` only the gate works. `judges_tracks`: every body is judged by itself as
     well, for zones and people to look at; no verdict depends on it. Dwells are `hop_s` apart;
-    bundles learned from dwells `HOP_S` apart. Raises ModelMismatch or FeatureError if the
-    classifier was not made for such a stream, or its frames cannot be processed.
-
-    Attributes
-    ----------
-    tamper : TamperWatch or None
-        What looks for tamper; None, as it begins, looks for none.
+    bundles learned from dwells `HOP_S` apart. What looks for `tamper` is put there by others.
+    Raises ModelMismatch or FeatureError if the classifier was not made for such a stream, or its
+    frames cannot be processed.
     """
 
     tamper: TamperWatch | None = None

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from radard.dsp.frame_means import FrameMeans
+from radard.dsp.velocity import FrameMeans
 from radard.judge.features import FeatureSettings, extract
 from tests.radar_helpers import dwell_of, noise, walker
 

@@ -6,8 +6,7 @@ import pytest
 from radard.config.sections import GateSettings
 from radard.detect.clutter_map import ClutterRemover
 from radard.detect.gate import Gate
-from radard.detect.tracks import Tracker
-from radard.dsp.range_gate import range_gates
+from radard.detect.tracks import Tracker, range_gates
 from radard.stream.ring import Dwell
 from tests.clutter_helpers import AXIS, body, dwells_of_recording, room
 from tests.radar_helpers import noise

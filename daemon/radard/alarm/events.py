@@ -209,7 +209,6 @@ class EventTracker:
     def _follow(
         self, kind: Kind, reason: str | None, *, t_s: float, dwell: Dwell | None = None
     ) -> list[Event]:
-        """Begin, keep or end a fault or tamper; no reason means that it is over."""
         old = self._open.get(kind)
         if old is None:
             return [] if reason is None else [self._begin(kind, reason, t_s, 0.0, dwell)]

@@ -251,7 +251,6 @@ def _is_hit(record: Record, policy: AlarmPolicy, zones: Zones, limit: float) -> 
 
 
 def _decision(record: Record) -> Decision:
-    """Return the decision that a record was made of, as far as it holds it."""
     is_open = record["gate"] == "open"
     reading = GateReading(
         is_open,

@@ -105,5 +105,4 @@ def _suspect_ranges(decision: Decision, pet_limit: float) -> Iterator[float]:
 
 
 def _is_harmless(track: TrackVerdict, pet_limit: float) -> bool:
-    """Return whether a track was classified, and as harmless; one that was not is a suspect."""
     return track.window is not None and not judge(track.window, pet_limit)[1]

@@ -55,7 +55,6 @@ def date_last(path: Path) -> None:
 
 
 def _oldest_first(folder: Path) -> list[tuple[Path, ...]]:
-    """Return the files of each clip: its recording, its picture, or both."""
     found: dict[str, tuple[Path, ...]] = {}
     for path in folder.iterdir():
         if _NAME.fullmatch(path.name):

@@ -121,7 +121,6 @@ def decode_png(data: bytes) -> tuple[Rgb, dict[str, Any] | None]:
 
 
 def _chunks(data: bytes) -> Iterator[tuple[bytes, bytes]]:
-    """Yield kind and content of a PNG's chunks, one of each kind as in ours."""
     at = len(_MAGIC)
     while data.startswith(_MAGIC) and at + 8 <= len(data):
         (n,) = struct.unpack(">I", data[at : at + 4])
@@ -130,7 +129,6 @@ def _chunks(data: bytes) -> Iterator[tuple[bytes, bytes]]:
 
 
 def _coloured(shares: NDArray[np.uint8]) -> Rgb:
-    """Return the colours of a map of bytes, its cells as rectangles of pixels."""
     anchors = np.linspace(0, 255, len(_COLOURS))
     table = np.stack([np.interp(np.arange(256), anchors, c) for c in _COLOURS.T], axis=-1)
     tall = max(1, round(192 / len(shares)))

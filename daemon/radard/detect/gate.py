@@ -135,7 +135,6 @@ class Gate:
         return self._judge(self._factor(n_cpi), dwell)
 
     def _judge(self, factor: float | NDArray[np.float64], dwell: Dwell) -> GateReading:
-        """Return what two of three CPIs say."""
         threshold = factor * self.level
         # Over no noise at all, any power stands out without bounds.
         excess = np.where(self.cell_peak > 0, np.inf, 0.0)
@@ -157,7 +156,6 @@ class Gate:
         return cell_factor(self._share, len(self.cell_peak), n_cpi, len(self.power))
 
     def _learn(self, noise: float, floor: NDArray[np.float64], n_cpi: int) -> None:
-        """Set background and level to what noise and the dwells in place say."""
         self.background = self.level = floor
         learned = [each for each in self._in_place if each is not None]
         if len(learned) < self._n_learn:

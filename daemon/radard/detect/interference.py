@@ -140,7 +140,6 @@ class InterferenceWatch:
         self._kept = np.clip(kept, self._reference / most, self._reference * most)
 
     def _note_levels(self, gate: Gate, live: NDArray[np.bool_]) -> None:
-        """Note how far cells of range stand over the reference in the newest CPIs."""
         n_bins = max(1, round(CELL_M / gate.bin_length_m))
         n_cells = max(1, len(live) // n_bins)
         share = np.where(live, gate.cpi_power[-self._n_new :] / self._kept, 0.0)

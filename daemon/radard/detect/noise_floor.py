@@ -70,7 +70,6 @@ class NoiseFloor:
 
 
 def _rolling_median(shape_db: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the median over a quarter of the swath about every bin (at the ends, less)."""
     windows = _windows(len(shape_db))
     k = (windows.shape[1] - 1) // 2
     return np.asarray(np.partition(shape_db[windows], k, axis=1)[:, k])

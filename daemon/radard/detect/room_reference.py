@@ -119,7 +119,6 @@ class RoomStore:
 
 
 def _parsed(made: _RoomFile) -> RoomReference:
-    """Return a file's reference; raises ValueError if its parts do not fit each other."""
     usable = np.array(made.usable, np.bool_)
     parts = np.array(made.echoes, np.float64)
     parts = parts.reshape(len(usable), -1, 2) if parts.size else np.zeros((len(usable), 0, 2))

@@ -184,20 +184,17 @@ def _factors(peaks: list[Array], thresholds: list[Array]) -> Array:
 
 
 def _ratio(values: Array, over: Array) -> Array:
-    """Return values over others, zero where those are."""
     out = np.zeros(np.broadcast_shapes(values.shape, over.shape))
     return np.asarray(np.divide(values, over, out=out, where=over > 0))
 
 
 def _reach(log_u: Array, share: float, independent: float) -> float:
-    """Return the factor that only `share` of the dwells to come will pass."""
     spread = log_u.std(ddof=1) * np.sqrt(1 + 1 / independent)
     reach = log_u.mean() - stdtrit(independent - 1, share) * spread
     return float(np.exp(min(reach, _SPAN[1])))
 
 
 def _share_over(log_u: Array, independent: float) -> float:
-    """Return which share of the dwells to come will pass a factor of one."""
     spread = float(log_u.std(ddof=1)) * np.sqrt(1 + 1 / independent)
     if spread == 0:
         return float(log_u.mean() > 0)

@@ -132,7 +132,6 @@ class TamperWatch:
         self._interference = InterferenceWatch(s.noise_db, s.hold_s, self._hop_s, reference)
 
     def _take(self, room: RoomReference) -> None:
-        """Go on with a reference that was learned before."""
         if len(room.usable):
             self._usable, self._echoes = room.usable, room.echoes
         if room.noise_db is not None and room.noise_kept_db is not None:

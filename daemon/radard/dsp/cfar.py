@@ -112,7 +112,6 @@ def os_level(ratio: Array, guard: int, reach: int) -> Array:
 
 
 def _offsets(guard: int, reach: int) -> NDArray[np.intp]:
-    """Return the distances of one side's reference cells, at most `_REFERENCES`, ascending."""
     every = np.arange(guard + 1, reach + 1)
     return every[:: -(-len(every) // _REFERENCES)]
 

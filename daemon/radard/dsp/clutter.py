@@ -27,22 +27,12 @@ def median(values: NDArray[Real]) -> NDArray[Real]:
 
 
 def sound_rows(frames: AnyFrames, valid: Flags) -> tuple[NDArray[np.complex64], Flags, float]:
-    """Return frames that arithmetic cannot stumble over.
+    """Return frames that arithmetic cannot stumble over, which are usable, and their scale.
 
-    Parameters
-    ----------
-    frames, valid : ndarray, shape (n_slow, n_range) and (n_slow,)
-        Frames, and False for those that were lost.
-
-    Returns
-    -------
-    rows : ndarray, shape (n_slow, n_range), complex64
-        A C-contiguous copy, scaled so that the largest part of a usable row is in [1, 2).
-        Rows that are not finite repeat the usable row before them, see `repeat_usable`.
-    usable : ndarray, shape (n_slow,), bool
-        `valid` and finite.
-    scale : float
-        A power of two: frames = scale * rows. 1 where all is zero.
+    Rows are a C-contiguous copy, complex64, scaled so that the largest part of a usable one is in
+    [1, 2): frames = scale * rows, with a power of two; 1 where all is zero. Usable are those that
+    are `valid` and finite, shape (n_slow,); what is not finite repeats the usable row before it,
+    see `repeat_usable`.
     """
     with np.errstate(over="ignore", invalid="ignore"):
         rows = np.array(frames, np.complex64, order="C")

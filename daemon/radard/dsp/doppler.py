@@ -93,7 +93,6 @@ def unambiguous_velocity_mps(frame_rate_hz: float, carrier_hz: float) -> float:
 
 
 def _block_length(n_cpi: int) -> int:
-    """Return how many frames are best taken at once."""
     # A block pays for the Gram matrix of its own steps and of the CPI before them, so it
     # should be no shorter than a CPI; BLAS is at its best with sizes of whole vectors.
     n_steps = max(_STEPS_AT_ONCE, 2 * n_cpi)

@@ -22,7 +22,7 @@ _FRAMES_AT_ONCE = 16  # their windows stay in the cache
 
 
 class DownConverter:
-    """Turn frames of one stream into matched-filtered complex baseband.
+    """Turn frames of one stream into matched-filtered complex baseband, on the axis `axis`.
 
     Baseband frames pass through, decimated only, and conjugated where their phase rises with
     range. Every `range_decimation`-th bin is kept; the matched filter comes first, so no noise
@@ -32,14 +32,7 @@ class DownConverter:
     The output's phase is exp(-j 4 pi R / lambda): it falls with range, so an approaching
     target has positive Doppler. A point echo of RF amplitude a comes out with magnitude a.
     The frame's mean is taken off first: the sampler's idle line would ring at both ends.
-
-    All memory is taken at construction: one frame into a contiguous `out` allocates none.
-    One converter serves one thread at a time.
-
-    Attributes
-    ----------
-    axis : FastTimeAxis
-        Axis of the frames that leave.
+    All memory is taken at construction; one converter serves one thread at a time.
     """
 
     def __init__(self, axis: FastTimeAxis, range_decimation: int = 1) -> None:

@@ -32,22 +32,11 @@ def time_cells(
 ) -> tuple[Reals, Flags]:
     """Average columns of a map over cells of time, the last of which ends with them.
 
-    Parameters
-    ----------
-    columns, valid : ndarray, shape (n_rows, n_columns) and (n_columns,)
-        Power, and False for columns that a lost frame touches: they do not count. Each stands for
-        one period of `column_rate_hz`.
-    cell_s, n_cells : float, int
-        Length of a cell, which need be neither a whole number of columns nor longer than one,
-        and cells wanted.
-
-    Returns
-    -------
-    cells : ndarray, shape (n_rows, n_cells), float64
-        Mean of the valid columns, by the time each has in the cell; zero where there is
-        none. Relative error (norm) at most 1e-12 for powers from 1e-290 to 1e290.
-    valid : ndarray, shape (n_cells,), bool
-        Whether at least half of the cell is known.
+    Of columns, shape (n_rows, n_columns), each of one period, those that are not `valid` do not
+    count. `cell_s` need be neither a whole number of columns nor longer than one. Returns the mean
+    of the valid columns, shape (n_rows, n_cells), by the time each has in the cell, zero where
+    there is none; and whether at least half of each cell is known. Relative error (norm) at most
+    1e-12 for powers from 1e-290 to 1e290.
     """
     n = columns.shape[-1]
     sample_edges = np.arange(-n, 1.0) / column_rate_hz

@@ -78,7 +78,6 @@ def take_out_jitter(rows: NDArray[np.complex64], usable: Flags, axis: FastTimeAx
 
 @lru_cache(maxsize=8)
 def _cell_starts(axis: FastTimeAxis) -> NDArray[np.intp]:
-    """Return where cells begin."""
     n_bins = _CELL_BINS
     if axis.bandwidth_hz > 0:
         length_m = _CELL_PULSES * SPEED_OF_LIGHT_MPS / (2 * axis.bandwidth_hz)

@@ -78,19 +78,10 @@ class _Floor:
 class Spectrograms:
     """Make pictures of one stream of baseband frames.
 
-    Of more than 256 bins only every second, third and so on is used: the matched filter has
-    made neighbours alike, and the pictures have fewer rows than that.
-
-    Attributes
-    ----------
-    pictures : tuple of Picture
-        Their axes; gait is the last.
-    column_s : float
-        Stream time from one column to the next, in seconds.
-    unambiguous_mps : float or None
-        Speeds this far apart look alike at the frame rate: c fp / (2 f). None without a carrier.
-    longest_push : int
-        Most frames that `push` takes at once without leaving columns out.
+    `pictures` are their axes, gait last; columns are `column_s` seconds apart, and `push` takes at
+    most `longest_push` frames at once. Speeds `unambiguous_mps` apart, c fp / (2 f), look alike;
+    it is None without a carrier. Of more than 256 bins only every second, third and so on is used:
+    the matched filter has made neighbours alike, and the pictures have fewer rows than that.
     """
 
     def __init__(self, axis: FastTimeAxis, frame_rate_hz: float) -> None:

@@ -39,19 +39,13 @@ def doppler_peaks(
 ) -> tuple[Array, Array, Array]:
     """Return every bin's strongest Doppler cells, the level that they stand on, and all power.
 
-    `rows` and `usable` are from `sound_rows`; the record is cut into whole CPIs of `n_cpi` frames,
-    at least four, from its end, and a row that is not usable repeats the one before.
-
-    Returns
-    -------
-    peak : ndarray, shape (n_cpis, n_range), float64
-        Greatest mean over `N_DOPPLER` neighbouring Doppler cells, in the rows' unit squared,
-        scaled so that the mean of white noise is its power per frame. CPIs of which less than a
-        half is usable are left out.
-    residue : ndarray, shape (n_range,), float64
-        Median of all cells, scaled to the mean of noise; zeros without a CPI.
-    power : ndarray, shape (n_cpis, n_range), float64
-        As `radard.dsp.clutter.block_power` gives it: here it is the sum of the cells.
+    `rows` and `usable` are from `sound_rows`, cut into whole CPIs of `n_cpi` frames, at least
+    four, from the end; a row that is not usable repeats the one before. The peak, shape (n_cpis,
+    n_range), is the greatest mean over `N_DOPPLER` neighbouring cells, in the rows' unit squared,
+    scaled so that the mean of white noise is its power per frame; CPIs of which less than a half
+    is usable are left out. The residue, shape (n_range,), is the median of all cells, scaled to
+    the mean of noise, zeros without a CPI. The power, shape (n_cpis, n_range), is as `block_power`
+    gives it: here it is the sum of the cells.
     """
     n_cpis = len(rows) // n_cpi
     used = n_cpis * n_cpi

@@ -8,7 +8,6 @@ Unlike the spectrogram this keeps where a target is, how far it reaches and how 
 and at 60 Hz it does not alias: a walker at 1.2 m/s moves 2 cm from frame to frame.
 """
 
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -30,19 +29,12 @@ class RangeTimeMap(ColumnStream):
     """Power by range cell and frame of a stream; clutter is the mean of `n_cpi` frames.
 
     Cells lie at near_m + k cell_m up to far_m, whatever the bins; the swath of the axis when these
-    are not given. Power is the mean over the cell's bins (by the length each has in it), in sample
-    units squared, corrected for the share of the noise that the mean takes along. Relative error
-    (norm) against the same in float64 at most 1e-5, with static clutter of 0 to 140 dB under the
-    motion and amplitudes from 1e-36 to 1e37. One push of all frames and any cut into smaller ones
-    agree to 1e-6. Raises FeatureError if a setting makes no sense.
-
-    Attributes
-    ----------
-    range_m, is_covered : ndarray, shape (n_cells,)
-        Middle of every cell, and whether the swath holds at least half of it; else its power is
-        zero.
-    weights : ndarray, shape (2 n_range, n_cells), float32
-        What leads from the squares of a frame's real, then imaginary, parts to the cells.
+    are not given. `is_covered` are those of which the swath holds at least half; the others' power
+    is zero. Power is the mean over the cell's bins (by the length each has in it), in sample units
+    squared, corrected for the share of the noise that the mean takes along. Relative error (norm)
+    against the same in float64 at most 1e-5, with static clutter of 0 to 140 dB under the motion
+    and amplitudes from 1e-36 to 1e37. One push of all frames and any cut into smaller ones agree
+    to 1e-6. Raises FeatureError if a setting makes no sense.
     """
 
     def __init__(
@@ -61,11 +53,8 @@ class RangeTimeMap(ColumnStream):
         if n_cpi < 2 or not cell_m > 0 or not near < far:
             msg = f"range-time map: CPI of {n_cpi}, cells of {cell_m} m from {near} to {far} m"
             raise FeatureError(msg)
-        design = _design(axis, n_cpi, cell_m, near, far)
-        self.range_m: Reals = design.range_m
-        self.is_covered: Flags = design.is_covered
-        self.weights = design.weights
-        self._residual = design.residual
+        made = _design(axis, n_cpi, cell_m, near, far)
+        self.range_m, self.is_covered, self._weights, self._residual = made
         super().__init__(n_cpi, len(self._residual), n_keep, len(self.range_m))
         self._n_cpi = n_cpi
 
@@ -88,7 +77,6 @@ class RangeTimeMap(ColumnStream):
         return time_cells(power, flags, frame_rate_hz, cell_s=cell_s, n_cells=n_cells)
 
     def _powers(self, steps: StepBuffer, n: int) -> Reals:
-        """Return the last `n` columns, shape (n, n_cells)."""
         n_steps = n + self._n_cpi - 2
         z = self._residual[:n, :n_steps] @ steps.rows(n_steps)
         with np.errstate(over="ignore"):
@@ -98,25 +86,18 @@ class RangeTimeMap(ColumnStream):
             exponent = np.frexp(np.abs(z).max(axis=1))[1]
             np.ldexp(z, -exponent[:, None], out=z)
         np.multiply(z, z, out=z)
-        power = (z @ self.weights).astype(np.float64)
+        power = (z @ self._weights).astype(np.float64)
         return np.asarray(np.ldexp(power, 2 * exponent[:, None]))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _RangeTimeDesign:
-    """Cells and matrices of a map, read-only."""
-
-    range_m: Reals
-    is_covered: Flags
-    weights: NDArray[np.float32]
-    residual: NDArray[np.float32]
 
 
 @lru_cache(maxsize=8)
 def _design(
     axis: FastTimeAxis, n_cpi: int, cell_m: float, near_m: float, far_m: float
-) -> _RangeTimeDesign:
-    """Return what a map is made of; kept, since every track of a dwell wants the same."""
+) -> tuple[Reals, Flags, NDArray[np.float32], NDArray[np.float32]]:
+    """Return cells, what leads to them from the squares of parts, and to residues from steps.
+
+    Read-only; kept, since every track of a dwell wants the same.
+    """
     bins = np.arange(axis.n_range + 1, dtype=np.float64)
     bin_edges = axis.range_offset_m - axis.bin_length_m / 2 + axis.bin_length_m * bins
     n_cells = max(1, int((far_m - near_m) / cell_m + 1e-9))
@@ -132,12 +113,8 @@ def _design(
     middle = centring(n_cpi)[n_cpi // 2]
     for i in range(n_block):
         residual[i, i : i + n_cpi - 1] = middle
-    made = _RangeTimeDesign(
-        (edges[:-1] + edges[1:]) / 2,
-        is_covered,
-        np.concatenate([share, share]).astype(np.float32),
-        residual,
-    )
-    for array in (made.range_m, made.is_covered, made.weights, made.residual):
+    weights = np.concatenate([share, share]).astype(np.float32)
+    made = ((edges[:-1] + edges[1:]) / 2, is_covered, weights, residual)
+    for array in made:
         array.flags.writeable = False
     return made

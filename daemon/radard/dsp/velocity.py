@@ -18,7 +18,6 @@ frame-to-frame steps, *before* the DFT over range: static clutter is then gone e
 before anything was rounded (see `radard.dsp.steps`).
 """
 
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -26,7 +25,6 @@ from numpy.lib.stride_tricks import as_strided, sliding_window_view
 from numpy.typing import NDArray
 
 from radard.dsp.columns import ColumnStore, ColumnStream
-from radard.dsp.frame_means import FrameMeans
 from radard.dsp.gram import Reals, gaussian_taper
 from radard.dsp.steps import Flags, StepBuffer, whole
 from radard.dsp.wideband import range_dft, range_frequencies, velocity_operator
@@ -40,47 +38,72 @@ _BLOCK = 64  # frames at once: a hop at 60 Hz
 _LOW, _HIGH = 1e-15, 1e15  # of parts: their squares stay well inside float32
 
 
+class FrameMeans:
+    """Steps of a stream in, steps between the means of `n_mean` frames out; 1 changes nothing.
+
+    Slow motion needs few frames a second. A mean before every n-th is left keeps the noise down as
+    all frames would, and what is too fast for the lower rate is weaker before it folds (the sinc
+    of the mean; at half the lower rate 3 to 4 dB).
+
+    With s_m the step from frame m - 1 to m, and y_k the mean of the frames from k n on::
+
+        y_k - y_(k-1) = (1 / n) sum_i (n - |i|) s_(k n + i),   |i| < n
+    """
+
+    def __init__(self, n_mean: int) -> None:
+        self._n_mean = n_mean
+        self._weights = ((n_mean - np.abs(np.arange(1 - n_mean, n_mean))) / n_mean).astype("f4")
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget all frames."""
+        self._steps: NDArray[np.complex64] | None = None
+        self._flags = np.ones(self._n_mean - 1, np.bool_)
+
+    def add(
+        self, steps: NDArray[np.complex64], flags: Flags
+    ) -> tuple[NDArray[np.complex64], Flags]:
+        """Take steps, shape (n, n_freq), and flags of the frames that they lead to.
+
+        Return the steps that are whole by now, and False for means with a bad frame; the rest
+        waits for the next call.
+        """
+        n = self._n_mean
+        if n == 1:
+            return steps, flags
+        if self._steps is None:
+            # Nothing moved before the first frame.
+            self._steps = np.zeros((n - 1, steps.shape[1]), np.complex64)
+        waiting = np.concatenate([self._steps, steps])
+        good = np.concatenate([self._flags, flags])
+        n_out = max(0, (len(waiting) - n + 1) // n)
+        out = np.zeros((n_out, steps.shape[1]), np.complex64)
+        for i, weight in enumerate(self._weights):
+            out += weight * waiting[i : i + n_out * n : n]
+        means = np.asarray(good[n - 1 : n - 1 + n_out * n].reshape(n_out, n).all(axis=1), np.bool_)
+        self._steps, self._flags = waiting[n_out * n :], good[n_out * n :]
+        return out, means
+
+
 class VelocityTransform(ColumnStream):
-    """Velocity-time map of a stream.
+    """Velocity-time map of a stream of baseband frames, phase falling with range.
 
-    Parameters
-    ----------
-    axis : FastTimeAxis
-        Axis of the baseband frames, phase falling with range.
-    max_mps, step_mps : float
-        The grid reaches from minus to plus `max_mps`. A CPI of 0.47 s resolves 0.07 m/s.
-    cpi_s : float
-        Length of a CPI; at least four frames are taken.
-    column_rate_hz : float
-        Columns wanted a second; columns lie whole frames apart, `stride` of them.
-    n_frequencies : int
-        Most frequencies, see `range_frequencies`.
-    flatten : float
-        Exponent of the pulse's amplitude spectrum that is divided out of X. Behind a matched
-        filter, 0 leaves its narrow band, 1 makes the noise white again, 2 makes the echo's
-        spectrum flat. See below.
-    n_mean : int
-        So many frames in a row are one, their mean (`FrameMeans`); CPI, stride and columns count
-        these.
+    The grid `velocity_mps` reaches from minus to plus `max_mps`, approaching positive, with 0 in
+    it; a CPI of 0.47 s resolves 0.07 m/s. Columns lie `stride` whole frames apart,
+    `column_rate_hz` a second, as near as may be to the rate that is asked for; a CPI has at least
+    four frames. `n_mean` frames in a row are one, their mean (`FrameMeans`): CPI, stride and
+    columns count these. Of `n_frequencies` at most, see `range_frequencies`. Raises FeatureError
+    if a setting makes no sense.
 
-    Attributes
-    ----------
-    velocity_mps, frequency_hz : ndarray, float64
-        The grid, ascending, approaching positive, with 0 in it; and absolute frequencies.
-    n_cpi, stride : int
-        Frames in a CPI, and from one column to the next.
-    column_rate_hz : float
-        Columns made a second.
-
-    Notes
-    -----
     Relative error (norm) against the definition in float64 (tests/dsp_reference.py): at most
     1e-5 with static clutter of 0 to 140 dB under the motion, at amplitudes from 1e-36 to
     1e33. One push of all frames and any cut into smaller ones agree to 1e-6. Per column one
     real matrix product (n_velocity x n_cpi) for each frequency: 0.3 MFLOP at 60 Hz.
 
-    What `flatten` trades, for one point of an X2 with CPIs of 0.47 s (its strongest alias,
-    measured, at 0.6 to 3.6 m/s; signal to white noise, computed):
+    `flatten` is the exponent of the pulse's amplitude spectrum that is divided out of X. Behind a
+    matched filter, 0 leaves its narrow band, 1 makes the noise white again, 2 makes the echo's
+    spectrum flat. For one point of an X2 with CPIs of 0.47 s (its strongest alias, measured, at
+    0.6 to 3.6 m/s; signal to white noise, computed):
 
     ======= ============= ============= =========
     flatten alias, 60 Hz  alias, 30 Hz  noise
@@ -118,17 +141,14 @@ class VelocityTransform(ColumnStream):
         self.stride = max(1, round(rate_hz / column_rate_hz))
         self.column_rate_hz = rate_hz / self.stride
         n_side = int(max_mps / step_mps + 1e-9)
-        design = _design(
+        self.frequency_hz, self.velocity_mps, *self._lines = _design(
             axis,
             rate_hz,
             grid=(n_side, step_mps),
             n_frequencies=n_frequencies,
-            flatten=flatten,
             n_cpi=self.n_cpi,
         )
-        self.frequency_hz = design.frequency_hz
-        self.velocity_mps: Reals = design.velocity_mps
-        self._design, self._dft = design, design.dft
+        self._dft = _planar_dft(axis, n_frequencies, flatten)
         n_block = max(_BLOCK, self.n_cpi)
         super().__init__(0, n_block, n_keep, len(self.velocity_mps))
         self._means = FrameMeans(n_mean)
@@ -160,23 +180,11 @@ class VelocityTransform(ColumnStream):
         if n_columns < 1:
             return 0
         rows, good = self._spectra.last(self._n_seen - first)
-        power = _powers(rows[1:], self._design, n_columns, self.stride, self.n_cpi - 1)
+        odd, even = self._lines
+        width = self.n_cpi - 1
+        power = _powers(rows[1:], odd, even, n=n_columns, stride=self.stride, width=width)
         self._store.append(power, whole(good, self.n_cpi, self.stride))
         return n_columns
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _VelocityDesign:
-    """Grids and matrices of a transform, read-only."""
-
-    frequency_hz: Reals
-    velocity_mps: Reals
-    # The operator that leads from the steps of a CPI to a velocity is C + j S, that of the
-    # opposite velocity C - j S. C is odd and S even about the middle of the CPI, so half of
-    # either is kept, shape (n_freq, n_side + 1, (n_cpi + 1) // 2) from velocity 0 up.
-    odd: NDArray[np.float32]
-    even: NDArray[np.float32]
-    dft: NDArray[np.float32]
 
 
 @lru_cache(maxsize=24)
@@ -186,10 +194,14 @@ def _design(
     *,
     grid: tuple[int, float],
     n_frequencies: int,
-    flatten: float,
     n_cpi: int,
-) -> _VelocityDesign:
-    """Return what a transform is made of; kept, since it costs more than a dwell's columns."""
+) -> tuple[Reals, Reals, NDArray[np.float32], NDArray[np.float32]]:
+    """Return frequencies, velocities and lines, read-only: they cost more than a dwell's columns.
+
+    The operator that leads from the steps of a CPI to a velocity is C + j S, that of the opposite
+    velocity C - j S. C is odd and S even about the middle of the CPI, so half of either is kept,
+    shape (n_freq, n_side + 1, (n_cpi + 1) // 2) from velocity 0 up.
+    """
     n_side, step_mps = grid
     frequency_hz = range_frequencies(axis, n_frequencies)
     velocity_mps = np.arange(-n_side, n_side + 1, dtype=np.float64) * step_mps
@@ -199,16 +211,10 @@ def _design(
     if n_cpi % 2 == 0:
         # The step in the middle is its own partner.
         half[..., -1] /= 2
-    made = _VelocityDesign(
-        frequency_hz,
-        velocity_mps,
-        half.real.astype(np.float32),
-        half.imag.astype(np.float32),
-        _planar_dft(axis, n_frequencies, flatten),
-    )
-    for array in (made.frequency_hz, made.velocity_mps, made.odd, made.even):
+    odd, even = half.real.astype(np.float32), half.imag.astype(np.float32)
+    for array in (frequency_hz, velocity_mps, odd, even):
         array.flags.writeable = False
-    return made
+    return frequency_hz, velocity_mps, odd, even
 
 
 @lru_cache(maxsize=8)
@@ -224,10 +230,15 @@ def _planar_dft(axis: FastTimeAxis, n_frequencies: int, flatten: float) -> NDArr
 
 
 def _powers(
-    rows: NDArray[np.complex64], design: _VelocityDesign, n: int, stride: int, width: int
+    rows: NDArray[np.complex64],
+    odd: NDArray[np.float32],
+    even: NDArray[np.float32],
+    *,
+    n: int,
+    stride: int,
+    width: int,
 ) -> Reals:
-    """Return `n` columns, shape (n, n_velocity), from steps, shape (n_steps, n_freq)."""
-    n_freq, _, n_half = design.odd.shape
+    n_freq, _, n_half = odd.shape
     by_frequency = np.ascontiguousarray(rows.T)
     s0, s1 = by_frequency.strides
     shape = (n_freq, n_half, n)
@@ -248,10 +259,10 @@ def _powers(
     if extreme.any():
         for parts in (apart, together):
             np.ldexp(parts, np.tile(-exponent, 2), out=parts)
-    odd, even = design.odd @ apart, design.even @ together
-    approaching = _sum_of_squares(odd - even, n)
-    odd += even
-    receding = _sum_of_squares(odd, n)
+    falling, rising = odd @ apart, even @ together
+    approaching = _sum_of_squares(falling - rising, n)
+    falling += rising
+    receding = _sum_of_squares(falling, n)
     power = np.concatenate([receding[:0:-1], approaching]).T.astype(np.float64)
     return np.asarray(np.ldexp(power, 2 * exponent[:, None]))
 

@@ -124,7 +124,6 @@ class Heartbeat:
 
 
 def _leave_to_other(each: Watched) -> None:
-    """Write no status file that another process writes."""
     if each.path is None:
         return
     report = read_status(each.path, stale_s=3.0)

@@ -173,7 +173,6 @@ class _Sidecar:
 
 
 def _parse(sidecar: bytes, onnx: bytes) -> Bundle:
-    """Return the bundle; raise ValueError or ModelMismatch if it is none."""
     made = parse_json(_Sidecar, sidecar)
     if hashlib.sha256(onnx).hexdigest() != made.onnx_sha256:
         msg = "the weights are not those of the sidecar (sha256 differs)"

@@ -99,13 +99,9 @@ class Verdict:
     """The rule over time, by the `pet_limit` of `judge`.
 
     From p(human) `human_limit` on the alarm does not wait; else it waits for evidence for
-    `decide_within_s` after the gate has opened, 0 under policy `window`.
-
-    Attributes
-    ----------
-    undecided_s : float or None
-        For how long neither side has been reached, by the last call; None where one has, or an
-        alarm that waits no more is for somebody who is likelier a person than not.
+    `decide_within_s` after the gate has opened, 0 under policy `window`. `undecided_s` is for how
+    long neither side has been reached, by the last call; None where one has, or an alarm that
+    waits no more is for somebody who is likelier a person than not.
     """
 
     def __init__(

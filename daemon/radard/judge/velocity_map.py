@@ -98,5 +98,4 @@ class VelocityGrid:
         return max(1, int(dwell.frame_rate_hz / enough_hz))
 
     def _n_columns(self, column_rate_hz: float) -> int:
-        """Return how many columns the cells may need."""
         return math.ceil(self.n_cells * self.cell_s * column_rate_hz) + 1

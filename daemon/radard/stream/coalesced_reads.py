@@ -67,7 +67,6 @@ class CoalescedReads:
         return data
 
     def _wait_s(self) -> float:
-        """Return how long to leave the stream alone, in seconds; not when a dwell is due."""
         now_s = self._clock()
         left_s = self._next_s - now_s
         if left_s <= 0:

@@ -78,5 +78,4 @@ class RateWatch:
 
 
 def _pace(a: tuple[float, float], b: tuple[float, float]) -> float:
-    """Return seconds of the stream per second of the clock."""
     return (b[0] - a[0]) / max(1e-9, b[1] - a[1])

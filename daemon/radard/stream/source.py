@@ -97,21 +97,12 @@ def open_source(
 ) -> FrameSource:
     """Open what a port string names, as --port and --speed take them.
 
-    Parameters
-    ----------
-    wait : bool
-        Wait for a port that is absent or denied, instead of raising.
-    quit_on_loss : bool
-        Raise when the device goes away later, instead of waiting for it.
-    on_notice : callable
-        Called with ('lost' or 'found', reason) from the thread that reads frames.
-    on_wait : callable
-        Given, before a device is waited for, what ends that wait; any thread may call it.
-    due_s : callable
-        Returns when the frame that completes a dwell should arrive, see `FrameRing.due_s`: it is
-        read in time.
-
-    Raises X2RadarError or UsageError if it cannot be opened, or a plug-in is broken.
+    With `wait` a port that is absent or denied is waited for, with `quit_on_loss` not one that
+    goes away later. `on_notice` is called with ('lost' or 'found', reason) from the thread that
+    reads frames; `on_wait`, before a device is waited for, is given what ends that wait, for any
+    thread. `due_s` returns when the frame that completes a dwell should arrive
+    (`FrameRing.due_s`): it is read in time. Raises X2RadarError or UsageError if it cannot be
+    opened, or a plug-in is broken.
     """
     parsed = parse_port(port)
     factor = speed_factor(speed, parsed)
