@@ -38,9 +38,9 @@ from walk_numbers import BEHIND_M, Array, Walk, follow, measure
 from x2radar.errors import RecordingError
 from x2radar.frame import FastTimeAxis
 from x2radar.recording.registry import open_recording
+from x2radar.sim.bodies.thesis_bodies import SEED_GAIN
 from x2radar.sim.echo import frames as echo_frames
 from x2radar.sim.place.room import Room
-from x2radar.sim.scene.cast import SEED_GAIN
 from x2radar.sim.scene.scene import Scene, parse_scene
 from x2radar.sim.scene.stage import Stage
 from x2radar.sim.signal.noise import matched_noise

@@ -133,18 +133,6 @@ def test_physical_totals_are_those_of_the_kind(kind, style, options, least_m2, m
         assert least_m2 < mean_m2(body, np.linspace(0, 12, 12)) < most_m2
 
 
-@pytest.mark.parametrize("skin", SKINS)
-def test_a_persons_physical_total_is_of_the_published_order_with_every_skin(skin):
-    # 0.4 to 1.5 m2 at 5 to 9 GHz (Schultz 1958); models spread about it by a factor of four.
-    t_s, far_m = np.linspace(1, 6, 20), np.array([0.0, -20.0, 1.0])
-    people = [
-        draw("human", "walk", seed, skin=skin, total_rcs_dbsm="physical", height_m=1.75)
-        for seed in range(12)
-    ]
-    totals = [person.at(t_s, far_m).rcs_m2.sum(axis=1).mean() for person in people]
-    assert 0.1 < np.median(totals) < 4.0
-
-
 def test_totals_are_drawn_whatever_the_body():
     kinds = {"adult": ("human", "walk"), "toddler": ("human", "toddler"), "cat": ("cat", ""),
              "dog": ("dog", "")}  # fmt: skip
@@ -161,23 +149,23 @@ def test_totals_are_drawn_whatever_the_body():
 @pytest.mark.parametrize(
     ("kind", "options", "said"),
     [
-        ("human", {"style": "moonwalk"}, "style: no style of people 'moonwalk'; known are walk"),
+        ("human", {"style": "moonwalk"}, "style: must be one of walk, stroll, .* not 'moonwalk'"),
         ("human", {"height_m": 3.0}, "height_m: 3.0 is not in 0.6 to 2.3"),
         ("human", {"speed_mps": 9.0}, "speed_mps: 9 m/s is too fast to walk"),
         ("human", {"style": "crawl", "speed_mps": 4.0}, "too fast to crawl"),
-        ("human", {"motion": "ballet"}, "motion: no motion 'ballet'; known are gait"),
-        ("human", {"skin": "fur"}, "skin: no skin 'fur'; known are surface, points"),
+        ("human", {"motion": "ballet"}, "motion: must be one of gait"),
+        ("human", {"skin": "fur"}, "skin: must be one of surface, points"),
         ("human", {"total_rcs_dbsm": 99.0}, "total_rcs_dbsm"),
-        ("cat", {"style": "pace"}, "style: no cat style 'pace'"),
+        ("cat", {"style": "pace"}, "style: must be one of roam"),
         ("dog", {"style": "bound"}, "style"),
-        ("dog", {"mass_kg": 0.5}, "mass_kg: 0.5 is not in 1 to 100 for a dog"),
+        ("dog", {"mass_kg": 0.5}, "mass_kg: 0.5 is not in 1 to 100"),
         ("cat", {"mass_kg": 20.0}, "mass_kg"),
         ("dog", {"mass_kg": math.nan}, "mass_kg"),
         ("dog", {"style": "walk", "path": past(4.0)}, "path: 4 m/s is too fast for a dog"),
         ("cat", {"style": "roam", "path": past(11.0)}, "path"),
         ("dog", {"style": "roam", "path": [(0.0, 1.0)]}, "waypoints_m"),
         ("dog", {"style": "roam", "path": [(0.0, 1.0), (0.0, 1.05)]}, "waypoints_m"),
-        ("dragon", {}, "species: no bird 'dragon'"),
+        ("dragon", {}, "species: must be one of budgerigar"),
         ("pigeon", {"style": "swim"}, "style"),
         ("pigeon", {"mass_kg": 5.0}, "mass_kg"),
         ("pigeon", {"home_m": (0.0, math.nan, 0.0)}, "home_m"),

@@ -81,11 +81,3 @@ def test_a_perched_bird_sits_on_folded_wings_breathes_and_hops_and_a_gliding_one
     # The same hops come again, and nothing jumps where a period ends.
     edge = flight.at(flight.period_s + np.array([-1e-6, 1e-6]))[0]
     assert edge[0] == pytest.approx(edge[1], abs=1e-4)
-
-
-def test_close_to_the_antenna_a_moth_is_as_loud_as_a_dog():
-    dog_dbsm, dog_range_m = -9.0, 2.0
-    loud = 10 ** (dog_dbsm / 10) / dog_range_m**4
-    points = drawn("moth", "", 3, home_m=(0.0, 0.3, 1.2)).at(MANY_S, ANTENNA_M)
-    distance = np.linalg.norm(points.position_m - ANTENNA_M, axis=-1)
-    assert (points.rcs_m2 / distance**4).sum(axis=1).mean() > loud

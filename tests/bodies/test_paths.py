@@ -65,13 +65,6 @@ def test_any_path_is_gone_along_within_its_limits(points, speed, stops, radius):
     assert stands.sum() * step_s == pytest.approx(sum(pauses), abs=0.1 + 6 * step_s * len(stops))
 
 
-def test_a_path_that_stands_faces_where_it_is_told():
-    state = Path.standing((1.0, 2.0), 0.7).at(np.array([-5.0, 0.0, 1e5]))
-    assert state.x_m.tolist() == [1.0] * 3
-    assert state.heading_rad == pytest.approx([0.7] * 3)
-    assert state.speed_mps.tolist() == [0.0] * 3
-
-
 @pytest.mark.parametrize("seed", range(6))
 def test_a_standing_foot_stands_and_a_standing_body_takes_no_strides(seed):
     rng = np.random.default_rng(seed)

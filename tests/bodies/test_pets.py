@@ -24,7 +24,6 @@ from x2radar.sim.bodies.motion.quadrupeds.gait import (
     duty,
     froude,
     stride_m,
-    usual_gait,
 )
 from x2radar.sim.bodies.motion.quadrupeds.jumping import Leap
 from x2radar.sim.bodies.path.path import Path
@@ -140,17 +139,6 @@ def test_feet_fall_in_the_order_of_the_gait_on_either_lead(species, style):
         assert leads == {0, 1}
 
 
-def test_the_gait_goes_with_the_froude_number():
-    wanted = {
-        "dog": ["walk", "walk", "trot", "trot", "canter"],
-        "cat": ["walk", "walk", "trot", "bound", "bound"],
-        "rabbit": ["bound"] * 5,
-    }
-    for name, gaits in wanted.items():
-        speeds_mps = [speed_at(fr, name) for fr in (0.05, 0.49, 1.0, 2.2, 4.0)]
-        assert [usual_gait(v, HIP_M[name], SPECIES[name]) for v in speeds_mps] == gaits
-
-
 @pytest.mark.parametrize(("species", "style"), GOING)
 def test_speeds_and_gaits_are_those_of_the_style(species, style):
     low, high = PET_STYLES[style].froude
@@ -164,18 +152,6 @@ def test_speeds_and_gaits_are_those_of_the_style(species, style):
             assert pet.motion.action.footwork is FOOTWORK[forced]
         if species == "rabbit":
             assert pet.motion.action.footwork is FOOTWORK["bound"]
-
-
-def test_a_rabbit_is_small_and_bounds_four_times_a_second():
-    strides_hz, length_m = [], []
-    for seed in range(12):
-        pet = drawn("rabbit", "roam", seed, path=past(1.8))
-        b = pet.motion.build
-        length_m.append(1.16 * b.back_m + b.neck_m + b.head_m)
-        t_s = pet.motion.action.feet.falls.touch_down_s[:, 0]
-        strides_hz.append(1 / np.diff(t_s[(t_s > 1.2) & (t_s < 3.5)]).mean())
-    assert 0.30 < np.mean(length_m) < 0.50
-    assert np.mean(strides_hz) == pytest.approx(4.1, abs=0.3)
 
 
 @pytest.mark.parametrize(("species", "style"), GOING)
@@ -206,17 +182,6 @@ def test_paws_of_drawn_gaits_reach_the_floor_and_do_not_go_through_it(species, s
         height = np.stack([place[name][:, 2] for name in PAWS], axis=1)
         assert height.min() > -0.06
         assert (height.min(axis=1) < 0.12).mean() > 0.6
-
-
-def test_dogs_of_drawn_gaits_stroll_and_those_of_the_first_walk():
-    def slowest(motion):
-        dogs = (drawn("dog", "walk", seed, motion=motion) for seed in range(14))
-        there = (parts(dog, np.array([1.9, 2.1]))["trunk"] for dog in dogs)
-        return min(speeds(place, 0.2)[0] for place in there)
-
-    assert slowest("footfalls") < 0.4
-    assert slowest("angles") < 0.4
-    assert slowest("gait") > 0.45
 
 
 @pytest.mark.parametrize("style", ["walk", "trot", "pace"])
@@ -291,16 +256,6 @@ def test_a_dogs_tail_tip_goes_at_one_to_three_metres_a_second(style):
         hz.append(dog.motion.manner.wag_hz)
     assert 0.8 < min(peaks) < max(peaks) < 1.05 * 3.0
     assert 2 <= min(hz) < max(hz) <= 6
-
-
-def test_a_dogs_tail_rests_at_times_and_a_cats_tail_is_slow():
-    t_s = np.arange(0, 60, 0.01)
-    dog = drawn("dog", "lie", 0)
-    tail = dog.motion.pose(t_s).axis[:, dog.names.index("tail base")]
-    assert 0.2 < (speeds(tail, 1.0) < 1e-4).mean() < 0.98
-    for seed in range(8):
-        tip = parts(drawn("cat", "sit", seed), t_s)["tail tip"]
-        assert speeds(tip, 0.01).max() < 1.0
 
 
 @pytest.mark.parametrize(
@@ -405,7 +360,7 @@ def test_a_jump_leads_onto_furniture_and_down_again(species, seed):
         up.begin_s - 0.1,
         down.begin_s - 0.05,
         down.still_s + 2,
-        up.take_off_s + 0.5 * up.flight_s,
+        0.5 * (up.take_off_s + up.touch_down_s),
     )
     place = parts(pet, np.array(times))
     for name in PAWS:

@@ -5,10 +5,8 @@ from dataclasses import astuple
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from x2radar.sim.bodies.thesis_bodies import THESIS_BODIES, Scatterer, draw, ranges
+from x2radar.sim.bodies.thesis_bodies import THESIS_BODIES, draw, ranges
 
 HALF = math.pi / 2
 # x0, y0, z0, vy0, gait, phase, swing, third harmonic, cross section: the thesis' tables.
@@ -92,12 +90,3 @@ def test_spread_of_the_draws_is_the_tables_and_cross_sections_keep_a_floor():
     assert np.abs(mean)[[0, 1, 3, 4, 5, 6]].max() < 0.06
     # One in 1300 would be below it.
     assert drawn[:, 8].min() == 0.05 * torso[0].rcs_m2
-
-
-@given(st.tuples(*[st.floats(-10, 10) for _ in range(8)]), st.floats(0, 1e4))
-def test_any_scatterer_stays_within_its_triangle(numbers, t):
-    p = Scatterer(*numbers, 1.0)
-    range_m = ranges((p,), np.array([t]))[0][0, 0]
-    straight = math.sqrt(p.x_m**2 + (p.y_m + p.vy_mps * t) ** 2 + p.z_m**2)
-    assert abs(range_m - straight) <= abs(p.swing_m) + abs(p.swing3_m) + 1e-8
-    assert range_m == pytest.approx(range_by_formula(p, t), abs=1e-8)

@@ -15,8 +15,8 @@ from radard.commands.setup.files import UDEV_FILE, UNIT_FILE, systemd_unit, udev
 from radard.commands.setup.system import write_file
 from radard.errors import UsageError
 from x2radar.modules.x2 import RadarSettings
+from x2radar.sim.bodies.thesis_bodies import SEED_GAIN
 from x2radar.sim.module.stream import EchoStream
-from x2radar.sim.scene.cast import SEED_GAIN
 from x2radar.sim.scene.scene import parse_scene
 
 ROOT = Path(__file__).parents[2]

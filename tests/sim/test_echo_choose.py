@@ -58,16 +58,6 @@ def test_auto_keeps_the_error(name, error_db):
     assert error.max() <= 10 ** (error_db / 20) + 3e-7
 
 
-@pytest.mark.parametrize("name", ["x2", "rf"])
-def test_auto_is_the_tier_it_names(name):
-    axis = AXES[name]
-    range_m, amplitude = scene(axis, 30, 12)
-    chosen = choose(task(axis, 30, 12))
-    auto = frames(range_m, amplitude, axis)
-    assert np.array_equal(auto, frames(range_m, amplitude, axis, tier=chosen))
-    assert np.array_equal(auto, frames(range_m, amplitude, axis, Pulse.of(axis)))
-
-
 # ---------------------------------------------------------------- what is refused
 
 

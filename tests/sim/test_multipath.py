@@ -175,15 +175,6 @@ def test_doppler_of_the_tail_is_a_part_of_the_bodys():
     assert 0.5 < moved / all_of_it < 0.75
 
 
-def test_the_tail_moves_with_every_point_of_the_body():
-    body = walk([1.7, 1.7])
-    position_m = np.repeat(body.position_m, 2, axis=1)
-    position_m[:, 1] += [0.2, 0, 0]
-    position_m[1, 1] += [0, 0.01, 0]
-    rows = tail().rows(Points(position_m, np.ones((2, 2))))
-    assert (np.abs(np.diff(rows.range_m, axis=0)) > 1e-6).all()
-
-
 def test_the_tail_is_drawn_once_and_has_no_state():
     rng = np.random.default_rng(1)
     position_m = rng.normal([0, 2, 1], 1, size=(50, 9, 3))

@@ -120,12 +120,6 @@ def test_a_baseband_spike_is_that_of_the_rf_frame():
     assert np.abs(rf[rows] - baseband[rows])[:, 60:-60].max() < 0.02 * peak
 
 
-def test_lost_frames_come_as_often_as_asked():
-    draws = FrameDraws(ReceiverEffects(lost_share=0.02), 0, 60)
-    assert draws.lost(0, 50_000).mean() == pytest.approx(0.02, rel=0.1)
-    assert FrameDraws(ReceiverEffects(lost_share=1), 0, 60).lost(7, 9).all()
-
-
 @pytest.mark.parametrize("share", [0.001, 0.3, 1.0])
 def test_clip_bounds_the_frame(share):
     echo = np.zeros((2, 768), np.float32)

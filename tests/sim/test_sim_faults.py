@@ -155,17 +155,6 @@ def test_damaged_bytes_cost_their_packets_only(kind, truth):
     assert sound >= len(got) - (5 if kind == "flip_bits" else 0)
 
 
-def test_share_of_damaged_bytes():
-    clean = joined(stream(""))
-    flipped, dropped = joined(stream("flip_bits:1e-3")), joined(stream("drop_bytes:1e-3"))
-    hits = np.frombuffer(clean, np.uint8) ^ np.frombuffer(flipped, np.uint8)
-    n, n_flipped = len(clean), int((hits > 0).sum())
-    spread = 5 * np.sqrt(1e-3 * n)
-    assert n_flipped == pytest.approx(1e-3 * n, abs=spread)
-    assert set(hits[hits > 0].tolist()) == {1 << k for k in range(8)}
-    assert n - len(dropped) == pytest.approx(1e-3 * n, abs=spread)
-
-
 def test_junk_costs_at_most_the_packet_behind_it():
     parts = stream("junk:0.3")
     assert len(counters(parts)) > 601 - 0.3 * 601 * 0.3

@@ -5,12 +5,13 @@ import math
 import numpy as np
 import pytest
 
+from tests.echo_references import passband
 from tests.module_helpers import EMPTY, MANUAL, REFUSED, ask, fps, frames, module, said
 from tests.sim_helpers import axis_of
 from x2radar.modules.x2 import RadarSettings
 from x2radar.sim.module.module import MAX_LATE_S, EchoStream
 from x2radar.sim.scene.scene import parse_scene
-from x2radar.sim.signal.pulse import LinkBudget, rf_echo
+from x2radar.sim.signal.pulse import LinkBudget
 from x2radar.wire.messages import (
     Ack,
     BasebandAp,
@@ -69,7 +70,7 @@ def test_rf_frames_are_static_clutter_body_and_noise():
     stream = EchoStream(scene, 0, RadarSettings())
     axis = axis_of("rf")
     wall = np.array([[2.0]])
-    clean = rf_echo(wall, LinkBudget().amplitude(wall, np.array([4e4]), axis), axis)[0]
+    clean = passband(wall, LinkBudget().amplitude(wall, np.array([4e4]), axis), axis)[0]
     mean = np.mean([stream.next() for _ in range(400)], axis=0)
     assert np.abs(mean - 50 - clean).max() < 5.5 * 0.04 / math.sqrt(400)
     assert np.abs(clean).max() > 1

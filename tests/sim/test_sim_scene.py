@@ -82,14 +82,6 @@ def test_everything_that_a_scene_may_name(tmp_path):
     assert [s.weight for s in choice.steps] == [2, 1]
 
 
-def test_description_and_clutter_may_be_left_out_or_empty(tmp_path):
-    path = tmp_path / "s.yaml"
-    for more in ("", "description:\nclutter:\n", "clutter: []\n"):
-        path.write_text(STEP + more)
-        scene = load_scene(str(path))
-        assert (scene.description, scene.clutter) == ("", ())
-
-
 FAULTS = [
     ("", "must be a mapping with the keys description, like, steps, background"),
     ("# nothing but a comment\n", "must be a mapping"),

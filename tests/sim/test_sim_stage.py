@@ -12,9 +12,8 @@ from x2radar.errors import SceneError
 from x2radar.modules.x2 import RadarSettings
 from x2radar.ports import parse_port
 from x2radar.radars import make_radar
-from x2radar.sim.bodies.thesis_bodies import THESIS_BODIES, draw, ranges
+from x2radar.sim.bodies.thesis_bodies import SEED_GAIN, THESIS_BODIES, draw, ranges
 from x2radar.sim.module.stream import EchoStream
-from x2radar.sim.scene.cast import SEED_GAIN
 from x2radar.sim.scene.scene import builtin_scenes, parse_scene
 from x2radar.sim.scene.stage import Stage, check_swath
 

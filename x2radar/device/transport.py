@@ -144,8 +144,9 @@ def _port_error(url: str, err: Exception) -> PortError:
 class _Pipe:
     """One direction of a memory pair: bounded, so that a fast writer waits."""
 
-    def __init__(self, capacity: int) -> None:
+    def __init__(self, capacity: int, *, keeps_pieces: bool) -> None:
         self._capacity = capacity
+        self._keeps_pieces = keeps_pieces
         self._chunks: deque[bytes] = deque()
         self._size = 0
         self._closed = False
@@ -166,9 +167,9 @@ class _Pipe:
             if not self._chunks and not self._closed and timeout_s > 0:
                 self._changed.wait_for(lambda: self._closed or self._chunks, timeout_s)
             if self._chunks:
-                data = b"".join(self._chunks)
-                self._chunks.clear()
-                self._size = 0
+                n = 1 if self._keeps_pieces else len(self._chunks)
+                data = b"".join(self._chunks.popleft() for _ in range(n))
+                self._size -= len(data)
                 self._changed.notify_all()
                 return data
             if self._closed:
@@ -209,9 +210,14 @@ class MemoryTransport:
         self._outgoing.close()
 
 
-def memory_pair(capacity: int = 1 << 17) -> tuple[MemoryTransport, MemoryTransport]:
-    """Return two connected ends; each waits to write while `capacity` bytes are unread."""
-    there, back = _Pipe(capacity), _Pipe(capacity)
+def memory_pair(
+    capacity: int = 1 << 17, *, keeps_pieces: bool = False
+) -> tuple[MemoryTransport, MemoryTransport]:
+    """Return two connected ends; each waits to write while `capacity` bytes are unread.
+
+    A read returns all that is there, or what one write wrote.
+    """
+    there, back = (_Pipe(capacity, keeps_pieces=keeps_pieces) for _ in range(2))
     return MemoryTransport(there, back), MemoryTransport(back, there)
 
 

@@ -17,23 +17,14 @@ Label = Literal["human", "pet", "other"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Points:
-    """Scattering centres of one thing at given times.
+    """Scattering centres of one thing at given times."""
 
-    Attributes
-    ----------
-    position_m : ndarray, shape (n_slow, n_points, 3), float64
-        Where they are, in room coordinates.
-    rcs_m2 : ndarray, shape (n_slow, n_points), float64
-        Monostatic radar cross section towards the antenna; aspect, fluctuation and
-        shadowing included, antenna pattern and multipath not. Zero for a point that is not
-        there.
-    nearer_m : ndarray, shape (n_slow, n_points), float64, or None
-        How much nearer than its position a point echoes, in metres: the depth of a surface
-        before the middle of a part. None is nothing.
-    """
-
-    position_m: Array
+    position_m: Array  # (n_slow, n_points, 3): in room coordinates
+    # (n_slow, n_points): monostatic cross section towards the antenna; aspect, fluctuation and
+    # shadowing included, antenna pattern and multipath not; 0 for a point that is not there.
     rcs_m2: Array
+    # (n_slow, n_points): how much nearer than its position a point echoes: the depth of a surface
+    # before the middle of a part; None is nothing.
     nearer_m: Array | None = None
 
 
@@ -51,19 +42,8 @@ class Mover(Protocol):
         ...
 
     def at(self, t_s: Array, antenna_m: Array) -> Points:
-        """Return its points.
+        """Return its points at times (n_slow,) since its start, the antenna at a place (3,).
 
-        Parameters
-        ----------
-        t_s : ndarray, shape (n_slow,), float64
-            Times since its start, in seconds. Any times in any order give what they would
-            give alone: there is no state.
-        antenna_m : ndarray, shape (3,), float64
-            Where the antenna is, in room coordinates.
-
-        Returns
-        -------
-        Points
-            New arrays.
+        Any times in any order give what they would give alone: there is no state.
         """
         ...

@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 from x2radar.modules.x2 import RadarSettings
 from x2radar.sim.bodies.skeleton.species import SPECIES
+from x2radar.sim.bodies.thesis_bodies import SEED_GAIN
 from x2radar.sim.echo import frames as echo_frames
 from x2radar.sim.place.antenna import length_m
 from x2radar.sim.place.room import Room
 from x2radar.sim.points import Points
-from x2radar.sim.scene.cast import SEED_GAIN
 from x2radar.sim.scene.scene import Scene, SceneStep
 from x2radar.sim.scene.stage import Stage
 from x2radar.sim.signal.noise import baseband_noise_power

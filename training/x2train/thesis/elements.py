@@ -23,13 +23,15 @@ from radard.stream.ring import Dwell, DwellShape
 from x2radar.frame import FastTimeAxis
 from x2radar.modules.x2 import RadarSettings
 from x2radar.sim.bodies.thesis_bodies import THESIS_BODIES, draw, ranges
-from x2radar.sim.signal.pulse import ROOM_K, LinkBudget, rf_echo
+from x2radar.sim.echo import frames as echo_frames
+from x2radar.sim.signal.pulse import ROOM_K, LinkBudget
 
 PROFILE = 392
 BODIES = ("human", "dog", "cat")
 _CLUTTER = ((0.75, 3e4), (1.90, 6e4), (3.10, 4e5))
 """Range in metres and cross section of the echoes that the switch `clutter` adds."""
 NOISES = ("input", "printed")
+_ERROR_DB = -120.0  # of echoes: float32's rounding
 _LNA_GAIN = 10.0  # of (2.14)
 _MU_DEPTH_DB = 30.0  # as the bundles' long maps have it
 
@@ -132,10 +134,12 @@ def dwell(spec: ElementSpec, body: str, number: int) -> tuple[Dwell, float]:
         dwell_s=spec.dwell_s, hop_s=1.0, frame_rate_hz=spec.frame_rate_hz, n_cpi=spec.n_cpi
     ).n_slow
     range_m, rcs_m2 = ranges(points, np.arange(n_slow) / spec.frame_rate_hz)
-    echo = rf_echo(range_m, budget.amplitude(range_m, rcs_m2, axis), axis)
+    level = budget.amplitude(range_m, rcs_m2, axis)
+    echo = echo_frames(range_m, level, axis, error_db=_ERROR_DB)
     if spec.clutter:
         still_m, rcs = np.array(_CLUTTER).T
-        echo += rf_echo(still_m[None], budget.amplitude(still_m[None], rcs, axis), axis)
+        level = budget.amplitude(still_m[None], rcs, axis)
+        echo += echo_frames(still_m[None], level, axis, error_db=_ERROR_DB)
     noise = rng.standard_normal(echo.shape, np.float32)
     noise *= np.float32(budget.noise_sigma)
     converter = _converter()

@@ -10,8 +10,8 @@ owlet moths 25 to 60 Hz, silk moths slower).
 
 import numpy as np
 
+from x2radar.keys import Key
 from x2radar.sim.bodies.body import Body, BodyPlan
-from x2radar.sim.bodies.checks import check_name, check_number
 from x2radar.sim.bodies.motion.flight import Flight, FlyerBuild, Flying
 from x2radar.sim.bodies.skins.draw import TotalRcs
 from x2radar.sim.bodies.wander import Wander
@@ -50,11 +50,11 @@ def draw_bird(
     its rounds, or its first perch, in room coordinates; `mass_kg` 0.01 to 2, instead of a draw.
     `total_rcs_dbsm` and `skin` are as in `draw_person`.
     """
-    check_name("species", species, BIRD_MASS_KG, "bird")
-    check_name("style", style, BIRD_STYLES, "bird style")
+    Key(choices=tuple(BIRD_MASS_KG)).judge(species, "species")
+    Key(choices=tuple(BIRD_STYLES)).judge(style, "style")
     drawn_kg = float(rng.uniform(*BIRD_MASS_KG[species]))
     kg = drawn_kg if mass_kg is None else mass_kg
-    check_number("mass_kg", kg, 0.01, 2.0, "a bird")
+    Key(0.01, 2.0).judge(kg, "mass_kg")
     build = FlyerBuild(
         body_m=0.29 * kg**0.36 * rng.uniform(0.9, 1.1),
         span_m=1.1 * kg**0.39 * rng.uniform(0.92, 1.08),
@@ -163,5 +163,5 @@ def _flyer(
 
 def _place(home_m: tuple[float, float, float]) -> Array:
     for value in home_m:
-        check_number("home_m", value, -1000.0, 1000.0)
+        Key(-1000.0, 1000.0).judge(value, "home_m")
     return np.array(home_m, dtype=np.float64)

@@ -7,8 +7,8 @@ from statistics import NormalDist
 import numpy as np
 
 from x2radar.errors import SceneError
+from x2radar.keys import Key
 from x2radar.sim.bodies.body import Body, BodyPlan, Breath, Carrying
-from x2radar.sim.bodies.checks import check_name
 from x2radar.sim.bodies.motion import MOTIONS
 from x2radar.sim.bodies.motion.angles import AnglePerson
 from x2radar.sim.bodies.motion.people.crawling import Crawling
@@ -45,38 +45,17 @@ def draw_person(
     motion: str = "gait",
     skin: str = "surface",
 ) -> Body:
-    """Draw a person.
+    """Draw a person; raises SceneError if a value is unknown or impossible, and names its key.
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Everything random comes from it.
-    style : str, optional
-        A key of `STYLES`.
-    path : Path, or sequence of (float, float), optional
-        Where it goes, speeds included; or waypoints. Drawn by default. Somebody who stands
-        does so where it begins, facing along it.
-    speed_mps : float, optional
-        Instead of the style's own.
-    height_m : float, optional
-        Stature.
-    total_rcs_dbsm : float, 'physical' or None, optional
-        Mean total cross section, see `TotalRcs`.
-    start_s : float, optional
-        When it begins to move; negative for somebody who is under way at time 0.
-    motion : str, optional
-        One of `MOTIONS`: which generator moves somebody who goes on two feet; people who stay in
-        place, crawl or are busy move by the first.
-    skin : str, optional
-        A key of `SKINS`: how the parts echo.
-
-    Raises
-    ------
-    SceneError
-        If a value is unknown or impossible; the message names its key.
+    `style` is a key of `STYLES`. `path` is where it goes, speeds included, or waypoints; drawn by
+    default. Somebody who stands does so where it begins, facing along it. Speed and stature are
+    instead of the style's own; `total_rcs_dbsm` is as `TotalRcs`. It begins to move at `start_s`,
+    negative for somebody who is under way at time 0. `motion`, one of `MOTIONS`, moves somebody
+    who goes on two feet; people who stay in place, crawl or are busy move by the first. `skin` is
+    a key of `SKINS`.
     """
-    check_name("style", style, STYLES, "style of people")
-    check_name("motion", motion, MOTIONS, "motion")
+    Key(choices=tuple(STYLES)).judge(style, "style")
+    Key(choices=MOTIONS).judge(motion, "motion")
     row = STYLES[style]
     build = draw_person_build(rng, age=row.age, height_m=height_m)
     traits = rng.standard_normal(12).clip(-2.5, 2.5), rng.random(8)

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from x2radar.errors import SceneError
+from x2radar.keys import Key
 from x2radar.sim.bodies.body import Body, BodyPlan
-from x2radar.sim.bodies.checks import check_name
 from x2radar.sim.bodies.motion import MOTIONS
 from x2radar.sim.bodies.motion.angles import AngleQuadruped
 from x2radar.sim.bodies.motion.quadrupeds.footfalls import FootfallQuadruped
@@ -16,14 +16,13 @@ from x2radar.sim.bodies.motion.quadrupeds.gait import (
     GRAVITY_MPS2,
     Going,
     froude,
-    gait,
     usual_gait,
 )
 from x2radar.sim.bodies.motion.quadrupeds.hung import Action, Hung
 from x2radar.sim.bodies.motion.quadrupeds.jumping import Jumping
 from x2radar.sim.bodies.motion.quadrupeds.manner import draw_manner
-from x2radar.sim.bodies.motion.quadrupeds.staying import STANDING, Romping, draw_staying
-from x2radar.sim.bodies.path.courses import Waypoints, apart, off_wall
+from x2radar.sim.bodies.motion.quadrupeds.staying import Romping, draw_staying
+from x2radar.sim.bodies.path.courses import Waypoints, apart, draw_course, off_wall
 from x2radar.sim.bodies.path.path import Path
 from x2radar.sim.bodies.path.timetable import Agility
 from x2radar.sim.bodies.pose import Motion
@@ -84,57 +83,47 @@ def draw_pet(
     species: str = "dog",
     style: str | None = None,
     path: Path | Sequence[tuple[float, float]] | None = None,
+    speed_mps: float | None = None,
+    start_s: float = 0.0,
     mass_kg: float | None = None,
     total_rcs_dbsm: TotalRcs = None,
     motion: str = "gait",
     skin: str = "surface",
 ) -> Body:
-    """Draw an animal.
+    """Draw an animal; raises SceneError if a value is unknown or impossible, and names its key.
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Everything random comes from it.
-    species : str, optional
-        A key of `SPECIES`.
-    style : str, optional
-        One of its `styles`; drawn by their weights by default.
-    path : Path, or sequence of (float, float), optional
-        Where it goes, speeds included; or waypoints, for the style's own speed. Drawn by
-        default, within 2.5 m to the sides and 0.8 to 6 m ahead. One that stays, or jumps,
-        does so where the path begins, facing along it.
-    mass_kg : float, optional
-        Instead of a draw, within the species' `possible_kg`.
-    total_rcs_dbsm, motion, skin
-        As in `draw_person`; animals that stay move by the first generator.
-
-    Raises
-    ------
-    SceneError
-        If a value is unknown or impossible; the message names its key.
+    `species` is a key of `SPECIES`, `style` one of its `styles`, drawn by their weights by
+    default. `path` is where it goes, speeds included, or waypoints for the style's own speed; by
+    default it is drawn, within 2.5 m to the sides and 0.8 to 6 m ahead. One that stays, or jumps,
+    does so where the path begins, facing along it. A speed is instead of the style's own, and its
+    animal begins to move at `start_s`. `mass_kg` is within the species' `possible_kg`.
+    The rest is as in `draw_person`; animals that stay move by the first generator.
     """
-    check_name("species", species, SPECIES, "pet")
-    check_name("motion", motion, MOTIONS, "motion")
+    if speed_mps is not None and not isinstance(path, Path):
+        points = path or draw_course(rng, "wander")
+        path = Path.through(points, speed_mps, agility=PET_AGILITY, start_s=start_s)
+    Key(choices=tuple(SPECIES)).judge(species, "species")
+    Key(choices=MOTIONS).judge(motion, "motion")
     row = SPECIES[species]
     if style is None:
         weight = np.array([PET_STYLES[name].weight for name in row.styles])
         style = row.styles[int(rng.choice(len(row.styles), p=weight / weight.sum()))]
-    check_name("style", style, row.styles, f"{species} style")
+    Key(choices=row.styles).judge(style, "style")
     build = draw_build(rng, row, mass_kg)
     course = path if isinstance(path, Path) else _draw_path(rng, style, build, path, motion)
     footwork = _footwork(build, row, style, course)
-    manner = draw_manner(rng, build, row, style, FOOTWORK[footwork].nod_rad)
+    manner, breath = draw_manner(rng, build, row, style, FOOTWORK[footwork].nod_rad)
     action: Action
     looks_s = (0.0, _STAYS_S)
     if style == "jump":
         action = jumping = Jumping.draw(rng, build, course, row)
-        looks_s = course.start_s, jumping.end_s
+        looks_s = course.start_s, jumping.leaps[-1].end_s
     elif style == "play":
         action = Romping.draw(rng, build, course)
     elif PET_STYLES[style].froude is None:
         action = draw_staying(rng, build, style, course)
     else:
-        action = _going(rng, build, course, style, footwork, species=row)
+        action = Going.draw(rng, build, course, style=style, footwork=footwork, species=row)
         looks_s = course.start_s, course.end_s
     moves: Motion = Hung(build, action, manner)
     if motion != "gait" and isinstance(action, Going):
@@ -143,7 +132,7 @@ def draw_pet(
     half = np.array(build.half_lengths())
     plan = BodyPlan(row.label, QUADRUPED.names, half, moves, QUADRUPED.n_trunk, QUADRUPED.gain)
     body = plan.dressed(rng, skin, total_rcs_dbsm, np.linspace(*looks_s, _N_LOOKS))
-    return replace(body, breath=manner.breath)
+    return replace(body, breath=breath)
 
 
 def _draw_froude(rng: np.random.Generator, style: str, motion: str) -> float:
@@ -190,35 +179,3 @@ def _footwork(build: QuadrupedBuild, species: Species, style: str, path: Path) -
         )
         raise SceneError(msg)
     return name or usual_gait(fastest, build.hip_m, species)
-
-
-def _going(
-    rng: np.random.Generator,
-    build: QuadrupedBuild,
-    path: Path,
-    style: str,
-    footwork: str,
-    *,
-    species: Species,
-) -> Going:
-    h = build.hip_m
-    low = 0.72 if style == "stalk" else STANDING * rng.uniform(0.96, 1.0)
-    steps = gait(
-        footwork,
-        h,
-        species=species,
-        girdle_m=(-0.5 * build.back_m, 0.5 * build.back_m),
-        half_track_m=build.half_track_m,
-        stride_factor=float(np.exp(np.clip(rng.normal(0.0, 0.06), -0.15, 0.15))),
-        lift=rng.uniform(0.10, 0.20),
-        ramp=rng.uniform(0.3, 0.48),
-        is_mirrored=bool(rng.uniform() < 0.5),
-    )
-    return Going.plan(
-        path,
-        steps,
-        FOOTWORK[footwork],
-        build,
-        height_m=low * h,
-        crouch=0.12 if style == "sniff" else 0.0,
-    )

@@ -20,21 +20,12 @@ UP = np.array([0.0, 0.0, 1.0])
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pose:
-    """Segments of a body at given times, in room coordinates.
+    """Segments of a body at given times, in room coordinates, each (n_slow, n_segments, 3)."""
 
-    Attributes
-    ----------
-    centre_m : ndarray, shape (n_slow, n_segments, 3), float64
-        Middles of the segments.
-    axis : ndarray, shape (n_slow, n_segments, 3), float64
-        Unit vectors along the segments.
-    side : ndarray, shape (n_slow, n_segments or 1, 3), float64
-        Unit vectors square to the axes, to the body's left. Segments that are round about
-        their axis do not care.
-    """
-
-    centre_m: Array
-    axis: Array
+    centre_m: Array  # middles
+    axis: Array  # unit vectors along the segments
+    # Unit vectors square to the axes, to the body's left, perhaps one for all; segments that are
+    # round about their axis do not care.
     side: Array
 
     @classmethod
@@ -45,6 +36,11 @@ class Pose:
         way = end - begin
         size = np.maximum(np.linalg.norm(way, axis=-1, keepdims=True), 1e-9)
         return cls(0.5 * (begin + end), way / size, side)
+
+
+def rod(middle_m: Array, axis: Array) -> Ends:
+    """Return ends of a segment of which only the middle and the direction count."""
+    return middle_m - 0.5 * axis, middle_m + 0.5 * axis
 
 
 class Motion(Protocol):

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 
 from x2radar.errors import SceneError
 from x2radar.frame import FastTimeAxis
-from x2radar.sim.echo import dense, gridded, local
+from x2radar.sim.echo import dense, gridded, spread
 from x2radar.sim.echo.common import FINEST_DB, Amplitude, Array, Frames, Pulse, Task
 
 
@@ -42,8 +42,8 @@ def _dense_ns(task: Task) -> float:
 def _local_ns(task: Task) -> float:
     axis = task.axis
     sigma_bins = task.pulse.sigma_m(axis.kind) / axis.bin_length_m
-    touched = local.n_touched(sigma_bins, task.error_db)
-    n_calls = sum(1 for _ in local.pieces(task.n_slow, task.n_points, touched))
+    touched = spread.n_touched(sigma_bins, task.error_db)
+    n_calls = sum(1 for _ in spread.pieces(task.n_slow, task.n_points, touched))
     bin_ns = 1.4 if axis.kind == "rf" else 0.4
     return (
         n_calls * (5e4 + 1500.0 * touched)
@@ -63,7 +63,7 @@ def _gridded_ns(task: Task) -> float:
 
 TIERS: Mapping[str, Tier] = {
     "dense": Tier(dense.frames, dense.FINEST_DB, _dense_ns),
-    "local": Tier(local.frames, FINEST_DB, _local_ns),
+    "local": Tier(spread.frames, FINEST_DB, _local_ns),
     "gridded": Tier(gridded.frames, FINEST_DB, _gridded_ns),
 }
 """Every tier by its name."""
@@ -75,10 +75,7 @@ _COARSEST_DB = -20.0
 def choose(task: Task) -> str:
     """Return the name of the cheapest tier that meets the error asked for.
 
-    Raises
-    ------
-    SceneError
-        If the error is not within -130 to -20 dB.
+    Raises SceneError if that is not within -130 to -20 dB.
     """
     if not dense.FINEST_DB <= task.error_db <= _COARSEST_DB:
         msg = f"error_db {task.error_db:g} is not within {dense.FINEST_DB:g} to {_COARSEST_DB:g}"
@@ -97,38 +94,20 @@ def frames(
     floor: float = 0.0,
     tier: str | None = None,
 ) -> Frames:
-    """Return the frames of moving points.
+    """Return noise-free frames of moving points, shape (n_slow, n_range), in the axis' type.
 
-    Parameters
-    ----------
-    range_m : ndarray, shape (n_slow, n_points), float64
-        Distances, in metres; constant within a frame (2.16).
-    amplitude : ndarray, shape (n_slow, n_points), float64 or complex128
-        Peak amplitudes, with no NaN among them.
-    axis : FastTimeAxis
-        Of either kind; decides what comes out.
-    pulse : Pulse, optional
-        The axis' own by default.
-    error_db : float
-        Largest error of a bin over the sum of the frame's amplitudes, -130 to -20 dB.
-    floor : float
-        Echoes up to this amplitude are left out: say a tenth of the noise.
-    tier : str, optional
-        Which of `TIERS` makes them, instead of the cheapest.
+    Distances, constant within a frame (2.16), and peak amplitudes, real or complex, with no NaN
+    among them, are of shape (n_slow, n_points). `error_db`, -130 to -20 dB, is the largest error
+    of a bin over the sum of the frame's amplitudes; echoes up to `floor` are left out: say a tenth
+    of the noise. `tier`, one of `TIERS`, makes them instead of the cheapest.
 
-    Returns
-    -------
-    ndarray, shape (n_slow, n_range), float32 (rf) or complex64 (baseband)
-        Noise-free echoes with the phase exp(-j 4 pi R / lambda), or its conjugate if the
-        axis' `phase_sign` is +1. Baseband is the matched filter's output and RF is what the
-        filter takes: where an echo lies in the swath as a whole, down-converting the RF
-        frames gives the baseband frames. At the ends RF frames are cut before the filter.
+    The phase is exp(-j 4 pi R / lambda), or its conjugate if the axis' `phase_sign` is +1.
+    Baseband is the matched filter's output and RF is what the filter takes: where an echo lies in
+    the swath as a whole, down-converting the RF frames gives the baseband frames. At the ends RF
+    frames are cut before the filter.
 
-    Raises
-    ------
-    SceneError
-        If the error is not within -130 to -20 dB, the shapes differ, or the axis has no
-        bandwidth.
+    Raises SceneError if the error is out of its range, the shapes differ, or the axis has no
+    bandwidth.
     """
     if range_m.ndim != 2 or range_m.shape != amplitude.shape:
         msg = (

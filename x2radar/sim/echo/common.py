@@ -132,14 +132,6 @@ def carrier_wave(axis: FastTimeAxis) -> Baseband:
     return wave
 
 
-def on_carrier(envelope: Baseband, axis: FastTimeAxis) -> NDArray[np.float32]:
-    """Return RF frames from the complex envelope at the axis' bins."""
-    wave = carrier_wave(axis)
-    rf = envelope.real * wave.real
-    rf -= envelope.imag * wave.imag
-    return np.asarray(rf, np.float32)
-
-
 def empty(n_slow: int, axis: FastTimeAxis) -> Frames:
     """Return frames to be filled, in the axis' type."""
     shape = (n_slow, axis.n_range)

@@ -5,7 +5,6 @@ error is the rounding of the result alone.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from x2radar.frame import FastTimeAxis
 from x2radar.sim.echo.common import (
@@ -38,7 +37,8 @@ def frames(range_m: Array, amplitude: Amplitude, task: Task, floor: float) -> Fr
     weight = a * np.exp(2j * np.pi * carrier_turns(r, axis))
     rows = np.stack([weight.real, weight.imag], axis=1)
     out = empty(len(r), axis)
-    wave = _wave(axis) if axis.kind == "rf" else None
+    # The carrier at every bin.
+    wave = np.exp(-2j * np.pi * carrier_turns(axis.range_m, axis)) if axis.kind == "rf" else None
     size = max(1, _BLOCK_SAMPLES // max(1, r.shape[1] * axis.n_range))
     for at in range(0, len(r), size):
         part = slice(at, at + size)
@@ -62,7 +62,7 @@ def _kept(
     reach_m: float,
     floor: float,
 ) -> tuple[Array, Amplitude]:
-    """Leave out scatterers that never count.
+    """Return ranges and amplitudes without scatterers that never count.
 
     Echoes show up to `reach_m` outside the swath. Where one of the others does not count, its
     amplitude is zero and its range the swath's beginning, so that nothing overflows.
@@ -78,8 +78,3 @@ def _kept(
         np.where(mask, range_m[:, columns], first_m),
         np.where(mask, amplitude[:, columns], 0.0),
     )
-
-
-def _wave(axis: FastTimeAxis) -> NDArray[np.complex128]:
-    """Return the carrier at every bin, in float64."""
-    return np.asarray(np.exp(-2j * np.pi * carrier_turns(axis.range_m, axis)))

@@ -132,7 +132,7 @@ class Dice:
     """One generator a kind of fault."""
 
     def __init__(self, plan: FaultPlan, seed: int) -> None:
-        self._plan = plan
+        self.plan = plan
         self._generators = {
             kind: np.random.default_rng([seed, 0xFA17, zlib.crc32(kind.encode())])
             for kind in plan.values
@@ -144,7 +144,7 @@ class Dice:
 
     def falls(self, kind: str) -> bool:
         """Draw once whether this fault happens now."""
-        share = self._plan.value(kind)
+        share = self.plan.value(kind)
         return share > 0 and bool(self._generators[kind].random() < share)
 
 
@@ -164,8 +164,8 @@ _ON_FRAMES = {"drop_frames", "duplicate", "spike", "clip", "counter_restart", "r
 class ModuleFaults:
     """What goes wrong inside the module."""
 
-    def __init__(self, plan: FaultPlan, dice: Dice) -> None:
-        self._plan = plan
+    def __init__(self, dice: Dice) -> None:
+        self._plan = plan = dice.plan
         self._dice = dice
         self._touches_frames = not _ON_FRAMES.isdisjoint(plan.values)
         # From a command's arrival until it is obeyed, and from boot until pings answer READY.

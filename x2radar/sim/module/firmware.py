@@ -5,9 +5,10 @@ answers one command at a time, and says what becomes of the stream. `FIRMWARES` 
 every row of `x2radar.modules.modules`.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -72,33 +73,40 @@ class Obeyed:
     starts: ModuleSettings | None = None
 
 
-class Firmware(Protocol):
+class Firmware(ABC):
     """What was configured, and what commands do to it."""
 
+    order_code: str
+
+    def __init__(self) -> None:
+        self.forget()
+
+    @abstractmethod
     def forget(self) -> None:
         """Go back to the state after power-on."""
-        ...
 
     def obey(self, command: Message) -> Obeyed | None:
         """Carry a command out; None for one that this firmware does not know."""
-        ...
+        match command:
+            case GetSystemInfo(item) if item in _INFO:
+                told = _INFO[InfoItem(item)] or self.order_code
+                return Obeyed(Reply(0x58, item, told))
+            case SetLed() | SetBaudRate():
+                return Obeyed(Ack())
+            case _:
+                return None
 
+    @abstractmethod
     def frame_message(
         self, axis: FastTimeAxis, counter: int, frame: np.ndarray[Any, Any]
     ) -> Message:
         """Return the message in which the stream that was started last sends a frame."""
-        ...
 
 
-def _told(item: int, order_code: str) -> Reply:
-    return Reply(0x58, item, _INFO[InfoItem(item)] or order_code)
-
-
-class X2Firmware:
+class X2Firmware(Firmware):
     """An X2 module: profiles in RUN mode, the chip's own frames in MANUAL mode."""
 
-    def __init__(self) -> None:
-        self.forget()
+    order_code = "X2M-SIM"
 
     def forget(self) -> None:
         """As in `Firmware`."""
@@ -117,8 +125,6 @@ class X2Firmware:
             case SetOutput(OutputRef.BASEBAND, value) if value in _OUTPUTS:
                 self._output = _OUTPUTS[value]
                 return Obeyed(Ack())
-            case GetSystemInfo(item) if item in _INFO:
-                return Obeyed(_told(item, "X2M-SIM"))
             case LoadProfile(app_id):
                 if app_id not in set(Profile):
                     return Obeyed(ErrorReply(ErrorCode.APP_INVALID))
@@ -127,10 +133,10 @@ class X2Firmware:
             case SetDetectionZone(start_m, end_m):
                 self._zone_m = start_m, end_m
                 return Obeyed(Ack())
-            case SetLed() | SetSensitivity() | SetBaudRate():
+            case SetSensitivity():
                 return Obeyed(Ack())
             case _:
-                return None
+                return super().obey(command)
 
     def frame_message(
         self, axis: FastTimeAxis, counter: int, frame: np.ndarray[Any, Any]
@@ -179,11 +185,10 @@ class X2Firmware:
         )
 
 
-class X4Firmware:
+class X4Firmware(Firmware):
     """An X4 module with XEP firmware: frames follow from the X4 driver's settings."""
 
-    def __init__(self) -> None:
-        self.forget()
+    order_code = "X4M03-SIM"
 
     def forget(self) -> None:
         """As in `Firmware`."""
@@ -199,20 +204,18 @@ class X4Firmware:
                     return Obeyed(_FAILED)
                 self._mode = mode
                 return Obeyed(Ack(), stops=True)
-            case GetSystemInfo(item) if item in _INFO:
-                return Obeyed(_told(item, "X4M03-SIM"))
             case X4Init():
                 self._is_initialised = True
                 return Obeyed(Ack())
             case X4Set(X4Setting.FPS, (rate_hz,)):
                 return self._set_rate(rate_hz)
-            case SetLed() | SetBaudRate() | X4Set(X4Setting.TX_POWER | X4Setting.ENABLE):
+            case X4Set(X4Setting.TX_POWER | X4Setting.ENABLE):
                 return Obeyed(Ack())
             case X4Set(setting, values) if setting in X4_FIELDS:
                 self._fields |= dict(zip(X4_FIELDS[setting], values, strict=True))
                 return Obeyed(Ack())
             case _:
-                return None
+                return super().obey(command)
 
     def frame_message(
         self, axis: FastTimeAxis, counter: int, frame: np.ndarray[Any, Any]

@@ -3,10 +3,9 @@
 import contextlib
 import threading
 import time
-from collections import deque
 from collections.abc import Callable
 
-from x2radar.device.transport import MemoryTransport, Transport, memory_pair
+from x2radar.device.transport import Transport, memory_pair
 from x2radar.errors import TransportClosed
 from x2radar.sim.module.module import SimulatedModule
 
@@ -51,67 +50,20 @@ def serve(
                 return
 
 
-class _PieceWriter:
-    """The module's end of a memory pair that keeps pieces apart; notes their lengths."""
-
-    def __init__(self, inner: MemoryTransport, lengths: deque[int]) -> None:
-        self._inner = inner
-        self._lengths = lengths
-        self.read, self.close = inner.read, inner.close
-
-    def write(self, data: bytes) -> None:
-        """As in `Transport`."""
-        # Noted first: the reader meets no byte whose length is not there.
-        self._lengths.append(len(data))
-        self._inner.write(data)
-
-
-class _PieceReader:
-    """The host's end: a read returns one piece, as it was written."""
-
-    is_usb = False
-
-    def __init__(self, inner: MemoryTransport, lengths: deque[int]) -> None:
-        self._inner = inner
-        self._lengths = lengths
-        self._data = b""
-        self._at = 0
-        self.write = inner.write
-
-    def read(self, timeout_s: float) -> bytes:
-        """As in `Transport`."""
-        if self._at == len(self._data):
-            self._data, self._at = self._inner.read(timeout_s), 0
-            if not self._data:
-                return b""
-        start, self._at = self._at, self._at + self._lengths.popleft()
-        return self._data[start : self._at]
-
-    def close(self) -> None:
-        """As in `Transport`."""
-        self._data, self._at = b"", 0
-        self._inner.close()
-
-
 def connect(make: Callable[[], SimulatedModule], speed: float | None) -> Transport:
     """Return a transport to a new module that runs in a thread of this process, as `serve`.
 
     Closing it ends the thread.
     """
     module = make()
-    near, far = memory_pair()
-    host_end: Transport = near
-    module_end: Transport = far
-    if module.splits_output:
-        lengths: deque[int] = deque()
-        host_end, module_end = _PieceReader(near, lengths), _PieceWriter(far, lengths)
+    near, far = memory_pair(keeps_pieces=module.splits_output)
 
     def run() -> None:
         try:
-            serve(module, module_end, speed=speed)
+            serve(module, far, speed=speed)
         finally:
             # Whatever ended the module, its host must see a closed port, not a silent one.
             far.close()
 
     threading.Thread(target=run, name="sim-module", daemon=True).start()
-    return host_end
+    return near

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from x2radar.sim.module.faults import Dice, FaultPlan
+from x2radar.sim.module.faults import Dice
 
 _ON_LINE = {
     *("drop_bytes", "flip_bits", "junk"),
@@ -26,8 +26,8 @@ _LATE_FRAMES = {0: 3.8, 1: 2.9, 2: 2.0, 3: 1.1, 10: 1.0}
 class Line:
     """A faulty line."""
 
-    def __init__(self, plan: FaultPlan, dice: Dice) -> None:
-        self._plan = plan
+    def __init__(self, dice: Dice) -> None:
+        self._plan = plan = dice.plan
         self._dice = dice
         self._is_clean = _ON_LINE.isdisjoint(plan.values)
         self._max_piece = int(plan.value("split"))

@@ -45,18 +45,9 @@ _NO_FRAME = np.zeros(1, np.float32)
 
 
 class SimulatedModule:
-    """An X2 module in software.
+    """A module in software, an X2 by default; same seed, same bytes.
 
-    Parameters
-    ----------
-    scene : Scene
-        What it looks at; it starts from the beginning whenever the stream starts.
-    seed : int
-        Same seed, same bytes.
-    faults : FaultPlan, optional
-        How it misbehaves.
-    firmware : Firmware, optional
-        Which module it is; an X2 by default.
+    The scene starts from the beginning whenever the stream starts. `faults` are how it misbehaves.
     """
 
     def __init__(
@@ -71,10 +62,8 @@ class SimulatedModule:
         self._seed = seed
         self._firmware: Firmware = firmware or X2Firmware()
         self._decoder = PacketDecoder()
-        plan = faults or FaultPlan()
-        dice = Dice(plan, seed)
-        self._faults = ModuleFaults(plan, dice)
-        self._line = Line(plan, dice)
+        dice = Dice(faults or FaultPlan(), seed)
+        self._faults, self._line = ModuleFaults(dice), Line(dice)
         self._now_s = 0.0
         self._commands: deque[tuple[float, Message]] = deque()
         self._resume: ModuleSettings | None = None
@@ -227,9 +216,7 @@ class SimulatedModule:
                 self._reset_due_s = self._now_s + RESET_DELAY_S
                 return Ack()
             case _:
-                return self._obeyed(command)
-
-    def _obeyed(self, command: Message) -> Message:
+                pass
         done = self._firmware.obey(command)
         if done is None:
             return ErrorReply(ErrorCode.NOT_RECOGNIZED)

@@ -7,9 +7,9 @@ import numpy as np
 
 from x2radar.modules.base import ModuleSettings
 from x2radar.modules.x2 import RadarSettings
+from x2radar.sim.bodies.thesis_bodies import SEED_GAIN
 from x2radar.sim.echo import frames as echo_frames
 from x2radar.sim.place.room import Room
-from x2radar.sim.scene.cast import SEED_GAIN
 from x2radar.sim.scene.scene import Scene, StaticPoint
 from x2radar.sim.scene.stage import Stage
 from x2radar.sim.signal.noise import baseband_noise_power
@@ -27,17 +27,7 @@ _NOISE, _ROOM = 0x4E01, 0x2001
 
 
 class EchoStream:
-    """Frames of a scene.
-
-    Parameters
-    ----------
-    scene : Scene
-        What is in front of the radar.
-    seed : int
-        Draws and noise follow from it.
-    settings : ModuleSettings
-        As the host configured them.
-    """
+    """Frames of a scene, as the host configured them; draws and noise follow from the seed."""
 
     def __init__(self, scene: Scene, seed: int, settings: ModuleSettings) -> None:
         self.settings = settings

@@ -37,10 +37,7 @@ _TINY = 1e-300
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Surface:
-    """A large flat reflector: floor, ceiling or wall.
-
-    Raises SettingsError if a field makes no sense.
-    """
+    """A large flat reflector: floor, ceiling or wall."""
 
     axis: str = one_of("z", tuple(_AXES), "axis across the surface")
     at_m: float = limited(0.0, -100, 100, "position on the axis, m")
@@ -108,7 +105,6 @@ class TailSettings:
     body; its mean Doppler is half to three quarters of the body's (antennas that see all
     round; with a beam less comes from behind, and this model gives a fifth to a half).
 
-    Raises SettingsError if a field makes no sense.
     """
 
     # From 0.4 to 3 m behind a body 1.7 m ahead of the antenna. What was measured holds floor and
@@ -132,18 +128,11 @@ class TailSettings:
 
 
 class DiffuseTail:
-    """Ways between a body and the static things around it.
+    """Ways between a body and the static things around it, all drawn when it is made.
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Draws the things' places, their strengths (exponential) and, for every way, how
-        strongly it sees each point of a body (log-normal: a body glints differently in
-        every direction). Nothing is drawn later.
-    settings : TailSettings
-        How many and how strong.
-    antenna : Antenna
-        Its pattern counts towards the body and towards the thing.
+    The things' places, their strengths (exponential) and, for every way, how strongly it sees
+    each point of a body (log-normal: a body glints differently in every direction). The antenna's
+    pattern counts towards the body and towards the thing.
     """
 
     def __init__(self, rng: np.random.Generator, settings: TailSettings, antenna: Antenna) -> None:

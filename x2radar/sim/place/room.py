@@ -77,22 +77,12 @@ class _Group:
 
 
 class Room:
-    """The static echo of one room, as one axis sees it.
+    """The static echo of one room, as one axis, RF or baseband, sees it.
 
-    Left out: that an echo's envelope moves with its drift, which is 20 times less than what
-    the turn of its phase does, and drift of the distributed clutter.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Draws places, levels, phases and drifts; nothing is drawn later. Every part has its
-        own generator, so a part that is left out does not change the others.
-    settings : RoomSettings
-        What is in it.
-    axis : FastTimeAxis
-        Of the frames, RF or baseband; objects are drawn over its swath.
-    budget : LinkBudget
-        Its noise level is what the levels are relative to.
+    Places over the swath, levels against the budget's noise, phases and drifts are drawn when it
+    is made; every part has its own generator, so a part that is left out does not change the
+    others. Left out: that an echo's envelope moves with its drift, which is 20 times less than
+    what the turn of its phase does, and drift of the distributed clutter.
     """
 
     def __init__(

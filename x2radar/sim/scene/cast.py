@@ -6,31 +6,27 @@ whenever its step begins.
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from types import MappingProxyType
 from typing import Any, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from x2radar import plugins
 from x2radar.errors import PluginError, SceneError
 from x2radar.keys import Key, checked, place_of, unknown
 from x2radar.sim.bodies.flyer import draw_bird, draw_moth
 from x2radar.sim.bodies.motion import MOTIONS
+from x2radar.sim.bodies.motion.recorded import draw_recorded
 from x2radar.sim.bodies.path.courses import COURSES, FAR_M, NEAR_M, Waypoints, draw_course
-from x2radar.sim.bodies.path.path import Path
 from x2radar.sim.bodies.person import draw_person
-from x2radar.sim.bodies.pet import PET_AGILITY, draw_pet
-from x2radar.sim.bodies.recorded import draw_recorded
+from x2radar.sim.bodies.pet import draw_pet
 from x2radar.sim.bodies.skeleton.species import SPECIES
 from x2radar.sim.bodies.skins.draw import SKINS
-from x2radar.sim.bodies.thesis_bodies import THESIS_BODIES, Scatterer, draw, ranges_xyz
-from x2radar.sim.points import Label, Mover, Points
+from x2radar.sim.bodies.thesis_bodies import ThesisBody
+from x2radar.sim.points import Label, Mover
 from x2radar.sim.things import THINGS, draw_thing
 
-Array = NDArray[np.float64]
-SEED_GAIN = 1e4
-"""The thesis' cross sections include 40 dB of the module's integration (its table 4.1)."""
 Maker = Callable[[np.random.Generator, Mapping[str, Any], str], Mover]
 """Makes a mover from a generator, the options of the scene file, and their path in it."""
 
@@ -87,23 +83,9 @@ _KEYS: Mapping[str, Key | None] = {
     "turn_deg": Key(-360.0, 360.0, "turn to the left, degrees"),
 }
 """What bodies may be told; None: the body judges it itself."""
+_PLACES = {"home_m": "x, y and z", "place_m": "x and y"}
 _ECHO = ("total_rcs_dbsm", "skin")
 _COURSE = ("course", "waypoints_m", "speed_mps", "near_m", "far_m", "start_s")
-
-
-class ThesisBody:
-    """One of the thesis' bodies: sums of sinusoids on a straight line towards the radar."""
-
-    def __init__(self, label: Label, scatterers: tuple[Scatterer, ...]) -> None:
-        self.label: Label = label
-        self.names = tuple(f"scatterer {k + 1}" for k in range(len(scatterers)))
-        self._scatterers = scatterers
-
-    def at(self, t_s: Array, antenna_m: Array) -> Points:
-        """Return its points. The thesis' origin is the antenna."""
-        position_m, rcs_m2 = ranges_xyz(self._scatterers, t_s)
-        level = np.broadcast_to(rcs_m2 / SEED_GAIN, position_m.shape[:2])
-        return Points(position_m + antenna_m, level)
 
 
 def read_actor(raw: Any, where: str) -> Actor:
@@ -177,10 +159,9 @@ def _body(sentence: str, draw_body: Callable[..., Mover], keys: tuple[str, ...])
 
     def make(rng: np.random.Generator, raw: Mapping[str, Any], where: str) -> Mover:
         options = checked(raw, table, where)
-        if options.get("home_m") is not None:
-            options["home_m"] = place_of(options["home_m"], f"{where}.home_m", "x, y and z")
-        if "place_m" in options:
-            options["place_m"] = place_of(options["place_m"], f"{where}.place_m")
+        for key, names in _PLACES.items():
+            if key in options:
+                options[key] = place_of(options[key], f"{where}.{key}", names)
         if "course" in table:
             options["path"] = _waypoints(options, rng, where)
         try:
@@ -209,38 +190,10 @@ def _waypoints(options: dict[str, Any], rng: np.random.Generator, where: str) ->
     return None if name is None else draw_course(rng, name, near_m, far_m)
 
 
-def _pet(species: str) -> Callable[..., Mover]:
-    def draw_one(
-        rng: np.random.Generator,
-        *,
-        path: Waypoints | None,
-        speed_mps: float | None = None,
-        start_s: float = 0.0,
-        **options: Any,
-    ) -> Mover:
-        way: Path | Waypoints | None = path
-        if speed_mps is not None:
-            course = path or draw_course(rng, "wander")
-            way = Path.through(course, speed_mps, agility=PET_AGILITY, start_s=start_s)
-        return draw_pet(rng, species=species, path=way, **options)
-
-    return draw_one
-
-
-def _recorded(rng: np.random.Generator, *, file: Any = None, **options: Any) -> Mover:
-    if not isinstance(file, str):
-        said = "is missing" if file is None else f"must be a path, not {file!r}"
-        msg = f"file: {said}: a BVH file or an archive of joint positions"
-        raise SceneError(msg)
-    return draw_recorded(rng, file=file, **options)
-
-
 def _thesis(kind: str, label: Label) -> BodyKind:
-    def draw_one(rng: np.random.Generator) -> Mover:
-        return ThesisBody(label, draw(THESIS_BODIES[f"thesis_{kind}"], rng))
-
     what = "person" if kind == "human" else kind
-    return _body(f"The thesis' {what}: five sinusoids.", draw_one, ())
+    make = partial(ThesisBody.draw, name=f"thesis_{kind}", label=label)
+    return _body(f"The thesis' {what}: five sinusoids.", make, ())
 
 
 BODIES: Mapping[str, BodyKind] = MappingProxyType(
@@ -252,7 +205,9 @@ BODIES: Mapping[str, BodyKind] = MappingProxyType(
         ),
         **{
             s.name: _body(
-                s.sentence, _pet(s.name), ("style", "mass_kg", *_ECHO, "motion", *_COURSE)
+                s.sentence,
+                partial(draw_pet, species=s.name),
+                ("style", "mass_kg", *_ECHO, "motion", *_COURSE),
             )
             for s in SPECIES.values()
         },
@@ -264,7 +219,7 @@ BODIES: Mapping[str, BodyKind] = MappingProxyType(
         "moth": _body("A large moth near the antenna.", draw_moth, ("home_m", *_ECHO)),
         "motion": _body(
             "A recorded skeleton: a BVH file or joint positions.",
-            _recorded,
+            draw_recorded,
             ("file", "label", "scale", "up", "place_m", "turn_deg", "start_s", *_ECHO),
         ),
         "thesis_human": _thesis("human", "human"),

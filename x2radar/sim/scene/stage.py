@@ -49,17 +49,7 @@ class _Playing:
 
 
 class Stage:
-    """Walk through a scene frame by frame, for ever.
-
-    Parameters
-    ----------
-    scene : Scene
-        What to play.
-    seed : int
-        All draws follow from it.
-    frame_rate_hz : float
-        Frames per second.
-    """
+    """Walk through a scene frame by frame, for ever; all draws follow from the seed."""
 
     def __init__(self, scene: Scene, seed: int, frame_rate_hz: float) -> None:
         self._scene = scene

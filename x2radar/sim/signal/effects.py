@@ -56,17 +56,7 @@ class ReceiverEffects:
 
 
 class FrameDraws:
-    """The draws of all effects for the frames of one stream.
-
-    Parameters
-    ----------
-    effects : ReceiverEffects
-        How strong they are.
-    seed : int
-        Of the stream; not negative.
-    frame_rate_hz : float
-        Frames per second.
-    """
+    """The draws of all effects for the frames of one stream, by its seed (not negative)."""
 
     def __init__(self, effects: ReceiverEffects, seed: int, frame_rate_hz: float) -> None:
         self._effects = effects
@@ -115,7 +105,8 @@ class FrameDraws:
         """Return which frames never arrive, shape (n,)."""
         if self._effects.lost_share == 0:
             return np.zeros(n, np.bool_)
-        return np.asarray(self._uniform("lost", first, n) < self._effects.lost_share)
+        (chance,) = self._draw("lost", first, n, lambda rng: rng.random((1, _BLOCK)))
+        return np.asarray(chance < self._effects.lost_share)
 
     def spikes(self, first: int, n: int, n_range: int) -> tuple[NDArray[np.int64], ...]:
         """Return the samples above the converter's top: frame from `first`, range bin, raw value.
@@ -140,9 +131,6 @@ class FrameDraws:
     def _normal(self, kind: str, first: int, n: int) -> Array:
         draws = self._draw(kind, first, n, lambda rng: rng.standard_normal((1, _BLOCK)))
         return np.asarray(draws[0])
-
-    def _uniform(self, kind: str, first: int, n: int) -> Array:
-        return np.asarray(self._draw(kind, first, n, lambda rng: rng.random((1, _BLOCK)))[0])
 
     def _draw(
         self, kind: str, first: int, n: int, draw: Callable[[np.random.Generator], Array]

@@ -1,4 +1,4 @@
-"""From ranges to echoes: the pulse, the radar equation, and RF samples as the thesis has them.
+"""The pulse and the radar equation: how strong an echo is.
 
 The pulse is the thesis' Gaussian (2.3): ``p(t) = exp(-t^2 / (2 sp^2))`` on a carrier. Its
 centre, not its start, defines the delay, so that the range axis reads true.
@@ -13,8 +13,6 @@ from x2radar.frame import FastTimeAxis
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
 
 Array = NDArray[np.float64]
-REACH_SIGMA = 5.0
-"""Samples further from an echo are left out: the pulse has fallen to 4e-6 (-108 dB)."""
 NEAREST_M = 0.1
 """Nearer points count as here: the near field has no radar equation."""
 BOLTZMANN = 1.380_649e-23
@@ -51,40 +49,7 @@ class LinkBudget:
         """
         wavelength_m = SPEED_OF_LIGHT_MPS / axis.carrier_hz
         r = np.maximum(range_m, NEAREST_M)
-        received_w = (
-            self.tx_power_w
-            * self.antenna_gain**2
-            * wavelength_m**2
-            * rcs_m2
-            / ((4 * np.pi) ** 3 * r**4)
-        )
+        sent = self.tx_power_w * self.antenna_gain**2 * wavelength_m**2
+        received_w = sent * rcs_m2 / ((4 * np.pi) ** 3 * r**4)
         noise_w = BOLTZMANN * ROOM_K * self.noise_figure * axis.sample_rate_hz
         return np.asarray(self.noise_sigma * np.sqrt(2 * received_w / noise_w))
-
-
-def rf_echo(range_m: Array, amplitude: Array, axis: FastTimeAxis) -> NDArray[np.float32]:
-    """Return RF frames of moving points, shape (n_slow, n_range), sampled at the axis' rate.
-
-    ``sum_k a_k p(t - tau_k) cos(2 pi fc (t - tau_k))`` (2.12), ranges, constant within a frame
-    (2.16), and peak amplitudes of shape (n_slow, n_scatterers). The phase is computed from the
-    time since the echo's centre, in float64: error below 1e-6 of a turn.
-    """
-    sigma_s = pulse_sigma_s(axis.bandwidth_hz)
-    bin_s = 2 * axis.bin_length_m / SPEED_OF_LIGHT_MPS
-    half = int(np.ceil(REACH_SIGMA * sigma_s / bin_s))
-    offsets = np.arange(-half, half + 1)
-    position = (range_m - axis.range_offset_m) / axis.bin_length_m
-    seen = (position > -half) & (position < axis.n_range - 1 + half)
-    out = np.zeros((len(range_m), axis.n_range), np.float32)
-    for k in range(range_m.shape[1]):
-        rows = np.flatnonzero(seen[:, k])
-        bins = np.rint(position[rows, k]).astype(np.int64)[:, None] + offsets
-        since_s = (bins - position[rows, k, None]) * bin_s
-        envelope = np.exp(since_s**2 * (-0.5 / sigma_s**2))
-        pulse = envelope * np.cos(2 * np.pi * axis.carrier_hz * since_s)
-        echo = amplitude[rows, k, None] * pulse
-        inside = (bins >= 0) & (bins < axis.n_range)
-        row_index = np.broadcast_to(rows[:, None], bins.shape)
-        # Within one scatterer no (frame, bin) pair comes twice, so plain indexing adds.
-        out[row_index[inside], bins[inside]] += echo[inside].astype(np.float32)
-    return out

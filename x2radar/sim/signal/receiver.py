@@ -31,25 +31,10 @@ _SLOPE_TAPS = 12
 class Receiver:
     """Turn echoes into what the module would send.
 
-    Parameters
-    ----------
-    settings : RadarSettings
-        Sweep and integration decide the noise, the quantum and the clipping.
-    axis : FastTimeAxis
-        Axis of the frames.
-    budget : LinkBudget
-        Holds the noise level.
-    rng : numpy.random.Generator
-        Source of the noise; consumed frame by frame, so blocks of any size give the same.
-    effects : ReceiverEffects, optional
-        Imperfections. Lost frames and frame times are the caller's to obey, see `draws`.
-    seed : int
-        Of the effects' draws.
-
-    Attributes
-    ----------
-    draws : FrameDraws
-        The effects' draws by frame number; the first frame is number 0.
+    Sweep and integration of `settings` decide the noise, the quantum and the clipping. `rng` is
+    the source of the noise, consumed frame by frame, so blocks of any size give the same; the
+    draws of `effects` follow from `seed`, by frame number from 0. Lost frames and frame times are
+    the caller's to obey, see `draws`.
     """
 
     def __init__(
@@ -78,12 +63,11 @@ class Receiver:
         """Return raw frames, shape (n_slow, n_range), float32, from noise-free echoes."""
         first, n = self._at, len(echo)
         self._at += n
-        delay_s, gain = self._delay_and_gain(first, n)
-        if delay_s is not None:
-            echo = delayed_rf(echo, delay_s, self._axis)
+        if self._effects.jitter_s:
+            echo = delayed_rf(echo, self.draws.delay_s(first, n), self._axis)
         out = self._rng.standard_normal(echo.shape, np.float32)
         out *= self._noise_scale(first, n)
-        out += echo if gain is None else echo * gain
+        out += echo * self._gain(first, n) if self._effects.gain_noise else echo
         out += np.float32(MIDDLE)
         out /= self._quantum
         np.rint(out, out=out)
@@ -102,24 +86,18 @@ class Receiver:
         """
         first, n = self._at, len(echo)
         self._at += n
-        delay_s, gain = self._delay_and_gain(first, n)
-        if delay_s is not None:
-            echo = delayed_baseband(echo, delay_s, self._axis)
+        if self._effects.jitter_s:
+            echo = delayed_baseband(echo, self.draws.delay_s(first, n), self._axis)
         out = matched_noise(n, self._axis, self._rng)
         out *= self._noise_scale(first, n)
-        out += echo if gain is None else echo * gain
+        out += echo * self._gain(first, n) if self._effects.gain_noise else echo
         row, column, counts = self.draws.spikes(first, n, self._axis.n_range)
         for r, c, count in zip(row, column, counts, strict=True):
             out[r] += self._spike(int(c)) * np.float32(count * UNIT_PER_COUNT - MIDDLE)
         return out
 
-    def _delay_and_gain(
-        self, first: int, n: int
-    ) -> tuple[Array | None, NDArray[np.float32] | None]:
-        delay_s = self.draws.delay_s(first, n) if self._effects.jitter_s else None
-        if not self._effects.gain_noise:
-            return delay_s, None
-        return delay_s, self.draws.gain(first, n).astype(np.float32)[:, None]
+    def _gain(self, first: int, n: int) -> NDArray[np.float32]:
+        return self.draws.gain(first, n).astype(np.float32)[:, None]
 
     def _noise_scale(self, first: int, n: int) -> NDArray[np.float32]:
         scale = self._sigma * self.draws.noise_gain(first, n)

@@ -1,16 +1,14 @@
-"""What all moving things share: numbers drawn or given, directions, gusts, programmes."""
+"""What all moving things share: numbers drawn or given, directions, gusts."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from x2radar.keys import Key, checked
-from x2radar.sim.points import Mover
+from x2radar.sim.points import Array, Label, Points
 
-Array = NDArray[np.float64]
 Values = Mapping[str, float]
 
 
@@ -31,13 +29,31 @@ class Draw:
         return float(low * (high / low) ** share if self.is_log else low + (high - low) * share)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Thing:
+    """What moves and must not alarm, all of it drawn: points as a function of time; a `Mover`."""
+
+    names: tuple[str, ...]
+    points: Callable[[Array, Array], Points]  # of times (n_slow,) and the antenna's place (3,)
+    label: Label = "other"
+
+    def at(self, t_s: Array, antenna_m: Array) -> Points:
+        """Return its points; see `Mover`."""
+        return self.points(t_s, antenna_m)
+
+
 @dataclass(frozen=True, slots=True)
 class ThingKind:
     """One kind of moving thing."""
 
     sentence: str  # what it is, for people
     draws: Mapping[str, Draw]  # its numbers, in the order in which they are drawn
-    make: Callable[[np.random.Generator, Array, Values], Mover]
+    make: Callable[[np.random.Generator, Array, Values], Thing]
+
+
+def numbered(name: str, n: int) -> tuple[str, ...]:
+    """Return the names of n points that are alike."""
+    return tuple(f"{name} {k + 1}" for k in range(n))
 
 
 # Total cross section of a thing that is fully lit. Drawn over the same range for bodies and

@@ -8,7 +8,8 @@ import math
 
 import numpy as np
 
-from x2radar.sim.things.draws import Array, Draw, Gust, Values, values_of
+from x2radar.sim.points import Array
+from x2radar.sim.things.draws import Draw, Gust, Values, values_of
 
 _DECAY_S = 0.2
 """Of a shock: a bracket rings for some swings."""

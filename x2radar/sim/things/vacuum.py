@@ -2,8 +2,18 @@
 
 import numpy as np
 
-from x2radar.sim.points import Label, Points
-from x2radar.sim.things.draws import RCS, Array, Draw, ThingKind, Values, facing, lit, shares
+from x2radar.sim.points import Array, Points
+from x2radar.sim.things.draws import (
+    RCS,
+    Draw,
+    Thing,
+    ThingKind,
+    Values,
+    facing,
+    lit,
+    numbered,
+    shares,
+)
 
 # By what such machines do: after how long the way is repeated, how fast it turns, how far
 # and fast it backs off, points of the rim and bristles of the brush.
@@ -14,37 +24,21 @@ _N_RIM = 8
 _BRISTLES = 3
 
 
-class RobotVacuum:
-    """A flat disc on the floor with a spinning side brush.
+def _vacuum(rng: np.random.Generator, position_m: Array, values: Values) -> Thing:
+    """Draw a flat disc on the floor with a spinning side brush.
 
     Its way is drawn for ten minutes and ends where it began; then it comes again.
     """
+    radius_m, brush_hz = values["radius_m"], values["brush_hz"]
+    low_m, top_m = np.array([[0, 0, values["height_m"] / 2], [0, 0, values["height_m"]]])
+    knot_s, x_m, y_m, turn_deg, bump_s = _drive(rng, values["area_m"] / 2, values["speed_mps"])
+    home_m, begin_s = np.array([*position_m, 0.0]), rng.uniform(0, _LOOP_S)
+    shake_hz = rng.uniform(6, 12)
+    rim_deg = 360 * (np.arange(_N_RIM) + 0.3 * rng.random(_N_RIM)) / _N_RIM
+    rim_rcs_m2 = 0.8 * values["rcs_m2"] * shares(rng, _N_RIM)
 
-    label: Label = "other"
-
-    def __init__(self, rng: np.random.Generator, position_m: Array, values: Values) -> None:
-        self.names = (
-            "top",
-            *(f"rim {k + 1}" for k in range(_N_RIM)),
-            *(f"bristle {k + 1}" for k in range(_BRISTLES)),
-        )
-        self._radius_m = values["radius_m"]
-        self._height_m = values["height_m"]
-        half_m = values["area_m"] / 2
-        self._knots = _drive(rng, half_m, values["speed_mps"])
-        self._place_m = np.array([*position_m, 0.0])
-        self._begin_s = rng.uniform(0, _LOOP_S)
-        self._shake_m, self._shake_hz = values["bump_m"], rng.uniform(6, 12)
-        self._brush_hz = values["brush_hz"]
-        self._rim_deg = 360 * (np.arange(_N_RIM) + 0.3 * rng.random(_N_RIM)) / _N_RIM
-        self._rim_rcs_m2 = 0.8 * values["rcs_m2"] * shares(rng, _N_RIM)
-        self._top_rcs_m2 = 0.15 * values["rcs_m2"]
-        self._bristle_rcs_m2 = 0.05 * values["rcs_m2"] / _BRISTLES
-
-    def at(self, t_s: Array, antenna_m: Array) -> Points:
-        """Return its points."""
-        knot_s, x_m, y_m, turn_deg, bump_s = self._knots
-        now_s = (t_s + self._begin_s) % knot_s[-1]
+    def points(t_s: Array, antenna_m: Array) -> Points:
+        now_s = (t_s + begin_s) % knot_s[-1]
         heading_deg = np.interp(now_s, knot_s, turn_deg)
         _, ahead = facing(heading_deg)
         place_m = np.column_stack(
@@ -52,26 +46,29 @@ class RobotVacuum:
         )
         # After a bump the body rings on its wheels for a tenth of a second.
         since_s = now_s - bump_s[np.searchsorted(bump_s, now_s, side="right") - 1]
-        ring_m = np.exp(-since_s / 0.1) * np.sin(2 * np.pi * self._shake_hz * since_s)
-        middle_m = self._place_m + place_m + self._shake_m * ring_m[:, None] * ahead
-        _, outward = facing(heading_deg[:, None] + self._rim_deg)
-        low_m, top_m = np.array([0, 0, self._height_m / 2]), np.array([0, 0, self._height_m])
-        rim_m = middle_m[:, None] + self._radius_m * outward + low_m
-        brush_m = middle_m + 0.8 * self._radius_m * facing(heading_deg + 45)[1]
-        angle_deg = 360 * ((self._brush_hz * t_s) % 1.0)[:, None] + np.arange(_BRISTLES) * 120
+        ring_m = np.exp(-since_s / 0.1) * np.sin(2 * np.pi * shake_hz * since_s)
+        middle_m = home_m + place_m + values["bump_m"] * ring_m[:, None] * ahead
+        _, outward = facing(heading_deg[:, None] + rim_deg)
+        rim_m = middle_m[:, None] + radius_m * outward + low_m
+        brush_m = middle_m + 0.8 * radius_m * facing(heading_deg + 45)[1]
+        angle_deg = 360 * ((brush_hz * t_s) % 1.0)[:, None] + np.arange(_BRISTLES) * 120
         bristle_m = brush_m[:, None] + 0.09 * facing(angle_deg)[1] + 0.1 * low_m
         bright = np.maximum(lit(outward, rim_m, antenna_m), 0.05)
-        n = len(t_s)
+        top, bristle = np.ones((len(t_s), 1)), np.ones((len(t_s), _BRISTLES)) / _BRISTLES
         return Points(
             np.concatenate([(middle_m + top_m)[:, None], rim_m, bristle_m], axis=1),
-            np.column_stack(
+            np.concatenate(
                 [
-                    np.full(n, self._top_rcs_m2),
-                    self._rim_rcs_m2 * bright,
-                    np.full((n, _BRISTLES), self._bristle_rcs_m2),
-                ]
+                    0.15 * values["rcs_m2"] * top,
+                    rim_rcs_m2 * bright,
+                    0.05 * values["rcs_m2"] * bristle,
+                ],
+                axis=1,
             ),
         )
+
+    names = ("top", *numbered("rim", _N_RIM), *numbered("bristle", _BRISTLES))
+    return Thing(names, points)
 
 
 def _drive(
@@ -143,5 +140,5 @@ ROBOT_VACUUM = ThingKind(
         "bump_m": Draw(0, 0.02, (0.001, 0.005), "how far it rings after a bump, m"),
         "rcs_m2": RCS,
     },
-    RobotVacuum,
+    _vacuum,
 )

@@ -8,8 +8,8 @@ import numpy as np
 from radard.dsp.velocity import CPI_S
 from radard.errors import UsageError
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS, RadarSettings
+from x2radar.sim.bodies.thesis_bodies import SEED_GAIN
 from x2radar.sim.place.antenna import Antenna
-from x2radar.sim.scene.cast import SEED_GAIN
 from x2radar.sim.signal.noise import baseband_noise_power
 from x2radar.sim.signal.pulse import LinkBudget
 

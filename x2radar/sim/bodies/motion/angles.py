@@ -27,9 +27,9 @@ from x2radar.sim.bodies.motion.quadrupeds.footfalls import (
     LEAPS,
     Bearing,
     StridingQuadruped,
-    Trunk,
     draw_lags,
 )
+from x2radar.sim.bodies.motion.quadrupeds.manner import Trunk
 from x2radar.sim.bodies.path.path import Path
 from x2radar.sim.bodies.path.prints import StridePhase
 from x2radar.sim.bodies.pose import UP, Ends, Pose
@@ -218,10 +218,15 @@ class AngleQuadruped(StridingQuadruped):
             for a in (0, 1)
         )
         middle = place + (0.5 * (hind + fore))[:, None] * UP
-        trunk = Trunk(middle, heading, np.arctan2(fore - hind, b.back_m), p * vigour)
+        trunk = Trunk(
+            middle_m=middle,
+            heading_rad=heading,
+            pitch_rad=np.arctan2(fore - hind, b.back_m),
+            nod=np.sin(2 * np.pi * w.bobs * p * vigour),
+        )
         lifts = [height[:, None] * UP for height in (hind, fore)]
         raised = [(a + lifts[k % 2], c + lifts[k % 2]) for k in range(4) for a, c in legs[k]]
-        return self._over_legs(t_s, trunk, raised)
+        return w.manner.over_legs(t_s, b, trunk, raised)
 
     def _leg(
         self, k: int, middle: Array, heading: Array, phase: Array, vigour: Array

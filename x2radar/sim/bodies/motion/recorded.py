@@ -1,4 +1,4 @@
-"""Recorded motion: joints of a BVH file or a NumPy archive over time.
+"""Recorded motion: joints of a BVH file or a NumPy archive over time, as a body with any skin.
 
 An archive has `position_m` (n_frames, n_joints, 3), `parent` (n_joints,), `frame_rate_hz` and
 perhaps the joints' `names`. Joints that bear the standard names of a skeleton (`Part.joints`) move
@@ -17,12 +17,14 @@ from typing import Self
 import numpy as np
 
 from x2radar.errors import SceneError
+from x2radar.sim.bodies.body import Body, BodyPlan
 from x2radar.sim.bodies.motion.bvh import read_bvh
 from x2radar.sim.bodies.pose import UP, Pose
 from x2radar.sim.bodies.skeleton.people import PERSON
 from x2radar.sim.bodies.skeleton.quadrupeds import QUADRUPED
 from x2radar.sim.bodies.skeleton.skeleton import Part, Skeleton
-from x2radar.sim.points import Array
+from x2radar.sim.bodies.skins.draw import TotalRcs
+from x2radar.sim.points import Array, Label
 
 MAX_BYTES = 2**28
 """Largest file that is read, unpacked: two hours at 120 Hz as text."""
@@ -31,6 +33,8 @@ _THICK_SHARE, _THICK_M = 0.18, (0.015, 0.12)
 gives limbs their usual girth."""
 _MIN_SEGMENT_M, _MIN_HALF_M, _MAX_HALF_M = 0.02, 0.005, 1.0
 """Shorter segments of other trees do not count; least and greatest half-lengths of parts."""
+_N_LOOKS = 16
+"""Over which the mean cross section is taken, as for people."""
 _HIGH_QUANTILE = 0.9
 """Of a joint's height over time, for one that stands upright most of it."""
 
@@ -45,6 +49,7 @@ class RecordedMotion:
     position_m: Array  # (n_frames, n_joints, 3): joints in room coordinates
     velocity: Array  # the same by frame
     frame_rate_hz: float
+    start_s: float = 0.0  # before, the body stands in its first posture
 
     @classmethod
     def of(
@@ -83,7 +88,7 @@ class RecordedMotion:
     def pose(self, t_s: Array) -> Pose:
         """Return the pose of all parts; see `Motion`."""
         last = len(self.position_m) - 1
-        at = np.clip(t_s * self.frame_rate_hz, 0.0, last)
+        at = np.clip((t_s - self.start_s) * self.frame_rate_hz, 0.0, last)
         k = np.minimum(at.astype(np.int64), max(last - 1, 0))
         u = (at - k)[:, None, None]
         x, v = self.position_m[[k, np.minimum(k + 1, last)]], self.velocity
@@ -118,23 +123,16 @@ def _lengths_m(skeleton: Skeleton, at: dict[str, int], position_m: Array) -> Arr
     return np.array([np.linalg.norm(b - a, axis=-1).mean() for a, b in ends])
 
 
-def read_motion(file: str, *, scale: float = 1.0, up: str = "y") -> RecordedMotion:
-    """Read a BVH file, or an archive of joint positions.
+def read_motion(file: str | None, *, scale: float = 1.0, up: str = "y") -> RecordedMotion:
+    """Read a BVH file, or an archive of joint positions; its suffix decides (.bvh or .npz).
 
-    Parameters
-    ----------
-    file : str
-        Path; its suffix decides (.bvh or .npz).
-    scale : float
-        Metres per unit of the file: 0.01 for centimetres, which BVH files often have.
-    up : {'y', 'z'}
-        Which axis of the file points up.
-
-    Raises
-    ------
-    SceneError
-        If the file cannot be read or makes no sense; one line with the line's number.
+    `scale` is metres per unit of the file, 0.01 for centimetres, which BVH files often have; `up`
+    is which axis of the file, 'y' or 'z', points up. Raises SceneError, one line, if the file
+    cannot be read or makes no sense.
     """
+    if not isinstance(file, str):
+        msg = f"file: must be the path of a BVH file or an archive of joint positions, not {file}"
+        raise SceneError(msg)
     path = FilePath(file)
     try:
         if _n_bytes(path) > MAX_BYTES:
@@ -184,3 +182,37 @@ def _read_archive(path: FilePath) -> tuple[list[str], list[int], Array, float]:
         msg = "each joint's parent must stand before it"
         raise ValueError(msg)
     return names or [f"joint {k}" for k in range(len(parent))], parent, position, rate_hz
+
+
+def draw_recorded(
+    rng: np.random.Generator,
+    *,
+    file: str | None = None,
+    label: Label = "human",
+    scale: float = 1.0,
+    up: str = "y",
+    place_m: tuple[float, float] = (0.0, 0.0),
+    turn_deg: float = 0.0,
+    start_s: float = 0.0,
+    total_rcs_dbsm: TotalRcs = None,
+    skin: str = "surface",
+) -> Body:
+    """Draw the skin of a recorded skeleton; raises SceneError as `read_motion`.
+
+    The file is read as `read_motion` does; `label` is what an alarm should take it for. Its origin
+    lies at `place_m`, turned to the left by `turn_deg`. `total_rcs_dbsm` and `skin` are as in
+    `draw_person`.
+    """
+    motion = read_motion(file, scale=scale, up=up)
+    cos, sin = np.cos(np.deg2rad(turn_deg)), np.sin(np.deg2rad(turn_deg))
+    turn = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
+    motion = replace(
+        motion,
+        position_m=motion.position_m @ turn + np.array([*place_m, 0.0]),
+        velocity=motion.velocity @ turn,
+        start_s=start_s,
+    )
+    kind = motion.skeleton
+    plan = BodyPlan(label, kind.names, motion.half_m, motion, kind.n_trunk, kind.gain)
+    looks_s = start_s + np.linspace(0.0, motion.duration_s, _N_LOOKS)
+    return plan.dressed(rng, skin, total_rcs_dbsm, looks_s)

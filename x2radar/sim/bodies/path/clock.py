@@ -45,8 +45,8 @@ class Clock:
     ) -> Self:
         """Return the clock of a body on a path, counted from 0 at the first step; see `started`.
 
-        `arm_m` is how far the feet are from the middle: turning on the spot moves them. They
-        start `ahead_s` before the body.
+        Feet are `arm_m` from the middle: turning on the spot moves them. They start `ahead_s`
+        before the body.
         """
         first = path.start_s - ahead_s - _NEAR_S
         n = int((path.end_s + _TAIL_S - first) / STEP_S) + 2

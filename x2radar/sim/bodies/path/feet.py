@@ -50,50 +50,10 @@ class Footfalls:
         return type(self)(*(getattr(self, f.name)[k, legs] for f in fields(self)))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Leg:
-    """Steps of one leg: the arrays of stances are one longer than those of swings."""
-
-    touch_down_s: Array
-    lift_off_s: Array
-    duty: Array
-    period_s: Array
-    place: Array
-
-
-def fall(
-    path: Path, clock: Clock, *, offset: Array, more_duty: Array, home_m: Array, lift_m: Array
-) -> Footfalls:
-    """Return all footfalls along a path; arrays by leg, as in `Gait`.
-
-    Legs with fewer steps than others are filled up with stances that never come.
-    """
-    legs = [
-        _leg(path, clock, *row)
-        for row in zip(offset.tolist(), more_duty.tolist(), home_m, strict=True)
-    ]
-    n = max(len(leg.lift_off_s) for leg in legs)
-    empty = (2 * _EVER_S, 3 * _EVER_S, 1.0, 1.0, 0.6, 0.0, np.zeros(3), np.zeros(3))
-    table = Footfalls(*(np.full((n, len(legs), *np.shape(x)), x) for x in empty))
-    for k, leg in enumerate(legs):
-        m = len(leg.lift_off_s)
-        step = np.diff(leg.place, axis=0)
-        way = np.hypot(step[:, 0], step[:, 1]) + 0.2 * np.abs(step[:, 2])
-        usual = max(float(np.median(way)), 1e-3) if m > 1 else 1.0
-        table.touch_down_s[:m, k] = leg.touch_down_s
-        table.lift_off_s[:m, k] = leg.lift_off_s
-        table.swing_s[: m - 1, k] = leg.touch_down_s[1:] - leg.lift_off_s[:-1]
-        table.full_s[:m, k] = np.minimum(
-            leg.lift_off_s - leg.touch_down_s, leg.duty * leg.period_s
-        )
-        table.duty[:m, k] = leg.duty
-        table.lift_m[: m - 1, k] = lift_m[k] * np.minimum(way / (0.6 * usual), 1.0)
-        table.place[:m, k] = leg.place
-        table.step[: m - 1, k] = step
-    return table
-
-
-def _leg(path: Path, clock: Clock, offset: float, more_duty: float, home_m: Array) -> _Leg:
+def _leg(
+    path: Path, clock: Clock, offset: float, more_duty: float, home_m: tuple[float, float]
+) -> tuple[Array, ...]:
+    """Return when a leg touches down and lifts off, duty, period and place of each stance."""
     times = clock.start_s + STEP_S * np.arange(len(clock.rate_hz))
     lifts, lands, duties, periods = [], [], [], []
     for a, b in clock.spans:
@@ -131,7 +91,7 @@ def _leg(path: Path, clock: Clock, offset: float, more_duty: float, home_m: Arra
     keep = _moved(place)
     down = np.concatenate([[True], keep])
     up = np.concatenate([keep, [True]])
-    return _Leg(land[down], lift[up], duty[up], period[up], place[down])
+    return land[down], lift[up], duty[up], period[up], place[down]
 
 
 def _moved(place: Array) -> NDArray[np.bool_]:
@@ -200,16 +160,27 @@ class Feet:
         """
         arm = max(float(np.hypot(*home)) for home in gait.home_m)
         clock = Clock.along(path, gait.stride_m, gait.duty, arm_m=arm, ahead_s=gait.ahead_s)
-        more = np.array(gait.more_duty or (0.0,) * len(gait.offset))
+        more = gait.more_duty or (0.0,) * len(gait.offset)
         clock = clock.started(gait.offset[0], more[0])
-        falls = fall(
-            path,
-            clock,
-            offset=np.array(gait.offset),
-            more_duty=more,
-            home_m=np.array(gait.home_m),
-            lift_m=np.array(gait.lift_m),
-        )
+        rows = zip(gait.offset, more, gait.home_m, strict=True)
+        legs = [_leg(path, clock, *row) for row in rows]
+        n = max(len(leg[0]) for leg in legs)
+        # Legs with fewer steps than others are filled up with stances that never come.
+        empty = (2 * _EVER_S, 3 * _EVER_S, 1.0, 1.0, 0.6, 0.0, np.zeros(3), np.zeros(3))
+        falls = Footfalls(*(np.full((n, len(legs), *np.shape(x)), x) for x in empty))
+        for k, (down_s, up_s, duty, period_s, place) in enumerate(legs):
+            m = len(up_s)
+            step = np.diff(place, axis=0)
+            way = np.hypot(step[:, 0], step[:, 1]) + 0.2 * np.abs(step[:, 2])
+            usual = max(float(np.median(way)), 1e-3) if m > 1 else 1.0
+            falls.touch_down_s[:m, k] = down_s
+            falls.lift_off_s[:m, k] = up_s
+            falls.swing_s[: m - 1, k] = down_s[1:] - up_s[:-1]
+            falls.full_s[:m, k] = np.minimum(up_s - down_s, duty * period_s)
+            falls.duty[:m, k] = duty
+            falls.lift_m[: m - 1, k] = gait.lift_m[k] * np.minimum(way / (0.6 * usual), 1.0)
+            falls.place[:m, k] = place
+            falls.step[: m - 1, k] = step
         return cls(clock, falls, gait.ramp)
 
     def at(self, t_s: Array) -> FootState:

@@ -53,28 +53,13 @@ class Path:
         agility: Agility | None = None,
         start_s: float = 0.0,
     ) -> Self:
-        """Return a path through waypoints, from rest to rest.
+        """Return a path through waypoints (x, y), from rest to rest; raises SceneError as `bends`.
 
-        Parameters
-        ----------
-        waypoints_m : sequence of (float, float)
-            Two or more points (x, y), at least 0.1 m apart. Corners up to 130 degrees are
-            cut short; at sharper ones the course goes through the point and then round.
-        speed_mps : float
-            Where bends and accelerations allow it.
-        stops : sequence of (float, float), optional
-            Way since the last stop, in metres, and how long it stands, in seconds.
-        turn_radius_m : float, optional
-            Radius of the corners; smaller where the waypoints leave no room for it.
-        agility : Agility, optional
-            Limits; those of a walking adult by default.
-        start_s : float, optional
-            When it begins to move; negative for a body that moves already at time 0.
-
-        Raises
-        ------
-        SceneError
-            If there are fewer than two points, or two in one place.
+        Corners up to 130 degrees are cut short, by `turn_radius_m` or less where there is no room;
+        at sharper ones the course goes through the point and then round. The speed is kept where
+        bends and accelerations allow it. Stops are ways since the last one, in metres, and how
+        long it stands, in seconds; limits are those of a walking adult by default. A body that
+        moves already at time 0 starts before.
         """
         begin, course = bends(waypoints_m, turn_radius_m)
         limits = agility or Agility()

@@ -31,23 +31,13 @@ def two_links(
 ) -> tuple[Array, Array]:
     """Return the middle joint of limbs of two links, and their other end as far as they reach.
 
-    Parameters
-    ----------
-    fixed_m, end_m : ndarray, shape (..., 3), float64
-        The end that stays, and where the other one shall be.
-    near_m, far_m : float
-        Lengths of the link at the fixed end and of the other; both keep them.
-    bend : ndarray, shape (..., 3), float64
-        To which side the middle joint bends.
-    stiff_to : float
-        Share of the limb's length that it reaches without giving.
-    slack_m : float
-        How much farther apart than folded links the ends stay.
-    is_soft : bool
-        Whether it reaches farther more and more slowly, up to a straight limb, or ends there.
+    The end that stays, and where the other shall be, are of shape (..., 3); so is the side to
+    which the middle joint bends. Both links keep their lengths, `near_m` at the fixed end. It
+    reaches `stiff_to` of its length without giving; beyond, farther more and more slowly, up to a
+    straight limb, if it is soft, or not at all. Folded, its ends stay `slack_m` apart.
     """
     reach = end_m - fixed_m
-    distance = _size(reach)
+    distance = np.linalg.norm(reach, axis=-1, keepdims=True)
     whole = near_m + far_m
     span = np.clip(distance, 1.05 * abs(near_m - far_m) + slack_m, stiff_to * whole)
     if is_soft:
@@ -58,7 +48,11 @@ def two_links(
     along = (near_m**2 - far_m**2 + span**2) / (2.0 * span)
     aside = np.sqrt(np.maximum(near_m**2 - along**2, 0.0))
     away = bend - (bend * unit).sum(axis=-1, keepdims=True) * unit
-    middle = fixed_m + along * unit + aside * (away / np.maximum(_size(away), 1e-6))
+    middle = (
+        fixed_m
+        + along * unit
+        + aside * (away / np.maximum(np.linalg.norm(away, axis=-1, keepdims=True), 1e-6))
+    )
     return middle, fixed_m + span * unit
 
 
@@ -75,7 +69,3 @@ def hang(top_m: Array, yaw_rad: Array, *links: Link) -> list[Array]:
         link = np.cos(splay_rad) * (cos * down + sin * ahead) + np.sin(splay_rad) * left
         joints.append(joints[-1] + length_m * link)
     return joints
-
-
-def _size(x: Array) -> Array:
-    return np.asarray(np.sqrt((x * x).sum(axis=-1, keepdims=True)), dtype=np.float64)

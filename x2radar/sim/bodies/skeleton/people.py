@@ -14,7 +14,7 @@ from typing import Literal
 
 import numpy as np
 
-from x2radar.sim.bodies.checks import check_number
+from x2radar.keys import Key
 from x2radar.sim.bodies.skeleton.skeleton import Part, Skeleton
 from x2radar.sim.bodies.skins.base import EchoGain
 from x2radar.sim.points import Array
@@ -60,7 +60,6 @@ PERSON = Skeleton(
     gain=EchoGain(losses=(((0, 1, 2), 10.0),)),
 )
 """Parts of people; sizes in shares of the stature."""
-ARMS, LEGS = slice(4, 10), slice(10, 16)
 TRUNK_AT = (0.47, 0.78, 0.06)
 """Where middles of the trunk's parts are between hips (0) and shoulders (1) (Winter)."""
 
@@ -115,7 +114,7 @@ def draw_person_build(
     else:
         stature = float(np.clip((1.77 if is_man < 0.5 else 1.63) + 0.07 * z[0], 1.45, 2.05))
     if height_m is not None:
-        check_number("height_m", height_m, *_STATURE_M)
+        Key(*_STATURE_M).judge(height_m, "height_m")
         stature = height_m
     limbs = 1 + 0.03 * z[1:9].clip(-2.5, 2.5)
     growth = _GROWN[age] if age != "child" else float(np.interp(stature, *_GROWTH))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from x2radar.sim.bodies.checks import check_number
+from x2radar.keys import Key
 from x2radar.sim.bodies.skeleton.skeleton import Part, Skeleton
 from x2radar.sim.bodies.skeleton.species import Species
 from x2radar.sim.bodies.skins.base import EchoGain
@@ -96,7 +96,7 @@ def draw_build(
     """Draw the sizes of an animal; raises SceneError if `mass_kg` is impossible for it."""
     drawn = species.mass_kg(rng)
     kg = drawn if mass_kg is None else mass_kg
-    check_number("mass_kg", kg, *species.possible_kg, f"a {species.name}")
+    Key(*species.possible_kg).judge(kg, "mass_kg")
     hip = 0.155 * kg**0.35 * species.tall(rng)
     back = hip * rng.uniform(*species.back)
     depth_over_width = rng.uniform(1.1, 1.3)

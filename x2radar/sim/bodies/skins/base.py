@@ -12,13 +12,12 @@ SKIN_REFLECTION = 0.54
 """Power reflection of skin and muscle at 7 GHz (Gabriel's tissue data, recalled)."""
 WAVELENGTH_M = 0.044
 """At 6.8 GHz, the X2's carrier."""
-NEPER_PER_DB = np.log(10.0) / 10.0
 DEEPEST = 0.7
 """An antenna inside a part still has it in front, by this share of the distance."""
 _FAR_M, _N_AZIMUTHS = 50.0, 24
 """Whence totals are taken: far enough that a body is a point, every 15 degrees."""
 _MAX_SPREAD_DB = 4.0
-"""Of parts' own draws in `draw_gain`: recorded people differ by about as much."""
+"""Of parts' own draws of gain: recorded people differ by about as much."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,10 +28,9 @@ class EchoGain:
     paws (docs/research/evaluation-tried.md); the numbers hold both.
     """
 
-    max_power: float = 0.5
-    """Large parts lose to small ones by up to so much of their ratio."""
+    max_power: float = 0.5  # large parts lose to small ones by up to so much of their ratio
+    # Groups of parts, by number, and the most that each group loses, in dB.
     losses: tuple[tuple[tuple[int, ...], float], ...] = ()
-    """Groups of parts, by number, and the most that each group loses, in dB."""
 
     def draw_losses(self, rng: np.random.Generator, n_segments: int) -> Array:
         """Draw the factors of the groups' losses, shape (n_segments,)."""
@@ -42,11 +40,7 @@ class EchoGain:
         return factor
 
     def draw(self, rng: np.random.Generator, size: Array) -> Array:
-        """Draw what segments echo against theory, shape (n_segments,).
-
-        `size` is what theory gives; weighted by it the mean is 1. Besides the losses of its group
-        each part has a draw of its own of up to 4 dB.
-        """
+        """Draw what segments echo against theory, which gives `size`; weighted by it mean 1."""
         power, spread = rng.uniform(0.0, self.max_power), rng.uniform(0.0, _MAX_SPREAD_DB)
         noise = 10 ** (spread / 10 * rng.standard_normal(len(size)).clip(-2, 2))
         gain = (size / size.max()) ** -power * noise * self.draw_losses(rng, len(size))
@@ -82,28 +76,3 @@ class Skin(ABC):
             antenna = middle + _FAR_M * np.array([np.cos(turn), np.sin(turn), 0.0])
             totals.append(self.points(pose, antenna).rcs_m2.sum(axis=1).mean())
         return float(np.mean(totals))
-
-
-def broadside_m2(half_m: Array) -> Array:
-    """Return the cross sections of ellipsoids seen along their shortest half-lengths."""
-    return np.asarray(
-        SKIN_REFLECTION * np.pi * (half_m.prod(axis=1) / half_m.min(axis=1) ** 2) ** 2
-    )
-
-
-def seen_from(pose: Pose, antenna_m: Array) -> tuple[Array, Array]:
-    """Return where the antenna is in the segments' own axes, and how far.
-
-    Returns
-    -------
-    seen : ndarray, shape (n_slow, n_segments, 3), float64
-        Unit vectors: along the segment, to its side, across both.
-    distance_m : ndarray, shape (n_slow, n_segments), float64
-        At least a nanometre: a segment in the antenna itself is seen from some side or other.
-    """
-    towards = antenna_m - pose.centre_m
-    distance = np.maximum(np.sqrt((towards * towards).sum(axis=-1)), 1e-9)
-    unit = towards / distance[..., None]
-    left = np.broadcast_to(pose.side, pose.axis.shape)
-    ways = (pose.axis, left, np.cross(pose.axis, left))
-    return np.stack([(unit * way).sum(axis=-1) for way in ways], axis=-1), distance

@@ -18,7 +18,6 @@ from x2radar.sim.bodies.skins.base import (
     WAVELENGTH_M,
     EchoGain,
     Skin,
-    seen_from,
 )
 from x2radar.sim.points import Array, Points
 
@@ -52,18 +51,16 @@ class CapsuleSkin(Skin):
 
     def points(self, pose: Pose, antenna_m: Array) -> Points:
         """Return side and both ends of every capsule; see `Skin`."""
-        seen, distance = seen_from(pose, antenna_m)
+        towards = antenna_m - pose.centre_m
+        distance = np.maximum(np.sqrt((towards * towards).sum(axis=-1)), 1e-9)
+        slant = (towards * pose.axis).sum(axis=-1) / distance
         radius = self._radius_m
         rod = np.maximum(self.half_m[:, 0] - radius, 0.0)
         length = np.minimum(2 * self.half_m[:, 0], self.coherent_m)
         width = WAVELENGTH_M / (2 * np.pi * length)
-        lobe = np.exp(-0.5 * (seen[..., 0] / width) ** 2)
-        base = (
-            SKIN_REFLECTION
-            * self.scale
-            * self.gain
-            * self._lit(pose.centre_m, pose.axis, antenna_m)
-        )
+        lobe = np.exp(-0.5 * (slant / width) ** 2)
+        base = SKIN_REFLECTION * self.scale * self.gain
+        base = base * self._lit(pose.centre_m, pose.axis, antenna_m)
         # As many coherent patches as fit, their powers added.
         broad = base * 2 * np.pi * radius * length * 2 * rod / WAVELENGTH_M * lobe
         cap = base * (0.5 * np.pi * radius**2)

@@ -1,4 +1,4 @@
-"""The first skin: ellipsoids, with a trunk that is one surface with one bright spot.
+"""Ellipsoids: with a trunk of one bright spot and shadows, or each by itself.
 
 Each part of a body is an ellipsoid. High-frequency backscatter of a perfectly conducting
 ellipsoid with half-lengths a, b, c, seen along a unit vector with components l, m, n in its
@@ -15,6 +15,11 @@ rump, are of different girth. To the radar they are one smooth convex surface, a
 backscatter of a smooth convex body comes from one place, where it is nearest to the antenna
 (stationary phase; Ruck). The spot slides over the surface as the body turns and sways. It carries
 the mean power of all the ellipsoids, less what roughness scatters from each place by itself.
+
+Skin, clothes and fur make the echo of a body part change when the part turns before the antenna:
+over an extent L the echoes of its places fall out of step within ``lambda / (2 L)`` radians
+(Skolnik, Introduction to Radar Systems, on scintillation). Its decibels are taken as a random
+function on the sphere of directions, so a part that does not turn does not scintillate.
 """
 
 from dataclasses import dataclass
@@ -23,20 +28,17 @@ from typing import Self
 import numpy as np
 
 from x2radar.sim.bodies.pose import Pose
-from x2radar.sim.bodies.skins.aspect import AspectFluctuation
-from x2radar.sim.bodies.skins.base import (
-    DEEPEST,
-    NEPER_PER_DB,
-    SKIN_REFLECTION,
-    Skin,
-    broadside_m2,
-)
+from x2radar.sim.bodies.skins.base import DEEPEST, SKIN_REFLECTION, WAVELENGTH_M, EchoGain, Skin
+from x2radar.sim.bodies.wander import smooth_step
 from x2radar.sim.points import Array, Points
 
+_NEPER_PER_DB = np.log(10.0) / 10.0
 SPREAD_DB = (2.0, 4.0)
 """Of a part's echo over all aspects (a guess: skin and cloth)."""
 FLOOR = (0.05, 0.10)
 """Least over broadside cross section: real parts are rough and bent (a guess)."""
+_APART_FLOOR, _APART_SPREAD_DB = (0.0, 0.10), (0.0, 3.0)
+"""The same of bodies whose ellipsoids stand by themselves, drawn once a body."""
 SHADOW_DB = (6.0, 15.0)
 """What a trunk takes from a part behind it (a guess; creeping waves fill the rest)."""
 _N_AZIMUTHS = 72
@@ -46,6 +48,40 @@ _BLEND_M = 0.011
 of a wavelength deep, 11 mm at 6.8 GHz."""
 _TINY = 1e-300
 """For parts without an echo, which weigh nothing."""
+_N_WAVES = 16
+"""Waves of the fluctuation: 16 make its distribution normal to some per cent."""
+_TURN_RAD = (0.03, 1.0)
+"""Limits of its decorrelation: a trunk of 0.7 m, and a paw that shows one place alone."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AspectFluctuation:
+    """Power factors of several segments, each log-normal with mean 1 over all aspects."""
+
+    wave: Array  # (_N_WAVES, 3): on the sphere of directions, for decorrelation over one radian
+    turn_rad: Array  # (n_segments,): change of aspect over which each decorrelates
+    phase_rad: Array  # (_N_WAVES, n_segments)
+    amplitude: Array  # (n_segments,): of each wave, in nepers of power
+
+    @classmethod
+    def draw(cls, rng: np.random.Generator, half_m: Array, spread_db: Array) -> Self:
+        """Draw the fluctuation of segments of given half-lengths, spread by so many decibels."""
+        turn = np.clip(WAVELENGTH_M / (4 * half_m.max(axis=1)), *_TURN_RAD)
+        phase = rng.uniform(0, 2 * np.pi, (_N_WAVES, len(half_m)))
+        amplitude = spread_db * _NEPER_PER_DB * np.sqrt(2.0 / _N_WAVES)
+        return cls(rng.standard_normal((_N_WAVES, 3)), turn, phase, amplitude)
+
+    def at(self, x: Array, y: Array, z: Array) -> Array:
+        """Return the factors for directions in the segments' own axes; good to five digits."""
+        # Single precision is plenty for a power, and several times as fast.
+        seen = [v.astype(np.float32) for v in (x, y, z)]
+        wave = (self.wave[:, :, None] / self.turn_rad).astype(np.float32)
+        phase = self.phase_rad.astype(np.float32)
+        total = np.zeros(x.shape, np.float32)
+        for (a, b, c), p in zip(wave, phase, strict=True):
+            total += np.cos(a * seen[0] + b * seen[1] + c * seen[2] + p)
+        offset = _N_WAVES * np.log(np.i0(self.amplitude))
+        return np.asarray(np.exp(self.amplitude * total - offset), dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,20 +92,33 @@ class SurfaceSkin(Skin):
     floor_m2: Array  # (n_segments,): least cross section, before `scale`
     shadow_db: Array  # (n_segments,): how much the trunk takes from a part right behind it
     fluctuation: AspectFluctuation  # change with the aspect
+    gain: Array  # (n_segments,): what each echoes against theory
     n_trunk: int = 1  # so many parts, from the first on, are one surface
 
     @classmethod
     def draw(cls, rng: np.random.Generator, half_m: Array, n_trunk: int = 1) -> Self:
-        """Draw what is random about the echo of a body; its scale is the physical one.
-
-        Floors and shadows are even in `FLOOR` and `SHADOW_DB`.
-        """
+        """Draw what is random about the echo of a body; its scale is the physical one."""
         n = len(half_m)
-        floor = rng.uniform(*FLOOR, n) * broadside_m2(half_m)
+        floor = rng.uniform(*FLOOR, n) * _broadside_m2(half_m)
         shadow_db = rng.uniform(*SHADOW_DB, n)
         shadow_db[0] = 0.0
         fluctuation = AspectFluctuation.draw(rng, half_m, rng.uniform(*SPREAD_DB, n))
-        return cls(half_m, floor, shadow_db, fluctuation, n_trunk)
+        return cls(half_m, floor, shadow_db, fluctuation, np.ones(n), n_trunk)
+
+    @classmethod
+    def draw_apart(cls, rng: np.random.Generator, half_m: Array, gain: EchoGain) -> Self:
+        """Draw ellipsoids by themselves, the usual model of micro-Doppler studies.
+
+        Nothing joins the trunk to one surface, nothing casts a shadow, and floors and fluctuation
+        may be absent.
+        """
+        n, broadside = len(half_m), _broadside_m2(half_m)
+        floor = rng.uniform(*_APART_FLOOR) * broadside
+        spread_db = np.full(n, rng.uniform(*_APART_SPREAD_DB))
+        drawn = gain.draw(rng, broadside)
+        return cls(
+            half_m, floor, np.zeros(n), AspectFluctuation.draw(rng, half_m, spread_db), drawn
+        )
 
     def points(self, pose: Pose, antenna_m: Array) -> Points:
         """Return the parts as the antenna sees them; see `Skin`.
@@ -85,8 +134,7 @@ class SurfaceSkin(Skin):
         nearer2 = self._nearer2_m2(along, left, towards)
         still = self._still_m2(middle, along, left, towards, nearer2)
         ways = (along, left, _cross(along, left + 0.0 * along))
-        seen = np.stack([_dot(way, towards) for way in ways], axis=-1)
-        rcs = np.asarray(still * self.fluctuation.at(seen), dtype=np.float64)
+        rcs = still * self.fluctuation.at(*(_dot(way, towards) for way in ways))
         nearer_m = np.minimum(np.sqrt(nearer2), DEEPEST * distance)
         if self.n_trunk > 1:
             rcs, nearer_m = self._one_surface(pose, antenna_m, still, (rcs, nearer_m))
@@ -147,8 +195,11 @@ class SurfaceSkin(Skin):
         """Return cross sections without fluctuation; x, y, z come first in all vectors."""
         a2, b2, c2 = (self.half_m**2).T
         rcs = np.maximum(SKIN_REFLECTION * np.pi * a2 * b2 * c2 / nearer2**2, self.floor_m2)
-        lost = (self.shadow_db * -NEPER_PER_DB) * self._covered(centre, axis, side, towards)
-        return np.asarray(self.scale * rcs * np.exp(lost), dtype=np.float64)
+        rcs *= self.scale * self.gain
+        if self.shadow_db.any():
+            covered = self._covered(centre, axis, side, towards)
+            rcs *= np.exp((self.shadow_db * -_NEPER_PER_DB) * covered)
+        return np.asarray(rcs, dtype=np.float64)
 
     def _covered(self, centre: Array, axis: Array, side: Array, towards: Array) -> Array:
         """Return how much the trunk covers each part, from 0 to 1.
@@ -167,7 +218,15 @@ class SurfaceSkin(Skin):
             ray2 = ray2 + u * u
             ahead = ahead - q * u
         miss2 = place2 - ahead * np.abs(ahead) / ray2
-        return _ramp(ahead / np.sqrt(ray2), 0.2, 1.0) * (1.0 - _ramp(miss2, 0.5, 1.7))
+        behind = smooth_step((ahead / np.sqrt(ray2) - 0.2) / 0.8)
+        return behind * (1.0 - smooth_step((miss2 - 0.5) / 1.2))
+
+
+def _broadside_m2(half_m: Array) -> Array:
+    """Return the cross sections of ellipsoids seen along their shortest half-lengths."""
+    return np.asarray(
+        SKIN_REFLECTION * np.pi * (half_m.prod(axis=1) / half_m.min(axis=1) ** 2) ** 2
+    )
 
 
 def _first(x: Array) -> Array:
@@ -183,9 +242,3 @@ def _cross(a: Array, b: Array) -> Array:
     return np.stack(
         [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
     )
-
-
-def _ramp(x: Array, low: float, high: float) -> Array:
-    """Rise from 0 at `low` to 1 at `high`, smooth with its first derivative."""
-    y = np.clip((x - low) / (high - low), 0.0, 1.0)
-    return np.asarray(y * y * (3.0 - 2.0 * y), dtype=np.float64)

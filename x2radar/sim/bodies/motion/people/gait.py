@@ -148,17 +148,6 @@ STYLES: Mapping[str, PersonStyle] = {
 """What people do, by name; speeds and carriages by eye, where no source stands above."""
 
 
-def walking_stride_m(speed_mps: Array, hip_height_m: float) -> Array:
-    """Return the stride of a walk: 1.346 sqrt(RV) Ht, RV = speed / Ht."""
-    return np.asarray(_STRIDE * np.sqrt(speed_mps / hip_height_m) * hip_height_m)
-
-
-def walking_duty(speed_mps: Array, hip_height_m: float) -> Array:
-    """Return a foot's share of the stride on the floor: 0.752 - 0.143 s / period."""
-    period_s = _STRIDE / np.sqrt(np.maximum(speed_mps / hip_height_m, 0.02))
-    return np.asarray(np.clip(0.752 - 0.143 / period_s, 0.55, 0.76))
-
-
 def carriage_at(style: PersonStyle, speed_mps: float, hip_height_m: float) -> Carriage:
     """Return how a body is carried at a speed.
 
@@ -186,20 +175,17 @@ def gait_of(
     `cadence` is strides a second against the usual, strides being the shorter; `width_m` half
     the distance between the feet; `limp` the share of the stride that the right foot is spared.
     """
-    if kind == "run":
+    h = hip_height_m
 
-        def stride(v: Array) -> Array:
-            return np.asarray(v / (cadence * (1.22 + 0.07 * v)))
+    def stride(v: Array) -> Array:
+        if kind == "run":
+            return v / (cadence * (1.22 + 0.07 * v))
+        return np.asarray(_STRIDE * np.sqrt(v / h) * h / cadence)
 
-        def duty(v: Array) -> Array:
-            return np.asarray(np.clip(0.47 - 0.045 * v, 0.25, 0.42))
-    else:
-
-        def stride(v: Array) -> Array:
-            return walking_stride_m(v, hip_height_m) / cadence
-
-        def duty(v: Array) -> Array:
-            return walking_duty(v, hip_height_m)
+    def duty(v: Array) -> Array:
+        if kind == "run":
+            return np.clip(0.47 - 0.045 * v, 0.25, 0.42)
+        return np.clip(0.752 - 0.143 * np.sqrt(np.maximum(v / h, 0.02)) / _STRIDE, 0.55, 0.76)
 
     return Gait(
         offset=(0.0, 0.5 - limp / 2),

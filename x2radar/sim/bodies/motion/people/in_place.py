@@ -28,22 +28,6 @@ _HEAD_ALONE_SHARE = 0.25
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Shake:
-    """A head that is shaken or nods, in bouts."""
-
-    size_rad: tuple[float, float]
-    hz: float
-    bout: Wander
-
-    def at(self, t_s: Array) -> Array:
-        """Return turn and nod, in radians, shape (n_slow, 2)."""
-        share = bouts(self.bout, t_s)
-        return np.asarray(
-            (share * np.sin(2 * np.pi * self.hz * t_s))[:, None] * np.array(self.size_rad)
-        )
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Seated:
     """Somebody on a seat; see `Doer`."""
 
@@ -52,7 +36,10 @@ class Seated:
     recline_rad: float  # of the back, backwards
     busy: Busy  # the hands
     trunk: Wander  # lean of the trunk, turn and nod of the head, in radians
-    shake: Shake  # of the head
+    # The head is shaken or nods, in bouts.
+    shake_rad: tuple[float, float]
+    shake_hz: float
+    shakes: Wander
     up_s: tuple[float, float]  # gets up, and sits down, after the start of each period
     period_s: float  # infinite for a body that stays
 
@@ -73,11 +60,9 @@ class Seated:
             recline_rad=float(0.45 * u[5] - 0.15),
             busy=busy,
             trunk=Wander.draw(rng, limits * (0.3 + 0.7 * u[6]), 0.35 * pace * limits),
-            shake=Shake(
-                (float(0.5 * u[7]), float(0.25 * u[8])),
-                float(0.5 + 1.5 * u[9]),
-                Wander.draw(rng, [1.0], [0.6]),
-            ),
+            shake_rad=(float(0.5 * u[7]), float(0.25 * u[8])),
+            shake_hz=float(0.5 + 1.5 * u[9]),
+            shakes=Wander.draw(rng, [1.0], [0.6]),
             up_s=(first, last),
             period_s=last + _RISE_S + 4.0 + 8.0 * float(rng.random()) if gets_up else np.inf,
         )
@@ -89,10 +74,10 @@ class Seated:
         # Getting up begins with bending forward over the feet.
         bow = 4 * sits * (1 - sits)
         trunk = self.trunk.at(t_s)
-        look = trunk[:, 1:] + self.shake.at(t_s)
-        back = sits * self.back_m
+        shake = bouts(self.shakes, t_s) * np.sin(2 * np.pi * self.shake_hz * t_s)
+        look = trunk[:, 1:] + shake[:, None] * np.array(self.shake_rad)
         shift = 0.5 * doing.shift_m
-        shift[:, 0] -= back
+        shift[:, 0] -= sits * self.back_m
         return replace(
             doing,
             shift_m=shift,
@@ -105,7 +90,6 @@ class Seated:
         )
 
     def _up(self, t_s: Array) -> Array:
-        """Return how far it stands, 0 to 1."""
         if not np.isfinite(self.period_s):
             return np.zeros(len(t_s))
         since = np.mod(t_s, self.period_s)

@@ -15,11 +15,12 @@ import numpy as np
 from x2radar.sim.bodies.motion.people.doing import Busy, Doer, Doing
 from x2radar.sim.bodies.motion.people.gait import Carriage, PersonStyle, carriage_at, gait_of
 from x2radar.sim.bodies.motion.people.in_place import Exercise, Seated
+from x2radar.sim.bodies.motion.people.striding import SIDES
 from x2radar.sim.bodies.path.feet import Feet, FootState
 from x2radar.sim.bodies.path.path import Path
-from x2radar.sim.bodies.pose import UP, Pose
+from x2radar.sim.bodies.pose import UP, Ends, Pose, rod
 from x2radar.sim.bodies.skeleton.limbs import direction, two_links
-from x2radar.sim.bodies.skeleton.people import ARMS, LEGS, PERSON, TRUNK_AT, Age, PersonBuild
+from x2radar.sim.bodies.skeleton.people import TRUNK_AT, Age, PersonBuild
 from x2radar.sim.bodies.wander import Wander, smooth_step
 from x2radar.sim.points import Array
 
@@ -35,7 +36,6 @@ _FACE = 0.015
 its echo."""
 _QUICKER: Mapping[Age, float] = {"adult": 1.0, "child": 1.1, "toddler": 1.35}
 """Cadence against that of an adult of the same leg length and speed (recalled)."""
-_SIDES = np.array([1.0, -1.0])[:, None]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -138,60 +138,49 @@ class OnFeet:
 
     def _upright(self, hips: _Hips, feet: FootState, duty: Array, doing: Doing | None) -> Pose:
         """Return the pose over feet, given the duty factor (n_slow, 2) of the stride of each."""
-        b, n, look = self.build, len(hips.heading_rad), hips.look_rad
-        centre, axis = (np.empty((n, len(PERSON.parts), 3)) for _ in range(2))
-        left = direction(hips.heading_rad + np.pi / 2)
+        b, look = self.build, hips.look_rad
         spine = direction(hips.heading_rad, np.pi / 2 - hips.lean_rad)
-        axis[:, :3] = spine[:, None]
-        for k, along in enumerate(TRUNK_AT):
-            centre[:, k] = hips.middle_m + along * b.trunk_m * spine
         nape = hips.middle_m + b.trunk_m * spine
         gaze = hips.heading_rad + look[:, 0]
         head = direction(gaze, np.pi / 2 - 0.5 * hips.lean_rad + look[:, 1])
         face = direction(gaze, -0.5 * hips.lean_rad + look[:, 1])
-        centre[:, 3], axis[:, 3] = nape + b.neck_m * head + _FACE * b.stature_m * face, head
         # The chest turns against the pelvis.
         facing = hips.heading_rad - hips.yaw_rad + (doing.twist_rad if doing else 0.0)
-        chest_left = direction(facing + np.pi / 2)
-        centre[:, ARMS], axis[:, ARMS] = self._arms(hips, nape, chest_left, doing)
-        hip_left = direction(hips.heading_rad + hips.yaw_rad + np.pi / 2)
-        centre[:, LEGS], axis[:, LEGS] = self._legs(hips, feet, duty, hip_left)
-        return Pose(centre, axis, left[:, None])
+        ends = [
+            *(rod(hips.middle_m + along * b.trunk_m * spine, spine) for along in TRUNK_AT),
+            rod(nape + b.neck_m * head + _FACE * b.stature_m * face, head),
+        ]
+        for side in range(2):
+            ends += self._arm(side, hips, nape, direction(facing + np.pi / 2), doing)
+        ends += self._legs(hips, feet, duty)
+        return Pose.between(ends, direction(hips.heading_rad + np.pi / 2)[:, None])
 
-    def _arms(
-        self, hips: _Hips, nape: Array, left: Array, doing: Doing | None
-    ) -> tuple[Array, Array]:
-        b, c = self.build, self.carriage
-        centre, axis = (np.empty((len(nape), 6, 3)) for _ in range(2))
+    def _arm(
+        self, side: int, hips: _Hips, nape: Array, left: Array, doing: Doing | None
+    ) -> list[Ends]:
+        b, c, sign = self.build, self.carriage, SIDES[side]
         down = -np.pi / 2 - hips.lean_rad * 0.3
-        for side, sign in ((0, 1.0), (1, -1.0)):
-            shoulder = nape + (sign * b.shoulder_m) * left
-            # Arms go against the legs of their side.
-            swing = -sign * c.arm_rad * hips.vigour * hips.swing
-            upper = direction(hips.heading_rad, down + c.arm_rest_rad + swing)
-            bend = c.elbow_rad * (0.6 + 0.4 * hips.vigour) + 0.35 * np.maximum(swing, 0.0)
-            fore = direction(hips.heading_rad, down + c.arm_rest_rad + swing + bend)
-            # A little away from the body.
-            upper = upper + (0.12 * sign) * left
-            upper /= np.sqrt((upper * upper).sum(axis=-1, keepdims=True))
-            elbow = shoulder + b.upper_arm_m * upper
-            wrist = elbow + b.forearm_m * fore
-            if doing:
-                ahead = np.stack([left[:, 1], -left[:, 0], left[:, 2]], axis=-1)
-                along, out, high = (b.upper_arm_m + b.forearm_m) * doing.hands[:, side].T[
-                    ..., None
-                ]
-                at_work = shoulder + along * ahead + out * left + high * UP
-                wrist += doing.share[:, None] * (at_work - wrist)
-                shoulder, elbow = _elbow(b, shoulder, wrist, (ahead, left, sign))
-                upper, fore = (elbow - shoulder) / b.upper_arm_m, (wrist - elbow) / b.forearm_m
-            k = 3 * side
-            centre[:, k], axis[:, k] = 0.5 * (shoulder + elbow), upper
-            centre[:, k + 1], axis[:, k + 1] = 0.5 * (elbow + wrist), fore
-            centre[:, k + 2], axis[:, k + 2] = wrist + 0.05 * b.stature_m * fore, fore
-        return centre, axis
+        shoulder = nape + (sign * b.shoulder_m) * left
+        # Arms go against the legs of their side.
+        swing = -sign * c.arm_rad * hips.vigour * hips.swing
+        upper = direction(hips.heading_rad, down + c.arm_rest_rad + swing)
+        bend = c.elbow_rad * (0.6 + 0.4 * hips.vigour) + 0.35 * np.maximum(swing, 0.0)
+        fore = direction(hips.heading_rad, down + c.arm_rest_rad + swing + bend)
+        # A little away from the body.
+        upper = upper + (0.12 * sign) * left
+        upper /= np.sqrt((upper * upper).sum(axis=-1, keepdims=True))
+        elbow = shoulder + b.upper_arm_m * upper
+        wrist = elbow + b.forearm_m * fore
+        if doing:
+            ahead = np.stack([left[:, 1], -left[:, 0], left[:, 2]], axis=-1)
+            along, out, high = (b.upper_arm_m + b.forearm_m) * doing.hands[:, side].T[..., None]
+            at_work = shoulder + along * ahead + out * left + high * UP
+            wrist += doing.share[:, None] * (at_work - wrist)
+            shoulder, elbow = _elbow(b, shoulder, wrist, (ahead, left, sign))
+            fore = (wrist - elbow) / b.forearm_m
+        return [(shoulder, elbow), (elbow, wrist), (wrist, wrist + 0.1 * b.stature_m * fore)]
 
-    def _legs(self, hips: _Hips, feet: FootState, duty: Array, left: Array) -> tuple[Array, Array]:
+    def _legs(self, hips: _Hips, feet: FootState, duty: Array) -> list[Ends]:
         b = self.build
         toes = direction(feet.heading_rad)
         sole = 0.7 * b.foot_m
@@ -204,14 +193,17 @@ class OnFeet:
         back[..., 2] += np.sin(rise)
         ankle = feet.position_m + sole * back
         ankle[..., 2] += b.ankle_m
-        joint = hips.middle_m[:, None] + b.hip_m * _SIDES * left[:, None]
+        left = direction(hips.heading_rad + hips.yaw_rad + np.pi / 2)
+        joint = hips.middle_m[:, None] + b.hip_m * np.array(SIDES)[:, None] * left[:, None]
         forward = direction(hips.heading_rad)[:, None]
         knee, top = _reach(ankle, joint, b.shank_m, b.thigh_m, forward)
         foot = feet.position_m + 0.45 * sole * back
         foot[..., 2] += 0.5 * b.ankle_m
-        centre = np.stack([0.5 * (top + knee), 0.5 * (knee + ankle), foot], axis=2)
-        axis = np.stack([(top - knee) / b.thigh_m, (knee - ankle) / b.shank_m, -back], axis=2)
-        return centre.reshape(-1, 6, 3), axis.reshape(-1, 6, 3)
+        ends: list[Ends] = []
+        for k in range(2):
+            ends += [(knee[:, k], top[:, k]), (ankle[:, k], knee[:, k])]
+            ends.append(rod(foot[:, k], -back[:, k]))
+        return ends
 
 
 def _moved(feet: FootState, cos: Array, sin: Array, by_m: Array) -> FootState:

@@ -7,11 +7,11 @@ The second generator puts feet on the floor and has the trunk half-way between w
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Self
 
 import numpy as np
 
+from x2radar.sim.bodies.motion.quadrupeds.manner import Manner, Trunk
 from x2radar.sim.bodies.path.path import Path
 from x2radar.sim.bodies.path.prints import Footprints, StridePhase
 from x2radar.sim.bodies.pose import UP, Ends, Pose
@@ -57,22 +57,15 @@ def draw_lags(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bearing:
-    """How an animal carries itself."""
+    """What a trunk does over its legs; amplitudes in hip heights."""
 
-    neck_rad: float  # how far neck, head and tail point up
-    head_rad: float
-    tail_rad: float
-    nod_rad: float  # amplitude of the neck once or twice a stride
-    bob: float  # amplitudes of the trunk up, aside and ahead, in hip heights
+    manner: Manner  # and head and tail
+    bob: float  # up, aside and ahead
     sway: float
     surge: float
-    spine_rad: float  # amplitude of the trunk's pitch once a stride in canter and bound
+    spine_rad: float  # of the trunk's pitch once a stride in canter and bound
     bobs: int  # how often it goes up and down in a stride
     bob_lag: float  # in strides
-    wag_hz: float  # of the tail
-    wag_rad: float
-    wag_lag_rad: float
-    gaze: Wander  # yaw and pitch of the head
 
     @classmethod
     def draw(cls, rng: np.random.Generator, gait: str, style: str) -> Self:
@@ -80,33 +73,25 @@ class Bearing:
         u, z = rng.random(8), rng.standard_normal(6).clip(-2, 2)
         leaps = gait in LEAPS
         low = style in {"stalk", "sniff"}
-        wags = u[0] < 0.25
-        return cls(
+        manner = Manner(
             neck_rad=-0.3 - 0.5 * u[1] if low else 0.1 + 0.9 * u[1],
             head_rad=-0.3 + 0.3 * z[0],
             tail_rad=-0.7 + 1.9 * u[2],
             nod_rad=float((0.14 if leaps else 0.07) * np.exp(0.4 * z[1])),
+            wag_hz=1.5 + 2.5 * u[4] if u[0] < 0.25 else 0.3 + 0.7 * u[4],
+            wag_rad=0.1 + 0.4 * u[5],
+            wag_lag_rad=0.1 + 0.8 * u[6],
+            gaze=Wander.draw(rng, [0.3, 0.15], [0.3, 0.15]),
+        )
+        return cls(
+            manner=manner,
             bob=float((0.07 if leaps else 0.03) * np.exp(0.4 * z[2])),
             sway=float(0.02 * np.exp(0.5 * z[3])),
             surge=float((0.04 if leaps else 0.012) * np.exp(0.5 * z[5])),
             spine_rad=float((0.16 if leaps else 0.02) * np.exp(0.4 * z[4])),
             bobs=1 if leaps else 2,
             bob_lag=u[3],
-            wag_hz=1.5 + 2.5 * u[4] if wags else 0.3 + 0.7 * u[4],
-            wag_rad=0.1 + 0.4 * u[5],
-            wag_lag_rad=0.1 + 0.8 * u[6],
-            gaze=Wander.draw(rng, [0.3, 0.15], [0.3, 0.15]),
         )
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Trunk:
-    """Where a trunk is at given times."""
-
-    middle_m: Array  # (n_slow, 3)
-    heading_rad: Array  # (n_slow,)
-    pitch_rad: Array  # (n_slow,)
-    phase: Array  # (n_slow,): in strides, 0 of one that stands
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -118,34 +103,6 @@ class StridingQuadruped:
     bearing: Bearing
     phase: StridePhase  # strides done
     cruise_mps: float  # speed at which amplitudes are whole
-
-    def _over_legs(self, t_s: Array, trunk: Trunk, legs: list[Ends]) -> Pose:
-        """Return the pose over legs, given as ends of their parts in the order of `QUADRUPED`."""
-        b, w = self.build, self.bearing
-        middle, heading, pitch = trunk.middle_m, trunk.heading_rad, trunk.pitch_rad
-        long, left = direction(heading, pitch), direction(heading + 0.5 * np.pi)
-        up = np.cross(long, left)
-        gaze = w.gaze.at(t_s)
-        nod = w.nod_rad * np.sin(2 * np.pi * w.bobs * trunk.phase) + gaze[:, 1]
-        neck = direction(heading + gaze[:, 0], w.neck_rad + nod)
-        head = direction(heading + 1.4 * gaze[:, 0], w.head_rad + 0.5 * nod)
-        base = middle + 0.52 * b.back_m * long + 0.25 * b.half_depth_m * up
-        nape = base + b.neck_m * neck
-        tail = [middle - 0.56 * b.back_m * long + 0.3 * b.half_depth_m * up]
-        for k in range(3):
-            wag = w.wag_rad * np.sin(2 * np.pi * w.wag_hz * t_s - k * w.wag_lag_rad)
-            way = direction(heading + np.pi + wag, w.tail_rad * (1 - 0.25 * k))
-            tail.append(tail[-1] + b.tail_m / 3 * way)
-        ends = [
-            (middle - 0.5 * b.back_m * long, middle + 0.5 * b.back_m * long),
-            (middle + 0.3 * b.back_m * long, middle + 0.54 * b.back_m * long),
-            (middle - 0.54 * b.back_m * long, middle - 0.3 * b.back_m * long),
-            (base, nape),
-            (nape - 0.15 * b.head_m * head, nape + 0.85 * b.head_m * head),
-            *pairwise(tail),
-            *legs,
-        ]
-        return Pose.between(ends, left[:, None])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -224,4 +181,6 @@ class FootfallQuadruped(StridingQuadruped):
             toe = direction(heading, -1.0 * np.sin(np.pi * swing) * vigour)
             paw = (ankle - 0.2 * b.paw_m * toe, ankle + 0.8 * b.paw_m * toe)
             legs += [(top, knee), (knee, ankle), paw]
-        return self._over_legs(t_s, Trunk(middle, heading, pitch, p * vigour), legs)
+        nod = np.sin(2 * np.pi * w.bobs * p * vigour)
+        trunk = Trunk(middle_m=middle, heading_rad=heading, pitch_rad=pitch, nod=nod)
+        return w.manner.over_legs(t_s, b, trunk, legs)

@@ -12,10 +12,12 @@ from typing import Self
 import numpy as np
 
 from x2radar.sim.bodies.motion.quadrupeds.hung import Stance
+from x2radar.sim.bodies.motion.quadrupeds.staying import STANDING
 from x2radar.sim.bodies.path.feet import Feet, Gait
 from x2radar.sim.bodies.path.path import Path
-from x2radar.sim.bodies.skeleton.quadrupeds import QuadrupedBuild
+from x2radar.sim.bodies.skeleton.quadrupeds import ENDS, SIDES, QuadrupedBuild
 from x2radar.sim.bodies.skeleton.species import Species
+from x2radar.sim.bodies.wander import smooth_step
 from x2radar.sim.points import Array
 
 GRAVITY_MPS2 = 9.81
@@ -63,7 +65,7 @@ def stride_m(speed_mps: Array, hip_m: float, species: Species) -> Array:
     (factor, power), *fast = species.stride
     if not fast:
         return np.asarray(factor * hip_m * fr**power, dtype=np.float64)
-    ((fast_factor, fast_power),), share = fast, _asymmetric(fr)
+    ((fast_factor, fast_power),), share = fast, smooth_step(fr - 2.0)
     return np.asarray(
         hip_m * (factor * fr**power) ** (1.0 - share) * (fast_factor * fr**fast_power) ** share,
         dtype=np.float64,
@@ -77,7 +79,7 @@ def duty(speed_mps: Array, hip_m: float) -> Array:
     like the stride, within `DUTY`.
     """
     fr = np.maximum(froude(speed_mps, hip_m), 1e-6)
-    share = _asymmetric(fr)
+    share = smooth_step(fr - 2.0)
     free = (0.52 * fr**-0.14) ** (1.0 - share) * (0.53 * fr**-0.28) ** share
     return np.asarray(np.clip(free, *DUTY), dtype=np.float64)
 
@@ -86,44 +88,6 @@ def usual_gait(speed_mps: float, hip_m: float, species: Species) -> str:
     """Return the gait that an animal takes at a speed, a key of `FOOTWORK`."""
     fr = float(froude(speed_mps, hip_m))
     return next(name for name, limit in species.gaits.items() if fr < limit)
-
-
-def gait(
-    name: str,
-    hip_m: float,
-    *,
-    species: Species,
-    girdle_m: tuple[float, float],
-    half_track_m: float,
-    stride_factor: float,
-    lift: float,
-    ramp: float,
-    is_mirrored: bool,
-) -> Gait:
-    """Return a gait for the footfall planner, legs in the order of `LEGS`.
-
-    `girdle_m` is how far ahead of the trunk's middle the hind and the fore feet stand,
-    `stride_factor` this animal's stride over that of `stride_m`, `lift` how high feet are
-    lifted, in hip heights; mirrored, right and left change places: the other lead of a canter.
-    """
-    offset = FOOTWORK[name].offset
-    if is_mirrored:
-        offset = (offset[2], offset[3], offset[0], offset[1])
-    sides = (half_track_m, half_track_m, -half_track_m, -half_track_m)
-    return Gait(
-        offset=offset,
-        home_m=tuple((girdle_m[k % 2], sides[k]) for k in range(4)),
-        stride_m=lambda v: stride_factor * stride_m(v, hip_m, species),
-        duty=lambda v: duty(v, hip_m),
-        lift_m=(0.9 * lift * hip_m, lift * hip_m) * 2,
-        ramp=ramp,
-        ahead_s=0.12,
-    )
-
-
-def _asymmetric(fr: Array) -> Array:
-    x = np.clip(fr - 2.0, 0.0, 1.0)
-    return np.asarray(x * x * (3.0 - 2.0 * x), dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -141,21 +105,37 @@ class Going:
     crouch: float  # how much lower the trunk is in front, in hip heights: a nose at the floor
 
     @classmethod
-    def plan(
+    def draw(
         cls,
-        path: Path,
-        gait: Gait,
-        footwork: Footwork,
+        rng: np.random.Generator,
         build: QuadrupedBuild,
+        path: Path,
         *,
-        height_m: float,
-        crouch: float = 0.0,
+        style: str,
+        footwork: str,
+        species: Species,
     ) -> Self:
-        """Return the going of an animal along a path; see the fields."""
+        """Draw how an animal goes along a path in a style of `PET_STYLES`, and its footfalls."""
+        work, h = FOOTWORK[footwork], build.hip_m
+        low = 0.72 if style == "stalk" else STANDING * rng.uniform(0.96, 1.0)
+        longer = float(np.exp(np.clip(rng.normal(0.0, 0.06), -0.15, 0.15)))
+        lift, ramp = rng.uniform(0.10, 0.20), rng.uniform(0.3, 0.48)
+        lh, lf, rh, rf = work.offset
+        gait = Gait(
+            # Mirrored, right and left change places: the other lead of a canter.
+            offset=(rh, rf, lh, lf) if rng.uniform() < 0.5 else work.offset,
+            home_m=tuple(zip(0.5 * build.back_m * ENDS, build.half_track_m * SIDES, strict=True)),
+            stride_m=lambda v: longer * stride_m(v, h, species),
+            duty=lambda v: duty(v, h),
+            lift_m=(0.9 * lift * h, lift * h) * 2,
+            ramp=ramp,
+            ahead_s=0.12,
+        )
         cruise = max(path.cruise_mps, 0.05)
-        duty = float(gait.duty(np.array([cruise]))[0])
+        share = float(duty(np.array([cruise]), h)[0])
+        crouch = 0.12 if style == "sniff" else 0.0
         feet = Feet.plan(path, gait)
-        return cls(path, feet, footwork, gait.offset, build, height_m, cruise, duty, crouch)
+        return cls(path, feet, work, gait.offset, build, low * h, cruise, share, crouch)
 
     def at(self, t_s: Array) -> Stance:
         """Return where trunk and paws are; see `Action`."""

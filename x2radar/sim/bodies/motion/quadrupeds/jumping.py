@@ -16,9 +16,9 @@ from x2radar.sim.bodies.wander import smooth_step
 from x2radar.sim.points import Array
 
 # By eye: crouch before, push of the legs and yield at the landing, in hip heights; how
-# far a paw clears what it jumps onto; how quickly legs fold.
+# far a paw clears what it jumps onto; how quickly legs fold; how long it then takes to stand.
 _CROUCH, _PUSH, _LANDING = 0.3, 0.9, 0.4
-_CLEAR_M, _TUCK_S = 0.08, 0.3
+_CLEAR_M, _TUCK_S, _RISE_S = 0.08, 0.3, 0.6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,11 +30,10 @@ class Leap:
     """
 
     begin_s: float  # when the crouch begins
-    crouch_s: float  # how long each part takes, and those that follow
-    push_s: float
-    flight_s: float
-    landing_s: float
-    rise_s: float
+    leave_s: float  # when the push begins; the fore feet leave the floor
+    take_off_s: float  # when the hind feet leave the floor
+    touch_down_s: float  # when the fore feet land
+    still_s: float  # when the trunk stops going ahead
     velocity_mps: tuple[float, float]  # ahead and up at take-off
     landing_mps: float  # upward velocity at touch-down, negative
     climb_m: float  # height of where it lands over where it begins
@@ -48,65 +47,53 @@ class Leap:
         # The trunk leaves at 0.6 hip heights over standing and touches down at 0.
         rise = max(climb_m - 0.6 * hip_m, 0.0) + _CLEAR_M
         up = float(np.sqrt(2.0 * GRAVITY_MPS2 * rise))
-        fall = 0.6 * hip_m + rise - climb_m
-        down = float(np.sqrt(2.0 * GRAVITY_MPS2 * fall))
+        down = float(np.sqrt(2.0 * GRAVITY_MPS2 * (0.6 * hip_m + rise - climb_m)))
         flight = (up + down) / GRAVITY_MPS2
-        return cls(
-            begin_s=begin_s,
-            crouch_s=crouch_s,
-            push_s=2.0 * _PUSH * hip_m / up,
-            flight_s=flight,
-            landing_s=2.0 * _LANDING * hip_m / down,
-            rise_s=0.6,
-            velocity_mps=(ahead_m / flight, up),
-            landing_mps=-down,
-            climb_m=climb_m,
-            hip_m=hip_m,
-        )
+        leave = begin_s + crouch_s
+        take_off = leave + 2.0 * _PUSH * hip_m / up
+        touch_down = take_off + flight
+        still = touch_down + 2.0 * _LANDING * hip_m / down
+        velocity = (ahead_m / flight, up)
+        return cls(begin_s, leave, take_off, touch_down, still, velocity, -down, climb_m, hip_m)
 
     @property
-    def leave_s(self) -> float:
-        """When the push begins; the fore feet leave the floor."""
-        return self.begin_s + self.crouch_s
-
-    @property
-    def take_off_s(self) -> float:
-        """When the hind feet leave the floor."""
-        return self.leave_s + self.push_s
-
-    @property
-    def touch_down_s(self) -> float:
-        """When the fore feet land."""
-        return self.take_off_s + self.flight_s
-
-    @property
-    def still_s(self) -> float:
-        """When the trunk stops going ahead."""
-        return self.touch_down_s + self.landing_s
+    def end_s(self) -> float:
+        """When it stands."""
+        return self.still_s + _RISE_S
 
     @property
     def ahead_m(self) -> float:
         """How far it gets."""
-        return self.velocity_mps[0] * (0.5 * self.push_s + self.flight_s + 0.5 * self.landing_s)
+        push, flight, landing = self._parts_s
+        return self.velocity_mps[0] * (0.5 * push + flight + 0.5 * landing)
+
+    @property
+    def _parts_s(self) -> tuple[float, float, float]:
+        """How long push, flight and landing take."""
+        return (
+            self.take_off_s - self.leave_s,
+            self.touch_down_s - self.take_off_s,
+            self.still_s - self.touch_down_s,
+        )
 
     def trunk(self, t_s: Array) -> tuple[Array, Array, Array]:
         """Return how far the trunk's middle is ahead and up, and its pitch, from standing."""
-        push = np.clip(t_s - self.leave_s, 0.0, self.push_s)
-        air = np.clip(t_s - self.take_off_s, 0.0, self.flight_s)
-        land = np.clip(t_s - self.touch_down_s, 0.0, self.landing_s)
+        push_s, flight_s, landing_s = self._parts_s
+        push = np.clip(t_s - self.leave_s, 0.0, push_s)
+        air = np.clip(t_s - self.take_off_s, 0.0, flight_s)
+        land = np.clip(t_s - self.touch_down_s, 0.0, landing_s)
         # Way at constant acceleration from rest, in seconds at the full speed; and to rest.
-        pushed = push * push / (2.0 * self.push_s)
-        landed = land - land * land / (2.0 * self.landing_s)
+        pushed = push * push / (2.0 * push_s)
+        landed = land - land * land / (2.0 * landing_s)
         vx, vz = self.velocity_mps
-        h = self.hip_m
         ahead = vx * (pushed + air + landed)
-        down = smooth_step((t_s - self.begin_s) / self.crouch_s)
-        again = smooth_step((t_s - self.still_s) / self.rise_s)
+        down = smooth_step((t_s - self.begin_s) / (self.leave_s - self.begin_s))
+        again = smooth_step((t_s - self.still_s) / _RISE_S)
         up = (vz * (pushed + air) - 0.5 * GRAVITY_MPS2 * air * air) + self.landing_mps * landed
-        up += h * (-_CROUCH * down + _LANDING * again)
-        tip = smooth_step((t_s - self.leave_s) / self.push_s)
-        over = smooth_step((t_s - self.take_off_s) / self.flight_s)
-        level = smooth_step((t_s - self.touch_down_s - 0.3 * self.landing_s) / self.rise_s)
+        up += self.hip_m * (-_CROUCH * down + _LANDING * again)
+        tip = smooth_step((t_s - self.leave_s) / push_s)
+        over = smooth_step((t_s - self.take_off_s) / flight_s)
+        level = smooth_step((t_s - self.touch_down_s - 0.3 * landing_s) / _RISE_S)
         climb = 0.9 if self.climb_m > 0 else 0.1
         pitch = 0.15 * down + climb * tip - (climb + 0.45) * over + 0.3 * level
         return ahead, up, pitch
@@ -114,7 +101,7 @@ class Leap:
     def paw_share(self, t_s: Array, *, is_fore: bool) -> tuple[Array, Array]:
         """Return how much a paw is off the floor it left, and on the floor it comes to."""
         leaves = self.leave_s if is_fore else self.take_off_s
-        lands = self.touch_down_s if is_fore else self.touch_down_s + 0.5 * self.landing_s
+        lands = self.touch_down_s if is_fore else 0.5 * (self.touch_down_s + self.still_s)
         quick = min(_TUCK_S, 0.45 * (lands - leaves))
         off = smooth_step((t_s - leaves) / quick)
         return off, smooth_step((t_s - lands) / quick + 1.0)
@@ -142,15 +129,8 @@ class Jumping:
         crouch = rng.uniform(0.3, 0.7, 2)
         up = Leap.over(rng.uniform(0.8, 2.0), climb, h * rng.uniform(1.2, 2.2), h, crouch[0])
         stays = rng.uniform(1.5, 6.0)
-        down = Leap.over(
-            up.still_s + up.rise_s + stays, -climb, h * rng.uniform(1.5, 2.5), h, crouch[1]
-        )
+        down = Leap.over(up.end_s + stays, -climb, h * rng.uniform(1.5, 2.5), h, crouch[1])
         return cls(standing, build, (up, down))
-
-    @property
-    def end_s(self) -> float:
-        """When it stands on the floor again."""
-        return self.leaps[-1].still_s + self.leaps[-1].rise_s
 
     def at(self, t_s: Array) -> Stance:
         """Return where trunk and paws are; see `Action`."""
