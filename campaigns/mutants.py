@@ -44,7 +44,7 @@ MODULES: dict[str, tuple[str, tuple[str, ...]]] = {
     ),
     "codec": ("x2radar/wire/codec.py", ("driver/test_codec", "driver/test_codec_rows")),
     "protocol": ("x2radar/wire/protocol.py", ("driver/test_protocol", "driver/test_device")),
-    "ring": ("daemon/radard/stream/ring.py", ("detect/test_ring_limits", "detect/test_ring")),
+    "ring": ("daemon/radard/stream/ring.py", ("detect/test_ring",)),
     "gate": ("daemon/radard/detect/gate.py", ("detect/test_gate_limits", "detect/test_gate")),
     "evidence": ("daemon/radard/judge/evidence.py", ("training/test_evidence",)),
     "decision": (

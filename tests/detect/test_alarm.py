@@ -10,13 +10,12 @@ SEEN = Sight(False, True, "human at 2.0 m")
 NOTHING = Sight(False, False, "none")
 
 
-def play(panel, sights, *, start_s=1.0, quiet=()):
+def play(panel, sights, *, start_s=1.0):
     """Feed one sight a second; return (time, kind, reason) of every step."""
     steps = []
     for k, sight in enumerate(sights):
         t_s = start_s + k
-        made = panel.on_sight(t_s, sight, is_quiet=t_s in quiet)
-        steps += [(t_s, step.kind, step.reason) for step in made]
+        steps += [(t_s, step.kind, step.reason) for step in panel.on_sight(t_s, sight)]
     return steps
 
 
@@ -24,33 +23,78 @@ def kinds(steps):
     return [(t_s, kind) for t_s, kind, _ in steps]
 
 
+SIGHTS = {"h": HIT, "q": HIT, "s": SEEN, ".": NOTHING, "x": None}
+"""One a second: a hit, one in a quiet period, somebody seen, nobody, a window that is invalid."""
+COMMANDS = {
+    "A": lambda panel, t_s: panel.arm(t_s),
+    "D": lambda panel, _: panel.disarm(),
+    "K": lambda panel, t_s: panel.acknowledge(t_s),
+    "L": lambda panel, t_s: panel.on_loss(t_s),
+}
+"""Between two seconds: arm, disarm, acknowledge, and the device is lost."""
+OF_N = {"latch_s": 1e9}
+
+
 @pytest.mark.parametrize(
-    ("k", "n", "hits", "begins_s"),
+    ("policy", "script", "made"),
     [
-        (1, 1, "1", 1),
-        (2, 3, "1", None),
-        (2, 3, "11", 2),
-        (2, 3, "101", 3),
-        (2, 3, "1001", None),
-        (2, 3, "10011", 5),
-        (3, 5, "10101", 5),
-        (3, 5, "1100011", None),
-        (3, 5, "11000111", 8),
-        (2, 2, "1010101", None),
-        (16, 16, "1" * 16, 16),
-        (16, 16, "1" * 15 + "0" + "1" * 15, None),
+        ({"k": 1, "n": 1, **OF_N}, "h", "1 new"),
+        ({"k": 2, "n": 3, **OF_N}, "h", ""),
+        ({"k": 2, "n": 3, **OF_N}, "hh", "2 new"),
+        ({"k": 2, "n": 3, **OF_N}, "h.h", "3 new"),
+        ({"k": 2, "n": 3, **OF_N}, "h..h", ""),
+        ({"k": 2, "n": 3, **OF_N}, "h..hh", "5 new"),
+        ({"k": 3, "n": 5, **OF_N}, "h.h.h", "5 new"),
+        ({"k": 3, "n": 5, **OF_N}, "hh...hh", ""),
+        ({"k": 3, "n": 5, **OF_N}, "hh...hhh", "8 new"),
+        ({"k": 2, "n": 2, **OF_N}, "h.h.h.h", ""),
+        ({"k": 16, "n": 16, **OF_N}, "h" * 16, "16 new"),
+        ({"k": 16, "n": 16, **OF_N}, "h" * 15 + "." + "h" * 15, ""),
+        # An invalid window is neither a hit nor a miss, and ends no alarm.
+        ({"k": 2, "n": 2}, "hxxh", "4 new"),
+        ({"latch_s": 3}, "h." + "x" * 30 + "." * 5, "1 new, 35 end"),
+        # Acknowledged, it ends and is quiet for the refractory time, to its very end.
+        ({"latch_s": 100, "refractory_s": 10}, "hhhKK" + "h" * 20, "1 new, 3 end, 13 new"),
+        # What was confirmed before an alarm ended confirms no other.
+        ({"k": 2, "n": 4, "latch_s": 60}, "hhK.hh", "2 new, 2 end, 5 new"),
+        # The entry delay gives time to disarm, and there is no way around it.
+        ({"entry_delay_s": 10, "latch_s": 100}, "h" + "." * 20, "11 new"),
+        ({"entry_delay_s": 10, "latch_s": 100}, "h.....D" + "h" * 30, ""),
+        ({"entry_delay_s": 10, "latch_s": 100}, "h" + "x" * 20, "11 new"),
+        ({"entry_delay_s": 10, "latch_s": 100}, "h.L", "2 new"),
+        ({"entry_delay_s": 10, "latch_s": 100}, "..L", ""),
+        # To disarm in the exit delay leaves nothing behind; on its own it begins by a command.
+        ({"exit_delay_s": 10}, "DAhhhD" + "h" * 20, ""),
+        ({"exit_delay_s": 10}, "h", "1 new"),
+        # Disarmed, nothing begins and what is on ends; hits before arming do not count.
+        ({"latch_s": 100}, "DhhhhhAhD", "6 new, 6 end"),
+        ({"k": 2, "n": 3}, "hDAh..", ""),
+        # A quiet period confirms nothing, and ends nothing.
+        ({"latch_s": 100}, "qqq", ""),
+        ({"latch_s": 100}, "qqqhqqD", "4 new, 6 end"),
     ],
 )
-def test_k_of_n_confirm(k, n, hits, begins_s):
-    panel = AlarmPanel(AlarmPolicy(k=k, n=n, latch_s=1e9))
-    steps = play(panel, [HIT if h == "1" else NOTHING for h in hits])
-    new = [t_s for t_s, kind in kinds(steps) if kind == "new"]
-    assert new == ([] if begins_s is None else [begins_s])
+def test_what_becomes_of_an_alarm(policy, script, made):
+    panel, t_s, steps = AlarmPanel(AlarmPolicy(**policy)), 0, []
+    for each in script:
+        if each in COMMANDS:
+            found = COMMANDS[each](panel, t_s)
+        else:
+            t_s += 1
+            found = panel.on_sight(t_s, SIGHTS[each], is_quiet=each == "q")
+        steps += [f"{t_s} {step.kind}" for step in found]
+    assert ", ".join(steps) == made
+    assert panel.is_armed == (script.rfind("D") <= script.rfind("A"))
 
 
-def test_an_invalid_window_is_neither_a_hit_nor_a_miss():
-    panel = AlarmPanel(AlarmPolicy(k=2, n=2))
-    assert kinds(play(panel, [HIT, None, None, HIT])) == [(4, "new")]
+def test_the_reasons_of_what_ends_or_begins_an_alarm():
+    panel = AlarmPanel(AlarmPolicy(entry_delay_s=10, latch_s=100))
+    play(panel, [HIT])
+    assert panel.state == "entry"
+    assert "lost" in panel.on_loss(2.5)[0].reason
+    assert [s.reason for s in panel.acknowledge(3.5)] == ["acknowledged"]
+    play(panel, [HIT] * 11, start_s=4)
+    assert [s.reason for s in panel.disarm()] == ["disarmed"]
 
 
 def test_latched_until_nobody_was_seen_for_long_enough():
@@ -67,32 +111,6 @@ def test_an_update_says_who_left_and_who_came_back():
     assert steps[1:] == [(4, "update", "nobody in sight"), (6, "update", "human at 2.0 m, again")]
 
 
-def test_what_cannot_be_judged_ends_no_alarm():
-    panel = AlarmPanel(AlarmPolicy(latch_s=3))
-    assert kinds(play(panel, [HIT, NOTHING, *[None] * 30])) == [(1, "new")]
-    assert kinds(play(panel, [NOTHING] * 5, start_s=33)) == [(35, "end")]
-
-
-def test_acknowledged_it_ends_and_is_quiet_for_the_refractory_time():
-    panel = AlarmPanel(AlarmPolicy(latch_s=100, refractory_s=10))
-    play(panel, [HIT] * 3)
-    (end,) = panel.acknowledge(3.5)
-    assert (end.kind, end.reason) == ("end", "acknowledged")
-    assert panel.acknowledge(3.6) == []
-    assert kinds(play(panel, [HIT] * 20, start_s=4)) == [(14, "new")]
-
-
-def test_entry_delay_gives_time_to_disarm():
-    policy = AlarmPolicy(entry_delay_s=10, latch_s=100)
-    panel = AlarmPanel(policy)
-    assert kinds(play(panel, [HIT, *[NOTHING] * 20])) == [(11, "new")]
-    panel = AlarmPanel(policy)
-    assert play(panel, [HIT, *[NOTHING] * 5]) == []
-    assert panel.state == "entry"
-    assert panel.disarm() == []
-    assert play(panel, [HIT] * 30, start_s=7) == []
-
-
 def test_the_exit_delay_gives_time_to_leave():
     policy = AlarmPolicy(exit_delay_s=10, latch_s=100)
     panel = AlarmPanel(policy, is_armed=False)
@@ -101,15 +119,6 @@ def test_the_exit_delay_gives_time_to_leave():
     # Who is still there when it ends is seen by the window after it, and no earlier.
     assert kinds(play(panel, [HIT] * 12)) == [(12, "new")]
     assert panel.left_s(12) is None
-
-
-def test_to_disarm_in_the_exit_delay_leaves_nothing_behind():
-    panel = AlarmPanel(AlarmPolicy(exit_delay_s=10), is_armed=False)
-    panel.arm(0)
-    play(panel, [HIT] * 3)
-    assert panel.disarm() == []
-    assert play(panel, [HIT] * 20) == []
-    assert AlarmPanel(AlarmPolicy(exit_delay_s=10)).state == "armed"
 
 
 def test_no_way_around_the_alarm_through_the_exit_delay():
@@ -145,42 +154,6 @@ def test_what_ends_the_exit_delay_early_leaves_the_sensor_armed():
     panel.policy = AlarmPolicy(exit_delay_s=2)
     play(panel, [NOTHING], start_s=5)
     assert panel.state == "armed"
-
-
-def test_no_way_around_the_entry_delay():
-    policy = AlarmPolicy(entry_delay_s=10, latch_s=100)
-    blinded = AlarmPanel(policy)
-    assert kinds(play(blinded, [HIT, *[None] * 20])) == [(11, "new")]
-    cut_off = AlarmPanel(policy)
-    play(cut_off, [HIT])
-    (step,) = cut_off.on_loss(2.5)
-    assert step.kind == "new"
-    assert "lost" in step.reason
-    assert AlarmPanel(policy).on_loss(2.5) == []
-
-
-def test_disarmed_nothing_begins_and_what_is_on_ends():
-    panel = AlarmPanel(AlarmPolicy(latch_s=100), is_armed=False)
-    assert play(panel, [HIT] * 5) == []
-    panel.arm()
-    assert kinds(play(panel, [HIT], start_s=6)) == [(6, "new")]
-    assert [s.reason for s in panel.disarm()] == ["disarmed"]
-    assert not panel.is_armed
-
-
-def test_hits_before_arming_do_not_count():
-    panel = AlarmPanel(AlarmPolicy(k=2, n=3))
-    play(panel, [HIT])
-    panel.disarm()
-    panel.arm()
-    assert play(panel, [HIT, NOTHING, NOTHING]) == []
-
-
-def test_a_quiet_period_confirms_nothing_but_ends_nothing():
-    panel = AlarmPanel(AlarmPolicy(latch_s=100))
-    assert play(panel, [HIT] * 3, quiet={1, 2, 3}) == []
-    assert kinds(play(panel, [HIT] * 3, start_s=4, quiet={5, 6})) == [(4, "new")]
-    assert panel.state == "alarm"
 
 
 def test_a_resumed_alarm_waits_for_its_acknowledgement():
@@ -247,28 +220,6 @@ def test_who_is_seen_in_an_alarm_and_what_is_left_of_a_delay():
     assert (panel.left_s(50.0), panel.left_s(71.0)) == (20.0, 0.0)
 
 
-def seen(is_hit):
-    return Sight(is_hit, is_hit, "human")
-
-
-def test_what_was_confirmed_before_an_alarm_ended_confirms_no_other():
-    panel = AlarmPanel(AlarmPolicy(k=2, n=4, latch_s=60))
-    panel.on_sight(1.0, seen(True))
-    assert [c.kind for c in panel.on_sight(2.0, seen(True))] == ["new"]
-    panel.acknowledge(3.0)
-    assert panel.on_sight(4.0, seen(False)) == []
-    assert panel.on_sight(5.0, seen(True)) == []
-    assert [c.kind for c in panel.on_sight(6.0, seen(True))] == ["new"]
-
-
-def test_a_pause_after_an_alarm_is_over_at_its_very_end():
-    panel = AlarmPanel(AlarmPolicy(refractory_s=10, latch_s=60))
-    panel.on_sight(1.0, seen(True))
-    panel.acknowledge(20.0)
-    assert panel.on_sight(29.0, seen(True)) == []
-    assert [c.kind for c in panel.on_sight(30.0, seen(True))] == ["new"]
-
-
 def test_short_exit_delays_and_those_of_another_policy():
     panel = AlarmPanel(AlarmPolicy(exit_delay_s=0.5), is_armed=False)
     panel.arm(1.0)
@@ -277,5 +228,5 @@ def test_short_exit_delays_and_those_of_another_policy():
     # Of a time when it was 70 s: it is no longer than it would be now.
     panel.resume_exit(70.0)
     assert panel.left_s(0.0) == 30.0
-    panel.on_sight(30.0, seen(True))
+    panel.on_sight(30.0, HIT)
     assert panel.state == "armed"

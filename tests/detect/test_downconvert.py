@@ -48,6 +48,10 @@ def test_what_cannot_be_converted():
         DownConverter(replace(RF, bandwidth_hz=0))
     with pytest.raises(FeatureError, match="767 bins"):
         DownConverter(RF).convert(np.zeros(767, np.float32))
+    with pytest.raises(FeatureError, match="RF frames are real"):
+        DownConverter(RF).convert(np.zeros(768, np.complex64))
+    with pytest.raises(FeatureError, match="0 bins"):
+        DownConverter(RF).convert(np.float32(3))
 
 
 def definition(x, axis=RF, step=1):
@@ -106,19 +110,12 @@ def test_the_idle_line_leaves_nothing(idle):
     assert np.abs(flat).max() < 1e-7 * max(idle, 1)
 
 
-@pytest.mark.parametrize("level", [1e-37, 1e-30, 1e-15, 1.0, 1e15, 1e30, 1e34])
+@pytest.mark.parametrize("level", [1e-41, 1e-37, 1e-30, 1e-15, 1.0, 1e15, 1e30, 1e34])
 def test_levels(level):
     x = (np.random.default_rng(2).standard_normal(768) * level).astype(np.float32)
-    wanted = definition(x)
-    assert (
-        np.abs(DownConverter(RF, 4).convert(x) - wanted[::4]).max() < 1e-6 * np.abs(wanted).max()
-    )
-
-
-def test_denormals_stay_within_the_smallest_step():
-    x = (np.random.default_rng(2).standard_normal(768) * 1e-41).astype(np.float32)
-    # A hundred products, each rounded to 1.4e-45.
-    assert np.abs(DownConverter(RF).convert(x) - definition(x)).max() < 2e-43
+    # At the smallest step a hundred products are each rounded to 1.4e-45.
+    most = max(1e-6 * np.abs(definition(x)).max(), 2e-43)
+    assert np.abs(DownConverter(RF, 4).convert(x) - definition(x)[::4]).max() < most
 
 
 @pytest.mark.parametrize("dtype", ["<f4", ">f4", "<f8", ">f8", "<f2", "<i2", ">i2", "<u2", "<i4"])
@@ -190,10 +187,3 @@ def test_rising_phase_is_turned_round():
     assert rising.axis.phase_sign == -1
     assert np.array_equal(rising.convert(frames), frames[:, ::4].conj())
     assert np.array_equal(rising.convert(frames.astype(">c16")), frames[:, ::4].conj())
-
-
-def test_complex_samples_are_no_rf():
-    with pytest.raises(FeatureError, match="RF frames are real"):
-        DownConverter(RF).convert(np.zeros(768, np.complex64))
-    with pytest.raises(FeatureError, match="0 bins"):
-        DownConverter(RF).convert(np.float32(3))

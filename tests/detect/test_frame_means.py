@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from radard.dsp.velocity import FrameMeans
 from radard.judge.features import FeatureSettings, extract
@@ -23,41 +25,25 @@ def wanted(frames, n_mean):
     return np.diff(means, axis=0)
 
 
-@pytest.mark.parametrize("n_mean", [1, 2, 3, 7])
-@pytest.mark.parametrize("n", [7, 8, 41])
-def test_steps_lead_from_mean_to_mean(n_mean, n):
-    frames = frames_of(n)
-    made, flags = FrameMeans(n_mean).add(steps_of(frames), np.ones(n, bool))
-    assert len(made) == len(flags) == n // n_mean
-    assert made[1:] == pytest.approx(wanted(frames, n_mean), abs=1e-5)
-    assert flags.all()
-
-
-@pytest.mark.parametrize("cut", [1, 2, 5])
-def test_any_cut_into_blocks_gives_the_same(cut):
-    frames, good = frames_of(31), np.ones(31, bool)
-    good[11] = False
-    steps = steps_of(frames)
-    whole = FrameMeans(3).add(steps, good)
-    stream = FrameMeans(3)
-    parts = [stream.add(steps[k : k + cut], good[k : k + cut]) for k in range(0, len(steps), cut)]
-    assert np.concatenate([p[0] for p in parts]) == pytest.approx(whole[0], abs=1e-6)
-    assert np.concatenate([p[1] for p in parts]).tolist() == whole[1].tolist()
-
-
-def test_a_mean_with_a_bad_frame_is_bad_and_no_other():
-    good = np.ones(12, bool)
-    good[5] = False
-    _, flags = FrameMeans(3).add(steps_of(frames_of(12)), good)
-    assert flags.tolist() == [True, False, True, True]
-
-
-def test_restart_forgets():
-    stream, frames = FrameMeans(2), frames_of(9)
+@settings(deadline=None, derandomize=True, max_examples=60)
+@given(
+    n_mean=st.sampled_from([1, 2, 3, 7]),
+    n=st.integers(7, 41),
+    cut=st.integers(1, 41),
+    bad=st.sets(st.integers(0, 40), max_size=3),
+)
+def test_steps_lead_from_mean_to_mean_however_they_are_cut(n_mean, n, cut, bad):
+    frames, good = frames_of(n), np.array([k not in bad for k in range(n)])
+    steps, stream = steps_of(frames), FrameMeans(n_mean)
+    # What came before a restart is forgotten.
     stream.add(steps_of(frames_of(5, seed=1)), np.ones(5, bool))
     stream.restart()
-    made, _ = stream.add(steps_of(frames), np.ones(9, bool))
-    assert made == pytest.approx(FrameMeans(2).add(steps_of(frames), np.ones(9, bool))[0])
+    parts = [stream.add(steps[k : k + cut], good[k : k + cut]) for k in range(0, n, cut)]
+    made, flags = (np.concatenate(part) for part in zip(*parts, strict=True))
+    assert len(made) == n // n_mean
+    assert made[1:] == pytest.approx(wanted(frames, n_mean), abs=1e-5)
+    # A mean with a bad frame is bad, and no other.
+    assert flags.tolist() == good[: len(made) * n_mean].reshape(-1, n_mean).all(axis=1).tolist()
 
 
 @pytest.mark.parametrize(("rate_hz", "n_mean"), [(60.0, 1), (108.0, 1), (120.0, 2), (200.0, 3)])
@@ -76,8 +62,8 @@ def test_a_slow_body_looks_the_same_with_fewer_frames():
     frames = walker(492, 200, speed_mps=0.3, start_m=2, level=3000) + noise(492)
     dwell, maps = dwell_of(frames, rate_hz=200.0), []
     for sampling in (0.0, 1.0):
-        settings = FeatureSettings(long_sampling=sampling)
-        maps.append(extract(dwell, settings, ("velocity_time_long",))["velocity_time_long"])
+        made = extract(dwell, FeatureSettings(long_sampling=sampling), ("velocity_time_long",))
+        maps.append(made["velocity_time_long"])
     every, fewer = maps
     assert every.any()
     assert not np.array_equal(every, fewer)

@@ -55,23 +55,6 @@ def test_nothing_that_moves_has_no_strength(power, floor):
     assert echo_at_1m_db(power, floor, RANGE_M[:4]) is None
 
 
-def test_what_is_not_known_is_zero():
-    assert installation(60.0).tolist() == [0.0] * N_INSTALLATION
-    assert installation(60.0, Mount(level_db=50.0)).tolist() == [0.0] * N_INSTALLATION
-    assert installation(60.0, Mount(), 40.0).tolist() == [0.0] * N_INSTALLATION
-
-
-def test_what_is_known():
-    made = installation(120.0, Mount(height_m=3.0, tilt_deg=-15.0, level_db=50.0), 40.0)
-    assert made.dtype == np.float32
-    assert made.tolist() == [1.0, 1.0, 1.0, 1.0, -0.5, 1.0, -1.0]
-
-
-def test_extremes_are_bounded():
-    made = installation(1e-9, Mount(level_db=-1e9), 1e9)
-    assert np.abs(made).max() <= 4.0
-
-
 def test_the_feature_is_what_is_known_or_the_rate_alone():
     dwell = dwell_of(noise(120), rate_hz=30.0)
     settings = FeatureSettings(n_cpi=14)
@@ -82,3 +65,24 @@ def test_the_feature_is_what_is_known_or_the_rate_alone():
     known = installation(30.0, Mount(height_m=2.0))
     again = FeatureStream(settings, (INSTALLATION,)).extract(dwell, known)
     assert again[INSTALLATION].tolist() == known.tolist()
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "mount", "echo_db", "made"),
+    [
+        (60.0, Mount(), None, [0, 0, 0, 0, 0, 0, 0]),
+        (60.0, Mount(level_db=50.0), None, [0, 0, 0, 0, 0, 0, 0]),
+        (60.0, Mount(), 40.0, [0, 0, 0, 0, 0, 0, 0]),
+        (
+            120.0,
+            Mount(height_m=3.0, tilt_deg=-15.0, level_db=50.0),
+            40.0,
+            [1, 1, 1, 1, -0.5, 1, -1],
+        ),
+        (1e-9, Mount(level_db=-1e9), 1e9, [-4, 0, 0, 0, 0, 1, 4]),
+    ],
+)
+def test_what_is_known_is_told_within_bounds_and_the_rest_is_zero(rate_hz, mount, echo_db, made):
+    found = installation(rate_hz, mount, echo_db)
+    assert found.dtype == np.float32
+    assert found.tolist() == made

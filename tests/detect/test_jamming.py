@@ -246,14 +246,6 @@ def test_who_enters_during_a_calibration_prevents_it_and_is_an_alarm():
     assert 40 < start_s <= 46
 
 
-def test_who_follows_a_dog_is_an_alarm():
-    argv = ("--port", "sim:human_behind_dog?seed=3", "--duration", "16", "--speed", "max")
-    _, records, err = run_radard(*argv, "-o", "json")
-    new = [r["t_s"] for r in records if r["type"] == "event" and r["phase"] == "new"]
-    assert new, err
-    assert new[0] <= 10
-
-
 def test_who_stands_still_under_a_jammer_is_not_seen_but_the_jammer_is_announced():
     text = scene_text(
         (20, "body: human, style: stand, waypoints_m: [[0.0, 2.0], [0.0, 2.01]]", 50)

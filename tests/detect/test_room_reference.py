@@ -150,21 +150,13 @@ def test_all_of_it_comes_back(store):
 @pytest.mark.parametrize(
     "change",
     [
-        {"format": "x"},
         {"format_version": 2},
-        {"echoes": [[[1, 2]], [[3]]]},
         {"echoes": [[[1e999, 0], [0, 0]], [[0, 0], [0, 0]]]},
-        {"echoes": None},
         {"usable": [True, False, True]},
         {"noise_db": None},
-        {"noise_db": "loud"},
         {"floor": [1.0]},
         {"floor": [0.0, 1.0]},
-        {"floor_kept": [-1.0, None]},
-        {"floor_kept": "x"},
-        {"calm_s": -1},
         {"calm_s": 10**400},
-        {"calm_s": None},
     ],
 )
 def test_a_file_that_makes_no_sense_counts_as_none(store, change, caplog):

@@ -162,16 +162,6 @@ def test_a_gap_anywhere_leaves_the_track_alone(position):
     assert error_m(dwell, tracks[0], path).mean() < 0.06
 
 
-def test_memory_stays_bounded_and_tracks_good_over_a_long_stream():
-    tracker = Tracker()
-    frames = noise(147, 96) + body(2.0 + 0.1 * np.sin(8 * np.arange(147) / RATE_HZ), 40)
-    for k in range(600):
-        dwell = Dwell(frames, np.ones(147, bool), AXIS, RATE_HZ, 2.45 + k + 1e6)
-        (track,) = tracker.update(dwell, FLOOR)
-        assert track.range_m == pytest.approx(2.0, abs=0.2)
-    assert track.id == 1
-
-
 def test_gates_follow_their_tracks_and_share_what_they_overlap():
     paths = np.array([np.linspace(1.0, 1.6, 50), np.linspace(2.6, 1.8, 50), np.full(50, 3.2)])
     range_m = AXIS.range_m
