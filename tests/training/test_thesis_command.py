@@ -182,10 +182,10 @@ def record(path, labels, rate_hz=60, seconds=6):
 def test_recordings_stop_and_retrain(published, tmp_path, capsys):
     shutil.copytree(published[0] / "cache" / "data", tmp_path / "data")
     path = record(tmp_path / "a.h5", [(0, 6, "dog"), (0, 6, "human"), (0, 6, "chair")])
-    loaded = load_recordings([path], ElementSpec())
+    loaded = load_recordings([path], ElementSpec(), 2)
     assert loaded.x.shape == (8, 1176)
     np.testing.assert_array_equal(loaded.y, [0, 1] * 4)
-    assert loaded.of(1).x.shape == (8, 784)
+    assert load_recordings([path], ElementSpec(), 1).x.shape == (8, 784)
     assert thesis(tmp_path, *ONE, "--activation", "relu", "--finetune", str(path)) == 0
     result = ResultFile(tmp_path / "results").path("T2D60", "relu retrained")
     assert json.loads(result.read_text())["stopped_by"] == (
@@ -206,4 +206,4 @@ def test_recordings_stop_and_retrain(published, tmp_path, capsys):
 def test_recordings_that_cannot_train(tmp_path, labels, rate_hz, says):
     path = record(tmp_path / "a.h5", labels, rate_hz)
     with pytest.raises(UsageError, match=says):
-        load_recordings([path], ElementSpec())
+        load_recordings([path], ElementSpec(), 2)

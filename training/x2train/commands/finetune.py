@@ -49,8 +49,7 @@ def register(commands: Commands) -> None:
 def _run(args: argparse.Namespace) -> int:
     _check(args)
     # Late: torch takes seconds, and --help must not.
-    from x2train.finetune.bundle import rows_of, write_finetuned  # noqa: PLC0415
-    from x2train.finetune.finetune import Tuned, tune  # noqa: PLC0415
+    from x2train.finetune.finetune import Tuned, rows_of, tune, write_finetuned  # noqa: PLC0415
     from x2train.finetune.guard import load_guard  # noqa: PLC0415
     from x2train.finetune.labels import labelled_clips, merged, named_clips  # noqa: PLC0415
     from x2train.finetune.windows import judge_of, own_windows  # noqa: PLC0415
@@ -58,9 +57,9 @@ def _run(args: argparse.Namespace) -> int:
     console = result_console()
     clips = list(named_clips(args.clips))
     if args.labels is not None:
-        found = labelled_clips(args.labels, args.folder)
-        clips += found.clips
-        for line in found.left_out:
+        labelled, left_out = labelled_clips(args.labels, args.folder)
+        clips += labelled
+        for line in left_out:
             console.print(f"left out: {line}")
     clips = list(merged(clips))
     if args.model == AUTO_MODEL:
@@ -74,17 +73,9 @@ def _run(args: argparse.Namespace) -> int:
         own = [own_windows(clip, bundle) for clip in clips]
     steps = tune(bundle, own, guard, mix, epochs=args.epochs, seed=args.seed)
     tuned: Tuned = followed(steps, args.epochs)
-    write_finetuned(
-        args.out,
-        args.name,
-        bundle,
-        tuned,
-        own=own,
-        guard=guard,
-        command=_command(args),
-        seed=args.seed,
-    )
     path = args.out / args.name
+    command = _command(args)
+    write_finetuned(path, bundle, tuned, own=own, guard=guard, command=command, seed=args.seed)
     console.print(f"wrote {path}.onnx, .json and .md")
     table = Table("", "before", "after", box=None)
     for row in rows_of(tuned):

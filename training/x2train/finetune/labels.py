@@ -28,14 +28,6 @@ class OwnClip:
         return self.label == "human"
 
 
-@dataclass(frozen=True, slots=True)
-class Found:
-    """What a file of labels gave."""
-
-    clips: tuple[OwnClip, ...]
-    left_out: tuple[str, ...]
-
-
 def named_clips(arguments: Iterable[str]) -> tuple[OwnClip, ...]:
     """Return the clips of arguments FILE=LABEL; raise UsageError on a wrong one."""
     clips = []
@@ -51,8 +43,8 @@ def named_clips(arguments: Iterable[str]) -> tuple[OwnClip, ...]:
     return tuple(clips)
 
 
-def labelled_clips(path: Path, folder: Path | None = None) -> Found:
-    """Return the clips that the dashboard's labels point to.
+def labelled_clips(path: Path, folder: Path | None = None) -> tuple[list[OwnClip], list[str]]:
+    """Return the clips that the dashboard's labels point to, and why others were left out.
 
     `folder` is where the clips are now, when they are no longer where they were made. Raises
     UsageError if the file cannot be read, or a line is no label or one of another version.
@@ -70,7 +62,7 @@ def labelled_clips(path: Path, folder: Path | None = None) -> Found:
                 clips.append(OwnClip(where, line.label))
             else:
                 left_out.append(f"{event}: its clip is gone ({where})")
-    return Found(tuple(clips), tuple(left_out))
+    return clips, left_out
 
 
 def merged(clips: Iterable[OwnClip]) -> tuple[OwnClip, ...]:

@@ -8,18 +8,16 @@ Wortsman et al. 2022, recalled).
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch.nn import functional
 
 from radard.errors import RadardError, UsageError
 from radard.judge.bundle import Bundle
 from x2train.finetune.guard import MAX_RISE, Guard, Misses, alarms_of
-from x2train.finetune.windows import OwnWindows, stacked
+from x2train.finetune.windows import OwnWindows
 from x2train.nets.bundle_answers import Answers, outputs_of
 from x2train.nets.epoch import Epoch
 from x2train.nets.graph_net import GraphNet
@@ -37,16 +35,6 @@ _STEPS = tuple(k / 10 for k in range(10, 0, -1))
 """Places on the line that are tried, the farthest first."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Retrained:
-    """What light retraining gave, how far it went, and who was and is missed."""
-
-    onnx: bytes
-    share: float
-    before: Misses
-    after: Misses
-
-
 def retrain(
     bundle: Bundle, own: Sequence[OwnWindows], mix: Guard, *, epochs: int, seed: int
 ) -> Iterator[Epoch | GraphNet]:
@@ -58,25 +46,24 @@ def retrain(
     torch.use_deterministic_algorithms(True)
     rng = torch.Generator().manual_seed(seed)
     net = GraphNet(bundle.onnx)
-    names = [each.name for each in bundle.inputs]
     inputs = mix.inputs(bundle)
     answers = outputs_of(bundle.onnx, inputs, is_first=mix.is_first)
     n = len(mix.label)
     # The head's answers are calibrated as they are.
-    old = [_tensor(answers.logits / bundle.temperature)]
-    old += [] if answers.fused is None else [_tensor(answers.fused)]
+    said = (answers.logits / bundle.temperature, answers.fused)
+    old = [torch.from_numpy(each.astype(np.float32)) for each in said if each is not None]
     temperatures = (bundle.temperature, 1.0)
-    maps = [torch.from_numpy(inputs[name]) for name in names] + _hidden(answers)
+    maps = [torch.from_numpy(values) for values in inputs.values()] + _hidden(answers)
     at = bundle.classes.index("human")
     weight = torch.from_numpy(np.where(mix.label == at, _PEOPLE, 1.0).astype(np.float32))
     _check(net, maps, old, temperatures)
-    mine = [torch.from_numpy(np.concatenate([c.inputs[name] for c in own])) for name in names]
+    given = {name: np.concatenate([c.inputs[name] for c in own]) for name in inputs}
     # A temporal head is shown what it was given then; the guard lets it run on.
     is_first = np.concatenate([clip.is_first for clip in own])
-    mine += _hidden(outputs_of(bundle.onnx, stacked(own), is_first=is_first))
-    human = torch.from_numpy(
-        np.concatenate([np.full(len(c.t_s), c.clip.is_human, np.float32) for c in own])
+    mine = [torch.from_numpy(given[name]) for name in inputs] + _hidden(
+        outputs_of(bundle.onnx, given, is_first=is_first)
     )
+    human = torch.cat([torch.full((len(c.t_s),), float(c.clip.is_human)) for c in own])
     optimiser = torch.optim.AdamW(net.parameters(), weight_decay=0.0)
     cycle = torch.optim.lr_scheduler.OneCycleLR(
         optimiser, _FASTEST, total_steps=1 + epochs * -(-n // _BATCH)
@@ -109,11 +96,11 @@ def retrain(
 
 def guarded_line(
     bundle: Bundle, net: GraphNet, guard: Guard, own: Sequence[OwnWindows]
-) -> Retrained:
+) -> tuple[bytes, float, Misses, Misses]:
     """Return the network on the line from old to trained weights that the guard allows.
 
-    `net` is left at the point that is returned; own clips of people must keep their alarms. Raises
-    UsageError if no point on the line is allowed.
+    With it come how far along the line it is, and who was and is missed. Own clips of people must
+    keep their alarms. Raises UsageError if no point on the line is allowed.
     """
     given = guard.inputs(bundle)
     is_first = guard.is_first
@@ -126,7 +113,7 @@ def guarded_line(
         made = net.to_onnx()
         after = guard.misses(bundle, outputs_of(made, given, is_first=is_first))
         if before.allows(after) and all(_has_alarm(bundle, made, clip) for clip in people):
-            return Retrained(made, share, before, after)
+            return made, share, before, after
     msg = (
         f"every retrained network misses over {100 * MAX_RISE:g} points more people of the "
         "guard, or one of the own clips: nothing was written"
@@ -146,10 +133,6 @@ def _float(values: torch.Tensor) -> torch.Tensor:
 
 def _hidden(answers: Answers) -> list[torch.Tensor]:
     return [] if answers.hidden is None else [torch.from_numpy(answers.hidden)]
-
-
-def _tensor(values: NDArray[np.float64]) -> torch.Tensor:
-    return torch.from_numpy(values.astype(np.float32))
 
 
 def _check(

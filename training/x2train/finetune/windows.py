@@ -106,8 +106,3 @@ def _decided(reader: BlockReader, pipeline: Pipeline) -> Iterator[Decision]:
             pipeline.restart()
         else:
             yield pipeline.decide(item)
-
-
-def stacked(clips: Sequence[OwnWindows]) -> Maps:
-    """Return the inputs of all windows of some clips, in order."""
-    return {name: np.concatenate([c.inputs[name] for c in clips]) for name in clips[0].inputs}

@@ -51,8 +51,7 @@ def write_thesis_bundle(
     RadardError
         If onnxruntime and torch do not agree.
     """
-    trained = recipe.train(cell, variant, tell)
-    fitted, evaluate, fresh = trained.fitted, trained.evaluate, trained.fresh
+    fitted, evaluate, fresh, _ = recipe.train(cell, variant, tell)
     net = folded(fitted, fitted.best_repeat)
     feature = f"thesis_type{cell.vector}"
     inputs = (ModelInput("features", evaluate.x.shape[1:], feature),)

@@ -204,9 +204,9 @@ def _jobs(
     if args.finetune:
         wanted = cells if "networks" in parts and not args.publish else (tried,)
         for cell in wanted:
-            recordings = load_recordings(args.finetune, recipe.spec(cell.frame_rate_hz))
+            spec = recipe.spec(cell.frame_rate_hz)
             named = replace(first, label=f"{first.label} retrained")
-            yield Job(recipe, cell, named, recordings.of(cell.vector))
+            yield Job(recipe, cell, named, load_recordings(args.finetune, spec, cell.vector))
 
 
 def _variant(args: argparse.Namespace, activation: str) -> "Variant":

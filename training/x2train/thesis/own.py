@@ -23,7 +23,7 @@ from x2train.thesis.sets import load_maps
 
 Maps = dict[str, NDArray[np.float32]]
 LABEL = "own"
-_AT_ONCE = 500  # chosen for memory
+_AT_ONCE = 500  # maps: some megabytes between the layers
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,15 +45,10 @@ class OwnSettings:
 class TwoMapNet(nn.Module):
     """Three convolutions on each map, then both together.
 
-    Parameters
-    ----------
-    shapes : mapping of str to (int, int)
-        Rows and columns of the maps, by name.
-    settings : OwnSettings
-        Widths and dropout.
+    `shapes` are rows and columns of the maps, by name.
     """
 
-    def __init__(self, shapes: dict[str, tuple[int, int]], settings: OwnSettings) -> None:
+    def __init__(self, shapes: dict[str, tuple[int, ...]], settings: OwnSettings) -> None:
         super().__init__()
         self.names = tuple(shapes)
         self.branches = nn.ModuleList(_branch(settings.channels) for _ in shapes)
@@ -94,43 +89,37 @@ def train_maps(
     maps: Maps, y: NDArray[np.int64], s: OwnSettings, tell: Callable[[int], None]
 ) -> TwoMapNet:
     """Return a trained network."""
+    inputs = {name: torch.from_numpy(values[:, None]) for name, values in maps.items()}
+    wanted = torch.from_numpy(y)
+    n_steps = s.epochs * -(-len(y) // s.batch)
     # Initial weights and dropout draw from torch's own generator: lent, and given back.
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(s.seed)
-        shapes = {name: (values.shape[1], values.shape[2]) for name, values in maps.items()}
-        return _train(TwoMapNet(shapes, s), maps, y, s, tell)
-
-
-def _train(
-    net: TwoMapNet, maps: Maps, y: NDArray[np.int64], s: OwnSettings, tell: Callable[[int], None]
-) -> TwoMapNet:
-    inputs = {name: torch.from_numpy(values[:, None]) for name, values in maps.items()}
-    wanted = torch.from_numpy(y)
-    optimiser = torch.optim.AdamW(net.parameters(), s.learning_rate, weight_decay=s.decay)
-    n_steps = s.epochs * -(-len(y) // s.batch)
-    rate = torch.optim.lr_scheduler.OneCycleLR(optimiser, s.learning_rate, total_steps=n_steps)
-    for epoch in range(1, s.epochs + 1):
-        net.train()
-        for part in torch.split(torch.randperm(len(y)), s.batch):
-            optimiser.zero_grad()
-            logits = net({name: values[part] for name, values in inputs.items()})
-            functional.cross_entropy(logits, wanted[part]).backward()  # type: ignore[no-untyped-call]
-            optimiser.step()
-            rate.step()
-        tell(epoch)
-    return net
+        net = TwoMapNet({name: values.shape[1:] for name, values in maps.items()}, s)
+        optimiser = torch.optim.AdamW(net.parameters(), s.learning_rate, weight_decay=s.decay)
+        rate = torch.optim.lr_scheduler.OneCycleLR(optimiser, s.learning_rate, total_steps=n_steps)
+        for epoch in range(1, s.epochs + 1):
+            for part in torch.split(torch.randperm(len(y)), s.batch):
+                optimiser.zero_grad()
+                logits = net({name: values[part] for name, values in inputs.items()})
+                functional.cross_entropy(logits, wanted[part]).backward()  # type: ignore[no-untyped-call]
+                optimiser.step()
+                rate.step()
+            tell(epoch)
+    return net.eval()
 
 
 def predict_maps(net: TwoMapNet, maps: Maps) -> NDArray[np.float64]:
     """Return probabilities, shape (n, 2), float64."""
-    net.eval()
-    n = len(next(iter(maps.values())))
-    out = []
+    parts = {
+        name: torch.split(torch.from_numpy(values[:, None]), _AT_ONCE)
+        for name, values in maps.items()
+    }
     with torch.no_grad():
-        for at in range(0, n, _AT_ONCE):
-            part = {k: torch.from_numpy(v[at : at + _AT_ONCE, None]) for k, v in maps.items()}
-            out.append(torch.softmax(net(part).double(), dim=1).numpy())
-    return np.concatenate(out)
+        logits = [
+            net(dict(zip(parts, part, strict=True))) for part in zip(*parts.values(), strict=True)
+        ]
+    return torch.softmax(torch.cat(logits).double(), dim=1).numpy()
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,13 +130,12 @@ class OwnJob:
     cell: Cell  # which set; its vector makes no difference
     settings: OwnSettings
 
-    @property
-    def name(self) -> str:
-        """The set's name without its vector: D60."""
-        return self.cell.name[2:]
+    def kept(self) -> CellResult | None:
+        """Return the result of an earlier run."""
+        return self.recipe.results.load(self.cell.name[2:], LABEL, self._key)
 
     @property
-    def key(self) -> dict[str, Any]:
+    def _key(self) -> dict[str, Any]:
         """Everything that the result depends on."""
         return {
             **asdict(self.settings),
@@ -157,13 +145,42 @@ class OwnJob:
             "n_cpi": self.recipe.n_cpi,
         }
 
-    def kept(self) -> CellResult | None:
-        """Return the result of an earlier run."""
-        return self.recipe.results.load(self.name, LABEL, self.key)
-
     def run(self, tell: Tell) -> CellResult:
         """Train, or return what was kept."""
-        return self.kept() or _run(self, tell)
+        known = self.kept()
+        if known is not None:
+            return known
+        recipe, s = self.recipe, self.settings
+        spec: ElementSpec = recipe.spec(self.cell.frame_rate_hz)
+        recipe.make(spec, self.cell, tell)
+        maps, data = load_maps(recipe.data, spec, self.cell, 0, recipe.n_elements)
+        fresh_maps, fresh = load_maps(recipe.data, spec, self.cell, FRESH_FROM, recipe.n_fresh)
+        n_train = recipe.n_elements - recipe.n_evaluate
+        p_evaluate, p_fresh = [], []
+        for k in range(s.repeats):
+
+            def done(epochs: int, what: str = f"{self.cell.name[2:]} map network {k + 1}") -> None:
+                tell(what, epochs, s.epochs)
+
+            own = replace(s, seed=s.seed + k)
+            part = {name: values[:n_train] for name, values in maps.items()}
+            net = train_maps(part, data.y[:n_train], own, done)
+            rest = {name: values[n_train:] for name, values in maps.items()}
+            p_evaluate.append(predict_maps(net, rest))
+            p_fresh.append(predict_maps(net, fresh_maps))
+        result = CellResult(
+            name=self.cell.name[2:],  # without its vector: D60
+            label=LABEL,
+            best=0,
+            epochs=(s.epochs,) * s.repeats,
+            evaluation=judged(np.stack(p_evaluate), data.y[n_train:]),
+            fresh=judged(np.stack(p_fresh), fresh.y),
+            in_view=seen(fresh, np.stack(p_fresh)),
+            stopped_by="nothing: a fixed number of epochs",
+            settings=self._key,
+        )
+        recipe.results.save(result)
+        return result
 
 
 def own_jobs(
@@ -172,38 +189,3 @@ def own_jobs(
     """Yield one job for every animal and frame rate among the cells."""
     for cell in dict.fromkeys(replace(cell, vector=2) for cell in cells):
         yield OwnJob(recipe, cell, settings)
-
-
-def _run(job: OwnJob, tell: Tell) -> CellResult:
-    recipe, cell, settings, name = job.recipe, job.cell, job.settings, job.name
-    spec: ElementSpec = recipe.spec(cell.frame_rate_hz)
-    recipe.make(spec, cell, tell)
-    maps, data = load_maps(recipe.data, spec, cell, 0, recipe.n_elements)
-    fresh_maps, fresh = load_maps(recipe.data, spec, cell, FRESH_FROM, recipe.n_fresh)
-    n_train = recipe.n_elements - recipe.n_evaluate
-    part = {m: v[:n_train] for m, v in maps.items()}
-    rest = {m: v[n_train:] for m, v in maps.items()}
-    p_evaluate, p_fresh = [], []
-    for k in range(settings.repeats):
-        own = replace(settings, seed=settings.seed + k)
-
-        def done(epochs: int, what: str = f"{name} map network {k + 1}") -> None:
-            tell(what, epochs, settings.epochs)
-
-        net = train_maps(part, data.y[:n_train], own, done)
-        p_evaluate.append(predict_maps(net, rest))
-        p_fresh.append(predict_maps(net, fresh_maps))
-    p = np.stack(p_fresh)
-    result = CellResult(
-        name,
-        LABEL,
-        0,
-        (settings.epochs,) * settings.repeats,
-        judged(np.stack(p_evaluate), data.y[n_train:]),
-        judged(p, fresh.y),
-        seen(fresh, p),
-        "nothing: a fixed number of epochs",
-        job.key,
-    )
-    recipe.results.save(result)
-    return result

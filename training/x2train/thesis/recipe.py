@@ -115,11 +115,6 @@ class StudyRecipe:
         """Elements of the thesis' evaluation part."""
         return max(2, self.n_elements // 10 // 2 * 2)
 
-    @property
-    def n_stop(self) -> int:
-        """Elements of the training part that score, when there are no recordings."""
-        return max(2, (self.n_elements - self.n_evaluate) // _STOP_SHARE // 2 * 2)
-
     def spec(self, rate_hz: int, variant: Variant | None = None) -> ElementSpec:
         """Return what the elements of a rate are drawn from."""
         return ElementSpec(
@@ -143,11 +138,7 @@ class StudyRecipe:
     def load(self, cell: Cell, variant: Variant) -> tuple[CellData, CellData, CellData]:
         """Return what trains, what evaluates, and the fresh elements."""
         own = self.spec(cell.frame_rate_hz, variant)
-        theirs = (
-            cell
-            if variant.train_rate_hz is None
-            else replace(cell, frame_rate_hz=variant.train_rate_hz)
-        )
+        theirs = replace(cell, frame_rate_hz=variant.train_rate_hz or cell.frame_rate_hz)
 
         def part(spec: ElementSpec, of: Cell, first: int, n: int) -> CellData:
             return load_cell(self.data, spec, of, first, n, rectified=variant.rectified)
@@ -175,9 +166,10 @@ class StudyRecipe:
 
     def train(
         self, cell: Cell, variant: Variant, tell: Tell, recordings: CellData | None = None
-    ) -> "Trained":
+    ) -> tuple[Fitted, CellData, CellData, str]:
         """Train one configuration; `tell` gets what is done, how far, of how much.
 
+        Returns the training, what evaluates it, fresh elements, and what stopped it.
         Labelled recordings, if given, are the score that stops training, as in the thesis; then
         half of them retrain the network, and the other half scores.
         """
@@ -185,7 +177,7 @@ class StudyRecipe:
             self.make(self.spec(rate_hz, variant), cell, tell)
         train, evaluate, fresh = self.load(cell, variant)
         if recordings is None:
-            n_fit = len(train.y) - self.n_stop
+            n_fit = len(train.y) - max(2, len(train.y) // _STOP_SHARE // 2 * 2)
             train, stop = train.part(0, n_fit), train.part(n_fit, len(train.y))
             stopped_by = f"a validation part of {len(stop.y)} training elements"
         else:
@@ -198,17 +190,7 @@ class StudyRecipe:
             short = replace(variant.fit, learning_rate=rate)
             fitted = _last(fit(half, rest, short, start=fitted), cell, tell)
             stopped_by = f"{len(rest.y)} windows of recordings, after retraining on {len(half.y)}"
-        return Trained(fitted, evaluate, fresh, stopped_by)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Trained:
-    """A training, what it is judged on, and what stopped it."""
-
-    fitted: Fitted
-    evaluate: CellData
-    fresh: CellData
-    stopped_by: str
+        return fitted, evaluate, fresh, stopped_by
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -233,21 +215,24 @@ class Job:
         known = self.kept()
         if known is not None:
             return known
-        made = self.recipe.train(self.cell, self.variant, tell, self.recordings)
-        fitted, fresh = made.fitted, made.fresh
+        fitted, evaluate, fresh, stopped_by = self.recipe.train(
+            self.cell, self.variant, tell, self.recordings
+        )
         p = fitted.predict(fresh.x)
         result = CellResult(
-            self.cell.name,
-            self.variant.label,
-            fitted.best_repeat,
-            tuple(int(k) * self.variant.fit.look_every for k in fitted.best_looks),
-            judged(fitted.predict(made.evaluate.x), made.evaluate.y),
-            judged(p, fresh.y),
-            seen(fresh, p),
-            made.stopped_by,
-            self._settings,
-            tuple(tuple(look) for look in fitted.scores.round(4).tolist()),
-            tuple(tuple(map(tuple, look)) for look in fitted.confidence.round(4).tolist()),
+            name=self.cell.name,
+            label=self.variant.label,
+            best=fitted.best_repeat,
+            epochs=tuple(int(k) * self.variant.fit.look_every for k in fitted.best_looks),
+            evaluation=judged(fitted.predict(evaluate.x), evaluate.y),
+            fresh=judged(p, fresh.y),
+            in_view=seen(fresh, p),
+            stopped_by=stopped_by,
+            settings=self._settings,
+            scores=tuple(map(tuple, fitted.scores.round(4).tolist())),
+            confidence=tuple(
+                tuple(map(tuple, look)) for look in fitted.confidence.round(4).tolist()
+            ),
         )
         self.recipe.results.save(result)
         return result

@@ -151,21 +151,8 @@ def _name(first: int, last: int) -> str:
 LABELS = {"pet": 0, "dog": 0, "cat": 0, "human": 1, "person": 1}
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Recordings:
-    """Windows of labelled recordings, with both vectors."""
-
-    x: NDArray[np.float32]
-    y: NDArray[np.int64]
-
-    def of(self, vector: int) -> CellData:
-        """Return them with the vector of a cell."""
-        x = self.x if vector == 2 else np.ascontiguousarray(self.x[:, PROFILE:])
-        return CellData(x, self.y, np.ones(len(self.y), np.float32))
-
-
-def load_recordings(paths: Sequence[Path], spec: ElementSpec) -> Recordings:
-    """Return the windows inside labels of recordings, hop one second.
+def load_recordings(paths: Sequence[Path], spec: ElementSpec, vector: int) -> CellData:
+    """Return the windows inside labels of recordings, hop one second, with a cell's vector.
 
     Labels are pet, dog, cat, human or person; others are left out. A recording may differ by 5 %
     in its rate from the spec's. Raises UsageError if one differs more, or none holds a labelled
@@ -186,8 +173,7 @@ def load_recordings(paths: Sequence[Path], spec: ElementSpec) -> Recordings:
         samples = np.stack([frame.samples for frame in reader.frames()])
         for label in labels:
             for dwell in _windows(samples, reader.stream.axis, label, spec):
-                vector = extract(dwell, spec.features, ("thesis_type2",))["thesis_type2"]
-                rows.append(vector)
+                rows.append(extract(dwell, spec.features, ("thesis_type2",))["thesis_type2"])
                 classes.append(LABELS[label[2]])
     if len(set(classes)) < 2:
         msg = "recordings: both classes are needed, pets and people, for two seconds each"
@@ -198,7 +184,9 @@ def load_recordings(paths: Sequence[Path], spec: ElementSpec) -> Recordings:
     for c in (0, 1):
         rank[y == c] = np.linspace(0, 1, int((y == c).sum()), endpoint=False)
     order = np.lexsort((y, rank))
-    return Recordings(np.stack(rows)[order], y[order])
+    x = np.stack(rows)[order]
+    x = x if vector == 2 else np.ascontiguousarray(x[:, PROFILE:])
+    return CellData(x, y[order], np.ones(len(y), np.float32))
 
 
 def _windows(
