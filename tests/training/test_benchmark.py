@@ -25,12 +25,11 @@ from benchmark_tasks import (
     Kept,
     Task,
     entrant_named,
-    function_of,
     module_of,
     score,
     tasks_named,
 )
-from radard.errors import ModelMismatch, UsageError
+from radard.errors import UsageError
 from study import RESULTS
 from x2train.judge import acceptance, acceptance_report
 from x2train.judge.acceptance import ENTRIES as ACCEPT_ENTRIES
@@ -79,19 +78,6 @@ def easy():
     vector /= np.linalg.norm(vector, axis=1, keepdims=True)
     range_time = rng.uniform(0, 1, (n, 56, 40)).astype(np.float32)
     return Elements(vector, mu, range_time, is_person, np.ones(n, np.float32), 60)
-
-
-def test_the_data_is_what_it_says(folder):
-    train, test = TINY.train(folder), TINY.test(folder)
-    assert train.vector.shape == (40, 784)
-    assert train.mu.shape == (40, 28, 40)
-    assert train.range_time.shape == (40, 56, 40)
-    assert train.is_person.tolist() == [False, True] * 20
-    assert not np.array_equal(train.mu, test.mu)
-    assert 0 < train.mu.max() <= 1
-    again = replace(TINY, n_train=42)
-    again.make(folder, told)
-    assert np.array_equal(again.train(folder).mu[:40], train.mu)
 
 
 @pytest.mark.parametrize("name", tasks.shipped())
@@ -159,30 +145,6 @@ def test_a_bundle_is_judged_as_it_is(folder, monkeypatch):
     assert p.shape == (40,)
     assert 0 <= p.min() <= p.max() <= 1
     assert np.ptp(p) > 0.1
-
-
-def test_what_is_no_entry_is_said(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    Path("there.py").write_text("scores = len\nalarms = 1\n")
-    for named, text, said in (
-        (entrant_named, "gone.py", "no such file"),
-        (entrant_named, "there.py:other", "has no function 'other'"),
-        (alarm_entrant, "gone.py", "no such file"),
-        (alarm_entrant, "two_maps", "learns from a set's elements"),
-        (lambda text: function_of(text, "alarms"), "there.py", "has no function 'alarms'"),
-    ):
-        with pytest.raises(UsageError, match=said):
-            named(text)
-    with pytest.raises(ModelMismatch):
-        alarm_entrant("thesis")
-    for argv, said in (
-        (["--tasks", "T1D60,T9"], "task 'T9': known are T1D60"),
-        (["--tasks", "T1D60", "--elements", "41"], "n_train 41: must be even"),
-        (["--tasks", ACCEPT, "--share", "2"], "--share 2: must be"),
-        (["--tasks", f"T1D60,{ACCEPT}"], f"task '{ACCEPT}'"),
-    ):
-        assert benchmark.main(argv) == 2
-        assert said in capsys.readouterr().err
 
 
 def test_the_script_and_its_page(folder, tmp_path, capsys):
@@ -285,20 +247,6 @@ def test_functions_and_bundles_judge_the_same_passages(tmp_path):
     assert alarm_entrant("x4m03").title == "bundle `x4m03`, X4M03 alone"
 
 
-def test_a_function_is_asked_window_by_window():
-    seen = []
-
-    def alarms(windows):
-        for window in windows:
-            seen.append(window)
-            yield np.bool_(len(seen) > 1)
-
-    given = [object() for _ in range(3)]
-    function = AlarmFunction(alarms, "mine.py")
-    assert [function.is_alarm(each) for each in given] == [False, True, True]
-    assert seen == given
-
-
 def looks_ahead(windows):
     yield from [True for _ in windows]
 
@@ -323,15 +271,6 @@ def test_what_is_no_alarm_is_said(alarms):
     said = ahead if alarms is looks_ahead else "must yield True or False for every window"
     with pytest.raises(UsageError, match=f"entry 'mine.py': {said}"):
         list(map(function.is_alarm, [object() for _ in range(3)]))
-
-
-def test_another_file_of_the_same_name_is_another_entry(tmp_path):
-    text = "def alarms(windows):\n    for _ in windows:\n        yield False\n"
-    (tmp_path / "mine.py").write_text(text)
-    spec = FunctionSpec(model=f"{tmp_path / 'mine.py'}")
-    first = spec.files
-    (tmp_path / "mine.py").write_text(text.replace("False", "True"))
-    assert spec.files != first
 
 
 @pytest.mark.usefixtures("short")

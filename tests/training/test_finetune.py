@@ -22,7 +22,7 @@ from tests.training_helpers import (
     write_tiny,
 )
 from x2train.cli import main
-from x2train.finetune.guard import Guard, Misses, alarms_of, load_guard
+from x2train.finetune.guard import Guard, Misses, load_guard
 from x2train.finetune.labels import OwnClip, labelled_clips, merged, named_clips
 from x2train.finetune.windows import judge_of
 from x2train.nets.bundle_answers import Answers
@@ -159,30 +159,6 @@ def test_misses_count_people_alone_by_the_policy(each_bundle, policy):
     assert set(guard.of_people().label) == {CLASSES.index("human")}
 
 
-@pytest.mark.parametrize(
-    ("windows_more", "passages_more", "is_allowed"),
-    [(0, 0, True), (1, 0, True), (2, 0, False), (0, 1, False), (-5, -1, True)],
-)
-def test_the_bound_is_on_windows_and_on_passages(windows_more, passages_more, is_allowed):
-    before = Misses(100, 1000, 10, 250, 80)
-    after = Misses(100 + windows_more, 1000, 10 + passages_more, 250, 80)
-    assert before.allows(after) is is_allowed
-    fused = Misses(100, 1000, 10 + passages_more, 250, 80 + windows_more)
-    assert before.allows(fused) is is_allowed
-
-
-def test_who_leaves_while_the_alarm_waits_is_an_alarm(each_bundle):
-    log_p = np.log([[0.5, 0.3, 0.2]])
-    unsure = Answers(each_bundle.temperature * log_p, log_p if each_bundle.n_hidden else None)
-    alarms = list(alarms_of(each_bundle, unsure, np.array([True]), np.array([3.0])))
-    assert alarms == [True]
-    twice = Answers(
-        *(None if x is None else np.repeat(x, 2, 0) for x in (unsure.logits, unsure.fused))
-    )
-    alarms = list(alarms_of(each_bundle, twice, np.array([True, True]), np.array([3.0, 30.0])))
-    assert alarms == [True, True]
-
-
 def label_file(tmp_path, *lines):
     file = LabelFile(tmp_path / "labels.jsonl")
     for event, label, clip, kind in lines:
@@ -212,21 +188,6 @@ def test_labels_of_the_dashboard_point_to_clips(made, tmp_path):
     assert "no clip was kept" in said
     moved, _ = labelled_clips(path, made)
     assert [c.path for c in moved] == [made / "dog1.h5", made / "dog2.h5"]
-
-
-@pytest.mark.parametrize(
-    ("line", "words"),
-    [
-        ("{", ":2: no label of the dashboard"),
-        ('{"format": "radard-label", "format_version": 9}', ":2: no label.*format_version"),
-        ('{"format": "radard-label", "format_version": 1, "event": "x"}', ":2: no label.*label"),
-    ],
-)
-def test_lines_that_are_no_labels_are_refused(made, tmp_path, line, words):
-    path = label_file(tmp_path, ("A", "pet", str(made / "dog1.h5"), "alarm"))
-    path.write_text(path.read_text() + line + "\n")
-    with pytest.raises(UsageError, match=words):
-        labelled_clips(path)
 
 
 def test_clips_are_named_once_with_one_label(made):

@@ -59,14 +59,6 @@ def test_a_passage_is_judged_as_the_daemon_judges_its_stream(model, radar, polic
     assert any(d.gate == "open" and d.window is not None for d in live)
 
 
-def test_no_verdict_depends_on_whether_tracks_are_judged(model):
-    played = passage()
-    whole = decisions(played, model)
-    alone = decisions(played, model, judges_tracks=False)
-    assert any(d.tracks for d in whole)
-    assert [replace(d, tracks=()) for d in whole] == alone
-
-
 def test_the_columns_are_those_of_the_decisions(model):
     played = passage()
     suite = SUITES[0]
@@ -146,19 +138,3 @@ def test_a_closed_gate_ends_what_was_known(model):
     assert made[3].label == "pending"
     fresh = 0.45**0.6 / (0.45**0.6 + 0.54**0.6 + 0.01**0.6)
     assert made[3].fused.human == pytest.approx(fresh, rel=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("bin_m", "asked", "made"),
-    [(0.003656, 8, 8), (0.009149, 8, 3), (0.0514, 8, 1), (0.029248, 8, 1), (0.0149, 8, 2)],
-)
-def test_coarse_streams_are_decimated_to_30_mm_at_most(tmp_path, bin_m, asked, made):
-    settings = replace(FEATURES, range_decimation=asked)
-    path = write_blank_bundle(tmp_path, "blank", settings, ("velocity_time", "range_time"))
-    axis = replace(BASEBAND, bin_length_m=bin_m, n_range=int(2.8 / bin_m))
-    classifier = Classifier(load_bundle(str(path)))
-    pipeline = Pipeline(StreamInfo(axis, 30.5, "test"), Config(), classifier)
-    ring = pipeline.make_ring()
-    assert ring.axis.bin_length_m == pytest.approx(made * bin_m)
-    assert made == 1 or ring.axis.bin_length_m <= 0.03
-    assert pipeline.shape.n_slow == round(2 * 30.5) + 14 - 1

@@ -19,11 +19,10 @@ from x2train.commands.fit import WIDTHS
 from x2train.nets import map_checkpoint
 from x2train.nets.epoch import Epoch
 from x2train.nets.evidence_fit import fit_evidence, fused, log_loss, sequences
-from x2train.nets.map_fit import INPUTS as NAMES
-from x2train.nets.map_fit import MapTrained, fit_maps, logits_of
+from x2train.nets.map_fit import fit_maps, logits_of
 from x2train.nets.nets import MapNet, n_parameters
 from x2train.nets.optimizer import MuonAdamW
-from x2train.nets.teacher import taught_by, taught_error
+from x2train.nets.teacher import taught_by
 
 pytestmark = pytest.mark.integration
 
@@ -127,14 +126,6 @@ def test_a_bundle_is_shipped_with_less_trust_than_its_own_families_ask_for(made)
     assert PRIOR_HUMAN.keys() == WIDTHS.keys()
 
 
-@pytest.mark.parametrize("label", [0, 1])
-def test_a_set_of_one_class_cannot_calibrate(made, label):
-    validation = toy(48, seed=1)
-    keep = validation["label"] == label
-    with pytest.raises(UsageError, match="people and others"):
-        map_metrics(made[0], {k: v[keep] for k, v in validation.items()})
-
-
 def in_sequence(logits, label, passage, t_s):
     return sequences(
         np.asarray(logits, float),
@@ -199,20 +190,6 @@ def test_every_weight_moves_and_the_loss_falls(last):
         assert not torch.equal(p, before[name]), name
 
 
-def test_all_directions_of_a_matrix_learn_equally_fast():
-    net = nn.Linear(64, 16, bias=False)
-    before = net.weight.detach().clone()
-    optimizer = MuonAdamW(net, 10, **RATES)
-    x = torch.randn(200, 64, generator=torch.Generator().manual_seed(0)) * torch.logspace(
-        -2, 0, 64
-    )
-    rate = optimizer.rates[-1]
-    optimizer.step((net(x) ** 2).mean())
-    went = torch.linalg.svdvals(net.weight.detach() - before) / rate
-    assert went.max() / went.min() < 3
-    assert 0.5 < went.median() < 1.5
-
-
 SETTINGS = replace(TINY, epochs=3, dropout=0.2)
 
 
@@ -260,18 +237,6 @@ def test_an_interrupted_training_ends_with_the_same_network(tmp_path, often, n):
     assert epochs[-1] == whole_epochs[-1]
     assert len(epochs) <= len(whole_epochs)
     assert not path.exists()
-
-
-def test_a_checkpoint_of_another_run_is_not_taken(tmp_path, often):
-    path = tmp_path / "net.checkpoint"
-    often(8)
-    with pytest.raises(Stopped):
-        fitted(path)
-    other = replace(SETTINGS, seed=5)
-    _, alone = fitted(None, other)
-    _, made = fitted(path, other)
-    for key, value in alone.net.state_dict().items():
-        assert torch.equal(made.net.state_dict()[key], value)
 
 
 @pytest.mark.parametrize("data", [b"", b"rubbish", b"PK\x03\x04" + bytes(100)])
@@ -327,25 +292,3 @@ def test_a_teacher_of_other_maps_or_classes_is_refused():
         taught_by(bundle, windows)
     with pytest.raises(UsageError, match="tells pet, human apart"):
         taught_by(load_bundle("thesis"), windows)
-
-
-def test_without_a_share_labels_alone_count():
-    answers, labels = some()
-    weight = torch.tensor([1.0, 0.5, 2.0])
-    alone = taught_error(answers, labels, torch.ones(20, 3) / 3, share=0.0, weight=weight)
-    wanted = nn.CrossEntropyLoss(weight=weight)(answers, labels)
-    assert alone.item() == pytest.approx(wanted.item(), rel=1e-6)
-
-
-def test_a_pupil_learns_what_its_teacher_says_against_the_labels():
-    windows = toy(96)
-    wrong = np.roll(np.eye(3, dtype=np.float32)[windows["label"]], 1, axis=1)
-    settings = replace(TINY, teacher_share=1.0)
-    *_, made = fit_maps(windows, toy(24, seed=1), settings, wrong)
-    assert isinstance(made, MapTrained)
-    made.net.eval()
-    unseen = toy(48, seed=2)
-    maps = [torch.from_numpy(as_float(unseen[name])) for name in NAMES]
-    with torch.no_grad():
-        guess = made.net(*maps).argmax(1).numpy()
-    assert (guess == (unseen["label"] + 1) % 3).mean() > 0.9

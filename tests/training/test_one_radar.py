@@ -8,14 +8,12 @@ import pytest
 
 from benchmarks.blank_bundle import write_blank_bundle
 from radard.config.config import Config
-from radard.errors import ModelMismatch, UsageError
 from radard.judge.bundle import load_bundle
 from radard.judge.classifier import Classifier
 from radard.pipeline import Pipeline
 from radard.stream.ring import Dwell
 from tests.training_helpers import FEATURES
 from x2radar.frame import StreamInfo
-from x2radar.sim.signal.effects import ReceiverEffects
 from x2train.cli import main
 from x2train.judge.judging import JudgeSpec, decisions
 from x2train.judge.suites import SUITES, suite_of
@@ -28,8 +26,6 @@ pytestmark = pytest.mark.integration
 STEP = 8
 N = 400
 NUMBERS = {s.name: next(k for k in range(N) if suite_of(k, N) is s) for s in SUITES}
-COARSE = replace(X2, near_m=THESIS.near_m, far_m=THESIS.far_m)
-"""The standard X2 over exactly the swath of the other."""
 
 
 @pytest.fixture(scope="module")
@@ -43,50 +39,6 @@ def decimated(played):
     frames = np.ascontiguousarray(played.frames[:, ::STEP])
     axis = played.site.radar.axis()
     return frames, replace(axis, n_range=96, bin_length_m=STEP * axis.bin_length_m)
-
-
-def silent(radar, seed=0):
-    """Return two seconds of nothing but the receiver's noise."""
-    site = replace(draw_site(np.random.default_rng(1), radar), room=None)
-    return play(np.random.default_rng(seed), site, (), duration_s=4.0).frames
-
-
-def likeness(frames, lag):
-    """Return how much a bin's noise is that of another, `lag` bins behind."""
-    a, b = frames[:, lag:], frames[:, : frames.shape[1] - lag]
-    return np.abs(np.vdot(b, a)) / np.sqrt(np.vdot(a, a).real * np.vdot(b, b).real)
-
-
-def test_its_noise_is_band_limited_and_of_the_standard_radars_level():
-    fine, coarse = silent(THESIS), silent(COARSE)
-    power = [np.mean(np.abs(f) ** 2) for f in (fine, fine[:, ::STEP], coarse)]
-    # 240 frames of about 40 independent cells: 1 % is 1 sigma.
-    np.testing.assert_allclose(power, power[2], rtol=0.05)
-    # The filter's output has the pulse's own autocorrelation, exp(-(R / 2 sigma_R)^2) over range
-    # with sigma_R = 31.5 mm for 2.3 GHz, c / 2 times the sigma of the pulse that is sent.
-    sigma_m = np.sqrt(np.log(10)) / (np.pi * 2.3e9) * 299_792_458.0 / 2
-    for lag in (1, 4, 8, 16, 40):
-        theory = np.exp(-((lag * THESIS.bin_length_m / (2 * sigma_m)) ** 2))
-        assert likeness(fine, lag) == pytest.approx(theory, abs=0.03)
-    assert likeness(fine[:, ::STEP], 1) == pytest.approx(likeness(coarse, 1), abs=0.03)
-    assert likeness(fine, 1) > 0.99
-
-
-def test_decimated_it_shows_the_echo_that_the_standard_radar_shows():
-    made = []
-    for radar in (THESIS, COARSE):
-        site = draw_site(np.random.default_rng(5), radar)
-        quiet = ReceiverEffects(noise_figure_db=0.0)
-        site = replace(site, room=None, level_db=40.0, receiver=quiet)
-        rng = np.random.default_rng(7)
-        made.append(play(rng, site, (family("human walk"),), duration_s=3.0, lead_s=(0.2, 0.4)))
-    fine, coarse = made
-    np.testing.assert_array_equal(fine.truth.range_m, coarse.truth.range_m)
-    np.testing.assert_array_equal(fine.truth.snr_db, coarse.truth.snr_db)
-    ours, theirs = decimated(fine)[0], coarse.frames[:, :96]
-    # Both have noise of their own, and each engine may err by -50 dB of the sum of all echoes.
-    assert np.linalg.norm(ours - theirs) < 0.02 * np.linalg.norm(theirs)
-    assert fine.truth.snr_db.max() > 50
 
 
 def test_a_bundle_of_maps_gets_them_decimated_as_the_daemon_would(model):
@@ -163,19 +115,10 @@ def test_evaluate_compares_them(model, tmp_path, capsys, monkeypatch):
     assert not (tmp_path / "c").exists()
 
 
-def test_what_does_not_fit_is_told_in_one_line_before_anything_is_played(model, tmp_path, capsys):
+def test_what_does_not_fit_is_told_in_one_line_before_anything_is_played(tmp_path, capsys):
     out = tmp_path / "out"
     assert evaluate("--model", "thesis", "--out", str(out)) == 4
     told = one_line(capsys)
     assert "--radar suites: model 'thesis' does not fit" in told
-    assert "bin_length_m is 0.02925, it takes 0.0034 to 0.004" in told
     assert "it takes --radar thesis" in told
     assert not out.exists()
-    bundle = load_bundle(model)
-    stream = {**bundle.stream, "bin_length_m": (0.02, 0.06)}
-    spec = JudgeSpec(model=model, seed=0, n_passages=4, radar="thesis")
-    with pytest.raises(ModelMismatch, match="it takes --radar suites or x4m03 or p4xx"):
-        spec.check(replace(bundle, stream=stream))
-    spec.check(bundle)
-    with pytest.raises(UsageError, match="radar 'x2': must be one of suites, thesis, x4m03, p4xx"):
-        replace(spec, radar="x2")

@@ -77,16 +77,6 @@ def test_every_family_can_be_played(name):
     assert passage.truth.range_m.shape == (30, 1)
 
 
-def test_long_passages_have_long_stays():
-    long = replace(FEW, longest_s=16.0)
-    last_s = {}
-    for name, spec in (("short", FEW), ("long", long)):
-        made = [w for k in range(6) if (w := spec(k)) is not None]
-        last_s[name] = max(w["t_s"].max() for w in made)
-        assert all((np.diff(w["t_s"]) > 0).all() for w in made)
-    assert last_s["short"] <= 2.6 + 6.0 < last_s["long"] <= 2.6 + 16.0
-
-
 def test_workers_and_shards_do_not_matter(tmp_path):
     columns = []
     for name, workers, per_shard in (("a", 1, 2), ("b", 2, 5)):
@@ -177,18 +167,6 @@ def test_windows_say_what_made_them_and_how_strong_their_body_is():
     label = np.concatenate([rows["label"] for rows in made])
     bodies = strength_db[(label < 2) & np.isfinite(strength_db)]
     assert -40 < bodies.min() <= bodies.max() < 20
-
-
-def test_the_share_of_clear_passages_changes_no_other():
-    some = replace(FEW, clear_share=0.5)
-    differ = 0
-    for k in range(8):
-        a, b = FEW(k), some(k)
-        is_same = (a is None) == (b is None)
-        if is_same and a is not None:
-            is_same = np.array_equal(a["velocity_time"], b["velocity_time"])
-        differ += not is_same
-    assert 0 < differ < 8
 
 
 def test_what_shows_little_is_learned_in_one_passage_of_five():

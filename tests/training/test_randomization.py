@@ -9,9 +9,9 @@ import torch
 
 from radard.judge.installation import N_INSTALLATION
 from x2radar.sim.points import Points
-from x2train.sets.augment import _kept, _noisier, _shifted, augmented
+from x2train.sets.augment import _kept, augmented
 from x2train.sets.domain_randomization import DomainRandomization, RandomizedActor
-from x2train.sets.known import ADULT_DB, hidden_more, known_of
+from x2train.sets.known import ADULT_DB, known_of
 
 N, N_CELLS = 64, 40
 SHAPES = ((101, N_CELLS), (80, N_CELLS), (61, 24), (81, 9))
@@ -49,29 +49,6 @@ def test_who_loses_frames_within_has_no_whole_long_cpi():
     for each in (medium, long):
         assert torch.equal(each.flatten(1).any(1), ~is_lost)
     assert velocity.flatten(1).any(1).all()
-
-
-def test_rows_in_which_nothing_was_shown_get_no_noise():
-    ranges = maps()[1]
-    ranges[:, 50:] = 0
-    made = _noisier(ranges, torch.zeros(N) + 0.2, rng())
-    assert not made[:, 50:].any()
-    assert (made[:, :50] >= ranges[:, :50]).all()
-    assert 0.28 < made[:, :50][ranges[:, :50] == 0].mean() < 0.32
-
-
-@pytest.mark.parametrize(("u", "rows"), [(0.0, -12), (0.5, 0), (0.9999, 12)])
-def test_shifting_moves_along_range_and_lets_nothing_in(u, rows):
-    ranges = maps()[1]
-    made = _shifted(ranges, torch.full((N,), u))
-    if rows == 0:
-        assert torch.equal(made, ranges)
-    elif rows > 0:
-        assert torch.equal(made[:, rows:], ranges[:, :-rows])
-        assert not made[:, :rows].any()
-    else:
-        assert torch.equal(made[:, :rows], ranges[:, -rows:])
-        assert not made[:, rows:].any()
 
 
 @pytest.mark.parametrize(
@@ -189,22 +166,6 @@ def test_joined_parts_are_one_in_their_middle_and_the_weak_stay():
     np.testing.assert_array_equal(after.rcs_m2[:, 2], before.rcs_m2[:, 2])
 
 
-@pytest.mark.parametrize("lead_s", [(0.2, 2.5), (2.6, 4.0)])
-def test_it_is_not_in_the_swath_long_before_its_lead(lead_s):
-    n_entries = 0
-    for seed in range(12):
-        made = actor(lead_s=lead_s, is_plain=True).make(np.random.default_rng(seed))
-        t_s = np.arange(0, 12, 0.05)
-        points = made.at(t_s, ANTENNA_M)
-        range_m = np.linalg.norm(points.position_m - ANTENNA_M, axis=2)
-        seen = ((range_m > 0.6) & (range_m < 3.4)).mean(axis=1) > 0.3
-        assert seen[: int((lead_s[1] + 0.3) / 0.05)].any()
-        first_s = t_s[seen.argmax()]
-        n_entries += lead_s[0] - 0.2 <= first_s <= lead_s[1] + 0.2
-    # Half of them enter; the others are met on their way.
-    assert 3 <= n_entries <= 12
-
-
 def test_who_goes_is_met_on_the_way_and_not_long_after_the_arrival():
     # Across the room in some seconds, and then standing there, often in view.
     t_s = np.arange(0, 14, 0.05)
@@ -252,12 +213,3 @@ def test_a_passage_draws_the_same_in_any_company():
     made = windows()
     some = {key: values[100:120] for key, values in made.items()}
     np.testing.assert_array_equal(known_of(made)[100:120], known_of(some))
-
-
-def test_training_hides_value_and_mark_together_but_never_the_rate():
-    rng = torch.Generator().manual_seed(0)
-    hidden = hidden_more(torch.ones(4000, N_INSTALLATION), rng)
-    assert (hidden[:, 0] == 1).all()
-    for k in (1, 3, 5):
-        assert torch.equal(hidden[:, k], hidden[:, k + 1])
-        assert hidden[:, k].mean() == pytest.approx(0.85, abs=0.03)

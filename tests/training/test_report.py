@@ -133,13 +133,6 @@ def test_page_needs_nothing_beside_it(compared):
     assert "currentColor" in text
 
 
-def test_pictures_are_asked_for_the_worst(compared):
-    made, text, asked = compared
-    assert asked == [case["index"] for case in made["worst"]]
-    assert len(asked) == 20
-    assert text.count("<img") == sum(k % 2 for k in asked)
-
-
 def test_worst_are_the_wrong_then_the_narrow(compared):
     made, _, _ = compared
     for is_person in (True, False):

@@ -14,7 +14,6 @@ from x2train.sets.families import (
     LABELS,
     PAIRS,
     draw_cast,
-    draw_family,
     families,
 )
 from x2train.sets.sites import (
@@ -52,15 +51,6 @@ def test_an_animal_that_is_trained_on_is_a_row_of_the_species_table():
     assert len({f.name for f in FAMILIES}) == len(FAMILIES)
 
 
-@pytest.mark.parametrize("label", ["human", "pet"])
-def test_held_out_casts_are_new_in_family_or_in_company(label):
-    for cast in casts(label, "held out"):
-        if len(cast) == 1:
-            assert cast[0].use == "held out"
-        else:
-            assert [f.label for f in cast] == ["human", "pet"]
-
-
 @pytest.mark.parametrize("label", LABELS)
 @pytest.mark.parametrize("use", ["train", "all"])
 def test_the_first_gives_the_label_and_company_comes_as_often_as_stated(label, use):
@@ -74,16 +64,6 @@ def test_the_first_gives_the_label_and_company_comes_as_often_as_stated(label, u
             assert abs(counts[company] - expected) < 4 * np.sqrt(expected)
         elif who == label:
             assert counts[company] == 0
-
-
-def test_families_are_drawn_by_weight():
-    rng = np.random.default_rng(1)
-    counts = Counter(draw_family(rng, "human", "train").name for _ in range(6000))
-    rows = families("human", "train")
-    total = sum(f.weight for f in rows)
-    for f in rows:
-        expected = 6000 * f.weight / total
-        assert abs(counts[f.name] - expected) < 4.5 * np.sqrt(expected)
 
 
 @pytest.mark.parametrize("n", [12, 100, 3000])

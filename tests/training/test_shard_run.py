@@ -9,10 +9,8 @@ import sys
 import numpy as np
 import pytest
 
-from radard.errors import UsageError
 from tests.shard_helpers import Draws
 from tests.waiting import wait_for
-from x2train.commands import counted
 from x2train.sets.shard_run import ElementError, make_shards
 from x2train.sets.workers import GenerateError
 
@@ -76,14 +74,6 @@ def test_failed_element_is_named_and_the_run_goes_on_later(tmp_path, alone, work
     assert checksums(tmp_path) == alone
 
 
-def test_other_set_in_the_folder_is_refused(tmp_path):
-    make(tmp_path, Draws())
-    with pytest.raises(UsageError, match=r"seed: 1, not 2"):
-        make(tmp_path, Draws(seed=2))
-    with pytest.raises(UsageError, match=r"elements: 53, not 54"):
-        make(tmp_path, Draws(), N + 1)
-
-
 def test_dead_worker_is_told(tmp_path):
     with pytest.raises(GenerateError, match="run again to go on"):
         make(tmp_path, Draws(dies_at=30), workers=2)
@@ -97,16 +87,6 @@ def test_progress_counts_to_the_end_and_on_from_earlier(tmp_path):
     told.clear()
     make(tmp_path, Draws(), report=lambda *now: told.append(now))
     assert told == [(done, N) for done in (33, 41, 49, 53)]
-
-
-def test_a_log_gets_a_line_now_and_then(capsys, monkeypatch):
-    with counted("windows") as tell:
-        tell(1, 1000)
-    assert capsys.readouterr() == ("", "")
-    monkeypatch.setattr("x2train.commands._LOG_EVERY_S", 0.0)
-    with counted("windows") as tell:
-        tell(250, 1000)
-    assert capsys.readouterr() == ("", "windows: 250 of 1,000\n")
 
 
 def test_ctrl_c_ends_cleanly_and_the_run_goes_on(tmp_path, alone):

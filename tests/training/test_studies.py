@@ -6,15 +6,12 @@ import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 import levers
 import scene
-from leave_one_out import Law, laws_of
 from leave_one_out import main as leave_one_out
 from levers import USUAL, cases
-from radard.errors import UsageError
 from x2train.cli import main
 
 pytestmark = pytest.mark.nightly
@@ -101,18 +98,6 @@ def test_every_law_is_left_out_once_and_nothing_is_done_twice(laws, tmp_path, ca
     out.write_text(json.dumps(figures))
     assert leave_one_out(argv) == 0
     assert "skin points 0.250\nwithout motion gait" in capsys.readouterr().out
-
-
-def test_a_law_marks_its_people_and_pets_and_no_things():
-    columns = {
-        "motion": np.array([0, 1, 1, 1]),
-        "skin": np.array([0, 0, 1, 1]),
-        "label": np.array([0, 0, 1, 2]),
-    }
-    assert Law("motion", "footfalls").of(columns).tolist() == [False, True, True, False]
-    assert len(laws_of(columns)) == 4
-    with pytest.raises(UsageError, match="one motion and one skin"):
-        laws_of({"motion": np.zeros(3), "skin": np.zeros(3), "label": np.zeros(3)})
 
 
 def test_a_scene_is_drawn(tmp_path, capsys):

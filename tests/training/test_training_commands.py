@@ -1,7 +1,6 @@
 """dataset, fit and evaluate: small from end to end, and wrong input in one line."""
 
 import json
-from dataclasses import asdict
 from importlib import resources
 
 import jsonschema
@@ -10,7 +9,7 @@ import pytest
 from radard.config.sections import GateSettings
 from radard.judge.bundle import load_bundle
 from tests.radar_helpers import run_radard
-from tests.training_helpers import FEATURES, toy
+from tests.training_helpers import toy
 from x2train.cli import main
 from x2train.judge.table import PassageTable
 from x2train.sets.shards import MANIFEST, ShardSet, read_all
@@ -53,21 +52,6 @@ def test_the_sidecar_says_how_it_came_about(bundle):
     assert "false_alarms_per_day 0.01" in bundle.with_suffix(".md").read_text()
     assert sidecar["metrics"]["windows"] == len(columns["label"])
     assert set(columns["label"]) == {0, 1, 2}
-
-
-def test_a_teacher_is_named_and_what_it_has_seen_counts(bundle, tmp_path, capsys):
-    sets = str(windows(tmp_path / "sets", toy(24), settings=asdict(FEATURES), use="train"))
-    argv = ["fit", "--train", sets, "--validate", sets, "--epochs", "1", "--size", "fast"]
-    argv += ["--name", "pupil", "--out", str(tmp_path)]
-    assert main([*argv, "--teacher", str(bundle)]) == 0
-    sidecar = json.loads((tmp_path / "pupil.json").read_text())
-    teacher = {"name": "tiny", "onnx_sha256": load_bundle(str(bundle)).sha256}
-    assert sidecar["training"]["teacher"] == teacher
-    assert sidecar["training"]["command"].endswith(f" --teacher {bundle}")
-    assert "Families kept out of training: none" in sidecar["training"]["recipe"]
-    capsys.readouterr()
-    assert main([*argv, "--teacher", "thesis"]) == 2
-    assert "teacher 'thesis': tells pet, human apart" in one_line(capsys)
 
 
 def test_a_set_that_is_there_is_not_made_again(bundle, monkeypatch, capsys):
@@ -205,13 +189,3 @@ def test_sets_that_cannot_be_used_are_refused(how, words, code, tmp_path, capsys
         assert main(both) == code
         assert words in one_line(capsys)
     assert not out.exists()
-
-
-@pytest.mark.parametrize(("how", "words"), [("missing", "no set"), ("other kind", "without")])
-def test_reports_that_cannot_be_compared_are_refused(how, words, tmp_path, capsys):
-    if how == "other kind":
-        windows(tmp_path / "old" / "passages")
-    argv = ["evaluate", "--model", "thesis", "--against", str(tmp_path / "old")]
-    assert main([*argv, "--out", str(tmp_path / "out")]) in {2, 66}
-    assert words in one_line(capsys)
-    assert not (tmp_path / "out").exists()

@@ -7,15 +7,12 @@ import numpy as np
 import pytest
 
 from radard.errors import FeatureError
-from walk_numbers import follow, measure, ridge, standing_still
+from walk_numbers import follow, measure
 from walks import (
     RADARS_X_M,
-    MeasureRow,
     compare,
-    main,
     recorded_walk,
     simulated_walk,
-    table,
     walk_scene,
 )
 from x2radar.frame import FastTimeAxis
@@ -58,14 +55,6 @@ def walk(*parts, **kwargs):
 
 
 # ---------------------------------------------------------------- the way
-
-
-def test_a_ridge_stays_on_its_way_past_a_stronger_flash():
-    level = np.zeros((60, 80))
-    way = np.rint(10 + 0.4 * np.arange(80)).astype(int)
-    level[way, np.arange(80)] = 20.0
-    level[55, 30:33] = 40.0
-    assert np.array_equal(ridge(level, 1.0), way)
 
 
 def test_a_point_is_followed_to_a_centimetre_whatever_the_clutter():
@@ -150,27 +139,7 @@ def test_power_behind_is_that_of_what_follows_the_body():
     assert numbers.behind_db[3] < numbers.behind_db[1] - 15
 
 
-def test_a_body_that_is_held_still_stands_in_the_middle_in_phase():
-    found = walk((COMING_M, 1.0))
-    frames = standing_still(found)[found.is_walking]
-    assert (np.abs(np.abs(frames).argmax(axis=1) - AXIS.n_range // 2) <= 2).all()
-    at_peak = frames[:, AXIS.n_range // 2]
-    # Half a centimetre of path error turns the phase by 0.8.
-    assert np.abs(np.angle(at_peak / at_peak.mean())).mean() < 0.8
-
-
 # ---------------------------------------------------------------- recorded and simulated
-
-
-def test_rows_judge_ratios_and_levels():
-    ratio = MeasureRow("x", "m", (1.0, 3.0), 2.3, 0.1)
-    assert (ratio.against, ratio.is_within) == (pytest.approx(1.15), True)
-    assert not MeasureRow("x", "m", (1.0,), 1.25, 0.1).is_within
-    level = MeasureRow("x", "dB", (-10.0, -14.0), -15.0, 1.0)
-    assert (level.against, level.is_within) == (pytest.approx(-3.0), False)
-    lines = table((ratio, level))
-    assert lines[2] == "| x, m | 1.00 | 3.00 | 2.30 +- 0.10 | x1.15 |"
-    assert lines[3].endswith("| -3.0 dB * |")
 
 
 def test_a_simulated_walk_is_the_same_again_and_one_person_for_both_radars():
@@ -203,17 +172,3 @@ def test_simulated_people_walk_as_the_recorded_one_does():
         "power 2.5 m behind the body",
     ):
         assert rows[name].is_within, rows[name]
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["a.mat", "b.mat", "c.mat"], "2 radars"),
-        (["a.mat", "--seeds", "1"], "--seeds 1"),
-        (["nothing"], "nothing: no such recording"),
-    ],
-)
-def test_wrong_use_is_named_in_one_line(arguments, message, tmp_path, capsys):
-    assert main([*arguments, "--out", str(tmp_path)]) != 0
-    last = capsys.readouterr().err.strip().splitlines()[-1]
-    assert message in last
