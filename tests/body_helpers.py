@@ -6,8 +6,7 @@ import numpy as np
 
 from x2radar.sim.bodies.flyer import BIRD_MASS_KG, BIRD_STYLES, draw_bird, draw_moth
 from x2radar.sim.bodies.motion.people.gait import STYLES
-from x2radar.sim.bodies.path.path import Path
-from x2radar.sim.bodies.path.timetable import Agility
+from x2radar.sim.bodies.path.path import Agility, Path
 from x2radar.sim.bodies.person import draw_person
 from x2radar.sim.bodies.pet import PET_STYLES, draw_pet
 from x2radar.sim.bodies.skeleton.species import SPECIES

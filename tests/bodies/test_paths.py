@@ -8,10 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from x2radar.sim.bodies.path.courses import COURSES, draw_course
-from x2radar.sim.bodies.path.path import Path
+from x2radar.sim.bodies.path.path import Agility, Path
 from x2radar.sim.bodies.path.prints import Footprints, StridePhase
-from x2radar.sim.bodies.path.timetable import Agility
-from x2radar.sim.bodies.skeleton.limbs import STRETCHED_TO, hang, two_links
+from x2radar.sim.bodies.skeleton.skeleton import STRETCHED_TO, hang, two_links
 from x2radar.sim.bodies.wander import Wander
 
 

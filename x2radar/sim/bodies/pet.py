@@ -18,13 +18,11 @@ from x2radar.sim.bodies.motion.quadrupeds.gait import (
     froude,
     usual_gait,
 )
-from x2radar.sim.bodies.motion.quadrupeds.hung import Action, Hung
+from x2radar.sim.bodies.motion.quadrupeds.hung import Action, Hung, draw_manner
 from x2radar.sim.bodies.motion.quadrupeds.jumping import Jumping
-from x2radar.sim.bodies.motion.quadrupeds.manner import draw_manner
 from x2radar.sim.bodies.motion.quadrupeds.staying import Romping, draw_staying
 from x2radar.sim.bodies.path.courses import Waypoints, apart, draw_course, off_wall
-from x2radar.sim.bodies.path.path import Path
-from x2radar.sim.bodies.path.timetable import Agility
+from x2radar.sim.bodies.path.path import Agility, Path
 from x2radar.sim.bodies.pose import Motion
 from x2radar.sim.bodies.skeleton.quadrupeds import QUADRUPED, QuadrupedBuild, draw_build
 from x2radar.sim.bodies.skeleton.species import SPECIES, Species

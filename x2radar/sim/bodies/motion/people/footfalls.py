@@ -24,8 +24,8 @@ from x2radar.sim.bodies.motion.people.striding import (
 from x2radar.sim.bodies.path.path import Path
 from x2radar.sim.bodies.path.prints import Footprints, StridePhase
 from x2radar.sim.bodies.pose import UP, Ends, Pose
-from x2radar.sim.bodies.skeleton.limbs import STRETCHED_TO, direction, two_links
 from x2radar.sim.bodies.skeleton.people import PersonBuild
+from x2radar.sim.bodies.skeleton.skeleton import STRETCHED_TO, direction, two_links
 from x2radar.sim.points import Array
 
 _TURNED_SHARE = 0.3

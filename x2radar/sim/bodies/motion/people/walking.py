@@ -12,15 +12,14 @@ from typing import Self
 
 import numpy as np
 
-from x2radar.sim.bodies.motion.people.doing import Busy, Doer, Doing
+from x2radar.sim.bodies.motion.people.doing import Busy, Doer, Doing, Exercise, Seated
 from x2radar.sim.bodies.motion.people.gait import Carriage, PersonStyle, carriage_at, gait_of
-from x2radar.sim.bodies.motion.people.in_place import Exercise, Seated
 from x2radar.sim.bodies.motion.people.striding import SIDES
 from x2radar.sim.bodies.path.feet import Feet, FootState
 from x2radar.sim.bodies.path.path import Path
 from x2radar.sim.bodies.pose import UP, Ends, Pose, rod
-from x2radar.sim.bodies.skeleton.limbs import direction, two_links
 from x2radar.sim.bodies.skeleton.people import TRUNK_AT, Age, PersonBuild
+from x2radar.sim.bodies.skeleton.skeleton import direction, two_links
 from x2radar.sim.bodies.wander import Wander, smooth_step
 from x2radar.sim.points import Array
 

@@ -11,12 +11,12 @@ from typing import Self
 
 import numpy as np
 
-from x2radar.sim.bodies.motion.quadrupeds.manner import Manner, Trunk
+from x2radar.sim.bodies.motion.quadrupeds.hung import Manner, Trunk
 from x2radar.sim.bodies.path.path import Path
 from x2radar.sim.bodies.path.prints import Footprints, StridePhase
 from x2radar.sim.bodies.pose import UP, Ends, Pose
-from x2radar.sim.bodies.skeleton.limbs import STRETCHED_TO, direction, two_links
 from x2radar.sim.bodies.skeleton.quadrupeds import ENDS, SIDES, QuadrupedBuild
+from x2radar.sim.bodies.skeleton.skeleton import STRETCHED_TO, direction, two_links
 from x2radar.sim.bodies.wander import Wander
 from x2radar.sim.points import Array
 
