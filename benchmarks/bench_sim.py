@@ -29,8 +29,7 @@ from tests.echo_references import passband
 from x2radar.frame import FastTimeAxis
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS, RadarSettings
 from x2radar.sim.echo import TIERS, Pulse, Task, choose, frames
-from x2radar.sim.signal.noise import baseband_noise_power, matched_noise
-from x2radar.sim.signal.pulse import LinkBudget
+from x2radar.sim.signal.pulse import LinkBudget, baseband_noise_power, matched_noise
 
 ERROR_DB = -60.0
 N_CPI = 28

@@ -43,8 +43,7 @@ from x2radar.sim.echo import frames as echo_frames
 from x2radar.sim.place.room import Room
 from x2radar.sim.scene.scene import Scene, parse_scene
 from x2radar.sim.scene.stage import Stage
-from x2radar.sim.signal.noise import matched_noise
-from x2radar.sim.signal.pulse import LinkBudget
+from x2radar.sim.signal.pulse import LinkBudget, matched_noise
 from x2train.commands import counted
 from x2train.sets.workers import Tell
 

@@ -9,7 +9,6 @@ from tests.body_helpers import drawn, parts, places, speeds, strongest_hz
 from x2radar.sim.bodies.motion import MOTIONS
 from x2radar.sim.bodies.motion.people.gait import (
     STYLES,
-    carriage_at,
 )
 from x2radar.sim.bodies.skeleton.people import PERSON, draw_person_build
 
@@ -107,35 +106,6 @@ def test_hips_bob_and_surge_twice_a_stride_and_are_slowest_over_the_standing_foo
         assert 0.008 < amplitude < 0.035
 
 
-def test_arms_bob_and_pelvis_move_less_at_a_slow_walk():
-    style, hip_m = STYLES["walk"], 0.9
-    slow, brisk = (carriage_at(style, v, hip_m) for v in (0.3, 1.35))
-    for name in ("arm_rad", "bob_m", "yaw_rad"):
-        assert getattr(brisk, name) == pytest.approx(getattr(style.carriage, name))
-        assert getattr(slow, name) == pytest.approx(0.3 / 1.35 * getattr(brisk, name))
-    # Who sneaks, carries or runs has the arms that the style says.
-    for style in (STYLES[name] for name in ("stealth", "carry", "run")):
-        assert carriage_at(style, 0.3, hip_m).arm_rad == style.carriage.arm_rad
-
-
-@pytest.mark.parametrize("motion", ["footfalls", "angles"])
-@pytest.mark.parametrize("seed", range(4))
-def test_trunks_of_drawn_gaits_go_along_the_path_and_gain_and_lose_speed_twice_a_stride(
-    motion, seed
-):
-    person = walker(1.2, seed, motion)
-    place, state = parts(person, T_S), person.motion.path.at(T_S)
-    assert np.abs(place["trunk"][:, 0] - state.x_m).max() < 0.15
-    assert np.abs(place["trunk"][:, 1] - state.y_m).max() < 0.45  # somebody who leans
-    assert place["head"][:, 2].max() < 2.3
-    speed = speeds(place["pelvis"][:, :2], STEP_S)
-    wave = np.exp(-2j * np.pi * person.motion.phase.at(T_S[:-1]))
-    once, twice = (abs(np.mean((speed - speed.mean()) * wave**k)) for k in (1, 2))
-    assert speed.mean() == pytest.approx(1.2, rel=0.1)
-    assert twice > 0.01
-    assert twice > once / 4
-
-
 # ---------------------------------------------------------------- what is done besides
 
 
@@ -206,23 +176,6 @@ def test_who_sits_has_level_thighs_still_feet_and_a_head_that_moves():
             assert np.sqrt(np.mean(head**2)) > 0.015
     assert 3 <= rose <= 12
     assert head_alone >= 1
-
-
-def test_who_exercises_keeps_one_beat_lifts_the_feet_and_stays():
-    lifted, hopped = [], []
-    for seed in range(10):
-        person, place = seen("exercise", seed)
-        beat_hz = person.motion.doer.beat_hz
-        assert 0.4 <= beat_hz <= 1.6
-        assert np.abs(place["pelvis"][:, :2] - [0, 3]).max() < 0.35
-        feet = np.stack([place["left foot"][:, 2], place["right foot"][:, 2]])
-        assert feet.min() > -0.01
-        lifted.append(np.ptp(feet, axis=1).max())
-        hopped.append(np.min(feet, axis=0).max() > feet.min() + 0.04)
-        assert strongest_hz(place["left hand"][:, 2], 0.02) < 2.4 * beat_hz
-    assert np.median(lifted) > 0.08
-    assert any(hopped)
-    assert not all(hopped)
 
 
 @pytest.mark.parametrize("style", ["busy", "sit", "exercise"])

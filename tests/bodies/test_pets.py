@@ -18,8 +18,6 @@ from tests.body_helpers import (
     strongest_hz,
 )
 from x2radar.sim.bodies.motion.quadrupeds.gait import (
-    DUTY,
-    FOOTWORK,
     GRAVITY_MPS2,
     duty,
     froude,
@@ -89,21 +87,6 @@ def test_strides_and_stances_are_as_long_as_published(species, style, fr, factor
     assert np.mean(stands) == pytest.approx(0, abs=0.06)
 
 
-def test_the_relations_meet_between_froude_2_and_3_and_duty_falls_with_the_speed():
-    hip = 0.5
-    speed = np.sqrt(np.linspace(0.01, 12, 400) * GRAVITY_MPS2 * hip)
-    dog, fr = stride_m(speed, hip, SPECIES["dog"]) / hip, froude(speed, hip)
-    assert dog[fr < 2] == pytest.approx(2.4 * fr[fr < 2] ** 0.34)
-    assert dog[fr > 3] == pytest.approx(1.9 * fr[fr > 3] ** 0.40)
-    assert np.abs(np.diff(dog[fr > 1])).max() < 0.05
-    # Faster means more strides a second, at any speed.
-    assert (np.diff(speed / dog) > 0).all()
-    share = duty(np.linspace(0.05, 9, 300), 0.44)
-    assert (np.diff(share) <= 1e-12).all()
-    assert DUTY[0] <= share.min() < 0.3
-    assert 0.6 < share.max() <= DUTY[1]
-
-
 PAIRS = {
     # Lateral sequence: hind, fore of the same side, other hind, other fore.
     "walk": (0.25, 0.5, 0.75),
@@ -137,21 +120,6 @@ def test_feet_fall_in_the_order_of_the_gait_on_either_lead(species, style):
         leads.add(int(np.argmin(apart)))
     if style in {"canter", "bound"}:
         assert leads == {0, 1}
-
-
-@pytest.mark.parametrize(("species", "style"), GOING)
-def test_speeds_and_gaits_are_those_of_the_style(species, style):
-    low, high = PET_STYLES[style].froude
-    for seed in range(6):
-        pet = drawn(species, style, seed, path=((-30.0, 3.0), (30.0, 3.0)))
-        fr = float(froude(pet.motion.action.path.cruise_mps, pet.motion.build.hip_m))
-        assert fr <= high * 1.0001
-        assert fr >= low * 0.9999 or style in {"bound", "canter"}  # limited indoors
-        forced = PET_STYLES[style].gait
-        if forced in SPECIES[species].gaits:
-            assert pet.motion.action.footwork is FOOTWORK[forced]
-        if species == "rabbit":
-            assert pet.motion.action.footwork is FOOTWORK["bound"]
 
 
 @pytest.mark.parametrize(("species", "style"), GOING)
@@ -284,19 +252,6 @@ def test_breathing_has_the_rate_and_the_depth_of_the_animal(species, style, leas
             assert np.ptp(still, axis=0).max() < 0.001
 
 
-def test_a_sniffing_dog_stops_with_its_nose_at_the_floor():
-    low, stops = [], []
-    for seed in range(6):
-        dog = drawn("dog", "sniff", seed)
-        t_s = np.arange(0, dog.motion.action.path.end_s, 0.05)
-        low.append((parts(dog, t_s)["head"][:, 2] < 0.6 * dog.motion.build.hip_m).mean())
-        still = dog.motion.action.path.at(t_s).speed_mps == 0
-        stops.append(np.flatnonzero(np.diff(still.astype(int)) > 0).size)
-    assert np.mean(low) > 0.5
-    assert min(low) < 0.95
-    assert min(stops) >= 2
-
-
 @pytest.mark.parametrize(("species", "style"), STAYING)
 def test_one_that_stays_does_so_where_the_path_begins(species, style):
     pet = drawn(species, style, 0, path=Path.through(((1.0, 2.0), (1.0, 4.0)), 0.5))
@@ -304,16 +259,6 @@ def test_one_that_stays_does_so_where_the_path_begins(species, style):
     plays = style == "play"
     assert np.abs(pose.centre_m[:, 0, :2] - [1.0, 2.0]).max() < (0.4 if plays else 0.03)
     assert (pose.axis[:, 0, 1].min() > 0.7) is not plays
-
-
-@pytest.mark.parametrize("species", SPECIES)
-def test_who_grooms_licks_with_the_nose_down(species):
-    pet = drawn(species, "groom", 3)
-    head = parts(pet, np.arange(0, 40, 0.02))["head"][:, 2]
-    lick_hz = pet.motion.manner.lick_hz
-    assert strongest_hz(np.diff(head), 0.02) == pytest.approx(lick_hz, abs=0.1)
-    assert 1.5 <= lick_hz <= 3.5
-    assert drawn(species, "sit", 3).motion.manner.lick_rad == 0
 
 
 @pytest.mark.parametrize("species", SPECIES)

@@ -14,7 +14,7 @@ from tests.echo_references import passband
 from tests.sim_helpers import axis_of
 from x2radar.errors import SceneError
 from x2radar.frame import FastTimeAxis
-from x2radar.sim.echo import Pulse, frames
+from x2radar.sim.echo import Pulse, Task, choose, frames
 from x2radar.sim.echo.gridded import design_for, suits
 
 C = 299_792_458.0
@@ -302,3 +302,35 @@ def test_any_echoes_are_a_sum(tier, points):
         for k in range(len(points))
     )
     assert np.abs(whole - parts).max() <= 3e-6 * total
+
+
+# ---------------------------------------------------------------- which tier is taken
+
+
+def task(axis, n_slow=400, n_points=20, error_db=-60.0):
+    return Task(n_slow, n_points, axis, Pulse.of(axis), error_db)
+
+
+def test_every_tier_has_its_tasks():
+    assert choose(task(X2)) == "gridded"  # short bins, many echoes
+    assert choose(task(DECIMATED)) == "local"  # what training asks for
+    assert (
+        choose(task(replace(P4XX, n_range=143, bin_length_m=0.0274), 152, 60, -50.0)) == "local"
+    )  # training for another radar
+    assert choose(task(X2, 1, 3, -90.0)) == "dense"  # a scene's static points
+    assert choose(task(X2, error_db=-120.0)) == "dense"  # nothing else is fine enough
+
+
+@pytest.mark.parametrize("name", AXES)
+@pytest.mark.parametrize("error_db", [-20.0, -60.0, -80.0, -100.0, -110.0, -130.0])
+def test_auto_keeps_the_error(name, error_db, references):
+    range_m, amplitude = scene(AXES[name])
+    ours = frames(range_m, amplitude, AXES[name], error_db=error_db)
+    allowed = 10 ** (error_db / 20) + 3e-7
+    assert worst_db(ours, references[name], amplitude) <= 20 * math.log10(allowed)
+
+
+def test_an_error_that_no_tier_keeps_is_named():
+    for error_db in (-131.0, 0.0, math.nan, -math.inf):
+        with pytest.raises(SceneError, match="not within -130 to -20"):
+            frames(*scene(X2, 2, 2), X2, error_db=error_db)

@@ -84,17 +84,6 @@ def test_levels_of_a_perfect_mirror():
     assert received == pytest.approx([2 * gamma * 0.5 / (2 * by), gamma**2 * 0.5 / by**2])
 
 
-def test_the_pattern_counts_where_the_ways_leave():
-    beam = Antenna(height_m=1.5, floor_db=-60)
-    ratio = (
-        image_rows(one(0, 2, 1), beam, FLOOR).root_rcs_m
-        / image_rows(one(0, 2, 1), ALL_ROUND, FLOOR).root_rcs_m
-    )[0]
-    straight = beam.gain(np.array([0, 2, -0.5]))
-    by = beam.gain(np.array([0, 2, -2.5]))
-    assert ratio == pytest.approx([math.sqrt(straight * by), by])
-
-
 # ---------------------------------------------------------------- the tail
 
 
@@ -112,19 +101,6 @@ def tail(seed=0, antenna=ALL_ROUND, **settings):
 def energy(rows, range_m):
     """Energy of each row against the body's own, shape (n_slow, n_rows)."""
     return (rows.root_rcs_m / rows.range_m**2 * np.asarray(range_m)[:, None] ** 2) ** 2
-
-
-def test_the_tail_fills_the_range_behind_the_body_and_only_that():
-    ranges = np.array([0.6, 1.2, 1.8, 2.4])
-    behind = np.concatenate([tail(k).rows(walk(ranges)).range_m for k in range(10)], axis=1)
-    behind -= ranges[:, None]
-    assert behind.min() > -1e-9
-    for row in behind:
-        per_cell = np.histogram(row, np.arange(0, 1.65, 0.08))[0] / 10
-        # Next to it there are few things whose way is hardly longer.
-        assert per_cell.min() > 0
-        assert per_cell[2:].min() > 1
-        assert 2 < per_cell.mean() < 5
 
 
 @pytest.mark.parametrize("energy_db", [-10.0, -5.0])

@@ -14,7 +14,7 @@ from x2radar.sim.place.multipath import Surface, TailSettings
 from x2radar.sim.place.room import RoomSettings
 from x2radar.sim.signal.effects import ReceiverEffects
 from x2radar.sim.things import THINGS, draw_mount, draw_thing
-from x2radar.sim.things.mount import DRAWS
+from x2radar.sim.things.draws import DRAWS
 
 CLASSES = (Antenna, Surface, TailSettings, RoomSettings, ReceiverEffects)
 FIELDS = [(cls, field.name, field.metadata["key"]) for cls in CLASSES for field in fields(cls)]

@@ -14,8 +14,6 @@ from x2radar.sim.scene.scene import parse_scene
 from x2radar.sim.signal.pulse import LinkBudget
 from x2radar.wire.messages import (
     Ack,
-    BasebandAp,
-    BasebandIq,
     Reset,
     SetMode,
     SetOutput,
@@ -74,23 +72,6 @@ def test_rf_frames_are_static_clutter_body_and_noise():
     mean = np.mean([stream.next() for _ in range(400)], axis=0)
     assert np.abs(mean - 50 - clean).max() < 5.5 * 0.04 / math.sqrt(400)
     assert np.abs(clean).max() > 1
-
-
-@pytest.mark.parametrize(
-    ("kind", "cls"),
-    [(BasebandOutput.IQ, BasebandIq), (BasebandOutput.AMPLITUDE_PHASE, BasebandAp)],
-)
-def test_baseband_frames_carry_their_axis(kind, cls):
-    s = RadarSettings()
-    m = module()
-    ask(m, output(kind))
-    for k, message in enumerate(frames(m, 3)):
-        assert isinstance(message, cls)
-        assert message.counter == k + 1
-        assert message.bin_length_m == pytest.approx(s.bin_length_m, rel=1e-6)
-        assert message.range_offset_m == pytest.approx(s.range_offset_m, rel=1e-6)
-        assert message.carrier_hz == pytest.approx(6.8e9, rel=1e-6)
-        assert message.sample_rate_hz == pytest.approx(41e9, rel=1e-6)
 
 
 def test_iq_and_ap_are_the_same_frames():

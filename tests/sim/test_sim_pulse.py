@@ -49,16 +49,6 @@ def test_forty_decibels_a_decade_and_root_of_the_cross_section(range_m, rcs_m2):
     assert big / near == pytest.approx(2)
 
 
-def test_nothing_is_nearer_than_the_clamp():
-    b, rcs = LinkBudget(), np.array([100.0])
-    at_clamp = b.amplitude(np.array([0.1]), rcs, RF)
-    for r in (0.0, 1e-300, 0.05, 0.1):
-        assert np.array_equal(b.amplitude(np.array([r]), rcs, RF), at_clamp)
-    assert np.isfinite(at_clamp).all()
-    assert b.amplitude(np.array([0.11]), rcs, RF) < at_clamp
-    assert b.amplitude(np.array([1.0]), np.array([0.0]), RF) == 0
-
-
 # ---------------------------------------------------------------- the pulse
 
 

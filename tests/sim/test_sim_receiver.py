@@ -10,8 +10,13 @@ from tests.receiver_helpers import BASEBAND, RF, affected, room_echo, silence
 from tests.sim_helpers import axis_of
 from x2radar.modules.x2 import RadarSettings
 from x2radar.sim.signal.effects import FrameDraws, ReceiverEffects
-from x2radar.sim.signal.noise import baseband_noise_power, matched_noise, noise_sigma
-from x2radar.sim.signal.pulse import LinkBudget, pulse_sigma_s
+from x2radar.sim.signal.pulse import (
+    LinkBudget,
+    baseband_noise_power,
+    matched_noise,
+    noise_sigma,
+    pulse_sigma_s,
+)
 from x2radar.sim.signal.receiver import MIDDLE, Receiver, delayed_baseband, delayed_rf
 
 

@@ -13,8 +13,7 @@ import pytest
 from radard.dsp.cadence import cadence_velocity_diagram
 from radard.dsp.doppler import doppler_hz, micro_doppler
 from x2radar.sim.bodies.thesis_bodies import Scatterer
-from x2radar.sim.signal.noise import baseband_noise_power
-from x2radar.sim.signal.pulse import BOLTZMANN, LinkBudget
+from x2radar.sim.signal.pulse import BOLTZMANN, LinkBudget, baseband_noise_power
 from x2train.thesis import elements
 from x2train.thesis.elements import ElementSpec, dwell
 

@@ -21,8 +21,7 @@ from x2radar.sim.place.room import Room
 from x2radar.sim.points import Points
 from x2radar.sim.scene.scene import Scene, SceneStep
 from x2radar.sim.scene.stage import Stage
-from x2radar.sim.signal.noise import baseband_noise_power
-from x2radar.sim.signal.pulse import LinkBudget
+from x2radar.sim.signal.pulse import LinkBudget, baseband_noise_power
 from x2radar.sim.signal.receiver import Receiver
 from x2train.sets.domain_randomization import RandomizedActor
 from x2train.sets.families import RECORDED, Family

@@ -55,9 +55,10 @@ def _local_ns(task: Task) -> float:
 def _gridded_ns(task: Task) -> float:
     if not gridded.suits(task.axis, task.pulse):
         return math.inf
-    shape = gridded.design_for(task.axis, task.pulse, task.error_db)
-    each_ns = 5 + 1.7 * shape.grid.n_touched
-    frame_ns = (1.2 if task.axis.kind == "rf" else 1.5) * shape.frame_ns()
+    made = gridded.design_for(task.axis, task.pulse, task.error_db)
+    each_ns = 5 + 1.7 * made.grid.n_touched
+    frame_ns = gridded.frame_ns(made.n_blocks, made.n_block, made.n_window)
+    frame_ns *= 1.2 if task.axis.kind == "rf" else 1.5
     return task.n_calls * 5e4 + each_ns * task.n_echoes + frame_ns * task.n_slow
 
 

@@ -82,10 +82,6 @@ class Design:
     turn: Baseband | None
     error_db: float
 
-    def frame_ns(self) -> float:
-        """Estimate the matrix product's time for one frame."""
-        return _frame_ns(self.n_blocks, self.n_block, self.n_window)
-
     def write(self, echo: Baseband, out: Frames) -> None:
         """Write the bins of an echo on the grid into `out`, shape (n_slow, n_range)."""
         row, point = echo.strides
@@ -176,7 +172,7 @@ def _cheapest(n_range: int, bin_sigma: float, error_db: float) -> tuple[_Shape, 
                 halo = max(0, math.ceil(2 * _reach(1 - share, error_db) / spacing) - 2)
                 for more, wider in product(range(3), range(4)):
                     shape = _Shape(n_block, n_step, halo + wider, touched + more, share)
-                    cost = _frame_ns(n_blocks, n_block, n_step + shape.halo) + copy_ns
+                    cost = frame_ns(n_blocks, n_block, n_step + shape.halo) + copy_ns
                     found.append((cost + _USUAL_POINTS * _TOUCH_NS * shape.touched, shape))
     found.sort()
     for _, shape in found:
@@ -197,7 +193,8 @@ def _alias_db(spacing: float) -> float:
     return 20 * math.log10(2) - 20 * math.log10(math.e) * (0.5 * np.pi**2 / spacing**2)
 
 
-def _frame_ns(n_blocks: int, n_block: int, n_window: int) -> float:
+def frame_ns(n_blocks: int, n_block: int, n_window: int) -> float:
+    """Estimate the matrix product's time for one frame."""
     return n_blocks * (_ROW_NS + n_block * (_BIN_NS + n_window * _PRODUCT_NS))
 
 

@@ -12,8 +12,7 @@ from x2radar.sim.echo import frames as echo_frames
 from x2radar.sim.place.room import Room
 from x2radar.sim.scene.scene import Scene, StaticPoint
 from x2radar.sim.scene.stage import Stage
-from x2radar.sim.signal.noise import baseband_noise_power
-from x2radar.sim.signal.pulse import LinkBudget
+from x2radar.sim.signal.pulse import LinkBudget, baseband_noise_power
 from x2radar.sim.signal.receiver import Receiver
 
 _BLOCK = 16

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from x2radar.frame import FastTimeAxis
 from x2radar.keys import check_fields, limited, one_of
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
-from x2radar.sim.signal.noise import baseband_noise_power
-from x2radar.sim.signal.pulse import LinkBudget, pulse_sigma_s
+from x2radar.sim.signal.pulse import LinkBudget, baseband_noise_power, pulse_sigma_s
 
 Array = NDArray[np.float64]
 Frames = NDArray[np.float32] | NDArray[np.complex64]

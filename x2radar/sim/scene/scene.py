@@ -35,16 +35,6 @@ _DURATION = Key(0.1, 86_400.0, "s")
 _WEIGHT = Key(0.0, 1e6, "weight")
 _POINT = {"range_m": Key(0.1, 1000, "m"), "rcs_m2": Key(0, 1e9, "m2, processing gain included")}
 _STEP_KEYS = dict.fromkeys(("duration_s", "actors", "weight"))
-_SETTINGS: Mapping[str, type] = {
-    "room": RoomSettings,
-    "antenna": Antenna,
-    "tail": TailSettings,
-    "receiver": ReceiverEffects,
-}
-"""What a scene may name once, and who judges it."""
-_SCENE_KEYS = dict.fromkeys(
-    ("description", "like", "steps", "background", "clutter", "surfaces", "mount", *_SETTINGS)
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,32 +144,12 @@ def _parsed(text: str, name: str, where: str) -> Scene:
     except YamlError as err:
         msg = f"{where}: not YAML: {err}"
         raise SceneError(msg) from err
-    top = _inherited(_mapping(raw, where, _SCENE_KEYS), where)
-    description = "" if top.get("description") is None else top["description"]
-    if not isinstance(description, str):
-        msg = f"{where}: description: must be text"
-        raise SceneError(msg)
-    steps = _list(top, "steps", where, _step_or_choice)
-    if not steps:
+    top = _inherited(checked({} if raw == {} else raw or [], _SCENE_KEYS, where), where)
+    said = {key: read(top[key], f"{where}: {key}") for key, read in _READERS.items() if key in top}
+    if not said.get("steps"):
         msg = f"{where}: steps: must be a list with at least one step"
         raise SceneError(msg)
-    parts: dict[str, Any] = {
-        key: settings_from(cls, top[key], f"{where}: {key}")
-        for key, cls in _SETTINGS.items()
-        if key in top
-    }
-    if "mount" in top:
-        draw_mount(np.random.default_rng(0), top["mount"], f"{where}: mount")
-        parts["mount"] = MappingProxyType(dict(top["mount"] or {}))
-    return Scene(
-        name=name,
-        description=" ".join(description.split()),
-        steps=steps,
-        background=_list(top, "background", where, read_actor),
-        clutter=_list(top, "clutter", where, _point),
-        surfaces=_list(top, "surfaces", where, partial(settings_from, Surface)),
-        **parts,
-    )
+    return Scene(**{"name": name, "description": "", **said})
 
 
 def _inherited(top: dict[str, Any], where: str) -> dict[str, Any]:
@@ -205,8 +175,7 @@ def _builtin_text(name: str) -> str:
 def _step_or_choice(raw: Any, where: str) -> SceneStep | SceneChoice:
     if not (isinstance(raw, dict) and "one_of" in raw):
         return _step(raw, where)
-    _mapping(raw, where, {"one_of": None})
-    steps = _list(raw, "one_of", where, _step, ".")
+    steps = _list(_step)(checked(raw, {"one_of": None}, where)["one_of"], f"{where}.one_of")
     if not any(step.weight > 0 for step in steps):
         msg = f"{where}.one_of: must be a list with at least one step of weight above 0"
         raise SceneError(msg)
@@ -215,20 +184,17 @@ def _step_or_choice(raw: Any, where: str) -> SceneStep | SceneChoice:
 
 def _step(raw: Any, where: str) -> SceneStep:
     if not isinstance(raw, dict) or not {"body", "thing"} & raw.keys():
-        _mapping(raw, where, _STEP_KEYS)
+        raw = checked(raw or [], _STEP_KEYS, where)
     raw = dict(raw)
     least_s, most_s = _duration(raw.pop("duration_s", None), f"{where}.duration_s")
     weight = raw.pop("weight", 1.0)
     _WEIGHT.judge(weight, f"{where}.weight")
     if "actors" in raw:
-        _mapping(raw, where, {"actors": None})
-        actors = _list(raw, "actors", where, read_actor, ".")
-    elif raw.get("body") is None and set(raw) <= {"body"}:
-        actors = ()
-    else:
-        # A single body or thing needs no list.
-        actors = (read_actor(raw, where),)
-    return SceneStep(actors, least_s, most_s, float(weight))
+        actors = checked(raw, {"actors": None}, where)["actors"]
+        return SceneStep(_list(read_actor)(actors, f"{where}.actors"), least_s, most_s, weight)
+    # A single body or thing needs no list.
+    is_empty = raw.get("body") is None and set(raw) <= {"body"}
+    return SceneStep(() if is_empty else (read_actor(raw, where),), least_s, most_s, weight)
 
 
 def _duration(raw: Any, where: str) -> tuple[float, float]:
@@ -248,17 +214,41 @@ def _point(raw: Any, where: str) -> StaticPoint:
     return StaticPoint(float(item["range_m"]), float(item["rcs_m2"]))
 
 
-def _mapping(raw: Any, where: str, keys: Mapping[str, Key | None]) -> dict[str, Any]:
-    """Return a copy of a mapping that is not empty, as `checked`."""
-    return checked({} if raw == {} else raw or [], keys, where)
+def _mount(raw: Any, where: str) -> Mapping[str, float]:
+    draw_mount(np.random.default_rng(0), raw, where)
+    return MappingProxyType(dict(raw or {}))
 
 
-def _list(
-    raw: Mapping[str, Any], key: str, where: str, read: Callable[[Any, str], _T], mark: str = ": "
-) -> tuple[_T, ...]:
-    """Return what `read` makes of each item of a list; an empty one where there is none."""
-    value = [] if raw.get(key) is None else raw[key]
-    if not isinstance(value, list):
-        msg = f"{where}: {key}: must be a list"
+def _text(raw: Any, where: str) -> str:
+    if not isinstance(raw, str | None):
+        msg = f"{where}: must be text"
         raise SceneError(msg)
-    return tuple(read(item, f"{where}{mark}{key}[{k}]") for k, item in enumerate(value))
+    return " ".join((raw or "").split())
+
+
+def _list(read: Callable[[Any, str], _T]) -> Callable[[Any, str], tuple[_T, ...]]:
+    """Return a reader of lists, of which `read` reads an item; None is an empty one."""
+
+    def read_all(raw: Any, where: str) -> tuple[_T, ...]:
+        if not isinstance(raw, list | None):
+            msg = f"{where}: must be a list"
+            raise SceneError(msg)
+        return tuple(read(item, f"{where}[{k}]") for k, item in enumerate(raw or []))
+
+    return read_all
+
+
+_READERS: Mapping[str, Callable[[Any, str], Any]] = {
+    "description": _text,
+    "steps": _list(_step_or_choice),
+    "background": _list(read_actor),
+    "clutter": _list(_point),
+    "surfaces": _list(partial(settings_from, Surface)),
+    "mount": _mount,
+    "room": partial(settings_from, RoomSettings),
+    "antenna": partial(settings_from, Antenna),
+    "tail": partial(settings_from, TailSettings),
+    "receiver": partial(settings_from, ReceiverEffects),
+}
+"""What a scene may say, and who judges it."""
+_SCENE_KEYS = dict.fromkeys(("description", "like", *list(_READERS)[1:]))

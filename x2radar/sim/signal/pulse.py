@@ -1,16 +1,21 @@
-"""The pulse and the radar equation: how strong an echo is.
+"""The pulse, how strong an echo is, and how much noise a receiver has, with its colour.
 
 The pulse is the thesis' Gaussian (2.3): ``p(t) = exp(-t^2 / (2 sp^2))`` on a carrier. Its
 centre, not its start, defines the delay, so that the range axis reads true.
+
+Owns the module's unit: raw samples run from 0 to 100 over the 13-bit threshold sweep, as
+Radarlib normalises them.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from x2radar.frame import FastTimeAxis
-from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
+from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS, RadarSettings
+from x2radar.sim.signal.effects import ReceiverEffects
 
 Array = NDArray[np.float64]
 NEAREST_M = 0.1
@@ -53,3 +58,84 @@ class LinkBudget:
         received_w = sent * rcs_m2 / ((4 * np.pi) ** 3 * r**4)
         noise_w = BOLTZMANN * ROOM_K * self.noise_figure * axis.sample_rate_hz
         return np.asarray(self.noise_sigma * np.sqrt(2 * received_w / noise_w))
+
+
+UNIT_PER_COUNT = 100.0 / 8192.0
+"""Of a 13-bit count, as Radarlib normalises."""
+# The settings for 60 Hz: the level of the link budget is taken to be theirs.
+REFERENCE_PULSES = 256
+REFERENCE_STEP = 4
+
+
+def noise_sigma(
+    settings: RadarSettings, budget: LinkBudget, effects: ReceiverEffects | None = None
+) -> float:
+    """Return the standard deviation of a raw sample's noise, in the module's unit.
+
+    A swept-threshold receiver counts at every threshold how many of M pulses lie above it;
+    with noise of sigma s before the comparator and steps of d, the sum over the thresholds
+    has the variance ``d s / (M sqrt(pi))`` (the integral of P (1 - P) over a Gaussian). So
+    less integration and coarser steps cost the same signal-to-noise ratio as the time they
+    save. The settings for 60 Hz give the budget's own level; `effects` may have another noise
+    figure.
+    """
+    pulses = settings.pulses_per_step * settings.iterations
+    power = REFERENCE_PULSES / pulses * settings.dac_step / REFERENCE_STEP
+    if effects is not None:
+        power *= 10 ** (effects.noise_figure_db / 10) / budget.noise_figure
+    return budget.noise_sigma * math.sqrt(power)
+
+
+def baseband_noise_power(axis: FastTimeAxis, sigma: float) -> float:
+    """Return the mean power of a baseband bin when raw samples have noise of `sigma`.
+
+    White real noise of variance s^2, mixed down and filtered with the kernel 2 p / sum p^2,
+    has variance 4 s^2 / sum p^2.
+    """
+    per_bin = pulse_sigma_s(axis.bandwidth_hz) * axis.sample_rate_hz * math.sqrt(math.pi)
+    return 4 * sigma**2 / per_bin
+
+
+def matched_noise(
+    n_slow: int, axis: FastTimeAxis, rng: np.random.Generator, sigma: float = 1.0
+) -> NDArray[np.complex64]:
+    """Return noise as the mixer and the matched filter leave it, shape (n_slow, n_range).
+
+    Circular Gaussian, frame after frame, of `baseband_noise_power` in every bin and with the
+    pulse's own autocorrelation over range, for raw samples of standard deviation `sigma`. Only
+    the frequencies that the filter passes are drawn (down to -80 dB). The axis is baseband, of
+    known bandwidth and sampling rate.
+    """
+    width = 2 * np.pi * pulse_sigma_s(axis.bandwidth_hz) * bins_per_s(axis)
+    # So long that the first and last bins of a circular frame do not know each other.
+    n_fft = fast_length(axis.n_range + 2 * math.ceil(5 * width / (2 * np.pi)))
+    reach = math.sqrt(2 * math.log(1e4)) / width
+    if reach >= 0.5:
+        n_fft |= 1  # every frequency has its negative, none is left out
+    n_half = min(math.ceil(reach * n_fft), (n_fft - 1) // 2)
+    cycles = np.fft.ifftshift(np.arange(-n_half, n_half + 1)) / n_fft
+    # Where bins are far apart (decimated frames) the filter's skirts fold in.
+    folds = np.arange(-3, 4)[:, None]
+    passes = np.sqrt(np.exp(-((width * (cycles + folds)) ** 2)).sum(axis=0))
+    power = baseband_noise_power(axis, sigma)
+    passes *= n_fft * math.sqrt(power / 2 / np.sum(passes**2))
+    white = rng.standard_normal((n_slow, cycles.size, 2), np.float32)
+    drawn = white.view(np.complex64)[..., 0] * passes.astype(np.float32)
+    spectrum = np.zeros((n_slow, n_fft), np.complex64)
+    spectrum[:, : n_half + 1] = drawn[:, : n_half + 1]
+    spectrum[:, n_fft - n_half :] = drawn[:, n_half + 1 :]
+    noise = np.fft.ifft(spectrum, axis=1)
+    return np.ascontiguousarray(noise[:, : axis.n_range], np.complex64)
+
+
+def fast_length(least: int) -> int:
+    """Return the next length that an FFT takes quickly: no prime factor over 5."""
+    length = least
+    while 30 ** length.bit_length() % length:
+        length += 1
+    return length
+
+
+def bins_per_s(axis: FastTimeAxis) -> float:
+    """Return the range bins that an echo moves for a delay of one second."""
+    return SPEED_OF_LIGHT_MPS / (2 * axis.bin_length_m)

@@ -13,13 +13,14 @@ from numpy.typing import NDArray
 from x2radar.frame import FastTimeAxis
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS, RadarSettings
 from x2radar.sim.signal.effects import FrameDraws, ReceiverEffects
-from x2radar.sim.signal.noise import (
+from x2radar.sim.signal.pulse import (
     UNIT_PER_COUNT,
+    LinkBudget,
     bins_per_s,
     matched_noise,
     noise_sigma,
+    pulse_sigma_s,
 )
-from x2radar.sim.signal.pulse import LinkBudget, pulse_sigma_s
 
 Array = NDArray[np.float64]
 MIDDLE = 50.0

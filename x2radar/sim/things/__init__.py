@@ -14,10 +14,9 @@ import numpy as np
 from x2radar.errors import SceneError
 from x2radar.keys import place_of, unknown
 from x2radar.sim.points import Mover
-from x2radar.sim.things.draws import ThingKind, values_of
+from x2radar.sim.things.draws import MountVibration, ThingKind, draw_mount, values_of
 from x2radar.sim.things.hanging import PLANT, RAIN
 from x2radar.sim.things.machines import FAN, WASHING_MACHINE
-from x2radar.sim.things.mount import MountVibration, draw_mount
 from x2radar.sim.things.panels import CURTAIN, DOOR
 from x2radar.sim.things.vacuum import ROBOT_VACUUM
 

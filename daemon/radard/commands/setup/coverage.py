@@ -10,8 +10,7 @@ from radard.errors import UsageError
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS, RadarSettings
 from x2radar.sim.bodies.thesis_bodies import SEED_GAIN
 from x2radar.sim.place.antenna import Antenna
-from x2radar.sim.signal.noise import baseband_noise_power
-from x2radar.sim.signal.pulse import LinkBudget
+from x2radar.sim.signal.pulse import LinkBudget, baseband_noise_power
 
 # Rows and columns of the table: from a pet's paws to a tall adult, over the X2's swath.
 HEIGHTS_M = (0.1, 0.3, 0.5, 0.8, 1.2, 1.7)
