@@ -28,7 +28,7 @@ from radard.dsp.doppler import micro_doppler
 from tests.echo_references import passband
 from x2radar.frame import FastTimeAxis
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS, RadarSettings
-from x2radar.sim.echo import TIERS, Pulse, Task, choose, frames
+from x2radar.sim.echo import TIERS, Task, choose, echo_sigma_m, frames
 from x2radar.sim.signal.pulse import LinkBudget, baseband_noise_power, matched_noise
 
 ERROR_DB = -60.0
@@ -67,7 +67,7 @@ def motion(rng: np.random.Generator, n_slow: int, n_points: int, rate_hz: float)
 
 def dense(range_m: Array, amplitude: Array, axis: FastTimeAxis) -> NDArray[np.complex128]:
     """Return the echo sum in one expression."""
-    sigma_m = Pulse.of(axis).sigma_m("baseband")
+    sigma_m = echo_sigma_m(axis)
     weight = amplitude * np.exp(-4j * np.pi * axis.carrier_hz / SPEED_OF_LIGHT_MPS * range_m)
     pulses = np.exp(-0.5 * ((axis.range_m - range_m[..., None]) / sigma_m) ** 2)
     total: NDArray[np.complex128] = (weight[..., None] * pulses).sum(axis=1)
@@ -76,7 +76,7 @@ def dense(range_m: Array, amplitude: Array, axis: FastTimeAxis) -> NDArray[np.co
 
 def lean_dense(range_m: Array, amplitude: Array, axis: FastTimeAxis) -> NDArray[np.complex128]:
     """Return the echo sum, scatterer by scatterer, without allocating anything twice."""
-    sigma_m = Pulse.of(axis).sigma_m("baseband")
+    sigma_m = echo_sigma_m(axis)
     weight = amplitude * np.exp(-4j * np.pi * axis.carrier_hz / SPEED_OF_LIGHT_MPS * range_m)
     shape = (len(range_m), axis.n_range)
     total, echo = np.zeros(shape, np.complex128), np.empty(shape, np.complex128)
@@ -112,7 +112,7 @@ def compare(axis: FastTimeAxis, rounds: int) -> dict[str, object]:
     range_m = motion(rng, 400, 20, 200.0)
     amplitude = rng.uniform(0.1, 1.0, range_m.shape)
     reference = passband(range_m, amplitude, axis)
-    cheapest = choose(Task(400, 20, axis, Pulse.of(axis), ERROR_DB))
+    cheapest = choose(Task(400, 20, axis, ERROR_DB))
 
     def way(tier: str) -> Callable[[], NDArray[np.complex64]]:
         return lambda: frames(range_m, amplitude, axis, error_db=ERROR_DB, tier=tier)
@@ -187,7 +187,7 @@ def one_regret(axis: FastTimeAxis, n_slow: int, n_points: int) -> float:
     """Return that ratio for one task."""
     range_m = motion(np.random.default_rng(2), n_slow, n_points, 200.0)
     amplitude = np.ones_like(range_m)
-    task = Task(n_slow, n_points, axis, Pulse.of(axis), ERROR_DB)
+    task = Task(n_slow, n_points, axis, ERROR_DB)
 
     def time_of(tier: str) -> float:
         return seconds(lambda: frames(range_m, amplitude, axis, error_db=ERROR_DB, tier=tier), 9)

@@ -11,7 +11,7 @@ from functools import lru_cache
 import numpy as np
 
 from x2radar.modules.x2 import SPEED_OF_LIGHT_MPS
-from x2radar.sim.echo import Pulse, frames
+from x2radar.sim.echo import echo_sigma_m, frames
 
 REACH_SIGMA = 7.0  # the pulse has fallen to 2e-11
 SAMPLES_PER_WAVE = 4
@@ -23,7 +23,7 @@ def baseband_echo(range_m, amplitude, axis):
     return frames(range_m, amplitude, axis, error_db=-130.0)
 
 
-def passband(range_m, amplitude, axis, pulse=None):
+def passband(range_m, amplitude, axis):
     """Frames of moving points, arguments and result as `x2radar.sim.echo.frames` has them.
 
     RF: ``sum_k Re(a_k) p(t - tau_k) cos(2 pi fc (t - tau_k))`` and the quadrature part of
@@ -31,7 +31,7 @@ def passband(range_m, amplitude, axis, pulse=None):
     at the ends of the swath before the filter. Error below 1e-7 of the sum of amplitudes,
     which is float32's rounding.
     """
-    sigma_m = (pulse or Pulse.of(axis)).sigma_m("rf")
+    sigma_m = echo_sigma_m(axis, "rf")
     if axis.kind == "rf":
         x_m, receiver = axis.range_m, None
         out = np.zeros((len(range_m), axis.n_range), np.float32)

@@ -14,7 +14,7 @@ from tests.echo_references import passband
 from tests.sim_helpers import axis_of
 from x2radar.errors import SceneError
 from x2radar.frame import FastTimeAxis
-from x2radar.sim.echo import Pulse, Task, choose, frames
+from x2radar.sim.echo import Task, choose, echo_sigma_m, frames
 from x2radar.sim.echo.gridded import design_for, suits
 
 C = 299_792_458.0
@@ -62,10 +62,7 @@ def made_by(tier, range_m, amplitude, axis, **how):
 def pairs(tiers, names):
     """Tiers with the axes that they can serve."""
     return [
-        (tier, name)
-        for tier in tiers
-        for name in names
-        if tier != "gridded" or suits(AXES[name], Pulse.of(AXES[name]))
+        (tier, name) for tier in tiers for name in names if tier != "gridded" or suits(AXES[name])
     ]
 
 
@@ -131,7 +128,7 @@ def test_worst_position_of_an_echo(tier):
 @pytest.mark.parametrize("name", ["x2", "x2 rf", "p4xx", "p4xx rf"])
 @pytest.mark.parametrize("error_db", [-30.0, -60.0, -75.0, -100.0])
 def test_a_design_states_what_it_reaches(name, error_db):
-    design = design_for(AXES[name], Pulse.of(AXES[name]), error_db)
+    design = design_for(AXES[name], error_db)
     assert design.error_db <= error_db
     assert design.error_db > error_db - 25  # nor is it far too good
     assert design.n_blocks * design.n_block >= AXES[name].n_range
@@ -153,7 +150,7 @@ def test_equals_the_daemons_down_conversion(tier, step):
     converter = DownConverter(X2_RF, step)
     axis = converter.axis
     low, high = swath(X2_RF)
-    guard = 8 * Pulse.of(axis).sigma_m("rf")
+    guard = 8 * echo_sigma_m(axis, "rf")
     rng = np.random.default_rng(1)
     range_m = rng.uniform(low + guard, high - guard, (40, 5))
     amplitude = rng.uniform(0.1, 1, range_m.shape)
@@ -186,7 +183,7 @@ def test_nothing_from_outside_wraps_in(tier, name):
     """Echoes one reach beyond either end, and much further, leave every bin at zero."""
     axis = AXES[name]
     low, high = swath(axis)
-    reach = 12 * Pulse.of(axis).sigma_m(axis.kind)
+    reach = 12 * echo_sigma_m(axis)
     away = [low - reach, high + reach, 0.0, -1e-300, -3.0, 1e3, 1e6, 1e300, np.inf, -np.inf]
     range_m = np.array(away)[:, None]
     ours = made_by(tier, range_m, np.ones_like(range_m), axis, error_db=-60)
@@ -308,7 +305,7 @@ def test_any_echoes_are_a_sum(tier, points):
 
 
 def task(axis, n_slow=400, n_points=20, error_db=-60.0):
-    return Task(n_slow, n_points, axis, Pulse.of(axis), error_db)
+    return Task(n_slow, n_points, axis, error_db)
 
 
 def test_every_tier_has_its_tasks():

@@ -6,6 +6,6 @@ product).
 """
 
 from x2radar.sim.echo.choose import TIERS, choose, frames
-from x2radar.sim.echo.common import Pulse, Task
+from x2radar.sim.echo.common import Task, echo_sigma_m
 
-__all__ = ["TIERS", "Pulse", "Task", "choose", "frames"]
+__all__ = ["TIERS", "Task", "choose", "echo_sigma_m", "frames"]

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 from x2radar.errors import SceneError
 from x2radar.frame import FastTimeAxis
 from x2radar.sim.echo import dense, gridded, spread
-from x2radar.sim.echo.common import FINEST_DB, Amplitude, Array, Frames, Pulse, Task
+from x2radar.sim.echo.common import FINEST_DB, Amplitude, Array, Frames, Task, echo_sigma_m
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +41,7 @@ def _dense_ns(task: Task) -> float:
 
 def _local_ns(task: Task) -> float:
     axis = task.axis
-    sigma_bins = task.pulse.sigma_m(axis.kind) / axis.bin_length_m
+    sigma_bins = echo_sigma_m(axis) / axis.bin_length_m
     touched = spread.n_touched(sigma_bins, task.error_db)
     n_calls = sum(1 for _ in spread.pieces(task.n_slow, task.n_points, touched))
     bin_ns = 1.4 if axis.kind == "rf" else 0.4
@@ -53,9 +53,9 @@ def _local_ns(task: Task) -> float:
 
 
 def _gridded_ns(task: Task) -> float:
-    if not gridded.suits(task.axis, task.pulse):
+    if not gridded.suits(task.axis):
         return math.inf
-    made = gridded.design_for(task.axis, task.pulse, task.error_db)
+    made = gridded.design_for(task.axis, task.error_db)
     each_ns = 5 + 1.7 * made.grid.n_touched
     frame_ns = gridded.frame_ns(made.n_blocks, made.n_block, made.n_window)
     frame_ns *= 1.2 if task.axis.kind == "rf" else 1.5
@@ -89,7 +89,6 @@ def frames(
     range_m: Array,
     amplitude: Amplitude,
     axis: FastTimeAxis,
-    pulse: Pulse | None = None,
     *,
     error_db: float = -60.0,
     floor: float = 0.0,
@@ -116,7 +115,6 @@ def frames(
             "both must be (n_slow, n_points)"
         )
         raise SceneError(msg)
-    pulse = pulse or Pulse.of(axis)
     n_slow, n_points = range_m.shape
-    task = Task(n_slow, n_points, axis, pulse, error_db)
+    task = Task(n_slow, n_points, axis, error_db)
     return TIERS[tier or choose(task)].frames(range_m, amplitude, task, floor)

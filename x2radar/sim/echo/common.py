@@ -9,7 +9,6 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,24 +34,17 @@ _BLOCK_ECHOES = 8192
 _BLOCK_FRAMES = 1024
 
 
-@dataclass(frozen=True, slots=True)
-class Pulse:
-    """The transmitted Gaussian pulse (2.3)."""
+def echo_sigma_m(axis: FastTimeAxis, kind: str | None = None) -> float:
+    """Return the standard deviation of an echo in range, of the axis' bandwidth at -10 dB.
 
-    sigma_s: float  # standard deviation of the envelope
-
-    @classmethod
-    def of(cls, axis: FastTimeAxis) -> Self:
-        """Return the pulse of the axis' bandwidth at -10 dB; SceneError if it states none."""
-        if not axis.bandwidth_hz > 0:
-            msg = f"bandwidth_hz {axis.bandwidth_hz:g}: echoes need a pulse with a bandwidth"
-            raise SceneError(msg)
-        return cls(pulse_sigma_s(axis.bandwidth_hz))
-
-    def sigma_m(self, kind: str) -> float:
-        """Return the echo's sigma in range, in metres: sqrt(2) wider behind the filter."""
-        widening = math.sqrt(2) if kind == "baseband" else 1.0
-        return widening * self.sigma_s * SPEED_OF_LIGHT_MPS / 2
+    It is sqrt(2) wider behind the matched filter. Raises SceneError if the axis states no
+    bandwidth.
+    """
+    if not axis.bandwidth_hz > 0:
+        msg = f"bandwidth_hz {axis.bandwidth_hz:g}: echoes need a pulse with a bandwidth"
+        raise SceneError(msg)
+    widening = math.sqrt(2) if (kind or axis.kind) == "baseband" else 1.0
+    return widening * pulse_sigma_s(axis.bandwidth_hz) * SPEED_OF_LIGHT_MPS / 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +54,6 @@ class Task:
     n_slow: int
     n_points: int
     axis: FastTimeAxis
-    pulse: Pulse
     error_db: float  # largest allowed
 
     @property

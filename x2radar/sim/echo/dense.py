@@ -14,6 +14,7 @@ from x2radar.sim.echo.common import (
     Task,
     carrier_turns,
     counted,
+    echo_sigma_m,
     empty,
 )
 
@@ -31,8 +32,7 @@ def frames(range_m: Array, amplitude: Amplitude, task: Task, floor: float) -> Fr
     ``sum_k a_k g(x - R_k) exp(-j 4 pi R_k / lambda)`` (2.19), or that on its carrier (2.12).
     Error below 1e-7 of the sum of amplitudes, whatever was asked for.
     """
-    axis, pulse = task.axis, task.pulse
-    sigma_m = pulse.sigma_m(axis.kind)
+    axis, sigma_m = task.axis, echo_sigma_m(task.axis)
     r, a = _kept(range_m, amplitude, axis, reach_m=_REACH_SIGMA * sigma_m, floor=floor)
     weight = a * np.exp(2j * np.pi * carrier_turns(r, axis))
     rows = np.stack([weight.real, weight.imag], axis=1)

@@ -32,10 +32,10 @@ from x2radar.sim.echo.common import (
     Array,
     Baseband,
     Frames,
-    Pulse,
     Task,
     blocks,
     carrier_wave,
+    echo_sigma_m,
     empty,
 )
 from x2radar.sim.echo.spread import SpreadGrid, spread
@@ -61,7 +61,7 @@ def frames(range_m: Array, amplitude: Amplitude, task: Task, floor: float) -> Fr
     longer than a third of the pulse's sigma.
     """
     axis = task.axis
-    design = design_for(axis, task.pulse, task.error_db)
+    design = design_for(axis, task.error_db)
     out = empty(len(range_m), axis)
     for part in blocks(*range_m.shape):
         echo = spread(range_m[part], amplitude[part], axis, design.grid, floor)
@@ -105,24 +105,24 @@ class Design:
                 rows[...] = whole[:, : rows.shape[1]]
 
 
-def suits(axis: FastTimeAxis, pulse: Pulse) -> bool:
+def suits(axis: FastTimeAxis) -> bool:
     """Tell whether the axis' bins are short enough for a grid that is coarser."""
-    return pulse.sigma_m(axis.kind) > 3 * axis.bin_length_m and axis.n_range >= 2
+    return echo_sigma_m(axis) > 3 * axis.bin_length_m and axis.n_range >= 2
 
 
 @lru_cache(maxsize=16)
-def design_for(axis: FastTimeAxis, pulse: Pulse, error_db: float) -> Design:
+def design_for(axis: FastTimeAxis, error_db: float) -> Design:
     """Return the design for an axis, made once.
 
     Raises SceneError if the bins are too long, or no design reaches the error.
     """
-    if not suits(axis, pulse) or error_db < FINEST_DB:
+    if not suits(axis) or error_db < FINEST_DB:
         msg = (
             f"no coarse grid gives {error_db:g} dB on bins of {axis.bin_length_m:g} m: the "
             f"bins must be shorter than a third of a sigma, the error at least {FINEST_DB:g}"
         )
         raise SceneError(msg)
-    sigma_m = pulse.sigma_m(axis.kind)
+    sigma_m = echo_sigma_m(axis)
     shape, matrix, worst = _cheapest(axis.n_range, axis.bin_length_m / sigma_m, error_db)
     n_block, n_step, halo, touched, share = shape
     spacing = n_block * axis.bin_length_m / sigma_m / n_step

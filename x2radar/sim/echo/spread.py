@@ -28,6 +28,7 @@ from x2radar.sim.echo.common import (
     carrier_turns,
     carrier_wave,
     counted,
+    echo_sigma_m,
     empty,
     phasor,
 )
@@ -113,8 +114,7 @@ def frames(range_m: Array, amplitude: Amplitude, task: Task, floor: float) -> Fr
     The error is over the sum of the amplitudes of the echoes that reach the bin; a bin that
     none reaches is exactly zero.
     """
-    axis, pulse = task.axis, task.pulse
-    sigma_m = pulse.sigma_m(axis.kind)
+    axis, sigma_m = task.axis, echo_sigma_m(task.axis)
     grid = SpreadGrid(
         origin_m=axis.range_offset_m,
         spacing_m=axis.bin_length_m,
