@@ -6,7 +6,7 @@
 --runs are seeded runs of the driver, the ring and the worker on a virtual clock, before a
 simulated module with every fault that it has, alone and mixed, at rates up to one in ten, with
 cables pulled and a host that stands still. --injected runs are in real time, through a faulty
-line between two pseudo-terminals that shares no code with the simulator (`injector`).
+line between two pseudo-terminals that shares no code with the simulator (`fault_lines`).
 --surroundings names cases of `surroundings`, with commas. Frames carry
 the time at which they were made, which is the truth that decisions are held against.
 

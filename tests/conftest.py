@@ -169,3 +169,39 @@ def listen(broker):
             return listener
 
         yield begin
+
+
+@pytest.fixture
+def server():
+    """Start a real HTTP server that keeps what is posted."""
+    from tests.sink_helpers import WebServer
+
+    made = WebServer()
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def launch(tmp_path, monkeypatch):
+    """Return what starts daemons; all that still run end well with the test."""
+    from tests.daemon_helpers import Daemon
+
+    made = []
+
+    def begin(**options):
+        made.append(Daemon(tmp_path, monkeypatch, **options))
+        return made[-1]
+
+    yield begin
+    results = [daemon.stop() for daemon in made if not daemon.is_stopped]
+    assert results == [0] * len(results)
+
+
+@pytest.fixture
+def gate():
+    """Return a door that a test puts before a method; it is open at the end."""
+    from tests.daemon_helpers import Gate
+
+    made = Gate()
+    yield made
+    made.open()

@@ -69,7 +69,7 @@ class Daemon:
                 **options,
             },
         )
-        self.result = None
+        self.result, self.is_stopped = None, False
         self.run = Process(self.config, RunOptions(reload=reload))
         self.radar = self.run.sensors[0]
         self._thread = threading.Thread(target=self._go)
@@ -90,6 +90,7 @@ class Daemon:
 
     def stop(self):
         """End it, once, and return its exit code or error."""
+        self.is_stopped = True
         self.ask("stop")
         self._thread.join(60)
         self.far.close()
@@ -100,16 +101,3 @@ def told(sensor):
     """What is told of a radar, as pages have it; empty before there is a stream."""
     state = sensor.panel()
     return state.as_record() if state is not None else {}
-
-
-def launcher(tmp_path, monkeypatch):
-    """Yield a function that starts daemons; all that run end with the test."""
-    made = []
-
-    def launch(**options):
-        made.append(Daemon(tmp_path, monkeypatch, **options))
-        return made[-1]
-
-    yield launch
-    for daemon in made:
-        daemon.stop()

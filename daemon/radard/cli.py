@@ -55,10 +55,12 @@ _COMMANDS = {
     "why": "one moment",
     "status": "what it does",
     "health": "is it well?",
+    "top": "watch it live",
     "events": "what happened",
     "fleet": "all of them",
     "arm": "alarms on",
     "disarm": "alarms off",
+    "ack": "end an alarm",
     "test-alarm": "try outputs",
     "config": "check, show",
     "setup": "install it",
@@ -68,7 +70,7 @@ _COMMANDS = {
 """What each does in a few words."""
 _SHARED = {
     **dict.fromkeys(("health", "status"), "health"),
-    **dict.fromkeys(("arm", "disarm", "test-alarm"), "control"),
+    **dict.fromkeys(("arm", "disarm", "ack", "test-alarm"), "control"),
 }
 """Files of `radard.commands` that hold more than one command: they are told which."""
 

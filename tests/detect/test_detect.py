@@ -106,6 +106,7 @@ def test_one_that_cannot_be_read_does_not_stop_the_others(files, capsys, tmp_pat
     assert code == 66
     assert err.splitlines() == [
         f"radard: {gone}: no such recording",
+        f"{out}: 6 decisions of 1 recording",
         "radard: 1 of 2 recordings could not be judged",
     ]
     assert len(out.read_text().splitlines()) > 2

@@ -16,7 +16,7 @@ from radard.log_file import read_events
 from radard.outputs.fanout import Outputs
 from tests.host_helpers import FakeHost
 from tests.run.test_tamper_commands import Room
-from tests.sink_helpers import WebServer, event, hello, ulid
+from tests.sink_helpers import event, hello, ulid
 from tests.waiting import wait_for
 
 pytestmark = pytest.mark.integration
@@ -67,13 +67,6 @@ class Told:
         self._process.send_signal(signal.SIGKILL)
         self._process.wait(60)
         self._process.stdin.close()
-
-
-@pytest.fixture
-def server():
-    made = WebServer()
-    yield made
-    made.close()
 
 
 def ids_in(path):

@@ -10,26 +10,16 @@ import pytest
 import yaml
 
 from radard.config.config import load_config
-from tests.daemon_helpers import launcher
-from tests.sink_helpers import Listener, MqttBroker
 from tests.waiting import wait_for
 
 pytestmark = pytest.mark.integration
 
-launch = pytest.fixture(launcher)
 PROBE = Path(__file__).with_name("home_assistant_probe.py")
 BLUEPRINT = Path(__file__).parents[2] / "deploy/homeassistant/blueprints/notify_with_picture.yaml"
 # Installed in a virtual environment of its own (Python 3.11): homeassistant 2024.3.3 and what its
 # parts ask for: paho-mqtt 1.6.1, janus 1.0.0, numpy 1.26.0.
 PYTHON = os.environ.get("RADARD_TEST_HOME_ASSISTANT")
 WITHOUT = "no Home Assistant here: RADARD_TEST_HOME_ASSISTANT names the Python of one"
-
-
-@pytest.fixture
-def broker(tmp_path):
-    made = MqttBroker(tmp_path)
-    yield made
-    made.stop()
 
 
 class HomeAssistant:
@@ -176,25 +166,21 @@ def test_the_blueprint_asks_for_what_it_uses_and_for_nothing_else():
     assert {"trigger", "condition", "action"} <= set(raw)
 
 
-def test_a_sensitivity_chosen_over_mqtt_outlives_a_restart(launch, broker, tmp_path):
-    listener, base = Listener(broker.port, "radard/#"), "radard/radar-simulated"
+def test_a_sensitivity_chosen_over_mqtt_outlives_a_restart(launch, broker, tmp_path, listen):
+    listener, base = listen("radard/#"), "radard/radar-simulated"
 
     def shown():
         return [json.loads(body)["sensitivity"] for body in listener.on(f"{base}/state")]
 
-    try:
-        daemon = running(launch, broker, tmp_path, model={"name": "accurate"})
-        wait_for(lambda: shown() and shown()[-1] == "normal")
-        pipeline = daemon.radar.parts.pipeline
-        assert pipeline.pet_limit == 0.8
-        listener.say(f"{base}/command/sensitivity", "high")
-        wait_for(lambda: shown()[-1] == "high")
-        # The same pipeline, so what it has learned of the room stays.
-        wait_for(lambda: pipeline.pet_limit == 0.9)
-        assert daemon.radar.parts.pipeline is pipeline
-        assert daemon.stop() == 0
-        daemon = running(launch, broker, tmp_path, alarm={"exit_delay_s": 1})
-        assert daemon.config.alarm.sensitivity == "high"
-        assert daemon.stop() == 0
-    finally:
-        listener.close()
+    daemon = running(launch, broker, tmp_path, model={"name": "accurate"})
+    wait_for(lambda: shown() and shown()[-1] == "normal")
+    pipeline = daemon.radar.parts.pipeline
+    assert pipeline.pet_limit == 0.8
+    listener.say(f"{base}/command/sensitivity", "high")
+    wait_for(lambda: shown()[-1] == "high")
+    # The same pipeline, so what it has learned of the room stays.
+    wait_for(lambda: pipeline.pet_limit == 0.9)
+    assert daemon.radar.parts.pipeline is pipeline
+    assert daemon.stop() == 0
+    daemon = running(launch, broker, tmp_path, alarm={"exit_delay_s": 1})
+    assert daemon.config.alarm.sensitivity == "high"

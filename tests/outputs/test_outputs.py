@@ -9,17 +9,10 @@ from radard.log_file import read_events
 from radard.outputs import start_sink
 from radard.outputs.fanout import Outputs
 from tests.host_helpers import FakeHost
-from tests.sink_helpers import WebServer, event, hello, ulid
+from tests.sink_helpers import event, hello, ulid
 from tests.waiting import wait_for
 
 pytestmark = pytest.mark.integration
-
-
-@pytest.fixture
-def server():
-    made = WebServer()
-    yield made
-    made.close()
 
 
 def configured(tmp_path, server, port="/dev/nothing", **webhook):
@@ -80,21 +73,6 @@ def test_changed_options_hold_after_a_reload_and_no_event_is_lost(tmp_path, serv
     wait_for(lambda: ulid(3) in {b["id"] for b in bodies(server)})
     out.close()
     assert {b["id"] for b in bodies(server)} == {ulid(1), ulid(3)}
-
-
-def test_an_output_that_cannot_be_opened_at_a_reload_is_said(tmp_path, server, caplog):
-    out = outputs()
-    config = configured(tmp_path, server)
-    out.open(config)
-    more = config.model_copy(update={"output": (*config.output, "json:/nowhere/x")})
-    out.reload(more, [hello()])
-    assert "cannot write there" in caplog.text
-    out.put(event(1))
-    wait_for(lambda: server.posts)
-    assert [why for _, why in out.faults] == ["json:/nowhere/x"]
-    out.reload(config, [hello()])
-    assert out.faults == {}
-    out.close()
 
 
 def test_a_sink_goes_on_until_the_one_that_replaces_it_can_be_opened(

@@ -13,19 +13,12 @@ from radard.config.sink_table import AppriseSection, SinkOptions
 from radard.errors import ConfigError, OutputError, UsageError
 from radard.outputs.apprise import message_of
 from tests.radar_helpers import python
-from tests.sink_helpers import QUICK, WebServer, event, open_sink
+from tests.sink_helpers import QUICK, event, open_sink
 from tests.waiting import wait_for
 
 pytestmark = pytest.mark.integration
 
 TOKEN = "t0ken"  # noqa: S105 - of nothing
-
-
-@pytest.fixture
-def server():
-    made = WebServer()
-    yield made
-    made.close()
 
 
 @pytest.fixture

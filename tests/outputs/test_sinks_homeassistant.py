@@ -126,12 +126,6 @@ def test_wrong_codes_lock_for_a_minute(tmp_path):
         disarm(b"open sesame")
 
 
-def test_a_code_that_cannot_be_read_is_told_at_once(tmp_path):
-    options = SinkOptions(mqtt=MqttSection(code_file=tmp_path / "none"))
-    with pytest.raises(ConfigError, match=r"mqtt.code_file: .*No such file"):
-        open_sink("mqtt://h", options)
-
-
 def test_sensitivity_is_chosen_and_shown(publish, listen, tmp_path):
     listener, radar = listen("#"), Radar()
     radar.folder, radar.shown = tmp_path, SensorState(sensitivity="normal")

@@ -2,14 +2,12 @@
 
 import contextlib
 import json
-import socket
 import ssl
 
 import pytest
 
 from radard.alarm.sensor_state import SensorState
 from radard.config.sink_table import MqttSection, SinkOptions
-from radard.errors import ConfigError, UsageError
 from radard.health.health import Status
 from radard.outputs import make_output
 from radard.outputs.base import SinkContext
@@ -89,17 +87,6 @@ def test_topics_of_a_run_and_their_clean_end(publish, listen):
     wait_for(lambda: last(late, "availability") == "offline" and last(late, "health"))
     kept = {topic for topic, _, is_retained in late.messages if is_retained}
     assert kept == {f"{BASE}/{name}" for name in ("availability", "state", "health")}
-
-
-def test_a_line_that_dies_without_a_word_brings_the_last_will(publish, listen, monkeypatch):
-    listener = listen(f"{BASE}/availability")
-    sink = publish(discovery="off")
-    sink.write(hello())
-    sink.write(status("online"))
-    wait_for(lambda: last(listener, "availability") == "online")
-    monkeypatch.setattr(sink._link._halt, "wait", lambda *_: sink._link._halt.set())
-    sink._link._client.socket().shutdown(socket.SHUT_RDWR)
-    wait_for(lambda: last(listener, "availability") == "offline")
 
 
 def test_health_is_asked_for_and_not_only_heard_of(publish, listen):
@@ -314,115 +301,6 @@ def test_a_test_alarm_is_an_event_and_sounds_no_siren(publish, listen):
     assert json.loads(listener.on(f"{BASE}/event")[0])["test"] is True
 
 
-def test_a_second_sink_delivers_nothing_twice(publish, listen):
-    listener = listen(f"{BASE}/event")
-    for k in (1, 2):
-        sink = publish(discovery="off")
-        sink.write(event(k))
-        wait_for(lambda n=k: len(ids(listener)) == n)
-        sink.close()
-    assert ids(listener) == [ulid(1), ulid(2)]
-
-
-def test_tls_and_a_certificate_that_nobody_signed(tmp_path, caplog):
-    cert = make_cert(tmp_path)
-    broker = MqttBroker(tmp_path, cert=cert)
-    listener = Listener(broker.port, tls=ssl.create_default_context(cafile=cert[0]))
-    try:
-        url = f"mqtts://localhost:{broker.port}"
-        mqtt = MqttSection(ca_file=cert[0], discovery="off")
-        for section, is_good in ((mqtt, True), (MqttSection(discovery="off"), False)):
-            options = SinkOptions(log=QUICK, mqtt=section)
-            sink = open_sink(url, options, sensor="hall")
-            sink.write(event(1))
-            if is_good:
-                wait_for(lambda: ids(listener))
-            else:
-                wait_for(lambda s=sink: "certificate is not accepted" in s.state.reason)
-            sink.close(0.5)
-    finally:
-        listener.close()
-        broker.stop()
-
-
-def test_over_tls_and_with_a_password_commands_are_taken(tmp_path):
-    cert = make_cert(tmp_path)
-    broker = MqttBroker(tmp_path, cert=cert, auth=True)
-    trusted = ssl.create_default_context(cafile=cert[0])
-    listener = Listener(broker.port, f"{BASE}/#", tls=trusted, user=(USER, PASSWORD))
-    words = tmp_path / "words"
-    words.write_text(f"{PASSWORD}\n")
-    radar = Radar()
-    heard = radar.heard
-    # Nothing is said of commands.
-    mqtt = MqttSection(ca_file=cert[0], password_file=words, discovery="off")
-    sink = open_sink(
-        f"mqtts://{USER}@localhost:{broker.port}",
-        SinkOptions(log=QUICK, mqtt=mqtt),
-        sensor="hall",
-        hosts=[radar],
-    )
-    try:
-        sink.write(hello())
-        sink.write(status("online"))
-        wait_for(lambda: last(listener, "availability") == "online")
-        listener.say(f"{BASE}/command/disarm")
-        wait_for(lambda: heard == ["disarm"])
-    finally:
-        sink.close(0.5)
-        listener.close()
-        broker.stop()
-
-
-def test_passwords_right_and_wrong(tmp_path):
-    broker = MqttBroker(tmp_path, auth=True)
-    listener = Listener(broker.port, user=(USER, PASSWORD))
-    good, bad = tmp_path / "good", tmp_path / "bad"
-    good.write_text(f"{PASSWORD}\n")
-    bad.write_text("wrong\n")
-    url = f"mqtt://{USER}@127.0.0.1:{broker.port}"
-    try:
-        for file in (bad, good):
-            section = MqttSection(password_file=file, discovery="off")
-            sink = open_sink(url, SinkOptions(log=QUICK, mqtt=section), sensor="hall")
-            sink.write(event(1))
-            if file is bad:
-                wait_for(lambda s=sink: "refuses" in s.state.reason)
-                assert "wrong" not in sink.state.reason
-            else:
-                wait_for(lambda: ids(listener))
-            sink.close(0.5)
-    finally:
-        listener.close()
-        broker.stop()
-
-
-@pytest.mark.parametrize(
-    ("url", "words"),
-    [
-        ("mqtt://", "no host"),
-        ("mqtt://u:secret@h", "no password in the URL"),
-        ("mqtt://h:70000", "out of range"),
-        ("mqtt://h/a/#", "nothing may follow"),
-        ("mqtt://h/a+b", "what no topic may"),
-        ("mqtt://h?x=1", "nothing may follow"),
-    ],
-)
-def test_bad_urls_give_one_clear_line(url, words):
-    with pytest.raises(UsageError, match="--output mqtt") as caught:
-        open_sink(url, SinkOptions())
-    text = str(caught.value)
-    assert words in text.replace("0-65535", "out of range")
-    assert "secret" not in text
-    assert "\n" not in text
-
-
-def test_a_missing_password_is_told_at_once(tmp_path):
-    options = SinkOptions(mqtt=MqttSection(username="u", password_file=tmp_path / "none"))
-    with pytest.raises(ConfigError, match=r"mqtt.password_file: .*No such file"):
-        open_sink("mqtt://h", options)
-
-
 @pytest.mark.parametrize("mark", ["simulated", "replayed"])
 def test_what_no_module_sends_has_topics_entities_and_a_client_of_its_own(
     publish, listen, tmp_path, mark
@@ -444,3 +322,35 @@ def test_what_no_module_sends_has_topics_entities_and_a_client_of_its_own(
     assert all(text.startswith(f"radard_hall-{mark}_") for text in own)
     wait_for(lambda: last(listener, "availability") == "online")
     assert len(ids(listener)) == len(listener.on(f"{base}/event")) == 1
+
+
+def test_over_tls_and_with_a_password_commands_are_taken(tmp_path):
+    cert = make_cert(tmp_path)
+    broker = MqttBroker(tmp_path, cert=cert, auth=True)
+    trusted = ssl.create_default_context(cafile=cert[0])
+    listener = Listener(broker.port, f"{BASE}/#", tls=trusted, user=(USER, PASSWORD))
+    good, bad, radar = tmp_path / "good", tmp_path / "bad", Radar()
+    good.write_text(f"{PASSWORD}\n")
+    bad.write_text("wrong\n")
+    try:
+        for section, words in (
+            ({"password_file": good}, "certificate is not accepted"),
+            ({"password_file": bad, "ca_file": cert[0]}, "refuses"),
+            ({"password_file": good, "ca_file": cert[0]}, ""),
+        ):
+            # Nothing is said of commands.
+            options = SinkOptions(log=QUICK, mqtt=MqttSection(discovery="off", **section))
+            sink = open_sink(f"mqtts://{USER}@localhost:{broker.port}", options, hosts=[radar])
+            for record in (hello(), status("online"), event(1)):
+                sink.write(record)
+            if words:
+                wait_for(lambda s=sink, w=words: w in s.state.reason)
+                assert "wrong" not in sink.state.reason
+            else:
+                wait_for(lambda: ids(listener))
+                listener.say(f"{BASE}/command/disarm")
+                wait_for(lambda: radar.heard == ["disarm"])
+            sink.close(0.5)
+    finally:
+        listener.close()
+        broker.stop()

@@ -10,7 +10,13 @@ import threading
 
 import pytest
 
-from radard.config.sink_table import ExecSection, SinkOptions, SyslogSection, WebhookSection
+from radard.config.sink_table import (
+    ExecSection,
+    MqttSection,
+    SinkOptions,
+    SyslogSection,
+    WebhookSection,
+)
 from radard.errors import ConfigError, OutputError, UsageError
 from radard.outputs.webhook import sign
 from tests.sink_helpers import (
@@ -27,13 +33,6 @@ from tests.sink_helpers import (
 from tests.waiting import free_port, wait_for
 
 pytestmark = pytest.mark.integration
-
-
-@pytest.fixture
-def server():
-    made = WebServer()
-    yield made
-    made.close()
 
 
 def opened(url, state_dir=None, **sections):
@@ -149,23 +148,6 @@ def test_chosen_kinds_phases_and_states(server):
     wait_for(lambda: sink.state.n_sent == 2)
     sink.close()
     assert [json.loads(body)["type"] for _, _, body in server.posts] == ["event", "status"]
-
-
-def test_events_survive_a_restart(tmp_path):
-    port = free_port()
-    url = f"webhook:http://127.0.0.1:{port}/"
-    sink = opened(url, tmp_path)
-    for k in (1, 2, 3):
-        sink.write(event(k))
-    wait_for(lambda: sink.state.n_waiting == 3 and not sink.state.is_ok)
-    sink.close(0.2)
-    server = WebServer(port)
-    again = opened(url, tmp_path)
-    again.write(event(4))
-    wait_for(lambda: again.state.n_sent == 4)
-    again.close()
-    server.close()
-    assert [json.loads(b)["id"] for _, _, b in server.posts] == [ulid(k) for k in (1, 2, 3, 4)]
 
 
 def test_https_with_its_certificate_and_without(tmp_path):
@@ -366,10 +348,19 @@ def test_a_log_server_that_nobody_signed_gets_nothing(tmp_path):
     assert heard == []
 
 
-@pytest.mark.parametrize("key", ["ca_file", "cert_file"])
-def test_certificates_that_cannot_be_read_are_told_at_once(key, tmp_path):
-    with pytest.raises(ConfigError, match=rf"syslog\.{key}: .*none"):
-        opened("syslog:tls://h", syslog=SyslogSection(**{key: tmp_path / "none"}))
+@pytest.mark.parametrize(
+    ("url", "section", "key"),
+    [
+        ("syslog:tls://h", SyslogSection, "ca_file"),
+        ("syslog:tls://h", SyslogSection, "cert_file"),
+        ("mqtt://me@h", MqttSection, "password_file"),
+        ("mqtt://h", MqttSection, "code_file"),
+    ],
+)
+def test_files_that_cannot_be_read_are_told_at_once(url, section, key, tmp_path):
+    name = url.partition(":")[0]
+    with pytest.raises(ConfigError, match=rf"{name}\.{key}: .*none"):
+        opened(url, **{name: section(**{key: tmp_path / "none"})})
 
 
 def test_syslog_over_udp_with_severity():
@@ -401,6 +392,11 @@ def test_syslog_over_udp_with_severity():
         ("webhook:http://u:secret@h\n/", ConfigError, "holds a blank"),
         ("mqtt://h ost/a", ConfigError, "holds a blank"),
         ("mqtt://h/a\udcff", UsageError, "what no topic may"),
+        ("mqtt://", UsageError, "no host"),
+        ("mqtt://u:secret@h", UsageError, "no password in the URL"),
+        ("mqtt://h:70000", UsageError, "--output mqtt: Port out of range"),
+        ("mqtt://h/a/#", UsageError, "nothing may follow"),
+        ("mqtt://h?x=1", UsageError, "nothing may follow"),
         ("syslog:udp://h ost", ConfigError, "holds a blank"),
         ("exec:/nowhere/program", OutputError, "no such program"),
         ("exec:'", UsageError, "No closing quotation"),

@@ -1,13 +1,18 @@
-"""`radard status`, `arm`, `disarm` and `test-alarm`: the command line and a daemon that runs."""
+"""`radard status`, `top`, `arm`, `disarm`, `ack`, `test-alarm`: the command line and a daemon."""
 
+import contextlib
 import json
 import os
+import pty
 import shutil
 import socket
 import stat
+import subprocess
+import sys
 from importlib import resources
 
 import jsonschema
+import numpy as np
 import pytest
 
 from radard.alarm.sensor_state import SensorState
@@ -16,13 +21,14 @@ from radard.cli import main
 from radard.log import EventLog
 from radard.run import control
 from radard.run.control import ask, control_path
-from tests.daemon_helpers import launcher
+from radard.run.look import range_time
+from tests.daemon_helpers import told
+from tests.radar_helpers import copy_ring, frames_of, noise, walker
 from tests.sink_helpers import WebServer
 from tests.waiting import free_port, wait_for
 
 pytestmark = pytest.mark.integration
 
-launch = pytest.fixture(launcher)
 SCHEMA = json.loads((resources.files("radard") / "output.schema.json").read_text())
 
 
@@ -66,7 +72,7 @@ def test_disarm_and_arm_over_the_socket(tmp_path, launch, said):
 
 def test_a_folder_of_any_length_has_a_socket(tmp_path):
     class Radar:
-        sensor, is_kept = "radar", True
+        sensor, is_kept, armed = "radar", True, True
 
         def command(self, name):
             self.armed = name != "disarm"
@@ -95,7 +101,6 @@ def test_arm_at_home_and_after_the_exit_delay(tmp_path, launch, said):
     wait_for(lambda: "armed at home, exit delay, " in said("status")[1])
     assert said("arm")[1].startswith("armed in ")
     assert said("disarm") == (0, "disarmed")
-    assert daemon.stop() == 0
 
 
 def test_status_is_a_line_or_all_of_it(tmp_path, launch, said):
@@ -121,16 +126,13 @@ def test_a_test_alarm_goes_through_every_output_and_says_what_each_answered(
         f"webhook:http://127.0.0.1:{nobody}/",
     ]
     daemon = running(launch, tmp_path, output=outputs)
-    try:
-        code, text = said("test-alarm")
-        answers = [line.rpartition(": ")[2] for line in text.splitlines()[:3]]
-        assert answers == ["taken"] * 3
-        assert f":{nobody}" in text.splitlines()[3]
-        assert "failed" in text.splitlines()[3]
-        assert code == 1
-        assert json.loads(server.posts[0][2])["test"] is True
-    finally:
-        server.close()
+    code, text = said("test-alarm")
+    answers = [line.rpartition(": ")[2] for line in text.splitlines()[:3]]
+    assert answers == ["taken"] * 3
+    assert f":{nobody}" in text.splitlines()[3]
+    assert "failed" in text.splitlines()[3]
+    assert code == 1
+    assert json.loads(server.posts[0][2])["test"] is True
     assert daemon.panel()["panel"] == "armed"
     assert daemon.stop() == 0
     records = [json.loads(line) for line in out.read_text().splitlines()]
@@ -176,16 +178,105 @@ def test_a_socket_that_was_left_behind_is_replaced_and_one_in_use_is_not(tmp_pat
     path = control_path(tmp_path, "radar")
     with socket.socket(socket.AF_UNIX) as dead:
         dead.bind(str(path))
-    daemon = running(launch, tmp_path)
+    running(launch, tmp_path)
     inode = path.stat().st_ino
     assert said("disarm") == (0, "disarmed")
     assert control._listen(path) is None
     assert path.stat().st_ino == inode
+
+
+HUMAN = {
+    "sensor": {"port": "sim:human", "speed": "10"},
+    "model": {"name": "thesis"},
+    "alarm": {"sensitivity": "high", "latch_s": 86_400, "refractory_s": 3600},
+}
+
+
+def test_an_alarm_is_acknowledged_once(tmp_path, launch, said):
+    daemon = running(launch, tmp_path, **HUMAN)
+    wait_for(lambda: daemon.panel().get("alarm_id"))
+    code, line = said("ack")
+    assert (code, line.startswith("acknowledged: ")) == (0, True)
+    assert (daemon.panel()["panel"], daemon.panel()["armed"]) == ("armed", True)
+    assert said("ack") == (0, "no alarm is on")
+
+
+def test_top_shows_state_decisions_range_over_time_and_outputs(tmp_path, launch, said):
+    nobody = f"mqtt://127.0.0.1:{free_port()}"
+    daemon = running(launch, tmp_path, output=["null", nobody], **HUMAN)
+    wait_for(lambda: daemon.panel().get("alarm_id") and daemon.panel()["seq"] > 8)
+    code, text = said("top")
+    assert code == 0
+    lines = text.splitlines()
+    assert lines[0].startswith("radar: ")
+    assert any(line.startswith("ALARM: ") for line in lines)
+    assert any(line.startswith("person \N{FULL BLOCK}") and line.endswith("%") for line in lines)
+    assert [line for line in lines if " m " in line and "\N{FULL BLOCK}" in line]
+    assert [line for line in lines if " s  open " in line and "human ALARM" in line]
+    (row,) = [line for line in lines if line.startswith("mqtt://")]
+    assert " retrying " in row
+    # What is only looked at leaves no trace in the log, and nothing armed or disarmed.
+    assert daemon.panel()["armed"] is True
+
+
+def test_top_has_a_line_for_each_of_several(tmp_path, launch, said, monkeypatch):
+    sensors = {"hall": {"port": "sim:empty"}, "attic": {"port": str(tmp_path / "absent")}}
+    daemon = launch(sensors=sensors)
+    wait_for(lambda: told(daemon.run.sensors[0]).get("seq"))
+    wait_for(control_path(tmp_path, "attic").exists)
+    config = tmp_path / "radard.yaml"
+    config.write_text(json.dumps({"sensors": sensors}))
+    code, text = said("top", "--config", str(config))
+    head, hall, attic = (line.split() for line in text.splitlines())
+    assert (code, head[:2], hall[0], attic[0]) == (0, ["sensor", "sees"], "hall", "attic")
+    assert "offline:" in attic
+    code, text = said("top", "--config", str(config), "--sensor", "cellar")
+    assert (code, "no sensor 'cellar'" in text) == (2, True)
+
+
+def test_top_is_live_on_a_terminal_until_q(tmp_path, launch):
+    daemon = running(launch, tmp_path)
+    near, far = pty.openpty()
+    environ = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "TERM": "xterm"}
+    environ |= {"RUNTIME_DIRECTORY": str(tmp_path), "RADARD_SERVICE__RUNTIME_DIR": str(tmp_path)}
+    top = subprocess.Popen(
+        [sys.executable, "-m", "radard", "top"], stdin=far, stdout=far, stderr=far, env=environ
+    )
+    os.close(far)
+    shown = b""
+    while shown.count(b"person") < 3:
+        shown += os.read(near, 65536)
     assert daemon.stop() == 0
+    while b"no radard runs here" not in shown:
+        shown += os.read(near, 65536)
+    os.write(near, b"q")
+    with contextlib.suppress(OSError):
+        while part := os.read(near, 65536):
+            shown += part
+    os.close(near)
+    assert (top.wait(60), shown.endswith(b"\x1b[?1049l")) == (0, True)
+
+
+def test_range_over_time_shows_who_walks_where_and_when():
+    ring = copy_ring(120, 60.0)
+    frames = noise(240) + walker(240, 60.0, speed_mps=0.3, start_m=2.0, level=20.0)
+    assert range_time(ring)["columns"] == []
+    for frame in frames_of(frames.astype(np.complex64)):
+        ring.push(frame)
+        with contextlib.suppress(TimeoutError):
+            ring.next_item(0)
+    made = range_time(ring)
+    near_m, far_m = made["range_m"]
+    for k, column in enumerate(made["columns"], made["first"]):
+        at_m = near_m + (column.index("4") + 0.5) / len(column) * (far_m - near_m)
+        t_s = (k + 0.5) * made["column_s"]
+        assert at_m == pytest.approx(2.0 - 0.3 * t_s, abs=0.15)
+        assert column.count("0") >= len(column) - 4
+    assert made["first"] + len(made["columns"]) == 16
 
 
 def test_what_was_answered_is_on_disk_and_holds_after_a_kill(tmp_path, launch, said):
-    daemon = running(launch, tmp_path)
+    running(launch, tmp_path)
     for k, (command, is_armed) in enumerate((("disarm", False), ("arm", True))):
         assert said(command)[0] == 0
         # What the next run would find.
@@ -193,4 +284,3 @@ def test_what_was_answered_is_on_disk_and_holds_after_a_kill(tmp_path, launch, s
         events = EventLog(copy / "log.db")
         assert StateStore(events, "radar.sim").load(is_armed=not is_armed).is_armed is is_armed
         events.close()
-    assert daemon.stop() == 0

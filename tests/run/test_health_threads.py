@@ -8,12 +8,11 @@ from radard.pipeline import Pipeline
 from radard.run.os_signals import Signals
 from radard.run.worker import Worker
 from radard.stream.source import LiveSource
-from tests.daemon_helpers import Gate, launcher
+from tests.daemon_helpers import Gate
 from tests.waiting import wait_for
 
 pytestmark = pytest.mark.integration
 STALE_S = 1.5
-launch = pytest.fixture(launcher)
 WHERE = {
     "reader, waiting for the port": (Gate.before_each, LiveSource, "frames"),
     "reader, holding frames": (Gate.before, Worker, "hold"),
@@ -29,24 +28,21 @@ def status(tmp_path):
 
 
 @pytest.mark.parametrize("where", WHERE)
-def test_a_thread_that_stands_still_stops_the_notification(where, tmp_path, monkeypatch, launch):
-    gate = Gate()
+def test_a_thread_that_stands_still_stops_the_notification(
+    where, tmp_path, monkeypatch, launch, gate
+):
     put, cls, name = WHERE[where]
     put(gate, monkeypatch, cls, name)
     daemon = launch(stale_s=STALE_S)
-    try:
-        daemon.far.wait_for("READY")
-        daemon.far.wait_for("WATCHDOG")
-        gate.shut()
-        wait_for(lambda: daemon.far.silent_for(0.6))
-        if where not in {"main", "heartbeat"}:
-            wait_for(lambda: "no decision" in (report := status(tmp_path)).line and report)
-            assert status(tmp_path).content["state"] == "offline"
-        gate.open()
-        assert daemon.far.wait_for("WATCHDOG")
-    finally:
-        gate.open()
-        assert daemon.stop() == 0
+    daemon.far.wait_for("READY")
+    daemon.far.wait_for("WATCHDOG")
+    gate.shut()
+    wait_for(lambda: daemon.far.silent_for(0.6))
+    if where not in {"main", "heartbeat"}:
+        wait_for(lambda: "no decision" in (report := status(tmp_path)).line and report)
+        assert status(tmp_path).content["state"] == "offline"
+    gate.open()
+    assert daemon.far.wait_for("WATCHDOG")
 
 
 def test_a_daemon_that_is_well_is_fed_and_says_its_end(tmp_path, launch):

@@ -155,19 +155,10 @@ def test_lost_frames_in_a_recording(tmp_path):
     assert faults[0]["t_s"] == 5.45
 
 
-@pytest.mark.parametrize(
-    "scene",
-    [
-        "human_busy",
-        "human_search",
-        "human_child",
-        "human_sit",
-        "human_exercise",
-        "cat_groom",
-        "dog_scratch",
-        "dog_play",
-    ],
-)
+MOVERS = "human_busy human_search human_child human_sit human_exercise cat_groom dog_scratch"
+
+
+@pytest.mark.parametrize("scene", [*MOVERS.split(), "dog_play"])
 def test_who_moves_in_the_place_of_a_scene_is_seen(scene):
     argv = ("--port", f"sim:{scene}?seed=1", "--speed", "max", "--duration", "8")
     code, records, _ = run_radard(*argv, "--model", "none", "-o", "json")
@@ -240,19 +231,6 @@ def test_wrong_input_is_one_line_with_its_exit_code(argv, code, words, tmp_path,
     assert "Traceback" not in err
     assert records == []
     assert list(tmp_path.iterdir()) == []
-
-
-def test_no_recording_and_truncated_recording(tmp_path):
-    bad = tmp_path / "bad.h5"
-    bad.write_bytes(b"not a recording")
-    code, _, err = run_radard("--port", f"replay:{bad}", "-o", "json")
-    assert (code, err.count("\n")) == (66, 1)
-    good = tmp_path / "good.h5"
-    write_recording(good, np.ones((600, 64), np.complex64))
-    cut = tmp_path / "cut.h5"
-    cut.write_bytes(good.read_bytes()[:2000])
-    code, _, err = run_radard("--port", f"replay:{cut}", "-o", "json")
-    assert (code, err.count("\n")) == (66, 1)
 
 
 def test_config_subcommands(capsys, tmp_path, monkeypatch):
@@ -336,43 +314,17 @@ def test_neither_torch_nor_h5py_nor_signal_processing_is_loaded_at_start():
     assert done.stdout.strip() == "[]"
 
 
-class Unplugged:
-    """A pseudo-terminal whose module can be taken away and put back under another one."""
-
-    def __init__(self):
-        self.plug()
-
-    def plug(self):
-        self.pty = PtyTransport()
-        self.thread = threading.Thread(
-            target=serve, args=(SimulatedModule(load_scene("empty")), self.pty)
-        )
-        self.thread.start()
-
-    def pull(self):
-        self.pty.close()
-        self.thread.join()
-
-
-@pytest.fixture
-def link(tmp_path):
-    """A stable name for whichever terminal is plugged in, as udev makes one."""
-    plug = Unplugged()
-    name = tmp_path / "ttyX2"
-    name.symlink_to(plug.pty.path)
-    yield plug, name
-    plug.pull()
-
-
 @pytest.mark.integration
-def test_a_device_that_goes_ends_the_run_when_asked(link):
-    plug, name = link
-    source = open_source(str(name), quit_on_loss=True)
+def test_a_device_that_goes_ends_the_run_when_asked():
+    pty = PtyTransport()
+    thread = threading.Thread(target=serve, args=(SimulatedModule(load_scene("empty")), pty))
+    thread.start()
+    source = open_source(pty.path, quit_on_loss=True)
     frames = source.frames()
     next(frames)
-    plug.pull()
+    pty.close()
     with pytest.raises(TransportClosed) as caught:
-        for _ in frames:
-            pass
+        list(frames)
     assert caught.value.exit_code == 3
     source.close()
+    thread.join()

@@ -5,12 +5,9 @@ from prometheus_client.parser import text_string_to_metric_families
 
 from radard.pipeline import Pipeline
 from radard.web.metrics import HELP, Metrics, exposition
-from tests.daemon_helpers import Gate, launcher
 from tests.sink_helpers import decision, event, hello
 from tests.waiting import free_port, wait_for
 from tests.web_helpers import ask, wait
-
-launch = pytest.fixture(launcher)
 
 
 def samples(text):
@@ -72,22 +69,18 @@ def test_all_of_them_are_fed(scraped):
 
 @pytest.mark.integration
 @pytest.mark.parametrize("scraped", [1.5], indirect=True, ids=["soon stale"])
-def test_a_daemon_that_decides_nothing_is_not_up(scraped, monkeypatch):
-    gate = Gate()
+def test_a_daemon_that_decides_nothing_is_not_up(scraped, monkeypatch, gate):
     gate.before(monkeypatch, Pipeline, "decide")
-    try:
-        wait_for(lambda: scraped()["radard_up",] == 1)
-        gate.shut()
-        # One scrape: it may decide once more between two.
-        seen = []
-        wait_for(lambda: seen.append(scraped()) or seen[-1]["radard_up",] == 0)
-        assert seen[-1]["radard_state", ("state", "offline")] == 1
-        scraped.daemon.radar.command("disarm")
-        gate.open()
-        wait_for(lambda: scraped()["radard_armed",] == 0)
-        wait_for(lambda: scraped()["radard_up",] == 1)
-    finally:
-        gate.open()
+    wait_for(lambda: scraped()["radard_up",] == 1)
+    gate.shut()
+    # One scrape: it may decide once more between two.
+    seen = []
+    wait_for(lambda: seen.append(scraped()) or seen[-1]["radard_up",] == 0)
+    assert seen[-1]["radard_state", ("state", "offline")] == 1
+    scraped.daemon.radar.command("disarm")
+    gate.open()
+    wait_for(lambda: scraped()["radard_armed",] == 0)
+    wait_for(lambda: scraped()["radard_up",] == 1)
 
 
 def test_sensors_are_told_apart_by_a_label():

@@ -1,10 +1,10 @@
-"""`radard arm`, `disarm` and `test-alarm`: commands to the daemon that runs on this machine."""
+"""`radard arm`, `disarm`, `ack`, `test-alarm`: commands to the daemon that runs here."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from radard.config.config import load_config
+from radard.config.config import Config, load_config
 from radard.config.directories import status_dirs
 from radard.errors import NotAllowed, RadardError, UsageError
 from radard.run.control import ask, control_path
@@ -13,6 +13,7 @@ from x2radar.command import Parser, new_parser
 _WORDS = {
     "arm": "Arm the daemon that runs here.",
     "disarm": "Disarm the daemon that runs here; an alarm ends.",
+    "ack": "Acknowledge an alarm of the daemon that runs here; it ends, the sensor stays armed.",
     "test-alarm": "Send a marked event through every output; say what each made of it.",
 }
 _EXAMPLES = """\
@@ -46,26 +47,28 @@ def run(argv: Sequence[str], name: str) -> int:
     args = make_parser(name).parse_args(argv)
     command = "arm-home" if name == "arm" and args.home else name
     config = load_config(args.config)
-    known = [each.sensor.name for each in config.each()]
-    if args.sensor and config.is_one_of_several and args.sensor not in known:
-        msg = f"no sensor '{args.sensor}'; known are {', '.join(known)}"
-        raise UsageError(msg)
     is_well = True
-    for sensor in [args.sensor] if args.sensor else known:
-        answer = _asked([control_path(folder, sensor) for folder in status_dirs(config)], command)
-        head = f"{sensor}: " if len(known) > 1 else ""
-        if name == "test-alarm":
-            for each in answer["outputs"]:
-                print(f"{head}{each['output']}: {each['answer']}")
-                is_well = is_well and not each["answer"].startswith("failed")
-        elif answer["armed"] is None:
-            print(f"{head}{name}: holds once there is a stream")
-        else:
-            print(f"{head}{_panel_line(answer)}")
+    for sensor in sensors_asked(config, args.sensor):
+        head = f"{sensor}: " if len(config.each()) > 1 else ""
+        answer = asked(config, sensor, command)
+        print(*(f"{head}{line}" for line in _lines(name, answer)), sep="\n")
+        answers = [each["answer"] for each in answer.get("outputs", ())]
+        is_well = is_well and not any(each.startswith("failed") for each in answers)
     return 0 if is_well else 1
 
 
-def _asked(paths: Sequence[Path], command: str) -> Mapping[str, Any]:
+def sensors_asked(config: Config, sensor: str | None) -> list[str]:
+    """Return the sensors that a command is for; raises UsageError if there is none of the name."""
+    known = [each.sensor.name for each in config.each()]
+    if sensor and config.is_one_of_several and sensor not in known:
+        msg = f"no sensor '{sensor}'; known are {', '.join(known)}"
+        raise UsageError(msg)
+    return [sensor] if sensor else known
+
+
+def asked(config: Config, sensor: str, command: str) -> Mapping[str, Any]:
+    """Give a sensor's daemon a command; return the answer, NoDaemon or NotAllowed without one."""
+    paths = [control_path(folder, sensor) for folder in status_dirs(config)]
     answer: Mapping[str, Any] | None = None
     for path in paths:
         try:
@@ -87,12 +90,18 @@ def _asked(paths: Sequence[Path], command: str) -> Mapping[str, Any]:
     return answer
 
 
-def _panel_line(answer: Mapping[str, Any]) -> str:
-    if not answer["armed"]:
-        return "disarmed"
-    how = "armed at home" if answer.get("mode") == "home" else "armed"
-    left_s = answer.get("delay_left_s")
-    return f"{how} in {left_s:.0f} s" if answer.get("panel") == "exit" else how
+def _lines(name: str, answer: Mapping[str, Any]) -> list[str]:
+    """Return what a person is told of an answer."""
+    if name == "test-alarm":
+        return [f"{each['output']}: {each['answer']}" for each in answer["outputs"]]
+    armed, ended = answer["armed"], answer["ended"]
+    if name == "ack":
+        return [f"acknowledged: {ended}" if ended else "no alarm is on"]
+    if armed is None:
+        return [f"{name}: holds once there is a stream"]
+    how = "armed at home" if answer["mode"] == "home" else "armed"
+    wait = f" in {answer['delay_left_s']:.0f} s" if answer["panel"] == "exit" else ""
+    return [f"{how}{wait}" if armed else "disarmed"]
 
 
 def _owner(path: Path) -> str:

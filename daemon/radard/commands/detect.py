@@ -6,7 +6,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from radard.commands.detect_tables import COLUMNS, FORMATS, TableWriter, open_table
+from radard.commands.detect_tables import COLUMNS, FORMATS, Add, open_table
 from radard.config.config import load_config
 from radard.config.options import add_judging, config_options
 from radard.errors import OutputError, RadardError, UsageError
@@ -46,10 +46,11 @@ def run(argv: Sequence[str]) -> int:
     def tell(share: float, n: int) -> None:
         line.show(f"[{bar(share)}] {n} of {len(paths)} recordings")
 
-    with _table(kind, args.rows, args.out) as table:
+    n_rows = 0
+    with _table(kind, args.rows, args.out) as add:
         for judged in judge_all(paths, config, jobs=jobs, tell=tell):
             if not judged.fault:
-                table.add(judged)
+                n_rows += add(judged)
                 continue
             faulty.append(judged)
             if len(paths) > 1:
@@ -59,6 +60,10 @@ def run(argv: Sequence[str]) -> int:
         if len(faulty) == len(paths):
             # Before a table without rows takes the place of an older one.
             raise _error(faulty, len(paths))
+    if args.out is not None:
+        what, n_well = "records" if kind == "jsonl" else args.rows, len(paths) - len(faulty)
+        of = "1 recording" if n_well == 1 else f"{n_well} recordings"
+        print(f"{args.out}: {n_rows} {what} of {of}", file=sys.stderr)
     if faulty:
         raise _error(faulty, len(paths))
     return 0
@@ -94,23 +99,18 @@ def _format(to: str | None, out: Path | None) -> str:
 
 
 @contextlib.contextmanager
-def _table(kind: str, rows: str, out: Path | None) -> Iterator[TableWriter]:
+def _table(kind: str, rows: str, out: Path | None) -> Iterator[Add]:
     """Lend a table; what it replaces stays until all of it is written."""
     if out is None:
-        table = open_table(kind, rows, sys.stdout, None)
-        yield table
-        table.close()
+        with open_table(kind, rows, sys.stdout, None) as add:
+            yield add
         return
     part = out.with_name(f".{out.name}.part")
     try:
         with contextlib.ExitStack() as opened:
             is_text = kind != "parquet"
             file = opened.enter_context(part.open("w", encoding="utf-8")) if is_text else None
-            table = open_table(kind, rows, file, part)
-            try:
-                yield table
-            finally:
-                table.close()
+            yield opened.enter_context(open_table(kind, rows, file, part))
         part.replace(out)
     except OSError as err:
         msg = f"--out {out}: cannot write: {err.strerror or err}"

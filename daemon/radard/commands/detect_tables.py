@@ -7,10 +7,12 @@ table, byte for byte.
 
 import csv
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from datetime import datetime, timedelta
+from itertools import islice
 from pathlib import Path
-from typing import Any, Protocol, TextIO
+from typing import Any, TextIO
 
 from radard.outputs.records import Record
 from radard.run.replays import Judged
@@ -51,72 +53,53 @@ _BATCH = 4096
 """Rows of a Parquet row group: about a megabyte."""
 
 Row = dict[str, Any]
+Add = Callable[[Judged], int]
+"""Writes the rows of what was judged; returns how many."""
 
 
-class TableWriter(Protocol):
-    """Takes what was judged, recording by recording."""
-
-    def add(self, judged: Judged) -> None:
-        """Write the rows of one recording."""
-
-    def close(self) -> None:
-        """Write what is left."""
-
-
-def open_table(kind: str, rows: str, file: TextIO | None, path: Path | None) -> TableWriter:
-    """Return a table of `FORMATS` with the `COLUMNS` of `rows`; JSON Lines hold all records.
+@contextmanager
+def open_table(kind: str, rows: str, file: TextIO | None, path: Path | None) -> Iterator[Add]:
+    """Lend a table of `FORMATS` with the `COLUMNS` of `rows`; JSON Lines hold all records.
 
     `file` is for text; Parquet takes the `path`. Raises MissingExtra without pyarrow.
     """
     if kind == "parquet":
-        return _Parquet(path, rows)
-    assert file is not None  # noqa: S101 - text formats have one
-    return _Csv(file, rows) if kind == "csv" else _JsonLines(file)
-
-
-class _JsonLines:
-    def __init__(self, file: TextIO) -> None:
-        self._file = file
-
-    def add(self, judged: Judged) -> None:
-        for record in judged.read():
-            told = {"file": str(judged.path), **_timed(record, judged.started_utc)}
-            self._file.write(json.dumps(told, separators=(",", ":"), allow_nan=False) + "\n")
-
-    def close(self) -> None:
-        self._file.flush()
-
-
-class _Csv:
-    def __init__(self, file: TextIO, rows: str) -> None:
-        self._rows = rows
-        self._file = file
-        self._writer = csv.DictWriter(file, list(COLUMNS[rows]), lineterminator="\n")
-        self._writer.writeheader()
-
-    def add(self, judged: Judged) -> None:
-        for row in table_rows(judged, self._rows):
-            self._writer.writerow({k: _plain(v) for k, v in row.items()})
-
-    def close(self) -> None:
-        self._file.flush()
-
-
-class _Parquet:
-    def __init__(self, path: Path | None, rows: str) -> None:
-        self._pa: Any = needed("pyarrow", what="Parquet files")
+        pa: Any = needed("pyarrow", what="Parquet files")
         parquet: Any = needed("pyarrow.parquet", what="Parquet files")
-        self._rows = rows
         types = COLUMNS[rows].items()
-        self._schema = self._pa.schema([(name, getattr(self._pa, t)()) for name, t in types])
-        self._writer = parquet.ParquetWriter(path, self._schema, compression="zstd")
+        schema = pa.schema([(name, getattr(pa, t)()) for name, t in types])
+        with parquet.ParquetWriter(path, schema, compression="zstd") as writer:
 
-    def add(self, judged: Judged) -> None:
-        for batch in _batches(table_rows(judged, self._rows)):
-            self._writer.write_table(self._pa.Table.from_pylist(batch, schema=self._schema))
+            def add_groups(judged: Judged) -> int:
+                n, made = 0, table_rows(judged, rows)
+                while batch := list(islice(made, _BATCH)):
+                    writer.write_table(pa.Table.from_pylist(batch, schema=schema))
+                    n += len(batch)
+                return n
 
-    def close(self) -> None:
-        self._writer.close()
+            yield add_groups
+        return
+    assert file is not None  # noqa: S101 - text formats have one
+    if kind == "csv":
+        lines = csv.DictWriter(file, list(COLUMNS[rows]), lineterminator="\n")
+        lines.writeheader()
+
+        def add(judged: Judged) -> int:
+            made = [{k: _plain(v) for k, v in row.items()} for row in table_rows(judged, rows)]
+            lines.writerows(made)
+            return len(made)
+    else:
+
+        def add(judged: Judged) -> int:
+            n = 0
+            for record in judged.read():
+                told = {"file": str(judged.path), **_timed(record, judged.started_utc)}
+                file.write(json.dumps(told, separators=(",", ":"), allow_nan=False) + "\n")
+                n += 1
+            return n
+
+    yield add
+    file.flush()
 
 
 def table_rows(judged: Judged, rows: str) -> Iterator[Row]:
@@ -153,14 +136,3 @@ def time_of(started_utc: str, t_s: float) -> str | None:
 
 def _plain(value: Any) -> Any:
     return str(value).lower() if isinstance(value, bool) else value
-
-
-def _batches(rows: Iterable[Row]) -> Iterator[Sequence[Row]]:
-    batch: list[Row] = []
-    for row in rows:
-        batch.append(row)
-        if len(batch) == _BATCH:
-            yield batch
-            batch = []
-    if batch:
-        yield batch

@@ -1,8 +1,9 @@
 """`radard health` and `status`: how is the daemon that runs on this machine? Exit code 0 or 1."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from radard.config.config import Config, load_config
 from radard.config.directories import status_dirs
@@ -26,26 +27,21 @@ examples:
 """
 
 
-def _told(report: StatusReport) -> str:
-    """Return a line for people of all that a status file says."""
-    content = report.content
-    if not report.is_healthy or "armed" not in content:
-        return report.line
-    panel = content.get("panel")
-    is_home = content.get("mode") == "home"
-    how = "armed at home" if is_home else "armed"
-    parts = [report.line, how if content["armed"] else "disarmed"]
+def told(line: str, panel: Mapping[str, Any]) -> str:
+    """Return a line for people of a state and of what a panel says (`SensorState.as_record`)."""
+    how = "armed at home" if panel.get("mode") == "home" else "armed"
+    parts = [line, how if panel["armed"] else "disarmed"]
     delays = {"exit": ["exit delay"], "entry": ["entry delay"], "alarm": ["ALARM"]}
-    parts += delays.get(str(panel), [])
-    gate = content.get("gate")
-    seen = "nobody moves" if gate == "closed" else content.get("label") or "something moves"
+    parts += delays.get(str(panel.get("panel")), [])
+    gate = panel.get("gate")
+    seen = "nobody moves" if gate == "closed" else panel.get("label") or "something moves"
     parts += [str(seen)] if gate else []
-    if drift := content.get("clock_drift"):
+    if drift := panel.get("clock_drift"):
         ppm, about_ppm = 1e6 * drift["ratio"], 1e6 * drift["uncertainty"]
         parts.append(f"module's clock {ppm:+.0f} ppm (within {about_ppm:.0f})")
-    parts.append(f"decided {float(content.get('decision_age_s', 0.0)):.1f} s ago")
-    parts += [mark for mark in ("simulated", "replayed") if content.get(mark)]
-    return ", ".join(parts)
+    if "decision_age_s" in panel:
+        parts.append(f"decided {float(panel['decision_age_s']):.1f} s ago")
+    return ", ".join([*parts, *(m for m in ("simulated", "replayed") if panel.get(m))])
 
 
 def make_parser(name: str) -> Parser:
@@ -70,7 +66,8 @@ def run(argv: Sequence[str], name: str) -> int:
             about = {"healthy": report.is_healthy, "line": report.line, **report.content}
             print(json.dumps({"sensor": sensor, **about} if len(reports) > 1 else about))
         else:
-            line = report.line if name == "health" else _told(report)
+            is_told = name == "status" and report.is_healthy and "armed" in report.content
+            line = told(report.line, report.content) if is_told else report.line
             print(f"{sensor}: {line}" if len(reports) > 1 else line)
     # As /healthz says it: degraded, with one of several away, is not down.
     return 0 if any(report.is_healthy for report in reports.values()) else 1

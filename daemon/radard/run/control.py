@@ -1,4 +1,4 @@
-"""Control: arm, disarm and test a running daemon from the command line of the same machine.
+"""Control: command and watch a running daemon from the command line of the same machine.
 
 A Unix socket beside the status file of every sensor. Only the daemon's own user and root may
 connect: the socket is 0600 before anybody can, and the kernel says who did. A request is one
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from radard.run.sensor import Sensor
 
 log = logging.getLogger("radard")
-COMMANDS = ("arm", "arm-home", "disarm", "test-alarm")
+COMMANDS = ("arm", "arm-home", "disarm", "ack", "test-alarm", "look")
 _TOLD = ("armed", "mode", "panel", "delay_left_s")
 _MAX_BYTES = 4096  # of a request; they have about thirty
 _REQUEST_S = 2.0  # the other end is a program on the same machine
@@ -119,27 +119,40 @@ class ControlServer:
                 answer = self._answer(str(name), radar)
             except (ValueError, LookupError, TypeError, RecursionError) as err:
                 answer = {"ok": False, "error": str(err)}
+            except Exception as err:
+                # A plug-in's output may fail at being looked at; others are served still.
+                log.exception("%s: a command broke off", radar.sensor)
+                answer = {"ok": False, "error": repr(err)}
             line.sendall(json.dumps(answer).encode() + b"\n")
 
     def _answer(self, name: str, radar: "Sensor") -> dict[str, Any]:
         if name not in COMMANDS:
             msg = f"no command '{name}'; known are {', '.join(COMMANDS)}"
             raise ValueError(msg)
+        if name == "look":
+            # Late: who is never looked at needs none of it.
+            from radard.run.look import look  # noqa: PLC0415
+
+            return {"ok": True, **look(radar)}
         log.warning("%s: asked for on the command line", name)
         if name == "test-alarm":
             return {"ok": True, "outputs": radar.test_alarm(self._halt)}
+        before = radar.panel()
         radar.command(name)
-        mode = ARM_MODES.get(name)
         # Kept, too: what was answered must hold after a kill.
-        _wait(lambda: _is_so(radar.panel(), mode) and radar.is_kept, _TAKEN_UP_S, self._halt)
+        _wait(lambda: _is_so(radar.panel(), name) and radar.is_kept, _TAKEN_UP_S, self._halt)
         state = radar.panel()
-        return {"ok": True, **{key: getattr(state, key, None) for key in _TOLD}}
+        ended = before.open.get("alarm") if before is not None and name == "ack" else None
+        return {"ok": True, **{key: getattr(state, key, None) for key in _TOLD}, "ended": ended}
 
 
-def _is_so(state: SensorState | None, mode: str | None) -> bool:
-    """Return whether a sensor is armed in a mode; None: disarmed."""
+def _is_so(state: SensorState | None, command: str) -> bool:
+    """Return whether a command has been taken up."""
+    if command == "ack":
+        return state is None or state.alarm_id is None
     if state is None:
         return False
+    mode = ARM_MODES.get(command)
     return state.armed is (mode is not None) and mode in {None, state.mode}
 
 

@@ -1,11 +1,10 @@
 """One moment of a recording: what was decided, why, and what the network saw."""
 
-import json
 import math
 from collections.abc import Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 from radard.alarm.explain import explain
@@ -15,11 +14,10 @@ from radard.judge.bundle import Bundle
 from radard.judge.classifier import Answer, Classifier, Hidden, Probabilities
 from radard.judge.features import Features, FeatureSettings
 from radard.judge.occlusion import Seen
+from radard.outputs.fanout import Outputs
 from radard.outputs.records import Record
-from radard.run.components import use_calibration
-from radard.run.listening import listen
-from radard.run.replays import replay_into, replaying
-from radard.stream.ring import Notice
+from radard.pipeline import Pipeline
+from radard.run.replays import replay, replaying
 
 _PAST_S = 1.0
 """A window may end so long behind the moment that is asked for: one hop."""
@@ -70,60 +68,60 @@ class _Watched(Classifier):
         return answer
 
 
+class _Kept(Outputs):
+    """Keeps the records of a replay, and what the network saw nearest to some time."""
+
+    def __init__(self, at_s: float) -> None:
+        super().__init__(stdout_is_terminal=False)
+        self._at_s = at_s
+        self.records: list[Record] = []
+        self.nearest: Record = {"t_s": math.inf}
+        self.classifier: _Watched | None = None
+        self.settings = FeatureSettings()
+        self.seen: Seen | None = None
+
+    def watch(self, pipeline: Pipeline) -> None:
+        """Look on while a pipeline decides."""
+        if pipeline.classifier is not None:
+            self.classifier = pipeline.classifier = _Watched(pipeline.classifier.bundle)
+            self.settings = self.classifier.bundle.features
+        self.settings = self.settings.at(pipeline.stream.frame_rate_hz)
+
+    def put(self, record: Record, sensor: str | None = None, *, waits: bool = False) -> bool:
+        """As in `Outputs`."""
+        self.records.append(record)
+        if record["type"] == "decision" and self.off_s(record) < self.off_s(self.nearest):
+            self.nearest = record
+            self.seen = self.classifier.seen if self.classifier is not None else None
+        if self.classifier is not None:
+            self.classifier.seen = None
+        return super().put(record, sensor, waits=waits)
+
+    def off_s(self, record: Record) -> float:
+        """Return how far a decision is from the time that is asked for."""
+        return abs(float(record["t_s"]) - self._at_s)
+
+
 def moment_of(path: Path, at_s: float, config: Config) -> Moment:
     """Return the decision whose window ends nearest to `at_s` seconds of a recording.
 
     Raises UsageError if the recording has no decision by then; RadardError or X2RadarError if it
     cannot be read or the model does not fit it.
     """
-    with TemporaryDirectory(prefix="radard-why-") as folder:
-        kept = Path(folder) / "records.jsonl"
-        replay_into(kept, config, path, until_s=at_s + 2 * _PAST_S)
-        records = [json.loads(line) for line in kept.read_text("utf-8").splitlines()]
-    decisions = [r for r in records if r["type"] == "decision"]
+    kept = _Kept(at_s)
+    with closing(replay(kept, replaying(config, path, "null"), kept.watch)) as times_s:
+        next((t_s for t_s in times_s if t_s >= at_s + 2 * _PAST_S), None)
+    decisions = [r for r in kept.records if r["type"] == "decision"]
     if not decisions:
         msg = f"--at {at_s:g}: {path} has no decision before {at_s + _PAST_S:g} s"
         raise UsageError(msg)
-    nearest = min(decisions, key=lambda r: abs(r["t_s"] - at_s))
-    if abs(nearest["t_s"] - at_s) > 2 * _PAST_S:
+    if kept.off_s(kept.nearest) > 2 * _PAST_S:
         first, last = decisions[0]["t_s"], decisions[-1]["t_s"]
         msg = f"--at {at_s:g}: {path} has decisions from {first:g} to {last:g} s"
         raise UsageError(msg)
-    before = [r for r in decisions if r["seq"] <= nearest["seq"]]
-    hello = next(r for r in records if r["type"] == "hello")
-    told = explain(before, hello, config, _events_by(records, nearest["t_s"]))
-    settings, classifier, seen = _look_on(path, config, int(nearest["seq"]))
-    return Moment(path, hello, before, told, classifier, settings, seen)
-
-
-def _events_by(records: Sequence[Record], t_s: float) -> list[Record]:
-    """Return the events as they stood at some time, the last phase of each."""
-    events = {r["id"]: r for r in records if r["type"] == "event" and r["t_s"] <= t_s}
-    return list(events.values())
-
-
-def _look_on(
-    path: Path, config: Config, seq: int
-) -> tuple[FeatureSettings, Classifier | None, Seen | None]:
-    """Replay up to a decision; return the settings, the network and what it saw there."""
-    with listen(replaying(config, path)) as listening:
-        pipeline = listening.pipeline
-        use_calibration(config, pipeline, is_live=False)
-        plain = pipeline.classifier
-        watched = _Watched(plain.bundle) if plain is not None else None
-        pipeline.classifier = watched
-        n = 0
-        for item in listening.dwells(math.inf):
-            if isinstance(item, Notice):
-                pipeline.restart()
-                continue
-            if watched is not None:
-                watched.seen = None
-            pipeline.decide(item)
-            n += 1
-            if n == seq:
-                features = watched.bundle.features if watched else FeatureSettings()
-                settings = features.at(pipeline.stream.frame_rate_hz)
-                return settings, watched, watched.seen if watched else None
-    msg = f"{path}: the recording ends before decision {seq}"
-    raise UsageError(msg)
+    before = [r for r in decisions if r["seq"] <= kept.nearest["seq"]]
+    hello = next(r for r in kept.records if r["type"] == "hello")
+    # The events as they stood then, the last phase of each.
+    then = (r for r in kept.records if r["type"] == "event" and r["t_s"] <= kept.nearest["t_s"])
+    told = explain(before, hello, config, list({r["id"]: r for r in then}.values()))
+    return Moment(path, hello, before, told, kept.classifier, kept.settings, kept.seen)

@@ -7,7 +7,7 @@ own, so its decisions and events are those of the daemon.
 import json
 import multiprocessing
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
@@ -20,6 +20,7 @@ from radard.config.config import Config
 from radard.errors import RadardError
 from radard.outputs.fanout import Outputs
 from radard.outputs.records import Record
+from radard.pipeline import Pipeline
 from radard.run.pool import WorkerPool
 from radard.run.sensor import RunOptions, Sensor
 from x2radar.errors import X2RadarError
@@ -118,53 +119,56 @@ def _judge_in_pool(job: _Job) -> Judged:
 def _judge(job: _Job, note: Callable[[float], None]) -> Judged:
     config, path, records, _ = job
     try:
-        return Judged(path, records, replay_into(records, config, path, note=note))
+        return Judged(path, records, replay_into(records, config, path, note))
     except (RadardError, X2RadarError) as err:
         return Judged(path, records, "", str(err), err.exit_code)
     finally:
         note(1.0)
 
 
-def replay_into(
-    records: Path,
-    config: Config,
-    path: Path,
-    *,
-    until_s: float | None = None,
-    note: Callable[[float], None] = lambda _share: None,
-) -> str:
-    """Replay a recording, or its first `until_s`, into a file of records; return its start.
+def replay_into(records: Path, config: Config, path: Path, note: Callable[[float], None]) -> str:
+    """Replay a recording into a file of records, as `replay` does; return its start.
 
-    The start is ISO 8601, empty where it is not known. Raises RadardError or X2RadarError if the
-    recording cannot be read or the model does not fit it.
+    The start is ISO 8601, empty where it is not known.
     """
     with open_recording(path) as recording:
         started_utc = recording.started_utc
         length_s = recording.n_frames / recording.stream.frame_rate_hz
-    config = replaying(config, path, f"json:{records}")
     outputs = Outputs(stdout_is_terminal=False)
+    noted_s = 0.0
+    for t_s in replay(outputs, replaying(config, path, f"json:{records}")):
+        if t_s - noted_s >= _NOTE_S:
+            noted_s = t_s
+            note(min(1.0, t_s / length_s))
+    return started_utc
+
+
+def replay(
+    outputs: Outputs, config: Config, prepare: Callable[[Pipeline], object] = lambda _made: None
+) -> Generator[float]:
+    """Replay into outputs, which are opened and closed; yield the seconds of every frame.
+
+    `prepare` is given the pipeline before it is used. Raises RadardError or X2RadarError if the
+    recording cannot be read or the model does not fit it.
+    """
     sensor = Sensor(config, RunOptions(), outputs, WorkerPool())
     outputs.add(sensor)
     opened = sensor.open(lambda _kind, _reason: None)
     try:
         outputs.open(config, can_wait=True)
+        prepare(opened.pipeline)
         ring = opened.pipeline.make_ring()
         worker = sensor.make_worker(opened, ring)
         worker.begin()
-        first, rate_hz, noted_s = None, opened.source.stream.frame_rate_hz, 0.0
+        first, rate_hz = None, opened.source.stream.frame_rate_hz
         for frame in opened.source.frames():
             first = frame.index if first is None else first
-            if until_s is not None and frame.index - first >= max(1, round(until_s * rate_hz)):
-                break
             for item in ring.items(frame):
                 worker.handle(item)
-            if (t_s := frame.index / rate_hz) - noted_s >= _NOTE_S:
-                noted_s = t_s
-                note(min(1.0, t_s / length_s))
+            yield (frame.index - first) / rate_hz
     finally:
         opened.close()
         outputs.close()
-    return started_utc
 
 
 def replaying(config: Config, path: Path, *output: str) -> Config:

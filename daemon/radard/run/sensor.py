@@ -44,6 +44,7 @@ from radard.stream.source import Notify, open_source, speed_factor
 from x2radar.ports import parse_port
 
 _KEPT_COMMANDS = (*ARM_MODES, "disarm")
+_RECENT = 20  # records: a screen of decisions, and what happened among them
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,6 +92,8 @@ class Sensor:
         self._run: RunningSensor | None = None
         self._waiting_command: str | None = None
         self._has_said_hello = False
+        self.recent: tuple[Record, ...] = ()
+        """Its last decisions and events, the oldest first."""
 
     def config(self) -> Config:
         """As in `Host`."""
@@ -158,6 +161,8 @@ class Sensor:
         name = self.sensor if self._config.is_one_of_several else None
         if name is not None:
             record = {**record, "sensor": name}
+        if record["type"] in {"decision", "event"}:
+            self.recent = (*self.recent[1 - _RECENT :], record)
         return self._outputs.put(marked(record, self.mark()), name, waits=waits)
 
     def tell(self, status: Status | None) -> None:
