@@ -22,9 +22,10 @@ from radard.config.config import load_config
 from radard.config.quiet_hours import wall_clock
 from radard.health.health import STALE_S, Health
 from radard.judge.classifier import Classifier
+from radard.judge.evidence import HOP_S
 from radard.log import EventLog
 from radard.outputs.records import Record
-from radard.pipeline import HOP_S, Pipeline
+from radard.pipeline import Pipeline
 from radard.run.components import make_parts
 from radard.run.worker import Worker
 from radard.stream.frame_timing import RateWatch

@@ -191,14 +191,13 @@ def _classifier(model: str) -> Classifier:
 def _judged(case: Case, played: Passage, k: int) -> tuple[Columns, float, float]:
     """Return a judged passage, CPU time with the gate open, and for how much of the stream."""
     config = Config()
-    decision = config.decision.model_copy(update={"decide_within_s": case.within_s})
+    asked = {"decide_within_s": case.within_s, "hop_s": case.hop_s}
+    decision = config.decision.model_copy(update=asked)
     config = config.model_copy(update={"decision": decision})
     config = installed(config, played.site, case.knows, np.random.default_rng([_SEED, k]))
     radar = played.site.radar
     stream = StreamInfo(radar.axis(), radar.frame_rate_hz, radar.name)
-    pipeline = Pipeline(
-        stream, config, _classifier(case.model), judges_tracks=False, hop_s=case.hop_s
-    )
+    pipeline = Pipeline(stream, config, _classifier(case.model), judges_tracks=False)
     made, taken_s, lasted_s = [], 0.0, 0.0
     for dwell in dwells(pipeline, played):
         began_s = time.process_time()

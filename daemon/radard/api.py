@@ -21,9 +21,10 @@ from radard.dsp.velocity import CPI_S
 from radard.errors import UsageError
 from radard.judge.bundle import load_bundle
 from radard.judge.decision import Decision
+from radard.judge.evidence import HOP_S
 from radard.judge.features import FeatureSettings, FeatureStream
 from radard.judge.model_choice import model_for
-from radard.pipeline import HOP_S, Pipeline
+from radard.pipeline import Pipeline
 from radard.run.components import make_classifier
 from radard.stream.ring import Dwell, DwellShape, FrameRing, Notice
 from x2radar.frame import FastTimeAxis, Frame, StreamInfo

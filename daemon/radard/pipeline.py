@@ -7,7 +7,7 @@ A frame's way through the program (docs/research/follow-a-frame.md tells it)::
     x2radar.wire.codec         packets -> messages
     x2radar.device.assemble    messages -> Frame (numbered, losses stated)
     radard.dsp.downconvert     RF -> baseband, matched filter             [reader thread]
-    radard.stream.ring         frames -> Dwell, 2 s of them every 1 s     [reader | worker]
+    radard.stream.ring         frames -> Dwell, 2 s of them every hop     [reader | worker]
     radard.detect.clutter_map  takes out what stands still, with its jitter     [worker]
     radard.detect.gate         does anything move?
     radard.detect.tracks       where, and how many?
@@ -53,18 +53,14 @@ from radard.judge.installation import INSTALLATION, Mount, echo_at_1m_db, instal
 from radard.stream.ring import Dwell, DwellShape, FrameRing
 from x2radar.frame import StreamInfo
 
-HOP_S = 1.0
-"""Stream time from one decision to the next: half a dwell, as bundles learned it."""
-
 
 class Pipeline:
     """Everything between the frames of one stream and its decisions.
 
     Without a `classifier` only the gate works. `judges_tracks`: every body is judged by itself as
-    well, for zones and people to look at; no verdict depends on it. Dwells are `hop_s` apart;
-    bundles learned from dwells `HOP_S` apart. What looks for `tamper` is put there by others.
-    Raises ModelMismatch or FeatureError if the classifier was not made for such a stream, or its
-    frames cannot be processed.
+    well, for zones and people to look at; no verdict depends on it. What looks for `tamper` is put
+    there by others. Raises ModelMismatch or FeatureError if the classifier was not made for such a
+    stream, or its frames cannot be processed.
     """
 
     tamper: TamperWatch | None = None
@@ -76,10 +72,9 @@ class Pipeline:
         classifier: Classifier | None = None,
         *,
         judges_tracks: bool = True,
-        hop_s: float = HOP_S,
     ) -> None:
         self.stream, self.classifier = stream, classifier
-        self._config, self._judges_tracks, self._hop_s = config, judges_tracks, hop_s
+        self._config, self._judges_tracks = config, judges_tracks
         if classifier is not None:
             classifier.bundle.check_stream(stream.axis, stream.frame_rate_hz)
             settings = classifier.bundle.features
@@ -93,7 +88,9 @@ class Pipeline:
         bundle = classifier.bundle if classifier else None
         self.policy = policy_of(config, bundle)
         evidence = EvidenceSettings.from_mapping(bundle.evidence if bundle else {})
-        self._evidence = Evidence(evidence)
+        # No more often than frames come.
+        hop_s = max(config.decision.hop_s, 1 / stream.frame_rate_hz)
+        self._evidence = Evidence(evidence, hop_s)
         limits = evidence.human_limit, config.decision.decide_within_s
         is_fused = self.policy == "fused"
         self._verdict = Verdict(pet_limit_of(config, bundle), *(limits if is_fused else ()))
@@ -162,7 +159,7 @@ class Pipeline:
         if calibration is not None:
             calibration.check(self._converter().axis, self.stream.frame_rate_hz)
         self.calibration = calibration
-        self.gate = Gate(self._config.gate, self._hop_s, calibration)
+        self.gate = Gate(self._config.gate, self.shape.hop_s, calibration)
 
     def restart(self) -> None:
         """Forget what was learned of the room: the module has restarted."""

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from radard.config.sections import GateSettings
 from radard.detect.clutter_map import ClutterRemover
 from radard.detect.gate import Gate
-from radard.pipeline import HOP_S
+from radard.judge.evidence import HOP_S
 from radard.stream.ring import Dwell
 
 TITLE = "any motion"

@@ -16,7 +16,6 @@ from radard.detect.calibration import Calibration
 from radard.detect.gate import DAY_S
 from radard.detect.survey import RoomSurvey
 from radard.errors import NotAllowed, RadardError, UsageError
-from radard.pipeline import HOP_S
 from radard.run.listening import Listening, listen
 from radard.run.room_calibration import signer
 from radard.stream.ring import Notice
@@ -92,7 +91,7 @@ def _rate(per_day: float) -> str:
 
 
 def _surveyed(listening: Listening, config: Config, args: argparse.Namespace) -> RoomSurvey:
-    survey = RoomSurvey(config.gate, HOP_S)
+    survey = RoomSurvey(config.gate, listening.pipeline.shape.hop_s)
     line = StatusLine(sys.stderr)
     begun_s = None
     for item in listening.dwells(args.duration, skip_s=args.delay):

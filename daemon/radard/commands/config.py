@@ -1,6 +1,8 @@
 """`radard config`: check the configuration, show it with the origin of every value, its schema."""
 
+import contextlib
 import json
+import sys
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -9,6 +11,9 @@ import yaml
 from radard.config.config import Config, Loaded, load_with_origins
 from radard.config.options import add_options, config_options
 from radard.config.redact import redact_value
+from radard.errors import RadardError
+from radard.judge.bundle import load_bundle
+from radard.judge.model_choice import hop_warning, model_for
 from x2radar.command import Parser, new_parser
 
 _EXAMPLES = """\
@@ -29,8 +34,19 @@ def run(argv: Sequence[str]) -> int:
     if args.what == "show":
         print("\n".join(shown(loaded)))
     else:
+        for text in sorted(set(_warnings(loaded.config))):
+            sys.stderr.write(f"radard: {text}\n")
         print("configuration ok")
     return 0
+
+
+def _warnings(config: Config) -> Iterator[str]:
+    """Yield what holds, but may not be meant; a model that is not here is not looked at."""
+    for each in config.each():
+        name = model_for(each.model.name)
+        with contextlib.suppress(RadardError):
+            if name != "none" and (text := hop_warning(load_bundle(name), each.decision.hop_s)):
+                yield text
 
 
 def make_parser() -> Parser:

@@ -10,8 +10,7 @@ from radard.config.sections import AUTO_MODEL, AlarmSection
 from radard.judge.bundle import load_bundle
 from radard.judge.card import read_card
 from radard.judge.decision import MIN_P, pet_limit_of
-from radard.judge.model_choice import OF_ONE_MODULE, model_for
-from radard.pipeline import HOP_S
+from radard.judge.model_choice import OF_ONE_MODULE, hop_warning, model_for
 from x2radar.command import Parser, new_parser
 
 _EXAMPLES = """\
@@ -64,10 +63,13 @@ def explained(config: Config, *, pass_s: float) -> Iterator[str]:
         yield f"model auto: {bundle.name}, or where it does not take the stream: {others}"
     yield f"model {bundle.name}, policy {decides}: alarm unless p(pet) + p(other) > {limit:g}"
     yield f"and one of the two is at least {MIN_P:g},"
+    hop_s = config.decision.hop_s
     if decides == "window":
-        yield f"judged every {HOP_S:g} s on the last {bundle.features.dwell_s:g} s alone"
+        yield f"judged every {hop_s:g} s on the last {bundle.features.dwell_s:g} s alone"
     else:
-        yield f"judged every {HOP_S:g} s on the evidence of all windows since motion began"
+        yield f"judged every {hop_s:g} s on the evidence of all windows since motion began"
+    if warning := hop_warning(bundle, hop_s):
+        yield warning
     yield ""
     yield from _the_policy(config.alarm, decides)
     yield ""
@@ -75,7 +77,7 @@ def explained(config: Config, *, pass_s: float) -> Iterator[str]:
     if card.policy == decides:
         yield from passage_rates(config, bundle, card)
     else:
-        yield from window_rates(config, card, decides, max(1, round(pass_s / HOP_S)))
+        yield from window_rates(config, card, decides, max(1, round(pass_s / hop_s)))
 
 
 def _the_policy(section: AlarmSection, decides: str) -> Iterator[str]:

@@ -7,12 +7,12 @@ of one pass fare alike. Real windows overlap and lie in between.
 from collections.abc import Iterable, Iterator
 from itertools import islice
 
+from radard.alarm.panel import AlarmPolicy
 from radard.alarm.sensitivity import SENSITIVITIES, alarm_policy
 from radard.config.config import Config
 from radard.config.sections import AlarmSection, DecisionSection, GateSection
 from radard.judge.bundle import Bundle
 from radard.judge.card import Card, Passing, Three
-from radard.pipeline import HOP_S
 
 _SHARE = "share without alarm, "
 _PEOPLE = ("human", "person", "people", "adult", "child", "walker")
@@ -66,8 +66,9 @@ def _given(config: Config, bundle: Bundle, card: Card) -> list[str]:
     limit = config.decision.pet_limit
     if limit is not None and limit != bundle.pet_limit:
         names.append("decision.pet_limit")
-    if config.decision.decide_within_s != DecisionSection().decide_within_s:
-        names.append("decision.decide_within_s")
+    usual, own = DecisionSection(), config.decision
+    timing = ("decide_within_s", "hop_s")
+    names += [f"decision.{n}" for n in timing if getattr(own, n) != getattr(usual, n)]
     rate = GateSection().false_alarms_per_day
     if config.gate.false_alarms_per_day != card.gate.get("false_alarms_per_day", rate):
         names.append("gate.false_alarms_per_day")
@@ -104,7 +105,9 @@ def window_rates(config: Config, card: Card, decides: str, n_windows: int) -> It
     if not quiet:
         yield f"the card has no line '{_SHARE}...': miss and false-alarm rates are unknown"
         return
-    yield f"by the card (single windows of simulated bodies), for {n_windows} s in sight;"
+    hop_s = config.decision.hop_s
+    pass_s = n_windows * hop_s
+    yield f"by the card (single windows of simulated bodies), for {pass_s:g} s in sight;"
     yield "first figure: every window a draw of its own, second: all windows fare alike"
     yield ""
     yield _row(" ", "sensitivity", "k of n", "alarm after (half, 95 %)", map(_title, quiet))
@@ -113,7 +116,7 @@ def window_rates(config: Config, card: Card, decides: str, n_windows: int) -> It
         chosen = level == config.alarm.sensitivity
         policy = alarm_policy(section if chosen else _named(section), decides)
         people = [1 - share for name, share in quiet.items() if _is_person(name)]
-        delay = _delay(min(people), policy.k, policy.n, policy.entry_delay_s) if people else "-"
+        delay = _delay(min(people), policy, hop_s) if people else "-"
         cells = [
             _rate(1 - share, policy.k, policy.n, n_windows, is_person=_is_person(name))
             for name, share in quiet.items()
@@ -121,7 +124,7 @@ def window_rates(config: Config, card: Card, decides: str, n_windows: int) -> It
         mark = ">" if chosen else " "
         yield _row(mark, level, f"{policy.k} of {policy.n}", delay, cells)
     yield ""
-    yield f"add up to {HOP_S:g} s until the next decision; p_on is left out: the card's rates are"
+    yield f"add up to {hop_s:g} s until the next decision; p_on is left out: the card's rates are"
     yield "those of the verdict alone"
     if decides == "fused":
         within = f"{config.decision.decide_within_s:g} s"
@@ -148,10 +151,10 @@ def _rate(p_alarm: float, k: int, n: int, n_windows: int, *, is_person: bool) ->
     return f"{100 * apart:.2g} %, {100 * alike:.2g} %"
 
 
-def _delay(p_hit: float, k: int, n: int, entry_s: float) -> str:
-    half, most = (windows_until(share, p_hit, k, n) for share in (0.5, 0.95))
+def _delay(p_hit: float, policy: AlarmPolicy, hop_s: float) -> str:
+    half, most = (windows_until(share, p_hit, policy.k, policy.n) for share in (0.5, 0.95))
     return ", ".join(
-        "over 2 min" if count is None else f"{count * HOP_S + entry_s:g} s"
+        "over 2 min" if count is None else f"{count * hop_s + policy.entry_delay_s:g} s"
         for count in (half, most)
     )
 

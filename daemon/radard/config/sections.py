@@ -117,6 +117,7 @@ class DecisionSection(Section):
     decide_within_s: float = Field(
         3.0, ge=0, le=8, description="policy fused: wait for evidence at most so long"
     )
+    hop_s: float = Field(1.0, ge=0.25, le=2, description="from one decision to the next")
 
 
 class AlarmChoices(Section):

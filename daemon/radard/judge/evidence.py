@@ -6,6 +6,10 @@ Overlapping windows of one body say much the same, so each counts with a discoun
 is bounded, as in a CUSUM: a pet that was there for minutes does not outvote the person who
 comes in after it for longer than a few windows.
 
+Both were learned from windows a second apart (`HOP_S`). Of windows that come oftener the head is
+given each with what it knew about a second before, so it sees them as in training; the discount
+is in proportion to the hop, so a second counts as much.
+
 With l the fused log-likelihoods of the classes, p a window's probabilities, r the discount
 and b the bound::
 
@@ -13,6 +17,7 @@ and b the bound::
 """
 
 import math
+from collections import deque
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,21 +25,34 @@ from numpy.typing import NDArray
 from radard.judge.bundle import EvidenceSettings
 from radard.judge.classifier import Answer, Hidden, Probabilities, softmax
 
+HOP_S = 1.0
+"""Stream time from one window to the next, as bundles learned it: half a dwell."""
 _MIN_P = 1e-6  # 14 nats, beyond the usual bound
 
 
-class Evidence:
-    """What is known of somebody, window after window."""
+def windows_a_feed(hop_s: float) -> int:
+    """Return how many windows lie between two that the temporal head sees one after the other."""
+    return max(1, round(HOP_S / hop_s))
 
-    def __init__(self, settings: EvidenceSettings) -> None:
+
+class Evidence:
+    """What is known of somebody, window after window, `hop_s` apart."""
+
+    def __init__(self, settings: EvidenceSettings, hop_s: float = HOP_S) -> None:
         self._settings = settings
+        self._discount = min(1.0, settings.discount * hop_s / HOP_S)
         self._log = np.zeros(3)
-        self.hidden: Hidden | None = None
+        self._hidden: deque[Hidden | None] = deque(maxlen=windows_a_feed(hop_s))
+
+    @property
+    def hidden(self) -> Hidden | None:
+        """What the temporal head is given with the next window; None before it knows anything."""
+        return self._hidden[0] if len(self._hidden) == self._hidden.maxlen else None
 
     def reset(self) -> None:
         """Forget: nobody is there any more."""
         self._log[:] = 0.0
-        self.hidden = None
+        self._hidden.clear()
 
     def fuse(self, answer: Answer) -> Probabilities:
         """Take what the network says of a window, given `hidden`; return the fused probabilities.
@@ -44,7 +62,7 @@ class Evidence:
         """
         if answer.fused_log_p is None:
             return self.add(answer.window)
-        self.hidden = answer.hidden
+        self._hidden.append(answer.hidden)
         return self._with_prior(answer.fused_log_p)
 
     def add(self, window: Probabilities) -> Probabilities:
@@ -55,7 +73,7 @@ class Evidence:
         """
         s = self._settings
         p = np.array([window.human, window.pet, window.other])
-        self._log += s.discount * np.log(np.maximum(p, _MIN_P))
+        self._log += self._discount * np.log(np.maximum(p, _MIN_P))
         self._log = np.maximum(self._log - self._log.max(), -s.most)
         known = self._log.copy()
         # A network of two classes does not know the third.

@@ -1,7 +1,8 @@
 """Which bundle judges a stream when the configuration names none."""
 
 from radard.config.sections import AUTO_MODEL, DEFAULT_MODEL
-from radard.judge.bundle import load_bundle
+from radard.judge.bundle import Bundle, load_bundle
+from radard.judge.evidence import HOP_S, windows_a_feed
 from x2radar.frame import StreamInfo
 from x2radar.modules.modules import MODULES
 
@@ -24,3 +25,14 @@ def model_for(name: str, stream: StreamInfo | None = None) -> str:
     axis, rate_hz = stream.axis, stream.frame_rate_hz
     known = (DEFAULT_MODEL, *OF_ONE_MODULE)
     return next((each for each in known if load_bundle(each).takes(axis, rate_hz)), DEFAULT_MODEL)
+
+
+def hop_warning(bundle: Bundle, hop_s: float) -> str:
+    """Return what decisions `hop_s` apart mean for a bundle with a memory; empty if nothing."""
+    if hop_s == HOP_S or not bundle.n_hidden:
+        return ""
+    return (
+        f"decision.hop_s {hop_s:g}: model '{bundle.name}' learned from windows {HOP_S:g} s apart, "
+        f"and its memory now spans {windows_a_feed(hop_s) * hop_s:g} s from one to the next; "
+        f"the rates of its card hold at {HOP_S:g} s"
+    )

@@ -34,8 +34,6 @@ CHANNELS = (
     "range_m",
 )
 """Of a sample, in order; alarm and gate_open are 0 or 1, NaN in a window that is invalid."""
-_RATE_HZ = 1.0
-"""Decisions a second: `radard.pipeline.HOP_S`."""
 _QUIET = "[log]\nlevel = -1\n"
 """Warnings and errors; liblsl greets on stderr otherwise."""
 _CONFIGS = ("lsl_api.cfg", "~/lsl_api/lsl_api.cfg", "/etc/lsl_api/lsl_api.cfg")
@@ -60,6 +58,8 @@ class LslSink(DirectSink):
         self._lsl = lsl
         self._stream = name
         self._source = f"radard {context.marked_sensor} {name}"
+        hops_s = [host.config().decision.hop_s for host in context.hosts]
+        self._rate_hz = 1 / hops_s[0] if hops_s else 1.0
         self._decisions: Any = None
         self._events: Any = None
 
@@ -69,7 +69,7 @@ class LslSink(DirectSink):
         ):
             # Without effect once the library is at work in this process.
             self._lsl.set_config_content(_QUIET)
-        info = self._info("", "Radar", len(CHANNELS), _RATE_HZ, "float32")
+        info = self._info("", "Radar", len(CHANNELS), self._rate_hz, "float32")
         info.set_channel_labels(list(CHANNELS))
         self._decisions = self._lsl.StreamOutlet(info)
         self._events = self._lsl.StreamOutlet(self._info("-events", "Markers", 1, 0.0, "string"))

@@ -26,10 +26,10 @@ from radard.detect.calibration import Calibration, load_calibration
 from radard.detect.room_reference import RoomStore
 from radard.detect.tamper import TamperWatch
 from radard.errors import ConfigError
-from radard.judge.bundle import load_bundle
+from radard.judge.bundle import Bundle, load_bundle
 from radard.judge.classifier import Classifier
 from radard.judge.decision import pet_limit_of
-from radard.judge.model_choice import model_for
+from radard.judge.model_choice import hop_warning, model_for
 from radard.log import EventLog
 from radard.pipeline import Pipeline
 from radard.stream.ring import DwellShape
@@ -91,6 +91,8 @@ def make_parts(
     was = old.config if old else None
     bundle = pipeline.classifier.bundle if pipeline.classifier else None
     pet_limit = pet_limit_of(config, bundle)
+    if bundle is not None and (was is None or was.model != config.model):
+        _warn_of_hop(config, bundle)
     made_here = old is not None and old.config.gate.calibration == config.gate.calibration
     use_calibration(config, pipeline, is_live=is_live, keeps=made_here)
     quiet = QuietHours(
@@ -178,7 +180,9 @@ def remake_parts(config: Config, old: Parts, *, now: Now, is_live: bool) -> Part
         classifier = make_classifier(config, stream) if has_new else pipeline.classifier
         pipeline = Pipeline(stream, config, classifier)
         if _cut_of(pipeline) != _cut_of(old.pipeline):
-            msg = f"model.name: '{config.model.name}' takes other dwells; that takes a restart"
+            is_hop = config.decision.hop_s != was.decision.hop_s
+            what = "decision.hop_s" if is_hop else f"model.name: '{config.model.name}'"
+            msg = f"{what} takes other dwells; that takes a restart"
             raise ConfigError(msg)
     return make_parts(config, pipeline, now=now, is_live=is_live, old=old)
 
@@ -217,6 +221,11 @@ def _kept_file(config: Config, ending: str, *, is_live: bool) -> Path | None:
     if not is_live or (is_sim and named_state_dir(config) is None):
         return None
     return state_dir(config) / f"{config.sensor.name}{'.sim' if is_sim else ''}.{ending}"
+
+
+def _warn_of_hop(config: Config, bundle: Bundle) -> None:
+    if text := hop_warning(bundle, config.decision.hop_s):
+        logger_of(config).warning("%s", text)
 
 
 def _zones_of(config: Config) -> Zones:

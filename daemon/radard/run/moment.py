@@ -20,7 +20,7 @@ from radard.pipeline import Pipeline
 from radard.run.replays import replay, replaying
 
 _PAST_S = 1.0
-"""A window may end so long behind the moment that is asked for: one hop."""
+"""A window may end so long behind the moment that is asked for, or a hop if that is longer."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,14 +108,15 @@ def moment_of(path: Path, at_s: float, config: Config) -> Moment:
     Raises UsageError if the recording has no decision by then; RadardError or X2RadarError if it
     cannot be read or the model does not fit it.
     """
+    past_s = max(_PAST_S, config.decision.hop_s)
     kept = _Kept(at_s)
     with closing(replay(kept, replaying(config, path, "null"), kept.watch)) as times_s:
-        next((t_s for t_s in times_s if t_s >= at_s + 2 * _PAST_S), None)
+        next((t_s for t_s in times_s if t_s >= at_s + 2 * past_s), None)
     decisions = [r for r in kept.records if r["type"] == "decision"]
     if not decisions:
-        msg = f"--at {at_s:g}: {path} has no decision before {at_s + _PAST_S:g} s"
+        msg = f"--at {at_s:g}: {path} has no decision before {at_s + past_s:g} s"
         raise UsageError(msg)
-    if kept.off_s(kept.nearest) > 2 * _PAST_S:
+    if kept.off_s(kept.nearest) > 2 * past_s:
         first, last = decisions[0]["t_s"], decisions[-1]["t_s"]
         msg = f"--at {at_s:g}: {path} has decisions from {first:g} to {last:g} s"
         raise UsageError(msg)

@@ -20,7 +20,6 @@ from radard.config.redact import redact
 from radard.detect.calibration import Calibration, Provenance, utc_text
 from radard.errors import RadardError
 from radard.judge.classifier import Classifier
-from radard.pipeline import HOP_S
 from radard.stream.ring import Dwell
 from x2radar.command import installed_version
 from x2radar.frame import StreamInfo
@@ -122,7 +121,7 @@ class RoomCalibration:
         # Late: nobody else in the daemon needs scipy.
         from radard.detect.survey import RoomSurvey  # noqa: PLC0415
 
-        survey = RoomSurvey(self._config.gate, HOP_S)
+        survey = RoomSurvey(self._config.gate, self._config.decision.hop_s)
         while (dwell := self._dwells.get()) is not None:
             if self.progress.is_over:
                 return

@@ -366,7 +366,8 @@ class MqttTopics:
         self._label, self._gate, self._t_s = record["label"], record["gate"], record["t_s"]
         self._decided_s = now_s
         # The state is published every third of its expiry; the next decision would be too late.
-        if now_s - self._stated_s >= self._options.expire_after_s / 3 - _HOP_S:
+        hop_s = max(_HOP_S, (self._hello or {}).get("hop_s", _HOP_S))
+        if now_s - self._stated_s >= self._options.expire_after_s / 3 - hop_s:
             self._published.pop("state", None)
         messages = self._changes(now_s)
         if self._options.decisions:
