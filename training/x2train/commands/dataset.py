@@ -110,19 +110,20 @@ def _run(args: argparse.Namespace) -> int:
             msg = f"--{name} {getattr(args, name):g}: must be 0 to 1"
             raise UsageError(msg)
     # Late: the simulator takes a second, and --help must not.
+    from x2train.motion.library import cards_of, read_library  # noqa: PLC0415
     from x2train.sets.families import (  # noqa: PLC0415
         CLIPS,
         USES,
         plugged_family,
-        recorded_families,
     )
     from x2train.sets.shard_run import make_shards  # noqa: PLC0415
     from x2train.sets.windows import GATE, WindowSpec  # noqa: PLC0415
 
-    use = args.families
+    use, learned_from = args.families, {}
     if args.clips:
         use = f"{CLIPS}{args.clips.resolve()}"
-        recorded_families(use.removeprefix(CLIPS))
+        # What the set is made of, wherever the folder lies.
+        learned_from = {"use": "clips", "clips": cards_of(read_library(args.clips.resolve()))}
     elif use not in USES:
         plugged_family(use)
     spec = WindowSpec(
@@ -141,7 +142,7 @@ def _run(args: argparse.Namespace) -> int:
     with counted("passages") as tell:
         shards = make_shards(
             args.out,
-            {"kind": "windows", **asdict(spec), "gate": GATE.model_dump()},
+            {"kind": "windows", **asdict(spec), **learned_from, "gate": GATE.model_dump()},
             args.passages,
             spec,
             workers=args.workers,

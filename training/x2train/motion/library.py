@@ -139,9 +139,15 @@ def _draw_size_m(rng: np.random.Generator, individual: Individual) -> float:
 
 
 def cards_of(individuals: Sequence[Individual]) -> list[dict[str, str]]:
-    """Return name, hash, licence and source of every clip, for manifests and cards."""
+    """Return name, individual, source, licence and hash of every clip, for manifests and cards."""
     return [
-        {"clip": c.name, "sha256": c.sha256, "licence": c.licence, "source": c.source}
-        for individual in individuals
-        for c in individual.clips
+        {
+            "clip": clip.name,
+            "individual": each.name,
+            "source": clip.source,
+            "licence": clip.licence,
+            "sha256": clip.sha256,
+        }
+        for each in individuals
+        for clip in each.clips
     ]

@@ -44,6 +44,7 @@ class Family:
     # the body itself, where a plug-in brings it; it draws its own place and way
     plugged: BodyKind | None = None
     is_still: bool = False  # of recorded motion that goes nowhere
+    individual: int = -1  # of recorded motion: its place in the library
 
     @property
     def stays(self) -> bool:
@@ -160,8 +161,9 @@ def recorded_families(folder: str) -> tuple[Family, ...]:
             weight=each.weight,
             plugged=BodyKind("Somebody whose motion was recorded.", partial(_recorded, each)),
             is_still=not each.goes,
+            individual=k,
         )
-        for each in read_library(Path(folder))
+        for k, each in enumerate(read_library(Path(folder)))
     )
 
 

@@ -167,6 +167,7 @@ def _window_truth(passage: Passage, window: slice) -> dict[str, Any] | None:
     return {
         "label": LABELS.index(passage.cast[k].label),
         "family": _FAMILY.get(passage.cast[k].name, -1),
+        "individual": passage.cast[k].individual,
         "company": _FAMILY[passage.cast[1 - k].name] if len(passage.cast) == 2 else -1,
         "share": float(share[k]),
         "snr_db": float(snr_db[rows, k].mean()),
